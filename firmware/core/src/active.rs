@@ -1,0 +1,312 @@
+//! Settings brought to the integers that the signal path runs on, once.
+
+use crate::kernel::{Normaliser, REGRESSORS, Term, UPDATES_PER_BOX};
+use crate::ldl::UNKNOWNS;
+use crate::math::{exponent, power_of_two};
+use crate::settings::{Settings, SettingsError};
+
+/// Length of the fast bank's box [s]: the encoder's steps in the acceleration fall with its 2.5th power, and at 16 Hz
+/// the kernel still passes 64 %. 12 ms doubles the scatter of viscous friction at 3.2 Hz.
+const FAST_BOX_S: f64 = 0.016;
+/// Length of the slow bank's box [s]: four of them are lost around each rest, so no longer than the steps ask for.
+const SLOW_BOX_S: f64 = 0.064;
+/// Longest spacing of the updates [samples]: a box of 512 samples keeps the comb within 64 bits.
+const LONGEST_SPACING: f64 = 256.0;
+/// Encoder travel in one sample at full scale [counts / oversampling]: keeps the comb of the velocity within 64 bits.
+const GREATEST_TRAVEL: f64 = 64e6;
+/// Half width of the triangular kernel of the sign [s]: shorter ones are noisy, longer ones lean on the correction.
+const SIGN_KERNEL_S: f64 = 0.005;
+/// Window in which standing still is decided [s].
+const REST_WINDOW_S: f64 = 0.024;
+/// Encoder counts within the window that still are rest: a flicker of one count, and one on its way.
+const REST_COUNTS: f64 = 2.0;
+/// Encoder counts across the window under which a weak reversal is grazing.
+const GRAZING_COUNTS: f64 = 4.0;
+
+/// Quantised settings: immutable, apart from the state.
+#[derive(Clone, Debug)]
+pub struct Active {
+    pub(crate) settings: Settings,
+    pub(crate) signal: Signal,
+    pub(crate) fast: BankActive,
+    pub(crate) slow: BankActive,
+    pub(crate) systematic: Systematic,
+    /// See `Settings::sign_effects`.
+    pub(crate) sign_effects: (f64, f64),
+}
+
+impl Active {
+    /// The settings that this was made from.
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+}
+
+/// What the path before the banks needs.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Signal {
+    pub position_reversed: bool,
+    pub force_reversed: bool,
+    pub force_zero_code: i32,
+    pub force_min_code: i32,
+    pub force_max_code: i32,
+    /// Half width of the sign's kernel [samples].
+    pub sign_half_width: u8,
+    /// Rest is decided in windows of eight of these [samples].
+    pub rest_block: u16,
+    pub rest_limit: u32,
+    pub grazing_limit: u32,
+    /// Samples that wait until the gate knows their fate.
+    pub delay: u8,
+    pub publish_samples: u32,
+    pub newtons_per_code: f32,
+}
+
+/// What one bank needs.
+#[derive(Clone, Debug)]
+pub(crate) struct BankActive {
+    /// Samples from update to update.
+    pub spacing: u32,
+    /// Consecutive good samples that a kernel output rests on.
+    pub support: u32,
+    pub normaliser: Normaliser,
+    /// Updates in the memory.
+    pub memory: u32,
+    /// No update for so many samples is rest.
+    pub hold_samples: u32,
+    pub scales: Scales,
+}
+
+/// From regressors to SI.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Scales {
+    /// SI value of one unit of acceleration, velocity, sign, one and force.
+    pub units: [f64; REGRESSORS],
+    /// The force's unit over that of each other.
+    pub force_per: [f32; UNKNOWNS],
+    /// The force's unit [N].
+    pub force: f32,
+    /// Acceleration's unit over velocity's, squared [s^-2].
+    pub rate_squared: f32,
+    /// Mean square of the encoder's quantisation noise in the acceleration [regressor units^2].
+    pub quantisation: f32,
+}
+
+/// What no averaging removes, from the settings: squares, ready to be added.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Systematic {
+    /// Relative, of the inertance.
+    pub inertance: f32,
+    /// Of the structure mass [kg^2].
+    pub structure_mass: f32,
+    /// Relative, of viscous friction.
+    pub viscous: f32,
+    /// Relative, of forces.
+    pub force: f32,
+    /// 95 % uncertainty of the skew [s].
+    pub skew_s: f32,
+}
+
+impl Settings {
+    /// Checks each setting and their agreement, and quantises them. Same integers on every machine.
+    pub fn validate(&self) -> Result<Active, SettingsError> {
+        for (info, value) in Self::TABLE.iter().zip(self.values()) {
+            info.check(value)?;
+        }
+        if self.force_min_code >= self.force_max_code {
+            return Err(SettingsError::Conflict {
+                field: "force_min_code",
+                other: "force_max_code",
+                rule: "the least code must be below the greatest",
+            });
+        }
+        if self.force_zero_code <= self.force_min_code || self.force_zero_code >= self.force_max_code {
+            return Err(SettingsError::Conflict {
+                field: "force_zero_code",
+                other: "force_min_code and force_max_code",
+                rule: "the code at no force must lie between the saturated codes",
+            });
+        }
+        let codes_per_sample = self.full_scale_velocity_m_per_s * self.codes_per_metre() / self.sample_rate_hz;
+        if codes_per_sample > GREATEST_TRAVEL {
+            return Err(SettingsError::Conflict {
+                field: "full_scale_velocity_m_per_s",
+                other: "metres_per_count",
+                rule: "at full scale the encoder counts more than 6.4e7 in a sample; lower the one or raise the other",
+            });
+        }
+        if self.structure_mass_kg > 0.0 && self.stiffness_n_per_m > 0.0 {
+            // (w / w0)^2 at the first zero of the fast kernel, where its band ends.
+            let band = core::f64::consts::TAU / FAST_BOX_S;
+            if self.structure_mass_kg / self.stiffness_n_per_m * band * band > 1.0 {
+                return Err(SettingsError::Conflict {
+                    field: "stiffness_n_per_m",
+                    other: "structure_mass_kg",
+                    rule: "the structure resonates within the estimator's band of 83 Hz; set the stiffness to 0 if it is unknown",
+                });
+            }
+        }
+        Ok(Active {
+            settings: *self,
+            signal: self.signal(),
+            fast: self.bank(FAST_BOX_S),
+            slow: self.bank(SLOW_BOX_S),
+            systematic: self.systematic(),
+            sign_effects: self.sign_effects(),
+        })
+    }
+
+    fn signal(&self) -> Signal {
+        let rate = self.sample_rate_hz;
+        let per_metre = self.codes_per_metre();
+        let rest_block = rounded(rate * REST_WINDOW_S / 8.0).max(1.0);
+        Signal {
+            position_reversed: self.metres_per_count < 0.0,
+            force_reversed: self.newtons_per_code < 0.0,
+            force_zero_code: self.force_zero_code as i32,
+            force_min_code: self.force_min_code as i32,
+            force_max_code: self.force_max_code as i32,
+            sign_half_width: rounded(rate * SIGN_KERNEL_S).max(1.0) as u8,
+            rest_block: rest_block as u16,
+            rest_limit: (REST_COUNTS * self.oversampling).max(self.stuck_displacement_m * per_metre) as u32,
+            grazing_limit: (GRAZING_COUNTS * self.oversampling) as u32,
+            delay: (rest_block * 10.0) as u8,
+            publish_samples: rounded(rate / self.publish_rate_hz).max(1.0) as u32,
+            newtons_per_code: magnitude(self.newtons_per_code) as f32,
+        }
+    }
+
+    fn systematic(&self) -> Systematic {
+        let square = |value: f64| (value * value) as f32;
+        let gain = square(self.force_gain_u95);
+        let lead = square(self.lead_u95);
+        let timebase = square(self.timebase_u95);
+        Systematic {
+            inertance: gain + lead + 4.0 * timebase,
+            structure_mass: square(self.structure_mass_u95_kg),
+            viscous: gain + lead + timebase,
+            force: gain,
+            skew_s: self.skew_u95_s as f32,
+        }
+    }
+
+    /// Position codes (counts / oversampling) per metre.
+    fn codes_per_metre(&self) -> f64 {
+        self.oversampling / magnitude(self.metres_per_count)
+    }
+
+    fn bank(&self, box_s: f64) -> BankActive {
+        let rate = self.sample_rate_hz;
+        let period = 1.0 / rate;
+        let spacing = rounded(rate * box_s / f64::from(UPDATES_PER_BOX)).clamp(1.0, LONGEST_SPACING);
+        let length = spacing * f64::from(UPDATES_PER_BOX);
+        let gain = length * length * length * length;
+        let newtons_per_code = magnitude(self.newtons_per_code);
+
+        // Codes of each comb per SI unit.
+        let acceleration = gain * period * period * self.codes_per_metre();
+        let velocity = 24.0 * gain * period * self.codes_per_metre();
+        let sign = 24.0 * gain * f64::from(crate::sign::ONE);
+        let force = 12.0 * gain / newtons_per_code;
+        let greatest_code =
+            (self.force_max_code - self.force_zero_code).max(self.force_zero_code - self.force_min_code);
+
+        let fit = |greatest: f64| (exponent(greatest) - 30).clamp(-60, 60) as i8;
+        let acceleration_shift = fit(acceleration * self.full_scale_acceleration_m_per_s2);
+        let velocity_shift = fit(velocity * self.full_scale_velocity_m_per_s);
+        let sign_shift = fit(sign);
+        // One bit of room for the corrections.
+        let force_shift = fit(12.0 * gain * greatest_code * 2.0);
+        let down = |shift: i8| power_of_two(-i32::from(shift));
+
+        // Skew: F(t + skew) to second order. Structure mass: see docs/THEORY.md.
+        let (compliance, lag) = if self.stiffness_n_per_m > 0.0 {
+            (self.structure_mass_kg / self.stiffness_n_per_m, self.contact_damping_n_s_per_m / self.stiffness_n_per_m)
+        } else {
+            (0.0, 0.0)
+        };
+        let skew = self.skew_s;
+        let force_down = 12.0 * down(force_shift);
+        let force_terms = [
+            term(skew * force_down / 24.0 * rate),
+            term((0.5 * skew * skew - compliance) * force_down * rate * rate),
+            term(compliance * lag * force_down / 2.0 * rate * rate * rate),
+            term((compliance * compliance - compliance * lag * lag) * force_down * rate * rate * rate * rate),
+        ];
+        let regressor_per_newton = force * down(force_shift);
+        let snap_per_code = rate * rate * rate * rate / (gain * self.codes_per_metre());
+        let snap_term = term(self.structure_mass_kg * compliance * regressor_per_newton * snap_per_code);
+
+        let memory = rounded(self.memory_s * rate / spacing).max(1.0) as u32;
+        // A sum over `length` triangles twice differenced: 8/3 M^3 of the single sample's variance.
+        let step = self.oversampling * down(acceleration_shift);
+        let quantisation = step * step / 12.0 * (8.0 / 3.0) * length * length * length;
+        BankActive {
+            spacing: spacing as u32,
+            support: 4 * length as u32 + 2,
+            normaliser: Normaliser {
+                acceleration_shift,
+                velocity_shift,
+                sign_shift,
+                force_shift,
+                force_terms,
+                snap_term,
+            },
+            memory,
+            hold_samples: 24 * length as u32,
+            scales: scales(
+                [
+                    acceleration * down(acceleration_shift),
+                    velocity * down(velocity_shift),
+                    sign * down(sign_shift),
+                    f64::from(crate::kernel::ONE),
+                    regressor_per_newton,
+                ],
+                quantisation,
+            ),
+        }
+    }
+
+    /// What friction and force do to the sign's velocity, times `mt`: the kink of the kernel at a reversal
+    /// [velocity codes per N and cube of the half width], and the velocity that a sum of the force makes
+    /// [velocity codes per force code].
+    fn sign_effects(&self) -> (f64, f64) {
+        let period = 1.0 / self.sample_rate_hz;
+        let per_impulse = period * period * self.codes_per_metre();
+        // Two boxes of m samples have a mean distance of m / 3 from their centre and a gain of m^2.
+        (per_impulse / 3.0, magnitude(self.newtons_per_code) * per_impulse)
+    }
+}
+
+/// From the regressors' units per SI unit.
+fn scales(per_si: [f64; REGRESSORS], quantisation: f64) -> Scales {
+    let units = per_si.map(|per_si| 1.0 / per_si);
+    let [acceleration, velocity, _, _, force] = units;
+    let [a, v, s, one, _] = per_si;
+    let rate = acceleration / velocity;
+    Scales {
+        units,
+        force_per: [a, v, s, one].map(|per_si| (force * per_si) as f32),
+        force: force as f32,
+        rate_squared: (rate * rate) as f32,
+        quantisation: quantisation as f32,
+    }
+}
+
+/// `factor` as mantissa and shift; nothing when it is 0.
+pub(crate) fn term(factor: f64) -> Term {
+    if factor == 0.0 {
+        return Term::default();
+    }
+    let e = exponent(factor);
+    Term { coefficient: (factor * power_of_two(30 - e)) as i32, shift: (-2 - e).clamp(-64, 64) as i8 }
+}
+
+fn magnitude(value: f64) -> f64 {
+    if value < 0.0 { -value } else { value }
+}
+
+/// Nearest whole number of a positive one.
+fn rounded(value: f64) -> f64 {
+    ((value + 0.5) as i64) as f64
+}

@@ -1,0 +1,199 @@
+//! Solution of the normal equations by an equilibrated LDL' factorisation in fixed point.
+//!
+//! Glossary: the *matrix* is the symmetric 5 x 5 of averaged products, the force last; a *pivot* is what is left of a
+//! column's own variance when the columns before it have explained what they can. The last pivot is the variance of
+//! the residual. Each row and column is first scaled by a power of two so that the diagonal lies in [1/4, 1).
+//! A column whose pivot is under 2^-20 of its own variance cannot be told from the others: it is left out, and the
+//! factorisation says which others its absence touches.
+//! Source: Golub and Van Loan, Matrix Computations, 4th ed., 4.1.
+
+use crate::kernel::REGRESSORS;
+use crate::qformat::{mul_shift, widening_mul};
+use crate::rls::{PRODUCTS, place};
+
+/// Fraction bits of the matrix and the pivots.
+pub const MATRIX_BITS: u32 = 62;
+/// Fraction bits of the factors and the solution.
+pub const FACTOR_BITS: u32 = 50;
+/// A pivot under `2^-PIVOT_BITS` of its diagonal is none.
+const PIVOT_BITS: u32 = 20;
+
+/// Unknowns: all regressors but the force.
+pub const UNKNOWNS: usize = REGRESSORS - 1;
+
+/// The factorised matrix and the solution in equilibrated units.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Solution {
+    /// Left shift that equilibrated each row: the equilibrated regressor is `2^shift` times the original.
+    pub shifts: [i8; REGRESSORS],
+    /// Pivots [Q62]; 0 where the column was left out.
+    pub pivots: [i64; REGRESSORS],
+    /// Unit lower factor [Q50], strictly below the diagonal, by rows.
+    pub factors: [[i64; REGRESSORS]; REGRESSORS],
+    /// Solution [Q50].
+    pub unknowns: [i64; UNKNOWNS],
+}
+
+/// Factorises and solves. Never fails: what cannot be solved for has pivot 0.
+#[expect(clippy::needless_range_loop, reason = "the equations are written by row and column")]
+pub fn solve(matrix: &[i64; PRODUCTS]) -> Solution {
+    let mut solution = Solution::default();
+    let mut work = [[0_i64; REGRESSORS]; REGRESSORS];
+    equilibrate(matrix, &mut work, &mut solution.shifts);
+    let diagonal: [i64; REGRESSORS] = core::array::from_fn(|i| work[i][i]);
+
+    for column in 0..REGRESSORS {
+        let pivot = work[column][column];
+        let least = (diagonal[column] >> PIVOT_BITS).max(1);
+        if column < UNKNOWNS && pivot < least {
+            continue;
+        }
+        solution.pivots[column] = pivot.max(0);
+        if column == UNKNOWNS {
+            break;
+        }
+        let reciprocal = Reciprocal::of(pivot);
+        for row in column + 1..REGRESSORS {
+            let factor = reciprocal.times(work[row][column]);
+            solution.factors[row][column] = factor;
+            for inner in column + 1..=row {
+                let product = mul_shift(factor, work[inner][column], FACTOR_BITS);
+                work[row][inner] = work[row][inner].wrapping_sub(product);
+            }
+        }
+    }
+
+    for row in (0..UNKNOWNS).rev() {
+        if solution.pivots[row] == 0 {
+            continue;
+        }
+        let mut value = solution.factors[UNKNOWNS][row];
+        for later in row + 1..UNKNOWNS {
+            value = value.wrapping_sub(mul_shift(solution.factors[later][row], solution.unknowns[later], FACTOR_BITS));
+        }
+        solution.unknowns[row] = value;
+    }
+    solution
+}
+
+fn equilibrate(matrix: &[i64; PRODUCTS], work: &mut [[i64; REGRESSORS]; REGRESSORS], shifts: &mut [i8; REGRESSORS]) {
+    for (i, shift) in shifts.iter_mut().enumerate() {
+        // Bits up to 2^62, an even number of them.
+        let room = matrix[place(i, i)].max(1).leading_zeros().saturating_sub(2) as i8;
+        *shift = (room + 1) / 2;
+    }
+    for row in 0..REGRESSORS {
+        for column in 0..=row {
+            let shift = (shifts[row] + shifts[column]) as u32;
+            work[row][column] = matrix[place(row, column)].checked_shl(shift).unwrap_or(0);
+        }
+    }
+}
+
+/// The inverse of a positive Q62 number.
+struct Reciprocal {
+    /// `2^124 / (pivot * 2^normalising)`, in (2^61, 2^62].
+    mantissa: i64,
+    /// Left shift that brings the pivot to [2^62, 2^63).
+    normalising: u32,
+}
+
+impl Reciprocal {
+    /// Of a positive pivot, to about 58 bits.
+    fn of(pivot: i64) -> Self {
+        let pivot = pivot.max(1);
+        let normalising = pivot.leading_zeros() - 1;
+        let divisor = pivot << normalising;
+        // A 32-bit division gives 15 bits; each Newton step, x += x (1 - d x), doubles them. A 64-bit one costs more.
+        let seed = i64::from(u32::MAX / (divisor >> 46) as u32) << 46;
+        let refine = |estimate: i64| {
+            let (product, _) = widening_mul(divisor, estimate);
+            let error = (1_i64 << 60) - product;
+            estimate + mul_shift(estimate, error, 60)
+        };
+        Self { mantissa: refine(refine(seed)), normalising }
+    }
+
+    /// `value / pivot` [Q50] of a value [Q62], rounded down; held at the ends of the format.
+    fn times(&self, value: i64) -> i64 {
+        const LIMIT: i64 = 1 << 62;
+        let (high, low) = widening_mul(value, self.mantissa);
+        // 12 to 74.
+        let shift = 74 - self.normalising;
+        if shift >= 64 {
+            return high >> (shift - 64);
+        }
+        // `high << (64 - shift)` must stay below 2^62.
+        if high.unsigned_abs() >> (shift - 2) != 0 {
+            return if high < 0 { -LIMIT } else { LIMIT };
+        }
+        (high << (64 - shift)) | (low >> shift) as i64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn reciprocal_divides(pivot in 1_i64 << 40..1 << 62, value in -(1_i64 << 62)..1 << 62) {
+            let quotient = Reciprocal::of(pivot).times(value);
+            let exact = (i128::from(value) << 50) / i128::from(pivot);
+            if exact.abs() < 1 << 61 {
+                prop_assert!((i128::from(quotient) - exact).abs() <= 2 + (exact.abs() >> 56), "{quotient} {exact}");
+            }
+        }
+
+        #[test]
+        fn nothing_panics(matrix: [i64; PRODUCTS]) {
+            solve(&matrix);
+        }
+    }
+
+    /// Averages of a known linear law come back as the law.
+    #[test]
+    fn solves_a_known_law() {
+        let mut sums = [0_i128; PRODUCTS];
+        let mut seed = 1_u64;
+        let mut random = || {
+            seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (seed >> 36) as i32 - (1 << 27)
+        };
+        for _ in 0..1000 {
+            let [a, v, s] = [random() >> 12, random(), random().signum() << 30];
+            let force = 300 * a + v / 4 - s / 8 + (1 << 20);
+            for (sum, product) in sums.iter_mut().zip(crate::rls::products(&[a, v, s, 1 << 30, force])) {
+                *sum += i128::from(product);
+            }
+        }
+        let solution = solve(&sums.map(|sum| (sum / 1000) as i64));
+        let value = |i: usize| {
+            solution.unknowns[i] as f64
+                * 2_f64.powi(-50)
+                * 2_f64.powi(i32::from(solution.shifts[i]) - i32::from(solution.shifts[UNKNOWNS]))
+        };
+        assert!((value(0) - 300.0).abs() < 1e-4, "{}", value(0));
+        assert!((value(1) - 0.25).abs() < 1e-7, "{}", value(1));
+        assert!((value(2) + 0.125).abs() < 1e-9, "{}", value(2));
+        assert!((value(3) - 2_f64.powi(-10)).abs() < 1e-9, "{}", value(3));
+    }
+
+    /// A constant velocity cannot tell sign, constant and velocity apart.
+    #[test]
+    fn leaves_out_what_cannot_be_told_apart() {
+        let regressors = [1 << 20, 1 << 24, 1 << 30, 1 << 30, 1 << 25];
+        let other = [-(1 << 20), 1 << 24, 1 << 30, 1 << 30, 1 << 24];
+        let mut matrix = crate::rls::products(&regressors);
+        for (sum, product) in matrix.iter_mut().zip(crate::rls::products(&other)) {
+            *sum = *sum / 2 + product / 2;
+        }
+        let solution = solve(&matrix);
+        assert!(solution.pivots[0] > 0);
+        assert_eq!(
+            solution.pivots.iter().filter(|&&pivot| pivot == 0).count(),
+            2 + usize::from(solution.pivots[4] == 0)
+        );
+    }
+}

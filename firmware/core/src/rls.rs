@@ -1,0 +1,156 @@
+//! Recursive least squares in information form: averages of the products of the regressors.
+//!
+//! Input: `[a, v, s, 1, F]` normalised, all through one kernel. State: the 15 distinct products, averaged with a gain
+//! that falls with the count until the chosen memory is reached, and summed exactly since the reset.
+//! There is no covariance to lose its positive definiteness, one 32-bit division per update, and rounding is forgotten with
+//! the data. Nothing happens between updates, so rest of any length changes nothing.
+//! Source: Ljung, System Identification, 2nd ed., 11.2.
+
+use crate::kernel::REGRESSORS;
+use crate::qformat::Regressor;
+
+/// Distinct products of the regressors: the lower triangle by rows.
+pub const PRODUCTS: usize = REGRESSORS * (REGRESSORS + 1) / 2;
+
+/// Place of product `(row, column)` with `column <= row`.
+pub const fn place(row: usize, column: usize) -> usize {
+    row * (row + 1) / 2 + column
+}
+
+/// One set of products.
+#[inline]
+pub fn products(regressors: &[Regressor; REGRESSORS]) -> [i64; PRODUCTS] {
+    let [a, v, s, one, f] = regressors.map(i64::from);
+    [
+        a * a,
+        v * a,
+        v * v,
+        s * a,
+        s * v,
+        s * s,
+        one * a,
+        one * v,
+        one * s,
+        one * one,
+        f * a,
+        f * v,
+        f * s,
+        f * one,
+        f * f,
+    ]
+}
+
+/// Running averages with a growing, then constant memory.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Moments {
+    averages: [i64; PRODUCTS],
+    updates: u32,
+    /// Sum of the squared weights, in 2^-62.
+    weight: i64,
+}
+
+impl Moments {
+    /// No updates yet.
+    pub const fn new() -> Self {
+        Self { averages: [0; PRODUCTS], updates: 0, weight: 0 }
+    }
+
+    /// Takes one set of products with a gain of `1 / min(updates, memory)`: a plain average at first, an exponential
+    /// one later.
+    ///
+    /// Rounds half up, without which the averages would creep; cannot overflow, as an average lies between its inputs.
+    #[inline]
+    pub fn update(&mut self, products: &[i64; PRODUCTS], memory: u32) {
+        self.updates = self.updates.saturating_add(1);
+        let horizon = self.updates.min(memory);
+        if horizon <= 1 {
+            self.averages = *products;
+            self.weight = 1 << 62;
+            return;
+        }
+        // 2^32 / horizon: its own rounding changes the horizon, not the average.
+        let gain = u32::MAX / horizon;
+        for (average, product) in self.averages.iter_mut().zip(products) {
+            // |product - average| < 2^63 since both are below 2^62.
+            *average += part(product.wrapping_sub(*average), gain);
+        }
+        let once = part(self.weight, gain);
+        self.weight += part(once, gain) - 2 * once + ((u64::from(gain) * u64::from(gain)) >> 2) as i64;
+    }
+
+    /// The averages, lower triangle by rows.
+    pub fn averages(&self) -> &[i64; PRODUCTS] {
+        &self.averages
+    }
+
+    /// Updates taken.
+    pub fn updates(&self) -> u32 {
+        self.updates
+    }
+
+    /// Sum of the squared weights [2^-62]: its inverse is the number of equally weighted updates that know as much.
+    pub fn weight(&self) -> i64 {
+        self.weight
+    }
+}
+
+/// `value * gain * 2^-32`, rounded half up.
+#[inline]
+fn part(value: i64, gain: u32) -> i64 {
+    let gain = i64::from(gain);
+    let low = (value & 0xffff_ffff) as u64 * gain as u64;
+    (value >> 32) * gain + ((low + (1 << 31)) >> 32) as i64
+}
+
+/// Exact sums since the reset.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Totals {
+    sums: [i128; PRODUCTS],
+    updates: u32,
+}
+
+impl Totals {
+    /// No updates yet.
+    pub const fn new() -> Self {
+        Self { sums: [0; PRODUCTS], updates: 0 }
+    }
+
+    /// Takes one set of products: 2^32 updates fit with room to spare, then it stops.
+    #[inline]
+    pub fn update(&mut self, products: &[i64; PRODUCTS]) {
+        if self.updates == u32::MAX {
+            return;
+        }
+        self.updates += 1;
+        for (sum, &product) in self.sums.iter_mut().zip(products) {
+            *sum = sum.wrapping_add(i128::from(product));
+        }
+    }
+
+    /// The sums, lower triangle by rows.
+    pub fn sums(&self) -> &[i128; PRODUCTS] {
+        &self.sums
+    }
+
+    /// Updates taken.
+    pub fn updates(&self) -> u32 {
+        self.updates
+    }
+
+    /// The sums brought to at most 62 bits by one common right shift, and that shift.
+    pub fn scaled(&self) -> ([i64; PRODUCTS], u32) {
+        // No sum of products is wider than the widest sum of squares.
+        let squares: [i128; REGRESSORS] = core::array::from_fn(|i| self.sums[place(i, i)]);
+        let shift = (128 - squares.iter().fold(0, |all, square| all | square).leading_zeros()).saturating_sub(62);
+        // By words: a 128-bit shift is a call on a Cortex-M4.
+        let scaled = self.sums.map(|sum| {
+            let (high, low) = ((sum >> 64) as u64, sum as u64);
+            match shift {
+                0 => low as i64,
+                1..=63 => ((high << (64 - shift)) | (low >> shift)) as i64,
+                _ => (high as i64) >> (shift - 64),
+            }
+        });
+        (scaled, shift)
+    }
+}

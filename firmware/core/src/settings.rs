@@ -1,0 +1,207 @@
+//! Settings in SI, and what makes them valid.
+//!
+//! Every setting is one `f64` with a name that carries its unit. The table below is the only place where a
+//! setting's name, unit, default and range are written; the wire, the host and the documents read it from here.
+
+use serde::{Deserialize, Serialize};
+
+/// Why a set of settings was refused, naming the field.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum SettingsError {
+    /// No setting has this name (or, on the wire, this number).
+    Unknown,
+    /// The value is NaN or infinite.
+    NotFinite {
+        /// The setting's name.
+        field: &'static str,
+    },
+    /// The value lies outside its range.
+    OutOfRange {
+        /// The setting's name.
+        field: &'static str,
+        /// The value that was refused.
+        value: f64,
+        /// Least value accepted.
+        min: f64,
+        /// Greatest value accepted.
+        max: f64,
+    },
+    /// The value must be a whole number.
+    NotWhole {
+        /// The setting's name.
+        field: &'static str,
+        /// The value that was refused.
+        value: f64,
+    },
+    /// The value must not be zero, nor under 1e-12: everything measured is multiplied by it.
+    Zero {
+        /// The setting's name.
+        field: &'static str,
+    },
+    /// Two settings contradict each other.
+    Conflict {
+        /// The setting's name.
+        field: &'static str,
+        /// The other one.
+        other: &'static str,
+        /// What must hold between them.
+        rule: &'static str,
+    },
+}
+
+impl core::fmt::Display for SettingsError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match *self {
+            Self::Unknown => write!(f, "no setting has this name"),
+            Self::NotFinite { field } => write!(f, "{field}: the value is not a finite number"),
+            Self::OutOfRange { field, value, min, max } => {
+                write!(f, "{field}: {value} is outside {min} to {max}")
+            }
+            Self::NotWhole { field, value } => write!(f, "{field}: {value} is not a whole number"),
+            Self::Zero { field } => write!(f, "{field}: must be at least 1e-12 in magnitude"),
+            Self::Conflict { field, other, rule } => write!(f, "{field} and {other}: {rule}"),
+        }
+    }
+}
+
+impl core::error::Error for SettingsError {}
+
+/// What is known of a setting apart from its value.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SettingInfo {
+    /// Name, ending in the unit where there is one.
+    pub name: &'static str,
+    /// Unit for display; empty for a plain number.
+    pub unit: &'static str,
+    /// One line for a person.
+    pub help: &'static str,
+    /// Value of a device that was never set up.
+    pub default: f64,
+    /// Least value accepted.
+    pub min: f64,
+    /// Greatest value accepted.
+    pub max: f64,
+    /// What else the value must be.
+    pub kind: Kind,
+}
+
+/// What a setting's value must be besides in range.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// Any number.
+    Real,
+    /// Any number but zero; the sign gives the direction.
+    NonZero,
+    /// A whole number.
+    Whole,
+}
+
+macro_rules! settings {
+    ($($name:ident, $unit:literal, $default:expr, $min:expr, $max:expr, $kind:ident, $help:literal;)+) => {
+        /// Everything a user can set, in SI units.
+        #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+        pub struct Settings {
+            $(#[doc = $help] #[doc = concat!("Unit: `", $unit, "`.")] pub $name: f64,)+
+        }
+
+        impl Settings {
+            /// The table of settings. A setting's number on the wire is its place here, so new ones go at the end.
+            pub const TABLE: &'static [SettingInfo] = &[
+                $(SettingInfo {
+                    name: stringify!($name), unit: $unit, help: $help, default: $default, min: $min, max: $max,
+                    kind: Kind::$kind,
+                },)+
+            ];
+
+            /// Number of settings.
+            pub const COUNT: usize = Self::TABLE.len();
+
+            /// All values, in the order of [`TABLE`](Self::TABLE).
+            pub fn values(&self) -> [f64; Self::COUNT] {
+                [$(self.$name),+]
+            }
+
+            fn slots(&mut self) -> [&mut f64; Self::COUNT] {
+                [$(&mut self.$name),+]
+            }
+        }
+
+        impl Default for Settings {
+            fn default() -> Self {
+                Self { $($name: $default),+ }
+            }
+        }
+    };
+}
+
+settings! {
+    sample_rate_hz, "Hz", 1000.0, 50.0, 5000.0, Real, "Samples per second of the device's clock";
+    metres_per_count, "m", 2.44140625e-6, -1e-2, 1e-2, NonZero, "Terminal displacement per encoder count: lead / counts per revolution; negative turns the direction";
+    oversampling, "", 1.0, 1.0, 64.0, Whole, "Encoder counts summed into one sample's position";
+    newtons_per_code, "N", 0.002, -1e3, 1e3, NonZero, "Force per force code; negative turns the direction";
+    force_zero_code, "", 0.0, -8388608.0, 8388607.0, Whole, "Force code at no force (tare)";
+    force_min_code, "", -8388608.0, -8388608.0, 8388607.0, Whole, "Force code at or below which the channel is saturated";
+    force_max_code, "", 8388607.0, -8388608.0, 8388607.0, Whole, "Force code at or above which the channel is saturated";
+    metres_per_terminal_code, "m", 1e-7, -1e-2, 1e-2, NonZero, "Terminal displacement per code of its own sensor";
+    structure_mass_kg, "kg", 0.0, 0.0, 1e4, Real, "Mass that hangs on the measured terminal beside the screw";
+    structure_mass_u95_kg, "kg", 0.0, 0.0, 1e4, Real, "95 % uncertainty of the structure mass";
+    stiffness_n_per_m, "N/m", 0.0, 0.0, 1e12, Real, "Contact stiffness between terminal and screw; 0 when unknown";
+    contact_damping_n_s_per_m, "N s/m", 0.0, 0.0, 1e9, Real, "Contact damping between terminal and screw";
+    skew_s, "s", 0.0, -0.005, 0.005, Real, "Delay of the force behind the position";
+    skew_u95_s, "s", 1e-6, 0.0, 0.01, Real, "95 % uncertainty of the skew";
+    force_gain_u95, "", 0.005, 0.0, 1.0, Real, "95 % relative uncertainty of the force calibration";
+    lead_u95, "", 0.001, 0.0, 1.0, Real, "95 % relative uncertainty of metres per count";
+    timebase_u95, "", 5e-5, 0.0, 1.0, Real, "95 % relative uncertainty of the sample clock";
+    memory_s, "s", 30.0, 0.5, 3600.0, Real, "Averaging time of the live estimate";
+    stuck_displacement_m, "m", 0.0, 0.0, 1e-2, Real, "Motion within 24 ms that still counts as standing still, where 2 encoder counts are less";
+    publish_rate_hz, "Hz", 5.0, 0.1, 10.0, Real, "Estimates per second";
+    full_scale_velocity_m_per_s, "m/s", 2.0, 1e-3, 1e3, Real, "Velocity beyond which samples are left out as saturated";
+    full_scale_acceleration_m_per_s2, "m/s^2", 200.0, 1e-2, 1e5, Real, "Acceleration beyond which samples are left out as saturated";
+}
+
+impl Settings {
+    /// Number of the setting with this name.
+    pub fn find(name: &str) -> Option<usize> {
+        Self::TABLE.iter().position(|info| info.name == name)
+    }
+
+    /// Value of the setting with this name.
+    pub fn get(&self, name: &str) -> Option<f64> {
+        self.values().get(Self::find(name)?).copied()
+    }
+
+    /// Replaces one value by its number in [`TABLE`](Self::TABLE), after checking it by itself.
+    pub fn set(&mut self, number: usize, value: f64) -> Result<(), SettingsError> {
+        let info = Self::TABLE.get(number).ok_or(SettingsError::Unknown)?;
+        info.check(value)?;
+        if let Some(slot) = self.slots().into_iter().nth(number) {
+            *slot = value;
+        }
+        Ok(())
+    }
+
+    /// Replaces one value by its name, after checking it by itself.
+    pub fn set_by_name(&mut self, name: &str, value: f64) -> Result<(), SettingsError> {
+        self.set(Self::find(name).ok_or(SettingsError::Unknown)?, value)
+    }
+}
+
+impl SettingInfo {
+    /// Whether `value` may stand here, apart from the other settings.
+    pub fn check(&self, value: f64) -> Result<(), SettingsError> {
+        let field = self.name;
+        if !value.is_finite() {
+            return Err(SettingsError::NotFinite { field });
+        }
+        if !(self.min..=self.max).contains(&value) {
+            return Err(SettingsError::OutOfRange { field, value, min: self.min, max: self.max });
+        }
+        match self.kind {
+            Kind::Real => Ok(()),
+            Kind::NonZero if (-1e-12..1e-12).contains(&value) => Err(SettingsError::Zero { field }),
+            Kind::NonZero => Ok(()),
+            Kind::Whole if value != (value as i64) as f64 => Err(SettingsError::NotWhole { field, value }),
+            Kind::Whole => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,140 @@
+//! Sub-sample sign of the velocity.
+//!
+//! The plain sign of a velocity estimate is wrong by up to a sample at each reversal, which costs up to 0.7 kg and
+//! 20 N s/m on the reference device. Here a short triangular kernel gives the velocity between samples, a straight
+//! line locates its zero, and the sample gets the average of the sign over its own period.
+//!
+//! A symmetric kernel is exact for a steady acceleration only. Coulomb friction makes the acceleration jump by
+//! `2 fc / mt` at a reversal, and a changing force changes it: the kernel of first absolute moment `m1` sees the zero
+//! late by `m1 (fc / mt) sgn F`, and what the force makes of the velocity within the kernel follows from the force
+//! itself. The last estimate takes both out, but only where friction behaves like Coulomb's: in a real screw it often
+//! turns over a presliding distance, the acceleration has no jump, and the correction would be the error. So each
+//! reversal is asked ([`Reversals`]): the same velocity through a kernel twice as wide differs from the first by what
+//! the correction predicts, or it does not.
+
+/// One, in units of the sign channel.
+pub const ONE: i32 = 1 << 15;
+
+/// State of the sign of one channel.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Sign {
+    velocity: i32,
+    last: i32,
+}
+
+impl Sign {
+    /// One that has seen nothing.
+    pub const fn new() -> Self {
+        Self { velocity: 0, last: 0 }
+    }
+
+    /// Average sign [2^-15] between the previous and this velocity, both in any one unit.
+    ///
+    /// A velocity of exactly zero keeps the sign that it had.
+    pub fn push(&mut self, velocity: i32) -> i32 {
+        let now = velocity.max(-i32::MAX);
+        let before = core::mem::replace(&mut self.velocity, now);
+        let crosses = (before < 0 && now > 0) || (before > 0 && now < 0);
+        if crosses {
+            // |now| - |before| over |now| + |before|, in 15 bits; halved first so that the sum fits.
+            let after_part = now.unsigned_abs() >> 1;
+            let before_part = before.unsigned_abs() >> 1;
+            let sum = (after_part + before_part).max(1);
+            let scale = (sum.leading_zeros() - 1).min(15);
+            let difference = (after_part << scale) as i32 - (before_part << scale) as i32;
+            let denominator = ((sum << scale) >> 15).max(1) as i32;
+            let average = (difference / denominator).clamp(-ONE, ONE);
+            self.last = now.signum() * ONE;
+            return average * now.signum();
+        }
+        if now != 0 {
+            self.last = now.signum() * ONE;
+        }
+        self.last
+    }
+}
+
+/// Evidence from the reversals whether friction turns like Coulomb's.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Reversals {
+    count: u16,
+    predicted_squared: i64,
+    predicted_seen: i64,
+}
+
+impl Reversals {
+    /// No evidence.
+    pub const fn new() -> Self {
+        Self { count: 0, predicted_squared: 0, predicted_seen: 0 }
+    }
+
+    /// Reversals after which the old ones count half.
+    const MANY: u16 = 256;
+    /// 256 squares of it fit.
+    const GREATEST: i32 = 1 << 27;
+
+    /// Takes what the two kernels should differ by and what they differ by, in any one unit up to 2^27.
+    pub fn compare(&mut self, predicted: i32, seen: i32) {
+        if predicted == 0 {
+            return;
+        }
+        let [predicted, seen] = [predicted, seen].map(|value| i64::from(value.clamp(-Self::GREATEST, Self::GREATEST)));
+        self.count += 1;
+        self.predicted_squared += predicted * predicted;
+        self.predicted_seen += predicted * seen;
+        if self.count >= Self::MANY {
+            self.count /= 2;
+            self.predicted_squared /= 2;
+            self.predicted_seen /= 2;
+        }
+    }
+
+    /// Seen over predicted: 1 for Coulomb's friction, less where it turns over a presliding distance.
+    pub fn ratio(&self) -> Option<f32> {
+        (self.count > 0).then(|| self.predicted_seen as f32 / self.predicted_squared as f32)
+    }
+
+    /// Whether at least half of the prediction has been seen; taken for granted until a reversal says otherwise.
+    ///
+    /// On simulated Coulomb friction the ratio is 1.00 within 0.05, on the EMPS ball screw 0.24.
+    pub fn coulomb_like(&self) -> bool {
+        2 * self.predicted_seen >= self.predicted_squared
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn average_is_within_two_units_of_the_straight_line(before in 1_i32..1 << 30, now in 1_i32..1 << 30, up: bool) {
+            let mut sign = Sign::default();
+            let direction = if up { 1 } else { -1 };
+            sign.push(-before * direction);
+            let average = sign.push(now * direction);
+            let (now, before) = (f64::from(now), f64::from(before));
+            let exact = f64::from(direction) * (now - before) / (now + before) * f64::from(ONE);
+            // Halving the velocities costs up to half a unit of each.
+            let slack = 2.0 + 2.0 * f64::from(ONE) / (now + before);
+            prop_assert!((f64::from(average) - exact).abs() <= slack, "{average} against {exact}");
+        }
+
+        #[test]
+        fn never_beyond_one(velocities: std::vec::Vec<i32>) {
+            let mut sign = Sign::default();
+            for velocity in velocities {
+                prop_assert!(sign.push(velocity).abs() <= ONE);
+            }
+        }
+    }
+
+    #[test]
+    fn zero_keeps_the_sign() {
+        let mut sign = Sign::default();
+        assert_eq!(sign.push(0), 0);
+        assert_eq!(sign.push(-5), -ONE);
+        assert_eq!(sign.push(0), -ONE);
+    }
+}
