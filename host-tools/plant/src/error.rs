@@ -1,0 +1,87 @@
+//! Why a simulation was refused, naming the field or the part of the text.
+
+use std::fmt;
+
+/// Why a simulation was refused, naming the field or the part of the text.
+#[derive(Clone, Debug, PartialEq)]
+pub enum PlantError {
+    /// No field has this name.
+    UnknownField {
+        /// The name that was given.
+        name: String,
+    },
+    /// The value is NaN or infinite.
+    NotFinite {
+        /// The field's name.
+        field: &'static str,
+    },
+    /// The value lies outside its range.
+    OutOfRange {
+        /// The field's name.
+        field: &'static str,
+        /// The value that was refused.
+        value: f64,
+        /// Least value accepted.
+        min: f64,
+        /// Greatest value accepted.
+        max: f64,
+    },
+    /// The value must be a whole number.
+    NotWhole {
+        /// The field's name.
+        field: &'static str,
+        /// The value that was refused.
+        value: f64,
+    },
+    /// Two fields contradict each other.
+    Conflict {
+        /// The field's name.
+        field: &'static str,
+        /// The other one.
+        other: &'static str,
+        /// What must hold between them.
+        rule: &'static str,
+    },
+    /// The device is so stiff, damped or light that its fastest rate cannot be followed.
+    TooFast {
+        /// The field that makes it so.
+        field: &'static str,
+        /// The device's fastest rate \[rad/s\].
+        rate_rad_per_s: f64,
+        /// Fastest rate accepted \[rad/s\].
+        max_rad_per_s: f64,
+    },
+    /// A motion's text could not be understood.
+    Motion {
+        /// The part that is wrong.
+        part: String,
+        /// What is wrong with it.
+        problem: String,
+        /// A text that would do.
+        example: &'static str,
+    },
+}
+
+impl fmt::Display for PlantError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::UnknownField { name } => write!(f, "{name}: no field of the simulation has this name"),
+            Self::NotFinite { field } => write!(f, "{field}: the value is not a finite number"),
+            Self::OutOfRange { field, value, min, max } => {
+                write!(f, "{field}: {value} is outside {min} to {max}")
+            }
+            Self::NotWhole { field, value } => write!(f, "{field}: {value} is not a whole number"),
+            Self::Conflict { field, other, rule } => write!(f, "{field} and {other}: {rule}"),
+            Self::TooFast { field, rate_rad_per_s, max_rad_per_s } => write!(
+                f,
+                "{field}: with this inertance the device would respond at {rate_rad_per_s:.3e} rad/s, \
+                 the simulation follows at most {max_rad_per_s:.0e}; lower it or raise inertance_kg"
+            ),
+            Self::Motion { part, problem, example } => {
+                write!(f, "motion, at \"{part}\": {problem}; for example \"{example}\"")
+            }
+        }
+    }
+}
+
+impl std::error::Error for PlantError {}

@@ -1,0 +1,42 @@
+//! The simulated inerter: stick, slip, contact and free flight located exactly.
+//!
+//! `f64` truth to hold the estimator against. A rig moves terminal 1 along a prescribed motion ([`Excitation`]); the
+//! device ([`Parameters`]) answers ([`Plant`]); imperfect instruments ([`Sensors`]) turn that into counts and codes
+//! ([`Simulation`]). Nothing here knows the firmware: what both share is physics only.
+//!
+//! Glossary:
+//! - `x1` terminal displacement, prescribed \[m\]; `x2` screw displacement referred to the terminal \[m\]; `d = x1 - x2`.
+//! - *contact*: `abs(d) > backlash / 2`, the flanks touch; *flight*: they do not, and the force is zero.
+//! - *stuck*: the screw stands and friction balances any force up to the Coulomb force; *slip*: it turns.
+//! - *segment*: a stretch of time without a change of mode, on which the solution is one polynomial.
+//!
+//! ```
+//! use inerter_plant::{Excitation, Parameters, Sensors, Simulation};
+//!
+//! let excitation = Excitation::parse("mid", 1)?;
+//! let sensors = Sensors { force_noise_n: 1.0, seed: 7, ..Sensors::default() };
+//! let simulation = Simulation::new(Parameters::paper(), excitation, sensors)?;
+//! for sample in simulation.take(1000) {
+//!     let _ = (sample.t_s, sample.index, sample.position_count, sample.force_code, sample.truth.x2_m);
+//! }
+//! # Ok::<(), inerter_plant::PlantError>(())
+//! ```
+
+#![forbid(unsafe_code)]
+
+mod dynamics;
+mod error;
+mod excitation;
+mod parameters;
+mod polynomial;
+mod sensors;
+mod simulation;
+mod table;
+
+pub use dynamics::{Contact, Motion, Plant, Segment, Truth};
+pub use error::PlantError;
+pub use excitation::{Excitation, Point, Tone};
+pub use parameters::{Parameters, ScrewGeometry};
+pub use sensors::Sensors;
+pub use simulation::{Sample, Simulation};
+pub use table::{FieldInfo, FieldKind};

@@ -1,0 +1,230 @@
+//! The instruments: what the rig's encoder, load cell and displacement sensor make of the truth.
+//!
+//! - position: `floor((x2 + eccentricity) / metres_per_count + encoder_phase_count)`, wrapping like a 32-bit counter.
+//! - force: `gain (F + mr x1'')` of `delay_s` ago `+ offset + drift t + noise`, rounded to codes, held to the code limits.
+//! - terminal: `x1 + noise`, rounded to codes.
+//!
+//! With `oversampling` N, position and force are sums over N evenly spaced sub-samples per sample, as in a device whose
+//! timer triggers N conversions; the terminal code is one conversion at the sample's time. White noise is stated per
+//! sample: a sub-sample has `sqrt(N)` times as much.
+
+use std::f64::consts::TAU;
+
+use crate::PlantError;
+use crate::table::field_table;
+
+/// Settings of the instruments, and the seed of their noise.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sensors {
+    /// Samples per second \[Hz\].
+    pub sample_rate_hz: f64,
+    /// Sub-samples summed into one sample of position and force.
+    pub oversampling: f64,
+    /// Displacement per encoder count; negative turns the direction \[m\].
+    pub metres_per_count: f64,
+    /// Where in a count the encoder stands at `x2 = 0`.
+    pub encoder_phase_count: f64,
+    /// Amplitude of the encoder's once-per-turn error \[m\].
+    pub encoder_eccentricity_m: f64,
+    /// Phase of that error at `x2 = 0` \[rad\].
+    pub encoder_eccentricity_phase_rad: f64,
+    /// Travel per turn, for the once-per-turn error \[m\].
+    pub lead_m: f64,
+    /// Force per code of one conversion; negative turns the direction \[N\].
+    pub newtons_per_code: f64,
+    /// Code at no force.
+    pub force_zero_code: f64,
+    /// Least code the converter gives.
+    pub force_min_code: f64,
+    /// Greatest code the converter gives.
+    pub force_max_code: f64,
+    /// Gain of the load cell.
+    pub force_gain: f64,
+    /// Offset of the load cell \[N\].
+    pub force_offset_n: f64,
+    /// Drift of the offset \[N/s\].
+    pub force_drift_n_per_s: f64,
+    /// White noise of one sample, rms \[N\].
+    pub force_noise_n: f64,
+    /// Delay of the force behind the position \[s\].
+    pub delay_s: f64,
+    /// Displacement per code of the terminal sensor; negative turns the direction \[m\].
+    pub metres_per_terminal_code: f64,
+    /// White noise of the terminal sensor, rms \[m\].
+    pub terminal_noise_m: f64,
+    /// Probability that a sample is lost: its index is skipped.
+    pub lost_probability: f64,
+    /// Seed of noise and losses.
+    pub seed: u64,
+}
+
+field_table! { Sensors {
+    sample_rate_hz, "Hz", 1000.0, 10.0, 64000.0, Real, "Samples per second";
+    oversampling, "", 1.0, 1.0, 64.0, Whole, "Sub-samples summed into one sample";
+    metres_per_count, "m", 2.44140625e-6, -1e-2, 1e-2, Real, "Displacement per encoder count";
+    encoder_phase_count, "", 0.0, -1e6, 1e6, Real, "Where in a count the encoder stands at the start";
+    encoder_eccentricity_m, "m", 0.0, 0.0, 1e-2, Real, "Amplitude of the once-per-turn error";
+    encoder_eccentricity_phase_rad, "rad", 0.0, -10.0, 10.0, Real, "Phase of the once-per-turn error";
+    lead_m, "m", 0.010, 1e-5, 1.0, Real, "Travel per turn";
+    newtons_per_code, "N", 0.002, -1e3, 1e3, Real, "Force per code";
+    force_zero_code, "", 0.0, -8388608.0, 8388607.0, Whole, "Code at no force";
+    force_min_code, "", -8388608.0, -8388608.0, 8388607.0, Whole, "Least code of the converter";
+    force_max_code, "", 8388607.0, -8388608.0, 8388607.0, Whole, "Greatest code of the converter";
+    force_gain, "", 1.0, 1e-3, 1e3, Real, "Gain of the load cell";
+    force_offset_n, "N", 0.0, -1e5, 1e5, Real, "Offset of the load cell";
+    force_drift_n_per_s, "N/s", 0.0, -1e3, 1e3, Real, "Drift of the offset";
+    force_noise_n, "N", 0.0, 0.0, 1e4, Real, "White noise of one sample, rms";
+    delay_s, "s", 0.0, -0.1, 0.1, Real, "Delay of the force behind the position";
+    metres_per_terminal_code, "m", 1e-7, -1e-2, 1e-2, Real, "Displacement per code of the terminal sensor";
+    terminal_noise_m, "m", 0.0, 0.0, 1e-2, Real, "White noise of the terminal sensor, rms";
+    lost_probability, "", 0.0, 0.0, 0.99, Real, "Probability that a sample is lost";
+} }
+
+/// The rig of the accuracy grid, without noise: 1 kHz, 2.44 um per count (4096 counts on a 10 mm lead), 2 mN per code.
+impl Default for Sensors {
+    fn default() -> Self {
+        Self {
+            sample_rate_hz: 1000.0,
+            oversampling: 1.0,
+            metres_per_count: 2.44140625e-6,
+            encoder_phase_count: 0.0,
+            encoder_eccentricity_m: 0.0,
+            encoder_eccentricity_phase_rad: 0.0,
+            lead_m: 0.010,
+            newtons_per_code: 0.002,
+            force_zero_code: 0.0,
+            force_min_code: -8388608.0,
+            force_max_code: 8388607.0,
+            force_gain: 1.0,
+            force_offset_n: 0.0,
+            force_drift_n_per_s: 0.0,
+            force_noise_n: 0.0,
+            delay_s: 0.0,
+            metres_per_terminal_code: 1e-7,
+            terminal_noise_m: 0.0,
+            lost_probability: 0.0,
+            seed: 0,
+        }
+    }
+}
+
+impl Sensors {
+    /// Checks every value by itself and what must hold between them.
+    pub fn validate(&self) -> Result<(), PlantError> {
+        self.check_fields()?;
+        let scales = [
+            ("metres_per_count", self.metres_per_count),
+            ("newtons_per_code", self.newtons_per_code),
+            ("metres_per_terminal_code", self.metres_per_terminal_code),
+        ];
+        for (field, value) in scales {
+            if value.abs() < 1e-12 {
+                return Err(PlantError::OutOfRange { field, value, min: 1e-12, max: 1e3 });
+            }
+        }
+        let within = (self.force_min_code..=self.force_max_code).contains(&self.force_zero_code);
+        if self.force_min_code >= self.force_max_code || !within {
+            return Err(PlantError::Conflict {
+                field: "force_min_code",
+                other: "force_max_code",
+                rule: "the least code must be below the greatest, and force_zero_code between them",
+            });
+        }
+        Ok(())
+    }
+
+    /// Force per unit of [`force_code`](crate::Sample::force_code), which is a sum over the sub-samples \[N\].
+    pub fn newtons_per_sample_code(&self) -> f64 {
+        self.newtons_per_code / self.oversampling
+    }
+
+    /// Displacement per unit of [`position_count`](crate::Sample::position_count), a sum over the sub-samples \[m\].
+    pub fn metres_per_sample_count(&self) -> f64 {
+        self.metres_per_count / self.oversampling
+    }
+
+    /// Counts of the encoder, not yet wrapped.
+    pub(crate) fn count(&self, x2_m: f64) -> i64 {
+        let turn = TAU * x2_m / self.lead_m + self.encoder_eccentricity_phase_rad;
+        let wobble = if self.encoder_eccentricity_m == 0.0 { 0.0 } else { self.encoder_eccentricity_m * turn.sin() };
+        ((x2_m + wobble) / self.metres_per_count + self.encoder_phase_count).floor() as i64
+    }
+
+    /// Code of one conversion of a force that already carries its noise, and whether the converter was at a limit.
+    pub(crate) fn code(&self, cell_n: f64, t_s: f64, noise_n: f64) -> (i32, Limit) {
+        let measured = self.force_gain * cell_n + self.force_offset_n + self.force_drift_n_per_s * t_s + noise_n;
+        let code = (measured / self.newtons_per_code + self.force_zero_code).round();
+        if code <= self.force_min_code {
+            (self.force_min_code as i32, Limit::Low)
+        } else if code >= self.force_max_code {
+            (self.force_max_code as i32, Limit::High)
+        } else {
+            (code as i32, Limit::Within)
+        }
+    }
+
+    /// Code of the terminal sensor.
+    pub(crate) fn terminal_code(&self, x1_m: f64, noise_m: f64) -> i32 {
+        ((x1_m + noise_m) / self.metres_per_terminal_code).round() as i32
+    }
+}
+
+/// Whether a conversion stood at one of the converter's limits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Limit {
+    Within,
+    Low,
+    High,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn defaults_of_the_table_are_the_default() {
+        let defaults: Vec<f64> = Sensors::TABLE.iter().map(|field| field.default).collect();
+        assert_eq!(defaults, Sensors::default().values());
+        assert_eq!(Sensors::default().validate(), Ok(()));
+    }
+
+    #[test]
+    fn refusals_name_the_field() {
+        let refused = |sensors: Sensors| sensors.validate().unwrap_err().to_string();
+        assert!(refused(Sensors { metres_per_count: 0.0, ..Sensors::default() }).contains("metres_per_count"));
+        assert!(
+            refused(Sensors { oversampling: 1.5, ..Sensors::default() }).contains("oversampling: 1.5 is not a whole")
+        );
+        assert!(refused(Sensors { force_min_code: 5.0, ..Sensors::default() }).contains("force_min_code"));
+        assert!(refused(Sensors { lost_probability: f64::NAN, ..Sensors::default() }).contains("lost_probability"));
+    }
+
+    #[test]
+    fn the_encoder_floors_with_its_phase_and_error() {
+        let sensors = Sensors { metres_per_count: 1e-6, encoder_phase_count: 0.25, ..Sensors::default() };
+        assert_eq!(sensors.count(0.0), 0);
+        assert_eq!(sensors.count(0.74e-6), 0);
+        assert_eq!(sensors.count(0.76e-6), 1);
+        assert_eq!(sensors.count(-0.26e-6), -1);
+        let sensors = Sensors { encoder_eccentricity_m: 5e-6, ..sensors };
+        assert_eq!(sensors.count(0.0025), 2505);
+        assert_eq!(sensors.count(0.0075), 7495);
+    }
+
+    #[test]
+    fn the_converter_holds_to_its_limits() {
+        let sensors = Sensors {
+            newtons_per_code: 0.5,
+            force_zero_code: 2048.0,
+            force_min_code: 0.0,
+            force_max_code: 4095.0,
+            force_gain: 2.0,
+            force_offset_n: 3.0,
+            force_drift_n_per_s: 0.5,
+            ..Sensors::default()
+        };
+        assert_eq!(sensors.code(10.0, 4.0, 1.0), (2048 + 52, Limit::Within));
+        assert_eq!(sensors.code(1e6, 0.0, 0.0), (4095, Limit::High));
+        assert_eq!(sensors.code(-1e6, 0.0, 0.0), (0, Limit::Low));
+    }
+}

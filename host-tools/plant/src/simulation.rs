@@ -1,0 +1,178 @@
+//! Samples as the device would take them, with the truth beside them.
+
+use std::collections::VecDeque;
+
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{RngCore, SeedableRng};
+use rand_distr::{Distribution, StandardNormal};
+
+use crate::sensors::Limit;
+use crate::{Excitation, Parameters, Plant, PlantError, Segment, Sensors, Truth};
+
+/// One sample.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample {
+    /// Time of the sample, the mean of its sub-samples' \[s\].
+    pub t_s: f64,
+    /// Number of the sample, wrapping; a lost sample leaves its number out.
+    pub index: u32,
+    /// Encoder counts, summed over the sub-samples, wrapping.
+    pub position_count: i32,
+    /// Force codes, summed over the sub-samples. When any of them stood at a limit, the whole sum does.
+    pub force_code: i32,
+    /// Code of the terminal sensor.
+    pub terminal_code: i32,
+    /// The true state at `t_s`.
+    pub truth: Truth,
+}
+
+/// Endless samples of a device in motion; the same seeds give the same samples.
+#[derive(Clone, Debug)]
+pub struct Simulation {
+    plant: Plant,
+    sensors: Sensors,
+    oversampling: u32,
+    /// Segments from the earliest time still needed to the latest solved.
+    history: VecDeque<Segment>,
+    number: u64,
+    force_noise: ChaCha8Rng,
+    terminal_noise: ChaCha8Rng,
+    losses: ChaCha8Rng,
+}
+
+impl Simulation {
+    /// Checks device, motion and instruments.
+    pub fn new(parameters: Parameters, excitation: Excitation, sensors: Sensors) -> Result<Self, PlantError> {
+        Self::of(Plant::new(parameters, excitation)?, sensors)
+    }
+
+    /// Samples a plant that is not yet in motion.
+    pub fn of(plant: Plant, sensors: Sensors) -> Result<Self, PlantError> {
+        sensors.validate()?;
+        // One stream each, so that switching one kind of noise on leaves the others as they were.
+        let stream = |number| {
+            let mut rng = ChaCha8Rng::seed_from_u64(sensors.seed);
+            rng.set_stream(number);
+            rng
+        };
+        Ok(Self {
+            plant,
+            oversampling: sensors.oversampling as u32,
+            sensors,
+            history: VecDeque::new(),
+            number: 0,
+            force_noise: stream(0),
+            terminal_noise: stream(1),
+            losses: stream(2),
+        })
+    }
+
+    /// The instruments.
+    pub fn sensors(&self) -> &Sensors {
+        &self.sensors
+    }
+
+    /// The device and its solver.
+    pub fn plant(&self) -> &Plant {
+        &self.plant
+    }
+
+    /// The same samples up to `duration_s` \[s\]; lost ones are not made up for.
+    pub fn lasting(self, duration_s: f64) -> impl Iterator<Item = Sample> {
+        self.take_while(move |sample| sample.t_s < duration_s)
+    }
+
+    /// Solves up to and including `latest_s`, forgets what ended before `earliest_s`.
+    fn cover(&mut self, earliest_s: f64, latest_s: f64) {
+        while self.history.back().is_none_or(|segment| segment.end_s() <= latest_s) {
+            let segment = self.plant.next_segment();
+            self.history.push_back(segment);
+            // One that ended before is kept: rounding may place a time on either side of a boundary.
+            while self.history.get(1).is_some_and(|second| second.end_s() < earliest_s) {
+                self.history.pop_front();
+            }
+        }
+        while self.history.get(1).is_some_and(|second| second.end_s() < earliest_s) {
+            self.history.pop_front();
+        }
+    }
+
+    /// The segment that `t_s` lies in; `None` before the start.
+    fn segment(&self, t_s: f64) -> Option<&Segment> {
+        if t_s < 0.0 {
+            return None;
+        }
+        let after = self.history.partition_point(|segment| segment.start_s() <= t_s);
+        self.history.get(after.saturating_sub(1))
+    }
+
+    fn measure(&mut self) -> Sample {
+        let (sensors, count) = (self.sensors, self.oversampling);
+        let index = self.number as u32;
+        let start_s = self.number as f64 / sensors.sample_rate_hz;
+        let spacing_s = 1.0 / (sensors.sample_rate_hz * f64::from(count));
+        let t_s = start_s + 0.5 * f64::from(count - 1) * spacing_s;
+        let last_s = start_s + f64::from(count - 1) * spacing_s;
+        self.number += 1;
+        self.cover(start_s - sensors.delay_s.max(0.0), last_s - sensors.delay_s.min(0.0));
+
+        let structure_kg = self.plant.parameters().structure_mass_kg;
+        let noise_n = sensors.force_noise_n * f64::from(count).sqrt();
+        let (mut position, mut force, mut limit) = (0i64, 0i32, Limit::Within);
+        for k in 0..count {
+            let now_s = start_s + f64::from(k) * spacing_s;
+            let x2_m = self.segment(now_s).map_or(0.0, |segment| segment.x2_at_m(now_s));
+            position = position.wrapping_add(sensors.count(x2_m));
+
+            let then_s = now_s - sensors.delay_s;
+            let cell_n = self
+                .segment(then_s)
+                .map_or(0.0, |segment| segment.force_at_n(then_s) + structure_kg * segment.a1_at_m_per_s2(then_s));
+            let noise = if noise_n > 0.0 { noise_n * self.gaussian_force() } else { 0.0 };
+            let (code, at) = sensors.code(cell_n, now_s, noise);
+            // At most 64 codes of 24 bits: the sum fits.
+            force += code;
+            if at != Limit::Within {
+                limit = at;
+            }
+        }
+        let force_code = match limit {
+            Limit::Within => force,
+            Limit::Low => sensors.force_min_code as i32 * count as i32,
+            Limit::High => sensors.force_max_code as i32 * count as i32,
+        };
+        let truth = self.segment(t_s).map_or_else(|| self.plant.rest_at(t_s), |segment| segment.at(t_s));
+        let noise_m = if sensors.terminal_noise_m > 0.0 {
+            let normal: f64 = StandardNormal.sample(&mut self.terminal_noise);
+            sensors.terminal_noise_m * normal
+        } else {
+            0.0
+        };
+        let x1_m = self.segment(t_s).map_or(0.0, |segment| segment.x1_at_m(t_s));
+        let terminal_code = sensors.terminal_code(x1_m, noise_m);
+        Sample { t_s, index, position_count: position as i32, force_code, terminal_code, truth }
+    }
+
+    fn gaussian_force(&mut self) -> f64 {
+        StandardNormal.sample(&mut self.force_noise)
+    }
+
+    /// Whether the next sample is lost.
+    fn loses(&mut self) -> bool {
+        let p = self.sensors.lost_probability;
+        p > 0.0 && ((self.losses.next_u64() >> 11) as f64 / (1u64 << 53) as f64) < p
+    }
+}
+
+impl Iterator for Simulation {
+    type Item = Sample;
+
+    fn next(&mut self) -> Option<Sample> {
+        loop {
+            let sample = self.measure();
+            if !self.loses() {
+                return Some(sample);
+            }
+        }
+    }
+}

@@ -1,0 +1,90 @@
+//! One table per set of fields: name, unit, default, range and help are written once.
+
+/// What is known of a field apart from its value.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FieldInfo {
+    /// Name, ending in the unit where there is one.
+    pub name: &'static str,
+    /// Unit for display; empty for a plain number.
+    pub unit: &'static str,
+    /// One line for a person.
+    pub help: &'static str,
+    /// Value when nothing is said.
+    pub default: f64,
+    /// Least value accepted.
+    pub min: f64,
+    /// Greatest value accepted.
+    pub max: f64,
+    /// What else the value must be.
+    pub kind: FieldKind,
+}
+
+/// What a field's value must be besides in range.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FieldKind {
+    /// Any number.
+    Real,
+    /// A whole number.
+    Whole,
+}
+
+impl FieldInfo {
+    /// Whether `value` may stand here, apart from the other fields.
+    pub fn check(&self, value: f64) -> Result<(), crate::PlantError> {
+        let field = self.name;
+        if !value.is_finite() {
+            return Err(crate::PlantError::NotFinite { field });
+        }
+        if !(self.min..=self.max).contains(&value) {
+            return Err(crate::PlantError::OutOfRange { field, value, min: self.min, max: self.max });
+        }
+        match self.kind {
+            FieldKind::Whole if value.fract() != 0.0 => Err(crate::PlantError::NotWhole { field, value }),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// Implements the table and access by name for a struct of `f64` fields.
+macro_rules! field_table {
+    ($type:ident { $($name:ident, $unit:literal, $default:expr, $min:expr, $max:expr, $kind:ident, $help:literal;)+ }) => {
+        impl $type {
+            /// Every field that is a number: name, unit, default, range.
+            pub const TABLE: &'static [$crate::table::FieldInfo] = &[
+                $($crate::table::FieldInfo {
+                    name: stringify!($name), unit: $unit, help: $help, default: $default, min: $min, max: $max,
+                    kind: $crate::table::FieldKind::$kind,
+                },)+
+            ];
+
+            /// The values, in the order of [`TABLE`](Self::TABLE).
+            pub fn values(&self) -> Vec<f64> {
+                vec![$(self.$name),+]
+            }
+
+            /// Value of the field with this name.
+            pub fn get(&self, name: &str) -> Option<f64> {
+                match name {
+                    $(stringify!($name) => Some(self.$name),)+
+                    _ => None,
+                }
+            }
+
+            /// Replaces one value by its name, after checking it by itself.
+            pub fn set(&mut self, name: &str, value: f64) -> Result<(), $crate::PlantError> {
+                let info = Self::TABLE.iter().find(|info| info.name == name);
+                info.ok_or_else(|| $crate::PlantError::UnknownField { name: name.to_owned() })?.check(value)?;
+                match name {
+                    $(stringify!($name) => self.$name = value,)+
+                    _ => {}
+                }
+                Ok(())
+            }
+
+            fn check_fields(&self) -> Result<(), $crate::PlantError> {
+                Self::TABLE.iter().zip(self.values()).try_for_each(|(info, value)| info.check(value))
+            }
+        }
+    };
+}
+pub(crate) use field_table;

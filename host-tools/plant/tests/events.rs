@@ -1,0 +1,343 @@
+//! Stick, slip, contact and flight: located in time, energy kept, error falling with the step.
+
+use inerter_plant::{Contact, Excitation, Motion, Parameters, Plant, Segment, Tone, Truth};
+
+fn segments(device: Parameters, motion: Excitation, duration_s: f64) -> impl Iterator<Item = Segment> {
+    let mut plant = Plant::new(device, motion).unwrap();
+    std::iter::from_fn(move || {
+        let segment = plant.next_segment();
+        assert_eq!(plant.forced_steps(), 0);
+        (segment.start_s() < duration_s).then_some(segment)
+    })
+}
+
+fn runs() -> Vec<(&'static str, Parameters, Excitation, f64)> {
+    let preset = |name| Excitation::preset(name, 5).unwrap();
+    let bouncing =
+        Parameters { contact_damping_n_s_per_m: 20.0, viscous_n_s_per_m: 1.0, coulomb_n: 1.0, ..Parameters::worn() };
+    let frictionless = Parameters { coulomb_n: 0.0, ..Parameters::worn() };
+    let sticky = Parameters { coulomb_n: 300.0, ..Parameters::paper() };
+    let light = Parameters { inertance_kg: 0.05, ..Parameters::worn() };
+    vec![
+        ("paper slow", Parameters::paper(), preset("slow"), 40.0),
+        ("paper random", Parameters::paper(), preset("random"), 20.0),
+        ("worn slow", Parameters::worn(), preset("slow"), 40.0),
+        ("worn mid", Parameters::worn(), preset("mid"), 20.0),
+        ("worn fast", Parameters::worn(), preset("fast"), 20.0),
+        ("worn random", Parameters::worn(), preset("random"), 20.0),
+        ("bouncing two", bouncing, preset("two"), 20.0),
+        ("frictionless multi", frictionless, preset("multi"), 20.0),
+        ("sticky multi", sticky, preset("multi"), 20.0),
+        ("light mid", light, preset("mid"), 5.0),
+    ]
+}
+
+/// Nodes and weights of Gauss and Legendre's rule with 8 points on 0 to 1, exact to degree 15.
+const GAUSS: [(f64, f64); 8] = [
+    (0.019_855_071_751_231_884, 0.050_614_268_145_188_13),
+    (0.101_666_761_293_186_63, 0.111_190_517_226_687_24),
+    (0.237_233_795_041_835_5, 0.156_853_322_938_943_64),
+    (0.408_282_678_752_175_1, 0.181_341_891_689_181),
+    (0.591_717_321_247_825, 0.181_341_891_689_181),
+    (0.762_766_204_958_164_5, 0.156_853_322_938_943_64),
+    (0.898_333_238_706_813_4, 0.111_190_517_226_687_24),
+    (0.980_144_928_248_768_1, 0.050_614_268_145_188_13),
+];
+
+/// Energy in the turning parts and in the spring \[J\].
+fn stored_j(p: &Parameters, t: &Truth) -> f64 {
+    let squeeze = match t.contact {
+        Contact::Flight => 0.0,
+        Contact::Closed => t.x1_m - t.x2_m,
+        Contact::Positive => t.x1_m - t.x2_m - 0.5 * p.backlash_m,
+        Contact::Negative => t.x1_m - t.x2_m + 0.5 * p.backlash_m,
+    };
+    0.5 * p.inertance_kg * t.v2_m_per_s.powi(2) + 0.5 * p.stiffness_n_per_m * squeeze.powi(2)
+}
+
+#[test]
+fn energy_is_kept_through_every_event() {
+    for (name, device, motion, duration_s) in runs() {
+        let (mut work, mut taken, mut traffic, mut stored, mut worst) = (0.0, 0.0, 0.0, 0.0, 0.0f64);
+        let mut changes = 0;
+        for segment in segments(device, motion, duration_s) {
+            for (place, weight) in GAUSS {
+                let t = segment.at_fraction(place);
+                let dt = weight * segment.duration_s();
+                let rate = if t.contact == Contact::Flight { 0.0 } else { t.v1_m_per_s - t.v2_m_per_s };
+                work += t.force_n * t.v1_m_per_s * dt;
+                traffic += (t.force_n * t.v1_m_per_s).abs() * dt;
+                taken += dt
+                    * (device.viscous_n_s_per_m * t.v2_m_per_s.powi(2)
+                        + device.coulomb_n * t.v2_m_per_s.abs()
+                        + device.contact_damping_n_s_per_m * rate.powi(2));
+            }
+            let (first, last) = (segment.at_fraction(0.0), segment.at_fraction(1.0));
+            // No jump from one segment to the next either.
+            worst = worst.max((stored_j(&device, &first) - stored).abs());
+            stored = stored_j(&device, &last);
+            worst = worst.max((work - taken - stored).abs());
+            changes += 1;
+        }
+        assert!((work + taken + stored).is_finite());
+        println!("{name}: {changes} segments, {traffic:.3} J moved, off by {:.1e} of it", worst / traffic);
+        assert!(worst < 1e-9 * traffic, "{name}: {:.1e}", worst / traffic);
+    }
+}
+
+#[test]
+fn every_state_is_what_its_mode_says() {
+    for (name, device, motion, duration_s) in runs() {
+        let half_gap = 0.5 * device.backlash_m;
+        let (mut stuck, mut flight, mut contact) = (0, 0, 0);
+        let mut before: Option<Truth> = None;
+        for segment in segments(device, motion, duration_s) {
+            let first = segment.at_fraction(0.0);
+            if let Some(before) = before {
+                assert!(
+                    (first.x2_m - before.x2_m).abs() < 1e-16 && (first.v2_m_per_s - before.v2_m_per_s).abs() < 1e-11
+                );
+                if first.motion == Motion::Stuck && before.motion == Motion::Stuck {
+                    assert_eq!(first.x2_m, before.x2_m, "{name}: stuck means it does not move at all");
+                }
+            }
+            before = Some(segment.at_fraction(1.0));
+            for k in 0..=4 {
+                let t = segment.at_fraction(f64::from(k) / 4.0);
+                let d = t.x1_m - t.x2_m;
+                match t.contact {
+                    Contact::Positive => assert!(d > half_gap - 1e-15),
+                    Contact::Negative => assert!(d < -half_gap + 1e-15),
+                    Contact::Flight => assert!(d.abs() < half_gap + 1e-15 && t.force_n == 0.0),
+                    Contact::Closed => assert_eq!(half_gap, 0.0),
+                }
+                match t.motion {
+                    Motion::Stuck if device.coulomb_n > 0.0 => {
+                        assert!(t.force_n.abs() <= device.coulomb_n * (1.0 + 1e-10), "{name}: {t:?}");
+                        assert_eq!((t.v2_m_per_s, t.a2_m_per_s2), (0.0, 0.0));
+                        stuck += 1;
+                    }
+                    Motion::Stuck => {}
+                    Motion::Forward => assert!(t.v2_m_per_s >= -1e-13),
+                    Motion::Backward => assert!(t.v2_m_per_s <= 1e-13),
+                }
+                if t.contact == Contact::Flight {
+                    flight += 1
+                } else {
+                    contact += 1
+                }
+                // The equation of motion itself.
+                let sign = match t.motion {
+                    Motion::Forward => 1.0,
+                    Motion::Backward => -1.0,
+                    Motion::Stuck => continue,
+                };
+                let rest = device.inertance_kg * t.a2_m_per_s2
+                    + device.viscous_n_s_per_m * t.v2_m_per_s
+                    + device.coulomb_n * sign
+                    - t.force_n;
+                let scale = device.coulomb_n + t.force_n.abs() + device.inertance_kg * t.a2_m_per_s2.abs();
+                assert!(rest.abs() <= 1e-6 * scale, "{name}: {rest:.1e} of {scale}");
+            }
+        }
+        println!("{name}: {stuck} stuck, {flight} in flight, {contact} in contact");
+        assert_eq!(stuck > 0, device.coulomb_n > 0.0, "{name}");
+        assert_eq!(flight > 0, device.backlash_m > 0.0, "{name}");
+    }
+}
+
+/// Where a function that rises through zero does so.
+fn bisect(mut low: f64, mut high: f64, f: impl Fn(f64) -> f64) -> f64 {
+    for _ in 0..200 {
+        let middle = 0.5 * (low + high);
+        if f(middle) < 0.0 { low = middle } else { high = middle }
+    }
+    high
+}
+
+#[test]
+fn the_first_slip_and_the_first_contact_are_on_time() {
+    // Stuck at zero, the force is ks x1 + cs x1': it frees the screw at fc.
+    let device = Parameters::paper();
+    let motion = Excitation::sine(3.2, 4.16e-3);
+    let expected = bisect(0.0, 0.1, |t| {
+        let x1 = motion.at(t);
+        device.stiffness_n_per_m * x1.x_m + device.contact_damping_n_s_per_m * x1.v_m_per_s - device.coulomb_n
+    });
+    let slip = segments(device, motion.clone(), 1.0).find(|segment| segment.at_fraction(0.5).motion != Motion::Stuck);
+    let slip = slip.unwrap().start_s();
+    println!("first slip at {expected} s, off by {:.1e} s", slip - expected);
+    assert!((slip - expected).abs() < 1e-12);
+
+    // Stuck at zero in the middle of the gap, the flanks meet at half of it.
+    let device = Parameters { coulomb_n: 1000.0, ..Parameters::worn() };
+    let expected = bisect(0.0, 0.1, |t| motion.at(t).x_m - 0.5e-4);
+    let meeting =
+        segments(device, motion.clone(), 1.0).find(|segment| segment.at_fraction(0.5).contact == Contact::Positive);
+    let meeting = meeting.unwrap();
+    println!("first contact at {expected} s, off by {:.1e} s", meeting.start_s() - expected);
+    assert!((meeting.start_s() - expected).abs() < 1e-12);
+    // The force starts with the damper's.
+    let jump = device.contact_damping_n_s_per_m * motion.at(expected).v_m_per_s;
+    assert!((meeting.at_fraction(0.0).force_n - jump).abs() < 1e-7);
+    assert_eq!(meeting.at_fraction(0.0).motion, Motion::Stuck);
+
+    // The same meeting frees the screw at once where friction is less than the jump.
+    let device = Parameters { coulomb_n: 0.5 * jump, ..device };
+    let meeting = segments(device, motion, 1.0).find(|segment| segment.at_fraction(0.5).contact == Contact::Positive);
+    assert_eq!(meeting.unwrap().at_fraction(0.5).motion, Motion::Forward);
+}
+
+#[test]
+fn coasting_through_the_gap_follows_its_formula() {
+    let device = Parameters::worn();
+    let (m, cf, fc) = (device.inertance_kg, device.viscous_n_s_per_m, device.coulomb_n);
+    let mut seen = 0;
+    for segment in segments(device, Excitation::preset("mid", 0).unwrap(), 10.0) {
+        let (first, last) = (segment.at_fraction(0.0), segment.at_fraction(1.0));
+        if first.contact == Contact::Flight && first.motion == Motion::Forward {
+            let v = (first.v2_m_per_s + fc / cf) * (-cf / m * segment.duration_s()).exp() - fc / cf;
+            assert!((v - last.v2_m_per_s).abs() < 1e-14);
+            seen += 1;
+        }
+    }
+    assert!(seen > 100);
+}
+
+#[test]
+fn the_error_falls_with_the_sixth_power_of_the_step() {
+    // Coarser steps than the plant would choose: at its own the error is rounding.
+    let motion = || Excitation::tones(vec![Tone::new(0.8, 8e-3), Tone::new(6.4, 0.8e-3)]).with_ramp(1.0);
+    for (name, device) in [
+        ("stick and slip", Parameters { coulomb_n: 400.0, ..Parameters::paper() }),
+        ("contact and flight", Parameters::worn()),
+    ] {
+        let at = |step_s: f64| -> (Vec<Truth>, usize) {
+            let mut plant = Plant::with_step(device, motion(), step_s).unwrap();
+            let mut states = Vec::new();
+            let (mut changes, mut mode) = (0, None);
+            // Times that are on no step's grid.
+            let mut times = (1..40).map(|k| 0.104_7 * f64::from(k)).peekable();
+            while let Some(&t) = times.peek() {
+                let segment = plant.next_segment();
+                let here = segment.at_fraction(0.5);
+                if mode.replace((here.motion, here.contact)) != Some((here.motion, here.contact)) {
+                    changes += 1;
+                }
+                let mut t = t;
+                while t < segment.end_s() {
+                    states.push(segment.at(t));
+                    times.next();
+                    match times.peek() {
+                        Some(&next) => t = next,
+                        None => break,
+                    }
+                }
+            }
+            (states, changes)
+        };
+        let (exact, changes) = at(2.5e-4);
+        let size = exact.iter().fold(0.0f64, |top, t| top.max(t.x2_m.abs()));
+        let errors: Vec<f64> = [16e-3, 8e-3, 4e-3, 2e-3, 1e-3]
+            .into_iter()
+            .map(|step_s| {
+                let (states, _) = at(step_s);
+                assert_eq!(states.len(), exact.len());
+                states.iter().zip(&exact).fold(0.0f64, |top, (a, b)| top.max((a.x2_m - b.x2_m).abs())) / size
+            })
+            .collect();
+        let orders: Vec<f64> = errors.windows(2).map(|pair| (pair[0] / pair[1]).log2()).collect();
+        let shown: Vec<String> = errors.iter().map(|error| format!("{error:.1e}")).collect();
+        println!("{name}: {changes} changes of mode, errors {shown:?}, orders {orders:.1?}");
+        assert!(changes > 30, "{changes}");
+        assert!(orders[0] > 5.0 && orders[1] > 5.0, "{orders:?}");
+        assert!(errors[4] < 1e-9);
+    }
+}
+
+/// An unrelated solver: short steps of the midpoint rule, modes decided after each. First order at events.
+fn brute_force(p: &Parameters, motion: &Excitation, duration_s: f64, step_s: f64, mut see: impl FnMut(f64, f64)) {
+    let half_gap = 0.5 * p.backlash_m;
+    let force = |t: f64, x2: f64, v2: f64| {
+        let x1 = motion.at(t);
+        let d = x1.x_m - x2;
+        if p.backlash_m > 0.0 && d.abs() <= half_gap {
+            return 0.0;
+        }
+        let relaxed = if p.backlash_m > 0.0 { half_gap.copysign(d) } else { 0.0 };
+        p.stiffness_n_per_m * (d - relaxed) + p.contact_damping_n_s_per_m * (x1.v_m_per_s - v2)
+    };
+    let (mut x2, mut v2) = (0.0f64, 0.0f64);
+    let steps = (duration_s / step_s) as u64;
+    for k in 0..steps {
+        let t = k as f64 * step_s;
+        let here = force(t, x2, v2);
+        see(t, x2);
+        let direction = if v2 != 0.0 {
+            v2.signum()
+        } else if here.abs() > p.coulomb_n {
+            here.signum()
+        } else {
+            0.0
+        };
+        if direction == 0.0 {
+            continue;
+        }
+        let a =
+            |t, x2, v2: f64| (force(t, x2, v2) - p.viscous_n_s_per_m * v2 - p.coulomb_n * direction) / p.inertance_kg;
+        let half = 0.5 * step_s;
+        let (vm, am) = (v2 + half * a(t, x2, v2), a(t + half, x2 + half * v2, v2 + half * a(t, x2, v2)));
+        x2 += step_s * vm;
+        let next = v2 + step_s * am;
+        v2 = if next * direction < 0.0 { 0.0 } else { next };
+    }
+}
+
+#[test]
+fn an_unrelated_solver_comes_closer_with_its_step() {
+    for (name, device, motion) in [
+        ("paper", Parameters::paper(), Excitation::sine(0.5, 5e-3)),
+        ("worn", Parameters::worn(), Excitation::preset("two", 0).unwrap()),
+    ] {
+        let apart = |step_s: f64| {
+            let mut rows = segments(device, motion.clone(), 3.0);
+            let mut current = rows.next().unwrap();
+            let (mut count, mut worst) = (0u32, 0.0f64);
+            brute_force(&device, &motion, 2.0, step_s, |t, x2| {
+                while current.end_s() <= t {
+                    current = rows.next().unwrap();
+                }
+                count += 1;
+                if count.is_multiple_of(100) {
+                    worst = worst.max((x2 - current.at(t).x2_m).abs());
+                }
+            });
+            worst
+        };
+        let (coarse, fine) = (apart(8e-6), apart(1e-6));
+        println!("{name}: {coarse:.1e} m apart at 8 us, {fine:.1e} m at 1 us");
+        assert!(coarse < 2e-6 && fine < 0.25 * coarse, "{name}: {coarse:.1e} {fine:.1e}");
+    }
+}
+
+#[test]
+fn grazing_is_neither_missed_nor_repeated() {
+    let amplitude_m = 1e-4;
+    for scale in [1.0 - 1e-9, 1.0 - 1e-15, 1.0, 1.0 + 1e-15, 1.0 + 1e-9] {
+        // The force comes to the Coulomb force and turns back.
+        let force_n = Parameters::paper().stiffness_n_per_m * amplitude_m;
+        let at_slip = Parameters { coulomb_n: force_n * scale, contact_damping_n_s_per_m: 0.0, ..Parameters::paper() };
+        // The flanks come together and part again.
+        let at_contact = Parameters { backlash_m: 2.0 * amplitude_m * scale, coulomb_n: 1e3, ..Parameters::paper() };
+        for device in [at_slip, at_contact] {
+            let rows: Vec<Segment> = segments(device, Excitation::sine(3.2, amplitude_m), 5.0).collect();
+            assert!(rows.len() < 5500, "{}", rows.len());
+            let moved = rows.iter().fold(0.0f64, |top, row| top.max(row.at_fraction(1.0).x2_m.abs()));
+            assert!(moved < 1e-9, "{scale} {moved}");
+            let touched = rows.iter().any(|row| row.at_fraction(0.5).contact == Contact::Positive);
+            if device == at_contact && (scale - 1.0).abs() > 1e-10 {
+                assert_eq!(touched, scale < 1.0);
+            }
+        }
+    }
+}

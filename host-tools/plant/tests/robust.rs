@@ -1,0 +1,68 @@
+//! Whatever is accepted is simulated: no NaN, no standstill, no time moved on by force.
+
+use inerter_plant::{Excitation, Parameters, Sensors, Simulation};
+use proptest::prelude::*;
+
+/// Even over the decades between two values, or zero.
+fn decades(low: f64, high: f64) -> impl Strategy<Value = f64> {
+    prop_oneof![4 => (low.ln()..high.ln()).prop_map(f64::exp), 1 => Just(0.0)]
+}
+
+fn device() -> impl Strategy<Value = Parameters> {
+    (
+        (-2.0f64..5.0),
+        decades(1e-2, 1e5),
+        decades(1e-2, 1e4),
+        (2.0f64..10.0),
+        decades(1e-2, 1e6),
+        decades(1e-6, 1e-2),
+        decades(1e-2, 1e2),
+    )
+        .prop_map(|(inertance, viscous, coulomb, stiffness, damping, backlash, structure)| Parameters {
+            inertance_kg: 10f64.powf(inertance),
+            viscous_n_s_per_m: viscous,
+            coulomb_n: coulomb,
+            stiffness_n_per_m: 10f64.powf(stiffness),
+            contact_damping_n_s_per_m: damping,
+            backlash_m: backlash,
+            structure_mass_kg: structure,
+        })
+        .prop_filter("slow enough to be followed", |device| device.validate().is_ok())
+}
+
+fn motion() -> impl Strategy<Value = Excitation> {
+    let frequency = || (-1.0f64..2.0).prop_map(|f| 10f64.powf(f));
+    prop_oneof![
+        (frequency(), decades(1e-6, 1e-1)).prop_map(|(f, a)| Excitation::sine(f, a)),
+        any::<u64>().prop_map(|seed| Excitation::random(0.5, 15.0, 20e-3, seed)),
+        any::<u64>().prop_map(|seed| Excitation::multisine(0.5, 30.0, 20e-3, seed)),
+        frequency().prop_map(|f| Excitation::chirp(f, 2.0 * f, 5e-3, 0.1)),
+        (frequency(), 0.02f64..0.2, 2e-3f64..0.1).prop_map(|(f, t, ramp)| Excitation::sequence([
+            Excitation::sine(f, 1e-3).lasting(t),
+            Excitation::hold().lasting(0.05),
+            Excitation::sine(2.0 * f, 1e-3),
+        ])
+        .with_ramp(ramp)),
+        Just(Excitation::hold()),
+    ]
+}
+
+fn cases() -> ProptestConfig {
+    let cases = std::env::var("INERTER_PLANT_CASES").ok().and_then(|text| text.parse().ok()).unwrap_or(300);
+    ProptestConfig { cases, failure_persistence: None, ..ProptestConfig::default() }
+}
+
+proptest! {
+    #![proptest_config(cases())]
+    #[test]
+    fn every_valid_device_runs(device in device(), motion in motion(), oversampling in 1u8..4, delay_s in -5e-3f64..5e-3) {
+        let sensors = Sensors { oversampling: f64::from(oversampling), delay_s, force_noise_n: 1.0, ..Sensors::default() };
+        let mut simulation = Simulation::new(device, motion, sensors).unwrap();
+        for sample in simulation.by_ref().take(300) {
+            let t = sample.truth;
+            let sum = t.x1_m + t.v1_m_per_s + t.a1_m_per_s2 + t.x2_m + t.v2_m_per_s + t.a2_m_per_s2 + t.force_n;
+            prop_assert!(sum.is_finite(), "{t:?}");
+        }
+        prop_assert_eq!(simulation.plant().forced_steps(), 0);
+    }
+}
