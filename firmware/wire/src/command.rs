@@ -1,0 +1,54 @@
+//! What a host asks of a device.
+
+use crate::protocol::messages;
+use crate::{Samples, SettingsValues};
+use serde::{Deserialize, Serialize};
+
+/// A command with the number that its reply will carry.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Request {
+    /// Chosen by the host; comes back in [`Reply::id`](crate::Reply::id).
+    pub id: u16,
+    /// What to do.
+    pub command: Command,
+}
+
+messages! {
+    /// What a device can be asked to do. Every command gets exactly one [`Reply`](crate::Reply).
+    #[allow(clippy::large_enum_variant, reason = "without an allocator a box is not to be had")]
+    enum Command {
+        0 Hello "Send the Hello record.";
+        1 ReadSettings "Send the Settings record with every setting in use.";
+        2 WriteSettings(SettingsValues) "Check the values together with those in use, then put all of them in use between two samples, or none.";
+        3 SaveSettings "Keep the settings in use over a restart.";
+        4 Tare "Take the present force as zero: sets force_zero_code.";
+        5 Streams(Streams) "Choose which records are sent unasked.";
+        6 ResetEstimator "Forget all motion seen so far.";
+        7 Start "Let the device's own sampler run; ends an injection.";
+        8 Stop "Halt the device's own sampler.";
+        9 Inject(Samples) "Feed these samples to the estimator; the first batch takes the sampler's place and resets the estimator.";
+        10 InjectEnd "Reply once every injected sample has gone through the estimator and a final Estimate is out.";
+        11 EnterDfu "Restart into the chip's firmware update mode.";
+        12 Reboot "Restart.";
+    }
+}
+
+/// Which records a device sends unasked.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Streams {
+    /// `Samples`: every raw sample.
+    pub samples: bool,
+    /// `Estimate` at the publish rate.
+    pub estimates: bool,
+    /// `Sums` at the publish rate.
+    pub sums: bool,
+    /// `Health` once a second.
+    pub health: bool,
+}
+
+impl Streams {
+    /// Everything.
+    pub const ALL: Self = Self { samples: true, estimates: true, sums: true, health: true };
+    /// Nothing but replies and events.
+    pub const NONE: Self = Self { samples: false, estimates: false, sums: false, health: false };
+}

@@ -1,0 +1,40 @@
+//! Records and commands of the inerter's stream, to bytes and back.
+//!
+//! A *record* goes from device to host, a *request* (a command with an id) from host to device. Each travels alone in
+//! a *frame*: `COBS(payload ++ sequence ++ CRC-32)` and one zero byte, where the payload is the postcard form of
+//! [`Record`] or [`Request`]. `docs/PROTOCOL.md` is the specification and is checked against this crate.
+//!
+//! - [`encode_record`], [`encode_request`]: a value to a frame; [`SequenceCounter`] numbers them.
+//! - [`FrameReader`]: bytes in any portions to values, losses and faults; finds its footing again after anything.
+//! - [`Samples`], [`SamplesBuilder`]: batches of raw samples in few bytes.
+//! - [`SettingsValues`]: settings as numbered values, so that old and new ends understand each other.
+//! - [`catalogue`]: name, label, symbol and unit of every number that a view can show.
+//! - [`protocol`]: the tables of records and commands that the documents are made from.
+//!
+//! Nothing that arrives can panic or allocate. A frame that is damaged anywhere is dropped and counted.
+#![no_std]
+#![forbid(unsafe_code)]
+
+pub mod catalogue;
+mod command;
+mod frame;
+pub mod protocol;
+mod record;
+mod samples;
+mod settings;
+
+pub use command::{Command, Request, Streams};
+pub use frame::{
+    Corruption, Counts, DELIMITER, EncodeError, Frame, FrameReader, MAX_FRAME, MAX_PAYLOAD, Message, Peek,
+    SequenceCounter, encode, encode_record, encode_request,
+};
+pub use record::{
+    Capabilities, ClockSource, Done, Event, EventKind, Fault, Health, Hello, Record, Refusal, Reply, SettingFault,
+    Source, Text,
+};
+pub use samples::{DecodeError, Full, Iter, Samples, SamplesBuilder};
+pub use settings::{MAX_SETTINGS, Reading, SettingValue, SettingsValues};
+
+/// Version of the numbers and layouts in this crate. It changes only when an existing one changes its meaning;
+/// what is added at the end of a list leaves it alone.
+pub const WIRE_VERSION: u16 = 1;

@@ -1,0 +1,349 @@
+//! What a device tells a host.
+
+use crate::protocol::messages;
+use crate::{Samples, SettingsValues};
+use core::fmt;
+use inerter_core::{Estimate, Settings, SettingsError, Sums};
+use serde::{Deserialize, Serialize};
+
+messages! {
+    /// Everything a device sends.
+    #[allow(clippy::large_enum_variant, reason = "without an allocator a box is not to be had")]
+    enum Record {
+        0 Hello(Hello) "Who the device is and which wire version it speaks; on Command::Hello and after a start.";
+        1 Samples(Samples) "Raw samples, up to 32, with their sample counter.";
+        2 Estimate(Estimate) "Inertance and friction with their intervals, at the publish rate.";
+        3 Health(Health) "Losses, load and head room, once a second.";
+        4 Event(Event) "Something happened once.";
+        5 Reply(Reply) "Answer to one request.";
+        6 Settings(SettingsValues) "Every setting in use, on Command::ReadSettings and after a change.";
+        7 Sums(Sums) "Whole-run sums of one bank: sufficient statistics, exact; both banks, once a second of samples.";
+    }
+}
+
+/// Short text of at most `N` bytes of UTF-8.
+///
+/// [`text`](Hello::text) cuts what is too long.
+pub type Text<const N: usize> = heapless::String<N>;
+
+/// Who the device is.
+///
+/// `wire_version` stays the first field of record 0 in every version, so that any reader can name it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Hello {
+    /// Wire version that the device speaks.
+    pub wire_version: u16,
+    /// Firmware name and version.
+    pub firmware: Text<32>,
+    /// Commit that the firmware was built from.
+    pub git: Text<16>,
+    /// Board.
+    pub board: Text<24>,
+    /// Serial number, unique per device.
+    pub serial: Text<24>,
+    /// Samples per second of the device's clock (Hz).
+    pub sample_rate_hz: f64,
+    /// What the sample clock runs from.
+    pub clock: ClockSource,
+    /// What the device can do.
+    pub capabilities: Capabilities,
+}
+
+impl Hello {
+    /// `source` as text of at most `N` bytes, cut at a character's edge.
+    pub fn text<const N: usize>(source: &str) -> Text<N> {
+        let mut text = Text::new();
+        for letter in source.chars() {
+            if text.push(letter).is_err() {
+                break;
+            }
+        }
+        text
+    }
+}
+
+/// What the sample clock runs from. Its error enters the inertance twice.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum ClockSource {
+    /// The chip's own oscillator, about 1 %: no claim on the inertance.
+    Internal,
+    /// Quartz, about 50 ppm.
+    Crystal,
+    /// A clock fed in from outside.
+    External,
+    /// No clock: samples come from a simulation or a file.
+    Simulated,
+}
+
+/// What a device can do, as a set of bits.
+///
+/// Bits that a reader does not know are kept and mean nothing to it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Capabilities(pub u32);
+
+impl Capabilities {
+    /// None of them.
+    pub const NONE: Self = Self(0);
+    /// Has a sampler of its own (`Start`, `Stop`).
+    pub const SAMPLER: Self = Self(1 << 0);
+    /// Takes samples over the link (`Inject`, `InjectEnd`).
+    pub const INJECT: Self = Self(1 << 1);
+    /// Measures the terminal displacement with its own sensor.
+    pub const TERMINAL: Self = Self(1 << 2);
+    /// Keeps settings over a restart (`SaveSettings`).
+    pub const STORE: Self = Self(1 << 3);
+    /// Enters the chip's update mode on command (`EnterDfu`).
+    pub const DFU: Self = Self(1 << 4);
+    /// Restarts on command (`Reboot`).
+    pub const REBOOT: Self = Self(1 << 5);
+    /// Streams the estimator's sums.
+    pub const SUMS: Self = Self(1 << 6);
+
+    /// Both sets together.
+    pub const fn with(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+
+    /// Whether all of `other` is in this set.
+    pub const fn contains(self, other: Self) -> bool {
+        self.0 & other.0 == other.0
+    }
+}
+
+/// How the device is doing. Counters run since its start and stop at their greatest value.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Health {
+    /// Index of the latest sample.
+    pub index: u32,
+    /// Time since the start (s).
+    pub uptime_s: u32,
+    /// Frames that the device could not get rid of; each left a hole in the sequence.
+    pub dropped_frames: u32,
+    /// Frames that arrived damaged or not understood.
+    pub bad_frames: u32,
+    /// Samples missing in the gaps of the sample counter.
+    pub lost_samples: u64,
+    /// Gaps in the sample counter.
+    pub gaps: u32,
+    /// Times the sampler was overtaken by its own hardware.
+    pub overruns: u32,
+    /// Samples left out as saturated.
+    pub saturated: u32,
+    /// Share of time that the processor worked (1/1000), where the device knows.
+    pub cpu_load_permille: Option<u16>,
+    /// Stack never used so far (bytes), where the device knows.
+    pub stack_free_bytes: Option<u32>,
+    /// Temperature of the chip (degrees Celsius), where the device knows.
+    pub temperature_c: Option<f32>,
+}
+
+/// Something that happened once.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Event {
+    /// Index of the latest sample when it happened.
+    pub index: u32,
+    /// What happened.
+    pub kind: EventKind,
+}
+
+/// What happened. New kinds go at the end.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum EventKind {
+    /// The device has just started. Its stream begins with a Hello, sequence 0, and this.
+    Started,
+    /// The source has no more samples: the file ended, or `InjectEnd` is done.
+    SourceEnded,
+    /// The estimator forgot everything.
+    EstimatorReset,
+    /// Other settings are in use; a `Settings` record follows.
+    SettingsChanged,
+    /// Samples come from elsewhere now.
+    SourceChanged(Source),
+    /// Something is wrong, and the device goes on.
+    Fault(Fault),
+    /// The run before this one ended in a panic with this message.
+    Panicked(Text<96>),
+}
+
+/// Where samples come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Source {
+    /// Nowhere: the sampler is halted.
+    Stopped,
+    /// The device's own sampler.
+    Sampler,
+    /// The link, by `Inject`.
+    Link,
+}
+
+/// What is wrong with a device. New ones go at the end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Fault {
+    /// The sampler lost samples to its own hardware.
+    SamplerOverrun,
+    /// The sampler's source cannot be read.
+    SourceUnreadable,
+    /// The settings store cannot be read or written.
+    Store,
+    /// The saved settings are not valid; the defaults are in use.
+    SavedSettings,
+    /// The watchdog ended the run before this one.
+    Watchdog,
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::SamplerOverrun => "the sampler lost samples: lower the sample rate",
+            Self::SourceUnreadable => "the source of samples cannot be read: check the sensor or the file",
+            Self::Store => "the settings store cannot be read or written: settings will not outlive a restart",
+            Self::SavedSettings => {
+                "the saved settings are not valid, the defaults are in use: write and save them again"
+            }
+            Self::Watchdog => "the device hung and was restarted by its watchdog: please report it",
+        })
+    }
+}
+
+/// The answer to one request.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Reply {
+    /// The request's id.
+    pub id: u16,
+    /// What came of it.
+    pub result: Result<Done, Refusal>,
+}
+
+/// What a request achieved. New ones go at the end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Done {
+    /// Done, nothing to add.
+    Plain,
+    /// Injected samples were taken.
+    Injected {
+        /// Samples taken since the first `Inject`, wrapping at 2^32.
+        accepted: u32,
+        /// Samples that can be sent at once now without being refused.
+        free: u16,
+    },
+}
+
+/// Why a request was refused; nothing was changed. New ones go at the end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Refusal {
+    /// This device does not know the command or cannot do it.
+    Unsupported,
+    /// Not now: something else is under way.
+    Busy,
+    /// The injected batch does not fit; none of it was taken.
+    QueueFull {
+        /// Samples taken since the first `Inject`, wrapping at 2^32.
+        accepted: u32,
+        /// Samples that would fit now.
+        free: u16,
+    },
+    /// A setting's value.
+    BadSetting {
+        /// Number of the setting.
+        number: u8,
+        /// What is wrong with it.
+        fault: SettingFault,
+    },
+    /// The injected batch is not decodable; none of it was taken.
+    BadSamples,
+    /// `InjectEnd` without an `Inject` before.
+    NotInjecting,
+    /// The settings store failed.
+    Store,
+    /// No samples come in, so there is nothing to measure.
+    NoSamples,
+}
+
+/// What is wrong with a setting's value.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum SettingFault {
+    /// This device has no setting of this number.
+    Unknown,
+    /// The value is NaN or infinite.
+    NotFinite,
+    /// The value lies outside the setting's range.
+    OutOfRange,
+    /// The value must be a whole number.
+    NotWhole,
+    /// The value must not be zero.
+    Zero,
+    /// The value contradicts the setting of this number.
+    Conflict(u8),
+    /// The setting occurs twice in one request.
+    Repeated,
+}
+
+impl Refusal {
+    /// The refusal that names the setting of `error`, or `number` where the error knows none.
+    pub fn of_setting(error: &SettingsError, number: u8) -> Self {
+        let place = |name| Settings::find(name).and_then(|place| u8::try_from(place).ok());
+        let (field, fault) = match *error {
+            SettingsError::Unknown => (None, SettingFault::Unknown),
+            SettingsError::NotFinite { field } => (Some(field), SettingFault::NotFinite),
+            SettingsError::OutOfRange { field, .. } => (Some(field), SettingFault::OutOfRange),
+            SettingsError::NotWhole { field, .. } => (Some(field), SettingFault::NotWhole),
+            SettingsError::Zero { field } => (Some(field), SettingFault::Zero),
+            SettingsError::Conflict { field, other, .. } => {
+                (Some(field), place(other).map_or(SettingFault::OutOfRange, SettingFault::Conflict))
+            }
+        };
+        Self::BadSetting { number: field.and_then(place).unwrap_or(number), fault }
+    }
+}
+
+/// The setting's name, for a person.
+struct SettingName(u8);
+
+impl fmt::Display for SettingName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match Settings::TABLE.get(usize::from(self.0)) {
+            Some(info) => f.write_str(info.name),
+            None => write!(f, "setting number {}", self.0),
+        }
+    }
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::Unsupported => {
+                f.write_str("this device cannot do that: see its capabilities, or update its firmware")
+            }
+            Self::Busy => f.write_str("the device is busy: try again"),
+            Self::QueueFull { free, .. } => write!(f, "the device has room for {free} samples: send fewer"),
+            Self::BadSetting { number, fault } => {
+                write!(f, "{}: ", SettingName(number))?;
+                let info = Settings::TABLE.get(usize::from(number));
+                match (fault, info) {
+                    (SettingFault::Unknown, _) => f.write_str("the device has no such setting: update its firmware"),
+                    (SettingFault::NotFinite, _) => f.write_str("the value is not a finite number"),
+                    (SettingFault::OutOfRange, Some(info)) => {
+                        write!(f, "the value is outside {} to {}", info.min, info.max)
+                    }
+                    (SettingFault::OutOfRange, None) => f.write_str("the value is outside its range"),
+                    (SettingFault::NotWhole, _) => f.write_str("the value must be a whole number"),
+                    (SettingFault::Zero, _) => f.write_str("the value must not be zero"),
+                    (SettingFault::Conflict(other), _) => {
+                        write!(f, "the value contradicts {}: change one of the two", SettingName(other))
+                    }
+                    (SettingFault::Repeated, _) => f.write_str("given twice: give it once"),
+                }
+            }
+            Self::BadSamples => {
+                f.write_str("the samples arrived in a form that the device cannot read: update one of the two ends")
+            }
+            Self::NotInjecting => f.write_str("nothing was injected: send samples first"),
+            Self::Store => {
+                f.write_str("the device cannot write its settings store: the settings hold until it restarts")
+            }
+            Self::NoSamples => f.write_str("no samples come in: start the sampler first"),
+        }
+    }
+}
+
+impl core::error::Error for Refusal {}

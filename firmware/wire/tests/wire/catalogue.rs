@@ -1,0 +1,94 @@
+//! The catalogue against the types that it describes.
+
+use crate::specification::fields_of;
+use crate::values::{estimate, health};
+use inerter_core::{Estimate, Parameters, RawSample, Settings};
+use inerter_wire::catalogue::{FIELDS, Field, Group, fields, find};
+use inerter_wire::{Health, catalogue};
+use std::collections::BTreeSet;
+
+fn paths(group: Group) -> Vec<&'static str> {
+    fields(group).map(|field| field.path).collect()
+}
+
+/// Every field of every type is in the catalogue, by its name and in its order.
+#[test]
+fn covers_the_types() {
+    assert_eq!(paths(Group::Parameter), fields_of::<Parameters>("Parameters"));
+    assert_eq!(paths(Group::Sample), fields_of::<RawSample>("RawSample"));
+    assert_eq!(paths(Group::Health), fields_of::<Health>("Health"));
+    let mut plain = fields_of::<Estimate>("Estimate");
+    plain.retain(|name| name != "recent" && name != "whole_run");
+    assert_eq!(paths(Group::Estimate), plain);
+}
+
+#[test]
+fn words_are_fit_to_show() {
+    let mut seen = BTreeSet::new();
+    for Field { group, path, label, symbol, unit } in FIELDS.iter().copied() {
+        assert!(seen.insert((format!("{group:?}"), path)), "{path} twice");
+        assert!(!label.is_empty() && label.len() <= 40, "{path}");
+        assert!(label.starts_with(char::is_uppercase), "{path}");
+        let suffix = match unit {
+            "kg" => "_kg",
+            "N s/m" => "_n_s_per_m",
+            "N" => "_n",
+            "m" => "_m",
+            "s" => "_s",
+            "1/1000" => "_permille",
+            "bytes" => "_bytes",
+            "°C" => "_c",
+            "" => "",
+            other => panic!("{path}: unit {other}"),
+        };
+        assert!(path.ends_with(suffix), "{path} carries its unit");
+        assert!(symbol.len() <= 2);
+        assert_eq!(find(group, path).map(|field| field.label), Some(label));
+    }
+    assert_eq!(find(Group::Sample, "nothing"), None);
+    // A setting and a quantity never share a name.
+    assert!(FIELDS.iter().all(|field| Settings::find(field.path).is_none()));
+}
+
+#[test]
+fn values_stand_beside_their_fields() {
+    let shown: Vec<_> =
+        catalogue::parameters(&estimate().recent).map(|(field, value)| (field.path, value.value)).collect();
+    assert_eq!(shown, [("inertance_kg", 299.5), ("viscous_n_s_per_m", 31.25), ("coulomb_n", 50.0), ("offset_n", 0.0)]);
+
+    let shown: Vec<_> = catalogue::estimate(&estimate()).map(|(field, value)| (field.path, value)).collect();
+    assert_eq!(
+        shown,
+        [
+            ("index", 20_000.0),
+            ("elapsed_samples", 5e9),
+            ("bank", 1.0),
+            ("moving", 1.0),
+            ("residual_rms_n", 1.0),
+            ("updates", 300.0)
+        ]
+    );
+
+    let raw = RawSample { index: 1, position_count: -2, force_code: 3, terminal_code: -4 };
+    let shown: Vec<_> = catalogue::sample(&raw).map(|(field, value)| (field.path, value)).collect();
+    assert_eq!(shown, [("index", 1.0), ("position_count", -2.0), ("force_code", 3.0), ("terminal_code", -4.0)]);
+
+    let shown: Vec<_> = catalogue::health(&health()).map(|(field, value)| (field.path, value)).collect();
+    assert_eq!(
+        shown,
+        [
+            ("index", Some(20_000.0)),
+            ("uptime_s", Some(20.0)),
+            ("dropped_frames", Some(3.0)),
+            ("bad_frames", Some(1.0)),
+            ("lost_samples", Some(5e9)),
+            ("gaps", Some(2.0)),
+            ("overruns", Some(1.0)),
+            ("saturated", Some(7.0)),
+            ("cpu_load_permille", Some(125.0)),
+            ("stack_free_bytes", Some(4096.0)),
+            ("temperature_c", Some(36.5)),
+        ]
+    );
+    assert!(catalogue::health(&Health::default()).skip(8).all(|(_, value)| value.is_none()));
+}

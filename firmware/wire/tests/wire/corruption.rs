@@ -1,0 +1,215 @@
+//! No damage yields a wrong record: single bytes exhaustively, the rest by the hundred thousand.
+//!
+//! Each case damages a stream of numbered frames whose content is known. Whatever the reader hands out must be the
+//! record that was sent under that number, in order; what the damage did not touch must arrive; and messages and
+//! reported losses together must account for every frame.
+
+use crate::reference::Numbers;
+use crate::values::{records, requests, some_record};
+use inerter_wire::*;
+use std::fmt::Debug;
+use std::ops::Range;
+
+/// Numbered messages and where their frames lie in the stream, delimiters included.
+struct Stream<T> {
+    bytes: Vec<u8>,
+    frames: Vec<(T, Range<usize>)>,
+    first: u16,
+}
+
+impl<T: Message + PartialEq + Debug> Stream<T> {
+    fn new(messages: Vec<T>, first: u16) -> Self {
+        let mut bytes = Vec::new();
+        let mut frames = Vec::new();
+        for (place, message) in messages.into_iter().enumerate() {
+            let mut out = [0; MAX_FRAME];
+            let length = encode(&message, first.wrapping_add(place as u16), &mut out).unwrap();
+            frames.push((message, bytes.len()..bytes.len() + length));
+            bytes.extend(&out[..length]);
+        }
+        Self { bytes, frames, first }
+    }
+
+    /// Reads `damaged` and checks everything that must hold; `touched` is what of the original was changed.
+    /// Returns how many frames were not delivered.
+    fn check(&self, damaged: &[u8], touched: Range<usize>) -> usize {
+        let mut reader = FrameReader::<T>::new();
+        let mut input = damaged;
+        let mut delivered = vec![false; self.frames.len()];
+        let (mut next, mut started) = (0, false);
+        while let Some(frame) = reader.read(&mut input) {
+            match frame {
+                Frame::Message { sequence, message } => {
+                    let place = usize::from(sequence.wrapping_sub(self.first));
+                    assert_eq!(self.frames.get(place).map(|(sent, _)| sent), Some(&message), "a wrong record");
+                    if started {
+                        assert_eq!(place, next, "out of order, or lost and not reported");
+                    }
+                    delivered[place] = true;
+                    (next, started) = (place + 1, true);
+                }
+                Frame::Lost { frames } => next += usize::from(frames),
+                Frame::Corrupt(_) => {}
+                other => panic!("{other:?} out of damage"),
+            }
+        }
+        for (place, (_, range)) in self.frames.iter().enumerate() {
+            // The delimiter before a frame belongs to it as much as the one that ends it.
+            let apart = range.end <= touched.start || range.start > touched.end;
+            assert!(delivered[place] || !apart, "frame {place} at {range:?} was lost to damage at {touched:?}");
+        }
+        delivered.iter().filter(|delivered| !**delivered).count()
+    }
+}
+
+fn exhaust<T: Message + PartialEq + Debug + Clone>(messages: &[T]) -> usize {
+    let mut cases = 0;
+    for (place, message) in messages.iter().enumerate() {
+        let neighbour = &messages[(place + 7) % messages.len()];
+        let stream = Stream::new(vec![neighbour.clone(), message.clone(), neighbour.clone()], 1_000);
+        let mut damaged = stream.bytes.clone();
+        for at in stream.frames[1].1.clone() {
+            for change in 1..=255 {
+                damaged[at] = stream.bytes[at] ^ change;
+                let missing = stream.check(&damaged, at..at + 1);
+                // A changed delimiter joins two frames; any other byte costs its own frame at most.
+                let most = if stream.bytes[at] == DELIMITER { 2 } else { 1 };
+                assert!(missing <= most, "{missing} frames lost to byte {at}");
+                cases += 1;
+            }
+            damaged[at] = stream.bytes[at];
+        }
+    }
+    cases
+}
+
+/// Every byte of every golden frame, changed to every other value.
+#[test]
+fn every_single_byte() {
+    let mut all: Vec<Record> = records().into_iter().map(|(_, record)| record).collect();
+    // These announce a restart; the frame around them is like any other.
+    all.retain(|record| !matches!(record, Record::Event(Event { kind: EventKind::Started, .. }) | Record::Hello(_)));
+    let cases = exhaust(&all) + exhaust(&requests().into_iter().map(|(_, request)| request).collect::<Vec<_>>());
+    assert!(cases >= 200_000, "{cases}");
+}
+
+/// A Hello names the version: damage must not name another.
+#[test]
+fn every_single_byte_of_a_hello() {
+    let hello = Record::Hello(crate::values::hello());
+    let mut out = [0; MAX_FRAME];
+    let length = encode_record(&hello, 9, &mut out).unwrap();
+    for at in 0..length {
+        for change in 1..=255 {
+            let mut damaged = out;
+            damaged[at] ^= change;
+            let mut reader = FrameReader::<Record>::new();
+            let mut input = &damaged[..length];
+            while let Some(frame) = reader.read(&mut input) {
+                match frame {
+                    Frame::Corrupt(_) => {}
+                    Frame::Message { sequence: 9, message } if message == hello => {}
+                    other => panic!("{other:?}"),
+                }
+            }
+        }
+    }
+}
+
+/// What happens to a stream.
+enum Damage {
+    Byte,
+    Bits,
+    Burst,
+    Hole,
+    End,
+    Garbage,
+    Twice,
+}
+
+/// Longer frames, their number wrapping, and every kind of damage, 140 000 times.
+#[test]
+fn any_damage() {
+    let mut numbers = Numbers(2);
+    let mut missing = [0; 7];
+    for _ in 0..2_000 {
+        let messages = (0..5).map(|_| some_record(&mut numbers)).collect();
+        let stream = Stream::new(messages, numbers.next() as u16);
+        let length = stream.bytes.len();
+        for case in 0..70 {
+            let mut damaged = stream.bytes.clone();
+            let at = numbers.below(length);
+            let damage =
+                [Damage::Byte, Damage::Bits, Damage::Burst, Damage::Hole, Damage::End, Damage::Garbage, Damage::Twice];
+            let touched = match damage[case % 7] {
+                Damage::Byte => {
+                    damaged[at] ^= 1 + numbers.below(255) as u8;
+                    at..at + 1
+                }
+                Damage::Bits => {
+                    damaged[at] ^= 1 << numbers.below(8);
+                    damaged[at] ^= 1 << numbers.below(8);
+                    at..at + 1
+                }
+                Damage::Burst => {
+                    let end = (at + 1 + numbers.below(30)).min(length);
+                    for byte in &mut damaged[at..end] {
+                        *byte = numbers.next() as u8 >> numbers.below(8);
+                    }
+                    at..end
+                }
+                Damage::Hole => {
+                    let end = (at + 1 + numbers.below(300)).min(length);
+                    damaged.drain(at..end);
+                    at..end
+                }
+                Damage::End => {
+                    damaged.truncate(at);
+                    at..length
+                }
+                Damage::Garbage => {
+                    // Between frames, as from a boot loader or an aborted write; at times longer than any frame.
+                    let at = stream.frames[numbers.below(5)].1.start;
+                    let longest = if numbers.below(4) == 0 { 2 * MAX_FRAME } else { 40 };
+                    damaged.splice(at..at, numbers.bytes(longest));
+                    at..at
+                }
+                Damage::Twice => {
+                    // A stretch sent again in place of what followed, cut anywhere.
+                    let end = (at + 1 + numbers.below(60)).min(length);
+                    let source = numbers.below(length - (end - at) + 1);
+                    let again = stream.bytes[source..source + (end - at)].to_vec();
+                    // A whole frame sent again is an intact frame, and a restart.
+                    if !again.contains(&DELIMITER) {
+                        damaged.splice(at..end, again);
+                    }
+                    at..end
+                }
+            };
+            missing[case % 7] += stream.check(&damaged, touched);
+        }
+    }
+    // Every kind of damage did cost frames, and most frames survived (100 000 were sent under each kind).
+    assert!(missing.iter().all(|missing| (5_000..90_000).contains(missing)), "{missing:?}");
+}
+
+/// Pure garbage holds no message.
+#[test]
+fn garbage_holds_nothing() {
+    let mut numbers = Numbers(4);
+    let mut records = FrameReader::<Record>::new();
+    let mut requests = FrameReader::<Request>::new();
+    for _ in 0..100_000 {
+        let garbage = numbers.bytes(100);
+        let mut input = &garbage[..];
+        while let Some(frame) = records.read(&mut input) {
+            assert!(matches!(frame, Frame::Corrupt(_)), "{frame:?}");
+        }
+        let mut input = &garbage[..];
+        while let Some(frame) = requests.read(&mut input) {
+            assert!(matches!(frame, Frame::Corrupt(_)), "{frame:?}");
+        }
+    }
+    assert!(records.counts().corrupt() > 100_000);
+    assert_eq!(records.counts().messages, 0);
+}

@@ -1,0 +1,313 @@
+//! Every record and command as bytes, pinned.
+//!
+//! The files hold one frame a line, with sequence number 258 (`02 01`). A line never changes once released: what
+//! its device sent must decode for ever. New lines are added; a missing one is printed in full by the test.
+
+use crate::reference;
+use crate::values::{longest_samples, longest_sums, most_settings, records, requests};
+use inerter_core::Bank;
+use inerter_wire::*;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Debug;
+
+const SEQUENCE: u16 = 0x0102;
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect::<Vec<_>>().join(" ")
+}
+
+fn unhex(text: &str) -> Vec<u8> {
+    text.split_whitespace().map(|byte| u8::from_str_radix(byte, 16).unwrap()).collect()
+}
+
+fn read_all<T: Message>(bytes: &[u8]) -> Vec<Frame<T>> {
+    let mut reader = FrameReader::new();
+    let mut input = bytes;
+    std::iter::from_fn(|| reader.read(&mut input)).collect()
+}
+
+/// Compares both ways; `number` and the table prove that no variant is left out.
+fn check<T: Message + PartialEq + Debug + Clone>(
+    file: &str,
+    text: &str,
+    values: &[(&str, T)],
+    table: &[protocol::Entry],
+    number: impl Fn(&T) -> u32,
+) {
+    let mut golden: BTreeMap<&str, Vec<u8>> = text
+        .lines()
+        .filter(|line| !line.starts_with('#'))
+        .map(|line| line.split_once(": ").unwrap())
+        .map(|(name, bytes)| (name, unhex(bytes)))
+        .collect();
+    let mut missing = String::new();
+    for (name, value) in values {
+        let mut out = [0; MAX_FRAME];
+        let length = encode(value, SEQUENCE, &mut out).unwrap();
+        let bytes = &out[..length];
+        match golden.remove(name) {
+            None => missing += &format!("{name}: {}\n", hex(bytes)),
+            Some(expected) => {
+                assert_eq!(hex(bytes), hex(&expected), "{file}: {name} is sent otherwise than before");
+                let frame = Frame::Message { sequence: SEQUENCE, message: value.clone() };
+                assert_eq!(read_all(&expected), [frame], "{file}: {name} is read otherwise than before");
+            }
+        }
+    }
+    assert!(missing.is_empty(), "add to {file}:\n{missing}");
+    assert!(golden.is_empty(), "{file} has lines without a value: {:?}", golden.keys());
+
+    let covered: BTreeSet<u32> = values.iter().map(|(_, value)| number(value)).collect();
+    let known: BTreeSet<u32> = table.iter().map(|entry| entry.number).collect();
+    assert_eq!(covered, known, "every variant has a golden");
+    for (name, value) in values {
+        let entry = table.iter().find(|entry| entry.number == number(value)).unwrap();
+        assert_eq!(name.split('.').next(), Some(entry.name));
+    }
+}
+
+#[test]
+fn records_both_ways() {
+    check("golden/records.txt", include_str!("golden/records.txt"), &records(), Record::TABLE, Record::number);
+}
+
+#[test]
+fn commands_both_ways() {
+    check("golden/commands.txt", include_str!("golden/commands.txt"), &requests(), Command::TABLE, |request| {
+        request.command.number()
+    });
+}
+
+/// The numbers as literals, in matches that a new variant breaks.
+#[test]
+fn numbers_are_pinned() {
+    for (_, record) in records() {
+        let (number, name) = match record {
+            Record::Hello(_) => (0, "Hello"),
+            Record::Samples(_) => (1, "Samples"),
+            Record::Estimate(_) => (2, "Estimate"),
+            Record::Health(_) => (3, "Health"),
+            Record::Event(_) => (4, "Event"),
+            Record::Reply(_) => (5, "Reply"),
+            Record::Settings(_) => (6, "Settings"),
+            Record::Sums(_) => (7, "Sums"),
+        };
+        assert_eq!((record.number(), record.name()), (number, name));
+        let mut payload = [0; MAX_PAYLOAD];
+        assert_eq!(u32::from(postcard::to_slice(&record, &mut payload).unwrap()[0]), number);
+    }
+    for (_, request) in requests() {
+        let (number, name) = match request.command {
+            Command::Hello => (0, "Hello"),
+            Command::ReadSettings => (1, "ReadSettings"),
+            Command::WriteSettings(_) => (2, "WriteSettings"),
+            Command::SaveSettings => (3, "SaveSettings"),
+            Command::Tare => (4, "Tare"),
+            Command::Streams(_) => (5, "Streams"),
+            Command::ResetEstimator => (6, "ResetEstimator"),
+            Command::Start => (7, "Start"),
+            Command::Stop => (8, "Stop"),
+            Command::Inject(_) => (9, "Inject"),
+            Command::InjectEnd => (10, "InjectEnd"),
+            Command::EnterDfu => (11, "EnterDfu"),
+            Command::Reboot => (12, "Reboot"),
+        };
+        assert_eq!((request.command.number(), request.command.name()), (number, name));
+        let mut payload = [0; MAX_PAYLOAD];
+        assert_eq!(u32::from(postcard::to_slice(&request, &mut payload).unwrap()[2]), number);
+    }
+    let bits = [
+        Capabilities::SAMPLER,
+        Capabilities::INJECT,
+        Capabilities::TERMINAL,
+        Capabilities::STORE,
+        Capabilities::DFU,
+        Capabilities::REBOOT,
+        Capabilities::SUMS,
+    ];
+    assert_eq!(bits.map(|bit| bit.0), [1, 2, 4, 8, 16, 32, 64]);
+    assert_eq!(WIRE_VERSION, 1);
+}
+
+/// The nested enums too have every variant among the goldens.
+#[test]
+fn nested_variants_are_covered() {
+    let mut seen = BTreeSet::new();
+    for (_, record) in records() {
+        seen.insert(match record {
+            Record::Hello(hello) => match hello.clock {
+                ClockSource::Internal => "internal",
+                ClockSource::Crystal => "crystal",
+                ClockSource::External => "external",
+                ClockSource::Simulated => "simulated",
+            },
+            Record::Event(event) => match event.kind {
+                EventKind::Started => "started",
+                EventKind::SourceEnded => "source ended",
+                EventKind::EstimatorReset => "estimator reset",
+                EventKind::SettingsChanged => "settings changed",
+                EventKind::SourceChanged(source) => match source {
+                    Source::Stopped => "stopped",
+                    Source::Sampler => "sampler",
+                    Source::Link => "link",
+                },
+                EventKind::Fault(fault) => match fault {
+                    Fault::SamplerOverrun => "sampler overrun",
+                    Fault::SourceUnreadable => "source unreadable",
+                    Fault::Store => "store",
+                    Fault::SavedSettings => "saved settings",
+                    Fault::Watchdog => "watchdog",
+                },
+                EventKind::Panicked(_) => "panicked",
+            },
+            Record::Reply(reply) => match reply.result {
+                Ok(Done::Plain) => "plain",
+                Ok(Done::Injected { .. }) => "injected",
+                Err(Refusal::Unsupported) => "unsupported",
+                Err(Refusal::Busy) => "busy",
+                Err(Refusal::QueueFull { .. }) => "queue full",
+                Err(Refusal::BadSamples) => "bad samples",
+                Err(Refusal::NotInjecting) => "not injecting",
+                Err(Refusal::Store) => "store refused",
+                Err(Refusal::NoSamples) => "no samples",
+                Err(Refusal::BadSetting { fault, .. }) => match fault {
+                    SettingFault::Unknown => "unknown",
+                    SettingFault::NotFinite => "not finite",
+                    SettingFault::OutOfRange => "out of range",
+                    SettingFault::NotWhole => "not whole",
+                    SettingFault::Zero => "zero",
+                    SettingFault::Conflict(_) => "conflict",
+                    SettingFault::Repeated => "repeated",
+                },
+            },
+            Record::Sums(sums) => match sums.bank {
+                Bank::Fast => "fast",
+                Bank::Slow => "slow",
+            },
+            Record::Samples(_) | Record::Estimate(_) | Record::Health(_) | Record::Settings(_) => "plain data",
+        });
+    }
+    assert_eq!(seen.len(), 4 + 4 + 3 + 5 + 1 + 2 + 7 + 7 + 2 + 1);
+}
+
+/// A frame taken apart by hand, so that the goldens do not only agree with themselves.
+#[test]
+fn by_hand() {
+    let request = Request { id: 513, command: Command::Stop };
+    // Varint 513, command 8, sequence 258.
+    let summed = [0x81, 0x04, 0x08, 0x02, 0x01];
+    let crc = reference::crc32(&summed).to_le_bytes();
+    let mut out = [0; MAX_FRAME];
+    let length = encode_request(&request, SEQUENCE, &mut out).unwrap();
+    let mut expected = vec![10];
+    expected.extend(summed);
+    expected.extend(crc);
+    expected.push(0);
+    assert!(!crc.contains(&0));
+    assert_eq!(out[..length], expected);
+}
+
+/// A message of any length and content.
+#[derive(serde::Serialize, serde::Deserialize)]
+struct Raw(#[serde(skip_deserializing)] Vec<u8>);
+
+impl Message for Raw {
+    fn starts_stream(&self, _: u16) -> bool {
+        false
+    }
+
+    fn peek(_: &[u8]) -> Option<Peek> {
+        None
+    }
+}
+
+/// Framing agrees with a second implementation, for real records and for every length around the 254-byte runs.
+#[test]
+fn frames_agree_with_the_reference() {
+    let mut numbers = reference::Numbers(11);
+    let mut out = [0; MAX_FRAME];
+    let mut payload = [0; MAX_PAYLOAD];
+    for _ in 0..20_000 {
+        let record = crate::values::some_record(&mut numbers);
+        let sequence = numbers.next() as u16;
+        let length = encode_record(&record, sequence, &mut out).unwrap();
+        let payload = postcard::to_slice(&record, &mut payload).unwrap();
+        assert_eq!(out[..length], reference::frame(payload, sequence));
+    }
+    for length in 0..=MAX_PAYLOAD - 2 {
+        // Lengths 128 to 255 make a varint of two bytes whose last is 1: no zero until the sequence number.
+        for sequence in [0x0101, 0x0100, 0x0001, 0x0000] {
+            let message = Raw(vec![0x77; length]);
+            let length = encode(&message, sequence, &mut out).unwrap();
+            let payload = postcard::to_slice(&message, &mut payload).unwrap();
+            assert_eq!(out[..length], reference::frame(payload, sequence));
+        }
+    }
+}
+
+/// The longest of everything fits a payload, and a frame of it fits [`MAX_FRAME`].
+#[test]
+fn the_longest_fit() {
+    let text = "\u{7f}".repeat(99);
+    let hello = Hello {
+        wire_version: WIRE_VERSION,
+        firmware: Hello::text(&text),
+        git: Hello::text(&text),
+        board: Hello::text(&text),
+        serial: Hello::text(&text),
+        sample_rate_hz: f64::MAX,
+        clock: ClockSource::Simulated,
+        capabilities: Capabilities(u32::MAX),
+    };
+    let mut out = [0; MAX_FRAME];
+    for record in [
+        Record::Hello(hello),
+        Record::Samples(longest_samples()),
+        Record::Settings(most_settings()),
+        Record::Sums(longest_sums()),
+        Record::Event(Event { index: u32::MAX, kind: EventKind::Panicked(Hello::text(&text)) }),
+    ] {
+        let length = encode_record(&record, u16::MAX, &mut out).unwrap();
+        let message = Frame::Message { sequence: u16::MAX, message: record };
+        assert_eq!(read_all(&out[..length]), [message]);
+    }
+    for command in [Command::Inject(longest_samples()), Command::WriteSettings(most_settings())] {
+        let request = Request { id: u16::MAX, command };
+        let length = encode_request(&request, u16::MAX, &mut out).unwrap();
+        assert_eq!(read_all(&out[..length]), [Frame::Message { sequence: u16::MAX, message: request }]);
+    }
+    assert!(std::mem::size_of::<Record>() <= 784, "{}", std::mem::size_of::<Record>());
+    assert!(std::mem::size_of::<FrameReader<Record>>() <= 600);
+}
+
+/// Every buffer that is too small is refused, also when it lacks only the delimiter; none is overrun.
+#[test]
+fn small_buffers_are_refused() {
+    for (name, record) in records() {
+        let mut whole = [0; MAX_FRAME];
+        let length = encode_record(&record, SEQUENCE, &mut whole).unwrap();
+        for size in 0..length {
+            let mut out = [0xA5; MAX_FRAME];
+            assert_eq!(
+                encode_record(&record, SEQUENCE, &mut out[..size]),
+                Err(EncodeError::BufferTooSmall),
+                "{name} in {size}"
+            );
+            assert!(out[size..].iter().all(|&byte| byte == 0xA5));
+        }
+        let mut out = [0xA5; MAX_FRAME];
+        assert_eq!(encode_record(&record, SEQUENCE, &mut out[..length]), Ok(length));
+    }
+}
+
+/// A message beyond the longest payload is refused, one of exactly that length is not.
+#[test]
+fn long_messages_are_refused() {
+    for fill in [0, 1, 0xFF] {
+        let mut out = [0; 2 * MAX_FRAME];
+        // Two bytes of length precede the content.
+        let longest = encode(&Raw(vec![fill; MAX_PAYLOAD - 2]), SEQUENCE, &mut out).unwrap();
+        assert!(longest <= MAX_FRAME);
+        assert_eq!(encode(&Raw(vec![fill; MAX_PAYLOAD - 1]), SEQUENCE, &mut out), Err(EncodeError::TooLong));
+    }
+}

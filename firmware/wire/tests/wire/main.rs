@@ -1,0 +1,11 @@
+//! The wire crate as its users see it, on bytes and values alone.
+
+mod catalogue;
+mod corruption;
+mod golden;
+mod reader;
+mod reference;
+mod samples;
+mod settings;
+mod specification;
+mod values;

@@ -1,0 +1,438 @@
+//! The reader's findings: losses, restarts, strangers, damage by kind.
+
+use crate::reference::{self, Numbers};
+use crate::values::{hello, longest_samples, records, requests, some_record};
+use inerter_wire::*;
+use proptest::prelude::*;
+
+fn sent(record: &Record, sequence: u16) -> Vec<u8> {
+    let mut out = [0; MAX_FRAME];
+    let length = encode_record(record, sequence, &mut out).unwrap();
+    out[..length].to_vec()
+}
+
+fn health(sequence: u16) -> Vec<u8> {
+    sent(&Record::Health(Health::default()), sequence)
+}
+
+fn message(record: Record, sequence: u16) -> Frame<Record> {
+    Frame::Message { sequence, message: record }
+}
+
+fn healthy(sequence: u16) -> Frame<Record> {
+    message(Record::Health(Health::default()), sequence)
+}
+
+fn read<T: Message>(reader: &mut FrameReader<T>, bytes: &[u8]) -> Vec<Frame<T>> {
+    let mut input = bytes;
+    let found = std::iter::from_fn(|| reader.read(&mut input)).collect();
+    assert!(input.is_empty());
+    found
+}
+
+fn read_all(parts: &[Vec<u8>]) -> (Vec<Frame<Record>>, Counts) {
+    let mut reader = FrameReader::new();
+    let found = read(&mut reader, &parts.concat());
+    (found, *reader.counts())
+}
+
+#[test]
+fn delimiters_alone_are_nothing() {
+    assert_eq!(read_all(&[vec![0; 2000]]), (vec![], Counts::default()));
+    let (found, _) = read_all(&[vec![0, 0, 0], health(7), vec![0], health(8), vec![0]]);
+    assert_eq!(found, [healthy(7), healthy(8)]);
+}
+
+#[test]
+fn jumps_are_losses() {
+    // Joined anywhere: what was before is not lost.
+    let (found, counts) = read_all(&[health(40_000), health(40_001)]);
+    assert_eq!((found, counts.lost), (vec![healthy(40_000), healthy(40_001)], 0));
+
+    let (found, counts) = read_all(&[health(5), health(6), health(10)]);
+    assert_eq!(found, [healthy(5), healthy(6), Frame::Lost { frames: 3 }, healthy(10)]);
+    assert_eq!((counts.lost, counts.messages, counts.corrupt()), (3, 3, 0));
+
+    // Over the wrap, with and without loss.
+    let (found, _) = read_all(&[health(65_534), health(65_535), health(0), health(2)]);
+    assert_eq!(found, [healthy(65_534), healthy(65_535), healthy(0), Frame::Lost { frames: 1 }, healthy(2)]);
+
+    // The greatest loss that is not a restart.
+    let (found, counts) = read_all(&[health(0), health(1 + 32_767)]);
+    assert_eq!(found, [healthy(0), Frame::Lost { frames: 32_767 }, healthy(32_768)]);
+    assert_eq!(counts.lost, 32_767);
+
+    // The sender's counter advances over what it drops.
+    let mut sequence = SequenceCounter::new();
+    let first = health(sequence.take());
+    sequence.take();
+    let (found, _) = read_all(&[first, health(sequence.take())]);
+    assert_eq!(found, [healthy(0), Frame::Lost { frames: 1 }, healthy(2)]);
+}
+
+#[test]
+fn steps_back_are_restarts() {
+    for (before, after) in [(100, 0), (100, 99), (100, 100), (0, 32_769), (5, 65_535)] {
+        let (found, counts) = read_all(&[health(before), health(after), health(after.wrapping_add(1))]);
+        let expected = [healthy(before), Frame::Restarted, healthy(after), healthy(after.wrapping_add(1))];
+        assert_eq!(found, expected, "{before} then {after}");
+        assert_eq!((counts.restarts, counts.lost, counts.messages), (1, 0, 3));
+    }
+}
+
+#[test]
+fn a_start_is_no_loss() {
+    let started = Record::Event(Event { index: 0, kind: EventKind::Started });
+    let greeting = Record::Hello(hello());
+    // Counted forwards, 65 000 to 0 would be 535 frames lost.
+    let (found, counts) = read_all(&[health(65_000), sent(&greeting, 0), sent(&started, 1)]);
+    assert_eq!(found, [healthy(65_000), Frame::Restarted, message(greeting.clone(), 0), message(started.clone(), 1)]);
+    assert_eq!((counts.restarts, counts.lost), (1, 0));
+
+    // The Hello itself was lost.
+    let (found, _) = read_all(&[health(65_000), sent(&started, 1)]);
+    assert_eq!(found, [healthy(65_000), Frame::Restarted, message(started, 1)]);
+
+    // A Hello in the middle of a stream is one like any other, also when the counter wraps just there.
+    let (found, counts) = read_all(&[health(9), sent(&greeting, 11), health(12)]);
+    assert_eq!(found, [healthy(9), Frame::Lost { frames: 1 }, message(greeting.clone(), 11), healthy(12)]);
+    assert_eq!(counts.restarts, 0);
+    let (found, counts) = read_all(&[health(65_535), sent(&greeting, 0)]);
+    assert_eq!((found, counts.restarts), (vec![healthy(65_535), message(greeting, 0)], 0));
+
+    // A host that starts anew greets with Command::Hello.
+    let request = |sequence, command| {
+        let mut out = [0; MAX_FRAME];
+        let length = encode_request(&Request { id: 1, command }, sequence, &mut out).unwrap();
+        out[..length].to_vec()
+    };
+    let mut reader = FrameReader::<Request>::new();
+    let bytes = [request(65_000, Command::Tare), request(0, Command::Hello), request(1, Command::Tare)].concat();
+    let found = read(&mut reader, &bytes);
+    assert_eq!(found.len(), 4);
+    assert_eq!(found[1], Frame::Restarted);
+}
+
+#[test]
+fn an_announced_frame_needs_no_more_bytes() {
+    let mut reader = FrameReader::new();
+    assert_eq!(read(&mut reader, &health(0)), [healthy(0)]);
+    let bytes = health(2);
+    let mut input = &bytes[..];
+    assert_eq!(reader.read(&mut input), Some(Frame::Lost { frames: 1 }));
+    assert_eq!(reader.frame_bytes(), &bytes[..bytes.len() - 1]);
+    assert_eq!(reader.read(&mut &[][..]), Some(healthy(2)));
+    assert_eq!(reader.frame_bytes(), &bytes[..bytes.len() - 1]);
+    assert_eq!(reader.read(&mut &[][..]), None);
+}
+
+#[test]
+fn frame_bytes_are_the_frame_as_received() {
+    let mut numbers = Numbers(3);
+    let mut reader = FrameReader::<Record>::new();
+    assert_eq!(reader.frame_bytes(), []);
+    for sequence in 0..500 {
+        let bytes = sent(&some_record(&mut numbers), sequence);
+        let mut input = &bytes[..];
+        assert!(matches!(reader.read(&mut input), Some(Frame::Message { .. })));
+        assert_eq!(reader.frame_bytes(), &bytes[..bytes.len() - 1]);
+        assert_eq!(reader.unfinished(), 0);
+    }
+    let bytes = health(500);
+    assert_eq!(reader.read(&mut &bytes[..5]), None);
+    assert_eq!((reader.frame_bytes(), reader.unfinished()), (&[][..], 5));
+}
+
+#[test]
+fn unknown_variants_are_named_and_left_out() {
+    let next = Record::TABLE.len() as u8;
+    let newer = reference::frame(&[next, 1, 2, 3], 1);
+    let (found, counts) = read_all(&[health(0), newer, health(2)]);
+    assert_eq!(found, [healthy(0), Frame::Unknown { sequence: 1, number: u32::from(next), request: None }, healthy(2)]);
+    assert_eq!((counts.unknown, counts.lost, counts.corrupt()), (1, 0, 0));
+
+    // A kind of event that this version does not know: inside a known record.
+    let (found, _) = read_all(&[reference::frame(&[4, 0, 100], 1)]);
+    assert_eq!(found, [Frame::Unknown { sequence: 1, number: 4, request: None }]);
+
+    // A newer host's command can be refused by its id.
+    let mut reader = FrameReader::<Request>::new();
+    let found = read(&mut reader, &reference::frame(&[0x81, 0x04, 99, 7], 5));
+    assert_eq!(found, [Frame::Unknown { sequence: 5, number: 99, request: Some(513) }]);
+
+    // Unknown frames count in the sequence: what is missing beside them is seen.
+    let (found, _) = read_all(&[health(0), reference::frame(&[next], 3), health(4)]);
+    assert_eq!(found[1], Frame::Lost { frames: 2 });
+    assert_eq!(found[3], healthy(4));
+}
+
+#[test]
+fn a_foreign_version_is_named_whatever_follows() {
+    for rest in [&[][..], &[9; 100], &[0xFF; 300]] {
+        // Record 0, version 300, and content that is nothing to us.
+        let mut payload = vec![0, 0xAC, 0x02];
+        payload.extend(rest);
+        let foreign = reference::frame(&payload, 0);
+        let stranger = |sequence| Frame::ForeignVersion { sequence, wire_version: 300 };
+        let (found, counts) = read_all(&[foreign.clone(), health(1), health(3)]);
+        // Its other records may look like ours and mean something else: none is believed.
+        assert_eq!(found, [stranger(0), stranger(1), Frame::Lost { frames: 1 }, stranger(3)]);
+        assert_eq!((counts.foreign, counts.messages, counts.corrupt()), (3, 0, 0));
+
+        // Updated and started anew, it is understood.
+        let greeting = Record::Hello(hello());
+        let (found, _) = read_all(&[foreign.clone(), health(1), sent(&greeting, 0), health(1)]);
+        assert_eq!(found, [stranger(0), stranger(1), Frame::Restarted, message(greeting, 0), healthy(1)]);
+
+        // So it is on a link opened anew.
+        let mut reader = FrameReader::<Record>::new();
+        read(&mut reader, &foreign);
+        reader.reset();
+        assert_eq!(read(&mut reader, &health(77)), [healthy(77)]);
+        assert_eq!((reader.counts().foreign, reader.counts().messages), (1, 1));
+    }
+}
+
+#[test]
+fn damage_is_counted_by_kind() {
+    let cut = |bytes: &[u8]| {
+        let mut bytes = bytes[..bytes.len() - 4].to_vec();
+        bytes.push(0);
+        bytes
+    };
+    let mut flipped = health(1);
+    flipped[1] ^= 0x40;
+    let text_not_utf8 = reference::frame(&[4, 0, 6, 2, 0xC3, 0x28], 1);
+    for (damaged, corruption) in [
+        (vec![1, 0], Corruption::TooShort),
+        (vec![3, 5, 5, 0], Corruption::TooShort),
+        // Sequence and CRC are right, and there is no payload.
+        (reference::frame(&[], 1), Corruption::TooShort),
+        (cut(&health(1)), Corruption::Stuffing),
+        (vec![200, 1, 2, 3, 0], Corruption::Stuffing),
+        (flipped, Corruption::Checksum),
+        (b"hello, this is a boot message\0".to_vec(), Corruption::Stuffing),
+        ([[1; 600].as_slice(), &[0]].concat(), Corruption::TooLong),
+        ([[0xAA; 5000].as_slice(), &[0]].concat(), Corruption::TooLong),
+        // Fits the buffer stuffed, not unstuffed.
+        ([[1; MAX_FRAME - 1].as_slice(), &[0]].concat(), Corruption::TooLong),
+        (reference::frame(&[0xFF; 6], 1), Corruption::Malformed),
+        (reference::frame(&[3, 1, 2], 1), Corruption::Malformed),
+        (text_not_utf8, Corruption::Malformed),
+    ] {
+        let (found, counts) = read_all(&[health(0), damaged.clone(), health(2)]);
+        assert_eq!(found[1], Frame::Corrupt(corruption), "{damaged:02x?}");
+        let kinds = [counts.too_long, counts.too_short, counts.stuffing, counts.checksum, counts.malformed];
+        let expected = [
+            Corruption::TooLong,
+            Corruption::TooShort,
+            Corruption::Stuffing,
+            Corruption::Checksum,
+            Corruption::Malformed,
+        ]
+        .map(|kind| u32::from(kind == corruption));
+        assert_eq!((kinds, counts.corrupt()), (expected, 1));
+        if corruption == Corruption::Malformed {
+            // Its sequence number is as good as its CRC.
+            assert_eq!(found[2..], [healthy(2)]);
+        } else {
+            assert_eq!(found[2..], [Frame::Lost { frames: 1 }, healthy(2)]);
+        }
+        assert_eq!(counts.messages, 2);
+    }
+}
+
+#[test]
+fn bytes_left_over_in_a_payload_are_malformed() {
+    for (name, record) in records() {
+        let mut payload = postcard_bytes(&record);
+        payload.push(0);
+        let (found, _) = read_all(&[reference::frame(&payload, 1)]);
+        assert_eq!(found, [Frame::Corrupt(Corruption::Malformed)], "{name}");
+    }
+    for (name, request) in requests() {
+        let mut payload = postcard_bytes(&request);
+        payload.push(0);
+        let found = read(&mut FrameReader::<Request>::new(), &reference::frame(&payload, 1));
+        assert_eq!(found, [Frame::Corrupt(Corruption::Malformed)], "{name}");
+    }
+}
+
+#[test]
+fn payloads_that_end_early_are_malformed() {
+    for (name, record) in records() {
+        let payload = postcard_bytes(&record);
+        for length in 1..payload.len() {
+            let (found, _) = read_all(&[reference::frame(&payload[..length], 1)]);
+            assert_eq!(found, [Frame::Corrupt(Corruption::Malformed)], "{name} cut to {length}");
+        }
+    }
+}
+
+#[test]
+fn lists_longer_than_ours_are_a_newer_sender() {
+    // 49 settings, and a batch of 401 bytes.
+    let mut settings = vec![6, 49];
+    settings.extend([0; 49 * 9]);
+    let (found, _) = read_all(&[reference::frame(&settings, 0)]);
+    assert_eq!(found, [Frame::Unknown { sequence: 0, number: 6, request: None }]);
+    let mut samples = vec![1, 32, 0x91, 0x03];
+    samples.extend([0; 401]);
+    let (found, _) = read_all(&[reference::frame(&samples, 0)]);
+    assert_eq!(found, [Frame::Unknown { sequence: 0, number: 1, request: None }]);
+}
+
+#[test]
+fn one_byte_more_than_the_longest_is_too_long() {
+    let mut longest = reference::frame(&[99; MAX_PAYLOAD], 0x0101);
+    assert_eq!(longest.len(), MAX_FRAME);
+    let (found, _) = read_all(&[longest.clone()]);
+    assert_eq!(found, [Frame::Unknown { sequence: 0x0101, number: 99, request: None }]);
+    // Its beginning alone would be intact.
+    longest.insert(MAX_FRAME - 1, 1);
+    let (found, _) = read_all(&[longest.clone(), health(1)]);
+    assert_eq!(found, [Frame::Corrupt(Corruption::TooLong), healthy(1)]);
+}
+
+#[test]
+fn the_longest_frame_passes() {
+    let record = Record::Samples(longest_samples());
+    let (found, _) = read_all(&[sent(&record, 0), health(1)]);
+    assert_eq!(found, [message(record, 0), healthy(1)]);
+}
+
+fn postcard_bytes<T: serde::Serialize>(value: &T) -> Vec<u8> {
+    let mut out = [0; MAX_PAYLOAD];
+    postcard::to_slice(value, &mut out).unwrap().to_vec()
+}
+
+/// Intact payloads of any content: never a panic, and never a message that is not wholly there.
+#[test]
+fn any_payload_is_survived() {
+    let mut numbers = Numbers(5);
+    let (mut messages, mut unknown, mut malformed) = (0, 0, 0);
+    for case in 0..100_000u32 {
+        let mut payload = numbers.bytes(60);
+        if case % 2 == 0 {
+            // A known record with one byte changed gets further.
+            let all = records();
+            payload = postcard_bytes(&all[numbers.below(all.len())].1);
+            let place = numbers.below(payload.len());
+            payload[place] = numbers.next() as u8;
+        }
+        let mut record_reader = FrameReader::<Record>::new();
+        for frame in read(&mut record_reader, &reference::frame(&payload, 1)) {
+            match frame {
+                Frame::Message { message, .. } => {
+                    messages += 1;
+                    if let Record::Samples(samples) = &message {
+                        assert!(samples.iter().count() <= Samples::MAX_SAMPLES + 1);
+                    }
+                    if let Record::Settings(values) = &message {
+                        values.read(&inerter_core::Settings::default()).ok();
+                    }
+                }
+                Frame::Unknown { .. } | Frame::ForeignVersion { .. } => unknown += 1,
+                Frame::Corrupt(Corruption::Malformed | Corruption::TooShort) => malformed += 1,
+                other => panic!("{other:?}"),
+            }
+        }
+        let mut request_reader = FrameReader::<Request>::new();
+        for frame in read(&mut request_reader, &reference::frame(&payload, 1)) {
+            match frame {
+                Frame::Message { message: Request { command, .. }, .. } => {
+                    if let Command::Inject(samples) = &command {
+                        samples.check().ok();
+                    }
+                    if let Command::WriteSettings(values) = &command {
+                        values.write(&inerter_core::Settings::default()).ok();
+                    }
+                }
+                Frame::Unknown { request, .. } => assert!(request.is_some()),
+                Frame::Corrupt(Corruption::Malformed | Corruption::TooShort) => {}
+                other => panic!("{other:?}"),
+            }
+        }
+    }
+    // Every way was taken often.
+    assert!(messages > 10_000 && unknown > 10_000 && malformed > 10_000, "{messages} {unknown} {malformed}");
+}
+
+/// A stream as a bad link leaves it: frames, gaps in the numbers, fragments, garbage.
+fn rough_stream(seed: u64) -> Vec<u8> {
+    let mut numbers = Numbers(seed);
+    let mut stream = numbers.bytes(5);
+    let mut sequence = numbers.next() as u16;
+    for _ in 0..numbers.below(12) {
+        let mut frame = sent(&some_record(&mut numbers), sequence);
+        sequence = sequence.wrapping_add(1);
+        match numbers.below(8) {
+            0 => frame.truncate(numbers.below(frame.len())),
+            1 => frame = numbers.bytes(40),
+            2 => frame.extend(numbers.bytes(4)),
+            3 => frame = vec![0x33; numbers.below(1500)],
+            4 => sequence = sequence.wrapping_add(numbers.below(3) as u16),
+            5 => frame = reference::frame(&numbers.bytes(30), sequence),
+            _ => {}
+        }
+        stream.extend(frame);
+    }
+    stream
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 2000, failure_persistence: None, ..ProptestConfig::default() })]
+
+    /// How the stream is cut into portions makes no difference.
+    #[test]
+    fn portions_make_no_difference(seed: u64, portions in prop::collection::vec(0usize..70, 1..40)) {
+        // Portions of nothing may come, but not only they.
+        let portions = [portions, vec![1]].concat();
+        let stream = rough_stream(seed);
+        let mut whole = FrameReader::<Record>::new();
+        let mut expected = Vec::new();
+        let mut input = &stream[..];
+        while let Some(frame) = whole.read(&mut input) {
+            expected.push((frame, whole.frame_bytes().to_vec()));
+        }
+
+        let mut reader = FrameReader::<Record>::new();
+        let mut found = Vec::new();
+        let mut left = &stream[..];
+        for portion in portions.iter().cycle() {
+            let (mut input, rest) = left.split_at((*portion).min(left.len()));
+            left = rest;
+            while let Some(frame) = reader.read(&mut input) {
+                found.push((frame, reader.frame_bytes().to_vec()));
+            }
+            if left.is_empty() {
+                break;
+            }
+        }
+        prop_assert_eq!(found, expected);
+        prop_assert_eq!(reader.counts(), whole.counts());
+        prop_assert_eq!(reader.unfinished(), whole.unfinished());
+    }
+
+    /// Byte by byte, also for requests.
+    #[test]
+    fn single_bytes_make_no_difference(seed: u64) {
+        let stream = rough_stream(seed);
+        let mut whole = FrameReader::<Request>::new();
+        let expected = read(&mut whole, &stream);
+        let mut reader = FrameReader::<Request>::new();
+        let found: Vec<_> = stream.iter().flat_map(|byte| read(&mut reader, &[*byte])).collect();
+        prop_assert_eq!(found, expected);
+    }
+}
+
+#[test]
+fn faults_are_told_in_words() {
+    for corruption in
+        [Corruption::TooLong, Corruption::TooShort, Corruption::Stuffing, Corruption::Checksum, Corruption::Malformed]
+    {
+        assert!(corruption.to_string().contains("frame"));
+    }
+    assert!(EncodeError::BufferTooSmall.to_string().contains(&MAX_FRAME.to_string()));
+    assert!(EncodeError::TooLong.to_string().contains("512"));
+}

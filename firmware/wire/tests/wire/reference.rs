@@ -1,0 +1,85 @@
+//! Framing written a second time from its description, with nothing shared, and a source of repeatable numbers.
+
+/// CRC-32 (ISO-HDLC), bit by bit.
+pub fn crc32(bytes: &[u8]) -> u32 {
+    let mut crc = u32::MAX;
+    for &byte in bytes {
+        crc ^= u32::from(byte);
+        for _ in 0..8 {
+            crc = if crc & 1 == 1 { (crc >> 1) ^ 0xEDB8_8320 } else { crc >> 1 };
+        }
+    }
+    !crc
+}
+
+/// Zero stuffing: each run up to a zero, and each run of 254 bytes, is preceded by its length plus one.
+pub fn stuff(body: &[u8]) -> Vec<u8> {
+    let mut out = Vec::new();
+    let mut run = Vec::new();
+    for &byte in body {
+        if byte == 0 {
+            out.push(run.len() as u8 + 1);
+            out.append(&mut run);
+        } else {
+            run.push(byte);
+            if run.len() == 254 {
+                out.push(255);
+                out.append(&mut run);
+            }
+        }
+    }
+    out.push(run.len() as u8 + 1);
+    out.append(&mut run);
+    out
+}
+
+/// The whole frame of a payload.
+pub fn frame(payload: &[u8], sequence: u16) -> Vec<u8> {
+    let mut body = payload.to_vec();
+    body.extend(sequence.to_le_bytes());
+    body.extend(crc32(&body).to_le_bytes());
+    let mut out = stuff(&body);
+    out.push(0);
+    out
+}
+
+/// SplitMix64 (Steele, Lea, Flood 2014).
+pub struct Numbers(pub u64);
+
+impl Numbers {
+    pub fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut mixed = self.0;
+        mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        mixed ^ (mixed >> 31)
+    }
+
+    /// A number below `limit`.
+    pub fn below(&mut self, limit: usize) -> usize {
+        (self.next() % limit as u64) as usize
+    }
+
+    /// Up to `longest` bytes; every eighth or so is zero, as on a line gone wrong.
+    pub fn bytes(&mut self, longest: usize) -> Vec<u8> {
+        let length = self.below(longest + 1);
+        (0..length).map(|_| if self.below(8) == 0 { 0 } else { self.next() as u8 }).collect()
+    }
+
+    /// A difference that is small, large or extreme.
+    pub fn step(&mut self) -> i32 {
+        let bits = self.below(32);
+        (self.next() as i32) >> bits
+    }
+}
+
+#[test]
+fn check_values() {
+    assert_eq!(crc32(b"123456789"), 0xCBF4_3926);
+    assert_eq!(stuff(&[]), [1]);
+    assert_eq!(stuff(&[0]), [1, 1]);
+    assert_eq!(stuff(&[0x11, 0x22, 0, 0x33]), [3, 0x11, 0x22, 2, 0x33]);
+    assert_eq!(stuff(&[7; 254])[..2], [255, 7]);
+    assert_eq!(stuff(&[7; 254])[255..], [1]);
+    assert_eq!(stuff(&[7; 255])[255..], [2, 7]);
+}

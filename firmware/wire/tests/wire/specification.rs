@@ -1,0 +1,233 @@
+//! `docs/PROTOCOL.md` against the code: its tables, layouts and worked example are made here.
+
+use crate::reference;
+use crate::values::{estimate, few_samples};
+use inerter_core::{Bank, Status};
+use inerter_wire::protocol::{COMMANDS, Entry, RECORDS};
+use inerter_wire::*;
+use serde::de::DeserializeOwned;
+use serde_reflection::{ContainerFormat, Format, Registry, Samples as Traces, Tracer, TracerConfig, VariantFormat};
+use std::collections::BTreeSet;
+use std::fmt::Write;
+
+const BEGIN: &str =
+    "<!-- Made from the code from here on: UPDATE_PROTOCOL=1 cargo test -p inerter-wire specification -->";
+const END: &str = "<!-- Made from the code up to here. -->";
+
+fn registry() -> Registry {
+    let mut tracer = Tracer::new(TracerConfig::default());
+    let traces = Traces::new();
+    // Enums one by one, so that every variant of each is met.
+    tracer.trace_type::<Status>(&traces).unwrap();
+    tracer.trace_type::<Bank>(&traces).unwrap();
+    tracer.trace_type::<ClockSource>(&traces).unwrap();
+    tracer.trace_type::<Source>(&traces).unwrap();
+    tracer.trace_type::<Fault>(&traces).unwrap();
+    tracer.trace_type::<EventKind>(&traces).unwrap();
+    tracer.trace_type::<SettingFault>(&traces).unwrap();
+    tracer.trace_type::<Refusal>(&traces).unwrap();
+    tracer.trace_type::<Done>(&traces).unwrap();
+    tracer.trace_type::<Result<Done, Refusal>>(&traces).unwrap();
+    tracer.trace_type::<Command>(&traces).unwrap();
+    tracer.trace_type::<Request>(&traces).unwrap();
+    tracer.trace_type::<Record>(&traces).unwrap();
+    tracer.registry().unwrap()
+}
+
+/// Names of a struct's fields, in their order.
+pub fn fields_of<T: DeserializeOwned>(name: &str) -> Vec<String> {
+    let mut tracer = Tracer::new(TracerConfig::default());
+    tracer.trace_type::<Status>(&Traces::new()).unwrap();
+    tracer.trace_type::<Bank>(&Traces::new()).unwrap();
+    tracer.trace_type::<T>(&Traces::new()).unwrap();
+    match tracer.registry().unwrap().remove(name) {
+        Some(ContainerFormat::Struct(fields)) => fields.into_iter().map(|field| field.name).collect(),
+        other => panic!("{name} is {other:?}"),
+    }
+}
+
+fn form(format: &Format) -> String {
+    match format {
+        Format::TypeName(name) => format!("`{name}`"),
+        Format::Bool => "bool".into(),
+        Format::U8 => "u8".into(),
+        Format::U16 => "u16".into(),
+        Format::U32 => "u32".into(),
+        Format::U64 => "u64".into(),
+        Format::I32 => "i32".into(),
+        Format::I64 => "i64".into(),
+        Format::I128 => "i128".into(),
+        Format::U128 => "u128".into(),
+        Format::F32 => "f32".into(),
+        Format::F64 => "f64".into(),
+        Format::Str => "text".into(),
+        Format::Option(inner) => format!("option of {}", form(inner)),
+        Format::Seq(inner) => format!("list of {}", form(inner)),
+        Format::TupleArray { content, size } => format!("{size} times {}", form(content)),
+        Format::Tuple(inner) => inner.iter().map(form).collect::<Vec<_>>().join(", "),
+        other => panic!("no word for {other:?}"),
+    }
+}
+
+fn variant(format: &VariantFormat) -> String {
+    match format {
+        VariantFormat::Unit => String::new(),
+        VariantFormat::NewType(inner) => form(inner),
+        VariantFormat::Tuple(inner) => inner.iter().map(form).collect::<Vec<_>>().join(", "),
+        VariantFormat::Struct(fields) => {
+            fields.iter().map(|field| format!("{}: {}", field.name, form(&field.value))).collect::<Vec<_>>().join(", ")
+        }
+        other => panic!("no word for {other:?}"),
+    }
+}
+
+/// Types that a form names.
+fn parts(container: &ContainerFormat) -> Vec<String> {
+    let mut names = Vec::new();
+    let mut note = |format: &Format| {
+        let text = form(format);
+        names.extend(text.split('`').skip(1).step_by(2).map(String::from));
+    };
+    match container {
+        ContainerFormat::Struct(fields) => fields.iter().for_each(|field| note(&field.value)),
+        ContainerFormat::NewTypeStruct(inner) => note(inner),
+        ContainerFormat::Enum(variants) => {
+            for named in variants.values() {
+                match &named.value {
+                    VariantFormat::NewType(inner) => note(inner),
+                    VariantFormat::Struct(fields) => fields.iter().for_each(|field| note(&field.value)),
+                    _ => {}
+                }
+            }
+        }
+        other => panic!("no layout for {other:?}"),
+    }
+    names
+}
+
+fn layout(out: &mut String, registry: &Registry, name: &str, done: &mut BTreeSet<String>) {
+    if !done.insert(name.into()) {
+        return;
+    }
+    let container = &registry[name];
+    if !matches!(name, "Record" | "Command") {
+        writeln!(out, "#### `{name}`\n").unwrap();
+        match container {
+            ContainerFormat::Struct(fields) => {
+                out.push_str("| field | form |\n|---|---|\n");
+                for field in fields {
+                    writeln!(out, "| {} | {} |", field.name, form(&field.value)).unwrap();
+                }
+            }
+            ContainerFormat::NewTypeStruct(inner) => writeln!(out, "{}", form(inner)).unwrap(),
+            ContainerFormat::Enum(variants) => {
+                out.push_str("| number | variant | content |\n|---|---|---|\n");
+                for (number, named) in variants {
+                    writeln!(out, "| {number} | {} | {} |", named.name, variant(&named.value)).unwrap();
+                }
+            }
+            other => panic!("no layout for {other:?}"),
+        }
+        out.push('\n');
+    }
+    for part in parts(container) {
+        layout(out, registry, &part, done);
+    }
+}
+
+fn table(out: &mut String, title: &str, entries: &[Entry], variants: &ContainerFormat) {
+    let ContainerFormat::Enum(variants) = variants else { panic!("{variants:?}") };
+    assert_eq!(variants.len(), entries.len());
+    writeln!(out, "### {title}\n\n| number | name | content | meaning |\n|---|---|---|---|").unwrap();
+    for Entry { number, name, doc } in entries {
+        let named = &variants[number];
+        assert_eq!(named.name, *name);
+        writeln!(out, "| {number} | {name} | {} | {doc} |", variant(&named.value)).unwrap();
+    }
+    out.push('\n');
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect::<Vec<_>>().join(" ")
+}
+
+fn example<T: Message>(out: &mut String, title: &str, message: &T, sequence: u16) {
+    let mut payload = [0; MAX_PAYLOAD];
+    let payload = postcard::to_slice(message, &mut payload).unwrap();
+    let mut summed = payload.to_vec();
+    summed.extend(sequence.to_le_bytes());
+    let crc = reference::crc32(&summed);
+    let mut frame = [0; MAX_FRAME];
+    let length = encode(message, sequence, &mut frame).unwrap();
+    writeln!(
+        out,
+        "{title}\n\n```text\npayload   {}\nsequence  {}\nCRC-32    {}  (0x{crc:08X})\nframe     {}\n```\n",
+        hex(payload),
+        hex(&sequence.to_le_bytes()),
+        hex(&crc.to_le_bytes()),
+        hex(&frame[..length])
+    )
+    .unwrap();
+}
+
+fn generated() -> String {
+    let registry = registry();
+    let mut out = String::new();
+    writeln!(
+        out,
+        "Wire version {WIRE_VERSION}. Longest payload {MAX_PAYLOAD} bytes, longest frame {MAX_FRAME} with its delimiter; \
+         a batch holds at most {} samples in {} bytes, a list of settings at most {MAX_SETTINGS}.\n",
+        Samples::MAX_SAMPLES,
+        Samples::MAX_BYTES
+    )
+    .unwrap();
+    table(&mut out, "Records (device to host)", RECORDS, &registry["Record"]);
+    table(&mut out, "Commands (host to device)", COMMANDS, &registry["Command"]);
+    out.push_str("### Layouts\n\nFields follow each other in this order, without padding.\n\n");
+    let mut done = BTreeSet::new();
+    for name in ["Record", "Request"] {
+        layout(&mut out, &registry, name, &mut done);
+    }
+    assert_eq!(done.len(), registry.len(), "every type is described");
+    out.push_str("### Worked examples\n\n");
+    let request = Request { id: 1, command: Command::Hello };
+    example(&mut out, "The host's first frame, `Request { id: 1, command: Hello }`, sequence 0:", &request, 0);
+    let reply = Record::Reply(Reply { id: 1, result: Ok(Done::Plain) });
+    example(&mut out, "The device's answer, `Reply { id: 1, result: Ok(Plain) }`, sequence 2:", &reply, 2);
+    let samples = Record::Samples(few_samples());
+    example(
+        &mut out,
+        "Three samples, (3, -1, 0, 0), (4, 63, 0, 0) and, one being lost, (6, 63, 0, 0), sequence 258:",
+        &samples,
+        258,
+    );
+    example(&mut out, "An estimate (the golden of the test suite), sequence 259:", &Record::Estimate(estimate()), 259);
+    out
+}
+
+#[test]
+fn document_is_up_to_date() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/PROTOCOL.md");
+    let text = std::fs::read_to_string(path).unwrap();
+    let (head, rest) = text.split_once(BEGIN).expect("the mark that begins the generated part");
+    let (present, tail) = rest.split_once(END).expect("the mark that ends the generated part");
+    let wanted = format!("\n\n{}", generated());
+    if present == wanted {
+        return;
+    }
+    assert!(
+        std::env::var_os("UPDATE_PROTOCOL").is_some(),
+        "docs/PROTOCOL.md is out of date: UPDATE_PROTOCOL=1 cargo test -p inerter-wire specification"
+    );
+    std::fs::write(path, format!("{head}{BEGIN}{wanted}{END}{tail}")).unwrap();
+}
+
+#[test]
+fn tables_are_whole() {
+    for entries in [RECORDS, COMMANDS] {
+        for (place, entry) in entries.iter().enumerate() {
+            assert_eq!(entry.number as usize, place);
+            assert!(entry.doc.ends_with('.') && !entry.doc.contains('|'), "{}", entry.name);
+        }
+    }
+}

@@ -1,0 +1,282 @@
+//! One value of everything that travels: every record, every command, every nested variant.
+
+use crate::reference::Numbers;
+use inerter_core::{Bank, Estimate, Parameter, Parameters, RawSample, Status, Sums};
+use inerter_wire::*;
+
+fn parameter(value: f32, u95: f32, status: Status) -> Parameter {
+    Parameter { value, u95, status }
+}
+
+pub fn hello() -> Hello {
+    Hello {
+        wire_version: WIRE_VERSION,
+        firmware: Hello::text("inerter-qemu 0.1.0"),
+        git: Hello::text("0123abcd"),
+        board: Hello::text("netduinoplus2"),
+        serial: Hello::text("SIM-1"),
+        sample_rate_hz: 1000.0,
+        clock: ClockSource::Simulated,
+        capabilities: Capabilities::SAMPLER.with(Capabilities::INJECT).with(Capabilities::STORE),
+    }
+}
+
+pub fn samples() -> Samples {
+    let raw = |index, position_count, force_code, terminal_code| RawSample {
+        index,
+        position_count,
+        force_code,
+        terminal_code,
+    };
+    let (samples, taken) = Samples::from_slice(&[
+        raw(1000, -5, 123_456, 0),
+        raw(1001, -3, 123_400, 0),
+        raw(1002, 0, 123_344, 0),
+        raw(1010, i32::MAX, i32::MIN, 1),
+        raw(1011, i32::MIN, i32::MAX, 0),
+    ]);
+    assert_eq!(taken, 5);
+    samples
+}
+
+/// Three samples at rest but for one step, with one lost between.
+pub fn few_samples() -> Samples {
+    let raw = |index, position_count| RawSample { index, position_count, ..RawSample::default() };
+    Samples::from_slice(&[raw(3, -1), raw(4, 63), raw(6, 63)]).0
+}
+
+pub fn estimate() -> Estimate {
+    let recent = Parameters {
+        inertance_kg: parameter(299.5, 0.125, Status::Ok),
+        viscous_n_s_per_m: parameter(31.25, 2.0, Status::Ok),
+        coulomb_n: parameter(50.0, 0.5, Status::Held),
+        offset_n: parameter(0.0, f32::INFINITY, Status::NotIdentifiable),
+    };
+    let whole_run = Parameters { offset_n: parameter(-1.5, 0.25, Status::Ok), ..recent };
+    Estimate {
+        index: 20_000,
+        elapsed_samples: 5_000_000_000,
+        bank: Bank::Slow,
+        moving: true,
+        recent,
+        whole_run,
+        residual_rms_n: 1.0,
+        updates: 300,
+    }
+}
+
+pub fn health() -> Health {
+    Health {
+        index: 20_000,
+        uptime_s: 20,
+        dropped_frames: 3,
+        bad_frames: 1,
+        lost_samples: 5_000_000_000,
+        gaps: 2,
+        overruns: 1,
+        saturated: 7,
+        cpu_load_permille: Some(125),
+        stack_free_bytes: Some(4096),
+        temperature_c: Some(36.5),
+    }
+}
+
+/// Sums of either sign, some of them beyond 64 bits.
+pub fn sums() -> Sums {
+    Sums {
+        index: 20_000,
+        bank: Bank::Fast,
+        updates: 4_900,
+        units: [2e-6, -5e-8, 2.5e-10, 1.0, 0.002],
+        sums: [
+            1,
+            -1,
+            63,
+            -64,
+            64,
+            -65,
+            0,
+            4_900,
+            1 << 40,
+            -(1 << 40),
+            1 << 63,
+            -(1 << 63),
+            1 << 64,
+            -(1 << 90),
+            1 << 94,
+        ],
+    }
+}
+
+/// Sums that no others are longer than.
+pub fn longest_sums() -> Sums {
+    Sums { index: u32::MAX, bank: Bank::Slow, updates: u32::MAX, units: [f64::MIN; 5], sums: [i128::MIN; 15] }
+}
+
+fn some_sums(numbers: &mut Numbers) -> Sums {
+    let mut sums = sums();
+    sums.updates = numbers.next() as u32;
+    for sum in &mut sums.sums {
+        let wide = (u128::from(numbers.next()) << 64 | u128::from(numbers.next())) as i128;
+        *sum = wide >> numbers.below(128);
+    }
+    sums
+}
+
+fn few_settings() -> SettingsValues {
+    let mut values = SettingsValues::default();
+    values.push_by_name("structure_mass_kg", 1.515).unwrap();
+    values.push_by_name("skew_s", -2e-6).unwrap();
+    values
+}
+
+fn event(kind: EventKind) -> Record {
+    Record::Event(Event { index: 300, kind })
+}
+
+fn reply(result: Result<Done, Refusal>) -> Record {
+    Record::Reply(Reply { id: 513, result })
+}
+
+/// Names and records for the goldens.
+pub fn records() -> Vec<(&'static str, Record)> {
+    let bad = |fault| reply(Err(Refusal::BadSetting { number: 8, fault }));
+    vec![
+        ("Hello", Record::Hello(hello())),
+        ("Hello.Internal", Record::Hello(Hello { clock: ClockSource::Internal, ..hello() })),
+        ("Hello.Crystal", Record::Hello(Hello { clock: ClockSource::Crystal, ..hello() })),
+        ("Hello.External", Record::Hello(Hello { clock: ClockSource::External, ..hello() })),
+        ("Samples", Record::Samples(samples())),
+        ("Samples.empty", Record::Samples(Samples::default())),
+        ("Estimate", Record::Estimate(estimate())),
+        ("Estimate.default", Record::Estimate(Estimate::default())),
+        ("Health", Record::Health(health())),
+        ("Health.default", Record::Health(Health::default())),
+        ("Event.Started", event(EventKind::Started)),
+        ("Event.SourceEnded", event(EventKind::SourceEnded)),
+        ("Event.EstimatorReset", event(EventKind::EstimatorReset)),
+        ("Event.SettingsChanged", event(EventKind::SettingsChanged)),
+        ("Event.SourceChanged.Stopped", event(EventKind::SourceChanged(Source::Stopped))),
+        ("Event.SourceChanged.Sampler", event(EventKind::SourceChanged(Source::Sampler))),
+        ("Event.SourceChanged.Link", event(EventKind::SourceChanged(Source::Link))),
+        ("Event.Fault.SamplerOverrun", event(EventKind::Fault(Fault::SamplerOverrun))),
+        ("Event.Fault.SourceUnreadable", event(EventKind::Fault(Fault::SourceUnreadable))),
+        ("Event.Fault.Store", event(EventKind::Fault(Fault::Store))),
+        ("Event.Fault.SavedSettings", event(EventKind::Fault(Fault::SavedSettings))),
+        ("Event.Fault.Watchdog", event(EventKind::Fault(Fault::Watchdog))),
+        ("Event.Panicked", event(EventKind::Panicked(Hello::text("at src/main.rs:1")))),
+        ("Reply.Plain", reply(Ok(Done::Plain))),
+        ("Reply.Injected", reply(Ok(Done::Injected { accepted: 320, free: 96 }))),
+        ("Reply.Unsupported", reply(Err(Refusal::Unsupported))),
+        ("Reply.Busy", reply(Err(Refusal::Busy))),
+        ("Reply.QueueFull", reply(Err(Refusal::QueueFull { accepted: 320, free: 0 }))),
+        ("Reply.BadSetting.Unknown", bad(SettingFault::Unknown)),
+        ("Reply.BadSetting.NotFinite", bad(SettingFault::NotFinite)),
+        ("Reply.BadSetting.OutOfRange", bad(SettingFault::OutOfRange)),
+        ("Reply.BadSetting.NotWhole", bad(SettingFault::NotWhole)),
+        ("Reply.BadSetting.Zero", bad(SettingFault::Zero)),
+        ("Reply.BadSetting.Conflict", bad(SettingFault::Conflict(9))),
+        ("Reply.BadSetting.Repeated", bad(SettingFault::Repeated)),
+        ("Reply.BadSamples", reply(Err(Refusal::BadSamples))),
+        ("Reply.NotInjecting", reply(Err(Refusal::NotInjecting))),
+        ("Reply.Store", reply(Err(Refusal::Store))),
+        ("Reply.NoSamples", reply(Err(Refusal::NoSamples))),
+        ("Settings", Record::Settings(few_settings())),
+        ("Sums", Record::Sums(sums())),
+        ("Sums.slow", Record::Sums(Sums { bank: Bank::Slow, ..sums() })),
+        ("Sums.empty", Record::Sums(Sums { updates: 0, units: [1.0; 5], sums: [0; 15], ..sums() })),
+        ("Sums.least", Record::Sums(longest_sums())),
+        ("Sums.greatest", Record::Sums(Sums { units: [f64::MAX; 5], sums: [i128::MAX; 15], ..longest_sums() })),
+    ]
+}
+
+/// Names and requests for the goldens.
+pub fn requests() -> Vec<(&'static str, Request)> {
+    let streams = |samples, estimates, sums, health| Command::Streams(Streams { samples, estimates, sums, health });
+    [
+        ("Hello", Command::Hello),
+        ("ReadSettings", Command::ReadSettings),
+        ("WriteSettings", Command::WriteSettings(few_settings())),
+        ("SaveSettings", Command::SaveSettings),
+        ("Tare", Command::Tare),
+        ("Streams.samples", streams(true, false, false, false)),
+        ("Streams.estimates", streams(false, true, false, false)),
+        ("Streams.sums", streams(false, false, true, false)),
+        ("Streams.health", streams(false, false, false, true)),
+        ("ResetEstimator", Command::ResetEstimator),
+        ("Start", Command::Start),
+        ("Stop", Command::Stop),
+        ("Inject", Command::Inject(samples())),
+        ("InjectEnd", Command::InjectEnd),
+        ("EnterDfu", Command::EnterDfu),
+        ("Reboot", Command::Reboot),
+    ]
+    .into_iter()
+    .map(|(name, command)| (name, Request { id: 513, command }))
+    .collect()
+}
+
+/// A batch that no other is longer than.
+pub fn longest_samples() -> Samples {
+    let mut builder = Samples::builder();
+    let mut numbers = Numbers(1);
+    loop {
+        let sample = RawSample {
+            index: numbers.next() as u32,
+            position_count: numbers.next() as i32,
+            force_code: numbers.next() as i32,
+            terminal_code: numbers.next() as i32,
+        };
+        if builder.push(&sample).is_err() {
+            return builder.take();
+        }
+    }
+}
+
+/// The most settings that one message can carry.
+pub fn most_settings() -> SettingsValues {
+    SettingsValues((0..MAX_SETTINGS).map(|number| SettingValue { number: number as u8, value: f64::MIN }).collect())
+}
+
+fn some_samples(numbers: &mut Numbers) -> Samples {
+    let mut builder = Samples::builder();
+    let mut sample = RawSample { index: numbers.next() as u32, position_count: numbers.step(), ..RawSample::default() };
+    for _ in 0..numbers.below(40) {
+        sample.index = sample.index.wrapping_add(if numbers.below(20) == 0 { numbers.step() as u32 } else { 1 });
+        sample.position_count = sample.position_count.wrapping_add(numbers.step() >> (numbers.below(2) * 16));
+        sample.force_code = sample.force_code.wrapping_add(numbers.step() >> (numbers.below(2) * 16));
+        sample.terminal_code = sample.terminal_code.wrapping_add(numbers.step() >> (numbers.below(2) * 16));
+        if builder.push(&sample).is_err() {
+            break;
+        }
+    }
+    builder.take()
+}
+
+fn some_settings(numbers: &mut Numbers) -> SettingsValues {
+    let count = numbers.below(MAX_SETTINGS + 1);
+    SettingsValues(
+        (0..count).map(|_| SettingValue { number: numbers.next() as u8, value: f64::from(numbers.step()) }).collect(),
+    )
+}
+
+/// Any record, its numbers drawn anew where they matter.
+pub fn some_record(numbers: &mut Numbers) -> Record {
+    match numbers.below(5) {
+        0 => Record::Samples(some_samples(numbers)),
+        1 => Record::Settings(some_settings(numbers)),
+        2 => Record::Estimate(Estimate {
+            index: numbers.next() as u32,
+            elapsed_samples: numbers.next() >> numbers.below(64),
+            residual_rms_n: numbers.step() as f32,
+            ..estimate()
+        }),
+        3 => Record::Sums(some_sums(numbers)),
+        _ => {
+            let mut all = records();
+            // A restart has its own tests.
+            all.retain(|(name, _)| *name != "Event.Started" && !name.starts_with("Hello"));
+            all.swap_remove(numbers.below(all.len())).1
+        }
+    }
+}
