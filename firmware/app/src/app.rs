@@ -1,0 +1,165 @@
+//! The queues between the tasks, and all tasks in one future.
+
+use crate::QUEUE;
+use crate::board::{Board, Platform, SampleSource, Store};
+use crate::estimating::{Control, ControlDone};
+use crate::queue::SampleQueue;
+use crate::settings::load_settings;
+use crate::telemetry::{Batched, Outgoing, Restart};
+use core::cell::{Cell, RefCell};
+use embassy_futures::join::join4;
+use embassy_futures::select::{Either, select};
+use embassy_sync::blocking_mutex::Mutex;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::channel::Channel;
+use embassy_sync::signal::Signal;
+use embedded_io_async::{Read, Write};
+use inerter_core::{SettingsError, State};
+use inerter_wire::{Event, EventKind, Health, Samples, Source, Streams};
+
+/// Replies, events, estimates and sums that can wait for the link.
+const URGENT: usize = 8;
+/// Batches of raw samples that can wait for the link.
+const BATCHES: usize = 4;
+
+/// What the tasks share. One per device, in a `static`.
+pub struct App {
+    pub(crate) queue: SampleQueue<QUEUE>,
+    pub(crate) control: Signal<CriticalSectionRawMutex, Control>,
+    pub(crate) control_done: Signal<CriticalSectionRawMutex, ControlDone>,
+    /// Goes before `batches`.
+    pub(crate) urgent: Channel<CriticalSectionRawMutex, Outgoing, URGENT>,
+    pub(crate) batches: Channel<CriticalSectionRawMutex, Batched, BATCHES>,
+    pub(crate) batches_sent: Signal<CriticalSectionRawMutex, ()>,
+    streams: Mutex<CriticalSectionRawMutex, Cell<Streams>>,
+    health: Mutex<CriticalSectionRawMutex, RefCell<Health>>,
+    sampler_waits: Mutex<CriticalSectionRawMutex, Cell<bool>>,
+}
+
+impl App {
+    /// Streams that are on until the host chooses others.
+    pub const FIRST_STREAMS: Streams = Streams { estimates: true, health: true, ..Streams::NONE };
+
+    /// An app that has not run yet.
+    pub const fn new() -> Self {
+        Self {
+            queue: SampleQueue::new(),
+            control: Signal::new(),
+            control_done: Signal::new(),
+            urgent: Channel::new(),
+            batches: Channel::new(),
+            batches_sent: Signal::new(),
+            streams: Mutex::new(Cell::new(Self::FIRST_STREAMS)),
+            health: Mutex::new(RefCell::new(Health {
+                index: 0,
+                uptime_s: 0,
+                dropped_frames: 0,
+                bad_frames: 0,
+                lost_samples: 0,
+                gaps: 0,
+                overruns: 0,
+                saturated: 0,
+                cpu_load_permille: None,
+                stack_free_bytes: None,
+                temperature_c: None,
+            })),
+            sampler_waits: Mutex::new(Cell::new(false)),
+        }
+    }
+
+    pub(crate) fn streams(&self) -> Streams {
+        self.streams.lock(Cell::get)
+    }
+
+    pub(crate) fn set_streams(&self, streams: Streams) {
+        self.streams.lock(|cell| cell.set(streams));
+    }
+
+    pub(crate) fn health(&self) -> Health {
+        self.health.lock(|health| *health.borrow())
+    }
+
+    pub(crate) fn note(&self, change: impl FnOnce(&mut Health)) {
+        self.health.lock(|health| change(&mut health.borrow_mut()));
+    }
+
+    pub(crate) fn set_sampler_waits(&self, waits: bool) {
+        self.sampler_waits.lock(|cell| cell.set(waits));
+    }
+
+    /// Whether the source in use can wait for the link.
+    pub(crate) fn source_waits(&self) -> bool {
+        self.queue.source() == Source::Link || self.sampler_waits.lock(Cell::get)
+    }
+
+    pub(crate) fn note_dropped_frame(&self) {
+        self.note(|health| health.dropped_frames = health.dropped_frames.saturating_add(1));
+    }
+
+    /// Hands a record to the link that nobody asked for: waits for room where the source of samples can wait, else drops
+    /// it and counts.
+    ///
+    /// The wait ends because the link is limited in time.
+    pub(crate) async fn deliver(&self, outgoing: Outgoing) {
+        if self.source_waits() {
+            self.urgent.send(outgoing).await;
+        } else if self.urgent.try_send(outgoing).is_err() {
+            self.note_dropped_frame();
+        }
+    }
+
+    /// [`deliver`](Self::deliver) for raw samples, which go after everything else.
+    pub(crate) async fn deliver_samples(&self, samples: Samples) {
+        if self.source_waits() {
+            self.batches.send(Some(samples)).await;
+        } else if self.batches.try_send(Some(samples)).is_err() {
+            self.note_dropped_frame();
+        }
+    }
+
+    /// Waits until all raw samples that were handed over have been sent or dropped.
+    pub(crate) async fn samples_are_sent(&self) {
+        self.batches_sent.reset();
+        self.batches.send(None).await;
+        self.batches_sent.wait().await;
+    }
+
+    pub(crate) fn event(&self, kind: EventKind) -> Outgoing {
+        Outgoing::Event(Event { index: self.health().index, kind })
+    }
+}
+
+impl Default for App {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// Runs the instrument until a host asks for a restart, which is left to the caller.
+///
+/// An error only when the board's default settings are not valid.
+pub async fn run<S, R, W, K, P>(
+    app: &App,
+    state: &mut State,
+    board: Board<'_, S, R, W, K, P>,
+) -> Result<Restart, SettingsError>
+where
+    S: SampleSource,
+    R: Read,
+    W: Write,
+    K: Store,
+    P: Platform,
+{
+    let Board { source, receiver, transmitter, mut store, platform, identity, defaults, autostart } = board;
+    let (in_use, active) = load_settings(&mut store, &defaults).await?;
+    let endless = join4(
+        app.sampling(source),
+        app.estimating(state, active),
+        app.commands(receiver, store, identity, in_use, autostart),
+        app.health_reports(platform),
+    );
+    match select(app.telemetry(transmitter), endless).await {
+        Either::First(restart) => Ok(restart),
+        Either::Second((never, ..)) => never,
+    }
+}

@@ -1,0 +1,129 @@
+//! What a board must offer.
+
+use embedded_io_async::{Read, Write};
+use inerter_core::{RawSample, Settings};
+use inerter_wire::{Capabilities, ClockSource, SettingsValues};
+
+/// Whether a source of samples can wait.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pace {
+    /// Samples come by the clock: what is not taken in time is lost, and counted.
+    Live,
+    /// Samples wait until they are asked for: none is lost.
+    OnDemand,
+}
+
+/// Why a source gave no samples.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SourceError {
+    /// There are no more; the source in use is then none.
+    Ended,
+    /// The hardware overtook the reader. Samples were lost, the sample counter shows how many, and the next ones come.
+    Overrun,
+    /// The sensor or file cannot be read; the source in use is then none.
+    Unreadable,
+}
+
+/// The board's own source of samples.
+#[allow(async_fn_in_trait, reason = "used generically only, and never sent to another thread")]
+pub trait SampleSource {
+    /// Whether the source can wait.
+    fn pace(&self) -> Pace;
+
+    /// Waits for samples, puts them at the front of `into`, returns their number.
+    ///
+    /// The future may be dropped while it waits; no sample may get lost by that.
+    async fn read(&mut self, into: &mut [RawSample]) -> Result<usize, SourceError>;
+}
+
+/// The settings store failed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StoreError;
+
+/// Where settings outlive a restart.
+#[allow(async_fn_in_trait, reason = "used generically only, and never sent to another thread")]
+pub trait Store {
+    /// The settings last saved; `None` when there never were any.
+    async fn load(&mut self) -> Result<Option<SettingsValues>, StoreError>;
+
+    /// Keeps `settings`. Whenever power fails, either these or the ones before are loaded next.
+    async fn save(&mut self, settings: &SettingsValues) -> Result<(), StoreError>;
+}
+
+/// For a board that keeps nothing; its capabilities lack [`Capabilities::STORE`].
+#[derive(Clone, Copy, Debug, Default)]
+pub struct NoStore;
+
+impl Store for NoStore {
+    async fn load(&mut self) -> Result<Option<SettingsValues>, StoreError> {
+        Ok(None)
+    }
+
+    async fn save(&mut self, _settings: &SettingsValues) -> Result<(), StoreError> {
+        Err(StoreError)
+    }
+}
+
+/// Who the device is; the sample rate of its Hello comes from the settings.
+#[derive(Clone, Copy, Debug)]
+pub struct Identity<'a> {
+    /// Firmware name and version.
+    pub firmware: &'a str,
+    /// Commit that the firmware was built from.
+    pub git: &'a str,
+    /// Board.
+    pub board: &'a str,
+    /// Serial number, unique per device.
+    pub serial: &'a str,
+    /// What the sample clock runs from.
+    pub clock: ClockSource,
+    /// What the board can do. Commands beyond it are refused as unsupported; what every board can do is added to it.
+    pub capabilities: Capabilities,
+}
+
+/// What only the board can measure of itself; `None` where it cannot.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Figures {
+    /// Share of time that the processor worked since the last call, in thousandths.
+    pub cpu_load_permille: Option<u16>,
+    /// Stack never used so far, in bytes.
+    pub stack_free_bytes: Option<u32>,
+    /// Temperature of the chip, in degrees Celsius.
+    pub temperature_c: Option<f32>,
+}
+
+/// The board's own figures.
+pub trait Platform {
+    /// Measures them; called once a second.
+    fn figures(&mut self) -> Figures;
+}
+
+/// A board, in parts: each goes to the task that uses it.
+///
+/// The link is two halves. Writing may wait for a reader: the app limits it in time. Reading returns 0 or an error
+/// while nobody is connected, and the app asks again later.
+pub struct Board<'a, S, R, W, K, P>
+where
+    S: SampleSource,
+    R: Read,
+    W: Write,
+    K: Store,
+    P: Platform,
+{
+    /// The board's own samples.
+    pub source: S,
+    /// Bytes from the host.
+    pub receiver: R,
+    /// Bytes to the host.
+    pub transmitter: W,
+    /// Settings over a restart.
+    pub store: K,
+    /// Health figures.
+    pub platform: P,
+    /// Who it is.
+    pub identity: Identity<'a>,
+    /// Settings of a device that was never set up.
+    pub defaults: Settings,
+    /// Whether the sampler runs from the beginning; else it waits for `Start`.
+    pub autostart: bool,
+}

@@ -1,0 +1,273 @@
+//! Samples on their way to the estimator, from one source at a time.
+//!
+//! The queue knows the source in use and takes samples from no other. Changing it is therefore one step, however far
+//! the former source has got with its next batch.
+
+use core::cell::RefCell;
+use core::future::poll_fn;
+use core::task::{Context, Poll};
+use embassy_sync::blocking_mutex::Mutex;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::waitqueue::WakerRegistration;
+use heapless::Deque;
+use inerter_core::RawSample;
+use inerter_wire::Source;
+
+/// The queue; `N` samples wait at most.
+pub(crate) struct SampleQueue<const N: usize> {
+    inner: Mutex<CriticalSectionRawMutex, RefCell<Inner<N>>>,
+}
+
+struct Inner<const N: usize> {
+    samples: Deque<RawSample, N>,
+    source: Source,
+    ended: bool,
+    taker: WakerRegistration,
+    giver: WakerRegistration,
+    sampler: WakerRegistration,
+}
+
+/// What [`SampleQueue::take`] found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Taken {
+    /// So many samples, at least 1.
+    Samples(usize),
+    /// The sampler has ended, and its last sample was taken before.
+    Ended,
+}
+
+/// The source that gives samples is not in use any more.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct NotInUse;
+
+impl<const N: usize> SampleQueue<N> {
+    pub const fn new() -> Self {
+        Self {
+            inner: Mutex::new(RefCell::new(Inner {
+                samples: Deque::new(),
+                source: Source::Stopped,
+                ended: false,
+                taker: WakerRegistration::new(),
+                giver: WakerRegistration::new(),
+                sampler: WakerRegistration::new(),
+            })),
+        }
+    }
+
+    fn with<R>(&self, act: impl FnOnce(&mut Inner<N>) -> R) -> R {
+        self.inner.lock(|inner| act(&mut inner.borrow_mut()))
+    }
+
+    /// The source in use.
+    pub fn source(&self) -> Source {
+        self.with(|inner| inner.source)
+    }
+
+    /// Samples that could be given now.
+    pub fn free(&self) -> usize {
+        self.with(|inner| inner.free())
+    }
+
+    /// Puts a source in use; returns the one before.
+    ///
+    /// What it had given stays when a sampler is halted or goes on, and is discarded when the link comes or goes.
+    pub fn change_source(&self, source: Source) -> Source {
+        self.with(|inner| {
+            let before = inner.source;
+            if before != source {
+                if before == Source::Link || source == Source::Link {
+                    inner.samples.clear();
+                }
+                inner.source = source;
+                inner.ended = false;
+                inner.giver.wake();
+                inner.sampler.wake();
+            }
+            before
+        })
+    }
+
+    /// The sampler has no more: halts it and tells the taker behind its last sample.
+    pub fn end_sampler(&self) {
+        self.with(|inner| {
+            if inner.source == Source::Sampler {
+                inner.source = Source::Stopped;
+                inner.ended = true;
+                inner.taker.wake();
+            }
+        });
+    }
+
+    /// Waits until the sampler is in use, or is not. For one task only.
+    pub async fn sampler_is(&self, wanted: bool) {
+        poll_fn(|context| {
+            self.with(|inner| {
+                if (inner.source == Source::Sampler) == wanted {
+                    return Poll::Ready(());
+                }
+                inner.sampler.register(context.waker());
+                Poll::Pending
+            })
+        })
+        .await
+    }
+
+    /// Gives all of `samples`, waiting for room; only the one source in use may wait.
+    pub async fn give(&self, source: Source, samples: &[RawSample]) -> Result<(), NotInUse> {
+        let mut left = samples;
+        poll_fn(|context| {
+            self.with(|inner| {
+                if inner.source != source {
+                    return Poll::Ready(Err(NotInUse));
+                }
+                left = left.get(inner.put(left)..).unwrap_or_default();
+                if left.is_empty() {
+                    return Poll::Ready(Ok(()));
+                }
+                inner.giver.register(context.waker());
+                Poll::Pending
+            })
+        })
+        .await
+    }
+
+    /// Waits until there is room for `count` samples of the source in use.
+    pub async fn room(&self, source: Source, count: usize) -> Result<(), NotInUse> {
+        poll_fn(|context| {
+            self.with(|inner| {
+                if inner.source != source {
+                    return Poll::Ready(Err(NotInUse));
+                }
+                if inner.free() >= count {
+                    return Poll::Ready(Ok(()));
+                }
+                inner.giver.register(context.waker());
+                Poll::Pending
+            })
+        })
+        .await
+    }
+
+    /// Gives what there is room for and returns how many did not fit.
+    pub fn give_now(&self, source: Source, samples: &[RawSample]) -> Result<usize, NotInUse> {
+        self.with(|inner| {
+            if inner.source != source {
+                return Err(NotInUse);
+            }
+            Ok(samples.len() - inner.put(samples))
+        })
+    }
+
+    /// Waits for samples and moves them to the front of `into`. The future may be dropped while it waits.
+    pub async fn take(&self, into: &mut [RawSample]) -> Taken {
+        poll_fn(|context| self.with(|inner| inner.poll_take(into, context))).await
+    }
+
+    /// Moves waiting samples to the front of `into` and returns how many, without waiting.
+    pub fn take_now(&self, into: &mut [RawSample]) -> usize {
+        self.with(|inner| inner.get(into))
+    }
+}
+
+impl<const N: usize> Inner<N> {
+    fn free(&self) -> usize {
+        N - self.samples.len()
+    }
+
+    fn put(&mut self, samples: &[RawSample]) -> usize {
+        let mut count = 0;
+        for sample in samples {
+            if self.samples.push_back(*sample).is_err() {
+                break;
+            }
+            count += 1;
+        }
+        if count > 0 {
+            self.taker.wake();
+        }
+        count
+    }
+
+    fn get(&mut self, into: &mut [RawSample]) -> usize {
+        let mut count = 0;
+        for place in into {
+            let Some(sample) = self.samples.pop_front() else { break };
+            *place = sample;
+            count += 1;
+        }
+        if count > 0 {
+            self.giver.wake();
+        }
+        count
+    }
+
+    fn poll_take(&mut self, into: &mut [RawSample], context: &mut Context) -> Poll<Taken> {
+        let count = self.get(into);
+        if count > 0 {
+            return Poll::Ready(Taken::Samples(count));
+        }
+        if core::mem::take(&mut self.ended) {
+            return Poll::Ready(Taken::Ended);
+        }
+        self.taker.register(context.waker());
+        Poll::Pending
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{NotInUse, SampleQueue, Taken};
+    use embassy_futures::block_on;
+    use embassy_futures::poll_once;
+    use inerter_core::RawSample;
+    use inerter_wire::Source;
+    use std::vec::Vec;
+
+    fn samples(indices: core::ops::Range<u32>) -> Vec<RawSample> {
+        indices.map(|index| RawSample { index, ..RawSample::default() }).collect()
+    }
+
+    #[test]
+    fn what_does_not_fit_is_reported() {
+        let queue = SampleQueue::<8>::new();
+        assert_eq!(queue.give_now(Source::Sampler, &samples(0..1)), Err(NotInUse));
+        queue.change_source(Source::Sampler);
+        assert_eq!(queue.give_now(Source::Sampler, &samples(0..5)), Ok(0));
+        assert_eq!(queue.give_now(Source::Sampler, &samples(5..10)), Ok(2));
+        assert_eq!(queue.free(), 0);
+        let mut into = [RawSample::default(); 16];
+        assert_eq!(block_on(queue.take(&mut into)), Taken::Samples(8));
+        assert_eq!(into[..8], samples(0..8));
+    }
+
+    #[test]
+    fn a_giver_waits_for_room_and_leaves_when_another_source_comes() {
+        let queue = SampleQueue::<4>::new();
+        queue.change_source(Source::Sampler);
+        let more = samples(0..10);
+        let mut giving = core::pin::pin!(queue.give(Source::Sampler, &more));
+        assert!(poll_once(giving.as_mut()).is_pending());
+        let mut into = [RawSample::default(); 3];
+        assert_eq!(queue.take_now(&mut into), 3);
+        assert!(poll_once(giving.as_mut()).is_pending());
+        assert_eq!(queue.free(), 0);
+        queue.change_source(Source::Link);
+        assert_eq!(block_on(giving), Err(NotInUse));
+        assert_eq!(queue.free(), 4, "the former source's samples are discarded");
+        assert_eq!(block_on(queue.room(Source::Link, 4)), Ok(()));
+    }
+
+    #[test]
+    fn the_end_comes_after_the_last_sample() {
+        let queue = SampleQueue::<4>::new();
+        queue.change_source(Source::Sampler);
+        assert_eq!(queue.give_now(Source::Sampler, &samples(0..4)), Ok(0));
+        queue.end_sampler();
+        assert_eq!(queue.source(), Source::Stopped);
+        let mut into = [RawSample::default(); 3];
+        assert_eq!(block_on(queue.take(&mut into)), Taken::Samples(3));
+        assert_eq!(block_on(queue.take(&mut into)), Taken::Samples(1));
+        assert_eq!(block_on(queue.take(&mut into)), Taken::Ended);
+        assert!(poll_once(queue.take(&mut into)).is_pending());
+    }
+}

@@ -1,0 +1,145 @@
+//! From records to frames on the link.
+//!
+//! Replies, events and estimates go before raw samples. Every write is limited in time, so that whoever waits for room
+//! here waits for a bounded time; what cannot be written is dropped, counted, and leaves a hole in the sequence.
+
+use crate::app::App;
+use crate::logging::log;
+use embassy_futures::select::{Either, select};
+use embassy_time::{Duration, with_timeout};
+use embedded_io_async::Write;
+use inerter_core::{Estimate, Settings, Sums};
+use inerter_wire::{
+    DELIMITER, Event, EventKind, Health, Hello, MAX_FRAME, Record, Reply, Samples, SequenceCounter, SettingsValues,
+    encode_record,
+};
+
+/// Time for a frame on a link whose reader reads.
+const WRITE_LIMIT: Duration = Duration::from_millis(1_000);
+/// Time for a frame after one that was not taken in time, until one is.
+const STALLED_WRITE_LIMIT: Duration = Duration::from_millis(10);
+/// Greatest jump of the sequence: half of its range would look like a restart.
+const GREATEST_JUMP: u32 = 0x7000;
+
+/// What a host asked for, to be done by whoever runs the app.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Restart {
+    /// Restart.
+    Reboot,
+    /// Restart into the chip's firmware update mode.
+    Dfu,
+}
+
+/// What goes before raw samples: small forms of the records, as many of them wait in a queue.
+pub(crate) enum Outgoing {
+    Hello(Hello),
+    Estimate(Estimate),
+    Health(Health),
+    Event(Event),
+    Reply(Reply),
+    Settings(Settings),
+    Sums(Sums),
+    /// Everything before this has been sent: end.
+    Restart(Restart),
+}
+
+/// What goes after everything else: raw samples, or the wish to know that all before it have been sent.
+pub(crate) type Batched = Option<Samples>;
+
+struct Sender<'a, W> {
+    app: &'a App,
+    link: W,
+    sequence: SequenceCounter,
+    /// Dropped frames that the other end has seen in the sequence.
+    accounted: u32,
+    stalled: bool,
+    /// The link may hold the beginning of a frame.
+    unfinished: bool,
+    /// A place for the delimiter, then a frame.
+    buffer: [u8; MAX_FRAME + 1],
+}
+
+impl App {
+    /// Sends what the other tasks hand over, beginning with [`EventKind::Started`], until a restart is due.
+    pub async fn telemetry(&self, link: impl Write) -> Restart {
+        let mut sender = Sender {
+            app: self,
+            link,
+            sequence: SequenceCounter::new(),
+            accounted: 0,
+            stalled: false,
+            unfinished: true,
+            buffer: [DELIMITER; MAX_FRAME + 1],
+        };
+        sender.send(&Record::Event(Event { index: 0, kind: EventKind::Started })).await;
+        loop {
+            let record = match select(self.urgent.receive(), self.batches.receive()).await {
+                Either::First(outgoing) => match outgoing {
+                    Outgoing::Hello(hello) => Record::Hello(hello),
+                    Outgoing::Estimate(estimate) => Record::Estimate(estimate),
+                    Outgoing::Health(health) => Record::Health(health),
+                    Outgoing::Event(event) => Record::Event(event),
+                    Outgoing::Reply(reply) => Record::Reply(reply),
+                    Outgoing::Settings(settings) => Record::Settings(SettingsValues::from(&settings)),
+                    Outgoing::Sums(sums) => Record::Sums(sums),
+                    Outgoing::Restart(restart) => return restart,
+                },
+                Either::Second(Some(samples)) => Record::Samples(samples),
+                Either::Second(None) => {
+                    self.batches_sent.signal(());
+                    continue;
+                }
+            };
+            sender.send(&record).await;
+        }
+    }
+}
+
+impl<W: Write> Sender<'_, W> {
+    async fn send(&mut self, record: &Record) {
+        let dropped = self.app.health().dropped_frames;
+        let mut sequence = self.sequence;
+        for _ in 0..dropped.wrapping_sub(self.accounted).min(GREATEST_JUMP) {
+            sequence.take();
+        }
+        let number = sequence.take();
+        if self.write(record, number).await.is_ok() {
+            self.sequence = sequence;
+            self.accounted = dropped;
+        } else {
+            self.app.note_dropped_frame();
+        }
+    }
+
+    async fn write(&mut self, record: &Record, number: u16) -> Result<(), Failed> {
+        let [_, frame @ ..] = &mut self.buffer;
+        let length = encode_record(record, number, frame).map_err(|_| Failed)?;
+        let bytes = self.buffer.get(usize::from(!self.unfinished)..=length).unwrap_or_default();
+        let limit = if self.stalled { STALLED_WRITE_LIMIT } else { WRITE_LIMIT };
+        let result = match with_timeout(limit, write_all(&mut self.link, bytes)).await {
+            Ok(result) => result,
+            Err(_) => Err(Failed),
+        };
+        if result.is_err() && !self.stalled {
+            log!(warn, "link stalled");
+        }
+        self.stalled = result.is_err();
+        self.unfinished = result.is_err();
+        result
+    }
+}
+
+/// The frame could not be sent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Failed;
+
+async fn write_all(link: &mut impl Write, bytes: &[u8]) -> Result<(), Failed> {
+    let mut left = bytes;
+    while !left.is_empty() {
+        match link.write(left).await {
+            Ok(count @ 1..) => left = left.get(count..).unwrap_or_default(),
+            Ok(0) | Err(_) => return Err(Failed),
+        }
+    }
+    link.flush().await.map_err(|_| Failed)
+}

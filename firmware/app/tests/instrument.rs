@@ -1,0 +1,664 @@
+//! The whole instrument on mock parts, as a host sees it over the link.
+
+mod rig;
+
+use inerter_app::{Pace, Restart, SourceError};
+use inerter_core::{Bank, RawSample, Settings, State, Status};
+use inerter_wire::{
+    Capabilities, ClockSource, Command, Done, Event, EventKind, Fault, Frame, Record, Refusal, Reply, Samples,
+    SettingFault, SettingValue, SettingsValues, Source, Streams, WIRE_VERSION,
+};
+use rig::{IDENTITY, MemoryStore, Options, Rig, by_core, estimates, events, raw_samples, shaken};
+
+fn write(pairs: &[(&str, f64)]) -> Command {
+    let mut values = SettingsValues::default();
+    for &(name, value) in pairs {
+        let number = Settings::find(name).unwrap() as u8;
+        values.0.push(SettingValue { number, value }).unwrap();
+    }
+    Command::WriteSettings(values)
+}
+
+fn number(name: &str) -> u8 {
+    Settings::find(name).unwrap() as u8
+}
+
+fn live() -> Options {
+    Options { pace: Pace::Live, autostart: true, ..Options::default() }
+}
+
+#[test]
+fn the_stream_begins_with_the_start_and_who_it_is() {
+    let mut rig = Rig::cold(Options::default());
+    let frames = rig.frames();
+    let [
+        Frame::Message { sequence: 0, message: started },
+        Frame::Message { sequence: 1, message: Record::Hello(hello) },
+    ] = frames.as_slice()
+    else {
+        panic!("{frames:?}");
+    };
+    assert_eq!(*started, Record::Event(Event { index: 0, kind: EventKind::Started }));
+    assert_eq!(hello.wire_version, WIRE_VERSION);
+    assert_eq!((hello.firmware.as_str(), hello.git.as_str()), ("inerter 1.2.3", "0123456789ab"));
+    assert_eq!((hello.board.as_str(), hello.serial.as_str()), ("bench", "B-7"));
+    assert_eq!((hello.sample_rate_hz, hello.clock), (1000.0, ClockSource::Simulated));
+    assert_eq!(hello.capabilities, IDENTITY.capabilities.with(Capabilities::SUMS));
+    assert_eq!(rig.tell(Command::Hello), [Record::Hello(hello.clone())]);
+}
+
+#[test]
+fn settings_are_put_in_use_together() {
+    let mut rig = Rig::new();
+    let records = rig.tell(write(&[("sample_rate_hz", 4000.0), ("memory_s", 10.0)]));
+    assert_eq!(events(&records), [EventKind::EstimatorReset, EventKind::SettingsChanged]);
+    let wanted = Settings { sample_rate_hz: 4000.0, memory_s: 10.0, ..Settings::default() };
+    assert_eq!(records.last(), Some(&Record::Settings(SettingsValues::from(&wanted))));
+    assert_eq!(rig.settings(), wanted);
+    match rig.tell(Command::Hello).as_slice() {
+        [Record::Hello(hello)] => assert_eq!(hello.sample_rate_hz, 4000.0),
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn refused_settings_name_the_setting_and_change_nothing() {
+    let mut rig = Rig::new();
+    let refused = |rig: &mut Rig, command, name: &str, fault| {
+        let (records, result, _) = rig.ask(command);
+        assert_eq!(result, Err(Refusal::BadSetting { number: number(name), fault }));
+        assert_eq!(records, []);
+        assert_eq!(rig.settings(), Settings::default());
+    };
+    let good = ("memory_s", 10.0);
+    refused(&mut rig, write(&[good, ("sample_rate_hz", 5e6)]), "sample_rate_hz", SettingFault::OutOfRange);
+    refused(&mut rig, write(&[good, ("metres_per_count", 0.0)]), "metres_per_count", SettingFault::Zero);
+    refused(&mut rig, write(&[good, ("skew_s", f64::NAN)]), "skew_s", SettingFault::NotFinite);
+    refused(&mut rig, write(&[good, ("oversampling", 1.5)]), "oversampling", SettingFault::NotWhole);
+    refused(&mut rig, write(&[good, ("memory_s", 11.0)]), "memory_s", SettingFault::Repeated);
+    let beyond = SettingValue { number: 200, value: 1.0 };
+    let unknown = SettingsValues(heapless::Vec::from_slice(&[beyond]).unwrap());
+    let result = rig.result(Command::WriteSettings(unknown));
+    assert_eq!(result, Err(Refusal::BadSetting { number: 200, fault: SettingFault::Unknown }));
+    // Each is good by itself, together they are not.
+    let result = rig.result(write(&[("force_min_code", 100.0), ("force_max_code", -100.0)]));
+    assert!(matches!(result, Err(Refusal::BadSetting { fault: SettingFault::Conflict(_), .. })), "{result:?}");
+    assert_eq!(rig.settings(), Settings::default());
+}
+
+#[test]
+fn only_settings_that_change_what_was_gathered_forget_it() {
+    let mut rig = Rig::new();
+    for (name, value, reset) in
+        [("skew_u95_s", 2e-6, false), ("memory_s", 5.0, false), ("publish_rate_hz", 2.0, false), ("skew_s", 1e-5, true)]
+    {
+        let events = events(&rig.tell(write(&[(name, value)])));
+        assert_eq!(events.contains(&EventKind::EstimatorReset), reset, "{name}");
+    }
+}
+
+#[test]
+fn estimates_from_a_source_that_waits_equal_cores_to_the_bit_and_none_is_lost() {
+    let mut rig = Rig::new();
+    let samples = shaken(20_000);
+    rig.script.push(samples.iter().copied().map(Ok));
+    rig.script.push([Err(SourceError::Ended)]);
+    // Less than an estimate fits the link at once, and the host takes its time.
+    rig.set_room(100);
+    let start = rig.send(Command::Start);
+    let mut records = Vec::new();
+    while !matches!(records.last(), Some(Record::Event(Event { kind: EventKind::SourceEnded, .. }))) {
+        rig.pass(5);
+        for frame in rig.read_bytes(70) {
+            let Frame::Message { message, .. } = frame else { panic!("{frame:?}") };
+            records.push(message);
+        }
+    }
+    assert!(records.contains(&Record::Reply(Reply { id: start, result: Ok(Done::Plain) })));
+    let (mut expected, end) = by_core(&Settings::default(), &samples);
+    expected.push(end);
+    assert_eq!(estimates(&records), expected);
+    assert_eq!(end.recent.inertance_kg.status, Status::Ok);
+    assert!((end.recent.inertance_kg.value - 100.0).abs() < 0.5, "{end:?}");
+}
+
+#[test]
+fn raw_samples_are_streamed_when_asked_for() {
+    let mut rig = Rig::with(live());
+    let samples = shaken(400);
+    rig.script.push(samples[..100].iter().copied().map(Ok));
+    assert_eq!(raw_samples(&rig.records()), []);
+    rig.tell(Command::Streams(Streams { samples: true, ..Streams::NONE }));
+    rig.script.push(samples[100..110].iter().copied().map(Ok));
+    rig.pass(49);
+    assert_eq!(rig.records(), [], "a batch waits for more");
+    rig.pass(1);
+    assert_eq!(raw_samples(&rig.records()), samples[100..110], "but not for ever");
+    let mut streamed = Vec::new();
+    for part in samples[110..].chunks(7) {
+        rig.script.push(part.iter().copied().map(Ok));
+        rig.pass(7);
+        streamed.extend(raw_samples(&rig.records()));
+    }
+    rig.pass(50);
+    streamed.extend(raw_samples(&rig.records()));
+    assert_eq!(streamed, samples[110..]);
+}
+
+#[test]
+fn a_source_that_waits_streams_every_sample() {
+    let mut rig = Rig::new();
+    rig.tell(Command::Streams(Streams { samples: true, ..Streams::NONE }));
+    let samples = shaken(5_000);
+    rig.script.push(samples.iter().copied().map(Ok));
+    rig.script.push([Err(SourceError::Ended)]);
+    rig.set_room(50);
+    rig.send(Command::Start);
+    let mut records = Vec::new();
+    while !matches!(records.last(), Some(Record::Event(Event { kind: EventKind::SourceEnded, .. }))) {
+        rig.pass(1);
+        for frame in rig.read_bytes(50) {
+            let Frame::Message { message, .. } = frame else { panic!("{frame:?}") };
+            records.push(message);
+        }
+    }
+    // The end of the source is said after its last sample.
+    assert_eq!(raw_samples(&records), samples);
+}
+
+#[test]
+fn sums_follow_the_estimate_once_a_second_and_at_the_end() {
+    let mut rig = Rig::new();
+    rig.tell(Command::Streams(Streams { estimates: true, sums: true, ..Streams::NONE }));
+    let samples = shaken(3_500);
+    let active = Settings::default().validate().unwrap();
+    let mut state = State::new(&active);
+    let sums = |state: &State| [Bank::Fast, Bank::Slow].map(|bank| Record::Sums(active.sums(state, bank)));
+    let mut expected = Vec::new();
+    for (place, sample) in samples.iter().enumerate() {
+        expected.extend(active.step(&mut state, sample).map(Record::Estimate));
+        if (place + 1) % 1_000 == 0 {
+            expected.extend(sums(&state));
+        }
+    }
+    expected.push(Record::Estimate(active.estimate(&state)));
+    expected.extend(sums(&state));
+
+    rig.script.push(samples.iter().copied().map(Ok));
+    rig.script.push([Err(SourceError::Ended)]);
+    // Less than the sums of one bank fits the link at once: the source waits, and none is lost.
+    rig.set_room(100);
+    rig.send(Command::Start);
+    let mut records = Vec::new();
+    while !matches!(records.last(), Some(Record::Event(Event { kind: EventKind::SourceEnded, .. }))) {
+        rig.pass(1);
+        for frame in rig.read_bytes(50) {
+            let Frame::Message { message, .. } = frame else { panic!("{frame:?}") };
+            records.push(message);
+        }
+    }
+    records.retain(|record| matches!(record, Record::Estimate(_) | Record::Sums(_)));
+    assert_eq!(records, expected);
+
+    // With the estimator, the sums and their second begin anew; without the stream there are none.
+    rig.set_room(usize::MAX);
+    let is_sums = |record: &&Record| matches!(record, Record::Sums(_));
+    let again = rig.inject(&samples[..1_000]);
+    assert!(again.iter().filter(is_sums).eq(expected.iter().filter(is_sums).take(2)));
+    rig.tell(Command::Streams(Streams { estimates: true, ..Streams::NONE }));
+    let mut none = rig.inject(&samples[1_000..]);
+    none.extend(rig.tell(Command::InjectEnd));
+    assert_eq!(none.iter().find(is_sums), None);
+}
+
+#[test]
+fn health_comes_every_second_with_the_boards_figures() {
+    let mut rig = Rig::with(live());
+    rig.pass(3_500);
+    let records = rig.records();
+    let reports: Vec<_> = records
+        .iter()
+        .filter_map(|record| if let Record::Health(health) = record { Some(health) } else { None })
+        .collect();
+    assert_eq!(reports.iter().map(|health| health.uptime_s).collect::<Vec<_>>(), [1, 2, 3]);
+    let figures = (reports[0].cpu_load_permille, reports[0].stack_free_bytes, reports[0].temperature_c);
+    assert_eq!(figures, (Some(123), Some(4567), Some(30.5)));
+    rig.tell(Command::Streams(Streams::NONE));
+    rig.pass(2_000);
+    assert_eq!(rig.records(), []);
+}
+
+#[test]
+fn frames_that_a_stalled_link_does_not_take_are_counted_by_both_ends() {
+    let mut rig = Rig::with(live());
+    rig.tell(Command::Streams(Streams { samples: true, estimates: true, ..Streams::NONE }));
+    // The reader stops in the middle of a frame.
+    rig.set_room(30);
+    for part in shaken(10_000).chunks(10) {
+        rig.script.push(part.iter().copied().map(Ok));
+        rig.pass(10);
+    }
+    rig.set_room(usize::MAX);
+    rig.tell_through_loss(Command::Streams(Streams { health: true, ..Streams::NONE }));
+    let health = rig.health();
+    assert_eq!((health.lost_samples, health.overruns), (0, 0), "the link holds up no sample");
+    assert!(health.dropped_frames > 300, "{health:?}");
+    assert_eq!(rig.lost(), health.dropped_frames);
+    assert_eq!(rig.corrupt(), 1, "the frame that was cut off");
+}
+
+#[test]
+fn estimates_go_before_raw_samples() {
+    let mut rig = Rig::with(live());
+    rig.tell(Command::Streams(Streams { samples: true, estimates: true, ..Streams::NONE }));
+    rig.set_room(100);
+    // 1 kHz of raw samples are 6 KB/s; the host reads 3 KB/s.
+    let samples = shaken(20_000);
+    let (mut seen, mut streamed) = (Vec::new(), 0);
+    for part in samples.chunks(10) {
+        rig.script.push(part.iter().copied().map(Ok));
+        rig.pass(10);
+        for frame in rig.read_bytes(30) {
+            match frame {
+                Frame::Message { message: Record::Estimate(estimate), .. } => seen.push(estimate),
+                Frame::Message { message: Record::Samples(batch), .. } => streamed += batch.len(),
+                _ => {}
+            }
+        }
+    }
+    let (expected, _) = by_core(&Settings::default(), &samples);
+    assert!(seen.len() >= expected.len() - 1, "{} of {}", seen.len(), expected.len());
+    assert_eq!(seen, expected[..seen.len()]);
+    assert!((2_000..18_000).contains(&streamed), "{streamed}");
+}
+
+#[test]
+fn injected_samples_give_cores_estimates() {
+    let mut rig = Rig::new();
+    let samples = shaken(20_000);
+    let mut records = rig.inject(&samples);
+    assert_eq!(events(&records), [EventKind::SourceChanged(Source::Link), EventKind::EstimatorReset]);
+    let (last, result, after) = rig.ask(Command::InjectEnd);
+    assert_eq!((result, after), (Ok(Done::Injected { accepted: 20_000, free: 256 }), vec![]));
+    assert_eq!(events(&last), [EventKind::SourceEnded]);
+    records.extend(last);
+    let (mut expected, end) = by_core(&Settings::default(), &samples);
+    expected.push(end);
+    assert_eq!(estimates(&records), expected);
+    assert_eq!(rig.result(Command::InjectEnd), Err(Refusal::NotInjecting));
+    // The next injection begins anew.
+    let mut records = rig.inject(&samples[..5_000]);
+    records.extend(rig.tell(Command::InjectEnd));
+    let (mut expected, end) = by_core(&Settings::default(), &samples[..5_000]);
+    expected.push(end);
+    assert_eq!(estimates(&records), expected);
+}
+
+#[test]
+fn the_final_estimate_of_an_injection_comes_without_the_stream() {
+    let mut rig = Rig::new();
+    rig.tell(Command::Streams(Streams::NONE));
+    let samples = shaken(3_000);
+    assert_eq!(estimates(&rig.inject(&samples)), []);
+    let records = rig.tell(Command::InjectEnd);
+    assert_eq!(estimates(&records), [by_core(&Settings::default(), &samples).1]);
+}
+
+#[test]
+fn credit_holds_when_the_host_sends_ahead() {
+    let mut rig = Rig::new();
+    let samples = shaken(10_000);
+    let (mut sent, mut accepted, mut free, mut ids) = (0usize, 0u32, 32u32, Vec::new());
+    let mut records = Vec::new();
+    rig.set_room(200);
+    while (accepted as usize) < samples.len() {
+        while sent < samples.len() && (sent as u32 - accepted) + 32 <= free {
+            let (batch, taken) = Samples::from_slice(&samples[sent..]);
+            ids.push(rig.send(Command::Inject(batch)));
+            sent += taken;
+        }
+        rig.settle();
+        for frame in rig.read_bytes(60) {
+            let Frame::Message { message, .. } = frame else { panic!("{frame:?}") };
+            if let Record::Reply(Reply { id, result }) = message {
+                assert_eq!(id, ids.remove(0));
+                let Ok(Done::Injected { accepted: now, free: room }) = result else { panic!("{result:?}") };
+                (accepted, free) = (now, room.into());
+            } else {
+                records.push(message);
+            }
+        }
+    }
+    rig.set_room(usize::MAX);
+    records.extend(rig.tell(Command::InjectEnd));
+    let (mut expected, end) = by_core(&Settings::default(), &samples);
+    expected.push(end);
+    assert_eq!(estimates(&records), expected);
+}
+
+#[test]
+fn a_batch_beyond_the_credit_waits_for_room() {
+    let mut rig = Rig::new();
+    rig.inject(&shaken(32));
+    // The host does not read: the estimator waits with its next estimate, and the queue fills.
+    rig.set_room(0);
+    let samples = shaken(2_000);
+    for batch in samples[32..].chunks(32) {
+        rig.send(Command::Inject(Samples::from_slice(batch).0));
+    }
+    rig.pass(1);
+    rig.set_room(usize::MAX);
+    let records = rig.records();
+    let refused = records.iter().filter(|record| matches!(record, Record::Reply(Reply { result: Err(_), .. }))).count();
+    assert_eq!(refused, 0);
+    let result = rig.result(Command::InjectEnd);
+    assert_eq!(result, Ok(Done::Injected { accepted: 2_000, free: 256 }));
+}
+
+#[test]
+fn injected_nonsense_is_refused_whole() {
+    let mut rig = Rig::new();
+    // A batch that claims 33 samples; two samples with one sample's bytes; bytes left over.
+    for bytes in [&[33, 1, 0][..], &[2, 4, 0, 0, 0, 0], &[0, 1, 0]] {
+        let samples: Samples = postcard::from_bytes(bytes).unwrap();
+        assert_eq!(rig.result(Command::Inject(samples)), Err(Refusal::BadSamples), "{bytes:?}");
+    }
+    assert_eq!(rig.result(Command::InjectEnd), Err(Refusal::NotInjecting));
+}
+
+#[test]
+fn injection_takes_the_samplers_place_until_the_next_start() {
+    let mut rig = Rig::with(live());
+    let samples = shaken(4_000);
+    rig.feed(&samples[..500]);
+    rig.records();
+    let mut records = rig.inject(&samples[..1_000]);
+    rig.feed(&samples[500..700]);
+    assert_eq!(rig.script.left(), 200);
+    records.extend(rig.inject(&samples[1_000..2_000]));
+    records.extend(rig.tell(Command::InjectEnd));
+    let (mut expected, end) = by_core(&Settings::default(), &samples[..2_000]);
+    expected.push(end);
+    assert_eq!(estimates(&records), expected, "not one of the sampler's samples among them");
+    // What the sampler has meanwhile is its own business; here it waited.
+    let (records, _, _) = rig.ask(Command::Start);
+    assert_eq!(events(&records), [EventKind::SourceChanged(Source::Sampler), EventKind::EstimatorReset]);
+    rig.records();
+    rig.tell(Command::ResetEstimator);
+    rig.feed(&samples[700..1_700]);
+    assert_eq!(estimates(&rig.records()), by_core(&Settings::default(), &samples[700..1_700]).0);
+}
+
+#[test]
+fn stop_halts_the_sampler_and_start_goes_on() {
+    let mut rig = Rig::new();
+    let samples = shaken(3_000);
+    rig.script.push(samples[..1_000].iter().copied().map(Ok));
+    rig.settle();
+    assert_eq!(rig.script.left(), 1_000, "not before Start");
+    let (mut records, _, after) = rig.ask(Command::Start);
+    assert_eq!(events(&records), [EventKind::SourceChanged(Source::Sampler)]);
+    records.extend(after);
+    assert_eq!(rig.tell(Command::Start), [], "once is enough");
+    assert_eq!(events(&rig.tell(Command::Stop)), [EventKind::SourceChanged(Source::Stopped)]);
+    rig.script.push(samples[1_000..].iter().copied().map(Ok));
+    rig.settle();
+    assert_eq!(rig.script.left(), 2_000);
+    let (before, _, after) = rig.ask(Command::Start);
+    records.extend(before);
+    records.extend(after);
+    assert_eq!(estimates(&records), by_core(&Settings::default(), &samples).0);
+}
+
+#[test]
+fn gaps_are_counted_over_resets() {
+    let mut rig = Rig::with(live());
+    let samples = shaken(2_000);
+    let with_gaps = samples.iter().filter(|sample| !matches!(sample.index, 500..530 | 900));
+    rig.feed(with_gaps);
+    let health = rig.health();
+    assert_eq!((health.index, health.gaps, health.lost_samples), (1_999, 2, 31));
+    rig.tell(Command::ResetEstimator);
+    rig.script.push([Ok(RawSample { index: 2_000, ..RawSample::default() })]);
+    rig.script.push([Ok(RawSample { index: 2_010, ..RawSample::default() })]);
+    let health = rig.health();
+    assert_eq!((health.index, health.gaps, health.lost_samples), (2_010, 3, 40));
+}
+
+#[test]
+fn what_a_live_source_loses_is_counted_and_goes_on() {
+    let mut rig = Rig::with(live());
+    let samples = shaken(1_000);
+    rig.feed(&samples[..100]);
+    rig.script.push([Err(SourceError::Overrun)]);
+    rig.feed(&samples[150..200]);
+    rig.script.push([Err(SourceError::Overrun)]);
+    rig.feed(&samples[210..]);
+    assert_eq!(events(&rig.records()), [EventKind::Fault(Fault::SamplerOverrun)]);
+    let health = rig.health();
+    assert_eq!((health.index, health.overruns, health.gaps, health.lost_samples), (999, 2, 2, 60));
+}
+
+#[test]
+fn a_burst_from_a_live_source_is_taken_whole() {
+    let mut rig = Rig::with(live());
+    rig.script.push(shaken(5_000).into_iter().map(Ok));
+    let health = rig.health();
+    assert_eq!((health.index, health.overruns, health.gaps), (4_999, 0, 0));
+}
+
+#[test]
+fn an_unreadable_source_is_said_and_left() {
+    let mut rig = Rig::with(live());
+    rig.script.push([Err(SourceError::Unreadable), Ok(RawSample::default())]);
+    let records = rig.records();
+    assert_eq!(events(&records), [EventKind::Fault(Fault::SourceUnreadable), EventKind::SourceEnded]);
+    assert_eq!(estimates(&records), [], "of nothing");
+    assert_eq!(rig.script.left(), 1);
+    rig.tell(Command::Start);
+    assert_eq!(rig.script.left(), 0);
+}
+
+#[test]
+fn tare_takes_the_present_force_as_zero() {
+    let mut rig = Rig::with(live());
+    let id = rig.send(Command::Tare);
+    for index in 0..600 {
+        let force_code = match index % 5 {
+            0 => Settings::default().force_max_code as i32,
+            1 | 2 => -1_235,
+            _ => -1_234,
+        };
+        rig.script.push([Ok(RawSample { index, force_code, ..RawSample::default() })]);
+        rig.pass(1);
+    }
+    assert!(!rig.records().iter().any(|record| matches!(record, Record::Reply(_))), "saturated samples do not count");
+    rig.script.push((600..700).map(|index| Ok(RawSample { index, force_code: -1_235, ..RawSample::default() })));
+    let records = rig.records();
+    assert_eq!(events(&records), [EventKind::EstimatorReset, EventKind::SettingsChanged]);
+    assert!(records.contains(&Record::Reply(Reply { id, result: Ok(Done::Plain) })));
+    assert_eq!(rig.settings().force_zero_code, -1_235.0);
+}
+
+#[test]
+fn tare_without_samples_is_refused() {
+    let mut rig = Rig::new();
+    assert_eq!(rig.result(Command::Tare), Err(Refusal::NoSamples), "stopped");
+    rig.inject(&shaken(32));
+    assert_eq!(rig.result(Command::Tare), Err(Refusal::Busy), "injecting");
+    rig.tell(Command::Start);
+    let id = rig.send(Command::Tare);
+    rig.pass(2_000);
+    let records = rig.records();
+    assert!(records.contains(&Record::Reply(Reply { id, result: Err(Refusal::NoSamples) })), "{records:?}");
+    // The tare that was given up disturbs nothing.
+    rig.script.push(shaken(2_000).into_iter().map(Ok));
+    rig.records();
+    assert_eq!(rig.settings(), Settings::default());
+}
+
+#[test]
+fn settings_outlive_a_restart() {
+    let store = MemoryStore::default();
+    let options = Options { store: store.clone(), ..Options::default() };
+    let mut rig = Rig::with(options.clone());
+    rig.tell(write(&[("newtons_per_code", -0.01)]));
+    rig.tell(Command::SaveSettings);
+    assert_eq!(rig.result(Command::Reboot), Ok(Done::Plain));
+    assert_eq!(rig.ended, Some(Ok(Restart::Reboot)));
+    drop(rig);
+    let mut rig = Rig::with(options);
+    assert_eq!(rig.settings(), Settings { newtons_per_code: -0.01, ..Settings::default() });
+    *store.broken.borrow_mut() = true;
+    assert_eq!(rig.result(Command::SaveSettings), Err(Refusal::Store));
+}
+
+#[test]
+fn unusable_saved_settings_are_said_and_left() {
+    let store = MemoryStore::default();
+    let options = Options { store: store.clone(), ..Options::default() };
+    let mut saved = SettingsValues::from(&Settings::default());
+    saved.0[0].value = f64::NAN;
+    *store.saved.borrow_mut() = Some(saved.clone());
+    let first_events = |options: &Options| events(&Rig::cold(options.clone()).records());
+    assert_eq!(first_events(&options), [EventKind::Started, EventKind::Fault(Fault::SavedSettings)]);
+    saved.0[0].value = 2000.0;
+    saved.0[number("force_min_code") as usize].value = 5.0;
+    saved.0[number("force_max_code") as usize].value = -5.0;
+    *store.saved.borrow_mut() = Some(saved);
+    assert_eq!(first_events(&options), [EventKind::Started, EventKind::Fault(Fault::SavedSettings)]);
+    *store.broken.borrow_mut() = true;
+    assert_eq!(first_events(&options), [EventKind::Started, EventKind::Fault(Fault::Store)]);
+    *store.broken.borrow_mut() = false;
+    // An older device's settings, with fewer of them, and a newer one's, with more.
+    let pairs = [SettingValue { number: 0, value: 500.0 }, SettingValue { number: 47, value: 1.0 }];
+    *store.saved.borrow_mut() = Some(SettingsValues(heapless::Vec::from_slice(&pairs).unwrap()));
+    let mut rig = Rig::with(options);
+    assert_eq!(rig.settings(), Settings { sample_rate_hz: 500.0, ..Settings::default() });
+}
+
+#[test]
+fn what_the_board_cannot_do_is_refused() {
+    let identity = inerter_app::Identity { capabilities: Capabilities::NONE, ..IDENTITY };
+    let mut rig = Rig::with(Options { identity, ..Options::default() });
+    let samples = Samples::from_slice(&shaken(1)).0;
+    for command in [
+        Command::EnterDfu,
+        Command::Reboot,
+        Command::SaveSettings,
+        Command::Start,
+        Command::Stop,
+        Command::Inject(samples),
+        Command::InjectEnd,
+    ] {
+        assert_eq!(rig.ask(command.clone()), (vec![], Err(Refusal::Unsupported), vec![]), "{command:?}");
+    }
+    assert_eq!(rig.ended, None);
+}
+
+#[test]
+fn the_reply_to_a_restart_is_sent_before_it() {
+    let identity = inerter_app::Identity { capabilities: Capabilities::DFU.with(Capabilities::REBOOT), ..IDENTITY };
+    for (command, restart) in [(Command::Reboot, Restart::Reboot), (Command::EnterDfu, Restart::Dfu)] {
+        let mut rig = Rig::with(Options { identity, ..Options::default() });
+        rig.set_room(3);
+        let id = rig.send(command);
+        rig.pass(100);
+        assert_eq!(rig.ended, None);
+        rig.set_room(usize::MAX);
+        assert_eq!(rig.records(), [Record::Reply(Reply { id, result: Ok(Done::Plain) })]);
+        assert_eq!(rig.ended, Some(Ok(restart)));
+    }
+}
+
+/// Frame of a request that this version does not know.
+fn unknown_request(id: u8, command: u8) -> Vec<u8> {
+    let mut body = vec![id, command, 0, 0];
+    body.extend(crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(&body).to_le_bytes());
+    let mut frame = cobs::encode_vec(&body);
+    frame.push(0);
+    frame
+}
+
+#[test]
+fn an_unknown_command_is_refused_by_its_id() {
+    let mut rig = Rig::new();
+    rig.send_bytes(&unknown_request(77, 100));
+    assert_eq!(rig.records(), [Record::Reply(Reply { id: 77, result: Err(Refusal::Unsupported) })]);
+}
+
+/// Noise that repeats.
+fn noise(seed: u32) -> impl Iterator<Item = u8> {
+    let mut state = seed.wrapping_mul(2_654_435_761) | 1;
+    std::iter::repeat_with(move || {
+        state ^= state << 13;
+        state ^= state >> 17;
+        state ^= state << 5;
+        (state >> 11) as u8
+    })
+}
+
+#[test]
+fn garbage_on_the_link_does_nothing_but_count() {
+    let mut rig = Rig::new();
+    for seed in 0..300 {
+        let length = 1 + seed as usize * 7 % 1_500;
+        let garbage: Vec<u8> = noise(seed).take(length).collect();
+        rig.send_bytes(&garbage);
+        assert_eq!(rig.records(), [], "seed {seed}");
+        // A host ends what another one left unfinished.
+        rig.send_bytes(&[0]);
+        assert!(matches!(rig.tell(Command::Hello).as_slice(), [Record::Hello(_)]), "seed {seed}");
+    }
+    assert_eq!(rig.settings(), Settings::default());
+    assert!(rig.health().bad_frames > 300);
+}
+
+#[test]
+fn two_hosts_at_once_spoil_each_others_frames_and_nothing_else() {
+    let mut rig = Rig::new();
+    for seed in 0..200 {
+        let (_, mut first) = rig.request(write(&[("memory_s", 10.0)]));
+        let (_, mut second) = rig.request(Command::Streams(Streams::ALL));
+        let mut mixed = Vec::new();
+        for byte in noise(seed) {
+            let from = if byte & 1 == 0 { &mut first } else { &mut second };
+            if from.is_empty() {
+                break;
+            }
+            mixed.push(from.remove(0));
+        }
+        mixed.extend(first);
+        mixed.extend(second);
+        mixed.push(0);
+        rig.send_bytes(&mixed);
+        for record in rig.records() {
+            assert!(!matches!(record, Record::Reply(Reply { result: Err(_), .. })), "seed {seed}: {record:?}");
+        }
+        rig.tell(write(&[("memory_s", 30.0)]));
+    }
+    assert_eq!(rig.settings(), Settings::default());
+}
+
+#[test]
+fn a_link_that_comes_back_is_used_again() {
+    let mut rig = Rig::with(live());
+    rig.unplug(true);
+    rig.script.push(shaken(3_000).into_iter().map(Ok));
+    rig.pass(5_000);
+    rig.unplug(false);
+    rig.pass(100);
+    rig.tell_through_loss(Command::Hello);
+    let health = rig.health();
+    assert!(health.dropped_frames > 0);
+    assert_eq!(rig.lost(), health.dropped_frames);
+}
+
+#[test]
+fn invalid_default_settings_are_the_programmers_mistake_and_named() {
+    let defaults = Settings { sample_rate_hz: 0.0, ..Settings::default() };
+    let mut rig = Rig::cold(Options { defaults, ..Options::default() });
+    rig.settle();
+    let ended = rig.ended.take().unwrap().unwrap_err();
+    assert!(ended.to_string().starts_with("sample_rate_hz"), "{ended}");
+}

@@ -1,0 +1,539 @@
+//! A device on a bench: the app on mock parts, a clock moved by hand, and a host's view of the link.
+#![allow(dead_code, reason = "every test uses its own part of it")]
+
+use embassy_time::{Duration, MockDriver};
+use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
+use inerter_app::{
+    App, Board, Figures, Identity, Pace, Platform, Restart, SampleSource, SourceError, Store, StoreError, run,
+};
+use inerter_core::{Estimate, RawSample, Settings, SettingsError, State};
+use inerter_wire::{
+    Capabilities, ClockSource, Command, Done, Event, EventKind, Frame, FrameReader, Health, MAX_FRAME, Record, Refusal,
+    Reply, Request, Samples, SequenceCounter, SettingsValues, encode_request,
+};
+use std::cell::RefCell;
+use std::collections::VecDeque;
+use std::future::{Future, poll_fn};
+use std::pin::Pin;
+use std::rc::Rc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard};
+use std::task::{Context, Poll, Wake, Waker};
+
+/// The mock clock is one for the whole process.
+static CLOCK: Mutex<()> = Mutex::new(());
+
+/// One direction of the link.
+#[derive(Default)]
+pub struct Wire {
+    bytes: VecDeque<u8>,
+    /// Bytes that fit before the writer must wait.
+    capacity: usize,
+    broken: bool,
+    waker: Option<Waker>,
+}
+
+#[derive(Clone)]
+pub struct WireEnd(Rc<RefCell<Wire>>);
+
+#[derive(Debug)]
+pub struct Unplugged;
+
+impl std::fmt::Display for Unplugged {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("unplugged")
+    }
+}
+
+impl std::error::Error for Unplugged {}
+
+impl embedded_io_async::Error for Unplugged {
+    fn kind(&self) -> ErrorKind {
+        ErrorKind::NotConnected
+    }
+}
+
+impl WireEnd {
+    fn new() -> Self {
+        Self(Rc::new(RefCell::new(Wire { capacity: usize::MAX, ..Wire::default() })))
+    }
+
+    fn change<R>(&self, act: impl FnOnce(&mut Wire) -> R) -> R {
+        let mut wire = self.0.borrow_mut();
+        let result = act(&mut wire);
+        if let Some(waker) = wire.waker.take() {
+            waker.wake();
+        }
+        result
+    }
+}
+
+impl ErrorType for WireEnd {
+    type Error = Unplugged;
+}
+
+impl Read for WireEnd {
+    async fn read(&mut self, into: &mut [u8]) -> Result<usize, Unplugged> {
+        poll_fn(|context| {
+            let mut wire = self.0.borrow_mut();
+            if wire.broken {
+                return Poll::Ready(Err(Unplugged));
+            }
+            let count = wire.bytes.len().min(into.len());
+            if count == 0 {
+                wire.waker = Some(context.waker().clone());
+                return Poll::Pending;
+            }
+            for (place, byte) in into.iter_mut().zip(wire.bytes.drain(..count)) {
+                *place = byte;
+            }
+            Poll::Ready(Ok(count))
+        })
+        .await
+    }
+}
+
+impl Write for WireEnd {
+    async fn write(&mut self, bytes: &[u8]) -> Result<usize, Unplugged> {
+        poll_fn(|context| {
+            let mut wire = self.0.borrow_mut();
+            if wire.broken {
+                return Poll::Ready(Err(Unplugged));
+            }
+            let count = bytes.len().min(wire.capacity.saturating_sub(wire.bytes.len()));
+            if count == 0 {
+                wire.waker = Some(context.waker().clone());
+                return Poll::Pending;
+            }
+            wire.bytes.extend(&bytes[..count]);
+            Poll::Ready(Ok(count))
+        })
+        .await
+    }
+
+    async fn flush(&mut self) -> Result<(), Unplugged> {
+        Ok(())
+    }
+}
+
+/// What the sampler will find, in order.
+#[derive(Clone)]
+pub struct Script {
+    pace: Pace,
+    parts: Rc<RefCell<Parts>>,
+}
+
+#[derive(Default)]
+struct Parts {
+    waiting: VecDeque<Result<RawSample, SourceError>>,
+    waker: Option<Waker>,
+}
+
+impl Script {
+    pub fn push(&self, parts: impl IntoIterator<Item = Result<RawSample, SourceError>>) {
+        let mut inner = self.parts.borrow_mut();
+        inner.waiting.extend(parts);
+        if let Some(waker) = inner.waker.take() {
+            waker.wake();
+        }
+    }
+
+    /// Parts that the sampler has not taken.
+    pub fn left(&self) -> usize {
+        self.parts.borrow().waiting.len()
+    }
+}
+
+impl SampleSource for Script {
+    fn pace(&self) -> Pace {
+        self.pace
+    }
+
+    async fn read(&mut self, into: &mut [RawSample]) -> Result<usize, SourceError> {
+        poll_fn(|context| {
+            let mut inner = self.parts.borrow_mut();
+            let mut count = 0;
+            while let Some(part) = inner.waiting.front().copied() {
+                match part {
+                    Ok(sample) if count < into.len() => {
+                        into[count] = sample;
+                        count += 1;
+                    }
+                    Err(error) if count == 0 => {
+                        inner.waiting.pop_front();
+                        return Poll::Ready(Err(error));
+                    }
+                    _ => break,
+                }
+                inner.waiting.pop_front();
+            }
+            if count > 0 {
+                return Poll::Ready(Ok(count));
+            }
+            inner.waker = Some(context.waker().clone());
+            Poll::Pending
+        })
+        .await
+    }
+}
+
+/// A store in memory.
+#[derive(Clone, Default)]
+pub struct MemoryStore {
+    pub saved: Rc<RefCell<Option<SettingsValues>>>,
+    pub broken: Rc<RefCell<bool>>,
+}
+
+impl Store for MemoryStore {
+    async fn load(&mut self) -> Result<Option<SettingsValues>, StoreError> {
+        if *self.broken.borrow() { Err(StoreError) } else { Ok(self.saved.borrow().clone()) }
+    }
+
+    async fn save(&mut self, settings: &SettingsValues) -> Result<(), StoreError> {
+        if *self.broken.borrow() {
+            return Err(StoreError);
+        }
+        *self.saved.borrow_mut() = Some(settings.clone());
+        Ok(())
+    }
+}
+
+struct Bench;
+
+impl Platform for Bench {
+    fn figures(&mut self) -> Figures {
+        Figures { cpu_load_permille: Some(123), stack_free_bytes: Some(4567), temperature_c: Some(30.5) }
+    }
+}
+
+#[derive(Default)]
+struct Woken(AtomicBool);
+
+impl Wake for Woken {
+    fn wake(self: Arc<Self>) {
+        self.0.store(true, Ordering::SeqCst);
+    }
+}
+
+pub const IDENTITY: Identity<'static> = Identity {
+    firmware: "inerter 1.2.3",
+    git: "0123456789ab",
+    board: "bench",
+    serial: "B-7",
+    clock: ClockSource::Simulated,
+    capabilities: Capabilities::SAMPLER.with(Capabilities::INJECT).with(Capabilities::STORE).with(Capabilities::REBOOT),
+};
+
+/// How a rig is built.
+#[derive(Clone)]
+pub struct Options {
+    pub pace: Pace,
+    pub autostart: bool,
+    pub identity: Identity<'static>,
+    pub store: MemoryStore,
+    pub defaults: Settings,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            pace: Pace::OnDemand,
+            autostart: false,
+            identity: IDENTITY,
+            store: MemoryStore::default(),
+            defaults: Settings::default(),
+        }
+    }
+}
+
+/// The device and the host's end of its link.
+pub struct Rig {
+    device: Pin<Box<dyn Future<Output = Result<Restart, SettingsError>>>>,
+    woken: Arc<Woken>,
+    pub ended: Option<Result<Restart, SettingsError>>,
+    pub script: Script,
+    pub store: MemoryStore,
+    to_device: WireEnd,
+    from_device: WireEnd,
+    frames: FrameReader<Record>,
+    sequence: SequenceCounter,
+    id: u16,
+    _clock: MutexGuard<'static, ()>,
+}
+
+impl Rig {
+    /// A stopped device whose source can wait, past its first frames.
+    pub fn new() -> Self {
+        Self::with(Options::default())
+    }
+
+    /// A device past its first frames.
+    pub fn with(options: Options) -> Self {
+        let mut rig = Self::cold(options);
+        rig.frames();
+        rig
+    }
+
+    /// A device that has not sent anything.
+    pub fn cold(options: Options) -> Self {
+        let clock = CLOCK.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        MockDriver::get().reset();
+        let (to_device, from_device) = (WireEnd::new(), WireEnd::new());
+        let script = Script { pace: options.pace, parts: Rc::default() };
+        let board = Board {
+            source: script.clone(),
+            receiver: to_device.clone(),
+            transmitter: from_device.clone(),
+            store: options.store.clone(),
+            platform: Bench,
+            identity: options.identity,
+            defaults: options.defaults,
+            autostart: options.autostart,
+        };
+        let device = Box::pin(async move {
+            let (app, mut state) = (Box::new(App::new()), Box::new(State::default()));
+            run(&app, &mut state, board).await
+        });
+        let woken = Arc::new(Woken(AtomicBool::new(true)));
+        Self {
+            device,
+            woken,
+            ended: None,
+            script,
+            store: options.store,
+            to_device,
+            from_device,
+            frames: FrameReader::new(),
+            sequence: SequenceCounter::new(),
+            id: 0,
+            _clock: clock,
+        }
+    }
+
+    /// Lets the device run until it waits for something.
+    pub fn settle(&mut self) {
+        let waker = Waker::from(self.woken.clone());
+        for _ in 0..1_000_000 {
+            if self.ended.is_some() || !self.woken.0.swap(false, Ordering::SeqCst) {
+                return;
+            }
+            if let Poll::Ready(result) = self.device.as_mut().poll(&mut Context::from_waker(&waker)) {
+                self.ended = Some(result);
+            }
+        }
+        panic!("the device never waits");
+    }
+
+    /// Lets time pass, a millisecond at a time.
+    pub fn pass(&mut self, milliseconds: u64) {
+        self.settle();
+        for _ in 0..milliseconds {
+            MockDriver::get().advance(Duration::from_millis(1));
+            self.settle();
+        }
+    }
+
+    /// Room in the link for what the device sends, from now on.
+    pub fn set_room(&mut self, bytes: usize) {
+        self.from_device.change(|wire| wire.capacity = bytes);
+    }
+
+    /// Breaks or mends both directions of the link.
+    pub fn unplug(&mut self, unplugged: bool) {
+        self.from_device.change(|wire| wire.broken = unplugged);
+        self.to_device.change(|wire| wire.broken = unplugged);
+    }
+
+    /// Raw bytes to the device.
+    pub fn send_bytes(&mut self, bytes: &[u8]) {
+        self.to_device.change(|wire| wire.bytes.extend(bytes));
+    }
+
+    /// Reads at most `count` bytes of what the device has sent, without letting it go on.
+    pub fn read_bytes(&mut self, count: usize) -> Vec<Frame<Record>> {
+        let bytes: Vec<u8> = self.from_device.change(|wire| {
+            let count = count.min(wire.bytes.len());
+            wire.bytes.drain(..count).collect()
+        });
+        let mut input = bytes.as_slice();
+        std::iter::from_fn(|| self.frames.read(&mut input)).collect()
+    }
+
+    /// Everything that the device has to say now.
+    pub fn frames(&mut self) -> Vec<Frame<Record>> {
+        let mut all = Vec::new();
+        loop {
+            self.settle();
+            let part = self.read_bytes(usize::MAX);
+            if part.is_empty() && self.from_device.0.borrow().bytes.is_empty() {
+                return all;
+            }
+            all.extend(part);
+        }
+    }
+
+    /// [`frames`](Self::frames) where nothing may be lost or damaged.
+    pub fn records(&mut self) -> Vec<Record> {
+        self.frames()
+            .into_iter()
+            .map(|frame| match frame {
+                Frame::Message { message, .. } => message,
+                other => panic!("{other:?}"),
+            })
+            .collect()
+    }
+
+    /// The frame of a request, and its id.
+    pub fn request(&mut self, command: Command) -> (u16, Vec<u8>) {
+        self.id += 1;
+        let mut frame = [0; MAX_FRAME];
+        let length = encode_request(&Request { id: self.id, command }, self.sequence.take(), &mut frame).unwrap();
+        (self.id, frame[..length].to_vec())
+    }
+
+    /// Sends a command without waiting for its reply.
+    pub fn send(&mut self, command: Command) -> u16 {
+        let (id, frame) = self.request(command);
+        self.send_bytes(&frame);
+        id
+    }
+
+    /// Sends a command; its result, and the records before and after its reply.
+    pub fn ask(&mut self, command: Command) -> (Vec<Record>, Result<Done, Refusal>, Vec<Record>) {
+        let id = self.send(command);
+        let mut records = self.records();
+        let place = records.iter().position(|record| matches!(record, Record::Reply(reply) if reply.id == id));
+        let place = place.unwrap_or_else(|| panic!("no reply to {id} among {records:?}"));
+        let after = records.split_off(place + 1);
+        match records.pop() {
+            Some(Record::Reply(Reply { result, .. })) => (records, result, after),
+            other => panic!("{other:?}"),
+        }
+    }
+
+    /// The result of a command.
+    pub fn result(&mut self, command: Command) -> Result<Done, Refusal> {
+        self.ask(command).1
+    }
+
+    /// Sends a command that must succeed; the records before its reply, and none may come after it.
+    pub fn tell(&mut self, command: Command) -> Vec<Record> {
+        let (before, result, after) = self.ask(command);
+        result.unwrap();
+        assert_eq!(after, []);
+        before
+    }
+
+    /// Lets the sampler find samples, no more at once than a live source would have.
+    pub fn feed<'a>(&mut self, samples: impl IntoIterator<Item = &'a RawSample>) {
+        for sample in samples {
+            self.script.push([Ok(*sample)]);
+            self.settle();
+        }
+    }
+
+    /// Injects samples within the credit that the device gives; the records before the last reply.
+    pub fn inject(&mut self, samples: &[RawSample]) -> Vec<Record> {
+        let (mut records, mut left) = (Vec::new(), samples);
+        while !left.is_empty() {
+            let (batch, taken) = Samples::from_slice(left);
+            left = &left[taken..];
+            let (before, result, after) = self.ask(Command::Inject(batch));
+            records.extend(before);
+            records.extend(after);
+            match result {
+                Ok(Done::Injected { .. }) => {}
+                other => panic!("{other:?}"),
+            }
+        }
+        records
+    }
+
+    /// The settings in use.
+    pub fn settings(&mut self) -> Settings {
+        match self.tell(Command::ReadSettings).as_slice() {
+            [Record::Settings(values)] => values.read(&Settings::default()).unwrap().settings,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    /// [`tell`](Self::tell) while frames may be missing.
+    pub fn tell_through_loss(&mut self, command: Command) {
+        let id = self.send(command);
+        let done = Record::Reply(Reply { id, result: Ok(Done::Plain) });
+        let frames = self.frames();
+        assert!(frames.iter().any(|frame| matches!(frame, Frame::Message { message, .. } if *message == done)));
+    }
+
+    /// Frames missing so far, by their sequence.
+    pub fn lost(&self) -> u32 {
+        self.frames.counts().lost
+    }
+
+    /// Frames that arrived damaged so far.
+    pub fn corrupt(&self) -> u32 {
+        self.frames.counts().corrupt()
+    }
+
+    /// The next health report.
+    pub fn health(&mut self) -> Health {
+        self.pass(1_000);
+        let health = self.frames().into_iter().rev().find_map(|frame| match frame {
+            Frame::Message { message: Record::Health(health), .. } => Some(health),
+            _ => None,
+        });
+        health.expect("a report every second")
+    }
+}
+
+/// The estimates among records.
+pub fn estimates(records: &[Record]) -> Vec<Estimate> {
+    records
+        .iter()
+        .filter_map(|record| if let Record::Estimate(estimate) = record { Some(*estimate) } else { None })
+        .collect()
+}
+
+/// The events among records.
+pub fn events(records: &[Record]) -> Vec<EventKind> {
+    records
+        .iter()
+        .filter_map(|record| if let Record::Event(Event { kind, .. }) = record { Some(kind.clone()) } else { None })
+        .collect()
+}
+
+/// The raw samples among records.
+pub fn raw_samples(records: &[Record]) -> Vec<RawSample> {
+    records
+        .iter()
+        .filter_map(|record| if let Record::Samples(samples) = record { Some(samples) } else { None })
+        .flat_map(|samples| samples.iter().map(|sample| sample.unwrap()))
+        .collect()
+}
+
+/// A shaken inerter of 100 kg with 20 N of friction, 3 Hz, 4 mm, at the default settings.
+pub fn shaken(count: u32) -> Vec<RawSample> {
+    let settings = Settings::default();
+    (0..count)
+        .map(|index| {
+            let w = 2.0 * std::f64::consts::PI * 3.0;
+            let phase = w * f64::from(index) / settings.sample_rate_hz;
+            let (x, v, a) = (4e-3 * phase.sin(), 4e-3 * w * phase.cos(), -4e-3 * w * w * phase.sin());
+            let force = 100.0 * a + 20.0 * v.signum();
+            RawSample {
+                index,
+                position_count: (x / settings.metres_per_count).floor() as i32,
+                force_code: (force / settings.newtons_per_code).round() as i32,
+                terminal_code: 0,
+            }
+        })
+        .collect()
+}
+
+/// What core says to these samples by itself: estimates at the publish rate, and the final one.
+pub fn by_core(settings: &Settings, samples: &[RawSample]) -> (Vec<Estimate>, Estimate) {
+    let active = settings.validate().unwrap();
+    let mut state = State::new(&active);
+    let estimates = samples.iter().filter_map(|sample| active.step(&mut state, sample)).collect();
+    (estimates, active.estimate(&state))
+}
