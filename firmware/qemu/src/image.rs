@@ -1,0 +1,131 @@
+//! The board: parts, tasks, and what happens at the end.
+
+use crate::source::{self, FileSource};
+use crate::{clock, executor, icount, semihosting, stack, usart};
+use cortex_m_rt::{ExceptionFrame, entry, exception};
+use embassy_time::Instant;
+use inerter_app::{App, Figures, Identity, InUse, NoStore, Platform, Restart};
+use inerter_core::{Active, Settings, State};
+use inerter_wire::{Capabilities, ClockSource};
+use static_cell::ConstStaticCell;
+
+/// Exit status of a panic or fault, as that of a Rust program on a computer.
+const PANICKED: u32 = 101;
+/// Command-line word that asks for the measuring mode instead of naming a file.
+const ICOUNT: &str = "icount";
+/// File of samples when the command line names none.
+const SAMPLES: &str = "samples.bin";
+
+const IDENTITY: Identity<'static> = Identity {
+    firmware: concat!("inerter ", env!("CARGO_PKG_VERSION")),
+    git: env!("INERTER_GIT"),
+    board: "qemu netduinoplus2",
+    serial: "QEMU-0",
+    clock: ClockSource::Simulated,
+    capabilities: Capabilities::SAMPLER.with(Capabilities::INJECT).with(Capabilities::SUMS).with(Capabilities::REBOOT),
+};
+
+static APP: App = App::new();
+static STATE: ConstStaticCell<State> = ConstStaticCell::new(State::empty());
+static FILE_BUFFER: ConstStaticCell<[u8; source::BUFFER]> = ConstStaticCell::new([0; source::BUFFER]);
+static COMMAND_LINE: ConstStaticCell<[u8; 512]> = ConstStaticCell::new([0; 512]);
+
+struct Machine {
+    /// Time and idle time at the last call, in microseconds.
+    before: (u64, u64),
+}
+
+impl Platform for Machine {
+    fn figures(&mut self) -> Figures {
+        let (now, idle) = (Instant::now().as_micros(), executor::idle_us());
+        let (elapsed, idle_since) = (now.saturating_sub(self.before.0), idle.saturating_sub(self.before.1));
+        self.before = (now, idle);
+        let busy = elapsed.saturating_sub(idle_since) * 1_000;
+        Figures {
+            cpu_load_permille: busy.checked_div(elapsed).and_then(|load| u16::try_from(load).ok()),
+            stack_free_bytes: Some(stack::free_bytes()),
+            temperature_c: None,
+        }
+    }
+}
+
+#[embassy_executor::task]
+async fn sampling(source: FileSource) {
+    APP.sampling(source).await
+}
+
+#[embassy_executor::task]
+async fn estimating(state: &'static mut State, active: Active) {
+    APP.estimating(state, active).await
+}
+
+#[embassy_executor::task]
+async fn commands(link: usart::Receiver, in_use: InUse) {
+    APP.commands(link, NoStore, IDENTITY, in_use, false).await
+}
+
+#[embassy_executor::task]
+async fn health() {
+    APP.health_reports(Machine { before: (0, 0) }).await
+}
+
+#[embassy_executor::task]
+async fn telemetry(link: usart::Transmitter) {
+    match APP.telemetry(link).await {
+        Restart::Reboot | Restart::Dfu => {
+            let (free, total) = (stack::free_bytes(), stack::total_bytes());
+            let used = total - free;
+            semihosting::print(format_args!(r#"{{"kind":"exit","stack_used_bytes":{used},"stack_bytes":{total}}}"#));
+            semihosting::exit(0)
+        }
+    }
+}
+
+#[entry]
+fn main() -> ! {
+    // First of all: QEMU drops what arrives while the USART is off.
+    let (receiver, transmitter) = usart::start();
+    let Some(peripherals) = cortex_m::Peripherals::take() else { panic!("main runs once") };
+    let argument = semihosting::argument(COMMAND_LINE.take());
+    if argument == Some(ICOUNT) {
+        icount::run(peripherals.SYST, STATE.take());
+        semihosting::exit(0);
+    }
+    clock::start(peripherals.SYST);
+    let source = FileSource::new(argument.unwrap_or(SAMPLES), FILE_BUFFER.take());
+    let state = STATE.take();
+    let settings = Settings::default();
+    // The error's text would bring the printing of floats into the image.
+    let Ok(active) = settings.validate() else { panic!("the default settings are not valid") };
+    let in_use = InUse { settings, fault: None };
+    executor::run(|spawner| {
+        let tasks = [
+            telemetry(transmitter).map(|task| spawner.spawn(task)),
+            estimating(state, active).map(|task| spawner.spawn(task)),
+            sampling(source).map(|task| spawner.spawn(task)),
+            commands(receiver, in_use).map(|task| spawner.spawn(task)),
+            health().map(|task| spawner.spawn(task)),
+        ];
+        assert!(tasks.iter().all(Result::is_ok), "every task is spawned once");
+    })
+}
+
+#[exception]
+unsafe fn DefaultHandler(number: i16) {
+    match u16::try_from(number) {
+        Ok(usart::INTERRUPT) => usart::on_interrupt(),
+        _ => panic!("interrupt {number} has no handler"),
+    }
+}
+
+#[exception]
+unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
+    panic!("hard fault: {frame:?}")
+}
+
+#[panic_handler]
+fn panic(info: &core::panic::PanicInfo) -> ! {
+    cortex_m::interrupt::disable();
+    semihosting::complain(format_args!("{info}"));
+    semihosting::exit(PANICKED)
+}
