@@ -241,12 +241,6 @@ impl State {
         self.counters
     }
 
-    /// How much of the kink that Coulomb friction would give the velocity the reversals have shown: 1 is all of it.
-    /// Nothing before the first reversal under known friction.
-    pub fn reversal_ratio(&self) -> Option<f32> {
-        self.reversals.ratio()
-    }
-
     /// Index of the latest sample.
     pub fn last_index(&self) -> u32 {
         self.line.last_index

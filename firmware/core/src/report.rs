@@ -157,6 +157,15 @@ impl Active {
     }
 }
 
+impl State {
+    /// How much of the kink that Coulomb friction would give the velocity the reversals have shown: 1 is all of it,
+    /// less where friction turns over a presliding distance. Nothing before the first reversal under known friction.
+    pub fn reversal_ratio(&self) -> Option<f32> {
+        let (seen, predicted) = self.reversals.seen_and_predicted()?;
+        Some(seen as f32 / predicted as f32)
+    }
+}
+
 /// One unknown in SI with its standard error; none where the motion cannot show it.
 #[derive(Clone, Copy, Default)]
 struct Found {

@@ -89,9 +89,9 @@ impl Reversals {
         }
     }
 
-    /// Seen over predicted: 1 for Coulomb's friction, less where it turns over a presliding distance.
-    pub fn ratio(&self) -> Option<f32> {
-        (self.count > 0).then(|| self.predicted_seen as f32 / self.predicted_squared as f32)
+    /// What has been seen and what has been predicted, in one unit; nothing before the first reversal.
+    pub fn seen_and_predicted(&self) -> Option<(i64, i64)> {
+        (self.count > 0).then_some((self.predicted_seen, self.predicted_squared))
     }
 
     /// Whether at least half of the prediction has been seen; taken for granted until a reversal says otherwise.
