@@ -1,0 +1,89 @@
+//! Arguments that several commands share.
+
+use std::{path::PathBuf, time::Duration};
+
+use inerter::{
+    device::{DEFAULT_BAUD, Target},
+    settings::{Overrides, SettingsInputError},
+};
+
+/// Settings over the run's own.
+#[derive(clap::Args)]
+pub struct SettingsArgs {
+    /// Set one setting; may be given several times, the last one wins
+    #[arg(long, value_name = "KEY=VALUE", help_heading = "Settings")]
+    pub set: Vec<String>,
+    /// Read settings from a TOML file with lines `key = value`; --set wins over it
+    #[arg(long, value_name = "FILE.toml", help_heading = "Settings")]
+    pub settings: Option<PathBuf>,
+}
+
+impl SettingsArgs {
+    pub fn overrides(&self) -> Result<Overrides, SettingsInputError> {
+        Overrides::from_inputs(self.settings.as_deref(), &self.set)
+    }
+}
+
+/// Settings of a file that may be a CSV.
+#[derive(clap::Args)]
+pub struct FileSettingsArgs {
+    #[command(flatten)]
+    pub settings: SettingsArgs,
+    /// Displacement per encoder count: lead / counts per revolution. A CSV needs it; wins over --set
+    #[arg(long, value_name = "METRES", allow_hyphen_values = true, help_heading = "Settings")]
+    pub metres_per_count: Option<f64>,
+}
+
+impl FileSettingsArgs {
+    pub fn overrides(&self) -> Result<Overrides, SettingsInputError> {
+        let mut overrides = self.settings.overrides()?;
+        if let Some(value) = self.metres_per_count {
+            overrides.set("metres_per_count", value, "--metres-per-count")?;
+        }
+        Ok(overrides)
+    }
+}
+
+/// Which device.
+#[derive(clap::Args)]
+pub struct LinkArgs {
+    /// Serial port of the device; without it the only inerter that is plugged in
+    #[arg(long, value_name = "PORT", conflicts_with_all = ["connect", "serial"], help_heading = "Device")]
+    pub port: Option<String>,
+    /// Connect to a device at a TCP address, e.g. a simulated one
+    #[arg(long, value_name = "HOST:PORT", conflicts_with = "serial", help_heading = "Device")]
+    pub connect: Option<String>,
+    /// Serial number of the device, when several are plugged in
+    #[arg(long, value_name = "NUMBER", help_heading = "Device")]
+    pub serial: Option<String>,
+    /// Bits per second of a real UART; USB does not care
+    #[arg(long, value_name = "RATE", default_value_t = DEFAULT_BAUD, help_heading = "Device")]
+    pub baud: u32,
+}
+
+impl LinkArgs {
+    pub fn target(&self) -> Target {
+        match (&self.port, &self.connect) {
+            (Some(port), _) => Target::Port { port: port.clone(), baud: self.baud },
+            (None, Some(address)) => Target::Tcp { address: address.clone() },
+            (None, None) => Target::Usb { serial: self.serial.clone() },
+        }
+    }
+}
+
+/// How long.
+#[derive(clap::Args)]
+pub struct TimeArgs {
+    /// Stop after this many seconds; without it at Ctrl-C
+    #[arg(long, value_name = "SECONDS", value_parser = seconds, allow_negative_numbers = true)]
+    pub duration: Option<Duration>,
+    /// Wait this many seconds for a device that went away to come back
+    #[arg(long, value_name = "SECONDS", value_parser = seconds, allow_negative_numbers = true, default_value = "10")]
+    pub wait: Duration,
+}
+
+/// A time in seconds that makes sense.
+pub fn seconds(text: &str) -> Result<Duration, String> {
+    let value: f64 = text.parse().map_err(|_| "a number of seconds is needed, for example 20".to_string())?;
+    Duration::try_from_secs_f64(value).map_err(|_| "the time must be 0 or more, and finite".to_string())
+}

@@ -1,0 +1,167 @@
+//! `inerter record`: everything a device sends, into a file.
+
+use std::{
+    path::PathBuf,
+    time::{Duration, Instant},
+};
+
+use inerter::{
+    Error,
+    device::{Device, DeviceError},
+    live::{Happening, Live},
+    output,
+    recording::{End, Recorder},
+    report::{duration_text, json_line, plural},
+};
+use inerter_wire::{EventKind, Frame, Record, Streams};
+use serde_json::json;
+
+use super::{
+    args::{LinkArgs, TimeArgs},
+    terminal::{self, Progress, note},
+};
+
+/// Time between two lines or updates that say how far it is.
+const REPORT: Duration = Duration::from_secs(1);
+
+/// Record everything that a device sends.
+///
+/// The MCAP file holds every frame exactly as received.
+/// Ends after --duration or at Ctrl-C. A device that goes away is waited for (--wait); when it does not come back, the
+/// recording is closed with what there is. A file that was cut off, even by a power failure, reads up to the cut.
+#[derive(clap::Args)]
+pub struct Args {
+    /// File to write (.mcap)
+    #[arg(short, long, value_name = "FILE.mcap")]
+    output: PathBuf,
+    /// Replace the file when it exists
+    #[arg(long)]
+    force: bool,
+    #[command(flatten)]
+    link: LinkArgs,
+    #[command(flatten)]
+    time: TimeArgs,
+    /// Stop when the device has no more samples, as at the end of a simulated motion
+    #[arg(long)]
+    until_end: bool,
+    /// Print JSON: one object when the recording begins, one when it ends
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn run(args: &Args) -> Result<(), Error> {
+    if !args.force {
+        output::refuse_existing(&args.output)?;
+    }
+    terminal::catch_interrupts();
+    let mut live = Live::connect(args.link.target(), Streams::ALL, args.time.wait)?;
+    let mut recorder = Recorder::create(&args.output)?;
+    if let Some(device) = live.device() {
+        recorder.describe(device.hello(), device.settings())?;
+        begin(args, device)?;
+    }
+    let mut progress = match args.time.duration {
+        Some(duration) => Progress::new("recording", duration.as_millis() as u64),
+        None => Progress::endless("recording"),
+    };
+    let started = Instant::now();
+    let (mut reported, mut ended) = (Instant::now(), false);
+    let failure = loop {
+        let over = args.time.duration.is_some_and(|duration| started.elapsed() >= duration);
+        if over || terminal::interrupted() {
+            break None;
+        }
+        match live.next() {
+            Ok(Happening::Received(received)) if !received.bytes.is_empty() => {
+                ended |= args.until_end && is_end(&received.frame);
+                recorder.frame(received.time_ns, &received.bytes)?;
+            }
+            // The last raw samples may come after the event.
+            Ok(Happening::Quiet) if ended => break None,
+            Ok(Happening::Received(_) | Happening::Quiet) => {}
+            Ok(Happening::Away { reason }) => {
+                recorder.flush()?;
+                progress.note(format!("{reason}; waiting {} s for it to come back", args.time.wait.as_secs_f64()));
+            }
+            Ok(Happening::Back) => progress.note("the device is back, the recording goes on"),
+            Err(error) => break Some(error),
+        }
+        if reported.elapsed() >= REPORT {
+            reported = Instant::now();
+            match args.time.duration {
+                Some(_) => progress.set(started.elapsed().as_millis() as u64),
+                None => progress.say(format!(
+                    "{}, {}, {} lost; Ctrl-C ends",
+                    duration_text(recorder.duration_s()),
+                    plural(recorder.frames().into(), "frame"),
+                    live.lost_frames()
+                )),
+            }
+        }
+    };
+    progress.done();
+    let (duration_s, frames) = (recorder.duration_s(), recorder.frames());
+    let reason = failure.as_ref().map_or_else(|| "finished".to_string(), ToString::to_string);
+    recorder.close(&End { reason: reason.clone(), lost_frames: live.lost_frames() })?;
+    match failure {
+        None => end(args, duration_s, frames, live.lost_frames()),
+        Some(error) => Err(kept(error, &args.output.display().to_string(), duration_s).into()),
+    }
+}
+
+fn is_end(frame: &Frame<Record>) -> bool {
+    matches!(frame, Frame::Message { message: Record::Event(event), .. } if event.kind == EventKind::SourceEnded)
+}
+
+fn begin(args: &Args, device: &Device) -> Result<(), Error> {
+    let hello = device.hello();
+    let file = args.output.display();
+    if args.json {
+        let line = json!({
+            "kind": "recording", "file": file.to_string(), "port": device.name(), "board": hello.board.as_str(),
+            "serial": hello.serial.as_str(), "sample_rate_hz": hello.sample_rate_hz,
+        });
+        output::line(json_line(&line))?;
+        return Ok(output::flush()?);
+    }
+    let until = match args.time.duration {
+        Some(duration) => format!("for {}", duration_text(duration.as_secs_f64())),
+        None => "until Ctrl-C".into(),
+    };
+    terminal::say(format!(
+        "recording {} (serial {}, {} Hz) at {} to {file} {until}",
+        hello.board,
+        hello.serial,
+        hello.sample_rate_hz,
+        device.name()
+    ));
+    Ok(())
+}
+
+fn end(args: &Args, duration_s: f64, frames: u32, lost_frames: u64) -> Result<(), Error> {
+    let file = args.output.display().to_string();
+    if args.json {
+        let line = json!({
+            "kind": "recorded", "file": file, "duration_s": duration_s, "frames": frames, "lost_frames": lost_frames,
+        });
+        return Ok(output::line(json_line(&line))?);
+    }
+    let lost = if lost_frames == 0 { "none lost".into() } else { format!("{lost_frames} lost on the way") };
+    terminal::say(format!("recorded {}: {}, {lost}", duration_text(duration_s), plural(frames.into(), "frame")));
+    terminal::say(format!("look at it with: inerter replay {file}"));
+    Ok(())
+}
+
+/// Says what the recording holds in spite of the failure.
+fn kept(error: DeviceError, file: &str, duration_s: f64) -> DeviceError {
+    match error {
+        DeviceError::Vanished { name, reason, .. } => {
+            let kept = format!("; {} until then can be read in {file}", duration_text(duration_s));
+            DeviceError::Vanished { name, reason, kept }
+        }
+        other => {
+            note(format!("{} until then can be read in {file}", duration_text(duration_s)));
+            other
+        }
+    }
+}

@@ -1,0 +1,71 @@
+//! `inerter send`: a recording or CSV through a connected device's own estimator.
+
+use std::path::PathBuf;
+
+use inerter::{
+    Error,
+    device::{Clock, Device},
+    inject::inject,
+    output,
+    report::{self, EstimateJson, duration_text, json_line, plural},
+    run::Run,
+};
+
+use super::{
+    args::{FileSettingsArgs, LinkArgs},
+    terminal::{Progress, catch_interrupts, interrupted, note},
+};
+
+/// Send a recording or a CSV file through a device's own estimator.
+///
+/// Faster than real time. The run's settings are in use on the device meanwhile; its own are put back afterwards. Prints the device's final
+/// estimate; with --json the same lines as `inerter replay --json`.
+#[derive(clap::Args)]
+#[command(after_long_help = inerter::settings::help_table())]
+pub struct Args {
+    /// Recording (.mcap) or CSV file
+    file: PathBuf,
+    #[command(flatten)]
+    link: LinkArgs,
+    #[command(flatten)]
+    settings: FileSettingsArgs,
+    /// Print JSON, one object a line
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn run(args: &Args) -> Result<(), Error> {
+    let run = Run::open(&args.file, &args.settings.overrides()?)?;
+    run.notes.iter().for_each(note);
+    // What the device would refuse is refused here, with more words.
+    inerter::settings::validate(&run.settings)?;
+    // The device's settings are put back even then.
+    catch_interrupts();
+    let mut device = Device::connect(&args.link.target(), Clock::new())?;
+    let mut progress = Progress::new("sending", run.samples.len() as u64);
+    let started = std::time::Instant::now();
+    let publish = |t_s: f64, estimate: &_| -> Result<(), Error> {
+        if args.json {
+            output::line(json_line(&EstimateJson::live(t_s, estimate)))?;
+        }
+        Ok(())
+    };
+    let advance = |taken| {
+        progress.set(taken);
+        if interrupted() { Err(Error::Interrupted) } else { Ok(()) }
+    };
+    let injected = inject(&mut device, &run, publish, advance)?;
+    progress.done();
+    if args.json {
+        return Ok(output::line(json_line(&EstimateJson::last(injected.t_s, &injected.estimate, None)))?);
+    }
+    output::line(report::table(&injected.estimate, run.settings.memory_s, run.truth.as_ref()).trim_end())?;
+    output::line(format!(
+        "\n{} ({} of motion) sent to {} in {}",
+        plural(injected.samples, "sample"),
+        duration_text(run.duration_s()),
+        device.name(),
+        duration_text(started.elapsed().as_secs_f64())
+    ))?;
+    Ok(())
+}

@@ -1,0 +1,266 @@
+//! `inerter simulate`: an inerter in a rig, without either.
+
+use std::{
+    ffi::OsStr,
+    path::{Path, PathBuf},
+    time::Duration,
+};
+
+use clap::{ArgMatches, Command, FromArgMatches};
+use inerter::{
+    Error, output,
+    report::{duration_text, json_line, plural},
+    settings,
+    simulate::{self, Endpoint, Qemu, Setup, SimulateError, VirtualDevice, bench_sensors, file},
+};
+use inerter_plant::{Excitation, Parameters, Sensors};
+use serde_json::json;
+
+use super::{
+    args::SettingsArgs,
+    terminal::{self, Progress},
+};
+
+/// Duration of a file when neither --duration nor the motion says one \[s\].
+const FILE_S: f64 = 20.0;
+
+/// Simulate an inerter in a rig, as a file or as a live device.
+///
+/// With -o a recording (.mcap) or CSV (.csv) is written as fast as possible. With --tcp or --pty a live device runs until
+/// Ctrl-C: the firmware's own code on this machine, or, with --qemu, the firmware image in QEMU. Connect to it with
+/// monitor, record or send. The device's settings are those of a perfect calibration; --set changes them.
+///
+/// Motions for --excite: slow, mid, fast (the paper's tests), multi, random, two; sine:3.2Hz:4.16mm,
+/// tones:0.8Hz:8mm,6.4Hz:0.8mm, multi:0.5-15Hz:20mm/s, random:0.5-15Hz:20mm/s, chirp:0.1-20Hz:5mm/s:60s, hold;
+/// and sequences such as mid@20s;hold@5s;random@20s.
+#[derive(clap::Args)]
+#[command(group = clap::ArgGroup::new("where").required(true).multiple(false))]
+pub struct Args {
+    /// Write a recording (.mcap) or a CSV (.csv)
+    #[arg(short, long, value_name = "FILE", group = "where")]
+    output: Option<PathBuf>,
+    /// Be a live device on this TCP address, e.g. 127.0.0.1:7878; port 0 takes any free one
+    #[arg(long, value_name = "HOST:PORT", group = "where")]
+    tcp: Option<String>,
+    /// Be a live device on a pseudo-terminal, like a board on a serial port
+    #[arg(long, group = "where")]
+    pty: bool,
+    /// Run the firmware image in QEMU instead of the firmware's code on this machine
+    #[arg(long, conflicts_with = "output")]
+    qemu: bool,
+    /// Firmware image for --qemu; without it INERTER_QEMU_IMAGE, or the source tree's
+    #[arg(long, value_name = "FILE", requires = "qemu")]
+    image: Option<PathBuf>,
+    /// Stop the motion after this many seconds [default for a file: the motion's own, else 20]
+    #[arg(long, value_name = "SECONDS", value_parser = super::args::seconds, allow_negative_numbers = true)]
+    duration: Option<Duration>,
+    /// How many times faster than real time a live device runs
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = speed, conflicts_with = "output")]
+    speed: f64,
+    /// Begin the motion only when a host connects with monitor or record
+    #[arg(long, conflicts_with_all = ["output", "qemu"])]
+    wait: bool,
+    /// Device to begin with: paper, or worn (with 0.1 mm of backlash)
+    #[arg(long, value_name = "NAME", default_value = "paper")]
+    preset: String,
+    /// Motion of the terminal
+    #[arg(long, value_name = "MOTION", default_value = "random")]
+    excite: String,
+    /// Seed of motion and noise
+    #[arg(long, value_name = "NUMBER", default_value_t = 1)]
+    seed: u64,
+    /// Print JSON: the address of a live device, or what was written
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    settings: SettingsArgs,
+    #[command(flatten)]
+    plant: PlantArgs,
+}
+
+fn speed(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| "a number is needed, for example 10".to_string())?;
+    if (0.01..=1000.0).contains(&value) { Ok(value) } else { Err("the factor must lie between 0.01 and 1000".into()) }
+}
+
+/// One flag per parameter of the device and the instruments, from the plant's own tables.
+struct PlantArgs {
+    given: Vec<(&'static str, f64)>,
+}
+
+impl PlantArgs {
+    fn fields() -> impl Iterator<Item = (&'static str, &'static inerter_plant::FieldInfo)> {
+        let device = Parameters::TABLE.iter().map(|field| ("Simulated device", field));
+        device.chain(Sensors::TABLE.iter().map(|field| ("Simulated instruments", field)))
+    }
+
+    fn default_of(field: &inerter_plant::FieldInfo) -> f64 {
+        bench_sensors().get(field.name).unwrap_or(field.default)
+    }
+}
+
+impl clap::Args for PlantArgs {
+    fn augment_args(command: Command) -> Command {
+        Self::fields().fold(command, |command, (heading, field)| {
+            let unit = if field.unit.is_empty() { "NUMBER" } else { field.unit };
+            command.arg(
+                clap::Arg::new(field.name)
+                    .long(field.name.replace('_', "-"))
+                    .value_name(unit)
+                    .value_parser(clap::value_parser!(f64))
+                    .allow_hyphen_values(true)
+                    .help_heading(heading)
+                    .help(format!("{} [{:?}]", field.help, Self::default_of(field)))
+                    .hide_short_help(heading.ends_with("instruments")),
+            )
+        })
+    }
+
+    fn augment_args_for_update(command: Command) -> Command {
+        Self::augment_args(command)
+    }
+}
+
+impl FromArgMatches for PlantArgs {
+    fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
+        let value = |name: &'static str| matches.get_one::<f64>(name).map(|value| (name, *value));
+        Ok(Self { given: Self::fields().filter_map(|(_, field)| value(field.name)).collect() })
+    }
+
+    fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
+        *self = Self::from_arg_matches(matches)?;
+        Ok(())
+    }
+}
+
+fn setup(args: &Args) -> Result<Setup, Error> {
+    let mut parameters = Parameters::preset(&args.preset)
+        .ok_or_else(|| SimulateError::Preset { name: args.preset.clone(), known: Parameters::PRESETS.join(", ") })?;
+    let mut sensors = Sensors { seed: args.seed, ..bench_sensors() };
+    let given = |name: &str| args.plant.given.iter().any(|(given, _)| *given == name);
+    for (name, value) in &args.plant.given {
+        let known = if Parameters::TABLE.iter().any(|field| field.name == *name) {
+            parameters.set(name, *value)
+        } else {
+            sensors.set(name, *value)
+        };
+        known.map_err(SimulateError::from)?;
+    }
+    if !given("newtons_per_code") {
+        // A converter that is so much coarser: the sum's scale stays, and so does its range.
+        sensors.newtons_per_code *= sensors.oversampling;
+    }
+    for (name, limit) in
+        [("force_min_code", &mut sensors.force_min_code), ("force_max_code", &mut sensors.force_max_code)]
+    {
+        if !given(name) {
+            *limit = (*limit / sensors.oversampling).trunc();
+        }
+    }
+    let duration_s = args.duration.map(|duration| duration.as_secs_f64());
+    let duration_s = match (&args.output, duration_s) {
+        (Some(_), None) => {
+            let own = Excitation::parse(&args.excite, args.seed).map_err(SimulateError::from)?.duration_s();
+            Some(if own.is_finite() { own } else { FILE_S })
+        }
+        (_, given) => given,
+    };
+    Setup::new(parameters, sensors, &args.excite, duration_s, &args.settings.overrides()?)
+}
+
+pub fn run(args: &Args) -> Result<(), Error> {
+    let setup = setup(args)?;
+    match (&args.output, &args.tcp) {
+        (Some(path), _) => to_file(args, &setup, path),
+        (None, Some(address)) => live(args, &setup, &Endpoint::Tcp(address.clone())),
+        (None, None) => live(args, &setup, &Endpoint::Pty),
+    }
+}
+
+fn to_file(args: &Args, setup: &Setup, path: &Path) -> Result<(), Error> {
+    let duration_s = setup.duration_s.unwrap_or(FILE_S);
+    let mut progress = Progress::new("simulating", (duration_s * 1e3) as u64);
+    let advance = |t_s: f64| progress.set((t_s * 1e3) as u64);
+    let ending = path.extension().and_then(OsStr::to_str).map(str::to_lowercase);
+    let file = path.display();
+    let next = match ending.as_deref() {
+        Some("csv") => {
+            file::write_csv(setup, path, advance)?;
+            let toml = settings::write_beside(&setup.settings, path)?;
+            format!("inerter replay {file} --settings {}", toml.display())
+        }
+        // A device such as /dev/full takes anything.
+        Some("mcap") => {
+            file::write_recording(setup, path, advance)?;
+            format!("inerter replay {file}")
+        }
+        _ if !path.is_file() && path.exists() => {
+            file::write_recording(setup, path, advance)?;
+            String::new()
+        }
+        _ => return Err(SimulateError::Format { path: file.to_string() }.into()),
+    };
+    progress.done();
+    let samples = (duration_s * setup.settings.sample_rate_hz).ceil() as u64;
+    if args.json {
+        let line =
+            json!({ "kind": "simulated", "file": file.to_string(), "duration_s": duration_s, "truth": truth(setup) });
+        return Ok(output::line(json_line(&line))?);
+    }
+    terminal::say(format!(
+        "{file}: {} of motion `{}`, {} at {} Hz",
+        duration_text(duration_s),
+        setup.excite,
+        plural(samples, "sample"),
+        setup.settings.sample_rate_hz
+    ));
+    terminal::say(format!("look at it with: {next}"));
+    Ok(())
+}
+
+fn truth(setup: &Setup) -> serde_json::Value {
+    Parameters::TABLE.iter().zip(setup.parameters.values()).map(|(field, value)| (field.name, value)).collect()
+}
+
+/// A live device of either kind.
+enum Running {
+    Virtual(VirtualDevice),
+    Qemu(Qemu),
+}
+
+fn live(args: &Args, setup: &Setup, endpoint: &Endpoint) -> Result<(), Error> {
+    terminal::catch_interrupts();
+    let mut running = if args.qemu {
+        let image = simulate::find_image(args.image.as_deref())?;
+        Running::Qemu(Qemu::start(setup, &image, endpoint, args.speed)?)
+    } else {
+        let start = if args.wait { VirtualDevice::waiting } else { VirtualDevice::start };
+        Running::Virtual(start(setup, endpoint, args.speed)?)
+    };
+    let name = match &running {
+        Running::Virtual(device) => device.name(),
+        Running::Qemu(qemu) => qemu.name(),
+    };
+    let (key, flag) = match endpoint {
+        Endpoint::Tcp(_) => ("address", "--connect"),
+        Endpoint::Pty => ("port", "--port"),
+    };
+    if args.json {
+        output::line(json_line(&json!({ "kind": "ready", key: name, "truth": truth(setup) })))?;
+    } else {
+        let device = &setup.parameters;
+        output::line(format!(
+            "simulated inerter of {} kg, {} N s/m, {} N, motion `{}`, at {name} until Ctrl-C",
+            device.inertance_kg, device.viscous_n_s_per_m, device.coulomb_n, setup.excite
+        ))?;
+        output::line(format!("connect to it with: inerter monitor {flag} {name}"))?;
+    }
+    output::flush()?;
+    while !terminal::interrupted() {
+        if let Running::Qemu(qemu) = &mut running {
+            qemu.check()?;
+        }
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    Ok(())
+}

@@ -1,0 +1,98 @@
+use super::*;
+
+fn error(text: &str) -> String {
+    parse("run.csv", text.as_bytes()).unwrap_err().to_string()
+}
+
+#[test]
+fn columns_come_in_any_order_among_others_with_comments_blank_lines_crlf_and_a_mark() {
+    let text = "\u{feff}# rig 3\r\n\r\nForce_N, note ,encoder_count,t_s,terminal_m\r\n1.5,x,149.0,0.000,0.1\r\n% pause\r\n-2,\"y,z\",150,0.001,0.2\r\n";
+    let table = parse("run.csv", text.as_bytes()).unwrap();
+    assert_eq!(table.t_s, [0.0, 0.001]);
+    assert_eq!(table.encoder_count, [149, 150]);
+    assert_eq!(table.force_n, [1.5, -2.0]);
+    assert_eq!(table.terminal_m, [0.1, 0.2]);
+    assert_eq!(table.line, [4, 6]);
+    assert_eq!(table.time_decimals, 3);
+}
+
+#[test]
+fn european_excel_is_understood() {
+    let table = parse("run.csv", b"t_s;encoder_count;force_n\r\n0,000;5;1,25\r\n0,001;6;-1,5\r\n").unwrap();
+    assert_eq!((table.t_s, table.force_n), (vec![0.0, 0.001], vec![1.25, -1.5]));
+}
+
+#[test]
+fn an_empty_file_is_named() {
+    for text in ["", "\n\n", "# only a comment\n", "t_s,encoder_count,force_n\n"] {
+        assert_eq!(error(text), "run.csv is empty");
+    }
+}
+
+#[test]
+fn a_missing_column_is_named_with_the_one_that_may_be_meant() {
+    let problem = parse("run.csv", b"t_s,encoder,force_n\n0,1,2\n").unwrap_err();
+    assert_eq!(problem.to_string(), "run.csv, line 1: the column `encoder_count` is missing");
+    use miette::Diagnostic;
+    assert!(problem.help().unwrap().to_string().contains("rename `encoder`"));
+    assert!(error("a,b,c\n1,2,3\n").contains("`t_s` is missing"));
+    assert!(error("0,1,2\n1,2,3\n").contains("the header is missing"));
+    assert!(error("t_s,force_n,encoder_count,force_n\n").contains("`force_n` is there twice"));
+}
+
+#[test]
+fn text_in_a_number_names_line_and_column() {
+    let head = "t_s,encoder_count,force_n\n0.000,1,2\n";
+    for (row, expected) in [
+        ("0.001,2,abc\n", "run.csv, line 3, column force_n: `abc` is not a number"),
+        ("0.001,2,NaN\n", "run.csv, line 3, column force_n: the value is not finite (NaN)"),
+        ("0.001,2,inf\n", "run.csv, line 3, column force_n: the value is not finite (inf)"),
+        ("0.001,,2\n", "run.csv, line 3, column encoder_count: the cell is empty"),
+        ("0.001,2.5,2\n", "run.csv, line 3, column encoder_count: 2.5 is not a whole number of counts"),
+        ("0.001,1e300,2\n", "run.csv, line 3, column encoder_count: 1e300 is not a whole number of counts"),
+        ("x,2,2\n", "run.csv, line 3, column t_s: `x` is not a number"),
+        ("0.001,2\n", "run.csv, line 3: the line ends before the column `force_n`"),
+    ] {
+        assert_eq!(error(&format!("{head}{row}")), expected);
+    }
+}
+
+#[test]
+fn time_must_advance() {
+    let head = "t_s,encoder_count,force_n\n0.000,1,2\n0.002,1,2\n";
+    assert_eq!(
+        error(&format!("{head}0.001,1,2\n")),
+        "run.csv, line 4, column t_s: time goes backwards from 0.002 to 0.001"
+    );
+    assert_eq!(
+        error(&format!("{head}0.002,1,2\n")),
+        "run.csv, line 4, column t_s: time stands still from 0.002 to 0.002"
+    );
+}
+
+#[test]
+fn a_last_line_that_is_cut_off_costs_only_itself() {
+    let head = "t_s,encoder_count,force_n\n0.000,1,2\n";
+    for tail in ["0.001,", "0.001,2,-", "0.0"] {
+        let table = parse("run.csv", format!("{head}{tail}").as_bytes()).unwrap();
+        assert_eq!((table.t_s.len(), table.notes.len()), (1, 1));
+    }
+    assert_eq!(parse("run.csv", format!("{head}0.001,2,-3").as_bytes()).unwrap().force_n, [2.0, -3.0]);
+}
+
+#[test]
+fn decimals_of_written_times() {
+    assert_eq!([decimals("0.001"), decimals("1e-3"), decimals("1.25e1"), decimals("7")], [3, 3, 1, 0]);
+}
+
+proptest::proptest! {
+    #[test]
+    fn no_bytes_panic(bytes in proptest::collection::vec(proptest::num::u8::ANY, 0..400)) {
+        let _ = parse("run.csv", &bytes);
+    }
+
+    #[test]
+    fn no_cells_panic(rows in proptest::collection::vec("[-0-9.,;e\"\t naif#]{0,24}", 0..20)) {
+        let _ = parse("run.csv", format!("t_s,encoder_count,force_n\n{}", rows.join("\n")).as_bytes());
+    }
+}

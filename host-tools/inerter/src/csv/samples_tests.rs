@@ -1,0 +1,110 @@
+use super::*;
+use crate::csv::parse;
+
+fn overrides(assignments: &[&str]) -> Overrides {
+    Overrides::from_inputs(None, &assignments.iter().map(|text| text.to_string()).collect::<Vec<_>>()).unwrap()
+}
+
+fn table(rate_hz: f64, samples: usize) -> Table {
+    let mut text = String::from("t_s,encoder_count,force_n,terminal_m\n");
+    for i in 0..samples {
+        text += &format!(
+            "{:.7},{},{},{}\n",
+            i as f64 / rate_hz,
+            10 * i as i64 - 5,
+            (i as f64 * 0.1).sin() * 100.0,
+            i as f64 * 1e-5
+        );
+    }
+    parse("run.csv", text.as_bytes()).unwrap()
+}
+
+#[test]
+fn the_encoder_scale_must_be_given() {
+    let error = to_run(table(1000.0, 100), &Overrides::default()).unwrap_err();
+    assert_eq!(error.to_string(), "run.csv holds encoder counts, but not how far one count is");
+}
+
+#[test]
+fn the_force_scale_is_a_power_of_two_that_leaves_a_quarter_of_22_bits() {
+    let run = to_run(table(1000.0, 100), &overrides(&["metres_per_count=1e-6"])).unwrap();
+    assert_eq!(run.settings.newtons_per_code, 2f64.powi(-15));
+    let largest = run.samples.iter().map(|sample| sample.force_code.abs()).max().unwrap();
+    assert!((2_097_152..=3_355_443).contains(&largest), "{largest}");
+    assert_eq!(scale(&[0.0], 1e3), 2f64.powi(-20));
+    assert!(scale(&[f64::MIN_POSITIVE], 1e3) > 1e-12, "settings allow no finer scale");
+    assert_eq!(scale(&[f64::MAX], 1e3), 512.0);
+    let run = to_run(
+        table(1000.0, 100),
+        &overrides(&["metres_per_count=1e-6", "newtons_per_code=0.01", "force_zero_code=7"]),
+    )
+    .unwrap();
+    assert_eq!(run.samples.get(1).map(|sample| sample.force_code), Some(998 + 7));
+}
+
+#[test]
+fn fast_recordings_are_brought_down_as_the_board_does_it() {
+    let run = to_run(table(20_000.0, 4000), &overrides(&["metres_per_count=1e-6"])).unwrap();
+    assert_eq!((run.settings.sample_rate_hz, run.settings.oversampling), (5000.0, 4.0));
+    assert_eq!(run.samples.len(), 1000);
+    // -5 + 5 + 15 + 25
+    assert_eq!(run.samples.first().map(|sample| sample.position_count), Some(40));
+    assert!((run.start_s - 1.5 / 20_000.0).abs() < 1e-12);
+    assert!(run.notes.iter().any(|note| note.contains("summing 4 samples")));
+}
+
+#[test]
+fn a_group_with_a_missing_sample_is_left_out() {
+    let mut table = table(20_000.0, 4000);
+    for column in [&mut table.t_s, &mut table.force_n, &mut table.terminal_m] {
+        column.remove(9);
+    }
+    table.encoder_count.remove(9);
+    let run = to_run(table, &overrides(&["metres_per_count=1e-6"])).unwrap();
+    let indices: Vec<u32> = run.samples.iter().map(|sample| sample.index).take(4).collect();
+    assert_eq!(indices, [0, 1, 3, 4]);
+}
+
+#[test]
+fn a_rate_that_contradicts_the_times_is_refused() {
+    let error = to_run(table(1000.0, 100), &overrides(&["metres_per_count=1e-6", "sample_rate_hz=2000"])).unwrap_err();
+    assert!(error.to_string().contains("sample_rate_hz was set to 2000, but t_s in run.csv says 1000 Hz"));
+    let run = to_run(table(1000.0, 100), &overrides(&["metres_per_count=1e-6", "sample_rate_hz=1000.02"])).unwrap();
+    assert_eq!(run.settings.sample_rate_hz, 1000.02);
+    for rate in [10.0, 1e6] {
+        assert!(
+            to_run(table(rate, 100), &overrides(&["metres_per_count=1e-6"]))
+                .unwrap_err()
+                .to_string()
+                .contains("outside")
+        );
+    }
+}
+
+#[test]
+fn a_force_that_does_not_fit_names_its_line() {
+    let error =
+        to_run(table(1000.0, 100), &overrides(&["metres_per_count=1e-6", "newtons_per_code=1e-9"])).unwrap_err();
+    assert!(error.to_string().starts_with("run.csv, line 3, column force_n: 9.98"), "{error}");
+}
+
+proptest::proptest! {
+    #[test]
+    fn no_table_panics(rows in proptest::collection::vec((0.0f64..1e3, -(1i64 << 53)..(1i64 << 53), proptest::num::f64::NORMAL), 0..40), fine in 1e-6f64..1e-2) {
+        let mut table = Table::default();
+        let mut t_s = 0.0;
+        for (number, (gap, count, force_n)) in rows.into_iter().enumerate() {
+            // Mostly regular, sometimes with a hole.
+            t_s += if number % 7 == 0 { fine * gap.ceil() + fine } else { fine };
+            table.t_s.push(t_s);
+            table.encoder_count.push(count);
+            table.force_n.push(force_n);
+            table.line.push(number + 2);
+        }
+        table.time_decimals = 9;
+        if let Ok(run) = to_run(table, &overrides(&["metres_per_count=1e-6"])) {
+            let outcome = crate::replay::replay(&run, |_, _| Ok::<(), crate::Error>(()));
+            proptest::prop_assert!(outcome.is_ok());
+        }
+    }
+}

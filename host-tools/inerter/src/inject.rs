@@ -1,0 +1,197 @@
+//! Sending a run through a connected device's own estimator.
+
+use std::{collections::VecDeque, time::Duration};
+
+use inerter_core::Estimate;
+use inerter_wire::{Capabilities, Command, Done, EventKind, Frame, Record, Refusal, Samples, Source, Streams};
+
+use crate::{
+    device::{Device, DeviceError, Received},
+    run::{Run, step},
+};
+
+/// Requests under way at once; more would wait in the device's receive buffer.
+const WINDOW: usize = 4;
+/// Time without any sign of life after which the device counts as silent.
+const REPLY_TIME: Duration = Duration::from_secs(10);
+/// Time for the device to work off its queue at the end.
+const END_TIME: Duration = Duration::from_secs(30);
+
+/// What an injection came to.
+#[derive(Clone, Copy, Debug)]
+pub struct Injected {
+    /// Time of the last sample \[s\].
+    pub t_s: f64,
+    /// The device's final estimate.
+    pub estimate: Estimate,
+    /// Samples that the device took.
+    pub samples: u64,
+}
+
+/// Sends the run's settings and samples; `publish` is handed the device's estimates, `progress` the number of samples taken.
+/// An error of either ends the injection.
+///
+/// The device's own settings are put back afterwards, whether all went well or not.
+pub fn inject<E: From<DeviceError>>(
+    device: &mut Device,
+    run: &Run,
+    publish: impl FnMut(f64, &Estimate) -> Result<(), E>,
+    progress: impl FnMut(u64) -> Result<(), E>,
+) -> Result<Injected, E> {
+    if !device.hello().capabilities.contains(Capabilities::INJECT) {
+        let (name, what) = (device.name().to_string(), "to take samples over the link");
+        return Err(DeviceError::Refused { name, what, refusal: Refusal::Unsupported }.into());
+    }
+    let before = *device.settings();
+    device.stream(Streams { estimates: true, ..Streams::NONE })?;
+    device.write_settings(&run.settings)?;
+    halt(device)?;
+    let (times, begun) = (Times::new(run), Begun::No);
+    let result = Injection { device: &mut *device, run, publish, progress, times, begun, last: None }.all();
+    // What failed is more interesting than whether the settings could be put back after it.
+    let restored = device.write_settings(&before).and_then(|()| device.start_sampler());
+    let injected = result?;
+    restored?;
+    Ok(injected)
+}
+
+/// Ends whatever the device takes samples from, an injection that somebody broke off included.
+fn halt(device: &mut Device) -> Result<(), DeviceError> {
+    let has_sampler = device.hello().capabilities.contains(Capabilities::SAMPLER);
+    let command = if has_sampler { Command::Stop } else { Command::InjectEnd };
+    match device.request("to halt its sampler", command) {
+        Err(DeviceError::Refused { refusal: Refusal::NotInjecting, .. }) | Ok(_) => Ok(()),
+        Err(error) => Err(error),
+    }
+}
+
+/// Whether the device's estimates are of our samples yet: they are once it has changed to the link and begun anew.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Begun {
+    No,
+    Changed,
+    Yes,
+}
+
+struct Injection<'a, P, G> {
+    device: &'a mut Device,
+    run: &'a Run,
+    publish: P,
+    progress: G,
+    times: Times<'a>,
+    begun: Begun,
+    last: Option<Estimate>,
+}
+
+impl<E: From<DeviceError>, P: FnMut(f64, &Estimate) -> Result<(), E>, G: FnMut(u64) -> Result<(), E>>
+    Injection<'_, P, G>
+{
+    fn all(mut self) -> Result<Injected, E> {
+        let mut left = self.run.samples.as_slice();
+        let mut under_way: VecDeque<(u16, usize)> = VecDeque::new();
+        let (mut credit, mut taken) = (None, 0u64);
+        loop {
+            // The first batch goes alone: its reply says how much room there is.
+            while under_way.len() < WINDOW && !left.is_empty() && (credit.is_some() || under_way.is_empty()) {
+                let (batch, count) = Samples::from_slice(left);
+                if credit.is_some_and(|credit| credit < count) && !under_way.is_empty() {
+                    break;
+                }
+                let id = self.device.send(Command::Inject(batch))?;
+                under_way.push_back((id, count));
+                credit = credit.map(|credit: usize| credit.saturating_sub(count));
+                left = left.get(count..).unwrap_or_default();
+            }
+            let Some((id, count)) = under_way.front().copied() else { break };
+            let done = self.reply(id)?;
+            under_way.pop_front();
+            // The reply to the first batch follows the events that announce it, should those have been lost.
+            self.begun = Begun::Yes;
+            taken += count as u64;
+            (self.progress)(taken)?;
+            if let Done::Injected { free, .. } = done {
+                let on_the_way: usize = under_way.iter().map(|(_, count)| count).sum();
+                credit = Some(usize::from(free).saturating_sub(on_the_way));
+            }
+        }
+        let done = self.device.request_within("to end the injection", Command::InjectEnd, END_TIME);
+        self.drain()?;
+        done?;
+        let estimate = self
+            .last
+            .ok_or_else(|| DeviceError::Silent { name: self.device.name().into(), seconds: END_TIME.as_secs_f64() })?;
+        let t_s = self.times.of(estimate.index);
+        Ok(Injected { t_s, estimate, samples: taken })
+    }
+
+    /// Waits for the reply to `id`, handing on the estimates that come before it.
+    fn reply(&mut self, id: u16) -> Result<Done, E> {
+        let mut heard = std::time::Instant::now();
+        loop {
+            let name = || self.device.name().to_string();
+            if heard.elapsed() > REPLY_TIME {
+                return Err(DeviceError::Silent { name: name(), seconds: REPLY_TIME.as_secs_f64() }.into());
+            }
+            let Some(received) = self.device.receive()? else { continue };
+            heard = std::time::Instant::now();
+            match &received.frame {
+                Frame::Message { message: Record::Reply(reply), .. } if reply.id == id => {
+                    let name = self.device.name().to_string();
+                    let refused = |refusal| DeviceError::Refused { name, what: "a batch of samples", refusal };
+                    return Ok(reply.result.map_err(refused)?);
+                }
+                _ => self.take(&received)?,
+            }
+        }
+    }
+
+    fn drain(&mut self) -> Result<(), E> {
+        while let Some(received) = self.device.pending() {
+            self.take(&received)?;
+        }
+        Ok(())
+    }
+
+    fn take(&mut self, received: &Received) -> Result<(), E> {
+        let Frame::Message { message, .. } = &received.frame else { return Ok(()) };
+        match message {
+            Record::Event(event) => match event.kind {
+                EventKind::SourceChanged(Source::Link) => self.begun = Begun::Changed,
+                EventKind::EstimatorReset if self.begun == Begun::Changed => self.begun = Begun::Yes,
+                _ => {}
+            },
+            Record::Estimate(estimate) if self.begun == Begun::Yes => {
+                // The one before is published only now: the last one is the final one, and for the caller.
+                if let Some(before) = self.last.replace(*estimate) {
+                    (self.publish)(self.times.of(before.index), &before)?;
+                }
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+}
+
+/// Times of the samples by their index, asked for in order.
+struct Times<'a> {
+    run: &'a Run,
+    at: usize,
+    elapsed: u64,
+}
+
+impl<'a> Times<'a> {
+    fn new(run: &'a Run) -> Self {
+        Self { run, at: 0, elapsed: 0 }
+    }
+
+    fn of(&mut self, index: u32) -> f64 {
+        while let Some([this, next]) = self.run.samples.get(self.at..self.at + 2) {
+            if this.index == index {
+                break;
+            }
+            self.elapsed += step(this.index, next.index);
+            self.at += 1;
+        }
+        self.run.start_s + self.elapsed as f64 / self.run.settings.sample_rate_hz
+    }
+}

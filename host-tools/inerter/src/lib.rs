@@ -1,0 +1,27 @@
+//! Everything that the program `inerter` does, as a library: sources, recordings, CSV, replay, devices, simulation.
+//!
+//! Data flows one way: a [`run::Run`] comes from a file ([`recording`], [`csv`]) or from a device
+//! ([`device`], [`live`]); [`replay`] takes it through the estimator here, [`inject`] through a device's own;
+//! [`report`] turns what comes out into JSON and text. [`simulate`] makes runs and devices out of the plant.
+//!
+//! Every error names the file, field, line or port and says what to do next; [`error::Error::exit_code`] is the code
+//! that the program ends with.
+#![forbid(unsafe_code)]
+
+// The app's queues need critical sections; this crate brings the implementation for a machine with threads.
+use critical_section as _;
+
+pub mod csv;
+pub mod device;
+pub mod error;
+pub mod inject;
+pub mod live;
+pub mod output;
+pub mod recording;
+pub mod replay;
+pub mod report;
+pub mod run;
+pub mod settings;
+pub mod simulate;
+
+pub use error::Error;

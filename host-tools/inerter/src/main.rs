@@ -1,0 +1,83 @@
+//! The program `inerter`: one file per command in `cmd`, all else in the library.
+#![forbid(unsafe_code)]
+
+mod cmd;
+
+use std::{io::IsTerminal, process::ExitCode};
+
+use clap::{Parser, Subcommand};
+use inerter::error::exit;
+
+/// Reads the effective inertance, friction and backlash of an inerter while it moves.
+#[derive(Parser)]
+#[command(name = "inerter", version, after_help = AFTER_HELP, max_term_width = 110)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+const AFTER_HELP: &str = "\
+Try it without hardware:
+  inerter simulate -o run.mcap --duration 20    a recording of a simulated inerter
+  inerter replay run.mcap                       what the estimator makes of it
+  inerter simulate --tcp 127.0.0.1:7878         a live simulated inerter; then, in another terminal:
+  inerter monitor --connect 127.0.0.1:7878
+
+Exit codes: 0 done, 1 other failure, 2 wrong command line, 3 input file, 4 settings or parameters,
+5 device not found or not opened, 6 device went away or refused, 7 wire version, 8 output not written, 130 interrupted.";
+
+#[derive(Subcommand)]
+enum Command {
+    Simulate(Box<cmd::simulate::Args>),
+    Monitor(cmd::monitor::Args),
+    Record(cmd::record::Args),
+    Replay(cmd::replay::Args),
+    Send(cmd::send::Args),
+    Export(cmd::export::Args),
+    Info(cmd::info::Args),
+    Ports(cmd::ports::Args),
+}
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let is_terminal = std::io::stderr().is_terminal();
+    // Outside a terminal lines are not wrapped, so that they can be searched.
+    let options = miette::MietteHandlerOpts::new()
+        .unicode(is_terminal)
+        .wrap_lines(is_terminal)
+        .break_words(false)
+        .without_cause_chain();
+    let options = if is_terminal { options } else { options.color(false).width(10_000) };
+    // Fails only when a hook is set already.
+    miette::set_hook(Box::new(move |_| Box::new(options.clone().build()))).ok();
+    let result = match cli.command {
+        Command::Simulate(args) => cmd::simulate::run(&args),
+        Command::Monitor(args) => cmd::monitor::run(&args),
+        Command::Record(args) => cmd::record::run(&args),
+        Command::Replay(args) => cmd::replay::run(&args),
+        Command::Send(args) => cmd::send::run(&args),
+        Command::Export(args) => cmd::export::run(&args),
+        Command::Info(args) => cmd::info::run(&args),
+        Command::Ports(args) => cmd::ports::run(&args),
+    };
+    let result = result.and_then(|()| Ok(inerter::output::flush()?));
+    match result {
+        Ok(()) => ExitCode::from(exit::OK),
+        Err(error) if error.is_broken_pipe() => ExitCode::from(exit::OK),
+        Err(error) => {
+            let code = error.exit_code();
+            eprintln!("{}", format!("{:?}", miette::Report::new(error)).trim_end());
+            ExitCode::from(code)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        super::Cli::command().debug_assert();
+    }
+}

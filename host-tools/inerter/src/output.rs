@@ -1,0 +1,115 @@
+//! Writing results: to standard output, and to files that may meet a full disk.
+
+use std::{
+    fs::File,
+    io::{self, BufWriter, Write},
+    path::{Path, PathBuf},
+};
+
+use miette::Diagnostic;
+
+use crate::error::exit;
+
+/// Why something could not be written.
+#[derive(Debug, thiserror::Error, Diagnostic)]
+pub enum OutputError {
+    /// The file cannot be created.
+    #[error("{path} cannot be created: {source}", path = path.display())]
+    #[diagnostic(code(inerter::output::create), help("{}", create_help(source, path)))]
+    Create {
+        /// The file.
+        path: PathBuf,
+        /// The reason.
+        source: io::Error,
+    },
+    /// The file is there already, and holds something.
+    #[error("{path} exists already", path = path.display())]
+    #[diagnostic(code(inerter::output::exists), help("choose another name, or add --force to replace it"))]
+    Exists {
+        /// The file.
+        path: PathBuf,
+    },
+    /// Writing failed part of the way.
+    #[error("{name} cannot be written{}: {source}", progress(written))]
+    #[diagnostic(code(inerter::output::write), help("{}", write_help(source, written)))]
+    Write {
+        /// The file, or `standard output`.
+        name: String,
+        /// What was written before, for a person; empty when that is of no use.
+        written: String,
+        /// The reason.
+        source: io::Error,
+    },
+}
+
+impl OutputError {
+    /// The code that the program ends with.
+    pub fn exit_code(&self) -> u8 {
+        exit::OUTPUT
+    }
+
+    /// Wraps a failed write to `name`.
+    pub fn write(name: impl Into<String>, source: io::Error) -> Self {
+        Self::Write { name: name.into(), written: String::new(), source }
+    }
+}
+
+fn progress(written: &str) -> String {
+    if written.is_empty() { String::new() } else { format!(" any further, after {written}") }
+}
+
+fn create_help(source: &io::Error, path: &Path) -> String {
+    match source.kind() {
+        io::ErrorKind::NotFound => match path.parent() {
+            Some(folder) if !folder.as_os_str().is_empty() => format!("make the folder {} first", folder.display()),
+            _ => "give the file a name".into(),
+        },
+        io::ErrorKind::PermissionDenied => "write into a folder of your own, or change its permissions".into(),
+        io::ErrorKind::IsADirectory => "that is a folder: add a file name to it".into(),
+        _ => "write to another place".into(),
+    }
+}
+
+fn write_help(source: &io::Error, written: &str) -> String {
+    let kept = if written.is_empty() { "" } else { "; what was written so far can be read" };
+    match source.kind() {
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
+            format!("the disk is full: free some space, or write to another disk{kept}")
+        }
+        io::ErrorKind::FileTooLarge => {
+            format!("no larger file is allowed here (ulimit -f, or the file system): write to another disk{kept}")
+        }
+        _ => format!("check the disk, or write to another one{kept}"),
+    }
+}
+
+/// Creates a file to be filled, buffered.
+pub fn create(path: &Path) -> Result<BufWriter<File>, OutputError> {
+    File::create(path).map(BufWriter::new).map_err(|source| OutputError::Create { path: path.into(), source })
+}
+
+/// Refuses to go on when `path` is an ordinary file that holds something already.
+pub fn refuse_existing(path: &Path) -> Result<(), OutputError> {
+    match path.metadata() {
+        Ok(metadata) if metadata.is_file() && metadata.len() > 0 => Err(OutputError::Exists { path: path.into() }),
+        _ => Ok(()),
+    }
+}
+
+/// Writes one line to standard output.
+pub fn line(line: impl AsRef<str>) -> Result<(), OutputError> {
+    text(line).and_then(|()| text("\n"))
+}
+
+/// Writes to standard output.
+pub fn text(text: impl AsRef<str>) -> Result<(), OutputError> {
+    io::stdout()
+        .lock()
+        .write_all(text.as_ref().as_bytes())
+        .map_err(|source| OutputError::write("standard output", source))
+}
+
+/// Hands everything to standard output's reader; without it a full disk would go unnoticed.
+pub fn flush() -> Result<(), OutputError> {
+    io::stdout().lock().flush().map_err(|source| OutputError::write("standard output", source))
+}

@@ -1,0 +1,67 @@
+//! Why a recording cannot be used.
+
+use std::path::PathBuf;
+
+use inerter_wire::WIRE_VERSION;
+use miette::Diagnostic;
+
+use crate::device::version_help;
+
+/// A recording that cannot be used at all; one that merely breaks off is read up to there.
+#[derive(Debug, thiserror::Error, Diagnostic)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
+pub enum RecordingError {
+    /// The file cannot be read.
+    #[error("{path} cannot be read: {source}", path = path.display())]
+    #[diagnostic(code(inerter::input::read), help("check the name and that you may read the file"))]
+    Read { path: PathBuf, source: std::io::Error },
+
+    /// The file is not MCAP.
+    #[error("{file} is not a recording: it does not begin like an MCAP file")]
+    #[diagnostic(
+        code(inerter::recording::kind),
+        help(
+            "give a file made by `inerter record` or `inerter simulate`; CSV files are for `inerter replay` and `inerter send`"
+        )
+    )]
+    WrongKind { file: String },
+
+    /// MCAP, but without our channel.
+    #[error("{file} is an MCAP file, but it has no channel `raw` with frames of an inerter")]
+    #[diagnostic(
+        code(inerter::recording::channel),
+        help(
+            "give a file made by `inerter record` or `inerter simulate`; was this one cut off within its first second?"
+        )
+    )]
+    NoChannel { file: String },
+
+    /// Somebody compressed the file.
+    #[error("{file} has chunks compressed with {compression}, which cannot be read here")]
+    #[diagnostic(
+        code(inerter::recording::compression),
+        help("unpack it first: mcap decompress {file} -o unpacked.mcap")
+    )]
+    Compressed { file: String, compression: String },
+
+    /// No samples.
+    #[error("{file} holds no samples")]
+    #[diagnostic(
+        code(inerter::recording::samples),
+        help("`inerter info {file}` shows what it holds; was the recording stopped at once?")
+    )]
+    NoSamples { file: String },
+
+    /// No settings.
+    #[error("{file} holds no settings: what a count and a code mean is not known")]
+    #[diagnostic(
+        code(inerter::recording::settings),
+        help("give them with --settings FILE.toml, or at least --metres-per-count and --set newtons_per_code=NEWTONS")
+    )]
+    NoSettings { file: String },
+
+    /// Recorded from a device of another wire version.
+    #[error("{file} was recorded from a device that speaks wire version {version}; this program speaks {WIRE_VERSION}")]
+    #[diagnostic(code(inerter::wire::version), help("{}", version_help(*version)))]
+    ForeignVersion { file: String, version: u16 },
+}

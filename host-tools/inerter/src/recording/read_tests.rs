@@ -1,0 +1,146 @@
+use inerter_core::{RawSample, Settings};
+use inerter_wire::{
+    Capabilities, ClockSource, Hello, MAX_FRAME, Samples, SequenceCounter, WIRE_VERSION, encode_record,
+};
+use proptest::prelude::*;
+
+use super::*;
+use crate::recording::{End, Recorder};
+
+fn hello() -> Hello {
+    Hello {
+        wire_version: WIRE_VERSION,
+        firmware: Hello::text("test 0"),
+        git: Hello::text(""),
+        board: Hello::text("desk"),
+        serial: Hello::text("1"),
+        sample_rate_hz: 1000.0,
+        clock: ClockSource::Simulated,
+        capabilities: Capabilities::NONE,
+    }
+}
+
+/// Ten seconds of samples, 32 to a frame, closed or not.
+fn recording(path: &Path, close: bool) {
+    let mut recorder = Recorder::create(path).unwrap();
+    recorder.describe(&hello(), &Settings { memory_s: 12.5, ..Settings::default() }).unwrap();
+    let mut sequence = SequenceCounter::new();
+    let mut out = [0; MAX_FRAME];
+    let raws: Vec<RawSample> = (0..10_000)
+        .map(|index| RawSample { index, position_count: index as i32 * 3, ..RawSample::default() })
+        .collect();
+    for batch in raws.chunks(32) {
+        let record = Record::Samples(Samples::from_slice(batch).0);
+        let length = encode_record(&record, sequence.take(), &mut out).unwrap();
+        let time = batch.last().map_or(0, |raw| u64::from(raw.index) * 1_000_000);
+        recorder.frame(time, out.get(..length - 1).unwrap()).unwrap();
+    }
+    if close {
+        recorder.close(&End { reason: "finished".into(), lost_frames: 0 }).unwrap();
+    } else {
+        // As when the program is killed: nothing is finished, the file keeps what was written.
+        let copy = std::fs::read(path).unwrap();
+        drop(recorder);
+        std::fs::write(path, copy).unwrap();
+    }
+}
+
+fn samples_of(bytes: &[u8]) -> Result<(usize, Ending), RecordingError> {
+    let mut samples = 0;
+    let contents = read_from("f", bytes, |incoming| {
+        if let Frame::Message { message: Record::Samples(batch), .. } = incoming.frame {
+            samples += batch.iter().flatten().count();
+        }
+    })?;
+    Ok((samples, contents.ending))
+}
+
+#[test]
+fn a_closed_recording_reads_back_with_its_metadata() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.mcap");
+    recording(&path, true);
+    let contents = read(&path, |_| ()).unwrap();
+    assert_eq!(contents.ending, Ending::Closed);
+    assert_eq!(contents.counts.messages, 313);
+    let value = |name: &str, key: &str| contents.metadata.get(name).and_then(|map| map.get(key)).cloned();
+    assert_eq!(value("inerter.settings", "memory_s").as_deref(), Some("12.5"));
+    assert_eq!(value("inerter.hello", "board").as_deref(), Some("desk"));
+    assert_eq!(value("inerter.end", "reason").as_deref(), Some("finished"));
+    assert_eq!(contents.span_ns, Some((31_000_000, 9_999_000_000)));
+}
+
+#[test]
+fn what_was_recorded_before_the_program_was_killed_reads_back_to_within_a_second() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.mcap");
+    recording(&path, false);
+    let (samples, ending) = samples_of(&std::fs::read(&path).unwrap()).unwrap();
+    assert!((9000..=10_000).contains(&samples), "{samples}");
+    assert_eq!(ending, Ending::CutOff);
+}
+
+#[test]
+fn a_file_cut_off_anywhere_reads_up_to_the_cut() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.mcap");
+    recording(&path, true);
+    let bytes = std::fs::read(&path).unwrap();
+    let mut before = 0;
+    for cut in (0..=bytes.len()).step_by(97) {
+        match samples_of(bytes.get(..cut).unwrap()) {
+            Ok((samples, ending)) => {
+                assert!(samples >= before);
+                // A frame's 32 samples in its bytes: no more than two frames before the cut are missing.
+                let expected = (cut as f64 / bytes.len() as f64 * 10_000.0) as usize;
+                assert!(samples + 800 > expected, "{samples} of about {expected} at {cut}");
+                assert!(ending != Ending::Closed || samples == 10_000);
+                before = samples;
+            }
+            Err(RecordingError::WrongKind { .. }) => assert!(cut < 8),
+            Err(RecordingError::NoChannel { .. }) => assert!(cut < 1500, "{cut}"),
+            Err(other) => panic!("{other}"),
+        }
+    }
+}
+
+#[test]
+fn another_kind_of_file_is_refused() {
+    assert!(matches!(samples_of(b"t_s,encoder_count,force_n\n"), Err(RecordingError::WrongKind { .. })));
+    assert!(matches!(samples_of(b""), Err(RecordingError::WrongKind { .. })));
+    let mut file = Vec::new();
+    mcap::Writer::new(std::io::Cursor::new(&mut file)).unwrap().finish().unwrap();
+    assert!(matches!(samples_of(&file), Err(RecordingError::NoChannel { .. })));
+}
+
+fn sound() -> Vec<u8> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.mcap");
+    recording(&path, true);
+    std::fs::read(&path).unwrap()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(400))]
+    #[test]
+    fn no_bytes_panic(bytes in proptest::collection::vec(any::<u8>(), 0..600)) {
+        let _ = samples_of(&bytes);
+        let with_magic = [mcap::MAGIC, &bytes].concat();
+        let _ = samples_of(&with_magic);
+    }
+
+    #[test]
+    fn no_damage_panics(damage in proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..8)) {
+        thread_local!(static SOUND: Vec<u8> = sound());
+        let mut bytes = SOUND.with(Clone::clone);
+        for (place, value) in damage {
+            let place = place.index(bytes.len());
+            if let Some(byte) = bytes.get_mut(place) {
+                *byte = value;
+            }
+        }
+        if let Ok((samples, _)) = samples_of(&bytes) {
+            prop_assert!(samples <= 10_000);
+        }
+    }
+}

@@ -1,0 +1,150 @@
+//! The records of an MCAP file one after the other, those in chunks too, whatever state the file is in.
+//!
+//! A file is a magic number and records: operation code (u8), length (u64), content. A chunk's content is a header and
+//! records again. Nothing is read ahead of what is needed and no length is believed beyond [`LONGEST_RECORD`], so that a
+//! file which is cut off or damaged gives all that lies before. (The `mcap` crate's own linear reader, 0.26, panics on a
+//! record that is longer than its chunk.)
+
+use std::io::{self, Read};
+
+use mcap::{MAGIC, records::op};
+
+/// No record that is looked into is longer; a length beyond this is damage.
+const LONGEST_RECORD: u64 = 1 << 20;
+/// Operation code and length.
+const HEAD: usize = 9;
+/// A chunk's header up to the name of its compression: two times, size, CRC, length of the name.
+const CHUNK_HEAD: usize = 8 + 8 + 8 + 4 + 4;
+
+/// What comes next in a file.
+#[derive(Debug, PartialEq, Eq)]
+pub enum Step<'a> {
+    /// A record that may be looked into.
+    Record {
+        /// Operation code.
+        opcode: u8,
+        /// Content.
+        data: &'a [u8],
+    },
+    /// The file does not begin like an MCAP file.
+    WrongKind,
+    /// The footer: the file was closed.
+    Closed,
+    /// The file ends without a footer.
+    CutOff,
+    /// A chunk is compressed in this way.
+    Compressed(String),
+    /// No sense can be made of what follows.
+    Damaged(String),
+}
+
+/// Walks through a file.
+pub struct Walker<R> {
+    source: R,
+    buffer: Vec<u8>,
+    begun: bool,
+    /// Bytes left in the chunk under way.
+    chunk_left: u64,
+    offset: u64,
+}
+
+impl<R: Read> Walker<R> {
+    /// At the beginning of the file.
+    pub fn new(source: R) -> Self {
+        Self { source, buffer: Vec::new(), begun: false, chunk_left: 0, offset: 0 }
+    }
+
+    /// Bytes read so far.
+    pub fn offset(&self) -> u64 {
+        self.offset
+    }
+
+    /// The next step. After anything but a record there is nothing more.
+    pub fn step(&mut self) -> io::Result<Step<'_>> {
+        if !self.begun {
+            if !self.fill(MAGIC.len())? || self.buffer != MAGIC {
+                return Ok(Step::WrongKind);
+            }
+            self.begun = true;
+        }
+        loop {
+            if !self.fill(HEAD)? {
+                return Ok(Step::CutOff);
+            }
+            let (opcode, length) = head(&self.buffer);
+            if self.chunk_left > 0 {
+                let whole = length.saturating_add(HEAD as u64);
+                if whole > self.chunk_left {
+                    return Ok(Step::Damaged("a record is longer than its chunk".into()));
+                }
+                self.chunk_left -= whole;
+            }
+            match opcode {
+                op::FOOTER => return Ok(Step::Closed),
+                op::CHUNK => {
+                    if let Some(end) = self.enter_chunk(length)? {
+                        return Ok(end);
+                    }
+                }
+                op::HEADER | op::SCHEMA | op::CHANNEL | op::MESSAGE | op::METADATA => {
+                    if length > LONGEST_RECORD {
+                        return Ok(Step::Damaged(format!("a record claims to be {length} bytes long")));
+                    }
+                    // No longer than the limit above.
+                    if !self.fill(length as usize)? {
+                        return Ok(Step::CutOff);
+                    }
+                    return Ok(Step::Record { opcode, data: &self.buffer });
+                }
+                _ => {
+                    let skipped = io::copy(&mut self.source.by_ref().take(length), &mut io::sink())?;
+                    self.offset += skipped;
+                    if skipped < length {
+                        return Ok(Step::CutOff);
+                    }
+                }
+            }
+        }
+    }
+
+    fn enter_chunk(&mut self, length: u64) -> io::Result<Option<Step<'static>>> {
+        let damaged = |reason: &str| Ok(Some(Step::Damaged(reason.into())));
+        if self.chunk_left > 0 {
+            return damaged("a chunk within a chunk");
+        }
+        if !self.fill(CHUNK_HEAD)? {
+            return Ok(Some(Step::CutOff));
+        }
+        let name_length = u64::from(self.buffer.last_chunk().map_or(0, |bytes| u32::from_le_bytes(*bytes)));
+        if name_length > 64 {
+            return damaged("a chunk's header makes no sense");
+        }
+        if !self.fill(name_length as usize)? {
+            return Ok(Some(Step::CutOff));
+        }
+        if name_length > 0 {
+            return Ok(Some(Step::Compressed(String::from_utf8_lossy(&self.buffer).into_owned())));
+        }
+        if !self.fill(8)? {
+            return Ok(Some(Step::CutOff));
+        }
+        self.chunk_left = self.buffer.first_chunk().map_or(0, |bytes| u64::from_le_bytes(*bytes));
+        if self.chunk_left.checked_add(CHUNK_HEAD as u64 + 8) != Some(length) {
+            return damaged("a chunk's length contradicts its header");
+        }
+        Ok(None)
+    }
+
+    /// Puts the next `count` bytes into the buffer; false when there are fewer.
+    fn fill(&mut self, count: usize) -> io::Result<bool> {
+        self.buffer.clear();
+        let read = self.source.by_ref().take(count as u64).read_to_end(&mut self.buffer)?;
+        self.offset += read as u64;
+        Ok(read == count)
+    }
+}
+
+fn head(bytes: &[u8]) -> (u8, u64) {
+    let length = bytes.last_chunk().map_or(0, |length| u64::from_le_bytes(*length));
+    (bytes.first().copied().unwrap_or(0), length)
+}

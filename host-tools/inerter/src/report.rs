@@ -1,0 +1,249 @@
+//! Estimates for programs (JSON) and for people (text).
+//!
+//! The JSON is a public contract, written down in `docs/CLI.md`: one object a line, keys and units as below, never a NaN
+//! or an infinity. What is not known is `null`.
+
+use std::collections::BTreeMap;
+
+use inerter_core::{Bank, Counters, Estimate, Parameter, Parameters, Status};
+use inerter_wire::{Health, catalogue};
+use serde::Serialize;
+
+use crate::{replay::Outcome, run::Run};
+
+/// One parameter in JSON.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct ParameterJson {
+    /// Value in the unit of the key; `null` when not identifiable.
+    pub value: Option<f32>,
+    /// Half width of the 95 % interval; `null` when there is no finite one.
+    pub u95: Option<f32>,
+    /// `ok`, `held` or `not_identifiable`.
+    pub status: &'static str,
+}
+
+impl From<Parameter> for ParameterJson {
+    fn from(parameter: Parameter) -> Self {
+        let known = parameter.status != Status::NotIdentifiable && parameter.value.is_finite();
+        Self {
+            value: Some(parameter.value).filter(|_| known),
+            u95: Some(parameter.u95).filter(|u95| u95.is_finite()),
+            status: status_word(if known { parameter.status } else { Status::NotIdentifiable }),
+        }
+    }
+}
+
+/// The four parameters in JSON.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[allow(missing_docs, reason = "documented where they are estimated")]
+pub struct ParametersJson {
+    pub inertance_kg: ParameterJson,
+    pub viscous_n_s_per_m: ParameterJson,
+    pub coulomb_n: ParameterJson,
+    pub offset_n: ParameterJson,
+}
+
+impl From<&Parameters> for ParametersJson {
+    fn from(parameters: &Parameters) -> Self {
+        Self {
+            inertance_kg: parameters.inertance_kg.into(),
+            viscous_n_s_per_m: parameters.viscous_n_s_per_m.into(),
+            coulomb_n: parameters.coulomb_n.into(),
+            offset_n: parameters.offset_n.into(),
+        }
+    }
+}
+
+/// An estimate in JSON: `{"kind":"estimate", ...}`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[allow(missing_docs, reason = "documented in docs/CLI.md and where they are estimated")]
+pub struct EstimateJson {
+    pub kind: &'static str,
+    #[serde(rename = "final", skip_serializing_if = "is_false")]
+    pub is_final: bool,
+    pub t_s: f64,
+    pub whole_run: ParametersJson,
+    #[serde(flatten)]
+    pub recent: ParametersJson,
+    pub moving: bool,
+    pub bank: &'static str,
+    pub residual_rms_n: Option<f32>,
+    pub updates: u32,
+    #[serde(flatten)]
+    pub counters: Option<CountersJson>,
+}
+
+/// Time from the first sample since the reset to the one of this estimate \[s\].
+pub fn elapsed_s(estimate: &Estimate, rate_hz: f64) -> f64 {
+    estimate.elapsed_samples.saturating_sub(1) as f64 / rate_hz
+}
+
+/// Counts that the final estimate carries.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[allow(missing_docs, reason = "documented in core")]
+pub struct CountersJson {
+    pub samples: u64,
+    pub gaps: u32,
+    pub lost_samples: u64,
+    pub saturated: u32,
+}
+
+fn is_false(value: &bool) -> bool {
+    !value
+}
+
+impl EstimateJson {
+    /// An estimate on the way, at time `t_s`.
+    pub fn live(t_s: f64, estimate: &Estimate) -> Self {
+        Self {
+            kind: "estimate",
+            is_final: false,
+            t_s: (t_s * 1e9).round() / 1e9,
+            whole_run: (&estimate.whole_run).into(),
+            recent: (&estimate.recent).into(),
+            moving: estimate.moving,
+            bank: bank_word(estimate.bank),
+            residual_rms_n: Some(estimate.residual_rms_n).filter(|value| value.is_finite()),
+            updates: estimate.updates,
+            counters: None,
+        }
+    }
+
+    /// The last estimate of a run.
+    pub fn last(t_s: f64, estimate: &Estimate, counters: Option<Counters>) -> Self {
+        let counters = counters.map(|counters| CountersJson {
+            samples: counters.samples,
+            gaps: counters.gaps,
+            lost_samples: counters.lost_samples,
+            saturated: counters.saturated,
+        });
+        Self { is_final: true, counters, ..Self::live(t_s, estimate) }
+    }
+}
+
+/// One line of JSON.
+pub fn json_line(value: &impl Serialize) -> String {
+    // Maps with text keys and plain numbers only: there is nothing that could fail.
+    serde_json::to_string(value).unwrap_or_default()
+}
+
+/// The device's health in JSON, keys from the catalogue, `null` where the device does not know.
+pub fn health_json(health: &Health) -> serde_json::Value {
+    let mut object = serde_json::Map::from_iter([("kind".to_string(), "health".into())]);
+    for (field, value) in catalogue::health(health) {
+        let value = match value {
+            Some(value) if value.fract() == 0.0 && value.abs() < 9e15 => (value as i64).into(),
+            Some(value) => value.into(),
+            None => serde_json::Value::Null,
+        };
+        object.insert(field.path.into(), value);
+    }
+    object.into()
+}
+
+/// `ok`, `held` or `not_identifiable`.
+pub fn status_word(status: Status) -> &'static str {
+    match status {
+        Status::Ok => "ok",
+        Status::Held => "held",
+        Status::NotIdentifiable => "not_identifiable",
+    }
+}
+
+fn bank_word(bank: Bank) -> &'static str {
+    match bank {
+        Bank::Fast => "fast",
+        Bank::Slow => "slow",
+    }
+}
+
+/// Value and interval to the digits that the interval bears: `95.11 ± 0.48`.
+pub fn value_text(parameter: &Parameter) -> String {
+    let (value, u95) = (f64::from(parameter.value), f64::from(parameter.u95));
+    if parameter.status == Status::NotIdentifiable || !value.is_finite() {
+        return "not identifiable".into();
+    }
+    if !(u95.is_finite() && u95 > 0.0) {
+        return format!("{value:.4}");
+    }
+    let decimals = (1.0 - u95.log10().floor()).clamp(0.0, 9.0) as usize;
+    let held = if parameter.status == Status::Held { " (held)" } else { "" };
+    format!("{value:.decimals$} ± {u95:.decimals$}{held}")
+}
+
+/// A table of the four parameters: recent memory, whole run, and, of a simulated device, the truth.
+pub fn table(estimate: &Estimate, memory_s: f64, truth: Option<&BTreeMap<String, String>>) -> String {
+    let recent = catalogue::parameters(&estimate.recent);
+    let whole = catalogue::parameters(&estimate.whole_run);
+    let head = if truth.is_some() { "truth" } else { "" };
+    let mut text = format!("{:<20} {:<6} {:<22} {:<22} {head}", "", "", format!("last {memory_s} s"), "whole run");
+    text.truncate(text.trim_end().len());
+    for ((field, recent), (_, whole)) in recent.zip(whole) {
+        // The plant knows the offset as the load cell's.
+        let name = if field.path == "offset_n" { "force_offset_n" } else { field.path };
+        let truth = truth.and_then(|truth| truth.get(name)).map_or("", String::as_str);
+        let (recent, whole) = (value_text(&recent), value_text(&whole));
+        let line = format!("{:<20} {:<6} {recent:<22} {whole:<22} {truth}", field.label, field.unit);
+        text += &format!("\n{}", line.trim_end());
+    }
+    text
+}
+
+/// One line on what the estimator took and left out.
+pub fn counts_line(run: &Run, outcome: &Outcome) -> String {
+    let counters = outcome.counters;
+    let gaps = match (counters.gaps, counters.lost_samples) {
+        (0, _) => "no gaps".to_string(),
+        (gaps, lost) => format!("{} of {}", plural(gaps.into(), "gap"), plural(lost, "sample")),
+    };
+    let saturated = match counters.saturated {
+        0 => "none saturated".to_string(),
+        count => format!("{count} saturated"),
+    };
+    format!(
+        "{} at {} Hz in {}, {gaps}, {saturated}; residual {:.2} N rms",
+        plural(counters.samples, "sample"),
+        run.settings.sample_rate_hz,
+        duration_text(run.duration_s()),
+        outcome.estimate.residual_rms_n
+    )
+}
+
+/// Heads the lines of [`row`].
+pub fn row_header() -> String {
+    let mut text = format!("{:>9}", "t [s]");
+    for field in catalogue::fields(catalogue::Group::Parameter) {
+        text += &format!("  {:<24}", format!("{} [{}]", field.label, field.unit));
+    }
+    text.trim_end().into()
+}
+
+/// One line per estimate, the recent memory.
+pub fn row(t_s: f64, estimate: &Estimate) -> String {
+    let mut text = format!("{t_s:>9.2}");
+    for (_, parameter) in catalogue::parameters(&estimate.recent) {
+        text += &format!("  {:<24}", value_text(&parameter));
+    }
+    if !estimate.moving {
+        text += "  at rest";
+    }
+    text.trim_end().into()
+}
+
+/// Number of things with the right ending.
+pub fn plural(count: u64, thing: &str) -> String {
+    format!("{count} {thing}{}", if count == 1 { "" } else { "s" })
+}
+
+/// `12.3 s`, `4 min 5 s`.
+pub fn duration_text(seconds: f64) -> String {
+    if seconds < 120.0 {
+        format!("{seconds:.1} s")
+    } else {
+        format!("{:.0} min {:.0} s", (seconds / 60.0).floor(), seconds % 60.0)
+    }
+}
+
+#[cfg(test)]
+#[path = "report_tests.rs"]
+mod tests;

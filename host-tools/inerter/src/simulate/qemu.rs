@@ -1,0 +1,247 @@
+//! The firmware image in QEMU, fed by the plant through an ordinary file.
+//!
+//! QEMU itself serves the device's USART on the TCP port or pseudo-terminal. Before anybody else comes, the settings that
+//! fit the simulated device are written and the sampler is started, so that the image behaves like a board in a rig.
+
+use std::{
+    fs::File,
+    io::{self, BufRead, BufReader, Read, Write},
+    net::TcpListener,
+    path::{Path, PathBuf},
+    process::{Child, ChildStderr, Command, Stdio},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, AtomicU32, Ordering},
+        mpsc,
+    },
+    thread::{self, JoinHandle},
+    time::{Duration, Instant},
+};
+
+use inerter_core::RawSample;
+use inerter_plant::Sample;
+
+use super::{Endpoint, Setup, SimulateError, raw};
+use crate::{
+    device::{Clock, DEFAULT_BAUD, Device, DeviceError, Target},
+    error::Error,
+};
+
+/// Program to run.
+const QEMU: &str = "qemu-system-arm";
+/// Variable that names the image.
+const IMAGE_VARIABLE: &str = "INERTER_QEMU_IMAGE";
+/// Where cargo puts it, seen from the source tree.
+const IMAGE_PATH: &str = "target/thumbv7em-none-eabihf/firmware/inerter-qemu";
+/// Time for QEMU to start and the image to answer.
+const START_TIME: Duration = Duration::from_secs(10);
+/// How often samples are appended.
+const FEED_EVERY: Duration = Duration::from_millis(5);
+
+/// The image: as given, as `INERTER_QEMU_IMAGE` says, or where cargo put it in this folder or one above.
+pub fn find_image(given: Option<&Path>) -> Result<PathBuf, SimulateError> {
+    if let Some(path) = given {
+        return path.is_file().then(|| path.into()).ok_or(SimulateError::NoImage);
+    }
+    if let Some(path) = std::env::var_os(IMAGE_VARIABLE).map(PathBuf::from).filter(|path| path.is_file()) {
+        return Ok(path);
+    }
+    let here = std::env::current_dir().unwrap_or_default();
+    here.ancestors().map(|folder| folder.join(IMAGE_PATH)).find(|path| path.is_file()).ok_or(SimulateError::NoImage)
+}
+
+/// QEMU with the image, until it is dropped.
+pub struct Qemu {
+    child: Child,
+    name: String,
+    stop: Arc<AtomicBool>,
+    feeder: Option<JoinHandle<io::Result<()>>>,
+    /// The file of samples, until the plant begins.
+    file: Option<File>,
+    samples: PathBuf,
+}
+
+impl Qemu {
+    /// Boots the image and sets it in motion, `speed` times as fast as real time: a device in a rig that runs already.
+    pub fn start(setup: &Setup, image: &Path, endpoint: &Endpoint, speed: f64) -> Result<Self, Error> {
+        let mut qemu = Self::boot(setup, image, endpoint)?;
+        qemu.connect(endpoint)?.start_sampler()?;
+        qemu.play(setup, speed)?;
+        Ok(qemu)
+    }
+
+    /// Boots the image with the settings of the simulated device, at rest and with its sampler halted.
+    ///
+    /// A host that connects now, starts the sampler and only then lets the plant [`play`](Self::play) misses no sample.
+    pub fn boot(setup: &Setup, image: &Path, endpoint: &Endpoint) -> Result<Self, Error> {
+        let failed = |what: &str| {
+            let what = what.to_string();
+            move |source| Error::from(SimulateError::Endpoint { what, source })
+        };
+        let samples = samples_file();
+        let file = File::create(&samples).map_err(failed("the file of samples"))?;
+        let serial = match endpoint {
+            Endpoint::Tcp(address) => {
+                let address = free_port(address).map_err(failed(&format!("the TCP port {address}")))?;
+                (format!("tcp:{address},server=on,wait=off,nodelay=on"), Some(address))
+            }
+            Endpoint::Pty => ("pty".into(), None),
+        };
+        let semihosting = format!("enable=on,target=native,arg=inerter,arg={}", samples.display());
+        let mut command = Command::new(QEMU);
+        command.args(["-M", "netduinoplus2", "-display", "none", "-monitor", "none", "-serial", &serial.0]);
+        command.args(["-semihosting-config", &semihosting, "-kernel"]).arg(image);
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        // Ctrl-C is for us: QEMU ends when we have ended the work.
+        #[cfg(unix)]
+        std::os::unix::process::CommandExt::process_group(&mut command, 0);
+        let child = command.spawn().map_err(|source| SimulateError::NoQemu { source })?;
+        let stop = Arc::new(AtomicBool::new(false));
+        let mut qemu = Self { child, name: String::new(), stop, feeder: None, file: Some(file), samples };
+        qemu.name = match serial.1 {
+            Some(address) => address,
+            None => qemu.pty_name()?,
+        };
+        qemu.connect(endpoint)?.write_settings(&setup.settings)?;
+        Ok(qemu)
+    }
+
+    /// Lets the plant begin, `speed` times as fast as real time. Its samples wait until the sampler is started.
+    pub fn play(&mut self, setup: &Setup, speed: f64) -> Result<(), Error> {
+        let (source, rate_hz, stop) = (setup.samples()?, setup.settings.sample_rate_hz, self.stop.clone());
+        if let Some(file) = self.file.take() {
+            self.feeder = Some(thread::spawn(move || feed(source, file, speed, rate_hz, &stop)));
+        }
+        Ok(())
+    }
+
+    /// Address or pseudo-terminal to connect to.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// An error once QEMU has ended.
+    pub fn check(&mut self) -> Result<(), SimulateError> {
+        match self.child.try_wait() {
+            Ok(Some(status)) => {
+                let message = self.child.stderr.take().map(last_words).unwrap_or_default();
+                Err(SimulateError::QemuEnded { status: status.to_string(), message })
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// QEMU says on one of its outputs which pseudo-terminal it made.
+    fn pty_name(&mut self) -> Result<String, SimulateError> {
+        let (sender, receiver) = mpsc::channel();
+        let listen = |stream: Option<Box<dyn Read + Send>>| {
+            let sender = sender.clone();
+            let Some(stream) = stream else { return };
+            thread::spawn(move || {
+                for line in BufReader::new(stream).lines().map_while(Result::ok) {
+                    let name = line.split_whitespace().find(|word| word.starts_with("/dev/")).map(str::to_string);
+                    name.map(|name| sender.send(name).ok());
+                }
+            });
+        };
+        listen(self.child.stdout.take().map(|stream| Box::new(stream) as Box<dyn Read + Send>));
+        listen(self.child.stderr.take().map(|stream| Box::new(stream) as Box<dyn Read + Send>));
+        receiver.recv_timeout(START_TIME).map_err(|_| match self.check() {
+            Err(ended) => ended,
+            Ok(()) => {
+                SimulateError::QemuEnded { status: "still running".into(), message: "it made no terminal".into() }
+            }
+        })
+    }
+
+    /// Connects once the image answers.
+    fn connect(&mut self, endpoint: &Endpoint) -> Result<Device, Error> {
+        let target = match endpoint {
+            Endpoint::Tcp(_) => Target::Tcp { address: self.name.clone() },
+            Endpoint::Pty => Target::Port { port: self.name.clone(), baud: DEFAULT_BAUD },
+        };
+        let started = Instant::now();
+        loop {
+            match Device::connect(&target, Clock::new()) {
+                Ok(device) => return Ok(device),
+                Err(
+                    error @ (DeviceError::Connect { .. } | DeviceError::Silent { .. } | DeviceError::Vanished { .. }),
+                ) => {
+                    self.check()?;
+                    if started.elapsed() > START_TIME {
+                        return Err(error.into());
+                    }
+                    thread::sleep(Duration::from_millis(50));
+                }
+                Err(error) => return Err(error.into()),
+            }
+        }
+    }
+}
+
+impl Drop for Qemu {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        self.child.kill().ok();
+        self.child.wait().ok();
+        if let Some(feeder) = self.feeder.take() {
+            feeder.join().ok();
+        }
+        std::fs::remove_file(&self.samples).ok();
+    }
+}
+
+/// A name of our own for the file of samples.
+fn samples_file() -> PathBuf {
+    static COUNT: AtomicU32 = AtomicU32::new(0);
+    let count = COUNT.fetch_add(1, Ordering::Relaxed);
+    std::env::temp_dir().join(format!("inerter-samples-{}-{count}.bin", std::process::id()))
+}
+
+/// The address with a port number that is free at the moment where it says 0.
+fn free_port(address: &str) -> io::Result<String> {
+    Ok(TcpListener::bind(address)?.local_addr()?.to_string())
+}
+
+fn last_words(mut stderr: ChildStderr) -> String {
+    let mut text = String::new();
+    stderr.read_to_string(&mut text).ok();
+    text.lines().last().unwrap_or("it said nothing").to_string()
+}
+
+/// One sample as the image reads it.
+pub fn sample_bytes(sample: &RawSample) -> [u8; 16] {
+    let words = [sample.index, sample.position_count as u32, sample.force_code as u32, sample.terminal_code as u32];
+    let mut bytes = [0; 16];
+    for (place, word) in bytes.chunks_exact_mut(4).zip(words) {
+        place.copy_from_slice(&word.to_le_bytes());
+    }
+    bytes
+}
+
+/// Appends samples as they fall due, then the end mark.
+fn feed(
+    samples: impl Iterator<Item = Sample>,
+    mut file: File,
+    speed: f64,
+    rate_hz: f64,
+    stop: &AtomicBool,
+) -> io::Result<()> {
+    let started = Instant::now();
+    let mut portion = Vec::new();
+    for sample in samples {
+        let due_s = sample.t_s.max(1.0 / rate_hz) / speed;
+        while started.elapsed().as_secs_f64() < due_s {
+            if stop.load(Ordering::Relaxed) {
+                return Ok(());
+            }
+            file.write_all(&portion)?;
+            portion.clear();
+            thread::sleep(FEED_EVERY);
+        }
+        portion.extend_from_slice(&sample_bytes(&raw(&sample)));
+    }
+    portion.extend_from_slice(&[0xFF; 4]);
+    portion.extend_from_slice(&[0; 12]);
+    file.write_all(&portion)
+}

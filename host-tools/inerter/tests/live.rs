@@ -1,0 +1,225 @@
+//! The program with live devices: virtual ones in this process, and others that misbehave.
+
+mod common;
+#[path = "common/frames.rs"]
+mod frames;
+
+use std::{
+    io::{Read, Write},
+    net::{TcpListener, TcpStream},
+    path::Path,
+    process::Child,
+    thread::{self, JoinHandle},
+    time::{Duration, Instant},
+};
+
+use common::{done, estimate_of, fails, inerter, json_lines, last, text};
+use inerter::{
+    settings::Overrides,
+    simulate::{Endpoint, Setup, VirtualDevice, bench_sensors},
+};
+use inerter_plant::Parameters;
+
+fn setup(excite: &str) -> Setup {
+    Setup::new(Parameters::paper(), bench_sensors(), excite, None, &Overrides::default()).unwrap()
+}
+
+fn any_port() -> Endpoint {
+    Endpoint::Tcp("127.0.0.1:0".into())
+}
+
+/// Waits for something that takes a moment, without a guess how long.
+fn until(what: &str, mut is_so: impl FnMut() -> bool) {
+    let started = Instant::now();
+    while !is_so() {
+        assert!(started.elapsed() < Duration::from_secs(20), "{what}");
+        thread::sleep(Duration::from_millis(10));
+    }
+}
+
+/// A recording under way that has reached its file.
+fn recording(folder: &Path, arguments: &[&str]) -> Child {
+    let child = inerter(folder, &[&["record", "-o", "run.mcap"], arguments].concat()).spawn().unwrap();
+    let path = folder.join("run.mcap");
+    until("nothing is recorded", || path.metadata().is_ok_and(|metadata| metadata.len() > 3000));
+    child
+}
+
+#[test]
+fn what_a_live_device_says_a_replay_of_its_recording_says_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let device = VirtualDevice::waiting(&setup("random@10s"), &any_port(), 10.0).unwrap();
+    done(folder.path(), &["record", "--connect", device.name(), "-o", "run.mcap", "--until-end", "--duration", "60"]);
+    let info = last(&done(folder.path(), &["info", "run.mcap", "--json"]));
+    assert_eq!((info.get("samples").unwrap(), info.get("gaps").unwrap()), (&10_000.into(), &0.into()));
+    assert_eq!(info.get("lost_frames").unwrap(), 0);
+    let replayed = last(&done(folder.path(), &["replay", "run.mcap", "--json"]));
+    assert_eq!(estimate_of(info.get("estimate").unwrap()), estimate_of(&replayed));
+
+    // The same run without a device.
+    done(folder.path(), &["simulate", "-o", "file.mcap", "--excite", "random@10s"]);
+    let simulated = last(&done(folder.path(), &["replay", "file.mcap", "--json"]));
+    assert_eq!(simulated, replayed);
+}
+
+#[test]
+fn a_run_sent_through_a_device_gives_what_a_replay_gives_and_leaves_its_settings_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let device = VirtualDevice::start(&setup("random"), &any_port(), 10.0).unwrap();
+    let link = ["--connect", device.name()];
+    done(folder.path(), &["simulate", "-o", "run.mcap", "--duration", "8", "--set", "memory_s=5"]);
+    let replayed = done(folder.path(), &["replay", "run.mcap", "--json"]);
+    for _ in 0..2 {
+        let sent = done(folder.path(), &[&["send", "run.mcap", "--json"], &link[..]].concat());
+        let lines = |text: &str| json_lines(text).iter().map(estimate_of).collect::<Vec<_>>();
+        assert!(lines(&sent) == lines(&replayed), "{sent}\n{replayed}");
+    }
+    let words = done(folder.path(), &[&["send", "run.mcap"], &link[..]].concat());
+    assert!(words.contains("8000 samples (8.0 s of motion) sent to"), "{words}");
+    done(folder.path(), &[&["record", "-o", "after.mcap", "--duration", "0.2"], &link[..]].concat());
+    let after = last(&done(folder.path(), &["info", "after.mcap", "--json"]));
+    assert_eq!(after.pointer("/settings/memory_s").unwrap(), 30.0);
+}
+
+#[test]
+fn monitor_prints_lines_where_there_is_no_terminal() {
+    let folder = tempfile::tempdir().unwrap();
+    let device = VirtualDevice::start(&setup("random"), &any_port(), 5.0).unwrap();
+    let arguments = ["monitor", "--connect", device.name(), "--duration", "1.5"];
+    let plain = done(folder.path(), &arguments);
+    assert!(plain.starts_with("    t [s]  Effective inertance [kg]"), "{plain}");
+    assert!(plain.lines().count() > 5, "{plain}");
+    let lines = json_lines(&done(folder.path(), &[&arguments[..], &["--json"]].concat()));
+    assert_eq!(lines.first().unwrap().get("kind").unwrap(), "device");
+    assert_eq!(lines.first().unwrap().get("wire_version").unwrap(), 1);
+    for kind in ["estimate", "health"] {
+        assert!(lines.iter().any(|line| line.get("kind").unwrap() == kind), "{kind}");
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_port_that_vanishes_while_recording_leaves_a_recording() {
+    for endpoint in [Endpoint::Pty, any_port()] {
+        let folder = tempfile::tempdir().unwrap();
+        let device = VirtualDevice::start(&setup("random"), &endpoint, 20.0).unwrap();
+        let name = device.name().to_string();
+        let flag = if endpoint == Endpoint::Pty { "--port" } else { "--connect" };
+        let child = recording(folder.path(), &[flag, &name, "--wait", "0.5"]);
+        drop(device);
+        let output = child.wait_with_output().unwrap();
+        let words = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(6), "{words}");
+        assert!(words.contains(&format!("{name} went away: the connection was closed; waiting 0.5 s")), "{words}");
+        assert!(words.contains("until then can be read in run.mcap"), "{words}");
+        assert!(words.contains("plug it in again"), "{words}");
+        let output = common::run(folder.path(), &["replay", "run.mcap", "--json"]);
+        assert!(last(&text(&output.stdout)).get("samples").unwrap().as_u64().unwrap() > 100);
+        assert!(text(&output.stderr).contains("the recording ended early"), "{}", text(&output.stderr));
+    }
+}
+
+#[test]
+fn a_device_that_comes_back_is_recorded_further() {
+    let folder = tempfile::tempdir().unwrap();
+    let device = VirtualDevice::start(&setup("random"), &any_port(), 10.0).unwrap();
+    let name = device.name().to_string();
+    let child = recording(folder.path(), &["--connect", &name, "--wait", "20", "--duration", "4"]);
+    drop(device);
+    let _again = VirtualDevice::start(&setup("random"), &Endpoint::Tcp(name.clone()), 10.0).unwrap();
+    let output = child.wait_with_output().unwrap();
+    let words = text(&output.stderr);
+    assert!(output.status.success(), "{words}");
+    assert!(words.contains("went away") && words.contains("the device is back, the recording goes on"), "{words}");
+    let info = last(&done(folder.path(), &["info", "run.mcap", "--json"]));
+    assert_eq!(info.pointer("/records/Hello").unwrap(), 2);
+}
+
+#[cfg(unix)]
+#[test]
+fn a_port_that_another_program_has_open_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let device = VirtualDevice::start(&setup("random"), &Endpoint::Pty, 20.0).unwrap();
+    let mut first = recording(folder.path(), &["--port", device.name()]);
+    let words = fails(folder.path(), &["monitor", "--port", device.name()], 5);
+    first.kill().unwrap();
+    first.wait().unwrap();
+    assert!(words.contains("another program has it open"), "{words}");
+    // The first one was killed: what it had written can be read.
+    assert!(common::run(folder.path(), &["replay", "run.mcap", "--json"]).status.success());
+    // A recording is never replaced unasked.
+    assert!(fails(folder.path(), &["record", "--port", device.name(), "-o", "run.mcap"], 8).contains("exists already"));
+}
+
+#[cfg(unix)]
+#[test]
+fn an_interrupt_ends_a_recording_in_good_order() {
+    let folder = tempfile::tempdir().unwrap();
+    let device = VirtualDevice::start(&setup("random"), &any_port(), 20.0).unwrap();
+    let child = recording(folder.path(), &["--connect", device.name()]);
+    let process = rustix::process::Pid::from_child(&child);
+    rustix::process::kill_process(process, rustix::process::Signal::INT).unwrap();
+    let output = child.wait_with_output().unwrap();
+    assert!(output.status.success() && text(&output.stderr).contains("none lost"), "{}", text(&output.stderr));
+    let info = last(&done(folder.path(), &["info", "run.mcap", "--json"]));
+    assert_eq!((info.get("ending").unwrap(), info.get("reason").unwrap()), (&"closed".into(), &"finished".into()));
+}
+
+#[cfg(unix)]
+#[test]
+fn a_full_disk_ends_a_recording_with_its_own_code() {
+    let folder = tempfile::tempdir().unwrap();
+    let device = VirtualDevice::start(&setup("random"), &any_port(), 1.0).unwrap();
+    let words = fails(folder.path(), &["record", "--connect", device.name(), "-o", "/dev/full"], 8);
+    assert!(words.contains("/dev/full cannot be written") && words.contains("the disk is full"), "{words}");
+}
+
+/// A device that answers whatever it is asked with these bytes.
+fn fake(answer: Vec<u8>) -> (String, JoinHandle<()>) {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap().to_string();
+    let serve = move |mut stream: TcpStream| {
+        let mut request = [0; 256];
+        while stream.read(&mut request).is_ok_and(|count| count > 0) && stream.write_all(&answer).is_ok() {}
+    };
+    (address, thread::spawn(move || listener.accept().map(|(stream, _)| serve(stream)).unwrap()))
+}
+
+#[test]
+fn a_device_of_another_wire_version_is_refused_with_the_versions() {
+    let folder = tempfile::tempdir().unwrap();
+    for command in [&["monitor"][..], &["record", "-o", "run.mcap"]] {
+        let (address, server) = fake([frames::foreign_hello(), vec![0]].concat());
+        let words = fails(folder.path(), &[command, &["--connect", &address]].concat(), 7);
+        assert!(words.contains(&format!("{address} speaks wire version 7; this program speaks 1")), "{words}");
+        assert!(words.contains("use a newer `inerter` program: one that speaks wire version 7"), "{words}");
+        server.join().unwrap();
+    }
+    assert!(!folder.path().join("run.mcap").exists(), "nothing to record, no file");
+}
+
+#[test]
+fn a_device_that_talks_nonsense_counts_as_silent() {
+    let folder = tempfile::tempdir().unwrap();
+    let (address, server) = fake(b"login: \0\x03abc\0".to_vec());
+    let words = fails(folder.path(), &["monitor", "--connect", &address], 6);
+    assert!(words.contains("does not answer: nothing that can be understood came within 3 s"), "{words}");
+    server.join().unwrap();
+}
+
+#[cfg(unix)]
+#[test]
+fn the_simulated_device_says_where_it_is_and_ends_at_an_interrupt() {
+    let folder = tempfile::tempdir().unwrap();
+    for (flag, key) in [(&["--tcp", "127.0.0.1:0"][..], "address"), (&["--pty"], "port")] {
+        let mut child = inerter(folder.path(), &[&["simulate", "--json"], flag].concat()).spawn().unwrap();
+        let mut line = String::new();
+        std::io::BufRead::read_line(&mut std::io::BufReader::new(child.stdout.take().unwrap()), &mut line).unwrap();
+        let ready = last(&line);
+        assert_eq!(ready.get("kind").unwrap(), "ready");
+        assert!(ready.get(key).unwrap().is_string());
+        let process = rustix::process::Pid::from_child(&child);
+        rustix::process::kill_process(process, rustix::process::Signal::INT).unwrap();
+        assert!(child.wait().unwrap().success());
+    }
+}

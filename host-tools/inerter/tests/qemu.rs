@@ -1,0 +1,87 @@
+//! The firmware image in QEMU behind the program. Says so and passes where there is no image or no QEMU.
+
+mod common;
+
+use std::{io::BufRead, time::Duration};
+
+use common::{done, estimate_of, inerter, json_lines, last};
+use inerter::{
+    live::{Happening, Live},
+    recording::{End, Recorder},
+    settings::Overrides,
+    simulate::{Endpoint, Qemu, Setup, bench_sensors, find_image},
+};
+use inerter_plant::Parameters;
+use inerter_wire::{EventKind, Frame, Record, Streams};
+
+/// The image, when this machine can run it.
+fn image() -> Option<std::path::PathBuf> {
+    let qemu = std::process::Command::new("qemu-system-arm").arg("--version").output();
+    match (qemu, find_image(None)) {
+        (Ok(_), Ok(image)) => Some(image),
+        (Err(_), _) => {
+            eprintln!("skipped: no qemu-system-arm on this machine");
+            None
+        }
+        (_, Err(_)) => {
+            eprintln!("skipped: no image; `cargo xtask build-firmware` builds it");
+            None
+        }
+    }
+}
+
+#[test]
+fn a_run_through_the_image_replays_to_the_same_digits() {
+    let Some(image) = image() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let setup = Setup::new(Parameters::paper(), bench_sensors(), "random@8s", None, &Overrides::default()).unwrap();
+    let mut qemu = Qemu::boot(&setup, &image, &Endpoint::Tcp("127.0.0.1:0".into())).unwrap();
+    let target = inerter::device::Target::Tcp { address: qemu.name().into() };
+    let mut live = Live::connect(target, Streams::ALL, Duration::ZERO).unwrap();
+    let mut recorder = Recorder::create(&folder.path().join("run.mcap")).unwrap();
+    let device = live.device().unwrap();
+    recorder.describe(device.hello(), device.settings()).unwrap();
+    qemu.play(&setup, 8.0).unwrap();
+    let mut ended = false;
+    loop {
+        let received = match live.next().unwrap() {
+            Happening::Received(received) => received,
+            // The last raw samples may come after the event.
+            Happening::Quiet if ended => break,
+            _ => continue,
+        };
+        if !received.bytes.is_empty() {
+            recorder.frame(received.time_ns, &received.bytes).unwrap();
+        }
+        if let Frame::Message { message: Record::Event(event), .. } = received.frame {
+            ended |= event.kind == EventKind::SourceEnded;
+        }
+    }
+    recorder.close(&End { reason: "finished".into(), lost_frames: live.lost_frames() }).unwrap();
+    let info = last(&done(folder.path(), &["info", "run.mcap", "--json"]));
+    assert_eq!((info.get("samples").unwrap(), info.get("gaps").unwrap()), (&8000.into(), &0.into()));
+    let replayed = last(&done(folder.path(), &["replay", "run.mcap", "--json"]));
+    assert_eq!(estimate_of(info.get("estimate").unwrap()), estimate_of(&replayed));
+}
+
+#[cfg(unix)]
+#[test]
+fn the_image_on_a_pseudo_terminal_takes_what_is_sent_to_it() {
+    let Some(image) = image() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    done(folder.path(), &["simulate", "-o", "run.mcap", "--duration", "4"]);
+    let image = image.canonicalize().unwrap();
+    let arguments = ["simulate", "--qemu", "--pty", "--json", "--image", image.to_str().unwrap()];
+    let mut child = inerter(folder.path(), &arguments).spawn().unwrap();
+    let mut line = String::new();
+    std::io::BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+    let ready = last(&line);
+    let port = ready.get("port").unwrap().as_str().unwrap();
+    let sent = done(folder.path(), &["send", "run.mcap", "--json", "--port", port]);
+    let replayed = done(folder.path(), &["replay", "run.mcap", "--json"]);
+    let lines = |text: &str| json_lines(text).iter().map(estimate_of).collect::<Vec<_>>();
+    assert!(lines(&sent) == lines(&replayed), "{sent}\n{replayed}");
+    let process = rustix::process::Pid::from_child(&child);
+    rustix::process::kill_process(process, rustix::process::Signal::INT).unwrap();
+    assert!(child.wait().unwrap().success());
+}

@@ -1,0 +1,245 @@
+//! Files through the program: the JSON contract, and that every way through it gives the same result.
+
+mod common;
+
+use std::{fs, path::Path, sync::OnceLock};
+
+use common::{done, fails, json_lines, last, run, text};
+use inerter::{
+    replay::replay,
+    report::{EstimateJson, json_line},
+    run::Run,
+    settings::Overrides,
+};
+use proptest::prelude::*;
+use serde_json::Value;
+
+const PARAMETERS: [&str; 4] = ["inertance_kg", "viscous_n_s_per_m", "coulomb_n", "offset_n"];
+
+fn simulate(folder: &Path, more: &[&str]) {
+    done(folder, &[&["simulate", "-o", "run.mcap", "--duration", "6"], more].concat());
+}
+
+fn check_parameters(of: &Value) {
+    for name in PARAMETERS {
+        let parameter = of.get(name).unwrap().as_object().unwrap();
+        assert_eq!(parameter.keys().collect::<Vec<_>>(), ["value", "u95", "status"], "{name}");
+        let status = parameter.get("status").unwrap().as_str().unwrap();
+        assert!(["ok", "held", "not_identifiable"].contains(&status));
+        assert_eq!(parameter.get("value").unwrap().is_null(), status == "not_identifiable", "{name}");
+        assert!(parameter.get("u95").unwrap().is_number() || status == "not_identifiable");
+    }
+}
+
+#[test]
+fn every_line_of_a_replay_keeps_the_contract_and_the_last_is_final() {
+    let folder = tempfile::tempdir().unwrap();
+    simulate(folder.path(), &["--excite", "hold@1s;random@3s;hold"]);
+    let output = done(folder.path(), &["replay", "run.mcap", "--json"]);
+    assert!(!output.contains("NaN") && !output.contains("inf"));
+    let lines = json_lines(&output);
+    assert_eq!(lines.len(), 6 * 5 + 1);
+    for (number, line) in lines.iter().enumerate() {
+        assert_eq!(line.get("kind").unwrap(), "estimate");
+        assert_eq!(line.get("final").is_some(), number + 1 == lines.len());
+        assert!(line.get("t_s").unwrap().is_f64());
+        check_parameters(line);
+        check_parameters(line.get("whole_run").unwrap());
+    }
+    let last = lines.last().unwrap();
+    let keys: Vec<&str> = last.as_object().unwrap().keys().map(String::as_str).collect();
+    assert_eq!(keys.get(..8).unwrap(), [&["kind", "final", "t_s", "whole_run"][..], &PARAMETERS].concat());
+    assert_eq!(last.get("final").unwrap(), true);
+    assert_eq!(last.get("t_s").unwrap(), 5.999);
+    assert_eq!(last.get("samples").unwrap(), 6000);
+    let status = |line: &Value| line.pointer("/inertance_kg/status").unwrap().as_str().unwrap().to_string();
+    assert_eq!(status(lines.first().unwrap()), "not_identifiable");
+    assert_eq!(status(lines.get(15).unwrap()), "ok");
+    assert_eq!(status(last), "held");
+}
+
+#[test]
+fn without_json_a_table_for_a_person_is_printed() {
+    let folder = tempfile::tempdir().unwrap();
+    simulate(folder.path(), &[]);
+    let output = done(folder.path(), &["replay", "run.mcap"]);
+    for words in
+        ["Effective inertance  kg", "last 30 s", "whole run", "truth", "299.4906", "6000 samples at 1000 Hz", "no gaps"]
+    {
+        assert!(output.contains(words), "{words} is not in:\n{output}");
+    }
+}
+
+#[test]
+fn an_exported_csv_replays_to_the_same_digits() {
+    let folder = tempfile::tempdir().unwrap();
+    for more in [
+        &["--lost-probability", "0.001", "--force-offset-n", "7"][..],
+        &["--oversampling", "16", "--sample-rate-hz", "4000", "--set", "force_zero_code=-250"],
+        &["--sample-rate-hz", "1234.5", "--metres-per-count", "-1e-6"],
+    ] {
+        simulate(folder.path(), more);
+        let from_recording = last(&done(folder.path(), &["replay", "run.mcap", "--json"]));
+        done(folder.path(), &["export", "run.mcap", "--csv", "run.csv"]);
+        let again = ["replay", "run.csv", "--settings", "run.settings.toml", "--json"];
+        assert_eq!(last(&done(folder.path(), &again)), from_recording, "{more:?}");
+
+        // As a European Excel writes it.
+        let csv = fs::read_to_string(folder.path().join("run.csv")).unwrap();
+        let european = format!("\u{feff}{}", csv.replace(',', ";").replace('.', ",").replace('\n', "\r\n"));
+        fs::write(folder.path().join("run.csv"), european).unwrap();
+        assert_eq!(last(&done(folder.path(), &again)), from_recording, "{more:?}");
+    }
+}
+
+#[test]
+fn a_simulation_gives_the_same_run_as_recording_and_as_csv() {
+    let folder = tempfile::tempdir().unwrap();
+    simulate(folder.path(), &[]);
+    done(folder.path(), &["simulate", "-o", "run.csv", "--duration", "6"]);
+    let from_csv = done(folder.path(), &["replay", "run.csv", "--settings", "run.settings.toml", "--json"]);
+    assert_eq!(from_csv, done(folder.path(), &["replay", "run.mcap", "--json"]));
+    let same = fs::read(folder.path().join("run.mcap")).unwrap();
+    simulate(folder.path(), &[]);
+    assert!(same == fs::read(folder.path().join("run.mcap")).unwrap(), "the same seeds give the same bytes");
+}
+
+#[test]
+fn missing_samples_are_gaps_and_said_so() {
+    let folder = tempfile::tempdir().unwrap();
+    simulate(folder.path(), &[]);
+    let csv = done(folder.path(), &["export", "run.mcap", "--csv", "-"]);
+    let kept: Vec<&str> =
+        csv.lines().enumerate().filter(|(line, _)| !(3000..3010).contains(line)).map(|(_, line)| line).collect();
+    fs::write(folder.path().join("holes.csv"), kept.join("\n")).unwrap();
+    done(folder.path(), &["simulate", "-o", "same.csv", "--duration", "1"]);
+    let arguments = ["replay", "holes.csv", "--settings", "same.settings.toml"];
+    let output = run(folder.path(), &[&arguments[..], &["--json"]].concat());
+    assert!(text(&output.stderr).contains("10 samples missing in 1 place; each is treated as a gap"));
+    let last = last(&text(&output.stdout));
+    assert_eq!((last.get("gaps").unwrap(), last.get("lost_samples").unwrap()), (&1.into(), &10.into()));
+    let inertance = last.pointer("/inertance_kg/value").unwrap().as_f64().unwrap();
+    assert!((inertance - 299.4906).abs() < 1.0, "{inertance}");
+}
+
+#[test]
+fn later_settings_win() {
+    let folder = tempfile::tempdir().unwrap();
+    simulate(folder.path(), &["--set", "memory_s=11"]);
+    fs::write(folder.path().join("s.toml"), "memory_s = 12\n").unwrap();
+    for (more, memory) in [
+        (&[][..], "last 11 s"),
+        (&["--settings", "s.toml"], "last 12 s"),
+        (&["--settings", "s.toml", "--set", "memory_s=13"], "last 13 s"),
+        (&["--set", "memory_s=14", "--set", "memory_s=15"], "last 15 s"),
+    ] {
+        assert!(done(folder.path(), &[&["replay", "run.mcap"], more].concat()).contains(memory));
+    }
+}
+
+#[test]
+fn a_recording_that_is_cut_off_or_damaged_replays_up_to_there() {
+    let folder = tempfile::tempdir().unwrap();
+    simulate(folder.path(), &[]);
+    let whole = fs::read(folder.path().join("run.mcap")).unwrap();
+    let cut = whole.get(..whole.len() / 2).unwrap();
+    fs::write(folder.path().join("cut.mcap"), cut).unwrap();
+    let output = run(folder.path(), &["replay", "cut.mcap", "--json"]);
+    assert!(text(&output.stderr).contains("note: cut.mcap: the file breaks off; everything before is used"));
+    let samples = last(&text(&output.stdout)).get("samples").unwrap().as_u64().unwrap();
+    assert!((2500..3500).contains(&samples), "{samples}");
+    let info = last(&done(folder.path(), &["info", "cut.mcap", "--json"]));
+    assert_eq!((info.get("ending").unwrap(), info.get("samples").unwrap()), (&"cut_off".into(), &samples.into()));
+
+    let mut damaged = whole.clone();
+    let middle = damaged.len() / 2;
+    // Far enough apart that not all of them meet an index, whose damage does no harm.
+    damaged.iter_mut().skip(middle).step_by(1500).take(3).for_each(|byte| *byte ^= 0x5A);
+    fs::write(folder.path().join("damaged.mcap"), damaged).unwrap();
+    let output = run(folder.path(), &["replay", "damaged.mcap", "--json"]);
+    assert!(output.status.success());
+    assert!(text(&output.stderr).contains("damaged"), "{}", text(&output.stderr));
+    assert!(last(&text(&output.stdout)).get("samples").unwrap().as_u64().unwrap() > 2500);
+}
+
+#[cfg(unix)]
+#[test]
+fn what_was_written_before_the_disk_was_full_reads_back() {
+    let folder = tempfile::tempdir().unwrap();
+    // A limit on the size of files stands for the end of the disk; without its signal the write fails.
+    let script = r#"trap "" XFSZ; ulimit -f 300; exec "$0" simulate -o run.mcap --duration 600"#;
+    let mut command = std::process::Command::new("bash");
+    let output =
+        command.args(["-c", script, env!("CARGO_BIN_EXE_inerter")]).current_dir(folder.path()).output().unwrap();
+    let words = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(8), "{words}");
+    assert!(words.contains("run.mcap cannot be written any further, after"), "{words}");
+    assert!(words.contains("what was written so far can be read"), "{words}");
+    let last = last(&done(folder.path(), &["replay", "run.mcap", "--json"]));
+    assert!(last.get("samples").unwrap().as_u64().unwrap() > 10_000);
+    for arguments in [&["simulate", "-o", "/dev/full"][..], &["export", "run.mcap", "--csv", "/dev/full"]] {
+        assert!(fails(folder.path(), arguments, 8).contains("the disk is full"));
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_full_disk_behind_standard_output_is_noticed_and_a_closed_pipe_is_no_fault() {
+    let folder = tempfile::tempdir().unwrap();
+    simulate(folder.path(), &[]);
+    let full = fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+    let output = common::inerter(folder.path(), &["replay", "run.mcap", "--json"]).stdout(full).output().unwrap();
+    assert_eq!(output.status.code(), Some(8));
+    assert!(text(&output.stderr).contains("standard output cannot be written"));
+    let script = r#""$0" replay run.mcap --json | head -n 1; exit ${PIPESTATUS[0]}"#;
+    let mut command = std::process::Command::new("bash");
+    let output =
+        command.args(["-c", script, env!("CARGO_BIN_EXE_inerter")]).current_dir(folder.path()).output().unwrap();
+    assert_eq!((output.status.code(), text(&output.stderr)), (Some(0), String::new()));
+}
+
+#[test]
+fn a_recording_of_another_wire_version_is_refused_with_the_versions() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("future.mcap");
+    let mut recorder = inerter::recording::Recorder::create(&path).unwrap();
+    recorder.frame(0, &common_frames::foreign_hello()).unwrap();
+    recorder.close(&inerter::recording::End { reason: "finished".into(), lost_frames: 0 }).unwrap();
+    let words = fails(folder.path(), &["replay", "future.mcap"], 7);
+    assert!(words.contains("was recorded from a device that speaks wire version 7; this program speaks 1"), "{words}");
+    assert!(words.contains("use a newer `inerter` program"), "{words}");
+}
+
+#[path = "common/frames.rs"]
+mod common_frames;
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(60))]
+    #[test]
+    fn whatever_is_damaged_a_replay_gives_numbers_or_an_error(
+        damage in proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..60),
+    ) {
+        let folder = tempfile::tempdir().unwrap();
+        static WHOLE: OnceLock<Vec<u8>> = OnceLock::new();
+        let mut bytes = WHOLE
+            .get_or_init(|| {
+                simulate(folder.path(), &[]);
+                fs::read(folder.path().join("run.mcap")).unwrap()
+            })
+            .clone();
+        for (place, value) in damage {
+            let place = place.index(bytes.len());
+            if let Some(byte) = bytes.get_mut(place) {
+                *byte = value;
+            }
+        }
+        let path = folder.path().join("damaged.mcap");
+        fs::write(&path, bytes).unwrap();
+        // Settings that were damaged may be refused, in words.
+        let replayed = Run::open(&path, &Overrides::default()).and_then(|run| replay(&run, |_, _| Ok(())));
+        if let Ok(outcome) = replayed {
+            let line = json_line(&EstimateJson::last(outcome.t_s, &outcome.estimate, Some(outcome.counters)));
+            check_parameters(&last(&line));
+        }
+    }
+}
