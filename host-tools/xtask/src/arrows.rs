@@ -1,0 +1,294 @@
+//! Who may use whom, and what the house forbids in source.
+//!
+//! Arrow: a dependency of one workspace member on another. The table below is the whole law; a member that is not in
+//! it is refused, so a new crate states its place first.
+
+use crate::{
+    source,
+    workspace::{self, Workspace},
+};
+use anyhow::{Context, Result, bail};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+
+/// What one member may depend on.
+struct Law {
+    member: &'static str,
+    /// Other members it may use.
+    may_use: &'static [&'static str],
+    /// Members that only its tests may use besides.
+    tests_may_use: &'static [&'static str],
+    /// Whether each of its root files must say `#![forbid(unsafe_code)]`.
+    forbid_unsafe: bool,
+}
+
+/// The law. Nothing may use a program: `inerter-qemu`, `xtask` and `inerter-tests` stand on no right-hand side.
+const LAWS: &[Law] = &[
+    Law { member: "inerter-core", may_use: &[], tests_may_use: &[], forbid_unsafe: true },
+    Law { member: "inerter-wire", may_use: &["inerter-core"], tests_may_use: &[], forbid_unsafe: true },
+    Law { member: "inerter-app", may_use: &["inerter-core", "inerter-wire"], tests_may_use: &[], forbid_unsafe: true },
+    Law { member: "inerter-plant", may_use: &[], tests_may_use: &[], forbid_unsafe: true },
+    Law {
+        member: "inerter",
+        may_use: &["inerter-core", "inerter-wire", "inerter-app", "inerter-plant"],
+        tests_may_use: &[],
+        forbid_unsafe: true,
+    },
+    Law {
+        member: "inerter-qemu",
+        may_use: &["inerter-core", "inerter-wire", "inerter-app"],
+        tests_may_use: &[],
+        forbid_unsafe: false,
+    },
+    Law { member: "xtask", may_use: &[], tests_may_use: &[], forbid_unsafe: true },
+    Law {
+        member: "inerter-tests",
+        may_use: &["inerter-core", "inerter-wire", "inerter-app", "inerter-plant", "inerter"],
+        tests_may_use: &[],
+        forbid_unsafe: true,
+    },
+];
+
+/// Files and folders of `inerter-core/src` between the codes and the sums: integers only, tests left aside.
+const SIGNAL_PATH: &[&str] =
+    &["sample.rs", "estimator.rs", "kernel.rs", "sign.rs", "gate.rs", "rls.rs", "ldl.rs", "qformat.rs"];
+
+/// Checks the whole tree.
+pub fn run() -> Result<()> {
+    let root = workspace::root();
+    let workspace = Workspace::read(&root)?;
+    let mut faults = arrow_faults(&workspace);
+    faults.extend(unsafe_faults(&workspace)?);
+    faults.extend(memory_faults(&root, &workspace.target)?);
+    if let Some(core) = workspace.member("inerter-core") {
+        faults.extend(float_faults(&core.folder.join("src"), SIGNAL_PATH)?);
+    }
+    if !faults.is_empty() {
+        for fault in &faults {
+            eprintln!("  {fault}");
+        }
+        bail!("{} of the house's rules broken (see above; the rules: host-tools/xtask/src/arrows.rs)", faults.len());
+    }
+    println!("arrows: {} members keep to the rules", workspace.members.len());
+    Ok(())
+}
+
+/// Dependencies that the law does not allow.
+fn arrow_faults(workspace: &Workspace) -> Vec<String> {
+    let mut faults = Vec::new();
+    for member in &workspace.members {
+        let Some(law) = LAWS.iter().find(|law| law.member == member.name) else {
+            faults.push(format!("{}: a member without a place; add it to the table of laws", member.name));
+            continue;
+        };
+        for used in &member.uses {
+            let name = used.name.as_str();
+            if workspace.member(name).is_none() || law.may_use.contains(&name) {
+                continue;
+            }
+            if used.dev && law.tests_may_use.contains(&name) {
+                continue;
+            }
+            let how = if used.dev { "uses in its tests" } else { "uses" };
+            faults.push(format!("{} {how} {name}; it may use: {}", member.name, listed(law.may_use)));
+        }
+    }
+    faults
+}
+
+fn listed(names: &[&str]) -> String {
+    if names.is_empty() { "none of ours".into() } else { names.join(", ") }
+}
+
+/// Root files that do not forbid unsafe code though they must.
+fn unsafe_faults(workspace: &Workspace) -> Result<Vec<String>> {
+    let mut faults = Vec::new();
+    for law in LAWS.iter().filter(|law| law.forbid_unsafe) {
+        let Some(member) = workspace.member(law.member) else { continue };
+        for file in &member.roots {
+            let code = source::code_only(&read(file)?);
+            let dense: String = code.split_whitespace().collect();
+            if !dense.contains("#![forbid(unsafe_code)]") {
+                faults.push(format!("{}: lacks #![forbid(unsafe_code)]", below(file, &workspace.root)));
+            }
+        }
+    }
+    Ok(faults)
+}
+
+/// The linker takes the root `memory.x` for every member, so a second one would lie about what is linked.
+fn memory_faults(root: &Path, target: &Path) -> Result<Vec<String>> {
+    let mut found = Vec::new();
+    let mut folders = vec![root.to_path_buf()];
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(&folder).with_context(|| format!("cannot list {}", folder.display()))? {
+            let entry = entry?;
+            let path = entry.path();
+            let name = entry.file_name();
+            if entry.file_type()?.is_dir() {
+                if name != ".git" && name != "target" && path != target {
+                    folders.push(path);
+                }
+            } else if name == "memory.x" {
+                found.push(path);
+            }
+        }
+    }
+    found.sort();
+    if found == [root.join("memory.x")] {
+        return Ok(Vec::new());
+    }
+    let list: Vec<_> = found.iter().map(|path| below(path, root)).collect();
+    Ok(vec![format!("memory.x: exactly one is allowed, at the root; found: {}", list.join(", "))])
+}
+
+/// Float types and literals in the files of `list`, or in all files below where the list names a folder.
+fn float_faults(folder: &Path, list: &[&str]) -> Result<Vec<String>> {
+    let mut faults = Vec::new();
+    for name in list {
+        let path = folder.join(name);
+        let files = if path.is_dir() { rust_files(&path)? } else { vec![path.clone()] };
+        if files.is_empty() || !files.iter().all(|file| file.is_file()) {
+            faults.push(format!("{}: on the signal path by the table, but not there", below(&path, folder)));
+            continue;
+        }
+        for file in files {
+            for found in source::floats(&read(&file)?) {
+                let place = below(&file, folder);
+                faults.push(format!("core {place}:{}: `{}` on the signal path", found.line, found.token));
+            }
+        }
+    }
+    Ok(faults)
+}
+
+fn rust_files(folder: &Path) -> Result<Vec<PathBuf>> {
+    let mut files = Vec::new();
+    let mut folders = vec![folder.to_path_buf()];
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(&folder).with_context(|| format!("cannot list {}", folder.display()))? {
+            let path = entry?.path();
+            if path.is_dir() {
+                folders.push(path);
+            } else if path.extension().is_some_and(|extension| extension == "rs") {
+                files.push(path);
+            }
+        }
+    }
+    files.sort();
+    Ok(files)
+}
+
+fn read(file: &Path) -> Result<String> {
+    fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))
+}
+
+fn below(path: &Path, root: &Path) -> String {
+    path.strip_prefix(root).unwrap_or(path).display().to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A workspace in a folder of its own, removed at the end.
+    struct Fixture(PathBuf);
+
+    impl Fixture {
+        fn new(name: &str, files: &[(&str, &str)]) -> Self {
+            let folder = std::env::temp_dir().join(format!("xtask-{}-{name}", std::process::id()));
+            for (path, text) in files {
+                let path = folder.join(path);
+                fs::create_dir_all(path.parent().unwrap()).unwrap();
+                fs::write(path, text).unwrap();
+            }
+            Self(folder)
+        }
+    }
+
+    impl Drop for Fixture {
+        fn drop(&mut self) {
+            let _ = fs::remove_dir_all(&self.0);
+        }
+    }
+
+    fn manifest(name: &str, rest: &str) -> String {
+        format!("[package]\nname = \"{name}\"\nversion = \"0.1.0\"\nedition = \"2024\"\n{rest}\n")
+    }
+
+    #[test]
+    fn a_core_that_uses_the_plant_is_refused() {
+        let fixture = Fixture::new(
+            "arrows",
+            &[
+                ("Cargo.toml", "[workspace]\nresolver = \"2\"\nmembers = [\"core\", \"plant\", \"stray\"]\n"),
+                (
+                    "core/Cargo.toml",
+                    &manifest(
+                        "inerter-core",
+                        "[dependencies]\nrenamed = { package = \"inerter-plant\", path = \"../plant\" }",
+                    ),
+                ),
+                ("core/src/lib.rs", "#![forbid(unsafe_code)]\n"),
+                ("plant/Cargo.toml", &manifest("inerter-plant", "")),
+                ("plant/src/lib.rs", "// #![forbid(unsafe_code)] in a comment does not count\n"),
+                ("stray/Cargo.toml", &manifest("stray", "[dev-dependencies]\nserde = \"1\"")),
+                ("stray/src/lib.rs", ""),
+                ("memory.x", ""),
+                ("core/memory.x", ""),
+            ],
+        );
+        let workspace = Workspace::read(&fixture.0).unwrap();
+        let faults = arrow_faults(&workspace);
+        assert_eq!(faults.len(), 2, "{faults:?}");
+        assert!(faults.iter().any(|fault| fault == "inerter-core uses inerter-plant; it may use: none of ours"));
+        assert!(faults.iter().any(|fault| fault.starts_with("stray: a member without a place")));
+
+        let faults = unsafe_faults(&workspace).unwrap();
+        assert_eq!(faults.len(), 1, "{faults:?}");
+        assert!(faults[0].contains("plant"));
+
+        let faults = memory_faults(&fixture.0, &fixture.0.join("target")).unwrap();
+        assert_eq!(faults.len(), 1);
+        assert!(faults[0].contains("core/memory.x") || faults[0].contains("core\\memory.x"));
+    }
+
+    #[test]
+    fn tests_may_not_use_a_program() {
+        let json = r#"{"workspace_root": "/w", "target_directory": "/w/target", "packages": [
+            {"name": "inerter-tests", "manifest_path": "/w/tests/Cargo.toml", "targets": [],
+             "dependencies": [{"name": "inerter-qemu", "kind": "dev"}, {"name": "inerter", "kind": null}]},
+            {"name": "inerter-qemu", "manifest_path": "/w/qemu/Cargo.toml", "targets": [], "dependencies": []},
+            {"name": "inerter", "manifest_path": "/w/inerter/Cargo.toml", "targets": [],
+             "dependencies": [{"name": "inerter-core", "kind": null}, {"name": "anyhow", "kind": null}]},
+            {"name": "inerter-core", "manifest_path": "/w/core/Cargo.toml", "targets": [], "dependencies": []}]}"#;
+        let faults = arrow_faults(&Workspace::parse(json).unwrap());
+        assert_eq!(faults.len(), 1, "{faults:?}");
+        assert!(faults[0].starts_with("inerter-tests uses in its tests inerter-qemu"));
+    }
+
+    #[test]
+    fn floats_are_found_in_files_and_folders() {
+        let fixture = Fixture::new(
+            "floats",
+            &[("rls.rs", "fn a() -> i64 { 1 }\n"), ("bank/mod.rs", "fn b() {}\nfn c() -> f32 { 1.0 }\n")],
+        );
+        assert!(float_faults(&fixture.0, &["rls.rs"]).unwrap().is_empty());
+        let faults = float_faults(&fixture.0, &["bank", "gone.rs"]).unwrap();
+        assert_eq!(faults.len(), 3, "{faults:?}");
+        assert!(faults[0].contains("mod.rs:2: `f32`"));
+        assert!(faults[1].contains("mod.rs:2: `1.0`"));
+        assert!(faults[2].contains("gone.rs"));
+    }
+
+    #[test]
+    fn nobody_is_allowed_a_program() {
+        for law in LAWS {
+            for program in ["inerter-qemu", "xtask", "inerter-tests"] {
+                assert!(!law.may_use.contains(&program) && !law.tests_may_use.contains(&program), "{}", law.member);
+            }
+        }
+    }
+}

@@ -1,0 +1,26 @@
+//! The simulated inerter on the shaker, measured by the firmware in QEMU.
+
+use crate::{firmware, process, setup, suite};
+use anyhow::{Context, Result};
+
+/// What is handed on to the demo.
+#[derive(clap::Args, Clone, Debug, Default)]
+pub struct Options {
+    /// Arguments of the demo itself (`--help` lists them)
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+    pub arguments: Vec<String>,
+}
+
+/// Sets up what is missing, builds the image and the programs, and hands over to the demo.
+pub fn run(options: &Options) -> Result<()> {
+    suite::heading("set-up");
+    setup::ensure(&[setup::Need::Firmware, setup::Need::Qemu], false)?;
+    suite::heading("building the firmware");
+    let image = firmware::build()?;
+    suite::heading("building the programs");
+    process::run(process::cargo().args(["build", "--release", "--package", "inerter", "--package", "inerter-tests"]))?;
+    let mut command = process::cargo();
+    command.args(["run", "--release", "--quiet", "--package", "inerter-tests", "--bin", "demo", "--"]);
+    command.args(&options.arguments).env(firmware::IMAGE_VARIABLE, &image);
+    process::run(&mut command).context("the demo did not reach its end")
+}

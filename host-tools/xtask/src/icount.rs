@@ -1,0 +1,139 @@
+//! Instructions that the estimator costs on the Cortex-M4F, counted by QEMU.
+//!
+//! QEMU's `-icount` ties virtual time to executed instructions, so SysTick counts instructions and repeats exactly; cycles of the
+//! real core are not modelled (flash wait states, dual issue), so the figures guard against growth and are no timing.
+
+use crate::{firmware, table};
+use anyhow::{Context, Result};
+use serde_json::Value;
+use std::{path::Path, time::Duration};
+
+/// The run takes under a second; one that hangs is ended.
+const LIMIT: Duration = Duration::from_secs(120);
+
+/// Goal per sample, both banks, in instructions.
+const SAMPLE_GOAL: f64 = 900.0;
+
+/// Goal per solve, in instructions.
+const SOLVE_GOAL: f64 = 6000.0;
+
+/// Solves in one estimate: the recent memory and the whole run.
+const SOLVES: f64 = 2.0;
+
+/// What the image reports of itself.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Report {
+    /// One entry for each sample rate.
+    pub rates: Vec<Rate>,
+    /// Room for the stack, in bytes.
+    pub stack_room_bytes: f64,
+    /// State of the estimator, in bytes.
+    pub state_bytes: f64,
+}
+
+/// Counts at one sample rate; the slow bank's share falls with the rate.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rate {
+    /// Samples per second.
+    pub sample_rate_hz: f64,
+    /// A sample without publication: mean and most, in instructions.
+    pub sample: [f64; 2],
+    /// An estimate: mean and most, in instructions.
+    pub estimate: [f64; 2],
+    /// What a publication adds to a sample: mean, in instructions.
+    pub publication: f64,
+}
+
+/// Compares with the committed table, or writes it.
+pub fn run(options: &table::Options) -> Result<()> {
+    let image = firmware::build()?;
+    let report = measure(&image)?;
+    let table = table::Table {
+        name: "icount",
+        title: "Instructions on the Cortex-M4F",
+        about: "Executed instructions of the QEMU image (profile `firmware`), by SysTick under `-icount`: a sample is everything from \
+                raw counts to the sums for both kernel banks (kernels, sign, gate, update). An estimate solves twice, for the recent \
+                memory and the whole run, and gives each parameter its interval; a solve is half of it. \
+                They guard against growth; they are not cycles of a real core."
+            .into(),
+        rows: rows(&report),
+    };
+    table.settle(*options)
+}
+
+fn rows(report: &Report) -> Vec<table::Row> {
+    let mut rows = Vec::new();
+    for rate in &report.rates {
+        let row = |what: &str, value: f64| {
+            let name = format!("{} kHz, {what}", rate.sample_rate_hz / 1000.0);
+            table::Row::new(&name, value, "instructions")
+        };
+        rows.extend([
+            row("sample: mean", rate.sample[0]).at_most(SAMPLE_GOAL),
+            row("sample: most", rate.sample[1]),
+            row("solve with intervals: mean", rate.estimate[0] / SOLVES).at_most(SOLVE_GOAL),
+            row("solve with intervals: most", rate.estimate[1] / SOLVES),
+            row("publication beside its sample: mean", rate.publication),
+        ]);
+    }
+    rows
+}
+
+/// Runs the image's own measurement in QEMU.
+pub fn measure(image: &Path) -> Result<Report> {
+    let printed = firmware::run(image, &["icount"], LIMIT).context("the image's measurement did not run")?;
+    parse(&printed)
+}
+
+/// Reads the one JSON line that the image prints.
+fn parse(printed: &str) -> Result<Report> {
+    let line = printed.lines().rev().find(|line| line.starts_with('{'));
+    let line = line.with_context(|| format!("the image printed no JSON line but: {}", printed.trim()))?;
+    let value: Value = serde_json::from_str(line).with_context(|| format!("the image's line is no JSON: {line}"))?;
+    let number = |value: &Value, path: &[&str]| {
+        let found = path.iter().try_fold(value, |value, name| value.get(name)).and_then(Value::as_f64);
+        found.with_context(|| format!("no number `{}` in the image's line: {line}", path.join(".")))
+    };
+    let rates = value["rates"].as_array().with_context(|| format!("no list `rates` in the image's line: {line}"))?;
+    let rates = rates.iter().map(|rate| {
+        let two = |name: &str| anyhow::Ok([number(rate, &[name, "mean"])?, number(rate, &[name, "max"])?]);
+        Ok(Rate {
+            sample_rate_hz: number(rate, &["sample_rate_hz"])?,
+            sample: two("step")?,
+            estimate: two("estimate")?,
+            publication: number(rate, &["solve"])?,
+        })
+    });
+    Ok(Report {
+        rates: rates.collect::<Result<_>>()?,
+        stack_room_bytes: number(&value, &["stack_bytes"])?,
+        state_bytes: number(&value, &["state_bytes"])?,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LINE: &str = r#"{"kind":"icount","rates":[{"sample_rate_hz":1000,"step":{"count":9,"min":420,"mean":883,"max":3654},"publish":{"count":1,"min":2395,"mean":12003,"max":12334},"solve":11020,"estimate":{"count":1,"min":1807,"mean":10020,"max":10256}}],"state_bytes":11608,"stack_bytes":55120}"#;
+
+    #[test]
+    fn the_images_line_is_read() {
+        let report = parse(&format!("booting\n{LINE}\n")).unwrap();
+        assert_eq!(report.rates.len(), 1);
+        assert_eq!(report.rates[0].sample, [883.0, 3654.0]);
+        assert_eq!(report.stack_room_bytes, 55120.0);
+        let rows = rows(&report);
+        assert_eq!(rows[0], table::Row::new("1 kHz, sample: mean", 883.0, "instructions").at_most(SAMPLE_GOAL));
+        assert_eq!(rows[2].value, 5010.0);
+    }
+
+    #[test]
+    fn what_is_missing_is_named() {
+        assert!(parse("nothing").unwrap_err().to_string().contains("no JSON line"));
+        let error = parse(&LINE.replace("stack_bytes", "stack")).unwrap_err();
+        assert!(error.to_string().contains("stack_bytes"));
+        assert!(parse(&LINE.replace("3654", "\"many\"")).unwrap_err().to_string().contains("step.max"));
+        assert!(parse(&LINE.replace("rates", "r")).unwrap_err().to_string().contains("rates"));
+    }
+}

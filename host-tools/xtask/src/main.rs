@@ -1,0 +1,77 @@
+//! One door for everything done to the project: set-up, demo, tests, tables and checks.
+//!
+//! Each command is one module, and each can be run by itself; `test` runs them in the order in which continuous
+//! integration does. Nothing here reaches into the estimator: other programs are started, and what they print is read.
+
+#![forbid(unsafe_code)]
+
+mod accuracy;
+mod arrows;
+mod bench;
+mod demo;
+mod firmware;
+mod icount;
+mod process;
+mod setup;
+mod size;
+mod source;
+mod suite;
+mod table;
+mod workspace;
+
+use clap::{Parser, Subcommand};
+use std::process::ExitCode;
+
+/// Set-up, demo, tests, tables and checks of the instrumented inerter.
+#[derive(Parser)]
+#[command(name = "cargo xtask", bin_name = "cargo xtask")]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Find the target, the Rust components and QEMU, and install what is missing
+    Setup(setup::Options),
+    /// Shake a simulated inerter, measured by the firmware in QEMU, and print what came out
+    Demo(demo::Options),
+    /// Run every check and test in the order of continuous integration
+    Test(suite::Options),
+    /// Build the QEMU image for thumbv7em-none-eabihf and print its path
+    BuildFirmware,
+    /// Fail when a crate uses one it must not, and on what the house forbids in source
+    CheckArrows,
+    /// Flash, RAM and worst stack of the image, against docs/tables/size.md
+    Size(table::Options),
+    /// Instructions per sample and per solve on the Cortex-M4F, against docs/tables/icount.md
+    Icount(table::Options),
+    /// Bias, spread and coverage of the estimates over the grid of motions, against docs/tables/accuracy.md
+    Accuracy(accuracy::Options),
+    /// Compare fixed point with the same algorithm in f64 over at least 1e7 updates
+    Longrun(accuracy::Arguments),
+    /// Time and errors beside other recursive least squares, into docs/tables/bench.md
+    Bench(bench::Options),
+}
+
+fn main() -> ExitCode {
+    let result = match Arguments::parse().command {
+        Command::Setup(options) => setup::run(&options),
+        Command::Demo(options) => demo::run(&options),
+        Command::Test(options) => suite::run(&options),
+        Command::BuildFirmware => firmware::build().map(|image| println!("{}", image.display())),
+        Command::CheckArrows => arrows::run(),
+        Command::Size(options) => size::run(&options),
+        Command::Icount(options) => icount::run(&options),
+        Command::Accuracy(options) => accuracy::run(&options),
+        Command::Longrun(arguments) => accuracy::long_run(&arguments),
+        Command::Bench(options) => bench::run(&options),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}

@@ -1,0 +1,123 @@
+//! Starting other programs, with errors that name the command.
+
+use anyhow::{Context, Result, bail};
+use std::{
+    ffi::OsStr,
+    io::Read,
+    path::PathBuf,
+    process::{Command, Stdio},
+    time::{Duration, Instant},
+};
+
+/// The cargo that started this program.
+pub fn cargo() -> Command {
+    let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    command.current_dir(crate::workspace::root());
+    command
+}
+
+/// The compiler that belongs to [`cargo`].
+pub fn rustc() -> Command {
+    Command::new(std::env::var_os("RUSTC").unwrap_or_else(|| "rustc".into()))
+}
+
+/// The command as a person would type it.
+pub fn shown(command: &Command) -> String {
+    let quote = |text: &OsStr| {
+        let text = text.to_string_lossy().into_owned();
+        if text.is_empty() || text.contains([' ', '"', '$']) { format!("'{text}'") } else { text }
+    };
+    let program = PathBuf::from(command.get_program());
+    let name = program.file_name().unwrap_or(program.as_os_str());
+    std::iter::once(quote(name)).chain(command.get_args().map(quote)).collect::<Vec<_>>().join(" ")
+}
+
+/// Runs to the end with this program's own output; fails when the other one fails.
+pub fn run(command: &mut Command) -> Result<()> {
+    let status = command.status().with_context(|| format!("cannot start `{}`", shown(command)))?;
+    if !status.success() {
+        bail!("`{}` failed ({status})", shown(command));
+    }
+    Ok(())
+}
+
+/// Runs to the end and returns what was printed; errors stay on the terminal.
+pub fn output(command: &mut Command) -> Result<String> {
+    let done = command
+        .stdin(Stdio::null())
+        .stderr(Stdio::inherit())
+        .output()
+        .with_context(|| format!("cannot start `{}`", shown(command)))?;
+    if !done.status.success() {
+        bail!("`{}` failed ({})", shown(command), done.status);
+    }
+    Ok(String::from_utf8_lossy(&done.stdout).into_owned())
+}
+
+/// First line printed by a program that may not be there.
+pub fn first_line(command: &mut Command) -> Option<String> {
+    let done = command.stdin(Stdio::null()).stderr(Stdio::null()).output().ok()?;
+    if !done.status.success() {
+        return None;
+    }
+    String::from_utf8_lossy(&done.stdout).lines().next().map(str::to_owned)
+}
+
+/// Runs with an upper limit on time and returns what was printed; the program is ended when the limit is over.
+pub fn output_within(command: &mut Command, limit: Duration) -> Result<String> {
+    let text = shown(command);
+    let mut child = command
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::inherit())
+        .spawn()
+        .with_context(|| format!("cannot start `{text}`"))?;
+    let mut pipe = child.stdout.take().context("no pipe to the program's output")?;
+    let reader = std::thread::spawn(move || {
+        let mut bytes = Vec::new();
+        pipe.read_to_end(&mut bytes).map(|_| bytes)
+    });
+    let start = Instant::now();
+    let status = loop {
+        if let Some(status) = child.try_wait().with_context(|| format!("waiting for `{text}`"))? {
+            break status;
+        }
+        if start.elapsed() > limit {
+            // Both calls fail only when the program has just ended by itself.
+            let _ = child.kill();
+            let _ = child.wait();
+            bail!("`{text}` was still running after {} s and was ended", limit.as_secs());
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    };
+    let bytes = reader.join().map_err(|_| anyhow::anyhow!("the reader of `{text}` panicked"))??;
+    if !status.success() {
+        bail!("`{text}` failed ({status})");
+    }
+    Ok(String::from_utf8_lossy(&bytes).into_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_command_is_shown_as_typed() {
+        let mut command = Command::new("/usr/bin/cargo");
+        command.args(["test", "--", "a b"]);
+        assert_eq!(shown(&command), "cargo test -- 'a b'");
+    }
+
+    #[test]
+    fn a_program_that_is_not_there_is_named() {
+        let error = run(&mut Command::new("no-such-program-4711")).unwrap_err();
+        assert!(format!("{error:#}").contains("no-such-program-4711"));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_program_that_hangs_is_ended() {
+        let error = output_within(Command::new("sleep").arg("30"), Duration::from_millis(50)).unwrap_err();
+        assert!(error.to_string().contains("still running"));
+    }
+}

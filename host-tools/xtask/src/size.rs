@@ -1,0 +1,132 @@
+//! What the image occupies: flash, static RAM, stack.
+
+use crate::{firmware, icount, process, table};
+use anyhow::{Context, Result};
+use object::{Object, ObjectSection, ObjectSymbol, SectionFlags, SectionKind, SymbolKind, elf};
+use serde_json::Value;
+use std::{fs, path::Path};
+
+/// An interrupt on top of the deepest call is a matter of luck.
+const STACK_TOLERANCE: f64 = 0.15;
+
+/// Start of RAM; what lies below is flash.
+const RAM: u64 = 0x2000_0000;
+
+/// Sizes by section and by crate, in bytes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Sizes {
+    /// Code and vector table.
+    pub text: u64,
+    /// Constants.
+    pub rodata: u64,
+    /// Variables with a value at the start: in flash and in RAM.
+    pub data: u64,
+    /// Variables without one.
+    pub bss: u64,
+    /// Part of `text` in functions of `inerter-core`; what was inlined elsewhere counts there.
+    pub core_text: u64,
+}
+
+/// Compares with the committed table, or writes it.
+pub fn run(options: &table::Options) -> Result<()> {
+    let image = firmware::build()?;
+    let sizes = measure(&image)?;
+    let report = icount::measure(&image)?;
+    let stack = report.stack_room_bytes - stack_free(&image)?;
+    let table = table::Table {
+        name: "size",
+        title: "Size of the image",
+        about: "The QEMU image (profile `firmware`): flash is text, constants and start values; RAM is start values and \
+                zeroed variables; the worst stack is what the image finds overwritten of its painted stack after it has served in QEMU with every stream on. The estimator's share counts functions of `inerter-core` that were not inlined elsewhere."
+            .into(),
+        rows: rows(&sizes, report.state_bytes, stack),
+    };
+    table.settle(*options)
+}
+
+fn rows(sizes: &Sizes, state: f64, stack: f64) -> Vec<table::Row> {
+    let row = |name, value: u64| table::Row::new(name, value as f64, "bytes");
+    vec![
+        row("flash", sizes.text + sizes.rodata + sizes.data),
+        row("flash: code", sizes.text),
+        row("flash: constants", sizes.rodata),
+        row("flash: start values", sizes.data),
+        row("flash: code of the estimator", sizes.core_text),
+        row("RAM without stack", sizes.data + sizes.bss),
+        table::Row::new("RAM: state of the estimator", state, "bytes"),
+        table::Row::new("RAM: worst stack", stack, "bytes").within(STACK_TOLERANCE),
+    ]
+}
+
+/// Stack that the image never used while it served, in bytes.
+fn stack_free(image: &Path) -> Result<f64> {
+    let mut command = process::cargo();
+    command.args(["run", "--quiet", "--package", "inerter-tests", "--bin", "stack"]);
+    let printed = process::output(command.env(firmware::IMAGE_VARIABLE, image))?;
+    let value: Value = serde_json::from_str(printed.trim()).with_context(|| format!("no JSON: {printed}"))?;
+    value["stack_free_bytes"].as_f64().with_context(|| format!("no number `stack_free_bytes` in {printed}"))
+}
+
+/// Reads the sizes out of an image.
+pub fn measure(image: &Path) -> Result<Sizes> {
+    let bytes = fs::read(image).with_context(|| format!("cannot read {}", image.display()))?;
+    sizes(&bytes).with_context(|| format!("{} is no image", image.display()))
+}
+
+fn sizes(bytes: &[u8]) -> Result<Sizes> {
+    let file = object::File::parse(bytes)?;
+    let mut sizes = Sizes::default();
+    for section in file.sections() {
+        let SectionFlags::Elf { sh_flags, .. } = section.flags() else { continue };
+        if !sh_flags.contains(elf::SHF_ALLOC) {
+            continue;
+        }
+        let size = section.size();
+        if section.address() >= RAM {
+            if section.kind() == SectionKind::UninitializedData { sizes.bss += size } else { sizes.data += size }
+        } else if sh_flags.contains(elf::SHF_EXECINSTR) || section.name() == Ok(".vector_table") {
+            sizes.text += size;
+        } else {
+            sizes.rodata += size;
+        }
+    }
+    for symbol in file.symbols().filter(|symbol| symbol.kind() == SymbolKind::Text) {
+        let name = format!("{:#}", rustc_demangle::demangle(symbol.name().unwrap_or_default()));
+        if of_core(&name) {
+            sizes.core_text += symbol.size();
+        }
+    }
+    Ok(sizes)
+}
+
+/// Whether the demangled name is a function of the estimator: `inerter_core::..` or `<inerter_core::Active as ..>`.
+fn of_core(name: &str) -> bool {
+    name.trim_start_matches(['<', '&', '(']).starts_with("inerter_core::")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn functions_of_the_estimator_are_told_apart() {
+        assert!(of_core("inerter_core::rls::update"));
+        assert!(of_core("<inerter_core::Active as core::fmt::Debug>::fmt"));
+        assert!(!of_core("inerter_app::run::<inerter_core::Active>"));
+    }
+
+    #[test]
+    fn what_is_no_image_is_refused() {
+        assert!(sizes(b"not an image").is_err());
+        assert!(sizes(&[]).is_err());
+    }
+
+    #[test]
+    fn start_values_count_in_flash_and_ram() {
+        let sizes = Sizes { text: 1, rodata: 2, data: 4, bss: 8, core_text: 1 };
+        let rows = rows(&sizes, 4.0, 16.0);
+        assert_eq!(rows[0].value, 7.0);
+        assert_eq!(rows[5].value, 12.0);
+        assert_eq!(rows[7].value, 16.0);
+    }
+}

@@ -1,0 +1,259 @@
+//! Everything that continuous integration asks for, in order, with a summary at the end.
+
+use crate::{accuracy, arrows, firmware, icount, process, setup, size, table};
+use anyhow::{Result, bail};
+use std::time::{Duration, Instant};
+
+#[derive(clap::Args, Clone, Copy, Debug, Default)]
+pub struct Options {
+    /// Leave out the steps that take longest; the summary names them
+    #[arg(long)]
+    pub quick: bool,
+    /// Stop at the first step that fails
+    #[arg(long)]
+    pub fail_fast: bool,
+}
+
+/// How a step ended.
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum Outcome {
+    Passed(Duration),
+    Failed(Duration, String),
+    Skipped(&'static str),
+}
+
+/// One step of the suite.
+struct Step {
+    name: &'static str,
+    /// How a person runs this step alone.
+    alone: &'static str,
+    /// Without it nothing after it makes sense.
+    needed: bool,
+    /// Left out by `--quick`.
+    long: bool,
+    run: fn() -> Result<()>,
+}
+
+const LIBRARIES: &[&str] = &["inerter-core", "inerter-wire", "inerter-app"];
+
+const STEPS: &[Step] = &[
+    Step {
+        name: "set-up",
+        alone: "cargo xtask setup",
+        needed: true,
+        long: false,
+        run: || setup::ensure(setup::ALL, false),
+    },
+    Step {
+        name: "lock file",
+        alone: "cargo metadata --locked",
+        needed: true,
+        long: false,
+        run: || process::output(process::cargo().args(["metadata", "--format-version", "1", "--locked"])).map(drop),
+    },
+    Step {
+        name: "formatting",
+        alone: "cargo fmt --all --check",
+        needed: false,
+        long: false,
+        run: || process::run(process::cargo().args(["fmt", "--all", "--check"])),
+    },
+    Step { name: "arrows", alone: "cargo xtask check-arrows", needed: false, long: false, run: arrows::run },
+    Step {
+        name: "lints, host",
+        alone: "cargo clippy --workspace --exclude inerter-qemu --all-targets -- -D warnings",
+        needed: false,
+        long: false,
+        run: lint_host,
+    },
+    Step {
+        name: "lints, firmware",
+        alone: "cargo clippy -p inerter-qemu --target thumbv7em-none-eabihf -- -D warnings",
+        needed: false,
+        long: false,
+        run: lint_firmware,
+    },
+    Step {
+        name: "documentation",
+        alone: "RUSTDOCFLAGS='-D warnings' cargo doc --workspace --exclude inerter-qemu --no-deps",
+        needed: false,
+        long: true,
+        run: document,
+    },
+    Step {
+        name: "firmware",
+        alone: "cargo xtask build-firmware",
+        needed: true,
+        long: false,
+        run: || firmware::build().map(|image| println!("{}", image.display())),
+    },
+    Step {
+        name: "tests",
+        alone: "cargo test --workspace --exclude inerter-qemu",
+        needed: false,
+        long: false,
+        run: test,
+    },
+    Step {
+        name: "table of sizes",
+        alone: "cargo xtask size",
+        needed: false,
+        long: false,
+        run: || size::run(&table::Options::default()),
+    },
+    Step {
+        name: "table of instructions",
+        alone: "cargo xtask icount",
+        needed: false,
+        long: false,
+        run: || icount::run(&table::Options::default()),
+    },
+    Step {
+        name: "table of accuracy",
+        alone: "cargo xtask accuracy",
+        needed: false,
+        long: true,
+        run: || accuracy::run(&accuracy::Options::default()),
+    },
+];
+
+/// Runs the steps and prints one line for each at the end.
+pub fn run(options: &Options) -> Result<()> {
+    let outcomes = run_steps(STEPS, options);
+    println!("\n{}", summary(STEPS, &outcomes));
+    let failed: Vec<_> = STEPS
+        .iter()
+        .zip(&outcomes)
+        .filter(|(_, outcome)| matches!(outcome, Outcome::Failed(..)))
+        .map(|(step, _)| format!("{} (alone: `{}`)", step.name, step.alone))
+        .collect();
+    if !failed.is_empty() {
+        bail!("failed: {}", failed.join("; "));
+    }
+    Ok(())
+}
+
+fn run_steps(steps: &[Step], options: &Options) -> Vec<Outcome> {
+    let mut outcomes = Vec::new();
+    let mut stopped = false;
+    for step in steps {
+        let outcome = if stopped {
+            Outcome::Skipped("an earlier step failed")
+        } else if options.quick && step.long {
+            Outcome::Skipped("left out by --quick")
+        } else {
+            heading(step.name);
+            let start = Instant::now();
+            match (step.run)() {
+                Ok(()) => Outcome::Passed(start.elapsed()),
+                Err(error) => {
+                    eprintln!("{}: {error:#}", step.name);
+                    stopped = step.needed || options.fail_fast;
+                    Outcome::Failed(start.elapsed(), format!("{error:#}"))
+                }
+            }
+        };
+        outcomes.push(outcome);
+    }
+    outcomes
+}
+
+/// A line above a step's own output.
+pub fn heading(name: &str) {
+    println!("\n== {name} {}", "=".repeat(76_usize.saturating_sub(name.len())));
+}
+
+fn summary(steps: &[Step], outcomes: &[Outcome]) -> String {
+    let mut lines = Vec::new();
+    for (step, outcome) in steps.iter().zip(outcomes) {
+        let name = step.name;
+        lines.push(match outcome {
+            Outcome::Passed(time) => format!("  passed  {name:<24} {:>7.1} s", time.as_secs_f64()),
+            Outcome::Skipped(reason) => format!("  skipped {name:<24} {reason}"),
+            Outcome::Failed(time, reason) => {
+                let first = reason.lines().next().unwrap_or_default();
+                format!("  FAILED  {name:<24} {:>7.1} s  {first}", time.as_secs_f64())
+            }
+        });
+    }
+    lines.join("\n")
+}
+
+fn lint_host() -> Result<()> {
+    process::run(process::cargo().args([
+        "clippy",
+        "--workspace",
+        "--exclude",
+        firmware::PACKAGE,
+        "--all-targets",
+        "--locked",
+        "--",
+        "--deny",
+        "warnings",
+    ]))
+}
+
+fn lint_firmware() -> Result<()> {
+    let Some(toolchain) = firmware::Toolchain::find() else { bail!("no compiler for the firmware") };
+    if !toolchain.is_own() {
+        println!("not linted: the distribution's compiler builds the firmware here, and this clippy is another's");
+        return Ok(());
+    }
+    let mut command = toolchain.cargo("clippy");
+    command.arg("--locked");
+    for package in LIBRARIES.iter().chain([&firmware::PACKAGE]) {
+        command.args(["--package", package]);
+    }
+    command.args(["--", "--deny", "warnings", "--deny", "clippy::undocumented_unsafe_blocks"]);
+    process::run(&mut command)
+}
+
+fn document() -> Result<()> {
+    let mut command = process::cargo();
+    command.args(["doc", "--workspace", "--exclude", firmware::PACKAGE, "--no-deps", "--locked"]);
+    process::run(command.env("RUSTDOCFLAGS", "-D warnings"))
+}
+
+fn test() -> Result<()> {
+    let image = firmware::build()?;
+    let mut command = process::cargo();
+    command.args(["test", "--workspace", "--exclude", firmware::PACKAGE, "--no-fail-fast", "--locked"]);
+    process::run(command.env(firmware::IMAGE_VARIABLE, image))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn step(name: &'static str, needed: bool, long: bool, run: fn() -> Result<()>) -> Step {
+        Step { name, alone: "", needed, long, run }
+    }
+
+    #[test]
+    fn a_failing_step_is_named_and_the_others_still_run() {
+        let steps = [
+            step("one", false, false, || bail!("broken\nin detail")),
+            step("two", true, false, || bail!("needed")),
+            step("three", false, false, || Ok(())),
+        ];
+        let outcomes = run_steps(&steps, &Options::default());
+        assert!(matches!(outcomes[0], Outcome::Failed(..)) && matches!(outcomes[1], Outcome::Failed(..)));
+        assert_eq!(outcomes[2], Outcome::Skipped("an earlier step failed"));
+        let text = summary(&steps, &outcomes);
+        assert!(text.contains("FAILED  one") && text.contains("broken") && !text.contains("in detail"), "{text}");
+    }
+
+    #[test]
+    fn quick_says_what_it_leaves_out() {
+        let steps = [step("long one", false, true, || bail!("must not run"))];
+        let outcomes = run_steps(&steps, &Options { quick: true, ..Options::default() });
+        assert_eq!(summary(&steps, &outcomes).trim(), "skipped long one                 left out by --quick");
+    }
+
+    #[test]
+    fn fail_fast_stops() {
+        let steps = [step("one", false, false, || bail!("broken")), step("two", false, false, || Ok(()))];
+        let outcomes = run_steps(&steps, &Options { fail_fast: true, ..Options::default() });
+        assert!(matches!(outcomes[1], Outcome::Skipped(_)));
+    }
+}

@@ -1,0 +1,207 @@
+//! Committed tables of figures, and whether today's figures are still theirs.
+//!
+//! A table is a Markdown file under `docs/tables` whose rows read `| name | value | unit | goal |`. The limits are two-sided: a figure
+//! that becomes much better is suspect too, since it may have stopped being measured.
+
+use crate::workspace;
+use anyhow::{Context, Result, bail};
+use std::{fmt::Write, fs, path::PathBuf};
+
+/// How much a figure may move before the table must be updated, as a fraction. Compilers differ by about a percent;
+/// what a change to the code costs is usually more.
+pub const TOLERANCE: f64 = 0.03;
+
+/// Compare, or write.
+#[derive(clap::Args, Clone, Copy, Debug, Default)]
+pub struct Options {
+    /// Write the table instead of comparing with it
+    #[arg(long)]
+    pub update: bool,
+}
+
+/// One figure.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Row {
+    /// What it is; names the row.
+    pub name: String,
+    /// The figure.
+    pub value: f64,
+    /// Its unit.
+    pub unit: &'static str,
+    /// Greatest value wished for.
+    pub goal: Option<f64>,
+    /// How much it may move before the table must be updated, as a fraction.
+    pub tolerance: f64,
+}
+
+impl Row {
+    /// A figure without a goal.
+    pub fn new(name: &str, value: f64, unit: &'static str) -> Self {
+        Self { name: name.to_owned(), value, unit, goal: None, tolerance: TOLERANCE }
+    }
+
+    /// A figure that is not the same in every run.
+    pub fn within(self, tolerance: f64) -> Self {
+        Self { tolerance, ..self }
+    }
+
+    /// With the greatest value wished for.
+    pub fn at_most(self, goal: f64) -> Self {
+        Self { goal: Some(goal), ..self }
+    }
+}
+
+/// A table of figures.
+pub struct Table {
+    /// File name under `docs/tables`, without `.md`; also the command that makes it.
+    pub name: &'static str,
+    /// First line.
+    pub title: &'static str,
+    /// What the figures mean and how they are taken.
+    pub about: String,
+    /// The figures.
+    pub rows: Vec<Row>,
+}
+
+impl Table {
+    /// The table as Markdown.
+    pub fn markdown(&self) -> String {
+        let mut text = format!("# {}\n\n{}\n\n", self.title, self.about.trim());
+        // Writing to a String cannot fail.
+        let _ = writeln!(text, "Written by `cargo xtask {} --update`; checked by `cargo xtask test`.\n", self.name);
+        text.push_str("| figure | value | unit | goal |\n|---|--:|---|---|\n");
+        for row in &self.rows {
+            let goal = match row.goal {
+                Some(goal) if row.value <= goal => format!("at most {goal}, reached"),
+                Some(goal) => format!("at most {goal}, **missed**"),
+                None => String::new(),
+            };
+            let _ = writeln!(text, "| {} | {} | {} | {goal} |", row.name, figure(row.value), row.unit);
+        }
+        text
+    }
+
+    /// Where the table is kept.
+    pub fn path(&self) -> PathBuf {
+        workspace::root().join("docs/tables").join(self.name).with_extension("md")
+    }
+
+    /// Prints the table, then writes it or compares it with the committed one.
+    pub fn settle(&self, options: Options) -> Result<()> {
+        for row in &self.rows {
+            let mark = if row.goal.is_some_and(|goal| row.value > goal) { "  over its goal" } else { "" };
+            println!("  {:<44} {:>12} {}{mark}", row.name, figure(row.value), row.unit);
+        }
+        let path = self.path();
+        if options.update {
+            fs::create_dir_all(workspace::root().join("docs/tables"))?;
+            fs::write(&path, self.markdown()).with_context(|| format!("cannot write {}", path.display()))?;
+            println!("{}: written {}", self.name, path.display());
+            return Ok(());
+        }
+        let command = format!("cargo xtask {} --update", self.name);
+        let committed = fs::read_to_string(&path)
+            .with_context(|| format!("cannot read {}; make it by `{command}`", path.display()))?;
+        let faults = differences(&parse(&committed), &self.rows);
+        if !faults.is_empty() {
+            for fault in &faults {
+                eprintln!("  {fault}");
+            }
+            bail!(
+                "{} of the figures left docs/tables/{}.md; when the change is meant, run `{command}` and commit the table",
+                faults.len(),
+                self.name
+            );
+        }
+        println!("{}: {} figures as in docs/tables/{}.md", self.name, self.rows.len(), self.name);
+        Ok(())
+    }
+}
+
+fn figure(value: f64) -> String {
+    if value == value.trunc() { format!("{value}") } else { format!("{value:.1}") }
+}
+
+/// Names and values of a table's rows; lines that are none are passed over.
+fn parse(markdown: &str) -> Vec<(String, f64)> {
+    markdown
+        .lines()
+        .filter_map(|line| {
+            let mut cells = line.strip_prefix('|')?.split('|').map(str::trim);
+            Some((cells.next()?.to_owned(), cells.next()?.parse().ok()?))
+        })
+        .collect()
+}
+
+/// What differs by more than the tolerance, or is in one of the two only.
+fn differences(committed: &[(String, f64)], now: &[Row]) -> Vec<String> {
+    let mut faults = Vec::new();
+    for row in now {
+        match committed.iter().find(|(name, _)| *name == row.name) {
+            None => faults.push(format!("{}: {} {}, not in the table", row.name, figure(row.value), row.unit)),
+            Some((_, before))
+                if (row.value - before).abs() > row.tolerance * before.abs() || !row.value.is_finite() =>
+            {
+                faults.push(format!(
+                    "{}: {} {}, the table says {}",
+                    row.name,
+                    figure(row.value),
+                    row.unit,
+                    figure(*before)
+                ));
+            }
+            Some(_) => {}
+        }
+    }
+    for (name, value) in committed {
+        if !now.iter().any(|row| row.name == *name) {
+            faults.push(format!("{name}: {} in the table, no longer measured", figure(*value)));
+        }
+    }
+    faults
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn table(value: f64) -> Table {
+        Table {
+            name: "size",
+            title: "Size",
+            about: "Of the image.".into(),
+            rows: vec![Row::new("flash", value, "bytes").at_most(1000.0), Row::new("RAM", 10.5, "KB")],
+        }
+    }
+
+    #[test]
+    fn what_is_written_reads_back() {
+        let table = table(900.0);
+        assert_eq!(parse(&table.markdown()), [("flash".to_owned(), 900.0), ("RAM".to_owned(), 10.5)]);
+        assert!(table.markdown().contains("| flash | 900 | bytes | at most 1000, reached |"));
+        assert!(differences(&parse(&table.markdown()), &table.rows).is_empty());
+    }
+
+    #[test]
+    fn both_sides_are_limited() {
+        let committed = parse(&table(1000.0).markdown());
+        assert!(differences(&committed, &table(1029.0).rows).is_empty());
+        assert!(differences(&committed, &table(971.0).rows).is_empty());
+        assert_eq!(differences(&committed, &table(1031.0).rows), ["flash: 1031 bytes, the table says 1000"]);
+        assert_eq!(differences(&committed, &table(969.0).rows).len(), 1);
+        assert_eq!(differences(&committed, &table(f64::NAN).rows).len(), 1);
+    }
+
+    #[test]
+    fn a_figure_that_went_missing_is_a_fault() {
+        let committed = parse(&table(900.0).markdown());
+        let faults = differences(&committed, &table(900.0).rows[..1]);
+        assert_eq!(faults, ["RAM: 10.5 in the table, no longer measured"]);
+        assert_eq!(differences(&[], &table(900.0).rows).len(), 2);
+    }
+
+    #[test]
+    fn a_goal_that_is_missed_is_said() {
+        assert!(table(1100.0).markdown().contains("at most 1000, **missed**"));
+    }
+}

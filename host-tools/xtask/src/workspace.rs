@@ -1,0 +1,119 @@
+//! What `cargo metadata` says of the workspace.
+
+use crate::process;
+use anyhow::{Context, Result, bail};
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+
+/// The triple of every Cortex-M4F image.
+pub const FIRMWARE_TARGET: &str = "thumbv7em-none-eabihf";
+
+/// The workspace's root folder.
+pub fn root() -> PathBuf {
+    // This file's crate lies two folders below the root. The run-time variable comes first, so that a moved tree works.
+    let here = std::env::var_os("CARGO_MANIFEST_DIR")
+        .map(PathBuf::from)
+        .filter(|path| path.ends_with("host-tools/xtask"))
+        .unwrap_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")));
+    here.ancestors().nth(2).map(Path::to_path_buf).unwrap_or(here)
+}
+
+/// One member of the workspace.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Member {
+    /// Package name.
+    pub name: String,
+    /// Folder of its manifest.
+    pub folder: PathBuf,
+    /// Root files of its libraries and programs.
+    pub roots: Vec<PathBuf>,
+    /// What it depends on.
+    pub uses: Vec<Use>,
+}
+
+/// One declared dependency.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Use {
+    /// Package name, whatever it is renamed to.
+    pub name: String,
+    /// Only for tests, benches and examples.
+    pub dev: bool,
+}
+
+/// The workspace as cargo sees it.
+#[derive(Clone, Debug)]
+pub struct Workspace {
+    /// All members.
+    pub members: Vec<Member>,
+    /// Root folder.
+    pub root: PathBuf,
+    /// Where cargo builds.
+    pub target: PathBuf,
+}
+
+impl Workspace {
+    /// Asks cargo about the workspace in `root`.
+    pub fn read(root: &Path) -> Result<Self> {
+        let mut command = process::cargo();
+        command.current_dir(root).args(["metadata", "--format-version", "1", "--no-deps"]);
+        Self::parse(&process::output(&mut command)?)
+    }
+
+    /// Reads the JSON of `cargo metadata`.
+    pub fn parse(json: &str) -> Result<Self> {
+        let value: Value = serde_json::from_str(json).context("`cargo metadata` printed no JSON")?;
+        let members = array(&value, "packages")?.iter().map(member).collect::<Result<Vec<_>>>()?;
+        Ok(Self {
+            members,
+            root: text(&value, "workspace_root")?.into(),
+            target: text(&value, "target_directory")?.into(),
+        })
+    }
+
+    /// The member of this name.
+    pub fn member(&self, name: &str) -> Option<&Member> {
+        self.members.iter().find(|member| member.name == name)
+    }
+}
+
+fn member(value: &Value) -> Result<Member> {
+    let manifest = PathBuf::from(text(value, "manifest_path")?);
+    let mut roots = Vec::new();
+    for target in array(value, "targets")? {
+        let kinds = array(target, "kind")?;
+        if kinds.iter().any(|kind| matches!(kind.as_str(), Some("lib" | "bin" | "rlib" | "proc-macro"))) {
+            roots.push(text(target, "src_path")?.into());
+        }
+    }
+    let uses = array(value, "dependencies")?
+        .iter()
+        .map(|one| Ok(Use { name: text(one, "name")?.to_owned(), dev: one["kind"].as_str() == Some("dev") }))
+        .collect::<Result<Vec<_>>>()?;
+    let Some(folder) = manifest.parent() else { bail!("{}: a manifest without a folder", manifest.display()) };
+    Ok(Member { name: text(value, "name")?.to_owned(), folder: folder.into(), roots, uses })
+}
+
+fn array<'a>(value: &'a Value, field: &str) -> Result<&'a Vec<Value>> {
+    value[field].as_array().with_context(|| format!("`cargo metadata`: no list `{field}`"))
+}
+
+fn text<'a>(value: &'a Value, field: &str) -> Result<&'a str> {
+    value[field].as_str().with_context(|| format!("`cargo metadata`: no text `{field}`"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_root_holds_the_workspace() {
+        assert!(root().join("memory.x").is_file());
+    }
+
+    #[test]
+    fn a_field_that_is_missing_is_named() {
+        let error = Workspace::parse(r#"{"packages": [{"name": "a"}]}"#).unwrap_err();
+        assert!(error.to_string().contains("manifest_path"));
+        assert!(Workspace::parse("not json").is_err());
+    }
+}
