@@ -1,0 +1,226 @@
+//! The machine of the bench: its motion, its sensors, and the regressors that one matched kernel makes of them.
+
+/// Samples per second.
+pub const RATE_HZ: f64 = 1000.0;
+/// Encoder step \[m\].
+pub const METRES_PER_COUNT: f64 = 50e-9;
+/// Force code \[N\].
+pub const NEWTONS_PER_CODE: f64 = 0.002;
+/// Inertance \[kg\], viscous friction \[N s/m\], Coulomb friction \[N\], offset \[N\].
+pub const TRUTH: [f64; 4] = [95.0, 203.0, 20.0, -3.2];
+/// Standard deviation of the force's noise \[N\].
+pub const FORCE_NOISE_N: f64 = 1.0;
+/// Forgetting per update.
+pub const FORGETTING: f64 = 0.999;
+/// Updates that forgetting remembers.
+pub const MEMORY: u32 = 1000;
+/// Initial variance of every parameter where a method asks for one.
+pub const VARIANCE: f64 = 1e5;
+/// Length of the standstill \[s\].
+pub const REST_S: f64 = 480.0;
+/// Box of the matched kernel \[samples\].
+const BOX: usize = 4;
+/// Window of the gate at rest \[samples\], and what the encoder may move in it \[counts\].
+const REST_WINDOW: usize = 24;
+const REST_COUNTS: i64 = 2;
+
+/// One raw sample of the machine.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Raw {
+    /// Encoder count.
+    pub count: i64,
+    /// Force code.
+    pub force_code: i64,
+}
+
+/// What a method gets at one update.
+#[derive(Clone, Copy, Debug)]
+pub struct Update {
+    /// `[a, v, sgn v, 1]` in SI.
+    pub phi: [f64; 4],
+    /// Force \[N\].
+    pub force: f64,
+    /// Whether the gate lets it pass; only methods that say so look at it.
+    pub moving: bool,
+}
+
+/// The run: motion, then rest.
+pub struct Run {
+    /// What the sensors gave.
+    pub raw: Vec<Raw>,
+    /// Raw samples that belong to the motion.
+    pub moving: usize,
+    /// What the kernels made of it.
+    pub updates: Vec<Update>,
+    /// Updates that belong to the motion.
+    pub motion: usize,
+}
+
+impl Run {
+    /// Makes it; always the same.
+    pub fn new() -> Self {
+        let (raw, moving) = record();
+        let updates = regressors(&raw);
+        let motion = moving - (raw.len() - updates.len());
+        Self { raw, moving, updates, motion }
+    }
+
+    /// Updates of the motion.
+    pub fn motion(&self) -> &[Update] {
+        &self.updates[..self.motion]
+    }
+}
+
+/// Velocity levels \[m/s\] and their durations \[s\], each half of a stroke; the other half has them negative.
+pub const STAGES: [(f64, f64); 4] = [(0.0423, 0.4), (0.0826, 0.8), (0.1247, 1.2), (0.0423, 0.6)];
+/// Between levels \[m/s^2\].
+const RAMP: f64 = 2.5;
+/// Strokes there and back.
+pub const STROKES: usize = 4;
+
+/// Plays the motion by the law, and the rest, through the sensors; also how many samples the motion has.
+fn record() -> (Vec<Raw>, usize) {
+    let mut noise = Noise(0x1234_5678_9abc_def1);
+    let mut raw = Vec::new();
+    let period = 1.0 / RATE_HZ;
+    let [mass, viscous, coulomb, offset] = TRUTH;
+    let (mut position, mut velocity) = (0.0_f64, 0.0_f64);
+    let strokes = (0..2 * STROKES).flat_map(|half| {
+        let direction = if half % 2 == 0 { 1.0 } else { -1.0 };
+        STAGES
+            .into_iter()
+            .flat_map(move |(level, seconds)| std::iter::repeat_n(direction * level, (seconds * RATE_HZ) as usize))
+    });
+    let motion: Vec<f64> = strokes.collect();
+    // The brake belongs to the rest: what a method has learnt is read before the stop.
+    let moving = motion.len();
+    let brake = std::iter::repeat_n(0.0, (STAGES[3].0 / RAMP * RATE_HZ).ceil() as usize);
+    for goal in motion.into_iter().chain(brake) {
+        let step = (goal - velocity).clamp(-RAMP * period, RAMP * period);
+        let acceleration = step / period;
+        let friction = if velocity == 0.0 { step.signum() } else { velocity.signum() };
+        let force = mass * acceleration + viscous * velocity + coulomb * friction + offset;
+        raw.push(sensed(position, force + FORCE_NOISE_N * noise.normal()));
+        position += velocity * period + 0.5 * step * period;
+        velocity += step;
+    }
+    for _ in 0..(REST_S * RATE_HZ) as usize {
+        let flicker = if noise.next() & 1 == 0 { 0.25 } else { 1.25 };
+        let edge = (position / METRES_PER_COUNT).floor();
+        raw.push(sensed((edge + flicker) * METRES_PER_COUNT, offset + FORCE_NOISE_N * noise.normal()));
+    }
+    (raw, moving)
+}
+
+/// What encoder and load cell make of position and force.
+fn sensed(position: f64, force: f64) -> Raw {
+    let count = (position / METRES_PER_COUNT).floor() as i64;
+    Raw { count, force_code: (force / NEWTONS_PER_CODE).round() as i64 }
+}
+
+/// A fixed sequence of random numbers (xorshift).
+struct Noise(u64);
+
+impl Noise {
+    fn next(&mut self) -> u64 {
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        self.0 >> 11
+    }
+
+    /// Nearly normal: the sum of twelve uniform numbers.
+    fn normal(&mut self) -> f64 {
+        (0..12).map(|_| self.next() as f64 / (1_u64 << 53) as f64).sum::<f64>() - 6.0
+    }
+}
+
+/// The product of two polynomials: one kernel after another.
+fn convolve(a: &[f64], b: &[f64]) -> Vec<f64> {
+    let mut out = vec![0.0; a.len() + b.len() - 1];
+    for (i, x) in a.iter().enumerate() {
+        for (j, y) in b.iter().enumerate() {
+            out[i + j] += x * y;
+        }
+    }
+    out
+}
+
+/// A correction, `boxes` boxes and `4 - boxes` differences over one box, all of one length and delay.
+fn kernel(correction: &[f64], boxes: usize) -> Vec<f64> {
+    let average = vec![1.0 / BOX as f64; BOX];
+    let mut difference = vec![0.0; BOX + 1];
+    difference[0] = RATE_HZ / BOX as f64;
+    difference[BOX] = -RATE_HZ / BOX as f64;
+    let weight: f64 = correction.iter().map(|tap| tap.abs()).sum::<f64>();
+    let mut out: Vec<f64> = correction.iter().map(|tap| tap / weight).collect();
+    for _ in 0..boxes {
+        out = convolve(&out, &average);
+    }
+    for _ in boxes..4 {
+        out = convolve(&out, &difference);
+    }
+    out
+}
+
+/// Regressors and force of every sample that a whole kernel reaches.
+fn regressors(raw: &[Raw]) -> Vec<Update> {
+    let positions: Vec<f64> = raw.iter().map(|sample| sample.count as f64 * METRES_PER_COUNT).collect();
+    let forces: Vec<f64> = raw.iter().map(|sample| sample.force_code as f64 * NEWTONS_PER_CODE).collect();
+    // The sign over one sample, from the velocity over four on either side.
+    let signs: Vec<f64> = (0..raw.len())
+        .map(|n| {
+            let (before, after) = (n.saturating_sub(4), (n + 4).min(raw.len() - 1));
+            (positions[after] - positions[before]).partial_cmp(&0.0).map_or(0.0, |order| order as i8 as f64)
+        })
+        .collect();
+    let force = kernel(&[1.0, 10.0, 1.0], 4);
+    // The sums of taps are 12 / 12 and 24 / 28: the second must be 1 for a ramp.
+    let velocity: Vec<f64> = kernel(&[-1.0, 13.0, 13.0, -1.0], 3).iter().map(|tap| tap * 28.0 / 24.0).collect();
+    let acceleration = kernel(&[1.0], 2);
+    let span = [force.len(), velocity.len(), acceleration.len()].into_iter().max().unwrap_or(0);
+    let pass = |kernel: &[f64], channel: &[f64], start: usize| {
+        let lead = (span - kernel.len()) / 2;
+        // The newest sample meets the first tap.
+        kernel.iter().rev().zip(&channel[start + lead..]).map(|(tap, value)| tap * value).sum::<f64>()
+    };
+    (0..=raw.len() - span)
+        .map(|start| {
+            let middle = start + span / 2;
+            let from = middle.saturating_sub(REST_WINDOW / 2);
+            let window = &raw[from..(from + REST_WINDOW).min(raw.len())];
+            let counts = window.iter().map(|sample| sample.count);
+            let travel = counts.clone().max().unwrap_or(0) - counts.min().unwrap_or(0);
+            Update {
+                phi: [
+                    pass(&acceleration, &positions, start),
+                    pass(&velocity, &positions, start),
+                    pass(&force, &signs, start),
+                    1.0,
+                ],
+                force: pass(&force, &forces, start),
+                moving: travel > REST_COUNTS,
+            }
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A quadratic has its exact velocity and acceleration, a constant its exact force.
+    #[test]
+    fn kernels_are_exact_on_polynomials() {
+        let raw: Vec<Raw> = (0..64).map(|n| Raw { count: 1000 * n * n, force_code: 5000 }).collect();
+        let updates = regressors(&raw);
+        let span = raw.len() - updates.len() + 1;
+        for (start, update) in updates.iter().enumerate() {
+            let middle = start as f64 + (span as f64 - 1.0) / 2.0;
+            let scale = 1000.0 * METRES_PER_COUNT * RATE_HZ;
+            assert!((update.phi[0] - 2.0 * scale * RATE_HZ).abs() < 1e-6, "{}", update.phi[0]);
+            assert!((update.phi[1] - 2.0 * scale * middle).abs() < 1e-9, "{} {middle}", update.phi[1]);
+            assert!((update.force - 10.0).abs() < 1e-12);
+        }
+    }
+}

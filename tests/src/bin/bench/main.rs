@@ -1,0 +1,226 @@
+//! Our update beside other recursive least squares, on the same regressors in the same run.
+//!
+//! The motion is that of the EMPS axis (95 kg, stages of constant velocity, one count of 50 nm, 1 kHz), made here from the law itself; 8 minutes
+//! of standstill follow, in which the encoder flickers by one count and the force is noise. Each method gets the regressors
+//! `[a, v, sgn v, 1]` and the force that one matched kernel made of counts and force, and forgets by 0.999 per update.
+//!
+//! `bench regressors FILE` writes the regressors for `tests/python/bench_rivals.py`;
+//! `bench compare [--python FILE | --without-python REASON] [--write FILE]` prints the table.
+#![forbid(unsafe_code)]
+
+mod machine;
+mod methods;
+mod table;
+
+use flight_solver::rls::{CovarianceGuards, InverseQrRls, RlsParallel};
+use inerter_core::{RawSample, Settings, State};
+use machine::{FORGETTING, MEMORY, METRES_PER_COUNT, NEWTONS_PER_CODE, RATE_HZ, Run, VARIANCE};
+use methods::{FlightCovariance, FlightInverse, IdspKalman, Method, Ours, Textbook32, Textbook64, quantised};
+use std::{
+    error::Error,
+    fs,
+    hint::black_box,
+    process::ExitCode as Exit,
+    time::{Duration, Instant},
+};
+use table::{Line, markdown, python_lines};
+
+fn main() -> Exit {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let result = match arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] {
+        ["regressors", file] => write_regressors(file),
+        ["compare", ref options @ ..] => compare(options),
+        _ => {
+            Err("usage: bench regressors FILE | bench compare [--python FILE] [--without-python REASON] [--write FILE]"
+                .into())
+        }
+    };
+    match result {
+        Ok(()) => Exit::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error}");
+            Exit::FAILURE
+        }
+    }
+}
+
+/// Writes `u64` motion updates, `u64` updates, then five `f64` an update, little-endian.
+fn write_regressors(file: &str) -> Result<(), Box<dyn Error>> {
+    let run = Run::new();
+    let mut bytes = Vec::with_capacity(16 + 40 * run.updates.len());
+    bytes.extend((run.motion as u64).to_le_bytes());
+    bytes.extend((run.updates.len() as u64).to_le_bytes());
+    for update in &run.updates {
+        for value in update.phi.iter().chain([&update.force]) {
+            bytes.extend(value.to_le_bytes());
+        }
+    }
+    fs::write(file, bytes).map_err(|error| format!("cannot write {file}: {error}").into())
+}
+
+/// Time of one run over `count` updates, the best of several \[ns per update\].
+fn nanoseconds(count: usize, mut run: impl FnMut()) -> f64 {
+    let mut best = f64::INFINITY;
+    let start = Instant::now();
+    let mut rounds = 0;
+    while rounds < 5 || (start.elapsed() < Duration::from_millis(200) && rounds < 200) {
+        let begin = Instant::now();
+        run();
+        best = best.min(begin.elapsed().as_secs_f64());
+        rounds += 1;
+    }
+    best * 1e9 / count as f64
+}
+
+fn line<M: Method>(run: &Run, name: &str, arithmetic: &str, fresh: impl Fn() -> M) -> Line {
+    let mut method = fresh();
+    run.motion().iter().for_each(|update| method.update(update));
+    let motion = method.parameters();
+    run.updates[run.motion..].iter().for_each(|update| method.update(update));
+    let rest = method.parameters();
+    let nanoseconds = nanoseconds(run.motion, || {
+        let mut method = fresh();
+        black_box(run.motion()).iter().for_each(|update| method.update(update));
+        black_box(method.parameters());
+    });
+    Line { name: name.into(), arithmetic: arithmetic.into(), nanoseconds, motion, rest, remark: method.remark() }
+}
+
+/// Our line: regressors are integers before the clock starts, as they are in the instrument.
+fn our_line(run: &Run) -> Line {
+    let integers: Vec<_> = run.motion().iter().map(quantised).collect();
+    let time = nanoseconds(integers.len(), || {
+        let mut ours = Ours::default();
+        black_box(&integers).iter().for_each(|regressors| ours.take(regressors));
+        black_box(&ours);
+    });
+    let remark = "with whole-run sums; held at rest".into();
+    Line { nanoseconds: time, remark, ..line(run, "ours: update (`inerter_core::rls`)", "i32, i64", Ours::default) }
+}
+
+/// The whole instrument on the raw counts and codes: both banks, sign, gates, updates, solves and intervals.
+fn instrument_line(run: &Run) -> Result<Line, Box<dyn Error>> {
+    let settings = Settings {
+        sample_rate_hz: RATE_HZ,
+        metres_per_count: METRES_PER_COUNT,
+        newtons_per_code: NEWTONS_PER_CODE,
+        memory_s: f64::from(MEMORY) / RATE_HZ,
+        ..Settings::default()
+    };
+    let active = settings.validate()?;
+    let samples: Vec<RawSample> = run
+        .raw
+        .iter()
+        .enumerate()
+        .map(|(index, raw)| RawSample {
+            index: index as u32,
+            position_count: raw.count as i32,
+            force_code: raw.force_code as i32,
+            terminal_code: 0,
+        })
+        .collect();
+    let (moving, resting) = samples.split_at(run.moving);
+    let mut state = State::new(&active);
+    let mut parameters = |samples: &[RawSample]| {
+        samples.iter().for_each(|sample| {
+            active.step(&mut state, sample);
+        });
+        let recent = active.estimate(&state).recent;
+        [recent.inertance_kg, recent.viscous_n_s_per_m, recent.coulomb_n, recent.offset_n]
+            .map(|one| f64::from(one.value))
+    };
+    let motion = parameters(moving);
+    let rest = parameters(resting);
+    let time = nanoseconds(moving.len(), || {
+        let mut state = State::new(&active);
+        for sample in black_box(moving) {
+            black_box(active.step(&mut state, sample));
+        }
+    });
+    Ok(Line {
+        name: "ours: the whole instrument from raw counts (`Active::step`)".into(),
+        arithmetic: "i32, i64".into(),
+        nanoseconds: time,
+        motion,
+        rest,
+        remark: "two banks, kernels, sign, gates, solves at 5 Hz; the same memory".into(),
+    })
+}
+
+fn compare(options: &[&str]) -> Result<(), Box<dyn Error>> {
+    let (mut python, mut without, mut write) = (None, None, None);
+    let mut rest = options.iter();
+    while let Some(&option) = rest.next() {
+        let value = rest.next().ok_or_else(|| format!("{option}: a value is missing"))?;
+        match option {
+            "--python" => python = Some(*value),
+            "--without-python" => without = Some(*value),
+            "--write" => write = Some(*value),
+            _ => return Err(format!("unknown option {option}").into()),
+        }
+    }
+    let run = Run::new();
+    let mut lines = rust_lines(&run)?;
+    if let Some(file) = python {
+        let text = fs::read_to_string(file).map_err(|error| format!("cannot read {file}: {error}"))?;
+        lines.extend(python_lines(&text).map_err(|error| format!("{file}: {error}"))?);
+    }
+    let table = markdown(&lines, without);
+    print!("{table}");
+    if let Some(file) = write {
+        fs::write(file, &table).map_err(|error| format!("cannot write {file}: {error}"))?;
+        println!("\nwritten {file}");
+    }
+    Ok(())
+}
+
+fn rust_lines(run: &Run) -> Result<Vec<Line>, Box<dyn Error>> {
+    let guards = CovarianceGuards::default;
+    let (gamma, forgetting) = (VARIANCE as f32, FORGETTING as f32);
+    // A walk that forgets as fast as the forgetting does while the machine moves.
+    let walk = std::array::from_fn(|i| {
+        let square = run.motion().iter().map(|update| update.phi[i] * update.phi[i]).sum::<f64>() / run.motion as f64;
+        (1.0 - FORGETTING).powi(2) / square
+    });
+    Ok(vec![
+        our_line(run),
+        instrument_line(run)?,
+        line(run, "textbook covariance RLS", "f32", || Textbook32::new(false)),
+        line(run, "textbook covariance RLS", "f64", || Textbook64::new(false)),
+        line(run, "textbook covariance RLS behind our gate", "f32", || Textbook32::new(true)),
+        line(run, "`flight-solver` 0.2, `RlsParallel`", "f32", || FlightCovariance {
+            filter: RlsParallel::new(gamma, forgetting, guards()),
+            guarded: 0,
+        }),
+        line(run, "`flight-solver` 0.2, `InverseQrRls`", "f32", || FlightInverse(InverseQrRls::new(gamma, forgetting))),
+        line(run, "`idsp` 0.23, `kalman`, covariance / 0.999", "f32", || IdspKalman::new(None)),
+        line(run, "`idsp` 0.23, `kalman`, random walk", "f32", || IdspKalman::new(Some(walk))),
+    ])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    use machine::TRUTH;
+
+    #[test]
+    fn every_method_knows_the_machine_after_motion() {
+        let run = Run::new();
+        assert!(run.motion().iter().filter(|update| update.moving).count() > run.motion * 9 / 10);
+        assert!(run.updates[run.motion + 100..].iter().all(|update| !update.moving));
+        // One rival's own guard keeps it from learning; its remark says so.
+        for line in rust_lines(&run).unwrap().iter().filter(|line| !line.remark.contains("guard")) {
+            assert!((line.motion[0] / TRUTH[0] - 1.0).abs() < 0.05, "{line:?}");
+            assert!(line.nanoseconds > 0.0);
+        }
+    }
+
+    #[test]
+    fn ours_is_held_at_rest() {
+        let run = Run::new();
+        for line in [our_line(&run), instrument_line(&run).unwrap()] {
+            assert!((line.rest[0] / TRUTH[0] - 1.0).abs() < 0.01, "{line:?}");
+        }
+    }
+}

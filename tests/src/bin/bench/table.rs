@@ -1,0 +1,118 @@
+//! Lines and the table of the bench.
+
+use crate::machine::{FORCE_NOISE_N, FORGETTING, REST_S, STAGES, STROKES, TRUTH, VARIANCE};
+use serde_json::Value;
+use std::{error::Error, fmt::Write};
+
+/// One line of the table.
+#[derive(Clone, Debug)]
+pub struct Line {
+    /// Method.
+    pub name: String,
+    /// Number formats.
+    pub arithmetic: String,
+    /// Time of an update \[ns\].
+    pub nanoseconds: f64,
+    /// Parameters after the motion.
+    pub motion: [f64; 4],
+    /// Parameters after the rest.
+    pub rest: [f64; 4],
+    /// What else there is to say.
+    pub remark: String,
+}
+
+/// Lines that the Python part wrote.
+pub fn python_lines(text: &str) -> Result<Vec<Line>, Box<dyn Error>> {
+    let value: Value = serde_json::from_str(text)?;
+    let list = value.as_array().ok_or("not a list")?;
+    list.iter()
+        .map(|one| {
+            let text = |field: &str| one[field].as_str().map(str::to_owned).ok_or(format!("no text `{field}`"));
+            // A number that is none is written as null.
+            let four = |field: &str| -> Result<[f64; 4], String> {
+                let values = one[field].as_array().ok_or(format!("no list `{field}`"))?;
+                let values: Vec<f64> = values.iter().map(|value| value.as_f64().unwrap_or(f64::NAN)).collect();
+                values.try_into().map_err(|_| format!("`{field}` has not four values"))
+            };
+            Ok(Line {
+                name: text("name")?,
+                arithmetic: text("arithmetic")?,
+                nanoseconds: one["ns_per_update"].as_f64().ok_or("no number `ns_per_update`")?,
+                motion: four("motion")?,
+                rest: four("rest")?,
+                remark: text("remark")?,
+            })
+        })
+        .collect()
+}
+
+/// The table; the first line is ours, to which all times are related.
+pub fn markdown(lines: &[Line], without_python: Option<&str>) -> String {
+    let [mass, viscous, coulomb, _] = TRUTH;
+    let mut text = format!(
+        "# Our update beside other recursive least squares\n\n\
+         Written by `cargo xtask bench --update`: one run, one machine, the same regressors `[a, v, sgn v, 1]` and force for every line but the second.\n\
+         The machine: {mass} kg, {viscous} N s/m, {coulomb} N, moved like the EMPS axis for {:.0} s at 1 kHz with 50 nm counts and\n\
+         {FORCE_NOISE_N} N of noise, then {:.0} minutes at rest with one-count flicker. Forgetting {FORGETTING} per update, initial variance {VARIANCE:.0e}.\n\
+         Times are the best of several passes on a desktop processor, and only their ratio to our update means anything; for instructions on\n\
+         the Cortex-M4F see [icount.md](icount.md). A covariance method yields parameters at every update; ours yields averages, solved at 5 Hz.\n\n\
+         | method | arithmetic | time per update | mt, cf, fc after motion: error | mt, cf, fc after rest | remark |\n\
+         |---|---|--:|---|---|---|\n",
+        2.0 * STROKES as f64 * STAGES.iter().map(|stage| stage.1).sum::<f64>(),
+        REST_S / 60.0,
+    );
+    let ours = lines.first().map_or(f64::NAN, |line| line.nanoseconds);
+    for line in lines {
+        let [mt, cf, fc, _] = line.motion;
+        let error = if [mt, cf, fc].iter().all(|value| value.is_finite()) {
+            format!("{:+.2} %, {:+.1} N s/m, {:+.2} N", (mt / mass - 1.0) * 100.0, cf - viscous, fc - coulomb)
+        } else {
+            "not a number".into()
+        };
+        let [mt, cf, fc, _] = line.rest.map(plain);
+        // Writing to a String cannot fail.
+        let _ = writeln!(
+            text,
+            "| {} | {} | {:.1} ns, x {} | {error} | {mt} kg, {cf} N s/m, {fc} N | {} |",
+            line.name,
+            line.arithmetic,
+            line.nanoseconds,
+            ratio(line.nanoseconds / ours),
+            line.remark
+        );
+    }
+    if let Some(reason) = without_python {
+        let _ = writeln!(text, "\n`padasip` and `filterpy` are not in this run: {reason}.");
+    }
+    text
+}
+
+fn ratio(value: f64) -> String {
+    if value < 10.0 { format!("{value:.1}") } else { format!("{value:.0}") }
+}
+
+fn plain(value: f64) -> String {
+    match value.abs() {
+        size if !size.is_finite() => "NaN".into(),
+        size if size >= 1e5 => format!("{value:.1e}"),
+        size if size >= 1000.0 => format!("{value:.0}"),
+        size if size >= 100.0 => format!("{value:.1}"),
+        _ => format!("{value:.2}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pythons_lines_are_read() {
+        let text = r#"[{"name": "a", "arithmetic": "f64", "ns_per_update": 5.0, "motion": [1, 2, 3, 4], "rest": [null, 2, 3, 4], "remark": ""}]"#;
+        let lines = python_lines(text).unwrap();
+        assert!(lines[0].rest[0].is_nan());
+        assert!(markdown(&lines, None).contains("NaN kg"));
+        assert!(markdown(&lines, Some("no python3")).contains("not in this run: no python3"));
+        assert!(python_lines("{}").is_err());
+        assert!(python_lines(r#"[{"name": "a"}]"#).unwrap_err().to_string().contains("arithmetic"));
+    }
+}

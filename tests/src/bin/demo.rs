@@ -1,0 +1,336 @@
+//! The demonstration: a simulated inerter on a shaker, measured by the firmware image in QEMU.
+//!
+//! The paper's device is moved as in the paper's three tests and by a random motion. Each run boots the image anew, shows what it
+//! estimates while it estimates, records every frame, and replays the recording on this machine: every estimate must be the
+//! same to the bit. `cargo xtask demo` builds what this needs; `--speed X` plays X times as fast, `--output FOLDER` records there.
+#![forbid(unsafe_code)]
+
+use inerter::{
+    live::{Happening, Live},
+    recording::{End, Recorder},
+    replay::replay,
+    report::value_text,
+    run::Run,
+    settings::Overrides,
+    simulate::{Endpoint, Qemu, Setup, bench_sensors, find_image},
+};
+use inerter_core::{Estimate, Parameter, Status};
+use inerter_plant::Parameters as Device;
+use inerter_wire::{EventKind, Frame, Health, Record, Streams, catalogue};
+use std::{
+    error::Error,
+    fmt::Write as _,
+    io::{IsTerminal, Write as _, stdout},
+    path::{Path, PathBuf},
+    process::ExitCode,
+    time::{Duration, Instant},
+};
+
+/// Lines of the live block: heading, four parameters, foot.
+const BLOCK_LINES: usize = 6;
+/// Between two drawings of the live block.
+const DRAW_EVERY: Duration = Duration::from_millis(100);
+/// Between two printed lines where there is no terminal, in seconds of the run.
+const PRINT_EVERY_S: f64 = 10.0;
+
+/// One run of the demonstration.
+struct Test {
+    name: &'static str,
+    title: &'static str,
+    motion: &'static str,
+    seconds: f64,
+    speed: f64,
+}
+
+const TESTS: [Test; 4] = [
+    Test { name: "slow", title: "0.053 Hz, 15.1 mm: friction", motion: "slow", seconds: 80.0, speed: 8.0 },
+    Test { name: "mid", title: "3.2 Hz, 4.16 mm: inertance", motion: "mid", seconds: 20.0, speed: 2.0 },
+    Test { name: "fast", title: "15.9 Hz, 0.806 mm: validation", motion: "fast", seconds: 20.0, speed: 2.0 },
+    Test { name: "random", title: "random, 0.5 to 15 Hz, 20 mm/s", motion: "random", seconds: 20.0, speed: 2.0 },
+];
+
+/// What a run came to.
+struct Outcome {
+    estimate: Estimate,
+    recording: PathBuf,
+    frames: u32,
+    lost_frames: u64,
+    health: Option<Health>,
+    /// Whether the replay of the recording gave the same.
+    same: bool,
+}
+
+fn main() -> ExitCode {
+    match run() {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::FAILURE,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run() -> Result<bool, Box<dyn Error>> {
+    let (mut speed, mut folder) = (1.0, PathBuf::from("target/demo"));
+    let mut arguments = std::env::args().skip(1);
+    while let Some(argument) = arguments.next() {
+        match (argument.as_str(), arguments.next()) {
+            ("--speed", Some(value)) => {
+                speed = value.parse().map_err(|_| format!("--speed: `{value}` is no number"))?
+            }
+            ("--output", Some(value)) => folder = value.into(),
+            _ => return Err("usage: cargo xtask demo [--speed FACTOR] [--output FOLDER]".into()),
+        }
+    }
+    std::fs::create_dir_all(&folder)
+        .map_err(|error| format!("cannot make the folder {}: {error}", folder.display()))?;
+    let image = find_image(None)?;
+    let device = Device::paper();
+    println!(
+        "The paper's inerter, simulated: {} kg of effective inertance behind a screw with {} N of Coulomb and\n\
+         {} N s/m of viscous friction. Its counts and force codes, 1000 a second with 1 N of noise, go into\n\
+         {} on a Cortex-M4F in QEMU.",
+        device.inertance_kg,
+        device.coulomb_n,
+        device.viscous_n_s_per_m,
+        image.file_name().unwrap_or(image.as_os_str()).to_string_lossy(),
+    );
+    let mut outcomes = Vec::new();
+    for (number, test) in TESTS.iter().enumerate() {
+        println!("\n[{}/{}] {}", number + 1, TESTS.len(), test.title);
+        outcomes.push(shake(test, device, speed, &image, &folder)?);
+    }
+    println!("{}", summary(&device, &outcomes));
+    Ok(outcomes.iter().all(|outcome| outcome.same && outcome.lost_frames == 0))
+}
+
+/// One run, from the boot of the image to the replay of its recording.
+fn shake(test: &Test, device: Device, speed: f64, image: &Path, folder: &Path) -> Result<Outcome, Box<dyn Error>> {
+    let speed = test.speed * speed;
+    // Cut off in full motion: a stop would tell more about the inertance than the slow motion does.
+    let setup = Setup::new(device, bench_sensors(), test.motion, Some(test.seconds), &Overrides::default())?;
+    let mut qemu = Qemu::boot(&setup, image, &Endpoint::Tcp("127.0.0.1:0".into()))?;
+    let target = inerter::device::Target::Tcp { address: qemu.name().to_owned() };
+    let mut live = Live::connect(target, Streams::ALL, Duration::ZERO)?;
+
+    let recording = folder.join(test.name).with_extension("mcap");
+    let mut recorder = Recorder::create(&recording)?;
+    if let Some(connected) = live.device() {
+        recorder.describe(connected.hello(), connected.settings())?;
+    }
+    recorder.metadata(inerter::recording::TRUTH_METADATA, setup.truth())?;
+
+    qemu.play(&setup, speed)?;
+    let rate_hz = setup.settings.sample_rate_hz;
+    let mut screen = Screen::new(test.seconds, &device);
+    let (mut estimates, mut health, mut ended) = (Vec::new(), None, false);
+    loop {
+        let received = match live.next()? {
+            Happening::Received(received) => received,
+            // The last raw samples may come after the event that says that there are no more.
+            Happening::Quiet if ended => break,
+            Happening::Quiet => {
+                qemu.check()?;
+                continue;
+            }
+            Happening::Away { reason } => return Err(reason.into()),
+            Happening::Back => continue,
+        };
+        if !received.bytes.is_empty() {
+            recorder.frame(received.time_ns, &received.bytes)?;
+        }
+        let Frame::Message { message, .. } = received.frame else { continue };
+        match message {
+            Record::Estimate(estimate) => {
+                screen.show(f64::from(estimate.index) / rate_hz, &estimate, live.lost_frames())?;
+                estimates.push(estimate);
+            }
+            Record::Health(now) => health = Some(now),
+            Record::Event(event) => ended |= event.kind == EventKind::SourceEnded,
+            _ => {}
+        }
+    }
+    let lost_frames = live.lost_frames();
+    let frames = recorder.frames();
+    recorder.close(&End { reason: "the motion ended".into(), lost_frames })?;
+    let estimate = *estimates.last().ok_or("the image published no estimate")?;
+    screen.end(&estimate, lost_frames)?;
+
+    let same = replayed(&recording)? == estimates.iter().map(bits).collect::<Vec<_>>();
+    println!(
+        "      {frames} frames in {}, {lost_frames} lost; {} estimates, {}",
+        recording.display(),
+        estimates.len(),
+        if same { "the same to the bit when replayed here" } else { "NOT THE SAME when replayed here" }
+    );
+    Ok(Outcome { estimate, recording, frames, lost_frames, health, same })
+}
+
+/// Everything that the estimator publishes when the recording goes through it on this machine, and its last word.
+fn replayed(recording: &Path) -> Result<Vec<Bits>, Box<dyn Error>> {
+    let run = Run::open(recording, &Overrides::default())?;
+    let mut published = Vec::new();
+    let last = replay(&run, |_, estimate| -> Result<(), inerter::Error> {
+        published.push(bits(estimate));
+        Ok(())
+    })?;
+    published.push(bits(&last.estimate));
+    Ok(published)
+}
+
+/// An estimate to the bit: its index, and value, interval and status of each parameter.
+type Bits = (u32, Vec<(u32, u32, Status)>);
+
+fn bits(estimate: &Estimate) -> Bits {
+    let parameters = [&estimate.recent, &estimate.whole_run].into_iter().flat_map(catalogue::parameters);
+    let bits = parameters.map(|(_, one)| (one.value.to_bits(), one.u95.to_bits(), one.status));
+    (estimate.index, bits.collect())
+}
+
+/// The truth, in the order of the catalogue's parameters.
+fn truth(device: &Device) -> [f64; 4] {
+    [device.inertance_kg, device.viscous_n_s_per_m, device.coulomb_n, 0.0]
+}
+
+/// What the interval is worth, now that the truth is known.
+fn verdict(parameter: &Parameter, truth: f64) -> &'static str {
+    match parameter.status {
+        Status::NotIdentifiable => "this motion cannot show it",
+        _ if (f64::from(parameter.value) - truth).abs() <= f64::from(parameter.u95) => "holds the truth",
+        _ => "MISSES THE TRUTH",
+    }
+}
+
+/// The block that is redrawn while a run goes on, or lines where there is no terminal.
+struct Screen {
+    seconds: f64,
+    truth: [f64; 4],
+    terminal: bool,
+    drawn: Option<Instant>,
+    printed_s: f64,
+}
+
+impl Screen {
+    fn new(seconds: f64, device: &Device) -> Self {
+        let terminal = stdout().is_terminal();
+        Self { seconds, truth: truth(device), terminal, drawn: None, printed_s: 0.0 }
+    }
+
+    fn show(&mut self, run_s: f64, estimate: &Estimate, lost_frames: u64) -> std::io::Result<()> {
+        if !self.terminal {
+            if run_s >= self.printed_s + PRINT_EVERY_S {
+                self.printed_s = run_s;
+                println!("      {run_s:5.1} s  {}", one_line(estimate));
+            }
+            return Ok(());
+        }
+        if self.drawn.is_some_and(|drawn| drawn.elapsed() < DRAW_EVERY) {
+            return Ok(());
+        }
+        self.draw(run_s, estimate, lost_frames)
+    }
+
+    fn draw(&mut self, run_s: f64, estimate: &Estimate, lost_frames: u64) -> std::io::Result<()> {
+        let mut block = String::new();
+        if self.drawn.is_some() {
+            let _ = write!(block, "\x1b[{BLOCK_LINES}A");
+        }
+        let done = (40.0 * run_s / self.seconds) as usize;
+        let bar: String = (0..40).map(|place| if place < done { '━' } else { '·' }).collect();
+        let _ = writeln!(block, "\r      {run_s:5.1} s of {:.0} s  {bar}\x1b[K", self.seconds);
+        for ((field, parameter), truth) in catalogue::parameters(&estimate.whole_run).zip(self.truth) {
+            let color = if parameter.status == Status::Ok { "\x1b[1m" } else { "\x1b[2m" };
+            let value = value_text(&parameter);
+            let _ = writeln!(
+                block,
+                "      {:<20} {color}{value:<24}\x1b[0m {:<6} truth {truth}\x1b[K",
+                field.label, field.unit
+            );
+        }
+        let _ = writeln!(
+            block,
+            "      {}, residual {:.2} N, {lost_frames} frames lost\x1b[K",
+            if estimate.moving { "moving" } else { "at rest" },
+            estimate.residual_rms_n
+        );
+        let mut out = stdout().lock();
+        out.write_all(block.as_bytes())?;
+        out.flush()?;
+        self.drawn = Some(Instant::now());
+        Ok(())
+    }
+
+    fn end(&mut self, estimate: &Estimate, lost_frames: u64) -> std::io::Result<()> {
+        if self.terminal {
+            return self.draw(self.seconds, estimate, lost_frames);
+        }
+        println!("      {:5.1} s  {}", self.seconds, one_line(estimate));
+        Ok(())
+    }
+}
+
+fn one_line(estimate: &Estimate) -> String {
+    catalogue::parameters(&estimate.whole_run)
+        .map(|(field, parameter)| match parameter.status {
+            Status::NotIdentifiable => format!("{} -", field.symbol),
+            _ => format!("{} {} {}", field.symbol, value_text(&parameter), field.unit),
+        })
+        .collect::<Vec<_>>()
+        .join("   ")
+}
+
+/// The page at the end.
+fn summary(device: &Device, outcomes: &[Outcome]) -> String {
+    let rule = "─".repeat(92);
+    let mut text = format!(
+        "\n{rule}\nTruth, estimate of the firmware and its 95 % interval, from the whole of each run\n{rule}\n"
+    );
+    // Writing to a String cannot fail.
+    for (test, outcome) in TESTS.iter().zip(outcomes) {
+        let _ = writeln!(text, "{}", test.title);
+        let parameters = catalogue::parameters(&outcome.estimate.whole_run);
+        for ((field, parameter), truth) in parameters.zip(truth(device)) {
+            let (label, unit, value) = (field.label, field.unit, value_text(&parameter));
+            let _ = writeln!(text, "  {label:<20} {unit:<6} {truth:>9}   {value:<22} {}", verdict(&parameter, truth));
+        }
+    }
+    let frames: u32 = outcomes.iter().map(|outcome| outcome.frames).sum();
+    let lost: u64 = outcomes.iter().map(|outcome| outcome.lost_frames).sum();
+    let same = outcomes.iter().filter(|outcome| outcome.same).count();
+    let _ = writeln!(text, "{rule}");
+    let _ = writeln!(text, "{frames} frames, {lost} lost; {same} of {} replays the same to the bit", outcomes.len());
+    if let Some(free) = outcomes.iter().filter_map(|outcome| outcome.health?.stack_free_bytes).min() {
+        let _ = writeln!(text, "stack of the image never used: {free} bytes");
+    }
+    text.push_str("recordings, each with its settings and truth:\n");
+    for outcome in outcomes {
+        let _ = writeln!(text, "  {}", outcome.recording.display());
+    }
+    if let Some(outcome) = outcomes.last() {
+        let _ = writeln!(text, "look at one: cargo run -p inerter -- replay {}", outcome.recording.display());
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_verdict_knows_the_truth() {
+        let parameter = Parameter { value: 100.0, u95: 1.0, status: Status::Ok };
+        assert_eq!(verdict(&parameter, 100.9), "holds the truth");
+        assert_eq!(verdict(&parameter, 101.1), "MISSES THE TRUTH");
+        assert_eq!(verdict(&Parameter::default(), 1.0), "this motion cannot show it");
+    }
+
+    #[test]
+    fn every_motion_is_known() {
+        for test in &TESTS {
+            let (sensors, seconds) = (bench_sensors(), Some(test.seconds));
+            let setup = Setup::new(Device::paper(), sensors, test.motion, seconds, &Overrides::default());
+            assert!(setup.is_ok(), "{}", test.motion);
+        }
+    }
+}

@@ -1,0 +1,78 @@
+//! `cargo xtask longrun [UPDATES]`: the fixed-point estimator beside the same algorithm in f64, over ten million updates.
+//!
+//! Two runs: all motions and rest in turn, and the slow motion alone, whose inertance is the hardest to keep. Prints the
+//! greatest differences, and fails where one is over its bound.
+#![forbid(unsafe_code)]
+
+use inerter_core::Settings;
+use inerter_plant::{Excitation, Parameters as Device, Sensors, Simulation};
+use inerter_tests::{
+    grid::{self, Error},
+    reference::{BOUNDS, Pair},
+};
+use std::{process::ExitCode, thread};
+
+/// Updates of the fast bank.
+const UPDATES: u32 = 10_000_000;
+/// One stretch of each run.
+const RUNS: [(&str, &str); 2] = [
+    ("all motions", "mid@20s;hold@5s;slow@60s;random@20s;hold@2s;fast@20s;two@20s;multi@20s;chirp:0.2-20Hz:15mm/s:30s"),
+    ("slow alone", "slow@600s"),
+];
+
+fn main() -> ExitCode {
+    match run() {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::FAILURE,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run() -> Result<bool, Error> {
+    let updates = match std::env::args().nth(1) {
+        None => UPDATES,
+        Some(word) => word.replace('_', "").parse().map_err(|_| format!("`{word}` is no number of updates"))?,
+    };
+    println!("core's integers beside f64, greatest difference at any published estimate over {updates} updates:");
+    let pairs = thread::scope(|scope| {
+        let runs = RUNS.map(|(_, motion)| scope.spawn(move || shake(motion, updates)));
+        runs.map(|run| run.join().unwrap_or_else(|_| Err("a run panicked".into())))
+    });
+    let mut agree = true;
+    for ((name, _), pair) in RUNS.iter().zip(pairs) {
+        let pair = pair?;
+        println!("{name}: {} updates, {} values compared", pair.updates(), pair.compared);
+        for ((label, greatest), bound) in ["mt kg", "cf N s/m", "fc N", "F0 N"].iter().zip(pair.greatest).zip(BOUNDS) {
+            let word = if greatest <= bound { "" } else { "  OVER" };
+            println!("  {label:<9} {greatest:9.2e}  bound {bound:.0e}{word}");
+        }
+        agree &= pair.agrees() && pair.compared > 0;
+    }
+    Ok(agree)
+}
+
+fn shake(motion: &str, updates: u32) -> Result<Pair, Error> {
+    let device = Device::paper();
+    let sensors = Sensors { force_noise_n: 1.0, force_offset_n: 3.0, ..Sensors::default() };
+    let settings = Settings { publish_rate_hz: 1.0, ..grid::calibrated(&device, &sensors) };
+    let mut pair = Pair::new(&settings)?;
+    let mut index = 0_u32;
+    for seed in 1.. {
+        let sensors = Sensors { seed, encoder_phase_count: (seed as f64 * 0.618) % 1.0, ..sensors };
+        let excitation = Excitation::parse(motion, seed)?;
+        let duration_s = excitation.duration_s();
+        for sample in Simulation::new(device, excitation, sensors)?.lasting(duration_s) {
+            pair.step(&inerter_core::RawSample { index, ..grid::raw(&sample) });
+            index = index.wrapping_add(1);
+            if pair.updates() >= updates {
+                return Ok(pair);
+            }
+        }
+        // The next stretch begins elsewhere: a sample is missing.
+        index = index.wrapping_add(1);
+    }
+    Err("the seeds ran out".into())
+}

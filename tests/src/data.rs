@@ -1,0 +1,64 @@
+//! The recordings of real machines, which lie beside the project and not in it.
+
+use inerter::{
+    Error, csv,
+    replay::{self, Outcome},
+    run::Run,
+    settings::Overrides,
+};
+use std::path::PathBuf;
+
+/// One recording.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Recording {
+    /// A ball-screw positioning axis; force from the motor current.
+    Emps,
+    /// A rack-and-pinion inerter, ratio r0.
+    LodzSymmetric,
+    /// The same at ratio r16.
+    LodzAsymmetric,
+}
+
+impl Recording {
+    /// Place within the folder of recordings, and metres per encoder count.
+    fn parts(self) -> (&'static str, f64) {
+        match self {
+            Self::Emps => ("emps/emps.csv", 50e-9),
+            Self::LodzSymmetric => ("lodz/sym_r0.csv", 1e-6),
+            Self::LodzAsymmetric => ("lodz/asym_r16.csv", 1e-6),
+        }
+    }
+
+    /// The file, or nothing, after saying so, where the recordings are not to be had.
+    pub fn path(self) -> Option<PathBuf> {
+        let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
+        let path = folder.join(self.parts().0);
+        if path.is_file() {
+            return Some(path);
+        }
+        // Past the test harness, which swallows what a passing test prints.
+        use std::io::Write;
+        let _ = writeln!(std::io::stderr(), "skipped: there is no recording {}", path.display());
+        None
+    }
+
+    /// The run with its encoder made `coarser` times as coarse.
+    pub fn run(self, coarser: i64) -> Option<Result<Run, Error>> {
+        let path = self.path()?;
+        let load = || -> Result<Run, Error> {
+            let mut table = csv::read(&path)?;
+            for count in &mut table.encoder_count {
+                *count = count.div_euclid(coarser);
+            }
+            let mut overrides = Overrides::default();
+            overrides.set("metres_per_count", self.parts().1 * coarser as f64, "the recording")?;
+            csv::to_run(table, &overrides)
+        };
+        Some(load())
+    }
+}
+
+/// What the run came to, through the library's replay.
+pub fn replayed(run: &Run) -> Result<Outcome, Error> {
+    replay::replay(run, |_, _| Ok(()))
+}

@@ -1,0 +1,300 @@
+//! The accuracy grid: six motions, several seeds, three rigs; what the estimator says against what is true.
+
+use crate::linear::Cholesky;
+use inerter_core::{Estimate, Parameter, Parameters, RawSample, Settings, State, Status};
+use inerter_plant::{Excitation, Motion as Screw, Parameters as Device, Sensors, Simulation};
+
+/// What goes wrong while a run is set up.
+pub type Error = Box<dyn std::error::Error + Send + Sync>;
+
+/// One motion of the grid.
+#[derive(Clone, Copy, Debug)]
+pub struct Motion {
+    /// Preset of the plant.
+    pub name: &'static str,
+    /// Length of a run \[s\].
+    pub duration_s: f64,
+    /// Greatest bias and sigma wanted at 1 kHz and 1 N, in the order of [`NAMES`].
+    pub goals: [(f64, f64); 3],
+    /// Time after the start of motion wanted until mt stays within 0.1 %, cf within 5 N s/m, fc within 1 N; none: never.
+    pub settling_goals_s: [Option<f64>; 3],
+}
+
+/// Time in which the shaker brings a motion up from rest \[s\], with room for the ringing that this starts.
+const LEAD_IN_S: f64 = 1.0;
+/// Memory of the second estimator of a run \[s\], short enough that it forgets.
+const SHORT_MEMORY_S: f64 = 4.0;
+
+impl Motion {
+    /// Whether it is one for the slow bank, whose band ends below the device's resonance.
+    pub fn is_slow(&self) -> bool {
+        self.name == "slow"
+    }
+
+    /// Length of the kernels of its bank \[s\]: four boxes.
+    pub fn kernel_s(&self) -> f64 {
+        if self.is_slow() { 0.256 } else { 0.064 }
+    }
+}
+
+/// What the grid looks at.
+pub const NAMES: [&str; 3] = ["mt kg", "cf N s/m", "fc N"];
+
+/// The motions with the goals of the design.
+pub const MOTIONS: [Motion; 6] = [
+    Motion {
+        name: "slow",
+        duration_s: 80.0,
+        goals: [(1.5, 3.0), (2.0, 3.0), (0.02, 0.015)],
+        settling_goals_s: [None, Some(50.0), Some(6.0)],
+    },
+    Motion {
+        name: "mid",
+        duration_s: 20.0,
+        goals: [(0.03, 0.03), (0.8, 2.0), (0.1, 0.15)],
+        settling_goals_s: [Some(0.8), Some(1.3), Some(0.8)],
+    },
+    Motion {
+        name: "fast",
+        duration_s: 20.0,
+        goals: [(0.005, 0.003), (1.5, 3.0), (0.2, 0.5)],
+        settling_goals_s: [Some(0.65), Some(40.0), Some(22.0)],
+    },
+    Motion {
+        name: "multi",
+        duration_s: 20.0,
+        goals: [(0.01, 0.01), (3.0, 2.0), (0.1, 0.1)],
+        settling_goals_s: [Some(0.7), Some(11.0), Some(1.0)],
+    },
+    Motion {
+        name: "random",
+        duration_s: 20.0,
+        goals: [(0.005, 0.003), (0.3, 0.4), (0.05, 0.05)],
+        settling_goals_s: [Some(0.65), Some(1.3), Some(1.0)],
+    },
+    Motion {
+        name: "two",
+        duration_s: 20.0,
+        goals: [(0.03, 0.04), (0.5, 1.6), (0.05, 0.1)],
+        settling_goals_s: [Some(0.9), Some(1.3), Some(0.9)],
+    },
+];
+
+/// One rig of the grid.
+#[derive(Clone, Copy, Debug)]
+pub struct Rig {
+    /// Name in the table.
+    pub name: &'static str,
+    /// Samples per second \[Hz\].
+    pub sample_rate_hz: f64,
+    /// White force noise of one sample \[N\].
+    pub force_noise_n: f64,
+}
+
+/// The rigs.
+pub const RIGS: [Rig; 3] = [
+    Rig { name: "1 kHz, 1 N", sample_rate_hz: 1000.0, force_noise_n: 1.0 },
+    Rig { name: "1 kHz, 5 N", sample_rate_hz: 1000.0, force_noise_n: 5.0 },
+    Rig { name: "4 kHz, 1 N", sample_rate_hz: 4000.0, force_noise_n: 1.0 },
+];
+
+/// What the device truly is.
+pub fn truth(device: &Device) -> [f64; 3] {
+    [device.inertance_kg, device.viscous_n_s_per_m, device.coulomb_n]
+}
+
+/// Settings of a device that was calibrated against this plant and these instruments.
+pub fn calibrated(device: &Device, sensors: &Sensors) -> Settings {
+    let count = sensors.oversampling;
+    Settings {
+        sample_rate_hz: sensors.sample_rate_hz,
+        metres_per_count: sensors.metres_per_count,
+        oversampling: count,
+        newtons_per_code: sensors.newtons_per_sample_code(),
+        force_zero_code: sensors.force_zero_code * count,
+        structure_mass_kg: device.structure_mass_kg,
+        stiffness_n_per_m: device.stiffness_n_per_m,
+        contact_damping_n_s_per_m: device.contact_damping_n_s_per_m,
+        skew_s: sensors.delay_s,
+        ..Settings::default()
+    }
+}
+
+/// A simulated sample as the device would hand it over.
+pub fn raw(sample: &inerter_plant::Sample) -> RawSample {
+    RawSample {
+        index: sample.index,
+        position_count: sample.position_count,
+        force_code: sample.force_code,
+        terminal_code: sample.terminal_code,
+    }
+}
+
+/// One run's published estimates and the last one.
+#[derive(Clone, Debug)]
+pub struct Run {
+    /// Time of each \[s\] and the estimate.
+    pub published: Vec<(f64, Estimate)>,
+    /// The same with a short memory.
+    pub forgetful: Vec<(f64, Estimate)>,
+    /// At the end.
+    pub last: Estimate,
+}
+
+/// The motion as this rig's instruments see it.
+fn simulation(device: &Device, motion: &Motion, rig: &Rig, seed: u64) -> Result<Simulation, Error> {
+    let sensors = Sensors {
+        sample_rate_hz: rig.sample_rate_hz,
+        force_noise_n: rig.force_noise_n,
+        force_offset_n: 3.0,
+        encoder_phase_count: (seed as f64 * 0.618) % 1.0,
+        seed,
+        ..Sensors::default()
+    };
+    Ok(Simulation::new(*device, Excitation::parse(motion.name, seed)?, sensors)?)
+}
+
+/// Shakes a device and listens. The intervals hold no calibration error, as the simulated rig has none.
+pub fn run(device: &Device, motion: &Motion, rig: &Rig, seed: u64) -> Result<Run, Error> {
+    let simulation = simulation(device, motion, rig, seed)?;
+    let settings = Settings {
+        force_gain_u95: 0.0,
+        lead_u95: 0.0,
+        timebase_u95: 0.0,
+        publish_rate_hz: 10.0,
+        memory_s: 100.0,
+        ..calibrated(device, simulation.sensors())
+    };
+    let active = settings.validate()?;
+    let short = Settings { memory_s: SHORT_MEMORY_S, ..settings }.validate()?;
+    let mut state = Box::new(State::new(&active));
+    let mut short_state = Box::new(State::new(&short));
+    let (mut published, mut forgetful) = (Vec::new(), Vec::new());
+    for sample in simulation.lasting(motion.duration_s) {
+        let raw = raw(&sample);
+        published.extend(active.step(&mut state, &raw).map(|estimate| (sample.t_s, estimate)));
+        forgetful.extend(short.step(&mut short_state, &raw).map(|estimate| (sample.t_s, estimate)));
+    }
+    Ok(Run { published, forgetful, last: active.estimate(&state) })
+}
+
+/// The least sigma that any unbiased estimator can have with this rig's force noise, knowing the motion exactly
+/// (Cramer and Rao): over all samples in which the screw truly slips and, for `clearance_s` before and after, has slipped.
+///
+/// None where such samples show nothing. A motion that the slow bank sees counts without its breakaways' ringing.
+pub fn least_sigma(
+    device: &Device,
+    motion: &Motion,
+    rig: &Rig,
+    seed: u64,
+    clearance_s: f64,
+) -> Result<Option<[f64; 3]>, Error> {
+    let truths: Vec<_> = simulation(device, motion, rig, seed)?
+        .lasting(motion.duration_s)
+        .map(|sample| sample.truth)
+        .filter(|truth| !motion.is_slow() || truth.t_s > LEAD_IN_S)
+        .collect();
+    let stuck: Vec<f64> = truths.iter().filter(|truth| truth.motion == Screw::Stuck).map(|truth| truth.t_s).collect();
+    let clear = |t_s: f64| {
+        let next = stuck.partition_point(|stuck| *stuck < t_s);
+        let around = [next.checked_sub(1), Some(next)].into_iter().flatten().filter_map(|place| stuck.get(place));
+        around.into_iter().all(|stuck| (stuck - t_s).abs() > clearance_s)
+    };
+    let mut information = [[0.0; 4]; 4];
+    for truth in truths.iter().filter(|truth| clear(truth.t_s)) {
+        let (a, v) = if motion.is_slow() {
+            (truth.a1_m_per_s2, truth.v1_m_per_s)
+        } else {
+            (truth.a2_m_per_s2, truth.v2_m_per_s)
+        };
+        let regressors = [a, v, v.signum(), 1.0];
+        for (row, a) in information.iter_mut().zip(regressors) {
+            for (sum, b) in row.iter_mut().zip(regressors) {
+                *sum += a * b;
+            }
+        }
+    }
+    Ok(Cholesky::of(&information, 1e-14).map(|factor| {
+        let [mt, cf, fc, _] = factor.inverse_diagonal().map(|variance| rig.force_noise_n * variance.sqrt());
+        [mt, cf, fc]
+    }))
+}
+
+/// The three parameters that the grid looks at.
+pub fn three(parameters: &Parameters) -> [Parameter; 3] {
+    [parameters.inertance_kg, parameters.viscous_n_s_per_m, parameters.coulomb_n]
+}
+
+/// Statistics of one cell: one motion on one rig over all seeds.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Cell {
+    /// Mean error at the end; not a number when fewer than two runs ended with a value.
+    pub bias: [f64; 3],
+    /// Standard deviation of the error at the end; likewise.
+    pub sigma: [f64; 3],
+    /// Mean half width of the interval at the end, of those that were given.
+    pub u95: [f64; 3],
+    /// Runs that ended with a value.
+    pub given: [usize; 3],
+    /// Part of all published live values with a short memory that the interval covered; none when none was published.
+    pub coverage: [Option<f64>; 3],
+    /// The same of the values over the whole run.
+    pub whole_run_coverage: [Option<f64>; 3],
+    /// Median time from which the live value stays within the limit \[s\]; none when never.
+    pub settling_s: [Option<f64>; 3],
+}
+
+/// Statistics over the runs of one cell.
+pub fn cell(device: &Device, runs: &[Run]) -> Cell {
+    let truth = truth(device);
+    let limits = [1e-3 * truth[0], 5.0, 1.0];
+    let mut cell = Cell::default();
+    for i in 0..3 {
+        let last: Vec<Parameter> = runs.iter().map(|run| three(&run.last.whole_run)[i]).collect();
+        let errors: Vec<f64> = last
+            .iter()
+            .filter(|p| p.status != Status::NotIdentifiable)
+            .map(|p| f64::from(p.value) - truth[i])
+            .collect();
+        let count = errors.len() as f64;
+        cell.given[i] = errors.len();
+        let mean = errors.iter().sum::<f64>() / count;
+        let variance = errors.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / (count - 1.0);
+        (cell.bias[i], cell.sigma[i]) = if errors.len() < 2 { (f64::NAN, f64::NAN) } else { (mean, variance.sqrt()) };
+        cell.u95[i] =
+            last.iter().filter(|p| p.status != Status::NotIdentifiable).map(|p| f64::from(p.u95)).sum::<f64>() / count;
+        cell.coverage[i] = coverage(runs.iter().flat_map(|run| &run.forgetful), truth[i], |e| three(&e.recent)[i]);
+        cell.whole_run_coverage[i] =
+            coverage(runs.iter().flat_map(|run| &run.published), truth[i], |e| three(&e.whole_run)[i]);
+        let mut times: Vec<f64> = runs.iter().map(|run| settling(run, i, truth[i], limits[i])).collect();
+        times.sort_by(f64::total_cmp);
+        cell.settling_s[i] = times.get(times.len() / 2).copied().filter(|time| time.is_finite());
+    }
+    cell
+}
+
+/// Part of the published values that lie within their interval of the truth.
+fn coverage<'a>(
+    published: impl Iterator<Item = &'a (f64, Estimate)>,
+    truth: f64,
+    parameter: impl Fn(&Estimate) -> Parameter,
+) -> Option<f64> {
+    let (mut covered, mut all) = (0_u32, 0_u32);
+    for parameter in published.map(|(_, estimate)| parameter(estimate)).filter(|p| p.status == Status::Ok) {
+        all += 1;
+        covered += u32::from((f64::from(parameter.value) - truth).abs() <= f64::from(parameter.u95));
+    }
+    (all > 0).then(|| f64::from(covered) / f64::from(all))
+}
+
+/// Time from which every published value is given and within the limit.
+fn settling(run: &Run, i: usize, truth: f64, limit: f64) -> f64 {
+    let bad = |e: &Estimate| {
+        let parameter = three(&e.recent)[i];
+        parameter.status == Status::NotIdentifiable || (f64::from(parameter.value) - truth).abs() > limit
+    };
+    match run.published.iter().rposition(|(_, e)| bad(e)) {
+        None => run.published.first().map_or(f64::INFINITY, |(t, _)| *t),
+        Some(last) => run.published.get(last + 1).map_or(f64::INFINITY, |(t, _)| *t),
+    }
+}

@@ -1,0 +1,165 @@
+//! The firmware image in QEMU, given all of its samples at once.
+
+use crate::grid::Error;
+use inerter::device::{Clock, Device, DeviceError, Target};
+use inerter_core::{Estimate, RawSample, Settings};
+use inerter_wire::{EventKind, Frame, Record, Streams};
+use std::{
+    fs,
+    net::TcpListener,
+    path::PathBuf,
+    process::{Child, Command, Stdio},
+    sync::{Mutex, MutexGuard},
+    time::{Duration, Instant},
+};
+
+const QEMU: &str = "qemu-system-arm";
+/// Time in which the image must answer after its start.
+const START_TIME: Duration = Duration::from_secs(20);
+/// Time without any record after which a run has failed.
+const SILENCE: Duration = Duration::from_secs(20);
+
+/// The image that `cargo xtask build-firmware` leaves, where it can be run; otherwise nothing, after saying why.
+///
+/// # Panics
+/// Where it must be there: with `CI` or `INERTER_REQUIRE_QEMU` in the environment.
+pub fn image() -> Option<PathBuf> {
+    let set = |name| std::env::var_os(name).is_some_and(|value| !value.is_empty() && value != "0");
+    let path = match std::env::var_os("INERTER_QEMU_IMAGE") {
+        Some(path) => PathBuf::from(path),
+        None => PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../target/thumbv7em-none-eabihf/firmware/inerter-qemu"),
+    };
+    let reason = if !path.is_file() {
+        format!("there is no image {}; make it by `cargo xtask build-firmware`", path.display())
+    } else if let Err(error) = Command::new(QEMU).arg("--version").stdout(Stdio::null()).status() {
+        format!("{QEMU} cannot be run ({error}); Debian: apt-get install qemu-system-arm")
+    } else {
+        return Some(path);
+    };
+    assert!(!set("CI") && !set("INERTER_REQUIRE_QEMU"), "{reason}");
+    // Past the test harness, which swallows what a passing test prints.
+    use std::io::Write;
+    let _ = writeln!(std::io::stderr(), "skipped: {reason}");
+    None
+}
+
+/// One machine at a time: the time limits are those of a machine that has a processor to itself.
+static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
+
+/// A machine with its file of samples, ended when dropped.
+pub struct Machine {
+    child: Child,
+    address: String,
+    samples: PathBuf,
+    _turn: MutexGuard<'static, ()>,
+}
+
+impl Machine {
+    /// Boots the image; the sampler will read these samples once it is started.
+    pub fn boot(image: &PathBuf, samples: &[RawSample]) -> Result<Self, Error> {
+        let turn = ONE_AT_A_TIME.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        let address = TcpListener::bind("127.0.0.1:0")?.local_addr()?.to_string();
+        let file = std::env::temp_dir().join(format!("inerter-{}.samples", address.replace(':', "-")));
+        fs::write(&file, bytes(samples))?;
+        let child = Command::new(QEMU)
+            .args(["-M", "netduinoplus2", "-display", "none", "-monitor", "none", "-serial"])
+            .arg(format!("tcp:{address},server=on,wait=off,nodelay=on"))
+            .arg("-semihosting-config")
+            .arg(format!("enable=on,target=native,arg=inerter,arg={}", file.display()))
+            .arg("-kernel")
+            .arg(image)
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .spawn()?;
+        Ok(Self { child, address, samples: file, _turn: turn })
+    }
+
+    /// Talks to it.
+    pub fn connect(&mut self) -> Result<Device, Error> {
+        let started = Instant::now();
+        loop {
+            let target = Target::Tcp { address: self.address.clone() };
+            match Device::connect(&target, Clock::new()) {
+                Ok(device) => return Ok(device),
+                Err(DeviceError::Connect { .. } | DeviceError::Vanished { .. }) if started.elapsed() < START_TIME => {
+                    if let Some(status) = self.child.try_wait()? {
+                        return Err(format!("QEMU ended: {status}").into());
+                    }
+                    std::thread::sleep(Duration::from_millis(20));
+                }
+                Err(error) => return Err(error.into()),
+            }
+        }
+    }
+
+    /// The exit status, once it has ended on its own.
+    pub fn wait(&mut self) -> Result<i32, Error> {
+        let started = Instant::now();
+        loop {
+            match self.child.try_wait()? {
+                Some(status) => return status.code().ok_or_else(|| "QEMU was killed".into()),
+                None if started.elapsed() > SILENCE => return Err("QEMU does not end".into()),
+                None => std::thread::sleep(Duration::from_millis(10)),
+            }
+        }
+    }
+}
+
+impl Drop for Machine {
+    fn drop(&mut self) {
+        self.child.kill().ok();
+        self.child.wait().ok();
+        fs::remove_file(&self.samples).ok();
+    }
+}
+
+/// The samples as the image reads them, with the mark that ends them.
+fn bytes(samples: &[RawSample]) -> Vec<u8> {
+    let mut bytes = Vec::with_capacity(16 * samples.len() + 16);
+    for sample in samples {
+        bytes.extend_from_slice(&sample.index.to_le_bytes());
+        for word in [sample.position_count, sample.force_code, sample.terminal_code] {
+            bytes.extend_from_slice(&word.to_le_bytes());
+        }
+    }
+    bytes.extend_from_slice(&[0xFF; 4]);
+    bytes
+}
+
+/// Everything that the device sends from now on up to the end of its samples.
+pub fn until_the_end(device: &mut Device) -> Result<Vec<Record>, Error> {
+    let mut records = Vec::new();
+    let mut heard = Instant::now();
+    loop {
+        let Some(received) = device.receive()? else {
+            if heard.elapsed() > SILENCE {
+                return Err(format!("silent after {} records", records.len()).into());
+            }
+            continue;
+        };
+        heard = Instant::now();
+        match received.frame {
+            Frame::Message { message: Record::Event(event), .. } if event.kind == EventKind::SourceEnded => {
+                return Ok(records);
+            }
+            Frame::Message { message, .. } => records.push(message),
+            other => return Err(format!("a bad frame: {other:?}").into()),
+        }
+    }
+}
+
+/// The estimates of a whole run from the file, the final one last.
+pub fn measure(image: &PathBuf, settings: &Settings, samples: &[RawSample]) -> Result<Vec<Estimate>, Error> {
+    let mut machine = Machine::boot(image, samples)?;
+    let mut device = machine.connect()?;
+    device.stream(Streams { estimates: true, ..Streams::NONE })?;
+    device.write_settings(settings)?;
+    device.start_sampler()?;
+    Ok(estimates(&until_the_end(&mut device)?))
+}
+
+/// The estimates among the records.
+pub fn estimates(records: &[Record]) -> Vec<Estimate> {
+    let of = |record: &Record| if let Record::Estimate(estimate) = record { Some(*estimate) } else { None };
+    records.iter().filter_map(of).collect()
+}

@@ -1,0 +1,158 @@
+//! The estimator from the regressors on, as a textbook writes it in f64.
+//!
+//! The regressors themselves are integers that core's tests hold to the direct convolution bit by bit. Here they are read
+//! back from the exact sums that core publishes: what a sum grew by in one update is a product of two regressors, and
+//! one of the regressors is the constant. Averages, sums, solution and choice of bank are computed anew, in SI, with
+//! nothing of core's but the settings.
+
+use crate::linear::Cholesky;
+use inerter_core::{Active, Bank, Estimate, Parameters, RawSample, Settings, State, Status};
+
+/// Regressors `[a, v, s, 1, F]`.
+const REGRESSORS: usize = 5;
+/// Greatest differences that are allowed: mt \[kg\], cf \[N s/m\], fc \[N\], F0 \[N\].
+pub const BOUNDS: [f64; 4] = [1e-3, 1e-2, 2e-3, 2e-3];
+
+type Matrix = [[f64; REGRESSORS]; REGRESSORS];
+
+/// One bank's memories.
+#[derive(Clone, Debug)]
+struct Memory {
+    bank: Bank,
+    /// Updates in the memory.
+    horizon: f64,
+    /// Mean square of what the encoder's steps put into the acceleration.
+    steps: f64,
+    updates: u32,
+    /// Column of the constant in core's sums, as last read.
+    column: [i128; REGRESSORS],
+    average: Matrix,
+    sum: Matrix,
+}
+
+impl Memory {
+    fn new(settings: &Settings, bank: Bank) -> Self {
+        let box_s = match bank {
+            Bank::Fast => 0.016,
+            Bank::Slow => 0.064,
+        };
+        let (rate, step) = (settings.sample_rate_hz, settings.metres_per_count);
+        // Two updates in the length of a box.
+        let spacing = (rate * box_s / 2.0).round().max(1.0);
+        let length = 2.0 * spacing;
+        // A count's error is evenly spread; a box of M differenced twice and summed twice has a gain of 8/3 M^3.
+        let steps = step * step / 12.0 * 8.0 / 3.0 * length.powi(3) * (rate * rate / length.powi(4)).powi(2);
+        let horizon = (settings.memory_s * rate / spacing).round();
+        let zero = [[0.0; REGRESSORS]; REGRESSORS];
+        Self { bank, horizon, steps, updates: 0, column: [0; REGRESSORS], average: zero, sum: zero }
+    }
+
+    /// Takes what core has taken since the last call: one update at most.
+    fn follow(&mut self, active: &Active, state: &State) {
+        let sums = active.sums(state, self.bank);
+        if sums.updates == self.updates {
+            return;
+        }
+        assert_eq!(sums.updates, self.updates + 1, "one update at a time");
+        self.updates = sums.updates;
+        // Products of the fourth regressor, the constant, with each: row 3 up to the diagonal, then row 4.
+        let column = [6, 7, 8, 9, 13].map(|place: usize| sums.sums[place]);
+        let constant = 2_f64.powi(30);
+        let regressors: [f64; REGRESSORS] =
+            std::array::from_fn(|i| (column[i] - self.column[i]) as f64 / constant * sums.units[i]);
+        self.column = column;
+        let gain = 1.0 / f64::from(self.updates).min(self.horizon);
+        for ((averages, sums), a) in self.average.iter_mut().zip(&mut self.sum).zip(regressors) {
+            for ((average, sum), b) in averages.iter_mut().zip(sums).zip(regressors) {
+                *average += gain * (a * b - *average);
+                *sum += a * b;
+            }
+        }
+    }
+
+    /// `[mt with the structure, cf, fc, F0]`.
+    fn solve(matrix: &Matrix) -> Option<[f64; 4]> {
+        let inner: [[f64; 4]; 4] = std::array::from_fn(|row| std::array::from_fn(|column| matrix[row][column]));
+        let right = std::array::from_fn(|row| matrix[row][4]);
+        Some(Cholesky::of(&inner, 1e-13)?.solve(&right))
+    }
+}
+
+/// Core's estimator with the textbook beside it.
+pub struct Pair {
+    active: Active,
+    state: Box<State>,
+    fast: Memory,
+    slow: Memory,
+    /// Greatest difference of each parameter so far, and the estimates that were compared.
+    pub greatest: [f64; 4],
+    /// Values that were compared.
+    pub compared: u64,
+}
+
+impl Pair {
+    /// Two that have seen nothing.
+    pub fn new(settings: &Settings) -> Result<Self, inerter_core::SettingsError> {
+        let active = settings.validate()?;
+        let state = Box::new(State::new(&active));
+        let [fast, slow] = [Bank::Fast, Bank::Slow].map(|bank| Memory::new(settings, bank));
+        Ok(Self { active, state, fast, slow, greatest: [0.0; 4], compared: 0 })
+    }
+
+    /// Takes a sample; compares when core publishes.
+    pub fn step(&mut self, sample: &RawSample) -> Option<Estimate> {
+        let published = self.active.step(&mut self.state, sample);
+        self.fast.follow(&self.active, &self.state);
+        self.slow.follow(&self.active, &self.state);
+        if let Some(estimate) = &published {
+            self.compare(estimate);
+        }
+        published
+    }
+
+    /// Updates of the fast bank.
+    pub fn updates(&self) -> u32 {
+        self.fast.updates
+    }
+
+    /// Whether every difference is within its bound.
+    pub fn agrees(&self) -> bool {
+        self.greatest.iter().zip(BOUNDS).all(|(greatest, bound)| *greatest <= bound)
+    }
+
+    fn compare(&mut self, estimate: &Estimate) {
+        let recent = self.chosen(|memory| (memory.average, 1.0));
+        let whole = self.chosen(|memory| (memory.sum, f64::from(memory.updates)));
+        self.note(&estimate.recent, recent);
+        self.note(&estimate.whole_run, whole);
+    }
+
+    /// The solution of the bank that the acceleration's mean square speaks for.
+    fn chosen(&self, matrix: impl Fn(&Memory) -> (Matrix, f64)) -> Option<[f64; 4]> {
+        let (fast, count) = matrix(&self.fast);
+        let clear = fast[0][0] / count.max(1.0) > 2000.0 * self.fast.steps;
+        let matrix = if clear || self.slow.updates == 0 { fast } else { matrix(&self.slow).0 };
+        Memory::solve(&matrix)
+    }
+
+    fn note(&mut self, found: &Parameters, reference: Option<[f64; 4]>) {
+        let structure = self.active.settings().structure_mass_kg;
+        let found = [&found.inertance_kg, &found.viscous_n_s_per_m, &found.coulomb_n, &found.offset_n];
+        // Core leaves out what it cannot tell apart; the textbook has no answer then.
+        if found.iter().any(|parameter| parameter.u95.is_infinite()) {
+            return;
+        }
+        for (i, parameter) in found.into_iter().enumerate() {
+            if parameter.status == Status::NotIdentifiable {
+                continue;
+            }
+            let reference = reference.map_or(f64::NAN, |values| values[i] - if i == 0 { structure } else { 0.0 });
+            let difference = (f64::from(parameter.value) - reference).abs();
+            self.compared += 1;
+            // What is not a number is a difference too.
+            if difference.is_nan() || difference > self.greatest[i] {
+                self.greatest[i] = if difference.is_nan() { f64::INFINITY } else { difference };
+            }
+        }
+    }
+}

@@ -1,0 +1,60 @@
+//! The fixed-point estimator against the same algorithm in f64.
+
+use inerter_core::Settings;
+use inerter_plant::{Excitation, Parameters as Device, Sensors, Simulation};
+use inerter_tests::{grid, reference::Pair};
+
+fn pair(motion: &str, rate_hz: f64, change: impl Fn(&mut Settings)) -> Pair {
+    let device = Device::paper();
+    let sensors = Sensors {
+        sample_rate_hz: rate_hz,
+        force_noise_n: 1.0,
+        force_offset_n: -4.0,
+        encoder_phase_count: 0.4,
+        seed: 3,
+        ..Sensors::default()
+    };
+    let mut settings = grid::calibrated(&device, &sensors);
+    change(&mut settings);
+    let excitation = Excitation::parse(motion, 3).unwrap();
+    let duration_s = excitation.duration_s();
+    let mut pair = Pair::new(&settings).unwrap();
+    for sample in Simulation::new(device, excitation, sensors).unwrap().lasting(duration_s) {
+        pair.step(&grid::raw(&sample));
+    }
+    pair
+}
+
+#[track_caller]
+fn agrees(pair: &Pair, updates: u32) {
+    assert!(pair.agrees(), "{:?}", pair.greatest);
+    // Two computations that share their rounding would not be two.
+    assert!(pair.greatest.iter().all(|greatest| *greatest > 0.0), "{:?}", pair.greatest);
+    assert!(pair.updates() >= updates, "{} updates", pair.updates());
+    assert!(pair.compared > 500, "{} values", pair.compared);
+}
+
+#[test]
+fn all_motions() {
+    let motion = "mid@90s;hold@10s;slow@200s;random@120s;hold@2s;fast@120s;two@120s;multi@120s;hold@30s;random@120s";
+    agrees(&pair(motion, 1000.0, |_| ()), 100_000);
+}
+
+#[test]
+fn slow_motion_alone() {
+    agrees(&pair("slow@400s", 1000.0, |_| ()), 40_000);
+}
+
+#[test]
+fn a_memory_as_short_as_can_be_at_the_highest_rate() {
+    agrees(&pair("random@40s;slow@40s", 5000.0, |settings| settings.memory_s = 0.5), 8_000);
+}
+
+#[test]
+fn full_scales_far_from_what_comes() {
+    let far = |settings: &mut Settings| {
+        settings.full_scale_velocity_m_per_s = 50.0;
+        settings.full_scale_acceleration_m_per_s2 = 5000.0;
+    };
+    agrees(&pair("random@60s;mid@60s", 1000.0, far), 10_000);
+}

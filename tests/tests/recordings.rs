@@ -1,0 +1,142 @@
+//! Recordings of real machines through the firmware's own pipeline, against what is published about them.
+//!
+//! Limits are two-sided where a figure could come out right by having stopped being measured.
+
+use inerter::replay::Outcome;
+use inerter_core::{Bank, Parameter, Parameters, RawSample, Settings, State, Status};
+use inerter_tests::data::{Recording, replayed};
+
+/// Published least-squares fit of the EMPS recording: inertance [kg], viscous [N s/m], Coulomb [N], offset [N].
+const EMPS: [f64; 4] = [95.1089, 203.5034, 20.3935, -3.1648];
+
+fn off(parameter: &Parameter, truth: f64) -> f64 {
+    assert_eq!(parameter.status, Status::Ok, "{parameter:?}");
+    (f64::from(parameter.value) / truth - 1.0).abs()
+}
+
+#[track_caller]
+fn is_emps(whole: &Parameters, inertance: f64, friction: f64) {
+    let values = [&whole.inertance_kg, &whole.viscous_n_s_per_m, &whole.coulomb_n];
+    for ((parameter, truth), limit) in values.into_iter().zip(EMPS).zip([inertance, friction, friction]) {
+        let off = off(parameter, truth);
+        assert!(off < limit, "{} against {truth}: off by {:.2} %", parameter.value, off * 100.0);
+        let part = f64::from(parameter.u95) / truth;
+        assert!((1e-3..0.2).contains(&part), "an interval of {:.2} %", part * 100.0);
+    }
+    assert!((f64::from(whole.offset_n.value) - EMPS[3]).abs() < 0.3, "{:?}", whole.offset_n);
+}
+
+#[test]
+fn emps_as_recorded() {
+    let Some(run) = Recording::Emps.run(1) else { return };
+    let Outcome { estimate: last, counters, .. } = replayed(&run.unwrap()).unwrap();
+    is_emps(&last.whole_run, 0.005, 0.015);
+    assert_eq!((counters.gaps, counters.saturated), (0, 0));
+    assert!(last.updates > 2500, "{} updates in 24.8 s", last.updates);
+    // The current is no load cell: what the law leaves open is newtons, neither nothing nor tens.
+    assert!((0.5..10.0).contains(&last.residual_rms_n), "{} N", last.residual_rms_n);
+}
+
+#[test]
+fn emps_with_an_encoder_20_times_as_coarse() {
+    let Some(run) = Recording::Emps.run(20) else { return };
+    is_emps(&replayed(&run.unwrap()).unwrap().estimate.whole_run, 0.003, 0.015);
+}
+
+#[test]
+fn emps_with_an_encoder_100_times_as_coarse() {
+    let Some(run) = Recording::Emps.run(100) else { return };
+    is_emps(&replayed(&run.unwrap()).unwrap().estimate.whole_run, 0.005, 0.015);
+}
+
+#[test]
+fn lodz_inerters() {
+    for (recording, inertance) in [(Recording::LodzSymmetric, 61.7), (Recording::LodzAsymmetric, 32.7)] {
+        let Some(run) = recording.run(1) else { return };
+        let last = replayed(&run.unwrap()).unwrap().estimate;
+        let found = &last.whole_run.inertance_kg;
+        assert!(off(found, inertance) < 0.015, "{} kg against {inertance}", found.value);
+        // 2 s of a rig with unsynchronised clocks: percents, not parts of a thousand.
+        assert!((0.002..0.1).contains(&(f64::from(found.u95) / inertance)), "{} kg", found.u95);
+    }
+}
+
+/// 10 minutes of standstill after a run: the encoder flickers by a count, the force rests on `force_code` with noise.
+fn rest(after: &RawSample, samples: u32, force_code: i32, noise_code: i32) -> impl Iterator<Item = RawSample> + use<> {
+    let (start, position) = (after.index, after.position_count);
+    let mut seed = 0x9e37_79b9_u32;
+    (1..=samples).map(move |n| {
+        seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        RawSample {
+            index: start.wrapping_add(n),
+            position_count: position.wrapping_add((seed >> 31) as i32),
+            force_code: force_code + (seed >> 8) as i32 % (2 * noise_code + 1) - noise_code,
+            terminal_code: 0,
+        }
+    })
+}
+
+/// The same run again, going on where `before` stood.
+fn again<'a>(run: &'a [RawSample], before: &RawSample) -> impl Iterator<Item = RawSample> + use<'a> {
+    let first = run[0];
+    let (index, position) = (before.index.wrapping_add(1), before.position_count);
+    run.iter().map(move |sample| RawSample {
+        index: index.wrapping_add(sample.index.wrapping_sub(first.index)),
+        position_count: position.wrapping_add(sample.position_count.wrapping_sub(first.position_count)),
+        ..*sample
+    })
+}
+
+#[test]
+fn ten_minutes_of_rest_between_two_runs_change_nothing() {
+    let Some(run) = Recording::Emps.run(1) else { return };
+    let run = run.unwrap();
+    // Noise of 2 N, once about nothing and once about a force that friction holds.
+    for held_n in [0.0, 10.0] {
+        let settings = Settings { memory_s: 10.0, ..run.settings };
+        let codes = |newtons: f64| (newtons / settings.newtons_per_code) as i32;
+        let active = settings.validate().unwrap();
+        let mut state = Box::new(State::new(&active));
+        let mut converged = false;
+        let mut check = |estimate: &inerter_core::Estimate| {
+            let parameter = estimate.recent.inertance_kg;
+            let off = (f64::from(parameter.value) / EMPS[0] - 1.0).abs();
+            assert!(parameter.value.is_finite() && !parameter.u95.is_nan());
+            converged |= parameter.status == Status::Ok && off < 0.01;
+            assert!(!converged || off < 0.01, "{held_n} N: {estimate:?}");
+        };
+        for sample in &run.samples {
+            active.step(&mut state, sample).inspect(&mut check);
+        }
+        let end = *run.samples.last().unwrap();
+        let standing: Vec<RawSample> = rest(&end, 600_000, codes(held_n), codes(2.0)).collect();
+        let mut held = None;
+        for (n, sample) in standing.iter().enumerate() {
+            let published = active.step(&mut state, sample);
+            if n == 1000 {
+                held =
+                    Some((active.estimate(&state), active.sums(&state, Bank::Fast), active.sums(&state, Bank::Slow)));
+            }
+            let (Some(estimate), Some((before, ..))) = (published, held) else { continue };
+            check(&estimate);
+            assert!(!estimate.moving);
+            for now in [estimate.recent.inertance_kg, estimate.recent.viscous_n_s_per_m, estimate.recent.coulomb_n] {
+                assert_eq!(now.status, Status::Held);
+            }
+            assert_eq!((estimate.recent, estimate.whole_run), (before.recent, before.whole_run));
+            assert_eq!(estimate.updates, before.updates);
+        }
+        let (_, mut fast, mut slow) = held.unwrap();
+        for (sums, bank) in [(&mut fast, Bank::Fast), (&mut slow, Bank::Slow)] {
+            sums.index = state.last_index();
+            assert_eq!(*sums, active.sums(&state, bank), "standstill entered the sums");
+        }
+        let last = *standing.last().unwrap();
+        for sample in again(&run.samples, &last) {
+            active.step(&mut state, &sample).inspect(&mut check);
+        }
+        let estimate = active.estimate(&state);
+        assert!(converged && estimate.moving && estimate.recent.inertance_kg.status == Status::Ok);
+        is_emps(&estimate.whole_run, 0.005, 0.02);
+    }
+}

@@ -1,0 +1,35 @@
+//! Whether the estimator can tell Coulomb friction, which turns at once, from friction that takes its time.
+
+use inerter_core::State;
+use inerter_plant::{Excitation, Parameters, Sensors, Simulation};
+use inerter_tests::data::Recording;
+use inerter_tests::grid::{calibrated, raw};
+
+#[test]
+fn simulated_coulomb_friction_turns_at_once() {
+    for motion in ["mid", "fast", "multi", "random", "two"] {
+        let device = Parameters::paper();
+        let sensors = Sensors { force_noise_n: 1.0, seed: 3, ..Sensors::default() };
+        let active = calibrated(&device, &sensors).validate().unwrap();
+        let mut state = State::new(&active);
+        assert_eq!(state.reversal_ratio(), None);
+        for sample in Simulation::new(device, Excitation::parse(motion, 3).unwrap(), sensors).unwrap().lasting(20.0) {
+            active.step(&mut state, &raw(&sample));
+        }
+        let ratio = state.reversal_ratio().unwrap();
+        assert!((0.95..1.05).contains(&ratio), "{motion}: {ratio}");
+    }
+}
+
+#[test]
+fn a_real_ball_screw_takes_its_time() {
+    let Some(run) = Recording::Emps.run(1) else { return };
+    let run = run.unwrap();
+    let active = run.settings.validate().unwrap();
+    let mut state = State::new(&active);
+    for sample in &run.samples {
+        active.step(&mut state, sample);
+    }
+    let ratio = state.reversal_ratio().unwrap();
+    assert!((0.15..0.35).contains(&ratio), "{ratio}");
+}

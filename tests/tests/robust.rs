@@ -1,0 +1,350 @@
+//! What a rig does to a measurement: gaps, saturation, wrapping counters, mirrored wiring, any rate, any bytes.
+
+use inerter_core::{Counters, Estimate, Parameter, Parameters, RawSample, Settings, State, Status};
+use inerter_plant::{Excitation, Parameters as Device, Sensors, Simulation};
+use inerter_tests::grid;
+use proptest::prelude::*;
+
+fn sensors() -> Sensors {
+    Sensors { force_noise_n: 1.0, force_offset_n: 5.0, encoder_phase_count: 0.3, seed: 11, ..Sensors::default() }
+}
+
+fn samples(sensors: Sensors, motion: &str) -> Vec<RawSample> {
+    let excitation = Excitation::parse(motion, 11).unwrap();
+    let duration_s = excitation.duration_s();
+    Simulation::new(Device::paper(), excitation, sensors).unwrap().lasting(duration_s).map(|s| grid::raw(&s)).collect()
+}
+
+fn settings(sensors: &Sensors) -> Settings {
+    grid::calibrated(&Device::paper(), sensors)
+}
+
+struct Outcome {
+    published: Vec<Estimate>,
+    last: Estimate,
+    counters: Counters,
+}
+
+fn run(settings: &Settings, samples: &[RawSample]) -> Outcome {
+    let active = settings.validate().unwrap();
+    let mut state = Box::new(State::new(&active));
+    let published: Vec<_> = samples.iter().filter_map(|sample| active.step(&mut state, sample)).collect();
+    published.iter().for_each(is_sane);
+    let last = active.estimate(&state);
+    is_sane(&last);
+    Outcome { published, last, counters: state.counters() }
+}
+
+fn four(parameters: &Parameters) -> [Parameter; 4] {
+    let Parameters { inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n } = *parameters;
+    [inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n]
+}
+
+/// A value that is given is a number, and so is its interval.
+fn is_sane(estimate: &Estimate) {
+    for parameter in four(&estimate.recent).into_iter().chain(four(&estimate.whole_run)) {
+        assert!(!parameter.value.is_nan() && !parameter.u95.is_nan(), "{parameter:?}");
+        if parameter.status != Status::NotIdentifiable {
+            assert!(parameter.value.is_finite() && parameter.u95.is_finite() && parameter.u95 >= 0.0, "{parameter:?}");
+        }
+    }
+    assert!(!estimate.residual_rms_n.is_nan());
+}
+
+/// The whole run's inertance is given, covered by its interval, and within `part` of the truth.
+#[track_caller]
+fn finds_inertance(outcome: &Outcome, part: f64) {
+    let found = outcome.last.whole_run.inertance_kg;
+    let truth = Device::paper().inertance_kg;
+    let off = (f64::from(found.value) - truth).abs();
+    assert_eq!(found.status, Status::Ok);
+    assert!(off <= f64::from(found.u95), "{} kg, off by {off}, with {found:?}", found.value);
+    assert!(off < part * truth, "off by {off} kg");
+    // Calibration alone is half a percent.
+    assert!((0.004..0.1).contains(&(f64::from(found.u95) / truth)), "{found:?}");
+}
+
+#[test]
+fn one_percent_of_the_samples_lost() {
+    let lossy = Sensors { lost_probability: 0.01, ..sensors() };
+    let samples = samples(lossy, "random@20s");
+    let outcome = run(&settings(&lossy), &samples);
+    finds_inertance(&outcome, 1e-3);
+    let Counters { samples: taken, gaps, lost_samples, .. } = outcome.counters;
+    let span = samples.last().unwrap().index - samples[0].index + 1;
+    assert_eq!(taken + lost_samples, u64::from(span));
+    assert_eq!(taken, samples.len() as u64);
+    assert!((100..=lost_samples).contains(&u64::from(gaps)), "{gaps} gaps");
+    let whole = run(&settings(&lossy), &self::samples(sensors(), "random@20s"));
+    assert!((0.2..0.8).contains(&(f64::from(outcome.last.updates) / f64::from(whole.last.updates))));
+}
+
+#[test]
+fn a_gap_is_counted_and_never_bridged() {
+    let mut samples = samples(sensors(), "random@20s");
+    samples.drain(7000..7500);
+    // The encoder lost its place meanwhile.
+    for sample in &mut samples[7000..] {
+        sample.position_count = sample.position_count.wrapping_add(1_000_000);
+    }
+    let outcome = run(&settings(&sensors()), &samples);
+    finds_inertance(&outcome, 1e-3);
+    assert_eq!((outcome.counters.gaps, outcome.counters.lost_samples), (1, 500));
+    // The same jump where no sample is missing is another thing: it must not pass unseen.
+    for (n, sample) in samples.iter_mut().enumerate() {
+        sample.index = n as u32;
+    }
+    let bridged = run(&settings(&sensors()), &samples);
+    assert_eq!(bridged.counters.gaps, 0);
+    let off = |outcome: &Outcome| (outcome.last.whole_run.inertance_kg.value - 299.4906).abs();
+    assert!(off(&bridged) > 10.0 * off(&outcome) || bridged.counters.saturated > 0);
+}
+
+#[test]
+fn an_index_that_goes_back_is_a_restart() {
+    let mut samples = samples(sensors(), "random@20s");
+    for (n, sample) in samples[9000..].iter_mut().enumerate() {
+        sample.index = n as u32;
+    }
+    let outcome = run(&settings(&sensors()), &samples);
+    finds_inertance(&outcome, 1e-3);
+    assert_eq!((outcome.counters.gaps, outcome.counters.lost_samples), (1, 0));
+    assert_eq!(outcome.counters.samples, 20_000);
+}
+
+#[test]
+fn a_sample_twice_is_a_gap_too() {
+    let mut samples = samples(sensors(), "random@20s");
+    samples.insert(9000, samples[8999]);
+    let outcome = run(&settings(&sensors()), &samples);
+    finds_inertance(&outcome, 1e-3);
+    assert_eq!((outcome.counters.gaps, outcome.counters.lost_samples), (2 - 1, 0));
+}
+
+#[test]
+fn saturated_peaks_are_left_out() {
+    // 400 N each way, where the motions take 600.
+    let limit = 200_000.0;
+    let narrow = Sensors { force_min_code: -limit, force_max_code: limit, ..sensors() };
+    let samples = samples(narrow, "mid@20s;random@20s");
+    let honest = Settings { force_min_code: -limit, force_max_code: limit, ..settings(&narrow) };
+    let outcome = run(&honest, &samples);
+    finds_inertance(&outcome, 2e-3);
+    let at_limit = samples.iter().filter(|sample| sample.force_code.abs() >= 200_000).count();
+    assert!(at_limit > 2000 && outcome.counters.saturated >= at_limit as u32, "{at_limit} {:?}", outcome.counters);
+    // Not knowing of the limits is what the limits are for.
+    let ignorant = run(&settings(&narrow), &samples);
+    assert!((ignorant.last.whole_run.inertance_kg.value - 299.4906).abs() > 30.0);
+}
+
+#[test]
+fn force_at_its_limits_all_the_time_teaches_nothing() {
+    for code in [i32::MIN, -8_388_608, 8_388_607, i32::MAX] {
+        let mut samples = samples(sensors(), "random@5s");
+        for sample in &mut samples {
+            sample.force_code = code;
+        }
+        let outcome = run(&settings(&sensors()), &samples);
+        assert_eq!(outcome.counters.saturated, 5000);
+        assert_eq!(outcome.last.updates, 0);
+        assert!(four(&outcome.last.whole_run).iter().all(|p| p.status == Status::NotIdentifiable));
+    }
+}
+
+/// The estimates without what says where in the stream they stand.
+fn bits(outcome: &Outcome) -> Vec<Estimate> {
+    outcome.published.iter().map(|estimate| Estimate { index: 0, ..*estimate }).collect()
+}
+
+#[test]
+fn counters_that_wrap_change_not_a_bit() {
+    let samples = samples(sensors(), "slow@20s;random@20s");
+    let plain = run(&settings(&sensors()), &samples);
+    assert!(plain.last.recent.inertance_kg.status == Status::Ok && plain.published.len() == 200);
+    for offset in [i32::MAX - 300, i32::MIN + 1, 1 << 30] {
+        let wrapped: Vec<RawSample> = samples
+            .iter()
+            .map(|sample| RawSample {
+                index: sample.index.wrapping_sub(5000),
+                position_count: sample.position_count.wrapping_add(offset),
+                ..*sample
+            })
+            .collect();
+        let found = run(&settings(&sensors()), &wrapped);
+        assert_eq!(bits(&found), bits(&plain));
+        assert_eq!(found.counters, plain.counters);
+    }
+}
+
+#[test]
+fn a_tare_changes_not_a_bit() {
+    let samples = samples(sensors(), "random@10s");
+    let plain = run(&settings(&sensors()), &samples);
+    let tared: Vec<RawSample> =
+        samples.iter().map(|sample| RawSample { force_code: sample.force_code + 12_345, ..*sample }).collect();
+    let limits = Settings { force_min_code: -8_000_000.0, force_max_code: 8_000_000.0, ..settings(&sensors()) };
+    let found = run(
+        &Settings { force_zero_code: 12_345.0, force_min_code: -7_987_655.0, force_max_code: 8_012_345.0, ..limits },
+        &tared,
+    );
+    assert_eq!(bits(&found), bits(&plain));
+}
+
+#[test]
+fn turned_wiring_is_turned_back_to_the_bit() {
+    let samples = samples(sensors(), "slow@20s;random@20s");
+    let right = settings(&sensors());
+    let plain = run(&right, &samples);
+    let mirrored = |position: i32, force: i32| -> Vec<RawSample> {
+        let turn = |sample: &RawSample| RawSample {
+            position_count: sample.position_count * position,
+            force_code: sample.force_code * force,
+            ..*sample
+        };
+        samples.iter().map(turn).collect()
+    };
+    let encoder = Settings { metres_per_count: -right.metres_per_count, ..right };
+    assert_eq!(bits(&run(&encoder, &mirrored(-1, 1))), bits(&plain));
+    let force = Settings { newtons_per_code: -right.newtons_per_code, ..right };
+    assert_eq!(bits(&run(&force, &mirrored(1, -1))), bits(&plain));
+}
+
+#[test]
+fn the_other_direction_gives_the_same_device_with_the_offset_turned() {
+    let samples = samples(sensors(), "random@20s");
+    let right = settings(&sensors());
+    let plain = run(&right, &samples).last.whole_run;
+    let other =
+        Settings { metres_per_count: -right.metres_per_count, newtons_per_code: -right.newtons_per_code, ..right };
+    let turned = run(&other, &samples).last.whole_run;
+    let difference = |a: Parameter, b: Parameter, sign: f32| (a.value - sign * b.value).abs();
+    assert!(difference(turned.inertance_kg, plain.inertance_kg, 1.0) < 1e-3);
+    assert!(difference(turned.viscous_n_s_per_m, plain.viscous_n_s_per_m, 1.0) < 1e-2);
+    assert!(difference(turned.coulomb_n, plain.coulomb_n, 1.0) < 2e-3);
+    assert!(difference(turned.offset_n, plain.offset_n, -1.0) < 2e-3);
+    assert!((plain.offset_n.value - 5.0).abs() < 0.5);
+}
+
+#[test]
+fn only_one_channel_turned_shows() {
+    let samples = samples(sensors(), "random@20s");
+    let right = settings(&sensors());
+    let wrong = Settings { structure_mass_kg: 0.0, newtons_per_code: -right.newtons_per_code, ..right };
+    let found = run(&wrong, &samples).last.whole_run;
+    assert!((found.inertance_kg.value + 301.0).abs() < 2.0 && found.coulomb_n.value < -45.0, "{found:?}");
+}
+
+#[test]
+fn oversampling_16_at_4_khz() {
+    let over = Sensors { sample_rate_hz: 4000.0, oversampling: 16.0, ..sensors() };
+    let outcome = run(&settings(&over), &samples(over, "mid@10s"));
+    finds_inertance(&outcome, 2e-4);
+    let plain = Sensors { sample_rate_hz: 4000.0, ..sensors() };
+    let coarse = run(&settings(&plain), &samples(plain, "mid@10s"));
+    finds_inertance(&coarse, 2e-4);
+}
+
+#[test]
+fn every_rate_from_50_hz_to_5_khz() {
+    for rate in [50.0, 75.0, 100.0, 250.0, 333.0, 500.0, 1000.0, 1999.5, 4000.0, 5000.0] {
+        let rated = Sensors { sample_rate_hz: rate, ..sensors() };
+        let outcome = run(&settings(&rated), &samples(rated, "mid@20s"));
+        let found = outcome.last.whole_run.inertance_kg;
+        let off = (f64::from(found.value) / Device::paper().inertance_kg - 1.0).abs();
+        assert!(found.status == Status::Ok && off < 0.005, "{rate} Hz: off by {:.3} %, {found:?}", off * 100.0);
+        assert!(outcome.published.len() as f64 > 20.0 * 5.0 - 5.0 && outcome.published.len() <= 110, "{rate} Hz");
+    }
+}
+
+/// A value that the setting may have by itself, its ends among them.
+fn any_setting(number: usize) -> impl Strategy<Value = f64> {
+    let info = Settings::TABLE[number];
+    let whole = info.kind == inerter_core::Kind::Whole;
+    let (min, max, default) = (info.min, info.max, info.default);
+    let end = move |value: f64| if value == 0.0 && info.kind == inerter_core::Kind::NonZero { max } else { value };
+    prop_oneof![
+        4 => Just(default),
+        1 => Just(end(min)),
+        1 => Just(end(max)),
+        2 => (0.0..1.0_f64).prop_map(move |part| {
+            let value = min + part * (max - min);
+            end(if whole { value.round() } else { value })
+        }),
+        1 => (-12.0..0.0_f64).prop_map(move |exponent| {
+            let value = max * 10_f64.powf(exponent);
+            end(if whole { value.round().clamp(min, max) } else { value.clamp(min, max) })
+        }),
+    ]
+}
+
+/// Settings that are valid; what contradicts the others goes back to its default.
+fn any_settings() -> impl Strategy<Value = Settings> {
+    (0..Settings::COUNT).map(any_setting).collect::<Vec<_>>().prop_map(|values| {
+        let mut settings = Settings::default();
+        for (number, value) in values.into_iter().enumerate() {
+            let before = settings;
+            if settings.set(number, value).and_then(|()| settings.validate()).is_err() {
+                settings = before;
+            }
+        }
+        settings
+    })
+}
+
+/// Sixteen bytes of anything, or a step from the sample before.
+fn any_samples(most: usize) -> impl Strategy<Value = Vec<RawSample>> {
+    let step = prop_oneof![
+        6 => (Just(1_u32), -40..40_i32, -3000..3000_i32),
+        1 => any::<(u32, i32, i32)>(),
+        1 => (0..3_u32, Just(0), Just(0)),
+        1 => (Just(1_u32), any::<i32>(), -3000..3000_i32),
+    ];
+    prop::collection::vec((step, 1..200_u32), 1..most).prop_map(|steps| {
+        let mut sample = RawSample::default();
+        let mut samples = Vec::new();
+        for ((index, position, force), times) in steps {
+            for _ in 0..times {
+                sample.index = sample.index.wrapping_add(index);
+                sample.position_count = sample.position_count.wrapping_add(position);
+                sample.force_code = sample.force_code.wrapping_add(force);
+                samples.push(sample);
+            }
+        }
+        samples
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 400, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn no_samples_under_no_settings_panic_or_give_what_is_no_number(settings in any_settings(), samples in any_samples(60)) {
+        let active = settings.validate().unwrap();
+        let mut state = Box::new(State::new(&active));
+        for sample in &samples {
+            active.step(&mut state, sample).iter().for_each(is_sane);
+        }
+        is_sane(&active.estimate(&state));
+        prop_assert_eq!(state.counters().samples, samples.len() as u64);
+        // And the state can be used again.
+        state.reset(&active);
+        let mut fresh = Box::new(State::new(&active));
+        for sample in &samples {
+            prop_assert_eq!(active.step(&mut state, sample), active.step(&mut fresh, sample));
+        }
+    }
+
+    #[test]
+    fn no_bytes_panic(bytes in prop::collection::vec(any::<[u8; 16]>(), 1..2000)) {
+        let active = Settings::default().validate().unwrap();
+        let mut state = Box::new(State::new(&active));
+        for bytes in bytes {
+            let word = |place: usize| i32::from_le_bytes(std::array::from_fn(|i| bytes[4 * place + i]));
+            let sample = RawSample {
+                index: word(0) as u32, position_count: word(1), force_code: word(2), terminal_code: word(3),
+            };
+            active.step(&mut state, &sample).iter().for_each(is_sane);
+        }
+        is_sane(&active.estimate(&state));
+    }
+}
