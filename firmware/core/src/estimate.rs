@@ -28,13 +28,13 @@ pub struct Parameter {
 /// The four parameters of `F = mt a + cf v + fc sgn(v) + F0`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Parameters {
-    /// Effective inertance `mt` [kg].
+    /// Effective inertance `mt` \[kg\].
     pub inertance_kg: Parameter,
-    /// Viscous friction `cf` [N s/m].
+    /// Viscous friction `cf` \[N s/m\].
     pub viscous_n_s_per_m: Parameter,
-    /// Coulomb friction `fc` [N].
+    /// Coulomb friction `fc` \[N\].
     pub coulomb_n: Parameter,
-    /// Force offset `F0` [N].
+    /// Force offset `F0` \[N\].
     pub offset_n: Parameter,
 }
 
@@ -63,7 +63,7 @@ pub struct Estimate {
     pub recent: Parameters,
     /// From all motion since the reset, nothing forgotten; never `Held`, as it speaks of the run and not of now.
     pub whole_run: Parameters,
-    /// Root mean square of what the model leaves unexplained in the recent memory [N].
+    /// Root mean square of what the model leaves unexplained in the recent memory \[N\].
     pub residual_rms_n: f32,
     /// Updates that the published bank has taken since the reset.
     pub updates: u32,

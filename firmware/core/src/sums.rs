@@ -20,7 +20,7 @@ pub struct Sums {
     pub bank: Bank,
     /// Products summed.
     pub updates: u32,
-    /// SI value of one unit of acceleration [m/s^2], velocity [m/s], sign, one, force [N].
+    /// SI value of one unit of acceleration \[m/s^2\], velocity \[m/s\], sign, one, force \[N\].
     pub units: [f64; REGRESSORS],
     /// Lower triangle by rows.
     pub sums: [i128; PRODUCTS],
