@@ -124,7 +124,7 @@ fn a_device_that_comes_back_is_recorded_further() {
     let folder = tempfile::tempdir().unwrap();
     let device = VirtualDevice::start(&setup("random"), &any_port(), 10.0).unwrap();
     let name = device.name().to_string();
-    let child = recording(folder.path(), &["--connect", &name, "--wait", "20", "--duration", "4"]);
+    let child = recording(folder.path(), &["--connect", &name, "--wait", "20", "--duration", "5"]);
     drop(device);
     let _again = VirtualDevice::start(&setup("random"), &Endpoint::Tcp(name.clone()), 10.0).unwrap();
     let output = child.wait_with_output().unwrap();
@@ -132,7 +132,8 @@ fn a_device_that_comes_back_is_recorded_further() {
     assert!(output.status.success(), "{words}");
     assert!(words.contains("went away") && words.contains("the device is back, the recording goes on"), "{words}");
     let info = last(&done(folder.path(), &["info", "run.mcap", "--json"]));
-    assert_eq!(info.pointer("/records/Hello").unwrap(), 2);
+    // One from each; a busy machine may be asked twice before it answers.
+    assert!(info.pointer("/records/Hello").unwrap().as_u64().unwrap() >= 2, "{info}");
 }
 
 #[cfg(unix)]

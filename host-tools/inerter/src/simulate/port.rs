@@ -64,16 +64,19 @@ impl Port {
     pub fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
         match self {
             Self::Tcp { listener, stream } => {
-                Self::accept(listener, stream);
-                let Some(connected) = stream else { return Err(io::ErrorKind::NotConnected.into()) };
-                match connected.read(into) {
-                    Ok(count @ 1..) => Ok(count),
-                    Err(error) if error.kind() == io::ErrorKind::WouldBlock => Err(error),
-                    Ok(_) | Err(_) => {
-                        *stream = None;
-                        Err(io::ErrorKind::NotConnected.into())
+                // The present host first: one that has just left must not keep the next one out.
+                if let Some(connected) = stream {
+                    match connected.read(into) {
+                        Ok(count @ 1..) => return Ok(count),
+                        Err(error) if error.kind() == io::ErrorKind::WouldBlock => {
+                            Self::accept(listener, stream);
+                            return Err(error);
+                        }
+                        Ok(_) | Err(_) => *stream = None,
                     }
                 }
+                Self::accept(listener, stream);
+                Err(if stream.is_some() { io::ErrorKind::WouldBlock } else { io::ErrorKind::NotConnected }.into())
             }
             #[cfg(unix)]
             Self::Pty { master } => match master.read(into) {
