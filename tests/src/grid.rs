@@ -1,7 +1,8 @@
 //! The accuracy grid: six motions, several seeds, three rigs; what the estimator says against what is true.
 
 use crate::linear::Cholesky;
-use inerter_core::{Estimate, Parameter, Parameters, RawSample, Settings, State, Status};
+pub use inerter::simulate::raw;
+use inerter_core::{Estimate, Parameter, Parameters, Settings, State, Status};
 use inerter_plant::{Excitation, Motion as Screw, Parameters as Device, Sensors, Simulation};
 
 /// What goes wrong while a run is set up.
@@ -103,31 +104,12 @@ pub fn truth(device: &Device) -> [f64; 3] {
     [device.inertance_kg, device.viscous_n_s_per_m, device.coulomb_n]
 }
 
-/// Settings of a device that was calibrated against this plant and these instruments.
+/// Settings of a device that was calibrated without error against this plant and these instruments.
+///
+/// # Panics
+/// Where the plant or an instrument is beyond what a setting may be.
 pub fn calibrated(device: &Device, sensors: &Sensors) -> Settings {
-    let count = sensors.oversampling;
-    Settings {
-        sample_rate_hz: sensors.sample_rate_hz,
-        metres_per_count: sensors.metres_per_count,
-        oversampling: count,
-        newtons_per_code: sensors.newtons_per_sample_code(),
-        force_zero_code: sensors.force_zero_code * count,
-        structure_mass_kg: device.structure_mass_kg,
-        stiffness_n_per_m: device.stiffness_n_per_m,
-        contact_damping_n_s_per_m: device.contact_damping_n_s_per_m,
-        skew_s: sensors.delay_s,
-        ..Settings::default()
-    }
-}
-
-/// A simulated sample as the device would hand it over.
-pub fn raw(sample: &inerter_plant::Sample) -> RawSample {
-    RawSample {
-        index: sample.index,
-        position_count: sample.position_count,
-        force_code: sample.force_code,
-        terminal_code: sample.terminal_code,
-    }
+    inerter::simulate::calibrated(device, sensors).expect("instruments within the settings' ranges")
 }
 
 /// One run's published estimates and the last one.

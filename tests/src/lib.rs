@@ -2,8 +2,22 @@
 
 #![forbid(unsafe_code)]
 
+use std::process::ExitCode;
+
 pub mod data;
 pub mod grid;
 pub mod linear;
 pub mod qemu;
 pub mod reference;
+
+/// The end of a program that found what it looked at good or not, or could not look; the reason goes to standard error.
+pub fn exit_code(outcome: Result<bool, grid::Error>) -> ExitCode {
+    match outcome {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::FAILURE,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}

@@ -1,7 +1,10 @@
 //! The firmware image in QEMU, given all of its samples at once.
 
 use crate::grid::Error;
-use inerter::device::{Clock, Device, DeviceError, Target};
+use inerter::{
+    device::{Clock, Device, DeviceError, Target},
+    simulate::{END_OF_SAMPLES, sample_bytes},
+};
 use inerter_core::{Estimate, RawSample, Settings};
 use inerter_wire::{EventKind, Frame, Record, Streams};
 use std::{
@@ -60,7 +63,9 @@ impl Machine {
         let turn = ONE_AT_A_TIME.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
         let address = TcpListener::bind("127.0.0.1:0")?.local_addr()?.to_string();
         let file = std::env::temp_dir().join(format!("inerter-{}.samples", address.replace(':', "-")));
-        fs::write(&file, bytes(samples))?;
+        let mut bytes: Vec<u8> = samples.iter().flat_map(sample_bytes).collect();
+        bytes.extend(END_OF_SAMPLES);
+        fs::write(&file, bytes)?;
         let child = Command::new(QEMU)
             .args(["-M", "netduinoplus2", "-display", "none", "-monitor", "none", "-serial"])
             .arg(format!("tcp:{address},server=on,wait=off,nodelay=on"))
@@ -111,19 +116,6 @@ impl Drop for Machine {
         self.child.wait().ok();
         fs::remove_file(&self.samples).ok();
     }
-}
-
-/// The samples as the image reads them, with the mark that ends them.
-fn bytes(samples: &[RawSample]) -> Vec<u8> {
-    let mut bytes = Vec::with_capacity(16 * samples.len() + 16);
-    for sample in samples {
-        bytes.extend_from_slice(&sample.index.to_le_bytes());
-        for word in [sample.position_count, sample.force_code, sample.terminal_code] {
-            bytes.extend_from_slice(&word.to_le_bytes());
-        }
-    }
-    bytes.extend_from_slice(&[0xFF; 4]);
-    bytes
 }
 
 /// Everything that the device sends from now on up to the end of its samples.

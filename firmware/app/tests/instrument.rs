@@ -145,6 +145,19 @@ fn raw_samples_are_streamed_when_asked_for() {
     assert_eq!(streamed, samples[110..]);
 }
 
+/// Every record up to the end of the source, read a few bytes at a time.
+fn up_to_the_end(rig: &mut Rig) -> Vec<Record> {
+    let mut records = Vec::new();
+    while !matches!(records.last(), Some(Record::Event(Event { kind: EventKind::SourceEnded, .. }))) {
+        rig.pass(1);
+        for frame in rig.read_bytes(50) {
+            let Frame::Message { message, .. } = frame else { panic!("{frame:?}") };
+            records.push(message);
+        }
+    }
+    records
+}
+
 #[test]
 fn a_source_that_waits_streams_every_sample() {
     let mut rig = Rig::new();
@@ -154,14 +167,7 @@ fn a_source_that_waits_streams_every_sample() {
     rig.script.push([Err(SourceError::Ended)]);
     rig.set_room(50);
     rig.send(Command::Start);
-    let mut records = Vec::new();
-    while !matches!(records.last(), Some(Record::Event(Event { kind: EventKind::SourceEnded, .. }))) {
-        rig.pass(1);
-        for frame in rig.read_bytes(50) {
-            let Frame::Message { message, .. } = frame else { panic!("{frame:?}") };
-            records.push(message);
-        }
-    }
+    let records = up_to_the_end(&mut rig);
     // The end of the source is said after its last sample.
     assert_eq!(raw_samples(&records), samples);
 }
@@ -189,14 +195,7 @@ fn sums_follow_the_estimate_once_a_second_and_at_the_end() {
     // Less than the sums of one bank fits the link at once: the source waits, and none is lost.
     rig.set_room(100);
     rig.send(Command::Start);
-    let mut records = Vec::new();
-    while !matches!(records.last(), Some(Record::Event(Event { kind: EventKind::SourceEnded, .. }))) {
-        rig.pass(1);
-        for frame in rig.read_bytes(50) {
-            let Frame::Message { message, .. } = frame else { panic!("{frame:?}") };
-            records.push(message);
-        }
-    }
+    let mut records = up_to_the_end(&mut rig);
     records.retain(|record| matches!(record, Record::Estimate(_) | Record::Sums(_)));
     assert_eq!(records, expected);
 

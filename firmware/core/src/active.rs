@@ -1,5 +1,6 @@
 //! Settings brought to the integers that the signal path runs on, once.
 
+use crate::gate::BLOCKS;
 use crate::kernel::{Normaliser, REGRESSORS, Term, UPDATES_PER_BOX};
 use crate::ldl::UNKNOWNS;
 use crate::math::{exponent, power_of_two};
@@ -55,7 +56,7 @@ pub(crate) struct Signal {
     pub force_max_code: i32,
     /// Half width of the sign's kernel [samples].
     pub sign_half_width: u8,
-    /// Rest is decided in windows of eight of these [samples].
+    /// Rest is decided in windows of so many blocks as `gate::BLOCKS` [samples each].
     pub rest_block: u16,
     pub rest_limit: u32,
     pub grazing_limit: u32,
@@ -145,7 +146,7 @@ impl Settings {
                 return Err(SettingsError::Conflict {
                     field: "stiffness_n_per_m",
                     other: "structure_mass_kg",
-                    rule: "the structure resonates within the estimator's band of 83 Hz; set the stiffness to 0 if it is unknown",
+                    rule: "the structure resonates within the estimator's band of 62 Hz; set the stiffness to 0 if it is unknown",
                 });
             }
         }
@@ -162,7 +163,7 @@ impl Settings {
     fn signal(&self) -> Signal {
         let rate = self.sample_rate_hz;
         let per_metre = self.codes_per_metre();
-        let rest_block = rounded(rate * REST_WINDOW_S / 8.0).max(1.0);
+        let rest_block = rounded(rate * REST_WINDOW_S / BLOCKS as f64).max(1.0);
         Signal {
             position_reversed: self.metres_per_count < 0.0,
             force_reversed: self.newtons_per_code < 0.0,
@@ -173,7 +174,8 @@ impl Settings {
             rest_block: rest_block as u16,
             rest_limit: (REST_COUNTS * self.oversampling).max(self.stuck_displacement_m * per_metre) as u32,
             grazing_limit: (GRAZING_COUNTS * self.oversampling) as u32,
-            delay: (rest_block * 10.0) as u8,
+            // The window and a block on either side of it.
+            delay: rest_block as u8 * (BLOCKS as u8 + 2),
             publish_samples: rounded(rate / self.publish_rate_hz).max(1.0) as u32,
             newtons_per_code: magnitude(self.newtons_per_code) as f32,
         }

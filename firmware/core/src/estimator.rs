@@ -117,12 +117,33 @@ struct DelayLine {
 }
 
 impl DelayLine {
+    const fn new() -> Self {
+        Self {
+            samples: [Waiting::NONE; 256],
+            head: 0,
+            filled: 0,
+            last_index: 0,
+            position_sum: 0,
+            force_sums: [0; 3],
+            plain_velocity: 0,
+            tainted: 0,
+            resting: 0,
+        }
+    }
+
+    /// Forgets everything, entry by entry: a new line would be built on the stack first.
+    fn reset(&mut self) {
+        let Self { samples, head, filled, last_index, position_sum, force_sums, plain_velocity, tainted, resting } =
+            self;
+        samples.fill(Waiting::NONE);
+        (*head, *filled, *last_index, *position_sum) = (0, 0, 0, 0);
+        (*force_sums, *plain_velocity, *tainted, *resting) = ([0; 3], 0, 0, 0);
+    }
+
     fn ago(&mut self, samples: u8) -> &mut Waiting {
         &mut self.samples[usize::from(self.head.wrapping_sub(samples))]
     }
-}
 
-impl DelayLine {
     /// Velocity through two boxes of `m` samples, its latest sample `ago`, at half a sample after `ago + m`
     /// [2^-VELOCITY_BITS counts per sample, times m^2].
     fn smooth_velocity(&mut self, ago: u8, m: u8) -> i32 {
@@ -153,22 +174,6 @@ impl Waiting {
     /// Whether the velocity goes through zero within this sample.
     fn reverses(&self) -> bool {
         self.sign.abs() < crate::sign::ONE
-    }
-}
-
-impl DelayLine {
-    const fn new() -> Self {
-        Self {
-            samples: [Waiting::NONE; 256],
-            head: 0,
-            filled: 0,
-            last_index: 0,
-            position_sum: 0,
-            force_sums: [0; 3],
-            plain_velocity: 0,
-            tainted: 0,
-            resting: 0,
-        }
     }
 }
 
@@ -210,27 +215,17 @@ impl State {
         let Self { counters, line, rest, sign, reversals, cascades, good_samples, fast, slow, feedback, until_publish } =
             self;
         *counters = Counters::default();
-        // Entry by entry: a new delay line would be built on the stack first.
-        line.samples.fill(Waiting::NONE);
-        line.head = 0;
-        line.filled = 0;
-        line.last_index = 0;
-        line.position_sum = 0;
-        line.force_sums = [0; 3];
-        line.plain_velocity = 0;
-        line.tainted = 0;
-        line.resting = 0;
+        line.reset();
         *rest = Rest::new();
         *sign = Sign::new();
         *reversals = Reversals::new();
         *cascades = Cascades::new();
         *good_samples = 0;
-        for bank in [fast, slow] {
-            bank.comb.reset();
-            bank.until_update = 0;
-            bank.recent = Moments::new();
-            bank.whole = Totals::new();
-            bank.idle_samples = 0;
+        for BankState { comb, until_update, recent, whole, idle_samples } in [fast, slow] {
+            comb.reset();
+            *recent = Moments::new();
+            *whole = Totals::new();
+            (*until_update, *idle_samples) = (0, 0);
         }
         *feedback = Feedback::NONE;
         *until_publish = active.signal.publish_samples;

@@ -25,7 +25,7 @@ use crate::qformat::{Regressor, scale, to_regressor};
 /// Outputs in one box: two, as the kernel leaves nothing above the half of that rate.
 pub const UPDATES_PER_BOX: u32 = 2;
 /// Outputs that a kernel of four boxes spans.
-const UPDATES_PER_KERNEL: usize = 8;
+const UPDATES_PER_KERNEL: usize = 4 * UPDATES_PER_BOX as usize;
 
 /// Running sums of one channel, `[input, 1st, 2nd, 3rd, 4th]`.
 #[derive(Clone, Copy, Debug, Default)]
@@ -187,9 +187,10 @@ impl Comb {
     /// Takes the taps of this update and gives the kernel outputs that end here.
     pub fn push(&mut self, cascades: &Cascades) -> Taps {
         let now = cascades.taps();
-        let ago = |boxes: u8| &self.history[usize::from(self.next.wrapping_sub(boxes * UPDATES_PER_BOX as u8) & 7)];
+        let place = |updates_ago: u8| usize::from(self.next.wrapping_sub(updates_ago)) % UPDATES_PER_KERNEL;
+        let ago = |boxes: u8| &self.history[place(boxes * UPDATES_PER_BOX as u8)];
         let output = Taps::fourth_difference(&now, ago(1), ago(2), ago(3), ago(4));
-        self.history[usize::from(self.next & 7)] = now;
+        self.history[place(0)] = now;
         self.next = self.next.wrapping_add(1);
         output
     }

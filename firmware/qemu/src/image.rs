@@ -22,7 +22,7 @@ const IDENTITY: Identity<'static> = Identity {
     board: "qemu netduinoplus2",
     serial: "QEMU-0",
     clock: ClockSource::Simulated,
-    capabilities: Capabilities::SAMPLER.with(Capabilities::INJECT).with(Capabilities::SUMS).with(Capabilities::REBOOT),
+    capabilities: Capabilities::SAMPLER.with(Capabilities::INJECT).with(Capabilities::REBOOT),
 };
 
 static APP: App = App::new();

@@ -16,9 +16,9 @@ use inerter::{
 };
 use inerter_core::{Estimate, Parameter, Status};
 use inerter_plant::Parameters as Device;
+use inerter_tests::grid::Error;
 use inerter_wire::{EventKind, Frame, Health, Record, Streams, catalogue};
 use std::{
-    error::Error,
     fmt::Write as _,
     io::{IsTerminal, Write as _, stdout},
     path::{Path, PathBuf},
@@ -61,17 +61,10 @@ struct Outcome {
 }
 
 fn main() -> ExitCode {
-    match run() {
-        Ok(true) => ExitCode::SUCCESS,
-        Ok(false) => ExitCode::FAILURE,
-        Err(error) => {
-            eprintln!("error: {error}");
-            ExitCode::FAILURE
-        }
-    }
+    inerter_tests::exit_code(run())
 }
 
-fn run() -> Result<bool, Box<dyn Error>> {
+fn run() -> Result<bool, Error> {
     let (mut speed, mut folder) = (1.0, PathBuf::from("target/demo"));
     let mut arguments = std::env::args().skip(1);
     while let Some(argument) = arguments.next() {
@@ -106,7 +99,7 @@ fn run() -> Result<bool, Box<dyn Error>> {
 }
 
 /// One run, from the boot of the image to the replay of its recording.
-fn shake(test: &Test, device: Device, speed: f64, image: &Path, folder: &Path) -> Result<Outcome, Box<dyn Error>> {
+fn shake(test: &Test, device: Device, speed: f64, image: &Path, folder: &Path) -> Result<Outcome, Error> {
     let speed = test.speed * speed;
     // Cut off in full motion: a stop would tell more about the inertance than the slow motion does.
     let setup = Setup::new(device, bench_sensors(), test.motion, Some(test.seconds), &Overrides::default())?;
@@ -168,7 +161,7 @@ fn shake(test: &Test, device: Device, speed: f64, image: &Path, folder: &Path) -
 }
 
 /// Everything that the estimator publishes when the recording goes through it on this machine, and its last word.
-fn replayed(recording: &Path) -> Result<Vec<Bits>, Box<dyn Error>> {
+fn replayed(recording: &Path) -> Result<Vec<Bits>, Error> {
     let run = Run::open(recording, &Overrides::default())?;
     let mut published = Vec::new();
     let last = replay(&run, |_, estimate| -> Result<(), inerter::Error> {

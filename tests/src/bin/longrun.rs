@@ -21,14 +21,7 @@ const RUNS: [(&str, &str); 2] = [
 ];
 
 fn main() -> ExitCode {
-    match run() {
-        Ok(true) => ExitCode::SUCCESS,
-        Ok(false) => ExitCode::FAILURE,
-        Err(error) => {
-            eprintln!("error: {error}");
-            ExitCode::FAILURE
-        }
-    }
+    inerter_tests::exit_code(run())
 }
 
 fn run() -> Result<bool, Error> {

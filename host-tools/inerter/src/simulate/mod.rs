@@ -17,7 +17,7 @@ use inerter_plant::{Excitation, Parameters, PlantError, Sample, Sensors, Simulat
 use miette::Diagnostic;
 
 pub use device::{Endpoint, VirtualDevice};
-pub use qemu::{Qemu, find_image};
+pub use qemu::{END_OF_SAMPLES, Qemu, find_image, sample_bytes};
 
 use crate::{
     error::exit,
@@ -165,7 +165,7 @@ pub fn raw(sample: &Sample) -> RawSample {
 }
 
 /// Settings of a device that was calibrated without error.
-fn calibrated(parameters: &Parameters, sensors: &Sensors) -> Result<Settings, SettingsInputError> {
+pub fn calibrated(parameters: &Parameters, sensors: &Sensors) -> Result<Settings, SettingsInputError> {
     let mut settings = Settings::default();
     let conversions = sensors.oversampling;
     let (least, greatest) = (settings.force_min_code, settings.force_max_code);

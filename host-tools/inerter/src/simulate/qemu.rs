@@ -209,6 +209,9 @@ fn last_words(mut stderr: ChildStderr) -> String {
     text.lines().last().unwrap_or("it said nothing").to_string()
 }
 
+/// What follows the last sample; the rest of its record may be missing.
+pub const END_OF_SAMPLES: [u8; 4] = u32::MAX.to_le_bytes();
+
 /// One sample as the image reads it.
 pub fn sample_bytes(sample: &RawSample) -> [u8; 16] {
     let words = [sample.index, sample.position_count as u32, sample.force_code as u32, sample.terminal_code as u32];
@@ -241,7 +244,7 @@ fn feed(
         }
         portion.extend_from_slice(&sample_bytes(&raw(&sample)));
     }
-    portion.extend_from_slice(&[0xFF; 4]);
+    portion.extend_from_slice(&END_OF_SAMPLES);
     portion.extend_from_slice(&[0; 12]);
     file.write_all(&portion)
 }

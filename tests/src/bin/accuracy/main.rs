@@ -25,14 +25,7 @@ are worth one, and cf scatters beyond its interval. At 4 kHz it does not.
 ";
 
 fn main() -> ExitCode {
-    match run() {
-        Ok(true) => ExitCode::SUCCESS,
-        Ok(false) => ExitCode::FAILURE,
-        Err(error) => {
-            eprintln!("error: {error}");
-            ExitCode::FAILURE
-        }
-    }
+    inerter_tests::exit_code(run())
 }
 
 fn run() -> Result<bool, Error> {
