@@ -5,6 +5,7 @@
 use std::process::ExitCode;
 
 pub mod data;
+pub mod fuzz;
 pub mod grid;
 pub mod linear;
 pub mod qemu;

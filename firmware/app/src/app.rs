@@ -1,12 +1,16 @@
 //! The queues between the tasks, and all tasks in one future.
 
 use crate::QUEUE;
-use crate::board::{Board, Platform, SampleSource, Store};
+use crate::alive::{Heartbeats, Task};
+use crate::board::{Board, Platform, SampleSource, SourceError, Store};
 use crate::estimating::{Control, ControlDone};
+use crate::links::LinkState;
 use crate::queue::SampleQueue;
 use crate::settings::load_settings;
 use crate::telemetry::{Batched, Outgoing, Restart};
 use core::cell::{Cell, RefCell};
+use core::pin::pin;
+use core::sync::atomic::{AtomicBool, Ordering};
 use embassy_futures::join::join4;
 use embassy_futures::select::{Either, select};
 use embassy_sync::blocking_mutex::Mutex;
@@ -14,7 +18,7 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
 use embassy_sync::signal::Signal;
 use embedded_io_async::{Read, Write};
-use inerter_core::{SettingsError, State};
+use inerter_core::{Settings, SettingsError, State};
 use inerter_wire::{Event, EventKind, Health, Samples, Source, Streams};
 
 /// Replies, events, estimates and sums that can wait for the link.
@@ -31,6 +35,15 @@ pub struct App {
     pub(crate) urgent: Channel<CriticalSectionRawMutex, Outgoing, URGENT>,
     pub(crate) batches: Channel<CriticalSectionRawMutex, Batched, BATCHES>,
     pub(crate) batches_sent: Signal<CriticalSectionRawMutex, ()>,
+    /// What the sampler is to take over; answered by `configured`.
+    pub(crate) configure: Signal<CriticalSectionRawMutex, Settings>,
+    pub(crate) configured: Signal<CriticalSectionRawMutex, Result<(), SourceError>>,
+    /// The sampler has taken over the settings in use and has not failed since.
+    source_ready: AtomicBool,
+    /// A host knows how this run began.
+    greeted: AtomicBool,
+    pub(crate) link: LinkState,
+    pub(crate) heartbeats: Heartbeats,
     streams: Mutex<CriticalSectionRawMutex, Cell<Streams>>,
     health: Mutex<CriticalSectionRawMutex, RefCell<Health>>,
     sampler_waits: Mutex<CriticalSectionRawMutex, Cell<bool>>,
@@ -49,6 +62,12 @@ impl App {
             urgent: Channel::new(),
             batches: Channel::new(),
             batches_sent: Signal::new(),
+            configure: Signal::new(),
+            configured: Signal::new(),
+            source_ready: AtomicBool::new(false),
+            greeted: AtomicBool::new(false),
+            link: LinkState::new(),
+            heartbeats: Heartbeats::new(),
             streams: Mutex::new(Cell::new(Self::FIRST_STREAMS)),
             health: Mutex::new(RefCell::new(Health {
                 index: 0,
@@ -65,6 +84,19 @@ impl App {
             })),
             sampler_waits: Mutex::new(Cell::new(false)),
         }
+    }
+
+    /// Which link is in use, where there are two; see [`LinkState::join`].
+    pub fn link_state(&self) -> &LinkState {
+        &self.link
+    }
+
+    /// Whether sampling, estimating and telemetry have all gone on since this was last asked.
+    ///
+    /// For a watchdog. Each goes on at least every 500 ms while all is well, also when the sampler is halted or the host does
+    /// not read; sampling does not while samples are due and none come.
+    pub fn alive(&self) -> bool {
+        self.heartbeats.all_since_last()
     }
 
     pub(crate) fn streams(&self) -> Streams {
@@ -87,6 +119,22 @@ impl App {
         self.sampler_waits.lock(|cell| cell.set(waits));
     }
 
+    pub(crate) fn source_is_ready(&self) -> bool {
+        self.source_ready.load(Ordering::Relaxed)
+    }
+
+    pub(crate) fn set_source_ready(&self, ready: bool) {
+        self.source_ready.store(ready, Ordering::Relaxed);
+    }
+
+    pub(crate) fn is_greeted(&self) -> bool {
+        self.greeted.load(Ordering::Relaxed)
+    }
+
+    pub(crate) fn set_greeted(&self) {
+        self.greeted.store(true, Ordering::Relaxed);
+    }
+
     /// Whether the source in use can wait for the link.
     pub(crate) fn source_waits(&self) -> bool {
         self.queue.source() == Source::Link || self.sampler_waits.lock(Cell::get)
@@ -100,18 +148,18 @@ impl App {
     /// it and counts.
     ///
     /// The wait ends because the link is limited in time.
-    pub(crate) async fn deliver(&self, outgoing: Outgoing) {
+    pub(crate) async fn deliver(&self, by: Task, outgoing: Outgoing) {
         if self.source_waits() {
-            self.urgent.send(outgoing).await;
+            self.patiently(by, pin!(self.urgent.send(outgoing))).await;
         } else if self.urgent.try_send(outgoing).is_err() {
             self.note_dropped_frame();
         }
     }
 
     /// [`deliver`](Self::deliver) for raw samples, which go after everything else.
-    pub(crate) async fn deliver_samples(&self, samples: Samples) {
+    pub(crate) async fn deliver_samples(&self, by: Task, samples: Samples) {
         if self.source_waits() {
-            self.batches.send(Some(samples)).await;
+            self.patiently(by, pin!(self.batches.send(Some(samples)))).await;
         } else if self.batches.try_send(Some(samples)).is_err() {
             self.note_dropped_frame();
         }
@@ -151,7 +199,7 @@ where
     P: Platform,
 {
     let Board { source, receiver, transmitter, mut store, platform, identity, defaults, autostart } = board;
-    let (in_use, active) = load_settings(&mut store, &defaults).await?;
+    let (in_use, active) = load_settings(&mut store, &identity, &defaults).await?;
     let endless = join4(
         app.sampling(source),
         app.estimating(state, active),

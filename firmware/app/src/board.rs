@@ -1,8 +1,8 @@
 //! What a board must offer.
 
 use embedded_io_async::{Read, Write};
-use inerter_core::{RawSample, Settings};
-use inerter_wire::{Capabilities, ClockSource, SettingsValues};
+use inerter_core::{RawSample, Settings, SettingsError};
+use inerter_wire::{Capabilities, ClockSource, ResetCause, SettingsValues};
 
 /// Whether a source of samples can wait.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -20,6 +20,8 @@ pub enum SourceError {
     Ended,
     /// The hardware overtook the reader. Samples were lost, the sample counter shows how many, and the next ones come.
     Overrun,
+    /// The channels ran apart and were set right. Samples were lost as by an overrun.
+    Misaligned,
     /// The sensor or file cannot be read; the source in use is then none.
     Unreadable,
 }
@@ -32,22 +34,50 @@ pub trait SampleSource {
 
     /// Waits for samples, puts them at the front of `into`, returns their number.
     ///
-    /// The future may be dropped while it waits; no sample may get lost by that.
+    /// The future may be dropped while it waits; no sample may get lost by that. A live source whose hardware gives
+    /// nothing must end its wait with [`SourceError::Unreadable`]: after half a second without a sample the device does
+    /// not count as alive.
     async fn read(&mut self, into: &mut [RawSample]) -> Result<usize, SourceError>;
+
+    /// Takes over what concerns the source: rate, front end, oversampling.
+    ///
+    /// Called before the first read and after each change, while the source is halted and the queue is empty: the next
+    /// sample read is the first one under these settings. After an error the source still has the settings before, or
+    /// none; it is configured again before it is read.
+    async fn configure(&mut self, settings: &Settings) -> Result<(), SourceError> {
+        let _ = settings;
+        Ok(())
+    }
+
+    /// The source will not be read until it is wanted again, which may be long.
+    ///
+    /// A live source goes on with a gap in its sample counter then, not with an overrun.
+    async fn halt(&mut self) {}
 }
 
-/// The settings store failed.
+/// Why settings could not be loaded or kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct StoreError;
+pub enum StoreError {
+    /// The memory cannot be read or written.
+    Unreadable,
+    /// What is there was written by a newer firmware.
+    Newer,
+    /// What is there is damaged or another program's.
+    Foreign,
+}
 
 /// Where settings outlive a restart.
 #[allow(async_fn_in_trait, reason = "used generically only, and never sent to another thread")]
 pub trait Store {
-    /// The settings last saved; `None` when there never were any.
+    /// The settings last saved; `None` when there never were any. Changes nothing, whatever it finds.
     async fn load(&mut self) -> Result<Option<SettingsValues>, StoreError>;
 
-    /// Keeps `settings`. Whenever power fails, either these or the ones before are loaded next.
+    /// Keeps `settings` in place of whatever is there. Whenever power fails, either these or the ones before are loaded
+    /// next.
     async fn save(&mut self, settings: &SettingsValues) -> Result<(), StoreError>;
+
+    /// Forgets everything, whatever it is.
+    async fn erase(&mut self) -> Result<(), StoreError>;
 }
 
 /// For a board that keeps nothing; its capabilities lack [`Capabilities::STORE`].
@@ -60,8 +90,33 @@ impl Store for NoStore {
     }
 
     async fn save(&mut self, _settings: &SettingsValues) -> Result<(), StoreError> {
-        Err(StoreError)
+        Err(StoreError::Unreadable)
     }
+
+    async fn erase(&mut self) -> Result<(), StoreError> {
+        Err(StoreError::Unreadable)
+    }
+}
+
+/// How this run of the device began.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Start<'a> {
+    /// What ended the run before.
+    pub cause: ResetCause,
+    /// The message of the panic that ended it, if one did.
+    pub panic: Option<&'a str>,
+}
+
+impl Start<'_> {
+    /// Power came.
+    pub const POWER_ON: Self = Self { cause: ResetCause::PowerOn, panic: None };
+    /// The firmware restarted itself, as asked.
+    pub const SOFTWARE: Self = Self { cause: ResetCause::Software, panic: None };
+}
+
+/// For a board that can do whatever [`Settings::validate`] lets pass.
+pub fn accept_all(_settings: &Settings) -> Result<(), SettingsError> {
+    Ok(())
 }
 
 /// Who the device is; the sample rate of its Hello comes from the settings.
@@ -79,6 +134,10 @@ pub struct Identity<'a> {
     pub clock: ClockSource,
     /// What the board can do. Commands beyond it are refused as unsupported; what every board can do is added to it.
     pub capabilities: Capabilities,
+    /// Whether the board can do what is asked of it, beyond [`Settings::validate`]; asked before anything changes.
+    pub accepts: fn(&Settings) -> Result<(), SettingsError>,
+    /// What ended the run before this one, told to the first host.
+    pub start: Start<'a>,
 }
 
 /// What only the board can measure of itself; `None` where it cannot.

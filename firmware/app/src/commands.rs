@@ -2,17 +2,18 @@
 
 use crate::BATCH;
 use crate::app::App;
-use crate::board::{Identity, Store};
+use crate::board::{Identity, SourceError, Store};
 use crate::estimating::{Control, ControlDone, Tare};
 use crate::logging::log;
-use crate::settings::{InUse, needs_reset};
+use crate::settings::{InUse, concerns_source, needs_reset};
 use crate::telemetry::{Outgoing, Restart};
+use core::future::pending;
 use embassy_time::{Duration, Timer, with_timeout};
 use embedded_io_async::Read;
 use inerter_core::{RawSample, Settings};
 use inerter_wire::{
-    Capabilities, Command, Done, EventKind, Frame, FrameReader, Hello, Refusal, Reply, Request, Samples,
-    SettingsValues, Source, WIRE_VERSION,
+    Capabilities, Command, Done, Event, EventKind, Fault, Frame, FrameReader, Hello, Refusal, Reply, Request,
+    ResetCause, Samples, SettingsValues, Source, WIRE_VERSION,
 };
 
 /// Bytes taken from the link at once.
@@ -31,6 +32,9 @@ struct Commands<'a, K> {
     store: K,
     identity: Identity<'a>,
     settings: Settings,
+    defaults: Settings,
+    /// What was wrong with the saved settings.
+    fault: Option<Fault>,
     /// Samples taken since the first of the injection.
     accepted: u32,
     /// The estimator holds injected samples.
@@ -47,14 +51,16 @@ impl App {
         in_use: InUse,
         autostart: bool,
     ) -> ! {
-        let InUse { settings, fault } = in_use;
-        let mut commands = Commands { app: self, store, identity, settings, accepted: 0, injected: false };
-        self.urgent.send(Outgoing::Hello(commands.hello())).await;
-        if let Some(fault) = fault {
-            self.urgent.send(self.event(EventKind::Fault(fault))).await;
+        let InUse { settings, defaults, fault } = in_use;
+        let mut commands =
+            Commands { app: self, store, identity, settings, defaults, fault, accepted: 0, injected: false };
+        let _ = commands.configure(&commands.settings).await;
+        if !self.link.is_mute() {
+            commands.greet().await;
         }
-        if autostart {
-            commands.start().await;
+        // A source that did not come up has been told of, or will be.
+        if autostart && self.source_is_ready() {
+            let _ = commands.start().await;
         }
         let mut frames = FrameReader::<Request>::new();
         let mut buffer = [0; READ];
@@ -67,6 +73,10 @@ impl App {
                 }
             };
             while let Some(frame) = frames.read(&mut input) {
+                let is_request = matches!(&frame, Frame::Message { .. } | Frame::Unknown { request: Some(_), .. });
+                if is_request && self.link.hear() && !self.is_greeted() {
+                    commands.greet().await;
+                }
                 // By reference from here on: a request moved into a future is kept there once more.
                 match &frame {
                     Frame::Message { message, .. } => commands.serve(message).await,
@@ -84,6 +94,29 @@ impl App {
 }
 
 impl<K: Store> Commands<'_, K> {
+    /// Tells who this is and how the run began, to whoever is the first to hear it.
+    async fn greet(&self) {
+        let start = self.identity.start;
+        let hung = matches!(start.cause, ResetCause::Watchdog | ResetCause::WindowWatchdog);
+        let silent_source = !self.app.source_is_ready() && self.identity.capabilities.contains(Capabilities::SAMPLER);
+        self.of_start(EventKind::Started).await;
+        self.app.urgent.send(Outgoing::Hello(self.hello())).await;
+        self.of_start(EventKind::ResetBy(start.cause)).await;
+        if let Some(message) = start.panic {
+            self.of_start(EventKind::Panicked(Hello::text(message))).await;
+        }
+        let faults = [hung.then_some(Fault::Watchdog), self.fault, silent_source.then_some(Fault::SourceUnreadable)];
+        for fault in faults.into_iter().flatten() {
+            self.of_start(EventKind::Fault(fault)).await;
+        }
+        self.app.urgent.send(Outgoing::Greeted).await;
+    }
+
+    /// Sends an event that belongs before the first sample.
+    async fn of_start(&self, kind: EventKind) {
+        self.app.urgent.send(Outgoing::Event(Event { index: 0, kind })).await;
+    }
+
     async fn serve(&mut self, request: &Request) {
         let Request { id, command } = request;
         let restart = match command {
@@ -99,6 +132,8 @@ impl<K: Store> Commands<'_, K> {
         if let (Some((restart, _)), Ok(_)) = (restart, result) {
             log!(info, "restart");
             self.app.urgent.send(Outgoing::Restart(restart)).await;
+            // Nothing behind it is obeyed: it would be cut off.
+            pending::<()>().await;
         }
     }
 
@@ -132,7 +167,7 @@ impl<K: Store> Commands<'_, K> {
             Command::ResetEstimator => self.reset().await,
             Command::Start => {
                 self.require(Capabilities::SAMPLER)?;
-                self.start().await;
+                self.start().await?;
             }
             Command::Stop => {
                 self.require(Capabilities::SAMPLER)?;
@@ -147,6 +182,12 @@ impl<K: Store> Commands<'_, K> {
                 return self.end_injection().await;
             }
             // Served where they are known by their effect after the reply.
+            Command::FactoryReset => {
+                self.require(Capabilities::STORE)?;
+                self.store.erase().await.map_err(|_| Refusal::Store)?;
+                let defaults = self.defaults;
+                self.adopt(&defaults).await?;
+            }
             Command::EnterDfu | Command::Reboot => return Err(Refusal::Unsupported),
         }
         Ok(Done::Plain)
@@ -166,30 +207,81 @@ impl<K: Store> Commands<'_, K> {
         }
     }
 
-    /// Asks something of the estimator that it answers at once.
-    async fn control(&self, control: Control) {
+    /// Asks something of the estimator; [`obeyed`](Self::obeyed) waits until it is done.
+    ///
+    /// Not one future with it, which would keep the large ones twice.
+    fn control(&self, control: Control) {
         self.app.control_done.reset();
         self.app.control.signal(control);
+    }
+
+    /// Waits for what the estimator does at once.
+    async fn obeyed(&self) {
         while self.app.control_done.wait().await != ControlDone::Plain {}
     }
 
     async fn reset(&mut self) {
-        self.control(Control::Reset).await;
+        self.control(Control::Reset);
+        self.obeyed().await;
         self.event(EventKind::EstimatorReset).await;
     }
 
-    /// Checks settings and puts them in use between two samples.
+    /// Lets the source take over settings; it must be halted.
+    async fn configure(&self, settings: &Settings) -> Result<(), SourceError> {
+        self.app.configured.reset();
+        self.app.configure.signal(*settings);
+        let result = self.app.configured.wait().await;
+        self.app.set_source_ready(result.is_ok());
+        result
+    }
+
+    /// Checks settings and puts them in use between two samples, or leaves everything as it was.
+    ///
+    /// What concerns the source is changed while the sampler is halted and the queue empty, so that no sample is taken
+    /// for one of other settings than it was made under.
     async fn adopt(&mut self, settings: &Settings) -> Result<(), Refusal> {
-        let active = settings.validate().map_err(|error| Refusal::of_setting(&error, u8::MAX))?;
+        let refusal = |error| Refusal::of_setting(&error, u8::MAX);
+        // Quantised again below: kept over the wait, it would take its room twice.
+        settings.validate().map_err(refusal)?;
+        (self.identity.accepts)(settings).map_err(refusal)?;
+        let mut was_sampling = false;
+        if concerns_source(&self.settings, settings) {
+            was_sampling = self.app.queue.halt_sampler();
+            // No batch holds samples from before and after.
+            self.control(Control::Flush);
+            self.obeyed().await;
+            if self.configure(settings).await.is_err() {
+                self.resume(was_sampling).await;
+                return Err(Refusal::Source);
+            }
+        }
         let reset = needs_reset(&self.settings, settings);
-        self.control(Control::Use { active, reset }).await;
+        let active = settings.validate().map_err(refusal)?;
+        self.control(Control::Use { active, reset });
+        self.obeyed().await;
         self.settings = *settings;
         if reset {
             self.event(EventKind::EstimatorReset).await;
         }
         self.event(EventKind::SettingsChanged).await;
         self.app.urgent.send(Outgoing::Settings(*settings)).await;
+        if was_sampling {
+            self.app.queue.change_source(Source::Sampler);
+        }
         Ok(())
+    }
+
+    /// Puts the source back to the settings in use, as far as it can.
+    async fn resume(&self, was_sampling: bool) {
+        if self.configure(&self.settings).await.is_err() {
+            log!(error, "source unusable");
+            self.event(EventKind::Fault(Fault::SourceUnreadable)).await;
+            if was_sampling {
+                self.event(EventKind::SourceChanged(Source::Stopped)).await;
+            }
+        } else if was_sampling {
+            self.app.queue.change_source(Source::Sampler);
+        }
     }
 
     async fn tare(&mut self) -> Result<(), Refusal> {
@@ -199,14 +291,14 @@ impl<K: Store> Commands<'_, K> {
             Source::Link => return Err(Refusal::Busy),
         }
         let samples = (self.settings.sample_rate_hz * TARE_S) as u32;
-        self.app.control_done.reset();
-        self.app.control.signal(Control::Tare(Tare::new(samples, &self.settings)));
+        self.control(Control::Tare(Tare::new(samples, &self.settings)));
         match with_timeout(TARE_LIMIT, self.app.control_done.wait()).await {
             Ok(ControlDone::Tared { force_code }) => {
                 self.adopt(&Settings { force_zero_code: f64::from(force_code), ..self.settings }).await
             }
             _ => {
-                self.control(Control::CancelTare).await;
+                self.control(Control::CancelTare);
+                self.obeyed().await;
                 Err(Refusal::NoSamples)
             }
         }
@@ -220,11 +312,16 @@ impl<K: Store> Commands<'_, K> {
         before
     }
 
-    async fn start(&mut self) {
+    async fn start(&mut self) -> Result<(), Refusal> {
+        let unready = self.app.queue.source() != Source::Sampler && !self.app.source_is_ready();
+        if unready && self.configure(&self.settings).await.is_err() {
+            return Err(Refusal::Source);
+        }
         self.change_source(Source::Sampler).await;
         if core::mem::take(&mut self.injected) {
             self.reset().await;
         }
+        Ok(())
     }
 
     fn credit(&self) -> (u32, u16) {
@@ -264,7 +361,8 @@ impl<K: Store> Commands<'_, K> {
         if self.app.queue.source() != Source::Link {
             return Err(Refusal::NotInjecting);
         }
-        self.control(Control::Finish).await;
+        self.control(Control::Finish);
+        self.obeyed().await;
         self.app.queue.change_source(Source::Stopped);
         let (accepted, free) = self.credit();
         Ok(Done::Injected { accepted, free })

@@ -1,11 +1,12 @@
 //! From samples to estimates; the only task that touches the estimator.
 
 use crate::BATCH;
+use crate::alive::{BEAT, Task};
 use crate::app::App;
 use crate::logging::log;
 use crate::queue::Taken;
 use crate::telemetry::Outgoing;
-use core::future::pending;
+use core::pin::pin;
 use embassy_futures::select::{Either3, select3};
 use embassy_time::{Duration, Instant, Timer};
 use inerter_core::{Active, Bank, Counters, RawSample, Settings, State};
@@ -23,6 +24,8 @@ pub(crate) enum Control {
         /// Forget what was gathered under the ones before.
         reset: bool,
     },
+    /// Hand on the raw samples that wait for a full batch.
+    Flush,
     /// Forget everything.
     Reset,
     /// Average the force code over so many samples that are not saturated.
@@ -89,23 +92,17 @@ impl App {
         estimating.reset();
         let mut samples = [RawSample::default(); BATCH];
         loop {
-            let flush = flush(estimating.flush_at);
-            match select3(self.control.wait(), self.queue.take(&mut samples), flush).await {
+            self.beat(Task::Estimating);
+            let wake = Timer::at(estimating.wake_at());
+            match select3(self.control.wait(), self.queue.take(&mut samples), wake).await {
                 Either3::First(control) => estimating.control(control, &mut samples).await,
                 Either3::Second(Taken::Samples(count)) => {
                     estimating.take(samples.get(..count).unwrap_or_default()).await;
                 }
                 Either3::Second(Taken::Ended) => estimating.end(self.streams().estimates).await,
-                Either3::Third(()) => estimating.flush().await,
+                Either3::Third(()) => estimating.flush_when_due().await,
             }
         }
-    }
-}
-
-async fn flush(at: Option<Instant>) {
-    match at {
-        Some(at) => Timer::at(at).await,
-        None => pending().await,
     }
 }
 
@@ -116,7 +113,7 @@ impl Estimating<'_> {
             if let Some(estimate) = self.active.step(self.state, sample)
                 && stream.estimates
             {
-                self.app.deliver(Outgoing::Estimate(estimate)).await;
+                self.app.deliver(Task::Estimating, Outgoing::Estimate(estimate)).await;
             }
             self.until_sums = self.until_sums.saturating_sub(1);
             if self.until_sums == 0 {
@@ -139,7 +136,7 @@ impl Estimating<'_> {
 
     async fn deliver_sums(&self) {
         for bank in [Bank::Fast, Bank::Slow] {
-            self.app.deliver(Outgoing::Sums(self.active.sums(self.state, bank))).await;
+            self.app.deliver(Task::Estimating, Outgoing::Sums(self.active.sums(self.state, bank))).await;
         }
     }
 
@@ -165,11 +162,23 @@ impl Estimating<'_> {
         }
     }
 
+    /// When there is something to do, or a sign of life to give, without samples.
+    fn wake_at(&self) -> Instant {
+        let beat_at = Instant::now() + BEAT;
+        self.flush_at.map_or(beat_at, |flush_at| flush_at.min(beat_at))
+    }
+
+    async fn flush_when_due(&mut self) {
+        if self.flush_at.is_some_and(|at| at <= Instant::now()) {
+            self.flush().await;
+        }
+    }
+
     async fn flush(&mut self) {
         self.flush_at = None;
         if !self.batch.is_empty() {
             let samples = self.batch.take();
-            self.app.deliver_samples(samples).await;
+            self.app.deliver_samples(Task::Estimating, samples).await;
         }
     }
 
@@ -200,15 +209,16 @@ impl Estimating<'_> {
     /// Everything of this source has been taken: the last words, after all of its raw samples.
     async fn end(&mut self, with_estimate: bool) {
         self.flush().await;
-        self.app.samples_are_sent().await;
+        let sent = pin!(self.app.samples_are_sent());
+        self.app.patiently(Task::Estimating, sent).await;
         if with_estimate && self.state.counters().samples > 0 {
             let estimate = self.active.estimate(self.state);
-            self.app.deliver(Outgoing::Estimate(estimate)).await;
+            self.app.deliver(Task::Estimating, Outgoing::Estimate(estimate)).await;
         }
         if self.app.streams().sums && self.state.counters().samples > 0 {
             self.deliver_sums().await;
         }
-        self.app.deliver(self.app.event(EventKind::SourceEnded)).await;
+        self.app.deliver(Task::Estimating, self.app.event(EventKind::SourceEnded)).await;
     }
 
     async fn control(&mut self, control: Control, samples: &mut [RawSample]) {
@@ -219,6 +229,7 @@ impl Estimating<'_> {
                     self.reset();
                 }
             }
+            Control::Flush => self.flush().await,
             Control::Reset => self.reset(),
             Control::Tare(tare) => {
                 self.tare = Some(tare);

@@ -1,5 +1,6 @@
 //! How the device is doing, once a second.
 
+use crate::alive::Task;
 use crate::app::App;
 use crate::board::Platform;
 use crate::telemetry::Outgoing;
@@ -23,7 +24,7 @@ impl App {
                 health.temperature_c = figures.temperature_c;
             });
             if self.streams().health {
-                self.deliver(Outgoing::Health(self.health())).await;
+                self.deliver(Task::Health, Outgoing::Health(self.health())).await;
             }
         }
     }

@@ -24,20 +24,28 @@
 #[cfg(test)]
 extern crate std;
 
+mod alive;
 mod app;
 mod board;
+pub mod boxcar;
 mod commands;
 mod estimating;
 mod health;
+pub mod links;
 mod logging;
 mod queue;
 mod sampling;
 mod settings;
+pub mod store;
 mod telemetry;
 
 pub use app::{App, run};
-pub use board::{Board, Figures, Identity, NoStore, Pace, Platform, SampleSource, SourceError, Store, StoreError};
+pub use board::{
+    Board, Figures, Identity, NoStore, Pace, Platform, SampleSource, SourceError, Start, Store, StoreError, accept_all,
+};
+pub use links::{LinkReceiver, LinkState, LinkTransmitter, Which};
 pub use settings::{InUse, load_settings};
+pub use store::FlashStore;
 pub use telemetry::Restart;
 
 /// Samples that a source hands over at once at most, and the most that are processed without a pause for commands.

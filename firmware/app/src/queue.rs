@@ -87,6 +87,19 @@ impl<const N: usize> SampleQueue<N> {
         })
     }
 
+    /// Halts the sampler and discards what it had given; whether it was in use. Leaves the link alone.
+    pub fn halt_sampler(&self) -> bool {
+        self.with(|inner| {
+            if inner.source == Source::Link {
+                return false;
+            }
+            inner.samples.clear();
+            inner.giver.wake();
+            inner.sampler.wake();
+            core::mem::replace(&mut inner.source, Source::Stopped) == Source::Sampler
+        })
+    }
+
     /// The sampler has no more: halts it and tells the taker behind its last sample.
     pub fn end_sampler(&self) {
         self.with(|inner| {

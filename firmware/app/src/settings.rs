@@ -1,6 +1,6 @@
 //! Settings in use: what was saved, or the board's defaults.
 
-use crate::board::Store;
+use crate::board::{Identity, Store, StoreError};
 use crate::logging::log;
 use inerter_core::{Active, Settings, SettingsError};
 use inerter_wire::Fault;
@@ -10,34 +10,49 @@ use inerter_wire::Fault;
 pub struct InUse {
     /// In SI.
     pub settings: Settings,
+    /// Those of a device that was never set up.
+    pub defaults: Settings,
     /// What was wrong with the saved ones, if these are the defaults because of it.
     pub fault: Option<Fault>,
 }
 
-/// The saved settings when there are any and they are valid, else `defaults`, which must be valid; and their quantised
-/// form.
+/// The saved settings when there are any, they are valid and the board accepts them, else `defaults`, which must be so;
+/// and their quantised form.
 ///
-/// Saved settings that this firmware does not know are left out; those that are missing come from `defaults`.
-pub async fn load_settings(store: &mut impl Store, defaults: &Settings) -> Result<(InUse, Active), SettingsError> {
-    let active = defaults.validate()?;
-    let (saved, mut fault) = match store.load().await {
-        Ok(None) => (None, None),
-        Ok(Some(values)) => match values.read(defaults) {
-            Ok(reading) => (Some(reading.settings), None),
-            Err(_) => (None, Some(Fault::SavedSettings)),
-        },
-        Err(_) => (None, Some(Fault::Store)),
-    };
-    if let Some(settings) = saved {
-        match settings.validate() {
-            Ok(active) => return Ok((InUse { settings, fault: None }, active)),
-            Err(_) => fault = Some(Fault::SavedSettings),
+/// Saved settings that this firmware does not know are left out; those that are missing come from `defaults`. What the
+/// store holds stays as it is.
+pub async fn load_settings(
+    store: &mut impl Store,
+    identity: &Identity<'_>,
+    defaults: &Settings,
+) -> Result<(InUse, Active), SettingsError> {
+    let check =
+        |settings: &Settings| settings.validate().and_then(|active| (identity.accepts)(settings).map(|()| active));
+    let active = check(defaults)?;
+    let fault = match store.load().await {
+        Ok(None) => None,
+        Ok(Some(values)) => {
+            let saved = values.read(defaults).map(|reading| reading.settings);
+            if let Ok((settings, active)) = saved.and_then(|settings| check(&settings).map(|active| (settings, active)))
+            {
+                return Ok((InUse { settings, defaults: *defaults, fault: None }, active));
+            }
+            Some(Fault::SavedSettings)
         }
-    }
+        Err(StoreError::Unreadable) => Some(Fault::Store),
+        Err(StoreError::Newer) => Some(Fault::NewerSettings),
+        Err(StoreError::Foreign) => Some(Fault::ForeignSettings),
+    };
     if fault.is_some() {
         log!(warn, "saved settings unusable, defaults in use");
     }
-    Ok((InUse { settings: *defaults, fault }, active))
+    Ok((InUse { settings: *defaults, defaults: *defaults, fault }, active))
+}
+
+/// Whether a change from `before` to `after` concerns the source of samples, which takes it over while it is halted.
+pub(crate) fn concerns_source(before: &Settings, after: &Settings) -> bool {
+    let concerned = |settings: &Settings| (settings.sample_rate_hz, settings.front_end, settings.oversampling);
+    concerned(before) != concerned(after)
 }
 
 /// Whether a change from `before` to `after` makes what the estimator has gathered meaningless.

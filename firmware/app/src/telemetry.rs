@@ -2,11 +2,16 @@
 //!
 //! Replies, events and estimates go before raw samples. Every write is limited in time, so that whoever waits for room
 //! here waits for a bounded time; what cannot be written is dropped, counted, and leaves a hole in the sequence.
+//!
+//! On a link that is mute records vanish without being counted: nobody is there to miss them. The stream begins, with
+//! [`EventKind::Started`] and sequence 0, when somebody is.
 
+use crate::alive::{BEAT, Task};
 use crate::app::App;
 use crate::logging::log;
-use embassy_futures::select::{Either, select};
-use embassy_time::{Duration, with_timeout};
+use core::pin::pin;
+use embassy_futures::select::{Either3, select3};
+use embassy_time::{Duration, Timer, with_timeout};
 use embedded_io_async::Write;
 use inerter_core::{Estimate, Settings, Sums};
 use inerter_wire::{
@@ -39,6 +44,8 @@ pub(crate) enum Outgoing {
     Reply(Reply),
     Settings(Settings),
     Sums(Sums),
+    /// All that a host must know of the start has gone before this, from [`EventKind::Started`] on.
+    Greeted,
     /// Everything before this has been sent: end.
     Restart(Restart),
 }
@@ -50,6 +57,12 @@ struct Sender<'a, W> {
     app: &'a App,
     link: W,
     sequence: SequenceCounter,
+    /// The stream has begun.
+    begun: bool,
+    /// Nothing was lost since the stream began, or began again.
+    intact: bool,
+    /// Session of the link that the state below belongs to.
+    session: u32,
     /// Dropped frames that the other end has seen in the sequence.
     accounted: u32,
     stalled: bool,
@@ -66,15 +79,18 @@ impl App {
             app: self,
             link,
             sequence: SequenceCounter::new(),
+            begun: false,
+            intact: false,
+            session: self.link.session(),
             accounted: 0,
             stalled: false,
             unfinished: true,
             buffer: [DELIMITER; MAX_FRAME + 1],
         };
-        sender.send(&Record::Event(Event { index: 0, kind: EventKind::Started })).await;
         loop {
-            let record = match select(self.urgent.receive(), self.batches.receive()).await {
-                Either::First(outgoing) => match outgoing {
+            self.beat(Task::Telemetry);
+            let record = match select3(self.urgent.receive(), self.batches.receive(), Timer::after(BEAT)).await {
+                Either3::First(outgoing) => match outgoing {
                     Outgoing::Hello(hello) => Record::Hello(hello),
                     Outgoing::Estimate(estimate) => Record::Estimate(estimate),
                     Outgoing::Health(health) => Record::Health(health),
@@ -82,13 +98,20 @@ impl App {
                     Outgoing::Reply(reply) => Record::Reply(reply),
                     Outgoing::Settings(settings) => Record::Settings(SettingsValues::from(&settings)),
                     Outgoing::Sums(sums) => Record::Sums(sums),
+                    Outgoing::Greeted => {
+                        if sender.intact {
+                            self.set_greeted();
+                        }
+                        continue;
+                    }
                     Outgoing::Restart(restart) => return restart,
                 },
-                Either::Second(Some(samples)) => Record::Samples(samples),
-                Either::Second(None) => {
+                Either3::Second(Some(samples)) => Record::Samples(samples),
+                Either3::Second(None) => {
                     self.batches_sent.signal(());
                     continue;
                 }
+                Either3::Third(()) => continue,
             };
             sender.send(&record).await;
         }
@@ -97,6 +120,23 @@ impl App {
 
 impl<W: Write> Sender<'_, W> {
     async fn send(&mut self, record: &Record) {
+        let mute = self.app.link.is_mute();
+        if matches!(record, Record::Event(Event { kind: EventKind::Started, .. })) {
+            self.begun |= !mute;
+            self.intact = true;
+        }
+        if mute || !self.begun {
+            self.intact = false;
+            if self.begun {
+                self.sequence.take();
+            }
+            return;
+        }
+        let session = self.app.link.session();
+        if core::mem::replace(&mut self.session, session) != session {
+            self.stalled = false;
+            self.unfinished = true;
+        }
         let dropped = self.app.health().dropped_frames;
         let mut sequence = self.sequence;
         for _ in 0..dropped.wrapping_sub(self.accounted).min(GREATEST_JUMP) {
@@ -107,6 +147,7 @@ impl<W: Write> Sender<'_, W> {
             self.sequence = sequence;
             self.accounted = dropped;
         } else {
+            self.intact = false;
             self.app.note_dropped_frame();
         }
     }
@@ -116,10 +157,8 @@ impl<W: Write> Sender<'_, W> {
         let length = encode_record(record, number, frame).map_err(|_| Failed)?;
         let bytes = self.buffer.get(usize::from(!self.unfinished)..=length).unwrap_or_default();
         let limit = if self.stalled { STALLED_WRITE_LIMIT } else { WRITE_LIMIT };
-        let result = match with_timeout(limit, write_all(&mut self.link, bytes)).await {
-            Ok(result) => result,
-            Err(_) => Err(Failed),
-        };
+        let writing = pin!(with_timeout(limit, write_all(&mut self.link, bytes)));
+        let result = self.app.patiently(Task::Telemetry, writing).await.unwrap_or(Err(Failed));
         if result.is_err() && !self.stalled {
             log!(warn, "link stalled");
         }

@@ -2,11 +2,11 @@
 
 mod rig;
 
-use inerter_app::{Pace, Restart, SourceError};
+use inerter_app::{Pace, Restart, SourceError, StoreError};
 use inerter_core::{Bank, RawSample, Settings, State, Status};
 use inerter_wire::{
-    Capabilities, ClockSource, Command, Done, Event, EventKind, Fault, Frame, Record, Refusal, Reply, Samples,
-    SettingFault, SettingValue, SettingsValues, Source, Streams, WIRE_VERSION,
+    Capabilities, ClockSource, Command, Done, Event, EventKind, Fault, Frame, Record, Refusal, Reply, ResetCause,
+    Samples, SettingFault, SettingValue, SettingsValues, Source, Streams, WIRE_VERSION,
 };
 use rig::{IDENTITY, MemoryStore, Options, Rig, by_core, estimates, events, raw_samples, shaken};
 
@@ -34,11 +34,13 @@ fn the_stream_begins_with_the_start_and_who_it_is() {
     let [
         Frame::Message { sequence: 0, message: started },
         Frame::Message { sequence: 1, message: Record::Hello(hello) },
+        Frame::Message { sequence: 2, message: cause },
     ] = frames.as_slice()
     else {
         panic!("{frames:?}");
     };
     assert_eq!(*started, Record::Event(Event { index: 0, kind: EventKind::Started }));
+    assert_eq!(*cause, Record::Event(Event { index: 0, kind: EventKind::ResetBy(ResetCause::PowerOn) }));
     assert_eq!(hello.wire_version, WIRE_VERSION);
     assert_eq!((hello.firmware.as_str(), hello.git.as_str()), ("inerter 1.2.3", "0123456789ab"));
     assert_eq!((hello.board.as_str(), hello.serial.as_str()), ("bench", "B-7"));
@@ -508,32 +510,8 @@ fn settings_outlive_a_restart() {
     drop(rig);
     let mut rig = Rig::with(options);
     assert_eq!(rig.settings(), Settings { newtons_per_code: -0.01, ..Settings::default() });
-    *store.broken.borrow_mut() = true;
+    *store.error.borrow_mut() = Some(StoreError::Unreadable);
     assert_eq!(rig.result(Command::SaveSettings), Err(Refusal::Store));
-}
-
-#[test]
-fn unusable_saved_settings_are_said_and_left() {
-    let store = MemoryStore::default();
-    let options = Options { store: store.clone(), ..Options::default() };
-    let mut saved = SettingsValues::from(&Settings::default());
-    saved.0[0].value = f64::NAN;
-    *store.saved.borrow_mut() = Some(saved.clone());
-    let first_events = |options: &Options| events(&Rig::cold(options.clone()).records());
-    assert_eq!(first_events(&options), [EventKind::Started, EventKind::Fault(Fault::SavedSettings)]);
-    saved.0[0].value = 2000.0;
-    saved.0[number("force_min_code") as usize].value = 5.0;
-    saved.0[number("force_max_code") as usize].value = -5.0;
-    *store.saved.borrow_mut() = Some(saved);
-    assert_eq!(first_events(&options), [EventKind::Started, EventKind::Fault(Fault::SavedSettings)]);
-    *store.broken.borrow_mut() = true;
-    assert_eq!(first_events(&options), [EventKind::Started, EventKind::Fault(Fault::Store)]);
-    *store.broken.borrow_mut() = false;
-    // An older device's settings, with fewer of them, and a newer one's, with more.
-    let pairs = [SettingValue { number: 0, value: 500.0 }, SettingValue { number: 47, value: 1.0 }];
-    *store.saved.borrow_mut() = Some(SettingsValues(heapless::Vec::from_slice(&pairs).unwrap()));
-    let mut rig = Rig::with(options);
-    assert_eq!(rig.settings(), Settings { sample_rate_hz: 500.0, ..Settings::default() });
 }
 
 #[test]
@@ -545,6 +523,7 @@ fn what_the_board_cannot_do_is_refused() {
         Command::EnterDfu,
         Command::Reboot,
         Command::SaveSettings,
+        Command::FactoryReset,
         Command::Start,
         Command::Stop,
         Command::Inject(samples),
@@ -570,10 +549,27 @@ fn the_reply_to_a_restart_is_sent_before_it() {
     }
 }
 
+#[test]
+fn nothing_behind_a_restart_is_obeyed() {
+    let mut rig = Rig::new();
+    // The link is full: the restart waits for its reply to go out.
+    rig.set_room(3);
+    let (id, mut bytes) = rig.request(Command::Reboot);
+    for command in [write(&[("memory_s", 10.0)]), Command::SaveSettings, Command::Hello] {
+        bytes.extend(rig.request(command).1);
+    }
+    rig.send_bytes(&bytes);
+    rig.pass(100);
+    rig.set_room(usize::MAX);
+    assert_eq!(rig.records(), [Record::Reply(Reply { id, result: Ok(Done::Plain) })]);
+    assert_eq!(rig.ended, Some(Ok(Restart::Reboot)));
+    assert_eq!(*rig.store.saved.borrow(), None);
+}
+
 /// Frame of a request that this version does not know.
 fn unknown_request(id: u8, command: u8) -> Vec<u8> {
     let mut body = vec![id, command, 0, 0];
-    body.extend(crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(&body).to_le_bytes());
+    body.extend(crc::Crc::<u32>::new(&crc::CRC_32_JAMCRC).checksum(&body).to_le_bytes());
     let mut frame = cobs::encode_vec(&body);
     frame.push(0);
     frame

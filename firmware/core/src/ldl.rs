@@ -105,7 +105,7 @@ impl Reciprocal {
         let normalising = pivot.leading_zeros() - 1;
         let divisor = pivot << normalising;
         // A 32-bit division gives 15 bits; each Newton step, x += x (1 - d x), doubles them. A 64-bit one costs more.
-        let seed = i64::from(u32::MAX / (divisor >> 46) as u32) << 46;
+        let seed = i64::from(u32::MAX / ((divisor >> 46) as u32).max(1)) << 46;
         let refine = |estimate: i64| {
             let (product, _) = widening_mul(divisor, estimate);
             let error = (1_i64 << 60) - product;

@@ -40,5 +40,5 @@ pub use active::Active;
 pub use estimate::{Bank, Estimate, Parameter, Parameters, Status};
 pub use estimator::{Counters, State};
 pub use sample::RawSample;
-pub use settings::{Kind, SettingInfo, Settings, SettingsError};
+pub use settings::{Kind, SettingInfo, SettingText, Settings, SettingsError};
 pub use sums::Sums;

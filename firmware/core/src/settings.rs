@@ -47,6 +47,15 @@ pub enum SettingsError {
         /// What must hold between them.
         rule: &'static str,
     },
+    /// The value is possible, but not on this board.
+    NotOffered {
+        /// The setting's name.
+        field: &'static str,
+        /// The value that was refused.
+        value: f64,
+        /// Values that the board offers together with the other settings.
+        offered: &'static [f64],
+    },
 }
 
 impl core::fmt::Display for SettingsError {
@@ -60,21 +69,35 @@ impl core::fmt::Display for SettingsError {
             Self::NotWhole { field, value } => write!(f, "{field}: {value} is not a whole number"),
             Self::Zero { field } => write!(f, "{field}: must be at least 1e-12 in magnitude"),
             Self::Conflict { field, other, rule } => write!(f, "{field} and {other}: {rule}"),
+            Self::NotOffered { field, value, offered } => {
+                write!(f, "{field}: the board does not offer {value}, but")?;
+                let last = offered.len().saturating_sub(1);
+                offered.iter().enumerate().try_for_each(|(place, value)| match place {
+                    0 => write!(f, " {value}"),
+                    _ if place == last => write!(f, " and {value}"),
+                    _ => write!(f, ", {value}"),
+                })
+            }
         }
     }
 }
 
 impl core::error::Error for SettingsError {}
 
+/// What a person wants to know of a setting. Apart from [`SettingInfo`], as a device has no use for it and its flash is small.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SettingText {
+    /// Unit for display; empty for a plain number.
+    pub unit: &'static str,
+    /// One line.
+    pub help: &'static str,
+}
+
 /// What is known of a setting apart from its value.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SettingInfo {
     /// Name, ending in the unit where there is one.
     pub name: &'static str,
-    /// Unit for display; empty for a plain number.
-    pub unit: &'static str,
-    /// One line for a person.
-    pub help: &'static str,
     /// Value of a device that was never set up.
     pub default: f64,
     /// Least value accepted.
@@ -108,9 +131,13 @@ macro_rules! settings {
             /// The table of settings. A setting's number on the wire is its place here, so new ones go at the end.
             pub const TABLE: &'static [SettingInfo] = &[
                 $(SettingInfo {
-                    name: stringify!($name), unit: $unit, help: $help, default: $default, min: $min, max: $max,
-                    kind: Kind::$kind,
+                    name: stringify!($name), default: $default, min: $min, max: $max, kind: Kind::$kind,
                 },)+
+            ];
+
+            /// Units and explanations, in the order of [`TABLE`](Self::TABLE).
+            pub const TEXTS: &'static [SettingText] = &[
+                $(SettingText { unit: $unit, help: $help },)+
             ];
 
             /// Number of settings.
@@ -157,9 +184,15 @@ settings! {
     publish_rate_hz, "Hz", 5.0, 0.1, 10.0, Real, "Estimates per second";
     full_scale_velocity_m_per_s, "m/s", 2.0, 1e-3, 1e3, Real, "Velocity beyond which samples are left out as saturated";
     full_scale_acceleration_m_per_s2, "m/s^2", 200.0, 1e-2, 1e5, Real, "Acceleration beyond which samples are left out as saturated";
+    front_end, "", 0.0, 0.0, 1.0, Whole, "Force front end: 0 analogue, 1 ADS131M04";
 }
 
 impl Settings {
+    /// Every setting with its text.
+    pub fn described() -> impl Iterator<Item = (&'static SettingInfo, &'static SettingText)> {
+        Self::TABLE.iter().zip(Self::TEXTS)
+    }
+
     /// Number of the setting with this name.
     pub fn find(name: &str) -> Option<usize> {
         Self::TABLE.iter().position(|info| info.name == name)

@@ -4,7 +4,7 @@ use crate::source::{self, FileSource};
 use crate::{clock, executor, icount, semihosting, stack, usart};
 use cortex_m_rt::{ExceptionFrame, entry, exception};
 use embassy_time::Instant;
-use inerter_app::{App, Figures, Identity, InUse, NoStore, Platform, Restart};
+use inerter_app::{App, Figures, Identity, InUse, NoStore, Platform, Restart, Start, accept_all};
 use inerter_core::{Active, Settings, State};
 use inerter_wire::{Capabilities, ClockSource};
 use static_cell::ConstStaticCell;
@@ -23,6 +23,8 @@ const IDENTITY: Identity<'static> = Identity {
     serial: "QEMU-0",
     clock: ClockSource::Simulated,
     capabilities: Capabilities::SAMPLER.with(Capabilities::INJECT).with(Capabilities::REBOOT),
+    accepts: accept_all,
+    start: Start::POWER_ON,
 };
 
 static APP: App = App::new();
@@ -97,7 +99,7 @@ fn main() -> ! {
     let settings = Settings::default();
     // The error's text would bring the printing of floats into the image.
     let Ok(active) = settings.validate() else { panic!("the default settings are not valid") };
-    let in_use = InUse { settings, fault: None };
+    let in_use = InUse { settings, defaults: settings, fault: None };
     executor::run(|spawner| {
         let tasks = [
             telemetry(transmitter).map(|task| spawner.spawn(task)),

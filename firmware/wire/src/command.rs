@@ -30,6 +30,7 @@ messages! {
         10 InjectEnd "Reply once every injected sample has gone through the estimator and a final Estimate is out.";
         11 EnterDfu "Restart into the chip's firmware update mode.";
         12 Reboot "Restart.";
+        13 FactoryReset "Erase the settings store and put the board's defaults in use.";
     }
 }
 

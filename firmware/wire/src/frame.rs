@@ -1,12 +1,16 @@
 //! Messages in frames, and out of them again whatever happened on the way.
 //!
-//! - *body*: payload, sequence number (u16, little-endian), CRC-32 of both (ISO-HDLC, little-endian).
+//! - *body*: payload, sequence number (u16, little-endian), CRC-32 of both (ISO-HDLC, little-endian; of a request its
+//!   complement).
 //! - *frame*: the body in COBS, which leaves no zero in it, and the delimiter, one zero.
 //!
 //! A frame is believed only when it can be unstuffed, its CRC agrees and its payload decodes to the last byte; damage
 //! passes as another message with a chance of 2^-32 per damaged frame. The sequence number counts every frame that the
 //! sender meant to send, so a jump is the number of frames lost. A step backwards cannot come from a wire, which keeps
 //! the order and repeats nothing: it means that the sender started anew.
+//!
+//! The complement keeps the directions apart: a terminal that echoes, as one just opened does on Linux, sends a device
+//! its own records back, and none of them is a request, whatever it holds.
 
 use crate::{Command, Event, EventKind, Record, Request, WIRE_VERSION};
 use core::fmt;
@@ -37,6 +41,9 @@ static CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
 /// What can travel in a frame: [`Record`] and [`Request`].
 pub trait Message: Serialize + DeserializeOwned {
+    /// What the frame's CRC-32 is combined with by exclusive or, so that no other kind of message has the same.
+    const SALT: u32;
+
     /// Whether only a sender that has just started sends this with this number.
     fn starts_stream(&self, sequence: u16) -> bool;
 
@@ -56,6 +63,8 @@ pub struct Peek {
 }
 
 impl Message for Record {
+    const SALT: u32 = 0;
+
     fn starts_stream(&self, sequence: u16) -> bool {
         match self {
             Self::Event(Event { kind: EventKind::Started, .. }) => true,
@@ -73,6 +82,8 @@ impl Message for Record {
 }
 
 impl Message for Request {
+    const SALT: u32 = u32::MAX;
+
     fn starts_stream(&self, sequence: u16) -> bool {
         sequence == 0 && matches!(self.command, Command::Hello)
     }
@@ -126,6 +137,7 @@ impl core::error::Error for EncodeError {}
 struct Body<'a> {
     stuffed: Cobs<Slice<'a>>,
     digest: Digest<'static, u32>,
+    salt: u32,
     room: usize,
 }
 
@@ -143,7 +155,7 @@ impl<'a> Flavor for Body<'a> {
     }
 
     fn finalize(mut self) -> postcard::Result<&'a mut [u8]> {
-        for byte in self.digest.finalize().to_le_bytes() {
+        for byte in (self.digest.finalize() ^ self.salt).to_le_bytes() {
             self.stuffed.try_push(byte)?;
         }
         self.stuffed.finalize()
@@ -170,7 +182,8 @@ pub fn encode<T: Message>(message: &T, sequence: u16, out: &mut [u8]) -> Result<
 
 fn write<T: Message>(message: &T, sequence: u16, out: &mut [u8]) -> postcard::Result<usize> {
     let stuffed = Cobs::try_new(Slice::new(out))?;
-    let mut serializer = postcard::Serializer { output: Body { stuffed, digest: CRC.digest(), room: MAX_PAYLOAD } };
+    let body = Body { stuffed, digest: CRC.digest(), salt: T::SALT, room: MAX_PAYLOAD };
+    let mut serializer = postcard::Serializer { output: body };
     message.serialize(&mut serializer)?;
     let mut body = serializer.output;
     body.room = 2;
@@ -454,7 +467,7 @@ impl<T: Message> FrameReader<T> {
         if payload.is_empty() {
             return Err(Corruption::TooShort);
         }
-        if CRC.checksum(summed) != u32::from_le_bytes(*crc) {
+        if CRC.checksum(summed) ^ T::SALT != u32::from_le_bytes(*crc) {
             return Err(Corruption::Checksum);
         }
         Ok((payload, u16::from_le_bytes(*sequence)))

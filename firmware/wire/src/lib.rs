@@ -29,8 +29,8 @@ pub use frame::{
     SequenceCounter, encode, encode_record, encode_request,
 };
 pub use record::{
-    Capabilities, ClockSource, Done, Event, EventKind, Fault, Health, Hello, Record, Refusal, Reply, SettingFault,
-    Source, Text,
+    Capabilities, ClockSource, Done, Event, EventKind, Fault, Health, Hello, Record, Refusal, Reply, ResetCause,
+    SettingFault, Source, Text,
 };
 pub use samples::{DecodeError, Full, Iter, Samples, SamplesBuilder};
 pub use settings::{MAX_SETTINGS, Reading, SettingValue, SettingsValues};

@@ -149,7 +149,7 @@ pub struct Event {
 /// What happened. New kinds go at the end.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum EventKind {
-    /// The device has just started. Its stream begins with a Hello, sequence 0, and this.
+    /// The device has just started. Its stream begins with this, sequence 0, and a Hello.
     Started,
     /// The source has no more samples: the file ended, or `InjectEnd` is done.
     SourceEnded,
@@ -163,6 +163,47 @@ pub enum EventKind {
     Fault(Fault),
     /// The run before this one ended in a panic with this message.
     Panicked(Text<96>),
+    /// What ended the run before this one; told once after a start.
+    ResetBy(ResetCause),
+}
+
+/// What made a device start. New ones go at the end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum ResetCause {
+    /// Power came, or came back after a dip.
+    PowerOn,
+    /// The reset pin: a button, a probe.
+    Pin,
+    /// The firmware itself, asked to.
+    Software,
+    /// The independent watchdog: the firmware hung.
+    Watchdog,
+    /// The window watchdog: the firmware's timing broke.
+    WindowWatchdog,
+    /// A low-power mode that is not allowed.
+    LowPower,
+    /// New option bytes.
+    OptionBytes,
+    /// The firmware failed; `Panicked` tells where.
+    Panic,
+    /// The board cannot tell.
+    Unknown,
+}
+
+impl fmt::Display for ResetCause {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::PowerOn => "power",
+            Self::Pin => "the reset pin",
+            Self::Software => "the firmware, as asked",
+            Self::Watchdog => "the watchdog, as the firmware hung",
+            Self::WindowWatchdog => "the window watchdog, as the firmware's timing broke",
+            Self::LowPower => "a low-power mode that is not allowed",
+            Self::OptionBytes => "new option bytes",
+            Self::Panic => "a failure of the firmware",
+            Self::Unknown => "a cause that the board cannot tell",
+        })
+    }
 }
 
 /// Where samples come from.
@@ -189,6 +230,12 @@ pub enum Fault {
     SavedSettings,
     /// The watchdog ended the run before this one.
     Watchdog,
+    /// The saved settings are from a newer firmware; the defaults are in use, and the saved ones are kept.
+    NewerSettings,
+    /// The settings store holds damaged or foreign bytes; the defaults are in use, and the bytes are kept.
+    ForeignSettings,
+    /// The sampler's channels ran apart and were set right; samples were lost.
+    SamplerMisaligned,
 }
 
 impl fmt::Display for Fault {
@@ -201,6 +248,14 @@ impl fmt::Display for Fault {
                 "the saved settings are not valid, the defaults are in use: write and save them again"
             }
             Self::Watchdog => "the device hung and was restarted by its watchdog: please report it",
+            Self::NewerSettings => {
+                "the saved settings are from a newer firmware, the defaults are in use: update the firmware, or save \
+                 settings to replace them"
+            }
+            Self::ForeignSettings => {
+                "the settings store is damaged or another program's, the defaults are in use: save settings to replace it"
+            }
+            Self::SamplerMisaligned => "the sampler's channels ran apart and were set right: please report it",
         })
     }
 }
@@ -257,6 +312,8 @@ pub enum Refusal {
     Store,
     /// No samples come in, so there is nothing to measure.
     NoSamples,
+    /// The sampler does not come up with these settings.
+    Source,
 }
 
 /// What is wrong with a setting's value.
@@ -276,6 +333,8 @@ pub enum SettingFault {
     Conflict(u8),
     /// The setting occurs twice in one request.
     Repeated,
+    /// The value is possible, but not on this board.
+    NotOffered,
 }
 
 impl Refusal {
@@ -288,6 +347,7 @@ impl Refusal {
             SettingsError::OutOfRange { field, .. } => (Some(field), SettingFault::OutOfRange),
             SettingsError::NotWhole { field, .. } => (Some(field), SettingFault::NotWhole),
             SettingsError::Zero { field } => (Some(field), SettingFault::Zero),
+            SettingsError::NotOffered { field, .. } => (Some(field), SettingFault::NotOffered),
             SettingsError::Conflict { field, other, .. } => {
                 (Some(field), place(other).map_or(SettingFault::OutOfRange, SettingFault::Conflict))
             }
@@ -332,6 +392,9 @@ impl fmt::Display for Refusal {
                         write!(f, "the value contradicts {}: change one of the two", SettingName(other))
                     }
                     (SettingFault::Repeated, _) => f.write_str("given twice: give it once"),
+                    (SettingFault::NotOffered, _) => {
+                        f.write_str("the board does not offer this value: docs/HARDWARE.md lists those that it does")
+                    }
                 }
             }
             Self::BadSamples => {
@@ -342,6 +405,7 @@ impl fmt::Display for Refusal {
                 f.write_str("the device cannot write its settings store: the settings hold until it restarts")
             }
             Self::NoSamples => f.write_str("no samples come in: start the sampler first"),
+            Self::Source => f.write_str("the sampler does not come up: check the front end and its wiring"),
         }
     }
 }

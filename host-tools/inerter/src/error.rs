@@ -6,8 +6,8 @@
 use miette::Diagnostic;
 
 use crate::{
-    csv::CsvError, device::DeviceError, output::OutputError, recording::RecordingError, settings::SettingsInputError,
-    simulate::SimulateError,
+    csv::CsvError, device::DeviceError, flash::FlashError, image::ImageError, output::OutputError,
+    recording::RecordingError, settings::SettingsInputError, simulate::SimulateError, update::UpdateError,
 };
 
 /// Exit codes, a public contract described in `docs/CLI.md`.
@@ -65,6 +65,18 @@ pub enum Error {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Simulate(#[from] SimulateError),
+    /// A file is no firmware for the board.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Image(#[from] ImageError),
+    /// An update over USB failed.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Update(#[from] UpdateError),
+    /// Programming through a probe failed.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Flash(#[from] FlashError),
 }
 
 impl From<CsvError> for Error {
@@ -80,11 +92,15 @@ impl Error {
             Self::Csv(_) => exit::INPUT,
             Self::Recording(RecordingError::ForeignVersion { .. }) => exit::WIRE_VERSION,
             Self::Recording(_) => exit::INPUT,
+            Self::Settings(SettingsInputError::Unconfirmed) => exit::USAGE,
             Self::Settings(_) => exit::SETTINGS,
             Self::Device(error) => error.exit_code(),
             Self::Output(error) => error.exit_code(),
             Self::Interrupted => exit::INTERRUPTED,
             Self::Simulate(error) => error.exit_code(),
+            Self::Image(error) => error.exit_code(),
+            Self::Update(error) => error.exit_code(),
+            Self::Flash(error) => error.exit_code(),
         }
     }
 

@@ -3,6 +3,7 @@
 //! Data flows one way: a [`run::Run`] comes from a file ([`recording`], [`csv`]) or from a device
 //! ([`device`], [`live`]); [`replay`] takes it through the estimator here, [`inject`] through a device's own;
 //! [`report`] turns what comes out into JSON and text. [`simulate`] makes runs and devices out of the plant.
+//! A firmware [`image`] reaches a board by [`mod@update`] over USB or by [`flash`] through a debug probe.
 //!
 //! Every error names the file, field, line or port and says what to do next; [`error::Error::exit_code`] is the code
 //! that the program ends with.
@@ -11,9 +12,12 @@
 // The app's queues need critical sections; this crate brings the implementation for a machine with threads.
 use critical_section as _;
 
+pub mod board;
 pub mod csv;
 pub mod device;
 pub mod error;
+pub mod flash;
+pub mod image;
 pub mod inject;
 pub mod live;
 pub mod output;
@@ -23,5 +27,6 @@ pub mod report;
 pub mod run;
 pub mod settings;
 pub mod simulate;
+pub mod update;
 
 pub use error::Error;

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use inerter_wire::Streams;
 
-use crate::device::{Clock, Device, DeviceError, Received, Target};
+use crate::device::{Clock, Device, DeviceError, Received, Target, serial_of};
 
 /// Pause between two attempts to reach a device that went away.
 const RETRY: Duration = Duration::from_millis(300);
@@ -40,7 +40,7 @@ pub struct Live {
 
 enum State {
     Here { device: Box<Device>, heard: Instant },
-    Away { since: Instant, tried: Instant, error: DeviceError },
+    Away { since: Instant, tried: Instant, error: Option<DeviceError> },
 }
 
 impl Live {
@@ -84,12 +84,14 @@ impl Live {
                     return Err(error);
                 }
                 let reason = error.to_string();
-                self.state = State::Away { since: Instant::now(), tried: Instant::now(), error };
+                self.state = State::Away { since: Instant::now(), tried: Instant::now(), error: Some(error) };
                 Ok(Happening::Away { reason })
             }
             State::Away { since, tried, error } => {
-                if since.elapsed() > self.wait {
-                    return Err(std::mem::replace(error, DeviceError::NoneFound));
+                if since.elapsed() > self.wait
+                    && let Some(error) = error.take()
+                {
+                    return Err(error);
                 }
                 if tried.elapsed() < RETRY {
                     std::thread::sleep(Duration::from_millis(20));
@@ -118,10 +120,14 @@ fn open(target: &Target, streams: Streams, clock: Clock) -> Result<Device, Devic
     Ok(device)
 }
 
-/// A USB device is found again by its serial number, whatever port it then gets.
+/// A USB device is found again by its serial number, whatever port it then gets; also one that was given by its port.
 fn known(target: Target, device: &Device) -> Target {
     match target {
         Target::Usb { serial: None } => Target::Usb { serial: Some(device.hello().serial.to_string()) },
+        Target::Port { port, baud } => match serial_of(&port) {
+            Some(serial) => Target::Usb { serial: Some(serial) },
+            None => Target::Port { port, baud },
+        },
         target => target,
     }
 }

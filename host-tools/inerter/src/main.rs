@@ -24,7 +24,7 @@ Try it without hardware:
   inerter monitor --connect 127.0.0.1:7878
 
 Exit codes: 0 done, 1 other failure, 2 wrong command line, 3 input file, 4 settings or parameters,
-5 device not found or not opened, 6 device went away or refused, 7 wire version, 8 output not written, 130 interrupted.";
+5 device or probe not found or not opened, 6 device went away or refused, 7 wire version, 8 output not written, 130 interrupted.";
 
 #[derive(Subcommand)]
 enum Command {
@@ -36,6 +36,9 @@ enum Command {
     Export(cmd::export::Args),
     Info(cmd::info::Args),
     Ports(cmd::ports::Args),
+    Settings(cmd::settings::Args),
+    Update(cmd::update::Args),
+    Flash(cmd::flash::Args),
 }
 
 fn main() -> ExitCode {
@@ -59,6 +62,9 @@ fn main() -> ExitCode {
         Command::Export(args) => cmd::export::run(&args),
         Command::Info(args) => cmd::info::run(&args),
         Command::Ports(args) => cmd::ports::run(&args),
+        Command::Settings(args) => cmd::settings::run(&args),
+        Command::Update(args) => cmd::update::run(&args),
+        Command::Flash(args) => cmd::flash::run(&args),
     };
     let result = result.and_then(|()| Ok(inerter::output::flush()?));
     match result {

@@ -6,8 +6,9 @@
 use std::collections::BTreeMap;
 
 use inerter_core::{Bank, Counters, Estimate, Parameter, Parameters, Status};
-use inerter_wire::{Health, catalogue};
+use inerter_wire::{EventKind, Health, ResetCause, catalogue};
 use serde::Serialize;
+use serde_json::Value;
 
 use crate::{replay::Outcome, run::Run};
 
@@ -76,6 +77,68 @@ pub struct EstimateJson {
 /// Time from the first sample since the reset to the one of this estimate \[s\].
 pub fn elapsed_s(estimate: &Estimate, rate_hz: f64) -> f64 {
     estimate.elapsed_samples.saturating_sub(1) as f64 / rate_hz
+}
+
+/// An event for a person.
+pub fn event_words(kind: &EventKind) -> String {
+    match kind {
+        EventKind::Started => "the device has started".into(),
+        EventKind::SourceEnded => "no more samples: the motion has ended".into(),
+        EventKind::EstimatorReset => "the estimator begins anew".into(),
+        EventKind::SettingsChanged => "the settings were changed".into(),
+        EventKind::SourceChanged(source) => format!("samples now come from: {source:?}").to_lowercase(),
+        EventKind::Fault(fault) => format!("fault: {fault}"),
+        EventKind::Panicked(text) => format!("the firmware failed before this start: {text}; please report it"),
+        EventKind::ResetBy(cause) => format!("the device was started by {cause}"),
+    }
+}
+
+/// An event for a program: `started`, `fault.newer_settings`, `reset_by.watchdog`; only what follows `panicked` is left
+/// to the words.
+pub fn event_code(kind: &EventKind) -> String {
+    match serde_json::to_value(kind) {
+        Ok(Value::String(name)) => snake_case(&name),
+        Ok(Value::Object(object)) => {
+            let code = |(name, value): (&String, &Value)| match (kind, value) {
+                (EventKind::Panicked(_), _) => snake_case(name),
+                (_, Value::String(value)) => format!("{}.{}", snake_case(name), snake_case(value)),
+                _ => snake_case(name),
+            };
+            object.iter().next().map(code).unwrap_or_default()
+        }
+        _ => String::new(),
+    }
+}
+
+fn snake_case(name: &str) -> String {
+    let mut text = String::new();
+    for letter in name.chars() {
+        if letter.is_uppercase() && !text.is_empty() {
+            text.push('_');
+        }
+        text.extend(letter.to_lowercase());
+    }
+    text
+}
+
+/// Whether an event tells of something wrong that somebody who records wants to know.
+pub fn is_trouble(kind: &EventKind) -> bool {
+    match kind {
+        EventKind::Fault(_) | EventKind::Panicked(_) => true,
+        EventKind::ResetBy(cause) => match cause {
+            ResetCause::PowerOn | ResetCause::Pin | ResetCause::Software | ResetCause::OptionBytes => false,
+            ResetCause::Watchdog
+            | ResetCause::WindowWatchdog
+            | ResetCause::LowPower
+            | ResetCause::Panic
+            | ResetCause::Unknown => true,
+        },
+        EventKind::Started
+        | EventKind::SourceEnded
+        | EventKind::EstimatorReset
+        | EventKind::SettingsChanged
+        | EventKind::SourceChanged(_) => false,
+    }
 }
 
 /// Counts that the final estimate carries.

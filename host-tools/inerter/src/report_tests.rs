@@ -47,3 +47,23 @@ fn digits_follow_the_interval() {
     assert_eq!(text(0.01234, 0.00056), "0.01234 ± 0.00056");
     assert_eq!(text(5.0, f32::INFINITY), "5.0000");
 }
+
+#[test]
+fn events_have_a_code_for_programs_and_words_for_people() {
+    use inerter_wire::{EventKind, Fault, Hello, ResetCause, Source};
+    for (kind, code, words, trouble) in [
+        (EventKind::Started, "started", "the device has started", false),
+        (EventKind::SourceChanged(Source::Link), "source_changed.link", "samples now come from: link", false),
+        (EventKind::Fault(Fault::NewerSettings), "fault.newer_settings", "from a newer firmware", true),
+        (EventKind::Fault(Fault::ForeignSettings), "fault.foreign_settings", "another program's", true),
+        (EventKind::Fault(Fault::SamplerMisaligned), "fault.sampler_misaligned", "ran apart", true),
+        (EventKind::ResetBy(ResetCause::PowerOn), "reset_by.power_on", "started by power", false),
+        (EventKind::ResetBy(ResetCause::Pin), "reset_by.pin", "the reset pin", false),
+        (EventKind::ResetBy(ResetCause::WindowWatchdog), "reset_by.window_watchdog", "the window watchdog", true),
+        (EventKind::Panicked(Hello::text("at app.rs:7")), "panicked", "at app.rs:7", true),
+    ] {
+        assert_eq!(event_code(&kind), code);
+        assert!(event_words(&kind).contains(words), "{}", event_words(&kind));
+        assert_eq!(is_trouble(&kind), trouble, "{kind:?}");
+    }
+}

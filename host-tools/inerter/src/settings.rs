@@ -74,6 +74,10 @@ pub enum SettingsInputError {
         /// The reason.
         source: std::io::Error,
     },
+    /// Nobody is there who could say yes.
+    #[error("erasing settings needs a yes, and this is no terminal to ask at")]
+    #[diagnostic(code(inerter::settings::unconfirmed), help("add --yes; nothing was changed"))]
+    Unconfirmed,
     /// The file is not TOML.
     #[error("the settings file {path}, line {line}: {message}", path = path.display())]
     #[diagnostic(code(inerter::settings::toml), help("each line is `name = number`, for example `memory_s = 30`"))]
@@ -194,9 +198,9 @@ impl Overrides {
 /// The settings as a TOML file that [`Overrides::from_inputs`] reads back to the same bits.
 pub fn to_toml(settings: &Settings) -> String {
     let mut text = String::new();
-    for (info, value) in Settings::TABLE.iter().zip(settings.values()) {
-        let unit = if info.unit.is_empty() { String::new() } else { format!(" [{}]", info.unit) };
-        text += &format!("# {}{unit}\n{} = {value:?}\n", info.help, info.name);
+    for ((info, about), value) in Settings::described().zip(settings.values()) {
+        let unit = if about.unit.is_empty() { String::new() } else { format!(" [{}]", about.unit) };
+        text += &format!("# {}{unit}\n{} = {value:?}\n", about.help, info.name);
     }
     text
 }
@@ -236,7 +240,7 @@ fn unknown_help(name: &str) -> String {
 }
 
 fn unit_words(name: &str) -> String {
-    let unit = Settings::find(name).and_then(|number| Settings::TABLE.get(number)).map_or("", |info| info.unit);
+    let unit = Settings::find(name).and_then(|number| Settings::TEXTS.get(number)).map_or("", |text| text.unit);
     if unit.is_empty() { "plain digits".into() } else { format!("units of {unit}") }
 }
 
@@ -247,12 +251,13 @@ fn value_help(error: &SettingsError) -> String {
         SettingsError::NotFinite { field }
         | SettingsError::OutOfRange { field, .. }
         | SettingsError::NotWhole { field, .. }
-        | SettingsError::Zero { field } => field,
+        | SettingsError::Zero { field }
+        | SettingsError::NotOffered { field, .. } => field,
     };
-    match Settings::find(field).and_then(|number| Settings::TABLE.get(number)) {
-        Some(info) => {
-            let unit = if info.unit.is_empty() { String::new() } else { format!(" {}", info.unit) };
-            format!("{}; from {:?} to {:?}{unit}, by default {:?}", info.help, info.min, info.max, info.default)
+    match Settings::described().find(|(info, _)| info.name == field) {
+        Some((info, text)) => {
+            let unit = if text.unit.is_empty() { String::new() } else { format!(" {}", text.unit) };
+            format!("{}; from {:?} to {:?}{unit}, by default {:?}", text.help, info.min, info.max, info.default)
         }
         None => format!("give {field} another value"),
     }
@@ -261,9 +266,9 @@ fn value_help(error: &SettingsError) -> String {
 /// All settings, for the end of a command's help.
 pub fn help_table() -> String {
     let mut text = String::from("Settings for --set and --settings, with their defaults:\n");
-    for info in Settings::TABLE {
-        let line = format!("  {} = {:?} {}", info.name, info.default, info.unit);
-        text += &format!("{}\n      {}\n", line.trim_end(), info.help);
+    for (info, about) in Settings::described() {
+        let line = format!("  {} = {:?} {}", info.name, info.default, about.unit);
+        text += &format!("{}\n      {}\n", line.trim_end(), about.help);
     }
     text
 }

@@ -130,7 +130,10 @@ fn a_device_that_comes_back_is_recorded_further() {
     let output = child.wait_with_output().unwrap();
     let words = text(&output.stderr);
     assert!(output.status.success(), "{words}");
-    assert!(words.contains("went away") && words.contains("the device is back, the recording goes on"), "{words}");
+    assert!(
+        words.contains("went away") && words.contains(&format!("the device is back at {name}, the recording goes on")),
+        "{words}"
+    );
     let info = last(&done(folder.path(), &["info", "run.mcap", "--json"]));
     // One from each; a busy machine may be asked twice before it answers.
     assert!(info.pointer("/records/Hello").unwrap().as_u64().unwrap() >= 2, "{info}");

@@ -3,5 +3,9 @@
 
 #[test]
 fn transcripts() {
-    trycmd::TestCases::new().case("tests/cmd/*.trycmd");
+    let cases = trycmd::TestCases::new();
+    cases.case("tests/cmd/*.trycmd");
+    if cfg!(feature = "probe") {
+        cases.skip("tests/cmd/*.without-probe.trycmd");
+    }
 }

@@ -24,11 +24,13 @@ struct Law {
     forbid_unsafe: bool,
 }
 
-/// The law. Nothing may use a program: `inerter-qemu`, `xtask` and `inerter-tests` stand on no right-hand side.
+/// The law. Nothing may use a program: the images, `xtask`, `inerter-tests` and `inerter-twin` stand on no right-hand side;
+/// the twin above all, as its emulator is GPL.
 const LAWS: &[Law] = &[
     Law { member: "inerter-core", may_use: &[], tests_may_use: &[], forbid_unsafe: true },
     Law { member: "inerter-wire", may_use: &["inerter-core"], tests_may_use: &[], forbid_unsafe: true },
     Law { member: "inerter-app", may_use: &["inerter-core", "inerter-wire"], tests_may_use: &[], forbid_unsafe: true },
+    Law { member: "ads131m04", may_use: &[], tests_may_use: &[], forbid_unsafe: true },
     Law { member: "inerter-plant", may_use: &[], tests_may_use: &[], forbid_unsafe: true },
     Law {
         member: "inerter",
@@ -42,12 +44,33 @@ const LAWS: &[Law] = &[
         tests_may_use: &[],
         forbid_unsafe: false,
     },
+    Law {
+        member: "inerter-stm32g474",
+        may_use: &["inerter-core", "inerter-wire", "inerter-app", "ads131m04"],
+        tests_may_use: &[],
+        forbid_unsafe: false,
+    },
     Law { member: "xtask", may_use: &[], tests_may_use: &[], forbid_unsafe: true },
     Law {
         member: "inerter-tests",
         may_use: &["inerter-core", "inerter-wire", "inerter-app", "inerter-plant", "inerter"],
         tests_may_use: &[],
         forbid_unsafe: true,
+    },
+    Law { member: "inerter-guest", may_use: &[], tests_may_use: &[], forbid_unsafe: true },
+    Law {
+        member: "inerter-twin",
+        may_use: &[
+            "inerter-guest",
+            "inerter-core",
+            "inerter-wire",
+            "inerter-app",
+            "inerter-plant",
+            "inerter",
+            "ads131m04",
+        ],
+        tests_may_use: &[],
+        forbid_unsafe: false,
     },
 ];
 

@@ -1,6 +1,9 @@
 //! The simulated inerter on the shaker, measured by the firmware in QEMU.
 
-use crate::{firmware, process, setup, suite};
+use crate::{
+    firmware::{self, Image},
+    process, setup, suite,
+};
 use anyhow::{Context, Result};
 
 /// What is handed on to the demo.
@@ -16,11 +19,11 @@ pub fn run(options: &Options) -> Result<()> {
     suite::heading("set-up");
     setup::ensure(&[setup::Need::Firmware, setup::Need::Qemu], false)?;
     suite::heading("building the firmware");
-    let image = firmware::build()?;
+    let image = firmware::build(Image::Qemu)?;
     suite::heading("building the programs");
     process::run(process::cargo().args(["build", "--release", "--package", "inerter", "--package", "inerter-tests"]))?;
     let mut command = process::cargo();
     command.args(["run", "--release", "--quiet", "--package", "inerter-tests", "--bin", "demo", "--"]);
-    command.args(&options.arguments).env(firmware::IMAGE_VARIABLE, &image);
+    command.args(&options.arguments).env(Image::Qemu.variable(), &image);
     process::run(&mut command).context("the demo did not reach its end")
 }

@@ -1,4 +1,4 @@
-//! The QEMU image: how it is compiled on this machine, and how it is started.
+//! The images: how they are compiled on this machine, and how QEMU's is started.
 
 use crate::{
     process, setup,
@@ -13,11 +13,53 @@ use std::{
     time::Duration,
 };
 
-/// Package of the image.
-pub const PACKAGE: &str = "inerter-qemu";
+/// Packages that are built for the target only.
+pub const PACKAGES: &[&str] = &["inerter-qemu", "inerter-stm32g474"];
 
-/// The variable through which tests learn where the image lies.
-pub const IMAGE_VARIABLE: &str = "INERTER_QEMU_IMAGE";
+/// Folder of the board's package: its cargo settings (target, profile) count only from within.
+const BOARD_FOLDER: &str = "firmware/stm32g474";
+
+/// One program for the target.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Image {
+    /// For QEMU's netduinoplus2.
+    Qemu,
+    /// The one that ships, for the STM32G474: what `cargo build --release` makes in its folder.
+    Board,
+    /// The one that ships with a task that hangs, to see the watchdog at work.
+    Hang,
+}
+
+impl Image {
+    /// Everything that the tests run.
+    pub const ALL: [Self; 3] = [Self::Qemu, Self::Board, Self::Hang];
+
+    /// The variable through which tests learn where the image lies.
+    pub const fn variable(self) -> &'static str {
+        match self {
+            Self::Qemu => "INERTER_QEMU_IMAGE",
+            Self::Board => "INERTER_STM32_ELF",
+            Self::Hang => "INERTER_STM32_HANG_ELF",
+        }
+    }
+
+    /// Name of the program.
+    const fn program(self) -> &'static str {
+        match self {
+            Self::Qemu => "inerter-qemu",
+            Self::Board => "inerter-stm32g474",
+            Self::Hang => "inerter-stm32g474-hang",
+        }
+    }
+
+    const fn arguments(self) -> &'static [&'static str] {
+        match self {
+            Self::Qemu => &["--package", "inerter-qemu", "--profile", "firmware"],
+            Self::Board => &["--release", "--bin", "inerter-stm32g474"],
+            Self::Hang => &["--release", "--features", "hang", "--bin", "inerter-stm32g474-hang"],
+        }
+    }
+}
 
 /// The distribution's linker that knows ARM, for a compiler that comes without one.
 const DISTRIBUTION_LINKER: &str = "/usr/bin/ld.lld";
@@ -113,7 +155,7 @@ fn at_least(line: &str, least: &str) -> bool {
 }
 
 /// Builds the image and returns where it lies.
-pub fn build() -> Result<PathBuf> {
+pub fn build(image: Image) -> Result<PathBuf> {
     let toolchain = match Toolchain::find() {
         Some(toolchain) => toolchain,
         None => {
@@ -122,9 +164,29 @@ pub fn build() -> Result<PathBuf> {
         }
     };
     let mut command = toolchain.cargo("build");
-    command.args(["--package", PACKAGE, "--profile", "firmware", "--message-format=json-render-diagnostics"]);
+    if image != Image::Qemu {
+        command.current_dir(workspace::root().join(BOARD_FOLDER));
+    }
+    command.args(image.arguments()).args(["--locked", "--message-format=json-render-diagnostics"]);
     let messages = process::output(&mut command).context("the firmware did not build")?;
-    executable(&messages, PACKAGE).context("cargo built no image; is inerter-qemu still a program?")
+    let program = image.program();
+    executable(&messages, program).with_context(|| format!("cargo built no image; is {program} still a program?"))
+}
+
+/// Builds all images and tells the command where they lie.
+pub fn build_for(command: &mut Command) -> Result<&mut Command> {
+    for image in Image::ALL {
+        command.env(image.variable(), build(image)?);
+    }
+    Ok(command)
+}
+
+/// Builds all images and prints where they lie.
+pub fn run_build() -> Result<()> {
+    for image in Image::ALL {
+        println!("{}", build(image)?.display());
+    }
+    Ok(())
 }
 
 /// Path of the program in cargo's messages.
@@ -177,7 +239,7 @@ mod tests {
             "\n",
             r#"{"reason":"build-finished","success":true}"#,
         );
-        assert_eq!(executable(messages, PACKAGE), Some("/t/inerter-qemu".into()));
-        assert_eq!(executable("", PACKAGE), None);
+        assert_eq!(executable(messages, "inerter-qemu"), Some("/t/inerter-qemu".into()));
+        assert_eq!(executable("", "inerter-qemu"), None);
     }
 }

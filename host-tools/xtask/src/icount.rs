@@ -46,7 +46,7 @@ pub struct Rate {
 
 /// Compares with the committed table, or writes it.
 pub fn run(options: &table::Options) -> Result<()> {
-    let image = firmware::build()?;
+    let image = firmware::build(firmware::Image::Qemu)?;
     let report = measure(&image)?;
     let table = table::Table {
         name: "icount",

@@ -10,7 +10,9 @@ mod arrows;
 mod bench;
 mod demo;
 mod firmware;
+mod guest;
 mod icount;
+mod panics;
 mod process;
 mod setup;
 mod size;
@@ -38,10 +40,14 @@ enum Command {
     Demo(demo::Options),
     /// Run every check and test in the order of continuous integration
     Test(suite::Options),
-    /// Build the QEMU image for thumbv7em-none-eabihf and print its path
+    /// Build the images for thumbv7em-none-eabihf, QEMU's and the board's, and print their paths
     BuildFirmware,
+    /// Make the boot image of the Linux guest in which a real kernel meets the board's USB
+    Guest(guest::Options),
     /// Fail when a crate uses one it must not, and on what the house forbids in source
     CheckArrows,
+    /// Fail when the shipping image could panic inside the estimator or allocate
+    CheckPanics,
     /// Flash, RAM and worst stack of the image, against docs/tables/size.md
     Size(table::Options),
     /// Instructions per sample and per solve on the Cortex-M4F, against docs/tables/icount.md
@@ -59,8 +65,10 @@ fn main() -> ExitCode {
         Command::Setup(options) => setup::run(&options),
         Command::Demo(options) => demo::run(&options),
         Command::Test(options) => suite::run(&options),
-        Command::BuildFirmware => firmware::build().map(|image| println!("{}", image.display())),
+        Command::BuildFirmware => firmware::run_build(),
+        Command::Guest(options) => guest::run(&options),
         Command::CheckArrows => arrows::run(),
+        Command::CheckPanics => panics::run(),
         Command::Size(options) => size::run(&options),
         Command::Icount(options) => icount::run(&options),
         Command::Accuracy(options) => accuracy::run(&options),

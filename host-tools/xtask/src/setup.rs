@@ -8,10 +8,17 @@
 
 use crate::{firmware, process, workspace::FIRMWARE_TARGET};
 use anyhow::{Context, Result, bail};
-use std::{path::Path, process::Command};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process::Command,
+};
 
 /// The emulator's program.
 pub const QEMU: &str = "qemu-system-arm";
+
+/// The program that runs the Linux guest.
+pub const GUEST_QEMU: &str = "qemu-system-x86_64";
 
 /// Oldest QEMU whose netduinoplus2 runs the image.
 const QEMU_LEAST: u32 = 6;
@@ -34,10 +41,14 @@ pub enum Need {
     Clippy,
     /// `qemu-system-arm`.
     Qemu,
+    /// CMake and libclang, with which the twin's emulator is compiled.
+    Twin,
+    /// `qemu-system-x86_64`, in which a real Linux meets the device.
+    Guest,
 }
 
 /// Everything that `cargo xtask test` uses.
-pub const ALL: &[Need] = &[Need::Firmware, Need::Rustfmt, Need::Clippy, Need::Qemu];
+pub const ALL: &[Need] = &[Need::Firmware, Need::Rustfmt, Need::Clippy, Need::Qemu, Need::Twin, Need::Guest];
 
 /// Finds or installs everything.
 pub fn run(options: &Options) -> Result<()> {
@@ -84,6 +95,8 @@ impl Need {
             Self::Rustfmt => "rustfmt",
             Self::Clippy => "clippy",
             Self::Qemu => QEMU,
+            Self::Twin => "CMake and libclang",
+            Self::Guest => GUEST_QEMU,
         }
     }
 
@@ -102,14 +115,9 @@ impl Need {
             Self::Clippy => {
                 process::first_line(process::cargo().args(["clippy", "--version"])).ok_or("not there".into())
             }
-            Self::Qemu => {
-                let line = process::first_line(Command::new(QEMU).arg("--version")).ok_or("not there")?;
-                match qemu_version(&line) {
-                    Some(version) if version >= QEMU_LEAST => Ok(line),
-                    Some(version) => Err(format!("version {version} is older than {QEMU_LEAST}")),
-                    None => Err(format!("no version in `{line}`")),
-                }
-            }
+            Self::Qemu => qemu_found(QEMU),
+            Self::Twin => twin_tools(),
+            Self::Guest => qemu_found(GUEST_QEMU),
         }
     }
 
@@ -119,6 +127,8 @@ impl Need {
             Self::Rustfmt => rustup(&["component", "add", "rustfmt"]),
             Self::Clippy => rustup(&["component", "add", "clippy"]),
             Self::Qemu => apt(&["qemu-system-arm"]),
+            Self::Twin => apt(&["cmake", "make", "gcc", "libc6-dev", "libclang-dev"]),
+            Self::Guest => apt(&["qemu-system-x86"]),
         }
     }
 
@@ -131,7 +141,9 @@ impl Need {
             ),
             Self::Rustfmt => "`rustup component add rustfmt`, or your distribution's rustfmt".into(),
             Self::Clippy => "`rustup component add clippy`, or your distribution's clippy".into(),
-            Self::Qemu => qemu_advice(&std::fs::read_to_string("/etc/os-release").unwrap_or_default()),
+            Self::Qemu => format!("{} (version {QEMU_LEAST} or newer)", advice(&ARM_QEMU_PACKAGES, &os_release())),
+            Self::Twin => advice(&TWIN_PACKAGES, &os_release()),
+            Self::Guest => advice(&GUEST_PACKAGES, &os_release()),
         }
     }
 }
@@ -199,8 +211,93 @@ fn qemu_version(line: &str) -> Option<u32> {
     version.split(|letter: char| !letter.is_ascii_digit()).next()?.parse().ok()
 }
 
-/// How QEMU is installed on the system whose `/etc/os-release` this is.
-fn qemu_advice(os_release: &str) -> String {
+/// A QEMU that is recent enough, or why there is none.
+fn qemu_found(program: &str) -> Result<String, String> {
+    let line = process::first_line(Command::new(program).arg("--version")).ok_or("not there")?;
+    match qemu_version(&line) {
+        Some(version) if version >= QEMU_LEAST => Ok(line),
+        Some(version) => Err(format!("version {version} is older than {QEMU_LEAST}")),
+        None => Err(format!("no version in `{line}`")),
+    }
+}
+
+/// CMake and a libclang where `bindgen` looks for it, or what is missing.
+fn twin_tools() -> Result<String, String> {
+    let cmake = process::first_line(Command::new("cmake").arg("--version")).ok_or("no cmake")?;
+    let given = std::env::var_os("LIBCLANG_PATH").map(PathBuf::from);
+    let told = process::first_line(Command::new("llvm-config").arg("--libdir")).map(PathBuf::from);
+    let versions = fs::read_dir("/usr/lib").into_iter().flatten().flatten().map(|entry| entry.path());
+    let versions =
+        versions.filter(|path| path.file_name().is_some_and(|name| name.to_string_lossy().starts_with("llvm")));
+    let usual = ["/usr/lib", "/usr/lib64", "/usr/lib/x86_64-linux-gnu", "/usr/lib/aarch64-linux-gnu", "/usr/local/lib"];
+    let folders = given.into_iter().chain(told).chain(versions.map(|path| path.join("lib")));
+    let folder = folders.chain(usual.map(PathBuf::from)).find(|folder| {
+        fs::read_dir(folder).is_ok_and(|entries| entries.flatten().any(|entry| is_libclang(&entry.path())))
+    });
+    Ok(format!("{cmake}, libclang in {}", folder.ok_or("no libclang")?.display()))
+}
+
+/// Whether this is libclang and not one of its sisters (`libclang-cpp`, static libraries).
+fn is_libclang(path: &Path) -> bool {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let rest = name.strip_prefix("libclang").unwrap_or("x");
+    rest.starts_with(".so")
+        || rest == ".dylib"
+        || (rest.starts_with("-") && !rest.starts_with("-cpp") && rest.contains(".so"))
+}
+
+fn os_release() -> String {
+    fs::read_to_string("/etc/os-release").unwrap_or_default()
+}
+
+/// What provides one thing, by package manager.
+struct Packages {
+    apt: &'static str,
+    dnf: &'static str,
+    pacman: &'static str,
+    apk: &'static str,
+    zypper: &'static str,
+    brew: &'static str,
+    winget: &'static str,
+    /// In words, for a system without any of them.
+    otherwise: &'static str,
+}
+
+const ARM_QEMU_PACKAGES: Packages = Packages {
+    apt: "qemu-system-arm",
+    dnf: "qemu-system-arm-core",
+    pacman: "qemu-system-arm",
+    apk: "qemu-system-arm",
+    zypper: "qemu-arm",
+    brew: "qemu",
+    winget: "SoftwareFreedomConservancy.QEMU",
+    otherwise: "install QEMU with its ARM system emulator, so that `qemu-system-arm` is on PATH",
+};
+
+const GUEST_PACKAGES: Packages = Packages {
+    apt: "qemu-system-x86",
+    dnf: "qemu-system-x86-core",
+    pacman: "qemu-system-x86",
+    apk: "qemu-system-x86_64",
+    zypper: "qemu-x86",
+    brew: "qemu",
+    winget: "SoftwareFreedomConservancy.QEMU",
+    otherwise: "install QEMU with its x86 system emulator, so that `qemu-system-x86_64` is on PATH",
+};
+
+const TWIN_PACKAGES: Packages = Packages {
+    apt: "cmake make gcc libc6-dev libclang-dev",
+    dnf: "cmake make gcc clang-devel",
+    pacman: "cmake make gcc clang",
+    apk: "cmake make gcc musl-dev clang-dev",
+    zypper: "cmake make gcc clang-devel",
+    brew: "cmake llvm",
+    winget: "Kitware.CMake LLVM.LLVM",
+    otherwise: "install CMake, a C compiler and libclang, and point LIBCLANG_PATH to the folder of libclang",
+};
+
+/// How the packages are installed on the system whose `/etc/os-release` this is.
+fn advice(packages: &Packages, os_release: &str) -> String {
     let ids: Vec<&str> = os_release
         .lines()
         .filter_map(|line| line.strip_prefix("ID=").or(line.strip_prefix("ID_LIKE=")))
@@ -208,23 +305,23 @@ fn qemu_advice(os_release: &str) -> String {
         .collect();
     let has = |id: &str| ids.contains(&id);
     let command = if has("debian") || has("ubuntu") {
-        "sudo apt-get update && sudo apt-get install -y --no-install-recommends qemu-system-arm"
+        format!("sudo apt-get update && sudo apt-get install -y --no-install-recommends {}", packages.apt)
     } else if has("fedora") || has("rhel") {
-        "sudo dnf install -y qemu-system-arm-core"
+        format!("sudo dnf install -y {}", packages.dnf)
     } else if has("arch") {
-        "sudo pacman -S --needed qemu-system-arm"
+        format!("sudo pacman -S --needed {}", packages.pacman)
     } else if has("alpine") {
-        "sudo apk add qemu-system-arm"
+        format!("sudo apk add {}", packages.apk)
     } else if has("suse") || has("opensuse") {
-        "sudo zypper install qemu-arm"
+        format!("sudo zypper install {}", packages.zypper)
     } else if cfg!(target_os = "macos") {
-        "brew install qemu"
+        format!("brew install {}", packages.brew)
     } else if cfg!(windows) {
-        "winget install SoftwareFreedomConservancy.QEMU, then put its folder on PATH"
+        format!("winget install {}, then put its folder on PATH", packages.winget)
     } else {
-        return format!("install QEMU {QEMU_LEAST} or newer with its ARM system emulator, so that `{QEMU}` is on PATH");
+        return packages.otherwise.into();
     };
-    format!("`{command}` (version {QEMU_LEAST} or newer)")
+    format!("`{command}`")
 }
 
 #[cfg(test)]
@@ -241,10 +338,20 @@ mod tests {
 
     #[test]
     fn each_system_has_its_own_advice() {
-        assert!(qemu_advice("ID=debian\n").contains("apt-get"));
-        assert!(qemu_advice("ID=linuxmint\nID_LIKE=\"ubuntu debian\"\n").contains("apt-get"));
-        assert!(qemu_advice("NAME=Fedora\nID=fedora\n").contains("dnf"));
-        assert!(qemu_advice("ID=arch\n").contains("pacman"));
-        assert!(qemu_advice("").contains("QEMU") || qemu_advice("").contains("brew"));
+        let advice = |os_release| advice(&ARM_QEMU_PACKAGES, os_release);
+        assert!(advice("ID=debian\n").contains("apt-get"));
+        assert!(advice("ID=linuxmint\nID_LIKE=\"ubuntu debian\"\n").contains("apt-get"));
+        assert!(advice("NAME=Fedora\nID=fedora\n").contains("dnf"));
+        assert!(advice("ID=arch\n").contains("pacman"));
+        assert!(advice("").contains("QEMU") || advice("").contains("brew"));
+    }
+
+    #[test]
+    fn libclang_is_told_from_its_sisters() {
+        assert!(is_libclang(Path::new("/usr/lib/llvm-14/lib/libclang.so.1")));
+        assert!(is_libclang(Path::new("/usr/lib/x86_64-linux-gnu/libclang-14.so.14")));
+        assert!(is_libclang(Path::new("/opt/homebrew/opt/llvm/lib/libclang.dylib")));
+        assert!(!is_libclang(Path::new("/usr/lib/x86_64-linux-gnu/libclang-cpp.so.14")));
+        assert!(!is_libclang(Path::new("/usr/lib/llvm-14/lib/libclangAST.a")));
     }
 }

@@ -1,6 +1,9 @@
 //! What the image occupies: flash, static RAM, stack.
 
-use crate::{firmware, icount, process, table};
+use crate::{
+    firmware::{self, Image},
+    icount, process, table,
+};
 use anyhow::{Context, Result};
 use object::{Object, ObjectSection, ObjectSymbol, SectionFlags, SectionKind, SymbolKind, elf};
 use serde_json::Value;
@@ -27,25 +30,50 @@ pub struct Sizes {
     pub core_text: u64,
 }
 
+/// Goal for the load: a quarter of 168 MHz, at one instruction a cycle.
+const LOAD_GOAL: f64 = 42e6;
+/// The load depends on the motion's noise a little.
+const LOAD_TOLERANCE: f64 = 0.05;
+
+/// Goals for the image that ships, in bytes.
+const FLASH_GOAL: f64 = 128.0 * 1024.0;
+const RAM_GOAL: f64 = 48.0 * 1024.0;
+
 /// Compares with the committed table, or writes it.
 pub fn run(options: &table::Options) -> Result<()> {
-    let image = firmware::build()?;
-    let sizes = measure(&image)?;
-    let report = icount::measure(&image)?;
-    let stack = report.stack_room_bytes - stack_free(&image)?;
+    let board = firmware::build(Image::Board)?;
+    let mut rows = rows("board", &measure(&board)?);
+    rows[0] = rows[0].clone().at_most(FLASH_GOAL);
+    rows[5] = rows[5].clone().at_most(RAM_GOAL);
+    let figures = twin(&board)?;
+    let figure = |name: &str| figures[name].as_f64().with_context(|| format!("no number `{name}` in {figures}"));
+    rows.push(table::Row::new("board, RAM: worst stack", figure("stack_bytes")?, "bytes").within(STACK_TOLERANCE));
+    for (rate, name) in [(1, "instructions_per_s_at_1_khz"), (4, "instructions_per_s_at_4_khz")] {
+        let row = table::Row::new(&format!("board, load at {rate} kHz"), figure(name)?, "instructions/s");
+        rows.push(row.within(LOAD_TOLERANCE).at_most(LOAD_GOAL));
+    }
+    let qemu = firmware::build(Image::Qemu)?;
+    rows.extend(self::rows("qemu", &measure(&qemu)?));
+    let report = icount::measure(&qemu)?;
+    rows.push(table::Row::new("RAM: state of the estimator", report.state_bytes, "bytes"));
+    let stack = report.stack_room_bytes - stack_free(&qemu)?;
+    rows.push(table::Row::new("qemu, RAM: worst stack", stack, "bytes").within(STACK_TOLERANCE));
     let table = table::Table {
         name: "size",
-        title: "Size of the image",
-        about: "The QEMU image (profile `firmware`): flash is text, constants and start values; RAM is start values and \
-                zeroed variables; the worst stack is what the image finds overwritten of its painted stack after it has served in QEMU with every stream on. The estimator's share counts functions of `inerter-core` that were not inlined elsewhere."
+        title: "Size and load of the images",
+        about: "The board's image as it ships (`cargo build --release` in firmware/stm32g474) and QEMU's (profile `firmware`): flash is text, \
+                constants and start values; RAM is start values and zeroed variables. The worst stack is what is found \
+                overwritten of the painted stack after the image has served with every stream on, on the twin and in QEMU; \
+                the load counts instructions on the twin in the same time, of 168 million cycles a second. \
+                The estimator's share counts functions of `inerter-core` that were not inlined elsewhere."
             .into(),
-        rows: rows(&sizes, report.state_bytes, stack),
+        rows,
     };
     table.settle(*options)
 }
 
-fn rows(sizes: &Sizes, state: f64, stack: f64) -> Vec<table::Row> {
-    let row = |name, value: u64| table::Row::new(name, value as f64, "bytes");
+fn rows(image: &str, sizes: &Sizes) -> Vec<table::Row> {
+    let row = |name: &str, value: u64| table::Row::new(&format!("{image}, {name}"), value as f64, "bytes");
     vec![
         row("flash", sizes.text + sizes.rodata + sizes.data),
         row("flash: code", sizes.text),
@@ -53,16 +81,22 @@ fn rows(sizes: &Sizes, state: f64, stack: f64) -> Vec<table::Row> {
         row("flash: start values", sizes.data),
         row("flash: code of the estimator", sizes.core_text),
         row("RAM without stack", sizes.data + sizes.bss),
-        table::Row::new("RAM: state of the estimator", state, "bytes"),
-        table::Row::new("RAM: worst stack", stack, "bytes").within(STACK_TOLERANCE),
     ]
+}
+
+/// What the twin measured while the board's image served with every stream on.
+fn twin(image: &Path) -> Result<Value> {
+    let mut command = process::cargo();
+    command.args(["run", "--quiet", "--package", "inerter-twin", "--bin", "figures"]);
+    let printed = process::output(command.env(Image::Board.variable(), image))?;
+    serde_json::from_str(printed.trim()).with_context(|| format!("no JSON: {printed}"))
 }
 
 /// Stack that the image never used while it served, in bytes.
 fn stack_free(image: &Path) -> Result<f64> {
     let mut command = process::cargo();
     command.args(["run", "--quiet", "--package", "inerter-tests", "--bin", "stack"]);
-    let printed = process::output(command.env(firmware::IMAGE_VARIABLE, image))?;
+    let printed = process::output(command.env(Image::Qemu.variable(), image))?;
     let value: Value = serde_json::from_str(printed.trim()).with_context(|| format!("no JSON: {printed}"))?;
     value["stack_free_bytes"].as_f64().with_context(|| format!("no number `stack_free_bytes` in {printed}"))
 }
@@ -100,7 +134,7 @@ fn sizes(bytes: &[u8]) -> Result<Sizes> {
 }
 
 /// Whether the demangled name is a function of the estimator: `inerter_core::..` or `<inerter_core::Active as ..>`.
-fn of_core(name: &str) -> bool {
+pub fn of_core(name: &str) -> bool {
     name.trim_start_matches(['<', '&', '(']).starts_with("inerter_core::")
 }
 
@@ -124,9 +158,8 @@ mod tests {
     #[test]
     fn start_values_count_in_flash_and_ram() {
         let sizes = Sizes { text: 1, rodata: 2, data: 4, bss: 8, core_text: 1 };
-        let rows = rows(&sizes, 4.0, 16.0);
-        assert_eq!(rows[0].value, 7.0);
-        assert_eq!(rows[5].value, 12.0);
-        assert_eq!(rows[7].value, 16.0);
+        let rows = rows("board", &sizes);
+        assert_eq!((rows[0].name.as_str(), rows[0].value), ("board, flash", 7.0));
+        assert_eq!((rows[5].name.as_str(), rows[5].value), ("board, RAM without stack", 12.0));
     }
 }

@@ -1,8 +1,11 @@
 //! Everything that continuous integration asks for, in order, with a summary at the end.
 
-use crate::{accuracy, arrows, firmware, icount, process, setup, size, table};
+use crate::{accuracy, arrows, firmware, icount, panics, process, setup, size, table};
 use anyhow::{Result, bail};
-use std::time::{Duration, Instant};
+use std::{
+    process::Command,
+    time::{Duration, Instant},
+};
 
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
 pub struct Options {
@@ -34,7 +37,10 @@ struct Step {
     run: fn() -> Result<()>,
 }
 
-const LIBRARIES: &[&str] = &["inerter-core", "inerter-wire", "inerter-app"];
+const LIBRARIES: &[&str] = &["inerter-core", "inerter-wire", "inerter-app", "ads131m04"];
+
+/// Features of the board's image beside the default ones, each a set that must compile.
+const OTHER_BOARDS: &[&str] = &["board-weact", "board-nucleo,hang"];
 
 const STEPS: &[Step] = &[
     Step {
@@ -61,38 +67,39 @@ const STEPS: &[Step] = &[
     Step { name: "arrows", alone: "cargo xtask check-arrows", needed: false, long: false, run: arrows::run },
     Step {
         name: "lints, host",
-        alone: "cargo clippy --workspace --exclude inerter-qemu --all-targets -- -D warnings",
+        alone: "cargo clippy --workspace --exclude inerter-qemu --exclude inerter-stm32g474 --all-targets -- -D warnings",
         needed: false,
         long: false,
         run: lint_host,
     },
     Step {
         name: "lints, firmware",
-        alone: "cargo clippy -p inerter-qemu --target thumbv7em-none-eabihf -- -D warnings",
+        alone: "cargo clippy -p inerter-qemu -p inerter-stm32g474 --target thumbv7em-none-eabihf -- -D warnings",
         needed: false,
         long: false,
         run: lint_firmware,
     },
     Step {
         name: "documentation",
-        alone: "RUSTDOCFLAGS='-D warnings' cargo doc --workspace --exclude inerter-qemu --no-deps",
+        alone: "RUSTDOCFLAGS='-D warnings' cargo doc --workspace --exclude inerter-qemu --exclude inerter-stm32g474 --no-deps",
         needed: false,
         long: true,
         run: document,
     },
-    Step {
-        name: "firmware",
-        alone: "cargo xtask build-firmware",
-        needed: true,
-        long: false,
-        run: || firmware::build().map(|image| println!("{}", image.display())),
-    },
+    Step { name: "firmware", alone: "cargo xtask build-firmware", needed: true, long: false, run: firmware::run_build },
     Step {
         name: "tests",
-        alone: "cargo test --workspace --exclude inerter-qemu",
+        alone: "cargo test --workspace --exclude inerter-qemu --exclude inerter-stm32g474",
         needed: false,
         long: false,
         run: test,
+    },
+    Step {
+        name: "no panic in the estimator",
+        alone: "cargo xtask check-panics",
+        needed: false,
+        long: false,
+        run: panics::run,
     },
     Step {
         name: "table of sizes",
@@ -179,18 +186,18 @@ fn summary(steps: &[Step], outcomes: &[Outcome]) -> String {
     lines.join("\n")
 }
 
+/// `cargo COMMAND` for everything that runs on this machine.
+fn on_host(command: &str) -> Command {
+    let mut cargo = process::cargo();
+    cargo.args([command, "--workspace", "--locked"]);
+    for package in firmware::PACKAGES {
+        cargo.args(["--exclude", package]);
+    }
+    cargo
+}
+
 fn lint_host() -> Result<()> {
-    process::run(process::cargo().args([
-        "clippy",
-        "--workspace",
-        "--exclude",
-        firmware::PACKAGE,
-        "--all-targets",
-        "--locked",
-        "--",
-        "--deny",
-        "warnings",
-    ]))
+    process::run(on_host("clippy").args(["--all-targets", "--", "--deny", "warnings"]))
 }
 
 fn lint_firmware() -> Result<()> {
@@ -199,26 +206,28 @@ fn lint_firmware() -> Result<()> {
         println!("not linted: the distribution's compiler builds the firmware here, and this clippy is another's");
         return Ok(());
     }
+    let denied = ["--", "--deny", "warnings", "--deny", "clippy::undocumented_unsafe_blocks"];
     let mut command = toolchain.cargo("clippy");
     command.arg("--locked");
-    for package in LIBRARIES.iter().chain([&firmware::PACKAGE]) {
+    for package in LIBRARIES.iter().chain(firmware::PACKAGES) {
         command.args(["--package", package]);
     }
-    command.args(["--", "--deny", "warnings", "--deny", "clippy::undocumented_unsafe_blocks"]);
-    process::run(&mut command)
+    process::run(command.args(denied))?;
+    for features in OTHER_BOARDS {
+        let mut command = toolchain.cargo("clippy");
+        command.args(["--locked", "--package", "inerter-stm32g474", "--no-default-features", "--features", features]);
+        process::run(command.args(denied))?;
+    }
+    Ok(())
 }
 
 fn document() -> Result<()> {
-    let mut command = process::cargo();
-    command.args(["doc", "--workspace", "--exclude", firmware::PACKAGE, "--no-deps", "--locked"]);
-    process::run(command.env("RUSTDOCFLAGS", "-D warnings"))
+    process::run(on_host("doc").arg("--no-deps").env("RUSTDOCFLAGS", "-D warnings"))
 }
 
 fn test() -> Result<()> {
-    let image = firmware::build()?;
-    let mut command = process::cargo();
-    command.args(["test", "--workspace", "--exclude", firmware::PACKAGE, "--no-fail-fast", "--locked"]);
-    process::run(command.env(firmware::IMAGE_VARIABLE, image))
+    let mut command = on_host("test");
+    process::run(firmware::build_for(command.arg("--no-fail-fast"))?)
 }
 
 #[cfg(test)]

@@ -4,7 +4,8 @@
 use embassy_time::{Duration, MockDriver};
 use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 use inerter_app::{
-    App, Board, Figures, Identity, Pace, Platform, Restart, SampleSource, SourceError, Store, StoreError, run,
+    App, Board, Figures, Identity, Pace, Platform, Restart, SampleSource, SourceError, Start, Store, StoreError,
+    accept_all, run,
 };
 use inerter_core::{Estimate, RawSample, Settings, SettingsError, State};
 use inerter_wire::{
@@ -54,8 +55,33 @@ impl embedded_io_async::Error for Unplugged {
 }
 
 impl WireEnd {
-    fn new() -> Self {
+    pub fn new() -> Self {
         Self(Rc::new(RefCell::new(Wire { capacity: usize::MAX, ..Wire::default() })))
+    }
+
+    /// Puts bytes in at one end.
+    pub fn put(&self, bytes: &[u8]) {
+        self.change(|wire| wire.bytes.extend(bytes));
+    }
+
+    /// Takes all bytes out at the other.
+    pub fn take(&self) -> Vec<u8> {
+        self.change(|wire| wire.bytes.drain(..).collect())
+    }
+
+    /// Bytes that have not been taken.
+    pub fn waiting(&self) -> usize {
+        self.0.borrow().bytes.len()
+    }
+
+    /// Room for bytes that have not been taken, from now on.
+    pub fn set_room(&self, bytes: usize) {
+        self.change(|wire| wire.capacity = bytes);
+    }
+
+    /// Breaks or mends it.
+    pub fn set_broken(&self, broken: bool) {
+        self.change(|wire| wire.broken = broken);
     }
 
     fn change<R>(&self, act: impl FnOnce(&mut Wire) -> R) -> R {
@@ -127,6 +153,18 @@ pub struct Script {
 struct Parts {
     waiting: VecDeque<Result<RawSample, SourceError>>,
     waker: Option<Waker>,
+    /// What the next calls of `configure` will say; after these, that all is well.
+    answers: VecDeque<Result<(), SourceError>>,
+    asked: Vec<Asked>,
+    with_next_settings: Option<VecDeque<Result<RawSample, SourceError>>>,
+}
+
+/// What the source was asked to do beside reading.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Asked {
+    /// To take over settings; rate and front end of them.
+    Configure(f64, f64),
+    Halt,
 }
 
 impl Script {
@@ -136,6 +174,21 @@ impl Script {
         if let Some(waker) = inner.waker.take() {
             waker.wake();
         }
+    }
+
+    /// Puts these answers in the mouth of `configure`.
+    pub fn answer(&self, answers: impl IntoIterator<Item = Result<(), SourceError>>) {
+        self.parts.borrow_mut().answers.extend(answers);
+    }
+
+    /// What was asked since the last call.
+    pub fn asked(&self) -> Vec<Asked> {
+        std::mem::take(&mut self.parts.borrow_mut().asked)
+    }
+
+    /// Lets the sampler find these, and nothing else, from the next settings on that it takes over.
+    pub fn push_with_next_settings(&self, parts: impl IntoIterator<Item = Result<RawSample, SourceError>>) {
+        self.parts.borrow_mut().with_next_settings = Some(parts.into_iter().collect());
     }
 
     /// Parts that the sampler has not taken.
@@ -175,26 +228,55 @@ impl SampleSource for Script {
         })
         .await
     }
+
+    async fn configure(&mut self, settings: &Settings) -> Result<(), SourceError> {
+        let mut inner = self.parts.borrow_mut();
+        inner.asked.push(Asked::Configure(settings.sample_rate_hz, settings.front_end));
+        if let Some(parts) = inner.with_next_settings.take() {
+            inner.waiting = parts;
+        }
+        inner.answers.pop_front().unwrap_or(Ok(()))
+    }
+
+    async fn halt(&mut self) {
+        self.parts.borrow_mut().asked.push(Asked::Halt);
+    }
 }
 
 /// A store in memory.
 #[derive(Clone, Default)]
 pub struct MemoryStore {
     pub saved: Rc<RefCell<Option<SettingsValues>>>,
-    pub broken: Rc<RefCell<bool>>,
+    /// What is wrong with it.
+    pub error: Rc<RefCell<Option<StoreError>>>,
+}
+
+impl MemoryStore {
+    /// Puts something else in place of whatever is there.
+    fn replace(&self, saved: Option<SettingsValues>) -> Result<(), StoreError> {
+        if *self.error.borrow() == Some(StoreError::Unreadable) {
+            return Err(StoreError::Unreadable);
+        }
+        *self.error.borrow_mut() = None;
+        *self.saved.borrow_mut() = saved;
+        Ok(())
+    }
 }
 
 impl Store for MemoryStore {
     async fn load(&mut self) -> Result<Option<SettingsValues>, StoreError> {
-        if *self.broken.borrow() { Err(StoreError) } else { Ok(self.saved.borrow().clone()) }
+        match *self.error.borrow() {
+            Some(error) => Err(error),
+            None => Ok(self.saved.borrow().clone()),
+        }
     }
 
     async fn save(&mut self, settings: &SettingsValues) -> Result<(), StoreError> {
-        if *self.broken.borrow() {
-            return Err(StoreError);
-        }
-        *self.saved.borrow_mut() = Some(settings.clone());
-        Ok(())
+        self.replace(Some(settings.clone()))
+    }
+
+    async fn erase(&mut self) -> Result<(), StoreError> {
+        self.replace(None)
     }
 }
 
@@ -222,6 +304,8 @@ pub const IDENTITY: Identity<'static> = Identity {
     serial: "B-7",
     clock: ClockSource::Simulated,
     capabilities: Capabilities::SAMPLER.with(Capabilities::INJECT).with(Capabilities::STORE).with(Capabilities::REBOOT),
+    accepts: accept_all,
+    start: Start::POWER_ON,
 };
 
 /// How a rig is built.
@@ -232,6 +316,10 @@ pub struct Options {
     pub identity: Identity<'static>,
     pub store: MemoryStore,
     pub defaults: Settings,
+    /// What the source answers to its first settings.
+    pub configured: Result<(), SourceError>,
+    /// With a UART beside, and a port that is not open yet.
+    pub two_links: bool,
 }
 
 impl Default for Options {
@@ -242,19 +330,24 @@ impl Default for Options {
             identity: IDENTITY,
             store: MemoryStore::default(),
             defaults: Settings::default(),
+            configured: Ok(()),
+            two_links: false,
         }
     }
 }
 
 /// The device and the host's end of its link.
 pub struct Rig {
+    pub app: &'static App,
     device: Pin<Box<dyn Future<Output = Result<Restart, SettingsError>>>>,
     woken: Arc<Woken>,
     pub ended: Option<Result<Restart, SettingsError>>,
     pub script: Script,
     pub store: MemoryStore,
-    to_device: WireEnd,
-    from_device: WireEnd,
+    pub to_device: WireEnd,
+    pub from_device: WireEnd,
+    /// The second link's directions.
+    pub uart: (WireEnd, WireEnd),
     frames: FrameReader<Record>,
     sequence: SequenceCounter,
     id: u16,
@@ -279,30 +372,35 @@ impl Rig {
         let clock = CLOCK.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
         MockDriver::get().reset();
         let (to_device, from_device) = (WireEnd::new(), WireEnd::new());
+        let uart = (WireEnd::new(), WireEnd::new());
         let script = Script { pace: options.pace, parts: Rc::default() };
-        let board = Board {
-            source: script.clone(),
-            receiver: to_device.clone(),
-            transmitter: from_device.clone(),
-            store: options.store.clone(),
-            platform: Bench,
-            identity: options.identity,
-            defaults: options.defaults,
-            autostart: options.autostart,
+        script.answer([options.configured]);
+        let Options { identity, store, defaults, autostart, two_links, .. } = options;
+        let app: &'static App = Box::leak(Box::default());
+        let state: &'static mut State = Box::leak(Box::default());
+        let (source, memory) = (script.clone(), store.clone());
+        let usb = (to_device.clone(), from_device.clone());
+        let device: Pin<Box<dyn Future<Output = _>>> = if two_links {
+            let (receiver, transmitter) = app.link_state().join(usb, uart.clone());
+            let store = memory;
+            let board = Board { source, receiver, transmitter, store, platform: Bench, identity, defaults, autostart };
+            Box::pin(run(app, state, board))
+        } else {
+            let ((receiver, transmitter), store) = (usb, memory);
+            let board = Board { source, receiver, transmitter, store, platform: Bench, identity, defaults, autostart };
+            Box::pin(run(app, state, board))
         };
-        let device = Box::pin(async move {
-            let (app, mut state) = (Box::new(App::new()), Box::new(State::default()));
-            run(&app, &mut state, board).await
-        });
         let woken = Arc::new(Woken(AtomicBool::new(true)));
         Self {
+            app,
             device,
             woken,
             ended: None,
             script,
-            store: options.store,
+            store,
             to_device,
             from_device,
+            uart,
             frames: FrameReader::new(),
             sequence: SequenceCounter::new(),
             id: 0,
@@ -335,18 +433,18 @@ impl Rig {
 
     /// Room in the link for what the device sends, from now on.
     pub fn set_room(&mut self, bytes: usize) {
-        self.from_device.change(|wire| wire.capacity = bytes);
+        self.from_device.set_room(bytes);
     }
 
     /// Breaks or mends both directions of the link.
     pub fn unplug(&mut self, unplugged: bool) {
-        self.from_device.change(|wire| wire.broken = unplugged);
-        self.to_device.change(|wire| wire.broken = unplugged);
+        self.from_device.set_broken(unplugged);
+        self.to_device.set_broken(unplugged);
     }
 
     /// Raw bytes to the device.
     pub fn send_bytes(&mut self, bytes: &[u8]) {
-        self.to_device.change(|wire| wire.bytes.extend(bytes));
+        self.to_device.put(bytes);
     }
 
     /// Reads at most `count` bytes of what the device has sent, without letting it go on.

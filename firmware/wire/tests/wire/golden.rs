@@ -111,6 +111,7 @@ fn numbers_are_pinned() {
             Command::InjectEnd => (10, "InjectEnd"),
             Command::EnterDfu => (11, "EnterDfu"),
             Command::Reboot => (12, "Reboot"),
+            Command::FactoryReset => (13, "FactoryReset"),
         };
         assert_eq!((request.command.number(), request.command.name()), (number, name));
         let mut payload = [0; MAX_PAYLOAD];
@@ -157,8 +158,22 @@ fn nested_variants_are_covered() {
                     Fault::Store => "store",
                     Fault::SavedSettings => "saved settings",
                     Fault::Watchdog => "watchdog",
+                    Fault::NewerSettings => "newer settings",
+                    Fault::ForeignSettings => "foreign settings",
+                    Fault::SamplerMisaligned => "sampler misaligned",
                 },
                 EventKind::Panicked(_) => "panicked",
+                EventKind::ResetBy(cause) => match cause {
+                    ResetCause::PowerOn => "by power",
+                    ResetCause::Pin => "by the pin",
+                    ResetCause::Software => "by software",
+                    ResetCause::Watchdog => "by the watchdog",
+                    ResetCause::WindowWatchdog => "by the window watchdog",
+                    ResetCause::LowPower => "by low power",
+                    ResetCause::OptionBytes => "by option bytes",
+                    ResetCause::Panic => "by a panic",
+                    ResetCause::Unknown => "by something",
+                },
             },
             Record::Reply(reply) => match reply.result {
                 Ok(Done::Plain) => "plain",
@@ -170,6 +185,7 @@ fn nested_variants_are_covered() {
                 Err(Refusal::NotInjecting) => "not injecting",
                 Err(Refusal::Store) => "store refused",
                 Err(Refusal::NoSamples) => "no samples",
+                Err(Refusal::Source) => "no source",
                 Err(Refusal::BadSetting { fault, .. }) => match fault {
                     SettingFault::Unknown => "unknown",
                     SettingFault::NotFinite => "not finite",
@@ -178,6 +194,7 @@ fn nested_variants_are_covered() {
                     SettingFault::Zero => "zero",
                     SettingFault::Conflict(_) => "conflict",
                     SettingFault::Repeated => "repeated",
+                    SettingFault::NotOffered => "not offered",
                 },
             },
             Record::Sums(sums) => match sums.bank {
@@ -187,7 +204,7 @@ fn nested_variants_are_covered() {
             Record::Samples(_) | Record::Estimate(_) | Record::Health(_) | Record::Settings(_) => "plain data",
         });
     }
-    assert_eq!(seen.len(), 4 + 4 + 3 + 5 + 1 + 2 + 7 + 7 + 2 + 1);
+    assert_eq!(seen.len(), 4 + 4 + 3 + 8 + 1 + 9 + 2 + 8 + 8 + 2 + 1);
 }
 
 /// A frame taken apart by hand, so that the goldens do not only agree with themselves.
@@ -196,7 +213,7 @@ fn by_hand() {
     let request = Request { id: 513, command: Command::Stop };
     // Varint 513, command 8, sequence 258.
     let summed = [0x81, 0x04, 0x08, 0x02, 0x01];
-    let crc = reference::crc32(&summed).to_le_bytes();
+    let crc = (!reference::crc32(&summed)).to_le_bytes();
     let mut out = [0; MAX_FRAME];
     let length = encode_request(&request, SEQUENCE, &mut out).unwrap();
     let mut expected = vec![10];
@@ -212,6 +229,8 @@ fn by_hand() {
 struct Raw(#[serde(skip_deserializing)] Vec<u8>);
 
 impl Message for Raw {
+    const SALT: u32 = 0;
+
     fn starts_stream(&self, _: u16) -> bool {
         false
     }

@@ -2,6 +2,7 @@
 
 mod catalogue;
 mod corruption;
+mod echo;
 mod golden;
 mod reader;
 mod reference;

@@ -157,7 +157,7 @@ fn unknown_variants_are_named_and_left_out() {
 
     // A newer host's command can be refused by its id.
     let mut reader = FrameReader::<Request>::new();
-    let found = read(&mut reader, &reference::frame(&[0x81, 0x04, 99, 7], 5));
+    let found = read(&mut reader, &reference::request_frame(&[0x81, 0x04, 99, 7], 5));
     assert_eq!(found, [Frame::Unknown { sequence: 5, number: 99, request: Some(513) }]);
 
     // Unknown frames count in the sequence: what is missing beside them is seen.
@@ -253,7 +253,7 @@ fn bytes_left_over_in_a_payload_are_malformed() {
     for (name, request) in requests() {
         let mut payload = postcard_bytes(&request);
         payload.push(0);
-        let found = read(&mut FrameReader::<Request>::new(), &reference::frame(&payload, 1));
+        let found = read(&mut FrameReader::<Request>::new(), &reference::request_frame(&payload, 1));
         assert_eq!(found, [Frame::Corrupt(Corruption::Malformed)], "{name}");
     }
 }
@@ -338,7 +338,7 @@ fn any_payload_is_survived() {
             }
         }
         let mut request_reader = FrameReader::<Request>::new();
-        for frame in read(&mut request_reader, &reference::frame(&payload, 1)) {
+        for frame in read(&mut request_reader, &reference::request_frame(&payload, 1)) {
             match frame {
                 Frame::Message { message: Request { command, .. }, .. } => {
                     if let Command::Inject(samples) = &command {

@@ -33,11 +33,20 @@ pub fn stuff(body: &[u8]) -> Vec<u8> {
     out
 }
 
-/// The whole frame of a payload.
+/// The whole frame of a record's payload.
 pub fn frame(payload: &[u8], sequence: u16) -> Vec<u8> {
+    salted_frame(payload, sequence, 0)
+}
+
+/// The whole frame of a request's payload.
+pub fn request_frame(payload: &[u8], sequence: u16) -> Vec<u8> {
+    salted_frame(payload, sequence, u32::MAX)
+}
+
+fn salted_frame(payload: &[u8], sequence: u16, salt: u32) -> Vec<u8> {
     let mut body = payload.to_vec();
     body.extend(sequence.to_le_bytes());
-    body.extend(crc32(&body).to_le_bytes());
+    body.extend((crc32(&body) ^ salt).to_le_bytes());
     let mut out = stuff(&body);
     out.push(0);
     out

@@ -27,6 +27,7 @@ const NAMES: &[&str] = &[
     "publish_rate_hz",
     "full_scale_velocity_m_per_s",
     "full_scale_acceleration_m_per_s2",
+    "front_end",
 ];
 
 fn values(pairs: &[(u8, f64)]) -> SettingsValues {
@@ -153,6 +154,7 @@ fn errors_of_validation_keep_their_field() {
         (SettingsError::NotWhole { field, value: 0.5 }, SettingFault::NotWhole),
         (SettingsError::Zero { field }, SettingFault::Zero),
         (SettingsError::Conflict { field, other: "sample_rate_hz", rule: "" }, SettingFault::Conflict(0)),
+        (SettingsError::NotOffered { field, value: 3.0, offered: &[1.0, 2.0] }, SettingFault::NotOffered),
     ] {
         assert_eq!(Refusal::of_setting(&error, 99), Refusal::BadSetting { number, fault });
     }

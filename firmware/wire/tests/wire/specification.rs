@@ -23,6 +23,7 @@ fn registry() -> Registry {
     tracer.trace_type::<ClockSource>(&traces).unwrap();
     tracer.trace_type::<Source>(&traces).unwrap();
     tracer.trace_type::<Fault>(&traces).unwrap();
+    tracer.trace_type::<ResetCause>(&traces).unwrap();
     tracer.trace_type::<EventKind>(&traces).unwrap();
     tracer.trace_type::<SettingFault>(&traces).unwrap();
     tracer.trace_type::<Refusal>(&traces).unwrap();
@@ -156,7 +157,7 @@ fn example<T: Message>(out: &mut String, title: &str, message: &T, sequence: u16
     let payload = postcard::to_slice(message, &mut payload).unwrap();
     let mut summed = payload.to_vec();
     summed.extend(sequence.to_le_bytes());
-    let crc = reference::crc32(&summed);
+    let crc = reference::crc32(&summed) ^ T::SALT;
     let mut frame = [0; MAX_FRAME];
     let length = encode(message, sequence, &mut frame).unwrap();
     writeln!(

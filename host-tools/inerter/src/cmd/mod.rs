@@ -1,13 +1,16 @@
 //! The commands, one file each with its manual, and what they share.
 
 pub mod export;
+pub mod flash;
 pub mod info;
 pub mod monitor;
 pub mod ports;
 pub mod record;
 pub mod replay;
 pub mod send;
+pub mod settings;
 pub mod simulate;
+pub mod update;
 
 mod args;
 mod screen;

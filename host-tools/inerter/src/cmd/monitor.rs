@@ -9,9 +9,9 @@ use inerter::{
     Error,
     live::{Happening, Live},
     output,
-    report::{self, EstimateJson, health_json, json_line},
+    report::{self, EstimateJson, event_code, event_words, health_json, json_line},
 };
-use inerter_wire::{EventKind, Frame, Record, Streams};
+use inerter_wire::{Frame, Record, Streams};
 use serde_json::json;
 
 use super::{
@@ -25,7 +25,7 @@ use super::{
 /// Values with 95 % intervals, status, losses and health.
 /// In a terminal one block is redrawn; otherwise one line per estimate is printed. With --json one object a line:
 /// {"kind":"device",..} at the beginning and after each reconnection, {"kind":"estimate",..} as `inerter replay --json`
-/// prints it, {"kind":"health",..} once a second, {"kind":"event","event":..}, {"kind":"link","lost_frames":..} when
+/// prints it, {"kind":"health",..} once a second, {"kind":"event","code":..,"event":..}, {"kind":"link","lost_frames":..} when
 /// frames were lost.
 #[derive(clap::Args)]
 pub struct Args {
@@ -71,7 +71,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
             }
             Ok(Happening::Back) => {
                 introduce(&live, &mut view, &mut style)?;
-                view.message = Some("the device is back".into());
+                view.message = Some(back(&view.port));
                 tell(&view, &mut style)?;
             }
             Err(error) => return Err(error.into()),
@@ -141,7 +141,10 @@ fn show(frame: Frame<Record>, live: &Live, view: &mut View, style: &mut Style) -
         Record::Event(event) => {
             let words = event_words(&event.kind);
             if let Style::Json = style {
-                output::line(json_line(&json!({ "kind": "event", "index": event.index, "event": words })))?;
+                let code = event_code(&event.kind);
+                output::line(json_line(
+                    &json!({ "kind": "event", "index": event.index, "code": code, "event": words }),
+                ))?;
             } else {
                 view.message = Some(words);
                 tell(view, style)?;
@@ -152,6 +155,10 @@ fn show(frame: Frame<Record>, live: &Live, view: &mut View, style: &mut Style) -
     Ok(())
 }
 
+fn back(port: &str) -> String {
+    format!("the device is back at {port}")
+}
+
 /// Shows the view's message.
 fn tell(view: &View, style: &mut Style) -> Result<(), Error> {
     match style {
@@ -159,16 +166,4 @@ fn tell(view: &View, style: &mut Style) -> Result<(), Error> {
         Style::Screen(screen) => screen.draw(view)?,
     }
     Ok(())
-}
-
-fn event_words(kind: &EventKind) -> String {
-    match kind {
-        EventKind::Started => "the device has started".into(),
-        EventKind::SourceEnded => "no more samples: the motion has ended".into(),
-        EventKind::EstimatorReset => "the estimator begins anew".into(),
-        EventKind::SettingsChanged => "the settings were changed".into(),
-        EventKind::SourceChanged(source) => format!("samples now come from: {source:?}").to_lowercase(),
-        EventKind::Fault(fault) => format!("fault: {fault}"),
-        EventKind::Panicked(text) => format!("the firmware failed before this start: {text}; please report it"),
-    }
 }

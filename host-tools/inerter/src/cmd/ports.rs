@@ -1,13 +1,15 @@
-//! `inerter ports`: the serial ports of this machine.
+//! `inerter ports`: where devices can be reached.
 
-use inerter::{Error, device, output, report::json_line};
+use inerter::{Error, device, output, report::json_line, update};
 use serde::Serialize;
 
-/// List the serial ports of this machine.
+/// List the serial ports of this machine, and devices in update mode.
 ///
-/// Instrumented inerters come first and are marked with *.
-/// Prints nothing but a note when there are none. With --json one object a line:
-/// {"kind":"port","port":"/dev/ttyACM0","inerter":true,"product":..,"serial":..,"vid":..,"pid":..}
+/// Instrumented inerters come first and are marked with *, then ST-Links, which carry the UART of a NUCLEO; devices in
+/// update mode, which wait for `inerter update`, come last. Prints nothing but a note when there are none. With --json
+/// one object a line:
+/// {"kind":"port","port":"/dev/ttyACM0","inerter":true,"stlink":false,"product":..,"serial":..,"vid":..,"pid":..},
+/// {"kind":"dfu","product":..,"serial":..,"vid":..,"pid":..}
 #[derive(clap::Args)]
 pub struct Args {
     /// Print JSON, one object a line
@@ -22,24 +24,83 @@ struct PortJson<'a> {
     port: &'a device::Port,
 }
 
+#[derive(Serialize)]
+struct DfuJson<'a> {
+    kind: &'static str,
+    #[serde(flatten)]
+    device: &'a update::DfuDevice,
+}
+
 pub fn run(args: &Args) -> Result<(), Error> {
     let ports = device::list();
+    // A machine on which USB devices cannot be listed still has its serial ports.
+    let waiting = update::list().unwrap_or_default();
     for port in &ports {
-        if args.json {
-            output::line(json_line(&PortJson { kind: "port", port }))?;
-            continue;
-        }
-        let usb = match (port.vid, port.pid) {
-            (Some(vid), Some(pid)) => format!("{vid:04x}:{pid:04x}"),
-            _ => String::new(),
-        };
-        let mark = if port.inerter { "*" } else { " " };
-        let (product, serial) =
-            (port.product.as_deref().unwrap_or_default(), port.serial.as_deref().unwrap_or_default());
-        output::line(format!("{mark} {:<20} {usb:<9} {product:<28} {serial}", port.port).trim_end())?;
+        let line = if args.json { json_line(&PortJson { kind: "port", port }) } else { port_line(port) };
+        output::line(line)?;
     }
-    if ports.is_empty() && !args.json {
+    for device in &waiting {
+        let line = if args.json { json_line(&DfuJson { kind: "dfu", device }) } else { dfu_line(device) };
+        output::line(line)?;
+    }
+    if ports.is_empty() && waiting.is_empty() && !args.json {
         super::terminal::note("this machine has no serial ports; `inerter simulate --pty` makes a simulated one");
     }
     Ok(())
+}
+
+fn port_line(port: &device::Port) -> String {
+    let usb = match (port.vid, port.pid) {
+        (Some(vid), Some(pid)) => format!("{vid:04x}:{pid:04x}"),
+        _ => String::new(),
+    };
+    let mark = if port.inerter { "*" } else { " " };
+    let product = port.product.as_deref().unwrap_or_default();
+    let product = if port.stlink { format!("{product} (ST-Link: UART)") } else { product.to_string() };
+    line(mark, &port.port, &usb, &product, port.serial.as_deref())
+}
+
+fn dfu_line(device: &update::DfuDevice) -> String {
+    let usb = format!("{:04x}:{:04x}", device.vid, device.pid);
+    let product = device.product.as_deref().unwrap_or("STM32");
+    line("+", "in update mode", &usb, product, Some(&device.serial))
+}
+
+fn line(mark: &str, port: &str, usb: &str, product: &str, serial: Option<&str>) -> String {
+    format!("{mark} {port:<20} {usb:<9} {product:<28} {}", serial.unwrap_or_default()).trim_end().to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_says_what_is_there() {
+        let port = device::Port {
+            port: "/dev/ttyACM0".into(),
+            inerter: true,
+            stlink: false,
+            product: Some("inerter".into()),
+            serial: Some("205735883537".into()),
+            vid: Some(0x1209),
+            pid: Some(1),
+        };
+        let words = "* /dev/ttyACM0         1209:0001 inerter                      205735883537";
+        assert_eq!(port_line(&port), words);
+        let link = device::Port {
+            inerter: false,
+            stlink: true,
+            product: Some("STLINK-V3".into()),
+            serial: None,
+            vid: Some(0x0483),
+            pid: Some(0x374E),
+            ..port
+        };
+        assert_eq!(port_line(&link), "  /dev/ttyACM0         0483:374e STLINK-V3 (ST-Link: UART)");
+        let device = update::DfuDevice { product: None, serial: "205735883537".into(), vid: 0x0483, pid: 0xDF11 };
+        let words = "+ in update mode       0483:df11 STM32                        205735883537";
+        assert_eq!(dfu_line(&device), words);
+        let json = json_line(&DfuJson { kind: "dfu", device: &device });
+        assert_eq!(json, r#"{"kind":"dfu","product":null,"serial":"205735883537","vid":1155,"pid":57105}"#);
+    }
 }

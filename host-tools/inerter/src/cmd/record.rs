@@ -11,7 +11,7 @@ use inerter::{
     live::{Happening, Live},
     output,
     recording::{End, Recorder},
-    report::{duration_text, json_line, plural},
+    report::{duration_text, event_words, is_trouble, json_line, plural},
 };
 use inerter_wire::{EventKind, Frame, Record, Streams};
 use serde_json::json;
@@ -74,6 +74,9 @@ pub fn run(args: &Args) -> Result<(), Error> {
         match live.next() {
             Ok(Happening::Received(received)) if !received.bytes.is_empty() => {
                 ended |= args.until_end && is_end(&received.frame);
+                if let Some(words) = trouble(&received.frame) {
+                    progress.note(words);
+                }
                 recorder.frame(received.time_ns, &received.bytes)?;
             }
             // The last raw samples may come after the event.
@@ -83,7 +86,10 @@ pub fn run(args: &Args) -> Result<(), Error> {
                 recorder.flush()?;
                 progress.note(format!("{reason}; waiting {} s for it to come back", args.time.wait.as_secs_f64()));
             }
-            Ok(Happening::Back) => progress.note("the device is back, the recording goes on"),
+            Ok(Happening::Back) => {
+                let port = live.device().map(|device| format!(" at {}", device.name())).unwrap_or_default();
+                progress.note(format!("the device is back{port}, the recording goes on; between them is a gap"));
+            }
             Err(error) => break Some(error),
         }
         if reported.elapsed() >= REPORT {
@@ -111,6 +117,16 @@ pub fn run(args: &Args) -> Result<(), Error> {
 
 fn is_end(frame: &Frame<Record>) -> bool {
     matches!(frame, Frame::Message { message: Record::Event(event), .. } if event.kind == EventKind::SourceEnded)
+}
+
+/// What is worth a line while it is recorded.
+fn trouble(frame: &Frame<Record>) -> Option<String> {
+    match frame {
+        Frame::Message { message: Record::Event(event), .. } => {
+            Some(&event.kind).filter(|kind| is_trouble(kind)).map(event_words)
+        }
+        _ => None,
+    }
 }
 
 fn begin(args: &Args, device: &Device) -> Result<(), Error> {

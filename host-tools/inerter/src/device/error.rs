@@ -11,19 +11,13 @@ use crate::error::exit;
 #[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum DeviceError {
     /// Nothing that looks like our device is plugged in.
-    #[error("no instrumented inerter was found among the serial ports")]
-    #[diagnostic(
-        code(inerter::device::none),
-        help(
-            "plug the board in and look at `inerter ports`; a board on another port or an ST-Link needs --port PORT, \
-             a simulated one --connect HOST:PORT"
-        )
-    )]
-    NoneFound,
+    #[error("no instrumented inerter{} was found among the serial ports{}", with_serial(serial), seen(stlinks, *in_dfu))]
+    #[diagnostic(code(inerter::device::none), help("{}", none_help(stlinks, *in_dfu)))]
+    NoneFound { serial: Option<String>, stlinks: Vec<String>, in_dfu: bool },
 
     /// More than one.
     #[error("several instrumented inerters are plugged in: {ports}")]
-    #[diagnostic(code(inerter::device::several), help("choose one with --port"))]
+    #[diagnostic(code(inerter::device::several), help("choose one with --serial NUMBER"))]
     SeveralFound { ports: String },
 
     /// No such port.
@@ -101,7 +95,7 @@ impl DeviceError {
     /// The code that the program ends with.
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::NoneFound
+            Self::NoneFound { .. }
             | Self::SeveralFound { .. }
             | Self::Missing { .. }
             | Self::Permission { .. }
@@ -119,8 +113,10 @@ impl DeviceError {
     pub fn may_come_back(&self) -> bool {
         matches!(
             self,
-            Self::NoneFound
+            Self::NoneFound { .. }
                 | Self::Missing { .. }
+                // A port that has just come back belongs to root until udev has seen it.
+                | Self::Permission { .. }
                 | Self::Busy { .. }
                 | Self::Open { .. }
                 | Self::Connect { .. }
@@ -139,6 +135,28 @@ pub fn version_help(theirs: u16) -> String {
     }
 }
 
+fn with_serial(serial: &Option<String>) -> String {
+    serial.as_ref().map(|serial| format!(" with serial {serial}")).unwrap_or_default()
+}
+
+fn seen(stlinks: &[String], in_dfu: bool) -> String {
+    let links = if stlinks.is_empty() { String::new() } else { format!("; an ST-Link is at {}", stlinks.join(", ")) };
+    format!("{links}{}", if in_dfu { "; a device is in update mode" } else { "" })
+}
+
+fn none_help(stlinks: &[String], in_dfu: bool) -> String {
+    if in_dfu {
+        return "it waits for firmware: give it some with `inerter update FILE`, or reset it".into();
+    }
+    let link = match stlinks.first() {
+        Some(port) => format!("the board's UART comes through the ST-Link: --port {port}"),
+        None => "a board on another port needs --port PORT".into(),
+    };
+    format!(
+        "plug the board's own USB connector in and look at `inerter ports`; {link}; a simulated one --connect HOST:PORT"
+    )
+}
+
 fn refusal_help(refusal: &Refusal) -> &'static str {
     match refusal {
         Refusal::Unsupported => "`inerter info` shows a recorded device's capabilities; update its firmware",
@@ -147,5 +165,6 @@ fn refusal_help(refusal: &Refusal) -> &'static str {
         Refusal::BadSamples => "update the firmware of the device, or this program",
         Refusal::Store => "the settings hold until the device restarts; if it stays so, the board is damaged",
         Refusal::NotInjecting | Refusal::NoSamples => "start again from the beginning",
+        Refusal::Source => "choose the front end that is wired with --set front_end, or check its wiring",
     }
 }

@@ -12,7 +12,7 @@ use serialport::SerialPort;
 use super::{DeviceError, ports};
 
 /// Rate of real UARTs such as the ST-Link's; USB and pseudo-terminals do not care.
-pub const DEFAULT_BAUD: u32 = 921_600;
+pub const DEFAULT_BAUD: u32 = crate::board::UART_BAUD;
 /// A write that takes longer means that nobody reads.
 const WRITE_TIME: Duration = Duration::from_secs(2);
 /// A read that takes longer gives the caller its turn.

@@ -7,5 +7,5 @@ mod session;
 
 pub use error::{DeviceError, version_help};
 pub use link::{DEFAULT_BAUD, Link, Target};
-pub use ports::{PRODUCT, Port, USB_PID, USB_VID, find, list};
+pub use ports::{Port, find, list, serial_of, stlink_port};
 pub use session::{Clock, Device, Received};

@@ -20,6 +20,8 @@ const HANDSHAKE_TIME: Duration = Duration::from_secs(3);
 const HELLO_TIME: Duration = Duration::from_millis(500);
 /// Time for a reply.
 const REPLY_TIME: Duration = Duration::from_secs(3);
+/// Time for a reply when flash is erased.
+const ERASE_TIME: Duration = Duration::from_secs(6);
 
 /// Host time in nanoseconds since 1970 that never goes back within a session.
 #[derive(Clone, Copy, Debug)]
@@ -82,7 +84,7 @@ impl Device {
         let talk = Talk {
             reader: Box::new(FrameReader::new()),
             sequence: SequenceCounter::new(),
-            next_id: 1,
+            next_id: first_id(&clock),
             queue: VecDeque::new(),
             clock,
         };
@@ -212,14 +214,39 @@ impl Device {
                 break hello;
             }
         };
+        self.read_settings()
+    }
+
+    /// Asks for the settings in use.
+    fn read_settings(&mut self) -> Result<(), DeviceError> {
         let before = self.talk.queue.len();
         self.request("to read its settings", Command::ReadSettings)?;
-        let values = self.talk.queue.range(before..).find_map(|received| message(received, as_settings));
+        // The last one: an earlier one may tell of a change before.
+        let values = self.talk.queue.range(before..).rev().find_map(|received| message(received, as_settings));
         let values = values.ok_or_else(|| self.silent(REPLY_TIME))?;
         let settings = values.read(&Settings::default());
         let settings = settings.map_err(|source| DeviceError::Settings { name: self.name.clone(), source })?;
         self.settings = settings.settings;
         Ok(())
+    }
+
+    /// Takes the present force as zero.
+    pub fn tare(&mut self) -> Result<(), DeviceError> {
+        self.request("to take the present force as zero", Command::Tare)?;
+        self.read_settings()
+    }
+
+    /// Keeps the settings in use over a restart.
+    pub fn save_settings(&mut self) -> Result<(), DeviceError> {
+        self.request_within("to save its settings", Command::SaveSettings, ERASE_TIME).map(|_| ())
+    }
+
+    /// Erases what the device has saved, puts its board's defaults in use, and reads them.
+    pub fn factory_reset(&mut self) -> Result<&Settings, DeviceError> {
+        // Pages are erased, each within 25 ms, and the sampler may start anew.
+        self.request_within("to erase its settings", Command::FactoryReset, ERASE_TIME)?;
+        self.read_settings()?;
+        Ok(&self.settings)
     }
 
     /// Sends a command without waiting; gives the id that its reply will carry.
@@ -268,6 +295,12 @@ impl Device {
     fn vanished(&self, reason: String) -> DeviceError {
         DeviceError::Vanished { name: self.name.clone(), reason, kept: String::new() }
     }
+}
+
+/// Number of the first request: another one each time, lest a reply that an earlier program left in line pass for ours.
+fn first_id(clock: &Clock) -> u16 {
+    // Microseconds wrap 15 times a second; 0 is left out.
+    (clock.now_ns() / 1000 % 0xFFFF) as u16 + 1
 }
 
 /// What an error of the link means.

@@ -9,7 +9,12 @@ use super::{
     END_METADATA, RecordingError, SETTINGS_METADATA, TRUTH_METADATA,
     read::{Contents, Ending, Incoming, read},
 };
-use crate::{error::Error, report::plural, run::Run, settings::Overrides};
+use crate::{
+    error::Error,
+    report::{event_words, is_trouble, plural},
+    run::Run,
+    settings::Overrides,
+};
 
 /// What a recording holds.
 #[derive(Clone, Debug)]
@@ -63,14 +68,21 @@ impl Collected {
             Record::Health(health) => self.health = Some(health),
             Record::Settings(values) => self.settings.push(values),
             Record::Event(event) => match event.kind {
-                EventKind::Fault(fault) => self.faults.push(format!("the device reported: {fault}")),
+                EventKind::Fault(fault) => self.fault(format!("the device reported: {fault}")),
                 EventKind::Panicked(text) => {
-                    self.faults
-                        .push(format!("the device's firmware had failed before this run: {text}; please report it"));
+                    self.fault(format!("the device's firmware had failed before this run: {text}; please report it"));
                 }
+                ref kind if is_trouble(kind) => self.fault(event_words(kind)),
                 _ => {}
             },
             _ => {}
+        }
+    }
+
+    /// Each once, however often it came.
+    fn fault(&mut self, words: String) {
+        if !self.faults.contains(&words) {
+            self.faults.push(words);
         }
     }
 

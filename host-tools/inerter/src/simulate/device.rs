@@ -17,10 +17,12 @@ use std::{
 
 use embassy_time::{Instant, Timer};
 use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
-use inerter_app::{App, Board, Figures, Identity, NoStore, Pace, Platform, SampleSource, SourceError};
+use inerter_app::{
+    App, Board, Figures, Identity, Pace, Platform, SampleSource, SourceError, Start, Store, StoreError, accept_all,
+};
 use inerter_core::{RawSample, State};
 use inerter_plant::Sample;
-use inerter_wire::{Capabilities, ClockSource};
+use inerter_wire::{Capabilities, ClockSource, SettingsValues};
 
 use super::{Setup, SimulateError, clock, port::Port, raw};
 
@@ -75,6 +77,8 @@ impl VirtualDevice {
             let port = Rc::new(RefCell::new(port));
             let source = Rc::new(RefCell::new(source));
             let mut state = Box::new(State::default());
+            let kept = Rc::new(RefCell::new(None));
+            let mut start = Start::POWER_ON;
             // Each round is one start of the device; a reboot begins the next.
             while !flag.load(Ordering::Relaxed) {
                 let app = App::new();
@@ -82,7 +86,7 @@ impl VirtualDevice {
                     source: Shared(source.clone()),
                     receiver: HostLink(port.clone()),
                     transmitter: HostLink(port.clone()),
-                    store: NoStore,
+                    store: Kept(kept.clone()),
                     platform: NoFigures,
                     identity: Identity {
                         firmware: concat!("inerter-virtual ", env!("CARGO_PKG_VERSION")),
@@ -93,12 +97,16 @@ impl VirtualDevice {
                         capabilities: Capabilities::SAMPLER
                             .with(Capabilities::INJECT)
                             .with(Capabilities::TERMINAL)
+                            .with(Capabilities::STORE)
                             .with(Capabilities::REBOOT),
+                        accepts: accept_all,
+                        start,
                     },
                     defaults: settings,
                     autostart,
                 };
                 run_until(&flag, inerter_app::run(&app, &mut state, board));
+                start = Start::SOFTWARE;
             }
         });
         let thread = thread.map_err(|source| SimulateError::Endpoint { what: "a thread".into(), source })?;
@@ -206,6 +214,25 @@ impl SampleSource for Shared {
 
     async fn read(&mut self, into: &mut [RawSample]) -> Result<usize, SourceError> {
         PlantSource::read(&self.0, into).await
+    }
+}
+
+/// Settings that outlive a reboot, not the program.
+struct Kept(Rc<RefCell<Option<SettingsValues>>>);
+
+impl Store for Kept {
+    async fn load(&mut self) -> Result<Option<SettingsValues>, StoreError> {
+        Ok(self.0.borrow().clone())
+    }
+
+    async fn save(&mut self, settings: &SettingsValues) -> Result<(), StoreError> {
+        *self.0.borrow_mut() = Some(settings.clone());
+        Ok(())
+    }
+
+    async fn erase(&mut self) -> Result<(), StoreError> {
+        *self.0.borrow_mut() = None;
+        Ok(())
     }
 }
 

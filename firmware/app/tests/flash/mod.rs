@@ -1,0 +1,263 @@
+//! Flash that loses its power in the middle of things.
+//!
+//! 8 pages of 2 KB in double words of 8 bytes, like the last ones of an STM32G474: each double word can be written once
+//! after its page was erased (RM0440, programming sequence), and one that power failure left half done may read as
+//! anything, give an error (`ECCD`), or look blank and yet refuse to be written.
+#![allow(dead_code, reason = "every test uses its own part of it")]
+
+use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
+use std::cell::{RefCell, RefMut};
+use std::ops::Range;
+use std::rc::Rc;
+
+pub const PAGES: usize = 8;
+pub const PAGE: usize = 2048;
+pub const WORD: usize = 8;
+pub const WORDS: usize = PAGES * PAGE / WORD;
+/// Addresses begin somewhere, as the chip's do.
+pub const RANGE: Range<u32> = 0x7_C000..0x8_0000;
+
+/// A double word.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Word {
+    Blank,
+    Written([u8; WORD]),
+    /// Reads as this; cannot be written.
+    Worn([u8; WORD]),
+    /// Gives an error.
+    Unreadable,
+}
+
+impl Word {
+    pub fn bytes(self) -> Option<[u8; WORD]> {
+        match self {
+            Self::Blank => Some([0xFF; WORD]),
+            Self::Written(bytes) | Self::Worn(bytes) => Some(bytes),
+            Self::Unreadable => None,
+        }
+    }
+}
+
+/// How an operation is left when the power fails.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Left {
+    /// Not begun.
+    Undone,
+    /// All ones, and cannot be written.
+    Ones,
+    /// Some of the bits have changed.
+    Partly,
+    /// Other bits have changed too.
+    Garbage,
+    Unreadable,
+    /// Each double word of a page in another way.
+    Mixed,
+    /// Done, but nobody was told.
+    Done,
+}
+
+impl Left {
+    pub const ALL: [Self; 7] =
+        [Self::Undone, Self::Ones, Self::Partly, Self::Garbage, Self::Unreadable, Self::Mixed, Self::Done];
+}
+
+/// Noise that repeats.
+#[derive(Clone, Copy, Debug)]
+pub struct Noise(u64);
+
+impl Noise {
+    pub fn new(seed: u64) -> Self {
+        Self(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1)
+    }
+
+    pub fn next(&mut self) -> u64 {
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        self.0
+    }
+}
+
+#[derive(Clone, Debug)]
+pub struct Inner {
+    pub words: Vec<Word>,
+    pub erases: [u32; PAGES],
+    pub writes: u32,
+    pub reads: u32,
+    /// Writes to words that were not blank, though nothing had failed.
+    pub overwrites: u32,
+    /// Words written and pages erased until the power fails, and how that one is left.
+    cut: Option<(u32, Left)>,
+    powered: bool,
+    noise: Noise,
+}
+
+/// The flash; clones are the same one.
+#[derive(Clone, Debug)]
+pub struct Flash(Rc<RefCell<Inner>>);
+
+impl Flash {
+    pub fn blank() -> Self {
+        Self::with(vec![Word::Blank; WORDS])
+    }
+
+    pub fn with(words: Vec<Word>) -> Self {
+        assert_eq!(words.len(), WORDS);
+        Self(Rc::new(RefCell::new(Inner {
+            words,
+            erases: [0; PAGES],
+            writes: 0,
+            reads: 0,
+            overwrites: 0,
+            cut: None,
+            powered: true,
+            noise: Noise::new(1),
+        })))
+    }
+
+    pub fn inner(&self) -> RefMut<'_, Inner> {
+        self.0.borrow_mut()
+    }
+
+    /// Another flash with the same content.
+    pub fn copy(&self) -> Self {
+        Self::with(self.inner().words.clone())
+    }
+
+    /// Lets the power fail at the operation after so many.
+    pub fn cut_after(&self, operations: u32, left: Left, seed: u64) {
+        let mut inner = self.inner();
+        inner.cut = Some((operations, left));
+        inner.noise = Noise::new(seed);
+    }
+
+    /// Power comes back; whether it had failed.
+    pub fn power_up(&self) -> bool {
+        let mut inner = self.inner();
+        inner.cut = None;
+        !std::mem::replace(&mut inner.powered, true)
+    }
+
+    /// Words written and pages erased so far.
+    pub fn operations(&self) -> u32 {
+        let inner = self.inner();
+        inner.writes + inner.erases.iter().sum::<u32>()
+    }
+}
+
+impl Inner {
+    /// How the next operation goes: `None` when the power is off, else whether it fails now.
+    fn power(&mut self) -> Option<Option<Left>> {
+        if !self.powered {
+            return None;
+        }
+        match &mut self.cut {
+            Some((0, left)) => {
+                self.powered = false;
+                Some(Some(*left))
+            }
+            Some((operations, _)) => {
+                *operations -= 1;
+                Some(None)
+            }
+            None => Some(None),
+        }
+    }
+
+    /// A word on its way from `old` to `new`.
+    fn left(&mut self, left: Left, old: Word, new: Word) -> Word {
+        let Some(bytes) = old.bytes() else { return if left == Left::Done { new } else { old } };
+        let target = new.bytes().unwrap_or([0; WORD]);
+        let noise = self.noise.next().to_le_bytes();
+        match left {
+            Left::Undone => old,
+            Left::Ones => Word::Worn([0xFF; WORD]),
+            Left::Partly => {
+                Word::Worn(std::array::from_fn(|place| bytes[place] & noise[place] | target[place] & !noise[place]))
+            }
+            Left::Garbage => Word::Worn(noise),
+            Left::Unreadable => Word::Unreadable,
+            Left::Mixed => {
+                let left = Left::ALL[(self.noise.next() >> 20) as usize % Left::ALL.len()];
+                self.left(if left == Left::Mixed { Left::Partly } else { left }, old, new)
+            }
+            Left::Done => new,
+        }
+    }
+}
+
+fn place(address: u32) -> usize {
+    assert!(RANGE.contains(&address), "{address:#x}");
+    (address - RANGE.start) as usize
+}
+
+impl ErrorType for Flash {
+    type Error = NorFlashErrorKind;
+}
+
+impl ReadNorFlash for Flash {
+    const READ_SIZE: usize = WORD;
+
+    async fn read(&mut self, address: u32, into: &mut [u8]) -> Result<(), NorFlashErrorKind> {
+        assert!(place(address).is_multiple_of(WORD) && into.len().is_multiple_of(WORD), "{address:#x}");
+        let mut inner = self.inner();
+        inner.reads += 1;
+        if !inner.powered {
+            return Err(NorFlashErrorKind::Other);
+        }
+        for (place, bytes) in (place(address) / WORD..).zip(into.chunks_mut(WORD)) {
+            let word = inner.words[place].bytes().ok_or(NorFlashErrorKind::Other)?;
+            bytes.copy_from_slice(&word);
+        }
+        Ok(())
+    }
+
+    fn capacity(&self) -> usize {
+        RANGE.end as usize
+    }
+}
+
+impl NorFlash for Flash {
+    const WRITE_SIZE: usize = WORD;
+    const ERASE_SIZE: usize = PAGE;
+
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
+        assert!(
+            from < to && place(from).is_multiple_of(PAGE) && place(to - 1) % PAGE == PAGE - 1,
+            "{from:#x}..{to:#x}"
+        );
+        let mut inner = self.inner();
+        for page in place(from) / PAGE..=place(to - 1) / PAGE {
+            let failing = inner.power().ok_or(NorFlashErrorKind::Other)?;
+            for word in page * PAGE / WORD..(page + 1) * PAGE / WORD {
+                let old = inner.words[word];
+                inner.words[word] = inner.left(failing.unwrap_or(Left::Done), old, Word::Blank);
+            }
+            if failing.is_some() {
+                return Err(NorFlashErrorKind::Other);
+            }
+            inner.erases[page] += 1;
+        }
+        Ok(())
+    }
+
+    async fn write(&mut self, address: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
+        assert!(place(address).is_multiple_of(WORD) && bytes.len().is_multiple_of(WORD), "{address:#x}");
+        let mut inner = self.inner();
+        for (word, bytes) in (place(address) / WORD..).zip(bytes.chunks(WORD)) {
+            let failing = inner.power().ok_or(NorFlashErrorKind::Other)?;
+            let old = inner.words[word];
+            if old != Word::Blank {
+                inner.overwrites += u32::from(matches!(old, Word::Written(_)));
+                return Err(NorFlashErrorKind::Other);
+            }
+            inner.words[word] =
+                inner.left(failing.unwrap_or(Left::Done), old, Word::Written(bytes.try_into().unwrap()));
+            if failing.is_some() {
+                return Err(NorFlashErrorKind::Other);
+            }
+            inner.writes += 1;
+        }
+        Ok(())
+    }
+}

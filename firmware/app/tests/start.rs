@@ -1,0 +1,306 @@
+//! How a run begins: saved settings, what ended the run before, and who is told of it.
+
+mod rig;
+
+use inerter_app::{Identity, Pace, SourceError, Start, StoreError};
+use inerter_core::{Settings, SettingsError};
+use inerter_wire::{
+    Capabilities, Command, Done, Event, EventKind, Fault, Frame, FrameReader, Hello, MAX_FRAME, Record, Refusal, Reply,
+    ResetCause, SettingFault, SettingValue, SettingsValues, Source, encode_record,
+};
+use rig::{IDENTITY, MemoryStore, Options, Rig, events, shaken};
+
+fn with_store(store: &MemoryStore) -> Options {
+    Options { store: store.clone(), ..Options::default() }
+}
+
+/// What a device with this store says first.
+fn first_events(store: &MemoryStore) -> Vec<EventKind> {
+    events(&Rig::cold(with_store(store)).records())
+}
+
+fn after_power_on(fault: Fault) -> Vec<EventKind> {
+    vec![EventKind::Started, EventKind::ResetBy(ResetCause::PowerOn), EventKind::Fault(fault)]
+}
+
+#[test]
+fn unusable_saved_settings_are_said_and_left() {
+    let store = MemoryStore::default();
+    let place = |name| Settings::find(name).unwrap();
+    let good = SettingsValues::from(&Settings::default());
+    let mut not_finite = good.clone();
+    not_finite.0[0].value = f64::NAN;
+    let mut contradictory = good.clone();
+    contradictory.0[place("force_min_code")].value = 5.0;
+    contradictory.0[place("force_max_code")].value = -5.0;
+    for saved in [not_finite, contradictory] {
+        *store.saved.borrow_mut() = Some(saved.clone());
+        assert_eq!(first_events(&store), after_power_on(Fault::SavedSettings));
+        let kept = format!("{:?}", store.saved.borrow());
+        assert_eq!(kept, format!("{:?}", Some(saved)), "kept until the user saves");
+    }
+}
+
+#[test]
+fn what_the_store_cannot_give_is_said_and_kept_until_the_user_saves() {
+    for (error, fault) in [
+        (StoreError::Unreadable, Fault::Store),
+        (StoreError::Newer, Fault::NewerSettings),
+        (StoreError::Foreign, Fault::ForeignSettings),
+    ] {
+        let store = MemoryStore::default();
+        *store.error.borrow_mut() = Some(error);
+        let mut rig = Rig::cold(with_store(&store));
+        assert_eq!(events(&rig.records()), after_power_on(fault));
+        assert_eq!(rig.settings(), Settings::default());
+        assert_eq!(*store.error.borrow(), Some(error), "left as it was");
+        let usable = error != StoreError::Unreadable;
+        assert_eq!(rig.result(Command::SaveSettings).is_ok(), usable);
+        drop(rig);
+        assert_eq!(first_events(&store).len(), if usable { 2 } else { 3 });
+    }
+}
+
+#[test]
+fn settings_of_older_and_newer_firmware_are_used_as_far_as_they_are_known() {
+    let pairs = [SettingValue { number: 0, value: 500.0 }, SettingValue { number: 47, value: 1.0 }];
+    let store = MemoryStore::default();
+    *store.saved.borrow_mut() = Some(SettingsValues(heapless::Vec::from_slice(&pairs).unwrap()));
+    let mut rig = Rig::with(with_store(&store));
+    assert_eq!(rig.settings(), Settings { sample_rate_hz: 500.0, ..Settings::default() });
+}
+
+/// A board of three rates.
+fn three_rates(settings: &Settings) -> Result<(), SettingsError> {
+    let (value, offered) = (settings.sample_rate_hz, &[1000.0, 2000.0, 4000.0]);
+    if offered.contains(&value) {
+        return Ok(());
+    }
+    Err(SettingsError::NotOffered { field: "sample_rate_hz", value, offered })
+}
+
+const PICKY: Identity<'static> = Identity { accepts: three_rates, ..IDENTITY };
+
+#[test]
+fn what_the_board_does_not_offer_is_refused_before_anything_changes() {
+    let mut rig = Rig::with(Options { identity: PICKY, ..Options::default() });
+    rig.script.asked();
+    let write = |rate| {
+        let values = [SettingValue { number: 17, value: 10.0 }, SettingValue { number: 0, value: rate }];
+        Command::WriteSettings(SettingsValues(heapless::Vec::from_slice(&values).unwrap()))
+    };
+    let (before, result, after) = rig.ask(write(3000.0));
+    let refusal = Refusal::BadSetting { number: 0, fault: SettingFault::NotOffered };
+    assert_eq!((before, result, after), (vec![], Err(refusal), vec![]));
+    assert_eq!(rig.settings(), Settings::default());
+    assert_eq!(rig.script.asked(), [], "the source was not touched");
+    rig.tell(write(2000.0));
+    assert_eq!(rig.settings(), Settings { sample_rate_hz: 2000.0, memory_s: 10.0, ..Settings::default() });
+}
+
+#[test]
+fn saved_settings_that_the_board_does_not_offer_are_left() {
+    let store = MemoryStore::default();
+    *store.saved.borrow_mut() = Some(SettingsValues::from(&Settings { sample_rate_hz: 3000.0, ..Settings::default() }));
+    let mut rig = Rig::cold(Options { identity: PICKY, ..with_store(&store) });
+    assert_eq!(events(&rig.records()), after_power_on(Fault::SavedSettings));
+    assert_eq!(rig.settings(), Settings::default());
+    drop(rig);
+    let defaults = Settings { sample_rate_hz: 3000.0, ..Settings::default() };
+    let mut rig = Rig::cold(Options { identity: PICKY, defaults, ..Options::default() });
+    rig.settle();
+    let ended = rig.ended.take().unwrap().unwrap_err();
+    assert_eq!(ended.to_string(), "sample_rate_hz: the board does not offer 3000, but 1000, 2000 and 4000");
+}
+
+#[test]
+fn a_factory_reset_forgets_what_was_saved_and_uses_the_boards_defaults() {
+    let store = MemoryStore::default();
+    let defaults = Settings { newtons_per_code: 0.004, ..Settings::default() };
+    let options = Options { defaults, ..with_store(&store) };
+    *store.saved.borrow_mut() = Some(SettingsValues::from(&Settings { skew_s: 1e-5, ..defaults }));
+    let mut rig = Rig::with(options.clone());
+    assert_eq!(rig.settings().skew_s, 1e-5);
+    let records = rig.tell(Command::FactoryReset);
+    assert_eq!(events(&records), [EventKind::EstimatorReset, EventKind::SettingsChanged]);
+    assert_eq!(records.last(), Some(&Record::Settings(SettingsValues::from(&defaults))));
+    assert_eq!(*store.saved.borrow(), None);
+    assert_eq!(rig.settings(), defaults);
+    // Also where the store holds something that nobody can read.
+    *store.error.borrow_mut() = Some(StoreError::Foreign);
+    assert_eq!(events(&rig.tell(Command::FactoryReset)), [EventKind::SettingsChanged]);
+    assert_eq!(*store.error.borrow(), None);
+    // A store that cannot be erased: nothing has changed.
+    rig.tell(Command::WriteSettings(SettingsValues::from(&Settings { skew_s: 2e-5, ..defaults })));
+    *store.error.borrow_mut() = Some(StoreError::Unreadable);
+    assert_eq!(rig.ask(Command::FactoryReset), (vec![], Err(Refusal::Store), vec![]));
+    assert_eq!(rig.settings().skew_s, 2e-5);
+}
+
+#[test]
+fn what_ended_the_run_before_is_told() {
+    let told = |start| {
+        let identity = Identity { start, ..IDENTITY };
+        let mut records = Rig::cold(Options { identity, ..Options::default() }).records();
+        assert!(matches!(records.remove(1), Record::Hello(_)));
+        let mut kinds = events(&records);
+        assert_eq!(kinds.remove(0), EventKind::Started);
+        kinds
+    };
+    let cause = |cause| Start { cause, panic: None };
+    assert_eq!(told(cause(ResetCause::Pin)), [EventKind::ResetBy(ResetCause::Pin)]);
+    assert_eq!(
+        told(cause(ResetCause::Watchdog)),
+        [EventKind::ResetBy(ResetCause::Watchdog), EventKind::Fault(Fault::Watchdog)]
+    );
+    let long =
+        "at src/main.rs:12: a message that is longer than what fits, far beyond the 96 bytes that a text may have";
+    let kinds = told(Start { cause: ResetCause::Panic, panic: Some(long) });
+    let [EventKind::ResetBy(ResetCause::Panic), EventKind::Panicked(text)] = kinds.as_slice() else {
+        panic!("{kinds:?}")
+    };
+    assert_eq!(text.as_str(), &long[..96]);
+}
+
+/// A device that has crashed, with USB and a UART.
+fn crashed() -> Options {
+    let start = Start { cause: ResetCause::Panic, panic: Some("at src/main.rs:1") };
+    let identity = Identity { start, ..IDENTITY };
+    let store = MemoryStore::default();
+    *store.error.borrow_mut() = Some(StoreError::Newer);
+    Options { identity, two_links: true, autostart: true, pace: Pace::Live, ..with_store(&store) }
+}
+
+/// What it has to tell.
+fn story() -> Vec<EventKind> {
+    vec![
+        EventKind::Started,
+        EventKind::ResetBy(ResetCause::Panic),
+        EventKind::Panicked(Hello::text("at src/main.rs:1")),
+        EventKind::Fault(Fault::NewerSettings),
+    ]
+}
+
+/// The messages that are intact.
+fn messages(frames: impl IntoIterator<Item = Frame<Record>>) -> Vec<Record> {
+    let message = |frame| if let Frame::Message { message, .. } = frame { Some(message) } else { None };
+    frames.into_iter().filter_map(message).collect()
+}
+
+#[test]
+fn a_device_is_mute_until_a_host_says_something_valid() {
+    let mut rig = Rig::cold(crashed());
+    let mut samples = shaken(20_000).into_iter();
+    let mut pass = |rig: &mut Rig| {
+        for sample in samples.by_ref().take(3_000) {
+            rig.script.push([Ok(sample)]);
+            rig.pass(1);
+        }
+    };
+    pass(&mut rig);
+    rig.app.link_state().set_open(true);
+    pass(&mut rig);
+    assert!(rig.app.link_state().is_mute());
+    assert_eq!((rig.from_device.waiting(), rig.uart.1.waiting()), (0, 0));
+    // What a terminal or ModemManager may send, and the device's own words come back.
+    rig.send_bytes(b"AT+GCAP\r\0ATI\r\n\0");
+    let mut echo = [0; MAX_FRAME];
+    let started = Record::Event(Event { index: 0, kind: EventKind::Started });
+    let length = encode_record(&started, 0, &mut echo).unwrap();
+    rig.send_bytes(&echo[..length]);
+    pass(&mut rig);
+    assert_eq!(rig.from_device.waiting(), 0);
+
+    rig.send_bytes(&[0]);
+    let id = rig.send(Command::Hello);
+    let frames = rig.frames();
+    let Some(Frame::Message { sequence: 0, message }) = frames.first() else { panic!("{frames:?}") };
+    assert_eq!(*message, started, "the stream begins with it");
+    assert!(frames.iter().all(|frame| matches!(frame, Frame::Message { .. })), "{frames:?}");
+    let records = messages(frames);
+    assert_eq!(events(&records), story());
+    assert!(matches!(records[1], Record::Hello(_)));
+    assert_eq!(records.last(), Some(&Record::Reply(Reply { id, result: Ok(Done::Plain) })));
+    let health = rig.health();
+    assert_eq!((health.dropped_frames, health.bad_frames), (0, 3), "nobody was there to miss anything");
+}
+
+#[test]
+fn the_next_host_is_told_nothing_old() {
+    let mut rig = Rig::cold(crashed());
+    rig.app.link_state().set_open(true);
+    assert_eq!(events(&rig.tell(Command::Hello)), story());
+    for _ in 0..3 {
+        rig.app.link_state().set_open(false);
+        rig.pass(100);
+        rig.app.link_state().set_open(true);
+        rig.pass(2_000);
+        assert_eq!(rig.from_device.waiting(), 0, "mute again");
+        rig.send_bytes(&[0]);
+        let id = rig.send(Command::Hello);
+        let records = messages(rig.frames());
+        let [Record::Hello(_), Record::Reply(reply)] = records.as_slice() else { panic!("{records:?}") };
+        assert_eq!(reply.id, id);
+    }
+}
+
+#[test]
+fn a_host_that_leaves_before_it_was_told_leaves_the_story_to_the_next() {
+    let mut rig = Rig::cold(crashed());
+    rig.app.link_state().set_open(true);
+    // A few bytes of the story fit, then the host is gone.
+    rig.set_room(20);
+    rig.send(Command::Hello);
+    rig.pass(10);
+    rig.app.link_state().set_open(false);
+    rig.pass(2_000);
+    rig.from_device.take();
+    rig.set_room(usize::MAX);
+    rig.app.link_state().set_open(true);
+    rig.send_bytes(&[0]);
+    rig.send(Command::Hello);
+    assert_eq!(events(&messages(rig.frames())), story());
+}
+
+#[test]
+fn a_request_on_the_uart_is_obeyed_while_usb_is_away_and_only_then() {
+    let mut rig = Rig::cold(crashed());
+    let (_, hello) = rig.request(Command::Hello);
+    rig.uart.0.put(&hello);
+    rig.settle();
+    assert!(rig.uart.1.waiting() > 0);
+    assert_eq!(rig.from_device.waiting(), 0);
+    rig.pass(1_000);
+    rig.uart.1.take();
+    rig.app.link_state().set_open(true);
+    let (_, stop) = rig.request(Command::Stop);
+    rig.uart.0.put(&stop);
+    rig.pass(3_000);
+    assert_eq!((rig.uart.0.waiting(), rig.uart.1.waiting()), (0, 0), "taken and dropped");
+    rig.app.link_state().set_open(false);
+    rig.pass(2_000);
+    // Spoken to before, it goes on there; and nothing has stopped.
+    let bytes = rig.uart.1.take();
+    let mut reader = FrameReader::<Record>::new();
+    let mut input = bytes.as_slice();
+    let records = messages(std::iter::from_fn(|| reader.read(&mut input)));
+    assert!(!events(&records).contains(&EventKind::SourceChanged(Source::Stopped)));
+    assert!(matches!(records.as_slice(), [Record::Health(_), ..]), "{records:?}");
+}
+
+#[test]
+fn a_source_that_does_not_come_up_is_told_with_the_start() {
+    let options = Options { configured: Err(SourceError::Unreadable), autostart: true, ..crashed() };
+    let mut rig = Rig::cold(options);
+    rig.pass(1_000);
+    rig.app.link_state().set_open(true);
+    let mut expected = story();
+    expected.push(EventKind::Fault(Fault::SourceUnreadable));
+    assert_eq!(events(&rig.tell(Command::Hello)), expected);
+    drop(rig);
+    // A board without a sampler has nothing to miss.
+    let identity = Identity { capabilities: Capabilities::NONE, ..IDENTITY };
+    let configured = Err(SourceError::Unreadable);
+    let mut rig = Rig::cold(Options { identity, configured, ..Options::default() });
+    assert_eq!(events(&rig.records()), [EventKind::Started, EventKind::ResetBy(ResetCause::PowerOn)]);
+}

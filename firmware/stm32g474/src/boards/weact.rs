@@ -1,0 +1,73 @@
+//! WeAct STM32G474 core board. Sources: WeAct's schematic (STM32G474CoreBoard), DS12288 tables 12 and 13 (pins).
+
+use super::{Oscillator, Parts};
+use crate::converter::{self, Converter};
+use crate::image::Interrupts;
+use crate::ready::Ready;
+use crate::rings::{self, Rings};
+use crate::sampler::Sampler;
+use crate::source::Source;
+use crate::{lpuart, spi, usb};
+use embassy_stm32::gpio::{Level, Output, OutputType, Speed};
+use embassy_stm32::spi::Spi;
+use embassy_stm32::time::Hertz;
+use embassy_stm32::timer::low_level::CountingMode;
+use embassy_stm32::timer::simple_pwm::{PwmPin, SimplePwm};
+use embassy_stm32::{Peripherals, peripherals, rcc};
+
+/// Name of the board.
+pub const NAME: &str = "weact-g474";
+
+/// 8 MHz / 1 * 42 / 2 = 168 MHz.
+pub const fn crystal() -> Oscillator {
+    Oscillator {
+        crystal: Some(rcc::Hse { freq: Hertz(8_000_000), mode: rcc::HseMode::Oscillator }),
+        divider: rcc::PllPreDiv::DIV1,
+        multiplier: rcc::PllMul::MUL42,
+    }
+}
+
+/// Takes the pins.
+///
+/// | pin | use |
+/// |---|---|
+/// | PA0 | force, ADC1_IN1 |
+/// | PA1 | terminal displacement, ADC2_IN2 |
+/// | PA2, PA3 | LPUART1 TX, RX, on the header |
+/// | PC6 | LED, lit when high |
+/// | PA11, PA12 | USB D-, D+ |
+/// | PA8 | converter's CLKIN, 8 MHz: TIM1_CH1 |
+/// | PA15, PB3 | encoder A, B: TIM2_CH1, TIM2_CH2 |
+/// | PB10 | converter's DRDY: TIM2_CH3 |
+/// | PB11 | converter's SYNC/RESET |
+/// | PB12, PB13, PB14, PB15 | converter's CS, SCLK, DOUT, DIN: SPI2 |
+pub fn wire(p: Peripherals) -> Parts {
+    let encoder = rings::encoder(p.TIM2, p.PA15, p.PB3);
+    let force = rings::analogue::<peripherals::ADC1>(p.PA0);
+    let terminal = rings::analogue::<peripherals::ADC2>(p.PA1);
+    let sampler = Sampler::new(Rings::new(force, terminal, encoder));
+    let bus = Spi::new(p.SPI2, p.PB13, p.PB15, p.PB14, p.DMA1_CH4, p.DMA1_CH5, Interrupts, spi::config());
+    let converter = Converter::new(
+        spi::Device::new(bus, Output::new(p.PB12, Level::High, Speed::High)),
+        Output::new(p.PB11, Level::High, Speed::Low),
+        Ready::new(p.PB10),
+        SimplePwm::new(
+            p.TIM1,
+            Some(PwmPin::new(p.PA8, OutputType::PushPull)),
+            None,
+            None,
+            None,
+            Hertz(converter::CLOCK_HZ),
+            CountingMode::EdgeAlignedUp,
+        ),
+    );
+    Parts {
+        led: Output::new(p.PC6, Level::High, Speed::Low),
+        usb: usb::peripheral(p.USB, p.PA12, p.PA11),
+        // The board is fed by its USB socket: a host is there, or no power.
+        vbus: None,
+        uart: lpuart::start(p.LPUART1, p.PA3, p.PA2),
+        source: Source::new(sampler, converter),
+        watchdog: p.IWDG,
+    }
+}

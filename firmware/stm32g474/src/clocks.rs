@@ -1,0 +1,29 @@
+//! The clocks, from the crystal when there is one that swings.
+
+use crate::boards::{self, Oscillator};
+use embassy_stm32::pac::pwr::regs::Cr5;
+use embassy_stm32::pac::{PWR, RCC};
+use embassy_stm32::{Config, Peripherals, rcc};
+use inerter_wire::ClockSource;
+
+/// Looks at the crystal, for 100 ms: at least 5 cycles of the 16 MHz that the core runs from then. It needs 2 ms
+/// (DS12288, table 41).
+const LOOKS: u32 = 320_000;
+
+/// Starts all clocks and says what they run from.
+pub fn start() -> (ClockSource, Peripherals) {
+    // At the 16 MHz of the chip's own oscillator first.
+    let mut peripherals = embassy_stm32::init(Config::default());
+    RCC.cr().modify(|w| w.set_hseon(true));
+    let swings = (0..LOOKS).any(|_| RCC.cr().read().hserdy());
+    // Range 1 boost, for more than 150 MHz (RM0440 6.4.5: R1MODE, bit 8, to 0; the register has no other).
+    // stm32-metapac 21 has the bit in another place, so what embassy-stm32 does about it has no effect.
+    PWR.cr5().write_value(Cr5(0));
+    let oscillator = if swings { boards::crystal() } else { Oscillator::INTERNAL };
+    rcc::reinit(oscillator.clocks(), &mut peripherals.RCC);
+    if swings {
+        // A crystal that stops raises NMI, and does not pass unnoticed.
+        RCC.cr().modify(|w| w.set_csson(true));
+    }
+    (if swings { ClockSource::Crystal } else { ClockSource::Internal }, peripherals)
+}

@@ -1,0 +1,228 @@
+//! The digital front end: an ADS131M04 for bridge, excitation and terminal displacement, at its own pace.
+//!
+//! Each "ready" edge is one sample: it latches the encoder's count, and the conversion that goes with it is read before
+//! the next. The count is brought to the filter's delay ([`MatchedPosition`]), the force is corrected for the bridge's
+//! excitation. A damaged frame, a lost edge or a chip that was reset is put right and becomes a gap; how many samples
+//! it cost the clock says, which is also the converter's.
+
+use crate::led;
+use crate::ready::{Edge, Ready};
+use crate::spi::Device;
+use ads131m04::{Ads131m04, Config, Conversion, Gain, MatchedPosition, Osr, Ratiometric, Recovery};
+use embassy_stm32::gpio::Output;
+use embassy_stm32::peripherals::TIM1;
+use embassy_stm32::timer::simple_pwm::SimplePwm;
+use embassy_time::{Delay, Duration, Instant, with_timeout};
+use inerter_app::SourceError;
+use inerter_core::{RawSample, Settings};
+
+/// Clock of the converter, in Hz: 168 MHz / 21.
+pub const CLOCK_HZ: u32 = 8_000_000;
+/// Samples a second that can be had: periods of 1024, 512 and 256 us.
+pub const RATES_HZ: &[f64] = &[976.5625, 1_953.125, 3_906.25];
+
+/// Bridge of 2 mV/V at 2.5 V: 5 mV of 18.75; the others of 1.2 V (docs/HARDWARE.md).
+const GAINS: [Gain; 4] = [Gain::X64, Gain::X1, Gain::X1, Gain::X1];
+/// Code of the excitation, 2.5 V through 1.8 and 1.0 kilohm: 0.8929 V of 1.2.
+const EXCITATION: i32 = 6_241_524;
+const RATIO: Ratiometric = match Ratiometric::new(EXCITATION) {
+    Some(ratio) => ratio,
+    None => panic!("the excitation is within the range"),
+};
+/// Force code of a bridge without its excitation: the rail, which the estimator leaves out.
+const NO_FORCE: i32 = -0x80_0000;
+/// No edge in this time: the converter stands still.
+const STILL: Duration = Duration::from_millis(20);
+/// Frames and edges are compared once in so many conversions.
+const COMPARED: u16 = 1_000;
+/// Edges that may come while the two are brought together.
+const HURRIED: usize = 3;
+
+/// The front end.
+pub struct Converter {
+    chip: Ads131m04<Device, Output<'static>>,
+    ready: Ready,
+    clock: SimplePwm<'static, TIM1>,
+    position: MatchedPosition,
+    period: Duration,
+    /// Index of the next sample.
+    index: u32,
+    /// A sample's index and the time of its edge, from which those after a gap are told. `None` when the instants of
+    /// the conversions have moved.
+    anchor: Option<(u32, Instant)>,
+    /// The edge before.
+    latest: Option<Instant>,
+    /// Edges may have passed unseen: the next one's index is told by the clock.
+    unseen: bool,
+    /// Not read for a while: no wonder that edges were missed.
+    paused: bool,
+    until_compared: u16,
+}
+
+impl Converter {
+    /// Says nothing to the chip yet.
+    pub fn new(spi: Device, reset: Output<'static>, ready: Ready, clock: SimplePwm<'static, TIM1>) -> Self {
+        let config = Config { clkin_hz: CLOCK_HZ, gains: GAINS, ..Config::default() };
+        Self {
+            chip: Ads131m04::new(spi, reset, config),
+            ready,
+            clock,
+            position: MatchedPosition::new(config.osr),
+            period: period(config.osr),
+            index: 0,
+            anchor: None,
+            latest: None,
+            unseen: false,
+            paused: true,
+            until_compared: COMPARED,
+        }
+    }
+
+    /// Index of the next sample.
+    pub fn index(&self) -> u32 {
+        self.index
+    }
+
+    /// Sets the chip up for the rate; its first sample has this index.
+    pub async fn configure(&mut self, settings: &Settings, index: u32) -> Result<(), SourceError> {
+        let osr = Osr::from_data_rate(CLOCK_HZ, settings.sample_rate_hz).ok_or(SourceError::Unreadable)?;
+        self.start_clock();
+        self.set_up().await?;
+        let config = Config { osr, ..*self.chip.config() };
+        self.chip.configure(config).await.map_err(|_| SourceError::Unreadable)?;
+        self.position = MatchedPosition::new(osr);
+        self.period = period(osr);
+        self.index = index;
+        self.latest = None;
+        self.paused = true;
+        Ok(())
+    }
+
+    fn start_clock(&mut self) {
+        let mut clock = self.clock.ch1();
+        // As near to half of the 21 as it goes; the chip takes 40 to 60 %.
+        clock.set_duty_cycle(clock.max_duty_cycle() / 2);
+        clock.enable();
+    }
+
+    /// Edges are missed from here on.
+    pub fn halt(&mut self) {
+        self.paused = true;
+    }
+
+    /// Waits for a sample; see [`SampleSource::read`](inerter_app::SampleSource::read).
+    pub async fn read(&mut self, into: &mut [RawSample]) -> Result<usize, SourceError> {
+        let Some(place) = into.first_mut() else { return Ok(0) };
+        loop {
+            let Ok(edge) = with_timeout(STILL, self.ready.edge()).await else {
+                self.set_up().await?;
+                return Err(SourceError::Misaligned);
+            };
+            let index = self.count(&edge);
+            let paused = core::mem::take(&mut self.paused);
+            if edge.missed || paused {
+                // The chip holds conversions of edges before.
+                self.bring_together().await?;
+                if paused {
+                    continue;
+                }
+                return Err(SourceError::Overrun);
+            }
+            let result = self.chip.read().await;
+            let position = self.position.push(edge.count);
+            match result {
+                Ok(conversion) => {
+                    self.compare().await?;
+                    if let (true, Some(position)) = (conversion.settled, position) {
+                        led::note_samples();
+                        *place = sample(index, position, &conversion);
+                        return Ok(1);
+                    }
+                }
+                Err(error) => match error.recovery() {
+                    Recovery::Continue => {}
+                    Recovery::Resynchronise => {
+                        self.bring_together().await?;
+                        return Err(SourceError::Misaligned);
+                    }
+                    Recovery::Initialise => {
+                        self.set_up().await?;
+                        return Err(SourceError::Misaligned);
+                    }
+                    Recovery::Person => return Err(SourceError::Unreadable),
+                },
+            }
+        }
+    }
+
+    /// The index of this edge's sample.
+    fn count(&mut self, edge: &Edge) -> u32 {
+        let now = Instant::now();
+        let unseen = core::mem::take(&mut self.unseen) || edge.missed || self.paused;
+        let index = match (self.anchor, self.latest) {
+            (Some(_), _) if !unseen => self.index,
+            (Some((index, time)), _) => index.wrapping_add(self.periods_in(now - time)),
+            // The one before has index - 1.
+            (None, Some(latest)) => self.index.wrapping_add(self.periods_in(now - latest).saturating_sub(1)),
+            (None, None) => self.index,
+        };
+        self.anchor.get_or_insert((index, now));
+        self.latest = Some(now);
+        self.index = index.wrapping_add(1);
+        index
+    }
+
+    /// Periods of so much time, to the nearest.
+    fn periods_in(&self, time: Duration) -> u32 {
+        ((time.as_micros() + self.period.as_micros() / 2) / self.period.as_micros()) as u32
+    }
+
+    /// Resets the chip and sets it up; the instants of its conversions move.
+    async fn set_up(&mut self) -> Result<(), SourceError> {
+        self.anchor = None;
+        self.position.reset();
+        self.until_compared = COMPARED;
+        self.chip.init(&mut Delay).await.map_err(|_| SourceError::Unreadable)?;
+        self.ready.clear();
+        Ok(())
+    }
+
+    /// Empties the chip until it holds nothing and no edge has come meanwhile.
+    async fn bring_together(&mut self) -> Result<(), SourceError> {
+        self.position.reset();
+        self.unseen = true;
+        for _ in 0..HURRIED {
+            self.ready.clear();
+            self.chip.resynchronise(&mut Delay).await.map_err(|_| SourceError::Unreadable)?;
+            if !self.ready.is_latched() {
+                return Ok(());
+            }
+        }
+        Err(SourceError::Unreadable)
+    }
+
+    /// Now and then, makes sure that the chip holds nothing after a read: else frames would be a period late.
+    async fn compare(&mut self) -> Result<(), SourceError> {
+        self.until_compared -= 1;
+        if self.until_compared > 0 {
+            return Ok(());
+        }
+        self.until_compared = COMPARED;
+        if self.chip.drain().await == Ok(0) {
+            return Ok(());
+        }
+        self.bring_together().await?;
+        Err(SourceError::Misaligned)
+    }
+}
+
+/// Whole microseconds, as the clock is 8 MHz.
+fn period(osr: Osr) -> Duration {
+    Duration::from_micros(u64::from(osr.period_clkin() / (CLOCK_HZ / 1_000_000)))
+}
+
+fn sample(index: u32, position_count: i32, conversion: &Conversion) -> RawSample {
+    let [bridge, excitation, terminal_code, _] = conversion.channels;
+    let force_code = RATIO.correct(bridge, excitation).unwrap_or(NO_FORCE);
+    RawSample { index, position_count, force_code, terminal_code }
+}

@@ -1,0 +1,35 @@
+//! What this board measures with, before anybody has set anything.
+
+use inerter_app::boxcar::{LOWER_RAIL, UPPER_RAIL, WEIGHT};
+use inerter_core::Settings;
+use inerter_wire::ClockSource;
+
+/// Time from the event to the force that is converted, in ns: the trigger's 2.125 and the sampling's 24.5 converter
+/// clocks of 42 MHz (DS12288, table 66; the input is held at the end of sampling).
+const FORCE_NS: f64 = (2.125 + 24.5) / 0.042;
+/// Time from the shaft's position to the event at which it is fetched, in ns: the inputs' filter takes 6 samples of
+/// 84 MHz, synchronisation and count about 5 clocks of 168 MHz, and the fetch comes about 8 of them after the event.
+const POSITION_NS: f64 = 6.0 / 0.084 + (5.0 - 8.0) / 0.168;
+
+/// Settings of a device that was never set up: the analogue front end at 1 kHz.
+///
+/// The force is that of the moment `FORCE_NS` after the event, the position that of `POSITION_NS` before it: the force
+/// is 0.69 us *ahead*. What the amplifier and its filter delay must be added, by whoever chose them.
+pub fn settings(clock: ClockSource) -> Settings {
+    let mut settings = Settings {
+        sample_rate_hz: 1_000.0,
+        oversampling: f64::from(WEIGHT),
+        // 5.2 kN over the converter's range, 1.3 N per step of a single conversion.
+        newtons_per_code: 0.02,
+        force_zero_code: f64::from((LOWER_RAIL + UPPER_RAIL) / 2),
+        force_min_code: f64::from(LOWER_RAIL),
+        force_max_code: f64::from(UPPER_RAIL),
+        skew_s: -(FORCE_NS + POSITION_NS) * 1e-9,
+        ..Settings::default()
+    };
+    if clock == ClockSource::Internal {
+        // DS12288, table 43: 1 % over temperature.
+        settings.timebase_u95 = 0.01;
+    }
+    settings
+}

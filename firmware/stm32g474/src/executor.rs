@@ -1,0 +1,53 @@
+//! The executor of thread mode: runs its tasks, sleeps when there is nothing to do, and knows for how long.
+
+use core::cell::Cell;
+use cortex_m::peripheral::SCB;
+use critical_section::Mutex;
+use embassy_executor::{Spawner, raw};
+use embassy_time::Instant;
+use static_cell::StaticCell;
+
+/// The context for which embassy-executor's Cortex-M platform wakes by SEV instead of pending an interrupt.
+const THREAD: *mut () = usize::MAX as *mut ();
+/// SCR.SEVONPEND: an interrupt that becomes pending ends WFE even while interrupts are masked (ARMv7-M, B3.2.7).
+const SEVONPEND: u32 = 1 << 4;
+
+static EXECUTOR: StaticCell<raw::Executor> = StaticCell::new();
+static IDLE_US: Mutex<Cell<u64>> = Mutex::new(Cell::new(0));
+
+/// The executor. There is one.
+pub struct Executor(&'static raw::Executor);
+
+impl Executor {
+    /// To be called once.
+    pub fn new(scb: &SCB) -> Self {
+        // SAFETY: sets one bit, which concerns WFE alone.
+        unsafe { scb.scr.modify(|scr| scr | SEVONPEND) };
+        Self(EXECUTOR.init(raw::Executor::new(THREAD)))
+    }
+
+    /// Takes tasks, before and while it runs.
+    pub fn spawner(&self) -> Spawner {
+        self.0.spawner()
+    }
+
+    /// Runs the tasks for ever.
+    pub fn run(self) -> ! {
+        loop {
+            // SAFETY: called here only, never from itself.
+            unsafe { self.0.poll() };
+            // Interrupts are served after the measurement, so their time counts as work.
+            critical_section::with(|cs| {
+                let asleep = Instant::now();
+                cortex_m::asm::wfe();
+                let idle_us = IDLE_US.borrow(cs);
+                idle_us.set(idle_us.get() + asleep.elapsed().as_micros());
+            });
+        }
+    }
+}
+
+/// Time spent with nothing to do since the start, in microseconds.
+pub fn idle_us() -> u64 {
+    critical_section::with(|cs| IDLE_US.borrow(cs).get())
+}

@@ -1,0 +1,230 @@
+//! The settings' pages: the last 16 KB of the second flash bank.
+//!
+//! The program runs from the first bank meanwhile, so sampling, estimating and sending go on; only the one who writes
+//! waits. Offsets count from the first of these pages, so nothing else can be reached.
+//!
+//! A double word has a checksum of its own. One that power loss left half written may be read as a double error, which
+//! raises NMI: the handler notes it, and the read becomes an error.
+//!
+//! Source: RM0440 3 (dual bank: pages of 2 KB). The data cache stays off while a bank is written and the other is read:
+//! ES0430, "data cache might be corrupted during flash memory read-while-write operation".
+
+use core::sync::atomic::{AtomicBool, Ordering};
+use core::{mem, ptr};
+use cortex_m::asm::dsb;
+use cortex_m_rt::exception;
+use embassy_stm32::pac::flash::regs::Sr;
+use embassy_stm32::pac::{FLASH, RCC};
+use embassy_time::{Duration, Instant, Timer};
+use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
+
+/// First page, in the address space.
+const START: usize = 0x0807_C000;
+/// Its number in the second bank.
+const FIRST_PAGE: u32 = 120;
+const PAGE: usize = 2048;
+const PAGES: usize = 8;
+/// Bytes of all pages.
+pub const SIZE: u32 = (PAGE * PAGES) as u32;
+/// Written at once, with one checksum.
+const DOUBLE_WORD: usize = 8;
+
+/// Keys of the control register (RM0440, 3.3.5).
+const KEYS: [u32; 2] = [0x4567_0123, 0xCDEF_89AB];
+/// A double word takes 82 us, a page 22 ms (DS12288, table 50).
+const WRITE_POLL: Duration = Duration::from_micros(50);
+const ERASE_POLL: Duration = Duration::from_millis(1);
+const LIMIT: Duration = Duration::from_millis(100);
+
+/// A double error was met since this was last cleared.
+static DAMAGED: AtomicBool = AtomicBool::new(false);
+
+/// The pages cannot be read or written there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Failed {
+    /// Not within the pages, or not on the edge of a double word or page.
+    Place,
+    /// The content is damaged.
+    Content,
+    /// The flash refused, or took too long.
+    Operation,
+}
+
+impl NorFlashError for Failed {
+    fn kind(&self) -> NorFlashErrorKind {
+        match self {
+            Self::Place => NorFlashErrorKind::OutOfBounds,
+            Self::Content | Self::Operation => NorFlashErrorKind::Other,
+        }
+    }
+}
+
+/// The pages. There is one of this.
+pub struct Pages {
+    _private: (),
+}
+
+impl Pages {
+    /// To be made once.
+    pub const fn new() -> Self {
+        Self { _private: () }
+    }
+
+    /// Waits for what another future may have left, and prepares the next operation.
+    async fn begin(&mut self) -> Result<(), Failed> {
+        wait(WRITE_POLL).await?;
+        FLASH.cr().modify(|w| {
+            w.set_pg(false);
+            w.set_per(false);
+        });
+        clear_errors();
+        if FLASH.cr().read().lock() {
+            for key in KEYS {
+                FLASH.keyr().write_value(key);
+            }
+        }
+        FLASH.acr().modify(|w| w.set_dcen(false));
+        Ok(())
+    }
+
+    /// Ends an operation, however it went.
+    async fn end(&mut self, poll: Duration) -> Result<(), Failed> {
+        let waited = wait(poll).await;
+        let errors = clear_errors();
+        FLASH.cr().modify(|w| {
+            w.set_pg(false);
+            w.set_per(false);
+            w.set_lock(true);
+        });
+        // What the cache holds is from before.
+        FLASH.acr().modify(|w| w.set_dcrst(true));
+        FLASH.acr().modify(|w| w.set_dcrst(false));
+        FLASH.acr().modify(|w| w.set_dcen(true));
+        waited?;
+        if errors.0 == 0 { Ok(()) } else { Err(Failed::Operation) }
+    }
+}
+
+/// Waits until the flash is idle.
+async fn wait(poll: Duration) -> Result<(), Failed> {
+    let begun = Instant::now();
+    while FLASH.sr().read().bsy() {
+        if begun.elapsed() > LIMIT {
+            return Err(Failed::Operation);
+        }
+        Timer::after(poll).await;
+    }
+    Ok(())
+}
+
+/// Clears the errors of operations, by writing 1 to each; returns them.
+fn clear_errors() -> Sr {
+    let now = FLASH.sr().read();
+    let mut errors = Sr(0);
+    errors.set_operr(now.operr());
+    errors.set_progerr(now.progerr());
+    errors.set_wrperr(now.wrperr());
+    errors.set_pgaerr(now.pgaerr());
+    errors.set_sizerr(now.sizerr());
+    errors.set_pgserr(now.pgserr());
+    errors.set_miserr(now.miserr());
+    errors.set_fasterr(now.fasterr());
+    FLASH.sr().write_value(errors);
+    errors
+}
+
+/// Whether so many bytes from `offset` on lie within the pages and on edges of `unit`.
+fn check(offset: u32, length: usize, unit: usize) -> Result<usize, Failed> {
+    let offset = offset as usize;
+    let end = offset.checked_add(length).ok_or(Failed::Place)?;
+    if end <= SIZE as usize && offset.is_multiple_of(unit) && length.is_multiple_of(unit) {
+        Ok(START + offset)
+    } else {
+        Err(Failed::Place)
+    }
+}
+
+impl ErrorType for Pages {
+    type Error = Failed;
+}
+
+impl ReadNorFlash for Pages {
+    const READ_SIZE: usize = 1;
+
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Failed> {
+        let start = check(offset, bytes.len(), Self::READ_SIZE)? as *const u8;
+        DAMAGED.store(false, Ordering::Relaxed);
+        for (place, byte) in bytes.iter_mut().enumerate() {
+            // SAFETY: within the settings' pages, as checked, which are nothing else's.
+            *byte = unsafe { ptr::read_volatile(start.wrapping_add(place)) };
+        }
+        // NMI has come by now, if it comes.
+        dsb();
+        if DAMAGED.load(Ordering::Relaxed) { Err(Failed::Content) } else { Ok(()) }
+    }
+
+    fn capacity(&self) -> usize {
+        SIZE as usize
+    }
+}
+
+impl NorFlash for Pages {
+    const WRITE_SIZE: usize = DOUBLE_WORD;
+    const ERASE_SIZE: usize = PAGE;
+
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), Failed> {
+        let length = to.checked_sub(from).ok_or(Failed::Place)? as usize;
+        check(from, length, PAGE)?;
+        for page in from / PAGE as u32..to / PAGE as u32 {
+            self.begin().await?;
+            FLASH.cr().modify(|w| {
+                w.set_per(true);
+                w.set_bker(true);
+                w.set_pnb((FIRST_PAGE + page) as u8);
+            });
+            FLASH.cr().modify(|w| w.set_strt(true));
+            self.end(ERASE_POLL).await?;
+        }
+        Ok(())
+    }
+
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Failed> {
+        let start = check(offset, bytes.len(), DOUBLE_WORD)? as *mut u32;
+        let (words, _) = bytes.as_chunks::<{ mem::size_of::<u32>() }>();
+        let (pairs, _) = words.as_chunks::<2>();
+        for (place, [low, high]) in pairs.iter().enumerate() {
+            self.begin().await?;
+            FLASH.cr().modify(|w| w.set_pg(true));
+            let place = start.wrapping_add(2 * place);
+            // SAFETY: a whole double word within the settings' pages, as checked; both words, in this order, are what
+            // starts the operation.
+            unsafe {
+                ptr::write_volatile(place, u32::from_le_bytes(*low));
+                dsb();
+                ptr::write_volatile(place.wrapping_add(1), u32::from_le_bytes(*high));
+            }
+            dsb();
+            self.end(WRITE_POLL).await?;
+        }
+        Ok(())
+    }
+}
+
+/// A double error in flash, or the crystal's end.
+#[exception]
+unsafe fn NonMaskableInt() {
+    let ecc = FLASH.eccr().read();
+    if ecc.eccd() {
+        // Clears the flag, by writing 1, and nothing else.
+        let mut clear = ecc;
+        clear.set_eccc(false);
+        FLASH.eccr().write_value(clear);
+        assert!(ecc.bk_ecc() && !ecc.sysf_ecc(), "the program in flash is damaged at {:x}", ecc.addr_ecc());
+        DAMAGED.store(true, Ordering::Relaxed);
+    } else if RCC.cifr().read().cssf() {
+        RCC.cicr().write(|w| w.set_cssc(true));
+        panic!("the crystal has stopped");
+    } else {
+        panic!("NMI without a cause");
+    }
+}

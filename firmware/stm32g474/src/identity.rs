@@ -1,0 +1,75 @@
+//! Who the device is, written once: the program that updates the firmware finds it in the image by its first word, the
+//! host of a running device gets it in Hello.
+
+use crate::boards;
+use core::fmt::Write as _;
+use core::hint::black_box;
+use embassy_stm32::pac::UID;
+use heapless::String;
+use static_cell::StaticCell;
+
+const TEXTS: [&str; 4] =
+    ["inerter-identity", concat!("inerter ", env!("CARGO_PKG_VERSION")), env!("INERTER_GIT"), boards::NAME];
+const LENGTH: usize = {
+    let mut length = 0;
+    let mut n = 0;
+    while n < TEXTS.len() {
+        length += TEXTS[n].len() + 1;
+        n += 1;
+    }
+    length
+};
+
+/// The first word, firmware, commit and board, each with a zero behind it.
+static IDENTITY: [u8; LENGTH] = {
+    let mut joined = [0; LENGTH];
+    let (mut place, mut n) = (0, 0);
+    while n < TEXTS.len() {
+        let text = TEXTS[n].as_bytes();
+        let mut letter = 0;
+        while letter < text.len() {
+            joined[place] = text[letter];
+            place += 1;
+            letter += 1;
+        }
+        place += 1;
+        n += 1;
+    }
+    joined
+};
+
+fn text(number: usize) -> &'static str {
+    // Not to be seen through, so that the linker keeps it in one piece.
+    let parts = black_box(&IDENTITY).split(|byte| *byte == 0);
+    parts.skip(number).next().and_then(|text| core::str::from_utf8(text).ok()).unwrap_or_default()
+}
+
+/// Firmware name and version.
+pub fn firmware() -> &'static str {
+    text(1)
+}
+
+/// Commit that the firmware was built from.
+pub fn git() -> &'static str {
+    text(2)
+}
+
+/// Board.
+pub fn board() -> &'static str {
+    text(3)
+}
+
+/// Digits of the serial number.
+const DIGITS: usize = 12;
+
+/// Serial number from the chip's unique ID, as the ROM's update mode forms it.
+///
+/// To be called once: it takes the place of the text.
+pub fn serial() -> &'static str {
+    static SERIAL: StaticCell<String<DIGITS>> = StaticCell::new();
+    let word = |n| UID.uid(n).read();
+    let serial = SERIAL.init(String::new());
+    // There is room.
+    let _ = write!(serial, "{:08X}{:04X}", word(0).wrapping_add(word(2)), word(1) >> 16);
+    serial
+}

@@ -1,0 +1,183 @@
+//! The device: start, tasks, and what happens at the end.
+
+use crate::boards::{self, Parts};
+use crate::executor::Executor;
+use crate::flash::{self, Pages};
+use crate::platform::Platform;
+use crate::ready::LatchHandler;
+use crate::rings::HalfHandler;
+use crate::source::{self, Source};
+use crate::temperature::Sensor;
+use crate::{clocks, defaults, identity, led, options, panic, reset, stack, usb, watchdog};
+use cortex_m_rt::entry;
+use defmt_rtt as _;
+use embassy_executor::{InterruptExecutor, Spawner};
+use embassy_futures::block_on;
+use embassy_stm32::gpio::Output;
+use embassy_stm32::interrupt::{self, InterruptExt, Priority};
+use embassy_stm32::peripherals::IWDG;
+use embassy_stm32::usart::{BufferedUartRx, BufferedUartTx};
+use embassy_stm32::{Peri, bind_interrupts, dma, exti, peripherals, usart};
+use inerter_app::{App, FlashStore, Identity, InUse, LinkReceiver, LinkTransmitter, Restart, Start, load_settings};
+use inerter_core::{Active, State};
+use inerter_wire::{Capabilities, ClockSource, ResetCause};
+use static_cell::{ConstStaticCell, StaticCell};
+
+bind_interrupts!(pub struct Interrupts {
+    USB_LP => usb::DisturbanceHandler, embassy_stm32::usb::InterruptHandler<peripherals::USB>;
+    LPUART1 => usart::BufferedInterruptHandler<peripherals::LPUART1>;
+    EXTI9_5 => exti::InterruptHandler<interrupt::typelevel::EXTI9_5>;
+    DMA1_CHANNEL3 => HalfHandler;
+    DMA1_CHANNEL4 => dma::InterruptHandler<peripherals::DMA1_CH4>;
+    DMA1_CHANNEL5 => dma::InterruptHandler<peripherals::DMA1_CH5>;
+    TIM2 => LatchHandler;
+    // A peripheral that is not used lends its interrupt to the sampling tasks.
+    UART4 => SamplingExecutor;
+});
+
+/// Above thread mode, below every peripheral.
+const SAMPLING_PRIORITY: Priority = Priority::P6;
+
+/// Made at the start, as its start values would take their place in flash too.
+static APP: StaticCell<App> = StaticCell::new();
+static STATE: ConstStaticCell<State> = ConstStaticCell::new(State::empty());
+static SAMPLING: InterruptExecutor = InterruptExecutor::new();
+
+type Receiver = LinkReceiver<'static, usb::Receiver, BufferedUartRx<'static>>;
+type Transmitter = LinkTransmitter<'static, usb::Transmitter, BufferedUartTx<'static>>;
+
+/// The executor of sampling, as an interrupt.
+pub struct SamplingExecutor;
+
+impl interrupt::typelevel::Handler<interrupt::typelevel::UART4> for SamplingExecutor {
+    unsafe fn on_interrupt() {
+        // SAFETY: the interrupt is enabled by the executor's start.
+        unsafe { SAMPLING.on_interrupt() }
+    }
+}
+
+#[embassy_executor::task]
+async fn sampling(app: &'static App, source: Source) {
+    app.sampling(source).await
+}
+
+#[embassy_executor::task]
+async fn estimating(app: &'static App, state: &'static mut State, active: Active) {
+    app.estimating(state, active).await
+}
+
+#[embassy_executor::task]
+async fn commands(
+    app: &'static App,
+    link: Receiver,
+    store: FlashStore<Pages>,
+    identity: Identity<'static>,
+    in_use: InUse,
+) {
+    app.commands(link, store, identity, in_use, true).await
+}
+
+#[embassy_executor::task]
+async fn health(app: &'static App, platform: Platform) {
+    app.health_reports(platform).await
+}
+
+#[embassy_executor::task]
+async fn telemetry(app: &'static App, link: Transmitter) {
+    let restart = app.telemetry(link).await;
+    // The reply shall arrive.
+    usb::drain().await;
+    match restart {
+        Restart::Reboot => reset::restart(),
+        Restart::Dfu => reset::update(),
+    }
+}
+
+#[embassy_executor::task]
+async fn usb_device(app: &'static App, device: usb::Device) {
+    device.run(|open| app.link_state().set_open(open)).await
+}
+
+#[embassy_executor::task]
+async fn show(app: &'static App, led: Output<'static>, clock: ClockSource) {
+    led::show(led, clock, app).await
+}
+
+#[embassy_executor::task]
+async fn watch(app: &'static App, watchdog: Peri<'static, IWDG>) {
+    watchdog::watch(watchdog, app).await
+}
+
+#[embassy_executor::task]
+async fn forget_press() {
+    reset::forget_press().await;
+}
+
+/// Takes thread mode for itself after a while, so that the watchdog has something to do.
+#[cfg(feature = "hang")]
+#[embassy_executor::task]
+async fn hang() {
+    embassy_time::Timer::after_secs(5).await;
+    loop {
+        cortex_m::asm::nop();
+    }
+}
+
+/// Sets everything up. Apart from `main`, whose stack stays.
+#[inline(never)]
+fn set_up(spawner: Spawner) {
+    let mut start = Start { cause: reset::begin(), panic: panic::take() };
+    if start.panic.is_some() && start.cause == ResetCause::Software {
+        start.cause = ResetCause::Panic;
+    }
+    options::check(start.cause);
+    let (clock, peripherals) = clocks::start();
+    let Parts { led, usb, vbus, uart, source, watchdog } = boards::wire(peripherals);
+    let app: &'static App = APP.init_with(App::new);
+    let identity = Identity {
+        firmware: identity::firmware(),
+        git: identity::git(),
+        board: identity::board(),
+        serial: identity::serial(),
+        clock,
+        capabilities: Capabilities::SAMPLER
+            .with(Capabilities::INJECT)
+            .with(Capabilities::TERMINAL)
+            .with(Capabilities::STORE)
+            .with(Capabilities::DFU)
+            .with(Capabilities::REBOOT),
+        accepts: source::accepts,
+        start,
+    };
+    let port = usb::start(usb, vbus, identity.serial);
+    let (receiver, transmitter) = app.link_state().join((port.receiver, port.transmitter), uart);
+    let mut store = FlashStore::new(Pages::new(), 0..flash::SIZE);
+    // Loading reads only, and reading the flash does not wait.
+    let Ok((in_use, active)) = block_on(load_settings(&mut store, &identity, &defaults::settings(clock))) else {
+        panic!("the default settings are not valid")
+    };
+    interrupt::UART4.set_priority(SAMPLING_PRIORITY);
+    let tasks = [
+        telemetry(app, transmitter).map(|task| spawner.spawn(task)),
+        estimating(app, STATE.take(), active).map(|task| spawner.spawn(task)),
+        commands(app, receiver, store, identity, in_use).map(|task| spawner.spawn(task)),
+        health(app, Platform::new(Sensor::new())).map(|task| spawner.spawn(task)),
+        usb_device(app, port.device).map(|task| spawner.spawn(task)),
+        show(app, led, clock).map(|task| spawner.spawn(task)),
+        watch(app, watchdog).map(|task| spawner.spawn(task)),
+        forget_press().map(|task| spawner.spawn(task)),
+        #[cfg(feature = "hang")]
+        hang().map(|task| spawner.spawn(task)),
+        sampling(app, source).map(|task| SAMPLING.start(interrupt::UART4).spawn(task)),
+    ];
+    assert!(tasks.iter().all(Result::is_ok), "every task is spawned once");
+}
+
+#[entry]
+fn main() -> ! {
+    let Some(mut core) = cortex_m::Peripherals::take() else { panic!("main runs once") };
+    stack::guard(&mut core.MPU);
+    let executor = Executor::new(&core.SCB);
+    set_up(executor.spawner());
+    executor.run()
+}

@@ -1,0 +1,56 @@
+//! What the LED says.
+//!
+//! | LED | state |
+//! |---|---|
+//! | steady light | starting; more than a moment of it: does not start |
+//! | quick blinking, 5 a second | no samples: halted, injected, or the front end gives none |
+//! | two flashes a second | samples, but the crystal does not run: no claim on the inertance |
+//! | one flash a second | samples, and no host listens |
+//! | half a second on, half off | samples, and a host listens |
+//! | dark | no power, or update mode |
+
+use core::sync::atomic::{AtomicBool, Ordering};
+use embassy_stm32::gpio::Output;
+use embassy_time::{Duration, Ticker};
+use inerter_app::App;
+use inerter_wire::ClockSource;
+
+/// One bit of a pattern.
+const STEP: Duration = Duration::from_millis(100);
+const STEPS: u16 = 10;
+// A second each, first step in the lowest bit.
+const NO_SAMPLES: u16 = 0b01_0101_0101;
+const NO_CRYSTAL: u16 = 0b00_0000_0101;
+const ALONE: u16 = 0b00_0000_0001;
+const LISTENED_TO: u16 = 0b00_0001_1111;
+
+/// Samples have come since the LED looked.
+static SAMPLES: AtomicBool = AtomicBool::new(false);
+
+/// Samples have come.
+pub fn note_samples() {
+    SAMPLES.store(true, Ordering::Relaxed);
+}
+
+/// Shows the state. For a task of its own.
+pub async fn show(mut led: Output<'static>, clock: ClockSource, app: &App) -> ! {
+    let mut ticker = Ticker::every(STEP);
+    loop {
+        ticker.next().await;
+        let pattern = if !SAMPLES.swap(false, Ordering::Relaxed) {
+            NO_SAMPLES
+        } else if clock == ClockSource::Internal {
+            NO_CRYSTAL
+        } else if app.link_state().is_mute() {
+            ALONE
+        } else {
+            LISTENED_TO
+        };
+        for step in 0..STEPS {
+            led.set_level((pattern >> step & 1 == 1).into());
+            if step + 1 < STEPS {
+                ticker.next().await;
+            }
+        }
+    }
+}

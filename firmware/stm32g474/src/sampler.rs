@@ -1,0 +1,181 @@
+//! The analogue front end: from full halves of the rings to samples.
+//!
+//! Deadline: a half, 4 ms, from the interrupt to the last read. Later than that is noticed, and becomes a gap.
+//! Each trouble costs only time: what is lost is counted by the clock, which is the same that starts the conversions, so
+//! the sample counter stays right over it.
+
+use crate::led;
+use crate::rings::{ENTRIES_PER_S, HALF, Half, Rings, Trouble};
+use embassy_time::{Duration, Instant, with_timeout};
+use heapless::Vec;
+use inerter_app::SourceError;
+use inerter_app::boxcar::Boxcar;
+use inerter_core::{RawSample, Settings};
+
+/// Samples a second that can be had.
+pub const RATES_HZ: &[f64] = &[1_000.0, 2_000.0, 4_000.0];
+
+/// Samples of a half at the highest rate.
+const MOST: usize = HALF / 16;
+/// Time that a half takes to fill.
+const HALF_TIME: Duration = Duration::from_micros(HALF as u64 * 1_000_000 / ENTRIES_PER_S as u64);
+const _: () = assert!(HALF_TIME.as_micros() * ENTRIES_PER_S as u64 == HALF as u64 * 1_000_000);
+/// No half in this time: the hardware stands still.
+const STILL: Duration = Duration::from_millis(20);
+/// Times in a row that it is started again.
+const RESTARTS: u8 = 5;
+
+/// The sampler.
+pub struct Sampler {
+    rings: Rings,
+    boxcar: Boxcar,
+    running: bool,
+    /// Half that will be full next.
+    next: Half,
+    /// When that half began; `None` where no time counts: before the first start, and between two rates.
+    begun: Option<Instant>,
+    /// Samples not handed out yet, from `given` on.
+    ready: Vec<RawSample, MOST>,
+    given: usize,
+    /// Restarts since the last half.
+    restarts: u8,
+}
+
+impl Sampler {
+    /// Halted, at 1 kHz.
+    pub fn new(rings: Rings) -> Self {
+        Self {
+            rings,
+            boxcar: Boxcar::new(ENTRIES_PER_S / 1_000),
+            running: false,
+            next: Half::First,
+            begun: None,
+            ready: Vec::new(),
+            given: 0,
+            restarts: 0,
+        }
+    }
+
+    /// Index of the next sample.
+    pub fn index(&self) -> u32 {
+        self.boxcar.index()
+    }
+
+    /// Takes over the rate; the first sample has this index.
+    pub fn configure(&mut self, settings: &Settings, index: u32) -> Result<(), SourceError> {
+        let rate_hz = settings.sample_rate_hz;
+        let window = RATES_HZ.iter().find(|&&rate| rate == rate_hz).map(|rate| ENTRIES_PER_S / *rate as u32);
+        self.boxcar = Boxcar::starting_at(window.ok_or(SourceError::Unreadable)?, index);
+        self.begun = None;
+        Ok(())
+    }
+
+    /// Stops the hardware.
+    pub fn halt(&mut self) {
+        if core::mem::take(&mut self.running) {
+            self.rings.stop();
+        }
+        self.ready.clear();
+        self.given = 0;
+    }
+
+    /// Waits for samples; see [`SampleSource::read`](inerter_app::SampleSource::read).
+    pub async fn read(&mut self, into: &mut [RawSample]) -> Result<usize, SourceError> {
+        loop {
+            let ready = self.ready.get(self.given..).unwrap_or_default();
+            let count = ready.len().min(into.len());
+            if let (Some(from), Some(to), 1..) = (ready.get(..count), into.get_mut(..count), count) {
+                to.copy_from_slice(from);
+                self.given += count;
+                return Ok(count);
+            }
+            self.next_half().await?;
+        }
+    }
+
+    async fn next_half(&mut self) -> Result<(), SourceError> {
+        if !self.running {
+            self.start();
+        }
+        match with_timeout(STILL, self.rings.full()).await {
+            Ok(Ok(half)) if half == self.next => self.take(half),
+            Ok(Ok(_) | Err(Trouble::Late)) => self.catch_up(),
+            Ok(Err(Trouble::Overrun)) => self.restart(SourceError::Overrun),
+            Ok(Err(Trouble::Misaligned)) | Err(_) => self.restart(SourceError::Misaligned),
+        }
+    }
+
+    /// Starts at the first entry; what was missed since the last half is left out.
+    fn start(&mut self) {
+        let now = Instant::now();
+        self.rings.start();
+        if let Some(begun) = self.begun.replace(now) {
+            self.boxcar.skip(entries_in(now - begun));
+        }
+        self.next = Half::First;
+        self.running = true;
+    }
+
+    fn restart(&mut self, why: SourceError) -> Result<(), SourceError> {
+        self.halt();
+        self.restarts += 1;
+        if self.restarts > RESTARTS {
+            self.restarts = 0;
+            return Err(SourceError::Unreadable);
+        }
+        self.start();
+        Err(why)
+    }
+
+    /// Takes the half's entries, unless the hardware comes back to it meanwhile.
+    fn take(&mut self, half: Half) -> Result<(), SourceError> {
+        self.ready.clear();
+        self.given = 0;
+        let (counts, forces, terminals) = self.rings.half(half);
+        // There is room for the samples of a half at any rate.
+        self.boxcar.push_half(counts, forces, terminals, &mut |sample| {
+            let _ = self.ready.push(sample);
+        });
+        self.next = half.next();
+        self.begun = self.begun.map(|begun| begun + HALF_TIME);
+        self.restarts = 0;
+        led::note_samples();
+        if self.rings.holds(half) {
+            return Ok(());
+        }
+        // The samples were counted, and are not given out: a gap.
+        self.ready.clear();
+        Err(SourceError::Overrun)
+    }
+
+    /// Halves were written over: leaves them out and takes the latest full one.
+    fn catch_up(&mut self) -> Result<(), SourceError> {
+        let latest = self.rings.latest();
+        let elapsed = self.begun.map_or(Duration::MIN, |begun| begun.elapsed());
+        let missed = missed_halves(elapsed.as_micros(), latest == self.next);
+        self.boxcar.skip(missed * HALF as u32);
+        self.begun = self.begun.map(|begun| begun + HALF_TIME * missed);
+        // Its trouble, if any, is the same that is reported here.
+        let _ = self.take(latest);
+        Err(SourceError::Overrun)
+    }
+}
+
+/// Entries of so much time, to the nearest.
+fn entries_in(time: Duration) -> u32 {
+    ((time.as_micros() * u64::from(ENTRIES_PER_S) + 500_000) / 1_000_000) as u32
+}
+
+/// Halves written over, when so much time has passed since the first of them began and the latest is full.
+///
+/// Time says how many, and which half is the latest says whether the number is even.
+fn missed_halves(elapsed_us: u64, even: bool) -> u32 {
+    let half_us = HALF_TIME.as_micros();
+    // All that are full but the latest.
+    let missed = (elapsed_us / half_us).saturating_sub(1) as u32;
+    if missed.is_multiple_of(2) == even {
+        return missed;
+    }
+    // The interrupt and the clock were read at the edge of a half.
+    if elapsed_us % half_us < half_us / 2 && missed > 0 { missed - 1 } else { missed + 1 }
+}

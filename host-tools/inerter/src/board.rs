@@ -1,0 +1,65 @@
+//! What this program must know of the boards: chip, memory, USB numbers. Everything else the device says itself.
+//!
+//! The firmware has the same numbers from the same sources; a host never uses the firmware's crate.
+
+use std::ops::Range;
+
+/// The chip, as probe-rs calls it: the one of NUCLEO-G474RE and WeAct STM32G474.
+pub const CHIP: &str = "STM32G474RETx";
+/// Device number of STM32G471, G473, G474, G483 and G484 in DBGMCU_IDCODE (RM0440 47.6.1).
+pub const CHIP_DEVICE_ID: u32 = 0x469;
+/// Address of DBGMCU_IDCODE (RM0440 47.6.1).
+pub const CHIP_DEVICE_ID_ADDRESS: u64 = 0xE004_2000;
+/// Address of the chip's unique number, three words (RM0440 48.1).
+pub const UID_ADDRESS: u64 = 0x1FFF_7590;
+
+/// A page of flash, the least that can be erased, while there are two banks (RM0440 3.3.1) (bytes).
+pub const PAGE: u32 = 2048;
+/// Bank 1, where the image lies (`memory.x`).
+pub const CODE: Range<u32> = 0x0800_0000..0x0804_0000;
+/// Last 8 pages of bank 2, where the firmware keeps its settings (`docs/HARDWARE.md`).
+pub const SETTINGS: Range<u32> = 0x0807_C000..0x0808_0000;
+const _: () = assert!(CODE.end <= SETTINGS.start, "image and settings lie apart");
+const _: () = assert!(
+    CODE.start.is_multiple_of(PAGE) && CODE.end.is_multiple_of(PAGE) && SETTINGS.start.is_multiple_of(PAGE),
+    "on whole pages"
+);
+/// Where an initial stack pointer can point: SRAM1 and SRAM2 with their end (`memory.x`).
+pub const STACK: Range<u32> = 0x2000_0004..0x2001_8001;
+
+/// USB vendor of the board: pid.codes.
+pub const USB_VID: u16 = 0x1209;
+/// USB product of the board, from the range for testing.
+pub const USB_PID: u16 = 0x0001;
+/// USB product name of the board; the numbers alone are shared with other test devices.
+pub const PRODUCT: &str = "inerter";
+
+/// USB vendor of STMicroelectronics.
+pub const ST_VID: u16 = 0x0483;
+/// USB product of the chip's ROM in DFU mode (AN2606).
+pub const DFU_PID: u16 = 0xDF11;
+/// USB products of ST-Link probes that have a serial port too: V2-1, V3 (probe-rs and OpenOCD list the same).
+pub const ST_LINK_PIDS: [u16; 7] = [0x374B, 0x3752, 0x374E, 0x374F, 0x3753, 0x3754, 0x3757];
+/// Bits per second of the board's UART, which an ST-Link's serial port carries.
+pub const UART_BAUD: u32 = 921_600;
+
+/// Name of the ROM's flash among its DFU alternate settings begins like this (UM0424).
+pub const DFU_FLASH: &str = "@Internal Flash";
+
+/// The serial number over USB, the firmware's and the ROM's alike (the ROM's rule, AN2606): from the chip's unique
+/// number.
+pub fn serial_number(uid: [u32; 3]) -> String {
+    let [first, second, third] = uid;
+    format!("{:08X}{:04X}", first.wrapping_add(third), second >> 16)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_serial_number_has_twelve_digits_and_wraps() {
+        assert_eq!(serial_number([0x0021_0034, 0x3537_5101, 0x2036_3554]), "205735883537");
+        assert_eq!(serial_number([0xFFFF_FFFF, 0x000A_FFFF, 2]), "00000001000A");
+    }
+}

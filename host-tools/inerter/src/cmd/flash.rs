@@ -1,0 +1,84 @@
+//! `inerter flash`: firmware through a debug probe.
+
+use std::path::PathBuf;
+
+use inerter::{
+    Error, board,
+    device::{DEFAULT_BAUD, Target, stlink_port},
+    flash::{self, Work},
+    image::Image,
+    update::{ThisMachine, confirm},
+};
+
+use super::{
+    terminal::{Progress, note, say},
+    update,
+};
+
+/// Program a board through a debug probe, such as the NUCLEO's ST-Link.
+///
+/// For a board that runs nothing yet, or nothing that answers; else `inerter update` needs no probe. Only the pages of
+/// the image are erased, so that settings and calibration are kept; all is read back, the board is reset, found again
+/// on its USB connector or the probe's serial port, and asked what it runs.
+/// With --json one object: {"kind":"flashed","file":..,"firmware":..,"git":..,"board":..,"serial":..,"port":..}.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Firmware image: ELF or .bin
+    file: PathBuf,
+    /// The probe, when several are plugged in
+    #[arg(long, value_name = "VID:PID:SERIAL")]
+    probe: Option<String>,
+    /// The chip, by its name in probe-rs
+    #[arg(long, value_name = "CHIP", default_value = board::CHIP)]
+    chip: String,
+    /// Serial port to ask the board at afterwards, where neither its USB connector nor an ST-Link is plugged in
+    #[arg(long, value_name = "PORT")]
+    port: Option<String>,
+    /// Do not ask the board afterwards what it runs
+    #[arg(long)]
+    no_check: bool,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn run(args: &Args) -> Result<(), Error> {
+    let mut probes = flash::probes()?;
+    let image = Image::open(&args.file)?;
+    let mut bar: Option<(Work, Progress)> = None;
+    let mut progress = |work, done, all| {
+        if bar.as_ref().is_none_or(|(before, _)| *before != work) {
+            if let Some((_, bar)) = bar.take() {
+                bar.done();
+            }
+            let label = match work {
+                Work::Erasing => "erasing",
+                Work::Writing => "writing",
+                Work::Checking => "reading back",
+            };
+            bar = Some((work, Progress::new(label, all)));
+        }
+        if let Some((_, bar)) = &mut bar {
+            bar.set(done);
+        }
+    };
+    let mut tell = |probe: &flash::Probe| {
+        say(format!("writing {}, {}, through {probe}", image.identity, update::size(&image)));
+    };
+    let flashed = flash::flash(&mut probes, args.probe.as_deref(), &args.chip, &image, &mut tell, &mut progress)?;
+    if let Some((_, bar)) = bar.take() {
+        bar.done();
+    }
+    say("written and read back; starting it");
+    if args.no_check {
+        note(format!("the board (serial {}) was not asked what it runs", flashed.serial));
+        return Ok(());
+    }
+    let link = || flashed.probe.serial.as_deref().and_then(stlink_port);
+    let target = match args.port.clone().or_else(link) {
+        Some(port) => Target::Port { port, baud: DEFAULT_BAUD },
+        None => Target::Usb { serial: Some(flashed.serial.clone()) },
+    };
+    let back = confirm(&mut ThisMachine::new(target), &image.identity, &flashed.serial)?;
+    update::report(&image, &back, "flashed", args.json)
+}

@@ -1,0 +1,136 @@
+//! `inerter update`: new firmware over USB.
+
+use std::path::PathBuf;
+
+use inerter::{
+    Error,
+    device::Target,
+    image::Image,
+    output,
+    report::{json_line, plural},
+    update::{self, Going, News, Stage, ThisMachine},
+};
+use serde_json::json;
+
+use super::{
+    args::LinkArgs,
+    terminal::{self, Progress, say},
+};
+
+/// Bring new firmware onto a device over its own USB connector.
+///
+/// The file is the ELF that `cargo build --release` makes in firmware/stm32g474, or its plain bytes (.bin). The device
+/// is asked to enter its update mode (the chip's DFU), only the pages of the image are erased and written, all is read
+/// back, and the device is asked what it runs now. Settings and calibration are kept. Whatever breaks the update off:
+/// the same command again completes it; a device in update mode already is taken as it is.
+/// With --json one object: {"kind":"updated","file":..,"firmware":..,"git":..,"board":..,"serial":..,"port":..}.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Firmware image: ELF or .bin
+    file: PathBuf,
+    #[command(flatten)]
+    link: LinkArgs,
+    /// Say what would be written and end; needs no device
+    #[arg(long)]
+    dry_run: bool,
+    /// Write an image of another board
+    #[arg(long)]
+    force: bool,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn run(args: &Args) -> Result<(), Error> {
+    let image = Image::open(&args.file)?;
+    if args.dry_run {
+        return dry_run(&image, args.json);
+    }
+    terminal::catch_interrupts();
+    let mut machine = ThisMachine::new(args.link.target());
+    let mut bar: Option<(Stage, Progress)> = None;
+    let mut tell = |news: News| {
+        match news {
+            News::Found(running) => {
+                let hello = &running.hello;
+                say(format!(
+                    "{} (serial {}) at {} runs {} ({})",
+                    hello.board, hello.serial, running.name, hello.firmware, hello.git
+                ));
+                say(format!("new: {}", image.identity));
+            }
+            News::Entering => say("entering update mode"),
+            News::InDfu(device) => {
+                let what = format!("{}, {}", image.identity, size(&image));
+                say(format!("writing {what}, to the device in update mode (serial {})", device.serial));
+            }
+            News::Pages(stage, done, all) => {
+                if bar.as_ref().is_none_or(|(before, _)| *before != stage) {
+                    if let Some((_, bar)) = bar.take() {
+                        bar.done();
+                    }
+                    let label = match stage {
+                        Stage::Writing => "writing",
+                        Stage::Checking => "reading back",
+                    };
+                    bar = Some((stage, Progress::new(label, all as u64)));
+                }
+                if let Some((_, bar)) = &mut bar {
+                    bar.set(done as u64);
+                }
+            }
+            News::Returning => {
+                if let Some((_, bar)) = bar.take() {
+                    bar.done();
+                }
+                say("written and read back; starting it");
+            }
+        }
+        if terminal::interrupted() { Going::Stop } else { Going::On }
+    };
+    let serial = match args.link.target() {
+        Target::Usb { serial } => serial,
+        _ => None,
+    };
+    let back = update::update(&mut machine, &image, serial.as_deref(), args.force, &mut tell)?;
+    report(&image, &back, "updated", args.json)
+}
+
+/// Says what runs now.
+pub fn report(image: &Image, back: &update::Back, kind: &str, json: bool) -> Result<(), Error> {
+    let identity = &back.identity;
+    if json {
+        let line = json!({
+            "kind": kind, "file": image.file, "firmware": identity.firmware, "git": identity.git,
+            "board": identity.board, "serial": back.serial, "port": back.port,
+        });
+        return Ok(output::line(json_line(&line))?);
+    }
+    output::line(format!("{kind}: {identity}, serial {}, at {}; settings kept", back.serial, back.port))?;
+    Ok(())
+}
+
+/// How much there is to write.
+pub fn size(image: &Image) -> String {
+    format!("{:.1} KB in {}", image.length() as f64 / 1024.0, plural(image.page_count() as u64, "page"))
+}
+
+fn dry_run(image: &Image, json: bool) -> Result<(), Error> {
+    let identity = &image.identity;
+    let extents = image.extents();
+    if json {
+        let extents: Vec<_> = extents.iter().map(|(first, last)| json!({ "first": first, "last": last })).collect();
+        let line = json!({
+            "kind": "image", "file": image.file, "firmware": identity.firmware, "git": identity.git,
+            "board": identity.board, "bytes": image.length(), "pages": image.page_count(), "extents": extents,
+        });
+        return Ok(output::line(json_line(&line))?);
+    }
+    output::line(format!("{}: {identity}", image.file))?;
+    output::line(format!("would erase and write {}:", size(image)))?;
+    for (first, last) in extents {
+        output::line(format!("  0x{first:08X} to 0x{last:08X}"))?;
+    }
+    output::line("settings would be kept")?;
+    Ok(())
+}

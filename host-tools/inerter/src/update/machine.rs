@@ -1,0 +1,125 @@
+//! This machine's USB and serial ports.
+
+use std::time::Duration;
+
+use dfu_nusb::DfuNusb;
+use inerter_wire::{Command, WIRE_VERSION};
+use nusb::{ErrorKind, MaybeFuture};
+
+use super::{Back, DfuDevice, Machine, Running, UpdateError};
+use crate::{
+    board::{DFU_PID, ST_VID},
+    device::{Clock, Device, DeviceError, Target},
+    error::Error,
+};
+
+/// USB interface of the ROM, and its alternate setting for flash (AN3156).
+const INTERFACE: u8 = 0;
+const FLASH_SETTING: u8 = 0;
+
+/// Devices in update mode; other STM32 chips look the same.
+pub fn list() -> Result<Vec<DfuDevice>, UpdateError> {
+    let devices = found()?;
+    let mut devices: Vec<DfuDevice> = devices.iter().map(DfuDevice::from).collect();
+    devices.sort_by(|a, b| a.serial.cmp(&b.serial));
+    Ok(devices)
+}
+
+fn found() -> Result<Vec<nusb::DeviceInfo>, UpdateError> {
+    let devices = nusb::list_devices().wait().map_err(|error| UpdateError::Usb { reason: error.to_string() })?;
+    Ok(devices.filter(|device| (device.vendor_id(), device.product_id()) == (ST_VID, DFU_PID)).collect())
+}
+
+impl From<&nusb::DeviceInfo> for DfuDevice {
+    fn from(info: &nusb::DeviceInfo) -> Self {
+        Self {
+            product: info.product_string().map(|product| product.trim().to_string()),
+            serial: info.serial_number().unwrap_or_default().to_string(),
+            vid: info.vendor_id(),
+            pid: info.product_id(),
+        }
+    }
+}
+
+/// The machine that this program runs on, and which device is meant.
+pub struct ThisMachine {
+    target: Target,
+    device: Option<Box<Device>>,
+}
+
+impl ThisMachine {
+    /// Devices are reached by `target`, and by their serial number afterwards.
+    pub fn new(target: Target) -> Self {
+        Self { target, device: None }
+    }
+}
+
+fn reached(target: &Target) -> Result<Device, DeviceError> {
+    Device::connect(target, Clock::new())
+}
+
+impl Machine for ThisMachine {
+    type Io = DfuNusb;
+
+    fn running(&mut self) -> Result<Option<Running>, Error> {
+        let device = match reached(&self.target) {
+            Ok(device) => device,
+            Err(DeviceError::NoneFound { .. }) => return Ok(None),
+            // A name that was given, of a board that is in update mode already: its port is gone.
+            Err(DeviceError::Missing { .. }) if list().is_ok_and(|devices| !devices.is_empty()) => return Ok(None),
+            Err(DeviceError::Silent { name, .. }) => {
+                return Err(UpdateError::CannotAsk { name, reason: "it does not answer".into() }.into());
+            }
+            Err(DeviceError::WireVersion { name, theirs }) => {
+                let reason = format!("it speaks wire version {theirs}, this program {WIRE_VERSION}");
+                return Err(UpdateError::CannotAsk { name, reason }.into());
+            }
+            Err(error) => return Err(error.into()),
+        };
+        let running = Running { name: device.name().into(), hello: device.hello().clone() };
+        self.device = Some(Box::new(device));
+        Ok(Some(running))
+    }
+
+    fn enter_dfu(&mut self) -> Result<(), Error> {
+        let Some(mut device) = self.device.take() else { return Ok(()) };
+        match device.request("to enter update mode", Command::EnterDfu) {
+            // It may be gone before its reply is out.
+            Ok(_) | Err(DeviceError::Vanished { .. } | DeviceError::Silent { .. }) => Ok(()),
+            Err(error) => Err(error.into()),
+        }
+    }
+
+    fn in_dfu(&mut self) -> Result<Vec<DfuDevice>, UpdateError> {
+        list()
+    }
+
+    fn open(&mut self, device: &DfuDevice) -> Result<DfuNusb, UpdateError> {
+        let serial = || device.serial.clone();
+        let failed = |reason: String| UpdateError::Open { serial: serial(), reason };
+        let refused = |error: nusb::Error| match error.kind() {
+            ErrorKind::PermissionDenied => UpdateError::Permission { serial: serial() },
+            _ => failed(error.to_string()),
+        };
+        let info = found()?.into_iter().find(|info| info.serial_number().unwrap_or_default() == device.serial);
+        let info = info.ok_or_else(|| failed("it went away".into()))?;
+        let opened = info.open().wait().map_err(refused)?;
+        let interface = opened.claim_interface(INTERFACE).wait().map_err(refused)?;
+        let runtime = tokio::runtime::Builder::new_current_thread().build();
+        let runtime = runtime.map_err(|error| failed(error.to_string()))?;
+        runtime.block_on(DfuNusb::open(opened, interface, FLASH_SETTING)).map_err(|error| failed(error.to_string()))
+    }
+
+    fn hello(&mut self, serial: &str) -> Result<Back, Error> {
+        // Over USB whatever port it has now; else where it was before, a UART's name stays.
+        let device = match reached(&Target::Usb { serial: Some(serial.into()) }) {
+            Err(DeviceError::NoneFound { .. }) if !matches!(self.target, Target::Usb { .. }) => reached(&self.target)?,
+            result => result?,
+        };
+        Ok(Running { name: device.name().into(), hello: device.hello().clone() }.into())
+    }
+
+    fn sleep(&mut self, time: Duration) {
+        std::thread::sleep(time);
+    }
+}

@@ -1,0 +1,440 @@
+//! The boot image of the Linux guest in which a real kernel meets the board's USB.
+//!
+//! Debian's kernel and busybox, unpacked and not installed, and our own programs linked statically:
+//!
+//! ```text
+//! target/guest/vmlinux      the kernel, decompressed: QEMU starts it in a third of the time
+//! target/guest/base.cpio    busybox, the kernel's modules for USB/IP, CDC and the network, the first script
+//! target/guest/initramfs    base.cpio and behind it inerter and inerter-guest as they are now
+//! target/guest/packages     which packages the first two come from
+//! ```
+//!
+//! The packages are fetched once, with the machine's own `apt-get download`, which needs no root. Debian's kernel packages carry
+//! their version in their name and old ones vanish, so the name is asked for, not known.
+
+use crate::{
+    process, setup,
+    workspace::{self, Workspace},
+};
+use anyhow::{Context, Result, bail, ensure};
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+    process::{Command, Stdio},
+};
+
+/// Always the newest kernel; the kernel for clouds has no USB.
+const KERNEL: &str = "linux-image-amd64";
+/// A shell and its tools in one file.
+const BUSYBOX: &str = "busybox-static";
+/// What our programs are compiled for: no libraries needed.
+const TARGET: &str = "x86_64-unknown-linux-musl";
+/// Modules without which nothing works; what they depend on comes with them.
+const MODULES: &[&str] = &["virtio_pci", "virtio_net", "vhci_hcd", "cdc_acm"];
+/// Our programs: package and program.
+const PROGRAMS: &[&str] = &["inerter", "inerter-guest"];
+
+/// The guest's first script: devices, modules, network, then whatever the test wants.
+const INIT: &str = "\
+#!/bin/busybox sh
+/bin/busybox --install -s /bin
+export PATH=/bin HOME=/tmp
+mount -t proc proc /proc
+mount -t sysfs sysfs /sys
+mount -t devtmpfs devtmpfs /dev
+for module in $(cat /modules/order); do insmod /modules/$module || echo \"init: $module\"; done
+ip link set lo up
+ip address add 10.0.2.15/24 dev eth0
+ip link set eth0 up
+for word in $(cat /proc/cmdline); do
+    case $word in test=*) inerter-guest serve ${word#test=};; esac
+done
+reboot -f
+";
+
+#[derive(clap::Args, Debug, Default)]
+pub struct Options {
+    /// Fetch kernel and busybox again
+    #[arg(long)]
+    pub refresh: bool,
+}
+
+/// Makes what is missing and says where it lies.
+pub fn run(options: &Options) -> Result<()> {
+    let folder = Workspace::read(&workspace::root())?.target.join("guest");
+    fs::create_dir_all(&folder).with_context(|| format!("creating {}", folder.display()))?;
+    let base = folder.join("base.cpio");
+    let there = ["vmlinux", "base.cpio", "packages"].iter().all(|name| folder.join(name).is_file());
+    if there && !options.refresh {
+        let packages = fs::read_to_string(folder.join("packages"))?;
+        println!(
+            "guest: {} (as fetched before; --refresh fetches anew)",
+            packages.split_whitespace().collect::<Vec<_>>().join(", ")
+        );
+    } else {
+        fetch(&folder)?;
+    }
+    let mut initramfs = fs::read(&base).with_context(|| format!("reading {}", base.display()))?;
+    let mut programs = Archive::default();
+    for program in PROGRAMS {
+        programs.file(&format!("bin/{program}"), 0o755, &fs::read(build(program)?)?);
+    }
+    initramfs.extend(programs.finish());
+    write(&folder.join("initramfs"), &initramfs)?;
+    println!("guest: {} is ready", folder.display());
+    setup::ensure(&[setup::Need::Guest], false)
+}
+
+// ---- the packages
+
+/// Downloads kernel and busybox and keeps of them what the guest needs.
+fn fetch(folder: &Path) -> Result<()> {
+    for tool in ["apt-get", "apt-cache", "dpkg-deb"] {
+        ensure!(
+            process::first_line(Command::new(tool).arg("--version")).is_some(),
+            "no {tool} here: the guest is made of Debian's packages. Run `cargo xtask guest` on Debian or in a container of it \
+             and copy vmlinux, base.cpio and packages into {}",
+            folder.display()
+        );
+    }
+    let kernel = kernel_package()?;
+    let packages = folder.join("fetched");
+    if packages.exists() {
+        fs::remove_dir_all(&packages)?;
+    }
+    fs::create_dir_all(&packages)?;
+    println!("guest: downloading {kernel} and {BUSYBOX}, about 72 MB");
+    let mut download = Command::new("apt-get");
+    download.args(["download", &kernel, BUSYBOX]).current_dir(&packages);
+    process::run(&mut download).context("Debian's packages could not be fetched")?;
+
+    let root = packages.join("root");
+    let mut names = Vec::new();
+    for entry in fs::read_dir(&packages)? {
+        let path = entry?.path();
+        if path.extension().is_some_and(|extension| extension == "deb") {
+            process::run(Command::new("dpkg-deb").arg("-x").arg(&path).arg(&root))?;
+            names.push(path.file_stem().unwrap_or_default().to_string_lossy().into_owned());
+        }
+    }
+    names.sort();
+    let version = kernel.strip_prefix("linux-image-").context("a kernel package without a version in its name")?;
+    let image = fs::read(root.join("boot").join(format!("vmlinuz-{version}"))).context("reading the kernel")?;
+    write(&folder.join("vmlinux"), &decompressed_kernel(&image)?)?;
+    write(&folder.join("base.cpio"), &base(&root, version)?)?;
+    write(&folder.join("packages"), names.join("\n").as_bytes())?;
+    fs::remove_dir_all(&packages)?;
+    Ok(())
+}
+
+/// The package behind the name that always means the newest kernel. Where the machine has no list of packages yet, it is fetched.
+fn kernel_package() -> Result<String> {
+    let ask = || process::output(Command::new("apt-cache").args(["depends", KERNEL]));
+    if let Some(name) = depends(&ask().unwrap_or_default()) {
+        return Ok(name);
+    }
+    println!("guest: no list of packages yet; `apt-get update`");
+    process::run(Command::new("apt-get").args(["-qq", "update"]))
+        .context("the list of packages could not be fetched; try `sudo apt-get update`")?;
+    depends(&ask()?).with_context(|| format!("this system has no package {KERNEL}: it is Debian's, on amd64"))
+}
+
+/// The first dependency that `apt-cache depends` names.
+fn depends(printed: &str) -> Option<String> {
+    let mut names = printed.lines().filter_map(|line| line.trim().strip_prefix("Depends: "));
+    names.find(|name| name.starts_with("linux-image-")).map(str::to_owned)
+}
+
+// ---- the kernel
+
+/// The kernel inside a bzImage (Linux, Documentation/arch/x86/boot.rst, fields setup_sects, payload_offset, payload_length).
+fn decompressed_kernel(image: &[u8]) -> Result<Vec<u8>> {
+    let kernel = decompressed(payload(image).context("not an x86 kernel image")?)?;
+    ensure!(kernel.starts_with(b"\x7fELF"), "what is in the kernel image is no ELF file");
+    Ok(kernel)
+}
+
+fn payload(image: &[u8]) -> Option<&[u8]> {
+    let number = |at: usize| Some(u32::from_le_bytes(image.get(at..at + 4)?.try_into().ok()?) as usize);
+    if image.get(0x202..0x206)? != b"HdrS" {
+        return None;
+    }
+    let sectors = match *image.get(0x1F1)? {
+        0 => 4,
+        sectors => usize::from(sectors),
+    };
+    let start = (sectors + 1) * 512 + number(0x248)?;
+    image.get(start..start + number(0x24C)?)
+}
+
+/// Unpacks what Linux's build packs kernels and modules with. In a kernel the unpacked length stands behind the packed bytes.
+fn decompressed(packed: &[u8]) -> Result<Vec<u8>> {
+    let without_length = &packed[..packed.len().saturating_sub(4)];
+    match packed {
+        [0xFD, b'7', b'z', b'X', b'Z', ..] => filter("xz", "xz-utils", without_length),
+        [0x28, 0xB5, 0x2F, 0xFD, ..] => filter("zstd", "zstd", without_length),
+        [0x02, 0x21, 0x4C, 0x18, ..] => filter("lz4", "lz4", without_length),
+        [0x1F, 0x8B, ..] => filter("gzip", "gzip", packed),
+        _ => bail!("the kernel is packed in a way that is not known here"),
+    }
+}
+
+/// Sends bytes through a decompressor.
+fn filter(program: &str, package: &str, bytes: &[u8]) -> Result<Vec<u8>> {
+    use std::io::Write;
+    let mut child = Command::new(program)
+        .arg("-dc")
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .with_context(|| format!("cannot start {program}; `sudo apt-get install {package}`"))?;
+    let mut input = child.stdin.take().context("no pipe")?;
+    let result = std::thread::scope(|scope| {
+        let writer = scope.spawn(move || input.write_all(bytes));
+        let output = child.wait_with_output();
+        writer.join().map(|written| (written, output))
+    });
+    let Ok((written, output)) = result else { bail!("{program}: the thread that feeds it panicked") };
+    written.with_context(|| format!("feeding {program}"))?;
+    let output = output?;
+    ensure!(output.status.success(), "{program} failed ({})", output.status);
+    Ok(output.stdout)
+}
+
+// ---- the first archive
+
+/// Busybox, modules and the first script.
+fn base(root: &Path, version: &str) -> Result<Vec<u8>> {
+    let mut archive = Archive::default();
+    for folder in ["bin", "dev", "modules", "proc", "sys", "tmp"] {
+        archive.folder(folder);
+    }
+    archive.console();
+    archive.file("init", 0o755, INIT.as_bytes());
+    let busybox = ["bin/busybox", "usr/bin/busybox"].map(|path| root.join(path));
+    let busybox = busybox.iter().find(|path| path.is_file()).context("no busybox in its package")?;
+    archive.file("bin/busybox", 0o755, &fs::read(busybox)?);
+    archive.link("bin/sh", "busybox");
+    let modules = Modules::read(root, version)?;
+    let order = modules.order(MODULES)?;
+    for name in &order {
+        archive.file(&format!("modules/{name}"), 0o644, &modules.load(name)?);
+    }
+    archive.file("modules/order", 0o644, order.join("\n").as_bytes());
+    Ok(archive.finish())
+}
+
+/// The modules of a kernel, by their names with underscores.
+struct Modules {
+    files: BTreeMap<String, PathBuf>,
+    builtin: Vec<String>,
+}
+
+fn module_name(file: &str) -> String {
+    file.split('.').next().unwrap_or(file).replace('-', "_")
+}
+
+impl Modules {
+    fn read(root: &Path, version: &str) -> Result<Self> {
+        let folders = ["lib/modules", "usr/lib/modules"].map(|path| root.join(path).join(version));
+        let folder = folders.iter().find(|path| path.is_dir()).context("the kernel's package has no modules")?;
+        let mut files = BTreeMap::new();
+        let mut left = vec![folder.join("kernel")];
+        while let Some(folder) = left.pop() {
+            for entry in fs::read_dir(&folder).with_context(|| format!("reading {}", folder.display()))? {
+                let entry = entry?;
+                if entry.file_type()?.is_dir() {
+                    left.push(entry.path());
+                } else {
+                    files.insert(module_name(&entry.file_name().to_string_lossy()), entry.path());
+                }
+            }
+        }
+        let list = fs::read_to_string(folder.join("modules.builtin")).unwrap_or_default();
+        let builtin = list.lines().filter_map(|line| line.rsplit('/').next()).map(module_name).collect();
+        Ok(Self { files, builtin })
+    }
+
+    /// The module's bytes, unpacked.
+    fn load(&self, name: &str) -> Result<Vec<u8>> {
+        let path = self.files.get(name).with_context(|| format!("the kernel has no module {name}"))?;
+        let bytes = fs::read(path).with_context(|| format!("reading {}", path.display()))?;
+        match path.extension().and_then(|extension| extension.to_str()) {
+            Some("xz") => filter("xz", "xz-utils", &bytes),
+            Some("zst") => filter("zstd", "zstd", &bytes),
+            Some("gz") => filter("gzip", "gzip", &bytes),
+            _ => Ok(bytes),
+        }
+    }
+
+    /// These modules with all that they depend on, each behind what it needs.
+    fn order(&self, wanted: &[&str]) -> Result<Vec<String>> {
+        let mut order = Vec::new();
+        let mut left: Vec<(String, bool)> = wanted.iter().rev().map(|name| (name.to_string(), false)).collect();
+        while let Some((name, needs_are_there)) = left.pop() {
+            if order.contains(&name) || self.builtin.contains(&name) {
+                continue;
+            }
+            if needs_are_there {
+                order.push(name);
+                continue;
+            }
+            let needs = needs(&self.load(&name)?);
+            left.push((name, true));
+            left.extend(needs.into_iter().map(|need| (need, false)));
+        }
+        Ok(order)
+    }
+}
+
+/// Names of the modules that a module's `.modinfo` says it depends on.
+fn needs(module: &[u8]) -> Vec<String> {
+    const FIELD: &[u8] = b"\0depends=";
+    let Some(at) = module.windows(FIELD.len()).position(|window| window == FIELD) else { return Vec::new() };
+    let list = module[at + FIELD.len()..].split(|byte| *byte == 0).next().unwrap_or_default();
+    let list = String::from_utf8_lossy(list);
+    list.split(',').filter(|name| !name.is_empty()).map(module_name).collect()
+}
+
+// ---- our programs
+
+/// Compiles a program of ours without need of libraries; gives its path.
+fn build(program: &str) -> Result<PathBuf> {
+    let installed = process::first_line(process::rustc().args(["--print", "target-libdir", "--target", TARGET]));
+    if !installed.is_some_and(|folder| Path::new(&folder).is_dir()) {
+        println!("guest: $ rustup target add {TARGET}");
+        process::run(Command::new("rustup").args(["target", "add", TARGET]))
+            .with_context(|| format!("no core library for {TARGET}; with rustup: `rustup target add {TARGET}`"))?;
+    }
+    let mut command = process::cargo();
+    command.args(["rustc", "--quiet", "--release", "--target", TARGET, "--package", program, "--bin", program]);
+    command.args(["--", "-C", "strip=symbols"]);
+    process::run(&mut command)?;
+    let target = Workspace::read(&workspace::root())?.target;
+    Ok(target.join(TARGET).join("release").join(program))
+}
+
+// ---- archives
+
+/// An archive as the kernel unpacks it (Linux, Documentation/driver-api/early-userspace/buffer-format.rst: newc).
+#[derive(Default)]
+struct Archive {
+    bytes: Vec<u8>,
+    entries: u32,
+}
+
+impl Archive {
+    fn entry(&mut self, name: &str, mode: u32, device: (u32, u32), content: &[u8]) {
+        self.entries += 1;
+        let name_length = name.len() as u32 + 1;
+        let fields = [self.entries, mode, 0, 0, 1, 0, content.len() as u32, 0, 0, device.0, device.1, name_length, 0];
+        self.bytes.extend(b"070701");
+        for field in fields {
+            self.bytes.extend(format!("{field:08X}").bytes());
+        }
+        self.bytes.extend(name.bytes());
+        self.bytes.push(0);
+        self.pad();
+        self.bytes.extend_from_slice(content);
+        self.pad();
+    }
+
+    fn pad(&mut self) {
+        self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
+    }
+
+    fn folder(&mut self, name: &str) {
+        self.entry(name, 0o040_755, (0, 0), &[]);
+    }
+
+    fn file(&mut self, name: &str, permissions: u32, content: &[u8]) {
+        self.entry(name, 0o100_000 | permissions, (0, 0), content);
+    }
+
+    fn link(&mut self, name: &str, to: &str) {
+        self.entry(name, 0o120_777, (0, 0), to.as_bytes());
+    }
+
+    /// `/dev/console`, without which the first program has no output.
+    fn console(&mut self) {
+        self.entry("dev/console", 0o020_600, (5, 1), &[]);
+    }
+
+    fn finish(mut self) -> Vec<u8> {
+        self.entry("TRAILER!!!", 0, (0, 0), &[]);
+        self.bytes
+    }
+}
+
+/// Writes a file whole or not at all.
+fn write(path: &Path, bytes: &[u8]) -> Result<()> {
+    let part = path.with_extension("part");
+    fs::write(&part, bytes)
+        .and_then(|()| fs::rename(&part, path))
+        .with_context(|| format!("writing {}", path.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_newest_kernel_is_the_one_that_the_package_depends_on() {
+        let printed = "linux-image-amd64\n  Depends: linux-image-6.1.0-56-amd64\n  Suggests: something\n";
+        assert_eq!(depends(printed).as_deref(), Some("linux-image-6.1.0-56-amd64"));
+        assert_eq!(depends("N: Unable to locate package\n"), None);
+    }
+
+    #[test]
+    fn what_a_module_needs_stands_in_it() {
+        let module = b"\x7fELF...license=GPL\0depends=usbcore,usb-common\0name=cdc_acm\0";
+        assert_eq!(needs(module), ["usbcore", "usb_common"]);
+        assert_eq!(needs(b"\0depends=\0name=usb_common\0"), Vec::<String>::new());
+        assert_eq!(needs(b"no module"), Vec::<String>::new());
+    }
+
+    #[test]
+    fn modules_come_behind_what_they_need() {
+        let folder = std::env::temp_dir().join(format!("inerter-modules-{}", std::process::id()));
+        let kernel = folder.join("lib/modules/1.0/kernel/drivers");
+        fs::create_dir_all(&kernel).expect("a folder for the test");
+        let needs = [("cdc-acm", "usbcore"), ("usbcore", "usb-common,crc"), ("usb-common", ""), ("other", "")];
+        for (name, needs) in needs {
+            fs::write(kernel.join(format!("{name}.ko")), format!("\0depends={needs}\0")).expect("a small file");
+        }
+        fs::write(folder.join("lib/modules/1.0/modules.builtin"), "kernel/lib/crc.ko\n").expect("a small file");
+        let modules = Modules::read(&folder, "1.0").expect("modules");
+        assert_eq!(modules.order(&["cdc_acm", "usb_common"]).expect("all there"), ["usb_common", "usbcore", "cdc_acm"]);
+        let missing = modules.order(&["vhci_hcd"]).expect_err("not there");
+        assert!(missing.to_string().contains("vhci_hcd"));
+        fs::remove_dir_all(&folder).expect("the test's own folder");
+    }
+
+    #[test]
+    fn the_payload_of_a_kernel_image_is_found_where_its_header_says() {
+        let mut image = vec![0; 2048];
+        image[0x1F1] = 1;
+        image[0x202..0x206].copy_from_slice(b"HdrS");
+        image[0x248] = 16;
+        image[0x24C] = 7;
+        image[1024 + 16..][..7].copy_from_slice(b"payload");
+        assert_eq!(payload(&image), Some(b"payload".as_slice()));
+        image[0x24D] = 0xFF;
+        assert_eq!(payload(&image), None);
+        assert_eq!(payload(b"short"), None);
+    }
+
+    #[test]
+    fn an_archive_is_read_by_offsets_in_steps_of_four() {
+        let mut archive = Archive::default();
+        archive.file("a", 0o644, b"hello");
+        let bytes = archive.finish();
+        assert_eq!(bytes[..14], *b"07070100000001");
+        assert_eq!(bytes[110..112], *b"a\0");
+        assert_eq!(bytes[112..117], *b"hello");
+        assert_eq!(bytes[120..126], *b"070701");
+        assert_eq!(bytes.len() % 4, 0);
+        assert!(bytes.ends_with(b"TRAILER!!!\0\0\0\0"));
+    }
+}

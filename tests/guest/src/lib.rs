@@ -1,0 +1,232 @@
+//! Talk between a test and the Linux guest that it started.
+//!
+//! The guest has a network, and its first program connects to the test ([`serve`]). The test then sends shell commands, one after
+//! the other, and gets exit code and output of each ([`Guest`]).
+//!
+//! A request is a length and a command line; an answer is an exit code, and standard output and standard error, each
+//! with its length. Numbers are four bytes, big-endian.
+
+#![forbid(unsafe_code)]
+
+use std::io::{self, Read, Write};
+use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// More than any command or output has.
+const MOST_BYTES: u32 = 64 << 20;
+/// How often it is looked whether the guest has called, or is still there.
+const LOOK: Duration = Duration::from_millis(20);
+
+/// What a command did.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Ended {
+    /// Exit code; 128 and the signal where it was killed.
+    pub code: i32,
+    /// Standard output.
+    pub output: Vec<u8>,
+    /// Standard error.
+    pub errors: String,
+}
+
+impl Ended {
+    /// Standard output as text.
+    pub fn text(&self) -> String {
+        String::from_utf8_lossy(&self.output).into_owned()
+    }
+}
+
+/// The test's end.
+pub struct Guest {
+    stream: TcpStream,
+}
+
+impl Guest {
+    /// Waits for the guest to call; gives up when `alive` says that it never will, or after `within`.
+    pub fn accept(listener: &TcpListener, within: Duration, mut alive: impl FnMut() -> bool) -> io::Result<Self> {
+        listener.set_nonblocking(true)?;
+        let start = Instant::now();
+        loop {
+            match listener.accept() {
+                Ok((stream, _)) => {
+                    stream.set_nonblocking(false)?;
+                    stream.set_nodelay(true)?;
+                    return Ok(Self { stream });
+                }
+                Err(error) if error.kind() != io::ErrorKind::WouldBlock => return Err(error),
+                Err(_) if !alive() => {
+                    return Err(io::Error::new(io::ErrorKind::BrokenPipe, "the guest ended before it called"));
+                }
+                Err(_) if start.elapsed() > within => {
+                    return Err(io::Error::new(io::ErrorKind::TimedOut, "the guest did not call"));
+                }
+                Err(_) => std::thread::sleep(LOOK),
+            }
+        }
+    }
+
+    /// Runs a command line in the guest's shell, which must be done within a time.
+    pub fn run(&mut self, command: &str, within: Duration) -> io::Result<Ended> {
+        self.stream.set_read_timeout(Some(within))?;
+        write_bytes(&mut self.stream, command.as_bytes())?;
+        let code = read_number(&mut self.stream)? as i32;
+        let output = read_bytes(&mut self.stream)?;
+        let errors = String::from_utf8_lossy(&read_bytes(&mut self.stream)?).into_owned();
+        Ok(Ended { code, output, errors })
+    }
+}
+
+/// The guest's end: runs what the test sends until the test goes away.
+pub fn serve(test: SocketAddr) -> io::Result<()> {
+    let mut stream = TcpStream::connect(test)?;
+    stream.set_nodelay(true)?;
+    loop {
+        let command = match read_bytes(&mut stream) {
+            Ok(command) => command,
+            Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => return Ok(()),
+            Err(error) => return Err(error),
+        };
+        let ended = shell(&String::from_utf8_lossy(&command));
+        stream.write_all(&ended.code.to_be_bytes())?;
+        write_bytes(&mut stream, &ended.output)?;
+        write_bytes(&mut stream, ended.errors.as_bytes())?;
+    }
+}
+
+fn shell(command: &str) -> Ended {
+    match Command::new("/bin/sh").args(["-c", command]).stdin(Stdio::null()).output() {
+        Ok(done) => {
+            #[cfg(unix)]
+            let signal = std::os::unix::process::ExitStatusExt::signal(&done.status);
+            #[cfg(not(unix))]
+            let signal: Option<i32> = None;
+            Ended {
+                code: done.status.code().unwrap_or(128 + signal.unwrap_or(0)),
+                output: done.stdout,
+                errors: String::from_utf8_lossy(&done.stderr).into_owned(),
+            }
+        }
+        Err(error) => Ended { code: 127, output: Vec::new(), errors: error.to_string() },
+    }
+}
+
+fn write_bytes(stream: &mut impl Write, bytes: &[u8]) -> io::Result<()> {
+    stream.write_all(&(bytes.len() as u32).to_be_bytes())?;
+    stream.write_all(bytes)
+}
+
+fn read_number(stream: &mut impl Read) -> io::Result<u32> {
+    let mut number = [0; 4];
+    stream.read_exact(&mut number)?;
+    Ok(u32::from_be_bytes(number))
+}
+
+fn read_bytes(stream: &mut impl Read) -> io::Result<Vec<u8>> {
+    let length = read_number(stream)?;
+    if length > MOST_BYTES {
+        return Err(io::Error::new(io::ErrorKind::InvalidData, "more bytes than can be"));
+    }
+    let mut bytes = vec![0; length as usize];
+    stream.read_exact(&mut bytes)?;
+    Ok(bytes)
+}
+
+/// USB/IP's part in the guest: the device of a server becomes one of this kernel's.
+pub mod usbip {
+    use std::io::{self, Read, Write};
+    use std::net::{SocketAddr, TcpStream};
+
+    /// `OP_REQ_IMPORT` of USB/IP 1.1.1 for the device "1-1".
+    const IMPORT: [u8; 11] = *b"\x01\x11\x80\x03\0\0\0\x001-1";
+    /// Bytes of the question, and of the answer's two parts.
+    const QUESTION: usize = 40;
+    const HEAD: usize = 8;
+    const DEVICE: usize = 312;
+    /// Where bus, device number and speed lie in the answer's second part.
+    const NUMBERS: usize = 256 + 32;
+    /// Ports of Linux's virtual host controller at full speed.
+    const PORTS: u32 = 8;
+
+    fn number(bytes: &[u8], at: usize) -> u32 {
+        bytes.get(at..at + 4).and_then(|four| four.try_into().ok()).map_or(0, u32::from_be_bytes)
+    }
+
+    /// Asks a server for its device; gives the connection, and bus, number and speed of the device.
+    pub fn import(server: SocketAddr) -> io::Result<(TcpStream, [u32; 3])> {
+        let mut stream = TcpStream::connect(server)?;
+        stream.set_nodelay(true)?;
+        let mut question = IMPORT.to_vec();
+        question.resize(QUESTION, 0);
+        stream.write_all(&question)?;
+        let mut head = [0; HEAD];
+        stream.read_exact(&mut head)?;
+        match number(&head, 4) {
+            0 => {}
+            2 => return Err(io::Error::new(io::ErrorKind::ResourceBusy, "another client has the device")),
+            status => return Err(io::Error::other(format!("the server refused: status {status}"))),
+        }
+        let mut device = [0; DEVICE];
+        stream.read_exact(&mut device)?;
+        Ok((stream, [0, 4, 8].map(|at| number(&device, NUMBERS + at))))
+    }
+
+    /// Hands the connection to the kernel, at the first port that is free.
+    #[cfg(unix)]
+    pub fn attach(server: SocketAddr) -> io::Result<u32> {
+        use std::os::fd::AsRawFd;
+        let (stream, [bus, device, speed]) = import(server)?;
+        let mut last = io::Error::other("no port of the virtual host controller is free");
+        for port in 0..PORTS {
+            let line = format!("{port} {} {} {speed}", stream.as_raw_fd(), bus << 16 | device);
+            match std::fs::write("/sys/devices/platform/vhci_hcd.0/attach", line) {
+                Ok(()) => return Ok(port),
+                Err(error) => last = error,
+            }
+        }
+        Err(last)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[cfg(unix)]
+    #[test]
+    fn a_command_runs_at_the_other_end() {
+        let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
+        let address = listener.local_addr().expect("bound");
+        let other = std::thread::spawn(move || serve(address));
+        let within = Duration::from_secs(10);
+        let mut guest = Guest::accept(&listener, within, || true).expect("it calls");
+        let ended = guest.run("printf 'a\\0b'; echo wrong >&2; exit 3", within).expect("it answers");
+        assert_eq!(ended, Ended { code: 3, output: b"a\0b".to_vec(), errors: "wrong\n".into() });
+        assert_eq!(guest.run("kill -9 $$", within).expect("it answers").code, 137);
+        drop(guest);
+        other.join().expect("no panic").expect("ends by itself");
+    }
+
+    #[test]
+    fn a_guest_that_ends_before_it_calls_is_not_waited_for() {
+        let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
+        let error = Guest::accept(&listener, Duration::from_secs(60), || false).err().expect("nobody calls");
+        assert_eq!(error.kind(), io::ErrorKind::BrokenPipe);
+    }
+
+    #[test]
+    fn a_server_that_is_busy_says_so() {
+        let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
+        let address = listener.local_addr().expect("bound");
+        let server = std::thread::spawn(move || -> io::Result<Vec<u8>> {
+            let (mut stream, _) = listener.accept()?;
+            let mut question = vec![0; 40];
+            stream.read_exact(&mut question)?;
+            stream.write_all(b"\x01\x11\0\x03\0\0\0\x02")?;
+            Ok(question)
+        });
+        let error = usbip::import(address).expect_err("busy");
+        assert_eq!(error.kind(), io::ErrorKind::ResourceBusy);
+        let question = server.join().expect("no panic").expect("a question");
+        assert_eq!(question[..12], *b"\x01\x11\x80\x03\0\0\0\x001-1\0");
+    }
+}

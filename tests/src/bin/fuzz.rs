@@ -1,0 +1,89 @@
+//! Random streams at the whole device, for as long as wanted.
+//!
+//! `fuzz [--minutes N] [--seed S]` tries streams from seed S on (default 0) for N minutes (default 1). A stream with a
+//! finding is shrunk and written to `target/fuzz/SEED.bin`; the finding is printed, and the program fails at the end.
+//! `fuzz --play FILE...` tries files. `fuzz --write-corpus` makes `tests/corpus` anew.
+#![forbid(unsafe_code)]
+
+use inerter_tests::fuzz::{Conditions, findings, shrink, stream, write_corpus};
+use std::{
+    fs,
+    path::PathBuf,
+    process::ExitCode,
+    time::{Duration, Instant},
+};
+
+const USAGE: &str = "usage: fuzz [--minutes N] [--seed S] | fuzz --play FILE... | fuzz --write-corpus";
+/// Between two lines of progress.
+const PROGRESS: Duration = Duration::from_secs(10);
+
+fn main() -> ExitCode {
+    inerter_tests::exit_code(run().map_err(Into::into))
+}
+
+fn run() -> Result<bool, String> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
+    match words[..] {
+        ["--write-corpus"] => {
+            println!("{} streams written to tests/corpus", write_corpus()?);
+            Ok(true)
+        }
+        ["--play", ref files @ ..] if !files.is_empty() => play(files),
+        ref options => {
+            let (mut minutes, mut seed) = (1.0, 0);
+            for pair in options.chunks(2) {
+                match pair {
+                    ["--minutes", value] => minutes = value.parse::<f64>().map_err(|_| USAGE)?,
+                    ["--seed", value] => seed = value.parse::<u64>().map_err(|_| USAGE)?,
+                    _ => return Err(USAGE.into()),
+                }
+            }
+            search(Duration::try_from_secs_f64(minutes * 60.0).map_err(|_| USAGE)?, seed)
+        }
+    }
+}
+
+fn play(files: &[&str]) -> Result<bool, String> {
+    let mut good = true;
+    for file in files {
+        let bytes = fs::read(file).map_err(|error| format!("{file}: {error}"))?;
+        let findings = findings(&bytes, &Conditions::PLAIN);
+        good &= findings.is_empty();
+        println!("{file}: {}", findings.first().map_or("as it should be", String::as_str));
+    }
+    Ok(good)
+}
+
+fn search(time: Duration, first: u64) -> Result<bool, String> {
+    // A panic of the device is a finding; one line of it is enough.
+    std::panic::set_hook(Box::new(|_| {}));
+    let (start, mut told) = (Instant::now(), Instant::now());
+    let (mut bytes, mut failures, mut seed) = (0, 0, first);
+    while start.elapsed() < time {
+        let stream = stream(seed).bytes;
+        bytes += stream.len();
+        let conditions = Conditions::of(seed);
+        if let Some(finding) = findings(&stream, &conditions).first() {
+            failures += 1;
+            let file = save(seed, &shrink(&stream, |bytes| !findings(bytes, &conditions).is_empty()))?;
+            println!("seed {seed}, {conditions:?}: {finding}\n  shrunk to {}", file.display());
+        }
+        seed += 1;
+        if told.elapsed() >= PROGRESS {
+            told = Instant::now();
+            println!("{} streams, {bytes} bytes, {failures} failures", seed - first);
+        }
+    }
+    println!("{} streams from seed {first}, {bytes} bytes, {failures} failures", seed - first);
+    Ok(failures == 0)
+}
+
+fn save(seed: u64, bytes: &[u8]) -> Result<PathBuf, String> {
+    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../target/fuzz");
+    let file = folder.join(format!("{seed}.bin"));
+    fs::create_dir_all(&folder)
+        .and_then(|()| fs::write(&file, bytes))
+        .map_err(|error| format!("{}: {error}", file.display()))?;
+    Ok(file)
+}

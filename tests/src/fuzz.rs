@@ -1,0 +1,33 @@
+//! Whatever a host may send: streams of bytes made to break the device, and what it must do with them.
+//!
+//! Terms:
+//! - *stream*: the bytes that a device gets on its link after a start.
+//! - *intact request*: a frame in the stream whose CRC agrees and that holds a request, known to the device or not.
+//! - *probe*: a delimiter and three harmless requests that end every stream.
+//!
+//! ```text
+//! make -> stream -> device (the whole inerter-app on mock parts) -> Played -> judge -> findings -> shrink
+//!   '--> corpus: small streams, each with the outcome that host and twin must share
+//! ```
+//!
+//! What must hold, whatever the stream: the device neither panics nor hangs; each intact request gets one reply with
+//! its id, in order; a refused one changes nothing; the settings are those of the requests that were done, and what is
+//! kept in flash those of the last save; each damaged frame is counted; every frame that comes out can be decoded; the
+//! probe is answered. What arrives on a link that is not in use does nothing.
+
+mod corpus;
+mod device;
+mod judge;
+mod make;
+mod shrink;
+
+pub use corpus::{Expected, Item, corpus, made as made_corpus, write as write_corpus};
+pub use device::{Conditions, End, Link, Played, play, with_probe};
+pub use judge::{Requests, judge, outcome};
+pub use make::{Noise, Stream, stream};
+pub use shrink::shrink;
+
+/// What is wrong with the device's answer to `stream`.
+pub fn findings(stream: &[u8], conditions: &Conditions) -> Vec<String> {
+    judge(stream, conditions, &play(stream, conditions))
+}

@@ -1,0 +1,252 @@
+//! What a device must have done.
+
+use inerter_core::Settings;
+use inerter_wire::{Command, Done, Frame, FrameReader, Record, Refusal, Reply, Request, SettingsValues, Source};
+
+use super::{
+    Conditions, End, Played,
+    device::{PROBE, accepts, defaults, with_probe},
+};
+
+/// What a stream holds, by a reader of its own.
+#[derive(Clone, Debug, Default)]
+pub struct Requests {
+    /// Intact requests in order: id, and the command where it is known.
+    pub intact: Vec<(u16, Option<Command>)>,
+    /// Frames that are damaged or hold nothing that can be answered.
+    pub bad_frames: u32,
+}
+
+impl Requests {
+    /// Those in a stream, which includes its probe.
+    pub fn read(stream: &[u8]) -> Self {
+        let mut requests = Self::default();
+        let mut reader = FrameReader::<Request>::new();
+        let mut input = stream;
+        while let Some(frame) = reader.read(&mut input) {
+            match frame {
+                Frame::Message { message: Request { id, command }, .. } => requests.intact.push((id, Some(command))),
+                Frame::Unknown { request: Some(id), .. } => requests.intact.push((id, None)),
+                Frame::Unknown { .. } | Frame::Corrupt(_) => requests.bad_frames += 1,
+                Frame::Lost { .. } | Frame::Restarted | Frame::ForeignVersion { .. } => {}
+            }
+        }
+        requests
+    }
+
+    /// Replies that are due: after a restart none is.
+    pub(super) fn replies(&self) -> usize {
+        let restart = self.intact.iter().position(|(_, command)| command.as_ref().is_some_and(restarts));
+        restart.map_or(self.intact.len(), |place| place + 1)
+    }
+
+    /// Requests that the device may take its time for.
+    pub(super) fn that_wait(&self) -> usize {
+        let waits = |command: &Command| matches!(command, Command::Tare | Command::Inject(_) | Command::InjectEnd);
+        self.intact.iter().filter(|(_, command)| command.as_ref().is_some_and(waits)).count()
+    }
+}
+
+fn restarts(command: &Command) -> bool {
+    matches!(command, Command::EnterDfu | Command::Reboot)
+}
+
+/// A reply in words that do not depend on time.
+pub fn outcome(result: &Result<Done, Refusal>) -> String {
+    match result {
+        Ok(Done::Plain) => "done".into(),
+        Ok(Done::Injected { .. }) => "injected".into(),
+        Err(Refusal::QueueFull { .. }) => "refused QueueFull".into(),
+        Err(refusal) => format!("refused {refusal:?}"),
+    }
+}
+
+/// What the device should be, by the requests that were done.
+struct Model {
+    settings: Settings,
+    saved: Option<SettingsValues>,
+    source: Source,
+}
+
+impl Model {
+    /// Whether `result` may answer `command`; then takes over what it changes. `told` are the settings sent since the
+    /// reply before.
+    fn takes(
+        &mut self,
+        command: Option<&Command>,
+        result: &Result<Done, Refusal>,
+        told: Option<&SettingsValues>,
+    ) -> bool {
+        let Some(command) = command else { return *result == Err(Refusal::Unsupported) };
+        let plain = *result == Ok(Done::Plain);
+        match command {
+            Command::Hello
+            | Command::ReadSettings
+            | Command::Streams(_)
+            | Command::ResetEstimator
+            | Command::EnterDfu
+            | Command::Reboot => plain,
+            Command::WriteSettings(values) => match self.write(values) {
+                Ok(settings) => {
+                    self.settings = settings;
+                    plain
+                }
+                Err(refusal) => *result == Err(refusal),
+            },
+            Command::SaveSettings => {
+                self.saved = Some(SettingsValues::from(&self.settings));
+                plain
+            }
+            Command::FactoryReset => {
+                (self.settings, self.saved) = (defaults(), None);
+                plain
+            }
+            Command::Tare => match self.source {
+                Source::Stopped => *result == Err(Refusal::NoSamples),
+                Source::Link => *result == Err(Refusal::Busy),
+                Source::Sampler if plain => self.tare(told),
+                Source::Sampler => *result == Err(Refusal::NoSamples),
+            },
+            Command::Start => {
+                self.source = Source::Sampler;
+                plain
+            }
+            Command::Stop => {
+                self.source = Source::Stopped;
+                plain
+            }
+            Command::Inject(samples) if samples.check().is_err() => *result == Err(Refusal::BadSamples),
+            Command::Inject(_) => {
+                self.source = Source::Link;
+                matches!(result, Ok(Done::Injected { .. }) | Err(Refusal::QueueFull { .. }))
+            }
+            Command::InjectEnd if self.source != Source::Link => *result == Err(Refusal::NotInjecting),
+            Command::InjectEnd => {
+                self.source = Source::Stopped;
+                matches!(result, Ok(Done::Injected { .. }))
+            }
+        }
+    }
+
+    fn write(&self, values: &SettingsValues) -> Result<Settings, Refusal> {
+        let settings = values.write(&self.settings)?;
+        let checked = settings.validate().map(|_| ()).and_then(|()| accepts(&settings));
+        checked.map(|()| settings).map_err(|error| Refusal::of_setting(&error, u8::MAX))
+    }
+
+    /// A tare may choose the zero, and nothing else.
+    fn tare(&mut self, told: Option<&SettingsValues>) -> bool {
+        let read = told.and_then(|told| told.read(&defaults()).ok());
+        let Some(zero) = read.map(|reading| reading.settings.force_zero_code) else { return false };
+        self.settings.force_zero_code = zero;
+        zero > self.settings.force_min_code && zero < self.settings.force_max_code
+    }
+}
+
+/// Whether a command that was done tells the settings.
+fn tells(command: &Command) -> bool {
+    matches!(command, Command::ReadSettings | Command::WriteSettings(_) | Command::Tare | Command::FactoryReset)
+}
+
+/// What is wrong with what the device did.
+pub fn judge(stream: &[u8], conditions: &Conditions, played: &Played) -> Vec<String> {
+    let mut findings: Vec<String> =
+        played.faults.iter().map(|fault| format!("sent what is no record: {fault}")).collect();
+    let requests = Requests::read(&with_probe(stream));
+    if conditions.deaf {
+        findings.extend(judge_deaf(played, &requests));
+        return findings;
+    }
+    let source = if conditions.sampling { Source::Sampler } else { Source::Stopped };
+    let mut model = Model { settings: defaults(), saved: None, source };
+    let mut due = requests.intact.iter();
+    let mut told: Option<&SettingsValues> = None;
+    let mut restarted = false;
+    for record in &played.records {
+        match record {
+            Record::Settings(values) => told = Some(values),
+            Record::Reply(Reply { id, result }) => {
+                let Some((expected, command)) = due.next() else {
+                    findings.push(format!("a reply to {id} that nobody waits for: {result:?}"));
+                    break;
+                };
+                let command = command.as_ref();
+                if id != expected {
+                    findings.push(format!("a reply to {id} where one to {expected} is due ({command:?})"));
+                    break;
+                }
+                if !model.takes(command, result, told) {
+                    findings.push(format!("request {id}, {command:?}, was answered by {result:?}"));
+                    break;
+                }
+                let settings = SettingsValues::from(&model.settings);
+                let tells = result.is_ok() && command.is_some_and(tells);
+                match told.take() {
+                    Some(_) if result.is_err() => {
+                        findings.push(format!("request {id} was refused and changed settings"))
+                    }
+                    Some(values) if *values != settings => {
+                        findings
+                            .push(format!("after request {id} the settings are {values:?} instead of {settings:?}"));
+                    }
+                    None if tells => findings.push(format!("request {id}, {command:?}, told no settings")),
+                    _ => {}
+                }
+                restarted |= result.is_ok() && command.is_some_and(restarts);
+            }
+            _ => {}
+        }
+    }
+    match &played.end {
+        End::Running if restarted => findings.push("a restart was promised and did not come".into()),
+        End::Running => {
+            if findings.is_empty()
+                && let Some((id, command)) = due.next()
+            {
+                findings.push(format!("request {id}, {command:?}, got no reply"));
+            }
+            findings.extend(judge_health(played, requests.bad_frames, false));
+        }
+        End::Restarted(_) if restarted => {}
+        other => findings.push(format!("ended: {other:?}")),
+    }
+    if findings.is_empty() && played.kept != Ok(model.saved.clone()) {
+        findings.push(format!("flash keeps {:?} instead of {:?}", played.kept, model.saved));
+    }
+    findings
+}
+
+/// A host that does not read misses replies and never knows which; the device must be there again when it reads.
+fn judge_deaf(played: &Played, requests: &Requests) -> Option<String> {
+    let replies = played.records.iter().filter_map(|record| match record {
+        Record::Reply(reply) => Some(reply.id),
+        _ => None,
+    });
+    let mut due = requests.intact.iter();
+    let replies: Vec<u16> = replies.collect();
+    if let Some(id) = replies.iter().find(|&&id| !due.any(|(expected, _)| *expected == id)) {
+        return Some(format!("a reply to {id} that nobody waits for"));
+    }
+    match &played.end {
+        End::Restarted(_) if requests.replies() < requests.intact.len() => None,
+        End::Running if !replies.ends_with(&PROBE.map(|(id, _)| id)) => Some("the probe got no reply".into()),
+        End::Running => judge_health(played, requests.bad_frames, true),
+        other => Some(format!("ended: {other:?}")),
+    }
+}
+
+/// The last health record, which the probe asked for, against what a reader counts.
+fn judge_health(played: &Played, bad_frames: u32, deaf: bool) -> Option<String> {
+    let health = played.records.iter().rev().find_map(|record| match record {
+        Record::Health(health) => Some(health),
+        _ => None,
+    });
+    let Some(health) = health else { return Some("no health record".into()) };
+    // What was dropped before the first frame that a host reads, it cannot miss.
+    let unseen = if deaf { health.dropped_frames.saturating_sub(played.counts.lost) } else { 0 };
+    if health.dropped_frames != played.counts.lost + unseen {
+        return Some(format!("{} frames dropped, {} missing", health.dropped_frames, played.counts.lost));
+    }
+    (health.bad_frames != bad_frames)
+        .then(|| format!("{} bad frames counted instead of {bad_frames}", health.bad_frames))
+}

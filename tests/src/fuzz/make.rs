@@ -1,0 +1,383 @@
+//! Streams that a device should not meet.
+
+use inerter_core::{Estimate, Kind, RawSample, Settings};
+use inerter_wire::{
+    ClockSource, Command, DELIMITER, Done, Event, EventKind, Health, Hello, MAX_FRAME, MAX_SETTINGS, Message, Record,
+    Refusal, Reply, Request, Samples, SettingValue, SettingsValues, Streams, encode_record, encode_request,
+};
+
+/// Random numbers that repeat: splitmix64.
+#[derive(Clone, Debug)]
+pub struct Noise(u64);
+
+impl Noise {
+    /// The numbers of this seed.
+    pub fn new(seed: u64) -> Self {
+        Self(seed)
+    }
+
+    /// The next number.
+    pub fn draw(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut mixed = self.0;
+        mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        mixed ^ (mixed >> 31)
+    }
+
+    /// A number under `limit`, which is not 0.
+    pub fn below(&mut self, limit: usize) -> usize {
+        (self.draw() % limit as u64) as usize
+    }
+
+    /// True so often in a hundred.
+    pub fn percent(&mut self, share: usize) -> bool {
+        self.below(100) < share
+    }
+
+    /// One of these.
+    pub fn pick<T: Copy>(&mut self, of: &[T]) -> T {
+        of[self.below(of.len())]
+    }
+
+    /// Bytes.
+    pub fn bytes(&mut self, count: usize) -> Vec<u8> {
+        (0..count).map(|_| self.draw() as u8).collect()
+    }
+
+    /// From 0 to 1.
+    fn share(&mut self) -> f64 {
+        (self.draw() >> 11) as f64 / (1u64 << 53) as f64
+    }
+}
+
+/// A stream under way.
+#[derive(Clone, Debug, Default)]
+pub struct Stream {
+    /// What goes to the device.
+    pub bytes: Vec<u8>,
+    /// Ids of the requests that are whole and stand alone in their frame, whatever surrounds them.
+    pub whole: Vec<u16>,
+    sequence: u16,
+}
+
+impl Stream {
+    /// A request as a host sends it.
+    pub fn request(&mut self, id: u16, command: Command) -> &mut Self {
+        let frame = self.next_frame(id, command);
+        if self.bytes.last().is_some_and(|&last| last != DELIMITER) {
+            self.bytes.push(DELIMITER);
+        }
+        self.whole.push(id);
+        self.raw(&frame)
+    }
+
+    /// Bytes as they are.
+    pub fn raw(&mut self, bytes: &[u8]) -> &mut Self {
+        self.bytes.extend(bytes);
+        self
+    }
+
+    /// Anything as a payload, in a frame that is intact.
+    pub fn payload(&mut self, payload: &[u8]) -> &mut Self {
+        let sequence = self.sequence;
+        self.sequence = sequence.wrapping_add(1);
+        self.raw(&frame(payload, sequence))
+    }
+
+    /// The frame of a request, not yet part of the stream.
+    pub fn next_frame(&mut self, id: u16, command: Command) -> Vec<u8> {
+        let sequence = self.sequence;
+        self.sequence = sequence.wrapping_add(1);
+        request(id, command, sequence)
+    }
+}
+
+/// The frame of a request; empty if it is too long for one.
+pub fn request(id: u16, command: Command, sequence: u16) -> Vec<u8> {
+    let mut frame = [0; MAX_FRAME];
+    let length = encode_request(&Request { id, command }, sequence, &mut frame).unwrap_or(0);
+    frame[..length].to_vec()
+}
+
+/// A frame with an intact CRC around any payload.
+pub fn frame(payload: &[u8], sequence: u16) -> Vec<u8> {
+    let mut body = payload.to_vec();
+    body.extend(sequence.to_le_bytes());
+    let checksum = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(&body) ^ Request::SALT;
+    body.extend(checksum.to_le_bytes());
+    stuffed(&body)
+}
+
+/// COBS and the delimiter.
+pub fn stuffed(body: &[u8]) -> Vec<u8> {
+    let mut frame = vec![0; cobs::max_encoding_length(body.len())];
+    let length = cobs::encode(body, &mut frame);
+    frame.truncate(length);
+    frame.push(DELIMITER);
+    frame
+}
+
+/// The payload of a request.
+pub fn payload(id: u16, command: Command) -> Vec<u8> {
+    let mut bytes = [0; MAX_FRAME];
+    postcard::to_slice(&Request { id, command }, &mut bytes).map(|bytes| bytes.to_vec()).unwrap_or_default()
+}
+
+/// A number in postcard's form.
+pub fn varint(number: u32) -> Vec<u8> {
+    postcard::to_slice(&number, &mut [0; 5]).map(|bytes| bytes.to_vec()).unwrap_or_default()
+}
+
+/// A batch whose count and bytes need not agree.
+pub fn samples(count: u8, data: &[u8]) -> Samples {
+    let bytes = [&[count][..], &varint(data.len() as u32), data].concat();
+    postcard::from_bytes(&bytes).unwrap_or_default()
+}
+
+/// What a device might say, for a link that echoes.
+pub fn records() -> Vec<Vec<u8>> {
+    let hello = Hello {
+        wire_version: 7,
+        firmware: Hello::text("echo"),
+        git: Hello::text(""),
+        board: Hello::text(""),
+        serial: Hello::text(""),
+        sample_rate_hz: 1_000.0,
+        clock: ClockSource::Internal,
+        capabilities: inerter_wire::Capabilities::NONE,
+    };
+    let values = SettingsValues::from(&Settings::default());
+    let batch =
+        Samples::from_slice(&(0..20).map(|index| RawSample { index, ..RawSample::default() }).collect::<Vec<_>>());
+    let records = [
+        Record::Hello(hello),
+        Record::Event(Event { index: 3, kind: EventKind::Started }),
+        Record::Reply(Reply { id: 2, result: Ok(Done::Plain) }),
+        Record::Reply(Reply { id: 0, result: Err(Refusal::Busy) }),
+        Record::Settings(values),
+        Record::Samples(batch.0),
+        Record::Health(Health::default()),
+        Record::Estimate(Estimate::default()),
+    ];
+    (0..)
+        .zip(records)
+        .map(|(sequence, record)| {
+            let mut frame = [0; MAX_FRAME];
+            let length = encode_record(&record, sequence, &mut frame).unwrap_or(0);
+            frame[..length].to_vec()
+        })
+        .collect()
+}
+
+fn value(noise: &mut Noise, number: u8) -> f64 {
+    const ODD: [f64; 14] = [
+        f64::NAN,
+        f64::INFINITY,
+        f64::NEG_INFINITY,
+        0.0,
+        -0.0,
+        1.0,
+        -1.0,
+        0.5,
+        f64::MIN_POSITIVE,
+        5e-324,
+        f64::MAX,
+        f64::MIN,
+        1e-12,
+        4_294_967_296.0,
+    ];
+    let Some(info) = Settings::TABLE.get(usize::from(number)) else { return noise.pick(&ODD) };
+    match noise.below(10) {
+        0 => noise.pick(&ODD),
+        1 => f64::from_bits(noise.draw()),
+        2 => info.min,
+        3 => info.max,
+        4 => info.default,
+        5 => info.max * (1.0 + f64::EPSILON) + f64::from(noise.percent(50)) * 1e-9,
+        _ if info.name == "sample_rate_hz" => noise.pick(&[1_000.0, 2_000.0, 4_000.0, 1_953.125, 3_906.25]),
+        _ => {
+            let value = info.default + (noise.share() - 0.5) * (info.max - info.min).min(info.default.abs() + 1e-3);
+            if info.kind == Kind::Whole { value.round() } else { value }
+        }
+    }
+}
+
+fn settings(noise: &mut Noise) -> SettingsValues {
+    let count = if noise.percent(10) { noise.below(MAX_SETTINGS + 1) } else { 1 + noise.below(3) };
+    let mut values = SettingsValues::default();
+    for place in 0..count {
+        let number = if noise.percent(4) {
+            noise.draw() as u8
+        } else if count > 3 && noise.percent(95) {
+            place as u8
+        } else {
+            noise.below(Settings::COUNT) as u8
+        };
+        // There is room for so many.
+        let _ = values.0.push(SettingValue { number, value: value(noise, number) });
+    }
+    values
+}
+
+fn batch(noise: &mut Noise) -> Samples {
+    if noise.percent(30) {
+        let length = noise.below(Samples::MAX_BYTES + 1);
+        return samples(noise.draw() as u8, &noise.bytes(length));
+    }
+    let count = noise.below(Samples::MAX_SAMPLES + 1);
+    let mut index = if noise.percent(80) { noise.below(1_000) as u32 } else { noise.draw() as u32 };
+    let wild = noise.percent(20);
+    let all: Vec<RawSample> = (0..count)
+        .map(|place| {
+            index = index.wrapping_add(if noise.percent(90) { 1 } else { noise.draw() as u32 % 50 });
+            let noisy = |noise: &mut Noise| if wild { noise.draw() as i32 } else { noise.draw() as i32 >> 20 };
+            RawSample {
+                index,
+                position_count: (place as i32).wrapping_mul(40).wrapping_add(noisy(noise)),
+                force_code: noisy(noise).wrapping_add(131_040),
+                terminal_code: noisy(noise),
+            }
+        })
+        .collect();
+    Samples::from_slice(&all).0
+}
+
+fn command(noise: &mut Noise) -> Command {
+    match noise.below(40) {
+        0..2 => Command::Hello,
+        2..4 => Command::ReadSettings,
+        4..14 => Command::WriteSettings(settings(noise)),
+        14..17 => Command::SaveSettings,
+        17 => Command::Tare,
+        18..20 => {
+            let bits = noise.draw();
+            let on = |bit: u32| bits >> bit & 1 == 1;
+            Command::Streams(Streams { samples: on(0), estimates: on(1), sums: on(2), health: on(3) })
+        }
+        20..22 => Command::ResetEstimator,
+        22..24 => Command::Start,
+        24..26 => Command::Stop,
+        26..35 => Command::Inject(batch(noise)),
+        35..37 => Command::InjectEnd,
+        37..39 => Command::FactoryReset,
+        _ if noise.percent(4) => Command::Reboot,
+        _ if noise.percent(4) => Command::EnterDfu,
+        _ => Command::Hello,
+    }
+}
+
+fn spoilt(noise: &mut Noise, mut frame: Vec<u8>) -> Vec<u8> {
+    for _ in 0..1 + noise.below(3) {
+        let place = noise.below(frame.len().max(1));
+        match noise.below(6) {
+            0 if place < frame.len() => frame[place] ^= 1 << noise.below(8),
+            1 if place < frame.len() => frame[place] = noise.draw() as u8,
+            2 if place < frame.len() => drop(frame.remove(place)),
+            3 => frame.insert(place, noise.draw() as u8),
+            4 => frame.truncate(place),
+            _ if place < frame.len() => frame.rotate_left(place),
+            _ => {}
+        }
+    }
+    frame
+}
+
+/// The stream of a seed.
+pub fn stream(seed: u64) -> Stream {
+    let mut noise = Noise::new(seed);
+    let mut stream = Stream::default();
+    let (pieces, evil) = (1 + noise.below(40), noise.pick(&[0, 10, 50, 90]));
+    for _ in 0..pieces {
+        let (id, order) = (noise.draw() as u16, command(&mut noise));
+        if !noise.percent(evil) {
+            stream.request(id, order);
+            continue;
+        }
+        piece(&mut noise, &mut stream, id, order);
+    }
+    stream
+}
+
+fn piece(noise: &mut Noise, stream: &mut Stream, id: u16, order: Command) {
+    match noise.below(16) {
+        0 | 1 => {
+            let frame = stream.next_frame(id, order);
+            stream.raw(&spoilt(noise, frame));
+        }
+        2 => {
+            let frame = stream.next_frame(id, order);
+            stream.raw(&frame[..noise.below(frame.len().max(1))]);
+        }
+        3 => {
+            let (first, second) = (stream.next_frame(id, order), stream.next_frame(id ^ 1, command(noise)));
+            let (cut, from) = (noise.below(first.len().max(1)), noise.below(second.len().max(1)));
+            stream.raw(&first[..cut]).raw(&second[from..]);
+        }
+        4 => {
+            let frame = stream.next_frame(id, order);
+            stream.raw(&[DELIMITER]).raw(&frame).raw(&frame);
+        }
+        5 => {
+            stream.sequence = noise.draw() as u16;
+        }
+        6 => {
+            let length = noise.below(200);
+            stream.raw(&noise.bytes(length));
+        }
+        7 => {
+            let (byte, length) = (noise.pick(&[0, 1, 0x55, 0xFF]), noise.below(1_500));
+            stream.raw(&vec![byte; length]);
+        }
+        8 => {
+            let length = noise.below(700);
+            let bytes = noise.bytes(length);
+            stream.raw(&stuffed(&bytes));
+        }
+        9 => {
+            let length = noise.below(520);
+            let bytes = noise.bytes(length);
+            stream.payload(&bytes);
+        }
+        10 => {
+            let mut bytes = payload(id, order);
+            bytes.truncate(noise.below(bytes.len().max(1)));
+            stream.payload(&bytes);
+        }
+        11 => {
+            let mut bytes = payload(id, order);
+            let more = 1 + noise.below(8);
+            bytes.extend(noise.bytes(more));
+            stream.payload(&bytes);
+        }
+        12 => {
+            let mut bytes = payload(id, order);
+            for _ in 0..1 + noise.below(3) {
+                let place = noise.below(bytes.len().max(1));
+                if let Some(byte) = bytes.get_mut(place) {
+                    *byte = noise.draw() as u8;
+                }
+            }
+            stream.payload(&bytes);
+        }
+        13 => {
+            let mut bytes = noise.draw().to_le_bytes()[..1 + noise.below(4)].to_vec();
+            bytes.extend(varint(noise.draw() as u32 >> noise.below(32)));
+            let length = noise.below(20);
+            bytes.extend(noise.bytes(length));
+            stream.payload(&bytes);
+        }
+        14 => {
+            for frame in records() {
+                if noise.percent(40) {
+                    stream.raw(&frame);
+                }
+            }
+        }
+        _ => {
+            for place in 0..noise.below(40) as u16 {
+                stream.request(id.wrapping_add(place), order.clone());
+            }
+        }
+    }
+}

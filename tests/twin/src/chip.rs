@@ -1,0 +1,863 @@
+//! The STM32G474RE: every peripheral, the memories, and the wires between them.
+//!
+//! The bus ([`Chip::read`], [`Chip::write`]) finds the peripheral by its address (RM0440 table 3), checks that its clock is on,
+//! and ends the run at an access that no model knows. Interrupt lines are levels ([`Chip::irq_lines`]; numbers from RM0440
+//! table 97). Time passes in [`Chip::advance`]; [`Chip::next_event`] says when that must be called at the latest.
+
+pub mod adc;
+pub mod ads131m04;
+pub mod clocks;
+pub mod crs;
+pub mod dbgmcu;
+pub mod dma;
+pub mod dmamux;
+pub mod exti;
+pub mod flash;
+pub mod gpio;
+pub mod iwdg;
+pub mod lpuart;
+pub mod pipeline;
+pub mod pwr;
+pub mod ram;
+pub mod rcc;
+pub mod rom;
+pub mod spi;
+pub mod syscfg;
+pub mod tamp;
+pub mod tim;
+pub mod tim6;
+pub mod usb;
+
+use crate::{Board, Cycles, Registers, Unknown, Width, World};
+use clocks::Clocks;
+use gpio::{Gpio, Mode};
+use ram::Ram;
+use rcc::{Gate, Reset};
+use tim::{Kind, Tim};
+
+/// A pin of a port.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Pin {
+    /// 0 for A to 6 for G.
+    pub port: usize,
+    /// 0 to 15.
+    pub number: usize,
+}
+
+impl Pin {
+    /// From the name in the data sheet: `Pin::new('B', 10)` is PB10.
+    ///
+    /// # Panics
+    /// If there is no such pin.
+    pub const fn new(port: char, number: usize) -> Self {
+        assert!(matches!(port, 'A'..='G') && number < 16, "no such pin");
+        Self { port: port as usize - 'A' as usize, number }
+    }
+}
+
+/// First address of SRAM1.
+pub const RAM_START: u32 = 0x2000_0000;
+/// SRAM1, SRAM2 and, behind them, the alias of the CCM RAM.
+pub const RAM_LEN: usize = 128 << 10;
+/// First address of the CCM RAM: the last 32 KB of the above once more.
+pub const CCM_START: u32 = 0x1000_0000;
+/// Length of the CCM RAM.
+pub const CCM_LEN: usize = 32 << 10;
+
+/// An access that no model knows.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{access} {address:#010x} ({peripheral} + {offset:#x}, {} bytes): {what}", width.bytes(), access = access(*value))]
+pub struct BadAccess {
+    /// Address of the access.
+    pub address: u32,
+    /// Name of the peripheral, where there is one at that address.
+    pub peripheral: &'static str,
+    /// Offset from its base.
+    pub offset: u32,
+    /// Bytes moved.
+    pub width: Width,
+    /// What was written; nothing for a read.
+    pub value: Option<u32>,
+    /// What the model says.
+    pub what: &'static str,
+}
+
+fn access(value: Option<u32>) -> String {
+    value.map_or_else(|| "read of".into(), |value| format!("write of {value:#x} to"))
+}
+
+/// What stands at an address of the bus.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Peripheral {
+    Tim2,
+    Tim3,
+    Tim4,
+    Tim5,
+    Tim6,
+    Crs,
+    Tamp,
+    Iwdg,
+    Spi2,
+    Usb,
+    Pwr,
+    Lpuart1,
+    Syscfg,
+    Exti,
+    Tim1,
+    Tim8,
+    Tim15,
+    Tim16,
+    Tim17,
+    Dma1,
+    Dma2,
+    Dmamux,
+    Rcc,
+    Flash,
+    Gpio(usize),
+    Adc,
+    Dbgmcu,
+}
+
+/// A stretch of addresses that belongs to one peripheral.
+struct Block {
+    start: u32,
+    end: u32,
+    name: &'static str,
+    peripheral: Peripheral,
+    gate: Option<Gate>,
+}
+
+const fn block(start: u32, len: u32, name: &'static str, peripheral: Peripheral, gate: Option<Gate>) -> Block {
+    Block { start, end: start + len, name, peripheral, gate }
+}
+
+/// By rising address. Where there is no gate the clock is always on.
+const BLOCKS: [Block; 33] = [
+    block(0x4000_0000, 0x400, "TIM2", Peripheral::Tim2, Some(Gate::apb1(0))),
+    block(0x4000_0400, 0x400, "TIM3", Peripheral::Tim3, Some(Gate::apb1(1))),
+    block(0x4000_0800, 0x400, "TIM4", Peripheral::Tim4, Some(Gate::apb1(2))),
+    block(0x4000_0c00, 0x400, "TIM5", Peripheral::Tim5, Some(Gate::apb1(3))),
+    block(0x4000_1000, 0x400, "TIM6", Peripheral::Tim6, Some(Gate::apb1(4))),
+    block(0x4000_2000, 0x400, "CRS", Peripheral::Crs, Some(Gate::apb1(8))),
+    block(0x4000_2400, 0x400, "TAMP", Peripheral::Tamp, Some(Gate::apb1(10))),
+    block(0x4000_3000, 0x400, "IWDG", Peripheral::Iwdg, None),
+    block(0x4000_3800, 0x400, "SPI2", Peripheral::Spi2, Some(Gate::apb1(14))),
+    // The registers, then the packet memory at offset 0x400.
+    block(0x4000_5c00, 0x800, "USB", Peripheral::Usb, Some(Gate::apb1(23))),
+    block(0x4000_7000, 0x400, "PWR", Peripheral::Pwr, Some(Gate::apb1(28))),
+    block(0x4000_8000, 0x400, "LPUART1", Peripheral::Lpuart1, Some(Gate::apb1_2(0))),
+    block(0x4001_0000, 0x30, "SYSCFG", Peripheral::Syscfg, Some(Gate::apb2(0))),
+    block(0x4001_0400, 0x400, "EXTI", Peripheral::Exti, None),
+    block(0x4001_2c00, 0x400, "TIM1", Peripheral::Tim1, Some(Gate::apb2(11))),
+    block(0x4001_3400, 0x400, "TIM8", Peripheral::Tim8, Some(Gate::apb2(13))),
+    block(0x4001_4000, 0x400, "TIM15", Peripheral::Tim15, Some(Gate::apb2(16))),
+    block(0x4001_4400, 0x400, "TIM16", Peripheral::Tim16, Some(Gate::apb2(17))),
+    block(0x4001_4800, 0x400, "TIM17", Peripheral::Tim17, Some(Gate::apb2(18))),
+    block(0x4002_0000, 0x400, "DMA1", Peripheral::Dma1, Some(Gate::ahb1(0))),
+    block(0x4002_0400, 0x400, "DMA2", Peripheral::Dma2, Some(Gate::ahb1(1))),
+    block(0x4002_0800, 0x400, "DMAMUX", Peripheral::Dmamux, Some(Gate::ahb1(2))),
+    block(0x4002_1000, 0x400, "RCC", Peripheral::Rcc, None),
+    block(0x4002_2000, 0x400, "FLASH", Peripheral::Flash, Some(Gate::ahb1(8))),
+    block(0x4800_0000, 0x400, "GPIOA", Peripheral::Gpio(0), Some(Gate::ahb2(0))),
+    block(0x4800_0400, 0x400, "GPIOB", Peripheral::Gpio(1), Some(Gate::ahb2(1))),
+    block(0x4800_0800, 0x400, "GPIOC", Peripheral::Gpio(2), Some(Gate::ahb2(2))),
+    block(0x4800_0c00, 0x400, "GPIOD", Peripheral::Gpio(3), Some(Gate::ahb2(3))),
+    block(0x4800_1000, 0x400, "GPIOE", Peripheral::Gpio(4), Some(Gate::ahb2(4))),
+    block(0x4800_1400, 0x400, "GPIOF", Peripheral::Gpio(5), Some(Gate::ahb2(5))),
+    block(0x4800_1800, 0x400, "GPIOG", Peripheral::Gpio(6), Some(Gate::ahb2(6))),
+    // ADC1, ADC2 and their common registers; ADC3 to ADC5 behind them have a gate of their own.
+    block(0x5000_0000, 0x800, "ADC", Peripheral::Adc, Some(Gate::ahb2(13))),
+    block(0xe004_2000, 0x400, "DBGMCU", Peripheral::Dbgmcu, None),
+];
+/// ADC3, ADC4, ADC5.
+const ADC345: std::ops::Range<u32> = 0x5000_0400..0x5000_0800;
+const ADC345_GATE: Gate = Gate::ahb2(14);
+
+/// RCC_BDCR, which lies in the backup domain.
+const RCC_BDCR: u32 = 0x4002_1090;
+
+const CLOCK_OFF: Unknown = Unknown { what: "the peripheral's clock is off" };
+const BACKUP_SHUT: Unknown = Unknown { what: "the backup domain is not open for writing (PWR_CR1.DBP)" };
+const NOTHING: Unknown = Unknown { what: "nothing is at this address" };
+
+/// Inputs of TIM2: pin, alternate function, channel (DS12288 table 13).
+const TIM2_INPUTS: [(Pin, u8, usize); 11] = [
+    (Pin::new('A', 0), 1, 1),
+    (Pin::new('A', 5), 1, 1),
+    (Pin::new('A', 15), 1, 1),
+    (Pin::new('A', 1), 1, 2),
+    (Pin::new('B', 3), 1, 2),
+    (Pin::new('A', 2), 1, 3),
+    (Pin::new('B', 10), 1, 3),
+    (Pin::new('A', 9), 10, 3),
+    (Pin::new('A', 3), 1, 4),
+    (Pin::new('B', 11), 1, 4),
+    (Pin::new('A', 10), 10, 4),
+];
+/// LPUART1 on PA2 and PA3 (DS12288 table 13).
+const LPUART1_FUNCTION: Mode = Mode::Alternate(12);
+
+/// The chip with what is connected to it.
+pub struct Chip {
+    /// SRAM1, SRAM2, CCM RAM.
+    pub ram: Ram,
+    /// Flash memory, its controller, option bytes.
+    pub flash: flash::Flash,
+    /// Frequencies in use.
+    pub clocks: Clocks,
+    /// What is outside the pins.
+    pub world: Box<dyn World>,
+    /// What is soldered around the chip.
+    pub board: Board,
+    /// Reset and clock control.
+    pub rcc: rcc::Rcc,
+    /// Power control.
+    pub pwr: pwr::Pwr,
+    /// Ports A to G.
+    pub gpio: [Gpio; 7],
+    /// System configuration.
+    pub syscfg: syscfg::Syscfg,
+    /// Extended interrupts.
+    pub exti: exti::Exti,
+    /// Independent watchdog.
+    pub iwdg: iwdg::Iwdg,
+    /// Clock recovery.
+    pub crs: crs::Crs,
+    /// Backup registers.
+    pub tamp: tamp::Tamp,
+    /// Debug support.
+    pub dbgmcu: dbgmcu::Dbgmcu,
+    /// Serial link.
+    pub lpuart1: lpuart::Lpuart,
+    /// Advanced timer.
+    pub tim1: Tim,
+    /// The encoder's counter.
+    pub tim2: Tim,
+    /// General timer.
+    pub tim3: Tim,
+    /// General timer.
+    pub tim4: Tim,
+    /// General timer of 32 bits.
+    pub tim5: Tim,
+    /// Advanced timer.
+    pub tim8: Tim,
+    /// Small timer.
+    pub tim15: Tim,
+    /// Small timer.
+    pub tim16: Tim,
+    /// Small timer.
+    pub tim17: Tim,
+    /// DMA controller 1.
+    pub dma1: dma::Dma,
+    /// DMA controller 2.
+    pub dma2: dma::Dma,
+    /// DMA request multiplexer.
+    pub dmamux: dmamux::Dmamux,
+    /// ADC1 to ADC5 and their common registers.
+    pub adc: adc::Adcs,
+    /// The sampling clock.
+    pub tim6: tim6::Tim6,
+    /// Bus of the digital front end.
+    pub spi2: spi::Spi,
+    /// The digital front end, where one is connected.
+    pub ads131m04: Option<ads131m04::Ads131m04>,
+    /// USB full speed device and its packet memory.
+    pub usb: usb::Usb,
+    /// Changes of the light: when, and whether it is on then.
+    pub light: Vec<(Cycles, bool)>,
+    /// What the signal path keeps besides its peripherals' registers.
+    pub pipeline: pipeline::Pipeline,
+    /// Nothing happens by itself before this moment.
+    due: Cycles,
+}
+
+impl Chip {
+    /// A chip with power, at its first start.
+    pub fn new(board: Board, world: Box<dyn World>) -> Self {
+        Self {
+            ram: Ram::new(RAM_LEN, 0),
+            flash: flash::Flash::default(),
+            clocks: Clocks::POWER_ON,
+            world,
+            board,
+            rcc: rcc::Rcc::new(board.hse_hz),
+            pwr: pwr::Pwr::default(),
+            gpio: std::array::from_fn(Gpio::new),
+            syscfg: syscfg::Syscfg::default(),
+            exti: exti::Exti::default(),
+            iwdg: iwdg::Iwdg::default(),
+            crs: crs::Crs::default(),
+            tamp: tamp::Tamp::default(),
+            dbgmcu: dbgmcu::Dbgmcu::default(),
+            lpuart1: lpuart::Lpuart::default(),
+            tim1: Tim::new(Kind::Advanced),
+            tim2: Tim::new(Kind::Wide),
+            tim3: Tim::new(Kind::General),
+            tim4: Tim::new(Kind::General),
+            tim5: Tim::new(Kind::Wide),
+            tim8: Tim::new(Kind::Advanced),
+            tim15: Tim::new(Kind::Small),
+            tim16: Tim::new(Kind::Small),
+            tim17: Tim::new(Kind::Small),
+            dma1: Default::default(),
+            dma2: Default::default(),
+            dmamux: Default::default(),
+            adc: Default::default(),
+            tim6: Default::default(),
+            spi2: Default::default(),
+            ads131m04: None,
+            usb: Default::default(),
+            light: Vec::new(),
+            pipeline: Default::default(),
+            due: 0,
+        }
+    }
+
+    fn model(&mut self, peripheral: Peripheral) -> &mut dyn Registers {
+        match peripheral {
+            Peripheral::Tim1 => &mut self.tim1,
+            Peripheral::Tim2 => &mut self.tim2,
+            Peripheral::Tim3 => &mut self.tim3,
+            Peripheral::Tim4 => &mut self.tim4,
+            Peripheral::Tim5 => &mut self.tim5,
+            Peripheral::Tim6 => &mut self.tim6,
+            Peripheral::Tim8 => &mut self.tim8,
+            Peripheral::Tim15 => &mut self.tim15,
+            Peripheral::Tim16 => &mut self.tim16,
+            Peripheral::Tim17 => &mut self.tim17,
+            Peripheral::Crs => &mut self.crs,
+            Peripheral::Tamp => &mut self.tamp,
+            Peripheral::Iwdg => &mut self.iwdg,
+            Peripheral::Spi2 => &mut self.spi2,
+            Peripheral::Usb => &mut self.usb,
+            Peripheral::Pwr => &mut self.pwr,
+            Peripheral::Lpuart1 => &mut self.lpuart1,
+            Peripheral::Syscfg => &mut self.syscfg,
+            Peripheral::Exti => &mut self.exti,
+            Peripheral::Dma1 => &mut self.dma1,
+            Peripheral::Dma2 => &mut self.dma2,
+            Peripheral::Dmamux => &mut self.dmamux,
+            Peripheral::Rcc => &mut self.rcc,
+            Peripheral::Flash => &mut self.flash,
+            Peripheral::Gpio(port) => &mut self.gpio[port],
+            Peripheral::Adc => &mut self.adc,
+            Peripheral::Dbgmcu => &mut self.dbgmcu,
+        }
+    }
+
+    /// Seconds since power was first applied.
+    pub fn seconds(&self, at: Cycles) -> f64 {
+        self.clocks.seconds(at)
+    }
+
+    /// Bytes of RAM or flash, as DMA reads them; nothing where they lie in neither.
+    pub fn bytes(&self, address: u32, len: usize) -> Option<&[u8]> {
+        let (memory, start) = match ram_offset(address) {
+            Some(start) => (self.ram.bytes(), start),
+            None => (self.flash.bytes(), address.checked_sub(flash::START)? as usize),
+        };
+        memory.get(start..start.checked_add(len)?)
+    }
+
+    /// Bytes of RAM, as DMA writes them; nothing where they lie elsewhere.
+    pub fn ram_mut(&mut self, address: u32, len: usize) -> Option<&mut [u8]> {
+        let start = ram_offset(address)?;
+        self.ram.bytes_mut().get_mut(start..start.checked_add(len)?)
+    }
+
+    /// A read by the core.
+    pub fn read(&mut self, address: u32, width: Width, now: Cycles) -> Result<u32, BadAccess> {
+        self.advance(now);
+        let value = self.bus_read(address, width, now)?;
+        self.serve_dma(now);
+        Ok(value)
+    }
+
+    /// A write by the core.
+    pub fn write(&mut self, address: u32, value: u32, width: Width, now: Cycles) -> Result<(), BadAccess> {
+        self.advance(now);
+        self.bus_write(address, value, width, now)?;
+        self.serve_dma(now);
+        Ok(())
+    }
+
+    /// A read by whoever has the bus.
+    pub(crate) fn bus_read(&mut self, address: u32, width: Width, now: Cycles) -> Result<u32, BadAccess> {
+        let bad =
+            |peripheral, offset, Unknown { what }| BadAccess { address, peripheral, offset, width, value: None, what };
+        match find(address) {
+            Some(block) => {
+                let offset = address - block.start;
+                self.read_register(block, offset, width, now).map_err(|unknown| bad(block.name, offset, unknown))
+            }
+            None if in_flash(address) => {
+                let read = self.flash.read_memory(address, width, now);
+                read.map_err(|unknown| bad("flash memory", address - flash::START, unknown))
+            }
+            None => Err(bad("no peripheral", 0, NOTHING)),
+        }
+    }
+
+    /// A write by whoever has the bus.
+    pub(crate) fn bus_write(&mut self, address: u32, value: u32, width: Width, now: Cycles) -> Result<(), BadAccess> {
+        let bad = |peripheral, offset, Unknown { what }| BadAccess {
+            address,
+            peripheral,
+            offset,
+            width,
+            value: Some(value),
+            what,
+        };
+        match find(address) {
+            Some(block) => {
+                let offset = address - block.start;
+                self.write_register(block, offset, value, width, now)
+                    .map_err(|unknown| bad(block.name, offset, unknown))
+            }
+            None if in_flash(address) => {
+                let written = self.flash.write_memory(address, value, width, now);
+                written.map_err(|unknown| bad("flash memory", address - flash::START, unknown))
+            }
+            None => Err(bad("no peripheral", 0, NOTHING)),
+        }
+    }
+
+    fn is_clocked(&self, block: &Block, offset: u32) -> bool {
+        let gate = if ADC345.contains(&(block.start + offset)) { Some(ADC345_GATE) } else { block.gate };
+        gate.is_none_or(|gate| self.rcc.is_on(gate) && !self.rcc.is_reset(gate))
+    }
+
+    fn read_register(&mut self, block: &Block, offset: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
+        if !self.is_clocked(block, offset) {
+            return Err(CLOCK_OFF);
+        }
+        if block.peripheral == Peripheral::Tim2 {
+            self.latch_encoder(now);
+        }
+        self.model(block.peripheral).read(offset, width, now)
+    }
+
+    fn write_register(
+        &mut self,
+        block: &Block,
+        offset: u32,
+        value: u32,
+        width: Width,
+        now: Cycles,
+    ) -> Result<(), Unknown> {
+        if !self.is_clocked(block, offset) {
+            return Err(CLOCK_OFF);
+        }
+        match block.peripheral {
+            Peripheral::Tamp if !self.pwr.backup_is_open() => Err(BACKUP_SHUT),
+            Peripheral::Rcc if block.start + offset == RCC_BDCR && !self.pwr.backup_is_open() => Err(BACKUP_SHUT),
+            Peripheral::Rcc => {
+                self.rcc.write(offset, value, width, now)?;
+                self.reset_held(now);
+                self.change_clocks(now)
+            }
+            Peripheral::Pwr | Peripheral::Flash => {
+                self.model(block.peripheral).write(offset, value, width, now)?;
+                self.rcc.check(&self.clocks, self.pwr.boost(), self.flash.wait_states())
+            }
+            Peripheral::Gpio(port) => {
+                let before = self.gpio[port].pins();
+                self.gpio[port].write(offset, value, width, now)?;
+                self.pins_changed(port, before, now);
+                Ok(())
+            }
+            Peripheral::Tim2 => {
+                self.latch_encoder(now);
+                self.tim2.write(offset, value, width, now)
+            }
+            peripheral => self.model(peripheral).write(offset, value, width, now),
+        }
+    }
+
+    /// Puts the peripherals that RCC holds in reset to their first state.
+    fn reset_held(&mut self, now: Cycles) {
+        for block in &BLOCKS {
+            if block.gate.is_some_and(|gate| self.rcc.is_reset(gate)) {
+                self.model(block.peripheral).reset(now);
+            }
+        }
+    }
+
+    fn change_clocks(&mut self, now: Cycles) -> Result<(), Unknown> {
+        let clocks = self.rcc.clocks(now, self.clocks.seconds(now));
+        self.rcc.check(&clocks, self.pwr.boost(), self.flash.wait_states())?;
+        let same = Clocks { since: self.clocks.since, since_s: self.clocks.since_s, ..clocks } == self.clocks;
+        if !same {
+            self.use_clocks(clocks, now);
+        }
+        Ok(())
+    }
+
+    fn use_clocks(&mut self, clocks: Clocks, now: Cycles) {
+        self.clocks = clocks;
+        for block in &BLOCKS {
+            let model = self.model(block.peripheral);
+            model.advance(now);
+            model.set_clocks(&clocks);
+        }
+    }
+
+    /// Starts anew for this reason. RAM is kept; losing power is [`Self::lose_power`] before.
+    pub fn reset(&mut self, cause: Reset, now: Cycles) {
+        self.advance(now);
+        for block in &BLOCKS {
+            self.model(block.peripheral).reset(now);
+        }
+        self.rcc.set_cause(cause);
+        self.pipeline.reset();
+        let clocks = self.rcc.clocks(now, self.clocks.seconds(now));
+        self.use_clocks(clocks, now);
+        self.due = 0;
+    }
+
+    /// Supply and battery are gone: RAM holds anything (in fact a pattern from the seed) when they come back.
+    pub fn lose_power(&mut self, seed: u64) {
+        self.flash.lose_power();
+        self.tamp.lose_power();
+        self.rcc = rcc::Rcc::new(self.board.hse_hz);
+        // xorshift64 (Marsaglia 2003).
+        let mut state = seed | 1;
+        for bytes in self.ram.bytes_mut().chunks_exact_mut(8) {
+            state ^= state << 13;
+            state ^= state >> 7;
+            state ^= state << 17;
+            bytes.copy_from_slice(&state.to_le_bytes());
+        }
+    }
+
+    /// A reset that the chip itself asks for.
+    pub fn reset_wanted(&self) -> Option<Reset> {
+        if self.iwdg.bites() { Some(Reset::Watchdog) } else { self.flash.launches().then_some(Reset::OptionBytes) }
+    }
+
+    /// Something outside drives a pin.
+    pub fn set_pin(&mut self, pin: Pin, level: bool, now: Cycles) {
+        let before = self.gpio[pin.port].pins();
+        self.gpio[pin.port].drive(pin.number, Some(level));
+        self.pins_changed(pin.port, before, now);
+    }
+
+    /// What something outside sees at a pin: one that nobody drives is pulled up there.
+    pub fn pin_output(&self, pin: Pin) -> bool {
+        self.gpio[pin.port].output(pin.number)
+    }
+
+    /// What a pin is used for.
+    pub fn pin_mode(&self, pin: Pin) -> Mode {
+        self.gpio[pin.port].mode(pin.number)
+    }
+
+    fn pins_changed(&mut self, port: usize, before: u16, now: Cycles) {
+        let after = self.gpio[port].pins();
+        let mut changed = before ^ after;
+        while changed != 0 {
+            let number = changed.trailing_zeros() as usize;
+            changed &= changed - 1;
+            let rising = after >> number & 1 != 0;
+            if self.syscfg.exti_port(number) == port {
+                self.exti.edge(number, rising);
+            }
+            let pin = Pin { port, number };
+            let mode = self.gpio[port].mode(number);
+            for (_, _, channel) in TIM2_INPUTS.iter().filter(|input| input.0 == pin && mode == Mode::Alternate(input.1))
+            {
+                self.latch_encoder(now);
+                self.tim2.edge(*channel, rising);
+            }
+            if pin == self.board.led {
+                self.light.push((now, rising));
+            }
+        }
+    }
+
+    /// Whether the encoder's pins lead to TIM2.
+    pub(crate) fn encoder_is_wired(&self) -> bool {
+        let leads_to = |pin: Pin, channel: usize| {
+            let mode = self.pin_mode(pin);
+            TIM2_INPUTS.iter().any(|input| input.0 == pin && input.2 == channel && mode == Mode::Alternate(input.1))
+        };
+        leads_to(self.board.encoder_a, 1) && leads_to(self.board.encoder_b, 2)
+    }
+
+    /// The computer at the serial link sends; nothing arrives where the pin is not the port's.
+    pub fn serial_send(&mut self, bytes: &[u8], now: Cycles) {
+        self.lpuart1.advance(now);
+        if self.pin_mode(self.board.serial_rx) == LPUART1_FUNCTION {
+            self.lpuart1.send(bytes, now);
+        }
+    }
+
+    /// What the computer at the serial link has received since the last call.
+    pub fn serial_take(&mut self, now: Cycles) -> Vec<u8> {
+        self.lpuart1.advance(now);
+        let sent = self.lpuart1.take_sent();
+        if self.pin_mode(self.board.serial_tx) == LPUART1_FUNCTION { sent } else { Vec::new() }
+    }
+
+    fn timers(&self) -> [&Tim; 9] {
+        let Self { tim1, tim2, tim3, tim4, tim5, tim8, tim15, tim16, tim17, .. } = self;
+        [tim1, tim2, tim3, tim4, tim5, tim8, tim15, tim16, tim17]
+    }
+
+    /// When [`Self::advance`] must be called at the latest.
+    pub fn next_event(&mut self) -> Option<Cycles> {
+        let models: [Option<Cycles>; 5] = [
+            self.pipeline_next_event(),
+            self.usb.next_event(),
+            self.lpuart1.next_event(),
+            self.iwdg.next_event(),
+            self.flash.next_event(),
+        ];
+        let timers = self.timers().into_iter().filter_map(Registers::next_event).min();
+        let event = models.into_iter().flatten().chain(timers).min();
+        self.due = event.unwrap_or(Cycles::MAX);
+        event
+    }
+
+    /// Brings everything to `now`, as far as it can be seen.
+    pub fn advance(&mut self, now: Cycles) {
+        self.pipeline_advance(now);
+        if now < self.due {
+            return;
+        }
+        let Self { tim1, tim2, tim3, tim4, tim5, tim8, tim15, tim16, tim17, .. } = self;
+        for tim in [tim1, tim2, tim3, tim4, tim5, tim8, tim15, tim16, tim17] {
+            tim.advance(now);
+        }
+        self.usb.advance(now);
+        self.lpuart1.advance(now);
+        self.iwdg.advance(now);
+        self.flash.advance(now);
+    }
+
+    /// The levels of the interrupt lines, bit n for interrupt n.
+    pub fn irq_lines(&self) -> u128 {
+        use adc::Unit;
+        let dma1 = (0..8).map(|channel| (self.dma1.irq(channel), [11, 12, 13, 14, 15, 16, 17, 96][channel]));
+        let dma2 = (0..8).map(|channel| (self.dma2.irq(channel), [56, 57, 58, 59, 60, 97, 98, 99][channel]));
+        let lines = [
+            (self.flash.irq(), 4),
+            (self.exti.requests(1 << 0), 6),
+            (self.exti.requests(1 << 1), 7),
+            (self.exti.requests(1 << 2), 8),
+            (self.exti.requests(1 << 3), 9),
+            (self.exti.requests(1 << 4), 10),
+            (self.adc.irq(Unit::One) || self.adc.irq(Unit::Two), 18),
+            (self.usb.irq_high(), 19),
+            (self.usb.irq_low(), 20),
+            (self.exti.requests(0x3e0), 23),
+            (self.tim15.irq() || self.tim1.irq(), 24),
+            (self.tim16.irq(), 25),
+            (self.tim17.irq(), 26),
+            (self.tim2.irq(), 28),
+            (self.tim3.irq(), 29),
+            (self.tim4.irq(), 30),
+            (self.spi2.irq(), 36),
+            (self.exti.requests(0xfc00), 40),
+            (self.usb.irq_wakeup() && self.exti.unmasked(18), 42),
+            (self.tim8.irq(), 44),
+            (self.tim5.irq(), 50),
+            (self.tim6.irq(), 54),
+            (self.adc.irq(Unit::Three), 47),
+            (self.adc.irq(Unit::Four), 61),
+            (self.adc.irq(Unit::Five), 62),
+            (self.crs.irq(), 75),
+            (self.lpuart1.irq(), 91),
+        ];
+        lines.into_iter().chain(dma1).chain(dma2).fold(0, |levels, (level, line)| levels | u128::from(level) << line)
+    }
+
+    /// Storage registers that were read and never written, by name.
+    pub fn unwritten_reads(&mut self) -> Vec<String> {
+        let mut list = Vec::new();
+        for block in &BLOCKS {
+            let offsets = self.model(block.peripheral).unwritten_reads();
+            list.extend(offsets.into_iter().map(|offset| format!("{} + {offset:#x}", block.name)));
+        }
+        list
+    }
+}
+
+fn find(address: u32) -> Option<&'static Block> {
+    let behind = BLOCKS.partition_point(|block| block.start <= address);
+    BLOCKS[..behind].last().filter(|block| address < block.end)
+}
+
+fn in_flash(address: u32) -> bool {
+    (flash::START..flash::START + flash::LEN as u32).contains(&address)
+}
+
+fn ram_offset(address: u32) -> Option<usize> {
+    const RAM_END: u32 = RAM_START + RAM_LEN as u32;
+    const CCM_END: u32 = CCM_START + CCM_LEN as u32;
+    match address {
+        RAM_START..RAM_END => Some((address - RAM_START) as usize),
+        CCM_START..CCM_END => Some((address - CCM_START) as usize + RAM_LEN - CCM_LEN),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::world::{Still, World};
+
+    fn chip() -> Chip {
+        Chip::new(Board::NUCLEO, Box::new(Still))
+    }
+
+    fn write(chip: &mut Chip, address: u32, value: u32) {
+        chip.write(address, value, Width::Word, 0).expect("known");
+    }
+
+    /// AHB2ENR, APB1ENR1, APB2ENR.
+    const ENABLES: [u32; 3] = [0x4002_104c, 0x4002_1058, 0x4002_1060];
+
+    fn clocked() -> Chip {
+        let mut chip = chip();
+        for register in ENABLES {
+            write(&mut chip, register, u32::MAX);
+        }
+        chip
+    }
+
+    #[test]
+    fn blocks_are_in_order_and_apart() {
+        for pair in BLOCKS.windows(2) {
+            assert!(pair[0].end <= pair[1].start, "{} and {}", pair[0].name, pair[1].name);
+        }
+        assert_eq!(find(0x4000_0000).map(|block| block.name), Some("TIM2"));
+        assert_eq!(find(0x4001_0030).map(|block| block.name), None);
+        assert_eq!(find(0xe004_23ff).map(|block| block.name), Some("DBGMCU"));
+    }
+
+    #[test]
+    fn an_access_that_nobody_knows_is_named() {
+        let mut chip = clocked();
+        let error = chip.write(0x4000_0070, 5, Width::Word, 0).expect_err("unknown");
+        assert_eq!(
+            error.to_string(),
+            "write of 0x5 to 0x40000070 (TIM2 + 0x70, 4 bytes): no such register in the model"
+        );
+        let error = chip.read(0x4002_0c00, Width::Byte, 0).expect_err("unknown");
+        assert_eq!(error.to_string(), "read of 0x40020c00 (no peripheral + 0x0, 1 bytes): nothing is at this address");
+    }
+
+    #[test]
+    fn a_peripheral_without_clock_does_not_answer() {
+        let mut chip = chip();
+        assert_eq!(chip.read(0x4000_0024, Width::Word, 0).map_err(|bad| bad.what), Err(CLOCK_OFF.what));
+        write(&mut chip, ENABLES[1], 1);
+        assert_eq!(chip.read(0x4000_0024, Width::Word, 0), Ok(0));
+        // Held in reset.
+        write(&mut chip, ENABLES[1] - 0x20, 1);
+        assert!(chip.read(0x4000_0024, Width::Word, 0).is_err());
+    }
+
+    #[test]
+    fn a_pin_raises_its_external_interrupt() {
+        let mut chip = clocked();
+        let pin = Pin::new('B', 10);
+        write(&mut chip, 0x4001_0010, 1 << 8);
+        write(&mut chip, 0x4001_0400, 1 << 10);
+        write(&mut chip, 0x4001_0408, 1 << 10);
+        chip.set_pin(pin, true, 0);
+        assert_eq!(chip.irq_lines(), 1 << 40);
+        write(&mut chip, 0x4001_0414, 1 << 10);
+        chip.set_pin(pin, false, 0);
+        assert_eq!(chip.irq_lines(), 0);
+        chip.set_pin(Pin::new('A', 10), true, 0);
+        assert_eq!(chip.irq_lines(), 0, "another port");
+    }
+
+    struct Moving;
+
+    impl World for Moving {
+        fn encoder(&mut self, time_s: f64) -> u32 {
+            (time_s * 1e6) as u32
+        }
+
+        fn force_volts(&mut self, _: f64) -> f64 {
+            0.0
+        }
+
+        fn terminal_volts(&mut self, _: f64) -> f64 {
+            0.0
+        }
+    }
+
+    #[test]
+    fn the_encoder_reaches_its_counter_through_the_right_pins_only() {
+        let mut chip = Chip::new(Board::NUCLEO, Box::new(Moving));
+        for register in ENABLES {
+            write(&mut chip, register, u32::MAX);
+        }
+        write(&mut chip, 0x4000_0008, 3);
+        write(&mut chip, 0x4000_0000, 1);
+        assert_eq!(chip.read(0x4000_0024, Width::Word, 16_000), Ok(0));
+        // PA15 and PB3 to alternate function 1.
+        let mut at_16_000 = |address, value| chip.write(address, value, Width::Word, 16_000).expect("known");
+        at_16_000(0x4800_0000, 0xabff_ffff);
+        at_16_000(0x4800_0024, 1 << 28);
+        at_16_000(0x4800_0400, 0xffff_febf);
+        at_16_000(0x4800_0420, 1 << 12);
+        let start = chip.read(0x4000_0024, Width::Word, 32_000).expect("known");
+        assert_eq!(chip.read(0x4000_0024, Width::Word, 48_000), Ok(start + 1000));
+    }
+
+    #[test]
+    fn the_backup_domain_has_a_key() {
+        let mut chip = clocked();
+        assert!(chip.write(0x4000_2500, 1, Width::Word, 0).is_err());
+        write(&mut chip, 0x4000_7000, 0x300);
+        write(&mut chip, 0x4000_2500, 1);
+        chip.reset(Reset::Software, 0);
+        write(&mut chip, ENABLES[1], u32::MAX);
+        assert_eq!(chip.read(0x4000_2500, Width::Word, 0), Ok(1));
+    }
+
+    #[test]
+    fn memory_outlives_a_reset_and_not_the_supply() {
+        let mut chip = chip();
+        chip.ram_mut(0x2000_0100, 1).expect("RAM")[0] = 7;
+        chip.reset(Reset::Pin, 10);
+        assert_eq!(chip.bytes(0x2000_0100, 1), Some(&[7][..]));
+        chip.lose_power(1);
+        let first = chip.bytes(0x2000_0100, 8).map(<[u8]>::to_vec);
+        chip.lose_power(2);
+        assert_ne!(chip.bytes(0x2000_0100, 8).map(<[u8]>::to_vec), first);
+        chip.ram_mut(0x1000_0000, 1).expect("RAM")[0] = 9;
+        assert_eq!(chip.bytes(0x2001_8000, 1), Some(&[9][..]), "the same memory at its second address");
+        assert_eq!(chip.bytes(0x2002_0000, 1), None);
+        assert_eq!(chip.bytes(flash::START, 2), Some(&[0xff, 0xff][..]));
+    }
+
+    #[test]
+    fn the_watchdog_and_the_option_bytes_ask_for_a_reset() {
+        let mut chip = chip();
+        assert_eq!(chip.reset_wanted(), None);
+        write(&mut chip, 0x4000_3000, 0xcccc);
+        // 4096 counts of 4 periods: 0.512 s.
+        assert_eq!(chip.next_event(), Some(8_192_000));
+        chip.advance(8_192_000);
+        assert_eq!(chip.reset_wanted(), Some(Reset::Watchdog));
+        chip.reset(Reset::Watchdog, 8_192_000);
+        assert_eq!(chip.reset_wanted(), None);
+        assert_eq!(chip.read(0x4002_1094, Width::Word, 8_192_000), Ok(0x2c00_0000));
+    }
+
+    #[test]
+    fn a_clock_that_flash_cannot_follow_ends_the_run() {
+        let mut chip = clocked();
+        write(&mut chip, 0x4002_1000, 0x1_0100);
+        let mut at = |address, value, now| chip.write(address, value, Width::Word, now).map_err(|bad| bad.what);
+        assert_eq!(at(0x4002_100c, 3 | 1 << 4 | 28 << 8 | 1 << 24, 40_000), Ok(()));
+        assert_eq!(at(0x4002_1000, 0x101_0100, 40_000), Ok(()));
+        assert!(at(0x4002_1008, 3, 50_000).is_err());
+    }
+}

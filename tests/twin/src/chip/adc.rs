@@ -1,0 +1,1117 @@
+//! The five analogue-to-digital converters with their two common blocks, and what the analogue side does to a voltage.
+//!
+//! [`Adcs`] keeps registers and times; [`Quality`] is the noise of the conversions. Regular conversions only, of 12 bits, by
+//! software or by a timer's trigger, read by DMA or by the program. What the manual forbids (to calibrate before the
+//! regulator has settled, to change a sequence while it runs) ends the run, as silicon would give no word of warning.
+//!
+//! Glossary:
+//! - *trigger*: the event that starts a sequence; *aperture*: the moment at which the voltage is held, which is the trigger
+//!   plus its latency plus the sampling time; the result comes 12.5 clocks of the converter later.
+//! - *overrun*: a result came before the last one was read; DMA requests then cease until the flag is cleared.
+//!
+//! Not modelled, and refused: injected conversions, dual modes, the oversampler, offsets, analogue watchdogs, auto-delay,
+//! discontinuous mode, other resolutions. A stop takes no time here.
+//!
+//! Sources: RM0440 chapter 21 (registers 21.7 and 21.8; overrun 21.4.27; DMA 21.4.28); times and noise from DS12288, table of
+//! the ADC's characteristics; internal channels, RM0440 21.4.11; trigger numbers, table 163.
+
+use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+use rand_distr::{Distribution, StandardNormal};
+
+use super::Pin;
+use super::clocks::Clocks;
+use super::dmamux::Request;
+use crate::registers::Storage;
+use crate::{Cycles, Registers, Unknown, Width};
+
+/// Reference voltage of all converters \[V\].
+pub const REFERENCE_V: f64 = 3.3;
+/// Codes of a conversion.
+pub const CODES: f64 = 4096.0;
+/// Code of the temperature sensor at 30 degrees Celsius and a reference of 3.0 V, at 0x1FFF_75A8 (DS12288, 3.16.1).
+pub const TS_CAL1: u16 = code_at_3_volts(SENSOR_30_V);
+/// The same at 130 degrees Celsius, at 0x1FFF_75CA.
+pub const TS_CAL2: u16 = code_at_3_volts(SENSOR_30_V + 100.0 * SENSOR_SLOPE_V);
+/// Code of the internal reference at a reference of 3.0 V, at 0x1FFF_75AA.
+pub const VREFINT_CAL: u16 = code_at_3_volts(INTERNAL_REFERENCE_V);
+
+/// Typical values of DS12288: temperature sensor at 30 degrees Celsius, its slope per degree, internal reference.
+const SENSOR_30_V: f64 = 0.76;
+const SENSOR_SLOPE_V: f64 = 2.5e-3;
+const INTERNAL_REFERENCE_V: f64 = 1.212;
+
+const fn code_at_3_volts(volts: f64) -> u16 {
+    (volts / 3.0 * CODES + 0.5) as u16
+}
+
+/// Settling time of the regulator \[s\] (DS12288, tADCVREG_STUP).
+const REGULATOR_S: f64 = 20e-6;
+/// Clocks of the converter for a calibration (DS12288, tCAL).
+const CALIBRATION_CLOCKS: f64 = 116.0;
+/// Clocks after a calibration in which ADEN cannot be set (RM0440 21.4.8).
+const AFTER_CALIBRATION_CLOCKS: f64 = 4.0;
+/// Clocks from ADEN to ADRDY: one conversion (DS12288, tSTAB).
+const READY_CLOCKS: f64 = 15.0;
+/// Clocks of a conversion of 12 bits after its sampling.
+const CONVERSION_CLOCKS: f64 = 12.5;
+/// Sampling times by the numbers in SMPR1 and SMPR2 \[clocks\].
+const SAMPLING_CLOCKS: [f64; 8] = [2.5, 6.5, 12.5, 24.5, 47.5, 92.5, 247.5, 640.5];
+
+/// Number of the trigger TIM6_TRGO in EXTSEL.
+pub const TRIGGER_TIM6: u32 = 13;
+
+mod isr {
+    pub const ADRDY: u32 = 1 << 0;
+    pub const EOSMP: u32 = 1 << 1;
+    pub const EOC: u32 = 1 << 2;
+    pub const EOS: u32 = 1 << 3;
+    pub const OVR: u32 = 1 << 4;
+    pub const ALL: u32 = 0x7FF;
+}
+
+mod cr {
+    pub const ADEN: u32 = 1 << 0;
+    pub const ADDIS: u32 = 1 << 1;
+    pub const ADSTART: u32 = 1 << 2;
+    pub const JADSTART: u32 = 1 << 3;
+    pub const ADSTP: u32 = 1 << 4;
+    pub const JADSTP: u32 = 1 << 5;
+    pub const ADVREGEN: u32 = 1 << 28;
+    pub const DEEPPWD: u32 = 1 << 29;
+    pub const ADCALDIF: u32 = 1 << 30;
+    pub const ADCAL: u32 = 1 << 31;
+}
+
+mod cfgr {
+    pub const DMAEN: u32 = 1 << 0;
+    pub const DMACFG: u32 = 1 << 1;
+    pub const OVRMOD: u32 = 1 << 12;
+    pub const CONT: u32 = 1 << 13;
+    pub const JQDIS: u32 = 1 << 31;
+    /// RES, AUTDLY, ALIGN, DISCEN, JDISCEN, AWD1EN, JAWD1EN, JAUTO.
+    pub const NOT_MODELLED: u32 = 3 << 3 | 1 << 14 | 1 << 15 | 1 << 16 | 1 << 20 | 3 << 23 | 1 << 25;
+}
+
+mod ccr {
+    pub const DUAL: u32 = 0x1F;
+    pub const VREFEN: u32 = 1 << 22;
+    pub const VSENSESEL: u32 = 1 << 23;
+    pub const VBATSEL: u32 = 1 << 24;
+    pub const ALL: u32 = 0x01FF_EF1F;
+}
+
+mod offset {
+    pub const ISR: u32 = 0x00;
+    pub const IER: u32 = 0x04;
+    pub const CR: u32 = 0x08;
+    pub const CFGR: u32 = 0x0C;
+    pub const CFGR2: u32 = 0x10;
+    pub const SMPR1: u32 = 0x14;
+    pub const SMPR2: u32 = 0x18;
+    pub const SQR1: u32 = 0x30;
+    pub const SQR4: u32 = 0x3C;
+    pub const DR: u32 = 0x40;
+    pub const OFR1: u32 = 0x60;
+    pub const OFR4: u32 = 0x6C;
+    pub const JDR1: u32 = 0x80;
+    pub const JDR4: u32 = 0x8C;
+    pub const DIFSEL: u32 = 0xB0;
+}
+
+/// Registers of a converter that only keep what is written: offset, value after reset, writable bits.
+const STORAGE: [(u32, u32, u32); 20] = [
+    (0x10, 0, 0x0E01_07FF),
+    (0x14, 0, 0xBFFF_FFFF),
+    (0x18, 0, 0x07FF_FFFF),
+    (0x20, 0x0FFF_0000, 0x0FFF_7FFF),
+    (0x24, 0x00FF_0000, 0x00FF_00FF),
+    (0x28, 0x00FF_0000, 0x00FF_00FF),
+    (0x30, 0, 0x1F7D_F7CF),
+    (0x34, 0, 0x1F7D_F7DF),
+    (0x38, 0, 0x1F7D_F7DF),
+    (0x3C, 0, 0x0000_07DF),
+    (0x4C, 0, 0xFBEF_BFFF),
+    (0x60, 0, 0xFF00_0FFF),
+    (0x64, 0, 0xFF00_0FFF),
+    (0x68, 0, 0xFF00_0FFF),
+    (0x6C, 0, 0xFF00_0FFF),
+    (0xA0, 0, 0x0007_FFFF),
+    (0xA4, 0, 0x0007_FFFF),
+    (0xB0, 0, 0x0007_FFFE),
+    (0xB4, 0, 0x007F_007F),
+    (0xC0, 0, 0x0000_3FFF),
+];
+
+/// One of the five converters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unit {
+    /// ADC1.
+    One,
+    /// ADC2.
+    Two,
+    /// ADC3.
+    Three,
+    /// ADC4.
+    Four,
+    /// ADC5.
+    Five,
+}
+
+impl Unit {
+    /// All of them.
+    pub const ALL: [Self; 5] = [Self::One, Self::Two, Self::Three, Self::Four, Self::Five];
+
+    /// Its request to DMA.
+    pub const fn request(self) -> Request {
+        match self {
+            Self::One => Request::Adc1,
+            Self::Two => Request::Adc2,
+            Self::Three => Request::Adc3,
+            Self::Four => Request::Adc4,
+            Self::Five => Request::Adc5,
+        }
+    }
+
+    /// Where its registers and those of its common block begin.
+    const fn bases(self) -> (u32, u32) {
+        match self {
+            Self::One => (0x000, 0x300),
+            Self::Two => (0x100, 0x300),
+            Self::Three => (0x400, 0x700),
+            Self::Four => (0x500, 0x700),
+            Self::Five => (0x600, 0x700),
+        }
+    }
+
+    /// Of the first common block or of the second.
+    const fn common(self) -> usize {
+        match self {
+            Self::One | Self::Two => 0,
+            _ => 1,
+        }
+    }
+
+    const fn index(self) -> usize {
+        self as usize
+    }
+
+    /// What is connected to a channel, if anything is (DS12288, pin definitions; RM0440 figures 82 to 86).
+    const fn signal(self, channel: u8) -> Option<Signal> {
+        match (self, channel) {
+            (Self::One | Self::Two, 1) => Some(Signal::Pin(Pin::new('A', 0))),
+            (Self::One | Self::Two, 2) => Some(Signal::Pin(Pin::new('A', 1))),
+            (Self::One, 16) | (Self::Five, 4) => Some(Signal::Temperature),
+            (Self::One | Self::Three | Self::Five, 17) => Some(Signal::Battery),
+            (Self::One | Self::Three | Self::Four | Self::Five, 18) => Some(Signal::InternalReference),
+            _ => None,
+        }
+    }
+}
+
+/// What a converter can look at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Signal {
+    /// A pin.
+    Pin(Pin),
+    /// The temperature sensor.
+    Temperature,
+    /// A third of the battery's voltage.
+    Battery,
+    /// The internal reference.
+    InternalReference,
+}
+
+impl Signal {
+    /// The bit of the common control register that connects an internal signal.
+    const fn switch(self) -> u32 {
+        match self {
+            Self::Pin(_) => 0,
+            Self::Temperature => ccr::VSENSESEL,
+            Self::Battery => ccr::VBATSEL,
+            Self::InternalReference => ccr::VREFEN,
+        }
+    }
+}
+
+/// Voltage of the temperature sensor \[V\].
+pub fn sensor_volts(temperature_c: f64) -> f64 {
+    SENSOR_30_V + (temperature_c - 30.0) * SENSOR_SLOPE_V
+}
+
+/// Voltage of the internal reference \[V\].
+pub const fn internal_reference_volts() -> f64 {
+    INTERNAL_REFERENCE_V
+}
+
+/// How good the conversions are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Quality {
+    /// White noise of a conversion, rms \[codes\].
+    pub noise_lsb: f64,
+    /// White noise of the reference, rms, as a part of it; the same for conversions held at the same moment.
+    pub reference_noise: f64,
+    /// Greatest deviation from a straight line, one period of a sine over the range \[codes\].
+    pub nonlinearity_lsb: f64,
+    /// Seed of the noise.
+    pub seed: u64,
+}
+
+impl Default for Quality {
+    /// 66 dB of signal to noise (DS12288, typical single-ended), 100 uV on the reference, a straight line.
+    fn default() -> Self {
+        Self { noise_lsb: 0.7, reference_noise: 3e-5, nonlinearity_lsb: 0.0, seed: 1 }
+    }
+}
+
+impl Quality {
+    /// Nothing but the steps.
+    pub const IDEAL: Self = Self { noise_lsb: 0.0, reference_noise: 0.0, nonlinearity_lsb: 0.0, seed: 0 };
+}
+
+/// The analogue side of all converters.
+#[derive(Clone, Debug)]
+struct Analogue {
+    quality: Quality,
+    /// One stream each, so that one converter's use leaves the others' noise as it was.
+    noise: [ChaCha8Rng; 5],
+    reference: ChaCha8Rng,
+    /// Moment of the last aperture and the reference's deviation then.
+    held: (Cycles, f64),
+}
+
+impl Analogue {
+    fn new(quality: Quality) -> Self {
+        let stream = |number| {
+            let mut rng = ChaCha8Rng::seed_from_u64(quality.seed);
+            rng.set_stream(number);
+            rng
+        };
+        Self { quality, noise: [0, 1, 2, 3, 4].map(stream), reference: stream(5), held: (0, 0.0) }
+    }
+
+    /// Code of a voltage that `unit` held at `aperture`: rounded, 0 to 4095.
+    fn code(&mut self, unit: Unit, aperture: Cycles, volts: f64) -> u16 {
+        let Quality { noise_lsb, reference_noise, nonlinearity_lsb, .. } = self.quality;
+        let normal = |sigma: f64, rng: &mut ChaCha8Rng| {
+            if sigma == 0.0 { 0.0 } else { sigma * <StandardNormal as Distribution<f64>>::sample(&StandardNormal, rng) }
+        };
+        if self.held.0 != aperture {
+            self.held = (aperture, normal(reference_noise, &mut self.reference));
+        }
+        let part = volts / (REFERENCE_V * (1.0 + self.held.1));
+        let bow = if nonlinearity_lsb == 0.0 { 0.0 } else { nonlinearity_lsb * (std::f64::consts::TAU * part).sin() };
+        let noise = self.noise.get_mut(unit.index()).map_or(0.0, |rng| normal(noise_lsb, rng));
+        // A conversion from float holds to the range of its type.
+        ((part * CODES + bow + noise).round() as u16).min(CODES as u16 - 1)
+    }
+}
+
+/// A conversion under way.
+#[derive(Clone, Copy, Debug)]
+struct Conversion {
+    rank: usize,
+    aperture: Cycles,
+    end: Cycles,
+}
+
+/// A channel of the sequence.
+#[derive(Clone, Copy, Debug, Default)]
+struct Rank {
+    channel: u8,
+    sampling_clocks: f64,
+}
+
+/// One converter.
+#[derive(Clone, Debug)]
+struct Converter {
+    isr: u32,
+    ier: u32,
+    cr: u32,
+    cfgr: u32,
+    dr: u16,
+    storage: Storage,
+    /// The sequence as it stood at the start.
+    sequence: [Rank; 16],
+    length: usize,
+    conversion: Option<Conversion>,
+    regulator_settled: Cycles,
+    calibration_end: Option<Cycles>,
+    enable_from: Cycles,
+    ready_at: Option<Cycles>,
+    /// One-shot DMA has had its last transfer.
+    dma_ended: bool,
+}
+
+impl Converter {
+    fn new() -> Self {
+        Self {
+            isr: 0,
+            ier: 0,
+            cr: cr::DEEPPWD,
+            cfgr: cfgr::JQDIS,
+            dr: 0,
+            storage: Storage::new(&STORAGE),
+            sequence: [Rank::default(); 16],
+            length: 1,
+            conversion: None,
+            regulator_settled: 0,
+            calibration_end: None,
+            enable_from: 0,
+            ready_at: None,
+            dma_ended: false,
+        }
+    }
+
+    fn reset(&mut self) {
+        let mut storage = self.storage.clone();
+        storage.reset();
+        *self = Self { storage, ..Self::new() };
+    }
+
+    fn is_started(&self) -> bool {
+        self.cr & cr::ADSTART != 0
+    }
+
+    /// EXTEN: 0 is by software.
+    fn edges(&self) -> u32 {
+        self.cfgr >> 10 & 3
+    }
+
+    fn advance(&mut self, now: Cycles) {
+        if self.calibration_end.is_some_and(|end| end <= now) {
+            self.calibration_end = None;
+            self.cr &= !cr::ADCAL;
+        }
+        if self.ready_at.is_some_and(|at| at <= now) {
+            self.ready_at = None;
+            self.isr |= isr::ADRDY;
+        }
+    }
+
+    fn dma_request(&self) -> bool {
+        self.isr & (isr::EOC | isr::OVR) == isr::EOC && self.cfgr & cfgr::DMAEN != 0 && !self.dma_ended
+    }
+
+    /// Reads the sequence and refuses what has no model.
+    fn load_sequence(&mut self) -> Result<(), Unknown> {
+        let no_model = |set: u32, what| if set != 0 { Err(Unknown { what }) } else { Ok(()) };
+        no_model(self.cfgr & cfgr::NOT_MODELLED, "ADC_CFGR: a mode without a model")?;
+        no_model(self.storage.get(offset::CFGR2), "ADC_CFGR2: oversampling has no model")?;
+        for ofr in (offset::OFR1..=offset::OFR4).step_by(4) {
+            no_model(self.storage.get(ofr) & 1 << 31, "ADC_OFR: offsets have no model")?;
+        }
+        let sqr: [u32; 4] = std::array::from_fn(|n| self.storage.get(offset::SQR1 + 4 * n as u32));
+        self.length = (sqr[0] & 0xF) as usize + 1;
+        let smpr = [self.storage.get(offset::SMPR1), self.storage.get(offset::SMPR2)];
+        let differential = self.storage.get(offset::DIFSEL);
+        for (rank, slot) in self.sequence.iter_mut().enumerate().take(self.length) {
+            // SQ1 takes the second place of the first register; five places of six bits in each.
+            let place = rank + 1;
+            let channel = (sqr[place / 5] >> (6 * (place % 5)) & 0x1F) as u8;
+            no_model(differential >> channel & 1, "ADC_DIFSEL: differential channels have no model")?;
+            let (register, within) = if channel < 10 { (0, channel) } else { (1, channel - 10) };
+            let number = (smpr[register] >> (3 * within) & 7) as usize;
+            *slot = Rank { channel, sampling_clocks: SAMPLING_CLOCKS[number] };
+        }
+        Ok(())
+    }
+}
+
+/// All converters: registers from 0x5000_0000 on.
+#[derive(Clone, Debug)]
+pub struct Adcs {
+    units: [Converter; 5],
+    /// Common control of ADC1 and 2, of ADC3 to 5.
+    common: [u32; 2],
+    hclk_hz: f64,
+    kernel_hz: f64,
+    analogue: Analogue,
+    /// When the next conversion ends.
+    due: Option<(Cycles, Unit)>,
+}
+
+impl Default for Adcs {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Adcs {
+    /// As after power-on.
+    pub fn new() -> Self {
+        Self {
+            units: std::array::from_fn(|_| Converter::new()),
+            common: [0; 2],
+            hclk_hz: Clocks::POWER_ON.hclk_hz,
+            kernel_hz: 0.0,
+            analogue: Analogue::new(Quality::default()),
+            due: None,
+        }
+    }
+
+    /// Makes conversions this good from now on; the noise begins anew.
+    pub fn set_quality(&mut self, quality: Quality) {
+        self.analogue = Analogue::new(quality);
+    }
+
+    /// How good conversions are.
+    pub fn quality(&self) -> &Quality {
+        &self.analogue.quality
+    }
+
+    fn unit(&self, unit: Unit) -> &Converter {
+        &self.units[unit.index()]
+    }
+
+    fn unit_mut(&mut self, unit: Unit) -> &mut Converter {
+        &mut self.units[unit.index()]
+    }
+
+    /// Cycles of the core per clock of the converters of a block, and the latency of a trigger in clocks.
+    fn timing(&self, common: usize) -> Result<(f64, f64), Unknown> {
+        let ccr = self.common[common];
+        let prescaler = match ccr >> 18 & 0xF {
+            0 => 1.0,
+            n @ 1..=6 => f64::from(2 * n),
+            n @ 7..=11 => f64::from(1 << (n - 3)),
+            _ => return Err(Unknown { what: "ADC_CCR.PRESC: reserved" }),
+        };
+        // Latencies of DS12288, tLATR.
+        let (cycles, latency) = match ccr >> 16 & 3 {
+            0 if self.kernel_hz > 0.0 => (self.hclk_hz / self.kernel_hz * prescaler, 2.0),
+            0 => return Err(Unknown { what: "the ADC has no clock: ADCxSEL in RCC_CCIPR, or CKMODE" }),
+            1 => (1.0, 2.0),
+            2 => (2.0, 2.25),
+            _ => (4.0, 2.125),
+        };
+        if self.hclk_hz / cycles > 60e6 {
+            return Err(Unknown { what: "the ADC's clock is above 60 MHz" });
+        }
+        Ok((cycles, latency))
+    }
+
+    fn clocks(&self, unit: Unit, clocks: f64) -> Result<Cycles, Unknown> {
+        Ok((clocks * self.timing(unit.common())?.0).round() as Cycles)
+    }
+
+    /// A trigger output rose at `now`: sequences that wait for it begin. One that is under way goes on.
+    pub fn trigger(&mut self, number: u32, now: Cycles) -> Result<(), Unknown> {
+        for unit in Unit::ALL {
+            let it = self.unit(unit);
+            let waits = it.is_started() && it.conversion.is_none();
+            // Rising edges are those of EXTEN 1 and 3.
+            if waits && it.edges() & 1 != 0 && it.cfgr >> 5 & 0x1F == number {
+                let latency = self.timing(unit.common())?.1;
+                self.begin(unit, 0, now, latency)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn begin(&mut self, unit: Unit, rank: usize, now: Cycles, latency: f64) -> Result<(), Unknown> {
+        let sampling = self.unit(unit).sequence.get(rank).map_or(0.0, |rank| rank.sampling_clocks);
+        let aperture = now + self.clocks(unit, latency + sampling)?;
+        let end = now + self.clocks(unit, latency + sampling + CONVERSION_CLOCKS)?;
+        self.unit_mut(unit).conversion = Some(Conversion { rank, aperture, end });
+        self.update_due();
+        Ok(())
+    }
+
+    fn update_due(&mut self) {
+        let ends = Unit::ALL.into_iter().filter_map(|unit| Some((self.unit(unit).conversion?.end, unit)));
+        self.due = ends.min_by_key(|(end, _)| *end);
+    }
+
+    /// When the next conversion ends and which converter's; it ends by [`finish`](Self::finish).
+    pub fn due(&self) -> Option<(Cycles, Unit)> {
+        self.due
+    }
+
+    /// When the conversion of `unit` that is under way ends.
+    pub fn due_of(&self, unit: Unit) -> Option<Cycles> {
+        self.unit(unit).conversion.map(|conversion| conversion.end)
+    }
+
+    /// Whether a trigger gives one result: a sequence of one channel, not repeated.
+    pub fn is_single(&self, unit: Unit) -> bool {
+        let it = self.unit(unit);
+        it.length == 1 && it.cfgr & cfgr::CONT == 0
+    }
+
+    /// What the conversion of `unit` that is under way looks at, and when it holds the voltage.
+    pub fn looks_at(&self, unit: Unit) -> Result<(Signal, Cycles), Unknown> {
+        let it = self.unit(unit);
+        let conversion = it.conversion.ok_or(Unknown { what: "no conversion is under way" })?;
+        let channel = it.sequence.get(conversion.rank).map_or(0, |rank| rank.channel);
+        let signal = unit.signal(channel).ok_or(Unknown { what: "an ADC channel to which nothing is connected" })?;
+        let switch = signal.switch();
+        if self.common[unit.common()] & switch != switch {
+            return Err(Unknown { what: "an internal ADC channel that ADC_CCR does not connect" });
+        }
+        Ok((signal, conversion.aperture))
+    }
+
+    /// Ends the conversion of `unit` that is under way, which held `volts`.
+    pub fn finish(&mut self, unit: Unit, volts: f64) -> Result<(), Unknown> {
+        let Some(Conversion { rank, aperture, end }) = self.unit_mut(unit).conversion.take() else { return Ok(()) };
+        let code = self.analogue.code(unit, aperture, volts);
+        let it = self.unit_mut(unit);
+        let overrun = it.isr & isr::EOC != 0;
+        if !overrun || it.cfgr & cfgr::OVRMOD != 0 {
+            it.dr = code;
+        }
+        it.isr |= isr::EOSMP | isr::EOC | if overrun { isr::OVR } else { 0 };
+        let last = rank + 1 == it.length;
+        if last {
+            it.isr |= isr::EOS;
+        }
+        if !last {
+            return self.begin(unit, rank + 1, end, 0.0);
+        } else if it.cfgr & cfgr::CONT != 0 {
+            return self.begin(unit, 0, end, 0.0);
+        } else if it.edges() == 0 {
+            it.cr &= !cr::ADSTART;
+        }
+        self.update_due();
+        Ok(())
+    }
+
+    /// Whether the converter asks for DMA.
+    pub fn dma_request(&self, unit: Unit) -> bool {
+        self.unit(unit).dma_request()
+    }
+
+    /// DMA has had the last transfer of a lap.
+    pub fn dma_end(&mut self, unit: Unit) {
+        let it = self.unit_mut(unit);
+        it.dma_ended |= it.cfgr & cfgr::DMACFG == 0;
+    }
+
+    /// Whether the converter has a result that may raise an interrupt: then each conversion is an event of its own.
+    pub fn interrupts_each(&self, unit: Unit) -> bool {
+        self.unit(unit).ier & !isr::ADRDY != 0
+    }
+
+    /// Level of the interrupt line that `unit` drives; ADC1 and ADC2 share one.
+    pub fn irq(&self, unit: Unit) -> bool {
+        let it = self.unit(unit);
+        it.isr & it.ier != 0
+    }
+
+    fn write_control(&mut self, unit: Unit, value: u32, now: Cycles) -> Result<(), Unknown> {
+        let refuse = |what| Err(Unknown { what });
+        let settle = (REGULATOR_S * self.hclk_hz).round() as Cycles;
+        let it = self.unit_mut(unit);
+        // Plain bits.
+        if value & cr::ADVREGEN != 0 && it.cr & cr::ADVREGEN == 0 {
+            if value & cr::DEEPPWD != 0 {
+                return refuse("ADC_CR: ADVREGEN set in deep power-down");
+            }
+            it.regulator_settled = now + settle;
+        }
+        let plain = cr::ADVREGEN | cr::DEEPPWD | cr::ADCALDIF;
+        it.cr = it.cr & !plain | value & plain;
+
+        // Bits that are set by software and cleared by hardware: those that rise.
+        let rising = value & !it.cr & !plain;
+        if rising & (cr::JADSTART | cr::JADSTP) != 0 {
+            return refuse("ADC_CR: injected conversions have no model");
+        }
+        let powered = it.cr & (cr::ADVREGEN | cr::DEEPPWD) == cr::ADVREGEN;
+        if rising & (cr::ADCAL | cr::ADEN) != 0 && (!powered || now < it.regulator_settled) {
+            return refuse("ADC_CR: ADCAL or ADEN before the regulator has settled for 20 us");
+        }
+        if rising & cr::ADCAL != 0 {
+            if it.cr & cr::ADEN != 0 {
+                return refuse("ADC_CR: ADCAL while the ADC is enabled");
+            }
+            let end = now + self.clocks(unit, CALIBRATION_CLOCKS)?;
+            let free = end + self.clocks(unit, AFTER_CALIBRATION_CLOCKS)?;
+            let it = self.unit_mut(unit);
+            it.cr |= cr::ADCAL;
+            (it.calibration_end, it.enable_from) = (Some(end), free);
+        }
+        let it = self.unit(unit);
+        // Within four clocks of a calibration the bit does not take.
+        if rising & cr::ADEN != 0 && it.cr & cr::ADCAL == 0 && now >= it.enable_from {
+            let ready = now + self.clocks(unit, READY_CLOCKS)?;
+            let it = self.unit_mut(unit);
+            it.cr |= cr::ADEN;
+            it.ready_at = Some(ready);
+        }
+        let it = self.unit_mut(unit);
+        if rising & cr::ADSTP != 0 && it.is_started() {
+            it.cr &= !cr::ADSTART;
+            it.conversion = None;
+            self.update_due();
+        }
+        let it = self.unit_mut(unit);
+        if rising & cr::ADDIS != 0 && it.cr & cr::ADEN != 0 {
+            if it.is_started() {
+                return refuse("ADC_CR: ADDIS while a conversion is started");
+            }
+            it.cr &= !cr::ADEN;
+            it.isr &= !isr::ADRDY;
+            it.ready_at = None;
+        }
+        if rising & cr::ADSTART != 0 {
+            if it.cr & cr::ADEN == 0 || it.isr & isr::ADRDY == 0 {
+                return refuse("ADC_CR: ADSTART before the ADC is ready");
+            }
+            it.cr |= cr::ADSTART;
+            it.load_sequence()?;
+            if it.edges() == 0 {
+                self.begin(unit, 0, now, 0.0)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn write_unit(&mut self, unit: Unit, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+        let it = self.unit_mut(unit);
+        it.advance(now);
+        if offset & !3 > offset::CR && width != Width::Word {
+            return Err(Unknown::WIDTH);
+        }
+        match offset & !3 {
+            offset::ISR => it.isr &= !(width.replace(0, offset, value) & isr::ALL),
+            offset::IER => it.ier = width.replace(it.ier, offset, value) & isr::ALL,
+            offset::CR if width != Width::Word => return Err(Unknown::WIDTH),
+            offset::CR => return self.write_control(unit, value, now),
+            offset::CFGR => {
+                if it.is_started() && it.cfgr != value {
+                    return Err(Unknown { what: "ADC_CFGR changed while conversions are started" });
+                }
+                if value & cfgr::DMAEN == 0 || it.cfgr & cfgr::DMAEN == 0 {
+                    it.dma_ended = false;
+                }
+                it.cfgr = value;
+            }
+            storage => {
+                if !STORAGE.iter().any(|(offset, ..)| *offset == storage) {
+                    return Err(Unknown::REGISTER);
+                }
+                let before = it.storage.get(storage);
+                let fixed = match storage {
+                    offset::DIFSEL => it.cr & cr::ADEN != 0,
+                    offset::CFGR2 | offset::SMPR1 | offset::SMPR2 | offset::SQR1..=offset::SQR4 => it.is_started(),
+                    offset::OFR1..=offset::OFR4 => it.is_started(),
+                    _ => false,
+                };
+                it.storage.write(offset, value, width)?;
+                if fixed && it.storage.get(storage) != before {
+                    return Err(Unknown { what: "an ADC register changed while the converter is in use" });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn read_unit(&mut self, unit: Unit, offset: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
+        let it = self.unit_mut(unit);
+        it.advance(now);
+        let word = match offset & !3 {
+            offset::ISR => it.isr,
+            offset::IER => it.ier,
+            offset::CR => it.cr,
+            offset::CFGR => it.cfgr,
+            offset::DR => {
+                it.isr &= !isr::EOC;
+                u32::from(it.dr)
+            }
+            offset::JDR1..=offset::JDR4 => 0,
+            _ => return it.storage.read(offset, width),
+        };
+        Ok(width.part(word, offset))
+    }
+
+    /// The converter, or the common block, that a place belongs to, and the offset within it.
+    fn place(offset: u32) -> Option<(Place, u32)> {
+        let of_unit = |unit: Unit| offset.checked_sub(unit.bases().0).filter(|within| *within < 0x100);
+        let of_common = |base: u32| offset.checked_sub(base).filter(|within| *within < 0x100);
+        Unit::ALL
+            .into_iter()
+            .find_map(|unit| of_unit(unit).map(|within| (Place::Unit(unit), within)))
+            .or_else(|| of_common(0x300).map(|within| (Place::Common(0), within)))
+            .or_else(|| of_common(0x700).map(|within| (Place::Common(1), within)))
+    }
+
+    fn units_of(common: usize) -> impl Iterator<Item = Unit> {
+        Unit::ALL.into_iter().filter(move |unit| unit.common() == common)
+    }
+
+    fn read_common(&mut self, common: usize, offset: u32) -> Result<u32, Unknown> {
+        match offset {
+            // Flags of the first two (or master and slave) of the block.
+            0x00 => {
+                Ok(Self::units_of(common).take(2).enumerate().map(|(n, unit)| self.unit(unit).isr << (16 * n)).sum())
+            }
+            0x08 => Ok(self.common[common]),
+            _ => Err(Unknown::REGISTER),
+        }
+    }
+
+    fn write_common(&mut self, common: usize, offset: u32, value: u32) -> Result<(), Unknown> {
+        let value = value & ccr::ALL;
+        if offset != 0x08 {
+            return Err(Unknown::REGISTER);
+        }
+        if value & ccr::DUAL != 0 {
+            return Err(Unknown { what: "ADC_CCR.DUAL: only independent mode has a model" });
+        }
+        let changed = self.common[common] ^ value;
+        let switches = ccr::VREFEN | ccr::VSENSESEL | ccr::VBATSEL;
+        if changed & !switches != 0 && Self::units_of(common).any(|unit| self.unit(unit).cr & cr::ADEN != 0) {
+            return Err(Unknown { what: "ADC_CCR changed while an ADC of the block is enabled" });
+        }
+        if changed != 0 && Self::units_of(common).any(|unit| self.unit(unit).is_started()) {
+            return Err(Unknown { what: "ADC_CCR changed while conversions are started" });
+        }
+        self.common[common] = value;
+        Ok(())
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Place {
+    Unit(Unit),
+    Common(usize),
+}
+
+impl Registers for Adcs {
+    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
+        match Self::place(offset) {
+            Some((Place::Unit(unit), within)) => self.read_unit(unit, within, width, now),
+            Some((Place::Common(common), within)) => Ok(width.part(self.read_common(common, within & !3)?, within)),
+            None => Err(Unknown::REGISTER),
+        }
+    }
+
+    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+        match Self::place(offset) {
+            Some((Place::Unit(unit), within)) => self.write_unit(unit, within, value, width, now),
+            Some((Place::Common(_), _)) if width != Width::Word => Err(Unknown::WIDTH),
+            Some((Place::Common(common), within)) => self.write_common(common, within, value),
+            None => Err(Unknown::REGISTER),
+        }
+    }
+
+    /// The ready flags; conversions end by [`finish`](Adcs::finish).
+    fn next_event(&self) -> Option<Cycles> {
+        let ready = |it: &Converter| it.ready_at.filter(|_| it.ier & isr::ADRDY != 0);
+        let each = self.due.filter(|(_, unit)| self.interrupts_each(*unit)).map(|(end, _)| end);
+        self.units.iter().filter_map(ready).chain(each).min()
+    }
+
+    fn advance(&mut self, now: Cycles) {
+        self.units.iter_mut().for_each(|it| it.advance(now));
+    }
+
+    fn reset(&mut self, _: Cycles) {
+        self.units.iter_mut().for_each(Converter::reset);
+        self.common = [0; 2];
+        self.due = None;
+    }
+
+    fn set_clocks(&mut self, clocks: &Clocks) {
+        (self.hclk_hz, self.kernel_hz) = (clocks.hclk_hz, clocks.adc12_hz);
+    }
+
+    fn unwritten_reads(&self) -> Vec<u32> {
+        let of = |unit: Unit| {
+            self.unit(unit).storage.unwritten_reads().into_iter().map(move |offset| unit.bases().0 + offset)
+        };
+        Unit::ALL.into_iter().flat_map(of).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HCLK_HZ: f64 = 168e6;
+    const ISR: u32 = 0x00;
+    const IER: u32 = 0x04;
+    const CR: u32 = 0x08;
+    const CFGR: u32 = 0x0C;
+    const CCR12: u32 = 0x308;
+    const CKMODE_4: u32 = 3 << 16;
+    /// 20 us.
+    const SETTLED: Cycles = 3360;
+
+    fn write(adc: &mut Adcs, offset: u32, value: u32, now: Cycles) {
+        adc.write(offset, value, Width::Word, now).unwrap();
+    }
+
+    fn read(adc: &mut Adcs, offset: u32, now: Cycles) -> u32 {
+        adc.read(offset, Width::Word, now).unwrap()
+    }
+
+    fn powered() -> Adcs {
+        let mut adc = Adcs::new();
+        adc.set_clocks(&Clocks { hclk_hz: HCLK_HZ, ..Clocks::POWER_ON });
+        adc.set_quality(Quality::IDEAL);
+        write(&mut adc, CCR12, CKMODE_4, 0);
+        write(&mut adc, CR, 0, 0);
+        write(&mut adc, CR, cr::ADVREGEN, 0);
+        adc
+    }
+
+    /// ADC1 ready at time 10000, one channel, 24.5 clocks of sampling.
+    fn ready(cfgr: u32) -> Adcs {
+        let mut adc = powered();
+        write(&mut adc, CR, cr::ADVREGEN | cr::ADEN, SETTLED);
+        write(&mut adc, offset::SMPR1, 3 << 3 | 4 << 6, SETTLED);
+        write(&mut adc, offset::SQR1, 1 << 6, SETTLED);
+        write(&mut adc, CFGR, cfgr, SETTLED);
+        assert_eq!(read(&mut adc, ISR, 10_000), isr::ADRDY);
+        adc
+    }
+
+    fn start(adc: &mut Adcs, now: Cycles) {
+        write(adc, CR, cr::ADVREGEN | cr::ADEN | cr::ADSTART, now);
+    }
+
+    /// EXTEN rising, EXTSEL TIM6.
+    const TRIGGERED: u32 = 1 << 10 | TRIGGER_TIM6 << 5;
+
+    #[test]
+    fn it_comes_up_in_the_manuals_order_only() {
+        let mut adc = Adcs::new();
+        assert_eq!(read(&mut adc, CR, 0), cr::DEEPPWD);
+        assert!(adc.write(CR, cr::ADVREGEN | cr::DEEPPWD, Width::Word, 0).is_err());
+        for early in [cr::ADCAL, cr::ADEN] {
+            let refused = |now| powered().write(CR, cr::ADVREGEN | early, Width::Word, now).is_err();
+            assert!(refused(SETTLED - 1) && !refused(SETTLED), "{early:#x}");
+        }
+        let mut adc = powered();
+        write(&mut adc, CR, cr::ADVREGEN | cr::ADCAL, SETTLED);
+        let end = SETTLED + 116 * 4;
+        assert_ne!(read(&mut adc, CR, end - 1) & cr::ADCAL, 0);
+        assert_eq!(read(&mut adc, CR, end) & cr::ADCAL, 0);
+        // Four clocks more in which ADEN does not take.
+        write(&mut adc, CR, cr::ADVREGEN | cr::ADEN, end + 15);
+        assert_eq!(read(&mut adc, CR, end + 15) & cr::ADEN, 0);
+        write(&mut adc, CR, cr::ADVREGEN | cr::ADEN, end + 16);
+        assert_eq!(read(&mut adc, ISR, end + 16 + 59), 0);
+        assert_eq!(read(&mut adc, ISR, end + 16 + 60), isr::ADRDY);
+        assert!(adc.write(CR, cr::ADVREGEN | cr::ADCAL, Width::Word, end + 100).is_err());
+        assert!(ready(0).write(CR, cr::JADSTART | cr::ADVREGEN, Width::Word, 10_000).is_err());
+    }
+
+    #[test]
+    fn without_a_clock_or_with_a_fast_one_it_refuses() {
+        let mut adc = powered();
+        write(&mut adc, CCR12, 0, 0);
+        assert!(adc.write(CR, cr::ADVREGEN | cr::ADCAL, Width::Word, SETTLED).is_err());
+        write(&mut adc, CCR12, 2 << 16, 0);
+        assert!(adc.write(CR, cr::ADVREGEN | cr::ADCAL, Width::Word, SETTLED).is_err());
+        // The kernel's clock divided by four (PRESC 2) is as good as HCLK divided by four.
+        write(&mut adc, CCR12, 2 << 18, 0);
+        adc.set_clocks(&Clocks { hclk_hz: HCLK_HZ, adc12_hz: HCLK_HZ, ..Clocks::POWER_ON });
+        assert_eq!(adc.clocks(Unit::One, 10.0), Ok(40));
+    }
+
+    #[test]
+    fn a_trigger_starts_a_conversion_whose_aperture_is_after_latency_and_sampling() {
+        let mut adc = ready(TRIGGERED);
+        adc.trigger(TRIGGER_TIM6, 20_000).unwrap();
+        assert_eq!(adc.due(), None, "not started");
+        start(&mut adc, 20_000);
+        adc.trigger(TRIGGER_TIM6 + 1, 21_000).unwrap();
+        assert_eq!(adc.due(), None, "another trigger");
+        adc.trigger(TRIGGER_TIM6, 30_000).unwrap();
+        // (2.125 + 24.5) clocks of four cycles, 12.5 more to the end.
+        assert_eq!(adc.looks_at(Unit::One), Ok((Signal::Pin(Pin::new('A', 0)), 30_000 + 107)));
+        assert_eq!(adc.due(), Some((30_000 + 157, Unit::One)));
+        adc.trigger(TRIGGER_TIM6, 30_050).unwrap();
+        assert_eq!(adc.due(), Some((30_000 + 157, Unit::One)), "one at a time");
+        adc.finish(Unit::One, 1.65).unwrap();
+        assert_eq!(read(&mut adc, ISR, 30_157), isr::ADRDY | isr::EOSMP | isr::EOC | isr::EOS);
+        assert_eq!(adc.read(offset::DR, Width::Half, 30_157), Ok(2048));
+        assert_eq!(read(&mut adc, ISR, 30_157) & isr::EOC, 0);
+        assert_ne!(read(&mut adc, CR, 30_157) & cr::ADSTART, 0, "waits for the next trigger");
+    }
+
+    #[test]
+    fn a_software_start_runs_the_sequence_once() {
+        let mut adc = ready(0);
+        write(&mut adc, offset::SQR1, 1 | 1 << 6 | 2 << 12, 10_000);
+        start(&mut adc, 20_000);
+        assert_eq!(adc.due(), Some((20_000 + 37 * 4, Unit::One)));
+        adc.finish(Unit::One, 0.1).unwrap();
+        assert_eq!(read(&mut adc, ISR, 20_148) & (isr::EOC | isr::EOS), isr::EOC);
+        assert_eq!(adc.looks_at(Unit::One).unwrap().0, Signal::Pin(Pin::new('A', 1)));
+        read(&mut adc, offset::DR, 20_148);
+        adc.finish(Unit::One, 0.2).unwrap();
+        assert_eq!(read(&mut adc, ISR, 20_400) & (isr::EOC | isr::EOS | isr::OVR), isr::EOC | isr::EOS);
+        assert_eq!((adc.due(), read(&mut adc, CR, 20_400) & cr::ADSTART), (None, 0));
+    }
+
+    #[test]
+    fn codes_are_rounded_and_held_to_the_range() {
+        let mut analogue = Analogue::new(Quality::IDEAL);
+        let lsb = REFERENCE_V / CODES;
+        let mut code = |volts| analogue.code(Unit::One, 1, volts);
+        assert_eq!([code(-0.1), code(0.0), code(0.49 * lsb), code(0.51 * lsb)], [0, 0, 0, 1]);
+        assert_eq!([code(1.65), code(4094.6 * lsb), code(3.3), code(5.0), code(f64::NAN)], [2048, 4095, 4095, 4095, 0]);
+    }
+
+    #[test]
+    fn noise_is_as_told_repeats_and_the_references_is_common() {
+        let run = |quality: Quality, volts: f64| {
+            let mut analogue = Analogue::new(quality);
+            let both =
+                |n: u64| (f64::from(analogue.code(Unit::One, n, volts)), f64::from(analogue.code(Unit::Two, n, volts)));
+            (1..=40_000).map(both).collect::<Vec<_>>()
+        };
+        let deviation = |codes: &mut dyn Iterator<Item = f64>| {
+            let codes: Vec<f64> = codes.collect();
+            let mean = codes.iter().sum::<f64>() / codes.len() as f64;
+            (codes.iter().map(|code| (code - mean).powi(2)).sum::<f64>() / codes.len() as f64).sqrt()
+        };
+        let white = Quality { noise_lsb: 2.0, reference_noise: 0.0, nonlinearity_lsb: 0.0, seed: 3 };
+        let codes = run(white, 1.65);
+        // Two codes and the step's own 1/sqrt(12).
+        let expected = (4.0f64 + 1.0 / 12.0).sqrt();
+        assert!((deviation(&mut codes.iter().map(|it| it.0)) / expected - 1.0).abs() < 0.02);
+        let root_two = expected * 2.0f64.sqrt();
+        assert!((deviation(&mut codes.iter().map(|it| it.0 - it.1)) / root_two - 1.0).abs() < 0.02);
+        assert_eq!(codes, run(white, 1.65));
+        assert_ne!(codes, run(Quality { seed: 4, ..white }, 1.65));
+        // 1e-3 of 3 V are 3.7 codes, the same in both converters.
+        let codes = run(Quality { reference_noise: 1e-3, ..Quality::IDEAL }, 3.0);
+        assert!((deviation(&mut codes.iter().map(|it| it.0)) / 3.72 - 1.0).abs() < 0.03);
+        assert_eq!(deviation(&mut codes.iter().map(|it| it.0 - it.1)), 0.0);
+    }
+
+    #[test]
+    fn nonlinearity_bows_the_line() {
+        let bowed = Quality { nonlinearity_lsb: 3.0, ..Quality::IDEAL };
+        let mut analogue = Analogue::new(bowed);
+        let mut off = |part: f64| f64::from(analogue.code(Unit::One, 1, part * REFERENCE_V)) - part * CODES;
+        assert_eq!([off(0.25), off(0.5), off(0.75)], [3.0, 0.0, -3.0]);
+    }
+
+    #[test]
+    fn results_that_nobody_takes_are_an_overrun_and_end_dma() {
+        for (mode, kept) in [(0, 100), (cfgr::OVRMOD, 200)] {
+            let mut adc = ready(TRIGGERED | cfgr::DMAEN | cfgr::DMACFG | mode);
+            start(&mut adc, 10_000);
+            for (n, code) in [100.0, 200.0].into_iter().enumerate() {
+                adc.trigger(TRIGGER_TIM6, 20_000 + 2625 * n as u64).unwrap();
+                assert_eq!(adc.dma_request(Unit::One), n == 1);
+                adc.finish(Unit::One, code / CODES * REFERENCE_V).unwrap();
+            }
+            assert_ne!(read(&mut adc, ISR, 30_000) & isr::OVR, 0);
+            assert!(!adc.dma_request(Unit::One));
+            write(&mut adc, ISR, isr::OVR, 30_000);
+            assert!(adc.dma_request(Unit::One));
+            assert_eq!(read(&mut adc, offset::DR, 30_000), kept);
+            assert!(!adc.dma_request(Unit::One));
+        }
+    }
+
+    #[test]
+    fn one_shot_dma_ends_with_the_last_transfer() {
+        for (mode, goes_on) in [(0, false), (cfgr::DMACFG, true)] {
+            let mut adc = ready(TRIGGERED | cfgr::DMAEN | mode);
+            start(&mut adc, 10_000);
+            adc.dma_end(Unit::One);
+            adc.trigger(TRIGGER_TIM6, 20_000).unwrap();
+            adc.finish(Unit::One, 1.0).unwrap();
+            assert_eq!(adc.dma_request(Unit::One), goes_on);
+        }
+    }
+
+    #[test]
+    fn a_stop_ends_the_conversion_under_way() {
+        let mut adc = ready(TRIGGERED);
+        start(&mut adc, 10_000);
+        adc.trigger(TRIGGER_TIM6, 20_000).unwrap();
+        assert!(adc.write(CR, cr::ADVREGEN | cr::ADDIS, Width::Word, 20_010).is_err());
+        write(&mut adc, CR, cr::ADVREGEN | cr::ADSTP, 20_010);
+        assert_eq!((adc.due(), read(&mut adc, CR, 20_010) & cr::ADSTART), (None, 0));
+        write(&mut adc, CR, cr::ADVREGEN | cr::ADDIS, 20_020);
+        assert_eq!(read(&mut adc, CR, 20_020), cr::ADVREGEN);
+        assert_eq!(read(&mut adc, ISR, 20_020) & isr::ADRDY, 0);
+    }
+
+    #[test]
+    fn what_runs_may_not_be_changed() {
+        let mut adc = ready(TRIGGERED);
+        start(&mut adc, 10_000);
+        write(&mut adc, CFGR, TRIGGERED, 10_000);
+        write(&mut adc, offset::SQR1, 1 << 6, 10_000);
+        for (offset, value) in
+            [(CFGR, 0), (offset::SQR1, 2 << 6), (offset::SMPR1, 0), (CCR12, 2 << 16), (offset::DIFSEL, 2)]
+        {
+            assert!(adc.write(offset, value, Width::Word, 10_000).is_err(), "{offset:#x}");
+        }
+    }
+
+    #[test]
+    fn modes_without_a_model_are_refused_at_the_start() {
+        let refused = |cfgr: u32, offset: u32, value: u32| {
+            let mut adc = ready(cfgr);
+            write(&mut adc, CR, cr::ADVREGEN | cr::ADDIS, 10_000);
+            write(&mut adc, offset, value, 10_000);
+            write(&mut adc, CR, cr::ADVREGEN | cr::ADEN, 10_000);
+            adc.write(CR, cr::ADVREGEN | cr::ADEN | cr::ADSTART, Width::Word, 20_000).is_err()
+        };
+        let nothing = offset::SMPR2;
+        assert!(!refused(0, nothing, 0));
+        assert!(refused(1 << 3, nothing, 0) && refused(1 << 14, nothing, 0));
+        assert!(refused(0, offset::CFGR2, 1) && refused(0, offset::OFR1, 1 << 31) && refused(0, offset::DIFSEL, 2));
+        assert!(powered().write(CCR12, 6, Width::Word, 0).is_err());
+    }
+
+    #[test]
+    fn channels_without_a_signal_are_refused() {
+        let look = |sqr1: u32, ccr12: u32| {
+            let mut adc = ready(0);
+            write(&mut adc, CCR12, CKMODE_4 | ccr12, 10_000);
+            write(&mut adc, offset::SQR1, sqr1, 10_000);
+            start(&mut adc, 10_000);
+            adc.looks_at(Unit::One).map(|(signal, _)| signal)
+        };
+        assert_eq!(look(2 << 6, 0), Ok(Signal::Pin(Pin::new('A', 1))));
+        assert!(look(5 << 6, 0).is_err());
+        assert!(look(16 << 6, 0).is_err());
+        assert_eq!(look(16 << 6, ccr::VSENSESEL), Ok(Signal::Temperature));
+    }
+
+    #[test]
+    fn interrupts_follow_flags_and_enables() {
+        let mut adc = ready(0);
+        assert!(!adc.irq(Unit::One));
+        write(&mut adc, IER, isr::EOC, 10_000);
+        start(&mut adc, 10_000);
+        assert_eq!(adc.next_event(), Some(10_148));
+        adc.finish(Unit::One, 1.0).unwrap();
+        assert!(adc.irq(Unit::One));
+        write(&mut adc, ISR, isr::EOC, 10_200);
+        assert!(!adc.irq(Unit::One));
+    }
+
+    #[test]
+    fn calibration_words_agree_with_the_sensor() {
+        assert_eq!((TS_CAL1, TS_CAL2, VREFINT_CAL), (1038, 1379, 1655));
+        let code = sensor_volts(80.0) / REFERENCE_V * CODES;
+        // The program's own formula: scaled to 3.0 V, between the two points.
+        let scaled = code * REFERENCE_V / 3.0;
+        let celsius = 30.0 + 100.0 * (scaled - f64::from(TS_CAL1)) / f64::from(TS_CAL2 - TS_CAL1);
+        assert!((celsius - 80.0).abs() < 0.3, "{celsius}");
+    }
+
+    #[test]
+    fn places_and_resets() {
+        let mut adc = ready(0);
+        assert!(adc.read(0x200, Width::Word, 0).is_err());
+        assert!(adc.read(0x44, Width::Word, 0).is_err());
+        assert_eq!(read(&mut adc, 0x600 + CR, 0), cr::DEEPPWD);
+        assert_eq!(read(&mut adc, 0x300, 0), isr::ADRDY);
+        adc.reset(0);
+        assert_eq!((read(&mut adc, CR, 0), read(&mut adc, CCR12, 0)), (cr::DEEPPWD, 0));
+    }
+}

@@ -1,0 +1,432 @@
+//! The digital front end on SPI2: the chip's registers and frames by the driver crate's own mock, its modulators and filter by us.
+//!
+//! A conversion is what the filter makes of the voltages before it: sinc3 of N modulator samples, then the mean of M of its
+//! outputs (SBAS890, "SINC3 and SINC3 + SINC1 Filter"). The filter is computed on a grid of N/16 modulator samples; what
+//! that leaves out, three boxes of one step of the grid, is their delay, which is put in, and a droop of 1e-7 at 50 Hz.
+//! A modulator sample stands for the middle of its period, so a conversion lags by half a period less than `3 N / 2`
+//! periods for each box, plus that half: [`Filter::delay_clkin`].
+//!
+//! Channel 0 is the bridge, 1 its excitation, 2 the terminal displacement, 3 open.
+//!
+//! Wires: CS PB12, SYNC/RESET PB11, DRDY PB10, CLKIN PA8 from channel 1 of TIM1. Without CLKIN nothing is converted and no reset
+//! takes; a CLKIN that changes begins the conversion anew.
+
+use std::collections::VecDeque;
+
+use ads131m04::mock;
+use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+use rand_distr::{Distribution, StandardNormal};
+
+use super::Pin;
+use crate::{Cycles, Unknown, World};
+
+/// Select, active low.
+pub const CS: Pin = Pin::new('B', 12);
+/// Data ready, active low.
+pub const DRDY: Pin = Pin::new('B', 10);
+/// Reset, active low.
+pub const RESET: Pin = Pin::new('B', 11);
+/// Clock.
+pub const CLKIN: Pin = Pin::new('A', 8);
+
+/// Greatest clock rate of the bus \[Hz\] (SBAS890, timing requirements, 2.7 to 3.6 V).
+const GREATEST_RATE_HZ: f64 = 25e6;
+/// Least and greatest CLKIN in high-resolution mode \[Hz\] (SBAS890, recommended operating conditions).
+const CLKIN_HZ: std::ops::RangeInclusive<f64> = 0.3e6..=8.4e6;
+/// Steps of the grid in a sinc3's length.
+const GRID: u32 = 16;
+/// CLKIN periods per modulator sample.
+const CLKIN_PER_SAMPLE: u32 = 2;
+const CHANNELS: usize = 4;
+/// Address of CLOCK, whose writing restarts the conversion.
+const CLOCK: u8 = 0x03;
+
+/// Decimation filter on a grid.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Filter {
+    /// Weight of each step, the latest first; their sum is 1.
+    weights: Vec<f64>,
+    /// Modulator samples of a step.
+    step_samples: u32,
+    period_clkin: u32,
+}
+
+impl Filter {
+    /// Of N and M.
+    pub fn new((n, m): (u32, u32)) -> Self {
+        let convolve = |a: &[f64], b: &[f64]| {
+            let mut sum = vec![0.0; a.len() + b.len() - 1];
+            for (i, x) in a.iter().enumerate() {
+                for (j, y) in b.iter().enumerate() {
+                    sum[i + j] += x * y;
+                }
+            }
+            sum
+        };
+        let grid = GRID as usize;
+        let once = vec![1.0 / f64::from(GRID); grid];
+        let mut mean = vec![0.0; (m as usize - 1) * grid + 1];
+        mean.iter_mut().step_by(grid).for_each(|weight| *weight = 1.0 / f64::from(m));
+        let weights = convolve(&convolve(&convolve(&once, &once), &once), &mean);
+        Self { weights, step_samples: n / GRID, period_clkin: CLKIN_PER_SAMPLE * n * m }
+    }
+
+    /// CLKIN periods from the middle of the latest step to the conversion.
+    fn latest_clkin(&self) -> u32 {
+        // Three boxes of `step_samples`, and half a sample: 3 (c - 1) / 2 + 1/2 samples of two periods.
+        3 * (self.step_samples - 1) + 1
+    }
+
+    /// Group delay \[CLKIN periods\].
+    pub fn delay_clkin(&self) -> f64 {
+        let step = f64::from(CLKIN_PER_SAMPLE * self.step_samples);
+        f64::from(self.latest_clkin()) + 0.5 * (self.weights.len() - 1) as f64 * step
+    }
+
+    /// CLKIN periods from one conversion to the next.
+    pub fn period_clkin(&self) -> u32 {
+        self.period_clkin
+    }
+
+    fn steps_per_conversion(&self) -> u32 {
+        self.period_clkin / (CLKIN_PER_SAMPLE * self.step_samples)
+    }
+}
+
+/// What the chip sees at its pins.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Inputs {
+    /// Level of CS.
+    pub cs: bool,
+    /// Level of SYNC/RESET.
+    pub reset: bool,
+    /// Cycles of the core per period of CLKIN, while that runs (168 MHz: 21 for 8 MHz).
+    pub clkin_cycles: Option<Cycles>,
+}
+
+/// The clock at CLKIN.
+#[derive(Clone, Copy, Debug, Default)]
+struct Clkin {
+    cycles: Option<Cycles>,
+    /// Periods that had passed when it last changed, and when that was.
+    periods: u64,
+    since: Cycles,
+}
+
+impl Clkin {
+    fn periods(&self, now: Cycles) -> u64 {
+        self.periods + self.cycles.map_or(0, |cycles| (now - self.since) / cycles)
+    }
+}
+
+/// The chip with what drives its inputs.
+#[derive(Clone, Debug)]
+pub struct Ads131m04 {
+    /// Registers, frames, buffer; public for a test that wants to disturb them.
+    pub chip: mock::Chip,
+    clkin: Clkin,
+    filter: Filter,
+    /// Voltages of the channels on the grid, the latest first.
+    history: VecDeque<[f64; CHANNELS]>,
+    /// When the next conversion is done.
+    next: Option<Cycles>,
+    selected: bool,
+    in_reset: bool,
+    noise: [f64; CHANNELS],
+    rng: ChaCha8Rng,
+}
+
+impl Ads131m04 {
+    /// Just powered. `noise_v` is the rms of one conversion of each channel \[V\], `seed` its seed.
+    pub fn new(noise_v: [f64; CHANNELS], seed: u64) -> Self {
+        let chip = mock::Chip::new();
+        let filter = Filter::new(chip.osr().stages());
+        Self {
+            chip,
+            clkin: Clkin::default(),
+            filter,
+            history: VecDeque::new(),
+            next: None,
+            selected: false,
+            in_reset: false,
+            noise: noise_v,
+            rng: ChaCha8Rng::seed_from_u64(seed),
+        }
+    }
+
+    /// Its supply fails and returns at `now`.
+    pub fn power_cycle(&mut self, now: Cycles) {
+        self.chip.power_cycle();
+        self.selected = false;
+        self.restart(now);
+    }
+
+    /// The decimation filter in use.
+    pub fn filter(&self) -> &Filter {
+        &self.filter
+    }
+
+    /// When the next conversion is done, which [`convert`](Self::convert) does then.
+    pub fn due(&self) -> Option<Cycles> {
+        self.next
+    }
+
+    /// Level of DRDY.
+    pub fn drdy(&self) -> bool {
+        self.chip.drdy()
+    }
+
+    /// Follows the pins and the registers that the bus has written: to be called after whatever may have moved them.
+    pub fn follow(&mut self, inputs: Inputs, now: Cycles) {
+        let Inputs { cs, reset, clkin_cycles } = inputs;
+        let mut restart = false;
+        if clkin_cycles != self.clkin.cycles {
+            self.clkin = Clkin { cycles: clkin_cycles, periods: self.clkin.periods(now), since: now };
+            restart = true;
+        }
+        if reset == self.in_reset {
+            self.in_reset = !reset;
+            self.chip.sync_reset(reset, self.clkin.periods(now));
+            restart = true;
+        }
+        if cs == self.selected {
+            let clock = self.chip.register(CLOCK);
+            self.selected = !cs;
+            self.chip.cs(!cs);
+            // A write to CLOCK begins the conversion anew, and so do standby's and reset's end.
+            restart |= self.chip.register(CLOCK) != clock;
+            restart |= self.next.is_some() != self.chip.period_clkin().is_some() && clkin_cycles.is_some();
+        }
+        if restart {
+            self.restart(now);
+        }
+    }
+
+    /// Conversions begin anew.
+    fn restart(&mut self, now: Cycles) {
+        self.filter = Filter::new(self.chip.osr().stages());
+        self.history.clear();
+        self.next = self.after(now);
+    }
+
+    /// When a conversion that begins now is done.
+    fn after(&self, now: Cycles) -> Option<Cycles> {
+        Some(now + Cycles::from(self.chip.period_clkin()?) * self.clkin.cycles?)
+    }
+
+    /// Ends the conversion under way, which is due at `now`; `seconds` is the time of a cycle.
+    pub fn convert(&mut self, now: Cycles, seconds: impl Fn(Cycles) -> f64, world: &mut dyn World) {
+        let clkin_cycles = self.clkin.cycles.unwrap_or(0);
+        let step = Cycles::from(CLKIN_PER_SAMPLE * self.filter.step_samples) * clkin_cycles;
+        let latest = now.saturating_sub(Cycles::from(self.filter.latest_clkin()) * clkin_cycles);
+        let wanted = self.filter.weights.len();
+        // After a restart the filter's whole length is looked up: the modulators had been running.
+        let fresh = if self.history.is_empty() { wanted } else { self.filter.steps_per_conversion() as usize };
+        for back in (0..fresh as u64).rev() {
+            let time_s = seconds(latest.saturating_sub(back * step));
+            self.history.push_front([
+                world.bridge_volts(time_s),
+                world.excitation_volts(time_s),
+                world.digital_terminal_volts(time_s),
+                0.0,
+            ]);
+        }
+        self.history.truncate(wanted);
+        let mut codes = [0; CHANNELS];
+        for (channel, code) in codes.iter_mut().enumerate() {
+            let sum: f64 = self.history.iter().zip(&self.filter.weights).map(|(volts, w)| w * volts[channel]).sum();
+            let normal: f64 = StandardNormal.sample(&mut self.rng);
+            *code = self.chip.code(channel, sum + self.noise[channel] * normal);
+        }
+        self.chip.convert(codes);
+        self.next = self.after(now);
+    }
+
+    /// Exchanges a byte, in the mode (clock's idle level, data at the second edge) and at the rate of the bus.
+    pub fn exchange(&mut self, byte: u8, mode: (bool, bool), rate_hz: f64) -> Result<u8, Unknown> {
+        if self.selected && mode != (false, true) {
+            return Err(Unknown { what: "the ADS131M04 takes SPI mode 1 (CPOL 0, CPHA 1)" });
+        }
+        if self.selected && rate_hz > GREATEST_RATE_HZ {
+            return Err(Unknown { what: "the ADS131M04's bus is clocked faster than 25 MHz" });
+        }
+        Ok(self.chip.shift(byte))
+    }
+
+    /// Refuses a CLKIN that the chip does not take at this core clock \[Hz\].
+    pub fn check_clock(&self, hclk_hz: f64) -> Result<(), Unknown> {
+        match self.clkin.cycles {
+            Some(cycles) if !CLKIN_HZ.contains(&(hclk_hz / cycles as f64)) => {
+                Err(Unknown { what: "the ADS131M04's CLKIN is outside 0.3 to 8.4 MHz" })
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f64::consts::TAU;
+
+    const CLKIN_CYCLES: Cycles = 21;
+    const HCLK_HZ: f64 = 168e6;
+    const CLKIN: f64 = HCLK_HZ / CLKIN_CYCLES as f64;
+
+    /// A bridge voltage that follows a function of time.
+    struct Bridge<F>(F);
+
+    impl<F: Fn(f64) -> f64> World for Bridge<F> {
+        fn encoder(&mut self, _: f64) -> u32 {
+            0
+        }
+        fn force_volts(&mut self, _: f64) -> f64 {
+            0.0
+        }
+        fn terminal_volts(&mut self, _: f64) -> f64 {
+            0.0
+        }
+        fn bridge_volts(&mut self, time_s: f64) -> f64 {
+            (self.0)(time_s)
+        }
+    }
+
+    const RUNNING: Inputs = Inputs { cs: true, reset: true, clkin_cycles: Some(CLKIN_CYCLES) };
+    const SELECTED: Inputs = Inputs { cs: false, ..RUNNING };
+    const RESET: Inputs = Inputs { reset: false, ..RUNNING };
+
+    fn converter() -> Ads131m04 {
+        let mut ads = Ads131m04::new([0.0; 4], 0);
+        ads.follow(RUNNING, 0);
+        ads
+    }
+
+    /// Reads the oldest conversion's first channel.
+    fn read(ads: &mut Ads131m04) -> i32 {
+        ads.follow(SELECTED, 0);
+        let bytes: Vec<u8> = (0..18).map(|_| ads.exchange(0, (false, true), 10.5e6).unwrap()).collect();
+        ads.follow(RUNNING, 0);
+        i32::from_be_bytes([bytes[3], bytes[4], bytes[5], 0]) >> 8
+    }
+
+    #[test]
+    fn the_weights_are_those_of_sinc3_and_sinc1() {
+        for (stages, delay) in [((1024, 1), 1.5), ((1024, 2), 1.0), ((1024, 4), 0.75), ((256, 1), 1.5)] {
+            let filter = Filter::new(stages);
+            assert!((filter.weights.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+            // The boxes end half a modulator sample each before the continuous ones: one sample, two CLKIN periods.
+            let period = f64::from(filter.period_clkin());
+            assert_eq!(filter.delay_clkin(), delay * period - 2.0, "{stages:?}");
+            // Zeros of sinc3 at multiples of the rate of its outputs.
+            let n = f64::from(stages.0);
+            let gain = |cycles_per_n: f64| {
+                let turn = TAU * cycles_per_n / f64::from(GRID);
+                let part = |f: fn(f64) -> f64| -> f64 {
+                    (0..).zip(&filter.weights).map(|(k, weight)| weight * f(turn * f64::from(k))).sum()
+                };
+                part(f64::cos).hypot(part(f64::sin))
+            };
+            assert!(gain(1.0) < 1e-12 && gain(2.0) < 1e-12);
+            assert!(
+                (gain(0.02) - (1.0 - f64::from(3 + stages.1.pow(2) - 1) * (TAU * 0.01).powi(2) / 6.0)).abs() < 1e-4
+            );
+            assert_eq!(period, 2.0 * n * f64::from(stages.1));
+        }
+    }
+
+    #[test]
+    fn conversions_come_at_the_data_rate_and_lag_by_the_group_delay() {
+        let mut ads = converter();
+        let slope = 1.0; // V/s
+        let mut world = Bridge(|t: f64| slope * t);
+        let period = 2048 * CLKIN_CYCLES;
+        for n in 1..20 {
+            assert_eq!(ads.due(), Some(n * period));
+            ads.convert(n * period, |cycles| cycles as f64 / HCLK_HZ, &mut world);
+            assert!(!ads.drdy());
+            let volts = f64::from(read(&mut ads)) / 8_388_608.0 * 1.2;
+            assert!(ads.drdy());
+            let expected = (n * period) as f64 / HCLK_HZ - ads.filter().delay_clkin() / CLKIN;
+            if n > 3 {
+                assert!((volts - slope * expected).abs() < 2e-7, "{n}: {volts} {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_step_takes_three_conversions() {
+        let mut ads = converter();
+        let period = 2048 * CLKIN_CYCLES;
+        let at_s = 10.0 * period as f64 / HCLK_HZ;
+        let mut world = Bridge(move |t: f64| if t < at_s { 0.0 } else { 0.6 });
+        let codes: Vec<i32> = (1..16)
+            .map(|n| {
+                ads.convert(n * period, |cycles| cycles as f64 / HCLK_HZ, &mut world);
+                read(&mut ads)
+            })
+            .collect();
+        assert!(codes[..10].iter().all(|code| *code == 0));
+        // 1/6, 5/6 and all of half the range.
+        let sixths: Vec<f64> = codes[10..].iter().map(|code| f64::from(*code) / 4_194_304.0 * 6.0).collect();
+        assert!((sixths[0] - 1.0).abs() < 0.15 && (sixths[1] - 5.0).abs() < 0.15, "{sixths:?}");
+        assert_eq!(codes[12..], [4_194_304; 3]);
+    }
+
+    #[test]
+    fn reset_holds_conversions_back_and_they_begin_anew_after_it() {
+        let mut ads = converter();
+        ads.chip.disturb_register(0x04, 0x5555);
+        ads.follow(RESET, 1000);
+        assert_eq!(ads.due(), None);
+        // Less than 2048 periods only bring the conversion in step.
+        ads.follow(RUNNING, 1000 + 2000 * CLKIN_CYCLES);
+        assert_eq!(ads.due(), Some(1000 + 2000 * CLKIN_CYCLES + 2048 * CLKIN_CYCLES));
+        assert_eq!(ads.chip.register(0x04), 0x5555);
+        ads.follow(RESET, 200_000);
+        ads.follow(RUNNING, 200_000 + 3000 * CLKIN_CYCLES);
+        assert_eq!(ads.chip.register(0x04), 0);
+    }
+
+    #[test]
+    fn without_its_clock_it_neither_converts_nor_resets() {
+        let mut ads = Ads131m04::new([0.0; 4], 0);
+        let stopped = Inputs { clkin_cycles: None, ..RUNNING };
+        ads.follow(stopped, 0);
+        assert_eq!(ads.due(), None);
+        ads.chip.disturb_register(0x04, 0x5555);
+        ads.follow(Inputs { reset: false, ..stopped }, 0);
+        ads.follow(stopped, 1_000_000);
+        assert_eq!(ads.chip.register(0x04), 0x5555);
+        ads.follow(RUNNING, 2_000_000);
+        assert_eq!(ads.due(), Some(2_000_000 + 2048 * CLKIN_CYCLES));
+        ads.follow(stopped, 2_000_100);
+        assert_eq!(ads.due(), None);
+    }
+
+    #[test]
+    fn the_bus_must_be_one_that_the_chip_takes() {
+        let mut ads = converter();
+        assert_eq!(ads.exchange(0, (true, true), 50e6), Ok(0xFF), "not selected, it does not care");
+        ads.follow(SELECTED, 0);
+        assert!(ads.exchange(0, (true, true), 10e6).is_err());
+        assert!(ads.exchange(0, (false, true), 42e6).is_err());
+        assert!(ads.check_clock(HCLK_HZ).is_ok() && ads.check_clock(200e6).is_err());
+    }
+
+    #[test]
+    fn noise_is_as_told() {
+        let mut ads = Ads131m04::new([1e-6, 0.0, 0.0, 0.0], 5);
+        ads.follow(RUNNING, 0);
+        let mut world = Bridge(|_| 0.0);
+        let lsb = 1.2 / 8_388_608.0;
+        let count = 4000;
+        let squares: f64 = (1..=count)
+            .map(|n| {
+                ads.convert(n * 2048 * CLKIN_CYCLES, |cycles| cycles as f64 / HCLK_HZ, &mut world);
+                (f64::from(read(&mut ads)) * lsb).powi(2)
+            })
+            .sum();
+        let rms = (squares / count as f64).sqrt();
+        assert!((rms / 1e-6 - 1.0).abs() < 0.05, "{rms}");
+    }
+}

@@ -1,0 +1,46 @@
+//! Debug support of the chip (RM0440 section 47.6): the identity; what to freeze when the core is halted is storage.
+
+use crate::{Cycles, Registers, Storage, Unknown, Width};
+
+/// Category 3 devices of the G4, revision X (RM0440 47.6.1).
+const IDCODE: u32 = 0x2003_6469;
+
+/// The registers.
+#[derive(Clone, Debug)]
+pub struct Dbgmcu(Storage);
+
+impl Default for Dbgmcu {
+    fn default() -> Self {
+        let plain = |offset| (offset, 0, u32::MAX);
+        Self(Storage::new(&[(0x00, IDCODE, 0), plain(0x04), plain(0x08), plain(0x0c), plain(0x10)]))
+    }
+}
+
+impl Registers for Dbgmcu {
+    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
+        match self.0.contains(offset) {
+            true => Ok(width.part(self.0.get(offset & !3), offset)),
+            false => Err(Unknown::REGISTER),
+        }
+    }
+
+    fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Result<(), Unknown> {
+        self.0.write(offset, value, width)
+    }
+
+    fn reset(&mut self, _: Cycles) {
+        self.0.reset();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn identity_cannot_be_changed() {
+        let mut dbgmcu = Dbgmcu::default();
+        dbgmcu.write(0, 0, Width::Word, 0).expect("known");
+        assert_eq!(dbgmcu.read(0, Width::Word, 0), Ok(IDCODE));
+    }
+}

@@ -1,0 +1,421 @@
+//! The direct memory access controllers DMA1 and DMA2: eight channels each, circular or once.
+//!
+//! A channel answers one request with one transfer between a peripheral register and memory; the bus does the transfer,
+//! this model says which and counts. Half-way and at the end of a lap it raises its flags.
+//! Not modelled, and refused: memory to memory, priorities (a transfer takes no time here, so none ever waits).
+//!
+//! Sources: RM0440 chapter 12, registers 12.6.1 to 12.6.6; where a register may be written, the notes beside its fields.
+
+use crate::{Cycles, Registers, Unknown, Width};
+
+/// Channels of one controller.
+pub const CHANNELS: usize = 8;
+
+/// DMA_CCRx.
+mod ccr {
+    pub const EN: u32 = 1 << 0;
+    pub const TCIE: u32 = 1 << 1;
+    pub const HTIE: u32 = 1 << 2;
+    pub const TEIE: u32 = 1 << 3;
+    pub const DIR: u32 = 1 << 4;
+    pub const CIRC: u32 = 1 << 5;
+    pub const PINC: u32 = 1 << 6;
+    pub const MINC: u32 = 1 << 7;
+    pub const PSIZE: u32 = 3 << 8;
+    pub const MSIZE: u32 = 3 << 10;
+    pub const PL: u32 = 3 << 12;
+    pub const MEM2MEM: u32 = 1 << 14;
+    /// They stand at the places of their flags.
+    pub const INTERRUPTS: u32 = TCIE | HTIE | TEIE;
+    /// What must stand while the channel is enabled.
+    pub const FIXED: u32 = DIR | PINC | MINC | PSIZE | MSIZE | PL | MEM2MEM;
+    pub const ALL: u32 = 0x7FFF;
+}
+
+/// DMA_ISR and DMA_IFCR, four bits per channel.
+mod flag {
+    pub const GLOBAL: u32 = 1 << 0;
+    pub const COMPLETE: u32 = 1 << 1;
+    pub const HALF: u32 = 1 << 2;
+    pub const ERROR: u32 = 1 << 3;
+    pub const ALL: u32 = COMPLETE | HALF | ERROR;
+}
+
+/// Which way a transfer goes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Direction {
+    /// From the peripheral to memory.
+    ToMemory,
+    /// From memory to the peripheral.
+    ToPeripheral,
+}
+
+/// One transfer that a channel wants done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Transfer {
+    /// Address in the peripheral.
+    pub peripheral: u32,
+    /// How it is accessed there.
+    pub peripheral_width: Width,
+    /// Address in memory.
+    pub memory: u32,
+    /// How it is accessed there.
+    pub memory_width: Width,
+    /// Which way.
+    pub direction: Direction,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Channel {
+    ccr: u32,
+    /// Transfers left in the lap.
+    cndtr: u32,
+    cpar: u32,
+    cmar: u32,
+    /// Transfers of a lap: what was last written to CNDTR.
+    lap: u32,
+    /// Flags without the global one.
+    flags: u32,
+}
+
+impl Channel {
+    fn is_enabled(&self) -> bool {
+        self.ccr & ccr::EN != 0
+    }
+
+    /// Transfers done in this lap.
+    fn done(&self) -> u32 {
+        self.lap - self.cndtr
+    }
+
+    fn width(&self, shift: u32) -> Result<Width, Unknown> {
+        match self.ccr >> shift & 3 {
+            0 => Ok(Width::Byte),
+            1 => Ok(Width::Half),
+            2 => Ok(Width::Word),
+            _ => Err(Unknown { what: "DMA_CCR: a transfer size of 3 is reserved" }),
+        }
+    }
+
+    fn interrupts(&self) -> bool {
+        self.flags & self.ccr & ccr::INTERRUPTS != 0
+    }
+
+    /// Transfers until a flag with its interrupt enabled is set; none when no number of them does.
+    fn until_interrupt(&self) -> Option<u32> {
+        if !self.is_enabled() || self.cndtr == 0 {
+            return None;
+        }
+        let half = self.lap / 2;
+        let to_half = match half.checked_sub(self.done()) {
+            Some(left) if left > 0 => Some(left),
+            _ if self.ccr & ccr::CIRC != 0 => Some(self.cndtr + half),
+            _ => None,
+        };
+        let half = to_half.filter(|_| self.ccr & ccr::HTIE != 0);
+        let end = Some(self.cndtr).filter(|_| self.ccr & ccr::TCIE != 0);
+        half.into_iter().chain(end).min()
+    }
+}
+
+/// One controller.
+#[derive(Clone, Debug, Default)]
+pub struct Dma {
+    channels: [Channel; CHANNELS],
+    /// The channel that gets no turn on the bus, and until when.
+    stall: Option<(usize, Cycles)>,
+}
+
+impl Dma {
+    /// As after reset.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// What the channel would do on a request; none when it is disabled, has nothing left, or is kept waiting.
+    pub fn transfer(&self, channel: usize) -> Result<Option<Transfer>, Unknown> {
+        let Some(it) = self.channels.get(channel) else { return Ok(None) };
+        if !it.is_enabled() || it.cndtr == 0 || self.stall.is_some_and(|(stalled, _)| stalled == channel) {
+            return Ok(None);
+        }
+        if it.ccr & ccr::MEM2MEM != 0 {
+            return Err(Unknown { what: "DMA_CCR.MEM2MEM: memory to memory is not modelled" });
+        }
+        let (peripheral_width, memory_width) = (it.width(8)?, it.width(10)?);
+        let place = |base: u32, moves: u32, width: Width| {
+            // A pointer is aligned to its size: the lowest bits are ignored (12.6.5, 12.6.6).
+            let step = if it.ccr & moves != 0 { it.done() * width.bytes() } else { 0 };
+            (base & !(width.bytes() - 1)).wrapping_add(step)
+        };
+        Ok(Some(Transfer {
+            peripheral: place(it.cpar, ccr::PINC, peripheral_width),
+            peripheral_width,
+            memory: place(it.cmar, ccr::MINC, memory_width),
+            memory_width,
+            direction: if it.ccr & ccr::DIR != 0 { Direction::ToPeripheral } else { Direction::ToMemory },
+        }))
+    }
+
+    /// The channel's transfer was done. Says whether it was the last of a lap.
+    pub fn complete(&mut self, channel: usize) -> bool {
+        let Some(it) = self.channels.get_mut(channel) else { return false };
+        it.cndtr = it.cndtr.saturating_sub(1);
+        if it.done() == it.lap / 2 {
+            it.flags |= flag::HALF;
+        }
+        if it.cndtr > 0 {
+            return false;
+        }
+        it.flags |= flag::COMPLETE;
+        if it.ccr & ccr::CIRC != 0 {
+            it.cndtr = it.lap;
+        }
+        true
+    }
+
+    /// The channel's transfer met a reserved address: the channel stops (12.4.7).
+    pub fn fail(&mut self, channel: usize) {
+        if let Some(it) = self.channels.get_mut(channel) {
+            it.flags |= flag::ERROR;
+            it.ccr &= !ccr::EN;
+        }
+    }
+
+    /// Level of the channel's interrupt line.
+    pub fn irq(&self, channel: usize) -> bool {
+        self.channels.get(channel).is_some_and(Channel::interrupts)
+    }
+
+    /// Whether the channel is enabled.
+    pub fn is_enabled(&self, channel: usize) -> bool {
+        self.channels.get(channel).is_some_and(Channel::is_enabled)
+    }
+
+    /// Transfers that the channel must do until its interrupt line rises; none when no number of them raises it.
+    pub fn transfers_until_interrupt(&self, channel: usize) -> Option<u32> {
+        self.channels.get(channel).and_then(Channel::until_interrupt)
+    }
+
+    /// Keeps one channel off the bus until `end`, as a busier master would: its requests wait.
+    pub fn stall(&mut self, channel: usize, end: Cycles) {
+        self.stall = Some((channel, end));
+    }
+
+    /// The channel and the register within its group of five words, which begins at 0x08.
+    fn place(offset: u32) -> Option<(usize, u32)> {
+        let offset = offset.checked_sub(0x08)?;
+        let channel = (offset / 0x14) as usize;
+        (channel < CHANNELS).then_some((channel, offset % 0x14))
+    }
+}
+
+impl Registers for Dma {
+    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
+        if width != Width::Word {
+            return Err(Unknown::WIDTH);
+        }
+        if offset == 0x00 {
+            let nibble = |flags: u32| flags | if flags != 0 { flag::GLOBAL } else { 0 };
+            return Ok((0..).zip(&self.channels).map(|(n, it)| nibble(it.flags) << (4 * n)).sum());
+        }
+        match Self::place(offset).and_then(|(n, register)| self.channels.get(n).zip(Some(register))) {
+            Some((it, 0x00)) => Ok(it.ccr),
+            Some((it, 0x04)) => Ok(it.cndtr),
+            Some((it, 0x08)) => Ok(it.cpar),
+            Some((it, 0x0C)) => Ok(it.cmar),
+            _ => Err(Unknown::REGISTER),
+        }
+    }
+
+    fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Result<(), Unknown> {
+        if width != Width::Word {
+            return Err(Unknown::WIDTH);
+        }
+        if offset == 0x04 {
+            for (n, it) in (0..).zip(&mut self.channels) {
+                let clear = value >> (4 * n) & 0xF;
+                it.flags &= !if clear & flag::GLOBAL != 0 { flag::ALL } else { clear };
+            }
+            return Ok(());
+        }
+        let (it, register) = Self::place(offset)
+            .and_then(|(n, register)| self.channels.get_mut(n).zip(Some(register)))
+            .ok_or(Unknown::REGISTER)?;
+        if register == 0x00 {
+            let value = value & ccr::ALL;
+            if it.is_enabled() && value & ccr::EN != 0 && (it.ccr ^ value) & ccr::FIXED != 0 {
+                return Err(Unknown { what: "DMA_CCR: changed while the channel is enabled" });
+            }
+            it.ccr = value;
+            return Ok(());
+        }
+        if it.is_enabled() {
+            return Err(Unknown { what: "DMA_CNDTR, CPAR or CMAR: written while the channel is enabled" });
+        }
+        match register {
+            0x04 => (it.cndtr, it.lap) = (value & 0xFFFF, value & 0xFFFF),
+            0x08 => it.cpar = value,
+            0x0C => it.cmar = value,
+            _ => return Err(Unknown::REGISTER),
+        }
+        Ok(())
+    }
+
+    /// The end of a stall; everything else waits for a request.
+    fn next_event(&self) -> Option<Cycles> {
+        self.stall.map(|(_, end)| end)
+    }
+
+    fn advance(&mut self, now: Cycles) {
+        self.stall = self.stall.filter(|(_, end)| *end > now);
+    }
+
+    fn reset(&mut self, _: Cycles) {
+        *self = Self::new();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ISR: u32 = 0x00;
+    const IFCR: u32 = 0x04;
+    /// CCR2 to CMAR2.
+    const CCR: u32 = 0x1C;
+    const CNDTR: u32 = 0x20;
+    const CPAR: u32 = 0x24;
+    const CMAR: u32 = 0x28;
+    const CHANNEL: usize = 1;
+
+    fn write(dma: &mut Dma, offset: u32, value: u32) {
+        dma.write(offset, value, Width::Word, 0).unwrap();
+    }
+
+    fn read(dma: &mut Dma, offset: u32) -> u32 {
+        dma.read(offset, Width::Word, 0).unwrap()
+    }
+
+    /// Channel 2 with a lap of `count`.
+    fn ring(count: u32, ccr: u32) -> Dma {
+        let mut dma = Dma::new();
+        write(&mut dma, CNDTR, count);
+        write(&mut dma, CPAR, 0x5000_0040);
+        write(&mut dma, CMAR, 0x2000_0100);
+        write(&mut dma, CCR, ccr | ccr::EN);
+        dma
+    }
+
+    const HALVES: u32 = 1 << 8 | 1 << 10;
+
+    #[test]
+    fn a_circular_channel_fills_its_ring_and_begins_anew() {
+        let mut dma = ring(4, HALVES | ccr::CIRC | ccr::MINC | ccr::HTIE | ccr::TCIE);
+        let places: Vec<u32> = (0..6)
+            .map(|_| {
+                let transfer = dma.transfer(CHANNEL).unwrap().unwrap();
+                assert_eq!((transfer.peripheral, transfer.direction), (0x5000_0040, Direction::ToMemory));
+                assert_eq!((transfer.peripheral_width, transfer.memory_width), (Width::Half, Width::Half));
+                dma.complete(CHANNEL);
+                transfer.memory - 0x2000_0100
+            })
+            .collect();
+        assert_eq!(places, [0, 2, 4, 6, 0, 2]);
+        assert_eq!(read(&mut dma, CNDTR), 2);
+    }
+
+    #[test]
+    fn flags_come_half_way_and_at_the_end_and_go_one_by_one() {
+        let mut dma = ring(4, HALVES | ccr::CIRC | ccr::MINC | ccr::HTIE);
+        let mut seen = Vec::new();
+        for _ in 0..4 {
+            dma.complete(CHANNEL);
+            seen.push((read(&mut dma, ISR), dma.irq(CHANNEL)));
+        }
+        let half = (flag::GLOBAL | flag::HALF) << 4;
+        assert_eq!(seen, [(0, false), (half, true), (half, true), (half | flag::COMPLETE << 4, true)]);
+        // The line follows the flag whose interrupt is enabled.
+        write(&mut dma, IFCR, flag::HALF << 4);
+        assert_eq!((read(&mut dma, ISR), dma.irq(CHANNEL)), ((flag::GLOBAL | flag::COMPLETE) << 4, false));
+        write(&mut dma, IFCR, flag::GLOBAL << 4);
+        assert_eq!(read(&mut dma, ISR), 0);
+    }
+
+    #[test]
+    fn a_channel_without_circ_stops() {
+        let mut dma = ring(2, HALVES | ccr::MINC | ccr::TCIE);
+        assert!(!dma.complete(CHANNEL));
+        assert!(dma.complete(CHANNEL));
+        assert_eq!(dma.transfer(CHANNEL), Ok(None));
+        assert!(dma.irq(CHANNEL) && dma.is_enabled(CHANNEL));
+        assert_eq!(dma.transfers_until_interrupt(CHANNEL), None);
+    }
+
+    #[test]
+    fn the_interrupt_is_foretold() {
+        for enabled in [ccr::HTIE, ccr::TCIE, ccr::HTIE | ccr::TCIE] {
+            let mut dma = ring(6, HALVES | ccr::CIRC | ccr::MINC | enabled);
+            for _ in 0..20 {
+                let told = dma.transfers_until_interrupt(CHANNEL).unwrap();
+                let mut counted = 0;
+                let mut ahead = dma.clone();
+                while !ahead.irq(CHANNEL) {
+                    ahead.complete(CHANNEL);
+                    counted += 1;
+                }
+                assert_eq!(told, counted);
+                dma.complete(CHANNEL);
+                write(&mut dma, IFCR, 0xF << 4);
+            }
+        }
+        assert_eq!(ring(6, HALVES | ccr::CIRC).transfers_until_interrupt(CHANNEL), None);
+    }
+
+    #[test]
+    fn words_to_a_peripheral() {
+        let mut dma = ring(3, 1 << 10 | ccr::DIR | ccr::MINC | ccr::PINC);
+        dma.complete(CHANNEL);
+        let transfer = dma.transfer(CHANNEL).unwrap().unwrap();
+        assert_eq!(transfer.direction, Direction::ToPeripheral);
+        assert_eq!((transfer.memory, transfer.peripheral), (0x2000_0102, 0x5000_0041));
+    }
+
+    #[test]
+    fn what_the_manual_forbids_is_refused() {
+        let mut dma = ring(4, HALVES);
+        for offset in [CNDTR, CPAR, CMAR] {
+            assert!(dma.write(offset, 1, Width::Word, 0).is_err());
+        }
+        assert!(dma.write(CCR, ccr::EN, Width::Word, 0).is_err());
+        // Interrupt enables and CIRC may change, and so may everything once it is disabled.
+        write(&mut dma, CCR, HALVES | ccr::EN | ccr::TCIE | ccr::CIRC);
+        write(&mut dma, CCR, 0);
+        write(&mut dma, CNDTR, 7);
+        assert!(dma.read(0xA8, Width::Word, 0).is_err());
+        write(&mut dma, CCR, ccr::MEM2MEM | ccr::EN);
+        assert!(dma.transfer(CHANNEL).is_err());
+        write(&mut dma, CCR, 0);
+        write(&mut dma, CCR, ccr::PSIZE | ccr::EN);
+        assert!(dma.transfer(CHANNEL).is_err());
+    }
+
+    #[test]
+    fn an_error_stops_the_channel_and_raises_its_line() {
+        let mut dma = ring(4, HALVES | ccr::TEIE);
+        dma.fail(CHANNEL);
+        assert!(dma.irq(CHANNEL) && !dma.is_enabled(CHANNEL));
+        assert_eq!(read(&mut dma, ISR), (flag::GLOBAL | flag::ERROR) << 4);
+    }
+
+    #[test]
+    fn a_stalled_channel_waits() {
+        let mut dma = ring(4, HALVES);
+        dma.stall(CHANNEL, 100);
+        dma.advance(99);
+        assert_eq!((dma.transfer(CHANNEL), dma.next_event()), (Ok(None), Some(100)));
+        assert_eq!(dma.transfer(0), Ok(None), "not enabled");
+        dma.advance(100);
+        assert!(dma.transfer(CHANNEL).unwrap().is_some());
+        assert_eq!(dma.next_event(), None);
+    }
+}

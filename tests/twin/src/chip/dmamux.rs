@@ -1,0 +1,158 @@
+//! The DMA request multiplexer: which peripheral's request reaches which DMA channel.
+//!
+//! Multiplexer channels 0 to 7 serve DMA1 channels 1 to 8, 8 to 15 DMA2's. Synchronisation and request generators are
+//! not modelled, and refused.
+//!
+//! Sources: RM0440 chapter 13, registers 13.6.1 to 13.6.6; request numbers, table 91 (the same in stm32-metapac 21.0).
+
+use crate::{Cycles, Registers, Unknown, Width};
+
+/// Channels of the multiplexer.
+pub const CHANNELS: usize = 16;
+
+/// Numbers of the requests that something here raises.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Request {
+    /// ADC1 has a result.
+    Adc1 = 5,
+    /// TIM6 was updated.
+    Tim6Update = 8,
+    /// SPI2 has received.
+    Spi2Receive = 12,
+    /// SPI2 has room to send.
+    Spi2Transmit = 13,
+    /// ADC2 has a result.
+    Adc2 = 36,
+    /// ADC3 has a result.
+    Adc3 = 37,
+    /// ADC4 has a result.
+    Adc4 = 38,
+    /// ADC5 has a result.
+    Adc5 = 39,
+}
+
+impl Request {
+    /// All of them.
+    pub const ALL: [Self; 8] = [
+        Self::Adc1,
+        Self::Tim6Update,
+        Self::Spi2Receive,
+        Self::Spi2Transmit,
+        Self::Adc2,
+        Self::Adc3,
+        Self::Adc4,
+        Self::Adc5,
+    ];
+
+    /// The request of this number; none when nothing here raises it.
+    pub fn of(number: u8) -> Option<Self> {
+        Self::ALL.into_iter().find(|request| *request as u8 == number)
+    }
+}
+
+/// DMAMUX_CxCR.
+mod ccr {
+    pub const DMAREQ_ID: u32 = 0x7F;
+    pub const SE: u32 = 1 << 16;
+    /// SOIE, EGE, SE, SPOL, NBREQ, SYNC_ID.
+    pub const ALL: u32 = 0x1FFF_0300 | DMAREQ_ID;
+}
+
+/// The multiplexer.
+#[derive(Clone, Debug, Default)]
+pub struct Dmamux {
+    channels: [u32; CHANNELS],
+    generators: [u32; 4],
+}
+
+impl Dmamux {
+    /// As after reset.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Number of the request that the channel listens to; 0 is none.
+    pub fn request(&self, channel: usize) -> u8 {
+        self.channels.get(channel).map_or(0, |ccr| (ccr & ccr::DMAREQ_ID) as u8)
+    }
+
+    /// Channels that listen to the request.
+    pub fn listeners(&self, request: Request) -> impl Iterator<Item = usize> {
+        (0..CHANNELS).filter(move |channel| self.request(*channel) == request as u8)
+    }
+}
+
+impl Registers for Dmamux {
+    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
+        if width != Width::Word {
+            return Err(Unknown::WIDTH);
+        }
+        let place = (offset / 4) as usize;
+        match offset {
+            0x00..=0x3C => Ok(self.channels.get(place).copied().unwrap_or(0)),
+            // Without synchronisation and generators there is no overrun.
+            0x80 | 0x140 => Ok(0),
+            0x100..=0x10C => Ok(self.generators.get(place - 0x40).copied().unwrap_or(0)),
+            _ => Err(Unknown::REGISTER),
+        }
+    }
+
+    fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Result<(), Unknown> {
+        if width != Width::Word {
+            return Err(Unknown::WIDTH);
+        }
+        let place = (offset / 4) as usize;
+        match offset {
+            0x00..=0x3C if value & ccr::SE != 0 => {
+                return Err(Unknown { what: "DMAMUX_CxCR.SE: synchronisation is not modelled" });
+            }
+            0x00..=0x3C => {
+                if let Some(channel) = self.channels.get_mut(place) {
+                    *channel = value & ccr::ALL;
+                }
+            }
+            0x84 | 0x144 => {}
+            0x100..=0x10C if value & 1 << 16 != 0 => {
+                return Err(Unknown { what: "DMAMUX_RGxCR.GE: request generators are not modelled" });
+            }
+            0x100..=0x10C => {
+                if let Some(generator) = self.generators.get_mut(place - 0x40) {
+                    *generator = value;
+                }
+            }
+            _ => return Err(Unknown::REGISTER),
+        }
+        Ok(())
+    }
+
+    fn reset(&mut self, _: Cycles) {
+        *self = Self::new();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_channel_listens_to_one_request_and_a_request_may_have_many() {
+        let mut mux = Dmamux::new();
+        mux.write(0x04, 36, Width::Word, 0).unwrap();
+        mux.write(0x3C, 36 | 1 << 9, Width::Word, 0).unwrap();
+        assert_eq!(mux.listeners(Request::Adc2).collect::<Vec<_>>(), [1, 15]);
+        assert_eq!((mux.request(0), mux.request(1)), (0, 36));
+        assert_eq!(mux.read(0x3C, Width::Word, 0), Ok(36 | 1 << 9));
+        assert_eq!(Request::of(36), Some(Request::Adc2));
+        assert_eq!(Request::of(0), None);
+    }
+
+    #[test]
+    fn what_is_not_modelled_is_refused() {
+        let mut mux = Dmamux::new();
+        assert!(mux.write(0x00, 1 << 16, Width::Word, 0).is_err());
+        assert!(mux.write(0x100, 1 << 16, Width::Word, 0).is_err());
+        assert!(mux.read(0x44, Width::Word, 0).is_err());
+        assert!(mux.write(0x80, 0, Width::Word, 0).is_err());
+    }
+}

@@ -1,0 +1,114 @@
+//! Extended interrupts (RM0440 section 15.5): edges of pins and of other blocks become pending requests.
+//!
+//! Lines 0 to 15 are pins (which port is SYSCFG's choice), 16 the supply monitor, 18 wake-up by USB. Events (EMR) are storage:
+//! nothing in the twin sleeps so deeply that it needs them.
+
+use crate::{Cycles, Registers, Storage, Unknown, Width};
+
+const IMR1: u32 = 0x00;
+const EMR1: u32 = 0x04;
+const RTSR1: u32 = 0x08;
+const FTSR1: u32 = 0x0c;
+const SWIER1: u32 = 0x10;
+const PR1: u32 = 0x14;
+const IMR2: u32 = 0x20;
+const EMR2: u32 = 0x24;
+
+/// The controller.
+#[derive(Clone, Debug)]
+pub struct Exti {
+    storage: Storage,
+    pending: u32,
+}
+
+impl Default for Exti {
+    fn default() -> Self {
+        let storage = Storage::new(&[
+            (IMR1, 0x1f84_0000, u32::MAX),
+            (EMR1, 0, u32::MAX),
+            (RTSR1, 0, u32::MAX),
+            (FTSR1, 0, u32::MAX),
+            (SWIER1, 0, u32::MAX),
+            (IMR2, 0xffff_ff3c, u32::MAX),
+            (EMR2, 0, u32::MAX),
+        ]);
+        Self { storage, pending: 0 }
+    }
+}
+
+impl Exti {
+    /// A line changed its level.
+    pub fn edge(&mut self, line: usize, rising: bool) {
+        let trigger = self.storage.get(if rising { RTSR1 } else { FTSR1 });
+        self.pending |= trigger & 1 << line;
+    }
+
+    /// Whether an unmasked request is pending on any of these lines (in bits).
+    pub fn requests(&self, lines: u32) -> bool {
+        self.pending & self.storage.get(IMR1) & lines != 0
+    }
+
+    /// Whether a direct line, which has no pending bit here, is unmasked.
+    pub fn unmasked(&self, line: usize) -> bool {
+        self.storage.get(IMR1) >> line & 1 != 0
+    }
+}
+
+impl Registers for Exti {
+    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
+        match offset & !3 {
+            PR1 => Ok(width.part(self.pending, offset)),
+            // Shared between the users of the lines, each of whom changes one bit.
+            IMR1 | EMR1 | RTSR1 | FTSR1 => Ok(width.part(self.storage.get(offset & !3), offset)),
+            _ => self.storage.read(offset, width),
+        }
+    }
+
+    fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Result<(), Unknown> {
+        match offset & !3 {
+            PR1 => self.pending &= !width.replace(0, offset, value),
+            SWIER1 => self.pending |= width.replace(0, offset, value) & self.storage.get(IMR1),
+            _ => self.storage.write(offset, value, width)?,
+        }
+        Ok(())
+    }
+
+    fn reset(&mut self, _: Cycles) {
+        self.storage.reset();
+        self.pending = 0;
+    }
+
+    fn unwritten_reads(&self) -> Vec<u32> {
+        self.storage.unwritten_reads()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_the_chosen_edge_is_pending_until_it_is_cleared() {
+        let mut exti = Exti::default();
+        exti.write(FTSR1, 1 << 10, Width::Word, 0).expect("known");
+        exti.edge(10, true);
+        assert_eq!(exti.read(PR1, Width::Word, 0), Ok(0));
+        exti.edge(10, false);
+        assert_eq!(exti.read(PR1, Width::Word, 0), Ok(1 << 10));
+        assert!(!exti.requests(0xfc00), "masked");
+        exti.write(IMR1, 1 << 10, Width::Word, 0).expect("known");
+        assert!(exti.requests(0xfc00) && !exti.requests(0x3e0));
+        exti.write(PR1, 1 << 10, Width::Word, 0).expect("known");
+        assert!(!exti.requests(0xfc00));
+    }
+
+    #[test]
+    fn software_raises_an_unmasked_line() {
+        let mut exti = Exti::default();
+        exti.write(SWIER1, 3, Width::Word, 0).expect("known");
+        assert!(!exti.requests(3));
+        exti.write(IMR1, 1, Width::Word, 0).expect("known");
+        exti.write(SWIER1, 3, Width::Word, 0).expect("known");
+        assert!(exti.requests(1) && !exti.requests(2));
+    }
+}

@@ -1,0 +1,801 @@
+//! Flash memory: 512 KB in two banks of 2 KB pages, its controller and the option bytes (RM0440 section 3.7).
+//!
+//! - Programming takes double words, each once between two erasures (or to zero), and 85 us; a page is erased in 22 ms
+//!   (DS12288 table "Flash memory characteristics", typical values rounded up).
+//! - One bank may be read while the other one is busy. Reading the busy bank stalls the core, which is counted. The code runs
+//!   from bank 1, so an operation there ends the run.
+//! - Power that fails in the middle of an operation leaves a double word that no longer fits its error correction code, or a
+//!   page of such words: reading one sets ECCD and raises the non-maskable interrupt.
+//! - The data cache keeps what it read: reading after an operation without resetting the cache ends the run.
+//!
+//! Not modelled: fast programming, mass erasure, write and read protection, single-bank mode, secured areas.
+
+use crate::{Cycles, Registers, Storage, Unknown, Width, chip::clocks::Clocks, chip::ram::Ram};
+use std::collections::BTreeSet;
+
+/// First address.
+pub const START: u32 = 0x0800_0000;
+/// Bytes in both banks.
+pub const LEN: usize = 512 << 10;
+/// Bytes in each bank.
+pub const BANK: usize = LEN / 2;
+/// Bytes in a page.
+pub const PAGE: usize = 2048;
+
+const PROGRAM_S: f64 = 85e-6;
+const ERASE_S: f64 = 22e-3;
+
+const ACR: u32 = 0x00;
+const KEYR: u32 = 0x08;
+const OPTKEYR: u32 = 0x0c;
+const SR: u32 = 0x10;
+const CR: u32 = 0x14;
+const ECCR: u32 = 0x18;
+const OPTR: u32 = 0x20;
+
+const KEYS: [u32; 2] = [0x4567_0123, 0xcdef_89ab];
+const OPTION_KEYS: [u32; 2] = [0x0819_2a3b, 0x4c5d_6e7f];
+
+/// ACR: data cache enable and reset.
+const DCEN: u32 = 1 << 10;
+const DCRST: u32 = 1 << 12;
+const EOP: u32 = 1 << 0;
+const OPERR: u32 = 1 << 1;
+const PROGERR: u32 = 1 << 3;
+const PGAERR: u32 = 1 << 5;
+const SIZERR: u32 = 1 << 6;
+const PGSERR: u32 = 1 << 7;
+/// Flags of SR that block programming while they are set.
+const ERRORS: u32 = 0x3f8;
+const BSY: u32 = 1 << 16;
+const PG: u32 = 1 << 0;
+const PER: u32 = 1 << 1;
+const BKER: u32 = 1 << 11;
+const STRT: u32 = 1 << 16;
+const OPTSTRT: u32 = 1 << 17;
+const EOPIE: u32 = 1 << 24;
+const ERRIE: u32 = 1 << 25;
+const OBL_LAUNCH: u32 = 1 << 27;
+const OPTLOCK: u32 = 1 << 30;
+const LOCK: u32 = 1 << 31;
+/// CR: PG, PER, PNB, BKER and the interrupt enables; the rest starts something or is not modelled.
+const CR_KEPT: u32 = PG | PER | 0x7f << 3 | BKER | EOPIE | ERRIE;
+const CR_UNKNOWN: u32 = 1 << 2 | 1 << 15 | 1 << 18 | 3 << 28;
+/// ECCR: bank 2, and an error of two bits that could not be corrected.
+const BK_ECC: u32 = 1 << 21;
+const ECCIE: u32 = 1 << 24;
+const ECCD: u32 = 1 << 31;
+
+/// Option bytes as ST delivers them: two banks, brown-out level 0, no protection.
+pub const OPTIONS_DELIVERED: u32 = 0xffef_f8aa;
+
+/// What an operation leaves that lost its power halfway.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Torn {
+    /// Everything as before: the cells had not changed yet.
+    Before,
+    /// Some bits changed, and the error correction code fits none of it.
+    Between,
+    /// Everything as it should be, but nobody noted it.
+    After,
+}
+
+impl Torn {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Before, Self::Between, Self::After];
+}
+
+/// All that flash keeps without power.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Contents {
+    bytes: Vec<u8>,
+    /// Double words (by number) that do not fit their error correction code.
+    torn: BTreeSet<usize>,
+    options: u32,
+}
+
+impl Contents {
+    /// Both banks.
+    pub fn bytes(&self) -> &[u8] {
+        &self.bytes
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Action {
+    Program { at: usize, data: u64 },
+    Erase { page: usize },
+    Options,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Operation {
+    action: Action,
+    end: Cycles,
+}
+
+impl Operation {
+    fn bank(&self) -> Option<usize> {
+        match self.action {
+            Action::Program { at, .. } => Some(at / BANK),
+            Action::Erase { page } => Some(page * PAGE / BANK),
+            Action::Options => None,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Cut {
+    /// Operations that still end well.
+    left: u32,
+    torn: Torn,
+}
+
+/// Memory and controller.
+#[derive(Debug)]
+pub struct Flash {
+    memory: Ram,
+    torn: BTreeSet<usize>,
+    /// Option bytes in their cells; OPTR shows those that were loaded at the last start.
+    options: u32,
+    storage: Storage,
+    status: u32,
+    control: u32,
+    ecc: u32,
+    keys: usize,
+    option_keys: usize,
+    /// A wrong key was written: closed until the next reset.
+    shut: bool,
+    operation: Option<Operation>,
+    /// The first half of a double word.
+    half: Option<(usize, u32)>,
+    /// The data cache may hold what is no longer there.
+    stale: bool,
+    cut: Option<Cut>,
+    cut_at: Option<Cycles>,
+    hclk_hz: f64,
+    noise: u64,
+    /// Cycles for which the core must still wait.
+    stall: Cycles,
+    launch: bool,
+    /// Operations that ended well since power-on: double words programmed and pages erased.
+    pub operations: u64,
+    /// How often the core had to wait for a busy bank.
+    pub stalls: u64,
+    /// Cycles that it waited in all.
+    pub stalled: Cycles,
+}
+
+impl Default for Flash {
+    fn default() -> Self {
+        Self {
+            memory: Ram::new(LEN, 0xff),
+            torn: BTreeSet::new(),
+            options: OPTIONS_DELIVERED,
+            storage: Storage::new(&[(ACR, 0x4_0600, 0x7f0f), (OPTR, OPTIONS_DELIVERED, u32::MAX)]),
+            status: 0,
+            control: LOCK | OPTLOCK,
+            ecc: 0,
+            keys: 0,
+            option_keys: 0,
+            shut: false,
+            operation: None,
+            half: None,
+            stale: false,
+            cut: None,
+            cut_at: None,
+            hclk_hz: 16e6,
+            noise: 0x9e37_79b9_7f4a_7c15,
+            stall: 0,
+            launch: false,
+            operations: 0,
+            stalls: 0,
+            stalled: 0,
+        }
+    }
+}
+
+impl Flash {
+    /// Both banks.
+    pub fn bytes(&self) -> &[u8] {
+        self.memory.bytes()
+    }
+
+    /// Where both banks lie in the host.
+    pub fn as_ptr(&self) -> *mut u8 {
+        self.memory.as_ptr()
+    }
+
+    /// Writes bytes as a probe does that has just erased everything below them.
+    ///
+    /// Returns false, and writes nothing, where they do not fit.
+    #[must_use]
+    pub fn load(&mut self, address: u32, bytes: &[u8]) -> bool {
+        let Some(start) = address.checked_sub(START) else { return false };
+        let start = start as usize;
+        let Some(target) = start.checked_add(bytes.len()).and_then(|end| self.memory.bytes_mut().get_mut(start..end))
+        else {
+            return false;
+        };
+        target.copy_from_slice(bytes);
+        true
+    }
+
+    /// A copy of all that is kept without power.
+    pub fn contents(&self) -> Contents {
+        Contents { bytes: self.memory.bytes().to_vec(), torn: self.torn.clone(), options: self.options }
+    }
+
+    /// Puts a copy back.
+    pub fn set_contents(&mut self, contents: &Contents) {
+        self.memory.bytes_mut().copy_from_slice(&contents.bytes);
+        self.torn = contents.torn.clone();
+        self.options = contents.options;
+    }
+
+    /// Ends the run in the middle of an operation: the one after `operations` more that end well.
+    pub fn cut_power_after(&mut self, operations: u32, torn: Torn) {
+        self.cut = Some(Cut { left: operations, torn });
+    }
+
+    /// No cut any more.
+    pub fn keep_power(&mut self) {
+        self.cut = None;
+        self.cut_at = None;
+    }
+
+    /// The moment of the cut has come.
+    pub fn power_fails(&self, now: Cycles) -> bool {
+        self.cut_at.is_some_and(|at| at <= now)
+    }
+
+    /// Wait states that are set.
+    pub fn wait_states(&self) -> u32 {
+        self.storage.get(ACR) & 0xf
+    }
+
+    /// Brown-out level in use: 0 is 1.7 V, 4 is 2.8 V.
+    pub fn brown_out_level(&self) -> u32 {
+        self.storage.get(OPTR) >> 8 & 7
+    }
+
+    /// Power has gone: what was under way is torn.
+    pub fn lose_power(&mut self) {
+        let torn = match (self.cut_at.take(), self.cut.take()) {
+            (Some(_), Some(cut)) => cut.torn,
+            _ => Torn::Between,
+        };
+        let Some(Operation { action, .. }) = self.operation.take() else { return };
+        match (torn, action) {
+            (Torn::Before, _) => {}
+            (Torn::After, action) => self.carry_out(action),
+            (Torn::Between, Action::Program { at, data }) => self.tear(at, data),
+            (Torn::Between, Action::Erase { page }) => {
+                for at in (page * PAGE..(page + 1) * PAGE).step_by(8) {
+                    self.tear_erased(at);
+                }
+            }
+            // The controller writes them to a second place before it forgets the first.
+            (Torn::Between, Action::Options) => {}
+        }
+    }
+
+    fn random(&mut self) -> u64 {
+        // xorshift64 (Marsaglia 2003): any bits will do, the same ones each time.
+        self.noise ^= self.noise << 13;
+        self.noise ^= self.noise >> 7;
+        self.noise ^= self.noise << 17;
+        self.noise
+    }
+
+    fn double_word(&self, at: usize) -> u64 {
+        let mut bytes = [0; 8];
+        bytes.copy_from_slice(&self.memory.bytes()[at..at + 8]);
+        u64::from_le_bytes(bytes)
+    }
+
+    fn set_double_word(&mut self, at: usize, data: u64) {
+        self.memory.bytes_mut()[at..at + 8].copy_from_slice(&data.to_le_bytes());
+    }
+
+    fn tear(&mut self, at: usize, data: u64) {
+        let some = self.random();
+        let old = self.double_word(at);
+        self.set_double_word(at, old & (data | some));
+        self.torn.insert(at / 8);
+    }
+
+    /// Leaves a double word of zeros that does not fit its error correction code.
+    #[cfg(test)]
+    pub(crate) fn tear_for_test(&mut self, address: u32) {
+        self.tear((address - START) as usize, 0);
+    }
+
+    fn tear_erased(&mut self, at: usize) {
+        let some = self.random();
+        match self.double_word(at) {
+            u64::MAX => {}
+            old => {
+                self.set_double_word(at, old | some);
+                self.torn.insert(at / 8);
+            }
+        }
+    }
+
+    fn carry_out(&mut self, action: Action) {
+        match action {
+            Action::Program { at, data } => {
+                self.set_double_word(at, data);
+                self.torn.remove(&(at / 8));
+            }
+            Action::Erase { page } => {
+                let (start, end) = (page * PAGE, (page + 1) * PAGE);
+                self.memory.bytes_mut()[start..end].fill(0xff);
+                self.torn.retain(|word| !(start / 8..end / 8).contains(word));
+            }
+            Action::Options => self.options = self.storage.get(OPTR),
+        }
+    }
+
+    fn begin(&mut self, action: Action, now: Cycles) {
+        let length_s = match action {
+            Action::Program { .. } => PROGRAM_S,
+            Action::Erase { .. } => ERASE_S,
+            Action::Options => ERASE_S + PROGRAM_S,
+        };
+        let length = (length_s * self.hclk_hz) as Cycles;
+        self.operation = Some(Operation { action, end: now + length });
+        self.stale |= self.storage.get(ACR) & DCEN != 0;
+        match &mut self.cut {
+            Some(Cut { left: 0, .. }) => self.cut_at = Some(now + length / 2),
+            Some(cut) => cut.left -= 1,
+            None => {}
+        }
+    }
+
+    fn fail(&mut self, error: u32) {
+        self.status |= error;
+        if self.control & ERRIE != 0 {
+            self.status |= OPERR;
+        }
+        self.half = None;
+    }
+
+    /// The core waits until nothing is under way; returns the moment at which it goes on.
+    fn wait(&mut self, now: Cycles) -> Cycles {
+        let end = match self.operation {
+            Some(operation) if operation.end > now => operation.end,
+            _ => return now,
+        };
+        self.stalls += 1;
+        self.stalled += end - now;
+        self.stall += end - now;
+        self.advance(end);
+        end
+    }
+
+    /// Cycles for which the core must wait after the access that it has just made.
+    pub fn take_stall(&mut self) -> Cycles {
+        std::mem::take(&mut self.stall)
+    }
+
+    /// The option bytes are to be loaded, which restarts the chip.
+    pub fn launches(&self) -> bool {
+        self.launch
+    }
+
+    /// The level of the interrupt line.
+    pub fn irq(&self) -> bool {
+        self.status & EOP != 0 && self.control & EOPIE != 0 || self.status & OPERR != 0 && self.control & ERRIE != 0
+    }
+
+    /// An error that could not be corrected holds the line of the non-maskable interrupt.
+    pub fn nmi(&self) -> bool {
+        self.ecc & ECCD != 0
+    }
+
+    /// The core reads memory of bank 2.
+    pub fn read_memory(&mut self, address: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
+        let at = address.wrapping_sub(START) as usize;
+        let now = match self.operation {
+            Some(operation) if operation.bank() == Some(at / BANK) => self.wait(now),
+            _ => now,
+        };
+        self.advance(now);
+        let bytes = self.memory.bytes().get(at..at + width.bytes() as usize);
+        let Some(bytes) = bytes else { return Err(Unknown { what: "past the end of flash" }) };
+        let value = bytes.iter().rev().fold(0, |word, &byte| word << 8 | u32::from(byte));
+        if self.stale {
+            return Err(Unknown { what: "read through a data cache that was not reset after flash changed" });
+        }
+        if self.torn.contains(&(at / 8)) && self.ecc & ECCD == 0 {
+            let bank = if at >= BANK { BK_ECC } else { 0 };
+            self.ecc = self.ecc & ECCIE | ECCD | bank | (at % BANK & !7) as u32;
+        }
+        Ok(value)
+    }
+
+    /// The core writes to memory.
+    pub fn write_memory(&mut self, address: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+        let at = address.wrapping_sub(START) as usize;
+        if at < BANK {
+            return Err(Unknown { what: "bank 1, from which the code runs, is written" });
+        }
+        if at >= LEN {
+            return Err(Unknown { what: "past the end of flash" });
+        }
+        let now = self.wait(now);
+        self.advance(now);
+        if width != Width::Word {
+            self.fail(SIZERR);
+            return Ok(());
+        }
+        if self.control & PG == 0 || self.status & ERRORS != 0 {
+            self.fail(PGSERR);
+            return Ok(());
+        }
+        match self.half.take() {
+            None if at % 8 == 0 => self.half = Some((at, value)),
+            Some((first, low)) if at == first + 4 => {
+                let data = u64::from(value) << 32 | u64::from(low);
+                if self.double_word(first) != u64::MAX && data != 0 {
+                    self.fail(PROGERR);
+                } else {
+                    self.begin(Action::Program { at: first, data }, now);
+                }
+            }
+            _ => self.fail(PGAERR),
+        }
+        Ok(())
+    }
+
+    fn unlock(&mut self, key: u32) -> Result<(), Unknown> {
+        if self.shut || self.control & LOCK == 0 || key != KEYS[self.keys] {
+            self.shut = true;
+            return Err(Unknown { what: "a wrong flash key: a bus fault, and closed until the next reset" });
+        }
+        self.keys = (self.keys + 1) % 2;
+        if self.keys == 0 {
+            self.control &= !LOCK;
+        }
+        Ok(())
+    }
+
+    fn unlock_options(&mut self, key: u32) -> Result<(), Unknown> {
+        if self.control & (LOCK | OPTLOCK) != OPTLOCK || key != OPTION_KEYS[self.option_keys] {
+            return Err(Unknown { what: "a wrong option key, or flash is locked" });
+        }
+        self.option_keys = (self.option_keys + 1) % 2;
+        if self.option_keys == 0 {
+            self.control &= !OPTLOCK;
+        }
+        Ok(())
+    }
+
+    fn write_control(&mut self, word: u32, now: Cycles) -> Result<(), Unknown> {
+        let now = self.wait(now);
+        if self.control & LOCK != 0 {
+            // Locking what is locked is harmless.
+            return if word & LOCK != 0 { Ok(()) } else { Err(Unknown { what: "FLASH_CR is locked" }) };
+        }
+        if word & CR_UNKNOWN != 0 {
+            return Err(Unknown { what: "mass erasure, fast programming and secured areas are not modelled" });
+        }
+        self.control = word & CR_KEPT | self.control & OPTLOCK;
+        if word & PG == 0 {
+            self.half = None;
+        }
+        if word & OPTLOCK != 0 {
+            self.control |= OPTLOCK;
+        }
+        let options = word & (OPTSTRT | OBL_LAUNCH);
+        if options != 0 && self.control & OPTLOCK != 0 {
+            return Err(Unknown { what: "the option bytes are locked" });
+        }
+        if word & STRT != 0 {
+            if word & (PG | PER) != PER || self.status & ERRORS != 0 {
+                self.fail(PGSERR);
+            } else if word & BKER == 0 {
+                return Err(Unknown { what: "bank 1, from which the code runs, is erased" });
+            } else {
+                let page = (BANK / PAGE) + (word >> 3 & 0x7f) as usize;
+                self.begin(Action::Erase { page }, now);
+            }
+        }
+        if word & OPTSTRT != 0 {
+            self.begin(Action::Options, now);
+        }
+        self.launch |= word & OBL_LAUNCH != 0;
+        if word & LOCK != 0 {
+            self.control = self.control & CR_KEPT | LOCK | OPTLOCK;
+        }
+        Ok(())
+    }
+}
+
+impl Registers for Flash {
+    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
+        self.advance(now);
+        let word = match offset & !3 {
+            KEYR | OPTKEYR => 0,
+            SR => self.status | if self.operation.is_some() { BSY } else { 0 },
+            CR => {
+                let started = match self.operation.map(|operation| operation.action) {
+                    Some(Action::Erase { .. }) => STRT,
+                    Some(Action::Options) => OPTSTRT,
+                    _ => 0,
+                };
+                self.control | started
+            }
+            ECCR => self.ecc,
+            // Both are read to change some of their bits.
+            ACR | OPTR => self.storage.get(offset & !3),
+            _ => return Err(Unknown::REGISTER),
+        };
+        Ok(width.part(word, offset))
+    }
+
+    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+        self.advance(now);
+        let word = width.replace(0, offset, value);
+        match offset & !3 {
+            KEYR => self.unlock(word)?,
+            OPTKEYR => self.unlock_options(word)?,
+            // Written ones clear.
+            SR => self.status &= !word,
+            CR => self.write_control(width.replace(self.control, offset, value), now)?,
+            ECCR => {
+                self.ecc &= !(word & ECCD);
+                self.ecc = self.ecc & !ECCIE | word & ECCIE;
+            }
+            ACR => {
+                let before = self.storage.get(ACR);
+                self.storage.write(offset, value, width)?;
+                let after = self.storage.get(ACR);
+                if after & DCRST != 0 {
+                    if before & after & DCEN != 0 {
+                        return Err(Unknown { what: "the data cache is reset while it is on" });
+                    }
+                    self.stale = false;
+                }
+            }
+            OPTR if self.control & OPTLOCK != 0 => return Err(Unknown { what: "the option bytes are locked" }),
+            OPTR => self.storage.write(offset, value, width)?,
+            _ => return Err(Unknown::REGISTER),
+        }
+        Ok(())
+    }
+
+    fn next_event(&self) -> Option<Cycles> {
+        let end = self.operation.filter(|_| self.control & EOPIE != 0).map(|operation| operation.end);
+        end.into_iter().chain(self.cut_at).min()
+    }
+
+    fn advance(&mut self, now: Cycles) {
+        match self.operation {
+            Some(Operation { action, end }) if end <= now => {
+                self.operation = None;
+                self.carry_out(action);
+                self.operations += 1;
+                if self.control & EOPIE != 0 {
+                    self.status |= EOP;
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn reset(&mut self, now: Cycles) {
+        self.advance(now);
+        // A reset stops what is under way; the cells are as torn as without power.
+        self.lose_power();
+        self.storage.reset();
+        self.storage.set(OPTR, self.options);
+        self.status = 0;
+        self.control = LOCK | OPTLOCK;
+        self.ecc = 0;
+        (self.keys, self.option_keys, self.shut) = (0, 0, false);
+        self.half = None;
+        self.stale = false;
+        self.stall = 0;
+        self.launch = false;
+        self.hclk_hz = 16e6;
+    }
+
+    fn set_clocks(&mut self, clocks: &Clocks) {
+        self.hclk_hz = clocks.hclk_hz;
+    }
+
+    fn unwritten_reads(&self) -> Vec<u32> {
+        Vec::new()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SETTINGS: u32 = 0x0807_c000;
+
+    fn write(flash: &mut Flash, offset: u32, value: u32, now: Cycles) {
+        flash.write(offset, value, Width::Word, now).expect("known");
+    }
+
+    fn read(flash: &mut Flash, offset: u32, now: Cycles) -> u32 {
+        flash.read(offset, Width::Word, now).expect("known")
+    }
+
+    fn unlocked() -> Flash {
+        let mut flash = Flash::default();
+        for key in KEYS {
+            write(&mut flash, KEYR, key, 0);
+        }
+        write(&mut flash, ACR, 0x200, 0);
+        flash
+    }
+
+    fn program(flash: &mut Flash, address: u32, data: [u32; 2], now: Cycles) {
+        write(flash, CR, PG | EOPIE | ERRIE, now);
+        flash.write_memory(address, data[0], Width::Word, now).expect("known");
+        flash.write_memory(address + 4, data[1], Width::Word, now).expect("known");
+    }
+
+    fn word(flash: &mut Flash, address: u32, now: Cycles) -> u32 {
+        flash.read_memory(address, Width::Word, now).expect("known")
+    }
+
+    /// 85 us and 22 ms at 16 MHz.
+    const PROGRAM: Cycles = 1360;
+    const ERASE: Cycles = 352_000;
+
+    #[test]
+    fn programs_a_double_word_once() {
+        let mut flash = unlocked();
+        program(&mut flash, SETTINGS, [1, 2], 0);
+        assert_eq!(read(&mut flash, SR, PROGRAM - 1), BSY);
+        assert_eq!(flash.next_event(), Some(PROGRAM));
+        assert_eq!(read(&mut flash, SR, PROGRAM), EOP);
+        assert!(flash.irq());
+        assert_eq!((word(&mut flash, SETTINGS, PROGRAM), word(&mut flash, SETTINGS + 4, PROGRAM)), (1, 2));
+        write(&mut flash, SR, EOP, PROGRAM);
+        program(&mut flash, SETTINGS, [1, 1], PROGRAM);
+        assert_eq!(read(&mut flash, SR, PROGRAM), PROGERR | OPERR, "not erased");
+        program(&mut flash, SETTINGS + 8, [1, 1], PROGRAM);
+        assert_eq!(read(&mut flash, SR, PROGRAM) & PGSERR, PGSERR, "an error blocks the next until it is cleared");
+        write(&mut flash, SR, u32::MAX, PROGRAM);
+        program(&mut flash, SETTINGS, [0, 0], PROGRAM);
+        assert_eq!(read(&mut flash, SR, PROGRAM), BSY, "zero is always possible");
+    }
+
+    #[test]
+    fn wrong_order_and_wrong_size() {
+        let mut flash = unlocked();
+        flash.write_memory(SETTINGS, 0, Width::Word, 0).expect("known");
+        assert_eq!(read(&mut flash, SR, 0), PGSERR, "PG is not set");
+        write(&mut flash, SR, PGSERR, 0);
+        write(&mut flash, CR, PG, 0);
+        flash.write_memory(SETTINGS + 4, 0, Width::Word, 0).expect("known");
+        assert_eq!(read(&mut flash, SR, 0), PGAERR);
+        write(&mut flash, SR, PGAERR, 0);
+        flash.write_memory(SETTINGS, 0, Width::Half, 0).expect("known");
+        assert_eq!(read(&mut flash, SR, 0), SIZERR);
+        assert!(flash.write_memory(START, 0, Width::Word, 0).is_err(), "bank 1");
+    }
+
+    #[test]
+    fn locked_until_both_keys() {
+        let mut flash = Flash::default();
+        assert!(flash.write(CR, PG, Width::Word, 0).is_err());
+        write(&mut flash, KEYR, KEYS[0], 0);
+        assert!(flash.write(KEYR, KEYS[0], Width::Word, 0).is_err());
+        assert!(flash.write(KEYR, KEYS[1], Width::Word, 0).is_err(), "closed until the next reset");
+        flash.reset(0);
+        for key in KEYS {
+            write(&mut flash, KEYR, key, 0);
+        }
+        write(&mut flash, CR, PG, 0);
+        write(&mut flash, CR, LOCK, 0);
+        assert_eq!(read(&mut flash, CR, 0), LOCK | OPTLOCK);
+    }
+
+    #[test]
+    fn erases_a_page_of_bank_2_while_bank_1_runs() {
+        let mut flash = unlocked();
+        program(&mut flash, SETTINGS, [1, 2], 0);
+        let now = PROGRAM;
+        write(&mut flash, CR, PER | BKER | 120 << 3 | STRT, now);
+        assert_eq!(word(&mut flash, START, now), u32::MAX);
+        assert_eq!(flash.take_stall(), 0, "bank 1 is free");
+        assert_eq!(word(&mut flash, SETTINGS + 4096, now), u32::MAX);
+        assert_eq!((flash.take_stall(), flash.stalls, flash.stalled), (ERASE, 1, ERASE));
+        assert_eq!(word(&mut flash, SETTINGS, now + ERASE), u32::MAX);
+        assert!(flash.write(CR, PER | STRT, Width::Word, now + ERASE).is_err(), "bank 1");
+    }
+
+    #[test]
+    fn power_that_fails_tears_the_word() {
+        for torn in Torn::ALL {
+            let mut flash = unlocked();
+            flash.cut_power_after(1, torn);
+            program(&mut flash, SETTINGS, [1, 2], 0);
+            assert!(!flash.power_fails(PROGRAM - 1));
+            program(&mut flash, SETTINGS + 8, [3, 4], PROGRAM);
+            assert_eq!(flash.next_event(), Some(PROGRAM + PROGRAM / 2));
+            assert!(flash.power_fails(PROGRAM + PROGRAM / 2));
+            flash.lose_power();
+            flash.reset(2 * PROGRAM);
+            assert_eq!(word(&mut flash, SETTINGS, 2 * PROGRAM), 1);
+            assert!(!flash.nmi());
+            let low = word(&mut flash, SETTINGS + 8, 2 * PROGRAM);
+            match torn {
+                Torn::Before => assert_eq!((low, flash.nmi()), (u32::MAX, false)),
+                Torn::After => assert_eq!((low, flash.nmi()), (3, false)),
+                Torn::Between => {
+                    assert_eq!(low & 3, 3, "bits only fall");
+                    assert!(flash.nmi());
+                    assert_eq!(read(&mut flash, ECCR, 2 * PROGRAM), ECCD | BK_ECC | 0x3_c008);
+                    write(&mut flash, ECCR, ECCD, 2 * PROGRAM);
+                    assert!(!flash.nmi());
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn power_that_fails_tears_the_page_until_it_is_erased_anew() {
+        let mut flash = unlocked();
+        program(&mut flash, SETTINGS, [1, 2], 0);
+        flash.advance(PROGRAM);
+        flash.cut_power_after(0, Torn::Between);
+        write(&mut flash, CR, PER | BKER | 120 << 3 | STRT, PROGRAM);
+        flash.lose_power();
+        assert_ne!(word(&mut flash, SETTINGS, PROGRAM), u32::MAX);
+        assert!(flash.nmi());
+        write(&mut flash, ECCR, ECCD, PROGRAM);
+        write(&mut flash, CR, PER | BKER | 120 << 3 | STRT, PROGRAM);
+        assert_eq!(word(&mut flash, SETTINGS, PROGRAM + ERASE), u32::MAX);
+        assert!(!flash.nmi());
+    }
+
+    #[test]
+    fn a_data_cache_left_on_is_found() {
+        let mut flash = unlocked();
+        write(&mut flash, ACR, 0x600, 0);
+        program(&mut flash, SETTINGS, [1, 2], 0);
+        flash.advance(PROGRAM);
+        assert!(flash.read_memory(SETTINGS, Width::Word, PROGRAM).is_err());
+        assert!(flash.write(ACR, 0x1600, Width::Word, PROGRAM).is_err(), "reset while on");
+        write(&mut flash, ACR, 0x200, PROGRAM);
+        write(&mut flash, ACR, 0x1200, PROGRAM);
+        assert_eq!(word(&mut flash, SETTINGS, PROGRAM), 1);
+    }
+
+    #[test]
+    fn option_bytes_are_loaded_by_a_restart() {
+        let mut flash = unlocked();
+        assert!(flash.write(OPTR, 0, Width::Word, 0).is_err(), "locked");
+        for key in OPTION_KEYS {
+            write(&mut flash, OPTKEYR, key, 0);
+        }
+        write(&mut flash, OPTR, OPTIONS_DELIVERED | 4 << 8, 0);
+        write(&mut flash, CR, OPTSTRT, 0);
+        let end = 2 * ERASE;
+        assert_eq!(read(&mut flash, SR, end), 0);
+        write(&mut flash, CR, OBL_LAUNCH, end);
+        assert!(flash.launches());
+        flash.reset(end);
+        assert_eq!(flash.brown_out_level(), 4);
+        assert_eq!(flash.contents().options, OPTIONS_DELIVERED | 4 << 8);
+    }
+
+    #[test]
+    fn contents_outlive_the_chip() {
+        let mut flash = unlocked();
+        program(&mut flash, SETTINGS, [1, 2], 0);
+        flash.advance(PROGRAM);
+        let mut other = Flash::default();
+        other.set_contents(&flash.contents());
+        assert_eq!(word(&mut other, SETTINGS, 0), 1);
+        assert!(!other.load(START + LEN as u32 - 1, &[0, 0]), "does not fit");
+    }
+}

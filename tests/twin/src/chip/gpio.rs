@@ -1,0 +1,212 @@
+//! GPIO ports (RM0440 section 9.4).
+//!
+//! Modelled: mode, pull, input, output, set and reset registers, alternate functions. Output speed and type are storage; locking
+//! is unknown. A pin that nothing drives and nothing pulls reads low.
+
+use crate::{Cycles, Registers, Storage, Unknown, Width};
+
+const MODER: u32 = 0x00;
+const OTYPER: u32 = 0x04;
+const OSPEEDR: u32 = 0x08;
+const PUPDR: u32 = 0x0c;
+const IDR: u32 = 0x10;
+const ODR: u32 = 0x14;
+const BSRR: u32 = 0x18;
+const AFRL: u32 = 0x20;
+const AFRH: u32 = 0x24;
+const BRR: u32 = 0x28;
+
+/// What a pin is used for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mode {
+    /// Digital input.
+    Input,
+    /// Output by the output data register.
+    Output,
+    /// Belongs to the peripheral with this number in the data sheet's table.
+    Alternate(u8),
+    /// Analogue; the digital input is off.
+    Analog,
+}
+
+/// One port of 16 pins.
+#[derive(Clone, Debug)]
+pub struct Gpio {
+    storage: Storage,
+    /// Pins that something outside drives.
+    driven: u16,
+    /// To which level.
+    levels: u16,
+}
+
+impl Gpio {
+    /// From the values of MODER, OSPEEDR and PUPDR after reset: those of A and B hold the debug pins.
+    const fn reset_values(port: usize) -> (u32, u32, u32) {
+        match port {
+            0 => (0xabff_ffff, 0x0c00_0000, 0x6400_0000),
+            1 => (0xffff_febf, 0x0000_00c0, 0x0000_0100),
+            _ => (u32::MAX, 0, 0),
+        }
+    }
+
+    /// Port A is 0.
+    pub fn new(port: usize) -> Self {
+        let (mode, speed, pull) = Self::reset_values(port);
+        let storage = Storage::new(&[
+            (MODER, mode, u32::MAX),
+            (OTYPER, 0, 0xffff),
+            (OSPEEDR, speed, u32::MAX),
+            (PUPDR, pull, u32::MAX),
+            (ODR, 0, 0xffff),
+            (AFRL, 0, u32::MAX),
+            (AFRH, 0, u32::MAX),
+        ]);
+        Self { storage, driven: 0, levels: 0 }
+    }
+
+    /// What a pin is used for.
+    pub fn mode(&self, pin: usize) -> Mode {
+        match self.storage.get(MODER) >> (2 * pin) & 3 {
+            0 => Mode::Input,
+            1 => Mode::Output,
+            2 => {
+                let register = if pin < 8 { AFRL } else { AFRH };
+                Mode::Alternate((self.storage.get(register) >> (4 * (pin % 8)) & 0xf) as u8)
+            }
+            _ => Mode::Analog,
+        }
+    }
+
+    /// Something outside drives a pin to a level, or lets go of it.
+    pub fn drive(&mut self, pin: usize, level: Option<bool>) {
+        let bit = 1 << pin;
+        self.driven = if level.is_some() { self.driven | bit } else { self.driven & !bit };
+        self.levels = if level == Some(true) { self.levels | bit } else { self.levels & !bit };
+    }
+
+    /// The levels at the pins, in bits.
+    pub fn pins(&self) -> u16 {
+        let mode = self.storage.get(MODER);
+        let pull = self.storage.get(PUPDR);
+        let output = self.storage.get(ODR);
+        let open_drain = self.storage.get(OTYPER);
+        (0..16).fold(0, |levels, pin| {
+            let bit = |word: u32| word >> pin & 1 != 0;
+            let pulled = pull >> (2 * pin) & 3 == 1;
+            let outside = if bit(u32::from(self.driven)) { bit(u32::from(self.levels)) } else { pulled };
+            let level = match mode >> (2 * pin) & 3 {
+                1 if bit(open_drain) => bit(output) && outside,
+                1 => bit(output),
+                _ => outside,
+            };
+            levels | u16::from(level) << pin
+        })
+    }
+
+    /// What something outside sees at a pin: one that nobody drives is pulled up there.
+    pub fn output(&self, pin: usize) -> bool {
+        let driven = self.mode(pin) == Mode::Output || self.driven >> pin & 1 != 0;
+        !driven || self.pins() >> pin & 1 != 0
+    }
+
+    /// What the input register shows: analogue pins read zero.
+    fn input(&self) -> u32 {
+        let mode = self.storage.get(MODER);
+        let digital = (0..16).filter(|pin| mode >> (2 * pin) & 3 != 3).fold(0, |mask, pin| mask | 1 << pin);
+        u32::from(self.pins()) & digital
+    }
+}
+
+impl Registers for Gpio {
+    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
+        match offset & !3 {
+            IDR => Ok(width.part(self.input(), offset)),
+            BSRR | BRR => Ok(0),
+            // Code that changes single pins through this register is in order before anything was written.
+            ODR => Ok(width.part(self.storage.get(ODR), offset)),
+            _ => self.storage.read(offset, width),
+        }
+    }
+
+    fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Result<(), Unknown> {
+        let word = width.replace(0, offset, value);
+        let output = self.storage.get(ODR);
+        match offset & !3 {
+            IDR => Err(Unknown { what: "the input register is read-only" }),
+            // Setting has priority over resetting.
+            BSRR => self.storage.write(ODR, output & !(word >> 16) | word & 0xffff, Width::Word),
+            BRR => self.storage.write(ODR, output & !word, Width::Word),
+            _ => self.storage.write(offset, value, width),
+        }
+    }
+
+    fn reset(&mut self, _: Cycles) {
+        self.storage.reset();
+    }
+
+    fn unwritten_reads(&self) -> Vec<u32> {
+        // Reading what a pin was set to before setting it anew is how all of these are used.
+        let shared = [MODER, OTYPER, OSPEEDR, PUPDR, AFRL, AFRH];
+        self.storage.unwritten_reads().into_iter().filter(|offset| !shared.contains(offset)).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn write(gpio: &mut Gpio, offset: u32, value: u32) {
+        gpio.write(offset, value, Width::Word, 0).expect("known");
+    }
+
+    #[test]
+    fn output_is_seen_at_the_pin_and_by_the_input_register() {
+        let mut gpio = Gpio::new(2);
+        assert!(gpio.output(6), "nobody drives it");
+        write(&mut gpio, MODER, u32::MAX & !(3 << 12) | 1 << 12);
+        assert!(!gpio.output(6));
+        write(&mut gpio, BSRR, 1 << 6);
+        assert!(gpio.output(6));
+        assert_eq!(gpio.read(IDR, Width::Word, 0), Ok(1 << 6));
+        write(&mut gpio, BSRR, 1 << 22 | 1 << 6);
+        assert!(gpio.output(6), "setting wins over resetting");
+        write(&mut gpio, BRR, 1 << 6);
+        assert!(!gpio.output(6));
+    }
+
+    #[test]
+    fn input_pulls_and_analog() {
+        let mut gpio = Gpio::new(1);
+        gpio.drive(10, Some(true));
+        assert_eq!(gpio.read(IDR, Width::Word, 0), Ok(1 << 4), "PB10 is analogue, PB4 pulled up for debugging");
+        write(&mut gpio, MODER, 0);
+        assert_eq!(gpio.read(IDR, Width::Word, 0), Ok(1 << 10 | 1 << 4));
+        assert_eq!(gpio.read(IDR + 1, Width::Byte, 0), Ok(4));
+        gpio.drive(10, None);
+        write(&mut gpio, PUPDR, 1 << 20);
+        assert_eq!(gpio.read(IDR, Width::Word, 0), Ok(1 << 10));
+    }
+
+    #[test]
+    fn open_drain_only_pulls_down() {
+        let mut gpio = Gpio::new(2);
+        write(&mut gpio, MODER, 1);
+        write(&mut gpio, OTYPER, 1);
+        write(&mut gpio, BSRR, 1);
+        assert_eq!(gpio.pins() & 1, 0);
+        gpio.drive(0, Some(true));
+        assert_eq!(gpio.pins() & 1, 1);
+        write(&mut gpio, BRR, 1);
+        assert_eq!(gpio.pins() & 1, 0);
+    }
+
+    #[test]
+    fn alternate_functions() {
+        let mut gpio = Gpio::new(0);
+        write(&mut gpio, MODER, 2 << 30 | 2 << 4);
+        write(&mut gpio, AFRH, 1 << 28);
+        write(&mut gpio, AFRL, 12 << 8);
+        assert_eq!((gpio.mode(15), gpio.mode(2), gpio.mode(3)), (Mode::Alternate(1), Mode::Alternate(12), Mode::Input));
+        assert!(gpio.write(0x1c, 0, Width::Word, 0).is_err(), "locking is unknown");
+    }
+}

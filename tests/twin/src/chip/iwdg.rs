@@ -1,0 +1,228 @@
+//! Independent watchdog (RM0440 section 42.4), counted by the slow internal oscillator of nominally 32 kHz.
+//!
+//! New values of prescaler and reload are in use five periods of that oscillator after they were written, or after the start if
+//! that came later.
+
+use super::rcc::LSI_HZ;
+use crate::{Cycles, Registers, Unknown, Width, chip::clocks::Clocks};
+
+const KR: u32 = 0x00;
+const PR: u32 = 0x04;
+const RLR: u32 = 0x08;
+const SR: u32 = 0x0c;
+const WINR: u32 = 0x10;
+
+const ACCESS: u32 = 0x5555;
+const RELOAD: u32 = 0xaaaa;
+const START: u32 = 0xcccc;
+
+/// Periods of the oscillator until a written value is in use.
+const TRANSFER: f64 = 5.0;
+
+/// The watchdog.
+#[derive(Clone, Debug)]
+pub struct Iwdg {
+    open: bool,
+    running: bool,
+    /// In use.
+    prescaler: u32,
+    reload: u32,
+    /// Written, and when they come into use.
+    new_prescaler: Option<(u32, Cycles)>,
+    new_reload: Option<(u32, Cycles)>,
+    /// Periods of the oscillator left, at a moment.
+    left: f64,
+    since: Cycles,
+    hclk_hz: f64,
+}
+
+impl Default for Iwdg {
+    fn default() -> Self {
+        Self {
+            open: false,
+            running: false,
+            prescaler: 0,
+            reload: 0xfff,
+            new_prescaler: None,
+            new_reload: None,
+            left: 0.0,
+            since: 0,
+            hclk_hz: 16e6,
+        }
+    }
+}
+
+impl Iwdg {
+    fn divider(&self) -> f64 {
+        f64::from(4 << self.prescaler.min(6))
+    }
+
+    fn periods(&self, cycles: Cycles) -> f64 {
+        cycles as f64 * LSI_HZ / self.hclk_hz
+    }
+
+    fn cycles(&self, periods: f64) -> Cycles {
+        (periods * self.hclk_hz / LSI_HZ).ceil() as Cycles
+    }
+
+    fn refresh(&mut self) {
+        self.left = f64::from(self.reload + 1) * self.divider();
+    }
+
+    fn in_use_at(&self, now: Cycles) -> Cycles {
+        now + self.cycles(TRANSFER)
+    }
+
+    /// Time without a refresh after which it bites \[s\]; nothing while it is not running.
+    pub fn timeout_s(&self) -> Option<f64> {
+        let (prescaler, reload) =
+            (self.new_prescaler.map_or(self.prescaler, |new| new.0), self.new_reload.map_or(self.reload, |new| new.0));
+        self.running.then(|| f64::from(reload + 1) * f64::from(4 << prescaler.min(6)) / LSI_HZ)
+    }
+
+    /// It has run out: the chip is to be reset.
+    pub fn bites(&self) -> bool {
+        self.running && self.left <= 0.0
+    }
+}
+
+impl Registers for Iwdg {
+    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
+        self.advance(now);
+        let word = match offset & !3 {
+            KR => 0,
+            PR => self.prescaler,
+            RLR => self.reload,
+            SR => u32::from(self.new_prescaler.is_some()) | u32::from(self.new_reload.is_some()) << 1,
+            WINR => 0xfff,
+            _ => return Err(Unknown::REGISTER),
+        };
+        Ok(width.part(word, offset))
+    }
+
+    fn write(&mut self, offset: u32, value: u32, _: Width, now: Cycles) -> Result<(), Unknown> {
+        self.advance(now);
+        match offset {
+            KR => {
+                self.open = value == ACCESS;
+                match value {
+                    RELOAD => self.refresh(),
+                    START if !self.running => {
+                        self.running = true;
+                        self.refresh();
+                        let in_use = self.in_use_at(now);
+                        for new in [&mut self.new_prescaler, &mut self.new_reload].into_iter().flatten() {
+                            new.1 = in_use;
+                        }
+                    }
+                    _ => {}
+                }
+            }
+            PR | RLR if !self.open => return Err(Unknown { what: "written without the key that opens it" }),
+            PR => self.new_prescaler = Some((value & 7, self.in_use_at(now))),
+            RLR => self.new_reload = Some((value & 0xfff, self.in_use_at(now))),
+            WINR => return Err(Unknown { what: "the window is not modelled" }),
+            _ => return Err(Unknown::REGISTER),
+        }
+        Ok(())
+    }
+
+    fn next_event(&self) -> Option<Cycles> {
+        if !self.running {
+            return None;
+        }
+        let new = [self.new_prescaler, self.new_reload].into_iter().flatten().map(|(_, at)| at).min();
+        let end = self.since + self.cycles(self.left.max(0.0));
+        Some(new.map_or(end, |at| at.min(end)))
+    }
+
+    fn advance(&mut self, now: Cycles) {
+        if !self.running {
+            self.since = now;
+            return;
+        }
+        let arrived = |new: Option<(u32, Cycles)>| new.filter(|&(_, at)| at <= now);
+        for at in [arrived(self.new_prescaler), arrived(self.new_reload)].into_iter().flatten().map(|(_, at)| at) {
+            self.left -= self.periods(at.saturating_sub(self.since));
+            self.since = self.since.max(at);
+        }
+        if let Some((prescaler, _)) = arrived(self.new_prescaler) {
+            let counts = self.left / self.divider();
+            self.prescaler = prescaler;
+            self.left = counts * self.divider();
+            self.new_prescaler = None;
+        }
+        if let Some((reload, _)) = arrived(self.new_reload) {
+            self.reload = reload;
+            self.new_reload = None;
+        }
+        self.left -= self.periods(now - self.since);
+        self.since = now;
+        // Rounding of the last period.
+        if self.left < 1e-6 {
+            self.left = 0.0;
+        }
+    }
+
+    fn reset(&mut self, now: Cycles) {
+        *self = Self { since: now, ..Self::default() };
+    }
+
+    fn set_clocks(&mut self, clocks: &Clocks) {
+        self.hclk_hz = clocks.hclk_hz;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn write(iwdg: &mut Iwdg, offset: u32, value: u32, now: Cycles) {
+        iwdg.write(offset, value, Width::Word, now).expect("known");
+    }
+
+    /// One second: divider 16, 2000 counts. 500 cycles are one period.
+    fn started() -> Iwdg {
+        let mut iwdg = Iwdg::default();
+        for (offset, value) in [(KR, ACCESS), (PR, 2), (RLR, 1999), (KR, START)] {
+            write(&mut iwdg, offset, value, 0);
+        }
+        iwdg.advance(2500);
+        write(&mut iwdg, KR, RELOAD, 2500);
+        iwdg
+    }
+
+    #[test]
+    fn bites_when_it_is_not_fed() {
+        let mut iwdg = started();
+        assert_eq!(iwdg.timeout_s(), Some(1.0));
+        let end = 2500 + 16_000_000;
+        assert_eq!(iwdg.next_event(), Some(end));
+        iwdg.advance(end - 500);
+        assert!(!iwdg.bites());
+        iwdg.advance(end);
+        assert!(iwdg.bites());
+    }
+
+    #[test]
+    fn feeding_gives_the_whole_time_again() {
+        let mut iwdg = started();
+        write(&mut iwdg, KR, RELOAD, 10_000_000);
+        assert_eq!(iwdg.next_event(), Some(26_000_000));
+        write(&mut iwdg, KR, START, 20_000_000);
+        assert_eq!(iwdg.next_event(), Some(26_000_000), "it is started once");
+    }
+
+    #[test]
+    fn values_need_the_key_and_some_time() {
+        let mut iwdg = Iwdg::default();
+        assert!(iwdg.write(RLR, 1, Width::Word, 0).is_err());
+        write(&mut iwdg, KR, ACCESS, 0);
+        write(&mut iwdg, RLR, 1, 0);
+        assert_eq!(iwdg.read(SR, Width::Word, 0), Ok(2));
+        write(&mut iwdg, KR, START, 1000);
+        assert_eq!(iwdg.next_event(), Some(3500), "the transfer ends");
+        assert_eq!(iwdg.read(SR, Width::Word, 3500), Ok(0));
+        assert_eq!(iwdg.read(RLR, Width::Word, 3500), Ok(1));
+    }
+}

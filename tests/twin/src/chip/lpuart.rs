@@ -1,0 +1,414 @@
+//! The serial link LPUART1 (RM0440 section 38.7): 8 data bits, no parity, one stop bit.
+//!
+//! The other end is a pair of byte pipes: [`Lpuart::send`] and [`Lpuart::take_sent`]. Bytes take their time at the rate that the
+//! registers ask for; an end that runs at another rate gives framing errors. Modelled: FIFO, its threshold and interrupts, idle
+//! line, overrun, DMA requests. Flow control, addressing, wake-up and half-duplex are unknown.
+
+use crate::{Cycles, Registers, Storage, Unknown, Width, chip::clocks::Clocks};
+use std::collections::VecDeque;
+
+const CR1: u32 = 0x00;
+const CR2: u32 = 0x04;
+const CR3: u32 = 0x08;
+const BRR: u32 = 0x0c;
+const RQR: u32 = 0x18;
+const ISR: u32 = 0x1c;
+const ICR: u32 = 0x20;
+const RDR: u32 = 0x24;
+const TDR: u32 = 0x28;
+const PRESC: u32 = 0x2c;
+
+/// CR1: the whole, receiver, transmitter, FIFO.
+const UE: u32 = 1 << 0;
+const RE: u32 = 1 << 2;
+const TE: u32 = 1 << 3;
+const FIFOEN: u32 = 1 << 29;
+/// CR1: word length other than 8, parity, mute mode.
+const CR1_UNKNOWN: u32 = 1 << 28 | 1 << 12 | 1 << 10 | 1 << 13;
+/// CR3: error interrupt, DMA of receiver and transmitter, no overrun detection.
+const EIE: u32 = 1 << 0;
+const DMAR: u32 = 1 << 6;
+const DMAT: u32 = 1 << 7;
+const OVRDIS: u32 = 1 << 12;
+const CR3_KNOWN: u32 = EIE | DMAR | DMAT | OVRDIS | 7 << 25 | 7 << 29 | 1 << 28 | 1 << 23 | 1 << 13;
+
+const FE: u32 = 1 << 1;
+const ORE: u32 = 1 << 3;
+const IDLE: u32 = 1 << 4;
+const RXNE: u32 = 1 << 5;
+const TC: u32 = 1 << 6;
+const TXE: u32 = 1 << 7;
+const BUSY: u32 = 1 << 16;
+const TEACK: u32 = 1 << 21;
+const REACK: u32 = 1 << 22;
+const TXFE: u32 = 1 << 23;
+const RXFF: u32 = 1 << 24;
+const RXFT: u32 = 1 << 26;
+const TXFT: u32 = 1 << 27;
+
+/// Start, eight of data, stop.
+const BITS: f64 = 10.0;
+/// Difference of the two rates beyond which a byte is not received whole: half a bit over ten.
+const TOLERANCE: f64 = 0.045;
+
+/// The port with both of its ends.
+#[derive(Clone, Debug)]
+pub struct Lpuart {
+    storage: Storage,
+    flags: u32,
+    clock_hz: f64,
+    hclk_hz: f64,
+    /// Rate of the other end \[bit/s\].
+    far_baud: f64,
+    /// Byte on its way out and the moment at which it has left.
+    shifting: Option<(u8, Cycles)>,
+    transmit: VecDeque<u8>,
+    receive: VecDeque<u8>,
+    sent: Vec<u8>,
+    arriving: VecDeque<u8>,
+    /// When the first of the arriving bytes is complete.
+    arrives: Cycles,
+    idles: Option<Cycles>,
+}
+
+impl Default for Lpuart {
+    fn default() -> Self {
+        let storage = Storage::new(&[
+            (CR1, 0, u32::MAX),
+            (CR2, 0, u32::MAX),
+            (CR3, 0, u32::MAX),
+            (BRR, 0, 0xf_ffff),
+            (PRESC, 0, 0xf),
+        ]);
+        Self {
+            storage,
+            flags: TC,
+            clock_hz: 16e6,
+            hclk_hz: 16e6,
+            far_baud: 921_600.0,
+            shifting: None,
+            transmit: VecDeque::new(),
+            receive: VecDeque::new(),
+            sent: Vec::new(),
+            arriving: VecDeque::new(),
+            arrives: 0,
+            idles: None,
+        }
+    }
+}
+
+impl Lpuart {
+    /// Rate of the other end \[bit/s\].
+    pub fn set_far_baud(&mut self, baud: f64) {
+        self.far_baud = baud;
+    }
+
+    /// The other end sends.
+    pub fn send(&mut self, bytes: &[u8], now: Cycles) {
+        if self.arriving.is_empty() {
+            self.arrives = now + self.byte_time(self.far_baud);
+        }
+        self.arriving.extend(bytes);
+    }
+
+    /// Whether something that the other end sent is still on its way.
+    pub fn is_arriving(&self) -> bool {
+        !self.arriving.is_empty()
+    }
+
+    /// What the chip has sent since the last call, as the other end understands it.
+    pub fn take_sent(&mut self) -> Vec<u8> {
+        std::mem::take(&mut self.sent)
+    }
+
+    /// Rate that the registers ask for \[bit/s\]; nothing while there is none.
+    pub fn baud(&self) -> Option<f64> {
+        let prescaler = [1.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 16.0, 32.0, 64.0, 128.0, 256.0];
+        let divider = f64::from(self.storage.get(BRR));
+        let prescaler = prescaler.get(self.storage.get(PRESC) as usize)?;
+        let baud = 256.0 * self.clock_hz / prescaler / divider;
+        (baud.is_finite() && baud > 0.0).then_some(baud)
+    }
+
+    fn byte_time(&self, baud: f64) -> Cycles {
+        (BITS * self.hclk_hz / baud).round() as Cycles
+    }
+
+    fn own_byte_time(&self) -> Cycles {
+        self.byte_time(self.baud().unwrap_or(self.far_baud))
+    }
+
+    fn rates_agree(&self) -> bool {
+        self.baud().is_some_and(|baud| (baud / self.far_baud - 1.0).abs() < TOLERANCE)
+    }
+
+    fn has(&self, bits: u32) -> bool {
+        self.storage.get(CR1) & bits == bits
+    }
+
+    fn depth(&self) -> usize {
+        if self.has(FIFOEN) { 8 } else { 1 }
+    }
+
+    /// Bytes at which RXFT or TXFT is raised (CR3 threshold fields).
+    fn threshold(&self, shift: u32) -> usize {
+        match self.storage.get(CR3) >> shift & 7 {
+            0 => 1,
+            1 => 2,
+            2 => 4,
+            3 => 6,
+            4 => 7,
+            _ => 8,
+        }
+    }
+
+    fn status(&self) -> u32 {
+        let fifo = self.has(FIFOEN);
+        let free = self.depth() - self.transmit.len().min(self.depth());
+        let flag = |on: bool, flag: u32| if on { flag } else { 0 };
+        self.flags
+            | flag(!self.receive.is_empty(), RXNE)
+            | flag(free > 0, TXE)
+            | flag(self.has(UE | TE), TEACK)
+            | flag(self.has(UE | RE), REACK)
+            | flag(!self.arriving.is_empty(), BUSY)
+            | flag(fifo && self.transmit.is_empty(), TXFE)
+            | flag(fifo && self.receive.len() >= self.depth(), RXFF)
+            | flag(fifo && self.receive.len() >= self.threshold(25), RXFT)
+            | flag(fifo && free >= self.threshold(29), TXFT)
+    }
+
+    /// The level of the interrupt line.
+    pub fn irq(&self) -> bool {
+        let (cr1, cr3, status) = (self.storage.get(CR1), self.storage.get(CR3), self.status());
+        // IDLEIE, RXNEIE, TCIE and TXEIE stand where their flags do; overrun comes with RXNEIE.
+        cr1 & status & (IDLE | RXNE | TC | TXE) != 0
+            || cr1 & RXNE != 0 && status & ORE != 0
+            || cr3 & EIE != 0 && status & (FE | ORE) != 0
+            || cr3 & 1 << 28 != 0 && status & RXFT != 0
+            || cr3 & 1 << 23 != 0 && status & TXFT != 0
+            || cr1 & 1 << 30 != 0 && status & TXFE != 0
+            || cr1 & 1 << 31 != 0 && status & RXFF != 0
+    }
+
+    /// The receiver asks DMA to read it.
+    pub fn dma_receive(&self) -> bool {
+        self.storage.get(CR3) & DMAR != 0 && !self.receive.is_empty()
+    }
+
+    /// The transmitter asks DMA to fill it.
+    pub fn dma_transmit(&self) -> bool {
+        self.storage.get(CR3) & DMAT != 0 && self.has(UE | TE) && self.transmit.len() < self.depth()
+    }
+
+    fn start(&mut self, now: Cycles) {
+        if self.shifting.is_none() && self.has(UE | TE) {
+            if let Some(byte) = self.transmit.pop_front() {
+                self.shifting = Some((byte, now + self.own_byte_time()));
+            }
+        }
+    }
+
+    fn received(&mut self, byte: u8) {
+        if self.receive.len() < self.depth() {
+            self.receive.push_back(if self.rates_agree() { byte } else { !byte });
+        } else if self.storage.get(CR3) & OVRDIS == 0 {
+            self.flags |= ORE;
+        }
+        if !self.rates_agree() {
+            self.flags |= FE;
+        }
+    }
+}
+
+impl Registers for Lpuart {
+    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
+        self.advance(now);
+        let word = match offset & !3 {
+            ISR => self.status(),
+            RDR => u32::from(self.receive.pop_front().unwrap_or(0)),
+            ICR | RQR => 0,
+            // Shared by receiver and transmitter.
+            CR1 | CR2 | CR3 => self.storage.get(offset & !3),
+            register => self.storage.read(register, Width::Word)?,
+        };
+        Ok(width.part(word, offset))
+    }
+
+    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+        self.advance(now);
+        let word = width.replace(0, offset, value);
+        match offset & !3 {
+            ICR => self.flags &= !(word & (0xf | IDLE | TC)),
+            TDR => {
+                if self.transmit.len() >= self.depth() {
+                    return Err(Unknown { what: "written while the transmitter is full" });
+                }
+                self.flags &= !TC;
+                self.transmit.push_back(word as u8);
+                self.start(now);
+            }
+            RQR => {
+                if word & 1 << 3 != 0 {
+                    self.receive.clear();
+                }
+                if word & 1 << 4 != 0 {
+                    self.transmit.clear();
+                }
+                if word & !(3 << 3) != 0 {
+                    return Err(Unknown { what: "of the requests only flushing is modelled" });
+                }
+            }
+            CR1 if word & CR1_UNKNOWN != 0 => return Err(Unknown { what: "other frames than 8N1 are not modelled" }),
+            CR3 if word & !CR3_KNOWN != 0 => {
+                return Err(Unknown { what: "flow control and half-duplex are not modelled" });
+            }
+            CR1 => {
+                self.storage.write(offset, value, width)?;
+                if !self.has(UE) {
+                    self.flags = TC;
+                    self.receive.clear();
+                    self.transmit.clear();
+                    self.shifting = None;
+                }
+                self.start(now);
+            }
+            _ => self.storage.write(offset, value, width)?,
+        }
+        Ok(())
+    }
+
+    fn next_event(&self) -> Option<Cycles> {
+        let arrives = (!self.arriving.is_empty()).then_some(self.arrives);
+        let left = self.shifting.map(|(_, left)| left);
+        [arrives, left, self.idles].into_iter().flatten().min()
+    }
+
+    fn advance(&mut self, now: Cycles) {
+        while let Some((byte, left)) = self.shifting.filter(|&(_, left)| left <= now) {
+            self.sent.push(if self.rates_agree() { byte } else { !byte });
+            self.shifting = self.transmit.pop_front().map(|byte| (byte, left + self.own_byte_time()));
+            if self.shifting.is_none() {
+                self.flags |= TC;
+            }
+        }
+        while !self.arriving.is_empty() && self.arrives <= now {
+            if let Some(byte) = self.arriving.pop_front().filter(|_| self.has(UE | RE)) {
+                self.received(byte);
+                // The line is idle once a whole frame of ones has passed.
+                self.idles = Some(self.arrives + self.byte_time(self.far_baud));
+            }
+            self.arrives += self.byte_time(self.far_baud);
+        }
+        if self.idles.is_some_and(|at| at <= now) && (self.arriving.is_empty() || self.arrives > now) {
+            if self.arriving.is_empty() {
+                self.flags |= IDLE;
+            }
+            self.idles = None;
+        }
+    }
+
+    fn reset(&mut self, now: Cycles) {
+        self.storage.reset();
+        self.flags = TC;
+        self.shifting = None;
+        self.transmit.clear();
+        self.receive.clear();
+        self.idles = None;
+        self.advance(now);
+    }
+
+    fn set_clocks(&mut self, clocks: &Clocks) {
+        self.clock_hz = clocks.lpuart1_hz;
+        self.hclk_hz = clocks.hclk_hz;
+    }
+
+    fn unwritten_reads(&self) -> Vec<u32> {
+        self.storage.unwritten_reads()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn write(uart: &mut Lpuart, offset: u32, value: u32, now: Cycles) {
+        uart.write(offset, value, Width::Word, now).expect("known");
+    }
+
+    fn read(uart: &mut Lpuart, offset: u32, now: Cycles) -> u32 {
+        uart.read(offset, Width::Word, now).expect("known")
+    }
+
+    /// 1 Mbit/s at 16 MHz: a byte takes 160 cycles.
+    fn running(cr1: u32) -> Lpuart {
+        let mut uart = Lpuart::default();
+        uart.set_far_baud(1e6);
+        write(&mut uart, BRR, 4096, 0);
+        write(&mut uart, CR1, UE | RE | TE | cr1, 0);
+        uart
+    }
+
+    #[test]
+    fn sends_bytes_one_after_the_other() {
+        let mut uart = running(FIFOEN);
+        for byte in *b"abc" {
+            write(&mut uart, TDR, u32::from(byte), 10);
+        }
+        assert_eq!(read(&mut uart, ISR, 489) & TC, 0);
+        assert_eq!(uart.take_sent(), b"ab");
+        assert_eq!(uart.next_event(), Some(490));
+        assert_eq!(read(&mut uart, ISR, 490) & TC, TC);
+        assert_eq!(uart.take_sent(), b"c");
+    }
+
+    #[test]
+    fn receives_then_reports_the_idle_line() {
+        let mut uart = running(FIFOEN | RXNE | IDLE);
+        uart.send(b"xy", 0);
+        uart.advance(159);
+        assert!(!uart.irq());
+        uart.advance(160);
+        assert!(uart.irq());
+        assert_eq!(read(&mut uart, RDR, 320), u32::from(b'x'));
+        assert_eq!(read(&mut uart, RDR, 320), u32::from(b'y'));
+        assert!(!uart.irq());
+        assert_eq!(uart.next_event(), Some(480));
+        uart.advance(480);
+        assert_eq!(read(&mut uart, ISR, 480) & IDLE, IDLE);
+        assert!(uart.irq());
+        write(&mut uart, ICR, IDLE, 480);
+        assert!(!uart.irq());
+    }
+
+    #[test]
+    fn overrun_without_anybody_reading() {
+        let mut uart = running(FIFOEN | RXNE);
+        uart.send(b"123456789", 0);
+        uart.advance(8 * 160);
+        assert_eq!(read(&mut uart, ISR, 8 * 160) & (ORE | RXFF), RXFF);
+        uart.advance(9 * 160);
+        assert_eq!(read(&mut uart, ISR, 9 * 160) & ORE, ORE);
+    }
+
+    #[test]
+    fn ends_that_disagree_about_the_rate() {
+        let mut uart = running(0);
+        uart.set_far_baud(115_200.0);
+        uart.send(b"x", 0);
+        uart.advance(10_000);
+        assert_eq!(read(&mut uart, ISR, 10_000) & FE, FE);
+        assert_ne!(read(&mut uart, RDR, 10_000), u32::from(b'x'));
+        assert_eq!(uart.baud(), Some(1e6));
+    }
+
+    #[test]
+    fn asks_dma() {
+        let mut uart = running(0);
+        write(&mut uart, CR3, DMAR | DMAT, 0);
+        assert!(uart.dma_transmit() && !uart.dma_receive());
+        uart.send(b"x", 0);
+        uart.advance(160);
+        assert!(uart.dma_receive());
+    }
+}

@@ -1,0 +1,680 @@
+//! The signal path, worked off event by event: sampling clock, converters, SPI, and the DMA transfers that they ask for.
+//!
+//! Nothing of it is stepped while the core runs. [`Chip::pipeline_advance`] catches up, each event at its own time and in
+//! their order, whenever the core touches a peripheral or an interrupt line may rise; until then the rings in RAM are what
+//! they were. [`Chip::pipeline_next_event`] says when a line may rise: for a circular DMA channel that is its next half.
+//!
+//! Order at one moment: the update of the sampling clock first latches the encoder's count by DMA, then triggers the
+//! converters; a converter looks at its pin at its aperture, its result moves at the conversion's end.
+//! A DMA transfer takes no time. On the chip it takes some tens of nanoseconds, in which the encoder moves 1e-9 m at 20 mm/s.
+
+use super::adc::{self, Signal, TRIGGER_TIM6, Unit};
+use super::ads131m04::{CLKIN, CS, DRDY, Inputs, RESET};
+use super::dma::{CHANNELS, Direction, Dma, Transfer};
+use super::dmamux::Request;
+use super::gpio::Mode;
+use super::spi::Frame;
+use super::{BadAccess, Chip, Pin};
+use crate::{Cycles, Registers, Unknown, Width};
+
+/// SCK, MISO and MOSI of SPI2, and their alternate function (DS12288 table 13).
+const WIRES: [Pin; 3] = [Pin::new('B', 13), Pin::new('B', 14), Pin::new('B', 15)];
+const SPI2_FUNCTION: Mode = Mode::Alternate(5);
+/// PA8 as channel 1 of TIM1.
+const TIM1_FUNCTION: Mode = Mode::Alternate(6);
+
+/// What the signal path keeps besides its peripherals' registers.
+#[derive(Debug, Default)]
+pub struct Pipeline {
+    fault: Option<BadAccess>,
+}
+
+impl Pipeline {
+    /// After a system reset.
+    pub fn reset(&mut self) {
+        *self = Self::default();
+    }
+}
+
+/// The earliest times at which requests can come.
+#[derive(Clone, Copy, Debug)]
+struct Pace {
+    first: Cycles,
+    second: Cycles,
+    /// From the second on.
+    period: Cycles,
+}
+
+impl Pace {
+    fn every(period: Cycles, first: Cycles) -> Self {
+        Self { first, second: first + period, period }
+    }
+
+    /// When the request of this number comes, 1 being the first.
+    fn nth(&self, number: u32) -> Cycles {
+        if number <= 1 { self.first } else { self.second + u64::from(number - 2) * self.period }
+    }
+}
+
+impl Chip {
+    /// What went wrong in the signal path since the last call, if anything did; the path stands still from then on.
+    pub fn take_fault(&mut self) -> Option<BadAccess> {
+        self.pipeline.fault.take()
+    }
+
+    /// Works off everything up to and including `now`.
+    pub(crate) fn pipeline_advance(&mut self, now: Cycles) {
+        while let Some(at) = self.next_step().filter(|at| *at <= now) {
+            if self.pipeline.fault.is_some() {
+                return;
+            }
+            if let Err(unknown) = self.step(at) {
+                self.fault("signal path", unknown);
+            }
+        }
+        self.adc.advance(now);
+    }
+
+    /// When an interrupt line of the signal path may next rise; may be early.
+    pub(crate) fn pipeline_next_event(&self) -> Option<Cycles> {
+        if self.pipeline.fault.is_some() {
+            return None;
+        }
+        let own = [self.tim6.next_event(), self.adc.next_event(), self.spi2.next_event()];
+        let edges = self.ads131m04.as_ref().and_then(|ads| ads.due());
+        let stalls = [self.dma1.next_event(), self.dma2.next_event(), edges];
+        let converters = Unit::ALL.into_iter().filter(|unit| self.adc.interrupts_each(*unit));
+        let triggers = converters.filter_map(|_| self.tim6.next_update());
+        let channels = (0..2 * CHANNELS).filter_map(|channel| self.next_interrupt(channel));
+        own.into_iter().chain(stalls).flatten().chain(triggers).chain(channels).min()
+    }
+
+    /// When the channel's interrupt line may next rise.
+    fn next_interrupt(&self, channel: usize) -> Option<Cycles> {
+        let transfers = self.dma(channel).transfers_until_interrupt(channel % CHANNELS)?;
+        Some(self.pace(Request::of(self.dmamux.request(channel))?)?.nth(transfers))
+    }
+
+    fn pace(&self, request: Request) -> Option<Pace> {
+        let clock = |first: Cycles| Pace::every(self.tim6.period(), first);
+        let of_unit = |unit: Unit| match (self.adc.due_of(unit), self.tim6.next_update()) {
+            // One result may come at once, then one with each trigger; without a trigger, or of a sequence, many.
+            (Some(due), Some(update)) if self.adc.is_single(unit) => {
+                Some(Pace { first: due, ..clock(update - self.tim6.period()) })
+            }
+            (Some(due), _) => Some(Pace::every(0, due)),
+            (None, update) if self.adc.is_single(unit) => update.map(clock),
+            (None, update) => update.map(|update| Pace::every(0, update)),
+        };
+        match request {
+            Request::Tim6Update => self.tim6.next_update().map(clock),
+            Request::Adc1 => of_unit(Unit::One),
+            Request::Adc2 => of_unit(Unit::Two),
+            Request::Adc3 => of_unit(Unit::Three),
+            Request::Adc4 => of_unit(Unit::Four),
+            Request::Adc5 => of_unit(Unit::Five),
+            Request::Spi2Receive | Request::Spi2Transmit => {
+                Some(Pace::every(self.spi2.frame_cycles(), self.spi2.due()?))
+            }
+        }
+    }
+
+    /// When the next event of the path is, whether anyone sees it or not.
+    fn next_step(&self) -> Option<Cycles> {
+        let sources = [
+            self.tim6.next_update(),
+            self.adc.due().map(|(end, _)| end),
+            self.spi2.due(),
+            self.ads131m04.as_ref().and_then(|ads| ads.due()),
+            self.dma1.next_event(),
+            self.dma2.next_event(),
+        ];
+        sources.into_iter().flatten().min()
+    }
+
+    fn step(&mut self, at: Cycles) -> Result<(), Unknown> {
+        self.dma1.advance(at);
+        self.dma2.advance(at);
+        if self.tim6.next_update() == Some(at) {
+            let trigger = self.tim6.update().trigger;
+            // Reading TIM2 for it brings the count to this moment.
+            self.serve_dma(at);
+            if trigger {
+                self.adc.trigger(TRIGGER_TIM6, at)?;
+            }
+        }
+        while let Some((_, unit)) = self.adc.due().filter(|(end, _)| *end <= at) {
+            let (signal, aperture) = self.adc.looks_at(unit)?;
+            let volts = self.volts(signal, aperture)?;
+            self.adc.finish(unit, volts)?;
+            self.serve_dma(at);
+        }
+        if let Some(frame) = self.spi2.frame().filter(|_| self.spi2.due() == Some(at)) {
+            let answer = self.exchange(frame)?;
+            self.spi2.finish(answer);
+        }
+        self.convert(at)?;
+        self.serve_dma(at);
+        Ok(())
+    }
+
+    /// What comes back for a frame on SPI2.
+    fn exchange(&mut self, frame: Frame) -> Result<u16, Unknown> {
+        let (mode, rate_hz) = (self.spi2.mode(), self.spi2.rate_hz(self.clocks.hclk_hz));
+        // Nothing drives the line: it reads as ones.
+        if self.ads131m04.is_some() && WIRES.iter().any(|pin| self.pin_mode(*pin) != SPI2_FUNCTION) {
+            return Err(Unknown { what: "SPI2 is in use and its pins PB13, PB14, PB15 are not its own" });
+        }
+        let Some(ads) = &mut self.ads131m04 else { return Ok(u16::MAX) };
+        let mut byte = |byte: u8| ads.exchange(byte, mode, rate_hz).map(u16::from);
+        let [high, low] = frame.data.to_be_bytes();
+        match frame.bits {
+            8 => byte(low),
+            16 => Ok(byte(high)? << 8 | byte(low)?),
+            _ => Err(Unknown { what: "the ADS131M04 is given frames that are not whole bytes" }),
+        }
+    }
+
+    /// Ends the digital front end's conversion if it is due: an edge of DRDY, which latches the encoder's count.
+    fn convert(&mut self, at: Cycles) -> Result<(), Unknown> {
+        let clocks = self.clocks;
+        let Some(ads) = self.ads131m04.as_mut().filter(|ads| ads.due() == Some(at)) else { return Ok(()) };
+        ads.check_clock(clocks.hclk_hz)?;
+        ads.convert(at, |cycles| clocks.seconds(cycles), self.world.as_mut());
+        let ready = !ads.drdy();
+        self.latch_encoder(at);
+        if ready {
+            // Where the last one was not read the line goes up for a moment.
+            self.set_pin(DRDY, true, at);
+            self.set_pin(DRDY, false, at);
+        }
+        Ok(())
+    }
+
+    /// Lets the digital front end see its pins.
+    fn follow_pins(&mut self, now: Cycles) {
+        if self.ads131m04.is_none() {
+            return;
+        }
+        let inputs =
+            Inputs { cs: self.pin_output(CS), reset: self.pin_output(RESET), clkin_cycles: self.clkin_cycles() };
+        if let Some(ads) = &mut self.ads131m04 {
+            ads.follow(inputs, now);
+            let drdy = ads.drdy();
+            self.set_pin(DRDY, drdy, now);
+        }
+    }
+
+    /// Cycles of the core per period of what PA8 gives out, rounded.
+    fn clkin_cycles(&self) -> Option<Cycles> {
+        let pwm = self.tim1.pwm(1).filter(|_| self.pin_mode(CLKIN) == TIM1_FUNCTION)?;
+        Some((self.clocks.hclk_hz / pwm.frequency_hz).round() as Cycles).filter(|cycles| *cycles > 0)
+    }
+
+    /// Brings TIM2's count to where the encoder is, if its pins lead there.
+    pub(crate) fn latch_encoder(&mut self, now: Cycles) {
+        if self.encoder_is_wired() {
+            let time_s = self.seconds(now);
+            let count = self.world.encoder(time_s);
+            self.tim2.set_encoder(count);
+        }
+    }
+
+    fn volts(&mut self, signal: Signal, at: Cycles) -> Result<f64, Unknown> {
+        let time_s = self.seconds(at);
+        let pin = match signal {
+            Signal::Temperature => return Ok(adc::sensor_volts(self.world.temperature_c(time_s))),
+            Signal::InternalReference => return Ok(adc::internal_reference_volts()),
+            Signal::Battery => return Ok(adc::REFERENCE_V / 3.0),
+            Signal::Pin(pin) => pin,
+        };
+        if self.pin_mode(pin) != Mode::Analog {
+            Err(Unknown { what: "a conversion of a pin that is not in analogue mode" })
+        } else if pin == self.board.force {
+            Ok(self.world.force_volts(time_s))
+        } else if pin == self.board.terminal {
+            Ok(self.world.terminal_volts(time_s))
+        } else {
+            Err(Unknown { what: "a conversion of a pin to which nothing is connected" })
+        }
+    }
+
+    /// Does the transfers that are asked for until none is, and passes on triggers that a write has caused.
+    pub(crate) fn serve_dma(&mut self, now: Cycles) {
+        if self.tim6.take_trigger()
+            && let Err(unknown) = self.adc.trigger(TRIGGER_TIM6, now)
+        {
+            self.fault("ADC", unknown);
+        }
+        self.follow_pins(now);
+        while self.pipeline.fault.is_none() && Request::ALL.into_iter().any(|request| self.serve(request, now)) {}
+    }
+
+    fn is_requested(&self, request: Request) -> bool {
+        match request {
+            Request::Tim6Update => self.tim6.dma_request(),
+            Request::Adc1 => self.adc.dma_request(Unit::One),
+            Request::Adc2 => self.adc.dma_request(Unit::Two),
+            Request::Adc3 => self.adc.dma_request(Unit::Three),
+            Request::Adc4 => self.adc.dma_request(Unit::Four),
+            Request::Adc5 => self.adc.dma_request(Unit::Five),
+            Request::Spi2Receive => self.spi2.receive_request(),
+            Request::Spi2Transmit => self.spi2.transmit_request(),
+        }
+    }
+
+    /// Does one transfer for the request, if it stands and a channel listens. Says whether one was done.
+    fn serve(&mut self, request: Request, now: Cycles) -> bool {
+        if !self.is_requested(request) {
+            return false;
+        }
+        for channel in 0..2 * CHANNELS {
+            if self.dmamux.request(channel) != request as u8 {
+                continue;
+            }
+            match self.dma(channel).transfer(channel % CHANNELS) {
+                Ok(None) => {}
+                Ok(Some(transfer)) => {
+                    self.transfer(channel, &transfer, now);
+                    self.acknowledge(request, channel);
+                    return true;
+                }
+                Err(unknown) => self.fault("DMA", unknown),
+            }
+        }
+        false
+    }
+
+    fn acknowledge(&mut self, request: Request, channel: usize) {
+        if request == Request::Tim6Update {
+            self.tim6.dma_acknowledge();
+        }
+        let lap_ended = self.dma_mut(channel).complete(channel % CHANNELS);
+        let unit = Unit::ALL.into_iter().find(|unit| unit.request() == request);
+        if let Some(unit) = unit.filter(|_| lap_ended) {
+            self.adc.dma_end(unit);
+        }
+    }
+
+    fn transfer(&mut self, channel: usize, transfer: &Transfer, now: Cycles) {
+        let Transfer { peripheral, peripheral_width, memory, memory_width, direction } = *transfer;
+        let size = memory_width.bytes() as usize;
+        let outcome = match direction {
+            Direction::ToMemory => self.bus_read(peripheral, peripheral_width, now).map(|value| {
+                let bytes = (value & peripheral_width.mask()).to_le_bytes();
+                match self.ram_mut(memory, size) {
+                    Some(place) => place.copy_from_slice(&bytes[..size]),
+                    None => self.dma_mut(channel).fail(channel % CHANNELS),
+                }
+            }),
+            Direction::ToPeripheral => {
+                let mut bytes = [0; 4];
+                match self.bytes(memory, size) {
+                    Some(place) => bytes[..size].copy_from_slice(place),
+                    None => {
+                        self.dma_mut(channel).fail(channel % CHANNELS);
+                        return;
+                    }
+                }
+                self.bus_write(peripheral, u32::from_le_bytes(bytes), peripheral_width, now)
+            }
+        };
+        if let Err(bad) = outcome {
+            self.pipeline.fault.get_or_insert(bad);
+        }
+    }
+
+    fn dma(&self, channel: usize) -> &Dma {
+        if channel < CHANNELS { &self.dma1 } else { &self.dma2 }
+    }
+
+    fn dma_mut(&mut self, channel: usize) -> &mut Dma {
+        if channel < CHANNELS { &mut self.dma1 } else { &mut self.dma2 }
+    }
+
+    fn fault(&mut self, peripheral: &'static str, Unknown { what }: Unknown) {
+        self.pipeline.fault.get_or_insert(BadAccess {
+            address: 0,
+            peripheral,
+            offset: 0,
+            width: Width::Word,
+            value: None,
+            what,
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::clocks::Clocks;
+    use super::*;
+    use crate::chip::adc::{CODES, Quality, REFERENCE_V};
+    use crate::chip::ads131m04::Ads131m04;
+    use crate::{Board, World};
+
+    const HCLK_HZ: f64 = 168e6;
+    const PERIOD: Cycles = 2625;
+    /// From the update to the aperture: (2.125 + 24.5) clocks of four cycles.
+    const APERTURE: Cycles = 107;
+    /// From the update to the result.
+    const RESULT: Cycles = 157;
+    /// When the counter is enabled.
+    const START: Cycles = 100_000;
+    const TIM2_CNT: u32 = 0x4000_0024;
+    const POSITIONS: u32 = 0x2000_0000;
+    const FORCES: u32 = 0x2000_1000;
+    const TERMINALS: u32 = 0x2000_2000;
+    const ENTRIES: u32 = 16;
+
+    /// Signals from which the time they were asked for can be read: 1 V a millisecond, a count a cycle.
+    struct Ramp;
+
+    impl World for Ramp {
+        fn encoder(&mut self, time_s: f64) -> u32 {
+            (time_s * HCLK_HZ).round() as u32
+        }
+        fn force_volts(&mut self, time_s: f64) -> f64 {
+            time_s * 1e3 % REFERENCE_V
+        }
+        fn terminal_volts(&mut self, time_s: f64) -> f64 {
+            REFERENCE_V - time_s * 1e3 % REFERENCE_V
+        }
+        fn bridge_volts(&mut self, time_s: f64) -> f64 {
+            time_s
+        }
+    }
+
+    fn write(chip: &mut Chip, address: u32, value: u32, now: Cycles) {
+        chip.write(address, value, Width::Word, now).unwrap();
+    }
+
+    /// Rings, converters and clock set up as the firmware does, everything but the last write.
+    fn chip() -> Chip {
+        let mut chip = Chip::new(Board::NUCLEO, Box::new(Ramp));
+        let clocks =
+            Clocks { hclk_hz: HCLK_HZ, timer1_hz: HCLK_HZ, timer2_hz: HCLK_HZ, pclk1_hz: HCLK_HZ, ..Clocks::POWER_ON };
+        chip.adc.set_quality(Quality::IDEAL);
+        let now = 0;
+        // All clocks on, the encoder's pins with TIM2, which counts its edges.
+        for (address, value) in [
+            (0x4002_1048, u32::MAX),
+            (0x4002_104C, u32::MAX),
+            (0x4002_1058, u32::MAX),
+            (0x4002_1060, u32::MAX),
+            (0x4800_0000, 0xABFF_FFFF),
+            (0x4800_0024, 1 << 28),
+            (0x4800_0400, 0xFFFF_FEBF),
+            (0x4800_0420, 1 << 12),
+            (0x4000_0008, 3),
+            (0x4000_0000, 1),
+        ] {
+            write(&mut chip, address, value, now);
+        }
+        // Turning the clocks on has put the frequencies of the registers in use.
+        chip.use_clocks(clocks, now);
+        for (n, (request, peripheral, memory, ccr)) in [
+            (8, TIM2_CNT, POSITIONS, 2 << 8 | 2 << 10),
+            (5, 0x5000_0040, FORCES, 1 << 8 | 1 << 10),
+            // Half and complete interrupts from the last to finish.
+            (36, 0x5000_0140, TERMINALS, 1 << 8 | 1 << 10 | 1 << 2 | 1 << 1),
+        ]
+        .into_iter()
+        .enumerate()
+        {
+            let channel = 0x4002_0008 + 0x14 * n as u32;
+            write(&mut chip, 0x4002_0800 + 4 * n as u32, request, now);
+            write(&mut chip, channel + 0x4, ENTRIES, now);
+            write(&mut chip, channel + 0x8, peripheral, now);
+            write(&mut chip, channel + 0xC, memory, now);
+            write(&mut chip, channel, ccr | 1 << 7 | 1 << 5 | 1, now);
+        }
+        write(&mut chip, 0x5000_0308, 3 << 16, now);
+        for (base, channel) in [(0x5000_0000, 1), (0x5000_0100, 2)] {
+            let enable = 1 << 28;
+            write(&mut chip, base + 0x08, 0, now);
+            write(&mut chip, base + 0x08, enable, now);
+            write(&mut chip, base + 0x08, enable | 1, 4000);
+            write(&mut chip, base + 0x14, 3 << (3 * channel), 5000);
+            write(&mut chip, base + 0x30, channel << 6, 5000);
+            // DMA, circular, TIM6_TRGO rising.
+            write(&mut chip, base + 0x0C, 3 | TRIGGER_TIM6 << 5 | 1 << 10, 5000);
+            write(&mut chip, base + 0x08, enable | 1 | 4, 5000);
+        }
+        write(&mut chip, 0x4000_1004, 2 << 4, 5000);
+        write(&mut chip, 0x4000_102C, PERIOD as u32 - 1, 5000);
+        write(&mut chip, 0x4000_100C, 1 << 8, 5000);
+        chip
+    }
+
+    fn running() -> Chip {
+        let mut chip = chip();
+        write(&mut chip, 0x4000_1000, 1, START);
+        chip
+    }
+
+    fn ring<const N: usize>(chip: &Chip, address: u32, entry: u32) -> [u8; N] {
+        let bytes = chip.bytes(address + entry * N as u32, N).unwrap();
+        bytes.try_into().unwrap()
+    }
+
+    fn position(chip: &Chip, entry: u32) -> u32 {
+        u32::from_le_bytes(ring(chip, POSITIONS, entry))
+    }
+
+    fn left(chip: &mut Chip) -> [u32; 3] {
+        [0, 1, 2].map(|n| chip.dma1.read(0x0C + 0x14 * n, Width::Word, 0).unwrap())
+    }
+
+    #[test]
+    fn three_rings_fill_in_step_each_at_its_own_moment() {
+        let mut chip = running();
+        let end = START + 10 * PERIOD + RESULT;
+        chip.advance(end - 1);
+        assert_eq!(left(&mut chip), [6, 7, 7]);
+        chip.advance(end);
+        assert_eq!(left(&mut chip), [6, 6, 6]);
+        for entry in 0..10 {
+            let update = START + PERIOD * u64::from(entry + 1);
+            assert_eq!(u64::from(position(&chip, entry)), update);
+            let volts = Ramp.force_volts((update + APERTURE) as f64 / HCLK_HZ);
+            let code = (volts / REFERENCE_V * CODES).round() as u16;
+            assert_eq!(u16::from_le_bytes(ring(&chip, FORCES, entry)), code);
+            assert_eq!(u16::from_le_bytes(ring(&chip, TERMINALS, entry)), 4096 - code);
+        }
+        assert_eq!(chip.take_fault(), None);
+    }
+
+    #[test]
+    fn the_interrupt_is_foretold_to_the_cycle_and_nothing_happens_before() {
+        let mut chip = running();
+        let mut now = START;
+        for half in 1..=6 {
+            let mut looks = 0;
+            while !chip.dma1.irq(2) {
+                now = chip.next_event().unwrap();
+                chip.advance(now);
+                looks += 1;
+            }
+            assert_eq!(now, START + half * PERIOD * u64::from(ENTRIES / 2) + RESULT);
+            assert!(looks <= 2, "{looks} stops for one interrupt");
+            write(&mut chip, 0x4002_0004, 0xF << 8, now);
+        }
+    }
+
+    #[test]
+    fn it_does_not_matter_how_often_one_looks() {
+        let run = |step: Cycles| {
+            let mut chip = running();
+            chip.adc.set_quality(Quality { noise_lsb: 2.0, ..Quality::default() });
+            let end = START + 3 * PERIOD * u64::from(ENTRIES) + 1000;
+            let mut now = START;
+            while now < end {
+                now = (now + step).min(end);
+                chip.advance(now);
+            }
+            (
+                chip.bytes(POSITIONS, 0x3000).unwrap().to_vec(),
+                left(&mut chip),
+                chip.dma1.clone().read(0, Width::Word, 0),
+            )
+        };
+        assert_eq!(run(1_000_000), run(37));
+    }
+
+    #[test]
+    fn an_update_before_the_start_puts_the_converters_one_ahead() {
+        // What a driver gets that forces an update while the converters wait: an entry without a position.
+        let mut chip = chip();
+        write(&mut chip, 0x4000_1000, 1 << 2, START - 5000);
+        write(&mut chip, 0x4000_1014, 1, START - 5000);
+        write(&mut chip, 0x4000_1000, 1, START);
+        chip.advance(START + 4 * PERIOD + RESULT);
+        assert_eq!(left(&mut chip), [12, 11, 11]);
+    }
+
+    #[test]
+    fn a_channel_kept_off_the_bus_loses_positions_and_the_rings_part() {
+        let mut chip = running();
+        chip.dma1.stall(0, START + 3 * PERIOD + 10);
+        chip.advance(START + 8 * PERIOD + RESULT);
+        // Three updates, of which the last request is served late.
+        assert_eq!(left(&mut chip), [10, 8, 8]);
+        assert_eq!(u64::from(position(&chip, 0)), START + 3 * PERIOD + 10, "read when the bus is free");
+    }
+
+    #[test]
+    fn a_converters_channel_kept_off_the_bus_is_an_overrun_and_the_ring_stands() {
+        let mut chip = running();
+        chip.dma1.stall(2, START + 3 * PERIOD + 10);
+        chip.advance(START + 8 * PERIOD + RESULT);
+        assert_eq!(left(&mut chip), [8, 8, 16]);
+        let flags = |chip: &mut Chip, base: u32| chip.adc.read(base, Width::Word, START).unwrap() & 1 << 4;
+        assert_eq!((flags(&mut chip, 0x000), flags(&mut chip, 0x100)), (0, 1 << 4));
+    }
+
+    #[test]
+    fn a_ring_outside_memory_is_a_transfer_error() {
+        let mut chip = chip();
+        write(&mut chip, 0x4002_0008 + 0x28, 0, START);
+        write(&mut chip, 0x4002_0008 + 0x34, 0x3000_0000, START);
+        write(&mut chip, 0x4002_0008 + 0x28, 1 << 8 | 1 << 10 | 1 << 7 | 1 << 5 | 1 << 3 | 1, START);
+        write(&mut chip, 0x4000_1000, 1, START);
+        chip.advance(START + 2 * PERIOD);
+        assert!(chip.dma1.irq(2) && !chip.dma1.is_enabled(2));
+    }
+
+    #[test]
+    fn a_request_for_a_register_that_is_not_there_ends_the_run() {
+        let mut chip = chip();
+        write(&mut chip, 0x4002_0008, 0, START);
+        write(&mut chip, 0x4002_0010, 0x4000_03F0, START);
+        write(&mut chip, 0x4002_0008, 2 << 8 | 2 << 10 | 1, START);
+        write(&mut chip, 0x4000_1000, 1, START);
+        chip.advance(START + 2 * PERIOD);
+        assert_eq!(chip.take_fault().map(|bad| bad.address), Some(0x4000_03F0));
+    }
+
+    #[test]
+    fn bytes_over_spi_by_dma_both_ways_end_in_one_interrupt() {
+        let mut chip = chip();
+        let (sent, received) = (0x2000_3000, 0x2000_4000);
+        chip.ram_mut(sent, 18).unwrap().copy_from_slice(&[7; 18]);
+        let dma2 = 0x4002_0408;
+        for (n, (request, memory, ccr)) in [(12, received, 1 << 1), (13, sent, 1 << 4)].into_iter().enumerate() {
+            let channel = dma2 + 0x14 * n as u32;
+            write(&mut chip, 0x4002_0820 + 4 * n as u32, request, 0);
+            write(&mut chip, channel + 0x4, 18, 0);
+            write(&mut chip, channel + 0x8, 0x4000_380C, 0);
+            write(&mut chip, channel + 0xC, memory, 0);
+            write(&mut chip, channel, ccr | 1 << 7 | 1, 0);
+        }
+        write(&mut chip, 0x4000_3804, 7 << 8 | 1 << 12 | 3, 0);
+        let mode = 1 << 2 | 1 << 8 | 1 << 9 | 1 | 3 << 3;
+        write(&mut chip, 0x4000_3800, mode | 1 << 6, 1000);
+        let frame = 16 * 8;
+        let mut now = 1000;
+        let mut stops = 0;
+        while !chip.dma2.irq(0) {
+            now = chip.next_event().unwrap();
+            chip.advance(now);
+            stops += 1;
+        }
+        assert_eq!((now, stops), (1000 + 18 * frame, 1));
+        assert_eq!(chip.bytes(received, 18).unwrap(), [0xFF; 18]);
+    }
+
+    #[test]
+    fn a_pin_that_is_not_analogue_ends_the_run() {
+        let mut chip = running();
+        write(&mut chip, 0x4800_0000, 0xABFF_FFFC, START);
+        chip.advance(START + 2 * PERIOD);
+        assert!(chip.take_fault().is_some_and(|bad| bad.what.contains("analogue")));
+    }
+
+    /// The digital front end at 8 MHz; SPI2's pins its own, PB12 and PB11 outputs and high, PB10 TIM2's third channel, which
+    /// captures at falling edges, PA8 TIM1's first, which gives out a period of 21 cycles from 5000 on.
+    fn digital() -> Chip {
+        let mut chip = chip();
+        chip.ads131m04 = Some(Ads131m04::new([0.0; 4], 0));
+        for (address, value) in [
+            (0x4800_0418, 3 << 11),
+            (0x4800_0400, 0xA965_FEBF),
+            (0x4800_0424, 0x5550_0100),
+            (0x4000_001C, 1),
+            (0x4000_0020, 3 << 8),
+            (0x4000_3804, 7 << 8 | 1 << 12),
+            (0x4800_0000, 0xABFE_FFFF),
+            (0x4800_0024, 1 << 28 | 6),
+            (0x4001_2C2C, 20),
+            (0x4001_2C34, 10),
+            (0x4001_2C18, 6 << 4),
+            (0x4001_2C20, 1),
+            (0x4001_2C44, 1 << 15),
+            (0x4001_2C14, 1),
+            (0x4001_2C00, 1),
+            (0x4000_3800, 1 << 2 | 1 << 8 | 1 << 9 | 1 | 3 << 3 | 1 << 6),
+        ] {
+            write(&mut chip, address, value, 5000);
+        }
+        chip
+    }
+
+    #[test]
+    fn data_ready_latches_the_count_and_a_frame_brings_the_conversion() {
+        let mut chip = digital();
+        let period = 2048 * 21;
+        for n in 1..6 {
+            let edge = 5000 + n * period;
+            chip.advance(edge - 1);
+            assert_eq!(chip.read(0x4000_0010, Width::Word, edge - 1).unwrap() & 1 << 3, 0);
+            chip.advance(edge);
+            assert_eq!(chip.read(0x4000_003C, Width::Word, edge), Ok(edge as u32));
+            // A frame by hand.
+            let mut now = edge + 100;
+            write(&mut chip, 0x4800_0428, 1 << 12, now);
+            let bytes: Vec<u8> = (0..18)
+                .map(|_| {
+                    chip.write(0x4000_380C, 0, Width::Byte, now).unwrap();
+                    now += 16 * 8;
+                    chip.read(0x4000_380C, Width::Byte, now).unwrap() as u8
+                })
+                .collect();
+            write(&mut chip, 0x4800_0418, 1 << 12, now);
+            let volts = f64::from(i32::from_be_bytes([bytes[3], bytes[4], bytes[5], 0]) >> 8) / 8_388_608.0 * 1.2;
+            let middle_s = (edge as f64 - 21.0 * 3070.0) / HCLK_HZ;
+            if n > 2 {
+                assert!((volts - middle_s).abs() < 2e-7, "{volts} {middle_s}");
+            }
+        }
+        assert_eq!(chip.take_fault(), None);
+    }
+
+    #[test]
+    fn a_front_end_whose_wires_are_not_the_buses_ends_the_run() {
+        let mut chip = digital();
+        write(&mut chip, 0x4800_0400, 0xFFFF_FEBF, 6000);
+        chip.write(0x4000_380C, 0, Width::Byte, 6000).unwrap();
+        chip.advance(10_000);
+        assert!(chip.take_fault().is_some_and(|bad| bad.what.contains("PB13")));
+    }
+}

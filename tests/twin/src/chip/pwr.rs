@@ -1,0 +1,79 @@
+//! Power control (RM0440 section 6.4): boost mode and the key to the backup domain; the rest is storage.
+
+use crate::{Cycles, Registers, Storage, Unknown, Width};
+
+const CR1: u32 = 0x00;
+const SR2: u32 = 0x14;
+const CR5: u32 = 0x80;
+
+/// CR1: the backup domain may be written.
+const DBP: u32 = 1 << 8;
+/// CR5: range 1 without boost.
+const R1MODE: u32 = 1 << 8;
+
+/// The registers.
+#[derive(Clone, Debug)]
+pub struct Pwr(Storage);
+
+impl Default for Pwr {
+    fn default() -> Self {
+        // CR1 to CR4, SR1, SR2, SCR, CR5. Range 1 is the only one: VOS does not change.
+        Self(Storage::new(&[
+            (CR1, 0x200, 0x4107 | DBP),
+            (0x04, 0, 0xf0),
+            (0x08, 0x8000, 0xc71f),
+            (0x0c, 0, 0x31f),
+            (0x10, 0, 0),
+            (SR2, 0, 0),
+            (0x18, 0, 0),
+            (CR5, R1MODE, R1MODE),
+        ]))
+    }
+}
+
+impl Pwr {
+    /// The core may run faster than 150 MHz.
+    pub fn boost(&self) -> bool {
+        self.0.get(CR5) & R1MODE == 0
+    }
+
+    /// The backup domain may be written.
+    pub fn backup_is_open(&self) -> bool {
+        self.0.get(CR1) & DBP != 0
+    }
+}
+
+impl Registers for Pwr {
+    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
+        if self.0.contains(offset) { Ok(width.part(self.0.get(offset & !3), offset)) } else { Err(Unknown::REGISTER) }
+    }
+
+    fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Result<(), Unknown> {
+        if offset & !3 == CR1 && width == Width::Word && value >> 9 & 3 != 1 {
+            return Err(Unknown { what: "of the supply ranges only range 1 is modelled" });
+        }
+        self.0.write(offset, value, width)
+    }
+
+    fn reset(&mut self, _: Cycles) {
+        self.0.reset();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn boost_and_backup() {
+        let mut pwr = Pwr::default();
+        assert!(!pwr.boost() && !pwr.backup_is_open());
+        pwr.write(CR5, 0, Width::Word, 0).expect("known");
+        pwr.write(CR1, 0x300, Width::Word, 0).expect("known");
+        assert!(pwr.boost() && pwr.backup_is_open());
+        assert_eq!(pwr.read(CR1, Width::Word, 0), Ok(0x300));
+        assert!(pwr.write(CR1, 0x400, Width::Word, 0).is_err(), "range 2");
+        pwr.reset(0);
+        assert!(!pwr.boost());
+    }
+}

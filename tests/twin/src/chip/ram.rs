@@ -1,0 +1,71 @@
+//! Memory that the emulated core and the DMA models both reach.
+
+use std::{alloc, ptr::NonNull};
+
+/// Bytes at an address that does not change, shared with unicorn through a pointer.
+///
+/// Nobody holds a reference into it while the core runs: the core's loads and stores happen inside unicorn, ours between them,
+/// in one thread.
+#[derive(Debug)]
+pub struct Ram {
+    bytes: NonNull<u8>,
+    layout: alloc::Layout,
+}
+
+/// Alignment of a page of the host, which unicorn asks for.
+const PAGE: usize = 4096;
+
+impl Ram {
+    /// Memory of this many bytes, all of this value.
+    ///
+    /// # Panics
+    /// If `len` is zero, or the host has no memory left.
+    pub fn new(len: usize, value: u8) -> Self {
+        assert!(len > 0, "memory without bytes");
+        let layout = alloc::Layout::from_size_align(len, PAGE).expect("a size that exists");
+        // SAFETY: the layout's size is not zero.
+        let bytes = unsafe { alloc::alloc_zeroed(layout) };
+        let Some(bytes) = NonNull::new(bytes) else { alloc::handle_alloc_error(layout) };
+        let mut ram = Self { bytes, layout };
+        ram.bytes_mut().fill(value);
+        ram
+    }
+
+    /// All of it.
+    pub fn bytes(&self) -> &[u8] {
+        // SAFETY: allocated and initialised by `new` with this length, freed by `drop` only; the core does not run meanwhile.
+        unsafe { std::slice::from_raw_parts(self.bytes.as_ptr(), self.layout.size()) }
+    }
+
+    /// All of it, to be changed.
+    pub fn bytes_mut(&mut self) -> &mut [u8] {
+        // SAFETY: as in `bytes`, and the borrow of `self` is exclusive.
+        unsafe { std::slice::from_raw_parts_mut(self.bytes.as_ptr(), self.layout.size()) }
+    }
+
+    /// Where it lies in the host, for unicorn. Valid as long as `self`.
+    pub fn as_ptr(&self) -> *mut u8 {
+        self.bytes.as_ptr()
+    }
+}
+
+impl Drop for Ram {
+    fn drop(&mut self) {
+        // SAFETY: allocated by `new` with this layout, once.
+        unsafe { alloc::dealloc(self.bytes.as_ptr(), self.layout) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn holds_bytes_on_a_page_of_its_own() {
+        let mut ram = Ram::new(8192, 0xa5);
+        assert_eq!(ram.as_ptr() as usize % PAGE, 0);
+        assert!(ram.bytes().iter().all(|&byte| byte == 0xa5));
+        ram.bytes_mut()[8191] = 1;
+        assert_eq!((ram.bytes()[8190], ram.bytes()[8191]), (0xa5, 1));
+    }
+}

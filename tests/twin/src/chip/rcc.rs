@@ -1,0 +1,498 @@
+//! Reset and clock control (RM0440 section 7.4).
+//!
+//! The frequencies follow from the registers: a wrong divider gives a wrong rate everywhere, and a setting outside the chip's
+//! limits ends the run. Oscillators become ready after their typical start-up time (DS12288 section 5.3.7 to 5.3.9).
+//!
+//! The crystal of the twin never fails, so the clock security system only keeps its switch.
+//! Not modelled: clock output, LSE, clocks in sleep mode.
+
+use crate::{Cycles, Registers, Storage, Unknown, Width, chip::clocks::Clocks};
+
+const CR: u32 = 0x00;
+const ICSCR: u32 = 0x04;
+const CFGR: u32 = 0x08;
+const PLLCFGR: u32 = 0x0c;
+const CIER: u32 = 0x18;
+const CIFR: u32 = 0x1c;
+const CICR: u32 = 0x20;
+const AHB1ENR: u32 = 0x48;
+const AHB2ENR: u32 = 0x4c;
+const APB1ENR1: u32 = 0x58;
+const APB1ENR2: u32 = 0x5c;
+const APB2ENR: u32 = 0x60;
+const CCIPR: u32 = 0x88;
+const BDCR: u32 = 0x90;
+const CSR: u32 = 0x94;
+const CRRCR: u32 = 0x98;
+const CCIPR2: u32 = 0x9c;
+
+const HSION: u32 = 1 << 8;
+const HSEON: u32 = 1 << 16;
+const HSEBYP: u32 = 1 << 18;
+/// The clock security system watches the crystal.
+const CSSON: u32 = 1 << 19;
+const PLLON: u32 = 1 << 24;
+/// In CR each ready flag stands right of its switch but HSI's.
+const HSIRDY: u32 = 1 << 10;
+const HSERDY: u32 = 1 << 17;
+const PLLRDY: u32 = 1 << 25;
+
+/// CSR: clears the causes of reset.
+const RMVF: u32 = 1 << 23;
+
+const HSI_HZ: f64 = 16e6;
+const HSI48_HZ: f64 = 48e6;
+/// The slow internal oscillator, which the watchdog counts \[Hz\].
+pub const LSI_HZ: f64 = 32e3;
+
+/// Typical start-up times \[s\]: DS12288 tables "HSE oscillator", "PLL" (lock), "HSI48", "LSI".
+const HSE_START_S: f64 = 2e-3;
+const PLL_LOCK_S: f64 = 15e-6;
+const HSI48_START_S: f64 = 2.5e-6;
+const LSI_START_S: f64 = 130e-6;
+
+/// What made the chip start anew, in the bits of RCC_CSR (RM0440 7.4.28).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reset {
+    /// Supply came up.
+    Power,
+    /// Somebody pulled NRST.
+    Pin,
+    /// AIRCR.SYSRESETREQ.
+    Software,
+    /// The independent watchdog ran out.
+    Watchdog,
+    /// The option bytes were loaded anew.
+    OptionBytes,
+}
+
+impl Reset {
+    /// Flags that this sets. Every reset from inside pulls NRST low as well.
+    const fn flags(self) -> u32 {
+        const PIN: u32 = 1 << 26;
+        match self {
+            Self::Power => 1 << 27 | PIN,
+            Self::Pin => PIN,
+            Self::Software => 1 << 28 | PIN,
+            Self::Watchdog => 1 << 29 | PIN,
+            Self::OptionBytes => 1 << 25 | PIN,
+        }
+    }
+}
+
+/// The switch of a peripheral's clock: register and bit. The bit of its reset has the same place, 0x20 lower.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Gate {
+    register: u32,
+    bit: u32,
+}
+
+impl Gate {
+    /// By the name of the register, then the number of the bit.
+    pub const fn ahb1(bit: u32) -> Self {
+        Self { register: AHB1ENR, bit }
+    }
+
+    /// AHB2ENR.
+    pub const fn ahb2(bit: u32) -> Self {
+        Self { register: AHB2ENR, bit }
+    }
+
+    /// APB1ENR1.
+    pub const fn apb1(bit: u32) -> Self {
+        Self { register: APB1ENR1, bit }
+    }
+
+    /// APB1ENR2.
+    pub const fn apb1_2(bit: u32) -> Self {
+        Self { register: APB1ENR2, bit }
+    }
+
+    /// APB2ENR.
+    pub const fn apb2(bit: u32) -> Self {
+        Self { register: APB2ENR, bit }
+    }
+}
+
+/// The registers.
+#[derive(Clone, Debug)]
+pub struct Rcc {
+    storage: Storage,
+    hse_hz: f64,
+    hclk_hz: f64,
+    /// Moments at which what was switched on is ready; nothing while it is off.
+    hse_ready: Option<Cycles>,
+    pll_ready: Option<Cycles>,
+    hsi48_ready: Option<Cycles>,
+    lsi_ready: Option<Cycles>,
+    causes: u32,
+}
+
+impl Rcc {
+    /// With a crystal of this frequency.
+    pub fn new(hse_hz: f64) -> Self {
+        let storage = Storage::new(&[
+            (CR, HSION, HSION | 1 << 9 | HSEON | HSEBYP | CSSON | PLLON),
+            (ICSCR, 0x4000_0000, 0x7f00_0000),
+            (CFGR, 0x5, 0x3ff3 | 0x7f00_0000),
+            (PLLCFGR, 0x1000, 0xff73_7ff3),
+            (CIER, 0, 0x7ff),
+            // AHB1RSTR, AHB2RSTR, AHB3RSTR, APB1RSTR1, APB1RSTR2, APB2RSTR.
+            (0x28, 0, u32::MAX),
+            (0x2c, 0, u32::MAX),
+            (0x30, 0, u32::MAX),
+            (0x38, 0, u32::MAX),
+            (0x3c, 0, u32::MAX),
+            (0x40, 0, u32::MAX),
+            (AHB1ENR, 0x100, u32::MAX),
+            (AHB2ENR, 0, u32::MAX),
+            // AHB3ENR.
+            (0x50, 0, u32::MAX),
+            (APB1ENR1, 0x400, u32::MAX),
+            (APB1ENR2, 0, u32::MAX),
+            (APB2ENR, 0, u32::MAX),
+            (CCIPR, 0, u32::MAX),
+            (BDCR, 0, 0x0301_837d),
+            (CSR, 0, 1),
+            (CRRCR, 0, 1),
+            (CCIPR2, 0, u32::MAX),
+        ]);
+        Self {
+            storage,
+            hse_hz,
+            hclk_hz: HSI_HZ,
+            hse_ready: None,
+            pll_ready: None,
+            hsi48_ready: None,
+            lsi_ready: None,
+            causes: Reset::Power.flags(),
+        }
+    }
+
+    /// Whether a peripheral is clocked.
+    pub fn is_on(&self, gate: Gate) -> bool {
+        self.storage.get(gate.register) >> gate.bit & 1 != 0
+    }
+
+    /// Whether a peripheral is held in reset.
+    pub fn is_reset(&self, gate: Gate) -> bool {
+        self.storage.get(gate.register - 0x20) >> gate.bit & 1 != 0
+    }
+
+    /// CCIPR: which clock each of the peripherals with a choice runs from.
+    pub fn ccipr(&self) -> u32 {
+        self.storage.get(CCIPR)
+    }
+
+    /// The clock of RTC and backup registers is switched on.
+    pub fn lsi_is_on(&self) -> bool {
+        self.storage.get(CSR) & 1 != 0
+    }
+
+    /// A reset for this cause; power also forgets the causes before.
+    pub fn set_cause(&mut self, cause: Reset) {
+        self.causes = if cause == Reset::Power { 0 } else { self.causes } | cause.flags();
+    }
+
+    /// Frequencies of the PLL's input, of its oscillator and of its outputs P, Q and R (0 for those that are off).
+    fn pll(&self) -> (f64, f64, [f64; 3]) {
+        let pllcfgr = self.storage.get(PLLCFGR);
+        let field = |shift: u32, mask: u32| f64::from(pllcfgr >> shift & mask);
+        let on = |bit: u32| pllcfgr >> bit & 1 != 0;
+        let source = match pllcfgr & 3 {
+            2 => HSI_HZ,
+            3 => self.hse_hz,
+            _ => 0.0,
+        };
+        let input = source / (field(4, 0xf) + 1.0);
+        let vco = input * field(8, 0x7f);
+        let p = match field(27, 0x1f) {
+            0.0 if on(17) => 17.0,
+            0.0 => 7.0,
+            divider => divider,
+        };
+        let (q, r) = (2.0 * (field(21, 3) + 1.0), 2.0 * (field(25, 3) + 1.0));
+        let output = |enable: u32, divider: f64| if on(enable) { vco / divider } else { 0.0 };
+        (input, vco, [output(16, p), output(20, q), output(24, r)])
+    }
+
+    fn sysclk_hz(&self) -> f64 {
+        match self.storage.get(CFGR) & 3 {
+            1 => HSI_HZ,
+            2 => self.hse_hz,
+            3 => self.pll().2[2],
+            _ => 0.0,
+        }
+    }
+
+    /// Frequencies that the registers ask for, from a moment on that is `since_s` seconds after power-on.
+    pub fn clocks(&self, since: Cycles, since_s: f64) -> Clocks {
+        let cfgr = self.storage.get(CFGR);
+        let sysclk_hz = self.sysclk_hz();
+        let ahb = match cfgr >> 4 & 0xf {
+            code @ 8..=11 => f64::from(2 << (code - 8)),
+            code @ 12..=15 => f64::from(64 << (code - 12)),
+            _ => 1.0,
+        };
+        let hclk_hz = sysclk_hz / ahb;
+        // A bus that is divided gives its timers twice its own clock.
+        let bus = |shift: u32| match cfgr >> shift & 7 {
+            code @ 4..=7 => (hclk_hz / f64::from(2 << (code - 4)), 2.0),
+            _ => (hclk_hz, 1.0),
+        };
+        let ((pclk1_hz, timer1), (pclk2_hz, timer2)) = (bus(8), bus(11));
+        let [p, q, _] = self.pll().2;
+        let ccipr = self.ccipr();
+        let usb_hz = match ccipr >> 26 & 3 {
+            0 if self.storage.get(CRRCR) & 1 != 0 => HSI48_HZ,
+            2 => q,
+            _ => 0.0,
+        };
+        let lpuart1_hz = match ccipr >> 10 & 3 {
+            0 => pclk1_hz,
+            1 => sysclk_hz,
+            2 => HSI_HZ,
+            _ => 0.0,
+        };
+        let adc12_hz = match ccipr >> 28 & 3 {
+            1 => p,
+            2 => sysclk_hz,
+            _ => 0.0,
+        };
+        Clocks {
+            since,
+            since_s,
+            hclk_hz,
+            pclk1_hz,
+            pclk2_hz,
+            timer1_hz: timer1 * pclk1_hz,
+            timer2_hz: timer2 * pclk2_hz,
+            usb_hz,
+            lpuart1_hz,
+            adc12_hz,
+        }
+    }
+
+    /// Whether the core may run as the registers ask for (RM0440 7.2.4 and 3.3.3, DS12288 table "PLL characteristics").
+    ///
+    /// `boost`: PWR_CR5.R1MODE is 0; `wait_states`: FLASH_ACR.LATENCY.
+    pub fn check(&self, clocks: &Clocks, boost: bool, wait_states: u32) -> Result<(), Unknown> {
+        let fault = |what| Err(Unknown { what });
+        let cr = self.storage.get(CR);
+        if cr & PLLON != 0 {
+            let (input, vco, outputs) = self.pll();
+            if !(2.66e6..=16e6).contains(&input) {
+                return fault("the input of the PLL must lie between 2.66 and 16 MHz");
+            }
+            if !(96e6..=344e6).contains(&vco) {
+                return fault("the oscillator of the PLL must lie between 96 and 344 MHz");
+            }
+            if outputs.iter().any(|&hz| hz > 170e6) {
+                return fault("an output of the PLL lies over 170 MHz");
+            }
+        }
+        let is_ready = |at: Option<Cycles>| at.is_some_and(|at| at <= clocks.since);
+        let ready = match self.storage.get(CFGR) & 3 {
+            1 => cr & HSION != 0,
+            2 => is_ready(self.hse_ready),
+            3 => is_ready(self.pll_ready) && self.pll().2[2] > 0.0,
+            _ => false,
+        };
+        if !ready {
+            return fault("the core is left without a clock");
+        }
+        let (limit_hz, step_hz) = if boost { (170e6, 34e6) } else { (150e6, 30e6) };
+        if clocks.hclk_hz > limit_hz {
+            return fault("the core is faster than its supply range allows");
+        }
+        if clocks.hclk_hz > step_hz * (f64::from(wait_states) + 1.0) {
+            return fault("flash has too few wait states for this clock");
+        }
+        Ok(())
+    }
+
+    fn in_s(&self, now: Cycles, length_s: f64) -> Cycles {
+        now + (length_s * self.hclk_hz).ceil() as Cycles
+    }
+}
+
+/// Ready moment of what a bit switches: kept while it stays on.
+fn switched(on: bool, before: Option<Cycles>, ready: Cycles) -> Option<Cycles> {
+    on.then(|| before.unwrap_or(ready))
+}
+
+impl Registers for Rcc {
+    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
+        let ready = |moment: Option<Cycles>, flag: u32| if moment.is_some_and(|at| at <= now) { flag } else { 0 };
+        let register = offset & !3;
+        if matches!(register, CIFR | CICR) {
+            return Ok(0);
+        }
+        if !self.storage.contains(register) {
+            return Err(Unknown::REGISTER);
+        }
+        // Not counted as read before written: all of them are shared, and read to change some of their bits.
+        let value = self.storage.get(register);
+        let word = match register {
+            CR => {
+                value
+                    | if value & HSION != 0 { HSIRDY } else { 0 }
+                    | ready(self.hse_ready, HSERDY)
+                    | ready(self.pll_ready, PLLRDY)
+            }
+            CFGR => value & !0xc | (value & 3) << 2,
+            CSR => value | self.causes | ready(self.lsi_ready, 2),
+            CRRCR => value | ready(self.hsi48_ready, 2),
+            _ => value,
+        };
+        Ok(width.part(word, offset))
+    }
+
+    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+        let register = offset & !3;
+        if register == CICR {
+            return Ok(());
+        }
+        if !self.storage.contains(register) {
+            return Err(Unknown::REGISTER);
+        }
+        let old = self.storage.get(register);
+        let word = width.replace(old, offset, value);
+        match register {
+            CR if word & PLLON != 0
+                && self.storage.get(PLLCFGR) & 3 == 3
+                && self.hse_ready.is_none_or(|at| at > now) =>
+            {
+                return Err(Unknown { what: "the PLL is switched on before its source is ready" });
+            }
+            BDCR if word & 1 != 0 => return Err(Unknown { what: "the slow crystal is not modelled" }),
+            PLLCFGR if self.pll_ready.is_some() && (word ^ old) & 0x7fff != 0 => {
+                return Err(Unknown { what: "the PLL is changed while it runs" });
+            }
+            _ => {}
+        }
+        self.storage.write(offset, value, width)?;
+        match register {
+            CR => {
+                // A crystal does not answer to bypass, which waits for a clock from outside.
+                let crystal = word & HSEON != 0 && word & HSEBYP == 0;
+                self.hse_ready = switched(crystal, self.hse_ready, self.in_s(now, HSE_START_S));
+                self.pll_ready = switched(word & PLLON != 0, self.pll_ready, self.in_s(now, PLL_LOCK_S));
+            }
+            CRRCR => self.hsi48_ready = switched(word & 1 != 0, self.hsi48_ready, self.in_s(now, HSI48_START_S)),
+            CSR => {
+                self.lsi_ready = switched(word & 1 != 0, self.lsi_ready, self.in_s(now, LSI_START_S));
+                if word & RMVF != 0 {
+                    self.causes = 0;
+                }
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn reset(&mut self, _: Cycles) {
+        // The backup domain's register outlives a reset of the system.
+        let bdcr = self.storage.get(BDCR);
+        self.storage.reset();
+        self.storage.set(BDCR, bdcr);
+        (self.hse_ready, self.pll_ready, self.hsi48_ready, self.lsi_ready) = (None, None, None, None);
+        self.hclk_hz = HSI_HZ;
+    }
+
+    fn set_clocks(&mut self, clocks: &Clocks) {
+        self.hclk_hz = clocks.hclk_hz;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn write(rcc: &mut Rcc, offset: u32, value: u32, now: Cycles) {
+        rcc.write(offset, value, Width::Word, now).expect("known");
+    }
+
+    fn read(rcc: &mut Rcc, offset: u32, now: Cycles) -> u32 {
+        rcc.read(offset, Width::Word, now).expect("known")
+    }
+
+    /// HSE 24 MHz / 2 * 28 / 2, started and chosen at cycle 40000.
+    fn at_168_mhz() -> Rcc {
+        let mut rcc = Rcc::new(24e6);
+        write(&mut rcc, CR, HSION | HSEON, 0);
+        write(&mut rcc, PLLCFGR, 3 | 1 << 4 | 28 << 8 | 1 << 24, 33_000);
+        write(&mut rcc, CR, HSION | HSEON | PLLON, 33_000);
+        write(&mut rcc, CFGR, 3, 40_000);
+        rcc
+    }
+
+    #[test]
+    fn frequencies_follow_from_the_registers() {
+        let mut rcc = at_168_mhz();
+        assert_eq!(read(&mut rcc, CFGR, 40_000) & 0xf, 0xf);
+        let clocks = rcc.clocks(40_000, 0.0025);
+        assert_eq!((clocks.hclk_hz, clocks.timer1_hz, clocks.usb_hz), (168e6, 168e6, 0.0));
+        assert_eq!(rcc.check(&clocks, true, 4), Ok(()));
+        // APB1 by 4, the core by 2.
+        write(&mut rcc, CFGR, 3 | 8 << 4 | 5 << 8, 40_000);
+        write(&mut rcc, CRRCR, 1, 40_000);
+        let clocks = rcc.clocks(40_000, 0.0025);
+        assert_eq!((clocks.hclk_hz, clocks.pclk1_hz, clocks.timer1_hz), (84e6, 21e6, 42e6));
+        assert_eq!((clocks.pclk2_hz, clocks.usb_hz), (84e6, 48e6));
+    }
+
+    #[test]
+    fn settings_over_the_limits_are_refused() {
+        let mut rcc = at_168_mhz();
+        let clocks = rcc.clocks(40_000, 0.0025);
+        assert!(rcc.check(&clocks, false, 8).is_err(), "without boost");
+        assert!(rcc.check(&clocks, true, 3).is_err(), "wait states");
+        assert!(
+            rcc.write(PLLCFGR, 3 | 1 << 4 | 29 << 8 | 1 << 24, Width::Word, 41_000).is_err(),
+            "changed while it runs"
+        );
+        // The same divider on another board's crystal.
+        let mut other = Rcc::new(8e6);
+        write(&mut other, CR, HSION | HSEON, 0);
+        write(&mut other, PLLCFGR, 3 | 3 << 4 | 28 << 8 | 1 << 24, 33_000);
+        write(&mut other, CR, HSION | HSEON | PLLON, 33_000);
+        assert!(other.check(&other.clocks(40_000, 0.0), true, 4).is_err(), "PLL input of 2 MHz");
+    }
+
+    #[test]
+    fn oscillators_take_their_time() {
+        let mut rcc = Rcc::new(24e6);
+        write(&mut rcc, CR, HSION | HSEON, 100);
+        assert_eq!(read(&mut rcc, CR, 32_099) & HSERDY, 0);
+        assert_eq!(read(&mut rcc, CR, 32_100) & HSERDY, HSERDY);
+        write(&mut rcc, PLLCFGR, 3 | 1 << 4 | 28 << 8, 200);
+        assert!(rcc.write(CR, HSION | HSEON | PLLON, Width::Word, 300).is_err(), "the PLL needs its source");
+        write(&mut rcc, CR, HSION | HSEON | HSEBYP, 40_000);
+        assert_eq!(read(&mut rcc, CR, 1_000_000) & HSERDY, 0, "a crystal is no clock from outside");
+    }
+
+    #[test]
+    fn causes_of_reset_gather_until_they_are_cleared() {
+        let mut rcc = Rcc::new(24e6);
+        assert_eq!(read(&mut rcc, CSR, 0), 0x0c00_0000);
+        rcc.set_cause(Reset::Watchdog);
+        assert_eq!(read(&mut rcc, CSR, 0), 0x2c00_0000);
+        write(&mut rcc, CSR, RMVF, 0);
+        assert_eq!(read(&mut rcc, CSR, 0), 0);
+        rcc.set_cause(Reset::Software);
+        rcc.set_cause(Reset::Power);
+        assert_eq!(read(&mut rcc, CSR, 0), 0x0c00_0000);
+    }
+
+    #[test]
+    fn gates_open_and_close() {
+        let mut rcc = Rcc::new(24e6);
+        let spi2 = Gate::apb1(14);
+        assert!(!rcc.is_on(spi2));
+        write(&mut rcc, APB1ENR1, 1 << 14, 0);
+        write(&mut rcc, 0x38, 1 << 14, 0);
+        assert!(rcc.is_on(spi2) && rcc.is_reset(spi2));
+        assert!(rcc.is_on(Gate::ahb1(8)), "flash is clocked after reset");
+    }
+}

@@ -1,0 +1,53 @@
+//! System memory: what ST put into the chip (RM0440 table 3 and section 48, DS12288 section 3.18).
+//!
+//! The boot loader is a pair of vectors and an endless loop; whoever jumps there ends the run.
+
+use super::adc::{TS_CAL1, TS_CAL2, VREFINT_CAL};
+
+/// First address.
+pub const START: u32 = 0x1fff_0000;
+/// Bytes.
+pub const LEN: usize = 64 << 10;
+/// Where the code of the boot loader ends.
+pub const CODE_END: u32 = 0x1fff_7000;
+
+/// The unique identity of this chip: place on the wafer, number of the wafer and of the lot, as in a real one.
+pub const UID: [u32; 3] = [0x0039_0025, 0x5836_500a, 0x2034_3356];
+
+/// Kilobytes of flash.
+const FLASH_SIZE: u16 = 512;
+
+/// All of it.
+pub fn bytes() -> Vec<u8> {
+    let mut bytes = vec![0xff; LEN];
+    let mut put = |address: u32, data: &[u8]| {
+        let at = (address - START) as usize;
+        bytes[at..at + data.len()].copy_from_slice(data);
+    };
+    // Stack and start of the boot loader, and there: branch to itself.
+    put(START, &0x2000_3000u32.to_le_bytes());
+    put(START + 4, &(START + 0x101).to_le_bytes());
+    put(START + 0x100, &0xe7feu16.to_le_bytes());
+    for (address, word) in (0x1fff_7590..).step_by(4).zip(UID) {
+        put(address, &word.to_le_bytes());
+    }
+    put(0x1fff_75a8, &TS_CAL1.to_le_bytes());
+    put(0x1fff_75aa, &VREFINT_CAL.to_le_bytes());
+    put(0x1fff_75ca, &TS_CAL2.to_le_bytes());
+    put(0x1fff_75e0, &FLASH_SIZE.to_le_bytes());
+    bytes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn holds_what_firmware_asks_for() {
+        let bytes = bytes();
+        assert_eq!(bytes.len(), LEN);
+        assert_eq!(bytes[0x7594..0x7598], UID[1].to_le_bytes());
+        assert_eq!(bytes[0x75e0..0x75e2], [0x00, 0x02]);
+        assert_eq!(bytes[0x7000..0x7400], [0xff; 0x400], "one-time programmable area is empty");
+    }
+}

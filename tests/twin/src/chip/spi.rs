@@ -1,0 +1,464 @@
+//! SPI2 as a master: frames of 4 to 16 bits, two FIFOs of four bytes, DMA both ways.
+//!
+//! A frame takes its bits' time; the other end's answer is exchanged at its end ([`Spi::finish`]).
+//! Not modelled, and refused: slave mode, one line or one direction, CRC, I2S, lowest bit first, the TI frame, a select
+//! pin driven by hardware; they read as set and end the run when the peripheral is enabled.
+//!
+//! Sources: RM0440 chapter 39, registers 39.9.1 to 39.9.4; FIFO levels and data packing, 39.5.9; status flags, 39.5.10.
+
+use std::collections::VecDeque;
+
+use super::clocks::Clocks;
+use crate::registers::Storage;
+use crate::{Cycles, Registers, Unknown, Width};
+
+mod cr1 {
+    pub const CPHA: u32 = 1 << 0;
+    pub const CPOL: u32 = 1 << 1;
+    pub const MSTR: u32 = 1 << 2;
+    pub const SPE: u32 = 1 << 6;
+    pub const LSBFIRST: u32 = 1 << 7;
+    pub const SSI: u32 = 1 << 8;
+    pub const SSM: u32 = 1 << 9;
+    pub const RXONLY: u32 = 1 << 10;
+    pub const CRCEN: u32 = 1 << 13;
+    pub const BIDIMODE: u32 = 1 << 15;
+    pub const NOT_MODELLED: u32 = LSBFIRST | RXONLY | CRCEN | BIDIMODE;
+}
+
+mod cr2 {
+    pub const RXDMAEN: u32 = 1 << 0;
+    pub const TXDMAEN: u32 = 1 << 1;
+    pub const FRF: u32 = 1 << 4;
+    pub const ERRIE: u32 = 1 << 5;
+    pub const RXNEIE: u32 = 1 << 6;
+    pub const TXEIE: u32 = 1 << 7;
+    pub const FRXTH: u32 = 1 << 12;
+    pub const RESET: u32 = 0x0700;
+}
+
+mod sr {
+    pub const RXNE: u32 = 1 << 0;
+    pub const TXE: u32 = 1 << 1;
+    pub const OVR: u32 = 1 << 6;
+    pub const BSY: u32 = 1 << 7;
+}
+
+/// Bytes that a FIFO holds.
+const DEPTH: usize = 4;
+
+/// A frame being shifted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Frame {
+    /// What the master sends.
+    pub data: u16,
+    /// 4 to 16.
+    pub bits: u32,
+    end: Cycles,
+}
+
+/// The peripheral.
+#[derive(Clone, Debug)]
+pub struct Spi {
+    cr1: u32,
+    cr2: u32,
+    overrun: bool,
+    /// The data register was read while the overrun flag stood: reading the status clears it.
+    overrun_read: bool,
+    transmit: VecDeque<u8>,
+    receive: VecDeque<u8>,
+    frame: Option<Frame>,
+    /// Cycles of the core per clock of the bus the peripheral is on.
+    divider: u64,
+    /// CRCPR, RXCRCR, TXCRCR, I2SCFGR, I2SPR.
+    storage: Storage,
+}
+
+impl Default for Spi {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Spi {
+    /// As after power-on.
+    pub fn new() -> Self {
+        Self {
+            cr1: 0,
+            cr2: cr2::RESET,
+            overrun: false,
+            overrun_read: false,
+            transmit: VecDeque::with_capacity(DEPTH),
+            receive: VecDeque::with_capacity(DEPTH),
+            frame: None,
+            divider: 1,
+            storage: Storage::new(&[
+                (0x10, 7, 0xFFFF),
+                (0x14, 0, 0),
+                (0x18, 0, 0),
+                (0x1C, 0, 0x1FBF),
+                (0x20, 2, 0x03FF),
+            ]),
+        }
+    }
+
+    fn bits(&self) -> u32 {
+        // Less than four bits count as eight (39.9.2, DS).
+        match self.cr2 >> 8 & 0xF {
+            0..=2 => 8,
+            ds => ds + 1,
+        }
+    }
+
+    /// Bytes of a FIFO that a frame takes.
+    fn frame_bytes(&self) -> usize {
+        if self.bits() > 8 { 2 } else { 1 }
+    }
+
+    /// Cycles of the core per bit.
+    fn bit(&self) -> Cycles {
+        self.divider << ((self.cr1 >> 3 & 7) + 1)
+    }
+
+    /// Cycles of the core per frame.
+    pub fn frame_cycles(&self) -> Cycles {
+        self.bit() * u64::from(self.bits())
+    }
+
+    /// Clock rate of the bus at a core clock of `hclk_hz` \[Hz\].
+    pub fn rate_hz(&self, hclk_hz: f64) -> f64 {
+        hclk_hz / self.bit() as f64
+    }
+
+    /// Idle level of the clock (CPOL) and whether data is taken at its second edge (CPHA).
+    pub fn mode(&self) -> (bool, bool) {
+        (self.cr1 & cr1::CPOL != 0, self.cr1 & cr1::CPHA != 0)
+    }
+
+    fn is_enabled(&self) -> bool {
+        self.cr1 & cr1::SPE != 0
+    }
+
+    fn txe(&self) -> bool {
+        self.transmit.len() <= DEPTH / 2
+    }
+
+    fn rxne(&self) -> bool {
+        self.receive.len() >= if self.cr2 & cr2::FRXTH != 0 { 1 } else { 2 }
+    }
+
+    fn status(&self) -> u32 {
+        let level = |fifo: &VecDeque<u8>| fifo.len().min(3) as u32;
+        let flag = |set: bool, bit: u32| if set { bit } else { 0 };
+        let busy = self.frame.is_some() || self.is_enabled() && !self.transmit.is_empty();
+        flag(self.rxne(), sr::RXNE)
+            | flag(self.txe(), sr::TXE)
+            | flag(self.overrun, sr::OVR)
+            | flag(busy, sr::BSY)
+            | level(&self.receive) << 9
+            | level(&self.transmit) << 11
+    }
+
+    /// The frame under way.
+    pub fn frame(&self) -> Option<Frame> {
+        self.frame
+    }
+
+    /// When it ends, which [`finish`](Self::finish) must do then.
+    pub fn due(&self) -> Option<Cycles> {
+        self.frame.map(|frame| frame.end)
+    }
+
+    /// Ends the frame under way, for which the other end sent `answer`; the next begins at once.
+    pub fn finish(&mut self, answer: u16) {
+        let Some(frame) = self.frame.take() else { return };
+        let bytes = self.frame_bytes();
+        if self.receive.len() + bytes > DEPTH {
+            self.overrun = true;
+        } else {
+            // The first byte read is the low one (39.5.9).
+            self.receive.extend(answer.to_le_bytes().into_iter().take(bytes));
+        }
+        self.start(frame.end);
+    }
+
+    fn start(&mut self, now: Cycles) {
+        let bytes = self.frame_bytes();
+        if self.frame.is_some() || !self.is_enabled() || self.transmit.len() < bytes {
+            return;
+        }
+        let taken: Vec<u8> = self.transmit.drain(..bytes).collect();
+        let data = taken.iter().rev().fold(0, |data, byte| data << 8 | u16::from(*byte));
+        self.frame = Some(Frame { data, bits: self.bits(), end: now + self.frame_cycles() });
+    }
+
+    /// Whether a received frame waits for DMA.
+    pub fn receive_request(&self) -> bool {
+        self.cr2 & cr2::RXDMAEN != 0 && self.rxne()
+    }
+
+    /// Whether there is room for DMA to fill.
+    pub fn transmit_request(&self) -> bool {
+        self.cr2 & cr2::TXDMAEN != 0 && self.is_enabled() && self.txe()
+    }
+
+    /// Level of the interrupt line.
+    pub fn irq(&self) -> bool {
+        self.cr2 & cr2::TXEIE != 0 && self.txe()
+            || self.cr2 & cr2::RXNEIE != 0 && self.rxne()
+            || self.cr2 & cr2::ERRIE != 0 && self.overrun
+    }
+
+    /// Whether each frame may raise the interrupt line.
+    pub fn interrupts_each(&self) -> bool {
+        self.cr2 & (cr2::TXEIE | cr2::RXNEIE | cr2::ERRIE) != 0
+    }
+
+    fn write_control(&mut self, value: u32, now: Cycles) -> Result<(), Unknown> {
+        if value & cr1::SPE != 0 {
+            if self.is_enabled() && (self.cr1 ^ value) & !(cr1::SPE | cr1::SSI) != 0 {
+                return Err(Unknown { what: "SPI_CR1 changed while the SPI is enabled" });
+            }
+            if value & cr1::MSTR == 0 || value & cr1::NOT_MODELLED != 0 || self.cr2 & cr2::FRF != 0 {
+                return Err(Unknown { what: "SPI_CR1: only a full-duplex master without CRC has a model" });
+            }
+            if value & (cr1::SSM | cr1::SSI) != cr1::SSM | cr1::SSI {
+                return Err(Unknown { what: "SPI_CR1: only the software's select (SSM, SSI) has a model" });
+            }
+        }
+        self.cr1 = value & 0xFFFF;
+        self.start(now);
+        Ok(())
+    }
+
+    fn write_data(&mut self, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+        // A half-word holds two frames of up to eight bits, a byte cannot hold a longer one.
+        let bytes = match width {
+            Width::Byte if self.frame_bytes() == 2 => {
+                return Err(Unknown { what: "SPI_DR: a byte written in frames of more than 8 bits" });
+            }
+            Width::Byte => 1,
+            Width::Half => 2,
+            Width::Word => return Err(Unknown::WIDTH),
+        };
+        if self.transmit.len() + bytes > DEPTH {
+            return Err(Unknown { what: "SPI_DR: written without room in the transmit FIFO" });
+        }
+        self.transmit.extend(value.to_le_bytes().into_iter().take(bytes));
+        self.start(now);
+        Ok(())
+    }
+
+    fn read_data(&mut self, width: Width) -> u32 {
+        self.overrun_read |= self.overrun;
+        let bytes = width.bytes().min(2) as usize;
+        let mut value = 0;
+        for place in 0..bytes {
+            value |= u32::from(self.receive.pop_front().unwrap_or(0)) << (8 * place);
+        }
+        value
+    }
+}
+
+impl Registers for Spi {
+    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
+        let word = match offset & !3 {
+            0x00 => self.cr1,
+            0x04 => self.cr2,
+            0x08 => {
+                let status = self.status();
+                if std::mem::take(&mut self.overrun_read) {
+                    self.overrun = false;
+                }
+                status
+            }
+            0x0C if offset & 3 == 0 => return Ok(self.read_data(width)),
+            _ => return self.storage.read(offset, width),
+        };
+        Ok(width.part(word, offset))
+    }
+
+    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+        match offset & !3 {
+            0x00 => self.write_control(width.replace(self.cr1, offset, value), now),
+            0x04 => {
+                let value = width.replace(self.cr2, offset, value) & 0x7FFF;
+                // Size, frame and threshold may change only while disabled (39.9.2).
+                let fixed = 0xF << 8 | cr2::FRF | 1 << 3 | 1 << 2;
+                if self.is_enabled() && (self.cr2 ^ value) & fixed != 0 {
+                    return Err(Unknown { what: "SPI_CR2 changed while the SPI is enabled" });
+                }
+                self.cr2 = value;
+                Ok(())
+            }
+            // Error flags that this model does not raise.
+            0x08 => Ok(()),
+            0x0C if offset & 3 == 0 => self.write_data(value, width, now),
+            0x1C if value & 1 << 11 != 0 => Err(Unknown { what: "SPI_I2SCFGR.I2SMOD: I2S has no model" }),
+            _ => self.storage.write(offset, value, width),
+        }
+    }
+
+    /// The end of the frame under way, where that may raise the interrupt line.
+    fn next_event(&self) -> Option<Cycles> {
+        self.due().filter(|_| self.interrupts_each())
+    }
+
+    fn reset(&mut self, _: Cycles) {
+        let mut storage = self.storage.clone();
+        storage.reset();
+        *self = Self { divider: self.divider, storage, ..Self::new() };
+    }
+
+    fn set_clocks(&mut self, clocks: &Clocks) {
+        self.divider = ((clocks.hclk_hz / clocks.pclk1_hz).round() as u64).max(1);
+    }
+
+    fn unwritten_reads(&self) -> Vec<u32> {
+        self.storage.unwritten_reads()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const DR: u32 = 0x0C;
+
+    fn write(spi: &mut Spi, offset: u32, value: u32, width: Width) {
+        spi.write(offset, value, width, 0).unwrap();
+    }
+
+    fn read(spi: &mut Spi, offset: u32, width: Width) -> u32 {
+        spi.read(offset, width, 0).unwrap()
+    }
+
+    /// Bytes, at an eighth of the core's clock.
+    fn master() -> Spi {
+        let mut spi = Spi::new();
+        write(&mut spi, 0x04, 7 << 8 | cr2::FRXTH, Width::Word);
+        let mode = cr1::MSTR | cr1::SSM | cr1::SSI | cr1::CPHA | 2 << 3;
+        write(&mut spi, 0x00, mode, Width::Word);
+        write(&mut spi, 0x00, mode | cr1::SPE, Width::Word);
+        spi
+    }
+
+    fn levels(spi: &mut Spi) -> (u32, u32) {
+        let status = read(spi, 0x08, Width::Word);
+        (status >> 9 & 3, status >> 11 & 3)
+    }
+
+    #[test]
+    fn bytes_leave_one_after_the_other_and_answers_come_back() {
+        let mut spi = master();
+        assert_eq!((spi.mode(), spi.rate_hz(168e6), spi.frame_cycles()), ((false, true), 21e6, 64));
+        for byte in [0x11, 0x22, 0x33] {
+            write(&mut spi, DR, byte, Width::Byte);
+        }
+        // One in the shifter, two in the FIFO.
+        assert_eq!(levels(&mut spi), (0, 2));
+        assert_eq!(spi.frame(), Some(Frame { data: 0x11, bits: 8, end: 64 }));
+        assert_ne!(read(&mut spi, 0x08, Width::Word) & sr::BSY, 0);
+        for (answer, end) in [(0xA1, 128), (0xA2, 192)] {
+            spi.finish(answer);
+            assert_eq!(spi.due(), Some(end));
+        }
+        spi.finish(0xA3);
+        assert_eq!((spi.due(), levels(&mut spi)), (None, (3, 0)));
+        assert_eq!(read(&mut spi, 0x08, Width::Word) & sr::BSY, 0);
+        let back: Vec<u32> = (0..3).map(|_| read(&mut spi, DR, Width::Byte)).collect();
+        assert_eq!(back, [0xA1, 0xA2, 0xA3]);
+    }
+
+    #[test]
+    fn a_half_word_holds_two_bytes() {
+        let mut spi = master();
+        write(&mut spi, DR, 0x2211, Width::Half);
+        assert_eq!(spi.frame().unwrap().data, 0x11);
+        spi.finish(0xA1);
+        assert_eq!(spi.frame().unwrap().data, 0x22);
+        spi.finish(0xA2);
+        assert_eq!(read(&mut spi, DR, Width::Half), 0xA2A1);
+    }
+
+    #[test]
+    fn frames_of_sixteen_bits() {
+        let mut spi = Spi::new();
+        write(&mut spi, 0x04, 15 << 8, Width::Word);
+        write(&mut spi, 0x00, cr1::MSTR | cr1::SSM | cr1::SSI | cr1::SPE, Width::Word);
+        write(&mut spi, DR, 0xBEEF, Width::Half);
+        assert_eq!((spi.frame().unwrap().data, spi.frame().unwrap().bits, spi.due()), (0xBEEF, 16, Some(32)));
+        spi.finish(0x1234);
+        assert!(read(&mut spi, 0x08, Width::Half) & sr::RXNE != 0);
+        assert_eq!(read(&mut spi, DR, Width::Half), 0x1234);
+        assert!(spi.write(DR, 1, Width::Byte, 0).is_err());
+    }
+
+    #[test]
+    fn requests_follow_the_levels() {
+        let mut spi = master();
+        assert!(!spi.transmit_request() && !spi.receive_request());
+        write(&mut spi, 0x04, 7 << 8 | cr2::FRXTH | cr2::RXDMAEN | cr2::TXDMAEN, Width::Word);
+        let mut sent = 0;
+        while spi.transmit_request() {
+            write(&mut spi, DR, sent, Width::Byte);
+            sent += 1;
+        }
+        assert_eq!((sent, levels(&mut spi).1), (4, 3));
+        spi.finish(0x55);
+        assert!(spi.receive_request() && spi.transmit_request());
+        read(&mut spi, DR, Width::Byte);
+        assert!(!spi.receive_request());
+    }
+
+    #[test]
+    fn a_full_receiver_loses_what_comes_and_says_so() {
+        let mut spi = master();
+        for answer in 1..=5 {
+            write(&mut spi, DR, 0, Width::Byte);
+            spi.finish(answer);
+        }
+        assert_ne!(read(&mut spi, 0x08, Width::Word) & sr::OVR, 0);
+        assert_eq!((0..4).map(|_| read(&mut spi, DR, Width::Byte)).collect::<Vec<_>>(), [1, 2, 3, 4]);
+        // The data register, then the status: the flag goes.
+        assert_ne!(read(&mut spi, 0x08, Width::Word) & sr::OVR, 0);
+        assert_eq!(read(&mut spi, 0x08, Width::Word) & sr::OVR, 0);
+    }
+
+    #[test]
+    fn interrupts_follow_their_enables() {
+        let mut spi = master();
+        assert!(!spi.irq());
+        write(&mut spi, 0x04, 7 << 8 | cr2::FRXTH | cr2::TXEIE, Width::Word);
+        assert!(spi.irq() && spi.interrupts_each());
+        write(&mut spi, 0x04, 7 << 8 | cr2::FRXTH | cr2::RXNEIE, Width::Word);
+        assert!(!spi.irq());
+        write(&mut spi, DR, 0, Width::Byte);
+        assert_eq!(spi.next_event(), Some(64));
+        spi.finish(0);
+        assert!(spi.irq());
+    }
+
+    #[test]
+    fn what_is_not_modelled_is_refused() {
+        let enable = cr1::MSTR | cr1::SSM | cr1::SSI | cr1::SPE;
+        for mode in [
+            enable & !cr1::MSTR,
+            enable & !cr1::SSI,
+            enable | cr1::CRCEN,
+            enable | cr1::LSBFIRST,
+            enable | cr1::RXONLY,
+            enable | cr1::BIDIMODE,
+        ] {
+            assert!(Spi::new().write(0x00, mode, Width::Word, 0).is_err(), "{mode:#x}");
+        }
+        let mut spi = master();
+        assert!(spi.write(0x04, 15 << 8, Width::Word, 0).is_err());
+        assert!(spi.write(0x1C, 1 << 11, Width::Word, 0).is_err());
+        assert!(spi.read(0x24, Width::Word, 0).is_err());
+        for _ in 0..5 {
+            write(&mut spi, DR, 0, Width::Byte);
+        }
+        assert!(spi.write(DR, 0, Width::Byte, 0).is_err());
+    }
+}

@@ -1,0 +1,63 @@
+//! Backup registers (RM0440 section 36.6): 32 words that outlive a reset, not the loss of power. Tamper detection is unknown.
+
+use crate::{Cycles, Registers, Storage, Unknown, Width};
+
+const BACKUP: std::ops::RangeInclusive<u32> = 0x100..=0x17c;
+
+/// The registers.
+#[derive(Clone, Debug)]
+pub struct Tamp(Storage);
+
+impl Default for Tamp {
+    fn default() -> Self {
+        // CR1 starts with the tampers of the inside on; it may be switched off, nothing else is done with it.
+        let registers: Vec<_> = [(0x00, 0xffff_0000, u32::MAX)]
+            .into_iter()
+            .chain(BACKUP.step_by(4).map(|offset| (offset, 0, u32::MAX)))
+            .collect();
+        Self(Storage::new(&registers))
+    }
+}
+
+impl Tamp {
+    /// The battery domain has lost its power.
+    pub fn lose_power(&mut self) {
+        self.0.reset();
+    }
+}
+
+impl Registers for Tamp {
+    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
+        match offset & !3 {
+            // Asking what the run before left is their purpose.
+            register if BACKUP.contains(&register) => Ok(width.part(self.0.get(register), offset)),
+            _ => self.0.read(offset, width),
+        }
+    }
+
+    fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Result<(), Unknown> {
+        self.0.write(offset, value, width)
+    }
+
+    fn reset(&mut self, _: Cycles) {}
+
+    fn unwritten_reads(&self) -> Vec<u32> {
+        self.0.unwritten_reads()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn outlives_a_reset_only() {
+        let mut tamp = Tamp::default();
+        tamp.write(0x104, 7, Width::Word, 0).expect("known");
+        tamp.reset(0);
+        assert_eq!(tamp.read(0x104, Width::Word, 0), Ok(7));
+        tamp.lose_power();
+        assert_eq!(tamp.read(0x104, Width::Word, 0), Ok(0));
+        assert!(tamp.read(0x180, Width::Word, 0).is_err());
+    }
+}

@@ -1,0 +1,555 @@
+//! Timers with capture and compare: TIM1 to TIM5, TIM8, TIM15 to TIM17 (RM0440 sections 28 to 30).
+//!
+//! Modelled: up-counting with prescaler and preload, compare flags, update flag and its sources, encoder modes, input capture, PWM
+//! as far as frequency and duty can be asked for. Counting down or centre-aligned, slave modes other than the encoder's, one-pulse
+//! mode and DMA are unknown.
+//!
+//! Glossary: *tick*: the counter's clock after the prescaler; *update*: the counter starts anew.
+
+use crate::{Cycles, Registers, Storage, Unknown, Width, chip::clocks::Clocks};
+
+const CR1: u32 = 0x00;
+const CR2: u32 = 0x04;
+const SMCR: u32 = 0x08;
+const DIER: u32 = 0x0c;
+const SR: u32 = 0x10;
+const EGR: u32 = 0x14;
+const CCMR1: u32 = 0x18;
+const CCMR2: u32 = 0x1c;
+const CCER: u32 = 0x20;
+const CNT: u32 = 0x24;
+const PSC: u32 = 0x28;
+const ARR: u32 = 0x2c;
+const CCR1: u32 = 0x34;
+const CCR4: u32 = 0x40;
+const BDTR: u32 = 0x44;
+
+const CEN: u32 = 1 << 0;
+const UDIS: u32 = 1 << 1;
+const URS: u32 = 1 << 2;
+const DIR: u32 = 1 << 4;
+const ARPE: u32 = 1 << 7;
+const UIFREMAP: u32 = 1 << 11;
+/// CR1 bits that the model follows: CEN, UDIS, URS, DIR, ARPE, CKD, UIFREMAP.
+const CR1_KNOWN: u32 = CEN | UDIS | URS | DIR | ARPE | 3 << 8 | UIFREMAP;
+/// SR and DIER: update; compare 1 to 4 follow.
+const UIF: u32 = 1 << 0;
+/// BDTR: the outputs of a timer with break are on.
+const MOE: u32 = 1 << 15;
+
+/// On which of a chip's two buses, and with what.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// 32 bits, four channels: TIM2, TIM5.
+    Wide,
+    /// 16 bits, four channels: TIM3, TIM4.
+    General,
+    /// 16 bits, four channels, outputs behind a break input, on APB2: TIM1, TIM8.
+    Advanced,
+    /// 16 bits, two channels (TIM15) or one (TIM16, TIM17), break, on APB2.
+    Small,
+}
+
+/// What a PWM channel gives out.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pwm {
+    /// Repetitions per second \[Hz\].
+    pub frequency_hz: f64,
+    /// Part of the time that the output is high.
+    pub duty: f64,
+}
+
+/// One timer.
+#[derive(Clone, Debug)]
+pub struct Tim {
+    kind: Kind,
+    storage: Storage,
+    flags: u32,
+    count: u32,
+    /// Prescaler and period in use; the registers are loaded into them at an update.
+    prescaler: u32,
+    period: u32,
+    /// Core cycles per clock of the timer.
+    cycles_per_clock: u64,
+    clock_hz: f64,
+    /// Moment up to which the counter has been brought, and clocks of the timer since its last tick.
+    since: Cycles,
+    remainder: u64,
+    /// Where the encoder stood when its edges were last counted.
+    encoder: u32,
+}
+
+impl Tim {
+    /// A timer after reset.
+    pub fn new(kind: Kind) -> Self {
+        let mask = if kind == Kind::Wide { u32::MAX } else { 0xffff };
+        let storage = Storage::new(&[
+            (CR1, 0, CR1_KNOWN),
+            (CR2, 0, u32::MAX),
+            (SMCR, 0, u32::MAX),
+            (DIER, 0, 0x5f5f),
+            (CCMR1, 0, u32::MAX),
+            (CCMR2, 0, u32::MAX),
+            (CCER, 0, u32::MAX),
+            (PSC, 0, 0xffff),
+            (ARR, mask, mask),
+            // RCR, AF1, AF2, TISEL: no repetition, no other inputs than the pins.
+            (0x30, 0, 0),
+            (CCR1, 0, mask),
+            (0x38, 0, mask),
+            (0x3c, 0, mask),
+            (CCR4, 0, mask),
+            (BDTR, 0, u32::MAX),
+            (0x5c, 0, 0),
+            (0x60, 1, 0xf),
+            (0x64, 1, 0xf),
+        ]);
+        Self {
+            kind,
+            storage,
+            flags: 0,
+            count: 0,
+            prescaler: 0,
+            period: mask,
+            cycles_per_clock: 1,
+            clock_hz: 16e6,
+            since: 0,
+            remainder: 0,
+            encoder: 0,
+        }
+    }
+
+    fn mask(&self) -> u32 {
+        if self.kind == Kind::Wide { u32::MAX } else { 0xffff }
+    }
+
+    fn channels(&self) -> usize {
+        if self.kind == Kind::Small { 2 } else { 4 }
+    }
+
+    /// Whether the encoder's edges move the counter instead of the clock, and how many of the four per period.
+    fn encoder_edges(&self) -> Option<u32> {
+        match self.storage.get(SMCR) & 0x1_0007 {
+            1 | 2 => Some(2),
+            3 => Some(4),
+            _ => None,
+        }
+    }
+
+    fn counting(&self) -> bool {
+        self.storage.get(CR1) & CEN != 0 && self.encoder_edges().is_none()
+    }
+
+    /// Ticks of a whole round.
+    fn round(&self) -> u64 {
+        u64::from(self.period) + 1
+    }
+
+    fn cycles_per_tick(&self) -> u64 {
+        (u64::from(self.prescaler) + 1) * self.cycles_per_clock
+    }
+
+    /// Ticks, at least one, until the counter shows `value` next.
+    fn ticks_until(&self, value: u32) -> Option<u64> {
+        let (round, value) = (self.round(), u64::from(value));
+        if value >= round {
+            return None;
+        }
+        let count = u64::from(self.count) % round;
+        Some(if value > count { value - count } else { value + round - count })
+    }
+
+    fn ccr(channel: usize) -> u32 {
+        CCR1 + 4 * (channel as u32 - 1)
+    }
+
+    /// Mode bits of a channel: CCxS in bits 0..1, OCxM in 4..6 and 16.
+    fn channel_mode(&self, channel: usize) -> u32 {
+        let register = if channel <= 2 { CCMR1 } else { CCMR2 };
+        self.storage.get(register) >> (8 * ((channel - 1) % 2))
+    }
+
+    fn is_input(&self, channel: usize) -> bool {
+        self.channel_mode(channel) & 3 != 0
+    }
+
+    /// Lets this many ticks pass with prescaler and period as they are.
+    fn pass(&mut self, ticks: u64) {
+        for channel in 1..=self.channels() {
+            let reached = self.ticks_until(self.storage.get(Self::ccr(channel))).is_some_and(|until| until <= ticks);
+            if reached && !self.is_input(channel) {
+                self.flags |= 1 << channel;
+            }
+        }
+        let count = u64::from(self.count) + ticks;
+        self.count = if count < self.round() { count as u32 } else { ((count - self.round()) % self.round()) as u32 };
+    }
+
+    fn update(&mut self) {
+        self.prescaler = self.storage.get(PSC);
+        self.period = self.storage.get(ARR);
+    }
+
+    /// The counter's value.
+    pub fn count(&self) -> u32 {
+        self.count
+    }
+
+    /// The encoder outside has moved to this count of edges (all four per period, wrapping).
+    pub fn set_encoder(&mut self, edges: u32) {
+        let moved = edges.wrapping_sub(self.encoder) as i32;
+        let Some(counted) = self.encoder_edges() else {
+            self.encoder = edges;
+            return;
+        };
+        let per_count = 4 / counted as i32;
+        let steps = moved / per_count;
+        if self.storage.get(CR1) & CEN == 0 {
+            self.encoder = edges;
+            return;
+        }
+        if steps == 0 {
+            return;
+        }
+        self.encoder = self.encoder.wrapping_add((steps * per_count) as u32);
+        // Each inverted input turns the direction round.
+        let inverted = (self.storage.get(CCER) >> 1 ^ self.storage.get(CCER) >> 5) & 1 != 0;
+        let steps = i64::from(if inverted { -steps } else { steps });
+        let unwrapped = i64::from(self.count) + steps;
+        self.count = unwrapped.rem_euclid(self.round() as i64) as u32;
+        if unwrapped != i64::from(self.count) {
+            self.flags |= UIF;
+        }
+        let cr1 = self.storage.get(CR1);
+        self.storage.set(CR1, if steps < 0 { cr1 | DIR } else { cr1 & !DIR });
+    }
+
+    /// The level at the input pin of a channel has changed: a channel that captures on this edge takes the counter's value.
+    pub fn edge(&mut self, channel: usize, rising: bool) {
+        let enable = self.storage.get(CCER) >> (4 * (channel - 1));
+        // CCxP and CCxNP: 00 rising, 01 falling, 11 both.
+        let wanted = match enable >> 1 & 5 {
+            0 => rising,
+            1 => !rising,
+            5 => true,
+            _ => false,
+        };
+        if enable & 1 == 0 || self.channel_mode(channel) & 3 != 1 || !wanted {
+            return;
+        }
+        self.storage.set(Self::ccr(channel), self.count);
+        let flag = 1 << channel;
+        if self.flags & flag != 0 {
+            // The capture before was not read: over-capture.
+            self.flags |= flag << 8;
+        }
+        self.flags |= flag;
+    }
+
+    /// The level of the interrupt line.
+    pub fn irq(&self) -> bool {
+        self.flags & self.storage.get(DIER) & 0x1f != 0
+    }
+
+    /// What a channel gives out; nothing unless it is a running PWM output.
+    pub fn pwm(&self, channel: usize) -> Option<Pwm> {
+        let enabled = self.storage.get(CCER) >> (4 * (channel - 1)) & 5 != 0;
+        let gated = matches!(self.kind, Kind::Advanced | Kind::Small) && self.storage.get(BDTR) & MOE == 0;
+        let high_first = match self.channel_mode(channel) >> 4 & 0x1007 {
+            6 => true,
+            7 => false,
+            _ => return None,
+        };
+        if !self.counting() || !enabled || gated {
+            return None;
+        }
+        let ticks = (u64::from(self.storage.get(Self::ccr(channel)))).min(self.round());
+        let part = ticks as f64 / self.round() as f64;
+        let frequency_hz = self.clock_hz / (f64::from(self.prescaler) + 1.0) / self.round() as f64;
+        Some(Pwm { frequency_hz, duty: if high_first { part } else { 1.0 - part } })
+    }
+}
+
+impl Registers for Tim {
+    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
+        self.advance(now);
+        let word = match offset & !3 {
+            SR => self.flags,
+            EGR => 0,
+            CNT => {
+                let copy = self.storage.get(CR1) & UIFREMAP != 0;
+                if copy { self.count & !(1 << 31) | (self.flags & UIF) << 31 } else { self.count }
+            }
+            register @ CCR1..=CCR4 => {
+                let channel = ((register - CCR1) / 4 + 1) as usize;
+                if self.is_input(channel) {
+                    self.flags &= !(1 << channel);
+                }
+                self.storage.read(offset, Width::Word)?
+            }
+            register => self.storage.read(register, Width::Word)?,
+        };
+        Ok(width.part(word, offset))
+    }
+
+    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+        self.advance(now);
+        match offset & !3 {
+            // Written zeros clear, ones leave alone.
+            SR => self.flags &= width.replace(u32::MAX, offset, value),
+            EGR => {
+                if value & !1 != 0 {
+                    return Err(Unknown { what: "of the events by software only the update is modelled" });
+                }
+                if value & 1 != 0 && self.storage.get(CR1) & UDIS == 0 {
+                    self.update();
+                    self.count = 0;
+                    self.remainder = 0;
+                    if self.storage.get(CR1) & URS == 0 {
+                        self.flags |= UIF;
+                    }
+                }
+            }
+            CNT => self.count = width.replace(self.count, offset, value) & self.mask(),
+            CR1 => {
+                if value & !CR1_KNOWN != 0 {
+                    return Err(Unknown { what: "one-pulse, centre-aligned or dithering mode is not modelled" });
+                }
+                self.storage.write(offset, value, width)?;
+                if value & DIR != 0 && self.encoder_edges().is_none() {
+                    return Err(Unknown { what: "counting down is not modelled" });
+                }
+            }
+            SMCR => {
+                self.storage.write(offset, value, width)?;
+                if self.storage.get(SMCR) & 0x1_0007 != 0 && self.encoder_edges().is_none() {
+                    return Err(Unknown { what: "of the slave modes only the encoder's are modelled" });
+                }
+            }
+            DIER => {
+                if value & 0x5f00 != 0 {
+                    return Err(Unknown { what: "DMA requests of this timer are not modelled" });
+                }
+                self.storage.write(offset, value, width)?;
+            }
+            register => {
+                self.storage.write(offset, value, width)?;
+                if register == ARR && self.storage.get(CR1) & ARPE == 0 {
+                    self.period = self.storage.get(ARR);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn next_event(&self) -> Option<Cycles> {
+        let waited = self.storage.get(DIER) & !self.flags & 0x1f;
+        if waited == 0 || !self.counting() {
+            return None;
+        }
+        let update = (waited & UIF != 0).then(|| self.round().saturating_sub(u64::from(self.count)).max(1));
+        let compare = (1..=self.channels())
+            .filter(|&channel| waited >> channel & 1 != 0 && !self.is_input(channel))
+            .filter_map(|channel| self.ticks_until(self.storage.get(Self::ccr(channel))));
+        let ticks = update.into_iter().chain(compare).min()?;
+        Some(self.since + ticks * self.cycles_per_tick() - self.remainder)
+    }
+
+    fn advance(&mut self, now: Cycles) {
+        let elapsed = now.saturating_sub(self.since) + self.remainder;
+        self.since = self.since.max(now);
+        if !self.counting() {
+            self.remainder = 0;
+            return;
+        }
+        let mut ticks = elapsed / self.cycles_per_tick();
+        self.remainder = elapsed % self.cycles_per_tick();
+        // Up to the next update, after which prescaler and period may be others; then all the rest.
+        let until_update = self.round().saturating_sub(u64::from(self.count)).max(1);
+        if ticks >= until_update {
+            self.pass(until_update);
+            ticks -= until_update;
+            if self.storage.get(CR1) & UDIS == 0 {
+                let left = ticks * self.cycles_per_tick() + self.remainder;
+                self.update();
+                self.flags |= UIF;
+                ticks = left / self.cycles_per_tick();
+                self.remainder = left % self.cycles_per_tick();
+            }
+        }
+        self.pass(ticks);
+    }
+
+    fn reset(&mut self, now: Cycles) {
+        let encoder = self.encoder;
+        let clocks = (self.cycles_per_clock, self.clock_hz);
+        let mut storage = self.storage.clone();
+        storage.reset();
+        *self = Self { storage, since: now, encoder, ..Self::new(self.kind) };
+        (self.cycles_per_clock, self.clock_hz) = clocks;
+    }
+
+    fn set_clocks(&mut self, clocks: &Clocks) {
+        let on_apb2 = matches!(self.kind, Kind::Advanced | Kind::Small);
+        self.clock_hz = if on_apb2 { clocks.timer2_hz } else { clocks.timer1_hz };
+        self.cycles_per_clock = (clocks.hclk_hz / self.clock_hz).round().max(1.0) as u64;
+    }
+
+    fn unwritten_reads(&self) -> Vec<u32> {
+        // Registers that several users share are read to change some of their bits.
+        let shared = [CR1, CR2, SMCR, DIER, CCMR1, CCMR2, CCER, BDTR];
+        self.storage.unwritten_reads().into_iter().filter(|offset| !shared.contains(offset)).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn write(tim: &mut Tim, offset: u32, value: u32, now: Cycles) {
+        tim.write(offset, value, Width::Word, now).expect("known");
+    }
+
+    fn read(tim: &mut Tim, offset: u32, now: Cycles) -> u32 {
+        tim.read(offset, Width::Word, now).expect("known")
+    }
+
+    /// Prescaler 16, started at cycle 100.
+    fn time_driver() -> Tim {
+        let mut tim = Tim::new(Kind::Small);
+        write(&mut tim, PSC, 15, 0);
+        write(&mut tim, CR1, URS, 0);
+        write(&mut tim, EGR, 1, 0);
+        write(&mut tim, CR1, 0, 0);
+        write(&mut tim, CCR1, 0x8000, 0);
+        write(&mut tim, DIER, 3, 0);
+        write(&mut tim, CR1, CEN, 100);
+        tim
+    }
+
+    #[test]
+    fn counts_ticks_and_wraps() {
+        let mut tim = time_driver();
+        assert_eq!(read(&mut tim, SR, 100), 0, "URS keeps the update by software quiet");
+        assert_eq!(read(&mut tim, CNT, 100 + 15), 0);
+        assert_eq!(read(&mut tim, CNT, 100 + 16), 1);
+        assert_eq!(read(&mut tim, CNT, 100 + 16 * 0x1_0005 + 3), 5);
+        assert_eq!(read(&mut tim, SR, 100 + 16 * 0x1_0005 + 3) & 3, 3);
+    }
+
+    #[test]
+    fn events_are_where_the_flags_rise() {
+        let mut tim = time_driver();
+        let half = 100 + 16 * 0x8000;
+        assert_eq!(tim.next_event(), Some(half));
+        tim.advance(half - 1);
+        assert!(!tim.irq());
+        assert_eq!(tim.next_event(), Some(half), "also from a point between ticks");
+        tim.advance(half);
+        assert!(tim.irq());
+        write(&mut tim, SR, !2, half);
+        assert!(!tim.irq());
+        let whole = 100 + 16 * 0x1_0000;
+        assert_eq!(tim.next_event(), Some(whole));
+        tim.advance(whole);
+        assert!(tim.irq());
+        write(&mut tim, SR, 0, whole);
+        assert_eq!(tim.next_event(), Some(whole + 16 * 0x8000));
+    }
+
+    #[test]
+    fn small_steps_end_where_one_large_one_does() {
+        let (mut one, mut many) = (time_driver(), time_driver());
+        let end = 100 + 16 * 200_000 + 7;
+        one.advance(end);
+        for now in (100..end).step_by(7919).chain([end]) {
+            many.advance(now);
+        }
+        assert_eq!((one.count, one.flags, one.remainder), (many.count, many.flags, many.remainder));
+    }
+
+    #[test]
+    fn a_new_prescaler_waits_for_the_update() {
+        let mut tim = Tim::new(Kind::General);
+        write(&mut tim, ARR, 99, 0);
+        write(&mut tim, CR1, CEN, 0);
+        write(&mut tim, PSC, 1, 50);
+        assert_eq!(read(&mut tim, CNT, 99), 99);
+        assert_eq!(read(&mut tim, CNT, 100), 0);
+        assert_eq!(read(&mut tim, CNT, 103), 1, "half as fast now");
+    }
+
+    #[test]
+    fn encoder_counts_both_ways_over_the_end() {
+        let mut tim = Tim::new(Kind::Wide);
+        tim.set_encoder(1000);
+        write(&mut tim, SMCR, 3, 0);
+        write(&mut tim, CR1, CEN, 0);
+        tim.set_encoder(1005);
+        assert_eq!((read(&mut tim, CNT, 0), read(&mut tim, CR1, 0) & DIR), (5, 0));
+        tim.set_encoder(998);
+        assert_eq!((read(&mut tim, CNT, 0), read(&mut tim, CR1, 0) & DIR), (u32::MAX - 1, DIR));
+        write(&mut tim, CNT, 7, 0);
+        tim.set_encoder(999);
+        assert_eq!(read(&mut tim, CNT, 10_000), 8, "a written count holds, and no clock moves it");
+        tim.set_encoder(999u32.wrapping_add(u32::MAX));
+        assert_eq!(tim.count(), 7, "the encoder's own wrap is one step back");
+    }
+
+    #[test]
+    fn encoder_with_half_the_edges_or_an_inverted_input() {
+        let mut tim = Tim::new(Kind::Wide);
+        write(&mut tim, SMCR, 1, 0);
+        write(&mut tim, CR1, CEN, 0);
+        tim.set_encoder(3);
+        assert_eq!(tim.count(), 1);
+        tim.set_encoder(4);
+        assert_eq!(tim.count(), 2);
+        write(&mut tim, CCER, 1 << 1, 0);
+        tim.set_encoder(6);
+        assert_eq!(tim.count(), 1);
+    }
+
+    #[test]
+    fn capture_takes_the_count_on_its_edge_only() {
+        let mut tim = Tim::new(Kind::Wide);
+        write(&mut tim, SMCR, 3, 0);
+        write(&mut tim, CCMR2, 1, 0);
+        write(&mut tim, CCER, 1 << 8 | 1 << 9, 0);
+        write(&mut tim, DIER, 1 << 3, 0);
+        write(&mut tim, CR1, CEN, 0);
+        tim.set_encoder(42);
+        tim.edge(3, true);
+        assert!(!tim.irq());
+        tim.edge(3, false);
+        assert!(tim.irq());
+        tim.set_encoder(50);
+        tim.edge(3, false);
+        assert_eq!(read(&mut tim, SR, 0) & 0x1e00, 1 << 11);
+        assert_eq!(read(&mut tim, 0x3c, 0), 50);
+        assert!(!tim.irq(), "reading the captured value clears the flag");
+    }
+
+    #[test]
+    fn pwm_frequency() {
+        let mut tim = Tim::new(Kind::Advanced);
+        tim.set_clocks(&Clocks { hclk_hz: 168e6, timer2_hz: 168e6, ..Clocks::POWER_ON });
+        write(&mut tim, ARR, 20, 0);
+        write(&mut tim, CCR1, 10, 0);
+        write(&mut tim, CCMR1, 6 << 4, 0);
+        write(&mut tim, CCER, 1, 0);
+        write(&mut tim, CR1, CEN, 0);
+        assert_eq!(tim.pwm(1), None, "the outputs are off");
+        write(&mut tim, BDTR, MOE, 0);
+        assert_eq!(tim.pwm(1), Some(Pwm { frequency_hz: 8e6, duty: 10.0 / 21.0 }));
+    }
+
+    #[test]
+    fn what_is_not_modelled_is_said() {
+        let mut tim = Tim::new(Kind::General);
+        assert!(tim.write(CR1, 1 << 5, Width::Word, 0).is_err(), "centre-aligned");
+        assert!(tim.write(SMCR, 4, Width::Word, 0).is_err(), "reset by trigger");
+        assert!(tim.write(DIER, 1 << 8, Width::Word, 0).is_err(), "DMA");
+        assert!(tim.read(0x3dc, Width::Word, 0).is_err(), "DMA burst");
+    }
+}

@@ -1,0 +1,351 @@
+//! TIM6, the sampling clock: counts up, and at each overflow triggers the converters and asks for DMA.
+//!
+//! The counter is not stepped: its value follows from the time since it last was zero. Auto-reload and prescaler take effect
+//! at an update, the auto-reload at once where it is not preloaded.
+//! Not modelled, and refused: dithering, one-pulse mode. A counter whose auto-reload was set below its value is refused too.
+//!
+//! Sources: RM0440 chapter 33 (basic timers), registers 33.4.1 to 33.4.9; update events, 33.3.2; trigger output, 33.4.2.
+
+use super::clocks::Clocks;
+use crate::{Cycles, Registers, Unknown, Width};
+
+mod cr1 {
+    pub const CEN: u32 = 1 << 0;
+    pub const UDIS: u32 = 1 << 1;
+    pub const URS: u32 = 1 << 2;
+    pub const OPM: u32 = 1 << 3;
+    pub const ARPE: u32 = 1 << 7;
+    pub const UIFREMAP: u32 = 1 << 11;
+    pub const DITHEN: u32 = 1 << 12;
+    pub const ALL: u32 = CEN | UDIS | URS | OPM | ARPE | UIFREMAP | DITHEN;
+}
+
+/// DIER, and SR for the first.
+mod dier {
+    pub const UIE: u32 = 1 << 0;
+    pub const UDE: u32 = 1 << 8;
+}
+
+/// MMS in CR2: the update is the trigger output.
+const TRIGGER_UPDATE: u32 = 2;
+
+/// What an event of the timer did to the outside.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Outcome {
+    /// The trigger output had a pulse.
+    pub trigger: bool,
+}
+
+/// The timer.
+#[derive(Clone, Debug)]
+pub struct Tim6 {
+    cr1: u32,
+    cr2: u32,
+    dier: u32,
+    sr: u32,
+    /// As written; in effect from the next update on.
+    psc: u32,
+    arr: u32,
+    psc_in_effect: u32,
+    arr_in_effect: u32,
+    /// When the counter was or would have been zero, while it runs.
+    zero: Cycles,
+    /// Its value, while it stands.
+    standing: u32,
+    /// Cycles of the core per clock of the timer.
+    divider: u64,
+    dma_request: bool,
+    /// A pulse of the trigger output that the program itself has caused.
+    software_trigger: bool,
+}
+
+impl Default for Tim6 {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Tim6 {
+    /// As after power-on.
+    pub fn new() -> Self {
+        Self {
+            cr1: 0,
+            cr2: 0,
+            dier: 0,
+            sr: 0,
+            psc: 0,
+            arr: 0xFFFF,
+            psc_in_effect: 0,
+            arr_in_effect: 0xFFFF,
+            zero: 0,
+            standing: 0,
+            divider: 1,
+            dma_request: false,
+            software_trigger: false,
+        }
+    }
+
+    fn runs(&self) -> bool {
+        // An auto-reload of zero stops the counter (33.3.2).
+        self.cr1 & cr1::CEN != 0 && self.arr_in_effect != 0
+    }
+
+    /// Cycles of the core per step of the counter.
+    fn step(&self) -> Cycles {
+        self.divider * u64::from(self.psc_in_effect + 1)
+    }
+
+    fn counter(&self, now: Cycles) -> u32 {
+        if self.runs() { ((now - self.zero) / self.step()) as u32 } else { self.standing }
+    }
+
+    /// Cycles from one update to the next.
+    pub fn period(&self) -> Cycles {
+        self.step() * u64::from(self.arr_in_effect + 1)
+    }
+
+    /// When the counter overflows next.
+    pub fn next_update(&self) -> Option<Cycles> {
+        self.runs().then(|| self.zero + self.period())
+    }
+
+    /// The counter overflows; to be called at [`next_update`](Self::next_update).
+    pub fn update(&mut self) -> Outcome {
+        self.zero += self.period();
+        if self.cr1 & cr1::UDIS != 0 {
+            return Outcome::default();
+        }
+        self.sr |= dier::UIE;
+        self.dma_request |= self.dier & dier::UDE != 0;
+        self.load();
+        Outcome { trigger: self.cr2 >> 4 & 7 == TRIGGER_UPDATE }
+    }
+
+    fn load(&mut self) {
+        (self.psc_in_effect, self.arr_in_effect) = (self.psc, self.arr);
+    }
+
+    /// Takes a pulse of the trigger output that a write has caused.
+    pub fn take_trigger(&mut self) -> bool {
+        std::mem::take(&mut self.software_trigger)
+    }
+
+    /// Whether an update waits for its DMA transfer.
+    pub fn dma_request(&self) -> bool {
+        self.dma_request
+    }
+
+    /// The transfer was done.
+    pub fn dma_acknowledge(&mut self) {
+        self.dma_request = false;
+    }
+
+    /// Level of the interrupt line.
+    pub fn irq(&self) -> bool {
+        self.sr & self.dier & dier::UIE != 0
+    }
+
+    /// Whether each update may raise the interrupt line.
+    pub fn interrupts_each(&self) -> bool {
+        self.dier & dier::UIE != 0
+    }
+
+    fn set_counter(&mut self, value: u32, now: Cycles) {
+        self.standing = value;
+        self.zero = now.saturating_sub(u64::from(value) * self.step());
+    }
+
+    fn write_control(&mut self, value: u32, now: Cycles) -> Result<(), Unknown> {
+        if value & (cr1::OPM | cr1::DITHEN) != 0 {
+            return Err(Unknown { what: "TIM6_CR1: one-pulse mode and dithering have no model" });
+        }
+        let counter = self.counter(now);
+        self.cr1 = value & cr1::ALL;
+        self.set_counter(counter, now);
+        Ok(())
+    }
+}
+
+impl Registers for Tim6 {
+    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
+        let word = match offset & !3 {
+            0x00 => self.cr1,
+            0x04 => self.cr2,
+            0x0C => self.dier,
+            0x10 => self.sr,
+            0x14 => 0,
+            0x24 if self.cr1 & cr1::UIFREMAP != 0 => self.counter(now) | (self.sr & 1) << 31,
+            0x24 => self.counter(now),
+            0x28 => self.psc,
+            0x2C => self.arr,
+            _ => return Err(Unknown::REGISTER),
+        };
+        Ok(width.part(word, offset))
+    }
+
+    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+        if width == Width::Byte || offset & 3 != 0 {
+            return Err(Unknown { what: "TIM6 takes words and aligned half-words only" });
+        }
+        match offset {
+            0x00 => self.write_control(value, now)?,
+            0x04 => self.cr2 = value & 0x70,
+            0x0C => {
+                self.dier = value & (dier::UIE | dier::UDE);
+                self.dma_request &= self.dier & dier::UDE != 0;
+            }
+            // Written zeros clear.
+            0x10 => self.sr &= value,
+            0x14 if value & 1 == 0 => {}
+            0x14 => {
+                // An update by software: URS keeps the flag and the DMA request back, not the trigger output.
+                if self.cr1 & cr1::UDIS == 0 {
+                    if self.cr1 & cr1::URS == 0 {
+                        self.sr |= dier::UIE;
+                        self.dma_request |= self.dier & dier::UDE != 0;
+                    }
+                    self.software_trigger |= self.cr2 >> 4 & 7 == TRIGGER_UPDATE;
+                    self.load();
+                }
+                self.set_counter(0, now);
+            }
+            0x24 => self.set_counter(value & 0xFFFF, now),
+            0x28 => self.psc = value & 0xFFFF,
+            0x2C => {
+                self.arr = value & 0xFFFF;
+                if self.cr1 & cr1::ARPE == 0 {
+                    let counter = self.counter(now);
+                    if counter > self.arr {
+                        return Err(Unknown { what: "TIM6_ARR set below the counter" });
+                    }
+                    self.arr_in_effect = self.arr;
+                    if self.runs() {
+                        // A counter that stood at an auto-reload of zero begins now.
+                        self.set_counter(counter, now);
+                    }
+                }
+            }
+            _ => return Err(Unknown::REGISTER),
+        }
+        Ok(())
+    }
+
+    /// The next update, where it may raise the interrupt line.
+    fn next_event(&self) -> Option<Cycles> {
+        self.next_update().filter(|_| self.interrupts_each())
+    }
+
+    fn reset(&mut self, _: Cycles) {
+        *self = Self { divider: self.divider, ..Self::new() };
+    }
+
+    fn set_clocks(&mut self, clocks: &Clocks) {
+        let counter = self.counter(clocks.since);
+        self.divider = ((clocks.hclk_hz / clocks.timer1_hz).round() as u64).max(1);
+        self.set_counter(counter, clocks.since);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn write(timer: &mut Tim6, offset: u32, value: u32, now: Cycles) {
+        timer.write(offset, value, Width::Word, now).unwrap();
+    }
+
+    /// 2625 cycles of 168 MHz: 64 kHz.
+    fn sampling_clock() -> Tim6 {
+        let mut timer = Tim6::new();
+        write(&mut timer, 0x2C, 2624, 0);
+        write(&mut timer, 0x04, TRIGGER_UPDATE << 4, 0);
+        write(&mut timer, 0x0C, dier::UDE, 0);
+        write(&mut timer, 0x00, cr1::CEN | cr1::ARPE, 100);
+        timer
+    }
+
+    #[test]
+    fn updates_come_once_per_period_and_bring_a_trigger_and_a_request() {
+        let mut timer = sampling_clock();
+        for n in 1..5 {
+            assert_eq!(timer.next_update(), Some(100 + 2625 * n));
+            assert_eq!(timer.update(), Outcome { trigger: true });
+            assert!(timer.dma_request() && !timer.irq());
+            timer.dma_acknowledge();
+        }
+        assert_eq!(timer.read(0x24, Width::Word, 100 + 2625 * 4 + 7), Ok(7));
+        assert_eq!(timer.read(0x10, Width::Word, 0), Ok(1));
+        write(&mut timer, 0x10, 0, 0);
+        assert_eq!(timer.read(0x10, Width::Word, 0), Ok(0));
+    }
+
+    #[test]
+    fn a_stopped_counter_stands_and_goes_on() {
+        let mut timer = sampling_clock();
+        write(&mut timer, 0x00, 0, 110);
+        assert_eq!((timer.next_update(), timer.read(0x24, Width::Word, 500)), (None, Ok(10)));
+        write(&mut timer, 0x00, cr1::CEN, 1000);
+        assert_eq!(timer.next_update(), Some(1000 + 2615));
+        write(&mut timer, 0x24, 0, 1500);
+        assert_eq!(timer.next_update(), Some(1500 + 2625));
+    }
+
+    #[test]
+    fn preloaded_values_wait_for_the_update() {
+        let mut timer = sampling_clock();
+        write(&mut timer, 0x2C, 99, 200);
+        write(&mut timer, 0x28, 1, 200);
+        assert_eq!(timer.next_update(), Some(100 + 2625));
+        timer.update();
+        assert_eq!((timer.next_update(), timer.period()), (Some(100 + 2625 + 200), 200));
+        // Without preload the auto-reload changes at once, the prescaler never does.
+        write(&mut timer, 0x00, cr1::CEN, 2725);
+        write(&mut timer, 0x2C, 49, 2725);
+        write(&mut timer, 0x28, 0, 2725);
+        assert_eq!(timer.period(), 100);
+        assert!(timer.write(0x2C, 4, Width::Word, 2725 + 20).is_err());
+    }
+
+    #[test]
+    fn an_update_by_software_triggers_even_where_urs_keeps_the_flag_back() {
+        let mut timer = sampling_clock();
+        write(&mut timer, 0x00, cr1::CEN | cr1::URS, 100);
+        write(&mut timer, 0x14, 1, 150);
+        assert!(timer.take_trigger() && !timer.take_trigger());
+        assert!(!timer.dma_request());
+        assert_eq!((timer.sr, timer.next_update()), (0, Some(150 + 2625)));
+        write(&mut timer, 0x00, cr1::CEN, 150);
+        write(&mut timer, 0x14, 1, 160);
+        assert!(timer.dma_request() && timer.sr == 1);
+    }
+
+    #[test]
+    fn updates_that_are_disabled_do_nothing() {
+        let mut timer = sampling_clock();
+        write(&mut timer, 0x0C, dier::UDE | dier::UIE, 100);
+        write(&mut timer, 0x00, cr1::CEN | cr1::UDIS, 100);
+        assert_eq!(timer.update(), Outcome::default());
+        assert!(!timer.dma_request() && !timer.irq());
+        assert_eq!(timer.next_update(), Some(100 + 2 * 2625));
+        write(&mut timer, 0x00, cr1::CEN, 100 + 2625);
+        timer.update();
+        assert!(timer.irq());
+    }
+
+    #[test]
+    fn a_slower_timer_clock_takes_longer() {
+        let mut timer = sampling_clock();
+        timer.set_clocks(&Clocks { since: 100, hclk_hz: 168e6, timer1_hz: 84e6, ..Clocks::POWER_ON });
+        assert_eq!(timer.next_update(), Some(100 + 2 * 2625));
+    }
+
+    #[test]
+    fn what_is_not_modelled_is_refused() {
+        let mut timer = Tim6::new();
+        for bit in [cr1::OPM, cr1::DITHEN] {
+            assert!(timer.write(0x00, bit, Width::Word, 0).is_err());
+        }
+        assert!(timer.read(0x30, Width::Word, 0).is_err());
+        assert!(timer.write(0x08, 0, Width::Word, 0).is_err());
+    }
+}

@@ -1,0 +1,906 @@
+//! USB full-speed device: registers, packet memory and the wire behind them.
+//!
+//! Two sides: the firmware's, through [`Registers`], and the host's, one method per thing that can happen on the cable. A
+//! host's packet takes no time here; [`crate::usb_host`] lets the time of the wire pass.
+//!
+//! - *endpoint register*: one of eight, `USB_EPnR`. Its number need not be the endpoint number on the wire (`EA`).
+//! - *packet memory*: 1 KiB between firmware and wire. The descriptor table in it (`USB_BTABLE`) says where each endpoint
+//!   register's packets lie.
+//! - *frame*: a millisecond of the host, begun by a start-of-frame packet.
+//! - *traffic*: anything on the wire, start of frame included. Three milliseconds without it suspend the device.
+//!
+//! Source: RM0440 Rev 8, chapter 45; sections named below. Not modelled, and refused where the firmware asks for it:
+//! isochronous and double-buffered endpoints, remote wake-up, charger detection. Link power management is storage only: the
+//! hosts here send no such token.
+
+use super::clocks::Clocks;
+use crate::{Cycles, Registers, Unknown, Width};
+
+/// Offset of the packet memory from the registers: 0x4000_6000 from 0x4000_5C00 (RM0440 table 3).
+pub const MEMORY_OFFSET: u32 = 0x400;
+/// Bytes of packet memory (RM0440 45.2).
+pub const MEMORY_BYTES: usize = 1024;
+/// Endpoint registers.
+const ENDPOINTS: usize = 8;
+
+/// Bits of `USB_EPnR` (RM0440 45.6.1).
+mod endpoint {
+    pub const RECEIVED: u16 = 1 << 15;
+    pub const TOGGLE_RECEIVE: u16 = 1 << 14;
+    pub const STATUS_RECEIVE: u16 = 3 << 12;
+    pub const SETUP: u16 = 1 << 11;
+    pub const TYPE: u16 = 3 << 9;
+    pub const TYPE_BULK: u16 = 0 << 9;
+    pub const TYPE_CONTROL: u16 = 1 << 9;
+    pub const TYPE_ISOCHRONOUS: u16 = 2 << 9;
+    pub const KIND: u16 = 1 << 8;
+    pub const SENT: u16 = 1 << 7;
+    pub const TOGGLE_SEND: u16 = 1 << 6;
+    pub const STATUS_SEND: u16 = 3 << 4;
+    pub const ADDRESS: u16 = 0xF;
+    /// Written 1 to flip, 0 to keep.
+    pub const FLIPPED: u16 = TOGGLE_RECEIVE | STATUS_RECEIVE | TOGGLE_SEND | STATUS_SEND;
+    /// Written 0 to clear, 1 to keep.
+    pub const EVENTS: u16 = RECEIVED | SENT;
+    /// Written as they are.
+    pub const PLAIN: u16 = TYPE | KIND | ADDRESS;
+}
+
+/// The two-bit fields `STAT_RX` and `STAT_TX` (RM0440 tables for USB_EPnR).
+mod status {
+    pub const DISABLED: u16 = 0;
+    pub const STALL: u16 = 1;
+    pub const NAK: u16 = 2;
+    pub const VALID: u16 = 3;
+}
+
+/// Bits of `USB_CNTR`; those from 7 up enable the interrupt of the same bit in `USB_ISTR` (RM0440 45.6.1).
+mod control {
+    pub const FORCE_RESET: u16 = 1 << 0;
+    pub const POWER_DOWN: u16 = 1 << 1;
+    pub const LOW_POWER: u16 = 1 << 2;
+    pub const FORCE_SUSPEND: u16 = 1 << 3;
+    pub const RESUME: u16 = 1 << 4;
+    pub const L1_RESUME: u16 = 1 << 5;
+    pub const RESERVED: u16 = 1 << 6;
+}
+
+/// Bits of `USB_ISTR` (RM0440 45.6.1).
+mod interrupt {
+    pub const DIRECTION_OUT: u16 = 1 << 4;
+    pub const FRAME_EXPECTED: u16 = 1 << 8;
+    pub const FRAME: u16 = 1 << 9;
+    pub const RESET: u16 = 1 << 10;
+    pub const SUSPEND: u16 = 1 << 11;
+    pub const WAKE_UP: u16 = 1 << 12;
+    pub const TRANSFER: u16 = 1 << 15;
+    /// Those that the firmware clears by writing 0.
+    pub const CLEARABLE: u16 = 0x7F80;
+    /// Those that can raise the interrupt.
+    pub const ALL: u16 = 0xFF80;
+}
+
+/// Bits of `USB_FNR` (RM0440 45.6.1).
+mod frame {
+    pub const LINE_PLUS: u16 = 1 << 15;
+    pub const LOCKED: u16 = 1 << 13;
+    pub const LOST_SHIFT: u32 = 11;
+    pub const LOST_MOST: u16 = 3;
+    pub const NUMBER: u16 = 0x7FF;
+}
+
+/// `USB_DADDR.EF`: the device answers at all (RM0440 45.6.1).
+const ADDRESS_ENABLED: u16 = 1 << 7;
+/// `USB_BCDR.DPPU`: the pull-up that shows the host a full-speed device (RM0440 45.6.1).
+const PULL_UP: u16 = 1 << 15;
+/// `USB_BCDR`: charger detection.
+const CHARGER: u16 = 0xF;
+/// Missing frames after which the bus counts as suspended (RM0440 45.6.1, ESOF).
+const FRAMES_TO_SUSPEND: u16 = 3;
+
+/// Which of the two kinds of data packet: they alternate, so that a repeated packet is known for one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Toggle {
+    /// DATA0.
+    #[default]
+    Data0,
+    /// DATA1.
+    Data1,
+}
+
+impl Toggle {
+    /// The other one.
+    pub fn flipped(self) -> Self {
+        match self {
+            Self::Data0 => Self::Data1,
+            Self::Data1 => Self::Data0,
+        }
+    }
+
+    fn from_bit(set: bool) -> Self {
+        if set { Self::Data1 } else { Self::Data0 }
+    }
+}
+
+/// What the device says to a packet of the host.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Answer {
+    /// Taken.
+    Ack,
+    /// Not now.
+    Nak,
+    /// Never.
+    Stall,
+    /// A packet for the host.
+    Data(Toggle, Vec<u8>),
+    /// Silence: not addressed, switched off, or a packet that it could not make sense of.
+    Nothing,
+}
+
+/// The host's frames, by the host's clock.
+#[derive(Clone, Copy, Debug)]
+struct Frames {
+    start_s: f64,
+    period_s: f64,
+    /// Number of the next one.
+    next: u64,
+}
+
+/// The peripheral, 0x4000_5C00 to 0x4000_63FF.
+pub struct Usb {
+    endpoints: [u16; ENDPOINTS],
+    control: u16,
+    /// The clearable bits of `USB_ISTR`; the others follow from the endpoint registers.
+    interrupts: u16,
+    frame_number: u16,
+    /// Start-of-frame packets since the last reset or resume, as far as they matter.
+    frames_seen: u8,
+    /// Frames missed in a row.
+    frames_lost: u16,
+    address: u16,
+    table: u16,
+    link_power: u16,
+    charger: u16,
+    memory: [u8; MEMORY_BYTES],
+    now: Cycles,
+    clocks: Clocks,
+    /// When something was on the wire last, or the watch for it began.
+    traffic: Cycles,
+    frames: Option<Frames>,
+    /// A host at the other end pulls both lines down.
+    cable: bool,
+    /// Start-of-frame packets not yet taken note of by [`take_frames`](Self::take_frames).
+    frames_begun: u32,
+}
+
+impl Default for Usb {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Usb {
+    /// As after power-on: transceiver off, no pull-up, nothing plugged in.
+    pub fn new() -> Self {
+        Self {
+            endpoints: [0; ENDPOINTS],
+            control: control::FORCE_RESET | control::POWER_DOWN,
+            interrupts: 0,
+            frame_number: 0,
+            frames_seen: 0,
+            frames_lost: 0,
+            address: 0,
+            table: 0,
+            link_power: 0,
+            charger: 0,
+            memory: [0; MEMORY_BYTES],
+            now: 0,
+            clocks: Clocks::POWER_ON,
+            traffic: 0,
+            frames: None,
+            cable: false,
+            frames_begun: 0,
+        }
+    }
+
+    /// Level of the interrupt line `USB_LP` (20).
+    pub fn irq_low(&self) -> bool {
+        self.status() & self.control & interrupt::ALL != 0
+    }
+
+    /// Level of `USB_HP` (19): only isochronous and double-buffered endpoints use it.
+    pub fn irq_high(&self) -> bool {
+        false
+    }
+
+    /// Level of the wake-up line, EXTI line 18 (RM0440 table 97).
+    pub fn irq_wakeup(&self) -> bool {
+        self.interrupts & interrupt::WAKE_UP != 0
+    }
+
+    /// Start-of-frame packets since the last call: the pulses by which the 48 MHz clock is trimmed.
+    pub fn take_frames(&mut self) -> u32 {
+        std::mem::take(&mut self.frames_begun)
+    }
+
+    // ---- the host's side of the cable
+
+    /// Whether the host sees a full-speed device: the pull-up is on and the transceiver runs.
+    pub fn attached(&self) -> bool {
+        self.charger & PULL_UP != 0 && self.control & control::POWER_DOWN == 0
+    }
+
+    /// Plugs a host in, or out.
+    pub fn set_cable(&mut self, plugged: bool) {
+        let low = self.lines_low();
+        self.cable = plugged;
+        self.watch_lines(low);
+    }
+
+    /// Whether the firmware has put the peripheral to sleep after a suspend.
+    pub fn sleeps(&self) -> bool {
+        self.control & control::FORCE_SUSPEND != 0
+    }
+
+    /// The host drives both lines low for long enough: a bus reset.
+    ///
+    /// Address and endpoint registers go to zero but for the event bits, which stay so that no packet before the reset is
+    /// lost (RM0440 45.6.1, USB_EPnR, USB_DADDR).
+    pub fn bus_reset(&mut self) {
+        if !self.listens() {
+            return;
+        }
+        self.activity();
+        self.protocol_reset();
+    }
+
+    /// From now on the host begins a frame each `period_s`: a millisecond by its own clock.
+    pub fn start_frames(&mut self, period_s: f64) {
+        self.frames = Some(Frames { start_s: self.clocks.seconds(self.now), period_s: period_s.max(1e-4), next: 1 });
+    }
+
+    /// The host, or the cable, is gone: nothing moves on the wire any more.
+    pub fn stop_frames(&mut self) {
+        self.frames = None;
+    }
+
+    /// The host's resume signal; a device that does not sleep takes no notice.
+    pub fn resume(&mut self) {
+        if self.listens() {
+            self.activity();
+        }
+    }
+
+    /// A SETUP packet.
+    ///
+    /// Taken whatever `STAT_RX` says, unless it says disabled; left unanswered while the packet before it is still to be looked
+    /// at (RM0440 45.5.2, control transfers).
+    pub fn setup(&mut self, address: u8, packet: &[u8; 8]) -> Answer {
+        let Some(index) = self.find(address, 0) else { return Answer::Nothing };
+        let register = self.endpoints[index];
+        let refused = register & endpoint::TYPE != endpoint::TYPE_CONTROL || register & endpoint::RECEIVED != 0;
+        if refused || receive_status(register) == status::DISABLED || !self.store(index, packet) {
+            return Answer::Nothing;
+        }
+        let kept = register & !(endpoint::STATUS_RECEIVE | endpoint::STATUS_SEND);
+        self.endpoints[index] = kept
+            | endpoint::RECEIVED
+            | endpoint::SETUP
+            | endpoint::TOGGLE_RECEIVE
+            | endpoint::TOGGLE_SEND
+            | (status::NAK << 12)
+            | (status::NAK << 4);
+        Answer::Ack
+    }
+
+    /// An OUT packet: data for the device.
+    pub fn send(&mut self, address: u8, number: u8, toggle: Toggle, data: &[u8]) -> Answer {
+        let Some(index) = self.find(address, number) else { return Answer::Nothing };
+        let register = self.endpoints[index];
+        match receive_status(register) {
+            status::VALID => {}
+            status::NAK => return Answer::Nak,
+            status::STALL => return Answer::Stall,
+            _ => return Answer::Nothing,
+        }
+        // A status stage that is to be empty (RM0440 45.6.1, EP_KIND as STATUS_OUT).
+        let empty = register & (endpoint::TYPE | endpoint::KIND) == endpoint::TYPE_CONTROL | endpoint::KIND;
+        if empty && !data.is_empty() {
+            return Answer::Stall;
+        }
+        if toggle != Toggle::from_bit(register & endpoint::TOGGLE_RECEIVE != 0) {
+            // A repetition of what was taken before: the host missed our handshake.
+            return Answer::Ack;
+        }
+        if !self.store(index, data) {
+            return Answer::Stall;
+        }
+        let kept = register & !(endpoint::STATUS_RECEIVE | endpoint::SETUP);
+        self.endpoints[index] = (kept ^ endpoint::TOGGLE_RECEIVE) | (status::NAK << 12) | endpoint::RECEIVED;
+        Answer::Ack
+    }
+
+    /// An IN packet: asks the device for data. Only with [`acknowledge`](Self::acknowledge) does the device let go of them.
+    pub fn ask(&mut self, address: u8, number: u8) -> Answer {
+        let Some(index) = self.find(address, number) else { return Answer::Nothing };
+        let register = self.endpoints[index];
+        match send_status(register) {
+            status::VALID => {}
+            status::NAK => return Answer::Nak,
+            status::STALL => return Answer::Stall,
+            _ => return Answer::Nothing,
+        }
+        let (start, count) = (self.descriptor(index, 0), self.descriptor(index, 1) & 0x3FF);
+        let toggle = Toggle::from_bit(register & endpoint::TOGGLE_SEND != 0);
+        match self.memory.get(start..start + count) {
+            Some(data) => Answer::Data(toggle, data.to_vec()),
+            None => Answer::Nothing,
+        }
+    }
+
+    /// The host's handshake for the data that [`ask`](Self::ask) gave.
+    pub fn acknowledge(&mut self, address: u8, number: u8) {
+        let Some(index) = self.find(address, number) else { return };
+        let register = self.endpoints[index];
+        if send_status(register) == status::VALID {
+            self.endpoints[index] =
+                ((register & !endpoint::STATUS_SEND) ^ endpoint::TOGGLE_SEND) | (status::NAK << 4) | endpoint::SENT;
+        }
+    }
+
+    // ---- inside
+
+    /// Transceiver on, and not held in reset.
+    fn listens(&self) -> bool {
+        self.control & (control::POWER_DOWN | control::FORCE_RESET) == 0
+    }
+
+    /// Both lines low: a host's resistors and no pull-up against them. To a peripheral that listens it is a reset.
+    fn lines_low(&self) -> bool {
+        self.cable && self.listens() && self.charger & PULL_UP == 0
+    }
+
+    fn watch_lines(&mut self, were_low: bool) {
+        if self.lines_low() && !were_low {
+            self.protocol_reset();
+        }
+    }
+
+    fn protocol_reset(&mut self) {
+        for register in &mut self.endpoints {
+            *register &= endpoint::EVENTS;
+        }
+        self.address = 0;
+        self.frames_seen = 0;
+        self.frames_lost = 0;
+        self.traffic = self.now;
+        self.interrupts |= interrupt::RESET;
+    }
+
+    /// Something moves on the wire: a sleeping peripheral says so (RM0440 45.5.5).
+    fn activity(&mut self) {
+        self.traffic = self.now;
+        self.frames_lost = 0;
+        if self.sleeps() {
+            self.interrupts |= interrupt::WAKE_UP;
+            self.control &= !control::LOW_POWER;
+            self.frames_seen = 0;
+        }
+    }
+
+    /// The lowest endpoint register with this address whose device is addressed, awake and not in a reset to be taken note of.
+    fn find(&mut self, address: u8, number: u8) -> Option<usize> {
+        if !self.listens() {
+            return None;
+        }
+        let sleeps = self.sleeps();
+        self.activity();
+        let addressed = self.address == ADDRESS_ENABLED | u16::from(address);
+        // Reception and transmission are disabled until the firmware has cleared the bit (RM0440 45.6.1, RESET).
+        if sleeps || !addressed || self.interrupts & interrupt::RESET != 0 {
+            return None;
+        }
+        self.endpoints.iter().position(|register| {
+            let in_use = receive_status(*register) != status::DISABLED || send_status(*register) != status::DISABLED;
+            in_use && register & endpoint::ADDRESS == u16::from(number)
+        })
+    }
+
+    /// Byte offset of word `word` of the descriptor of `index`: send address and count, receive address and count.
+    fn descriptor_place(&self, index: usize, word: usize) -> usize {
+        usize::from(self.table) + index * 8 + word * 2
+    }
+
+    fn descriptor(&self, index: usize, word: usize) -> usize {
+        let place = self.descriptor_place(index, word);
+        match self.memory.get(place..place + 2) {
+            Some(&[low, high]) => usize::from(u16::from_le_bytes([low, high])),
+            _ => 0,
+        }
+    }
+
+    /// Puts a received packet where its descriptor says; `false` when it is longer than the place (RM0440 45.6.2,
+    /// COUNTn_RX: blocks of 2 or 32 bytes).
+    fn store(&mut self, index: usize, data: &[u8]) -> bool {
+        let (start, count) = (self.descriptor(index, 2), self.descriptor(index, 3));
+        let blocks = count >> 10 & 0x1F;
+        let room = if count & 0x8000 != 0 { (blocks + 1) * 32 } else { blocks * 2 };
+        if data.len() > room {
+            return false;
+        }
+        let Some(place) = self.memory.get_mut(start..start + data.len()) else { return false };
+        place.copy_from_slice(data);
+        let place = self.descriptor_place(index, 3);
+        let word = (count & 0xFC00 | data.len()) as u16;
+        if let Some(place) = self.memory.get_mut(place..place + 2) {
+            place.copy_from_slice(&word.to_le_bytes());
+        }
+        true
+    }
+
+    /// `USB_ISTR`: the lowest endpoint register with an event gives number and direction.
+    fn status(&self) -> u16 {
+        let event = self.endpoints.iter().position(|register| register & endpoint::EVENTS != 0);
+        let of_event = event.map_or(0, |index| {
+            let out = self.endpoints[index] & endpoint::RECEIVED != 0;
+            interrupt::TRANSFER | if out { interrupt::DIRECTION_OUT } else { 0 } | index as u16
+        });
+        self.interrupts | of_event
+    }
+
+    /// `USB_FNR`: locked from the second frame on; an attached full-speed line idles with D+ high.
+    fn frame_register(&self) -> u16 {
+        let line = if self.attached() { frame::LINE_PLUS } else { 0 };
+        let locked = if self.frames_seen >= 2 { frame::LOCKED } else { 0 };
+        line | locked | self.frames_lost.min(frame::LOST_MOST) << frame::LOST_SHIFT | self.frame_number
+    }
+
+    fn next_frame(&self) -> Option<Cycles> {
+        let frames = self.frames?;
+        Some(self.clocks.cycle_at(frames.start_s + frames.period_s * frames.next as f64))
+    }
+
+    /// Cycles of the core in a millisecond of the device's own 48 MHz clock.
+    fn millisecond(&self) -> Cycles {
+        let fast = if self.clocks.usb_hz > 0.0 { self.clocks.usb_hz / 48e6 } else { 1.0 };
+        self.clocks.cycles_in(1e-3 / fast)
+    }
+
+    /// When the device's own watch misses the next frame; `None` while it does not watch.
+    ///
+    /// The watch allows a frame a quarter of a millisecond of lateness, so that a slow host is not taken for a silent one.
+    fn next_missed(&self) -> Option<Cycles> {
+        let watches = self.attached() && self.listens() && !self.sleeps();
+        let counts = watches && self.frames_lost < FRAMES_TO_SUSPEND;
+        let millisecond = self.millisecond();
+        counts.then_some(self.traffic + u64::from(self.frames_lost + 1) * millisecond + millisecond / 4)
+    }
+
+    fn begin_frame(&mut self) {
+        let Some(frames) = &mut self.frames else { return };
+        frames.next += 1;
+        if !self.listens() {
+            return;
+        }
+        let sleeps = self.sleeps();
+        self.activity();
+        if !sleeps {
+            self.frame_number = (self.frame_number + 1) & frame::NUMBER;
+            self.frames_seen = (self.frames_seen + 1).min(2);
+            self.interrupts |= interrupt::FRAME;
+            self.frames_begun += 1;
+        }
+    }
+
+    fn miss_frame(&mut self) {
+        self.frames_lost += 1;
+        self.interrupts |= interrupt::FRAME_EXPECTED;
+        if self.frames_lost == FRAMES_TO_SUSPEND {
+            self.frames_seen = 0;
+            self.interrupts |= interrupt::SUSPEND;
+        }
+    }
+
+    fn read_register(&self, offset: u32) -> Result<u16, Unknown> {
+        Ok(match offset {
+            0x00..=0x1F => self.endpoints[(offset / 4) as usize],
+            0x40 => self.control,
+            0x44 => self.status(),
+            0x48 => self.frame_register(),
+            0x4C => self.address,
+            0x50 => self.table,
+            0x54 => self.link_power,
+            0x58 => self.charger,
+            _ => return Err(Unknown { what: "USB: no such register" }),
+        })
+    }
+
+    fn write_register(&mut self, offset: u32, value: u16) -> Result<(), Unknown> {
+        match offset {
+            0x00..=0x1F => return self.write_endpoint((offset / 4) as usize, value),
+            0x40 => return self.write_control(value),
+            0x44 => self.interrupts &= value | !interrupt::CLEARABLE,
+            0x4C => self.address = value & 0xFF,
+            0x50 => self.table = value & 0xFFF8,
+            // Only the enable and acknowledge bits can be written (RM0440 45.6.1, USB_LPMCSR).
+            0x54 => self.link_power = value & 3,
+            0x58 if value & CHARGER != 0 => return Err(Unknown { what: "USB_BCDR: charger detection" }),
+            0x58 => {
+                let low = self.lines_low();
+                self.charger = value & PULL_UP;
+                self.watch_lines(low);
+            }
+            0x48 => return Err(Unknown { what: "USB_FNR is read only" }),
+            _ => return Err(Unknown { what: "USB: no such register" }),
+        }
+        Ok(())
+    }
+
+    fn write_endpoint(&mut self, index: usize, value: u16) -> Result<(), Unknown> {
+        let of_type = value & endpoint::TYPE;
+        if of_type == endpoint::TYPE_ISOCHRONOUS {
+            return Err(Unknown { what: "USB_EPnR: isochronous endpoint" });
+        }
+        if of_type == endpoint::TYPE_BULK && value & endpoint::KIND != 0 {
+            return Err(Unknown { what: "USB_EPnR: double-buffered endpoint" });
+        }
+        let register = &mut self.endpoints[index];
+        *register = (*register ^ value) & endpoint::FLIPPED
+            | *register & value & endpoint::EVENTS
+            | *register & endpoint::SETUP
+            | value & endpoint::PLAIN;
+        Ok(())
+    }
+
+    fn write_control(&mut self, value: u16) -> Result<(), Unknown> {
+        if value & (control::RESUME | control::L1_RESUME) != 0 {
+            return Err(Unknown { what: "USB_CNTR: remote wake-up" });
+        }
+        let low = self.lines_low();
+        let woken = self.sleeps() && value & control::FORCE_SUSPEND == 0;
+        let released = !self.listens() && value & (control::POWER_DOWN | control::FORCE_RESET) == 0;
+        self.control = value & !control::RESERVED;
+        if value & control::FORCE_RESET != 0 {
+            // Exactly like a reset on the wire, its interrupt included (RM0440 45.6.1, FRES).
+            self.protocol_reset();
+        }
+        self.watch_lines(low);
+        if woken || released {
+            self.traffic = self.now;
+            self.frames_lost = 0;
+        }
+        Ok(())
+    }
+}
+
+fn receive_status(register: u16) -> u16 {
+    (register & endpoint::STATUS_RECEIVE) >> 12
+}
+
+fn send_status(register: u16) -> u16 {
+    (register & endpoint::STATUS_SEND) >> 4
+}
+
+impl Registers for Usb {
+    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
+        self.advance(now);
+        if let Some(place) = offset.checked_sub(MEMORY_OFFSET) {
+            let place = place as usize;
+            return match (width, self.memory.get(place..)) {
+                (Width::Byte, Some([byte, ..])) => Ok(u32::from(*byte)),
+                (Width::Half, Some([low, high, ..])) => Ok(u32::from(u16::from_le_bytes([*low, *high]))),
+                (Width::Word, _) => Err(Unknown { what: "USB packet memory: read of a word" }),
+                _ => Err(Unknown { what: "USB packet memory: outside" }),
+            };
+        }
+        self.read_register(offset & !3).map(|word| width.part(word.into(), offset))
+    }
+
+    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+        self.advance(now);
+        if let Some(place) = offset.checked_sub(MEMORY_OFFSET) {
+            let place = place as usize;
+            return match (width, self.memory.get_mut(place..)) {
+                (Width::Half, Some([low, high, ..])) => {
+                    [*low, *high] = (value as u16).to_le_bytes();
+                    Ok(())
+                }
+                // Halves only: the memory is 16 bits wide, and chips of this family were seen to write a byte twice.
+                (Width::Byte | Width::Word, _) => Err(Unknown { what: "USB packet memory: write of a byte or word" }),
+                _ => Err(Unknown { what: "USB packet memory: outside" }),
+            };
+        }
+        if width == Width::Byte || offset & 3 != 0 {
+            return Err(Unknown { what: "USB: registers are written by halves or words" });
+        }
+        self.write_register(offset, value as u16)
+    }
+
+    fn next_event(&self) -> Option<Cycles> {
+        [self.next_frame(), self.next_missed()].into_iter().flatten().min()
+    }
+
+    fn advance(&mut self, now: Cycles) {
+        while let Some(event) = self.next_event().filter(|event| *event <= now) {
+            self.now = self.now.max(event);
+            if self.next_frame() == Some(event) {
+                self.begin_frame();
+            } else {
+                self.miss_frame();
+            }
+        }
+        self.now = self.now.max(now);
+    }
+
+    /// The packet memory keeps its bytes; the cable stays where it is.
+    fn reset(&mut self, now: Cycles) {
+        let kept = Self {
+            now,
+            clocks: self.clocks,
+            frames: self.frames,
+            cable: self.cable,
+            memory: self.memory,
+            ..Self::new()
+        };
+        *self = kept;
+    }
+
+    fn set_clocks(&mut self, clocks: &Clocks) {
+        self.clocks = *clocks;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CLOCKS: Clocks = Clocks { hclk_hz: 168e6, usb_hz: 48e6, ..Clocks::POWER_ON };
+    const MILLISECOND: Cycles = 168_000;
+    const CNTR: u32 = 0x40;
+    const ISTR: u32 = 0x44;
+    const FNR: u32 = 0x48;
+    const DADDR: u32 = 0x4C;
+    const BCDR: u32 = 0x58;
+
+    fn read(usb: &mut Usb, offset: u32) -> u16 {
+        let now = usb.now;
+        usb.read(offset, Width::Word, now).expect("a register that exists") as u16
+    }
+
+    fn write(usb: &mut Usb, offset: u32, value: u16) {
+        let now = usb.now;
+        usb.write(offset, value.into(), Width::Word, now).expect("a register that exists");
+    }
+
+    fn put(usb: &mut Usb, offset: usize, value: u16) {
+        let now = usb.now;
+        usb.write(MEMORY_OFFSET + offset as u32, value.into(), Width::Half, now).expect("packet memory");
+    }
+
+    /// Endpoint 0 as control and endpoint 1 as bulk, both ready to receive 64 bytes, at address 5.
+    fn configured() -> Usb {
+        let mut usb = Usb::new();
+        usb.set_clocks(&CLOCKS);
+        write(&mut usb, CNTR, 0);
+        write(&mut usb, ISTR, 0);
+        write(&mut usb, BCDR, PULL_UP);
+        for (index, (to_host, from_host)) in [(0x40, 0x80), (0xC0, 0x100)].into_iter().enumerate() {
+            put(&mut usb, index * 8, to_host);
+            put(&mut usb, index * 8 + 4, from_host);
+            put(&mut usb, index * 8 + 6, 0x8400);
+        }
+        write(&mut usb, DADDR, ADDRESS_ENABLED | 5);
+        write(&mut usb, 0, endpoint::TYPE_CONTROL | (status::NAK << 12) | (status::NAK << 4));
+        write(&mut usb, 4, endpoint::TYPE_BULK | (status::VALID << 12) | (status::NAK << 4) | 1);
+        usb
+    }
+
+    #[test]
+    fn an_endpoint_register_flips_clears_and_keeps_as_the_manual_says() {
+        let mut usb = configured();
+        usb.endpoints[2] = endpoint::EVENTS | endpoint::SETUP | (status::NAK << 12);
+        // 1 flips a status bit, 0 keeps it; 0 clears an event, 1 keeps it; SETUP cannot be written.
+        write(&mut usb, 8, endpoint::RECEIVED | (1 << 12) | endpoint::TOGGLE_SEND | 3);
+        let expected = endpoint::RECEIVED | endpoint::SETUP | (status::VALID << 12) | endpoint::TOGGLE_SEND | 3;
+        assert_eq!(read(&mut usb, 8), expected);
+    }
+
+    #[test]
+    fn a_setup_packet_is_taken_while_not_ready_but_not_before_the_one_before_it_was_seen() {
+        let mut usb = configured();
+        assert_eq!(usb.setup(5, b"12345678"), Answer::Ack);
+        let register = read(&mut usb, 0);
+        assert_eq!(register & (endpoint::SETUP | endpoint::RECEIVED), endpoint::SETUP | endpoint::RECEIVED);
+        assert_eq!((receive_status(register), send_status(register)), (status::NAK, status::NAK));
+        let toggles = endpoint::TOGGLE_SEND | endpoint::TOGGLE_RECEIVE;
+        assert_eq!(register & toggles, toggles, "the data stage begins with DATA1 either way");
+        assert_eq!(&usb.memory[0x80..0x88], b"12345678");
+        assert_eq!(usb.descriptor(0, 3), 0x8408);
+        assert_eq!(usb.setup(5, b"abcdefgh"), Answer::Nothing);
+        assert_eq!(&usb.memory[0x80..0x88], b"12345678");
+        write(&mut usb, 0, endpoint::TYPE_CONTROL);
+        assert_eq!(usb.setup(5, b"abcdefgh"), Answer::Ack);
+    }
+
+    #[test]
+    fn data_out_is_taken_once_and_a_repetition_is_acknowledged_unread() {
+        let mut usb = configured();
+        write(&mut usb, CNTR, interrupt::TRANSFER);
+        assert_eq!(usb.send(5, 1, Toggle::Data0, b"hello"), Answer::Ack);
+        assert!(usb.irq_low());
+        assert_eq!(read(&mut usb, ISTR) & 0x801F, interrupt::TRANSFER | interrupt::DIRECTION_OUT | 1);
+        assert_eq!(
+            usb.send(5, 1, Toggle::Data1, b"more"),
+            Answer::Nak,
+            "nothing is taken before the firmware is ready"
+        );
+        // Ready again: NAK to VALID, event cleared.
+        write(&mut usb, 4, endpoint::SENT | (1 << 12) | 1);
+        assert!(!usb.irq_low());
+        assert_eq!(usb.send(5, 1, Toggle::Data0, b"hello"), Answer::Ack);
+        assert!(!usb.irq_low(), "a packet with the old toggle is a repetition");
+        assert_eq!(usb.send(5, 1, Toggle::Data1, b"more"), Answer::Ack);
+        assert!(usb.irq_low());
+        assert_eq!(&usb.memory[0x100..0x105], b"moreo");
+    }
+
+    #[test]
+    fn a_packet_longer_than_its_place_is_refused_and_leaves_no_event() {
+        let mut usb = configured();
+        put(&mut usb, 8 + 6, 10 << 10);
+        assert_eq!(usb.send(5, 1, Toggle::Data0, &[7; 21]), Answer::Stall);
+        assert_eq!(read(&mut usb, 4) & endpoint::RECEIVED, 0);
+        assert_eq!(usb.send(5, 1, Toggle::Data0, &[7; 20]), Answer::Ack);
+    }
+
+    #[test]
+    fn data_in_stays_until_the_host_acknowledges() {
+        let mut usb = configured();
+        assert_eq!(usb.ask(5, 1), Answer::Nak);
+        for (at, pair) in [(0xC0, *b"ab"), (0xC2, *b"c\0")] {
+            put(&mut usb, at, u16::from_le_bytes(pair));
+        }
+        put(&mut usb, 8 + 2, 3);
+        write(&mut usb, 4, endpoint::EVENTS | (1 << 4) | 1);
+        assert_eq!(usb.ask(5, 1), Answer::Data(Toggle::Data0, b"abc".to_vec()));
+        assert_eq!(usb.ask(5, 1), Answer::Data(Toggle::Data0, b"abc".to_vec()), "not acknowledged: again");
+        usb.acknowledge(5, 1);
+        assert_eq!(usb.ask(5, 1), Answer::Nak);
+        assert_eq!(
+            read(&mut usb, 4) & (endpoint::SENT | endpoint::TOGGLE_SEND),
+            endpoint::SENT | endpoint::TOGGLE_SEND
+        );
+        assert_eq!(read(&mut usb, ISTR) & 0x801F, interrupt::TRANSFER | 1);
+    }
+
+    #[test]
+    fn other_addresses_and_endpoints_are_silent() {
+        let mut usb = configured();
+        assert_eq!(usb.send(6, 1, Toggle::Data0, b"x"), Answer::Nothing);
+        assert_eq!(usb.send(5, 2, Toggle::Data0, b"x"), Answer::Nothing);
+        write(&mut usb, DADDR, 5);
+        assert_eq!(usb.send(5, 1, Toggle::Data0, b"x"), Answer::Nothing, "not enabled");
+    }
+
+    #[test]
+    fn an_empty_status_stage_refuses_data() {
+        let mut usb = configured();
+        write(&mut usb, 0, endpoint::TYPE_CONTROL | endpoint::KIND | (1 << 12));
+        assert_eq!(usb.send(5, 0, Toggle::Data0, b"x"), Answer::Stall);
+        assert_eq!(usb.send(5, 0, Toggle::Data0, b""), Answer::Ack);
+    }
+
+    #[test]
+    fn a_bus_reset_clears_all_but_the_events_and_silences_until_it_is_seen() {
+        let mut usb = configured();
+        write(&mut usb, CNTR, interrupt::RESET);
+        usb.send(5, 1, Toggle::Data0, b"x");
+        usb.bus_reset();
+        assert!(usb.irq_low());
+        assert_eq!(read(&mut usb, 4), endpoint::RECEIVED);
+        assert_eq!(read(&mut usb, DADDR), 0);
+        write(&mut usb, DADDR, ADDRESS_ENABLED);
+        write(&mut usb, 0, endpoint::TYPE_CONTROL | (status::NAK << 12));
+        assert_eq!(usb.setup(0, b"12345678"), Answer::Nothing);
+        write(&mut usb, ISTR, !interrupt::RESET);
+        assert!(!usb.irq_low());
+        assert_eq!(usb.setup(0, b"12345678"), Answer::Ack);
+    }
+
+    #[test]
+    fn forcing_a_reset_is_a_reset() {
+        let mut usb = configured();
+        write(&mut usb, CNTR, control::FORCE_RESET);
+        assert_eq!(read(&mut usb, 4), 0);
+        assert_eq!(read(&mut usb, ISTR) & interrupt::RESET, interrupt::RESET);
+    }
+
+    #[test]
+    fn frames_count_at_the_hosts_pace_and_their_absence_suspends() {
+        let mut usb = configured();
+        write(&mut usb, CNTR, interrupt::SUSPEND | interrupt::WAKE_UP);
+        // A host that is 1000 ppm slow: 1998 frames begin in two seconds less a whisker.
+        usb.start_frames(1.001e-3);
+        usb.advance(2000 * MILLISECOND);
+        assert_eq!(read(&mut usb, FNR) & 0x3FFF, frame::LOCKED | 1998);
+        assert!(!usb.irq_low(), "traffic keeps the device awake");
+        assert_eq!((usb.take_frames(), usb.take_frames()), (1998, 0));
+        usb.stop_frames();
+        let last = usb.traffic;
+        usb.advance(last + 3 * MILLISECOND);
+        assert!(!usb.irq_low());
+        assert_eq!(read(&mut usb, FNR) >> 11 & 3, 2, "lost frames");
+        usb.advance(last + 3 * MILLISECOND + MILLISECOND / 4);
+        assert_eq!(read(&mut usb, ISTR) & interrupt::SUSPEND, interrupt::SUSPEND);
+        assert!(usb.irq_low());
+        assert_eq!(usb.next_event(), None, "one suspend is enough");
+    }
+
+    #[test]
+    fn a_sleeping_device_wakes_at_the_resume_signal_or_a_reset() {
+        for wake in [Usb::resume, Usb::bus_reset] {
+            let mut usb = configured();
+            usb.advance(10 * MILLISECOND);
+            assert_eq!(read(&mut usb, ISTR) & interrupt::SUSPEND, interrupt::SUSPEND);
+            write(&mut usb, ISTR, 0);
+            write(&mut usb, CNTR, control::FORCE_SUSPEND | control::LOW_POWER | interrupt::WAKE_UP);
+            usb.advance(1000 * MILLISECOND);
+            assert!(!usb.irq_low());
+            wake(&mut usb);
+            assert!(usb.irq_low() && usb.irq_wakeup());
+            assert_eq!(read(&mut usb, CNTR) & control::LOW_POWER, 0);
+            assert!(usb.sleeps(), "leaving the suspend state is the firmware's");
+        }
+    }
+
+    #[test]
+    fn a_device_that_was_woken_watches_for_frames_again() {
+        let mut usb = configured();
+        usb.advance(10 * MILLISECOND);
+        write(&mut usb, ISTR, 0);
+        write(&mut usb, CNTR, control::FORCE_SUSPEND);
+        usb.resume();
+        write(&mut usb, CNTR, 0);
+        let woken = usb.now;
+        usb.advance(woken + 4 * MILLISECOND);
+        assert_eq!(read(&mut usb, ISTR) & interrupt::SUSPEND, interrupt::SUSPEND);
+    }
+
+    #[test]
+    fn a_host_without_a_pull_up_against_it_is_a_reset() {
+        let mut usb = configured();
+        usb.set_cable(true);
+        assert_eq!(read(&mut usb, ISTR) & interrupt::RESET, 0);
+        write(&mut usb, BCDR, 0);
+        assert_eq!(read(&mut usb, ISTR) & interrupt::RESET, interrupt::RESET);
+        write(&mut usb, ISTR, 0);
+        write(&mut usb, BCDR, PULL_UP);
+        assert_eq!(read(&mut usb, ISTR) & interrupt::RESET, 0);
+    }
+
+    #[test]
+    fn nothing_is_heard_while_switched_off() {
+        let mut usb = Usb::new();
+        usb.start_frames(1e-3);
+        usb.bus_reset();
+        usb.advance(10 * MILLISECOND);
+        assert_eq!(read(&mut usb, ISTR), 0);
+        assert!(!usb.attached());
+    }
+
+    #[test]
+    fn what_is_not_modelled_is_refused() {
+        let mut usb = configured();
+        let mut refused = |offset, value, width| usb.write(offset, value, width, 0).is_err();
+        assert!(refused(0, endpoint::TYPE_ISOCHRONOUS.into(), Width::Word));
+        assert!(refused(4, (endpoint::TYPE_BULK | endpoint::KIND).into(), Width::Word));
+        assert!(refused(CNTR, control::RESUME.into(), Width::Word));
+        assert!(refused(BCDR, 1, Width::Word));
+        assert!(refused(0x20, 0, Width::Word));
+        assert!(refused(FNR, 0, Width::Word));
+        assert!(refused(MEMORY_OFFSET, 0, Width::Word));
+        assert!(refused(MEMORY_OFFSET, 0, Width::Byte));
+        assert!(refused(MEMORY_OFFSET + 1024, 0, Width::Half));
+        assert!(usb.read(MEMORY_OFFSET + 1024, Width::Half, 0).is_err());
+    }
+}

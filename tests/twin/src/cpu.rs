@@ -1,0 +1,692 @@
+//! The core: unicorn executes instructions, this keeps time, takes exceptions and sleeps.
+//!
+//! - *Time*: a hook before each block of instructions adds their number to the clock. It stops in front of the block when a
+//!   peripheral has something to do or an exception is to be taken; peripherals are brought to the time of each access.
+//! - *Exceptions*: frames are stacked and unstacked here, outside of unicorn (ARM DDI 0403, B1.5.6 to B1.5.8); the frame of the
+//!   floating point unit is stored at once whenever it is in use, which is what lazy stacking looks like to a program.
+//! - *Sleep*: time jumps to the next event.
+//! - *Faults*: an access that nobody answers or an instruction that does not exist ends the run, unless [`Faults::Taken`].
+//!
+//! Interrupts are taken between blocks only, so up to some ten instructions later than on the chip. Not modelled: lazy stacking
+//! as such, the protection unit, tail chaining (return and entry cost their 12 cycles each), wait states of flash.
+
+use crate::{
+    Cycles, Width,
+    chip::{BadAccess, CCM_LEN, CCM_START, Chip, RAM_LEN, RAM_START, flash, rcc::Reset, rom},
+    nvic::{Masks, Nvic, SV_CALL},
+};
+use unicorn_engine::{Arch, ArmCpuModel, HookType, MemType, Mode, Prot, RegisterARM as R, Unicorn, uc_error};
+
+/// Cycles from an exception's request to its handler's first instruction, and back (DDI 0439, 3.9).
+const EXCEPTION_CYCLES: Cycles = 12;
+/// CONTROL: the process stack is in use; the floating point unit is in use.
+const SPSEL: u32 = 1 << 1;
+const FPCA: u32 = 1 << 2;
+/// Unicorn's numbers of exceptions (QEMU, target/arm/cpu.h).
+const EXCP_SWI: u32 = 2;
+const EXCP_BKPT: u32 = 7;
+const EXCP_EXCEPTION_EXIT: u32 = 8;
+/// Addresses from here on are no code but the end of an exception.
+const EXC_RETURN: u32 = 0xffff_ff00;
+/// The start of the memory map, where nothing is to be read: there flash has its alias, and null pointers point.
+const WFE: u16 = 0xbf20;
+const SEV: u16 = 0xbf40;
+
+/// What happens at a fault of the program.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Faults {
+    /// The run ends: a healthy firmware never comes here.
+    #[default]
+    EndTheRun,
+    /// HardFault is taken, as on the chip.
+    Taken,
+}
+
+/// Where the program was.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Place {
+    /// Address of the instruction.
+    pub pc: u32,
+    /// Where its function returns to, if that is not on the stack.
+    pub lr: u32,
+}
+
+/// Why a run ended before its time.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum Stop {
+    /// The program went to the boot loader in ROM.
+    #[error("the ROM's boot loader was entered")]
+    Bootloader,
+    /// The supply failed in the middle of a flash operation, as ordered.
+    #[error("the supply failed during a flash operation")]
+    PowerFailed,
+    /// No model knows this access.
+    #[error("{0}")]
+    Bus(BadAccess),
+    /// A memory access that nothing answers.
+    #[error("{what} {address:#010x}, where nothing is")]
+    Unmapped {
+        /// Read of, write to, execution at.
+        what: &'static str,
+        /// Where.
+        address: u32,
+    },
+    /// An instruction that does not exist, as panics use to end.
+    #[error("undefined instruction")]
+    Undefined,
+    /// A breakpoint without a debugger.
+    #[error("breakpoint")]
+    Breakpoint,
+    /// A fault while handling one.
+    #[error("lock-up: a fault inside the handler of a fault")]
+    LockUp,
+    /// The floating point unit was used before CPACR let it.
+    #[error("a floating point instruction while the unit is off (CPACR)")]
+    FloatingPointOff,
+    /// An exception frame has no room.
+    #[error("an exception frame at {0:#010x} lies outside of RAM")]
+    Stack(u32),
+    /// An exception return without an exception.
+    #[error("exception return {0:#010x} while no exception is active")]
+    Return(u32),
+    /// The emulator itself.
+    #[error("unicorn: {0}")]
+    Emulator(String),
+}
+
+/// A piece of the program's code that runs from its first instruction to its last.
+#[derive(Clone, Copy, Debug, Default)]
+struct Block {
+    bytes: u32,
+    instructions: u32,
+    sends_event: bool,
+}
+
+impl Block {
+    /// Decodes as far as lengths go: halfwords from 0xe800 on begin an instruction of two (DDI 0403, A5.1).
+    fn decode(code: &[u8]) -> Self {
+        let mut block = Self { bytes: code.len() as u32, ..Self::default() };
+        let mut halves = code.chunks_exact(2).map(|half| u16::from_le_bytes([half[0], half[1]]));
+        while let Some(half) = halves.next() {
+            block.instructions += 1;
+            block.sends_event |= half == SEV;
+            if half >= 0xe800 {
+                halves.next();
+            }
+        }
+        block
+    }
+}
+
+/// Why unicorn came back.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Pause {
+    /// By itself: WFI.
+    #[default]
+    Itself,
+    /// There is something to do before the next block.
+    Attention,
+    /// WFE.
+    Event,
+    /// An exception number of unicorn's.
+    Exception(u32),
+}
+
+/// What the hooks share with the loop around them.
+pub struct Core {
+    /// The chip around the core.
+    pub chip: Chip,
+    /// The core's own registers.
+    pub nvic: Nvic,
+    now: Cycles,
+    /// Something happens then.
+    deadline: Cycles,
+    /// End of the run.
+    limit: Cycles,
+    pause: Pause,
+    asleep: Option<Sleep>,
+    /// An exception waits that only masks may hold back.
+    check: bool,
+    stop: Option<Stop>,
+    /// Access that nobody answered, until the fault is dealt with.
+    unmapped: Option<(&'static str, u32)>,
+    blocks: Vec<Block>,
+    /// Instructions executed since power-on.
+    pub instructions: u64,
+    /// Cycles asleep since power-on.
+    pub slept: Cycles,
+    /// Exceptions taken since power-on, by number.
+    pub taken: [u64; 128],
+    /// Most exceptions that were active at once.
+    pub deepest: usize,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Sleep {
+    /// Until an event.
+    Event,
+    /// Until an interrupt.
+    Interrupt,
+}
+
+impl Core {
+    /// Looks at lines, events and the next moment at which something happens.
+    fn refresh(&mut self) {
+        self.nvic.set_lines(self.chip.irq_lines(), self.chip.flash.nmi());
+        self.nvic.advance(self.now);
+        self.check = self.nvic.wants_attention();
+        let events = [self.chip.next_event(), self.nvic.next_event()];
+        self.deadline = events.into_iter().flatten().min().map_or(self.limit, |event| event.min(self.limit));
+    }
+
+    /// Brings the peripherals to now.
+    fn advance(&mut self) {
+        self.chip.advance(self.now);
+        if let Some(bad) = self.chip.take_fault() {
+            self.stop.get_or_insert(Stop::Bus(bad));
+        }
+        if self.chip.flash.power_fails(self.now) {
+            self.stop.get_or_insert(Stop::PowerFailed);
+        }
+        self.refresh();
+    }
+
+    fn after_access(&mut self) {
+        self.now += self.chip.flash.take_stall();
+        if let Some(bad) = self.chip.take_fault() {
+            self.stop.get_or_insert(Stop::Bus(bad));
+        }
+        self.refresh();
+        if self.stop.is_some() || self.reset_wanted().is_some() {
+            self.deadline = 0;
+        }
+    }
+
+    fn reset_wanted(&self) -> Option<Reset> {
+        if self.nvic.reset_wanted() { Some(Reset::Software) } else { self.chip.reset_wanted() }
+    }
+
+    fn read(&mut self, address: u32, bytes: usize) -> u32 {
+        let Some(width) = Width::of(bytes) else { return 0 };
+        let outcome = if address >= PRIVATE && !(DEBUG..DEBUG + 0x400).contains(&address) {
+            self.nvic.read(address, width, self.now).map_err(|unknown| private(address, width, None, unknown.what))
+        } else {
+            self.chip.read(address, width, self.now)
+        };
+        let value = outcome.unwrap_or_else(|bad| {
+            self.stop.get_or_insert(Stop::Bus(bad));
+            0
+        });
+        self.after_access();
+        value
+    }
+
+    fn write(&mut self, address: u32, bytes: usize, value: u32) {
+        let Some(width) = Width::of(bytes) else { return };
+        let outcome = if address >= PRIVATE && !(DEBUG..DEBUG + 0x400).contains(&address) {
+            let outcome = self.nvic.write(address, value, width, self.now);
+            outcome.map_err(|unknown| private(address, width, Some(value), unknown.what))
+        } else {
+            self.chip.write(address, value, width, self.now)
+        };
+        if let Err(bad) = outcome {
+            self.stop.get_or_insert(Stop::Bus(bad));
+        }
+        self.after_access();
+    }
+
+    fn code(&self, address: u32, len: u32) -> Option<&[u8]> {
+        self.chip.bytes(address, len as usize)
+    }
+
+    /// What a block of code is, looked up by its address.
+    fn block(&mut self, address: u32, bytes: u32) -> Block {
+        let slot = (address.wrapping_sub(flash::START) / 2) as usize;
+        if let Some(block) = self.blocks.get(slot).filter(|block| block.bytes == bytes) {
+            return *block;
+        }
+        let block = self.code(address, bytes).map(Block::decode).unwrap_or_default();
+        if let Some(place) = self.blocks.get_mut(slot) {
+            *place = block;
+        }
+        block
+    }
+}
+
+/// The private peripheral bus, and in it what belongs to the chip.
+const PRIVATE: u32 = 0xe000_0000;
+const DEBUG: u32 = 0xe004_2000;
+
+fn private(address: u32, width: Width, value: Option<u32>, what: &'static str) -> BadAccess {
+    BadAccess { address, peripheral: "core", offset: address - PRIVATE, width, value, what }
+}
+
+/// The core with its chip.
+pub struct Cpu {
+    uc: Unicorn<'static, Core>,
+    faults: Faults,
+}
+
+/// Registers of an exception frame in the order of their addresses; return address and status follow.
+const FRAME: [R; 6] = [R::R0, R::R1, R::R2, R::R3, R::R12, R::LR];
+const FLOATS: [R; 16] = [
+    R::S0,
+    R::S1,
+    R::S2,
+    R::S3,
+    R::S4,
+    R::S5,
+    R::S6,
+    R::S7,
+    R::S8,
+    R::S9,
+    R::S10,
+    R::S11,
+    R::S12,
+    R::S13,
+    R::S14,
+    R::S15,
+];
+
+fn emulator(error: uc_error) -> Stop {
+    Stop::Emulator(format!("{error:?}"))
+}
+
+impl Cpu {
+    /// A core on this chip, which has its flash loaded. Nothing runs before [`Self::reset`].
+    pub fn new(chip: Chip) -> Result<Self, Stop> {
+        let core = Core {
+            chip,
+            nvic: Nvic::default(),
+            now: 0,
+            deadline: 0,
+            limit: 0,
+            pause: Pause::Itself,
+            asleep: None,
+            check: false,
+            stop: None,
+            unmapped: None,
+            blocks: vec![Block::default(); flash::BANK / 2],
+            instructions: 0,
+            slept: 0,
+            taken: [0; 128],
+            deepest: 0,
+        };
+        let mut uc = Unicorn::new_with_data(Arch::ARM, Mode::THUMB | Mode::MCLASS, core).map_err(emulator)?;
+        uc.ctl_set_cpu_model(ArmCpuModel::CORTEX_M4 as i32).map_err(emulator)?;
+        map(&mut uc).map_err(emulator)?;
+        hook(&mut uc).map_err(emulator)?;
+        Ok(Self { uc, faults: Faults::default() })
+    }
+
+    /// What happens at a fault of the program from now on.
+    pub fn set_faults(&mut self, faults: Faults) {
+        self.faults = faults;
+    }
+
+    /// The core's registers and the chip.
+    pub fn core(&self) -> &Core {
+        self.uc.get_data()
+    }
+
+    /// The same, to be changed between runs.
+    pub fn core_mut(&mut self) -> &mut Core {
+        self.uc.get_data_mut()
+    }
+
+    /// Cycles since power-on.
+    pub fn now(&self) -> Cycles {
+        self.core().now
+    }
+
+    /// A register.
+    pub fn register(&self, register: R) -> u32 {
+        self.uc.reg_read(register).map_or(0, |value| value as u32)
+    }
+
+    fn set(&mut self, register: R, value: u32) -> Result<(), Stop> {
+        self.uc.reg_write(register, u64::from(value)).map_err(emulator)
+    }
+
+    /// Where the program is.
+    pub fn place(&self) -> Place {
+        Place { pc: self.register(R::PC) & !1, lr: self.register(R::LR) }
+    }
+
+    fn masks(uc: &Unicorn<Core>) -> Masks {
+        let read = |register: R| uc.reg_read(register).unwrap_or(0);
+        Masks {
+            primask: read(R::PRIMASK) & 1 != 0,
+            faultmask: read(R::FAULTMASK) & 1 != 0,
+            basepri: read(R::BASEPRI) as u8,
+        }
+    }
+
+    /// Starts from the vectors in flash.
+    pub fn reset(&mut self) -> Result<(), Stop> {
+        let core = self.core_mut();
+        core.nvic = Nvic::default();
+        (core.asleep, core.stop, core.unmapped, core.pause) = (None, None, None, Pause::Itself);
+        let vector = |at: u32| {
+            let bytes = core.chip.bytes(flash::START + at, 4);
+            bytes.map_or(0, |bytes| bytes.iter().rev().fold(0, |word, &byte| word << 8 | u32::from(byte)))
+        };
+        let (stack, start) = (vector(0), vector(4));
+        // Thread mode first: the other registers depend on it.
+        self.set(R::XPSR, 1 << 24)?;
+        for register in [R::CONTROL, R::PRIMASK, R::FAULTMASK, R::BASEPRI, R::FPSCR] {
+            self.set(register, 0)?;
+        }
+        self.set(R::SP, stack)?;
+        self.set(R::LR, u32::MAX)?;
+        self.set(R::PC, start | 1)
+    }
+
+    /// Runs up to a moment, at which time stands exactly unless the core was busy; a reset that the chip asks for ends it too.
+    pub fn run(&mut self, until: Cycles) -> Result<Option<Reset>, Stop> {
+        self.core_mut().limit = until;
+        loop {
+            let core = self.core_mut();
+            core.advance();
+            self.sleep();
+            let core = self.core_mut();
+            if let Some(stop) = core.stop.take() {
+                return Err(stop);
+            }
+            if let Some(reset) = core.reset_wanted() {
+                return Ok(Some(reset));
+            }
+            if core.now >= until {
+                return Ok(None);
+            }
+            if core.check {
+                let masks = Self::masks(&self.uc);
+                if let Some(exception) = self.core().nvic.takeable(masks) {
+                    self.enter(exception)?;
+                    self.core_mut().refresh();
+                }
+            }
+            self.execute()?;
+        }
+    }
+
+    /// While the core sleeps, time jumps from event to event.
+    fn sleep(&mut self) {
+        let masks = Self::masks(&self.uc);
+        let core = self.core_mut();
+        while let Some(sleep) = core.asleep {
+            let awake = match sleep {
+                Sleep::Event => core.nvic.take_event() || core.nvic.takeable(masks).is_some(),
+                Sleep::Interrupt => core.nvic.ends_wfi(masks),
+            };
+            if awake {
+                core.asleep = None;
+            }
+            if awake || core.now >= core.limit || core.stop.is_some() {
+                return;
+            }
+            let next = core.deadline.clamp(core.now, core.limit);
+            core.slept += next - core.now;
+            core.now = next;
+            core.advance();
+            if core.reset_wanted().is_some() {
+                return;
+            }
+        }
+    }
+
+    /// Lets unicorn run until something is to be done.
+    fn execute(&mut self) -> Result<(), Stop> {
+        self.core_mut().pause = Pause::Itself;
+        let pc = self.register(R::PC);
+        let outcome = self.uc.emu_start(u64::from(pc | 1), 0, 0, 0);
+        let pc = self.register(R::PC);
+        let core = self.core_mut();
+        let pause = std::mem::take(&mut core.pause);
+        if core.stop.is_some() {
+            return Ok(());
+        }
+        if pc >= EXC_RETURN || pause == Pause::Exception(EXCP_EXCEPTION_EXIT) {
+            return self.leave(pc | 1);
+        }
+        match (outcome, pause) {
+            (Err(error), _) => self.fault(error),
+            (Ok(()), Pause::Attention) => Ok(()),
+            (Ok(()), Pause::Event) => {
+                if !core.nvic.take_event() {
+                    core.asleep = Some(Sleep::Event);
+                }
+                Ok(())
+            }
+            (Ok(()), Pause::Itself) => {
+                core.asleep = Some(Sleep::Interrupt);
+                Ok(())
+            }
+            (Ok(()), Pause::Exception(EXCP_SWI)) => {
+                core.nvic.pend_system(SV_CALL);
+                Ok(())
+            }
+            (Ok(()), Pause::Exception(EXCP_BKPT)) => Err(Stop::Breakpoint),
+            (Ok(()), Pause::Exception(number)) => Err(Stop::Emulator(format!("exception {number}"))),
+        }
+    }
+
+    fn fault(&mut self, error: uc_error) -> Result<(), Stop> {
+        let taken = self.faults == Faults::Taken;
+        let core = self.core_mut();
+        let stop = match (core.unmapped.take(), error) {
+            (Some((what, address)), _) => {
+                core.nvic.bus_fault(address);
+                Stop::Unmapped { what, address }
+            }
+            (None, uc_error::INSN_INVALID) => {
+                core.nvic.undefined_instruction();
+                Stop::Undefined
+            }
+            (None, error) => return Err(emulator(error)),
+        };
+        let masks = Self::masks(&self.uc);
+        match taken {
+            true if self.core().nvic.takeable(masks).is_some() => Ok(()),
+            true => Err(Stop::LockUp),
+            false => Err(stop),
+        }
+    }
+
+    /// Stacks the frame of an exception and goes to its handler (B1.5.6).
+    fn enter(&mut self, exception: usize) -> Result<(), Stop> {
+        let control = self.register(R::CONTROL);
+        let thread = self.core().nvic.depth() == 0;
+        let floats = control & FPCA != 0;
+        let before = self.register(R::SP);
+        let stack = before.wrapping_sub(if floats { 0x68 } else { 0x20 }) & !7;
+        // Bit 9 tells that the stack was moved to a multiple of eight.
+        let status = self.register(R::XPSR) & !(1 << 9) | (before & 4) << 7;
+        let mut frame: Vec<u32> = FRAME.iter().map(|&register| self.register(register)).collect();
+        frame.extend([self.register(R::PC) & !1, status]);
+        if floats {
+            frame.extend(FLOATS.iter().map(|&register| self.register(register)));
+            frame.extend([self.register(R::FPSCR), 0]);
+        }
+        let bytes: Vec<u8> = frame.iter().flat_map(|word| word.to_le_bytes()).collect();
+        let core = self.core_mut();
+        match core.chip.ram_mut(stack, bytes.len()) {
+            Some(place) => place.copy_from_slice(&bytes),
+            None => return Err(Stop::Stack(stack)),
+        }
+        self.set(R::SP, stack)?;
+        let mode = match (thread, control & SPSEL != 0) {
+            (true, true) => 0xd,
+            (true, false) => 0x9,
+            (false, _) => 0x1,
+        };
+        // The main stack first: in handler mode the choice cannot be changed any more.
+        self.set(R::CONTROL, control & !(SPSEL | FPCA))?;
+        self.set(R::XPSR, 1 << 24 | exception as u32)?;
+        self.set(R::LR, 0xffff_ffe0 | if floats { 0 } else { 0x10 } | mode)?;
+        let core = self.core_mut();
+        let vector = core.nvic.enter(exception);
+        core.now += EXCEPTION_CYCLES;
+        if let Some(count) = core.taken.get_mut(exception) {
+            *count += 1;
+        }
+        core.deepest = core.deepest.max(core.nvic.depth());
+        let handler = core.code(vector, 4).map(|word| u32::from_le_bytes([word[0], word[1], word[2], word[3]]));
+        match handler {
+            Some(handler) => self.set(R::PC, handler),
+            None => Err(Stop::Unmapped { what: "vector at", address: vector }),
+        }
+    }
+
+    /// Goes back to what an exception interrupted (B1.5.8).
+    fn leave(&mut self, exc_return: u32) -> Result<(), Stop> {
+        let core = self.core_mut();
+        let Some(ended) = core.nvic.leave() else { return Err(Stop::Return(exc_return)) };
+        core.now += EXCEPTION_CYCLES;
+        let floats = exc_return & 0x10 == 0;
+        let process = exc_return & 0xf == 0xd;
+        let to_thread = exc_return & 0x8 != 0;
+        if to_thread != (core.nvic.depth() == 0) {
+            return Err(Stop::Return(exc_return));
+        }
+        let stack = self.register(if process { R::PSP } else { R::SP });
+        let words = if floats { 26 } else { 8 };
+        let Some(bytes) = self.core().chip.bytes(stack, 4 * words) else { return Err(Stop::Stack(stack)) };
+        let frame: Vec<u32> =
+            bytes.chunks_exact(4).map(|word| u32::from_le_bytes([word[0], word[1], word[2], word[3]])).collect();
+        let (pc, status) = (frame[6], frame[7]);
+        let after = stack.wrapping_add(4 * words as u32 + if status & 1 << 9 != 0 { 4 } else { 0 });
+        for (&register, &value) in FRAME.iter().zip(&frame) {
+            self.set(register, value)?;
+        }
+        if floats {
+            for (&register, &value) in FLOATS.iter().zip(&frame[8..]) {
+                self.set(register, value)?;
+            }
+            self.set(R::FPSCR, frame[24])?;
+        }
+        if !process {
+            self.set(R::SP, after)?;
+        }
+        // Unicorn's XPSR leaves out the greater-or-equal flags.
+        self.set(R::XPSR, status & !(1 << 9))?;
+        self.set(R::XPSR_NZCVQG, status)?;
+        let control = self.register(R::CONTROL) & !(SPSEL | FPCA);
+        let control = control | if floats { FPCA } else { 0 } | if process { SPSEL } else { 0 };
+        self.set(R::CONTROL, control)?;
+        if process {
+            self.set(R::SP, after)?;
+        }
+        // A return from anything but NMI opens FAULTMASK again.
+        if ended != crate::nvic::NMI {
+            self.set(R::FAULTMASK, 0)?;
+        }
+        self.set(R::PC, pc | 1)
+    }
+}
+
+/// Maps memories and buses.
+fn map(uc: &mut Unicorn<'static, Core>) -> Result<(), uc_error> {
+    let core = uc.get_data();
+    let (code, ram) = (core.chip.flash.as_ptr(), core.chip.ram.as_ptr());
+    // SAFETY: flash's memory is as long as two banks and lives as long as the chip, which unicorn's data owns; it is reached
+    // through this pointer only while no reference into it exists (see `Ram`).
+    unsafe { uc.mem_map_ptr(flash::START.into(), flash::BANK as u64, Prot::READ | Prot::EXEC, code.cast())? };
+    // SAFETY: as above, of RAM_LEN bytes.
+    unsafe { uc.mem_map_ptr(RAM_START.into(), RAM_LEN as u64, Prot::ALL, ram.cast())? };
+    // SAFETY: the CCM RAM is the last part of it.
+    let ccm = unsafe { ram.add(RAM_LEN - CCM_LEN) };
+    // SAFETY: as above, of CCM_LEN bytes.
+    unsafe { uc.mem_map_ptr(CCM_START.into(), CCM_LEN as u64, Prot::ALL, ccm.cast())? };
+    uc.mem_map(rom::START.into(), rom::LEN as u64, Prot::READ | Prot::EXEC)?;
+    uc.mem_write(rom::START.into(), &rom::bytes())?;
+    // Bank 2, which may be busy; APB and AHB1; AHB2; the core's own.
+    for (start, len) in [
+        (flash::START + flash::BANK as u32, flash::BANK),
+        (0x4000_0000, 0x1000_0000),
+        (0x5000_0000, 0x0010_0000),
+        (PRIVATE, 0x0010_0000),
+    ] {
+        uc.mmio_map(
+            start.into(),
+            len as u64,
+            Some(move |uc: &mut Unicorn<Core>, offset: u64, bytes: usize| {
+                u64::from(uc.get_data_mut().read(start + offset as u32, bytes))
+            }),
+            Some(move |uc: &mut Unicorn<Core>, offset: u64, bytes: usize, value: u64| {
+                uc.get_data_mut().write(start + offset as u32, bytes, value as u32);
+            }),
+        )?;
+    }
+    Ok(())
+}
+
+/// Before a block: whether it may run, and what it costs.
+fn before_block(uc: &mut Unicorn<Core>, address: u64, bytes: u32) {
+    let address = address as u32;
+    let core = uc.get_data();
+    let mut pause = core.now >= core.deadline;
+    if core.check && !pause {
+        pause = core.nvic.takeable(Cpu::masks(uc)).is_some();
+    }
+    let core = uc.get_data();
+    if !core.nvic.fpu_is_on() && uc.reg_read(R::CONTROL).is_ok_and(|control| control as u32 & FPCA != 0) {
+        uc.get_data_mut().stop.get_or_insert(Stop::FloatingPointOff);
+        pause = true;
+    }
+    if (rom::START..rom::CODE_END).contains(&address) {
+        uc.get_data_mut().stop.get_or_insert(Stop::Bootloader);
+        pause = true;
+    }
+    let core = uc.get_data_mut();
+    if pause {
+        core.pause = Pause::Attention;
+        // The block does not run; the program counter stays on it. Nothing else can be done about a failure here.
+        let _ = uc.emu_stop();
+        return;
+    }
+    let block = core.block(address, bytes);
+    core.now += Cycles::from(block.instructions);
+    core.instructions += u64::from(block.instructions);
+    if block.sends_event {
+        core.nvic.set_event();
+    }
+}
+
+fn hook(uc: &mut Unicorn<'static, Core>) -> Result<(), uc_error> {
+    uc.add_block_hook(1, 0, before_block)?;
+    // Unicorn brings WFE here, with the program counter behind it; on an instruction that does not exist it stands on it.
+    uc.add_insn_invalid_hook(|uc: &mut Unicorn<Core>| {
+        let pc = uc.reg_read(R::PC).unwrap_or(0) as u32;
+        let half = |core: &Core, at: u32| core.code(at, 2).map(|code| u16::from_le_bytes([code[0], code[1]]));
+        let core = uc.get_data();
+        let undefined = half(core, pc).is_some_and(|half| half >> 8 == 0xde);
+        if half(core, pc.wrapping_sub(2)) != Some(WFE) || undefined {
+            return false;
+        }
+        uc.get_data_mut().pause = Pause::Event;
+        uc.emu_stop().is_ok()
+    })?;
+    uc.add_intr_hook(|uc: &mut Unicorn<Core>, number: u32| {
+        uc.get_data_mut().pause = Pause::Exception(number);
+        let _ = uc.emu_stop();
+    })?;
+    uc.add_mem_hook(HookType::MEM_INVALID, 1, 0, |uc: &mut Unicorn<Core>, kind: MemType, address: u64, _, _| {
+        let what = match kind {
+            MemType::READ_UNMAPPED | MemType::READ_PROT => "read of",
+            MemType::WRITE_UNMAPPED | MemType::WRITE_PROT => "write to",
+            _ => "execution at",
+        };
+        // Fetching the end of an exception is no fault.
+        if (address as u32) < EXC_RETURN {
+            uc.get_data_mut().unmapped = Some((what, address as u32));
+        }
+        false
+    })?;
+    Ok(())
+}
+
+#[cfg(test)]
+mod programs;
+#[cfg(test)]
+mod tests;

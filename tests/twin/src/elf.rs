@@ -1,0 +1,94 @@
+//! The image: what is loaded where, and the names of addresses.
+
+use object::{Object, ObjectSection, ObjectSymbol, SymbolKind, read::elf::ElfFile32};
+use std::collections::BTreeMap;
+
+/// Why an image cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[error("the image is no ELF file for ARM: {0}")]
+pub struct ElfError(String);
+
+/// What is needed of an ELF file.
+#[derive(Clone, Debug, Default)]
+pub struct Elf {
+    segments: Vec<(u32, Vec<u8>)>,
+    symbols: BTreeMap<String, u32>,
+    /// Start and end of each function, by start.
+    functions: Vec<(u32, u32, String)>,
+    sections: BTreeMap<String, (u32, u32)>,
+}
+
+impl Elf {
+    /// Reads an image.
+    pub fn parse(bytes: &[u8]) -> Result<Self, ElfError> {
+        let bad = |error: object::Error| ElfError(error.to_string());
+        let file: ElfFile32 = ElfFile32::parse(bytes).map_err(bad)?;
+        let mut elf = Self::default();
+        let endian = file.endian();
+        for header in file.elf_program_headers() {
+            // Only what is loaded; it lies in flash at its physical address.
+            if header.p_type.get(endian) == object::elf::PT_LOAD && header.p_filesz.get(endian) > 0 {
+                let start = header.p_offset.get(endian) as usize;
+                let data = bytes.get(start..start.saturating_add(header.p_filesz.get(endian) as usize));
+                let data = data.ok_or_else(|| ElfError("a segment lies past the end of the file".into()))?;
+                elf.segments.push((header.p_paddr.get(endian), data.to_vec()));
+            }
+        }
+        for symbol in file.symbols() {
+            let Ok(name) = symbol.name() else { continue };
+            let (address, size) = (symbol.address() as u32, symbol.size() as u32);
+            elf.symbols.insert(name.to_owned(), address);
+            if symbol.kind() == SymbolKind::Text && size > 0 {
+                elf.functions.push((address & !1, (address & !1).saturating_add(size), name.to_owned()));
+            }
+        }
+        elf.functions.sort();
+        for section in file.sections() {
+            if let Ok(name) = section.name() {
+                elf.sections.insert(name.to_owned(), (section.address() as u32, section.size() as u32));
+            }
+        }
+        Ok(elf)
+    }
+
+    /// Addresses and bytes to be written to flash.
+    pub fn segments(&self) -> &[(u32, Vec<u8>)] {
+        &self.segments
+    }
+
+    /// The address of a symbol.
+    pub fn symbol(&self, name: &str) -> Option<u32> {
+        self.symbols.get(name).copied()
+    }
+
+    /// Names of all symbols.
+    pub fn symbols(&self) -> impl Iterator<Item = &str> {
+        self.symbols.keys().map(String::as_str)
+    }
+
+    /// Address and length of a section.
+    pub fn section(&self, name: &str) -> Option<(u32, u32)> {
+        self.sections.get(name).copied()
+    }
+
+    /// The name of the function at an address, as it is in the source.
+    pub fn function_at(&self, address: u32) -> Option<String> {
+        let behind = self.functions.partition_point(|&(start, ..)| start <= address);
+        let (_, end, name) = self.functions[..behind].last()?;
+        (address < *end).then(|| format!("{:#}", rustc_demangle::demangle(name)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_no_image_is_refused() {
+        assert!(Elf::parse(b"").is_err());
+        assert!(Elf::parse(&[0x7f; 100]).is_err());
+        // Of this test's own program, for another machine.
+        let own = std::fs::read(std::env::current_exe().expect("running")).expect("readable");
+        assert!(Elf::parse(&own).is_err());
+    }
+}

@@ -1,0 +1,365 @@
+//! The board with its firmware, as a test holds it in its hands.
+//!
+//! ```no_run
+//! use inerter_twin::{machine::Machine, world::Still};
+//!
+//! let image = std::fs::read("inerter-stm32g474")?;
+//! let mut machine = Machine::new(&image, Box::new(Still))?;
+//! machine.run_for(0.1)?;
+//! println!("{} instructions in 100 ms", machine.usage().instructions);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! The same image, world and calls give the same run to the bit. Resets that the chip asks for happen and are noted
+//! ([`Machine::resets`]); everything else that is not in order ends the run with [`Ended`].
+
+use crate::{
+    Board, Cycles, World,
+    chip::{Chip, RAM_LEN, RAM_START, flash, rcc::Reset},
+    cpu::{Cpu, Faults, Place, Stop},
+    elf::{Elf, ElfError},
+};
+use std::path::PathBuf;
+use unicorn_engine::RegisterARM;
+
+/// What cortex-m-rt paints the stack with before it is used.
+const PAINT: u32 = 0xcccc_cccc;
+
+/// Why a machine cannot be built.
+#[derive(Debug, thiserror::Error)]
+pub enum StartError {
+    /// The image cannot be read.
+    #[error(transparent)]
+    Elf(#[from] ElfError),
+    /// A part of the image lies outside of flash.
+    #[error("{len} bytes at {address:#010x} lie outside of flash")]
+    Outside {
+        /// First address.
+        address: u32,
+        /// Bytes.
+        len: usize,
+    },
+    /// The core cannot be built.
+    #[error(transparent)]
+    Cpu(#[from] Stop),
+}
+
+/// The end of a run before its time.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{stop}, at {time_s:.6} s, pc {pc} (called from {lr})", pc = named(place.pc, pc_function), lr = named(place.lr, lr_function))]
+pub struct Ended {
+    /// Why.
+    pub stop: Stop,
+    /// Where the program was. For an access to a peripheral: at most one block of instructions later.
+    pub place: Place,
+    /// The function it was in.
+    pub pc_function: Option<String>,
+    /// The function that called this one.
+    pub lr_function: Option<String>,
+    /// Seconds since power-on.
+    pub time_s: f64,
+}
+
+fn named(address: u32, function: &Option<String>) -> String {
+    function.as_ref().map_or_else(|| format!("{address:#010x}"), |name| format!("{address:#010x} {name}"))
+}
+
+/// What the core did in a stretch of time.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Usage {
+    /// Length \[s\].
+    pub time_s: f64,
+    /// Cycles in it.
+    pub cycles: Cycles,
+    /// Of these, asleep.
+    pub slept: Cycles,
+    /// Instructions executed.
+    pub instructions: u64,
+}
+
+impl Usage {
+    /// Part of the time that the core was awake.
+    pub fn load(&self) -> f64 {
+        1.0 - self.slept as f64 / self.cycles.max(1) as f64
+    }
+
+    /// Instructions per second.
+    pub fn instructions_per_s(&self) -> f64 {
+        self.instructions as f64 / self.time_s
+    }
+
+    /// What came after an earlier moment.
+    pub fn since(&self, earlier: &Self) -> Self {
+        Self {
+            time_s: self.time_s - earlier.time_s,
+            cycles: self.cycles - earlier.cycles,
+            slept: self.slept - earlier.slept,
+            instructions: self.instructions - earlier.instructions,
+        }
+    }
+}
+
+/// How much of the stack was used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StackUse {
+    /// Bytes from the start of the stack down to the lowest that was changed.
+    pub used: usize,
+    /// Bytes that there are.
+    pub available: usize,
+}
+
+/// Everything that may differ between two machines with the same image.
+#[derive(Clone, Copy, Debug)]
+pub struct Options {
+    /// What is soldered around the chip.
+    pub board: Board,
+    /// Decides what RAM holds when power comes.
+    pub seed: u64,
+    /// What happens at a fault of the program.
+    pub faults: Faults,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { board: Board::NUCLEO, seed: 1, faults: Faults::EndTheRun }
+    }
+}
+
+/// The board with its firmware.
+pub struct Machine {
+    cpu: Cpu,
+    elf: Elf,
+    seed: u64,
+    resets: Vec<(f64, Reset)>,
+}
+
+impl Machine {
+    /// A NUCLEO board, flashed with an image and just switched on.
+    pub fn new(image: &[u8], world: Box<dyn World>) -> Result<Self, StartError> {
+        Self::with(image, Options::default(), world)
+    }
+
+    /// A board flashed with an image and just switched on.
+    pub fn with(image: &[u8], options: Options, world: Box<dyn World>) -> Result<Self, StartError> {
+        let elf = Elf::parse(image)?;
+        Self::with_segments(elf, options, world)
+    }
+
+    fn with_segments(elf: Elf, options: Options, world: Box<dyn World>) -> Result<Self, StartError> {
+        let mut chip = Chip::new(options.board, world);
+        for (address, bytes) in elf.segments() {
+            if !chip.flash.load(*address, bytes) {
+                return Err(StartError::Outside { address: *address, len: bytes.len() });
+            }
+        }
+        let mut cpu = Cpu::new(chip)?;
+        cpu.set_faults(options.faults);
+        let mut machine = Self { cpu, elf, seed: options.seed, resets: Vec::new() };
+        machine.power_cut()?;
+        Ok(machine)
+    }
+
+    /// Seconds since power was first applied.
+    pub fn time_s(&self) -> f64 {
+        self.chip().seconds(self.now())
+    }
+
+    /// Cycles since power was first applied.
+    pub fn now(&self) -> Cycles {
+        self.cpu.now()
+    }
+
+    /// The chip.
+    pub fn chip(&self) -> &Chip {
+        &self.cpu.core().chip
+    }
+
+    /// The chip, to be changed between runs.
+    pub fn chip_mut(&mut self) -> &mut Chip {
+        &mut self.cpu.core_mut().chip
+    }
+
+    /// The core with its interrupt controller.
+    pub fn cpu(&self) -> &Cpu {
+        &self.cpu
+    }
+
+    /// The image's symbols.
+    pub fn elf(&self) -> &Elf {
+        &self.elf
+    }
+
+    /// Runs up to a moment in seconds since power-on.
+    pub fn run_until(&mut self, time_s: f64) -> Result<(), Ended> {
+        loop {
+            // Frequencies may have changed in between.
+            let until = self.chip().clocks.cycle_at(time_s);
+            if until <= self.now() {
+                return Ok(());
+            }
+            // While the clock tree is still to be set up a second is not yet the number of cycles that it will be.
+            let slice = until.min(self.now() + SLICE);
+            match self.cpu.run(slice) {
+                Ok(None) => {}
+                Ok(Some(cause)) => self.restart(cause).map_err(|stop| self.ended(stop))?,
+                Err(stop) => return Err(self.ended(stop)),
+            }
+        }
+    }
+
+    /// Runs for a length of time in seconds.
+    pub fn run_for(&mut self, length_s: f64) -> Result<(), Ended> {
+        self.run_until(self.time_s() + length_s)
+    }
+
+    /// Runs, `step_s` at a time, until something holds or so much time has passed; says whether it holds.
+    pub fn run_until_that(
+        &mut self,
+        limit_s: f64,
+        step_s: f64,
+        mut holds: impl FnMut(&mut Self) -> bool,
+    ) -> Result<bool, Ended> {
+        let end = self.time_s() + limit_s;
+        while !holds(self) {
+            if self.time_s() >= end {
+                return Ok(false);
+            }
+            self.run_for(step_s)?;
+        }
+        Ok(true)
+    }
+
+    fn ended(&self, stop: Stop) -> Ended {
+        let place = self.cpu.place();
+        let function = |address| self.elf.function_at(address);
+        let (pc_function, lr_function) = (function(place.pc), function(place.lr & !1));
+        Ended { stop, place, pc_function, lr_function, time_s: self.time_s() }
+    }
+
+    fn restart(&mut self, cause: Reset) -> Result<(), Stop> {
+        let (now, time_s) = (self.now(), self.time_s());
+        self.resets.push((time_s, cause));
+        self.chip_mut().reset(cause, now);
+        self.cpu.reset()
+    }
+
+    /// Somebody presses the reset button.
+    pub fn reset(&mut self) -> Result<(), StartError> {
+        Ok(self.restart(Reset::Pin)?)
+    }
+
+    /// Power goes and comes back: flash keeps what it has, RAM holds anything.
+    pub fn power_cut(&mut self) -> Result<(), StartError> {
+        self.seed = self.seed.wrapping_mul(0x5851_f42d_4c95_7f2d).wrapping_add(1);
+        let seed = self.seed;
+        self.chip_mut().lose_power(seed);
+        Ok(self.restart(Reset::Power)?)
+    }
+
+    /// Every start so far, power-on included: when and why.
+    pub fn resets(&self) -> &[(f64, Reset)] {
+        &self.resets
+    }
+
+    /// What the core did since power was first applied.
+    pub fn usage(&self) -> Usage {
+        let core = self.cpu.core();
+        Usage { time_s: self.time_s(), cycles: self.now(), slept: core.slept, instructions: core.instructions }
+    }
+
+    /// Instructions executed since power was first applied.
+    pub fn instructions(&self) -> u64 {
+        self.cpu.core().instructions
+    }
+
+    /// Core frequency that the registers ask for \[Hz\].
+    pub fn clock_hz(&self) -> f64 {
+        self.chip().clocks.hclk_hz
+    }
+
+    /// The computer at the serial link sends.
+    pub fn serial_send(&mut self, bytes: &[u8]) {
+        let now = self.now();
+        self.chip_mut().serial_send(bytes, now);
+    }
+
+    /// What the computer at the serial link has received since the last call.
+    pub fn serial_take(&mut self) -> Vec<u8> {
+        let now = self.now();
+        self.chip_mut().serial_take(now)
+    }
+
+    /// A word of RAM, flash or neither.
+    pub fn word(&self, address: u32) -> Option<u32> {
+        let bytes = self.chip().bytes(address, 4)?;
+        Some(u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]))
+    }
+
+    /// How much of the stack was used since the last start, as far as the paint of cortex-m-rt tells.
+    ///
+    /// Nothing for an image without that paint's symbols.
+    pub fn stack_high_water(&self) -> Option<StackUse> {
+        let end = self.elf.symbol("_stack_end")?;
+        let start = self.elf.symbol("_stack_start")?;
+        let len = start.checked_sub(end)? as usize;
+        let words = self.chip().bytes(end, len)?;
+        let untouched = words.chunks_exact(4).take_while(|word| **word == PAINT.to_le_bytes()).count() * 4;
+        Some(StackUse { used: len - untouched, available: len })
+    }
+
+    /// Storage registers that were read and never written, by name.
+    pub fn unwritten_reads(&mut self) -> Vec<String> {
+        self.chip_mut().unwritten_reads()
+    }
+
+    /// A copy of all that flash keeps.
+    pub fn flash(&self) -> flash::Contents {
+        self.chip().flash.contents()
+    }
+
+    /// Puts such a copy into flash; to be followed by a restart.
+    pub fn set_flash(&mut self, contents: &flash::Contents) {
+        self.chip_mut().flash.set_contents(contents);
+    }
+
+    /// A register of the core.
+    pub fn register(&self, register: RegisterARM) -> u32 {
+        self.cpu.register(register)
+    }
+}
+
+/// Longest stretch in which frequencies are taken as they are: 1 ms at 16 MHz.
+const SLICE: Cycles = 16_000;
+
+/// Whether RAM has this address.
+pub fn is_ram(address: u32) -> bool {
+    (RAM_START..RAM_START + RAM_LEN as u32).contains(&address)
+}
+
+/// An image that the environment names or `cargo build --release` left, where there is one; otherwise nothing, after saying why.
+///
+/// # Panics
+/// Where it must be there: with `CI` or `INERTER_REQUIRE_QEMU` in the environment.
+pub fn image(variable: &str, built: &str) -> Option<Vec<u8>> {
+    let set = |name| std::env::var_os(name).is_some_and(|value| !value.is_empty() && value != "0");
+    let path = match std::env::var_os(variable) {
+        Some(path) => PathBuf::from(path),
+        None => PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../target/thumbv7em-none-eabihf").join(built),
+    };
+    match std::fs::read(&path) {
+        Ok(image) => Some(image),
+        Err(error) => {
+            let reason = format!("{}: {error}; make it by `cargo xtask build-firmware`", path.display());
+            assert!(!set("CI") && !set("INERTER_REQUIRE_QEMU"), "{reason}");
+            // Past the test harness, which swallows what a passing test prints.
+            use std::io::Write;
+            let _ = writeln!(std::io::stderr(), "skipped: {reason}");
+            None
+        }
+    }
+}
+
+/// The shipping image, or nothing after saying why (see [`image`]).
+pub fn shipping_image() -> Option<Vec<u8>> {
+    image("INERTER_STM32_ELF", "release/inerter-stm32g474")
+}

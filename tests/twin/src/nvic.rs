@@ -1,0 +1,688 @@
+//! The core's own registers: interrupt controller, system control block, SysTick, cycle counter (ARM DDI 0403, B3).
+//!
+//! Plain bookkeeping: which exception is pending, active, and may be taken; [`crate::cpu`] moves the stack. The protection unit,
+//! the coprocessor access and the fault registers are storage, except that the floating point unit counts as off until CPACR says
+//! otherwise.
+//!
+//! Glossary: *exception*: 2 NMI, 3 HardFault, 11 SVCall, 14 PendSV, 15 SysTick, 16 and up interrupts. *Priority*: lower is more
+//! urgent; -2 NMI, -1 HardFault, 0 to 240 the rest in steps of 16 (four bits on this chip), [`THREAD`] when nothing is active.
+
+use crate::{Cycles, Storage, Unknown, Width};
+
+/// Less urgent than any exception.
+pub const THREAD: i32 = 256;
+/// Interrupts of the chip.
+const INTERRUPTS: usize = 102;
+/// The NMI's number.
+pub const NMI: usize = 2;
+/// HardFault's number.
+pub const HARD_FAULT: usize = 3;
+/// SVCall's number.
+pub const SV_CALL: usize = 11;
+const PEND_SV: usize = 14;
+const SYS_TICK: usize = 15;
+const FIRST_INTERRUPT: usize = 16;
+
+/// The four bits of a priority that exist.
+const PRIORITY_BITS: u8 = 0xf0;
+
+const SEVONPEND: u32 = 1 << 4;
+/// AIRCR: key that a write must carry, and the bit that asks for a reset.
+const VECTKEY: u32 = 0x05fa;
+const SYSRESETREQ: u32 = 1 << 2;
+/// CPACR: full access to the floating point unit.
+const FPU_ACCESS: u32 = 0xf << 20;
+
+const SCR: u32 = 0xd10;
+const CPACR: u32 = 0xd88;
+const CFSR: u32 = 0xd28;
+const HFSR: u32 = 0xd2c;
+const BFAR: u32 = 0xd38;
+const DEMCR: u32 = 0xdfc;
+
+/// What the core masks: its special registers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Masks {
+    /// Everything but NMI and HardFault.
+    pub primask: bool,
+    /// Everything but NMI.
+    pub faultmask: bool,
+    /// This priority and all that are less urgent; 0 masks nothing.
+    pub basepri: u8,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Active {
+    exception: usize,
+    priority: i32,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct SysTick {
+    control: u32,
+    reload: u32,
+    /// When the counter last was, or will be, loaded.
+    since: Cycles,
+    counted: bool,
+}
+
+impl SysTick {
+    /// Cycles per count: the core's clock, or an eighth of it.
+    fn divider(&self) -> u64 {
+        if self.control & 4 != 0 { 1 } else { 8 }
+    }
+
+    fn period(&self) -> u64 {
+        (u64::from(self.reload) + 1) * self.divider()
+    }
+
+    fn runs(&self) -> bool {
+        self.control & 1 != 0 && self.reload > 0
+    }
+
+    fn current(&self, now: Cycles) -> u32 {
+        if !self.runs() {
+            return 0;
+        }
+        let counts = (now.saturating_sub(self.since) / self.divider()) % (u64::from(self.reload) + 1);
+        self.reload - counts as u32
+    }
+
+    /// Whether it has passed zero since the last call.
+    fn advance(&mut self, now: Cycles) -> bool {
+        if !self.runs() || now < self.since + self.period() {
+            return false;
+        }
+        let periods = (now - self.since) / self.period();
+        self.since += periods * self.period();
+        self.counted = true;
+        true
+    }
+}
+
+/// The registers.
+#[derive(Clone, Debug)]
+pub struct Nvic {
+    enabled: u128,
+    pending: u128,
+    lines: u128,
+    nmi_line: bool,
+    /// Pending exceptions below the interrupts, by number.
+    pending_system: u32,
+    active: Vec<Active>,
+    priorities: [u8; INTERRUPTS],
+    /// Of the exceptions 4 to 15.
+    system_priorities: [u8; 12],
+    group: u32,
+    vector_table: u32,
+    storage: Storage,
+    systick: SysTick,
+    cycle_counter_on: bool,
+    /// Cycles that the counter lags behind the machine's.
+    cycle_counter_lag: u32,
+    event: bool,
+    /// What was pending when that was last looked at: the rest is new.
+    seen: (u128, u32),
+    reset: bool,
+}
+
+impl Default for Nvic {
+    fn default() -> Self {
+        let plain = |offset| (offset, 0, u32::MAX);
+        Self {
+            enabled: 0,
+            pending: 0,
+            lines: 0,
+            nmi_line: false,
+            pending_system: 0,
+            active: Vec::new(),
+            priorities: [0; INTERRUPTS],
+            system_priorities: [0; 12],
+            group: 0,
+            vector_table: 0x0800_0000,
+            storage: Storage::new(&[
+                // SCR, CCR, SHCSR, fault status and addresses.
+                (SCR, 0, 0x1e),
+                (0xd14, 0x200, 0x31b),
+                plain(0xd24),
+                (CFSR, 0, 0),
+                (HFSR, 0, 0),
+                plain(0xd30),
+                plain(0xd34),
+                plain(BFAR),
+                // CPACR, MPU (type, control, number, two registers per region and their three aliases).
+                (CPACR, 0, FPU_ACCESS),
+                (0xd90, 0x800, 0),
+                plain(0xd94),
+                plain(0xd98),
+                plain(0xd9c),
+                plain(0xda0),
+                plain(0xda4),
+                plain(0xda8),
+                plain(0xdac),
+                plain(0xdb0),
+                plain(0xdb4),
+                plain(0xdb8),
+                // DHCSR, DEMCR: no debugger is attached.
+                (0xdf0, 0, 0),
+                plain(DEMCR),
+                // FPCCR, FPCAR, FPDSCR, MVFR0, MVFR1.
+                (0xf34, 0xc000_0000, 0xc000_0000),
+                plain(0xf38),
+                plain(0xf3c),
+                (0xf40, 0x1011_0021, 0),
+                (0xf44, 0x1100_0011, 0),
+            ]),
+            systick: SysTick::default(),
+            cycle_counter_on: false,
+            cycle_counter_lag: 0,
+            event: false,
+            seen: (0, 0),
+            reset: false,
+        }
+    }
+}
+
+impl Nvic {
+    /// How urgent an exception is, without the bits that only order what is pending.
+    fn priority(&self, exception: usize) -> i32 {
+        match exception {
+            NMI => -2,
+            HARD_FAULT => -1,
+            0..FIRST_INTERRUPT => self.group_priority(self.system_priorities[exception.saturating_sub(4)]),
+            _ => self.group_priority(self.priorities[exception - FIRST_INTERRUPT]),
+        }
+    }
+
+    fn group_priority(&self, priority: u8) -> i32 {
+        i32::from(priority) & !((2 << self.group) - 1)
+    }
+
+    /// What orders exceptions of one group: all bits, then the number.
+    fn order(&self, exception: usize) -> (i32, i32, usize) {
+        let whole = match exception {
+            NMI | HARD_FAULT => 0,
+            0..FIRST_INTERRUPT => self.system_priorities[exception.saturating_sub(4)],
+            _ => self.priorities[exception - FIRST_INTERRUPT],
+        };
+        (self.priority(exception), i32::from(whole), exception)
+    }
+
+    /// Pending interrupts: those whose line is high come back as soon as their handler has ended.
+    fn pending_interrupts(&self) -> u128 {
+        let active = self.active.iter().filter(|active| active.exception >= FIRST_INTERRUPT);
+        let active = active.fold(0u128, |bits, active| bits | 1 << (active.exception - FIRST_INTERRUPT));
+        self.pending | self.lines & !active
+    }
+
+    /// The most urgent exception that is pending and enabled, whatever is active or masked.
+    fn candidate(&self) -> Option<usize> {
+        let mut system = self.pending_system;
+        let mut best = None;
+        let mut consider = |exception: usize| {
+            let order = self.order(exception);
+            if best.is_none_or(|(least, _)| order < least) {
+                best = Some((order, exception));
+            }
+        };
+        while system != 0 {
+            consider(system.trailing_zeros() as usize);
+            system &= system - 1;
+        }
+        let mut interrupts = self.pending_interrupts() & self.enabled;
+        while interrupts != 0 {
+            consider(interrupts.trailing_zeros() as usize + FIRST_INTERRUPT);
+            interrupts &= interrupts - 1;
+        }
+        best.map(|(_, exception)| exception)
+    }
+
+    /// Priority at which the core runs (B1.5.4).
+    fn execution_priority(&self, masks: Masks) -> i32 {
+        let active = self.active.iter().map(|active| active.priority).min().unwrap_or(THREAD);
+        let base = if masks.basepri == 0 { THREAD } else { self.group_priority(masks.basepri) };
+        let primask = if masks.primask { 0 } else { THREAD };
+        let faultmask = if masks.faultmask { -1 } else { THREAD };
+        active.min(base).min(primask).min(faultmask)
+    }
+
+    /// The exception that the core takes now.
+    pub fn takeable(&self, masks: Masks) -> Option<usize> {
+        self.candidate().filter(|&exception| self.priority(exception) < self.execution_priority(masks))
+    }
+
+    /// Whether there is one that only the core's masks may hold back.
+    pub fn wants_attention(&self) -> bool {
+        self.takeable(Masks::default()).is_some()
+    }
+
+    /// Whether WFI ends: PRIMASK does not count.
+    pub fn ends_wfi(&self, masks: Masks) -> bool {
+        self.takeable(Masks { primask: false, ..masks }).is_some()
+    }
+
+    /// The levels of the chip's lines.
+    pub fn set_lines(&mut self, lines: u128, nmi: bool) {
+        self.pending |= lines & !self.lines;
+        self.lines = lines;
+        if nmi && !self.nmi_line {
+            self.pending_system |= 1 << NMI;
+        }
+        self.nmi_line = nmi;
+    }
+
+    /// An exception that the running instruction causes.
+    pub fn pend_system(&mut self, exception: usize) {
+        self.pending_system |= 1 << exception;
+    }
+
+    /// A fault of the bus at this address, which escalates to HardFault: nobody enables BusFault here.
+    pub fn bus_fault(&mut self, address: u32) {
+        self.storage.set(BFAR, address);
+        // PRECISERR, BFARVALID.
+        self.storage.set(CFSR, self.storage.get(CFSR) | 1 << 9 | 1 << 15);
+        self.hard_fault();
+    }
+
+    /// An instruction that does not exist.
+    pub fn undefined_instruction(&mut self) {
+        self.storage.set(CFSR, self.storage.get(CFSR) | 1 << 16);
+        self.hard_fault();
+    }
+
+    fn hard_fault(&mut self) {
+        // FORCED.
+        self.storage.set(HFSR, self.storage.get(HFSR) | 1 << 30);
+        self.pend_system(HARD_FAULT);
+    }
+
+    /// The core takes an exception; returns where its vector lies.
+    pub fn enter(&mut self, exception: usize) -> u32 {
+        self.active.push(Active { exception, priority: self.priority(exception) });
+        match exception {
+            0..FIRST_INTERRUPT => self.pending_system &= !(1 << exception),
+            _ => self.pending &= !(1 << (exception - FIRST_INTERRUPT)),
+        }
+        // What was pending is pending no more: coming again is new.
+        self.seen = (self.seen.0 & self.pending_interrupts(), self.seen.1 & self.pending_system);
+        self.event = true;
+        self.vector_table + 4 * exception as u32
+    }
+
+    /// The exception entered last ends.
+    pub fn leave(&mut self) -> Option<usize> {
+        self.event = true;
+        self.active.pop().map(|active| active.exception)
+    }
+
+    /// The exception that runs, as IPSR names it; 0 in thread mode.
+    pub fn running(&self) -> usize {
+        self.active.last().map_or(0, |active| active.exception)
+    }
+
+    /// How many exceptions are active.
+    pub fn depth(&self) -> usize {
+        self.active.len()
+    }
+
+    /// SEV, or what counts as such.
+    pub fn set_event(&mut self) {
+        self.event = true;
+    }
+
+    /// Takes the event that WFE waits for, if there was one.
+    pub fn take_event(&mut self) -> bool {
+        std::mem::take(&mut self.event)
+    }
+
+    /// A reset is asked for.
+    pub fn reset_wanted(&self) -> bool {
+        self.reset
+    }
+
+    /// Where the vectors lie.
+    pub fn vector_table(&self) -> u32 {
+        self.vector_table
+    }
+
+    /// Whether the floating point unit may be used.
+    pub fn fpu_is_on(&self) -> bool {
+        self.storage.get(CPACR) & FPU_ACCESS == FPU_ACCESS
+    }
+
+    /// Brings SysTick to `now` and notes what has become pending.
+    pub fn advance(&mut self, now: Cycles) {
+        if self.systick.advance(now) && self.systick.control & 2 != 0 {
+            self.pending_system |= 1 << SYS_TICK;
+        }
+        let pending = (self.pending_interrupts(), self.pending_system);
+        let new = pending.0 & !self.seen.0 != 0 || pending.1 & !self.seen.1 != 0;
+        self.seen = pending;
+        if new && self.storage.get(SCR) & SEVONPEND != 0 {
+            self.event = true;
+        }
+    }
+
+    /// When SysTick next interrupts.
+    pub fn next_event(&self) -> Option<Cycles> {
+        (self.systick.runs() && self.systick.control & 2 != 0).then(|| self.systick.since + self.systick.period())
+    }
+
+    /// Word `number` of 32 bits of a set of interrupts.
+    fn word(set: u128, number: u32) -> u32 {
+        (set >> (32 * number)) as u32
+    }
+
+    fn active_interrupts(&self) -> u128 {
+        let bits = self.active.iter().filter(|active| active.exception >= FIRST_INTERRUPT);
+        bits.fold(0, |bits, active| bits | 1 << (active.exception - FIRST_INTERRUPT))
+    }
+
+    fn control_state(&self) -> u32 {
+        let pending = self.candidate().unwrap_or(0) as u32;
+        let interrupt = u32::from(self.pending_interrupts() != 0);
+        let bit = |exception: usize, at: u32| (self.pending_system >> exception & 1) << at;
+        let base = u32::from(self.active.len() <= 1) << 11;
+        self.running() as u32
+            | base
+            | pending << 12
+            | interrupt << 22
+            | bit(SYS_TICK, 26)
+            | bit(PEND_SV, 28)
+            | bit(NMI, 31)
+    }
+
+    /// A read in the private peripheral bus, 0xE000_0000 and up.
+    pub fn read(&mut self, address: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
+        let word = match address & !3 {
+            0xe000_1000 => 0x4000_0000 | u32::from(self.cycle_counter_on),
+            0xe000_1004 => self.cycle_count(now),
+            0xe000_e000..0xe000_f000 => self.read_scs(address & 0xffc, now)?,
+            _ => return Err(Unknown::REGISTER),
+        };
+        Ok(width.part(word, address))
+    }
+
+    fn cycle_count(&self, now: Cycles) -> u32 {
+        if self.cycle_counter_on { (now as u32).wrapping_sub(self.cycle_counter_lag) } else { self.cycle_counter_lag }
+    }
+
+    fn read_scs(&mut self, register: u32, now: Cycles) -> Result<u32, Unknown> {
+        let bytes = |bytes: &[u8], at: u32| {
+            let at = at as usize & !3;
+            (0..4).fold(0, |word, n| word | u32::from(bytes.get(at + n).copied().unwrap_or(0)) << (8 * n))
+        };
+        Ok(match register {
+            0x004 => 3,
+            0x010 => self.systick.control | u32::from(std::mem::take(&mut self.systick.counted)) << 16,
+            0x014 => self.systick.reload,
+            0x018 => self.systick.current(now),
+            0x01c => 0x8000_0000,
+            0x100..0x110 | 0x180..0x190 => Self::word(self.enabled, (register & 0xf) / 4),
+            0x200..0x210 | 0x280..0x290 => Self::word(self.pending_interrupts(), (register & 0xf) / 4),
+            0x300..0x310 => Self::word(self.active_interrupts(), (register & 0xf) / 4),
+            0x400..0x468 => bytes(&self.priorities, register - 0x400),
+            0xd00 => 0x410f_c241,
+            0xd04 => self.control_state(),
+            0xd08 => self.vector_table,
+            0xd0c => 0xfa05_0000 | self.group << 8,
+            0xd18..0xd24 => bytes(&self.system_priorities, register - 0xd18),
+            _ if self.storage.contains(register) => self.storage.get(register),
+            _ => return Err(Unknown::REGISTER),
+        })
+    }
+
+    /// A write in the private peripheral bus.
+    pub fn write(&mut self, address: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+        match address & !3 {
+            0xe000_1000 => {
+                let count = self.cycle_count(now);
+                self.cycle_counter_on = value & 1 != 0;
+                self.set_cycle_count(count, now);
+                // Everything else of it is profiling.
+                if value & !1 & 0x0fff_ffff != 0 {
+                    return Err(Unknown { what: "of the watchpoint unit only the cycle counter is modelled" });
+                }
+                Ok(())
+            }
+            0xe000_1004 => {
+                self.set_cycle_count(value, now);
+                Ok(())
+            }
+            // The lock of the watchpoint unit, which an M4 does not have.
+            0xe000_1fb0 => Ok(()),
+            0xe000_e000..0xe000_f000 => self.write_scs(address & 0xfff, value, width, now),
+            _ => Err(Unknown::REGISTER),
+        }
+    }
+
+    fn set_cycle_count(&mut self, count: u32, now: Cycles) {
+        self.cycle_counter_lag = if self.cycle_counter_on { (now as u32).wrapping_sub(count) } else { count };
+    }
+
+    fn write_scs(&mut self, register: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+        let set = |register: u32| u128::from(value) << (32 * ((register & 0xf) / 4));
+        let existing = (1u128 << INTERRUPTS) - 1;
+        let by_byte = matches!(register, 0x400..0x468 | 0xd18..0xd24);
+        if width != Width::Word && !by_byte {
+            return Err(Unknown::WIDTH);
+        }
+        match register {
+            0x010 => {
+                if value & 1 != 0 && self.systick.control & 1 == 0 {
+                    self.systick.since = now;
+                }
+                self.systick.control = value & 7;
+            }
+            0x014 => self.systick.reload = value & 0xff_ffff,
+            0x018 => {
+                self.systick.since = now;
+                self.systick.counted = false;
+            }
+            0x100..0x110 => self.enabled |= set(register) & existing,
+            0x180..0x190 => self.enabled &= !set(register),
+            0x200..0x210 => self.pending |= set(register) & existing,
+            0x280..0x290 => self.pending &= !set(register),
+            0x400..0x468 => {
+                for n in 0..width.bytes() {
+                    if let Some(priority) = self.priorities.get_mut((register - 0x400 + n) as usize) {
+                        *priority = (value >> (8 * n)) as u8 & PRIORITY_BITS;
+                    }
+                }
+            }
+            0xd04 => {
+                for (bit, exception, on) in [(31, NMI, true), (28, PEND_SV, true), (26, SYS_TICK, true)]
+                    .into_iter()
+                    .chain([(27, PEND_SV, false), (25, SYS_TICK, false)])
+                {
+                    match value >> bit & 1 {
+                        1 if on => self.pending_system |= 1 << exception,
+                        1 => self.pending_system &= !(1 << exception),
+                        _ => {}
+                    }
+                }
+            }
+            0xd08 => self.vector_table = value & !0x7f,
+            0xd0c => {
+                if value >> 16 != VECTKEY {
+                    return Err(Unknown { what: "AIRCR is written without its key" });
+                }
+                self.group = value >> 8 & 7;
+                self.reset |= value & SYSRESETREQ != 0;
+            }
+            0xd18..0xd24 => {
+                for n in 0..width.bytes() {
+                    if let Some(priority) = self.system_priorities.get_mut((register - 0xd18 + n) as usize) {
+                        *priority = (value >> (8 * n)) as u8 & PRIORITY_BITS;
+                    }
+                }
+            }
+            // Written ones clear.
+            CFSR | HFSR => self.storage.set(register, self.storage.get(register) & !value),
+            0xf00 => self.pending |= 1 << (value & 0x7f) & existing,
+            // Cache and branch predictor maintenance, of which an M4 has neither.
+            0xf50..=0xf78 => {}
+            _ => self.storage.write(register, value, width)?,
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const OPEN: Masks = Masks { primask: false, faultmask: false, basepri: 0 };
+
+    fn write(nvic: &mut Nvic, register: u32, value: u32) {
+        nvic.write(0xe000_e000 + register, value, Width::Word, 0).expect("known");
+    }
+
+    fn read(nvic: &mut Nvic, register: u32, now: Cycles) -> u32 {
+        nvic.read(0xe000_e000 + register, Width::Word, now).expect("known")
+    }
+
+    /// Interrupts 5 (priority 0x60) and 6 (priority 0x20), both enabled.
+    fn two() -> Nvic {
+        let mut nvic = Nvic::default();
+        write(&mut nvic, 0x100, 3 << 5);
+        nvic.write(0xe000_e405, 0x6f, Width::Byte, 0).expect("known");
+        nvic.write(0xe000_e406, 0x20, Width::Byte, 0).expect("known");
+        nvic
+    }
+
+    #[test]
+    fn the_more_urgent_goes_first_and_interrupts_the_other() {
+        let mut nvic = two();
+        write(&mut nvic, 0xf00, 5);
+        assert_eq!(nvic.takeable(OPEN), Some(21));
+        assert_eq!(nvic.enter(21), 0x0800_0000 + 84);
+        assert_eq!(nvic.takeable(OPEN), None);
+        write(&mut nvic, 0x200, 3 << 5);
+        assert_eq!(nvic.takeable(OPEN), Some(22), "6 interrupts 5; 5 does not interrupt itself");
+        nvic.enter(22);
+        assert_eq!((nvic.depth(), nvic.takeable(OPEN)), (2, None));
+        assert_eq!(read(&mut nvic, 0x300, 0), 3 << 5);
+        assert_eq!(nvic.leave(), Some(22));
+        assert_eq!(nvic.takeable(OPEN), None);
+        nvic.leave();
+        assert_eq!(nvic.takeable(OPEN), Some(21), "5 was pended again while it ran");
+    }
+
+    #[test]
+    fn equal_priorities_go_by_number_and_do_not_interrupt() {
+        let mut nvic = two();
+        write(&mut nvic, 0x404, 0);
+        write(&mut nvic, 0x200, 3 << 5);
+        assert_eq!(nvic.takeable(OPEN), Some(21));
+        nvic.enter(21);
+        assert_eq!(nvic.takeable(OPEN), None);
+    }
+
+    #[test]
+    fn groups_order_without_interrupting() {
+        let mut nvic = two();
+        // Two bits for the group: 0x60 and 0x40 are in one.
+        write(&mut nvic, 0xd0c, VECTKEY << 16 | 5 << 8);
+        nvic.write(0xe000_e406, 0x40, Width::Byte, 0).expect("known");
+        write(&mut nvic, 0x200, 3 << 5);
+        assert_eq!(nvic.takeable(OPEN), Some(22));
+        write(&mut nvic, 0x280, 2 << 5);
+        nvic.enter(21);
+        write(&mut nvic, 0x200, 2 << 5);
+        assert_eq!(nvic.takeable(OPEN), None);
+    }
+
+    #[test]
+    fn masks() {
+        let mut nvic = two();
+        write(&mut nvic, 0x200, 1 << 5);
+        assert_eq!(nvic.takeable(Masks { primask: true, ..OPEN }), None);
+        assert!(nvic.wants_attention() && nvic.ends_wfi(Masks { primask: true, ..OPEN }));
+        assert_eq!(nvic.takeable(Masks { basepri: 0x60, ..OPEN }), None);
+        assert_eq!(nvic.takeable(Masks { basepri: 0x70, ..OPEN }), Some(21));
+        nvic.set_lines(0, true);
+        assert_eq!(nvic.takeable(Masks { primask: true, faultmask: true, basepri: 0x10 }), Some(NMI));
+    }
+
+    #[test]
+    fn a_line_comes_back_until_it_falls() {
+        let mut nvic = two();
+        nvic.set_lines(1 << 5, false);
+        nvic.enter(21);
+        assert_eq!(read(&mut nvic, 0x200, 0), 0, "served");
+        nvic.leave();
+        assert_eq!(nvic.takeable(OPEN), Some(21), "the handler did not clear the cause");
+        nvic.enter(21);
+        nvic.set_lines(0, false);
+        nvic.leave();
+        assert_eq!(nvic.takeable(OPEN), None);
+    }
+
+    #[test]
+    fn a_pending_interrupt_is_an_event_once() {
+        let mut nvic = two();
+        nvic.set_lines(1 << 9, false);
+        nvic.advance(0);
+        assert!(!nvic.take_event(), "without SEVONPEND");
+        write(&mut nvic, SCR, SEVONPEND);
+        nvic.advance(0);
+        assert!(!nvic.take_event(), "it was pending before");
+        nvic.set_lines(1 << 9 | 1 << 10, false);
+        nvic.advance(0);
+        assert!(nvic.take_event(), "also one that is not enabled");
+        nvic.advance(0);
+        assert!(!nvic.take_event());
+        // Served and raised again: new.
+        write(&mut nvic, 0x100, 1 << 9);
+        nvic.enter(25);
+        nvic.set_lines(0, false);
+        nvic.leave();
+        nvic.take_event();
+        nvic.advance(0);
+        nvic.set_lines(1 << 9, false);
+        nvic.advance(0);
+        assert!(nvic.take_event());
+    }
+
+    #[test]
+    fn systick_counts_down_and_interrupts() {
+        let mut nvic = Nvic::default();
+        write(&mut nvic, 0x014, 99);
+        write(&mut nvic, 0x010, 7);
+        assert_eq!((read(&mut nvic, 0x018, 0), read(&mut nvic, 0x018, 30)), (99, 69));
+        assert_eq!(nvic.next_event(), Some(100));
+        nvic.advance(99);
+        assert_eq!(nvic.takeable(OPEN), None);
+        nvic.advance(100);
+        assert_eq!(nvic.takeable(OPEN), Some(SYS_TICK));
+        assert_eq!(read(&mut nvic, 0x010, 100), 0x1_0007);
+        assert_eq!(read(&mut nvic, 0x010, 100), 7, "reading clears the flag");
+        assert_eq!(nvic.next_event(), Some(200));
+    }
+
+    #[test]
+    fn the_cycle_counter_can_be_set_and_stopped() {
+        let mut nvic = Nvic::default();
+        let mut at = |address: u32, value: u32, now| nvic.write(0xe000_1000 + address, value, Width::Word, now);
+        assert_eq!(at(0, 1, 1000), Ok(()));
+        assert_eq!(at(4, 0, 2000), Ok(()));
+        assert_eq!(nvic.read(0xe000_1004, Width::Word, 2345), Ok(345));
+        nvic.write(0xe000_1000, 0, Width::Word, 2400).expect("known");
+        assert_eq!(nvic.read(0xe000_1004, Width::Word, 9999), Ok(400));
+    }
+
+    #[test]
+    fn reset_and_unit_access() {
+        let mut nvic = Nvic::default();
+        assert!(nvic.write(0xe000_ed0c, 4, Width::Word, 0).is_err(), "without the key");
+        write(&mut nvic, 0xd0c, VECTKEY << 16 | SYSRESETREQ);
+        assert!(nvic.reset_wanted());
+        assert!(!nvic.fpu_is_on());
+        write(&mut nvic, CPACR, 0xf << 20);
+        assert!(nvic.fpu_is_on());
+        nvic.bus_fault(0x1234);
+        assert_eq!((read(&mut nvic, BFAR, 0), read(&mut nvic, HFSR, 0)), (0x1234, 1 << 30));
+        assert_eq!(nvic.takeable(OPEN), Some(HARD_FAULT));
+    }
+}

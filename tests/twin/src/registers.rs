@@ -1,0 +1,227 @@
+//! What a peripheral is to the bus: registers, and a time at which something happens by itself.
+
+use crate::chip::clocks::Clocks;
+
+/// Core cycles since power was first applied. Never goes back, also not over a reset or a power cut.
+pub type Cycles = u64;
+
+/// Bytes moved by one access.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Width {
+    /// 8 bits.
+    Byte,
+    /// 16 bits.
+    Half,
+    /// 32 bits.
+    Word,
+}
+
+impl Width {
+    /// For this many bytes; nothing where the bus has no such access.
+    pub const fn of(bytes: usize) -> Option<Self> {
+        match bytes {
+            1 => Some(Self::Byte),
+            2 => Some(Self::Half),
+            4 => Some(Self::Word),
+            _ => None,
+        }
+    }
+
+    /// 1, 2 or 4.
+    pub const fn bytes(self) -> u32 {
+        match self {
+            Self::Byte => 1,
+            Self::Half => 2,
+            Self::Word => 4,
+        }
+    }
+
+    /// Ones in the bits that are moved.
+    pub const fn mask(self) -> u32 {
+        match self {
+            Self::Byte => 0xff,
+            Self::Half => 0xffff,
+            Self::Word => u32::MAX,
+        }
+    }
+
+    /// The part of a register's word that a read at this offset sees.
+    pub const fn part(self, word: u32, offset: u32) -> u32 {
+        (word >> (8 * (offset & 3))) & self.mask()
+    }
+
+    /// A register's word after a write at this offset has replaced its part of it.
+    pub const fn replace(self, word: u32, offset: u32, value: u32) -> u32 {
+        let shift = 8 * (offset & 3);
+        let mask = self.mask() << shift;
+        (word & !mask) | ((value << shift) & mask)
+    }
+}
+
+/// An access that the model does not know: the run ends with it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Unknown {
+    /// What is not known, for the person who reads the end of the run.
+    pub what: &'static str,
+}
+
+impl Unknown {
+    /// The offset is not that of a register.
+    pub const REGISTER: Self = Self { what: "no such register in the model" };
+    /// The register cannot be reached by bytes or half-words.
+    pub const WIDTH: Self = Self { what: "the register takes whole words only" };
+}
+
+/// One peripheral's registers.
+///
+/// `offset` is counted from the peripheral's base address and keeps its two low bits; an access never crosses a word.
+/// `now` never goes back.
+pub trait Registers {
+    /// A read by the core or by DMA, side effects included.
+    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Result<u32, Unknown>;
+
+    /// A write by the core or by DMA.
+    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown>;
+
+    /// When an interrupt line or another peripheral may next change by itself; may be earlier than that, never later.
+    fn next_event(&self) -> Option<Cycles> {
+        None
+    }
+
+    /// Brings the model to `now`.
+    fn advance(&mut self, now: Cycles) {
+        let _ = now;
+    }
+
+    /// The state after a system reset (RM0440 7.1.2), at `now`.
+    fn reset(&mut self, now: Cycles);
+
+    /// The frequencies from `clocks` hold from now on. The model has been brought to this moment by `advance`.
+    fn set_clocks(&mut self, clocks: &Clocks) {
+        let _ = clocks;
+    }
+
+    /// Offsets of storage registers that were read and had never been written since power-on.
+    fn unwritten_reads(&self) -> Vec<u32> {
+        Vec::new()
+    }
+}
+
+/// Registers that only keep what was written to them.
+#[derive(Clone, Debug)]
+pub struct Storage {
+    cells: Vec<Cell>,
+}
+
+#[derive(Clone, Debug)]
+struct Cell {
+    offset: u32,
+    reset: u32,
+    writable: u32,
+    value: u32,
+    written: bool,
+    read_unwritten: bool,
+}
+
+impl Storage {
+    /// From `(offset, value after reset, writable bits)`.
+    pub fn new(registers: &[(u32, u32, u32)]) -> Self {
+        let cell = |&(offset, reset, writable)| Cell {
+            offset,
+            reset,
+            writable,
+            value: reset,
+            written: false,
+            read_unwritten: false,
+        };
+        Self { cells: registers.iter().map(cell).collect() }
+    }
+
+    fn cell(&mut self, offset: u32) -> Result<&mut Cell, Unknown> {
+        self.cells.iter_mut().find(|cell| cell.offset == offset & !3).ok_or(Unknown::REGISTER)
+    }
+
+    /// A read by the program.
+    pub fn read(&mut self, offset: u32, width: Width) -> Result<u32, Unknown> {
+        let cell = self.cell(offset)?;
+        cell.read_unwritten |= !cell.written;
+        Ok(width.part(cell.value, offset))
+    }
+
+    /// A write by the program: bits that are not writable keep their value.
+    pub fn write(&mut self, offset: u32, value: u32, width: Width) -> Result<(), Unknown> {
+        let cell = self.cell(offset)?;
+        let word = width.replace(cell.value, offset, value);
+        cell.value = (cell.value & !cell.writable) | (word & cell.writable);
+        cell.written = true;
+        Ok(())
+    }
+
+    /// Whether there is a register at this offset.
+    pub fn contains(&self, offset: u32) -> bool {
+        self.cells.iter().any(|cell| cell.offset == offset & !3)
+    }
+
+    /// A register's value as the hardware sees it.
+    ///
+    /// # Panics
+    /// If there is no register at this offset: the model's own mistake.
+    pub fn get(&self, offset: u32) -> u32 {
+        match self.cells.iter().find(|cell| cell.offset == offset) {
+            Some(cell) => cell.value,
+            None => panic!("no register at {offset:#x}"),
+        }
+    }
+
+    /// Changes a register from the hardware's side.
+    ///
+    /// # Panics
+    /// If there is no register at this offset: the model's own mistake.
+    pub fn set(&mut self, offset: u32, value: u32) {
+        match self.cells.iter_mut().find(|cell| cell.offset == offset) {
+            Some(cell) => cell.value = value,
+            None => panic!("no register at {offset:#x}"),
+        }
+    }
+
+    /// All registers to their values after reset; what was written or read before stays known.
+    pub fn reset(&mut self) {
+        for cell in &mut self.cells {
+            cell.value = cell.reset;
+        }
+    }
+
+    /// Offsets that were read before they were ever written.
+    pub fn unwritten_reads(&self) -> Vec<u32> {
+        self.cells.iter().filter(|cell| cell.read_unwritten).map(|cell| cell.offset).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parts_of_a_word() {
+        assert_eq!(Width::Byte.part(0x4433_2211, 2), 0x33);
+        assert_eq!(Width::Half.part(0x4433_2211, 2), 0x4433);
+        assert_eq!(Width::Word.part(0x4433_2211, 0), 0x4433_2211);
+        assert_eq!(Width::Byte.replace(0x4433_2211, 1, 0xaa), 0x4433_aa11);
+        assert_eq!(Width::Half.replace(0x4433_2211, 2, 0xaabb), 0xaabb_2211);
+        assert_eq!(Width::of(8), None);
+    }
+
+    #[test]
+    fn storage_keeps_what_is_writable_and_lists_what_was_read_before() {
+        let mut storage = Storage::new(&[(0x00, 0x10, 0xff), (0x04, 0, u32::MAX)]);
+        assert_eq!(storage.read(0x00, Width::Word), Ok(0x10));
+        storage.write(0x00, 0xabcd, Width::Word).expect("known");
+        storage.write(0x05, 0x12, Width::Byte).expect("known");
+        assert_eq!((storage.get(0x00), storage.get(0x04)), (0xcd, 0x1200));
+        assert_eq!(storage.read(0x04, Width::Half), Ok(0x1200));
+        assert_eq!(storage.read(0x08, Width::Word), Err(Unknown::REGISTER));
+        assert_eq!(storage.unwritten_reads(), [0x00]);
+        storage.reset();
+        assert_eq!(storage.get(0x00), 0x10);
+    }
+}

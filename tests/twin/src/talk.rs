@@ -1,0 +1,113 @@
+//! A host's half of the conversation with the instrument, apart from any wire.
+//!
+//! Bytes go in and out; who moves them, and in whose time, is the caller's business. The bytes are those of
+//! `docs/PROTOCOL.md`, written and read by `inerter-wire`.
+
+use inerter_wire::{
+    Command, Counts, DELIMITER, Frame, FrameReader, MAX_FRAME, Record, Reply, Request, SequenceCounter, encode_request,
+};
+use std::collections::VecDeque;
+
+/// Requests to bytes, bytes to records.
+pub struct Talk {
+    reader: FrameReader<Record>,
+    sequence: SequenceCounter,
+    next_id: u16,
+    records: VecDeque<Record>,
+    /// Frames that the device counted and that did not come.
+    lost: u64,
+}
+
+impl Default for Talk {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Talk {
+    /// At the beginning of both streams.
+    pub fn new() -> Self {
+        Self {
+            reader: FrameReader::new(),
+            sequence: SequenceCounter::new(),
+            next_id: 1,
+            records: VecDeque::new(),
+            lost: 0,
+        }
+    }
+
+    /// A request as bytes, and the id that its reply will carry. A `Hello` begins the stream anew, with a delimiter before it.
+    pub fn request(&mut self, command: Command) -> (u16, Vec<u8>) {
+        let id = self.next_id;
+        self.next_id = id.wrapping_add(1).max(1);
+        let mut bytes = Vec::new();
+        if command == Command::Hello {
+            self.sequence = SequenceCounter::new();
+            bytes.push(DELIMITER);
+        }
+        let mut frame = [0; MAX_FRAME];
+        // A frame of the longest length holds every command that can be built.
+        let length = encode_request(&Request { id, command }, self.sequence.take(), &mut frame).unwrap_or(0);
+        bytes.extend_from_slice(&frame[..length]);
+        (id, bytes)
+    }
+
+    /// Takes bytes from the device.
+    pub fn take(&mut self, mut bytes: &[u8]) {
+        while let Some(frame) = self.reader.read(&mut bytes) {
+            match frame {
+                Frame::Message { message, .. } => self.records.push_back(message),
+                Frame::Lost { frames } => self.lost += u64::from(frames),
+                _ => {}
+            }
+        }
+    }
+
+    /// Takes the reply to a request out of what has come; other records stay.
+    pub fn reply(&mut self, id: u16) -> Option<Reply> {
+        let of_id = |record: &Record| matches!(record, Record::Reply(reply) if reply.id == id);
+        match self.records.remove(self.records.iter().position(of_id)?) {
+            Some(Record::Reply(reply)) => Some(reply),
+            _ => None,
+        }
+    }
+
+    /// Everything that has come and was not taken yet.
+    pub fn records(&mut self) -> Vec<Record> {
+        self.records.drain(..).collect()
+    }
+
+    /// Frames that the device counted and that did not come.
+    pub fn lost(&self) -> u64 {
+        self.lost
+    }
+
+    /// What the reader has seen: damaged frames among it.
+    pub fn counts(&self) -> &Counts {
+        self.reader.counts()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use inerter_wire::{Done, encode_record};
+
+    #[test]
+    fn replies_find_their_requests_and_losses_are_counted() {
+        let mut talk = Talk::new();
+        let (first, bytes) = talk.request(Command::Hello);
+        assert_eq!((first, bytes[0]), (1, DELIMITER));
+        let (second, _) = talk.request(Command::ReadSettings);
+        let mut frame = [0; MAX_FRAME];
+        for (sequence, id) in [(0, second), (2, 77), (3, first)] {
+            let reply = Record::Reply(Reply { id, result: Ok(Done::Plain) });
+            let length = encode_record(&reply, sequence, &mut frame).expect("fits");
+            talk.take(&frame[..length]);
+        }
+        assert_eq!(talk.reply(first), Some(Reply { id: first, result: Ok(Done::Plain) }));
+        assert_eq!(talk.reply(first), None);
+        assert!(talk.reply(second).is_some());
+        assert_eq!((talk.lost(), talk.records().len()), (1, 1));
+    }
+}

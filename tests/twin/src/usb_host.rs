@@ -1,0 +1,668 @@
+//! The computer at the other end of the USB cable.
+//!
+//! [`UsbHost`] does what a host controller and its drivers do: it shows the device a supply and frames, enumerates it, and moves
+//! transfers packet by packet while the time of the wire passes. [`Socket`] is the device with its cable; every method that
+//! lets time pass takes it, so a test can look at the device in between.
+//!
+//! - *transfer*: what a driver asks for: a control request, or bytes to or from an endpoint. Packets are the host's business.
+//! - *short packet*: one with fewer bytes than the endpoint can carry, zero included. It ends a transfer to the host; 64 bytes
+//!   that are not followed by one stay in the host's hands, unseen by whoever reads.
+//!
+//! All times are the device's, in seconds. Source: USB 2.0, chapters 5, 8 and 9; CDC PSTN 1.2, 6.3.
+
+use crate::chip::usb::{Answer, Toggle, Usb};
+use std::collections::VecDeque;
+
+mod descriptors;
+mod serial;
+
+pub use descriptors::{Description, DescriptorError, Endpoint, EndpointKind, Text};
+pub use serial::{SerialPort, line_coding, set_control_lines, set_line_coding};
+
+/// A device and its end of the cable.
+pub trait Socket {
+    /// The peripheral, brought to now.
+    fn usb(&mut self) -> &mut Usb;
+    /// Seconds since power-on.
+    fn time_s(&mut self) -> f64;
+    /// Lets time pass; an error ends the run.
+    fn run_for(&mut self, time_s: f64) -> Result<(), String>;
+    /// Switches the 5 V of the cable.
+    fn set_supply(&mut self, on: bool);
+}
+
+/// Bytes of a full packet of control and bulk endpoints at full speed.
+const FULL_PACKET: usize = 64;
+/// Bus address given to the device.
+const ADDRESS: u8 = 9;
+/// From the plug's contact to the reset (USB 2.0 7.1.7.3).
+const DEBOUNCE_S: f64 = 0.1;
+/// Length of a reset with the time to recover from it (USB 2.0 7.1.7.5).
+const RESET_S: f64 = 0.02;
+/// Time to change the address (USB 2.0 9.2.6.3).
+const SET_ADDRESS_S: f64 = 0.002;
+/// Length of the resume signal and the time to recover from it (USB 2.0 7.1.7.7).
+const RESUME_S: f64 = 0.03;
+/// No traffic for this long is a suspend (USB 2.0 7.1.7.6: after 3 ms, before 10 ms).
+const SUSPEND_S: f64 = 0.01;
+/// A device whose pull-up is not seen by then is dead.
+const ATTACH_S: f64 = 1.0;
+/// Time for a control request (Linux: USB_CTRL_GET_TIMEOUT).
+pub const CONTROL_S: f64 = 5.0;
+/// After a round in which nothing moved; twice as long after each further one, up to [`LONGEST_PAUSE_S`].
+const PAUSE_S: f64 = 20e-6;
+/// A host with more to do than asking comes back within this.
+const LONGEST_PAUSE_S: f64 = 160e-6;
+/// Unanswered packets until the device counts as broken (USB 2.0 8.7: three).
+const STRIKES: u32 = 3;
+
+/// Why a transfer, or the bus, failed.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum UsbError {
+    /// The device refuses it.
+    #[error("the device refused the request (STALL)")]
+    Stalled,
+    /// Three packets without an answer.
+    #[error("the device does not answer")]
+    Silent,
+    /// More than asked for.
+    #[error("the device sent more than was asked for")]
+    TooMuch,
+    /// Not done in time.
+    #[error("not done within the time")]
+    Late,
+    /// No device at the end of the cable.
+    #[error("no device is attached")]
+    Detached,
+    /// The device's descriptors are wrong.
+    #[error("{0}")]
+    Descriptor(#[from] DescriptorError),
+    /// The device's program ended.
+    #[error("the device stopped: {0}")]
+    Stopped(String),
+}
+
+/// A control request (USB 2.0 9.3).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Setup {
+    /// Direction, type, recipient.
+    pub kind: u8,
+    /// Which request.
+    pub request: u8,
+    /// Its parameter.
+    pub value: u16,
+    /// Interface, endpoint or language.
+    pub index: u16,
+    /// Bytes of data.
+    pub length: u16,
+}
+
+impl Setup {
+    /// As on the wire.
+    pub fn bytes(&self) -> [u8; 8] {
+        let ([v0, v1], [i0, i1]) = (self.value.to_le_bytes(), self.index.to_le_bytes());
+        let [l0, l1] = self.length.to_le_bytes();
+        [self.kind, self.request, v0, v1, i0, i1, l0, l1]
+    }
+
+    /// From the wire.
+    pub fn from_bytes(bytes: [u8; 8]) -> Self {
+        let [kind, request, v0, v1, i0, i1, l0, l1] = bytes;
+        let word = |low, high| u16::from_le_bytes([low, high]);
+        Self { kind, request, value: word(v0, v1), index: word(i0, i1), length: word(l0, l1) }
+    }
+
+    fn to_host(self) -> bool {
+        self.kind & 0x80 != 0
+    }
+}
+
+/// What a driver asks for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Transfer {
+    /// A control request with the data that go to the device.
+    Control(Setup, Vec<u8>),
+    /// At most so many bytes from an endpoint; a short packet ends it.
+    In(u8, usize),
+    /// Bytes to an endpoint; with `true` a packet of zero bytes follows full ones.
+    Out(u8, Vec<u8>, bool),
+}
+
+/// A transfer at its end.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Done {
+    /// The number that [`UsbHost::submit`] gave.
+    pub number: u64,
+    /// Bytes from the device, none for a transfer to it; or why not.
+    pub result: Result<Vec<u8>, UsbError>,
+    /// Bytes moved either way.
+    pub moved: usize,
+}
+
+/// Where a control request stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Stage {
+    Setup,
+    Data,
+    Status,
+}
+
+#[derive(Debug)]
+struct Running {
+    number: u64,
+    transfer: Transfer,
+    stage: Stage,
+    toggle: Toggle,
+    received: Vec<u8>,
+    sent: usize,
+    strikes: u32,
+}
+
+/// What one packet did.
+enum Step {
+    /// Something moved; the transfer goes on.
+    Moved,
+    /// Nothing moved.
+    Waits,
+    /// The transfer is over.
+    Ends(Result<(), UsbError>),
+}
+
+/// A queue of transfers: control, or one direction of one endpoint.
+#[derive(Debug, Default)]
+struct Pipe {
+    queue: VecDeque<Running>,
+    toggle: Toggle,
+}
+
+/// Which pipe: 0 control, 1 to 15 to the device, 17 to 31 to the host.
+const PIPES: usize = 32;
+const TO_HOST: usize = 16;
+
+/// The host.
+pub struct UsbHost {
+    pipes: [Pipe; PIPES],
+    done: VecDeque<Done>,
+    next_number: u64,
+    address: u8,
+    supplied: bool,
+    frames: bool,
+    /// How long this host's frames are; nominally 1 ms.
+    frame_s: f64,
+    description: Option<Description>,
+    pause_s: f64,
+}
+
+impl Default for UsbHost {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl UsbHost {
+    /// A host with a free socket and an exact clock.
+    pub fn new() -> Self {
+        Self {
+            pipes: std::array::from_fn(|_| Pipe::default()),
+            done: VecDeque::new(),
+            next_number: 1,
+            address: 0,
+            supplied: false,
+            frames: false,
+            frame_s: 1e-3,
+            description: None,
+            pause_s: PAUSE_S,
+        }
+    }
+
+    /// The same with a clock that is slow by `ppm` millionths.
+    pub fn with_slow_clock(ppm: f64) -> Self {
+        Self { frame_s: 1e-3 * (1.0 + ppm * 1e-6), ..Self::new() }
+    }
+
+    /// What the device told of itself when it was enumerated.
+    pub fn description(&self) -> Option<&Description> {
+        self.description.as_ref()
+    }
+
+    // ---- the cable and the bus
+
+    /// Plugs the cable in, waits for the device, and resets it.
+    pub fn plug(&mut self, socket: &mut impl Socket) -> Result<(), UsbError> {
+        self.supplied = true;
+        socket.set_supply(true);
+        socket.usb().set_cable(true);
+        let end_s = socket.time_s() + ATTACH_S;
+        // From contact on, and anew when it is lost, as after a short pull at the plug.
+        let mut seen_s: Option<f64> = None;
+        loop {
+            let now_s = socket.time_s();
+            seen_s = if socket.usb().attached() { seen_s.or(Some(now_s)) } else { None };
+            if seen_s.is_some_and(|seen_s| now_s - seen_s >= DEBOUNCE_S) {
+                break;
+            }
+            if now_s > end_s {
+                return Err(UsbError::Detached);
+            }
+            run(socket, 1e-3)?;
+        }
+        self.reset(socket)
+    }
+
+    /// Pulls the cable out. What was under way ends with [`UsbError::Detached`].
+    pub fn unplug(&mut self, socket: &mut impl Socket) {
+        socket.set_supply(false);
+        socket.usb().set_cable(false);
+        self.supplied = false;
+        self.lose(socket);
+    }
+
+    /// Resets the device: it is at address 0 and not configured afterwards.
+    pub fn reset(&mut self, socket: &mut impl Socket) -> Result<(), UsbError> {
+        self.fail_all(&UsbError::Silent);
+        self.address = 0;
+        self.description = None;
+        self.check_attached(socket)?;
+        socket.usb().bus_reset();
+        socket.usb().start_frames(self.frame_s);
+        self.frames = true;
+        run(socket, RESET_S)
+    }
+
+    /// Stops all traffic for long enough that the device must take it for a suspend.
+    pub fn suspend(&mut self, socket: &mut impl Socket) -> Result<(), UsbError> {
+        socket.usb().stop_frames();
+        self.frames = false;
+        run(socket, SUSPEND_S)
+    }
+
+    /// Wakes the device up.
+    pub fn resume(&mut self, socket: &mut impl Socket) -> Result<(), UsbError> {
+        self.check_attached(socket)?;
+        socket.usb().resume();
+        socket.usb().start_frames(self.frame_s);
+        self.frames = true;
+        run(socket, RESUME_S)
+    }
+
+    /// Gives the device an address, reads its descriptors and configures it, in the order of Linux.
+    pub fn enumerate(&mut self, socket: &mut impl Socket) -> Result<Description, UsbError> {
+        self.get_descriptor(socket, 1, 0, 0, 64)?;
+        self.reset(socket)?;
+        self.set_address(socket)?;
+        let device = self.get_descriptor(socket, 1, 0, 0, 18)?;
+        // A device of USB 2.0 or later is asked what it would be at high speed; one of full speed only refuses.
+        match self.get_descriptor(socket, 6, 0, 0, 10) {
+            Ok(_) | Err(UsbError::Stalled) => {}
+            Err(error) => return Err(error),
+        }
+        let head = self.get_descriptor(socket, 2, 0, 0, 9)?;
+        let configuration = self.get_descriptor(socket, 2, 0, 0, descriptors::total_length(&head)?)?;
+        let mut description = Description::parse(&device, &configuration)?;
+        let languages = self.get_descriptor(socket, 3, 0, 0, 255)?;
+        let language = descriptors::first_language(&languages)?;
+        for string in [&mut description.manufacturer, &mut description.product, &mut description.serial] {
+            if string.index != 0 {
+                let bytes = self.get_descriptor(socket, 3, string.index, language, 255)?;
+                string.text = descriptors::string(&bytes)?;
+            }
+        }
+        self.configure(socket, description.configuration)?;
+        self.description = Some(description.clone());
+        Ok(description)
+    }
+
+    /// Plugs in and enumerates.
+    pub fn connect(&mut self, socket: &mut impl Socket) -> Result<Description, UsbError> {
+        self.plug(socket)?;
+        self.enumerate(socket)
+    }
+
+    /// SET_ADDRESS.
+    pub fn set_address(&mut self, socket: &mut impl Socket) -> Result<(), UsbError> {
+        self.control(socket, Setup { kind: 0, request: 5, value: ADDRESS.into(), index: 0, length: 0 }, &[])?;
+        self.address = ADDRESS;
+        run(socket, SET_ADDRESS_S)
+    }
+
+    /// SET_CONFIGURATION.
+    pub fn configure(&mut self, socket: &mut impl Socket, configuration: u8) -> Result<(), UsbError> {
+        let setup = Setup { kind: 0, request: 9, value: configuration.into(), index: 0, length: 0 };
+        self.control(socket, setup, &[]).map(|_| ())
+    }
+
+    /// CLEAR_FEATURE(ENDPOINT_HALT). `endpoint` has its top bit set where it is one to the host.
+    pub fn clear_halt(&mut self, socket: &mut impl Socket, endpoint: u8) -> Result<(), UsbError> {
+        let setup = Setup { kind: 2, request: 1, value: 0, index: endpoint.into(), length: 0 };
+        self.control(socket, setup, &[]).map(|_| ())
+    }
+
+    /// GET_DESCRIPTOR.
+    pub fn get_descriptor(
+        &mut self,
+        socket: &mut impl Socket,
+        kind: u8,
+        index: u8,
+        language: u16,
+        length: u16,
+    ) -> Result<Vec<u8>, UsbError> {
+        let value = u16::from_be_bytes([kind, index]);
+        self.control(socket, Setup { kind: 0x80, request: 6, value, index: language, length }, &[])
+    }
+
+    // ---- transfers, waited for
+
+    /// A control request with its data; gives the device's data.
+    pub fn control(&mut self, socket: &mut impl Socket, setup: Setup, data: &[u8]) -> Result<Vec<u8>, UsbError> {
+        self.wait_for(socket, Transfer::Control(setup, data.to_vec()), CONTROL_S).result
+    }
+
+    /// What comes on an endpoint within a time: up to a short packet, at most `most` bytes.
+    ///
+    /// Bytes that came without a short packet are lost to the caller, as to the reader of a real host.
+    pub fn read(
+        &mut self,
+        socket: &mut impl Socket,
+        endpoint: u8,
+        most: usize,
+        within_s: f64,
+    ) -> Result<Vec<u8>, UsbError> {
+        self.wait_for(socket, Transfer::In(endpoint, most), within_s).result
+    }
+
+    /// Sends bytes to an endpoint within a time; gives how many the device took.
+    pub fn write(
+        &mut self,
+        socket: &mut impl Socket,
+        endpoint: u8,
+        bytes: &[u8],
+        within_s: f64,
+    ) -> (usize, Result<(), UsbError>) {
+        let done = self.wait_for(socket, Transfer::Out(endpoint, bytes.to_vec(), false), within_s);
+        (done.moved, done.result.map(|_| ()))
+    }
+
+    fn wait_for(&mut self, socket: &mut impl Socket, transfer: Transfer, within_s: f64) -> Done {
+        let number = self.submit(transfer);
+        let end_s = socket.time_s() + within_s;
+        loop {
+            if let Some(done) = self.take_done(number) {
+                return done;
+            }
+            if socket.time_s() >= end_s {
+                let moved = self.cancel(number).unwrap_or(0);
+                return Done { number, result: Err(UsbError::Late), moved };
+            }
+            if let Err(error) = self.service(socket) {
+                self.cancel(number);
+                return Done { number, result: Err(error), moved: 0 };
+            }
+        }
+    }
+
+    // ---- transfers, side by side
+
+    /// Puts a transfer in line; its number comes back in [`Done`].
+    pub fn submit(&mut self, transfer: Transfer) -> u64 {
+        let number = self.next_number;
+        self.next_number += 1;
+        let pipe = match &transfer {
+            Transfer::Control(..) => 0,
+            Transfer::In(endpoint, _) => TO_HOST + usize::from(endpoint & 0xF),
+            Transfer::Out(endpoint, ..) => usize::from(endpoint & 0xF),
+        };
+        let running = Running {
+            number,
+            transfer,
+            stage: Stage::Setup,
+            toggle: Toggle::Data1,
+            received: Vec::new(),
+            sent: 0,
+            strikes: 0,
+        };
+        self.pipes[pipe].queue.push_back(running);
+        number
+    }
+
+    /// Takes a transfer back, unless it is over; gives the bytes that it moved.
+    pub fn cancel(&mut self, number: u64) -> Option<usize> {
+        self.pipes.iter_mut().find_map(|pipe| {
+            let place = pipe.queue.iter().position(|running| running.number == number)?;
+            pipe.queue.remove(place).map(|running| running.received.len() + running.sent)
+        })
+    }
+
+    /// The next transfer that came to its end.
+    pub fn next_done(&mut self) -> Option<Done> {
+        self.done.pop_front()
+    }
+
+    /// A certain transfer, if it came to its end.
+    pub fn take_done(&mut self, number: u64) -> Option<Done> {
+        self.done.remove(self.done.iter().position(|done| done.number == number)?)
+    }
+
+    /// Whether no transfer is in line.
+    pub fn is_idle(&self) -> bool {
+        self.pipes.iter().all(|pipe| pipe.queue.is_empty())
+    }
+
+    /// Gives each pipe with a transfer in line one packet; the time of the wire passes.
+    pub fn service(&mut self, socket: &mut impl Socket) -> Result<(), UsbError> {
+        if self.supplied && !socket.usb().attached() {
+            self.lose(socket);
+        }
+        let mut moved = false;
+        // Time of packets that moved nothing: the device need not know of them one by one.
+        let mut idle_s = 0.0;
+        for index in 0..PIPES {
+            if !self.frames || self.pipes[index].queue.is_empty() {
+                continue;
+            }
+            let (step, time_s) = self.step(index, socket.usb());
+            match step {
+                Step::Waits => {
+                    idle_s += time_s;
+                    continue;
+                }
+                Step::Moved => {}
+                Step::Ends(result) => self.finish(index, result),
+            }
+            moved = true;
+            run(socket, time_s)?;
+        }
+        self.pause_s = if moved { PAUSE_S } else { (2.0 * self.pause_s).min(LONGEST_PAUSE_S) };
+        run(socket, if moved { idle_s } else { idle_s + self.pause_s })
+    }
+
+    fn finish(&mut self, index: usize, result: Result<(), UsbError>) {
+        if let Some(running) = self.pipes[index].queue.pop_front() {
+            let moved = running.received.len() + running.sent;
+            if let (Ok(()), Transfer::Control(setup, _)) = (&result, &running.transfer) {
+                self.restart_toggles(*setup);
+            }
+            self.done.push_back(Done { number: running.number, result: result.map(|()| running.received), moved });
+        }
+    }
+
+    /// After a new configuration, or a halt that was cleared, endpoints begin with DATA0 (USB 2.0 9.1.1.5, 9.4.5).
+    fn restart_toggles(&mut self, setup: Setup) {
+        match (setup.kind, setup.request, setup.value) {
+            (0, 9, _) => self.pipes.iter_mut().for_each(|pipe| pipe.toggle = Toggle::Data0),
+            (2, 1, 0) => {
+                let pipe = usize::from(setup.index & 0xF) + if setup.index & 0x80 != 0 { TO_HOST } else { 0 };
+                self.pipes[pipe].toggle = Toggle::Data0;
+            }
+            _ => {}
+        }
+    }
+
+    fn fail_all(&mut self, error: &UsbError) {
+        for index in 0..PIPES {
+            while !self.pipes[index].queue.is_empty() {
+                self.finish(index, Err(error.clone()));
+            }
+            self.pipes[index].toggle = Toggle::Data0;
+        }
+    }
+
+    fn lose(&mut self, socket: &mut impl Socket) {
+        self.fail_all(&UsbError::Detached);
+        socket.usb().stop_frames();
+        self.frames = false;
+        self.description = None;
+    }
+
+    fn check_attached(&self, socket: &mut impl Socket) -> Result<(), UsbError> {
+        if self.supplied && socket.usb().attached() { Ok(()) } else { Err(UsbError::Detached) }
+    }
+
+    /// One packet of the transfer at the head of a pipe, and the time that it takes.
+    fn step(&mut self, index: usize, usb: &mut Usb) -> (Step, f64) {
+        let address = self.address;
+        let Pipe { queue, toggle } = &mut self.pipes[index];
+        let Some(running) = queue.front_mut() else { return (Step::Waits, 0.0) };
+        let (answer, sent, step) = match running.transfer {
+            Transfer::Control(setup, ref data) => {
+                let data = data.get(..usize::from(setup.length)).unwrap_or(data);
+                control_packet(running.stage, setup, data, running.sent, running.toggle, usb, address)
+            }
+            Transfer::In(endpoint, _) => {
+                let answer = usb.ask(address, endpoint & 0xF);
+                (answer, 0, PacketKind::In { number: endpoint & 0xF, toggle: *toggle })
+            }
+            Transfer::Out(endpoint, ref data, _) => {
+                let packet = next_packet(data, running.sent);
+                (usb.send(address, endpoint & 0xF, *toggle, packet), packet.len(), PacketKind::Out)
+            }
+        };
+        let received = if let Answer::Data(_, data) = &answer { data.len() } else { 0 };
+        let time_s = packet_time_s(sent + received, !matches!(answer, Answer::Nak | Answer::Stall));
+        let step = running.take(answer, sent, step, toggle, usb, address);
+        (step, time_s)
+    }
+}
+
+/// Which packet a step put on the wire.
+enum PacketKind {
+    Setup,
+    Out,
+    In { number: u8, toggle: Toggle },
+}
+
+fn next_packet(data: &[u8], sent: usize) -> &[u8] {
+    let rest = data.get(sent..).unwrap_or_default();
+    rest.get(..FULL_PACKET).unwrap_or(rest)
+}
+
+fn control_packet(
+    stage: Stage,
+    setup: Setup,
+    data: &[u8],
+    sent: usize,
+    toggle: Toggle,
+    usb: &mut Usb,
+    address: u8,
+) -> (Answer, usize, PacketKind) {
+    // Without data the status comes from the device whatever the direction in the request says (USB 2.0 8.5.3).
+    let reads = setup.to_host() && setup.length > 0;
+    match stage {
+        Stage::Setup => (usb.setup(address, &setup.bytes()), 8, PacketKind::Setup),
+        Stage::Data if reads => (usb.ask(address, 0), 0, PacketKind::In { number: 0, toggle }),
+        Stage::Data => {
+            let packet = next_packet(data, sent);
+            (usb.send(address, 0, toggle, packet), packet.len(), PacketKind::Out)
+        }
+        Stage::Status if reads => (usb.send(address, 0, Toggle::Data1, &[]), 0, PacketKind::Out),
+        Stage::Status => (usb.ask(address, 0), 0, PacketKind::In { number: 0, toggle: Toggle::Data1 }),
+    }
+}
+
+impl Running {
+    /// Takes the device's answer to a packet of this transfer.
+    fn take(
+        &mut self,
+        answer: Answer,
+        sent: usize,
+        packet: PacketKind,
+        of_pipe: &mut Toggle,
+        usb: &mut Usb,
+        address: u8,
+    ) -> Step {
+        let data = match (answer, packet) {
+            (Answer::Nak, _) => return Step::Waits,
+            (Answer::Stall, _) => return Step::Ends(Err(UsbError::Stalled)),
+            (Answer::Data(toggle, data), PacketKind::In { number, toggle: expected }) => {
+                usb.acknowledge(address, number);
+                self.strikes = 0;
+                if toggle != expected {
+                    // A repetition: acknowledged and thrown away (USB 2.0 8.6.4).
+                    return Step::Moved;
+                }
+                data
+            }
+            (Answer::Ack, PacketKind::Setup | PacketKind::Out) => Vec::new(),
+            (Answer::Nothing | Answer::Ack | Answer::Data(..), _) => {
+                self.strikes += 1;
+                return if self.strikes < STRIKES { Step::Waits } else { Step::Ends(Err(UsbError::Silent)) };
+            }
+        };
+        self.strikes = 0;
+        let short = data.len() < FULL_PACKET;
+        match self.transfer {
+            Transfer::Control(setup, _) => self.take_control(setup, sent, data, short),
+            Transfer::In(_, most) => {
+                *of_pipe = of_pipe.flipped();
+                self.received.extend(data);
+                match self.received.len() {
+                    len if len > most => Step::Ends(Err(UsbError::TooMuch)),
+                    len if short || len == most => Step::Ends(Ok(())),
+                    _ => Step::Moved,
+                }
+            }
+            Transfer::Out(_, ref data, close) => {
+                *of_pipe = of_pipe.flipped();
+                self.sent += sent;
+                let full = sent == FULL_PACKET && close;
+                if self.sent >= data.len() && !full { Step::Ends(Ok(())) } else { Step::Moved }
+            }
+        }
+    }
+
+    fn take_control(&mut self, setup: Setup, sent: usize, data: Vec<u8>, short: bool) -> Step {
+        let length = usize::from(setup.length);
+        match self.stage {
+            Stage::Setup => {
+                self.stage = if length > 0 { Stage::Data } else { Stage::Status };
+            }
+            Stage::Data => {
+                self.toggle = self.toggle.flipped();
+                self.sent += sent;
+                self.received.extend(data);
+                if self.received.len() > length {
+                    return Step::Ends(Err(UsbError::TooMuch));
+                }
+                let over = if setup.to_host() { short } else { false };
+                if over || self.received.len() + self.sent >= length {
+                    self.stage = Stage::Status;
+                }
+            }
+            // The status is an empty packet.
+            Stage::Status if data.is_empty() => return Step::Ends(Ok(())),
+            Stage::Status => return Step::Ends(Err(UsbError::TooMuch)),
+        }
+        Step::Moved
+    }
+}
+
+/// Time of a packet with token and handshake at 12 Mbit/s, a sixth of the data added for stuffed bits (USB 2.0 5.11.3).
+fn packet_time_s(bytes: usize, with_data: bool) -> f64 {
+    if with_data { 9.1e-6 + bytes as f64 * 8.0 * (7.0 / 6.0) / 12e6 } else { 5e-6 }
+}
+
+fn run(socket: &mut impl Socket, time_s: f64) -> Result<(), UsbError> {
+    socket.run_for(time_s).map_err(UsbError::Stopped)
+}
+
+#[cfg(test)]
+pub(crate) mod tests;

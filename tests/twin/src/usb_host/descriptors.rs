@@ -1,0 +1,256 @@
+//! What a device tells of itself.
+//!
+//! Source: USB 2.0 9.6; CDC 1.2 5.2.
+
+/// Descriptors that break the rules.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum DescriptorError {
+    /// Cut off, or with a length that cannot be.
+    #[error("a descriptor is shorter than it says")]
+    Short,
+    /// Something else was asked for.
+    #[error("a descriptor of another kind than the one asked for")]
+    Kind,
+    /// A string that is not UTF-16.
+    #[error("a string descriptor is not UTF-16")]
+    Text,
+    /// More or fewer interfaces than it says.
+    #[error("the configuration does not hold the interfaces that it counts")]
+    Interfaces,
+    /// A packet size that full speed does not allow.
+    #[error("an endpoint has a packet size that full speed does not allow")]
+    PacketSize,
+    /// No communication device in it.
+    #[error("not a serial port: no pair of bulk endpoints in a CDC data interface")]
+    NotSerial,
+}
+
+/// How an endpoint moves its data.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum EndpointKind {
+    /// Requests.
+    Control,
+    /// A packet in each frame.
+    Isochronous,
+    /// When there is time.
+    Bulk,
+    /// A packet every so many frames.
+    Interrupt,
+}
+
+/// An endpoint.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Endpoint {
+    /// Number, with the top bit set for one to the host.
+    pub address: u8,
+    /// How it moves its data.
+    pub kind: EndpointKind,
+    /// Bytes of a full packet.
+    pub packet: u16,
+    /// Class of its interface.
+    pub class: u8,
+}
+
+/// A string and its number.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Text {
+    /// Its number; 0 where there is none.
+    pub index: u8,
+    /// The string.
+    pub text: String,
+}
+
+/// A device, as it describes itself.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Description {
+    /// USB version, binary coded decimal.
+    pub usb: u16,
+    /// Vendor.
+    pub vendor: u16,
+    /// Product.
+    pub product_number: u16,
+    /// Its version, binary coded decimal.
+    pub version: u16,
+    /// Class, subclass, protocol.
+    pub class: [u8; 3],
+    /// Bytes of a full packet of endpoint 0.
+    pub control_packet: u8,
+    /// Who made it.
+    pub manufacturer: Text,
+    /// What it is.
+    pub product: Text,
+    /// Which one it is.
+    pub serial: Text,
+    /// Number of its first configuration.
+    pub configuration: u8,
+    /// Attributes of the configuration: bit 6 self-powered, bit 5 remote wake-up.
+    pub attributes: u8,
+    /// Current from the cable \[mA\].
+    pub current_ma: u16,
+    /// Number, class, subclass and protocol of each interface.
+    pub interfaces: Vec<[u8; 4]>,
+    /// All endpoints.
+    pub endpoints: Vec<Endpoint>,
+}
+
+impl Description {
+    /// From the device's and its configuration's descriptors, without strings.
+    pub fn parse(device: &[u8], configuration: &[u8]) -> Result<Self, DescriptorError> {
+        let device: &[u8; 18] = device.try_into().map_err(|_| DescriptorError::Short)?;
+        if device[0] != 18 || device[1] != 1 {
+            return Err(DescriptorError::Kind);
+        }
+        let word = |at: usize| u16::from_le_bytes([device[at], device[at + 1]]);
+        let text = |index| Text { index, text: String::new() };
+        let mut description = Self {
+            usb: word(2),
+            class: [device[4], device[5], device[6]],
+            control_packet: device[7],
+            vendor: word(8),
+            product_number: word(10),
+            version: word(12),
+            manufacturer: text(device[14]),
+            product: text(device[15]),
+            serial: text(device[16]),
+            configuration: 0,
+            attributes: 0,
+            current_ma: 0,
+            interfaces: Vec::new(),
+            endpoints: Vec::new(),
+        };
+        if !matches!(description.control_packet, 8 | 16 | 32 | 64) {
+            return Err(DescriptorError::PacketSize);
+        }
+        description.read_configuration(configuration)?;
+        Ok(description)
+    }
+
+    fn read_configuration(&mut self, bytes: &[u8]) -> Result<(), DescriptorError> {
+        if usize::from(total_length(bytes)?) != bytes.len() {
+            return Err(DescriptorError::Short);
+        }
+        let mut rest = bytes;
+        let mut promised = 0;
+        while !rest.is_empty() {
+            let length = usize::from(rest[0]);
+            let one = rest.get(..length).filter(|_| length >= 2).ok_or(DescriptorError::Short)?;
+            rest = &rest[length..];
+            match *one {
+                [9, 2, _, _, interfaces, number, _, attributes, current] => {
+                    promised = usize::from(interfaces);
+                    (self.configuration, self.attributes) = (number, attributes);
+                    self.current_ma = u16::from(current) * 2;
+                }
+                [9, 4, number, _, _, class, subclass, protocol, _] => {
+                    self.interfaces.push([number, class, subclass, protocol]);
+                }
+                [7, 5, address, attributes, low, high, _] => {
+                    let kind = match attributes & 3 {
+                        0 => EndpointKind::Control,
+                        1 => EndpointKind::Isochronous,
+                        2 => EndpointKind::Bulk,
+                        _ => EndpointKind::Interrupt,
+                    };
+                    let packet = u16::from_le_bytes([low, high]);
+                    let allowed = match kind {
+                        EndpointKind::Isochronous => packet <= 1023,
+                        EndpointKind::Interrupt => packet <= 64,
+                        _ => matches!(packet, 8 | 16 | 32 | 64),
+                    };
+                    if !allowed {
+                        return Err(DescriptorError::PacketSize);
+                    }
+                    let class = self.interfaces.last().map_or(0, |interface| interface[1]);
+                    self.endpoints.push(Endpoint { address, kind, packet, class });
+                }
+                [_, 2 | 4 | 5, ..] => return Err(DescriptorError::Short),
+                _ => {}
+            }
+        }
+        if self.interfaces.len() == promised { Ok(()) } else { Err(DescriptorError::Interfaces) }
+    }
+
+    /// The pair of endpoints of the serial port: to the device, to the host.
+    pub fn serial_endpoints(&self) -> Result<(u8, u8), DescriptorError> {
+        const CDC_DATA: u8 = 10;
+        let bulk = |to_host: bool| {
+            let mut data = self.endpoints.iter().filter(|end| end.class == CDC_DATA && end.kind == EndpointKind::Bulk);
+            data.find(|end| (end.address & 0x80 != 0) == to_host).map(|end| end.address & 0xF)
+        };
+        bulk(false).zip(bulk(true)).ok_or(DescriptorError::NotSerial)
+    }
+}
+
+/// Length of a configuration with all that belongs to it, from its first bytes.
+pub fn total_length(head: &[u8]) -> Result<u16, DescriptorError> {
+    match *head {
+        [9, 2, low, high, ..] => Ok(u16::from_le_bytes([low, high])),
+        [_, _, _, _, ..] => Err(DescriptorError::Kind),
+        _ => Err(DescriptorError::Short),
+    }
+}
+
+/// The first language that the device has strings in.
+pub fn first_language(bytes: &[u8]) -> Result<u16, DescriptorError> {
+    match *bytes {
+        [length, 3, low, high, ..] if usize::from(length) == bytes.len() => Ok(u16::from_le_bytes([low, high])),
+        _ => Err(DescriptorError::Short),
+    }
+}
+
+/// The text of a string descriptor.
+pub fn string(bytes: &[u8]) -> Result<String, DescriptorError> {
+    let [length, 3, text @ ..] = bytes else { return Err(DescriptorError::Kind) };
+    if usize::from(*length) != bytes.len() || text.len() % 2 != 0 {
+        return Err(DescriptorError::Short);
+    }
+    let units: Vec<u16> = text.chunks_exact(2).map(|pair| u16::from_le_bytes([pair[0], pair[1]])).collect();
+    String::from_utf16(&units).map_err(|_| DescriptorError::Text)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const DEVICE: [u8; 18] = [18, 1, 0x10, 2, 0xEF, 2, 1, 64, 9, 0x12, 1, 0, 0, 1, 1, 2, 3, 1];
+
+    fn configuration() -> Vec<u8> {
+        let mut bytes = vec![9, 2, 0, 0, 1, 1, 0, 0x80, 50];
+        bytes.extend([9, 4, 0, 0, 2, 10, 0, 0, 0]);
+        bytes.extend([7, 5, 0x02, 2, 64, 0, 0]);
+        bytes.extend([7, 5, 0x81, 2, 64, 0, 0]);
+        bytes[2] = bytes.len() as u8;
+        bytes
+    }
+
+    #[test]
+    fn a_device_is_described_by_its_descriptors() {
+        let description = Description::parse(&DEVICE, &configuration()).expect("sound descriptors");
+        assert_eq!((description.vendor, description.product_number, description.current_ma), (0x1209, 1, 100));
+        assert_eq!(description.serial_endpoints(), Ok((2, 1)));
+        assert_eq!(description.interfaces, [[0, 10, 0, 0]]);
+    }
+
+    #[test]
+    fn wrong_descriptors_are_told_apart() {
+        let wrong = |at: usize, value: u8| {
+            let mut bytes = configuration();
+            bytes[at] = value;
+            Description::parse(&DEVICE, &bytes).err()
+        };
+        assert_eq!(wrong(4, 2), Some(DescriptorError::Interfaces));
+        assert_eq!(wrong(2, 40), Some(DescriptorError::Short));
+        assert_eq!(wrong(9, 0), Some(DescriptorError::Short));
+        assert_eq!(wrong(9, 200), Some(DescriptorError::Short));
+        assert_eq!(wrong(18 + 4, 63), Some(DescriptorError::PacketSize));
+        assert_eq!(Description::parse(&DEVICE[..17], &configuration()), Err(DescriptorError::Short));
+    }
+
+    #[test]
+    fn strings_are_utf_16() {
+        assert_eq!(string(&[6, 3, b'h', 0, b'i', 0]), Ok("hi".into()));
+        assert_eq!(string(&[6, 3, b'h', 0, b'i']), Err(DescriptorError::Short));
+        assert_eq!(string(&[4, 3, 0, 0xD8]), Err(DescriptorError::Text));
+        assert_eq!(first_language(&[4, 3, 9, 4]), Ok(0x409));
+    }
+}

@@ -1,0 +1,116 @@
+//! The serial port that a computer's CDC driver makes of the device.
+//!
+//! As Linux's `cdc_acm` does it: sixteen reads of two packets each wait on the bulk endpoint while the port is open, none while it is
+//! closed. What the device sends after a closing therefore waits in its endpoint for the next opening.
+
+use super::{Setup, Socket, Transfer, UsbError, UsbHost};
+use std::collections::VecDeque;
+
+/// SET_LINE_CODING (CDC PSTN 1.2 6.3.10).
+const SET_LINE_CODING: u8 = 0x20;
+/// GET_LINE_CODING (CDC PSTN 1.2 6.3.11).
+const GET_LINE_CODING: u8 = 0x21;
+/// SET_CONTROL_LINE_STATE (CDC PSTN 1.2 6.3.12).
+const SET_CONTROL_LINE_STATE: u8 = 0x22;
+/// Reads in line, and bytes of each (Linux: ACM_NR, `acm->readsize`).
+const READS: usize = 16;
+const READ_BYTES: usize = 128;
+
+/// An open port. It must be closed, or its reads stay in line.
+#[derive(Debug)]
+pub struct SerialPort {
+    to_device: u8,
+    to_host: u8,
+    reads: VecDeque<u64>,
+    /// Came, and was not asked for yet.
+    received: Vec<u8>,
+}
+
+impl SerialPort {
+    /// Opens the port of an enumerated device: 115200 baud 8N1, DTR and RTS on.
+    pub fn open(host: &mut UsbHost, socket: &mut impl Socket) -> Result<Self, UsbError> {
+        let (to_device, to_host) = host.description().ok_or(UsbError::Detached)?.serial_endpoints()?;
+        let reads = (0..READS).map(|_| host.submit(Transfer::In(to_host, READ_BYTES))).collect();
+        let port = Self { to_device, to_host, reads, received: Vec::new() };
+        set_line_coding(host, socket, 115_200)?;
+        set_control_lines(host, socket, true, true)?;
+        Ok(port)
+    }
+
+    /// Switches DTR and RTS off and takes the reads back, in the order of Linux.
+    pub fn close(self, host: &mut UsbHost, socket: &mut impl Socket) -> Result<(), UsbError> {
+        let result = set_control_lines(host, socket, false, false);
+        for number in self.reads {
+            host.cancel(number);
+        }
+        result
+    }
+
+    /// Everything that comes within a time.
+    pub fn receive(&mut self, host: &mut UsbHost, socket: &mut impl Socket, for_s: f64) -> Result<Vec<u8>, UsbError> {
+        let end_s = socket.time_s() + for_s;
+        self.collect(host)?;
+        while socket.time_s() < end_s {
+            host.service(socket)?;
+            self.collect(host)?;
+        }
+        Ok(std::mem::take(&mut self.received))
+    }
+
+    /// Sends bytes within a time; gives how many the device took. No empty packet follows full ones: Linux sends none. What
+    /// comes meanwhile is kept for [`receive`](Self::receive).
+    pub fn send(
+        &mut self,
+        host: &mut UsbHost,
+        socket: &mut impl Socket,
+        bytes: &[u8],
+        within_s: f64,
+    ) -> (usize, Result<(), UsbError>) {
+        let number = host.submit(Transfer::Out(self.to_device, bytes.to_vec(), false));
+        let end_s = socket.time_s() + within_s;
+        loop {
+            if let Some(done) = host.take_done(number) {
+                return (done.moved, done.result.map(|_| ()));
+            }
+            let late = if socket.time_s() < end_s { Ok(()) } else { Err(UsbError::Late) };
+            if let Err(error) = late.and_then(|()| host.service(socket)).and_then(|()| self.collect(host)) {
+                return (host.cancel(number).unwrap_or(0), Err(error));
+            }
+        }
+    }
+
+    /// Takes what the reads brought, and puts them in line again.
+    fn collect(&mut self, host: &mut UsbHost) -> Result<(), UsbError> {
+        while let Some(done) = self.reads.front().and_then(|first| host.take_done(*first)) {
+            self.reads.pop_front();
+            self.received.extend(done.result?);
+            self.reads.push_back(host.submit(Transfer::In(self.to_host, READ_BYTES)));
+        }
+        Ok(())
+    }
+}
+
+/// SET_LINE_CODING with 8 data bits, no parity, one stop bit.
+pub fn set_line_coding(host: &mut UsbHost, socket: &mut impl Socket, baud: u32) -> Result<(), UsbError> {
+    let [b0, b1, b2, b3] = baud.to_le_bytes();
+    let setup = Setup { kind: 0x21, request: SET_LINE_CODING, value: 0, index: 0, length: 7 };
+    host.control(socket, setup, &[b0, b1, b2, b3, 0, 0, 8]).map(|_| ())
+}
+
+/// GET_LINE_CODING, as it comes.
+pub fn line_coding(host: &mut UsbHost, socket: &mut impl Socket) -> Result<Vec<u8>, UsbError> {
+    let setup = Setup { kind: 0xA1, request: GET_LINE_CODING, value: 0, index: 0, length: 7 };
+    host.control(socket, setup, &[])
+}
+
+/// SET_CONTROL_LINE_STATE.
+pub fn set_control_lines(
+    host: &mut UsbHost,
+    socket: &mut impl Socket,
+    terminal_ready: bool,
+    request_to_send: bool,
+) -> Result<(), UsbError> {
+    let value = u16::from(terminal_ready) | u16::from(request_to_send) << 1;
+    let setup = Setup { kind: 0x21, request: SET_CONTROL_LINE_STATE, value, index: 0, length: 0 };
+    host.control(socket, setup, &[]).map(|_| ())
+}

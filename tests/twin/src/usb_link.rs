@@ -1,0 +1,154 @@
+//! A board on a USB cable with the host's program at the other end.
+//!
+//! What most tests want: [`UsbLink::connect`], [`UsbLink::open`], [`UsbLink::request`], and in between the machine
+//! itself in [`UsbLink::socket`].
+
+use crate::Registers;
+use crate::chip::usb::Usb;
+use crate::machine::Machine;
+use crate::talk::Talk;
+use crate::usb_host::{Description, SerialPort, Socket, UsbError, UsbHost};
+use inerter_core::Settings;
+use inerter_wire::{Command, Record, Refusal, Reply, SettingsValues};
+
+/// Time for a reply; a save may have to erase a page.
+const REPLY_S: f64 = 2.0;
+
+/// Why there was no reply.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum LinkError {
+    /// The port is not open.
+    #[error("the port is not open")]
+    Closed,
+    /// The bus failed.
+    #[error(transparent)]
+    Usb(#[from] UsbError),
+    /// No reply within the time.
+    #[error("no reply within {0} s")]
+    NoReply(f64),
+    /// The device said no.
+    #[error("the device refused: {0:?}")]
+    Refused(Refusal),
+}
+
+/// Device, cable, host.
+pub struct UsbLink<S> {
+    /// The device.
+    pub socket: S,
+    /// The host controller.
+    pub host: UsbHost,
+    /// The host program's half of the conversation.
+    pub talk: Talk,
+    port: Option<SerialPort>,
+}
+
+impl Socket for Machine {
+    fn usb(&mut self) -> &mut Usb {
+        let now = self.now();
+        let usb = &mut self.chip_mut().usb;
+        usb.advance(now);
+        usb
+    }
+
+    fn time_s(&mut self) -> f64 {
+        Machine::time_s(self)
+    }
+
+    fn run_for(&mut self, time_s: f64) -> Result<(), String> {
+        Machine::run_for(self, time_s).map_err(|ended| ended.to_string())
+    }
+
+    fn set_supply(&mut self, on: bool) {
+        let now = self.now();
+        let chip = self.chip_mut();
+        chip.set_pin(chip.board.vbus, on, now);
+    }
+}
+
+impl<S: Socket> UsbLink<S> {
+    /// A device with nothing plugged in.
+    pub fn new(socket: S) -> Self {
+        Self { socket, host: UsbHost::new(), talk: Talk::new(), port: None }
+    }
+
+    /// Plugs in and enumerates.
+    pub fn connect(&mut self) -> Result<Description, UsbError> {
+        self.host.connect(&mut self.socket)
+    }
+
+    /// Opens the port; a program that opens it knows nothing of what was before.
+    pub fn open(&mut self) -> Result<(), UsbError> {
+        self.port = Some(SerialPort::open(&mut self.host, &mut self.socket)?);
+        self.talk = Talk::new();
+        Ok(())
+    }
+
+    /// Closes the port.
+    pub fn close(&mut self) -> Result<(), UsbError> {
+        match self.port.take() {
+            Some(port) => port.close(&mut self.host, &mut self.socket),
+            None => Ok(()),
+        }
+    }
+
+    /// Pulls the cable out; the port is gone.
+    pub fn unplug(&mut self) {
+        self.port = None;
+        self.host.unplug(&mut self.socket);
+    }
+
+    /// Bytes to the device; gives how many it took within the time.
+    pub fn send(&mut self, bytes: &[u8], within_s: f64) -> Result<usize, LinkError> {
+        let port = self.port.as_mut().ok_or(LinkError::Closed)?;
+        match port.send(&mut self.host, &mut self.socket, bytes, within_s) {
+            (moved, Ok(()) | Err(UsbError::Late)) => Ok(moved),
+            (_, Err(error)) => Err(error.into()),
+        }
+    }
+
+    /// The bytes that come within a time, as they are.
+    pub fn receive(&mut self, for_s: f64) -> Result<Vec<u8>, LinkError> {
+        let port = self.port.as_mut().ok_or(LinkError::Closed)?;
+        Ok(port.receive(&mut self.host, &mut self.socket, for_s)?)
+    }
+
+    /// Listens for a time; the records are in [`talk`](Self::talk).
+    pub fn listen(&mut self, for_s: f64) -> Result<(), LinkError> {
+        let bytes = self.receive(for_s)?;
+        self.talk.take(&bytes);
+        Ok(())
+    }
+
+    /// Sends a command and waits for its reply.
+    pub fn request(&mut self, command: Command, within_s: f64) -> Result<Reply, LinkError> {
+        let end_s = self.socket.time_s() + within_s;
+        let (id, bytes) = self.talk.request(command);
+        self.send(&bytes, within_s)?;
+        loop {
+            if let Some(reply) = self.talk.reply(id) {
+                return Ok(reply);
+            }
+            if self.socket.time_s() >= end_s {
+                return Err(LinkError::NoReply(within_s));
+            }
+            self.listen(1e-3)?;
+        }
+    }
+
+    /// Plugs in, puts settings in use, keeps them, and pulls the cable out: what a person does once with a new board.
+    pub fn set_up(&mut self, settings: &Settings) -> Result<(), LinkError> {
+        self.connect()?;
+        self.open()?;
+        let values = SettingsValues::from(settings);
+        for command in [Command::Hello, Command::WriteSettings(values), Command::SaveSettings] {
+            self.request(command, REPLY_S)?.result.map_err(LinkError::Refused)?;
+        }
+        self.unplug();
+        Ok(())
+    }
+
+    /// Takes the records that have come.
+    pub fn records(&mut self) -> Vec<Record> {
+        self.talk.records()
+    }
+}

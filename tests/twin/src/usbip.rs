@@ -1,0 +1,331 @@
+//! The device on the network: a USB/IP server for Linux's `vhci_hcd`.
+//!
+//! [`Server::turn`] moves everything a little: connections, packets, the device's time. [`Server::run`] keeps that time in step with
+//! the clock on the wall, because a kernel at the other end goes by it.
+//!
+//! The client's kernel takes the place of a host's drivers, and [`UsbHost`] that of its host controller. An import plugs the
+//! cable in, the end of the connection pulls it out. Linux gives the address and resets by itself without a word to the server,
+//! which therefore does both before the first command; suspend and resume stay with the client.
+
+mod protocol;
+
+use crate::usb_host::{Description, Socket, Transfer, UsbError, UsbHost};
+use protocol::{Command, Foreign, Question, Refusal};
+use std::collections::BTreeMap;
+use std::io::{self, Read, Write};
+use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::time::{Duration, Instant};
+
+/// The device's time may be this much ahead of the wall's.
+const AHEAD: Duration = Duration::from_millis(1);
+/// Being further behind than this is not made up for.
+const BEHIND: Duration = Duration::from_millis(50);
+/// A nap while ahead.
+const NAP: Duration = Duration::from_micros(300);
+/// A client that takes no bytes for this long is gone.
+const WRITE_TIME: Duration = Duration::from_secs(5);
+
+/// Error numbers of Linux, as they go over the wire.
+mod errno {
+    pub const BROKEN_PIPE: i32 = -32;
+    pub const PROTOCOL: i32 = -71;
+    pub const OVERFLOW: i32 = -75;
+    pub const RESET: i32 = -104;
+    pub const SHUT_DOWN: i32 = -108;
+}
+
+/// A connection.
+struct Client {
+    stream: TcpStream,
+    bytes: Vec<u8>,
+    /// Whether the device is its.
+    owner: bool,
+}
+
+/// Why a connection ends.
+enum Over {
+    /// Closed, or broken.
+    Gone,
+    /// Not our protocol.
+    Foreign,
+    /// The device cannot go on.
+    Device(UsbError),
+}
+
+impl From<io::Error> for Over {
+    fn from(_: io::Error) -> Self {
+        Self::Gone
+    }
+}
+
+impl From<Foreign> for Over {
+    fn from(_: Foreign) -> Self {
+        Self::Foreign
+    }
+}
+
+/// What the server did so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Imports granted.
+    pub imports: u32,
+    /// Imports refused because another client has the device.
+    pub busy: u32,
+    /// Transfers brought to their end.
+    pub transfers: u64,
+    /// Transfers taken back.
+    pub unlinked: u64,
+    /// Connections closed because of what came over them.
+    pub foreign: u32,
+}
+
+/// A device for one client at a time.
+pub struct Server<S> {
+    /// The device.
+    pub socket: S,
+    /// What was done so far.
+    pub counts: Counts,
+    host: UsbHost,
+    listener: TcpListener,
+    clients: Vec<Client>,
+    /// The host's transfers by number: the client's number, and whether its bytes go to the host.
+    transfers: BTreeMap<u64, (u32, bool)>,
+    description: Option<Description>,
+}
+
+impl<S: Socket> Server<S> {
+    /// Serves a device, powered and not plugged in, on a free port of the loopback.
+    pub fn new(socket: S) -> io::Result<Self> {
+        let listener = TcpListener::bind((std::net::Ipv4Addr::LOCALHOST, 0))?;
+        listener.set_nonblocking(true)?;
+        Ok(Self {
+            socket,
+            counts: Counts::default(),
+            host: UsbHost::new(),
+            listener,
+            clients: Vec::new(),
+            transfers: BTreeMap::new(),
+            description: None,
+        })
+    }
+
+    /// Where it listens.
+    pub fn address(&self) -> io::Result<SocketAddr> {
+        self.listener.local_addr()
+    }
+
+    /// Whether a client has the device.
+    pub fn is_imported(&self) -> bool {
+        self.clients.iter().any(|client| client.owner)
+    }
+
+    /// Pulls the cable out: the client that has the device sees it vanish.
+    pub fn unplug(&mut self) {
+        self.clients.retain(|client| !client.owner);
+        self.release();
+    }
+
+    /// Serves in step with the clock on the wall until `over` says so.
+    pub fn run(&mut self, mut over: impl FnMut(&mut Self) -> bool) -> Result<(), UsbError> {
+        let mut start = (Instant::now(), self.socket.time_s());
+        while !over(self) {
+            self.turn()?;
+            let lived = Duration::from_secs_f64((self.socket.time_s() - start.1).max(0.0));
+            let passed = start.0.elapsed();
+            if lived > passed + AHEAD {
+                std::thread::sleep(NAP);
+            } else if passed > lived + BEHIND {
+                start = (Instant::now(), self.socket.time_s());
+            }
+        }
+        Ok(())
+    }
+
+    /// One round: new connections, what came over them, one packet of each transfer, what came to its end.
+    pub fn turn(&mut self) -> Result<(), UsbError> {
+        self.accept();
+        let mut index = 0;
+        while index < self.clients.len() {
+            let Some(over) = self.hear(index).err() else {
+                index += 1;
+                continue;
+            };
+            let client = self.clients.remove(index);
+            match over {
+                Over::Gone => {}
+                Over::Foreign => self.counts.foreign += 1,
+                Over::Device(error) => return Err(error),
+            }
+            if client.owner {
+                self.release();
+            }
+        }
+        self.host.service(&mut self.socket)?;
+        self.return_done();
+        Ok(())
+    }
+
+    fn accept(&mut self) {
+        while let Ok((stream, _)) = self.listener.accept() {
+            let ready = stream
+                .set_nodelay(true)
+                .and_then(|()| stream.set_nonblocking(true))
+                .and_then(|()| stream.set_write_timeout(Some(WRITE_TIME)));
+            if ready.is_ok() {
+                self.clients.push(Client { stream, bytes: Vec::new(), owner: false });
+            }
+        }
+    }
+
+    /// Reads what a client sent and does what it asks for.
+    fn hear(&mut self, index: usize) -> Result<(), Over> {
+        self.clients[index].read()?;
+        loop {
+            let client = &mut self.clients[index];
+            if client.owner {
+                match protocol::take_command(&mut client.bytes)? {
+                    Some(command) => self.obey(index, command)?,
+                    None => return Ok(()),
+                }
+            } else {
+                match protocol::take_question(&mut client.bytes)? {
+                    Some(question) => self.answer(index, &question)?,
+                    None => return Ok(()),
+                }
+            }
+        }
+    }
+
+    fn answer(&mut self, index: usize, question: &Question) -> Result<(), Over> {
+        match question {
+            Question::List => {
+                if self.description.is_none() {
+                    self.plug().map_err(Over::Device)?;
+                    self.release();
+                }
+                self.clients[index].write(&protocol::list(self.description.as_ref()))
+            }
+            Question::Import(name) if name != protocol::BUS_NAME => self.refuse(index, Refusal::NoDevice),
+            Question::Import(_) if self.is_imported() => {
+                self.counts.busy += 1;
+                self.refuse(index, Refusal::Busy)
+            }
+            Question::Import(_) => {
+                self.plug().map_err(Over::Device)?;
+                let Some(description) = self.description.as_ref() else {
+                    return self.refuse(index, Refusal::NoDevice);
+                };
+                let client = &mut self.clients[index];
+                client.owner = true;
+                self.counts.imports += 1;
+                client.write(&protocol::imported(Ok(description)))
+            }
+        }
+    }
+
+    fn refuse(&mut self, index: usize, refusal: Refusal) -> Result<(), Over> {
+        self.clients[index].write(&protocol::imported(Err(refusal)))?;
+        Err(Over::Gone)
+    }
+
+    /// Plugs in and leaves the device with an address and nothing else. A device that does not answer has no description.
+    fn plug(&mut self) -> Result<(), UsbError> {
+        let host = &mut self.host;
+        let ready = host.connect(&mut self.socket).and_then(|description| {
+            host.reset(&mut self.socket)?;
+            host.set_address(&mut self.socket)?;
+            Ok(description)
+        });
+        match ready {
+            Ok(description) => self.description = Some(description),
+            Err(error @ UsbError::Stopped(_)) => return Err(error),
+            Err(_) => self.description = None,
+        }
+        Ok(())
+    }
+
+    fn release(&mut self) {
+        self.host.unplug(&mut self.socket);
+        while self.host.next_done().is_some() {}
+        self.transfers.clear();
+    }
+
+    fn obey(&mut self, index: usize, command: Command) -> Result<(), Over> {
+        match command {
+            Command::Submit { sequence, endpoint, to_host, length, close, setup, data } => {
+                let transfer = match (endpoint, to_host) {
+                    (0, _) => Transfer::Control(setup, data),
+                    (_, true) => Transfer::In(endpoint, length),
+                    (_, false) => Transfer::Out(endpoint, data, close),
+                };
+                let number = self.host.submit(transfer);
+                self.transfers.insert(number, (sequence, to_host));
+                Ok(())
+            }
+            Command::Unlink { sequence, other } => {
+                let number = self.transfers.iter().find(|(_, (number, _))| *number == other).map(|(number, _)| *number);
+                let cancelled = number.and_then(|number| {
+                    self.transfers.remove(&number);
+                    self.host.cancel(number)
+                });
+                self.counts.unlinked += u64::from(cancelled.is_some());
+                // One that had come to its end already was returned as such.
+                let status = if cancelled.is_some() { errno::RESET } else { 0 };
+                self.clients[index].write(&protocol::unlinked(sequence, status))
+            }
+        }
+    }
+
+    /// Returns what came to its end; a client that does not take it is found out when it is read next.
+    fn return_done(&mut self) {
+        while let Some(done) = self.host.next_done() {
+            let Some((sequence, to_host)) = self.transfers.remove(&done.number) else { continue };
+            self.counts.transfers += 1;
+            let answer = match done.result {
+                Ok(data) if to_host => protocol::submitted(sequence, 0, data.len(), &data),
+                Ok(_) => protocol::submitted(sequence, 0, done.moved, &[]),
+                Err(error) => protocol::submitted(sequence, status(&error), if to_host { 0 } else { done.moved }, &[]),
+            };
+            if let Some(client) = self.clients.iter_mut().find(|client| client.owner)
+                && client.write(&answer).is_err()
+            {
+                let _ = client.stream.shutdown(std::net::Shutdown::Both);
+            }
+        }
+    }
+}
+
+impl Client {
+    fn read(&mut self) -> Result<(), Over> {
+        let mut portion = [0; 4096];
+        loop {
+            match self.stream.read(&mut portion) {
+                Ok(0) => return Err(Over::Gone),
+                Ok(count) => self.bytes.extend_from_slice(&portion[..count]),
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(()),
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                Err(error) => return Err(error.into()),
+            }
+        }
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> Result<(), Over> {
+        self.stream.set_nonblocking(false)?;
+        self.stream.write_all(bytes)?;
+        self.stream.set_nonblocking(true)?;
+        Ok(())
+    }
+}
+
+/// What Linux calls it.
+fn status(error: &UsbError) -> i32 {
+    match error {
+        UsbError::Stalled => errno::BROKEN_PIPE,
+        UsbError::TooMuch => errno::OVERFLOW,
+        UsbError::Detached => errno::SHUT_DOWN,
+        _ => errno::PROTOCOL,
+    }
+}
+
+#[cfg(test)]
+mod tests;

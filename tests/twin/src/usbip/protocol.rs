@@ -1,0 +1,282 @@
+//! Bytes of USB/IP 1.1.1.
+//!
+//! All numbers are big-endian. A connection begins with one of two questions; after an import that was granted it
+//! carries commands and returns of 48 bytes each, with data behind those that have any.
+//!
+//! Source: Linux, Documentation/usb/usbip_protocol.rst.
+
+use crate::usb_host::{Description, Setup};
+
+/// Version of the protocol.
+const VERSION: u16 = 0x0111;
+/// Bytes of a bus identifier.
+const BUS_ID: usize = 32;
+/// Bytes of a path.
+const PATH: usize = 256;
+/// Bytes of a command or return.
+pub const HEADER: usize = 48;
+/// Full speed, in the words of Linux's `enum usb_device_speed`.
+const FULL_SPEED: u32 = 2;
+/// The bus of the only device here, and its number there.
+const BUS: u32 = 1;
+/// Its number on the bus.
+const DEVICE: u32 = 2;
+/// Its identifier.
+pub const BUS_NAME: &str = "1-1";
+/// `URB_ZERO_PACKET`: an empty packet follows full ones.
+const ZERO_PACKET: u32 = 0x40;
+/// More than a client of ours ever sends at once; what says more is no client.
+const MOST_BYTES: u32 = 1 << 20;
+
+/// A question at the beginning of a connection.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Question {
+    /// Which devices are there?
+    List,
+    /// May I have this one?
+    Import(String),
+}
+
+/// An answer to an import.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Refusal {
+    /// Another client has it (`ST_DEV_BUSY`).
+    Busy = 2,
+    /// There is none of this name, or it cannot be used (`ST_NODEV`).
+    NoDevice = 4,
+}
+
+/// What a client that has the device asks for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Command {
+    /// Move these bytes.
+    Submit {
+        /// Number of the command.
+        sequence: u32,
+        /// Endpoint without direction.
+        endpoint: u8,
+        /// Whether the bytes go to the host.
+        to_host: bool,
+        /// Bytes wanted, or sent.
+        length: usize,
+        /// Whether an empty packet follows full ones.
+        close: bool,
+        /// The request, for endpoint 0.
+        setup: Setup,
+        /// The bytes for the device.
+        data: Vec<u8>,
+    },
+    /// Take a command back.
+    Unlink {
+        /// Number of this command.
+        sequence: u32,
+        /// Number of the one to take back.
+        other: u32,
+    },
+}
+
+/// Bytes that are not of this protocol.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("not USB/IP 1.1.1: {0}")]
+pub struct Foreign(pub &'static str);
+
+fn word(bytes: &[u8], at: usize) -> Option<u32> {
+    bytes.get(at..at + 4)?.try_into().ok().map(u32::from_be_bytes)
+}
+
+/// Takes a question off the front of `bytes`; nothing while it is not complete.
+pub fn take_question(bytes: &mut Vec<u8>) -> Result<Option<Question>, Foreign> {
+    let Some(head) = word(bytes, 0).filter(|_| bytes.len() >= 8) else { return Ok(None) };
+    if (head >> 16) as u16 != VERSION {
+        return Err(Foreign("another version"));
+    }
+    match head as u16 {
+        0x8005 => {
+            bytes.drain(..8);
+            Ok(Some(Question::List))
+        }
+        0x8003 if bytes.len() < 8 + BUS_ID => Ok(None),
+        0x8003 => {
+            let name: Vec<u8> = bytes.drain(..8 + BUS_ID).skip(8).take_while(|byte| *byte != 0).collect();
+            Ok(Some(Question::Import(String::from_utf8_lossy(&name).into_owned())))
+        }
+        _ => Err(Foreign("an unknown question")),
+    }
+}
+
+/// Takes a command off the front of `bytes`; nothing while it is not complete.
+pub fn take_command(bytes: &mut Vec<u8>) -> Result<Option<Command>, Foreign> {
+    let words: Option<Vec<u32>> = (0..10).map(|at| word(bytes, 4 * at)).collect();
+    let (Some(words), Some(&setup)) = (words, bytes.get(40..HEADER).and_then(|eight| eight.first_chunk::<8>())) else {
+        return Ok(None);
+    };
+    let (sequence, to_host, endpoint, flags, length) = (words[1], words[3] != 0, words[4], words[5], words[6]);
+    match words[0] {
+        1 if endpoint > 15 => Err(Foreign("an endpoint that cannot be")),
+        1 if length > MOST_BYTES => Err(Foreign("too many bytes at once")),
+        1 => {
+            let length = length as usize;
+            let behind = if to_host { 0 } else { length };
+            if bytes.len() < HEADER + behind {
+                return Ok(None);
+            }
+            let data = bytes.drain(..HEADER + behind).skip(HEADER).collect();
+            let (endpoint, close) = (endpoint as u8, flags & ZERO_PACKET != 0);
+            let setup = Setup::from_bytes(setup);
+            Ok(Some(Command::Submit { sequence, endpoint, to_host, length, close, setup, data }))
+        }
+        2 => {
+            bytes.drain(..HEADER);
+            Ok(Some(Command::Unlink { sequence, other: flags }))
+        }
+        _ => Err(Foreign("an unknown command")),
+    }
+}
+
+fn header(code: u16, status: u32) -> Vec<u8> {
+    let mut bytes = (u32::from(VERSION) << 16 | u32::from(code)).to_be_bytes().to_vec();
+    bytes.extend(status.to_be_bytes());
+    bytes
+}
+
+fn padded(text: &str, length: usize) -> Vec<u8> {
+    let mut bytes = text.as_bytes().to_vec();
+    bytes.resize(length, 0);
+    bytes
+}
+
+fn device(description: &Description) -> Vec<u8> {
+    let mut bytes = padded("/twin/1-1", PATH);
+    bytes.extend(padded(BUS_NAME, BUS_ID));
+    for number in [BUS, DEVICE, FULL_SPEED] {
+        bytes.extend(number.to_be_bytes());
+    }
+    for number in [description.vendor, description.product_number, description.version] {
+        bytes.extend(number.to_be_bytes());
+    }
+    bytes.extend(description.class);
+    // The vhci of Linux reads the configurations itself; none is set yet, and there is one.
+    bytes.extend([0, 1, description.interfaces.len() as u8]);
+    bytes
+}
+
+/// The answer to [`Question::List`].
+pub fn list(description: Option<&Description>) -> Vec<u8> {
+    let mut bytes = header(0x0005, 0);
+    bytes.extend(u32::from(description.is_some()).to_be_bytes());
+    if let Some(description) = description {
+        bytes.extend(device(description));
+        for [_, class, subclass, protocol] in &description.interfaces {
+            bytes.extend([*class, *subclass, *protocol, 0]);
+        }
+    }
+    bytes
+}
+
+/// The answer to [`Question::Import`].
+pub fn imported(description: Result<&Description, Refusal>) -> Vec<u8> {
+    match description {
+        Ok(description) => [header(0x0003, 0), device(description)].concat(),
+        Err(refusal) => header(0x0003, refusal as u32),
+    }
+}
+
+fn returned(code: u32, sequence: u32, status: i32, moved: usize) -> Vec<u8> {
+    let mut bytes = Vec::with_capacity(HEADER);
+    for number in [code, sequence, 0, 0, 0, status as u32, moved as u32, 0, 0, 0, 0, 0] {
+        bytes.extend(number.to_be_bytes());
+    }
+    bytes
+}
+
+/// The end of a [`Command::Submit`]: Linux's error number or 0, the bytes moved, those for the host.
+pub fn submitted(sequence: u32, status: i32, moved: usize, data: &[u8]) -> Vec<u8> {
+    let mut bytes = returned(3, sequence, status, moved);
+    bytes.extend_from_slice(data);
+    bytes
+}
+
+/// The end of a [`Command::Unlink`].
+pub fn unlinked(sequence: u32, status: i32) -> Vec<u8> {
+    returned(4, sequence, status, 0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn numbers(words: &[u32]) -> Vec<u8> {
+        words.iter().flat_map(|word| word.to_be_bytes()).collect()
+    }
+
+    /// A submit to endpoint 2 with three bytes, as Linux sends it.
+    fn submit() -> Vec<u8> {
+        let mut bytes = numbers(&[1, 7, 0x1_0002, 0, 2, ZERO_PACKET, 3, 0, 0, 0]);
+        bytes.extend([0; 8]);
+        bytes.extend(b"abc");
+        bytes
+    }
+
+    #[test]
+    fn commands_come_in_any_portions() {
+        let whole = submit();
+        for cut in 0..whole.len() {
+            let mut bytes = whole[..cut].to_vec();
+            assert_eq!(take_command(&mut bytes), Ok(None));
+            assert_eq!(bytes.len(), cut, "nothing is taken before it is complete");
+        }
+        let mut bytes = [whole.clone(), whole].concat();
+        for left in [51, 0] {
+            let Ok(Some(Command::Submit { sequence: 7, endpoint: 2, to_host: false, close: true, data, .. })) =
+                take_command(&mut bytes)
+            else {
+                panic!("a submit")
+            };
+            assert_eq!((data.as_slice(), bytes.len()), (b"abc".as_slice(), left));
+        }
+    }
+
+    #[test]
+    fn a_read_carries_no_bytes() {
+        let mut bytes = numbers(&[1, 8, 0x1_0002, 1, 1, 0, 128, 0, 0, 0]);
+        bytes.extend([0x80, 6, 0, 1, 0, 0, 18, 0]);
+        let setup = Setup { kind: 0x80, request: 6, value: 0x100, index: 0, length: 18 };
+        let expected =
+            Command::Submit { sequence: 8, endpoint: 1, to_host: true, length: 128, close: false, setup, data: vec![] };
+        assert_eq!(take_command(&mut bytes), Ok(Some(expected)));
+        assert!(bytes.is_empty());
+    }
+
+    #[test]
+    fn what_is_not_of_the_protocol_is_refused() {
+        let mut wrong = submit();
+        wrong[3] = 9;
+        assert!(take_command(&mut wrong).is_err());
+        let mut wrong = submit();
+        wrong[19] = 16;
+        assert!(take_command(&mut wrong).is_err());
+        let mut wrong = submit();
+        wrong[24] = 0xFF;
+        assert!(take_command(&mut wrong).is_err());
+        assert!(take_question(&mut b"GET / HTTP/1.1\r\n".to_vec()).is_err());
+        assert!(take_question(&mut numbers(&[0x0111_8004, 0])).is_err());
+    }
+
+    #[test]
+    fn questions_are_understood() {
+        assert_eq!(take_question(&mut numbers(&[0x0111_8005, 0])), Ok(Some(Question::List)));
+        let mut import = numbers(&[0x0111_8003, 0]);
+        assert_eq!(take_question(&mut import), Ok(None));
+        import.extend(padded("1-1", BUS_ID));
+        assert_eq!(take_question(&mut import), Ok(Some(Question::Import("1-1".into()))));
+        assert!(import.is_empty());
+    }
+
+    #[test]
+    fn answers_have_the_lengths_that_linux_expects() {
+        assert_eq!(imported(Err(Refusal::Busy)), numbers(&[0x0111_0003, 2]));
+        assert_eq!(list(None), numbers(&[0x0111_0005, 0, 0]));
+        assert_eq!(unlinked(5, -104).len(), HEADER);
+        assert_eq!(submitted(5, 0, 3, b"abc").len(), HEADER + 3);
+    }
+}

@@ -1,0 +1,428 @@
+//! A real kernel and the real program: Debian's Linux in QEMU attaches to the shipping binary over USB/IP.
+//!
+//! The twin lives in a thread of its own, in step with the clock on the wall, and serves USB/IP on a port of the loopback. QEMU (TCG,
+//! never KVM) starts the kernel and the programs that `cargo xtask guest` put together; the guest's network ends in this
+//! process, so that nothing else is reached. Its first program calls back and runs what the test sends.
+//!
+//! Slow, about a minute. Left out with a line that says why where image or QEMU are missing; with
+//! `INERTER_REQUIRE_GUEST=1` that fails.
+
+use inerter_guest::{Ended, Guest};
+use inerter_plant::Excitation;
+use inerter_twin::bench::{Bench, Rig};
+use inerter_twin::chip::rom::UID;
+use inerter_twin::machine::{Machine, shipping_image};
+use inerter_twin::usb_link::UsbLink;
+use inerter_twin::usbip::Server;
+use inerter_wire::{Command as Request, MAX_FRAME, Streams, encode_request};
+use serde_json::Value;
+use std::io::Write;
+use std::net::TcpListener;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::mpsc;
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+const QEMU: &str = "qemu-system-x86_64";
+/// From QEMU's start to the first program's call; on a machine with much else to do.
+const BOOT: Duration = Duration::from_secs(60);
+/// A command that takes no time of its own.
+const SOON: Duration = Duration::from_secs(20);
+/// How often something is looked at that comes by itself, in the guest's shell.
+const LOOK: &str = "usleep 20000";
+
+type Order = Box<dyn FnOnce(&mut Server<Machine>) -> Next + Send>;
+
+/// Whether the twin's thread goes on.
+enum Next {
+    Serve,
+    End,
+}
+
+/// The twin in its thread.
+struct Twin {
+    address: std::net::SocketAddr,
+    orders: mpsc::Sender<Order>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Twin {
+    /// A board that was set up for its rig, which moves.
+    fn start(firmware: Vec<u8>) -> Self {
+        let (orders, ordered) = mpsc::channel::<Order>();
+        let (tell, told) = mpsc::channel();
+        let thread = std::thread::spawn(move || {
+            let rig = rig();
+            let settings = rig.settings(1000.0);
+            let bench = Bench::new(rig).expect("a rig that can be");
+            let mut machine = Machine::new(&firmware, Box::new(bench)).expect("the binary");
+            machine.run_for(0.5).expect("starts");
+            let mut link = UsbLink::new(machine);
+            link.set_up(&settings).expect("takes its settings");
+            let mut server = Server::new(link.socket).expect("a free port");
+            tell.send(server.address().expect("bound")).expect("the test waits");
+            server.run(|server| ordered.try_iter().any(|order| matches!(order(server), Next::End))).expect("serves");
+        });
+        let address = told.recv().expect("the twin starts");
+        Self { address, orders, thread: Some(thread) }
+    }
+
+    /// Does something in the twin's thread, and waits for it.
+    fn order<T: Send + 'static>(&self, what: impl FnOnce(&mut Server<Machine>) -> T + Send + 'static) -> T {
+        let (tell, told) = mpsc::channel();
+        let order: Order = Box::new(move |server| {
+            // The test waits below.
+            let _ = tell.send(what(server));
+            Next::Serve
+        });
+        self.orders.send(order).expect("the twin lives");
+        told.recv().expect("the twin lives")
+    }
+
+    fn end(mut self) {
+        let _ = self.orders.send(Box::new(|_| Next::End));
+        if let Some(thread) = self.thread.take() {
+            thread.join().expect("the twin ends well");
+        }
+    }
+}
+
+/// The paper's inerter under a random motion.
+fn rig() -> Rig {
+    Rig::new(Excitation::random(0.5, 15.0, 0.02, 1), 0.5)
+}
+
+/// The emulator, ended with the test whatever happens.
+struct Qemu(Child);
+
+impl Drop for Qemu {
+    fn drop(&mut self) {
+        // Both fail only when it has ended by itself.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// Linux with the twin's network.
+struct Linux {
+    guest: Guest,
+    _qemu: Qemu,
+    twin: std::net::SocketAddr,
+}
+
+impl Linux {
+    fn boot(image: &Path, log: &Path, twin: std::net::SocketAddr) -> Self {
+        let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
+        let port = listener.local_addr().expect("bound").port();
+        let mut command = Command::new(QEMU);
+        command
+            .args(["-M", "pc", "-accel", "tcg", "-cpu", "qemu64", "-m", "192", "-nodefaults", "-display", "none"])
+            .args(["-no-reboot", "-netdev", "user,id=net", "-device", "virtio-net-pci,netdev=net,romfile="])
+            .arg("-kernel")
+            .arg(image.join("vmlinux"))
+            .arg("-initrd")
+            .arg(image.join("initramfs"))
+            .arg("-serial")
+            .arg(format!("file:{}", log.display()))
+            .arg("-append")
+            .arg(format!("console=ttyS0 quiet panic=-1 nokaslr mitigations=off test=10.0.2.2:{port}"))
+            .stdin(Stdio::null());
+        let mut qemu = Qemu(command.spawn().expect("QEMU was there a moment ago"));
+        let alive = || qemu.0.try_wait().is_ok_and(|ended| ended.is_none());
+        let guest = Guest::accept(&listener, BOOT, alive).unwrap_or_else(|error| {
+            let console = std::fs::read_to_string(log).unwrap_or_default();
+            panic!("{error}; its console:\n{console}")
+        });
+        Self { guest, _qemu: qemu, twin }
+    }
+
+    fn run_within(&mut self, command: &str, within: Duration) -> Ended {
+        self.guest.run(command, within).unwrap_or_else(|error| panic!("{command}: {error}"))
+    }
+
+    /// Runs what must succeed; gives its output.
+    fn run(&mut self, command: &str) -> String {
+        let ended = self.run_within(command, SOON);
+        assert_eq!(ended.code, 0, "{command}: {}{}", ended.text(), ended.errors);
+        ended.text()
+    }
+
+    /// Runs what must succeed and prints a JSON object a line.
+    fn json(&mut self, command: &str, within: Duration) -> Vec<Value> {
+        let ended = self.run_within(command, within);
+        assert_eq!(ended.code, 0, "{command}: {}{}", ended.text(), ended.errors);
+        objects(&ended.text())
+    }
+
+    /// Waits until a condition of the shell's holds.
+    fn until(&mut self, condition: &str) {
+        let ended = self.run_within(
+            &format!("for n in $(seq 500); do if {condition}; then exit 0; fi; {LOOK}; done; exit 1"),
+            Duration::from_secs(60),
+        );
+        assert_eq!(ended.code, 0, "never: {condition}\n{}", self.run("dmesg | tail -20"));
+    }
+
+    /// Plugs the device in and waits for its port.
+    fn attach(&mut self, port: &str) {
+        let address = self.twin.port();
+        self.run(&format!("inerter-guest attach 10.0.2.2:{address}"));
+        self.until(&format!("[ -c {port} ]"));
+    }
+}
+
+fn objects(text: &str) -> Vec<Value> {
+    text.lines().map(|line| serde_json::from_str(line).unwrap_or_else(|error| panic!("{error}: {line}"))).collect()
+}
+
+fn of_kind<'a>(objects: &'a [Value], kind: &str) -> Vec<&'a Value> {
+    objects.iter().filter(|object| object["kind"] == kind).collect()
+}
+
+/// Says how long each part took.
+struct Watch {
+    start: Instant,
+    last: Instant,
+}
+
+impl Watch {
+    fn start() -> Self {
+        Self { start: Instant::now(), last: Instant::now() }
+    }
+
+    fn lap(&mut self, what: &str) {
+        println!("{:6.2} s  {what}", self.last.elapsed().as_secs_f64());
+        self.last = Instant::now();
+    }
+}
+
+/// Whether it is a failure that the test cannot run.
+fn is_required() -> bool {
+    std::env::var_os("INERTER_REQUIRE_GUEST").is_some_and(|value| value == "1")
+}
+
+/// Image and QEMU, or why the test cannot run.
+fn image() -> Result<PathBuf, String> {
+    let target = std::env::var_os("CARGO_TARGET_DIR").map(PathBuf::from);
+    let target = target.unwrap_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../target"));
+    let image = target.join("guest");
+    for file in ["vmlinux", "initramfs"] {
+        if !image.join(file).is_file() {
+            return Err(format!("no {}; `cargo xtask guest` makes it", image.join(file).display()));
+        }
+    }
+    let there = Command::new(QEMU).arg("--version").stdout(Stdio::null()).stderr(Stdio::null()).status();
+    if there.is_ok_and(|status| status.success()) { Ok(image) } else { Err(format!("no {QEMU}; `cargo xtask setup`")) }
+}
+
+#[test]
+fn a_real_kernel_and_the_real_program_measure_with_the_shipping_binary() {
+    let image = match image() {
+        Ok(image) => image,
+        Err(reason) if is_required() => panic!("{reason}"),
+        Err(reason) => {
+            // Past the test harness, which swallows what a passing test prints.
+            let _ = writeln!(std::io::stderr(), "skipped: {reason}");
+            return;
+        }
+    };
+    let Some(firmware) = shipping_image() else {
+        assert!(!is_required(), "no firmware");
+        return;
+    };
+    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR"));
+    let mut watch = Watch::start();
+    let twin = Twin::start(firmware);
+    watch.lap("twin: started, set up");
+    let mut linux = Linux::boot(&image, &folder.join("linux-console.txt"), twin.address);
+    watch.lap("Linux: booted");
+
+    the_kernel_sees_the_device(&mut linux);
+    watch.lap("plugged in, port there");
+    a_fresh_terminal_echoes_and_nothing_happens(&mut linux);
+    watch.lap("echo of a fresh terminal");
+    the_program_finds_the_port(&mut linux);
+    the_device_is_for_one(&mut linux);
+    watch.lap("ports; a second import is refused");
+    the_monitor_shows_the_estimates(&mut linux);
+    watch.lap("monitor");
+    a_recording_comes_home(&mut linux, &folder);
+    watch.lap("record, info, replay");
+    the_port_opens_and_closes_twenty_times(&mut linux);
+    watch.lap("20 x open and close");
+    a_device_plugged_in_again_is_found_again(&mut linux, &twin);
+    watch.lap("plugged in again under another name");
+    a_power_cut_is_a_clear_error(&mut linux, &twin);
+    watch.lap("power cut");
+
+    drop(linux);
+    twin.end();
+    println!("{:6.2} s  in all", watch.start.elapsed().as_secs_f64());
+}
+
+fn the_kernel_sees_the_device(linux: &mut Linux) {
+    linux.attach("/dev/ttyACM0");
+    let mut attribute = |name: &str| linux.run(&format!("cat /sys/bus/usb/devices/1-1/{name}")).trim().to_string();
+    assert_eq!((attribute("idVendor"), attribute("idProduct")), ("1209".into(), "0001".into()));
+    assert_eq!((attribute("manufacturer"), attribute("product")), ("inerter".into(), "inerter".into()));
+    assert_eq!(attribute("serial"), serial());
+    assert_eq!(attribute("speed"), "12", "full speed");
+    assert!(linux.run("dmesg").contains("cdc_acm 1-1:1.0: ttyACM0: USB ACM device"));
+}
+
+/// The number that the boot loader in ROM makes of the chip's identity.
+fn serial() -> String {
+    format!("{:08X}{:04X}", UID[0].wrapping_add(UID[2]), UID[1] >> 16)
+}
+
+/// The kernel sends back what the device says, until a program sets the terminal to raw. Worse than life: the device is made to
+/// talk while it does.
+fn a_fresh_terminal_echoes_and_nothing_happens(linux: &mut Linux) {
+    assert!(linux.run("stty -F /dev/ttyACM0 -a").contains(" echo "), "a fresh terminal echoes");
+    let mut talk = vec![0];
+    for (id, command) in [(1, Request::Hello), (2, Request::Streams(Streams::ALL)), (3, Request::ReadSettings)] {
+        let mut frame = [0; MAX_FRAME];
+        let length = encode_request(&inerter_wire::Request { id, command }, id - 1, &mut frame).expect("fits");
+        talk.extend_from_slice(&frame[..length]);
+    }
+    let octal: String = talk.iter().map(|byte| format!("\\{byte:03o}")).collect();
+    let before = linux.run("stty -F /dev/ttyACM0 -echo raw; stty -F /dev/ttyACM0 sane; stty -F /dev/ttyACM0 -a");
+    assert!(before.contains(" echo "), "{before}");
+    linux.run(&format!("exec 3<>/dev/ttyACM0; printf '{octal}' >&3; sleep 2; exec 3>&-"));
+}
+
+fn the_program_finds_the_port(linux: &mut Linux) {
+    let ports = linux.json("inerter ports --json", SOON);
+    let ours: Vec<&Value> = ports.iter().filter(|port| port["inerter"] == true).collect();
+    assert_eq!(ours.len(), 1, "{ports:?}");
+    let port = ours[0];
+    assert_eq!((&port["port"], &port["serial"]), (&"/dev/ttyACM0".into(), &serial().into()));
+    assert_eq!((&port["vid"], &port["pid"]), (&0x1209.into(), &0x0001.into()));
+}
+
+fn the_device_is_for_one(linux: &mut Linux) {
+    let address = linux.twin.port();
+    let ended = linux.run_within(&format!("inerter-guest attach 10.0.2.2:{address}"), SOON);
+    assert_ne!(ended.code, 0);
+    assert!(ended.errors.contains("another client has the device"), "{}", ended.errors);
+}
+
+/// The last estimate is right by its own interval.
+fn is_right(estimate: &Value) {
+    let rig = rig();
+    let truth = [
+        ("inertance_kg", rig.device.inertance_kg),
+        ("viscous_n_s_per_m", rig.device.viscous_n_s_per_m),
+        ("coulomb_n", rig.device.coulomb_n),
+    ];
+    for (name, truth) in truth {
+        let parameter = &estimate["whole_run"][name];
+        assert_eq!(parameter["status"], "ok", "{name}: {parameter}");
+        let (value, u95) =
+            (parameter["value"].as_f64().expect("a value"), parameter["u95"].as_f64().expect("an interval"));
+        assert!((value - truth).abs() <= u95, "{name} is {truth}, measured {value} +- {u95}");
+        assert!(u95 > 0.0);
+    }
+    let inertance = &estimate["whole_run"]["inertance_kg"];
+    assert!(inertance["u95"].as_f64() < Some(0.02 * truth[0].1), "{inertance}");
+}
+
+fn the_monitor_shows_the_estimates(linux: &mut Linux) {
+    let said = linux.json("inerter monitor --json --duration 5", Duration::from_secs(60));
+    let device = of_kind(&said, "device");
+    assert_eq!((&device[0]["serial"], &device[0]["port"]), (&serial().into(), &"/dev/ttyACM0".into()));
+    let estimates = of_kind(&said, "estimate");
+    // Ten of them, where the twin keeps up with the clock on the wall.
+    assert!(estimates.len() >= 4, "{} estimates in five seconds", estimates.len());
+    is_right(estimates[estimates.len() - 1]);
+    let health = of_kind(&said, "health");
+    assert!(!health.is_empty());
+    assert_eq!(health[health.len() - 1]["lost_samples"], 0);
+}
+
+fn a_recording_comes_home(linux: &mut Linux, folder: &Path) {
+    let said = linux.json(
+        "inerter record --port /dev/ttyACM0 --json --force -o /tmp/run.mcap --duration 8",
+        Duration::from_secs(60),
+    );
+    assert_eq!(said[said.len() - 1]["lost_frames"], 0, "{said:?}");
+    let here = folder.join("linux-run.mcap");
+    let file = linux.run_within("cat /tmp/run.mcap", SOON).output;
+    std::fs::write(&here, file).expect("a folder for tests");
+    let inerter = |command: &str| {
+        let done = Command::new(program()).args([command, "--json"]).arg(&here).output().expect("the program");
+        assert!(done.status.success(), "{command}: {}", String::from_utf8_lossy(&done.stderr));
+        objects(&String::from_utf8_lossy(&done.stdout))
+    };
+    let info = inerter("info").remove(0);
+    assert_eq!((&info["ending"], &info["lost_frames"], &info["gaps"]), (&"closed".into(), &0.into(), &0.into()));
+    assert_eq!(info["device"]["serial"], serial());
+    // 8000 of them, where the twin keeps up with the clock on the wall.
+    assert!(info["samples"].as_u64() >= Some(4000), "{info}");
+    let replayed = inerter("replay");
+    let replayed = &replayed[replayed.len() - 1];
+    is_right(replayed);
+    // The device has seen more of the motion than the recording holds, so the two are equal within their intervals only.
+    let inertance =
+        |estimate: &Value, part: &str| estimate["whole_run"]["inertance_kg"][part].as_f64().expect("a number");
+    let difference = inertance(replayed, "value") - inertance(&info["estimate"], "value");
+    assert!(difference.abs() <= inertance(replayed, "u95"), "{difference} kg between device and replay");
+}
+
+/// The program as it is in the guest: static, so it runs here too.
+fn program() -> PathBuf {
+    let target = std::env::var_os("CARGO_TARGET_DIR").map(PathBuf::from);
+    let target = target.unwrap_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../target"));
+    target.join("x86_64-unknown-linux-musl/release/inerter")
+}
+
+fn the_port_opens_and_closes_twenty_times(linux: &mut Linux) {
+    let said = linux.json(
+        "for n in $(seq 20); do inerter monitor --json --port /dev/ttyACM0 --duration 0.1 || exit 1; done",
+        Duration::from_secs(60),
+    );
+    assert_eq!(of_kind(&said, "device").len(), 20);
+    assert!(of_kind(&said, "link").is_empty(), "frames lost: {said:?}");
+}
+
+fn a_device_plugged_in_again_is_found_again(linux: &mut Linux, twin: &Twin) {
+    // One program keeps the old port open, another one measures.
+    linux.run("sleep 60 3<>/dev/ttyACM0 >/dev/null 2>&1 & echo $! >/tmp/holder");
+    linux.run("inerter monitor --json --duration 15 >/tmp/said 2>/tmp/noted & echo $! >/tmp/monitor");
+    linux.until("grep -q '\"estimate\"' /tmp/said");
+    twin.order(Server::unplug);
+    linux.until("! [ -d /sys/bus/usb/devices/1-1 ]");
+    linux.attach("/dev/ttyACM1");
+    linux.until("[ $(grep -c '\"device\"' /tmp/said) = 2 ]");
+    linux.until("tail -1 /tmp/said | grep -q '\"estimate\"'");
+    let said = objects(&linux.run(
+        "kill -INT $(cat /tmp/monitor); while [ -d /proc/$(cat /tmp/monitor) ]; do usleep 20000; done; cat /tmp/said",
+    ));
+    let ports: Vec<&Value> = of_kind(&said, "device").iter().map(|device| &device["port"]).collect();
+    assert_eq!(ports, ["/dev/ttyACM0", "/dev/ttyACM1"]);
+    let ports = linux.json("inerter ports --json", SOON);
+    assert!(ports.iter().any(|port| port["inerter"] == true && port["port"] == "/dev/ttyACM1"), "{ports:?}");
+    linux.run("kill $(cat /tmp/holder)");
+}
+
+fn a_power_cut_is_a_clear_error(linux: &mut Linux, twin: &Twin) {
+    linux.run("(inerter record --wait 1 --json -o /tmp/cut.mcap >/tmp/said 2>/tmp/noted; echo $? >/tmp/code) >/dev/null 2>&1 &");
+    linux.until("[ $(stat -c %s /tmp/cut.mcap) -gt 20000 ]");
+    twin.order(|server| {
+        server.socket.power_cut().expect("starts again");
+        server.unplug();
+    });
+    linux.until("[ -s /tmp/code ]");
+    assert_eq!(linux.run("cat /tmp/code").trim(), "6", "{}", linux.run("cat /tmp/noted"));
+    let noted = linux.run("cat /tmp/noted");
+    assert!(noted.contains("went away") && noted.contains("plug it in again"), "{noted}");
+    let info = linux.json("inerter info --json /tmp/cut.mcap", SOON).remove(0);
+    assert_eq!(info["ending"], "closed", "{info}");
+    assert_eq!(info["gaps"], 0);
+    // Power and plug come back, and the settings were kept.
+    linux.until("! [ -d /sys/bus/usb/devices/1-1 ]");
+    linux.attach("/dev/ttyACM0");
+    let said = linux.json("inerter monitor --json --duration 3", Duration::from_secs(60));
+    assert!(!of_kind(&said, "estimate").is_empty(), "{said:?}");
+}

@@ -1,0 +1,552 @@
+//! The shipping binary at the USB cable: what a host, a bad host and no host do to it.
+//!
+//! The host is [`UsbHost`](inerter_twin::usb_host::UsbHost), in the device's time; a real kernel meets the device in `linux.rs`.
+
+mod common;
+
+use common::{board, corpus, outcome};
+use inerter_core::Settings;
+use inerter_plant::Excitation;
+use inerter_twin::bench::{Bench, Rig};
+use inerter_twin::chip::rom::UID;
+use inerter_twin::machine::Machine;
+use inerter_twin::talk::Talk;
+use inerter_twin::usb_host::{
+    EndpointKind, Setup, Socket, Transfer, UsbError, line_coding, set_control_lines, set_line_coding,
+};
+use inerter_twin::usb_link::{LinkError, UsbLink};
+use inerter_twin::world::Still;
+use inerter_wire::{Command, Done, Event, EventKind, Hello, Record, Reply, SettingsValues, Streams};
+
+/// Time for a reply.
+const REPLY_S: f64 = 0.5;
+
+/// The number that the boot loader in ROM makes of the chip's identity.
+fn serial() -> String {
+    format!("{:08X}{:04X}", UID[0].wrapping_add(UID[2]), UID[1] >> 16)
+}
+
+/// A rig whose samples take fewer and more bytes.
+fn moving() -> Bench {
+    Bench::new(Rig::new(Excitation::random(0.5, 15.0, 0.02, 3), 0.0)).expect("a rig that can be")
+}
+
+/// Asks for Hello and gives it.
+fn hello(link: &mut UsbLink<Machine>) -> Hello {
+    let reply = link.request(Command::Hello, REPLY_S).expect("a reply to Hello");
+    assert_eq!(reply.result, Ok(Done::Plain));
+    let records = link.records();
+    let hello = records.iter().find_map(|record| if let Record::Hello(hello) = record { Some(hello) } else { None });
+    hello.unwrap_or_else(|| panic!("no Hello among {records:?}")).clone()
+}
+
+fn done(link: &mut UsbLink<Machine>, command: Command) {
+    let reply = link.request(command.clone(), REPLY_S).unwrap_or_else(|error| panic!("{command:?}: {error}"));
+    assert_eq!(reply.result, Ok(Done::Plain), "{command:?}");
+}
+
+fn settings(link: &mut UsbLink<Machine>) -> Settings {
+    done(link, Command::ReadSettings);
+    let records = link.records();
+    let values =
+        records.iter().find_map(|record| if let Record::Settings(values) = record { Some(values) } else { None });
+    values.expect("settings").read(&Settings::default()).expect("they make sense").settings
+}
+
+/// The next `Health`, which comes once a second.
+fn health(link: &mut UsbLink<Machine>) -> inerter_wire::Health {
+    done(link, Command::Streams(Streams { health: true, ..Streams::NONE }));
+    for _ in 0..30 {
+        link.listen(0.1).expect("the port is open");
+        for record in link.records() {
+            if let Record::Health(health) = record {
+                return health;
+            }
+        }
+    }
+    panic!("no Health within three seconds");
+}
+
+/// That the device has not started anew since power-on: its clock says so.
+fn has_run_through(link: &mut UsbLink<Machine>) {
+    let time_s = link.socket.time_s();
+    let uptime_s = f64::from(health(link).uptime_s);
+    assert!((uptime_s - time_s).abs() < 4.0, "up for {uptime_s} s of {time_s} s: it started anew");
+}
+
+#[test]
+fn the_device_says_what_it_is() {
+    let Some(mut link) = board(Still) else { return };
+    let description = link.connect().expect("enumeration");
+    assert_eq!((description.vendor, description.product_number), (0x1209, 0x0001));
+    assert_eq!(description.manufacturer.text, "inerter");
+    assert_eq!(description.product.text, "inerter");
+    assert_eq!(description.serial.text, serial());
+    assert_eq!(description.control_packet, 64);
+    assert!(description.current_ma <= 500, "{} mA", description.current_ma);
+    // The kernel's driver looks for a communication interface and a data interface.
+    assert_eq!(description.interfaces.iter().map(|[_, class, ..]| *class).collect::<Vec<_>>(), [2, 10]);
+    let (to_device, to_host) = description.serial_endpoints().expect("a serial port");
+    for end in description.endpoints.iter().filter(|end| end.kind == EndpointKind::Bulk) {
+        assert_eq!(end.packet, 64);
+        assert!([to_device, to_host].contains(&(end.address & 0xF)));
+    }
+    link.open().expect("opens");
+    let hello = hello(&mut link);
+    assert_eq!(hello.serial.as_str(), serial(), "one number for the port and the instrument");
+}
+
+#[test]
+fn descriptors_come_in_the_length_that_is_asked_for() {
+    let Some(mut link) = board(Still) else { return };
+    link.connect().expect("enumeration");
+    let UsbLink { socket, host, .. } = &mut link;
+    for length in [1, 2, 8, 17, 18, 19, 64, 255] {
+        let bytes = host.get_descriptor(socket, 1, 0, 0, length).expect("a device descriptor");
+        assert_eq!(bytes.len(), usize::from(length).min(18));
+    }
+    let whole = host.get_descriptor(socket, 2, 0, 0, 0xFFFF).expect("a configuration");
+    for length in [1, 9, 63, 64, 65, whole.len() as u16] {
+        let bytes = host.get_descriptor(socket, 2, 0, 0, length).expect("a configuration");
+        assert_eq!(bytes, whole[..whole.len().min(length.into())]);
+    }
+    assert_eq!(host.get_descriptor(socket, 3, 200, 0x409, 255), Err(UsbError::Stalled), "no such string");
+    assert_eq!(host.get_descriptor(socket, 9, 0, 0, 255), Err(UsbError::Stalled), "no such kind");
+}
+
+#[test]
+fn the_lines_of_the_serial_port_are_kept() {
+    let Some(mut link) = board(Still) else { return };
+    link.connect().expect("enumeration");
+    let UsbLink { socket, host, .. } = &mut link;
+    for baud in [1200, 115_200, 921_600] {
+        set_line_coding(host, socket, baud).expect("taken");
+        let [b0, b1, b2, b3] = baud.to_le_bytes();
+        assert_eq!(line_coding(host, socket), Ok(vec![b0, b1, b2, b3, 0, 0, 8]));
+    }
+    for state in 0..4 {
+        set_control_lines(host, socket, state & 1 != 0, state & 2 != 0).expect("taken");
+    }
+}
+
+#[test]
+fn requests_for_nothing_and_requests_unknown_are_answered_at_once() {
+    let Some(mut link) = board(Still) else { return };
+    link.connect().expect("enumeration");
+    let UsbLink { socket, host, .. } = &mut link;
+    let request = |kind, request, value, length| Setup { kind, request, value, index: 0, length };
+    let cases = [
+        ("descriptor of no bytes", request(0x80, 6, 0x100, 0), Ok(vec![])),
+        ("configuration of no bytes", request(0x80, 6, 0x200, 0), Ok(vec![])),
+        ("status of no bytes", request(0x80, 0, 0, 0), Ok(vec![])),
+        ("line coding of no bytes", request(0xA1, 0x21, 0, 0), Err(UsbError::Stalled)),
+        ("unknown to the host", request(0xC0, 0x33, 0, 4), Err(UsbError::Stalled)),
+        ("unknown to the host, no bytes", request(0xC0, 0x33, 0, 0), Err(UsbError::Stalled)),
+        ("unknown without data", request(0x40, 0x33, 0, 0), Err(UsbError::Stalled)),
+        ("no such class request", request(0x21, 0x7F, 0, 0), Err(UsbError::Stalled)),
+        ("no such descriptor, no bytes", request(0x80, 6, 0x0900, 0), Err(UsbError::Stalled)),
+    ];
+    let coding = Setup { kind: 0x21, request: 0x20, value: 0, index: 0, length: 200 };
+    assert_eq!(host.control(socket, coding, &[0; 200]), Err(UsbError::Stalled), "a line coding of 200 bytes");
+    for (name, setup, expected) in cases {
+        let before_s = socket.time_s();
+        assert_eq!(host.control(socket, setup, &[]), expected, "{name}");
+        let took_s = socket.time_s() - before_s;
+        assert!(took_s < 0.05, "{name}: {took_s} s");
+        assert_eq!(host.get_descriptor(socket, 1, 0, 0, 18).map(|bytes| bytes.len()), Ok(18), "after: {name}");
+    }
+}
+
+#[test]
+fn endpoints_that_do_not_exist_are_refused() {
+    let Some(mut link) = board(Still) else { return };
+    link.connect().expect("enumeration");
+    let UsbLink { socket, host, .. } = &mut link;
+    for endpoint in [0x07u8, 0x08, 0x0F, 0x87, 0x88, 0x8F, 0xFF] {
+        let status = Setup { kind: 0x82, request: 0, value: 0, index: endpoint.into(), length: 2 };
+        // Refused or answered with anything: but the device goes on.
+        let _ = host.control(socket, status, &[]);
+        for request in [1, 3] {
+            let halt = Setup { kind: 2, request, value: 0, index: endpoint.into(), length: 0 };
+            let _ = host.control(socket, halt, &[]);
+        }
+        assert_eq!(host.get_descriptor(socket, 1, 0, 0, 18).map(|bytes| bytes.len()), Ok(18), "{endpoint:#04x}");
+    }
+    link.open().expect("opens");
+    hello(&mut link);
+}
+
+#[test]
+fn random_requests_do_not_stop_the_device() {
+    let Some(mut link) = board(Still) else { return };
+    link.connect().expect("enumeration");
+    let mut random = common::Random::new(7);
+    for _ in 0..1500 {
+        let mut bytes = random.bytes::<8>();
+        // Lengths that a control transfer of the host's can have, and not the request that changes the address.
+        bytes[7] = 0;
+        bytes[0] &= 0xE3;
+        if bytes[0] & 0x60 == 0 && bytes[1] == 5 {
+            continue;
+        }
+        let setup = Setup::from_bytes(bytes);
+        let data = vec![bytes[2]; setup.length.into()];
+        let UsbLink { socket, host, .. } = &mut link;
+        let number = host.submit(Transfer::Control(setup, data));
+        let end_s = socket.time_s() + 0.02;
+        while host.take_done(number).is_none() && socket.time_s() < end_s {
+            host.service(socket).expect("the device goes on");
+        }
+        host.cancel(number);
+    }
+    link.unplug();
+    link.connect().expect("enumeration");
+    link.open().expect("opens");
+    has_run_through(&mut link);
+}
+
+#[test]
+fn a_configuration_set_again_and_halts_cleared_lose_nothing() {
+    let Some(mut link) = board(Still) else { return };
+    let description = link.connect().expect("enumeration");
+    let (to_device, to_host) = description.serial_endpoints().expect("a serial port");
+    link.open().expect("opens");
+    // An odd and an even number of packets have gone either way.
+    for _ in 0..2 {
+        hello(&mut link);
+        link.close().expect("closes");
+        link.host.configure(&mut link.socket, description.configuration).expect("taken");
+        link.open().expect("opens");
+        hello(&mut link);
+        link.host.clear_halt(&mut link.socket, to_device).expect("taken");
+        link.host.clear_halt(&mut link.socket, to_host | 0x80).expect("taken");
+        hello(&mut link);
+        assert_eq!(link.talk.lost(), 0);
+    }
+}
+
+#[test]
+fn nothing_comes_before_the_host_has_spoken() {
+    let Some(mut link) = board(Still) else { return };
+    link.connect().expect("enumeration");
+    link.open().expect("opens");
+    assert_eq!(link.receive(3.0).expect("the port is open"), [], "a fresh terminal echoes: the device must wait");
+    hello(&mut link);
+    done(&mut link, Command::Streams(Streams::ALL));
+    assert!(link.receive(1.0).expect("the port is open").len() > 1000);
+    link.close().expect("closes");
+    link.open().expect("opens");
+    assert_eq!(link.receive(1.0).expect("the port is open"), [], "each opening begins anew");
+}
+
+#[test]
+fn a_full_packet_is_followed_by_another() {
+    let Some(mut link) = board(moving()) else { return };
+    link.connect().expect("enumeration");
+    let (to_device, to_host) = link.host.description().expect("enumerated").serial_endpoints().expect("a serial port");
+    let UsbLink { socket, host, .. } = &mut link;
+    set_control_lines(host, socket, true, true).expect("taken");
+    let mut talk = Talk::new();
+    for command in [Command::Hello, Command::Streams(Streams::ALL)] {
+        let (_, bytes) = talk.request(command);
+        host.write(socket, to_device, &bytes, 1.0).1.expect("taken");
+    }
+    // One packet a transfer, and when it came.
+    let (mut packets, end_s) = (Vec::new(), socket.time_s() + 20.0);
+    while socket.time_s() < end_s {
+        match host.read(socket, to_host, 64, 0.1) {
+            Ok(packet) => {
+                talk.take(&packet);
+                packets.push((socket.time_s(), packet.len()));
+            }
+            Err(UsbError::Late) => {}
+            Err(error) => panic!("{error}"),
+        }
+    }
+    let (mut full, mut closed) = (0, 0);
+    for pair in packets.windows(2) {
+        let [(at_s, length), (next_s, next)] = *pair else { unreachable!("windows of two") };
+        if length == 64 {
+            full += 1;
+            closed += usize::from(next == 0);
+            assert!(next_s - at_s < 2e-3, "after a full packet nothing for {} s", next_s - at_s);
+        }
+    }
+    // Else the test shows nothing: some batches must end with a full packet.
+    assert!(full > 100 && closed > 0, "{full} full packets, {closed} of them closed by an empty one");
+    assert_eq!((talk.lost(), talk.counts().corrupt()), (0, 0));
+}
+
+#[test]
+fn a_suspended_device_sleeps_and_goes_on() {
+    let Some(mut link) = board(Still) else { return };
+    link.connect().expect("enumeration");
+    link.open().expect("opens");
+    hello(&mut link);
+    done(&mut link, Command::Streams(Streams { samples: true, ..Streams::NONE }));
+    for seconds in [0.0, 5.0] {
+        link.listen(0.3).expect("the port is open");
+        link.host.suspend(&mut link.socket).expect("runs");
+        assert!(link.socket.usb().sleeps());
+        link.socket.run_for(seconds).expect("runs");
+        link.host.resume(&mut link.socket).expect("wakes");
+        assert!(!link.socket.usb().sleeps());
+        assert_eq!(link.receive(0.2).expect("the port is open").len(), 0, "mute until the host speaks again");
+        hello(&mut link);
+        done(&mut link, Command::Streams(Streams { samples: true, ..Streams::NONE }));
+    }
+    has_run_through(&mut link);
+}
+
+#[test]
+fn a_reset_of_the_bus_takes_the_device_back_to_its_beginning() {
+    let Some(mut link) = board(Still) else { return };
+    link.connect().expect("enumeration");
+    link.open().expect("opens");
+    hello(&mut link);
+    done(&mut link, Command::Streams(Streams::ALL));
+    for listen_s in [0.0, 0.0101, 0.2] {
+        link.listen(listen_s).expect("the port is open");
+        link.host.reset(&mut link.socket).expect("attached");
+        link.host.enumerate(&mut link.socket).expect("enumeration");
+        link.open().expect("opens");
+        assert_eq!(link.receive(0.1).expect("the port is open"), []);
+        hello(&mut link);
+        done(&mut link, Command::Streams(Streams::ALL));
+    }
+    // A sleeping one too.
+    link.host.suspend(&mut link.socket).expect("runs");
+    link.host.reset(&mut link.socket).expect("attached");
+    link.host.enumerate(&mut link.socket).expect("enumeration");
+    link.open().expect("opens");
+    has_run_through(&mut link);
+}
+
+#[test]
+fn a_cable_pulled_out_at_any_moment_can_be_put_back() {
+    let Some(mut link) = board(Still) else { return };
+    let mut random = common::Random::new(11);
+    for _ in 0..25 {
+        link.connect().expect("enumeration");
+        link.open().expect("opens");
+        hello(&mut link);
+        done(&mut link, Command::Streams(Streams::ALL));
+        // A request under way, the stream under way, and the moment anywhere between two packets.
+        let (_, bytes) = link.talk.request(Command::ReadSettings);
+        let to_device = link.host.description().expect("enumerated").serial_endpoints().expect("a serial port").0;
+        link.host.submit(Transfer::Out(to_device, bytes, false));
+        for _ in 0..random.below(400) {
+            link.host.service(&mut link.socket).expect("the device goes on");
+        }
+        link.unplug();
+        link.socket.run_for(random.below(300) as f64 * 1e-3).expect("runs");
+    }
+    link.connect().expect("enumeration");
+    link.open().expect("opens");
+    has_run_through(&mut link);
+}
+
+#[test]
+fn an_enumeration_cut_short_can_be_done_again() {
+    let Some(mut link) = board(Still) else { return };
+    let descriptor = |kind: u16, length| Setup { kind: 0x80, request: 6, value: kind << 8, index: 0, length };
+    for packets in 0..40 {
+        link.host.plug(&mut link.socket).expect("attached");
+        for reset in [true, false] {
+            link.host.submit(Transfer::Control(descriptor(1, 18), vec![]));
+            link.host.submit(Transfer::Control(descriptor(2, 255), vec![]));
+            link.host.submit(Transfer::Control(Setup { kind: 0, request: 5, value: 3, index: 0, length: 0 }, vec![]));
+            for _ in 0..packets {
+                link.host.service(&mut link.socket).expect("the device goes on");
+            }
+            if reset {
+                link.host.reset(&mut link.socket).expect("attached");
+            } else {
+                link.unplug();
+            }
+        }
+    }
+    link.connect().expect("enumeration");
+    link.open().expect("opens");
+    hello(&mut link);
+}
+
+#[test]
+fn a_host_that_stops_reading_costs_frames_and_nothing_else() {
+    let Some(mut link) = board(Still) else { return };
+    link.connect().expect("enumeration");
+    link.open().expect("opens");
+    hello(&mut link);
+    let before = health(&mut link).dropped_frames;
+    done(&mut link, Command::Streams(Streams::ALL));
+    link.listen(0.5).expect("the port is open");
+    // The host's program hangs: its driver's buffers fill, then the endpoint.
+    link.socket.run_for(6.0).expect("runs");
+    link.listen(0.5).expect("the port is open");
+    let lost = link.talk.lost();
+    let gaps: u32 = samples_missing(&link.records());
+    assert!(lost > 100, "only {lost} frames lost in six seconds");
+    assert!(gaps > 1000, "samples in the lost frames: {gaps}");
+    let after = health(&mut link).dropped_frames;
+    assert!(u64::from(after - before) >= lost, "{lost} frames lost, {before} to {after} counted by the device");
+    has_run_through(&mut link);
+}
+
+/// Samples left out between those received.
+fn samples_missing(records: &[Record]) -> u32 {
+    let mut last = None;
+    let mut missing = 0;
+    for record in records {
+        let Record::Samples(samples) = record else { continue };
+        for sample in samples.iter() {
+            let sample = sample.expect("sound samples");
+            missing += last.map_or(0, |last: u32| sample.index.wrapping_sub(last).wrapping_sub(1));
+            last = Some(sample.index);
+        }
+    }
+    missing
+}
+
+#[test]
+fn noise_is_counted_and_obeyed_by_nobody() {
+    let Some(mut link) = board(Still) else { return };
+    link.connect().expect("enumeration");
+    link.open().expect("opens");
+    let before = settings(&mut link);
+    let mut random = common::Random::new(23);
+    for _ in 0..400 {
+        let bytes = random.bytes::<150>();
+        let count = 1 + random.below(150) as usize;
+        assert_eq!(link.send(&bytes[..count], 1.0), Ok(count), "the device takes whatever comes");
+    }
+    link.send(&[0], 1.0).expect("taken");
+    assert_eq!(settings(&mut link), before);
+    assert!(health(&mut link).bad_frames > 50);
+    has_run_through(&mut link);
+}
+
+#[test]
+fn the_corpus_leads_to_the_same_replies_as_on_the_host() {
+    let corpus = corpus();
+    assert!(corpus.len() > 20, "only {} streams", corpus.len());
+    for item in corpus {
+        let Some(mut link) = board(Still) else { return };
+        link.connect().expect("enumeration");
+        link.open().expect("opens");
+        let mut replies = String::new();
+        let mut hear = |link: &mut UsbLink<Machine>, for_s| {
+            let heard = link.listen(for_s).is_ok();
+            let before = replies.len();
+            for record in link.records() {
+                if let Record::Reply(Reply { id, result }) = record {
+                    replies += &format!("{id} {}\n", outcome(&result));
+                }
+            }
+            heard && replies.len() > before
+        };
+        for portion in item.portions(64) {
+            // A device that restarts is not there any more.
+            if link.send(portion, 5.0).is_err() {
+                break;
+            }
+            hear(&mut link, 0.0);
+        }
+        while hear(&mut link, 0.7) {}
+        let (bad_frames, expected) = item.expected.split_once('\n').expect("two parts");
+        assert_eq!(replies, expected, "{}: {} frames lost", item.name, link.talk.lost());
+        if !item.restarts() {
+            link.close().expect("closes");
+            link.open().expect("opens");
+            hello(&mut link);
+            assert_eq!(format!("bad_frames {}", health(&mut link).bad_frames), bad_frames, "{}", item.name);
+        }
+    }
+}
+
+#[test]
+fn a_terminal_that_echoes_changes_nothing() {
+    let Some(mut link) = board(Still) else { return };
+    link.connect().expect("enumeration");
+    link.open().expect("opens");
+    let before = settings(&mut link);
+    done(&mut link, Command::Streams(Streams::ALL));
+    let mut echoed = 0;
+    for _ in 0..500 {
+        let bytes = link.receive(0.01).expect("the port is open");
+        link.talk.take(&bytes);
+        echoed += bytes.len();
+        assert_eq!(link.send(&bytes, 1.0), Ok(bytes.len()));
+    }
+    assert!(echoed > 5000, "only {echoed} bytes");
+    let strangers: Vec<Record> = link
+        .records()
+        .into_iter()
+        .filter(|record| {
+            let changed = |kind: &EventKind| matches!(kind, EventKind::SettingsChanged | EventKind::EstimatorReset);
+            matches!(record, Record::Reply(_) | Record::Hello(_) | Record::Settings(_))
+                || matches!(record, Record::Event(Event { kind, .. }) if changed(kind))
+        })
+        .collect();
+    assert_eq!(strangers, [], "the device obeyed what it had said itself");
+    assert_eq!(settings(&mut link), before);
+    has_run_through(&mut link);
+}
+
+#[test]
+fn a_port_opened_again_finds_no_end_of_the_conversation_before() {
+    let Some(mut link) = board(Still) else { return };
+    link.connect().expect("enumeration");
+    for closed_s in [0.0, 0.001, 0.05, 2.0] {
+        link.open().expect("opens");
+        hello(&mut link);
+        done(&mut link, Command::Streams(Streams::ALL));
+        link.listen(0.25).expect("the port is open");
+        link.close().expect("closes");
+        link.socket.run_for(closed_s).expect("runs");
+        link.open().expect("opens");
+        assert_eq!(link.receive(0.3).expect("the port is open"), [], "closed for {closed_s} s");
+        // The first thing that is heard is the answer.
+        let (id, bytes) = link.talk.request(Command::Hello);
+        link.send(&bytes, 1.0).expect("taken");
+        link.listen(0.1).expect("the port is open");
+        assert_eq!(link.talk.counts().corrupt(), 0, "closed for {closed_s} s");
+        assert!(link.talk.reply(id).is_some());
+        link.close().expect("closes");
+    }
+}
+
+#[test]
+fn the_serial_link_lives_while_usb_is_closed() {
+    let Some(mut link) = board(Still) else { return };
+    let mut uart = common::SerialLink::default();
+    assert!(uart.hello(&mut link.socket), "nothing plugged in");
+    link.connect().expect("enumeration");
+    assert!(uart.hello(&mut link.socket), "plugged in, closed");
+    link.open().expect("opens");
+    hello(&mut link);
+    assert!(!uart.hello(&mut link.socket), "USB is open: it alone is served");
+    hello(&mut link);
+    link.close().expect("closes");
+    assert!(uart.hello(&mut link.socket), "closed again");
+    link.open().expect("opens");
+    hello(&mut link);
+    link.host.suspend(&mut link.socket).expect("runs");
+    assert!(uart.hello(&mut link.socket), "suspended");
+    link.host.resume(&mut link.socket).expect("wakes");
+    hello(&mut link);
+    link.unplug();
+    link.socket.run_for(0.3).expect("runs");
+    assert!(uart.hello(&mut link.socket), "pulled out");
+}
+
+#[test]
+fn settings_written_over_usb_hold() {
+    let Some(mut link) = board(Still) else { return };
+    link.connect().expect("enumeration");
+    link.open().expect("opens");
+    let before = settings(&mut link);
+    let wanted = Settings { memory_s: before.memory_s * 2.0, ..before };
+    done(&mut link, Command::WriteSettings(SettingsValues::difference(&wanted, &before)));
+    assert_eq!(settings(&mut link), wanted);
+    assert_eq!(link.request(Command::Hello, 0.0), Err(LinkError::NoReply(0.0)), "no reply takes no time");
+}
