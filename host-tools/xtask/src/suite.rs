@@ -80,6 +80,13 @@ const STEPS: &[Step] = &[
         run: lint_firmware,
     },
     Step {
+        name: "lints, probe",
+        alone: "cargo clippy -p inerter --features probe --all-targets -- -D warnings",
+        needed: false,
+        long: true,
+        run: lint_probe,
+    },
+    Step {
         name: "documentation",
         alone: "RUSTDOCFLAGS='-D warnings' cargo doc --workspace --exclude inerter-qemu --exclude inerter-stm32g474 --no-deps",
         needed: false,
@@ -219,6 +226,13 @@ fn lint_firmware() -> Result<()> {
         process::run(command.args(denied))?;
     }
     Ok(())
+}
+
+/// The program with the library that drives a probe, which takes long to compile and is left out by default.
+fn lint_probe() -> Result<()> {
+    let mut command = process::cargo();
+    command.args(["clippy", "--package", "inerter", "--features", "probe", "--all-targets", "--locked"]);
+    process::run(command.args(["--", "--deny", "warnings"]))
 }
 
 fn document() -> Result<()> {

@@ -1,0 +1,78 @@
+//! What the shipping image costs while it serves: prints one line of JSON.
+//!
+//! On the twin the board measures a random motion at 1 kHz and at 4 kHz with every stream on, over USB, while settings are written and
+//! saved, the estimator is reset and a tare is asked for. `instructions_per_s_at_*` counts what the core executes in the
+//! steady part, `stack_bytes` is the deepest stack of the whole run. `cargo xtask size` runs this.
+
+use inerter_plant::Excitation;
+use inerter_twin::bench::{Bench, Rig};
+use inerter_twin::machine::{Machine, shipping_image};
+use inerter_twin::usb_link::{LinkError, UsbLink};
+use inerter_wire::{Command, Record, SettingsValues, Streams};
+use std::error::Error;
+use std::process::ExitCode;
+
+/// The firmware starts and is plugged in within this time.
+const START_S: f64 = 0.5;
+/// Time for a reply.
+const REPLY_S: f64 = 2.0;
+/// Time until the estimator has filled, and the time that is counted.
+const SETTLE_S: f64 = 2.0;
+const STEADY_S: f64 = 4.0;
+
+fn main() -> ExitCode {
+    match measure() {
+        Ok(line) => {
+            println!("{line}");
+            ExitCode::SUCCESS
+        }
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn measure() -> Result<String, Box<dyn Error>> {
+    let image = shipping_image().ok_or("no image to measure")?;
+    let rig = Rig::new(Excitation::random(0.5, 15.0, 0.02, 1), START_S);
+    let settings = [1_000.0, 4_000.0].map(|rate_hz| rig.settings(rate_hz));
+    let mut machine = Machine::new(&image, Box::new(Bench::new(rig)?))?;
+    machine.run_for(START_S)?;
+    let mut link = UsbLink::new(machine);
+    link.connect()?;
+    link.open()?;
+    ask(&mut link, Command::Hello)?;
+    ask(&mut link, Command::Streams(Streams::ALL))?;
+    let mut loads = Vec::new();
+    for settings in &settings {
+        ask(&mut link, Command::WriteSettings(SettingsValues::from(settings)))?;
+        ask(&mut link, Command::SaveSettings)?;
+        ask(&mut link, Command::Tare)?;
+        ask(&mut link, Command::WriteSettings(SettingsValues::from(settings)))?;
+        ask(&mut link, Command::ResetEstimator)?;
+        link.listen(SETTLE_S)?;
+        let before = link.socket.usage();
+        link.records();
+        link.listen(STEADY_S)?;
+        loads.push(link.socket.usage().since(&before).instructions_per_s());
+        let estimates = link.records().iter().filter(|record| matches!(record, Record::Estimate(_))).count();
+        if estimates == 0 {
+            return Err("no estimate came: nothing was measured".into());
+        }
+    }
+    let stack = link.socket.stack_high_water().ok_or("the image paints no stack")?;
+    let [slow, fast] = loads[..] else { return Err("two rates were to be measured".into()) };
+    Ok(format!(
+        r#"{{"stack_bytes":{},"instructions_per_s_at_1_khz":{slow:.0},"instructions_per_s_at_4_khz":{fast:.0}}}"#,
+        stack.used
+    ))
+}
+
+fn ask(link: &mut UsbLink<Machine>, command: Command) -> Result<(), Box<dyn Error>> {
+    let what = command.name();
+    match link.request(command, REPLY_S)?.result {
+        Ok(_) => Ok(()),
+        Err(refusal) => Err(format!("{what}: {}", LinkError::Refused(refusal)).into()),
+    }
+}
