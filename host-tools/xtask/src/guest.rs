@@ -35,6 +35,9 @@ const MODULES: &[&str] = &["virtio_pci", "virtio_net", "vhci_hcd", "cdc_acm"];
 /// Our programs: package and program.
 const PROGRAMS: &[&str] = &["inerter", "inerter-guest"];
 
+/// What fetches and unpacks the packages.
+const TOOLS: &[&str] = &["apt-get", "apt-cache", "dpkg-deb"];
+
 /// The guest's first script: devices, modules, network, then whatever the test wants.
 const INIT: &str = "\
 #!/bin/busybox sh
@@ -58,6 +61,27 @@ pub struct Options {
     /// Fetch kernel and busybox again
     #[arg(long)]
     pub refresh: bool,
+}
+
+/// Why the image cannot be made on this machine, if it cannot.
+pub fn obstacle() -> Option<String> {
+    if !cfg!(all(target_os = "linux", target_arch = "x86_64")) {
+        return Some("the guest's programs are compiled on Linux for x86-64 only".into());
+    }
+    let missing = |tool: &&&str| process::first_line(Command::new(tool).arg("--version")).is_none();
+    if let Some(tool) = TOOLS.iter().find(missing) {
+        return Some(format!("no {tool}: the guest is made of Debian's packages"));
+    }
+    if !setup::os_release().lines().any(|line| line == "ID=debian") {
+        return Some("this is not Debian, whose kernel package the guest is made of".into());
+    }
+    let rustup = process::first_line(Command::new("rustup").arg("--version")).is_some();
+    (!has_target() && !rustup).then(|| format!("no core library for {TARGET}, and no rustup to add it"))
+}
+
+fn has_target() -> bool {
+    let folder = process::first_line(process::rustc().args(["--print", "target-libdir", "--target", TARGET]));
+    folder.is_some_and(|folder| Path::new(&folder).is_dir())
 }
 
 /// Makes what is missing and says where it lies.
@@ -90,7 +114,7 @@ pub fn run(options: &Options) -> Result<()> {
 
 /// Downloads kernel and busybox and keeps of them what the guest needs.
 fn fetch(folder: &Path) -> Result<()> {
-    for tool in ["apt-get", "apt-cache", "dpkg-deb"] {
+    for tool in TOOLS {
         ensure!(
             process::first_line(Command::new(tool).arg("--version")).is_some(),
             "no {tool} here: the guest is made of Debian's packages. Run `cargo xtask guest` on Debian or in a container of it \
@@ -107,7 +131,15 @@ fn fetch(folder: &Path) -> Result<()> {
     println!("guest: downloading {kernel} and {BUSYBOX}, about 72 MB");
     let mut download = Command::new("apt-get");
     download.args(["download", &kernel, BUSYBOX]).current_dir(&packages);
-    process::run(&mut download).context("Debian's packages could not be fetched")?;
+    if process::run(&mut download).is_err() {
+        println!("guest: the list of packages may be older than the mirror; `apt-get update`");
+        process::run(Command::new("apt-get").args(["-qq", "update"]))
+            .context("the list of packages could not be fetched; try `sudo apt-get update`")?;
+        let kernel = kernel_package()?;
+        let mut again = Command::new("apt-get");
+        again.args(["download", &kernel, BUSYBOX]).current_dir(&packages);
+        process::run(&mut again).context("Debian's packages could not be fetched")?;
+    }
 
     let root = packages.join("root");
     let mut names = Vec::new();
@@ -301,8 +333,7 @@ fn needs(module: &[u8]) -> Vec<String> {
 
 /// Compiles a program of ours without need of libraries; gives its path.
 fn build(program: &str) -> Result<PathBuf> {
-    let installed = process::first_line(process::rustc().args(["--print", "target-libdir", "--target", TARGET]));
-    if !installed.is_some_and(|folder| Path::new(&folder).is_dir()) {
+    if !has_target() {
         println!("guest: $ rustup target add {TARGET}");
         process::run(Command::new("rustup").args(["target", "add", TARGET]))
             .with_context(|| format!("no core library for {TARGET}; with rustup: `rustup target add {TARGET}`"))?;

@@ -48,7 +48,7 @@ pub enum Need {
 }
 
 /// Everything that `cargo xtask test` uses.
-pub const ALL: &[Need] = &[Need::Firmware, Need::Rustfmt, Need::Clippy, Need::Qemu, Need::Twin, Need::Guest];
+pub const ALL: &[Need] = &[Need::Firmware, Need::Rustfmt, Need::Clippy, Need::Qemu, Need::Twin];
 
 /// Finds or installs everything.
 pub fn run(options: &Options) -> Result<()> {
@@ -246,7 +246,8 @@ fn is_libclang(path: &Path) -> bool {
         || (rest.starts_with("-") && !rest.starts_with("-cpp") && rest.contains(".so"))
 }
 
-fn os_release() -> String {
+/// What the system says it is.
+pub fn os_release() -> String {
     fs::read_to_string("/etc/os-release").unwrap_or_default()
 }
 

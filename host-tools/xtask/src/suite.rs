@@ -1,6 +1,6 @@
 //! Everything that continuous integration asks for, in order, with a summary at the end.
 
-use crate::{accuracy, arrows, firmware, icount, panics, process, setup, size, table};
+use crate::{accuracy, arrows, firmware, guest, icount, panics, process, setup, size, table};
 use anyhow::{Result, bail};
 use std::{
     process::Command,
@@ -94,6 +94,7 @@ const STEPS: &[Step] = &[
         run: document,
     },
     Step { name: "firmware", alone: "cargo xtask build-firmware", needed: true, long: false, run: firmware::run_build },
+    Step { name: "Linux guest", alone: "cargo xtask guest", needed: false, long: false, run: make_guest },
     Step {
         name: "tests",
         alone: "cargo test --workspace --exclude inerter-qemu --exclude inerter-stm32g474",
@@ -239,8 +240,20 @@ fn document() -> Result<()> {
     process::run(on_host("doc").arg("--no-deps").env("RUSTDOCFLAGS", "-D warnings"))
 }
 
+/// The boot image for the test with a real kernel, which skips where there is none.
+fn make_guest() -> Result<()> {
+    match guest::obstacle() {
+        Some(obstacle) => println!("not made, and its test will skip: {obstacle}"),
+        None => guest::run(&guest::Options::default())?,
+    }
+    Ok(())
+}
+
 fn test() -> Result<()> {
     let mut command = on_host("test");
+    if guest::obstacle().is_none() {
+        command.env("INERTER_REQUIRE_GUEST", "1");
+    }
     process::run(firmware::build_for(command.arg("--no-fail-fast"))?)
 }
 

@@ -91,6 +91,13 @@ impl<S: Socket> UsbLink<S> {
         }
     }
 
+    /// The host's program reads no more; only closing and opening again change that.
+    pub fn stop_reading(&mut self) {
+        if let Some(port) = &mut self.port {
+            port.stop_reading(&mut self.host);
+        }
+    }
+
     /// Pulls the cable out; the port is gone.
     pub fn unplug(&mut self) {
         self.port = None;

@@ -46,6 +46,13 @@ impl SerialPort {
         result
     }
 
+    /// Takes the reads back, as a terminal does whose program reads no more: what the device sends then waits in its endpoint.
+    pub fn stop_reading(&mut self, host: &mut UsbHost) {
+        for number in self.reads.drain(..) {
+            host.cancel(number);
+        }
+    }
+
     /// Everything that comes within a time.
     pub fn receive(&mut self, host: &mut UsbHost, socket: &mut impl Socket, for_s: f64) -> Result<Vec<u8>, UsbError> {
         let end_s = socket.time_s() + for_s;
