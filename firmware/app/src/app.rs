@@ -93,8 +93,8 @@ impl App {
 
     /// Whether sampling, estimating and telemetry have all gone on since this was last asked.
     ///
-    /// For a watchdog. Each goes on at least every 500 ms while all is well, also when the sampler is halted or the host does
-    /// not read; sampling does not while samples are due and none come.
+    /// For a watchdog. Each goes on at least every 500 ms while all is well, also when the sampler is halted or the host
+    /// does not read; sampling does not while samples are due and none come.
     pub fn alive(&self) -> bool {
         self.heartbeats.all_since_last()
     }

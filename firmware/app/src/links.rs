@@ -106,7 +106,6 @@ impl LinkState {
     ) -> (LinkReceiver<'_, A, C>, LinkTransmitter<'_, B, D>) {
         let session = self.with(|inner| {
             inner.joined = true;
-            inner.read_in = inner.session;
             inner.session
         });
         let receiver = LinkReceiver { state: self, first: first.0, second: second.0, session };

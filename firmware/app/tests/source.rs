@@ -5,7 +5,7 @@ mod rig;
 use inerter_app::{Pace, SourceError};
 use inerter_core::{RawSample, Settings};
 use inerter_wire::{
-    Command, Done, EventKind, Fault, Record, Refusal, Reply, SettingValue, SettingsValues, Source, Streams,
+    Command, Done, EventKind, Fault, Frame, Record, Refusal, Reply, SettingValue, SettingsValues, Source, Streams,
 };
 use rig::{Asked, Options, Rig, by_core, estimates, events, raw_samples, shaken};
 
@@ -66,19 +66,27 @@ fn no_sample_of_the_old_rate_is_fed_under_the_new_settings() {
     let mut rig = Rig::with(Options { pace: Pace::OnDemand, ..live() });
     rig.tell(Command::Streams(Streams { estimates: true, samples: true, ..Streams::NONE }));
     let (old, new) = (at_rate(1000.0, 0, 4_000), at_rate(4000.0, 5_000, 12_000));
-    // The host does not read: the estimator waits, the queue is full, and a batch is on its way into it.
-    rig.set_room(0);
+    // The host reads slowly: the estimator waits, the queue is full, and a batch is on its way into it.
+    rig.set_room(60);
     rig.script.push(old.iter().copied().map(Ok));
     rig.pass(10);
     let waiting = rig.script.left();
     assert!((100..3_700).contains(&waiting), "{waiting}");
     rig.script.push_with_next_settings(new.iter().copied().map(Ok));
     let id = rig.send(write(&[("sample_rate_hz", 4000.0)]));
+    let reply = Record::Reply(Reply { id, result: Ok(Done::Plain) });
+    let mut records = Vec::new();
+    while !records.contains(&reply) {
+        rig.pass(1);
+        for frame in rig.read_bytes(50) {
+            let Frame::Message { message, .. } = frame else { panic!("{frame:?}") };
+            records.push(message);
+        }
+    }
     rig.set_room(usize::MAX);
-    let mut records = rig.records();
+    records.extend(rig.records());
     rig.pass(50);
     records.extend(rig.records());
-    assert!(records.contains(&Record::Reply(Reply { id, result: Ok(Done::Plain) })));
     assert_eq!(rig.script.left(), 0, "it goes on by itself");
     let settings = Settings { sample_rate_hz: 4000.0, ..Settings::default() };
     let changed = Record::Settings(SettingsValues::from(&settings));
@@ -90,6 +98,22 @@ fn no_sample_of_the_old_rate_is_fed_under_the_new_settings() {
     let of_old = streamed.iter().filter(|sample| sample.index < 5_000).count();
     assert_eq!(streamed[..of_old], old[..of_old], "those that the estimator has seen");
     assert_eq!(streamed[of_old..], new);
+}
+
+#[test]
+fn no_batch_holds_samples_of_both_rates() {
+    let mut rig = Rig::with(live());
+    rig.tell(Command::Streams(Streams { samples: true, ..Streams::NONE }));
+    let samples = shaken(20);
+    rig.feed(&samples[..10]);
+    let (mut records, result, _) = rig.ask(write(&[("sample_rate_hz", 2000.0)]));
+    assert!(result.is_ok());
+    rig.feed(&samples[10..]);
+    rig.pass(50);
+    records.extend(rig.records());
+    records.retain(|record| matches!(record, Record::Samples(_)));
+    let of_each: Vec<_> = records.iter().map(|record| raw_samples(std::slice::from_ref(record))).collect();
+    assert_eq!(of_each, [&samples[..10], &samples[10..]]);
 }
 
 #[test]

@@ -242,6 +242,7 @@ fn the_next_host_is_told_nothing_old() {
         let [Record::Hello(_), Record::Reply(reply)] = records.as_slice() else { panic!("{records:?}") };
         assert_eq!(reply.id, id);
     }
+    assert_eq!(rig.health().dropped_frames, 0, "nobody missed anything");
 }
 
 #[test]
@@ -260,6 +261,25 @@ fn a_host_that_leaves_before_it_was_told_leaves_the_story_to_the_next() {
     rig.send_bytes(&[0]);
     rig.send(Command::Hello);
     assert_eq!(events(&messages(rig.frames())), story());
+}
+
+#[test]
+fn a_host_after_one_that_did_not_read_has_its_time() {
+    let mut rig = Rig::cold(crashed());
+    rig.app.link_state().set_open(true);
+    rig.tell(Command::Hello);
+    rig.set_room(0);
+    rig.pass(3_000);
+    rig.app.link_state().set_open(false);
+    rig.pass(10);
+    rig.app.link_state().set_open(true);
+    rig.send_bytes(&[0]);
+    let id = rig.send(Command::Hello);
+    // Longer than a frame may take on a link that is known not to be read.
+    rig.pass(500);
+    rig.set_room(usize::MAX);
+    let reply = Record::Reply(Reply { id, result: Ok(Done::Plain) });
+    assert!(matches!(messages(rig.frames()).as_slice(), [Record::Hello(_), last] if *last == reply));
 }
 
 #[test]

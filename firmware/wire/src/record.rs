@@ -125,7 +125,7 @@ pub struct Health {
     pub lost_samples: u64,
     /// Gaps in the sample counter.
     pub gaps: u32,
-    /// Times the sampler was overtaken by its own hardware.
+    /// Times the sampler was overtaken by its own hardware, or its channels ran apart.
     pub overruns: u32,
     /// Samples left out as saturated.
     pub saturated: u32,
@@ -253,7 +253,8 @@ impl fmt::Display for Fault {
                  settings to replace them"
             }
             Self::ForeignSettings => {
-                "the settings store is damaged or another program's, the defaults are in use: save settings to replace it"
+                "the settings store is damaged or another program's, the defaults are in use: save settings to \
+                 replace it"
             }
             Self::SamplerMisaligned => "the sampler's channels ran apart and were set right: please report it",
         })
