@@ -5,13 +5,12 @@
 //! excitation. A damaged frame, a lost edge or a chip that was reset is put right and becomes a gap; how many samples
 //! it cost the clock says, which is also the converter's.
 
+use crate::clkin::Clkin;
 use crate::led;
 use crate::ready::{Edge, Ready};
 use crate::spi::Device;
 use ads131m04::{Ads131m04, Config, Conversion, Gain, MatchedPosition, Osr, Ratiometric, Recovery};
 use embassy_stm32::gpio::Output;
-use embassy_stm32::peripherals::TIM1;
-use embassy_stm32::timer::simple_pwm::SimplePwm;
 use embassy_time::{Delay, Duration, Instant, with_timeout};
 use inerter_app::SourceError;
 use inerter_core::{RawSample, Settings};
@@ -42,7 +41,7 @@ const HURRIED: usize = 3;
 pub struct Converter {
     chip: Ads131m04<Device, Output<'static>>,
     ready: Ready,
-    clock: SimplePwm<'static, TIM1>,
+    clkin: Clkin,
     position: MatchedPosition,
     period: Duration,
     /// Index of the next sample.
@@ -61,12 +60,12 @@ pub struct Converter {
 
 impl Converter {
     /// Says nothing to the chip yet.
-    pub fn new(spi: Device, reset: Output<'static>, ready: Ready, clock: SimplePwm<'static, TIM1>) -> Self {
+    pub fn new(spi: Device, reset: Output<'static>, ready: Ready, clkin: Clkin) -> Self {
         let config = Config { clkin_hz: CLOCK_HZ, gains: GAINS, ..Config::default() };
         Self {
             chip: Ads131m04::new(spi, reset, config),
             ready,
-            clock,
+            clkin,
             position: MatchedPosition::new(config.osr),
             period: period(config.osr),
             index: 0,
@@ -83,26 +82,19 @@ impl Converter {
         self.index
     }
 
-    /// Sets the chip up for the rate; its first sample has this index.
+    /// Sets the chip up for the rate; its first sample has this index, whether that works or not.
     pub async fn configure(&mut self, settings: &Settings, index: u32) -> Result<(), SourceError> {
+        self.index = index;
         let osr = Osr::from_data_rate(CLOCK_HZ, settings.sample_rate_hz).ok_or(SourceError::Unreadable)?;
-        self.start_clock();
+        self.clkin.start();
         self.set_up().await?;
         let config = Config { osr, ..*self.chip.config() };
         self.chip.configure(config).await.map_err(|_| SourceError::Unreadable)?;
         self.position = MatchedPosition::new(osr);
         self.period = period(osr);
-        self.index = index;
         self.latest = None;
         self.paused = true;
         Ok(())
-    }
-
-    fn start_clock(&mut self) {
-        let mut clock = self.clock.ch1();
-        // As near to half of the 21 as it goes; the chip takes 40 to 60 %.
-        clock.set_duty_cycle(clock.max_duty_cycle() / 2);
-        clock.enable();
     }
 
     /// Edges are missed from here on.

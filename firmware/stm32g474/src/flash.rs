@@ -29,6 +29,10 @@ pub const SIZE: u32 = (PAGE * PAGES) as u32;
 /// Written at once, with one checksum.
 const DOUBLE_WORD: usize = 8;
 
+/// Flash of the chip in KB (RM0440, device electronic signature). The smaller members of the family lack these pages.
+const FLASH_SIZE: *const u16 = 0x1FFF_75E0 as *const u16;
+const NEEDED_KB: u16 = 512;
+
 /// Keys of the control register (RM0440, 3.3.5).
 const KEYS: [u32; 2] = [0x4567_0123, 0xCDEF_89AB];
 /// A double word takes 82 us, a page 22 ms (DS12288, table 50).
@@ -42,6 +46,8 @@ static DAMAGED: AtomicBool = AtomicBool::new(false);
 /// The pages cannot be read or written there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Failed {
+    /// The chip has no such pages, or one bank.
+    Missing,
     /// Not within the pages, or not on the edge of a double word or page.
     Place,
     /// The content is damaged.
@@ -54,7 +60,7 @@ impl NorFlashError for Failed {
     fn kind(&self) -> NorFlashErrorKind {
         match self {
             Self::Place => NorFlashErrorKind::OutOfBounds,
-            Self::Content | Self::Operation => NorFlashErrorKind::Other,
+            Self::Missing | Self::Content | Self::Operation => NorFlashErrorKind::Other,
         }
     }
 }
@@ -133,8 +139,12 @@ fn clear_errors() -> Sr {
     errors
 }
 
-/// Whether so many bytes from `offset` on lie within the pages and on edges of `unit`.
+/// Whether the chip has the pages, and so many bytes from `offset` on lie within them and on edges of `unit`; the address.
 fn check(offset: u32, length: usize, unit: usize) -> Result<usize, Failed> {
+    // SAFETY: a constant of the chip, in its system memory.
+    if unsafe { ptr::read(FLASH_SIZE) } < NEEDED_KB || !FLASH.optr().read().dbank() {
+        return Err(Failed::Missing);
+    }
     let offset = offset as usize;
     let end = offset.checked_add(length).ok_or(Failed::Place)?;
     if end <= SIZE as usize && offset.is_multiple_of(unit) && length.is_multiple_of(unit) {

@@ -40,8 +40,8 @@ static IDENTITY: [u8; LENGTH] = {
 
 fn text(number: usize) -> &'static str {
     // Not to be seen through, so that the linker keeps it in one piece.
-    let parts = black_box(&IDENTITY).split(|byte| *byte == 0);
-    parts.skip(number).next().and_then(|text| core::str::from_utf8(text).ok()).unwrap_or_default()
+    let mut parts = black_box(&IDENTITY).split(|byte| *byte == 0);
+    parts.nth(number).and_then(|text| core::str::from_utf8(text).ok()).unwrap_or_default()
 }
 
 /// Firmware name and version.

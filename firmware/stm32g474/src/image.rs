@@ -7,6 +7,7 @@ use crate::platform::Platform;
 use crate::ready::LatchHandler;
 use crate::rings::HalfHandler;
 use crate::source::{self, Source};
+use crate::spi::DoneHandler;
 use crate::temperature::Sensor;
 use crate::{clocks, defaults, identity, led, options, panic, reset, stack, usb, watchdog};
 use cortex_m_rt::entry;
@@ -15,9 +16,8 @@ use embassy_executor::{InterruptExecutor, Spawner};
 use embassy_futures::block_on;
 use embassy_stm32::gpio::Output;
 use embassy_stm32::interrupt::{self, InterruptExt, Priority};
-use embassy_stm32::peripherals::IWDG;
 use embassy_stm32::usart::{BufferedUartRx, BufferedUartTx};
-use embassy_stm32::{Peri, bind_interrupts, dma, exti, peripherals, usart};
+use embassy_stm32::{bind_interrupts, exti, peripherals, usart};
 use inerter_app::{App, FlashStore, Identity, InUse, LinkReceiver, LinkTransmitter, Restart, Start, load_settings};
 use inerter_core::{Active, State};
 use inerter_wire::{Capabilities, ClockSource, ResetCause};
@@ -28,8 +28,7 @@ bind_interrupts!(pub struct Interrupts {
     LPUART1 => usart::BufferedInterruptHandler<peripherals::LPUART1>;
     EXTI9_5 => exti::InterruptHandler<interrupt::typelevel::EXTI9_5>;
     DMA1_CHANNEL3 => HalfHandler;
-    DMA1_CHANNEL4 => dma::InterruptHandler<peripherals::DMA1_CH4>;
-    DMA1_CHANNEL5 => dma::InterruptHandler<peripherals::DMA1_CH5>;
+    DMA1_CHANNEL5 => DoneHandler;
     TIM2 => LatchHandler;
     // A peripheral that is not used lends its interrupt to the sampling tasks.
     UART4 => SamplingExecutor;
@@ -104,8 +103,8 @@ async fn show(app: &'static App, led: Output<'static>, clock: ClockSource) {
 }
 
 #[embassy_executor::task]
-async fn watch(app: &'static App, watchdog: Peri<'static, IWDG>) {
-    watchdog::watch(watchdog, app).await
+async fn watch(app: &'static App) {
+    watchdog::watch(app).await
 }
 
 #[embassy_executor::task]
@@ -132,7 +131,7 @@ fn set_up(spawner: Spawner) {
     }
     options::check(start.cause);
     let (clock, peripherals) = clocks::start();
-    let Parts { led, usb, vbus, uart, source, watchdog } = boards::wire(peripherals);
+    let Parts { led, usb, vbus, uart, source } = boards::wire(peripherals);
     let app: &'static App = APP.init_with(App::new);
     let identity = Identity {
         firmware: identity::firmware(),
@@ -164,7 +163,7 @@ fn set_up(spawner: Spawner) {
         health(app, Platform::new(Sensor::new())).map(|task| spawner.spawn(task)),
         usb_device(app, port.device).map(|task| spawner.spawn(task)),
         show(app, led, clock).map(|task| spawner.spawn(task)),
-        watch(app, watchdog).map(|task| spawner.spawn(task)),
+        watch(app).map(|task| spawner.spawn(task)),
         forget_press().map(|task| spawner.spawn(task)),
         #[cfg(feature = "hang")]
         hang().map(|task| spawner.spawn(task)),

@@ -12,6 +12,7 @@ use core::sync::atomic::{AtomicBool, Ordering};
 use cortex_m::peripheral::{DCB, SCB};
 use cortex_m_rt::{ExceptionFrame, exception};
 use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
+use heapless::String;
 use static_cell::StaticCell;
 
 /// Bytes kept: what an event can carry.
@@ -22,50 +23,78 @@ const PATH: usize = 32;
 const MAGIC: u32 = 0x5041_4E21;
 const CHECK: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
 
-/// A message on its way through the reset.
-#[derive(Clone, Copy)]
+/// A message on its way through the reset: in words, as RAM keeps them.
 #[repr(C)]
-struct Message {
+struct Kept {
     magic: u32,
     check: u32,
-    length: u32,
-    text: [u8; LENGTH],
+    text: [u32; LENGTH / 4],
 }
 
 /// Not touched by start-up.
 #[unsafe(link_section = ".uninit.message")]
-static mut KEPT: MaybeUninit<Message> = MaybeUninit::uninit();
+static mut KEPT: MaybeUninit<Kept> = MaybeUninit::uninit();
 static PANICKED: AtomicBool = AtomicBool::new(false);
 
-impl Message {
-    const EMPTY: Self = Self { magic: 0, check: 0, length: 0, text: [0; LENGTH] };
+/// Text of at most [`LENGTH`] bytes; what does not fit is left out, what is not ASCII is a question mark.
+struct Message {
+    text: String<LENGTH>,
+}
 
-    fn text(&self) -> &str {
-        let bytes = self.text.get(..self.length as usize).unwrap_or_default();
-        match core::str::from_utf8(bytes) {
-            Ok(text) => text,
-            // Cut within a letter.
-            Err(error) => {
-                bytes.get(..error.valid_up_to()).and_then(|whole| core::str::from_utf8(whole).ok()).unwrap_or_default()
+impl Message {
+    const EMPTY: Self = Self { text: String::new() };
+
+    /// Keeps it, with zeros behind.
+    fn keep(&self) {
+        let mut bytes = [0; LENGTH];
+        for (place, byte) in bytes.iter_mut().zip(self.text.bytes()) {
+            *place = byte;
+        }
+        let kept = ptr::addr_of_mut!(KEPT).cast::<Kept>();
+        let (words, _) = bytes.as_chunks();
+        // SAFETY: the fields of a static, by pointers that stay inside; volatile, as the next run reads them. Interrupts
+        // are off, or this is a fault: nothing else runs any more.
+        unsafe {
+            for (place, word) in words.iter().enumerate() {
+                ptr::addr_of_mut!((*kept).text).cast::<u32>().add(place).write_volatile(u32::from_le_bytes(*word));
             }
+            ptr::addr_of_mut!((*kept).check).write_volatile(CHECK.checksum(&bytes));
+            ptr::addr_of_mut!((*kept).magic).write_volatile(MAGIC);
         }
     }
 
-    fn keep(&mut self) {
-        self.magic = MAGIC;
-        self.check = CHECK.checksum(&self.text);
-        // SAFETY: interrupts are off, and nothing else runs any more.
-        unsafe { ptr::write_volatile(ptr::addr_of_mut!(KEPT).cast(), *self) };
+    /// What was kept, if it is whole; forgets it.
+    fn fetch() -> Option<Self> {
+        let kept = ptr::addr_of_mut!(KEPT).cast::<Kept>();
+        let mut bytes = [0; LENGTH];
+        let (words, _) = bytes.as_chunks_mut();
+        // SAFETY: as in `keep`; integers, for which every content is valid.
+        let (magic, check) = unsafe {
+            for (place, word) in words.iter_mut().enumerate() {
+                *word = ptr::addr_of!((*kept).text).cast::<u32>().add(place).read_volatile().to_le_bytes();
+            }
+            let magic = ptr::addr_of!((*kept).magic).read_volatile();
+            ptr::addr_of_mut!((*kept).magic).write_volatile(0);
+            (magic, ptr::addr_of!((*kept).check).read_volatile())
+        };
+        if magic != MAGIC || check != CHECK.checksum(&bytes) {
+            return None;
+        }
+        let mut message = Self::EMPTY;
+        for byte in bytes.into_iter().take_while(|byte| *byte != 0) {
+            message.add(char::from(byte));
+        }
+        Some(message)
+    }
+
+    fn add(&mut self, letter: char) {
+        let _ = self.text.push(if letter.is_ascii() { letter } else { '?' });
     }
 }
 
 impl Write for Message {
-    /// What does not fit is left out.
     fn write_str(&mut self, part: &str) -> fmt::Result {
-        for (place, byte) in self.text.iter_mut().skip(self.length as usize).zip(part.bytes()) {
-            *place = byte;
-            self.length += 1;
-        }
+        part.chars().for_each(|letter| self.add(letter));
         Ok(())
     }
 }
@@ -73,17 +102,8 @@ impl Write for Message {
 /// The message that the run before left, if it ended by a panic or fault. Forgets it. To be called once.
 pub fn take() -> Option<&'static str> {
     static TAKEN: StaticCell<Message> = StaticCell::new();
-    // SAFETY: integers only, for which every content is valid; volatile, as the run before wrote it. Nothing has
-    // panicked yet.
-    let message: Message = unsafe { ptr::read_volatile(ptr::addr_of!(KEPT).cast()) };
-    // SAFETY: as above.
-    unsafe { ptr::write_volatile(ptr::addr_of_mut!(KEPT).cast(), Message::EMPTY) };
-    let whole = message.magic == MAGIC && message.check == CHECK.checksum(&message.text);
-    if !whole {
-        return None;
-    }
-    let message: &'static Message = TAKEN.init(message);
-    Some(message.text())
+    let message: &'static Message = TAKEN.init(Message::fetch()?);
+    Some(&message.text)
 }
 
 #[panic_handler]
@@ -99,7 +119,7 @@ fn panic(info: &PanicInfo) -> ! {
         }
         let _ = write!(message, "{}", info.message());
         message.keep();
-        defmt::error!("panicked at {=str}", message.text());
+        defmt::error!("panicked at {=str}", message.text.as_str());
     }
     end()
 }
@@ -125,7 +145,7 @@ unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
             frame.lr()
         );
         message.keep();
-        defmt::error!("{=str}", message.text());
+        defmt::error!("{=str}", message.text.as_str());
     }
     if DCB::is_debugger_attached() {
         cortex_m::asm::bkpt();

@@ -22,8 +22,8 @@ const HALF_TIME: Duration = Duration::from_micros(HALF as u64 * 1_000_000 / ENTR
 const _: () = assert!(HALF_TIME.as_micros() * ENTRIES_PER_S as u64 == HALF as u64 * 1_000_000);
 /// No half in this time: the hardware stands still.
 const STILL: Duration = Duration::from_millis(20);
-/// Times in a row that it is started again.
-const RESTARTS: u8 = 5;
+/// Time for which it is started again and again before it counts as broken.
+const PATIENCE: Duration = Duration::from_millis(250);
 
 /// The sampler.
 pub struct Sampler {
@@ -37,8 +37,8 @@ pub struct Sampler {
     /// Samples not handed out yet, from `given` on.
     ready: Vec<RawSample, MOST>,
     given: usize,
-    /// Restarts since the last half.
-    restarts: u8,
+    /// When the last good half was taken, or reading began.
+    good: Instant,
 }
 
 impl Sampler {
@@ -52,7 +52,7 @@ impl Sampler {
             begun: None,
             ready: Vec::new(),
             given: 0,
-            restarts: 0,
+            good: Instant::MIN,
         }
     }
 
@@ -95,6 +95,7 @@ impl Sampler {
 
     async fn next_half(&mut self) -> Result<(), SourceError> {
         if !self.running {
+            self.good = Instant::now();
             self.start();
         }
         match with_timeout(STILL, self.rings.full()).await {
@@ -116,11 +117,10 @@ impl Sampler {
         self.running = true;
     }
 
+    /// Starts anew after trouble, unless there has been nothing else for long.
     fn restart(&mut self, why: SourceError) -> Result<(), SourceError> {
         self.halt();
-        self.restarts += 1;
-        if self.restarts > RESTARTS {
-            self.restarts = 0;
+        if self.good.elapsed() > PATIENCE {
             return Err(SourceError::Unreadable);
         }
         self.start();
@@ -138,9 +138,9 @@ impl Sampler {
         });
         self.next = half.next();
         self.begun = self.begun.map(|begun| begun + HALF_TIME);
-        self.restarts = 0;
         led::note_samples();
         if self.rings.holds(half) {
+            self.good = Instant::now();
             return Ok(());
         }
         // The samples were counted, and are not given out: a gap.

@@ -26,25 +26,30 @@ impl FrontEnd {
 
 /// Whether the front end that they choose can do it.
 pub fn accepts(settings: &Settings) -> Result<(), SettingsError> {
-    let (value, offered) = (settings.sample_rate_hz, FrontEnd::of(settings).rates_hz());
-    if offered.contains(&value) {
-        Ok(())
-    } else {
-        Err(SettingsError::NotOffered { field: "sample_rate_hz", value, offered })
+    let front_end = FrontEnd::of(settings);
+    let (value, offered) = (settings.sample_rate_hz, front_end.rates_hz());
+    if !offered.contains(&value) {
+        return Err(SettingsError::NotOffered { field: "sample_rate_hz", value, offered });
     }
+    if front_end == FrontEnd::Digital && settings.force_min_code >= 0.0 {
+        let rule = "the digital front end's codes have a sign: rails -8388608 and 8388607";
+        return Err(SettingsError::Conflict { field: "front_end", other: "force_min_code", rule });
+    }
+    Ok(())
 }
 
 /// Both front ends; one is in use.
 pub struct Source {
     sampler: Sampler,
     converter: Converter,
-    in_use: FrontEnd,
+    /// `None` until the first is chosen.
+    in_use: Option<FrontEnd>,
 }
 
 impl Source {
-    /// The analogue one, halted.
+    /// Halted.
     pub fn new(sampler: Sampler, converter: Converter) -> Self {
-        Self { sampler, converter, in_use: FrontEnd::Analogue }
+        Self { sampler, converter, in_use: None }
     }
 }
 
@@ -55,20 +60,24 @@ impl SampleSource for Source {
 
     async fn read(&mut self, into: &mut [RawSample]) -> Result<usize, SourceError> {
         match self.in_use {
-            FrontEnd::Analogue => self.sampler.read(into).await,
-            FrontEnd::Digital => self.converter.read(into).await,
+            Some(FrontEnd::Analogue) => self.sampler.read(into).await,
+            Some(FrontEnd::Digital) => self.converter.read(into).await,
+            None => Err(SourceError::Unreadable),
         }
     }
 
-    /// The sample counter goes on, whichever front end comes.
+    /// The sample counter goes on, whichever front end comes; a sample is left out, as nothing after is the neighbour of
+    /// anything before.
     async fn configure(&mut self, settings: &Settings) -> Result<(), SourceError> {
         self.halt().await;
         let index = match self.in_use {
-            FrontEnd::Analogue => self.sampler.index(),
-            FrontEnd::Digital => self.converter.index(),
+            Some(FrontEnd::Analogue) => self.sampler.index().wrapping_add(1),
+            Some(FrontEnd::Digital) => self.converter.index().wrapping_add(1),
+            None => 0,
         };
-        self.in_use = FrontEnd::of(settings);
-        match self.in_use {
+        let front_end = FrontEnd::of(settings);
+        self.in_use = Some(front_end);
+        match front_end {
             FrontEnd::Analogue => self.sampler.configure(settings, index),
             FrontEnd::Digital => self.converter.configure(settings, index).await,
         }
@@ -76,8 +85,9 @@ impl SampleSource for Source {
 
     async fn halt(&mut self) {
         match self.in_use {
-            FrontEnd::Analogue => self.sampler.halt(),
-            FrontEnd::Digital => self.converter.halt(),
+            Some(FrontEnd::Analogue) => self.sampler.halt(),
+            Some(FrontEnd::Digital) => self.converter.halt(),
+            None => {}
         }
     }
 }

@@ -106,8 +106,8 @@ impl Rig {
     /// Amplifier and terminal sensor rest at the middle of the converter's range \[V\].
     pub const ZERO_V: f64 = REFERENCE_V / 2.0;
 
-    /// The paper's device, 20 kN over the converter's range (`fast` takes 16), 33 mm of terminal displacement, 10 us of filter, 25 kN over the
-    /// range of the digital front end at a gain of 32.
+    /// The paper's device, 20 kN over the converter's range (`fast` takes 16), 33 mm of terminal displacement, 10 us of filter; for the
+    /// digital front end a load cell of 10 kN at 2 mV/V, its bridge and the divider of the excitation at 2.5 V (docs/HARDWARE.md).
     pub fn new(motion: Excitation, start_s: f64) -> Self {
         Self {
             device: Parameters::paper(),
@@ -119,8 +119,8 @@ impl Rig {
             force_offset_n: 3.0,
             filter_s: 10e-6,
             metres_per_volt: 0.033 / REFERENCE_V,
-            newtons_per_bridge_volt: 12_500.0 / (DIGITAL_FULL_SCALE_V / 32.0),
-            excitation_v: 0.8929,
+            newtons_per_bridge_volt: 10_000.0 / 5e-3,
+            excitation_v: 2.5 / 2.8,
             temperature_c: 25.0,
             faults: Vec::new(),
         }
@@ -392,7 +392,7 @@ mod tests {
             // One solution ends 1e-11 m from where the next begins, which the contact's stiffness makes 20 uN.
             assert!((bench.force_volts(time_s) - (1.65 + newtons * 3.3 / 20_000.0)).abs() < 1e-7);
             assert!((bench.terminal_volts(time_s) - (1.65 + truth.x1_m * 100.0)).abs() < 1e-9);
-            assert!((bench.bridge_volts(time_s) - newtons * 0.0375 / 12_500.0).abs() < 1e-12);
+            assert!((bench.bridge_volts(time_s) - newtons * 5e-3 / 10_000.0).abs() < 1e-12);
         }
     }
 

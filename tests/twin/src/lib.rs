@@ -24,6 +24,7 @@ pub mod elf;
 pub mod machine;
 pub mod nvic;
 pub mod registers;
+pub mod serial_link;
 pub mod talk;
 pub mod usb_host;
 pub mod usb_link;

@@ -8,8 +8,7 @@ use crate::usb;
 use embassy_stm32::exti::ExtiInput;
 use embassy_stm32::gpio::Output;
 use embassy_stm32::mode::Async;
-use embassy_stm32::peripherals::IWDG;
-use embassy_stm32::{Peri, rcc};
+use embassy_stm32::rcc;
 
 #[cfg(all(feature = "board-nucleo", feature = "board-weact"))]
 compile_error!("choose one board: board-weact goes with --no-default-features");
@@ -45,8 +44,6 @@ pub struct Parts {
     pub uart: lpuart::Uart,
     /// Encoder and both front ends.
     pub source: Source,
-    /// The independent watchdog.
-    pub watchdog: Peri<'static, IWDG>,
 }
 
 /// Where the core's clock comes from: 168 MHz after multiplication.

@@ -1,18 +1,15 @@
 //! WeAct STM32G474 core board. Sources: WeAct's schematic (STM32G474CoreBoard), DS12288 tables 12 and 13 (pins).
 
 use super::{Oscillator, Parts};
-use crate::converter::{self, Converter};
-use crate::image::Interrupts;
+use crate::clkin::Clkin;
+use crate::converter::Converter;
 use crate::ready::Ready;
 use crate::rings::{self, Rings};
 use crate::sampler::Sampler;
 use crate::source::Source;
 use crate::{lpuart, spi, usb};
-use embassy_stm32::gpio::{Level, Output, OutputType, Speed};
-use embassy_stm32::spi::Spi;
+use embassy_stm32::gpio::{Level, Output, Speed};
 use embassy_stm32::time::Hertz;
-use embassy_stm32::timer::low_level::CountingMode;
-use embassy_stm32::timer::simple_pwm::{PwmPin, SimplePwm};
 use embassy_stm32::{Peripherals, peripherals, rcc};
 
 /// Name of the board.
@@ -46,20 +43,12 @@ pub fn wire(p: Peripherals) -> Parts {
     let force = rings::analogue::<peripherals::ADC1>(p.PA0);
     let terminal = rings::analogue::<peripherals::ADC2>(p.PA1);
     let sampler = Sampler::new(Rings::new(force, terminal, encoder));
-    let bus = Spi::new(p.SPI2, p.PB13, p.PB15, p.PB14, p.DMA1_CH4, p.DMA1_CH5, Interrupts, spi::config());
+    let select = Output::new(p.PB12, Level::High, Speed::High);
     let converter = Converter::new(
-        spi::Device::new(bus, Output::new(p.PB12, Level::High, Speed::High)),
+        spi::Device::new(p.SPI2, p.PB13, p.PB15, p.PB14, select),
         Output::new(p.PB11, Level::High, Speed::Low),
         Ready::new(p.PB10),
-        SimplePwm::new(
-            p.TIM1,
-            Some(PwmPin::new(p.PA8, OutputType::PushPull)),
-            None,
-            None,
-            None,
-            Hertz(converter::CLOCK_HZ),
-            CountingMode::EdgeAlignedUp,
-        ),
+        Clkin::new(p.TIM1, p.PA8),
     );
     Parts {
         led: Output::new(p.PC6, Level::High, Speed::Low),
@@ -68,6 +57,5 @@ pub fn wire(p: Peripherals) -> Parts {
         vbus: None,
         uart: lpuart::start(p.LPUART1, p.PA3, p.PA2),
         source: Source::new(sampler, converter),
-        watchdog: p.IWDG,
     }
 }

@@ -47,9 +47,9 @@ impl Clocks {
         self.since_s + at.saturating_sub(self.since) as f64 / self.hclk_hz
     }
 
-    /// The cycle nearest to a moment in seconds, not before [`Self::since`].
+    /// The first cycle not before a moment in seconds, nor before [`Self::since`]: whoever waits for later gets on.
     pub fn cycle_at(&self, time_s: f64) -> Cycles {
-        self.since + ((time_s - self.since_s) * self.hclk_hz).max(0.0).round() as Cycles
+        self.since + ((time_s - self.since_s) * self.hclk_hz).max(0.0).ceil() as Cycles
     }
 
     /// Cycles in a length of time, rounded to the nearest, at least one.
@@ -66,7 +66,7 @@ mod tests {
     fn seconds_and_cycles() {
         let clocks = Clocks { since: 1000, since_s: 0.5, hclk_hz: 168e6, ..Clocks::POWER_ON };
         assert_eq!(clocks.seconds(1000 + 168), 0.5 + 1e-6);
-        assert_eq!(clocks.cycle_at(0.5 + 1e-6), 1168);
+        assert_eq!((clocks.cycle_at(0.5 + 0.9e-6), clocks.cycle_at(0.5 + 1.1e-6)), (1152, 1185));
         assert_eq!(clocks.cycle_at(0.0), 1000);
         assert_eq!(clocks.cycles_in(1e-3), 168_000);
         assert_eq!(clocks.cycles_in(0.0), 1);

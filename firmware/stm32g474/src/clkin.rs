@@ -1,0 +1,44 @@
+//! The converter's clock: TIM1 makes 8 MHz of the core's clock, when it is wanted.
+
+use crate::boards;
+use crate::converter::CLOCK_HZ;
+use embassy_stm32::gpio::{AfType, Flex, OutputType, Speed};
+use embassy_stm32::pac::timer::vals::Ocm;
+use embassy_stm32::pac::{RCC, TIM1};
+use embassy_stm32::timer::{Ch1, TimerPin};
+use embassy_stm32::{Peri, peripherals};
+
+/// Core clocks in a period: 21. High for 10 of them: 48 %, the converter takes 40 to 60.
+const PERIOD: u16 = (boards::CORE_HZ / CLOCK_HZ) as u16;
+const _: () = assert!(PERIOD as u32 * CLOCK_HZ == boards::CORE_HZ);
+
+/// The clock, low until it starts.
+pub struct Clkin {
+    _private: (),
+}
+
+impl Clkin {
+    /// Takes timer and pin.
+    pub fn new(
+        _timer: Peri<'static, peripherals::TIM1>,
+        pin: Peri<'static, impl TimerPin<peripherals::TIM1, Ch1>>,
+    ) -> Self {
+        let function = pin.af_num();
+        let mut pin = Flex::new(pin);
+        pin.set_as_af_unchecked(function, AfType::output(OutputType::PushPull, Speed::VeryHigh));
+        // Connected for ever.
+        core::mem::forget(pin);
+        critical_section::with(|_| RCC.apb2enr().modify(|w| w.set_tim1en(true)));
+        TIM1.arr().write(|w| w.set_arr(PERIOD - 1));
+        TIM1.ccr(0).write(|w| w.set_ccr(PERIOD / 2));
+        TIM1.ccmr_output(0).write(|w| w.set_ocm(0, Ocm::PWM_MODE1));
+        TIM1.ccer().write(|w| w.set_cce(0, true));
+        TIM1.bdtr().write(|w| w.set_moe(true));
+        Self { _private: () }
+    }
+
+    /// Starts, or goes on.
+    pub fn start(&mut self) {
+        TIM1.cr1().write(|w| w.set_cen(true));
+    }
+}

@@ -1,0 +1,88 @@
+//! A board on the serial link (LPUART1 behind the ST-Link's virtual port), with the host's program at the other end.
+//!
+//! For tests that are not about USB: no enumeration, no host's schedule, the same bytes.
+
+use crate::machine::{Ended, Machine};
+use crate::talk::Talk;
+use inerter_wire::{Command, Record, Refusal, Reply};
+
+/// How often the host looks at its port \[s\].
+const STEP_S: f64 = 5e-3;
+
+/// Why a request came to nothing.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum SerialError {
+    /// The run has ended.
+    #[error(transparent)]
+    Ended(#[from] Ended),
+    /// No reply within the time.
+    #[error("no reply to {command} within {limit_s} s")]
+    NoReply {
+        /// What was asked.
+        command: String,
+        /// How long it was waited for \[s\].
+        limit_s: f64,
+    },
+    /// The device said no.
+    #[error("{command} was refused: {refusal:?}")]
+    Refused {
+        /// What was asked.
+        command: String,
+        /// Why not.
+        refusal: Refusal,
+    },
+}
+
+/// Device, wire, host.
+pub struct SerialLink {
+    /// The device.
+    pub machine: Machine,
+    /// The host program's half of the conversation.
+    pub talk: Talk,
+}
+
+impl SerialLink {
+    /// Both ends are connected, nothing has been said.
+    pub fn new(machine: Machine) -> Self {
+        Self { machine, talk: Talk::new() }
+    }
+
+    /// Listens until a moment in seconds since power-on; the records are in [`talk`](Self::talk).
+    pub fn listen_until(&mut self, time_s: f64) -> Result<(), Ended> {
+        // A run ends on a whole cycle, which rounding may put either side of the moment.
+        while self.machine.time_s() + 1e-9 < time_s {
+            self.machine.run_until(time_s.min(self.machine.time_s() + STEP_S))?;
+            let bytes = self.machine.serial_take();
+            self.talk.take(&bytes);
+        }
+        Ok(())
+    }
+
+    /// Sends a command and waits for its reply.
+    pub fn request(&mut self, command: Command, limit_s: f64) -> Result<Reply, SerialError> {
+        let (name, end_s) = (format!("{command:?}"), self.machine.time_s() + limit_s);
+        let (id, bytes) = self.talk.request(command);
+        self.machine.serial_send(&bytes);
+        loop {
+            if let Some(reply) = self.talk.reply(id) {
+                return Ok(reply);
+            }
+            if self.machine.time_s() >= end_s {
+                return Err(SerialError::NoReply { command: name, limit_s });
+            }
+            self.listen_until(self.machine.time_s() + STEP_S)?;
+        }
+    }
+
+    /// The same for a command that must be obeyed.
+    pub fn order(&mut self, command: Command, limit_s: f64) -> Result<(), SerialError> {
+        let name = format!("{command:?}");
+        let reply = self.request(command, limit_s)?;
+        reply.result.map(|_| ()).map_err(|refusal| SerialError::Refused { command: name, refusal })
+    }
+
+    /// Takes the records that have come.
+    pub fn records(&mut self) -> Vec<Record> {
+        self.talk.records()
+    }
+}

@@ -1,0 +1,452 @@
+//! The shipping image measures a simulated inerter: what it samples, what it makes of that, and what it says when something is wrong.
+//!
+//! Every run goes through the whole of it: sampling clock, converters, DMA, sums, estimator, telemetry, USB. The estimates
+//! must be those that core gives on this computer for the samples that were streamed, to the bit, and as near to the truth
+//! as `docs/tables/accuracy.md` says core alone comes.
+
+use std::error::Error;
+
+use ads131m04::{Gain, Osr};
+use inerter_core::{Estimate, Parameter, RawSample, Settings, Status};
+use inerter_plant::{Excitation, Simulation};
+use inerter_twin::{
+    bench::{Bench, Fault, Replay, Rig, Sensor, replay},
+    chip::{adc::Quality, ads131m04::Ads131m04},
+    machine::{Machine, shipping_image},
+    serial_link::SerialLink,
+    usb_link::{LinkError, UsbLink},
+};
+use inerter_wire::{
+    Command, EventKind, Fault as Broken, Health, MAX_FRAME, Record, SettingsValues, Streams, encode_record,
+};
+
+type Outcome = Result<(), Box<dyn Error>>;
+
+/// The firmware has started by then \[s\].
+const BOOTED_S: f64 = 0.2;
+/// When the plant begins to move: after the port was opened and the settings were written \[s\].
+const MOTION_S: f64 = 1.5;
+/// Time for a reply \[s\].
+const REPLY_S: f64 = 0.5;
+
+/// A board that has been given settings, with its sampler stopped.
+struct Lab {
+    link: UsbLink<Machine>,
+    settings: Settings,
+}
+
+/// What came of a run.
+struct Run {
+    settings: Settings,
+    samples: Vec<RawSample>,
+    estimates: Vec<Estimate>,
+    events: Vec<EventKind>,
+    health: Vec<Health>,
+    /// Frames that the device could not get rid of.
+    lost: u64,
+}
+
+impl Lab {
+    /// Boots the image at this rig, plugs in and writes the settings.
+    fn new(
+        image: &[u8],
+        rig: Rig,
+        settings: Settings,
+        prepare: impl FnOnce(&mut Machine),
+    ) -> Result<Self, Box<dyn Error>> {
+        let mut machine = Machine::new(image, Box::new(Bench::new(rig)?))?;
+        prepare(&mut machine);
+        machine.run_until(BOOTED_S)?;
+        let mut lab = Self { link: UsbLink::new(machine), settings };
+        lab.link.connect()?;
+        lab.link.open()?;
+        for command in set_up(&settings) {
+            lab.order(command)?;
+        }
+        lab.link.records();
+        Ok(lab)
+    }
+
+    fn order(&mut self, command: Command) -> Result<(), LinkError> {
+        self.link.request(command, REPLY_S)?.result.map(|_| ()).map_err(LinkError::Refused)
+    }
+
+    /// Samples from now on until this time, in which `disturb` may do what it likes each 10 ms.
+    fn run(&mut self, end_s: f64, mut disturb: impl FnMut(&mut Machine)) -> Result<Run, Box<dyn Error>> {
+        self.order(Command::Start)?;
+        while self.link.socket.time_s() < end_s {
+            disturb(&mut self.link.socket);
+            self.link.listen(0.01)?;
+        }
+        self.order(Command::Stop)?;
+        // Everything that is still on its way.
+        self.link.listen(0.2)?;
+        let lost = self.link.talk.lost();
+        Run::of(self.settings, self.link.records(), lost)
+    }
+}
+
+/// What a board is told before a run: its sampler rests until the run begins.
+fn set_up(settings: &Settings) -> [Command; 5] {
+    let streams = Streams { sums: false, ..Streams::ALL };
+    let values = SettingsValues::from(settings);
+    [Command::Hello, Command::Stop, Command::WriteSettings(values), Command::ResetEstimator, Command::Streams(streams)]
+}
+
+/// Every bit of it, those of a zero's sign too.
+fn bytes(estimate: &Estimate) -> Vec<u8> {
+    let mut out = [0; MAX_FRAME];
+    let length = encode_record(&Record::Estimate(*estimate), 0, &mut out).expect("fits");
+    out[..length].to_vec()
+}
+
+impl Run {
+    /// From what was heard since the set-up.
+    fn of(settings: Settings, records: Vec<Record>, lost: u64) -> Result<Self, Box<dyn Error>> {
+        let mut run =
+            Run { settings, samples: Vec::new(), estimates: Vec::new(), events: Vec::new(), health: Vec::new(), lost };
+        for record in records {
+            match record {
+                Record::Samples(batch) => {
+                    for sample in &batch {
+                        run.samples.push(sample.map_err(|error| format!("{error:?}"))?);
+                    }
+                }
+                Record::Estimate(estimate) => run.estimates.push(estimate),
+                Record::Event(event) => run.events.push(event.kind),
+                Record::Health(health) => run.health.push(health),
+                _ => {}
+            }
+        }
+        Ok(run)
+    }
+
+    /// Core's own estimates for the samples, which the board's must be to the bit.
+    #[track_caller]
+    fn agrees_with_core(&self) -> Replay {
+        assert_eq!(self.lost, 0, "frames lost on the link");
+        let here = replay(&self.settings, &self.samples).expect("settings that the board took");
+        assert_eq!(self.estimates.len(), here.published.len(), "estimates");
+        for (there, here) in self.estimates.iter().zip(&here.published) {
+            assert_eq!(bytes(there), bytes(here), "{there:?} on the board, {here:?} here");
+        }
+        // Teeth: one count of the encoder in one sample that is not gated, and it is no longer the same.
+        let changed = |place: usize| {
+            let mut other = self.samples.clone();
+            other[place].position_count ^= 64;
+            let other = replay(&self.settings, &other).expect("the same settings");
+            other.published.iter().map(bytes).ne(here.published.iter().map(bytes))
+        };
+        assert!((3..9).any(|part| changed(self.samples.len() * part / 9)));
+        here
+    }
+
+    fn gaps(&self) -> usize {
+        self.samples.windows(2).filter(|pair| pair[1].index != pair[0].index.wrapping_add(1)).count()
+    }
+}
+
+fn three(estimate: &Estimate) -> [Parameter; 3] {
+    let all = estimate.whole_run;
+    [all.inertance_kg, all.viscous_n_s_per_m, all.coulomb_n]
+}
+
+/// Parameters as the table calls them.
+const NAMES: [&str; 3] = ["mt kg", "cf N s/m", "fc N"];
+
+/// Bias goal and sigma of each parameter, by the table of core alone.
+fn table(rate_hz: f64, motion: &str) -> [[f64; 2]; 3] {
+    let table = include_str!("../../../docs/tables/accuracy.md");
+    let heading = if rate_hz > 3000.0 { "4 kHz, 1 N" } else { "1 kHz, 1 N" };
+    let section = table.split("\n## ").find(|section| section.lines().next() == Some(heading)).expect("a section");
+    let rows = section.lines().map(|line| line.split('|').map(str::trim).collect::<Vec<_>>());
+    let of_motion: Vec<_> = rows.filter(|cells| cells.get(1) == Some(&motion)).collect();
+    NAMES.map(|parameter| {
+        let cells = of_motion.iter().find(|cells| cells[2] == parameter).expect("a row");
+        let goal = cells[5].split(',').next().expect("a bias");
+        [goal, cells[4]].map(|number| number.trim().parse().expect("a number"))
+    })
+}
+
+/// One run of a preset motion, held against the table and against core.
+#[track_caller]
+fn accurate(motion: &str, rate_hz: f64, duration_s: f64) -> Outcome {
+    let Some(image) = shipping_image() else { return Ok(()) };
+    let rig = Rig::new(Excitation::parse(motion, 11)?, MOTION_S);
+    let settings = Settings { memory_s: 100.0, publish_rate_hz: 10.0, ..rig.settings(rate_hz) };
+    let started = std::time::Instant::now();
+    let mut lab = Lab::new(&image, rig.clone(), settings, |_| {})?;
+    let run = lab.run(MOTION_S + duration_s, |_| {})?;
+    println!("{motion} {rate_hz} Hz: {duration_s} s in {:?}", started.elapsed());
+    let here = run.agrees_with_core();
+    assert_eq!((run.gaps(), here.counters.saturated), (0, 0), "{:?}", run.events);
+    let expected = duration_s * rate_hz;
+    assert!(run.samples.len() as f64 > expected, "{} samples", run.samples.len());
+
+    // Core alone, on the same plant without a chip.
+    let quality = Quality::default();
+    let simulation = Simulation::new(rig.device, rig.motion.clone(), rig.sensors(rate_hz, &quality))?;
+    let scale = (rate_hz / 1000.0) as i32;
+    let samples: Vec<RawSample> = simulation
+        .lasting(duration_s)
+        .map(|sample| RawSample {
+            index: sample.index,
+            position_count: sample.position_count.wrapping_mul(scale),
+            force_code: sample.force_code * scale,
+            terminal_code: sample.terminal_code,
+        })
+        .collect();
+    let alone = replay(&settings, &samples)?;
+
+    let truth = [rig.device.inertance_kg, rig.device.viscous_n_s_per_m, rig.device.coulomb_n];
+    let (twin, alone) = (three(&here.last), three(&alone.last));
+    for (i, [goal, sigma]) in table(rate_hz, motion).into_iter().enumerate() {
+        let (error, without_chip) = (f64::from(twin[i].value) - truth[i], f64::from(alone[i].value) - truth[i]);
+        let ratio = twin[i].u95 / alone[i].u95;
+        println!("  {}: error {error:.5}, without a chip {without_chip:.5}, sigma {sigma}, interval {ratio}", NAMES[i]);
+        assert!(error.abs() < goal.max(sigma) + 4.0 * sigma, "{motion}, {}: {error}", NAMES[i]);
+        assert!((error - without_chip).abs() < 6.0 * sigma, "{motion}, {}: {error} and {without_chip}", NAMES[i]);
+        assert!((0.8..1.25).contains(&ratio), "{motion}, {}: an interval {ratio} times that without a chip", NAMES[i]);
+    }
+    Ok(())
+}
+
+#[test]
+fn slow() -> Outcome {
+    accurate("slow", 1000.0, 80.0)
+}
+
+#[test]
+fn mid() -> Outcome {
+    accurate("mid", 1000.0, 20.0)
+}
+
+#[test]
+fn fast() -> Outcome {
+    accurate("fast", 1000.0, 20.0)
+}
+
+#[test]
+fn random() -> Outcome {
+    accurate("random", 1000.0, 20.0)
+}
+
+#[test]
+fn random_at_2_khz() -> Outcome {
+    accurate("random", 2000.0, 20.0)
+}
+
+#[test]
+fn random_at_4_khz() -> Outcome {
+    accurate("random", 4000.0, 20.0)
+}
+
+/// A short run of a rig at 1 kHz.
+fn short(image: &[u8], rig: Rig, duration_s: f64, disturb: impl FnMut(&mut Machine)) -> Result<Run, Box<dyn Error>> {
+    let settings = Settings { memory_s: 100.0, publish_rate_hz: 10.0, ..rig.settings(1000.0) };
+    Lab::new(image, rig, settings, |_| {})?.run(MOTION_S + duration_s, disturb)
+}
+
+fn mid_rig() -> Rig {
+    Rig::new(Excitation::preset("mid", 0).expect("a preset"), MOTION_S)
+}
+
+#[test]
+fn the_count_may_wrap_and_so_may_the_sum() -> Outcome {
+    let Some(image) = shipping_image() else { return Ok(()) };
+    let moved_by = |counts: u32| {
+        let rig = Rig { faults: vec![Fault::Jump { at_s: 0.9 * MOTION_S, counts }], ..mid_rig() };
+        let settings = Settings { memory_s: 100.0, publish_rate_hz: 10.0, ..rig.settings(1000.0) };
+        let mut lab = Lab::new(&image, rig, settings, |_| {})?;
+        lab.link.listen((0.9 * MOTION_S + 0.01 - lab.link.socket.time_s()).max(0.0))?;
+        lab.run(MOTION_S + 4.0, |_| {})
+    };
+    let plain = moved_by(0)?;
+    plain.agrees_with_core();
+    // 4.16 mm are 1704 counts: the motion passes the end of the counter, or of 64 times the counter, at every stroke.
+    for counts in [u32::MAX - 500, (1 << 26) - 500, (1 << 31) - 500, (1 << 25) + 500] {
+        let run = moved_by(counts)?;
+        let sign = |sample: &RawSample| sample.position_count.signum();
+        assert!(run.samples.iter().any(|sample| sign(sample) > 0) && run.samples.iter().any(|sample| sign(sample) < 0));
+        // Sample for sample the same but for the offset, and so are the estimates, to the bit.
+        let mut back = run.samples.clone();
+        back.iter_mut().for_each(|sample| {
+            sample.position_count = sample.position_count.wrapping_sub(counts.wrapping_mul(64) as i32)
+        });
+        assert_eq!(back, plain.samples, "{counts:#x}");
+        assert!(run.estimates.iter().map(bytes).eq(plain.estimates.iter().map(bytes)), "{counts:#x}");
+        run.agrees_with_core();
+    }
+    Ok(())
+}
+
+#[test]
+fn an_encoder_that_counts_the_other_way() -> Outcome {
+    let Some(image) = shipping_image() else { return Ok(()) };
+    let rig = Rig { metres_per_count: -mid_rig().metres_per_count, ..mid_rig() };
+    let run = short(&image, rig.clone(), 8.0, |_| {})?;
+    let mass = run.agrees_with_core().last.whole_run.inertance_kg;
+    assert_eq!(mass.status, Status::Ok);
+    assert!((f64::from(mass.value) - rig.device.inertance_kg).abs() < 0.1, "{mass:?}");
+    // Told the wrong direction, it does not find an inertia that pushes back.
+    let settings = Settings { metres_per_count: -rig.metres_per_count, ..run.settings };
+    let wrong = replay(&settings, &run.samples)?.last.whole_run.inertance_kg;
+    assert!(wrong.status != Status::Ok || wrong.value < 0.0, "{wrong:?}");
+    Ok(())
+}
+
+#[test]
+fn a_force_beyond_the_range_is_flagged_and_left_out() -> Outcome {
+    let Some(image) = shipping_image() else { return Ok(()) };
+    // An amplitude of 545 N in a range of 480.
+    let rig = Rig { newtons_per_volt: 960.0 / 3.3, ..mid_rig() };
+    let run = short(&image, rig.clone(), 8.0, |_| {})?;
+    let here = run.agrees_with_core();
+    let at_rail = |code: f64| run.samples.iter().filter(|sample| f64::from(sample.force_code) == code).count();
+    let rails = [at_rail(run.settings.force_min_code), at_rail(run.settings.force_max_code)];
+    assert!(rails.iter().all(|samples| *samples > 300), "{rails:?}");
+    // A window that touches a rail is at the rail: none lies just inside.
+    let near = |sample: &&RawSample| {
+        (1..64).contains(&sample.force_code) || (262_080 - 63..262_080).contains(&sample.force_code)
+    };
+    assert_eq!(run.samples.iter().filter(near).count(), 0);
+    assert!(here.counters.saturated as usize >= rails[0] + rails[1], "{:?}", here.counters);
+    assert!(run.health.last().is_some_and(|health| health.saturated > 0));
+    let mass = here.last.whole_run.inertance_kg;
+    assert!((f64::from(mass.value) - rig.device.inertance_kg).abs() < 0.5, "{mass:?}");
+    Ok(())
+}
+
+#[test]
+fn a_cable_that_comes_off_is_no_measurement() -> Outcome {
+    let Some(image) = shipping_image() else { return Ok(()) };
+    let off = |sensor| Fault::Unplugged { sensor, from_s: MOTION_S + 3.0, until_s: MOTION_S + 6.0 };
+    // Without the force's cable the pin falls to the rail: nothing is learnt, nothing is lost.
+    let run = short(&image, Rig { faults: vec![off(Sensor::Force)], ..mid_rig() }, 8.0, |_| {})?;
+    let here = run.agrees_with_core();
+    assert!((2950..3100).contains(&here.counters.saturated), "{:?}", here.counters);
+    let mass = here.last.whole_run.inertance_kg;
+    assert!((f64::from(mass.value) - 299.4906).abs() < 0.1, "{mass:?}");
+    // An encoder that stands still looks like rest: the values are held.
+    let run = short(&image, Rig { faults: vec![off(Sensor::Encoder)], ..mid_rig() }, 8.0, |_| {})?;
+    run.agrees_with_core();
+    let during = run.estimates.iter().filter(|estimate| (4500..6700).contains(&estimate.elapsed_samples));
+    assert!(during.clone().count() > 15 && during.clone().all(|estimate| !estimate.moving));
+    Ok(())
+}
+
+/// Keeps a channel of DMA1 off the bus for so many events, once the machine has run to this time.
+fn stalled(channel: usize, events: u64, at_s: f64) -> impl FnMut(&mut Machine) {
+    let mut done = false;
+    move |machine: &mut Machine| {
+        if !done && machine.time_s() >= at_s {
+            done = true;
+            let end = machine.now() + events * 2625;
+            machine.chip_mut().dma1.stall(channel, end);
+        }
+    }
+}
+
+#[test]
+fn rings_that_part_become_a_gap_and_the_counter_stays_right() -> Outcome {
+    let Some(image) = shipping_image() else { return Ok(()) };
+    let at_s = MOTION_S + 3.0;
+    let plain = short(&image, mid_rig(), 6.0, |_| {})?;
+    // Positions lost; a force conversion not fetched; a terminal conversion, without whose ring no interrupt comes.
+    for (channel, fault) in
+        [(0, Broken::SamplerMisaligned), (1, Broken::SamplerOverrun), (2, Broken::SamplerMisaligned)]
+    {
+        let run = short(&image, mid_rig(), 6.0, stalled(channel, 5, at_s))?;
+        let here = run.agrees_with_core();
+        assert_eq!((run.gaps(), here.counters.gaps), (1, 1), "channel {channel}");
+        // A ring without interrupts is missed after 20 ms.
+        assert!((2..40).contains(&here.counters.lost_samples), "channel {channel}: {:?}", here.counters);
+        let named = run.events.iter().any(|event| matches!(event, EventKind::Fault(it) if *it == fault));
+        assert!(named, "channel {channel}: {:?}", run.events);
+        let health = run.health.last().expect("health each second");
+        assert_eq!((health.gaps, health.overruns), (1, 1), "channel {channel}: {health:?}");
+        // Sample for sample where the undisturbed run was: 0.084 m/s are 34 counts a millisecond.
+        let first = plain.samples.first().expect("samples").index;
+        let worst = run.samples.iter().filter_map(|sample| {
+            let same = plain.samples.get(sample.index.wrapping_sub(first) as usize)?;
+            assert_eq!(same.index, sample.index);
+            Some(same.position_count.wrapping_sub(sample.position_count).abs())
+        });
+        let worst = worst.max().expect("samples");
+        assert!(worst < 36 * 64, "channel {channel}: {worst} 64ths of a count apart");
+        let mass = here.last.whole_run.inertance_kg;
+        assert!((f64::from(mass.value) - 299.4906).abs() < 0.1, "{mass:?}");
+    }
+    Ok(())
+}
+
+/// The digital front end on one motion at one of its rates.
+fn digital(motion: &str, osr: Osr, duration_s: f64) -> Outcome {
+    let Some(image) = shipping_image() else { return Ok(()) };
+    let rig = Rig::new(Excitation::parse(motion, 11)?, MOTION_S);
+    let settings = Settings { memory_s: 100.0, publish_rate_hz: 10.0, ..rig.digital_settings(osr, Gain::X64) };
+    // 0.4 uV at the bridge are 0.8 N.
+    let noise_v = [0.4e-6, 3e-6, 3e-6, 0.0];
+    let mut lab = Lab::new(&image, rig.clone(), settings, |machine| {
+        machine.chip_mut().ads131m04 = Some(Ads131m04::new(noise_v, 3));
+    })?;
+    let run = lab.run(MOTION_S + duration_s, |_| {})?;
+    let here = run.agrees_with_core();
+    assert_eq!(run.gaps(), 0, "{:?}", run.events);
+    assert!(run.samples.len() as f64 > duration_s * settings.sample_rate_hz);
+    let truth = [rig.device.inertance_kg, rig.device.viscous_n_s_per_m, rig.device.coulomb_n];
+    for (i, parameter) in three(&here.last).into_iter().enumerate() {
+        let error = f64::from(parameter.value) - truth[i];
+        let [goal, sigma] = table(1000.0, motion)[i];
+        println!("  digital {motion} {osr:?} {}: error {error:.5}, interval {}", NAMES[i], parameter.u95);
+        assert!(error.abs() < goal.max(sigma) + 4.0 * sigma, "{motion} {osr:?}, {}: {error}", NAMES[i]);
+    }
+    Ok(())
+}
+
+#[test]
+fn the_digital_front_end_at_4_khz() -> Outcome {
+    digital("random", Osr::X1024, 20.0)
+}
+
+#[test]
+fn the_digital_front_end_at_2_khz() -> Outcome {
+    digital("random", Osr::X2048, 20.0)
+}
+
+#[test]
+fn the_digital_front_end_at_1_khz() -> Outcome {
+    digital("fast", Osr::X4096, 20.0)
+}
+
+#[test]
+fn the_chips_temperature_is_told() -> Outcome {
+    let Some(image) = shipping_image() else { return Ok(()) };
+    for temperature_c in [-20.0, 25.0, 95.0] {
+        let run = short(&image, Rig { temperature_c, ..mid_rig() }, 1.5, |_| {})?;
+        let told = run.health.last().and_then(|health| health.temperature_c).expect("a temperature");
+        assert!((f64::from(told) - temperature_c).abs() < 1.0, "{told} at {temperature_c}");
+    }
+    Ok(())
+}
+
+#[test]
+fn the_serial_link_brings_the_same() -> Outcome {
+    let Some(image) = shipping_image() else { return Ok(()) };
+    let rig = mid_rig();
+    let settings = rig.settings(4000.0);
+    let mut link = SerialLink::new(Machine::new(&image, Box::new(Bench::new(rig)?))?);
+    link.listen_until(BOOTED_S)?;
+    for command in set_up(&settings) {
+        link.order(command, REPLY_S)?;
+    }
+    link.records();
+    link.order(Command::Start, REPLY_S)?;
+    link.listen_until(MOTION_S + 3.0)?;
+    link.order(Command::Stop, REPLY_S)?;
+    link.listen_until(MOTION_S + 3.2)?;
+    let run = Run::of(settings, link.records(), link.talk.lost())?;
+    assert_eq!(run.gaps(), 0);
+    assert!(run.samples.len() > 12_000 && run.agrees_with_core().counters.gaps == 0);
+    Ok(())
+}
