@@ -12,10 +12,11 @@ const LOOKS: u32 = 320_000;
 
 /// Starts all clocks and says what they run from.
 pub fn start() -> (ClockSource, Peripherals) {
-    // At the 16 MHz of the chip's own oscillator first.
-    let mut peripherals = embassy_stm32::init(Config::default());
     RCC.cr().modify(|w| w.set_hseon(true));
     let swings = (0..LOOKS).any(|_| RCC.cr().read().hserdy());
+    // At the 16 MHz of the chip's own oscillator first. From here to `reinit` the clock of embassy-time must not come
+    // to half a turn of its timer, 33 ms, as `reinit` sets the timer back and not what was counted of its turns.
+    let mut peripherals = embassy_stm32::init(Config::default());
     // Range 1 boost, for more than 150 MHz (RM0440 6.4.5: R1MODE, bit 8, to 0; the register has no other).
     // stm32-metapac 21 has the bit in another place, so what embassy-stm32 does about it has no effect.
     PWR.cr5().write_value(Cr5(0));

@@ -139,7 +139,7 @@ fn clear_errors() -> Sr {
     errors
 }
 
-/// Whether the chip has the pages, and so many bytes from `offset` on lie within them and on edges of `unit`; the address.
+/// The address of `offset`, if the chip has the pages and so many bytes lie within them and on edges of `unit`.
 fn check(offset: u32, length: usize, unit: usize) -> Result<usize, Failed> {
     // SAFETY: a constant of the chip, in its system memory.
     if unsafe { ptr::read(FLASH_SIZE) } < NEEDED_KB || !FLASH.optr().read().dbank() {

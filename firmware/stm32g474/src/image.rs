@@ -9,15 +9,16 @@ use crate::rings::HalfHandler;
 use crate::source::{self, Source};
 use crate::spi::DoneHandler;
 use crate::temperature::Sensor;
-use crate::{clocks, defaults, identity, led, options, panic, reset, stack, usb, watchdog};
+use crate::{clocks, defaults, identity, led, lpuart, options, panic, reset, stack, usb, watchdog};
 use cortex_m_rt::entry;
 use defmt_rtt as _;
 use embassy_executor::{InterruptExecutor, Spawner};
 use embassy_futures::block_on;
+use embassy_futures::join::{join, join4};
 use embassy_stm32::gpio::Output;
 use embassy_stm32::interrupt::{self, InterruptExt, Priority};
-use embassy_stm32::usart::{BufferedUartRx, BufferedUartTx};
-use embassy_stm32::{bind_interrupts, exti, peripherals, usart};
+use embassy_stm32::{bind_interrupts, exti, peripherals};
+use embassy_time::Instant;
 use inerter_app::{App, FlashStore, Identity, InUse, LinkReceiver, LinkTransmitter, Restart, Start, load_settings};
 use inerter_core::{Active, State};
 use inerter_wire::{Capabilities, ClockSource, ResetCause};
@@ -25,7 +26,7 @@ use static_cell::{ConstStaticCell, StaticCell};
 
 bind_interrupts!(pub struct Interrupts {
     USB_LP => usb::DisturbanceHandler, embassy_stm32::usb::InterruptHandler<peripherals::USB>;
-    LPUART1 => usart::BufferedInterruptHandler<peripherals::LPUART1>;
+    LPUART1 => lpuart::UartHandler;
     EXTI9_5 => exti::InterruptHandler<interrupt::typelevel::EXTI9_5>;
     DMA1_CHANNEL3 => HalfHandler;
     DMA1_CHANNEL5 => DoneHandler;
@@ -33,6 +34,8 @@ bind_interrupts!(pub struct Interrupts {
     // A peripheral that is not used lends its interrupt to the sampling tasks.
     UART4 => SamplingExecutor;
 });
+
+defmt::timestamp!("{=u64:us}", Instant::now().as_micros());
 
 /// Above thread mode, below every peripheral.
 const SAMPLING_PRIORITY: Priority = Priority::P6;
@@ -42,8 +45,8 @@ static APP: StaticCell<App> = StaticCell::new();
 static STATE: ConstStaticCell<State> = ConstStaticCell::new(State::empty());
 static SAMPLING: InterruptExecutor = InterruptExecutor::new();
 
-type Receiver = LinkReceiver<'static, usb::Receiver, BufferedUartRx<'static>>;
-type Transmitter = LinkTransmitter<'static, usb::Transmitter, BufferedUartTx<'static>>;
+type Receiver = LinkReceiver<'static, usb::Receiver, lpuart::Receiver>;
+type Transmitter = LinkTransmitter<'static, usb::Transmitter, lpuart::Transmitter>;
 
 /// The executor of sampling, as an interrupt.
 pub struct SamplingExecutor;
@@ -77,15 +80,10 @@ async fn commands(
 }
 
 #[embassy_executor::task]
-async fn health(app: &'static App, platform: Platform) {
-    app.health_reports(platform).await
-}
-
-#[embassy_executor::task]
 async fn telemetry(app: &'static App, link: Transmitter) {
     let restart = app.telemetry(link).await;
     // The reply shall arrive.
-    usb::drain().await;
+    join(usb::drain(), lpuart::drain()).await;
     match restart {
         Restart::Reboot => reset::restart(),
         Restart::Dfu => reset::update(),
@@ -97,19 +95,10 @@ async fn usb_device(app: &'static App, device: usb::Device) {
     device.run(|open| app.link_state().set_open(open)).await
 }
 
+/// All that sees to the rest: figures, LED, watchdog, and the button's memory.
 #[embassy_executor::task]
-async fn show(app: &'static App, led: Output<'static>, clock: ClockSource) {
-    led::show(led, clock, app).await
-}
-
-#[embassy_executor::task]
-async fn watch(app: &'static App) {
-    watchdog::watch(app).await
-}
-
-#[embassy_executor::task]
-async fn forget_press() {
-    reset::forget_press().await;
+async fn keep_house(app: &'static App, platform: Platform, led: Output<'static>, clock: ClockSource) {
+    join4(app.health_reports(platform), led::show(led, clock, app), watchdog::watch(app), reset::forget_press()).await;
 }
 
 /// Takes thread mode for itself after a while, so that the watchdog has something to do.
@@ -148,7 +137,9 @@ fn set_up(spawner: Spawner) {
         accepts: source::accepts,
         start,
     };
-    let port = usb::start(usb, vbus, identity.serial);
+    let Identity { firmware, git, board, serial, .. } = identity;
+    defmt::info!("{=str}, commit {=str}, {=str} {=str}", firmware, git, board, serial);
+    let port = usb::start(usb, vbus, serial);
     let (receiver, transmitter) = app.link_state().join((port.receiver, port.transmitter), uart);
     let mut store = FlashStore::new(Pages::new(), 0..flash::SIZE);
     // Loading reads only, and reading the flash does not wait.
@@ -160,11 +151,8 @@ fn set_up(spawner: Spawner) {
         telemetry(app, transmitter).map(|task| spawner.spawn(task)),
         estimating(app, STATE.take(), active).map(|task| spawner.spawn(task)),
         commands(app, receiver, store, identity, in_use).map(|task| spawner.spawn(task)),
-        health(app, Platform::new(Sensor::new())).map(|task| spawner.spawn(task)),
+        keep_house(app, Platform::new(Sensor::new()), led, clock).map(|task| spawner.spawn(task)),
         usb_device(app, port.device).map(|task| spawner.spawn(task)),
-        show(app, led, clock).map(|task| spawner.spawn(task)),
-        watch(app).map(|task| spawner.spawn(task)),
-        forget_press().map(|task| spawner.spawn(task)),
         #[cfg(feature = "hang")]
         hang().map(|task| spawner.spawn(task)),
         sampling(app, source).map(|task| SAMPLING.start(interrupt::UART4).spawn(task)),

@@ -32,7 +32,7 @@ pub fn note_samples() {
     SAMPLES.store(true, Ordering::Relaxed);
 }
 
-/// Shows the state. For a task of its own.
+/// Shows the state.
 pub async fn show(mut led: Output<'static>, clock: ClockSource, app: &App) -> ! {
     let mut ticker = Ticker::every(STEP);
     loop {

@@ -1,37 +1,131 @@
 //! The second link: LPUART1 at 921 600 baud, on the NUCLEO the ST-Link's serial port.
 //!
-//! Received bytes go through the interrupt into a ring. When nobody takes them in time the ring overflows and bytes are
-//! lost, which the frames' checks notice.
+//! Bytes go through the interrupt and a pipe each way. There is no flow control: what nobody takes in time is lost,
+//! which the frames' checks notice. Source: RM0440 38.
 
-use crate::image::Interrupts;
-use embassy_stm32::usart::{BufferedUart, BufferedUartRx, BufferedUartTx, Config, RxPin, TxPin};
-use embassy_stm32::{Peri, peripherals::LPUART1};
-use static_cell::ConstStaticCell;
+use crate::boards;
+use core::convert::Infallible;
+use embassy_stm32::gpio::{AfType, Flex, OutputType, Pull, Speed};
+use embassy_stm32::interrupt::typelevel::{Handler, Interrupt, LPUART1 as LpuartInterrupt};
+use embassy_stm32::pac::{LPUART1, RCC};
+use embassy_stm32::usart::{RxPin, TxPin};
+use embassy_stm32::{Peri, peripherals};
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::pipe::Pipe;
+use embassy_time::Timer;
+use embedded_io_async::{ErrorType, Read, Write};
+
+/// Fast enough for every stream at 1 kHz, and within what the ST-Link V3E passes on (UM2505).
+const BAUD: u32 = 921_600;
+/// The divider counts 256ths (RM0440 38.4.7).
+const DIVIDER: u32 = ((256 * boards::CORE_HZ as u64 + BAUD as u64 / 2) / BAUD as u64) as u32;
+/// 11 ms of bytes.
+const RECEIVED_LENGTH: usize = 1024;
+const SENT_LENGTH: usize = 512;
+/// Bytes that the transmitter takes at once when it is empty.
+const FIFO: usize = 8;
+/// Longest wait for the last byte to go out, in milliseconds.
+const DRAIN_MS: u64 = 50;
+
+static RECEIVED: Pipe<CriticalSectionRawMutex, RECEIVED_LENGTH> = Pipe::new();
+static SENT: Pipe<CriticalSectionRawMutex, SENT_LENGTH> = Pipe::new();
+
+/// Interrupt of the UART.
+pub struct UartHandler;
+
+impl Handler<LpuartInterrupt> for UartHandler {
+    unsafe fn on_interrupt() {
+        while LPUART1.isr().read().rxne() {
+            let byte = LPUART1.rdr().read().0 as u8;
+            let _ = RECEIVED.try_write(&[byte]);
+        }
+        // Bytes were lost already; as long as the flag stands, so are all others.
+        LPUART1.icr().write(|w| w.set_ore(true));
+        if LPUART1.isr().read().txfe() {
+            let mut bytes = [0; FIFO];
+            let count = SENT.try_read(&mut bytes).unwrap_or(0);
+            for byte in bytes.iter().take(count) {
+                LPUART1.tdr().write(|w| w.0 = u32::from(*byte));
+            }
+            if count == 0 {
+                LPUART1.cr1().modify(|w| w.set_txfeie(false));
+            }
+        }
+    }
+}
 
 /// The UART's two directions.
-pub type Uart = (BufferedUartRx<'static>, BufferedUartTx<'static>);
-
-/// Fast enough for every stream at 1 kHz, and within what the ST-Link V3E passes on (UM2505: up to 12 Mbit/s).
-pub const BAUD: u32 = 921_600;
-/// 11 ms of bytes.
-const RECEIVED: usize = 1024;
-const SENT: usize = 256;
-
-static RECEIVE: ConstStaticCell<[u8; RECEIVED]> = ConstStaticCell::new([0; RECEIVED]);
-static SEND: ConstStaticCell<[u8; SENT]> = ConstStaticCell::new([0; SENT]);
+pub type Uart = (Receiver, Transmitter);
 
 /// Starts the UART: 8 bits, no parity, one stop bit.
 pub fn start(
-    uart: Peri<'static, LPUART1>,
-    receive: Peri<'static, impl RxPin<LPUART1>>,
-    transmit: Peri<'static, impl TxPin<LPUART1>>,
+    _uart: Peri<'static, peripherals::LPUART1>,
+    receive: Peri<'static, impl RxPin<peripherals::LPUART1>>,
+    transmit: Peri<'static, impl TxPin<peripherals::LPUART1>>,
 ) -> Uart {
-    let mut config = Config::default();
-    config.baudrate = BAUD;
-    // The only error is a rate that the clock cannot make.
-    let Ok(uart) = BufferedUart::new(uart, receive, transmit, SEND.take(), RECEIVE.take(), Interrupts, config) else {
-        panic!("{BAUD} baud cannot be had from this clock")
-    };
-    let (transmitter, receiver) = uart.split();
-    (receiver, transmitter)
+    let (receive_function, transmit_function) = (receive.af_num(), transmit.af_num());
+    for (pin, function, kind) in [
+        (Flex::new(receive), receive_function, AfType::input(Pull::Up)),
+        (Flex::new(transmit), transmit_function, AfType::output(OutputType::PushPull, Speed::Medium)),
+    ] {
+        let mut pin = pin;
+        pin.set_as_af_unchecked(function, kind);
+        // Connected for ever.
+        core::mem::forget(pin);
+    }
+    critical_section::with(|_| RCC.apb1enr2().modify(|w| w.set_lpuart1en(true)));
+    LPUART1.brr().write(|w| w.0 = DIVIDER);
+    LPUART1.cr1().write(|w| {
+        w.set_fifoen(true);
+        w.set_rxneie(true);
+        w.set_re(true);
+        w.set_te(true);
+        w.set_ue(true);
+    });
+    // SAFETY: the handler touches this UART and the two pipes only.
+    unsafe { LpuartInterrupt::enable() };
+    (Receiver, Transmitter)
+}
+
+/// Waits until everything has gone out, within limits.
+pub async fn drain() {
+    for _ in 0..DRAIN_MS {
+        if SENT.is_empty() && LPUART1.isr().read().tc() {
+            return;
+        }
+        Timer::after_millis(1).await;
+    }
+}
+
+/// The receiving direction.
+pub struct Receiver;
+
+impl ErrorType for Receiver {
+    type Error = Infallible;
+}
+
+impl Read for Receiver {
+    async fn read(&mut self, into: &mut [u8]) -> Result<usize, Infallible> {
+        Ok(RECEIVED.read(into).await)
+    }
+}
+
+/// The sending direction.
+pub struct Transmitter;
+
+impl ErrorType for Transmitter {
+    type Error = Infallible;
+}
+
+impl Write for Transmitter {
+    async fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
+        let count = SENT.write(bytes).await;
+        critical_section::with(|_| LPUART1.cr1().modify(|w| w.set_txfeie(true)));
+        Ok(count)
+    }
+
+    /// What was written goes out by itself.
+    async fn flush(&mut self) -> Result<(), Infallible> {
+        Ok(())
+    }
 }

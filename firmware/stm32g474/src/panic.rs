@@ -1,8 +1,8 @@
 //! Panics and faults: what was wrong goes to the log and outlives the reset that follows.
 //!
-//! panic-probe would be the other panic handler, and a program can have but one; its own forgets everything at the reset.
-//! This one does under a probe what panic-probe does (the message by defmt, then UDF, on which the probe stops and shows
-//! the stack) and without one restarts, to tell the next host.
+//! panic-probe would be another panic handler, and a program can have but one; that one forgets all at the reset. This
+//! one does under a probe what panic-probe does (the message by defmt, then UDF, on which the probe stops and
+//! shows the stack) and without one restarts, to tell the next host.
 
 use core::fmt::{self, Write};
 use core::mem::MaybeUninit;
@@ -52,8 +52,8 @@ impl Message {
         }
         let kept = ptr::addr_of_mut!(KEPT).cast::<Kept>();
         let (words, _) = bytes.as_chunks();
-        // SAFETY: the fields of a static, by pointers that stay inside; volatile, as the next run reads them. Interrupts
-        // are off, or this is a fault: nothing else runs any more.
+        // SAFETY: the fields of a static, by pointers that stay inside; volatile, as the next run reads them. Nothing
+        // else runs any more: interrupts are off, or this is a fault.
         unsafe {
             for (place, word) in words.iter().enumerate() {
                 ptr::addr_of_mut!((*kept).text).cast::<u32>().add(place).write_volatile(u32::from_le_bytes(*word));

@@ -79,7 +79,7 @@ pub fn begin() -> ResetCause {
     cause
 }
 
-/// Forgets the press of the button in time. For a task of its own.
+/// Forgets the press of the button in time.
 pub async fn forget_press() {
     Timer::after_millis(DOUBLE_PRESS_MS).await;
     if left(Note::Pressed) {

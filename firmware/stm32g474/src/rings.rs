@@ -41,9 +41,11 @@ const RING: usize = 2 * HALF;
 const TICKS: u32 = boards::CORE_HZ / ENTRIES_PER_S;
 const _: () = assert!(TICKS * ENTRIES_PER_S == boards::CORE_HZ && TICKS <= 0x1_0000);
 
-/// Most entries by which the rings may differ: the count is fetched at the event, the codes 0.9 us later, and the three
-/// positions are not read at once.
-const APART: usize = 2;
+/// Timer ticks from an event until its codes are in the rings for certain: 0.95 us for the conversion, as much again
+/// for the transfers.
+const SETTLED: u16 = 2 * boards::CORE_PER_US as u16;
+/// Looks at the rings, some 20 ticks each, until one falls between two events: more than [`SETTLED`].
+const LOOKS: usize = 64;
 
 // DMA channels, counted from 0 as the registers are.
 const COUNTS: usize = 0;
@@ -267,6 +269,11 @@ impl Rings {
         !other_is_full && self.latest() == half
     }
 
+    /// Whether a conversion was not fetched in time; no half will be full then.
+    pub fn are_overrun(&self) -> bool {
+        [ADC1, ADC2].iter().any(|adc| adc.isr().read().ovr())
+    }
+
     fn check(&self) -> Poll<Result<Half, Trouble>> {
         let flags = DMA1.isr().read();
         if [COUNTS, FORCES, TERMINALS].iter().any(|&channel| flags.teif(channel)) {
@@ -280,12 +287,10 @@ impl Rings {
             w.set_htif(TERMINALS, first);
             w.set_tcif(TERMINALS, second);
         });
-        if ADC1.isr().read().ovr() || ADC2.isr().read().ovr() {
+        if self.are_overrun() {
             return Poll::Ready(Err(Trouble::Overrun));
         }
-        let leader = position(COUNTS);
-        let behind = |channel| (leader + RING - position(channel)) % RING;
-        if behind(FORCES) > APART || behind(TERMINALS) > APART {
+        if !are_aligned() {
             return Poll::Ready(Err(Trouble::Misaligned));
         }
         let half = if first { Half::First } else { Half::Second };
@@ -296,6 +301,20 @@ impl Rings {
 /// Entry that a ring's channel writes next.
 fn position(channel: usize) -> usize {
     RING.saturating_sub(usize::from(DMA1.ch(channel).ndtr().read().ndt())) % RING
+}
+
+/// Whether all rings are at the same entry. One more or less is a false damper: 47 N s/m for 300 kg at 16 Hz.
+fn are_aligned() -> bool {
+    let tick = || TIM6.cnt().read().cnt();
+    for _ in 0..LOOKS {
+        let before = tick();
+        let positions = [COUNTS, FORCES, TERMINALS].map(position);
+        // No event between the two: the timer begins anew at each.
+        if before >= SETTLED && tick() >= before {
+            return positions == [positions[COUNTS]; 3];
+        }
+    }
+    false
 }
 
 fn prepare(channel: usize, request: u8, from: u32, to: u32, size: Size) {

@@ -1,8 +1,8 @@
 //! The analogue front end: from full halves of the rings to samples.
 //!
 //! Deadline: a half, 4 ms, from the interrupt to the last read. Later than that is noticed, and becomes a gap.
-//! Each trouble costs only time: what is lost is counted by the clock, which is the same that starts the conversions, so
-//! the sample counter stays right over it.
+//! Each trouble costs only time: what is lost is counted by the clock, the same that starts the conversions, so the
+//! sample counter stays right over it.
 
 use crate::led;
 use crate::rings::{ENTRIES_PER_S, HALF, Half, Rings, Trouble};
@@ -102,6 +102,7 @@ impl Sampler {
             Ok(Ok(half)) if half == self.next => self.take(half),
             Ok(Ok(_) | Err(Trouble::Late)) => self.catch_up(),
             Ok(Err(Trouble::Overrun)) => self.restart(SourceError::Overrun),
+            Err(_) if self.rings.are_overrun() => self.restart(SourceError::Overrun),
             Ok(Err(Trouble::Misaligned)) | Err(_) => self.restart(SourceError::Misaligned),
         }
     }

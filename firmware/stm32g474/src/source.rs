@@ -66,8 +66,8 @@ impl SampleSource for Source {
         }
     }
 
-    /// The sample counter goes on, whichever front end comes; a sample is left out, as nothing after is the neighbour of
-    /// anything before.
+    /// The sample counter goes on, whichever front end comes; a sample is left out, as nothing after is the neighbour
+    /// of anything before.
     async fn configure(&mut self, settings: &Settings) -> Result<(), SourceError> {
         self.halt().await;
         let index = match self.in_use {

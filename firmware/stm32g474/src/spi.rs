@@ -10,7 +10,7 @@ use core::task::Poll;
 use embassy_stm32::gpio::{AfType, Flex, Output, OutputType, Pull, Speed};
 use embassy_stm32::interrupt::typelevel::{DMA1_CHANNEL5, Handler, Interrupt};
 use embassy_stm32::pac::bdma::vals::{Dir, Size};
-use embassy_stm32::pac::spi::vals::{Br, Cpha, Ds, Frxth, Mstr};
+use embassy_stm32::pac::spi::vals::{Br, Cpha, Ds, Frlvl, Frxth, Mstr};
 use embassy_stm32::pac::{DMA1, DMAMUX1, RCC, SPI2};
 use embassy_stm32::spi::{MisoPin, MosiPin, SckPin};
 use embassy_stm32::{Peri, peripherals};
@@ -167,6 +167,10 @@ fn stop() {
     while SPI2.sr().read().bsy() {}
     DMA1.ch(RECEIVED).cr().write(|_| ());
     SPI2.cr1().modify(|w| w.set_spe(false));
+    // Of a transfer that was cut off, bytes may be left.
+    while SPI2.sr().read().frlvl() != Frlvl::EMPTY {
+        let _ = SPI2.dr8().read();
+    }
     SPI2.cr2().modify(|w| {
         w.set_rxdmaen(false);
         w.set_txdmaen(false);

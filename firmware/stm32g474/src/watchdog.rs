@@ -10,7 +10,7 @@ use inerter_app::App;
 const PERIODS: u16 = 2_000;
 const LOOK: Duration = Duration::from_millis(500);
 
-/// Feeds the watchdog as long as sampling, estimating and telemetry all go on. For a task of its own.
+/// Feeds the watchdog as long as sampling, estimating and telemetry all go on.
 pub async fn watch(app: &App) -> ! {
     // A probe that halts the core halts the watchdog.
     DBGMCU.apb1lfzr().modify(|w| w.set_iwdg(true));

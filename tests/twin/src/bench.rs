@@ -1,10 +1,11 @@
 //! The rig around the board: the simulated inerter, its sensors, and the amplifiers up to the pins.
 //!
-//! [`Rig`] says what stands there, [`Bench`] is it, as the chip sees it through [`World`]. Encoder counts are the plant's screw
-//! in steps; the force at the load cell passes an amplifier with an anti-alias filter of first order and is held to the
-//! converter's supply; the terminal's displacement is a voltage. The settings of a device that was calibrated against
-//! this rig without error come from the same numbers ([`Rig::settings`]), and so do the instruments with which the plant's own
-//! simulation takes the same samples without a chip ([`Rig::sensors`]). [`replay`] is core fed with samples.
+//! [`Rig`] says what stands there, [`Bench`] is it, as the chip sees it through [`World`]. Encoder counts are the
+//! plant's screw in steps; the force at the load cell passes an amplifier with an anti-alias filter of first order and
+//! is held to the converter's supply; the terminal's displacement is a voltage. The settings of a device that was
+//! calibrated against this rig without error come from the same numbers ([`Rig::settings`]), and so do the instruments
+//! with which the plant's own simulation takes the same samples without a chip ([`Rig::sensors`]). [`replay`] is core
+//! fed with samples.
 
 use std::collections::VecDeque;
 
@@ -16,8 +17,8 @@ use inerter_plant::{Excitation, Parameters, Plant, PlantError, Segment, Sensors,
 use crate::World;
 use crate::chip::adc::{CODES, Quality, REFERENCE_V};
 
-/// From the event of the sampling clock to the aperture of the converters \[s\]: a trigger's latency of 2.125 and 24.5 clocks of
-/// sampling at 42 MHz (DS12288, tLATR; firmware/stm32g474, SMP).
+/// From the event of the sampling clock to the aperture of the converters \[s\]: a trigger's latency of 2.125 and 24.5
+/// clocks of sampling at 42 MHz (DS12288, tLATR; firmware/stm32g474, SMP).
 pub const APERTURE_S: f64 = (2.125 + 24.5) / 42e6;
 /// Conversions per second that the samples are summed from \[Hz\].
 pub const TRIGGER_HZ: f64 = 64e3;
@@ -106,8 +107,9 @@ impl Rig {
     /// Amplifier and terminal sensor rest at the middle of the converter's range \[V\].
     pub const ZERO_V: f64 = REFERENCE_V / 2.0;
 
-    /// The paper's device, 20 kN over the converter's range (`fast` takes 16), 33 mm of terminal displacement, 10 us of filter; for the
-    /// digital front end a load cell of 10 kN at 2 mV/V, its bridge and the divider of the excitation at 2.5 V (docs/HARDWARE.md).
+    /// The paper's device, 20 kN over the converter's range (`fast` takes 16), 33 mm of terminal displacement, 10 us
+    /// of filter; for the digital front end a load cell of 10 kN at 2 mV/V, its bridge and the divider of the
+    /// excitation at 2.5 V (docs/HARDWARE.md).
     pub fn new(motion: Excitation, start_s: f64) -> Self {
         Self {
             device: Parameters::paper(),
@@ -131,7 +133,8 @@ impl Rig {
         self.newtons_per_volt * REFERENCE_V / CODES
     }
 
-    /// Settings of a device that was calibrated against this rig without error, for one of the analogue front end's rates \[Hz\].
+    /// Settings of a device that was calibrated against this rig without error, for one of the analogue front end's
+    /// rates \[Hz\].
     pub fn settings(&self, sample_rate_hz: f64) -> Settings {
         let weight = f64::from(WEIGHT);
         Settings {
@@ -156,7 +159,8 @@ impl Rig {
 
     /// The same for the digital front end at this oversampling ratio, its bridge channel at this gain.
     ///
-    /// Its filter ends a modulator sample earlier than the position's taps assume: 0.25 us ([`Filter`](crate::chip::ads131m04::Filter)).
+    /// Its filter ends a modulator sample earlier than the position's taps assume: 0.25 us
+    /// ([`Filter`](crate::chip::ads131m04::Filter)).
     pub fn digital_settings(&self, osr: Osr, gain: Gain) -> Settings {
         let full_scale_v = DIGITAL_FULL_SCALE_V / f64::from(1_u32 << gain as u32);
         Settings {

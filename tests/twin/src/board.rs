@@ -7,7 +7,7 @@ use crate::chip::Pin;
 pub struct Board {
     /// Name, for messages.
     pub name: &'static str,
-    /// Frequency of the crystal at HSE \[Hz\].
+    /// Frequency of the crystal at HSE, 0 if it is broken \[Hz\].
     pub hse_hz: f64,
     /// Phase A of the encoder.
     pub encoder_a: Pin,

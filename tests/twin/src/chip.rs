@@ -1,8 +1,9 @@
 //! The STM32G474RE: every peripheral, the memories, and the wires between them.
 //!
-//! The bus ([`Chip::read`], [`Chip::write`]) finds the peripheral by its address (RM0440 table 3), checks that its clock is on,
-//! and ends the run at an access that no model knows. Interrupt lines are levels ([`Chip::irq_lines`]; numbers from RM0440
-//! table 97). Time passes in [`Chip::advance`]; [`Chip::next_event`] says when that must be called at the latest.
+//! The bus ([`Chip::read`], [`Chip::write`]) finds the peripheral by its address (RM0440 table 3), checks that its
+//! clock is on, and ends the run at an access that no model knows. Interrupt lines are levels ([`Chip::irq_lines`];
+//! numbers from RM0440 table 97). Time passes in [`Chip::advance`]; [`Chip::next_event`] says when that must be called
+//! at the latest.
 
 pub mod adc;
 pub mod ads131m04;
@@ -66,7 +67,7 @@ pub const CCM_LEN: usize = 32 << 10;
 
 /// An access that no model knows.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{access} {address:#010x} ({peripheral} + {offset:#x}, {} bytes): {what}", width.bytes(), access = access(*value))]
+#[error("{} {address:#010x} ({peripheral} + {offset:#x}, {} bytes): {what}", access(*value), width.bytes())]
 pub struct BadAccess {
     /// Address of the access.
     pub address: u32,

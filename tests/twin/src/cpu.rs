@@ -1,14 +1,18 @@
 //! The core: unicorn executes instructions, this keeps time, takes exceptions and sleeps.
 //!
-//! - *Time*: a hook before each block of instructions adds their number to the clock. It stops in front of the block when a
-//!   peripheral has something to do or an exception is to be taken; peripherals are brought to the time of each access.
-//! - *Exceptions*: frames are stacked and unstacked here, outside of unicorn (ARM DDI 0403, B1.5.6 to B1.5.8); the frame of the
-//!   floating point unit is stored at once whenever it is in use, which is what lazy stacking looks like to a program.
+//! - *Time*: a hook before each block of instructions adds their number to the clock. It stops in front of the block
+//!   when a peripheral has something to do or an exception is to be taken; peripherals are brought to the time of each
+//!   access.
+//! - *Exceptions*: frames are stacked and unstacked here, outside of unicorn (ARM DDI 0403, B1.5.6 to B1.5.8); the
+//!   frame of the floating point unit is stored at once whenever it is in use, which is what lazy stacking looks like
+//!   to a program.
 //! - *Sleep*: time jumps to the next event.
-//! - *Faults*: an access that nobody answers or an instruction that does not exist ends the run, unless [`Faults::Taken`].
+//! - *Faults*: an access that nobody answers or an instruction that does not exist ends the run, unless
+//!   [`Faults::Taken`].
 //!
-//! Interrupts are taken between blocks only, so up to some ten instructions later than on the chip. Not modelled: lazy stacking
-//! as such, the protection unit, tail chaining (return and entry cost their 12 cycles each), wait states of flash.
+//! Interrupts are taken between blocks only, so up to some ten instructions later than on the chip. Not modelled: lazy
+//! stacking as such, the protection unit, tail chaining (return and entry cost their 12 cycles each), wait states of
+//! flash.
 
 use crate::{
     Cycles, Width,
@@ -28,7 +32,6 @@ const EXCP_BKPT: u32 = 7;
 const EXCP_EXCEPTION_EXIT: u32 = 8;
 /// Addresses from here on are no code but the end of an exception.
 const EXC_RETURN: u32 = 0xffff_ff00;
-/// The start of the memory map, where nothing is to be read: there flash has its alias, and null pointers point.
 const WFE: u16 = 0xbf20;
 const SEV: u16 = 0xbf40;
 
@@ -148,6 +151,9 @@ pub struct Core {
     /// An exception waits that only masks may hold back.
     check: bool,
     stop: Option<Stop>,
+    /// Address of the block that runs, and of the one whose access nobody knew.
+    block: u32,
+    failed: Option<u32>,
     /// Access that nobody answered, until the fault is dealt with.
     unmapped: Option<(&'static str, u32)>,
     blocks: Vec<Block>,
@@ -214,7 +220,7 @@ impl Core {
             self.chip.read(address, width, self.now)
         };
         let value = outcome.unwrap_or_else(|bad| {
-            self.stop.get_or_insert(Stop::Bus(bad));
+            self.fail(bad);
             0
         });
         self.after_access();
@@ -230,9 +236,14 @@ impl Core {
             self.chip.write(address, value, width, self.now)
         };
         if let Err(bad) = outcome {
-            self.stop.get_or_insert(Stop::Bus(bad));
+            self.fail(bad);
         }
         self.after_access();
+    }
+
+    fn fail(&mut self, bad: BadAccess) {
+        self.stop.get_or_insert(Stop::Bus(bad));
+        self.failed.get_or_insert(self.block);
     }
 
     fn code(&self, address: u32, len: u32) -> Option<&[u8]> {
@@ -240,7 +251,7 @@ impl Core {
     }
 
     /// What a block of code is, looked up by its address.
-    fn block(&mut self, address: u32, bytes: u32) -> Block {
+    fn look_up(&mut self, address: u32, bytes: u32) -> Block {
         let slot = (address.wrapping_sub(flash::START) / 2) as usize;
         if let Some(block) = self.blocks.get(slot).filter(|block| block.bytes == bytes) {
             return *block;
@@ -305,6 +316,8 @@ impl Cpu {
             asleep: None,
             check: false,
             stop: None,
+            block: 0,
+            failed: None,
             unmapped: None,
             blocks: vec![Block::default(); flash::BANK / 2],
             instructions: 0,
@@ -344,13 +357,15 @@ impl Cpu {
         self.uc.reg_read(register).map_or(0, |value| value as u32)
     }
 
-    fn set(&mut self, register: R, value: u32) -> Result<(), Stop> {
+    /// Changes a register between runs.
+    pub fn set(&mut self, register: R, value: u32) -> Result<(), Stop> {
         self.uc.reg_write(register, u64::from(value)).map_err(emulator)
     }
 
-    /// Where the program is.
+    /// Where the program is; after an access that nobody knew, the start of the block of instructions that made it.
     pub fn place(&self) -> Place {
-        Place { pc: self.register(R::PC) & !1, lr: self.register(R::LR) }
+        let pc = self.core().failed.unwrap_or_else(|| self.register(R::PC) & !1);
+        Place { pc, lr: self.register(R::LR) }
     }
 
     fn masks(uc: &Unicorn<Core>) -> Masks {
@@ -366,7 +381,7 @@ impl Cpu {
     pub fn reset(&mut self) -> Result<(), Stop> {
         let core = self.core_mut();
         core.nvic = Nvic::default();
-        (core.asleep, core.stop, core.unmapped, core.pause) = (None, None, None, Pause::Itself);
+        (core.asleep, core.stop, core.failed, core.unmapped, core.pause) = (None, None, None, None, Pause::Itself);
         let vector = |at: u32| {
             let bytes = core.chip.bytes(flash::START + at, 4);
             bytes.map_or(0, |bytes| bytes.iter().rev().fold(0, |word, &byte| word << 8 | u32::from(byte)))
@@ -382,7 +397,8 @@ impl Cpu {
         self.set(R::PC, start | 1)
     }
 
-    /// Runs up to a moment, at which time stands exactly unless the core was busy; a reset that the chip asks for ends it too.
+    /// Runs up to a moment, at which time stands exactly unless the core was busy; a reset that the chip asks for ends
+    /// it too.
     pub fn run(&mut self, until: Cycles) -> Result<Option<Reset>, Stop> {
         self.core_mut().limit = until;
         loop {
@@ -589,15 +605,15 @@ impl Cpu {
 fn map(uc: &mut Unicorn<'static, Core>) -> Result<(), uc_error> {
     let core = uc.get_data();
     let (code, ram) = (core.chip.flash.as_ptr(), core.chip.ram.as_ptr());
-    // SAFETY: flash's memory is as long as two banks and lives as long as the chip, which unicorn's data owns; it is reached
-    // through this pointer only while no reference into it exists (see `Ram`).
+    // SAFETY: flash's memory is as long as two banks and lives as long as the chip, which unicorn's data owns; it is
+    // reached through this pointer only while no reference into it exists (see `Ram`).
     unsafe { uc.mem_map_ptr(flash::START.into(), flash::BANK as u64, Prot::READ | Prot::EXEC, code.cast())? };
     // SAFETY: as above, of RAM_LEN bytes.
-    unsafe { uc.mem_map_ptr(RAM_START.into(), RAM_LEN as u64, Prot::ALL, ram.cast())? };
+    unsafe { uc.mem_map_ptr(RAM_START.into(), RAM_LEN as u64, Prot::READ | Prot::WRITE, ram.cast())? };
     // SAFETY: the CCM RAM is the last part of it.
     let ccm = unsafe { ram.add(RAM_LEN - CCM_LEN) };
     // SAFETY: as above, of CCM_LEN bytes.
-    unsafe { uc.mem_map_ptr(CCM_START.into(), CCM_LEN as u64, Prot::ALL, ccm.cast())? };
+    unsafe { uc.mem_map_ptr(CCM_START.into(), CCM_LEN as u64, Prot::READ | Prot::WRITE, ccm.cast())? };
     uc.mem_map(rom::START.into(), rom::LEN as u64, Prot::READ | Prot::EXEC)?;
     uc.mem_write(rom::START.into(), &rom::bytes())?;
     // Bank 2, which may be busy; APB and AHB1; AHB2; the core's own.
@@ -645,7 +661,8 @@ fn before_block(uc: &mut Unicorn<Core>, address: u64, bytes: u32) {
         let _ = uc.emu_stop();
         return;
     }
-    let block = core.block(address, bytes);
+    let block = core.look_up(address, bytes);
+    core.block = address;
     core.now += Cycles::from(block.instructions);
     core.instructions += u64::from(block.instructions);
     if block.sends_event {
@@ -655,7 +672,8 @@ fn before_block(uc: &mut Unicorn<Core>, address: u64, bytes: u32) {
 
 fn hook(uc: &mut Unicorn<'static, Core>) -> Result<(), uc_error> {
     uc.add_block_hook(1, 0, before_block)?;
-    // Unicorn brings WFE here, with the program counter behind it; on an instruction that does not exist it stands on it.
+    // Unicorn brings WFE here, with the program counter behind it; on an instruction that does not exist it stands on
+    // it.
     uc.add_insn_invalid_hook(|uc: &mut Unicorn<Core>| {
         let pc = uc.reg_read(R::PC).unwrap_or(0) as u32;
         let half = |core: &Core, at: u32| core.code(at, 2).map(|code| u16::from_le_bytes([code[0], code[1]]));

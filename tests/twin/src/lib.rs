@@ -1,18 +1,20 @@
 //! The shipping binary on a computer.
 //!
-//! The release ELF for the STM32G474RE runs unmodified: [unicorn](https://www.unicorn-engine.org) executes the instructions, and
-//! everything around them is ours: interrupt controller and virtual time ([`nvic`], [`cpu`]), one small model per peripheral
-//! ([`chip`]), the world outside the pins ([`world`], [`bench`]) and the other end of the USB cable ([`usb_host`]).
-//! [`machine::Machine`] is what a test holds in its hands.
+//! The release ELF for the STM32G474RE runs unmodified: [unicorn](https://www.unicorn-engine.org) executes the
+//! instructions, and everything around them is ours: interrupt controller and virtual time ([`nvic`], [`cpu`]), one
+//! small model per peripheral ([`chip`]), the world outside the pins ([`world`], [`mod@bench`]) and the other end of
+//! the USB cable ([`usb_host`]). [`machine::Machine`] is what a test holds in its hands.
 //!
 //! Glossary:
-//! - *cycle*: one period of the core's clock HCLK. One instruction counts as one cycle, an exception entry or return as 12.
-//! - *now*: cycles since power was first applied, the only clock there is; [`chip::clocks::Clocks`] turns it into seconds.
+//! - *cycle*: one period of the core's clock HCLK. One instruction counts as one cycle, an exception entry or return
+//!   as 12.
+//! - *now*: cycles since power was first applied, the only clock there is; [`chip::clocks::Clocks`] turns it into
+//!   seconds.
 //! - *line*: the level of an interrupt request between a peripheral and the interrupt controller.
 //! - *storage*: a register that only keeps what was written to it. Reading one that was never written is listed.
 //!
-//! What agreement means: the binary agrees with these models, and these models are our reading of RM0440 (reference manual),
-//! DS12288 (data sheet) and ARM DDI 0403 (ARMv7-M). Silicon was not asked.
+//! What agreement means: the binary agrees with these models, and these models are our reading of RM0440 (reference
+//! manual), DS12288 (data sheet) and ARM DDI 0403 (ARMv7-M). Silicon was not asked.
 //!
 //! Licence: unicorn is GPL-2.0. This crate is for tests and is linked into nothing that ships.
 

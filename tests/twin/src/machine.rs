@@ -15,7 +15,7 @@
 
 use crate::{
     Board, Cycles, World,
-    chip::{Chip, RAM_LEN, RAM_START, flash, rcc::Reset},
+    chip::{Chip, flash, rcc::Reset},
     cpu::{Cpu, Faults, Place, Stop},
     elf::{Elf, ElfError},
 };
@@ -46,11 +46,15 @@ pub enum StartError {
 
 /// The end of a run before its time.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("{stop}, at {time_s:.6} s, pc {pc} (called from {lr})", pc = named(place.pc, pc_function), lr = named(place.lr, lr_function))]
+#[error(
+    "{stop}, at {time_s:.6} s, pc {} (called from {})",
+    named(place.pc, pc_function),
+    named(place.lr, lr_function)
+)]
 pub struct Ended {
     /// Why.
     pub stop: Stop,
-    /// Where the program was. For an access to a peripheral: at most one block of instructions later.
+    /// Where the program was (see [`Cpu::place`]).
     pub place: Place,
     /// The function it was in.
     pub pc_function: Option<String>,
@@ -182,6 +186,11 @@ impl Machine {
     /// The core with its interrupt controller.
     pub fn cpu(&self) -> &Cpu {
         &self.cpu
+    }
+
+    /// The core, to be changed between runs.
+    pub fn cpu_mut(&mut self) -> &mut Cpu {
+        &mut self.cpu
     }
 
     /// The image's symbols.
@@ -331,12 +340,8 @@ impl Machine {
 /// Longest stretch in which frequencies are taken as they are: 1 ms at 16 MHz.
 const SLICE: Cycles = 16_000;
 
-/// Whether RAM has this address.
-pub fn is_ram(address: u32) -> bool {
-    (RAM_START..RAM_START + RAM_LEN as u32).contains(&address)
-}
-
-/// An image that the environment names or `cargo build --release` left, where there is one; otherwise nothing, after saying why.
+/// An image that the environment names or `cargo build --release` left, where there is one; otherwise nothing, after
+/// saying why.
 ///
 /// # Panics
 /// Where it must be there: with `CI` or `INERTER_REQUIRE_QEMU` in the environment.

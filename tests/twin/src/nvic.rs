@@ -1,11 +1,12 @@
 //! The core's own registers: interrupt controller, system control block, SysTick, cycle counter (ARM DDI 0403, B3).
 //!
-//! Plain bookkeeping: which exception is pending, active, and may be taken; [`crate::cpu`] moves the stack. The protection unit,
-//! the coprocessor access and the fault registers are storage, except that the floating point unit counts as off until CPACR says
-//! otherwise.
+//! Plain bookkeeping: which exception is pending, active, and may be taken; [`crate::cpu`] moves the stack. The
+//! protection unit, the coprocessor access and the fault registers are storage, except that the floating point unit
+//! counts as off until CPACR says otherwise.
 //!
-//! Glossary: *exception*: 2 NMI, 3 HardFault, 11 SVCall, 14 PendSV, 15 SysTick, 16 and up interrupts. *Priority*: lower is more
-//! urgent; -2 NMI, -1 HardFault, 0 to 240 the rest in steps of 16 (four bits on this chip), [`THREAD`] when nothing is active.
+//! Glossary: *exception*: 2 NMI, 3 HardFault, 11 SVCall, 14 PendSV, 15 SysTick, 16 and up interrupts. *Priority*:
+//! lower is more urgent; -2 NMI, -1 HardFault, 0 to 240 the rest in steps of 16 (four bits on this chip), [`THREAD`]
+//! when nothing is active.
 
 use crate::{Cycles, Storage, Unknown, Width};
 

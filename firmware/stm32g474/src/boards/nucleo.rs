@@ -37,7 +37,7 @@ pub const fn crystal() -> Oscillator {
 /// | PA9 | USB's VBUS through a divider |
 /// | PA11, PA12 | USB D-, D+ |
 /// | PA8 | converter's CLKIN, 8 MHz: TIM1_CH1 |
-/// | PA15, PB3 | encoder A, B: TIM2_CH1, TIM2_CH2 |
+/// | PA15, PB3 | encoder A, B: TIM2_CH1, TIM2_CH2 (PB3 is SWO too, an input of the ST-Link) |
 /// | PB10 | converter's DRDY: TIM2_CH3 |
 /// | PB11 | converter's SYNC/RESET |
 /// | PB12, PB13, PB14, PB15 | converter's CS, SCLK, DOUT, DIN: SPI2 |

@@ -2,12 +2,12 @@
 //!
 //! - *Bus power*: the peripheral has no detection of its own, and the driver pulls D+ up for ever. Here the pull-up
 //!   follows VBUS, so that a device with a supply of its own does not feed a dead port.
-//! - *Halts*: clearing a halt must set the data toggle back and let the endpoint go on (USB 2.0, 9.4.5); embassy-stm32 0.6
-//!   does neither. An endpoint number that does not exist must not reach the registers.
+//! - *Halts*: clearing a halt must set the data toggle back and let the endpoint go on (USB 2.0, 9.4.5);
+//!   embassy-stm32 0.6 does neither. An endpoint number that does not exist must not reach the registers.
 //! - *Requests without data*: to a request for 0 bytes embassy-usb 0.6 neither answers nor objects, and the host waits
 //!   until it gives up. Here such a request is passed on as one for 1 byte, and what comes back is left out.
-//! - *Reset within a request*: embassy-usb 0.6 waits for the end of a control transfer and for nothing else, and after a
-//!   bus reset it never ends. Here a reset or suspend ends it, and what was received before a reset is left out.
+//! - *Reset within a request*: embassy-usb 0.6 waits for the end of a control transfer and for nothing else, and after
+//!   a bus reset it never ends. Here a reset or suspend ends it, and what was received before a reset is left out.
 //! - *Suspend*: of a suspend and a resume that came together, embassy-stm32 reports the suspend last.
 //!
 //! Register meanings: RM0440 45.6.

@@ -23,7 +23,7 @@ static CHANGED: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 
 /// Longest wait for the host to fetch the last packet, in milliseconds.
 const DRAIN_MS: u64 = 100;
-/// Time for the host to take note of it, in milliseconds; and for the other link to send what it has.
+/// Time for the host to take note of it, in milliseconds.
 const SETTLE_MS: u64 = 5;
 
 /// Follows the state of the bus.

@@ -1,19 +1,20 @@
 //! The five analogue-to-digital converters with their two common blocks, and what the analogue side does to a voltage.
 //!
-//! [`Adcs`] keeps registers and times; [`Quality`] is the noise of the conversions. Regular conversions only, of 12 bits, by
-//! software or by a timer's trigger, read by DMA or by the program. What the manual forbids (to calibrate before the
-//! regulator has settled, to change a sequence while it runs) ends the run, as silicon would give no word of warning.
+//! [`Adcs`] keeps registers and times; [`Quality`] is the noise of the conversions. Regular conversions only, of 12
+//! bits, by software or by a timer's trigger, read by DMA or by the program. What the manual forbids (to calibrate
+//! before the regulator has settled, to change a sequence while it runs) ends the run, as silicon would give no word
+//! of warning.
 //!
 //! Glossary:
-//! - *trigger*: the event that starts a sequence; *aperture*: the moment at which the voltage is held, which is the trigger
-//!   plus its latency plus the sampling time; the result comes 12.5 clocks of the converter later.
+//! - *trigger*: the event that starts a sequence; *aperture*: the moment at which the voltage is held, which is the
+//!   trigger plus its latency plus the sampling time; the result comes 12.5 clocks of the converter later.
 //! - *overrun*: a result came before the last one was read; DMA requests then cease until the flag is cleared.
 //!
-//! Not modelled, and refused: injected conversions, dual modes, the oversampler, offsets, analogue watchdogs, auto-delay,
-//! discontinuous mode, other resolutions. A stop takes no time here.
+//! Not modelled, and refused: injected conversions, dual modes, the oversampler, offsets, analogue watchdogs,
+//! auto-delay, discontinuous mode, other resolutions. A stop takes no time here.
 //!
-//! Sources: RM0440 chapter 21 (registers 21.7 and 21.8; overrun 21.4.27; DMA 21.4.28); times and noise from DS12288, table of
-//! the ADC's characteristics; internal channels, RM0440 21.4.11; trigger numbers, table 163.
+//! Sources: RM0440 chapter 21 (registers 21.7 and 21.8; overrun 21.4.27; DMA 21.4.28); times and noise from DS12288,
+//! table of the ADC's characteristics; internal channels, RM0440 21.4.11; trigger numbers, table 163.
 
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, StandardNormal};

@@ -1,15 +1,16 @@
-//! The digital front end on SPI2: the chip's registers and frames by the driver crate's own mock, its modulators and filter by us.
+//! The digital front end on SPI2.
 //!
-//! A conversion is what the filter makes of the voltages before it: sinc3 of N modulator samples, then the mean of M of its
-//! outputs (SBAS890, "SINC3 and SINC3 + SINC1 Filter"). The filter is computed on a grid of N/16 modulator samples; what
-//! that leaves out, three boxes of one step of the grid, is their delay, which is put in, and a droop of 1e-7 at 50 Hz.
-//! A modulator sample stands for the middle of its period, so a conversion lags by half a period less than `3 N / 2`
-//! periods for each box, plus that half: [`Filter::delay_clkin`].
+//! Registers and frames are the driver crate's own mock; modulators, filter and clock are here.
+//! A conversion is what the filter makes of the voltages before it: sinc3 of N modulator samples, then the mean of M
+//! of its outputs (SBAS890, "SINC3 and SINC3 + SINC1 Filter"). The filter is computed on a grid of N/16 modulator
+//! samples; what that leaves out, three boxes of one step of the grid, is their delay, which is put in, and a droop of
+//! 3e-6 at 50 Hz. A modulator sample stands for the middle of its period, so a conversion lags by half a period less
+//! than `3 N / 2` periods for each box, plus that half: [`Filter::delay_clkin`].
 //!
 //! Channel 0 is the bridge, 1 its excitation, 2 the terminal displacement, 3 open.
 //!
-//! Wires: CS PB12, SYNC/RESET PB11, DRDY PB10, CLKIN PA8 from channel 1 of TIM1. Without CLKIN nothing is converted and no reset
-//! takes; a CLKIN that changes begins the conversion anew.
+//! Wires: CS PB12, SYNC/RESET PB11, DRDY PB10, CLKIN PA8 from channel 1 of TIM1. Without CLKIN nothing is converted
+//! and no reset takes; a CLKIN that changes begins the conversion anew.
 
 use std::collections::VecDeque;
 
@@ -331,6 +332,13 @@ mod tests {
                 (gain(0.02) - (1.0 - f64::from(3 + stages.1.pow(2) - 1) * (TAU * 0.01).powi(2) / 6.0)).abs() < 1e-4
             );
             assert_eq!(period, 2.0 * n * f64::from(stages.1));
+            // What the grid leaves out at 50 Hz, of periods of 2 N / CLKIN: three boxes of a sixteenth of it.
+            let exact = |cycles_per_n: f64| {
+                let (x, m) = (0.5 * TAU * cycles_per_n, f64::from(stages.1));
+                (x.sin() / x).powi(3) * ((m * x).sin() / (m * x.sin()))
+            };
+            let cycles = 50.0 * 2.0 * n / CLKIN;
+            assert!((gain(cycles) / exact(cycles) - 1.0).abs() < 3.5e-6, "{stages:?}");
         }
     }
 

@@ -4,7 +4,8 @@
 //! this model says which and counts. Half-way and at the end of a lap it raises its flags.
 //! Not modelled, and refused: memory to memory, priorities (a transfer takes no time here, so none ever waits).
 //!
-//! Sources: RM0440 chapter 12, registers 12.6.1 to 12.6.6; where a register may be written, the notes beside its fields.
+//! Sources: RM0440 chapter 12, registers 12.6.1 to 12.6.6; where a register may be written, the notes beside its
+//! fields.
 
 use crate::{Cycles, Registers, Unknown, Width};
 

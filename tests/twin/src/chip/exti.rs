@@ -1,7 +1,7 @@
 //! Extended interrupts (RM0440 section 15.5): edges of pins and of other blocks become pending requests.
 //!
-//! Lines 0 to 15 are pins (which port is SYSCFG's choice), 16 the supply monitor, 18 wake-up by USB. Events (EMR) are storage:
-//! nothing in the twin sleeps so deeply that it needs them.
+//! Lines 0 to 15 are pins (which port is SYSCFG's choice), 16 the supply monitor, 18 wake-up by USB. Events (EMR) are
+//! storage: nothing in the twin sleeps so deeply that it needs them.
 
 use crate::{Cycles, Registers, Storage, Unknown, Width};
 

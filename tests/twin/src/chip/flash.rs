@@ -2,10 +2,10 @@
 //!
 //! - Programming takes double words, each once between two erasures (or to zero), and 85 us; a page is erased in 22 ms
 //!   (DS12288 table "Flash memory characteristics", typical values rounded up).
-//! - One bank may be read while the other one is busy. Reading the busy bank stalls the core, which is counted. The code runs
-//!   from bank 1, so an operation there ends the run.
-//! - Power that fails in the middle of an operation leaves a double word that no longer fits its error correction code, or a
-//!   page of such words: reading one sets ECCD and raises the non-maskable interrupt.
+//! - One bank may be read while the other one is busy. Reading the busy bank stalls the core, which is counted. The
+//!   code runs from bank 1, so an operation there ends the run.
+//! - Power that fails in the middle of an operation leaves a double word that no longer fits its error correction
+//!   code, or a page of such words: reading one sets ECCD and raises the non-maskable interrupt.
 //! - The data cache keeps what it read: reading after an operation without resetting the cache ends the run.
 //!
 //! Not modelled: fast programming, mass erasure, write and read protection, single-bank mode, secured areas.
@@ -158,8 +158,10 @@ pub struct Flash {
     /// Cycles for which the core must still wait.
     stall: Cycles,
     launch: bool,
-    /// Operations that ended well since power-on: double words programmed and pages erased.
-    pub operations: u64,
+    /// Double words programmed since the twin was made.
+    pub programmed: u64,
+    /// Pages erased since the twin was made.
+    pub erased: u64,
     /// How often the core had to wait for a busy bank.
     pub stalls: u64,
     /// Cycles that it waited in all.
@@ -188,7 +190,8 @@ impl Default for Flash {
             noise: 0x9e37_79b9_7f4a_7c15,
             stall: 0,
             launch: false,
-            operations: 0,
+            programmed: 0,
+            erased: 0,
             stalls: 0,
             stalled: 0,
         }
@@ -410,7 +413,7 @@ impl Flash {
         }
         if self.torn.contains(&(at / 8)) && self.ecc & ECCD == 0 {
             let bank = if at >= BANK { BK_ECC } else { 0 };
-            self.ecc = self.ecc & ECCIE | ECCD | bank | (at % BANK & !7) as u32;
+            self.ecc = self.ecc & ECCIE | ECCD | bank | ((at % BANK) & !7) as u32;
         }
         Ok(value)
     }
@@ -435,7 +438,7 @@ impl Flash {
             return Ok(());
         }
         match self.half.take() {
-            None if at % 8 == 0 => self.half = Some((at, value)),
+            None if at.is_multiple_of(8) => self.half = Some((at, value)),
             Some((first, low)) if at == first + 4 => {
                 let data = u64::from(value) << 32 | u64::from(low);
                 if self.double_word(first) != u64::MAX && data != 0 {
@@ -576,7 +579,11 @@ impl Registers for Flash {
             Some(Operation { action, end }) if end <= now => {
                 self.operation = None;
                 self.carry_out(action);
-                self.operations += 1;
+                match action {
+                    Action::Program { .. } => self.programmed += 1,
+                    Action::Erase { .. } => self.erased += 1,
+                    Action::Options => {}
+                }
                 if self.control & EOPIE != 0 {
                     self.status |= EOP;
                 }

@@ -1,7 +1,7 @@
 //! GPIO ports (RM0440 section 9.4).
 //!
-//! Modelled: mode, pull, input, output, set and reset registers, alternate functions. Output speed and type are storage; locking
-//! is unknown. A pin that nothing drives and nothing pulls reads low.
+//! Modelled: mode, pull, input, output, set and reset registers, alternate functions. Output speed and type are
+//! storage; locking is unknown. A pin that nothing drives and nothing pulls reads low.
 
 use crate::{Cycles, Registers, Storage, Unknown, Width};
 
@@ -163,7 +163,7 @@ mod tests {
     fn output_is_seen_at_the_pin_and_by_the_input_register() {
         let mut gpio = Gpio::new(2);
         assert!(gpio.output(6), "nobody drives it");
-        write(&mut gpio, MODER, u32::MAX & !(3 << 12) | 1 << 12);
+        write(&mut gpio, MODER, !(3 << 12) | 1 << 12);
         assert!(!gpio.output(6));
         write(&mut gpio, BSRR, 1 << 6);
         assert!(gpio.output(6));

@@ -1,7 +1,7 @@
 //! Independent watchdog (RM0440 section 42.4), counted by the slow internal oscillator of nominally 32 kHz.
 //!
-//! New values of prescaler and reload are in use five periods of that oscillator after they were written, or after the start if
-//! that came later.
+//! New values of prescaler and reload are in use five periods of that oscillator after they were written, or after the
+//! start if that came later.
 
 use super::rcc::LSI_HZ;
 use crate::{Cycles, Registers, Unknown, Width, chip::clocks::Clocks};

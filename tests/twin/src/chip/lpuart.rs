@@ -1,8 +1,9 @@
 //! The serial link LPUART1 (RM0440 section 38.7): 8 data bits, no parity, one stop bit.
 //!
-//! The other end is a pair of byte pipes: [`Lpuart::send`] and [`Lpuart::take_sent`]. Bytes take their time at the rate that the
-//! registers ask for; an end that runs at another rate gives framing errors. Modelled: FIFO, its threshold and interrupts, idle
-//! line, overrun, DMA requests. Flow control, addressing, wake-up and half-duplex are unknown.
+//! The other end is a pair of byte pipes: [`Lpuart::send`] and [`Lpuart::take_sent`]. Bytes take their time at the
+//! rate that the registers ask for; an end that runs at another rate gives framing errors. Modelled: FIFO, its
+//! threshold and interrupts, idle line, overrun, DMA requests. Flow control, addressing, wake-up and half-duplex are
+//! unknown.
 
 use crate::{Cycles, Registers, Storage, Unknown, Width, chip::clocks::Clocks};
 use std::collections::VecDeque;
@@ -203,9 +204,7 @@ impl Lpuart {
 
     fn start(&mut self, now: Cycles) {
         if self.shifting.is_none() && self.has(UE | TE) {
-            if let Some(byte) = self.transmit.pop_front() {
-                self.shifting = Some((byte, now + self.own_byte_time()));
-            }
+            self.shifting = self.transmit.pop_front().map(|byte| (byte, now + self.own_byte_time()));
         }
     }
 

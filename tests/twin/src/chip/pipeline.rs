@@ -1,12 +1,13 @@
-//! The signal path, worked off event by event: sampling clock, converters, SPI, and the DMA transfers that they ask for.
+//! The signal path event by event: sampling clock, converters, SPI, and the DMA transfers that they ask for.
 //!
-//! Nothing of it is stepped while the core runs. [`Chip::pipeline_advance`] catches up, each event at its own time and in
-//! their order, whenever the core touches a peripheral or an interrupt line may rise; until then the rings in RAM are what
-//! they were. [`Chip::pipeline_next_event`] says when a line may rise: for a circular DMA channel that is its next half.
+//! Nothing of it is stepped while the core runs. `pipeline_advance` catches up, each event at its own time and in
+//! their order, whenever the core touches a peripheral or an interrupt line may rise; until then the rings in RAM are
+//! what they were. `pipeline_next_event` says when a line may rise: for a circular DMA channel that is its next half.
 //!
 //! Order at one moment: the update of the sampling clock first latches the encoder's count by DMA, then triggers the
 //! converters; a converter looks at its pin at its aperture, its result moves at the conversion's end.
-//! A DMA transfer takes no time. On the chip it takes some tens of nanoseconds, in which the encoder moves 1e-9 m at 20 mm/s.
+//! A DMA transfer takes no time. On the chip it takes some tens of nanoseconds, in which the encoder moves 1e-9 m at
+//! 20 mm/s.
 
 use super::adc::{self, Signal, TRIGGER_TIM6, Unit};
 use super::ads131m04::{CLKIN, CS, DRDY, Inputs, RESET};
@@ -611,8 +612,8 @@ mod tests {
         assert!(chip.take_fault().is_some_and(|bad| bad.what.contains("analogue")));
     }
 
-    /// The digital front end at 8 MHz; SPI2's pins its own, PB12 and PB11 outputs and high, PB10 TIM2's third channel, which
-    /// captures at falling edges, PA8 TIM1's first, which gives out a period of 21 cycles from 5000 on.
+    /// The digital front end at 8 MHz; SPI2's pins its own, PB12 and PB11 outputs and high, PB10 TIM2's third channel,
+    /// which captures at falling edges, PA8 TIM1's first, which gives out a period of 21 cycles from 5000 on.
     fn digital() -> Chip {
         let mut chip = chip();
         chip.ads131m04 = Some(Ads131m04::new([0.0; 4], 0));

@@ -4,8 +4,8 @@ use std::{alloc, ptr::NonNull};
 
 /// Bytes at an address that does not change, shared with unicorn through a pointer.
 ///
-/// Nobody holds a reference into it while the core runs: the core's loads and stores happen inside unicorn, ours between them,
-/// in one thread.
+/// Nobody holds a reference into it while the core runs: the core's loads and stores happen inside unicorn, ours
+/// between them, in one thread.
 #[derive(Debug)]
 pub struct Ram {
     bytes: NonNull<u8>,
@@ -33,7 +33,8 @@ impl Ram {
 
     /// All of it.
     pub fn bytes(&self) -> &[u8] {
-        // SAFETY: allocated and initialised by `new` with this length, freed by `drop` only; the core does not run meanwhile.
+        // SAFETY: allocated and initialised by `new` with this length, freed by `drop` only; the core does not run
+        // meanwhile.
         unsafe { std::slice::from_raw_parts(self.bytes.as_ptr(), self.layout.size()) }
     }
 

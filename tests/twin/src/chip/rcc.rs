@@ -1,7 +1,8 @@
 //! Reset and clock control (RM0440 section 7.4).
 //!
-//! The frequencies follow from the registers: a wrong divider gives a wrong rate everywhere, and a setting outside the chip's
-//! limits ends the run. Oscillators become ready after their typical start-up time (DS12288 section 5.3.7 to 5.3.9).
+//! The frequencies follow from the registers: a wrong divider gives a wrong rate everywhere, and a setting outside the
+//! chip's limits ends the run. Oscillators become ready after their typical start-up time (DS12288 section 5.3.7 to
+//! 5.3.9).
 //!
 //! The crystal of the twin never fails, so the clock security system only keeps its switch.
 //! Not modelled: clock output, LSE, clocks in sleep mode.
@@ -129,7 +130,7 @@ pub struct Rcc {
 }
 
 impl Rcc {
-    /// With a crystal of this frequency.
+    /// With a crystal of this frequency, 0 for none.
     pub fn new(hse_hz: f64) -> Self {
         let storage = Storage::new(&[
             (CR, HSION, HSION | 1 << 9 | HSEON | HSEBYP | CSSON | PLLON),
@@ -374,8 +375,9 @@ impl Registers for Rcc {
         self.storage.write(offset, value, width)?;
         match register {
             CR => {
-                // A crystal does not answer to bypass, which waits for a clock from outside.
-                let crystal = word & HSEON != 0 && word & HSEBYP == 0;
+                // A crystal does not answer to bypass, which waits for a clock from outside; one that is not there
+                // never answers.
+                let crystal = word & HSEON != 0 && word & HSEBYP == 0 && self.hse_hz > 0.0;
                 self.hse_ready = switched(crystal, self.hse_ready, self.in_s(now, HSE_START_S));
                 self.pll_ready = switched(word & PLLON != 0, self.pll_ready, self.in_s(now, PLL_LOCK_S));
             }
@@ -470,6 +472,9 @@ mod tests {
         assert!(rcc.write(CR, HSION | HSEON | PLLON, Width::Word, 300).is_err(), "the PLL needs its source");
         write(&mut rcc, CR, HSION | HSEON | HSEBYP, 40_000);
         assert_eq!(read(&mut rcc, CR, 1_000_000) & HSERDY, 0, "a crystal is no clock from outside");
+        let mut without = Rcc::new(0.0);
+        write(&mut without, CR, HSION | HSEON, 100);
+        assert_eq!(read(&mut without, CR, 1_000_000) & HSERDY, 0, "no crystal");
     }
 
     #[test]

@@ -1,4 +1,5 @@
-//! Backup registers (RM0440 section 36.6): 32 words that outlive a reset, not the loss of power. Tamper detection is unknown.
+//! Backup registers (RM0440 section 36.6): 32 words that outlive a reset, not the loss of power. Tamper detection is
+//! unknown.
 
 use crate::{Cycles, Registers, Storage, Unknown, Width};
 

@@ -1,8 +1,8 @@
 //! Timers with capture and compare: TIM1 to TIM5, TIM8, TIM15 to TIM17 (RM0440 sections 28 to 30).
 //!
-//! Modelled: up-counting with prescaler and preload, compare flags, update flag and its sources, encoder modes, input capture, PWM
-//! as far as frequency and duty can be asked for. Counting down or centre-aligned, slave modes other than the encoder's, one-pulse
-//! mode and DMA are unknown.
+//! Modelled: up-counting with prescaler and preload, compare flags, update flag and its sources, encoder modes, input
+//! capture, PWM as far as frequency and duty can be asked for. Counting down or centre-aligned, slave modes other than
+//! the encoder's, one-pulse mode and DMA are unknown.
 //!
 //! Glossary: *tick*: the counter's clock after the prescaler; *update*: the counter starts anew.
 
@@ -224,7 +224,8 @@ impl Tim {
         self.storage.set(CR1, if steps < 0 { cr1 | DIR } else { cr1 & !DIR });
     }
 
-    /// The level at the input pin of a channel has changed: a channel that captures on this edge takes the counter's value.
+    /// The level at the input pin of a channel has changed: a channel that captures on this edge takes the counter's
+    /// value.
     pub fn edge(&mut self, channel: usize, rising: bool) {
         let enable = self.storage.get(CCER) >> (4 * (channel - 1));
         // CCxP and CCxNP: 00 rising, 01 falling, 11 both.

@@ -1,10 +1,12 @@
 //! TIM6, the sampling clock: counts up, and at each overflow triggers the converters and asks for DMA.
 //!
-//! The counter is not stepped: its value follows from the time since it last was zero. Auto-reload and prescaler take effect
-//! at an update, the auto-reload at once where it is not preloaded.
-//! Not modelled, and refused: dithering, one-pulse mode. A counter whose auto-reload was set below its value is refused too.
+//! The counter is not stepped: its value follows from the time since it last was zero. Auto-reload and prescaler take
+//! effect at an update, the auto-reload at once where it is not preloaded.
+//! Not modelled, and refused: dithering, one-pulse mode. A counter whose auto-reload was set below its value is
+//! refused too.
 //!
-//! Sources: RM0440 chapter 33 (basic timers), registers 33.4.1 to 33.4.9; update events, 33.3.2; trigger output, 33.4.2.
+//! Sources: RM0440 chapter 33 (basic timers), registers 33.4.1 to 33.4.9; update events, 33.3.2; trigger output,
+//! 33.4.2.
 
 use super::clocks::Clocks;
 use crate::{Cycles, Registers, Unknown, Width};

@@ -149,8 +149,9 @@ fn faults_end_the_run_where_they_happen() {
     };
     assert_eq!(stopped(UNDEFINED), (Stop::Undefined, CODE + 6));
     assert_eq!(stopped(BAD_READ), (Stop::Unmapped { what: "read of", address: 4 }, CODE + 6));
-    let (stop, _) = stopped(BAD_REGISTER);
+    let (stop, pc) = stopped(BAD_REGISTER);
     assert!(matches!(&stop, Stop::Bus(bad) if bad.address == 0x4000_3c00), "{stop}");
+    assert_eq!(pc, CODE, "the block that made the access");
     assert_eq!(stopped(FLOAT_TOO_EARLY).0, Stop::FloatingPointOff);
     assert_eq!(stopped(TO_ROM).0, Stop::Bootloader);
 }
