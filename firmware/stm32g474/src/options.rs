@@ -1,5 +1,6 @@
 //! The one option that matters: at which supply voltage the chip holds itself in reset.
 
+use core::arch::asm;
 use embassy_stm32::pac::FLASH;
 use inerter_wire::ResetCause;
 
@@ -28,8 +29,6 @@ pub fn check(cause: ResetCause) {
     FLASH.cr().modify(|w| w.set_optstrt(true));
     while FLASH.sr().read().bsy() {}
     FLASH.cr().modify(|w| w.set_obl_launch(true));
-    // The reset takes a moment.
-    loop {
-        cortex_m::asm::nop();
-    }
+    // SAFETY: stands still, as the reset takes a moment.
+    unsafe { asm!("b .", options(noreturn)) }
 }

@@ -284,9 +284,12 @@ impl Registers for Tim {
             register @ CCR1..=CCR4 => {
                 let channel = ((register - CCR1) / 4 + 1) as usize;
                 if self.is_input(channel) {
+                    // The hardware has written it.
                     self.flags &= !(1 << channel);
+                    self.storage.get(register)
+                } else {
+                    self.storage.read(register, Width::Word)?
                 }
-                self.storage.read(offset, Width::Word)?
             }
             register => self.storage.read(register, Width::Word)?,
         };
