@@ -2,7 +2,7 @@
 
 use embassy_stm32::pac::iwdg::vals::{Key, Pr};
 use embassy_stm32::pac::{DBGMCU, IWDG};
-use embassy_time::{Duration, Ticker};
+use embassy_time::{Duration, Ticker, Timer};
 use inerter_app::App;
 
 /// Time without a sign of life: 2000 periods of 32 kHz / 64, 4 s. The oscillator is good for 5 % or so (DS12288,
@@ -20,6 +20,11 @@ pub async fn watch(app: &App) -> ! {
     }
     IWDG.pr().write(|w| w.set_pr(Pr::DIVIDE_BY64));
     IWDG.rlr().write(|w| w.set_rl(PERIODS));
+    // Until the registers are taken over and loaded, the limit is the longest there is.
+    while IWDG.sr().read().0 != 0 {
+        Timer::after_millis(1).await;
+    }
+    IWDG.kr().write(|w| w.set_key(Key::RESET));
     let mut ticker = Ticker::every(LOOK);
     loop {
         ticker.next().await;

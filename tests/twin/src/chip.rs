@@ -536,6 +536,21 @@ impl Chip {
         if self.iwdg.bites() { Some(Reset::Watchdog) } else { self.flash.launches().then_some(Reset::OptionBytes) }
     }
 
+    /// The crystal breaks. A core that runs from it and is not watched would stand still; here it notices nothing.
+    pub fn break_crystal(&mut self, now: Cycles) {
+        self.advance(now);
+        self.rcc.break_crystal();
+        let clocks = self.rcc.clocks(now, self.clocks.seconds(now));
+        if clocks.hclk_hz > 0.0 {
+            self.use_clocks(clocks, now);
+        }
+    }
+
+    /// Whether something holds the line of the non-maskable interrupt.
+    pub fn nmi(&self) -> bool {
+        self.flash.nmi() || self.rcc.nmi()
+    }
+
     /// Something outside drives a pin.
     pub fn set_pin(&mut self, pin: Pin, level: bool, now: Cycles) {
         let before = self.gpio[pin.port].pins();

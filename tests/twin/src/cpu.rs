@@ -178,7 +178,7 @@ enum Sleep {
 impl Core {
     /// Looks at lines, events and the next moment at which something happens.
     fn refresh(&mut self) {
-        self.nvic.set_lines(self.chip.irq_lines(), self.chip.flash.nmi());
+        self.nvic.set_lines(self.chip.irq_lines(), self.chip.nmi());
         self.nvic.advance(self.now);
         self.check = self.nvic.wants_attention();
         let events = [self.chip.next_event(), self.nvic.next_event()];

@@ -163,6 +163,23 @@ fn a_board_without_its_crystal_says_so() {
 }
 
 #[test]
+fn a_crystal_that_breaks_is_a_restart_without_it() {
+    let Some(mut link) = board(Still) else { return };
+    assert_eq!(greet(&mut link).0.clock, ClockSource::Crystal);
+    let now = link.machine.now();
+    link.machine.chip_mut().break_crystal(now);
+    run(&mut link.machine, 0.5);
+    let (hello, events) = greet(&mut link);
+    assert_eq!((hello.clock, cause(&events)), (ClockSource::Internal, ResetCause::Panic));
+    assert!(
+        events
+            .iter()
+            .any(|event| matches!(event, EventKind::Panicked(text) if text.ends_with("the crystal has stopped"))),
+        "{events:?}"
+    );
+}
+
+#[test]
 fn the_image_of_one_board_is_stopped_on_the_other() {
     let Some(mut machine) = machine(Options { board: Board::WEACT, ..Options::default() }, Still) else { return };
     match machine.run_for(0.2) {

@@ -4,8 +4,8 @@
 //! chip's limits ends the run. Oscillators become ready after their typical start-up time (DS12288 section 5.3.7 to
 //! 5.3.9).
 //!
-//! The crystal of the twin never fails, so the clock security system only keeps its switch.
-//! Not modelled: clock output, LSE, clocks in sleep mode.
+//! A crystal that breaks ([`Rcc::break_crystal`]) puts the core on the internal oscillator and, where the clock
+//! security system watches, raises the non-maskable interrupt. Not modelled: clock output, LSE, clocks in sleep mode.
 
 use crate::{Cycles, Registers, Storage, Unknown, Width, chip::clocks::Clocks};
 
@@ -40,6 +40,9 @@ const PLLRDY: u32 = 1 << 25;
 
 /// CSR: clears the causes of reset.
 const RMVF: u32 = 1 << 23;
+
+/// CIFR and CICR: the crystal has failed.
+const CSSF: u32 = 1 << 8;
 
 const HSI_HZ: f64 = 16e6;
 const HSI48_HZ: f64 = 48e6;
@@ -127,6 +130,7 @@ pub struct Rcc {
     hsi48_ready: Option<Cycles>,
     lsi_ready: Option<Cycles>,
     causes: u32,
+    failed: bool,
 }
 
 impl Rcc {
@@ -167,6 +171,7 @@ impl Rcc {
             hsi48_ready: None,
             lsi_ready: None,
             causes: Reset::Power.flags(),
+            failed: false,
         }
     }
 
@@ -178,6 +183,24 @@ impl Rcc {
     /// Whether a peripheral is held in reset.
     pub fn is_reset(&self, gate: Gate) -> bool {
         self.storage.get(gate.register - 0x20) >> gate.bit & 1 != 0
+    }
+
+    /// The crystal breaks. What ran from it stops, and the core goes on from the internal oscillator if it is watched
+    /// (RM0440 7.2.8); to be followed by a look at the frequencies.
+    pub fn break_crystal(&mut self) {
+        self.hse_hz = 0.0;
+        let watched = self.storage.get(CR) & CSSON != 0 && self.hse_ready.take().is_some();
+        if watched {
+            self.failed = true;
+            self.storage.set(CR, self.storage.get(CR) & !(HSEON | PLLON | CSSON) | HSION);
+            self.pll_ready = None;
+            self.storage.set(CFGR, self.storage.get(CFGR) & !3 | 1);
+        }
+    }
+
+    /// A failure of the crystal holds the line of the non-maskable interrupt.
+    pub fn nmi(&self) -> bool {
+        self.failed
     }
 
     /// CCIPR: which clock each of the peripherals with a choice runs from.
@@ -327,7 +350,7 @@ impl Registers for Rcc {
         let ready = |moment: Option<Cycles>, flag: u32| if moment.is_some_and(|at| at <= now) { flag } else { 0 };
         let register = offset & !3;
         if matches!(register, CIFR | CICR) {
-            return Ok(0);
+            return Ok(if register == CIFR && self.failed { CSSF } else { 0 });
         }
         if !self.storage.contains(register) {
             return Err(Unknown::REGISTER);
@@ -352,6 +375,7 @@ impl Registers for Rcc {
     fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
         let register = offset & !3;
         if register == CICR {
+            self.failed &= width.replace(0, offset, value) & CSSF == 0;
             return Ok(());
         }
         if !self.storage.contains(register) {
@@ -400,6 +424,7 @@ impl Registers for Rcc {
         self.storage.set(BDCR, bdcr);
         (self.hse_ready, self.pll_ready, self.hsi48_ready, self.lsi_ready) = (None, None, None, None);
         self.hclk_hz = HSI_HZ;
+        self.failed = false;
     }
 
     fn set_clocks(&mut self, clocks: &Clocks) {
@@ -475,6 +500,18 @@ mod tests {
         let mut without = Rcc::new(0.0);
         write(&mut without, CR, HSION | HSEON, 100);
         assert_eq!(read(&mut without, CR, 1_000_000) & HSERDY, 0, "no crystal");
+    }
+
+    #[test]
+    fn a_crystal_that_breaks_leaves_the_internal_clock_and_an_interrupt() {
+        let mut rcc = at_168_mhz();
+        write(&mut rcc, CR, HSION | HSEON | CSSON | PLLON, 40_000);
+        rcc.break_crystal();
+        assert!(rcc.nmi());
+        assert_eq!((read(&mut rcc, CIFR, 50_000), read(&mut rcc, CR, 50_000) & (HSERDY | PLLRDY)), (CSSF, 0));
+        assert_eq!(rcc.clocks(50_000, 0.003).hclk_hz, 16e6);
+        write(&mut rcc, CICR, CSSF, 50_000);
+        assert!(!rcc.nmi());
     }
 
     #[test]
