@@ -24,7 +24,9 @@ const BOARD_FOLDER: &str = "firmware/stm32g474";
 pub enum Image {
     /// For QEMU's netduinoplus2.
     Qemu,
-    /// The one that ships, for the STM32G474: what `cargo build --release` makes in its folder.
+    /// The one that ships, for the WeAct board. Cargo gives it the name of the next one, so it is made first and copied.
+    Weact,
+    /// The one that ships, for the NUCLEO: what `cargo build --release` makes in its folder.
     Board,
     /// The one that ships with a task that hangs, to see the watchdog at work.
     Hang,
@@ -32,12 +34,13 @@ pub enum Image {
 
 impl Image {
     /// Everything that the tests run.
-    pub const ALL: [Self; 3] = [Self::Qemu, Self::Board, Self::Hang];
+    pub const ALL: [Self; 4] = [Self::Qemu, Self::Weact, Self::Board, Self::Hang];
 
     /// The variable through which tests learn where the image lies.
     pub const fn variable(self) -> &'static str {
         match self {
             Self::Qemu => "INERTER_QEMU_IMAGE",
+            Self::Weact => "INERTER_STM32_WEACT_ELF",
             Self::Board => "INERTER_STM32_ELF",
             Self::Hang => "INERTER_STM32_HANG_ELF",
         }
@@ -47,7 +50,7 @@ impl Image {
     const fn program(self) -> &'static str {
         match self {
             Self::Qemu => "inerter-qemu",
-            Self::Board => "inerter-stm32g474",
+            Self::Weact | Self::Board => "inerter-stm32g474",
             Self::Hang => "inerter-stm32g474-hang",
         }
     }
@@ -55,6 +58,9 @@ impl Image {
     const fn arguments(self) -> &'static [&'static str] {
         match self {
             Self::Qemu => &["--package", "inerter-qemu", "--profile", "firmware"],
+            Self::Weact => {
+                &["--release", "--no-default-features", "--features", "board-weact", "--bin", "inerter-stm32g474"]
+            }
             Self::Board => &["--release", "--bin", "inerter-stm32g474"],
             Self::Hang => &["--release", "--features", "hang", "--bin", "inerter-stm32g474-hang"],
         }
@@ -170,7 +176,14 @@ pub fn build(image: Image) -> Result<PathBuf> {
     command.args(image.arguments()).args(["--locked", "--message-format=json-render-diagnostics"]);
     let messages = process::output(&mut command).context("the firmware did not build")?;
     let program = image.program();
-    executable(&messages, program).with_context(|| format!("cargo built no image; is {program} still a program?"))
+    let built = executable(&messages, program)
+        .with_context(|| format!("cargo built no image; is {program} still a program?"))?;
+    if image != Image::Weact {
+        return Ok(built);
+    }
+    let own = built.with_file_name(format!("{program}-weact"));
+    fs::copy(&built, &own).with_context(|| format!("cannot write {}", own.display()))?;
+    Ok(own)
 }
 
 /// Builds all images and tells the command where they lie.

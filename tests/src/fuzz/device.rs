@@ -141,10 +141,14 @@ pub(super) fn accepts(settings: &Settings) -> Result<(), SettingsError> {
     const OFFERED: [&[f64]; 2] = [&[1_000.0, 2_000.0, 4_000.0], &[3_906.25, 1_953.125, 976.5625]];
     let offered = if settings.front_end == 0.0 { OFFERED[0] } else { OFFERED[1] };
     let value = settings.sample_rate_hz;
-    if offered.contains(&value) {
-        return Ok(());
+    if !offered.contains(&value) {
+        return Err(SettingsError::NotOffered { field: "sample_rate_hz", value, offered });
     }
-    Err(SettingsError::NotOffered { field: "sample_rate_hz", value, offered })
+    if settings.front_end != 0.0 && settings.force_min_code >= 0.0 {
+        let rule = "the digital front end's codes have a sign";
+        return Err(SettingsError::Conflict { field: "front_end", other: "force_min_code", rule });
+    }
+    Ok(())
 }
 
 fn identity() -> Identity<'static> {

@@ -1,7 +1,7 @@
 //! The shipping binary on its board, apart from USB: start, restart, power, flash, watchdog, processor.
 //!
 //! The host speaks over the serial link. Images come from `cargo xtask build-firmware`, or from the environment:
-//! `INERTER_STM32_ELF`, and `INERTER_STM32_HANG_ELF` for the one whose task hangs.
+//! `INERTER_STM32_ELF`, `INERTER_STM32_HANG_ELF` for the one whose task hangs, `INERTER_STM32_WEACT_ELF` for the other board's.
 
 use inerter_core::{Settings, Status};
 use inerter_plant::Excitation;
@@ -190,6 +190,17 @@ fn the_image_of_one_board_is_stopped_on_the_other() {
 }
 
 #[test]
+fn the_other_boards_image_runs_on_its_board() {
+    let Some(image) = image("INERTER_STM32_WEACT_ELF", "release/inerter-stm32g474-weact") else { return };
+    let options = Options { board: Board::WEACT, ..Options::default() };
+    let mut machine = Machine::with(&image, options, Box::new(Still)).expect("the image");
+    run(&mut machine, START_S);
+    assert_eq!(machine.clock_hz(), 168e6);
+    let (hello, _) = greet(&mut SerialLink::new(machine));
+    assert_eq!((hello.clock, hello.board.as_str()), (ClockSource::Crystal, "weact-g474"));
+}
+
+#[test]
 fn a_command_restarts() {
     let Some(mut link) = board(Still) else { return };
     greet(&mut link);
@@ -316,7 +327,7 @@ fn the_watchdog_restarts_a_processor_that_goes_in_circles() {
 
 #[test]
 fn the_watchdog_restarts_a_device_whose_task_hangs() {
-    let Some(image) = image("INERTER_STM32_HANG_ELF", "hang/inerter-stm32g474") else { return };
+    let Some(image) = image("INERTER_STM32_HANG_ELF", "release/inerter-stm32g474-hang") else { return };
     let mut machine = Machine::new(&image, Box::new(Still)).expect("the image");
     // It hangs five seconds after its start, and the limit is four.
     run(&mut machine, 12.0);
