@@ -63,6 +63,16 @@ pub struct Options {
     pub refresh: bool,
 }
 
+/// Debian's packages did not come: the mirror or the way to it fails, and nothing of ours.
+#[derive(Clone, Copy, Debug)]
+pub struct NotFetched;
+
+impl std::fmt::Display for NotFetched {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Debian's kernel and busybox could not be fetched")
+    }
+}
+
 /// Why the image cannot be made on this machine, if it cannot.
 pub fn obstacle() -> Option<String> {
     if !cfg!(all(target_os = "linux", target_arch = "x86_64")) {
@@ -84,20 +94,36 @@ fn has_target() -> bool {
     folder.is_some_and(|folder| Path::new(&folder).is_dir())
 }
 
+/// Where all of it lies.
+fn folder() -> Result<PathBuf> {
+    Ok(Workspace::read(&workspace::root())?.target.join("guest"))
+}
+
+/// What is made of the packages.
+const FETCHED: &[&str] = &["vmlinux", "base.cpio", "packages"];
+
+fn has(folder: &Path, names: &[&str]) -> bool {
+    names.iter().all(|name| folder.join(name).is_file())
+}
+
+/// Whether the image is there.
+pub fn is_made() -> Result<bool> {
+    Ok(has(&folder()?, &["vmlinux", "initramfs"]))
+}
+
 /// Makes what is missing and says where it lies.
 pub fn run(options: &Options) -> Result<()> {
-    let folder = Workspace::read(&workspace::root())?.target.join("guest");
+    let folder = folder()?;
     fs::create_dir_all(&folder).with_context(|| format!("creating {}", folder.display()))?;
     let base = folder.join("base.cpio");
-    let there = ["vmlinux", "base.cpio", "packages"].iter().all(|name| folder.join(name).is_file());
-    if there && !options.refresh {
+    if has(&folder, FETCHED) && !options.refresh {
         let packages = fs::read_to_string(folder.join("packages"))?;
         println!(
             "guest: {} (as fetched before; --refresh fetches anew)",
             packages.split_whitespace().collect::<Vec<_>>().join(", ")
         );
     } else {
-        fetch(&folder)?;
+        fetch(&folder).context(NotFetched)?;
     }
     let mut initramfs = fs::read(&base).with_context(|| format!("reading {}", base.display()))?;
     let mut programs = Archive::default();

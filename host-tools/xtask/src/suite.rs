@@ -240,19 +240,30 @@ fn document() -> Result<()> {
     process::run(on_host("doc").arg("--no-deps").env("RUSTDOCFLAGS", "-D warnings"))
 }
 
-/// The boot image for the test with a real kernel, which skips where there is none.
+/// The variable with which the test with a real kernel fails, not skips, where it finds no boot image.
+const REQUIRE_GUEST: &str = "INERTER_REQUIRE_GUEST";
+
+/// The boot image for the test with a real kernel. Where it cannot be made or fetched that test skips, unless it is required.
 fn make_guest() -> Result<()> {
-    match guest::obstacle() {
-        Some(obstacle) => println!("not made, and its test will skip: {obstacle}"),
-        None => guest::run(&guest::Options::default())?,
+    let required = std::env::var_os(REQUIRE_GUEST).is_some_and(|value| value == "1");
+    let obstacle = match guest::obstacle() {
+        Some(obstacle) => obstacle,
+        None => match guest::run(&guest::Options::default()) {
+            Err(error) if error.is::<guest::NotFetched>() => format!("{error:#}"),
+            result => return result,
+        },
+    };
+    if required {
+        bail!("{obstacle}");
     }
+    println!("not made, and its test will skip: {obstacle}");
     Ok(())
 }
 
 fn test() -> Result<()> {
     let mut command = on_host("test");
-    if guest::obstacle().is_none() {
-        command.env("INERTER_REQUIRE_GUEST", "1");
+    if guest::is_made()? {
+        command.env(REQUIRE_GUEST, "1");
     }
     process::run(firmware::build_for(command.arg("--no-fail-fast"))?)
 }
