@@ -56,7 +56,11 @@ pub fn solve(matrix: &[i64; PRODUCTS]) -> Solution {
         for row in column + 1..REGRESSORS {
             let factor = reciprocal.times(work[row][column]);
             solution.factors[row][column] = factor;
-            for inner in column + 1..=row {
+            // Ends at `row`; said so that a compiler which saves space sees that no index leaves the matrix.
+            for inner in column + 1..REGRESSORS {
+                if inner > row {
+                    break;
+                }
                 let product = mul_shift(factor, work[inner][column], FACTOR_BITS);
                 work[row][inner] = work[row][inner].wrapping_sub(product);
             }
@@ -76,16 +80,24 @@ pub fn solve(matrix: &[i64; PRODUCTS]) -> Solution {
     solution
 }
 
+/// An entry of the triangle. It is always there, which a compiler that saves space does not see.
+fn entry(matrix: &[i64; PRODUCTS], row: usize, column: usize) -> i64 {
+    matrix.get(place(row, column)).copied().unwrap_or_default()
+}
+
 fn equilibrate(matrix: &[i64; PRODUCTS], work: &mut [[i64; REGRESSORS]; REGRESSORS], shifts: &mut [i8; REGRESSORS]) {
     for (i, shift) in shifts.iter_mut().enumerate() {
         // Bits up to 2^62, an even number of them.
-        let room = matrix[place(i, i)].max(1).leading_zeros().saturating_sub(2) as i8;
+        let room = entry(matrix, i, i).max(1).leading_zeros().saturating_sub(2) as i8;
         *shift = (room + 1) / 2;
     }
     for row in 0..REGRESSORS {
-        for column in 0..=row {
+        for column in 0..REGRESSORS {
+            if column > row {
+                break;
+            }
             let shift = (shifts[row] + shifts[column]) as u32;
-            work[row][column] = matrix[place(row, column)].checked_shl(shift).unwrap_or(0);
+            work[row][column] = entry(matrix, row, column).checked_shl(shift).unwrap_or(0);
         }
     }
 }
