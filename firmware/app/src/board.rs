@@ -151,6 +151,24 @@ pub struct Figures {
     pub temperature_c: Option<f32>,
 }
 
+/// Share of time that the processor works, between one look and the next.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Load {
+    now_us: u64,
+    idle_us: u64,
+}
+
+impl Load {
+    /// Since the last look, in thousandths, of the time and the idle time since the start, in microseconds; `None` when no time
+    /// has passed.
+    pub fn permille(&mut self, now_us: u64, idle_us: u64) -> Option<u16> {
+        let (elapsed, idle) = (now_us.saturating_sub(self.now_us), idle_us.saturating_sub(self.idle_us));
+        *self = Self { now_us, idle_us };
+        let busy = elapsed.saturating_sub(idle) * 1_000;
+        busy.checked_div(elapsed).and_then(|load| u16::try_from(load).ok())
+    }
+}
+
 /// The board's own figures.
 pub trait Platform {
     /// Measures them; called once a second.
@@ -185,4 +203,19 @@ where
     pub defaults: Settings,
     /// Whether the sampler runs from the beginning; else it waits for `Start`.
     pub autostart: bool,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Load;
+
+    #[test]
+    fn load_is_what_was_worked_since_the_last_look() {
+        let mut load = Load::default();
+        assert_eq!(load.permille(0, 0), None);
+        assert_eq!(load.permille(1_000, 750), Some(250));
+        assert_eq!(load.permille(3_000, 750), Some(1_000));
+        assert_eq!(load.permille(3_000, 750), None, "no time has passed");
+        assert_eq!(load.permille(4_000, 9_000), Some(0), "an idle time beyond the time itself");
+    }
 }

@@ -41,7 +41,8 @@ mod telemetry;
 
 pub use app::{App, run};
 pub use board::{
-    Board, Figures, Identity, NoStore, Pace, Platform, SampleSource, SourceError, Start, Store, StoreError, accept_all,
+    Board, Figures, Identity, Load, NoStore, Pace, Platform, SampleSource, SourceError, Start, Store, StoreError,
+    accept_all,
 };
 pub use links::{LinkReceiver, LinkState, LinkTransmitter, Which};
 pub use settings::{InUse, load_settings};

@@ -4,7 +4,7 @@ use crate::source::{self, FileSource};
 use crate::{clock, executor, icount, semihosting, stack, usart};
 use cortex_m_rt::{ExceptionFrame, entry, exception};
 use embassy_time::Instant;
-use inerter_app::{App, Figures, Identity, InUse, NoStore, Platform, Restart, Start, accept_all};
+use inerter_app::{App, Figures, Identity, InUse, Load, NoStore, Platform, Restart, Start, accept_all};
 use inerter_core::{Active, Settings, State};
 use inerter_wire::{Capabilities, ClockSource};
 use static_cell::ConstStaticCell;
@@ -33,18 +33,13 @@ static FILE_BUFFER: ConstStaticCell<[u8; source::BUFFER]> = ConstStaticCell::new
 static COMMAND_LINE: ConstStaticCell<[u8; 512]> = ConstStaticCell::new([0; 512]);
 
 struct Machine {
-    /// Time and idle time at the last call, in microseconds.
-    before: (u64, u64),
+    load: Load,
 }
 
 impl Platform for Machine {
     fn figures(&mut self) -> Figures {
-        let (now, idle) = (Instant::now().as_micros(), executor::idle_us());
-        let (elapsed, idle_since) = (now.saturating_sub(self.before.0), idle.saturating_sub(self.before.1));
-        self.before = (now, idle);
-        let busy = elapsed.saturating_sub(idle_since) * 1_000;
         Figures {
-            cpu_load_permille: busy.checked_div(elapsed).and_then(|load| u16::try_from(load).ok()),
+            cpu_load_permille: self.load.permille(Instant::now().as_micros(), executor::idle_us()),
             stack_free_bytes: Some(stack::free_bytes()),
             temperature_c: None,
         }
@@ -68,7 +63,7 @@ async fn commands(link: usart::Receiver, in_use: InUse) {
 
 #[embassy_executor::task]
 async fn health() {
-    APP.health_reports(Machine { before: (0, 0) }).await
+    APP.health_reports(Machine { load: Load::default() }).await
 }
 
 #[embassy_executor::task]
