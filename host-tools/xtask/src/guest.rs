@@ -123,7 +123,7 @@ pub fn run(options: &Options) -> Result<()> {
             packages.split_whitespace().collect::<Vec<_>>().join(", ")
         );
     } else {
-        fetch(&folder).context(NotFetched)?;
+        fetch(&folder)?;
     }
     let mut initramfs = fs::read(&base).with_context(|| format!("reading {}", base.display()))?;
     let mut programs = Archive::default();
@@ -155,16 +155,10 @@ fn fetch(folder: &Path) -> Result<()> {
     }
     fs::create_dir_all(&packages)?;
     println!("guest: downloading {kernel} and {BUSYBOX}, about 72 MB");
-    let mut download = Command::new("apt-get");
-    download.args(["download", &kernel, BUSYBOX]).current_dir(&packages);
-    if process::run(&mut download).is_err() {
-        println!("guest: the list of packages may be older than the mirror; `apt-get update`");
-        process::run(Command::new("apt-get").args(["-qq", "update"]))
-            .context("the list of packages could not be fetched; try `sudo apt-get update`")?;
-        let kernel = kernel_package()?;
-        let mut again = Command::new("apt-get");
-        again.args(["download", &kernel, BUSYBOX]).current_dir(&packages);
-        process::run(&mut again).context("Debian's packages could not be fetched")?;
+    if download(&kernel, &packages).is_err() {
+        println!("guest: the list of packages may be older than the mirror");
+        update_list()?;
+        download(&kernel_package()?, &packages).context(NotFetched)?;
     }
 
     let root = packages.join("root");
@@ -192,10 +186,23 @@ fn kernel_package() -> Result<String> {
     if let Some(name) = depends(&ask().unwrap_or_default()) {
         return Ok(name);
     }
-    println!("guest: no list of packages yet; `apt-get update`");
-    process::run(Command::new("apt-get").args(["-qq", "update"]))
-        .context("the list of packages could not be fetched; try `sudo apt-get update`")?;
+    println!("guest: no list of packages yet");
+    update_list()?;
     depends(&ask()?).with_context(|| format!("this system has no package {KERNEL}: it is Debian's, on amd64"))
+}
+
+/// Fetches the list of what the mirror has.
+fn update_list() -> Result<()> {
+    println!("guest: $ apt-get update");
+    process::run(Command::new("apt-get").args(["-qq", "update"]))
+        .context("try `sudo apt-get update`")
+        .context(NotFetched)
+}
+
+/// Puts kernel and busybox, as packages, into the folder.
+fn download(kernel: &str, folder: &Path) -> Result<()> {
+    let mut command = Command::new("apt-get");
+    process::run(command.args(["download", kernel, BUSYBOX]).current_dir(folder))
 }
 
 /// The first dependency that `apt-cache depends` names.
