@@ -1,4 +1,4 @@
-//! Names the commit that the image is built from, and passes the linker script of the log.
+//! Names the commit that the image is built from, and passes what the linker needs beyond `link.x`.
 
 use std::process::Command;
 
@@ -19,5 +19,7 @@ fn main() {
     // Not on the host, where the crate is a line of advice.
     if std::env::var("CARGO_CFG_TARGET_OS").as_deref() == Ok("none") {
         println!("cargo:rustc-link-arg-bins=-Tdefmt.x");
+        // One copy of functions that are the same.
+        println!("cargo:rustc-link-arg-bins=--icf=all");
     }
 }

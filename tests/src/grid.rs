@@ -124,7 +124,7 @@ pub struct Run {
 }
 
 /// The motion as this rig's instruments see it.
-fn simulation(device: &Device, motion: &Motion, rig: &Rig, seed: u64) -> Result<Simulation, Error> {
+pub(crate) fn simulation(device: &Device, motion: &Motion, rig: &Rig, seed: u64) -> Result<Simulation, Error> {
     let sensors = Sensors {
         sample_rate_hz: rig.sample_rate_hz,
         force_noise_n: rig.force_noise_n,

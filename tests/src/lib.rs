@@ -4,12 +4,17 @@
 
 use std::process::ExitCode;
 
+pub mod backlash;
+pub mod bound;
 pub mod data;
 pub mod fuzz;
 pub mod grid;
 pub mod linear;
 pub mod qemu;
 pub mod reference;
+pub mod robustness;
+pub mod sheet;
+pub mod sums;
 
 /// The end of a program that found what it looked at good or not, or could not look; the reason goes to standard error.
 pub fn exit_code(outcome: Result<bool, grid::Error>) -> ExitCode {

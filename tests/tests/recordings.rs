@@ -56,8 +56,8 @@ fn lodz_inerters() {
         let last = replayed(&run.unwrap()).unwrap().estimate;
         let found = &last.whole_run.inertance_kg;
         assert!(off(found, inertance) < 0.015, "{} kg against {inertance}", found.value);
-        // 2 s of a rig with unsynchronised clocks: percents, not parts of a thousand.
-        assert!((0.002..0.1).contains(&(f64::from(found.u95) / inertance)), "{} kg", found.u95);
+        // 2 s of a rig with unsynchronised clocks and friction that creeps: percents, not parts of a thousand.
+        assert!((0.002..0.15).contains(&(f64::from(found.u95) / inertance)), "{} kg", found.u95);
     }
 }
 

@@ -9,13 +9,14 @@ use crate::queue::SampleQueue;
 use crate::settings::load_settings;
 use crate::telemetry::{Batched, Outgoing, Restart};
 use core::cell::{Cell, RefCell};
+use core::future::poll_fn;
 use core::pin::pin;
 use core::sync::atomic::{AtomicBool, Ordering};
 use embassy_futures::join::join4;
 use embassy_futures::select::{Either, select};
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use embassy_sync::channel::Channel;
+use embassy_sync::channel::{Channel, TrySendError};
 use embassy_sync::signal::Signal;
 use embedded_io_async::{Read, Write};
 use inerter_core::{Settings, SettingsError, State};
@@ -148,20 +149,33 @@ impl App {
     /// it and counts.
     ///
     /// The wait ends because the link is limited in time.
-    pub(crate) async fn deliver(&self, by: Task, outgoing: Outgoing) {
-        if self.source_waits() {
-            self.patiently(by, pin!(self.urgent.send(outgoing))).await;
-        } else if self.urgent.try_send(outgoing).is_err() {
-            self.note_dropped_frame();
-        }
+    pub(crate) fn deliver(&self, by: Task, outgoing: Outgoing) -> impl Future<Output = ()> {
+        self.hand_over(by, &self.urgent, outgoing)
     }
 
     /// [`deliver`](Self::deliver) for raw samples, which go after everything else.
-    pub(crate) async fn deliver_samples(&self, by: Task, samples: Samples) {
-        if self.source_waits() {
-            self.patiently(by, pin!(self.batches.send(Some(samples)))).await;
-        } else if self.batches.try_send(Some(samples)).is_err() {
-            self.note_dropped_frame();
+    pub(crate) fn deliver_samples(&self, by: Task, samples: Samples) -> impl Future<Output = ()> {
+        self.hand_over(by, &self.batches, Some(samples))
+    }
+
+    #[allow(clippy::manual_async_fn, reason = "an async function keeps what it is given by value twice")]
+    fn hand_over<T, const N: usize>(
+        &self,
+        by: Task,
+        to: &Channel<CriticalSectionRawMutex, T, N>,
+        mut record: T,
+    ) -> impl Future<Output = ()> {
+        async move {
+            loop {
+                match to.try_send(record) {
+                    Ok(()) => return,
+                    Err(TrySendError::Full(back)) => record = back,
+                }
+                if !self.source_waits() {
+                    return self.note_dropped_frame();
+                }
+                self.patiently(by, pin!(poll_fn(|context| to.poll_ready_to_send(context)))).await;
+            }
         }
     }
 
@@ -199,11 +213,11 @@ where
     P: Platform,
 {
     let Board { source, receiver, transmitter, mut store, platform, identity, defaults, autostart } = board;
-    let (in_use, active) = load_settings(&mut store, &identity, &defaults).await?;
+    let (mut in_use, mut active) = load_settings(&mut store, &identity, &defaults).await?;
     let endless = join4(
         app.sampling(source),
-        app.estimating(state, active),
-        app.commands(receiver, store, identity, in_use, autostart),
+        app.estimating(state, &mut active),
+        app.commands(receiver, store, &identity, &mut in_use, autostart),
         app.health_reports(platform),
     );
     match select(app.telemetry(transmitter), endless).await {

@@ -55,6 +55,25 @@ pub trait SampleSource {
     async fn halt(&mut self) {}
 }
 
+/// A source that lies elsewhere: a task keeps what it is given by value twice.
+impl<S: SampleSource> SampleSource for &mut S {
+    fn pace(&self) -> Pace {
+        (**self).pace()
+    }
+
+    async fn read(&mut self, into: &mut [RawSample]) -> Result<usize, SourceError> {
+        (**self).read(into).await
+    }
+
+    async fn configure(&mut self, settings: &Settings) -> Result<(), SourceError> {
+        (**self).configure(settings).await
+    }
+
+    async fn halt(&mut self) {
+        (**self).halt().await
+    }
+}
+
 /// Why settings could not be loaded or kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StoreError {
@@ -78,6 +97,21 @@ pub trait Store {
 
     /// Forgets everything, whatever it is.
     async fn erase(&mut self) -> Result<(), StoreError>;
+}
+
+/// A store that lies elsewhere: a task keeps what it is given by value twice.
+impl<S: Store> Store for &mut S {
+    async fn load(&mut self) -> Result<Option<SettingsValues>, StoreError> {
+        (**self).load().await
+    }
+
+    async fn save(&mut self, settings: &SettingsValues) -> Result<(), StoreError> {
+        (**self).save(settings).await
+    }
+
+    async fn erase(&mut self) -> Result<(), StoreError> {
+        (**self).erase().await
+    }
 }
 
 /// For a board that keeps nothing; its capabilities lack [`Capabilities::STORE`].

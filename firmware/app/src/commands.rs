@@ -30,11 +30,8 @@ const INJECT_LIMIT: Duration = Duration::from_secs(2);
 struct Commands<'a, K> {
     app: &'a App,
     store: K,
-    identity: Identity<'a>,
-    settings: Settings,
-    defaults: Settings,
-    /// What was wrong with the saved settings.
-    fault: Option<Fault>,
+    identity: &'a Identity<'a>,
+    in_use: &'a mut InUse,
     /// Samples taken since the first of the injection.
     accepted: u32,
     /// The estimator holds injected samples.
@@ -47,14 +44,12 @@ impl App {
         &self,
         mut link: impl Read,
         store: impl Store,
-        identity: Identity<'_>,
-        in_use: InUse,
+        identity: &Identity<'_>,
+        in_use: &mut InUse,
         autostart: bool,
     ) -> ! {
-        let InUse { settings, defaults, fault } = in_use;
-        let mut commands =
-            Commands { app: self, store, identity, settings, defaults, fault, accepted: 0, injected: false };
-        let _ = commands.configure(&commands.settings).await;
+        let mut commands = Commands { app: self, store, identity, in_use, accepted: 0, injected: false };
+        let _ = commands.configure(&commands.in_use.settings).await;
         if !self.link.is_mute() {
             commands.greet().await;
         }
@@ -105,7 +100,8 @@ impl<K: Store> Commands<'_, K> {
         if let Some(message) = start.panic {
             self.of_start(EventKind::Panicked(Hello::text(message))).await;
         }
-        let faults = [hung.then_some(Fault::Watchdog), self.fault, silent_source.then_some(Fault::SourceUnreadable)];
+        let faults =
+            [hung.then_some(Fault::Watchdog), self.in_use.fault, silent_source.then_some(Fault::SourceUnreadable)];
         for fault in faults.into_iter().flatten() {
             self.of_start(EventKind::Fault(fault)).await;
         }
@@ -152,14 +148,14 @@ impl<K: Store> Commands<'_, K> {
     async fn obey(&mut self, command: &Command) -> Result<Done, Refusal> {
         match command {
             Command::Hello => self.app.urgent.send(Outgoing::Hello(self.hello())).await,
-            Command::ReadSettings => self.app.urgent.send(Outgoing::Settings(self.settings)).await,
+            Command::ReadSettings => self.app.urgent.send(Outgoing::Settings(self.in_use.settings)).await,
             Command::WriteSettings(values) => {
-                let settings = values.write(&self.settings)?;
+                let settings = values.write(&self.in_use.settings)?;
                 self.adopt(&settings).await?;
             }
             Command::SaveSettings => {
                 self.require(Capabilities::STORE)?;
-                let values = SettingsValues::from(&self.settings);
+                let values = SettingsValues::from(&self.in_use.settings);
                 self.store.save(&values).await.map_err(|_| Refusal::Store)?;
             }
             Command::Tare => self.tare().await?,
@@ -185,7 +181,7 @@ impl<K: Store> Commands<'_, K> {
             Command::FactoryReset => {
                 self.require(Capabilities::STORE)?;
                 self.store.erase().await.map_err(|_| Refusal::Store)?;
-                let defaults = self.defaults;
+                let defaults = self.in_use.defaults;
                 self.adopt(&defaults).await?;
             }
             Command::EnterDfu | Command::Reboot => return Err(Refusal::Unsupported),
@@ -194,14 +190,14 @@ impl<K: Store> Commands<'_, K> {
     }
 
     fn hello(&self) -> Hello {
-        let identity = &self.identity;
+        let identity = self.identity;
         Hello {
             wire_version: WIRE_VERSION,
             firmware: Hello::text(identity.firmware),
             git: Hello::text(identity.git),
             board: Hello::text(identity.board),
             serial: Hello::text(identity.serial),
-            sample_rate_hz: self.settings.sample_rate_hz,
+            sample_rate_hz: self.in_use.settings.sample_rate_hz,
             clock: identity.clock,
             capabilities: identity.capabilities.with(Capabilities::SUMS),
         }
@@ -245,7 +241,7 @@ impl<K: Store> Commands<'_, K> {
         settings.validate().map_err(refusal)?;
         (self.identity.accepts)(settings).map_err(refusal)?;
         let mut was_sampling = false;
-        if concerns_source(&self.settings, settings) {
+        if concerns_source(&self.in_use.settings, settings) {
             was_sampling = self.app.queue.halt_sampler();
             // No batch holds samples from before and after.
             self.control(Control::Flush);
@@ -255,11 +251,11 @@ impl<K: Store> Commands<'_, K> {
                 return Err(Refusal::Source);
             }
         }
-        let reset = needs_reset(&self.settings, settings);
+        let reset = needs_reset(&self.in_use.settings, settings);
         let active = settings.validate().map_err(refusal)?;
         self.control(Control::Use { active, reset });
         self.obeyed().await;
-        self.settings = *settings;
+        self.in_use.settings = *settings;
         if reset {
             self.event(EventKind::EstimatorReset).await;
         }
@@ -273,7 +269,7 @@ impl<K: Store> Commands<'_, K> {
 
     /// Puts the source back to the settings in use, as far as it can.
     async fn resume(&self, was_sampling: bool) {
-        if self.configure(&self.settings).await.is_err() {
+        if self.configure(&self.in_use.settings).await.is_err() {
             log!(error, "source unusable");
             self.event(EventKind::Fault(Fault::SourceUnreadable)).await;
             if was_sampling {
@@ -290,11 +286,11 @@ impl<K: Store> Commands<'_, K> {
             Source::Stopped => return Err(Refusal::NoSamples),
             Source::Link => return Err(Refusal::Busy),
         }
-        let samples = (self.settings.sample_rate_hz * TARE_S) as u32;
-        self.control(Control::Tare(Tare::new(samples, &self.settings)));
+        let samples = (self.in_use.settings.sample_rate_hz * TARE_S) as u32;
+        self.control(Control::Tare(Tare::new(samples, &self.in_use.settings)));
         match with_timeout(TARE_LIMIT, self.app.control_done.wait()).await {
             Ok(ControlDone::Tared { force_code }) => {
-                self.adopt(&Settings { force_zero_code: f64::from(force_code), ..self.settings }).await
+                self.adopt(&Settings { force_zero_code: f64::from(force_code), ..self.in_use.settings }).await
             }
             _ => {
                 self.control(Control::CancelTare);
@@ -314,7 +310,7 @@ impl<K: Store> Commands<'_, K> {
 
     async fn start(&mut self) -> Result<(), Refusal> {
         let unready = self.app.queue.source() != Source::Sampler && !self.app.source_is_ready();
-        if unready && self.configure(&self.settings).await.is_err() {
+        if unready && self.configure(&self.in_use.settings).await.is_err() {
             return Err(Refusal::Source);
         }
         self.change_source(Source::Sampler).await;

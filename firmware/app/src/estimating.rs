@@ -9,8 +9,8 @@ use crate::telemetry::Outgoing;
 use core::pin::pin;
 use embassy_futures::select::{Either3, select3};
 use embassy_time::{Duration, Instant, Timer};
-use inerter_core::{Active, Bank, Counters, RawSample, Settings, State};
-use inerter_wire::{EventKind, SamplesBuilder};
+use inerter_core::{Active, Bank, Change, Counters, Estimate, Gap, RawSample, Settings, State};
+use inerter_wire::{Event, EventKind, SamplesBuilder};
 
 /// How long raw samples wait for a full batch.
 const FLUSH_AFTER: Duration = Duration::from_millis(50);
@@ -33,6 +33,14 @@ pub(crate) enum Control {
     /// Give the averaging up.
     CancelTare,
     /// Take every sample that waits, then publish a final estimate.
+    Finish,
+}
+
+/// What is left of a [`Control`] that takes time.
+enum Rest {
+    Nothing,
+    Flush,
+    Tare,
     Finish,
 }
 
@@ -63,22 +71,43 @@ impl Tare {
     }
 }
 
+/// What is to be told, in this order.
+#[derive(Default)]
+struct Due {
+    gap: Option<Gap>,
+    /// The two records of the fast bank, then those of the slow one.
+    sums: [bool; 4],
+    change: Option<Change>,
+    estimate: Option<Estimate>,
+    detail: bool,
+    ended: bool,
+}
+
+impl Due {
+    const BOTH_BANKS: [bool; 4] = [true; 4];
+    const FAST: [bool; 4] = [true, true, false, false];
+    const SLOW: [bool; 4] = [false, false, true, true];
+}
+
 struct Estimating<'a> {
     app: &'a App,
     state: &'a mut State,
-    active: Active,
+    active: &'a mut Active,
     /// Counted before the last reset of the estimator, whose own counters begin anew.
     before: Counters,
     tare: Option<Tare>,
     batch: SamplesBuilder,
     flush_at: Option<Instant>,
-    /// Samples until the sums are next due.
+    /// Samples until sums are next due.
     until_sums: u32,
+    /// Whose they are: each bank's once a second, half a second apart, lest all of them meet in the queue.
+    next_sums: Bank,
+    due: Due,
 }
 
 impl App {
     /// Takes samples through the estimator and hands on what it says. `state` is reset first.
-    pub async fn estimating(&self, state: &mut State, active: Active) -> ! {
+    pub async fn estimating(&self, state: &mut State, active: &mut Active) -> ! {
         let mut estimating = Estimating {
             app: self,
             state,
@@ -88,6 +117,8 @@ impl App {
             batch: SamplesBuilder::new(),
             flush_at: None,
             until_sums: 0,
+            next_sums: Bank::Fast,
+            due: Due::default(),
         };
         estimating.reset();
         let mut samples = [RawSample::default(); BATCH];
@@ -95,7 +126,10 @@ impl App {
             self.beat(Task::Estimating);
             let wake = Timer::at(estimating.wake_at());
             match select3(self.control.wait(), self.queue.take(&mut samples), wake).await {
-                Either3::First(control) => estimating.control(control, &mut samples).await,
+                Either3::First(control) => {
+                    let rest = estimating.control(control);
+                    estimating.finish(rest, &mut samples).await;
+                }
                 Either3::Second(Taken::Samples(count)) => {
                     estimating.take(samples.get(..count).unwrap_or_default()).await;
                 }
@@ -110,18 +144,27 @@ impl Estimating<'_> {
     async fn take(&mut self, samples: &[RawSample]) {
         let stream = self.app.streams();
         for sample in samples {
-            if let Some(estimate) = self.active.step(self.state, sample)
-                && stream.estimates
-            {
-                self.app.deliver(Task::Estimating, Outgoing::Estimate(estimate)).await;
+            let estimate = self.active.step(self.state, sample);
+            let (gap, change) = (self.state.take_gap(), self.state.take_change());
+            if stream.estimates {
+                (self.due.gap, self.due.estimate, self.due.detail) = (gap, estimate, estimate.is_some());
             }
             self.until_sums = self.until_sums.saturating_sub(1);
             if self.until_sums == 0 {
-                self.until_sums = self.samples_per_second();
-                if stream.sums {
-                    self.deliver_sums().await;
-                }
+                self.until_sums = self.samples_per_second() / 2;
+                (self.due.sums, self.next_sums) = match self.next_sums {
+                    Bank::Fast => (Due::FAST, Bank::Slow),
+                    Bank::Slow => (Due::SLOW, Bank::Fast),
+                };
             }
+            if change.is_some() {
+                // The last of the device before: they begin anew with the next update.
+                (self.due.change, self.due.sums) = (change, Due::BOTH_BANKS);
+            }
+            if !stream.sums {
+                self.due.sums = [false; 4];
+            }
+            self.tell().await;
             self.add_to_tare(sample);
             if stream.samples {
                 self.add_to_batch(sample).await;
@@ -134,10 +177,37 @@ impl Estimating<'_> {
         self.active.settings().sample_rate_hz as u32
     }
 
-    async fn deliver_sums(&self) {
-        for bank in [Bank::Fast, Bank::Slow] {
-            self.app.deliver(Task::Estimating, Outgoing::Sums(self.active.sums(self.state, bank))).await;
+    /// Hands on what is due.
+    async fn tell(&mut self) {
+        while let Some(outgoing) = self.next_due() {
+            self.app.deliver(Task::Estimating, outgoing).await;
         }
+    }
+
+    fn next_due(&mut self) -> Option<Outgoing> {
+        let due = &mut self.due;
+        if let Some(gap) = due.gap.take() {
+            return Some(Outgoing::Gap(gap));
+        }
+        if let Some(place) = due.sums.iter().position(|due| *due) {
+            due.sums.iter_mut().take(place + 1).for_each(|due| *due = false);
+            let bank = if place < 2 { Bank::Fast } else { Bank::Slow };
+            return Some(match place % 2 {
+                0 => Outgoing::Sums(self.active.sums(self.state, bank)),
+                _ => Outgoing::MoreSums(self.active.more_sums(self.state, bank)),
+            });
+        }
+        if let Some(change) = due.change.take() {
+            let index = self.state.last_index();
+            return Some(Outgoing::Event(Event { index, kind: EventKind::Changed(change) }));
+        }
+        if let Some(estimate) = due.estimate.take() {
+            return Some(Outgoing::Estimate(estimate));
+        }
+        if core::mem::take(&mut due.detail) {
+            return Some(Outgoing::Detail(self.active.detail(self.state)));
+        }
+        core::mem::take(&mut due.ended).then(|| self.app.event(EventKind::SourceEnded))
     }
 
     /// Tells the health records what the estimator has counted.
@@ -201,8 +271,9 @@ impl Estimating<'_> {
         self.before.gaps = self.before.gaps.saturating_add(now.gaps);
         self.before.lost_samples = self.before.lost_samples.saturating_add(now.lost_samples);
         self.before.saturated = self.before.saturated.saturating_add(now.saturated);
-        self.state.reset(&self.active);
+        self.state.reset(self.active);
         self.until_sums = self.samples_per_second();
+        self.next_sums = Bank::Fast;
         log!(info, "estimator reset");
     }
 
@@ -211,33 +282,42 @@ impl Estimating<'_> {
         self.flush().await;
         let sent = pin!(self.app.samples_are_sent());
         self.app.patiently(Task::Estimating, sent).await;
-        if with_estimate && self.state.counters().samples > 0 {
-            let estimate = self.active.estimate(self.state);
-            self.app.deliver(Task::Estimating, Outgoing::Estimate(estimate)).await;
-        }
-        if self.app.streams().sums && self.state.counters().samples > 0 {
-            self.deliver_sums().await;
-        }
-        self.app.deliver(Task::Estimating, self.app.event(EventKind::SourceEnded)).await;
+        let any = self.state.counters().samples > 0;
+        self.due.estimate = (any && with_estimate).then(|| self.active.estimate(self.state));
+        self.due.detail = self.due.estimate.is_some();
+        self.due.sums = [any && self.app.streams().sums; 4];
+        self.due.ended = true;
+        self.tell().await;
     }
 
-    async fn control(&mut self, control: Control, samples: &mut [RawSample]) {
+    /// Does what takes no time, and says what is left. Kept over a wait a `Control` would take its room twice.
+    fn control(&mut self, control: Control) -> Rest {
         match control {
             Control::Use { active, reset } => {
-                self.active = active;
+                *self.active = active;
                 if reset {
                     self.reset();
                 }
             }
-            Control::Flush => self.flush().await,
+            Control::Flush => return Rest::Flush,
             Control::Reset => self.reset(),
             Control::Tare(tare) => {
                 self.tare = Some(tare);
-                // Answered when it has run its course.
-                return;
+                return Rest::Tare;
             }
             Control::CancelTare => self.tare = None,
-            Control::Finish => {
+            Control::Finish => return Rest::Finish,
+        }
+        Rest::Nothing
+    }
+
+    async fn finish(&mut self, rest: Rest, samples: &mut [RawSample]) {
+        match rest {
+            Rest::Nothing => {}
+            Rest::Flush => self.flush().await,
+            // Answered when it has run its course.
+            Rest::Tare => return,
+            Rest::Finish => {
                 loop {
                     let count = self.app.queue.take_now(samples);
                     if count == 0 {

@@ -62,6 +62,7 @@ pub(crate) fn concerns_source(before: &Settings, after: &Settings) -> bool {
 pub(crate) fn needs_reset(before: &Settings, after: &Settings) -> bool {
     let unaffected = Settings {
         structure_mass_u95_kg: after.structure_mass_u95_kg,
+        stiffness_u95_n_per_m: after.stiffness_u95_n_per_m,
         skew_u95_s: after.skew_u95_s,
         force_gain_u95: after.force_gain_u95,
         lead_u95: after.lead_u95,
@@ -70,5 +71,5 @@ pub(crate) fn needs_reset(before: &Settings, after: &Settings) -> bool {
         publish_rate_hz: after.publish_rate_hz,
         ..*before
     };
-    unaffected != *after
+    unaffected.values() != after.values()
 }

@@ -13,7 +13,7 @@ use core::pin::pin;
 use embassy_futures::select::{Either3, select3};
 use embassy_time::{Duration, Timer, with_timeout};
 use embedded_io_async::Write;
-use inerter_core::{Estimate, Settings, Sums};
+use inerter_core::{Detail, Estimate, Gap, MoreSums, Settings, Sums};
 use inerter_wire::{
     DELIMITER, Event, EventKind, Health, Hello, MAX_FRAME, Record, Reply, Samples, SequenceCounter, SettingsValues,
     encode_record,
@@ -39,11 +39,14 @@ pub enum Restart {
 pub(crate) enum Outgoing {
     Hello(Hello),
     Estimate(Estimate),
+    Detail(Detail),
+    Gap(Gap),
     Health(Health),
     Event(Event),
     Reply(Reply),
     Settings(Settings),
     Sums(Sums),
+    MoreSums(MoreSums),
     /// All that a host must know of the start has gone before this, from [`EventKind::Started`] on.
     Greeted,
     /// Everything before this has been sent: end.
@@ -93,11 +96,14 @@ impl App {
                 Either3::First(outgoing) => match outgoing {
                     Outgoing::Hello(hello) => Record::Hello(hello),
                     Outgoing::Estimate(estimate) => Record::Estimate(estimate),
+                    Outgoing::Detail(detail) => Record::Detail(detail),
+                    Outgoing::Gap(gap) => Record::Gap(gap),
                     Outgoing::Health(health) => Record::Health(health),
                     Outgoing::Event(event) => Record::Event(event),
                     Outgoing::Reply(reply) => Record::Reply(reply),
                     Outgoing::Settings(settings) => Record::Settings(SettingsValues::from(&settings)),
                     Outgoing::Sums(sums) => Record::Sums(sums),
+                    Outgoing::MoreSums(sums) => Record::MoreSums(sums),
                     Outgoing::Greeted => {
                         if sender.intact {
                             self.set_greeted();

@@ -8,7 +8,7 @@ use inerter_wire::{
     Capabilities, ClockSource, Command, Done, Event, EventKind, Fault, Frame, Record, Refusal, Reply, ResetCause,
     Samples, SettingFault, SettingValue, SettingsValues, Source, Streams, WIRE_VERSION,
 };
-use rig::{IDENTITY, MemoryStore, Options, Rig, by_core, estimates, events, raw_samples, shaken};
+use rig::{IDENTITY, MemoryStore, Options, Rig, by_core, estimates, events, lighter, raw_samples, shaken};
 
 fn write(pairs: &[(&str, f64)]) -> Command {
     let mut values = SettingsValues::default();
@@ -175,22 +175,26 @@ fn a_source_that_waits_streams_every_sample() {
 }
 
 #[test]
-fn sums_follow_the_estimate_once_a_second_and_at_the_end() {
+fn sums_come_once_a_second_and_at_the_end() {
     let mut rig = Rig::new();
     rig.tell(Command::Streams(Streams { estimates: true, sums: true, ..Streams::NONE }));
     let samples = shaken(3_500);
     let active = Settings::default().validate().unwrap();
     let mut state = State::new(&active);
-    let sums = |state: &State| [Bank::Fast, Bank::Slow].map(|bank| Record::Sums(active.sums(state, bank)));
+    let sums =
+        |state: &State, bank| [Record::Sums(active.sums(state, bank)), Record::MoreSums(active.more_sums(state, bank))];
     let mut expected = Vec::new();
     for (place, sample) in samples.iter().enumerate() {
-        expected.extend(active.step(&mut state, sample).map(Record::Estimate));
-        if (place + 1) % 1_000 == 0 {
-            expected.extend(sums(&state));
+        let estimate = active.step(&mut state, sample).map(Record::Estimate);
+        match place + 1 {
+            1_000 | 2_000 | 3_000 => expected.extend(sums(&state, Bank::Fast)),
+            1_500 | 2_500 | 3_500 => expected.extend(sums(&state, Bank::Slow)),
+            _ => {}
         }
+        expected.extend(estimate);
     }
+    expected.extend([Bank::Fast, Bank::Slow].map(|bank| sums(&state, bank)).into_iter().flatten());
     expected.push(Record::Estimate(active.estimate(&state)));
-    expected.extend(sums(&state));
 
     rig.script.push(samples.iter().copied().map(Ok));
     rig.script.push([Err(SourceError::Ended)]);
@@ -198,18 +202,79 @@ fn sums_follow_the_estimate_once_a_second_and_at_the_end() {
     rig.set_room(100);
     rig.send(Command::Start);
     let mut records = up_to_the_end(&mut rig);
-    records.retain(|record| matches!(record, Record::Estimate(_) | Record::Sums(_)));
+    records.retain(|record| matches!(record, Record::Estimate(_) | Record::Sums(_) | Record::MoreSums(_)));
     assert_eq!(records, expected);
 
     // With the estimator, the sums and their second begin anew; without the stream there are none.
     rig.set_room(usize::MAX);
-    let is_sums = |record: &&Record| matches!(record, Record::Sums(_));
+    let is_sums = |record: &&Record| matches!(record, Record::Sums(_) | Record::MoreSums(_));
     let again = rig.inject(&samples[..1_000]);
     assert!(again.iter().filter(is_sums).eq(expected.iter().filter(is_sums).take(2)));
     rig.tell(Command::Streams(Streams { estimates: true, ..Streams::NONE }));
     let mut none = rig.inject(&samples[1_000..]);
     none.extend(rig.tell(Command::InjectEnd));
     assert_eq!(none.iter().find(is_sums), None);
+}
+
+#[test]
+fn what_goes_with_an_estimate_follows_it_and_reversals_and_changes_come_when_they_happen() {
+    let mut rig = Rig::new();
+    // A flywheel is swapped half-way: half the inertance.
+    let mut samples = shaken(24_000);
+    for (after, lighter) in samples[12_000..].iter_mut().zip(&lighter(24_000)[12_000..]) {
+        after.force_code = lighter.force_code;
+    }
+    let stiff = ("stiffness_n_per_m", 2.1e6);
+    rig.tell(write(&[stiff]));
+    rig.tell(Command::Streams(Streams { estimates: true, sums: true, ..Streams::NONE }));
+    let active = Settings { stiffness_n_per_m: stiff.1, ..Settings::default() }.validate().unwrap();
+    let mut state = State::new(&active);
+    let mut expected = Vec::new();
+    let (mut gaps, mut changes) = (0, 0);
+    for sample in &samples {
+        let estimate = active.step(&mut state, sample);
+        let gap = state.take_gap().map(Record::Gap);
+        gaps += gap.iter().count();
+        expected.extend(gap);
+        if let Some(change) = state.take_change() {
+            changes += 1;
+            // The last sums of the device before.
+            for bank in [Bank::Fast, Bank::Slow] {
+                expected.push(Record::Sums(active.sums(&state, bank)));
+            }
+            expected.push(Record::Event(Event { index: sample.index, kind: EventKind::Changed(change) }));
+        }
+        if let Some(estimate) = estimate {
+            expected.extend([Record::Estimate(estimate), Record::Detail(active.detail(&state))]);
+        }
+    }
+    expected.extend([Record::Estimate(active.estimate(&state)), Record::Detail(active.detail(&state))]);
+    assert!(gaps > 50 && changes == 1, "{gaps} reversals, {changes} changes");
+
+    let is_ours = |record: &Record| match record {
+        Record::Estimate(_) | Record::Detail(_) | Record::Gap(_) => true,
+        Record::Event(event) => matches!(event.kind, EventKind::Changed(_)),
+        // Those that come every second have their own test.
+        Record::Sums(sums) => expected.contains(&Record::Sums(*sums)),
+        _ => false,
+    };
+    rig.script.push(samples.iter().copied().map(Ok));
+    rig.script.push([Err(SourceError::Ended)]);
+    rig.send(Command::Start);
+    let mut records = up_to_the_end(&mut rig);
+    records.retain(is_ours);
+    assert_eq!(records, expected);
+    let pairs = records.windows(2).filter_map(|pair| match pair {
+        [Record::Estimate(estimate), Record::Detail(detail)] => Some((estimate.index, detail.index)),
+        _ => None,
+    });
+    assert_eq!(pairs.clone().count(), 121);
+    assert!({ pairs }.all(|(estimate, detail)| estimate == detail));
+
+    // Without the stream nothing of it is sent, and nothing is kept for later.
+    rig.tell(Command::Streams(Streams::NONE));
+    let without = rig.inject(&samples[..5_000]);
+    assert!(!without.iter().any(|record| matches!(record, Record::Estimate(_) | Record::Detail(_) | Record::Gap(_))));
 }
 
 #[test]

@@ -367,14 +367,14 @@ fn the_last_generation_is_the_end_until_a_factory_reset() {
 #[test]
 fn wear_is_as_stated() {
     let flash = Flash::blank();
-    let saves = 32 * 50;
+    let saves = 28 * 50;
     for number in 0..saves {
         let settings = Settings { memory_s: f64::from(number), ..Settings::default() };
         save(&flash, &SettingsValues::from(&settings)).unwrap();
     }
     let erases = flash.inner().erases;
     for (page, &erases) in erases.iter().enumerate() {
-        let expected = if page < PAGES / 2 { saves / 32 } else { 0 };
+        let expected = if page < PAGES / 2 { saves / 28 } else { 0 };
         assert!(erases.abs_diff(expected) <= 1, "page {page}: {erases} erases in {saves} saves");
     }
 }

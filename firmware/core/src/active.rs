@@ -1,13 +1,16 @@
 //! Settings brought to the integers that the signal path runs on, once.
 
+use crate::backlash::BacklashActive;
 use crate::gate::BLOCKS;
-use crate::kernel::{Normaliser, REGRESSORS, Term, UPDATES_PER_BOX};
+use crate::kernel::{MORE_REGRESSORS, Normaliser, REGRESSORS, Term, UPDATES_PER_BOX};
 use crate::ldl::UNKNOWNS;
+use crate::line::VELOCITY_BITS;
 use crate::math::{exponent, power_of_two};
 use crate::settings::{Settings, SettingsError};
 
 /// Length of the fast bank's box [s]: the encoder's steps in the acceleration fall with its 2.5th power, and at 16 Hz
-/// the kernel still passes 64 %. 12 ms doubles the scatter of viscous friction at 3.2 Hz.
+/// the kernel still passes 64 %. 12 ms doubles the scatter of viscous friction at 3.2 Hz; 20 ms takes a tenth to a fifth
+/// off it with coarse encoders, but the EMPS record, which stops often, comes out 1.6 % off.
 const FAST_BOX_S: f64 = 0.016;
 /// Length of the slow bank's box [s]: four of them are lost around each rest, so no longer than the steps ask for.
 const SLOW_BOX_S: f64 = 0.064;
@@ -17,6 +20,11 @@ const LONGEST_SPACING: f64 = 256.0;
 const GREATEST_TRAVEL: f64 = 64e6;
 /// Half width of the triangular kernel of the sign [s]: shorter ones are noisy, longer ones lean on the correction.
 const SIGN_KERNEL_S: f64 = 0.005;
+/// Half width of the triangular kernel that locates a reversal anew once its surroundings are known [s]: 5 ms leaves
+/// a scatter of the inertance at 3.2 Hz of 3 times what the force noise does, 15 ms of 1.8 times, 22 ms of 1.7 times.
+const REVERSAL_KERNEL_S: f64 = 0.015;
+/// How far the zero may lie from where the short kernel saw it [s]: other reversals come as close as twice that.
+const REVERSAL_REACH_S: f64 = 0.002;
 /// Model error of the structure mass: across a gap its motion does not follow from the force. 0.1 mm of backlash takes
 /// up to 4.8 % of it from the inertance (docs/tables/accuracy.md, `worn`).
 const STRUCTURE_MODEL_U95: f64 = 0.05;
@@ -35,8 +43,9 @@ pub struct Active {
     pub(crate) fast: BankActive,
     pub(crate) slow: BankActive,
     pub(crate) systematic: Systematic,
+    pub(crate) backlash: BacklashActive,
     /// See `Settings::sign_effects`.
-    pub(crate) sign_effects: (f64, f64),
+    pub(crate) sign_effects: (f64, f64, f64),
 }
 
 impl Active {
@@ -56,10 +65,15 @@ pub(crate) struct Signal {
     pub force_max_code: i32,
     /// Half width of the sign's kernel [samples].
     pub sign_half_width: u8,
+    /// Half width of the kernel that locates a reversal anew [samples], and how far the zero may be moved [samples].
+    pub reversal_half_width: u8,
+    pub reversal_reach: u8,
     /// Rest is decided in windows of so many blocks as `gate::BLOCKS` [samples each].
     pub rest_block: u16,
     pub rest_limit: u32,
     pub grazing_limit: u32,
+    /// The velocity of that, through the sign's kernel.
+    pub creep_limit: u32,
     /// Samples that wait until the gate knows their fate.
     pub delay: u8,
     pub publish_samples: u32,
@@ -86,6 +100,8 @@ pub(crate) struct BankActive {
 pub(crate) struct Scales {
     /// SI value of one unit of acceleration, velocity, sign, one and force.
     pub units: [f64; REGRESSORS],
+    /// SI value of one unit of speed and force rate.
+    pub more_units: [f64; MORE_REGRESSORS],
     /// The force's unit over that of each other.
     pub force_per: [f32; UNKNOWNS],
     /// The force's unit [N].
@@ -94,6 +110,10 @@ pub(crate) struct Scales {
     pub rate_squared: f32,
     /// Mean square of the encoder's quantisation noise in the acceleration [regressor units^2].
     pub quantisation: f32,
+    /// Unit of the jerk [m/s^3].
+    pub jerk: f32,
+    /// Mean square of the encoder's quantisation noise in the jerk [regressor units^2].
+    pub jerk_quantisation: f32,
 }
 
 /// What no averaging removes, from the settings: squares, ready to be added.
@@ -156,6 +176,7 @@ impl Settings {
             fast: self.bank(FAST_BOX_S),
             slow: self.bank(SLOW_BOX_S),
             systematic: self.systematic(),
+            backlash: self.backlash(),
             sign_effects: self.sign_effects(),
         })
     }
@@ -164,18 +185,31 @@ impl Settings {
         let rate = self.sample_rate_hz;
         let per_metre = self.codes_per_metre();
         let rest_block = rounded(rate * REST_WINDOW_S / BLOCKS as f64).max(1.0);
+        let sign_half_width = rounded(rate * SIGN_KERNEL_S).max(1.0);
+        let reversal_reach = rounded(rate * REVERSAL_REACH_S).max(1.0);
+        // The window and a block on either side of it.
+        let delay = rest_block * (BLOCKS as f64 + 2.0);
+        // The signs on both sides must have been found, and none of those that are moved may have left.
+        let reversal_half_width = rounded(rate * REVERSAL_KERNEL_S)
+            .min(delay - sign_half_width - reversal_reach - 2.0)
+            .max(reversal_reach + 1.0);
         Signal {
             position_reversed: self.metres_per_count < 0.0,
             force_reversed: self.newtons_per_code < 0.0,
             force_zero_code: self.force_zero_code as i32,
             force_min_code: self.force_min_code as i32,
             force_max_code: self.force_max_code as i32,
-            sign_half_width: rounded(rate * SIGN_KERNEL_S).max(1.0) as u8,
+            sign_half_width: sign_half_width as u8,
+            reversal_half_width: reversal_half_width as u8,
+            reversal_reach: reversal_reach as u8,
             rest_block: rest_block as u16,
             rest_limit: (REST_COUNTS * self.oversampling).max(self.stuck_displacement_m * per_metre) as u32,
             grazing_limit: (GRAZING_COUNTS * self.oversampling) as u32,
-            // The window and a block on either side of it.
-            delay: rest_block as u8 * (BLOCKS as u8 + 2),
+            creep_limit: (GRAZING_COUNTS * self.oversampling / (rest_block * BLOCKS as f64)
+                * sign_half_width
+                * sign_half_width
+                * f64::from(1_u32 << VELOCITY_BITS)) as u32,
+            delay: delay as u8,
             publish_samples: rounded(rate / self.publish_rate_hz).max(1.0) as u32,
             newtons_per_code: magnitude(self.newtons_per_code) as f32,
         }
@@ -213,6 +247,8 @@ impl Settings {
         let velocity = 24.0 * gain * period * self.codes_per_metre();
         let sign = 24.0 * gain * f64::from(crate::sign::ONE);
         let force = 12.0 * gain / newtons_per_code;
+        let force_rate = 24.0 * gain * period / newtons_per_code;
+        let jerk = 2.0 * gain * period * period * period * self.codes_per_metre();
         let greatest_code =
             (self.force_max_code - self.force_zero_code).max(self.force_zero_code - self.force_min_code);
 
@@ -222,6 +258,10 @@ impl Settings {
         let sign_shift = fit(sign);
         // One bit of room for the corrections.
         let force_shift = fit(12.0 * gain * greatest_code * 2.0);
+        // What goes through a box has a derivative of twice its greatest value over the box at most.
+        let steepest = 2.0 / (length * period);
+        let force_rate_shift = fit(force_rate * newtons_per_code * greatest_code * steepest * 2.0);
+        let jerk_shift = fit(jerk * self.full_scale_acceleration_m_per_s2 * steepest);
         let down = |shift: i8| power_of_two(-i32::from(shift));
 
         // Skew: F(t + skew) to second order. Structure mass: see docs/THEORY.md.
@@ -238,6 +278,11 @@ impl Settings {
             term(compliance * lag * force_down / 2.0 * rate * rate * rate),
             term((compliance * compliance - compliance * lag * lag) * force_down * rate * rate * rate * rate),
         ];
+        let force_rate_down = 24.0 * down(force_rate_shift);
+        let force_rate_terms = [
+            term(skew * force_rate_down * rate),
+            term((0.5 * skew * skew - compliance) * force_rate_down / 2.0 * rate * rate),
+        ];
         let regressor_per_newton = force * down(force_shift);
         let snap_per_code = rate * rate * rate * rate / (gain * self.codes_per_metre());
         let snap_term = term(self.structure_mass_kg * compliance * regressor_per_newton * snap_per_code);
@@ -246,6 +291,9 @@ impl Settings {
         // A sum over `length` triangles twice differenced: 8/3 M^3 of the single sample's variance.
         let step = self.oversampling * down(acceleration_shift);
         let quantisation = step * step / 12.0 * (8.0 / 3.0) * length * length * length;
+        // A box, averaged over two samples and three times differenced.
+        let jerk_step = self.oversampling * down(jerk_shift);
+        let jerk_quantisation = jerk_step * jerk_step / 12.0 * (80.0 * length - 70.0);
         BankActive {
             spacing: spacing as u32,
             support: 4 * length as u32 + 2,
@@ -254,32 +302,42 @@ impl Settings {
                 velocity_shift,
                 sign_shift,
                 force_shift,
+                force_rate_shift,
+                jerk_shift,
                 force_terms,
+                force_rate_terms,
                 snap_term,
             },
             memory,
             hold_samples: 24 * length as u32,
-            scales: scales(
-                [
-                    acceleration * down(acceleration_shift),
-                    velocity * down(velocity_shift),
-                    sign * down(sign_shift),
-                    f64::from(crate::kernel::ONE),
-                    regressor_per_newton,
-                ],
-                quantisation,
-            ),
+            scales: Scales {
+                more_units: [1.0 / (velocity * down(velocity_shift)), 1.0 / (force_rate * down(force_rate_shift))],
+                jerk: (1.0 / (jerk * down(jerk_shift))) as f32,
+                jerk_quantisation: jerk_quantisation as f32,
+                ..scales(
+                    [
+                        acceleration * down(acceleration_shift),
+                        velocity * down(velocity_shift),
+                        sign * down(sign_shift),
+                        f64::from(crate::kernel::ONE),
+                        regressor_per_newton,
+                    ],
+                    quantisation,
+                )
+            },
         }
     }
 
     /// What friction and force do to the sign's velocity, times `mt`: the kink of the kernel at a reversal
     /// [velocity codes per N and cube of the half width], and the velocity that a sum of the force makes
-    /// [velocity codes per force code].
-    fn sign_effects(&self) -> (f64, f64) {
+    /// [velocity codes per force code]; and viscous friction [force codes per position code and sample, per N s/m].
+    fn sign_effects(&self) -> (f64, f64, f64) {
         let period = 1.0 / self.sample_rate_hz;
         let per_impulse = period * period * self.codes_per_metre();
         // Two boxes of m samples have a mean distance of m / 3 from their centre and a gain of m^2.
-        (per_impulse / 3.0, magnitude(self.newtons_per_code) * per_impulse)
+        let newtons_per_code = magnitude(self.newtons_per_code);
+        let viscous = self.sample_rate_hz / (self.codes_per_metre() * newtons_per_code);
+        (per_impulse / 3.0, newtons_per_code * per_impulse, viscous)
     }
 }
 
@@ -295,6 +353,9 @@ fn scales(per_si: [f64; REGRESSORS], quantisation: f64) -> Scales {
         force: force as f32,
         rate_squared: (rate * rate) as f32,
         quantisation: quantisation as f32,
+        more_units: [0.0; MORE_REGRESSORS],
+        jerk: 0.0,
+        jerk_quantisation: 0.0,
     }
 }
 

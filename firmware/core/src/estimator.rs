@@ -5,12 +5,18 @@
 //! neither updates nor forgets.
 
 use crate::active::{Active, BankActive, Signal};
+use crate::backlash::{Gaps, Newest};
+use crate::change::Watch;
+use crate::conduct::NearRest;
+use crate::detail::Gap;
 use crate::estimate::{Bank, Estimate};
 use crate::gate::{BLOCKS, Rest};
-use crate::kernel::{Cascades, Comb, Term};
-use crate::rls::{Moments, Totals, products};
+use crate::kernel::{Cascades, Comb, Term, Update};
+use crate::line::DelayLine;
+use crate::qformat::shift_right;
+use crate::rls::{MORE_PRODUCTS, Moments, Totals, approach, more_products, products};
 use crate::sample::RawSample;
-use crate::sign::{Reversals, Sign};
+use crate::sign::{self, Reversals, Sign};
 
 /// What has been counted since the reset.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -39,15 +45,16 @@ pub struct State {
     pub(crate) fast: BankState,
     pub(crate) slow: BankState,
     pub(crate) feedback: Feedback,
+    pub(crate) gaps: Gaps,
+    /// The latest reversal, and whether it has not been taken. (No `Option`: its `None` is not zero, and a static with one byte
+    /// that is not lies in flash as a whole.)
+    gap: Gap,
+    gap_waits: bool,
+    pub(crate) watch: Watch,
+    /// Bank of the last estimate.
+    pub(crate) published: Bank,
     until_publish: u32,
 }
-
-/// Fraction bits of the velocity that the sign sees.
-pub(crate) const VELOCITY_BITS: u32 = 8;
-/// Velocity beyond which it is cut off, far from any reversal.
-const VELOCITY_LIMIT: i32 = 1 << 21;
-/// Greatest correction of it.
-const VELOCITY_CLAMP: i64 = 1 << 27;
 
 /// What the estimate gives back to the signal path. Integers, set once per publication.
 #[derive(Clone, Copy, Debug)]
@@ -60,16 +67,22 @@ pub(crate) struct Feedback {
     pub offset_code: i32,
     /// Force [codes] under which a reversal is weak.
     pub weak_force_code: u32,
+    /// Viscous friction [force codes per position code and sample].
+    pub viscous: Term,
+    /// Friction is known well enough to move a reversal by it.
+    pub friction_known: bool,
     /// Whether the reversals seen so far look like Coulomb's friction.
     pub coulomb_like: bool,
 }
 
 impl Feedback {
-    const NONE: Self = Self {
+    pub(crate) const NONE: Self = Self {
         kink: Term { coefficient: 0, shift: 0 },
         velocity_per_force: Term { coefficient: 0, shift: 0 },
         offset_code: 0,
         weak_force_code: 0,
+        viscous: Term { coefficient: 0, shift: 0 },
+        friction_known: false,
         coulomb_like: false,
     };
 }
@@ -80,101 +93,13 @@ pub(crate) struct BankState {
     comb: Comb,
     until_update: u32,
     pub recent: Moments,
+    pub near_rest: NearRest,
+    /// Mean square of the jerk over the recent memory [regressor units^2].
+    pub jerk: i64,
     pub whole: Totals,
+    pub more: Totals<MORE_PRODUCTS>,
     /// Samples since the last update.
     pub idle_samples: u32,
-}
-
-#[derive(Clone, Copy, Debug)]
-struct Waiting {
-    position: i32,
-    /// Running sum of the position: its second difference over the kernel is the sign's velocity.
-    position_sum: i32,
-    force: i32,
-    /// Running sum, three times over, of the force.
-    force_sum: i64,
-    sign: i32,
-    /// The velocity passes zero here, by its kernel alone.
-    passes_zero: bool,
-    bad: bool,
-}
-
-/// The last 256 samples; a `u8` indexes it, so that no index is ever out of bounds.
-#[derive(Clone, Debug)]
-struct DelayLine {
-    samples: [Waiting; 256],
-    head: u8,
-    filled: u16,
-    last_index: u32,
-    position_sum: i32,
-    force_sums: [i64; 3],
-    /// The last velocity by the sign's kernel alone.
-    plain_velocity: i32,
-    /// How many samples from now on still have a velocity across a gap.
-    tainted: u8,
-    /// How many waiting samples, counted from the newest, are known to stand in rest.
-    resting: u16,
-}
-
-impl DelayLine {
-    const fn new() -> Self {
-        Self {
-            samples: [Waiting::NONE; 256],
-            head: 0,
-            filled: 0,
-            last_index: 0,
-            position_sum: 0,
-            force_sums: [0; 3],
-            plain_velocity: 0,
-            tainted: 0,
-            resting: 0,
-        }
-    }
-
-    /// Forgets everything, entry by entry: a new line would be built on the stack first.
-    fn reset(&mut self) {
-        let Self { samples, head, filled, last_index, position_sum, force_sums, plain_velocity, tainted, resting } =
-            self;
-        samples.fill(Waiting::NONE);
-        (*head, *filled, *last_index, *position_sum) = (0, 0, 0, 0);
-        (*force_sums, *plain_velocity, *tainted, *resting) = ([0; 3], 0, 0, 0);
-    }
-
-    fn ago(&mut self, samples: u8) -> &mut Waiting {
-        &mut self.samples[usize::from(self.head.wrapping_sub(samples))]
-    }
-
-    /// Velocity through two boxes of `m` samples, its latest sample `ago`, at half a sample after `ago + m`
-    /// [2^-VELOCITY_BITS counts per sample, times m^2].
-    fn smooth_velocity(&mut self, ago: u8, m: u8) -> i32 {
-        let [newest, middle, oldest] = [0, m, 2 * m].map(|back| self.ago(ago + back).position_sum);
-        let velocity = newest.wrapping_add(oldest).wrapping_sub(middle.wrapping_mul(2));
-        // Only the surroundings of zero matter, and there a count is coarse.
-        velocity.clamp(-VELOCITY_LIMIT, VELOCITY_LIMIT) << VELOCITY_BITS
-    }
-
-    /// What the kernel of [`Self::smooth_velocity`] takes from the velocity if friction is Coulomb's: what the force
-    /// makes of it (its running sum less the smoothed sum), and the kink at a reversal.
-    fn smoothed_away(&mut self, ago: u8, m: u8, feedback: &Feedback) -> i32 {
-        let second_difference = |sums: [i64; 3]| sums[0].wrapping_add(sums[2]).wrapping_sub(sums[1].wrapping_mul(2));
-        let sum = second_difference([m, m + 1, m + 2].map(|back| self.ago(ago + back).force_sum));
-        let smoothed = second_difference([1, m + 1, 2 * m + 1].map(|back| self.ago(ago + back).force_sum));
-        let lost = sum.wrapping_mul(i64::from(m) * i64::from(m)).wrapping_sub(smoothed);
-        let made = feedback.velocity_per_force.of(lost);
-        let direction = self.ago(ago + m).force.saturating_sub(feedback.offset_code).signum();
-        let kink = feedback.kink.of(i64::from(m) * i64::from(m) * i64::from(m)) * i64::from(direction);
-        (made.saturating_add(kink)).clamp(-VELOCITY_CLAMP, VELOCITY_CLAMP) as i32
-    }
-}
-
-impl Waiting {
-    const NONE: Self =
-        Self { position: 0, position_sum: 0, force: 0, force_sum: 0, sign: 0, passes_zero: false, bad: false };
-
-    /// Whether the velocity goes through zero within this sample.
-    fn reverses(&self) -> bool {
-        self.sign.abs() < crate::sign::ONE
-    }
 }
 
 impl Default for State {
@@ -199,6 +124,11 @@ impl State {
             fast: BankState::new(),
             slow: BankState::new(),
             feedback: Feedback::NONE,
+            gaps: Gaps::new(),
+            gap: Gap::EMPTY,
+            gap_waits: false,
+            watch: Watch::new(),
+            published: Bank::Fast,
             until_publish: 0,
         }
     }
@@ -212,8 +142,24 @@ impl State {
 
     /// Forgets everything, in place.
     pub fn reset(&mut self, active: &Active) {
-        let Self { counters, line, rest, sign, reversals, cascades, good_samples, fast, slow, feedback, until_publish } =
-            self;
+        let Self {
+            counters,
+            line,
+            rest,
+            sign,
+            reversals,
+            cascades,
+            good_samples,
+            fast,
+            slow,
+            feedback,
+            gaps,
+            gap: _,
+            gap_waits,
+            watch,
+            published,
+            until_publish,
+        } = self;
         *counters = Counters::default();
         line.reset();
         *rest = Rest::new();
@@ -221,19 +167,27 @@ impl State {
         *reversals = Reversals::new();
         *cascades = Cascades::new();
         *good_samples = 0;
-        for BankState { comb, until_update, recent, whole, idle_samples } in [fast, slow] {
-            comb.reset();
-            *recent = Moments::new();
-            *whole = Totals::new();
-            (*until_update, *idle_samples) = (0, 0);
+        for bank in [fast, slow] {
+            bank.comb.reset();
+            bank.forget();
+            (bank.until_update, bank.idle_samples) = (0, 0);
         }
         *feedback = Feedback::NONE;
+        gaps.reset();
+        *gap_waits = false;
+        *watch = Watch::new();
+        *published = Bank::Fast;
         *until_publish = active.signal.publish_samples;
     }
 
     /// What has been counted since the reset.
     pub fn counters(&self) -> Counters {
         self.counters
+    }
+
+    /// The reversal of the flanks that the last sample has concluded, once: ask after every step.
+    pub fn take_gap(&mut self) -> Option<Gap> {
+        core::mem::take(&mut self.gap_waits).then_some(self.gap)
     }
 
     /// Index of the latest sample.
@@ -244,7 +198,25 @@ impl State {
 
 impl BankState {
     const fn new() -> Self {
-        Self { comb: Comb::new(), until_update: 0, recent: Moments::new(), whole: Totals::new(), idle_samples: 0 }
+        Self {
+            comb: Comb::new(),
+            until_update: 0,
+            recent: Moments::new(),
+            near_rest: NearRest::new(),
+            jerk: 0,
+            whole: Totals::new(),
+            more: Totals::new(),
+            idle_samples: 0,
+        }
+    }
+
+    /// Forgets what was learnt, and nothing of the signals.
+    pub fn forget(&mut self) {
+        self.recent = Moments::new();
+        self.near_rest = NearRest::new();
+        self.jerk = 0;
+        self.whole = Totals::new();
+        self.more = Totals::new();
     }
 
     fn advance(&mut self, config: &BankActive, cascades: &Cascades, good_samples: u32) -> bool {
@@ -258,12 +230,15 @@ impl BankState {
         if good_samples < config.support {
             return true;
         }
-        let Some(regressors) = config.normaliser.regressors(&output) else {
+        let Some(Update { regressors, more, jerk }) = config.normaliser.update(&output) else {
             return false;
         };
         let products = products(&regressors);
         self.recent.update(&products, config.memory);
+        self.near_rest.update(&products, &self.recent, config.memory);
+        approach(&mut self.jerk, i64::from(jerk) * i64::from(jerk), self.recent.gain(config.memory));
         self.whole.update(&products);
+        self.more.update(&more_products(&regressors, &more));
         self.idle_samples = 0;
         true
     }
@@ -275,7 +250,10 @@ impl Active {
     /// Integers up to the estimate itself, which is the same to the bit on every machine. Never panics.
     pub fn step(&self, state: &mut State, sample: &RawSample) -> Option<Estimate> {
         let signal = &self.signal;
-        state.receive(signal, sample);
+        let newest = state.receive(signal, sample);
+        if let Some(gap) = state.gaps.push(&self.backlash, &newest) {
+            (state.gap, state.gap_waits) = (gap, true);
+        }
         state.gate(signal, sample);
         state.locate_sign(signal);
         state.leave(signal);
@@ -284,12 +262,17 @@ impl Active {
                 state.counters.saturated = state.counters.saturated.saturating_add(1);
             }
         }
+        // Only an update tells something new.
+        if state.fast.idle_samples == 0 || state.slow.idle_samples == 0 {
+            self.watch(state);
+        }
         state.until_publish = state.until_publish.saturating_sub(1);
         if state.until_publish > 0 {
             return None;
         }
         state.until_publish = signal.publish_samples;
         let estimate = self.estimate(state);
+        state.published = estimate.bank;
         state.feedback = self.feedback(&estimate, state.feedback);
         state.feedback.coulomb_like = state.reversals.coulomb_like();
         Some(estimate)
@@ -306,7 +289,7 @@ impl Active {
 
 impl State {
     /// Enters the sample into the delay line, noticing gaps and saturation.
-    fn receive(&mut self, signal: &Signal, sample: &RawSample) {
+    fn receive(&mut self, signal: &Signal, sample: &RawSample) -> Newest {
         let line = &mut self.line;
         let skipped = sample.index.wrapping_sub(line.last_index).wrapping_sub(1);
         let first = self.counters.samples == 0;
@@ -334,27 +317,18 @@ impl State {
         }
         let force = sample.force_code.saturating_sub(signal.force_zero_code);
         let force = if signal.force_reversed { force.saturating_neg() } else { force };
-        let [first, second, third] = &mut line.force_sums;
-        *first = first.wrapping_add(i64::from(force));
-        *second = second.wrapping_add(*first);
-        *third = third.wrapping_add(*second);
-        let force_sum = *third;
-        line.head = line.head.wrapping_add(1);
-        line.filled = line.filled.saturating_add(1);
-        line.resting = line.resting.saturating_sub(1);
         let position =
             if signal.position_reversed { sample.position_count.wrapping_neg() } else { sample.position_count };
-        line.position_sum = line.position_sum.wrapping_add(position);
-        *line.ago(0) = Waiting {
+        line.push(position, force, saturated);
+        Newest {
+            index: sample.index,
             position,
-            position_sum: line.position_sum,
             force,
-            force_sum,
-            sign: 0,
-            passes_zero: false,
-            bad: saturated || line.tainted > 0,
-        };
-        line.tainted = line.tainted.saturating_sub(1);
+            terminal: sample.terminal_code,
+            good: !saturated,
+            broken,
+            offset: self.feedback.offset_code,
+        }
     }
 
     /// Marks windows of rest and grazing reversals.
@@ -375,23 +349,24 @@ impl State {
         }
     }
 
-    /// Gives the sample half a kernel ago its sign.
+    /// Gives the sample half a kernel ago its sign, and the reversal half a long kernel ago its place.
     fn locate_sign(&mut self, signal: &Signal) {
         let m = signal.sign_half_width;
         let feedback = self.feedback;
         let line = &mut self.line;
-        let mut velocity = line.smooth_velocity(0, m);
-        let before = line.plain_velocity;
-        line.plain_velocity = velocity;
+        let plain = line.smooth_velocity(0, m);
+        let before = core::mem::replace(&mut line.plain_velocity, plain);
         // What is compared must not depend on what has been concluded.
-        line.ago(m).passes_zero = (velocity ^ before) < 0 && before != 0 && velocity != 0;
+        line.ago(m).passes_zero = (plain ^ before) < 0 && before != 0 && plain != 0;
         // The correction is worth its cost only where the velocity could reach zero within the kernel.
-        let change = velocity.abs_diff(before);
-        if feedback.coulomb_like && velocity.unsigned_abs() >> 2 <= change.saturating_mul(u32::from(m)) {
-            velocity = velocity.saturating_add(line.smoothed_away(0, m, &feedback));
-        }
+        let near = plain.unsigned_abs() <= plain.abs_diff(before).saturating_mul(u32::from(m));
+        let lost = if feedback.coulomb_like && near { line.smoothed_away(0, m, &feedback) } else { 0 };
+        // Until friction is known, what hardly moves may stick or creep, and its sign is not to be had.
+        let slow = |velocity: i32| velocity.unsigned_abs() <= signal.creep_limit;
+        let creeps = feedback.weak_force_code == 0 && slow(plain) && slow(line.smooth_velocity(m, m));
         let middle = line.ago(m);
-        middle.sign = self.sign.push(velocity);
+        middle.sign = self.sign.push(plain.saturating_add(lost));
+        middle.bad |= creeps;
         // A reversal that friction can hold is one that may have stuck for a moment.
         if feedback.coulomb_like && middle.reverses() {
             let force = middle.force.saturating_sub(feedback.offset_code).unsigned_abs();
@@ -403,6 +378,9 @@ impl State {
             let predicted = line.smoothed_away(m, m, &feedback) - (line.smoothed_away(0, 2 * m, &feedback) >> 2);
             self.reversals.compare(predicted, wide - narrow);
         }
+        if feedback.coulomb_like && feedback.friction_known {
+            line.relocate(m, signal.reversal_half_width, signal.reversal_reach, &feedback);
+        }
     }
 
     /// Moves the oldest waiting sample into the cascades.
@@ -410,13 +388,18 @@ impl State {
         let line = &mut self.line;
         let known_rest = line.resting > 0;
         let full = line.filled > u16::from(signal.delay);
-        let before = line.ago(signal.delay.wrapping_add(1)).position;
+        let before = *line.ago(signal.delay.wrapping_add(1));
         let sample = *line.ago(signal.delay);
-        let travel = i64::from(sample.position.wrapping_sub(before));
-        let position = self.cascades.position.input().wrapping_add(travel);
-        self.cascades.position.push(position);
-        self.cascades.force.push(i64::from(sample.force));
-        self.cascades.sign.push(i64::from(sample.sign));
+        let travel = i64::from(sample.position.wrapping_sub(before.position));
+        // Signs are averages around the samples, travel is between them. Half of each sign's time lies in between, and
+        // outside of a reversal's sample both are one.
+        let between = i64::from((before.sign + sample.sign).clamp(-sign::ONE, sign::ONE));
+        let travelled = shift_right(travel * between, sign::BITS as i8);
+        let cascades = &mut self.cascades;
+        cascades.position.push_for_derivatives(cascades.position.input().wrapping_add(travel));
+        cascades.path.push_for_derivatives(cascades.path.input().wrapping_add(travelled));
+        cascades.force.push(i64::from(sample.force));
+        cascades.sign.push(i64::from(sample.sign));
         let good = full && !sample.bad && !known_rest;
         self.good_samples = if good { self.good_samples.saturating_add(1) } else { 0 };
     }

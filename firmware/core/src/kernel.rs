@@ -9,7 +9,7 @@
 //! |---|---|---|---|
 //! | force, 0th derivative | 4th | `[1 10 1]` | `12 M^4` |
 //! | sign | 4th | `[1 22 1]` | `24 M^4` |
-//! | 1st derivative (velocity, force rate) | 3rd | `[-1 13 13 -1]` | `24 M^4 T` |
+//! | 1st derivative (velocity, speed, force rate) | 3rd | `[-1 13 13 -1]` | `24 M^4 T` |
 //! | 2nd derivative (acceleration) | 2nd | none | `M^4 T^2` |
 //! | 3rd derivative | 1st | `[1 1]` | `2 M^4 T^3` |
 //! | 4th derivative | input | none | `M^4 T^4` |
@@ -20,7 +20,7 @@
 //! Source: E. B. Hogenauer, "An economical class of digital filters for decimation and interpolation", 1981;
 //! the corrections are Numerov's.
 
-use crate::qformat::{Regressor, scale, to_regressor};
+use crate::qformat::{Regressor, scale, shift_right, to_regressor};
 
 /// Outputs in one box: two, as the kernel leaves nothing above the half of that rate.
 pub const UPDATES_PER_BOX: u32 = 2;
@@ -35,12 +35,19 @@ impl Cascade {
     /// Takes one input.
     #[inline]
     pub fn push(&mut self, input: i64) {
-        let [value, first, second, third, fourth] = &mut self.0;
+        self.push_for_derivatives(input);
+        let [_, _, _, third, fourth] = &mut self.0;
+        *fourth = fourth.wrapping_add(*third);
+    }
+
+    /// Takes one input where the 0th derivative, which alone needs the 4th sum, is not asked for.
+    #[inline]
+    pub fn push_for_derivatives(&mut self, input: i64) {
+        let [value, first, second, third, _] = &mut self.0;
         *value = input;
         *first = first.wrapping_add(*value);
         *second = second.wrapping_add(*first);
         *third = third.wrapping_add(*second);
-        *fourth = fourth.wrapping_add(*third);
     }
 
     /// The latest input.
@@ -86,7 +93,7 @@ fn weighted(terms: &[(i64, i64)]) -> i64 {
     terms.iter().fold(0, |sum, &(weight, value)| sum.wrapping_add(weight.wrapping_mul(value)))
 }
 
-/// The three channels of the estimator.
+/// The channels of the estimator.
 #[derive(Clone, Copy, Debug)]
 pub struct Cascades {
     /// Position [counts / oversampling].
@@ -95,6 +102,8 @@ pub struct Cascades {
     pub force: Cascade,
     /// Sub-sample sign [2^-15].
     pub sign: Cascade,
+    /// Path: travel whatever its direction [counts / oversampling].
+    pub path: Cascade,
 }
 
 /// One reading of all cascades, and equally their combs.
@@ -106,17 +115,21 @@ pub struct Taps {
     pub velocity: i64,
     /// Acceleration.
     pub acceleration: i64,
+    /// Third derivative of the position.
+    pub jerk: i64,
     /// Fourth derivative of the position.
     pub snap: i64,
     /// Sign.
     pub sign: i64,
+    /// Speed: the path's first derivative.
+    pub speed: i64,
 }
 
 impl Cascades {
     /// Before the first sample.
     pub const fn new() -> Self {
         let zero = Cascade([0; 5]);
-        Self { position: zero, force: zero, sign: zero }
+        Self { position: zero, force: zero, sign: zero, path: zero }
     }
 
     fn taps(&self) -> Taps {
@@ -131,14 +144,16 @@ impl Cascades {
             ],
             velocity: self.position.first_derivative(),
             acceleration: self.position.second_derivative(),
+            jerk: self.position.third_derivative(),
             snap: self.position.input(),
             sign: self.sign.smoothed_average(),
+            speed: self.path.first_derivative(),
         }
     }
 }
 
 impl Taps {
-    const ZERO: Self = Self { force: [0; 5], velocity: 0, acceleration: 0, snap: 0, sign: 0 };
+    const ZERO: Self = Self { force: [0; 5], velocity: 0, acceleration: 0, jerk: 0, snap: 0, sign: 0, speed: 0 };
 
     /// Fourth difference of the taps of this update and of those one to four boxes ago.
     #[inline]
@@ -159,8 +174,10 @@ impl Taps {
             ],
             velocity: of(|taps| taps.velocity),
             acceleration: of(|taps| taps.acceleration),
+            jerk: of(|taps| taps.jerk),
             snap: of(|taps| taps.snap),
             sign: of(|taps| taps.sign),
+            speed: of(|taps| taps.speed),
         }
     }
 }
@@ -218,14 +235,20 @@ impl Term {
 pub struct Normaliser {
     /// Right shift of the acceleration.
     pub acceleration_shift: i8,
-    /// Right shift of the velocity.
+    /// Right shift of velocity and speed.
     pub velocity_shift: i8,
     /// Right shift of the sign.
     pub sign_shift: i8,
     /// Right shift of the force.
     pub force_shift: i8,
+    /// Right shift of the force's rate.
+    pub force_rate_shift: i8,
+    /// Right shift of the third derivative.
+    pub jerk_shift: i8,
     /// Skew and structure mass: multiples of the force's first to fourth derivative, in regressor units.
     pub force_terms: [Term; 4],
+    /// The same for the force's rate, to second order: multiples of the force's second and third derivative.
+    pub force_rate_terms: [Term; 2],
     /// Structure mass: multiple of the position's fourth derivative, in regressor units.
     pub snap_term: Term,
 }
@@ -235,24 +258,47 @@ pub const ONE: Regressor = 1 << 30;
 
 /// Number of regressors, the force among them.
 pub const REGRESSORS: usize = 5;
+/// Number of regressors that only the sums of the whole run hold.
+pub const MORE_REGRESSORS: usize = 2;
+
+/// One update.
+#[derive(Clone, Copy, Debug)]
+pub struct Update {
+    /// `[a, v, s, 1, F]`.
+    pub regressors: [Regressor; REGRESSORS],
+    /// `[|v|, dF/dt]`.
+    pub more: [Regressor; MORE_REGRESSORS],
+    /// Third derivative of the position; at its full scale when it is beyond.
+    pub jerk: Regressor,
+}
 
 impl Normaliser {
-    /// `[a, v, s, 1, F]`, or nothing when one is beyond its full scale.
-    pub fn regressors(&self, output: &Taps) -> Option<[Regressor; REGRESSORS]> {
+    /// The regressors, or nothing when one is beyond its full scale.
+    pub fn update(&self, output: &Taps) -> Option<Update> {
         let [force, derivatives @ ..] = output.force;
-        let mut corrected = crate::qformat::shift_right(force, self.force_shift);
-        for (term, value) in self.force_terms.iter().zip(derivatives) {
-            corrected = corrected.wrapping_add(term.of(value));
-        }
-        corrected = corrected.wrapping_add(self.snap_term.of(output.snap));
-        Some([
-            to_regressor(output.acceleration, self.acceleration_shift)?,
-            to_regressor(output.velocity, self.velocity_shift)?,
-            to_regressor(output.sign, self.sign_shift)?,
-            ONE,
-            to_regressor(corrected, 0)?,
-        ])
+        let [rate, higher @ ..] = derivatives;
+        let force = corrected(force, self.force_shift, &self.force_terms, &derivatives);
+        let force = force.wrapping_add(self.snap_term.of(output.snap));
+        let rate = corrected(rate, self.force_rate_shift, &self.force_rate_terms, &higher);
+        let jerk = shift_right(output.jerk, self.jerk_shift);
+        Some(Update {
+            regressors: [
+                to_regressor(output.acceleration, self.acceleration_shift)?,
+                to_regressor(output.velocity, self.velocity_shift)?,
+                to_regressor(output.sign, self.sign_shift)?,
+                ONE,
+                to_regressor(force, 0)?,
+            ],
+            more: [to_regressor(output.speed, self.velocity_shift)?, to_regressor(rate, 0)?],
+            jerk: jerk.clamp(-i64::from(Regressor::MAX), i64::from(Regressor::MAX)) as Regressor,
+        })
     }
+}
+
+/// A derivative of the force with what the higher ones add to it.
+fn corrected(value: i64, shift: i8, terms: &[Term], higher: &[i64]) -> i64 {
+    let value = shift_right(value, shift);
+    terms.iter().zip(higher).fold(value, |sum, (term, &higher)| sum.wrapping_add(term.of(higher)))
 }
 
 #[cfg(test)]
@@ -310,9 +356,10 @@ mod tests {
             let smooth = box4(length);
             let derived = |taps: &[f64]| convolve(&smooth, taps);
             for n in 0..position.len() {
-                cascades.position.push(position[n]);
+                cascades.position.push_for_derivatives(position[n]);
                 cascades.force.push(force[n]);
                 cascades.sign.push(sign[n]);
+                cascades.path.push_for_derivatives(force[n]);
                 if n % spacing != 0 {
                     continue;
                 }
@@ -332,6 +379,8 @@ mod tests {
                 assert_eq!(output.force[4] as f64, apply(&derived(&fourth), f, 0));
                 assert_eq!(output.velocity as f64, apply(&derived(&first), x, 0));
                 assert_eq!(output.acceleration as f64, apply(&derived(&second), x, 1));
+                assert_eq!(output.jerk as f64, apply(&derived(&third), x, 0));
+                assert_eq!(output.speed as f64, apply(&derived(&first), f, 0));
                 assert_eq!(output.snap as f64, apply(&derived(&fourth), x, 0));
                 assert_eq!(output.sign as f64, apply(&derived(&[1.0, 22.0, 1.0]), s, 1));
             }

@@ -22,11 +22,17 @@
 extern crate std;
 
 mod active;
+mod backlash;
+mod change;
+mod conduct;
+mod detail;
 mod estimate;
 mod estimator;
 mod gate;
+mod judge;
 mod kernel;
 mod ldl;
+mod line;
 mod math;
 mod qformat;
 mod report;
@@ -37,8 +43,11 @@ mod sign;
 mod sums;
 
 pub use active::Active;
+pub use detail::{
+    Backlash, BacklashStatus, Band, Change, Changed, Conduct, Contact, Detail, Friction, Gap, Reason, Route,
+};
 pub use estimate::{Bank, Estimate, Parameter, Parameters, Status};
 pub use estimator::{Counters, State};
 pub use sample::RawSample;
 pub use settings::{Kind, SettingInfo, SettingText, Settings, SettingsError};
-pub use sums::Sums;
+pub use sums::{MoreSums, Sums};

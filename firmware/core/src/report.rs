@@ -1,15 +1,19 @@
 //! From moments to values in SI with their intervals: the edge of the fixed-point world.
 //!
 //! Floats are allowed here, as everything is basic arithmetic that gives the same bits on every machine, and nothing
-//! flows back but three rounded integers (see [`Feedback`]).
+//! flows back but a few rounded integers (see [`Feedback`]).
 
 use crate::active::{Active, Scales, term};
+use crate::conduct::WEIGHT;
+use crate::detail::{Band, Detail, Friction};
 use crate::estimate::{Bank, Estimate, Parameter, Parameters, Status};
-use crate::estimator::{BankState, Feedback, State, VELOCITY_BITS};
-use crate::kernel::UPDATES_PER_BOX;
+use crate::estimator::{BankState, Feedback, State};
+use crate::judge::Judgement;
+use crate::kernel::{Term, UPDATES_PER_BOX};
 use crate::ldl::{FACTOR_BITS, MATRIX_BITS, Solution, UNKNOWNS, solve};
+use crate::line::VELOCITY_BITS;
 use crate::math::{power, sqrt};
-use crate::rls::{PRODUCTS, place};
+use crate::rls::{PRODUCTS, place, scaled};
 
 /// Sum of the cubic B-spline's autocorrelation over its value at 0, in boxes: updates within it are one observation.
 const CORRELATION_BOXES: f32 = 2.09;
@@ -25,11 +29,39 @@ const COULOMB_MODEL_U95: f32 = 0.05;
 const SKEW_FACTOR: f32 = 2.0;
 /// Acceleration's mean square over that of the encoder's steps above which the fast bank is used.
 const CLEAR_OF_STEPS: f32 = 2000.0;
+/// Part of Coulomb friction within which its interval must lie before reversals are placed by it.
+const FRICTION_KNOWN: f32 = 0.1;
 /// Component of an unobservable direction that makes a parameter unobservable.
 const TOUCHED: f32 = 0.02;
 
+/// The law fitted to what is known, in SI.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Fit {
+    /// Inertance with the structure, viscous and Coulomb friction, offset.
+    pub values: [f32; UNKNOWNS],
+    /// Standard error of each; infinite where the motion cannot show it.
+    pub errors: [f32; UNKNOWNS],
+    /// Variance of the residual [N^2].
+    pub variance: f32,
+    /// Independent observations.
+    pub observations: f32,
+}
+
+impl Fit {
+    /// From nothing.
+    pub const NONE: Self = Self { values: [0.0; UNKNOWNS], errors: [0.0; UNKNOWNS], variance: 0.0, observations: 0.0 };
+}
+
+/// What the recent memory of the published bank says.
+struct Recent {
+    bank: Bank,
+    parameters: Parameters,
+    judgement: Judgement,
+    residual_rms_n: f32,
+}
+
 /// What one bank's memory knows.
-struct Knowledge {
+pub(crate) struct Knowledge {
     matrix: [i64; PRODUCTS],
     /// Average product per unit of the matrix.
     per_unit: f32,
@@ -38,20 +70,41 @@ struct Knowledge {
 }
 
 impl Knowledge {
-    fn recent(bank: &BankState) -> Self {
+    pub fn recent(bank: &BankState) -> Self {
         let weight = bank.recent.weight() as f32;
         let updates = if weight > 0.0 { power(MATRIX_BITS as i32) / weight } else { 0.0 };
         Self { matrix: *bank.recent.averages(), per_unit: 1.0, updates }
     }
 
+    /// The recent memory without the updates near rest.
+    fn away(bank: &BankState) -> Self {
+        let recent = Self::recent(bank);
+        let matrix = bank.near_rest.away(&bank.recent);
+        let part = matrix[WEIGHT] as f32 / recent.matrix[WEIGHT] as f32;
+        Self { matrix, per_unit: recent.per_unit / part, updates: recent.updates * part }
+    }
+
     fn whole_run(bank: &BankState) -> Self {
-        let (matrix, shift) = bank.whole.scaled();
-        let updates = bank.whole.updates() as f32;
+        Self::summed(bank.whole.sums(), bank.whole.updates())
+    }
+
+    /// What was learnt between two readings of the exact sums, `updates` apart.
+    pub fn between(before: &[i128; PRODUCTS], after: &[i128; PRODUCTS], updates: u32) -> Self {
+        let mut sums = *after;
+        for (sum, before) in sums.iter_mut().zip(before) {
+            *sum = sum.wrapping_sub(*before);
+        }
+        Self::summed(&sums, updates)
+    }
+
+    fn summed(sums: &[i128; PRODUCTS], updates: u32) -> Self {
+        let (matrix, shift) = scaled(sums);
+        let updates = updates as f32;
         Self { matrix, per_unit: power(shift as i32) / updates.max(1.0), updates }
     }
 
     /// Mean square of a regressor.
-    fn mean_square(&self, i: usize) -> f32 {
+    pub fn mean_square(&self, i: usize) -> f32 {
         self.matrix[place(i, i)] as f32 * self.per_unit
     }
 }
@@ -59,15 +112,15 @@ impl Knowledge {
 impl Active {
     /// The estimate as it stands, at any time.
     pub fn estimate(&self, state: &State) -> Estimate {
-        let (bank, recent) = self.choose(state, Knowledge::recent);
+        let Recent { bank, parameters: mut recent, judgement, residual_rms_n } = self.recent(state);
         let (config, bank_state) = self.bank(state, bank);
-        let moving = bank_state.idle_samples < config.hold_samples && recent.updates > 0.0;
-        let (mut recent, residual_rms_n) = self.solve_for(&recent, &config.scales);
+        let moving = bank_state.idle_samples < config.hold_samples && bank_state.recent.updates() > 0;
         if !moving {
             recent.hold();
         }
         let (whole_bank, whole) = self.choose(state, Knowledge::whole_run);
-        let (whole_run, _) = self.solve_for(&whole, &self.bank(state, whole_bank).0.scales);
+        let (mut whole_run, _) = self.solve_for(&whole, &self.bank(state, whole_bank).0.scales);
+        judgement.widen(&mut whole_run, WIDEST_INTERVAL);
         Estimate {
             index: state.last_index(),
             elapsed_samples: state.counters().samples + state.counters().lost_samples,
@@ -78,6 +131,54 @@ impl Active {
             residual_rms_n,
             updates: bank_state.whole.updates(),
         }
+    }
+
+    /// What goes with the estimate, at any time.
+    pub fn detail(&self, state: &State) -> Detail {
+        let conduct = self.recent(state).judgement.conduct;
+        let (backlash, contact, stiffness_n_per_m, contact_damping_n_s_per_m) = self.backlash_of(&state.gaps);
+        Detail {
+            index: state.last_index(),
+            band: self.band(state),
+            backlash,
+            contact,
+            stiffness_n_per_m,
+            contact_damping_n_s_per_m,
+            friction: Friction { reversal_ratio: state.reversal_ratio(), conduct },
+            changes: state.watch.count,
+        }
+    }
+
+    /// What the recent memory of the bank that is published knows, and how far its law can be trusted.
+    fn recent(&self, state: &State) -> Recent {
+        let (bank, knowledge) = self.choose(state, Knowledge::recent);
+        let (config, bank_state) = self.bank(state, bank);
+        let (mut parameters, all) = self.solve_for(&knowledge, &config.scales);
+        let away = self.fit(&Knowledge::away(bank_state), &config.scales);
+        let [a, v, ..] = config.scales.units;
+        let rms = [sqrt(knowledge.mean_square(0)) * a as f32, sqrt(knowledge.mean_square(1)) * v as f32];
+        let judgement = Judgement::of(&all, &away.unwrap_or(Fit::NONE), rms, &parameters.viscous_n_s_per_m);
+        judgement.widen(&mut parameters, WIDEST_INTERVAL);
+        Recent { bank, parameters, judgement, residual_rms_n: sqrt(all.variance) }
+    }
+
+    /// Frequencies at which the recent memory of the bank that is published saw the inertance.
+    pub(crate) fn band(&self, state: &State) -> Band {
+        let (bank, recent) = self.choose(state, Knowledge::recent);
+        let (config, bank_state) = self.bank(state, bank);
+        let scales = &config.scales;
+        let [a, v, _, _, _] = scales.units.map(|unit| unit as f32);
+        let mean_square = |averages: f32, steps: f32, unit: f32| (averages - steps) * unit * unit;
+        let acceleration = mean_square(recent.mean_square(0), scales.quantisation, a);
+        let jerk = mean_square(bank_state.jerk as f32, scales.jerk_quantisation, scales.jerk);
+        let velocity = mean_square(recent.mean_square(1), 0.0, v);
+        if acceleration <= 0.0 || velocity <= 0.0 {
+            return Band::default();
+        }
+        let low_hz = sqrt(acceleration / velocity) / core::f32::consts::TAU;
+        // Where the encoder's steps drown the third derivative, its remainder may be less than any motion's.
+        let high_hz = sqrt(jerk / acceleration) / core::f32::consts::TAU;
+        Band { low_hz, high_hz: if high_hz > low_hz { high_hz } else { low_hz } }
     }
 
     /// The fast bank when its acceleration stands clear of the encoder's steps, else the slow one.
@@ -92,47 +193,61 @@ impl Active {
 
     /// What the next samples are told: friction's kink at a reversal, the offset, and what a weak force is.
     pub(crate) fn feedback(&self, estimate: &Estimate, before: Feedback) -> Feedback {
-        let Parameters { inertance_kg, coulomb_n, offset_n, .. } = estimate.recent;
+        let Parameters { inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n } = estimate.recent;
         let codes = |newtons: f32| (newtons / self.signal.newtons_per_code) as i32;
         let mut feedback = before;
         if coulomb_n.status == Status::Ok && inertance_kg.status == Status::Ok {
-            let (kink, per_force) = self.sign_effects;
+            let (kink, per_force, viscous) = self.sign_effects;
+            let known = viscous_n_s_per_m.status == Status::Ok;
+            feedback.viscous = if known { term(viscous * f64::from(viscous_n_s_per_m.value)) } else { Term::default() };
             let fraction = f64::from((1_u32 << VELOCITY_BITS) as f32 / inertance_kg.value);
             feedback.kink = term(kink * fraction * f64::from(coulomb_n.value));
-            feedback.velocity_per_force = term(per_force * fraction);
+            // The load cell also feels the structure, which moves with the screw.
+            let structure = self.settings.structure_mass_kg as f32 / inertance_kg.value;
+            feedback.velocity_per_force = term(per_force * fraction / f64::from(1.0 + structure));
         }
         if coulomb_n.status == Status::Ok && offset_n.status == Status::Ok {
             feedback.offset_code = codes(offset_n.value);
+            feedback.friction_known = coulomb_n.u95 < FRICTION_KNOWN * coulomb_n.value;
             feedback.weak_force_code = codes(3.0 * coulomb_n.value).max(0) as u32;
         }
         feedback
     }
 
-    fn solve_for(&self, knowledge: &Knowledge, scales: &Scales) -> (Parameters, f32) {
+    fn solve_for(&self, knowledge: &Knowledge, scales: &Scales) -> (Parameters, Fit) {
+        match self.fit(knowledge, scales) {
+            Some(fit) => (self.with_systematic(&fit, knowledge, scales), fit),
+            None => (Parameters::default(), Fit::NONE),
+        }
+    }
+
+    /// Solves for the unknowns; nothing from too few observations.
+    pub(crate) fn fit(&self, knowledge: &Knowledge, scales: &Scales) -> Option<Fit> {
         let observations = knowledge.updates / (CORRELATION_BOXES * UPDATES_PER_BOX as f32);
         if observations < LEAST_OBSERVATIONS {
-            return (Parameters::default(), 0.0);
+            return None;
         }
         let solution = solve(&knowledge.matrix);
         let residual_variance = pivot(&solution, UNKNOWNS) * observations / (observations - UNKNOWNS as f32);
         let errors = standard_errors(&solution, residual_variance / observations);
         let force_shift = i32::from(solution.shifts[UNKNOWNS]);
-        let mut found = [Found::default(); UNKNOWNS];
-        for (i, found) in found.iter_mut().enumerate() {
-            let to_si = scales.force_per[i] * power(i32::from(solution.shifts[i]) - force_shift);
-            found.value = solution.unknowns[i] as f32 * power(-(FACTOR_BITS as i32)) * to_si;
-            found.error = errors[i].map(|error| error * to_si);
-        }
         // The matrix in Q62 is of regressors in Q31.
         let force_unit = scales.force * power(31 - force_shift);
-        let residual_rms_n = sqrt(residual_variance * knowledge.per_unit) * force_unit;
-        (self.with_systematic(&found, knowledge, scales), residual_rms_n)
+        let variance = residual_variance * knowledge.per_unit * force_unit * force_unit;
+        let mut fit = Fit { variance, observations, ..Fit::NONE };
+        for (i, (value, error)) in fit.values.iter_mut().zip(&mut fit.errors).enumerate() {
+            let to_si = scales.force_per[i] * power(i32::from(solution.shifts[i]) - force_shift);
+            *value = solution.unknowns[i] as f32 * power(-(FACTOR_BITS as i32)) * to_si;
+            *error = errors[i].map_or(f32::INFINITY, |error| error * to_si);
+        }
+        Some(fit)
     }
 
     /// Adds what no averaging removes, and gives each parameter its word.
-    fn with_systematic(&self, found: &[Found; UNKNOWNS], knowledge: &Knowledge, scales: &Scales) -> Parameters {
+    fn with_systematic(&self, fit: &Fit, knowledge: &Knowledge, scales: &Scales) -> Parameters {
         let systematic = &self.systematic;
-        let [inertance, viscous, coulomb, offset] = found;
+        let found = |i: usize| Found { value: fit.values[i], error: fit.errors[i] };
+        let [inertance, viscous, coulomb, offset] = [found(0), found(1), found(2), found(3)];
         let square = |value: f32| value * value;
         // Divisions by zero give what nothing is known of: an infinite interval.
         let acceleration = knowledge.mean_square(0);
@@ -143,16 +258,16 @@ impl Active {
         let relative = |found: &Found, part: f32| square(found.value) * part;
         Parameters {
             inertance_kg: inertance
-                .with(relative(inertance, systematic.inertance) + systematic.structure_mass + square(steps))
+                .with(relative(&inertance, systematic.inertance) + systematic.structure_mass + square(steps))
                 .word(without_structure, true),
             viscous_n_s_per_m: viscous
-                .with(relative(viscous, systematic.viscous) + square(per_skew * systematic.skew_s))
+                .with(relative(&viscous, systematic.viscous) + square(per_skew * systematic.skew_s))
                 .word(viscous.value, true),
             coulomb_n: coulomb
-                .with(relative(coulomb, systematic.force + square(COULOMB_MODEL_U95)))
+                .with(relative(&coulomb, systematic.force + square(COULOMB_MODEL_U95)))
                 .word(coulomb.value, true),
             // An offset near zero is as good a finding as any other.
-            offset_n: offset.with(relative(offset, systematic.force)).word(offset.value, false),
+            offset_n: offset.with(relative(&offset, systematic.force)).word(offset.value, false),
         }
     }
 }
@@ -166,31 +281,29 @@ impl State {
     }
 }
 
-/// One unknown in SI with its standard error; none where the motion cannot show it.
-#[derive(Clone, Copy, Default)]
+/// One unknown in SI with its standard error; infinite where the motion cannot show it.
 struct Found {
     value: f32,
-    error: Option<f32>,
+    error: f32,
 }
 
-/// Half width of a 95 % interval; none where the motion cannot show the value.
-struct Interval(Option<f32>);
+/// Half width of a 95 % interval.
+struct Interval(f32);
 
 impl Found {
     /// The interval with the square of what no averaging removes.
     fn with(&self, systematic_squared: f32) -> Interval {
-        Interval(self.error.map(|error| {
-            let random = COVERAGE * error;
-            sqrt(random * random + systematic_squared)
-        }))
+        let random = COVERAGE * self.error;
+        Interval(sqrt(random * random + systematic_squared))
     }
 }
 
 impl Interval {
     fn word(self, value: f32, relative: bool) -> Parameter {
-        let Some(u95) = self.0.filter(|u95| u95.is_finite() && value.is_finite()) else {
+        let Self(u95) = self;
+        if !(u95.is_finite() && value.is_finite()) {
             return Parameter { value: 0.0, u95: f32::INFINITY, status: Status::NotIdentifiable };
-        };
+        }
         let magnitude = if value < 0.0 { -value } else { value };
         let too_wide = relative && u95 > WIDEST_INTERVAL * magnitude;
         let status = if too_wide { Status::NotIdentifiable } else { Status::Ok };
@@ -209,13 +322,13 @@ impl Parameters {
     }
 }
 
-fn pivot(solution: &Solution, i: usize) -> f32 {
+pub(crate) fn pivot(solution: &Solution, i: usize) -> f32 {
     solution.pivots[i] as f32 * power(-(MATRIX_BITS as i32))
 }
 
 /// Standard error of each unknown in equilibrated units for a residual variance per observation of `variance`;
 /// nothing where an unobservable direction has a part in it.
-fn standard_errors(solution: &Solution, variance: f32) -> [Option<f32>; UNKNOWNS] {
+pub(crate) fn standard_errors(solution: &Solution, variance: f32) -> [Option<f32>; UNKNOWNS] {
     let factor = |row: usize, column: usize| solution.factors[row][column] as f32 * power(-(FACTOR_BITS as i32));
     let mut errors = [Some(0.0_f32); UNKNOWNS];
     // Row by row of the inverse of the unit lower factor; each is the direction that its pivot measures.

@@ -6,11 +6,13 @@
 //! the data. Nothing happens between updates, so rest of any length changes nothing.
 //! Source: Ljung, System Identification, 2nd ed., 11.2.
 
-use crate::kernel::REGRESSORS;
+use crate::kernel::{MORE_REGRESSORS, REGRESSORS};
 use crate::qformat::Regressor;
 
 /// Distinct products of the regressors: the lower triangle by rows.
 pub const PRODUCTS: usize = REGRESSORS * (REGRESSORS + 1) / 2;
+/// Distinct products with the regressors that only the whole run's sums hold: the next rows of the triangle.
+pub const MORE_PRODUCTS: usize = (REGRESSORS + MORE_REGRESSORS) * (REGRESSORS + MORE_REGRESSORS + 1) / 2 - PRODUCTS;
 
 /// Place of product `(row, column)` with `column <= row`.
 pub const fn place(row: usize, column: usize) -> usize {
@@ -40,6 +42,31 @@ pub fn products(regressors: &[Regressor; REGRESSORS]) -> [i64; PRODUCTS] {
     ]
 }
 
+/// The products with speed and force rate: `|v|` with `a, v, s, 1, F, |v|`, then the rate with all these and itself.
+#[inline]
+pub fn more_products(
+    regressors: &[Regressor; REGRESSORS],
+    more: &[Regressor; MORE_REGRESSORS],
+) -> [i64; MORE_PRODUCTS] {
+    let [a, v, s, one, f] = regressors.map(i64::from);
+    let [speed, rate] = more.map(i64::from);
+    [
+        speed * a,
+        speed * v,
+        speed * s,
+        speed * one,
+        speed * f,
+        speed * speed,
+        rate * a,
+        rate * v,
+        rate * s,
+        rate * one,
+        rate * f,
+        rate * speed,
+        rate * rate,
+    ]
+}
+
 /// Running averages with a growing, then constant memory.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Moments {
@@ -62,20 +89,22 @@ impl Moments {
     #[inline]
     pub fn update(&mut self, products: &[i64; PRODUCTS], memory: u32) {
         self.updates = self.updates.saturating_add(1);
-        let horizon = self.updates.min(memory);
-        if horizon <= 1 {
+        let gain = self.gain(memory);
+        if gain == u32::MAX {
             self.averages = *products;
             self.weight = 1 << 62;
             return;
         }
-        // 2^32 / horizon: its own rounding changes the horizon, not the average.
-        let gain = u32::MAX / horizon;
         for (average, product) in self.averages.iter_mut().zip(products) {
-            // |product - average| < 2^63 since both are below 2^62.
-            *average += part(product.wrapping_sub(*average), gain);
+            approach(average, *product, gain);
         }
         let once = part(self.weight, gain);
         self.weight += part(once, gain) - 2 * once + ((u64::from(gain) * u64::from(gain)) >> 2) as i64;
+    }
+
+    /// Gain of the latest update: `2^32 / min(updates, memory)`, rounded down, which changes the memory and not the average.
+    pub fn gain(&self, memory: u32) -> u32 {
+        u32::MAX / self.updates.min(memory).max(1)
     }
 
     /// The averages, lower triangle by rows.
@@ -94,30 +123,43 @@ impl Moments {
     }
 }
 
+/// Moves an average of products by `gain * 2^-32` of the way towards one.
+#[inline]
+pub(crate) fn approach(average: &mut i64, product: i64, gain: u32) {
+    // |product - average| < 2^63 since both are below 2^62.
+    *average += part(product.wrapping_sub(*average), gain);
+}
+
 /// `value * gain * 2^-32`, rounded half up.
 #[inline]
-fn part(value: i64, gain: u32) -> i64 {
+pub(crate) fn part(value: i64, gain: u32) -> i64 {
     let gain = i64::from(gain);
     let low = (value & 0xffff_ffff) as u64 * gain as u64;
     (value >> 32) * gain + ((low + (1 << 31)) >> 32) as i64
 }
 
 /// Exact sums since the reset.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Totals {
-    sums: [i128; PRODUCTS],
+#[derive(Clone, Copy, Debug)]
+pub struct Totals<const N: usize = PRODUCTS> {
+    sums: [i128; N],
     updates: u32,
 }
 
-impl Totals {
+impl<const N: usize> Default for Totals<N> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl<const N: usize> Totals<N> {
     /// No updates yet.
     pub const fn new() -> Self {
-        Self { sums: [0; PRODUCTS], updates: 0 }
+        Self { sums: [0; N], updates: 0 }
     }
 
     /// Takes one set of products: 2^32 updates fit with room to spare, then it stops.
     #[inline]
-    pub fn update(&mut self, products: &[i64; PRODUCTS]) {
+    pub fn update(&mut self, products: &[i64; N]) {
         if self.updates == u32::MAX {
             return;
         }
@@ -127,8 +169,8 @@ impl Totals {
         }
     }
 
-    /// The sums, lower triangle by rows.
-    pub fn sums(&self) -> &[i128; PRODUCTS] {
+    /// The sums, by rows.
+    pub fn sums(&self) -> &[i128; N] {
         &self.sums
     }
 
@@ -136,21 +178,21 @@ impl Totals {
     pub fn updates(&self) -> u32 {
         self.updates
     }
+}
 
-    /// The sums brought to at most 62 bits by one common right shift, and that shift.
-    pub fn scaled(&self) -> ([i64; PRODUCTS], u32) {
-        // No sum of products is wider than the widest sum of squares.
-        let squares: [i128; REGRESSORS] = core::array::from_fn(|i| self.sums[place(i, i)]);
-        let shift = (128 - squares.iter().fold(0, |all, square| all | square).leading_zeros()).saturating_sub(62);
-        // By words: a 128-bit shift is a call on a Cortex-M4.
-        let scaled = self.sums.map(|sum| {
-            let (high, low) = ((sum >> 64) as u64, sum as u64);
-            match shift {
-                0 => low as i64,
-                1..=63 => ((high << (64 - shift)) | (low >> shift)) as i64,
-                _ => (high as i64) >> (shift - 64),
-            }
-        });
-        (scaled, shift)
-    }
+/// Sums brought to at most 62 bits by one common right shift, and that shift.
+pub fn scaled(sums: &[i128; PRODUCTS]) -> ([i64; PRODUCTS], u32) {
+    // No sum of products is wider than the widest sum of squares.
+    let squares: [i128; REGRESSORS] = core::array::from_fn(|i| sums[place(i, i)]);
+    let shift = (128 - squares.iter().fold(0, |all, square| all | square).leading_zeros()).saturating_sub(62);
+    // By words: a 128-bit shift is a call on a Cortex-M4.
+    let scaled = sums.map(|sum| {
+        let (high, low) = ((sum >> 64) as u64, sum as u64);
+        match shift {
+            0 => low as i64,
+            1..=63 => ((high << (64 - shift)) | (low >> shift)) as i64,
+            _ => (high as i64) >> (shift - 64),
+        }
+    });
+    (scaled, shift)
 }

@@ -185,6 +185,8 @@ settings! {
     full_scale_velocity_m_per_s, "m/s", 2.0, 1e-3, 1e3, Real, "Velocity beyond which samples are left out as saturated";
     full_scale_acceleration_m_per_s2, "m/s^2", 200.0, 1e-2, 1e5, Real, "Acceleration beyond which samples are left out as saturated";
     front_end, "", 0.0, 0.0, 1.0, Whole, "Force front end: 0 analogue, 1 ADS131M04";
+    stiffness_u95_n_per_m, "N/m", 0.0, 0.0, 1e12, Real, "95 % uncertainty of the contact stiffness; 0 takes 1 % of it";
+    terminal_sensor, "", 0.0, 0.0, 1.0, Whole, "Terminal displacement sensor: 0 none, 1 on the third channel";
 }
 
 impl Settings {

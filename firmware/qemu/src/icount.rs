@@ -8,6 +8,9 @@
 //! line of JSON on standard output; all counts are instructions:
 //!
 //! - `step`: one ordinary sample. `publish`: a sample that publishes, with all that an ordinary one does.
+//! - `contact`: one ordinary sample with both routes of the backlash at work. `reversal`: what the force's route spends on
+//!   an accepted reversal, all looks at its flanks together: the same samples with a stiffness less those without, over
+//!   the accepted ones.
 //! - `solve`: what publishing adds, `publish` less `step` on average: two solutions (recent and whole run) and their
 //!   intervals. `estimate`: `Active::estimate` by itself.
 //! - `state_bytes`, `active_bytes`, `app_bytes`: memory. `stack_used_bytes`: stack of this mode alone.
@@ -155,7 +158,11 @@ impl Signal {
         let noise = (self.noise >> 22) as i32 - 512;
         let index = self.index;
         self.index += 1;
-        RawSample { index, position_count: slow + fast, force_code: inertial + friction + noise, terminal_code: 0 }
+        let force_code = inertial + friction + noise;
+        let position_count = slow + fast;
+        // In 0.1 um: 2.44 um a count, 2 mN on 2.1e6 N/m, and half of 100 um of gap.
+        let terminal_code = position_count * 24 + force_code / 105 + 500 * force_code.signum();
+        RawSample { index, position_count, force_code, terminal_code }
     }
 }
 
@@ -163,11 +170,27 @@ struct Result {
     step: Tally,
     publish: Tally,
     estimate: Tally,
+    /// Accepted reversals.
+    gaps: u32,
+}
+
+impl Result {
+    /// Of all samples.
+    fn total(&self) -> u64 {
+        self.step.sum + self.publish.sum
+    }
+}
+
+/// One sample rate: without the backlash, and with both routes.
+struct Rate {
+    plain: Result,
+    contact: Result,
+    reversal: u64,
 }
 
 fn measure(meter: &Meter, active: &Active, state: &mut State, rate_hz: u32) -> Result {
     let mut signal = Signal::new(rate_hz);
-    let mut result = Result { step: Tally::EMPTY, publish: Tally::EMPTY, estimate: Tally::EMPTY };
+    let mut result = Result { step: Tally::EMPTY, publish: Tally::EMPTY, estimate: Tally::EMPTY, gaps: 0 };
     for _ in 0..SECONDS * rate_hz {
         let sample = black_box(signal.next());
         let (published, instructions) = meter.count(|| black_box(active.step(state, &sample).is_some()));
@@ -178,8 +201,24 @@ fn measure(meter: &Meter, active: &Active, state: &mut State, rate_hz: u32) -> R
         } else {
             result.step.add(instructions);
         }
+        result.gaps += u32::from(state.take_gap().is_some());
     }
     result
+}
+
+fn measure_rate(meter: &Meter, state: &mut State, rate_hz: u32) -> Rate {
+    let plain = Settings { sample_rate_hz: f64::from(rate_hz), ..Settings::default() };
+    let sensed = Settings { terminal_sensor: 1.0, ..plain };
+    let both = Settings { stiffness_n_per_m: 2.1e6, contact_damping_n_s_per_m: 1200.0, ..sensed };
+    let [plain, sensed, contact] = [plain, sensed, both].map(|settings| match settings.validate() {
+        Ok(active) => {
+            state.reset(&active);
+            measure(meter, &active, state, rate_hz)
+        }
+        Err(_) => panic!("the settings of the measurement are not valid"),
+    });
+    let reversal = contact.total().saturating_sub(sensed.total()) / u64::from(contact.gaps.max(1));
+    Rate { plain, contact, reversal }
 }
 
 /// Measures and prints.
@@ -188,14 +227,7 @@ pub fn run(systick: SYST, state: &mut State) {
     let meter = Meter::new(systick);
     let mut results = [None, None];
     for (place, rate_hz) in results.iter_mut().zip(RATES_HZ) {
-        let settings = Settings { sample_rate_hz: f64::from(rate_hz), ..Settings::default() };
-        match settings.validate() {
-            Ok(active) => {
-                state.reset(&active);
-                *place = Some(measure(&meter, &active, state, rate_hz));
-            }
-            Err(_) => panic!("the settings of the measurement are not valid"),
-        }
+        *place = Some(measure_rate(&meter, state, rate_hz));
     }
     let rates = RATES_HZ.iter().zip(&results).filter_map(|(rate_hz, result)| result.as_ref().map(|r| (*rate_hz, r)));
     semihosting::print(format_args!(
@@ -213,14 +245,16 @@ pub fn run(systick: SYST, state: &mut State) {
 /// Objects, with commas between them.
 struct Rates<I>(I);
 
-impl<'a, I: Iterator<Item = (u32, &'a Result)> + Clone> fmt::Display for Rates<I> {
+impl<'a, I: Iterator<Item = (u32, &'a Rate)> + Clone> fmt::Display for Rates<I> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for (place, (rate_hz, Result { step, publish, estimate })) in self.0.clone().enumerate() {
+        for (place, (rate_hz, Rate { plain, contact, reversal })) in self.0.clone().enumerate() {
             let comma = if place > 0 { "," } else { "" };
+            let Result { step, publish, estimate, .. } = plain;
             let solve = publish.mean().saturating_sub(step.mean());
             write!(
                 f,
-                r#"{comma}{{"sample_rate_hz":{rate_hz},"step":{step},"publish":{publish},"solve":{solve},"estimate":{estimate}}}"#
+                r#"{comma}{{"sample_rate_hz":{rate_hz},"step":{step},"publish":{publish},"solve":{solve},"estimate":{estimate},"contact":{},"reversal":{reversal},"reversals":{}}}"#,
+                contact.step, contact.gaps
             )?;
         }
         Ok(())

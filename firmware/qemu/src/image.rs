@@ -52,13 +52,13 @@ async fn sampling(source: FileSource) {
 }
 
 #[embassy_executor::task]
-async fn estimating(state: &'static mut State, active: Active) {
-    APP.estimating(state, active).await
+async fn estimating(state: &'static mut State, mut active: Active) {
+    APP.estimating(state, &mut active).await
 }
 
 #[embassy_executor::task]
-async fn commands(link: usart::Receiver, in_use: InUse) {
-    APP.commands(link, NoStore, IDENTITY, in_use, false).await
+async fn commands(link: usart::Receiver, mut in_use: InUse) {
+    APP.commands(link, NoStore, &IDENTITY, &mut in_use, false).await
 }
 
 #[embassy_executor::task]

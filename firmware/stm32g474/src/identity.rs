@@ -3,7 +3,6 @@
 
 use crate::boards;
 use core::fmt::Write as _;
-use core::hint::black_box;
 use embassy_stm32::pac::UID;
 use heapless::String;
 use static_cell::StaticCell;
@@ -21,6 +20,7 @@ const LENGTH: usize = {
 };
 
 /// The first word, firmware, commit and board, each with a zero behind it.
+#[used]
 static IDENTITY: [u8; LENGTH] = {
     let mut joined = [0; LENGTH];
     let (mut place, mut n) = (0, 0);
@@ -38,25 +38,19 @@ static IDENTITY: [u8; LENGTH] = {
     joined
 };
 
-fn text(number: usize) -> &'static str {
-    // Not to be seen through, so that the linker keeps it in one piece.
-    let mut parts = black_box(&IDENTITY).split(|byte| *byte == 0);
-    parts.nth(number).and_then(|text| core::str::from_utf8(text).ok()).unwrap_or_default()
-}
-
 /// Firmware name and version.
 pub fn firmware() -> &'static str {
-    text(1)
+    TEXTS[1]
 }
 
 /// Commit that the firmware was built from.
 pub fn git() -> &'static str {
-    text(2)
+    TEXTS[2]
 }
 
 /// Board.
 pub fn board() -> &'static str {
-    text(3)
+    TEXTS[3]
 }
 
 /// Digits of the serial number.

@@ -43,6 +43,14 @@ const SAMPLING_PRIORITY: Priority = Priority::P6;
 /// Made at the start, as its start values would take their place in flash too.
 static APP: StaticCell<App> = StaticCell::new();
 static STATE: ConstStaticCell<State> = ConstStaticCell::new(State::empty());
+// What is given to a task by value is kept twice.
+static IDENTITY: StaticCell<Identity> = StaticCell::new();
+static IN_USE: StaticCell<InUse> = StaticCell::new();
+static ACTIVE: StaticCell<Active> = StaticCell::new();
+static SOURCE: StaticCell<Source> = StaticCell::new();
+static STORE: StaticCell<FlashStore<Pages>> = StaticCell::new();
+static RECEIVER: StaticCell<Receiver> = StaticCell::new();
+static TRANSMITTER: StaticCell<Transmitter> = StaticCell::new();
 static SAMPLING: InterruptExecutor = InterruptExecutor::new();
 
 type Receiver = LinkReceiver<'static, usb::Receiver, lpuart::Receiver>;
@@ -59,28 +67,28 @@ impl interrupt::typelevel::Handler<interrupt::typelevel::UART4> for SamplingExec
 }
 
 #[embassy_executor::task]
-async fn sampling(app: &'static App, source: Source) {
+async fn sampling(app: &'static App, source: &'static mut Source) -> ! {
     app.sampling(source).await
 }
 
 #[embassy_executor::task]
-async fn estimating(app: &'static App, state: &'static mut State, active: Active) {
+async fn estimating(app: &'static App, state: &'static mut State, active: &'static mut Active) -> ! {
     app.estimating(state, active).await
 }
 
 #[embassy_executor::task]
 async fn commands(
     app: &'static App,
-    link: Receiver,
-    store: FlashStore<Pages>,
-    identity: Identity<'static>,
-    in_use: InUse,
-) {
+    link: &'static mut Receiver,
+    store: &'static mut FlashStore<Pages>,
+    identity: &'static Identity<'static>,
+    in_use: &'static mut InUse,
+) -> ! {
     app.commands(link, store, identity, in_use, true).await
 }
 
 #[embassy_executor::task]
-async fn telemetry(app: &'static App, link: Transmitter) {
+async fn telemetry(app: &'static App, link: &'static mut Transmitter) {
     let restart = app.telemetry(link).await;
     // The reply shall arrive.
     join(usb::drain(), lpuart::drain()).await;
@@ -91,7 +99,7 @@ async fn telemetry(app: &'static App, link: Transmitter) {
 }
 
 #[embassy_executor::task]
-async fn usb_device(app: &'static App, device: usb::Device) {
+async fn usb_device(app: &'static App, device: usb::Device) -> ! {
     device.run(|open| app.link_state().set_open(open)).await
 }
 
@@ -122,7 +130,7 @@ fn set_up(spawner: Spawner) {
     let (clock, peripherals) = clocks::start();
     let Parts { led, usb, vbus, uart, source } = boards::wire(peripherals);
     let app: &'static App = APP.init_with(App::new);
-    let identity = Identity {
+    let identity: &Identity = IDENTITY.init(Identity {
         firmware: identity::firmware(),
         git: identity::git(),
         board: identity::board(),
@@ -136,26 +144,26 @@ fn set_up(spawner: Spawner) {
             .with(Capabilities::REBOOT),
         accepts: source::accepts,
         start,
-    };
-    let Identity { firmware, git, board, serial, .. } = identity;
+    });
+    let Identity { firmware, git, board, serial, .. } = *identity;
     defmt::info!("{=str}, commit {=str}, {=str} {=str}", firmware, git, board, serial);
     let port = usb::start(usb, vbus, serial);
     let (receiver, transmitter) = app.link_state().join((port.receiver, port.transmitter), uart);
-    let mut store = FlashStore::new(Pages::new(), 0..flash::SIZE);
+    let store = STORE.init(FlashStore::new(Pages::new(), 0..flash::SIZE));
     // Loading reads only, and reading the flash does not wait.
-    let Ok((in_use, active)) = block_on(load_settings(&mut store, &identity, &defaults::settings(clock))) else {
+    let Ok((in_use, active)) = block_on(load_settings(store, identity, &defaults::settings(clock))) else {
         panic!("the default settings are not valid")
     };
     interrupt::UART4.set_priority(SAMPLING_PRIORITY);
     let tasks = [
-        telemetry(app, transmitter).map(|task| spawner.spawn(task)),
-        estimating(app, STATE.take(), active).map(|task| spawner.spawn(task)),
-        commands(app, receiver, store, identity, in_use).map(|task| spawner.spawn(task)),
+        telemetry(app, TRANSMITTER.init(transmitter)).map(|task| spawner.spawn(task)),
+        estimating(app, STATE.take(), ACTIVE.init(active)).map(|task| spawner.spawn(task)),
+        commands(app, RECEIVER.init(receiver), store, identity, IN_USE.init(in_use)).map(|task| spawner.spawn(task)),
         keep_house(app, Platform::new(Sensor::new()), led, clock).map(|task| spawner.spawn(task)),
         usb_device(app, port.device).map(|task| spawner.spawn(task)),
         #[cfg(feature = "hang")]
         hang().map(|task| spawner.spawn(task)),
-        sampling(app, source).map(|task| SAMPLING.start(interrupt::UART4).spawn(task)),
+        sampling(app, SOURCE.init(source)).map(|task| SAMPLING.start(interrupt::UART4).spawn(task)),
     ];
     assert!(tasks.iter().all(Result::is_ok), "every task is spawned once");
 }

@@ -11,8 +11,8 @@ use core::ptr;
 use core::sync::atomic::{AtomicBool, Ordering};
 use cortex_m::peripheral::{DCB, SCB};
 use cortex_m_rt::{ExceptionFrame, exception};
-use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
 use heapless::String;
+use inerter_wire::Crc32;
 use static_cell::StaticCell;
 
 /// Bytes kept: what an event can carry.
@@ -21,7 +21,6 @@ const LENGTH: usize = 96;
 const PATH: usize = 32;
 /// Says that a message is there; the check says that it is whole.
 const MAGIC: u32 = 0x5041_4E21;
-const CHECK: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
 
 /// A message on its way through the reset: in words, as RAM keeps them.
 #[repr(C)]
@@ -58,7 +57,7 @@ impl Message {
             for (place, word) in words.iter().enumerate() {
                 ptr::addr_of_mut!((*kept).text).cast::<u32>().add(place).write_volatile(u32::from_le_bytes(*word));
             }
-            ptr::addr_of_mut!((*kept).check).write_volatile(CHECK.checksum(&bytes));
+            ptr::addr_of_mut!((*kept).check).write_volatile(Crc32::of(&bytes));
             ptr::addr_of_mut!((*kept).magic).write_volatile(MAGIC);
         }
     }
@@ -77,7 +76,7 @@ impl Message {
             ptr::addr_of_mut!((*kept).magic).write_volatile(0);
             (magic, ptr::addr_of!((*kept).check).read_volatile())
         };
-        if magic != MAGIC || check != CHECK.checksum(&bytes) {
+        if magic != MAGIC || check != Crc32::of(&bytes) {
             return None;
         }
         let mut message = Self::EMPTY;

@@ -6,7 +6,7 @@
 //! [`Settings::TABLE`]: inerter_core::Settings::TABLE
 
 use crate::Health;
-use inerter_core::{Estimate, Parameter, Parameters, RawSample};
+use inerter_core::{Detail, Estimate, Parameter, Parameters, RawSample};
 
 /// Where a field belongs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -15,6 +15,8 @@ pub enum Group {
     Parameter,
     /// The rest of an estimate.
     Estimate,
+    /// What goes with an estimate.
+    Detail,
     /// A raw sample.
     Sample,
     /// A sample in SI units, by the settings.
@@ -57,6 +59,14 @@ fields! {
     Estimate "moving", "Moving", "", "";
     Estimate "residual_rms_n", "Residual force, rms", "", "N";
     Estimate "updates", "Updates since the reset", "", "";
+    Detail "index", "Sample counter", "", "";
+    Detail "band_hz", "Seen between", "", "Hz";
+    Detail "backlash_m", "Backlash", "eps", "m";
+    Detail "contact", "Contact", "", "";
+    Detail "stiffness_n_per_m", "Contact stiffness", "ks", "N/m";
+    Detail "contact_damping_n_s_per_m", "Contact damping", "cs", "N s/m";
+    Detail "friction", "Friction", "", "";
+    Detail "changes", "Changes since the reset", "", "";
     Sample "index", "Sample counter", "", "";
     Sample "position_count", "Encoder counts", "", "";
     Sample "force_code", "Force code", "", "";
@@ -105,6 +115,13 @@ pub fn estimate(estimate: &Estimate) -> impl Iterator<Item = (&'static Field, f6
         f64::from(residual_rms_n),
         f64::from(updates),
     ])
+}
+
+/// The parameters of the contact with their fields, as a terminal displacement sensor shows them.
+pub fn contact(detail: &Detail) -> impl Iterator<Item = (&'static Field, Parameter)> {
+    let Detail { stiffness_n_per_m, contact_damping_n_s_per_m, .. } = *detail;
+    let fields = fields(Group::Detail).filter(|field| matches!(field.symbol, "ks" | "cs"));
+    fields.zip([stiffness_n_per_m, contact_damping_n_s_per_m])
 }
 
 /// The numbers of a raw sample with their fields.

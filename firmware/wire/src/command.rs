@@ -39,9 +39,9 @@ messages! {
 pub struct Streams {
     /// `Samples`: every raw sample.
     pub samples: bool,
-    /// `Estimate` at the publish rate.
+    /// `Estimate` and `Detail` at the publish rate, `Gap` at reversals.
     pub estimates: bool,
-    /// `Sums` at the publish rate.
+    /// `Sums` and `MoreSums` of either bank, once a second of samples.
     pub sums: bool,
     /// `Health` once a second.
     pub health: bool,

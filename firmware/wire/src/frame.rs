@@ -12,10 +12,9 @@
 //! The complement keeps the directions apart: a terminal that echoes, as one just opened does on Linux, sends a device
 //! its own records back, and none of them is a request, whatever it holds.
 
-use crate::{Command, Event, EventKind, Record, Request, WIRE_VERSION};
+use crate::{Command, Crc32, Event, EventKind, Record, Request, WIRE_VERSION};
 use core::fmt;
 use core::marker::PhantomData;
-use crc::{CRC_32_ISO_HDLC, Crc, Digest};
 use heapless::Vec;
 use postcard::ser_flavors::{Cobs, Flavor, Slice};
 use serde::Serialize;
@@ -36,8 +35,6 @@ pub const MAX_FRAME: usize = cobs::max_encoding_length(MAX_BODY) + 1;
 /// Ends every frame. A sender also writes one before its first frame and after a frame that it could not finish,
 /// lest the fragment spoil the frame that follows.
 pub const DELIMITER: u8 = 0;
-
-static CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
 /// What can travel in a frame: [`Record`] and [`Request`].
 pub trait Message: Serialize + DeserializeOwned {
@@ -136,7 +133,7 @@ impl core::error::Error for EncodeError {}
 /// Stuffs and sums bytes on their way from postcard to the buffer.
 struct Body<'a> {
     stuffed: Cobs<Slice<'a>>,
-    digest: Digest<'static, u32>,
+    digest: Crc32,
     salt: u32,
     room: usize,
 }
@@ -155,7 +152,7 @@ impl<'a> Flavor for Body<'a> {
     }
 
     fn finalize(mut self) -> postcard::Result<&'a mut [u8]> {
-        for byte in (self.digest.finalize() ^ self.salt).to_le_bytes() {
+        for byte in (self.digest.value() ^ self.salt).to_le_bytes() {
             self.stuffed.try_push(byte)?;
         }
         self.stuffed.finalize()
@@ -182,7 +179,7 @@ pub fn encode<T: Message>(message: &T, sequence: u16, out: &mut [u8]) -> Result<
 
 fn write<T: Message>(message: &T, sequence: u16, out: &mut [u8]) -> postcard::Result<usize> {
     let stuffed = Cobs::try_new(Slice::new(out))?;
-    let body = Body { stuffed, digest: CRC.digest(), salt: T::SALT, room: MAX_PAYLOAD };
+    let body = Body { stuffed, digest: Crc32::new(), salt: T::SALT, room: MAX_PAYLOAD };
     let mut serializer = postcard::Serializer { output: body };
     message.serialize(&mut serializer)?;
     let mut body = serializer.output;
@@ -467,7 +464,7 @@ impl<T: Message> FrameReader<T> {
         if payload.is_empty() {
             return Err(Corruption::TooShort);
         }
-        if CRC.checksum(summed) ^ T::SALT != u32::from_le_bytes(*crc) {
+        if Crc32::of(summed) ^ T::SALT != u32::from_le_bytes(*crc) {
             return Err(Corruption::Checksum);
         }
         Ok((payload, u16::from_le_bytes(*sequence)))

@@ -8,6 +8,7 @@
 //! - [`FrameReader`]: bytes in any portions to values, losses and faults; finds its footing again after anything.
 //! - [`Samples`], [`SamplesBuilder`]: batches of raw samples in few bytes.
 //! - [`SettingsValues`]: settings as numbered values, so that old and new ends understand each other.
+//! - [`Crc32`]: the checksum of frames, also for what a device keeps.
 //! - [`catalogue`]: name, label, symbol and unit of every number that a view can show.
 //! - [`protocol`]: the tables of records and commands that the documents are made from.
 //!
@@ -17,6 +18,7 @@
 
 pub mod catalogue;
 mod command;
+mod crc;
 mod frame;
 pub mod protocol;
 mod record;
@@ -24,6 +26,7 @@ mod samples;
 mod settings;
 
 pub use command::{Command, Request, Streams};
+pub use crc::Crc32;
 pub use frame::{
     Corruption, Counts, DELIMITER, EncodeError, Frame, FrameReader, MAX_FRAME, MAX_PAYLOAD, Message, Peek,
     SequenceCounter, encode, encode_record, encode_request,

@@ -3,7 +3,7 @@
 use crate::protocol::messages;
 use crate::{Samples, SettingsValues};
 use core::fmt;
-use inerter_core::{Estimate, Settings, SettingsError, Sums};
+use inerter_core::{Change, Detail, Estimate, Gap, MoreSums, Settings, SettingsError, Sums};
 use serde::{Deserialize, Serialize};
 
 messages! {
@@ -17,7 +17,10 @@ messages! {
         4 Event(Event) "Something happened once.";
         5 Reply(Reply) "Answer to one request.";
         6 Settings(SettingsValues) "Every setting in use, on Command::ReadSettings and after a change.";
-        7 Sums(Sums) "Whole-run sums of one bank: sufficient statistics, exact; both banks, once a second of samples.";
+        7 Sums(Sums) "Whole-run sums of one bank: sufficient statistics, exact; either bank once a second of samples.";
+        8 Gap(Gap) "Backlash by one reversal of the flanks alone, when it has been accepted.";
+        9 Detail(Detail) "Band, backlash, contact, conduct of friction and changes; after each Estimate.";
+        10 MoreSums(MoreSums) "Whole-run sums of abs(v) and dF/dt of one bank; after its Sums.";
     }
 }
 
@@ -165,6 +168,8 @@ pub enum EventKind {
     Panicked(Text<96>),
     /// What ended the run before this one; told once after a start.
     ResetBy(ResetCause),
+    /// The device measured is another one now: the estimator has found a change and begun anew.
+    Changed(Change),
 }
 
 /// What made a device start. New ones go at the end.

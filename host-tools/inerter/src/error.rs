@@ -6,7 +6,7 @@
 use miette::Diagnostic;
 
 use crate::{
-    csv::CsvError, device::DeviceError, flash::FlashError, image::ImageError, output::OutputError,
+    csv::CsvError, device::DeviceError, fit::FitError, flash::FlashError, image::ImageError, output::OutputError,
     recording::RecordingError, settings::SettingsInputError, simulate::SimulateError, update::UpdateError,
 };
 
@@ -30,6 +30,8 @@ pub mod exit {
     pub const WIRE_VERSION: u8 = 7;
     /// The output cannot be written: disk full, no permission, file in the way.
     pub const OUTPUT: u8 = 8;
+    /// The motion cannot show what was asked for.
+    pub const NOT_SHOWN: u8 = 9;
     /// Ctrl-C, as shells count it.
     pub const INTERRUPTED: u8 = 130;
 }
@@ -65,6 +67,10 @@ pub enum Error {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Simulate(#[from] SimulateError),
+    /// A fit has nothing to say.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Fit(#[from] FitError),
     /// A file is no firmware for the board.
     #[error(transparent)]
     #[diagnostic(transparent)]
@@ -98,6 +104,7 @@ impl Error {
             Self::Output(error) => error.exit_code(),
             Self::Interrupted => exit::INTERRUPTED,
             Self::Simulate(error) => error.exit_code(),
+            Self::Fit(error) => error.exit_code(),
             Self::Image(error) => error.exit_code(),
             Self::Update(error) => error.exit_code(),
             Self::Flash(error) => error.exit_code(),

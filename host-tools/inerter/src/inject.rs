@@ -2,11 +2,12 @@
 
 use std::{collections::VecDeque, time::Duration};
 
-use inerter_core::Estimate;
+use inerter_core::{Detail, Estimate};
 use inerter_wire::{Capabilities, Command, Done, EventKind, Frame, Record, Refusal, Samples, Source, Streams};
 
 use crate::{
     device::{Device, DeviceError, Received},
+    replay::News,
     run::{Run, step},
 };
 
@@ -24,18 +25,34 @@ pub struct Injected {
     pub t_s: f64,
     /// The device's final estimate.
     pub estimate: Estimate,
+    /// What goes with it; a device with an older firmware does not say.
+    pub detail: Option<Detail>,
     /// Samples that the device took.
     pub samples: u64,
 }
 
-/// Sends the run's settings and samples; `publish` is handed the device's estimates, `progress` the number of samples taken.
-/// An error of either ends the injection.
-///
-/// The device's own settings are put back afterwards, whether all went well or not.
+/// [`inject_all`] for whoever wants the device's estimates alone.
 pub fn inject<E: From<DeviceError>>(
     device: &mut Device,
     run: &Run,
-    publish: impl FnMut(f64, &Estimate) -> Result<(), E>,
+    mut publish: impl FnMut(f64, &Estimate) -> Result<(), E>,
+    progress: impl FnMut(u64) -> Result<(), E>,
+) -> Result<Injected, E> {
+    let estimates = |t_s: f64, news: &News| match news {
+        News::Estimate(estimate, _) => publish(t_s, estimate),
+        News::Gap(_) | News::Changed(_) => Ok(()),
+    };
+    inject_all(device, run, estimates, progress)
+}
+
+/// Sends the run's settings and samples; `publish` is handed all that the device's estimator says, `progress` the number
+/// of samples taken. An error of either ends the injection.
+///
+/// The device's own settings are put back afterwards, whether all went well or not.
+pub fn inject_all<E: From<DeviceError>>(
+    device: &mut Device,
+    run: &Run,
+    publish: impl FnMut(f64, &News) -> Result<(), E>,
     progress: impl FnMut(u64) -> Result<(), E>,
 ) -> Result<Injected, E> {
     if !device.hello().capabilities.contains(Capabilities::INJECT) {
@@ -47,7 +64,8 @@ pub fn inject<E: From<DeviceError>>(
     device.write_settings(&run.settings)?;
     halt(device)?;
     let (times, begun) = (Times::new(run), Begun::No);
-    let result = Injection { device: &mut *device, run, publish, progress, times, begun, last: None }.all();
+    let (last, later) = (None, Vec::new());
+    let result = Injection { device: &mut *device, run, publish, progress, times, begun, last, later }.all();
     // What failed is more interesting than whether the settings could be put back after it.
     let restored = device.write_settings(&before).and_then(|()| device.start_sampler());
     let injected = result?;
@@ -80,12 +98,13 @@ struct Injection<'a, P, G> {
     progress: G,
     times: Times<'a>,
     begun: Begun,
-    last: Option<Estimate>,
+    /// The latest estimate with its detail: the very last one is the final one, and for the caller.
+    last: Option<(Estimate, Option<Detail>)>,
+    /// What came after it.
+    later: Vec<News>,
 }
 
-impl<E: From<DeviceError>, P: FnMut(f64, &Estimate) -> Result<(), E>, G: FnMut(u64) -> Result<(), E>>
-    Injection<'_, P, G>
-{
+impl<E: From<DeviceError>, P: FnMut(f64, &News) -> Result<(), E>, G: FnMut(u64) -> Result<(), E>> Injection<'_, P, G> {
     fn all(mut self) -> Result<Injected, E> {
         let mut left = self.run.samples.as_slice();
         let mut under_way: VecDeque<(u16, usize)> = VecDeque::new();
@@ -117,11 +136,11 @@ impl<E: From<DeviceError>, P: FnMut(f64, &Estimate) -> Result<(), E>, G: FnMut(u
         let done = self.device.request_within("to end the injection", Command::InjectEnd, END_TIME);
         self.drain()?;
         done?;
-        let estimate = self
+        let (estimate, detail) = self
             .last
             .ok_or_else(|| DeviceError::Silent { name: self.device.name().into(), seconds: END_TIME.as_secs_f64() })?;
         let t_s = self.times.of(estimate.index);
-        Ok(Injected { t_s, estimate, samples: taken })
+        Ok(Injected { t_s, estimate, detail, samples: taken })
     }
 
     /// Waits for the reply to `id`, handing on the estimates that come before it.
@@ -158,17 +177,37 @@ impl<E: From<DeviceError>, P: FnMut(f64, &Estimate) -> Result<(), E>, G: FnMut(u
             Record::Event(event) => match event.kind {
                 EventKind::SourceChanged(Source::Link) => self.begun = Begun::Changed,
                 EventKind::EstimatorReset if self.begun == Begun::Changed => self.begun = Begun::Yes,
+                EventKind::Changed(change) if self.begun == Begun::Yes => {
+                    self.say(News::Changed(change))?;
+                }
                 _ => {}
             },
+            Record::Gap(gap) if self.begun == Begun::Yes => self.say(News::Gap(*gap))?,
             Record::Estimate(estimate) if self.begun == Begun::Yes => {
-                // The one before is published only now: the last one is the final one, and for the caller.
-                if let Some(before) = self.last.replace(*estimate) {
-                    (self.publish)(self.times.of(before.index), &before)?;
+                if let Some((before, detail)) = self.last.replace((*estimate, None)) {
+                    (self.publish)(self.times.of(before.index), &News::Estimate(before, detail))?;
+                }
+                for news in std::mem::take(&mut self.later) {
+                    (self.publish)(self.times.near(&news), &news)?;
+                }
+            }
+            Record::Detail(detail) if self.begun == Begun::Yes => {
+                if let Some((_, place)) = self.last.as_mut().filter(|(estimate, _)| estimate.index == detail.index) {
+                    *place = Some(*detail);
                 }
             }
             _ => {}
         }
         Ok(())
+    }
+
+    /// Publishes in the order in which the device spoke: nothing overtakes the estimate that is held back.
+    fn say(&mut self, news: News) -> Result<(), E> {
+        if self.last.is_some() {
+            self.later.push(news);
+            return Ok(());
+        }
+        (self.publish)(self.times.near(&news), &news)
     }
 }
 
@@ -193,5 +232,12 @@ impl<'a> Times<'a> {
             self.at += 1;
         }
         self.run.start_s + self.elapsed as f64 / self.run.settings.sample_rate_hz
+    }
+
+    /// Time of what happened around the sample that was asked for last, before it or after.
+    fn near(&self, news: &News) -> f64 {
+        let here = self.run.samples.get(self.at).map_or(0, |sample| sample.index);
+        let after = news.index().wrapping_sub(here).cast_signed();
+        self.run.start_s + (self.elapsed as f64 + f64::from(after)) / self.run.settings.sample_rate_hz
     }
 }

@@ -2,7 +2,8 @@
 //!
 //! Data flows one way: a [`run::Run`] comes from a file ([`recording`], [`csv`]) or from a device
 //! ([`device`], [`live`]); [`replay`] takes it through the estimator here, [`inject`] through a device's own;
-//! [`report`] turns what comes out into JSON and text. [`simulate`] makes runs and devices out of the plant.
+//! [`report`] and [`detail`] turn what comes out into JSON and text. [`simulate`] makes runs and devices out of the plant.
+//! [`fit`] fits again what the estimator has summed: friction by direction, the skew.
 //! A firmware [`image`] reaches a board by [`mod@update`] over USB or by [`flash`] through a debug probe.
 //!
 //! Every error names the file, field, line or port and says what to do next; [`error::Error::exit_code`] is the code
@@ -14,8 +15,10 @@ use critical_section as _;
 
 pub mod board;
 pub mod csv;
+pub mod detail;
 pub mod device;
 pub mod error;
+pub mod fit;
 pub mod flash;
 pub mod image;
 pub mod inject;

@@ -24,7 +24,7 @@ Try it without hardware:
   inerter monitor --connect 127.0.0.1:7878
 
 Exit codes: 0 done, 1 other failure, 2 wrong command line, 3 input file, 4 settings or parameters,
-5 device or probe not found or not opened, 6 device went away or refused, 7 wire version, 8 output not written, 130 interrupted.";
+5 device or probe not found or not opened, 6 device went away or refused, 7 wire version, 8 output not written, 9 the motion cannot show it, 130 interrupted.";
 
 #[derive(Subcommand)]
 enum Command {
@@ -34,6 +34,8 @@ enum Command {
     Replay(cmd::replay::Args),
     Send(cmd::send::Args),
     Export(cmd::export::Args),
+    Fit(cmd::fit::Args),
+    Calibrate(cmd::calibrate::Args),
     Info(cmd::info::Args),
     Ports(cmd::ports::Args),
     Settings(cmd::settings::Args),
@@ -60,6 +62,8 @@ fn main() -> ExitCode {
         Command::Replay(args) => cmd::replay::run(&args),
         Command::Send(args) => cmd::send::run(&args),
         Command::Export(args) => cmd::export::run(&args),
+        Command::Fit(args) => cmd::fit::run(&args),
+        Command::Calibrate(args) => cmd::calibrate::run(&args),
         Command::Info(args) => cmd::info::run(&args),
         Command::Ports(args) => cmd::ports::run(&args),
         Command::Settings(args) => cmd::settings::run(&args),

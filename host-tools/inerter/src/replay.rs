@@ -1,11 +1,33 @@
 //! A run through the estimator, as the device would have done it.
 
-use inerter_core::{Active, Counters, Estimate, RawSample, Settings, State};
+use inerter_core::{Active, Bank, Change, Counters, Detail, Estimate, Gap, MoreSums, RawSample, Settings, State, Sums};
 
 use crate::{
     run::{Run, step},
     settings::{SettingsInputError, validate},
 };
+
+/// What an estimator says, here or in a device.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum News {
+    /// A reversal of the flanks was accepted.
+    Gap(Gap),
+    /// The device measured has changed.
+    Changed(Change),
+    /// An estimate, with what goes with it; a device with an older firmware sends it alone.
+    Estimate(Estimate, Option<Detail>),
+}
+
+impl News {
+    /// Index of the sample that it speaks of: of a reversal the middle of the flight, which came before.
+    pub fn index(&self) -> u32 {
+        match self {
+            Self::Gap(gap) => gap.index,
+            Self::Changed(change) => change.index,
+            Self::Estimate(estimate, _) => estimate.index,
+        }
+    }
+}
 
 /// The estimator with its state and a clock that counts samples.
 pub struct Replay {
@@ -25,12 +47,16 @@ impl Replay {
         Ok(Self { active, state, rate_hz: settings.sample_rate_hz, start_s, elapsed: 0, last_index: None })
     }
 
-    /// Takes one sample; gives an estimate at the publish rate.
-    pub fn step(&mut self, sample: &RawSample) -> Option<Estimate> {
+    /// Takes one sample; gives what comes of it, in the order in which a device sends it.
+    pub fn step(&mut self, sample: &RawSample) -> impl Iterator<Item = News> + use<> {
         if let Some(last) = self.last_index.replace(sample.index) {
             self.elapsed += step(last, sample.index);
         }
-        self.active.step(&mut self.state, sample)
+        let estimate = self.active.step(&mut self.state, sample);
+        let detail = estimate.map(|_| self.active.detail(&self.state));
+        let gap = self.state.take_gap().map(News::Gap);
+        let change = self.state.take_change().map(News::Changed);
+        [gap, change, estimate.map(|estimate| News::Estimate(estimate, detail))].into_iter().flatten()
     }
 
     /// Time of the latest sample \[s\].
@@ -38,9 +64,27 @@ impl Replay {
         self.start_s + self.elapsed as f64 / self.rate_hz
     }
 
-    /// The estimate as it stands now.
-    pub fn estimate(&self) -> Estimate {
-        self.active.estimate(&self.state)
+    /// Time of what it speaks of \[s\].
+    fn time_of(&self, news: &News) -> f64 {
+        let ago = self.last_index.unwrap_or(0).wrapping_sub(news.index());
+        self.time_s() - f64::from(ago) / self.rate_hz
+    }
+
+    /// The whole run's sums of one bank as they stand now.
+    pub fn sums(&self, bank: Bank) -> (Sums, MoreSums) {
+        (self.active.sums(&self.state, bank), self.active.more_sums(&self.state, bank))
+    }
+
+    /// What it has all come to by now.
+    pub fn outcome(&self) -> Outcome {
+        Outcome {
+            t_s: self.time_s(),
+            estimate: self.active.estimate(&self.state),
+            detail: self.active.detail(&self.state),
+            counters: self.counters(),
+            fast: self.sums(Bank::Fast),
+            slow: self.sums(Bank::Slow),
+        }
     }
 
     /// What has been counted so far.
@@ -56,8 +100,38 @@ pub struct Outcome {
     pub t_s: f64,
     /// The estimate after the last sample.
     pub estimate: Estimate,
+    /// What goes with it.
+    pub detail: Detail,
     /// Samples, gaps and saturation.
     pub counters: Counters,
+    /// The sums of the fast bank, since the start or the last change.
+    pub fast: (Sums, MoreSums),
+    /// Those of the slow bank.
+    pub slow: (Sums, MoreSums),
+}
+
+impl Outcome {
+    /// The sums of the bank that the estimate comes from.
+    pub fn sums(&self) -> &(Sums, MoreSums) {
+        match self.estimate.bank {
+            Bank::Fast => &self.fast,
+            Bank::Slow => &self.slow,
+        }
+    }
+}
+
+/// Replays a whole run; `publish` is handed all that the estimator says, and the time of each \[s\].
+pub fn replay_all<E: From<SettingsInputError>>(
+    run: &Run,
+    mut publish: impl FnMut(f64, &News) -> Result<(), E>,
+) -> Result<Outcome, E> {
+    let mut replay = Replay::new(&run.settings, run.start_s)?;
+    for sample in &run.samples {
+        for news in replay.step(sample) {
+            publish(replay.time_of(&news), &news)?;
+        }
+    }
+    Ok(replay.outcome())
 }
 
 /// Replays a whole run; `publish` is handed the time \[s\] and each estimate at the publish rate.
@@ -65,11 +139,8 @@ pub fn replay<E: From<SettingsInputError>>(
     run: &Run,
     mut publish: impl FnMut(f64, &Estimate) -> Result<(), E>,
 ) -> Result<Outcome, E> {
-    let mut replay = Replay::new(&run.settings, run.start_s)?;
-    for sample in &run.samples {
-        if let Some(estimate) = replay.step(sample) {
-            publish(replay.time_s(), &estimate)?;
-        }
-    }
-    Ok(Outcome { t_s: replay.time_s(), estimate: replay.estimate(), counters: replay.counters() })
+    replay_all(run, |t_s, news| match news {
+        News::Estimate(estimate, _) => publish(t_s, estimate),
+        News::Gap(_) | News::Changed(_) => Ok(()),
+    })
 }

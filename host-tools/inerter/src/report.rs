@@ -5,12 +5,16 @@
 
 use std::collections::BTreeMap;
 
-use inerter_core::{Bank, Counters, Estimate, Parameter, Parameters, Status};
+use inerter_core::{Bank, Counters, Detail, Estimate, Parameter, Parameters, Settings, Status};
 use inerter_wire::{EventKind, Health, ResetCause, catalogue};
 use serde::Serialize;
 use serde_json::Value;
 
-use crate::{replay::Outcome, run::Run};
+use crate::{
+    detail::{self, DetailJson, change_words, changed_field},
+    replay::Outcome,
+    run::Run,
+};
 
 /// One parameter in JSON.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -71,6 +75,8 @@ pub struct EstimateJson {
     pub residual_rms_n: Option<f32>,
     pub updates: u32,
     #[serde(flatten)]
+    pub detail: Option<DetailJson>,
+    #[serde(flatten)]
     pub counters: Option<CountersJson>,
 }
 
@@ -90,6 +96,7 @@ pub fn event_words(kind: &EventKind) -> String {
         EventKind::Fault(fault) => format!("fault: {fault}"),
         EventKind::Panicked(text) => format!("the firmware failed before this start: {text}; please report it"),
         EventKind::ResetBy(cause) => format!("the device was started by {cause}"),
+        EventKind::Changed(change) => change_words(change),
     }
 }
 
@@ -110,6 +117,50 @@ pub fn event_code(kind: &EventKind) -> String {
     }
 }
 
+/// An event in JSON: `{"kind":"event", ...}`.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[allow(missing_docs, reason = "documented in docs/CLI.md")]
+pub struct EventJson {
+    pub kind: &'static str,
+    pub t_s: Option<f64>,
+    pub index: u32,
+    pub code: String,
+    pub event: String,
+    #[serde(flatten)]
+    pub change: Option<ChangeJson>,
+}
+
+/// What an event of a changed device has besides.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[allow(missing_docs, reason = "documented in docs/CLI.md")]
+pub struct ChangeJson {
+    pub parameter: &'static str,
+    pub before: Option<f32>,
+    pub after: Option<f32>,
+}
+
+impl EventJson {
+    /// An event; `t_s` is its time, where that is known.
+    pub fn new(t_s: Option<f64>, index: u32, kind: &EventKind) -> Self {
+        let finite = |value: f32| Some(value).filter(|value| value.is_finite());
+        let change = match kind {
+            EventKind::Changed(change) => Some(ChangeJson {
+                parameter: changed_field(change).path,
+                before: finite(change.before),
+                after: finite(change.after),
+            }),
+            _ => None,
+        };
+        let (code, event) = (event_code(kind), event_words(kind));
+        Self { kind: "event", t_s: t_s.map(rounded_s), index, code, event, change }
+    }
+}
+
+/// A time to the nanosecond: more digits would be noise of the arithmetic.
+pub fn rounded_s(t_s: f64) -> f64 {
+    (t_s * 1e9).round() / 1e9
+}
+
 fn snake_case(name: &str) -> String {
     let mut text = String::new();
     for letter in name.chars() {
@@ -124,7 +175,7 @@ fn snake_case(name: &str) -> String {
 /// Whether an event tells of something wrong that somebody who records wants to know.
 pub fn is_trouble(kind: &EventKind) -> bool {
     match kind {
-        EventKind::Fault(_) | EventKind::Panicked(_) => true,
+        EventKind::Fault(_) | EventKind::Panicked(_) | EventKind::Changed(_) => true,
         EventKind::ResetBy(cause) => match cause {
             ResetCause::PowerOn | ResetCause::Pin | ResetCause::Software | ResetCause::OptionBytes => false,
             ResetCause::Watchdog
@@ -156,31 +207,38 @@ fn is_false(value: &bool) -> bool {
 }
 
 impl EstimateJson {
-    /// An estimate on the way, at time `t_s`.
-    pub fn live(t_s: f64, estimate: &Estimate) -> Self {
+    /// An estimate on the way, at time `t_s`; what goes with it is missing where an older firmware does not send it.
+    pub fn live(t_s: f64, estimate: &Estimate, detail: Option<&Detail>, settings: &Settings) -> Self {
         Self {
             kind: "estimate",
             is_final: false,
-            t_s: (t_s * 1e9).round() / 1e9,
+            t_s: rounded_s(t_s),
             whole_run: (&estimate.whole_run).into(),
             recent: (&estimate.recent).into(),
             moving: estimate.moving,
             bank: bank_word(estimate.bank),
             residual_rms_n: Some(estimate.residual_rms_n).filter(|value| value.is_finite()),
             updates: estimate.updates,
+            detail: detail.map(|detail| DetailJson::new(detail, settings)),
             counters: None,
         }
     }
 
     /// The last estimate of a run.
-    pub fn last(t_s: f64, estimate: &Estimate, counters: Option<Counters>) -> Self {
+    pub fn last(
+        t_s: f64,
+        estimate: &Estimate,
+        detail: Option<&Detail>,
+        settings: &Settings,
+        counters: Option<Counters>,
+    ) -> Self {
         let counters = counters.map(|counters| CountersJson {
             samples: counters.samples,
             gaps: counters.gaps,
             lost_samples: counters.lost_samples,
             saturated: counters.saturated,
         });
-        Self { is_final: true, counters, ..Self::live(t_s, estimate) }
+        Self { is_final: true, counters, ..Self::live(t_s, estimate, detail, settings) }
     }
 }
 
@@ -213,7 +271,8 @@ pub fn status_word(status: Status) -> &'static str {
     }
 }
 
-fn bank_word(bank: Bank) -> &'static str {
+/// `fast` or `slow`.
+pub fn bank_word(bank: Bank) -> &'static str {
     match bank {
         Bank::Fast => "fast",
         Bank::Slow => "slow",
@@ -222,34 +281,61 @@ fn bank_word(bank: Bank) -> &'static str {
 
 /// Value and interval to the digits that the interval bears: `95.11 ± 0.48`.
 pub fn value_text(parameter: &Parameter) -> String {
-    let (value, u95) = (f64::from(parameter.value), f64::from(parameter.u95));
-    if parameter.status == Status::NotIdentifiable || !value.is_finite() {
+    if parameter.status == Status::NotIdentifiable || !parameter.value.is_finite() {
         return "not identifiable".into();
     }
+    let held = if parameter.status == Status::Held { " (held)" } else { "" };
+    interval_text(parameter.value.into(), parameter.u95.into()) + held
+}
+
+/// A value with the digits that its interval bears.
+pub fn interval_text(value: f64, u95: f64) -> String {
     if !(u95.is_finite() && u95 > 0.0) {
         return format!("{value:.4}");
     }
     let decimals = (1.0 - u95.log10().floor()).clamp(0.0, 9.0) as usize;
-    let held = if parameter.status == Status::Held { " (held)" } else { "" };
-    format!("{value:.decimals$} ± {u95:.decimals$}{held}")
+    format!("{value:.decimals$} ± {u95:.decimals$}")
 }
 
-/// A table of the four parameters: recent memory, whole run, and, of a simulated device, the truth.
-pub fn table(estimate: &Estimate, memory_s: f64, truth: Option<&BTreeMap<String, String>>) -> String {
+/// A table of all parameters: recent memory, whole run, and, of a simulated device, the truth; below it a line on how the
+/// device behaves.
+pub fn table(
+    estimate: &Estimate,
+    detail: Option<&Detail>,
+    settings: &Settings,
+    truth: Option<&BTreeMap<String, String>>,
+) -> String {
     let recent = catalogue::parameters(&estimate.recent);
     let whole = catalogue::parameters(&estimate.whole_run);
     let head = if truth.is_some() { "truth" } else { "" };
-    let mut text = format!("{:<20} {:<6} {:<22} {:<22} {head}", "", "", format!("last {memory_s} s"), "whole run");
+    let mut text =
+        format!("{:<20} {:<6} {:<22} {:<22} {head}", "", "", format!("last {} s", settings.memory_s), "whole run");
     text.truncate(text.trim_end().len());
     for ((field, recent), (_, whole)) in recent.zip(whole) {
         // The plant knows the offset as the load cell's.
         let name = if field.path == "offset_n" { "force_offset_n" } else { field.path };
-        let truth = truth.and_then(|truth| truth.get(name)).map_or("", String::as_str);
+        let truth = truth.map(|truth| true_text(truth, name, 1.0)).unwrap_or_default();
         let (recent, whole) = (value_text(&recent), value_text(&whole));
         let line = format!("{:<20} {:<6} {recent:<22} {whole:<22} {truth}", field.label, field.unit);
         text += &format!("\n{}", line.trim_end());
     }
-    text
+    let Some(detail) = detail else { return text };
+    for (label, unit, value, name, factor) in detail::rows(detail, settings) {
+        let truth = truth.map(|truth| true_text(truth, name, factor)).unwrap_or_default();
+        let line = format!("{label:<20} {unit:<6} {:<22} {value:<22} {truth}", "");
+        text += &format!("\n{}", line.trim_end());
+    }
+    format!("{text}\n\n{}", detail::line(detail))
+}
+
+/// What is true, `factor` bringing it to the unit shown; of a device that was changed on the way both values.
+fn true_text(truth: &BTreeMap<String, String>, name: &str, factor: f64) -> String {
+    let digits = |value: f64| format!("{:?}", (value * factor * 1e9).round() / 1e9);
+    let number = |name: &str| truth.get(name)?.parse().ok().map(digits);
+    match (number(name), number(&format!("changed_{name}"))) {
+        (Some(first), Some(changed)) => format!("{first}, then {changed}"),
+        (first, _) => first.unwrap_or_default(),
+    }
 }
 
 /// One line on what the estimator took and left out.
@@ -278,18 +364,19 @@ pub fn row_header() -> String {
     for field in catalogue::fields(catalogue::Group::Parameter) {
         text += &format!("  {:<24}", format!("{} [{}]", field.label, field.unit));
     }
-    text.trim_end().into()
+    text + "  Backlash [µm]"
 }
 
-/// One line per estimate, the recent memory.
-pub fn row(t_s: f64, estimate: &Estimate) -> String {
+/// One line per estimate: the recent memory, and the backlash so far.
+pub fn row(t_s: f64, estimate: &Estimate, detail: Option<&Detail>) -> String {
     let mut text = format!("{t_s:>9.2}");
     for (_, parameter) in catalogue::parameters(&estimate.recent) {
         text += &format!("  {:<24}", value_text(&parameter));
     }
-    if !estimate.moving {
-        text += "  at rest";
-    }
+    text += &format!("  {:<22}", detail.map(|detail| detail::backlash_text(&detail.backlash)).unwrap_or_default());
+    let rest = Some("at rest").filter(|_| !estimate.moving);
+    let remarks: Vec<&str> = rest.into_iter().chain(detail.into_iter().flat_map(detail::remarks)).collect();
+    text += &format!("  {}", remarks.join(", "));
     text.trim_end().into()
 }
 

@@ -17,13 +17,13 @@ fn the_json_contract_holds_to_the_letter() {
     let tail = r#""moving":true,"bank":"fast","residual_rms_n":1.5,"updates":7"#;
     let counters = Counters { samples: 10, gaps: 1, lost_samples: 2, saturated: 3 };
     assert_eq!(
-        json_line(&EstimateJson::last(20.0, &estimate(), Some(counters))),
+        json_line(&EstimateJson::last(20.0, &estimate(), None, &Settings::default(), Some(counters))),
         format!(
             r#"{{"kind":"estimate","final":true,"t_s":20.0,"whole_run":{{{four}}},{four},{tail},"samples":10,"gaps":1,"lost_samples":2,"saturated":3}}"#
         )
     );
     assert_eq!(
-        json_line(&EstimateJson::live(0.2, &estimate())),
+        json_line(&EstimateJson::live(0.2, &estimate(), None, &Settings::default())),
         format!(r#"{{"kind":"estimate","t_s":0.2,"whole_run":{{{four}}},{four},{tail}}}"#)
     );
 }

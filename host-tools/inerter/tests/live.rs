@@ -18,7 +18,7 @@ use inerter::{
     settings::Overrides,
     simulate::{Endpoint, Setup, VirtualDevice, bench_sensors},
 };
-use inerter_plant::Parameters;
+use inerter_plant::{Parameters, Sensors};
 
 fn setup(excite: &str) -> Setup {
     Setup::new(Parameters::paper(), bench_sensors(), excite, None, &Overrides::default()).unwrap()
@@ -95,6 +95,36 @@ fn monitor_prints_lines_where_there_is_no_terminal() {
     for kind in ["estimate", "health"] {
         assert!(lines.iter().any(|line| line.get("kind").unwrap() == kind), "{kind}");
     }
+    // What goes with an estimate comes after it, and is shown with it.
+    for line in lines.iter().filter(|line| line.get("kind").unwrap() == "estimate") {
+        assert!(line.get("backlash_m").is_some() && line.get("band_hz").is_some(), "{line}");
+    }
+}
+
+#[test]
+fn a_skew_is_found_on_a_device_and_kept_there() {
+    let folder = tempfile::tempdir().unwrap();
+    let sensors = Sensors { delay_s: 5e-5, ..bench_sensors() };
+    let mut setup = Setup::new(Parameters::paper(), sensors, "random", None, &Overrides::default()).unwrap();
+    setup.settings.skew_s = 0.0;
+    let device = VirtualDevice::start(&setup, &any_port(), 10.0).unwrap();
+    let link = ["--connect", device.name()];
+    let skew = ["calibrate", "skew", "--duration", "2.5", "--json"];
+    let found = last(&done(folder.path(), &[&skew[..], &link].concat()));
+    assert_eq!(found.get("written").unwrap(), false);
+    let found = last(&done(folder.path(), &[&skew[..], &["--write"], &link].concat()));
+    let number = |of: &serde_json::Value, path: &str| of.pointer(path).unwrap().as_f64().unwrap();
+    assert!((number(&found, "/skew_s") - 5e-5).abs() < number(&found, "/skew_u95_s"), "{found}");
+    assert!(number(&found, "/skew_u95_s") < 5e-6, "{found}");
+    let settings = last(&done(folder.path(), &[&["settings", "get", "--json"], &link[..]].concat()));
+    for name in ["skew_s", "skew_u95_s"] {
+        assert_eq!(number(&settings, &format!("/settings/{name}")), number(&found, &format!("/{name}")), "{name}");
+    }
+    // With it, nothing is left to be found.
+    let again = last(&done(folder.path(), &[&skew[..], &link].concat()));
+    assert!(number(&again, "/left_s").abs() < number(&again, "/u95_s"), "{again}");
+    let words = done(folder.path(), &["calibrate", "skew", "--duration", "1.5", "--write", link[0], link[1]]);
+    assert!(words.contains("nothing to change: the skew in use is known as well"), "{words}");
 }
 
 #[cfg(unix)]

@@ -11,13 +11,15 @@ use inerter::{
     run::Run,
     settings::Overrides,
 };
+use inerter_core::Settings;
 use proptest::prelude::*;
 use serde_json::Value;
 
 const PARAMETERS: [&str; 4] = ["inertance_kg", "viscous_n_s_per_m", "coulomb_n", "offset_n"];
 
 fn simulate(folder: &Path, more: &[&str]) {
-    done(folder, &[&["simulate", "-o", "run.mcap", "--duration", "6"], more].concat());
+    let duration: &[&str] = if more.contains(&"--duration") { &[] } else { &["--duration", "6"] };
+    done(folder, &[&["simulate", "-o", "run.mcap"], duration, more].concat());
 }
 
 fn check_parameters(of: &Value) {
@@ -31,13 +33,36 @@ fn check_parameters(of: &Value) {
     }
 }
 
+fn check_detail(of: &Value) {
+    let keys: Vec<&String> = of.get("backlash_m").unwrap().as_object().unwrap().keys().collect();
+    assert_eq!(keys, ["value", "u95", "status", "reason", "reversals", "route"]);
+    let status = of.pointer("/backlash_m/status").unwrap().as_str().unwrap();
+    assert!(["ok", "below_u95", "not_identifiable"].contains(&status));
+    assert_eq!(of.pointer("/backlash_m/value").unwrap().is_null(), status == "not_identifiable");
+    assert_eq!(of.pointer("/backlash_m/reason").unwrap().is_null(), status != "not_identifiable");
+    let contact = of.get("contact").unwrap().as_str().unwrap();
+    assert!(["unknown", "one_sided", "closed", "gap", "bouncing"].contains(&contact));
+    let conduct = of.pointer("/friction/conduct").unwrap().as_str().unwrap();
+    assert!(["unknown", "coulomb", "presliding", "stribeck"].contains(&conduct));
+    assert!(of.get("changes").unwrap().is_u64());
+    if let Some(band) = of.get("band_hz").unwrap().as_array() {
+        let [low, high] = band.as_slice() else { panic!("{of}") };
+        assert!(0.0 < low.as_f64().unwrap() && low.as_f64() <= high.as_f64(), "{of}");
+    }
+    assert_eq!(of.get("stiffness_n_per_m"), None, "no sensor, no word of it");
+}
+
 #[test]
 fn every_line_of_a_replay_keeps_the_contract_and_the_last_is_final() {
     let folder = tempfile::tempdir().unwrap();
     simulate(folder.path(), &["--excite", "hold@1s;random@3s;hold"]);
     let output = done(folder.path(), &["replay", "run.mcap", "--json"]);
     assert!(!output.contains("NaN") && !output.contains("inf"));
-    let lines = json_lines(&output);
+    let (lines, others): (Vec<Value>, Vec<Value>) =
+        json_lines(&output).into_iter().partition(|line| line.get("kind").unwrap() == "estimate");
+    for other in others {
+        assert!(["gap", "event"].contains(&other.get("kind").unwrap().as_str().unwrap()), "{other}");
+    }
     assert_eq!(lines.len(), 6 * 5 + 1);
     for (number, line) in lines.iter().enumerate() {
         assert_eq!(line.get("kind").unwrap(), "estimate");
@@ -45,6 +70,7 @@ fn every_line_of_a_replay_keeps_the_contract_and_the_last_is_final() {
         assert!(line.get("t_s").unwrap().is_f64());
         check_parameters(line);
         check_parameters(line.get("whole_run").unwrap());
+        check_detail(line);
     }
     let last = lines.last().unwrap();
     let keys: Vec<&str> = last.as_object().unwrap().keys().map(String::as_str).collect();
@@ -56,6 +82,127 @@ fn every_line_of_a_replay_keeps_the_contract_and_the_last_is_final() {
     assert_eq!(status(lines.first().unwrap()), "not_identifiable");
     assert_eq!(status(lines.get(15).unwrap()), "ok");
     assert_eq!(status(last), "held");
+    assert!(lines.first().unwrap().get("band_hz").unwrap().is_null(), "nothing has moved yet");
+    let low_hz = lines.get(19).unwrap().pointer("/band_hz/0").unwrap().as_f64().unwrap();
+    assert!((5.0..16.0).contains(&low_hz), "{low_hz}");
+}
+
+#[test]
+fn each_reversal_of_a_worn_screw_has_a_line_and_all_of_them_make_the_backlash() {
+    let folder = tempfile::tempdir().unwrap();
+    simulate(folder.path(), &["--preset", "worn", "--excite", "two", "--duration", "12"]);
+    let output = done(folder.path(), &["replay", "run.mcap", "--json"]);
+    let gaps: Vec<Value> = json_lines(&output).into_iter().filter(|line| line.get("kind").unwrap() == "gap").collect();
+    let number = |of: &Value, path: &str| of.pointer(path).unwrap().as_f64().unwrap();
+    let estimate = last(&output);
+    assert_eq!(estimate.pointer("/backlash_m/status").unwrap(), "ok");
+    assert_eq!(estimate.get("contact").unwrap(), "gap");
+    let (value, u95) = (number(&estimate, "/backlash_m/value"), number(&estimate, "/backlash_m/u95"));
+    assert!((value - 1e-4).abs() < u95 && u95 < 1e-5, "{value} {u95}");
+    // An early one may be let in only when others have confirmed it.
+    let part = gaps.len() as f64 / number(&estimate, "/backlash_m/reversals");
+    assert!((0.8..=1.2).contains(&part) && gaps.len() > 50, "{}", gaps.len());
+    let mean = gaps.iter().map(|gap| number(gap, "/value_m")).sum::<f64>() / gaps.len() as f64;
+    assert!((mean - 1e-4).abs() < 1e-5, "{mean}");
+    for gap in &gaps {
+        assert!((number(gap, "/t_s") - number(gap, "/index") * 1e-3).abs() < 1e-9, "{gap}");
+    }
+}
+
+#[test]
+fn a_change_of_the_device_is_told_where_it_happens() {
+    let folder = tempfile::tempdir().unwrap();
+    let swapped = ["--excite", "mid", "--duration", "14", "--change-at", "8", "--change", "inertance_kg=150"];
+    simulate(folder.path(), &swapped);
+    let output = run(folder.path(), &["replay", "run.mcap", "--json"]);
+    assert_eq!(text(&output.stderr), "", "a replay finds it by itself");
+    let lines = json_lines(&text(&output.stdout));
+    let event = lines.iter().find(|line| line.get("kind").unwrap() == "event").unwrap();
+    let found = (event.get("code").unwrap(), event.get("parameter").unwrap());
+    assert_eq!(found, (&"changed".into(), &"inertance_kg".into()));
+    let t_s = event.get("t_s").unwrap().as_f64().unwrap();
+    assert!((8.0..12.0).contains(&t_s), "{event}");
+    assert_eq!(lines.last().unwrap().get("changes").unwrap(), 1);
+    let words = done(folder.path(), &["replay", "run.mcap"]);
+    assert!(words.contains("the device has changed: effective inertance from 299."), "{words}");
+    assert!(words.contains("299.4906, then 150.0"), "{words}");
+    let output = run(folder.path(), &["fit", "run.mcap", "--json"]);
+    assert!(text(&output.stderr).contains("only the motion since is fitted"), "{}", text(&output.stderr));
+    let inertance = last(&text(&output.stdout)).pointer("/symmetric/inertance_kg/value").unwrap().as_f64().unwrap();
+    assert!((inertance - 150.0).abs() < 1.0, "{inertance}");
+}
+
+#[test]
+fn a_terminal_sensor_brings_its_parameters() {
+    let folder = tempfile::tempdir().unwrap();
+    simulate(folder.path(), &["--set", "terminal_sensor=1"]);
+    let json = last(&done(folder.path(), &["replay", "run.mcap", "--json"]));
+    for name in ["stiffness_n_per_m", "contact_damping_n_s_per_m"] {
+        let keys: Vec<&String> = json.get(name).unwrap().as_object().unwrap().keys().collect();
+        assert_eq!(keys, ["value", "u95", "status"], "{name}");
+    }
+    assert!(done(folder.path(), &["replay", "run.mcap"]).contains("Contact stiffness    N/m"));
+    // A CSV with the column has a sensor, unless it is switched off.
+    done(folder.path(), &["export", "run.mcap", "--csv", "run.csv"]);
+    let plain = ["replay", "run.csv", "--metres-per-count", "1e-6", "--json"];
+    assert!(last(&done(folder.path(), &plain)).get("stiffness_n_per_m").is_some());
+    let off = [&plain[..], &["--set", "terminal_sensor=0"]].concat();
+    assert_eq!(last(&done(folder.path(), &off)).get("stiffness_n_per_m"), None);
+}
+
+#[test]
+fn a_fit_tells_the_directions_apart_and_needs_the_offset_for_it() {
+    let folder = tempfile::tempdir().unwrap();
+    simulate(folder.path(), &["--excite", "random"]);
+    let fit = last(&done(folder.path(), &["fit", "run.mcap", "--json"]));
+    let number = |fit: &Value, path: &str| fit.pointer(path).unwrap_or_else(|| panic!("{path}: {fit}")).as_f64();
+    check_parameters(fit.get("symmetric").unwrap());
+    assert!(fit.pointer("/by_direction/coulomb_positive_n").unwrap().is_null());
+    let inertance = number(&fit, "/by_direction/inertance_kg/value").unwrap();
+    assert!((inertance - 299.4906).abs() < 1.0, "{inertance}");
+    let known = last(&done(folder.path(), &["fit", "run.mcap", "--offset-n", "0", "--json"]));
+    for side in ["positive", "negative"] {
+        let coulomb = number(&known, &format!("/by_direction/coulomb_{side}_n/value")).unwrap();
+        assert!((coulomb - 50.0).abs() < 2.0, "{side}: {coulomb}");
+    }
+    let words = done(folder.path(), &["fit", "run.mcap"]);
+    for part in ["alike", "positive", "negative", "fc+ - fc- + 2 F0 is", "--offset-n"] {
+        assert!(words.contains(part), "{part} is not in:\n{words}");
+    }
+    assert!(done(folder.path(), &["fit", "run.mcap", "--offset-n", "-1.5"]).contains("-1.5 (given)"));
+}
+
+#[test]
+fn a_skew_is_found_from_a_file_and_what_is_printed_takes_it_away() {
+    let folder = tempfile::tempdir().unwrap();
+    let late = ["--duration", "20", "--excite", "random", "--delay-s", "5e-5", "--set", "skew_s=1e-5"];
+    done(folder.path(), &[&["simulate", "-o", "run.mcap"], &late[..]].concat());
+    let found = last(&done(folder.path(), &["calibrate", "skew", "run.mcap", "--json"]));
+    let number = |key: &str| found.get(key).unwrap().as_f64().unwrap();
+    assert!((number("left_s") - 4e-5).abs() < number("u95_s"), "{found}");
+    assert!((number("skew_s") - 5e-5).abs() < number("skew_u95_s") && number("u95_s") < 4e-6, "{found}");
+    assert_eq!(found.get("written").unwrap(), false);
+    let words = done(folder.path(), &["calibrate", "skew", "run.mcap"]);
+    let settings: Vec<&str> =
+        words.lines().find_map(|line| line.strip_prefix("use it with: ")).unwrap().split(' ').collect();
+    let viscous = |more: &[&str]| {
+        let json = last(&done(folder.path(), &[&["replay", "run.mcap", "--json"], more].concat()));
+        json.pointer("/whole_run/viscous_n_s_per_m/value").and_then(Value::as_f64)
+    };
+    // 40 us too late is 80 N s/m and more of false damping at 13 Hz.
+    assert!(viscous(&[]).is_none_or(|value| value > 60.0), "{:?}", viscous(&[]));
+    assert!((viscous(&settings).unwrap() - 31.4).abs() < 8.0, "{:?}", viscous(&settings));
+}
+
+#[test]
+fn a_motion_that_shows_no_skew_is_refused_with_its_own_code() {
+    let folder = tempfile::tempdir().unwrap();
+    simulate(folder.path(), &["--excite", "fast"]);
+    let words = fails(folder.path(), &["calibrate", "skew", "run.mcap"], 9);
+    assert!(words.contains("as in a single tone, where a delay and viscous friction are one"), "{words}");
+    assert!(words.contains("several frequencies at once"), "{words}");
+    simulate(folder.path(), &["--excite", "hold"]);
+    assert!(fails(folder.path(), &["fit", "run.mcap"], 9).contains("too little motion"));
 }
 
 #[test]
@@ -63,9 +210,19 @@ fn without_json_a_table_for_a_person_is_printed() {
     let folder = tempfile::tempdir().unwrap();
     simulate(folder.path(), &[]);
     let output = done(folder.path(), &["replay", "run.mcap"]);
-    for words in
-        ["Effective inertance  kg", "last 30 s", "whole run", "truth", "299.4906", "6000 samples at 1000 Hz", "no gaps"]
-    {
+    for words in [
+        "Effective inertance  kg",
+        "last 30 s",
+        "whole run",
+        "truth",
+        "299.4906",
+        "Backlash             µm",
+        "inertance seen",
+        "contact: ",
+        "friction: ",
+        "6000 samples at 1000 Hz",
+        "no gaps",
+    ] {
         assert!(output.contains(words), "{words} is not in:\n{output}");
     }
 }
@@ -238,7 +395,13 @@ proptest! {
         // Settings that were damaged may be refused, in words.
         let replayed = Run::open(&path, &Overrides::default()).and_then(|run| replay(&run, |_, _| Ok(())));
         if let Ok(outcome) = replayed {
-            let line = json_line(&EstimateJson::last(outcome.t_s, &outcome.estimate, Some(outcome.counters)));
+            let line = json_line(&EstimateJson::last(
+                outcome.t_s,
+                &outcome.estimate,
+                Some(&outcome.detail),
+                &Settings::default(),
+                Some(outcome.counters),
+            ));
             check_parameters(&last(&line));
         }
     }

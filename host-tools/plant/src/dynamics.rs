@@ -1,19 +1,28 @@
 //! The device's motion, solved segment by segment with every change of mode located.
 //!
-//! Between changes of mode the device is linear: `mt x2'' + cf x2' + fc sgn(x2') = F`. The prescribed `x1` is
-//! interpolated over each step by the quintic through displacement, velocity and acceleration at both ends, and `x2` is
-//! the Taylor series of degree 10 that solves the equation for that quintic. So displacement, velocity and force are
-//! polynomials in time, and a change of mode is the first root of one of them, found by subdivision without omission to
-//! the last bit. Global error: sixth order in the step; nothing is smoothed.
+//! Between changes of mode the device is linear: `mt x2'' + cf x2' + fc sgn(x2') = F + W`, `W` the constant force.
+//! The prescribed `x1` is interpolated over each step by the quintic through displacement, velocity and acceleration
+//! at both ends, and `x2` is the Taylor series of degree 10 that solves the equation for that quintic. So
+//! displacement, velocity and force are polynomials in time, and a change of mode is the first root of one of them,
+//! found by subdivision without omission to the last bit. Global error: sixth order in the step; nothing is smoothed.
 //!
-//! Contact: `F = ks (d - s eps/2) + cs d'` while `abs(d) > eps/2`, otherwise `F = 0`, taken to the letter. So the force
-//! jumps by `cs d'` where the flanks meet, and just before they part it pulls for a moment (`cs d'` outweighs the
-//! spring), as a linear spring and damper do. The spring is relaxed at both jumps, hence no energy appears or vanishes;
-//! what the damper takes is counted while the flanks touch. `d'` is continuous, so parting and meeting again at once is
-//! impossible. Without backlash contact never ends and pulls as it pushes.
+//! Contact: `F = ks (d - s eps/2) + cs d'` while `abs(d) > eps/2`, otherwise `F = 0`, taken to the letter. So the
+//! force jumps by `cs d'` where the flanks meet, and just before they part it pulls for a moment (`cs d'` outweighs
+//! the spring), as a linear spring and damper do. The spring is relaxed at both jumps, hence no energy appears or
+//! vanishes; what the damper takes is counted while the flanks touch. `d'` is continuous, so parting and meeting
+//! again at once is impossible. Without backlash contact never ends and pulls as it pushes.
 //!
-//! At rest the screw is stuck while `abs(F) <= fc`, exactly: `x2` stays the same number. A force that jumps past `fc`
-//! at a meeting of the flanks frees it at once. Where `fc` is zero there is nothing to be stuck by.
+//! Unilateral contact pushes only: the force is cut off where it would begin to pull, and so are the flanks parted;
+//! they meet again where it would push. What the spring holds when they part, the flank loses on its own. Without
+//! backlash one flank meets where the other parts.
+//!
+//! At rest the screw is stuck while `abs(F + W) <= fc`, exactly: `x2` stays the same number. A force that jumps past
+//! `fc` at a meeting of the flanks frees it at once. Where `fc` is zero there is nothing to be stuck by.
+//!
+//! Stribeck: `fc (1 + (r - 1) exp(-(v / vs)^2))` in place of `fc`, the breakaway force `r fc`. Dahl: friction is a
+//! state `f` with `f' = abs(v) (fc sgn(v) - f) / presliding`, and nothing sticks. Both series follow from the same
+//! recursion as `x2`, with no approximation but the degree; as their radius of convergence is not that of a linear
+//! device, the segment ends where the last coefficients pass `TAIL_M` and `TAIL`.
 
 use crate::excitation::{Node, Nodes};
 use crate::polynomial::{LENGTH, Polynomial, curvature, first_fall, rebase, slope, value};
@@ -25,6 +34,10 @@ const LONGEST_STEP_S: f64 = 1e-3;
 const SHORTEST_STEP_S: f64 = 1e-6;
 /// Step times fastest rate: the Taylor series of degree 10 is then exact to 1e-14.
 const STEP_RAD: f64 = 0.25;
+/// Last two coefficients of a displacement under curved friction: with greater ones the segment is shortened \[m\].
+const TAIL_M: f64 = 1e-16;
+/// The same of friction, as a part of Coulomb's.
+const TAIL: f64 = 1e-12;
 /// Changes of mode within one step after which time is moved on by force, by this fraction of the step.
 const MOST_CHANGES: u32 = 1000;
 
@@ -48,7 +61,7 @@ pub enum Contact {
     Negative,
     /// They do not touch; the force is zero.
     Flight,
-    /// There is no backlash: they always touch.
+    /// There is no backlash, and they pull as they push: they always touch.
     Closed,
 }
 
@@ -71,6 +84,8 @@ pub struct Truth {
     pub a2_m_per_s2: f64,
     /// Contact force on the screw; the load cell adds `mr x1''` \[N\].
     pub force_n: f64,
+    /// Dry friction on the screw, without the viscous; at rest what holds it \[N\].
+    pub friction_n: f64,
     /// What the screw does.
     pub motion: Motion,
     /// What the flanks do.
@@ -89,6 +104,7 @@ impl Truth {
             v2_m_per_s: 0.0,
             a2_m_per_s2: 0.0,
             force_n: 0.0,
+            friction_n: 0.0,
             motion: Motion::Stuck,
             contact,
         }
@@ -109,9 +125,15 @@ pub struct Segment {
     damping_n_s_per_m: f64,
     /// `x1 - x2` at which the spring is relaxed \[m\].
     relaxed_m: f64,
+    structure_mass_kg: f64,
+    constant_force_n: f64,
+    /// Dry friction, where it moves; only the first coefficient where it is Coulomb's.
+    friction: Polynomial,
+    is_curved: bool,
     motion: Motion,
     contact: Contact,
-    frictionless: bool,
+    /// Nothing sticks: rest is where the velocity is zero.
+    never_sticks: bool,
 }
 
 impl Segment {
@@ -145,10 +167,16 @@ impl Segment {
         let v2 = slope(&self.x2, u) / h;
         let motion = match self.motion {
             Motion::Stuck => Motion::Stuck,
-            _ if self.frictionless && v2 > 0.0 => Motion::Forward,
-            _ if self.frictionless && v2 < 0.0 => Motion::Backward,
-            _ if self.frictionless => Motion::Stuck,
+            _ if self.never_sticks && v2 > 0.0 => Motion::Forward,
+            _ if self.never_sticks && v2 < 0.0 => Motion::Backward,
+            _ if self.never_sticks => Motion::Stuck,
             other => other,
+        };
+        let force_n = self.force_n(u);
+        let friction_n = match self.motion {
+            Motion::Stuck => force_n + self.constant_force_n,
+            _ if self.is_curved => value(&self.friction, u),
+            _ => self.friction[0],
         };
         Truth {
             t_s: self.start_s + u * h,
@@ -158,26 +186,22 @@ impl Segment {
             x2_m: value(&self.x2, u),
             v2_m_per_s: v2,
             a2_m_per_s2: curvature(&self.x2, u) / (h * h),
-            force_n: self.force_n(u),
+            force_n,
+            friction_n,
             motion,
             contact: self.contact,
         }
     }
 
-    /// Contact force at `t_s` \[N\].
-    pub(crate) fn force_at_n(&self, t_s: f64) -> f64 {
-        self.force_n(((t_s - self.start_s) / self.unit_s).clamp(0.0, self.end))
+    /// Force on the load cell at `t_s`: contact and structure mass \[N\].
+    pub(crate) fn cell_at_n(&self, t_s: f64) -> f64 {
+        let u = ((t_s - self.start_s) / self.unit_s).clamp(0.0, self.end);
+        self.force_n(u) + self.structure_mass_kg * (curvature(&self.x1, u) / (self.unit_s * self.unit_s))
     }
 
     /// Terminal displacement at `t_s` \[m\].
     pub(crate) fn x1_at_m(&self, t_s: f64) -> f64 {
         value(&self.x1, ((t_s - self.start_s) / self.unit_s).clamp(0.0, self.end))
-    }
-
-    /// Terminal acceleration at `t_s` \[m/s^2\].
-    pub(crate) fn a1_at_m_per_s2(&self, t_s: f64) -> f64 {
-        let u = ((t_s - self.start_s) / self.unit_s).clamp(0.0, self.end);
-        curvature(&self.x1, u) / (self.unit_s * self.unit_s)
     }
 
     /// Screw displacement at `t_s` \[m\].
@@ -204,6 +228,8 @@ enum Change {
     Free(Motion),
     /// The flanks part.
     Part,
+    /// A flank that was left squeezed is relaxed.
+    Relax,
     /// The flanks meet.
     Meet(Contact),
 }
@@ -225,19 +251,48 @@ pub struct Plant {
     forced: u64,
     x2_m: f64,
     v2_m_per_s: f64,
+    /// Dry friction where it turns over a distance \[N\].
+    friction_n: f64,
     motion: Motion,
     contact: Contact,
+    /// In flight beside a flank that is still squeezed: which one, 1 or -1; else 0.
+    squeezed: f64,
     /// The screw has just come free: any acceleration the other way is rounding.
     just_free: bool,
+    /// Devices that it will be, and when; the next is last.
+    later: Vec<(f64, Parameters)>,
 }
 
 impl Plant {
     /// Checks the device and the motion.
     pub fn new(parameters: Parameters, excitation: Excitation) -> Result<Self, PlantError> {
-        parameters.validate()?;
-        let longest_s = LONGEST_STEP_S.min(STEP_RAD / parameters.fastest_rad_per_s());
+        Self::changing(parameters, Vec::new(), excitation)
+    }
+
+    /// A device that changes at times \[s\], in any order: a flywheel swapped, a lubricant failing.
+    ///
+    /// Displacement and velocity go on; contact and friction follow from them and the new parameters at once.
+    pub fn changing(
+        parameters: Parameters,
+        later: Vec<(f64, Parameters)>,
+        excitation: Excitation,
+    ) -> Result<Self, PlantError> {
+        let mut fastest_rad_per_s: f64 = 0.0;
+        for device in later.iter().map(|(_, device)| device).chain([&parameters]) {
+            device.validate()?;
+            fastest_rad_per_s = fastest_rad_per_s.max(device.fastest_rad_per_s());
+        }
+        let longest_s = LONGEST_STEP_S.min(STEP_RAD / fastest_rad_per_s);
         let step_s = longest_s.min(excitation.longest_step_s());
-        Self::with_step(parameters, excitation, step_s)
+        let mut plant = Self::with_step(parameters, excitation, step_s)?;
+        for &(at_s, device) in &later {
+            if !(0.0..=1e9).contains(&at_s) {
+                return Err(PlantError::OutOfRange { field: "change_at_s", value: at_s, min: 0.0, max: 1e9 });
+            }
+            plant.later.push((at_s, device));
+        }
+        plant.later.sort_by(|a, b| b.0.total_cmp(&a.0));
+        Ok(plant)
     }
 
     /// The same with this step, from 1 us to 0.1 s, however fast device and motion are.
@@ -251,7 +306,7 @@ impl Plant {
         }
         let mut nodes = Nodes::new(excitation, step_s);
         let node = nodes.next_node();
-        Ok(Self {
+        let mut plant = Self {
             parameters,
             nodes,
             node,
@@ -261,13 +316,18 @@ impl Plant {
             forced: 0,
             x2_m: 0.0,
             v2_m_per_s: 0.0,
-            motion: if parameters.coulomb_n > 0.0 { Motion::Stuck } else { Motion::Forward },
-            contact: if parameters.backlash_m > 0.0 { Contact::Flight } else { Contact::Closed },
+            friction_n: 0.0,
+            motion: Motion::Forward,
+            contact: Contact::Flight,
+            squeezed: 0.0,
             just_free: false,
-        })
+            later: Vec::new(),
+        };
+        plant.settle();
+        Ok(plant)
     }
 
-    /// The device.
+    /// The device as it is at present.
     pub fn parameters(&self) -> &Parameters {
         &self.parameters
     }
@@ -279,7 +339,7 @@ impl Plant {
 
     /// The state before time zero.
     pub(crate) fn rest_at(&self, t_s: f64) -> Truth {
-        Truth::rest(t_s, if self.parameters.backlash_m > 0.0 { Contact::Flight } else { Contact::Closed })
+        Truth::rest(t_s, if self.parameters.is_closed() { Contact::Closed } else { Contact::Flight })
     }
 
     /// The next stretch of time within one mode.
@@ -290,18 +350,21 @@ impl Plant {
             self.done = 0.0;
             self.changes = 0;
         }
-        let mut segment = self.solve();
-        let found = self.first_change(&segment);
+        self.become_later();
+        let (mut segment, part) = self.solve();
+        let mut last = self.units_until_later(&segment);
+        let found = self.first_change(&segment).filter(|(u, _)| *u <= last);
         self.just_free = false;
         if self.changes >= MOST_CHANGES {
             self.forced += 1;
-            segment.end = (1.0 / f64::from(MOST_CHANGES) / (1.0 - self.done)).min(1.0);
-            self.advance(&segment);
-            self.settle(&segment);
+            last = last.min(1.0 / f64::from(MOST_CHANGES) / (1.0 - self.done));
+            segment.end = last;
+            self.advance(&segment, part);
+            self.settle();
             return segment;
         }
-        segment.end = found.map_or(1.0, |(u, _)| u);
-        self.advance(&segment);
+        segment.end = found.map_or(last, |(u, _)| u);
+        self.advance(&segment, part);
         if let Some((_, change)) = found {
             self.changes += 1;
             self.apply(change, &segment);
@@ -309,12 +372,77 @@ impl Plant {
         segment
     }
 
-    /// Solves the equation of motion over what is left of the step.
-    fn solve(&self) -> Segment {
-        let p = &self.parameters;
+    /// Changes the device where it is time.
+    fn become_later(&mut self) {
+        let now_s = self.node.start_s + self.node.step_s * self.done;
+        let mut changed = false;
+        while let Some((_, device)) = self.later.pop_if(|(at_s, _)| *at_s <= now_s + 1e-9 * self.node.step_s) {
+            self.parameters = device;
+            changed = true;
+        }
+        if changed {
+            self.settle();
+        }
+    }
+
+    /// How much of the segment the present device lasts.
+    fn units_until_later(&self, segment: &Segment) -> f64 {
+        let left = |at_s: f64| ((at_s - segment.start_s) / segment.unit_s).clamp(0.0, 1.0);
+        self.later.last().map_or(1.0, |(at_s, _)| left(*at_s))
+    }
+
+    /// Solves the equation of motion over what is left of the step, or over a part of it: which one.
+    fn solve(&mut self) -> (Segment, f64) {
         let left = 1.0 - self.done;
         let h = self.node.step_s * left;
         let x1 = if self.done == 0.0 { self.x1 } else { rebase(&self.x1, self.done, left) };
+        if !self.parameters.presslides() && !self.parameters.has_stribeck() {
+            return (self.series(x1, h), 1.0);
+        }
+        let undecided = self.parameters.presslides() && self.v2_m_per_s == 0.0;
+        if undecided {
+            self.motion = Motion::Forward;
+        }
+        let mut segment = self.series(x1, h);
+        // Nothing says which way it will go but the way it goes.
+        if undecided && segment.x2.iter().skip(1).find(|c| **c != 0.0).is_some_and(|c| *c < 0.0) {
+            self.motion = Motion::Backward;
+            segment = self.series(x1, h);
+        }
+        let tail = |series: &Polynomial, last: usize| series[last].abs() + series[last - 1].abs();
+        let excess_m = tail(&segment.x2, LENGTH - 1) / TAIL_M;
+        let excess_n = tail(&segment.friction, LENGTH - 2) / (TAIL * self.parameters.coulomb_n);
+        let by_tail = 0.9 * excess_m.max(excess_n).powf(-1.0 / (LENGTH - 3) as f64);
+        // Never so short that rounding rules.
+        let part = by_tail.min(self.part_by_surplus(&segment)).max(1e-3);
+        if part >= 1.0 {
+            return (segment, 1.0);
+        }
+        segment.unit_s *= part;
+        segment.x1 = rebase(&segment.x1, 0.0, part);
+        segment.x2 = rebase(&segment.x2, 0.0, part);
+        segment.friction = rebase(&segment.friction, 0.0, part);
+        (segment, part)
+    }
+
+    /// Part of a segment over which Stribeck's surplus grows by no more than `exp(3)`.
+    ///
+    /// Far from rest the surplus and all its coefficients are nothing, and say nothing of what it will be near rest.
+    fn part_by_surplus(&self, segment: &Segment) -> f64 {
+        let per_velocity = 1.0 / (self.parameters.stribeck_velocity_m_per_s * segment.unit_s);
+        let change = (2..LENGTH).map(|k| (k as f64 * segment.x2[k]).abs()).sum::<f64>() * per_velocity;
+        let here = segment.x2[1].abs() * per_velocity;
+        let least = here - change;
+        // Beyond six times its velocity the surplus is below the rounding of the rest.
+        if !self.parameters.has_stribeck() || least > 6.0 {
+            return f64::INFINITY;
+        }
+        3.0 / (change * (2.0 * here + change))
+    }
+
+    /// The Taylor series of the present mode over `h`, for the `x1` given.
+    fn series(&self, x1: [f64; 6], h: f64) -> Segment {
+        let p = &self.parameters;
         let (ks, cs, side) = match self.contact {
             Contact::Flight => (0.0, 0.0, 0.0),
             Contact::Positive => (p.stiffness_n_per_m, p.contact_damping_n_s_per_m, 1.0),
@@ -322,19 +450,22 @@ impl Plant {
             Contact::Closed => (p.stiffness_n_per_m, p.contact_damping_n_s_per_m, 0.0),
         };
         let relaxed_m = side * 0.5 * p.backlash_m;
-        let friction = match self.motion {
-            Motion::Forward => p.coulomb_n,
-            Motion::Backward => -p.coulomb_n,
-            Motion::Stuck => 0.0,
+        let direction = match self.motion {
+            Motion::Backward => -1.0,
+            Motion::Forward | Motion::Stuck => 1.0,
         };
+        let mut friction = [0.0; LENGTH];
+        let mut surplus = [0.0; LENGTH];
         let mut x2 = [0.0; LENGTH];
         x2[0] = self.x2_m;
+        let is_curved = self.motion != Motion::Stuck && (p.presslides() || p.has_stribeck());
         if self.motion != Motion::Stuck {
+            friction[0] = if p.presslides() { self.friction_n } else { direction * p.sliding_n(direction) };
             x2[1] = self.v2_m_per_s * h;
             let per_mass = h * h / p.inertance_kg;
             let spring = ks * per_mass;
             let contact = cs * per_mass / h;
-            let viscous = p.viscous_n_s_per_m * per_mass / h;
+            let viscous = p.viscous(direction) * per_mass / h;
             for k in 0..LENGTH - 2 {
                 let n = k as f64;
                 let x1_k = x1.get(k).copied().unwrap_or(0.0);
@@ -342,10 +473,20 @@ impl Plant {
                 let stretch = x1_k - x2[k] - if k == 0 { relaxed_m } else { 0.0 };
                 let mut sum = spring * stretch + contact * (n + 1.0) * (x1_next - x2[k + 1]);
                 sum -= viscous * (n + 1.0) * x2[k + 1];
+                if is_curved {
+                    self.curve(k, h, direction, &x2, &mut surplus, &mut friction);
+                    sum -= friction[k] * per_mass;
+                } else if k == 0 {
+                    sum -= friction[0] * per_mass;
+                }
                 if k == 0 {
-                    sum -= friction * per_mass;
+                    sum += p.constant_force_n * per_mass;
                 }
                 x2[k + 2] = sum / ((n + 1.0) * (n + 2.0));
+            }
+            if is_curved {
+                // One degree more than `x2` needs: the friction itself is looked at.
+                self.curve(LENGTH - 2, h, direction, &x2, &mut surplus, &mut friction);
             }
         }
         Segment {
@@ -357,9 +498,47 @@ impl Plant {
             stiffness_n_per_m: ks,
             damping_n_s_per_m: cs,
             relaxed_m,
+            structure_mass_kg: p.structure_mass_kg,
+            constant_force_n: p.constant_force_n,
+            friction,
+            is_curved,
             motion: self.motion,
             contact: self.contact,
-            frictionless: p.coulomb_n == 0.0,
+            never_sticks: !p.has_directions() || p.presslides(),
+        }
+    }
+
+    /// Coefficient `k` of the dry friction, from the coefficients of `x2` up to `k + 1` and its own before.
+    ///
+    /// `surplus` is `exp(w)` with `w = -(v / vs)^2`, hence `surplus' = w' surplus`, coefficient by coefficient.
+    fn curve(
+        &self,
+        k: usize,
+        h: f64,
+        direction: f64,
+        x2: &Polynomial,
+        surplus: &mut Polynomial,
+        friction: &mut Polynomial,
+    ) {
+        let p = &self.parameters;
+        // Velocity, unit per unit of time.
+        let v = |j: usize| (j + 1) as f64 * x2[j + 1];
+        if p.has_stribeck() {
+            let scale = -1.0 / (p.stribeck_velocity_m_per_s * h).powi(2);
+            let w = |j: usize| scale * (0..=j).map(|i| v(i) * v(j - i)).sum::<f64>();
+            surplus[k] = match k {
+                0 => w(0).exp(),
+                _ => (1..=k).map(|j| j as f64 * w(j) * surplus[k - j]).sum::<f64>() / k as f64,
+            };
+        }
+        let sliding_n = direction * p.sliding_n(direction);
+        let constant = |j: usize| if j == 0 { 1.0 } else { 0.0 };
+        let level = |j: usize| sliding_n * (constant(j) + (p.stribeck_ratio - 1.0) * surplus[j]);
+        if !p.presslides() {
+            friction[k] = level(k);
+        } else if k > 0 {
+            let turned: f64 = (0..k).map(|j| v(j) * (level(k - 1 - j) - friction[k - 1 - j])).sum();
+            friction[k] = direction * turned / (p.presliding_m * k as f64);
         }
     }
 
@@ -373,19 +552,23 @@ impl Plant {
                 first = Some((u, change));
             }
         };
-        let fc = self.parameters.coulomb_n;
-        let half_gap = 0.5 * self.parameters.backlash_m;
+        let p = &self.parameters;
+        let half_gap = 0.5 * p.backlash_m;
+        let force = if self.motion == Motion::Stuck || p.unilateral > 0.0 {
+            force_polynomial(segment, segment.stiffness_n_per_m, segment.damping_n_s_per_m, segment.relaxed_m)
+        } else {
+            [0.0; LENGTH]
+        };
         if self.motion == Motion::Stuck {
             if self.contact != Contact::Flight {
-                let force = force_polynomial(segment);
                 let mut room = force;
-                room[0] = fc + force[0];
+                room[0] = (p.breakaway_n(-1.0) + p.constant_force_n) + force[0];
                 offer(&room, Change::Free(Motion::Backward));
                 let mut room = force.map(|c| -c);
-                room[0] += fc;
+                room[0] += p.breakaway_n(1.0) - p.constant_force_n;
                 offer(&room, Change::Free(Motion::Forward));
             }
-        } else if fc > 0.0 {
+        } else if p.has_directions() {
             let sign = if self.motion == Motion::Forward { 1.0 } else { -1.0 };
             let mut speed = [0.0; LENGTH];
             for (k, slot) in speed.iter_mut().enumerate().take(LENGTH - 1) {
@@ -403,25 +586,43 @@ impl Plant {
             below[0] += half_gap;
             let mut above = d;
             above[0] += half_gap;
+            let would_push = |side: f64| {
+                let (ks, cs) = (p.stiffness_n_per_m, p.contact_damping_n_s_per_m);
+                force_polynomial(segment, ks, cs, side * half_gap).map(|c| -side * c)
+            };
             match self.contact {
+                Contact::Flight if self.squeezed > 0.0 => {
+                    offer(&below.map(|c| -c), Change::Relax);
+                    offer(&would_push(1.0), Change::Meet(Contact::Positive));
+                }
+                Contact::Flight if self.squeezed < 0.0 => {
+                    offer(&above.map(|c| -c), Change::Relax);
+                    offer(&would_push(-1.0), Change::Meet(Contact::Negative));
+                }
                 Contact::Flight => {
                     offer(&below, Change::Meet(Contact::Positive));
                     offer(&above, Change::Meet(Contact::Negative));
                 }
+                Contact::Positive if p.unilateral > 0.0 => offer(&force, Change::Part),
                 Contact::Positive => offer(&below.map(|c| -c), Change::Part),
+                _ if p.unilateral > 0.0 => offer(&force.map(|c| -c), Change::Part),
                 _ => offer(&above.map(|c| -c), Change::Part),
             }
         }
         first
     }
 
-    /// Moves the state to the segment's end.
-    fn advance(&mut self, segment: &Segment) {
+    /// Moves the state to the end of the segment, whose unit is a part of what was left of the step.
+    fn advance(&mut self, segment: &Segment, part: f64) {
         if self.motion != Motion::Stuck {
             self.x2_m = value(&segment.x2, segment.end);
             self.v2_m_per_s = slope(&segment.x2, segment.end) / segment.unit_s;
+            if segment.is_curved {
+                self.friction_n = value(&segment.friction, segment.end);
+            }
         }
-        self.done = if segment.end >= 1.0 { 1.0 } else { self.done + (1.0 - self.done) * segment.end };
+        let whole = segment.end >= 1.0 && part >= 1.0;
+        self.done = if whole { 1.0 } else { self.done + (1.0 - self.done) * segment.end * part };
     }
 
     /// Enters the mode that a change leads to.
@@ -436,60 +637,91 @@ impl Plant {
                 self.hold_or_free(segment.force_n(segment.end));
             }
             Change::Part => {
+                self.squeezed = match self.contact {
+                    _ if self.parameters.unilateral == 0.0 => 0.0,
+                    Contact::Positive => 1.0,
+                    _ => -1.0,
+                };
                 self.contact = Contact::Flight;
+                if self.motion == Motion::Stuck {
+                    self.hold_or_free(0.0);
+                }
             }
+            Change::Relax => self.squeezed = 0.0,
             Change::Meet(side) => {
                 self.contact = side;
+                let was_squeezed = core::mem::replace(&mut self.squeezed, 0.0) != 0.0;
                 if self.motion == Motion::Stuck {
-                    // The spring is relaxed here: the force is the damper's.
+                    // The spring is relaxed here, and the force is the damper's; or the flank follows: there is none.
                     let rate = slope(&segment.x1, segment.end) / segment.unit_s;
-                    self.hold_or_free(self.parameters.contact_damping_n_s_per_m * rate);
+                    let force_n = if was_squeezed { 0.0 } else { self.parameters.contact_damping_n_s_per_m * rate };
+                    self.hold_or_free(force_n);
                 }
             }
         }
     }
 
-    /// At rest: friction holds the screw or the force sets it free.
+    /// At rest: friction holds the screw or the contact's force sets it free.
     fn hold_or_free(&mut self, force_n: f64) {
-        self.just_free = force_n.abs() > self.parameters.coulomb_n;
-        self.motion = match force_n {
-            f if !self.just_free || f == 0.0 => Motion::Stuck,
-            f if f > 0.0 => Motion::Forward,
-            _ => Motion::Backward,
+        let p = &self.parameters;
+        let total_n = force_n + p.constant_force_n;
+        self.just_free = true;
+        self.motion = match total_n {
+            f if f > 0.0 && f > p.breakaway_n(1.0) => Motion::Forward,
+            f if f < 0.0 && f < -p.breakaway_n(-1.0) => Motion::Backward,
+            _ => {
+                self.just_free = false;
+                Motion::Stuck
+            }
         };
+        if p.presslides() {
+            (self.motion, self.just_free) = (Motion::Forward, false);
+        }
     }
 
-    /// After a forced step: takes the mode from the state.
-    fn settle(&mut self, segment: &Segment) {
-        let d = value(&segment.x1, segment.end) - self.x2_m;
-        let half_gap = 0.5 * self.parameters.backlash_m;
-        if self.contact != Contact::Closed {
-            self.contact = match d {
-                d if d > half_gap => Contact::Positive,
-                d if d < -half_gap => Contact::Negative,
-                _ => Contact::Flight,
-            };
+    /// Takes the mode from displacement and velocity: at the start, when the device has changed, after a forced step.
+    fn settle(&mut self) {
+        let p = &self.parameters;
+        let half_gap = 0.5 * p.backlash_m;
+        let d = value(&self.x1, self.done) - self.x2_m;
+        let rate = slope(&self.x1, self.done) / self.node.step_s - self.v2_m_per_s;
+        let (contact, relaxed_m) = match d {
+            _ if p.is_closed() => (Contact::Closed, 0.0),
+            d if d > half_gap => (Contact::Positive, half_gap),
+            d if d < -half_gap => (Contact::Negative, -half_gap),
+            _ => (Contact::Flight, d),
+        };
+        let mut force_n = p.stiffness_n_per_m * (d - relaxed_m) + p.contact_damping_n_s_per_m * rate;
+        (self.contact, self.squeezed) = (contact, 0.0);
+        let pulls = (contact == Contact::Positive && force_n < 0.0) || (contact == Contact::Negative && force_n > 0.0);
+        if p.unilateral > 0.0 && pulls {
+            (self.contact, self.squeezed) = (Contact::Flight, d.signum());
         }
-        if self.parameters.coulomb_n > 0.0 {
-            if self.v2_m_per_s == 0.0 {
-                self.hold_or_free(if self.contact == Contact::Flight { 0.0 } else { segment.force_n(segment.end) });
-            } else {
-                self.motion = if self.v2_m_per_s > 0.0 { Motion::Forward } else { Motion::Backward };
-            }
+        if self.contact == Contact::Flight {
+            force_n = 0.0;
+        }
+        let sliding_n = p.breakaway_n(1.0).max(p.breakaway_n(-1.0));
+        self.friction_n = self.friction_n.clamp(-sliding_n, sliding_n);
+        if !p.has_directions() {
+            (self.motion, self.just_free) = (Motion::Forward, false);
+        } else if self.v2_m_per_s == 0.0 {
+            self.hold_or_free(force_n);
+        } else {
+            self.motion = if self.v2_m_per_s > 0.0 { Motion::Forward } else { Motion::Backward };
         }
     }
 }
 
-/// Contact force over a segment, whose unit is the segment's.
-fn force_polynomial(segment: &Segment) -> Polynomial {
+/// Contact force of a spring and damper over a segment, whose unit is the segment's.
+fn force_polynomial(segment: &Segment, ks: f64, cs: f64, relaxed_m: f64) -> Polynomial {
     let mut d = segment.x2.map(|c| -c);
     d.iter_mut().zip(segment.x1).for_each(|(d, x1)| *d += x1);
-    let damping = segment.damping_n_s_per_m / segment.unit_s;
+    let damping = cs / segment.unit_s;
     let mut force = [0.0; LENGTH];
     for (k, slot) in force.iter_mut().enumerate() {
         let next = d.get(k + 1).copied().unwrap_or(0.0);
-        let relaxed = if k == 0 { segment.relaxed_m } else { 0.0 };
-        *slot = segment.stiffness_n_per_m * (d[k] - relaxed) + damping * (k + 1) as f64 * next;
+        let relaxed = if k == 0 { relaxed_m } else { 0.0 };
+        *slot = ks * (d[k] - relaxed) + damping * (k + 1) as f64 * next;
     }
     force
 }

@@ -1,7 +1,10 @@
 //! What the device is: inertance, friction, contact and structure mass.
 //!
 //! Everything is referred to the terminal, in SI units.
-//! Source: Li, Liang and Wang, "Two-terminal manipulation of masses ... Part I", sections 2.2, 3 and 4.3.
+//! Source: Li, Liang and Wang, "Two-terminal manipulation of masses ... Part I", sections 2.2, 3 and 4.3. Friction beyond
+//! Coulomb's: Armstrong-Helouvry, Dupont and Canudas de Wit, "A survey of models, analysis tools and compensation methods
+//! for the control of machines with friction", Automatica 30 (1994), sections 2.1 (Stribeck, with a Gaussian) and 2.2
+//! (Dahl).
 
 use std::f64::consts::PI;
 
@@ -16,9 +19,9 @@ const FASTEST_RAD_PER_S: f64 = 1e5;
 pub struct Parameters {
     /// Effective inertance `mt`: what turns with the screw \[kg\].
     pub inertance_kg: f64,
-    /// Viscous friction `cf` on the screw \[N s/m\].
+    /// Viscous friction `cf` on the screw, the mean of both directions \[N s/m\].
     pub viscous_n_s_per_m: f64,
-    /// Coulomb friction `fc` on the screw, sliding and at rest alike \[N\].
+    /// Coulomb friction `fc` on the screw in fast sliding, the mean of both directions \[N\].
     pub coulomb_n: f64,
     /// Contact stiffness `ks` between terminal and screw \[N/m\].
     pub stiffness_n_per_m: f64,
@@ -28,6 +31,20 @@ pub struct Parameters {
     pub backlash_m: f64,
     /// Structure mass `mr` that hangs on the measured terminal beside the screw \[kg\].
     pub structure_mass_kg: f64,
+    /// How much more Coulomb friction is forward than on average, and less backward, as a part of it.
+    pub coulomb_asymmetry: f64,
+    /// The same of viscous friction.
+    pub viscous_asymmetry: f64,
+    /// Friction at rest over that of fast sliding; 1 is Coulomb's.
+    pub stribeck_ratio: f64,
+    /// Velocity at which the surplus has fallen to `1/e` \[m/s\].
+    pub stribeck_velocity_m_per_s: f64,
+    /// Travel in which friction comes nearer to its sliding level by `1 - 1/e`; 0 is at once \[m\].
+    pub presliding_m: f64,
+    /// 1 where the flanks can only push.
+    pub unilateral: f64,
+    /// Force on the screw beside the contact's, e.g. a weight; positive pushes forward \[N\].
+    pub constant_force_n: f64,
 }
 
 field_table! { Parameters {
@@ -38,6 +55,13 @@ field_table! { Parameters {
     contact_damping_n_s_per_m, "N s/m", 1200.0, 0.0, 1e9, Real, "Contact damping between terminal and screw";
     backlash_m, "m", 0.0, 0.0, 0.1, Real, "Total backlash between the flanks";
     structure_mass_kg, "kg", 1.515, 0.0, 1e4, Real, "Mass on the measured terminal beside the screw";
+    coulomb_asymmetry, "", 0.0, -1.0, 1.0, Real, "Part by which Coulomb friction is greater forward, less backward";
+    viscous_asymmetry, "", 0.0, -1.0, 1.0, Real, "Part by which viscous friction is greater forward, less backward";
+    stribeck_ratio, "", 1.0, 1.0, 10.0, Real, "Friction at rest over that of fast sliding";
+    stribeck_velocity_m_per_s, "m/s", 0.002, 1e-5, 10.0, Real, "Velocity at which the surplus at rest has fallen to 1/e";
+    presliding_m, "m", 0.0, 0.0, 1e-2, Real, "Travel in which friction turns by 1 - 1/e; 0 turns at once";
+    unilateral, "", 0.0, 0.0, 1.0, Whole, "1 where the flanks can only push";
+    constant_force_n, "N", 0.0, -1e6, 1e6, Real, "Force on the screw, e.g. a weight; positive pushes forward";
 } }
 
 impl Parameters {
@@ -51,6 +75,13 @@ impl Parameters {
             contact_damping_n_s_per_m: 1200.0,
             backlash_m: 0.0,
             structure_mass_kg: 1.515,
+            coulomb_asymmetry: 0.0,
+            viscous_asymmetry: 0.0,
+            stribeck_ratio: 1.0,
+            stribeck_velocity_m_per_s: 0.002,
+            presliding_m: 0.0,
+            unilateral: 0.0,
+            constant_force_n: 0.0,
         }
     }
 
@@ -59,28 +90,50 @@ impl Parameters {
         Self { backlash_m: 1e-4, ..Self::paper() }
     }
 
-    /// The preset of this name: `paper` or `worn`.
+    /// The paper's device with its nut preloaded: no backlash, and three times the friction.
+    pub const fn preloaded() -> Self {
+        Self { coulomb_n: 150.0, ..Self::paper() }
+    }
+
+    /// The paper's device with friction that turns over 50 um, as in a ball screw.
+    pub const fn presliding() -> Self {
+        Self { presliding_m: 50e-6, ..Self::paper() }
+    }
+
+    /// The paper's device with friction that is 1.3 times as great at rest.
+    pub const fn stribeck() -> Self {
+        Self { stribeck_ratio: 1.3, ..Self::paper() }
+    }
+
+    /// The preset of this name, one of [`PRESETS`](Self::PRESETS).
     pub fn preset(name: &str) -> Option<Self> {
         match name {
             "paper" => Some(Self::paper()),
             "worn" => Some(Self::worn()),
+            "preloaded" => Some(Self::preloaded()),
+            "presliding" => Some(Self::presliding()),
+            "stribeck" => Some(Self::stribeck()),
             _ => None,
         }
     }
 
     /// Names that [`preset`](Self::preset) knows.
-    pub const PRESETS: &'static [&'static str] = &["paper", "worn"];
+    pub const PRESETS: &'static [&'static str] = &["paper", "worn", "preloaded", "presliding", "stribeck"];
 
     /// Checks every value by itself and that the device is slow enough to be followed.
     pub fn validate(&self) -> Result<(), PlantError> {
         self.check_fields()?;
         let by_spring = (self.stiffness_n_per_m / self.inertance_kg).sqrt();
+        let by_presliding = (self.presliding_n_per_m() / self.inertance_kg).sqrt();
         let by_contact = self.contact_damping_n_s_per_m / self.inertance_kg;
-        let by_viscous = self.viscous_n_s_per_m / self.inertance_kg;
+        let by_viscous = (1.0 + self.viscous_asymmetry.abs()) * self.viscous_n_s_per_m / self.inertance_kg;
+        let by_stribeck = self.stribeck_n_s_per_m() / self.inertance_kg;
         let (field, rate) = [
             ("stiffness_n_per_m", by_spring),
+            ("presliding_m", by_presliding),
             ("contact_damping_n_s_per_m", by_contact),
             ("viscous_n_s_per_m", by_viscous),
+            ("stribeck_velocity_m_per_s", by_stribeck),
         ]
         .into_iter()
         .fold(("", 0.0), |worst, each| if each.1 > worst.1 { each } else { worst });
@@ -92,8 +145,57 @@ impl Parameters {
 
     /// A rate no mode of the device exceeds \[rad/s\]; sets the length of a step.
     pub(crate) fn fastest_rad_per_s(&self) -> f64 {
-        let damping = (self.contact_damping_n_s_per_m + self.viscous_n_s_per_m) / self.inertance_kg;
-        damping.max((self.stiffness_n_per_m / self.inertance_kg).sqrt())
+        let viscous = (1.0 + self.viscous_asymmetry.abs()) * self.viscous_n_s_per_m + self.stribeck_n_s_per_m();
+        let stiffness = self.stiffness_n_per_m + self.presliding_n_per_m();
+        let damping = (self.contact_damping_n_s_per_m + viscous) / self.inertance_kg;
+        damping.max((stiffness / self.inertance_kg).sqrt())
+    }
+
+    /// Coulomb friction of fast sliding in a direction, 1 or -1 \[N\].
+    pub(crate) fn sliding_n(&self, direction: f64) -> f64 {
+        self.coulomb_n * (1.0 + direction * self.coulomb_asymmetry)
+    }
+
+    /// Force that sets the screw free in a direction \[N\].
+    pub(crate) fn breakaway_n(&self, direction: f64) -> f64 {
+        self.sliding_n(direction) * self.stribeck_ratio
+    }
+
+    /// Viscous friction in a direction \[N s/m\].
+    pub(crate) fn viscous(&self, direction: f64) -> f64 {
+        self.viscous_n_s_per_m * (1.0 + direction * self.viscous_asymmetry)
+    }
+
+    /// Whether friction turns over a distance.
+    pub(crate) fn presslides(&self) -> bool {
+        self.presliding_m > 0.0 && self.coulomb_n > 0.0
+    }
+
+    /// Whether friction falls with the velocity.
+    pub(crate) fn has_stribeck(&self) -> bool {
+        self.stribeck_ratio > 1.0 && self.coulomb_n > 0.0
+    }
+
+    /// Whether a direction of motion is told from the other.
+    pub(crate) fn has_directions(&self) -> bool {
+        self.coulomb_n > 0.0 || (self.viscous_asymmetry != 0.0 && self.viscous_n_s_per_m > 0.0)
+    }
+
+    /// Whether the flanks always touch.
+    pub(crate) fn is_closed(&self) -> bool {
+        self.backlash_m == 0.0 && self.unilateral == 0.0
+    }
+
+    /// Steepest rise of friction over the travel \[N/m\].
+    fn presliding_n_per_m(&self) -> f64 {
+        let turned_n = 2.0 * self.coulomb_n * (1.0 + self.coulomb_asymmetry.abs()) * self.stribeck_ratio;
+        if self.presslides() { turned_n / self.presliding_m } else { 0.0 }
+    }
+
+    /// Steepest fall of friction over the velocity, `sqrt(2/e)` of the surplus per velocity \[N s/m\].
+    fn stribeck_n_s_per_m(&self) -> f64 {
+        let surplus_n = self.coulomb_n * (1.0 + self.coulomb_asymmetry.abs()) * (self.stribeck_ratio - 1.0);
+        0.858 * surplus_n / self.stribeck_velocity_m_per_s
     }
 }
 
@@ -164,7 +266,9 @@ mod tests {
         let defaults: Vec<f64> = Parameters::TABLE.iter().map(|field| field.default).collect();
         assert_eq!(defaults, Parameters::paper().values());
         assert_eq!(Parameters::paper().validate(), Ok(()));
-        assert_eq!(Parameters::worn().validate(), Ok(()));
+        for name in Parameters::PRESETS {
+            assert_eq!(Parameters::preset(name).map(|device| device.validate()), Some(Ok(())), "{name}");
+        }
     }
 
     #[test]
@@ -176,5 +280,9 @@ mod tests {
         assert!(device.validate().unwrap_err().to_string().contains("backlash_m: -1 is outside"));
         let device = Parameters { inertance_kg: 0.01, stiffness_n_per_m: 1e12, ..Parameters::paper() };
         assert!(device.validate().unwrap_err().to_string().contains("stiffness_n_per_m"));
+        let device = Parameters { presliding_m: 1e-12, ..Parameters::paper() };
+        assert!(device.validate().unwrap_err().to_string().contains("presliding_m"));
+        let device = Parameters { unilateral: 0.5, ..Parameters::paper() };
+        assert!(device.validate().unwrap_err().to_string().contains("unilateral: 0.5 is not a whole"));
     }
 }

@@ -1,14 +1,15 @@
 //! The instruments: what the rig's encoder, load cell and displacement sensor make of the truth.
 //!
 //! - position: `floor((x2 + eccentricity) / metres_per_count + encoder_phase_count)`, wrapping like a 32-bit counter.
-//! - force: `gain (F + mr x1'')` of `delay_s` ago `+ offset + drift t + noise`, rounded to codes, held to the code limits.
+//! - force: `gain (F + mr x1'')` of `delay_s` ago `+ offset + drift t + pickup + knock + noise`, rounded to codes, held to
+//!   the code limits. The pickup is a sine, the knock one half of a sine.
 //! - terminal: `x1 + noise`, rounded to codes.
 //!
 //! With `oversampling` N, position and force are sums over N evenly spaced sub-samples per sample, as in a device whose
 //! timer triggers N conversions; the terminal code is one conversion at the sample's time. White noise is stated per
 //! sample: a sub-sample has `sqrt(N)` times as much.
 
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 
 use crate::PlantError;
 use crate::table::field_table;
@@ -48,6 +49,16 @@ pub struct Sensors {
     pub force_noise_n: f64,
     /// Delay of the force behind the position \[s\].
     pub delay_s: f64,
+    /// Amplitude of the mains in the force \[N\].
+    pub pickup_n: f64,
+    /// Frequency of the mains \[Hz\].
+    pub pickup_hz: f64,
+    /// Height of a knock on the load cell \[N\].
+    pub knock_n: f64,
+    /// Its start \[s\].
+    pub knock_at_s: f64,
+    /// Its length \[s\].
+    pub knock_s: f64,
     /// Displacement per code of the terminal sensor; negative turns the direction \[m\].
     pub metres_per_terminal_code: f64,
     /// White noise of the terminal sensor, rms \[m\].
@@ -75,6 +86,11 @@ field_table! { Sensors {
     force_drift_n_per_s, "N/s", 0.0, -1e3, 1e3, Real, "Drift of the offset";
     force_noise_n, "N", 0.0, 0.0, 1e4, Real, "White noise of one sample, rms";
     delay_s, "s", 0.0, -0.1, 0.1, Real, "Delay of the force behind the position";
+    pickup_n, "N", 0.0, 0.0, 1e4, Real, "Amplitude of the mains in the force";
+    pickup_hz, "Hz", 50.0, 1.0, 1e4, Real, "Frequency of the mains";
+    knock_n, "N", 0.0, -1e6, 1e6, Real, "Height of a knock on the load cell";
+    knock_at_s, "s", 5.0, 0.0, 1e9, Real, "Start of the knock";
+    knock_s, "s", 0.004, 1e-5, 10.0, Real, "Length of the knock, half a sine";
     metres_per_terminal_code, "m", 1e-7, -1e-2, 1e-2, Real, "Displacement per code of the terminal sensor";
     terminal_noise_m, "m", 0.0, 0.0, 1e-2, Real, "White noise of the terminal sensor, rms";
     lost_probability, "", 0.0, 0.0, 0.99, Real, "Probability that a sample is lost";
@@ -100,6 +116,11 @@ impl Default for Sensors {
             force_drift_n_per_s: 0.0,
             force_noise_n: 0.0,
             delay_s: 0.0,
+            pickup_n: 0.0,
+            pickup_hz: 50.0,
+            knock_n: 0.0,
+            knock_at_s: 5.0,
+            knock_s: 0.004,
             metres_per_terminal_code: 1e-7,
             terminal_noise_m: 0.0,
             lost_probability: 0.0,
@@ -152,7 +173,14 @@ impl Sensors {
 
     /// Code of one conversion of a force that already carries its noise, and whether the converter was at a limit.
     pub(crate) fn code(&self, cell_n: f64, t_s: f64, noise_n: f64) -> (i32, Limit) {
-        let measured = self.force_gain * cell_n + self.force_offset_n + self.force_drift_n_per_s * t_s + noise_n;
+        let mut measured = self.force_gain * cell_n + self.force_offset_n + self.force_drift_n_per_s * t_s + noise_n;
+        if self.pickup_n != 0.0 {
+            measured += self.pickup_n * (TAU * self.pickup_hz * t_s).sin();
+        }
+        let since_knock_s = t_s - self.knock_at_s;
+        if self.knock_n != 0.0 && (0.0..self.knock_s).contains(&since_knock_s) {
+            measured += self.knock_n * (PI * since_knock_s / self.knock_s).sin();
+        }
         let code = (measured / self.newtons_per_code + self.force_zero_code).round();
         if code <= self.force_min_code {
             (self.force_min_code as i32, Limit::Low)

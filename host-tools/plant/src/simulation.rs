@@ -116,7 +116,6 @@ impl Simulation {
         self.number += 1;
         self.cover(start_s - sensors.delay_s.max(0.0), last_s - sensors.delay_s.min(0.0));
 
-        let structure_kg = self.plant.parameters().structure_mass_kg;
         let noise_n = sensors.force_noise_n * f64::from(count).sqrt();
         let (mut position, mut force, mut limit) = (0i64, 0i32, Limit::Within);
         for k in 0..count {
@@ -125,9 +124,7 @@ impl Simulation {
             position = position.wrapping_add(sensors.count(x2_m));
 
             let then_s = now_s - sensors.delay_s;
-            let cell_n = self
-                .segment(then_s)
-                .map_or(0.0, |segment| segment.force_at_n(then_s) + structure_kg * segment.a1_at_m_per_s2(then_s));
+            let cell_n = self.segment(then_s).map_or(0.0, |segment| segment.cell_at_n(then_s));
             let noise = if noise_n > 0.0 { noise_n * self.gaussian_force() } else { 0.0 };
             let (code, at) = sensors.code(cell_n, now_s, noise);
             // At most 64 codes of 24 bits: the sum fits.

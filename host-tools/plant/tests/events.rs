@@ -18,6 +18,11 @@ fn runs() -> Vec<(&'static str, Parameters, Excitation, f64)> {
     let frictionless = Parameters { coulomb_n: 0.0, ..Parameters::worn() };
     let sticky = Parameters { coulomb_n: 300.0, ..Parameters::paper() };
     let light = Parameters { inertance_kg: 0.05, ..Parameters::worn() };
+    let uneven = Parameters { coulomb_asymmetry: 0.4, viscous_asymmetry: -0.3, ..Parameters::paper() };
+    let viscous_uneven = Parameters { coulomb_n: 0.0, viscous_asymmetry: 0.5, ..Parameters::paper() };
+    let weight = Parameters { constant_force_n: -200.0, ..Parameters::worn() };
+    let slow_stribeck = Parameters { stribeck_velocity_m_per_s: 0.02, backlash_m: 1e-4, ..Parameters::stribeck() };
+    let both = Parameters { stribeck_ratio: 1.3, coulomb_asymmetry: 0.2, ..Parameters::presliding() };
     vec![
         ("paper slow", Parameters::paper(), preset("slow"), 40.0),
         ("paper random", Parameters::paper(), preset("random"), 20.0),
@@ -29,6 +34,16 @@ fn runs() -> Vec<(&'static str, Parameters, Excitation, f64)> {
         ("frictionless multi", frictionless, preset("multi"), 20.0),
         ("sticky multi", sticky, preset("multi"), 20.0),
         ("light mid", light, preset("mid"), 5.0),
+        ("uneven random", uneven, preset("random"), 20.0),
+        ("viscous uneven mid", viscous_uneven, preset("mid"), 10.0),
+        ("weight mid", weight, preset("mid"), 10.0),
+        ("stribeck random", Parameters::stribeck(), preset("random"), 20.0),
+        ("stribeck slow", Parameters::stribeck(), preset("slow"), 40.0),
+        ("wide stribeck two", slow_stribeck, preset("two"), 10.0),
+        ("presliding random", Parameters::presliding(), preset("random"), 20.0),
+        ("presliding slow", Parameters::presliding(), preset("slow"), 40.0),
+        ("presliding and rest", Parameters::presliding(), Excitation::parse("mid@3s;hold@2s;mid", 1).unwrap(), 10.0),
+        ("presliding with stribeck mid", both, preset("mid"), 10.0),
     ]
 }
 
@@ -55,6 +70,18 @@ fn stored_j(p: &Parameters, t: &Truth) -> f64 {
     0.5 * p.inertance_kg * t.v2_m_per_s.powi(2) + 0.5 * p.stiffness_n_per_m * squeeze.powi(2)
 }
 
+/// Viscous friction of the direction it moves in \[N s/m\].
+fn viscous(p: &Parameters, t: &Truth) -> f64 {
+    p.viscous_n_s_per_m * (1.0 + p.viscous_asymmetry * t.v2_m_per_s.signum())
+}
+
+/// What dry friction must be while it slides: Coulomb's of the direction with Stribeck's surplus \[N\].
+fn sliding_n(p: &Parameters, t: &Truth) -> f64 {
+    let direction = if t.motion == Motion::Backward { -1.0 } else { 1.0 };
+    let surplus = (p.stribeck_ratio - 1.0) * (-(t.v2_m_per_s / p.stribeck_velocity_m_per_s).powi(2)).exp();
+    direction * p.coulomb_n * (1.0 + direction * p.coulomb_asymmetry) * (1.0 + surplus)
+}
+
 #[test]
 fn energy_is_kept_through_every_event() {
     for (name, device, motion, duration_s) in runs() {
@@ -68,8 +95,8 @@ fn energy_is_kept_through_every_event() {
                 work += t.force_n * t.v1_m_per_s * dt;
                 traffic += (t.force_n * t.v1_m_per_s).abs() * dt;
                 taken += dt
-                    * (device.viscous_n_s_per_m * t.v2_m_per_s.powi(2)
-                        + device.coulomb_n * t.v2_m_per_s.abs()
+                    * (viscous(&device, &t) * t.v2_m_per_s.powi(2)
+                        + (t.friction_n - device.constant_force_n) * t.v2_m_per_s
                         + device.contact_damping_n_s_per_m * rate.powi(2));
             }
             let (first, last) = (segment.at_fraction(0.0), segment.at_fraction(1.0));
@@ -89,6 +116,7 @@ fn energy_is_kept_through_every_event() {
 fn every_state_is_what_its_mode_says() {
     for (name, device, motion, duration_s) in runs() {
         let half_gap = 0.5 * device.backlash_m;
+        let sticks = device.coulomb_n > 0.0 && device.presliding_m == 0.0;
         let (mut stuck, mut flight, mut contact) = (0, 0, 0);
         let mut before: Option<Truth> = None;
         for segment in segments(device, motion, duration_s) {
@@ -112,8 +140,12 @@ fn every_state_is_what_its_mode_says() {
                     Contact::Closed => assert_eq!(half_gap, 0.0),
                 }
                 match t.motion {
-                    Motion::Stuck if device.coulomb_n > 0.0 => {
-                        assert!(t.force_n.abs() <= device.coulomb_n * (1.0 + 1e-10), "{name}: {t:?}");
+                    Motion::Stuck if sticks => {
+                        let total = t.force_n + device.constant_force_n;
+                        let breakaway = device.coulomb_n
+                            * (1.0 + device.coulomb_asymmetry * total.signum())
+                            * device.stribeck_ratio;
+                        assert!(total.abs() <= breakaway * (1.0 + 1e-10), "{name}: {t:?}");
                         assert_eq!((t.v2_m_per_s, t.a2_m_per_s2), (0.0, 0.0));
                         stuck += 1;
                     }
@@ -127,21 +159,22 @@ fn every_state_is_what_its_mode_says() {
                     contact += 1
                 }
                 // The equation of motion itself.
-                let sign = match t.motion {
-                    Motion::Forward => 1.0,
-                    Motion::Backward => -1.0,
-                    Motion::Stuck => continue,
-                };
-                let rest = device.inertance_kg * t.a2_m_per_s2
-                    + device.viscous_n_s_per_m * t.v2_m_per_s
-                    + device.coulomb_n * sign
-                    - t.force_n;
+                if t.motion == Motion::Stuck {
+                    continue;
+                }
+                let rest = device.inertance_kg * t.a2_m_per_s2 + viscous(&device, &t) * t.v2_m_per_s + t.friction_n
+                    - t.force_n
+                    - device.constant_force_n;
                 let scale = device.coulomb_n + t.force_n.abs() + device.inertance_kg * t.a2_m_per_s2.abs();
                 assert!(rest.abs() <= 1e-6 * scale, "{name}: {rest:.1e} of {scale}");
+                if device.presliding_m == 0.0 {
+                    let off = t.friction_n - sliding_n(&device, &t);
+                    assert!(off.abs() <= 1e-9 * device.coulomb_n.max(1.0), "{name}: {off:.1e}, {t:?}");
+                }
             }
         }
         println!("{name}: {stuck} stuck, {flight} in flight, {contact} in contact");
-        assert_eq!(stuck > 0, device.coulomb_n > 0.0, "{name}");
+        assert_eq!(stuck > 0, sticks && device.constant_force_n == 0.0, "{name}");
         assert_eq!(flight > 0, device.backlash_m > 0.0, "{name}");
     }
 }
@@ -340,4 +373,160 @@ fn grazing_is_neither_missed_nor_repeated() {
             }
         }
     }
+}
+
+#[test]
+fn presliding_follows_its_formula() {
+    // With one direction and one level, friction over travel is an exponential.
+    let device = Parameters { coulomb_asymmetry: 0.3, presliding_m: 1e-4, ..Parameters::worn() };
+    let (mut last, mut worst, mut greatest) = (0.0, 0.0f64, 0.0f64);
+    for segment in segments(device, Excitation::preset("two", 0).unwrap(), 10.0) {
+        let [first, end] = [0.0, 1.0].map(|place| segment.at_fraction(place));
+        worst = worst.max((first.friction_n - last).abs());
+        last = end.friction_n;
+        let travel = end.x2_m - first.x2_m;
+        let direction = travel.signum();
+        let level = direction * device.coulomb_n * (1.0 + direction * device.coulomb_asymmetry);
+        let expected = level + (first.friction_n - level) * (-travel.abs() / device.presliding_m).exp();
+        worst = worst.max((end.friction_n - expected).abs());
+        greatest = greatest.max(end.friction_n);
+    }
+    println!("off by {worst:.1e} N");
+    assert!(worst < 1e-10, "{worst:.1e}");
+    assert!((64.9..65.0 + 1e-9).contains(&greatest), "{greatest}");
+}
+
+#[test]
+fn curved_friction_does_not_depend_on_the_step() {
+    for (name, device) in [
+        ("stribeck", Parameters { stribeck_velocity_m_per_s: 5e-4, ..Parameters::stribeck() }),
+        ("presliding", Parameters { presliding_m: 5e-6, ..Parameters::worn() }),
+    ] {
+        let at = |step_s: f64| {
+            let mut plant = Plant::with_step(device, Excitation::preset("two", 0).unwrap(), step_s).unwrap();
+            let mut times = (1..100).map(|k| 0.051_7 * f64::from(k)).peekable();
+            let mut states = Vec::new();
+            while let Some(&t) = times.peek() {
+                let segment = plant.next_segment();
+                if segment.end_s() > t {
+                    states.push(segment.at(t).x2_m);
+                    times.next();
+                }
+            }
+            states
+        };
+        let [coarse, fine] = [1e-3, 0.5e-3].map(at);
+        let worst = coarse.iter().zip(&fine).fold(0.0f64, |top, (a, b)| top.max((a - b).abs()));
+        println!("{name}: {worst:.1e} m between 1 and 0.5 ms");
+        assert!(coarse.len() > 90 && worst < 1e-11, "{name}: {worst:.1e}");
+    }
+}
+
+#[test]
+fn unilateral_contact_never_pulls_and_makes_no_energy() {
+    let springy = Parameters { contact_damping_n_s_per_m: 10_000.0, ..Parameters::worn() };
+    for (name, device, motion) in [
+        ("worn mid", Parameters::worn(), "mid"),
+        ("worn random", Parameters::worn(), "random"),
+        ("no backlash", Parameters::paper(), "random"),
+        ("damped", springy, "two"),
+        ("no damping", Parameters { contact_damping_n_s_per_m: 0.0, ..Parameters::worn() }, "mid"),
+        ("weight", Parameters { constant_force_n: 300.0, ..Parameters::worn() }, "mid"),
+    ] {
+        let half_gap = 0.5 * device.backlash_m;
+        let pulls = |t: &Truth| {
+            let d = t.x1_m - t.x2_m;
+            t.force_n * d < 0.0 && t.force_n.abs() > 1e-6
+        };
+        let motion = || Excitation::preset(motion, 3).unwrap();
+        let linear = segments(device, motion(), 10.0).filter(|row| pulls(&row.at_fraction(0.999))).count();
+        let device = Parameters { unilateral: 1.0, ..device };
+        let (mut balance, mut least, mut parted, mut cut, mut pushed) = (0.0, 0.0f64, 0, 0, 0.0f64);
+        let mut before: Option<Truth> = None;
+        for segment in segments(device, motion(), 10.0) {
+            for (place, weight) in GAUSS {
+                let t = segment.at_fraction(place);
+                let dt = weight * segment.duration_s();
+                assert!(!pulls(&t), "{name}: {t:?}");
+                let rate = t.v1_m_per_s - t.v2_m_per_s;
+                let damped =
+                    if t.contact == Contact::Flight { 0.0 } else { device.contact_damping_n_s_per_m * rate.powi(2) };
+                let rubbed = device.viscous_n_s_per_m * t.v2_m_per_s.powi(2)
+                    + (t.friction_n - device.constant_force_n) * t.v2_m_per_s;
+                balance += dt * (t.force_n * t.v1_m_per_s - rubbed - damped);
+            }
+            let last = segment.at_fraction(1.0);
+            // What is stored, were a parted flank relaxed at once.
+            least = least.min(balance - stored_j(&device, &last));
+            pushed = pushed.max(last.force_n.abs());
+            let first = segment.at_fraction(0.5);
+            if let Some(before) = before
+                && before.contact != Contact::Flight
+                && first.contact == Contact::Flight
+            {
+                parted += 1;
+                assert!(before.force_n.abs() < 1e-6, "{name}: {before:?}");
+                cut += u32::from((before.x1_m - before.x2_m).abs() > half_gap + 1e-9);
+            }
+            before = Some(last);
+        }
+        println!(
+            "{name}: pulled {linear} times, now parts {parted} times, {cut} squeezed; energy made {:.1e} J",
+            -least
+        );
+        assert!(parted > 10 && pushed > 100.0, "{name}");
+        assert_eq!(cut > 0, device.contact_damping_n_s_per_m > 0.0, "{name}");
+        assert_eq!(linear > 0, device.contact_damping_n_s_per_m > 0.0, "{name}");
+        assert!(least > -1e-6, "{name}: {least:.1e}");
+    }
+}
+
+#[test]
+fn a_device_changes_in_time_and_goes_on_moving() {
+    let swapped = Parameters { inertance_kg: 150.0, structure_mass_kg: 3.0, ..Parameters::paper() };
+    let dry = Parameters { coulomb_n: 120.0, viscous_n_s_per_m: 60.0, ..Parameters::paper() };
+    let free = Parameters { coulomb_n: 0.0, ..Parameters::paper() };
+    for (name, after) in [
+        ("flywheel", swapped),
+        ("lubricant", dry),
+        ("frictionless", free),
+        ("play", Parameters { backlash_m: 2e-4, ..Parameters::paper() }),
+        ("presliding", Parameters::presliding()),
+        ("unilateral", Parameters { unilateral: 1.0, ..Parameters::worn() }),
+    ] {
+        // On no step's grid.
+        let at_s = 3.000_37;
+        let motion = || Excitation::preset("mid", 3).unwrap();
+        let mut alone = Plant::new(Parameters::paper(), motion()).unwrap();
+        let later = vec![(5.0, Parameters::paper()), (at_s, after)];
+        let mut plant = Plant::changing(Parameters::paper(), later, motion()).unwrap();
+        let (mut before, mut seen) = (alone.clone().next_segment().at_fraction(0.0), 0);
+        loop {
+            let segment = plant.next_segment();
+            let [first, middle, last] = [0.0, 0.5, 1.0].map(|place| segment.at_fraction(place));
+            if first.t_s > 8.0 {
+                break;
+            }
+            let jump = (first.x2_m - before.x2_m).abs() + 1e-3 * (first.v2_m_per_s - before.v2_m_per_s).abs();
+            assert!(jump < 1e-14, "{name}: {jump:.1e} at {}", first.t_s);
+            let device = if (at_s..5.0).contains(&middle.t_s) { after } else { Parameters::paper() };
+            if last.t_s < at_s {
+                let same = alone.next_segment();
+                assert_eq!(same.at_fraction(0.5), middle);
+            }
+            if middle.motion != Motion::Stuck {
+                let rest = device.inertance_kg * middle.a2_m_per_s2
+                    + viscous(&device, &middle) * middle.v2_m_per_s
+                    + middle.friction_n
+                    - middle.force_n;
+                assert!(rest.abs() < 1e-6 * (100.0 + middle.force_n.abs()), "{name} at {}: {rest:.1e}", middle.t_s);
+            }
+            seen += u32::from((first.t_s - at_s).abs() < 1e-12 || (first.t_s - 5.0).abs() < 1e-12);
+            before = last;
+        }
+        assert!(seen >= 2, "{name}: a segment starts at each change");
+        assert_eq!((plant.forced_steps(), plant.parameters()), (0, &Parameters::paper()), "{name}");
+    }
+    let refused = Plant::changing(Parameters::paper(), vec![(-1.0, Parameters::paper())], Excitation::hold());
+    assert!(refused.unwrap_err().to_string().contains("change_at_s"));
 }

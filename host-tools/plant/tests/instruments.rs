@@ -132,3 +132,18 @@ fn known_samples_stay_the_same() {
         assert!((sample.position_count - position).abs() <= 1 && (sample.force_code - force).abs() <= 1, "{sample:?}");
     }
 }
+
+#[test]
+fn pickup_and_knock_come_on_top_of_the_force() {
+    let quiet = Sensors { newtons_per_code: 1e-3, ..Sensors::default() };
+    let loud = Sensors { pickup_n: 5.0, pickup_hz: 60.0, knock_n: -200.0, knock_at_s: 1.0, knock_s: 0.01, ..quiet };
+    for (a, b) in samples(loud, 3000).iter().zip(samples(quiet, 3000)) {
+        let added = f64::from(a.force_code - b.force_code) * 1e-3;
+        let mains = 5.0 * (std::f64::consts::TAU * 60.0 * a.t_s).sin();
+        let since = a.t_s - 1.0;
+        let knock =
+            if (0.0..0.01).contains(&since) { -200.0 * (std::f64::consts::PI * since / 0.01).sin() } else { 0.0 };
+        assert!((added - mains - knock).abs() < 1.001e-3, "{added} at {}", a.t_s);
+        assert_eq!((a.position_count, a.truth), (b.position_count, b.truth));
+    }
+}

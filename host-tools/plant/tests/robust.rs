@@ -17,15 +17,29 @@ fn device() -> impl Strategy<Value = Parameters> {
         decades(1e-2, 1e6),
         decades(1e-6, 1e-2),
         decades(1e-2, 1e2),
+        (-1.0f64..1.0, -1.0f64..1.0, decades(1e-6, 1e-3), any::<bool>(), -100.0f64..100.0, any::<u8>()),
+        (1.0f64..2.0, 1e-4f64..0.1),
     )
-        .prop_map(|(inertance, viscous, coulomb, stiffness, damping, backlash, structure)| Parameters {
-            inertance_kg: 10f64.powf(inertance),
-            viscous_n_s_per_m: viscous,
-            coulomb_n: coulomb,
-            stiffness_n_per_m: 10f64.powf(stiffness),
-            contact_damping_n_s_per_m: damping,
-            backlash_m: backlash,
-            structure_mass_kg: structure,
+        .prop_map(|(inertance, viscous, coulomb, stiffness, damping, backlash, structure, more, stribeck)| {
+            // Each of the rarer features in a quarter of the cases.
+            let (fc_asymmetry, cf_asymmetry, presliding, unilateral, weight, chosen) = more;
+            let given = |bits: u8, value: f64| if chosen >> (2 * bits) & 3 == 0 { value } else { 0.0 };
+            Parameters {
+                inertance_kg: 10f64.powf(inertance),
+                viscous_n_s_per_m: viscous,
+                coulomb_n: coulomb,
+                stiffness_n_per_m: 10f64.powf(stiffness),
+                contact_damping_n_s_per_m: damping,
+                backlash_m: backlash,
+                structure_mass_kg: structure,
+                coulomb_asymmetry: given(0, fc_asymmetry),
+                viscous_asymmetry: given(0, cf_asymmetry),
+                presliding_m: given(1, presliding),
+                stribeck_ratio: 1.0 + given(2, stribeck.0 - 1.0),
+                stribeck_velocity_m_per_s: stribeck.1,
+                unilateral: f64::from(u8::from(unilateral)),
+                constant_force_n: given(3, weight),
+            }
         })
         .prop_filter("slow enough to be followed", |device| device.validate().is_ok())
 }

@@ -6,7 +6,7 @@ use anyhow::Result;
 /// Compare with the committed table, or write it.
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
 pub struct Options {
-    /// Write docs/tables/accuracy.md instead of comparing with it
+    /// Write the table instead of comparing with it
     #[arg(long)]
     pub update: bool,
 }
@@ -19,14 +19,14 @@ pub struct Arguments {
     pub arguments: Vec<String>,
 }
 
-/// The grid of motions and seeds; the program itself compares and writes.
-pub fn run(options: &Options) -> Result<()> {
-    program("accuracy", if options.update { &["--update"] } else { &[] })
+/// A program that measures a table, and itself compares or writes it: the one of this name in docs/tables.
+pub fn table(name: &str, options: &Options) -> Result<()> {
+    program(name, if options.update { &["--update"] } else { &[] })
 }
 
-/// Fixed point beside f64 over a long run.
-pub fn long_run(arguments: &Arguments) -> Result<()> {
-    program("longrun", &arguments.arguments.iter().map(String::as_str).collect::<Vec<_>>())
+/// A program that takes arguments of its own.
+pub fn with_arguments(name: &str, arguments: &Arguments) -> Result<()> {
+    program(name, &arguments.arguments.iter().map(String::as_str).collect::<Vec<_>>())
 }
 
 /// Runs one of the programs of `inerter-tests`, optimised.

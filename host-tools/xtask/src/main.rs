@@ -54,8 +54,14 @@ enum Command {
     Icount(table::Options),
     /// Bias, spread and coverage of the estimates over the grid of motions, against docs/tables/accuracy.md
     Accuracy(accuracy::Options),
+    /// How soon a change of the device is found, and how often one that is none, against docs/tables/changes.md
+    Changes(accuracy::Options),
+    /// Errors and coverage under what goes wrong in real rigs, against docs/tables/robustness.md
+    Robustness(accuracy::Options),
     /// Compare fixed point with the same algorithm in f64 over at least 1e7 updates
     Longrun(accuracy::Arguments),
+    /// A thousand million samples: no drift, no overflow, the same result for the same motion
+    Endurance(accuracy::Arguments),
     /// Time and errors beside other recursive least squares, into docs/tables/bench.md
     Bench(bench::Options),
 }
@@ -71,8 +77,11 @@ fn main() -> ExitCode {
         Command::CheckPanics => panics::run(),
         Command::Size(options) => size::run(&options),
         Command::Icount(options) => icount::run(&options),
-        Command::Accuracy(options) => accuracy::run(&options),
-        Command::Longrun(arguments) => accuracy::long_run(&arguments),
+        Command::Accuracy(options) => accuracy::table("accuracy", &options),
+        Command::Changes(options) => accuracy::table("changes", &options),
+        Command::Robustness(options) => accuracy::table("robustness", &options),
+        Command::Longrun(arguments) => accuracy::with_arguments("longrun", &arguments),
+        Command::Endurance(arguments) => accuracy::with_arguments("endurance", &arguments),
         Command::Bench(options) => bench::run(&options),
     };
     match result {

@@ -35,8 +35,9 @@ const LOAD_GOAL: f64 = 42e6;
 /// The load depends on the motion's noise a little.
 const LOAD_TOLERANCE: f64 = 0.05;
 
-/// Goals for the image that ships, in bytes.
-const FLASH_GOAL: f64 = 128.0 * 1024.0;
+/// Goals for the image that ships, in bytes. Bank 1 has 256 KB; 128 KB held the instrument without backlash, changes and
+/// friction's conduct.
+const FLASH_GOAL: f64 = 160.0 * 1024.0;
 const RAM_GOAL: f64 = 48.0 * 1024.0;
 
 /// Compares with the committed table, or writes it.

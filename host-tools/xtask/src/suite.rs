@@ -128,7 +128,21 @@ const STEPS: &[Step] = &[
         alone: "cargo xtask accuracy",
         needed: false,
         long: true,
-        run: || accuracy::run(&accuracy::Options::default()),
+        run: || accuracy::table("accuracy", &accuracy::Options::default()),
+    },
+    Step {
+        name: "table of changes",
+        alone: "cargo xtask changes",
+        needed: false,
+        long: true,
+        run: || accuracy::table("changes", &accuracy::Options::default()),
+    },
+    Step {
+        name: "table of robustness",
+        alone: "cargo xtask robustness",
+        needed: false,
+        long: true,
+        run: || accuracy::table("robustness", &accuracy::Options::default()),
     },
 ];
 

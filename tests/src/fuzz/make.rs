@@ -1,6 +1,6 @@
 //! Streams that a device should not meet.
 
-use inerter_core::{Estimate, Kind, RawSample, Settings};
+use inerter_core::{Detail, Estimate, Gap, Kind, RawSample, Settings};
 use inerter_wire::{
     ClockSource, Command, DELIMITER, Done, Event, EventKind, Health, Hello, MAX_FRAME, MAX_SETTINGS, Message, Record,
     Refusal, Reply, Request, Samples, SettingValue, SettingsValues, Streams, encode_record, encode_request,
@@ -159,6 +159,8 @@ pub fn records() -> Vec<Vec<u8>> {
         Record::Samples(batch.0),
         Record::Health(Health::default()),
         Record::Estimate(Estimate::default()),
+        Record::Detail(Detail::default()),
+        Record::Gap(Gap::default()),
     ];
     (0..)
         .zip(records)

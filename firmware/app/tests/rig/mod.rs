@@ -611,13 +611,22 @@ pub fn raw_samples(records: &[Record]) -> Vec<RawSample> {
 
 /// A shaken inerter of 100 kg with 20 N of friction, 3 Hz, 4 mm, at the default settings.
 pub fn shaken(count: u32) -> Vec<RawSample> {
+    shaken_mass(count, 100.0)
+}
+
+/// The same motion of half the inertance.
+pub fn lighter(count: u32) -> Vec<RawSample> {
+    shaken_mass(count, 50.0)
+}
+
+fn shaken_mass(count: u32, inertance_kg: f64) -> Vec<RawSample> {
     let settings = Settings::default();
     (0..count)
         .map(|index| {
             let w = 2.0 * std::f64::consts::PI * 3.0;
             let phase = w * f64::from(index) / settings.sample_rate_hz;
             let (x, v, a) = (4e-3 * phase.sin(), 4e-3 * w * phase.cos(), -4e-3 * w * w * phase.sin());
-            let force = 100.0 * a + 20.0 * v.signum();
+            let force = inertance_kg * a + 20.0 * v.signum();
             RawSample {
                 index,
                 position_count: (x / settings.metres_per_count).floor() as i32,

@@ -1,8 +1,8 @@
 //! The catalogue against the types that it describes.
 
 use crate::specification::fields_of;
-use crate::values::{estimate, health};
-use inerter_core::{Estimate, Parameters, RawSample, Settings};
+use crate::values::{detail, estimate, health};
+use inerter_core::{Detail, Estimate, Parameters, RawSample, Settings};
 use inerter_wire::catalogue::{FIELDS, Field, Group, fields, find};
 use inerter_wire::{Health, catalogue};
 use std::collections::BTreeSet;
@@ -20,6 +20,13 @@ fn covers_the_types() {
     let mut plain = fields_of::<Estimate>("Estimate");
     plain.retain(|name| name != "recent" && name != "whole_run");
     assert_eq!(paths(Group::Estimate), plain);
+    // What has a unit of its own inside carries it in views.
+    let detail = fields_of::<Detail>("Detail").into_iter().map(|name| match name.as_str() {
+        "band" => "band_hz".into(),
+        "backlash" => "backlash_m".into(),
+        _ => name,
+    });
+    assert_eq!(paths(Group::Detail), detail.collect::<Vec<_>>());
 }
 
 #[test]
@@ -31,6 +38,8 @@ fn words_are_fit_to_show() {
         assert!(label.starts_with(char::is_uppercase), "{path}");
         let suffix = match unit {
             "kg" => "_kg",
+            "Hz" => "_hz",
+            "N/m" => "_n_per_m",
             "N s/m" => "_n_s_per_m",
             "N" => "_n",
             "m" => "_m",
@@ -42,12 +51,13 @@ fn words_are_fit_to_show() {
             other => panic!("{path}: unit {other}"),
         };
         assert!(path.ends_with(suffix), "{path} carries its unit");
-        assert!(symbol.len() <= 2);
+        assert!(symbol.len() <= 3);
         assert_eq!(find(group, path).map(|field| field.label), Some(label));
     }
     assert_eq!(find(Group::Sample, "nothing"), None);
-    // A setting and a quantity never share a name.
-    assert!(FIELDS.iter().all(|field| Settings::find(field.path).is_none()));
+    // A setting and a quantity never share a name, but for what is set where it cannot be measured.
+    let shared = FIELDS.iter().filter(|field| Settings::find(field.path).is_some());
+    assert_eq!(shared.map(|field| field.path).collect::<Vec<_>>(), ["stiffness_n_per_m", "contact_damping_n_s_per_m"]);
 }
 
 #[test]
@@ -68,6 +78,9 @@ fn values_stand_beside_their_fields() {
             ("updates", 300.0)
         ]
     );
+
+    let shown: Vec<_> = catalogue::contact(&detail()).map(|(field, value)| (field.path, value.value)).collect();
+    assert_eq!(shown, [("stiffness_n_per_m", 2.1e6), ("contact_damping_n_s_per_m", 1200.0)]);
 
     let raw = RawSample { index: 1, position_count: -2, force_code: 3, terminal_code: -4 };
     let shown: Vec<_> = catalogue::sample(&raw).map(|(field, value)| (field.path, value)).collect();

@@ -4,8 +4,10 @@
 //! its device sent must decode for ever. New lines are added; a missing one is printed in full by the test.
 
 use crate::reference;
-use crate::values::{longest_samples, longest_sums, most_settings, records, requests};
-use inerter_core::Bank;
+use crate::values::{
+    longest_detail, longest_more_sums, longest_samples, longest_sums, most_settings, records, requests,
+};
+use inerter_core::{BacklashStatus, Bank, Changed, Conduct, Contact, Reason, Route};
 use inerter_wire::*;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Debug;
@@ -91,6 +93,9 @@ fn numbers_are_pinned() {
             Record::Reply(_) => (5, "Reply"),
             Record::Settings(_) => (6, "Settings"),
             Record::Sums(_) => (7, "Sums"),
+            Record::Gap(_) => (8, "Gap"),
+            Record::Detail(_) => (9, "Detail"),
+            Record::MoreSums(_) => (10, "MoreSums"),
         };
         assert_eq!((record.number(), record.name()), (number, name));
         let mut payload = [0; MAX_PAYLOAD];
@@ -135,7 +140,7 @@ fn numbers_are_pinned() {
 fn nested_variants_are_covered() {
     let mut seen = BTreeSet::new();
     for (_, record) in records() {
-        seen.insert(match record {
+        let kind = match record {
             Record::Hello(hello) => match hello.clock {
                 ClockSource::Internal => "internal",
                 ClockSource::Crystal => "crystal",
@@ -174,6 +179,12 @@ fn nested_variants_are_covered() {
                     ResetCause::Panic => "by a panic",
                     ResetCause::Unknown => "by something",
                 },
+                EventKind::Changed(change) => match change.parameter {
+                    Changed::Inertance => "inertance changed",
+                    Changed::Viscous => "viscous changed",
+                    Changed::Coulomb => "coulomb changed",
+                    Changed::Offset => "offset changed",
+                },
             },
             Record::Reply(reply) => match reply.result {
                 Ok(Done::Plain) => "plain",
@@ -201,10 +212,45 @@ fn nested_variants_are_covered() {
                 Bank::Fast => "fast",
                 Bank::Slow => "slow",
             },
+            Record::MoreSums(sums) => match sums.bank {
+                Bank::Fast => "more, fast",
+                Bank::Slow => "more, slow",
+            },
+            Record::Gap(gap) => match gap.route {
+                Route::Force => "gap by force",
+                Route::Terminal => "gap by the terminal",
+            },
+            Record::Detail(detail) => {
+                seen.insert(match detail.contact {
+                    Contact::Unknown => "contact unknown",
+                    Contact::OneSided => "one-sided",
+                    Contact::Closed => "closed",
+                    Contact::Gap => "gap",
+                    Contact::Bouncing => "bouncing",
+                });
+                seen.insert(match detail.friction.conduct {
+                    Conduct::Unknown => "conduct unknown",
+                    Conduct::Coulomb => "coulomb",
+                    Conduct::Presliding => "presliding",
+                    Conduct::Stribeck => "stribeck",
+                });
+                match detail.backlash.status {
+                    BacklashStatus::NotIdentifiable(reason) => match reason {
+                        Reason::ForceNeverReverses => "force never reverses",
+                        Reason::TooFewReversals => "too few reversals",
+                        Reason::FlankTooShort => "flank too short",
+                        Reason::StiffnessUnknown => "stiffness unknown",
+                        Reason::Scattered => "scattered",
+                    },
+                    BacklashStatus::BelowU95 => "below u95",
+                    BacklashStatus::Ok => "backlash ok",
+                }
+            }
             Record::Samples(_) | Record::Estimate(_) | Record::Health(_) | Record::Settings(_) => "plain data",
-        });
+        };
+        seen.insert(kind);
     }
-    assert_eq!(seen.len(), 4 + 4 + 3 + 8 + 1 + 9 + 2 + 8 + 8 + 2 + 1);
+    assert_eq!(seen.len(), 4 + 4 + 3 + 8 + 1 + 9 + 4 + 2 + 8 + 8 + 2 + 2 + 2 + 5 + 4 + 7 + 1);
 }
 
 /// A frame taken apart by hand, so that the goldens do not only agree with themselves.
@@ -284,6 +330,8 @@ fn the_longest_fit() {
         Record::Samples(longest_samples()),
         Record::Settings(most_settings()),
         Record::Sums(longest_sums()),
+        Record::MoreSums(longest_more_sums()),
+        Record::Detail(longest_detail()),
         Record::Event(Event { index: u32::MAX, kind: EventKind::Panicked(Hello::text(&text)) }),
     ] {
         let length = encode_record(&record, u16::MAX, &mut out).unwrap();

@@ -28,6 +28,8 @@ const NAMES: &[&str] = &[
     "full_scale_velocity_m_per_s",
     "full_scale_acceleration_m_per_s2",
     "front_end",
+    "stiffness_u95_n_per_m",
+    "terminal_sensor",
 ];
 
 fn values(pairs: &[(u8, f64)]) -> SettingsValues {

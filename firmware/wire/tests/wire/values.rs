@@ -1,7 +1,10 @@
 //! One value of everything that travels: every record, every command, every nested variant.
 
 use crate::reference::Numbers;
-use inerter_core::{Bank, Estimate, Parameter, Parameters, RawSample, Status, Sums};
+use inerter_core::{
+    Backlash, BacklashStatus, Band, Bank, Change, Changed, Conduct, Contact, Detail, Estimate, Friction, Gap, MoreSums,
+    Parameter, Parameters, RawSample, Reason, Route, Status, Sums,
+};
 use inerter_wire::*;
 
 fn parameter(value: f32, u95: f32, status: Status) -> Parameter {
@@ -116,11 +119,74 @@ pub fn longest_sums() -> Sums {
 fn some_sums(numbers: &mut Numbers) -> Sums {
     let mut sums = sums();
     sums.updates = numbers.next() as u32;
-    for sum in &mut sums.sums {
-        let wide = (u128::from(numbers.next()) << 64 | u128::from(numbers.next())) as i128;
-        *sum = wide >> numbers.below(128);
-    }
+    sums.sums.fill_with(|| some_sum(numbers));
     sums
+}
+
+fn some_more_sums(numbers: &mut Numbers) -> MoreSums {
+    let mut sums = more_sums();
+    sums.updates = numbers.next() as u32;
+    sums.sums.fill_with(|| some_sum(numbers));
+    sums
+}
+
+fn some_sum(numbers: &mut Numbers) -> i128 {
+    let wide = (u128::from(numbers.next()) << 64 | u128::from(numbers.next())) as i128;
+    wide >> numbers.below(128)
+}
+
+/// Sums of the other two regressors, beside [`sums`].
+pub fn more_sums() -> MoreSums {
+    let Sums { index, bank, updates, sums, .. } = sums();
+    MoreSums { index, bank, updates, units: [-5e-8, 0.25], sums: core::array::from_fn(|place| sums[place + 2]) }
+}
+
+/// Further sums that no others are longer than.
+pub fn longest_more_sums() -> MoreSums {
+    MoreSums { index: u32::MAX, bank: Bank::Slow, updates: u32::MAX, units: [f64::MIN; 2], sums: [i128::MIN; 13] }
+}
+
+pub fn gap() -> Gap {
+    Gap { index: 20_000, value_m: 5.25e-5, error_m: 1.5e-6, route: Route::Force, rising: true }
+}
+
+/// What goes with [`estimate`], of a device with a terminal displacement sensor.
+pub fn detail() -> Detail {
+    Detail {
+        index: 20_000,
+        band: Band { low_hz: 3.0, high_hz: 6.5 },
+        backlash: Backlash {
+            value_m: 5e-5,
+            u95_m: 2e-6,
+            status: BacklashStatus::Ok,
+            route: Route::Terminal,
+            reversals: 130,
+        },
+        contact: Contact::Gap,
+        stiffness_n_per_m: parameter(2.1e6, 4e3, Status::Ok),
+        contact_damping_n_s_per_m: parameter(1200.0, 100.0, Status::Held),
+        friction: Friction { reversal_ratio: Some(0.9375), conduct: Conduct::Coulomb },
+        changes: 3,
+    }
+}
+
+fn change(parameter: Changed) -> Change {
+    Change { index: 290, parameter, before: 300.0, after: 250.5 }
+}
+
+/// A detail that no other is longer than.
+pub fn longest_detail() -> Detail {
+    Detail {
+        index: u32::MAX,
+        backlash: Backlash { reversals: u32::MAX, ..without(Reason::Scattered) },
+        changes: u32::MAX,
+        ..detail()
+    }
+}
+
+fn without(reason: Reason) -> Backlash {
+    let status = BacklashStatus::NotIdentifiable(reason);
+    Backlash { value_m: 0.0, u95_m: f32::INFINITY, status, route: Route::Force, reversals: 2 }
 }
 
 fn few_settings() -> SettingsValues {
@@ -140,6 +206,8 @@ fn reply(result: Result<Done, Refusal>) -> Record {
 
 /// Names and records for the goldens.
 pub fn records() -> Vec<(&'static str, Record)> {
+    let backlash = |backlash, contact| Record::Detail(Detail { backlash, contact, ..detail() });
+    let conduct = |conduct| Record::Detail(Detail { friction: Friction { reversal_ratio: None, conduct }, ..detail() });
     let bad = |fault| reply(Err(Refusal::BadSetting { number: 8, fault }));
     vec![
         ("Hello", Record::Hello(hello())),
@@ -177,6 +245,10 @@ pub fn records() -> Vec<(&'static str, Record)> {
         ("Event.ResetBy.OptionBytes", event(EventKind::ResetBy(ResetCause::OptionBytes))),
         ("Event.ResetBy.Panic", event(EventKind::ResetBy(ResetCause::Panic))),
         ("Event.ResetBy.Unknown", event(EventKind::ResetBy(ResetCause::Unknown))),
+        ("Event.Changed.Inertance", event(EventKind::Changed(change(Changed::Inertance)))),
+        ("Event.Changed.Viscous", event(EventKind::Changed(change(Changed::Viscous)))),
+        ("Event.Changed.Coulomb", event(EventKind::Changed(change(Changed::Coulomb)))),
+        ("Event.Changed.Offset", event(EventKind::Changed(change(Changed::Offset)))),
         ("Reply.Plain", reply(Ok(Done::Plain))),
         ("Reply.Injected", reply(Ok(Done::Injected { accepted: 320, free: 96 }))),
         ("Reply.Unsupported", reply(Err(Refusal::Unsupported))),
@@ -201,6 +273,28 @@ pub fn records() -> Vec<(&'static str, Record)> {
         ("Sums.empty", Record::Sums(Sums { updates: 0, units: [1.0; 5], sums: [0; 15], ..sums() })),
         ("Sums.least", Record::Sums(longest_sums())),
         ("Sums.greatest", Record::Sums(Sums { units: [f64::MAX; 5], sums: [i128::MAX; 15], ..longest_sums() })),
+        ("Gap", Record::Gap(gap())),
+        ("Gap.terminal", Record::Gap(Gap { route: Route::Terminal, rising: false, ..gap() })),
+        ("Gap.default", Record::Gap(Gap::default())),
+        ("Detail", Record::Detail(detail())),
+        ("Detail.default", Record::Detail(Detail::default())),
+        ("Detail.longest", Record::Detail(longest_detail())),
+        ("Detail.ForceNeverReverses", backlash(without(Reason::ForceNeverReverses), Contact::OneSided)),
+        ("Detail.TooFewReversals", backlash(without(Reason::TooFewReversals), Contact::Unknown)),
+        ("Detail.FlankTooShort", backlash(without(Reason::FlankTooShort), Contact::Bouncing)),
+        ("Detail.StiffnessUnknown", backlash(without(Reason::StiffnessUnknown), Contact::Gap)),
+        ("Detail.Scattered", backlash(without(Reason::Scattered), Contact::Bouncing)),
+        (
+            "Detail.BelowU95",
+            backlash(Backlash { status: BacklashStatus::BelowU95, ..detail().backlash }, Contact::Closed),
+        ),
+        ("Detail.Unknown", conduct(Conduct::Unknown)),
+        ("Detail.Presliding", conduct(Conduct::Presliding)),
+        ("Detail.Stribeck", conduct(Conduct::Stribeck)),
+        ("MoreSums", Record::MoreSums(more_sums())),
+        ("MoreSums.slow", Record::MoreSums(MoreSums { bank: Bank::Slow, ..more_sums() })),
+        ("MoreSums.empty", Record::MoreSums(MoreSums { updates: 0, units: [1.0; 2], sums: [0; 13], ..more_sums() })),
+        ("MoreSums.least", Record::MoreSums(longest_more_sums())),
     ]
 }
 
@@ -277,7 +371,7 @@ fn some_settings(numbers: &mut Numbers) -> SettingsValues {
 
 /// Any record, its numbers drawn anew where they matter.
 pub fn some_record(numbers: &mut Numbers) -> Record {
-    match numbers.below(5) {
+    match numbers.below(7) {
         0 => Record::Samples(some_samples(numbers)),
         1 => Record::Settings(some_settings(numbers)),
         2 => Record::Estimate(Estimate {
@@ -287,6 +381,13 @@ pub fn some_record(numbers: &mut Numbers) -> Record {
             ..estimate()
         }),
         3 => Record::Sums(some_sums(numbers)),
+        4 => Record::MoreSums(some_more_sums(numbers)),
+        5 => Record::Detail(Detail {
+            index: numbers.next() as u32,
+            band: Band { low_hz: numbers.step() as f32, high_hz: numbers.step() as f32 },
+            changes: numbers.next() as u32 >> numbers.below(32),
+            ..detail()
+        }),
         _ => {
             let mut all = records();
             // A restart has its own tests.

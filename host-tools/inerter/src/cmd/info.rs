@@ -94,7 +94,10 @@ fn recording_json<'a>(file: &Path, summary: &'a Summary, run: &Run) -> Recording
         truth.iter().map(|(name, text)| (name.clone(), number(text))).collect()
     });
     let (gaps, lost_samples) = run.gaps();
-    let live = |estimate| EstimateJson::live(report::elapsed_s(estimate, run.settings.sample_rate_hz), estimate);
+    let live = |estimate| {
+        let t_s = report::elapsed_s(estimate, run.settings.sample_rate_hz);
+        EstimateJson::live(t_s, estimate, summary.detail.as_ref(), &run.settings)
+    };
     RecordingJson {
         kind: "recording",
         file: file.display().to_string(),
@@ -151,7 +154,7 @@ fn text(file: &Path, summary: &Summary, run: &Run) -> Result<(), Error> {
     if let Some(estimate) = &summary.estimate {
         output::line("\nLast estimate of the device:")?;
         let truth = contents.metadata.get(TRUTH_METADATA);
-        output::line(report::table(estimate, run.settings.memory_s, truth).trim_end())?;
+        output::line(report::table(estimate, summary.detail.as_ref(), &run.settings, truth).trim_end())?;
     }
     Ok(())
 }

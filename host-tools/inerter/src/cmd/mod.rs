@@ -1,6 +1,8 @@
 //! The commands, one file each with its manual, and what they share.
 
+pub mod calibrate;
 pub mod export;
+pub mod fit;
 pub mod flash;
 pub mod info;
 pub mod monitor;

@@ -7,11 +7,13 @@ use std::{
 
 use inerter::{
     Error,
+    detail::GapJson,
     live::{Happening, Live},
     output,
-    report::{self, EstimateJson, event_code, event_words, health_json, json_line},
+    report::{self, EstimateJson, EventJson, event_words, health_json, json_line},
 };
-use inerter_wire::{Frame, Record, Streams};
+use inerter_core::Detail;
+use inerter_wire::{EventKind, Frame, Record, Streams};
 use serde_json::json;
 
 use super::{
@@ -25,8 +27,8 @@ use super::{
 /// Values with 95 % intervals, status, losses and health.
 /// In a terminal one block is redrawn; otherwise one line per estimate is printed. With --json one object a line:
 /// {"kind":"device",..} at the beginning and after each reconnection, {"kind":"estimate",..} as `inerter replay --json`
-/// prints it, {"kind":"health",..} once a second, {"kind":"event","code":..,"event":..}, {"kind":"link","lost_frames":..} when
-/// frames were lost.
+/// prints it, {"kind":"gap",..} for each reversal of the flanks, {"kind":"health",..} once a second,
+/// {"kind":"event","code":..,"event":..}, {"kind":"link","lost_frames":..} when frames were lost.
 #[derive(clap::Args)]
 pub struct Args {
     #[command(flatten)]
@@ -63,8 +65,9 @@ pub fn run(args: &Args) -> Result<(), Error> {
     while !terminal::interrupted() && args.time.duration.is_none_or(|duration| started.elapsed() < duration) {
         match live.next() {
             Ok(Happening::Received(received)) => show(received.frame, &live, &mut view, &mut style)?,
-            Ok(Happening::Quiet) => {}
+            Ok(Happening::Quiet) => publish(None, &mut view, &mut style)?,
             Ok(Happening::Away { reason }) => {
+                publish(None, &mut view, &mut style)?;
                 view.message =
                     Some(format!("{reason}; waiting {} s for it to come back", args.time.wait.as_secs_f64()));
                 tell(&view, &mut style)?;
@@ -88,8 +91,7 @@ fn introduce(live: &Live, view: &mut View, style: &mut Style) -> Result<(), Erro
     view.device = format!("{}, serial {}, {} Hz, {}", hello.board, hello.serial, hello.sample_rate_hz, hello.firmware);
     view.port = device.name().into();
     view.before = None;
-    view.rate_hz = settings.sample_rate_hz;
-    view.memory_s = settings.memory_s;
+    view.settings = *settings;
     match style {
         Style::Json => output::line(json_line(&json!({
             "kind": "device", "port": device.name(), "board": hello.board.as_str(), "serial": hello.serial.as_str(),
@@ -117,13 +119,17 @@ fn show(frame: Frame<Record>, live: &Live, view: &mut View, style: &mut Style) -
     let Frame::Message { message, .. } = frame else { return Ok(()) };
     match message {
         Record::Estimate(estimate) => {
-            let t_s = report::elapsed_s(&estimate, view.rate_hz);
-            view.estimate = Some((t_s, estimate));
-            view.message = None;
-            match style {
-                Style::Json => output::line(json_line(&EstimateJson::live(t_s, &estimate)))?,
-                Style::Lines => output::line(report::row(t_s, &estimate))?,
-                Style::Screen(screen) => screen.draw(view)?,
+            publish(None, view, style)?;
+            view.waiting = Some(estimate);
+        }
+        Record::Detail(detail) if view.waiting.is_some_and(|estimate| estimate.index == detail.index) => {
+            publish(Some(detail), view, style)?;
+        }
+        Record::Gap(gap) => {
+            if let Style::Json = style {
+                publish(None, view, style)?;
+                let t_s = view.time_of(gap.index);
+                output::line(json_line(&GapJson::new(t_s, &gap)))?;
             }
         }
         Record::Health(health) => {
@@ -139,18 +145,35 @@ fn show(frame: Frame<Record>, live: &Live, view: &mut View, style: &mut Style) -
             }
         }
         Record::Event(event) => {
-            let words = event_words(&event.kind);
             if let Style::Json = style {
-                let code = event_code(&event.kind);
-                output::line(json_line(
-                    &json!({ "kind": "event", "index": event.index, "code": code, "event": words }),
-                ))?;
-            } else {
-                view.message = Some(words);
-                tell(view, style)?;
+                output::line(json_line(&EventJson::new(view.time_of(event.index), event.index, &event.kind)))?;
+                return Ok(());
             }
+            let words = event_words(&event.kind);
+            match event.kind {
+                EventKind::Changed(_) => view.change = Some(words.clone()),
+                EventKind::EstimatorReset => (view.change, view.detail) = (None, None),
+                _ => {}
+            }
+            view.message = Some(words);
+            tell(view, style)?;
         }
         _ => {}
+    }
+    Ok(())
+}
+
+/// Shows the estimate that waits for its detail, which an older firmware does not send and a bad line may lose.
+fn publish(detail: Option<Detail>, view: &mut View, style: &mut Style) -> Result<(), Error> {
+    let Some(estimate) = view.waiting.take() else { return Ok(()) };
+    let t_s = report::elapsed_s(&estimate, view.settings.sample_rate_hz);
+    (view.estimate, view.detail, view.message) = (Some((t_s, estimate)), detail, None);
+    match style {
+        Style::Json => {
+            output::line(json_line(&EstimateJson::live(t_s, &estimate, detail.as_ref(), &view.settings)))?;
+        }
+        Style::Lines => output::line(report::row(t_s, &estimate, detail.as_ref()))?,
+        Style::Screen(screen) => screen.draw(view)?,
     }
     Ok(())
 }

@@ -3,11 +3,15 @@
 use std::path::PathBuf;
 
 use inerter::{
-    Error, output,
-    replay::replay,
-    report::{self, EstimateJson, json_line},
+    Error,
+    detail::{GapJson, change_words},
+    output,
+    replay::{News, replay_all},
+    report::{self, EstimateJson, EventJson, json_line},
     run::Run,
 };
+
+use inerter_wire::EventKind;
 
 use super::{
     args::FileSettingsArgs,
@@ -26,7 +30,8 @@ const ROWS: f64 = 20.0;
 /// then --metres-per-count; later ones win.
 ///
 /// With --json one object a line: {"kind":"estimate","t_s":..,"whole_run":{..},"inertance_kg":{"value":..,"u95":..,
-/// "status":"ok"},..}, the last with "final":true. docs/CLI.md describes it.
+/// "status":"ok"},..,"backlash_m":{..},..}, the last with "final":true; {"kind":"gap",..} for each reversal of the flanks
+/// and {"kind":"event","code":"changed",..} for each change of the device. docs/CLI.md describes them.
 #[derive(clap::Args)]
 #[command(after_long_help = inerter::settings::help_table())]
 pub struct Args {
@@ -49,16 +54,18 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let every_s = args.every.map_or(run.duration_s() / ROWS, |every| every.as_secs_f64());
     let half_s = 0.5 / run.settings.publish_rate_hz;
     let (mut next_s, mut taken, mut header) = (run.start_s + every_s, 0u64, true);
-    let outcome = replay(&run, |t_s, estimate| -> Result<(), Error> {
+    let outcome = replay_all(&run, |t_s, news| -> Result<(), Error> {
+        let (estimate, detail) = match news {
+            News::Estimate(estimate, detail) => (estimate, detail.as_ref()),
+            _ => return tell(t_s, news, args.json, &mut header),
+        };
         taken += 1;
         progress.set((taken as f64 * run.settings.sample_rate_hz / run.settings.publish_rate_hz) as u64);
         if args.json {
-            output::line(json_line(&EstimateJson::live(t_s, estimate)))?;
+            output::line(json_line(&EstimateJson::live(t_s, estimate, detail, &run.settings)))?;
         } else if t_s + half_s >= next_s {
-            if std::mem::take(&mut header) {
-                output::line(report::row_header())?;
-            }
-            output::line(report::row(t_s, estimate))?;
+            head(&mut header)?;
+            output::line(report::row(t_s, estimate, detail))?;
             while every_s > 0.0 && next_s <= t_s + half_s {
                 next_s += every_s;
             }
@@ -66,17 +73,38 @@ pub fn run(args: &Args) -> Result<(), Error> {
         Ok(())
     })?;
     progress.done();
+    let (estimate, detail) = (&outcome.estimate, Some(&outcome.detail));
     if args.json {
-        return Ok(output::line(json_line(&EstimateJson::last(
-            outcome.t_s,
-            &outcome.estimate,
-            Some(outcome.counters),
-        )))?);
+        let last = EstimateJson::last(outcome.t_s, estimate, detail, &run.settings, Some(outcome.counters));
+        return Ok(output::line(json_line(&last))?);
     }
     if !header {
         output::line("")?;
     }
-    output::line(report::table(&outcome.estimate, run.settings.memory_s, run.truth.as_ref()).trim_end())?;
-    output::line("")?;
+    output::line(report::table(estimate, detail, &run.settings, run.truth.as_ref()).trim_end())?;
     Ok(output::line(report::counts_line(&run, &outcome))?)
+}
+
+/// What is no estimate: every one in JSON; a person sees the changes, and the scatter of the reversals as an interval.
+pub fn tell(t_s: f64, news: &News, json: bool, header: &mut bool) -> Result<(), Error> {
+    match news {
+        News::Gap(gap) if json => output::line(json_line(&GapJson::new(Some(t_s), gap)))?,
+        News::Changed(change) if json => {
+            output::line(json_line(&EventJson::new(Some(t_s), change.index, &EventKind::Changed(*change))))?;
+        }
+        News::Changed(change) => {
+            head(header)?;
+            output::line(format!("{t_s:>9.2}  {}", change_words(change)))?;
+        }
+        News::Gap(_) | News::Estimate(..) => {}
+    }
+    Ok(())
+}
+
+/// Heads the rows, once.
+fn head(header: &mut bool) -> Result<(), Error> {
+    if std::mem::take(header) {
+        output::line(report::row_header())?;
+    }
+    Ok(())
 }

@@ -4,7 +4,7 @@ use inerter::{
     output::{self, OutputError},
     report::{duration_text, plural, table},
 };
-use inerter_core::Estimate;
+use inerter_core::{Detail, Estimate, Settings};
 use inerter_wire::Health;
 
 /// What is known at the moment.
@@ -12,9 +12,13 @@ use inerter_wire::Health;
 pub struct View {
     pub device: String,
     pub port: String,
-    pub rate_hz: f64,
-    pub memory_s: f64,
+    pub settings: Settings,
     pub estimate: Option<(f64, Estimate)>,
+    pub detail: Option<Detail>,
+    /// An estimate that is not shown yet.
+    pub waiting: Option<Estimate>,
+    /// The latest change of the device measured.
+    pub change: Option<String>,
     pub health: Option<Health>,
     /// Frames that the device had dropped or not understood before we came.
     pub before: Option<(u32, u32)>,
@@ -41,6 +45,13 @@ impl View {
         if list.is_empty() { None } else { Some(list.join(", ")) }
     }
 
+    /// Time of a sample on the clock of the estimates; not known before the first of them.
+    pub fn time_of(&self, index: u32) -> Option<f64> {
+        let (t_s, estimate) = self.estimate?;
+        let after = index.wrapping_sub(estimate.index).cast_signed();
+        Some(t_s + f64::from(after) / self.settings.sample_rate_hz)
+    }
+
     fn lines(&self) -> Vec<String> {
         let mut lines = vec![format!("{} at {}", self.device, self.port)];
         match &self.estimate {
@@ -48,7 +59,9 @@ impl View {
                 let motion = if estimate.moving { "moving" } else { "at rest" };
                 lines.push(format!("{}, {motion}, residual {:.2} N", duration_text(*t_s), estimate.residual_rms_n));
                 lines.push(String::new());
-                lines.extend(table(estimate, self.memory_s, None).lines().map(str::to_string));
+                let table = table(estimate, self.detail.as_ref(), &self.settings, None);
+                lines.extend(table.lines().map(str::to_string));
+                lines.extend(self.change.clone());
             }
             None => lines.push("waiting for the first estimate".into()),
         }

@@ -5,14 +5,16 @@ use std::path::PathBuf;
 use inerter::{
     Error,
     device::{Clock, Device},
-    inject::inject,
+    inject::inject_all,
     output,
+    replay::News,
     report::{self, EstimateJson, duration_text, json_line, plural},
     run::Run,
 };
 
 use super::{
     args::{FileSettingsArgs, LinkArgs},
+    replay::tell,
     terminal::{Progress, catch_interrupts, interrupted, note},
 };
 
@@ -44,9 +46,14 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let mut device = Device::connect(&args.link.target(), Clock::new())?;
     let mut progress = Progress::new("sending", run.samples.len() as u64);
     let started = std::time::Instant::now();
-    let publish = |t_s: f64, estimate: &_| -> Result<(), Error> {
-        if args.json {
-            output::line(json_line(&EstimateJson::live(t_s, estimate)))?;
+    let publish = |t_s: f64, news: &News| -> Result<(), Error> {
+        match news {
+            News::Estimate(estimate, detail) if args.json => {
+                output::line(json_line(&EstimateJson::live(t_s, estimate, detail.as_ref(), &run.settings)))?;
+            }
+            News::Estimate(..) => {}
+            // No rows come, so none needs a head.
+            _ => tell(t_s, news, args.json, &mut false)?,
         }
         Ok(())
     };
@@ -54,14 +61,16 @@ pub fn run(args: &Args) -> Result<(), Error> {
         progress.set(taken);
         if interrupted() { Err(Error::Interrupted) } else { Ok(()) }
     };
-    let injected = inject(&mut device, &run, publish, advance)?;
+    let injected = inject_all(&mut device, &run, publish, advance)?;
     progress.done();
+    let (estimate, detail) = (&injected.estimate, injected.detail.as_ref());
     if args.json {
-        return Ok(output::line(json_line(&EstimateJson::last(injected.t_s, &injected.estimate, None)))?);
+        let last = EstimateJson::last(injected.t_s, estimate, detail, &run.settings, None);
+        return Ok(output::line(json_line(&last))?);
     }
-    output::line(report::table(&injected.estimate, run.settings.memory_s, run.truth.as_ref()).trim_end())?;
+    output::line(report::table(estimate, detail, &run.settings, run.truth.as_ref()).trim_end())?;
     output::line(format!(
-        "\n{} ({} of motion) sent to {} in {}",
+        "{} ({} of motion) sent to {} in {}",
         plural(injected.samples, "sample"),
         duration_text(run.duration_s()),
         device.name(),

@@ -60,7 +60,8 @@ pub struct Args {
     /// Begin the motion only when a host connects with monitor or record
     #[arg(long, conflicts_with_all = ["output", "qemu"])]
     wait: bool,
-    /// Device to begin with: paper, or worn (with 0.1 mm of backlash)
+    /// Device to begin with: paper, worn (0.1 mm of backlash), preloaded (three times the friction), presliding (friction
+    /// turns over 50 um) or stribeck (friction is 1.3 times as great at rest)
     #[arg(long, value_name = "NAME", default_value = "paper")]
     preset: String,
     /// Motion of the terminal
@@ -69,6 +70,12 @@ pub struct Args {
     /// Seed of motion and noise
     #[arg(long, value_name = "NUMBER", default_value_t = 1)]
     seed: u64,
+    /// Change the device at this time, as --change says
+    #[arg(long, value_name = "SECONDS", requires = "change")]
+    change_at: Option<f64>,
+    /// One parameter of the device after the change, e.g. inertance_kg=150; may be given several times
+    #[arg(long, value_name = "NAME=VALUE", requires = "change_at")]
+    change: Vec<String>,
     /// Print JSON: the address of a live device, or what was written
     #[arg(long)]
     json: bool,
@@ -165,7 +172,16 @@ fn setup(args: &Args) -> Result<Setup, Error> {
         }
         (_, given) => given,
     };
-    Setup::new(parameters, sensors, &args.excite, duration_s, &args.settings.overrides()?)
+    let setup = Setup::new(parameters, sensors, &args.excite, duration_s, &args.settings.overrides()?)?;
+    let Some(at_s) = args.change_at else { return Ok(setup) };
+    let mut after = parameters;
+    for text in &args.change {
+        let wrong = || SimulateError::Change { text: text.clone() };
+        let (name, value) = text.split_once('=').ok_or_else(wrong)?;
+        let value = value.trim().parse().map_err(|_| wrong())?;
+        after.set(name.trim(), value).map_err(SimulateError::from)?;
+    }
+    Ok(setup.changing(at_s, after)?)
 }
 
 pub fn run(args: &Args) -> Result<(), Error> {
@@ -219,7 +235,14 @@ fn to_file(args: &Args, setup: &Setup, path: &Path) -> Result<(), Error> {
 }
 
 fn truth(setup: &Setup) -> serde_json::Value {
-    Parameters::TABLE.iter().zip(setup.parameters.values()).map(|(field, value)| (field.name, value)).collect()
+    let device =
+        Parameters::TABLE.iter().zip(setup.parameters.values()).map(|(field, value)| (field.name, json!(value)));
+    let mut truth: serde_json::Map<_, _> = device.map(|(name, value)| (name.to_string(), value)).collect();
+    if let Some((at_s, _)) = setup.later {
+        truth.insert("change_at_s".into(), json!(at_s));
+        truth.insert("changed".into(), setup.changes().map(|(name, value)| (name.to_string(), json!(value))).collect());
+    }
+    truth.into()
 }
 
 /// A live device of either kind.

@@ -42,6 +42,10 @@ pub fn to_run(mut table: Table, overrides: &Overrides) -> Result<Run, Error> {
         settings.metres_per_terminal_code = scale(&table.terminal_m, 1e-2);
     }
 
+    if overrides.get("terminal_sensor").is_none() && !table.terminal_m.is_empty() {
+        settings.terminal_sensor = 1.0;
+    }
+
     let (samples, first) = quantise(&table, &timebase.index, group, &settings)?;
     let start_s = table.t_s.first().copied().unwrap_or(0.0) + (first as f64 + 0.5) * group as f64 / timebase.rate_hz
         - 0.5 / timebase.rate_hz;

@@ -43,6 +43,18 @@ fn the_force_scale_is_a_power_of_two_that_leaves_a_quarter_of_22_bits() {
 }
 
 #[test]
+fn a_column_for_the_terminal_is_a_sensor_unless_it_is_switched_off() {
+    let with = table(1000.0, 100);
+    let without = Table { terminal_m: Vec::new(), ..with.clone() };
+    let sensor = |table: &Table, more: &[&str]| {
+        let run = to_run(table.clone(), &overrides(&[&["metres_per_count=1e-6"], more].concat())).unwrap();
+        run.settings.terminal_sensor
+    };
+    assert_eq!((sensor(&with, &[]), sensor(&without, &[])), (1.0, 0.0));
+    assert_eq!(sensor(&with, &["terminal_sensor=0"]), 0.0);
+}
+
+#[test]
 fn fast_recordings_are_brought_down_as_the_board_does_it() {
     let run = to_run(table(20_000.0, 4000), &overrides(&["metres_per_count=1e-6"])).unwrap();
     assert_eq!((run.settings.sample_rate_hz, run.settings.oversampling), (5000.0, 4.0));

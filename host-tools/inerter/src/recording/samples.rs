@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeMap, path::Path};
 
-use inerter_core::{Estimate, RawSample, Settings};
+use inerter_core::{Detail, Estimate, RawSample, Settings};
 use inerter_wire::{EventKind, Frame, Health, Hello, Record, Samples, SettingsValues};
 
 use super::{
@@ -29,6 +29,8 @@ pub struct Summary {
     pub samples: Vec<RawSample>,
     /// The device's own last estimate.
     pub estimate: Option<Estimate>,
+    /// What goes with it.
+    pub detail: Option<Detail>,
     /// The device's last health.
     pub health: Option<Health>,
     /// Records by name.
@@ -43,6 +45,7 @@ struct Collected {
     settings: Vec<SettingsValues>,
     samples: Vec<RawSample>,
     estimate: Option<Estimate>,
+    detail: Option<Detail>,
     health: Option<Health>,
     records: BTreeMap<&'static str, u64>,
     foreign: Option<u16>,
@@ -64,7 +67,8 @@ impl Collected {
         match record {
             Record::Hello(hello) => self.hello = Some(hello),
             Record::Samples(batch) => self.batch(&batch),
-            Record::Estimate(estimate) => self.estimate = Some(estimate),
+            Record::Estimate(estimate) => (self.estimate, self.detail) = (Some(estimate), None),
+            Record::Detail(detail) => self.detail = Some(detail),
             Record::Health(health) => self.health = Some(health),
             Record::Settings(values) => self.settings.push(values),
             Record::Event(event) => match event.kind {
@@ -72,6 +76,8 @@ impl Collected {
                 EventKind::Panicked(text) => {
                     self.fault(format!("the device's firmware had failed before this run: {text}; please report it"));
                 }
+                // What a replay says anew.
+                EventKind::Changed(_) => {}
                 ref kind if is_trouble(kind) => self.fault(event_words(kind)),
                 _ => {}
             },
@@ -107,8 +113,8 @@ pub fn summary(path: &Path) -> Result<Summary, RecordingError> {
     let settings = settings(&file, &contents, &collected.settings, &mut notes);
     notes.extend(loss_notes(&file, &contents, collected.bad_batches));
     notes.extend(collected.faults.iter().map(|fault| format!("{file}: {fault}")));
-    let Collected { hello, samples, estimate, health, records, .. } = collected;
-    Ok(Summary { contents, hello, settings, samples, estimate, health, records, notes })
+    let Collected { hello, samples, estimate, detail, health, records, .. } = collected;
+    Ok(Summary { contents, hello, settings, samples, estimate, detail, health, records, notes })
 }
 
 /// Reads the run that a recording holds; `overrides` are laid over the recorded settings.

@@ -13,7 +13,7 @@ use crate::{
     error::Error,
     output::OutputError,
     recording::{End, Recorder, TRUTH_METADATA},
-    replay::{Outcome, Replay},
+    replay::{News, Outcome, Replay},
     run::Run,
 };
 
@@ -35,8 +35,8 @@ pub fn write_recording(setup: &Setup, path: &Path, mut progress: impl FnMut(f64)
     for sample in setup.samples()? {
         stream.time_ns = (sample.t_s.max(0.0) * 1e9) as u64;
         let raw = raw(&sample);
-        if let Some(estimate) = replay.step(&raw) {
-            stream.send(&Record::Estimate(estimate))?;
+        for news in replay.step(&raw) {
+            stream.news(raw.index, &news)?;
         }
         stream.sample(&raw)?;
         if stream.time_ns >= next_second * 1_000_000_000 {
@@ -54,8 +54,8 @@ pub fn write_recording(setup: &Setup, path: &Path, mut progress: impl FnMut(f64)
         }
     }
     stream.flush()?;
-    let outcome = Outcome { t_s: replay.time_s(), estimate: replay.estimate(), counters: replay.counters() };
-    stream.send(&Record::Estimate(outcome.estimate))?;
+    let outcome = replay.outcome();
+    stream.news(outcome.estimate.index, &News::Estimate(outcome.estimate, Some(outcome.detail)))?;
     stream.send(&Record::Event(Event { index: outcome.estimate.index, kind: EventKind::SourceEnded }))?;
     stream.recorder.close(&End { reason: "finished".into(), lost_frames: 0 })?;
     Ok(outcome)
@@ -107,6 +107,18 @@ impl Stream {
         // A buffer of this size always suffices.
         let length = encode_record(record, self.sequence.take(), &mut out).unwrap_or(1);
         self.recorder.frame(self.time_ns, out.get(..length - 1).unwrap_or_default())
+    }
+
+    /// As a device says it.
+    fn news(&mut self, index: u32, news: &News) -> Result<(), OutputError> {
+        match *news {
+            News::Gap(gap) => self.send(&Record::Gap(gap)),
+            News::Changed(change) => self.send(&Record::Event(Event { index, kind: EventKind::Changed(change) })),
+            News::Estimate(estimate, detail) => {
+                self.send(&Record::Estimate(estimate))?;
+                detail.map_or(Ok(()), |detail| self.send(&Record::Detail(detail)))
+            }
+        }
     }
 
     fn sample(&mut self, raw: &inerter_core::RawSample) -> Result<(), OutputError> {

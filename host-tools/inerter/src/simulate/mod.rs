@@ -13,7 +13,7 @@ mod qemu;
 use std::collections::BTreeMap;
 
 use inerter_core::{RawSample, Settings};
-use inerter_plant::{Excitation, Parameters, PlantError, Sample, Sensors, Simulation};
+use inerter_plant::{Excitation, Parameters, Plant, PlantError, Sample, Sensors, Simulation};
 use miette::Diagnostic;
 
 pub use device::{Endpoint, VirtualDevice};
@@ -37,6 +37,14 @@ pub enum SimulateError {
     #[error("there is no preset `{name}`")]
     #[diagnostic(code(inerter::simulate::preset), help("the presets are: {known}"))]
     Preset { name: String, known: String },
+
+    /// A change of the device is not written as it must be.
+    #[error("--change `{text}` is not NAME=VALUE")]
+    #[diagnostic(
+        code(inerter::simulate::change),
+        help("name a parameter of the device and its new value, for example --change inertance_kg=150")
+    )]
+    Change { text: String },
 
     /// The pseudo-terminal or TCP port cannot be opened.
     #[error("{what} cannot be opened: {source}")]
@@ -85,7 +93,7 @@ impl SimulateError {
     /// The code that the program ends with.
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::Setup { .. } | Self::Preset { .. } => exit::SETTINGS,
+            Self::Setup { .. } | Self::Preset { .. } | Self::Change { .. } => exit::SETTINGS,
             Self::Format { .. } => exit::USAGE,
             Self::Endpoint { .. } | Self::NoImage | Self::NoQemu { .. } | Self::QemuEnded { .. } => exit::NO_DEVICE,
         }
@@ -103,6 +111,8 @@ pub struct Setup {
     pub excite: String,
     /// The motion.
     pub excitation: Excitation,
+    /// What the device becomes, and when \[s\].
+    pub later: Option<(f64, Parameters)>,
     /// Duration \[s\]; `None` without end.
     pub duration_s: Option<f64>,
     /// Settings of the estimator, as known from calibration: scales, structure mass, contact and skew are the true ones.
@@ -125,9 +135,17 @@ impl Setup {
         let mut settings = calibrated(&parameters, &sensors)?;
         overrides.apply(&mut settings)?;
         validate(&settings)?;
-        let setup =
-            Self { parameters, sensors, excite: excite.into(), excitation, duration_s: duration_s.or(own), settings };
+        let excite = excite.into();
+        let duration_s = duration_s.or(own);
+        let setup = Self { parameters, sensors, excite, excitation, later: None, duration_s, settings };
         // Built once for its checks.
+        setup.simulation()?;
+        Ok(setup)
+    }
+
+    /// The same device becoming another at a time \[s\]: what is calibrated stays that of the first.
+    pub fn changing(self, at_s: f64, after: Parameters) -> Result<Self, SimulateError> {
+        let setup = Self { later: Some((at_s, after)), ..self };
         setup.simulation()?;
         Ok(setup)
     }
@@ -139,7 +157,8 @@ impl Setup {
     }
 
     fn simulation(&self) -> Result<Simulation, SimulateError> {
-        Ok(Simulation::new(self.parameters, self.excitation.clone(), self.sensors)?)
+        let plant = Plant::changing(self.parameters, self.later.into_iter().collect(), self.excitation.clone())?;
+        Ok(Simulation::of(plant, self.sensors)?)
     }
 
     /// What is true, by name, for the recording's metadata.
@@ -150,7 +169,21 @@ impl Setup {
             device.chain(sensors).map(|(field, value)| (field.name.to_string(), format!("{value:?}"))).collect();
         truth.insert("excite".into(), self.excite.clone());
         truth.insert("seed".into(), self.sensors.seed.to_string());
+        if let Some((at_s, _)) = self.later {
+            truth.insert("change_at_s".into(), format!("{at_s:?}"));
+            truth.extend(self.changes().map(|(name, value)| (format!("changed_{name}"), format!("{value:?}"))));
+        }
         truth
+    }
+}
+
+impl Setup {
+    /// What of the device changes, by name, and to what.
+    pub fn changes(&self) -> impl Iterator<Item = (&'static str, f64)> + use<> {
+        let after = self.later.map_or(self.parameters, |(_, after)| after);
+        let values = self.parameters.values().into_iter().zip(after.values());
+        let named = Parameters::TABLE.iter().map(|field| field.name).zip(values);
+        named.filter_map(|(name, (before, after))| (before != after).then_some((name, after)))
     }
 }
 
@@ -195,4 +228,28 @@ pub fn calibrated(parameters: &Parameters, sensors: &Sensors) -> Result<Settings
 /// With oversampling the codes are so much coarser that the sum's scale stays.
 pub fn bench_sensors() -> Sensors {
     Sensors { force_noise_n: 1.0, encoder_phase_count: 0.37, seed: 1, ..Sensors::default() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_device_that_changes_is_told_and_moves_as_before_until_then() {
+        let sensors = Sensors { force_noise_n: 0.0, ..bench_sensors() };
+        let setup = Setup::new(Parameters::paper(), sensors, "mid@4s", None, &Overrides::default()).unwrap();
+        let after = Parameters { inertance_kg: 150.0, ..Parameters::paper() };
+        let changing = setup.clone().changing(2.0, after).unwrap();
+        assert_eq!(changing.settings, setup.settings);
+        let truth = changing.truth();
+        assert_eq!((truth["change_at_s"].as_str(), truth["changed_inertance_kg"].as_str()), ("2.0", "150.0"));
+        assert!(!setup.truth().contains_key("change_at_s") && setup.changes().next().is_none());
+        let pairs = || setup.samples().unwrap().zip(changing.samples().unwrap());
+        assert!(pairs().filter(|(a, _)| a.t_s <= 2.0).all(|(a, b)| a.position_count == b.position_count));
+        let (greatest, half) = pairs()
+            .filter(|(a, _)| a.t_s > 2.5)
+            .fold((0, 0), |(greatest, half), (a, b)| (a.force_code.abs().max(greatest), b.force_code.abs().max(half)));
+        assert!(f64::from(half) < 0.6 * f64::from(greatest), "{half} against {greatest}");
+        assert!(setup.changing(f64::NAN, after).is_err());
+    }
 }

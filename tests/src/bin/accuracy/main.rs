@@ -4,11 +4,16 @@
 //! ends with a failure. `--update` writes the table instead.
 #![forbid(unsafe_code)]
 
+mod gaps;
 mod table;
 
 use inerter_plant::Parameters as Device;
-use inerter_tests::grid::{self, Cell, Error, MOTIONS, Motion, RIGS, Rig, Run};
-use std::{path::PathBuf, process::ExitCode, thread};
+use inerter_tests::{
+    bound,
+    grid::{self, Cell, Error, MOTIONS, Motion, RIGS, Rig, Run},
+    sheet,
+};
+use std::{process::ExitCode, thread};
 use table::{Row, Section};
 
 /// Runs of each cell.
@@ -29,12 +34,7 @@ fn main() -> ExitCode {
 }
 
 fn run() -> Result<bool, Error> {
-    let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let update = match arguments.as_slice() {
-        [] => false,
-        [word] if word == "--update" => true,
-        _ => return Err("usage: cargo xtask accuracy [--update]".into()),
-    };
+    let update = sheet::update_asked("accuracy")?;
     let mut sections = Vec::new();
     for rig in &RIGS {
         sections.push(section(&Device::paper(), rig, rig.name, "")?);
@@ -42,7 +42,8 @@ fn run() -> Result<bool, Error> {
     for (rig, words) in RIGS.iter().filter(|rig| rig.force_noise_n == 1.0).zip([WORN, "No goals.\n\n"]) {
         sections.push(section(&Device::worn(), rig, &format!("{}, worn: 0.1 mm of backlash", rig.name), words)?);
     }
-    let text = table::markdown(&sections, SEEDS);
+    let gaps = RIGS.iter().map(|rig| gaps::section(rig, SEEDS)).collect::<Result<Vec<_>, _>>()?;
+    let text = table::markdown(&sections, &gaps, SEEDS);
     print!("{text}");
     let uncovered: Vec<String> = sections
         .iter()
@@ -52,30 +53,8 @@ fn run() -> Result<bool, Error> {
     for line in &uncovered {
         eprintln!("{line}");
     }
-    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../docs/tables/accuracy.md");
-    if update {
-        std::fs::create_dir_all(path.parent().unwrap_or(&path))?;
-        std::fs::write(&path, text).map_err(|error| format!("cannot write {}: {error}", path.display()))?;
-        println!("accuracy: written {}", path.display());
-        return Ok(uncovered.is_empty());
-    }
-    let committed = std::fs::read_to_string(&path).map_err(|error| {
-        format!("cannot read {}: {error}; make it by `cargo xtask accuracy --update`", path.display())
-    })?;
-    let differences = table::differences(&committed, &text);
-    for line in &differences {
-        eprintln!("{line}");
-    }
-    if differences.is_empty() {
-        println!("accuracy: as in docs/tables/accuracy.md");
-    } else {
-        eprintln!(
-            "accuracy: {} figures left docs/tables/accuracy.md; when the change is meant, run \
-             `cargo xtask accuracy --update` and commit the table",
-            differences.len()
-        );
-    }
-    Ok(differences.is_empty() && uncovered.is_empty())
+    let holds = uncovered.is_empty() && gaps.iter().all(|section| section.holds);
+    Ok(sheet::conclude("accuracy", &text, 2, update)? && holds)
 }
 
 fn section(device: &Device, rig: &Rig, name: &str, note: &'static str) -> Result<Section, Error> {
@@ -87,6 +66,7 @@ fn section(device: &Device, rig: &Rig, name: &str, note: &'static str) -> Result
         let Cell { bias, sigma, u95, given, coverage, whole_run_coverage, settling_s } =
             grid::cell(device, &runs(device, motion, rig)?);
         let least_sigma = grid::least_sigma(device, motion, rig, 1, 0.0)?;
+        let least_with_steps = bound::least_sigma(device, motion, rig, 1)?;
         let kept_sigma = grid::least_sigma(device, motion, rig, 1, motion.kernel_s())?;
         for (i, parameter) in grid::NAMES.into_iter().enumerate() {
             rows.push(Row {
@@ -96,6 +76,9 @@ fn section(device: &Device, rig: &Rig, name: &str, note: &'static str) -> Result
                 sigma: sigma[i],
                 goal: with_goals.then_some(motion.goals[i]),
                 least_sigma: least_sigma.map_or(f64::NAN, |least| least[i]),
+                ratio_goal: (with_goals && rig.name == RIGS[0].name)
+                    .then_some(if ["fast", "random"].contains(&motion.name) { 1.5 } else { 2.5 }),
+                least_with_steps: least_with_steps.map_or(f64::NAN, |least| least[i]),
                 kept_sigma: kept_sigma.map_or(f64::NAN, |least| least[i]),
                 u95: u95[i],
                 coverage: coverage[i],

@@ -1,5 +1,7 @@
 //! The machine of the bench: its motion, its sensors, and the regressors that one matched kernel makes of them.
 
+use crate::kernels::Kernels;
+
 /// Samples per second.
 pub const RATE_HZ: f64 = 1000.0;
 /// Encoder step \[m\].
@@ -36,10 +38,10 @@ pub struct Raw {
 /// What a method gets at one update.
 #[derive(Clone, Copy, Debug)]
 pub struct Update {
-    /// `[a, v, sgn v, 1]` in SI.
+    /// Regressors, e.g. `[a, v, sgn v, 1]` in SI.
     pub phi: [f64; 4],
-    /// Force \[N\].
-    pub force: f64,
+    /// What they sum up to, e.g. the force \[N\].
+    pub target: f64,
     /// Whether the gate lets it pass; only methods that say so look at it.
     pub moving: bool,
 }
@@ -119,10 +121,11 @@ fn sensed(position: f64, force: f64) -> Raw {
 }
 
 /// A fixed sequence of random numbers (xorshift).
-struct Noise(u64);
+pub struct Noise(pub u64);
 
 impl Noise {
-    fn next(&mut self) -> u64 {
+    /// The next 53 bits.
+    pub fn next(&mut self) -> u64 {
         self.0 ^= self.0 << 13;
         self.0 ^= self.0 >> 7;
         self.0 ^= self.0 << 17;
@@ -130,37 +133,9 @@ impl Noise {
     }
 
     /// Nearly normal: the sum of twelve uniform numbers.
-    fn normal(&mut self) -> f64 {
+    pub fn normal(&mut self) -> f64 {
         (0..12).map(|_| self.next() as f64 / (1_u64 << 53) as f64).sum::<f64>() - 6.0
     }
-}
-
-/// The product of two polynomials: one kernel after another.
-fn convolve(a: &[f64], b: &[f64]) -> Vec<f64> {
-    let mut out = vec![0.0; a.len() + b.len() - 1];
-    for (i, x) in a.iter().enumerate() {
-        for (j, y) in b.iter().enumerate() {
-            out[i + j] += x * y;
-        }
-    }
-    out
-}
-
-/// A correction, `boxes` boxes and `4 - boxes` differences over one box, all of one length and delay.
-fn kernel(correction: &[f64], boxes: usize) -> Vec<f64> {
-    let average = vec![1.0 / BOX as f64; BOX];
-    let mut difference = vec![0.0; BOX + 1];
-    difference[0] = RATE_HZ / BOX as f64;
-    difference[BOX] = -RATE_HZ / BOX as f64;
-    let weight: f64 = correction.iter().map(|tap| tap.abs()).sum::<f64>();
-    let mut out: Vec<f64> = correction.iter().map(|tap| tap / weight).collect();
-    for _ in 0..boxes {
-        out = convolve(&out, &average);
-    }
-    for _ in boxes..4 {
-        out = convolve(&out, &difference);
-    }
-    out
 }
 
 /// Regressors and force of every sample that a whole kernel reaches.
@@ -174,53 +149,24 @@ fn regressors(raw: &[Raw]) -> Vec<Update> {
             (positions[after] - positions[before]).partial_cmp(&0.0).map_or(0.0, |order| order as i8 as f64)
         })
         .collect();
-    let force = kernel(&[1.0, 10.0, 1.0], 4);
-    // The sums of taps are 12 / 12 and 24 / 28: the second must be 1 for a ramp.
-    let velocity: Vec<f64> = kernel(&[-1.0, 13.0, 13.0, -1.0], 3).iter().map(|tap| tap * 28.0 / 24.0).collect();
-    let acceleration = kernel(&[1.0], 2);
-    let span = [force.len(), velocity.len(), acceleration.len()].into_iter().max().unwrap_or(0);
-    let pass = |kernel: &[f64], channel: &[f64], start: usize| {
-        let lead = (span - kernel.len()) / 2;
-        // The newest sample meets the first tap.
-        kernel.iter().rev().zip(&channel[start + lead..]).map(|(tap, value)| tap * value).sum::<f64>()
-    };
-    (0..=raw.len() - span)
+    let kernels = Kernels::new(BOX, RATE_HZ);
+    (0..=raw.len() - kernels.span)
         .map(|start| {
-            let middle = start + span / 2;
+            let middle = start + kernels.span / 2;
             let from = middle.saturating_sub(REST_WINDOW / 2);
             let window = &raw[from..(from + REST_WINDOW).min(raw.len())];
             let counts = window.iter().map(|sample| sample.count);
             let travel = counts.clone().max().unwrap_or(0) - counts.min().unwrap_or(0);
             Update {
                 phi: [
-                    pass(&acceleration, &positions, start),
-                    pass(&velocity, &positions, start),
-                    pass(&force, &signs, start),
+                    kernels.curvature(&positions, start),
+                    kernels.slope(&positions, start),
+                    kernels.value(&signs, start),
                     1.0,
                 ],
-                force: pass(&force, &forces, start),
+                target: kernels.value(&forces, start),
                 moving: travel > REST_COUNTS,
             }
         })
         .collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// A quadratic has its exact velocity and acceleration, a constant its exact force.
-    #[test]
-    fn kernels_are_exact_on_polynomials() {
-        let raw: Vec<Raw> = (0..64).map(|n| Raw { count: 1000 * n * n, force_code: 5000 }).collect();
-        let updates = regressors(&raw);
-        let span = raw.len() - updates.len() + 1;
-        for (start, update) in updates.iter().enumerate() {
-            let middle = start as f64 + (span as f64 - 1.0) / 2.0;
-            let scale = 1000.0 * METRES_PER_COUNT * RATE_HZ;
-            assert!((update.phi[0] - 2.0 * scale * RATE_HZ).abs() < 1e-6, "{}", update.phi[0]);
-            assert!((update.phi[1] - 2.0 * scale * middle).abs() < 1e-9, "{} {middle}", update.phi[1]);
-            assert!((update.force - 10.0).abs() < 1e-12);
-        }
-    }
 }

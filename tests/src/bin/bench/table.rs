@@ -1,6 +1,10 @@
 //! Lines and the table of the bench.
 
-use crate::machine::{FORCE_NOISE_N, FORGETTING, REST_S, STAGES, STROKES, TRUTH, VARIANCE};
+use crate::{
+    answers::Answers,
+    cases::Outcome,
+    machine::{FORCE_NOISE_N, FORGETTING, REST_S, STAGES, STROKES, TRUTH, VARIANCE},
+};
 use serde_json::Value;
 use std::{error::Error, fmt::Write};
 
@@ -21,29 +25,60 @@ pub struct Line {
     pub remark: String,
 }
 
-/// Lines that the Python part wrote.
-pub fn python_lines(text: &str) -> Result<Vec<Line>, Box<dyn Error>> {
-    let value: Value = serde_json::from_str(text)?;
-    let list = value.as_array().ok_or("not a list")?;
-    list.iter()
-        .map(|one| {
-            let text = |field: &str| one[field].as_str().map(str::to_owned).ok_or(format!("no text `{field}`"));
-            // A number that is none is written as null.
-            let four = |field: &str| -> Result<[f64; 4], String> {
-                let values = one[field].as_array().ok_or(format!("no list `{field}`"))?;
-                let values: Vec<f64> = values.iter().map(|value| value.as_f64().unwrap_or(f64::NAN)).collect();
-                values.try_into().map_err(|_| format!("`{field}` has not four values"))
-            };
-            Ok(Line {
-                name: text("name")?,
-                arithmetic: text("arithmetic")?,
-                nanoseconds: one["ns_per_update"].as_f64().ok_or("no number `ns_per_update`")?,
-                motion: four("motion")?,
-                rest: four("rest")?,
-                remark: text("remark")?,
-            })
-        })
-        .collect()
+/// What the Python part wrote.
+pub struct Python {
+    /// Of the first table.
+    pub lines: Vec<Line>,
+    /// Of what is reported.
+    pub answers: Vec<Answers>,
+}
+
+impl Python {
+    /// Reads it; every method must have answered `cases` cases.
+    pub fn read(text: &str, cases: usize) -> Result<Self, Box<dyn Error>> {
+        let value: Value = serde_json::from_str(text)?;
+        let list = value.as_array().ok_or("not a list")?;
+        let lines = list.iter().map(python_line).collect::<Result<_, _>>()?;
+        let answers = list.iter().map(|one| python_answers(one, cases)).collect::<Result<_, _>>()?;
+        Ok(Self { lines, answers })
+    }
+}
+
+fn python_line(one: &Value) -> Result<Line, Box<dyn Error>> {
+    Ok(Line {
+        name: text(one, "name")?,
+        arithmetic: text(one, "arithmetic")?,
+        nanoseconds: one["ns_per_update"].as_f64().ok_or("no number `ns_per_update`")?,
+        motion: four(one, "motion")?,
+        rest: four(one, "rest")?,
+        remark: text(one, "remark")?,
+    })
+}
+
+fn python_answers(one: &Value, cases: usize) -> Result<Answers, Box<dyn Error>> {
+    let list = one["cases"].as_array().ok_or("no list `cases`")?;
+    if list.len() != cases {
+        return Err(format!("{} cases, not {cases}", list.len()).into());
+    }
+    let outcome = |one: &Value| -> Result<_, String> {
+        let (parameters, variances) = (four(one, "parameters")?, Some(four(one, "variances")?));
+        Ok(Some(Outcome { parameters, variances, track: numbers(one, "track")? }))
+    };
+    Ok(Answers { name: text(one, "name")?, outcomes: list.iter().map(outcome).collect::<Result<_, _>>()? })
+}
+
+fn text(one: &Value, field: &str) -> Result<String, String> {
+    one[field].as_str().map(str::to_owned).ok_or(format!("no text `{field}`"))
+}
+
+/// A number that is none is written as null.
+fn numbers(one: &Value, field: &str) -> Result<Vec<f64>, String> {
+    let values = one[field].as_array().ok_or(format!("no list `{field}`"))?;
+    Ok(values.iter().map(|value| value.as_f64().unwrap_or(f64::NAN)).collect())
+}
+
+fn four(one: &Value, field: &str) -> Result<[f64; 4], String> {
+    numbers(one, field)?.try_into().map_err(|_| format!("`{field}` has not four values"))
 }
 
 /// The table; the first line is ours, to which all times are related.
@@ -51,11 +86,15 @@ pub fn markdown(lines: &[Line], without_python: Option<&str>) -> String {
     let [mass, viscous, coulomb, _] = TRUTH;
     let mut text = format!(
         "# Our update beside other recursive least squares\n\n\
-         Written by `cargo xtask bench --update`: one run, one machine, the same regressors `[a, v, sgn v, 1]` and force for every line but the second.\n\
-         The machine: {mass} kg, {viscous} N s/m, {coulomb} N, moved like the EMPS axis for {:.0} s at 1 kHz with 50 nm counts and\n\
-         {FORCE_NOISE_N} N of noise, then {:.0} minutes at rest with one-count flicker. Forgetting {FORGETTING} per update, initial variance {VARIANCE:.0e}.\n\
-         Times are the best of several passes on a desktop processor, and only their ratio to our update means anything; for instructions on\n\
-         the Cortex-M4F see [icount.md](icount.md). A covariance method yields parameters at every update; ours yields averages, solved at 5 Hz.\n\n\
+         Speed first, then what each method can and cannot report.\n\n\
+         ## Time of an update, and rest\n\n\
+         Written by `cargo xtask bench --update`: one run, one machine, the same regressors `[a, v, sgn v, 1]` and\n\
+         force for every line but the second. The machine: {mass} kg, {viscous} N s/m, {coulomb} N, moved like the\n\
+         EMPS axis for {:.0} s at 1 kHz with 50 nm counts and {FORCE_NOISE_N} N of noise, then {:.0} minutes at rest with\n\
+         one-count flicker. Forgetting {FORGETTING} per update, initial variance {VARIANCE:.0e}. Times are the best\n\
+         of several passes on a desktop processor, and only their ratio to our update means anything; for instructions\n\
+         on the Cortex-M4F see [icount.md](icount.md). A covariance method yields parameters at every update; ours\n\
+         yields averages, solved at 5 Hz.\n\n\
          | method | arithmetic | time per update | mt, cf, fc after motion: error | mt, cf, fc after rest | remark |\n\
          |---|---|--:|---|---|---|\n",
         2.0 * STROKES as f64 * STAGES.iter().map(|stage| stage.1).sum::<f64>(),
@@ -106,13 +145,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pythons_lines_are_read() {
-        let text = r#"[{"name": "a", "arithmetic": "f64", "ns_per_update": 5.0, "motion": [1, 2, 3, 4], "rest": [null, 2, 3, 4], "remark": ""}]"#;
-        let lines = python_lines(text).unwrap();
-        assert!(lines[0].rest[0].is_nan());
-        assert!(markdown(&lines, None).contains("NaN kg"));
-        assert!(markdown(&lines, Some("no python3")).contains("not in this run: no python3"));
-        assert!(python_lines("{}").is_err());
-        assert!(python_lines(r#"[{"name": "a"}]"#).unwrap_err().to_string().contains("arithmetic"));
+    fn what_python_wrote_is_read() {
+        let text = r#"[{"name": "a", "arithmetic": "f64", "ns_per_update": 5.0, "motion": [1, 2, 3, 4],
+            "rest": [null, 2, 3, 4],
+            "remark": "", "cases": [{"parameters": [1, 2, 3, 4], "variances": [1, 1, 1, null], "track": [7]}]}]"#;
+        let python = Python::read(text, 1).unwrap();
+        assert!(python.lines[0].rest[0].is_nan());
+        assert!(markdown(&python.lines, None).contains("NaN kg"));
+        assert!(markdown(&python.lines, Some("no python3")).contains("not in this run: no python3"));
+        let outcome = python.answers[0].outcomes[0].as_ref().unwrap();
+        assert_eq!((outcome.parameters[3], outcome.track[0]), (4.0, 7.0));
+        let refusal = |text: &str, cases| Python::read(text, cases).err().unwrap().to_string();
+        assert!(refusal(text, 2).contains("1 cases, not 2"));
+        assert!(refusal("{}", 0).contains("list"));
+        assert!(refusal(r#"[{"name": "a"}]"#, 0).contains("arithmetic"));
     }
 }

@@ -1,0 +1,299 @@
+//! Total backlash between the flanks, from force and encoder alone or with the terminal's own displacement.
+//!
+//! Glossary: a *flank* is one side of the contact; it is *firm* while the force clearly presses on it; a *flight* is
+//! the time between two flanks; a *reversal* is a flight from one flank to the other; *stretch* is the contact's own
+//! deformation `p`, the force over the stiffness through the lag `cs / ks`.
+//!
+//! While a flank `s` is firm, `x1 = x2 + p + s eps / 2`. The terminal's motion `x1` is smooth across the flight, so
+//! around each reversal `x2 + p` is a polynomial in time less a step of `eps`. The path: [`flanks`] (stretch, and
+//! which samples are firm) -> [`octaves`] (the past at every pace) -> [`step`] (one reversal's gap) -> [`pool`] (all
+//! of them), and beside it [`terminal`], which measures `x1 - x2` where there is a sensor for it. [`report`] gives
+//! the words and the interval. Integers from counts and codes to the sums; all lengths in *units* of
+//! `BacklashActive::unit_m`.
+
+mod active;
+mod flanks;
+mod octaves;
+mod pool;
+mod report;
+mod step;
+mod terminal;
+
+pub(crate) use active::BacklashActive;
+
+use crate::detail::Gap;
+use flanks::{Flanks, Touch};
+use octaves::Octaves;
+use pool::Pool;
+use step::Fit;
+use terminal::Terminal;
+
+/// One sample as it arrives, in the device's own direction.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Newest {
+    /// Sample counter.
+    pub index: u32,
+    /// Encoder position [codes], wrapping.
+    pub position: i32,
+    /// Force [codes], its zero taken off.
+    pub force: i32,
+    /// Terminal displacement [codes].
+    pub terminal: i32,
+    /// Whether the force is to be believed.
+    pub good: bool,
+    /// Whether samples are missing before this one.
+    pub broken: bool,
+    /// Offset of the force [codes] as the last estimate has it.
+    pub offset: i32,
+}
+
+/// A reversal whose second flank is being touched.
+#[derive(Clone, Copy, Debug)]
+struct Pending {
+    /// Samples from the end of the first flank to the start of the second.
+    flight: u32,
+    /// Length of either flank [samples] at which to look next, and beyond which never.
+    next: u32,
+    last: u32,
+}
+
+/// A reversal that is done.
+struct Concluded {
+    fit: Fit,
+    flight: u32,
+}
+
+/// What has been counted since the reset.
+#[derive(Clone, Copy, Debug)]
+struct Counts {
+    /// Samples firm on the negative and on the positive flank.
+    firm: [u32; 2],
+    /// Changes from one flank to the other.
+    reversals: u32,
+    /// Of these, with more than one landing.
+    bouncing: u32,
+    /// Of these, with a flank too short to bridge the flight.
+    short: u32,
+}
+
+/// All that is known of the gap.
+#[derive(Clone, Debug)]
+pub(crate) struct Gaps {
+    flanks: Flanks,
+    octaves: Octaves,
+    pool: Pool,
+    terminal: Terminal,
+    counts: Counts,
+    /// Side and length [samples] of the firm stretch that goes on or, in flight, that has ended.
+    side: i8,
+    length: u32,
+    /// Samples since it ended; 0 while it goes on.
+    flight: u32,
+    /// Landings since it ended.
+    landings: u32,
+    pending: Option<Pending>,
+    /// The best fit to it so far. (Not within it: two options in one have a `None` that is not zero, and a static with one
+    /// byte that is not lies in flash as a whole.)
+    best: Option<Fit>,
+}
+
+impl Counts {
+    const NONE: Self = Self { firm: [0; 2], reversals: 0, bouncing: 0, short: 0 };
+}
+
+impl Gaps {
+    /// Nothing seen.
+    pub(crate) const fn new() -> Self {
+        Self {
+            flanks: Flanks::new(),
+            octaves: Octaves::new(),
+            pool: Pool::new(),
+            terminal: Terminal::new(),
+            counts: Counts::NONE,
+            side: 0,
+            length: 0,
+            flight: 0,
+            landings: 0,
+            pending: None,
+            best: None,
+        }
+    }
+
+    /// Forgets everything, in place.
+    pub(crate) fn reset(&mut self) {
+        let Self { flanks, octaves, pool, terminal, counts, side, length, flight, landings, pending, best } = self;
+        *flanks = Flanks::new();
+        octaves.reset();
+        pool.reset();
+        terminal.reset();
+        *counts = Counts::NONE;
+        (*side, *length, *flight, *landings, *pending, *best) = (0, 0, 0, 0, None, None);
+    }
+
+    /// Takes the next sample; gives a reversal once both its flanks are known.
+    pub(crate) fn push(&mut self, active: &BacklashActive, sample: &Newest) -> Option<Gap> {
+        if sample.broken {
+            // Windows reach back to the start of a flank, so that none spans what is missing.
+            self.pending = None;
+            (self.side, self.length, self.flight) = (0, 0, 0);
+            self.flanks.interrupt();
+            self.terminal.interrupt();
+        }
+        let touch = self.flanks.push(&active.flanks, sample);
+        self.octaves.push(&touch, active.flanks.guard);
+        if active.terminal.present {
+            self.terminal.push(&active.terminal, &touch, sample);
+        }
+        let Concluded { fit, flight } = self.follow(active, &touch)?;
+        let since = self.length.wrapping_add(flight / 2).wrapping_add(u32::from(active.flanks.guard));
+        self.pool.take(&fit).then(|| active.gap(&fit, self.side > 0, sample.index.wrapping_sub(since)))
+    }
+
+    /// Follows the firm stretches; gives what a reversal showed at its end.
+    fn follow(&mut self, active: &BacklashActive, touch: &Touch) -> Option<Concluded> {
+        let touching = self.flight == 0 && self.side != 0;
+        let mut concluded = None;
+        match (touch.judged, touching) {
+            (0, true) => {
+                self.look(active, 1);
+                concluded = self.conclude();
+                (self.flight, self.landings) = (1, 0);
+            }
+            (0, false) => self.flight = self.flight.saturating_add(1),
+            (_, true) => {
+                self.length = self.length.saturating_add(1);
+                self.count(touch.judged);
+                if self.pending.is_some_and(|pending| self.length >= pending.next) {
+                    self.look(active, 0);
+                    if self.pending.is_some_and(|pending| pending.next > pending.last) {
+                        concluded = self.conclude();
+                    }
+                }
+            }
+            (side, false) => {
+                self.land(active, side);
+                self.count(side);
+            }
+        }
+        self.landings = self.landings.saturating_add(u32::from(touch.landed));
+        concluded
+    }
+
+    fn count(&mut self, side: i8) {
+        let [negative, positive] = &mut self.counts.firm;
+        let firm = if side > 0 { positive } else { negative };
+        *firm = firm.saturating_add(1);
+    }
+
+    /// A firm stretch begins on this side.
+    fn land(&mut self, active: &BacklashActive, side: i8) {
+        if self.side == -side {
+            self.counts.reversals = self.counts.reversals.saturating_add(1);
+            // Three fifths of the way to the reversals on either side: a sine's turning points stay outside, and with
+            // them what the polynomial cannot follow.
+            let last = (self.length.saturating_add(self.flight).min(1 << 24) * 3 / 5).min(self.length);
+            if self.landings > 1 {
+                self.counts.bouncing = self.counts.bouncing.saturating_add(1);
+            } else if last < active.least_flank || !active.stiffness_known {
+                self.counts.short = self.counts.short.saturating_add(1);
+            } else {
+                let next = look_at(2 * active.least_flank, last);
+                self.pending = Some(Pending { flight: self.flight, next, last });
+                self.best = None;
+            }
+        }
+        (self.side, self.length, self.flight) = (side, 1, 0);
+    }
+
+    /// Looks at the pending reversal with as much of either flank as there is, up to `late` samples ago.
+    fn look(&mut self, active: &BacklashActive, late: u32) {
+        let Some(pending) = &mut self.pending else { return };
+        let flank = self.length.min(pending.last);
+        // The end of a flank is worth a look of its own where it adds a quarter to the last one.
+        let worth = late == 0 || flank >= pending.next - pending.next * 3 / 8;
+        if worth && flank >= active.least_flank && pending.flight <= 4 * flank {
+            let samples = (2 * flank + pending.flight).saturating_add(late);
+            let noise = self.flanks.stretch_noise(&active.flanks);
+            let points = self.octaves.window(samples, active.flanks.guard);
+            if let Some(fit) = points.and_then(|points| step::fit(&points, active.count_units, noise))
+                && self.best.is_none_or(|best| fit.variance < best.variance)
+            {
+                self.best = Some(fit);
+            }
+        }
+        pending.next =
+            if pending.next >= pending.last { u32::MAX } else { look_at(pending.next.saturating_mul(2), pending.last) };
+    }
+
+    /// Ends the pending reversal.
+    fn conclude(&mut self) -> Option<Concluded> {
+        let pending = self.pending.take()?;
+        let best = self.best.take();
+        if best.is_none() {
+            self.counts.short = self.counts.short.saturating_add(1);
+        }
+        best.map(|fit| Concluded { fit, flight: pending.flight })
+    }
+}
+
+/// So far, or the whole way where that is hardly further.
+fn look_at(next: u32, last: u32) -> u32 {
+    if next.saturating_add(next / 4) > last { last } else { next }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::Settings;
+    use proptest::prelude::*;
+    use std::{boxed::Box, vec::Vec};
+
+    proptest! {
+        #[test]
+        fn nothing_panics(
+            samples in prop::collection::vec((any::<i32>(), any::<i32>(), any::<i32>(), any::<u8>()), 1..400),
+            rate in 50.0_f64..5000.0,
+            oversampling in 1.0_f64..64.0,
+        ) {
+            let settings = Settings {
+                sample_rate_hz: rate,
+                oversampling: oversampling.floor(),
+                stiffness_n_per_m: 2e6,
+                contact_damping_n_s_per_m: 1200.0,
+                terminal_sensor: 1.0,
+                ..Settings::default()
+            };
+            let active = settings.validate().unwrap();
+            let mut gaps = Box::new(Gaps::new());
+            for repeat in 0..20_u32 {
+                for (index, (position, force, terminal, flags)) in (0..).zip(&samples) {
+                    // Mostly steady, so that flanks come about.
+                    let force = if flags % 8 == 0 { *force } else { if repeat % 2 == 0 { 100_000 } else { -100_000 } };
+                    let newest = Newest {
+                        index,
+                        position: *position,
+                        force,
+                        terminal: *terminal,
+                        good: flags % 64 != 1,
+                        broken: *flags == 2,
+                        offset: 0,
+                    };
+                    gaps.push(&active.backlash, &newest);
+                }
+                active.backlash_of(&gaps);
+            }
+        }
+    }
+
+    /// Lengths of the looks at a reversal.
+    #[test]
+    fn looks_go_on_to_the_last() {
+        let looks = |last: u32| -> Vec<u32> {
+            core::iter::successors(Some(look_at(16, last)), |now| (*now < last).then(|| look_at(2 * now, last)))
+                .collect()
+        };
+        assert_eq!(looks(18), [18]);
+        assert_eq!(looks(93), [16, 32, 64, 93]);
+        assert_eq!(looks(5640), [16, 32, 64, 128, 256, 512, 1024, 2048, 4096, 5640]);
+    }
+}

@@ -1,0 +1,208 @@
+//! Settings of the gap's two routes, brought to integers.
+
+use crate::active::term;
+use crate::backlash::flanks::FlankActive;
+use crate::backlash::terminal::TerminalActive;
+use crate::kernel::Term;
+use crate::math::power;
+use crate::settings::Settings;
+
+/// Time left out on either side of a flight [s], and in lags of the contact: what an impact leaves is then under 1e-3.
+const GUARD_S: f32 = 0.004;
+const GUARD_LAGS: f32 = 7.0;
+/// Most of it [samples]: the finest line must hold it beside the flanks.
+const LONGEST_GUARD: u32 = 31;
+/// Time constant of the smoothed force [s]: short beside the guard.
+const SMOOTHING_S: f32 = 0.001;
+/// Memory of the force's noise and of its peak [s].
+const NOISE_S: f32 = 0.125;
+const PEAK_S: f32 = 2.0;
+/// Travel that is motion [counts], and the time for which it counts as such [s].
+const TRAVEL_COUNTS: f32 = 8.0;
+const MOVING_S: f32 = 0.25;
+/// Shortest flank that is looked at [s], and [samples].
+const LEAST_FLANK_S: f32 = 0.008;
+const LEAST_FLANK_SAMPLES: u32 = 8;
+/// A unit of length is this part of an encoder count, or 1 nm: 2^31 of them are 1 m at least.
+const UNIT_COUNTS: f32 = 1.0 / 256.0;
+const LEAST_UNIT_M: f32 = 1e-9;
+/// Mean of the magnitude of white noise's second difference, over its rms: `sqrt(6) sqrt(2 / pi)`.
+const MEAN_BEND: f32 = 1.954;
+/// Uncertainty of a stiffness that is given without one.
+const STIFFNESS_U95: f32 = 0.01;
+/// Bits of the stretch in the memory.
+const STRETCH_BITS: i32 = 13;
+
+/// Quantised settings of the gap.
+#[derive(Clone, Debug)]
+pub(crate) struct BacklashActive {
+    pub flanks: FlankActive,
+    pub terminal: TerminalActive,
+    /// Shortest flank that is looked at [samples].
+    pub least_flank: u32,
+    /// Encoder count [units].
+    pub count_units: u32,
+    /// Whether the stiffness is known: the force alone needs it.
+    pub stiffness_known: bool,
+    /// Whether the guard outlasts what an impact leaves.
+    pub lag_fits: bool,
+    /// Length of a unit [m].
+    pub unit_m: f32,
+    pub scales: BacklashScales,
+}
+
+/// From sums to SI, and what no averaging removes.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct BacklashScales {
+    /// Samples in a block of the terminal's route.
+    pub block: f32,
+    /// Stretch in the memory [units].
+    pub stretch: f32,
+    /// Squares of relative 95 % uncertainties: of the stretch by stiffness and force gain, and of the encoder's scale.
+    pub compliance: f32,
+    pub lead: f32,
+    /// Of the force's gain.
+    pub gain: f32,
+    /// Rms of the force's noise [codes] by its mean bend as the flanks keep it.
+    pub noise: f32,
+    /// Stiffness [N/m] and damping [N s/m] by a unit of the terminal's least squares.
+    pub stiffness: f32,
+    pub damping: f32,
+    /// Damping that the skew adds, by the stiffness [s], and its uncertainty.
+    pub skew_s: f32,
+    pub skew_u95_s: f32,
+    /// Samples firm on one flank only that make a load one-sided.
+    pub one_sided: u32,
+}
+
+impl Settings {
+    /// What the gap needs.
+    pub(crate) fn backlash(&self) -> BacklashActive {
+        // Single precision will do: what must be exact are the sums of the lag's terms.
+        let single = |value: f64| value as f32;
+        let magnitude = |value: f64| if value < 0.0 { -value as f32 } else { value as f32 };
+        let rate = single(self.sample_rate_hz);
+        let oversampling = single(self.oversampling);
+        let count_m = magnitude(self.metres_per_count);
+        let newtons = magnitude(self.newtons_per_code);
+        let code_m = count_m / oversampling;
+        let position_shift = exponent((count_m * UNIT_COUNTS).max(LEAST_UNIT_M) / code_m).clamp(-20, 30);
+        let unit_m = code_m * power(position_shift);
+
+        let stiffness = single(self.stiffness_n_per_m);
+        let known = stiffness > 0.0;
+        let compliance = if known { 1.0 / stiffness } else { 0.0 };
+        let lag = single(self.contact_damping_n_s_per_m) * compliance;
+        let skew = single(self.skew_s);
+        let guard_s = (rate * GUARD_S + 0.5) as u32;
+        let settled = rate * lag * GUARD_LAGS + 1.0;
+        let guard = guard_s.max(settled as u32).clamp(2, LONGEST_GUARD);
+        // Judgement comes one to two blocks late.
+        let block = guard_s.max(guard.div_ceil(2)).clamp(2, guard);
+        let per_code = newtons * compliance / unit_m;
+        let (kept, by_force) = lag_terms((lag - skew) * rate);
+        let fraction = power(FlankActive::FRACTION as i32);
+        let codes = self.force_max_code - self.force_min_code;
+        let stretch_shift = (exponent(single(codes) * per_code) - STRETCH_BITS).clamp(0, 30) as u8;
+
+        let block_s = block as f32 / rate;
+        let structure = single(self.structure_mass_kg) * unit_m / (block_s * block_s * newtons);
+        let square = |value: f32| value * value;
+        let stiffness_u95 = single(self.stiffness_u95_n_per_m) * compliance;
+        let gain = square(single(self.force_gain_u95));
+        BacklashActive {
+            flanks: FlankActive {
+                kept: real(kept),
+                by_force: by_force.map(|part| real(part * per_code * fraction)),
+                position_shift: position_shift as i8,
+                stretch_shift,
+                smoothing: (65536.0 * (1.0 - decay(1.0 / (rate * SMOOTHING_S)))) as i32,
+                noise_shift: exponent(rate * NOISE_S).clamp(1, 20) as u8,
+                peak_shift: exponent(rate * PEAK_S).clamp(1, 20) as u8,
+                travel: (TRAVEL_COUNTS * oversampling) as u32,
+                moving: (rate * MOVING_S) as u32,
+                guard: guard as u8,
+            },
+            terminal: TerminalActive {
+                present: self.terminal_sensor > 0.0,
+                units: real(single(self.metres_per_terminal_code) / unit_m / 256.0),
+                block: block as u16,
+                structure: real(structure),
+                guard: guard as u8,
+            },
+            least_flank: ((rate * LEAST_FLANK_S) as u32).max(LEAST_FLANK_SAMPLES),
+            count_units: (count_m / unit_m) as u32,
+            stiffness_known: known,
+            lag_fits: settled <= LONGEST_GUARD as f32,
+            unit_m,
+            scales: BacklashScales {
+                block: block as f32,
+                stretch: power(i32::from(stretch_shift)),
+                compliance: square(if stiffness_u95 > 0.0 { stiffness_u95 } else { STIFFNESS_U95 }) + gain,
+                lead: square(single(self.lead_u95)),
+                gain,
+                noise: power(-(FlankActive::FORCE_BITS as i32)) / MEAN_BEND,
+                stiffness: newtons / unit_m,
+                damping: newtons / unit_m * (block - 1) as f32 / (block as f32 * rate),
+                skew_s: skew,
+                skew_u95_s: single(self.skew_u95_s),
+                one_sided: (2.0 * rate) as u32,
+            },
+        }
+    }
+}
+
+/// As the signal path multiplies by it.
+fn real(factor: f32) -> Term {
+    term(f64::from(factor))
+}
+
+/// `e` with `2^e <= value < 2^(e + 1)`, for normal numbers.
+fn exponent(value: f32) -> i32 {
+    ((value.to_bits() >> 23) & 0xff) as i32 - 127
+}
+
+/// Of a first-order lag [samples] for a force that runs straight between samples: what is kept, and the parts of the
+/// new and the last force. A lead, which a skew may leave, is a straight line through both.
+fn lag_terms(lag: f32) -> (f32, [f32; 2]) {
+    if lag <= 0.0 {
+        return (0.0, [1.0 - lag, lag]);
+    }
+    let kept = decay(1.0 / lag);
+    let part = lag * (1.0 - kept);
+    (kept, [1.0 - part, part - kept])
+}
+
+/// `e^-x` of a positive number, within 3e-6.
+fn decay(x: f32) -> f32 {
+    if x > 20.0 {
+        return 0.0;
+    }
+    // A sixteenth of the way by the series, and back by squaring.
+    let y = x / 16.0;
+    let part = (1..=10).rev().fold(1.0, |sum, n| 1.0 - sum * y / n as f32);
+    (0..4).fold(part, |value, _| value * value)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn decay_is_the_exponential() {
+        for x in [1e-6, 0.01, 0.4, 1.75, 7.0, 15.0, 30.0] {
+            let exact = f32::exp(-x);
+            assert!((decay(x) - exact).abs() < 3e-6, "{x}: {} {exact}", decay(x));
+        }
+    }
+
+    /// A ramp comes out late by the lag, and early by a lead.
+    #[test]
+    fn ramps_are_shifted() {
+        for lag in [-0.3, 0.0, 0.2, 0.57, 3.0] {
+            let (kept, [now, then]) = lag_terms(lag);
+            let stretch = (1..200).fold(0.0, |stretch, n| kept * stretch + now * n as f32 + then * (n - 1) as f32);
+            assert!((stretch - (199.0 - lag)).abs() < 1e-3, "{lag}: {stretch}");
+        }
+    }
+}

@@ -1,0 +1,189 @@
+//! The contact's stretch, and which samples touch which flank.
+//!
+//! The stretch is exact for a force that runs straight from sample to sample. A sample is firm when the smoothed
+//! force stands clear of an eighth of its peak over the last seconds of motion and of its noise, with and without the
+//! estimated offset: what the estimator calls an offset may be a load, and a load that keeps the screw on one flank
+//! must not pass for two. Judgement waits for the guard: samples within 4 ms (or seven times the lag) of a change are
+//! neither.
+
+use crate::backlash::Newest;
+use crate::kernel::Term;
+use crate::qformat::shift_right;
+
+/// Fraction bits of the stretch.
+const FRACTION: u32 = 12;
+/// Fraction bits of smoothed force, peak and noise: a force has 25 bits.
+const FORCE_BITS: u32 = 5;
+
+/// Greatest force that is told from any other [codes].
+const MOST: i32 = (1 << 24) - 1;
+
+/// Settings of the flanks.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct FlankActive {
+    /// Stretch kept from the last sample.
+    pub kept: Term,
+    /// Stretch [2^-FRACTION units] by this sample's force [codes], and by the last one's.
+    pub by_force: [Term; 2],
+    /// Right shift from position codes to units.
+    pub position_shift: i8,
+    /// Right shift of the stretch for the memory.
+    pub stretch_shift: u8,
+    /// Part of a new force in the smoothed one [2^-16].
+    pub smoothing: i32,
+    /// Right shifts of the noise's and the peak's memory.
+    pub noise_shift: u8,
+    pub peak_shift: u8,
+    /// Travel [codes] that is motion, and the samples for which it counts as such.
+    pub travel: u32,
+    pub moving: u32,
+    /// Samples left out on either side of a change.
+    pub guard: u8,
+}
+
+impl FlankActive {
+    pub const FRACTION: u32 = FRACTION;
+    pub const FORCE_BITS: u32 = FORCE_BITS;
+}
+
+/// The contact as of the newest sample.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Touch {
+    /// Position [units], wrapping.
+    pub position: i32,
+    /// Position and stretch [units], wrapping.
+    pub reach: i32,
+    /// Stretch, shifted for the memory.
+    pub stretch: i16,
+    /// Flank that the sample `guard` ago touches: -1, 0, 1.
+    pub judged: i8,
+    /// Whether a flank is met at this sample.
+    pub landed: bool,
+}
+
+/// State of the contact.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Flanks {
+    started: bool,
+    position_code: i32,
+    position: i64,
+    stretch: i64,
+    forces: [i32; 2],
+    smoothed: i32,
+    pub noise: i32,
+    peak: i32,
+    /// Where the screw last was in motion [codes], for how long it still counts as moving, and whether it ever did.
+    mark: i32,
+    moving: u32,
+    has_moved: bool,
+    /// Flank of the newest sample, not yet judged, and for how many samples.
+    side: i8,
+    run: u32,
+    /// Last flank touched; 0 once the force has been clearly less since.
+    held: i8,
+}
+
+impl Flanks {
+    /// Nothing seen.
+    pub const fn new() -> Self {
+        Self {
+            started: false,
+            position_code: 0,
+            position: 0,
+            stretch: 0,
+            forces: [0; 2],
+            smoothed: 0,
+            noise: 0,
+            peak: 0,
+            mark: 0,
+            moving: 0,
+            has_moved: false,
+            side: 0,
+            run: 0,
+            held: 0,
+        }
+    }
+
+    /// Samples are missing: what comes is not joined to what was.
+    pub fn interrupt(&mut self) {
+        self.started = false;
+        (self.side, self.run) = (0, 0);
+    }
+
+    /// What the force's noise makes of the stretch [units], twice its rms.
+    pub fn stretch_noise(&self, active: &FlankActive) -> u32 {
+        let [now, then] = active.by_force;
+        let noise = i64::from(self.noise);
+        let noise = now.of(noise).saturating_abs().saturating_add(then.of(noise).saturating_abs());
+        (noise >> (FRACTION + FORCE_BITS)).clamp(0, 1 << 16) as u32
+    }
+
+    /// Takes a sample.
+    #[inline]
+    pub fn push(&mut self, active: &FlankActive, sample: &Newest) -> Touch {
+        let code = sample.force.clamp(-MOST, MOST);
+        if !self.started {
+            self.started = true;
+            self.forces = [code; 2];
+            self.smoothed = code << FORCE_BITS;
+            self.mark = sample.position;
+            if !self.has_moved {
+                // Before the first motion a force may be an offset, and its noise is not yet known.
+                self.noise = code.abs() << FORCE_BITS;
+            }
+        }
+        let travel = sample.position.wrapping_sub(self.position_code);
+        self.position_code = sample.position;
+        self.position = self.position.wrapping_add(i64::from(travel));
+        let position = shift_right(self.position, active.position_shift) as i32;
+
+        let [last, before] = self.forces;
+        self.forces = [code, last];
+        let [now, then] = active.by_force;
+        let by_force = now.of(i64::from(code)).saturating_add(then.of(i64::from(last)));
+        self.stretch = active.kept.of(self.stretch).saturating_add(by_force);
+        let stretch = self.stretch >> FRACTION;
+
+        let bend = (code - 2 * last + before).abs().min(MOST) << FORCE_BITS;
+        self.noise += (bend - self.noise) >> active.noise_shift;
+        let force = code << FORCE_BITS;
+        self.smoothed += ((i64::from(force - self.smoothed) * i64::from(active.smoothing)) >> 16) as i32;
+        // At rest nothing tells how strong a firm contact would be.
+        self.moving = self.moving.saturating_sub(1);
+        if sample.position.wrapping_sub(self.mark).unsigned_abs() > active.travel {
+            (self.mark, self.moving, self.has_moved) = (sample.position, active.moving, true);
+        }
+        if self.moving > 0 {
+            self.peak -= self.peak >> active.peak_shift;
+        }
+        self.peak = self.peak.max(force.abs() - 2 * self.noise);
+
+        // The mean bend of white noise is 1.95 of its rms.
+        let clear = (self.peak >> 3).max(2 * self.noise).max(1 << FORCE_BITS);
+        let without_offset = self.smoothed - (sample.offset.clamp(-MOST / 2, MOST / 2) << FORCE_BITS);
+        let side = match () {
+            () if !sample.good || !self.has_moved => 0,
+            () if self.smoothed.min(without_offset) > clear => 1,
+            () if self.smoothed.max(without_offset) < -clear => -1,
+            () => 0,
+        };
+        let changed = side != self.side;
+        self.run = if changed { 1 } else { self.run.saturating_add(1) };
+        self.side = side;
+        // A slow force flickers about its limit: it lands anew when it has been under half of it.
+        let landed = side != 0 && side != self.held;
+        if side != 0 {
+            self.held = side;
+        } else if self.smoothed.abs().min(without_offset.abs()) < clear >> 1 {
+            self.held = 0;
+        }
+        let firm = self.run > 2 * u32::from(active.guard);
+        Touch {
+            position,
+            reach: position.wrapping_add(stretch as i32),
+            stretch: (stretch >> active.stretch_shift).clamp(i64::from(i16::MIN), i64::from(i16::MAX)) as i16,
+            judged: if firm { side } else { 0 },
+            landed,
+        }
+    }
+}

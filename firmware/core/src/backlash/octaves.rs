@@ -1,0 +1,167 @@
+//! The past at every pace: line `k` holds the last 64 means over `2^k` samples.
+//!
+//! A reversal at 15 Hz is over in 30 ms, one at 0.05 Hz takes seconds; either finds its window in one of the lines,
+//! with 32 to 63 entries, for two additions a sample.
+
+use crate::backlash::flanks::Touch;
+use crate::backlash::step::{POINTS, Points};
+
+/// Lines: the last one reaches back 16384 samples, 4 s at 4 kHz.
+const LINES: usize = 9;
+
+#[derive(Clone, Debug)]
+struct Line {
+    /// Position and stretch [units], wrapping.
+    reach: [i32; POINTS],
+    stretch: [i16; POINTS],
+    /// Entries firm on the positive and on the negative flank, a bit each.
+    positive: u64,
+    negative: u64,
+}
+
+/// The lines.
+#[derive(Clone, Debug)]
+pub(crate) struct Octaves {
+    lines: [Line; LINES],
+    /// Samples taken, wrapping.
+    count: u32,
+}
+
+impl Line {
+    const EMPTY: Self = Self { reach: [0; POINTS], stretch: [0; POINTS], positive: 0, negative: 0 };
+
+    fn get(&self, place: u32) -> (i32, i16, i8) {
+        let place = place % POINTS as u32;
+        let bit = |mask: u64| (mask >> place) as i8 & 1;
+        (self.reach[place as usize], self.stretch[place as usize], bit(self.positive) - bit(self.negative))
+    }
+
+    fn set(&mut self, place: u32, (reach, stretch, side): (i32, i16, i8)) {
+        let place = place % POINTS as u32;
+        self.reach[place as usize] = reach;
+        self.stretch[place as usize] = stretch;
+        self.judge(place, side);
+    }
+
+    /// Of an entry and the one before it; firm where both are, on one side.
+    fn mean(&self, place: u32) -> (i32, i16, i8) {
+        let (reach, stretch, side) = self.get(place.wrapping_sub(1));
+        let (other_reach, other_stretch, other_side) = self.get(place);
+        (
+            reach.wrapping_add(other_reach.wrapping_sub(reach) >> 1),
+            ((i32::from(stretch) + i32::from(other_stretch)) >> 1) as i16,
+            if side == other_side { side } else { 0 },
+        )
+    }
+
+    fn judge(&mut self, place: u32, side: i8) {
+        let bit = 1 << (place % POINTS as u32);
+        self.positive = if side > 0 { self.positive | bit } else { self.positive & !bit };
+        self.negative = if side < 0 { self.negative | bit } else { self.negative & !bit };
+    }
+}
+
+impl Octaves {
+    /// Nothing seen.
+    pub const fn new() -> Self {
+        Self { lines: [Line::EMPTY; LINES], count: 0 }
+    }
+
+    /// Forgets everything, in place.
+    pub fn reset(&mut self) {
+        let Self { lines, count } = self;
+        for Line { reach, stretch, positive, negative } in lines {
+            reach.fill(0);
+            stretch.fill(0);
+            (*positive, *negative) = (0, 0);
+        }
+        *count = 0;
+    }
+
+    /// Takes a sample, and the judgement on the one `guard` ago.
+    #[inline]
+    pub fn push(&mut self, touch: &Touch, guard: u8) {
+        let newest = self.count;
+        self.count = newest.wrapping_add(1);
+        let judged = newest.wrapping_sub(u32::from(guard));
+        let mut lines = self.lines.iter_mut();
+        let Some(mut finer) = lines.next() else { return };
+        finer.set(newest, (touch.reach, touch.stretch, 0));
+        finer.judge(judged, touch.judged);
+        let mut place = judged;
+        for coarser in lines {
+            // An entry is complete with its second half.
+            if place & 1 == 0 {
+                break;
+            }
+            let mean = finer.mean(place);
+            place >>= 1;
+            coarser.set(place, mean);
+            finer = coarser;
+        }
+    }
+
+    /// The judged samples of the last `samples`, oldest first, in the finest line that holds them; nothing where none
+    /// does.
+    pub fn window(&self, samples: u32, guard: u8) -> Option<Points> {
+        let judged = self.count.wrapping_sub(u32::from(guard));
+        // The first line's newest entries are not yet judged.
+        let room = |line: usize| POINTS as u32 - 1 - if line == 0 { u32::from(guard) } else { 0 };
+        let (number, line) = self.lines.iter().enumerate().find(|(number, _)| samples >> number < room(*number))?;
+        let end = judged >> number;
+        let start_sample = judged.wrapping_sub(samples);
+        let mut points = Points::new();
+        for back in (1..=room(number)).rev() {
+            let place = end.wrapping_sub(back);
+            // Whether the entry starts within the window.
+            let first = (place << number).wrapping_sub(start_sample);
+            if first <= samples {
+                let (reach, stretch, side) = line.get(place);
+                points.push(reach, stretch, side);
+            }
+        }
+        points.scale = number as u8;
+        Some(points)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::backlash::step::fit;
+
+    fn touch(reach: i32, judged: i8) -> Touch {
+        Touch { reach, judged, ..Touch::default() }
+    }
+
+    /// A step on a straight line is found in every line, also where reach and count wrap.
+    #[test]
+    fn a_step_is_found_at_every_pace() {
+        const GUARD: u8 = 5;
+        for number in 0..LINES as u32 {
+            let mut octaves = Octaves::new();
+            octaves.count = u32::MAX - 7000;
+            let half = 20_i32 << number;
+            let total = 20_000 + 2 * half;
+            for n in 0..total + i32::from(GUARD) {
+                let before = n - total + half;
+                let reach = i32::MAX.wrapping_add(n.wrapping_mul(3)).wrapping_add(if before >= 0 { -1000 } else { 0 });
+                let judged = match before - i32::from(GUARD) {
+                    0.. => 1,
+                    ..0 => -1,
+                };
+                octaves.push(&touch(reach, judged), GUARD);
+            }
+            let points = octaves.window(2 * half as u32, GUARD).unwrap();
+            assert_eq!(u32::from(points.scale), number);
+            let found = fit(&points, 16, 0).unwrap();
+            assert!(found.value.abs_diff(1000) <= 2, "{number}: {found:?}");
+        }
+    }
+
+    #[test]
+    fn what_is_too_long_has_no_window() {
+        assert!(Octaves::new().window(63 << 8, 4).is_none());
+        assert!(Octaves::new().window(62 << 8, 4).is_some());
+    }
+}

@@ -1,0 +1,364 @@
+//! One reversal's gap: the step that is left when a polynomial has been taken out.
+//!
+//! Discrete orthogonal polynomials over the firm entries by the three-term recurrence, normalised in Q30; reach and
+//! side are freed of each in turn. Degree 7 follows a sine over six tenths of its period so well that the step is
+//! wrong by 4e-5 of the amplitude at most. Degree 9 is the judge: where it explains more than noise, the window is too
+//! long and there is no value. Choosing the degree by the data would bias the value, as it picks the noise that hides
+//! what is missing.
+//! Source: G. E. Forsythe, "Generation and use of orthogonal polynomials for data-fitting", 1957.
+
+use crate::qformat::{mul_shift, shift_right};
+
+/// Most entries.
+pub(crate) const POINTS: usize = 64;
+/// Degree of the value, and of its judge.
+const DEGREE: u32 = 7;
+const JUDGE: u32 = 9;
+/// Fewest entries: four more than unknowns; and of these on either flank.
+const FEWEST: u32 = JUDGE + 6;
+const FEWEST_ON_A_FLANK: u32 = 4;
+/// The judge's two degrees may explain this many times the noise of one.
+const TOLERANCE: u64 = 8;
+/// Bits of the reach, so that products with Q30 add up in 64.
+const REACH_BITS: i32 = 25;
+/// Fraction bits of the side, for the same reason.
+const SIDE_BITS: u32 = 24;
+/// Square of the side [2^-48] under which there is nothing to divide by.
+const LEAST_SIDE: i64 = 1 << 34;
+/// Fraction bits of the polynomials.
+const Q: u32 = 30;
+
+/// Entries of a window, oldest first.
+#[derive(Clone, Debug)]
+pub(crate) struct Points {
+    /// Place in the window of each firm entry.
+    places: [u8; POINTS],
+    reach: [i32; POINTS],
+    stretch: [i16; POINTS],
+    side: [i8; POINTS],
+    /// Firm entries, and all.
+    firm: u32,
+    all: u32,
+    /// Samples in an entry, as a power of two.
+    pub scale: u8,
+}
+
+/// What a reversal shows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Fit {
+    /// The gap [units].
+    pub value: i32,
+    /// How much the judge would change it [units].
+    pub change: i32,
+    /// Its part that comes from the stretch [units as shifted for the memory]: its derivative by the logarithm of the
+    /// compliance.
+    pub by_stretch: i32,
+    /// Variance of the value by the noise of its own flanks [units^2].
+    pub variance: u32,
+    /// Information: the square of what is left of the side [2^-10], times the samples in an entry.
+    pub weight: u32,
+}
+
+impl Points {
+    /// None.
+    pub fn new() -> Self {
+        Self {
+            places: [0; POINTS],
+            reach: [0; POINTS],
+            stretch: [0; POINTS],
+            side: [0; POINTS],
+            firm: 0,
+            all: 0,
+            scale: 0,
+        }
+    }
+
+    /// Adds an entry.
+    pub fn push(&mut self, reach: i32, stretch: i16, side: i8) {
+        let place = self.all as u8;
+        self.all += 1;
+        if side != 0 {
+            let slot = (self.firm % POINTS as u32) as usize;
+            self.places[slot] = place;
+            self.reach[slot] = reach;
+            self.stretch[slot] = stretch;
+            self.side[slot] = side;
+            self.firm += 1;
+        }
+    }
+
+    fn count(&self) -> usize {
+        (self.firm as usize).min(POINTS)
+    }
+}
+
+/// `sum(a b)`.
+fn dot(a: &[i32; POINTS], b: &[i32; POINTS], count: usize) -> i64 {
+    a.iter().zip(b).take(count).map(|(a, b)| times(*a, *b)).sum()
+}
+
+/// A sum of products with Q30 without its fraction, rounded half up.
+#[inline(always)]
+fn whole(value: i64) -> i32 {
+    ((value + (1 << (Q - 1))) >> Q) as i32
+}
+
+/// Both factors have 32 bits: one instruction.
+#[inline(always)]
+fn times(a: i32, b: i32) -> i64 {
+    i64::from(a) * i64::from(b)
+}
+
+/// Frees `values` of `direction` [Q30].
+fn free(values: &mut [i32; POINTS], direction: &[i32; POINTS], count: usize) {
+    let part = whole(dot(values, direction, count));
+    for (value, direction) in values.iter_mut().zip(direction).take(count) {
+        *value = value.wrapping_sub(whole(times(part, *direction)));
+    }
+}
+
+/// The whole part of the root.
+fn root(value: u64) -> u64 {
+    let (mut rest, mut root) = (value, 0_u64);
+    let mut bit = 1_u64 << 62;
+    while bit > 0 {
+        let step = root + bit;
+        root >>= 1;
+        if rest >= step {
+            rest -= step;
+            root += bit;
+        }
+        bit >>= 2;
+    }
+    root
+}
+
+/// What is left of the fit once all polynomials so far are out.
+#[derive(Clone, Copy, Debug, Default)]
+struct Left {
+    /// Square of the side [2^-48].
+    side: i64,
+    /// The step from the negative to the positive side, halved [units as scaled].
+    half: i64,
+    /// Sum of the squares of the residual [units^2 as scaled].
+    residual: u64,
+}
+
+impl Left {
+    fn of(reach: &[i32; POINTS], side: &[i32; POINTS], count: usize) -> Self {
+        let across = dot(reach, side, count);
+        let side = dot(side, side, count);
+        if side < LEAST_SIDE {
+            return Self { side, ..Self::default() };
+        }
+        // across 2^24 / side, by the inverse of the side's upper 31 bits.
+        let shift = 33 - side.leading_zeros();
+        let inverse = ((1_u64 << 62) / (side >> shift).max(1) as u64) as i64;
+        let half = mul_shift(across, inverse, 62 + shift - SIDE_BITS);
+        let explained = mul_shift(across, half, SIDE_BITS);
+        let all = dot(reach, reach, count);
+        Self { side, half, residual: all.saturating_sub(explained).max(0) as u64 }
+    }
+}
+
+/// The gap of a window; nothing where the window cannot show it. The encoder's step and the stretch's noise are in
+/// units.
+pub(crate) fn fit(points: &Points, count_units: u32, noise_units: u32) -> Option<Fit> {
+    let count = points.count();
+    let firm = count as u32;
+    let on = |side: i8| points.side.iter().take(count).filter(|s| **s == side).count() as u32;
+    if firm < FEWEST || on(1) < FEWEST_ON_A_FLANK || on(-1) < FEWEST_ON_A_FLANK {
+        return None;
+    }
+    let [origin, ..] = points.reach;
+    let mut reach = points.reach.map(|reach| reach.wrapping_sub(origin));
+    let greatest = reach.iter().take(count).fold(1, |all, reach| all | reach.unsigned_abs());
+    // Left shift that gives the greatest its bits; a reach of no more than a few units is not worth more.
+    let up = (REACH_BITS - (32 - greatest.leading_zeros() as i32)).clamp(-7, 12) as i8;
+    for value in &mut reach {
+        *value = shift_right(i64::from(*value), -up) as i32;
+    }
+    let mut side = points.side.map(|side| i32::from(side) << SIDE_BITS);
+    let width = points.all.max(1);
+    let per_place = ((1 << Q) / width) as i32;
+    let time = points.places.map(|place| (2 * i32::from(place) + 1 - width as i32) * per_place);
+
+    let mut before = [0_i32; POINTS];
+    let even = root((1_u64 << (2 * Q)) / u64::from(firm.max(1))) as i32;
+    let mut polynomial = [even; POINTS];
+    let mut norm = 0_i32;
+    let (mut value, mut judge, mut free_side) = (Left::default(), Left::default(), side);
+    for degree in 0..=JUDGE {
+        free(&mut reach, &polynomial, count);
+        free(&mut side, &polynomial, count);
+        if degree == DEGREE {
+            value = Left::of(&reach, &side, count);
+            free_side = side;
+        } else if degree == JUDGE {
+            judge = Left::of(&reach, &side, count);
+            break;
+        }
+        // The next one: (t - a) q - b q', normalised.
+        let mut next = [0_i32; POINTS];
+        for ((next, time), q) in next.iter_mut().zip(&time).zip(&polynomial).take(count) {
+            *next = whole(times(*time, *q));
+        }
+        let mean = whole(dot(&next, &polynomial, count));
+        for ((next, q), before) in next.iter_mut().zip(&polynomial).zip(&before).take(count) {
+            *next = next.wrapping_sub(whole(times(mean, *q) + times(norm, *before)));
+        }
+        norm = root(dot(&next, &next, count).max(0) as u64) as i32;
+        if norm < 1 << 16 {
+            return None;
+        }
+        let inverse = ((1_u64 << (2 * Q)) / norm as u64) as i64;
+        for next in next.iter_mut().take(count) {
+            *next = whole(i64::from(*next) * inverse);
+        }
+        before = polynomial;
+        polynomial = next;
+    }
+
+    // Noise of an entry: at least a third of the encoder's step noise, which averages over its samples, and at most
+    // that of a single sample and more. Beyond, the judge is as blind as what it judges.
+    let freedom = u64::from(firm - JUDGE - 2);
+    let square = |value: u32| u64::from(value) * u64::from(value);
+    let scaled = |squared: u64| shift_right(squared.min(1 << 38) as i64, -2 * up) as u64;
+    let least = scaled(((square(count_units) / 40) >> points.scale) + 1).saturating_mul(freedom);
+    let most = scaled(square(count_units).saturating_add(4 * square(noise_units))).saturating_mul(freedom);
+    let noise = judge.residual.max(least);
+    let gained = value.residual.saturating_sub(judge.residual);
+    let explained = gained.saturating_mul(freedom) < TOLERANCE.saturating_mul(noise) && judge.residual <= most;
+    if judge.side < LEAST_SIDE || !explained {
+        return None;
+    }
+    let stretch = points.stretch.map(i32::from);
+    let stretch_across = dot(&stretch, &free_side, count);
+    let shift = 33 - value.side.leading_zeros();
+    let inverse = ((1_u64 << 62) / (value.side >> shift).max(1) as u64) as i64;
+    let over_side = |value: i64| mul_shift(value, inverse, 62 + shift - SIDE_BITS);
+    // Of the value: four times the residual's over the square of the side.
+    let variance = value.residual / u64::from((firm - DEGREE - 2).max(1));
+    let variance = mul_shift((variance.min(1 << 40) as i64) << 2, inverse, 62 + shift - 2 * SIDE_BITS);
+    Some(Fit {
+        value: shift_right(-2 * value.half, up) as i32,
+        change: shift_right(2 * (judge.half - value.half), up) as i32,
+        by_stretch: (-2 * over_side(stretch_across)) as i32,
+        variance: shift_right(variance, 2 * up).clamp(0, i64::from(u32::MAX)) as u32,
+        weight: (value.side >> (2 * SIDE_BITS - 10) << points.scale).clamp(1, 1 << 24) as u32,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use std::vec::Vec;
+
+    proptest! {
+        /// A polynomial of degree 7 with a step in it gives the step, whatever the flight between. Its parts fall off
+        /// as those of a motion over six tenths of its period do.
+        #[test]
+        fn a_step_on_a_polynomial_is_found(
+            parts in prop::array::uniform8(-1.0_f64..1.0),
+            size in 1e3_f64..1e7,
+            gap in -30_000_i32..30_000,
+            flight in 0_u32..12,
+            first in 14_u32..26,
+            second in 14_u32..26,
+        ) {
+            let mut points = Points::new();
+            let all = first + flight + second;
+            for place in 0..all {
+                let t = 2.0 * f64::from(place) / f64::from(all) - 1.0;
+                let smooth = parts.iter().rev().fold(0.0, |sum, part| sum * t * 0.4 + part) * size;
+                let side = if place < first { -1 } else if place < first + flight { 0 } else { 1 };
+                points.push((smooth - f64::from(i32::from(side) * gap) / 2.0) as i32, 0, side);
+            }
+            let found = fit(&points, 256, 0).unwrap();
+            // The reach has 25 bits.
+            let slack = 8.0 + 2.0_f64.powi(-20) * size * 8.0;
+            prop_assert!((f64::from(found.value - gap)).abs() <= slack, "{found:?} for {gap}, {slack}");
+        }
+
+        #[test]
+        fn nothing_panics(entries: Vec<(i32, i16, i8)>, count: u16) {
+            let mut points = Points::new();
+            for (reach, stretch, side) in entries {
+                points.push(reach, stretch, side.signum());
+            }
+            fit(&points, u32::from(count), u32::from(count));
+        }
+
+        #[test]
+        fn root_is_the_whole_part(value: u64) {
+            let root = u128::from(root(value));
+            let value = u128::from(value);
+            prop_assert!(root * root <= value && value < (root + 1) * (root + 1));
+        }
+    }
+
+    /// Six tenths of a sine's period with a flight in the middle: the step is wrong by at most 4e-5 of the amplitude.
+    #[test]
+    fn six_tenths_of_a_sine_leave_little() {
+        for phase in 0..12 {
+            let mut points = Points::new();
+            for place in 0..60_i32 {
+                let angle = (f64::from(place) / 60.0 - 0.5) * 0.6 * core::f64::consts::TAU + f64::from(phase) * 0.5;
+                let side = match place {
+                    ..25 => -1,
+                    25..35 => 0,
+                    _ => 1,
+                };
+                points.push((angle.sin() * 1e6) as i32, 0, side);
+            }
+            let found = fit(&points, 256, 0).unwrap();
+            assert!(found.value.abs() <= 40, "{phase}: {found:?}");
+        }
+    }
+
+    /// A window over which the motion turns too often is refused.
+    #[test]
+    fn what_no_polynomial_follows_is_refused() {
+        let mut points = Points::new();
+        for place in 0..60_i32 {
+            let motion = (f64::from(place) * 0.6).sin() * 1e5;
+            points.push(motion as i32, 0, if place < 30 { -1 } else { 1 });
+        }
+        assert_eq!(fit(&points, 256, 0), None);
+    }
+
+    /// The value's own variance is that of its scatter under white noise.
+    #[test]
+    fn variance_is_the_scatter() {
+        let mut seed = 3_u64;
+        let mut noise = || {
+            let mut sum = 0;
+            for _ in 0..4 {
+                seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+                sum += (seed >> 56) as i32 - 128;
+            }
+            sum
+        };
+        let (mut squares, mut variances, mut count) = (0.0, 0.0, 0.0);
+        for _ in 0..400 {
+            let mut points = Points::new();
+            for place in 0..50 {
+                let side = if place < 22 {
+                    -1
+                } else if place < 28 {
+                    0
+                } else {
+                    1
+                };
+                points.push(noise(), 0, side);
+            }
+            let Some(fit) = fit(&points, 256, 0) else { continue };
+            squares += f64::from(fit.value) * f64::from(fit.value);
+            variances += f64::from(fit.variance);
+            count += 1.0;
+        }
+        assert!(count > 380.0, "{count}");
+        assert!((0.8..1.25).contains(&(squares / variances)), "{}", squares / variances);
+    }
+}

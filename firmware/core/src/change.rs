@@ -1,0 +1,241 @@
+//! Has the device itself changed: a flywheel swapped, a lubricant failing, a ratio moved?
+//!
+//! Glossary: a *block* is half a second of motion (two seconds in the slow bank, and longer until it tells something),
+//! fitted by itself from what the exact sums grew by; the *reference* is the recent memory as it stood three blocks
+//! before. A block *deviates* in a parameter when it lies farther from the reference than
+//!
+//! - [`ERRORS`] standard errors of both together,
+//! - [`SCATTERS`] times what blocks have deviated by so far, which holds whatever the law leaves out of a real machine,
+//! - a part of the value that matters ([`LEAST_PART`]): less is drift, which the memory follows.
+//!
+//! Two blocks in a row that deviate alike are a change: a knock deviates once. It is found within three blocks, and both
+//! memories begin anew, so that no estimate is an average over two devices.
+//! Floats, as in `report`: basic arithmetic that gives the same bits on every machine.
+
+use crate::active::Active;
+use crate::detail::{Change, Changed};
+use crate::estimate::Bank;
+use crate::estimator::{BankState, State};
+use crate::kernel::UPDATES_PER_BOX;
+use crate::ldl::UNKNOWNS;
+use crate::math::sqrt;
+use crate::report::{Fit, Knowledge};
+use crate::rls::PRODUCTS;
+
+/// Length of a block in either bank [boxes]: 0.5 s and 2 s.
+const BLOCK_BOXES: u32 = 32;
+/// Standard errors within which a block agrees: its own are known from 15 observations only.
+const ERRORS: f32 = 6.0;
+/// Times the usual deviation of blocks, rms, within which one agrees.
+const SCATTERS: f32 = 6.0;
+/// What matters: parts of inertance, viscous and Coulomb friction, and for the offset a part of Coulomb friction.
+const LEAST_PART: [f32; UNKNOWNS] = [0.02, 0.3, 0.1, 0.2];
+/// Times that part while fewer than [`EXPERIENCE`] blocks have told how blocks scatter.
+const UNSURE: f32 = 3.0;
+/// Blocks after which their scatter is known.
+const EXPERIENCE: u16 = 6;
+/// Blocks over which the scatter is averaged.
+const LONGEST_EXPERIENCE: u16 = 64;
+/// Times what matters that a block's standard error may be; until it is less, the block grows.
+const SHARP: f32 = 2.0;
+/// Times its least length that a block may grow to.
+const LONGEST_BLOCK: u32 = 64;
+/// Memories kept: the block before last may already be half another device's, and what was learnt from it is not used.
+const LAG: usize = 3;
+
+/// The unknowns in their order.
+const PARAMETERS: [Changed; UNKNOWNS] = [Changed::Inertance, Changed::Viscous, Changed::Coulomb, Changed::Offset];
+
+/// Watches for changes.
+#[derive(Clone, Debug)]
+pub(crate) struct Watch {
+    bank: Bank,
+    /// Sums and updates at the start of this block.
+    sums: [i128; PRODUCTS],
+    updates: u32,
+    /// Updates of this block at which it is next looked at.
+    next_look: u32,
+    /// The memory at the ends of the last blocks, the latest last, and how many there are. All zeros at the start, as is
+    /// every part of the state: a board keeps it in memory that it need not fill from flash.
+    references: [Fit; LAG],
+    referenced: u8,
+    /// Mean square of what blocks deviated by.
+    scatter: [f32; UNKNOWNS],
+    /// Blocks that it is the mean of.
+    blocks: u16,
+    /// Deviation of the last block, where it was too great to agree.
+    suspicion: [f32; UNKNOWNS],
+    found: Change,
+    untold: bool,
+    /// The memories are forgotten with the next update: until then what they knew of the device before can be read.
+    begins_anew: bool,
+    /// Changes since the reset.
+    pub count: u32,
+}
+
+impl Watch {
+    /// Has seen nothing.
+    pub const fn new() -> Self {
+        Self {
+            bank: Bank::Fast,
+            sums: [0; PRODUCTS],
+            updates: 0,
+            next_look: 0,
+            references: [Fit::NONE; LAG],
+            referenced: 0,
+            scatter: [0.0; UNKNOWNS],
+            blocks: 0,
+            suspicion: [0.0; UNKNOWNS],
+            found: Change { index: 0, parameter: Changed::Inertance, before: 0.0, after: 0.0 },
+            untold: false,
+            begins_anew: false,
+            count: 0,
+        }
+    }
+
+    /// Begins anew: what came before says nothing of what comes.
+    fn forget(&mut self) {
+        *self = Self { found: self.found, untold: self.untold, count: self.count, ..Self::new() };
+    }
+
+    fn begin_block(&mut self, memories: &BankState) {
+        self.sums = *memories.whole.sums();
+        self.updates = memories.whole.updates();
+        self.next_look = BLOCK_BOXES * UPDATES_PER_BOX;
+    }
+
+    /// Compares a block with the reference; what changed most, its value before and since.
+    fn judge(&mut self, block: &Fit) -> Option<(Changed, f32, f32)> {
+        if usize::from(self.referenced) < LAG {
+            return None;
+        }
+        let reference = self.references[0];
+        let matters = matters(&reference);
+        let mut deviation = [0.0; UNKNOWNS];
+        let mut suspicion = [0.0; UNKNOWNS];
+        let mut strongest = (1.0, None);
+        let sure = if self.blocks < EXPERIENCE { UNSURE } else { 1.0 };
+        for i in 0..UNKNOWNS {
+            let (new, old) = (block.values[i], reference.values[i]);
+            let (new_error, old_error) = (block.errors[i], reference.errors[i]);
+            if !new_error.is_finite() || !old_error.is_finite() {
+                continue;
+            }
+            let limit = (ERRORS * sqrt(new_error * new_error + old_error * old_error))
+                .max(SCATTERS * sqrt(self.scatter[i]))
+                .max(sure * matters[i]);
+            deviation[i] = new - old;
+            let strength = magnitude(deviation[i]) / limit;
+            if strength > 1.0 {
+                suspicion[i] = deviation[i];
+                if self.suspicion[i] * deviation[i] > 0.0 && strength > strongest.0 {
+                    strongest = (strength, Some((PARAMETERS[i], old, new)));
+                }
+            }
+        }
+        if strongest.1.is_some() {
+            return strongest.1;
+        }
+        // What was suspected and did not come again is how this machine scatters.
+        self.blocks = (self.blocks + 1).min(LONGEST_EXPERIENCE);
+        let alone = core::mem::replace(&mut self.suspicion, suspicion);
+        let deviations = deviation.into_iter().zip(suspicion).zip(alone).zip(matters);
+        for (scatter, (((deviation, suspicion), alone), matters)) in self.scatter.iter_mut().zip(deviations) {
+            let agreed = if suspicion == 0.0 { deviation } else { 0.0 };
+            // Held to what matters: a block that lies across a change must not hide it.
+            let [agreed, alone] = [agreed, alone].map(|value| magnitude(value).min(matters));
+            *scatter += (agreed * agreed + alone * alone - *scatter) / f32::from(self.blocks);
+        }
+        None
+    }
+}
+
+impl State {
+    /// The change of the device that was found last, once: ask after every step. Estimate and sums are still those of
+    /// before; both memories begin anew with the next update.
+    pub fn take_change(&mut self) -> Option<Change> {
+        core::mem::take(&mut self.watch.untold).then_some(self.watch.found)
+    }
+}
+
+impl Active {
+    /// Judges the block that ends with this sample, if one does; both memories begin anew where the device has changed.
+    pub(crate) fn watch(&self, state: &mut State) {
+        if core::mem::take(&mut state.watch.begins_anew) {
+            state.fast.forget();
+            state.slow.forget();
+            state.watch.forget();
+        }
+        let State { watch, fast, slow, published: bank, .. } = state;
+        let (config, memories) = match bank {
+            Bank::Fast => (&self.fast, &*fast),
+            Bank::Slow => (&self.slow, &*slow),
+        };
+        let length = memories.whole.updates().wrapping_sub(watch.updates);
+        let least = BLOCK_BOXES * UPDATES_PER_BOX;
+        if watch.bank != *bank || length > 2 * LONGEST_BLOCK * least {
+            watch.forget();
+            watch.bank = *bank;
+            watch.begin_block(memories);
+            return;
+        }
+        if length < watch.next_look {
+            return;
+        }
+        watch.next_look += least;
+        let knowledge = Knowledge::between(&watch.sums, memories.whole.sums(), length);
+        let Some(mut block) = self.fit(&knowledge, &config.scales) else { return };
+        // The encoder's steps pass for acceleration, and take their part from the inertance.
+        block.errors[0] += magnitude(block.values[0]) * config.scales.quantisation / knowledge.mean_square(0);
+        // A block that lies across the change has a great residual, and ends all the same.
+        let usual = watch.references[LAG - 1].variance.min(block.variance);
+        let part = if usual > 0.0 { sqrt(usual / block.variance) } else { 1.0 };
+        if !tells(watch.bank, &block, part) && length < LONGEST_BLOCK * least {
+            return;
+        }
+        if let Some((parameter, before, after)) = watch.judge(&block) {
+            self.announce(state, parameter, before, after);
+            return;
+        }
+        if let Some(memory) = self.fit(&Knowledge::recent(memories), &config.scales) {
+            let [_, second, third] = watch.references;
+            watch.references = [second, third, memory];
+            watch.referenced = watch.referenced.saturating_add(1);
+        }
+        watch.begin_block(memories);
+    }
+
+    fn announce(&self, state: &mut State, parameter: Changed, before: f32, after: f32) {
+        let structure = match parameter {
+            Changed::Inertance => self.settings().structure_mass_kg as f32,
+            Changed::Viscous | Changed::Coulomb | Changed::Offset => 0.0,
+        };
+        let change =
+            Change { index: state.last_index(), parameter, before: before - structure, after: after - structure };
+        state.watch.begins_anew = true;
+        state.watch.found = change;
+        state.watch.untold = true;
+        state.watch.count = state.watch.count.saturating_add(1);
+    }
+}
+
+/// Whether what a bank is there for, inertance or friction, is known to less than [`SHARP`] times what matters of it, were
+/// the errors `part` of what they are.
+fn tells(bank: Bank, fit: &Fit, part: f32) -> bool {
+    let ([inertance, _, coulomb, _], [inertance_matters, _, coulomb_matters, _]) = (fit.errors, matters(fit));
+    match bank {
+        Bank::Fast => inertance * part < SHARP * inertance_matters,
+        Bank::Slow => coulomb * part < SHARP * coulomb_matters,
+    }
+}
+
+/// The least change of each parameter that matters, by the values of `fit`.
+fn matters(fit: &Fit) -> [f32; UNKNOWNS] {
+    let [inertance, viscous, coulomb, _] = fit.values.map(magnitude);
+    let [of_inertance, of_viscous, of_coulomb, of_offset] = LEAST_PART;
+    [of_inertance * inertance, of_viscous * viscous, of_coulomb * coulomb, of_offset * coulomb]
+}
+
+fn magnitude(value: f32) -> f32 {
+    if value < 0.0 { -value } else { value }
+}

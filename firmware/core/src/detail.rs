@@ -1,0 +1,179 @@
+//! What goes with an estimate: the band it holds for, backlash and contact, how friction behaves, what has changed.
+
+use serde::{Deserialize, Serialize};
+
+use crate::estimate::Parameter;
+
+/// Published beside each [`Estimate`](crate::Estimate), of the same sample.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Detail {
+    /// Index of the sample at which it was computed.
+    pub index: u32,
+    /// Where the recent inertance was seen: real inerters soften with frequency.
+    pub band: Band,
+    /// Total backlash `eps` \[m\].
+    pub backlash: Backlash,
+    /// How the flanks behave.
+    pub contact: Contact,
+    /// Contact stiffness `ks` by the terminal's own displacement \[N/m\].
+    pub stiffness_n_per_m: Parameter,
+    /// Contact damping `cs` by the terminal's own displacement \[N s/m\].
+    pub contact_damping_n_s_per_m: Parameter,
+    /// How friction behaves.
+    pub friction: Friction,
+    /// Changes of the device found since the reset.
+    pub changes: u32,
+}
+
+/// Frequencies between which an inertance was seen, weighted by the square of the acceleration: the harmonic and the
+/// quadratic mean, which enclose the centre and are one for a single tone. Zeros: nothing moved.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Band {
+    /// Lower edge \[Hz\].
+    pub low_hz: f32,
+    /// Upper edge \[Hz\].
+    pub high_hz: f32,
+}
+
+/// Total backlash with its 95 % interval.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Backlash {
+    /// Value \[m\]; 0 and meaningless when not identifiable.
+    pub value_m: f32,
+    /// Half width of the 95 % interval \[m\]; infinite when nothing is known.
+    pub u95_m: f32,
+    /// Whether the value holds.
+    pub status: BacklashStatus,
+    /// Where it comes from.
+    pub route: Route,
+    /// Reversals that it rests on.
+    pub reversals: u32,
+}
+
+/// Whether a backlash can be used. New ones go at the end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum BacklashStatus {
+    /// There is no value.
+    NotIdentifiable(Reason),
+    /// Value and interval hold, and the gap is smaller than the interval: it may be none.
+    BelowU95,
+    /// Value and interval hold.
+    Ok,
+}
+
+impl Default for BacklashStatus {
+    fn default() -> Self {
+        Self::NotIdentifiable(Reason::TooFewReversals)
+    }
+}
+
+/// Why there is no backlash. New ones go at the end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Reason {
+    /// The force keeps its sign: one flank carries it all.
+    ForceNeverReverses,
+    /// Fewer reversals than a scatter can be read from.
+    TooFewReversals,
+    /// The flanks touch for too short a time beside their reversals.
+    FlankTooShort,
+    /// The contact stiffness is not known, and the force alone needs it.
+    StiffnessUnknown,
+    /// The reversals contradict each other by more than their noise.
+    Scattered,
+}
+
+/// Where a backlash comes from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Route {
+    /// Force and encoder alone.
+    #[default]
+    Force,
+    /// The terminal's own displacement sensor.
+    Terminal,
+}
+
+/// How the flanks behave. New ones go at the end.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Contact {
+    /// Not enough seen.
+    #[default]
+    Unknown,
+    /// The load keeps to one flank.
+    OneSided,
+    /// The force reverses, and no gap is seen: tight or preloaded.
+    Closed,
+    /// The flanks part and meet once at each reversal.
+    Gap,
+    /// The flanks bounce: several flights at a reversal, which do not count.
+    Bouncing,
+}
+
+/// How friction behaves at a reversal.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Friction {
+    /// How much of the kink that Coulomb's friction would give the velocity the reversals have shown: 1 is all of it.
+    pub reversal_ratio: Option<f32>,
+    /// What this looks like.
+    pub conduct: Conduct,
+}
+
+/// What friction looks like. New ones go at the end.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Conduct {
+    /// Not enough seen.
+    #[default]
+    Unknown,
+    /// Coulomb's and viscous, within the interval.
+    Coulomb,
+    /// Turns over a distance: the screw creeps before it slips.
+    Presliding,
+    /// Greater near rest than in motion.
+    Stribeck,
+}
+
+/// One accepted reversal of the flanks.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Gap {
+    /// Sample in the middle of the flight.
+    pub index: u32,
+    /// Total backlash by this reversal alone \[m\].
+    pub value_m: f32,
+    /// Its standard error by the noise of its own flanks \[m\].
+    pub error_m: f32,
+    /// Where it comes from.
+    pub route: Route,
+    /// From the negative to the positive flank.
+    pub rising: bool,
+}
+
+impl Gap {
+    /// All zeros: where a state keeps room for one, it costs no flash.
+    pub(crate) const EMPTY: Self = Self { index: 0, value_m: 0.0, error_m: 0.0, route: Route::Force, rising: false };
+}
+
+/// A change of the device itself.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Change {
+    /// Sample at which it was found.
+    pub index: u32,
+    /// What changed most, by its interval.
+    pub parameter: Changed,
+    /// Value before, SI.
+    pub before: f32,
+    /// Value since, SI.
+    pub after: f32,
+}
+
+/// Which parameter changed. New ones go at the end.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Changed {
+    /// Effective inertance \[kg\].
+    #[default]
+    Inertance,
+    /// Viscous friction \[N s/m\].
+    Viscous,
+    /// Coulomb friction \[N\].
+    Coulomb,
+    /// Force offset \[N\].
+    Offset,
+}

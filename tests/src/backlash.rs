@@ -1,0 +1,142 @@
+//! Backlash on the accuracy grid: gaps of every width, by the force alone and with the terminal's own sensor.
+
+use crate::grid::{Error, Rig, calibrated, raw};
+use inerter_core::{BacklashStatus, Detail, Gap, Settings, State, Status};
+use inerter_plant::{Excitation, Parameters as Device, Sensors, Simulation};
+
+/// Gaps of the grid \[m\].
+pub const GAPS_M: [f64; 6] = [0.0, 10e-6, 20e-6, 50e-6, 100e-6, 200e-6];
+
+/// Greatest bias and sigma wanted of the gap by the force alone at 1 kHz and 1 N \[m\], and up to which gap.
+pub fn goal(motion: &str) -> (f64, f64, f64) {
+    match motion {
+        "slow" => (1e-6, 1e-6, 200e-6),
+        "mid" => (1.5e-6, 3e-6, 200e-6),
+        "fast" => (1.5e-6, 0.5e-6, 200e-6),
+        "multi" => (1e-6, 1e-6, 50e-6),
+        "random" => (0.5e-6, 0.5e-6, 200e-6),
+        _ => (2e-6, 4e-6, 50e-6),
+    }
+}
+
+/// The same with the sensor, bias and sigma alike.
+pub fn sensed_goal(motion: &str) -> f64 {
+    if motion == "slow" { 2e-6 } else { 0.9e-6 }
+}
+
+/// What one run says by either route.
+#[derive(Clone, Debug)]
+pub struct Run {
+    /// By the force alone.
+    pub force: Detail,
+    /// With the sensor.
+    pub sensed: Detail,
+    /// Reversals as they came, by the force.
+    pub gaps: Vec<Gap>,
+}
+
+/// Instruments of the grid with a terminal sensor: 0.1 um per code, 1 um rms.
+pub fn instruments(rig: &Rig, seed: u64) -> Sensors {
+    Sensors {
+        sample_rate_hz: rig.sample_rate_hz,
+        force_noise_n: rig.force_noise_n,
+        force_offset_n: 3.0,
+        encoder_phase_count: (seed as f64 * 0.618) % 1.0,
+        terminal_noise_m: 1e-6,
+        seed,
+        ..Sensors::default()
+    }
+}
+
+/// Settings of a device calibrated against these instruments, its stiffness known to 0.1 %.
+pub fn settings(device: &Device, sensors: &Sensors) -> Settings {
+    Settings {
+        force_gain_u95: 0.0,
+        lead_u95: 0.0,
+        timebase_u95: 0.0,
+        stiffness_u95_n_per_m: 1e-3 * device.stiffness_n_per_m,
+        ..calibrated(device, sensors)
+    }
+}
+
+/// Shakes a device with and without its sensor.
+pub fn run(device: &Device, motion: &str, duration_s: f64, rig: &Rig, seed: u64) -> Result<Run, Error> {
+    let sensors = instruments(rig, seed);
+    let settings = settings(device, &sensors);
+    let simulation = Simulation::new(*device, Excitation::parse(motion, seed)?, sensors)?;
+    let active = settings.validate()?;
+    let with_sensor = Settings { terminal_sensor: 1.0, stiffness_n_per_m: 0.0, ..settings }.validate()?;
+    let mut state = Box::new(State::new(&active));
+    let mut sensing = Box::new(State::new(&with_sensor));
+    let mut gaps = Vec::new();
+    for sample in simulation.lasting(duration_s) {
+        let raw = raw(&sample);
+        active.step(&mut state, &raw);
+        with_sensor.step(&mut sensing, &raw);
+        gaps.extend(state.take_gap());
+    }
+    Ok(Run { force: active.detail(&state), sensed: with_sensor.detail(&sensing), gaps })
+}
+
+/// One column of a cell.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Column {
+    /// Mean error, relative for a stiffness; not a number when fewer than two runs gave a value.
+    pub bias: f64,
+    /// Standard deviation of the error; likewise.
+    pub sigma: f64,
+    /// Mean half width of the interval.
+    pub u95: f64,
+    /// Runs that gave a value, and of these the ones whose interval misses the truth.
+    pub given: usize,
+    /// See `given`.
+    pub wrong: usize,
+}
+
+/// One gap in one motion on one rig.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Cell {
+    /// Gap by the force alone \[m\].
+    pub force: Column,
+    /// Gap with the sensor \[m\].
+    pub sensed: Column,
+    /// Stiffness with the sensor, relative.
+    pub stiffness: Column,
+    /// Damping with the sensor, relative.
+    pub damping: Column,
+}
+
+fn column(values: &[(f64, f64)], truth: f64) -> Column {
+    let count = values.len() as f64;
+    let bias = values.iter().map(|(value, _)| value - truth).sum::<f64>() / count;
+    let variance = values.iter().map(|(value, _)| (value - truth - bias).powi(2)).sum::<f64>() / (count - 1.0);
+    let few = values.len() < 2;
+    Column {
+        bias: if few { f64::NAN } else { bias },
+        sigma: if few { f64::NAN } else { variance.sqrt() },
+        u95: values.iter().map(|(_, u95)| u95).sum::<f64>() / count,
+        given: values.len(),
+        wrong: values.iter().filter(|(value, u95)| (value - truth).abs() > *u95).count(),
+    }
+}
+
+/// Statistics over the runs of one cell.
+pub fn cell(device: &Device, runs: &[Run]) -> Cell {
+    let gap = |detail: &Detail| {
+        let backlash = detail.backlash;
+        let given = !matches!(backlash.status, BacklashStatus::NotIdentifiable(_));
+        given.then_some((f64::from(backlash.value_m), f64::from(backlash.u95_m)))
+    };
+    let contact = |read: fn(&Detail) -> inerter_core::Parameter, truth: f64| {
+        let given = runs.iter().map(|run| read(&run.sensed)).filter(|value| value.status == Status::Ok);
+        let values: Vec<_> =
+            given.map(|value| (f64::from(value.value) / truth, f64::from(value.u95) / truth)).collect();
+        column(&values, 1.0)
+    };
+    Cell {
+        force: column(&runs.iter().filter_map(|run| gap(&run.force)).collect::<Vec<_>>(), device.backlash_m),
+        sensed: column(&runs.iter().filter_map(|run| gap(&run.sensed)).collect::<Vec<_>>(), device.backlash_m),
+        stiffness: contact(|detail| detail.stiffness_n_per_m, device.stiffness_n_per_m),
+        damping: contact(|detail| detail.contact_damping_n_s_per_m, device.contact_damping_n_s_per_m),
+    }
+}

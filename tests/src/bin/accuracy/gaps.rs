@@ -1,0 +1,156 @@
+//! The columns of the backlash: gaps of every width in every motion, by the force alone and with the terminal's sensor.
+
+use inerter_plant::Parameters as Device;
+use inerter_tests::{
+    backlash::{self, Cell, Column, GAPS_M, Run, goal, sensed_goal},
+    grid::{Error, MOTIONS, Motion, Rig},
+    sheet::{line, mean, significant},
+};
+use std::thread;
+
+/// Part of the runs with a value whose interval may miss the truth.
+const MOST_WRONG: f64 = 0.05;
+/// Greatest error of the stiffness above 0.5 Hz, relative.
+const STIFFNESS_GOAL: f64 = 3e-3;
+const MICRO: f64 = 1e6;
+
+/// One rig: its tables, what is missed, and whether the intervals hold.
+pub struct Section {
+    pub text: String,
+    pub misses: Vec<String>,
+    pub holds: bool,
+}
+
+struct Row {
+    motion: &'static Motion,
+    gap_m: f64,
+    cell: Cell,
+}
+
+/// Measures all gaps in all motions on this rig.
+pub fn section(rig: &Rig, seeds: u64) -> Result<Section, Error> {
+    eprintln!("{}: backlash", rig.name);
+    let mut rows = Vec::new();
+    for motion in &MOTIONS {
+        for gap_m in GAPS_M {
+            let device = Device { backlash_m: gap_m, ..Device::paper() };
+            rows.push(Row { motion, gap_m, cell: backlash::cell(&device, &runs(&device, motion, rig, seeds)?) });
+        }
+    }
+    let mut text = format!(
+        "\n## Backlash by the force alone, {0}\n\n{FORCE_HEAD}\n|---|--:|--:|--:|---|---|--:|--:|--:|\n",
+        rig.name
+    );
+    for row in &rows {
+        text += &line(&row.cells(&row.cell.force, row.goal()));
+    }
+    text += &format!(
+        "\n## Backlash and contact with the terminal's sensor, {}\n\n{SENSED_HEAD}\n|---|--:|--:|--:|---|---|--:|--:|--:|--:|--:|--:|--:|\n",
+        rig.name
+    );
+    for row in &rows {
+        let mut cells = row.cells(&row.cell.sensed, row.sensed_goal());
+        for Column { bias, sigma, .. } in [row.cell.stiffness, row.cell.damping] {
+            cells.extend([mean(100.0 * bias, 100.0 * sigma), significant(100.0 * sigma)]);
+        }
+        text += &line(&cells);
+    }
+    let (given, wrong) = rows
+        .iter()
+        .flat_map(|row| [row.cell.force, row.cell.sensed])
+        .fold((0, 0), |(given, wrong), c| (given + c.given, wrong + c.wrong));
+    text += &format!(
+        "\nOf {given} values that were given, {wrong} lie farther from the truth than their interval: {:.2} %; at most 5 % is wanted.\n",
+        100.0 * wrong as f64 / given.max(1) as f64
+    );
+    let mut misses = Vec::new();
+    let mut holds = true;
+    for row in &rows {
+        for (route, column, goal) in
+            [("force", &row.cell.force, row.goal()), ("sensor", &row.cell.sensed, row.sensed_goal())]
+        {
+            let name = format!("{}, {}, gap {} um by the {route}", rig.name, row.motion.name, row.gap_m * MICRO);
+            misses.extend(missed(column, goal).map(|what| format!("{name}: {what}")));
+            if column.wrong as f64 > MOST_WRONG * seeds as f64 {
+                eprintln!("{name}: {} of {} values outside of their interval", column.wrong, column.given);
+                holds = false;
+            }
+        }
+        let stiffness = row.cell.stiffness;
+        let known = stiffness.bias.abs().max(stiffness.sigma) <= STIFFNESS_GOAL;
+        if !row.motion.is_slow() && !known {
+            misses.push(format!(
+                "{}, {}, gap {} um: ks {} %, {} % against {} %",
+                rig.name,
+                row.motion.name,
+                row.gap_m * MICRO,
+                significant(100.0 * stiffness.bias),
+                significant(100.0 * stiffness.sigma),
+                100.0 * STIFFNESS_GOAL
+            ));
+        }
+    }
+    Ok(Section { text, misses, holds })
+}
+
+const FORCE_HEAD: &str = "| motion | gap um | bias | sigma | goal | reached | U95 | given | wrong |";
+const SENSED_HEAD: &str = "| motion | gap um | bias | sigma | goal | reached | U95 | given | wrong | ks % bias | ks % sigma | cs % bias | cs % sigma |";
+
+impl Row {
+    /// Greatest bias and sigma wanted of the gap by the force alone.
+    fn goal(&self) -> Option<(f64, f64)> {
+        let (bias, sigma, up_to_m) = goal(self.motion.name);
+        // Widths are round numbers of micrometres.
+        (self.gap_m < up_to_m + 1e-9).then_some((bias, sigma))
+    }
+
+    fn sensed_goal(&self) -> Option<(f64, f64)> {
+        let goal = sensed_goal(self.motion.name);
+        Some((goal, goal))
+    }
+
+    fn cells(&self, column: &Column, goal: Option<(f64, f64)>) -> Vec<String> {
+        let verdict = match (goal, missed(column, goal)) {
+            (None, _) => String::new(),
+            (Some(_), None) => "yes".into(),
+            (Some(_), Some(_)) => "**no**".into(),
+        };
+        vec![
+            self.motion.name.into(),
+            format!("{:.0}", self.gap_m * MICRO),
+            mean(column.bias * MICRO, column.sigma * MICRO),
+            significant(column.sigma * MICRO),
+            goal.map_or(String::new(), |(bias, sigma)| format!("{:.1}, {:.1}", bias * MICRO, sigma * MICRO)),
+            verdict,
+            significant(column.u95 * MICRO),
+            column.given.to_string(),
+            column.wrong.to_string(),
+        ]
+    }
+}
+
+/// What a goal is missed by.
+fn missed(column: &Column, goal: Option<(f64, f64)>) -> Option<String> {
+    let (bias, sigma) = goal?;
+    let figures = format!("{} um, {} um", significant(column.bias * MICRO), significant(column.sigma * MICRO));
+    if column.given == 0 {
+        Some("no value".into())
+    } else if column.bias.abs() > bias || column.sigma > sigma {
+        Some(format!("bias and sigma {figures} against {:.1}, {:.1}", bias * MICRO, sigma * MICRO))
+    } else {
+        None
+    }
+}
+
+/// All runs of one cell, on two threads.
+fn runs(device: &Device, motion: &Motion, rig: &Rig, seeds: u64) -> Result<Vec<Run>, Error> {
+    let part = |from: u64| -> Result<Vec<Run>, Error> {
+        (from..=seeds).step_by(2).map(|seed| backlash::run(device, motion.name, motion.duration_s, rig, seed)).collect()
+    };
+    thread::scope(|scope| {
+        let other = scope.spawn(|| part(2));
+        let mut runs = part(1)?;
+        runs.extend(other.join().map_err(|_| "a run panicked")??);
+        Ok(runs)
+    })
+}

@@ -1,0 +1,203 @@
+//! What each method answers: the rivals through the cases, the instrument on the raw samples.
+
+use crate::{
+    cases::{self, CHANGE, CHANGE_S, CLEAN_TRUTH, Case, DURATION_S, MEMORIES_S, Outcome, Question, SEEDS, SLOW_S},
+    methods::{METHODS, UNLIMITED, WALK},
+};
+use inerter_core::{Change, Detail, Estimate, SettingsError, State, Status};
+use inerter_plant::{Parameters as Device, Sample};
+use inerter_tests::grid;
+use std::error::Error;
+
+/// What one method says in every case; none where it has nothing of its own to say.
+#[derive(Clone, Debug)]
+pub struct Answers {
+    /// Method.
+    pub name: String,
+    /// In the order of the cases.
+    pub outcomes: Vec<Option<Outcome>>,
+}
+
+/// Every method of Rust through every case.
+pub fn rust(cases: &[Case]) -> Vec<Answers> {
+    METHODS
+        .iter()
+        .map(|(name, fresh)| {
+            let own = |case: &&Case| *name != WALK || case.forgetting < 1.0;
+            let outcomes =
+                cases.iter().map(|case| Some(case).filter(own).map(|case| case.drive(fresh(&case.tuning()))));
+            Answers { name: (*name).into(), outcomes: outcomes.collect() }
+        })
+        .collect()
+}
+
+/// Refuses methods that do not know the clean contact law: the fault would be in how they are driven.
+pub fn check_driving(cases: &[Case], answers: &[Answers]) -> Result<(), String> {
+    for answer in answers.iter().filter(|answer| !limits_itself(&answer.name)) {
+        for (case, outcome) in cases.iter().zip(&answer.outcomes) {
+            let Some(outcome) = outcome.as_ref().filter(|_| case.question == Question::Clean) else { continue };
+            let [stiff, damped, half_gap, _] = outcome.parameters;
+            let near = |value: f64, truth: f64, part: f64| (value / truth - 1.0).abs() <= part;
+            let [stiff_truth, damped_truth, half_gap_truth, _] = CLEAN_TRUTH;
+            let knows = near(stiff, stiff_truth, 1e-3) && near(half_gap, half_gap_truth, 1e-3);
+            if !knows || !near(damped, damped_truth, 0.05) {
+                return Err(format!("{} is driven wrongly: {:?} of {CLEAN_TRUTH:?}", answer.name, outcome.parameters));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Whether it is the one that its own guard keeps from learning.
+pub fn limits_itself(name: &str) -> bool {
+    name != UNLIMITED && name.contains("RlsParallel")
+}
+
+/// What the instrument says of one run.
+pub struct Heard {
+    /// Estimates with their times \[s\].
+    pub published: Vec<(f64, Estimate)>,
+    /// The first change it announced, and when \[s\].
+    pub change: Option<(f64, Change)>,
+    /// At the end.
+    pub last: Estimate,
+    /// At the end.
+    pub detail: Detail,
+}
+
+/// What the instrument says where the rivals are asked.
+pub struct Instrument {
+    /// Motion, backlash \[m\], with the sensor, by the force alone.
+    pub contact: Vec<(&'static str, f64, Heard, Heard)>,
+    /// Motion and what was heard.
+    pub interval: Vec<(&'static str, Heard)>,
+    /// Memory \[s\] and what was heard.
+    pub change: Vec<(f64, Heard)>,
+    /// The slow runs.
+    pub slow: Vec<Heard>,
+}
+
+impl Instrument {
+    /// Puts it through everything.
+    pub fn new() -> Result<Self, Box<dyn Error>> {
+        let (mut contact, mut interval, mut change, mut slow) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        for motion in ["mid", "random"] {
+            for device in [cases::worn(), cases::device()] {
+                for seed in 1..=SEEDS {
+                    let samples = cases::record(device, Vec::new(), motion, seed, DURATION_S)?;
+                    let sensed = listen(&samples, &device, &[("terminal_sensor", 1.0)])?;
+                    contact.push((motion, device.backlash_m, sensed, listen(&samples, &device, &[])?));
+                }
+            }
+            for seed in 1..=cases::INTERVAL_SEEDS {
+                let samples = cases::record(cases::device(), Vec::new(), motion, seed, DURATION_S)?;
+                interval.push((motion, listen(&samples, &cases::device(), &[])?));
+            }
+        }
+        for seed in 1..=SEEDS {
+            let samples = cases::changing_record(seed)?;
+            for memory_s in MEMORIES_S {
+                change.push((memory_s, listen(&samples, &cases::device(), &[("memory_s", memory_s)])?));
+            }
+            let samples = cases::record(cases::device(), Vec::new(), "slow", seed, SLOW_S[1])?;
+            slow.push(listen(&samples, &cases::device(), &[])?);
+        }
+        Ok(Self { contact, interval, change, slow })
+    }
+}
+
+/// The samples through `Active::step`, with the settings of a calibration without error, a memory of the whole run and
+/// what else is set.
+fn listen(samples: &[Sample], device: &Device, set: &[(&str, f64)]) -> Result<Heard, Box<dyn Error>> {
+    let mut settings = grid::calibrated(device, &cases::sensors(0));
+    (settings.force_gain_u95, settings.lead_u95, settings.timebase_u95) = (0.0, 0.0, 0.0);
+    (settings.publish_rate_hz, settings.memory_s) = (10.0, 100.0);
+    for (name, value) in set {
+        match settings.set_by_name(name, *value) {
+            // A core without the terminal's route says that it is not identifiable.
+            Ok(()) | Err(SettingsError::Unknown) => {}
+            Err(error) => return Err(error.into()),
+        }
+    }
+    let active = settings.validate()?;
+    let mut state = Box::new(State::new(&active));
+    let (mut published, mut change) = (Vec::new(), None);
+    for sample in samples {
+        let estimate = active.step(&mut state, &grid::raw(sample));
+        published.extend(estimate.map(|estimate| (sample.t_s, estimate)));
+        change = change.or(state.take_change().map(|change| (sample.t_s, change)));
+    }
+    Ok(Heard { published, change, last: active.estimate(&state), detail: active.detail(&state) })
+}
+
+/// Time after the change from which the inertance stays within 1 % of the new one \[s\]; none when it does not.
+pub fn settling_s(values: impl DoubleEndedIterator<Item = (f64, f64)>) -> Option<f64> {
+    let inertance_kg = CHANGE * cases::device().inertance_kg;
+    let mut settled = None;
+    for (t_s, value) in values.rev() {
+        let error = (value / inertance_kg - 1.0).abs();
+        // What is not a number is not near.
+        if error.is_nan() || error > 0.01 || t_s < CHANGE_S {
+            break;
+        }
+        settled = Some(t_s - CHANGE_S);
+    }
+    settled
+}
+
+/// The same of the instrument, which must also give a value.
+pub fn heard_settling_s(heard: &Heard) -> Option<f64> {
+    settling_s(heard.published.iter().map(|(t_s, estimate)| {
+        let inertance = estimate.recent.inertance_kg;
+        (*t_s, if inertance.status == Status::NotIdentifiable { f64::NAN } else { f64::from(inertance.value) })
+    }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cases::{WHITE_TRUTH, all};
+
+    /// Each knows the gap on clean data, and where noise is what its covariance takes it for, its interval holds.
+    #[test]
+    fn every_rival_is_driven_as_it_should_be() {
+        let cases: Vec<Case> = all()
+            .unwrap()
+            .into_iter()
+            .filter(|case| matches!(case.question, Question::Clean | Question::White))
+            .collect();
+        let answers = rust(&cases);
+        check_driving(&cases, &answers).unwrap();
+        for answer in answers.iter().filter(|answer| !limits_itself(&answer.name)) {
+            let (mut covered, mut all) = (0, 0);
+            for (case, outcome) in cases.iter().zip(&answer.outcomes) {
+                let Some(outcome) = outcome.as_ref().filter(|_| case.question == Question::White) else { continue };
+                let Some(widths) = case.half_widths(outcome) else { continue };
+                for ((value, truth), width) in outcome.parameters.iter().zip(WHITE_TRUTH).zip(widths) {
+                    all += 1;
+                    covered += u32::from((value - truth).abs() <= width);
+                }
+            }
+            // 95 % of 128, by more than three standard deviations.
+            assert!(all == 0 || (all == 128 && (113..=128).contains(&covered)), "{}: {covered} of {all}", answer.name);
+        }
+    }
+
+    #[test]
+    fn a_method_driven_wrongly_is_refused() {
+        let cases: Vec<Case> = all().unwrap().into_iter().take(1).collect();
+        let mut answers = rust(&cases);
+        if let Some(Some(outcome)) = answers[1].outcomes.first_mut() {
+            outcome.parameters[2] *= 2.0;
+        }
+        assert!(check_driving(&cases, &answers).unwrap_err().contains("textbook"));
+    }
+
+    #[test]
+    fn settling_is_the_last_entry() {
+        let new = CHANGE * cases::device().inertance_kg;
+        let values = [(9.0, new), (11.0, new), (12.0, 0.9 * new), (13.0, new), (14.0, new)];
+        assert_eq!(settling_s(values.into_iter()), Some(3.0));
+        assert_eq!(settling_s([(13.0, new), (14.0, f64::NAN)].into_iter()), None);
+    }
+}

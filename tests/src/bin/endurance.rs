@@ -1,0 +1,139 @@
+//! `cargo xtask endurance [SAMPLES]`: a thousand million samples through the estimator, the same two minutes again and again.
+//!
+//! The sample counter, the encoder and every running sum wrap on the way. The sums of the whole run must grow by exactly
+//! the same with each repetition, and what is published at its end must stay what it was.
+#![forbid(unsafe_code)]
+
+use inerter_core::{Active, Bank, Counters, Estimate, RawSample, Settings, State};
+use inerter_plant::{Excitation, Parameters as Device, Sensors, Simulation};
+use inerter_tests::grid::{self, Error};
+use std::process::ExitCode;
+
+/// Samples when nothing is said.
+const SAMPLES: u64 = 1_000_000_000;
+/// What is repeated: it begins and ends at rest.
+const MOTION: &str = "random@40s;hold@3s;mid@20s;hold@2s;fast@10s;two@20s;multi@20s;hold@5s";
+const DURATION_S: f64 = 120.0;
+/// Repetitions until the memory has forgotten the start.
+const SETTLING: u64 = 8;
+/// Greatest difference of the backlash, which is an average over the whole run \[m\].
+const GREATEST_BACKLASH_M: f64 = 0.1e-6;
+/// Part by which a published value may differ from that after the first repetitions: the last bits of an `f32`.
+const GREATEST_DIFFERENCE: f64 = 1e-6;
+
+fn main() -> ExitCode {
+    inerter_tests::exit_code(run())
+}
+
+/// What one repetition adds to the sums of both banks.
+type Growth = [Vec<i128>; 2];
+
+/// What is looked at after each repetition.
+struct Look {
+    estimate: Estimate,
+    sums: [inerter_core::Sums; 2],
+    counters: Counters,
+    backlash_m: f64,
+    reversals: u32,
+}
+
+impl Look {
+    fn at(active: &Active, state: &State) -> Self {
+        let sums = [Bank::Fast, Bank::Slow].map(|bank| active.sums(state, bank));
+        let backlash = active.detail(state).backlash;
+        let (backlash_m, reversals) = (f64::from(backlash.value_m), backlash.reversals);
+        Self { estimate: active.estimate(state), sums, counters: state.counters(), backlash_m, reversals }
+    }
+
+    fn values(&self) -> Vec<f64> {
+        [&self.estimate.recent, &self.estimate.whole_run]
+            .into_iter()
+            .flat_map(|p| [p.inertance_kg, p.viscous_n_s_per_m, p.coulomb_n, p.offset_n])
+            .flat_map(|parameter| [parameter.value, parameter.u95])
+            .map(f64::from)
+            .collect()
+    }
+}
+
+fn run() -> Result<bool, Error> {
+    let wanted = match std::env::args().nth(1) {
+        None => SAMPLES,
+        Some(word) => word.replace('_', "").parse().map_err(|_| format!("`{word}` is no number of samples"))?,
+    };
+    let device = Device { backlash_m: 5e-5, ..Device::paper() };
+    let sensors = Sensors { force_noise_n: 1.0, force_offset_n: 3.0, seed: 1, ..Sensors::default() };
+    let settings = Settings { memory_s: 10.0, ..grid::calibrated(&device, &sensors) };
+    let segment: Vec<RawSample> = Simulation::new(device, Excitation::parse(MOTION, 1)?, sensors)?
+        .lasting(DURATION_S)
+        .map(|sample| grid::raw(&sample))
+        .collect();
+    let length = segment.len() as u32;
+    // Further with each repetition, so that the encoder wraps many times.
+    let [first, .., last] = segment.as_slice() else { return Err("no samples".into()) };
+    let advance = last.position_count.wrapping_sub(first.position_count);
+    let active = settings.validate()?;
+    let mut state = Box::new(State::new(&active));
+    let repetitions = wanted.div_ceil(u64::from(length)).max(SETTLING + 2);
+    let (mut index, mut position) = (u32::MAX - 3 * length, i32::MAX - 7);
+    let (mut before, mut reference): (Option<Look>, Option<(Look, Growth)>) = (None, None);
+    let (mut greatest, mut changes) = (0.0_f64, 0_u64);
+    for repetition in 1..=repetitions {
+        for sample in &segment {
+            let raw = RawSample {
+                index: index.wrapping_add(sample.index),
+                position_count: position.wrapping_add(sample.position_count),
+                ..*sample
+            };
+            active.step(&mut state, &raw);
+            changes += u64::from(state.take_change().is_some());
+            state.take_gap();
+        }
+        index = index.wrapping_add(length);
+        position = position.wrapping_add(advance);
+        let now = Look::at(&active, &state);
+        if let Some(before) = &before {
+            let growth = [0, 1].map(|bank| {
+                let sums = now.sums[bank].sums.iter().zip(&before.sums[bank].sums);
+                sums.map(|(now, before)| now - before).collect::<Vec<i128>>()
+            });
+            match &reference {
+                None if repetition > SETTLING => reference = Some((Look::at(&active, &state), growth)),
+                None => {}
+                Some((look, usual)) => {
+                    if growth != *usual {
+                        println!("repetition {repetition}: the sums grew otherwise than before");
+                        return Ok(false);
+                    }
+                    for (now, then) in now.values().iter().zip(look.values()).take(8) {
+                        greatest = greatest.max((now - then).abs() / then.abs().max(1e-9));
+                    }
+                }
+            }
+        }
+        if now.counters.gaps != 0 || now.counters.saturated != 0 {
+            println!("repetition {repetition}: {:?}", now.counters);
+            return Ok(false);
+        }
+        before = Some(now);
+    }
+    let Some((look, _)) = &reference else { return Err("too few samples".into()) };
+    println!(
+        "{} samples in {repetitions} repetitions of {DURATION_S} s: every one added the same to the sums of the whole run; the live \
+         values moved by at most {greatest:.1e} of themselves, {changes} changes found",
+        state.counters().samples
+    );
+    let last = Look::at(&active, &state);
+    let moved_m = (last.backlash_m - look.backlash_m).abs();
+    println!("after {} repetitions: {:?}", SETTLING + 1, look.estimate.recent);
+    println!("after all: {:?}", last.estimate.recent);
+    println!(
+        "backlash {:.3} um from {} reversals, {:.3} um from {}",
+        look.backlash_m * 1e6,
+        look.reversals,
+        last.backlash_m * 1e6,
+        last.reversals
+    );
+    // An average over more of the same may settle, not drift.
+    let counted = u64::from(last.reversals) * (SETTLING + 1) >= u64::from(look.reversals) * (repetitions - SETTLING);
+    Ok(greatest <= GREATEST_DIFFERENCE && changes == 0 && moved_m <= GREATEST_BACKLASH_M && counted)
+}

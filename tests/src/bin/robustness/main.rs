@@ -1,0 +1,48 @@
+//! `cargo xtask robustness`: one imperfection of rig or device at a time, as a committed table.
+//!
+//! Without arguments the table is compared with `docs/tables/robustness.md`; what differs is listed and the program
+//! ends with a failure. `--update` writes the table instead.
+#![forbid(unsafe_code)]
+
+mod table;
+
+use inerter_tests::grid::Error;
+use inerter_tests::robustness::{Case, Run, cases, cell};
+use inerter_tests::sheet;
+use std::{process::ExitCode, thread};
+use table::Row;
+
+/// Runs of each row.
+const SEEDS: u64 = 8;
+
+fn main() -> ExitCode {
+    inerter_tests::exit_code(run())
+}
+
+fn run() -> Result<bool, Error> {
+    let update = sheet::update_asked("robustness")?;
+    let mut rows: Vec<Row> = Vec::new();
+    for case in cases() {
+        eprintln!("{}", case.name);
+        for &motion in case.motions {
+            let usual_n = rows.iter().find(|row| row.motion == motion).map(|row| row.cell.residual_n);
+            rows.push(Row { case: case.name, motion, cell: cell(&runs(&case, motion)?, usual_n) });
+        }
+    }
+    let text = table::markdown(&rows, SEEDS);
+    print!("{text}");
+    sheet::conclude("robustness", &text, 3, update)
+}
+
+/// All runs of one row, on two threads.
+fn runs(case: &Case, motion: &str) -> Result<Vec<Run>, Error> {
+    let part = |from: u64| -> Result<Vec<Run>, Error> {
+        (from..=SEEDS).step_by(2).map(|seed| case.run(motion, seed)).collect()
+    };
+    thread::scope(|scope| {
+        let other = scope.spawn(|| part(2));
+        let mut runs = part(1)?;
+        runs.extend(other.join().map_err(|_| "a run panicked")??);
+        Ok(runs)
+    })
+}

@@ -1,0 +1,143 @@
+//! The sheet as Markdown, and what differs between two of them.
+
+use inerter_tests::grid::NAMES;
+use inerter_tests::robustness::{Cell, LOUD};
+use inerter_tests::sheet::{TOLERANCE, line, mean, significant};
+use std::fmt::Write;
+
+/// Least part of the published values that an honest interval covers.
+const LEAST_COVERAGE: f64 = 0.95;
+
+/// One case with one motion.
+pub struct Row {
+    pub case: &'static str,
+    pub motion: &'static str,
+    pub cell: Cell,
+}
+
+impl Row {
+    fn key(&self, i: usize) -> String {
+        format!("{}, {}, {}", self.case, self.motion, NAMES[i])
+    }
+
+    fn flags(&self, i: usize, seeds: u64) -> String {
+        let mut flags = self.cell.flags.clone();
+        if 2 * self.cell.given[i] <= seeds as usize {
+            flags.push("not identifiable");
+        }
+        if flags.is_empty() { "-".into() } else { flags.join(", ") }
+    }
+
+    fn is_wrong(&self, i: usize) -> bool {
+        self.cell.coverage[i].is_some_and(|part| part < LEAST_COVERAGE)
+    }
+
+    fn cells(&self, i: usize, seeds: u64) -> Vec<String> {
+        let cell = &self.cell;
+        let bias = mean(cell.bias[i], cell.sigma[i].max(0.01 * cell.bias[i].abs()));
+        let coverage = cell.coverage[i].map_or("-".into(), |part| format!("{:.1}", part * 100.0));
+        vec![
+            self.case.into(),
+            self.motion.into(),
+            NAMES[i].into(),
+            bias,
+            significant(cell.sigma[i]),
+            significant(cell.u95[i]),
+            if self.is_wrong(i) { format!("**{coverage}**") } else { coverage },
+            cell.given[i].to_string(),
+            significant(cell.residual_n),
+            self.flags(i, seeds),
+        ]
+    }
+}
+
+/// The whole document.
+pub fn markdown(rows: &[Row], seeds: u64) -> String {
+    let mut text = format!(
+        "# Robustness
+
+What one imperfection of rig or device at a time does to the estimates: the device, rig and motions of
+[accuracy](accuracy.md) (1 kHz, 1 N, 2.44 um per count), {seeds} runs of 20 s in each row, 80 s for `slow`. The settings know
+nothing of what is wrong. *fc* is the sliding friction, the mean of both directions.
+
+Written by `cargo xtask robustness --update`; `cargo xtask robustness` measures anew and fails where a figure left the
+table by more than {} %, either way, or where another flag shows.
+
+- *bias*, *sigma*, *U95*: mean error, its standard deviation and the mean interval of the whole run's values at its end.
+- *covered*: part of all published values, live and whole run, ten a second, whose interval covers the truth; bold under
+  {} %. Until a second of motion has been seen, nothing is known of how friction behaves.
+- *runs*: how many ended with a value. *residual*: rms of what the law leaves open \\[N\\].
+- *flagged by*: what the device itself says in at least half of the runs: its counters of gaps and saturated samples,
+  what it makes of friction, a parameter that is not identifiable; *residual* where that is {LOUD} times that of the
+  first rows.
+
+| wrong | motion | parameter | bias | sigma | U95 | covered | runs | residual | flagged by |
+|---|---|---|--:|--:|--:|--:|--:|--:|---|
+",
+        TOLERANCE * 100.0,
+        LEAST_COVERAGE * 100.0
+    );
+    for row in rows {
+        for i in 0..NAMES.len() {
+            text += &line(&row.cells(i, seeds));
+        }
+    }
+    text.push_str("\n## Wrong and not flagged\n\n");
+    let mut none = true;
+    for row in rows {
+        for i in (0..NAMES.len()).filter(|i| row.is_wrong(*i) && row.flags(*i, seeds) == "-") {
+            none = false;
+            let [bias, u95] = [row.cell.bias[i], row.cell.u95[i]].map(significant);
+            // Writing to a String cannot fail.
+            let _ = writeln!(text, "- {}: {bias} with an interval of {u95}.", row.key(i));
+        }
+    }
+    if none {
+        text.push_str("None.\n");
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use inerter_tests::sheet;
+
+    fn differences(committed: &str, now: &str) -> Vec<String> {
+        sheet::differences(committed, now, 3)
+    }
+
+    fn row(bias: f64, coverage: f64, flags: &[&'static str]) -> Row {
+        let cell = Cell {
+            bias: [bias; 3],
+            sigma: [0.02; 3],
+            u95: [0.09; 3],
+            given: [8; 3],
+            coverage: [Some(coverage), Some(1.0), None],
+            residual_n: 0.39,
+            flags: flags.to_vec(),
+        };
+        Row { case: "gain 1 %", motion: "mid", cell }
+    }
+
+    #[test]
+    fn a_figure_or_a_flag_that_moves_is_named() {
+        let table = |bias, flags: &[&'static str]| markdown(&[row(bias, 1.0, flags)], 8);
+        assert!(differences(&table(0.5, &["gaps"]), &table(0.505, &["gaps"])).is_empty());
+        let found = differences(&table(0.5, &["gaps"]), &table(0.6, &["gaps"]));
+        assert_eq!(found[0], "gain 1 %, mid, mt kg: bias 0.6000, the table says 0.5000");
+        assert_eq!(differences(&table(0.5, &["gaps"]), &table(0.5, &[])).len(), 3);
+        assert_eq!(differences(&table(0.5, &[]), "").len(), 3);
+        assert_eq!(differences("", &table(0.5, &[])).len(), 3);
+    }
+
+    #[test]
+    fn what_is_wrong_without_a_flag_is_listed() {
+        let text = markdown(&[row(0.5, 0.2, &[])], 8);
+        assert!(
+            text.contains("| **20.0** |") && text.contains("- gain 1 %, mid, mt kg: 0.500 with an interval of 0.0900.")
+        );
+        assert!(markdown(&[row(0.5, 0.2, &["gaps"])], 8).contains("None."));
+        assert!(markdown(&[row(0.0, 1.0, &[])], 8).contains("None."));
+    }
+}

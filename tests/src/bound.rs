@@ -1,0 +1,103 @@
+//! The least scatter that a record allows, with the noise of both its channels.
+//!
+//! The force's noise is white. So is the encoder's in position, one count evenly spread, and it enters the law twice
+//! differenced: `mt` times it. A record of a force and a coarse encoder therefore holds less than the force's noise
+//! alone would let one think, the less the higher the frequency: at 2.44 um, 1 kHz and 300 kg both are equal at 11 Hz.
+//! The bound is that of weighted least squares with the true regressors, weighted by the inverse of the sum of both
+//! spectra. A periodic motion repeats the encoder's error with it, so that it is not white but in the lines of the
+//! motion, and the scatter may lie above the bound by up to the square root of the periods: nothing averages it.
+
+use crate::grid::{self, Error, Motion, Rig};
+use crate::linear::Cholesky;
+use inerter_plant::{Motion as Screw, Parameters as Device};
+use std::f64::consts::PI;
+
+/// Taps of the weighting filter on either side \[s\].
+const HALF_LENGTH_S: f64 = 0.128;
+/// Frequencies from 0 to half the sample rate at which the filter is made.
+const FREQUENCIES: u32 = 2048;
+
+/// The filter that makes the sum of both noises white, of unit variance, symmetric, from its middle on.
+fn whitening(device: &Device, rig: &Rig, count_m: f64) -> Vec<f64> {
+    let count_n = device.inertance_kg * count_m / 12_f64.sqrt() * rig.sample_rate_hz.powi(2);
+    let gain = |w: f64| (rig.force_noise_n.powi(2) + (count_n * (2.0 - 2.0 * w.cos())).powi(2)).sqrt().recip();
+    let half = (HALF_LENGTH_S * rig.sample_rate_hz) as u32;
+    let tap = |n: u32| {
+        let frequencies = (0..FREQUENCIES).map(|k| PI * (f64::from(k) + 0.5) / f64::from(FREQUENCIES));
+        let tap: f64 = frequencies.map(|w| gain(w) * (w * f64::from(n)).cos()).sum();
+        let window = 0.5 + 0.5 * (PI * f64::from(n) / f64::from(half + 1)).cos();
+        tap / f64::from(FREQUENCIES) * window
+    };
+    (0..=half).map(tap).collect()
+}
+
+/// The least sigma of mt, cf and fc with the noise of force and encoder, over all samples around which the screw slips
+/// for the filter's length. None where they show nothing.
+pub fn least_sigma(device: &Device, motion: &Motion, rig: &Rig, seed: u64) -> Result<Option<[f64; 3]>, Error> {
+    if motion.is_slow() {
+        // Below 1 Hz the encoder's part is under a hundredth of the force's.
+        return grid::least_sigma(device, motion, rig, seed, 0.0);
+    }
+    let simulation = grid::simulation(device, motion, rig, seed)?;
+    let filter = whitening(device, rig, simulation.sensors().metres_per_count);
+    let truths: Vec<_> = simulation.lasting(motion.duration_s).map(|sample| sample.truth).collect();
+    let regressors: Vec<[f64; 4]> =
+        truths.iter().map(|t| [t.a2_m_per_s2, t.v2_m_per_s, t.v2_m_per_s.signum(), 1.0]).collect();
+    // The core's kernels, which are shorter, say how far from a sticking a sample must lie.
+    let clearance = (motion.kernel_s() / 2.0 * rig.sample_rate_hz) as usize;
+    let mut slipping = 0;
+    let since: Vec<usize> = truths
+        .iter()
+        .map(|truth| {
+            slipping = if truth.motion == Screw::Stuck { 0 } else { slipping + 1 };
+            slipping
+        })
+        .collect();
+    let mut information = [[0.0; 4]; 4];
+    for n in filter.len()..truths.len().saturating_sub(filter.len()) {
+        if since[n + clearance] <= 2 * clearance {
+            continue;
+        }
+        let filtered: [f64; 4] = std::array::from_fn(|i| {
+            let pairs = filter.iter().enumerate().skip(1);
+            filter[0] * regressors[n][i]
+                + pairs.map(|(k, tap)| tap * (regressors[n - k][i] + regressors[n + k][i])).sum::<f64>()
+        });
+        for (row, a) in information.iter_mut().zip(filtered) {
+            for (sum, b) in row.iter_mut().zip(filtered) {
+                *sum += a * b;
+            }
+        }
+    }
+    Ok(Cholesky::of(&information, 1e-14).map(|factor| {
+        let [mt, cf, fc, _] = factor.inverse_diagonal().map(f64::sqrt);
+        [mt, cf, fc]
+    }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::grid::{MOTIONS, RIGS};
+
+    /// Without the encoder's noise the bound is that of the force's alone.
+    #[test]
+    fn a_fine_encoder_leaves_the_force_alone() {
+        let filter = whitening(&Device::paper(), &RIGS[1], 1e-12);
+        assert!((filter[0] * RIGS[1].force_noise_n - 1.0).abs() < 1e-6, "{}", filter[0]);
+        assert!(filter.iter().skip(1).all(|tap| tap.abs() < 1e-6));
+    }
+
+    /// The encoder takes most from what the highest frequencies show: friction at 15.9 Hz.
+    #[test]
+    fn a_coarse_encoder_takes_its_part() {
+        let (device, rig) = (Device::paper(), &RIGS[0]);
+        for (motion, ratios) in [(&MOTIONS[1], [1.04, 1.6, 1.7]), (&MOTIONS[4], [1.7, 2.0, 2.2])] {
+            let force = grid::least_sigma(&device, motion, rig, 1, 0.0).unwrap().unwrap();
+            let both = least_sigma(&device, motion, rig, 1).unwrap().unwrap();
+            for ((both, force), ratio) in both.into_iter().zip(force).zip(ratios) {
+                assert!((both / force / ratio - 1.0).abs() < 0.1, "{}: {}", motion.name, both / force);
+            }
+        }
+    }
+}

@@ -1,0 +1,220 @@
+//! The robustness sheet: one imperfection of rig or device at a time; what the estimator says, and what it notices.
+
+use crate::grid::{Error, calibrated, raw, three, truth};
+use inerter_core::{Conduct, Counters, Parameter, Settings, State, Status};
+use inerter_plant::{Excitation, Parameters as Device, Plant, Sensors, Simulation};
+
+/// Rate of the published estimates \[Hz\].
+const PUBLISHED_HZ: f64 = 10.0;
+/// Part of the force's peak at which the converter ends.
+const CLIPPED: f64 = 0.8;
+/// Residual over that of the undisturbed row from which a person would look twice.
+pub const LOUD: f64 = 2.0;
+
+/// One imperfection.
+#[derive(Clone, Copy, Debug)]
+pub struct Case {
+    /// What is wrong.
+    pub name: &'static str,
+    /// Motions that it is shown with.
+    pub motions: &'static [&'static str],
+    /// The device.
+    pub device: Device,
+    /// The instruments.
+    pub sensors: Sensors,
+    /// Whether the converter ends below the force's peak.
+    pub clipped: bool,
+    /// Relative uncertainty of the force's gain that the settings state.
+    pub force_gain_u95: f64,
+}
+
+const FASTER: &[&str] = &["random", "mid"];
+const WITH_SLOW: &[&str] = &["random", "mid", "slow"];
+const WITH_FAST: &[&str] = &["random", "mid", "slow", "fast"];
+
+/// The rig of the grid: 1 kHz, 1 N of noise, 2.44 um per count, an offset of 3 N.
+fn rig() -> Sensors {
+    Sensors { force_noise_n: 1.0, force_offset_n: 3.0, ..Sensors::default() }
+}
+
+fn case(name: &'static str, motions: &'static [&'static str]) -> Case {
+    Case { name, motions, device: Device::paper(), sensors: rig(), clipped: false, force_gain_u95: 0.0 }
+}
+
+/// The sheet. The first row is the undisturbed one.
+pub fn cases() -> Vec<Case> {
+    let sensors = |name, motions, sensors| Case { sensors, ..case(name, motions) };
+    let device = |name, motions, device| Case { device, ..case(name, motions) };
+    let paper = Device::paper();
+    let presliding = |um: f64| Device { presliding_m: um * 1e-6, ..paper };
+    let stribeck = |mm_per_s: f64| Device { stribeck_velocity_m_per_s: mm_per_s * 1e-3, ..Device::stribeck() };
+    let gain = Sensors { force_gain: 1.01, ..rig() };
+    let uneven = Device { coulomb_asymmetry: 0.4, viscous_asymmetry: 0.4, ..paper };
+    vec![
+        case("nothing", WITH_FAST),
+        sensors("force noise 0.1 N", FASTER, Sensors { force_noise_n: 0.1, ..rig() }),
+        sensors("force noise 5 N", WITH_SLOW, Sensors { force_noise_n: 5.0, ..rig() }),
+        sensors("force noise 20 N", FASTER, Sensors { force_noise_n: 20.0, ..rig() }),
+        sensors("encoder 0.05 um", FASTER, Sensors { metres_per_count: 0.05e-6, ..rig() }),
+        sensors("encoder 0.5 um", FASTER, Sensors { metres_per_count: 0.5e-6, ..rig() }),
+        sensors("encoder 20 um", WITH_SLOW, Sensors { metres_per_count: 20e-6, ..rig() }),
+        sensors("eccentricity 10 um", FASTER, Sensors { encoder_eccentricity_m: 10e-6, ..rig() }),
+        sensors("drift 0.05 N/s", WITH_SLOW, Sensors { force_drift_n_per_s: 0.05, ..rig() }),
+        sensors("gain 1 %, not stated", FASTER, gain),
+        Case { force_gain_u95: 0.012, ..sensors("gain 1 %, stated as 1.2 %", FASTER, gain) },
+        sensors("1 % of samples lost", FASTER, Sensors { lost_probability: 0.01, ..rig() }),
+        Case { clipped: true, ..case("force clipped at 80 %", FASTER) },
+        sensors("pickup 5 N, 50 Hz", WITH_SLOW, Sensors { pickup_n: 5.0, ..rig() }),
+        sensors("knock 200 N, 4 ms", WITH_SLOW, Sensors { knock_n: 200.0, ..rig() }),
+        device("friction uneven by 40 %", WITH_SLOW, uneven),
+        device("weight of 200 N", FASTER, Device { constant_force_n: -200.0, ..paper }),
+        device("backlash 0.1 mm", FASTER, Device::worn()),
+        device("the same, flanks only push", FASTER, Device { unilateral: 1.0, ..Device::worn() }),
+        device("presliding 20 um", WITH_FAST, presliding(20.0)),
+        device("presliding 50 um", WITH_FAST, presliding(50.0)),
+        device("presliding 200 um", WITH_FAST, presliding(200.0)),
+        device("Stribeck 1.3, 2 mm/s", WITH_FAST, stribeck(2.0)),
+        device("Stribeck 1.3, 5 mm/s", WITH_FAST, stribeck(5.0)),
+        device("Stribeck 1.3, 10 mm/s", WITH_FAST, stribeck(10.0)),
+    ]
+}
+
+/// Length of a run \[s\].
+pub fn duration_s(motion: &str) -> f64 {
+    if motion == "slow" { 80.0 } else { 20.0 }
+}
+
+/// One run.
+#[derive(Clone, Debug)]
+pub struct Run {
+    /// Error of inertance, viscous and Coulomb friction at the end, with the parameter.
+    pub last: [(f64, Parameter); 3],
+    /// Published values that were given, and those of them whose interval covered the truth.
+    pub covered: [(u32, u32); 3],
+    /// At the end.
+    pub counters: Counters,
+    /// At the end.
+    pub conduct: Conduct,
+    /// Residual at the end \[N\].
+    pub residual_n: f64,
+}
+
+impl Case {
+    /// The instruments of one run.
+    fn sensors(&self, motion: &str, seed: u64) -> Result<Sensors, Error> {
+        let sensors = Sensors { encoder_phase_count: (seed as f64 * 0.618) % 1.0, seed, ..self.sensors };
+        if !self.clipped {
+            return Ok(sensors);
+        }
+        let whole = Simulation::new(self.device, Excitation::parse(motion, seed)?, sensors)?;
+        let peak = whole.lasting(duration_s(motion)).map(|sample| sample.force_code.unsigned_abs()).max().unwrap_or(0);
+        let limit = (CLIPPED * f64::from(peak)).round();
+        Ok(Sensors { force_min_code: -limit, force_max_code: limit, ..sensors })
+    }
+
+    /// Shakes the device and listens, with settings that know nothing of what is wrong.
+    pub fn run(&self, motion: &str, seed: u64) -> Result<Run, Error> {
+        let sensors = self.sensors(motion, seed)?;
+        let settings = Settings {
+            force_gain_u95: self.force_gain_u95,
+            lead_u95: 0.0,
+            timebase_u95: 0.0,
+            publish_rate_hz: PUBLISHED_HZ,
+            ..calibrated(&self.device, &sensors)
+        };
+        let active = settings.validate()?;
+        let mut state = Box::new(State::new(&active));
+        let truth = truth(&self.device);
+        let mut covered = [(0, 0); 3];
+        let plant = Plant::new(self.device, Excitation::parse(motion, seed)?)?;
+        for sample in Simulation::of(plant, sensors)?.lasting(duration_s(motion)) {
+            let Some(estimate) = active.step(&mut state, &raw(&sample)) else { continue };
+            for parameters in [&estimate.recent, &estimate.whole_run] {
+                let all = three(parameters).into_iter().zip(truth);
+                for ((parameter, truth), (given, within)) in all.zip(&mut covered) {
+                    if parameter.status == Status::Ok {
+                        *given += 1;
+                        let off = (f64::from(parameter.value) - truth).abs();
+                        *within += u32::from(off <= f64::from(parameter.u95));
+                    }
+                }
+            }
+        }
+        let last = active.estimate(&state);
+        let mut errors = three(&last.whole_run).into_iter().zip(truth);
+        Ok(Run {
+            last: std::array::from_fn(|_| {
+                let (parameter, truth) = errors.next().unwrap_or_default();
+                (f64::from(parameter.value) - truth, parameter)
+            }),
+            covered,
+            counters: state.counters(),
+            conduct: active.detail(&state).friction.conduct,
+            residual_n: f64::from(last.residual_rms_n),
+        })
+    }
+}
+
+/// Statistics of one case with one motion over its seeds.
+#[derive(Clone, Debug)]
+pub struct Cell {
+    /// Mean error at the end of those that were given; not a number when fewer than two were.
+    pub bias: [f64; 3],
+    /// Standard deviation; likewise.
+    pub sigma: [f64; 3],
+    /// Mean half width of the interval.
+    pub u95: [f64; 3],
+    /// Runs that ended with a value.
+    pub given: [usize; 3],
+    /// Part of all published values whose interval covered the truth; none where none was published.
+    pub coverage: [Option<f64>; 3],
+    /// Mean residual \[N\].
+    pub residual_n: f64,
+    /// What the device itself says is wrong in at least half of the runs.
+    pub flags: Vec<&'static str>,
+}
+
+/// Statistics over the runs; `usual_n` is the residual of the undisturbed rig with this motion \[N\].
+pub fn cell(runs: &[Run], usual_n: Option<f64>) -> Cell {
+    let count = runs.len() as f64;
+    let residual_n = runs.iter().map(|run| run.residual_n).sum::<f64>() / count;
+    let mut flags = Vec::new();
+    let mut flag = |name: &'static str, found: fn(&Run) -> bool| {
+        if 2 * runs.iter().filter(|run| found(run)).count() >= runs.len() {
+            flags.push(name);
+        }
+    };
+    flag("gaps", |run| run.counters.gaps > 0);
+    flag("saturated", |run| run.counters.saturated > 0);
+    flag("presliding", |run| run.conduct == Conduct::Presliding);
+    flag("Stribeck", |run| run.conduct == Conduct::Stribeck);
+    flag("friction unknown", |run| run.conduct == Conduct::Unknown);
+    if usual_n.is_some_and(|usual_n| residual_n > LOUD * usual_n) {
+        flags.push("residual");
+    }
+    let mut cell = Cell {
+        bias: [f64::NAN; 3],
+        sigma: [f64::NAN; 3],
+        u95: [f64::NAN; 3],
+        given: [0; 3],
+        coverage: [None; 3],
+        residual_n,
+        flags,
+    };
+    for i in 0..3 {
+        let last = runs.iter().map(|run| run.last[i]).filter(|(_, found)| found.status != Status::NotIdentifiable);
+        let (errors, u95): (Vec<f64>, Vec<f64>) = last.map(|(error, found)| (error, f64::from(found.u95))).unzip();
+        let given = errors.len() as f64;
+        cell.given[i] = errors.len();
+        if errors.len() >= 2 {
+            cell.bias[i] = errors.iter().sum::<f64>() / given;
+            let squares = errors.iter().map(|error| (error - cell.bias[i]).powi(2)).sum::<f64>();
+            cell.sigma[i] = (squares / (given - 1.0)).sqrt();
+            cell.u95[i] = u95.iter().sum::<f64>() / given;
+        }
+        let (all, within) =
+            runs.iter().fold((0, 0), |(all, within), run| (all + run.covered[i].0, within + run.covered[i].1));
+        cell.coverage[i] = (all > 0).then(|| f64::from(within) / f64::from(all));
+    }
+    cell
+}

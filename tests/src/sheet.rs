@@ -1,0 +1,166 @@
+//! Measured tables: written as Markdown, committed, and compared cell by cell with what is measured anew.
+
+use crate::grid::Error;
+use std::path::PathBuf;
+
+/// Part by which a figure may differ from the committed one: mathematical libraries differ in the last digits of a
+/// sine, which moves a few counts of a run.
+pub const TOLERANCE: f64 = 0.02;
+
+/// Writes `text` as `docs/tables/NAME.md` when `update` is set; compares with it otherwise, and says what differs. True
+/// when all is as committed. `keys` is the number of columns that name a row.
+pub fn conclude(name: &str, text: &str, keys: usize, update: bool) -> Result<bool, Error> {
+    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join(format!("../docs/tables/{name}.md"));
+    if update {
+        std::fs::create_dir_all(path.parent().unwrap_or(&path))?;
+        std::fs::write(&path, text).map_err(|error| format!("cannot write {}: {error}", path.display()))?;
+        println!("{name}: written {}", path.display());
+        return Ok(true);
+    }
+    let committed = std::fs::read_to_string(&path).map_err(|error| {
+        format!("cannot read {}: {error}; make it by `cargo xtask {name} --update`", path.display())
+    })?;
+    let differences = differences(&committed, text, keys);
+    for line in &differences {
+        eprintln!("{line}");
+    }
+    if differences.is_empty() {
+        println!("{name}: as in docs/tables/{name}.md");
+    } else {
+        eprintln!(
+            "{name}: {} figures left docs/tables/{name}.md; when the change is meant, run `cargo xtask {name} --update` \
+             and commit the table",
+            differences.len()
+        );
+    }
+    Ok(differences.is_empty())
+}
+
+/// `--update`, or nothing.
+pub fn update_asked(name: &str) -> Result<bool, Error> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    match arguments.as_slice() {
+        [] => Ok(false),
+        [word] if word == "--update" => Ok(true),
+        _ => Err(format!("usage: cargo xtask {name} [--update]").into()),
+    }
+}
+
+/// Three digits of a number; nothing of what is none.
+pub fn significant(value: f64) -> String {
+    if value.is_finite() { format!("{value:.*}", decimals(value)) } else { "-".into() }
+}
+
+/// A mean to the digits of its scatter.
+pub fn mean(bias: f64, sigma: f64) -> String {
+    if bias.is_finite() { format!("{bias:.*}", decimals(sigma)) } else { "-".into() }
+}
+
+/// Decimals that show three digits of `value`.
+fn decimals(value: f64) -> usize {
+    if value == 0.0 || !value.is_finite() {
+        return 0;
+    }
+    (2.0 - value.abs().log10().floor()).clamp(0.0, 9.0) as usize
+}
+
+/// One line of a table.
+pub fn line(cells: &[String]) -> String {
+    format!("| {} |\n", cells.join(" | "))
+}
+
+/// A row: its name, by section and leading cells, and the other cells with the heads of their columns.
+type Row = (String, Vec<(String, String)>);
+
+/// Cells of the second document that are not those of the first within the tolerance.
+pub fn differences(committed: &str, now: &str, keys: usize) -> Vec<String> {
+    let (committed, now) = (rows(committed, keys), rows(now, keys));
+    let mut differences = Vec::new();
+    for (name, cells) in &now {
+        let Some((_, before)) = committed.iter().find(|(other, _)| other == name) else {
+            differences.push(format!("{name}: not in the table"));
+            continue;
+        };
+        let find = |column: &str| before.iter().find(|(other, _)| other == column).map_or("", |(_, cell)| cell);
+        for (column, cell) in cells {
+            // A mean is as uncertain as its scatter says.
+            let beside = match column.strip_suffix("bias") {
+                Some(of) => find(&format!("{of}sigma")).parse().unwrap_or(0.0),
+                None => 0.0,
+            };
+            let before = find(column);
+            if !same(before, cell, beside) {
+                differences.push(format!("{name}: {column} {cell}, the table says {before}"));
+            }
+        }
+    }
+    for (name, _) in &committed {
+        if !now.iter().any(|(other, _)| other == name) {
+            differences.push(format!("{name}: in the table, no longer measured"));
+        }
+    }
+    differences
+}
+
+fn rows(markdown: &str, keys: usize) -> Vec<Row> {
+    let (mut section, mut head, mut rows) = ("", Vec::new(), Vec::new());
+    for line in markdown.lines() {
+        if let Some(title) = line.strip_prefix("## ") {
+            (section, head) = (title, Vec::new());
+        }
+        let Some(line) = line.strip_prefix('|').and_then(|line| line.strip_suffix('|')) else {
+            head.clear();
+            continue;
+        };
+        let cells: Vec<String> = line.split('|').map(|cell| cell.trim().to_owned()).collect();
+        if head.is_empty() {
+            head = cells;
+        } else if !cells[0].starts_with("--") {
+            let name = [section]
+                .into_iter()
+                .filter(|name| !name.is_empty())
+                .chain(cells.iter().take(keys).map(String::as_str));
+            let name = name.collect::<Vec<_>>().join(", ");
+            rows.push((name, head.iter().cloned().zip(cells).skip(keys).collect()));
+        }
+    }
+    rows
+}
+
+/// Numbers agree within the tolerance, of `beside` where that is greater, and a unit of their last digit, as both may have
+/// been rounded the other way; words to the letter.
+fn same(before: &str, now: &str, beside: f64) -> bool {
+    let number = |cell: &str| {
+        let cell = cell.trim_matches('*');
+        let decimals = cell.split_once('.').map_or(0, |(_, behind)| behind.len());
+        cell.parse::<f64>().ok().map(|value| (value, 10_f64.powi(-(decimals as i32))))
+    };
+    match (number(before), number(now)) {
+        (Some((a, digit_a)), Some((b, digit_b))) => {
+            (a - b).abs() <= TOLERANCE * a.abs().max(beside) + 1.001 * digit_a.max(digit_b)
+        }
+        _ => before == now,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TABLE: &str = "# T\n\n## one\n\n| a | b | c |\n|---|--:|---|\n| x | 1.50 | yes |\n| y | - | no |\n";
+
+    #[test]
+    fn a_mean_may_move_with_its_scatter() {
+        let table = |bias: &str| format!("| a | bias | sigma |\n|---|---|---|\n| x | {bias} | 5.00 |\n");
+        assert!(differences(&table("0.10"), &table("0.20"), 1).is_empty());
+        assert_eq!(differences(&table("0.10"), &table("0.30"), 1).len(), 1);
+    }
+
+    #[test]
+    fn what_moves_is_named() {
+        assert!(differences(TABLE, &TABLE.replace("1.50", "1.53"), 1).is_empty());
+        assert_eq!(differences(TABLE, &TABLE.replace("1.50", "1.60"), 1), ["one, x: b 1.60, the table says 1.50"]);
+        assert_eq!(differences(TABLE, &TABLE.replace("no", "yes"), 1), ["one, y: c yes, the table says no"]);
+        assert_eq!(differences(TABLE, &TABLE.replace("| y |", "| z |"), 1).len(), 2);
+    }
+}

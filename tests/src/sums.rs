@@ -1,0 +1,51 @@
+//! Fits to the exact sums that core publishes, as a host makes them, in f64.
+
+use crate::linear::Cholesky;
+use inerter_core::{MoreSums, Sums};
+
+/// Regressors `a, v, s, 1, F, |v|, dF/dt`, in this order.
+pub const REGRESSORS: usize = 7;
+/// Place of the force.
+const FORCE: usize = 4;
+
+/// Sums of products in SI.
+pub fn matrix(sums: &Sums, more: &MoreSums) -> [[f64; REGRESSORS]; REGRESSORS] {
+    assert_eq!((sums.index, sums.bank, sums.updates), (more.index, more.bank, more.updates), "of one moment");
+    let units: Vec<f64> = sums.units.into_iter().chain(more.units).collect();
+    let products: Vec<i128> = sums.sums.into_iter().chain(more.sums).collect();
+    std::array::from_fn(|i| {
+        std::array::from_fn(|k| {
+            let (row, column) = (i.max(k), i.min(k));
+            products[row * (row + 1) / 2 + column] as f64 * units[row] * units[column]
+        })
+    })
+}
+
+/// Coefficients of these regressors in the force; nothing where the motion cannot tell them apart.
+pub fn fit<const N: usize>(matrix: &[[f64; REGRESSORS]; REGRESSORS], regressors: [usize; N]) -> Option<[f64; N]> {
+    let inner = regressors.map(|row| regressors.map(|column| matrix[row][column]));
+    Some(Cholesky::of(&inner, 1e-13)?.solve(&regressors.map(|row| matrix[row][FORCE])))
+}
+
+/// Friction by direction, with a force offset of 0: `fc+ - fc-` and twice the offset are one number.
+#[derive(Clone, Copy, Debug)]
+pub struct Directions {
+    /// Inertance with the structure mass \[kg\].
+    pub inertance_kg: f64,
+    /// Viscous friction of positive and negative motion \[N s/m\].
+    pub viscous_n_s_per_m: [f64; 2],
+    /// Coulomb friction of positive and negative motion \[N\].
+    pub coulomb_n: [f64; 2],
+}
+
+/// `F = mt a + (cf+ + cf-)/2 v + (cf+ - cf-)/2 |v| + (fc+ + fc-)/2 s + (fc+ - fc-)/2`.
+pub fn directions(sums: &Sums, more: &MoreSums) -> Option<Directions> {
+    let [inertance_kg, v, s, one, speed] = fit(&matrix(sums, more), [0, 1, 2, 3, 5])?;
+    Some(Directions { inertance_kg, viscous_n_s_per_m: [v + speed, v - speed], coulomb_n: [s + one, s - one] })
+}
+
+/// The delay of the force behind the position that is left \[s\].
+pub fn skew_s(sums: &Sums, more: &MoreSums) -> Option<f64> {
+    // F(t) = law(t - tau) = law(t) - tau dF/dt.
+    fit(&matrix(sums, more), [0, 1, 2, 3, 6]).map(|[.., rate]| -rate)
+}

@@ -1,0 +1,246 @@
+//! Backlash by either route: right where it is given, and refused with the right reason where it cannot be.
+
+use inerter_core::{BacklashStatus, Contact, Detail, Gap, RawSample, Reason, Route, Settings, State, Status};
+use inerter_plant::{Excitation, Parameters as Device, Sensors, Simulation};
+use inerter_tests::backlash::{cell, goal, instruments, run, sensed_goal, settings};
+use inerter_tests::grid::{MOTIONS, RIGS, Rig, raw};
+
+const RIG: Rig = RIGS[0];
+
+fn worn(backlash_m: f64) -> Device {
+    Device { backlash_m, ..Device::paper() }
+}
+
+/// What the estimator says of these samples.
+fn listen(settings: &Settings, samples: impl IntoIterator<Item = RawSample>) -> (Detail, Vec<Gap>) {
+    let active = settings.validate().unwrap();
+    let mut state = Box::new(State::new(&active));
+    let mut gaps = Vec::new();
+    for sample in samples {
+        active.step(&mut state, &sample);
+        gaps.extend(state.take_gap());
+    }
+    (active.detail(&state), gaps)
+}
+
+fn shaken(device: &Device, motion: &str, duration_s: f64, sensors: &Sensors) -> Vec<RawSample> {
+    let excitation = Excitation::parse(motion, sensors.seed).unwrap();
+    Simulation::new(*device, excitation, *sensors).unwrap().lasting(duration_s).map(|sample| raw(&sample)).collect()
+}
+
+fn sensing(settings: &Settings) -> Settings {
+    Settings { terminal_sensor: 1.0, ..*settings }
+}
+
+fn covers(detail: &Detail, truth_m: f64) -> bool {
+    let backlash = detail.backlash;
+    (f64::from(backlash.value_m) - truth_m).abs() <= f64::from(backlash.u95_m) && backlash.u95_m < 12e-6
+}
+
+fn reason(detail: &Detail) -> Option<Reason> {
+    match detail.backlash.status {
+        BacklashStatus::NotIdentifiable(reason) => Some(reason),
+        _ => None,
+    }
+}
+
+#[test]
+fn gaps_of_all_widths_are_found_in_all_motions() {
+    let (mut given, mut wrong) = (0, 0);
+    for motion in &MOTIONS {
+        for backlash_m in [0.0, 20e-6, 100e-6] {
+            let device = worn(backlash_m);
+            let runs: Vec<_> =
+                (1..=4).map(|seed| run(&device, motion.name, motion.duration_s, &RIG, seed).unwrap()).collect();
+            let found = cell(&device, &runs);
+            let (bias, sigma, up_to) = goal(motion.name);
+            let place = format!("{} {:.0} um: {found:?}", motion.name, backlash_m * 1e6);
+            if backlash_m <= up_to {
+                // Four runs say that much of a mean and of a deviation.
+                assert!(found.force.bias.abs() < bias + sigma, "{place}");
+                assert!(found.force.sigma < 2.0 * sigma, "{place}");
+            }
+            assert!(found.force.given >= 3 && found.sensed.given == 4, "{place}");
+            assert!(found.force.u95 < 7e-6, "{place}");
+            assert!(found.sensed.bias.abs() < sensed_goal(motion.name), "{place}");
+            assert!(found.sensed.sigma < sensed_goal(motion.name), "{place}");
+            if motion.name != "slow" {
+                assert!(found.stiffness.bias.abs() < 3e-3 && found.stiffness.sigma < 3e-3, "{place}");
+            }
+            given += found.force.given + found.sensed.given;
+            wrong += found.force.wrong + found.sensed.wrong;
+            for run in &runs {
+                let expected = if backlash_m == 0.0 { Contact::Closed } else { Contact::Gap };
+                assert_eq!(run.sensed.contact, expected, "{place}");
+                assert_eq!(run.sensed.backlash.route, Route::Terminal);
+                assert_eq!(run.force.stiffness_n_per_m.status, Status::NotIdentifiable);
+            }
+        }
+    }
+    assert!(20 * wrong <= given, "{wrong} of {given} outside their interval");
+}
+
+#[test]
+fn each_reversal_tells_its_own_gap_and_error() {
+    let gaps = run(&worn(50e-6), "random", 20.0, &RIG, 3).unwrap().gaps;
+    assert!(gaps.len() > 300, "{}", gaps.len());
+    let normalised = gaps.iter().map(|gap| f64::from((gap.value_m - 50e-6) / gap.error_m).powi(2)).sum::<f64>();
+    let ratio = normalised / gaps.len() as f64;
+    assert!((0.5..2.0).contains(&ratio), "{ratio}");
+    assert!(gaps.windows(2).all(|pair| pair[0].index < pair[1].index && pair[0].route == Route::Force));
+    let rising = gaps.iter().filter(|gap| gap.rising).count();
+    assert!(rising.abs_diff(gaps.len() / 2) < gaps.len() / 10, "{rising} of {}", gaps.len());
+}
+
+/// The middle of each flight, as told, lies in the flight.
+#[test]
+fn reversals_are_where_the_flanks_part() {
+    let device = worn(200e-6);
+    let sensors = instruments(&RIG, 5);
+    let excitation = Excitation::parse("mid", 5).unwrap();
+    let samples: Vec<_> = Simulation::new(device, excitation, sensors).unwrap().lasting(10.0).collect();
+    let (_, gaps) = listen(&settings(&device, &sensors), samples.iter().map(raw));
+    assert!(gaps.len() > 40, "{}", gaps.len());
+    for gap in gaps {
+        let at = gap.index as usize;
+        let near = &samples[at - 4..at + 5];
+        assert!(near.iter().any(|sample| sample.truth.force_n == 0.0), "{at}");
+    }
+}
+
+#[test]
+fn standstill_changes_nothing() {
+    let device = worn(50e-6);
+    let sensors = instruments(&RIG, 2);
+    let settings = sensing(&settings(&device, &sensors));
+    let samples = shaken(&device, "random@10s;hold@60s", 70.0, &sensors);
+    let (before, _) = listen(&settings, samples.iter().copied().take(11_000));
+    let (after, _) = listen(&settings, samples);
+    assert!(covers(&before, 50e-6), "{before:?}");
+    // The blocks of the terminal's route go on: a contact at rest is a contact.
+    assert!(covers(&after, 50e-6), "{after:?}");
+    let without = Settings { terminal_sensor: 0.0, ..settings };
+    let samples = shaken(&device, "random@10s;hold@60s", 70.0, &sensors);
+    let (before, gaps_before) = listen(&without, samples.iter().copied().take(11_000));
+    let (after, gaps_after) = listen(&without, samples);
+    assert_eq!((before.backlash, before.contact, gaps_before), (after.backlash, after.contact, gaps_after));
+}
+
+/// Neither the encoder's place nor the signs of the scales change a bit.
+#[test]
+fn wrapping_and_direction_change_nothing() {
+    let device = worn(20e-6);
+    let sensors = instruments(&RIG, 4);
+    let plain = sensing(&settings(&device, &sensors));
+    let samples = shaken(&device, "mid", 8.0, &sensors);
+    let expected = listen(&plain, samples.iter().copied());
+    assert!(covers(&expected.0, 20e-6), "{expected:?}");
+    let moved = samples.iter().map(|sample| RawSample {
+        position_count: sample.position_count.wrapping_add(i32::MAX - 100),
+        terminal_code: sample.terminal_code.wrapping_add(i32::MIN + 500),
+        index: sample.index.wrapping_add(u32::MAX - 4000),
+        ..*sample
+    });
+    let (detail, gaps) = listen(&plain, moved);
+    assert_eq!((detail.backlash, detail.stiffness_n_per_m), (expected.0.backlash, expected.0.stiffness_n_per_m));
+    assert_eq!(gaps.len(), expected.1.len());
+    let mirrored = Settings {
+        metres_per_count: -plain.metres_per_count,
+        newtons_per_code: -plain.newtons_per_code,
+        metres_per_terminal_code: -plain.metres_per_terminal_code,
+        ..plain
+    };
+    let turned = samples.iter().map(|sample| RawSample {
+        position_count: -sample.position_count,
+        force_code: -sample.force_code,
+        terminal_code: -sample.terminal_code,
+        ..*sample
+    });
+    let (detail, gaps) = listen(&mirrored, turned);
+    assert_eq!(gaps, expected.1);
+    assert!(covers(&detail, 20e-6), "{detail:?}");
+}
+
+#[test]
+fn lost_and_saturated_samples_cost_reversals_and_not_the_truth() {
+    let device = worn(50e-6);
+    let lossy = Sensors { lost_probability: 0.005, ..instruments(&RIG, 6) };
+    let plain = instruments(&RIG, 6);
+    for motion in ["mid", "random"] {
+        let samples = shaken(&device, motion, 20.0, &plain);
+        let (whole, _) = listen(&settings(&device, &plain), samples.iter().copied());
+        let (lost, _) = listen(&settings(&device, &plain), shaken(&device, motion, 20.0, &lossy));
+        // A third of the greatest force is beyond the converter.
+        let greatest = samples.iter().map(|sample| sample.force_code).max().unwrap();
+        let clipped =
+            samples.iter().map(|sample| RawSample { force_code: sample.force_code.min(greatest * 2 / 3), ..*sample });
+        let narrow = Settings { force_max_code: f64::from(greatest * 2 / 3), ..settings(&device, &plain) };
+        let (saturated, _) = listen(&narrow, clipped);
+        for less in [lost, saturated] {
+            assert!(covers(&less, 50e-6), "{motion}: {less:?}");
+            assert!(less.backlash.reversals < whole.backlash.reversals, "{motion}: {less:?}");
+        }
+    }
+}
+
+/// A load that outweighs the motion keeps to one flank, also when the estimator takes it for an offset.
+#[test]
+fn a_one_sided_load_is_no_gap() {
+    let device = worn(100e-6);
+    let sensors = instruments(&RIG, 7);
+    for newtons in [3000.0, -3000.0] {
+        let code = (newtons / sensors.newtons_per_code) as i32;
+        let samples = shaken(&device, "mid", 20.0, &sensors).into_iter();
+        let loaded = samples.map(|sample| RawSample { force_code: sample.force_code + code, ..sample });
+        let (detail, gaps) = listen(&sensing(&settings(&device, &sensors)), loaded);
+        assert_eq!(reason(&detail), Some(Reason::ForceNeverReverses), "{detail:?}");
+        assert_eq!(detail.contact, Contact::OneSided);
+        assert_eq!(gaps, []);
+    }
+}
+
+#[test]
+fn what_is_missing_is_named() {
+    let device = worn(100e-6);
+    let sensors = instruments(&RIG, 8);
+    let plain = settings(&device, &sensors);
+    let unknown = Settings { stiffness_n_per_m: 0.0, ..plain };
+    let samples = shaken(&device, "mid", 5.0, &sensors);
+    let (detail, gaps) = listen(&unknown, samples.iter().copied());
+    assert_eq!((reason(&detail), gaps.len()), (Some(Reason::StiffnessUnknown), 0));
+    let (detail, _) = listen(&plain, samples.iter().copied().take(700));
+    assert_eq!(reason(&detail), Some(Reason::TooFewReversals));
+    // A light and stiff screw rings so fast that no flank lasts.
+    let stiff = Device { stiffness_n_per_m: 2e7, contact_damping_n_s_per_m: 5000.0, ..device };
+    let (detail, _) = listen(&settings(&stiff, &sensors), shaken(&stiff, "mid", 20.0, &sensors));
+    assert_eq!(reason(&detail), Some(Reason::FlankTooShort), "{detail:?}");
+}
+
+/// Flanks that meet again and again are seen, and do not make a number.
+#[test]
+fn bounces_are_recognised() {
+    let device = Device { inertance_kg: 60.0, backlash_m: 20e-6, ..Device::paper() };
+    let sensors = instruments(&RIG, 1);
+    let (detail, _) = listen(&settings(&device, &sensors), shaken(&device, "mid", 20.0, &sensors));
+    assert_eq!(detail.contact, Contact::Bouncing, "{detail:?}");
+    assert!(reason(&detail).is_some(), "{detail:?}");
+}
+
+/// A stiffness that is wrong by its uncertainty moves the gap by no more than the interval says.
+#[test]
+fn the_stiffness_is_in_the_interval() {
+    let device = worn(200e-6);
+    for motion in ["mid", "fast", "random"] {
+        let sensors = instruments(&RIG, 9);
+        let wrong = Settings {
+            stiffness_n_per_m: 1.04 * device.stiffness_n_per_m,
+            stiffness_u95_n_per_m: 0.05 * device.stiffness_n_per_m,
+            ..settings(&device, &sensors)
+        };
+        let (detail, _) = listen(&wrong, shaken(&device, motion, 20.0, &sensors));
+        let backlash = detail.backlash;
+        let error = f64::from(backlash.value_m) - device.backlash_m;
+        assert!(error.abs() > 5e-6, "{motion}: {backlash:?}");
+        assert!(error.abs() < f64::from(backlash.u95_m), "{motion}: {backlash:?}");
+    }
+}

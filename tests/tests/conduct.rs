@@ -1,0 +1,92 @@
+//! Whether friction that is not Coulomb's is called so, its intervals cover, and Coulomb's is left alone.
+
+use inerter_core::{Conduct, Settings, State, Status};
+use inerter_plant::{Excitation, Parameters, Plant, Sensors, Simulation};
+use inerter_tests::grid::{MOTIONS, calibrated, raw, three, truth};
+
+/// What is published, and what is said of friction with it.
+struct Said {
+    conducts: Vec<Conduct>,
+    last: inerter_core::Estimate,
+    conduct: Conduct,
+}
+
+fn run(device: Parameters, motion: &str, seed: u64, memory_s: f64, noise_n: f64) -> Said {
+    let encoder_phase_count = (seed as f64 * 0.618) % 1.0;
+    let sensors =
+        Sensors { force_noise_n: noise_n, force_offset_n: 3.0, encoder_phase_count, seed, ..Sensors::default() };
+    let settings = Settings { memory_s, publish_rate_hz: 10.0, ..calibrated(&device, &sensors) };
+    let active = settings.validate().unwrap();
+    let mut state = Box::new(State::new(&active));
+    let mut conducts = Vec::new();
+    let duration_s = MOTIONS.iter().find(|known| known.name == motion).unwrap().duration_s;
+    let plant = Plant::new(device, Excitation::parse(motion, seed).unwrap()).unwrap();
+    for sample in Simulation::of(plant, sensors).unwrap().lasting(duration_s) {
+        if active.step(&mut state, &raw(&sample)).is_some() {
+            conducts.push(active.detail(&state).friction.conduct);
+        }
+    }
+    Said { conducts, last: active.estimate(&state), conduct: active.detail(&state).friction.conduct }
+}
+
+/// The parameters that were given and are wrong by more than their interval.
+fn wrong(device: &Parameters, said: &Said) -> Vec<usize> {
+    let found = three(&said.last.whole_run).into_iter().zip(truth(device)).enumerate();
+    found
+        .filter(|(_, (found, truth))| {
+            found.status == Status::Ok && (f64::from(found.value) - truth).abs() > f64::from(found.u95)
+        })
+        .map(|(i, _)| i)
+        .collect()
+}
+
+#[test]
+fn coulomb_friction_is_left_alone() {
+    let (mut false_alarms, mut all) = (0, 0);
+    for device in [Parameters::paper(), Parameters::worn()] {
+        for motion in MOTIONS.map(|motion| motion.name) {
+            for (noise_n, memory_s) in [(1.0, 100.0), (1.0, 4.0), (5.0, 4.0)] {
+                let said = run(device, motion, 7, memory_s, noise_n);
+                let hidden = motion == "fast" && said.conduct == Conduct::Unknown;
+                let calm = hidden || said.conduct == Conduct::Coulomb;
+                assert!(calm || memory_s < 100.0, "{motion}, {noise_n} N, {memory_s} s: {:?}", said.conduct);
+                let odd = |conduct: &&Conduct| matches!(conduct, Conduct::Presliding | Conduct::Stribeck);
+                false_alarms += said.conducts.iter().filter(odd).count();
+                all += said.conducts.len();
+            }
+        }
+    }
+    println!("{false_alarms} of {all} published said otherwise");
+    assert!(all > 10_000 && false_alarms < all / 200, "{false_alarms} of {all}");
+}
+
+#[test]
+fn presliding_is_called_so_and_covered() {
+    for um in [20.0, 50.0, 200.0] {
+        let device = Parameters { presliding_m: um * 1e-6, ..Parameters::paper() };
+        for motion in ["mid", "multi", "random", "two"] {
+            let said = run(device, motion, 5, 30.0, 1.0);
+            assert_eq!(said.conduct, Conduct::Presliding, "{um} um, {motion}");
+            assert!(wrong(&device, &said).is_empty(), "{um} um, {motion}: {:?}", said.last.whole_run);
+        }
+        // Seen at once or worth nothing: slow motion shows each reversal in full.
+        let said = run(device, "slow", 5, 30.0, 1.0);
+        assert!(wrong(&device, &said).is_empty(), "{um} um, slow: {:?}", said.last.whole_run);
+        assert_eq!(said.conduct, if um < 30.0 { Conduct::Coulomb } else { Conduct::Presliding });
+        // A steady tone of 15.9 Hz hides it, and that is said.
+        assert_eq!(run(device, "fast", 5, 30.0, 1.0).conduct, Conduct::Unknown);
+    }
+}
+
+#[test]
+fn stribeck_friction_leaves_no_wrong_coulomb_friction() {
+    for mm_per_s in [2.0, 5.0, 10.0] {
+        let device = Parameters { stribeck_velocity_m_per_s: mm_per_s * 1e-3, ..Parameters::stribeck() };
+        for motion in MOTIONS.map(|motion| motion.name) {
+            let said = run(device, motion, 5, 30.0, 1.0);
+            assert!(!wrong(&device, &said).contains(&2), "{mm_per_s} mm/s, {motion}: {:?}", said.last.whole_run);
+            let must_show = motion == "slow" || (mm_per_s >= 10.0 && ["mid", "random", "two"].contains(&motion));
+            assert!(!must_show || said.conduct == Conduct::Stribeck, "{mm_per_s} mm/s, {motion}: {:?}", said.conduct);
+        }
+    }
+}
