@@ -1,6 +1,6 @@
 //! Backlash on the accuracy grid: gaps of every width, by the force alone and with the terminal's own sensor.
 
-use crate::grid::{Error, Rig, calibrated, raw};
+use crate::grid::{self, Error, Rig, calibrated, raw};
 use inerter_core::{BacklashStatus, Detail, Gap, Settings, State, Status};
 use inerter_plant::{Excitation, Parameters as Device, Sensors, Simulation};
 
@@ -37,15 +37,7 @@ pub struct Run {
 
 /// Instruments of the grid with a terminal sensor: 0.1 um per code, 1 um rms.
 pub fn instruments(rig: &Rig, seed: u64) -> Sensors {
-    Sensors {
-        sample_rate_hz: rig.sample_rate_hz,
-        force_noise_n: rig.force_noise_n,
-        force_offset_n: 3.0,
-        encoder_phase_count: (seed as f64 * 0.618) % 1.0,
-        terminal_noise_m: 1e-6,
-        seed,
-        ..Sensors::default()
-    }
+    Sensors { terminal_noise_m: 1e-6, ..grid::instruments(rig, seed) }
 }
 
 /// Settings of a device calibrated against these instruments, its stiffness known to 0.1 %.

@@ -4,6 +4,7 @@ use crate::linear::Cholesky;
 pub use inerter::simulate::raw;
 use inerter_core::{Estimate, Parameter, Parameters, Settings, State, Status};
 use inerter_plant::{Excitation, Motion as Screw, Parameters as Device, Sensors, Simulation};
+use std::thread;
 
 /// What goes wrong while a run is set up.
 pub type Error = Box<dyn std::error::Error + Send + Sync>;
@@ -123,17 +124,32 @@ pub struct Run {
     pub last: Estimate,
 }
 
-/// The motion as this rig's instruments see it.
-pub(crate) fn simulation(device: &Device, motion: &Motion, rig: &Rig, seed: u64) -> Result<Simulation, Error> {
-    let sensors = Sensors {
+/// This rig's instruments; each seed has its own noise and its own place within an encoder count.
+pub fn instruments(rig: &Rig, seed: u64) -> Sensors {
+    Sensors {
         sample_rate_hz: rig.sample_rate_hz,
         force_noise_n: rig.force_noise_n,
         force_offset_n: 3.0,
         encoder_phase_count: (seed as f64 * 0.618) % 1.0,
         seed,
         ..Sensors::default()
-    };
-    Ok(Simulation::new(*device, Excitation::parse(motion.name, seed)?, sensors)?)
+    }
+}
+
+/// The motion as this rig's instruments see it.
+pub(crate) fn simulation(device: &Device, motion: &Motion, rig: &Rig, seed: u64) -> Result<Simulation, Error> {
+    Ok(Simulation::new(*device, Excitation::parse(motion.name, seed)?, instruments(rig, seed))?)
+}
+
+/// One run for each seed from 1 on, on two threads: the odd ones, then the even ones.
+pub fn each_seed<R: Send>(seeds: u64, run: impl Fn(u64) -> Result<R, Error> + Sync) -> Result<Vec<R>, Error> {
+    let part = |from: u64| (from..=seeds).step_by(2).map(&run).collect::<Result<Vec<R>, Error>>();
+    thread::scope(|scope| {
+        let even = scope.spawn(|| part(2));
+        let mut runs = part(1)?;
+        runs.extend(even.join().map_err(|_| "a run panicked")??);
+        Ok(runs)
+    })
 }
 
 /// Shakes a device and listens. The intervals hold no calibration error, as the simulated rig has none.

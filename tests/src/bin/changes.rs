@@ -2,7 +2,7 @@
 #![forbid(unsafe_code)]
 
 use inerter_core::{Change, Changed, Settings, State};
-use inerter_plant::{Excitation, Parameters as Device, Plant, Sensors, Simulation};
+use inerter_plant::{Excitation, Parameters as Device, Plant, Simulation};
 use inerter_tests::{
     grid::{self, Error, MOTIONS, Motion, RIGS, Rig},
     sheet,
@@ -149,14 +149,7 @@ fn row(device: &Device, motion: &Motion, rig: &Rig) -> Result<Row, Error> {
 
 /// The changes found, each with its time \[s\].
 fn changes(plant: Plant, rig: &Rig, seed: u64, duration_s: f64) -> Result<Vec<(f64, Change)>, Error> {
-    let sensors = Sensors {
-        sample_rate_hz: rig.sample_rate_hz,
-        force_noise_n: rig.force_noise_n,
-        force_offset_n: 3.0,
-        encoder_phase_count: (seed as f64 * 0.618) % 1.0,
-        seed,
-        ..Sensors::default()
-    };
+    let sensors = grid::instruments(rig, seed);
     let settings = Settings { memory_s: 30.0, ..grid::calibrated(plant.parameters(), &sensors) };
     let active = settings.validate()?;
     let mut state = Box::new(State::new(&active));

@@ -2,11 +2,10 @@
 
 use inerter_plant::Parameters as Device;
 use inerter_tests::{
-    backlash::{self, Cell, Column, GAPS_M, Run, goal, sensed_goal},
-    grid::{Error, MOTIONS, Motion, Rig},
+    backlash::{self, Cell, Column, GAPS_M, goal, sensed_goal},
+    grid::{self, Error, MOTIONS, Motion, Rig},
     sheet::{line, mean, significant},
 };
-use std::thread;
 
 /// Part of the runs with a value whose interval may miss the truth.
 const MOST_WRONG: f64 = 0.05;
@@ -34,7 +33,9 @@ pub fn section(rig: &Rig, seeds: u64) -> Result<Section, Error> {
     for motion in &MOTIONS {
         for gap_m in GAPS_M {
             let device = Device { backlash_m: gap_m, ..Device::paper() };
-            rows.push(Row { motion, gap_m, cell: backlash::cell(&device, &runs(&device, motion, rig, seeds)?) });
+            let runs =
+                grid::each_seed(seeds, |seed| backlash::run(&device, motion.name, motion.duration_s, rig, seed))?;
+            rows.push(Row { motion, gap_m, cell: backlash::cell(&device, &runs) });
         }
     }
     let mut text = format!(
@@ -140,17 +141,4 @@ fn missed(column: &Column, goal: Option<(f64, f64)>) -> Option<String> {
     } else {
         None
     }
-}
-
-/// All runs of one cell, on two threads.
-fn runs(device: &Device, motion: &Motion, rig: &Rig, seeds: u64) -> Result<Vec<Run>, Error> {
-    let part = |from: u64| -> Result<Vec<Run>, Error> {
-        (from..=seeds).step_by(2).map(|seed| backlash::run(device, motion.name, motion.duration_s, rig, seed)).collect()
-    };
-    thread::scope(|scope| {
-        let other = scope.spawn(|| part(2));
-        let mut runs = part(1)?;
-        runs.extend(other.join().map_err(|_| "a run panicked")??);
-        Ok(runs)
-    })
 }

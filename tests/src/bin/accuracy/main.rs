@@ -10,10 +10,10 @@ mod table;
 use inerter_plant::Parameters as Device;
 use inerter_tests::{
     bound,
-    grid::{self, Cell, Error, MOTIONS, Motion, RIGS, Rig, Run},
+    grid::{self, Cell, Error, MOTIONS, RIGS, Rig},
     sheet,
 };
-use std::{process::ExitCode, thread};
+use std::process::ExitCode;
 use table::{Row, Section};
 
 /// Runs of each cell.
@@ -64,7 +64,7 @@ fn section(device: &Device, rig: &Rig, name: &str, note: &'static str) -> Result
     for motion in &MOTIONS {
         eprintln!("{name}: {}", motion.name);
         let Cell { bias, sigma, u95, given, coverage, whole_run_coverage, settling_s } =
-            grid::cell(device, &runs(device, motion, rig)?);
+            grid::cell(device, &grid::each_seed(SEEDS, |seed| grid::run(device, motion, rig, seed))?);
         let least_sigma = grid::least_sigma(device, motion, rig, 1, 0.0)?;
         let least_with_steps = bound::least_sigma(device, motion, rig, 1)?;
         let kept_sigma = grid::least_sigma(device, motion, rig, 1, motion.kernel_s())?;
@@ -90,17 +90,4 @@ fn section(device: &Device, rig: &Rig, name: &str, note: &'static str) -> Result
         }
     }
     Ok(Section { name: name.to_owned(), note, rows })
-}
-
-/// All runs of one cell, on two threads.
-fn runs(device: &Device, motion: &Motion, rig: &Rig) -> Result<Vec<Run>, Error> {
-    let part = |from: u64| -> Result<Vec<Run>, Error> {
-        (from..=SEEDS).step_by(2).map(|seed| grid::run(device, motion, rig, seed)).collect()
-    };
-    thread::scope(|scope| {
-        let other = scope.spawn(|| part(2));
-        let mut runs = part(1)?;
-        runs.extend(other.join().map_err(|_| "a run panicked")??);
-        Ok(runs)
-    })
 }

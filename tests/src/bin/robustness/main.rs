@@ -6,10 +6,10 @@
 
 mod table;
 
-use inerter_tests::grid::Error;
-use inerter_tests::robustness::{Case, Run, cases, cell};
+use inerter_tests::grid::{self, Error};
+use inerter_tests::robustness::{cases, cell};
 use inerter_tests::sheet;
-use std::{process::ExitCode, thread};
+use std::process::ExitCode;
 use table::Row;
 
 /// Runs of each row.
@@ -26,23 +26,11 @@ fn run() -> Result<bool, Error> {
         eprintln!("{}", case.name);
         for &motion in case.motions {
             let usual_n = rows.iter().find(|row| row.motion == motion).map(|row| row.cell.residual_n);
-            rows.push(Row { case: case.name, motion, cell: cell(&runs(&case, motion)?, usual_n) });
+            let runs = grid::each_seed(SEEDS, |seed| case.run(motion, seed))?;
+            rows.push(Row { case: case.name, motion, cell: cell(&runs, usual_n) });
         }
     }
     let text = table::markdown(&rows, SEEDS);
     print!("{text}");
     sheet::conclude("robustness", &text, 3, update)
-}
-
-/// All runs of one row, on two threads.
-fn runs(case: &Case, motion: &str) -> Result<Vec<Run>, Error> {
-    let part = |from: u64| -> Result<Vec<Run>, Error> {
-        (from..=SEEDS).step_by(2).map(|seed| case.run(motion, seed)).collect()
-    };
-    thread::scope(|scope| {
-        let other = scope.spawn(|| part(2));
-        let mut runs = part(1)?;
-        runs.extend(other.join().map_err(|_| "a run panicked")??);
-        Ok(runs)
-    })
 }
