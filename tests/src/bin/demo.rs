@@ -1,6 +1,6 @@
 //! The demonstration: a simulated inerter on a shaker, measured by the firmware image in QEMU.
 //!
-//! The paper's device is moved as in the paper's three tests and by a random motion. Each run boots the image anew, shows what it
+//! The paper's device is moved as in the paper's three tests and by a random motion, then a worn one. Each run boots the image anew, shows what it
 //! estimates while it estimates, records every frame, and replays the recording on this machine: every estimate must be the
 //! same to the bit. `cargo xtask demo` builds what this needs; `--speed X` plays X times as fast, `--output FOLDER` records there.
 #![forbid(unsafe_code)]
@@ -14,7 +14,7 @@ use inerter::{
     settings::Overrides,
     simulate::{Endpoint, Qemu, Setup, bench_sensors, find_image},
 };
-use inerter_core::{Estimate, Parameter, Status};
+use inerter_core::{Backlash, BacklashStatus, Estimate, Parameter, Status};
 use inerter_plant::Parameters as Device;
 use inerter_tests::grid::Error;
 use inerter_wire::{EventKind, Frame, Health, Record, Streams, catalogue};
@@ -37,21 +37,28 @@ const PRINT_EVERY_S: f64 = 10.0;
 struct Test {
     name: &'static str,
     title: &'static str,
+    device: Device,
     motion: &'static str,
     seconds: f64,
     speed: f64,
 }
 
-const TESTS: [Test; 4] = [
-    Test { name: "slow", title: "0.053 Hz, 15.1 mm: friction", motion: "slow", seconds: 80.0, speed: 8.0 },
-    Test { name: "mid", title: "3.2 Hz, 4.16 mm: inertance", motion: "mid", seconds: 20.0, speed: 2.0 },
-    Test { name: "fast", title: "15.9 Hz, 0.806 mm: validation", motion: "fast", seconds: 20.0, speed: 2.0 },
-    Test { name: "random", title: "random, 0.5 to 15 Hz, 20 mm/s", motion: "random", seconds: 20.0, speed: 2.0 },
+const fn test(name: &'static str, title: &'static str, device: Device, motion: &'static str) -> Test {
+    Test { name, title, device, motion, seconds: 20.0, speed: 2.0 }
+}
+
+const TESTS: [Test; 5] = [
+    Test { seconds: 80.0, speed: 8.0, ..test("slow", "0.053 Hz, 15.1 mm: friction", Device::paper(), "slow") },
+    test("mid", "3.2 Hz, 4.16 mm: inertance", Device::paper(), "mid"),
+    test("fast", "15.9 Hz, 0.806 mm: validation", Device::paper(), "fast"),
+    test("random", "random, 0.5 to 15 Hz, 20 mm/s", Device::paper(), "random"),
+    test("worn", "worn, 3.2 Hz, 4.16 mm: backlash", Device::worn(), "mid"),
 ];
 
 /// What a run came to.
 struct Outcome {
     estimate: Estimate,
+    backlash: Option<Backlash>,
     recording: PathBuf,
     frames: u32,
     lost_frames: u64,
@@ -92,9 +99,9 @@ fn run() -> Result<bool, Error> {
     let mut outcomes = Vec::new();
     for (number, test) in TESTS.iter().enumerate() {
         println!("\n[{}/{}] {}", number + 1, TESTS.len(), test.title);
-        outcomes.push(shake(test, device, speed, &image, &folder)?);
+        outcomes.push(shake(test, test.device, speed, &image, &folder)?);
     }
-    println!("{}", summary(&device, &outcomes));
+    println!("{}", summary(&outcomes));
     Ok(outcomes.iter().all(|outcome| outcome.same && outcome.lost_frames == 0))
 }
 
@@ -117,7 +124,7 @@ fn shake(test: &Test, device: Device, speed: f64, image: &Path, folder: &Path) -
     qemu.play(&setup, speed)?;
     let rate_hz = setup.settings.sample_rate_hz;
     let mut screen = Screen::new(test.seconds, &device);
-    let (mut estimates, mut health, mut ended) = (Vec::new(), None, false);
+    let (mut estimates, mut backlash, mut health, mut ended) = (Vec::new(), None, None, false);
     loop {
         let received = match live.next()? {
             Happening::Received(received) => received,
@@ -139,6 +146,7 @@ fn shake(test: &Test, device: Device, speed: f64, image: &Path, folder: &Path) -
                 screen.show(f64::from(estimate.index) / rate_hz, &estimate, live.lost_frames())?;
                 estimates.push(estimate);
             }
+            Record::Detail(detail) => backlash = Some(detail.backlash),
             Record::Health(now) => health = Some(now),
             Record::Event(event) => ended |= event.kind == EventKind::SourceEnded,
             _ => {}
@@ -157,7 +165,7 @@ fn shake(test: &Test, device: Device, speed: f64, image: &Path, folder: &Path) -
         estimates.len(),
         if same { "the same to the bit when replayed here" } else { "NOT THE SAME when replayed here" }
     );
-    Ok(Outcome { estimate, recording, frames, lost_frames, health, same })
+    Ok(Outcome { estimate, backlash, recording, frames, lost_frames, health, same })
 }
 
 /// Everything that the estimator publishes when the recording goes through it on this machine, and its last word.
@@ -193,6 +201,17 @@ fn verdict(parameter: &Parameter, truth: f64) -> &'static str {
         _ if (f64::from(parameter.value) - truth).abs() <= f64::from(parameter.u95) => "holds the truth",
         _ => "MISSES THE TRUTH",
     }
+}
+
+const MICRO: f64 = 1e6;
+
+fn in_micrometres(backlash: &Backlash) -> Parameter {
+    let status = match backlash.status {
+        BacklashStatus::NotIdentifiable(_) => Status::NotIdentifiable,
+        BacklashStatus::BelowU95 | BacklashStatus::Ok => Status::Ok,
+    };
+    let [value, u95] = [backlash.value_m, backlash.u95_m].map(|length_m| length_m * MICRO as f32);
+    Parameter { value, u95, status }
 }
 
 /// The block that is redrawn while a run goes on, or lines where there is no terminal.
@@ -274,7 +293,7 @@ fn one_line(estimate: &Estimate) -> String {
 }
 
 /// The page at the end.
-fn summary(device: &Device, outcomes: &[Outcome]) -> String {
+fn summary(outcomes: &[Outcome]) -> String {
     let rule = "─".repeat(92);
     let mut text = format!(
         "\n{rule}\nTruth, estimate of the firmware and its 95 % interval, from the whole of each run\n{rule}\n"
@@ -283,9 +302,15 @@ fn summary(device: &Device, outcomes: &[Outcome]) -> String {
     for (test, outcome) in TESTS.iter().zip(outcomes) {
         let _ = writeln!(text, "{}", test.title);
         let parameters = catalogue::parameters(&outcome.estimate.whole_run);
-        for ((field, parameter), truth) in parameters.zip(truth(device)) {
-            let (label, unit, value) = (field.label, field.unit, value_text(&parameter));
-            let _ = writeln!(text, "  {label:<20} {unit:<6} {truth:>9}   {value:<22} {}", verdict(&parameter, truth));
+        let mut line = |label: &str, unit: &str, truth: f64, parameter: &Parameter| {
+            let value = value_text(parameter);
+            let _ = writeln!(text, "  {label:<20} {unit:<6} {truth:>9}   {value:<22} {}", verdict(parameter, truth));
+        };
+        for ((field, parameter), truth) in parameters.zip(truth(&test.device)) {
+            line(field.label, field.unit, truth, &parameter);
+        }
+        if let Some(backlash) = &outcome.backlash {
+            line("Backlash", "µm", MICRO * test.device.backlash_m, &in_micrometres(backlash));
         }
     }
     let frames: u32 = outcomes.iter().map(|outcome| outcome.frames).sum();
@@ -322,7 +347,7 @@ mod tests {
     fn every_motion_is_known() {
         for test in &TESTS {
             let (sensors, seconds) = (bench_sensors(), Some(test.seconds));
-            let setup = Setup::new(Device::paper(), sensors, test.motion, seconds, &Overrides::default());
+            let setup = Setup::new(test.device, sensors, test.motion, seconds, &Overrides::default());
             assert!(setup.is_ok(), "{}", test.motion);
         }
     }
