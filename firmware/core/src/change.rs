@@ -18,7 +18,7 @@ use crate::estimate::Bank;
 use crate::estimator::{BankState, State};
 use crate::kernel::UPDATES_PER_BOX;
 use crate::ldl::UNKNOWNS;
-use crate::math::sqrt;
+use crate::math::{magnitude, sqrt};
 use crate::report::{Fit, Knowledge};
 use crate::rls::PRODUCTS;
 
@@ -234,8 +234,4 @@ fn matters(fit: &Fit) -> [f32; UNKNOWNS] {
     let [inertance, viscous, coulomb, _] = fit.values.map(magnitude);
     let [of_inertance, of_viscous, of_coulomb, of_offset] = LEAST_PART;
     [of_inertance * inertance, of_viscous * viscous, of_coulomb * coulomb, of_offset * coulomb]
-}
-
-fn magnitude(value: f32) -> f32 {
-    if value < 0.0 { -value } else { value }
 }

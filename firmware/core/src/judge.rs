@@ -12,7 +12,7 @@
 use crate::detail::Conduct;
 use crate::estimate::{Parameter, Parameters, Status};
 use crate::ldl::UNKNOWNS;
-use crate::math::sqrt;
+use crate::math::{magnitude, sqrt};
 use crate::report::Fit;
 
 /// Ratio of the residual variances, all over away, that Coulomb's friction does not reach.
@@ -92,10 +92,6 @@ impl Judgement {
             }
         }
     }
-}
-
-fn magnitude(value: f32) -> f32 {
-    if value < 0.0 { -value } else { value }
 }
 
 fn length(a: f32, b: f32) -> f32 {

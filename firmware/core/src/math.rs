@@ -15,6 +15,11 @@ pub fn sqrt(value: f32) -> f32 {
     (0..3).fold(seed, |root, _| 0.5 * (root + value / root))
 }
 
+/// The value without its sign.
+pub fn magnitude(value: f32) -> f32 {
+    if value < 0.0 { -value } else { value }
+}
+
 /// `2^exponent`; 0 or infinity beyond the format.
 pub fn power_of_two(exponent: i32) -> f64 {
     match exponent {

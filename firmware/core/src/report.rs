@@ -12,7 +12,7 @@ use crate::judge::Judgement;
 use crate::kernel::{Term, UPDATES_PER_BOX};
 use crate::ldl::{FACTOR_BITS, MATRIX_BITS, Solution, UNKNOWNS, solve};
 use crate::line::VELOCITY_BITS;
-use crate::math::{power, sqrt};
+use crate::math::{magnitude, power, sqrt};
 use crate::rls::{PRODUCTS, place, scaled};
 
 /// Sum of the cubic B-spline's autocorrelation over its value at 0, in boxes: updates within it are one observation.
@@ -304,8 +304,7 @@ impl Interval {
         if !(u95.is_finite() && value.is_finite()) {
             return Parameter { value: 0.0, u95: f32::INFINITY, status: Status::NotIdentifiable };
         }
-        let magnitude = if value < 0.0 { -value } else { value };
-        let too_wide = relative && u95 > WIDEST_INTERVAL * magnitude;
+        let too_wide = relative && u95 > WIDEST_INTERVAL * magnitude(value);
         let status = if too_wide { Status::NotIdentifiable } else { Status::Ok };
         Parameter { value, u95, status }
     }

@@ -144,6 +144,26 @@ struct Left {
     residual: u64,
 }
 
+/// The inverse of a square of the side, by its upper 31 bits.
+#[derive(Clone, Copy)]
+struct Inverse {
+    mantissa: i64,
+    shift: u32,
+}
+
+impl Inverse {
+    /// Of at least [`LEAST_SIDE`].
+    fn of(side: i64) -> Self {
+        let shift = 33 - side.leading_zeros();
+        Self { mantissa: ((1_u64 << 62) / (side >> shift).max(1) as u64) as i64, shift }
+    }
+
+    /// `value * 2^bits / side`.
+    fn times(self, value: i64, bits: u32) -> i64 {
+        mul_shift(value, self.mantissa, 62 + self.shift - bits)
+    }
+}
+
 impl Left {
     fn of(reach: &[i32; POINTS], side: &[i32; POINTS], count: usize) -> Self {
         let across = dot(reach, side, count);
@@ -151,10 +171,7 @@ impl Left {
         if side < LEAST_SIDE {
             return Self { side, ..Self::default() };
         }
-        // across 2^24 / side, by the inverse of the side's upper 31 bits.
-        let shift = 33 - side.leading_zeros();
-        let inverse = ((1_u64 << 62) / (side >> shift).max(1) as u64) as i64;
-        let half = mul_shift(across, inverse, 62 + shift - SIDE_BITS);
+        let half = Inverse::of(side).times(across, SIDE_BITS);
         let explained = mul_shift(across, half, SIDE_BITS);
         let all = dot(reach, reach, count);
         Self { side, half, residual: all.saturating_sub(explained).max(0) as u64 }
@@ -234,16 +251,14 @@ pub(crate) fn fit(points: &Points, count_units: u32, noise_units: u32) -> Option
     }
     let stretch = points.stretch.map(i32::from);
     let stretch_across = dot(&stretch, &free_side, count);
-    let shift = 33 - value.side.leading_zeros();
-    let inverse = ((1_u64 << 62) / (value.side >> shift).max(1) as u64) as i64;
-    let over_side = |value: i64| mul_shift(value, inverse, 62 + shift - SIDE_BITS);
+    let inverse = Inverse::of(value.side);
     // Of the value: four times the residual's over the square of the side.
     let variance = value.residual / u64::from((firm - DEGREE - 2).max(1));
-    let variance = mul_shift((variance.min(1 << 40) as i64) << 2, inverse, 62 + shift - 2 * SIDE_BITS);
+    let variance = inverse.times((variance.min(1 << 40) as i64) << 2, 2 * SIDE_BITS);
     Some(Fit {
         value: shift_right(-2 * value.half, up) as i32,
         change: shift_right(2 * (judge.half - value.half), up) as i32,
-        by_stretch: (-2 * over_side(stretch_across)) as i32,
+        by_stretch: (-2 * inverse.times(stretch_across, SIDE_BITS)) as i32,
         variance: shift_right(variance, 2 * up).clamp(0, i64::from(u32::MAX)) as u32,
         weight: (value.side >> (2 * SIDE_BITS - 10) << points.scale).clamp(1, 1 << 24) as u32,
     })
