@@ -5,7 +5,8 @@
 //! alone would let one think, the less the higher the frequency: at 2.44 um, 1 kHz and 300 kg both are equal at 11 Hz.
 //! The bound is that of weighted least squares with the true regressors, weighted by the inverse of the sum of both
 //! spectra. A periodic motion repeats the encoder's error with it, so that it is not white but in the lines of the
-//! motion, and the scatter may lie above the bound by up to the square root of the periods: nothing averages it.
+//! motion, and the scatter may lie above the bound by up to the square root of the periods: nothing averages it
+//! (tests `steps`; [`TWO_CLOCKS`](grid::TWO_CLOCKS) is the rig on which nothing repeats).
 
 use crate::grid::{self, Error, Motion, Rig};
 use crate::linear::Cholesky;

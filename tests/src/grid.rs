@@ -100,6 +100,10 @@ pub const RIGS: [Rig; 3] = [
     Rig { name: "4 kHz, 1 N", sample_rate_hz: 4000.0, force_noise_n: 1.0 },
 ];
 
+/// The first rig with a clock that is 10 ppm faster than the shaker's, and known to be: no motion repeats itself sample
+/// by sample, and the encoder's error with it.
+pub const TWO_CLOCKS: Rig = Rig { name: "1 kHz, 1 N, two clocks", sample_rate_hz: 1000.01, force_noise_n: 1.0 };
+
 /// What the device truly is.
 pub fn truth(device: &Device) -> [f64; 3] {
     [device.inertance_kg, device.viscous_n_s_per_m, device.coulomb_n]

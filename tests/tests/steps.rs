@@ -1,0 +1,90 @@
+//! What the encoder's steps do to a motion that repeats itself sample by sample, and what they do where it does not.
+
+use inerter_core::{Settings, State};
+use inerter_plant::{Excitation, Parameters as Device, Sensors, Simulation};
+use inerter_tests::bound;
+use inerter_tests::grid::{self, MOTIONS, Motion, RIGS, Rig, TWO_CLOCKS, calibrated, instruments, raw};
+
+/// Runs, as in the table: a standard deviation is known to 13 %.
+const SEEDS: u64 = 32;
+/// Sums of counts and codes in one sample of the board at 1 kHz.
+const BOARD_OVERSAMPLING: f64 = 64.0;
+
+fn motion(name: &str) -> &'static Motion {
+    MOTIONS.iter().find(|motion| motion.name == name).unwrap()
+}
+
+/// Standard deviations of the viscous and the Coulomb friction found.
+fn friction_scatter(motion: &Motion, rig: &Rig) -> [f64; 2] {
+    let device = Device::paper();
+    let runs = grid::each_seed(SEEDS, |seed| grid::run(&device, motion, rig, seed)).unwrap();
+    let [_, viscous, coulomb] = grid::cell(&device, &runs).sigma;
+    [viscous, coulomb]
+}
+
+/// The same where each sample is a sum of instants, as on the board.
+fn friction_scatter_of_sums(motion: &Motion, rig: &Rig) -> [f64; 2] {
+    let device = Device::paper();
+    let found = grid::each_seed(SEEDS, |seed| {
+        let plain = instruments(rig, seed);
+        let sensors = Sensors {
+            oversampling: BOARD_OVERSAMPLING,
+            // So much coarser that the sum's scale stays.
+            newtons_per_code: plain.newtons_per_code * BOARD_OVERSAMPLING,
+            ..plain
+        };
+        let active = Settings { memory_s: 100.0, ..calibrated(&device, &sensors) }.validate()?;
+        let mut state = Box::new(State::new(&active));
+        for sample in
+            Simulation::new(device, Excitation::parse(motion.name, seed)?, sensors)?.lasting(motion.duration_s)
+        {
+            active.step(&mut state, &raw(&sample));
+        }
+        let [_, viscous, coulomb] = grid::three(&active.estimate(&state).whole_run).map(|p| f64::from(p.value));
+        Ok([viscous, coulomb])
+    })
+    .unwrap();
+    std::array::from_fn(|i| {
+        let mean = found.iter().map(|one| one[i]).sum::<f64>() / SEEDS as f64;
+        (found.iter().map(|one| (one[i] - mean).powi(2)).sum::<f64>() / (SEEDS - 1) as f64).sqrt()
+    })
+}
+
+/// Part of the samples of the run's second half that read the same count as `period` samples before.
+fn repeated(motion: &Motion, rig: &Rig, period: usize) -> f64 {
+    let simulation = Simulation::new(Device::paper(), Excitation::parse(motion.name, 1).unwrap(), instruments(rig, 1));
+    let counts: Vec<i32> =
+        simulation.unwrap().lasting(motion.duration_s).map(|sample| raw(&sample).position_count).collect();
+    let later = &counts[counts.len() / 2..];
+    let earlier = &counts[counts.len() / 2 - period..];
+    let same = later.iter().zip(earlier).filter(|(later, earlier)| later == earlier).count();
+    same as f64 / later.len() as f64
+}
+
+#[test]
+fn on_one_clock_a_periodic_motion_reads_the_same_counts_again() {
+    for (name, period, times) in [("mid", 625, 32), ("multi", 2000, 10), ("two", 1250, 16)] {
+        let motion = motion(name);
+        assert_eq!(period * times, (motion.duration_s * RIGS[0].sample_rate_hz) as usize);
+        let [one, two] = [&RIGS[0], &TWO_CLOCKS].map(|rig| repeated(motion, rig, period));
+        assert!(one > 0.99 && two < 0.9, "{name}: {one} on one clock, {two} on two");
+    }
+}
+
+/// Nearly all that lies between the scatter of `two` and its bound is the steps' error, 16 times the same.
+#[test]
+fn the_steps_average_out_where_nothing_repeats() {
+    let (two, rig) = (motion("two"), &RIGS[0]);
+    let [_, least @ ..] = bound::least_sigma(&Device::paper(), two, rig, 1).unwrap().unwrap();
+    let one_clock = friction_scatter(two, rig);
+    let without_noise = friction_scatter(two, &Rig { force_noise_n: 0.0, ..*rig });
+    let two_clocks = friction_scatter(two, &TWO_CLOCKS);
+    let sums = friction_scatter_of_sums(two, rig);
+    for i in 0..2 {
+        let [one_clock, without_noise, two_clocks, sums] =
+            [one_clock, without_noise, two_clocks, sums].map(|scatter| scatter[i] / least[i]);
+        let all = format!("{one_clock}, {without_noise} without noise, {two_clocks} on two clocks, {sums} of sums");
+        assert!((2.5..3.8).contains(&one_clock) && without_noise > 0.9 * one_clock, "{all}");
+        assert!((0.7..1.3).contains(&two_clocks) && (0.6..1.0).contains(&sums), "{all}");
+    }
+}
