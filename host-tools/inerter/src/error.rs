@@ -63,6 +63,13 @@ pub enum Error {
     #[error("interrupted")]
     #[diagnostic(code(inerter::interrupted), help("nothing was left half done; start again when you like"))]
     Interrupted,
+    /// This machine cannot use a device that is there.
+    #[error("{} found", crate::report::plural(*problems as u64, "problem"))]
+    #[diagnostic(code(inerter::doctor), help("each one says above what to do"))]
+    Doctor {
+        /// How many.
+        problems: usize,
+    },
     /// A simulation cannot be set up.
     #[error(transparent)]
     #[diagnostic(transparent)]
@@ -103,6 +110,7 @@ impl Error {
             Self::Device(error) => error.exit_code(),
             Self::Output(error) => error.exit_code(),
             Self::Interrupted => exit::INTERRUPTED,
+            Self::Doctor { .. } => exit::NO_DEVICE,
             Self::Simulate(error) => error.exit_code(),
             Self::Fit(error) => error.exit_code(),
             Self::Image(error) => error.exit_code(),

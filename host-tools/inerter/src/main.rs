@@ -3,15 +3,19 @@
 
 mod cmd;
 
-use std::{io::IsTerminal, process::ExitCode};
+use std::{ffi::OsString, io::IsTerminal, path::PathBuf, process::ExitCode};
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
+use cmd::config::{self, ConfigError};
 use inerter::error::exit;
 
 /// Reads the effective inertance, friction and backlash of an inerter while it moves.
 #[derive(Parser)]
 #[command(name = "inerter", version, after_help = AFTER_HELP, max_term_width = 110)]
 struct Cli {
+    /// Read flags from a TOML file; without it from inerter.toml in the current folder, where there is one
+    #[arg(long, value_name = "FILE.toml", global = true, help_heading = "Other")]
+    config: Option<PathBuf>,
     #[command(subcommand)]
     command: Command,
 }
@@ -38,13 +42,15 @@ enum Command {
     Calibrate(cmd::calibrate::Args),
     Info(cmd::info::Args),
     Ports(cmd::ports::Args),
+    Doctor(cmd::doctor::Args),
     Settings(cmd::settings::Args),
     Update(cmd::update::Args),
     Flash(cmd::flash::Args),
+    Completions(cmd::completions::Args),
+    Man(cmd::completions::ManArgs),
 }
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
     let is_terminal = std::io::stderr().is_terminal();
     // Outside a terminal lines are not wrapped, so that they can be searched.
     let options = miette::MietteHandlerOpts::new()
@@ -55,6 +61,13 @@ fn main() -> ExitCode {
     let options = if is_terminal { options } else { options.color(false).width(10_000) };
     // Fails only when a hook is set already.
     miette::set_hook(Box::new(move |_| Box::new(options.clone().build()))).ok();
+    let cli = match parse() {
+        Ok(cli) => cli,
+        Err(error) => {
+            let code = error.exit_code();
+            return fail(error, code);
+        }
+    };
     let result = match cli.command {
         Command::Simulate(args) => cmd::simulate::run(&args),
         Command::Monitor(args) => cmd::monitor::run(&args),
@@ -66,9 +79,12 @@ fn main() -> ExitCode {
         Command::Calibrate(args) => cmd::calibrate::run(&args),
         Command::Info(args) => cmd::info::run(&args),
         Command::Ports(args) => cmd::ports::run(&args),
+        Command::Doctor(args) => cmd::doctor::run(&args),
         Command::Settings(args) => cmd::settings::run(&args),
         Command::Update(args) => cmd::update::run(&args),
         Command::Flash(args) => cmd::flash::run(&args),
+        Command::Completions(args) => cmd::completions::run(&args, Cli::command()),
+        Command::Man(args) => cmd::completions::man(&args, Cli::command()),
     };
     let result = result.and_then(|()| Ok(inerter::output::flush()?));
     match result {
@@ -76,10 +92,24 @@ fn main() -> ExitCode {
         Err(error) if error.is_broken_pipe() => ExitCode::from(exit::OK),
         Err(error) => {
             let code = error.exit_code();
-            eprintln!("{}", format!("{:?}", miette::Report::new(error)).trim_end());
-            ExitCode::from(code)
+            fail(error, code)
         }
     }
+}
+
+/// The command line, with what `inerter.toml` says where nothing was typed.
+fn parse() -> Result<Cli, ConfigError> {
+    let typed: Vec<OsString> = std::env::args_os().collect();
+    let words = match config::file(&typed).filter(|_| !config::is_about_the_program(&typed)) {
+        Some(path) => config::apply(&Cli::command(), &path, &typed)?,
+        None => typed,
+    };
+    Ok(Cli::parse_from(words))
+}
+
+fn fail(error: impl miette::Diagnostic + Send + Sync + 'static, code: u8) -> ExitCode {
+    eprintln!("{}", format!("{:?}", miette::Report::new(error)).trim_end());
+    ExitCode::from(code)
 }
 
 #[cfg(test)]

@@ -13,6 +13,7 @@ mod firmware;
 mod guest;
 mod icount;
 mod panics;
+mod platforms;
 mod process;
 mod setup;
 mod size;
@@ -48,6 +49,8 @@ enum Command {
     CheckArrows,
     /// Fail when the shipping image could panic inside the estimator or allocate
     CheckPanics,
+    /// Compile the host program for Windows and macOS, without running it
+    CheckPlatforms,
     /// Flash, RAM and worst stack of the image, against docs/tables/size.md
     Size(table::Options),
     /// Instructions per sample and per solve on the Cortex-M4F, against docs/tables/icount.md
@@ -75,6 +78,7 @@ fn main() -> ExitCode {
         Command::Guest(options) => guest::run(&options),
         Command::CheckArrows => arrows::run(),
         Command::CheckPanics => panics::run(),
+        Command::CheckPlatforms => platforms::run(),
         Command::Size(options) => size::run(&options),
         Command::Icount(options) => icount::run(&options),
         Command::Accuracy(options) => accuracy::table("accuracy", &options),

@@ -170,7 +170,8 @@ fn install_target() -> Result<()> {
     bail!("neither rustup nor the distribution could provide it")
 }
 
-fn rustup(arguments: &[&str]) -> Result<()> {
+/// Runs rustup, where there is one.
+pub fn rustup(arguments: &[&str]) -> Result<()> {
     if process::first_line(Command::new("rustup").arg("--version")).is_none() {
         bail!("there is no rustup on this machine");
     }

@@ -62,6 +62,11 @@ pub struct LinkArgs {
 }
 
 impl LinkArgs {
+    /// Whether a device was named.
+    pub fn is_given(&self) -> bool {
+        self.port.is_some() || self.connect.is_some() || self.serial.is_some()
+    }
+
     pub fn target(&self) -> Target {
         match (&self.port, &self.connect) {
             (Some(port), _) => Target::Port { port: port.clone(), baud: self.baud },

@@ -1,6 +1,9 @@
 //! The commands, one file each with its manual, and what they share.
 
 pub mod calibrate;
+pub mod completions;
+pub mod config;
+pub mod doctor;
 pub mod export;
 pub mod fit;
 pub mod flash;

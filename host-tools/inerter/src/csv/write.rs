@@ -5,6 +5,7 @@ use std::{io::Write, path::Path};
 use crate::{
     output::{self, OutputError},
     run::Run,
+    series::Converter,
 };
 
 /// Writes the run to a file.
@@ -23,16 +24,11 @@ pub fn write_to(run: &Run, out: &mut impl Write) -> std::io::Result<()> {
     let settings = &run.settings;
     let has_terminal = run.samples.iter().any(|sample| sample.terminal_code != 0);
     writeln!(out, "t_s,encoder_count,force_n{}", if has_terminal { ",terminal_m" } else { "" })?;
-    let (mut count, mut previous) = (0_i64, None);
-    for (elapsed, sample) in run.elapsed() {
-        count = match previous {
-            None => i64::from(sample.position_count),
-            Some(previous) => count + i64::from(sample.position_count.wrapping_sub(previous)),
-        };
-        previous = Some(sample.position_count);
-        let t_s = run.start_s + elapsed as f64 / settings.sample_rate_hz;
-        let force_n = (f64::from(sample.force_code) - settings.force_zero_code) * settings.newtons_per_code;
-        write!(out, "{t_s:?},{count},{force_n:?}")?;
+    let mut converter = Converter::new(settings);
+    for sample in &run.samples {
+        let point = converter.point(sample);
+        let t_s = run.start_s + point.elapsed as f64 / settings.sample_rate_hz;
+        write!(out, "{t_s:?},{},{:?}", point.count, point.force_n)?;
         if has_terminal {
             write!(out, ",{:?}", f64::from(sample.terminal_code) * settings.metres_per_terminal_code)?;
         }

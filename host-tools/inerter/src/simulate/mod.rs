@@ -17,7 +17,7 @@ use inerter_plant::{Excitation, Parameters, Plant, PlantError, Sample, Sensors, 
 use miette::Diagnostic;
 
 pub use device::{Endpoint, VirtualDevice};
-pub use qemu::{END_OF_SAMPLES, Qemu, find_image, sample_bytes};
+pub use qemu::{END_OF_SAMPLES, Qemu, find_image, qemu_version, sample_bytes};
 
 use crate::{
     error::exit,

@@ -1,7 +1,6 @@
 //! The far end of the link: a TCP port or pseudo-terminal behind which a simulated device sits. Never blocks.
 
 use std::{
-    fs::File,
     io::{self, Read, Write},
     net::{TcpListener, TcpStream},
 };
@@ -21,7 +20,7 @@ pub enum Port {
     #[cfg(unix)]
     Pty {
         /// The device's side.
-        master: File,
+        master: std::fs::File,
     },
 }
 
@@ -57,7 +56,7 @@ impl Port {
         termios::tcsetattr(&host, termios::OptionalActions::Now, &settings).map_err(failed)?;
         let before = fs::fcntl_getfl(&master).map_err(failed)?;
         fs::fcntl_setfl(&master, before | fs::OFlags::NONBLOCK).map_err(failed)?;
-        Ok((Self::Pty { master: File::from(master) }, name))
+        Ok((Self::Pty { master: std::fs::File::from(master) }, name))
     }
 
     /// Reads what is there; `WouldBlock` when nothing is, `NotConnected` when nobody is.

@@ -50,6 +50,12 @@ pub fn find_image(given: Option<&Path>) -> Result<PathBuf, SimulateError> {
     here.ancestors().map(|folder| folder.join(IMAGE_PATH)).find(|path| path.is_file()).ok_or(SimulateError::NoImage)
 }
 
+/// What the installed QEMU calls itself; `None` where there is none.
+pub fn qemu_version() -> Option<String> {
+    let output = std::process::Command::new(QEMU).arg("--version").output().ok()?;
+    String::from_utf8_lossy(&output.stdout).lines().next().map(str::to_string)
+}
+
 /// QEMU with the image, until it is dropped.
 pub struct Qemu {
     child: Child,

@@ -192,7 +192,7 @@ fn no_dfu_help(others: &[String]) -> String {
 
 fn permission_help() -> String {
     if cfg!(target_os = "linux") {
-        udev_help("0483", "df11")
+        format!("allow it once: {}; then run the same command again", crate::doctor::install_rule())
     } else {
         "run it as a user who may use USB devices; nothing was changed, reset brings the firmware back".into()
     }

@@ -30,6 +30,25 @@ fn found() -> Result<Vec<nusb::DeviceInfo>, UpdateError> {
     Ok(devices.filter(|device| (device.vendor_id(), device.product_id()) == (ST_VID, DFU_PID)).collect())
 }
 
+/// Whether a device in update mode may be opened; nothing is sent to it.
+pub fn may_open(device: &DfuDevice) -> Result<(), UpdateError> {
+    opened(device).map(drop)
+}
+
+fn opened(device: &DfuDevice) -> Result<nusb::Device, UpdateError> {
+    let info = found()?.into_iter().find(|info| info.serial_number().unwrap_or_default() == device.serial);
+    let gone = || UpdateError::Open { serial: device.serial.clone(), reason: "it went away".into() };
+    info.ok_or_else(gone)?.open().wait().map_err(|error| refused(device, &error))
+}
+
+fn refused(device: &DfuDevice, error: &nusb::Error) -> UpdateError {
+    let serial = device.serial.clone();
+    match error.kind() {
+        ErrorKind::PermissionDenied => UpdateError::Permission { serial },
+        _ => UpdateError::Open { serial, reason: error.to_string() },
+    }
+}
+
 impl From<&nusb::DeviceInfo> for DfuDevice {
     fn from(info: &nusb::DeviceInfo) -> Self {
         Self {
@@ -95,16 +114,9 @@ impl Machine for ThisMachine {
     }
 
     fn open(&mut self, device: &DfuDevice) -> Result<DfuNusb, UpdateError> {
-        let serial = || device.serial.clone();
-        let failed = |reason: String| UpdateError::Open { serial: serial(), reason };
-        let refused = |error: nusb::Error| match error.kind() {
-            ErrorKind::PermissionDenied => UpdateError::Permission { serial: serial() },
-            _ => failed(error.to_string()),
-        };
-        let info = found()?.into_iter().find(|info| info.serial_number().unwrap_or_default() == device.serial);
-        let info = info.ok_or_else(|| failed("it went away".into()))?;
-        let opened = info.open().wait().map_err(refused)?;
-        let interface = opened.claim_interface(INTERFACE).wait().map_err(refused)?;
+        let failed = |reason: String| UpdateError::Open { serial: device.serial.clone(), reason };
+        let opened = opened(device)?;
+        let interface = opened.claim_interface(INTERFACE).wait().map_err(|error| refused(device, &error))?;
         let runtime = tokio::runtime::Builder::new_current_thread().build();
         let runtime = runtime.map_err(|error| failed(error.to_string()))?;
         runtime.block_on(DfuNusb::open(opened, interface, FLASH_SETTING)).map_err(|error| failed(error.to_string()))

@@ -15,7 +15,7 @@ use inerter_wire::Hello;
 
 pub use dfuse::Stage;
 pub use error::{BY_HAND, UpdateError, udev_help};
-pub use machine::{ThisMachine, list};
+pub use machine::{ThisMachine, list, may_open};
 
 use crate::{
     error::Error,

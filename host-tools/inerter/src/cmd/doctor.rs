@@ -1,0 +1,70 @@
+//! `inerter doctor`: why a device cannot be used on this machine.
+
+use inerter::{
+    Error,
+    doctor::{Check, Condition, examine, udev_rule},
+    output,
+    report::json_line,
+};
+use serde::Serialize;
+
+use super::{args::LinkArgs, config, terminal::note};
+
+/// Look for what keeps this machine from using a device.
+///
+/// Ports and why one cannot be opened, udev rule, versions and whether they go together, what `inerter.toml` is in use.
+/// Changes nothing. Ends with code 5 when a device is there that cannot be used. With --json one object a line:
+/// {"kind":"check","topic":..,"condition":"good"|"warning"|"problem","text":..,"advice":..}
+#[derive(clap::Args)]
+pub struct Args {
+    #[command(flatten)]
+    link: LinkArgs,
+    /// Print the udev rule for Linux, to be put into /etc/udev/rules.d
+    #[arg(long)]
+    udev_rule: bool,
+    /// Print JSON, one object a line
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Serialize)]
+struct CheckJson<'a> {
+    kind: &'static str,
+    #[serde(flatten)]
+    check: &'a Check,
+}
+
+pub fn run(args: &Args) -> Result<(), Error> {
+    if args.udev_rule {
+        return Ok(output::text(udev_rule())?);
+    }
+    let target = args.link.is_given().then(|| args.link.target());
+    let mut checks = examine(target.as_ref());
+    let typed: Vec<_> = std::env::args_os().collect();
+    if let Some(file) = config::file(&typed) {
+        checks.push(Check::good("flags", format!("taken from {}", file.display())));
+    }
+    for check in &checks {
+        if args.json {
+            output::line(json_line(&CheckJson { kind: "check", check }))?;
+            continue;
+        }
+        let mark = match check.condition {
+            Condition::Good => "ok     ",
+            Condition::Warning => "note   ",
+            Condition::Problem => "PROBLEM",
+        };
+        output::line(format!("{mark} {}: {}", check.topic, check.text))?;
+        if let Some(advice) = &check.advice {
+            output::line(format!("        {advice}"))?;
+        }
+    }
+    let problems = checks.iter().filter(|check| check.condition == Condition::Problem).count();
+    if problems == 0 {
+        if !args.json {
+            note("nothing keeps this machine from using a device");
+        }
+        return Ok(());
+    }
+    Err(Error::Doctor { problems })
+}

@@ -1,0 +1,249 @@
+//! What stands between this machine and a device: ports that cannot be opened, rules that are missing, versions.
+
+use std::{fs, path::Path};
+
+use inerter_wire::WIRE_VERSION;
+use miette::Diagnostic;
+use serde::Serialize;
+
+use crate::{
+    board::{ST_VID, USB_PID, USB_VID},
+    device::{self, Clock, Device, DeviceError, Target},
+    simulate, update,
+};
+
+/// Where udev looks for rules.
+const RULES: [&str; 4] = ["/etc/udev/rules.d", "/run/udev/rules.d", "/usr/lib/udev/rules.d", "/lib/udev/rules.d"];
+/// Our rule's place.
+const RULE_FILE: &str = "/etc/udev/rules.d/70-inerter.rules";
+
+/// How something is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Condition {
+    /// As it should be.
+    Good,
+    /// Not needed now, or only for some work.
+    Warning,
+    /// A device cannot be used like this.
+    Problem,
+}
+
+/// One thing that was looked at.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Check {
+    /// What was looked at.
+    pub topic: &'static str,
+    /// How it is.
+    pub condition: Condition,
+    /// What was found.
+    pub text: String,
+    /// What to do, where something is to be done.
+    pub advice: Option<String>,
+}
+
+impl Check {
+    /// Something that is as it should be.
+    pub fn good(topic: &'static str, text: impl Into<String>) -> Self {
+        Self { topic, condition: Condition::Good, text: text.into(), advice: None }
+    }
+
+    fn warning(topic: &'static str, text: impl Into<String>, advice: impl Into<String>) -> Self {
+        Self { topic, condition: Condition::Warning, text: text.into(), advice: Some(advice.into()) }
+    }
+
+    fn of(topic: &'static str, error: &impl Diagnostic) -> Self {
+        let advice = error.help().map(|help| help.to_string());
+        Self { topic, condition: Condition::Problem, text: error.to_string(), advice }
+    }
+}
+
+/// Looks at everything; the devices that are plugged in, or `target` alone, are asked who they are.
+pub fn examine(target: Option<&Target>) -> Vec<Check> {
+    let version = format!("inerter {}, wire version {WIRE_VERSION}", env!("CARGO_PKG_VERSION"));
+    let mut checks = vec![Check::good("program", version)];
+    match target {
+        Some(target) => checks.push(asked(target)),
+        None => checks.extend(plugged_in()),
+    }
+    checks.extend(waiting());
+    if cfg!(target_os = "linux") {
+        checks.push(rule(&RULES.map(Path::new)));
+        checks.extend(modem_manager(Path::new("/proc")));
+    }
+    checks.push(match simulate::qemu_version() {
+        Some(version) => Check::good("simulation", version),
+        None => Check::warning(
+            "simulation",
+            "qemu-system-arm is not installed; only `inerter simulate --qemu` needs it",
+            "install Debian's qemu-system-arm, or the package of that name elsewhere",
+        ),
+    });
+    checks
+}
+
+/// Every device that is ours, or else what ports there are.
+fn plugged_in() -> Vec<Check> {
+    let ports = device::list();
+    let ours: Vec<Check> = ports
+        .iter()
+        .filter(|port| port.inerter)
+        .map(|port| asked(&Target::Port { port: port.port.clone(), baud: device::DEFAULT_BAUD }))
+        .collect();
+    if !ours.is_empty() {
+        return ours;
+    }
+    let links: Vec<&str> = ports.iter().filter(|port| port.stlink).map(|port| port.port.as_str()).collect();
+    let (text, advice) = match links.first() {
+        Some(link) => (
+            format!("no inerter over USB; an ST-Link is at {}", links.join(", ")),
+            format!("a NUCLEO's UART comes through it: inerter doctor --port {link}"),
+        ),
+        None => (
+            format!("no inerter among {}", crate::report::plural(ports.len() as u64, "serial port")),
+            "plug the board's own USB connector in; a charging cable without data lines does not do".to_string(),
+        ),
+    };
+    vec![Check::warning("device", text, advice)]
+}
+
+/// Who answers there.
+fn asked(target: &Target) -> Check {
+    match Device::connect(target, Clock::new()) {
+        Ok(device) => {
+            let hello = device.hello();
+            let text = format!(
+                "{} (serial {}) at {}: {}, wire version {}, {} Hz",
+                hello.board,
+                hello.serial,
+                device.name(),
+                hello.firmware,
+                hello.wire_version,
+                hello.sample_rate_hz
+            );
+            Check::good("device", text)
+        }
+        Err(error @ DeviceError::Permission { .. }) => {
+            let check = Check::of("device", &error);
+            Check {
+                advice: check.advice.map(|advice| format!("{advice}; or install the rule: {}", install_rule())),
+                ..check
+            }
+        }
+        Err(error) => Check::of("device", &error),
+    }
+}
+
+/// Devices in update mode, and whether they may be opened.
+fn waiting() -> Vec<Check> {
+    let devices = match update::list() {
+        Ok(devices) => devices,
+        Err(error) => {
+            let check = Check::of("update mode", &error);
+            return vec![Check { condition: Condition::Warning, ..check }];
+        }
+    };
+    let check = |device: &update::DfuDevice| match update::may_open(device) {
+        Ok(()) => Check::warning(
+            "update mode",
+            format!("a device (serial {}) waits for firmware", device.serial),
+            "give it some with `inerter update FILE`, or reset it",
+        ),
+        Err(error) => Check::of("update mode", &error),
+    };
+    devices.iter().map(check).collect()
+}
+
+/// The udev rule that lets whoever sits at the machine use a device, and keeps others off its port.
+pub fn udev_rule() -> String {
+    format!(
+        "# Instrumented inerter: its serial port, which is no modem, its update mode and ST-Links.\n\
+         SUBSYSTEM==\"tty\", ATTRS{{idVendor}}==\"{USB_VID:04x}\", ATTRS{{idProduct}}==\"{USB_PID:04x}\", MODE=\"0660\", \
+         GROUP=\"dialout\", TAG+=\"uaccess\", ENV{{ID_MM_DEVICE_IGNORE}}=\"1\"\n\
+         SUBSYSTEM==\"usb\", ATTR{{idVendor}}==\"{ST_VID:04x}\", MODE=\"0660\", \
+         GROUP=\"plugdev\", TAG+=\"uaccess\"\n"
+    )
+}
+
+/// How our udev rule is installed.
+pub fn install_rule() -> String {
+    format!(
+        "inerter doctor --udev-rule | sudo tee {RULE_FILE} && sudo udevadm control --reload && sudo udevadm trigger"
+    )
+}
+
+fn rule(folders: &[&Path]) -> Check {
+    let needed = [format!("{USB_VID:04x}"), format!("{ST_VID:04x}")];
+    let files = folders.iter().filter_map(|folder| fs::read_dir(folder).ok()).flatten().flatten();
+    let found = files
+        .filter_map(|file| Some((file.path(), fs::read_to_string(file.path()).ok()?)))
+        .find(|(_, text)| needed.iter().all(|number| text.to_lowercase().contains(number)));
+    match found {
+        Some((path, _)) => Check::good("udev rule", path.display().to_string()),
+        None => Check::warning(
+            "udev rule",
+            "none for the inerter: updating needs one, and ModemManager may hold a port that was just plugged in",
+            install_rule(),
+        ),
+    }
+}
+
+/// ModemManager asks every new port whether it is a modem.
+fn modem_manager(proc: &Path) -> Option<Check> {
+    let runs = fs::read_dir(proc)
+        .ok()?
+        .flatten()
+        .any(|process| fs::read_to_string(process.path().join("comm")).is_ok_and(|name| name.trim() == "ModemManager"));
+    runs.then(|| {
+        Check::warning(
+            "ModemManager",
+            "runs, and opens each new serial port for some seconds unless a rule says that it is no modem",
+            "the udev rule above says so",
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rule_is_found_by_what_it_says() {
+        let folder = tempfile::tempdir().unwrap();
+        let missing = folder.path().join("none");
+        fs::write(folder.path().join("60-other.rules"), "ATTRS{idVendor}==\"0483\", ATTRS{idProduct}==\"df11\"\n")
+            .unwrap();
+        let check = rule(&[&missing, folder.path()]);
+        assert_eq!(check.condition, Condition::Warning);
+        assert!(check.advice.unwrap().contains("inerter doctor --udev-rule | sudo tee"));
+        fs::write(folder.path().join("70-mine.rules"), udev_rule()).unwrap();
+        let check = rule(&[&missing, folder.path()]);
+        assert_eq!(check.condition, Condition::Good);
+        assert!(check.text.ends_with("70-mine.rules"));
+    }
+
+    #[test]
+    fn the_rule_names_both_devices() {
+        let rule = udev_rule();
+        assert!(rule.contains("\"1209\"") && rule.contains("\"0001\"") && rule.contains("\"0483\""));
+        assert_eq!(rule.lines().count(), 3);
+    }
+
+    #[test]
+    fn modem_manager_is_seen_among_the_processes() {
+        let proc = tempfile::tempdir().unwrap();
+        fs::create_dir(proc.path().join("17")).unwrap();
+        fs::write(proc.path().join("17/comm"), "bash\n").unwrap();
+        assert_eq!(modem_manager(proc.path()), None);
+        fs::create_dir(proc.path().join("18")).unwrap();
+        fs::write(proc.path().join("18/comm"), "ModemManager\n").unwrap();
+        assert_eq!(modem_manager(proc.path()).unwrap().condition, Condition::Warning);
+    }
+
+    #[test]
+    fn a_port_that_is_not_there_is_a_problem_with_advice() {
+        let check = asked(&Target::Port { port: "/dev/no-such-port".into(), baud: 9600 });
+        assert_eq!(check.condition, Condition::Problem);
+        assert!(check.text.contains("/dev/no-such-port") && check.advice.is_some());
+    }
+}
