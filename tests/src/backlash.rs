@@ -33,6 +33,8 @@ pub struct Run {
     pub sensed: Detail,
     /// Reversals as they came, by the force.
     pub gaps: Vec<Gap>,
+    /// The same with the sensor.
+    pub sensed_gaps: Vec<Gap>,
 }
 
 /// Instruments of the grid with a terminal sensor: 0.1 um per code, 1 um rms.
@@ -60,14 +62,15 @@ pub fn run(device: &Device, motion: &str, duration_s: f64, rig: &Rig, seed: u64)
     let with_sensor = Settings { terminal_sensor: 1.0, stiffness_n_per_m: 0.0, ..settings }.validate()?;
     let mut state = Box::new(State::new(&active));
     let mut sensing = Box::new(State::new(&with_sensor));
-    let mut gaps = Vec::new();
+    let (mut gaps, mut sensed_gaps) = (Vec::new(), Vec::new());
     for sample in simulation.lasting(duration_s) {
         let raw = raw(&sample);
         active.step(&mut state, &raw);
         with_sensor.step(&mut sensing, &raw);
         gaps.extend(state.take_gap());
+        sensed_gaps.extend(sensing.take_gap());
     }
-    Ok(Run { force: active.detail(&state), sensed: with_sensor.detail(&sensing), gaps })
+    Ok(Run { force: active.detail(&state), sensed: with_sensor.detail(&sensing), gaps, sensed_gaps })
 }
 
 /// One column of a cell.

@@ -1,8 +1,8 @@
 //! Backlash by either route: right where it is given, and refused with the right reason where it cannot be.
 
 use inerter_core::{BacklashStatus, Contact, Detail, Gap, RawSample, Reason, Route, Settings, State, Status};
-use inerter_plant::{Excitation, Parameters as Device, Sensors, Simulation};
-use inerter_tests::backlash::{cell, goal, instruments, run, sensed_goal, settings};
+use inerter_plant::{Contact as Flanks, Excitation, Parameters as Device, Sensors, Simulation};
+use inerter_tests::backlash::{Run, cell, goal, instruments, run, sensed_goal, settings};
 use inerter_tests::grid::{MOTIONS, RIGS, Rig, raw};
 
 const RIG: Rig = RIGS[0];
@@ -92,15 +92,60 @@ fn each_reversal_tells_its_own_gap_and_error() {
     assert!(rising.abs_diff(gaps.len() / 2) < gaps.len() / 10, "{rising} of {}", gaps.len());
 }
 
-/// The middle of each flight, as told, lies in the flight.
+/// With the sensor, the records scatter by the error that they state, and their mean is what all blocks say together.
+#[test]
+fn each_reversal_tells_its_own_gap_with_the_sensor() {
+    for (motion, at_least) in [("mid", 120), ("fast", 600), ("random", 400)] {
+        for (rig, backlash_m) in RIGS.iter().flat_map(|rig| [0.0, 50e-6, 200e-6].map(|gap_m| (rig, gap_m))) {
+            let Run { sensed, sensed_gaps, .. } = run(&worn(backlash_m), motion, 20.0, rig, 3).unwrap();
+            let count = sensed_gaps.len() as f64;
+            let mean = sensed_gaps.iter().map(|gap| f64::from(gap.value_m)).sum::<f64>() / count;
+            let normalised = |gap: &Gap| ((f64::from(gap.value_m) - mean) / f64::from(gap.error_m)).powi(2);
+            let ratio = (sensed_gaps.iter().map(normalised).sum::<f64>() / count).sqrt();
+            let pooled = sensed.backlash;
+            let place = format!("{motion}, {}, {backlash_m}: {mean} {ratio} {count} {pooled:?}", rig.name);
+            assert!(sensed_gaps.len() > at_least, "{place}");
+            assert!((0.5..2.0).contains(&ratio), "{place}");
+            assert!((mean - f64::from(pooled.value_m)).abs() < f64::from(pooled.u95_m) / 2.0, "{place}");
+            assert!(sensed_gaps.windows(2).all(|pair| pair[0].index < pair[1].index), "{place}");
+            assert!(sensed_gaps.iter().all(|gap| gap.route == Route::Terminal), "{place}");
+            let rising = sensed_gaps.iter().filter(|gap| gap.rising).count();
+            assert!(rising.abs_diff(sensed_gaps.len() / 2) <= 1, "{place}: {rising}");
+        }
+    }
+}
+
+/// A single one that differs is seen as such: the gap of each is its own.
+#[test]
+fn a_gap_that_grows_on_the_way_grows_in_the_records() {
+    let sensors = instruments(&RIG, 3);
+    let worn_settings = sensing(&settings(&worn(50e-6), &sensors));
+    let halves = [50e-6, 60e-6].map(|gap_m| shaken(&worn(gap_m), "random@10s;hold@1s", 11.0, &sensors));
+    let [first, second] = halves;
+    let moved = second.into_iter().map(|sample| RawSample { index: sample.index + 20_000, ..sample });
+    let (_, gaps) = listen(&worn_settings, first.into_iter().chain(moved));
+    let mean = |later: bool| {
+        let of = gaps.iter().filter(|gap| gap.route == Route::Terminal && (gap.index > 15_000) == later);
+        let (sum, count) = of.fold((0.0, 0.0), |(sum, count), gap| (sum + f64::from(gap.value_m), count + 1.0));
+        assert!(count > 150.0, "{count}");
+        sum / count
+    };
+    let grown = mean(true) - mean(false);
+    assert!((grown - 10e-6).abs() < 0.5e-6, "{grown}");
+}
+
+/// The middle of each flight, as told, lies in the flight: by the force, and with the sensor to half a block.
 #[test]
 fn reversals_are_where_the_flanks_part() {
     let device = worn(200e-6);
     let sensors = instruments(&RIG, 5);
     let excitation = Excitation::parse("mid", 5).unwrap();
     let samples: Vec<_> = Simulation::new(device, excitation, sensors).unwrap().lasting(10.0).collect();
-    let (_, gaps) = listen(&settings(&device, &sensors), samples.iter().map(raw));
-    assert!(gaps.len() > 40, "{}", gaps.len());
+    let (_, gaps) = listen(&sensing(&settings(&device, &sensors)), samples.iter().map(raw));
+    for route in [Route::Force, Route::Terminal] {
+        let count = gaps.iter().filter(|gap| gap.route == route).count();
+        assert!(count > 40, "{route:?}: {count}");
+    }
     for gap in gaps {
         let at = gap.index as usize;
         let near = &samples[at - 4..at + 5];
@@ -216,14 +261,97 @@ fn what_is_missing_is_named() {
     assert_eq!(reason(&detail), Some(Reason::FlankTooShort), "{detail:?}");
 }
 
-/// Flanks that meet again and again are seen, and do not make a number.
+/// Flanks that meet again and again are seen, as often as the plant lets them, and do not make a number; a landing that
+/// rings and holds is none of them.
 #[test]
-fn bounces_are_recognised() {
-    let device = Device { inertance_kg: 60.0, backlash_m: 20e-6, ..Device::paper() };
-    let sensors = instruments(&RIG, 1);
-    let (detail, _) = listen(&settings(&device, &sensors), shaken(&device, "mid", 20.0, &sensors));
-    assert_eq!(detail.contact, Contact::Bouncing, "{detail:?}");
-    assert!(reason(&detail).is_some(), "{detail:?}");
+fn bounces_are_those_of_the_plant() {
+    // At each turn of the shaker one landing is a reversal, more are bounces.
+    const TURNS: usize = 2 * 64;
+    for (inertance_kg, backlash_um, bounces) in [
+        (299.4906, 50.0, false),
+        (150.0, 50.0, false),
+        (100.0, 50.0, false),
+        (80.0, 20.0, false),
+        (60.0, 50.0, false),
+        (60.0, 20.0, false),
+        (100.0, 20.0, true),
+        (60.0, 5.0, true),
+    ] {
+        let device = Device { inertance_kg, backlash_m: backlash_um * 1e-6, ..Device::paper() };
+        let sensors = instruments(&RIG, 1);
+        let fine = Sensors { sample_rate_hz: 16_000.0, ..sensors };
+        let excitation = Excitation::parse("mid", 1).unwrap();
+        let touches: Vec<bool> = Simulation::new(device, excitation, fine)
+            .unwrap()
+            .lasting(20.0)
+            .map(|sample| sample.truth.contact != Flanks::Flight)
+            .collect();
+        let landings = touches.windows(2).filter(|pair| !pair[0] && pair[1]).count();
+        let (detail, gaps) = listen(&settings(&device, &sensors), shaken(&device, "mid", 20.0, &sensors));
+        let place =
+            format!("{inertance_kg} kg, {backlash_um} um: {landings} landings, {} records {detail:?}", gaps.len());
+        assert_eq!(landings > 3 * TURNS / 2, bounces, "{place}");
+        assert_eq!(detail.contact == Contact::Bouncing, bounces, "{place}");
+        if bounces {
+            assert!(gaps.len() < TURNS / 10, "{place}");
+        } else if inertance_kg >= 100.0 {
+            // Lighter ones ring until their flanks are too short.
+            assert!(gaps.len() > TURNS * 9 / 10, "{place}");
+        }
+        assert!(reason(&detail).is_some() || covers(&detail, device.backlash_m), "{place}");
+    }
+}
+
+/// A heavy structure on the load cell does not pass for a flank while the terminal flies.
+#[test]
+fn a_heavy_structure_is_no_flank() {
+    for part in [0.1, 0.2, 0.3] {
+        let device = Device {
+            inertance_kg: 100.0,
+            stiffness_n_per_m: 5e6,
+            contact_damping_n_s_per_m: 2850.0,
+            structure_mass_kg: part * 100.0,
+            backlash_m: 200e-6,
+            ..Device::paper()
+        };
+        let sensors = instruments(&RIG, 1);
+        for motion in ["fast", "multi", "random", "two"] {
+            let samples = shaken(&device, motion, 20.0, &sensors);
+            let plain = settings(&device, &sensors);
+            let unknown = Settings { stiffness_n_per_m: 0.0, ..sensing(&plain) };
+            let (sensed, _) = listen(&unknown, samples.iter().copied());
+            assert!(covers(&sensed, 200e-6), "{part} {motion}: {sensed:?}");
+            let stiffness = f64::from(sensed.stiffness_n_per_m.value) / device.stiffness_n_per_m;
+            assert!((stiffness - 1.0).abs() < 5e-3, "{part} {motion}: {stiffness}");
+            // By the force alone there is a true value or none.
+            let (by_force, _) = listen(&plain, samples);
+            let error = f64::from(by_force.backlash.value_m) - 200e-6;
+            let holds = reason(&by_force).is_some() || error.abs() < f64::from(by_force.backlash.u95_m);
+            assert!(holds, "{part} {motion}: {by_force:?}");
+        }
+    }
+}
+
+/// A damping that is a fifth wrong moves the gap by less than the interval has room for.
+#[test]
+fn a_wrong_damping_moves_little() {
+    let device = worn(100e-6);
+    for motion in ["fast", "multi", "random"] {
+        let mut moved = 0.0;
+        for seed in 1..=4 {
+            let sensors = instruments(&RIG, seed);
+            let samples = shaken(&device, motion, 20.0, &sensors);
+            let [less, more] = [0.8, 1.2].map(|factor| {
+                let damping = factor * device.contact_damping_n_s_per_m;
+                let wrong = Settings { contact_damping_n_s_per_m: damping, ..settings(&device, &sensors) };
+                let (detail, _) = listen(&wrong, samples.iter().copied());
+                assert!(covers(&detail, 100e-6), "{motion} {factor}: {detail:?}");
+                detail.backlash.value_m
+            });
+            moved += f64::from(less - more) / 8.0;
+        }
+        assert!(moved.abs() < 0.5e-6, "{motion}: {moved}");
+    }
 }
 
 /// A stiffness that is wrong by its uncertainty moves the gap by no more than the interval says.

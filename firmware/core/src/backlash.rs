@@ -25,6 +25,7 @@ use crate::detail::Gap;
 use flanks::{Flanks, Touch};
 use octaves::Octaves;
 use pool::Pool;
+use report::Law;
 use step::Fit;
 use terminal::Terminal;
 
@@ -83,6 +84,8 @@ pub(crate) struct Gaps {
     octaves: Octaves,
     pool: Pool,
     terminal: Terminal,
+    /// Of the contact, by the terminal's sensor.
+    law: Law,
     counts: Counts,
     /// Side and length [samples] of the firm stretch that goes on or, in flight, that has ended.
     side: i8,
@@ -109,6 +112,7 @@ impl Gaps {
             octaves: Octaves::new(),
             pool: Pool::new(),
             terminal: Terminal::new(),
+            law: Law::UNKNOWN,
             counts: Counts::NONE,
             side: 0,
             length: 0,
@@ -121,16 +125,17 @@ impl Gaps {
 
     /// Forgets everything, in place.
     pub(crate) fn reset(&mut self) {
-        let Self { flanks, octaves, pool, terminal, counts, side, length, flight, landings, pending, best } = self;
+        let Self { flanks, octaves, pool, terminal, law, counts, side, length, flight, landings, pending, best } = self;
         *flanks = Flanks::new();
         octaves.reset();
         pool.reset();
         terminal.reset();
+        *law = Law::UNKNOWN;
         *counts = Counts::NONE;
         (*side, *length, *flight, *landings, *pending, *best) = (0, 0, 0, 0, None, None);
     }
 
-    /// Takes the next sample; gives a reversal once both its flanks are known.
+    /// Takes the next sample; gives a reversal once both its flanks are known, by either route.
     pub(crate) fn push(&mut self, active: &BacklashActive, sample: &Newest) -> Option<Gap> {
         if sample.broken {
             // Windows reach back to the start of a flank, so that none spans what is missing.
@@ -144,7 +149,10 @@ impl Gaps {
         if active.terminal.present {
             self.terminal.push(&active.terminal, &touch, sample);
         }
-        let Concluded { fit, flight } = self.follow(active, &touch)?;
+        let Some(Concluded { fit, flight }) = self.follow(active, &touch) else {
+            // A sample tells of one reversal: the sensor's waits for the force's.
+            return if self.terminal.waits { self.sensed(active) } else { None };
+        };
         let since = self.length.wrapping_add(flight / 2).wrapping_add(u32::from(active.flanks.guard));
         self.pool.take(&fit).then(|| active.gap(&fit, self.side > 0, sample.index.wrapping_sub(since)))
     }
@@ -201,6 +209,9 @@ impl Gaps {
                 self.pending = Some(Pending { flight: self.flight, next, last });
                 self.best = None;
             }
+        } else if self.side == side && self.landings > 0 && self.length < active.least_flank {
+            // The flank was but the first touch of a reversal.
+            self.counts.bouncing = self.counts.bouncing.saturating_add(1);
         }
         (self.side, self.length, self.flight) = (side, 1, 0);
     }

@@ -138,7 +138,7 @@ pub struct Gap {
     pub index: u32,
     /// Total backlash by this reversal alone \[m\].
     pub value_m: f32,
-    /// Its standard error by the noise of its own flanks \[m\].
+    /// Its standard error \[m\]: by the noise of its own flanks; with the sensor also by encoder steps and the contact's law.
     pub error_m: f32,
     /// Where it comes from.
     pub route: Route,

@@ -21,7 +21,7 @@ use core::hint::black_box;
 use cortex_m::peripheral::SYST;
 use cortex_m::peripheral::syst::SystClkSource;
 use inerter_app::App;
-use inerter_core::{Active, RawSample, Settings, State};
+use inerter_core::{Active, RawSample, Route, Settings, State};
 
 /// Width of SysTick's counter.
 const COUNTER_MASK: u32 = 0x00FF_FFFF;
@@ -201,7 +201,7 @@ fn measure(meter: &Meter, active: &Active, state: &mut State, rate_hz: u32) -> R
         } else {
             result.step.add(instructions);
         }
-        result.gaps += u32::from(state.take_gap().is_some());
+        result.gaps += u32::from(state.take_gap().is_some_and(|gap| gap.route == Route::Force));
     }
     result
 }

@@ -6,8 +6,9 @@
 use miette::Diagnostic;
 
 use crate::{
-    csv::CsvError, device::DeviceError, fit::FitError, flash::FlashError, image::ImageError, output::OutputError,
-    recording::RecordingError, settings::SettingsInputError, simulate::SimulateError, update::UpdateError,
+    contact::ContactError, csv::CsvError, device::DeviceError, fit::FitError, flash::FlashError, image::ImageError,
+    output::OutputError, recording::RecordingError, settings::SettingsInputError, simulate::SimulateError,
+    update::UpdateError,
 };
 
 /// Exit codes, a public contract described in `docs/CLI.md`.
@@ -78,6 +79,10 @@ pub enum Error {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Fit(#[from] FitError),
+    /// There is no stiffness to be had.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Contact(#[from] ContactError),
     /// A file is no firmware for the board.
     #[error(transparent)]
     #[diagnostic(transparent)]
@@ -113,6 +118,7 @@ impl Error {
             Self::Doctor { .. } => exit::NO_DEVICE,
             Self::Simulate(error) => error.exit_code(),
             Self::Fit(error) => error.exit_code(),
+            Self::Contact(error) => error.exit_code(),
             Self::Image(error) => error.exit_code(),
             Self::Update(error) => error.exit_code(),
             Self::Flash(error) => error.exit_code(),

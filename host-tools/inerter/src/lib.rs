@@ -14,6 +14,7 @@
 use critical_section as _;
 
 pub mod board;
+pub mod contact;
 pub mod csv;
 pub mod detail;
 pub mod device;

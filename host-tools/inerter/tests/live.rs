@@ -127,6 +127,26 @@ fn a_skew_is_found_on_a_device_and_kept_there() {
     assert!(words.contains("nothing to change: the skew in use is known as well"), "{words}");
 }
 
+#[test]
+fn a_stiffness_is_found_on_a_device_and_kept_there() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut setup = setup("random");
+    setup.settings.terminal_sensor = 1.0;
+    setup.settings.stiffness_n_per_m = 0.0;
+    let device = VirtualDevice::start(&setup, &any_port(), 10.0).unwrap();
+    let link = ["--connect", device.name()];
+    let calibrate = ["calibrate", "stiffness", "--duration", "2", "--json", "--write"];
+    let found = last(&done(folder.path(), &[&calibrate[..], &link].concat()));
+    assert_eq!(found.get("written").unwrap(), true);
+    let number = |of: &serde_json::Value, path: &str| of.pointer(path).unwrap().as_f64().unwrap();
+    let error = number(&found, "/stiffness_n_per_m") - Parameters::paper().stiffness_n_per_m;
+    assert!(error.abs() < number(&found, "/stiffness_u95_n_per_m"), "{found}");
+    let settings = last(&done(folder.path(), &[&["settings", "get", "--json"], &link[..]].concat()));
+    for name in ["stiffness_n_per_m", "stiffness_u95_n_per_m", "contact_damping_n_s_per_m"] {
+        assert_eq!(number(&settings, &format!("/settings/{name}")), number(&found, &format!("/{name}")), "{name}");
+    }
+}
+
 #[cfg(unix)]
 #[test]
 fn a_port_that_vanishes_while_recording_leaves_a_recording() {

@@ -206,6 +206,45 @@ fn a_motion_that_shows_no_skew_is_refused_with_its_own_code() {
 }
 
 #[test]
+fn a_stiffness_found_with_the_sensor_lets_the_force_find_the_backlash_without() {
+    let folder = tempfile::tempdir().unwrap();
+    let worn = ["--preset", "worn", "--excite", "random", "--duration", "20"];
+    simulate(folder.path(), &[&worn[..], &["--set", "terminal_sensor=1", "--set", "stiffness_n_per_m=0"]].concat());
+    let calibrate = ["calibrate", "stiffness", "run.mcap"];
+    let found = last(&done(folder.path(), &[&calibrate[..], &["--json"]].concat()));
+    let number = |key: &str| found.pointer(key).unwrap().as_f64().unwrap();
+    assert!((number("/stiffness_n_per_m") - 2.1e6).abs() < number("/stiffness_u95_n_per_m"), "{found}");
+    assert!(number("/stiffness_u95_n_per_m") < 5e4, "{found}");
+    let damping = number("/contact_damping_n_s_per_m") - 1200.0;
+    assert!(damping.abs() < number("/found_contact_damping_n_s_per_m/u95"), "{found}");
+    assert_eq!([found.get("better").unwrap(), found.get("written").unwrap()], [true, false]);
+    let words = done(folder.path(), &calibrate);
+    let settings: Vec<&str> =
+        words.lines().find_map(|line| line.strip_prefix("use it with: ")).unwrap().split(' ').collect();
+    let without = ["replay", "run.mcap", "--json", "--set", "terminal_sensor=0"];
+    let backlash = |more: &[&str]| last(&done(folder.path(), &[&without[..], more].concat()));
+    assert_eq!(backlash(&[]).pointer("/backlash_m/reason").unwrap(), "stiffness_unknown");
+    let by_force = backlash(&settings);
+    let [value, u95] = ["value", "u95"].map(|key| by_force.pointer(&format!("/backlash_m/{key}")).unwrap().as_f64());
+    assert!((value.unwrap() - 1e-4).abs() < u95.unwrap() && u95.unwrap() < 1e-5, "{by_force}");
+    // What is in use is known as well.
+    let again = done(folder.path(), &[&calibrate[..], &settings].concat());
+    assert!(again.contains("nothing to change"), "{again}");
+}
+
+#[test]
+fn a_stiffness_that_is_not_shown_is_refused_with_its_own_code() {
+    let folder = tempfile::tempdir().unwrap();
+    simulate(folder.path(), &[]);
+    let words = fails(folder.path(), &["calibrate", "stiffness", "run.mcap"], 9);
+    assert!(words.contains("terminal_sensor=1"), "{words}");
+    let hold = ["--excite", "hold", "--set", "terminal_sensor=1", "--set", "stiffness_n_per_m=0"];
+    simulate(folder.path(), &hold);
+    let words = fails(folder.path(), &["calibrate", "stiffness", "run.mcap"], 9);
+    assert!(words.contains("neither flank is touched for long enough"), "{words}");
+}
+
+#[test]
 fn without_json_a_table_for_a_person_is_printed() {
     let folder = tempfile::tempdir().unwrap();
     simulate(folder.path(), &[]);

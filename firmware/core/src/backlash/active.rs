@@ -95,7 +95,7 @@ impl Settings {
         let lag = single(self.contact_damping_n_s_per_m) * compliance;
         let skew = single(self.skew_s);
         let guard_s = (rate * GUARD_S + 0.5) as u32;
-        let settled = rate * lag * GUARD_LAGS + 1.0;
+        let settled = rate * lag * GUARD_LAGS + 0.5;
         let guard = guard_s.max(settled as u32).clamp(2, LONGEST_GUARD);
         // Judgement comes one to two blocks late.
         let block = guard_s.max(guard.div_ceil(2)).clamp(2, guard);

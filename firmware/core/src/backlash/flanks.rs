@@ -170,11 +170,11 @@ impl Flanks {
         let changed = side != self.side;
         self.run = if changed { 1 } else { self.run.saturating_add(1) };
         self.side = side;
-        // A slow force flickers about its limit: it lands anew when it has been under half of it.
+        // A slow force flickers about its limit, and a landing rings: it lands anew when the force has been gone.
         let landed = side != 0 && side != self.held;
         if side != 0 {
             self.held = side;
-        } else if self.smoothed.abs().min(without_offset.abs()) < clear >> 1 {
+        } else if self.smoothed.abs().min(without_offset.abs()) < (self.peak >> 6).max(self.noise) {
             self.held = 0;
         }
         let firm = self.run > 2 * u32::from(active.guard);

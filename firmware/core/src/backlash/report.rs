@@ -2,7 +2,7 @@
 
 use crate::active::Active;
 use crate::backlash::step::Fit;
-use crate::backlash::terminal::{ONE, Terminal};
+use crate::backlash::terminal::{Crossing, ONE, Terminal};
 use crate::backlash::{BacklashActive, Gaps};
 use crate::detail::{Backlash, BacklashStatus, Contact, Gap, Reason, Route};
 use crate::estimate::{Parameter, Status};
@@ -22,6 +22,9 @@ const LEAST_EQUAL: f32 = 3.0;
 const COUNT_PART: f32 = 0.5;
 /// The same of the gap with the sensor, where whole flanks are averaged.
 const SENSED_COUNT_PART: f32 = 0.25;
+/// The same of a single reversal with the sensor, as a standard error: a fifth of the steps' own rms on either
+/// flank.
+const RECORD_COUNT_PART: f32 = 0.08;
 /// Part of an encoder count that correlates with the stretch, and with its rate.
 const STIFFNESS_COUNT_PART: f32 = 0.06;
 const DAMPING_COUNT_PART: f32 = 0.03;
@@ -37,6 +40,8 @@ const PATTERNS: f32 = 16.0;
 const CONTRADICTION: f32 = 25.0;
 /// Fewest blocks on either flank for the terminal's route.
 const FEWEST_BLOCKS: u32 = 16;
+/// Part of the blocks by which they grow until the contact's law is solved anew.
+const LAW_GROWTH: u32 = 4;
 /// Widest interval of a stiffness or a damping, as a part of it.
 const WIDEST: f32 = 0.5;
 
@@ -116,6 +121,10 @@ fn single(value: i128) -> f32 {
     if value < 0 { -unsigned } else { unsigned }
 }
 
+fn square(value: f32) -> f32 {
+    value * value
+}
+
 /// The greater of two.
 fn greater(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
@@ -174,6 +183,61 @@ impl BacklashActive {
     }
 }
 
+/// What the contact's stretch and force have to do with each other, by the terminal's sensor, in its least squares' units.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Law {
+    /// Blocks at which it is solved anew.
+    next: u32,
+    /// Damping by stiffness, 1 over the stiffness; 0 while nothing is known.
+    lag: f32,
+    compliance: f32,
+    /// Variance of a block's stretch by what the law leaves, and of the compliance as a part of it.
+    variance: f32,
+    relative: f32,
+}
+
+impl Law {
+    /// Nothing is known.
+    pub const UNKNOWN: Self = Self { next: 0, lag: 0.0, compliance: 0.0, variance: 0.0, relative: 0.0 };
+}
+
+impl Gaps {
+    /// The reversal that waited, by the terminal's sensor: the jump of `z + (cs / ks) z' - F / ks` from flank to flank.
+    #[inline(never)]
+    pub(super) fn sensed(&mut self, active: &BacklashActive) -> Option<Gap> {
+        let Crossing { before: first, after: second } = self.terminal.take();
+        let blocks = self.terminal.totals.updates();
+        if blocks >= self.law.next {
+            let solved = active.solved(self).ok();
+            self.law = solved.map_or(Law::UNKNOWN, |solved| solved.law());
+            self.law.next = blocks.saturating_add(blocks / LAW_GROWTH + 1);
+        }
+        let Law { lag, compliance, variance, relative, .. } = self.law;
+        if compliance <= 0.0 {
+            return None;
+        }
+        let [before, after] = [first, second].map(|flank| {
+            let [rate, stretch, force] = flank.sums.map(|sum| sum as f32 / flank.blocks as f32);
+            (stretch + lag * rate, compliance * force)
+        });
+        let rising = second.side > 0;
+        let towards = if rising { 1.0 } else { -1.0 };
+        let by_force = towards * (after.1 - before.1);
+        let jump = towards * (after.0 - before.0) - by_force;
+        let count = RECORD_COUNT_PART * active.count_units as f32 * active.scales.block;
+        let fewer = 1.0 / first.blocks as f32 + 1.0 / second.blocks as f32;
+        let unit_m = active.unit_m / active.scales.block;
+        let flight = second.first.wrapping_sub(first.last);
+        Some(Gap {
+            index: first.last.wrapping_add(flight / 2),
+            value_m: jump * unit_m,
+            error_m: sqrt(variance * fewer + square(by_force) * relative + square(count)) * unit_m,
+            route: Route::Terminal,
+            rising,
+        })
+    }
+}
+
 /// What the terminal's sensor shows.
 #[derive(Clone, Copy, Default)]
 struct Sensed {
@@ -220,26 +284,50 @@ impl Solved {
     }
 }
 
+/// The terminal's least squares without the noise of the stretch.
+struct Freed {
+    solved: Solved,
+    /// Taken off the squares of `z'` and `z`, and the most that it may be.
+    noise: [f32; 2],
+    most: [f32; 2],
+    /// What the squares of `z'` and `z` hold that the others do not explain.
+    own_rate: f32,
+    own_stretch: f32,
+    /// Whether the noise leaves nothing of `z'`.
+    damping_drowned: bool,
+}
+
+impl Freed {
+    fn law(&self) -> Law {
+        let [damping, stiffness, ..] = self.solved.unknowns;
+        let compliance = 1.0 / stiffness;
+        let variance = self.solved.residual * square(compliance);
+        // The noise of the stretch weakens the stiffness by its part of what the stretch says for itself.
+        let ([_, least], [_, most]) = (self.noise, self.most);
+        let weakened = (most - least) / (COVERAGE * self.own_stretch);
+        let error = self.solved.errors[1].map_or(0.0, |error| error * compliance);
+        let relative = square(error) + square(weakened);
+        Law { lag: damping * compliance, compliance, variance, relative, ..Law::UNKNOWN }
+    }
+}
+
 impl BacklashActive {
-    fn by_terminal(&self, gaps: &Gaps) -> Sensed {
+    /// The terminal's least squares, freed of the stretch's noise, or the reason there is no gap by them.
+    fn solved(&self, gaps: &Gaps) -> Result<Freed, Reason> {
         let terminal = &gaps.terminal;
         let blocks = terminal.totals.updates();
-        let reversals = gaps.counts.reversals;
-        let none =
-            |reason| Sensed { backlash: Backlash::none(reason, Route::Terminal, reversals), ..Sensed::default() };
         let [negative, positive] = terminal.sides;
         if negative.max(positive) < FEWEST_BLOCKS {
-            return none(Reason::TooFewReversals);
+            return Err(Reason::TooFewReversals);
         }
         if negative.min(positive) < FEWEST_BLOCKS {
-            return none(Reason::ForceNeverReverses);
+            return Err(Reason::ForceNeverReverses);
         }
         let plain = Solved::of(terminal, [0.0; 2], false);
         let [damping, stiffness, ..] = plain.unknowns;
         if stiffness <= 0.0 {
-            return none(Reason::FlankTooShort);
+            return Err(Reason::FlankTooShort);
         }
-        let square = |value: f32| value * value;
         // Noise of the stretch weakens what it is multiplied by. Its variance in a sample is what the residual holds
         // beside the force's own noise.
         let block = self.scales.block;
@@ -253,12 +341,30 @@ impl BacklashActive {
         let drowned = |part: f32, own: f32| part * most >= DROWNED * own;
         let damping_drowned = drowned(2.0, own_rate);
         if drowned(block, own_stretch) {
-            return none(Reason::FlankTooShort);
+            return Err(Reason::FlankTooShort);
         }
         let parts = |noise: f32| [if damping_drowned { 0.0 } else { 2.0 * noise }, block * noise];
-        let [more_damping, more_stiffness, more_side, _] = Solved::of(terminal, parts(most), false).unknowns;
         let noise = parts(noise_by(excess));
         let solved = Solved::of(terminal, noise, false);
+        let [_, stiffness, ..] = solved.unknowns;
+        if stiffness <= 0.0 {
+            return Err(Reason::FlankTooShort);
+        }
+        Ok(Freed { solved, noise, most: parts(most), own_rate, own_stretch, damping_drowned })
+    }
+
+    fn by_terminal(&self, gaps: &Gaps) -> Sensed {
+        let terminal = &gaps.terminal;
+        let blocks = terminal.totals.updates();
+        let reversals = gaps.counts.reversals;
+        let none =
+            |reason| Sensed { backlash: Backlash::none(reason, Route::Terminal, reversals), ..Sensed::default() };
+        let Freed { solved, noise, most, own_rate, own_stretch, damping_drowned } = match self.solved(gaps) {
+            Ok(freed) => freed,
+            Err(reason) => return none(reason),
+        };
+        let block = self.scales.block;
+        let [more_damping, more_stiffness, more_side, _] = Solved::of(terminal, most, false).unknowns;
         let [damping, stiffness, side, _] = solved.unknowns;
         let [Some(damping_error), Some(stiffness_error), Some(side_error), _] = solved.errors else {
             return none(Reason::FlankTooShort);

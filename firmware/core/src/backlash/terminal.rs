@@ -5,6 +5,9 @@
 //! one flank. The load cell also carries the structure mass, whose share is the terminal's own second difference.
 //! Beside the products goes what a wrong scale of one displacement against the other would do: the encoder's travel
 //! against the same regressors.
+//!
+//! Each flank's blocks are also summed by themselves. Where one flank follows the other, their means and the contact's
+//! law by all blocks so far give the gap of that one reversal; neighbouring reversals share a flank.
 
 use crate::backlash::Newest;
 use crate::backlash::flanks::Touch;
@@ -31,7 +34,19 @@ pub(crate) struct TerminalActive {
     pub guard: u8,
 }
 
-/// Sums over a block.
+/// Sums over a block as it comes in: codes of the terminal, travel [units], force [codes].
+#[derive(Clone, Copy, Debug)]
+struct Sums {
+    terminal: i64,
+    travel: i64,
+    force: i64,
+}
+
+impl Sums {
+    const NONE: Self = Self { terminal: 0, travel: 0, force: 0 };
+}
+
+/// Sums over a whole block, displacements in units.
 #[derive(Clone, Copy, Debug)]
 struct Block {
     stretch: i64,
@@ -39,11 +54,33 @@ struct Block {
     stretched: i32,
     force: i64,
     terminal: i64,
-    travel: i64,
 }
 
 impl Block {
-    const NONE: Self = Self { stretch: 0, stretched: 0, force: 0, terminal: 0, travel: 0 };
+    const NONE: Self = Self { stretch: 0, stretched: 0, force: 0, terminal: 0 };
+}
+
+/// The blocks of one flank, from its first touch to the other flank's.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Flank {
+    pub side: i8,
+    pub blocks: u32,
+    /// Sums of `[z', z, F]`, the structure's share taken off.
+    pub sums: [i64; 3],
+    /// Indices of its first and last sample.
+    pub first: u32,
+    pub last: u32,
+}
+
+impl Flank {
+    const NONE: Self = Self { side: 0, blocks: 0, sums: [0; 3], first: 0, last: 0 };
+}
+
+/// Two flanks, one after the other.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Crossing {
+    pub before: Flank,
+    pub after: Flank,
 }
 
 /// State of the sensor's route.
@@ -55,8 +92,9 @@ pub(crate) struct Terminal {
     blocks: [Block; BLOCKS],
     /// Blocks ended.
     ended: u8,
-    current: Block,
-    first_stretch: i32,
+    sums: Sums,
+    /// Terminal and travel of the first sample in it.
+    first: (i32, i32),
     filled: u16,
     /// Samples until the first of a block is judged, then how many of it are.
     judged: i16,
@@ -66,6 +104,12 @@ pub(crate) struct Terminal {
     pub travel: [i128; 5],
     /// Blocks on the negative and on the positive flank.
     pub sides: [u32; 2],
+    /// The flank that goes on, and the one before it.
+    flank: Flank,
+    before: Flank,
+    /// A reversal that is over, and whether it waits to be told: asked at every sample, an option would be copied.
+    crossing: Crossing,
+    pub waits: bool,
 }
 
 impl Terminal {
@@ -76,14 +120,18 @@ impl Terminal {
             origin: (0, 0),
             blocks: [Block::NONE; BLOCKS],
             ended: 0,
-            current: Block::NONE,
-            first_stretch: 0,
+            sums: Sums::NONE,
+            first: (0, 0),
             filled: 0,
             judged: 0,
             side: 0,
             totals: Totals::new(),
             travel: [0; 5],
             sides: [0; 2],
+            flank: Flank::NONE,
+            before: Flank::NONE,
+            crossing: Crossing { before: Flank::NONE, after: Flank::NONE },
+            waits: false,
         }
     }
 
@@ -94,8 +142,16 @@ impl Terminal {
 
     /// Samples are missing: blocks begin anew. Displacements go on from where they count.
     pub fn interrupt(&mut self) {
-        (self.filled, self.current, self.side) = (0, Block::NONE, 0);
+        (self.filled, self.sums, self.side) = (0, Sums::NONE, 0);
         self.judged = i16::MIN;
+        self.part();
+        self.before = Flank::NONE;
+    }
+
+    /// The reversal that waited.
+    pub fn take(&mut self) -> Crossing {
+        self.waits = false;
+        self.crossing
     }
 
     /// Takes a sample.
@@ -110,22 +166,17 @@ impl Terminal {
             self.judged = -i16::from(active.guard);
         }
         let (terminal_origin, travel_origin) = self.origin;
-        let terminal = active.units.of(i64::from(sample.terminal.wrapping_sub(terminal_origin)) << 8) as i32;
+        let terminal = sample.terminal.wrapping_sub(terminal_origin);
         let travel = touch.position.wrapping_sub(travel_origin);
-        let stretch = terminal.wrapping_sub(travel);
         if self.filled == 0 {
-            self.first_stretch = stretch;
+            self.first = (terminal, travel);
         }
         self.filled += 1;
-        self.current.stretch += i64::from(stretch);
-        self.current.force += i64::from(sample.force);
-        self.current.terminal += i64::from(terminal);
-        self.current.travel += i64::from(travel);
+        self.sums.terminal += i64::from(terminal);
+        self.sums.travel += i64::from(travel);
+        self.sums.force += i64::from(sample.force);
         if self.filled >= active.block {
-            self.current.stretched = stretch.wrapping_sub(self.first_stretch);
-            self.blocks[usize::from(self.ended) % BLOCKS] = self.current;
-            self.ended = self.ended.wrapping_add(1);
-            (self.current, self.filled) = (Block::NONE, 0);
+            self.end(active, terminal, travel);
         }
         if self.judged >= 0 {
             self.side = if self.judged == 0 || self.side == touch.judged { touch.judged } else { 0 };
@@ -134,30 +185,80 @@ impl Terminal {
         if self.judged >= active.block as i16 {
             self.judged = 0;
             if self.side != 0 {
-                self.learn(active);
+                self.learn(active, sample.index);
             }
         }
     }
 
+    /// Ends a block, whose last sample this is.
+    #[inline(never)]
+    fn end(&mut self, active: &TerminalActive, terminal: i32, travel: i32) {
+        let (first_terminal, first_travel) = self.first;
+        let units = |codes: i64| active.units.of(codes << 8);
+        let moved = units(i64::from(terminal.wrapping_sub(first_terminal))) as i32;
+        let terminal = units(self.sums.terminal);
+        self.blocks[usize::from(self.ended) % BLOCKS] = Block {
+            stretch: terminal.wrapping_sub(self.sums.travel),
+            stretched: moved.wrapping_sub(travel.wrapping_sub(first_travel)),
+            force: self.sums.force,
+            terminal,
+        };
+        self.ended = self.ended.wrapping_add(1);
+        (self.sums, self.filled) = (Sums::NONE, 0);
+    }
+
     /// Takes the block that has just been judged.
-    fn learn(&mut self, active: &TerminalActive) {
+    #[inline(never)]
+    fn learn(&mut self, active: &TerminalActive, index: u32) {
         // Ended since the one that was judged: with a guard of one to two blocks, one or two.
         let late = if u16::from(active.guard) >= 2 * active.block { 2 } else { 1 };
         let block = |back: u8| self.blocks[usize::from(self.ended.wrapping_sub(back)) % BLOCKS];
         let (after, here, before) = (block(late), block(late + 1), block(late + 2));
         let bend = after.terminal.wrapping_sub(2 * here.terminal).wrapping_add(before.terminal);
-        let force = here.force.wrapping_sub(active.structure.of(bend));
-        let [Ok(stretch), Ok(force), Ok(travel)] = [here.stretch, force, here.travel].map(i32::try_from) else {
+        let by_structure = active.structure.of(bend);
+        let force = here.force.wrapping_sub(by_structure);
+        // A flank whose force is mostly the structure's is none: the terminal flies with the load cell's mass.
+        if by_structure.unsigned_abs() > here.force.unsigned_abs() / 2 {
+            return;
+        }
+        // What the terminal has moved by and the contact has not taken.
+        let travel = here.terminal.wrapping_sub(here.stretch);
+        let [Ok(stretch), Ok(force), Ok(travel)] = [here.stretch, force, travel].map(i32::try_from) else {
             return;
         };
         let [negative, positive] = &mut self.sides;
         let side = if self.side > 0 { positive } else { negative };
         *side = side.saturating_add(1);
+        self.follow(active, index, [here.stretched, stretch, force]);
         let regressors = [here.stretched, stretch, i32::from(self.side) * ONE, ONE, force];
         self.totals.update(&products(&regressors));
         let [a, b, c, d, _] = regressors;
         for (sum, other) in self.travel.iter_mut().zip([a, b, c, d, travel]) {
             *sum += i128::from(i64::from(travel) * i64::from(other));
         }
+    }
+
+    /// Adds a judged block to its flank, or begins a flank with it.
+    fn follow(&mut self, active: &TerminalActive, index: u32, added: [i32; 3]) {
+        let last = index.wrapping_sub(u32::from(active.guard));
+        if self.flank.side != self.side {
+            self.part();
+            let first = last.wrapping_sub(u32::from(active.block) - 1);
+            self.flank = Flank { side: self.side, first, ..Flank::NONE };
+        }
+        let Flank { blocks, sums, last: end, .. } = &mut self.flank;
+        (*blocks, *end) = (blocks.saturating_add(1), last);
+        for (sum, added) in sums.iter_mut().zip(added) {
+            *sum = sum.wrapping_add(i64::from(added));
+        }
+    }
+
+    /// Ends the flank that goes on: with the one before it, it makes a reversal.
+    fn part(&mut self) {
+        let (before, after) = (self.before, self.flank);
+        if before.side != 0 && after.side != 0 {
+            (self.crossing, self.waits) = (Crossing { before, after }, true);
+        }
+        (self.before, self.flank) = (after, Flank::NONE);
     }
 }

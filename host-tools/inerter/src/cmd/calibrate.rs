@@ -5,27 +5,19 @@ use std::{
     time::{Duration, Instant},
 };
 
-use inerter::{
-    Error,
-    device::{Clock, Device, DeviceError},
-    fit::{Products, Skew, skew},
-    output,
-    report::{ParameterJson, json_line, rounded_s, value_text},
-    run::Run,
-    settings::validate,
-};
-use inerter_core::{Backlash, Bank, Settings, Sums};
-use inerter_wire::{Command as Wire, EventKind, Frame, Record, Refusal, Streams};
-use serde::Serialize;
+use inerter::{Error, device::Device};
+use inerter_wire::{Command as Wire, EventKind, Frame, Record, Streams};
 
 use super::{
     args::{FileSettingsArgs, LinkArgs, seconds},
-    fit::replayed,
-    terminal::{self, Progress, note},
+    terminal::{self, Progress},
 };
 
-/// Time after the motion in which the last sums must have come.
-const LAST_SUMS: Duration = Duration::from_secs(3);
+mod skew;
+mod stiffness;
+
+/// Time after the motion in which the last records must have come.
+const LAST_RECORDS: Duration = Duration::from_secs(3);
 
 /// Find at commissioning what is then kept as a setting.
 #[derive(clap::Args)]
@@ -36,22 +28,13 @@ pub struct Args {
 
 #[derive(clap::Subcommand)]
 enum Command {
-    Skew(SkewArgs),
+    Skew(skew::Args),
+    Stiffness(stiffness::Args),
 }
 
-/// Find the delay of the force behind the position.
-///
-/// Shake the inerter with several frequencies at once (two tones or a random motion, up to 10 Hz or more) for 20 s: in a
-/// single tone a delay and viscous friction are one, and the command says so instead of a number. A delay is a false damper of
-/// mt w^2 tau: 3 N s/m per microsecond at 15.9 Hz for 300 kg.
-///
-/// FILE is a recording (.mcap) or a CSV; without it a device is listened to for --duration. Its estimator begins anew for
-/// that. --write puts skew_s and skew_u95_s in use on the device and saves them, when they are better than those in use:
-/// when a delay is left beyond its interval, or the interval is the smaller one. For a file they are printed as --set.
-/// With --json one object: {"kind":"skew","left_s":..,"skew_s":..,"skew_u95_s":..,..}.
+/// What all of them take.
 #[derive(clap::Args)]
-#[command(after_long_help = inerter::settings::help_table())]
-struct SkewArgs {
+struct CommonArgs {
     /// Recording (.mcap) or CSV file; without it a device
     #[arg(conflicts_with_all = ["write", "port", "connect", "serial"])]
     file: Option<PathBuf>,
@@ -71,143 +54,40 @@ struct SkewArgs {
 }
 
 pub fn run(args: &Args) -> Result<(), Error> {
-    let Command::Skew(args) = &args.command;
-    match &args.file {
-        Some(file) => {
-            let run = Run::open(file, &args.settings.overrides()?)?;
-            run.notes.iter().for_each(note);
-            let outcome = replayed(&run)?;
-            let (sums, more) = &outcome.fast;
-            let found = skew(&Products::of(sums, more)?, &run.settings, &outcome.detail.backlash)?;
-            let settings = adopted(&run.settings, &found)?;
-            let better = found.is_better_than(&run.settings);
-            report(args, &file.display().to_string(), &found, &settings, better, false)
-        }
-        None => {
-            if !args.settings.overrides()?.is_empty() {
-                note("settings given here are for files: the device's own are used");
-            }
-            terminal::catch_interrupts();
-            let mut device = Device::connect(&args.link.target(), Clock::new())?;
-            let found = listen(&mut device, args.duration)?;
-            let settings = adopted(device.settings(), &found)?;
-            let better = found.is_better_than(device.settings());
-            if args.write && better {
-                device.write_settings(&settings)?;
-                device.save_settings()?;
-            }
-            report(args, device.name(), &found, &settings, better, args.write && better)
-        }
+    match &args.command {
+        Command::Skew(args) => skew::run(args),
+        Command::Stiffness(args) => stiffness::run(args),
     }
 }
 
-/// The settings with what was found.
-fn adopted(settings: &Settings, found: &Skew) -> Result<Settings, Error> {
-    // To the nanosecond: more digits would be noise.
-    let (skew_s, skew_u95_s) = (rounded_s(settings.skew_s + found.left_s), rounded_s(found.u95_s));
-    let settings = Settings { skew_s, skew_u95_s, ..*settings };
-    validate(&settings)?;
-    Ok(settings)
-}
-
-/// What a device has summed up by the end of this time, its estimator having begun anew.
-fn listen(device: &mut Device, duration: Duration) -> Result<Skew, Error> {
-    device.stream(Streams { estimates: true, sums: true, ..Streams::NONE })?;
+/// Lets a device's estimator begin anew and hands on its records for this time; `take` says whether it has what it needs.
+fn listen(
+    device: &mut Device,
+    streams: Streams,
+    duration: Duration,
+    mut take: impl FnMut(&Record) -> bool,
+) -> Result<(), Error> {
+    device.stream(streams)?;
     device.start_sampler()?;
     device.request("to begin anew", Wire::ResetEstimator)?;
     // What was under way before belongs to another motion.
     while device.pending().is_some() {}
     let mut progress = Progress::new("listening", duration.as_millis() as u64);
     let started = Instant::now();
-    let (mut sums, mut found, mut backlash): (Option<Sums>, _, _) = (None, None, Backlash::default());
-    while started.elapsed() < duration + LAST_SUMS && !(found.is_some() && started.elapsed() >= duration) {
+    let mut found = false;
+    while started.elapsed() < duration + LAST_RECORDS && !(found && started.elapsed() >= duration) {
         if terminal::interrupted() {
             return Err(Error::Interrupted);
         }
         progress.set(started.elapsed().as_millis() as u64);
         let Some(received) = device.receive()? else { continue };
-        match received.frame {
-            Frame::Message { message: Record::Sums(now), .. } if now.bank == Bank::Fast => sums = Some(now),
-            Frame::Message { message: Record::MoreSums(more), .. } if more.bank == Bank::Fast => {
-                found = sums.take().and_then(|sums| Products::of(&sums, &more).ok()).or(found);
-            }
-            Frame::Message { message: Record::Detail(detail), .. } => backlash = detail.backlash,
-            Frame::Message { message: Record::Event(event), .. } => match event.kind {
-                EventKind::Changed(_) => note("the device has changed: only the motion since is used"),
-                EventKind::SourceEnded if found.is_some() => break,
-                _ => {}
-            },
-            _ => {}
+        let Frame::Message { message, .. } = received.frame else { continue };
+        found = take(&message);
+        let ended = matches!(&message, Record::Event(event) if event.kind == EventKind::SourceEnded);
+        if ended && found {
+            break;
         }
     }
     progress.done();
-    let refused = || {
-        let (name, what) = (device.name().to_string(), "to stream its sums with the force rate");
-        DeviceError::Refused { name, what, refusal: Refusal::Unsupported }
-    };
-    let products = found.ok_or_else(refused)?;
-    Ok(skew(&products, device.settings(), &backlash)?)
-}
-
-/// A skew in JSON.
-#[derive(Serialize)]
-struct SkewJson<'a> {
-    kind: &'static str,
-    source: &'a str,
-    left_s: f64,
-    u95_s: f64,
-    viscous_before_n_s_per_m: ParameterJson,
-    viscous_after_n_s_per_m: ParameterJson,
-    skew_s: f64,
-    skew_u95_s: f64,
-    better: bool,
-    written: bool,
-}
-
-fn report(
-    args: &SkewArgs,
-    source: &str,
-    found: &Skew,
-    settings: &Settings,
-    better: bool,
-    written: bool,
-) -> Result<(), Error> {
-    let (skew_s, skew_u95_s) = (settings.skew_s, settings.skew_u95_s);
-    if args.json {
-        let line = SkewJson {
-            kind: "skew",
-            source,
-            left_s: rounded_s(found.left_s),
-            u95_s: skew_u95_s,
-            viscous_before_n_s_per_m: found.viscous_before.into(),
-            viscous_after_n_s_per_m: found.viscous_after.into(),
-            skew_s,
-            skew_u95_s,
-            better,
-            written,
-        };
-        return Ok(output::line(json_line(&line))?);
-    }
-    let microseconds = |seconds: f64| seconds * 1e6;
-    output::line(format!(
-        "{source}: the force is late by another {:.1} ± {:.1} us",
-        microseconds(found.left_s),
-        microseconds(found.u95_s)
-    ))?;
-    output::line(format!(
-        "viscous friction: {} N s/m as it is, {} N s/m without that delay",
-        value_text(&found.viscous_before),
-        value_text(&found.viscous_after)
-    ))?;
-    if !better {
-        return Ok(output::line("nothing to change: the skew in use is known as well as this motion shows it")?);
-    }
-    if written {
-        return Ok(output::line(format!("saved on the device: skew_s = {skew_s:?}, skew_u95_s = {skew_u95_s:?}"))?);
-    }
-    output::line(format!("use it with: --set skew_s={skew_s:?} --set skew_u95_s={skew_u95_s:?}"))?;
-    if args.file.is_none() {
-        terminal::say("nothing was changed; --write puts it in use and saves it");
-    }
     Ok(())
 }
