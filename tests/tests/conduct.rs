@@ -9,6 +9,8 @@ struct Said {
     conducts: Vec<Conduct>,
     last: inerter_core::Estimate,
     conduct: Conduct,
+    /// Residual over what noise and steps explain of it.
+    unexplained: f32,
 }
 
 fn run(device: Parameters, motion: &str, seed: u64, memory_s: f64, noise_n: f64) -> Said {
@@ -26,7 +28,9 @@ fn run(device: Parameters, motion: &str, seed: u64, memory_s: f64, noise_n: f64)
             conducts.push(active.detail(&state).friction.conduct);
         }
     }
-    Said { conducts, last: active.estimate(&state), conduct: active.detail(&state).friction.conduct }
+    let last = active.estimate(&state);
+    let unexplained = last.residual_rms_n / active.explained_rms_n(&state).unwrap();
+    Said { conducts, last, conduct: active.detail(&state).friction.conduct, unexplained }
 }
 
 /// The parameters that were given and are wrong by more than their interval.
@@ -60,6 +64,22 @@ fn coulomb_friction_is_left_alone() {
     assert!(all > 10_000 && false_alarms < all / 200, "{false_alarms} of {all}");
 }
 
+/// Where the law holds, force noise and encoder steps explain the residual, with the noise found on the way.
+#[test]
+fn noise_and_steps_explain_the_residual() {
+    for noise_n in [0.2, 1.0, 5.0, 20.0] {
+        for motion in MOTIONS.map(|motion| motion.name) {
+            let said = run(Parameters::paper(), motion, 7, 100.0, noise_n);
+            assert!((0.8..1.25).contains(&said.unexplained), "{motion}, {noise_n} N: {}", said.unexplained);
+        }
+    }
+    let worn = run(Parameters::worn(), "multi", 7, 100.0, 1.0);
+    assert!((2.5..8.0).contains(&worn.unexplained), "{}", worn.unexplained);
+    let creeping = Parameters { presliding_m: 50e-6, ..Parameters::paper() };
+    let creeping = run(creeping, "fast", 7, 100.0, 1.0);
+    assert!((1.7..2.5).contains(&creeping.unexplained), "{}", creeping.unexplained);
+}
+
 #[test]
 fn presliding_is_called_so_and_covered() {
     for um in [20.0, 50.0, 200.0] {
@@ -73,8 +93,12 @@ fn presliding_is_called_so_and_covered() {
         let said = run(device, "slow", 5, 30.0, 1.0);
         assert!(wrong(&device, &said).is_empty(), "{um} um, slow: {:?}", said.last.whole_run);
         assert_eq!(said.conduct, if um < 30.0 { Conduct::Coulomb } else { Conduct::Presliding });
-        // A steady tone of 15.9 Hz hides it, and that is said.
-        assert_eq!(run(device, "fast", 5, 30.0, 1.0).conduct, Conduct::Unknown);
+        // A steady tone of 15.9 Hz hides what it is, and only the residual over the noise shows that something is.
+        let said = run(device, "fast", 5, 30.0, 1.0);
+        assert_eq!(said.conduct, Conduct::Unknown);
+        assert!(wrong(&device, &said).is_empty(), "{um} um, fast: {:?}", said.last.whole_run);
+        let inertance = said.last.whole_run.inertance_kg;
+        assert!(inertance.status == Status::Ok && inertance.u95 < 0.02 * inertance.value, "{um} um: {inertance:?}");
     }
 }
 

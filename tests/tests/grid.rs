@@ -1,5 +1,6 @@
 //! Two runs of each motion, against the committed table of accuracy: no worse than it says, and no better.
 
+use inerter_core::Status;
 use inerter_plant::Parameters as Device;
 use inerter_tests::grid::{self, MOTIONS, NAMES, RIGS};
 
@@ -42,6 +43,31 @@ fn errors_and_intervals_are_those_of_the_table() {
     assert!((0.5..1.6).contains(&rms), "errors {rms} times those of the table");
 }
 
+/// At 1 kHz the impacts of worn flanks are not resolved, and a periodic motion repeats their error: seed 103 has viscous
+/// friction 20 N s/m off. What is published is covered or not identifiable, but for a moment at the start.
+#[test]
+fn repeated_impacts_leave_no_wrong_friction() {
+    let device = Device::worn();
+    let truth = grid::truth(&device);
+    let motion = MOTIONS.iter().find(|motion| motion.name == "multi").unwrap();
+    let (mut wrong, mut all) = ([0; 3], 0);
+    for seed in 101..=106 {
+        let run = grid::run(&device, motion, &RIGS[0], seed).unwrap();
+        let live = run.forgetful.iter().map(|(_, estimate)| &estimate.recent);
+        for parameters in live.chain(run.published.iter().map(|(_, estimate)| &estimate.whole_run)) {
+            all += 1;
+            for ((wrong, found), truth) in wrong.iter_mut().zip(grid::three(parameters)).zip(truth) {
+                let off = (f64::from(found.value) - truth).abs();
+                *wrong += i32::from(found.status == Status::Ok && off > f64::from(found.u95));
+            }
+        }
+        // The inertance is as good as ever.
+        let inertance = run.last.whole_run.inertance_kg;
+        assert!(inertance.status == Status::Ok && inertance.u95 < 0.3, "{seed}: {inertance:?}");
+    }
+    assert!(all > 2000 && wrong.iter().all(|wrong| *wrong < all / 100), "{wrong:?} of {all}");
+}
+
 #[test]
 fn a_motion_that_cannot_show_a_parameter_says_so() {
     // At rest, nothing; for a moment at 0.053 Hz, no inertance.
@@ -49,12 +75,12 @@ fn a_motion_that_cannot_show_a_parameter_says_so() {
     let slow = grid::Motion { duration_s: 10.0, ..MOTIONS[0] };
     let run = grid::run(&device, &slow, &RIGS[0], 5).unwrap();
     let [inertance, _, coulomb] = grid::three(&run.last.whole_run);
-    assert_eq!(coulomb.status, inerter_core::Status::Ok);
-    assert!(inertance.u95 > 10.0 || inertance.status == inerter_core::Status::NotIdentifiable, "{inertance:?}");
+    assert_eq!(coulomb.status, Status::Ok);
+    assert!(inertance.u95 > 10.0 || inertance.status == Status::NotIdentifiable, "{inertance:?}");
     let still = grid::Motion { name: "hold", duration_s: 5.0, ..MOTIONS[0] };
     let run = grid::run(&device, &still, &RIGS[0], 5).unwrap();
     for parameter in grid::three(&run.last.whole_run).into_iter().chain(grid::three(&run.last.recent)) {
-        assert_eq!(parameter.status, inerter_core::Status::NotIdentifiable);
+        assert_eq!(parameter.status, Status::NotIdentifiable);
     }
     assert!(run.published.iter().all(|(_, estimate)| !estimate.moving && estimate.updates == 0));
 }

@@ -28,6 +28,8 @@ const REVERSAL_REACH_S: f64 = 0.002;
 /// Model error of the structure mass: across a gap its motion does not follow from the force. 0.1 mm of backlash takes
 /// up to 4.8 % of it from the inertance (docs/tables/accuracy.md, `worn`).
 const STRUCTURE_MODEL_U95: f64 = 0.05;
+/// Variance of white noise through four boxes, times their length: the cubic B-spline's autocorrelation at 0.
+const BOXES_VARIANCE: f64 = 151.0 / 315.0;
 /// Window in which standing still is decided [s].
 const REST_WINDOW_S: f64 = 0.024;
 /// Encoder counts within the window that still are rest: a flicker of one count, and one on its way.
@@ -110,6 +112,8 @@ pub(crate) struct Scales {
     pub rate_squared: f32,
     /// Mean square of the encoder's quantisation noise in the acceleration [regressor units^2].
     pub quantisation: f32,
+    /// Variance of white noise in the force through the kernel, over that in a sample [N^2 per code^2].
+    pub noise: f32,
     /// Unit of the jerk [m/s^3].
     pub jerk: f32,
     /// Mean square of the encoder's quantisation noise in the jerk [regressor units^2].
@@ -314,6 +318,7 @@ impl Settings {
                 more_units: [1.0 / (velocity * down(velocity_shift)), 1.0 / (force_rate * down(force_rate_shift))],
                 jerk: (1.0 / (jerk * down(jerk_shift))) as f32,
                 jerk_quantisation: jerk_quantisation as f32,
+                noise: (BOXES_VARIANCE / length * newtons_per_code * newtons_per_code) as f32,
                 ..scales(
                     [
                         acceleration * down(acceleration_shift),
@@ -354,6 +359,7 @@ fn scales(per_si: [f64; REGRESSORS], quantisation: f64) -> Scales {
         rate_squared: (rate * rate) as f32,
         quantisation: quantisation as f32,
         more_units: [0.0; MORE_REGRESSORS],
+        noise: 0.0,
         jerk: 0.0,
         jerk_quantisation: 0.0,
     }

@@ -13,6 +13,7 @@ use crate::estimate::{Bank, Estimate};
 use crate::gate::{BLOCKS, Rest};
 use crate::kernel::{Cascades, Comb, Term, Update};
 use crate::line::DelayLine;
+use crate::noise::Noise;
 use crate::qformat::shift_right;
 use crate::rls::{MORE_PRODUCTS, Moments, Totals, approach, more_products, products};
 use crate::sample::RawSample;
@@ -42,6 +43,7 @@ pub struct State {
     cascades: Cascades,
     /// Consecutive good samples that have entered the cascades.
     good_samples: u32,
+    pub(crate) noise: Noise,
     pub(crate) fast: BankState,
     pub(crate) slow: BankState,
     pub(crate) feedback: Feedback,
@@ -121,6 +123,7 @@ impl State {
             reversals: Reversals::new(),
             cascades: Cascades::new(),
             good_samples: 0,
+            noise: Noise::new(),
             fast: BankState::new(),
             slow: BankState::new(),
             feedback: Feedback::NONE,
@@ -150,6 +153,7 @@ impl State {
             reversals,
             cascades,
             good_samples,
+            noise,
             fast,
             slow,
             feedback,
@@ -167,6 +171,7 @@ impl State {
         *reversals = Reversals::new();
         *cascades = Cascades::new();
         *good_samples = 0;
+        *noise = Noise::new();
         for bank in [fast, slow] {
             bank.comb.reset();
             bank.forget();
@@ -264,6 +269,7 @@ impl Active {
         }
         // Only an update tells something new.
         if state.fast.idle_samples == 0 || state.slow.idle_samples == 0 {
+            state.listen(signal.delay);
             self.watch(state);
         }
         state.until_publish = state.until_publish.saturating_sub(1);
@@ -381,6 +387,13 @@ impl State {
         if feedback.coulomb_like && feedback.friction_known {
             line.relocate(m, signal.reversal_half_width, signal.reversal_reach, &feedback);
         }
+    }
+
+    /// Takes the force's noise from the samples that have just left: under an update all are good.
+    #[cold]
+    fn listen(&mut self, delay: u8) {
+        let [a, b, c, d, e] = [0, 1, 2, 3, 4].map(|before: u8| self.line.at(delay.wrapping_add(before)).force);
+        self.noise.push([a, b, c, d, e]);
     }
 
     /// Moves the oldest waiting sample into the cascades.

@@ -34,6 +34,7 @@ mod kernel;
 mod ldl;
 mod line;
 mod math;
+mod noise;
 mod qformat;
 mod report;
 pub mod rls;

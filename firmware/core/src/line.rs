@@ -90,7 +90,7 @@ impl DelayLine {
         &mut self.samples[usize::from(self.head.wrapping_sub(samples))]
     }
 
-    fn at(&self, samples: u8) -> &Waiting {
+    pub fn at(&self, samples: u8) -> &Waiting {
         &self.samples[usize::from(self.head.wrapping_sub(samples))]
     }
 

@@ -13,6 +13,7 @@ use crate::kernel::{Term, UPDATES_PER_BOX};
 use crate::ldl::{FACTOR_BITS, MATRIX_BITS, Solution, UNKNOWNS, solve};
 use crate::line::VELOCITY_BITS;
 use crate::math::{magnitude, power, sqrt};
+use crate::noise::Noise;
 use crate::rls::{PRODUCTS, place, scaled};
 
 /// Sum of the cubic B-spline's autocorrelation over its value at 0, in boxes: updates within it are one observation.
@@ -29,6 +30,10 @@ const COULOMB_MODEL_U95: f32 = 0.05;
 const SKEW_FACTOR: f32 = 2.0;
 /// Acceleration's mean square over that of the encoder's steps above which the fast bank is used.
 const CLEAR_OF_STEPS: f32 = 2000.0;
+/// Quartile of the force's fourth differences, per rms of its noise: 0.3186 by normal noise, times the root of 70.
+const QUARTILE: f32 = 2.666;
+/// Variance of the steps of the force [codes^2].
+const STEPS: f32 = 1.0 / 12.0;
 /// Part of Coulomb friction within which its interval must lie before reversals are placed by it.
 const FRICTION_KNOWN: f32 = 0.1;
 /// Component of an unobservable direction that makes a parameter unobservable.
@@ -58,6 +63,8 @@ struct Recent {
     parameters: Parameters,
     judgement: Judgement,
     residual_rms_n: f32,
+    /// Variance of the residual that noise and steps explain [N^2].
+    explained: f32,
 }
 
 /// What one bank's memory knows.
@@ -112,7 +119,7 @@ impl Knowledge {
 impl Active {
     /// The estimate as it stands, at any time.
     pub fn estimate(&self, state: &State) -> Estimate {
-        let Recent { bank, parameters: mut recent, judgement, residual_rms_n } = self.recent(state);
+        let Recent { bank, parameters: mut recent, judgement, residual_rms_n, .. } = self.recent(state);
         let (config, bank_state) = self.bank(state, bank);
         let moving = bank_state.idle_samples < config.hold_samples && bank_state.recent.updates() > 0;
         if !moving {
@@ -131,6 +138,26 @@ impl Active {
             residual_rms_n,
             updates: bank_state.whole.updates(),
         }
+    }
+
+    /// Rms of the residual that the force's noise and the encoder's steps explain \[N\], of the recent memory of the bank
+    /// that is published; nothing before there is a fit and the noise is known. What the residual has above it, the law
+    /// leaves open.
+    pub fn explained_rms_n(&self, state: &State) -> Option<f32> {
+        let explained = self.recent(state).explained;
+        explained.is_finite().then(|| sqrt(explained))
+    }
+
+    /// Variance of the residual that force noise and encoder steps explain [N^2]; infinite before they are known.
+    fn explained(&self, noise: &Noise, fit: &Fit, scales: &Scales) -> f32 {
+        let Some(quartile) = noise.quartile() else { return f32::INFINITY };
+        let rms = quartile as f32 / (QUARTILE * (1 << Noise::FRACTION) as f32);
+        // Steps that swallow the noise are noise of their own.
+        let variance = if rms * rms > STEPS { rms * rms } else { STEPS };
+        let [inertance, ..] = fit.values;
+        let [acceleration, ..] = scales.units;
+        let per_unit = inertance * acceleration as f32;
+        variance * scales.noise + per_unit * per_unit * scales.quantisation
     }
 
     /// What goes with the estimate, at any time.
@@ -157,9 +184,12 @@ impl Active {
         let away = self.fit(&Knowledge::away(bank_state), &config.scales);
         let [a, v, ..] = config.scales.units;
         let rms = [sqrt(knowledge.mean_square(0)) * a as f32, sqrt(knowledge.mean_square(1)) * v as f32];
-        let judgement = Judgement::of(&all, &away.unwrap_or(Fit::NONE), rms, &parameters.viscous_n_s_per_m);
+        let away = away.unwrap_or(Fit::NONE);
+        let explained = self.explained(&state.noise, &all, &config.scales);
+        let contact = || self.contact_of(&state.gaps);
+        let judgement = Judgement::of(&all, &away, rms, &parameters.viscous_n_s_per_m, explained, contact);
         judgement.widen(&mut parameters, WIDEST_INTERVAL);
-        Recent { bank, parameters, judgement, residual_rms_n: sqrt(all.variance) }
+        Recent { bank, parameters, judgement, residual_rms_n: sqrt(all.variance), explained }
     }
 
     /// Frequencies at which the recent memory of the bank that is published saw the inertance.

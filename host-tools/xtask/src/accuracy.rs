@@ -21,7 +21,7 @@ pub struct Arguments {
 
 /// A program that measures a table, and itself compares or writes it: the one of this name in docs/tables.
 pub fn table(name: &str, options: &Options) -> Result<()> {
-    program(name, if options.update { &["--update"] } else { &[] })
+    start(&[], name, if options.update { &["--update"] } else { &[] })
 }
 
 /// A program that takes arguments of its own.
@@ -29,9 +29,14 @@ pub fn with_arguments(name: &str, arguments: &Arguments) -> Result<()> {
     program(name, &arguments.arguments.iter().map(String::as_str).collect::<Vec<_>>())
 }
 
-/// Runs one of the programs of `inerter-tests`, optimised.
+/// Runs one of the programs of `inerter-tests`, for speed: built for it, without checks of overflow.
 pub fn program(name: &str, arguments: &[&str]) -> Result<()> {
+    start(&["--release"], name, arguments)
+}
+
+/// Runs one of them; the profile of the tests, optimised as well, is there already when they run.
+fn start(profile: &[&str], name: &str, arguments: &[&str]) -> Result<()> {
     let mut command = process::cargo();
-    command.args(["run", "--release", "--quiet", "--package", "inerter-tests", "--bin", name, "--"]).args(arguments);
-    process::run(&mut command)
+    command.arg("run").args(profile).args(["--quiet", "--package", "inerter-tests", "--bin", name, "--"]);
+    process::run(command.args(arguments))
 }

@@ -82,6 +82,7 @@ const SIGNAL_PATH: &[&str] = &[
     "kernel.rs",
     "sign.rs",
     "gate.rs",
+    "noise.rs",
     "rls.rs",
     "ldl.rs",
     "qformat.rs",

@@ -21,9 +21,9 @@ pub fn run(options: &Options) -> Result<()> {
     suite::heading("building the firmware");
     let image = firmware::build(Image::Qemu)?;
     suite::heading("building the programs");
-    process::run(process::cargo().args(["build", "--release", "--package", "inerter", "--package", "inerter-tests"]))?;
+    process::run(process::cargo().args(["build", "--package", "inerter", "--package", "inerter-tests"]))?;
     let mut command = process::cargo();
-    command.args(["run", "--release", "--quiet", "--package", "inerter-tests", "--bin", "demo", "--"]);
+    command.args(["run", "--quiet", "--package", "inerter-tests", "--bin", "demo", "--"]);
     command.args(&options.arguments).env(Image::Qemu.variable(), &image);
     process::run(&mut command).context("the demo did not reach its end")
 }

@@ -71,6 +71,11 @@ impl Active {
         let backlash = if narrower || only { sensed.backlash } else { by_force };
         (backlash, gaps.contact(active, &backlash), sensed.stiffness, sensed.damping)
     }
+
+    /// How the flanks behave.
+    pub(crate) fn contact_of(&self, gaps: &Gaps) -> Contact {
+        self.backlash_of(gaps).1
+    }
 }
 
 impl BacklashStatus {

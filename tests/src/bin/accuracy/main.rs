@@ -32,7 +32,8 @@ const WORN: &str = "\
 No goals. The structure mass is taken out by `a1 = a2 + F''/ks`, which does not hold while the flanks do not touch: that is
 the bias of mt, about 4 % of the structure mass of 1.5 kg, for which the interval holds 5 %. At 1 kHz the impacts of the
 flanks are shorter than a sample, and in `multi`, which repeats itself every 2 s, the error repeats as well: ten periods
-are worth one, and cf scatters beyond its interval. At 4 kHz it does not.
+are worth one. What the residual has above noise and steps says so, and cf is not identifiable; nor is it in `random`, where
+nothing repeats, as the estimator cannot know that.
 
 ";
 
