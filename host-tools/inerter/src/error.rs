@@ -7,8 +7,8 @@ use miette::Diagnostic;
 
 use crate::{
     contact::ContactError, csv::CsvError, device::DeviceError, fit::FitError, flash::FlashError, image::ImageError,
-    output::OutputError, recording::RecordingError, settings::SettingsInputError, simulate::SimulateError,
-    update::UpdateError,
+    monitor::MonitorError, output::OutputError, recording::RecordingError, settings::SettingsInputError,
+    simulate::SimulateError, update::UpdateError,
 };
 
 /// Exit codes, a public contract described in `docs/CLI.md`.
@@ -87,6 +87,10 @@ pub enum Error {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Image(#[from] ImageError),
+    /// The monitor cannot show something where it was asked to.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Monitor(#[from] MonitorError),
     /// An update over USB failed.
     #[error(transparent)]
     #[diagnostic(transparent)]
@@ -120,6 +124,7 @@ impl Error {
             Self::Fit(error) => error.exit_code(),
             Self::Contact(error) => error.exit_code(),
             Self::Image(error) => error.exit_code(),
+            Self::Monitor(error) => error.exit_code(),
             Self::Update(error) => error.exit_code(),
             Self::Flash(error) => error.exit_code(),
         }

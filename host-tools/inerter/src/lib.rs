@@ -3,6 +3,7 @@
 //! Data flows one way: a [`run::Run`] comes from a file ([`recording`], [`csv`]) or from a device
 //! ([`device`], [`live`]); [`replay`] takes it through the estimator here, [`inject`] through a device's own;
 //! [`report`] and [`detail`] turn what comes out into JSON and text. [`simulate`] makes runs and devices out of the plant.
+//! [`monitor`] is what a live device measures, for a terminal, a page and other programs.
 //! [`fit`] fits again what the estimator has summed: friction by direction, the skew.
 //! A firmware [`image`] reaches a board by [`mod@update`] over USB or by [`flash`] through a debug probe.
 //!
@@ -25,6 +26,7 @@ pub mod flash;
 pub mod image;
 pub mod inject;
 pub mod live;
+pub mod monitor;
 pub mod output;
 pub mod recording;
 pub mod replay;

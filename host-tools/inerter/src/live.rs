@@ -60,6 +60,19 @@ impl Live {
         }
     }
 
+    /// The device, to be asked something, while it is there.
+    pub fn device_mut(&mut self) -> Option<&mut Device> {
+        match &mut self.state {
+            State::Here { device, .. } => Some(device),
+            State::Away { .. } => None,
+        }
+    }
+
+    /// Host time now, on the clock of what is received \[ns\].
+    pub fn now_ns(&self) -> u64 {
+        self.clock.now_ns()
+    }
+
     /// Frames lost or damaged on the way so far.
     pub fn lost_frames(&self) -> u64 {
         self.lost_before + self.device().map_or(0, lost)

@@ -63,6 +63,7 @@ pub fn run(options: &table::Options) -> Result<()> {
                 They guard against growth; they are not cycles of a real core."
             .into(),
         rows: rows(&report),
+        repeats: true,
     };
     table.settle(*options)
 }

@@ -12,6 +12,7 @@ mod demo;
 mod firmware;
 mod guest;
 mod icount;
+mod monitor_load;
 mod panics;
 mod platforms;
 mod process;
@@ -65,6 +66,8 @@ enum Command {
     Longrun(accuracy::Arguments),
     /// A thousand million samples: no drift, no overflow, the same result for the same motion
     Endurance(accuracy::Arguments),
+    /// Processor, memory and losses of the monitor at 4 kHz, into docs/tables/monitor-load.md
+    MonitorLoad(monitor_load::Options),
     /// Time and errors beside other recursive least squares, into docs/tables/bench.md
     Bench(bench::Options),
 }
@@ -86,6 +89,7 @@ fn main() -> ExitCode {
         Command::Robustness(options) => accuracy::table("robustness", &options),
         Command::Longrun(arguments) => accuracy::with_arguments("longrun", &arguments),
         Command::Endurance(arguments) => accuracy::with_arguments("endurance", &arguments),
+        Command::MonitorLoad(options) => monitor_load::run(&options),
         Command::Bench(options) => bench::run(&options),
     };
     match result {

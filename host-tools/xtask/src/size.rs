@@ -69,6 +69,7 @@ pub fn run(options: &table::Options) -> Result<()> {
                 The estimator's share counts functions of `inerter-core` that were not inlined elsewhere."
             .into(),
         rows,
+        repeats: true,
     };
     table.settle(*options)
 }

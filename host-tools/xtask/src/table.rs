@@ -61,6 +61,8 @@ pub struct Table {
     pub about: String,
     /// The figures.
     pub rows: Vec<Row>,
+    /// Whether every run has the same figures, so that `cargo xtask test` can compare them.
+    pub repeats: bool,
 }
 
 impl Table {
@@ -68,7 +70,8 @@ impl Table {
     pub fn markdown(&self) -> String {
         let mut text = format!("# {}\n\n{}\n\n", self.title, self.about.trim());
         // Writing to a String cannot fail.
-        let _ = writeln!(text, "Written by `cargo xtask {} --update`; checked by `cargo xtask test`.\n", self.name);
+        let checked = if self.repeats { "; checked by `cargo xtask test`" } else { "" };
+        let _ = writeln!(text, "Written by `cargo xtask {} --update`{checked}.\n", self.name);
         text.push_str("| figure | value | unit | goal |\n|---|--:|---|---|\n");
         for row in &self.rows {
             let goal = match row.goal {
@@ -86,19 +89,30 @@ impl Table {
         workspace::root().join("docs/tables").join(self.name).with_extension("md")
     }
 
-    /// Prints the table, then writes it or compares it with the committed one.
-    pub fn settle(&self, options: Options) -> Result<()> {
+    /// Prints the figures.
+    pub fn print(&self) {
         for row in &self.rows {
             let mark = if row.goal.is_some_and(|goal| row.value > goal) { "  over its goal" } else { "" };
             println!("  {:<44} {:>12} {}{mark}", row.name, figure(row.value), row.unit);
         }
+    }
+
+    /// Writes the table.
+    pub fn write(&self) -> Result<()> {
         let path = self.path();
+        fs::create_dir_all(workspace::root().join("docs/tables"))?;
+        fs::write(&path, self.markdown()).with_context(|| format!("cannot write {}", path.display()))?;
+        println!("{}: written {}", self.name, path.display());
+        Ok(())
+    }
+
+    /// Prints the table, then writes it or compares it with the committed one.
+    pub fn settle(&self, options: Options) -> Result<()> {
+        self.print();
         if options.update {
-            fs::create_dir_all(workspace::root().join("docs/tables"))?;
-            fs::write(&path, self.markdown()).with_context(|| format!("cannot write {}", path.display()))?;
-            println!("{}: written {}", self.name, path.display());
-            return Ok(());
+            return self.write();
         }
+        let path = self.path();
         let command = format!("cargo xtask {} --update", self.name);
         let committed = fs::read_to_string(&path)
             .with_context(|| format!("cannot read {}; make it by `{command}`", path.display()))?;
@@ -171,6 +185,7 @@ mod tests {
             title: "Size",
             about: "Of the image.".into(),
             rows: vec![Row::new("flash", value, "bytes").at_most(1000.0), Row::new("RAM", 10.5, "KB")],
+            repeats: true,
         }
     }
 

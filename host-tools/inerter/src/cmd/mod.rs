@@ -18,5 +18,6 @@ pub mod simulate;
 pub mod update;
 
 mod args;
+mod lines;
 mod screen;
 mod terminal;

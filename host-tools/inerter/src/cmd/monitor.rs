@@ -2,33 +2,40 @@
 
 use std::{
     io::{self, IsTerminal},
+    path::PathBuf,
     time::Instant,
 };
 
 use inerter::{
     Error,
-    detail::GapJson,
-    live::{Happening, Live},
+    live::Live,
+    monitor::{
+        bridge::{self, Foxglove, PlotJuggler, Teleplot},
+        hub::Hub,
+        web::{self, Web},
+    },
     output,
-    report::{self, EstimateJson, EventJson, event_words, health_json, json_line},
+    recording::Recorder,
+    report::json_line,
 };
-use inerter_core::Detail;
-use inerter_wire::{EventKind, Frame, Record, Streams};
+use inerter_wire::Streams;
 use serde_json::json;
 
 use super::{
     args::{LinkArgs, TimeArgs},
-    screen::{Screen, View},
-    terminal::{self, note},
+    lines::{Json, Lines},
+    screen,
+    terminal::{self, say},
 };
 
 /// Show what a device measures, live.
 ///
-/// Values with 95 % intervals, status, losses and health.
-/// In a terminal one block is redrawn; otherwise one line per estimate is printed. With --json one object a line:
+/// In a terminal: signals, parameters with 95 % intervals over time, losses, health, events; `?` lists the keys.
+/// Otherwise, or with --plain, one line per estimate is printed. With --json one object a line:
 /// {"kind":"device",..} at the beginning and after each reconnection, {"kind":"estimate",..} as `inerter replay --json`
 /// prints it, {"kind":"gap",..} for each reversal of the flanks, {"kind":"health",..} once a second,
-/// {"kind":"event","code":..,"event":..}, {"kind":"link","lost_frames":..} when frames were lost.
+/// {"kind":"event","code":..,"event":..}, {"kind":"link","lost_frames":..} when frames were lost,
+/// {"kind":"marker","text":..}, {"kind":"view","view":..,"address":..} for each of --web, --teleplot, --plotjuggler, --foxglove.
 #[derive(clap::Args)]
 pub struct Args {
     #[command(flatten)]
@@ -41,152 +48,97 @@ pub struct Args {
     /// Print lines even in a terminal
     #[arg(long, conflicts_with = "json")]
     plain: bool,
+    /// Record everything that the device sends meanwhile, with the markers
+    #[arg(long, value_name = "FILE.mcap")]
+    record: Option<PathBuf>,
+    /// Replace the recording when it exists
+    #[arg(long, requires = "record")]
+    force: bool,
+    /// Show a page to browsers on this machine, at the address that is printed
+    #[arg(long, help_heading = "Other views")]
+    web: bool,
+    /// Loopback address of the page; port 0 takes any free one
+    #[arg(long, value_name = "HOST:PORT", default_value = web::BIND, requires = "web", help_heading = "Other views")]
+    bind: String,
+    /// Send samples and estimates to Teleplot (UDP)
+    #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = bridge::TELEPLOT, help_heading = "Other views")]
+    teleplot: Option<String>,
+    /// Send samples and estimates to PlotJuggler (UDP server, protocol JSON)
+    #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = bridge::PLOTJUGGLER, help_heading = "Other views")]
+    plotjuggler: Option<String>,
+    /// Serve samples and estimates to Foxglove (WebSocket)
+    #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = bridge::FOXGLOVE, help_heading = "Other views")]
+    foxglove: Option<String>,
 }
 
-/// How it is shown.
-enum Style {
-    Json,
-    Lines,
-    Screen(Screen),
+impl Args {
+    fn streams(&self, has_screen: bool) -> Streams {
+        let Self { record, web, teleplot, plotjuggler, foxglove, .. } = self;
+        if record.is_some() {
+            return Streams::ALL;
+        }
+        let samples = has_screen || *web || [teleplot, plotjuggler, foxglove].into_iter().any(Option::is_some);
+        Streams { samples, estimates: true, sums: false, health: true }
+    }
 }
 
 pub fn run(args: &Args) -> Result<(), Error> {
+    if let Some(file) = args.record.as_ref().filter(|_| !args.force) {
+        output::refuse_existing(file)?;
+    }
+    let has_screen = !args.json && !args.plain && io::stdout().is_terminal() && io::stdin().is_terminal();
     terminal::catch_interrupts();
-    let streams = Streams { estimates: true, health: true, ..Streams::NONE };
-    let mut live = Live::connect(args.link.target(), streams, args.time.wait)?;
-    let mut style = match (args.json, args.plain || !io::stdout().is_terminal()) {
-        (true, _) => Style::Json,
-        (false, true) => Style::Lines,
-        (false, false) => Style::Screen(Screen::default()),
-    };
-    let mut view = View::default();
-    introduce(&live, &mut view, &mut style)?;
+    let live = Live::connect(args.link.target(), args.streams(has_screen), args.time.wait)?;
+    let recording = args.record.as_ref().map(|file| file.display().to_string());
+    let mut hub = Hub::new(live, args.time.wait.as_secs_f64());
+    let views = views(args, &mut hub, recording.clone())?;
+    // Last of all that may fail: a file that --force replaces is not lost to a mistake.
+    if let Some(file) = &args.record {
+        hub.record(Recorder::create(file)?);
+    }
+    for (view, address) in &views {
+        if args.json {
+            output::line(json_line(&json!({ "kind": "view", "view": view, "address": address })))?;
+            output::flush()?;
+        } else {
+            say(format!("{view}: {address}"));
+        }
+    }
     let started = Instant::now();
-    while !terminal::interrupted() && args.time.duration.is_none_or(|duration| started.elapsed() < duration) {
-        match live.next() {
-            Ok(Happening::Received(received)) => show(received.frame, &live, &mut view, &mut style)?,
-            Ok(Happening::Quiet) => publish(None, &mut view, &mut style)?,
-            Ok(Happening::Away { reason }) => {
-                publish(None, &mut view, &mut style)?;
-                view.message =
-                    Some(format!("{reason}; waiting {} s for it to come back", args.time.wait.as_secs_f64()));
-                tell(&view, &mut style)?;
-            }
-            Ok(Happening::Back) => {
-                introduce(&live, &mut view, &mut style)?;
-                view.message = Some(back(&view.port));
-                tell(&view, &mut style)?;
-            }
-            Err(error) => return Err(error.into()),
-        }
-        output::flush()?;
+    let duration = args.time.duration;
+    let over = move || terminal::interrupted() || duration.is_some_and(|duration| started.elapsed() >= duration);
+    if has_screen {
+        let elsewhere = views.iter().map(|(view, address)| format!("{view}: {address}")).collect();
+        return screen::run(hub, recording, elsewhere, over);
     }
-    Ok(())
+    if args.json {
+        hub.add(Json::default());
+    } else {
+        hub.add(Lines::default());
+    }
+    hub.run(over)
 }
 
-/// Says who is there.
-fn introduce(live: &Live, view: &mut View, style: &mut Style) -> Result<(), Error> {
-    let Some(device) = live.device() else { return Ok(()) };
-    let (hello, settings) = (device.hello(), device.settings());
-    view.device = format!("{}, serial {}, {} Hz, {}", hello.board, hello.serial, hello.sample_rate_hz, hello.firmware);
-    view.port = device.name().into();
-    view.before = None;
-    view.settings = *settings;
-    match style {
-        Style::Json => output::line(json_line(&json!({
-            "kind": "device", "port": device.name(), "board": hello.board.as_str(), "serial": hello.serial.as_str(),
-            "firmware": hello.firmware.as_str(), "sample_rate_hz": hello.sample_rate_hz,
-            "wire_version": hello.wire_version,
-        })))?,
-        Style::Lines => {
-            terminal::say(format!("{} at {}", view.device, view.port));
-            output::line(report::row_header())?;
-        }
-        Style::Screen(screen) => screen.draw(view)?,
+/// Adds all that was asked for; gives what each is called and where it is.
+fn views(args: &Args, hub: &mut Hub, recording: Option<String>) -> Result<Vec<(&'static str, String)>, Error> {
+    let mut views = Vec::new();
+    if args.web {
+        let web = Web::start(&args.bind, hub.wishes(), recording)?;
+        views.push(("page", web.url().to_string()));
+        hub.add(web);
     }
-    Ok(())
-}
-
-fn show(frame: Frame<Record>, live: &Live, view: &mut View, style: &mut Style) -> Result<(), Error> {
-    let lost_before = std::mem::replace(&mut view.lost_frames, live.lost_frames());
-    if view.lost_frames > lost_before {
-        match style {
-            Style::Json => output::line(json_line(&json!({ "kind": "link", "lost_frames": view.lost_frames })))?,
-            Style::Lines => note(format!("{} lost on the way so far", report::plural(view.lost_frames, "frame"))),
-            Style::Screen(_) => {}
-        }
+    if let Some(address) = &args.teleplot {
+        hub.add(Teleplot::new(address)?);
+        views.push(("Teleplot", format!("udp://{address}")));
     }
-    let Frame::Message { message, .. } = frame else { return Ok(()) };
-    match message {
-        Record::Estimate(estimate) => {
-            publish(None, view, style)?;
-            view.waiting = Some(estimate);
-        }
-        Record::Detail(detail) if view.waiting.is_some_and(|estimate| estimate.index == detail.index) => {
-            publish(Some(detail), view, style)?;
-        }
-        Record::Gap(gap) => {
-            if let Style::Json = style {
-                publish(None, view, style)?;
-                let t_s = view.time_of(gap.index);
-                output::line(json_line(&GapJson::new(t_s, &gap)))?;
-            }
-        }
-        Record::Health(health) => {
-            let told = view.problems();
-            view.before.get_or_insert((health.dropped_frames, health.bad_frames));
-            view.health = Some(health);
-            match style {
-                Style::Json => output::line(json_line(&health_json(&health)))?,
-                Style::Lines => {
-                    view.problems().filter(|problems| Some(problems) != told.as_ref()).iter().for_each(note)
-                }
-                Style::Screen(screen) => screen.draw(view)?,
-            }
-        }
-        Record::Event(event) => {
-            if let Style::Json = style {
-                output::line(json_line(&EventJson::new(view.time_of(event.index), event.index, &event.kind)))?;
-                return Ok(());
-            }
-            let words = event_words(&event.kind);
-            match event.kind {
-                EventKind::Changed(_) => view.change = Some(words.clone()),
-                EventKind::EstimatorReset => (view.change, view.detail) = (None, None),
-                _ => {}
-            }
-            view.message = Some(words);
-            tell(view, style)?;
-        }
-        _ => {}
+    if let Some(address) = &args.plotjuggler {
+        hub.add(PlotJuggler::new(address)?);
+        views.push(("PlotJuggler", format!("udp://{address}")));
     }
-    Ok(())
-}
-
-/// Shows the estimate that waits for its detail, which an older firmware does not send and a bad line may lose.
-fn publish(detail: Option<Detail>, view: &mut View, style: &mut Style) -> Result<(), Error> {
-    let Some(estimate) = view.waiting.take() else { return Ok(()) };
-    let t_s = report::elapsed_s(&estimate, view.settings.sample_rate_hz);
-    (view.estimate, view.detail, view.message) = (Some((t_s, estimate)), detail, None);
-    match style {
-        Style::Json => {
-            output::line(json_line(&EstimateJson::live(t_s, &estimate, detail.as_ref(), &view.settings)))?;
-        }
-        Style::Lines => output::line(report::row(t_s, &estimate, detail.as_ref()))?,
-        Style::Screen(screen) => screen.draw(view)?,
+    if let Some(address) = &args.foxglove {
+        let foxglove = Foxglove::new(address)?;
+        views.push(("Foxglove", foxglove.address().to_string()));
+        hub.add(foxglove);
     }
-    Ok(())
-}
-
-fn back(port: &str) -> String {
-    format!("the device is back at {port}")
-}
-
-/// Shows the view's message.
-fn tell(view: &View, style: &mut Style) -> Result<(), Error> {
-    match style {
-        Style::Json | Style::Lines => view.message.iter().for_each(note),
-        Style::Screen(screen) => screen.draw(view)?,
-    }
-    Ok(())
+    Ok(views)
 }

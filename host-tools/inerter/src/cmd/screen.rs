@@ -1,102 +1,134 @@
-//! The block that `inerter monitor` redraws in a terminal.
+//! `inerter monitor` in a terminal: keys in, pictures out. What comes from the device is taken in by a thread of its own, so that a slow
+//! terminal never holds up the device.
+
+use std::{
+    io,
+    sync::{
+        Arc, Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicBool, Ordering},
+    },
+    thread,
+    time::{Duration, Instant},
+};
 
 use inerter::{
-    output::{self, OutputError},
-    report::{duration_text, plural, table},
+    Error,
+    monitor::{
+        MonitorError,
+        feed::Item,
+        hub::{Hub, Viewer, Wish},
+        state::{Action, Event, State},
+        view::{self, Theme},
+    },
 };
-use inerter_core::{Detail, Estimate, Settings};
-use inerter_wire::Health;
+use ratatui::{
+    DefaultTerminal,
+    crossterm::event::{self, KeyEventKind},
+};
 
-/// What is known at the moment.
-#[derive(Default)]
-pub struct View {
-    pub device: String,
-    pub port: String,
-    pub settings: Settings,
-    pub estimate: Option<(f64, Estimate)>,
-    pub detail: Option<Detail>,
-    /// An estimate that is not shown yet.
-    pub waiting: Option<Estimate>,
-    /// The latest change of the device measured.
-    pub change: Option<String>,
-    pub health: Option<Health>,
-    /// Frames that the device had dropped or not understood before we came.
-    pub before: Option<(u32, u32)>,
-    pub lost_frames: u64,
-    pub message: Option<String>,
+use super::terminal;
+
+/// Least time from one picture to the next.
+const FRAME: Duration = Duration::from_millis(50);
+
+/// What the device's thread and this one share.
+#[derive(Clone)]
+struct Shared {
+    state: Arc<Mutex<State>>,
+    /// Whether there is something new to be drawn.
+    changed: Arc<AtomicBool>,
 }
 
-impl View {
-    /// What the device says went wrong so far; `None` when nothing did.
-    pub fn problems(&self) -> Option<String> {
-        let health = self.health?;
-        let (dropped, bad) = self.before.unwrap_or_default();
-        let list: Vec<String> = [
-            (health.lost_samples, "sample", "lost"),
-            (health.overruns.into(), "sampler overrun", ""),
-            (health.saturated.into(), "saturated sample", ""),
-            (health.dropped_frames.saturating_sub(dropped).into(), "frame", "dropped by the device"),
-            (health.bad_frames.saturating_sub(bad).into(), "frame", "not understood by the device"),
-        ]
-        .into_iter()
-        .filter(|(count, ..)| *count > 0)
-        .map(|(count, thing, what)| format!("{} {what}", plural(count, thing)).trim_end().to_string())
-        .collect();
-        if list.is_empty() { None } else { Some(list.join(", ")) }
+impl Shared {
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
+}
 
-    /// Time of a sample on the clock of the estimates; not known before the first of them.
-    pub fn time_of(&self, index: u32) -> Option<f64> {
-        let (t_s, estimate) = self.estimate?;
-        let after = index.wrapping_sub(estimate.index).cast_signed();
-        Some(t_s + f64::from(after) / self.settings.sample_rate_hz)
+impl Viewer for Shared {
+    fn show(&mut self, item: &Item) -> Result<(), Error> {
+        self.state().update(Event::Item(item));
+        self.changed.store(true, Ordering::Relaxed);
+        Ok(())
     }
+}
 
-    fn lines(&self) -> Vec<String> {
-        let mut lines = vec![format!("{} at {}", self.device, self.port)];
-        match &self.estimate {
-            Some((t_s, estimate)) => {
-                let motion = if estimate.moving { "moving" } else { "at rest" };
-                lines.push(format!("{}, {motion}, residual {:.2} N", duration_text(*t_s), estimate.residual_rms_n));
-                lines.push(String::new());
-                let table = table(estimate, self.detail.as_ref(), &self.settings, None);
-                lines.extend(table.lines().map(str::to_string));
-                lines.extend(self.change.clone());
+/// The terminal as it was, whatever happens.
+struct Restore;
+
+impl Drop for Restore {
+    fn drop(&mut self) {
+        terminal::has_screen(false);
+        ratatui::restore();
+    }
+}
+
+/// Shows the screen until the user quits, `over` says so, or the device fails.
+pub fn run(
+    mut hub: Hub,
+    recording: Option<String>,
+    elsewhere: Vec<String>,
+    over: impl Fn() -> bool + Send + 'static,
+) -> Result<(), Error> {
+    let wishes = hub.wishes();
+    let state = Arc::new(Mutex::new(State::new(recording, elsewhere)));
+    let shared = Shared { state, changed: Arc::new(AtomicBool::new(true)) };
+    hub.add(shared.clone());
+    let quit = Arc::new(AtomicBool::new(false));
+    let theme = Theme { colour: std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty()) };
+
+    terminal::has_screen(true);
+    let restore = Restore;
+    let mut drawn = ratatui::try_init().map_err(|source| MonitorError::Terminal { source })?;
+    let stop = quit.clone();
+    let device =
+        thread::Builder::new().name("device".into()).spawn(move || hub.run(|| stop.load(Ordering::Relaxed) || over()));
+    let device = device.map_err(|source| MonitorError::Terminal { source })?;
+    let shown = pictures(&mut drawn, &shared, theme, &|| device.is_finished(), &|action| match action {
+        // The hub has ended when nobody takes the wish.
+        Action::Mark(text) => drop(wishes.send(Wish::Mark(text))),
+        Action::ResetEstimator => drop(wishes.send(Wish::ResetEstimator)),
+        Action::Quit => quit.store(true, Ordering::Relaxed),
+    });
+    quit.store(true, Ordering::Relaxed);
+    // The recording is closed before the terminal is given back.
+    let measured = device.join();
+    drop(restore);
+    match measured {
+        Ok(result) => result.and(shown.map_err(|source| MonitorError::Terminal { source }.into())),
+        Err(panic) => std::panic::resume_unwind(panic),
+    }
+}
+
+/// Keys in, pictures out, until the device's thread has ended.
+fn pictures(
+    terminal: &mut DefaultTerminal,
+    shared: &Shared,
+    theme: Theme,
+    ended: &dyn Fn() -> bool,
+    act: &dyn Fn(Action),
+) -> io::Result<()> {
+    let mut drawn = Instant::now().checked_sub(FRAME).unwrap_or_else(Instant::now);
+    while !ended() {
+        let rest = FRAME.saturating_sub(drawn.elapsed());
+        if event::poll(rest.max(Duration::from_millis(1)))? {
+            match event::read()? {
+                event::Event::Key(key) if key.kind != KeyEventKind::Release => {
+                    if let Some(action) = shared.state().update(Event::Key(key)) {
+                        act(action);
+                    }
+                    shared.changed.store(true, Ordering::Relaxed);
+                }
+                event::Event::Resize(..) => shared.changed.store(true, Ordering::Relaxed),
+                _ => {}
             }
-            None => lines.push("waiting for the first estimate".into()),
         }
-        lines.push(String::new());
-        let mut health = vec![self.problems().unwrap_or_else(|| "nothing lost or saturated".into())];
-        if self.lost_frames > 0 {
-            health.push(format!("{} lost on the way", plural(self.lost_frames, "frame")));
+        if drawn.elapsed() < FRAME || !shared.changed.swap(false, Ordering::Relaxed) {
+            continue;
         }
-        if let Some(load) = self.health.and_then(|health| health.cpu_load_permille) {
-            health.push(format!("processor {:.0} %", f64::from(load) / 10.0));
-        }
-        if let Some(temperature) = self.health.and_then(|health| health.temperature_c) {
-            health.push(format!("{temperature:.0} °C"));
-        }
-        lines.push(health.join(", "));
-        lines.push(self.message.clone().unwrap_or_else(|| "Ctrl-C ends".into()));
-        lines
+        drawn = Instant::now();
+        // The state is held while cells are filled, not while the terminal takes them.
+        terminal.draw(|frame| view::draw(frame, &shared.state(), theme))?;
     }
-}
-
-/// A block of lines in the terminal.
-#[derive(Default)]
-pub struct Screen {
-    height: usize,
-}
-
-impl Screen {
-    /// Draws the view over the one before.
-    pub fn draw(&mut self, view: &View) -> Result<(), OutputError> {
-        let lines = view.lines();
-        let up = if self.height == 0 { String::new() } else { format!("\x1b[{}A", self.height) };
-        // Each line erases what stood behind its end, the last one all below.
-        let body: String = lines.iter().map(|line| format!("{line}\x1b[K\n")).collect();
-        self.height = lines.len();
-        output::text(format!("{up}\r{body}\x1b[J"))?;
-        output::flush()
-    }
+    Ok(())
 }

@@ -9,16 +9,25 @@ use std::{
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 static INTERRUPTED: AtomicBool = AtomicBool::new(false);
+static HAS_SCREEN: AtomicBool = AtomicBool::new(false);
 
 /// From now on Ctrl-C ends the work in good order; a second one ends the program at once.
 pub fn catch_interrupts() {
     let handler = || {
         if INTERRUPTED.swap(true, Ordering::Relaxed) {
+            if HAS_SCREEN.load(Ordering::Relaxed) {
+                ratatui::restore();
+            }
             std::process::exit(130);
         }
     };
     // Fails only when a handler is there already.
     ctrlc::set_handler(handler).ok();
+}
+
+/// Whether the terminal must be given back before the program ends.
+pub fn has_screen(yes: bool) {
+    HAS_SCREEN.store(yes, Ordering::Relaxed);
 }
 
 /// Whether the user has pressed Ctrl-C.

@@ -31,6 +31,7 @@ pub struct Recorder {
     path: PathBuf,
     writer: mcap::Writer<Sink>,
     channel: u16,
+    marker: Option<u16>,
     sequence: u32,
     start_ns: Option<u64>,
     last_ns: u64,
@@ -54,7 +55,17 @@ impl Recorder {
         let metadata = BTreeMap::from([("wire_version".to_string(), WIRE_VERSION.to_string())]);
         let channel = writer.add_channel(0, RAW_TOPIC, RAW_ENCODING, &metadata).map_err(failed)?;
         let frame = Vec::with_capacity(inerter_wire::MAX_FRAME);
-        Ok(Self { path: path.into(), writer, channel, sequence: 0, start_ns: None, last_ns: 0, flushed_ns: 0, frame })
+        Ok(Self {
+            path: path.into(),
+            writer,
+            channel,
+            marker: None,
+            sequence: 0,
+            start_ns: None,
+            last_ns: 0,
+            flushed_ns: 0,
+            frame,
+        })
     }
 
     /// Writes down who the device is and what its numbers mean.
@@ -88,6 +99,23 @@ impl Recorder {
             self.flush()?;
         }
         Ok(())
+    }
+
+    /// Writes down the user's own note at host time `time_ns`.
+    pub fn marker(&mut self, time_ns: u64, text: &str) -> Result<(), OutputError> {
+        let marker = match self.marker {
+            Some(marker) => marker,
+            None => {
+                let result = self.writer.add_channel(0, "marker", "json", &BTreeMap::new());
+                *self.marker.insert(result.map_err(|error| self.failed(error))?)
+            }
+        };
+        let time_ns = time_ns.max(self.last_ns);
+        let header = MessageHeader { channel_id: marker, sequence: 0, log_time: time_ns, publish_time: time_ns };
+        let text = serde_json::json!({ "text": text }).to_string();
+        let result = self.writer.write_to_known_channel(&header, text.as_bytes());
+        result.map_err(|error| self.failed(error))?;
+        self.flush()
     }
 
     /// Hands everything so far to the operating system.

@@ -1,0 +1,101 @@
+//! `inerter monitor` without a screen: a line per estimate, or JSON.
+
+use inerter::{
+    Error,
+    detail::GapJson,
+    monitor::{feed::Item, hub::Viewer, losses::Losses},
+    output,
+    report::{self, EstimateJson, EventJson, event_words, health_json, json_line},
+};
+use inerter_core::Settings;
+use serde_json::json;
+
+use super::terminal::{self, note};
+
+/// One object a line.
+#[derive(Default)]
+pub struct Json {
+    settings: Settings,
+}
+
+impl Viewer for Json {
+    fn show(&mut self, item: &Item) -> Result<(), Error> {
+        let line = match item {
+            Item::Device { port, hello, settings } => {
+                self.settings = *settings;
+                json_line(&json!({
+                    "kind": "device", "port": port, "board": hello.board.as_str(), "serial": hello.serial.as_str(),
+                    "firmware": hello.firmware.as_str(), "sample_rate_hz": hello.sample_rate_hz,
+                    "wire_version": hello.wire_version,
+                }))
+            }
+            Item::Settings(settings) => {
+                self.settings = *settings;
+                return Ok(());
+            }
+            Item::Away { reason } => {
+                note(reason);
+                return Ok(());
+            }
+            Item::Back { port } => {
+                note(back(port));
+                return Ok(());
+            }
+            Item::Samples(_) => return Ok(()),
+            Item::Estimate { t_s, estimate, detail, .. } => {
+                json_line(&EstimateJson::live(*t_s, estimate, detail.as_ref(), &self.settings))
+            }
+            Item::Gap { t_s, gap } => json_line(&GapJson::new(*t_s, gap)),
+            Item::Health(health) => json_line(&health_json(health)),
+            Item::Event { t_s, event, .. } => json_line(&EventJson::new(*t_s, event.index, &event.kind)),
+            Item::LostFrames(count) => json_line(&json!({ "kind": "link", "lost_frames": count })),
+            Item::Marker { t_s, text, .. } => {
+                json_line(&json!({ "kind": "marker", "t_s": t_s.map(report::rounded_s), "text": text }))
+            }
+        };
+        output::line(line)?;
+        Ok(output::flush()?)
+    }
+}
+
+/// A line per estimate; all else as notes.
+#[derive(Default)]
+pub struct Lines {
+    losses: Losses,
+}
+
+impl Viewer for Lines {
+    fn show(&mut self, item: &Item) -> Result<(), Error> {
+        match item {
+            Item::Device { port, hello, .. } => {
+                self.losses.begin();
+                terminal::say(format!(
+                    "{}, serial {}, {} Hz, {} at {port}",
+                    hello.board, hello.serial, hello.sample_rate_hz, hello.firmware
+                ));
+                output::line(report::row_header())?;
+                output::flush()?;
+            }
+            Item::Estimate { t_s, estimate, detail, .. } => {
+                output::line(report::row(*t_s, estimate, detail.as_ref()))?;
+                output::flush()?;
+            }
+            Item::Health(health) => {
+                let told = self.losses.problems();
+                self.losses.health(*health);
+                self.losses.problems().filter(|problems| Some(problems) != told.as_ref()).iter().for_each(note);
+            }
+            Item::LostFrames(count) => note(format!("{} lost on the way so far", report::plural(*count, "frame"))),
+            Item::Event { event, .. } => note(event_words(&event.kind)),
+            Item::Marker { text, .. } => note(format!("marker: {text}")),
+            Item::Away { reason } => note(reason),
+            Item::Back { port } => note(back(port)),
+            Item::Settings(_) | Item::Samples(_) | Item::Gap { .. } => {}
+        }
+        Ok(())
+    }
+}
+
+fn back(port: &str) -> String {
+    format!("the device is back at {port}")
+}

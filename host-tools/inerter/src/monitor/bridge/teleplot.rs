@@ -1,0 +1,96 @@
+//! Teleplot: UDP text, `name:milliseconds:value;milliseconds:value§unit|g`, one line a quantity.
+//! Source: README of Teleplot, "Telemetry Format"; a datagram stays below the 1432 bytes named there.
+
+use std::fmt::Write;
+
+use inerter_wire::catalogue::{self, Group};
+
+use super::{Datagrams, TELEPLOT};
+use crate::{
+    Error,
+    monitor::{
+        MonitorError,
+        feed::{Item, Moment, Sample},
+        history::Entry,
+        hub::Viewer,
+    },
+    report::event_words,
+};
+
+/// Bytes in a datagram.
+const MOST: usize = 1400;
+
+/// The bridge.
+pub struct Teleplot {
+    datagrams: Datagrams,
+}
+
+impl Teleplot {
+    /// Sends to this address.
+    pub fn new(address: &str) -> Result<Self, MonitorError> {
+        Ok(Self { datagrams: Datagrams::new("--teleplot", address, TELEPLOT)? })
+    }
+
+    /// One quantity with all its points, in as many datagrams as it takes.
+    fn series(&self, name: &str, unit: &str, points: impl Iterator<Item = (Moment, f64)>) {
+        let tail = if unit.is_empty() { "|g".to_string() } else { format!("§{unit}|g") };
+        let mut text = String::new();
+        let send = |text: &mut String| {
+            if !text.is_empty() {
+                self.datagrams.send(format!("{name}:{text}{tail}").as_bytes());
+                text.clear();
+            }
+        };
+        for (at, value) in points.filter(|(_, value)| value.is_finite()) {
+            if text.len() + name.len() + tail.len() + 48 > MOST {
+                send(&mut text);
+            }
+            let separator = if text.is_empty() { "" } else { ";" };
+            // Writing to a String cannot fail.
+            let _ = write!(text, "{separator}{:.3}:{:?}", at.unix_ns as f64 * 1e-6, value as f32);
+        }
+        send(&mut text);
+    }
+
+    fn log(&self, at: Moment, words: &str) {
+        let line = words.replace(['\n', '|'], " ");
+        self.datagrams.send(format!(">{:.0}:{line}", at.unix_ns as f64 * 1e-6).as_bytes());
+    }
+}
+
+impl Viewer for Teleplot {
+    fn show(&mut self, item: &Item) -> Result<(), Error> {
+        match item {
+            Item::Samples(samples) => {
+                let of = |value: fn(&Sample) -> f64| samples.iter().map(move |sample| (sample.at, value(sample)));
+                for field in catalogue::fields(Group::Signal) {
+                    match field.path {
+                        "force_n" => self.series(field.path, field.unit, of(|sample| sample.force_n)),
+                        "position_m" => self.series(field.path, field.unit, of(|sample| sample.position_m)),
+                        "terminal_m" => {
+                            let points = samples.iter().filter_map(|sample| Some((sample.at, sample.terminal_m?)));
+                            self.series(field.path, field.unit, points);
+                        }
+                        _ => {}
+                    }
+                }
+            }
+            Item::Estimate { at, estimate, detail, .. } => {
+                let entry = Entry::new(at.run_s, estimate, detail.as_ref());
+                let parameters = catalogue::fields(Group::Parameter).map(|field| (field.path, field.unit));
+                for ((path, unit), point) in parameters.chain([("backlash_um", "µm")]).zip(entry.points) {
+                    let Some((value, u95)) = point.known() else { continue };
+                    self.series(path, unit, [(*at, value)].into_iter());
+                    if point.u95.is_finite() {
+                        self.series(&format!("{path}_u95"), unit, [(*at, u95)].into_iter());
+                    }
+                }
+                self.series("residual_rms_n", "N", [(*at, estimate.residual_rms_n.into())].into_iter());
+            }
+            Item::Event { at, event, .. } => self.log(*at, &event_words(&event.kind)),
+            Item::Marker { at, text, .. } => self.log(*at, text),
+            _ => {}
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,56 @@
+//! Why the monitor cannot show something where it was asked to.
+
+use std::{io, net::SocketAddr};
+
+use miette::Diagnostic;
+
+use crate::error::exit;
+
+/// A view that cannot be set up.
+#[derive(Debug, thiserror::Error, Diagnostic)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
+pub enum MonitorError {
+    /// The page is for this machine only.
+    #[error("--bind {address} would offer the page to other machines: {resolved} is no loopback address")]
+    #[diagnostic(
+        code(inerter::monitor::bind),
+        help(
+            "use --bind 127.0.0.1:0; to look from elsewhere, forward the port: ssh -L 8080:127.0.0.1:PORT this-machine"
+        )
+    )]
+    NotLoopback { address: String, resolved: SocketAddr },
+
+    /// An address that does not exist.
+    #[error("{option} {address} is no address: {source}")]
+    #[diagnostic(code(inerter::monitor::address), help("give HOST:PORT, for example {example}"))]
+    Address { option: &'static str, address: String, example: &'static str, source: io::Error },
+
+    /// The port is taken.
+    #[error("{what} cannot listen at {address}: {reason}")]
+    #[diagnostic(
+        code(inerter::monitor::listen),
+        help("another program may have the port: give another one, for example {option} {example}")
+    )]
+    Listen { what: &'static str, option: &'static str, address: String, example: &'static str, reason: String },
+
+    /// The operating system gives no randomness.
+    #[error("no random token for the page's address could be had: {reason}")]
+    #[diagnostic(code(inerter::monitor::random), help("leave --web out"))]
+    Random { reason: String },
+
+    /// The terminal.
+    #[error("the terminal cannot be drawn on: {source}")]
+    #[diagnostic(code(inerter::monitor::terminal), help("add --plain for lines"))]
+    Terminal { source: io::Error },
+}
+
+impl MonitorError {
+    /// The code that the program ends with.
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Self::NotLoopback { .. } | Self::Address { .. } => exit::USAGE,
+            Self::Listen { .. } | Self::Terminal { .. } => exit::OUTPUT,
+            Self::Random { .. } => exit::OTHER,
+        }
+    }
+}

@@ -1,0 +1,265 @@
+//! From frames to what can be shown: samples in SI units, estimates with what goes with them, and when each was.
+
+use inerter_core::{Detail, Estimate, Gap, Settings};
+use inerter_wire::{Event, EventKind, Frame, Health, Hello, Record};
+
+use crate::{
+    device::{Device, Received},
+    report,
+    series::Converter,
+};
+
+/// When something was.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Moment {
+    /// Time since the first thing shown, by the device's clock; goes on over restarts of the estimator \[s\].
+    pub run_s: f64,
+    /// The same as host time since 1970 \[ns\].
+    pub unix_ns: u64,
+}
+
+/// One sample in SI units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample {
+    /// When.
+    pub at: Moment,
+    /// Force \[N\].
+    pub force_n: f64,
+    /// Displacement of the screw \[m\].
+    pub position_m: f64,
+    /// Displacement of the terminal, where there is a sensor \[m\].
+    pub terminal_m: Option<f64>,
+}
+
+/// Something to be shown.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Item {
+    /// Who is there: at the beginning and after each reconnection.
+    Device {
+        /// Port or address.
+        port: String,
+        /// Who.
+        hello: Hello,
+        /// The settings in use.
+        settings: Settings,
+    },
+    /// The device went away.
+    Away {
+        /// Why, for a person.
+        reason: String,
+    },
+    /// It is back.
+    Back {
+        /// Where.
+        port: String,
+    },
+    /// Other settings are in use.
+    Settings(Settings),
+    /// A batch of samples.
+    Samples(Vec<Sample>),
+    /// An estimate; what goes with it is missing where an older firmware does not send it or a bad line lost it.
+    Estimate {
+        /// When.
+        at: Moment,
+        /// Time since the estimator began \[s\].
+        t_s: f64,
+        /// The estimate.
+        estimate: Estimate,
+        /// What goes with it.
+        detail: Option<Detail>,
+    },
+    /// An accepted reversal.
+    Gap {
+        /// Time since the estimator began, where that is known \[s\].
+        t_s: Option<f64>,
+        /// The reversal.
+        gap: Gap,
+    },
+    /// The device's health.
+    Health(Health),
+    /// Something happened on the device.
+    Event {
+        /// When.
+        at: Moment,
+        /// Time since the estimator began, where that is known \[s\].
+        t_s: Option<f64>,
+        /// What.
+        event: Event,
+    },
+    /// Frames lost on the way so far.
+    LostFrames(u64),
+    /// The user's own note.
+    Marker {
+        /// When.
+        at: Moment,
+        /// Time since the estimator began, where that is known \[s\].
+        t_s: Option<f64>,
+        /// What.
+        text: String,
+    },
+}
+
+/// One time line for all that a device says, whatever happens to its counters.
+#[derive(Clone, Copy, Debug, Default)]
+struct Timeline {
+    period_s: f64,
+    start_ns: Option<u64>,
+    /// A value of the sample counter and its time.
+    anchor: Option<(u32, f64)>,
+    latest_s: f64,
+}
+
+impl Timeline {
+    /// The time of a sample counter that was heard of at `host_ns`.
+    fn at(&mut self, index: u32, host_ns: u64) -> Moment {
+        let start_ns = *self.start_ns.get_or_insert(host_ns);
+        let passed_s = host_ns.saturating_sub(start_ns) as f64 * 1e-9;
+        let (from, from_s) = *self.anchor.get_or_insert((index, passed_s.max(self.latest_s)));
+        let after = index.wrapping_sub(from).cast_signed();
+        let run_s = from_s + f64::from(after) * self.period_s;
+        // Long before the counter has come half around.
+        if after > 1 << 30 {
+            self.anchor = Some((index, run_s));
+        }
+        self.latest_s = self.latest_s.max(run_s);
+        self.moment(run_s)
+    }
+
+    /// The latest time heard of.
+    fn now(&self) -> Moment {
+        self.moment(self.latest_s)
+    }
+
+    fn moment(&self, run_s: f64) -> Moment {
+        let after_ns = (run_s.max(0.0) * 1e9) as u64;
+        Moment { run_s, unix_ns: self.start_ns.unwrap_or(0).saturating_add(after_ns) }
+    }
+}
+
+/// Turns what comes into items.
+#[derive(Clone, Debug)]
+pub struct Feed {
+    settings: Settings,
+    converter: Converter,
+    timeline: Timeline,
+    /// An estimate whose detail may still come.
+    waiting: Option<(u64, Estimate)>,
+    /// The latest estimate's counter, and its time on either clock.
+    latest: Option<(u32, f64, Moment)>,
+    lost_frames: u64,
+}
+
+impl Default for Feed {
+    fn default() -> Self {
+        let settings = Settings::default();
+        let converter = Converter::new(&settings);
+        let timeline = Timeline::default();
+        Self { settings, converter, timeline, waiting: None, latest: None, lost_frames: 0 }
+    }
+}
+
+impl Feed {
+    /// A device that has just been connected to.
+    pub fn device(&mut self, device: &Device) -> Item {
+        self.connected(device.name(), device.hello(), device.settings())
+    }
+
+    fn connected(&mut self, port: &str, hello: &Hello, settings: &Settings) -> Item {
+        self.use_settings(settings);
+        // It may have been restarted: its counter says nothing about the time before.
+        self.timeline.anchor = None;
+        Item::Device { port: port.into(), hello: hello.clone(), settings: *settings }
+    }
+
+    fn use_settings(&mut self, settings: &Settings) {
+        self.settings = *settings;
+        self.converter = Converter::new(settings);
+        self.timeline.period_s = 1.0 / settings.sample_rate_hz;
+    }
+
+    /// The user's note, now.
+    pub fn marker(&self, text: &str) -> Item {
+        let at = self.timeline.now();
+        let t_s = self.latest.map(|(_, t_s, then)| t_s + at.run_s - then.run_s);
+        Item::Marker { at, t_s, text: text.into() }
+    }
+
+    /// What one finding says, in order. `lost_frames` counts those lost on the way so far.
+    pub fn received(&mut self, received: &Received, lost_frames: u64, mut show: impl FnMut(Item)) {
+        if lost_frames > self.lost_frames {
+            show(Item::LostFrames(lost_frames));
+        }
+        self.lost_frames = lost_frames;
+        match &received.frame {
+            Frame::Message { message, .. } => self.message(message, received.time_ns, &mut show),
+            Frame::Restarted => self.timeline.anchor = None,
+            Frame::Lost { .. } | Frame::ForeignVersion { .. } | Frame::Corrupt(_) | Frame::Unknown { .. } => {}
+        }
+    }
+
+    /// Hands out an estimate whose detail does not come.
+    pub fn quiet(&mut self, mut show: impl FnMut(Item)) {
+        self.publish(None, &mut show);
+    }
+
+    fn message(&mut self, message: &Record, time_ns: u64, show: &mut impl FnMut(Item)) {
+        match message {
+            Record::Samples(batch) if batch.check().is_ok() => {
+                let samples = batch.iter().flatten().map(|raw| {
+                    let point = self.converter.point(&raw);
+                    let at = self.timeline.at(raw.index, time_ns);
+                    Sample { at, force_n: point.force_n, position_m: point.position_m, terminal_m: point.terminal_m }
+                });
+                show(Item::Samples(samples.collect()));
+            }
+            Record::Estimate(estimate) => {
+                self.publish(None, show);
+                self.waiting = Some((time_ns, *estimate));
+            }
+            Record::Detail(detail) if self.waiting.is_some_and(|(_, estimate)| estimate.index == detail.index) => {
+                self.publish(Some(*detail), show);
+            }
+            Record::Gap(gap) => {
+                self.publish(None, show);
+                show(Item::Gap { t_s: self.time_of(gap.index), gap: *gap });
+            }
+            Record::Health(health) => show(Item::Health(*health)),
+            Record::Event(event) => {
+                if event.kind == EventKind::Started {
+                    self.timeline.anchor = None;
+                }
+                let at = self.timeline.at(event.index, time_ns);
+                show(Item::Event { at, t_s: self.time_of(event.index), event: event.clone() });
+            }
+            Record::Settings(values) => {
+                // Only a device at fault sends values that cannot be; those in use until now are nearer the truth.
+                if let Ok(reading) = values.read(&self.settings)
+                    && reading.settings != self.settings
+                {
+                    self.use_settings(&reading.settings);
+                    show(Item::Settings(self.settings));
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn publish(&mut self, detail: Option<Detail>, show: &mut impl FnMut(Item)) {
+        let Some((time_ns, estimate)) = self.waiting.take() else { return };
+        let t_s = report::elapsed_s(&estimate, self.settings.sample_rate_hz);
+        let at = self.timeline.at(estimate.index, time_ns);
+        self.latest = Some((estimate.index, t_s, at));
+        show(Item::Estimate { at, t_s, estimate, detail });
+    }
+
+    /// Time of a sample on the clock of the estimates; not known before the first of them.
+    fn time_of(&self, index: u32) -> Option<f64> {
+        let (latest, t_s, _) = self.latest?;
+        let after = index.wrapping_sub(latest).cast_signed();
+        Some(t_s + f64::from(after) / self.settings.sample_rate_hz)
+    }
+}
+
+#[cfg(test)]
+#[path = "feed_tests.rs"]
+mod tests;

@@ -1,0 +1,124 @@
+//! Parameters over the whole run in bounded memory: when it is full, every other entry goes, and from then on only
+//! every other estimate is taken.
+
+use inerter_core::{BacklashStatus, Detail, Estimate, Status};
+use inerter_wire::catalogue;
+
+/// Entries that are kept; a number that halves without rest.
+const CAPACITY: usize = 8192;
+
+/// Quantities that are kept: the four parameters, and the backlash.
+pub const QUANTITIES: usize = 5;
+
+/// Value and interval of a quantity; the value is NaN where there is none.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Point {
+    /// Value, SI; the backlash in micrometres.
+    pub value: f32,
+    /// Half width of the 95 % interval; infinite where none is known.
+    pub u95: f32,
+}
+
+impl Point {
+    const NONE: Self = Self { value: f32::NAN, u95: f32::INFINITY };
+
+    /// Value and interval, where both are known.
+    pub fn known(self) -> Option<(f64, f64)> {
+        let u95 = if self.u95.is_finite() { self.u95 } else { 0.0 };
+        self.value.is_finite().then_some((self.value.into(), u95.into()))
+    }
+}
+
+/// One estimate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Entry {
+    /// When \[s\].
+    pub run_s: f64,
+    /// The quantities in order.
+    pub points: [Point; QUANTITIES],
+}
+
+impl Entry {
+    /// What an estimate with its detail says.
+    pub fn new(run_s: f64, estimate: &Estimate, detail: Option<&Detail>) -> Self {
+        let mut points = [Point::NONE; QUANTITIES];
+        let parameters = catalogue::parameters(&estimate.recent).map(|(_, parameter)| match parameter.status {
+            Status::NotIdentifiable => Point::NONE,
+            Status::Held | Status::Ok => Point { value: parameter.value, u95: parameter.u95 },
+        });
+        let backlash = detail.map_or(Point::NONE, |detail| match detail.backlash.status {
+            BacklashStatus::NotIdentifiable(_) => Point::NONE,
+            BacklashStatus::Ok | BacklashStatus::BelowU95 => {
+                Point { value: detail.backlash.value_m * 1e6, u95: detail.backlash.u95_m * 1e6 }
+            }
+        });
+        points.iter_mut().zip(parameters.chain([backlash])).for_each(|(place, point)| *place = point);
+        Self { run_s, points }
+    }
+}
+
+/// The whole run.
+#[derive(Clone, Debug)]
+pub struct History {
+    entries: Vec<Entry>,
+    stride: u32,
+    skipped: u32,
+}
+
+impl Default for History {
+    fn default() -> Self {
+        Self { entries: Vec::with_capacity(CAPACITY), stride: 1, skipped: 0 }
+    }
+}
+
+impl History {
+    /// Takes an entry.
+    pub fn push(&mut self, entry: Entry) {
+        self.skipped += 1;
+        if self.skipped < self.stride {
+            return;
+        }
+        self.skipped = 0;
+        if self.entries.len() == CAPACITY {
+            let mut keep = false;
+            self.entries.retain(|_| {
+                keep = !keep;
+                keep
+            });
+            self.stride = self.stride.saturating_mul(2);
+        }
+        self.entries.push(entry);
+    }
+
+    /// Entries from a time on, in order.
+    pub fn since(&self, from_s: f64) -> &[Entry] {
+        let start = self.entries.partition_point(|entry| entry.run_s < from_s);
+        self.entries.get(start..).unwrap_or_default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_whole_run_stays_in_bounded_memory() {
+        let mut history = History::default();
+        for index in 0..100_000 {
+            history.push(Entry { run_s: f64::from(index), points: [Point::NONE; QUANTITIES] });
+        }
+        let all = history.since(f64::NEG_INFINITY);
+        assert!((CAPACITY / 2..=CAPACITY).contains(&all.len()) && history.entries.capacity() == CAPACITY);
+        assert_eq!(all.first().map(|entry| entry.run_s), Some(0.0));
+        assert!(all.last().is_some_and(|entry| entry.run_s > 99_980.0));
+        assert!(all.windows(2).all(|pair| pair[1].run_s - pair[0].run_s <= 32.0), "evenly thinned");
+        assert_eq!(history.since(2e5), []);
+        assert_eq!(history.since(99_900.0).first().map(|entry| entry.run_s >= 99_900.0), Some(true));
+    }
+
+    #[test]
+    fn what_is_not_known_has_no_value() {
+        let entry = Entry::new(1.0, &Estimate::default(), None);
+        assert!(entry.points.iter().all(|point| point.known().is_none()));
+    }
+}

@@ -1,0 +1,161 @@
+//! Takes what comes from the device to the recording and to all who look on.
+
+use std::sync::mpsc::{Receiver, Sender, channel};
+
+use inerter_wire::Command;
+
+use super::feed::{Feed, Item};
+use crate::{
+    Error,
+    device::{Device, DeviceError},
+    live::{Happening, Live},
+    recording::{End, Recorder},
+};
+
+/// Who looks on. What cannot be shown ends the monitor only where it is an error.
+pub trait Viewer {
+    /// Shows one thing.
+    fn show(&mut self, item: &Item) -> Result<(), Error>;
+
+    /// Nothing more has come for the moment.
+    fn pause(&mut self) -> Result<(), Error> {
+        Ok(())
+    }
+}
+
+/// What those who look on may ask for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Wish {
+    /// A marker, here and now.
+    Mark(String),
+    /// Let the estimator forget all motion.
+    ResetEstimator,
+}
+
+/// The device, the recording, and who looks on.
+pub struct Hub {
+    live: Live,
+    feed: Feed,
+    recorder: Option<Recorder>,
+    viewers: Vec<Box<dyn Viewer + Send>>,
+    wishes: (Sender<Wish>, Receiver<Wish>),
+    wait_s: f64,
+}
+
+impl Hub {
+    /// For a device that is connected.
+    pub fn new(live: Live, wait_s: f64) -> Self {
+        Self { live, feed: Feed::default(), recorder: None, viewers: Vec::new(), wishes: channel(), wait_s }
+    }
+
+    /// Where wishes go.
+    pub fn wishes(&self) -> Sender<Wish> {
+        self.wishes.0.clone()
+    }
+
+    /// Records everything from now on.
+    pub fn record(&mut self, recorder: Recorder) {
+        self.recorder = Some(recorder);
+    }
+
+    /// One more who looks on.
+    pub fn add(&mut self, viewer: impl Viewer + Send + 'static) {
+        self.viewers.push(Box::new(viewer));
+    }
+
+    /// Runs until `stop` says so or something fails. Whatever happens, the recording is closed with what there is.
+    pub fn run(mut self, stop: impl Fn() -> bool) -> Result<(), Error> {
+        let result = self.turn_by_turn(stop);
+        let lost_frames = self.live.lost_frames();
+        let Some(recorder) = self.recorder else { return result };
+        let reason = result.as_ref().err().map_or_else(|| "finished".into(), ToString::to_string);
+        let closed = recorder.close(&End { reason, lost_frames });
+        result.and_then(|()| Ok(closed?))
+    }
+
+    fn turn_by_turn(&mut self, stop: impl Fn() -> bool) -> Result<(), Error> {
+        if let (Some(device), Some(recorder)) = (self.live.device(), &mut self.recorder) {
+            recorder.describe(device.hello(), device.settings())?;
+        }
+        self.introduce()?;
+        while !stop() {
+            self.wished()?;
+            match self.live.next()? {
+                Happening::Received(received) => {
+                    if let Some(recorder) = self.recorder.as_mut().filter(|_| !received.bytes.is_empty()) {
+                        recorder.frame(received.time_ns, &received.bytes)?;
+                    }
+                    let mut items = Vec::new();
+                    self.feed.received(&received, self.live.lost_frames(), |item| items.push(item));
+                    self.show(items)?;
+                }
+                Happening::Quiet => self.settle()?,
+                Happening::Away { reason } => {
+                    self.settle()?;
+                    if let Some(recorder) = &mut self.recorder {
+                        recorder.flush()?;
+                    }
+                    let reason = format!("{reason}; waiting {} s for it to come back", self.wait_s);
+                    self.show(vec![Item::Away { reason }])?;
+                }
+                Happening::Back => {
+                    self.introduce()?;
+                    let port = self.live.device().map(|device| device.name().to_string()).unwrap_or_default();
+                    self.show(vec![Item::Back { port }])?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Says who is there.
+    fn introduce(&mut self) -> Result<(), Error> {
+        let Some(device) = self.live.device() else { return Ok(()) };
+        let item = self.feed.device(device);
+        self.show(vec![item])
+    }
+
+    /// Hands out what was held back.
+    fn settle(&mut self) -> Result<(), Error> {
+        let mut items = Vec::new();
+        self.feed.quiet(|item| items.push(item));
+        self.show(items)?;
+        self.viewers.iter_mut().try_for_each(|viewer| viewer.pause())
+    }
+
+    fn wished(&mut self) -> Result<(), Error> {
+        while let Ok(wish) = self.wishes.1.try_recv() {
+            match wish {
+                Wish::Mark(text) => {
+                    if let Some(recorder) = &mut self.recorder {
+                        recorder.marker(self.live.now_ns(), &text)?;
+                    }
+                    let item = self.feed.marker(&text);
+                    self.show(vec![item])?;
+                }
+                // The device says by an event that it has done so. One that went away has forgotten everything anyhow.
+                Wish::ResetEstimator => {
+                    if let Some(device) = self.live.device_mut() {
+                        reset(device)?;
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn show(&mut self, items: Vec<Item>) -> Result<(), Error> {
+        for item in &items {
+            self.viewers.iter_mut().try_for_each(|viewer| viewer.show(item))?;
+        }
+        Ok(())
+    }
+}
+
+/// Sent without waiting for the reply: samples go on meanwhile. A link that breaks here is met by the next read.
+fn reset(device: &mut Device) -> Result<(), DeviceError> {
+    match device.send(Command::ResetEstimator) {
+        Err(error) if !error.may_come_back() => Err(error),
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,88 @@
+//! What went wrong on the device and on the way, for a person.
+
+use inerter_wire::Health;
+
+use crate::report::plural;
+
+/// Counts since we came.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Losses {
+    /// The latest health.
+    pub health: Option<Health>,
+    /// Frames that the device had dropped or not understood before we came.
+    before: Option<(u32, u32)>,
+    /// Frames lost on the way.
+    pub lost_frames: u64,
+}
+
+impl Losses {
+    /// Another device, or the same one anew.
+    pub fn begin(&mut self) {
+        self.before = None;
+    }
+
+    /// The latest health.
+    pub fn health(&mut self, health: Health) {
+        self.before.get_or_insert((health.dropped_frames, health.bad_frames));
+        self.health = Some(health);
+    }
+
+    /// What the device says went wrong so far; `None` when nothing did.
+    pub fn problems(&self) -> Option<String> {
+        let health = self.health?;
+        let (dropped, bad) = self.before.unwrap_or_default();
+        let list: Vec<String> = [
+            (health.lost_samples, "sample", "lost"),
+            (health.overruns.into(), "sampler overrun", ""),
+            (health.saturated.into(), "saturated sample", ""),
+            (health.dropped_frames.saturating_sub(dropped).into(), "frame", "dropped by the device"),
+            (health.bad_frames.saturating_sub(bad).into(), "frame", "not understood by the device"),
+        ]
+        .into_iter()
+        .filter(|(count, ..)| *count > 0)
+        .map(|(count, thing, what)| format!("{} {what}", plural(count, thing)).trim_end().to_string())
+        .collect();
+        if list.is_empty() { None } else { Some(list.join(", ")) }
+    }
+
+    /// Whether anything was lost or saturated, on the device or on the way.
+    pub fn is_clean(&self) -> bool {
+        self.lost_frames == 0 && self.problems().is_none()
+    }
+
+    /// One line: what went wrong, processor, temperature.
+    pub fn line(&self) -> String {
+        let mut parts = vec![self.problems().unwrap_or_else(|| "nothing lost or saturated".into())];
+        if self.lost_frames > 0 {
+            parts.push(format!("{} lost on the way", plural(self.lost_frames, "frame")));
+        }
+        if let Some(load) = self.health.and_then(|health| health.cpu_load_permille) {
+            parts.push(format!("processor {:.0} %", f64::from(load) / 10.0));
+        }
+        if let Some(temperature) = self.health.and_then(|health| health.temperature_c) {
+            parts.push(format!("{temperature:.0} °C"));
+        }
+        parts.join(", ")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_what_happened_since_we_came_is_told() {
+        let mut losses = Losses::default();
+        let health = Health { dropped_frames: 7, bad_frames: 1, ..Health::default() };
+        losses.health(health);
+        assert!(losses.is_clean());
+        assert_eq!(losses.line(), "nothing lost or saturated");
+        losses.health(Health { dropped_frames: 9, saturated: 1, cpu_load_permille: Some(345), ..health });
+        losses.lost_frames = 2;
+        assert_eq!(
+            losses.line(),
+            "1 saturated sample, 2 frames dropped by the device, 2 frames lost on the way, processor 34 %"
+        );
+        assert!(!losses.is_clean());
+    }
+}

@@ -1,0 +1,358 @@
+//! What the screen shows and how keys change it: no terminal, no clock, no threads.
+
+use std::collections::VecDeque;
+
+use inerter_core::{Detail, Estimate, Settings};
+use inerter_wire::{EventKind, Hello};
+use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
+
+use super::{
+    feed::Item,
+    history::{Entry, History},
+    losses::Losses,
+    trace::Traces,
+};
+use crate::report::{event_words, is_trouble};
+
+/// Lines of events, and markers, that are kept.
+const KEPT: usize = 500;
+/// Letters of a marker's text.
+const MARKER_LETTERS: usize = 200;
+/// Spans of the signals' time axis \[s\].
+pub const TRACE_SPANS_S: [f64; 11] = [0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 30.0, 60.0, 300.0, 1800.0];
+/// Spans of the parameters' time axis \[s\]; the last one is the whole run.
+pub const HISTORY_SPANS_S: [f64; 8] = [10.0, 30.0, 60.0, 300.0, 900.0, 3600.0, 14400.0, f64::INFINITY];
+
+/// Which pane is shown.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Tab {
+    /// The table, with the signals below.
+    #[default]
+    Overview,
+    /// Force and displacements.
+    Signals,
+    /// Parameters over time.
+    Parameters,
+    /// Losses and health.
+    Health,
+    /// What happened.
+    Events,
+}
+
+impl Tab {
+    /// All of them with their titles, in order.
+    pub const ALL: [(Self, &'static str); 5] = [
+        (Self::Overview, "Overview"),
+        (Self::Signals, "Signals"),
+        (Self::Parameters, "Parameters"),
+        (Self::Health, "Health"),
+        (Self::Events, "Events"),
+    ];
+
+    fn step(self, by: usize) -> Self {
+        let place = Self::ALL.iter().position(|(tab, _)| *tab == self).unwrap_or(0);
+        Self::ALL.get((place + by) % Self::ALL.len()).map_or(self, |(tab, _)| *tab)
+    }
+}
+
+/// What the keys mean at the moment.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum Prompt {
+    /// The commands.
+    #[default]
+    None,
+    /// Any key closes the list of keys.
+    Help,
+    /// The text of a marker so far.
+    Marker(String),
+    /// Yes or no.
+    Reset,
+}
+
+/// What the program should do.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Action {
+    /// End.
+    Quit,
+    /// Put a marker here, now.
+    Mark(String),
+    /// Let the estimator forget all motion.
+    ResetEstimator,
+}
+
+/// Something that changes the state.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Event<'a> {
+    /// From the device, or from the program.
+    Item(&'a Item),
+    /// From the keyboard.
+    Key(KeyEvent),
+}
+
+/// Who is there.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Present {
+    /// Port or address.
+    pub port: String,
+    /// Who.
+    pub hello: Hello,
+}
+
+/// The latest numbers.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Values {
+    /// Time since the estimator began \[s\], and the estimate.
+    pub estimate: Option<(f64, Estimate)>,
+    /// What goes with it.
+    pub detail: Option<Detail>,
+    /// Losses and health.
+    pub losses: Losses,
+}
+
+/// What a line tells of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LineKind {
+    /// Something in the order of things.
+    Plain,
+    /// Something wrong.
+    Trouble,
+    /// The user's own note.
+    Marker,
+}
+
+/// A line among the events.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Line {
+    /// When \[s\].
+    pub run_s: f64,
+    /// What.
+    pub words: String,
+    /// What kind.
+    pub kind: LineKind,
+}
+
+/// All that the screen shows.
+#[derive(Clone, Debug, Default)]
+pub struct State {
+    /// Who is there; `None` before the first.
+    pub present: Option<Present>,
+    /// Why the device is away, while it is.
+    pub away: Option<String>,
+    /// Settings in use.
+    pub settings: Settings,
+    /// The latest numbers.
+    pub values: Values,
+    /// Signals.
+    pub traces: Traces,
+    /// Parameters over time.
+    pub history: History,
+    /// What happened, oldest first.
+    pub lines: VecDeque<Line>,
+    /// Markers, oldest first.
+    pub marks: VecDeque<(f64, String)>,
+    /// Time of the latest thing \[s\].
+    pub now_s: f64,
+    /// Since when the view stands still, and the numbers of that time.
+    pub paused: Option<(f64, Values)>,
+    /// Which pane is shown.
+    pub tab: Tab,
+    /// Place in [`TRACE_SPANS_S`].
+    pub trace_span: usize,
+    /// Place in [`HISTORY_SPANS_S`].
+    pub history_span: usize,
+    /// What the keys mean.
+    pub prompt: Prompt,
+    /// The file that is recorded into.
+    pub recording: Option<String>,
+    /// Where else it is shown.
+    pub elsewhere: Vec<String>,
+}
+
+impl State {
+    /// At the beginning.
+    pub fn new(recording: Option<String>, elsewhere: Vec<String>) -> Self {
+        Self { trace_span: 5, history_span: 2, recording, elsewhere, ..Self::default() }
+    }
+
+    /// The numbers to be shown: the latest, or those of the pause.
+    pub fn shown(&self) -> &Values {
+        self.paused.as_ref().map_or(&self.values, |(_, values)| values)
+    }
+
+    /// The right end of the time axes \[s\].
+    pub fn end_s(&self) -> f64 {
+        self.paused.as_ref().map_or(self.now_s, |(at_s, _)| *at_s)
+    }
+
+    /// Extent of the signals' time axis \[s\].
+    pub fn trace_span_s(&self) -> f64 {
+        TRACE_SPANS_S.get(self.trace_span).copied().unwrap_or(5.0)
+    }
+
+    /// Extent of the parameters' time axis \[s\]; all that there is where the last span is chosen.
+    pub fn history_span_s(&self) -> f64 {
+        let span_s = HISTORY_SPANS_S.get(self.history_span).copied().unwrap_or(60.0);
+        if span_s.is_finite() { span_s } else { self.end_s().max(10.0) }
+    }
+
+    /// Takes an event; gives what the program should do.
+    pub fn update(&mut self, event: Event<'_>) -> Option<Action> {
+        match event {
+            Event::Item(item) => {
+                self.item(item);
+                None
+            }
+            Event::Key(key) => self.key(key),
+        }
+    }
+
+    fn item(&mut self, item: &Item) {
+        match item {
+            Item::Device { port, hello, settings } => {
+                let rate_differs = settings.sample_rate_hz != self.settings.sample_rate_hz;
+                if self.present.is_none() || rate_differs {
+                    self.traces = Traces::new(1.0 / settings.sample_rate_hz);
+                }
+                self.settings = *settings;
+                self.values.losses.begin();
+                self.present = Some(Present { port: port.clone(), hello: hello.clone() });
+            }
+            Item::Away { reason } => {
+                self.line(self.now_s, reason.clone(), LineKind::Trouble);
+                self.away = Some(reason.clone());
+            }
+            Item::Back { port } => {
+                self.away = None;
+                self.line(self.now_s, format!("the device is back at {port}"), LineKind::Plain);
+            }
+            Item::Settings(settings) => {
+                if settings.sample_rate_hz != self.settings.sample_rate_hz {
+                    self.traces = Traces::new(1.0 / settings.sample_rate_hz);
+                }
+                self.settings = *settings;
+            }
+            Item::Samples(samples) => {
+                for sample in samples {
+                    self.traces.push(sample);
+                    self.now_s = self.now_s.max(sample.at.run_s);
+                }
+            }
+            Item::Estimate { at, t_s, estimate, detail } => {
+                self.now_s = self.now_s.max(at.run_s);
+                self.values.estimate = Some((*t_s, *estimate));
+                self.values.detail = *detail;
+                self.history.push(Entry::new(at.run_s, estimate, detail.as_ref()));
+            }
+            // The backlash itself comes with the estimates.
+            Item::Gap { .. } => {}
+            Item::Health(health) => self.values.losses.health(*health),
+            Item::Event { at, event, .. } => {
+                if event.kind == EventKind::EstimatorReset {
+                    (self.values.estimate, self.values.detail) = (None, None);
+                }
+                let kind = if is_trouble(&event.kind) { LineKind::Trouble } else { LineKind::Plain };
+                self.line(at.run_s, event_words(&event.kind), kind);
+            }
+            Item::LostFrames(count) => {
+                self.values.losses.lost_frames = *count;
+                self.line(self.now_s, "frames were lost on the way".into(), LineKind::Trouble);
+            }
+            Item::Marker { at, text, .. } => {
+                keep(&mut self.marks, (at.run_s, text.clone()));
+                self.line(at.run_s, format!("marker: {text}"), LineKind::Marker);
+            }
+        }
+    }
+
+    fn line(&mut self, run_s: f64, words: String, kind: LineKind) {
+        // A bad line loses frames many times a second: one line says it.
+        match self.lines.back_mut() {
+            Some(last) if last.words == words => last.run_s = run_s,
+            _ => keep(&mut self.lines, Line { run_s, words, kind }),
+        }
+    }
+
+    fn key(&mut self, key: KeyEvent) -> Option<Action> {
+        if key.modifiers.contains(KeyModifiers::CONTROL) {
+            return (key.code == KeyCode::Char('c')).then_some(Action::Quit);
+        }
+        match std::mem::take(&mut self.prompt) {
+            Prompt::None => self.command(key.code),
+            Prompt::Help => None,
+            Prompt::Reset => matches!(key.code, KeyCode::Char('y' | 'Y')).then_some(Action::ResetEstimator),
+            Prompt::Marker(mut text) => {
+                match key.code {
+                    KeyCode::Esc => return None,
+                    KeyCode::Enter => {
+                        let text = text.trim();
+                        return Some(Action::Mark(if text.is_empty() { "marker".into() } else { text.into() }));
+                    }
+                    KeyCode::Backspace => {
+                        text.pop();
+                    }
+                    KeyCode::Char(letter) if !letter.is_control() && text.chars().count() < MARKER_LETTERS => {
+                        text.push(letter);
+                    }
+                    _ => {}
+                }
+                self.prompt = Prompt::Marker(text);
+                None
+            }
+        }
+    }
+
+    fn command(&mut self, code: KeyCode) -> Option<Action> {
+        match code {
+            KeyCode::Char('q') | KeyCode::Esc => return Some(Action::Quit),
+            KeyCode::Char('?' | 'h') => self.prompt = Prompt::Help,
+            KeyCode::Char('m') => self.prompt = Prompt::Marker(String::new()),
+            KeyCode::Char('r') => self.prompt = Prompt::Reset,
+            KeyCode::Char(' ') => {
+                self.paused = match self.paused {
+                    None => Some((self.now_s, self.values)),
+                    Some(_) => None,
+                };
+            }
+            KeyCode::Char('+' | '=') | KeyCode::Up => self.zoom(|place, _| place.saturating_sub(1)),
+            KeyCode::Char('-' | '_') | KeyCode::Down => self.zoom(|place, count| (place + 1).min(count - 1)),
+            KeyCode::Left => self.pan(-0.25),
+            KeyCode::Right => self.pan(0.25),
+            KeyCode::Tab => self.tab = self.tab.step(1),
+            KeyCode::BackTab => self.tab = self.tab.step(Tab::ALL.len() - 1),
+            KeyCode::Char(digit) => {
+                let place = digit.to_digit(10).and_then(|digit| (digit as usize).checked_sub(1));
+                if let Some((tab, _)) = place.and_then(|place| Tab::ALL.get(place)) {
+                    self.tab = *tab;
+                }
+            }
+            _ => {}
+        }
+        None
+    }
+
+    fn zoom(&mut self, to: impl Fn(usize, usize) -> usize) {
+        match self.tab {
+            Tab::Parameters => self.history_span = to(self.history_span, HISTORY_SPANS_S.len()),
+            _ => self.trace_span = to(self.trace_span, TRACE_SPANS_S.len()),
+        }
+    }
+
+    /// Moves the time axis of a view that stands still by a part of its extent.
+    fn pan(&mut self, part: f64) {
+        let span_s = if self.tab == Tab::Parameters { self.history_span_s() } else { self.trace_span_s() };
+        let now_s = self.now_s;
+        let (at_s, _) = self.paused.get_or_insert((now_s, self.values));
+        *at_s = (*at_s + part * span_s).clamp(0.0, now_s);
+    }
+}
+
+fn keep<T>(list: &mut VecDeque<T>, item: T) {
+    if list.len() >= KEPT {
+        list.pop_front();
+    }
+    list.push_back(item);
+}
+
+#[cfg(test)]
+#[path = "state_tests.rs"]
+mod tests;

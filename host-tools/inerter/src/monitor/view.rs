@@ -1,0 +1,155 @@
+//! The screen: draws a [`State`], and changes nothing.
+
+mod charts;
+mod panels;
+
+use ratatui::{
+    Frame,
+    layout::{Constraint, Layout, Rect},
+    style::{Color, Modifier, Style},
+    text::{Line, Span},
+    widgets::{Block, Clear, Paragraph, Tabs, Wrap},
+};
+
+use super::state::{Prompt, State, Tab};
+use crate::report::duration_text;
+
+/// Colours, or only what every terminal can do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Theme {
+    /// Whether colours may be used (`NO_COLOR` is not set).
+    pub colour: bool,
+}
+
+impl Theme {
+    fn coloured(self, colour: Color) -> Style {
+        if self.colour { Style::new().fg(colour) } else { Style::new() }
+    }
+
+    fn good(self) -> Style {
+        self.coloured(Color::Green)
+    }
+
+    fn doubtful(self) -> Style {
+        self.coloured(Color::Yellow)
+    }
+
+    fn bad(self) -> Style {
+        self.coloured(Color::Red).add_modifier(Modifier::BOLD)
+    }
+
+    fn curve(self) -> Style {
+        self.coloured(Color::Cyan)
+    }
+
+    fn band(self) -> Style {
+        self.coloured(Color::Blue)
+    }
+
+    fn quiet(self) -> Style {
+        if self.colour { Style::new().fg(Color::DarkGray) } else { Style::new().add_modifier(Modifier::DIM) }
+    }
+
+    fn title(self) -> Style {
+        Style::new().add_modifier(Modifier::BOLD)
+    }
+
+    fn block(self, title: impl Into<Line<'static>>) -> Block<'static> {
+        Block::bordered().border_style(self.quiet()).title_style(self.title()).title(title.into())
+    }
+}
+
+/// Draws everything.
+pub fn draw(frame: &mut Frame<'_>, state: &State, theme: Theme) {
+    let [head, tabs, body, foot] =
+        Layout::vertical([Constraint::Length(1), Constraint::Length(1), Constraint::Min(0), Constraint::Length(1)])
+            .areas(frame.area());
+    frame.render_widget(heading(state, theme), head);
+    let titles = Tab::ALL.iter().enumerate().map(|(place, (_, title))| format!("{} {title}", place + 1));
+    let selected = Tab::ALL.iter().position(|(tab, _)| *tab == state.tab);
+    let highlight = Style::new().add_modifier(Modifier::REVERSED);
+    frame.render_widget(Tabs::new(titles).select(selected).highlight_style(highlight).divider(" "), tabs);
+    match state.tab {
+        Tab::Overview => panels::overview(frame, body, state, theme),
+        Tab::Signals => charts::signals(frame, body, state, theme),
+        Tab::Parameters => charts::parameters(frame, body, state, theme),
+        Tab::Health => panels::health(frame, body, state, theme),
+        Tab::Events => panels::events(frame, body, state, theme),
+    }
+    frame.render_widget(footing(state, theme), foot);
+    if state.prompt == Prompt::Help {
+        help(frame, body, theme);
+    }
+}
+
+fn heading(state: &State, theme: Theme) -> Line<'static> {
+    let mut spans = Vec::new();
+    if state.paused.is_some() {
+        spans.push(Span::styled(" PAUSED ", Style::new().add_modifier(Modifier::REVERSED)));
+        spans.push(Span::raw(" "));
+    }
+    if let Some(reason) = &state.away {
+        spans.push(Span::styled(format!("{reason} "), theme.bad()));
+    }
+    if let Some(file) = &state.recording {
+        spans.push(Span::styled("● ", theme.bad()));
+        spans.push(Span::raw(format!("{file}  ")));
+    }
+    match &state.present {
+        Some(present) => {
+            let hello = &present.hello;
+            spans.push(Span::styled(format!("{} {}", hello.board, hello.serial), theme.title()));
+            spans.push(Span::raw(format!(
+                "  {} Hz  {}  {}",
+                state.settings.sample_rate_hz,
+                duration_text(state.now_s),
+                present.port
+            )));
+        }
+        None => spans.push(Span::raw("waiting for the device")),
+    }
+    Line::from(spans)
+}
+
+fn footing(state: &State, theme: Theme) -> Line<'static> {
+    match &state.prompt {
+        Prompt::Marker(text) => Line::from(vec![
+            Span::styled("marker: ", theme.title()),
+            Span::raw(text.clone()),
+            Span::styled("█", theme.curve()),
+            Span::styled("   Enter sets it, Esc does not", theme.quiet()),
+        ]),
+        Prompt::Reset => Line::styled(
+            "forget all motion seen so far and begin the estimates anew? y: yes, any other key: no",
+            theme.doubtful().add_modifier(Modifier::BOLD),
+        ),
+        Prompt::None | Prompt::Help => {
+            Line::styled("q quit  ? keys  space pause  +/- zoom  Tab pane  m marker  r reset", theme.quiet())
+        }
+    }
+}
+
+fn help(frame: &mut Frame<'_>, body: Rect, theme: Theme) {
+    let keys = [
+        ("q, Esc", "quit"),
+        ("1 to 5, Tab", "choose the pane"),
+        ("space", "let the view stand still; measuring and recording go on"),
+        ("+ -", "more or less detail in time"),
+        ("left, right", "back and forth in time"),
+        ("m", "set a marker, with a text; kept in the recording"),
+        ("r", "reset the estimator; asks first"),
+        ("?", "this list"),
+    ];
+    let lines: Vec<Line<'_>> = keys
+        .into_iter()
+        .map(|(key, what)| Line::from(vec![Span::styled(format!("{key:<13}"), theme.title()), Span::raw(what)]))
+        .collect();
+    let (width, height) = (74.min(body.width), (lines.len() as u16 + 2).min(body.height));
+    let area = Rect { x: body.x + (body.width - width) / 2, y: body.y + (body.height - height) / 2, width, height };
+    frame.render_widget(Clear, area);
+    frame.render_widget(Paragraph::new(lines).block(theme.block("Keys")).wrap(Wrap { trim: false }), area);
+}
+
+#[cfg(test)]
+#[path = "view_tests.rs"]
+mod tests;

@@ -1,0 +1,190 @@
+//! Panes of text: the table with its status words, losses and health, what happened.
+
+use inerter_core::{Parameter, Status};
+use inerter_wire::catalogue;
+use ratatui::{
+    Frame,
+    layout::{Constraint, Layout, Rect},
+    style::Style,
+    text::{Line, Span},
+    widgets::{Cell, Paragraph, Row, Table, Wrap},
+};
+
+use super::{Theme, charts};
+use crate::{
+    detail::{self, BacklashJson},
+    monitor::{
+        state::{LineKind, State, Values},
+        trace::Signal,
+    },
+    report::{duration_text, status_word, value_text},
+};
+
+/// Rows below which the signals are left out of the overview.
+const ROOM_FOR_SIGNALS: u16 = 6;
+
+/// The table, and the force below or beside it.
+pub fn overview(frame: &mut Frame<'_>, area: Rect, state: &State, theme: Theme) {
+    let rows = rows(state, theme);
+    let height = rows.len() as u16 + 3;
+    let words = words(state, theme);
+    // Where there is no room for all, the table comes first.
+    let word_rows = area.height.saturating_sub(height).min(3 + state.elsewhere.len() as u16);
+    let [top, middle, bottom] =
+        Layout::vertical([Constraint::Max(height), Constraint::Length(word_rows), Constraint::Fill(1)]).areas(area);
+    let title = match state.shown().estimate {
+        Some((t_s, estimate)) => {
+            let motion = if estimate.moving { "moving" } else { "at rest" };
+            format!(" {}, {motion}, residual {:.2} N ", duration_text(t_s), estimate.residual_rms_n)
+        }
+        None => " waiting for the first estimate ".into(),
+    };
+    let memory = format!("last {} s", state.settings.memory_s);
+    let head = Row::new(["", "", memory.as_str(), "status", "whole run"]).style(theme.quiet());
+    // Label, unit, memory, status, whole run; on a narrow terminal only what the table is about.
+    let (widths, spacing) = if area.width < 60 { ([21, 0, 17, 0, 0], 0) } else { ([20, 5, 17, 16, 16], 1) };
+    let widths = widths.map(Constraint::Length);
+    frame.render_widget(Table::new(rows, widths).column_spacing(spacing).header(head).block(theme.block(title)), top);
+    frame.render_widget(Paragraph::new(words).wrap(Wrap { trim: true }), middle);
+    if bottom.height < ROOM_FOR_SIGNALS {
+        return;
+    }
+    let force = |frame: &mut Frame<'_>, area| charts::trace(frame, area, state, theme, Signal::Force, "force_n");
+    let position =
+        |frame: &mut Frame<'_>, area| charts::trace(frame, area, state, theme, Signal::Position, "position_m");
+    if area.width >= 110 {
+        let [left, right] = Layout::horizontal([Constraint::Fill(1), Constraint::Fill(1)]).areas(bottom);
+        force(frame, left);
+        position(frame, right);
+    } else if bottom.height >= 2 * ROOM_FOR_SIGNALS {
+        let [upper, lower] = Layout::vertical([Constraint::Fill(1), Constraint::Fill(1)]).areas(bottom);
+        force(frame, upper);
+        position(frame, lower);
+    } else {
+        force(frame, bottom);
+    }
+}
+
+/// The table's rows: parameters, backlash, and what a terminal sensor shows.
+fn rows(state: &State, theme: Theme) -> Vec<Row<'static>> {
+    let Values { estimate, detail, .. } = state.shown();
+    let unknown = inerter_core::Estimate::default();
+    let estimate = estimate.as_ref().map_or(&unknown, |(_, estimate)| estimate);
+    let whole = catalogue::parameters(&estimate.whole_run);
+    let mut rows: Vec<Row<'static>> = catalogue::parameters(&estimate.recent)
+        .zip(whole)
+        .map(|((field, recent), (_, whole))| {
+            row(field.label, field.unit, number(&recent), status(&recent, theme), number(&whole))
+        })
+        .collect();
+    let Some(detail) = detail else { return rows };
+    let backlash = BacklashJson::from(detail.backlash);
+    let text = detail::backlash_text(&detail.backlash);
+    let (style, word, value, reason) = match (backlash.reason, backlash.status) {
+        (Some(_), _) => (theme.quiet(), "not identifiable", "-".into(), text),
+        (None, "ok") => (theme.good(), "ok", text, String::new()),
+        (None, _) => (theme.doubtful(), "maybe none", text.replace(" (maybe none)", ""), String::new()),
+    };
+    // It is of the whole run; the other column has room to say why there is none.
+    rows.push(row("Backlash", "µm", reason, Span::styled(word, style), value));
+    if detail::has_terminal_sensor(&state.settings) {
+        rows.extend(catalogue::contact(detail).map(|(field, parameter)| {
+            row(field.label, field.unit, String::new(), status(&parameter, theme), number(&parameter))
+        }));
+    }
+    rows
+}
+
+fn row(label: &'static str, unit: &'static str, recent: String, status: Span<'static>, whole: String) -> Row<'static> {
+    Row::new([Cell::from(label), Cell::from(unit), Cell::from(recent), Cell::from(status), Cell::from(whole)])
+}
+
+/// Value ± U95; the status stands in its own column.
+fn number(parameter: &Parameter) -> String {
+    match parameter.status {
+        Status::NotIdentifiable => "-".into(),
+        Status::Held | Status::Ok => value_text(parameter).replace(" (held)", ""),
+    }
+}
+
+fn status(parameter: &Parameter, theme: Theme) -> Span<'static> {
+    let style = match parameter.status {
+        Status::Ok => theme.good(),
+        Status::Held => theme.doubtful(),
+        Status::NotIdentifiable => theme.quiet(),
+    };
+    Span::styled(status_word(parameter.status).replace('_', " "), style)
+}
+
+/// What was lost, how the device behaves, and where else it is shown.
+fn words(state: &State, theme: Theme) -> Vec<Line<'static>> {
+    let Values { detail, losses, .. } = state.shown();
+    let style = if losses.is_clean() { theme.good() } else { theme.bad() };
+    let mut lines = vec![Line::styled(losses.line(), style)];
+    lines.extend(detail.as_ref().map(|detail| Line::raw(detail::line(detail))));
+    lines.extend(state.elsewhere.iter().map(|place| Line::styled(place.clone(), theme.quiet())));
+    lines
+}
+
+/// Everything that the device says of itself.
+pub fn health(frame: &mut Frame<'_>, area: Rect, state: &State, theme: Theme) {
+    let losses = &state.shown().losses;
+    let Some(health) = losses.health else {
+        frame.render_widget(Paragraph::new("nothing said yet").block(theme.block(" Health ")), area);
+        return;
+    };
+    let plain = |field: &str, value: Option<f64>| match (field, value) {
+        (_, None) => "not known".to_string(),
+        ("cpu_load_permille", Some(value)) => format!("{:.1} %", value / 10.0),
+        ("temperature_c", Some(value)) => format!("{value:.1} °C"),
+        ("uptime_s", Some(value)) => duration_text(value),
+        (_, Some(value)) => format!("{value}"),
+    };
+    let on_the_way = Row::new(["Frames lost on the way".to_string(), losses.lost_frames.to_string()]);
+    let rows = catalogue::health(&health).map(|(field, value)| {
+        let is_loss = match field.path {
+            "lost_samples" | "gaps" | "overruns" | "saturated" => true,
+            // Those before we came are no loss of ours.
+            "dropped_frames" | "bad_frames" => !losses.is_clean(),
+            _ => false,
+        };
+        let style = if is_loss && value.is_some_and(|value| value > 0.0) { theme.bad() } else { theme.title() };
+        Row::new([Cell::from(field.label), Cell::from(Span::styled(plain(field.path, value), style))])
+    });
+    let rows: Vec<Row<'_>> = std::iter::once(on_the_way).chain(rows).collect();
+    let mut lines: Vec<Line<'static>> = Vec::new();
+    if let Some(present) = &state.present {
+        let hello = &present.hello;
+        lines.push(Line::raw(format!("{}, {}, clock: {:?}", hello.firmware, hello.board, hello.clock)));
+    }
+    lines.extend(state.elsewhere.iter().map(|place| Line::raw(place.clone())));
+    let [top, bottom] = Layout::vertical([Constraint::Length(rows.len() as u16 + 2), Constraint::Fill(1)]).areas(area);
+    let title = if losses.is_clean() { " Nothing lost or saturated " } else { " Losses " };
+    let widths = [Constraint::Length(36), Constraint::Fill(1)];
+    frame.render_widget(Table::new(rows, widths).block(theme.block(title)), top);
+    frame.render_widget(Paragraph::new(lines).wrap(Wrap { trim: true }), bottom);
+}
+
+/// What happened, the latest at the bottom.
+pub fn events(frame: &mut Frame<'_>, area: Rect, state: &State, theme: Theme) {
+    let room = usize::from(area.height.saturating_sub(2));
+    let skip = state.lines.len().saturating_sub(room);
+    let lines: Vec<Line<'_>> = state
+        .lines
+        .iter()
+        .skip(skip)
+        .map(|line| {
+            let style = match line.kind {
+                LineKind::Plain => Style::new(),
+                LineKind::Trouble => theme.bad(),
+                LineKind::Marker => theme.doubtful(),
+            };
+            Line::from(vec![
+                Span::styled(format!("{:>10.2} s  ", line.run_s), theme.quiet()),
+                Span::styled(line.words.clone(), style),
+            ])
+        })
+        .collect();
+    let lines = if lines.is_empty() { vec![Line::styled("nothing yet", theme.quiet())] } else { lines };
+    frame.render_widget(Paragraph::new(lines).block(theme.block(" Events ")), area);
+}

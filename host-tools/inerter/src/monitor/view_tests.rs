@@ -1,0 +1,166 @@
+use inerter_core::{Backlash, BacklashStatus, Detail, Estimate, Parameter, Parameters, Settings, Status};
+use inerter_wire::{Capabilities, ClockSource, Health, Hello};
+use ratatui::{Terminal, backend::TestBackend};
+
+use super::*;
+use crate::monitor::{
+    feed::{Item, Moment, Sample},
+    state::{Event, Tab},
+};
+
+fn at(run_s: f64) -> Moment {
+    Moment { run_s, unix_ns: 0 }
+}
+
+/// A state in which everything has something to show.
+fn state() -> State {
+    let mut state = State::new(Some("run.mcap".into()), vec!["page: http://127.0.0.1:1/".into()]);
+    let hello = Hello {
+        wire_version: inerter_wire::WIRE_VERSION,
+        firmware: Hello::text("test 1.0"),
+        git: Hello::text(""),
+        board: Hello::text("board"),
+        serial: Hello::text("S7"),
+        sample_rate_hz: 100.0,
+        clock: ClockSource::Crystal,
+        capabilities: Capabilities::NONE,
+    };
+    let settings = Settings { sample_rate_hz: 100.0, ..Settings::default() };
+    let mut items = vec![Item::Device { port: "COM3".into(), hello, settings }];
+    let known = |value, u95| Parameter { value, u95, status: Status::Ok };
+    for index in 0..1000 {
+        let run_s = f64::from(index) * 0.01;
+        let sample = Sample { at: at(run_s), force_n: 400.0 * run_s.sin(), position_m: 1e-3, terminal_m: None };
+        items.push(Item::Samples(vec![sample]));
+        if index % 10 == 9 {
+            let recent = Parameters {
+                inertance_kg: known(95.11, 0.48),
+                viscous_n_s_per_m: Parameter::default(),
+                coulomb_n: Parameter { status: Status::Held, ..known(31.4, 1.2) },
+                offset_n: known(-0.5, 0.1),
+            };
+            let estimate = Estimate { recent, whole_run: recent, moving: true, ..Estimate::default() };
+            let backlash = Backlash {
+                value_m: 5e-5,
+                u95_m: 1.2e-6,
+                status: BacklashStatus::Ok,
+                reversals: 12,
+                ..Backlash::default()
+            };
+            let detail = Some(Detail { backlash, ..Detail::default() });
+            items.push(Item::Estimate { at: at(run_s), t_s: run_s, estimate, detail });
+        }
+    }
+    items.push(Item::Health(Health { saturated: 3, cpu_load_permille: Some(345), ..Health::default() }));
+    items.push(Item::Marker { at: at(8.0), t_s: None, text: "bolt tightened".into() });
+    for item in items {
+        state.update(Event::Item(&item));
+    }
+    state
+}
+
+/// The screen as lines, and whether any cell has a colour.
+fn drawn(state: &State, width: u16, height: u16, colour: bool) -> (Vec<String>, bool) {
+    let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
+    terminal.draw(|frame| draw(frame, state, Theme { colour })).unwrap();
+    let buffer = terminal.backend().buffer();
+    let row = |y| (0..width).map(|x| buffer[(x, y)].symbol()).collect::<String>();
+    let coloured = buffer.content().iter().any(|cell| cell.fg != Color::Reset || cell.bg != Color::Reset);
+    ((0..height).map(row).collect(), coloured)
+}
+
+#[test]
+fn the_overview_fits_a_small_terminal() {
+    let (lines, _) = drawn(&state(), 80, 24, true);
+    let screen = lines.join("\n");
+    assert!(lines[0].starts_with("● run.mcap  board S7  100 Hz  10.0 s  COM3"), "{screen}");
+    assert!(
+        screen.contains("│Effective inertance  kg    95.11 ± 0.48      ok               95.11 ± 0.48    │"),
+        "{screen}"
+    );
+    assert!(
+        screen.contains("│Viscous friction     N s/m -                 not identifiable -               │"),
+        "{screen}"
+    );
+    assert!(
+        screen.contains("│Coulomb friction     N     31.4 ± 1.2        held             31.4 ± 1.2      │"),
+        "{screen}"
+    );
+    assert!(
+        screen.contains("│Backlash             µm                      ok               50.0 ± 1.2      │"),
+        "{screen}"
+    );
+    assert!(screen.contains("3 saturated samples, processor 34 %"), "{screen}");
+    assert!(screen.contains("Force [N]") & screen.contains("-5 s") & screen.contains("now"), "{screen}");
+    assert!(lines[23].starts_with("q quit  ? keys"), "{screen}");
+    // The curve is there: Braille.
+    assert!(screen.chars().any(|letter| ('\u{2801}'..='\u{28ff}').contains(&letter)), "{screen}");
+}
+
+#[test]
+fn every_pane_shows_its_own() {
+    let mut state = state();
+    for (tab, words) in [
+        (Tab::Signals, &["Force [N]", "Screw displacement [mm]"][..]),
+        (
+            Tab::Parameters,
+            &["Effective inertance 95.11 ± 0.48 kg", "Viscous friction: not identifiable", "Backlash 50.0 ± 1.2 µm"],
+        ),
+        (
+            Tab::Health,
+            &[
+                "Samples saturated                    3",
+                "Processor load                       34.5 %",
+                "page: http://127.0.0.1:1/",
+            ],
+        ),
+        (Tab::Events, &["8.00 s  marker: bolt tightened"]),
+    ] {
+        state.tab = tab;
+        let screen = drawn(&state, 80, 24, true).0.join("\n");
+        for word in words {
+            assert!(screen.contains(word), "{tab:?} without {word}:\n{screen}");
+        }
+    }
+}
+
+#[test]
+fn no_terminal_is_too_small_and_none_too_large() {
+    let mut state = state();
+    let empty = State::default();
+    for (width, height) in [(0, 0), (1, 1), (10, 3), (40, 10), (79, 23), (300, 100)] {
+        for (tab, _) in Tab::ALL {
+            for prompt in [Prompt::None, Prompt::Help, Prompt::Marker("text".into()), Prompt::Reset] {
+                (state.tab, state.prompt) = (tab, prompt);
+                drawn(&state, width, height, true);
+            }
+            drawn(&State { tab, ..empty.clone() }, width, height, true);
+        }
+    }
+    (state.tab, state.prompt) = (Tab::Overview, Prompt::None);
+    let screen = drawn(&state, 40, 10, true).0.join("\n");
+    assert!(screen.contains("Effective inertance") & screen.contains("95.11"), "{screen}");
+}
+
+#[test]
+fn without_colours_nothing_is_coloured_and_all_is_said() {
+    let mut state = state();
+    for (tab, _) in Tab::ALL {
+        state.tab = tab;
+        let (plain, coloured) = drawn(&state, 100, 40, false);
+        assert!(!coloured, "{tab:?}");
+        assert_eq!(plain, drawn(&state, 100, 40, true).0, "{tab:?}");
+    }
+    state.tab = Tab::Overview;
+    assert!(drawn(&state, 100, 40, true).1);
+}
+
+#[test]
+fn a_pause_and_a_device_that_is_away_are_said_first() {
+    let mut state = state();
+    state.paused = Some((5.0, state.values));
+    assert!(drawn(&state, 80, 24, true).0[0].starts_with(" PAUSED "));
+    state.paused = None;
+    state.update(Event::Item(&Item::Away { reason: "COM3 went away; waiting 10 s for it to come back".into() }));
+    assert!(drawn(&state, 80, 24, true).0[0].starts_with("COM3 went away; waiting 10 s"));
+}

@@ -1,0 +1,304 @@
+//! The page: one self-contained HTML page on loopback, with what the screen shows, live by WebSocket.
+//!
+//! Only who knows the random token in the address is let in. A request must name a loopback host, so that no other site
+//! can reach it by a name that it makes point here, and must not come from another origin. The page loads nothing from
+//! elsewhere and may not.
+
+mod messages;
+
+use std::{
+    net::{IpAddr, SocketAddr, TcpListener},
+    sync::{Arc, Mutex, PoisonError, mpsc::Sender},
+    thread::JoinHandle,
+};
+
+use axum::{
+    Router,
+    extract::{
+        Request, State,
+        ws::{Message, Utf8Bytes, WebSocket, WebSocketUpgrade},
+    },
+    http::{HeaderMap, HeaderValue, StatusCode, header},
+    middleware::{self, Next},
+    response::{Html, IntoResponse, Response},
+    routing::get,
+};
+use serde::Deserialize;
+use tokio::sync::{broadcast, oneshot};
+
+use super::{MonitorError, bridge::resolve, feed::Item, hub::Viewer, hub::Wish};
+use crate::Error;
+use messages::Messages;
+
+/// Where the page is when nothing else is said: any free port.
+pub const BIND: &str = "127.0.0.1:0";
+/// Messages that wait for a slow page before it is told everything anew: some 20 s.
+const BACKLOG: usize = 256;
+/// Bytes of the longest message that a page may send.
+const MOST_FROM_PAGE: usize = 4096;
+/// Letters of a marker's text.
+const MARKER_LETTERS: usize = 200;
+
+const HTML: &str = include_str!("../../assets/monitor.html");
+const CSS: &str = include_str!("../../assets/monitor.css");
+const SCRIPT: &str = include_str!("../../assets/monitor.js");
+const PLOT: &str = include_str!("../../assets/uplot/uPlot.iife.min.js");
+const PLOT_CSS: &str = include_str!("../../assets/uplot/uPlot.min.css");
+
+/// What a page may ask for.
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+enum Asked {
+    Marker(String),
+    ResetEstimator(bool),
+}
+
+/// What the server's tasks share.
+struct Shared {
+    messages: Mutex<Messages>,
+    sender: broadcast::Sender<Utf8Bytes>,
+    wishes: Mutex<Sender<Wish>>,
+}
+
+/// The page's server, in a thread of its own, until it is dropped.
+pub struct Web {
+    shared: Arc<Shared>,
+    url: String,
+    stop: Option<oneshot::Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Web {
+    /// Serves at a loopback address.
+    pub fn start(bind: &str, wishes: Sender<Wish>, recording: Option<String>) -> Result<Self, MonitorError> {
+        let address = resolve("--bind", bind, BIND)?;
+        if !address.ip().is_loopback() {
+            return Err(MonitorError::NotLoopback { address: bind.into(), resolved: address });
+        }
+        let failed = |error: std::io::Error| MonitorError::Listen {
+            what: "the page",
+            option: "--bind",
+            address: bind.into(),
+            example: BIND,
+            reason: error.to_string(),
+        };
+        let listener = TcpListener::bind(address).map_err(failed)?;
+        listener.set_nonblocking(true).map_err(failed)?;
+        let address = listener.local_addr().map_err(failed)?;
+        let token = token()?;
+        let url = format!("http://{address}/{token}/");
+        let (sender, _) = broadcast::channel(BACKLOG);
+        let shared =
+            Arc::new(Shared { messages: Mutex::new(Messages::new(recording)), sender, wishes: Mutex::new(wishes) });
+        let router = router(&token, shared.clone());
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(failed)?;
+        let (stop, stopped) = oneshot::channel();
+        let thread = std::thread::Builder::new().name("page".into()).spawn(move || {
+            runtime.block_on(async move {
+                // Neither can fail: the listener is there, and serving goes on over every connection's own errors.
+                let Ok(listener) = tokio::net::TcpListener::from_std(listener) else { return };
+                tokio::select! {
+                    _ = axum::serve(listener, router) => {}
+                    _ = stopped => {}
+                }
+            });
+        });
+        let thread = thread.map_err(failed)?;
+        Ok(Self { shared, url, stop: Some(stop), thread: Some(thread) })
+    }
+
+    /// The page's address, token included.
+    pub fn url(&self) -> &str {
+        &self.url
+    }
+}
+
+impl Drop for Web {
+    fn drop(&mut self) {
+        drop(self.stop.take());
+        if let Some(thread) = self.thread.take() {
+            thread.join().ok();
+        }
+    }
+}
+
+impl Viewer for Web {
+    fn show(&mut self, item: &Item) -> Result<(), Error> {
+        let mut messages = self.shared.messages.lock().unwrap_or_else(PoisonError::into_inner);
+        for message in messages.take(item) {
+            // Nobody looking on is no fault.
+            self.shared.sender.send(message.to_string().into()).ok();
+        }
+        Ok(())
+    }
+}
+
+/// 128 bits from the operating system, in hexadecimal.
+fn token() -> Result<String, MonitorError> {
+    let mut bytes = [0; 16];
+    getrandom::fill(&mut bytes).map_err(|error| MonitorError::Random { reason: error.to_string() })?;
+    Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
+fn router(token: &str, shared: Arc<Shared>) -> Router {
+    Router::new()
+        .route(&format!("/{token}/"), get(page))
+        .route(&format!("/{token}/live"), get(live))
+        .fallback(|| async {
+            (StatusCode::FORBIDDEN, "the address is incomplete: open the one that `inerter monitor --web` printed\n")
+        })
+        .layer(middleware::from_fn(guard))
+        .with_state(shared)
+}
+
+/// Lets in only what names this machine, and comes from nowhere else; says to the browser what the page may not do.
+async fn guard(request: Request, next: Next) -> Response {
+    if !from_here(request.headers()) {
+        return (StatusCode::FORBIDDEN, "only pages of this machine may ask\n").into_response();
+    }
+    let mut response = next.run(request).await;
+    let headers = response.headers_mut();
+    for (name, value) in [
+        (header::REFERRER_POLICY, "no-referrer"),
+        (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
+        (header::X_FRAME_OPTIONS, "DENY"),
+        (header::CACHE_CONTROL, "no-store"),
+    ] {
+        headers.insert(name, HeaderValue::from_static(value));
+    }
+    response
+}
+
+fn from_here(headers: &HeaderMap) -> bool {
+    let text = |name| headers.get(name).and_then(|value| value.to_str().ok());
+    let Some(host) = text(header::HOST).filter(|host| is_loopback(host)) else { return false };
+    // Browsers name the origin wherever it matters; curl does not.
+    !headers.contains_key(header::ORIGIN) || text(header::ORIGIN) == Some(&format!("http://{host}"))
+}
+
+/// Whether a Host header names this machine; the port may differ where it is forwarded.
+fn is_loopback(host: &str) -> bool {
+    let address = |text: &str| text.trim_matches(['[', ']']).parse().ok();
+    let with_port = host.parse::<SocketAddr>().ok().map(|address| address.ip());
+    if let Some(found) = with_port.or_else(|| address(host)) {
+        return IpAddr::is_loopback(&found);
+    }
+    host.rsplit_once(':').map_or(host, |(name, _)| name).eq_ignore_ascii_case("localhost")
+}
+
+async fn page(headers: HeaderMap) -> Response {
+    let Ok(nonce) = token() else { return StatusCode::INTERNAL_SERVER_ERROR.into_response() };
+    let host = headers.get(header::HOST).and_then(|host| host.to_str().ok()).unwrap_or_default();
+    let html = HTML
+        .replace("{nonce}", &nonce)
+        .replace("{css}", &[PLOT_CSS, CSS].concat())
+        .replace("{script}", &[PLOT, SCRIPT].concat());
+    // `ws:` by name: not every browser takes 'self' for it.
+    let policy = format!(
+        "default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; connect-src ws://{host}; \
+         img-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    );
+    let Ok(policy) = HeaderValue::from_str(&policy) else { return StatusCode::BAD_REQUEST.into_response() };
+    ([(header::CONTENT_SECURITY_POLICY, policy)], Html(html)).into_response()
+}
+
+async fn live(State(shared): State<Arc<Shared>>, upgrade: WebSocketUpgrade) -> Response {
+    upgrade.max_message_size(MOST_FROM_PAGE).on_upgrade(move |socket| talk(socket, shared))
+}
+
+/// Tells a page everything so far, then whatever comes, and takes what it asks for.
+async fn talk(mut socket: WebSocket, shared: Arc<Shared>) {
+    let mut receiver = match begin(&mut socket, &shared).await {
+        Some(receiver) => receiver,
+        None => return,
+    };
+    loop {
+        tokio::select! {
+            message = receiver.recv() => match message {
+                Ok(message) => {
+                    if socket.send(Message::Text(message)).await.is_err() {
+                        return;
+                    }
+                }
+                // The page was too slow: it is told everything anew.
+                Err(broadcast::error::RecvError::Lagged(_)) => match begin(&mut socket, &shared).await {
+                    Some(anew) => receiver = anew,
+                    None => return,
+                },
+                Err(broadcast::error::RecvError::Closed) => return,
+            },
+            message = socket.recv() => match message {
+                Some(Ok(Message::Text(text))) => asked(&text, &shared),
+                Some(Ok(Message::Close(_)) | Err(_)) | None => return,
+                Some(Ok(_)) => {}
+            },
+        }
+    }
+}
+
+/// Everything so far, and a receiver of what comes right after it.
+async fn begin(socket: &mut WebSocket, shared: &Shared) -> Option<broadcast::Receiver<Utf8Bytes>> {
+    let (all, receiver) = {
+        // Nothing is sent to the receivers while this is held.
+        let messages = shared.messages.lock().unwrap_or_else(PoisonError::into_inner);
+        (messages.all(), shared.sender.subscribe())
+    };
+    for message in all {
+        socket.send(Message::Text(message.to_string().into())).await.ok()?;
+    }
+    Some(receiver)
+}
+
+fn asked(text: &str, shared: &Shared) {
+    let wish = match serde_json::from_str(text) {
+        Ok(Asked::Marker(text)) => {
+            let letters: String =
+                text.trim().chars().filter(|letter| !letter.is_control()).take(MARKER_LETTERS).collect();
+            Wish::Mark(if letters.is_empty() { "marker".into() } else { letters })
+        }
+        Ok(Asked::ResetEstimator(true)) => Wish::ResetEstimator,
+        // Not from our page.
+        Ok(Asked::ResetEstimator(false)) | Err(_) => return,
+    };
+    shared.wishes.lock().unwrap_or_else(PoisonError::into_inner).send(wish).ok();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_this_machine_is_let_in() {
+        for host in ["127.0.0.1:80", "localhost:8080", "LOCALHOST", "[::1]:5", "127.0.0.1", "[::1]"] {
+            assert!(is_loopback(host), "{host}");
+        }
+        for host in
+            ["evil.example:80", "127.0.0.1.evil.example", "localhost.evil.example:1", "10.0.0.1:80", "", "0.0.0.0:1"]
+        {
+            assert!(!is_loopback(host), "{host}");
+        }
+        let headers = |list: &[(header::HeaderName, &str)]| {
+            list.iter().map(|(name, value)| (name.clone(), HeaderValue::from_str(value).unwrap())).collect()
+        };
+        let host = (header::HOST, "127.0.0.1:9");
+        assert!(from_here(&headers(std::slice::from_ref(&host))));
+        assert!(from_here(&headers(&[host.clone(), (header::ORIGIN, "http://127.0.0.1:9")])));
+        for origin in ["http://evil.example", "null", "https://127.0.0.1:9", "http://127.0.0.1:10"] {
+            assert!(!from_here(&headers(&[host.clone(), (header::ORIGIN, origin)])), "{origin}");
+        }
+        assert!(!from_here(&headers(&[])));
+    }
+
+    #[test]
+    fn other_machines_are_refused_and_so_are_names_that_are_none() {
+        let start = |bind| Web::start(bind, std::sync::mpsc::channel().0, None).err().unwrap();
+        assert!(matches!(start("0.0.0.0:0"), MonitorError::NotLoopback { .. }));
+        assert!(matches!(start("nonsense"), MonitorError::Address { .. }));
+    }
+
+    #[test]
+    fn two_tokens_differ() {
+        let (one, other) = (token().unwrap(), token().unwrap());
+        assert!(one != other && one.len() == 32 && one.chars().all(|letter| letter.is_ascii_hexdigit()));
+    }
+}

@@ -1,0 +1,192 @@
+//! What the page is told: everything so far when it comes, then each thing as it happens.
+
+use serde_json::{Value, json};
+
+use crate::{
+    detail::{self, has_terminal_sensor},
+    monitor::{
+        feed::Item,
+        history::{Entry, QUANTITIES},
+        state::{Event, LineKind, State},
+        trace::{Bucket, Signal},
+    },
+    report::{EstimateJson, event_words, health_json, is_trouble},
+};
+use inerter_wire::catalogue::{self, Group};
+
+/// Signals are sent as ranges over so long a time \[s\]: a display shows no more.
+const RESOLUTION_S: f64 = 0.02;
+/// Time that goes into one message of signals \[s\].
+const PORTION_S: f64 = 0.1;
+/// Signals that a new page is told of \[s\].
+const PAST_S: f64 = 60.0;
+
+/// What the page knows already.
+pub struct Messages {
+    state: State,
+    sent_s: f64,
+}
+
+impl Messages {
+    pub fn new(recording: Option<String>) -> Self {
+        Self { state: State::new(recording, Vec::new()), sent_s: f64::NEG_INFINITY }
+    }
+
+    /// What one thing has to say to the pages.
+    pub fn take(&mut self, item: &Item) -> Vec<Value> {
+        self.state.update(Event::Item(item));
+        match item {
+            Item::Device { .. } | Item::Settings(_) => self.device().into_iter().collect(),
+            Item::Away { reason } => vec![json!({ "kind": "away", "reason": reason })],
+            Item::Back { .. } => vec![json!({ "kind": "back" })],
+            Item::Samples(_) => self.samples().into_iter().collect(),
+            Item::Estimate { at, .. } => self.estimate(at.run_s).into_iter().collect(),
+            Item::Gap { .. } => Vec::new(),
+            Item::Health(_) | Item::LostFrames(_) => self.health().into_iter().collect(),
+            Item::Event { at, event, .. } => {
+                vec![line(at.run_s, &event_words(&event.kind), is_trouble(&event.kind))]
+            }
+            Item::Marker { at, text, .. } => vec![mark(at.run_s, text)],
+        }
+    }
+
+    /// Everything so far.
+    pub fn all(&self) -> Vec<Value> {
+        let state = &self.state;
+        let mut all = vec![json!({ "kind": "begin", "recording": state.recording })];
+        all.extend(self.device());
+        let from_s = state.now_s - PAST_S;
+        let past: Vec<&Bucket> =
+            state.traces.after(from_s, RESOLUTION_S).filter(|bucket| bucket.start_s <= self.sent_s).collect();
+        all.push(self.ranges(&past));
+        all.push(self.history());
+        all.extend(state.values.estimate.and_then(|_| self.estimate(state.now_s)));
+        all.extend(self.health());
+        // Markers are among the lines and told as such.
+        let said = state.lines.iter().filter(|said| said.kind != LineKind::Marker);
+        let said = said.map(|said| (said.run_s, line(said.run_s, &said.words, said.kind == LineKind::Trouble)));
+        let marks = state.marks.iter().map(|(run_s, text)| (*run_s, mark(*run_s, text)));
+        let mut said: Vec<(f64, Value)> = said.chain(marks).collect();
+        said.sort_by(|(one, _), (other, _)| one.total_cmp(other));
+        all.extend(said.into_iter().map(|(_, message)| message));
+        all.extend(state.away.iter().map(|reason| json!({ "kind": "away", "reason": reason })));
+        all
+    }
+
+    fn device(&self) -> Option<Value> {
+        let present = self.state.present.as_ref()?;
+        let hello = &present.hello;
+        Some(json!({
+            "kind": "device", "port": present.port, "board": hello.board.as_str(), "serial": hello.serial.as_str(),
+            "firmware": hello.firmware.as_str(), "sample_rate_hz": self.state.settings.sample_rate_hz,
+            "memory_s": self.state.settings.memory_s, "terminal": has_terminal_sensor(&self.state.settings),
+            "parameters": catalogue::fields(Group::Parameter)
+                .map(|field| json!({ "path": field.path, "label": field.label, "unit": field.unit }))
+                .collect::<Vec<_>>(),
+        }))
+    }
+
+    fn samples(&mut self) -> Option<Value> {
+        let latest_s = self.state.traces.latest_s()?;
+        if latest_s - self.sent_s < PORTION_S {
+            return None;
+        }
+        let new: Vec<&Bucket> = self.state.traces.after(self.sent_s, RESOLUTION_S).collect();
+        let sent_s = new.last()?.start_s;
+        let message = self.ranges(&new);
+        self.sent_s = sent_s;
+        Some(message)
+    }
+
+    fn ranges(&self, buckets: &[&Bucket]) -> Value {
+        let of = |signal: Signal| -> [Vec<Value>; 2] {
+            let ranges = buckets.iter().map(|bucket| bucket.range(signal));
+            // To a millionth of what they may be: shorter than all digits of a float.
+            let short = |value: Option<f64>| value.map_or(Value::Null, |value| json!((value * 1e5).round() / 1e5));
+            ranges.map(|range| (short(range.map(|(low, _)| low)), short(range.map(|(_, high)| high)))).unzip().into()
+        };
+        let times: Vec<f64> = buckets.iter().map(|bucket| (bucket.start_s * 1e4).round() / 1e4).collect();
+        let terminal = has_terminal_sensor(&self.state.settings).then(|| of(Signal::Terminal));
+        json!({
+            "kind": "samples", "t_s": times, "force_n": of(Signal::Force), "position_mm": of(Signal::Position),
+            "terminal_mm": terminal,
+        })
+    }
+
+    fn estimate(&self, run_s: f64) -> Option<Value> {
+        let state = &self.state;
+        let (t_s, estimate) = state.values.estimate?;
+        let detail = state.values.detail.as_ref();
+        // Plain numbers and texts: there is nothing that could fail.
+        let mut value =
+            serde_json::to_value(EstimateJson::live(t_s, &estimate, detail, &state.settings)).unwrap_or_default();
+        if let Some(object) = value.as_object_mut() {
+            object.insert("run_s".into(), json!((run_s * 1e4).round() / 1e4));
+            object.insert("conduct".into(), json!(detail.map(detail::line)));
+        }
+        Some(value)
+    }
+
+    fn history(&self) -> Value {
+        let entries = self.state.history.since(f64::NEG_INFINITY);
+        let of = |quantity: usize| -> [Vec<Option<f64>>; 2] {
+            let points = entries.iter().map(|entry: &Entry| entry.points.get(quantity).and_then(|point| point.known()));
+            points.map(|known| (known.map(|(value, _)| value), known.map(|(_, u95)| u95))).unzip().into()
+        };
+        let times: Vec<f64> = entries.iter().map(|entry| entry.run_s).collect();
+        json!({ "kind": "history", "t_s": times, "quantities": (0..QUANTITIES).map(of).collect::<Vec<_>>() })
+    }
+
+    fn health(&self) -> Option<Value> {
+        let losses = &self.state.values.losses;
+        let mut value = health_json(&losses.health?);
+        if let Some(object) = value.as_object_mut() {
+            object.insert("lost_frames".into(), json!(losses.lost_frames));
+            object.insert("clean".into(), json!(losses.is_clean()));
+            object.insert("words".into(), json!(losses.line()));
+        }
+        Some(value)
+    }
+}
+
+fn line(run_s: f64, words: &str, trouble: bool) -> Value {
+    json!({ "kind": "event", "run_s": run_s, "words": words, "trouble": trouble })
+}
+
+fn mark(run_s: f64, text: &str) -> Value {
+    json!({ "kind": "marker", "run_s": run_s, "text": text })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::monitor::feed::{Moment, Sample};
+
+    fn portion(from: u32) -> Item {
+        let sample = |index: u32| Sample {
+            at: Moment { run_s: f64::from(index) * 1e-3, unix_ns: 0 },
+            force_n: f64::from(index % 10),
+            position_m: 1e-3,
+            terminal_m: None,
+        };
+        Item::Samples((from..from + 20).map(sample).collect())
+    }
+
+    #[test]
+    fn signals_are_told_once_in_order_and_a_late_page_is_told_the_same() {
+        let mut messages = Messages::new(None);
+        let told: Vec<Value> = (0..500).flat_map(|place| messages.take(&portion(20 * place))).collect();
+        assert!((90..=130).contains(&told.len()), "{}", told.len());
+        let times = |value: &Value| -> Vec<f64> {
+            value["t_s"].as_array().unwrap().iter().map(|time| time.as_f64().unwrap()).collect()
+        };
+        let all: Vec<f64> = told.iter().flat_map(times).collect();
+        assert!(all.windows(2).all(|pair| pair[1] > pair[0]) && all.len() > 400 && all.len() < 700, "{}", all.len());
+        let late = messages.all();
+        let samples = late.iter().find(|message| message["kind"] == "samples").unwrap();
+        assert_eq!(times(samples), all);
+        assert_eq!(samples["terminal_mm"], Value::Null);
+        let [low, high] = [0, 1].map(|side| samples["force_n"][side][5].as_f64().unwrap());
+        assert_eq!((low, high), (0.0, 9.0));
+    }
+}

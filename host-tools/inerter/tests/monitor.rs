@@ -1,0 +1,425 @@
+//! `inerter monitor` from outside: its screen on a pseudo-terminal, its page, and its bridges, at a virtual device.
+
+mod common;
+
+use std::{
+    io::{BufRead, BufReader, Read, Write},
+    net::{TcpListener, TcpStream, UdpSocket},
+    path::Path,
+    process::{Child, ChildStdout},
+    time::{Duration, Instant},
+};
+
+use common::{done, fails, inerter, last, text};
+use inerter::{
+    settings::Overrides,
+    simulate::{Endpoint, Setup, VirtualDevice, bench_sensors},
+};
+use inerter_plant::Parameters;
+use serde_json::Value;
+use tungstenite::{ClientRequestBuilder, Message, WebSocket};
+
+/// Longest time for anything to happen.
+const LIMIT: Duration = Duration::from_secs(30);
+
+fn device() -> VirtualDevice {
+    let setup = Setup::new(Parameters::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
+    VirtualDevice::start(&setup, &Endpoint::Tcp("127.0.0.1:0".into()), 2.0).unwrap()
+}
+
+/// A monitor that prints JSON until it is dropped.
+struct Monitor {
+    child: Child,
+    output: BufReader<ChildStdout>,
+}
+
+impl Monitor {
+    fn start(folder: &Path, device: &VirtualDevice, arguments: &[&str]) -> Self {
+        let all = [&["monitor", "--json", "--connect", device.name()], arguments].concat();
+        let mut child = inerter(folder, &all).spawn().unwrap();
+        let output = BufReader::new(child.stdout.take().unwrap());
+        Self { child, output }
+    }
+
+    /// The next line of a kind.
+    fn next(&mut self, kind: &str) -> Value {
+        loop {
+            let mut line = String::new();
+            assert!(self.output.read_line(&mut line).unwrap() > 0, "the monitor ended before `{kind}`");
+            let value = last(&line);
+            if value["kind"] == kind {
+                return value;
+            }
+        }
+    }
+}
+
+impl Drop for Monitor {
+    fn drop(&mut self) {
+        self.child.kill().ok();
+        self.child.wait().ok();
+    }
+}
+
+fn connect(url: &str, origin: Option<&str>, protocol: Option<&str>) -> Result<WebSocket<TcpStream>, String> {
+    let mut request = ClientRequestBuilder::new(url.parse().unwrap());
+    if let Some(origin) = origin {
+        request = request.with_header("Origin", origin);
+    }
+    if let Some(protocol) = protocol {
+        request = request.with_sub_protocol(protocol);
+    }
+    let host = url.split('/').nth(2).unwrap();
+    let stream = TcpStream::connect(host).unwrap();
+    stream.set_read_timeout(Some(LIMIT)).unwrap();
+    tungstenite::client(request, stream).map(|(socket, _)| socket).map_err(|error| error.to_string())
+}
+
+/// The status line and the rest of what a server answers.
+fn get(host: &str, path: &str, headers: &str) -> String {
+    let mut stream = TcpStream::connect(host).unwrap();
+    stream.set_read_timeout(Some(LIMIT)).unwrap();
+    write!(stream, "GET {path} HTTP/1.1\r\nConnection: close\r\n{headers}\r\n").unwrap();
+    let mut answer = Vec::new();
+    stream.read_to_end(&mut answer).unwrap();
+    text(&answer)
+}
+
+#[test]
+fn the_page_lets_in_only_who_has_its_address_and_shows_what_is_measured() {
+    let folder = tempfile::tempdir().unwrap();
+    let device = device();
+    let mut monitor = Monitor::start(folder.path(), &device, &["--web", "--record", "run.mcap"]);
+    let url = monitor.next("view")["address"].as_str().unwrap().to_string();
+    let host = url.split('/').nth(2).unwrap();
+    let path = url.strip_prefix(&format!("http://{host}")).unwrap();
+    let named = format!("Host: {host}\r\n");
+
+    let page = get(host, path, &named);
+    assert!(page.starts_with("HTTP/1.1 200"), "{page}");
+    assert!(page.contains("content-security-policy: default-src 'none'; script-src 'nonce-"), "{page}");
+    // Nothing is loaded from elsewhere; the licence comment of uPlot names its home.
+    let outside = page.replace("https://github.com/leeoniya/uPlot", "");
+    assert!(!outside.contains("https://") && !outside.contains(" src=") && !outside.contains("{nonce}"));
+
+    for (path, headers) in [
+        ("/", named.clone()),
+        ("/00000000000000000000000000000000/", named.clone()),
+        ("/00000000000000000000000000000000/live", named.clone()),
+        (path, "Host: evil.example\r\n".into()),
+        (path, format!("Host: evil.example:{}\r\n", host.rsplit(':').next().unwrap())),
+        (path, format!("{named}Origin: http://evil.example\r\n")),
+        (path, String::new()),
+    ] {
+        let answer = get(host, path, &headers);
+        assert!(answer.starts_with("HTTP/1.1 403") || answer.starts_with("HTTP/1.1 400"), "{path} {headers}: {answer}");
+    }
+    let live = format!("ws://{host}{path}live");
+    assert!(connect(&live, Some("http://evil.example"), None).unwrap_err().contains("403"));
+
+    let mut socket = connect(&live, Some(&format!("http://{host}")), None).unwrap();
+    socket.send(Message::text("nonsense")).unwrap();
+    socket.send(Message::text(r#"{"marker":"  bolt tightened\n "}"#)).unwrap();
+    let mut seen = Vec::new();
+    while !["begin", "device", "samples", "history", "estimate", "health", "marker"]
+        .iter()
+        .all(|kind| seen.iter().any(|value: &Value| value["kind"] == *kind))
+    {
+        if let Message::Text(text) = socket.read().unwrap() {
+            seen.push(last(&text));
+        }
+        assert!(seen.len() < 3000, "{:?}", seen.last());
+    }
+    let of = |kind: &str| seen.iter().find(|value| value["kind"] == kind).unwrap();
+    assert_eq!(of("marker")["text"], "bolt tightened");
+    assert_eq!(of("begin")["recording"], "run.mcap");
+    assert!(of("estimate")["inertance_kg"].get("status").is_some());
+    assert!(seen.iter().any(|value| value["kind"] == "samples" && !value["t_s"].as_array().unwrap().is_empty()));
+    assert_eq!(monitor.next("marker")["text"], "bolt tightened");
+
+    // The marker is in the recording, which reads although the monitor is killed now.
+    drop(monitor);
+    let bytes = std::fs::read(folder.path().join("run.mcap")).unwrap();
+    assert!(bytes.windows(14).any(|window| window == b"bolt tightened"));
+    done(folder.path(), &["info", "run.mcap", "--json"]);
+}
+
+#[test]
+fn an_estimator_is_reset_from_the_page() {
+    let folder = tempfile::tempdir().unwrap();
+    let device = device();
+    let mut monitor = Monitor::start(folder.path(), &device, &["--web"]);
+    let url = monitor.next("view")["address"].as_str().unwrap().replace("http://", "ws://");
+    monitor.next("estimate");
+    let mut socket = connect(&format!("{url}live"), None, None).unwrap();
+    socket.send(Message::text(r#"{"reset_estimator":true}"#)).unwrap();
+    assert_eq!(monitor.next("event")["code"], "estimator_reset");
+}
+
+#[test]
+fn a_page_for_other_machines_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let device = device();
+    let refused = |arguments: &[&str], code| {
+        fails(folder.path(), &[&["monitor", "--connect", device.name()], arguments].concat(), code)
+    };
+    let words = refused(&["--web", "--bind", "0.0.0.0:0"], 2);
+    assert!(
+        words.contains("--bind 0.0.0.0:0 would offer the page to other machines") && words.contains("ssh -L"),
+        "{words}"
+    );
+    let words = refused(&["--teleplot", "nowhere"], 2);
+    assert!(words.contains("--teleplot nowhere is no address") && words.contains("127.0.0.1:47269"), "{words}");
+    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = taken.local_addr().unwrap().to_string();
+    for arguments in [&["--web", "--bind", &address][..], &["--foxglove", &address]] {
+        let words = refused(arguments, 8);
+        assert!(words.contains(&format!("cannot listen at {address}")), "{words}");
+    }
+}
+
+/// A socket that a bridge sends to, and its address.
+fn listener() -> (UdpSocket, String) {
+    let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+    socket.set_read_timeout(Some(LIMIT)).unwrap();
+    let address = socket.local_addr().unwrap().to_string();
+    (socket, address)
+}
+
+fn datagram(socket: &UdpSocket) -> String {
+    let mut bytes = [0; 2000];
+    let count = socket.recv(&mut bytes).unwrap();
+    assert!(count <= 1432, "{count} bytes do not fit one packet");
+    text(&bytes[..count])
+}
+
+#[test]
+fn teleplot_and_plotjuggler_are_sent_samples_and_estimates() {
+    let folder = tempfile::tempdir().unwrap();
+    let device = device();
+    let ((teleplot, to_teleplot), (juggler, to_juggler)) = (listener(), listener());
+    let _monitor = Monitor::start(folder.path(), &device, &["--teleplot", &to_teleplot, "--plotjuggler", &to_juggler]);
+    let now_s = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap().as_secs_f64();
+
+    let mut names = std::collections::BTreeSet::new();
+    while !["force_n", "position_m", "inertance_kg", "inertance_kg_u95"].iter().all(|name| names.contains(*name)) {
+        let line = datagram(&teleplot);
+        if line.starts_with('>') {
+            continue;
+        }
+        // name:ms:value;ms:value§unit|g
+        let (name, rest) = line.split_once(':').unwrap();
+        let (points, unit) = rest.strip_suffix("|g").unwrap().split_once('§').unwrap();
+        assert!(!unit.is_empty());
+        let mut before = 0.0;
+        for point in points.split(';') {
+            let (time, value) = point.split_once(':').unwrap();
+            let time: f64 = time.parse().unwrap();
+            assert!(time > before && (time / 1e3 - now_s).abs() < 120.0, "{line}");
+            assert!(value.parse::<f64>().is_ok_and(f64::is_finite), "{line}");
+            before = time;
+        }
+        names.insert(name.to_string());
+    }
+
+    let (mut samples, mut estimates, mut before) = (0, 0, 0.0);
+    while samples < 100 || estimates < 2 {
+        let value: Value = serde_json::from_str(&datagram(&juggler)).unwrap();
+        let time = value["timestamp"].as_f64().unwrap();
+        assert!((time - now_s).abs() < 120.0, "{value}");
+        if let Some(sample) = value.get("samples") {
+            assert!(time > before && sample["force_n"].is_f64() && sample["position_m"].is_f64(), "{value}");
+            assert!(sample.get("terminal_m").is_none(), "what is not known is left out: {value}");
+            (samples, before) = (samples + 1, time);
+        } else {
+            assert!(value["estimate"]["inertance_kg"]["status"].is_string(), "{value}");
+            estimates += 1;
+        }
+    }
+}
+
+#[test]
+fn foxglove_finds_channels_with_schemas_and_their_messages() {
+    let folder = tempfile::tempdir().unwrap();
+    let device = device();
+    let mut monitor = Monitor::start(folder.path(), &device, &["--foxglove", "127.0.0.1:0"]);
+    let url = monitor.next("view")["address"].as_str().unwrap().to_string();
+    let mut socket = connect(&format!("{url}/"), None, Some("foxglove.sdk.v1")).unwrap();
+    let mut channels: Vec<Value> = Vec::new();
+    while channels.len() < 6 {
+        if let Message::Text(text) = socket.read().unwrap() {
+            let value = last(&text);
+            if value["op"] == "advertise" {
+                channels.extend(value["channels"].as_array().unwrap().iter().cloned());
+            }
+        }
+    }
+    let channel = |topic: &str| channels.iter().find(|channel| channel["topic"] == topic).unwrap();
+    for topic in ["/samples", "/estimate", "/gap", "/health", "/event", "/marker"] {
+        assert_eq!(
+            (&channel(topic)["encoding"], &channel(topic)["schemaEncoding"]),
+            (&"json".into(), &"jsonschema".into())
+        );
+    }
+    let schema: Value = serde_json::from_str(channel("/samples")["schema"].as_str().unwrap()).unwrap();
+    assert_eq!(schema["properties"]["force_n"]["description"], "Force [N]");
+
+    let ids: Vec<Value> = ["/samples", "/estimate"].iter().map(|topic| channel(topic)["id"].clone()).collect();
+    let wanted = serde_json::json!({ "op": "subscribe", "subscriptions": [
+        { "id": 1, "channelId": ids[0] }, { "id": 2, "channelId": ids[1] },
+    ]});
+    socket.send(Message::text(wanted.to_string())).unwrap();
+    let mut counts = [0, 0];
+    while counts[0] < 100 || counts[1] < 2 {
+        let Message::Binary(bytes) = socket.read().unwrap() else { continue };
+        // Opcode 1, subscription, time, then the message.
+        if bytes.first() != Some(&1) {
+            continue;
+        }
+        let subscription = u32::from_le_bytes(bytes[1..5].try_into().unwrap());
+        let value: Value = serde_json::from_slice(&bytes[13..]).unwrap();
+        match subscription {
+            1 => assert!(value["force_n"].is_f64() && value["t_s"].is_f64(), "{value}"),
+            2 => assert_eq!(value["kind"], "estimate", "{value}"),
+            other => panic!("subscription {other}"),
+        }
+        counts[subscription as usize - 1] += 1;
+    }
+}
+
+#[cfg(unix)]
+mod screen {
+    use super::*;
+    use rustix::{
+        fs::{Mode, OFlags},
+        pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt},
+        termios::{Winsize, tcgetattr, tcsetwinsize},
+    };
+    use std::{fs::File, process::Stdio, sync::mpsc, thread};
+
+    /// A monitor on a terminal of its own.
+    struct Screen {
+        child: Child,
+        keys: File,
+        terminal: File,
+        pictures: mpsc::Receiver<Vec<u8>>,
+        seen: String,
+    }
+
+    impl Screen {
+        fn start(folder: &Path, device: &VirtualDevice, arguments: &[&str]) -> Self {
+            let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
+            grantpt(&master).unwrap();
+            unlockpt(&master).unwrap();
+            let name = ptsname(&master, Vec::new()).unwrap();
+            let terminal =
+                File::from(rustix::fs::open(name.as_c_str(), OFlags::RDWR | OFlags::NOCTTY, Mode::empty()).unwrap());
+            let size = Winsize { ws_row: 24, ws_col: 80, ws_xpixel: 0, ws_ypixel: 0 };
+            tcsetwinsize(&terminal, size).unwrap();
+            let all = [&["monitor", "--connect", device.name()], arguments].concat();
+            let mut command = inerter(folder, &all);
+            command.env("TERM", "xterm-256color");
+            command
+                .stdin(Stdio::from(terminal.try_clone().unwrap()))
+                .stdout(Stdio::from(terminal.try_clone().unwrap()));
+            let child = command.spawn().unwrap();
+            let keys = File::from(master);
+            let mut output = keys.try_clone().unwrap();
+            let (sender, pictures) = mpsc::channel();
+            thread::spawn(move || {
+                let mut bytes = [0; 4096];
+                while let Ok(count) = output.read(&mut bytes) {
+                    if sender.send(bytes[..count].to_vec()).is_err() {
+                        break;
+                    }
+                }
+            });
+            Self { child, keys, terminal, pictures, seen: String::new() }
+        }
+
+        fn press(&mut self, keys: &str) {
+            self.keys.write_all(keys.as_bytes()).unwrap();
+        }
+
+        /// Waits until a word has been drawn since the last wait; blanks that stood there already are not drawn.
+        fn until(&mut self, word: &str) {
+            let started = Instant::now();
+            while !self.seen.contains(word) {
+                assert!(started.elapsed() < LIMIT, "`{word}` was not drawn: {:?}", self.seen);
+                if let Ok(bytes) = self.pictures.recv_timeout(Duration::from_millis(100)) {
+                    self.seen += &text(&bytes);
+                }
+            }
+            self.seen.clear();
+        }
+
+        /// Waits for the end; the terminal must be as it was.
+        fn ended(mut self, before: &rustix::termios::Termios, code: i32) -> String {
+            let started = Instant::now();
+            let status = loop {
+                if let Some(status) = self.child.try_wait().unwrap() {
+                    break status;
+                }
+                assert!(started.elapsed() < LIMIT, "the monitor does not end");
+                thread::sleep(Duration::from_millis(10));
+            };
+            let mut words = String::new();
+            self.child.stderr.take().unwrap().read_to_string(&mut words).unwrap();
+            assert_eq!(status.code(), Some(code), "{words}");
+            let after = tcgetattr(&self.terminal).unwrap();
+            assert_eq!(after.local_modes, before.local_modes, "the terminal still takes keys one by one");
+            while let Ok(bytes) = self.pictures.recv_timeout(Duration::from_millis(200)) {
+                self.seen += &text(&bytes);
+            }
+            assert!(self.seen.contains("\x1b[?1049l"), "the terminal still shows the screen");
+            words
+        }
+    }
+
+    #[test]
+    fn keys_mark_pause_and_quit_and_the_terminal_is_given_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let device = device();
+        let mut screen = Screen::start(folder.path(), &device, &["--record", "run.mcap"]);
+        let before = tcgetattr(&screen.terminal).unwrap();
+        screen.until("inertance");
+        screen.press("?");
+        screen.until("Keys");
+        screen.press("x");
+        screen.press("m");
+        screen.until("Enter");
+        screen.press("bolt\r");
+        screen.press("5");
+        screen.until("marker:");
+        screen.press(" ");
+        screen.until("PAUSED");
+        screen.press("q");
+        screen.ended(&before, 0);
+        let info = last(&done(folder.path(), &["info", "run.mcap", "--json"]));
+        assert_eq!((&info["ending"], &info["lost_frames"], &info["gaps"]), (&"closed".into(), &0.into(), &0.into()));
+        let bytes = std::fs::read(folder.path().join("run.mcap")).unwrap();
+        assert!(bytes.windows(4).any(|window| window == b"bolt"));
+    }
+
+    #[test]
+    fn a_device_that_is_lost_and_an_interrupt_give_the_terminal_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let device = device();
+        let mut screen = Screen::start(folder.path(), &device, &["--wait", "0.3", "--record", "run.mcap"]);
+        let before = tcgetattr(&screen.terminal).unwrap();
+        screen.until("inertance");
+        drop(device);
+        let words = screen.ended(&before, 6);
+        assert!(words.contains("went away"), "{words}");
+        let info = last(&done(folder.path(), &["info", "run.mcap", "--json"]));
+        assert_eq!(info["ending"], "closed");
+
+        let device = super::device();
+        let mut screen = Screen::start(folder.path(), &device, &[]);
+        let before = tcgetattr(&screen.terminal).unwrap();
+        screen.until("inertance");
+        let process = rustix::process::Pid::from_child(&screen.child);
+        rustix::process::kill_process(process, rustix::process::Signal::TERM).unwrap();
+        screen.ended(&before, 0);
+    }
+}

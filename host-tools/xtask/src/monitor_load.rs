@@ -1,0 +1,238 @@
+//! What the monitor costs while it shows and records 4 kHz: processor, memory, and whether anything was lost.
+//!
+//! A virtual device runs in real time, `inerter monitor --record` draws on a pseudo-terminal of `script` (util-linux), and
+//! `/proc` tells what it used. The figures are this machine's, with whatever else it is doing.
+
+use crate::{
+    process, table,
+    workspace::{self, Workspace},
+};
+use anyhow::{Context, Result, bail};
+use serde_json::Value;
+use std::{
+    fs,
+    io::{BufRead, BufReader},
+    path::{Path, PathBuf},
+    process::{Child, Command, Stdio},
+    thread,
+    time::{Duration, Instant},
+};
+
+/// Samples per second of the device.
+const RATE_HZ: f64 = 4000.0;
+/// Time after which memory is taken as grown up: buffers have been filled once [s].
+const SETTLED_S: f64 = 60.0;
+/// Clock ticks per second in `/proc`, on every Linux that runs here.
+const TICKS_HZ: f64 = 100.0;
+/// Bytes of a page in `/proc/PID/statm`, on x86-64 and most others.
+const PAGE_BYTES: f64 = 4096.0;
+
+#[derive(clap::Args, Clone, Copy, Debug)]
+pub struct Options {
+    /// How long
+    #[arg(long, default_value_t = 10.0)]
+    pub minutes: f64,
+    /// Write docs/tables/monitor-load.md
+    #[arg(long)]
+    pub update: bool,
+}
+
+/// A program that ends with this one.
+struct Running(Child);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        // Both fail only when it has ended by itself.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// One look at a process.
+#[derive(Clone, Copy, Debug)]
+struct Look {
+    at_s: f64,
+    processor_s: f64,
+    memory_mb: f64,
+}
+
+pub fn run(options: &Options) -> Result<()> {
+    if !cfg!(target_os = "linux") {
+        bail!("this reads /proc: it runs on Linux only");
+    }
+    process::run(process::cargo().args(["build", "--package", "inerter"]))?;
+    let target = Workspace::read(&workspace::root())?.target;
+    let program = target.join("debug/inerter");
+    let folder = target.join("monitor-load");
+    fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
+    let recording = folder.join("run.mcap");
+    let (_device, address) = device(&program)?;
+    let seconds = options.minutes * 60.0;
+    let (looks, drawn_bytes) = watch(&program, &address, &folder, &recording, seconds)?;
+    let info = process::output(Command::new(&program).arg("info").arg(&recording).arg("--json"))?;
+    let info: Value = serde_json::from_str(info.trim()).context("`inerter info --json` printed no JSON")?;
+    let rows = rows(&looks, &info, drawn_bytes)?;
+    let table = table::Table {
+        name: "monitor-load",
+        title: "The monitor at 4 kHz",
+        about: format!(
+            "`inerter monitor --record` for {:.0} min on a pseudo-terminal of 140 by 45, at a virtual device that streams every sample at \
+             4 kHz, estimates, sums and health in real time; profile `dev` (optimised, with checks). Processor and memory are the monitor's \
+             own, from /proc. Lost samples and frames are counted in its recording. Figures of time \
+             are of one machine, shared with other work, and are not compared by `cargo xtask test`.",
+            options.minutes
+        ),
+        rows,
+        repeats: false,
+    };
+    let missed: Vec<&str> = table
+        .rows
+        .iter()
+        .filter(|row| row.goal.is_some_and(|goal| row.value > goal))
+        .map(|row| row.name.as_str())
+        .collect();
+    table.print();
+    if options.update {
+        table.write()?;
+    }
+    if !missed.is_empty() {
+        bail!("goals missed: {}", missed.join(", "));
+    }
+    Ok(())
+}
+
+/// A virtual device in motion, and where it is.
+fn device(program: &Path) -> Result<(Running, String)> {
+    let mut command = Command::new(program);
+    let rate = RATE_HZ.to_string();
+    command.args(["simulate", "--tcp", "127.0.0.1:0", "--json", "--sample-rate-hz", &rate, "--backlash-m", "5e-5"]);
+    let mut child =
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).spawn().context("cannot start the virtual device")?;
+    let output = child.stdout.take().context("no pipe to the virtual device")?;
+    let running = Running(child);
+    let mut line = String::new();
+    BufReader::new(output).read_line(&mut line).context("the virtual device says nothing")?;
+    let ready: Value = serde_json::from_str(&line).with_context(|| format!("the virtual device said: {line}"))?;
+    let address = ready["address"].as_str().with_context(|| format!("no address in: {line}"))?.to_owned();
+    Ok((running, address))
+}
+
+/// Runs the monitor; gives what it used over time, and the bytes it drew.
+fn watch(program: &Path, address: &str, folder: &Path, recording: &Path, seconds: f64) -> Result<(Vec<Look>, f64)> {
+    let (pid_file, drawn) = (folder.join("pid"), folder.join("drawn"));
+    let _ = fs::remove_file(&pid_file);
+    let quoted = |path: &Path| format!("'{}'", path.display());
+    let shell = format!(
+        "stty cols 140 rows 45; echo $$ > {}; exec {} monitor --connect {address} --record {} --force --duration {seconds}",
+        quoted(&pid_file),
+        quoted(program),
+        quoted(recording)
+    );
+    let mut command = Command::new("script");
+    command.args(["--quiet", "--flush", "--return", "--command", &shell]).arg(&drawn).env("TERM", "xterm-256color");
+    // `script` reads keys for as long as its input is open.
+    command.stdin(Stdio::piped()).stdout(Stdio::null());
+    let mut script = Running(command.spawn().context("cannot start `script` (on Debian: package bsdutils)")?);
+    let started = Instant::now();
+    let process = loop {
+        if let Some(pid) = fs::read_to_string(&pid_file).ok().and_then(|text| text.trim().parse::<u32>().ok()) {
+            break PathBuf::from(format!("/proc/{pid}"));
+        }
+        if started.elapsed() > Duration::from_secs(10) {
+            bail!("the monitor did not start");
+        }
+        thread::sleep(Duration::from_millis(50));
+    };
+    let mut looks = Vec::new();
+    let every = Duration::from_secs_f64((seconds / 100.0).clamp(0.5, 5.0));
+    let status = loop {
+        if let Some(status) = script.0.try_wait().context("waiting for the monitor")? {
+            break status;
+        }
+        if started.elapsed().as_secs_f64() > seconds + 60.0 {
+            bail!("the monitor was still running a minute after its end");
+        }
+        // The process may end between two looks.
+        looks.extend(look(&process, started));
+        thread::sleep(every);
+    };
+    if !status.success() {
+        bail!("the monitor failed ({status}); what it said is in {}", drawn.display());
+    }
+    let drawn = fs::metadata(&drawn).with_context(|| format!("cannot read {}", drawn.display()))?;
+    Ok((looks, drawn.len() as f64))
+}
+
+/// Processor time and resident memory of a process; `None` once it has ended.
+fn look(process: &Path, started: Instant) -> Option<Look> {
+    let stat = fs::read_to_string(process.join("stat")).ok()?;
+    let memory = fs::read_to_string(process.join("statm")).ok()?;
+    let (ticks, pages) = (ticks(&stat)?, memory.split_whitespace().nth(1)?.parse::<f64>().ok()?);
+    (pages > 0.0).then(|| Look {
+        at_s: started.elapsed().as_secs_f64(),
+        processor_s: ticks / TICKS_HZ,
+        memory_mb: pages * PAGE_BYTES / 1e6,
+    })
+}
+
+/// User and system time of `/proc/PID/stat`; the name before them may hold anything.
+fn ticks(stat: &str) -> Option<f64> {
+    let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
+    Some(fields.get(11)?.parse::<f64>().ok()? + fields.get(12)?.parse::<f64>().ok()?)
+}
+
+fn rows(looks: &[Look], info: &Value, drawn_bytes: f64) -> Result<Vec<table::Row>> {
+    let (first, last) = looks.first().zip(looks.last()).context("the monitor ended before it could be looked at")?;
+    let processor = (last.processor_s - first.processor_s) / (last.at_s - first.at_s).max(1e-3) * 100.0;
+    let settled: Vec<&Look> = looks.iter().filter(|look| look.at_s >= SETTLED_S.min(last.at_s / 2.0)).collect();
+    let grown = settled.first().zip(settled.last()).map_or(f64::NAN, |(first, last)| last.memory_mb - first.memory_mb);
+    let most = looks.iter().map(|look| look.memory_mb).fold(0.0, f64::max);
+    let number =
+        |name: &str| info[name].as_f64().with_context(|| format!("no number `{name}` in what `inerter info` says"));
+    let (samples, seconds) = (number("samples")?, number("duration_s")?);
+    let row = |name: &str, value: f64, unit| table::Row::new(name, value, unit);
+    Ok(vec![
+        row("samples recorded", samples, ""),
+        // A device that cannot keep up would be easy to follow.
+        row("samples missing of 4 kHz", (RATE_HZ * seconds - samples).abs().round(), "")
+            .at_most((RATE_HZ * 0.01 * seconds).round()),
+        row("samples lost", number("lost_samples")?, "").at_most(0.0),
+        row("gaps", number("gaps")?, "").at_most(0.0),
+        row("frames lost", number("lost_frames")?, "").at_most(0.0),
+        row("processor, of one core", processor, "%").at_most(30.0),
+        row("memory, most", most, "MB"),
+        row("memory, grown after the first minute", (grown * 10.0).round() / 10.0, "MB").at_most(2.0),
+        row("drawn on the terminal", drawn_bytes / 1e3 / last.at_s, "kB/s"),
+    ])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn the_processor_time_is_found_behind_any_name() {
+        let stat = "7 (a) b (c)) S 1 7 7 0 -1 4194560 900 0 0 0 123 45 0 0 20 0 3 0 55 1 2";
+        assert_eq!(ticks(stat), Some(168.0));
+        assert_eq!(ticks("nothing"), None);
+    }
+
+    #[test]
+    fn memory_that_grows_and_frames_that_were_lost_miss_their_goals() {
+        let looks: Vec<Look> = (0..100)
+            .map(|place| f64::from(place) * 5.0)
+            .map(|at_s| Look { at_s, processor_s: at_s * 0.1, memory_mb: 20.0 + at_s * 0.1 })
+            .collect();
+        let info = json!({ "samples": 2_000_000, "duration_s": 500.0, "lost_samples": 0, "gaps": 0, "lost_frames": 3 });
+        let rows = rows(&looks, &info, 1e6).unwrap();
+        let missed: Vec<&str> = rows
+            .iter()
+            .filter(|row| row.goal.is_some_and(|goal| row.value > goal))
+            .map(|row| row.name.as_str())
+            .collect();
+        assert_eq!(missed, ["frames lost", "memory, grown after the first minute"]);
+        let processor = rows.iter().find(|row| row.name == "processor, of one core").unwrap();
+        assert!((processor.value - 10.0).abs() < 1e-9);
+    }
+}
