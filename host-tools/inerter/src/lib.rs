@@ -2,9 +2,9 @@
 //!
 //! Data flows one way: a [`run::Run`] comes from a file ([`recording`], [`csv`]) or from a device
 //! ([`device`], [`live`]); [`replay`] takes it through the estimator here, [`inject`] through a device's own;
-//! [`report`] and [`detail`] turn what comes out into JSON and text. [`simulate`] makes runs and devices out of the plant.
-//! [`monitor`] is what a live device measures, for a terminal, a page and other programs.
-//! [`fit`] fits again what the estimator has summed: friction by direction, the skew.
+//! [`report`] and [`detail`] turn what comes out into JSON and text, [`mod@export`] writes samples and estimates for other
+//! tools, [`monitor`] is a live device for a terminal, a page and other programs. [`simulate`] makes runs and devices out of
+//! the plant. [`fit`] fits again what the estimator has summed: friction by direction, the skew.
 //! A firmware [`image`] reaches a board by [`mod@update`] over USB or by [`flash`] through a debug probe.
 //!
 //! Every error names the file, field, line or port and says what to do next; [`error::Error::exit_code`] is the code
@@ -21,6 +21,7 @@ pub mod detail;
 pub mod device;
 pub mod doctor;
 pub mod error;
+pub mod export;
 pub mod fit;
 pub mod flash;
 pub mod image;

@@ -7,6 +7,7 @@ use std::{
 };
 
 use miette::Diagnostic;
+use tempfile::TempPath;
 
 use crate::error::exit;
 
@@ -86,6 +87,66 @@ fn write_help(source: &io::Error, written: &str) -> String {
 /// Creates a file to be filled, buffered.
 pub fn create(path: &Path) -> Result<BufWriter<File>, OutputError> {
     File::create(path).map(BufWriter::new).map_err(|source| OutputError::Create { path: path.into(), source })
+}
+
+/// A file that takes its name when it is complete: what stood there before stays until then.
+#[derive(Debug)]
+pub struct Pending {
+    path: PathBuf,
+    /// `None` for a pipe or a device, which are written as they are.
+    temporary: Option<TempPath>,
+}
+
+impl Pending {
+    /// Begins a file beside the one that it will be.
+    pub fn create(path: &Path) -> Result<Self, OutputError> {
+        let special = path.metadata().is_ok_and(|metadata| !metadata.is_file());
+        if special {
+            return Ok(Self { path: path.into(), temporary: None });
+        }
+        let failed = |source| OutputError::Create { path: path.into(), source };
+        let name = path.file_name().ok_or_else(|| failed(io::ErrorKind::InvalidInput.into()))?;
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let mut builder = tempfile::Builder::new();
+        let prefix = format!(".{}.", name.to_string_lossy());
+        builder.prefix(&prefix).suffix(".part");
+        // As any new file: temporary ones are closed to others.
+        #[cfg(unix)]
+        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+        let file = builder.tempfile_in(folder).map_err(|error| failed(plain(error)))?;
+        Ok(Self { path: path.into(), temporary: Some(file.into_temp_path()) })
+    }
+
+    /// The path to write to.
+    pub fn path(&self) -> &Path {
+        self.temporary.as_deref().unwrap_or(&self.path)
+    }
+
+    /// Opens it, empty.
+    pub fn open(&self) -> Result<File, OutputError> {
+        File::create(self.path()).map_err(|source| OutputError::Create { path: self.path.clone(), source })
+    }
+
+    /// The name that it will have, for messages.
+    pub fn name(&self) -> String {
+        self.path.display().to_string()
+    }
+
+    /// Gives it its name, and says it.
+    pub fn commit(self) -> Result<PathBuf, OutputError> {
+        if let Some(temporary) = self.temporary {
+            let persisted = temporary.persist(&self.path);
+            persisted.map_err(|error| OutputError::Create { path: self.path.clone(), source: error.error })?;
+        }
+        Ok(self.path)
+    }
+}
+
+/// As the operating system gave it, without the temporary name, which would only puzzle.
+fn plain(error: io::Error) -> io::Error {
+    let inner = error.get_ref().and_then(|inner| inner.source()).and_then(|source| source.downcast_ref::<io::Error>());
+    let code = inner.unwrap_or(&error).raw_os_error();
+    code.map_or_else(|| error.kind().into(), io::Error::from_raw_os_error)
 }
 
 /// Refuses to go on when `path` is an ordinary file that holds something already.

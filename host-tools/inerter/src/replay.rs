@@ -123,11 +123,21 @@ impl Outcome {
 /// Replays a whole run; `publish` is handed all that the estimator says, and the time of each \[s\].
 pub fn replay_all<E: From<SettingsInputError>>(
     run: &Run,
+    publish: impl FnMut(f64, &News) -> Result<(), E>,
+) -> Result<Outcome, E> {
+    replay_samples(&run.settings, run.start_s, run.samples.iter().copied().map(Ok), publish)
+}
+
+/// Replays samples that come one by one, the first of them at `start_s` \[s\].
+pub fn replay_samples<E: From<SettingsInputError>>(
+    settings: &Settings,
+    start_s: f64,
+    samples: impl Iterator<Item = Result<RawSample, E>>,
     mut publish: impl FnMut(f64, &News) -> Result<(), E>,
 ) -> Result<Outcome, E> {
-    let mut replay = Replay::new(&run.settings, run.start_s)?;
-    for sample in &run.samples {
-        for news in replay.step(sample) {
+    let mut replay = Replay::new(settings, start_s)?;
+    for sample in samples {
+        for news in replay.step(&sample?) {
             publish(replay.time_of(&news), &news)?;
         }
     }

@@ -13,7 +13,6 @@ use serde_json::Value;
 use crate::{
     detail::{self, DetailJson, change_words, changed_field},
     replay::Outcome,
-    run::Run,
 };
 
 /// One parameter in JSON.
@@ -339,7 +338,7 @@ fn true_text(truth: &BTreeMap<String, String>, name: &str, factor: f64) -> Strin
 }
 
 /// One line on what the estimator took and left out.
-pub fn counts_line(run: &Run, outcome: &Outcome) -> String {
+pub fn counts_line(settings: &Settings, duration_s: f64, outcome: &Outcome) -> String {
     let counters = outcome.counters;
     let gaps = match (counters.gaps, counters.lost_samples) {
         (0, _) => "no gaps".to_string(),
@@ -352,8 +351,8 @@ pub fn counts_line(run: &Run, outcome: &Outcome) -> String {
     format!(
         "{} at {} Hz in {}, {gaps}, {saturated}; residual {:.2} N rms",
         plural(counters.samples, "sample"),
-        run.settings.sample_rate_hz,
-        duration_text(run.duration_s()),
+        settings.sample_rate_hz,
+        duration_text(duration_s),
         outcome.estimate.residual_rms_n
     )
 }

@@ -205,9 +205,14 @@ pub fn to_toml(settings: &Settings) -> String {
     text
 }
 
-/// Writes the settings beside a CSV: `run.csv` gets `run.settings.toml`. Gives the name.
+/// The name of the settings beside a CSV: `run.csv` gets `run.settings.toml`.
+pub fn beside(csv: &Path) -> PathBuf {
+    csv.with_extension("settings.toml")
+}
+
+/// Writes the settings beside a CSV. Gives the name.
 pub fn write_beside(settings: &Settings, csv: &Path) -> Result<PathBuf, OutputError> {
-    let path = csv.with_extension("settings.toml");
+    let path = beside(csv);
     let text = format!("# Settings of {}\n{}", csv.display(), to_toml(settings));
     std::fs::write(&path, text).map_err(|source| OutputError::Create { path: path.clone(), source })?;
     Ok(path)

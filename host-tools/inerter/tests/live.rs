@@ -37,11 +37,14 @@ fn until(what: &str, mut is_so: impl FnMut() -> bool) {
     }
 }
 
+/// Bytes that a recording has before its first frame, and some more.
+const HEAD: u64 = 14_000;
+
 /// A recording under way that has reached its file.
 fn recording(folder: &Path, arguments: &[&str]) -> Child {
     let child = inerter(folder, &[&["record", "-o", "run.mcap"], arguments].concat()).spawn().unwrap();
     let path = folder.join("run.mcap");
-    until("nothing is recorded", || path.metadata().is_ok_and(|metadata| metadata.len() > 3000));
+    until("nothing is recorded", || path.metadata().is_ok_and(|metadata| metadata.len() > HEAD));
     child
 }
 

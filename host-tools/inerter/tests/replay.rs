@@ -276,7 +276,7 @@ fn an_exported_csv_replays_to_the_same_digits() {
     ] {
         simulate(folder.path(), more);
         let from_recording = last(&done(folder.path(), &["replay", "run.mcap", "--json"]));
-        done(folder.path(), &["export", "run.mcap", "--csv", "run.csv"]);
+        done(folder.path(), &["export", "run.mcap", "--csv", "run.csv", "--force"]);
         let again = ["replay", "run.csv", "--settings", "run.settings.toml", "--json"];
         assert_eq!(last(&done(folder.path(), &again)), from_recording, "{more:?}");
 

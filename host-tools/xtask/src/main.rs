@@ -9,6 +9,7 @@ mod accuracy;
 mod arrows;
 mod bench;
 mod demo;
+mod files;
 mod firmware;
 mod guest;
 mod icount;
@@ -16,6 +17,7 @@ mod monitor_load;
 mod panics;
 mod platforms;
 mod process;
+mod python;
 mod setup;
 mod size;
 mod source;
@@ -70,6 +72,10 @@ enum Command {
     MonitorLoad(monitor_load::Options),
     /// Time and errors beside other recursive least squares, into docs/tables/bench.md
     Bench(bench::Options),
+    /// Speed and memory of exporting an hour at 4 kHz, beside a plain Python reader, into docs/tables/files.md
+    BenchFiles(files::Options),
+    /// Run the snippets of docs/PYTHON.md against a fresh recording
+    Python,
 }
 
 fn main() -> ExitCode {
@@ -91,6 +97,8 @@ fn main() -> ExitCode {
         Command::Endurance(arguments) => accuracy::with_arguments("endurance", &arguments),
         Command::MonitorLoad(options) => monitor_load::run(&options),
         Command::Bench(options) => bench::run(&options),
+        Command::BenchFiles(options) => files::run(&options),
+        Command::Python => python::run(),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

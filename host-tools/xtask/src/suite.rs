@@ -1,6 +1,6 @@
 //! Everything that continuous integration asks for, in order, with a summary at the end.
 
-use crate::{accuracy, arrows, firmware, guest, icount, panics, process, setup, size, table};
+use crate::{accuracy, arrows, firmware, guest, icount, panics, process, python, setup, size, table};
 use anyhow::{Result, bail};
 use std::{
     process::Command,
@@ -102,6 +102,7 @@ const STEPS: &[Step] = &[
         long: false,
         run: test,
     },
+    Step { name: "Python", alone: "cargo xtask python", needed: false, long: false, run: python::run },
     Step {
         name: "no panic in the estimator",
         alone: "cargo xtask check-panics",

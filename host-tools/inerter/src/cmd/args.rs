@@ -76,6 +76,24 @@ impl LinkArgs {
     }
 }
 
+/// A part of a file.
+#[derive(clap::Args)]
+pub struct RangeArgs {
+    /// Begin so many seconds after the first sample
+    #[arg(long, value_name = "SECONDS", value_parser = seconds, allow_negative_numbers = true)]
+    pub from: Option<Duration>,
+    /// End so many seconds after the first sample; a sample at this very time is left out
+    #[arg(long, value_name = "SECONDS", value_parser = seconds, allow_negative_numbers = true)]
+    pub to: Option<Duration>,
+}
+
+impl RangeArgs {
+    /// Time since the first sample \[s\].
+    pub fn range_s(&self) -> std::ops::Range<f64> {
+        self.from.map_or(0.0, |from| from.as_secs_f64())..self.to.map_or(f64::INFINITY, |to| to.as_secs_f64())
+    }
+}
+
 /// How long.
 #[derive(clap::Args)]
 pub struct TimeArgs {

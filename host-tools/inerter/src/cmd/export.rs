@@ -1,40 +1,164 @@
-//! `inerter export`: a recording as CSV.
+//! `inerter export`: samples and estimates for other tools.
 
 use std::path::PathBuf;
 
-use inerter::{Error, csv, output, report::plural, run::Run, settings};
+use clap::{CommandFactory, error::ErrorKind};
+use inerter::{
+    Error,
+    export::{self, Column, EstimateTable, Format, Selection, Source},
+    output,
+    report::{json_line, plural},
+    settings,
+};
+use serde_json::json;
 
-use super::{args::FileSettingsArgs, terminal};
+use super::{
+    args::{FileSettingsArgs, RangeArgs},
+    terminal::{self, Progress},
+};
 
-/// Write the samples of a recording as CSV.
+/// Write samples and estimates for Excel, pandas, MATLAB, PlotJuggler.
 ///
-/// Columns: t_s, encoder_count, force_n and, when it was measured, terminal_m.
+/// Several formats may be written at once. Memory stays small however long the recording.
 ///
-/// The settings go into a TOML file beside it (run.csv, run.settings.toml): with them a replay of the CSV gives the same
-/// result as a replay of the recording. `--csv -` writes to standard output, without the settings.
+/// CSV: t_s, encoder_count, force_n and, when it was measured, terminal_m. The settings go into a TOML file beside it
+/// (run.csv, run.settings.toml): with them a replay of the CSV gives the same result as a replay of the recording. `--csv -`
+/// writes to standard output, without the settings.
+///
+/// Parquet, MATLAB: also position_m; units, settings and device go with them (metadata of the Parquet file and
+/// DataFrame.attrs in pandas; the variables `settings`, `units`, `device` in MATLAB). A .mat is version 7.3, which is HDF5.
+///
+/// MCAP: every sample as JSON for PlotJuggler and Foxglove, some 100 bytes each.
 #[derive(clap::Args)]
+#[command(group = clap::ArgGroup::new("output").required(true).multiple(true))]
 pub struct Args {
     /// Recording (.mcap) or CSV file
     file: PathBuf,
     /// CSV file to write, - for standard output
-    #[arg(long, value_name = "FILE")]
-    csv: PathBuf,
+    #[arg(long, value_name = "FILE", group = "output")]
+    csv: Option<PathBuf>,
+    /// Parquet file to write
+    #[arg(long, value_name = "FILE", group = "output")]
+    parquet: Option<PathBuf>,
+    /// MATLAB file to write (v7.3)
+    #[arg(long, value_name = "FILE", group = "output")]
+    mat: Option<PathBuf>,
+    /// MCAP file to write, with decoded samples at the full rate
+    #[arg(long, value_name = "FILE", group = "output")]
+    mcap: Option<PathBuf>,
+    #[command(flatten)]
+    range: RangeArgs,
+    /// Columns instead of the usual ones, separated by commas: t_s, encoder_count, position_m, force_n, terminal_m, index,
+    /// saturated
+    #[arg(long, value_name = "NAMES", value_delimiter = ',', value_parser = column)]
+    columns: Option<Vec<Column>>,
+    /// Also write the device's estimates with their intervals: beside a CSV or Parquet file (run.estimates.csv), as the
+    /// variable `estimates` in MATLAB. Of a CSV they are made by a replay
+    #[arg(long)]
+    estimates: bool,
+    /// Replace files that exist
+    #[arg(long)]
+    force: bool,
+    /// Print JSON: one object when all is written
+    #[arg(long)]
+    json: bool,
     #[command(flatten)]
     settings: FileSettingsArgs,
 }
 
-pub fn run(args: &Args) -> Result<(), Error> {
-    let run = Run::open(&args.file, &args.settings.overrides()?)?;
-    run.notes.iter().for_each(terminal::note);
-    if args.csv.as_os_str() == "-" {
-        let mut out = std::io::BufWriter::new(std::io::stdout().lock());
-        let written = csv::write_to(&run, &mut out).and_then(|()| std::io::Write::flush(&mut out));
-        return Ok(written.map_err(|source| output::OutputError::write("standard output", source))?);
+fn column(name: &str) -> Result<Column, String> {
+    Column::find(name.trim()).ok_or_else(|| {
+        let names = || Column::ALL.into_iter().map(Column::name);
+        match settings::nearest(name, names()) {
+            Some(nearest) => format!("there is no such column; did you mean {nearest}?"),
+            None => format!("there is no such column; there are {}", names().collect::<Vec<_>>().join(", ")),
+        }
+    })
+}
+
+impl Args {
+    fn to_stdout(&self) -> bool {
+        self.csv.as_ref().is_some_and(|path| path.as_os_str() == "-")
     }
-    csv::write(&run, &args.csv)?;
-    let toml = settings::write_beside(&run.settings, &args.csv)?;
-    let (csv, toml) = (args.csv.display(), toml.display());
-    terminal::say(format!("{} written to {csv}, the settings to {toml}", plural(run.samples.len() as u64, "sample")));
-    terminal::say(format!("replay it with: inerter replay {csv} --settings {toml}"));
+
+    /// Files to write with their formats.
+    fn targets(&self) -> Vec<(Format, PathBuf)> {
+        let outputs = [
+            (Format::Csv, &self.csv),
+            (Format::Parquet, &self.parquet),
+            (Format::Mat, &self.mat),
+            (Format::Mcap, &self.mcap),
+        ];
+        let files = outputs.into_iter().filter_map(|(format, path)| Some((format, path.clone()?)));
+        files.filter(|(format, path)| *format != Format::Csv || path.as_os_str() != "-").collect()
+    }
+}
+
+pub fn run(args: &Args) -> Result<(), Error> {
+    if args.to_stdout() && (args.json || args.estimates) {
+        let message = "with --csv - standard output holds the samples: --json and --estimates need a file";
+        crate::Cli::command().error(ErrorKind::ArgumentConflict, message).exit();
+    }
+    let targets = args.targets();
+    let csv = targets.iter().find(|(format, _)| *format == Format::Csv).map(|(_, path)| path);
+    if !args.force {
+        let toml = csv.map(|csv| settings::beside(csv));
+        let tables =
+            targets.iter().filter(|(format, _)| args.estimates && matches!(format, Format::Csv | Format::Parquet));
+        let beside = tables.map(|(_, path)| export::beside(path)).chain(toml);
+        targets
+            .iter()
+            .map(|(_, path)| path.clone())
+            .chain(beside)
+            .try_for_each(|path| output::refuse_existing(&path))?;
+    }
+    let mut bar = Progress::through("reading", &args.file);
+    let source = Source::open(&args.file, &args.settings.overrides()?, |offset| bar.set(offset))?;
+    bar.done();
+    source.notes.iter().for_each(terminal::note);
+    let selection = Selection { columns: args.columns.clone(), range_s: args.range.range_s() };
+    let table = args.estimates.then(|| EstimateTable::collect(&source, &selection.range_s)).transpose()?;
+    // From here on there is something to be taken away.
+    terminal::catch_interrupts();
+    let mut bar = Progress::new("exporting", 1000);
+    let mut progress = |part: f64| {
+        bar.set((part * 1000.0) as u64);
+        if terminal::interrupted() { Err(Error::Interrupted) } else { Ok(()) }
+    };
+    if args.to_stdout() {
+        export::write_csv(&source, &selection, "standard output", std::io::stdout(), &mut progress)?;
+    }
+    if targets.is_empty() {
+        bar.done();
+        return Ok(());
+    }
+    let exported = export::export(&source, &selection, &targets, table.as_ref(), &mut progress)?;
+    bar.done();
+    let toml = csv.map(|csv| settings::write_beside(&source.settings, csv)).transpose()?;
+    if args.json {
+        let outputs: Vec<_> =
+            exported.files.iter().map(|(format, file)| json!({"format": word(*format), "file": file})).collect();
+        return Ok(output::line(json_line(&json!({
+            "kind": "exported", "file": source.name, "samples": exported.rows, "estimates": exported.estimates,
+            "outputs": outputs, "settings_file": toml,
+        })))?);
+    }
+    let files: Vec<String> = exported.files.iter().map(|(_, file)| file.display().to_string()).collect();
+    let beside = toml.as_ref().map(|toml| format!(", the settings to {}", toml.display())).unwrap_or_default();
+    let estimates =
+        if args.estimates { format!(" and {}", plural(exported.estimates, "estimate")) } else { String::new() };
+    terminal::say(format!("{}{estimates} written to {}{beside}", plural(exported.rows, "sample"), files.join(", ")));
+    if let (Some(csv), Some(toml), None) = (csv, &toml, &args.columns) {
+        terminal::say(format!("replay it with: inerter replay {} --settings {}", csv.display(), toml.display()));
+    }
     Ok(())
+}
+
+fn word(format: Format) -> &'static str {
+    match format {
+        Format::Csv => "csv",
+        Format::Parquet => "parquet",
+        Format::Mat => "mat",
+        Format::Mcap => "mcap",
+    }
 }

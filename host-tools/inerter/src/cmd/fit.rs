@@ -143,5 +143,5 @@ fn text(args: &Args, run: &Run, outcome: &Outcome, fit: &Directions) -> Result<(
             cell(&fit.difference_n)
         ))?;
     }
-    Ok(output::line(report::counts_line(run, outcome))?)
+    Ok(output::line(report::counts_line(&run.settings, run.duration_s(), outcome))?)
 }

@@ -5,21 +5,26 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use chrono::{DateTime, SecondsFormat};
 use inerter::{
     Error, csv, output,
     recording::{self, Ending, Summary, TRUTH_METADATA},
     report::{self, EstimateJson, duration_text, json_line, plural},
-    run::{self, Run},
+    run,
 };
 use inerter_core::Settings;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
-use super::{args::FileSettingsArgs, terminal::note};
+use super::{
+    args::FileSettingsArgs,
+    terminal::{Progress, note},
+};
 
 /// Show what a recording or a CSV file holds.
 ///
-/// Device, settings, duration, losses, and how it ended.
+/// Device, settings (with them the calibration), duration, losses, markers, and how it ended. Needs little memory, however
+/// long the recording.
 ///
 /// With --json one object: {"kind":"recording","file":..,"ending":"closed"|"cut_off"|"damaged","duration_s":..,
 /// "samples":..,"gaps":..,"frames":..,"lost_frames":..,"damaged_frames":..,"device":{..},"settings":{..},"truth":{..},
@@ -42,15 +47,21 @@ pub fn run(args: &Args) -> Result<(), Error> {
         return csv_info(&args.file, args.json);
     }
     let overrides = args.settings.overrides()?;
-    let mut summary = recording::summary(&args.file)?;
+    let mut bar = Progress::through("reading", &args.file);
+    let summary = recording::summary_watched(&args.file, |offset| bar.set(offset))?;
+    bar.done();
     let mut settings = summary.settings.unwrap_or_default();
     overrides.apply(&mut settings)?;
-    let run = Run { settings, samples: std::mem::take(&mut summary.samples), ..Run::default() };
     if args.json {
-        return Ok(output::line(json_line(&recording_json(&args.file, &summary, &run)))?);
+        return Ok(output::line(json_line(&recording_json(&args.file, &summary, &settings)))?);
     }
     summary.notes.iter().for_each(note);
-    text(&args.file, &summary, &run)
+    text(&args.file, &summary, &settings)
+}
+
+/// Time from the first sample to the last \[s\].
+fn duration_s(summary: &Summary, settings: &Settings) -> f64 {
+    summary.extent.periods as f64 / settings.sample_rate_hz
 }
 
 fn ending_word(ending: &Ending) -> &'static str {
@@ -70,56 +81,74 @@ struct RecordingJson<'a> {
     reason: Option<&'a String>,
     duration_s: f64,
     sample_rate_hz: f64,
-    samples: usize,
+    samples: u64,
     gaps: u64,
     lost_samples: u64,
     frames: u32,
     lost_frames: u32,
     damaged_frames: u32,
     records: &'a BTreeMap<&'static str, u64>,
+    first_ns: Option<u64>,
+    last_ns: Option<u64>,
+    markers: Vec<MarkerJson<'a>>,
     device: Option<&'a BTreeMap<String, String>>,
     settings: Option<Map<String, Value>>,
     truth: Option<Map<String, Value>>,
     estimate: Option<EstimateJson>,
 }
 
-fn recording_json<'a>(file: &Path, summary: &'a Summary, run: &Run) -> RecordingJson<'a> {
+/// A marker in JSON.
+#[derive(Serialize)]
+struct MarkerJson<'a> {
+    t_s: f64,
+    t_ns: u64,
+    text: &'a str,
+}
+
+fn recording_json<'a>(file: &Path, summary: &'a Summary, settings: &Settings) -> RecordingJson<'a> {
     let contents = &summary.contents;
-    let settings = summary.settings.map(|_| {
-        let values = Settings::TABLE.iter().zip(run.settings.values());
+    let known_settings = summary.settings.map(|_| {
+        let values = Settings::TABLE.iter().zip(settings.values());
         values.map(|(info, value)| (info.name.to_string(), json!(value))).collect()
     });
     let truth = contents.metadata.get(TRUTH_METADATA).map(|truth| {
         let number = |text: &String| text.parse::<f64>().map_or_else(|_| json!(text), |number| json!(number));
         truth.iter().map(|(name, text)| (name.clone(), number(text))).collect()
     });
-    let (gaps, lost_samples) = run.gaps();
     let live = |estimate| {
-        let t_s = report::elapsed_s(estimate, run.settings.sample_rate_hz);
-        EstimateJson::live(t_s, estimate, summary.detail.as_ref(), &run.settings)
+        let t_s = report::elapsed_s(estimate, settings.sample_rate_hz);
+        EstimateJson::live(t_s, estimate, summary.detail.as_ref(), settings)
+    };
+    let marker = |marker: &'a recording::Marker| MarkerJson {
+        t_s: report::rounded_s(marker.periods as f64 / settings.sample_rate_hz),
+        t_ns: marker.time_ns,
+        text: &marker.text,
     };
     RecordingJson {
         kind: "recording",
         file: file.display().to_string(),
         ending: ending_word(&contents.ending),
         reason: contents.metadata.get(recording::END_METADATA).and_then(|end| end.get("reason")),
-        duration_s: run.duration_s(),
-        sample_rate_hz: run.settings.sample_rate_hz,
-        samples: run.samples.len(),
-        gaps,
-        lost_samples,
+        duration_s: duration_s(summary, settings),
+        sample_rate_hz: settings.sample_rate_hz,
+        samples: summary.extent.samples,
+        gaps: summary.extent.gaps,
+        lost_samples: summary.extent.missing,
         frames: contents.counts.messages,
         lost_frames: contents.counts.lost,
         damaged_frames: contents.counts.corrupt(),
         records: &summary.records,
+        first_ns: contents.span_ns.map(|(first, _)| first),
+        last_ns: contents.span_ns.map(|(_, last)| last),
+        markers: summary.markers.iter().map(marker).collect(),
         device: contents.metadata.get(recording::HELLO_METADATA),
-        settings,
+        settings: known_settings,
         truth,
         estimate: summary.estimate.as_ref().map(live),
     }
 }
 
-fn text(file: &Path, summary: &Summary, run: &Run) -> Result<(), Error> {
+fn text(file: &Path, summary: &Summary, settings: &Settings) -> Result<(), Error> {
     let contents = &summary.contents;
     let counts = &contents.counts;
     let row = |label: &str, value: String| output::line(format!("{label:<12} {value}").trim_end());
@@ -132,9 +161,13 @@ fn text(file: &Path, summary: &Summary, run: &Run) -> Result<(), Error> {
         row("device", format!("{}, serial {}, {}", value("board"), value("serial"), value("firmware")))?;
         row("clock", value("clock"))?;
     }
-    let (gaps, lost) = run.gaps();
-    let samples = plural(run.samples.len() as u64, "sample");
-    row("run", format!("{}, {samples} at {} Hz", duration_text(run.duration_s()), run.settings.sample_rate_hz))?;
+    let (gaps, lost) = (summary.extent.gaps, summary.extent.missing);
+    let samples = plural(summary.extent.samples, "sample");
+    let duration = duration_text(duration_s(summary, settings));
+    row("run", format!("{duration}, {samples} at {} Hz", settings.sample_rate_hz))?;
+    if let Some((first, last)) = contents.span_ns {
+        row("time", format!("{} to {}", utc(first), utc(last)))?;
+    }
     row(
         "gaps",
         if gaps == 0 { "none".into() } else { format!("{}, {} missing", plural(gaps, "gap"), plural(lost, "sample")) },
@@ -145,18 +178,28 @@ fn text(file: &Path, summary: &Summary, run: &Run) -> Result<(), Error> {
         format!("{} ({}), {} lost, {} damaged", counts.messages, records.join(", "), counts.lost, counts.corrupt()),
     )?;
     if summary.settings.is_some() {
-        let changed: Vec<String> = changed(&run.settings).collect();
+        let changed: Vec<String> = changed(settings).collect();
         row("settings", if changed.is_empty() { "all as by default".into() } else { changed.join("\n             ") })?;
     }
     if let Some(truth) = contents.metadata.get(TRUTH_METADATA) {
         row("simulated", truth.get("excite").map(|motion| format!("motion {motion}")).unwrap_or_default())?;
     }
+    for (number, marker) in summary.markers.iter().enumerate() {
+        let t_s = marker.periods as f64 / settings.sample_rate_hz;
+        row(if number == 0 { "markers" } else { "" }, format!("{t_s:.3} s  {}", marker.text))?;
+    }
     if let Some(estimate) = &summary.estimate {
         output::line("\nLast estimate of the device:")?;
         let truth = contents.metadata.get(TRUTH_METADATA);
-        output::line(report::table(estimate, summary.detail.as_ref(), &run.settings, truth).trim_end())?;
+        output::line(report::table(estimate, summary.detail.as_ref(), settings, truth).trim_end())?;
     }
     Ok(())
+}
+
+/// A host time for a person.
+fn utc(time_ns: u64) -> String {
+    let time = DateTime::from_timestamp_nanos(time_ns.min(i64::MAX as u64) as i64);
+    time.to_rfc3339_opts(SecondsFormat::Millis, true)
 }
 
 /// Settings that are not as by default.

@@ -3,11 +3,13 @@
 pub mod calibrate;
 pub mod completions;
 pub mod config;
+pub mod cut;
 pub mod doctor;
 pub mod export;
 pub mod fit;
 pub mod flash;
 pub mod info;
+pub mod merge;
 pub mod monitor;
 pub mod ports;
 pub mod record;

@@ -7,7 +7,7 @@ use std::{
 
 use inerter::{
     Error,
-    device::{Device, DeviceError},
+    device::{Clock, Device, DeviceError},
     live::{Happening, Live},
     output,
     recording::{End, Recorder},
@@ -27,6 +27,9 @@ const REPORT: Duration = Duration::from_secs(1);
 /// Record everything that a device sends.
 ///
 /// The MCAP file holds every frame exactly as received.
+/// On a terminal each line that is typed becomes a marker with the time at which it was finished; an empty line is a numbered
+/// one. `inerter info` lists them.
+///
 /// Ends after --duration or at Ctrl-C. A device that goes away is waited for (--wait); when it does not come back, the
 /// recording is closed with what there is. A file that was cut off, even by a power failure, reads up to the cut.
 #[derive(clap::Args)]
@@ -66,6 +69,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     };
     let started = Instant::now();
     let (mut reported, mut ended) = (Instant::now(), false);
+    let (typed, clock, mut markers) = (terminal::typed_lines(), Clock::new(), 0);
     let failure = loop {
         let over = args.time.duration.is_some_and(|duration| started.elapsed() >= duration);
         if over || terminal::interrupted() {
@@ -91,6 +95,12 @@ pub fn run(args: &Args) -> Result<(), Error> {
                 progress.note(format!("the device is back{port}, the recording goes on; between them is a gap"));
             }
             Err(error) => break Some(error),
+        }
+        for line in typed.iter().flat_map(|typed| typed.try_iter()) {
+            markers += 1;
+            let text = if line.is_empty() { format!("marker {markers}") } else { line };
+            recorder.marker(clock.now_ns(), &text)?;
+            progress.note(format!("marker at {}: {text}", duration_text(recorder.duration_s())));
         }
         if reported.elapsed() >= REPORT {
             reported = Instant::now();

@@ -5,10 +5,10 @@ use std::path::PathBuf;
 use inerter::{
     Error,
     detail::{GapJson, change_words},
+    export::Source,
     output,
-    replay::{News, replay_all},
+    replay::{News, replay_samples},
     report::{self, EstimateJson, EventJson, json_line},
-    run::Run,
 };
 
 use inerter_wire::EventKind;
@@ -48,13 +48,15 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<(), Error> {
-    let run = Run::open(&args.file, &args.settings.overrides()?)?;
+    let mut reading = Progress::through("reading", &args.file);
+    let run = Source::open(&args.file, &args.settings.overrides()?, |offset| reading.set(offset))?;
+    reading.done();
     run.notes.iter().for_each(note);
-    let mut progress = Progress::new("replaying", run.samples.len() as u64);
+    let mut progress = Progress::new("replaying", run.extent.samples);
     let every_s = args.every.map_or(run.duration_s() / ROWS, |every| every.as_secs_f64());
     let half_s = 0.5 / run.settings.publish_rate_hz;
     let (mut next_s, mut taken, mut header) = (run.start_s + every_s, 0u64, true);
-    let outcome = replay_all(&run, |t_s, news| -> Result<(), Error> {
+    let outcome = replay_samples(&run.settings, run.start_s, run.samples()?, |t_s, news| -> Result<(), Error> {
         let (estimate, detail) = match news {
             News::Estimate(estimate, detail) => (estimate, detail.as_ref()),
             _ => return tell(t_s, news, args.json, &mut header),
@@ -82,7 +84,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
         output::line("")?;
     }
     output::line(report::table(estimate, detail, &run.settings, run.truth.as_ref()).trim_end())?;
-    Ok(output::line(report::counts_line(&run, &outcome))?)
+    Ok(output::line(report::counts_line(&run.settings, run.duration_s(), &outcome))?)
 }
 
 /// What is no estimate: every one in JSON; a person sees the changes, and the scatter of the reversals as an interval.

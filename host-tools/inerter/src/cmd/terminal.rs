@@ -2,7 +2,10 @@
 
 use std::{
     io::{self, IsTerminal, Write},
-    sync::atomic::{AtomicBool, Ordering},
+    sync::{
+        atomic::{AtomicBool, Ordering},
+        mpsc,
+    },
     time::{Duration, Instant},
 };
 
@@ -46,6 +49,50 @@ pub fn say(text: impl AsRef<str>) {
     writeln!(io::stderr(), "{}", text.as_ref()).ok();
 }
 
+/// Lines that are typed from now on; `None` where nobody can type.
+pub fn typed_lines() -> Option<mpsc::Receiver<String>> {
+    if !io::stdin().is_terminal() {
+        return None;
+    }
+    let (sender, lines) = mpsc::channel();
+    // Ends with the program.
+    std::thread::spawn(move || {
+        while wait_for_input() {
+            let mut line = String::new();
+            match io::stdin().read_line(&mut line) {
+                Ok(1..) if sender.send(line.trim().to_string()).is_ok() => {}
+                _ => break,
+            }
+        }
+    });
+    Some(lines)
+}
+
+/// Waits until a line is there to be read; false when there will be none.
+///
+/// Whoever reads from a terminal in the background is stopped by it, and the recording with him.
+#[cfg(unix)]
+fn wait_for_input() -> bool {
+    use rustix::event::{PollFd, PollFlags, Timespec, poll};
+    let stdin = io::stdin();
+    loop {
+        let mut polled = [PollFd::new(&stdin, PollFlags::IN)];
+        let ready = poll(&mut polled, Some(&Timespec { tv_sec: 0, tv_nsec: 200_000_000 }));
+        let in_front = rustix::termios::tcgetpgrp(&stdin).is_ok_and(|group| group == rustix::process::getpgrp());
+        match ready {
+            Ok(1..) if in_front => return true,
+            Ok(1..) => std::thread::sleep(Duration::from_millis(200)),
+            Ok(0) | Err(rustix::io::Errno::INTR) => {}
+            Err(_) => return false,
+        }
+    }
+}
+
+#[cfg(not(unix))]
+fn wait_for_input() -> bool {
+    true
+}
+
 /// Time after which work deserves a bar.
 const PATIENCE: Duration = Duration::from_millis(700);
 
@@ -62,6 +109,11 @@ impl Progress {
     /// For work of this length.
     pub fn new(label: &'static str, length: u64) -> Self {
         Self { label, length: Some(length), started: Instant::now(), bar: None }
+    }
+
+    /// For going through a file, by its bytes.
+    pub fn through(label: &'static str, file: &std::path::Path) -> Self {
+        Self::new(label, file.metadata().map_or(0, |metadata| metadata.len()))
     }
 
     /// For work without a known end.

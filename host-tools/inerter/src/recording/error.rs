@@ -64,4 +64,38 @@ pub enum RecordingError {
     #[error("{file} was recorded from a device that speaks wire version {version}; this program speaks {WIRE_VERSION}")]
     #[diagnostic(code(inerter::wire::version), help("{}", version_help(*version)))]
     ForeignVersion { file: String, version: u16 },
+
+    /// Nothing lies in the range.
+    #[error("{file} has no samples from {from_s} s to {}: it is {duration_s:.3} s long", end(*to_s))]
+    #[diagnostic(
+        code(inerter::recording::range),
+        help("give --from and --to in seconds since the first sample, the first below the second")
+    )]
+    EmptyRange { file: String, from_s: f64, to_s: f64, duration_s: f64 },
+
+    /// To be put in a row, and not of one device.
+    #[error("{file} was recorded from the device with serial number {serial}, {other} from {other_serial}")]
+    #[diagnostic(code(inerter::recording::device), help("merge recordings of one device; analyse these one by one"))]
+    OtherDevice { file: String, serial: String, other: String, other_serial: String },
+
+    /// To be put in a row, and the numbers mean different things.
+    #[error("the setting {setting} is {value} in {file} and {other_value} in {other}")]
+    #[diagnostic(
+        code(inerter::recording::setting),
+        help("merge recordings with the same settings; analyse these one by one")
+    )]
+    OtherSetting { setting: &'static str, file: String, value: f64, other: String, other_value: f64 },
+
+    /// To be put in a row, and made at the same time.
+    #[error("{file} and {other} overlap by {overlap_s:.3} s of the host's time: they cannot follow each other")]
+    #[diagnostic(
+        code(inerter::recording::overlap),
+        help("is one of them a copy or a part of the other? simulated recordings all begin at time 0")
+    )]
+    Overlap { file: String, other: String, overlap_s: f64 },
+}
+
+/// The end of a range, which may be open.
+fn end(to_s: f64) -> String {
+    if to_s.is_finite() { format!("{to_s} s") } else { "its end".into() }
 }

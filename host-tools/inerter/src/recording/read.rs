@@ -1,27 +1,33 @@
 //! Reading a recording, whole or broken off, frame by frame.
 
-use std::{
-    collections::BTreeMap,
-    fs::File,
-    io::{BufReader, Read},
-    path::Path,
-};
+use std::{collections::BTreeMap, io::Read, path::Path};
 
-use inerter_wire::{Counts, DELIMITER, Frame, FrameReader, Record};
-use mcap::records::Record as McapRecord;
+use inerter_wire::{Counts, Frame, Record};
 
 use super::{
-    RAW_ENCODING, RAW_TOPIC, RecordingError,
-    walk::{Step, Walker},
+    RecordingError,
+    messages::{Framing, Message, Messages},
 };
 
-/// One finding in the stream with the host time \[ns\] at which its frame arrived.
+/// One finding in the file with the host time \[ns\] at which it arrived.
 #[derive(Debug)]
 pub struct Incoming {
     /// Host time \[ns\].
     pub time_ns: u64,
+    /// Bytes of the file read so far.
+    pub offset: u64,
     /// What was found.
-    pub frame: Frame<Record>,
+    pub item: Item,
+}
+
+/// What a recording holds, in the order in which it came.
+#[derive(Debug)]
+#[allow(clippy::large_enum_variant, reason = "nearly all are frames")]
+pub enum Item {
+    /// Something in the stream.
+    Frame(Frame<Record>),
+    /// What somebody wrote down.
+    Marker(String),
 }
 
 /// How a file ends.
@@ -57,82 +63,29 @@ pub struct Contents {
 
 /// Reads a file; `take` is handed every finding in order.
 pub fn read(path: &Path, take: impl FnMut(Incoming)) -> Result<Contents, RecordingError> {
-    let failed = |source| RecordingError::Read { path: path.into(), source };
-    let file = File::open(path).map_err(failed)?;
-    let name = path.display().to_string();
-    read_from(&name, BufReader::with_capacity(1 << 16, file), take)
+    read_all(Messages::open(path)?, take)
 }
 
 /// Reads any bytes; `file` is their name in messages.
+#[cfg(test)]
 pub(super) fn read_from(file: &str, source: impl Read, take: impl FnMut(Incoming)) -> Result<Contents, RecordingError> {
-    let file = || file.to_string();
-    let mut walker = Walker::new(source);
-    let mut frames = Frames::new(take);
-    let ending = loop {
-        let byte = walker.offset();
-        let step = walker.step().map_err(|source| RecordingError::Read { path: file().into(), source })?;
-        match step {
-            Step::Record { opcode, data } => {
-                if let Err(error) = mcap::parse_record(opcode, data).map(|record| frames.record(record)) {
-                    break Ending::Damaged { byte, reason: error.to_string() };
-                }
-            }
-            Step::Closed => break Ending::Closed,
-            Step::CutOff => break Ending::CutOff,
-            Step::Damaged(reason) => break Ending::Damaged { byte, reason },
-            Step::WrongKind => return Err(RecordingError::WrongKind { file: file() }),
-            Step::Compressed(compression) => return Err(RecordingError::Compressed { file: file(), compression }),
-        }
-    };
-    if frames.channel.is_none() {
-        return Err(RecordingError::NoChannel { file: file() });
-    }
-    Ok(frames.finish(ending, walker.offset()))
+    read_all(Messages::new(file, source), take)
 }
 
-struct Frames<F> {
-    channel: Option<u16>,
-    reader: FrameReader<Record>,
-    take: F,
-    metadata: BTreeMap<String, BTreeMap<String, String>>,
-    span_ns: Option<(u64, u64)>,
-}
-
-impl<F: FnMut(Incoming)> Frames<F> {
-    fn new(take: F) -> Self {
-        Self { channel: None, reader: FrameReader::new(), take, metadata: BTreeMap::new(), span_ns: None }
-    }
-
-    fn record(&mut self, record: McapRecord<'_>) {
-        match record {
-            McapRecord::Channel(channel) if channel.topic == RAW_TOPIC && channel.message_encoding == RAW_ENCODING => {
-                self.channel = Some(channel.id);
+fn read_all(mut messages: Messages<impl Read>, mut take: impl FnMut(Incoming)) -> Result<Contents, RecordingError> {
+    let mut framing = Framing::default();
+    loop {
+        let offset = messages.offset();
+        match messages.next()? {
+            None => break,
+            Some(Message::Raw { time_ns, part, bytes }) => {
+                framing.take(part, bytes, |frame| take(Incoming { time_ns, offset, item: Item::Frame(frame) }));
             }
-            McapRecord::Metadata(metadata) => {
-                self.metadata.insert(metadata.name, metadata.metadata);
-            }
-            McapRecord::Message { header, data } if Some(header.channel_id) == self.channel => {
-                self.message(header.log_time, &data);
-            }
-            _ => {}
+            Some(Message::Marker { time_ns, text }) => take(Incoming { time_ns, offset, item: Item::Marker(text) }),
         }
     }
-
-    fn message(&mut self, time_ns: u64, data: &[u8]) {
-        let (first, _) = self.span_ns.unwrap_or((time_ns, time_ns));
-        self.span_ns = Some((first, time_ns));
-        // A link that went away leaves half a frame: it ends here, lest it spoil the one that follows.
-        let end: &[u8] = if data.ends_with(&[DELIMITER]) { &[] } else { &[DELIMITER] };
-        for mut input in [data, end] {
-            while let Some(frame) = self.reader.read(&mut input) {
-                (self.take)(Incoming { time_ns, frame });
-            }
-        }
-    }
-
-    fn finish(self, ending: Ending, bytes: u64) -> Contents {
-        Contents { metadata: self.metadata, ending, counts: *self.reader.counts(), span_ns: self.span_ns, bytes }
-    }
+    let (ending, span_ns, bytes) = (messages.ending(), messages.span_ns(), messages.offset());
+    Ok(Contents { metadata: messages.metadata(), ending, counts: framing.counts(), span_ns, bytes })
 }
 
 #[cfg(test)]

@@ -1,11 +1,12 @@
-use inerter_core::{RawSample, Settings};
+use inerter_core::{Estimate, Gap, RawSample, Route, Settings, State};
 use inerter_wire::{
-    Capabilities, ClockSource, Hello, MAX_FRAME, Samples, SequenceCounter, WIRE_VERSION, encode_record,
+    Capabilities, ClockSource, Event, EventKind, Health, Hello, MAX_FRAME, Samples, SequenceCounter, WIRE_VERSION,
+    encode_record,
 };
 use proptest::prelude::*;
 
 use super::*;
-use crate::recording::{End, Recorder};
+use crate::recording::{End, Recorder, summary};
 
 fn hello() -> Hello {
     Hello {
@@ -23,17 +24,25 @@ fn hello() -> Hello {
 /// Ten seconds of samples, 32 to a frame, closed or not.
 fn recording(path: &Path, close: bool) {
     let mut recorder = Recorder::create(path).unwrap();
-    recorder.describe(&hello(), &Settings { memory_s: 12.5, ..Settings::default() }).unwrap();
+    let settings = Settings { memory_s: 12.5, sample_rate_hz: 1000.0, metres_per_count: 1e-6, ..Settings::default() };
+    recorder.describe(&hello(), &settings).unwrap();
     let mut sequence = SequenceCounter::new();
     let mut out = [0; MAX_FRAME];
     let raws: Vec<RawSample> = (0..10_000)
         .map(|index| RawSample { index, position_count: index as i32 * 3, ..RawSample::default() })
         .collect();
-    for batch in raws.chunks(32) {
+    for (number, batch) in raws.chunks(32).enumerate() {
         let record = Record::Samples(Samples::from_slice(batch).0);
         let length = encode_record(&record, sequence.take(), &mut out).unwrap();
         let time = batch.last().map_or(0, |raw| u64::from(raw.index) * 1_000_000);
         recorder.frame(time, out.get(..length - 1).unwrap()).unwrap();
+        if number % 64 == 0 {
+            recorder.marker(time, "here").unwrap();
+            for record in others(time) {
+                let length = encode_record(&record, sequence.take(), &mut out).unwrap();
+                recorder.frame(time, out.get(..length - 1).unwrap()).unwrap();
+            }
+        }
     }
     if close {
         recorder.close(&End { reason: "finished".into(), lost_frames: 0 }).unwrap();
@@ -45,10 +54,25 @@ fn recording(path: &Path, close: bool) {
     }
 }
 
+/// One record for each of the decoded channels.
+fn others(time_ns: u64) -> [Record; 5] {
+    let settings = Settings { sample_rate_hz: 1000.0, metres_per_count: 1e-6, ..Settings::default() };
+    let active = settings.validate().unwrap();
+    let state = State::new(&active);
+    let index = (time_ns / 1_000_000) as u32;
+    [
+        Record::Estimate(Estimate { index, ..active.estimate(&state) }),
+        Record::Detail(active.detail(&state)),
+        Record::Gap(Gap { index, value_m: 1e-5, error_m: 1e-6, route: Route::Force, rising: true }),
+        Record::Event(Event { index, kind: EventKind::EstimatorReset }),
+        Record::Health(Health { index, ..Health::default() }),
+    ]
+}
+
 fn samples_of(bytes: &[u8]) -> Result<(usize, Ending), RecordingError> {
     let mut samples = 0;
     let contents = read_from("f", bytes, |incoming| {
-        if let Frame::Message { message: Record::Samples(batch), .. } = incoming.frame {
+        if let Item::Frame(Frame::Message { message: Record::Samples(batch), .. }) = incoming.item {
             samples += batch.iter().flatten().count();
         }
     })?;
@@ -62,12 +86,51 @@ fn a_closed_recording_reads_back_with_its_metadata() {
     recording(&path, true);
     let contents = read(&path, |_| ()).unwrap();
     assert_eq!(contents.ending, Ending::Closed);
-    assert_eq!(contents.counts.messages, 313);
+    assert_eq!(contents.counts.messages, 313 + 5 * 5);
     let value = |name: &str, key: &str| contents.metadata.get(name).and_then(|map| map.get(key)).cloned();
     assert_eq!(value("inerter.settings", "memory_s").as_deref(), Some("12.5"));
     assert_eq!(value("inerter.hello", "board").as_deref(), Some("desk"));
     assert_eq!(value("inerter.end", "reason").as_deref(), Some("finished"));
     assert_eq!(contents.span_ns, Some((31_000_000, 9_999_000_000)));
+    let markers = summary(&path).unwrap().markers;
+    assert_eq!(markers.len(), 5);
+    assert_eq!((markers[1].periods, markers[1].text.as_str()), (65 * 32 - 1, "here"));
+}
+
+#[test]
+fn the_decoded_channels_say_what_the_frames_say() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.mcap");
+    recording(&path, true);
+    let bytes = std::fs::read(&path).unwrap();
+    let mut found: BTreeMap<String, Vec<serde_json::Value>> = BTreeMap::new();
+    for message in mcap::MessageStream::new(&bytes).unwrap().map(|message| message.unwrap()) {
+        if message.channel.message_encoding == "json" {
+            let schema = message.channel.schema.as_ref().unwrap();
+            let schema_json: serde_json::Value = serde_json::from_slice(&schema.data).unwrap();
+            let json: serde_json::Value = serde_json::from_slice(&message.data).unwrap();
+            for (key, value) in json.as_object().unwrap() {
+                let property = &schema_json["properties"][key];
+                let fits = match property["type"].as_str() {
+                    Some("number" | "integer") => value.is_number() || value.is_null(),
+                    Some("string") => value.is_string() || value.is_null(),
+                    Some("object") => value.is_object(),
+                    Some("array") => value.is_array() || value.is_null(),
+                    Some("boolean") => value.is_boolean(),
+                    _ => false,
+                };
+                assert!(fits, "{}: {key} is {value}, its schema {property}", message.channel.topic);
+            }
+            found.entry(message.channel.topic.clone()).or_default().push(json);
+        }
+    }
+    let count = |topic: &str| found.get(topic).map_or(0, Vec::len);
+    assert_eq!(["marker", "estimate", "gap", "event", "health"].map(count), [5; 5]);
+    assert_eq!(count("motion"), 200, "each of 50 ms");
+    let motion = &found["motion"][1];
+    assert_eq!(motion["t_s"], 0.0745);
+    assert!((motion["position_m"].as_f64().unwrap() - 3.0 * 74.5e-6).abs() < 1e-10, "{motion}");
+    assert_eq!(found["gap"][1]["t_s"], 2.079, "by the sample counter, not the host's clock");
 }
 
 #[test]
@@ -87,12 +150,15 @@ fn a_file_cut_off_anywhere_reads_up_to_the_cut() {
     recording(&path, true);
     let bytes = std::fs::read(&path).unwrap();
     let mut before = 0;
+    // Channels and schemas come first.
+    let head = 12_000;
     for cut in (0..=bytes.len()).step_by(97) {
         match samples_of(bytes.get(..cut).unwrap()) {
             Ok((samples, ending)) => {
                 assert!(samples >= before);
                 // A frame's 32 samples in its bytes: no more than two frames before the cut are missing.
-                let expected = (cut as f64 / bytes.len() as f64 * 10_000.0) as usize;
+                let part = cut.saturating_sub(head) as f64 / (bytes.len() - head) as f64;
+                let expected = (part * 10_000.0) as usize;
                 assert!(samples + 800 > expected, "{samples} of about {expected} at {cut}");
                 assert!(ending != Ending::Closed || samples == 10_000);
                 before = samples;

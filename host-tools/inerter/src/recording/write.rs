@@ -11,7 +11,12 @@ use inerter_core::Settings;
 use inerter_wire::{Hello, WIRE_VERSION};
 use mcap::{McapError, WriteOptions, records::MessageHeader, write::Metadata};
 
-use super::{END_METADATA, HELLO_METADATA, RAW_ENCODING, RAW_TOPIC, SETTINGS_METADATA};
+use super::{
+    END_METADATA, HELLO_METADATA, RAW_ENCODING, RAW_TOPIC, SETTINGS_METADATA,
+    decode::{Channel, Decoder},
+    messages::MarkerJson,
+    schemas::schema,
+};
 use crate::{output::OutputError, report::duration_text};
 
 /// Time after which a chunk is closed and handed to the operating system \[ns\].
@@ -30,9 +35,13 @@ pub struct End {
 pub struct Recorder {
     path: PathBuf,
     writer: mcap::Writer<Sink>,
+    /// Channel of the frames, and how many streams they have been so far.
     channel: u16,
-    marker: Option<u16>,
+    part: u16,
     sequence: u32,
+    /// Channels of what is decoded, with the number of messages on each.
+    decoded: Vec<(Channel, u16, u32)>,
+    decoder: Option<Decoder>,
     start_ns: Option<u64>,
     last_ns: u64,
     flushed_ns: u64,
@@ -52,28 +61,58 @@ impl Recorder {
             .chunk_size(Some(4 << 20));
         let failed = |error| OutputError::write(path.display().to_string(), into_io(error));
         let mut writer = options.create(Sink { file, written: 0 }).map_err(failed)?;
-        let metadata = BTreeMap::from([("wire_version".to_string(), WIRE_VERSION.to_string())]);
-        let channel = writer.add_channel(0, RAW_TOPIC, RAW_ENCODING, &metadata).map_err(failed)?;
-        let frame = Vec::with_capacity(inerter_wire::MAX_FRAME);
+        let channel = writer.add_channel(0, RAW_TOPIC, RAW_ENCODING, &channel_metadata(1)).map_err(failed)?;
+        let mut decoded = Vec::new();
+        for channel in Channel::ALL {
+            let schema =
+                writer.add_schema(&format!("inerter.{}", channel.topic()), "jsonschema", schema(channel).as_bytes());
+            let id = schema.and_then(|schema| writer.add_channel(schema, channel.topic(), "json", &BTreeMap::new()));
+            decoded.push((channel, id.map_err(failed)?, 0));
+        }
         Ok(Self {
             path: path.into(),
             writer,
             channel,
-            marker: None,
+            part: 1,
             sequence: 0,
+            decoded,
+            decoder: None,
             start_ns: None,
             last_ns: 0,
             flushed_ns: 0,
-            frame,
+            frame: Vec::with_capacity(inerter_wire::MAX_FRAME),
         })
     }
 
     /// Writes down who the device is and what its numbers mean.
-    pub fn describe(&mut self, hello: &Hello, settings: &Settings) -> Result<(), OutputError> {
-        let values = Settings::TABLE.iter().zip(settings.values());
+    pub fn describe(&mut self, hello: &Hello, settings_in_use: &Settings) -> Result<(), OutputError> {
+        let values = Settings::TABLE.iter().zip(settings_in_use.values());
         let settings = values.map(|(info, value)| (info.name.to_string(), format!("{value:?}"))).collect();
         self.metadata(HELLO_METADATA, hello_map(hello))?;
         self.metadata(SETTINGS_METADATA, settings)?;
+        self.decode_by(settings_in_use);
+        self.flush()
+    }
+
+    /// From now on the frames are also written decoded, by these settings and by those that the stream brings.
+    pub fn decode_by(&mut self, settings: &Settings) {
+        self.decoder = Some(Decoder::new(settings));
+    }
+
+    /// What follows is another stream: its sequence numbers do not continue those before.
+    pub fn begin_part(&mut self) -> Result<(), OutputError> {
+        self.part += 1;
+        let added = self.writer.add_channel(0, RAW_TOPIC, RAW_ENCODING, &channel_metadata(self.part));
+        self.channel = added.map_err(|error| self.failed(error))?;
+        Ok(())
+    }
+
+    /// Writes down a remark, at once.
+    pub fn marker(&mut self, time_ns: u64, text: &str) -> Result<(), OutputError> {
+        let time_ns = time_ns.max(self.last_ns);
+        // Two plain fields: there is nothing that could fail.
+        let json = serde_json::to_vec(&MarkerJson { t_ns: time_ns, text: text.into() }).unwrap_or_default();
+        self.say(Channel::Marker, time_ns, &json)?;
         self.flush()
     }
 
@@ -93,6 +132,11 @@ impl Recorder {
         result.map_err(|error| self.failed(error))?;
         self.sequence = self.sequence.wrapping_add(1);
         self.last_ns = time_ns;
+        if let Some(decoder) = &mut self.decoder {
+            for (channel, json) in decoder.take(self.channel, &self.frame) {
+                self.say(channel, time_ns, &json)?;
+            }
+        }
         let start = *self.start_ns.get_or_insert(time_ns);
         if time_ns.saturating_sub(self.flushed_ns.max(start)) >= FLUSH_NS {
             self.flushed_ns = time_ns;
@@ -101,21 +145,14 @@ impl Recorder {
         Ok(())
     }
 
-    /// Writes down the user's own note at host time `time_ns`.
-    pub fn marker(&mut self, time_ns: u64, text: &str) -> Result<(), OutputError> {
-        let marker = match self.marker {
-            Some(marker) => marker,
-            None => {
-                let result = self.writer.add_channel(0, "marker", "json", &BTreeMap::new());
-                *self.marker.insert(result.map_err(|error| self.failed(error))?)
-            }
+    fn say(&mut self, channel: Channel, time_ns: u64, json: &[u8]) -> Result<(), OutputError> {
+        let Some((_, id, sequence)) = self.decoded.iter_mut().find(|(known, ..)| *known == channel) else {
+            return Ok(());
         };
-        let time_ns = time_ns.max(self.last_ns);
-        let header = MessageHeader { channel_id: marker, sequence: 0, log_time: time_ns, publish_time: time_ns };
-        let text = serde_json::json!({ "text": text }).to_string();
-        let result = self.writer.write_to_known_channel(&header, text.as_bytes());
-        result.map_err(|error| self.failed(error))?;
-        self.flush()
+        let header = MessageHeader { channel_id: *id, sequence: *sequence, log_time: time_ns, publish_time: time_ns };
+        *sequence = sequence.wrapping_add(1);
+        let result = self.writer.write_to_known_channel(&header, json);
+        result.map_err(|error| self.failed(error))
     }
 
     /// Hands everything so far to the operating system.
@@ -162,6 +199,15 @@ impl Recorder {
         };
         OutputError::Write { name: self.path.display().to_string(), written, source: into_io(error) }
     }
+}
+
+/// What a reader must know of the channel `raw`; each stream has a channel of its own.
+fn channel_metadata(part: u16) -> BTreeMap<String, String> {
+    let mut metadata = BTreeMap::from([("wire_version".to_string(), WIRE_VERSION.to_string())]);
+    if part > 1 {
+        metadata.insert("part".into(), part.to_string());
+    }
+    metadata
 }
 
 /// Pipes and devices cannot be synchronised, which is no fault.

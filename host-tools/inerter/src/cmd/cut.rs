@@ -1,0 +1,67 @@
+//! `inerter cut`: a part of a recording.
+
+use std::path::PathBuf;
+
+use inerter::{
+    Error, output,
+    output::Pending,
+    recording,
+    report::{json_line, plural},
+};
+use serde_json::json;
+
+use super::{
+    args::RangeArgs,
+    terminal::{self, Progress},
+};
+
+/// Keep a part of a recording.
+///
+/// The frames stay as they were received, so that a replay of the part gives what a replay of those samples gives. They stay
+/// whole, too: up to 31 samples beyond --to come along, and as many after --from may be missing. Parts that follow each other
+/// hold every frame once, and `inerter merge` puts them together again.
+///
+/// A recording that was cut off may be given. The input is never changed.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Recording (.mcap)
+    file: PathBuf,
+    /// File to write (.mcap)
+    #[arg(short, long, value_name = "FILE.mcap")]
+    output: PathBuf,
+    #[command(flatten)]
+    range: RangeArgs,
+    /// Replace the file when it exists
+    #[arg(long)]
+    force: bool,
+    /// Print JSON: one object
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn run(args: &Args) -> Result<(), Error> {
+    if !args.force {
+        output::refuse_existing(&args.output)?;
+    }
+    terminal::catch_interrupts();
+    let mut bar = Progress::through("cutting", &args.file);
+    let pending = Pending::create(&args.output)?;
+    let cut = recording::cut(&args.file, args.range.range_s(), pending.path(), |offset| {
+        bar.set(offset);
+        if terminal::interrupted() { Err(Error::Interrupted) } else { Ok(()) }
+    })?;
+    bar.done();
+    let file = pending.commit()?;
+    let (from_s, to_s) = cut.span_s;
+    if args.json {
+        return Ok(output::line(json_line(&json!({
+            "kind": "cut", "file": file, "samples": cut.samples, "frames": cut.frames, "from_s": from_s, "to_s": to_s,
+        })))?);
+    }
+    terminal::say(format!(
+        "{} from {from_s:.3} s to {to_s:.3} s written to {}",
+        plural(cut.samples, "sample"),
+        file.display()
+    ));
+    Ok(())
+}

@@ -1,0 +1,65 @@
+//! `inerter merge`: recordings of one device in a row.
+
+use std::path::PathBuf;
+
+use inerter::{
+    Error, output,
+    output::Pending,
+    recording,
+    report::{duration_text, json_line, plural},
+};
+use serde_json::json;
+
+use super::terminal::{self, Progress};
+
+/// Put recordings of one device in a row.
+///
+/// The earliest comes first, whatever the order in which they are given. Frames, markers and times stay as they were
+/// received. Between two recordings is a gap, unless the device's sample counter simply goes on.
+///
+/// Settings that differ, another device, and recordings that were made at the same time are refused. Recordings that were cut
+/// off may be given. The inputs are never changed.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Recordings (.mcap), two or more
+    #[arg(required = true, num_args = 2.., value_name = "FILE")]
+    files: Vec<PathBuf>,
+    /// File to write (.mcap)
+    #[arg(short, long, value_name = "FILE.mcap")]
+    output: PathBuf,
+    /// Replace the file when it exists
+    #[arg(long)]
+    force: bool,
+    /// Print JSON: one object
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn run(args: &Args) -> Result<(), Error> {
+    if !args.force {
+        output::refuse_existing(&args.output)?;
+    }
+    terminal::catch_interrupts();
+    let size = args.files.iter().map(|file| file.metadata().map_or(0, |metadata| metadata.len())).sum();
+    let mut bar = Progress::new("merging", size);
+    let pending = Pending::create(&args.output)?;
+    let merged = recording::merge(&args.files, pending.path(), |offset| {
+        bar.set(offset);
+        if terminal::interrupted() { Err(Error::Interrupted) } else { Ok(()) }
+    })?;
+    bar.done();
+    let file = pending.commit()?;
+    if args.json {
+        return Ok(output::line(json_line(&json!({
+            "kind": "merged", "file": file, "files": args.files, "samples": merged.samples, "frames": merged.frames,
+            "duration_s": merged.duration_s,
+        })))?);
+    }
+    let (samples, duration) = (plural(merged.samples, "sample"), duration_text(merged.duration_s));
+    terminal::say(format!(
+        "{samples} of {} within {duration} written to {}",
+        plural(args.files.len() as u64, "recording"),
+        file.display()
+    ));
+    Ok(())
+}

@@ -1,0 +1,177 @@
+//! The columns that a file for other tools can have, and stretches of them.
+
+use inerter_core::RawSample;
+use inerter_wire::catalogue::{self, Group};
+use serde::Serialize;
+
+use super::Source;
+use crate::series::Point;
+
+/// A column of the samples.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Column {
+    /// Time \[s\].
+    Time,
+    /// Encoder count that does not wrap.
+    EncoderCount,
+    /// Displacement of the screw \[m\].
+    Position,
+    /// Force, less the code at no force \[N\].
+    Force,
+    /// Displacement of the terminal \[m\].
+    Terminal,
+    /// Sample counter of the device.
+    Index,
+    /// Whether the force is at or beyond a rail.
+    Saturated,
+}
+
+/// What a column holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// Numbers with a fraction.
+    Float,
+    /// Whole numbers.
+    Whole,
+    /// Yes or no.
+    Flag,
+}
+
+impl Column {
+    /// All of them.
+    pub const ALL: [Self; 7] =
+        [Self::Time, Self::EncoderCount, Self::Position, Self::Force, Self::Terminal, Self::Index, Self::Saturated];
+
+    /// Name, with the unit at its end where there is one.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Time => "t_s",
+            Self::EncoderCount => "encoder_count",
+            Self::Position => "position_m",
+            Self::Force => "force_n",
+            Self::Terminal => "terminal_m",
+            Self::Index => "index",
+            Self::Saturated => "saturated",
+        }
+    }
+
+    /// Unit; empty for a plain number.
+    pub fn unit(self) -> &'static str {
+        catalogue::find(Group::Signal, self.name()).map_or("", |field| field.unit)
+    }
+
+    /// The column of this name.
+    pub fn find(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|column| column.name() == name)
+    }
+
+    /// What it holds.
+    pub fn kind(self) -> Kind {
+        match self {
+            Self::Time | Self::Position | Self::Force | Self::Terminal => Kind::Float,
+            Self::EncoderCount | Self::Index => Kind::Whole,
+            Self::Saturated => Kind::Flag,
+        }
+    }
+
+    /// Its value as a number; whole ones and flags exactly.
+    pub fn value(self, source: &Source, sample: &RawSample, point: &Point) -> f64 {
+        match self {
+            Self::Time => source.time_s(point.elapsed),
+            Self::EncoderCount => point.count as f64,
+            Self::Position => point.position_m,
+            Self::Force => point.force_n,
+            // Also where the settings do not speak of a sensor: it was measured.
+            Self::Terminal => f64::from(sample.terminal_code) * source.settings.metres_per_terminal_code,
+            Self::Index => f64::from(sample.index),
+            Self::Saturated => f64::from(u8::from(point.saturated)),
+        }
+    }
+}
+
+/// Values of a column.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Values {
+    /// Numbers with a fraction.
+    Float(Vec<f64>),
+    /// Whole numbers.
+    Whole(Vec<i64>),
+    /// Yes or no.
+    Flag(Vec<bool>),
+}
+
+/// One value, written as a plain number.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(untagged)]
+pub enum Cell {
+    /// With a fraction.
+    Float(f64),
+    /// Whole.
+    Whole(i64),
+    /// 0 or 1.
+    Flag(u8),
+}
+
+impl Values {
+    /// The value of one row.
+    pub fn cell(&self, row: usize) -> Option<Cell> {
+        match self {
+            Self::Float(values) => values.get(row).copied().map(Cell::Float),
+            Self::Whole(values) => values.get(row).copied().map(Cell::Whole),
+            Self::Flag(values) => values.get(row).map(|flag| Cell::Flag(u8::from(*flag))),
+        }
+    }
+}
+
+/// Some rows, column by column.
+#[derive(Clone, Debug)]
+pub struct Batch {
+    /// Columns with their values, all of one length.
+    pub columns: Vec<(Column, Values)>,
+    /// Time of each row since the first sample of the source \[s\].
+    pub since_s: Vec<f64>,
+    /// Rows in it.
+    pub rows: usize,
+}
+
+impl Batch {
+    /// Without rows, with room for some.
+    pub fn new(columns: &[Column], room: usize) -> Self {
+        let values = |column: Column| match column.kind() {
+            Kind::Float => Values::Float(Vec::with_capacity(room)),
+            Kind::Whole => Values::Whole(Vec::with_capacity(room)),
+            Kind::Flag => Values::Flag(Vec::with_capacity(room)),
+        };
+        let columns = columns.iter().map(|column| (*column, values(*column))).collect();
+        Self { columns, since_s: Vec::with_capacity(room), rows: 0 }
+    }
+
+    /// Appends a row.
+    pub fn push(&mut self, source: &Source, sample: &RawSample, point: &Point) {
+        for (column, values) in &mut self.columns {
+            match values {
+                Values::Float(values) => values.push(column.value(source, sample, point)),
+                Values::Whole(values) => values.push(match column {
+                    Column::Index => sample.index.into(),
+                    _ => point.count,
+                }),
+                Values::Flag(values) => values.push(point.saturated),
+            }
+        }
+        self.since_s.push(point.elapsed as f64 / source.settings.sample_rate_hz);
+        self.rows += 1;
+    }
+
+    /// Takes the rows away and keeps the room.
+    pub fn clear(&mut self) {
+        for (_, values) in &mut self.columns {
+            match values {
+                Values::Float(values) => values.clear(),
+                Values::Whole(values) => values.clear(),
+                Values::Flag(values) => values.clear(),
+            }
+        }
+        self.since_s.clear();
+        self.rows = 0;
+    }
+}

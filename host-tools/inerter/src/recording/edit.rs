@@ -1,0 +1,230 @@
+//! Recordings out of recordings: a part of one, several in a row. Frames stay as they were received.
+
+use std::{
+    collections::BTreeMap,
+    ops::Range,
+    path::{Path, PathBuf},
+};
+
+use inerter_core::Settings;
+use inerter_wire::{DELIMITER, Frame, Record, Samples};
+
+use super::{
+    END_METADATA, Ending, HELLO_METADATA, RecordingError, SETTINGS_METADATA, Summary, TRUTH_METADATA,
+    messages::{Framing, Message, Messages},
+    samples::{Extent, summary},
+    write::{End, Recorder},
+};
+use crate::error::Error;
+
+/// What has been cut out.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cut {
+    /// Samples in it.
+    pub samples: u64,
+    /// Frames in it.
+    pub frames: u32,
+    /// Time of its first and its last sample in the recording \[s\].
+    pub span_s: (f64, f64),
+}
+
+/// What has been put together.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Merged {
+    /// Samples in it.
+    pub samples: u64,
+    /// Frames in it.
+    pub frames: u32,
+    /// Host time from the first frame to the last \[s\].
+    pub duration_s: f64,
+}
+
+/// Writes the part of a recording whose time since its first sample lies in `range_s`.
+///
+/// Frames are whole: one that holds samples belongs where its first sample does, anything else where the samples before
+/// it do. So parts that follow each other hold everything once.
+pub fn cut(
+    path: &Path,
+    range_s: Range<f64>,
+    to: &Path,
+    mut progress: impl FnMut(u64) -> Result<(), Error>,
+) -> Result<Cut, Error> {
+    let file = path.display().to_string();
+    let summary = summary(path)?;
+    let rate_hz = summary.settings.ok_or(RecordingError::NoSettings { file: file.clone() })?.sample_rate_hz;
+    let mut recorder = begin(to, &summary)?;
+    let about = [("file", file.clone()), ("from_s", range_s.start.to_string()), ("to_s", range_s.end.to_string())];
+    recorder.metadata("inerter.cut", map(about))?;
+    let (mut messages, mut framing) = (Messages::open(path)?, Framing::default());
+    let (mut all, mut samples, mut span_s) = (Extent::default(), 0, None);
+    let mut inside = range_s.start <= 0.0;
+    let mut channel = None;
+    loop {
+        progress(messages.offset())?;
+        match messages.next()? {
+            None => break,
+            Some(Message::Marker { time_ns, text }) if inside => recorder.marker(time_ns, &text)?,
+            Some(Message::Marker { .. }) => {}
+            Some(Message::Raw { time_ns, part, bytes }) => {
+                let mut here: Option<(f64, f64, u64)> = None;
+                framing.take(part, bytes, |frame| {
+                    for sample in batch(&frame).into_iter().flat_map(Samples::iter).flatten() {
+                        all.take(&sample);
+                        let t_s = all.periods as f64 / rate_hz;
+                        let (first_s, _, count) = here.unwrap_or((t_s, t_s, 0));
+                        here = Some((first_s, t_s, count + 1));
+                    }
+                });
+                if let Some((first_s, last_s, count)) = here {
+                    inside = range_s.contains(&first_s);
+                    if inside {
+                        let (start_s, _) = span_s.unwrap_or((first_s, last_s));
+                        (span_s, samples) = (Some((start_s, last_s)), samples + count);
+                    }
+                }
+                if inside {
+                    follow(&mut recorder, &mut channel, part)?;
+                    recorder.frame(time_ns, bytes.strip_suffix(&[DELIMITER]).unwrap_or(bytes))?;
+                }
+            }
+        }
+    }
+    let duration_s = all.periods as f64 / rate_hz;
+    let empty = RecordingError::EmptyRange { file, from_s: range_s.start, to_s: range_s.end, duration_s };
+    let span_s = span_s.ok_or(empty)?;
+    let frames = recorder.frames();
+    recorder.close(&End { reason: reason(&summary), lost_frames: 0 })?;
+    Ok(Cut { samples, frames, span_s })
+}
+
+/// Puts recordings of one device in a row, the earliest first.
+///
+/// Each stays a stream of its own. Settings must be the same, and no two may have been made at the same time.
+pub fn merge(
+    paths: &[PathBuf],
+    to: &Path,
+    mut progress: impl FnMut(u64) -> Result<(), Error>,
+) -> Result<Merged, Error> {
+    let mut inputs = Vec::new();
+    for path in paths {
+        inputs.push((path, summary(path)?));
+    }
+    inputs.sort_by_key(|(_, summary)| summary.contents.span_ns);
+    for pair in inputs.windows(2) {
+        if let [(path, summary), (next_path, next)] = pair {
+            check(path, summary, next_path, next)?;
+        }
+    }
+    let Some((_, first)) = inputs.first() else {
+        return Ok(Merged { samples: 0, frames: 0, duration_s: 0.0 });
+    };
+    let mut recorder = begin(to, first)?;
+    let names = inputs
+        .iter()
+        .enumerate()
+        .map(|(number, (path, _))| (format!("part_{}", number + 1), path.display().to_string()));
+    recorder.metadata("inerter.merged", names.collect())?;
+    let (mut done, mut lost_frames) = (0, 0);
+    for (number, (path, summary)) in inputs.iter().enumerate() {
+        if number > 0 {
+            recorder.begin_part()?;
+        }
+        let (mut messages, mut channel) = (Messages::open(path)?, None);
+        loop {
+            progress(done + messages.offset())?;
+            match messages.next()? {
+                None => break,
+                Some(Message::Marker { time_ns, text }) => recorder.marker(time_ns, &text)?,
+                Some(Message::Raw { time_ns, part, bytes }) => {
+                    follow(&mut recorder, &mut channel, part)?;
+                    recorder.frame(time_ns, bytes.strip_suffix(&[DELIMITER]).unwrap_or(bytes))?;
+                }
+            }
+        }
+        done += summary.contents.bytes;
+        lost_frames += u64::from(summary.contents.counts.lost);
+    }
+    let samples = inputs.iter().map(|(_, summary)| summary.extent.samples).sum();
+    let reason = inputs.last().map_or_else(String::new, |(_, summary)| reason(summary));
+    let merged = Merged { samples, frames: recorder.frames(), duration_s: recorder.duration_s() };
+    recorder.close(&End { reason, lost_frames })?;
+    Ok(merged)
+}
+
+/// Begins another stream where the one that is copied does.
+fn follow(recorder: &mut Recorder, channel: &mut Option<u16>, part: u16) -> Result<(), Error> {
+    if channel.replace(part).is_some_and(|before| before != part) {
+        recorder.begin_part()?;
+    }
+    Ok(())
+}
+
+fn batch(frame: &Frame<Record>) -> Option<&Samples> {
+    match frame {
+        Frame::Message { message: Record::Samples(samples), .. } if samples.check().is_ok() => Some(samples),
+        _ => None,
+    }
+}
+
+/// A recording with what is known of `like`.
+fn begin(to: &Path, like: &Summary) -> Result<Recorder, Error> {
+    let mut recorder = Recorder::create(to)?;
+    for name in [HELLO_METADATA, SETTINGS_METADATA, TRUTH_METADATA] {
+        if let Some(metadata) = like.contents.metadata.get(name) {
+            recorder.metadata(name, metadata.clone())?;
+        }
+    }
+    if let Some(settings) = &like.settings {
+        recorder.decode_by(settings);
+    }
+    recorder.flush()?;
+    Ok(recorder)
+}
+
+fn map<const N: usize>(pairs: [(&str, String); N]) -> BTreeMap<String, String> {
+    pairs.into_iter().map(|(key, value)| (key.to_string(), value)).collect()
+}
+
+/// Why the recording ended.
+fn reason(summary: &Summary) -> String {
+    let said = summary.contents.metadata.get(END_METADATA).and_then(|end| end.get("reason"));
+    match (&summary.contents.ending, said) {
+        (Ending::Closed, Some(reason)) => reason.clone(),
+        (Ending::Closed, None) => "finished".into(),
+        (Ending::CutOff, _) => "the file that it was made from breaks off".into(),
+        (Ending::Damaged { .. }, _) => "the file that it was made from is damaged".into(),
+    }
+}
+
+/// Whether `next` may follow.
+fn check(path: &Path, summary: &Summary, next_path: &Path, next: &Summary) -> Result<(), RecordingError> {
+    let (file, other) = (path.display().to_string(), next_path.display().to_string());
+    let serial = |summary: &Summary| {
+        let hello = summary.contents.metadata.get(HELLO_METADATA);
+        hello.and_then(|hello| hello.get("serial")).cloned().unwrap_or_default()
+    };
+    let (serial, other_serial) = (serial(summary), serial(next));
+    if serial != other_serial {
+        return Err(RecordingError::OtherDevice { file, serial, other, other_serial });
+    }
+    let settings = |summary: &Summary, file: &str| {
+        summary.settings.ok_or_else(|| RecordingError::NoSettings { file: file.into() })
+    };
+    let (these, those) = (settings(summary, &file)?, settings(next, &other)?);
+    for (info, (value, other_value)) in Settings::TABLE.iter().zip(these.values().into_iter().zip(those.values())) {
+        if value != other_value {
+            let setting = info.name;
+            return Err(RecordingError::OtherSetting { setting, file, value, other, other_value });
+        }
+    }
+    match (summary.contents.span_ns, next.contents.span_ns) {
+        (Some((_, end)), Some((start, _))) if start < end => {
+            Err(RecordingError::Overlap { file, other, overlap_s: (end - start) as f64 * 1e-9 })
+        }
+        _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+#[path = "edit_tests.rs"]
+mod tests;

@@ -1,0 +1,211 @@
+use std::fs;
+
+use inerter_core::RawSample;
+use inerter_wire::{
+    Capabilities, ClockSource, Event, EventKind, Hello, MAX_FRAME, SequenceCounter, WIRE_VERSION, encode_record,
+};
+
+use super::*;
+use crate::{
+    recording::{Item, read, read_run},
+    settings::Overrides,
+};
+
+/// A device that sends samples 32 at a time, at 1 kHz.
+struct Stream {
+    recorder: Recorder,
+    sequence: SequenceCounter,
+    index: u32,
+    time_ns: u64,
+}
+
+impl Stream {
+    fn new(path: &Path, serial: &str, settings: &Settings, index: u32, time_ns: u64) -> Self {
+        let mut recorder = Recorder::create(path).unwrap();
+        let hello = Hello {
+            wire_version: WIRE_VERSION,
+            firmware: Hello::text("test 0"),
+            git: Hello::text(""),
+            board: Hello::text("desk"),
+            serial: Hello::text(serial),
+            sample_rate_hz: 1000.0,
+            clock: ClockSource::Simulated,
+            capabilities: Capabilities::NONE,
+        };
+        recorder.describe(&hello, settings).unwrap();
+        Self { recorder, sequence: SequenceCounter::new(), index, time_ns }
+    }
+
+    fn send(&mut self, record: &Record) {
+        let mut out = [0; MAX_FRAME];
+        let length = encode_record(record, self.sequence.take(), &mut out).unwrap();
+        self.recorder.frame(self.time_ns, out.get(..length - 1).unwrap()).unwrap();
+    }
+
+    fn samples(&mut self, batches: u32) {
+        for _ in 0..batches {
+            let raw = |index: u32| RawSample { index, position_count: (index * 7) as i32, ..RawSample::default() };
+            let batch: Vec<RawSample> = (self.index..self.index + 32).map(raw).collect();
+            (self.index, self.time_ns) = (self.index + 32, self.time_ns + 32_000_000);
+            self.send(&Record::Samples(Samples::from_slice(&batch).0));
+        }
+    }
+
+    fn close(self) {
+        self.recorder.close(&End { reason: "finished".into(), lost_frames: 0 }).unwrap();
+    }
+}
+
+fn settings() -> Settings {
+    Settings { sample_rate_hz: 1000.0, metres_per_count: 1e-6, ..Settings::default() }
+}
+
+/// 3.2 s of samples, an event and two markers among them.
+fn recording(path: &Path) {
+    let mut stream = Stream::new(path, "1", &settings(), 500, 0);
+    stream.samples(40);
+    stream.recorder.marker(stream.time_ns, "shaker on").unwrap();
+    stream.send(&Record::Event(Event { index: 1779, kind: EventKind::EstimatorReset }));
+    stream.samples(60);
+    stream.recorder.marker(stream.time_ns, "shaker off, \"finished\"").unwrap();
+    stream.close();
+}
+
+fn indices(path: &Path) -> Vec<u32> {
+    read_run(path, &Overrides::default()).unwrap().samples.iter().map(|sample| sample.index).collect()
+}
+
+fn quiet(_: u64) -> Result<(), Error> {
+    Ok(())
+}
+
+#[test]
+fn parts_hold_whole_frames_and_each_of_them_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    recording(&path("run.mcap"));
+    let whole = indices(&path("run.mcap"));
+    let mut together = Vec::new();
+    for (number, range_s) in [0.0..1.0, 1.0..2.5, 2.5..f64::INFINITY].into_iter().enumerate() {
+        let part = path(&format!("{number}.mcap"));
+        let found = cut(&path("run.mcap"), range_s.clone(), &part, quiet).unwrap();
+        let samples = indices(&part);
+        assert_eq!(found.samples as usize, samples.len());
+        assert_eq!((found.span_s.0 * 1000.0).round() as u32 + 500, samples[0]);
+        assert!(range_s.start <= found.span_s.0 && found.span_s.0 < range_s.start + 0.032);
+        assert!(found.span_s.1 < range_s.end + 0.032);
+        together.extend(samples);
+    }
+    assert_eq!(together, whole);
+    assert_eq!(together.len(), 3200);
+    let parts = [path("2.mcap"), path("0.mcap"), path("1.mcap")];
+    let merged = merge(&parts, &path("again.mcap"), quiet).unwrap();
+    assert_eq!((merged.samples, merged.frames), (3200, 101));
+    assert_eq!(indices(&path("again.mcap")), whole);
+    let (summary, again) = (summary(&path("run.mcap")).unwrap(), super::summary(&path("again.mcap")).unwrap());
+    assert_eq!(again.extent, summary.extent);
+    assert_eq!(again.markers, summary.markers);
+    let marked: Vec<(u64, &str)> = again.markers.iter().map(|marker| (marker.periods, marker.text.as_str())).collect();
+    assert_eq!(marked, [(1279, "shaker on"), (3199, "shaker off, \"finished\"")]);
+    assert_eq!(again.contents.counts.lost, 0, "streams that follow each other lose nothing between them");
+    assert_eq!(again.settings, summary.settings);
+    assert_eq!(again.records.get("Event"), Some(&1));
+}
+
+#[test]
+fn the_frames_of_a_part_are_those_of_the_recording() {
+    let folder = tempfile::tempdir().unwrap();
+    let (run, part) = (folder.path().join("run.mcap"), folder.path().join("part.mcap"));
+    recording(&run);
+    cut(&run, 1.0..2.0, &part, quiet).unwrap();
+    let frames = |path: &Path| {
+        let mut frames = Vec::new();
+        read(path, |incoming| {
+            if let Item::Frame(frame) = incoming.item {
+                frames.push((incoming.time_ns, frame));
+            }
+        })
+        .unwrap();
+        frames
+    };
+    let (all, some) = (frames(&run), frames(&part));
+    assert_eq!(some.len(), 32, "31 batches and the event among them");
+    assert!(all.windows(some.len()).any(|window| window == some));
+}
+
+#[test]
+fn parts_of_a_recording_that_was_cut_off_or_damaged_hold_what_there_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let (run, part) = (folder.path().join("run.mcap"), folder.path().join("part.mcap"));
+    recording(&run);
+    let bytes = fs::read(&run).unwrap();
+    fs::write(&run, &bytes[..bytes.len() / 2]).unwrap();
+    let before = indices(&run);
+    assert!((500..3000).contains(&before.len()), "{}", before.len());
+    let found = cut(&run, 0.0..f64::INFINITY, &part, quiet).unwrap();
+    assert_eq!(indices(&part), before);
+    assert_eq!(found.samples as usize, before.len());
+    let end = summary(&part).unwrap().contents.metadata.remove(END_METADATA).unwrap();
+    assert_eq!(end["reason"], "the file that it was made from breaks off");
+}
+
+#[test]
+fn what_cannot_follow_is_refused_by_its_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let make = |name: &str, serial: &str, settings: &Settings, time_ns: u64| {
+        let mut stream = Stream::new(&path(name), serial, settings, 0, time_ns);
+        stream.samples(10);
+        stream.close();
+    };
+    make("a", "1", &settings(), 0);
+    make("later", "1", &settings(), 320_000_000);
+    make("other", "2", &settings(), 320_000_000);
+    make("heavier", "1", &Settings { structure_mass_kg: 3.0, ..settings() }, 320_000_000);
+    make("same-time", "1", &settings(), 100_000_000);
+    let refused = |name: &str| match merge(&[path("a"), path(name)], &path("out"), quiet) {
+        Err(error) => error.to_string(),
+        Ok(merged) => format!("{merged:?}"),
+    };
+    assert!(refused("later").contains("samples: 640"));
+    assert!(refused("other").contains("the device with serial number 1") && refused("other").contains("from 2"));
+    assert!(refused("heavier").contains("structure_mass_kg is 0"), "{}", refused("heavier"));
+    assert!(refused("same-time").contains("overlap by 0.188 s"), "{}", refused("same-time"));
+    let error = cut(&path("a"), 5.0..6.0, &path("out"), quiet).unwrap_err();
+    assert!(error.to_string().contains("no samples from 5 s to 6 s: it is 0.319 s long"), "{error}");
+    let empty = cut(&path("a"), 0.2..0.1, &path("out"), quiet);
+    assert!(matches!(empty, Err(Error::Recording(RecordingError::EmptyRange { .. }))));
+}
+
+#[test]
+fn work_that_is_broken_off_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = folder.path().join("run.mcap");
+    recording(&run);
+    let broken = cut(&run, 0.0..1.0, &folder.path().join("part.mcap"), |_| Err(Error::Interrupted));
+    assert!(matches!(broken, Err(Error::Interrupted)));
+}
+
+proptest::proptest! {
+    #![proptest_config(proptest::prelude::ProptestConfig::with_cases(100))]
+    #[test]
+    fn no_damage_panics(
+        damage in proptest::collection::vec((proptest::prelude::any::<proptest::sample::Index>(), proptest::prelude::any::<u8>()), 1..6),
+        from_s in -1.0..4.0_f64,
+    ) {
+        let folder = tempfile::tempdir().unwrap();
+        let (run, part, twice) = (folder.path().join("run"), folder.path().join("part"), folder.path().join("twice"));
+        recording(&run);
+        let mut bytes = fs::read(&run).unwrap();
+        for (place, value) in damage {
+            let place = place.index(bytes.len());
+            bytes[place] = value;
+        }
+        fs::write(&run, bytes).unwrap();
+        if let Ok(cut) = cut(&run, from_s..f64::INFINITY, &part, quiet) {
+            proptest::prop_assert_eq!(cut.samples as usize, indices(&part).len());
+        }
+        // The same one twice overlaps, unless the damage has changed its times.
+        merge(&[run.clone(), run], &twice, quiet).ok();
+    }
+}

@@ -1,0 +1,134 @@
+//! JSON schemas of the decoded channels: what PlotJuggler and Foxglove show beside the numbers.
+//!
+//! Types are plain (`number`, never a list of types), as Foxglove wants them; a number that is not known is `null` all the same.
+
+use inerter_wire::catalogue::{self, Field, Group};
+use serde_json::{Map, Value, json};
+
+use super::decode::Channel;
+
+const INTERVAL: &str = "half width of the 95 % interval; null when there is no finite one";
+
+/// The schema of a channel, as text.
+pub(super) fn schema(channel: Channel) -> String {
+    let (title, properties) = match channel {
+        Channel::Motion => ("Means over 50 ms of samples", motion()),
+        Channel::Estimate => ("What the device estimated, once a second", estimate()),
+        Channel::Gap => ("Backlash by one reversal of the flanks alone, at most ten a second", gap()),
+        Channel::Event => ("Something that happened once", event()),
+        Channel::Health => ("How the device is doing", health()),
+        Channel::Marker => ("What somebody wrote down while it was recorded", marker()),
+    };
+    json!({"title": title, "type": "object", "properties": properties}).to_string()
+}
+
+fn number(description: impl AsRef<str>) -> Value {
+    json!({"type": "number", "description": description.as_ref()})
+}
+
+fn text(description: &str) -> Value {
+    json!({"type": "string", "description": description})
+}
+
+fn described(field: &Field) -> String {
+    if field.unit.is_empty() { field.label.into() } else { format!("{} [{}]", field.label, field.unit) }
+}
+
+fn kind() -> Value {
+    text("kind of the message")
+}
+
+fn time() -> Value {
+    number("time of the sample since the first one of the recording [s]")
+}
+
+fn motion() -> Value {
+    json!({
+        "t_s": number("middle of the time that the means are over, since the first sample of the recording [s]"),
+        "position_m": number("mean displacement of the screw [m]"),
+        "force_n": number("mean force [N]"),
+        "force_min_n": number("least force [N]"),
+        "force_max_n": number("greatest force [N]"),
+        "terminal_m": number("mean displacement of the terminal; absent without its sensor [m]"),
+    })
+}
+
+/// The parameters of a group of the catalogue, each with its interval.
+fn parameters<'a>(fields: impl Iterator<Item = &'a Field>) -> Map<String, Value> {
+    let parameter = |field: &Field| {
+        json!({"type": "object", "description": described(field), "properties": {
+            "value": number(format!("{}; null when not identifiable", described(field))),
+            "u95": number(INTERVAL),
+            "status": text("ok, held or not_identifiable"),
+        }})
+    };
+    fields.map(|field| (field.path.to_string(), parameter(field))).collect()
+}
+
+fn estimate() -> Value {
+    let four = || parameters(catalogue::fields(Group::Parameter));
+    let mut properties = Map::from_iter([("kind".to_string(), kind()), ("t_s".to_string(), time())]);
+    let whole =
+        json!({"type": "object", "description": "the same from all motion, nothing forgotten", "properties": four()});
+    properties.insert("whole_run".into(), whole);
+    properties.extend(four());
+    let contact = catalogue::fields(Group::Detail).filter(|field| matches!(field.symbol, "ks" | "cs"));
+    properties.extend(parameters(contact));
+    let rest = json!({
+        "moving": {"type": "boolean", "description": "whether anything moves"},
+        "bank": text("kernel length in use: fast or slow"),
+        "residual_rms_n": number("force that the model leaves unexplained [N]"),
+        "updates": number("updates since the estimator began"),
+        "backlash_m": {"type": "object", "properties": {
+            "value": number("total play between the flanks [m]"),
+            "u95": number(INTERVAL),
+            "status": text("ok, below_u95 or not_identifiable"),
+            "reason": text("why it is not identifiable, else null"),
+            "reversals": number("reversals that it rests on"),
+            "route": text("force or terminal"),
+        }},
+        "band_hz": {"type": "array", "items": {"type": "number"}, "description": "frequencies between which the inertance was seen [Hz]"},
+        "contact": text("unknown, one_sided, closed, gap or bouncing"),
+        "friction": {"type": "object", "properties": {
+            "reversal_ratio": number("part of the kink of Coulomb friction that the reversals have shown"),
+            "conduct": text("unknown, coulomb, presliding or stribeck"),
+        }},
+        "changes": number("changes of the device found since the estimator began"),
+    });
+    properties.extend(rest.as_object().cloned().unwrap_or_default());
+    properties.into()
+}
+
+fn gap() -> Value {
+    json!({
+        "kind": kind(),
+        "t_s": time(),
+        "index": number("sample counter at the middle of the flight"),
+        "value_m": number("backlash by this reversal alone [m]"),
+        "error_m": number("its standard error [m]"),
+        "route": text("force or terminal"),
+        "rising": {"type": "boolean", "description": "from the negative to the positive flank"},
+    })
+}
+
+fn event() -> Value {
+    json!({
+        "kind": kind(),
+        "t_s": time(),
+        "index": number("sample counter"),
+        "code": text("name for programs"),
+        "event": text("sentence for people"),
+        "parameter": text("parameter that changed"),
+        "before": number("its value before, in the unit of its name"),
+        "after": number("its value after"),
+    })
+}
+
+fn health() -> Value {
+    let fields = catalogue::fields(Group::Health).map(|field| (field.path.to_string(), number(described(field))));
+    std::iter::once(("kind".to_string(), kind())).chain(fields).collect::<Map<_, _>>().into()
+}
+
+fn marker() -> Value {
+    json!({"t_ns": {"type": "integer", "description": "host time [ns]"}, "text": text("the remark")})
+}

@@ -1,0 +1,164 @@
+//! Speed and memory of exporting a long recording, beside a plain Python reader of the same one.
+
+use crate::{
+    process, python,
+    workspace::{self, Workspace},
+};
+use anyhow::{Context, Result, bail};
+use serde_json::Value;
+use std::{
+    fmt::Write,
+    fs,
+    path::Path,
+    process::{Command, Stdio},
+    time::Duration,
+};
+
+/// Where the measured table is kept.
+const TABLE: &str = "docs/tables/files.md";
+/// Length of the recording \[s\], and its samples per second.
+const DURATION_S: u64 = 3600;
+const RATE_HZ: u64 = 4000;
+/// What the Python reader is given of it \[s\]: all of it would take minutes.
+const PYTHON_S: u64 = 300;
+/// Passes of each export; the best one counts.
+const PASSES: usize = 2;
+/// The goals: megabytes at most, and times faster at least.
+const MEMORY_MB: f64 = 100.0;
+const FASTER: f64 = 10.0;
+
+#[derive(clap::Args, Clone, Copy, Debug, Default)]
+pub struct Options {
+    /// Write docs/tables/files.md
+    #[arg(long)]
+    pub update: bool,
+}
+
+/// One export.
+struct Measured {
+    what: &'static str,
+    /// Of the processor, all threads together: other work on the machine does not count.
+    seconds: f64,
+    peak_mb: Option<f64>,
+    output_mb: f64,
+}
+
+/// Measures, fails where a goal is missed, and writes the table where that is asked for.
+pub fn run(options: &Options) -> Result<()> {
+    let python = python::files_environment()?;
+    let inerter = python::inerter()?;
+    let folder = Workspace::read(&workspace::root())?.target.join("files");
+    fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
+    println!("simulating {DURATION_S} s at {RATE_HZ} Hz into {}", folder.display());
+    let rate = RATE_HZ.to_string();
+    let duration = DURATION_S.to_string();
+    process::run(
+        Command::new(&inerter)
+            .args(["simulate", "--duration", &duration, "--sample-rate-hz", &rate, "-o", "hour.mcap"])
+            .stderr(Stdio::null())
+            .current_dir(&folder),
+    )?;
+    let script = workspace::root().join("tests/python/read_recording.py");
+    let reader = || -> Result<f64> {
+        let seconds = PYTHON_S.to_string();
+        let mut command = Command::new(&python);
+        let printed = process::output(command.arg(&script).args(["hour.mcap", &seconds]).current_dir(&folder))?;
+        let read: Value = serde_json::from_str(&printed).context("the Python reader printed no JSON")?;
+        let (samples, took) = (read["samples"].as_f64().unwrap_or(0.0), read["seconds"].as_f64().unwrap_or(0.0));
+        if samples < (PYTHON_S * RATE_HZ) as f64 {
+            bail!("the Python reader found {samples} samples");
+        }
+        Ok(took / samples * (DURATION_S * RATE_HZ) as f64)
+    };
+    // The fastest of as many passes, between those of the exports: the machine may have other work.
+    let (mut python_s, mut all): (f64, Vec<Measured>) = (f64::INFINITY, Vec::new());
+    for _ in 0..PASSES {
+        python_s = python_s.min(reader()?);
+        for (place, what) in ["csv", "parquet", "mat", "info"].into_iter().enumerate() {
+            let found = measure(&inerter, &folder, what)?;
+            println!("{what}: {:.2} s, {:.0} MB; Python {python_s:.1} s", found.seconds, found.peak_mb.unwrap_or(0.0));
+            match all.get_mut(place) {
+                None => all.push(found),
+                Some(best) => {
+                    best.seconds = best.seconds.min(found.seconds);
+                    best.peak_mb = best.peak_mb.into_iter().chain(found.peak_mb).reduce(f64::max);
+                }
+            }
+        }
+    }
+    let size_mb = fs::metadata(folder.join("hour.mcap"))?.len() as f64 / 1e6;
+    let table = table(&all, python_s, size_mb);
+    println!("\n{table}");
+    if options.update {
+        fs::write(workspace::root().join(TABLE), &table).with_context(|| format!("cannot write {TABLE}"))?;
+    }
+    for Measured { what, seconds, peak_mb, .. } in &all {
+        if peak_mb.is_some_and(|peak| peak >= MEMORY_MB) {
+            bail!("{what} takes {peak_mb:?} MB, more than {MEMORY_MB}");
+        }
+        if ["csv", "parquet"].contains(what) && python_s / seconds < FASTER {
+            bail!("{what} is only {:.1} times as fast as the Python reader", python_s / seconds);
+        }
+    }
+    Ok(())
+}
+
+/// One run of the program: how long, and how much memory at the most.
+fn measure(inerter: &Path, folder: &Path, what: &'static str) -> Result<Measured> {
+    let output = folder.join(format!("hour.{what}"));
+    let mut command = Command::new(inerter);
+    command.current_dir(folder).stdout(Stdio::null()).stderr(Stdio::null());
+    match what {
+        "info" => command.args(["info", "hour.mcap", "--json"]),
+        _ => command.args(["export", "hour.mcap", "--force", &format!("--{what}")]).arg(&output),
+    };
+    let mut child = command.spawn().with_context(|| format!("cannot start `{}`", process::shown(&command)))?;
+    let (mut peak_mb, mut seconds) = (None, None);
+    let status = loop {
+        peak_mb = peak(child.id()).or(peak_mb);
+        seconds = processor_s(child.id()).or(seconds);
+        if let Some(status) = child.try_wait()? {
+            break status;
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    };
+    let seconds = seconds.context("this system does not say how long a process has worked: measure on Linux")?;
+    if !status.success() {
+        bail!("`{}` failed ({status})", process::shown(&command));
+    }
+    let output_mb = fs::metadata(&output).map_or(0.0, |metadata| metadata.len() as f64 / 1e6);
+    // Nobody wants a gigabyte to stay.
+    fs::remove_file(&output).ok();
+    Ok(Measured { what, seconds, peak_mb, output_mb })
+}
+
+/// Most memory that a process has had so far, where the system says so \[MB\].
+fn peak(id: u32) -> Option<f64> {
+    let status = fs::read_to_string(format!("/proc/{id}/status")).ok()?;
+    let line = status.lines().find(|line| line.starts_with("VmHWM:"))?;
+    line.split_whitespace().nth(1)?.parse::<f64>().ok().map(|kilobytes| kilobytes * 1024.0 / 1e6)
+}
+
+/// Time that a process has worked so far, where the system says so \[s\].
+fn processor_s(id: u32) -> Option<f64> {
+    let stat = fs::read_to_string(format!("/proc/{id}/stat")).ok()?;
+    // The name, in brackets, may hold blanks: user and system time are the 12th and 13th field after it, in ticks of 10 ms.
+    let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
+    let ticks = |place: usize| fields.get(place)?.parse::<f64>().ok();
+    Some((ticks(11)? + ticks(12)?) / 100.0)
+}
+
+fn table(all: &[Measured], python_s: f64, size_mb: f64) -> String {
+    let mut text = format!(
+        "# Exporting an hour at 4 kHz\n\nWritten by `cargo xtask bench-files --update`: one run, one machine, the program as it is built for tests. The recording has {} samples in\n{size_mb:.0} MB. `tests/python/read_recording.py` only reads it, {PYTHON_S} s of it, scaled to the hour; the others read and write.\nTime is the processor's, that of all threads together; only the ratios mean anything: the best of {PASSES} passes each, taken in turn.\nMemory is the greatest resident set (`VmHWM`, looked at every 5 ms).\n\n| command | faster than the Python reader | memory | output |\n|---|--:|--:|--:|\n",
+        DURATION_S * RATE_HZ,
+    );
+    for Measured { what, seconds, peak_mb, output_mb } in all {
+        let command = if *what == "info" { "`info`".to_string() } else { format!("`export --{what}`") };
+        let memory = peak_mb.map_or("not known".into(), |peak| format!("{peak:.0} MB"));
+        let output = if *output_mb > 0.0 { format!("{output_mb:.0} MB") } else { String::new() };
+        // Writing to a text cannot fail.
+        writeln!(text, "| {command} | {:.0} times | {memory} | {output} |", python_s / seconds).ok();
+    }
+    text
+}

@@ -1,0 +1,138 @@
+//! The snippets of docs/PYTHON.md, run as they stand against a fresh recording; and Pythons with packages.
+
+use crate::{
+    process,
+    workspace::{self, Workspace},
+};
+use anyhow::{Context, Result, bail};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process::Command,
+};
+
+/// What the snippets import, and the check of the MATLAB file.
+const IMPORTS: &str = "h5py, mcap, pandas, pyarrow";
+
+/// Their versions.
+pub const REQUIREMENTS: &str = "tests/python/files-requirements.txt";
+
+/// The page with the snippets.
+const PAGE: &str = "docs/PYTHON.md";
+
+/// Runs them. Where the packages cannot be had they are skipped with a word, unless `CI` is set.
+pub fn run() -> Result<()> {
+    let folder = Workspace::read(&workspace::root())?.target.join("python");
+    let python = match files_environment() {
+        Ok(python) => python,
+        Err(reason) if std::env::var_os("CI").is_none() => {
+            println!("not run, for want of the Python packages: {reason:#}");
+            return Ok(());
+        }
+        Err(reason) => return Err(reason),
+    };
+    let inerter = inerter()?;
+    fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
+    let page = fs::read_to_string(workspace::root().join(PAGE)).with_context(|| format!("cannot read {PAGE}"))?;
+    let snippets = snippets(&page)?;
+    for line in commands(&page) {
+        let mut words = line.split_whitespace();
+        if words.next() != Some("inerter") {
+            bail!("{PAGE}: `{line}` is no command of inerter");
+        }
+        let force = line.contains(" export ").then_some("--force");
+        process::run(Command::new(&inerter).args(words).args(force).current_dir(&folder))?;
+    }
+    for (number, (code, expected)) in snippets.iter().enumerate() {
+        let printed = process::output(Command::new(&python).args(["-c", code]).current_dir(&folder))?;
+        if printed.trim() != expected.trim() {
+            bail!("{PAGE}, snippet {}: it printed\n{printed}and the page says\n{expected}", number + 1);
+        }
+    }
+    let check = workspace::root().join("tests/python/check_mat.py");
+    process::run(Command::new(&python).arg(check).args(["run.mat", "run.parquet"]).current_dir(&folder))?;
+    println!("{} snippets of {PAGE} print what it says", snippets.len());
+    Ok(())
+}
+
+/// Snippets with what they print: each block of Python is followed by one of text.
+fn snippets(page: &str) -> Result<Vec<(&str, &str)>> {
+    let mut snippets = Vec::new();
+    let mut rest = page;
+    while let Some((_, after)) = rest.split_once("```python\n") {
+        let (code, after) = after.split_once("```").context("a snippet without an end")?;
+        let (between, after) = after.split_once("```text\n").context("a snippet without what it prints")?;
+        if between.contains("```") {
+            bail!("{PAGE}: the snippet `{}` is not followed by what it prints", code.trim());
+        }
+        let (text, after) = after.split_once("```").context("a text without an end")?;
+        snippets.push((code, text));
+        rest = after;
+    }
+    if snippets.is_empty() {
+        bail!("{PAGE} has no snippets");
+    }
+    Ok(snippets)
+}
+
+/// The commands that make the files.
+fn commands(page: &str) -> impl Iterator<Item = &str> {
+    let block = page.split_once("```sh\n").and_then(|(_, after)| after.split_once("```"));
+    block.map_or("", |(commands, _)| commands).lines()
+}
+
+/// The program, built as for its tests: optimised, but less than for a release.
+pub fn inerter() -> Result<PathBuf> {
+    process::run(process::cargo().args(["build", "--quiet", "--package", "inerter", "--bin", "inerter"]))?;
+    let name = if cfg!(windows) { "inerter.exe" } else { "inerter" };
+    Ok(Workspace::read(&workspace::root())?.target.join("debug").join(name))
+}
+
+/// A Python with the packages that read our files.
+pub fn files_environment() -> Result<PathBuf> {
+    let folder = Workspace::read(&workspace::root())?.target.join("python").join("environment");
+    environment(&folder, IMPORTS, REQUIREMENTS, false)
+}
+
+/// A Python with packages, in an environment of its own: found, or made from the Python Package Index.
+pub fn environment(folder: &Path, imports: &str, requirements: &str, alone: bool) -> Result<PathBuf> {
+    let python = folder.join(if cfg!(windows) { "Scripts/python.exe" } else { "bin/python" });
+    let test = format!("import {imports}; print('complete')");
+    let complete = |python: &Path| process::first_line(Command::new(python).args(["-c", &test])).is_some();
+    if python.is_file() && complete(&python) {
+        return Ok(python);
+    }
+    let system = ["python3", "python"]
+        .into_iter()
+        .find(|name| process::first_line(Command::new(name).arg("--version")).is_some());
+    let Some(system) = system else { bail!("no python3 on this machine") };
+    println!("installing {imports} by {requirements} from PyPI, into {}", folder.display());
+    process::run(Command::new(system).args(["-m", "venv"]).arg(folder))
+        .context("no virtual environment could be made (on Debian: `apt-get install python3-venv`)")?;
+    let mut pip = Command::new(&python);
+    pip.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check"]);
+    // What a package only names and never uses stays away.
+    pip.args(alone.then_some("--no-deps")).arg("--requirement").arg(workspace::root().join(requirements));
+    process::run(&mut pip).context("the packages could not be installed")?;
+    Ok(python)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_snippet_is_the_block_of_python_with_the_text_after_it() {
+        let page = "a\n```python\nprint(1)\n```\nwords\n```text\n1\n```\n```python\nprint(2)\n```\n\n```text\n2\n```\n";
+        assert_eq!(snippets(page).unwrap(), [("print(1)\n", "1\n"), ("print(2)\n", "2\n")]);
+        assert!(snippets("```python\nprint(1)\n```\n```python\nprint(2)\n```\n```text\n2\n```").is_err());
+        assert!(snippets("no code").is_err());
+    }
+
+    #[test]
+    fn the_page_has_commands_and_snippets() {
+        let page = fs::read_to_string(workspace::root().join(PAGE)).unwrap();
+        assert!(snippets(&page).unwrap().len() >= 3);
+        assert!(commands(&page).all(|line| line.starts_with("inerter ")) && commands(&page).count() >= 2);
+    }
+}
