@@ -6,9 +6,9 @@
 use miette::Diagnostic;
 
 use crate::{
-    contact::ContactError, csv::CsvError, device::DeviceError, fit::FitError, flash::FlashError, image::ImageError,
-    monitor::MonitorError, output::OutputError, recording::RecordingError, settings::SettingsInputError,
-    simulate::SimulateError, update::UpdateError,
+    backup::BackupError, calibrate::CalibrateError, contact::ContactError, csv::CsvError, device::DeviceError,
+    fit::FitError, flash::FlashError, image::ImageError, monitor::MonitorError, output::OutputError,
+    recording::RecordingError, settings::SettingsInputError, simulate::SimulateError, update::UpdateError,
 };
 
 /// Exit codes, a public contract described in `docs/CLI.md`.
@@ -83,6 +83,14 @@ pub enum Error {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Contact(#[from] ContactError),
+    /// Samples, loads or displacements give no calibration.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Calibrate(#[from] CalibrateError),
+    /// A backup is of another device.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Backup(#[from] BackupError),
     /// A file is no firmware for the board.
     #[error(transparent)]
     #[diagnostic(transparent)]
@@ -123,6 +131,8 @@ impl Error {
             Self::Simulate(error) => error.exit_code(),
             Self::Fit(error) => error.exit_code(),
             Self::Contact(error) => error.exit_code(),
+            Self::Calibrate(error) => error.exit_code(),
+            Self::Backup(error) => error.exit_code(),
             Self::Image(error) => error.exit_code(),
             Self::Monitor(error) => error.exit_code(),
             Self::Update(error) => error.exit_code(),

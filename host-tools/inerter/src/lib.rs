@@ -4,7 +4,8 @@
 //! ([`device`], [`live`]); [`replay`] takes it through the estimator here, [`inject`] through a device's own;
 //! [`report`] and [`detail`] turn what comes out into JSON and text, [`mod@export`] writes samples and estimates for other
 //! tools, [`monitor`] is a live device for a terminal, a page and other programs. [`simulate`] makes runs and devices out of
-//! the plant. [`fit`] fits again what the estimator has summed: friction by direction, the skew.
+//! the plant. [`fit`] fits again what the estimator has summed: friction by direction, the skew. [`calibrate`] finds
+//! scales, zero and clock at known loads, displacements and rests; [`backup`] keeps settings in files.
 //! A firmware [`image`] reaches a board by [`mod@update`] over USB or by [`flash`] through a debug probe.
 //!
 //! Every error names the file, field, line or port and says what to do next; [`error::Error::exit_code`] is the code
@@ -14,7 +15,9 @@
 // The app's queues need critical sections; this crate brings the implementation for a machine with threads.
 use critical_section as _;
 
+pub mod backup;
 pub mod board;
+pub mod calibrate;
 pub mod contact;
 pub mod csv;
 pub mod detail;

@@ -38,5 +38,5 @@ pub use error::PlantError;
 pub use excitation::{Excitation, Point, Tone};
 pub use parameters::{Parameters, ScrewGeometry};
 pub use sensors::Sensors;
-pub use simulation::{Sample, Simulation};
+pub use simulation::{Hands, Sample, Simulation};
 pub use table::{FieldInfo, FieldKind};

@@ -26,6 +26,15 @@ pub struct Sample {
     pub truth: Truth,
 }
 
+/// What somebody does to a standing device by hand.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Hands {
+    /// Load on the load cell that is no force on the screw, such as a weight hung on it \[N\].
+    pub load_n: f64,
+    /// Displacement of the screw beside its own motion \[m\].
+    pub moved_m: f64,
+}
+
 /// Endless samples of a device in motion; the same seeds give the same samples.
 #[derive(Clone, Debug)]
 pub struct Simulation {
@@ -35,6 +44,9 @@ pub struct Simulation {
     /// Segments from the earliest time still needed to the latest solved.
     history: VecDeque<Segment>,
     number: u64,
+    /// Number of the sample with which the plant's time began.
+    begun: u64,
+    hands: Hands,
     force_noise: ChaCha8Rng,
     terminal_noise: ChaCha8Rng,
     losses: ChaCha8Rng,
@@ -61,6 +73,8 @@ impl Simulation {
             sensors,
             history: VecDeque::new(),
             number: 0,
+            begun: 0,
+            hands: Hands::default(),
             force_noise: stream(0),
             terminal_noise: stream(1),
             losses: stream(2),
@@ -75,6 +89,18 @@ impl Simulation {
     /// The device and its solver.
     pub fn plant(&self) -> &Plant {
         &self.plant
+    }
+
+    /// From the next sample on, load and displacement by hand are these.
+    pub fn handle(&mut self, hands: Hands) {
+        self.hands = hands;
+    }
+
+    /// From the next sample on, samples another plant at its time zero; the instruments go on.
+    pub fn replace(&mut self, plant: Plant) {
+        self.plant = plant;
+        self.history.clear();
+        self.begun = self.number;
     }
 
     /// The same samples up to `duration_s` \[s\]; lost ones are not made up for.
@@ -109,7 +135,8 @@ impl Simulation {
     fn measure(&mut self) -> Sample {
         let (sensors, count) = (self.sensors, self.oversampling);
         let index = self.number as u32;
-        let start_s = self.number as f64 / sensors.sample_rate_hz;
+        let start_s = (self.number - self.begun) as f64 / sensors.sample_rate_hz;
+        let begun_s = self.begun as f64 / sensors.sample_rate_hz;
         let spacing_s = 1.0 / (sensors.sample_rate_hz * f64::from(count));
         let t_s = start_s + 0.5 * f64::from(count - 1) * spacing_s;
         let last_s = start_s + f64::from(count - 1) * spacing_s;
@@ -120,13 +147,13 @@ impl Simulation {
         let (mut position, mut force, mut limit) = (0i64, 0i32, Limit::Within);
         for k in 0..count {
             let now_s = start_s + f64::from(k) * spacing_s;
-            let x2_m = self.segment(now_s).map_or(0.0, |segment| segment.x2_at_m(now_s));
+            let x2_m = self.hands.moved_m + self.segment(now_s).map_or(0.0, |segment| segment.x2_at_m(now_s));
             position = position.wrapping_add(sensors.count(x2_m));
 
             let then_s = now_s - sensors.delay_s;
-            let cell_n = self.segment(then_s).map_or(0.0, |segment| segment.cell_at_n(then_s));
+            let cell_n = self.hands.load_n + self.segment(then_s).map_or(0.0, |segment| segment.cell_at_n(then_s));
             let noise = if noise_n > 0.0 { noise_n * self.gaussian_force() } else { 0.0 };
-            let (code, at) = sensors.code(cell_n, now_s, noise);
+            let (code, at) = sensors.code(cell_n, begun_s + now_s, noise);
             // At most 64 codes of 24 bits: the sum fits.
             force += code;
             if at != Limit::Within {
@@ -145,9 +172,9 @@ impl Simulation {
         } else {
             0.0
         };
-        let x1_m = self.segment(t_s).map_or(0.0, |segment| segment.x1_at_m(t_s));
+        let x1_m = self.hands.moved_m + self.segment(t_s).map_or(0.0, |segment| segment.x1_at_m(t_s));
         let terminal_code = sensors.terminal_code(x1_m, noise_m);
-        Sample { t_s, index, position_count: position as i32, force_code, terminal_code, truth }
+        Sample { t_s: begun_s + t_s, index, position_count: position as i32, force_code, terminal_code, truth }
     }
 
     fn gaussian_force(&mut self) -> f64 {
@@ -171,5 +198,30 @@ impl Iterator for Simulation {
                 return Some(sample);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn hands_add_a_load_and_a_displacement_and_another_plant_goes_on_in_time() {
+        let sensors =
+            Sensors { newtons_per_code: 0.01, metres_per_count: 1e-6, force_gain: 1.01, ..Sensors::default() };
+        let rest = || Plant::new(Parameters::paper(), Excitation::hold());
+        let mut simulation = Simulation::of(rest().unwrap(), sensors).unwrap();
+        let before = simulation.next().unwrap();
+        simulation.handle(Hands { load_n: 20.0, moved_m: -3e-3 });
+        let after = simulation.next().unwrap();
+        assert_eq!((before.force_code, before.position_count), (0, 0));
+        assert_eq!((after.force_code, after.position_count), (2020, -3000));
+        let shaken = Excitation::parse("mid@1s", 1).unwrap();
+        simulation.replace(Plant::new(Parameters::paper(), shaken).unwrap());
+        let moving: Vec<Sample> = simulation.by_ref().take(1000).collect();
+        assert!((moving[0].t_s - 2e-3).abs() < 1e-12 && moving[0].index == 2);
+        let range =
+            |of: fn(&Sample) -> i32| moving.iter().map(of).max().unwrap() - moving.iter().map(of).min().unwrap();
+        assert!(range(|sample| sample.position_count) > 6000 && range(|sample| sample.force_code) > 50_000);
     }
 }

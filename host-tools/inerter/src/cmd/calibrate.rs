@@ -13,26 +13,49 @@ use super::{
     terminal::{self, Progress},
 };
 
+mod common;
+mod direction;
+mod encoder;
+mod force;
+mod load_cell;
+mod person;
 mod skew;
 mod stiffness;
+mod timebase;
+mod wizard;
+mod zero;
 
 /// Time after the motion in which the last records must have come.
 const LAST_RECORDS: Duration = Duration::from_secs(3);
 
-/// Find at commissioning what is then kept as a setting.
+/// Calibrate a device: a wizard, or each of its steps as a command.
+///
+/// Without a step: a wizard that goes through all of them at a device and asks before it changes anything. The steps as
+/// commands are for scripts and for whoever knows what he wants: each shows what it found with its uncertainty, --write puts
+/// that in use on the device and saves it, and --json prints one object. Order: load-cell, zero, force, encoder, direction,
+/// skew, timebase; stiffness where there is a displacement sensor at the terminal.
 #[derive(clap::Args)]
+#[command(args_conflicts_with_subcommands = true)]
 pub struct Args {
     #[command(subcommand)]
-    command: Command,
+    command: Option<Command>,
+    #[command(flatten)]
+    link: LinkArgs,
 }
 
 #[derive(clap::Subcommand)]
 enum Command {
+    LoadCell(load_cell::Args),
+    Zero(zero::Args),
+    Force(force::Args),
+    Encoder(encoder::Args),
+    Direction(direction::Args),
     Skew(skew::Args),
     Stiffness(stiffness::Args),
+    Timebase(timebase::Args),
 }
 
-/// What all of them take.
+/// What the steps take that begin the estimator anew.
 #[derive(clap::Args)]
 struct CommonArgs {
     /// Recording (.mcap) or CSV file; without it a device
@@ -54,9 +77,16 @@ struct CommonArgs {
 }
 
 pub fn run(args: &Args) -> Result<(), Error> {
-    match &args.command {
+    let Some(command) = &args.command else { return wizard::run(&args.link) };
+    match command {
+        Command::LoadCell(args) => load_cell::run(args),
+        Command::Zero(args) => zero::run(args),
+        Command::Force(args) => force::run(args),
+        Command::Encoder(args) => encoder::run(args),
+        Command::Direction(args) => direction::run(args),
         Command::Skew(args) => skew::run(args),
         Command::Stiffness(args) => stiffness::run(args),
+        Command::Timebase(args) => timebase::run(args),
     }
 }
 

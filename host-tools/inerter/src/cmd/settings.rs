@@ -17,6 +17,8 @@ use serde_json::{Map, Value, json};
 
 use super::{args::LinkArgs, terminal::say};
 
+mod backup;
+
 /// Show, change and save the settings and the calibration of a device.
 ///
 /// What is changed is in use at once, and is lost at the next restart unless it is saved.
@@ -38,6 +40,9 @@ enum Command {
     /// Keep the settings in use over a restart
     Save(Common),
     FactoryReset(FactoryResetArgs),
+    Backup(backup::BackupArgs),
+    Restore(backup::RestoreArgs),
+    Diff(backup::DiffArgs),
 }
 
 #[derive(clap::Args)]
@@ -108,6 +113,9 @@ pub fn run(args: &Args) -> Result<(), Error> {
             finish(&mut device, &settings, true, common.json)
         }
         Command::FactoryReset(args) => factory_reset(args),
+        Command::Backup(args) => backup::backup(args),
+        Command::Restore(args) => backup::restore(args),
+        Command::Diff(args) => backup::diff(args),
     }
 }
 

@@ -11,9 +11,10 @@ use inerter::{
     Error, output,
     report::{duration_text, json_line, plural},
     settings,
-    simulate::{self, Endpoint, Qemu, Setup, SimulateError, VirtualDevice, bench_sensors, file},
+    simulate::{self, Bench, Endpoint, Qemu, Setup, SimulateError, VirtualDevice, bench_sensors, file},
 };
 use inerter_plant::{Excitation, Parameters, Sensors};
+use miette::Diagnostic;
 use serde_json::json;
 
 use super::{
@@ -28,7 +29,8 @@ const FILE_S: f64 = 20.0;
 ///
 /// With -o a recording (.mcap) or CSV (.csv) is written as fast as possible. With --tcp or --pty a live device runs until
 /// Ctrl-C: the firmware's own code on this machine, or, with --qemu, the firmware image in QEMU. Connect to it with
-/// monitor, record or send. The device's settings are those of a perfect calibration; --set changes them.
+/// monitor, record or send. With --bench lines of standard input hang loads on and turn the screw, to try calibrate without
+/// a rig: begin with --excite hold. The device's settings are those of a perfect calibration; --set changes them.
 ///
 /// Motions for --excite: slow, mid, fast (the paper's tests), multi, random, two; sine:3.2Hz:4.16mm,
 /// tones:0.8Hz:8mm,6.4Hz:0.8mm, multi:0.5-15Hz:20mm/s, random:0.5-15Hz:20mm/s, chirp:0.1-20Hz:5mm/s:60s, hold;
@@ -60,6 +62,12 @@ pub struct Args {
     /// Begin the motion only when a host connects with monitor or record
     #[arg(long, conflicts_with_all = ["output", "qemu"])]
     wait: bool,
+    /// Do by hand what standard input says, a line each: load NEWTONS, mass KG, move METRES, turn REVOLUTIONS, shake MOTION
+    #[arg(long, conflicts_with_all = ["output", "qemu", "wait", "change_at"])]
+    bench: bool,
+    /// Force on the load cell beside the motion, such as a weight's
+    #[arg(long, value_name = "NEWTONS", default_value_t = 0.0, allow_negative_numbers = true)]
+    load: f64,
     /// Device to begin with: paper, worn (0.1 mm of backlash), preloaded (three times the friction), presliding (friction
     /// turns over 50 um) or stribeck (friction is 1.3 times as great at rest)
     #[arg(long, value_name = "NAME", default_value = "paper")]
@@ -173,6 +181,7 @@ fn setup(args: &Args) -> Result<Setup, Error> {
         (_, given) => given,
     };
     let setup = Setup::new(parameters, sensors, &args.excite, duration_s, &args.settings.overrides()?)?;
+    let setup = Setup { load_n: args.load, ..setup };
     let Some(at_s) = args.change_at else { return Ok(setup) };
     let mut after = parameters;
     for text in &args.change {
@@ -256,6 +265,11 @@ fn live(args: &Args, setup: &Setup, endpoint: &Endpoint) -> Result<(), Error> {
     let mut running = if args.qemu {
         let image = simulate::find_image(args.image.as_deref())?;
         Running::Qemu(Qemu::start(setup, &image, endpoint, args.speed)?)
+    } else if args.bench {
+        let (device, bench) = VirtualDevice::with_bench(setup, endpoint, args.speed)?;
+        // Ends with the program: nothing else ends a read of standard input.
+        std::thread::spawn(move || listen_to(&bench));
+        Running::Virtual(device)
     } else {
         let start = if args.wait { VirtualDevice::waiting } else { VirtualDevice::start };
         Running::Virtual(start(setup, endpoint, args.speed)?)
@@ -286,4 +300,13 @@ fn live(args: &Args, setup: &Setup, endpoint: &Endpoint) -> Result<(), Error> {
         std::thread::sleep(Duration::from_millis(50));
     }
     Ok(())
+}
+
+/// Does what standard input says until it ends.
+fn listen_to(bench: &Bench) {
+    for line in std::io::stdin().lines().map_while(Result::ok).filter(|line| !line.trim().is_empty()) {
+        if let Err(error) = bench.obey(&line) {
+            terminal::note(format!("{error}; {}", error.help().map(|help| help.to_string()).unwrap_or_default()));
+        }
+    }
 }

@@ -24,7 +24,13 @@ use inerter_core::{RawSample, State};
 use inerter_plant::Sample;
 use inerter_wire::{Capabilities, ClockSource, SettingsValues};
 
-use super::{Setup, SimulateError, clock, port::Port, raw};
+use super::{
+    Setup, SimulateError,
+    bench::{Bench, Handled},
+    clock,
+    port::Port,
+    raw,
+};
 
 /// Longest time between two looks at the link.
 const IDLE: Duration = Duration::from_millis(1);
@@ -50,15 +56,28 @@ pub struct VirtualDevice {
 impl VirtualDevice {
     /// Starts a device that is in motion already, `speed` times as fast as real time.
     pub fn start(setup: &Setup, endpoint: &Endpoint, speed: f64) -> Result<Self, SimulateError> {
-        Self::new(setup, endpoint, speed, true)
+        Self::new(setup, endpoint, speed, true, Box::new(setup.samples()?))
+    }
+
+    /// Starts a device at which hands are busy; the motion of the set-up is the first one.
+    pub fn with_bench(setup: &Setup, endpoint: &Endpoint, speed: f64) -> Result<(Self, Bench), SimulateError> {
+        let bench = Bench::new(setup);
+        let samples = Handled { simulation: setup.simulation()?, bench: bench.clone(), moved_m: 0.0 };
+        Ok((Self::new(setup, endpoint, speed, true, Box::new(samples))?, bench))
     }
 
     /// Starts a device whose motion begins when a host starts the sampler, so that the host misses no sample.
     pub fn waiting(setup: &Setup, endpoint: &Endpoint, speed: f64) -> Result<Self, SimulateError> {
-        Self::new(setup, endpoint, speed, false)
+        Self::new(setup, endpoint, speed, false, Box::new(setup.samples()?))
     }
 
-    fn new(setup: &Setup, endpoint: &Endpoint, speed: f64, autostart: bool) -> Result<Self, SimulateError> {
+    fn new(
+        setup: &Setup,
+        endpoint: &Endpoint,
+        speed: f64,
+        autostart: bool,
+        samples: Box<dyn Iterator<Item = Sample> + Send>,
+    ) -> Result<Self, SimulateError> {
         let (port, name) = match endpoint {
             Endpoint::Tcp(address) => Port::tcp(address)?,
             #[cfg(unix)]
@@ -69,7 +88,6 @@ impl VirtualDevice {
                 return Err(SimulateError::Endpoint { what: "a pseudo-terminal".into(), source });
             }
         };
-        let samples = Box::new(setup.samples()?);
         let source = PlantSource { samples, next: None, started: None, speed };
         let stop = Arc::new(AtomicBool::new(false));
         let (flag, settings, serial) = (stop.clone(), setup.settings, format!("SIM-{}", setup.sensors.seed));

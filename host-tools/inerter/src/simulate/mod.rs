@@ -4,6 +4,7 @@
 //! [`VirtualDevice`] runs the firmware's app on this machine behind a pseudo-terminal or a TCP port, [`Qemu`] runs the
 //! firmware image itself.
 
+pub mod bench;
 mod clock;
 mod device;
 pub mod file;
@@ -13,9 +14,10 @@ mod qemu;
 use std::collections::BTreeMap;
 
 use inerter_core::{RawSample, Settings};
-use inerter_plant::{Excitation, Parameters, Plant, PlantError, Sample, Sensors, Simulation};
+use inerter_plant::{Excitation, Hands, Parameters, Plant, PlantError, Sample, Sensors, Simulation};
 use miette::Diagnostic;
 
+pub use bench::Bench;
 pub use device::{Endpoint, VirtualDevice};
 pub use qemu::{END_OF_SAMPLES, Qemu, find_image, qemu_version, sample_bytes};
 
@@ -56,12 +58,24 @@ pub enum SimulateError {
     #[diagnostic(code(inerter::simulate::format), help("end the name with .mcap for a recording or with .csv"))]
     Format { path: String },
 
+    /// Hands cannot do this.
+    #[error("`{line}` is nothing that hands can do")]
+    #[diagnostic(
+        code(inerter::simulate::hand),
+        help(
+            "write `load NEWTONS`, `mass KG`, `move METRES`, `turn REVOLUTIONS` or `shake MOTION`, such as shake \
+            random@20s"
+        )
+    )]
+    Hand { line: String },
+
     /// The image was not found.
     #[error("the firmware image for QEMU was not found")]
     #[diagnostic(
         code(inerter::simulate::image),
         help(
-            "build it in the source tree with `cargo xtask build-firmware`, or give it with --image FILE; without --qemu no image is needed"
+            "build it in the source tree with `cargo xtask build-firmware`, or give it with --image FILE; without \
+            --qemu no image is needed"
         )
     )]
     NoImage,
@@ -93,7 +107,7 @@ impl SimulateError {
     /// The code that the program ends with.
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::Setup { .. } | Self::Preset { .. } | Self::Change { .. } => exit::SETTINGS,
+            Self::Setup { .. } | Self::Preset { .. } | Self::Change { .. } | Self::Hand { .. } => exit::SETTINGS,
             Self::Format { .. } => exit::USAGE,
             Self::Endpoint { .. } | Self::NoImage | Self::NoQemu { .. } | Self::QemuEnded { .. } => exit::NO_DEVICE,
         }
@@ -113,6 +127,8 @@ pub struct Setup {
     pub excitation: Excitation,
     /// What the device becomes, and when \[s\].
     pub later: Option<(f64, Parameters)>,
+    /// Load on the load cell beside the motion \[N\].
+    pub load_n: f64,
     /// Duration \[s\]; `None` without end.
     pub duration_s: Option<f64>,
     /// Settings of the estimator, as known from calibration: scales, structure mass, contact and skew are the true ones.
@@ -137,7 +153,7 @@ impl Setup {
         validate(&settings)?;
         let excite = excite.into();
         let duration_s = duration_s.or(own);
-        let setup = Self { parameters, sensors, excite, excitation, later: None, duration_s, settings };
+        let setup = Self { parameters, sensors, excite, excitation, later: None, load_n: 0.0, duration_s, settings };
         // Built once for its checks.
         setup.simulation()?;
         Ok(setup)
@@ -158,7 +174,9 @@ impl Setup {
 
     fn simulation(&self) -> Result<Simulation, SimulateError> {
         let plant = Plant::changing(self.parameters, self.later.into_iter().collect(), self.excitation.clone())?;
-        Ok(Simulation::of(plant, self.sensors)?)
+        let mut simulation = Simulation::of(plant, self.sensors)?;
+        simulation.handle(Hands { load_n: self.load_n, moved_m: 0.0 });
+        Ok(simulation)
     }
 
     /// What is true, by name, for the recording's metadata.
@@ -169,6 +187,9 @@ impl Setup {
             device.chain(sensors).map(|(field, value)| (field.name.to_string(), format!("{value:?}"))).collect();
         truth.insert("excite".into(), self.excite.clone());
         truth.insert("seed".into(), self.sensors.seed.to_string());
+        if self.load_n != 0.0 {
+            truth.insert("load_n".into(), format!("{:?}", self.load_n));
+        }
         if let Some((at_s, _)) = self.later {
             truth.insert("change_at_s".into(), format!("{at_s:?}"));
             truth.extend(self.changes().map(|(name, value)| (format!("changed_{name}"), format!("{value:?}"))));

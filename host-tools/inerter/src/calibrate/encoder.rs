@@ -1,0 +1,252 @@
+//! Scale of the position: counts per revolution by turning, metres per count by a measured displacement.
+
+use inerter_core::Settings;
+
+use super::{
+    CalibrateError, Finding, Step,
+    finding::Level,
+    line::{Line, Point, sizes},
+    statistics::{rounded, rounded_up},
+};
+
+/// How well a hand stops at a mark \[revolutions\]: 10 degrees.
+const MARK: f64 = 10.0 / 360.0;
+/// Lines per revolution that encoders are sold with; each line is four counts.
+const USUAL_LINES: [f64; 26] = [
+    100.0, 125.0, 200.0, 250.0, 256.0, 360.0, 400.0, 500.0, 512.0, 600.0, 720.0, 800.0, 900.0, 1000.0, 1024.0, 1250.0,
+    1500.0, 1800.0, 2000.0, 2048.0, 2500.0, 3600.0, 4096.0, 5000.0, 8192.0, 10000.0,
+];
+/// Why counts come to nothing.
+const HALF: &str = "A and B must both be connected, and the encoder must have power: with one of them the count only goes \
+                    to and fro";
+/// Counts over which a scale is found: one count is then 0.1 %.
+const LEAST_COUNTS: f64 = 1000.0;
+/// Distance from the line over the greatest displacement from which it is none.
+const CROOKED: f64 = 0.02;
+
+/// Whole counts per revolution, after `revolutions` by hand gave `counts`; `lines` is what the encoder's label says.
+pub fn counts_per_revolution(counts: f64, revolutions: f64, lines: Option<f64>) -> Result<f64, CalibrateError> {
+    let per_revolution = counts.abs() / revolutions.abs();
+    let tolerance = (MARK / revolutions.abs() * per_revolution).max(1.0);
+    let fits = |candidate: &f64| (candidate - per_revolution).abs() <= tolerance;
+    if let Some(lines) = lines {
+        let expected = 4.0 * lines;
+        // By the label the tolerance is known even where counts are missing.
+        let near = MARK / revolutions.abs() * expected;
+        if (expected - per_revolution).abs() <= near.max(1.0) {
+            return Ok(expected);
+        }
+        return Err(CalibrateError::Counts {
+            counts,
+            revolutions,
+            per_revolution,
+            expected,
+            help: mismatch(per_revolution / expected),
+        });
+    }
+    if per_revolution < 16.0 {
+        return Err(CalibrateError::Unchanged {
+            what: "encoder's count",
+            of: "revolutions",
+            change: counts.abs(),
+            needed: 16.0 * revolutions.abs(),
+            help: HALF,
+        });
+    }
+    let usual: Vec<f64> = USUAL_LINES.iter().map(|lines| 4.0 * lines).filter(fits).collect();
+    match usual.as_slice() {
+        [one] => Ok(*one),
+        [] if tolerance < 2.0 => Ok((per_revolution / 4.0).round() * 4.0),
+        _ => Err(CalibrateError::Ambiguous { per_revolution, tolerance }),
+    }
+}
+
+fn mismatch(ratio: f64) -> String {
+    let near = |value: f64| (ratio / value - 1.0).abs() < 0.1;
+    match ratio {
+        _ if ratio < 0.05 => HALF,
+        _ if near(0.25) => "give the lines of the label to --lines, not four times as many: each line is four counts",
+        _ if near(4.0) => {
+            "give the lines of the label to --lines, not pulses after a divider: each line is four \
+        counts"
+        }
+        _ if near(0.5) || near(2.0) => {
+            "is it a factor of two in the gear or the belt, or were the revolutions \
+        counted twice?"
+        }
+        _ if ratio < 1.0 => {
+            "were all revolutions made, all the way and in one direction? Counts are lost where \
+        lines are slow or noisy: check A and B with a scope"
+        }
+        _ => "were more revolutions made? Noise on A and B makes counts too: check them with a scope",
+    }
+    .into()
+}
+
+/// The scale that displacements give: each with the encoder's count there; `gauge_u95_m` is the gauge's uncertainty.
+///
+/// With `per_revolution` the lead comes with it, and is held against `lead_m` where that is known.
+pub fn displacement(
+    points: &[Point],
+    gauge_u95_m: f64,
+    per_revolution: Option<f64>,
+    lead_m: Option<f64>,
+    settings: &Settings,
+) -> Result<Finding, CalibrateError> {
+    let line = Line::through(points).ok_or_else(|| CalibrateError::TooFewPoints {
+        what: "displacements",
+        count: points.len(),
+        different: sizes(points).len(),
+        example: "--displacement 0 --displacement 0.010 --displacement 0",
+    })?;
+    if line.change < LEAST_COUNTS {
+        return Err(CalibrateError::Unchanged {
+            what: "encoder's count",
+            of: "displacements",
+            change: line.change,
+            needed: LEAST_COUNTS,
+            help: "take greater displacements, some turns of the screw; where nothing changes, check A, B and the \
+            encoder's supply",
+        });
+    }
+    if line.nonlinearity > CROOKED {
+        let worst = format!("displacement {} of {}", line.worst + 1, points.len());
+        return Err(CalibrateError::Crooked { what: "displacements", percent: 100.0 * line.nonlinearity, worst });
+    }
+    let extent = points.iter().map(|point| point.applied.abs()).fold(0.0, f64::max);
+    // A count at either end, and the gauge at either end.
+    let count = 2.0 / (line.slope.abs() * extent);
+    let u95 = line.u95((gauge_u95_m / extent * std::f64::consts::SQRT_2).hypot(count));
+    let metres_per_count = 1.0 / line.slope;
+    let mut finding = Finding::new(Step::Encoder);
+    scale(&mut finding, rounded(metres_per_count, 7), u95, settings);
+    for (name, value) in [
+        ("scatter_u95", line.scatter_u95),
+        ("nonlinearity", line.nonlinearity),
+        ("hysteresis_m", line.hysteresis.map_or(f64::NAN, |part| 2.0 * part * extent)),
+        ("zero_return_m", line.zero_return.map_or(f64::NAN, |part| part * extent)),
+        ("gauge_u95_m", gauge_u95_m),
+    ] {
+        finding.measure(name, value);
+    }
+    if let Some(counts) = per_revolution {
+        let found = metres_per_count.abs() * counts;
+        finding.measure("lead_m", found);
+        finding.say(format!(
+            "lead {:.4} mm ± {:.4} mm with {counts:.0} counts per revolution",
+            1e3 * found,
+            1e3 * found * u95
+        ));
+        if let Some(lead_m) = lead_m.filter(|lead_m| (found / lead_m - 1.0).abs() > u95 + 1e-3) {
+            let text = format!(
+                "the lead was said to be {:.4} mm: check the gauge's scale, the revolutions, and whether the thread \
+                has several starts",
+                1e3 * lead_m
+            );
+            finding.remark(Level::Bad, "lead", text);
+        }
+    }
+    if line.hysteresis.is_some_and(|part| part > 1e-3) {
+        let text = "coming from either side differs by over 0.2 %: gauge or screw has play; approach each \
+        displacement from one side";
+        finding.remark(Level::Doubtful, "play", text);
+    }
+    Ok(finding)
+}
+
+/// The scale that the lead and the counts per revolution give, in the direction of `forward_counts`.
+pub fn by_lead(lead_m: f64, lead_u95: f64, per_revolution: f64, forward_counts: f64, settings: &Settings) -> Finding {
+    let mut finding = Finding::new(Step::Encoder);
+    let metres_per_count = lead_m / per_revolution * if forward_counts < 0.0 { -1.0 } else { 1.0 };
+    finding.measure("lead_m", lead_m);
+    scale(&mut finding, metres_per_count, lead_u95, settings);
+    finding
+}
+
+fn scale(finding: &mut Finding, metres_per_count: f64, u95: f64, settings: &Settings) {
+    finding.set_with("metres_per_count", metres_per_count, u95 * metres_per_count.abs());
+    finding.set("lead_u95", rounded_up(u95).min(1.0));
+    finding.measure("change_of_scale", metres_per_count / settings.metres_per_count - 1.0);
+    finding.say(format!("{metres_per_count:.6e} m per count ± {:.3} %", 100.0 * u95));
+    if metres_per_count * settings.metres_per_count < 0.0 {
+        let text = "the direction turns against before: A and B are swapped, or the other direction is positive now; \
+        the sign of the \
+                    scale puts it right";
+        finding.remark(Level::Note, "sign", text);
+    }
+    if u95 > 5e-3 {
+        let text = "over 0.5 % of uncertainty: a greater displacement, or a better gauge, lowers it";
+        finding.remark(Level::Doubtful, "wide", text);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{super::Mean, *};
+
+    #[test]
+    fn turns_by_hand_give_whole_counts_of_an_encoder_that_is_sold() {
+        assert_eq!(counts_per_revolution(-40_900.0, 10.0, None), Ok(4096.0));
+        assert_eq!(counts_per_revolution(40_900.0, 10.0, Some(1024.0)), Ok(4096.0));
+        assert_eq!(counts_per_revolution(40_000.0, 10.0, None), Ok(4000.0));
+        // Not one that everybody sells, but turned often enough.
+        assert_eq!(counts_per_revolution(120_003.0, 100.0, None), Ok(1200.0));
+        let refused = |counts, revolutions, lines| counts_per_revolution(counts, revolutions, lines).unwrap_err();
+        assert!(matches!(refused(4040.0, 1.0, None), CalibrateError::Ambiguous { .. }));
+        assert!(matches!(refused(3.0, 10.0, None), CalibrateError::Unchanged { .. }));
+        assert!(matches!(refused(0.0, 10.0, Some(1024.0)), CalibrateError::Counts { .. }));
+        for (counts, word) in
+            [(3.0, "connected"), (10_240.0, "four times"), (20_500.0, "factor of two"), (33_000.0, "lost")]
+        {
+            let help = miette::Diagnostic::help(&refused(counts, 10.0, Some(1024.0))).map(|help| help.to_string());
+            assert!(help.as_ref().is_some_and(|help| help.contains(word)), "{help:?}");
+        }
+    }
+
+    #[test]
+    fn a_lead_that_is_off_is_found_within_its_interval_over_many_seeds() {
+        let settings = Settings::default();
+        let mut within = 0;
+        for seed in 0..40u32 {
+            // A gauge that is off by up to 5 um at each reading, a scale that is off by up to 2 %.
+            let random = |place: u32| (f64::from(seed * 17 + place * 7) * 0.754_877_666).fract() * 2.0 - 1.0;
+            let truth = 2.44140625e-6 * (1.0 + 0.02 * random(99)) * if seed % 2 == 0 { 1.0 } else { -1.0 };
+            let points: Vec<Point> = [0.0, 0.02, 0.04, 0.02, 0.0]
+                .iter()
+                .enumerate()
+                .map(|(place, &metres)| {
+                    let count = ((metres + 5e-6 * random(place as u32)) / truth).floor();
+                    Point { applied: metres, reading: Mean { value: count, u95: 0.0 } }
+                })
+                .collect();
+            let finding = displacement(&points, 5e-6, Some(4096.0), None, &settings).unwrap();
+            let found = finding.values["metres_per_count"].as_f64().unwrap();
+            let u95 = finding.values["lead_u95"].as_f64().unwrap();
+            assert!(u95 < 2e-3, "{u95}");
+            within += u32::from((found / truth - 1.0).abs() <= u95);
+            assert_eq!(finding.remarks.iter().any(|remark| remark.code == "sign"), seed % 2 == 1);
+        }
+        assert!(within >= 38, "{within}");
+    }
+
+    #[test]
+    fn a_lead_that_was_said_otherwise_is_bad_and_no_change_is_refused() {
+        let points = |per_metre: f64| -> Vec<Point> {
+            [0.0, 0.01, 0.0]
+                .iter()
+                .map(|&m| Point { applied: m, reading: Mean { value: m * per_metre, u95: 0.0 } })
+                .collect()
+        };
+        let settings = Settings::default();
+        let finding = displacement(&points(409_600.0), 1e-5, Some(4096.0), Some(0.005), &settings).unwrap();
+        assert!(!finding.is_good());
+        let finding = displacement(&points(409_600.0), 1e-5, Some(4096.0), Some(0.01), &settings).unwrap();
+        assert!(finding.is_good() && (finding.measured["lead_m"].as_f64().unwrap() - 0.01).abs() < 1e-6);
+        assert!(matches!(
+            displacement(&points(100.0), 1e-5, None, None, &settings),
+            Err(CalibrateError::Unchanged { .. })
+        ));
+        let finding = by_lead(0.01, 1e-3, 4096.0, -5.0, &settings);
+        assert_eq!(finding.values["metres_per_count"].as_f64(), Some(-0.01 / 4096.0));
+    }
+}

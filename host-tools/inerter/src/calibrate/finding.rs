@@ -1,0 +1,129 @@
+//! What a step of the calibration has found, for a person, for a script, and for the settings.
+
+use inerter_core::{Settings, SettingsError};
+use serde::Serialize;
+use serde_json::{Map, Value};
+
+use super::statistics::{rounded, rounded_up};
+
+/// A step of the calibration.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Step {
+    /// Diagnosis of the force channel at rest.
+    LoadCell,
+    /// Code at no force.
+    Zero,
+    /// Scale of the force.
+    Force,
+    /// Scale of the position.
+    Encoder,
+    /// Whether force and position have the same positive direction.
+    Direction,
+    /// Delay of the force.
+    Skew,
+    /// Sample clock.
+    Timebase,
+}
+
+/// How a remark is meant.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Level {
+    /// Worth knowing.
+    Note,
+    /// Works, but could be better.
+    Doubtful,
+    /// Not to be used like this.
+    Bad,
+}
+
+/// A remark on what was found.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Remark {
+    /// How it is meant.
+    pub level: Level,
+    /// A name for scripts.
+    pub code: &'static str,
+    /// What it is and what to do.
+    pub text: String,
+}
+
+/// What a step has found.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Finding {
+    /// The step.
+    pub step: Step,
+    /// Figures by name, the unit in the name; `null` when unknown.
+    pub measured: Map<String, Value>,
+    /// Settings that follow, by name.
+    pub values: Map<String, Value>,
+    /// Their uncertainties by the same names, where there are any.
+    pub u95: Map<String, Value>,
+    /// What is worth a remark.
+    pub remarks: Vec<Remark>,
+    /// The same for a person.
+    #[serde(skip)]
+    pub text: Vec<String>,
+    #[serde(skip)]
+    settings: Vec<(&'static str, f64)>,
+}
+
+impl Finding {
+    /// Nothing yet.
+    pub fn new(step: Step) -> Self {
+        let (measured, values, u95) = Default::default();
+        Self { step, measured, values, u95, remarks: Vec::new(), text: Vec::new(), settings: Vec::new() }
+    }
+
+    /// A figure, to six digits.
+    pub fn measure(&mut self, name: &str, value: f64) {
+        let value = if value.is_finite() { Value::from(rounded(value, 6)) } else { Value::Null };
+        self.measured.insert(name.into(), value);
+    }
+
+    /// A setting that follows.
+    pub fn set(&mut self, name: &'static str, value: f64) {
+        self.values.insert(name.into(), Value::from(value));
+        self.settings.push((name, value));
+    }
+
+    /// A setting that follows, with its uncertainty.
+    pub fn set_with(&mut self, name: &'static str, value: f64, u95: f64) {
+        self.set(name, value);
+        self.u95.insert(name.into(), Value::from(rounded_up(u95)));
+    }
+
+    /// A line for a person.
+    pub fn say(&mut self, text: impl Into<String>) {
+        self.text.push(text.into());
+    }
+
+    /// A remark.
+    pub fn remark(&mut self, level: Level, code: &'static str, text: impl Into<String>) {
+        self.remarks.push(Remark { level, code, text: text.into() });
+    }
+
+    /// Whether it may be used.
+    pub fn is_good(&self) -> bool {
+        self.remarks.iter().all(|remark| remark.level < Level::Bad)
+    }
+
+    /// How many remarks say that it should not be used.
+    pub fn problems(&self) -> usize {
+        self.remarks.iter().filter(|remark| remark.level == Level::Bad).count()
+    }
+
+    /// Whether settings follow.
+    pub fn has_settings(&self) -> bool {
+        !self.settings.is_empty()
+    }
+
+    /// The settings with what was found.
+    pub fn adopted_by(&self, settings: &Settings) -> Result<Settings, SettingsError> {
+        let mut settings = *settings;
+        self.settings.iter().try_for_each(|(name, value)| settings.set_by_name(name, *value))?;
+        settings.validate()?;
+        Ok(settings)
+    }
+}

@@ -1,0 +1,203 @@
+//! Scale of the force by known loads.
+//!
+//! The code against the load is a line; its inverse slope is `newtons_per_code`, its value at no load `force_zero_code`.
+//! `force_gain_u95` is the root of the sum of the squares of: the slope's scatter (Student), the greatest distance from the
+//! line, half of the hysteresis, the return to zero, the readings' own intervals (all in parts of the greatest load), and
+//! what is not known of the loads themselves: masses and gravity.
+
+use inerter_core::Settings;
+
+use super::{
+    CalibrateError, Finding, Step,
+    finding::Level,
+    line::{Line, Point, sizes},
+    rest,
+    statistics::{Straight, rounded, rounded_up, together},
+};
+
+/// Standard gravity \[m/s^2\].
+pub const STANDARD_GRAVITY: f64 = 9.80665;
+/// How far it is off anywhere on Earth: 9.780 at the equator, 9.832 at the poles.
+const STANDARD_GRAVITY_U95: f64 = 0.0027;
+/// What altitude (500 m: 1.6e-4) and the ground (1e-4) change.
+const LATITUDE_GRAVITY_U95: f64 = 2e-4;
+/// A value that somebody gives for his place.
+const GIVEN_GRAVITY_U95: f64 = 1e-5;
+/// Readings' intervals that the change must exceed, and codes.
+const LEAST_CHANGE: (f64, f64) = (20.0, 50.0);
+/// Distance from the line over the greatest load from which it is none.
+const CROOKED: f64 = 0.02;
+/// Uncertainty above which the result is called doubtful: a good cell and masses reach 0.2 %.
+const DOUBTFUL_U95: f64 = 0.01;
+
+/// Gravity at the place, with its relative uncertainty.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Gravity {
+    /// \[m/s^2\].
+    pub value: f64,
+    /// Relative.
+    pub u95: f64,
+}
+
+impl Gravity {
+    /// Anywhere on Earth.
+    pub const ANYWHERE: Self = Self { value: STANDARD_GRAVITY, u95: STANDARD_GRAVITY_U95 };
+
+    /// As somebody knows it.
+    pub const fn given(value: f64) -> Self {
+        Self { value, u95: GIVEN_GRAVITY_U95 }
+    }
+
+    /// At a latitude \[degrees\], near sea level: the gravity formula of 1980 (GRS 80).
+    pub fn at_latitude(degrees: f64) -> Self {
+        let (sine, double) = (degrees.to_radians().sin(), (2.0 * degrees.to_radians()).sin());
+        let value = 9.780_327 * (1.0 + 0.005_302_4 * sine * sine - 0.000_005_8 * double * double);
+        Self { value, u95: LATITUDE_GRAVITY_U95 }
+    }
+}
+
+/// A load that somebody put on: its size and what a person calls it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Load {
+    /// Force; positive in the direction that is to be positive \[N\].
+    pub force_n: f64,
+    /// For messages.
+    pub name: String,
+}
+
+impl Load {
+    /// By its mass \[kg\], hung so that a positive one pulls in the positive direction.
+    pub fn mass(kg: f64, gravity: &Gravity) -> Self {
+        Self { force_n: kg * gravity.value, name: format!("{kg} kg") }
+    }
+
+    /// By its force \[N\].
+    pub fn force(newtons: f64) -> Self {
+        Self { force_n: newtons, name: format!("{newtons} N") }
+    }
+}
+
+/// The scale that loads and levels give; `loads_u95` is the relative uncertainty of the loads.
+pub fn force(readings: &[(Load, rest::Level)], loads_u95: f64, settings: &Settings) -> Result<Finding, CalibrateError> {
+    let points: Vec<Point> =
+        readings.iter().map(|(load, level)| Point { applied: load.force_n, reading: level.code }).collect();
+    let line = Line::through(&points).ok_or_else(|| CalibrateError::TooFewPoints {
+        what: "loads",
+        count: points.len(),
+        different: sizes(&points).len(),
+        example: "--mass 0 --mass 5 --mass 10 --mass 0",
+    })?;
+    let readings_u95 = readings.iter().map(|(_, level)| level.code.u95).fold(0.0, f64::max);
+    let needed = (LEAST_CHANGE.0 * readings_u95).max(LEAST_CHANGE.1);
+    if line.change < needed {
+        return Err(CalibrateError::Unchanged {
+            what: "force code",
+            of: "loads",
+            change: line.change,
+            needed,
+            help: "does the load pass through the cell, and is the cell connected? Else take greater loads or a \
+            higher gain",
+        });
+    }
+    refuse_both_ways(&points)?;
+    if line.nonlinearity > CROOKED {
+        let worst = readings.get(line.worst).map_or_else(String::new, |(load, _)| {
+            format!("load {} of {} ({})", line.worst + 1, readings.len(), load.name)
+        });
+        return Err(CalibrateError::Crooked { what: "loads", percent: 100.0 * line.nonlinearity, worst });
+    }
+    let mut finding = Finding::new(Step::Force);
+    let newtons_per_code = rounded(1.0 / line.slope, 7);
+    let u95 = line.u95(loads_u95);
+    finding.set_with("newtons_per_code", newtons_per_code, u95 * newtons_per_code.abs());
+    finding.set_with("force_zero_code", line.at_zero.round(), together([readings_u95, 0.475]));
+    finding.set("force_gain_u95", rounded_up(u95).min(1.0));
+    for (name, value) in [
+        ("scatter_u95", line.scatter_u95),
+        ("nonlinearity", line.nonlinearity),
+        ("hysteresis", line.hysteresis.unwrap_or(f64::NAN)),
+        ("zero_return", line.zero_return.unwrap_or(f64::NAN)),
+        ("reading_u95", line.reading_u95),
+        ("loads_u95", loads_u95),
+        ("change_of_scale", newtons_per_code / settings.newtons_per_code - 1.0),
+    ] {
+        finding.measure(name, value);
+    }
+    finding.say(format!(
+        "{newtons_per_code:.6e} N per code ± {:.2} %, code at no force {:.0}",
+        100.0 * u95,
+        line.at_zero
+    ));
+    let percent = |part: Option<f64>| part.map_or_else(|| "not shown".into(), |part| format!("{:.3} %", 100.0 * part));
+    finding.say(format!(
+        "of the greatest load: off the line {}, hysteresis {}, return to zero {}; scatter {}, loads {}",
+        percent(Some(line.nonlinearity)),
+        percent(line.hysteresis),
+        percent(line.zero_return),
+        percent(Some(line.scatter_u95)),
+        percent(Some(loads_u95))
+    ));
+    remarks(&mut finding, &line, &points, u95, newtons_per_code, settings);
+    Ok(finding)
+}
+
+/// Loads of either sign must move the code either way.
+fn refuse_both_ways(points: &[Point]) -> Result<(), CalibrateError> {
+    let side = |sign: f64| {
+        let on: Vec<(f64, f64)> = points
+            .iter()
+            .filter(|point| point.applied * sign >= 0.0)
+            .map(|point| (point.applied, point.reading.value))
+            .collect();
+        Straight::through(&on).map(|line| line.slope)
+    };
+    let has = |sign: f64| points.iter().any(|point| point.applied * sign > 0.0);
+    match (side(1.0), side(-1.0)) {
+        (Some(up), Some(down)) if has(1.0) && has(-1.0) && up * down < 0.0 => {
+            Err(CalibrateError::BothWays { direction: if up > 0.0 { "rises" } else { "falls" } })
+        }
+        _ => Ok(()),
+    }
+}
+
+fn remarks(finding: &mut Finding, line: &Line, points: &[Point], u95: f64, newtons_per_code: f64, settings: &Settings) {
+    if newtons_per_code * settings.newtons_per_code < 0.0 {
+        let text = "the sign turns: the cell's signal wires are swapped against before, or the other direction is \
+        positive now. \
+                    The negative scale puts it right; `inerter calibrate direction` checks it against the encoder";
+        finding.remark(Level::Note, "sign", text);
+    } else if newtons_per_code < 0.0 {
+        finding.remark(
+            Level::Note,
+            "sign",
+            "the scale is negative: it turns the direction of the force, as swapped signal wires need",
+        );
+    }
+    if !points.iter().any(|point| point.applied > 0.0) || !points.iter().any(|point| point.applied < 0.0) {
+        let text = "loads of one direction only: that the other one has the same scale is assumed";
+        finding.remark(Level::Doubtful, "one_direction", text);
+    }
+    match line.zero_return {
+        None => finding.remark(
+            Level::Doubtful,
+            "no_return",
+            "no return to zero was shown: end with the empty cell (--mass 0)",
+        ),
+        Some(back) if back > 1e-3 => {
+            let text = format!(
+                "zero comes back {:.2} % off: something rubs, creeps, or the cell was overloaded",
+                100.0 * back
+            );
+            finding.remark(Level::Doubtful, "zero_return", text);
+        }
+        Some(_) => {}
+    }
+    if u95 > DOUBTFUL_U95 {
+        let text = "over 1 % of uncertainty goes into every inertance: more loads, and better known ones, lower it";
+        finding.remark(Level::Doubtful, "wide", text);
+    }
+}
+
+#[cfg(test)]
+#[path = "force_tests.rs"]
+mod tests;

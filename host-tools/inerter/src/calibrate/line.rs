@@ -1,0 +1,153 @@
+//! A scale by known steps: the line of readings against what was applied, and how far it can be trusted.
+
+use super::statistics::{Mean, Straight, together};
+
+/// One step: what was applied, and what was read.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Point {
+    /// What was applied \[N or m\].
+    pub applied: f64,
+    /// What was read \[codes or counts\].
+    pub reading: Mean,
+}
+
+/// Reading against what was applied. All uncertainties are relative to the scale.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Line {
+    /// Reading per unit of what was applied.
+    pub slope: f64,
+    /// Reading where nothing is applied.
+    pub at_zero: f64,
+    /// By the scatter about the line.
+    pub scatter_u95: f64,
+    /// Greatest distance of a size's mean from the line, in parts of the greatest size.
+    pub nonlinearity: f64,
+    /// Half of the greatest difference of one size come to from below and from above, likewise; `None`: was not shown.
+    pub hysteresis: Option<f64>,
+    /// Greatest difference of the readings where nothing was applied, likewise; `None` where there are not two.
+    pub zero_return: Option<f64>,
+    /// Greatest uncertainty of a single reading, likewise.
+    pub reading_u95: f64,
+    /// The point that fits worst to the line through the others.
+    pub worst: usize,
+    /// Change of the reading over all of the points.
+    pub change: f64,
+}
+
+/// Sizes that differ by less than this part of the greatest are one.
+const SAME: f64 = 1e-6;
+
+/// Different sizes among the points.
+pub fn sizes(points: &[Point]) -> Vec<f64> {
+    let greatest = greatest(points);
+    let mut sizes: Vec<f64> = points.iter().map(|point| point.applied).collect();
+    sizes.sort_by(f64::total_cmp);
+    sizes.dedup_by(|a, b| (*a - *b).abs() <= SAME * greatest);
+    sizes
+}
+
+fn greatest(points: &[Point]) -> f64 {
+    points.iter().map(|point| point.applied.abs()).fold(0.0, f64::max)
+}
+
+fn pairs(points: &[Point]) -> Vec<(f64, f64)> {
+    points.iter().map(|point| (point.applied, point.reading.value)).collect()
+}
+
+fn spread(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let (least, most, count) = values.fold((f64::INFINITY, f64::NEG_INFINITY, 0), |(least, most, count), value| {
+        (least.min(value), most.max(value), count + 1)
+    });
+    (count > 1).then_some(most - least)
+}
+
+fn average(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let (sum, count) = values.fold((0.0, 0.0), |(sum, count), value| (sum + value, count + 1.0));
+    (count > 0.0).then(|| sum / count)
+}
+
+impl Line {
+    /// Through at least three points of at least two sizes; else `None`.
+    pub fn through(points: &[Point]) -> Option<Self> {
+        let (greatest, sizes) = (greatest(points), sizes(points));
+        if points.len() < 3 || sizes.len() < 2 {
+            return None;
+        }
+        let straight = Straight::through(&pairs(points))?;
+        let full = straight.slope.abs() * greatest;
+        let same = |point: &Point, size: f64| (point.applied - size).abs() <= SAME * greatest;
+        let readings =
+            |size: f64| points.iter().filter(move |point| same(point, size)).map(|point| point.reading.value);
+        let off = |size: &f64| average(readings(*size)).map_or(0.0, |mean| (mean - straight.at(*size)).abs());
+        let come = |size: f64, from_below: bool| {
+            let steps = points.windows(2).filter_map(|pair| match pair {
+                [before, point] => Some((before, point)),
+                _ => None,
+            });
+            average(
+                steps
+                    .filter(|(before, point)| same(point, size) && !same(before, size))
+                    .filter(|(before, point)| (before.applied < point.applied) == from_below)
+                    .map(|(_, point)| point.reading.value),
+            )
+        };
+        let hysteresis = sizes.iter().filter_map(|size| Some((come(*size, true)? - come(*size, false)?).abs()));
+        let hysteresis = hysteresis.fold(None, |most: Option<f64>, each| Some(most.unwrap_or(0.0).max(each)));
+        let zero_return = spread(readings(0.0));
+        let reading = points.iter().map(|point| point.reading.u95).fold(0.0, f64::max);
+        Some(Self {
+            slope: straight.slope,
+            at_zero: straight.at_zero,
+            scatter_u95: straight.slope_u95 / straight.slope.abs(),
+            nonlinearity: sizes.iter().map(off).fold(0.0, f64::max) / full,
+            hysteresis: hysteresis.map(|difference| 0.5 * difference / full),
+            zero_return: zero_return.map(|difference| difference / full),
+            reading_u95: reading / full,
+            worst: worst(points),
+            change: spread(points.iter().map(|point| point.reading.value)).unwrap_or(0.0),
+        })
+    }
+
+    /// Relative uncertainty of the scale, with that of what was applied.
+    pub fn u95(&self, applied_u95: f64) -> f64 {
+        let (hysteresis, zero) = (self.hysteresis.unwrap_or(0.0), self.zero_return.unwrap_or(0.0));
+        together([self.scatter_u95, self.nonlinearity, hysteresis, zero, self.reading_u95, applied_u95])
+    }
+}
+
+/// The point without which the others lie best on a line.
+fn worst(points: &[Point]) -> usize {
+    let left_over = |without: usize| {
+        let rest: Vec<_> =
+            points.iter().enumerate().filter(|(place, _)| *place != without).map(|(_, point)| *point).collect();
+        let line = Straight::through(&pairs(&rest));
+        line.map_or(f64::INFINITY, |line| pairs(&rest).iter().map(|(x, y)| (y - line.at(*x)).powi(2)).sum::<f64>())
+    };
+    (0..points.len()).min_by(|a, b| left_over(*a).total_cmp(&left_over(*b))).unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn points(list: &[(f64, f64)]) -> Vec<Point> {
+        list.iter().map(|&(applied, value)| Point { applied, reading: Mean { value, u95: 0.0 } }).collect()
+    }
+
+    #[test]
+    fn what_is_wrong_with_a_line_is_told_apart() {
+        let straight = Line::through(&points(&[(0.0, 10.0), (5.0, 60.0), (10.0, 110.0), (0.0, 10.0)])).unwrap();
+        assert!((straight.slope - 10.0).abs() < 1e-12 && (straight.at_zero - 10.0).abs() < 1e-9);
+        assert!(straight.u95(0.0) < 1e-9 && (straight.u95(0.003) - 0.003).abs() < 1e-9);
+        assert_eq!(straight.hysteresis, None);
+        let late = Line::through(&points(&[(0.0, 0.0), (5.0, 49.0), (10.0, 100.0), (5.0, 51.0), (0.0, 1.0)])).unwrap();
+        assert!((late.hysteresis.unwrap() - 0.01).abs() < 1e-3 && (late.zero_return.unwrap() - 0.01).abs() < 1e-3);
+        let bent = Line::through(&points(&[(-10.0, -100.0), (0.0, 10.0), (10.0, 100.0), (0.0, 10.0)])).unwrap();
+        assert!((bent.nonlinearity - 0.05).abs() < 1e-9, "{bent:?}");
+        let wrong =
+            Line::through(&points(&[(0.0, 0.0), (5.0, 50.0), (10.0, 10.0), (15.0, 150.0), (0.0, 0.0)])).unwrap();
+        assert_eq!(wrong.worst, 2);
+        assert!(Line::through(&points(&[(0.0, 0.0), (5.0, 50.0)])).is_none());
+        assert!(Line::through(&points(&[(5.0, 50.0); 4])).is_none());
+    }
+}

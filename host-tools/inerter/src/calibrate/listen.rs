@@ -1,0 +1,130 @@
+//! Raw samples of a device, with the host's time of their arrival.
+
+use std::time::{Duration, Instant};
+
+use inerter_core::RawSample;
+use inerter_wire::{EventKind, Frame, Record, Streams};
+
+use crate::{
+    device::{Device, DeviceError},
+    error::Error,
+    run::{Run, step},
+};
+
+/// A sampling device sends something within this.
+const SILENCE: Duration = Duration::from_secs(5);
+
+/// When a batch of samples came.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Arrival {
+    /// Sample periods from the first sample to the last one of the batch.
+    pub elapsed: u64,
+    /// Host time \[ns\].
+    pub time_ns: u64,
+}
+
+/// What a device has sent.
+#[derive(Clone, Debug, Default)]
+pub struct Heard {
+    /// The samples, with the settings of the device.
+    pub run: Run,
+    /// When they came.
+    pub arrivals: Vec<Arrival>,
+}
+
+/// Hands on a device's raw samples with their times until `take` has enough; nothing but samples is streamed meanwhile, and
+/// nothing at all afterwards.
+pub fn each_batch(
+    device: &mut Device,
+    mut take: impl FnMut(u64, Vec<RawSample>) -> Result<bool, Error>,
+) -> Result<(), Error> {
+    device.stream(Streams { samples: true, ..Streams::NONE })?;
+    let result = batches(device, &mut take);
+    // Also where the rest fails: a device must not go on talking to nobody.
+    let ended = device.stream(Streams::NONE);
+    result?;
+    Ok(ended?)
+}
+
+fn batches(
+    device: &mut Device,
+    take: &mut impl FnMut(u64, Vec<RawSample>) -> Result<bool, Error>,
+) -> Result<(), Error> {
+    device.start_sampler()?;
+    // What was under way belongs to the time before.
+    while device.pending().is_some() {}
+    let mut heard = Instant::now();
+    loop {
+        let mut samples = Vec::new();
+        let mut time_ns = 0;
+        if let Some(received) = device.receive()? {
+            time_ns = received.time_ns;
+            match received.frame {
+                Frame::Message { message: Record::Samples(batch), .. } if batch.check().is_ok() => {
+                    samples.extend(batch.iter().flatten());
+                    heard = Instant::now();
+                }
+                Frame::Message { message: Record::Event(event), .. } if event.kind == EventKind::SourceEnded => {
+                    return Ok(());
+                }
+                _ => {}
+            }
+        }
+        if take(time_ns, samples)? {
+            return Ok(());
+        }
+        if heard.elapsed() > SILENCE {
+            return Err(DeviceError::Silent { name: device.name().into(), seconds: SILENCE.as_secs_f64() }.into());
+        }
+    }
+}
+
+impl Heard {
+    /// Everything for so long, counted in samples; `progress` gets the part that is done.
+    pub fn listen(
+        device: &mut Device,
+        seconds: f64,
+        progress: impl FnMut(f64) -> Result<(), Error>,
+    ) -> Result<Self, Error> {
+        Self::take(device, seconds, true, progress)
+    }
+
+    /// The same without the samples themselves, for hours.
+    pub fn arrivals(
+        device: &mut Device,
+        seconds: f64,
+        progress: impl FnMut(f64) -> Result<(), Error>,
+    ) -> Result<Vec<Arrival>, Error> {
+        Ok(Self::take(device, seconds, false, progress)?.arrivals)
+    }
+
+    fn take(
+        device: &mut Device,
+        seconds: f64,
+        keep: bool,
+        mut progress: impl FnMut(f64) -> Result<(), Error>,
+    ) -> Result<Self, Error> {
+        let settings = *device.settings();
+        let mut heard = Self::default();
+        let wanted = (seconds * settings.sample_rate_hz).max(1.0);
+        let (mut elapsed, mut last) = (0, None);
+        each_batch(device, |time_ns, samples| {
+            for sample in &samples {
+                elapsed += last.replace(sample.index).map_or(0, |last| step(last, sample.index));
+            }
+            if !samples.is_empty() {
+                heard.arrivals.push(Arrival { elapsed, time_ns });
+                if keep {
+                    heard.run.samples.extend(samples);
+                }
+            }
+            let done = elapsed as f64 / wanted;
+            progress(done.min(1.0))?;
+            Ok(done >= 1.0)
+        })?;
+        heard.run.settings = settings;
+        heard.run.name = device.name().into();
+        heard.run.hello = Some(device.hello().clone());
+        Ok(heard)
+    }
+}

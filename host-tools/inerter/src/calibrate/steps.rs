@@ -1,0 +1,282 @@
+//! The steps of the calibration at a device: what they ask of a person, and the samples that they take.
+
+use inerter_core::Settings;
+use miette::Diagnostic;
+
+use super::{
+    CalibrateError, Dialogue, Finding, Heard, Point, Step,
+    direction::{Known, direction, refuse_saturated},
+    encoder, finding, force,
+    force::Load,
+    listen::each_batch,
+    load_cell,
+    rest::{self, Of, Standing, Watch},
+    statistics::rounded_up,
+    timebase,
+};
+use crate::{
+    device::Device,
+    error::Error,
+    fit::{Products, skew},
+    replay::replay,
+    report::{rounded_s, value_text},
+    run::Run,
+};
+
+/// Time beyond the window that a load has to come to rest \[s\].
+const PATIENCE_S: f64 = 20.0;
+/// Time for which a screw must stand where its position is read \[s\].
+const STAND_S: f64 = 1.0;
+
+/// A device, the person beside it, and the settings as they would be.
+pub struct Rig<'a, D: ?Sized> {
+    /// The device; nothing is written on it here.
+    pub device: &'a mut Device,
+    /// The person.
+    pub dialogue: &'a mut D,
+    /// The settings under which findings are told: the device's own, with what was accepted so far.
+    pub settings: Settings,
+    /// Whether the person can be asked to try again.
+    pub may_ask: bool,
+}
+
+impl<D: Dialogue + ?Sized> Rig<'_, D> {
+    fn listen(&mut self, seconds: f64) -> Result<Heard, Error> {
+        let dialogue = &mut *self.dialogue;
+        let mut heard = Heard::listen(self.device, seconds, |done| dialogue.progress("listening", done))?;
+        heard.run.settings = self.settings;
+        Ok(heard)
+    }
+
+    /// Waits until force or screw is at rest for so long. Where a person can be asked, he may try again.
+    fn settle(&mut self, of: Of, seconds: f64, origin: Option<i32>, at: &str) -> Result<(rest::Level, i32), Error> {
+        loop {
+            let refusal = match self.settle_once(of, seconds, origin, at)? {
+                Ok(level) => return Ok(level),
+                Err(refusal) => refusal,
+            };
+            if !self.may_ask {
+                return Err(refusal.into());
+            }
+            self.dialogue.say(&refusal.to_string());
+            if let Some(help) = refusal.help() {
+                self.dialogue.say(&format!("  {help}"));
+            }
+            if self.dialogue.choose("once more?", &["yes", "no"])? == 1 {
+                return Err(refusal.into());
+            }
+        }
+    }
+
+    fn settle_once(
+        &mut self,
+        of: Of,
+        seconds: f64,
+        origin: Option<i32>,
+        at: &str,
+    ) -> Result<Result<(rest::Level, i32), CalibrateError>, Error> {
+        let mut watch = Watch::new(&self.settings, of, seconds, origin);
+        let limit_s = seconds + PATIENCE_S;
+        let (dialogue, rate_hz) = (&mut *self.dialogue, self.settings.sample_rate_hz);
+        let (mut taken, mut found) = (0_u64, None);
+        each_batch(self.device, |_, samples| {
+            for sample in &samples {
+                taken += 1;
+                if watch.take(sample)
+                    && let Standing::Steady(level) = watch.standing()
+                {
+                    found = Some(level);
+                    return Ok(true);
+                }
+            }
+            let listened_s = taken as f64 / rate_hz;
+            let label = if listened_s < 2.0 * seconds { "measuring" } else { "waiting for rest" };
+            dialogue.progress(label, (listened_s / seconds).min(0.99))?;
+            Ok(listened_s >= limit_s)
+        })?;
+        self.dialogue.progress("measuring", 1.0)?;
+        let listened_s = taken as f64 / rate_hz;
+        let refused = || watch.standing().refusal(&self.settings, listened_s, seconds, at);
+        Ok(found.map(|level| (level, watch.origin().unwrap_or(0))).ok_or_else(refused))
+    }
+
+    /// Diagnosis of the force channel.
+    pub fn load_cell(&mut self, seconds: f64) -> Result<Finding, Error> {
+        let heard = self.listen(seconds.max(load_cell::LEAST_S))?;
+        let rate = timebase::rate(&heard.arrivals, self.settings.sample_rate_hz).ok();
+        let diagnosis = load_cell::diagnose(&heard.run, rate)?;
+        Ok(load_cell::judge(&diagnosis, &self.settings))
+    }
+
+    /// The code at no force.
+    pub fn zero(&mut self, seconds: f64) -> Result<Finding, Error> {
+        let (level, _) = self.settle(Of::Force, seconds, None, "")?;
+        Ok(rest::zero(&level, &self.settings))
+    }
+
+    /// The force scale by these loads, one after the other.
+    pub fn force(&mut self, loads: &[Load], loads_u95: f64, seconds: f64) -> Result<Finding, Error> {
+        let mut readings = Vec::new();
+        for (place, load) in loads.iter().enumerate() {
+            let what = match load.force_n {
+                0.0 => "take all loads off".to_string(),
+                newtons if newtons > 0.0 => format!("put {} on", load.name),
+                _ => format!("put {} on, in the negative direction", load.name.trim_start_matches('-')),
+            };
+            self.dialogue.ask(&format!("load {} of {}: {what}, then press Enter", place + 1, loads.len()), "")?;
+            let at = format!(" at load {} of {} ({})", place + 1, loads.len(), load.name);
+            let (level, _) = self.settle(Of::Force, seconds, None, &at)?;
+            let newtons = self.settings.newtons_per_code.abs();
+            self.dialogue.say(&format!(
+                "  code {:.1} ± {:.1} (± {:.3} N by the scale in use)",
+                level.code.value,
+                level.code.u95,
+                level.code.u95 * newtons
+            ));
+            readings.push((load.clone(), level));
+        }
+        Ok(force::force(&readings, loads_u95, &self.settings)?)
+    }
+
+    /// Counts while the screw is turned by hand.
+    pub fn turns(&mut self, revolutions: f64) -> Result<f64, Error> {
+        self.dialogue.ask("set the screw to a mark, let go, then press Enter", "")?;
+        let (start, origin) = self.settle(Of::Position, STAND_S, None, " at the mark")?;
+        let turn = format!(
+            "turn it by {} revolutions in the {} direction, back to the mark, let go, then press Enter",
+            revolutions.abs(),
+            if revolutions < 0.0 { "negative" } else { "positive" }
+        );
+        self.dialogue.ask(&turn, "")?;
+        let (end, _) = self.settle(Of::Position, STAND_S, Some(origin), " at the mark")?;
+        let counts = (end.count.value - start.count.value) * revolutions.signum();
+        self.dialogue.say(&format!("  {counts:.0} counts"));
+        Ok(counts)
+    }
+
+    /// Counts at these displacements, one after the other.
+    pub fn displacements(&mut self, metres: &[f64]) -> Result<Vec<Point>, Error> {
+        let (mut points, mut origin) = (Vec::new(), None);
+        for (place, &applied) in metres.iter().enumerate() {
+            let question = match applied {
+                0.0 => "go to zero on the gauge".to_string(),
+                metres => format!("go to {:+.4} mm on the gauge", 1e3 * metres),
+            };
+            let question =
+                format!("displacement {} of {}: {question}, hold still, then press Enter", place + 1, metres.len());
+            self.dialogue.ask(&question, "")?;
+            let at = format!(" at displacement {} of {}", place + 1, metres.len());
+            let (level, first) = self.settle(Of::Position, STAND_S, origin, &at)?;
+            origin = Some(first);
+            self.dialogue.say(&format!("  {:.1} counts", level.count.value));
+            points.push(Point { applied, reading: level.count });
+        }
+        Ok(points)
+    }
+
+    /// Whether force and position have the same positive direction.
+    pub fn direction(&mut self, seconds: f64, known: Known) -> Result<Finding, Error> {
+        let heard = self.listen(seconds)?;
+        direction(&heard.run, known)
+    }
+
+    /// The delay of the force that is left, under the settings as they would be.
+    pub fn skew(&mut self, seconds: f64) -> Result<Finding, Error> {
+        let heard = self.listen(seconds)?;
+        skew_of(&heard.run)
+    }
+
+    /// The device's clock against this computer's.
+    pub fn timebase(&mut self, seconds: f64, host_ppm: f64) -> Result<Finding, Error> {
+        let dialogue = &mut *self.dialogue;
+        let arrivals = Heard::arrivals(self.device, seconds, |done| dialogue.progress("listening", done))?;
+        let rate = timebase::rate(&arrivals, self.settings.sample_rate_hz)?;
+        Ok(timebase::timebase(&rate, &self.settings, host_ppm))
+    }
+
+    /// Scale of the position by a displacement, or by the lead where there is no gauge.
+    pub fn encoder(&mut self, encoder: &EncoderPlan) -> Result<Finding, Error> {
+        encoder.check()?;
+        let mut turned = None;
+        if let Some(revolutions) = encoder.revolutions {
+            let counts = self.turns(revolutions)?;
+            let per_revolution = encoder::counts_per_revolution(counts, revolutions, encoder.lines)?;
+            self.dialogue.say(&format!("  {per_revolution:.0} counts per revolution, {} lines", per_revolution / 4.0));
+            turned = Some((per_revolution, counts));
+        }
+        let per_revolution =
+            turned.map(|(per_revolution, _)| per_revolution).or(encoder.lines.map(|lines| 4.0 * lines));
+        let mut finding = match (encoder.lead_m, turned) {
+            (Some(lead_m), Some((per_revolution, counts))) if encoder.displacements_m.is_empty() => {
+                encoder::by_lead(lead_m, encoder.lead_u95, per_revolution, counts, &self.settings)
+            }
+            _ => {
+                let points = self.displacements(&encoder.displacements_m)?;
+                encoder::displacement(&points, encoder.gauge_u95_m, per_revolution, encoder.lead_m, &self.settings)?
+            }
+        };
+        finding.measure("counts_per_revolution", per_revolution.unwrap_or(f64::NAN));
+        Ok(finding)
+    }
+}
+
+/// How the scale of the position is to be found.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct EncoderPlan {
+    /// Revolutions to be turned by hand; none skips the turning.
+    pub revolutions: Option<f64>,
+    /// Lines per revolution by the encoder's label.
+    pub lines: Option<f64>,
+    /// Lead by the data sheet \[m\].
+    pub lead_m: Option<f64>,
+    /// Its relative uncertainty.
+    pub lead_u95: f64,
+    /// What a gauge is to show, one after the other; empty without a gauge \[m\].
+    pub displacements_m: Vec<f64>,
+    /// Uncertainty of the gauge \[m\].
+    pub gauge_u95_m: f64,
+}
+
+impl EncoderPlan {
+    /// Refuses a plan from which no scale can follow, before anybody turns anything.
+    pub fn check(&self) -> Result<(), CalibrateError> {
+        if self.displacements_m.is_empty() && self.lead_m.is_none() {
+            return Err(CalibrateError::Missing(
+                "a lead or a displacement",
+                "give --displacement with what a gauge shows, or --lead from the screw's data sheet with --revolutions",
+            ));
+        }
+        if self.displacements_m.is_empty() && self.revolutions.is_none() {
+            return Err(CalibrateError::Missing(
+                "a turn by hand",
+                "give --revolutions: without it neither the counts nor the direction of the encoder are known",
+            ));
+        }
+        Ok(())
+    }
+}
+
+/// The delay of the force that is left in a run, as a finding.
+fn skew_of(run: &Run) -> Result<Finding, Error> {
+    let outcome = replay(run, |_, _| Ok::<(), Error>(()))?;
+    refuse_saturated(&outcome, run)?;
+    let (sums, more) = &outcome.fast;
+    let found = skew(&Products::of(sums, more)?, &run.settings, &outcome.detail.backlash)?;
+    let mut finding = Finding::new(Step::Skew);
+    let skew_s = rounded_s(run.settings.skew_s + found.left_s);
+    finding.measure("left_s", found.left_s);
+    finding.say(format!("the force is late by another {:.1} ± {:.1} us", 1e6 * found.left_s, 1e6 * found.u95_s));
+    finding.say(format!(
+        "viscous friction: {} N s/m as it is, {} N s/m without that delay",
+        value_text(&found.viscous_before),
+        value_text(&found.viscous_after)
+    ));
+    if found.is_better_than(&run.settings) {
+        finding.set_with("skew_s", skew_s, found.u95_s);
+        finding.set("skew_u95_s", rounded_s(rounded_up(found.u95_s)));
+    } else {
+        let text = "nothing to change: the skew in use is known as well as this motion shows it";
+        finding.remark(finding::Level::Note, "known", text);
+    }
+    Ok(finding)
+}

@@ -1,0 +1,333 @@
+//! All steps one after the other, for a person at the rig.
+//!
+//! Each shows what it has found and asks whether to take it, to repeat it, or to go on without. Under the settings that were
+//! accepted so far the next step is evaluated, here; the device itself stays as it is until the last question.
+
+use std::path::PathBuf;
+
+use inerter_core::Settings;
+use miette::Diagnostic;
+
+use super::{
+    Dialogue, Finding,
+    dialogue::{DEGREES, KILOGRAMS, MICROMETRES, MILLIMETRES, NEWTONS, PERCENT, PLAIN, PPM, number},
+    direction::Known,
+    force::{Gravity, Load},
+    steps::{EncoderPlan, Rig},
+    timebase::HOST_PPM,
+};
+use crate::{
+    backup::{self, changes},
+    device::Device,
+    error::Error,
+    output::refuse_existing,
+};
+
+/// Times that the steps listen \[s\].
+const LOAD_CELL_S: f64 = 10.0;
+const ZERO_S: f64 = 5.0;
+const LOAD_S: f64 = 3.0;
+const DIRECTION_S: f64 = 8.0;
+const SKEW_S: f64 = 20.0;
+const TIMEBASE_S: f64 = 60.0;
+
+/// The way through all steps.
+pub struct Wizard<'a, D: ?Sized> {
+    rig: Rig<'a, D>,
+    known: Known,
+}
+
+/// What the person has decided about a finding.
+enum Verdict {
+    Accept,
+    Repeat,
+    Skip,
+}
+
+impl<'a, D: Dialogue + ?Sized> Wizard<'a, D> {
+    /// At this device, with this person.
+    pub fn new(device: &'a mut Device, dialogue: &'a mut D) -> Self {
+        let settings = *device.settings();
+        Self { rig: Rig { device, dialogue, settings, may_ask: true }, known: Known::default() }
+    }
+
+    /// What was accepted so far, by name: as it is on the device, and as it would be.
+    pub fn accepted(&self) -> Vec<(&'static str, f64, f64)> {
+        changes(self.rig.device.settings(), &self.rig.settings)
+    }
+
+    /// Goes through all steps, then writes and saves what was accepted, when that is confirmed; gives whether it was.
+    pub fn run(&mut self) -> Result<bool, Error> {
+        let hello = self.rig.device.hello();
+        let greeting = format!("{} (serial {}) at {}", hello.board, hello.serial, self.rig.device.name());
+        self.say(&greeting);
+        self.say("Seven steps, each may be skipped; Enter takes what stands in parentheses.");
+        self.say("Nothing is changed on the device before the end, and Ctrl-C leaves it as it is.");
+        self.step(
+            "1. Load cell",
+            "The device stands still, without load: noise, mains and range are looked at.",
+            |rig| rig.load_cell(LOAD_CELL_S),
+        )?;
+        self.step("2. Zero", "The device stands still, without load: its code becomes the zero.", |rig| {
+            rig.zero(ZERO_S)
+        })?;
+        self.known.force = self.step(
+            "3. Force",
+            "Known masses or forces on the load cell, in both directions where that can be. Lock the screw first.",
+            loads,
+        )?;
+        self.known.position = self.step(
+            "4. Encoder",
+            "The screw is turned by hand, then moved along a gauge, or its lead is taken from the data sheet.",
+            encoder,
+        )?;
+        let known = self.known;
+        self.step(
+            "5. Direction",
+            "The terminal is moved to and fro: a positive force must accelerate to the positive side.",
+            |rig| {
+                rig.dialogue.ask(
+                    "move it some millimetres to and fro, several times a second; press Enter while it moves",
+                    "",
+                )?;
+                rig.direction(DIRECTION_S, known)
+            },
+        )?;
+        self.step(
+            "6. Skew",
+            "The rig shakes with several frequencies, up to 10 Hz or more: the delay of the force behind the position.",
+            |rig| {
+                rig.dialogue.ask("start two tones or a random motion; press Enter while it moves", "")?;
+                rig.skew(SKEW_S)
+            },
+        )?;
+        self.step("7. Timebase", "The device's clock is compared with this computer's for a minute.", |rig| {
+            let question = "this computer's clock is good to how many ppm (50: any, 1: held by NTP for hours)";
+            let ppm = rig.dialogue.ask_number(question, "50", PPM)?.map_or(HOST_PPM, f64::abs);
+            rig.timebase(TIMEBASE_S, ppm)
+        })?;
+        self.finish()
+    }
+
+    fn say(&mut self, text: &str) {
+        self.rig.dialogue.say(text);
+    }
+
+    /// One step as often as the person likes; gives whether a finding with settings was accepted.
+    fn step(
+        &mut self,
+        title: &str,
+        about: &str,
+        mut body: impl FnMut(&mut Rig<'a, D>) -> Result<Finding, Error>,
+    ) -> Result<bool, Error> {
+        self.say("");
+        self.say(&format!("{title}. {about}"));
+        if self.rig.dialogue.choose("begin?", &["begin", "skip"])? == 1 {
+            return Ok(false);
+        }
+        loop {
+            let verdict = match body(&mut self.rig) {
+                Ok(finding) => {
+                    let verdict = self.judge(&finding)?;
+                    match (&verdict, finding.adopted_by(&self.rig.settings)) {
+                        (Verdict::Accept, Ok(settings)) => {
+                            self.rig.settings = settings;
+                            return Ok(finding.has_settings());
+                        }
+                        (Verdict::Accept, Err(error)) => {
+                            self.say(&format!("this cannot be a setting: {error}"));
+                            self.retry()?
+                        }
+                        _ => verdict,
+                    }
+                }
+                // What is wrong with the measurement, not with the link or the program.
+                Err(error @ (Error::Calibrate(_) | Error::Fit(_))) => {
+                    self.say(&error.to_string());
+                    if let Some(help) = error.help() {
+                        self.say(&format!("  {help}"));
+                    }
+                    self.retry()?
+                }
+                Err(error) => return Err(error),
+            };
+            if matches!(verdict, Verdict::Skip) {
+                return Ok(false);
+            }
+        }
+    }
+
+    fn retry(&mut self) -> Result<Verdict, Error> {
+        let skip = self.rig.dialogue.choose("repeat this step?", &["repeat", "skip"])? == 1;
+        Ok(if skip { Verdict::Skip } else { Verdict::Repeat })
+    }
+
+    fn judge(&mut self, finding: &Finding) -> Result<Verdict, Error> {
+        show(self.rig.dialogue, finding);
+        if !finding.is_good() {
+            return self.retry();
+        }
+        let question = if finding.has_settings() { "take it?" } else { "go on?" };
+        let choices = ["accept", "repeat", "skip"];
+        Ok(match self.rig.dialogue.choose(question, &choices)? {
+            0 => Verdict::Accept,
+            1 => Verdict::Repeat,
+            _ => Verdict::Skip,
+        })
+    }
+
+    fn finish(&mut self) -> Result<bool, Error> {
+        self.say("");
+        let accepted = self.accepted();
+        if accepted.is_empty() {
+            self.say("nothing was accepted that differs from what the device has: it stays as it is");
+            return Ok(false);
+        }
+        self.say("What would change on the device:");
+        for (name, before, after) in &accepted {
+            self.say(&format!("  {name:<18} {before:?} -> {after:?}"));
+        }
+        if self.rig.dialogue.choose("write and save this?", &["no", "yes"])? == 0 {
+            self.say("nothing was changed on the device");
+            return Ok(false);
+        }
+        write(self.rig.device, &self.rig.settings)?;
+        self.say("saved on the device: these settings outlive a restart");
+        self.offer_backup()?;
+        Ok(true)
+    }
+
+    fn offer_backup(&mut self) -> Result<(), Error> {
+        let name = format!("inerter-{}.toml", self.rig.device.hello().serial);
+        loop {
+            let answer = self.rig.dialogue.ask("back all settings up to a file (- for none)", &name)?;
+            if answer == "-" {
+                return Ok(());
+            }
+            let path = PathBuf::from(answer);
+            let written = refuse_existing(&path)
+                .and_then(|()| backup::write(&path, self.rig.device.hello(), self.rig.device.settings()));
+            match written {
+                Ok(()) => {
+                    self.say(&format!(
+                        "all settings are in {}; `inerter settings restore` takes them back",
+                        path.display()
+                    ));
+                    return Ok(());
+                }
+                // A disk that is full must not spoil what is saved on the device.
+                Err(error) => self.say(&format!("{error}; choose another name")),
+            }
+        }
+    }
+}
+
+/// Shows a finding to a person.
+pub fn show(dialogue: &mut (impl Dialogue + ?Sized), finding: &Finding) {
+    for line in &finding.text {
+        dialogue.say(&format!("  {line}"));
+    }
+    for remark in &finding.remarks {
+        let mark = match remark.level {
+            super::Level::Note => "note",
+            super::Level::Doubtful => "doubtful",
+            super::Level::Bad => "BAD",
+        };
+        dialogue.say(&format!("  {mark}: {}", remark.text));
+    }
+}
+
+/// Puts settings in use on a device and saves them; those before are put back in use where they cannot be saved.
+pub fn write(device: &mut Device, settings: &Settings) -> Result<(), Error> {
+    let before = *device.settings();
+    device.write_settings(settings)?;
+    if let Err(error) = device.save_settings() {
+        // Only if the device is still there; the first error is the one to tell.
+        device.write_settings(&before).ok();
+        return Err(error.into());
+    }
+    Ok(())
+}
+
+fn loads<D: Dialogue + ?Sized>(rig: &mut Rig<'_, D>) -> Result<Finding, Error> {
+    let sizes = loop {
+        let question = "masses in kg (or forces: 50 N), smallest first, for example: 5 10";
+        let answer = rig.dialogue.ask(question, "")?;
+        match sizes(&answer) {
+            Ok(sizes) if !sizes.is_empty() => break sizes,
+            Ok(_) => rig.dialogue.say("at least one is needed"),
+            Err(error) => rig.dialogue.say(&error.to_string()),
+        }
+    };
+    let both = rig.dialogue.choose("can they be put on in both directions?", &["yes", "no"])? == 0;
+    let gravity = if sizes.iter().any(|(_, is_mass)| *is_mass) {
+        let question = "latitude in degrees, for the local gravity (empty: anywhere, 0.27 % uncertain)";
+        rig.dialogue.ask_number(question, "", DEGREES)?.map_or(Gravity::ANYWHERE, Gravity::at_latitude)
+    } else {
+        Gravity { value: 1.0, u95: 0.0 }
+    };
+    let percent = rig.dialogue.ask_number("how well are they known, in percent", "0.1", PERCENT)?.unwrap_or(0.1).abs();
+    let mut loads = vec![Load::mass(0.0, &gravity)];
+    for sign in if both { &[1.0, -1.0][..] } else { &[1.0] } {
+        let up = sizes.iter();
+        let down = sizes.iter().rev().skip(1);
+        loads.extend(up.chain(down).map(|&(size, is_mass)| {
+            if is_mass { Load::mass(sign * size, &gravity) } else { Load::force(sign * size) }
+        }));
+        loads.push(Load::mass(0.0, &gravity));
+    }
+    rig.force(&loads, (percent / 100.0).hypot(gravity.u95), LOAD_S)
+}
+
+/// Sizes as typed: `5 10 kg`, `50 N 100 N`; with whether each is a mass.
+fn sizes(text: &str) -> Result<Vec<(f64, bool)>, Error> {
+    let mut words: Vec<String> = Vec::new();
+    for word in text.replace(';', " ").split_whitespace() {
+        match words.last_mut() {
+            // A unit apart from its number.
+            Some(number) if word.starts_with(char::is_alphabetic) => number.push_str(word),
+            _ => words.push(word.into()),
+        }
+    }
+    let each = words.iter().map(|word| {
+        let is_mass = !word.ends_with('N');
+        Ok((number(word, if is_mass { KILOGRAMS } else { NEWTONS })?.abs(), is_mass))
+    });
+    let mut sizes = each.collect::<Result<Vec<_>, Error>>()?;
+    sizes.retain(|(size, _)| *size > 0.0);
+    sizes.sort_by(|a, b| a.0.total_cmp(&b.0));
+    Ok(sizes)
+}
+
+fn encoder<D: Dialogue + ?Sized>(rig: &mut Rig<'_, D>) -> Result<Finding, Error> {
+    let dialogue = &mut *rig.dialogue;
+    let lines = dialogue.ask_number("lines per revolution by the encoder's label (empty: unknown)", "", PLAIN)?;
+    let revolutions =
+        dialogue.ask_number("revolutions to turn by hand", "10", PLAIN)?.filter(|turns| turns.abs() >= 0.5);
+    let lead_mm = dialogue.ask_number("lead of the screw in mm by its data sheet (empty: unknown)", "", MILLIMETRES)?;
+    let gauge_mm =
+        dialogue.ask_number("displacement to move along a gauge, in mm (empty: no gauge)", "", MILLIMETRES)?;
+    let mut plan = EncoderPlan {
+        revolutions: revolutions.or(Some(10.0)),
+        lines: lines.filter(|lines| *lines > 0.0),
+        lead_m: lead_mm.map(|lead| 1e-3 * lead.abs()).filter(|lead| *lead > 0.0),
+        ..EncoderPlan::default()
+    };
+    match gauge_mm.filter(|gauge| *gauge != 0.0) {
+        Some(gauge_mm) => {
+            let far = 1e-3 * gauge_mm;
+            plan.displacements_m = vec![0.0, far, 0.0, far, 0.0];
+            let microns = dialogue.ask_number("the gauge is good to how many um", "10", MICROMETRES)?.unwrap_or(10.0);
+            plan.gauge_u95_m = 1e-6 * microns.abs();
+        }
+        None => {
+            let percent = dialogue.ask_number("the lead is known to how many percent", "0.1", PERCENT)?.unwrap_or(0.1);
+            plan.lead_u95 = percent.abs() / 100.0;
+        }
+    }
+    rig.encoder(&plan)
+}
+
+#[cfg(test)]
+#[path = "wizard_tests.rs"]
+mod tests;

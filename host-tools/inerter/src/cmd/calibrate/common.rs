@@ -1,0 +1,132 @@
+//! What the steps share: where samples come from, and how a finding is told and kept.
+
+use std::{path::PathBuf, time::Duration};
+
+use inerter::{
+    Error,
+    calibrate::{CalibrateError, Finding, steps::Rig, wizard},
+    device::{Clock, Device},
+    output,
+    report::json_line,
+    run::Run,
+    settings::SettingsInputError,
+};
+use serde_json::{Value, json};
+
+use super::{
+    super::{
+        args::{FileSettingsArgs, LinkArgs},
+        terminal::{self, note},
+    },
+    person::Person,
+};
+
+/// What every step at a device takes.
+#[derive(clap::Args)]
+pub struct StepArgs {
+    /// Put the result in use on the device and keep it over a restart
+    #[arg(long)]
+    pub write: bool,
+    #[command(flatten)]
+    pub link: LinkArgs,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What a step takes that a recording can answer too.
+#[derive(clap::Args)]
+pub struct SourceArgs {
+    /// Recording (.mcap) or CSV file; without it a device
+    #[arg(conflicts_with_all = ["write", "port", "connect", "serial"])]
+    pub file: Option<PathBuf>,
+    #[command(flatten)]
+    pub settings: FileSettingsArgs,
+}
+
+impl SourceArgs {
+    /// The recording, where one was given.
+    pub fn run(&self) -> Result<Option<Run>, Error> {
+        let overrides = self.settings.overrides()?;
+        let Some(file) = &self.file else {
+            if !overrides.is_empty() {
+                note("settings given here are for files: the device's own are used");
+            }
+            return Ok(None);
+        };
+        let run = Run::open(file, &overrides)?;
+        run.notes.iter().for_each(note);
+        Ok(Some(run))
+    }
+}
+
+/// A time whose samples can be kept.
+pub fn listening_time(text: &str) -> Result<Duration, String> {
+    time_within(text, 3600.0)
+}
+
+/// A time that is not zero, and at most so long.
+pub fn time_within(text: &str, most_s: f64) -> Result<Duration, String> {
+    let duration = super::super::args::seconds(text)?;
+    if duration.is_zero() || duration.as_secs_f64() > most_s {
+        return Err(format!("the time must be greater than 0, and at most {most_s} s"));
+    }
+    Ok(duration)
+}
+
+/// Does a step at a device, tells what was found, and keeps it where that is wanted.
+pub fn at_device(
+    args: &StepArgs,
+    step: impl FnOnce(&mut Rig<'_, Person>) -> Result<Finding, Error>,
+) -> Result<(), Error> {
+    terminal::catch_interrupts();
+    let mut device = Device::connect(&args.link.target(), Clock::new())?;
+    let mut person = Person::new(args.json);
+    let settings = *device.settings();
+    let may_ask = Person::is_there() && !args.json;
+    let finding = step(&mut Rig { device: &mut device, dialogue: &mut person, settings, may_ask })?;
+    let written = args.write && finding.is_good() && finding.has_settings();
+    if written {
+        let settings =
+            finding.adopted_by(device.settings()).map_err(|source| SettingsInputError::Refused { source })?;
+        wizard::write(&mut device, &settings)?;
+    }
+    report(&finding, device.name(), args.json, written)?;
+    if !written && finding.is_good() && finding.has_settings() && !args.json {
+        terminal::say("nothing was changed; --write puts it in use and saves it");
+    }
+    Ok(())
+}
+
+/// Tells what was found; a finding that is bad ends with an error.
+pub fn report(finding: &Finding, source: &str, json: bool, written: bool) -> Result<(), Error> {
+    if json {
+        let mut object = json!({ "kind": "calibration", "source": source });
+        if let (Value::Object(object), Ok(Value::Object(found))) = (&mut object, serde_json::to_value(finding)) {
+            object.extend(found);
+            object.insert("accepted".into(), finding.is_good().into());
+            object.insert("written".into(), written.into());
+        }
+        output::line(json_line(&object))?;
+    } else {
+        finding.text.iter().try_for_each(output::line)?;
+        for remark in &finding.remarks {
+            let level = serde_json::to_value(remark.level).ok();
+            let level = level.as_ref().and_then(Value::as_str).unwrap_or_default();
+            output::line(format!("{level}: {}", remark.text))?;
+        }
+        if finding.has_settings() && finding.is_good() {
+            let set: Vec<String> = finding.values.iter().map(|(name, value)| format!("{name}={value}")).collect();
+            let set = set.join(" ");
+            output::line(if written {
+                format!("saved on the device: {set}")
+            } else {
+                format!("inerter settings set {set}")
+            })?;
+        }
+    }
+    match finding.problems() {
+        0 => Ok(()),
+        problems => Err(CalibrateError::Unfit { problems }.into()),
+    }
+}

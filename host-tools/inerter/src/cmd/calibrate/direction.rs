@@ -1,0 +1,46 @@
+//! `inerter calibrate direction`: whether force and position have the same positive direction.
+
+use std::time::Duration;
+
+use inerter::{
+    Error,
+    calibrate::direction::{Known, direction},
+};
+
+use super::common::{SourceArgs, StepArgs, at_device, listening_time, report};
+
+/// Check that a positive force accelerates to the positive side.
+///
+/// Move the terminal to and fro by some millimetres, several times a second, while it listens. A negative inertance says that
+/// force and position point against each other; then the sign of one scale is turned: of newtons_per_code, or with
+/// --trust force of metres_per_count. --write saves it. FILE is a recording (.mcap) or CSV of such a motion. With --json one
+/// object: {"kind":"calibration","step":"direction","measured":{"inertance_kg":..},"values":{..},..}.
+#[derive(clap::Args)]
+pub struct Args {
+    /// What is known to point the right way
+    #[arg(long, value_name = "WHICH", default_value = "position")]
+    trust: Trust,
+    /// How long the device is listened to
+    #[arg(long, value_name = "SECONDS", value_parser = listening_time, allow_negative_numbers = true, default_value = "8")]
+    duration: Duration,
+    #[command(flatten)]
+    source: SourceArgs,
+    #[command(flatten)]
+    step: StepArgs,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Trust {
+    /// The force was calibrated by loads in a known direction
+    Force,
+    /// The position was calibrated along a gauge
+    Position,
+}
+
+pub fn run(args: &Args) -> Result<(), Error> {
+    let known = Known { force: args.trust == Trust::Force, position: args.trust == Trust::Position };
+    match args.source.run()? {
+        Some(run) => report(&direction(&run, known)?, &run.name, args.step.json, false),
+        None => at_device(&args.step, |rig| rig.direction(args.duration.as_secs_f64(), known)),
+    }
+}

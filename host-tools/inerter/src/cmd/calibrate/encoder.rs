@@ -1,0 +1,82 @@
+//! `inerter calibrate encoder`: the scale of the position.
+
+use inerter::{
+    Error,
+    calibrate::{
+        dialogue::{METRES, PLAIN, Units, number},
+        steps::EncoderPlan,
+    },
+};
+
+use super::{
+    common::{StepArgs, at_device},
+    force::part,
+};
+
+/// Find counts per revolution, metres per count and the direction of the encoder.
+///
+/// --revolutions 10: turn the screw by hand from a mark to the same mark, in the positive direction; the counts must be near
+/// those of an encoder that is sold, or of --lines. --displacement 0 --displacement 0.010 --displacement 0: move along a dial
+/// gauge or gauge blocks, positive in the positive direction; come back to the first one. Without a gauge --lead takes the
+/// data sheet's lead, and the turn its direction. For each the command asks and waits for Enter, a script answers with a line.
+///
+/// --write saves metres_per_count, negative where the encoder counts down in the positive direction, and lead_u95. With --json
+/// at last one object: {"kind":"calibration","step":"encoder","values":{"metres_per_count":..},"measured":{..},..}.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Revolutions to turn by hand; negative turns in the negative direction
+    #[arg(long, value_name = "NUMBER", value_parser = turns, allow_hyphen_values = true)]
+    revolutions: Option<f64>,
+    /// Lines per revolution by the encoder's label; each line is four counts
+    #[arg(long, value_name = "NUMBER", value_parser = lines)]
+    lines: Option<f64>,
+    /// Lead of the screw by its data sheet
+    #[arg(long, value_name = "METRES", value_parser = lead)]
+    lead: Option<f64>,
+    /// Relative 95 % uncertainty of that lead
+    #[arg(long, value_name = "PART", value_parser = part, default_value = "0.001")]
+    lead_u95: f64,
+    /// What the gauge is to show; several times, in this order
+    #[arg(long, value_name = "METRES", value_parser = length, allow_hyphen_values = true)]
+    displacement: Vec<f64>,
+    /// 95 % uncertainty of the gauge
+    #[arg(long, value_name = "METRES", value_parser = length, default_value = "1e-5")]
+    gauge_u95: f64,
+    #[command(flatten)]
+    step: StepArgs,
+}
+
+fn length(text: &str) -> Result<f64, String> {
+    number(text, METRES).map_err(|error| error.to_string())
+}
+
+fn positive(text: &str, units: Units) -> Result<f64, String> {
+    let value = number(text, units).map_err(|error| error.to_string())?;
+    if value > 0.0 { Ok(value) } else { Err("it must be greater than 0".into()) }
+}
+
+fn lead(text: &str) -> Result<f64, String> {
+    positive(text, METRES)
+}
+
+fn lines(text: &str) -> Result<f64, String> {
+    positive(text, PLAIN)
+}
+
+fn turns(text: &str) -> Result<f64, String> {
+    let value = number(text, PLAIN).map_err(|error| error.to_string())?;
+    if value.abs() >= 0.5 { Ok(value) } else { Err("half a revolution at least".into()) }
+}
+
+pub fn run(args: &Args) -> Result<(), Error> {
+    let plan = EncoderPlan {
+        revolutions: args.revolutions,
+        lines: args.lines,
+        lead_m: args.lead,
+        lead_u95: args.lead_u95,
+        displacements_m: args.displacement.clone(),
+        gauge_u95_m: args.gauge_u95.abs(),
+    };
+    plan.check()?;
+    at_device(&args.step, |rig| rig.encoder(&plan))
+}

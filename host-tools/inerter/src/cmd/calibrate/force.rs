@@ -1,0 +1,139 @@
+//! `inerter calibrate force`: the force scale by known loads.
+
+use std::{path::PathBuf, time::Duration};
+
+use inerter::{
+    Error,
+    calibrate::{
+        CalibrateError,
+        dialogue::{DEGREES, KILOGRAMS, NEWTONS, PLAIN, Units, number},
+        force::{Gravity, Load, force},
+        rest,
+    },
+    run::Run,
+};
+
+use super::{
+    super::{args::FileSettingsArgs, terminal::note},
+    common::{StepArgs, at_device, listening_time, report},
+};
+
+/// Find the force scale by known masses or forces, in both directions.
+///
+/// Give the loads in the order in which they will be put on, for example --mass 0 --mass 5 --mass 10 --mass 5 --mass 0
+/// --mass -5 --mass -10 --mass 0. Up and down shows hysteresis, both signs show whether pushing and pulling agree, the last
+/// 0 the return to zero. For each load the command asks, waits for Enter and until the force is at rest for --duration. A
+/// script answers each prompt with a line; with --json prompts are objects {"kind":"prompt",..} on standard output.
+///
+/// --write saves newtons_per_code, force_zero_code and force_gain_u95, which holds scatter, nonlinearity, hysteresis, return
+/// to zero and what is not known of the loads. Refused are loads that do not lie on a line (the one that fits worst is named),
+/// and a code that moves the same way for both directions. Loads that were recorded: --mass 5=five.mcap, all of them.
+/// With --json at last one object: {"kind":"calibration","step":"force","values":{"newtons_per_code":..},"u95":{..},..}.
+#[derive(clap::Args)]
+pub struct Args {
+    /// A mass that hangs on the cell; negative in the other direction; FILE is a recording of it
+    #[arg(long, value_name = "KG[=FILE]", value_parser = mass, allow_hyphen_values = true, required_unless_present = "force")]
+    mass: Vec<Recorded>,
+    /// A force on the cell, in place of masses
+    #[arg(long, value_name = "NEWTONS[=FILE]", value_parser = newtons, allow_hyphen_values = true, conflicts_with = "mass")]
+    force: Vec<Recorded>,
+    /// Local gravity [m/s^2]; without it 9.80665, which is off by up to 0.27 %
+    #[arg(long, value_name = "VALUE", value_parser = gravity, conflicts_with = "latitude")]
+    gravity: Option<f64>,
+    /// Latitude of the place, from which gravity follows
+    #[arg(long, value_name = "DEGREES", value_parser = latitude, allow_negative_numbers = true)]
+    latitude: Option<f64>,
+    /// Relative 95 % uncertainty of the loads
+    #[arg(long, value_name = "PART", value_parser = part, default_value = "0.001")]
+    loads_u95: f64,
+    /// How long the force must be at rest with each load
+    #[arg(long, value_name = "SECONDS", value_parser = listening_time, allow_negative_numbers = true, default_value = "3")]
+    duration: Duration,
+    #[command(flatten)]
+    step: StepArgs,
+    #[command(flatten)]
+    settings: FileSettingsArgs,
+}
+
+/// A load as given.
+#[derive(Clone, Debug)]
+struct Recorded {
+    size: f64,
+    file: Option<PathBuf>,
+}
+
+fn mass(text: &str) -> Result<Recorded, String> {
+    load(text, KILOGRAMS)
+}
+
+fn newtons(text: &str) -> Result<Recorded, String> {
+    load(text, NEWTONS)
+}
+
+fn load(text: &str, units: Units) -> Result<Recorded, String> {
+    let (size, file) = match text.split_once('=') {
+        Some((size, file)) => (size, Some(PathBuf::from(file))),
+        None => (text, None),
+    };
+    let size = number(size, units).map_err(|error| error.to_string())?;
+    Ok(Recorded { size, file })
+}
+
+fn within(text: &str, units: Units, least: f64, most: f64) -> Result<f64, String> {
+    let value = number(text, units).map_err(|error| error.to_string())?;
+    if (least..=most).contains(&value) { Ok(value) } else { Err(format!("it must lie between {least} and {most}")) }
+}
+
+fn gravity(text: &str) -> Result<f64, String> {
+    within(text, PLAIN, 9.7, 9.9)
+}
+
+fn latitude(text: &str) -> Result<f64, String> {
+    within(text, DEGREES, -90.0, 90.0)
+}
+
+/// A part of the whole.
+pub fn part(text: &str) -> Result<f64, String> {
+    within(text, PLAIN, 0.0, 1.0)
+}
+
+pub fn run(args: &Args) -> Result<(), Error> {
+    let gravity = match (args.gravity, args.latitude) {
+        (Some(value), _) => Gravity::given(value),
+        (None, Some(degrees)) => Gravity::at_latitude(degrees),
+        (None, None) => Gravity::ANYWHERE,
+    };
+    let (given, masses) = if args.force.is_empty() { (&args.mass, true) } else { (&args.force, false) };
+    let loads: Vec<Load> = given
+        .iter()
+        .map(|each| if masses { Load::mass(each.size, &gravity) } else { Load::force(each.size) })
+        .collect();
+    let loads_u95 = if masses { args.loads_u95.hypot(gravity.u95) } else { args.loads_u95 };
+    if masses && gravity == Gravity::ANYWHERE {
+        note("gravity is taken as 9.80665 m/s^2, 0.27 % uncertain: --latitude or --gravity says better");
+    }
+    let seconds = args.duration.as_secs_f64();
+    let files: Vec<&PathBuf> = given.iter().filter_map(|each| each.file.as_ref()).collect();
+    if files.is_empty() {
+        return at_device(&args.step, |rig| rig.force(&loads, loads_u95, seconds));
+    }
+    if files.len() < given.len() || args.step.write {
+        let missing = CalibrateError::Missing(
+            "a recording of each load, and no --write",
+            "either all loads are recorded, as in --mass 0=zero.mcap --mass 5=five.mcap, or all are put on at a device",
+        );
+        return Err(missing.into());
+    }
+    let overrides = args.settings.overrides()?;
+    let (mut readings, mut settings) = (Vec::new(), None);
+    for (load, file) in loads.into_iter().zip(files) {
+        let run = Run::open(file, &overrides)?;
+        run.notes.iter().for_each(note);
+        let at = format!(" in {}", file.display());
+        let level = rest::level(&run.samples, &run.settings, seconds, &at)?;
+        settings.get_or_insert(run.settings);
+        readings.push((load, level));
+    }
+    let finding = force(&readings, loads_u95, &settings.unwrap_or_default())?;
+    report(&finding, "recordings", args.step.json, false)
+}

@@ -1,0 +1,35 @@
+//! `inerter calibrate load-cell`: what is wrong with the force channel.
+
+use std::time::Duration;
+
+use inerter::{
+    Error,
+    calibrate::load_cell::{diagnose, judge},
+};
+
+use super::common::{SourceArgs, StepArgs, at_device, listening_time, report};
+
+/// Look at the force channel of a device at rest: rate, noise, drift, saturation, mains.
+///
+/// Let the device stand still without load, drives on as they will be. What is bad is said in plain words, with what to do,
+/// and ends with exit code 9: samples lost or at another rate, a code at its limit or that never changes, noise over 0.2 % of
+/// the range, noise under a step of the converter, mains over five times the noise, a zero that drifts or is far off the
+/// middle. Changes nothing. FILE is a recording (.mcap) or CSV of a device at rest. With --json one object:
+/// {"kind":"calibration","step":"load_cell","measured":{"noise_n":..,"mains_n":..},"remarks":[..],"accepted":..}.
+#[derive(clap::Args)]
+pub struct Args {
+    /// How long the device is listened to, 4 s at least
+    #[arg(long, value_name = "SECONDS", value_parser = listening_time, allow_negative_numbers = true, default_value = "10")]
+    duration: Duration,
+    #[command(flatten)]
+    source: SourceArgs,
+    #[command(flatten)]
+    step: StepArgs,
+}
+
+pub fn run(args: &Args) -> Result<(), Error> {
+    match args.source.run()? {
+        Some(run) => report(&judge(&diagnose(&run, None)?, &run.settings), &run.name, args.step.json, false),
+        None => at_device(&args.step, |rig| rig.load_cell(args.duration.as_secs_f64())),
+    }
+}

@@ -1,0 +1,43 @@
+//! `inerter calibrate timebase`: the device's clock against this computer's.
+
+use std::time::Duration;
+
+use inerter::{
+    Error,
+    calibrate::dialogue::{PPM, number},
+};
+
+use super::common::{StepArgs, at_device, time_within};
+
+/// Compare the device's sample clock with this computer's clock.
+///
+/// The longer, the better, and on a computer that does nothing else: how far arrivals scatter over that time is told, as a
+/// part of the uncertainty. This computer's clock is the limit: its crystal is good to 50 ppm; where NTP or PTP has held it
+/// for hours --host-clock-ppm 1 may be true. The rate is not corrected: timebase_u95 becomes the deviation and its
+/// uncertainty, never less than this computer's. --write saves it where it says more than the one in use. Inertance is
+/// uncertain by twice as much. With --json one object:
+/// {"kind":"calibration","step":"timebase","measured":{"deviation_ppm":..},"values":{"timebase_u95":..},..}.
+#[derive(clap::Args)]
+pub struct Args {
+    /// How long arrivals are compared
+    #[arg(long, value_name = "SECONDS", value_parser = up_to_a_day, allow_negative_numbers = true, default_value = "60")]
+    duration: Duration,
+    /// How good this computer's clock is
+    #[arg(long, value_name = "PPM", value_parser = ppm, default_value = "50")]
+    host_clock_ppm: f64,
+    #[command(flatten)]
+    step: StepArgs,
+}
+
+fn up_to_a_day(text: &str) -> Result<Duration, String> {
+    time_within(text, 86_400.0)
+}
+
+fn ppm(text: &str) -> Result<f64, String> {
+    let value = number(text, PPM).map_err(|error| error.to_string())?;
+    if (1e-3..=1e4).contains(&value) { Ok(value) } else { Err("it must lie between 0.001 and 10000".into()) }
+}
+
+pub fn run(args: &Args) -> Result<(), Error> {
+    at_device(&args.step, |rig| rig.timebase(args.duration.as_secs_f64(), args.host_clock_ppm))
+}

@@ -1,0 +1,34 @@
+//! `inerter calibrate` without a step: all of them, in a dialogue.
+
+use inerter::{
+    Error,
+    calibrate::{CalibrateError, wizard::Wizard},
+    device::{Clock, Device},
+};
+
+use super::{
+    super::{
+        args::LinkArgs,
+        terminal::{self, note},
+    },
+    person::Person,
+};
+
+pub fn run(link: &LinkArgs) -> Result<(), Error> {
+    if !Person::is_there() {
+        return Err(CalibrateError::NoTerminal.into());
+    }
+    terminal::catch_interrupts();
+    let mut device = Device::connect(&link.target(), Clock::new())?;
+    let mut person = Person::new(false);
+    let mut wizard = Wizard::new(&mut device, &mut person);
+    let result = wizard.run();
+    let accepted = wizard.accepted();
+    if result.is_err() && !accepted.is_empty() {
+        // Below the question that stood there.
+        terminal::say("");
+        let set: Vec<String> = accepted.iter().map(|(name, _, value)| format!("{name}={value:?}")).collect();
+        note(format!("what was accepted is not on the device yet: inerter settings set {} --save", set.join(" ")));
+    }
+    result.map(|_| ())
+}

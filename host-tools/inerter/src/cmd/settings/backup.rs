@@ -1,0 +1,134 @@
+//! `inerter settings backup`, `restore` and `diff`: settings in files.
+
+use std::path::{Path, PathBuf};
+
+use inerter::{
+    Error,
+    backup::{self, values_of},
+    device::{Clock, Device},
+    output,
+    report::json_line,
+    settings::validate,
+};
+use inerter_core::Settings;
+use serde_json::{Map, Value, json};
+
+use super::{
+    super::{args::LinkArgs, terminal::say},
+    Common, connect, finish,
+};
+
+/// Name that stands for the device in `diff`.
+const DEVICE: &str = "device";
+
+/// Write all settings in use to a file.
+///
+/// The file is TOML with one setting a line, unit and meaning beside it, and the device it belongs to in comments. With --json
+/// one object: {"kind":"settings_backup","file":..,"serial":..,"settings":..}.
+#[derive(clap::Args)]
+pub struct BackupArgs {
+    /// File to write
+    #[arg(value_name = "FILE.toml")]
+    file: PathBuf,
+    /// Replace the file when it exists
+    #[arg(long)]
+    force: bool,
+    #[command(flatten)]
+    common: Common,
+}
+
+/// Put the settings of a backup in use again.
+///
+/// Prints what changes; all of it, or nothing when the device refuses one. Settings that the file does not name stay. A file
+/// of another device is refused unless --force: a calibration belongs to its board, cell and screw. With --json one object with
+/// all settings: {"kind":"settings","serial":..,"settings":{..}}.
+#[derive(clap::Args)]
+pub struct RestoreArgs {
+    /// File from `settings backup`
+    #[arg(value_name = "FILE.toml")]
+    file: PathBuf,
+    /// Keep them over a restart
+    #[arg(long)]
+    save: bool,
+    /// Take a file of another device
+    #[arg(long)]
+    force: bool,
+    #[command(flatten)]
+    common: Common,
+}
+
+/// Show the settings that differ between two files, or a file and a device.
+///
+/// Each is a TOML file, a recording (.mcap), or the word `device`. Settings that only one of them holds differ. Exit code 0,
+/// different or not. With --json one object: {"kind":"settings_diff","a":..,"b":..,"differences":{"skew_s":{"a":..,"b":..}}}.
+#[derive(clap::Args)]
+pub struct DiffArgs {
+    /// FILE.toml, FILE.mcap or `device`
+    a: String,
+    /// FILE.toml, FILE.mcap or `device`
+    b: String,
+    #[command(flatten)]
+    link: LinkArgs,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn backup(args: &BackupArgs) -> Result<(), Error> {
+    if !args.force {
+        output::refuse_existing(&args.file)?;
+    }
+    let device = connect(&args.common)?;
+    backup::write(&args.file, device.hello(), device.settings())?;
+    let (file, serial) = (args.file.display().to_string(), device.hello().serial.as_str());
+    if args.common.json {
+        let line = json!({ "kind": "settings_backup", "file": file, "serial": serial, "settings": Settings::COUNT });
+        return Ok(output::line(json_line(&line))?);
+    }
+    say(format!("{} settings of {} (serial {serial}) are in {file}", Settings::COUNT, device.hello().board));
+    Ok(())
+}
+
+pub fn restore(args: &RestoreArgs) -> Result<(), Error> {
+    let backup = backup::read(&args.file)?;
+    let mut device = connect(&args.common)?;
+    if !args.force {
+        backup.check_owner(&args.file, device.hello())?;
+    }
+    let before = *device.settings();
+    let mut wanted = before;
+    backup.values.apply(&mut wanted)?;
+    // What the device would refuse is refused here, with more words.
+    validate(&wanted)?;
+    device.write_settings(&wanted)?;
+    finish(&mut device, &before, args.save, args.common.json)
+}
+
+pub fn diff(args: &DiffArgs) -> Result<(), Error> {
+    let values = |name: &str| -> Result<Vec<Option<f64>>, Error> {
+        // A file of that name is meant when it is written as a path.
+        if name == DEVICE {
+            let device = Device::connect(&args.link.target(), Clock::new())?;
+            return Ok(device.settings().values().into_iter().map(Some).collect());
+        }
+        values_of(Path::new(name))
+    };
+    let (a, b) = (values(&args.a)?, values(&args.b)?);
+    let bits = |value: &Option<f64>| value.map(f64::to_bits);
+    let all = Settings::TABLE.iter().zip(a.into_iter().zip(b));
+    let differences: Vec<_> = all.filter(|(_, (a, b))| bits(a) != bits(b)).collect();
+    if args.json {
+        let named = differences.iter().map(|(info, (a, b))| (info.name.to_string(), json!({ "a": a, "b": b })));
+        let named: Map<String, Value> = named.collect();
+        let line = json!({ "kind": "settings_diff", "a": args.a, "b": args.b, "differences": named });
+        return Ok(output::line(json_line(&line))?);
+    }
+    let text = |value: &Option<f64>| value.map_or_else(|| "(not given)".to_string(), |value| format!("{value:?}"));
+    for (info, (a, b)) in &differences {
+        output::line(format!("{:<32} {} -> {}", info.name, text(a), text(b)))?;
+    }
+    if differences.is_empty() {
+        say("no setting differs");
+    }
+    Ok(())
+}
