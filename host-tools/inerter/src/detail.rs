@@ -241,7 +241,8 @@ fn contact_code(contact: Contact) -> &'static str {
     }
 }
 
-fn contact_words(contact: Contact) -> &'static str {
+/// How the flanks behave, for a person.
+pub fn contact_words(contact: Contact) -> &'static str {
     match contact {
         Contact::Unknown => "not seen yet",
         Contact::OneSided => "one flank carries it all",
@@ -260,7 +261,8 @@ fn conduct_code(conduct: Conduct) -> &'static str {
     }
 }
 
-fn conduct_words(conduct: Conduct) -> &'static str {
+/// How friction behaves, for a person.
+pub fn conduct_words(conduct: Conduct) -> &'static str {
     match conduct {
         Conduct::Unknown => "not seen yet",
         Conduct::Coulomb => "Coulomb's",

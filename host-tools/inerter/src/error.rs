@@ -7,7 +7,7 @@ use miette::Diagnostic;
 
 use crate::{
     backup::BackupError, calibrate::CalibrateError, contact::ContactError, csv::CsvError, device::DeviceError,
-    fit::FitError, flash::FlashError, image::ImageError, monitor::MonitorError, output::OutputError,
+    fit::FitError, flash::FlashError, image::ImageError, monitor::MonitorError, output::OutputError, page::PageError,
     recording::RecordingError, settings::SettingsInputError, simulate::SimulateError, update::UpdateError,
 };
 
@@ -91,6 +91,10 @@ pub enum Error {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Backup(#[from] BackupError),
+    /// A figure cannot be had.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Page(#[from] PageError),
     /// A file is no firmware for the board.
     #[error(transparent)]
     #[diagnostic(transparent)]
@@ -133,6 +137,7 @@ impl Error {
             Self::Contact(error) => error.exit_code(),
             Self::Calibrate(error) => error.exit_code(),
             Self::Backup(error) => error.exit_code(),
+            Self::Page(error) => error.exit_code(),
             Self::Image(error) => error.exit_code(),
             Self::Monitor(error) => error.exit_code(),
             Self::Update(error) => error.exit_code(),

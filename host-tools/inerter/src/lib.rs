@@ -6,6 +6,7 @@
 //! tools, [`monitor`] is a live device for a terminal, a page and other programs. [`simulate`] makes runs and devices out of
 //! the plant. [`fit`] fits again what the estimator has summed: friction by direction, the skew. [`calibrate`] finds
 //! scales, zero and clock at known loads, displacements and rests; [`backup`] keeps settings in files.
+//! [`response`] measures F/x over frequency; [`figure`] draws, [`page`] makes a run into one page, [`paper`] does the paper again.
 //! A firmware [`image`] reaches a board by [`mod@update`] over USB or by [`flash`] through a debug probe.
 //!
 //! Every error names the file, field, line or port and says what to do next; [`error::Error::exit_code`] is the code
@@ -25,6 +26,7 @@ pub mod device;
 pub mod doctor;
 pub mod error;
 pub mod export;
+pub mod figure;
 pub mod fit;
 pub mod flash;
 pub mod image;
@@ -32,9 +34,12 @@ pub mod inject;
 pub mod live;
 pub mod monitor;
 pub mod output;
+pub mod page;
+pub mod paper;
 pub mod recording;
 pub mod replay;
 pub mod report;
+pub mod response;
 pub mod run;
 pub mod series;
 pub mod settings;

@@ -108,6 +108,19 @@ impl Series {
         Self { period_s, stretches }
     }
 
+    /// Leaves out what comes before a time \[s\].
+    pub fn cut_before(&mut self, from_s: f64) {
+        let period_s = self.period_s;
+        for stretch in &mut self.stretches {
+            let early = ((from_s - stretch.start_s) / period_s - 1e-6).ceil().max(0.0) as usize;
+            for column in [&mut stretch.position_m, &mut stretch.force_n, &mut stretch.terminal_m] {
+                column.drain(..early.min(column.len()));
+            }
+            stretch.start_s += early as f64 * period_s;
+        }
+        self.stretches.retain(|stretch| !stretch.force_n.is_empty());
+    }
+
     /// Samples in all stretches.
     pub fn len(&self) -> usize {
         self.stretches.iter().map(|stretch| stretch.force_n.len()).sum()
@@ -152,5 +165,10 @@ mod tests {
         assert_eq!(first.position_m, [f64::from(i32::MAX) * 1e-6, 2_147_483_648.0 * 1e-6]);
         assert!(first.terminal_m.is_empty());
         assert_eq!((series.len(), series.is_empty(), series.period_s), (4, false, 1e-3));
+        let mut later = series.clone();
+        later.cut_before(2.001);
+        assert_eq!((later.len(), later.stretches[0].start_s, &later.stretches[0].force_n), (3, 2.001, &vec![2.0]));
+        later.cut_before(2.005);
+        assert_eq!(later.stretches, series.stretches[2..]);
     }
 }

@@ -1,0 +1,306 @@
+//! From the description to plotters' elements, on any of its canvases.
+
+use std::ops::Range;
+
+use plotters::{
+    coord::{Shift, cartesian::Cartesian2d},
+    element::{Circle, DashedPathElement, PathElement, Polygon, Rectangle},
+    prelude::{ChartBuilder, DrawingArea, DrawingBackend, IntoFont, RGBColor, TRANSPARENT, TextStyle},
+    style::{
+        Color, ShapeStyle,
+        text_anchor::{HPos, Pos, VPos},
+    },
+};
+
+use super::{
+    Colour, Figure, Layer, Panel, Scale, Shape, Stroke, WIDTH_PX, decimate,
+    scale::{Coordinate, around},
+};
+
+type Failure<DB> = plotters::drawing::DrawingAreaErrorKind<<DB as DrawingBackend>::ErrorType>;
+type Plot<DB> = DrawingArea<DB, Cartesian2d<Coordinate, Coordinate>>;
+
+/// Room for the title above all panels \[px\].
+pub const TITLE_PX: u32 = 30;
+/// Room for the legend of a panel \[px\].
+const LEGEND_PX: f64 = 22.0;
+const TEXT_PX: f64 = 12.0;
+/// Plotters' size of a text over the size of its letters' square.
+const TEXT_SIZE: f64 = 1.24;
+/// Pixels for each label of an axis, across and upwards.
+const LABEL_PX: [u32; 2] = [80, 36];
+
+/// Canvas units in a pixel, and what the canvas cannot do.
+#[derive(Clone, Copy, Debug)]
+pub struct Pen {
+    /// Units per pixel; plotters places everything at whole units.
+    pub scale: f64,
+    /// Whether wide lines must be drawn piece by piece: plotters' bitmap fills a wide line's outline, which overlaps.
+    pub piecewise: bool,
+}
+
+impl Pen {
+    fn units(self, px: f64) -> u32 {
+        (px * self.scale).round().max(1.0) as u32
+    }
+
+    fn text<'a>(self, px: f64) -> TextStyle<'a> {
+        ("sans-serif", px * TEXT_SIZE * self.scale).into_font().color(&colour(Colour::Ink))
+    }
+
+    fn line(self, of: Colour, stroke: Stroke) -> ShapeStyle {
+        let (px, opacity) = match stroke {
+            Stroke::Thin => (0.9, 1.0),
+            Stroke::Solid | Stroke::Dashed => (1.6, 1.0),
+            Stroke::Wide => (3.6, 0.5),
+        };
+        // Piece by piece, see-through ends would show: pale on paper instead.
+        let pale = |part: u8| (f64::from(part) * opacity + 255.0 * (1.0 - opacity)).round() as u8;
+        let [red, green, blue] = of.rgb().map(pale);
+        let seen = if self.piecewise { RGBColor(red, green, blue).mix(1.0) } else { colour(of).mix(opacity) };
+        seen.stroke_width(self.units(px))
+    }
+}
+
+fn colour(of: Colour) -> RGBColor {
+    let [red, green, blue] = of.rgb();
+    RGBColor(red, green, blue)
+}
+
+/// Draws all panels, with the title above when it is asked for.
+pub fn draw<DB: DrawingBackend>(
+    figure: &Figure,
+    root: &DrawingArea<DB, Shift>,
+    pen: Pen,
+    titled: bool,
+) -> Result<(), Failure<DB>> {
+    root.fill(&colour(Colour::Paper))?;
+    let mut rest = root.clone();
+    if titled {
+        let (head, below) = rest.split_vertically(pen.units(TITLE_PX.into()));
+        head.draw_text(&figure.title, &pen.text(14.0), (pen.units(12.0) as i32, pen.units(9.0) as i32))?;
+        rest = below;
+    }
+    for panel in &figure.panels {
+        let (area, below) = rest.split_vertically(pen.units(panel.height_px.into()));
+        Drawing { root, pen }.panel(panel, &area)?;
+        rest = below;
+    }
+    Ok(())
+}
+
+struct Drawing<'a, DB: DrawingBackend> {
+    /// Everything, for what is placed by the canvas's own units.
+    root: &'a DrawingArea<DB, Shift>,
+    pen: Pen,
+}
+
+impl<DB: DrawingBackend> Drawing<'_, DB> {
+    fn panel(&self, panel: &Panel, area: &DrawingArea<DB, Shift>) -> Result<(), Failure<DB>> {
+        let pen = self.pen;
+        let [across, upwards] = ranges(panel);
+        let labels =
+            [WIDTH_PX / LABEL_PX[0], panel.height_px.saturating_sub(60) / LABEL_PX[1]].map(|count| count.max(3));
+        let x = Coordinate::new(panel.x.scale, across, labels[0] as usize);
+        let y = Coordinate::new(panel.y.scale, upwards, labels[1] as usize);
+        let (legend, body) = area.split_vertically(pen.units(LEGEND_PX));
+        self.legend(panel, &legend)?;
+        let mut chart = ChartBuilder::on(&body)
+            .margin_right(pen.units(16.0))
+            .margin_top(pen.units(4.0))
+            .margin_left(pen.units(8.0))
+            .x_label_area_size(pen.units(40.0))
+            .y_label_area_size(pen.units(68.0))
+            .build_cartesian_2d(x.clone(), y.clone())?;
+        chart
+            .configure_mesh()
+            .axis_style(colour(Colour::Ink).stroke_width(pen.units(0.8)))
+            .bold_line_style(colour(Colour::Grid).stroke_width(pen.units(0.7)))
+            .light_line_style(TRANSPARENT)
+            .set_all_tick_mark_size(pen.units(4.0) as i32)
+            .label_style(pen.text(TEXT_PX))
+            .axis_desc_style(pen.text(TEXT_PX))
+            .x_desc(panel.x.label.as_str())
+            .y_desc(panel.y.label.as_str())
+            .x_label_formatter(&|value| x.label(*value))
+            .y_label_formatter(&|value| y.label(*value))
+            .draw()?;
+        let plot = chart.plotting_area();
+        for layer in &panel.layers {
+            self.layer(layer, panel, plot, [&(across.0..across.1), &(upwards.0..upwards.1)])?;
+        }
+        Ok(())
+    }
+
+    /// Names of the layers in a row, each behind a piece of its line.
+    fn legend(&self, panel: &Panel, area: &DrawingArea<DB, Shift>) -> Result<(), Failure<DB>> {
+        let pen = self.pen;
+        let text = pen.text(TEXT_PX).pos(Pos::new(HPos::Left, VPos::Center));
+        let (left, top) = area.get_base_pixel();
+        let (mut x, y) = (left + pen.units(70.0) as i32, top + pen.units(LEGEND_PX / 2.0 + 2.0) as i32);
+        for layer in &panel.layers {
+            let Some(label) = &layer.label else { continue };
+            let end = x + pen.units(26.0) as i32;
+            match &layer.shape {
+                Shape::Line(_, stroke) | Shape::Level(_, stroke) | Shape::Instant(_, stroke) => {
+                    let stroke = if *stroke == Stroke::Thin { Stroke::Solid } else { *stroke };
+                    self.path(vec![(x, y), (end, y)], layer.colour, stroke)?;
+                }
+                Shape::Points(_) => self.dot(((x + end) / 2, y), layer.colour)?,
+                Shape::Band(_) | Shape::Bars(_) | Shape::Span(..) => {
+                    let half = pen.units(5.0) as i32;
+                    self.area((x, y - half), (end, y + half), layer)?;
+                }
+            }
+            let at = (end + pen.units(6.0) as i32, y);
+            self.root.draw_text(label, &text, at)?;
+            // Without a font there is no text either.
+            let (width, _) = self.root.estimate_text_size(label, &text).unwrap_or_default();
+            x = at.0 + width as i32 + pen.units(22.0) as i32;
+        }
+        Ok(())
+    }
+
+    fn layer(
+        &self,
+        layer: &Layer,
+        panel: &Panel,
+        plot: &Plot<DB>,
+        [x, y]: [&Range<f64>; 2],
+    ) -> Result<(), Failure<DB>> {
+        let within = |range: &Range<f64>, value: f64| (range.start..=range.end).contains(&value);
+        let inside = |point: &(f64, f64)| point.0.is_finite() && point.1.is_finite() && within(x, point.0);
+        // What leaves the panel upwards breaks off: along its edge it would look like data.
+        let shown = |point: &(f64, f64)| inside(point) && within(y, point.1);
+        let pixel = |point: (f64, f64)| plot.map_coordinate(&(point.0, point.1.clamp(y.start, y.end)));
+        match &layer.shape {
+            Shape::Line(points, stroke) => {
+                for run in points.split(|point| !shown(point)) {
+                    self.path(self.thin(run, panel, x, pixel), layer.colour, *stroke)?;
+                }
+            }
+            Shape::Band(points) => {
+                let whole = |(x, low, high): &(f64, f64, f64)| inside(&(*x, *low)) && high.is_finite();
+                for run in points.split(|point| !whole(point)) {
+                    let side = |high: bool| -> Vec<_> {
+                        run.iter().map(|point| (point.0, if high { point.2 } else { point.1 })).collect()
+                    };
+                    let mut outline = self.thin(&side(true), panel, x, pixel);
+                    outline.extend(self.thin(&side(false), panel, x, pixel).into_iter().rev());
+                    if outline.len() > 2 {
+                        self.root.draw(&Polygon::new(outline, faint(layer.colour)))?;
+                    }
+                }
+            }
+            Shape::Points(points) => {
+                for (at, value, low, high) in points.iter().filter(|point| shown(&(point.0, point.1))) {
+                    if low.is_finite() && high.is_finite() {
+                        let ends = vec![pixel((*at, *low)), pixel((*at, *high))];
+                        self.path(ends, layer.colour, Stroke::Thin)?;
+                    }
+                    self.dot(pixel((*at, *value)), layer.colour)?;
+                }
+            }
+            Shape::Bars(bars) => {
+                for (left, right, height) in bars.iter().filter(|bar| bar.2 > 0.0 && within(x, bar.0)) {
+                    self.area(pixel((*left, *height)), pixel((*right, y.start)), layer)?;
+                }
+            }
+            Shape::Level(value, stroke) if within(y, *value) => {
+                self.path(vec![pixel((x.start, *value)), pixel((x.end, *value))], layer.colour, *stroke)?;
+            }
+            Shape::Instant(at, stroke) if within(x, *at) => {
+                self.path(vec![pixel((*at, y.start)), pixel((*at, y.end))], layer.colour, *stroke)?;
+            }
+            Shape::Span(from, to) => {
+                self.area(pixel((from.max(x.start), y.end)), pixel((to.min(x.end), y.start)), layer)?;
+            }
+            Shape::Level(..) | Shape::Instant(..) => {}
+        }
+        Ok(())
+    }
+
+    /// A run of points in the canvas's units, as many as its width can show.
+    fn thin(
+        &self,
+        run: &[(f64, f64)],
+        panel: &Panel,
+        x: &Range<f64>,
+        pixel: impl Fn((f64, f64)) -> (i32, i32),
+    ) -> Vec<(i32, i32)> {
+        let laid_out: Vec<_> = run.iter().map(|(x, y)| (panel.x.scale.apply(*x), *y)).collect();
+        let range = panel.x.scale.apply(x.start)..panel.x.scale.apply(x.end);
+        let thin = decimate::line(&laid_out, &range, WIDTH_PX as usize);
+        let back = |(x, y): (f64, f64)| (panel.x.scale.undo(x), y);
+        decimate::pixels(thin.into_iter().map(back).map(pixel), (self.pen.scale / 3.0).ceil() as i32)
+    }
+
+    fn path(&self, points: Vec<(i32, i32)>, of: Colour, stroke: Stroke) -> Result<(), Failure<DB>> {
+        let style = self.pen.line(of, stroke);
+        match points.as_slice() {
+            [] => Ok(()),
+            [only] => self.root.draw(&Circle::new(*only, style.stroke_width, style.filled())),
+            _ if stroke == Stroke::Dashed => {
+                let (dash, gap) = (self.pen.units(6.0), self.pen.units(4.0));
+                self.root.draw(&DashedPathElement::new(points, dash, gap, style))
+            }
+            pieces if self.pen.piecewise => {
+                pieces.windows(2).try_for_each(|piece| self.root.draw(&PathElement::new(piece.to_vec(), style)))
+            }
+            _ => self.root.draw(&PathElement::new(points, style)),
+        }
+    }
+
+    fn dot(&self, at: (i32, i32), of: Colour) -> Result<(), Failure<DB>> {
+        self.root.draw(&Circle::new(at, self.pen.units(2.6), colour(of).filled()))
+    }
+
+    fn area(&self, upper_left: (i32, i32), lower_right: (i32, i32), layer: &Layer) -> Result<(), Failure<DB>> {
+        let style = if matches!(layer.shape, Shape::Bars(_)) {
+            colour(layer.colour).mix(0.75).filled()
+        } else {
+            faint(layer.colour)
+        };
+        self.root.draw(&Rectangle::new([upper_left, lower_right], style))
+    }
+}
+
+fn faint(of: Colour) -> ShapeStyle {
+    colour(of).mix(0.22).filled()
+}
+
+/// The ranges of both axes: as given, or around all data; that of the vertical axis around what can be seen.
+fn ranges(panel: &Panel) -> [(f64, f64); 2] {
+    let corners: Vec<_> = panel.layers.iter().flat_map(|layer| corners(&layer.shape)).collect();
+    let abscissas = || corners.iter().map(|(x, _)| *x).filter(|x| x.is_finite());
+    let is_line = panel.layers.iter().any(|layer| matches!(layer.shape, Shape::Line(..)));
+    let across = panel.x.range.unwrap_or_else(|| {
+        let ends = (abscissas().fold(f64::INFINITY, f64::min), abscissas().fold(f64::NEG_INFINITY, f64::max));
+        // Lines over time begin and end at the panel's edges.
+        let tight = is_line && panel.x.scale == Scale::Linear && ends.0 < ends.1;
+        if tight { ends } else { around(panel.x.scale, abscissas()) }
+    });
+    let upwards = panel.y.range.unwrap_or_else(|| {
+        let seen = corners.iter().filter(|(x, _)| x.is_nan() || (across.0..=across.1).contains(x));
+        around(panel.y.scale, seen.map(|(_, y)| *y))
+    });
+    let bars = panel.layers.iter().any(|layer| matches!(layer.shape, Shape::Bars(_)));
+    [across, if bars { (0.0, upwards.1) } else { upwards }]
+}
+
+/// What must be seen of a shape; NaN where it asks for nothing.
+fn corners(shape: &Shape) -> Vec<(f64, f64)> {
+    match shape {
+        Shape::Line(points, _) => points.clone(),
+        Shape::Band(points) => points.iter().flat_map(|(x, low, high)| [(*x, *low), (*x, *high)]).collect(),
+        Shape::Points(points) => {
+            points.iter().flat_map(|(x, y, low, high)| [(*x, *y), (*x, *low), (*x, *high)]).collect()
+        }
+        Shape::Bars(bars) => {
+            bars.iter().flat_map(|(left, right, height)| [(*left, *height), (*right, *height)]).collect()
+        }
+        Shape::Level(y, _) => vec![(f64::NAN, *y)],
+        Shape::Instant(x, _) => vec![(*x, f64::NAN)],
+        Shape::Span(..) => Vec::new(),
+    }
+}
