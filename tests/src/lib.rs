@@ -9,6 +9,7 @@ pub mod bound;
 pub mod data;
 pub mod fuzz;
 pub mod grid;
+pub mod identify;
 pub mod linear;
 pub mod qemu;
 pub mod reference;

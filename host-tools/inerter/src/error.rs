@@ -7,8 +7,9 @@ use miette::Diagnostic;
 
 use crate::{
     backup::BackupError, calibrate::CalibrateError, contact::ContactError, csv::CsvError, device::DeviceError,
-    fit::FitError, flash::FlashError, image::ImageError, monitor::MonitorError, output::OutputError, page::PageError,
-    recording::RecordingError, settings::SettingsInputError, simulate::SimulateError, update::UpdateError,
+    fit::FitError, flash::FlashError, identify::IdentifyError, image::ImageError, monitor::MonitorError,
+    output::OutputError, page::PageError, recording::RecordingError, settings::SettingsInputError,
+    simulate::SimulateError, update::UpdateError,
 };
 
 /// Exit codes, a public contract described in `docs/CLI.md`.
@@ -95,6 +96,10 @@ pub enum Error {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Page(#[from] PageError),
+    /// Nothing can be identified.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Identify(#[from] IdentifyError),
     /// A file is no firmware for the board.
     #[error(transparent)]
     #[diagnostic(transparent)]
@@ -138,6 +143,7 @@ impl Error {
             Self::Calibrate(error) => error.exit_code(),
             Self::Backup(error) => error.exit_code(),
             Self::Page(error) => error.exit_code(),
+            Self::Identify(error) => error.exit_code(),
             Self::Image(error) => error.exit_code(),
             Self::Monitor(error) => error.exit_code(),
             Self::Update(error) => error.exit_code(),

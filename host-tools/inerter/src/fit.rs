@@ -178,6 +178,39 @@ impl Products {
         Ok(Self { sums: matrix, updates: f64::from(sums.updates), bank: sums.bank })
     }
 
+    /// Sums of both together: of two runs of one device.
+    pub fn and(mut self, other: &Self) -> Self {
+        for (row, others) in self.sums.iter_mut().zip(&other.sums) {
+            row.iter_mut().zip(others).for_each(|(sum, other)| *sum += other);
+        }
+        self.updates += other.updates;
+        self
+    }
+
+    /// What the law fitted to other sums leaves unexplained of the force here: root mean square \[N\], and the part of the
+    /// force's mean square that it explains.
+    pub fn judging(&self, fitted: &Self) -> Result<(f64, f64), FitError> {
+        const LAW: [usize; 4] = [ACCELERATION, VELOCITY, SIGN, ONE];
+        let values = fitted.solve(LAW)?.values;
+        let mut square = self.sums[FORCE][FORCE];
+        for (row, a) in LAW.into_iter().zip(values) {
+            square -= 2.0 * a * self.sums[row][FORCE];
+            square += LAW.into_iter().zip(values).map(|(column, b)| a * b * self.sums[row][column]).sum::<f64>();
+        }
+        let left = square.max(0.0);
+        Ok(((left / self.updates).sqrt(), 1.0 - left / self.sums[FORCE][FORCE]))
+    }
+
+    /// How the errors of inertance, viscous and Coulomb friction and offset hang together.
+    pub fn correlation(&self) -> Result<[[f64; 4]; 4], FitError> {
+        let covariance = self.solve([ACCELERATION, VELOCITY, SIGN, ONE])?.covariance;
+        Ok(std::array::from_fn(|row| {
+            std::array::from_fn(|column| {
+                covariance[row][column] / (covariance[row][row] * covariance[column][column]).sqrt()
+            })
+        }))
+    }
+
     fn mean_square(&self, regressor: usize) -> f64 {
         self.sums[regressor][regressor] / self.updates
     }

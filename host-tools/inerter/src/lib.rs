@@ -7,6 +7,8 @@
 //! the plant. [`fit`] fits again what the estimator has summed: friction by direction, the skew. [`calibrate`] finds
 //! scales, zero and clock at known loads, displacements and rests; [`backup`] keeps settings in files.
 //! [`response`] measures F/x over frequency; [`figure`] draws, [`page`] makes a run into one page, [`paper`] does the paper again.
+//! [`report`] and [`detail`] turn what comes out into JSON and text. [`simulate`] makes runs and devices out of the plant.
+//! [`fit`] fits again what the estimator has summed: friction by direction, the skew. [`identify`] fits the complete model.
 //! A firmware [`image`] reaches a board by [`mod@update`] over USB or by [`flash`] through a debug probe.
 //!
 //! Every error names the file, field, line or port and says what to do next; [`error::Error::exit_code`] is the code
@@ -29,6 +31,7 @@ pub mod export;
 pub mod figure;
 pub mod fit;
 pub mod flash;
+pub mod identify;
 pub mod image;
 pub mod inject;
 pub mod live;

@@ -62,7 +62,7 @@ fn every_command_has_a_manual_page_and_every_shell_its_completions() {
     done(folder.path(), &["man", "-o", "man"]);
     let help = done(folder.path(), &["--help"]);
     let commands = help.lines().skip_while(|line| *line != "Commands:").skip(1).take_while(|line| !line.is_empty());
-    for command in commands.filter_map(|line| line.split_whitespace().next()).filter(|name| *name != "help") {
+    for command in commands.filter_map(command_of).filter(|name| *name != "help") {
         let page = folder.path().join(format!("man/inerter-{command}.1"));
         assert!(fs::read_to_string(&page).is_ok_and(|page| page.contains(".TH")), "{}", page.display());
     }
@@ -70,4 +70,9 @@ fn every_command_has_a_manual_page_and_every_shell_its_completions() {
         let script = done(folder.path(), &["completions", shell]);
         assert!(script.contains("metres-per-count") && script.contains("doctor"), "{shell}");
     }
+}
+
+/// The command that a line of the help begins with; others go on with the line before.
+fn command_of(line: &str) -> Option<&str> {
+    line.strip_prefix("  ").filter(|rest| !rest.starts_with(' '))?.split_whitespace().next()
 }

@@ -57,6 +57,24 @@ pub fn run(options: &Options) -> Result<()> {
     accuracy::program("bench", &arguments.iter().map(String::as_str).collect::<Vec<_>>())
 }
 
+/// Least times that `inerter identify` must be faster.
+const FASTER: f64 = 20.0;
+
+/// The complete model by the program and by scipy, one after the other on the same samples.
+pub fn identify() -> Result<()> {
+    let folder = folder()?;
+    let problem = folder.join("identify.json");
+    let path = problem.to_string_lossy().into_owned();
+    accuracy::program("identify", &["--bench", &path])?;
+    let script = workspace::root().join("tests/python/identify_scipy.py");
+    process::run(
+        Command::new(python::environment(&folder.join("python"), IMPORTS, REQUIREMENTS, true)?)
+            .arg(script)
+            .arg(&problem),
+    )?;
+    accuracy::program("identify", &["--compare", &path, &FASTER.to_string()])
+}
+
 /// Where the comparison keeps its files.
 fn folder() -> Result<PathBuf> {
     let folder = Workspace::read(&workspace::root())?.target.join("bench");

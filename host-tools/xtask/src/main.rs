@@ -64,6 +64,10 @@ enum Command {
     Changes(accuracy::Options),
     /// Errors and coverage under what goes wrong in real rigs, against docs/tables/robustness.md
     Robustness(accuracy::Options),
+    /// Errors and coverage of the complete model on hidden devices, against docs/tables/identify.md
+    Identify(accuracy::Options),
+    /// Time of `inerter identify` beside scipy's least_squares around solve_ivp, on the same data from the same start
+    BenchIdentify,
     /// Compare fixed point with the same algorithm in f64 over at least 1e7 updates
     Longrun(accuracy::Arguments),
     /// A thousand million samples: no drift, no overflow, the same result for the same motion
@@ -93,6 +97,8 @@ fn main() -> ExitCode {
         Command::Accuracy(options) => accuracy::table("accuracy", &options),
         Command::Changes(options) => accuracy::table("changes", &options),
         Command::Robustness(options) => accuracy::table("robustness", &options),
+        Command::Identify(options) => accuracy::table("identify", &options),
+        Command::BenchIdentify => bench::identify(),
         Command::Longrun(arguments) => accuracy::with_arguments("longrun", &arguments),
         Command::Endurance(arguments) => accuracy::with_arguments("endurance", &arguments),
         Command::MonitorLoad(options) => monitor_load::run(&options),

@@ -8,6 +8,7 @@ pub mod doctor;
 pub mod export;
 pub mod fit;
 pub mod flash;
+pub mod identify;
 pub mod info;
 pub mod merge;
 pub mod monitor;

@@ -1,0 +1,218 @@
+//! `inerter identify`: the complete model of the device from one or more files.
+
+use std::path::PathBuf;
+
+use inerter::{
+    Error,
+    identify::{Found, Identified, Options, SegmentFit, Standing, identify},
+    output,
+    report::{ParameterJson, interval_text, json_line},
+    run::Run,
+    simulate::SimulateError,
+};
+use inerter_plant::Excitation;
+use serde::Serialize;
+
+use super::{
+    args::FileSettingsArgs,
+    terminal::{Progress, note},
+};
+
+/// Identify the complete model of a device from recordings or CSV files.
+///
+/// With the terminal's displacement (a sensor, or --excite) inertance, viscous and Coulomb friction, contact stiffness and
+/// damping, backlash, structure mass, force offset and skew are fitted by simulation to encoder and force together. Each gets
+/// a 95 % interval, or the reason why this motion cannot show it. Without it the law of the estimator is fitted: inertance,
+/// friction and offset. In either case the law is also fitted to each segment by itself.
+///
+/// The structure mass is taken as the settings say, within structure_mass_u95_kg and 5 %, and the skew within skew_u95_s;
+/// --free mr, --free tau leave them to the data. Several files are one device, each with its own force offset. The last 30 %
+/// of each file are explained by a fit of the first 70 %: what is left unexplained there is the validation.
+///
+/// --staged goes about it as Li, Liang and Wang did: the slowest file gives the Coulomb friction, the next ones the rest,
+/// the fastest of three or more validates.
+///
+/// With --json one object: {"kind":"identify",..}. docs/CLI.md describes it.
+#[derive(clap::Args)]
+#[command(after_long_help = inerter::settings::help_table())]
+pub struct Args {
+    /// Recordings (.mcap) or CSV files of one device
+    #[arg(required = true)]
+    files: Vec<PathBuf>,
+    /// Friction from the slowest file, the rest from the next, the fastest validates
+    #[arg(long)]
+    staged: bool,
+    /// Length of the segments that are fitted by themselves; without it from gap to gap
+    #[arg(long, value_name = "SECONDS", value_parser = segment)]
+    segments: Option<f64>,
+    /// Fit this too, whatever the settings say of it; may be given several times
+    #[arg(long, value_name = "PARAMETER")]
+    free: Vec<Free>,
+    /// What moved the terminal from time 0, in place of a sensor: as in `inerter simulate --excite`
+    #[arg(long, value_name = "MOTION")]
+    excite: Option<String>,
+    /// Seed of that motion, where it is a random one
+    #[arg(long, value_name = "NUMBER", default_value_t = 1, requires = "excite")]
+    seed: u64,
+    /// Leave out the profiles of weakly determined parameters, which take longest
+    #[arg(long)]
+    no_profiles: bool,
+    #[command(flatten)]
+    settings: FileSettingsArgs,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// What may be left to the data.
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Free {
+    /// Structure mass
+    Mr,
+    /// Skew
+    Tau,
+}
+
+fn segment(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(seconds) if seconds.is_finite() && seconds >= 0.5 => Ok(seconds),
+        _ => Err("a number of seconds is needed, 0.5 or more, for example 10".into()),
+    }
+}
+
+pub fn run(args: &Args) -> Result<(), Error> {
+    let overrides = args.settings.overrides()?;
+    let runs = args.files.iter().map(|file| Run::open(file, &overrides)).collect::<Result<Vec<_>, _>>()?;
+    runs.iter().flat_map(|run| &run.notes).for_each(note);
+    let excite = args.excite.as_deref().map(|text| Excitation::parse(text, args.seed));
+    let options = Options {
+        staged: args.staged,
+        segment_s: args.segments,
+        free_structure_mass: args.free.contains(&Free::Mr),
+        free_skew: args.free.contains(&Free::Tau),
+        excite: excite.transpose().map_err(SimulateError::from)?,
+        no_profiles: args.no_profiles,
+    };
+    let mut bar = Progress::new("identifying", 1000);
+    let found = identify(&runs, &options, &mut |done| bar.set((1000.0 * done) as u64));
+    bar.done();
+    let found = found?;
+    if args.json {
+        let files: Vec<String> = args.files.iter().map(|file| file.display().to_string()).collect();
+        return Ok(output::line(json_line(&IdentifyJson { kind: "identify", files, identified: &found }))?);
+    }
+    found.notes.iter().for_each(note);
+    text(args, &runs, &found)
+}
+
+/// An identification in JSON.
+#[derive(Serialize)]
+struct IdentifyJson<'a> {
+    kind: &'static str,
+    files: Vec<String>,
+    #[serde(flatten)]
+    identified: &'a Identified,
+}
+
+/// Label, unit and the name in the simulator's truth, in the order of the parameters.
+const LABELS: [(&str, &str, &str); 9] = [
+    ("Effective inertance", "kg", "inertance_kg"),
+    ("Viscous friction", "N s/m", "viscous_n_s_per_m"),
+    ("Coulomb friction", "N", "coulomb_n"),
+    ("Contact stiffness", "N/m", "stiffness_n_per_m"),
+    ("Contact damping", "N s/m", "contact_damping_n_s_per_m"),
+    ("Backlash", "um", "backlash_m"),
+    ("Structure mass", "kg", "structure_mass_kg"),
+    ("Force offset", "N", "force_offset_n"),
+    ("Skew", "us", "delay_s"),
+];
+
+fn text(args: &Args, runs: &[Run], found: &Identified) -> Result<(), Error> {
+    let truth = runs.first().and_then(|run| run.truth.as_ref());
+    for ((label, unit, name), (_, parameter)) in LABELS.into_iter().zip(found.parameters.named()) {
+        let micro = if unit == "um" || unit == "us" { 1e6 } else { 1.0 };
+        let true_value = truth.and_then(|truth| truth.get(name)).and_then(|value| value.parse::<f64>().ok());
+        let truth = true_value.map_or(String::new(), |value| format!("truth {}", rounded(value * micro)));
+        let line = format!("{label:<20} {unit:<6} {:<26} {truth}", cell(parameter, micro));
+        output::line(line.trim_end())?;
+        if let Some(reason) = &parameter.reason {
+            output::line(format!("{:28}{reason}", ""))?;
+        }
+        if let Some([low, high]) = parameter.profile {
+            output::line(format!("{:28}by its profile {:.6} to {:.6}", "", low * micro, high * micro))?;
+        }
+    }
+    output::line("")?;
+    output::line(format!("{:<20} {:<6} {:.3}", "Residual, rms", "N", found.residual_rms_n))?;
+    if let Some(metres) = found.residual_rms_m {
+        output::line(format!("{:<20} {:<6} {:.3}", "of the encoder", "um", metres * 1e6))?;
+    }
+    if let Some(ratio) = found.residual_over_noise {
+        output::line(format!("{:<27} {ratio:.2} times what the sensors' noise explains", "Residual"))?;
+    }
+    if let Some(white) = &found.whiteness {
+        let verdict = if white.p > 0.01 { "white" } else { "not white" };
+        output::line(format!(
+            "{:<27} {verdict}: Ljung-Box {:.1} over {} delays, p = {:.2e}",
+            "Residual", white.statistic, white.lags, white.p
+        ))?;
+    }
+    if let Some(validation) = &found.validation {
+        let what = match validation.fitted {
+            0.0 => "the last file, which was not fitted".to_string(),
+            fitted => format!("the last {:.0} %, fitted to the rest", 100.0 * (1.0 - fitted)),
+        };
+        output::line(format!(
+            "{:<27} {:.3} N unexplained, {:.4} % explained, on {what}",
+            "Validation",
+            validation.residual_rms_n,
+            100.0 * validation.explained
+        ))?;
+    }
+    for (file, segments) in args.files.iter().zip(&found.segments) {
+        if segments.len() > 1 || args.segments.is_some() {
+            output::line("")?;
+            output::line(format!("{}, by segment", file.display()))?;
+            let columns = ["from s", "to s", "mt kg", "cf N s/m", "fc N", "cf+", "cf-", "residual N"];
+            let [from, to, mt, cf, fc, plus, minus, residual] = columns;
+            output::line(format!("{from:>8} {to:>8} {mt:<16} {cf:<16} {fc:<16} {plus:<16} {minus:<16} {residual}"))?;
+            segments.iter().try_for_each(segment_line)?;
+        }
+    }
+    Ok(())
+}
+
+fn segment_line(segment: &SegmentFit) -> Result<(), Error> {
+    let times = format!("{:>8.2} {:>8.2}", segment.from_s, segment.to_s);
+    let Some(fit) = &segment.fit else {
+        return Ok(output::line(format!("{times} {}", segment.reason.as_deref().unwrap_or("no fit")))?);
+    };
+    let cell = |parameter: &ParameterJson| match (parameter.value, parameter.u95) {
+        (Some(value), Some(u95)) => interval_text(value.into(), u95.into()),
+        _ => "-".into(),
+    };
+    let [mt, cf, fc, plus, minus] = [
+        &fit.inertance_kg,
+        &fit.viscous_n_s_per_m,
+        &fit.coulomb_n,
+        &fit.viscous_positive_n_s_per_m,
+        &fit.viscous_negative_n_s_per_m,
+    ]
+    .map(cell);
+    Ok(output::line(format!("{times} {mt:<16} {cf:<16} {fc:<16} {plus:<16} {minus:<16} {:.3}", fit.residual_rms_n))?)
+}
+
+fn cell(parameter: &Found, micro: f64) -> String {
+    let (Some(value), Some(u95)) = (parameter.value, parameter.u95) else { return "not identifiable".into() };
+    let text = interval_text(value * micro, u95 * micro);
+    match parameter.status {
+        Standing::Given => format!("{text} (given)"),
+        Standing::BelowU95 => format!("{text} (may be none)"),
+        Standing::Ok | Standing::NotIdentifiable => text,
+    }
+}
+
+/// Without the dust of binary fractions.
+fn rounded(value: f64) -> f64 {
+    (value * 1e6).round() / 1e6
+}

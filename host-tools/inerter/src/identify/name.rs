@@ -1,0 +1,99 @@
+//! The parameters that all stretches share: names, places and kinds.
+
+use super::Parameters;
+
+/// Parameters that all stretches share, in the order of their columns.
+pub const SHARED: [Name; 8] = [
+    Name::Inertance,
+    Name::Viscous,
+    Name::Coulomb,
+    Name::Stiffness,
+    Name::Damping,
+    Name::Backlash,
+    Name::Structure,
+    Name::Skew,
+];
+
+/// A parameter that all stretches share.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Name {
+    Inertance,
+    Viscous,
+    Coulomb,
+    Stiffness,
+    Damping,
+    Backlash,
+    Structure,
+    Skew,
+}
+
+impl Name {
+    pub fn key(self) -> &'static str {
+        match self {
+            Self::Inertance => "inertance_kg",
+            Self::Viscous => "viscous_n_s_per_m",
+            Self::Coulomb => "coulomb_n",
+            Self::Stiffness => "stiffness_n_per_m",
+            Self::Damping => "contact_damping_n_s_per_m",
+            Self::Backlash => "backlash_m",
+            Self::Structure => "structure_mass_kg",
+            Self::Skew => "skew_s",
+        }
+    }
+
+    pub fn of(self, p: &Parameters) -> f64 {
+        match self {
+            Self::Inertance => p.inertance_kg,
+            Self::Viscous => p.viscous_n_s_per_m,
+            Self::Coulomb => p.coulomb_n,
+            Self::Stiffness => p.stiffness_n_per_m,
+            Self::Damping => p.contact_damping_n_s_per_m,
+            Self::Backlash => p.backlash_m,
+            Self::Structure => p.structure_mass_kg,
+            Self::Skew => p.skew_s,
+        }
+    }
+
+    pub fn set(self, p: &mut Parameters, value: f64) {
+        let slot = match self {
+            Self::Inertance => &mut p.inertance_kg,
+            Self::Viscous => &mut p.viscous_n_s_per_m,
+            Self::Coulomb => &mut p.coulomb_n,
+            Self::Stiffness => &mut p.stiffness_n_per_m,
+            Self::Damping => &mut p.contact_damping_n_s_per_m,
+            Self::Backlash => &mut p.backlash_m,
+            Self::Structure => &mut p.structure_mass_kg,
+            Self::Skew => &mut p.skew_s,
+        };
+        *slot = value;
+    }
+
+    /// For a person.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Inertance => "inertance",
+            Self::Viscous => "viscous friction",
+            Self::Coulomb => "Coulomb friction",
+            Self::Stiffness => "contact stiffness",
+            Self::Damping => "contact damping",
+            Self::Backlash => "backlash",
+            Self::Structure => "structure mass",
+            Self::Skew => "skew",
+        }
+    }
+
+    /// Of the parameter by what is fitted of it.
+    pub fn scale(self, p: &Parameters) -> f64 {
+        if self.is_logarithmic() { self.of(p) } else { 1.0 }
+    }
+
+    /// Positive by nature and of unknown size: its logarithm is fitted.
+    pub fn is_logarithmic(self) -> bool {
+        matches!(self, Self::Inertance | Self::Stiffness | Self::Damping)
+    }
+
+    /// Never negative.
+    pub fn has_floor(self) -> bool {
+        matches!(self, Self::Coulomb | Self::Backlash)
+    }
+}

@@ -1,0 +1,227 @@
+//! Residuals of encoder and force, made white: each frequency weighted by what its noise is worth.
+//!
+//! Noise of one sample: encoder and force are white by themselves; what is left of the terminal's noise moves both alike,
+//! by the device's response, which is far above either near its resonance. So the covariance of encoder and force at a
+//! frequency is `diag(encoder^2, force^2) + terminal^2 t t*`, `t` the response of both, with Coulomb friction as the
+//! damper of the same mean power (statistical linearisation: `sqrt(2/pi) fc / rms(v)`). A wrong weight costs efficiency, not
+//! truth: what the whitened residual really scatters is measured ([`Whitening::power`]).
+
+use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
+
+use rustfft::{Fft, FftPlanner, num_complex::Complex};
+
+use super::{Parameters, condition::Smooth, model::simpson_gain};
+
+type C = Complex<f64>;
+
+/// White noise of one sample of each channel.
+#[derive(Clone, Copy, Debug)]
+pub struct Noise {
+    /// Of the encoder \[m\].
+    pub position: f64,
+    /// Of the force \[N\].
+    pub force: f64,
+}
+
+/// Weights of one stretch.
+#[derive(Clone)]
+pub struct Whitening {
+    transform: Arc<dyn Fft<f64>>,
+    /// Weight of each sample: nothing at the ends, 1 within.
+    window: Vec<f64>,
+    /// The same of the force, where some samples may be left out.
+    force_window: Vec<f64>,
+    /// Of each frequency from 0: the inverse of the covariance's lower factor, divided by the window's root power.
+    factors: Vec<(f64, C, f64)>,
+}
+
+impl Whitening {
+    /// For a stretch whose first `skipped` samples do not count, up to `highest_hz`; with the terminal's noise so many times.
+    pub fn new(
+        smooth: &Smooth,
+        period_s: f64,
+        skipped: usize,
+        highest_hz: f64,
+        noise: Noise,
+        caution: f64,
+        device: &Parameters,
+    ) -> Self {
+        let count = smooth.nodes.len();
+        let window = window(count, skipped, ((0.1 / period_s) as usize).min(count / 8));
+        let power = window.iter().map(|w| w * w).sum::<f64>().max(f64::MIN_POSITIVE);
+        let bin_hz = 1.0 / (count as f64 * period_s);
+        let bins = ((highest_hz / bin_hz) as usize + 1).min(count.div_ceil(2)).max(1);
+        let response = Response::of(device, smooth);
+        let factors = (0..bins)
+            .map(|bin| {
+                let frequency_hz = bin as f64 * bin_hz;
+                let left = caution * smooth.noise * smooth.passes(frequency_hz);
+                let [x, f] = response.at(frequency_hz).map(|response| response * left);
+                let position = (noise.position.powi(2) + x.norm_sqr()).sqrt();
+                let cross = f * x.conj() / position;
+                let own = (noise.force * simpson_gain(frequency_hz, period_s)).powi(2);
+                let force = (own + (f.norm_sqr() - cross.norm_sqr()).max(0.0)).sqrt();
+                let root = power.sqrt();
+                (1.0 / (position * root), -cross / (position * force * root), 1.0 / (force * root))
+            })
+            .collect();
+        Self { transform: FftPlanner::new().plan_fft_forward(count), force_window: window.clone(), window, factors }
+    }
+
+    /// Numbers that it makes of a pair of channels.
+    pub fn rows(&self) -> usize {
+        4 * self.factors.len() - 2
+    }
+
+    /// Whether a sample counts in full.
+    pub fn counts(&self, place: usize) -> bool {
+        self.window.get(place).is_some_and(|weight| *weight == 1.0)
+    }
+
+    /// Leaves out samples of the force.
+    pub fn without_force(mut self, left_out: impl Iterator<Item = bool>) -> Self {
+        self.force_window.iter_mut().zip(left_out).filter(|(_, out)| *out).for_each(|(weight, _)| *weight = 0.0);
+        self
+    }
+
+    /// The two channels whitened: for each frequency the real and imaginary part of the encoder's, then of the force's.
+    /// Where the weights are right, each number has variance 1 and none depends on another.
+    pub fn whitened(&self, position: impl Iterator<Item = f64>, force: impl Iterator<Item = f64>, rows: &mut [f64]) {
+        // Both are real: one transform carries both.
+        let mut pair: Vec<C> = position
+            .zip(force)
+            .zip(self.window.iter().zip(&self.force_window))
+            .map(|((x, f), (wx, wf))| C::new(x * wx, f * wf))
+            .collect();
+        pair.resize(self.window.len(), C::default());
+        self.transform.process(&mut pair);
+        let mut slots = rows.iter_mut();
+        let mut put = |value: f64| {
+            if let Some(slot) = slots.next() {
+                *slot = value;
+            }
+        };
+        let mirrored = pair.iter().take(1).chain(pair.iter().rev());
+        for (number, ((one, other), (own, cross, force))) in pair.iter().zip(mirrored).zip(&self.factors).enumerate() {
+            let x = (one + other.conj()) * 0.5;
+            let f = (one - other.conj()) * C::new(0.0, -0.5);
+            let (x, f) = (x * own, x * cross + f * force);
+            if number == 0 {
+                put(x.re);
+                put(f.re);
+            } else {
+                let both = 2f64.sqrt();
+                put(both * x.re);
+                put(both * x.im);
+                put(both * f.re);
+                put(both * f.im);
+            }
+        }
+    }
+
+    /// Mean square of the whitened residual around each row, per channel: 1 where the weights are right.
+    pub fn power(&self, rows: &[f64]) -> Vec<f64> {
+        /// Frequencies on either side that are averaged.
+        const AROUND: usize = 24;
+        let bins = self.factors.len();
+        let channel = |offset: usize| -> Vec<f64> {
+            let square = |bin: usize| match bin {
+                0 => rows.get(offset).map_or(1.0, |x| x * x),
+                _ => {
+                    let place = 2 + 4 * (bin - 1) + 2 * offset;
+                    let part = |place: usize| rows.get(place).map_or(1.0, |x| x * x);
+                    0.5 * (part(place) + part(place + 1))
+                }
+            };
+            let mut sums = vec![0.0];
+            let mut sum = 0.0;
+            for bin in 0..bins {
+                sum += square(bin);
+                sums.push(sum);
+            }
+            (0..bins)
+                .map(|bin| {
+                    let (low, high) = (bin.saturating_sub(AROUND), (bin + AROUND + 1).min(bins));
+                    let at = |place: usize| sums.get(place).copied().unwrap_or(sum);
+                    (at(high) - at(low)) / (high - low).max(1) as f64
+                })
+                .collect()
+        };
+        let (position, force) = (channel(0), channel(1));
+        let mut power = Vec::with_capacity(rows.len());
+        for (bin, (x, f)) in position.iter().zip(&force).enumerate() {
+            if bin == 0 {
+                power.extend([*x, *f]);
+            } else {
+                power.extend([*x, *x, *f, *f]);
+            }
+        }
+        power
+    }
+
+    /// The force's whitened residual in time, a sample per independent number.
+    pub fn force_in_time(&self, rows: &[f64]) -> Vec<f64> {
+        let bins = self.factors.len();
+        let count = 2 * bins - 1;
+        let mut spectrum = vec![C::default(); count];
+        for bin in 1..bins {
+            let place = 2 + 4 * (bin - 1) + 2;
+            if let (Some(re), Some(im)) = (rows.get(place), rows.get(place + 1)) {
+                let value = C::new(*re, *im);
+                if let Some(slot) = spectrum.get_mut(bin) {
+                    *slot = value;
+                }
+                if let Some(slot) = spectrum.get_mut(count - bin) {
+                    *slot = value.conj();
+                }
+            }
+        }
+        FftPlanner::new().plan_fft_inverse(count).process(&mut spectrum);
+        // The ends, where the window is nothing, would look like silence.
+        let skipped = |place: usize| self.counts(place * self.window.len() / count);
+        spectrum.iter().enumerate().filter(|(place, _)| skipped(*place)).map(|(_, x)| x.re).collect()
+    }
+}
+
+/// Nothing before `skipped`, then up from 0 to 1 over `taper`, and down at the end.
+fn window(count: usize, skipped: usize, taper: usize) -> Vec<f64> {
+    let rise = |place: usize| match (place as f64 + 0.5) / taper.max(1) as f64 {
+        z if z >= 1.0 => 1.0,
+        z => 0.5 - 0.5 * (PI * z).cos(),
+    };
+    (0..count)
+        .map(|place| match place.checked_sub(skipped) {
+            None => 0.0,
+            Some(since) => rise(since).min(rise(count - 1 - place)),
+        })
+        .collect()
+}
+
+/// Response of screw and load cell to the terminal's displacement.
+struct Response {
+    device: Parameters,
+    damper: f64,
+}
+
+impl Response {
+    fn of(device: &Parameters, smooth: &Smooth) -> Self {
+        let square = smooth.nodes.iter().map(|[_, v, _]| v * v).sum::<f64>() / smooth.nodes.len().max(1) as f64;
+        let dry = (2.0 / PI).sqrt() * device.coulomb_n / square.sqrt().max(1e-6);
+        Self { device: *device, damper: device.viscous_n_s_per_m + dry }
+    }
+
+    /// Displacement of the screw and force of the cell per displacement of the terminal.
+    fn at(&self, frequency_hz: f64) -> [C; 2] {
+        let device = &self.device;
+        let s = C::new(0.0, TAU * frequency_hz);
+        let contact = s * device.contact_damping_n_s_per_m + device.stiffness_n_per_m;
+        let screw = s * s * device.inertance_kg + s * self.damper;
+        let position = contact / (screw + contact);
+        [position, screw * position + s * s * device.structure_mass_kg]
+    }
+}
+
+#[cfg(test)]
+#[path = "spectrum_tests.rs"]
+mod tests;

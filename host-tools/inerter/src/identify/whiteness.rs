@@ -1,0 +1,51 @@
+//! Whether what is left over is noise: the test of Ljung and Box, Biometrika 65 (1978).
+
+use statrs::distribution::{ChiSquared, ContinuousCDF};
+
+use super::result::Whiteness;
+
+/// Delays that are looked at.
+const LAGS: usize = 20;
+/// Numbers under which nothing is said.
+const LEAST: usize = 200;
+
+/// Of numbers in a row, each of which would be independent of the others.
+pub fn whiteness(residual: &[f64]) -> Option<Whiteness> {
+    let count = residual.len();
+    if count < LEAST {
+        return None;
+    }
+    let mean = residual.iter().sum::<f64>() / count as f64;
+    let square: f64 = residual.iter().map(|x| (x - mean).powi(2)).sum();
+    let statistic: f64 = (1..=LAGS)
+        .map(|lag| {
+            let product: f64 =
+                residual.iter().zip(residual.iter().skip(lag)).map(|(a, b)| (a - mean) * (b - mean)).sum();
+            (product / square).powi(2) / (count - lag) as f64
+        })
+        .sum::<f64>()
+        * (count * (count + 2)) as f64;
+    let p = ChiSquared::new(LAGS as f64).ok()?.sf(statistic);
+    (statistic.is_finite() && p.is_finite()).then_some(Whiteness { lags: LAGS, statistic, p })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn noise_is_white_and_a_wave_is_not() {
+        let noise = |place: usize| {
+            let z = (place as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+            let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+            ((z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb) >> 11) as f64 / (1u64 << 53) as f64 - 0.5
+        };
+        let white: Vec<f64> = (0..2000).map(noise).collect();
+        let found = whiteness(&white).unwrap();
+        assert!((1e-3..0.999).contains(&found.p), "{found:?}");
+        let coloured: Vec<f64> = white.iter().enumerate().map(|(n, x)| x + 0.2 * (n as f64 * 0.3).sin()).collect();
+        assert!(whiteness(&coloured).unwrap().p < 1e-6);
+        assert_eq!(whiteness(&white[..100]), None);
+        assert_eq!(whiteness(&[1.0; 500]), None);
+    }
+}

@@ -1,0 +1,98 @@
+//! Hidden devices for `inerter identify`: drawn by a seed, shaken by the grid's motions, with a terminal sensor.
+
+use inerter::{
+    identify::{Identified, IdentifyError, Options, Standing, identify},
+    run::Run,
+    simulate::calibrated,
+};
+use inerter_core::Settings;
+use inerter_plant::{Excitation, Parameters as Device, Sensors, Simulation};
+use rand_chacha::{
+    ChaCha8Rng,
+    rand_core::{RngCore, SeedableRng},
+};
+
+use crate::grid::Error;
+
+/// Motions that show all parameters.
+pub const MOTIONS: [&str; 4] = ["mid", "multi", "random", "two"];
+/// Length of a run \[s\].
+pub const DURATION_S: f64 = 20.0;
+
+/// What is looked at, and the greatest error wanted, as a part of the value where it is marked so.
+pub const GOALS: [(&str, f64, bool); 6] = [
+    ("mt %", 1e-3, true),
+    ("fc N", 0.5, false),
+    ("cf N s/m", 3.0, false),
+    ("ks %", 5e-3, true),
+    ("cs %", 5e-2, true),
+    ("eps um", 1e-6, false),
+];
+
+/// A device that nobody knows: half to twice the paper's, with up to 0.1 mm of backlash.
+pub fn hidden(seed: u64) -> Device {
+    let mut random = ChaCha8Rng::seed_from_u64(0x1de7 + seed);
+    let mut uniform = || (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64;
+    let mut about = |middle: f64, factor: f64| middle * factor.powf(2.0 * uniform() - 1.0);
+    let device = Device {
+        inertance_kg: about(300.0, 1.6),
+        viscous_n_s_per_m: about(60.0, 2.0),
+        coulomb_n: about(45.0, 1.8),
+        stiffness_n_per_m: about(2.1e6, 1.8),
+        contact_damping_n_s_per_m: about(1500.0, 1.6),
+        structure_mass_kg: about(1.5, 1.5),
+        ..Device::paper()
+    };
+    Device { backlash_m: 1e-4 * uniform(), ..device }
+}
+
+/// The run that the instruments record: 1 kHz, 1 N, 2.44 um per count, terminal 1 um; calibrated without error.
+pub fn recorded(device: &Device, motion: &str, seed: u64) -> Result<Run, Error> {
+    let sensors = Sensors {
+        force_noise_n: 1.0,
+        force_offset_n: 3.0,
+        terminal_noise_m: 1e-6,
+        encoder_phase_count: (seed as f64 * 0.618) % 1.0,
+        seed,
+        ..Sensors::default()
+    };
+    let simulation = Simulation::new(*device, Excitation::parse(motion, seed)?, sensors)?;
+    let settings = Settings {
+        terminal_sensor: 1.0,
+        stiffness_n_per_m: 0.0,
+        contact_damping_n_s_per_m: 0.0,
+        structure_mass_u95_kg: 0.02,
+        force_gain_u95: 0.0,
+        lead_u95: 0.0,
+        timebase_u95: 0.0,
+        ..calibrated(device, &sensors)?
+    };
+    let samples = simulation.lasting(DURATION_S).map(|sample| inerter::simulate::raw(&sample)).collect();
+    Ok(Run { name: format!("{motion} {seed}"), settings, samples, ..Run::default() })
+}
+
+/// Identified blindly.
+pub fn identified(run: Run) -> Result<Identified, IdentifyError> {
+    identify(&[run], &Options { no_profiles: true, ..Options::default() }, &mut |_| ())
+}
+
+/// Error and interval of each of [`GOALS`], in the goal's unit; none where nothing was found.
+pub fn errors(device: &Device, found: &Identified) -> [Option<(f64, f64)>; 6] {
+    let p = &found.parameters;
+    let all = [
+        (&p.inertance_kg, device.inertance_kg),
+        (&p.coulomb_n, device.coulomb_n),
+        (&p.viscous_n_s_per_m, device.viscous_n_s_per_m),
+        (&p.stiffness_n_per_m, device.stiffness_n_per_m),
+        (&p.contact_damping_n_s_per_m, device.contact_damping_n_s_per_m),
+        (&p.backlash_m, device.backlash_m),
+    ];
+    let mut errors = [None; 6];
+    for ((slot, (found, truth)), (_, _, is_part)) in errors.iter_mut().zip(all).zip(GOALS) {
+        let per = if is_part { truth } else { 1.0 };
+        if found.status != Standing::NotIdentifiable {
+            *slot = found.value.zip(found.u95).map(|(value, u95)| ((value - truth) / per, u95 / per));
+        }
+    }
+    errors
+}
