@@ -142,7 +142,8 @@ fn rig() -> Markup {
             h2 { "How it was made" }
             p {
                 "Simulated device and rig: samples at 1 kHz, 2.44 µm per encoder count, 1 N rms of noise in the force, 1 µm rms in the terminal's displacement; fixed seeds, so that every run "
-                "gives the same. The estimator is the firmware's own. It is told the instruments' scales and the weighed structure mass, nothing else. "
+                "gives the same. The complete model is fitted as " code { "inerter identify --staged" } " does: the slowest test for the Coulomb friction, the next for the "
+                "rest, the last validates. It is told the instruments' scales and the weighed structure mass, nothing else. "
                 "Made by " code { "inerter reproduce-paper" } ", version " (env!("CARGO_PKG_VERSION")) "."
             }
         }

@@ -2,7 +2,7 @@
 //!
 //! Li, Liang and Wang, "Two-terminal manipulation of masses ... Part I", section 4: three tones, 0.053 Hz for the friction,
 //! 3.2 Hz for the rest, 15.9 Hz to validate. Here as there the lower terminal is moved and the load cell hangs on the upper one; the
-//! terminal's displacement is measured as well, and in place of tuning by eye stands an estimate with its interval.
+//! terminal's displacement is measured as well, and in place of tuning by eye stands [`identify`](crate::identify) with its intervals.
 //! Blind: of the device only the structure mass is told, which the paper has weighed.
 //!
 //! What is not the paper's: its Coulomb friction did not survive in the text at hand, 50 N is our choice; noise, encoder and sample
@@ -21,6 +21,7 @@ pub use html::{found_text, html, truth_text};
 
 use crate::{
     Error,
+    identify::{Options, Standing, identify},
     replay::{Outcome, replay},
     response::{self, Agreement, ModelParameters, Point},
     run::Run,
@@ -145,7 +146,7 @@ pub fn reproduce(mut progress: impl FnMut(f64)) -> Result<Reproduction, Error> {
         });
         progress((number + 1) as f64 / 5.0);
     }
-    let parameters = by_estimator(&tests, &device);
+    let parameters = identified(&tests, by_estimator(&tests, &device))?;
     let found = |name: &str| parameters.iter().find(|one| one.name == name).and_then(|one| one.value).unwrap_or(0.0);
     let identified = Parameters {
         inertance_kg: found("inertance_kg"),
@@ -220,6 +221,19 @@ fn calculated(test: &Test, identified: &Parameters) -> Result<Vec<(f64, f64, f64
     Ok(both
         .map(|(measured, sample)| (sample.t_s, *measured, f64::from(sample.force_code) * perfect.newtons_per_code))
         .collect())
+}
+
+/// The complete model fitted to the three tests, stage by stage as in the paper, in place of what the instrument alone says.
+fn identified(tests: &[Test], by_estimator: Vec<Recovered>) -> Result<Vec<Recovered>, Error> {
+    let runs: Vec<Run> = tests.iter().map(|test| test.run.clone()).collect();
+    let found = identify(&runs, &Options { staged: true, ..Options::default() }, &mut |_| ())?;
+    let complete = found.parameters.named();
+    let recovered = |one: Recovered| match complete.iter().find(|(name, _)| *name == one.name) {
+        // The structure mass is weighed.
+        Some((_, found)) if found.status != Standing::Given => Recovered { value: found.value, u95: found.u95, ..one },
+        _ => one,
+    };
+    Ok(by_estimator.into_iter().map(recovered).collect())
 }
 
 /// What the instrument itself says after each test, stage by stage as in the paper.
