@@ -23,8 +23,17 @@ fn a_recording_with_a_terminal_sensor_is_identified() {
     }
     assert_eq!(parameter("backlash_m")["status"], "below_u95");
     assert_eq!(found.pointer("/segments/0").unwrap().as_array().unwrap().len(), 2);
-    let text = done(at, &["identify", "run.mcap", "--no-profiles"]);
+    let points = found.pointer("/responses/0/points").unwrap().as_array().unwrap();
+    let strong: Vec<_> = points.iter().filter(|point| point["coherence"].as_f64().unwrap() > 0.95).collect();
+    assert!(strong.len() > 3, "{points:?}");
+    for point in strong {
+        let magnitude = |name: &str| point[name]["magnitude_n_per_m"].as_f64().unwrap();
+        let apart = magnitude("measured") / magnitude("complete") - 1.0;
+        assert!(apart.abs() < 0.02 + 1.5 * point["magnitude_u95"].as_f64().unwrap(), "{point}");
+    }
+    let text = done(at, &["identify", "run.mcap", "--no-profiles", "--response"]);
     assert!(text.contains("Contact stiffness") && text.contains("Validation"), "{text}");
+    assert!(text.contains("force over the displacement of the terminal, by"), "{text}");
     fails(at, &["identify", "run.mcap", "--staged"], 2);
     fails(at, &["identify", "run.mcap", "--segments", "-1"], 2);
 }

@@ -20,7 +20,7 @@ use std::{
 
 /// Samples per second of the device.
 const RATE_HZ: f64 = 4000.0;
-/// Time after which memory is taken as grown up: buffers have been filled once [s].
+/// Time after which memory is taken as grown up: buffers have been filled once \[s\].
 const SETTLED_S: f64 = 60.0;
 /// Clock ticks per second in `/proc`, on every Linux that runs here.
 const TICKS_HZ: f64 = 100.0;

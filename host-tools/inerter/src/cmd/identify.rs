@@ -7,7 +7,9 @@ use inerter::{
     identify::{Found, Identified, Options, SegmentFit, Standing, identify},
     output,
     report::{ParameterJson, interval_text, json_line},
+    response::{self, Beside, ModelParameters},
     run::Run,
+    series::Series,
     simulate::SimulateError,
 };
 use inerter_plant::Excitation;
@@ -28,6 +30,9 @@ use super::{
 /// The structure mass is taken as the settings say, within structure_mass_u95_kg and 5 %, and the skew within skew_u95_s;
 /// --free mr, --free tau leave them to the data. Several files are one device, each with its own force offset. The last 30 %
 /// of each file are explained by a fit of the first 70 %: what is left unexplained there is the validation.
+///
+/// The frequency response force over displacement (H1 or steady tones, with coherence and interval) is measured as well, and
+/// stands beside that of the ideal inertance and of the complete model with what was found.
 ///
 /// --staged goes about it as Li, Liang and Wang did: the slowest file gives the Coulomb friction, the next ones the rest,
 /// the fastest of three or more validates.
@@ -54,6 +59,9 @@ pub struct Args {
     /// Seed of that motion, where it is a random one
     #[arg(long, value_name = "NUMBER", default_value_t = 1, requires = "excite")]
     seed: u64,
+    /// Print the measured frequency response of each file beside the ideal and the complete model; --json always has it
+    #[arg(long)]
+    response: bool,
     /// Leave out the profiles of weakly determined parameters, which take longest
     #[arg(long)]
     no_profiles: bool,
@@ -99,10 +107,17 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let found = found?;
     if args.json {
         let files: Vec<String> = args.files.iter().map(|file| file.display().to_string()).collect();
-        return Ok(output::line(json_line(&IdentifyJson { kind: "identify", files, identified: &found }))?);
+        let line = IdentifyJson { kind: "identify", files, identified: &found, responses: responses(&runs, &found) };
+        return Ok(output::line(json_line(&line))?);
     }
     found.notes.iter().for_each(note);
-    text(args, &runs, &found)
+    text(args, &runs, &found)?;
+    if args.response {
+        for (run, response) in runs.iter().zip(responses(&runs, &found)) {
+            response_text(&run.name, &response)?;
+        }
+    }
+    Ok(())
 }
 
 /// An identification in JSON.
@@ -112,6 +127,49 @@ struct IdentifyJson<'a> {
     files: Vec<String>,
     #[serde(flatten)]
     identified: &'a Identified,
+    /// One for each file.
+    responses: Vec<Beside>,
+}
+
+/// What each file shows over frequency, beside the models with the values found.
+fn responses(runs: &[Run], found: &Identified) -> Vec<Beside> {
+    let values = found.model();
+    let model = ModelParameters {
+        inertance_kg: values.inertance_kg,
+        viscous_n_s_per_m: values.viscous_n_s_per_m,
+        stiffness_n_per_m: values.stiffness_n_per_m,
+        contact_damping_n_s_per_m: values.contact_damping_n_s_per_m,
+        structure_mass_kg: values.structure_mass_kg,
+        skew_s: values.skew_s,
+    };
+    runs.iter().map(|run| Beside::of(&response::measured(&Series::of(run)), &model)).collect()
+}
+
+fn response_text(name: &str, response: &Beside) -> Result<(), Error> {
+    output::line("")?;
+    if response.points.is_empty() {
+        return Ok(output::line(format!("{name}: too short or too still for a frequency response"))?);
+    }
+    output::line(format!("{name}: force over the displacement of the {}, by {}", response.input, response.method))?;
+    output::line(
+        "      Hz   measured N/m         degrees        coherence  ideal N/m  degrees  complete N/m  degrees",
+    )?;
+    for row in &response.points {
+        output::line(format!(
+            "{:>8.3}   {:<9.4e} ± {:>4.1} %   {:>6.1} ± {:<5.1} {:>8.4}  {:>10.4e}  {:>6.1}   {:>10.4e}  {:>6.1}",
+            row.frequency_hz,
+            row.measured.magnitude_n_per_m,
+            100.0 * row.magnitude_u95,
+            row.measured.phase_deg,
+            row.phase_u95_deg,
+            row.coherence,
+            row.ideal.magnitude_n_per_m,
+            row.ideal.phase_deg,
+            row.complete.magnitude_n_per_m,
+            row.complete.phase_deg,
+        ))?;
+    }
+    Ok(())
 }
 
 /// Label, unit and the name in the simulator's truth, in the order of the parameters.

@@ -11,10 +11,12 @@
 //! fast Fourier transform for the estimation of power spectra", 1967; for [`equivalent_viscous`] Roberts and Spanos, Random
 //! Vibration and Statistical Linearization, 1990.
 
+mod beside;
 mod model;
 mod tones;
 mod welch;
 
+pub use beside::{Beside, Polar, Row};
 pub use model::{Agreement, ModelParameters, equivalent_viscous, ideal, ideal_band, model};
 pub use rustfft::num_complex::Complex;
 
