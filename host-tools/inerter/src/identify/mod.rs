@@ -1,9 +1,9 @@
 //! Identification of the device from recordings: the law of the estimator by segment, and the complete model.
 //!
-//! - [`linear`]: the estimator's exact sums fitted again, by segment and direction.
-//! - [`complete`]: `mt cf fc ks cs eps mr F0 tau` by simulation, where the terminal's displacement is known: measured
-//!   ([`condition`]) or stated. Encoder and force are both predicted from it and weighted by what their noise is worth
-//!   ([`spectrum`]); [`model`] simulates, [`uncertainty`] says how far the result can be trusted.
+//! - `linear`: the estimator's exact sums fitted again, by segment and direction.
+//! - `complete`: `mt cf fc ks cs eps mr F0 tau` by simulation, where the terminal's displacement is known: measured
+//!   (`condition`) or stated. Encoder and force are both predicted from it and weighted by what their noise is worth
+//!   (`spectrum`); `model` simulates, `uncertainty` says how far the result can be trusted.
 //!
 //! Method and limits: docs/THEORY.md, 13.
 

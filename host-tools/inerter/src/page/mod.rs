@@ -1,6 +1,6 @@
 //! A run as a page that can be handed on: one HTML file with figures, tables and words, and the same figures as files.
 //!
-//! [`Story::of`] takes a run through the estimator and keeps what is to be told; [`figures`] draws it, [`html`] writes it.
+//! [`Story::of`] takes a run through the estimator and keeps what is to be told; `figures` draws it, [`html`] writes it.
 
 mod bode;
 mod figures;
