@@ -6,20 +6,22 @@
 //! within 8 % after 4 s of white noise, 20 % too much with the impacts of 0.1 mm of backlash at 1 kHz. Of coloured noise
 //! and of drift it tells too little, below 500 Hz too much.
 //!
-//! State: counters. Half of what they hold is forgotten when they are full, with one difference in 8 ms after 33 s.
+//! State: counters, which forget a part of what they hold with each difference: 16 s of them, with one in 8 ms. What they
+//! hold is a sum of what came over what has passed since, so the same samples again leave the same counts.
 
-/// Differences at which half of them are forgotten.
-const FULL: u16 = 4096;
+/// Logarithm of the differences that are remembered.
+const MEMORY_LOG2: u32 = 11;
+/// What one difference adds: the counts together are 2^31 at most, and what truncation never forgets is 2^-9 of one.
+const ONE: u32 = 1 << (31 - MEMORY_LOG2);
 /// Fewest differences that tell anything: the noise within 60 %.
-const FEWEST: u16 = 32;
+const FEWEST: u32 = 32;
 /// Octaves of a magnitude of 32 bits, and nought.
 const OCTAVES: usize = 33;
 
 /// Fourth differences of the force by the octaves of their magnitude.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Noise {
-    octaves: [u16; OCTAVES],
-    taken: u16,
+    octaves: [u32; OCTAVES],
 }
 
 impl Noise {
@@ -28,7 +30,7 @@ impl Noise {
 
     /// Nothing seen.
     pub const fn new() -> Self {
-        Self { octaves: [0; OCTAVES], taken: 0 }
+        Self { octaves: [0; OCTAVES] }
     }
 
     /// Takes five consecutive samples of the force [codes]; wraps where they are beyond 28 bits.
@@ -37,28 +39,28 @@ impl Noise {
         let ends = a.wrapping_add(e).wrapping_sub(b.wrapping_add(d).wrapping_shl(2));
         let difference = ends.wrapping_add(c.wrapping_mul(6)).unsigned_abs();
         let octave = u32::BITS - difference.leading_zeros();
+        self.octaves.iter_mut().for_each(|count| *count -= *count >> MEMORY_LOG2);
         if let Some(count) = self.octaves.get_mut(octave as usize) {
-            *count += 1;
-        }
-        self.taken += 1;
-        if self.taken >= FULL {
-            self.octaves.iter_mut().for_each(|count| *count >>= 1);
-            self.taken = self.octaves.iter().sum();
+            *count += ONE;
         }
     }
 
     /// The magnitude [2^-FRACTION codes] that a quarter of the fourth differences does not reach, on a straight line
     /// within its octave; nothing from too few.
     pub fn quartile(&self) -> Option<u64> {
-        if self.taken < FEWEST {
+        let total: u32 = self.octaves.iter().sum();
+        // Each has lost some to those after it, all together less than one.
+        if total <= (FEWEST - 1) * ONE {
             return None;
         }
-        let mut missing = self.taken >> 2;
+        let mut missing = total >> 2;
         // What rounds to the octave's least and greatest codes is its own.
         let (mut from, mut to) = (0_u64, 1 << (Self::FRACTION - 1));
         for &count in &self.octaves {
             if count > missing {
-                return Some(from + (to - from) * u64::from(missing) / u64::from(count));
+                // 2^40 at most of a straight line, in 2^-16.
+                let along = (u64::from(missing) << 16) / u64::from(count);
+                return Some(from + (((to - from) * along) >> 16));
             }
             missing -= count;
             (from, to) = (to, 2 * to + (1 << (Self::FRACTION - 1)));
@@ -125,7 +127,7 @@ mod tests {
         let after = told(&mut noise, 1000.0, 20_000, |_, _| 0.0);
         assert!((after / 1000.0 - 1.0).abs() < 0.06, "{after}");
         (0..50_000).for_each(|_| noise.push([i32::MIN, i32::MAX, i32::MIN, i32::MAX, 7]));
-        assert!(noise.quartile().is_some() && noise.taken < FULL);
+        assert!(noise.quartile().is_some() && noise.octaves.iter().sum::<u32>() < (1 << 31) + (1 << 17));
         let mut few = Noise::new();
         (1..FEWEST).for_each(|_| few.push([5; 5]));
         assert_eq!(few.quartile(), None);
