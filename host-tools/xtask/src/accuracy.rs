@@ -1,7 +1,8 @@
 //! Programs of `inerter-tests` that take longer than a test may.
 
-use crate::process;
+use crate::{process, workspace};
 use anyhow::Result;
+use std::process::Command;
 
 /// Compare with the committed table, or write it.
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
@@ -19,24 +20,31 @@ pub struct Arguments {
     pub arguments: Vec<String>,
 }
 
+impl Arguments {
+    /// As the program gets them.
+    pub fn as_given(&self) -> Vec<&str> {
+        self.arguments.iter().map(String::as_str).collect()
+    }
+}
+
 /// A program that measures a table, and itself compares or writes it: the one of this name in docs/tables.
 pub fn table(name: &str, options: &Options) -> Result<()> {
-    start(&[], name, if options.update { &["--update"] } else { &[] })
+    tested(name, if options.update { &["--update"] } else { &[] })
 }
 
-/// A program that takes arguments of its own.
+/// A program that takes arguments of its own, for speed.
 pub fn with_arguments(name: &str, arguments: &Arguments) -> Result<()> {
-    program(name, &arguments.arguments.iter().map(String::as_str).collect::<Vec<_>>())
+    program(name, &arguments.as_given())
 }
 
-/// Runs one of the programs of `inerter-tests`, for speed: built for it, without checks of overflow.
+/// Runs one of them as the tests have it: optimised as well, with checks of overflow.
+pub fn tested(name: &str, arguments: &[&str]) -> Result<()> {
+    process::run(Command::new(workspace::tested(name)?).args(arguments).current_dir(workspace::root()))
+}
+
+/// Runs one of them built for speed, without checks of overflow.
 pub fn program(name: &str, arguments: &[&str]) -> Result<()> {
-    start(&["--release"], name, arguments)
-}
-
-/// Runs one of them; the profile of the tests, optimised as well, is there already when they run.
-fn start(profile: &[&str], name: &str, arguments: &[&str]) -> Result<()> {
     let mut command = process::cargo();
-    command.arg("run").args(profile).args(["--quiet", "--package", "inerter-tests", "--bin", name, "--"]);
+    command.args(["run", "--release", "--quiet", "--package", "inerter-tests", "--bin", name, "--"]);
     process::run(command.args(arguments))
 }

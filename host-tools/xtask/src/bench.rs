@@ -59,6 +59,8 @@ pub fn run(options: &Options) -> Result<()> {
 
 /// Least times that `inerter identify` must be faster.
 const FASTER: f64 = 20.0;
+/// How long scipy may take \[s\].
+const MOST_S: f64 = 600.0;
 
 /// The complete model by the program and by scipy, one after the other on the same samples.
 pub fn identify() -> Result<()> {
@@ -70,7 +72,8 @@ pub fn identify() -> Result<()> {
     process::run(
         Command::new(python::environment(&folder.join("python"), IMPORTS, REQUIREMENTS, true)?)
             .arg(script)
-            .arg(&problem),
+            .arg(&problem)
+            .arg(MOST_S.to_string()),
     )?;
     accuracy::program("identify", &["--compare", &path, &FASTER.to_string()])
 }

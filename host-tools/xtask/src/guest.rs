@@ -1,11 +1,12 @@
 //! The boot image of the Linux guest in which a real kernel meets the board's USB.
 //!
-//! Debian's kernel and busybox, unpacked and not installed, and our own programs linked statically:
+//! Debian's kernel and busybox, unpacked and not installed, and our own programs as the tests have them, with this machine's C library:
 //!
 //! ```text
 //! target/guest/vmlinux      the kernel, decompressed: QEMU starts it in a third of the time
 //! target/guest/base.cpio    busybox, the kernel's modules for USB/IP, CDC and the network, the first script
-//! target/guest/initramfs    base.cpio and behind it inerter and inerter-guest as they are now
+//! target/guest/initramfs    base.cpio and behind it inerter and inerter-guest as they are now, with their libraries
+//! target/guest/inerter      the program as it is in initramfs, and inerter-guest beside it
 //! target/guest/packages     which packages the first two come from
 //! ```
 //!
@@ -18,7 +19,7 @@ use crate::{
 };
 use anyhow::{Context, Result, bail, ensure};
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     fs,
     path::{Path, PathBuf},
     process::{Command, Stdio},
@@ -28,8 +29,6 @@ use std::{
 const KERNEL: &str = "linux-image-amd64";
 /// A shell and its tools in one file.
 const BUSYBOX: &str = "busybox-static";
-/// What our programs are compiled for: no libraries needed.
-const TARGET: &str = "x86_64-unknown-linux-musl";
 /// Modules without which nothing works; what they depend on comes with them.
 const MODULES: &[&str] = &["virtio_pci", "virtio_net", "vhci_hcd", "cdc_acm"];
 /// Our programs: package and program.
@@ -37,6 +36,8 @@ const PROGRAMS: &[&str] = &["inerter", "inerter-guest"];
 
 /// What fetches and unpacks the packages.
 const TOOLS: &[&str] = &["apt-get", "apt-cache", "dpkg-deb"];
+/// What our programs are packed with: of packages without which there is no Rust on Debian.
+const PACKING: &[&str] = &["strip", "ldd"];
 
 /// The guest's first script: devices, modules, network, then whatever the test wants.
 const INIT: &str = "\
@@ -76,22 +77,14 @@ impl std::fmt::Display for NotFetched {
 /// Why the image cannot be made on this machine, if it cannot.
 pub fn obstacle() -> Option<String> {
     if !cfg!(all(target_os = "linux", target_arch = "x86_64")) {
-        return Some("the guest's programs are compiled on Linux for x86-64 only".into());
+        return Some("the guest has an x86-64 kernel and the programs of this machine".into());
     }
     let missing = |tool: &&&str| process::first_line(Command::new(tool).arg("--version")).is_none();
-    if let Some(tool) = TOOLS.iter().find(missing) {
+    if let Some(tool) = TOOLS.iter().chain(PACKING).find(missing) {
         return Some(format!("no {tool}: the guest is made of Debian's packages"));
     }
-    if !setup::os_release().lines().any(|line| line == "ID=debian") {
-        return Some("this is not Debian, whose kernel package the guest is made of".into());
-    }
-    let rustup = process::first_line(Command::new("rustup").arg("--version")).is_some();
-    (!has_target() && !rustup).then(|| format!("no core library for {TARGET}, and no rustup to add it"))
-}
-
-fn has_target() -> bool {
-    let folder = process::first_line(process::rustc().args(["--print", "target-libdir", "--target", TARGET]));
-    folder.is_some_and(|folder| Path::new(&folder).is_dir())
+    let debian = setup::os_release().lines().any(|line| line == "ID=debian");
+    (!debian).then(|| "this is not Debian, whose kernel package the guest is made of".into())
 }
 
 /// Where all of it lies.
@@ -126,11 +119,7 @@ pub fn run(options: &Options) -> Result<()> {
         fetch(&folder)?;
     }
     let mut initramfs = fs::read(&base).with_context(|| format!("reading {}", base.display()))?;
-    let mut programs = Archive::default();
-    for program in PROGRAMS {
-        programs.file(&format!("bin/{program}"), 0o755, &fs::read(build(program)?)?);
-    }
-    initramfs.extend(programs.finish());
+    initramfs.extend(programs(&folder)?.finish());
     write(&folder.join("initramfs"), &initramfs)?;
     println!("guest: {} is ready", folder.display());
     setup::ensure(&[setup::Need::Guest], false)
@@ -364,19 +353,43 @@ fn needs(module: &[u8]) -> Vec<String> {
 
 // ---- our programs
 
-/// Compiles a program of ours without need of libraries; gives its path.
-fn build(program: &str) -> Result<PathBuf> {
-    if !has_target() {
-        println!("guest: $ rustup target add {TARGET}");
-        process::run(Command::new("rustup").args(["target", "add", TARGET]))
-            .with_context(|| format!("no core library for {TARGET}; with rustup: `rustup target add {TARGET}`"))?;
+/// The programs without symbols, and the libraries that they need, at the paths where this machine has them.
+fn programs(folder: &Path) -> Result<Archive> {
+    let mut files = BTreeMap::new();
+    for name in PROGRAMS {
+        let program = workspace::tested(name)?;
+        let stripped = folder.join(name);
+        process::run(Command::new("strip").arg("-o").args([&stripped, &program]))?;
+        for library in libraries(&process::output(Command::new("ldd").arg(&program))?)? {
+            files.insert(library.trim_start_matches('/').to_owned(), PathBuf::from(library));
+        }
+        files.insert(format!("bin/{name}"), stripped);
     }
-    let mut command = process::cargo();
-    command.args(["rustc", "--quiet", "--release", "--target", TARGET, "--package", program, "--bin", program]);
-    command.args(["--", "-C", "strip=symbols"]);
-    process::run(&mut command)?;
-    let target = Workspace::read(&workspace::root())?.target;
-    Ok(target.join(TARGET).join("release").join(program))
+    let mut archive = Archive::default();
+    let folders: BTreeSet<&Path> = files
+        .keys()
+        .flat_map(|name| Path::new(name).ancestors().skip(1))
+        .filter(|path| *path != Path::new(""))
+        .collect();
+    for folder in folders {
+        archive.folder(&folder.to_string_lossy());
+    }
+    for (name, path) in &files {
+        archive.file(name, 0o755, &fs::read(path).with_context(|| format!("reading {}", path.display()))?);
+    }
+    Ok(archive)
+}
+
+/// The libraries in what `ldd` prints: `libm.so.6 => /lib/x86_64-linux-gnu/libm.so.6 (0x0000)`, or a path alone; the kernel's own
+/// has none.
+fn libraries(printed: &str) -> Result<Vec<&str>> {
+    let mut paths = Vec::new();
+    for line in printed.lines() {
+        ensure!(!line.contains("not found"), "ldd: {}", line.trim());
+        let path = line.split_once("=>").map_or(line, |(_, path)| path).split_whitespace().next().unwrap_or_default();
+        paths.extend(path.starts_with('/').then_some(path));
+    }
+    Ok(paths)
 }
 
 // ---- archives
@@ -456,6 +469,14 @@ mod tests {
         assert_eq!(needs(module), ["usbcore", "usb_common"]);
         assert_eq!(needs(b"\0depends=\0name=usb_common\0"), Vec::<String>::new());
         assert_eq!(needs(b"no module"), Vec::<String>::new());
+    }
+
+    #[test]
+    fn libraries_are_found_where_ldd_says() {
+        let printed = "\tlinux-vdso.so.1 (0x00007ffc)\n\tlibm.so.6 => /lib/x86_64-linux-gnu/libm.so.6 (0x00007f0b)\n\t/lib64/ld-linux-x86-64.so.2 (0x00007f)\n";
+        assert_eq!(libraries(printed).unwrap(), ["/lib/x86_64-linux-gnu/libm.so.6", "/lib64/ld-linux-x86-64.so.2"]);
+        assert_eq!(libraries("\tstatically linked\n").unwrap(), Vec::<&str>::new());
+        assert!(libraries("\tlibx.so => not found\n").is_err());
     }
 
     #[test]

@@ -100,7 +100,7 @@ fn main() -> ExitCode {
         Command::Identify(options) => accuracy::table("identify", &options),
         Command::BenchIdentify => bench::identify(),
         Command::Longrun(arguments) => accuracy::with_arguments("longrun", &arguments),
-        Command::Endurance(arguments) => accuracy::with_arguments("endurance", &arguments),
+        Command::Endurance(arguments) => accuracy::tested("endurance", &arguments.as_given()),
         Command::MonitorLoad(options) => monitor_load::run(&options),
         Command::Bench(options) => bench::run(&options),
         Command::BenchFiles(options) => files::run(&options),

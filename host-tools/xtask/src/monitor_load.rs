@@ -60,10 +60,8 @@ pub fn run(options: &Options) -> Result<()> {
     if !cfg!(target_os = "linux") {
         bail!("this reads /proc: it runs on Linux only");
     }
-    process::run(process::cargo().args(["build", "--package", "inerter"]))?;
-    let target = Workspace::read(&workspace::root())?.target;
-    let program = target.join("debug/inerter");
-    let folder = target.join("monitor-load");
+    let program = workspace::installed()?;
+    let folder = Workspace::read(&workspace::root())?.target.join("monitor-load");
     fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
     let recording = folder.join("run.mcap");
     let (_device, address) = device(&program)?;
@@ -77,7 +75,7 @@ pub fn run(options: &Options) -> Result<()> {
         title: "The monitor at 4 kHz",
         about: format!(
             "`inerter monitor --record` for {:.0} min on a pseudo-terminal of 140 by 45, at a virtual device that streams every sample at \
-             4 kHz, estimates, sums and health in real time; profile `dev` (optimised, with checks). Processor and memory are the monitor's \
+             4 kHz, estimates, sums and health in real time; the program as it is installed. Processor and memory are the monitor's \
              own, from /proc. Lost samples and frames are counted in its recording. Figures of time \
              are of one machine, shared with other work, and are not compared by `cargo xtask test`.",
             options.minutes

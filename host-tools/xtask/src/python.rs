@@ -20,7 +20,7 @@ pub const REQUIREMENTS: &str = "tests/python/files-requirements.txt";
 /// The page with the snippets.
 const PAGE: &str = "docs/PYTHON.md";
 
-/// Runs them. Where the packages cannot be had they are skipped with a word, unless `CI` is set.
+/// Runs them with the program of the tests. Where the packages cannot be had they are skipped with a word, unless `CI` is set.
 pub fn run() -> Result<()> {
     let folder = Workspace::read(&workspace::root())?.target.join("python");
     let python = match files_environment() {
@@ -31,7 +31,7 @@ pub fn run() -> Result<()> {
         }
         Err(reason) => return Err(reason),
     };
-    let inerter = inerter()?;
+    let inerter = workspace::tested("inerter")?;
     fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
     let page = fs::read_to_string(workspace::root().join(PAGE)).with_context(|| format!("cannot read {PAGE}"))?;
     let snippets = snippets(&page)?;
@@ -79,13 +79,6 @@ fn snippets(page: &str) -> Result<Vec<(&str, &str)>> {
 fn commands(page: &str) -> impl Iterator<Item = &str> {
     let block = page.split_once("```sh\n").and_then(|(_, after)| after.split_once("```"));
     block.map_or("", |(commands, _)| commands).lines()
-}
-
-/// The program, built as for its tests: optimised, but less than for a release.
-pub fn inerter() -> Result<PathBuf> {
-    process::run(process::cargo().args(["build", "--quiet", "--package", "inerter", "--bin", "inerter"]))?;
-    let name = if cfg!(windows) { "inerter.exe" } else { "inerter" };
-    Ok(Workspace::read(&workspace::root())?.target.join("debug").join(name))
 }
 
 /// A Python with the packages that read our files.

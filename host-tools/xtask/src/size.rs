@@ -2,12 +2,12 @@
 
 use crate::{
     firmware::{self, Image},
-    icount, process, table,
+    icount, process, table, workspace,
 };
 use anyhow::{Context, Result};
 use object::{Object, ObjectSection, ObjectSymbol, SectionFlags, SectionKind, SymbolKind, elf};
 use serde_json::Value;
-use std::{fs, path::Path};
+use std::{fs, path::Path, process::Command};
 
 /// An interrupt on top of the deepest call is a matter of luck.
 const STACK_TOLERANCE: f64 = 0.15;
@@ -88,19 +88,19 @@ fn rows(image: &str, sizes: &Sizes) -> Vec<table::Row> {
 
 /// What the twin measured while the board's image served with every stream on.
 fn twin(image: &Path) -> Result<Value> {
-    let mut command = process::cargo();
-    command.args(["run", "--quiet", "--package", "inerter-twin", "--bin", "figures"]);
-    let printed = process::output(command.env(Image::Board.variable(), image))?;
-    serde_json::from_str(printed.trim()).with_context(|| format!("no JSON: {printed}"))
+    figures("figures", Image::Board, image)
 }
 
 /// Stack that the image never used while it served, in bytes.
 fn stack_free(image: &Path) -> Result<f64> {
-    let mut command = process::cargo();
-    command.args(["run", "--quiet", "--package", "inerter-tests", "--bin", "stack"]);
-    let printed = process::output(command.env(Image::Qemu.variable(), image))?;
-    let value: Value = serde_json::from_str(printed.trim()).with_context(|| format!("no JSON: {printed}"))?;
-    value["stack_free_bytes"].as_f64().with_context(|| format!("no number `stack_free_bytes` in {printed}"))
+    let figures = figures("stack", Image::Qemu, image)?;
+    figures["stack_free_bytes"].as_f64().with_context(|| format!("no number `stack_free_bytes` in {figures}"))
+}
+
+/// What a program prints that runs an image.
+fn figures(program: &str, image: Image, path: &Path) -> Result<Value> {
+    let printed = process::output(Command::new(workspace::tested(program)?).env(image.variable(), path))?;
+    serde_json::from_str(printed.trim()).with_context(|| format!("no JSON: {printed}"))
 }
 
 /// Reads the sizes out of an image.

@@ -1,11 +1,8 @@
 //! Everything that continuous integration asks for, in order, with a summary at the end.
 
-use crate::{accuracy, arrows, firmware, guest, icount, panics, process, python, setup, size, table};
+use crate::{accuracy, arrows, firmware, guest, icount, panics, process, python, setup, size, table, workspace};
 use anyhow::{Result, bail};
-use std::{
-    process::Command,
-    time::{Duration, Instant},
-};
+use std::time::{Duration, Instant};
 
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
 pub struct Options {
@@ -94,6 +91,13 @@ const STEPS: &[Step] = &[
         run: document,
     },
     Step { name: "firmware", alone: "cargo xtask build-firmware", needed: true, long: false, run: firmware::run_build },
+    Step {
+        name: "tests, compiled",
+        alone: "cargo test --no-run --workspace --exclude inerter-qemu --exclude inerter-stm32g474",
+        needed: true,
+        long: false,
+        run: || process::run(workspace::on_host("test").arg("--no-run")),
+    },
     Step { name: "Linux guest", alone: "cargo xtask guest", needed: false, long: false, run: make_guest },
     Step {
         name: "tests",
@@ -103,6 +107,13 @@ const STEPS: &[Step] = &[
         run: test,
     },
     Step { name: "Python", alone: "cargo xtask python", needed: false, long: false, run: python::run },
+    Step {
+        name: "endurance",
+        alone: "cargo xtask endurance 20000000",
+        needed: false,
+        long: false,
+        run: || accuracy::tested("endurance", &["20000000"]),
+    },
     Step {
         name: "no panic in the estimator",
         alone: "cargo xtask check-panics",
@@ -209,18 +220,8 @@ fn summary(steps: &[Step], outcomes: &[Outcome]) -> String {
     lines.join("\n")
 }
 
-/// `cargo COMMAND` for everything that runs on this machine.
-fn on_host(command: &str) -> Command {
-    let mut cargo = process::cargo();
-    cargo.args([command, "--workspace", "--locked"]);
-    for package in firmware::PACKAGES {
-        cargo.args(["--exclude", package]);
-    }
-    cargo
-}
-
 fn lint_host() -> Result<()> {
-    process::run(on_host("clippy").args(["--all-targets", "--", "--deny", "warnings"]))
+    process::run(workspace::on_host("clippy").args(["--all-targets", "--", "--deny", "warnings"]))
 }
 
 fn lint_firmware() -> Result<()> {
@@ -252,7 +253,7 @@ fn lint_probe() -> Result<()> {
 }
 
 fn document() -> Result<()> {
-    process::run(on_host("doc").arg("--no-deps").env("RUSTDOCFLAGS", "-D warnings"))
+    process::run(workspace::on_host("doc").arg("--no-deps").env("RUSTDOCFLAGS", "-D warnings"))
 }
 
 /// The variable with which the test with a real kernel fails, not skips, where it finds no boot image.
@@ -276,7 +277,7 @@ fn make_guest() -> Result<()> {
 }
 
 fn test() -> Result<()> {
-    let mut command = on_host("test");
+    let mut command = workspace::on_host("test");
     if guest::is_made()? {
         command.env(REQUIRE_GUEST, "1");
     }

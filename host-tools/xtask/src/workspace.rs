@@ -1,9 +1,12 @@
-//! What `cargo metadata` says of the workspace.
+//! What `cargo metadata` says of the workspace, and the program made from it.
 
-use crate::process;
+use crate::{firmware, process};
 use anyhow::{Context, Result, bail};
 use serde_json::Value;
-use std::path::{Path, PathBuf};
+use std::{
+    path::{Path, PathBuf},
+    process::Command,
+};
 
 /// The triple of every Cortex-M4F image.
 pub const FIRMWARE_TARGET: &str = "thumbv7em-none-eabihf";
@@ -99,6 +102,35 @@ fn array<'a>(value: &'a Value, field: &str) -> Result<&'a Vec<Value>> {
 
 fn text<'a>(value: &'a Value, field: &str) -> Result<&'a str> {
     value[field].as_str().with_context(|| format!("`cargo metadata`: no text `{field}`"))
+}
+
+/// `cargo COMMAND` for everything that runs on this machine.
+pub fn on_host(command: &str) -> Command {
+    let mut cargo = process::cargo();
+    cargo.args([command, "--workspace", "--locked"]);
+    for package in firmware::PACKAGES {
+        cargo.args(["--exclude", package]);
+    }
+    cargo
+}
+
+/// A program of a package with integration tests, as those have it. All tests are built at once: for each other choice of packages
+/// cargo would turn other features of the libraries on, and compile them once more.
+pub fn tested(name: &str) -> Result<PathBuf> {
+    process::run(on_host("test").args(["--quiet", "--no-run"]))?;
+    program(name, "debug")
+}
+
+/// The host program as a user installs it.
+pub fn installed() -> Result<PathBuf> {
+    process::run(process::cargo().args(["build", "--quiet", "--package", "inerter", "--bin", "inerter", "--release"]))?;
+    program("inerter", "release")
+}
+
+/// Where cargo leaves a program.
+fn program(name: &str, folder: &str) -> Result<PathBuf> {
+    let file = format!("{name}{}", std::env::consts::EXE_SUFFIX);
+    Ok(Workspace::read(&root())?.target.join(folder).join(file))
 }
 
 #[cfg(test)]

@@ -202,11 +202,15 @@ fn is_required() -> bool {
     std::env::var_os("INERTER_REQUIRE_GUEST").is_some_and(|value| value == "1")
 }
 
+/// Where `cargo xtask guest` leaves all of it.
+fn folder() -> PathBuf {
+    let target = std::env::var_os("CARGO_TARGET_DIR").map(PathBuf::from);
+    target.unwrap_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../target")).join("guest")
+}
+
 /// Image and QEMU, or why the test cannot run.
 fn image() -> Result<PathBuf, String> {
-    let target = std::env::var_os("CARGO_TARGET_DIR").map(PathBuf::from);
-    let target = target.unwrap_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../target"));
-    let image = target.join("guest");
+    let image = folder();
     for file in ["vmlinux", "initramfs"] {
         if !image.join(file).is_file() {
             return Err(format!("no {}; `cargo xtask guest` makes it", image.join(file).display()));
@@ -370,11 +374,9 @@ fn a_recording_comes_home(linux: &mut Linux, folder: &Path) {
     assert!(difference.abs() <= inertance(replayed, "u95"), "{difference} kg between device and replay");
 }
 
-/// The program as it is in the guest: static, so it runs here too.
+/// The program as it is in the guest, which was packed with this machine's libraries.
 fn program() -> PathBuf {
-    let target = std::env::var_os("CARGO_TARGET_DIR").map(PathBuf::from);
-    let target = target.unwrap_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../target"));
-    target.join("x86_64-unknown-linux-musl/release/inerter")
+    folder().join("inerter")
 }
 
 fn the_port_opens_and_closes_twenty_times(linux: &mut Linux) {
