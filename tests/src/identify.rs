@@ -46,17 +46,22 @@ pub fn hidden(seed: u64) -> Device {
     Device { backlash_m: 1e-4 * uniform(), ..device }
 }
 
-/// The run that the instruments record: 1 kHz, 1 N, 2.44 um per count, terminal 1 um; calibrated without error.
-pub fn recorded(device: &Device, motion: &str, seed: u64) -> Result<Run, Error> {
-    let sensors = Sensors {
+/// 1 kHz, 1 N, 2.44 um per count, terminal 1 um.
+pub fn instruments(seed: u64) -> Sensors {
+    Sensors {
         force_noise_n: 1.0,
         force_offset_n: 3.0,
         terminal_noise_m: 1e-6,
         encoder_phase_count: (seed as f64 * 0.618) % 1.0,
         seed,
         ..Sensors::default()
-    };
-    let simulation = Simulation::new(*device, Excitation::parse(motion, seed)?, sensors)?;
+    }
+}
+
+/// The run that the instruments record, calibrated without error; stiffness and damping nobody knows. Their seed is the
+/// motion's too.
+pub fn recorded(device: &Device, motion: &str, sensors: &Sensors, duration_s: f64) -> Result<Run, Error> {
+    let simulation = Simulation::new(*device, Excitation::parse(motion, sensors.seed)?, *sensors)?;
     let settings = Settings {
         terminal_sensor: 1.0,
         stiffness_n_per_m: 0.0,
@@ -65,10 +70,10 @@ pub fn recorded(device: &Device, motion: &str, seed: u64) -> Result<Run, Error> 
         force_gain_u95: 0.0,
         lead_u95: 0.0,
         timebase_u95: 0.0,
-        ..calibrated(device, &sensors)?
+        ..calibrated(device, sensors)?
     };
-    let samples = simulation.lasting(DURATION_S).map(|sample| inerter::simulate::raw(&sample)).collect();
-    Ok(Run { name: format!("{motion} {seed}"), settings, samples, ..Run::default() })
+    let samples = simulation.lasting(duration_s).map(|sample| inerter::simulate::raw(&sample)).collect();
+    Ok(Run { name: format!("{motion} {}", sensors.seed), settings, samples, ..Run::default() })
 }
 
 /// Identified blindly.

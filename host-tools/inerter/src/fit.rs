@@ -59,13 +59,15 @@ const SKEW_PER_BACKLASH: f64 = 200.0;
 /// Interval of a skew that is of no use \[s\]: a tone of 3.2 Hz, which only its friction's harmonics save from being
 /// collinear, has 10 us and more, and errs by as much.
 const WIDEST_SKEW_S: f64 = 9e-6;
+/// Motion that is advised \[s\].
+const ENOUGH_S: f64 = 20.0;
 
 /// Why a fit says nothing.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error, Diagnostic)]
 pub enum FitError {
     /// Too little motion.
     #[error("there is too little motion for a fit: {observations:.0} independent observations")]
-    #[diagnostic(code(inerter::fit::short), help("record at least some seconds of motion"))]
+    #[diagnostic(code(inerter::fit::short), help("{}", short_help(*observations)))]
     TooShort {
         /// Independent observations.
         observations: f64,
@@ -100,17 +102,13 @@ pub enum FitError {
         noise: f64,
     },
     /// The interval is of no use.
-    #[error("this motion hardly shows a skew: it would be uncertain by {:.0} us", u95_s * 1e6)]
-    #[diagnostic(
-        code(inerter::fit::wide),
-        help(
-            "shake with several frequencies at once, up to 10 Hz or more, and for longer: in a single tone a delay and \
-             viscous friction are nearly one; a worn screw needs a higher sample rate, as its impacts must be resolved"
-        )
-    )]
+    #[error("this motion hardly shows a skew: it would be uncertain by {:.0} µs: {doubt}", u95_s * 1e6)]
+    #[diagnostic(code(inerter::fit::wide), help("{}", doubt.help()))]
     TooWide {
         /// Half width of the interval \[s\].
         u95_s: f64,
+        /// What makes it so wide.
+        doubt: Doubt,
     },
     /// The sums do not belong together.
     #[error("the two halves of the sums are not of the same moment")]
@@ -125,6 +123,54 @@ impl FitError {
             Self::Torn => exit::DEVICE_LOST,
             _ => exit::NOT_SHOWN,
         }
+    }
+}
+
+/// What most of a skew's interval comes from.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum Doubt {
+    /// The fit's own error, in a short motion.
+    #[error("there is only {seconds:.1} s of motion")]
+    Short {
+        /// Time that something moved \[s\].
+        seconds: f64,
+    },
+    /// The fit's own error, and the noise in the force's rate.
+    #[error("what tells a delay from friction is small beside {residual_rms_n:.2} N rms of noise")]
+    Noise {
+        /// What is left unexplained \[N\].
+        residual_rms_n: f64,
+    },
+    /// Impacts of a worn screw.
+    #[error("the impacts of a screw with up to {:.0} µm of backlash shift it", backlash_m * 1e6)]
+    Impacts {
+        /// Backlash that there may be \[m\].
+        backlash_m: f64,
+    },
+    /// What the sign leaves out of friction.
+    #[error("friction at the reversals hides it")]
+    Friction,
+}
+
+impl Doubt {
+    fn help(self) -> &'static str {
+        match self {
+            Self::Short { .. } => "keep shaking while it is recorded or listened to: 20 s are enough",
+            Self::Noise { .. } => {
+                "shake with several frequencies at once, up to 10 Hz or more, and harder: in a single tone a delay and \
+                 viscous friction are nearly one. `inerter calibrate load-cell` says what quietens the force"
+            }
+            Self::Impacts { .. } => "raise sample_rate_hz, so that the impacts are resolved, or take the play away",
+            Self::Friction => "shake harder or faster, so that the inertance's force outweighs friction",
+        }
+    }
+}
+
+fn short_help(observations: f64) -> &'static str {
+    if observations < 1.0 {
+        "nothing moved by the encoder: move the terminal to and fro, and see with `inerter monitor` that it counts"
+    } else {
+        "record at least some seconds of motion"
     }
 }
 
@@ -444,12 +490,26 @@ pub fn skew(products: &Products, settings: &Settings, backlash: &Backlash) -> Re
     }
     let (left_s, error) = full.combined([0.0, 0.0, 0.0, 0.0, -1.0]);
     // Noise in a regressor takes that part of its coefficient.
-    let impacts = SKEW_PER_BACKLASH * greatest_backlash_m(backlash) / settings.sample_rate_hz;
+    let backlash_m = greatest_backlash_m(backlash);
+    let impacts = SKEW_PER_BACKLASH * backlash_m / settings.sample_rate_hz;
     let friction_share = (full.values[2] / mass).powi(2) / products.mean_square(ACCELERATION);
     let reversals = SKEW_PER_FRICTION_S * friction_share / left.sqrt();
-    let u95_s = hypot(&[COVERAGE * error, SKEW_MODEL_U95_S, noise * left_s, impacts, reversals]);
+    let scatter = hypot(&[COVERAGE * error, noise * left_s]);
+    let u95_s = hypot(&[scatter, SKEW_MODEL_U95_S, impacts, reversals]);
     if u95_s > WIDEST_SKEW_S {
-        return Err(FitError::TooWide { u95_s });
+        // Two updates to a box.
+        let seconds = products.updates * products.box_s(settings) / 2.0;
+        let longer = hypot(&[scatter * (seconds / ENOUGH_S).min(1.0).sqrt(), reversals]);
+        let doubt = if impacts >= scatter.max(reversals) {
+            Doubt::Impacts { backlash_m }
+        } else if longer < WIDEST_SKEW_S {
+            Doubt::Short { seconds }
+        } else if reversals >= scatter {
+            Doubt::Friction
+        } else {
+            Doubt::Noise { residual_rms_n: full.residual_square.sqrt() }
+        };
+        return Err(FitError::TooWide { u95_s, doubt });
     }
     let viscous =
         |settings: &Settings, (value, error): (f64, f64)| Systematic { products, settings }.viscous(value, error, mass);

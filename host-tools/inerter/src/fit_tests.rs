@@ -184,11 +184,13 @@ fn a_motion_that_cannot_show_a_delay_is_refused() {
     });
     assert_eq!(refused(slow.collect()), FitError::TooSlow);
     assert!(matches!(refused(shaken(TWO_TONES, ALIKE, 0.0, 0.0, 60.0)), FitError::TooNoisy { .. }));
-    assert!(matches!(refused(shaken(TWO_TONES, ALIKE, 0.0, 0.0, 8.0)), FitError::TooWide { .. }));
+    let noisy = refused(shaken(TWO_TONES, ALIKE, 0.0, 0.0, 8.0));
+    assert!(matches!(noisy, FitError::TooWide { doubt: Doubt::Noise { .. }, .. }), "{noisy:?}");
     // A worn screw's impacts are not resolved; at four times the rate they are.
     let worn = Backlash { value_m: 1e-4, u95_m: 2e-6, status: BacklashStatus::Ok, ..none };
     let clear = products(shaken(TWO_TONES, ALIKE, 0.0, 0.0, 0.1));
-    assert!(matches!(skew(&clear, &ideal(), &worn), Err(FitError::TooWide { .. })));
+    let refused = skew(&clear, &ideal(), &worn).unwrap_err();
+    assert!(matches!(refused, FitError::TooWide { doubt: Doubt::Impacts { .. }, .. }), "{refused:?}");
     assert!(skew(&clear, &Settings { sample_rate_hz: 4000.0, ..ideal() }, &worn).is_ok());
     let unknown = Backlash { status: BacklashStatus::NotIdentifiable(Reason::Scattered), ..worn };
     assert!(skew(&clear, &ideal(), &unknown).is_ok());
@@ -237,6 +239,15 @@ fn a_skew_is_found_and_covered() {
 #[test]
 fn single_tones_and_slow_motion_show_no_skew() {
     assert!(matches!(skew_of(&setup("fast", 5e-5, 1)), Err(FitError::SingleTone { .. })));
-    assert!(matches!(skew_of(&setup("mid", 5e-5, 1)), Err(FitError::TooWide { .. })));
+    let tone = skew_of(&setup("mid", 5e-5, 1)).unwrap_err();
+    assert!(matches!(tone, FitError::TooWide { doubt: Doubt::Noise { .. }, .. }), "{tone:?}");
+    let mut brief = setup("random@2s;hold", 5e-5, 1);
+    brief.sensors.force_noise_n = 10.0;
+    let brief = skew_of(&brief).unwrap_err();
+    assert!(matches!(brief, FitError::TooWide { doubt: Doubt::Short { .. }, .. }), "{brief:?}");
+    let mut gentle = setup("random:0.5-15Hz:5mm/s", 5e-5, 1);
+    gentle.sensors.force_noise_n = 0.0;
+    let gentle = skew_of(&gentle).unwrap_err();
+    assert!(matches!(gentle, FitError::TooWide { doubt: Doubt::Friction, .. }), "{gentle:?}");
     assert!(matches!(skew_of(&setup("slow", 5e-5, 1)), Err(FitError::TooSlow | FitError::TooShort { .. })));
 }

@@ -144,9 +144,10 @@ impl Pending {
 
 /// As the operating system gave it, without the temporary name, which would only puzzle.
 fn plain(error: io::Error) -> io::Error {
-    let inner = error.get_ref().and_then(|inner| inner.source()).and_then(|source| source.downcast_ref::<io::Error>());
-    let code = inner.unwrap_or(&error).raw_os_error();
-    code.map_or_else(|| error.kind().into(), io::Error::from_raw_os_error)
+    match error.to_string().split_once(" at path ") {
+        Some((reason, _)) => io::Error::new(error.kind(), reason),
+        None => error,
+    }
 }
 
 /// Refuses to go on when `path` is an ordinary file that holds something already.

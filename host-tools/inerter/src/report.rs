@@ -5,6 +5,7 @@
 
 use std::collections::BTreeMap;
 
+use chrono::{DateTime, SecondsFormat};
 use inerter_core::{Bank, Counters, Detail, Estimate, Parameter, Parameters, Settings, Status};
 use inerter_wire::{EventKind, Health, ResetCause, catalogue};
 use serde::Serialize;
@@ -391,6 +392,12 @@ pub fn duration_text(seconds: f64) -> String {
     } else {
         format!("{:.0} min {:.0} s", (seconds / 60.0).floor(), seconds % 60.0)
     }
+}
+
+/// A host time \[ns since 1970\] for a person.
+pub fn utc(time_ns: u64) -> String {
+    let time = DateTime::from_timestamp_nanos(time_ns.min(i64::MAX as u64) as i64);
+    time.to_rfc3339_opts(SecondsFormat::Millis, true)
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{done, fails, json_lines};
+use common::{done, fails, json_lines, last};
 
 #[test]
 fn a_recording_with_a_terminal_sensor_is_identified() {
@@ -36,4 +36,50 @@ fn a_recording_with_a_terminal_sensor_is_identified() {
     assert!(text.contains("force over the displacement of the terminal, by"), "{text}");
     fails(at, &["identify", "run.mcap", "--staged"], 2);
     fails(at, &["identify", "run.mcap", "--segments", "-1"], 2);
+}
+
+#[test]
+fn a_stated_motion_is_taken_from_the_command_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    done(at, &["simulate", "-o", "run.csv", "--excite", "random", "--seed", "4", "--duration", "6"]);
+    let stated = |seed: &str| {
+        let settings = ["--settings", "run.settings.toml", "--no-profiles", "--json"];
+        last(&done(at, &[&["identify", "run.csv", "--excite", "random", "--seed", seed][..], &settings].concat()))
+    };
+    let found = stated("4");
+    assert_eq!(found["route"], "complete");
+    let inertance = &found["parameters"]["inertance_kg"];
+    let (value, u95) = (inertance["value"].as_f64().unwrap(), inertance["u95"].as_f64().unwrap());
+    // The interval is that of the load cell's gain, which the simulated one does not use up.
+    assert!((value - 299.4906).abs() < 0.3 && u95 < 3.0, "{value} within {u95}");
+    let words = fails(at, &["identify", "run.csv", "--settings", "run.settings.toml", "--excite", "sine:fast"], 4);
+    assert!(words.contains("sine:fast"), "{words}");
+    fails(at, &["identify", "run.csv", "--seed", "4"], 2);
+}
+
+#[test]
+fn stages_take_the_slowest_file_for_the_friction_and_the_fastest_to_validate() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let rig = ["--terminal-noise-m", "1e-6", "--set", "terminal_sensor=1"];
+    for (file, motion, duration) in
+        [("fast.mcap", "random", "8"), ("slow.csv", "sine:0.5Hz:10mm", "10"), ("middle.mcap", "mid", "8")]
+    {
+        done(at, &[&["simulate", "-o", file, "--excite", motion, "--duration", duration][..], &rig].concat());
+    }
+    let files = ["identify", "--staged", "fast.mcap", "slow.csv", "middle.mcap"];
+    let settings = ["--settings", "slow.settings.toml", "--no-profiles", "--json"];
+    let found = last(&done(at, &[&files[..], &settings].concat()));
+    let parameter = |name: &str| found["parameters"][name].clone();
+    for (name, truth, most) in
+        [("inertance_kg", 299.4906, 0.6), ("coulomb_n", 50.0, 1.0), ("stiffness_n_per_m", 2.1e6, 2e4)]
+    {
+        let (value, u95) = (parameter(name)["value"].as_f64().unwrap(), parameter(name)["u95"].as_f64().unwrap());
+        assert!((value - truth).abs() <= u95.min(most), "{name}: {value} within {u95}");
+    }
+    assert_eq!(found["validation"]["fitted"], 0.0);
+    assert!(found["validation"]["explained"].as_f64().unwrap() > 0.999, "{}", found["validation"]);
+    // Only the middle file is left for the second stage.
+    assert_eq!(found["offsets_n"].as_array().unwrap().len(), 1);
 }

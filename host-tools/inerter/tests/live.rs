@@ -63,6 +63,13 @@ fn what_a_live_device_says_a_replay_of_its_recording_says_too() {
     done(folder.path(), &["simulate", "-o", "file.mcap", "--excite", "random@10s"]);
     let simulated = last(&done(folder.path(), &["replay", "file.mcap", "--json"]));
     assert_eq!(simulated, replayed);
+
+    // A page says when it was, where a clock was there.
+    for (file, dated) in [("run.mcap", true), ("file.mcap", false)] {
+        done(folder.path(), &["report", file, "-o", "page.html", "--force"]);
+        let page = std::fs::read_to_string(folder.path().join("page.html")).unwrap();
+        assert_eq!(page.contains(">Recorded</th><td>20"), dated, "{file}");
+    }
 }
 
 #[test]
@@ -82,6 +89,22 @@ fn a_run_sent_through_a_device_gives_what_a_replay_gives_and_leaves_its_settings
     done(folder.path(), &[&["record", "-o", "after.mcap", "--duration", "0.2"], &link[..]].concat());
     let after = last(&done(folder.path(), &["info", "after.mcap", "--json"]));
     assert_eq!(after.pointer("/settings/memory_s").unwrap(), 30.0);
+}
+
+#[test]
+fn instruments_of_a_virtual_device_follow_the_rate_that_is_set() {
+    let folder = tempfile::tempdir().unwrap();
+    let device = VirtualDevice::start(&setup("random"), &any_port(), 5.0).unwrap();
+    let link = ["--connect", device.name()];
+    done(folder.path(), &[&["settings", "set", "sample_rate_hz=4000"], &link[..]].concat());
+    done(folder.path(), &[&["record", "-o", "run.mcap", "--duration", "2"], &link[..]].concat());
+    let info = last(&done(folder.path(), &["info", "run.mcap", "--json"]));
+    let samples = info["samples"].as_u64().unwrap();
+    // 5 times real time; a loaded machine may be late, but the 1 kHz of before would give 10 000 at most.
+    assert!(samples > 12_000 && info["gaps"] == 0, "{info}");
+    let found = last(&done(folder.path(), &["replay", "run.mcap", "--json"]));
+    let inertance = found["inertance_kg"]["value"].as_f64().unwrap();
+    assert!((inertance - 299.49).abs() < 1.0, "{found}");
 }
 
 #[test]
@@ -112,7 +135,7 @@ fn a_skew_is_found_on_a_device_and_kept_there() {
     setup.settings.skew_s = 0.0;
     let device = VirtualDevice::start(&setup, &any_port(), 10.0).unwrap();
     let link = ["--connect", device.name()];
-    let skew = ["calibrate", "skew", "--duration", "2.5", "--json"];
+    let skew = ["calibrate", "skew", "--duration", "25", "--json"];
     let found = last(&done(folder.path(), &[&skew[..], &link].concat()));
     assert_eq!(found.get("written").unwrap(), false);
     let found = last(&done(folder.path(), &[&skew[..], &["--write"], &link].concat()));
@@ -126,7 +149,7 @@ fn a_skew_is_found_on_a_device_and_kept_there() {
     // With it, nothing is left to be found.
     let again = last(&done(folder.path(), &[&skew[..], &link].concat()));
     assert!(number(&again, "/left_s").abs() < number(&again, "/u95_s"), "{again}");
-    let words = done(folder.path(), &["calibrate", "skew", "--duration", "1.5", "--write", link[0], link[1]]);
+    let words = done(folder.path(), &["calibrate", "skew", "--duration", "15", "--write", link[0], link[1]]);
     assert!(words.contains("nothing to change: the skew in use is known as well"), "{words}");
 }
 
@@ -138,7 +161,7 @@ fn a_stiffness_is_found_on_a_device_and_kept_there() {
     setup.settings.stiffness_n_per_m = 0.0;
     let device = VirtualDevice::start(&setup, &any_port(), 10.0).unwrap();
     let link = ["--connect", device.name()];
-    let calibrate = ["calibrate", "stiffness", "--duration", "2", "--json", "--write"];
+    let calibrate = ["calibrate", "stiffness", "--duration", "20", "--json", "--write"];
     let found = last(&done(folder.path(), &[&calibrate[..], &link].concat()));
     assert_eq!(found.get("written").unwrap(), true);
     let number = |of: &serde_json::Value, path: &str| of.pointer(path).unwrap().as_f64().unwrap();

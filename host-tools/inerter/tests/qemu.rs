@@ -4,7 +4,7 @@ mod common;
 
 use std::{io::BufRead, time::Duration};
 
-use common::{done, estimate_of, inerter, json_lines, last};
+use common::{done, estimate_of, fails, inerter, json_lines, last};
 use inerter::{
     live::{Happening, Live},
     recording::{End, Recorder},
@@ -84,4 +84,20 @@ fn the_image_on_a_pseudo_terminal_takes_what_is_sent_to_it() {
     let process = rustix::process::Pid::from_child(&child);
     rustix::process::kill_process(process, rustix::process::Signal::INT).unwrap();
     assert!(child.wait().unwrap().success());
+}
+
+#[test]
+fn hands_load_the_cell_of_the_image_which_keeps_no_settings() {
+    let Some(image) = image() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let setup = Setup::new(Parameters::paper(), bench_sensors(), "hold", None, &Overrides::default()).unwrap();
+    let (qemu, bench) = Qemu::with_bench(&setup, &image, &Endpoint::Tcp("127.0.0.1:0".into()), 4.0).unwrap();
+    let zero = ["calibrate", "zero", "--duration", "1", "--json", "--connect", qemu.name()];
+    // Before anybody has measured for an hour.
+    let words = fails(folder.path(), &[&zero[..], &["--write"]].concat(), 6);
+    assert!(words.contains("refused to keep settings over a restart, as --write wants"), "{words}");
+    bench.load(100.0);
+    let found = last(&done(folder.path(), &zero));
+    let code = found["values"]["force_zero_code"].as_f64().unwrap();
+    assert!((code - 50_000.0).abs() < 100.0, "{found}");
 }

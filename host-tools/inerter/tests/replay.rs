@@ -133,6 +133,19 @@ fn a_change_of_the_device_is_told_where_it_happens() {
 }
 
 #[test]
+fn the_settings_rate_is_that_of_the_simulated_instruments() {
+    let folder = tempfile::tempdir().unwrap();
+    simulate(folder.path(), &["--set", "sample_rate_hz=4000"]);
+    let words = done(folder.path(), &["replay", "run.mcap"]);
+    assert!(words.contains("24000 samples at 4000 Hz in 6.0 s"), "{words}");
+    let both = ["simulate", "-o", "both.mcap", "--sample-rate-hz", "4000", "--set"];
+    done(folder.path(), &[&both[..], &["sample_rate_hz=4000", "--duration", "1"]].concat());
+    let words = fails(folder.path(), &[&both[..], &["sample_rate_hz=1000"]].concat(), 4);
+    assert!(words.contains("sample_rate_hz = 1000 contradicts --sample-rate-hz 4000"), "{words}");
+    assert!(words.contains("leave one of them out"), "{words}");
+}
+
+#[test]
 fn a_terminal_sensor_brings_its_parameters() {
     let folder = tempfile::tempdir().unwrap();
     simulate(folder.path(), &["--set", "terminal_sensor=1"]);
@@ -146,8 +159,19 @@ fn a_terminal_sensor_brings_its_parameters() {
     done(folder.path(), &["export", "run.mcap", "--csv", "run.csv"]);
     let plain = ["replay", "run.csv", "--metres-per-count", "1e-6", "--json"];
     assert!(last(&done(folder.path(), &plain)).get("stiffness_n_per_m").is_some());
-    let off = [&plain[..], &["--set", "terminal_sensor=0"]].concat();
-    assert_eq!(last(&done(folder.path(), &off)).get("stiffness_n_per_m"), None);
+    let off = run(folder.path(), &[&plain[..], &["--set", "terminal_sensor=0"]].concat());
+    assert_eq!(last(&text(&off.stdout)).get("stiffness_n_per_m"), None);
+    assert!(text(&off.stderr).contains("the column terminal_m is left alone"), "{}", text(&off.stderr));
+    // What a simulation or an export writes has the column where its settings speak of the sensor, and only there.
+    let header = |name: &str| fs::read_to_string(folder.path().join(name)).unwrap().lines().next().unwrap().to_string();
+    assert_eq!(header("run.csv"), "t_s,encoder_count,force_n,terminal_m");
+    done(folder.path(), &["export", "run.mcap", "--csv", "run.csv", "--force", "--set", "terminal_sensor=0"]);
+    assert_eq!(header("run.csv"), "t_s,encoder_count,force_n");
+    for (sensor, columns) in [("0", "t_s,encoder_count,force_n"), ("1", "t_s,encoder_count,force_n,terminal_m")] {
+        let sensor = format!("terminal_sensor={sensor}");
+        done(folder.path(), &["simulate", "-o", "new.csv", "--duration", "1", "--set", &sensor]);
+        assert_eq!(header("new.csv"), columns);
+    }
 }
 
 #[test]
@@ -202,7 +226,16 @@ fn a_motion_that_shows_no_skew_is_refused_with_its_own_code() {
     assert!(words.contains("as in a single tone, where a delay and viscous friction are one"), "{words}");
     assert!(words.contains("several frequencies at once"), "{words}");
     simulate(folder.path(), &["--excite", "hold"]);
-    assert!(fails(folder.path(), &["fit", "run.mcap"], 9).contains("too little motion"));
+    for command in ["fit", "calibrate skew"] {
+        let words = fails(folder.path(), &[&command.split(' ').collect::<Vec<_>>()[..], &["run.mcap"]].concat(), 9);
+        assert!(words.contains("too little motion") && words.contains("nothing moved by the encoder"), "{words}");
+    }
+    // A force at its limits is not a lack of motion.
+    simulate(folder.path(), &["--force-min-code", "-300000", "--force-max-code", "300000"]);
+    for command in ["fit", "calibrate skew", "calibrate stiffness"] {
+        let words = fails(folder.path(), &[&command.split(' ').collect::<Vec<_>>()[..], &["run.mcap"]].concat(), 9);
+        assert!(words.contains("% of the samples are saturated") && words.contains("shake less hard"), "{words}");
+    }
 }
 
 #[test]

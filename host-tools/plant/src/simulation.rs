@@ -35,6 +35,17 @@ pub struct Hands {
     pub moved_m: f64,
 }
 
+/// A sample from which on others are counted.
+#[derive(Clone, Copy, Debug, Default)]
+struct Since {
+    /// Its number.
+    number: u64,
+    /// The plant's time at it \[s\].
+    plant_s: f64,
+    /// The plant's time zero in the instruments' time \[s\].
+    zero_s: f64,
+}
+
 /// Endless samples of a device in motion; the same seeds give the same samples.
 #[derive(Clone, Debug)]
 pub struct Simulation {
@@ -44,8 +55,8 @@ pub struct Simulation {
     /// Segments from the earliest time still needed to the latest solved.
     history: VecDeque<Segment>,
     number: u64,
-    /// Number of the sample with which the plant's time began.
-    begun: u64,
+    /// Since when the samples come as they do.
+    since: Since,
     hands: Hands,
     force_noise: ChaCha8Rng,
     terminal_noise: ChaCha8Rng,
@@ -73,7 +84,7 @@ impl Simulation {
             sensors,
             history: VecDeque::new(),
             number: 0,
-            begun: 0,
+            since: Since::default(),
             hands: Hands::default(),
             force_noise: stream(0),
             terminal_noise: stream(1),
@@ -100,7 +111,22 @@ impl Simulation {
     pub fn replace(&mut self, plant: Plant) {
         self.plant = plant;
         self.history.clear();
-        self.begun = self.number;
+        self.since = Since { number: self.number, plant_s: 0.0, zero_s: self.since.zero_s + self.next_s() };
+    }
+
+    /// From the next sample on, so many samples a second, each the sum of so many conversions; the motion goes on.
+    pub fn sample_at(&mut self, sample_rate_hz: f64, oversampling: f64) -> Result<(), PlantError> {
+        let sensors = Sensors { sample_rate_hz, oversampling, ..self.sensors };
+        sensors.validate()?;
+        self.since = Since { number: self.number, plant_s: self.next_s(), ..self.since };
+        self.sensors = sensors;
+        self.oversampling = oversampling as u32;
+        Ok(())
+    }
+
+    /// The plant's time at the start of the next sample \[s\].
+    fn next_s(&self) -> f64 {
+        self.since.plant_s + (self.number - self.since.number) as f64 / self.sensors.sample_rate_hz
     }
 
     /// The same samples up to `duration_s` \[s\]; lost ones are not made up for.
@@ -135,8 +161,7 @@ impl Simulation {
     fn measure(&mut self) -> Sample {
         let (sensors, count) = (self.sensors, self.oversampling);
         let index = self.number as u32;
-        let start_s = (self.number - self.begun) as f64 / sensors.sample_rate_hz;
-        let begun_s = self.begun as f64 / sensors.sample_rate_hz;
+        let (start_s, begun_s) = (self.next_s(), self.since.zero_s);
         let spacing_s = 1.0 / (sensors.sample_rate_hz * f64::from(count));
         let t_s = start_s + 0.5 * f64::from(count - 1) * spacing_s;
         let last_s = start_s + f64::from(count - 1) * spacing_s;
@@ -223,5 +248,28 @@ mod tests {
         let range =
             |of: fn(&Sample) -> i32| moving.iter().map(of).max().unwrap() - moving.iter().map(of).min().unwrap();
         assert!(range(|sample| sample.position_count) > 6000 && range(|sample| sample.force_code) > 50_000);
+    }
+    #[test]
+    fn another_rate_takes_its_samples_from_the_same_motion() {
+        let sensors = Sensors { sample_rate_hz: 1000.0, ..Sensors::default() };
+        let of = |sensors| Simulation::new(Parameters::paper(), Excitation::parse("mid", 1).unwrap(), sensors).unwrap();
+        let mut simulation = of(sensors);
+        let before: Vec<Sample> = simulation.by_ref().take(500).collect();
+        simulation.sample_at(4000.0, 1.0).unwrap();
+        let after: Vec<Sample> = simulation.by_ref().take(2000).collect();
+        let faster: Vec<Sample> = of(Sensors { sample_rate_hz: 4000.0, ..sensors }).take(4000).collect();
+        assert_eq!(before.last().map(|sample| sample.position_count), Some(faster[4 * 499].position_count));
+        for (mine, other) in after.iter().zip(&faster[2000..]) {
+            assert!((mine.t_s - other.t_s).abs() < 1e-12, "{} {}", mine.t_s, other.t_s);
+            assert!(
+                (mine.position_count - other.position_count).abs() <= 1
+                    && (mine.force_code - other.force_code).abs() <= 1
+            );
+        }
+        assert_eq!((after[0].index, after[1999].index), (500, 2499));
+        simulation.sample_at(1000.0, 4.0).unwrap();
+        let sum = simulation.next().unwrap();
+        assert!((sum.position_count - 4 * after[1999].position_count).abs() < 100, "{sum:?}");
+        assert!(simulation.sample_at(0.0, 1.0).is_err() && simulation.sensors().sample_rate_hz == 1000.0);
     }
 }

@@ -3,11 +3,13 @@
 
 use std::{fmt::Write, path::Path, process::ExitCode, time::Instant};
 
-use inerter::series::Series;
-use inerter_plant::Parameters as Device;
+use inerter::{
+    identify::{Parameters, known_skew_s, known_structure_mass_kg},
+    series::Series,
+};
 use inerter_tests::{
     grid::Error,
-    identify::{DURATION_S, GOALS, MOTIONS, errors, hidden, identified, recorded},
+    identify::{DURATION_S, GOALS, MOTIONS, errors, hidden, identified, instruments, recorded},
     sheet::{self, significant},
 };
 use serde_json::{Value, json};
@@ -21,7 +23,8 @@ fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
     inerter_tests::exit_code(match arguments.as_slice() {
-        ["--bench", path] => bench(Path::new(path)),
+        ["--bench", path] => bench(Path::new(path), DURATION_S),
+        ["--bench", path, seconds] => seconds.parse().map_err(Error::from).and_then(|s| bench(Path::new(path), s)),
         ["--compare", path, faster] => compare(Path::new(path), faster),
         _ => table(),
     })
@@ -47,7 +50,7 @@ fn table() -> Result<bool, Error> {
         for seed in 1..=DEVICES {
             let fresh = usize::from(seed > TUNED);
             let device = hidden(seed);
-            let found = identified(recorded(&device, motion, seed)?)?;
+            let found = identified(recorded(&device, motion, &instruments(seed), DURATION_S)?)?;
             let mut cells = Vec::new();
             for (error, (name, goal, _)) in errors(&device, &found).into_iter().zip(GOALS) {
                 let Some((error, u95)) = error else {
@@ -103,29 +106,31 @@ fn table() -> Result<bool, Error> {
     Ok(as_committed)
 }
 
-/// Writes the problem for scipy and solves it.
-fn bench(path: &Path) -> Result<bool, Error> {
-    let device = Device { backlash_m: 0.0, ..hidden(1) };
-    let run = recorded(&device, "random", 1)?;
+/// Writes the problem for scipy and solves it: the same samples, parameters, start and prior knowledge.
+fn bench(path: &Path, duration_s: f64) -> Result<bool, Error> {
+    let device = hidden(3);
+    let rig = instruments(3);
+    let run = recorded(&device, "random", &rig, duration_s)?;
+    let settings = run.settings;
     let series = Series::of(&run);
     let stretch = series.stretches.first().ok_or("no samples")?;
     let started = Instant::now();
     let found = identified(run)?;
     let time_s = started.elapsed().as_secs_f64();
-    let model = found.model();
     let problem = json!({
         "period_s": series.period_s,
         "terminal_m": stretch.terminal_m,
         "position_m": stretch.position_m,
         "force_n": stretch.force_n,
-        "structure_mass_kg": device.structure_mass_kg,
-        // As far off as the estimator's own values, from which the program begins, are at worst.
-        "start": [1.002 * device.inertance_kg, device.viscous_n_s_per_m + 3.0, device.coulomb_n - 0.5,
-            1.03 * device.stiffness_n_per_m, 0.9 * device.contact_damping_n_s_per_m],
-        "truth": [device.inertance_kg, device.viscous_n_s_per_m, device.coulomb_n, device.stiffness_n_per_m,
-            device.contact_damping_n_s_per_m],
-        "inerter": [model.inertance_kg, model.viscous_n_s_per_m, model.coulomb_n, model.stiffness_n_per_m,
-            model.contact_damping_n_s_per_m],
+        "force_noise_n": rig.force_noise_n,
+        "position_noise_m": rig.metres_per_count / 12f64.sqrt(),
+        "known": {
+            "structure_mass_kg": known_structure_mass_kg(&settings),
+            "skew_s": known_skew_s(&settings),
+        },
+        "start": found.start,
+        "truth": Parameters { offset_n: rig.force_offset_n, skew_s: rig.delay_s, ..Parameters::from(&device) },
+        "inerter": found.model(),
         "inerter_s": time_s,
     });
     std::fs::write(path, problem.to_string())?;
@@ -140,14 +145,17 @@ fn compare(path: &Path, faster: &str) -> Result<bool, Error> {
     let number = |value: &Value, key: &str| value.get(key).and_then(Value::as_f64).ok_or(format!("no {key}"));
     let (ours, theirs) = (number(&problem, "inerter_s")?, number(&scipy, "scipy_s")?);
     let ratio = theirs / ours;
-    println!("scipy: {theirs:.1} s for {} evaluations; inerter: {ours:.2} s; {ratio:.0} times", scipy["evaluations"]);
-    println!("{:<22} {:>14} {:>14} {:>14}", "", "truth", "inerter", "scipy");
-    let list = |value: &Value, key: &str| -> Vec<f64> {
-        value.get(key).and_then(Value::as_array).into_iter().flatten().filter_map(Value::as_f64).collect()
-    };
-    let rows = list(&problem, "truth").into_iter().zip(list(&problem, "inerter")).zip(list(&scipy, "values"));
-    for (name, ((truth, ours), theirs)) in ["mt", "cf", "fc", "ks", "cs"].iter().zip(rows) {
-        println!("{name:<22} {truth:>14.3} {ours:>14.3} {theirs:>14.3}");
+    let least = if scipy["stopped"] == json!(true) { "stopped before its end, so at least " } else { "" };
+    println!(
+        "inerter: {ours:.2} s; scipy: {theirs:.1} s for {} simulations; {least}{ratio:.0} times",
+        scipy["simulations"]
+    );
+    println!("{:<28} {:>14} {:>14} {:>14} {:>14}", "", "truth", "start", "inerter", "scipy");
+    let truths = problem["truth"].as_object().ok_or("no truth")?;
+    for (name, truth) in truths {
+        let of = |value: &Value| significant(value.as_f64().unwrap_or(f64::NAN));
+        let [start, ours] = ["start", "inerter"].map(|key| of(&problem[key][name]));
+        println!("{name:<28} {:>14} {start:>14} {ours:>14} {:>14}", of(truth), of(&scipy["values"][name]));
     }
     Ok(ratio >= faster.parse::<f64>()?)
 }

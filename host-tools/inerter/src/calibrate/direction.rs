@@ -24,7 +24,7 @@ pub struct Known {
 const MOST_SATURATED: f64 = 0.1;
 
 /// Refuses a motion during which the force was mostly at its limit.
-pub(super) fn refuse_saturated(outcome: &Outcome, run: &Run) -> Result<(), CalibrateError> {
+pub fn refuse_saturated(outcome: &Outcome, run: &Run) -> Result<(), CalibrateError> {
     let share = f64::from(outcome.counters.saturated) / run.samples.len().max(1) as f64;
     if share > MOST_SATURATED {
         return Err(CalibrateError::Saturated { at: " during this motion".into(), share: 100.0 * share });

@@ -21,7 +21,7 @@ pub enum CalibrateError {
     #[diagnostic(
         code(inerter::calibrate::saturated),
         help(
-            "check the wiring of the load cell; else lower the amplifier's gain or the load. force_min_code and \
+            "check the wiring of the load cell; else lower the load or the amplifier's gain, or shake less hard. force_min_code and \
             force_max_code say where the limits are"
         )
     )]

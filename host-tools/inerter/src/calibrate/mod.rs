@@ -25,6 +25,7 @@ pub mod timebase;
 pub mod wizard;
 
 pub use dialogue::Dialogue;
+pub use direction::refuse_saturated;
 pub use error::CalibrateError;
 pub use finding::{Finding, Level, Remark, Step};
 pub use line::{Line, Point};

@@ -17,7 +17,7 @@ use super::{
 use crate::{
     device::Device,
     error::Error,
-    fit::{Products, skew},
+    fit::{Products, Skew, skew},
     replay::replay,
     report::{rounded_s, value_text},
     run::Run,
@@ -256,6 +256,18 @@ impl EncoderPlan {
     }
 }
 
+/// What a skew is, for a person.
+pub fn skew_words(found: &Skew) -> [String; 2] {
+    [
+        format!("the force is late by another {:.1} ± {:.1} µs", 1e6 * found.left_s, 1e6 * found.u95_s),
+        format!(
+            "viscous friction: {} N s/m as it is, {} N s/m without that delay",
+            value_text(&found.viscous_before),
+            value_text(&found.viscous_after)
+        ),
+    ]
+}
+
 /// The delay of the force that is left in a run, as a finding.
 fn skew_of(run: &Run) -> Result<Finding, Error> {
     let outcome = replay(run, |_, _| Ok::<(), Error>(()))?;
@@ -265,12 +277,7 @@ fn skew_of(run: &Run) -> Result<Finding, Error> {
     let mut finding = Finding::new(Step::Skew);
     let skew_s = rounded_s(run.settings.skew_s + found.left_s);
     finding.measure("left_s", found.left_s);
-    finding.say(format!("the force is late by another {:.1} ± {:.1} us", 1e6 * found.left_s, 1e6 * found.u95_s));
-    finding.say(format!(
-        "viscous friction: {} N s/m as it is, {} N s/m without that delay",
-        value_text(&found.viscous_before),
-        value_text(&found.viscous_after)
-    ));
+    skew_words(&found).into_iter().for_each(|words| finding.say(words));
     if found.is_better_than(&run.settings) {
         finding.set_with("skew_s", skew_s, found.u95_s);
         finding.set("skew_u95_s", rounded_s(rounded_up(found.u95_s)));

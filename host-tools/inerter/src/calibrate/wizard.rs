@@ -63,6 +63,9 @@ impl<'a, D: Dialogue + ?Sized> Wizard<'a, D> {
         self.say(&greeting);
         self.say("Seven steps, each may be skipped; Enter takes what stands in parentheses.");
         self.say("Nothing is changed on the device before the end, and Ctrl-C leaves it as it is.");
+        if !self.rig.device.keeps_settings() {
+            self.say("This device keeps no settings: they are in use until it restarts, and can go into a file.");
+        }
         self.step(
             "1. Load cell",
             "The device stands still, without load: noise, mains and range are looked at.",
@@ -187,12 +190,19 @@ impl<'a, D: Dialogue + ?Sized> Wizard<'a, D> {
         for (name, before, after) in &accepted {
             self.say(&format!("  {name:<18} {before:?} -> {after:?}"));
         }
-        if self.rig.dialogue.choose("write and save this?", &["no", "yes"])? == 0 {
+        let keeps = self.rig.device.keeps_settings();
+        let question = if keeps { "write and save this?" } else { "put this in use until the device restarts?" };
+        if self.rig.dialogue.choose(question, &["no", "yes"])? == 0 {
             self.say("nothing was changed on the device");
             return Ok(false);
         }
-        write(self.rig.device, &self.rig.settings)?;
-        self.say("saved on the device: these settings outlive a restart");
+        if keeps {
+            write(self.rig.device, &self.rig.settings)?;
+            self.say("saved on the device: these settings outlive a restart");
+        } else {
+            self.rig.device.write_settings(&self.rig.settings)?;
+            self.say("in use on the device, until it restarts");
+        }
         self.offer_backup()?;
         Ok(true)
     }
@@ -266,7 +276,11 @@ fn loads<D: Dialogue + ?Sized>(rig: &mut Rig<'_, D>) -> Result<Finding, Error> {
     } else {
         Gravity { value: 1.0, u95: 0.0 }
     };
-    let percent = rig.dialogue.ask_number("how well are they known, in percent", "0.1", PERCENT)?.unwrap_or(0.1).abs();
+    let percent = rig
+        .dialogue
+        .ask_number("how well are these masses or forces known, in percent", "0.1", PERCENT)?
+        .unwrap_or(0.1)
+        .abs();
     let mut loads = vec![Load::mass(0.0, &gravity)];
     for sign in if both { &[1.0, -1.0][..] } else { &[1.0] } {
         let up = sizes.iter();
@@ -317,7 +331,7 @@ fn encoder<D: Dialogue + ?Sized>(rig: &mut Rig<'_, D>) -> Result<Finding, Error>
         Some(gauge_mm) => {
             let far = 1e-3 * gauge_mm;
             plan.displacements_m = vec![0.0, far, 0.0, far, 0.0];
-            let microns = dialogue.ask_number("the gauge is good to how many um", "10", MICROMETRES)?.unwrap_or(10.0);
+            let microns = dialogue.ask_number("the gauge is good to how many µm", "10", MICROMETRES)?.unwrap_or(10.0);
             plan.gauge_u95_m = 1e-6 * microns.abs();
         }
         None => {

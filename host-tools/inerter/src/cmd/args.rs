@@ -1,9 +1,13 @@
 //! Arguments that several commands share.
 
-use std::{path::PathBuf, time::Duration};
+use std::{
+    path::{Path, PathBuf},
+    time::Duration,
+};
 
 use inerter::{
     device::{DEFAULT_BAUD, Target},
+    output::{self, OutputError},
     settings::{Overrides, SettingsInputError},
 };
 
@@ -73,6 +77,32 @@ impl LinkArgs {
             (None, Some(address)) => Target::Tcp { address: address.clone() },
             (None, None) => Target::Usb { serial: self.serial.clone() },
         }
+    }
+}
+
+/// A recording that is to be written.
+#[derive(clap::Args)]
+pub struct OutputArgs {
+    /// File to write (.mcap)
+    #[arg(short, long, value_name = "FILE.mcap")]
+    output: PathBuf,
+    /// Replace the file when it exists
+    #[arg(long)]
+    force: bool,
+}
+
+impl OutputArgs {
+    /// The file, unless one is there that must stay.
+    pub fn path(&self) -> Result<&Path, OutputError> {
+        if !self.force {
+            output::refuse_existing(&self.output)?;
+        }
+        Ok(&self.output)
+    }
+
+    /// Its name for a person.
+    pub fn display(&self) -> std::path::Display<'_> {
+        self.output.display()
     }
 }
 

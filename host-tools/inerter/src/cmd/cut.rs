@@ -11,7 +11,7 @@ use inerter::{
 use serde_json::json;
 
 use super::{
-    args::RangeArgs,
+    args::{OutputArgs, RangeArgs},
     terminal::{self, Progress},
 };
 
@@ -26,26 +26,20 @@ use super::{
 pub struct Args {
     /// Recording (.mcap)
     file: PathBuf,
-    /// File to write (.mcap)
-    #[arg(short, long, value_name = "FILE.mcap")]
-    output: PathBuf,
+    #[command(flatten)]
+    output: OutputArgs,
     #[command(flatten)]
     range: RangeArgs,
-    /// Replace the file when it exists
-    #[arg(long)]
-    force: bool,
     /// Print JSON: one object
     #[arg(long)]
     json: bool,
 }
 
 pub fn run(args: &Args) -> Result<(), Error> {
-    if !args.force {
-        output::refuse_existing(&args.output)?;
-    }
+    let path = args.output.path()?;
     terminal::catch_interrupts();
     let mut bar = Progress::through("cutting", &args.file);
-    let pending = Pending::create(&args.output)?;
+    let pending = Pending::create(path)?;
     let cut = recording::cut(&args.file, args.range.range_s(), pending.path(), |offset| {
         bar.set(offset);
         if terminal::interrupted() { Err(Error::Interrupted) } else { Ok(()) }

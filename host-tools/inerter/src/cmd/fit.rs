@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use inerter::{
     Error,
+    calibrate::refuse_saturated,
     fit::{Directions, Products, directions},
     output,
     replay::{News, Outcome, replay_all},
@@ -44,7 +45,14 @@ pub fn run(args: &Args) -> Result<(), Error> {
     run.notes.iter().for_each(note);
     let outcome = replayed(&run)?;
     let (sums, more) = outcome.sums();
-    let fit = directions(&Products::of(sums, more)?, &run.settings, args.offset_n)?;
+    let fit = Products::of(sums, more).and_then(|products| directions(&products, &run.settings, args.offset_n));
+    let fit = match fit {
+        Ok(fit) => fit,
+        Err(error) => {
+            refuse_saturated(&outcome, &run)?;
+            return Err(error.into());
+        }
+    };
     if args.json { json(args, &outcome, &fit) } else { text(args, &run, &outcome, &fit) }
 }
 

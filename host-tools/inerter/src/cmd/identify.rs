@@ -133,15 +133,7 @@ struct IdentifyJson<'a> {
 
 /// What each file shows over frequency, beside the models with the values found.
 fn responses(runs: &[Run], found: &Identified) -> Vec<Beside> {
-    let values = found.model();
-    let model = ModelParameters {
-        inertance_kg: values.inertance_kg,
-        viscous_n_s_per_m: values.viscous_n_s_per_m,
-        stiffness_n_per_m: values.stiffness_n_per_m,
-        contact_damping_n_s_per_m: values.contact_damping_n_s_per_m,
-        structure_mass_kg: values.structure_mass_kg,
-        skew_s: values.skew_s,
-    };
+    let model = ModelParameters::from(&found.model());
     runs.iter().map(|run| Beside::of(&response::measured(&Series::of(run)), &model)).collect()
 }
 
@@ -179,16 +171,16 @@ const LABELS: [(&str, &str, &str); 9] = [
     ("Coulomb friction", "N", "coulomb_n"),
     ("Contact stiffness", "N/m", "stiffness_n_per_m"),
     ("Contact damping", "N s/m", "contact_damping_n_s_per_m"),
-    ("Backlash", "um", "backlash_m"),
+    ("Backlash", "µm", "backlash_m"),
     ("Structure mass", "kg", "structure_mass_kg"),
     ("Force offset", "N", "force_offset_n"),
-    ("Skew", "us", "delay_s"),
+    ("Skew", "µs", "delay_s"),
 ];
 
 fn text(args: &Args, runs: &[Run], found: &Identified) -> Result<(), Error> {
     let truth = runs.first().and_then(|run| run.truth.as_ref());
     for ((label, unit, name), (_, parameter)) in LABELS.into_iter().zip(found.parameters.named()) {
-        let micro = if unit == "um" || unit == "us" { 1e6 } else { 1.0 };
+        let micro = if unit.starts_with('µ') { 1e6 } else { 1.0 };
         let true_value = truth.and_then(|truth| truth.get(name)).and_then(|value| value.parse::<f64>().ok());
         let truth = true_value.map_or(String::new(), |value| format!("truth {}", rounded(value * micro)));
         let line = format!("{label:<20} {unit:<6} {:<26} {truth}", cell(parameter, micro));
@@ -203,7 +195,7 @@ fn text(args: &Args, runs: &[Run], found: &Identified) -> Result<(), Error> {
     output::line("")?;
     output::line(format!("{:<20} {:<6} {:.3}", "Residual, rms", "N", found.residual_rms_n))?;
     if let Some(metres) = found.residual_rms_m {
-        output::line(format!("{:<20} {:<6} {:.3}", "of the encoder", "um", metres * 1e6))?;
+        output::line(format!("{:<20} {:<6} {:.3}", "of the encoder", "µm", metres * 1e6))?;
     }
     if let Some(ratio) = found.residual_over_noise {
         output::line(format!("{:<27} {ratio:.2} times what the sensors' noise explains", "Residual"))?;

@@ -5,11 +5,10 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use chrono::{DateTime, SecondsFormat};
 use inerter::{
     Error, csv, output,
     recording::{self, Ending, Summary, TRUTH_METADATA},
-    report::{self, EstimateJson, duration_text, json_line, plural},
+    report::{self, EstimateJson, duration_text, json_line, plural, utc},
     run,
 };
 use inerter_core::Settings;
@@ -194,12 +193,6 @@ fn text(file: &Path, summary: &Summary, settings: &Settings) -> Result<(), Error
         output::line(report::table(estimate, summary.detail.as_ref(), settings, truth).trim_end())?;
     }
     Ok(())
-}
-
-/// A host time for a person.
-fn utc(time_ns: u64) -> String {
-    let time = DateTime::from_timestamp_nanos(time_ns.min(i64::MAX as u64) as i64);
-    time.to_rfc3339_opts(SecondsFormat::Millis, true)
 }
 
 /// Settings that are not as by default.

@@ -10,7 +10,10 @@ use inerter::{
 };
 use serde_json::json;
 
-use super::terminal::{self, Progress};
+use super::{
+    args::OutputArgs,
+    terminal::{self, Progress},
+};
 
 /// Put recordings of one device in a row.
 ///
@@ -24,25 +27,19 @@ pub struct Args {
     /// Recordings (.mcap), two or more
     #[arg(required = true, num_args = 2.., value_name = "FILE")]
     files: Vec<PathBuf>,
-    /// File to write (.mcap)
-    #[arg(short, long, value_name = "FILE.mcap")]
-    output: PathBuf,
-    /// Replace the file when it exists
-    #[arg(long)]
-    force: bool,
+    #[command(flatten)]
+    output: OutputArgs,
     /// Print JSON: one object
     #[arg(long)]
     json: bool,
 }
 
 pub fn run(args: &Args) -> Result<(), Error> {
-    if !args.force {
-        output::refuse_existing(&args.output)?;
-    }
+    let path = args.output.path()?;
     terminal::catch_interrupts();
     let size = args.files.iter().map(|file| file.metadata().map_or(0, |metadata| metadata.len())).sum();
     let mut bar = Progress::new("merging", size);
-    let pending = Pending::create(&args.output)?;
+    let pending = Pending::create(path)?;
     let merged = recording::merge(&args.files, pending.path(), |offset| {
         bar.set(offset);
         if terminal::interrupted() { Err(Error::Interrupted) } else { Ok(()) }

@@ -1,9 +1,6 @@
 //! `inerter record`: everything a device sends, into a file.
 
-use std::{
-    path::PathBuf,
-    time::{Duration, Instant},
-};
+use std::time::{Duration, Instant};
 
 use inerter::{
     Error,
@@ -17,7 +14,7 @@ use inerter_wire::{EventKind, Frame, Record, Streams};
 use serde_json::json;
 
 use super::{
-    args::{LinkArgs, TimeArgs},
+    args::{LinkArgs, OutputArgs, TimeArgs},
     terminal::{self, Progress, note},
 };
 
@@ -34,12 +31,8 @@ const REPORT: Duration = Duration::from_secs(1);
 /// recording is closed with what there is. A file that was cut off, even by a power failure, reads up to the cut.
 #[derive(clap::Args)]
 pub struct Args {
-    /// File to write (.mcap)
-    #[arg(short, long, value_name = "FILE.mcap")]
-    output: PathBuf,
-    /// Replace the file when it exists
-    #[arg(long)]
-    force: bool,
+    #[command(flatten)]
+    output: OutputArgs,
     #[command(flatten)]
     link: LinkArgs,
     #[command(flatten)]
@@ -53,12 +46,10 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<(), Error> {
-    if !args.force {
-        output::refuse_existing(&args.output)?;
-    }
+    let path = args.output.path()?;
     terminal::catch_interrupts();
     let mut live = Live::connect(args.link.target(), Streams::ALL, args.time.wait)?;
-    let mut recorder = Recorder::create(&args.output)?;
+    let mut recorder = Recorder::create(path)?;
     if let Some(device) = live.device() {
         recorder.describe(device.hello(), device.settings())?;
         begin(args, device)?;

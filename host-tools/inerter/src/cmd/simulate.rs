@@ -63,7 +63,7 @@ pub struct Args {
     #[arg(long, conflicts_with_all = ["output", "qemu"])]
     wait: bool,
     /// Do by hand what standard input says, a line each: load NEWTONS, mass KG, move METRES, turn REVOLUTIONS, shake MOTION
-    #[arg(long, conflicts_with_all = ["output", "qemu", "wait", "change_at"])]
+    #[arg(long, conflicts_with_all = ["output", "wait", "change_at"])]
     bench: bool,
     /// Force on the load cell beside the motion, such as a weight's
     #[arg(long, value_name = "NEWTONS", default_value_t = 0.0, allow_negative_numbers = true)]
@@ -161,6 +161,14 @@ fn setup(args: &Args) -> Result<Setup, Error> {
         };
         known.map_err(SimulateError::from)?;
     }
+    let overrides = args.settings.overrides()?;
+    if let Some(set_hz) = overrides.get("sample_rate_hz") {
+        let rate_hz = sensors.sample_rate_hz;
+        if given("sample_rate_hz") && set_hz != rate_hz {
+            return Err(SimulateError::Rate { set_hz, rate_hz }.into());
+        }
+        sensors.sample_rate_hz = set_hz;
+    }
     if !given("newtons_per_code") {
         // A converter that is so much coarser: the sum's scale stays, and so does its range.
         sensors.newtons_per_code *= sensors.oversampling;
@@ -180,7 +188,7 @@ fn setup(args: &Args) -> Result<Setup, Error> {
         }
         (_, given) => given,
     };
-    let setup = Setup::new(parameters, sensors, &args.excite, duration_s, &args.settings.overrides()?)?;
+    let setup = Setup::new(parameters, sensors, &args.excite, duration_s, &overrides)?;
     let setup = Setup { load_n: args.load, ..setup };
     let Some(at_s) = args.change_at else { return Ok(setup) };
     let mut after = parameters;
@@ -262,18 +270,26 @@ enum Running {
 
 fn live(args: &Args, setup: &Setup, endpoint: &Endpoint) -> Result<(), Error> {
     terminal::catch_interrupts();
-    let mut running = if args.qemu {
-        let image = simulate::find_image(args.image.as_deref())?;
-        Running::Qemu(Qemu::start(setup, &image, endpoint, args.speed)?)
-    } else if args.bench {
-        let (device, bench) = VirtualDevice::with_bench(setup, endpoint, args.speed)?;
+    let image = if args.qemu { Some(simulate::find_image(args.image.as_deref())?) } else { None };
+    let (mut running, bench) = match (&image, args.bench) {
+        (Some(image), true) => {
+            let (qemu, bench) = Qemu::with_bench(setup, image, endpoint, args.speed)?;
+            (Running::Qemu(qemu), Some(bench))
+        }
+        (Some(image), false) => (Running::Qemu(Qemu::start(setup, image, endpoint, args.speed)?), None),
+        (None, true) => {
+            let (device, bench) = VirtualDevice::with_bench(setup, endpoint, args.speed)?;
+            (Running::Virtual(device), Some(bench))
+        }
+        (None, false) => {
+            let start = if args.wait { VirtualDevice::waiting } else { VirtualDevice::start };
+            (Running::Virtual(start(setup, endpoint, args.speed)?), None)
+        }
+    };
+    if let Some(bench) = bench {
         // Ends with the program: nothing else ends a read of standard input.
         std::thread::spawn(move || listen_to(&bench));
-        Running::Virtual(device)
-    } else {
-        let start = if args.wait { VirtualDevice::waiting } else { VirtualDevice::start };
-        Running::Virtual(start(setup, endpoint, args.speed)?)
-    };
+    }
     let name = match &running {
         Running::Virtual(device) => device.name(),
         Running::Qemu(qemu) => qemu.name(),

@@ -1,17 +1,15 @@
 //! CSV files with the columns `t_s, encoder_count, force_n` and, where there is one, `terminal_m`.
 //!
 //! Columns come in any order, other columns are left alone, blank lines and lines that begin with `#` or `%` are skipped.
-//! [`read`] checks every cell, [`timebase`] finds the sample rate and the gaps, [`to_run`] quantises what a board would
-//! have delivered, and [`fn@write`] writes a file from which a replay gives the same result.
+//! [`read`] checks every cell, [`timebase`] finds the sample rate and the gaps, and [`to_run`] quantises what a board would
+//! have delivered. [`export`](crate::export) writes such files.
 
 mod dialect;
 mod error;
 mod read;
 mod samples;
 pub mod timebase;
-mod write;
 
 pub use error::CsvError;
 pub use read::{Table, parse, read};
 pub use samples::to_run;
-pub use write::{write, write_to};

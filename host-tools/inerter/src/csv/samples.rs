@@ -42,8 +42,15 @@ pub fn to_run(mut table: Table, overrides: &Overrides) -> Result<Run, Error> {
         settings.metres_per_terminal_code = scale(&table.terminal_m, 1e-2);
     }
 
-    if overrides.get("terminal_sensor").is_none() && !table.terminal_m.is_empty() {
-        settings.terminal_sensor = 1.0;
+    if !table.terminal_m.is_empty() {
+        match overrides.get("terminal_sensor") {
+            None => settings.terminal_sensor = 1.0,
+            Some(0.0) => notes.push(format!(
+                "{file}: the column terminal_m is left alone, as the settings say terminal_sensor = 0; \
+                 --set terminal_sensor=1 uses it"
+            )),
+            Some(_) => {}
+        }
     }
 
     let (samples, first) = quantise(&table, &timebase.index, group, &settings)?;

@@ -241,6 +241,11 @@ impl Device {
         self.request_within("to save its settings", Command::SaveSettings, ERASE_TIME).map(|_| ())
     }
 
+    /// Whether it can keep settings over a restart.
+    pub fn keeps_settings(&self) -> bool {
+        self.hello().capabilities.contains(Capabilities::STORE)
+    }
+
     /// Erases what the device has saved, puts its board's defaults in use, and reads them.
     pub fn factory_reset(&mut self) -> Result<&Settings, DeviceError> {
         // Pages are erased, each within 25 ms, and the sampler may start anew.

@@ -18,7 +18,7 @@ pub enum Column {
     Position,
     /// Force, less the code at no force \[N\].
     Force,
-    /// Displacement of the terminal \[m\].
+    /// Displacement of the terminal \[m\]; not a number without such a sensor.
     Terminal,
     /// Sample counter of the device.
     Index,
@@ -81,8 +81,7 @@ impl Column {
             Self::EncoderCount => point.count as f64,
             Self::Position => point.position_m,
             Self::Force => point.force_n,
-            // Also where the settings do not speak of a sensor: it was measured.
-            Self::Terminal => f64::from(sample.terminal_code) * source.settings.metres_per_terminal_code,
+            Self::Terminal => point.terminal_m.unwrap_or(f64::NAN),
             Self::Index => f64::from(sample.index),
             Self::Saturated => f64::from(u8::from(point.saturated)),
         }

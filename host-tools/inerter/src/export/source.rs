@@ -8,7 +8,7 @@ use crate::{
     csv::{self, CsvError},
     error::Error,
     recording::{self, Extent, HELLO_METADATA, Marker, SampleReader, TRUTH_METADATA},
-    run,
+    run::{self, Run},
     series::{Converter, Point},
     settings::Overrides,
 };
@@ -48,21 +48,7 @@ impl Source {
     /// a recording read so far.
     pub fn open(path: &Path, overrides: &Overrides, progress: impl FnMut(u64)) -> Result<Self, Error> {
         if !run::is_recording(path).map_err(|source| CsvError::Read { path: path.into(), source })? {
-            let run = csv::to_run(csv::read(path)?, overrides)?;
-            let mut extent = Extent::default();
-            run.samples.iter().for_each(|sample| extent.take(sample));
-            return Ok(Self {
-                name: run.name,
-                settings: run.settings,
-                start_s: run.start_s,
-                notes: run.notes,
-                device: None,
-                truth: None,
-                extent,
-                markers: Vec::new(),
-                first_ns: 0,
-                samples: Origin::Held(Arc::new(run.samples)),
-            });
+            return Ok(Self::held(csv::to_run(csv::read(path)?, overrides)?));
         }
         let mut summary = recording::summary_watched(path, progress)?;
         let settings = recording::usable_settings(path, &summary, overrides)?;
@@ -81,7 +67,25 @@ impl Source {
         })
     }
 
-    /// The recording, unless it is a CSV.
+    /// Samples that are in memory already; nothing is known of a device.
+    pub fn held(run: Run) -> Self {
+        let mut extent = Extent::default();
+        run.samples.iter().for_each(|sample| extent.take(sample));
+        Self {
+            name: run.name,
+            settings: run.settings,
+            start_s: run.start_s,
+            notes: run.notes,
+            device: None,
+            truth: None,
+            extent,
+            markers: Vec::new(),
+            first_ns: 0,
+            samples: Origin::Held(Arc::new(run.samples)),
+        }
+    }
+
+    /// The recording, unless the samples are held.
     pub fn recording(&self) -> Option<&Path> {
         match &self.samples {
             Origin::Recording(path) => Some(path),

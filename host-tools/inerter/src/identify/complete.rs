@@ -11,7 +11,7 @@ use nalgebra::{DMatrix, DVector, Dyn, Owned};
 
 use super::{
     Parameters,
-    model::{Input, Response, Start, delayed, load_cell, simpson, simulate},
+    model::{Input, Node, Response, Start, delayed, load_cell, simpson, simulate},
     name::{Name, SHARED},
     prepared::{Prepared, SETTLING_S},
     spectrum::Whitening,
@@ -25,6 +25,8 @@ struct Weighed<'a> {
     acceleration: Vec<f64>,
     /// What means make of the jumps where the flanks meet, other than the samples' own.
     jumps: Vec<f64>,
+    /// What the terminal's noise makes of encoder and force, time and again.
+    disturbed: Vec<Columns>,
     whitening: Whitening,
     start: Start,
 }
@@ -76,6 +78,8 @@ pub struct Fitted {
     pub power: Vec<f64>,
     /// Whitened force residual in time.
     pub white: Vec<f64>,
+    /// Whitened rows of what the terminal's noise makes of encoder and force, time and again.
+    pub disturbed: Vec<DVector<f64>>,
     /// Weights of the stretches.
     whitenings: Vec<Whitening>,
 }
@@ -282,6 +286,8 @@ const STANDS: f64 = 1e-4;
 /// Steps of the differences in standard errors.
 const STEP: f64 = 3.0;
 
+/// Noises of the terminal that are tried.
+const DISTURBED: u64 = 16;
 /// A jump is what exceeds the force's noise so many times.
 const JUMP: f64 = 2.0;
 
@@ -329,21 +335,35 @@ fn weigh<'a>(stretches: &'a [Prepared], state: &State, caution: f64, jumps: bool
     let device = &state.parameters;
     let weigh = |(prepared, zero): (&'a Prepared, &f64)| {
         let period_s = prepared.period_s;
-        let skipped = (SETTLING_S / period_s).min(0.1 * prepared.force.len() as f64) as usize;
-        let highest_hz = highest_hz(prepared, device);
-        let whitening =
-            Whitening::new(&prepared.smooth, period_s, skipped, highest_hz, prepared.noise, caution, device);
-        let input = Input::new(&prepared.smooth.nodes, period_s, device);
         let start = Start { position_m: prepared.begun.position_m - zero, ..prepared.begun };
-        let jumps = if jumps && device.backlash_m > 0.0 {
+        let moved = |nodes: &[Node]| {
+            let input = Input::new(nodes, period_s, device);
             let response = simulate(device, &input, start);
+            let acceleration = simpson(&input.acceleration);
+            let cell = mean_cell(device, &response, &acceleration, period_s);
+            (input, acceleration, response, cell)
+        };
+        let (input, acceleration, response, cell) = moved(&prepared.smooth.nodes);
+        let jumps = if jumps && device.backlash_m > 0.0 {
             let means = delayed(&response.mean_n, device.skew_s / period_s);
             simpson(&response.force_n).iter().zip(means).map(|(sampled, mean)| sampled - mean).collect()
         } else {
             vec![0.0; input.len()]
         };
-        let whitening = whitening.without_force(beside(&jumps, JUMP * prepared.noise.force));
-        Weighed { prepared, acceleration: simpson(&input.acceleration), input, jumps, whitening, start }
+        let numbers = if prepared.smooth.noise > 0.0 { 0..DISTURBED } else { 0..0 };
+        let disturbed: Vec<Columns> = numbers
+            .map(|number| {
+                let (_, _, other, other_cell) = moved(&prepared.smooth.disturbed(period_s, caution, number));
+                let less = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a - b).collect();
+                (less(&other.position_m, &response.position_m), less(&other_cell, &cell))
+            })
+            .collect();
+        let skipped = (SETTLING_S / period_s).min(0.1 * prepared.force.len() as f64) as usize;
+        let left_out = beside(&jumps, JUMP * prepared.noise.force);
+        let highest_hz = highest_hz(prepared, device);
+        let whitening =
+            Whitening::new(input.len(), period_s, skipped, highest_hz, prepared.noise, left_out, &disturbed);
+        Weighed { prepared, acceleration, input, jumps, disturbed, whitening, start }
     };
     stretches.iter().zip(&state.zeros).map(weigh).collect()
 }
@@ -449,8 +469,14 @@ pub fn fit(
             white.extend(weighed.whitening.force_in_time(mine));
         }
         power.resize(residual.len(), 1.0);
+        let disturbed = (0..DISTURBED as usize)
+            .map(|number| {
+                let each = weighed.iter().map(|weighed| (&weighed.whitening, weighed.disturbed.get(number)));
+                whitened_rows(residual.len(), each)
+            })
+            .collect();
         let whitenings = weighed.into_iter().map(|weighed| weighed.whitening).collect();
-        return Some(Fitted { state, cost, converged, free, residual, jacobian, power, white, whitenings });
+        return Some(Fitted { state, cost, converged, free, residual, jacobian, power, white, disturbed, whitenings });
     }
     None
 }
@@ -497,13 +523,24 @@ pub fn error_rows(
     fitted: &Fitted,
     change: &dyn Fn(usize, &Prepared) -> Columns,
 ) -> DVector<f64> {
-    let mut rows = DVector::zeros(fitted.residual.len());
+    let changes: Vec<Columns> =
+        stretches.iter().enumerate().map(|(number, prepared)| change(number, prepared)).collect();
+    whitened_rows(fitted.residual.len(), fitted.whitenings.iter().zip(changes.iter().map(Some)))
+}
+
+/// Whitened rows, stretch by stretch, `count` in all.
+fn whitened_rows<'a>(
+    count: usize,
+    stretches: impl Iterator<Item = (&'a Whitening, Option<&'a Columns>)>,
+) -> DVector<f64> {
+    let mut rows = DVector::zeros(count);
     let mut rest = rows.as_mut_slice();
-    for (number, (prepared, whitening)) in stretches.iter().zip(&fitted.whitenings).enumerate() {
+    for (whitening, columns) in stretches {
         let Some((mine, others)) = rest.split_at_mut_checked(whitening.rows()) else { break };
         rest = others;
-        let (position, force) = change(number, prepared);
-        whitening.whitened(position.into_iter(), force.into_iter(), mine);
+        if let Some((position, force)) = columns {
+            whitening.whitened(position.iter().copied(), force.iter().copied(), mine);
+        }
     }
     rows
 }

@@ -61,15 +61,39 @@ impl Smooth {
         Self { nodes: (0..count).map(node).collect(), noise: 0.0, band_hz: excitation.highest_hz() }
     }
 
-    /// Part of the noise's amplitude that is left at a frequency.
-    pub fn passes(&self, frequency_hz: f64) -> f64 {
-        passes(frequency_hz, self.band_hz)
+    /// The same with noise on it, like what is left of the sensor's and so many times as large; each number has its own.
+    pub fn disturbed(&self, period_s: f64, times: f64, number: u64) -> Vec<Node> {
+        let count = self.nodes.len();
+        let amplitude = 2.0 * times * self.noise / (count.max(1) as f64).sqrt();
+        let inverse = FftPlanner::new().plan_fft_inverse(count);
+        let noise = [0, 1, 2].map(|derivative: i32| {
+            let mut spectrum = vec![Complex::default(); count];
+            for (bin, slot) in spectrum.iter_mut().enumerate().take(count.div_ceil(2)).skip(1) {
+                let frequency_hz = bin as f64 / (count as f64 * period_s);
+                let size = amplitude * passes(frequency_hz, self.band_hz);
+                let turn = Complex::new(0.0, TAU * frequency_hz).powi(derivative);
+                *slot = Complex::from_polar(size, TAU * uniform(bin as u64, number)) * turn;
+            }
+            inverse.process(&mut spectrum);
+            spectrum
+        });
+        let [x, v, a] = &noise;
+        let noise = x.iter().zip(v).zip(a).map(|((x, v), a)| [x.re, v.re, a.re]);
+        self.nodes.iter().zip(noise).map(|(node, noise)| [0, 1, 2].map(|k| node[k] + noise[k])).collect()
     }
 }
 
 fn passes(frequency_hz: f64, band_hz: f64) -> f64 {
     let beyond = (frequency_hz / band_hz - 1.0) / (ROLL_OFF - 1.0);
     0.5 + 0.5 * (PI * beyond.clamp(0.0, 1.0)).cos()
+}
+
+/// A number from 0 to 1 that is the same in every run, by SplitMix64.
+fn uniform(place: u64, stream: u64) -> f64 {
+    let mut z = (place + 1).wrapping_add(stream << 32).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
 }
 
 /// Root mean square of the white part of one sample: sixth differences leave nothing of motion well below the sample rate,
@@ -172,13 +196,9 @@ fn smoothed(samples: &[f64], period_s: f64, band_hz: f64) -> Vec<Node> {
 mod tests {
     use super::*;
 
-    /// A noise that is the same in every run, by SplitMix64.
+    /// Noise of root mean square 1.
     fn noise(place: usize) -> f64 {
-        let mut z = (place as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        let uniform = ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64;
-        (uniform - 0.5) * 12f64.sqrt()
+        (uniform(place as u64, 0) - 0.5) * 12f64.sqrt()
     }
 
     #[test]
@@ -204,6 +224,21 @@ mod tests {
         assert!(rms(0) < 0.3e-6, "{}", rms(0));
         assert!(rms(1) < 1.5e-5, "{}", rms(1));
         assert!(rms(2) < 1.5e-3, "{}", rms(2));
+    }
+
+    #[test]
+    fn a_disturbance_is_as_large_as_what_is_left_of_the_noise() {
+        let samples: Vec<f64> = (0..20_000).map(|place| 1e-6 * noise(place)).collect();
+        let smooth = Smooth::of(&samples, 1e-3, 25.0);
+        let still = Smooth { nodes: vec![[0.0; 3]; 20_000], ..smooth.clone() };
+        let disturbed = still.disturbed(1e-3, 1.0, 1);
+        let rms =
+            |nodes: &[Node], of: usize| (nodes.iter().map(|node| node[of].powi(2)).sum::<f64>() / 20_000.0).sqrt();
+        for of in 0..3 {
+            let ratio = rms(&disturbed, of) / rms(&smooth.nodes, of);
+            assert!((0.9..1.1).contains(&ratio), "{of}: {ratio}");
+        }
+        assert_ne!(still.disturbed(1e-3, 1.0, 2), disturbed);
     }
 
     #[test]

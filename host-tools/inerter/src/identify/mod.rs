@@ -123,7 +123,7 @@ pub fn identify(runs: &[Run], options: &Options, progress: &mut dyn FnMut(f64)) 
     };
     let identified = complete_result(runs, lines, &fitted, &task, &stretches, options, notes, &mut tick)?;
     progress(1.0);
-    Ok(Identified { validation, ..identified })
+    Ok(Identified { validation, start: Some(start), ..identified })
 }
 
 /// What the load cell would read, one number per sample of all stretches in a row.
@@ -234,13 +234,23 @@ fn prepared(
     Ok(stretches)
 }
 
+/// What the settings know of the structure mass beforehand: value and standard deviation \[kg\]; `None` where they say nothing.
+pub fn known_structure_mass_kg(settings: &Settings) -> Option<(f64, f64)> {
+    let mass = settings.structure_mass_kg;
+    let deviation = settings.structure_mass_u95_kg.hypot(STRUCTURE_MODEL_U95 * mass) / 2.0;
+    (deviation > 0.0).then_some((mass, deviation))
+}
+
+/// What the settings know of the skew beforehand: value and standard deviation \[s\].
+pub fn known_skew_s(settings: &Settings) -> (f64, f64) {
+    (settings.skew_s, settings.skew_u95_s.max(1e-7) / 2.0)
+}
+
 /// What is fitted and what is known beforehand.
 fn task(runs: &[Run], options: &Options) -> Task {
     let settings = runs.first().map(|run| run.settings).unwrap_or_default();
-    let structure = settings.structure_mass_kg;
-    let deviation = settings.structure_mass_u95_kg.hypot(STRUCTURE_MODEL_U95 * structure) / 2.0;
-    let mass: Option<Known> = (!options.free_structure_mass && deviation > 0.0).then_some((structure, deviation));
-    let skew: Option<Known> = (!options.free_skew).then_some((settings.skew_s, settings.skew_u95_s.max(1e-7) / 2.0));
+    let mass: Option<Known> = known_structure_mass_kg(&settings).filter(|_| !options.free_structure_mass);
+    let skew: Option<Known> = (!options.free_skew).then(|| known_skew_s(&settings));
     Task { free: [true; SHARED.len()], known: [None; SHARED.len()] }
         .with(Name::Structure, options.free_structure_mass || mass.is_some(), mass)
         .with(Name::Skew, true, skew)
@@ -422,6 +432,7 @@ fn linear_only(runs: &[Run], lines: Vec<Linear>, notes: Vec<String>) -> Result<I
     let identified = Identified {
         route: Route::Linear,
         parameters,
+        start: None,
         offsets_n: vec![f64::from(law.offset_n.value)],
         correlation,
         residual_rms_n: whole.judging(&whole)?.0,
@@ -519,6 +530,7 @@ fn complete_result(
     Ok(Identified {
         route: Route::Complete,
         parameters,
+        start: None,
         offsets_n: fitted.state.offsets.clone(),
         correlation: Some(errors.correlation()),
         residual_rms_n: rms(&|number| left(number, true)),
@@ -530,7 +542,3 @@ fn complete_result(
         notes,
     })
 }
-
-#[cfg(test)]
-#[path = "tests.rs"]
-mod tests;

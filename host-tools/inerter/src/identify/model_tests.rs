@@ -3,20 +3,6 @@ use inerter_plant::{Excitation, Parameters as Device, Sensors, Simulation};
 use super::*;
 use crate::identify::Parameters;
 
-fn of(device: &Device) -> Parameters {
-    Parameters {
-        inertance_kg: device.inertance_kg,
-        viscous_n_s_per_m: device.viscous_n_s_per_m,
-        coulomb_n: device.coulomb_n,
-        stiffness_n_per_m: device.stiffness_n_per_m,
-        contact_damping_n_s_per_m: device.contact_damping_n_s_per_m,
-        backlash_m: device.backlash_m,
-        structure_mass_kg: device.structure_mass_kg,
-        offset_n: 0.0,
-        skew_s: 0.0,
-    }
-}
-
 /// The plant locates every change of mode; the simulation for fits passes over what comes and goes within a millisecond.
 #[test]
 fn it_does_what_the_plant_does() {
@@ -30,7 +16,7 @@ fn it_does_what_the_plant_does() {
                 .map(|sample| sample.truth)
                 .collect();
             let nodes: Vec<Node> = truths.iter().map(|t| [t.x1_m, t.v1_m_per_s, t.a1_m_per_s2]).collect();
-            let model = of(&device);
+            let model = Parameters::from(&device);
             let input = Input::new(&nodes, 1e-3, &model);
             let response = simulate(&model, &input, Start::default());
             let worst = |pairs: &mut dyn Iterator<Item = f64>| pairs.fold(0.0, f64::max);

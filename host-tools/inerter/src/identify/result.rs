@@ -1,8 +1,9 @@
 //! What an identification comes to, for programs and for people.
 
+use inerter_plant::Parameters as Device;
 use serde::Serialize;
 
-use crate::report::ParameterJson;
+use crate::{report::ParameterJson, response::ModelParameters};
 
 /// Values of the complete model, all finite.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
@@ -25,6 +26,37 @@ pub struct Parameters {
     pub offset_n: f64,
     /// Delay `tau` of the force behind the displacements \[s\].
     pub skew_s: f64,
+}
+
+/// A simulated device, under a load cell without offset and delay.
+impl From<&Device> for Parameters {
+    fn from(device: &Device) -> Self {
+        Self {
+            inertance_kg: device.inertance_kg,
+            viscous_n_s_per_m: device.viscous_n_s_per_m,
+            coulomb_n: device.coulomb_n,
+            stiffness_n_per_m: device.stiffness_n_per_m,
+            contact_damping_n_s_per_m: device.contact_damping_n_s_per_m,
+            backlash_m: device.backlash_m,
+            structure_mass_kg: device.structure_mass_kg,
+            offset_n: 0.0,
+            skew_s: 0.0,
+        }
+    }
+}
+
+/// The linear part: without Coulomb friction, backlash and offset.
+impl From<&Parameters> for ModelParameters {
+    fn from(parameters: &Parameters) -> Self {
+        Self {
+            inertance_kg: parameters.inertance_kg,
+            viscous_n_s_per_m: parameters.viscous_n_s_per_m,
+            stiffness_n_per_m: parameters.stiffness_n_per_m,
+            contact_damping_n_s_per_m: parameters.contact_damping_n_s_per_m,
+            structure_mass_kg: parameters.structure_mass_kg,
+            skew_s: parameters.skew_s,
+        }
+    }
 }
 
 /// Whether a parameter can be used.
@@ -179,6 +211,9 @@ pub struct Identified {
     pub route: Route,
     /// The parameters.
     pub parameters: FoundParameters,
+    /// Where the complete fit began: what the estimator and the settings say, the stiffness scanned for where neither knows
+    /// it. `None` by the linear route, which begins nowhere.
+    pub start: Option<Parameters>,
     /// Offsets of all files \[N\].
     pub offsets_n: Vec<f64>,
     /// How the errors of the parameters hang together.

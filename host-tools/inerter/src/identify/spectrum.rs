@@ -1,17 +1,16 @@
 //! Residuals of encoder and force, made white: each frequency weighted by what its noise is worth.
 //!
-//! Noise of one sample: encoder and force are white by themselves; what is left of the terminal's noise moves both alike,
-//! by the device's response, which is far above either near its resonance. So the covariance of encoder and force at a
-//! frequency is `diag(encoder^2, force^2) + terminal^2 t t*`, `t` the response of both, with Coulomb friction as the
-//! damper of the same mean power (statistical linearisation: `sqrt(2/pi) fc / rms(v)`). A wrong weight costs efficiency, not
-//! truth: what the whitened residual really scatters is measured ([`Whitening::power`]).
+//! Noise of one sample: encoder and force are white by themselves; what is left of the terminal's noise moves both, by the
+//! device's response, which is far above either near its resonance. So the covariance of encoder and force at a frequency is
+//! `diag(encoder^2, force^2) + T`, `T` the covariance of what simulations with such noise on the terminal differ by
+//! ([`super::complete`]): friction and impacts make another response than the linear one. A wrong weight costs efficiency,
+//! not truth: what the whitened residual really scatters is measured ([`Whitening::power`]).
 
-use std::f64::consts::{PI, TAU};
-use std::sync::Arc;
+use std::{f64::consts::PI, sync::Arc};
 
 use rustfft::{Fft, FftPlanner, num_complex::Complex};
 
-use super::{Parameters, condition::Smooth, model::simpson_gain};
+use super::model::simpson_gain;
 
 type C = Complex<f64>;
 
@@ -36,37 +35,54 @@ pub struct Whitening {
     factors: Vec<(f64, C, f64)>,
 }
 
+/// Frequencies on either side over which the terminal's part is averaged.
+const SMEARED: usize = 8;
+
 impl Whitening {
-    /// For a stretch whose first `skipped` samples do not count, up to `highest_hz`; with the terminal's noise so many times.
+    /// For stretches of `count` samples, the first `skipped` of which do not count, up to `highest_hz`. `left_out` are samples
+    /// of the force that do not count; `disturbed` what the terminal's noise makes of encoder and force, time and again.
     pub fn new(
-        smooth: &Smooth,
+        count: usize,
         period_s: f64,
         skipped: usize,
         highest_hz: f64,
         noise: Noise,
-        caution: f64,
-        device: &Parameters,
+        left_out: impl Iterator<Item = bool>,
+        disturbed: &[(Vec<f64>, Vec<f64>)],
     ) -> Self {
-        let count = smooth.nodes.len();
         let window = window(count, skipped, ((0.1 / period_s) as usize).min(count / 8));
+        let mut force_window = window.clone();
+        force_window.iter_mut().zip(left_out).filter(|(_, out)| *out).for_each(|(weight, _)| *weight = 0.0);
         let power = window.iter().map(|w| w * w).sum::<f64>().max(f64::MIN_POSITIVE);
         let bin_hz = 1.0 / (count as f64 * period_s);
         let bins = ((highest_hz / bin_hz) as usize + 1).min(count.div_ceil(2)).max(1);
-        let response = Response::of(device, smooth);
-        let factors = (0..bins)
-            .map(|bin| {
-                let frequency_hz = bin as f64 * bin_hz;
-                let left = caution * smooth.noise * smooth.passes(frequency_hz);
-                let [x, f] = response.at(frequency_hz).map(|response| response * left);
-                let position = (noise.position.powi(2) + x.norm_sqr()).sqrt();
-                let cross = f * x.conj() / position;
-                let own = (noise.force * simpson_gain(frequency_hz, period_s)).powi(2);
-                let force = (own + (f.norm_sqr() - cross.norm_sqr()).max(0.0)).sqrt();
-                let root = power.sqrt();
-                (1.0 / (position * root), -cross / (position * force * root), 1.0 / (force * root))
-            })
-            .collect();
-        Self { transform: FftPlanner::new().plan_fft_forward(count), force_window: window.clone(), window, factors }
+        let transform = FftPlanner::new().plan_fft_forward(count);
+        let mut whitening = Self { transform, window, force_window, factors: vec![(1.0, C::default(), 1.0); bins] };
+        let mut terminal = vec![(0.0, C::default(), 0.0); bins];
+        for (position, force) in disturbed {
+            let mut slots = terminal.iter_mut();
+            whitening.spectra(position.iter().copied(), force.iter().copied(), |x, f| {
+                if let Some((xx, fx, ff)) = slots.next() {
+                    *xx += x.norm_sqr();
+                    *fx += f * x.conj();
+                    *ff += f.norm_sqr();
+                }
+            });
+        }
+        let root = power.sqrt();
+        for (bin, slot) in whitening.factors.iter_mut().enumerate() {
+            let around = terminal.get(bin.saturating_sub(SMEARED)..(bin + SMEARED + 1).min(bins)).unwrap_or_default();
+            let per = 1.0 / (power * (around.len() * disturbed.len()).max(1) as f64);
+            let (xx, fx, ff) = around
+                .iter()
+                .fold((0.0, C::default(), 0.0), |(a, b, c), (xx, fx, ff)| (a + per * xx, b + per * fx, c + per * ff));
+            let position = (noise.position.powi(2) + xx).sqrt();
+            let cross = fx / position;
+            let own = (noise.force * simpson_gain(bin as f64 * bin_hz, period_s)).powi(2);
+            let force = (own + (ff - cross.norm_sqr()).max(0.0)).sqrt();
+            *slot = (1.0 / (position * root), -cross / (position * force * root), 1.0 / (force * root));
+        }
+        whitening
     }
 
     /// Numbers that it makes of a pair of channels.
@@ -79,15 +95,13 @@ impl Whitening {
         self.window.get(place).is_some_and(|weight| *weight == 1.0)
     }
 
-    /// Leaves out samples of the force.
-    pub fn without_force(mut self, left_out: impl Iterator<Item = bool>) -> Self {
-        self.force_window.iter_mut().zip(left_out).filter(|(_, out)| *out).for_each(|(weight, _)| *weight = 0.0);
-        self
-    }
-
-    /// The two channels whitened: for each frequency the real and imaginary part of the encoder's, then of the force's.
-    /// Where the weights are right, each number has variance 1 and none depends on another.
-    pub fn whitened(&self, position: impl Iterator<Item = f64>, force: impl Iterator<Item = f64>, rows: &mut [f64]) {
+    /// Hands over the spectra of encoder and force, frequency by frequency from 0.
+    fn spectra(
+        &self,
+        position: impl Iterator<Item = f64>,
+        force: impl Iterator<Item = f64>,
+        mut take: impl FnMut(C, C),
+    ) {
         // Both are real: one transform carries both.
         let mut pair: Vec<C> = position
             .zip(force)
@@ -96,18 +110,27 @@ impl Whitening {
             .collect();
         pair.resize(self.window.len(), C::default());
         self.transform.process(&mut pair);
+        let mirrored = pair.iter().take(1).chain(pair.iter().rev());
+        for (one, other) in pair.iter().zip(mirrored).take(self.factors.len()) {
+            take((one + other.conj()) * 0.5, (one - other.conj()) * C::new(0.0, -0.5));
+        }
+    }
+
+    /// The two channels whitened: for each frequency the real and imaginary part of the encoder's, then of the force's.
+    /// Where the weights are right, each number has variance 1 and none depends on another.
+    pub fn whitened(&self, position: impl Iterator<Item = f64>, force: impl Iterator<Item = f64>, rows: &mut [f64]) {
         let mut slots = rows.iter_mut();
         let mut put = |value: f64| {
             if let Some(slot) = slots.next() {
                 *slot = value;
             }
         };
-        let mirrored = pair.iter().take(1).chain(pair.iter().rev());
-        for (number, ((one, other), (own, cross, force))) in pair.iter().zip(mirrored).zip(&self.factors).enumerate() {
-            let x = (one + other.conj()) * 0.5;
-            let f = (one - other.conj()) * C::new(0.0, -0.5);
+        let mut factors = self.factors.iter();
+        let mut is_first = true;
+        self.spectra(position, force, |x, f| {
+            let Some((own, cross, force)) = factors.next() else { return };
             let (x, f) = (x * own, x * cross + f * force);
-            if number == 0 {
+            if std::mem::take(&mut is_first) {
                 put(x.re);
                 put(f.re);
             } else {
@@ -117,7 +140,7 @@ impl Whitening {
                 put(both * f.re);
                 put(both * f.im);
             }
-        }
+        });
     }
 
     /// Mean square of the whitened residual around each row, per channel: 1 where the weights are right.
@@ -196,30 +219,6 @@ fn window(count: usize, skipped: usize, taper: usize) -> Vec<f64> {
             Some(since) => rise(since).min(rise(count - 1 - place)),
         })
         .collect()
-}
-
-/// Response of screw and load cell to the terminal's displacement.
-struct Response {
-    device: Parameters,
-    damper: f64,
-}
-
-impl Response {
-    fn of(device: &Parameters, smooth: &Smooth) -> Self {
-        let square = smooth.nodes.iter().map(|[_, v, _]| v * v).sum::<f64>() / smooth.nodes.len().max(1) as f64;
-        let dry = (2.0 / PI).sqrt() * device.coulomb_n / square.sqrt().max(1e-6);
-        Self { device: *device, damper: device.viscous_n_s_per_m + dry }
-    }
-
-    /// Displacement of the screw and force of the cell per displacement of the terminal.
-    fn at(&self, frequency_hz: f64) -> [C; 2] {
-        let device = &self.device;
-        let s = C::new(0.0, TAU * frequency_hz);
-        let contact = s * device.contact_damping_n_s_per_m + device.stiffness_n_per_m;
-        let screw = s * s * device.inertance_kg + s * self.damper;
-        let position = contact / (screw + contact);
-        [position, screw * position + s * s * device.structure_mass_kg]
-    }
 }
 
 #[cfg(test)]

@@ -2,7 +2,6 @@ use super::*;
 
 #[test]
 fn the_band_of_a_whitened_residual_is_white() {
-    // Force and encoder with nothing but their own noise, the terminal without.
     let count = 4000;
     let noise = |place: usize, stream: u64| {
         let mut z = (place as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15).wrapping_add(stream << 32);
@@ -10,19 +9,18 @@ fn the_band_of_a_whitened_residual_is_white() {
         z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
         (((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64 - 0.5) * 12f64.sqrt()
     };
-    let nodes = (0..count).map(|place| [1e-3 * (place as f64 * 0.02).sin(), 1e-2, 0.0]).collect();
-    let smooth = Smooth { nodes, noise: 0.0, band_hz: 10.0 };
-    let device = Parameters {
-        inertance_kg: 300.0,
-        stiffness_n_per_m: 2e6,
-        contact_damping_n_s_per_m: 1e3,
-        ..Parameters::default()
-    };
     let noises = Noise { position: 1e-6, force: 2.0 };
-    let whitening = Whitening::new(&smooth, 1e-3, 0, 20.0, noises, 1.0, &device);
+    // What the terminal's noise does: the encoder by 3 um, the force by 4 N, half of it together.
+    let disturbance = |stream: u64| -> (Vec<f64>, Vec<f64>) {
+        let at = |place: usize| (noise(place, stream), noise(place, stream + 1));
+        (0..count).map(at).map(|(one, other)| (3e-6 * one, 2.0 * one + 12f64.sqrt() * other)).unzip()
+    };
+    let disturbed: Vec<_> = (10..20).map(|stream| disturbance(2 * stream)).collect();
+    let whitening = Whitening::new(count, 1e-3, 0, 20.0, noises, std::iter::empty(), &disturbed);
     let mut rows = vec![0.0; whitening.rows()];
-    let position = (0..count).map(|place| 1e-6 * noise(place, 1));
-    let force = (0..count).map(|place| 2.0 * noise(place, 2));
+    let (x, f) = disturbance(4);
+    let position = x.iter().enumerate().map(|(place, x)| x + 1e-6 * noise(place, 1));
+    let force = f.iter().enumerate().map(|(place, f)| f + 2.0 * noise(place, 2));
     whitening.whitened(position, force, &mut rows);
     let mean = rows.iter().map(|x| x * x).sum::<f64>() / rows.len() as f64;
     assert!((0.8..1.2).contains(&mean), "{mean}");

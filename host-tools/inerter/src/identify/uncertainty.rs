@@ -1,10 +1,12 @@
 //! How far the complete model's parameters can be trusted.
 //!
-//! `U95 = sqrt((r^2 (3 se + model))^2 + pattern^2 + sum B^2)`, `r` the residual over what the noise explains where that is above 1. `se` from `inv(J'J) (J' P J) inv(J'J)`, `P` what the whitened residual
-//! really scatters around each frequency, so that a coloured residual widens the interval. `B` is what a wrong force gain, a
-//! wrong lead and a wrong clock make of the parameters: the response of the fit to that change of the data. A periodic motion
-//! repeats the encoder's steps and no averaging removes them: *pattern* is twice what the parameters scatter when the steps
-//! are those of an encoder elsewhere in its count.
+//! `U95 = sqrt((r^2 (3 se + model))^2 + pattern^2 + sum B^2)`, `r` the residual over what the noise explains where that is
+//! above 1. `se` is the greater of two: from `inv(J'J) (J' P J) inv(J'J)`, `P` what the whitened residual really scatters around
+//! each frequency, so that a coloured residual widens the interval; and what the parameters scatter when noise like the
+//! terminal's own is laid on its motion, since impacts make that noise large in some moments and the frequencies dependent.
+//! `B` is what a wrong force gain, a wrong lead and a wrong clock make of the parameters: the response of the fit to that
+//! change of the data. A periodic motion repeats the encoder's steps and no averaging removes them: *pattern* is twice what
+//! the parameters scatter when the steps are those of an encoder elsewhere in its count.
 
 use inerter_core::Settings;
 use nalgebra::{DMatrix, DVector};
@@ -32,7 +34,7 @@ const MOST_PROFILES: usize = 3;
 
 /// Backlash from which the flanks are taken to part \[m\].
 const LEAST_GAP_M: f64 = 1e-6;
-/// Factor on the standard error where flanks part and meet: the sequence of impacts is not a smooth function of anything
+/// Factor on the standard error where flanks part and meet: what the terminal's noise makes there is not proportional to it
 /// (docs/tables/identify.md).
 const IMPACTS: f64 = 2.0;
 /// Frequency of the motion over the device's own, below which the contact's stretch is that of friction alone: it changes
@@ -44,6 +46,8 @@ pub struct Errors {
     names: Vec<Name>,
     covariance: DMatrix<f64>,
     naive: DVector<f64>,
+    /// Squares of the standard errors.
+    variance: Vec<f64>,
     systematic: Vec<f64>,
 }
 
@@ -82,6 +86,11 @@ impl Errors {
         let lead = moved(error_rows(stretches, fitted, &|_, prepared| {
             (about(&prepared.position).iter().map(|x| x * settings.lead_u95).collect(), still(prepared))
         }));
+        let mut terminal = DVector::<f64>::zeros(lengths.len());
+        for rows in &fitted.disturbed {
+            terminal += moved(rows.clone()).map(|step| step * step) / fitted.disturbed.len() as f64;
+        }
+        let variance = covariance.diagonal().iter().zip(&terminal).map(|(a, b)| a.max(*b)).collect();
         let predictions: Vec<Vec<f64>> = (0..stretches.len())
             .map(|number| said(&fitted.state, stretches, number).map(|(position, _)| position).unwrap_or_default())
             .collect();
@@ -116,7 +125,7 @@ impl Errors {
             })
             .collect();
         let names = fitted.free.clone();
-        Some(Self { names, naive: inverse.diagonal(), covariance, systematic })
+        Some(Self { names, naive: inverse.diagonal(), covariance, variance, systematic })
     }
 
     fn place(&self, name: Name) -> Option<usize> {
@@ -126,7 +135,7 @@ impl Errors {
     /// Standard error in the parameter's unit.
     fn error(&self, place: usize, fitted: &Fitted) -> Option<f64> {
         let scale = self.names.get(place)?.scale(&fitted.state.parameters);
-        Some(scale * self.covariance.get((place, place))?.max(0.0).sqrt())
+        Some(scale * self.variance.get(place)?.max(0.0).sqrt())
     }
 
     /// Half width of the interval.
@@ -144,7 +153,7 @@ impl Errors {
     /// Half width of the interval of a file's offset.
     pub fn offset_u95(&self, file: usize, gain: f64, value: f64) -> Option<f64> {
         let place = self.names.len() + file;
-        let error = self.covariance.get((place, place))?.max(0.0).sqrt();
+        let error = self.variance.get(place)?.max(0.0).sqrt();
         Some((COVERAGE * error).hypot(gain * value))
     }
 
@@ -248,7 +257,7 @@ impl Errors {
         let value = name.of(&fitted.state.parameters);
         let error = self.error(place, fitted)?;
         let systematic = self.systematic.get(place).copied()?;
-        let coloured = self.covariance.get((place, place))? / self.naive.get(place)?;
+        let coloured = self.variance.get(place)? / self.naive.get(place)?;
         let wanted = COVERAGE * COVERAGE * coloured;
         let least = cost_with(stretches, task, &fitted.state, None)?;
         let end = |side: f64| -> Option<f64> {

@@ -8,7 +8,7 @@ use super::{Kind, PageError, Story, figures};
 use crate::{
     detail,
     figure::{Colour, Figure, css, svg_for_page},
-    report::{bank_word, duration_text, plural, value_text},
+    report::{bank_word, duration_text, plural, utc, value_text},
 };
 
 /// Look of a page, for both schemes and paper. Colours come from the figures' own table.
@@ -203,6 +203,7 @@ fn conditions(story: &Story) -> Markup {
     };
     let residual =
         story.residual().map_or_else(|| "nothing moved".to_string(), |(rms_n, _)| format!("{rms_n:.2} N rms"));
+    let recorded = story.run.recorded_ns.map(|time_ns| ("Recorded", utc(time_ns)));
     let rows = [
         ("Duration", duration_text(story.duration_s)),
         ("Sample rate", format!("{} Hz", story.run.settings.sample_rate_hz)),
@@ -221,7 +222,7 @@ fn conditions(story: &Story) -> Markup {
     markup! {
         section #conditions {
             h2 { "Conditions" }
-            (pairs(&rows))
+            (pairs(&recorded.into_iter().chain(rows).collect::<Vec<_>>()))
         }
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! Li, Liang and Wang, "Two-terminal manipulation of masses ... Part I", section 4: three tones, 0.053 Hz for the friction,
 //! 3.2 Hz for the rest, 15.9 Hz to validate. Here as there the lower terminal is moved and the load cell hangs on the upper one; the
-//! terminal's displacement is measured as well, and in place of tuning by eye stands [`identify`](crate::identify) with its intervals.
+//! terminal's displacement is measured as well, and in place of tuning by eye stands [`identify`] with its intervals.
 //! Blind: of the device only the structure mass is told, which the paper has weighed.
 //!
 //! What is not the paper's: its Coulomb friction did not survive in the text at hand, 50 N is our choice; noise, encoder and sample
@@ -21,7 +21,7 @@ pub use html::{found_text, html, truth_text};
 
 use crate::{
     Error,
-    identify::{Options, Standing, identify},
+    identify::{self, Options, Standing, identify},
     replay::{Outcome, replay},
     response::{self, Agreement, ModelParameters, Point},
     run::Run,
@@ -162,13 +162,9 @@ pub fn reproduce(mut progress: impl FnMut(f64)) -> Result<Reproduction, Error> {
         test.force = calculated(test, &identified)?;
         progress((number + 4) as f64 / 6.0);
     }
-    let model = ModelParameters {
-        inertance_kg: identified.inertance_kg,
-        viscous_n_s_per_m: identified.viscous_n_s_per_m,
-        stiffness_n_per_m: identified.stiffness_n_per_m,
-        contact_damping_n_s_per_m: identified.contact_damping_n_s_per_m,
-        ..ModelParameters::default()
-    };
+    // The device's own: the structure mass is the rig's.
+    let model =
+        ModelParameters { structure_mass_kg: 0.0, ..ModelParameters::from(&identify::Parameters::from(&identified)) };
     let band = response::ideal_band(&model, WITHIN);
     let turning = |end: Option<f64>| end.map(|hertz| hertz * TAU);
     let (low, high) = PUBLISHED_BAND_RAD_PER_S;

@@ -58,8 +58,6 @@ pub struct Extent {
     pub gaps: u64,
     /// Samples that are missing in all.
     pub missing: u64,
-    /// Whether any has a terminal code.
-    pub has_terminal: bool,
     /// Sample counter of the first and the last one.
     pub indices: Option<(u32, u32)>,
 }
@@ -73,7 +71,6 @@ impl Extent {
         self.periods += jump;
         self.gaps += u64::from(jump > 1);
         self.missing += jump.saturating_sub(1);
-        self.has_terminal |= sample.terminal_code != 0;
         self.indices = Some((first, sample.index));
     }
 
@@ -221,9 +218,13 @@ pub fn read_run(path: &Path, overrides: &Overrides) -> Result<Run, Error> {
     let summary = summary_with(path, |sample| samples.push(sample), |_| ())?;
     let settings = usable_settings(path, &summary, overrides)?;
     let truth = summary.contents.metadata.get(TRUTH_METADATA).cloned();
+    let recorded_ns = summary.contents.span_ns.map(|(first, _)| first).filter(|first| *first >= LEAST_DATE_NS);
     let Summary { notes, hello, .. } = summary;
-    Ok(Run { name: path.display().to_string(), settings, samples, start_s: 0.0, notes, hello, truth })
+    Ok(Run { name: path.display().to_string(), settings, samples, start_s: 0.0, recorded_ns, notes, hello, truth })
 }
+
+/// Earlier than any recording \[ns since 1970\]: the beginning of 2000. The time of a simulation begins at 0.
+const LEAST_DATE_NS: u64 = 946_684_800_000_000_000;
 
 /// Settings of a recording that has samples, with `overrides` laid over them.
 pub fn usable_settings(path: &Path, summary: &Summary, overrides: &Overrides) -> Result<Settings, Error> {

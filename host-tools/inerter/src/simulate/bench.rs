@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use inerter_plant::{Excitation, Hands, Parameters, Plant, Sample, Simulation};
 
-use super::{Setup, SimulateError};
+use super::{Sampled, Setup, SimulateError};
 
 /// Standard gravity, by which a mass hangs on the simulated cell \[m/s^2\].
 pub const GRAVITY_M_PER_S2: f64 = 9.80665;
@@ -76,9 +76,22 @@ impl Bench {
 
 /// Samples of a device with hands at it.
 pub(super) struct Handled {
-    pub simulation: Simulation,
-    pub bench: Bench,
-    pub moved_m: f64,
+    simulation: Simulation,
+    bench: Bench,
+    moved_m: f64,
+}
+
+impl Handled {
+    /// The device of this set-up, whose motion is the first one.
+    pub fn new(setup: &Setup, bench: Bench) -> Result<Self, SimulateError> {
+        Ok(Self { simulation: setup.simulation()?, bench, moved_m: 0.0 })
+    }
+}
+
+impl Sampled for Handled {
+    fn simulation(&mut self) -> &mut Simulation {
+        &mut self.simulation
+    }
 }
 
 impl Iterator for Handled {
@@ -110,7 +123,7 @@ mod tests {
         let setup = Setup::new(Parameters::paper(), sensors, "hold", None, &Overrides::default()).unwrap();
         let setup = Setup { load_n: 3.0, ..setup };
         let bench = Bench::new(&setup);
-        let mut samples = Handled { simulation: setup.simulation().unwrap(), bench: bench.clone(), moved_m: 0.0 };
+        let mut samples = Handled::new(&setup, bench.clone()).unwrap();
         let mut after = |count: usize| samples.by_ref().nth(count).unwrap();
         assert_eq!(after(0).force_code, 1500);
         bench.obey("mass -5\n").unwrap();

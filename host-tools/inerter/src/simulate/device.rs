@@ -20,12 +20,12 @@ use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 use inerter_app::{
     App, Board, Figures, Identity, Pace, Platform, SampleSource, SourceError, Start, Store, StoreError, accept_all,
 };
-use inerter_core::{RawSample, State};
+use inerter_core::{RawSample, Settings, State};
 use inerter_plant::Sample;
 use inerter_wire::{Capabilities, ClockSource, SettingsValues};
 
 use super::{
-    Setup, SimulateError,
+    Sampled, Setup, SimulateError,
     bench::{Bench, Handled},
     clock,
     port::Port,
@@ -62,7 +62,7 @@ impl VirtualDevice {
     /// Starts a device at which hands are busy; the motion of the set-up is the first one.
     pub fn with_bench(setup: &Setup, endpoint: &Endpoint, speed: f64) -> Result<(Self, Bench), SimulateError> {
         let bench = Bench::new(setup);
-        let samples = Handled { simulation: setup.simulation()?, bench: bench.clone(), moved_m: 0.0 };
+        let samples = Handled::new(setup, bench.clone())?;
         Ok((Self::new(setup, endpoint, speed, true, Box::new(samples))?, bench))
     }
 
@@ -76,7 +76,7 @@ impl VirtualDevice {
         endpoint: &Endpoint,
         speed: f64,
         autostart: bool,
-        samples: Box<dyn Iterator<Item = Sample> + Send>,
+        samples: Box<dyn Sampled>,
     ) -> Result<Self, SimulateError> {
         let (port, name) = match endpoint {
             Endpoint::Tcp(address) => Port::tcp(address)?,
@@ -171,7 +171,7 @@ fn run_until(stop: &AtomicBool, future: impl Future) {
 
 /// The plant as a sampler.
 struct PlantSource {
-    samples: Box<dyn Iterator<Item = Sample> + Send>,
+    samples: Box<dyn Sampled>,
     next: Option<Sample>,
     started: Option<Instant>,
     speed: f64,
@@ -187,6 +187,17 @@ impl PlantSource {
         }
         self.started = Some(Instant::from_micros(now.as_micros().saturating_sub(after.as_micros())));
         now
+    }
+
+    /// The plant's instruments follow the settings; one that was waiting to be read is of the former rate.
+    fn configure(&mut self, settings: &Settings) -> Result<(), SourceError> {
+        let simulation = self.samples.simulation();
+        let sensors = simulation.sensors();
+        if (sensors.sample_rate_hz, sensors.oversampling) == (settings.sample_rate_hz, settings.oversampling) {
+            return Ok(());
+        }
+        self.next = None;
+        simulation.sample_at(settings.sample_rate_hz, settings.oversampling).map_err(|_| SourceError::Unreadable)
     }
 
     async fn read(source: &RefCell<Self>, into: &mut [RawSample]) -> Result<usize, SourceError> {
@@ -232,6 +243,10 @@ impl SampleSource for Shared {
 
     async fn read(&mut self, into: &mut [RawSample]) -> Result<usize, SourceError> {
         PlantSource::read(&self.0, into).await
+    }
+
+    async fn configure(&mut self, settings: &Settings) -> Result<(), SourceError> {
+        self.0.borrow_mut().configure(settings)
     }
 }
 

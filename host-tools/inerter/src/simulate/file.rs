@@ -9,8 +9,8 @@ use inerter_wire::{
 
 use super::{Setup, raw};
 use crate::{
-    csv,
     error::Error,
+    export::{self, Format, Selection, Source},
     output::OutputError,
     recording::{End, Recorder, TRUTH_METADATA},
     replay::{News, Outcome, Replay},
@@ -61,7 +61,7 @@ pub fn write_recording(setup: &Setup, path: &Path, mut progress: impl FnMut(f64)
     Ok(outcome)
 }
 
-/// Writes a CSV.
+/// Writes a CSV, with `terminal_m` where the settings say that there is a sensor.
 pub fn write_csv(setup: &Setup, path: &Path, mut progress: impl FnMut(f64)) -> Result<(), Error> {
     let (mut samples, mut start_s) = (Vec::new(), None);
     for sample in setup.samples()? {
@@ -78,7 +78,8 @@ pub fn write_csv(setup: &Setup, path: &Path, mut progress: impl FnMut(f64)) -> R
         start_s: start_s.unwrap_or(0.0),
         ..Run::default()
     };
-    Ok(csv::write(&run, path)?)
+    export::export(&Source::held(run), &Selection::default(), &[(Format::Csv, path.into())], None, &mut |_| Ok(()))?;
+    Ok(())
 }
 
 fn hello(setup: &Setup) -> Hello {

@@ -40,6 +40,14 @@ pub enum SimulateError {
     #[diagnostic(code(inerter::simulate::preset), help("the presets are: {known}"))]
     Preset { name: String, known: String },
 
+    /// The settings say another rate than the instruments sample at.
+    #[error("the setting sample_rate_hz = {set_hz} contradicts --sample-rate-hz {rate_hz}")]
+    #[diagnostic(
+        code(inerter::simulate::rate),
+        help("leave one of them out: the settings' rate is that of the simulated instruments")
+    )]
+    Rate { set_hz: f64, rate_hz: f64 },
+
     /// A change of the device is not written as it must be.
     #[error("--change `{text}` is not NAME=VALUE")]
     #[diagnostic(
@@ -107,7 +115,9 @@ impl SimulateError {
     /// The code that the program ends with.
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::Setup { .. } | Self::Preset { .. } | Self::Change { .. } | Self::Hand { .. } => exit::SETTINGS,
+            Self::Setup { .. } | Self::Preset { .. } | Self::Rate { .. } | Self::Change { .. } | Self::Hand { .. } => {
+                exit::SETTINGS
+            }
             Self::Format { .. } => exit::USAGE,
             Self::Endpoint { .. } | Self::NoImage | Self::NoQemu { .. } | Self::QemuEnded { .. } => exit::NO_DEVICE,
         }
@@ -167,9 +177,8 @@ impl Setup {
     }
 
     /// The samples, with the truth beside them, up to the duration.
-    pub fn samples(&self) -> Result<impl Iterator<Item = Sample> + Send + use<>, SimulateError> {
-        let duration_s = self.duration_s.unwrap_or(f64::INFINITY);
-        Ok(self.simulation()?.take_while(move |sample| sample.t_s < duration_s))
+    pub fn samples(&self) -> Result<Samples, SimulateError> {
+        Ok(Samples { simulation: self.simulation()?, duration_s: self.duration_s.unwrap_or(f64::INFINITY) })
     }
 
     fn simulation(&self) -> Result<Simulation, SimulateError> {
@@ -205,6 +214,32 @@ impl Setup {
         let values = self.parameters.values().into_iter().zip(after.values());
         let named = Parameters::TABLE.iter().map(|field| field.name).zip(values);
         named.filter_map(|(name, (before, after))| (before != after).then_some((name, after)))
+    }
+}
+
+/// Samples of a set-up, up to its duration.
+pub struct Samples {
+    simulation: Simulation,
+    duration_s: f64,
+}
+
+impl Iterator for Samples {
+    type Item = Sample;
+
+    fn next(&mut self) -> Option<Sample> {
+        self.simulation.next().filter(|sample| sample.t_s < self.duration_s)
+    }
+}
+
+/// Samples whose rate a host can change.
+trait Sampled: Iterator<Item = Sample> + Send {
+    /// What is sampled.
+    fn simulation(&mut self) -> &mut Simulation;
+}
+
+impl Sampled for Samples {
+    fn simulation(&mut self) -> &mut Simulation {
+        &mut self.simulation
     }
 }
 

@@ -41,9 +41,10 @@ impl Port {
             what: "a pseudo-terminal".into(),
             source: source.into(),
         };
-        use rustix::{fs, pty, termios};
-        let flags = pty::OpenptFlags::RDWR | pty::OpenptFlags::NOCTTY | pty::OpenptFlags::CLOEXEC;
-        let master = pty::openpt(flags).map_err(failed)?;
+        use rustix::{fs, io, pty, termios};
+        let master = pty::openpt(pty::OpenptFlags::RDWR | pty::OpenptFlags::NOCTTY).map_err(failed)?;
+        // Apart, as macOS knows no flag for it.
+        io::fcntl_setfd(&master, io::FdFlags::CLOEXEC).map_err(failed)?;
         pty::grantpt(&master).map_err(failed)?;
         pty::unlockpt(&master).map_err(failed)?;
         let name = pty::ptsname(&master, Vec::new()).map_err(failed)?;

@@ -21,7 +21,11 @@ use std::{
 use inerter_core::RawSample;
 use inerter_plant::Sample;
 
-use super::{Endpoint, Setup, SimulateError, raw};
+use super::{
+    Endpoint, Setup, SimulateError,
+    bench::{Bench, Handled},
+    raw,
+};
 use crate::{
     device::{Clock, DEFAULT_BAUD, Device, DeviceError, Target},
     error::Error,
@@ -76,6 +80,15 @@ impl Qemu {
         Ok(qemu)
     }
 
+    /// The same with hands at the device; the motion of the set-up is the first one.
+    pub fn with_bench(setup: &Setup, image: &Path, endpoint: &Endpoint, speed: f64) -> Result<(Self, Bench), Error> {
+        let bench = Bench::new(setup);
+        let mut qemu = Self::boot(setup, image, endpoint)?;
+        qemu.connect(endpoint)?.start_sampler()?;
+        qemu.feed(Handled::new(setup, bench.clone())?, setup.settings.sample_rate_hz, speed);
+        Ok((qemu, bench))
+    }
+
     /// Boots the image with the settings of the simulated device, at rest and with its sampler halted.
     ///
     /// A host that connects now, starts the sampler and only then lets the plant [`play`](Self::play) misses no sample.
@@ -114,11 +127,15 @@ impl Qemu {
 
     /// Lets the plant begin, `speed` times as fast as real time. Its samples wait until the sampler is started.
     pub fn play(&mut self, setup: &Setup, speed: f64) -> Result<(), Error> {
-        let (source, rate_hz, stop) = (setup.samples()?, setup.settings.sample_rate_hz, self.stop.clone());
-        if let Some(file) = self.file.take() {
-            self.feeder = Some(thread::spawn(move || feed(source, file, speed, rate_hz, &stop)));
-        }
+        self.feed(setup.samples()?, setup.settings.sample_rate_hz, speed);
         Ok(())
+    }
+
+    fn feed(&mut self, samples: impl Iterator<Item = Sample> + Send + 'static, rate_hz: f64, speed: f64) {
+        let stop = self.stop.clone();
+        if let Some(file) = self.file.take() {
+            self.feeder = Some(thread::spawn(move || feed(samples, file, speed, rate_hz, &stop)));
+        }
     }
 
     /// Address or pseudo-terminal to connect to.

@@ -5,12 +5,13 @@ use std::{path::PathBuf, time::Duration};
 use inerter::{
     Error,
     calibrate::{CalibrateError, Finding, steps::Rig, wizard},
-    device::{Clock, Device},
+    device::{Clock, Device, DeviceError},
     output,
     report::json_line,
     run::Run,
     settings::SettingsInputError,
 };
+use inerter_wire::Refusal;
 use serde_json::{Value, json};
 
 use super::{
@@ -74,13 +75,23 @@ pub fn time_within(text: &str, most_s: f64) -> Result<Duration, String> {
     Ok(duration)
 }
 
+/// Connects; a device that cannot keep what --write wants is refused before anything is measured.
+pub fn connect(args: &StepArgs) -> Result<Device, Error> {
+    terminal::catch_interrupts();
+    let device = Device::connect(&args.link.target(), Clock::new())?;
+    if args.write && !device.keeps_settings() {
+        let (name, what) = (device.name().to_string(), "to keep settings over a restart, as --write wants");
+        return Err(DeviceError::Refused { name, what, refusal: Refusal::Unsupported }.into());
+    }
+    Ok(device)
+}
+
 /// Does a step at a device, tells what was found, and keeps it where that is wanted.
 pub fn at_device(
     args: &StepArgs,
     step: impl FnOnce(&mut Rig<'_, Person>) -> Result<Finding, Error>,
 ) -> Result<(), Error> {
-    terminal::catch_interrupts();
-    let mut device = Device::connect(&args.link.target(), Clock::new())?;
+    let mut device = connect(args)?;
     let mut person = Person::new(args.json);
     let settings = *device.settings();
     let may_ask = Person::is_there() && !args.json;

@@ -20,6 +20,7 @@ pub fn run(link: &LinkArgs) -> Result<(), Error> {
     }
     terminal::catch_interrupts();
     let mut device = Device::connect(&link.target(), Clock::new())?;
+    let save = if device.keeps_settings() { " --save" } else { "" };
     let mut person = Person::new(false);
     let mut wizard = Wizard::new(&mut device, &mut person);
     let result = wizard.run();
@@ -28,7 +29,7 @@ pub fn run(link: &LinkArgs) -> Result<(), Error> {
         // Below the question that stood there.
         terminal::say("");
         let set: Vec<String> = accepted.iter().map(|(name, _, value)| format!("{name}={value:?}")).collect();
-        note(format!("what was accepted is not on the device yet: inerter settings set {} --save", set.join(" ")));
+        note(format!("what was accepted is not on the device yet: inerter settings set {}{save}", set.join(" ")));
     }
     result.map(|_| ())
 }

@@ -1,0 +1,110 @@
+//! The steps that read settings off a motion, of a file or of a device: skew and stiffness.
+
+use std::{collections::BTreeMap, time::Duration};
+
+use inerter::{
+    Error,
+    calibrate::{Dialogue, Heard, refuse_saturated, wizard},
+    output,
+    replay::Outcome,
+    report::json_line,
+    run::Run,
+    settings::SettingsInputError,
+};
+use serde::Serialize;
+
+use super::{
+    super::{fit::replayed, terminal},
+    common::{SourceArgs, StepArgs, connect, listening_time},
+    person::Person,
+};
+
+/// What they take.
+#[derive(clap::Args)]
+pub struct MotionArgs {
+    /// How long a device is listened to
+    #[arg(long, value_name = "SECONDS", value_parser = listening_time, allow_negative_numbers = true, default_value = "20")]
+    duration: Duration,
+    #[command(flatten)]
+    source: SourceArgs,
+    #[command(flatten)]
+    step: StepArgs,
+}
+
+/// What a motion has shown.
+pub struct Shown<J> {
+    /// What it is, for a person and as the kind of the JSON object.
+    pub what: &'static str,
+    /// What was found, for a person.
+    pub words: Vec<String>,
+    /// The settings that follow.
+    pub values: Vec<(&'static str, f64)>,
+    /// Whether they say more than those in use.
+    pub better: bool,
+    /// What was found, for a program.
+    pub json: J,
+}
+
+#[derive(Serialize)]
+struct ShownJson<'a, J> {
+    kind: &'static str,
+    source: &'a str,
+    #[serde(flatten)]
+    found: &'a J,
+    #[serde(flatten)]
+    values: BTreeMap<&'static str, f64>,
+    better: bool,
+    written: bool,
+}
+
+/// Takes a motion through the estimator, tells what it shows, and keeps that on the device where it is wanted and better.
+pub fn run<J: Serialize>(
+    args: &MotionArgs,
+    shown: impl FnOnce(&Run, &Outcome) -> Result<Shown<J>, Error>,
+) -> Result<(), Error> {
+    let mut device = None;
+    let run = match args.source.run()? {
+        Some(run) => run,
+        None => {
+            let device = device.insert(connect(&args.step)?);
+            let mut person = Person::new(args.step.json);
+            Heard::listen(device, args.duration.as_secs_f64(), |done| person.progress("listening", done))?.run
+        }
+    };
+    let outcome = replayed(&run)?;
+    refuse_saturated(&outcome, &run)?;
+    let shown = shown(&run, &outcome)?;
+    let mut settings = run.settings;
+    let adopted = shown.values.iter().try_for_each(|(name, value)| settings.set_by_name(name, *value));
+    adopted.and_then(|()| settings.validate()).map_err(|source| SettingsInputError::Refused { source })?;
+    let written = args.step.write && shown.better;
+    if let (Some(device), true) = (&mut device, written) {
+        wizard::write(device, &settings)?;
+    }
+    report(&shown, &run.name, args.step.json, written)?;
+    if device.is_some() && shown.better && !written && !args.step.json {
+        terminal::say("nothing was changed; --write puts it in use and saves it");
+    }
+    Ok(())
+}
+
+fn report<J: Serialize>(shown: &Shown<J>, source: &str, json: bool, written: bool) -> Result<(), Error> {
+    let Shown { what, words, values, better, json: found } = shown;
+    if json {
+        let values = values.iter().copied().collect();
+        let line = ShownJson { kind: what, source, found, values, better: *better, written };
+        return Ok(output::line(json_line(&line))?);
+    }
+    for (number, words) in words.iter().enumerate() {
+        output::line(if number == 0 { format!("{source}: {words}") } else { words.clone() })?;
+    }
+    let listed = |before: &str, equals: &str, between: &str| {
+        let each = values.iter().map(|(name, value)| format!("{before}{name}{equals}{value:?}"));
+        each.collect::<Vec<_>>().join(between)
+    };
+    Ok(output::line(match (better, written) {
+        (false, _) => format!("nothing to change: the {what} in use is known as well as this motion shows it"),
+        (true, true) => format!("saved on the device: {}", listed("", " = ", ", ")),
+        (true, false) => format!("use it with: {}", listed("--set ", "=", " ")),
+    })?)
+}
