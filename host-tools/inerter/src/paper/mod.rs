@@ -2,7 +2,7 @@
 //!
 //! Li, Liang and Wang, "Two-terminal manipulation of masses ... Part I", section 4: three tones, 0.053 Hz for the friction,
 //! 3.2 Hz for the rest, 15.9 Hz to validate. Here as there the lower terminal is moved and the load cell hangs on the upper one; the
-//! terminal's displacement is measured as well, and in place of tuning by eye stands [`identify`] with its intervals.
+//! terminal's displacement is measured as well, and in place of tuning by eye stands [`mod@identify`] with its intervals.
 //! Blind: of the device only the structure mass is told, which the paper has weighed.
 //!
 //! What is not the paper's: its Coulomb friction did not survive in the text at hand, 50 N is our choice; noise, encoder and sample
