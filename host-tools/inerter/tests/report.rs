@@ -130,3 +130,17 @@ fn the_paper_is_reproduced_the_same_each_time() {
     );
     assert!(fails(folder, &["reproduce-paper", "-o", "one"], 8).contains("reproduction.html"));
 }
+
+#[test]
+fn the_figure_in_the_readme_is_what_its_commands_draw() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let readme = fs::read_to_string(root.join("README.md")).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    for start in ["inerter simulate -o worn.mcap ", "inerter plot worn.mcap "] {
+        let line = readme.lines().find(|line| line.starts_with(start)).unwrap();
+        done(folder.path(), &line.split_whitespace().skip(1).collect::<Vec<_>>());
+    }
+    let drawn = fs::read_to_string(folder.path().join("worn.svg")).unwrap();
+    let shown = fs::read_to_string(root.join("docs/worn.svg")).unwrap();
+    assert!(drawn == shown, "docs/worn.svg is another figure; do what the README says in docs/ and commit worn.svg");
+}

@@ -62,34 +62,15 @@ fn table() -> Result<bool, Error> {
                 let within = error.abs() <= u95;
                 covered[fresh] += u32::from(within);
                 missed[fresh] += u32::from(error.abs() > goal);
-                let unit = if name.ends_with('%') {
-                    100.0
-                } else if name.ends_with("um") {
-                    1e6
-                } else {
-                    1.0
-                };
                 let marks = format!("{}{}", if error.abs() > goal { "*" } else { "" }, if within { "" } else { "!" });
-                cells.push(format!("{} ({}){marks}", significant(error * unit), significant(u95 * unit)));
+                cells.push(format!("{} ({}){marks}", significant(error * unit(name)), significant(u95 * unit(name))));
             }
             let ratio = found.residual_over_noise.unwrap_or(f64::NAN);
             writeln!(text, "| {motion} | {seed} | {} | {} |", cells.join(" | "), significant(ratio))?;
             eprintln!("{}", text.lines().last().unwrap_or_default());
         }
     }
-    let goals: Vec<String> = GOALS
-        .iter()
-        .map(|(name, goal, _)| {
-            let unit = if name.ends_with('%') {
-                100.0
-            } else if name.ends_with("um") {
-                1e6
-            } else {
-                1.0
-            };
-            format!("{name} {}", goal * unit)
-        })
-        .collect();
+    let goals: Vec<String> = GOALS.iter().map(|(name, goal, _)| format!("{name} {}", goal * unit(name))).collect();
     writeln!(text, "\nGoals: {}.\n", goals.join(", "))?;
     for (fresh, devices) in [(0, TUNED), (1, DEVICES - TUNED)] {
         writeln!(
@@ -104,6 +85,15 @@ fn table() -> Result<bool, Error> {
     }
     let as_committed = sheet::conclude("identify", &text, 2, update)?;
     Ok(as_committed)
+}
+
+/// Units in one of SI, by the unit in a column's name.
+fn unit(name: &str) -> f64 {
+    match name.rsplit(' ').next() {
+        Some("%") => 100.0,
+        Some("um") => 1e6,
+        _ => 1.0,
+    }
 }
 
 /// Writes the problem for scipy and solves it: the same samples, parameters, start and prior knowledge.
@@ -153,7 +143,7 @@ fn compare(path: &Path, faster: &str) -> Result<bool, Error> {
     println!("{:<28} {:>14} {:>14} {:>14} {:>14}", "", "truth", "start", "inerter", "scipy");
     let truths = problem["truth"].as_object().ok_or("no truth")?;
     for (name, truth) in truths {
-        let of = |value: &Value| significant(value.as_f64().unwrap_or(f64::NAN));
+        let of = |value: &Value| format!("{:.4e}", value.as_f64().unwrap_or(f64::NAN));
         let [start, ours] = ["start", "inerter"].map(|key| of(&problem[key][name]));
         println!("{name:<28} {:>14} {start:>14} {ours:>14} {:>14}", of(truth), of(&scipy["values"][name]));
     }

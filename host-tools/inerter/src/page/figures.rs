@@ -291,7 +291,7 @@ fn parameters(story: &Story) -> Made {
     let changes = if story.changes.is_empty() {
         ""
     } else {
-        " Vertical lines mark changes of the device, at which the estimator began anew."
+        " Vertical lines mark where a change of the device was found and the estimator began anew."
     };
     let caption = format!(
         "Estimates with their 95 % interval, by the last {} s of motion. Where the line breaks off, the motion did not show the parameter.{true_line}{changes}",
@@ -336,9 +336,14 @@ fn over_time(
     if truth.iter().any(|(_, value)| (low..=high).contains(value)) {
         layers.push(Layer::new("truth", Colour::Ink, Shape::Line(truth, Stroke::Dashed)));
     }
-    layers.extend(
-        story.changes.iter().map(|(t_s, _)| Layer::unnamed(Colour::Orange, Shape::Instant(*t_s, Stroke::Solid))),
-    );
+    layers.extend(story.changes.iter().enumerate().map(|(number, (t_s, _))| {
+        let instant = Shape::Instant(*t_s, Stroke::Solid);
+        if number == 0 {
+            Layer::new("change found", Colour::Orange, instant)
+        } else {
+            Layer::unnamed(Colour::Orange, instant)
+        }
+    }));
     let x = Axis::new("Time [s]").within(start, start + story.duration_s.max(1e-3));
     let room = (high - low).max(1e-6);
     Panel { x, y: Axis::new(label).within(low - 0.02 * room, high + 0.02 * room), height_px: LOW_PX - 10, layers }
