@@ -1,4 +1,7 @@
 //! SysTick as the time driver of embassy-time: an interrupt a millisecond, read to the microsecond.
+//!
+//! Where QEMU itself did not run for milliseconds, several ticks come as one interrupt. The clock has then fallen behind what it has
+//! said before; it stands until it has caught up, since embassy's executor and timers rely on a time that never goes back.
 
 use core::cell::{Cell, RefCell};
 use core::task::Waker;
@@ -16,12 +19,15 @@ const CORE_CYCLES_PER_MICROSECOND: u32 = CORE_HZ / 1_000_000;
 
 struct SysTick {
     milliseconds: Mutex<Cell<u64>>,
+    /// The latest time that was told, in microseconds.
+    told: Mutex<Cell<u64>>,
     next_wake: Mutex<Cell<u64>>,
     queue: Mutex<RefCell<Queue>>,
 }
 
 embassy_time_driver::time_driver_impl!(static CLOCK: SysTick = SysTick {
     milliseconds: Mutex::new(Cell::new(0)),
+    told: Mutex::new(Cell::new(0)),
     next_wake: Mutex::new(Cell::new(u64::MAX)),
     queue: Mutex::new(RefCell::new(Queue::new())),
 });
@@ -36,7 +42,10 @@ impl SysTick {
             milliseconds += 1;
         }
         let cycles = (CORE_CYCLES_PER_MILLISECOND - 1).saturating_sub(cycles_left);
-        milliseconds * 1_000 + u64::from(cycles / CORE_CYCLES_PER_MICROSECOND)
+        let now = milliseconds * 1_000 + u64::from(cycles / CORE_CYCLES_PER_MICROSECOND);
+        let told = self.told.borrow(cs);
+        told.set(told.get().max(now));
+        told.get()
     }
 
     fn wake_due(&self, cs: CriticalSection) {

@@ -101,3 +101,17 @@ fn hands_load_the_cell_of_the_image_which_keeps_no_settings() {
     let code = found["values"]["force_zero_code"].as_f64().unwrap();
     assert!((code - 50_000.0).abs() < 100.0, "{found}");
 }
+
+#[cfg(unix)]
+#[test]
+fn an_image_that_does_not_run_is_told_in_qemus_words() {
+    if image().is_none() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("zeros.bin"), [0; 4096]).unwrap();
+    for endpoint in [&["--pty"][..], &["--tcp", "127.0.0.1:0"]] {
+        let words = fails(folder.path(), &[&["simulate", "--qemu", "--image", "zeros.bin"], endpoint].concat(), 5);
+        assert!(words.contains("QEMU ended on its own") && words.contains("qemu: fatal: Lockup"), "{words}");
+    }
+}

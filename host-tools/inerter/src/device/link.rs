@@ -13,9 +13,8 @@ use super::{DeviceError, ports};
 
 /// Rate of real UARTs such as the ST-Link's; USB and pseudo-terminals do not care.
 pub const DEFAULT_BAUD: u32 = crate::board::UART_BAUD;
-/// A write that takes longer means that nobody reads. QEMU looks only once a second whether somebody has opened its
-/// pseudo-terminal, and then its processor has to get a turn.
-const WRITE_TIME: Duration = Duration::from_secs(5);
+/// A write that takes longer means that nobody reads.
+const WRITE_TIME: Duration = Duration::from_secs(2);
 /// A read that takes longer gives the caller its turn.
 const READ_TIME: Duration = Duration::from_millis(20);
 /// Time for a TCP connection to be made.

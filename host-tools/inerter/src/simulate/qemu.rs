@@ -8,9 +8,9 @@ use std::{
     io::{self, BufRead, BufReader, Read, Write},
     net::TcpListener,
     path::{Path, PathBuf},
-    process::{Child, ChildStderr, Command, Stdio},
+    process::{Child, Command, Stdio},
     sync::{
-        Arc,
+        Arc, Mutex,
         atomic::{AtomicBool, AtomicU32, Ordering},
         mpsc,
     },
@@ -64,6 +64,8 @@ pub fn qemu_version() -> Option<String> {
 pub struct Qemu {
     child: Child,
     name: String,
+    /// What it wrote last on standard error.
+    said: Arc<Mutex<String>>,
     stop: Arc<AtomicBool>,
     feeder: Option<JoinHandle<io::Result<()>>>,
     /// The file of samples, until the plant begins.
@@ -114,12 +116,16 @@ impl Qemu {
         // Ctrl-C is for us: QEMU ends when we have ended the work.
         #[cfg(unix)]
         std::os::unix::process::CommandExt::process_group(&mut command, 0);
-        let child = command.spawn().map_err(|source| SimulateError::NoQemu { source })?;
+        let mut child = command.spawn().map_err(|source| SimulateError::NoQemu { source })?;
+        let (sender, names) = mpsc::channel();
+        let said = Arc::new(Mutex::new(String::new()));
+        listen(child.stdout.take(), sender.clone(), Arc::default());
+        listen(child.stderr.take(), sender, said.clone());
         let stop = Arc::new(AtomicBool::new(false));
-        let mut qemu = Self { child, name: String::new(), stop, feeder: None, file: Some(file), samples };
+        let mut qemu = Self { child, name: String::new(), said, stop, feeder: None, file: Some(file), samples };
         qemu.name = match serial.1 {
             Some(address) => address,
-            None => qemu.pty_name()?,
+            None => qemu.pty_name(&names)?,
         };
         qemu.connect(endpoint)?.write_settings(&setup.settings)?;
         Ok(qemu)
@@ -147,7 +153,10 @@ impl Qemu {
     pub fn check(&mut self) -> Result<(), SimulateError> {
         match self.child.try_wait() {
             Ok(Some(status)) => {
-                let message = self.child.stderr.take().map(last_words).unwrap_or_default();
+                // What it wrote last may still be on its way.
+                thread::sleep(FEED_EVERY);
+                let said = self.said.lock().map(|line| line.clone()).unwrap_or_default();
+                let message = if said.is_empty() { "it said nothing".into() } else { said };
                 Err(SimulateError::QemuEnded { status: status.to_string(), message })
             }
             _ => Ok(()),
@@ -155,21 +164,8 @@ impl Qemu {
     }
 
     /// QEMU says on one of its outputs which pseudo-terminal it made.
-    fn pty_name(&mut self) -> Result<String, SimulateError> {
-        let (sender, receiver) = mpsc::channel();
-        let listen = |stream: Option<Box<dyn Read + Send>>| {
-            let sender = sender.clone();
-            let Some(stream) = stream else { return };
-            thread::spawn(move || {
-                for line in BufReader::new(stream).lines().map_while(Result::ok) {
-                    let name = line.split_whitespace().find(|word| word.starts_with("/dev/")).map(str::to_string);
-                    name.map(|name| sender.send(name).ok());
-                }
-            });
-        };
-        listen(self.child.stdout.take().map(|stream| Box::new(stream) as Box<dyn Read + Send>));
-        listen(self.child.stderr.take().map(|stream| Box::new(stream) as Box<dyn Read + Send>));
-        receiver.recv_timeout(START_TIME).map_err(|_| match self.check() {
+    fn pty_name(&mut self, names: &mpsc::Receiver<String>) -> Result<String, SimulateError> {
+        names.recv_timeout(START_TIME).map_err(|_| match self.check() {
             Err(ended) => ended,
             Ok(()) => {
                 SimulateError::QemuEnded { status: "still running".into(), message: "it made no terminal".into() }
@@ -187,16 +183,21 @@ impl Qemu {
         loop {
             match Device::connect(&target, Clock::new()) {
                 Ok(device) => return Ok(device),
-                Err(
-                    error @ (DeviceError::Connect { .. } | DeviceError::Silent { .. } | DeviceError::Vanished { .. }),
-                ) => {
+                Err(error) => {
                     self.check()?;
-                    if started.elapsed() > START_TIME {
+                    // A terminal goes with QEMU, which may not have ended wholly.
+                    let may_come = matches!(
+                        error,
+                        DeviceError::Connect { .. }
+                            | DeviceError::Missing { .. }
+                            | DeviceError::Silent { .. }
+                            | DeviceError::Vanished { .. }
+                    );
+                    if !may_come || started.elapsed() > START_TIME {
                         return Err(error.into());
                     }
                     thread::sleep(Duration::from_millis(50));
                 }
-                Err(error) => return Err(error.into()),
             }
         }
     }
@@ -226,10 +227,21 @@ fn free_port(address: &str) -> io::Result<String> {
     Ok(TcpListener::bind(address)?.local_addr()?.to_string())
 }
 
-fn last_words(mut stderr: ChildStderr) -> String {
-    let mut text = String::new();
-    stderr.read_to_string(&mut text).ok();
-    text.lines().last().unwrap_or("it said nothing").to_string()
+/// Reads an output to its end, keeps what it said last, and hands on the names of devices in it.
+fn listen(output: Option<impl Read + Send + 'static>, names: mpsc::Sender<String>, last: Arc<Mutex<String>>) {
+    let Some(output) = output else { return };
+    thread::spawn(move || {
+        for line in BufReader::new(output).lines().map_while(Result::ok) {
+            let name = line.split_whitespace().find(|word| word.starts_with("/dev/")).map(str::to_string);
+            // Nobody waits any more once there is a name.
+            name.map(|name| names.send(name).ok());
+            let Ok(mut last) = last.lock() else { return };
+            // After its own word QEMU prints registers.
+            if !line.trim().is_empty() && !last.starts_with("qemu: fatal") {
+                *last = line;
+            }
+        }
+    });
 }
 
 /// What follows the last sample; the rest of its record may be missing.
