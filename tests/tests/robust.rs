@@ -347,3 +347,19 @@ proptest! {
         is_sane(&active.estimate(&state));
     }
 }
+
+#[test]
+fn a_structure_without_a_stiffness_widens_the_interval() {
+    let truth = Device::paper().inertance_kg;
+    let exact = Settings { force_gain_u95: 0.0, lead_u95: 0.0, timebase_u95: 0.0, ..settings(&sensors()) };
+    let without = Settings { stiffness_n_per_m: 0.0, ..exact };
+    for (motion, least_kg) in [("random@10s", 1.0), ("mid@10s", 0.0), ("fast@10s", 1.8)] {
+        let samples = samples(sensors(), motion);
+        let found = run(&without, &samples).last.whole_run.inertance_kg;
+        let off = (f64::from(found.value) - truth).abs();
+        assert_eq!(found.status, Status::Ok, "{motion}");
+        assert!((least_kg..=f64::from(found.u95)).contains(&off), "{motion}: {off} beyond {}", found.u95);
+        let known = run(&exact, &samples).last.whole_run.inertance_kg;
+        assert!(known.u95 < 0.2 * found.u95, "{motion}: {known:?}");
+    }
+}

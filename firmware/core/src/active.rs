@@ -28,6 +28,9 @@ const REVERSAL_REACH_S: f64 = 0.002;
 /// Model error of the structure mass: across a gap its motion does not follow from the force. 0.1 mm of backlash takes
 /// up to 4.8 % of it from the inertance (docs/tables/accuracy.md, `worn`).
 const STRUCTURE_MODEL_U95: f64 = 0.05;
+/// The same where the contact's stiffness is not known: at the device's own frequency the terminal stands while the screw
+/// moves, and from there on moves against it. 1.5 holds up to 1.2 times that frequency.
+const LOOSE_STRUCTURE_U95: f64 = 1.5;
 /// Variance of white noise through four boxes, times their length: the cubic B-spline's autocorrelation at 0.
 const BOXES_VARIANCE: f64 = 151.0 / 315.0;
 /// Window in which standing still is decided [s].
@@ -224,9 +227,10 @@ impl Settings {
         let gain = square(self.force_gain_u95);
         let lead = square(self.lead_u95);
         let timebase = square(self.timebase_u95);
+        let structure = if self.stiffness_n_per_m > 0.0 { STRUCTURE_MODEL_U95 } else { LOOSE_STRUCTURE_U95 };
         Systematic {
             inertance: gain + lead + 4.0 * timebase,
-            structure_mass: square(self.structure_mass_u95_kg) + square(STRUCTURE_MODEL_U95 * self.structure_mass_kg),
+            structure_mass: square(self.structure_mass_u95_kg) + square(structure * self.structure_mass_kg),
             viscous: gain + lead + timebase,
             force: gain,
             skew_s: self.skew_u95_s as f32,

@@ -288,13 +288,22 @@ pub fn value_text(parameter: &Parameter) -> String {
     interval_text(parameter.value.into(), parameter.u95.into()) + held
 }
 
-/// A value with the digits that its interval bears.
+/// A value with its interval, both with the digits that the interval bears.
 pub fn interval_text(value: f64, u95: f64) -> String {
     if !(u95.is_finite() && u95 > 0.0) {
         return format!("{value:.4}");
     }
-    let decimals = (1.0 - u95.log10().floor()).clamp(0.0, 9.0) as usize;
-    format!("{value:.decimals$} ± {u95:.decimals$}")
+    format!("{} ± {}", rounded_text(value, u95), rounded_text(u95, u95))
+}
+
+/// A number with the digits that an interval bears, which is above 0: two of its own.
+pub fn rounded_text(value: f64, u95: f64) -> String {
+    let digits = (1.0 - u95.log10().floor()).min(9.0);
+    let unit = 10f64.powf(-digits);
+    let decimals = digits.max(0.0) as usize;
+    // What is left of the point is rounded too.
+    let value = if unit > 1.0 { (value / unit).round() * unit } else { value };
+    format!("{value:.decimals$}")
 }
 
 /// A table of all parameters: recent memory, whole run, and, of a simulated device, the truth; below it a line on how the

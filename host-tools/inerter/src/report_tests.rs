@@ -43,9 +43,12 @@ fn digits_follow_the_interval() {
     let text = |value, u95| value_text(&Parameter { value, u95, status: Status::Ok });
     assert_eq!(text(299.4906, 0.12), "299.49 ± 0.12");
     assert_eq!(text(203.5, 14.0), "204 ± 14");
-    assert_eq!(text(203.5, 1400.0), "204 ± 1400");
+    assert_eq!(text(203.5, 1400.0), "200 ± 1400");
     assert_eq!(text(0.01234, 0.00056), "0.01234 ± 0.00056");
     assert_eq!(text(5.0, f32::INFINITY), "5.0000");
+    assert_eq!(interval_text(2_100_034.0, 10_753.0), "2100000 ± 11000");
+    assert_eq!(interval_text(-1_249.0, 99.6), "-1249 ± 100");
+    assert_eq!(rounded_text(1.013_5e-3, 4.2e-5), "0.001014");
 }
 
 #[test]

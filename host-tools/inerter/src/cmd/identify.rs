@@ -6,7 +6,7 @@ use inerter::{
     Error,
     identify::{Found, Identified, Options, SegmentFit, Standing, identify},
     output,
-    report::{ParameterJson, interval_text, json_line},
+    report::{ParameterJson, interval_text, json_line, rounded_text},
     response::{self, Beside, ModelParameters},
     run::Run,
     series::Series,
@@ -188,8 +188,9 @@ fn text(args: &Args, runs: &[Run], found: &Identified) -> Result<(), Error> {
         if let Some(reason) = &parameter.reason {
             output::line(format!("{:28}{reason}", ""))?;
         }
-        if let Some([low, high]) = parameter.profile {
-            output::line(format!("{:28}by its profile {:.6} to {:.6}", "", low * micro, high * micro))?;
+        if let (Some(ends), Some(u95)) = (parameter.profile, parameter.u95.filter(|u95| *u95 > 0.0)) {
+            let [low, high] = ends.map(|end| rounded_text(end * micro, u95 * micro));
+            output::line(format!("{:28}by its profile {low} to {high}", ""))?;
         }
     }
     output::line("")?;
