@@ -249,6 +249,7 @@ mod tests {
             |of: fn(&Sample) -> i32| moving.iter().map(of).max().unwrap() - moving.iter().map(of).min().unwrap();
         assert!(range(|sample| sample.position_count) > 6000 && range(|sample| sample.force_code) > 50_000);
     }
+
     #[test]
     fn another_rate_takes_its_samples_from_the_same_motion() {
         let sensors = Sensors { sample_rate_hz: 1000.0, ..Sensors::default() };
