@@ -10,7 +10,7 @@ use std::{
     path::{Path, PathBuf},
     process::{Child, Command, Stdio},
     sync::{
-        Arc, Mutex,
+        Arc,
         atomic::{AtomicBool, AtomicU32, Ordering},
         mpsc,
     },
@@ -64,8 +64,8 @@ pub fn qemu_version() -> Option<String> {
 pub struct Qemu {
     child: Child,
     name: String,
-    /// What it wrote last on standard error.
-    said: Arc<Mutex<String>>,
+    /// Ends with its standard error, and gives what was written there last.
+    last_words: Option<JoinHandle<String>>,
     stop: Arc<AtomicBool>,
     feeder: Option<JoinHandle<io::Result<()>>>,
     /// The file of samples, until the plant begins.
@@ -118,11 +118,10 @@ impl Qemu {
         std::os::unix::process::CommandExt::process_group(&mut command, 0);
         let mut child = command.spawn().map_err(|source| SimulateError::NoQemu { source })?;
         let (sender, names) = mpsc::channel();
-        let said = Arc::new(Mutex::new(String::new()));
-        listen(child.stdout.take(), sender.clone(), Arc::default());
-        listen(child.stderr.take(), sender, said.clone());
+        listen(child.stdout.take(), sender.clone());
+        let last_words = listen(child.stderr.take(), sender);
         let stop = Arc::new(AtomicBool::new(false));
-        let mut qemu = Self { child, name: String::new(), said, stop, feeder: None, file: Some(file), samples };
+        let mut qemu = Self { child, name: String::new(), last_words, stop, feeder: None, file: Some(file), samples };
         qemu.name = match serial.1 {
             Some(address) => address,
             None => qemu.pty_name(&names)?,
@@ -153,10 +152,8 @@ impl Qemu {
     pub fn check(&mut self) -> Result<(), SimulateError> {
         match self.child.try_wait() {
             Ok(Some(status)) => {
-                // What it wrote last may still be on its way.
-                thread::sleep(FEED_EVERY);
-                let said = self.said.lock().map(|line| line.clone()).unwrap_or_default();
-                let message = if said.is_empty() { "it said nothing".into() } else { said };
+                let said = self.last_words.take().and_then(|listener| listener.join().ok());
+                let message = said.filter(|said| !said.is_empty()).unwrap_or_else(|| "it said nothing".into());
                 Err(SimulateError::QemuEnded { status: status.to_string(), message })
             }
             _ => Ok(()),
@@ -227,21 +224,22 @@ fn free_port(address: &str) -> io::Result<String> {
     Ok(TcpListener::bind(address)?.local_addr()?.to_string())
 }
 
-/// Reads an output to its end, keeps what it said last, and hands on the names of devices in it.
-fn listen(output: Option<impl Read + Send + 'static>, names: mpsc::Sender<String>, last: Arc<Mutex<String>>) {
-    let Some(output) = output else { return };
-    thread::spawn(move || {
+/// Reads an output to its end and hands on the names of devices in it; gives what was said last.
+fn listen(output: Option<impl Read + Send + 'static>, names: mpsc::Sender<String>) -> Option<JoinHandle<String>> {
+    let output = output?;
+    Some(thread::spawn(move || {
+        let mut last = String::new();
         for line in BufReader::new(output).lines().map_while(Result::ok) {
             let name = line.split_whitespace().find(|word| word.starts_with("/dev/")).map(str::to_string);
             // Nobody waits any more once there is a name.
             name.map(|name| names.send(name).ok());
-            let Ok(mut last) = last.lock() else { return };
             // After its own word QEMU prints registers.
             if !line.trim().is_empty() && !last.starts_with("qemu: fatal") {
-                *last = line;
+                last = line;
             }
         }
-    });
+        last
+    }))
 }
 
 /// What follows the last sample; the rest of its record may be missing.
