@@ -1,12 +1,15 @@
 //! The recordings of real machines, which lie beside the project and not in it.
 
-use inerter::{
-    Error, csv,
+use std::path::PathBuf;
+
+use inerter_data::{
+    csv,
     replay::{self, Outcome},
     run::Run,
     settings::Overrides,
 };
-use std::path::PathBuf;
+
+use inerter_data::Error;
 
 /// One recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

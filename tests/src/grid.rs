@@ -1,9 +1,9 @@
 //! The accuracy grid: six motions, several seeds, three rigs; what the estimator says against what is true.
 
 use crate::linear::Cholesky;
-pub use inerter::simulate::raw;
 use inerter_core::{Estimate, Parameter, Parameters, Settings, State, Status};
 use inerter_plant::{Excitation, Motion as Screw, Parameters as Device, Sensors, Simulation};
+pub use inerter_simulate::raw;
 use std::thread;
 
 /// What goes wrong while a run is set up.
@@ -114,7 +114,7 @@ pub fn truth(device: &Device) -> [f64; 3] {
 /// # Panics
 /// Where the plant or an instrument is beyond what a setting may be.
 pub fn calibrated(device: &Device, sensors: &Sensors) -> Settings {
-    inerter::simulate::calibrated(device, sensors).expect("instruments within the settings' ranges")
+    inerter_simulate::calibrated(device, sensors).expect("instruments within the settings' ranges")
 }
 
 /// One run's published estimates and the last one.

@@ -1,12 +1,10 @@
 //! Hidden devices for `inerter identify`: drawn by a seed, shaken by the grid's motions, with a terminal sensor.
 
-use inerter::{
-    identify::{Identified, IdentifyError, Options, Standing, identify},
-    run::Run,
-    simulate::calibrated,
-};
+use inerter_analysis::identify::{Identified, IdentifyError, Options, Standing, identify};
 use inerter_core::Settings;
+use inerter_data::run::Run;
 use inerter_plant::{Excitation, Parameters as Device, Sensors, Simulation};
+use inerter_simulate::calibrated;
 use rand_chacha::{
     ChaCha8Rng,
     rand_core::{RngCore, SeedableRng},
@@ -72,7 +70,7 @@ pub fn recorded(device: &Device, motion: &str, sensors: &Sensors, duration_s: f6
         timebase_u95: 0.0,
         ..calibrated(device, sensors)?
     };
-    let samples = simulation.lasting(duration_s).map(|sample| inerter::simulate::raw(&sample)).collect();
+    let samples = simulation.lasting(duration_s).map(|sample| inerter_simulate::raw(&sample)).collect();
     Ok(Run { name: format!("{motion} {}", sensors.seed), settings, samples, ..Run::default() })
 }
 

@@ -1,12 +1,5 @@
 //! The firmware image in QEMU, given all of its samples at once.
 
-use crate::grid::Error;
-use inerter::{
-    device::{Clock, Device, DeviceError, Target},
-    simulate::{END_OF_SAMPLES, sample_bytes},
-};
-use inerter_core::{Estimate, RawSample, Settings};
-use inerter_wire::{EventKind, Frame, Record, Streams};
 use std::{
     fs,
     net::TcpListener,
@@ -15,6 +8,13 @@ use std::{
     sync::{Mutex, MutexGuard},
     time::{Duration, Instant},
 };
+
+use inerter_core::{Estimate, RawSample, Settings};
+use inerter_device::{Clock, Device, DeviceError, Target};
+use inerter_simulate::{END_OF_SAMPLES, sample_bytes};
+use inerter_wire::{EventKind, Frame, Record, Streams};
+
+use crate::grid::Error;
 
 const QEMU: &str = "qemu-system-arm";
 /// Time in which the image must answer after its start.

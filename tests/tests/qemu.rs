@@ -1,7 +1,11 @@
 //! The firmware image on a Cortex-M4F in QEMU: it says what core says here, to the bit.
 
-use inerter::{device::DeviceError, inject::inject, replay::replay, run::Run};
 use inerter_core::{Estimate, RawSample, Settings, State};
+use inerter_data::{replay::replay, run::Run};
+use inerter_device::{
+    DeviceError,
+    inject::{Injection, inject},
+};
 use inerter_plant::{Excitation, Parameters as Device, Sensors, Simulation};
 use inerter_tests::{
     data::Recording,
@@ -73,7 +77,7 @@ fn replayed(run: &Run) -> Vec<Estimate> {
     let mut published = Vec::new();
     let outcome = replay(run, |_, estimate| {
         published.push(*estimate);
-        Ok::<(), inerter::Error>(())
+        Ok::<(), inerter_data::Error>(())
     });
     published.push(outcome.unwrap().estimate);
     published
@@ -102,7 +106,8 @@ fn injected(run: &Run) {
         there.push(*estimate);
         Ok::<(), DeviceError>(())
     };
-    let outcome = inject(&mut device, run, publish, |_| Ok(())).unwrap();
+    let injection = Injection { settings: &run.settings, samples: &run.samples, start_s: run.start_s };
+    let outcome = inject(&mut device, &injection, publish, |_| Ok(())).unwrap();
     there.push(outcome.estimate);
     assert_eq!(outcome.samples, run.samples.len() as u64);
     same(&there, &replayed(run));

@@ -2,8 +2,8 @@
 //!
 //! Limits are two-sided where a figure could come out right by having stopped being measured.
 
-use inerter::replay::Outcome;
 use inerter_core::{Bank, Parameter, Parameters, RawSample, Settings, State, Status};
+use inerter_data::replay::Outcome;
 use inerter_tests::data::{Recording, replayed};
 
 /// Published least-squares fit of the EMPS recording: inertance [kg], viscous [N s/m], Coulomb [N], offset [N].

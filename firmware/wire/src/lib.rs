@@ -9,6 +9,7 @@
 //! - [`Samples`], [`SamplesBuilder`]: batches of raw samples in few bytes.
 //! - [`SettingsValues`]: settings as numbered values, so that old and new ends understand each other.
 //! - [`Crc32`]: the checksum of frames, also for what a device keeps.
+//! - [`EstimatorEvent`]: what an estimator says, here or in a device.
 //! - [`catalogue`]: name, label, symbol and unit of every number that a view can show.
 //! - [`protocol`]: the tables of records and commands that the documents are made from.
 //!
@@ -19,6 +20,7 @@
 pub mod catalogue;
 mod command;
 mod crc;
+mod event;
 mod frame;
 pub mod protocol;
 mod record;
@@ -27,6 +29,7 @@ mod settings;
 
 pub use command::{Command, Request, Streams};
 pub use crc::Crc32;
+pub use event::{EstimatorEvent, step};
 pub use frame::{
     Corruption, Counts, DELIMITER, EncodeError, Frame, FrameReader, MAX_FRAME, MAX_PAYLOAD, Message, Peek,
     SequenceCounter, encode, encode_record, encode_request,
@@ -41,3 +44,19 @@ pub use settings::{MAX_SETTINGS, Reading, SettingValue, SettingsValues};
 /// Version of the numbers and layouts in this crate. It changes only when an existing one changes its meaning;
 /// what is added at the end of a list leaves it alone.
 pub const WIRE_VERSION: u16 = 1;
+
+/// What to do about a device or recording that speaks wire version `theirs`.
+pub struct VersionAdvice {
+    /// The other end's version.
+    pub theirs: u16,
+}
+
+impl core::fmt::Display for VersionAdvice {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        if self.theirs > WIRE_VERSION {
+            write!(f, "use a newer `inerter` program: one that speaks wire version {}", self.theirs)
+        } else {
+            write!(f, "update the firmware of the device to one that speaks wire version {WIRE_VERSION}")
+        }
+    }
+}

@@ -2,20 +2,19 @@
 
 use std::{fs, path::Path};
 
+use inerter_device::{
+    self, Clock, DEFAULT_BAUD, Device, DeviceError, Target,
+    board::{ST_VID, USB_VID},
+    dfu, list,
+    udev::install_rule,
+};
+use inerter_simulate::qemu_version;
 use inerter_wire::WIRE_VERSION;
 use miette::Diagnostic;
 use serde::Serialize;
 
-use crate::{
-    board::{ST_VID, USB_PID, USB_VID},
-    device::{self, Clock, Device, DeviceError, Target},
-    simulate, update,
-};
-
 /// Where udev looks for rules.
 const RULES: [&str; 4] = ["/etc/udev/rules.d", "/run/udev/rules.d", "/usr/lib/udev/rules.d", "/lib/udev/rules.d"];
-/// Our rule's place.
-const RULE_FILE: &str = "/etc/udev/rules.d/70-inerter.rules";
 
 /// How something is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -71,7 +70,7 @@ pub fn examine(target: Option<&Target>) -> Vec<Check> {
         checks.push(rule(&RULES.map(Path::new)));
         checks.extend(modem_manager(Path::new("/proc")));
     }
-    checks.push(match simulate::qemu_version() {
+    checks.push(match qemu_version() {
         Some(version) => Check::good("simulation", version),
         None => Check::warning(
             "simulation",
@@ -84,11 +83,11 @@ pub fn examine(target: Option<&Target>) -> Vec<Check> {
 
 /// Every device that is ours, or else what ports there are.
 fn plugged_in() -> Vec<Check> {
-    let ports = device::list();
+    let ports = list();
     let ours: Vec<Check> = ports
         .iter()
         .filter(|port| port.inerter)
-        .map(|port| asked(&Target::Port { port: port.port.clone(), baud: device::DEFAULT_BAUD }))
+        .map(|port| asked(&Target::Port { port: port.port.clone(), baud: DEFAULT_BAUD }))
         .collect();
     if !ours.is_empty() {
         return ours;
@@ -100,7 +99,7 @@ fn plugged_in() -> Vec<Check> {
             format!("a NUCLEO's UART comes through it: inerter doctor --port {link}"),
         ),
         None => (
-            format!("no inerter among {}", crate::report::plural(ports.len() as u64, "serial port")),
+            format!("no inerter among {}", inerter_data::words::plural(ports.len() as u64, "serial port")),
             "plug the board's own USB connector in; a charging cable without data lines does not do".to_string(),
         ),
     };
@@ -136,14 +135,14 @@ fn asked(target: &Target) -> Check {
 
 /// Devices in update mode, and whether they may be opened.
 fn waiting() -> Vec<Check> {
-    let devices = match update::list() {
+    let devices = match dfu::list() {
         Ok(devices) => devices,
         Err(error) => {
             let check = Check::of("update mode", &error);
             return vec![Check { condition: Condition::Warning, ..check }];
         }
     };
-    let check = |device: &update::DfuDevice| match update::may_open(device) {
+    let check = |device: &dfu::DfuDevice| match dfu::may_open(device) {
         Ok(()) => Check::warning(
             "update mode",
             format!("a device (serial {}) waits for firmware", device.serial),
@@ -152,24 +151,6 @@ fn waiting() -> Vec<Check> {
         Err(error) => Check::of("update mode", &error),
     };
     devices.iter().map(check).collect()
-}
-
-/// The udev rule that lets whoever sits at the machine use a device, and keeps others off its port.
-pub fn udev_rule() -> String {
-    format!(
-        "# Instrumented inerter: its serial port, which is no modem, its update mode and ST-Links.\n\
-         SUBSYSTEM==\"tty\", ATTRS{{idVendor}}==\"{USB_VID:04x}\", ATTRS{{idProduct}}==\"{USB_PID:04x}\", MODE=\"0660\", \
-         GROUP=\"dialout\", TAG+=\"uaccess\", ENV{{ID_MM_DEVICE_IGNORE}}=\"1\"\n\
-         SUBSYSTEM==\"usb\", ATTR{{idVendor}}==\"{ST_VID:04x}\", MODE=\"0660\", \
-         GROUP=\"plugdev\", TAG+=\"uaccess\"\n"
-    )
-}
-
-/// How our udev rule is installed.
-pub fn install_rule() -> String {
-    format!(
-        "inerter doctor --udev-rule | sudo tee {RULE_FILE} && sudo udevadm control --reload && sudo udevadm trigger"
-    )
 }
 
 fn rule(folders: &[&Path]) -> Check {
@@ -216,17 +197,10 @@ mod tests {
         let check = rule(&[&missing, folder.path()]);
         assert_eq!(check.condition, Condition::Warning);
         assert!(check.advice.unwrap().contains("inerter doctor --udev-rule | sudo tee"));
-        fs::write(folder.path().join("70-mine.rules"), udev_rule()).unwrap();
+        fs::write(folder.path().join("70-mine.rules"), inerter_device::udev::udev_rule()).unwrap();
         let check = rule(&[&missing, folder.path()]);
         assert_eq!(check.condition, Condition::Good);
         assert!(check.text.ends_with("70-mine.rules"));
-    }
-
-    #[test]
-    fn the_rule_names_both_devices() {
-        let rule = udev_rule();
-        assert!(rule.contains("\"1209\"") && rule.contains("\"0001\"") && rule.contains("\"0483\""));
-        assert_eq!(rule.lines().count(), 3);
     }
 
     #[test]

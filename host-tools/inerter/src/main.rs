@@ -1,13 +1,21 @@
-//! The program `inerter`: one file per command in `cmd`, all else in the library.
+//! The program `inerter`: one file per command in `cmd`, the views of a live device in `monitor`, dialogues in `calibrate`.
+//!
+//! What a command does stands in the libraries beside this crate; this one asks, shows, and decides the exit code.
 #![forbid(unsafe_code)]
 
+mod calibrate;
 mod cmd;
+mod doctor;
+mod error;
+mod exit;
+mod monitor;
+
+use error::Error;
 
 use std::{ffi::OsString, io::IsTerminal, path::PathBuf, process::ExitCode};
 
 use clap::{CommandFactory, Parser, Subcommand};
 use cmd::config::{self, ConfigError};
-use inerter::error::exit;
 
 /// Reads the effective inertance, friction and backlash of an inerter while it moves.
 #[derive(Parser)]
@@ -70,8 +78,7 @@ fn main() -> ExitCode {
     let cli = match parse() {
         Ok(cli) => cli,
         Err(error) => {
-            let code = error.exit_code();
-            return fail(error, code);
+            return fail(error, exit::SETTINGS);
         }
     };
     let result = match cli.command {
@@ -80,7 +87,7 @@ fn main() -> ExitCode {
         Command::Record(args) => cmd::record::run(&args),
         Command::Replay(args) => cmd::replay::run(&args),
         Command::Send(args) => cmd::send::run(&args),
-        Command::Export(args) => cmd::export::run(&args),
+        Command::Export(args) => cmd::export::run(&args, Cli::command()),
         Command::Cut(args) => cmd::cut::run(&args),
         Command::Merge(args) => cmd::merge::run(&args),
         Command::Fit(args) => cmd::fit::run(&args),
@@ -98,12 +105,12 @@ fn main() -> ExitCode {
         Command::Completions(args) => cmd::completions::run(&args, Cli::command()),
         Command::Man(args) => cmd::completions::man(&args, Cli::command()),
     };
-    let result = result.and_then(|()| Ok(inerter::output::flush()?));
+    let result = result.and_then(|()| Ok(inerter_data::output::flush()?));
     match result {
         Ok(()) => ExitCode::from(exit::OK),
         Err(error) if error.is_broken_pipe() => ExitCode::from(exit::OK),
         Err(error) => {
-            let code = error.exit_code();
+            let code = exit::code(&error);
             fail(error, code)
         }
     }

@@ -9,11 +9,9 @@ use std::{
 };
 
 use common::{done, fails, inerter, last, run, text};
-use inerter::{
-    settings::Overrides,
-    simulate::{Bench, Endpoint, Setup, VirtualDevice, bench_sensors},
-};
+use inerter_data::settings::Overrides;
 use inerter_plant::{Parameters, Sensors};
+use inerter_simulate::{Bench, Endpoint, Setup, VirtualDevice, bench_sensors};
 use serde_json::Value;
 
 fn device(sensors: Sensors, speed: f64) -> (VirtualDevice, Bench) {

@@ -136,12 +136,11 @@ fn a_recording_that_breaks_off_can_be_cut_and_exported() {
 #[cfg(target_os = "linux")]
 #[test]
 fn what_is_typed_while_it_is_recorded_becomes_a_marker() {
-    use inerter::{
-        settings::Overrides,
-        simulate::{Endpoint, Setup, VirtualDevice, bench_sensors},
-    };
-    use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
     use std::{io::Write, os::unix::ffi::OsStrExt};
+
+    use inerter_data::settings::Overrides;
+    use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
+    use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 
     let setup =
         Setup::new(inerter_plant::Parameters::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();

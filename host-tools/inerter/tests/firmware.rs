@@ -1,7 +1,7 @@
 //! The program with firmware images, and with the settings that a device keeps.
 
 mod common;
-#[path = "common/elf.rs"]
+#[path = "../../device/src/image/elf_file.rs"]
 mod elf;
 #[path = "common/frames.rs"]
 mod frames;
@@ -14,12 +14,10 @@ use std::{
 };
 
 use common::{done, fails, inerter, last, text};
-use inerter::{
-    device::{Clock, Device, Target},
-    settings::Overrides,
-    simulate::{Endpoint, Setup, VirtualDevice, bench_sensors},
-};
+use inerter_data::settings::Overrides;
+use inerter_device::{Clock, Device, Target};
 use inerter_plant::Parameters;
+use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
 use inerter_wire::Command;
 
 fn device() -> VirtualDevice {

@@ -14,11 +14,9 @@ use std::{
 };
 
 use common::{done, estimate_of, fails, inerter, json_lines, last, text};
-use inerter::{
-    settings::Overrides,
-    simulate::{Endpoint, Setup, VirtualDevice, bench_sensors},
-};
+use inerter_data::settings::Overrides;
 use inerter_plant::{Parameters, Sensors};
+use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
 
 fn setup(excite: &str) -> Setup {
     Setup::new(Parameters::paper(), bench_sensors(), excite, None, &Overrides::default()).unwrap()

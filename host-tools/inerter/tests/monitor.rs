@@ -11,11 +11,9 @@ use std::{
 };
 
 use common::{done, fails, inerter, last, text};
-use inerter::{
-    settings::Overrides,
-    simulate::{Endpoint, Setup, VirtualDevice, bench_sensors},
-};
+use inerter_data::settings::Overrides;
 use inerter_plant::Parameters;
+use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
 use serde_json::Value;
 use tungstenite::{ClientRequestBuilder, Message, WebSocket};
 

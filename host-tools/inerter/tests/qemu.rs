@@ -5,13 +5,16 @@ mod common;
 use std::{io::BufRead, time::Duration};
 
 use common::{done, estimate_of, fails, inerter, json_lines, last};
-use inerter::{
-    live::{Happening, Live},
+use inerter_data::{
     recording::{End, Recorder},
     settings::Overrides,
-    simulate::{Endpoint, Qemu, Setup, bench_sensors, find_image},
+};
+use inerter_device::{
+    Device, Target,
+    live::{LinkEvent, Live},
 };
 use inerter_plant::Parameters;
+use inerter_simulate::{Endpoint, Qemu, START_TIME, Setup, bench_sensors, find_image};
 use inerter_wire::{EventKind, Frame, Record, Streams};
 
 /// The image, when this machine can run it.
@@ -30,13 +33,23 @@ fn image() -> Option<std::path::PathBuf> {
     }
 }
 
+/// The image with the settings of the simulated device, at rest.
+fn booted(setup: &Setup, image: &std::path::Path) -> Qemu {
+    let mut qemu = Qemu::boot(image, &Endpoint::Tcp("127.0.0.1:0".into())).unwrap();
+    let target = Target::Tcp { address: qemu.name().into() };
+    let alive = || Ok::<(), Box<dyn std::error::Error>>(qemu.check()?);
+    let mut device = Device::connect_starting(&target, START_TIME, alive).unwrap();
+    device.write_settings(&setup.settings).unwrap();
+    qemu
+}
+
 #[test]
 fn a_run_through_the_image_replays_to_the_same_digits() {
     let Some(image) = image() else { return };
     let folder = tempfile::tempdir().unwrap();
     let setup = Setup::new(Parameters::paper(), bench_sensors(), "random@8s", None, &Overrides::default()).unwrap();
-    let mut qemu = Qemu::boot(&setup, &image, &Endpoint::Tcp("127.0.0.1:0".into())).unwrap();
-    let target = inerter::device::Target::Tcp { address: qemu.name().into() };
+    let mut qemu = booted(&setup, &image);
+    let target = Target::Tcp { address: qemu.name().into() };
     let mut live = Live::connect(target, Streams::ALL, Duration::ZERO).unwrap();
     let mut recorder = Recorder::create(&folder.path().join("run.mcap")).unwrap();
     let device = live.device().unwrap();
@@ -45,9 +58,9 @@ fn a_run_through_the_image_replays_to_the_same_digits() {
     let mut ended = false;
     loop {
         let received = match live.next().unwrap() {
-            Happening::Received(received) => received,
+            LinkEvent::Received(received) => received,
             // The last raw samples may come after the event.
-            Happening::Quiet if ended => break,
+            LinkEvent::Quiet if ended => break,
             _ => continue,
         };
         if !received.bytes.is_empty() {
@@ -91,7 +104,8 @@ fn hands_load_the_cell_of_the_image_which_keeps_no_settings() {
     let Some(image) = image() else { return };
     let folder = tempfile::tempdir().unwrap();
     let setup = Setup::new(Parameters::paper(), bench_sensors(), "hold", None, &Overrides::default()).unwrap();
-    let (qemu, bench) = Qemu::with_bench(&setup, &image, &Endpoint::Tcp("127.0.0.1:0".into()), 4.0).unwrap();
+    let mut qemu = booted(&setup, &image);
+    let bench = qemu.play_with_bench(&setup, 4.0).unwrap();
     let zero = ["calibrate", "zero", "--duration", "1", "--json", "--connect", qemu.name()];
     // Before anybody has measured for an hour.
     let words = fails(folder.path(), &[&zero[..], &["--write"]].concat(), 6);

@@ -5,13 +5,12 @@ mod common;
 use std::{fs, path::Path, sync::OnceLock};
 
 use common::{done, fails, json_lines, last, run, text};
-use inerter::{
+use inerter_core::Settings;
+use inerter_data::{
+    json::{EstimateJson, json_line},
     replay::replay,
-    report::{EstimateJson, json_line},
-    run::Run,
     settings::Overrides,
 };
-use inerter_core::Settings;
 use proptest::prelude::*;
 use serde_json::Value;
 
@@ -431,9 +430,9 @@ fn a_full_disk_behind_standard_output_is_noticed_and_a_closed_pipe_is_no_fault()
 fn a_recording_of_another_wire_version_is_refused_with_the_versions() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("future.mcap");
-    let mut recorder = inerter::recording::Recorder::create(&path).unwrap();
+    let mut recorder = inerter_data::recording::Recorder::create(&path).unwrap();
     recorder.frame(0, &common_frames::foreign_hello()).unwrap();
-    recorder.close(&inerter::recording::End { reason: "finished".into(), lost_frames: 0 }).unwrap();
+    recorder.close(&inerter_data::recording::End { reason: "finished".into(), lost_frames: 0 }).unwrap();
     let words = fails(folder.path(), &["replay", "future.mcap"], 7);
     assert!(words.contains("was recorded from a device that speaks wire version 7; this program speaks 1"), "{words}");
     assert!(words.contains("use a newer `inerter` program"), "{words}");
@@ -465,7 +464,7 @@ proptest! {
         let path = folder.path().join("damaged.mcap");
         fs::write(&path, bytes).unwrap();
         // Settings that were damaged may be refused, in words.
-        let replayed = Run::open(&path, &Overrides::default()).and_then(|run| replay(&run, |_, _| Ok(())));
+        let replayed = inerter_data::open(&path, &Overrides::default()).and_then(|run| replay(&run, |_, _| Ok(())));
         if let Ok(outcome) = replayed {
             let line = json_line(&EstimateJson::last(
                 outcome.t_s,

@@ -5,19 +5,6 @@
 //! same to the bit. `cargo xtask demo` builds what this needs; `--speed X` plays X times as fast, `--output FOLDER` records there.
 #![forbid(unsafe_code)]
 
-use inerter::{
-    live::{Happening, Live},
-    recording::{End, Recorder},
-    replay::replay,
-    report::value_text,
-    run::Run,
-    settings::Overrides,
-    simulate::{Endpoint, Qemu, Setup, bench_sensors, find_image},
-};
-use inerter_core::{Backlash, BacklashStatus, Estimate, Parameter, Status};
-use inerter_plant::Parameters as Device;
-use inerter_tests::grid::Error;
-use inerter_wire::{EventKind, Frame, Health, Record, Streams, catalogue};
 use std::{
     fmt::Write as _,
     io::{IsTerminal, Write as _, stdout},
@@ -25,6 +12,19 @@ use std::{
     process::ExitCode,
     time::{Duration, Instant},
 };
+
+use inerter_core::{Backlash, BacklashStatus, Estimate, Parameter, Status};
+use inerter_data::{
+    recording::{End, Recorder},
+    replay::replay,
+    settings::Overrides,
+    text::value_text,
+};
+use inerter_device::live::{LinkEvent, Live};
+use inerter_plant::Parameters as Device;
+use inerter_simulate::{Endpoint, Qemu, START_TIME, Setup, bench_sensors, find_image};
+use inerter_tests::grid::Error;
+use inerter_wire::{EventKind, Frame, Health, Record, Streams, catalogue};
 
 /// Lines of the live block: heading, four parameters, foot.
 const BLOCK_LINES: usize = 6;
@@ -110,8 +110,12 @@ fn shake(test: &Test, device: Device, speed: f64, image: &Path, folder: &Path) -
     let speed = test.speed * speed;
     // Cut off in full motion: a stop would tell more about the inertance than the slow motion does.
     let setup = Setup::new(device, bench_sensors(), test.motion, Some(test.seconds), &Overrides::default())?;
-    let mut qemu = Qemu::boot(&setup, image, &Endpoint::Tcp("127.0.0.1:0".into()))?;
-    let target = inerter::device::Target::Tcp { address: qemu.name().to_owned() };
+    let mut qemu = Qemu::boot(image, &Endpoint::Tcp("127.0.0.1:0".into()))?;
+    let target = inerter_device::Target::Tcp { address: qemu.name().to_owned() };
+    let mut connected =
+        inerter_device::Device::connect_starting(&target, START_TIME, || Ok::<(), Error>(qemu.check()?))?;
+    connected.write_settings(&setup.settings)?;
+    drop(connected);
     let mut live = Live::connect(target, Streams::ALL, Duration::ZERO)?;
 
     let recording = folder.join(test.name).with_extension("mcap");
@@ -119,7 +123,7 @@ fn shake(test: &Test, device: Device, speed: f64, image: &Path, folder: &Path) -
     if let Some(connected) = live.device() {
         recorder.describe(connected.hello(), connected.settings())?;
     }
-    recorder.metadata(inerter::recording::TRUTH_METADATA, setup.truth())?;
+    recorder.metadata(inerter_data::recording::TRUTH_METADATA, setup.truth())?;
 
     qemu.play(&setup, speed)?;
     let rate_hz = setup.settings.sample_rate_hz;
@@ -127,15 +131,15 @@ fn shake(test: &Test, device: Device, speed: f64, image: &Path, folder: &Path) -
     let (mut estimates, mut backlash, mut health, mut ended) = (Vec::new(), None, None, false);
     loop {
         let received = match live.next()? {
-            Happening::Received(received) => received,
+            LinkEvent::Received(received) => received,
             // The last raw samples may come after the event that says that there are no more.
-            Happening::Quiet if ended => break,
-            Happening::Quiet => {
+            LinkEvent::Quiet if ended => break,
+            LinkEvent::Quiet => {
                 qemu.check()?;
                 continue;
             }
-            Happening::Away { reason } => return Err(reason.into()),
-            Happening::Back => continue,
+            LinkEvent::Away { reason } => return Err(reason.into()),
+            LinkEvent::Back => continue,
         };
         if !received.bytes.is_empty() {
             recorder.frame(received.time_ns, &received.bytes)?;
@@ -170,9 +174,9 @@ fn shake(test: &Test, device: Device, speed: f64, image: &Path, folder: &Path) -
 
 /// Everything that the estimator publishes when the recording goes through it on this machine, and its last word.
 fn replayed(recording: &Path) -> Result<Vec<Bits>, Error> {
-    let run = Run::open(recording, &Overrides::default())?;
+    let run = inerter_data::open(recording, &Overrides::default())?;
     let mut published = Vec::new();
-    let last = replay(&run, |_, estimate| -> Result<(), inerter::Error> {
+    let last = replay(&run, |_, estimate| -> Result<(), crate::Error> {
         published.push(bits(estimate));
         Ok(())
     })?;

@@ -3,10 +3,8 @@
 
 use std::{fmt::Write, path::Path, process::ExitCode, time::Instant};
 
-use inerter::{
-    identify::{Parameters, known_skew_s, known_structure_mass_kg},
-    series::Series,
-};
+use inerter_analysis::identify::{Parameters, known_skew_s, known_structure_mass_kg};
+use inerter_data::series::Series;
 use inerter_tests::{
     grid::Error,
     identify::{DURATION_S, GOALS, MOTIONS, errors, hidden, identified, instruments, recorded},

@@ -5,14 +5,13 @@
 //! `cargo xtask size` runs this.
 #![forbid(unsafe_code)]
 
-use inerter::{
-    device::{Clock, Device, Target},
-    settings::Overrides,
-    simulate::{Endpoint, Qemu, Setup, bench_sensors, find_image},
-};
-use inerter_plant::Parameters;
-use inerter_wire::{Command, EventKind, Frame, Record, Streams};
 use std::{error::Error, process::ExitCode, time::Instant};
+
+use inerter_data::settings::Overrides;
+use inerter_device::{Device, Target};
+use inerter_plant::Parameters;
+use inerter_simulate::{Endpoint, Qemu, START_TIME, Setup, bench_sensors, find_image};
+use inerter_wire::{Command, EventKind, Frame, Record, Streams};
 
 /// Length of the motion \[s\], and how many times faster than real time it is played.
 const MOTION: &str = "multi@40s";
@@ -36,8 +35,12 @@ fn main() -> ExitCode {
 fn measure() -> Result<u32, Box<dyn Error>> {
     let setup = Setup::new(Parameters::paper(), bench_sensors(), MOTION, None, &Overrides::default())?;
     let image = find_image(None)?;
-    let mut qemu = Qemu::start(&setup, &image, &Endpoint::Tcp("127.0.0.1:0".into()), SPEED)?;
-    let mut device = Device::connect(&Target::Tcp { address: qemu.name().to_owned() }, Clock::new())?;
+    let mut qemu = Qemu::boot(&image, &Endpoint::Tcp("127.0.0.1:0".into()))?;
+    let target = Target::Tcp { address: qemu.name().to_owned() };
+    let mut device = Device::connect_starting(&target, START_TIME, || Ok::<(), Box<dyn Error>>(qemu.check()?))?;
+    device.write_settings(&setup.settings)?;
+    device.start_sampler()?;
+    qemu.play(&setup, SPEED)?;
     device.stream(Streams::ALL)?;
     let mut settings = *device.settings();
     settings.memory_s *= 2.0;

@@ -1,6 +1,7 @@
 //! The person at the rig, as a step of the calibration sees him.
 
-use super::CalibrateError;
+use inerter_analysis::calibrate::CalibrateError;
+
 use crate::error::Error;
 
 /// Questions to a person, and what he should see meanwhile.

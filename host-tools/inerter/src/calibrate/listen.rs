@@ -2,26 +2,16 @@
 
 use std::time::{Duration, Instant};
 
+use inerter_analysis::calibrate::timebase::Arrival;
 use inerter_core::RawSample;
-use inerter_wire::{EventKind, Frame, Record, Streams};
+use inerter_data::run::Run;
+use inerter_device::{Device, DeviceError};
+use inerter_wire::{EventKind, Frame, Record, Streams, step};
 
-use crate::{
-    device::{Device, DeviceError},
-    error::Error,
-    run::{Run, step},
-};
+use crate::error::Error;
 
 /// A sampling device sends something within this.
 const SILENCE: Duration = Duration::from_secs(5);
-
-/// When a batch of samples came.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Arrival {
-    /// Sample periods from the first sample to the last one of the batch.
-    pub elapsed: u64,
-    /// Host time \[ns\].
-    pub time_ns: u64,
-}
 
 /// What a device has sent.
 #[derive(Clone, Debug, Default)]

@@ -1,27 +1,27 @@
 //! The steps of the calibration at a device: what they ask of a person, and the samples that they take.
 
+use inerter_analysis::{
+    calibrate::{
+        CalibrateError, Finding, Point, Step,
+        direction::{Known, direction, refuse_saturated},
+        encoder, finding,
+        force::{self, Load},
+        load_cell,
+        rest::{self, Of, Standing, Watch},
+        rounded_up, timebase,
+    },
+    fit::{Products, Skew, skew},
+};
 use inerter_core::Settings;
+use inerter_data::{json::rounded_s, replay::replay, run::Run, text::value_text};
+use inerter_device::Device;
 use miette::Diagnostic;
 
 use super::{
-    CalibrateError, Dialogue, Finding, Heard, Point, Step,
-    direction::{Known, direction, refuse_saturated},
-    encoder, finding, force,
-    force::Load,
-    listen::each_batch,
-    load_cell,
-    rest::{self, Of, Standing, Watch},
-    statistics::rounded_up,
-    timebase,
+    dialogue::Dialogue,
+    listen::{Heard, each_batch},
 };
-use crate::{
-    device::Device,
-    error::Error,
-    fit::{Products, Skew, skew},
-    replay::replay,
-    report::{rounded_s, value_text},
-    run::Run,
-};
+use crate::error::Error;
 
 /// Time beyond the window that a load has to come to rest \[s\].
 const PATIENCE_S: f64 = 20.0;
@@ -177,7 +177,8 @@ impl<D: Dialogue + ?Sized> Rig<'_, D> {
     /// Whether force and position have the same positive direction.
     pub fn direction(&mut self, seconds: f64, known: Known) -> Result<Finding, Error> {
         let heard = self.listen(seconds)?;
-        direction(&heard.run, known)
+        let outcome = replay(&heard.run, |_, _| Ok::<(), Error>(()))?;
+        Ok(direction(&heard.run, &outcome, known)?)
     }
 
     /// The delay of the force that is left, under the settings as they would be.

@@ -5,23 +5,25 @@
 
 use std::path::PathBuf;
 
+use inerter_analysis::calibrate::{
+    Finding, Level,
+    direction::Known,
+    force::{Gravity, Load},
+    timebase::HOST_PPM,
+};
 use inerter_core::Settings;
+use inerter_data::{
+    backup::{self, changes},
+    output::refuse_existing,
+};
+use inerter_device::Device;
 use miette::Diagnostic;
 
 use super::{
-    Dialogue, Finding,
-    dialogue::{DEGREES, KILOGRAMS, MICROMETRES, MILLIMETRES, NEWTONS, PERCENT, PLAIN, PPM, number},
-    direction::Known,
-    force::{Gravity, Load},
+    dialogue::{DEGREES, Dialogue, KILOGRAMS, MICROMETRES, MILLIMETRES, NEWTONS, PERCENT, PLAIN, PPM, number},
     steps::{EncoderPlan, Rig},
-    timebase::HOST_PPM,
 };
-use crate::{
-    backup::{self, changes},
-    device::Device,
-    error::Error,
-    output::refuse_existing,
-};
+use crate::error::Error;
 
 /// Times that the steps listen \[s\].
 const LOAD_CELL_S: f64 = 10.0;
@@ -239,9 +241,9 @@ pub fn show(dialogue: &mut (impl Dialogue + ?Sized), finding: &Finding) {
     }
     for remark in &finding.remarks {
         let mark = match remark.level {
-            super::Level::Note => "note",
-            super::Level::Doubtful => "doubtful",
-            super::Level::Bad => "BAD",
+            Level::Note => "note",
+            Level::Doubtful => "doubtful",
+            Level::Bad => "BAD",
         };
         dialogue.say(&format!("  {mark}: {}", remark.text));
     }

@@ -1,13 +1,11 @@
 use std::collections::VecDeque;
 
+use inerter_data::settings::Overrides;
+use inerter_device::{Clock, Target};
 use inerter_plant::{Parameters, Sensors};
+use inerter_simulate::{Bench, Endpoint, Setup, VirtualDevice, bench_sensors};
 
 use super::*;
-use crate::{
-    device::{Clock, Target},
-    settings::Overrides,
-    simulate::{Bench, Endpoint, Setup, VirtualDevice, bench_sensors},
-};
 
 /// Somebody who does what he is told, at a bench of which he knows nothing but the labels.
 struct Technician {

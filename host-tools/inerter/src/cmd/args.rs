@@ -5,11 +5,11 @@ use std::{
     time::Duration,
 };
 
-use inerter::{
-    device::{DEFAULT_BAUD, Target},
+use inerter_data::{
     output::{self, OutputError},
     settings::{Overrides, SettingsInputError},
 };
+use inerter_device::{DEFAULT_BAUD, Target};
 
 /// Settings over the run's own.
 #[derive(clap::Args)]

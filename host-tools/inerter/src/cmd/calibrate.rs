@@ -1,8 +1,7 @@
 //! `inerter calibrate`: what is found at commissioning and then kept as a setting.
 
-use inerter::Error;
-
 use super::args::LinkArgs;
+use crate::Error;
 
 mod common;
 mod direction;

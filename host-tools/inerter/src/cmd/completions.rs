@@ -4,9 +4,10 @@ use std::path::PathBuf;
 
 use clap::Command;
 use clap_complete::Shell;
-use inerter::{Error, output};
+use inerter_data::output;
 
 use super::terminal::say;
+use crate::Error;
 
 /// Print what a shell needs to complete this program's command lines.
 ///

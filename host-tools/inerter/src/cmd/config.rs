@@ -17,12 +17,11 @@ use std::{
 };
 
 use clap::{Arg, ArgAction, Command};
-use inerter::{error::exit, settings::nearest};
+use inerter_data::words::nearest;
 use miette::Diagnostic;
 use toml::{Table, Value};
 
 use super::terminal::note;
-
 /// Name of the file in the current folder.
 const FILE: &str = "inerter.toml";
 /// Variable that names another one; empty means none.
@@ -46,13 +45,6 @@ pub enum ConfigError {
     #[error("the flags' file {path}: {key}: {message}", path = path.display())]
     #[diagnostic(code(inerter::config::value), help("{help}"))]
     Value { path: PathBuf, key: String, message: String, help: String },
-}
-
-impl ConfigError {
-    /// The code that the program ends with.
-    pub fn exit_code(&self) -> u8 {
-        exit::SETTINGS
-    }
 }
 
 /// The file that holds for this command line, if any.

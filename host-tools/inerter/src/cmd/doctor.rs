@@ -1,14 +1,14 @@
 //! `inerter doctor`: why a device cannot be used on this machine.
 
-use inerter::{
-    Error,
-    doctor::{Check, Condition, examine, udev_rule},
-    output,
-    report::json_line,
-};
+use inerter_data::{json::json_line, output};
+use inerter_device::udev;
 use serde::Serialize;
 
 use super::{args::LinkArgs, config, terminal::note};
+use crate::{
+    Error,
+    doctor::{Check, Condition, examine},
+};
 
 /// Look for what keeps this machine from using a device.
 ///
@@ -36,7 +36,7 @@ struct CheckJson<'a> {
 
 pub fn run(args: &Args) -> Result<(), Error> {
     if args.udev_rule {
-        return Ok(output::text(udev_rule())?);
+        return Ok(output::text(udev::udev_rule())?);
     }
     let target = args.link.is_given().then(|| args.link.target());
     let mut checks = examine(target.as_ref());

@@ -2,13 +2,13 @@
 
 use std::path::PathBuf;
 
-use clap::{CommandFactory, error::ErrorKind};
-use inerter::{
-    Error,
+use clap::error::ErrorKind;
+use inerter_data::{
     export::{self, Column, EstimateTable, Format, Selection, Source},
-    output,
-    report::{json_line, plural},
-    settings,
+    json::json_line,
+    output, settings,
+    words::nearest,
+    words::plural,
 };
 use serde_json::json;
 
@@ -16,6 +16,7 @@ use super::{
     args::{FileSettingsArgs, RangeArgs},
     terminal::{self, Progress},
 };
+use crate::Error;
 
 /// Write samples and estimates for Excel, pandas, MATLAB, PlotJuggler.
 ///
@@ -69,7 +70,7 @@ pub struct Args {
 fn column(name: &str) -> Result<Column, String> {
     Column::find(name.trim()).ok_or_else(|| {
         let names = || Column::ALL.into_iter().map(Column::name);
-        match settings::nearest(name, names()) {
+        match nearest(name, names()) {
             Some(nearest) => format!("there is no such column; did you mean {nearest}?"),
             None => format!("there is no such column; there are {}", names().collect::<Vec<_>>().join(", ")),
         }
@@ -94,10 +95,11 @@ impl Args {
     }
 }
 
-pub fn run(args: &Args) -> Result<(), Error> {
+/// `command` is the whole command line, which says how it is used.
+pub fn run(args: &Args, mut command: clap::Command) -> Result<(), Error> {
     if args.to_stdout() && (args.json || args.estimates) {
         let message = "with --csv - standard output holds the samples: --json and --estimates need a file";
-        crate::Cli::command().error(ErrorKind::ArgumentConflict, message).exit();
+        command.error(ErrorKind::ArgumentConflict, message).exit();
     }
     let targets = args.targets();
     let csv = targets.iter().find(|(format, _)| *format == Format::Csv).map(|(_, path)| path);
@@ -123,7 +125,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let mut bar = Progress::new("exporting", 1000);
     let mut progress = |part: f64| {
         bar.set((part * 1000.0) as u64);
-        if terminal::interrupted() { Err(Error::Interrupted) } else { Ok(()) }
+        if terminal::interrupted() { Err(inerter_data::Error::Interrupted) } else { Ok(()) }
     };
     if args.to_stdout() {
         export::write_csv(&source, &selection, "standard output", std::io::stdout(), &mut progress)?;

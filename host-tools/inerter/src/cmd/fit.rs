@@ -2,20 +2,24 @@
 
 use std::path::PathBuf;
 
-use inerter::{
-    Error,
+use inerter_analysis::{
     calibrate::refuse_saturated,
     fit::{Directions, Products, directions},
-    output,
-    replay::{News, Outcome, replay_all},
-    report::{self, ParameterJson, ParametersJson, json_line, value_text},
-    run::Run,
 };
 use inerter_core::Parameter;
-use inerter_wire::catalogue;
+use inerter_data::{
+    json::bank_word,
+    json::{ParameterJson, ParametersJson, json_line},
+    output,
+    replay::{Outcome, replay_all},
+    run::Run,
+    text::{self, value_text},
+};
+use inerter_wire::{EstimatorEvent, catalogue};
 use serde::Serialize;
 
 use super::{args::FileSettingsArgs, terminal::note};
+use crate::Error;
 
 /// Fit a recording or a CSV file again, with friction that may differ by direction.
 ///
@@ -26,7 +30,7 @@ use super::{args::FileSettingsArgs, terminal::note};
 ///
 /// With --json one object: {"kind":"fit","symmetric":{..},"by_direction":{..}}. docs/CLI.md describes it.
 #[derive(clap::Args)]
-#[command(after_long_help = inerter::settings::help_table())]
+#[command(after_long_help = inerter_data::settings::help_table())]
 pub struct Args {
     /// Recording (.mcap) or CSV file
     file: PathBuf,
@@ -41,7 +45,7 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<(), Error> {
-    let run = Run::open(&args.file, &args.settings.overrides()?)?;
+    let run = inerter_data::open(&args.file, &args.settings.overrides()?)?;
     run.notes.iter().for_each(note);
     let outcome = replayed(&run)?;
     let (sums, more) = outcome.sums();
@@ -59,7 +63,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
 /// Takes the run through the estimator and says where its sums began anew.
 pub fn replayed(run: &Run) -> Result<Outcome, Error> {
     replay_all(run, |t_s, news| {
-        if let News::Changed(_) = news {
+        if let EstimatorEvent::Changed(_) = news {
             note(format!("the device changed at {t_s:.1} s: only the motion since is fitted"));
         }
         Ok(())
@@ -107,7 +111,7 @@ fn json(args: &Args, outcome: &Outcome, fit: &Directions) -> Result<(), Error> {
     let line = FitJson {
         kind: "fit",
         file: args.file.display().to_string(),
-        bank: report::bank_word(outcome.estimate.bank),
+        bank: bank_word(outcome.estimate.bank),
         updates: outcome.sums().0.updates,
         symmetric: (&fit.symmetric).into(),
         symmetric_residual_rms_n: fit.symmetric_residual_rms_n,
@@ -151,5 +155,5 @@ fn text(args: &Args, run: &Run, outcome: &Outcome, fit: &Directions) -> Result<(
             cell(&fit.difference_n)
         ))?;
     }
-    Ok(output::line(report::counts_line(&run.settings, run.duration_s(), outcome))?)
+    Ok(output::line(text::counts_line(&run.settings, run.duration_s(), outcome))?)
 }

@@ -2,11 +2,11 @@
 
 use std::path::PathBuf;
 
-use inerter::{
-    Error, board,
-    device::{DEFAULT_BAUD, Target, stlink_port},
+use inerter_device::{
+    DEFAULT_BAUD, Target, board,
     flash::{self, Work},
     image::Image,
+    stlink_port,
     update::{ThisMachine, confirm},
 };
 
@@ -14,6 +14,7 @@ use super::{
     terminal::{Progress, note, say},
     update,
 };
+use crate::Error;
 
 /// Program a board through a debug probe, such as the NUCLEO's ST-Link.
 ///

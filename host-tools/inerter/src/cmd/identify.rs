@@ -2,23 +2,26 @@
 
 use std::path::PathBuf;
 
-use inerter::{
-    Error,
+use inerter_analysis::{
     identify::{Found, Identified, Options, SegmentFit, Standing, identify},
-    output,
-    report::{ParameterJson, interval_text, json_line, rounded_text},
     response::{self, Beside, ModelParameters},
+};
+use inerter_data::{
+    json::{ParameterJson, json_line},
+    output,
     run::Run,
     series::Series,
-    simulate::SimulateError,
+    words::{interval_text, rounded_text},
 };
 use inerter_plant::Excitation;
+use inerter_simulate::SimulateError;
 use serde::Serialize;
 
 use super::{
     args::FileSettingsArgs,
     terminal::{Progress, note},
 };
+use crate::Error;
 
 /// Identify the complete model of a device from recordings or CSV files.
 ///
@@ -39,7 +42,7 @@ use super::{
 ///
 /// With --json one object: {"kind":"identify",..}. docs/CLI.md describes it.
 #[derive(clap::Args)]
-#[command(after_long_help = inerter::settings::help_table())]
+#[command(after_long_help = inerter_data::settings::help_table())]
 pub struct Args {
     /// Recordings (.mcap) or CSV files of one device
     #[arg(required = true)]
@@ -90,7 +93,7 @@ fn segment(text: &str) -> Result<f64, String> {
 
 pub fn run(args: &Args) -> Result<(), Error> {
     let overrides = args.settings.overrides()?;
-    let runs = args.files.iter().map(|file| Run::open(file, &overrides)).collect::<Result<Vec<_>, _>>()?;
+    let runs = args.files.iter().map(|file| inerter_data::open(file, &overrides)).collect::<Result<Vec<_>, _>>()?;
     runs.iter().flat_map(|run| &run.notes).for_each(note);
     let excite = args.excite.as_deref().map(|text| Excitation::parse(text, args.seed));
     let options = Options {

@@ -5,13 +5,16 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use inerter::{
-    Error, csv, output,
-    recording::{self, Ending, Summary, TRUTH_METADATA},
-    report::{self, EstimateJson, duration_text, json_line, plural, utc},
-    run,
-};
 use inerter_core::Settings;
+use inerter_data::{
+    csv,
+    json::rounded_s,
+    json::{EstimateJson, json_line},
+    output,
+    recording::{self, Ending, Summary, TRUTH_METADATA},
+    text,
+    words::{duration_text, plural, utc},
+};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
@@ -19,6 +22,7 @@ use super::{
     args::FileSettingsArgs,
     terminal::{Progress, note},
 };
+use crate::Error;
 
 /// Show what a recording or a CSV file holds.
 ///
@@ -40,7 +44,7 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<(), Error> {
-    let is_recording = run::is_recording(&args.file)
+    let is_recording = recording::is_recording(&args.file)
         .map_err(|source| recording::RecordingError::Read { path: args.file.clone(), source })?;
     if !is_recording {
         return csv_info(&args.file, args.json);
@@ -115,11 +119,11 @@ fn recording_json<'a>(file: &Path, summary: &'a Summary, settings: &Settings) ->
         truth.iter().map(|(name, text)| (name.clone(), number(text))).collect()
     });
     let live = |estimate| {
-        let t_s = report::elapsed_s(estimate, settings.sample_rate_hz);
+        let t_s = text::elapsed_s(estimate, settings.sample_rate_hz);
         EstimateJson::live(t_s, estimate, summary.detail.as_ref(), settings)
     };
     let marker = |marker: &'a recording::Marker| MarkerJson {
-        t_s: report::rounded_s(marker.periods as f64 / settings.sample_rate_hz),
+        t_s: rounded_s(marker.periods as f64 / settings.sample_rate_hz),
         t_ns: marker.time_ns,
         text: &marker.text,
     };
@@ -190,7 +194,7 @@ fn text(file: &Path, summary: &Summary, settings: &Settings) -> Result<(), Error
     if let Some(estimate) = &summary.estimate {
         output::line("\nLast estimate of the device:")?;
         let truth = contents.metadata.get(TRUTH_METADATA);
-        output::line(report::table(estimate, summary.detail.as_ref(), settings, truth).trim_end())?;
+        output::line(text::table(estimate, summary.detail.as_ref(), settings, truth).trim_end())?;
     }
     Ok(())
 }

@@ -1,16 +1,20 @@
 //! `inerter monitor` without a screen: a line per estimate, or JSON.
 
-use inerter::{
-    Error,
-    detail::GapJson,
-    monitor::{feed::Item, hub::Viewer, losses::Losses},
-    output,
-    report::{self, EstimateJson, EventJson, event_words, health_json, json_line},
-};
 use inerter_core::Settings;
+use inerter_data::{
+    json::rounded_s,
+    json::{EstimateJson, EventJson, GapJson, health_json, json_line},
+    output,
+    text::{self, event_words},
+    words::plural,
+};
 use serde_json::json;
 
 use super::terminal::{self, note};
+use crate::{
+    Error,
+    monitor::{feed::Item, hub::Viewer, losses::Losses},
+};
 
 /// One object a line.
 #[derive(Default)]
@@ -50,7 +54,7 @@ impl Viewer for Json {
             Item::Event { t_s, event, .. } => json_line(&EventJson::new(*t_s, event.index, &event.kind)),
             Item::LostFrames(count) => json_line(&json!({ "kind": "link", "lost_frames": count })),
             Item::Marker { t_s, text, .. } => {
-                json_line(&json!({ "kind": "marker", "t_s": t_s.map(report::rounded_s), "text": text }))
+                json_line(&json!({ "kind": "marker", "t_s": t_s.map(rounded_s), "text": text }))
             }
         };
         output::line(line)?;
@@ -73,11 +77,11 @@ impl Viewer for Lines {
                     "{}, serial {}, {} Hz, {} at {port}",
                     hello.board, hello.serial, hello.sample_rate_hz, hello.firmware
                 ));
-                output::line(report::row_header())?;
+                output::line(text::row_header())?;
                 output::flush()?;
             }
             Item::Estimate { t_s, estimate, detail, .. } => {
-                output::line(report::row(*t_s, estimate, detail.as_ref()))?;
+                output::line(text::row(*t_s, estimate, detail.as_ref()))?;
                 output::flush()?;
             }
             Item::Health(health) => {
@@ -85,7 +89,7 @@ impl Viewer for Lines {
                 self.losses.health(*health);
                 self.losses.problems().filter(|problems| Some(problems) != told.as_ref()).iter().for_each(note);
             }
-            Item::LostFrames(count) => note(format!("{} lost on the way so far", report::plural(*count, "frame"))),
+            Item::LostFrames(count) => note(format!("{} lost on the way so far", plural(*count, "frame"))),
             Item::Event { event, .. } => note(event_words(&event.kind)),
             Item::Marker { text, .. } => note(format!("marker: {text}")),
             Item::Away { reason } => note(reason),

@@ -2,11 +2,11 @@
 
 use std::path::PathBuf;
 
-use inerter::{
-    Error, output,
-    output::Pending,
+use inerter_data::{
+    json::json_line,
+    output::{self, Pending},
     recording,
-    report::{duration_text, json_line, plural},
+    words::{duration_text, plural},
 };
 use serde_json::json;
 
@@ -14,6 +14,7 @@ use super::{
     args::OutputArgs,
     terminal::{self, Progress},
 };
+use crate::Error;
 
 /// Put recordings of one device in a row.
 ///
@@ -42,7 +43,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let pending = Pending::create(path)?;
     let merged = recording::merge(&args.files, pending.path(), |offset| {
         bar.set(offset);
-        if terminal::interrupted() { Err(Error::Interrupted) } else { Ok(()) }
+        if terminal::interrupted() { Err(inerter_data::Error::Interrupted) } else { Ok(()) }
     })?;
     bar.done();
     let file = pending.commit()?;

@@ -6,18 +6,8 @@ use std::{
     time::Instant,
 };
 
-use inerter::{
-    Error,
-    live::Live,
-    monitor::{
-        bridge::{self, Foxglove, PlotJuggler, Teleplot},
-        hub::Hub,
-        web::{self, Web},
-    },
-    output,
-    recording::Recorder,
-    report::json_line,
-};
+use inerter_data::{json::json_line, output, recording::Recorder};
+use inerter_device::live::Live;
 use inerter_wire::Streams;
 use serde_json::json;
 
@@ -26,6 +16,14 @@ use super::{
     lines::{Json, Lines},
     screen,
     terminal::{self, say},
+};
+use crate::{
+    Error,
+    monitor::{
+        bridge::{self, Foxglove, PlotJuggler, Teleplot},
+        hub::Hub,
+        web::{self, Web},
+    },
 };
 
 /// Show what a device measures, live.

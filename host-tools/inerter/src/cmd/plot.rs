@@ -3,16 +3,15 @@
 use std::{ffi::OsStr, path::PathBuf};
 
 use clap::builder::PossibleValuesParser;
-use inerter::{
-    Error,
+use inerter_data::{json::json_line, output};
+use inerter_view::{
     figure::{render_png, svg},
-    output,
     page::{Kind, PageError, figure},
-    report::json_line,
 };
 use serde_json::json;
 
 use super::{args::FileSettingsArgs, report, terminal};
+use crate::Error;
 
 /// Draw one figure of a run, as SVG for print or as PNG.
 ///
@@ -22,7 +21,7 @@ use super::{args::FileSettingsArgs, report, terminal};
 ///
 /// With --json one object: {"kind":"plot","file":..,"source":..,"figure":..,"caption":..}.
 #[derive(clap::Args)]
-#[command(after_long_help = inerter::settings::help_table())]
+#[command(after_long_help = inerter_data::settings::help_table())]
 pub struct Args {
     /// Recording (.mcap) or CSV file
     file: PathBuf,

@@ -1,7 +1,10 @@
 //! `inerter ports`: where devices can be reached.
 
-use inerter::{Error, device, output, report::json_line, update};
+use inerter_data::{json::json_line, output};
+use inerter_device::{Port, dfu, list};
 use serde::Serialize;
+
+use crate::Error;
 
 /// List the serial ports of this machine, and devices in update mode.
 ///
@@ -21,20 +24,20 @@ pub struct Args {
 struct PortJson<'a> {
     kind: &'static str,
     #[serde(flatten)]
-    port: &'a device::Port,
+    port: &'a Port,
 }
 
 #[derive(Serialize)]
 struct DfuJson<'a> {
     kind: &'static str,
     #[serde(flatten)]
-    device: &'a update::DfuDevice,
+    device: &'a dfu::DfuDevice,
 }
 
 pub fn run(args: &Args) -> Result<(), Error> {
-    let ports = device::list();
+    let ports = list();
     // A machine on which USB devices cannot be listed still has its serial ports.
-    let waiting = update::list().unwrap_or_default();
+    let waiting = dfu::list().unwrap_or_default();
     for port in &ports {
         let line = if args.json { json_line(&PortJson { kind: "port", port }) } else { port_line(port) };
         output::line(line)?;
@@ -49,7 +52,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     Ok(())
 }
 
-fn port_line(port: &device::Port) -> String {
+fn port_line(port: &Port) -> String {
     let usb = match (port.vid, port.pid) {
         (Some(vid), Some(pid)) => format!("{vid:04x}:{pid:04x}"),
         _ => String::new(),
@@ -60,7 +63,7 @@ fn port_line(port: &device::Port) -> String {
     line(mark, &port.port, &usb, &product, port.serial.as_deref())
 }
 
-fn dfu_line(device: &update::DfuDevice) -> String {
+fn dfu_line(device: &dfu::DfuDevice) -> String {
     let usb = format!("{:04x}:{:04x}", device.vid, device.pid);
     let product = device.product.as_deref().unwrap_or("STM32");
     line("+", "in update mode", &usb, product, Some(&device.serial))
@@ -76,7 +79,7 @@ mod tests {
 
     #[test]
     fn a_line_says_what_is_there() {
-        let port = device::Port {
+        let port = Port {
             port: "/dev/ttyACM0".into(),
             inerter: true,
             stlink: false,
@@ -87,7 +90,7 @@ mod tests {
         };
         let words = "* /dev/ttyACM0         1209:0001 inerter                      205735883537";
         assert_eq!(port_line(&port), words);
-        let link = device::Port {
+        let link = Port {
             inerter: false,
             stlink: true,
             product: Some("STLINK-V3".into()),
@@ -97,7 +100,7 @@ mod tests {
             ..port
         };
         assert_eq!(port_line(&link), "  /dev/ttyACM0         0483:374e STLINK-V3 (ST-Link: UART)");
-        let device = update::DfuDevice { product: None, serial: "205735883537".into(), vid: 0x0483, pid: 0xDF11 };
+        let device = dfu::DfuDevice { product: None, serial: "205735883537".into(), vid: 0x0483, pid: 0xDF11 };
         let words = "+ in update mode       0483:df11 STM32                        205735883537";
         assert_eq!(dfu_line(&device), words);
         let json = json_line(&DfuJson { kind: "dfu", device: &device });

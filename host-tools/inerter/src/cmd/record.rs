@@ -2,13 +2,16 @@
 
 use std::time::{Duration, Instant};
 
-use inerter::{
-    Error,
-    device::{Clock, Device, DeviceError},
-    live::{Happening, Live},
+use inerter_data::{
+    json::json_line,
     output,
     recording::{End, Recorder},
-    report::{duration_text, event_words, is_trouble, json_line, plural},
+    text::{event_words, is_trouble},
+    words::{duration_text, plural},
+};
+use inerter_device::{
+    Clock, Device, DeviceError,
+    live::{LinkEvent, Live},
 };
 use inerter_wire::{EventKind, Frame, Record, Streams};
 use serde_json::json;
@@ -17,6 +20,7 @@ use super::{
     args::{LinkArgs, OutputArgs, TimeArgs},
     terminal::{self, Progress, note},
 };
+use crate::Error;
 
 /// Time between two lines or updates that say how far it is.
 const REPORT: Duration = Duration::from_secs(1);
@@ -67,7 +71,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
             break None;
         }
         match live.next() {
-            Ok(Happening::Received(received)) if !received.bytes.is_empty() => {
+            Ok(LinkEvent::Received(received)) if !received.bytes.is_empty() => {
                 ended |= args.until_end && is_end(&received.frame);
                 if let Some(words) = trouble(&received.frame) {
                     progress.note(words);
@@ -75,13 +79,13 @@ pub fn run(args: &Args) -> Result<(), Error> {
                 recorder.frame(received.time_ns, &received.bytes)?;
             }
             // The last raw samples may come after the event.
-            Ok(Happening::Quiet) if ended => break None,
-            Ok(Happening::Received(_) | Happening::Quiet) => {}
-            Ok(Happening::Away { reason }) => {
+            Ok(LinkEvent::Quiet) if ended => break None,
+            Ok(LinkEvent::Received(_) | LinkEvent::Quiet) => {}
+            Ok(LinkEvent::Away { reason }) => {
                 recorder.flush()?;
                 progress.note(format!("{reason}; waiting {} s for it to come back", args.time.wait.as_secs_f64()));
             }
-            Ok(Happening::Back) => {
+            Ok(LinkEvent::Back) => {
                 let port = live.device().map(|device| format!(" at {}", device.name())).unwrap_or_default();
                 progress.note(format!("the device is back{port}, the recording goes on; between them is a gap"));
             }

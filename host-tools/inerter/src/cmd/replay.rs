@@ -2,21 +2,20 @@
 
 use std::path::PathBuf;
 
-use inerter::{
-    Error,
-    detail::{GapJson, change_words},
+use inerter_data::{
     export::Source,
+    json::{EstimateJson, EventJson, GapJson, json_line},
     output,
-    replay::{News, replay_samples},
-    report::{self, EstimateJson, EventJson, json_line},
+    replay::replay_samples,
+    text::{self, change_words},
 };
-
-use inerter_wire::EventKind;
+use inerter_wire::{EstimatorEvent, EventKind};
 
 use super::{
     args::FileSettingsArgs,
     terminal::{Progress, note},
 };
+use crate::Error;
 
 /// Rows of the table that a person sees when nothing else is asked for.
 const ROWS: f64 = 20.0;
@@ -33,7 +32,7 @@ const ROWS: f64 = 20.0;
 /// "status":"ok"},..,"backlash_m":{..},..}, the last with "final":true; {"kind":"gap",..} for each reversal of the flanks
 /// and {"kind":"event","code":"changed",..} for each change of the device. docs/CLI.md describes them.
 #[derive(clap::Args)]
-#[command(after_long_help = inerter::settings::help_table())]
+#[command(after_long_help = inerter_data::settings::help_table())]
 pub struct Args {
     /// Recording (.mcap) or CSV file
     file: PathBuf,
@@ -56,24 +55,29 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let every_s = args.every.map_or(run.duration_s() / ROWS, |every| every.as_secs_f64());
     let half_s = 0.5 / run.settings.publish_rate_hz;
     let (mut next_s, mut taken, mut header) = (run.start_s + every_s, 0u64, true);
-    let outcome = replay_samples(&run.settings, run.start_s, run.samples()?, |t_s, news| -> Result<(), Error> {
-        let (estimate, detail) = match news {
-            News::Estimate(estimate, detail) => (estimate, detail.as_ref()),
-            _ => return tell(t_s, news, args.json, &mut header),
-        };
-        taken += 1;
-        progress.set((taken as f64 * run.settings.sample_rate_hz / run.settings.publish_rate_hz) as u64);
-        if args.json {
-            output::line(json_line(&EstimateJson::live(t_s, estimate, detail, &run.settings)))?;
-        } else if t_s + half_s >= next_s {
-            head(&mut header)?;
-            output::line(report::row(t_s, estimate, detail))?;
-            while every_s > 0.0 && next_s <= t_s + half_s {
-                next_s += every_s;
+    let outcome = replay_samples(
+        &run.settings,
+        run.start_s,
+        run.samples()?.map(|sample| sample.map_err(Error::from)),
+        |t_s, news: &EstimatorEvent| -> Result<(), Error> {
+            let (estimate, detail) = match news {
+                EstimatorEvent::Estimate(estimate, detail) => (estimate, detail.as_ref()),
+                _ => return tell(t_s, news, args.json, &mut header),
+            };
+            taken += 1;
+            progress.set((taken as f64 * run.settings.sample_rate_hz / run.settings.publish_rate_hz) as u64);
+            if args.json {
+                output::line(json_line(&EstimateJson::live(t_s, estimate, detail, &run.settings)))?;
+            } else if t_s + half_s >= next_s {
+                head(&mut header)?;
+                output::line(text::row(t_s, estimate, detail))?;
+                while every_s > 0.0 && next_s <= t_s + half_s {
+                    next_s += every_s;
+                }
             }
-        }
-        Ok(())
-    })?;
+            Ok(())
+        },
+    )?;
     progress.done();
     let (estimate, detail) = (&outcome.estimate, Some(&outcome.detail));
     if args.json {
@@ -83,22 +87,22 @@ pub fn run(args: &Args) -> Result<(), Error> {
     if !header {
         output::line("")?;
     }
-    output::line(report::table(estimate, detail, &run.settings, run.truth.as_ref()).trim_end())?;
-    Ok(output::line(report::counts_line(&run.settings, run.duration_s(), &outcome))?)
+    output::line(text::table(estimate, detail, &run.settings, run.truth.as_ref()).trim_end())?;
+    Ok(output::line(text::counts_line(&run.settings, run.duration_s(), &outcome))?)
 }
 
 /// What is no estimate: every one in JSON; a person sees the changes, and the scatter of the reversals as an interval.
-pub fn tell(t_s: f64, news: &News, json: bool, header: &mut bool) -> Result<(), Error> {
+pub fn tell(t_s: f64, news: &EstimatorEvent, json: bool, header: &mut bool) -> Result<(), Error> {
     match news {
-        News::Gap(gap) if json => output::line(json_line(&GapJson::new(Some(t_s), gap)))?,
-        News::Changed(change) if json => {
+        EstimatorEvent::Reversal(gap) if json => output::line(json_line(&GapJson::new(Some(t_s), gap)))?,
+        EstimatorEvent::Changed(change) if json => {
             output::line(json_line(&EventJson::new(Some(t_s), change.index, &EventKind::Changed(*change))))?;
         }
-        News::Changed(change) => {
+        EstimatorEvent::Changed(change) => {
             head(header)?;
             output::line(format!("{t_s:>9.2}  {}", change_words(change)))?;
         }
-        News::Gap(_) | News::Estimate(..) => {}
+        EstimatorEvent::Reversal(_) | EstimatorEvent::Estimate(..) => {}
     }
     Ok(())
 }
@@ -106,7 +110,7 @@ pub fn tell(t_s: f64, news: &News, json: bool, header: &mut bool) -> Result<(), 
 /// Heads the rows, once.
 fn head(header: &mut bool) -> Result<(), Error> {
     if std::mem::take(header) {
-        output::line(report::row_header())?;
+        output::line(text::row_header())?;
     }
     Ok(())
 }

@@ -5,13 +5,13 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use inerter::{
-    Error,
-    figure::render_png,
+use inerter_data::{
+    json::json_line,
     output::{self, OutputError},
+};
+use inerter_view::{
+    figure::render_png,
     page::{Story, html},
-    report::json_line,
-    run::Run,
 };
 use serde_json::json;
 
@@ -19,6 +19,7 @@ use super::{
     args::FileSettingsArgs,
     terminal::{self, Progress, note},
 };
+use crate::Error;
 
 /// Write a page on a run: parameters with intervals, figures, conditions, settings and versions.
 ///
@@ -29,7 +30,7 @@ use super::{
 /// --png writes the figures as PNG files besides, for slides and papers; `inerter plot` writes a single one.
 /// With --json one object: {"kind":"report","file":..,"source":..,"figures":[..],"png":[..]}. docs/CLI.md describes it.
 #[derive(clap::Args)]
-#[command(after_long_help = inerter::settings::help_table())]
+#[command(after_long_help = inerter_data::settings::help_table())]
 pub struct Args {
     /// Recording (.mcap) or CSV file
     file: PathBuf,
@@ -86,7 +87,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
 
 /// Reads a file and takes it through the estimator, with a bar.
 pub fn told(file: &Path, settings: &FileSettingsArgs) -> Result<Story, Error> {
-    let run = Run::open(file, &settings.overrides()?)?;
+    let run = inerter_data::open(file, &settings.overrides()?)?;
     run.notes.iter().for_each(note);
     let mut progress = Progress::new("replaying", 1000);
     let story = Story::of(run, |part| progress.set((part * 1e3) as u64))?;

@@ -11,7 +11,13 @@ use std::{
     time::{Duration, Instant},
 };
 
-use inerter::{
+use ratatui::{
+    DefaultTerminal,
+    crossterm::event::{self, KeyEventKind},
+};
+
+use super::terminal;
+use crate::{
     Error,
     monitor::{
         MonitorError,
@@ -21,12 +27,6 @@ use inerter::{
         view::{self, Theme},
     },
 };
-use ratatui::{
-    DefaultTerminal,
-    crossterm::event::{self, KeyEventKind},
-};
-
-use super::terminal;
 
 /// Least time from one picture to the next.
 const FRAME: Duration = Duration::from_millis(50);

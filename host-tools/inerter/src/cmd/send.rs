@@ -2,28 +2,27 @@
 
 use std::path::PathBuf;
 
-use inerter::{
-    Error,
-    device::{Clock, Device},
-    inject::inject_all,
-    output,
-    replay::News,
-    report::{self, EstimateJson, duration_text, json_line, plural},
-    run::Run,
+use inerter_data::{
+    json::{EstimateJson, json_line},
+    output, text,
+    words::{duration_text, plural},
 };
+use inerter_device::{Clock, Device, inject::Injection, inject::inject_all};
+use inerter_wire::EstimatorEvent;
 
 use super::{
     args::{FileSettingsArgs, LinkArgs},
     replay::tell,
     terminal::{Progress, catch_interrupts, interrupted, note},
 };
+use crate::Error;
 
 /// Send a recording or a CSV file through a device's own estimator.
 ///
 /// Faster than real time. The run's settings are in use on the device meanwhile; its own are put back afterwards. Prints the device's final
 /// estimate; with --json the same lines as `inerter replay --json`.
 #[derive(clap::Args)]
-#[command(after_long_help = inerter::settings::help_table())]
+#[command(after_long_help = inerter_data::settings::help_table())]
 pub struct Args {
     /// Recording (.mcap) or CSV file
     file: PathBuf,
@@ -37,21 +36,21 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<(), Error> {
-    let run = Run::open(&args.file, &args.settings.overrides()?)?;
+    let run = inerter_data::open(&args.file, &args.settings.overrides()?)?;
     run.notes.iter().for_each(note);
     // What the device would refuse is refused here, with more words.
-    inerter::settings::validate(&run.settings)?;
+    inerter_data::settings::validate(&run.settings)?;
     // The device's settings are put back even then.
     catch_interrupts();
     let mut device = Device::connect(&args.link.target(), Clock::new())?;
     let mut progress = Progress::new("sending", run.samples.len() as u64);
     let started = std::time::Instant::now();
-    let publish = |t_s: f64, news: &News| -> Result<(), Error> {
+    let publish = |t_s: f64, news: &EstimatorEvent| -> Result<(), Error> {
         match news {
-            News::Estimate(estimate, detail) if args.json => {
+            EstimatorEvent::Estimate(estimate, detail) if args.json => {
                 output::line(json_line(&EstimateJson::live(t_s, estimate, detail.as_ref(), &run.settings)))?;
             }
-            News::Estimate(..) => {}
+            EstimatorEvent::Estimate(..) => {}
             // No rows come, so none needs a head.
             _ => tell(t_s, news, args.json, &mut false)?,
         }
@@ -61,14 +60,15 @@ pub fn run(args: &Args) -> Result<(), Error> {
         progress.set(taken);
         if interrupted() { Err(Error::Interrupted) } else { Ok(()) }
     };
-    let injected = inject_all(&mut device, &run, publish, advance)?;
+    let injection = Injection { settings: &run.settings, samples: &run.samples, start_s: run.start_s };
+    let injected = inject_all(&mut device, &injection, publish, advance)?;
     progress.done();
     let (estimate, detail) = (&injected.estimate, injected.detail.as_ref());
     if args.json {
         let last = EstimateJson::last(injected.t_s, estimate, detail, &run.settings, None);
         return Ok(output::line(json_line(&last))?);
     }
-    output::line(report::table(estimate, detail, &run.settings, run.truth.as_ref()).trim_end())?;
+    output::line(text::table(estimate, detail, &run.settings, run.truth.as_ref()).trim_end())?;
     output::line(format!(
         "{} ({} of motion) sent to {} in {}",
         plural(injected.samples, "sample"),

@@ -5,19 +5,19 @@ use std::{
     path::PathBuf,
 };
 
-use inerter::{
-    Error,
-    device::{Clock, Device},
+use inerter_core::Settings;
+use inerter_data::{
     output,
-    report::json_line,
     settings::{Overrides, SettingsInputError, validate},
 };
-use inerter_core::Settings;
-use serde_json::{Map, Value, json};
 
-use super::{args::LinkArgs, terminal::say};
+use super::terminal::say;
+use crate::Error;
 
 mod backup;
+mod common;
+
+use common::{Common, connect, finish, print_changes, print_json};
 
 /// Show, change and save the settings and the calibration of a device.
 ///
@@ -45,20 +45,11 @@ enum Command {
     Diff(backup::DiffArgs),
 }
 
-#[derive(clap::Args)]
-struct Common {
-    #[command(flatten)]
-    link: LinkArgs,
-    /// Print JSON
-    #[arg(long)]
-    json: bool,
-}
-
 /// Change settings, all of them or, when one is refused, none.
 ///
 /// Prints what has changed; with --json one object with all settings: {"kind":"settings","serial":..,"settings":{..}}.
 #[derive(clap::Args)]
-#[command(after_long_help = inerter::settings::help_table())]
+#[command(after_long_help = inerter_data::settings::help_table())]
 struct SetArgs {
     /// Settings with their new values; the last one wins
     #[arg(value_name = "KEY=VALUE", required_unless_present = "settings")]
@@ -119,10 +110,6 @@ pub fn run(args: &Args) -> Result<(), Error> {
     }
 }
 
-fn connect(common: &Common) -> Result<Device, Error> {
-    Ok(Device::connect(&common.link.target(), Clock::new())?)
-}
-
 fn get(common: &Common) -> Result<(), Error> {
     let device = connect(common)?;
     if common.json {
@@ -167,42 +154,6 @@ fn factory_reset(args: &FactoryResetArgs) -> Result<(), Error> {
     print_changes(&before, device.settings())?;
     say("the board's defaults are in use; nothing is saved");
     Ok(())
-}
-
-/// Saves if that is wanted, and says what has come of it.
-fn finish(device: &mut Device, before: &Settings, save: bool, json: bool) -> Result<(), Error> {
-    if save {
-        device.save_settings()?;
-    }
-    if json {
-        return print_json(device);
-    }
-    let changed = print_changes(before, device.settings())?;
-    say(match (save, changed) {
-        (true, _) => "saved: these settings outlive a restart",
-        (false, true) => "in use until the next restart; `inerter settings save` keeps them",
-        (false, false) => "nothing has changed",
-    });
-    Ok(())
-}
-
-fn print_json(device: &Device) -> Result<(), Error> {
-    let values = Settings::TABLE.iter().zip(device.settings().values());
-    let settings: Map<String, Value> = values.map(|(info, value)| (info.name.into(), json!(value))).collect();
-    let line = json!({ "kind": "settings", "serial": device.hello().serial.as_str(), "settings": settings });
-    Ok(output::line(json_line(&line))?)
-}
-
-/// Prints each setting that is another one than before; gives whether there were any.
-fn print_changes(before: &Settings, after: &Settings) -> Result<bool, Error> {
-    let mut any = false;
-    for ((info, before), after) in Settings::TABLE.iter().zip(before.values()).zip(after.values()) {
-        if before.to_bits() != after.to_bits() {
-            output::line(format!("{} = {after:?}   # was {before:?}", info.name))?;
-            any = true;
-        }
-    }
-    Ok(any)
 }
 
 fn confirmed(device: &str) -> bool {

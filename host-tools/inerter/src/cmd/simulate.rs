@@ -7,13 +7,16 @@ use std::{
 };
 
 use clap::{ArgMatches, Command, FromArgMatches};
-use inerter::{
-    Error, output,
-    report::{duration_text, json_line, plural},
-    settings,
-    simulate::{self, Bench, Endpoint, Qemu, Setup, SimulateError, VirtualDevice, bench_sensors, file},
+use inerter_data::{
+    json::json_line,
+    output, settings,
+    words::{duration_text, plural},
 };
+use inerter_device::{DEFAULT_BAUD, Device, Target};
 use inerter_plant::{Excitation, Parameters, Sensors};
+use inerter_simulate::{
+    Bench, Endpoint, Qemu, START_TIME, Setup, SimulateError, VirtualDevice, bench_sensors, file, find_image,
+};
 use miette::Diagnostic;
 use serde_json::json;
 
@@ -21,6 +24,7 @@ use super::{
     args::SettingsArgs,
     terminal::{self, Progress},
 };
+use crate::Error;
 
 /// Duration of a file when neither --duration nor the motion says one \[s\].
 const FILE_S: f64 = 20.0;
@@ -268,15 +272,34 @@ enum Running {
     Qemu(Qemu),
 }
 
+/// The image in QEMU with the settings of the simulated device, its sampler running: a device in a rig.
+fn in_qemu(setup: &Setup, image: &Path, endpoint: &Endpoint) -> Result<Qemu, Error> {
+    let mut qemu = Qemu::boot(image, endpoint)?;
+    let name = qemu.name().to_string();
+    let target = match endpoint {
+        Endpoint::Tcp(_) => Target::Tcp { address: name },
+        Endpoint::Pty => Target::Port { port: name, baud: DEFAULT_BAUD },
+    };
+    let mut device = Device::connect_starting(&target, START_TIME, || qemu.check().map_err(Error::from))?;
+    device.write_settings(&setup.settings)?;
+    device.start_sampler()?;
+    Ok(qemu)
+}
+
 fn live(args: &Args, setup: &Setup, endpoint: &Endpoint) -> Result<(), Error> {
     terminal::catch_interrupts();
-    let image = if args.qemu { Some(simulate::find_image(args.image.as_deref())?) } else { None };
+    let image = if args.qemu { Some(find_image(args.image.as_deref())?) } else { None };
     let (mut running, bench) = match (&image, args.bench) {
         (Some(image), true) => {
-            let (qemu, bench) = Qemu::with_bench(setup, image, endpoint, args.speed)?;
+            let mut qemu = in_qemu(setup, image, endpoint)?;
+            let bench = qemu.play_with_bench(setup, args.speed)?;
             (Running::Qemu(qemu), Some(bench))
         }
-        (Some(image), false) => (Running::Qemu(Qemu::start(setup, image, endpoint, args.speed)?), None),
+        (Some(image), false) => {
+            let mut qemu = in_qemu(setup, image, endpoint)?;
+            qemu.play(setup, args.speed)?;
+            (Running::Qemu(qemu), None)
+        }
         (None, true) => {
             let (device, bench) = VirtualDevice::with_bench(setup, endpoint, args.speed)?;
             (Running::Virtual(device), Some(bench))

@@ -2,13 +2,11 @@
 
 use std::path::PathBuf;
 
-use inerter::{
-    Error,
-    device::Target,
+use inerter_data::{json::json_line, output, words::plural};
+use inerter_device::{
+    Target,
     image::Image,
-    output,
-    report::{json_line, plural},
-    update::{self, Going, News, Stage, ThisMachine},
+    update::{self, Going, Stage, ThisMachine, UpdateEvent},
 };
 use serde_json::json;
 
@@ -16,6 +14,7 @@ use super::{
     args::LinkArgs,
     terminal::{self, Progress, say},
 };
+use crate::Error;
 
 /// Bring new firmware onto a device over its own USB connector.
 ///
@@ -49,9 +48,9 @@ pub fn run(args: &Args) -> Result<(), Error> {
     terminal::catch_interrupts();
     let mut machine = ThisMachine::new(args.link.target());
     let mut bar: Option<(Stage, Progress)> = None;
-    let mut tell = |news: News| {
+    let mut tell = |news: UpdateEvent| {
         match news {
-            News::Found(running) => {
+            UpdateEvent::Found(running) => {
                 let hello = &running.hello;
                 say(format!(
                     "{} (serial {}) at {} runs {} ({})",
@@ -59,12 +58,12 @@ pub fn run(args: &Args) -> Result<(), Error> {
                 ));
                 say(format!("new: {}", image.identity));
             }
-            News::Entering => say("entering update mode"),
-            News::InDfu(device) => {
+            UpdateEvent::Entering => say("entering update mode"),
+            UpdateEvent::InDfu(device) => {
                 let what = format!("{}, {}", image.identity, size(&image));
                 say(format!("writing {what}, to the device in update mode (serial {})", device.serial));
             }
-            News::Pages(stage, done, all) => {
+            UpdateEvent::Pages(stage, done, all) => {
                 if bar.as_ref().is_none_or(|(before, _)| *before != stage) {
                     if let Some((_, bar)) = bar.take() {
                         bar.done();
@@ -79,7 +78,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
                     bar.set(done as u64);
                 }
             }
-            News::Returning => {
+            UpdateEvent::Returning => {
                 if let Some((_, bar)) = bar.take() {
                     bar.done();
                 }

@@ -4,8 +4,6 @@ use std::{io, net::SocketAddr};
 
 use miette::Diagnostic;
 
-use crate::error::exit;
-
 /// A view that cannot be set up.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 #[allow(missing_docs, reason = "the messages say what the fields are")]
@@ -42,15 +40,4 @@ pub enum MonitorError {
     #[error("the terminal cannot be drawn on: {source}")]
     #[diagnostic(code(inerter::monitor::terminal), help("add --plain for lines"))]
     Terminal { source: io::Error },
-}
-
-impl MonitorError {
-    /// The code that the program ends with.
-    pub fn exit_code(&self) -> u8 {
-        match self {
-            Self::NotLoopback { .. } | Self::Address { .. } => exit::USAGE,
-            Self::Listen { .. } | Self::Terminal { .. } => exit::OUTPUT,
-            Self::Random { .. } => exit::OTHER,
-        }
-    }
 }

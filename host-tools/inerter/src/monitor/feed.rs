@@ -1,13 +1,9 @@
 //! From frames to what can be shown: samples in SI units, estimates with what goes with them, and when each was.
 
 use inerter_core::{Detail, Estimate, Gap, Settings};
+use inerter_data::{series::Converter, text};
+use inerter_device::{Device, Received};
 use inerter_wire::{Event, EventKind, Frame, Health, Hello, Record};
-
-use crate::{
-    device::{Device, Received},
-    report,
-    series::Converter,
-};
 
 /// When something was.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -246,7 +242,7 @@ impl Feed {
 
     fn publish(&mut self, detail: Option<Detail>, show: &mut impl FnMut(Item)) {
         let Some((time_ns, estimate)) = self.waiting.take() else { return };
-        let t_s = report::elapsed_s(&estimate, self.settings.sample_rate_hz);
+        let t_s = text::elapsed_s(&estimate, self.settings.sample_rate_hz);
         let at = self.timeline.at(estimate.index, time_ns);
         self.latest = Some((estimate.index, t_s, at));
         show(Item::Estimate { at, t_s, estimate, detail });

@@ -2,15 +2,15 @@
 
 use std::sync::mpsc::{Receiver, Sender, channel};
 
+use inerter_data::recording::{End, Recorder};
+use inerter_device::{
+    Device, DeviceError,
+    live::{LinkEvent, Live},
+};
 use inerter_wire::Command;
 
 use super::feed::{Feed, Item};
-use crate::{
-    Error,
-    device::{Device, DeviceError},
-    live::{Happening, Live},
-    recording::{End, Recorder},
-};
+use crate::Error;
 
 /// Who looks on. What cannot be shown ends the monitor only where it is an error.
 pub trait Viewer {
@@ -81,7 +81,7 @@ impl Hub {
         while !stop() {
             self.wished()?;
             match self.live.next()? {
-                Happening::Received(received) => {
+                LinkEvent::Received(received) => {
                     if let Some(recorder) = self.recorder.as_mut().filter(|_| !received.bytes.is_empty()) {
                         recorder.frame(received.time_ns, &received.bytes)?;
                     }
@@ -89,8 +89,8 @@ impl Hub {
                     self.feed.received(&received, self.live.lost_frames(), |item| items.push(item));
                     self.show(items)?;
                 }
-                Happening::Quiet => self.settle()?,
-                Happening::Away { reason } => {
+                LinkEvent::Quiet => self.settle()?,
+                LinkEvent::Away { reason } => {
                     self.settle()?;
                     if let Some(recorder) = &mut self.recorder {
                         recorder.flush()?;
@@ -98,7 +98,7 @@ impl Hub {
                     let reason = format!("{reason}; waiting {} s for it to come back", self.wait_s);
                     self.show(vec![Item::Away { reason }])?;
                 }
-                Happening::Back => {
+                LinkEvent::Back => {
                     self.introduce()?;
                     let port = self.live.device().map(|device| device.name().to_string()).unwrap_or_default();
                     self.show(vec![Item::Back { port }])?;

@@ -1,8 +1,7 @@
 //! What went wrong on the device and on the way, for a person.
 
+use inerter_data::words::plural;
 use inerter_wire::Health;
-
-use crate::report::plural;
 
 /// Counts since we came.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

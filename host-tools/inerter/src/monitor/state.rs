@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 
 use inerter_core::{Detail, Estimate, Settings};
+use inerter_data::text::{event_words, is_trouble};
 use inerter_wire::{EventKind, Hello};
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 
@@ -12,7 +13,6 @@ use super::{
     losses::Losses,
     trace::Traces,
 };
-use crate::report::{event_words, is_trouble};
 
 /// Lines of events, and markers, that are kept.
 const KEPT: usize = 500;

@@ -2,62 +2,20 @@
 
 mod charts;
 mod panels;
+mod theme;
 
+pub use theme::Theme;
+
+use inerter_data::words::duration_text;
 use ratatui::{
     Frame,
     layout::{Constraint, Layout, Rect},
-    style::{Color, Modifier, Style},
+    style::{Modifier, Style},
     text::{Line, Span},
-    widgets::{Block, Clear, Paragraph, Tabs, Wrap},
+    widgets::{Clear, Paragraph, Tabs, Wrap},
 };
 
 use super::state::{Prompt, State, Tab};
-use crate::report::duration_text;
-
-/// Colours, or only what every terminal can do.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Theme {
-    /// Whether colours may be used (`NO_COLOR` is not set).
-    pub colour: bool,
-}
-
-impl Theme {
-    fn coloured(self, colour: Color) -> Style {
-        if self.colour { Style::new().fg(colour) } else { Style::new() }
-    }
-
-    fn good(self) -> Style {
-        self.coloured(Color::Green)
-    }
-
-    fn doubtful(self) -> Style {
-        self.coloured(Color::Yellow)
-    }
-
-    fn bad(self) -> Style {
-        self.coloured(Color::Red).add_modifier(Modifier::BOLD)
-    }
-
-    fn curve(self) -> Style {
-        self.coloured(Color::Cyan)
-    }
-
-    fn band(self) -> Style {
-        self.coloured(Color::Blue)
-    }
-
-    fn quiet(self) -> Style {
-        if self.colour { Style::new().fg(Color::DarkGray) } else { Style::new().add_modifier(Modifier::DIM) }
-    }
-
-    fn title(self) -> Style {
-        Style::new().add_modifier(Modifier::BOLD)
-    }
-
-    fn block(self, title: impl Into<Line<'static>>) -> Block<'static> {
-        Block::bordered().border_style(self.quiet()).title_style(self.title()).title(title.into())
-    }
-}
 
 /// Draws everything.
 pub fn draw(frame: &mut Frame<'_>, state: &State, theme: Theme) {

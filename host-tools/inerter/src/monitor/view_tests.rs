@@ -65,7 +65,10 @@ fn drawn(state: &State, width: u16, height: u16, colour: bool) -> (Vec<String>, 
     terminal.draw(|frame| draw(frame, state, Theme { colour })).unwrap();
     let buffer = terminal.backend().buffer();
     let row = |y| (0..width).map(|x| buffer[(x, y)].symbol()).collect::<String>();
-    let coloured = buffer.content().iter().any(|cell| cell.fg != Color::Reset || cell.bg != Color::Reset);
+    let coloured = buffer
+        .content()
+        .iter()
+        .any(|cell| cell.fg != ratatui::style::Color::Reset || cell.bg != ratatui::style::Color::Reset);
     ((0..height).map(row).collect(), coloured)
 }
 

@@ -2,15 +2,9 @@
 
 use std::{path::PathBuf, time::Duration};
 
-use inerter::{
-    Error,
-    calibrate::{CalibrateError, Finding, steps::Rig, wizard},
-    device::{Clock, Device, DeviceError},
-    output,
-    report::json_line,
-    run::Run,
-    settings::SettingsInputError,
-};
+use inerter_analysis::calibrate::{CalibrateError, Finding};
+use inerter_data::{json::json_line, output, run::Run, settings::SettingsInputError};
+use inerter_device::{Clock, Device, DeviceError};
 use inerter_wire::Refusal;
 use serde_json::{Value, json};
 
@@ -20,6 +14,10 @@ use super::{
         terminal::{self, note},
     },
     person::Person,
+};
+use crate::{
+    Error,
+    calibrate::{steps::Rig, wizard},
 };
 
 /// What every step at a device takes.
@@ -55,7 +53,7 @@ impl SourceArgs {
             }
             return Ok(None);
         };
-        let run = Run::open(file, &overrides)?;
+        let run = inerter_data::open(file, &overrides)?;
         run.notes.iter().for_each(note);
         Ok(Some(run))
     }

@@ -1,13 +1,12 @@
 //! `inerter calibrate direction`: whether force and position have the same positive direction.
 
+use inerter_data::replay::replay;
 use std::time::Duration;
 
-use inerter::{
-    Error,
-    calibrate::direction::{Known, direction},
-};
+use inerter_analysis::calibrate::direction::{Known, direction};
 
 use super::common::{SourceArgs, StepArgs, at_device, listening_time, report};
+use crate::Error;
 
 /// Check that a positive force accelerates to the positive side.
 ///
@@ -40,7 +39,10 @@ enum Trust {
 pub fn run(args: &Args) -> Result<(), Error> {
     let known = Known { force: args.trust == Trust::Force, position: args.trust == Trust::Position };
     match args.source.run()? {
-        Some(run) => report(&direction(&run, known)?, &run.name, args.step.json, false),
+        Some(run) => {
+            let outcome = replay(&run, |_, _| Ok::<(), Error>(()))?;
+            report(&direction(&run, &outcome, known)?, &run.name, args.step.json, false)
+        }
         None => at_device(&args.step, |rig| rig.direction(args.duration.as_secs_f64(), known)),
     }
 }

@@ -1,16 +1,15 @@
 //! `inerter calibrate encoder`: the scale of the position.
 
-use inerter::{
+use super::{
+    common::{StepArgs, at_device},
+    force::part,
+};
+use crate::{
     Error,
     calibrate::{
         dialogue::{METRES, PLAIN, Units, number},
         steps::EncoderPlan,
     },
-};
-
-use super::{
-    common::{StepArgs, at_device},
-    force::part,
 };
 
 /// Find counts per revolution, metres per count and the direction of the encoder.

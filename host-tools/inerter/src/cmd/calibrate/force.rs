@@ -2,20 +2,19 @@
 
 use std::{path::PathBuf, time::Duration};
 
-use inerter::{
-    Error,
-    calibrate::{
-        CalibrateError,
-        dialogue::{DEGREES, KILOGRAMS, NEWTONS, PLAIN, Units, number},
-        force::{Gravity, Load, force},
-        rest,
-    },
-    run::Run,
+use inerter_analysis::calibrate::{
+    CalibrateError,
+    force::{Gravity, Load, force},
+    rest,
 };
 
 use super::{
     super::{args::FileSettingsArgs, terminal::note},
     common::{StepArgs, at_device, listening_time, report},
+};
+use crate::{
+    Error,
+    calibrate::dialogue::{DEGREES, KILOGRAMS, NEWTONS, PLAIN, Units, number},
 };
 
 /// Find the force scale by known masses or forces, in both directions.
@@ -127,7 +126,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let overrides = args.settings.overrides()?;
     let (mut readings, mut settings) = (Vec::new(), None);
     for (load, file) in loads.into_iter().zip(files) {
-        let run = Run::open(file, &overrides)?;
+        let run = inerter_data::open(file, &overrides)?;
         run.notes.iter().for_each(note);
         let at = format!(" in {}", file.display());
         let level = rest::level(&run.samples, &run.settings, seconds, &at)?;

@@ -2,12 +2,10 @@
 
 use std::time::Duration;
 
-use inerter::{
-    Error,
-    calibrate::load_cell::{diagnose, judge},
-};
+use inerter_analysis::calibrate::load_cell::{diagnose, judge};
 
 use super::common::{SourceArgs, StepArgs, at_device, listening_time, report};
+use crate::Error;
 
 /// Look at the force channel of a device at rest: rate, noise, drift, saturation, mains.
 ///

@@ -2,21 +2,18 @@
 
 use std::{collections::BTreeMap, time::Duration};
 
-use inerter::{
-    Error,
-    calibrate::{Dialogue, Heard, refuse_saturated, wizard},
-    output,
-    replay::Outcome,
-    report::json_line,
-    run::Run,
-    settings::SettingsInputError,
-};
+use inerter_analysis::calibrate::refuse_saturated;
+use inerter_data::{json::json_line, output, replay::Outcome, run::Run, settings::SettingsInputError};
 use serde::Serialize;
 
 use super::{
     super::{fit::replayed, terminal},
     common::{SourceArgs, StepArgs, connect, listening_time},
     person::Person,
+};
+use crate::{
+    Error,
+    calibrate::{Dialogue, Heard, wizard},
 };
 
 /// What they take.

@@ -6,15 +6,12 @@ use std::{
     time::Duration,
 };
 
-use inerter::{
-    Error,
-    calibrate::{CalibrateError, Dialogue},
-    output,
-    report::json_line,
-};
+use inerter_analysis::calibrate::CalibrateError;
+use inerter_data::{json::json_line, output};
 use serde_json::json;
 
 use super::super::terminal::{self, Progress};
+use crate::{Error, calibrate::Dialogue};
 
 /// Time between two looks for Ctrl-C while an answer is waited for.
 const LOOK: Duration = Duration::from_millis(50);

@@ -1,16 +1,15 @@
 //! `inerter calibrate skew`: the delay of the force behind the position.
 
-use inerter::{
-    Error,
-    calibrate::steps::skew_words,
-    fit::{Products, skew},
+use inerter_analysis::fit::{Products, skew};
+use inerter_data::{
+    json::{ParameterJson, rounded_s},
     replay::Outcome,
-    report::{ParameterJson, rounded_s},
     run::Run,
 };
 use serde::Serialize;
 
 use super::motion::{self, MotionArgs, Shown};
+use crate::{Error, calibrate::steps::skew_words};
 
 /// Find the delay of the force behind the position.
 ///
@@ -23,7 +22,7 @@ use super::motion::{self, MotionArgs, Shown};
 /// interval, or the interval is the smaller one. For a file they are printed as --set. With --json one object:
 /// {"kind":"skew","left_s":..,"skew_s":..,"skew_u95_s":..,..}.
 #[derive(clap::Args)]
-#[command(after_long_help = inerter::settings::help_table())]
+#[command(after_long_help = inerter_data::settings::help_table())]
 pub struct Args {
     #[command(flatten)]
     motion: MotionArgs,

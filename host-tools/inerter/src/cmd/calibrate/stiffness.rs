@@ -1,16 +1,16 @@
 //! `inerter calibrate stiffness`: stiffness and damping of the contact, by the terminal's displacement sensor.
 
-use inerter::{
-    Error,
-    contact::Contact,
-    detail::BacklashJson,
+use inerter_analysis::contact::Contact;
+use inerter_data::{
+    json::{BacklashJson, ParameterJson},
     replay::Outcome,
-    report::{ParameterJson, value_text},
     run::Run,
+    text::value_text,
 };
 use serde::Serialize;
 
 use super::motion::{self, MotionArgs, Shown};
+use crate::Error;
 
 /// Find stiffness and damping of the contact, with a terminal displacement sensor.
 ///
@@ -24,7 +24,7 @@ use super::motion::{self, MotionArgs, Shown};
 /// smaller one. For a file they are printed as --set. With --json one object:
 /// {"kind":"stiffness","stiffness_n_per_m":..,"stiffness_u95_n_per_m":..,"contact_damping_n_s_per_m":..,..}.
 #[derive(clap::Args)]
-#[command(after_long_help = inerter::settings::help_table())]
+#[command(after_long_help = inerter_data::settings::help_table())]
 pub struct Args {
     #[command(flatten)]
     motion: MotionArgs,

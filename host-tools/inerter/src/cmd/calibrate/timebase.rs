@@ -2,12 +2,11 @@
 
 use std::time::Duration;
 
-use inerter::{
+use super::common::{StepArgs, at_device, time_within};
+use crate::{
     Error,
     calibrate::dialogue::{PPM, number},
 };
-
-use super::common::{StepArgs, at_device, time_within};
 
 /// Compare the device's sample clock with this computer's clock.
 ///

@@ -1,10 +1,7 @@
 //! `inerter calibrate` without a step: all of them, in a dialogue.
 
-use inerter::{
-    Error,
-    calibrate::{CalibrateError, wizard::Wizard},
-    device::{Clock, Device},
-};
+use inerter_analysis::calibrate::CalibrateError;
+use inerter_device::{Clock, Device};
 
 use super::{
     super::{
@@ -13,6 +10,7 @@ use super::{
     },
     person::Person,
 };
+use crate::{Error, calibrate::wizard::Wizard};
 
 pub fn run(link: &LinkArgs) -> Result<(), Error> {
     if !Person::is_there() {

@@ -2,9 +2,10 @@
 
 use std::time::Duration;
 
-use inerter::{Error, calibrate::rest};
+use inerter_analysis::calibrate::rest;
 
 use super::common::{SourceArgs, StepArgs, at_device, listening_time, report};
+use crate::Error;
 
 /// Find the force code at no force, with its uncertainty.
 ///

@@ -2,21 +2,21 @@
 
 use std::path::{Path, PathBuf};
 
-use inerter::{
-    Error,
+use inerter_core::Settings;
+use inerter_data::{
     backup::{self, values_of},
-    device::{Clock, Device},
+    json::json_line,
     output,
-    report::json_line,
     settings::validate,
 };
-use inerter_core::Settings;
+use inerter_device::{Clock, Device};
 use serde_json::{Map, Value, json};
 
 use super::{
     super::{args::LinkArgs, terminal::say},
     Common, connect, finish,
 };
+use crate::Error;
 
 /// Name that stands for the device in `diff`.
 const DEVICE: &str = "device";
@@ -111,7 +111,7 @@ pub fn diff(args: &DiffArgs) -> Result<(), Error> {
             let device = Device::connect(&args.link.target(), Clock::new())?;
             return Ok(device.settings().values().into_iter().map(Some).collect());
         }
-        values_of(Path::new(name))
+        Ok(values_of(Path::new(name))?)
     };
     let (a, b) = (values(&args.a)?, values(&args.b)?);
     let bits = |value: &Option<f64>| value.map(f64::to_bits);

@@ -4,19 +4,18 @@ use std::sync::Arc;
 
 use foxglove::{ChannelBuilder, Context, PartialMetadata, RawChannel, Schema, WebSocketServerHandle};
 use inerter_core::Settings;
+use inerter_data::json::{EstimateJson, EventJson, GapJson, health_json, json_line};
 use inerter_wire::catalogue::{self, Group};
 use serde_json::{Map, Value, json};
 
-use super::{FOXGLOVE, resolve};
+use super::address::{FOXGLOVE, resolve};
 use crate::{
     Error,
-    detail::GapJson,
     monitor::{
         MonitorError,
         feed::{Item, Moment},
         hub::Viewer,
     },
-    report::{EstimateJson, EventJson, health_json, json_line},
 };
 
 /// Messages that wait for a slow client: a second of samples, and more at 4 kHz.

@@ -1,8 +1,10 @@
 //! PlotJuggler: its UDP server with the protocol JSON; one object a datagram, its time in `timestamp` \[s\].
 
+use inerter_core::Settings;
+use inerter_data::json::{EstimateJson, json_line};
 use serde_json::{Map, Value, json};
 
-use super::{Datagrams, PLOTJUGGLER};
+use super::address::{Datagrams, PLOTJUGGLER};
 use crate::{
     Error,
     monitor::{
@@ -10,9 +12,7 @@ use crate::{
         feed::{Item, Moment},
         hub::Viewer,
     },
-    report::{EstimateJson, json_line},
 };
-use inerter_core::Settings;
 
 /// The bridge.
 pub struct PlotJuggler {

@@ -3,9 +3,10 @@
 
 use std::fmt::Write;
 
+use inerter_data::text::event_words;
 use inerter_wire::catalogue::{self, Group};
 
-use super::{Datagrams, TELEPLOT};
+use super::address::{Datagrams, TELEPLOT};
 use crate::{
     Error,
     monitor::{
@@ -14,7 +15,6 @@ use crate::{
         history::Entry,
         hub::Viewer,
     },
-    report::event_words,
 };
 
 /// Bytes in a datagram.

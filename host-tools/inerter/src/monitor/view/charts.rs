@@ -1,5 +1,6 @@
 //! Charts over time: signals as the range that they went through, parameters with their intervals.
 
+use inerter_data::{settings::has_terminal_sensor, words::interval_text};
 use inerter_wire::catalogue::{self, Group};
 use ratatui::{
     Frame,
@@ -11,11 +12,7 @@ use ratatui::{
 };
 
 use super::Theme;
-use crate::{
-    detail::has_terminal_sensor,
-    monitor::{state::State, trace::Signal},
-    report::interval_text,
-};
+use crate::monitor::{state::State, trace::Signal};
 
 /// Rows that a chart needs to be worth its place.
 const CHART_ROWS: u16 = 6;

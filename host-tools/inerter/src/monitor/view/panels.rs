@@ -1,6 +1,12 @@
 //! Panes of text: the table with its status words, losses and health, what happened.
 
 use inerter_core::{Parameter, Status};
+use inerter_data::{
+    json::{BacklashJson, status_word},
+    settings::has_terminal_sensor,
+    text::{self, value_text},
+    words::duration_text,
+};
 use inerter_wire::catalogue;
 use ratatui::{
     Frame,
@@ -11,13 +17,9 @@ use ratatui::{
 };
 
 use super::{Theme, charts};
-use crate::{
-    detail::{self, BacklashJson},
-    monitor::{
-        state::{LineKind, State, Values},
-        trace::Signal,
-    },
-    report::{duration_text, status_word, value_text},
+use crate::monitor::{
+    state::{LineKind, State, Values},
+    trace::Signal,
 };
 
 /// Rows below which the signals are left out of the overview.
@@ -79,7 +81,7 @@ fn rows(state: &State, theme: Theme) -> Vec<Row<'static>> {
         .collect();
     let Some(detail) = detail else { return rows };
     let backlash = BacklashJson::from(detail.backlash);
-    let text = detail::backlash_text(&detail.backlash);
+    let text = text::backlash_text(&detail.backlash);
     let (style, word, value, reason) = match (backlash.reason, backlash.status) {
         (Some(_), _) => (theme.quiet(), "not identifiable", "-".into(), text),
         (None, "ok") => (theme.good(), "ok", text, String::new()),
@@ -87,7 +89,7 @@ fn rows(state: &State, theme: Theme) -> Vec<Row<'static>> {
     };
     // It is of the whole run; the other column has room to say why there is none.
     rows.push(row("Backlash", "µm", reason, Span::styled(word, style), value));
-    if detail::has_terminal_sensor(&state.settings) {
+    if has_terminal_sensor(&state.settings) {
         rows.extend(catalogue::contact(detail).map(|(field, parameter)| {
             row(field.label, field.unit, String::new(), status(&parameter, theme), number(&parameter))
         }));
@@ -121,7 +123,7 @@ fn words(state: &State, theme: Theme) -> Vec<Line<'static>> {
     let Values { detail, losses, .. } = state.shown();
     let style = if losses.is_clean() { theme.good() } else { theme.bad() };
     let mut lines = vec![Line::styled(losses.line(), style)];
-    lines.extend(detail.as_ref().map(|detail| Line::raw(detail::line(detail))));
+    lines.extend(detail.as_ref().map(|detail| Line::raw(text::line(detail))));
     lines.extend(state.elsewhere.iter().map(|place| Line::styled(place.clone(), theme.quiet())));
     lines
 }

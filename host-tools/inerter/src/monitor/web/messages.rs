@@ -1,18 +1,19 @@
 //! What the page is told: everything so far when it comes, then each thing as it happens.
 
-use serde_json::{Value, json};
-
-use crate::{
-    detail::{self, has_terminal_sensor},
-    monitor::{
-        feed::Item,
-        history::{Entry, QUANTITIES},
-        state::{Event, LineKind, State},
-        trace::{Bucket, Signal},
-    },
-    report::{EstimateJson, event_words, health_json, is_trouble},
+use inerter_data::{
+    json::{EstimateJson, health_json},
+    settings::has_terminal_sensor,
+    text::{self, event_words, is_trouble},
 };
 use inerter_wire::catalogue::{self, Group};
+use serde_json::{Value, json};
+
+use crate::monitor::{
+    feed::Item,
+    history::{Entry, QUANTITIES},
+    state::{Event, LineKind, State},
+    trace::{Bucket, Signal},
+};
 
 /// Signals are sent as ranges over so long a time \[s\]: a display shows no more.
 const RESOLUTION_S: f64 = 0.02;
@@ -122,7 +123,7 @@ impl Messages {
             serde_json::to_value(EstimateJson::live(t_s, &estimate, detail, &state.settings)).unwrap_or_default();
         if let Some(object) = value.as_object_mut() {
             object.insert("run_s".into(), json!((run_s * 1e4).round() / 1e4));
-            object.insert("conduct".into(), json!(detail.map(detail::line)));
+            object.insert("conduct".into(), json!(detail.map(text::line)));
         }
         Some(value)
     }

@@ -1,0 +1,132 @@
+//! Whether force and position have the same positive direction: a positive force must accelerate to the positive side.
+//!
+//! A reversed one of them makes the inertance negative, which nothing else does.
+
+use inerter_core::Status;
+use inerter_data::{replay::Outcome, run::Run};
+
+use super::{CalibrateError, Finding, Step, finding::Level};
+
+/// What was calibrated in a known direction just before, and can be trusted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Known {
+    /// The force, by loads.
+    pub force: bool,
+    /// The position, by a displacement.
+    pub position: bool,
+}
+
+/// Share of saturated samples beyond which a motion shows nothing: each takes its surroundings with it.
+const MOST_SATURATED: f64 = 0.1;
+
+/// Refuses a motion during which the force was mostly at its limit.
+pub fn refuse_saturated(outcome: &Outcome, run: &Run) -> Result<(), CalibrateError> {
+    let share = f64::from(outcome.counters.saturated) / run.samples.len().max(1) as f64;
+    if share > MOST_SATURATED {
+        return Err(CalibrateError::Saturated { at: " during this motion".into(), share: 100.0 * share });
+    }
+    Ok(())
+}
+
+/// Looks at a short motion and what the estimator made of it.
+pub fn direction(run: &Run, outcome: &Outcome, known: Known) -> Result<Finding, CalibrateError> {
+    refuse_saturated(outcome, run)?;
+    let inertance = outcome.estimate.whole_run.inertance_kg;
+    if inertance.status != Status::Ok || !inertance.value.is_finite() || inertance.value.abs() <= inertance.u95 {
+        return Err(CalibrateError::NoMotion);
+    }
+    let (value, u95) = (f64::from(inertance.value), f64::from(inertance.u95));
+    let mut finding = Finding::new(Step::Direction);
+    finding.measure("inertance_kg", value);
+    finding.measure("inertance_u95_kg", u95);
+    finding.say(format!("inertance by this motion {value:.1} ± {u95:.1} kg"));
+    if value > 0.0 {
+        finding.say("force and position have the same positive direction");
+        return Ok(finding);
+    }
+    let settings = &run.settings;
+    let which = match known {
+        Known { force: true, position: true } => {
+            return {
+                let text = "force and position point against each other, though both were calibrated: one of the \
+                directions that were \
+                            called positive, of the loads or of the displacement, was the other one. Repeat one of \
+                            them";
+                finding.remark(Level::Bad, "reversed", text);
+                Ok(finding)
+            };
+        }
+        Known { force: true, position: false } => "metres_per_count",
+        _ => "newtons_per_code",
+    };
+    let (value, other) = match which {
+        "metres_per_count" => (-settings.metres_per_count, "newtons_per_code"),
+        _ => (-settings.newtons_per_code, "metres_per_count"),
+    };
+    finding.set(which, value);
+    let text = format!(
+        "force and position point against each other: {which} is turned to {value:?}{}",
+        if known == Known::default() {
+            format!("; where it is the displacement that points the wrong way, turn {other} instead")
+        } else {
+            String::new()
+        }
+    );
+    finding.remark(Level::Note, "reversed", text);
+    Ok(finding)
+}
+
+#[cfg(test)]
+mod tests {
+    use inerter_core::Settings;
+    use inerter_data::{
+        replay::replay,
+        settings::{Overrides, SettingsInputError},
+    };
+    use inerter_plant::Parameters;
+    use inerter_simulate::{Setup, bench_sensors, raw};
+
+    use super::*;
+
+    fn run(motion: &str, turned: fn(Settings) -> Settings) -> Run {
+        let setup = Setup::new(Parameters::paper(), bench_sensors(), motion, Some(6.0), &Overrides::default()).unwrap();
+        let samples = setup.samples().unwrap().map(|sample| raw(&sample)).collect();
+        Run { settings: turned(setup.settings), samples, ..Run::default() }
+    }
+
+    fn found(run: &Run, known: Known) -> Result<Finding, CalibrateError> {
+        direction(run, &replay(run, |_, _| Ok::<(), SettingsInputError>(())).unwrap(), known)
+    }
+
+    #[test]
+    fn a_direction_that_is_reversed_is_found_and_turned() {
+        for motion in ["random", "mid", "two"] {
+            let right = found(&run(motion, |settings| settings), Known::default()).unwrap();
+            assert!(right.is_good() && !right.has_settings(), "{motion}");
+            for turned in [
+                (|settings| Settings { newtons_per_code: -0.002, ..settings }) as fn(Settings) -> Settings,
+                |settings| Settings { metres_per_count: -settings.metres_per_count, ..settings },
+            ] {
+                let run = run(motion, turned);
+                let finding = found(&run, Known { force: true, position: false }).unwrap();
+                assert_eq!(finding.values["metres_per_count"].as_f64(), Some(-run.settings.metres_per_count));
+                let adopted = finding.adopted_by(&run.settings).unwrap();
+                let after = found(&Run { settings: adopted, ..run.clone() }, Known::default()).unwrap();
+                assert!(!after.has_settings(), "{motion}");
+                let finding = found(&run, Known { force: false, position: true }).unwrap();
+                assert_eq!(finding.values["newtons_per_code"].as_f64(), Some(-run.settings.newtons_per_code));
+                let both = found(&run, Known { force: true, position: true }).unwrap();
+                assert!(!both.is_good() && !both.has_settings());
+            }
+        }
+    }
+
+    #[test]
+    fn a_device_at_rest_shows_no_direction() {
+        let error = found(&run("hold", |settings| settings), Known::default()).unwrap_err();
+        assert!(matches!(error, CalibrateError::NoMotion), "{error:?}");
+        let narrow = |settings| Settings { force_min_code: -1e5, force_max_code: 1e5, ..settings };
+        let error = found(&run("random", narrow), Known::default()).unwrap_err();
+        assert!(matches!(error, CalibrateError::Saturated { .. }), "{error:?}");
+    }
+}

@@ -1,0 +1,310 @@
+//! Diagnosis of the force channel, with the device at rest.
+//!
+//! The spectrum of a window (Hann) tells white noise, mains and drift apart. White noise is taken from the spectrum's median,
+//! which neither lines nor drift move: `sigma^2 = median / ln 2 * rate / 2`. A line's amplitude is what its band holds above
+//! that floor.
+
+use inerter_core::Settings;
+use inerter_data::run::Run;
+use rustfft::{FftPlanner, num_complex::Complex};
+
+use super::{
+    CalibrateError, Finding, Step,
+    finding::Level,
+    statistics::{Straight, student},
+    timebase::Rate,
+};
+
+/// Shortest stretch from which mains are told from their surroundings \[s\].
+pub const LEAST_S: f64 = 4.0;
+/// Frequencies below this are drift and swinging, not noise \[Hz\].
+const LOWEST_HZ: f64 = 3.0;
+/// Half of the band in which a line of the mains is looked for \[Hz\]: the grid's 0.2 Hz and the window's width.
+const LINE_HALF_HZ: f64 = 0.75;
+/// Harmonics that are looked for.
+const HARMONICS: u32 = 5;
+/// Share of the range that white noise may have (bring-up step 6 in docs/HARDWARE.md).
+const NOISE_OF_RANGE: f64 = 2e-3;
+/// Mains over white noise, in amplitude over rms, that are known to do no harm: 5 N at 1 N (docs/tables/robustness.md).
+const HARMLESS_MAINS: f64 = 5.0;
+/// Share of the range from which mains take room from the force.
+const MAINS_OF_RANGE: f64 = 1e-2;
+/// Drift in a second over white noise that is known to spoil slow motion: 0.05 N/s at 1 N (docs/tables/robustness.md).
+const HARMLESS_DRIFT_PER_S: f64 = 0.05;
+/// Noise under which the converter's steps are the limit \[codes of one conversion\].
+const STEPS: f64 = 0.3;
+/// Share of the range that should be left on either side of zero.
+const ROOM: f64 = 0.15;
+
+/// Interference by one grid frequency.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Mains {
+    /// 50 or 60 Hz.
+    pub frequency_hz: f64,
+    /// Amplitude of the fundamental and each harmonic under half of the sample rate \[codes\].
+    pub amplitudes_code: Vec<f64>,
+}
+
+impl Mains {
+    /// All of them together: root of the sum of the squares \[codes\].
+    pub fn amplitude_code(&self) -> f64 {
+        self.amplitudes_code.iter().map(|amplitude| amplitude * amplitude).sum::<f64>().sqrt()
+    }
+}
+
+/// What a force channel at rest is like.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Diagnosis {
+    /// Length \[s\].
+    pub seconds: f64,
+    /// Rate against the host's clock, where that is known.
+    pub rate: Option<Rate>,
+    /// Samples missing.
+    pub lost: u64,
+    /// Samples.
+    pub samples: usize,
+    /// Mean code.
+    pub mean_code: f64,
+    /// White noise of one sample, rms \[codes\].
+    pub noise_code: f64,
+    /// All that is not constant, rms \[codes\].
+    pub total_rms_code: f64,
+    /// Difference of the greatest and the least code.
+    pub peak_to_peak_code: f64,
+    /// Drift \[codes/s\], with its uncertainty.
+    pub drift_code_per_s: (f64, f64),
+    /// Share of the samples that are at a rail.
+    pub saturated: f64,
+    /// The stronger of 50 and 60 Hz; amplitudes are zero where nothing stands out.
+    pub mains: Mains,
+}
+
+/// Looks at a device at rest.
+pub fn diagnose(run: &Run, rate: Option<Rate>) -> Result<Diagnosis, CalibrateError> {
+    let settings = &run.settings;
+    let codes: Vec<f64> = run.samples.iter().map(|sample| f64::from(sample.force_code)).collect();
+    let seconds = codes.len() as f64 / settings.sample_rate_hz;
+    if seconds < 0.99 * LEAST_S {
+        return Err(CalibrateError::TooShort { seconds, needed: LEAST_S });
+    }
+    let counts: Vec<f64> = run
+        .samples
+        .iter()
+        .map(|sample| {
+            let first = run.samples.first().map_or(0, |first| first.position_count);
+            f64::from(sample.position_count.wrapping_sub(first)) / settings.oversampling
+        })
+        .collect();
+    let turned = extent(&counts);
+    // An encoder that stands at an edge jumps by one.
+    if turned > 4.0 {
+        return Err(CalibrateError::Moving { at: String::new(), counts: turned });
+    }
+    let mean_code = codes.iter().sum::<f64>() / codes.len() as f64;
+    let squares: f64 = codes.iter().map(|code| (code - mean_code).powi(2)).sum();
+    let at_rail = |code: &&f64| **code <= settings.force_min_code || **code >= settings.force_max_code;
+    let spectrum = Spectrum::of(&codes, settings.sample_rate_hz);
+    let mains = [50.0, 60.0].map(|frequency_hz| spectrum.mains(frequency_hz));
+    let [fifty, sixty] = mains;
+    Ok(Diagnosis {
+        seconds,
+        rate,
+        lost: run.gaps().1,
+        samples: codes.len(),
+        mean_code,
+        noise_code: spectrum.noise(),
+        total_rms_code: (squares / codes.len() as f64).sqrt(),
+        peak_to_peak_code: extent(&codes),
+        drift_code_per_s: drift(&codes, settings.sample_rate_hz),
+        saturated: codes.iter().filter(at_rail).count() as f64 / codes.len() as f64,
+        mains: if fifty.amplitude_code() >= sixty.amplitude_code() { fifty } else { sixty },
+    })
+}
+
+fn extent(values: &[f64]) -> f64 {
+    values.iter().copied().fold(f64::NEG_INFINITY, f64::max) - values.iter().copied().fold(f64::INFINITY, f64::min)
+}
+
+/// Slope of the means of twelve blocks, so that what correlates within a block does not pass for knowledge.
+fn drift(codes: &[f64], rate_hz: f64) -> (f64, f64) {
+    let length = (codes.len() / 12).max(1);
+    let blocks = codes.chunks_exact(length).enumerate();
+    let means: Vec<(f64, f64)> = blocks
+        .map(|(place, block)| {
+            let middle_s = (place as f64 + 0.5) * length as f64 / rate_hz;
+            (middle_s, block.iter().sum::<f64>() / length as f64)
+        })
+        .collect();
+    let line = Straight::through(&means).unwrap_or_default();
+    (line.slope, if line.slope_u95.is_finite() { line.slope_u95 } else { student(1) * line.slope.abs() })
+}
+
+/// Density of the codes over frequency, one-sided.
+struct Spectrum {
+    density: Vec<f64>,
+    spacing_hz: f64,
+    floor: f64,
+}
+
+impl Spectrum {
+    fn of(codes: &[f64], rate_hz: f64) -> Self {
+        let count = codes.len();
+        let mean = codes.iter().sum::<f64>() / count as f64;
+        let turn = std::f64::consts::TAU / count as f64;
+        let window = |place: usize| 0.5 - 0.5 * (turn * place as f64).cos();
+        let mut values: Vec<Complex<f64>> =
+            codes.iter().enumerate().map(|(place, code)| Complex::new((code - mean) * window(place), 0.0)).collect();
+        FftPlanner::new().plan_fft_forward(count).process(&mut values);
+        // The sum of the window's squares is 3/8 of the count.
+        let scale = 2.0 / (rate_hz * 0.375 * count as f64);
+        let density: Vec<f64> = values.iter().take(count / 2).map(|value| value.norm_sqr() * scale).collect();
+        let spacing_hz = rate_hz / count as f64;
+        let lowest = (LOWEST_HZ / spacing_hz).ceil() as usize;
+        let mut sorted: Vec<f64> = density.iter().skip(lowest).copied().collect();
+        sorted.sort_by(f64::total_cmp);
+        let floor = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0) / std::f64::consts::LN_2;
+        Self { density, spacing_hz, floor }
+    }
+
+    /// White noise of one sample, rms.
+    fn noise(&self) -> f64 {
+        (self.floor * self.spacing_hz * self.density.len() as f64).sqrt()
+    }
+
+    fn mains(&self, frequency_hz: f64) -> Mains {
+        let half_rate_hz = self.spacing_hz * self.density.len() as f64;
+        let below = (1..=HARMONICS).map(|harmonic| f64::from(harmonic) * frequency_hz);
+        let lines = below.take_while(|line_hz| line_hz + LINE_HALF_HZ < half_rate_hz);
+        Mains { frequency_hz, amplitudes_code: lines.map(|line_hz| self.line(line_hz)).collect() }
+    }
+
+    /// Amplitude of a line; zero where the band holds no more than noise does by chance.
+    fn line(&self, line_hz: f64) -> f64 {
+        let first = ((line_hz - LINE_HALF_HZ) / self.spacing_hz).ceil().max(0.0) as usize;
+        let last = ((line_hz + LINE_HALF_HZ) / self.spacing_hz).floor() as usize;
+        let band = self.density.iter().skip(first).take(last.saturating_sub(first) + 1);
+        let (sum, bins) = band.fold((0.0, 0.0), |(sum, bins), density| (sum + density, bins + 1.0));
+        let above = sum - self.floor * bins;
+        // A window makes neighbours alike: half as many are independent.
+        let by_chance = 5.0 * self.floor * f64::sqrt(2.0 * bins);
+        if above > by_chance { (2.0 * above * self.spacing_hz).sqrt() } else { 0.0 }
+    }
+}
+
+/// Puts a diagnosis into words, with what is wrong and what to do about it.
+pub fn judge(diagnosis: &Diagnosis, settings: &Settings) -> Finding {
+    let mut finding = Finding::new(Step::LoadCell);
+    let newtons = settings.newtons_per_code.abs();
+    let range_code = settings.force_max_code - settings.force_min_code;
+    let noise = diagnosis.noise_code;
+    let mains = diagnosis.mains.amplitude_code();
+    let (drift, drift_u95) = diagnosis.drift_code_per_s;
+    let room = (diagnosis.mean_code - settings.force_min_code).min(settings.force_max_code - diagnosis.mean_code);
+    let rate_hz = diagnosis.rate.map(|rate| settings.sample_rate_hz * (1.0 + rate.deviation));
+    finding.measure("sample_rate_hz", rate_hz.unwrap_or(f64::NAN));
+    finding.measure("stated_sample_rate_hz", settings.sample_rate_hz);
+    finding.measure("duration_s", diagnosis.seconds);
+    finding.measure("lost_samples", diagnosis.lost as f64);
+    finding.measure("saturated", diagnosis.saturated);
+    finding.measure("mean_code", diagnosis.mean_code);
+    finding.measure("noise_code", noise);
+    finding.measure("noise_n", noise * newtons);
+    finding.measure("rms_n", diagnosis.total_rms_code * newtons);
+    finding.measure("drift_n_per_s", drift * newtons);
+    finding.measure("drift_u95_n_per_s", drift_u95 * newtons);
+    finding.measure("mains_hz", if mains > 0.0 { diagnosis.mains.frequency_hz } else { f64::NAN });
+    finding.measure("mains_n", mains * newtons);
+    finding.measure("range_n", range_code * newtons);
+    finding.measure("peak_to_peak_of_range", diagnosis.peak_to_peak_code / range_code);
+    let rate = rate_hz.map_or_else(String::new, |rate| format!(", {rate:.1} by this computer's clock"));
+    finding.say(format!("{:.0} samples a second stated{rate}; {} lost", settings.sample_rate_hz, diagnosis.lost));
+    finding.say(format!(
+        "noise {:.4} N rms per sample ({noise:.2} codes), drift {:+.4} ± {:.4} N/s, range ±{:.0} N",
+        noise * newtons,
+        drift * newtons,
+        drift_u95 * newtons,
+        0.5 * range_code * newtons
+    ));
+    finding.say(if mains > 0.0 {
+        let each = diagnosis.mains.amplitudes_code.iter().map(|code| format!("{:.3}", code * newtons));
+        let each: Vec<String> = each.collect();
+        let frequency = diagnosis.mains.frequency_hz;
+        format!(
+            "mains {:.4} N in amplitude at {frequency:.0} Hz and harmonics ({} N)",
+            mains * newtons,
+            each.join(", ")
+        )
+    } else {
+        "no mains to be seen".into()
+    });
+    remarks(&mut finding, diagnosis, settings, room / range_code);
+    if finding.remarks.is_empty() {
+        finding.say("nothing is wrong with it");
+    }
+    finding
+}
+
+fn remarks(finding: &mut Finding, diagnosis: &Diagnosis, settings: &Settings, room: f64) {
+    let newtons = settings.newtons_per_code.abs();
+    let range_code = settings.force_max_code - settings.force_min_code;
+    let (noise, mains) = (diagnosis.noise_code, diagnosis.mains.amplitude_code());
+    let (drift, drift_u95) = diagnosis.drift_code_per_s;
+    if diagnosis.saturated > 0.0 {
+        let text = "the code stands at its limit: a wire of the cell is loose, the cell is overloaded, or the gain \
+        is too high";
+        return finding.remark(Level::Bad, "saturated", text);
+    }
+    if diagnosis.peak_to_peak_code == 0.0 {
+        let text = "the code never changes: the converter does not run, or its input is shorted";
+        return finding.remark(Level::Bad, "dead", text);
+    }
+    if let Some(rate) = diagnosis.rate.filter(|rate| rate.deviation.abs() > 1e-3 + rate.scatter_u95) {
+        let text = format!(
+            "samples come {:.2} % off the rate stated: sample_rate_hz is not the device's, or its crystal does not run",
+            100.0 * rate.deviation
+        );
+        finding.remark(Level::Bad, "rate", text);
+    }
+    if diagnosis.lost > 0 {
+        let text = format!("{} samples were lost: shorten the cable, take USB, or free this computer", diagnosis.lost);
+        finding.remark(Level::Doubtful, "lost", text);
+    }
+    if noise > NOISE_OF_RANGE * range_code {
+        let text = format!(
+            "noise is {:.2} % of the range, and 0.2 % is usual: check the screen, the ground and the cell's supply",
+            100.0 * noise / range_code
+        );
+        finding.remark(Level::Bad, "noise", text);
+    }
+    if noise < STEPS * settings.oversampling.sqrt() {
+        let text = format!(
+            "noise is under a step of the converter ({newtons:.4} N): the gain is too low, steps limit what can be seen"
+        );
+        finding.remark(Level::Doubtful, "gain", text);
+    }
+    let harmful = mains > HARMLESS_MAINS * noise && mains > STEPS;
+    if mains > MAINS_OF_RANGE * range_code || harmful {
+        let level = if mains > MAINS_OF_RANGE * range_code { Level::Bad } else { Level::Doubtful };
+        let text = format!(
+            "mains are {:.1} times the noise (up to {HARMLESS_MAINS:.0} do no harm): ground the cable's screen at \
+            one end only, keep it away from \
+             drives, and use a USB isolator where grounds differ",
+            mains / noise
+        );
+        finding.remark(level, "mains", text);
+    }
+    if drift.abs() > HARMLESS_DRIFT_PER_S * noise + drift_u95 {
+        let text = "the zero drifts: let cell and amplifier warm up for a quarter of an hour, and keep draughts off; \
+        slow motion suffers first";
+        finding.remark(Level::Doubtful, "drift", text);
+    }
+    if room < ROOM {
+        let text =
+            format!("only {:.0} % of the range is left on one side: adjust the amplifier's offset", 100.0 * room);
+        finding.remark(Level::Doubtful, "off_centre", text);
+    }
+}
+
+#[cfg(test)]
+#[path = "load_cell_tests.rs"]
+mod tests;

@@ -1,0 +1,297 @@
+//! The level of a force at rest, and whether it is at rest at all.
+//!
+//! A window of fifteen blocks moves along the samples. It is steady when the blocks' means differ by no more than white
+//! noise, a code, or 0.02 % of the load make them differ, and the screw stands: then the level is their mean, and its
+//! interval comes from their scatter, so that drift and swinging widen it.
+
+use std::collections::VecDeque;
+
+use inerter_core::{RawSample, Settings};
+
+use super::{
+    CalibrateError, Finding, Step,
+    finding::Level as Rank,
+    statistics::{Mean, mean_of_blocks, together},
+};
+
+/// Blocks in a window: at 3 s each is 0.2 s, whole cycles of 50 and of 60 Hz.
+const BLOCKS: usize = 15;
+/// Deviations of a block's mean by white noise that the means may differ by: fifteen of them exceed it once in 1e4.
+const NOISE_FACTOR: f64 = 7.0;
+/// Part of the load that the means may differ by: well under what other parts of the uncertainty come to.
+const LOAD_PART: f64 = 2e-4;
+/// Counts that the screw may be off by within a window: an encoder at an edge jumps by one.
+const MOST_COUNTS: f64 = 2.0;
+
+/// What a window of samples says.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Standing {
+    /// Too few samples so far.
+    NotYet,
+    /// At rest, with the level.
+    Steady(Level),
+    /// The force wanders by so much, and so much would be allowed \[codes\].
+    Wanders {
+        /// Difference of the blocks' means.
+        wander_code: f64,
+        /// What is allowed.
+        allowed_code: f64,
+    },
+    /// The screw turns, by so many encoder counts.
+    Turns {
+        /// Counts.
+        counts: f64,
+    },
+    /// So many parts of the samples are at a rail.
+    Saturated {
+        /// Their share.
+        share: f64,
+    },
+}
+
+/// A force at rest.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Level {
+    /// Mean code.
+    pub code: Mean,
+    /// Encoder count there, of one conversion.
+    pub count: Mean,
+    /// White noise of one sample, rms \[codes\].
+    pub noise_code: f64,
+    /// Length of the window \[s\].
+    pub seconds: f64,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Block {
+    code: f64,
+    count: f64,
+    least_count: f64,
+    most_count: f64,
+    /// Sum of the squares of the codes' differences.
+    differences: f64,
+    saturated: usize,
+}
+
+/// What must come to rest.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Of {
+    /// Force and screw.
+    Force,
+    /// The screw, whatever the force does.
+    Position,
+}
+
+/// Looks for rest in samples as they come.
+#[derive(Clone, Debug)]
+pub struct Watch {
+    settings: Settings,
+    of: Of,
+    per_block: usize,
+    blocks: VecDeque<Block>,
+    now: Block,
+    taken: usize,
+    last_code: Option<f64>,
+    /// Position from which encoder counts are told.
+    origin: Option<i32>,
+}
+
+impl Watch {
+    /// For a window of so long; encoder counts are told from `origin`, else from the first sample.
+    pub fn new(settings: &Settings, of: Of, seconds: f64, origin: Option<i32>) -> Self {
+        let per_block = (seconds * settings.sample_rate_hz / BLOCKS as f64).ceil().max(2.0) as usize;
+        Self {
+            settings: *settings,
+            of,
+            per_block,
+            blocks: VecDeque::with_capacity(BLOCKS),
+            now: Block::default(),
+            taken: 0,
+            last_code: None,
+            origin,
+        }
+    }
+
+    /// Takes the next sample; true when a block is complete and [`standing`](Self::standing) may have changed.
+    pub fn take(&mut self, sample: &RawSample) -> bool {
+        let code = f64::from(sample.force_code);
+        let origin = *self.origin.get_or_insert(sample.position_count);
+        let count = f64::from(sample.position_count.wrapping_sub(origin)) / self.settings.oversampling;
+        if self.taken == 0 {
+            self.now = Block { least_count: count, most_count: count, ..Block::default() };
+        }
+        self.now.code += code;
+        self.now.count += count;
+        self.now.least_count = self.now.least_count.min(count);
+        self.now.most_count = self.now.most_count.max(count);
+        self.now.differences += self.last_code.replace(code).map_or(0.0, |last| (code - last).powi(2));
+        self.now.saturated += usize::from(code <= self.settings.force_min_code || code >= self.settings.force_max_code);
+        self.taken += 1;
+        if self.taken < self.per_block {
+            return false;
+        }
+        let samples = self.taken as f64;
+        self.now.code /= samples;
+        self.now.count /= samples;
+        if self.blocks.len() == BLOCKS {
+            self.blocks.pop_front();
+        }
+        self.blocks.push_back(self.now);
+        self.taken = 0;
+        true
+    }
+
+    /// Position from which encoder counts are told, once there is one.
+    pub fn origin(&self) -> Option<i32> {
+        self.origin
+    }
+
+    /// What the latest window says.
+    pub fn standing(&self) -> Standing {
+        if self.blocks.len() < BLOCKS {
+            return Standing::NotYet;
+        }
+        let samples = (BLOCKS * self.per_block) as f64;
+        let saturated: usize = self.blocks.iter().map(|block| block.saturated).sum();
+        if saturated > 0 && self.of == Of::Force {
+            return Standing::Saturated { share: saturated as f64 / samples };
+        }
+        let range = |of: fn(&Block) -> f64, to: fn(&Block) -> f64| {
+            let most = self.blocks.iter().map(to).fold(f64::NEG_INFINITY, f64::max);
+            most - self.blocks.iter().map(of).fold(f64::INFINITY, f64::min)
+        };
+        let counts = range(|block| block.least_count, |block| block.most_count);
+        if counts > MOST_COUNTS {
+            return Standing::Turns { counts };
+        }
+        let differences: f64 = self.blocks.iter().map(|block| block.differences).sum();
+        let noise_code = (0.5 * differences / samples).sqrt();
+        let means: Vec<f64> = self.blocks.iter().map(|block| block.code).collect();
+        let code = mean_of_blocks(&means);
+        let load = (code.value - self.settings.force_zero_code).abs();
+        let by_noise = NOISE_FACTOR * noise_code / (self.per_block as f64).sqrt();
+        let allowed_code = together([by_noise, LOAD_PART * load]) + 1.0;
+        let wander_code = range(|block| block.code, |block| block.code);
+        if wander_code > allowed_code && self.of == Of::Force {
+            return Standing::Wanders { wander_code, allowed_code };
+        }
+        let places: Vec<f64> = self.blocks.iter().map(|block| block.count).collect();
+        let count = mean_of_blocks(&places);
+        let seconds = samples / self.settings.sample_rate_hz;
+        Standing::Steady(Level { code, count, noise_code, seconds })
+    }
+}
+
+/// The level of a whole stretch of samples, wherever it first stood still for `seconds`.
+pub fn level(samples: &[RawSample], settings: &Settings, seconds: f64, at: &str) -> Result<Level, CalibrateError> {
+    let mut watch = Watch::new(settings, Of::Force, seconds, None);
+    for sample in samples {
+        if watch.take(sample)
+            && let Standing::Steady(level) = watch.standing()
+        {
+            return Ok(level);
+        }
+    }
+    let listened = samples.len() as f64 / settings.sample_rate_hz;
+    Err(watch.standing().refusal(settings, listened, seconds, at))
+}
+
+impl Standing {
+    /// The error that it is where a level was needed.
+    pub fn refusal(&self, settings: &Settings, seconds: f64, needed: f64, at: &str) -> CalibrateError {
+        let at = at.to_string();
+        let newtons = settings.newtons_per_code.abs();
+        match *self {
+            Self::NotYet | Self::Steady(_) => CalibrateError::TooShort { seconds, needed },
+            Self::Saturated { share } => CalibrateError::Saturated { at, share: 100.0 * share },
+            Self::Turns { counts } => CalibrateError::Moving { at, counts },
+            Self::Wanders { wander_code, allowed_code } => CalibrateError::Unsteady {
+                at,
+                wander: wander_code * newtons,
+                allowed: allowed_code * newtons,
+                unit: "N",
+            },
+        }
+    }
+}
+
+/// The code at no force.
+pub fn zero(level: &Level, settings: &Settings) -> Finding {
+    let mut finding = Finding::new(Step::Zero);
+    let zero = level.code.value.round();
+    // A whole code is off by up to a half.
+    let u95 = together([level.code.u95, 0.475]);
+    let newtons = settings.newtons_per_code.abs();
+    let shift = zero - settings.force_zero_code;
+    finding.set_with("force_zero_code", zero, u95);
+    finding.measure("mean_code", level.code.value);
+    finding.measure("zero_u95_n", u95 * newtons);
+    finding.measure("shift_n", shift * newtons);
+    finding.measure("noise_code", level.noise_code);
+    finding.say(format!("code at no force {zero:.0} ± {u95:.1}, over {:.1} s", level.seconds));
+    finding.say(format!(
+        "that is {:.4} N beside the zero in use, ± {:.4} N by the force scale in use",
+        shift * settings.newtons_per_code,
+        u95 * newtons
+    ));
+    let (least, most) = (settings.force_min_code, settings.force_max_code);
+    let room = (zero - least).min(most - zero) / (most - least);
+    if room < 0.15 {
+        finding.remark(
+            Rank::Doubtful,
+            "off_centre",
+            format!(
+                "only {:.0} % of the range is left on one side of zero: adjust the amplifier's offset",
+                100.0 * room
+            ),
+        );
+    }
+    finding
+}
+
+#[cfg(test)]
+mod tests {
+    use inerter_data::settings::Overrides;
+    use inerter_plant::{Parameters, Sensors};
+    use inerter_simulate::{Setup, bench_sensors, raw};
+
+    use super::*;
+
+    fn samples(sensors: Sensors, motion: &str, load_n: f64, seconds: f64) -> (Vec<RawSample>, Settings) {
+        let setup = Setup::new(Parameters::paper(), sensors, motion, Some(seconds), &Overrides::default()).unwrap();
+        let setup = Setup { load_n, ..setup };
+        (setup.samples().unwrap().map(|sample| raw(&sample)).collect(), setup.settings)
+    }
+
+    #[test]
+    fn the_zero_lies_within_its_interval_over_many_seeds() {
+        let mut within = 0;
+        for seed in 0..40 {
+            let sensors = Sensors { seed, force_zero_code: 321.0, pickup_n: 2.0, ..bench_sensors() };
+            let (samples, settings) = samples(sensors, "hold", 0.0, 4.0);
+            let level = level(&samples, &settings, 3.0, "").unwrap();
+            let finding = zero(&level, &settings);
+            let (value, u95) =
+                (finding.values["force_zero_code"].as_f64().unwrap(), finding.u95["force_zero_code"].as_f64().unwrap());
+            assert!(u95 < 40.0, "{u95}");
+            within += u32::from((value - 321.0).abs() <= u95);
+        }
+        // Of 40, 38 are expected.
+        assert!((36..=40).contains(&within), "{within}");
+    }
+
+    #[test]
+    fn what_is_not_at_rest_is_refused_and_says_why() {
+        let refusal = |sensors, motion, load_n| {
+            let (samples, settings) = samples(sensors, motion, load_n, 5.0);
+            level(&samples, &settings, 3.0, "").unwrap_err()
+        };
+        let drifting = Sensors { force_drift_n_per_s: 1.0, ..bench_sensors() };
+        assert!(matches!(refusal(drifting, "hold", 0.0), CalibrateError::Unsteady { .. }));
+        assert!(matches!(refusal(bench_sensors(), "mid", 0.0), CalibrateError::Moving { .. }));
+        let narrow = Sensors { force_min_code: -1000.0, force_max_code: 1000.0, ..bench_sensors() };
+        assert!(matches!(refusal(narrow, "hold", 3.0), CalibrateError::Saturated { .. }));
+        let (samples, settings) = samples(bench_sensors(), "hold", 0.0, 1.0);
+        assert!(matches!(level(&samples, &settings, 3.0, ""), Err(CalibrateError::TooShort { .. })));
+    }
+}

@@ -1,0 +1,176 @@
+//! The device's sample clock against the host's.
+//!
+//! Samples are numbered by the device's clock and arrive by the host's, always late, never early. Time is cut into twelve
+//! stretches; the earliest arrival of each is the least late one, and a line through these gives the rate. The host's own
+//! clock is not better than what it is told to be, and no claim goes below that.
+
+use inerter_core::Settings;
+
+use super::{
+    CalibrateError, Finding, Step,
+    finding::Level,
+    statistics::{Straight, rounded_up, together},
+};
+
+/// Uncertainty of a host's clock when nothing is known of it: the crystal of a computer over its range of temperatures.
+pub const HOST_PPM: f64 = 50.0;
+/// Stretches of which the earliest arrival counts: of 60 s each has a hundred batches to choose from.
+const STRETCHES: f64 = 12.0;
+/// Fewest of them with an arrival.
+const LEAST: usize = 8;
+/// A crystal that is off by more than this is none, or runs at another rate than set.
+const ODD: f64 = 5e-4;
+
+/// When a batch of samples came.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Arrival {
+    /// Sample periods from the first sample to the last one of the batch.
+    pub elapsed: u64,
+    /// Host time \[ns\].
+    pub time_ns: u64,
+}
+
+/// Rate of the device's clock over what it is set to, less one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rate {
+    /// Relative deviation; positive when the device is fast.
+    pub deviation: f64,
+    /// By the scatter of the arrivals.
+    pub scatter_u95: f64,
+    /// Time from the first arrival to the last \[s\].
+    pub seconds: f64,
+}
+
+/// Compares numbers with arrivals.
+pub fn rate(arrivals: &[Arrival], sample_rate_hz: f64) -> Result<Rate, CalibrateError> {
+    let (Some(first), Some(last)) = (arrivals.first(), arrivals.last()) else {
+        return Err(CalibrateError::TooShort { seconds: 0.0, needed: 1.0 });
+    };
+    let seconds_at = |arrival: &Arrival| arrival.elapsed.saturating_sub(first.elapsed) as f64 / sample_rate_hz;
+    let late = |arrival: &Arrival| arrival.time_ns.saturating_sub(first.time_ns) as f64 * 1e-9 - seconds_at(arrival);
+    let seconds = seconds_at(last);
+    let mut earliest: Vec<(f64, f64)> = Vec::new();
+    let mut stretch = -1.0;
+    for arrival in arrivals {
+        let place = (seconds_at(arrival) / seconds * STRETCHES).floor();
+        let point = (seconds_at(arrival), late(arrival));
+        match earliest.last_mut() {
+            Some(least) if place == stretch && point.1 < least.1 => *least = point,
+            Some(_) if place == stretch => {}
+            _ => earliest.push(point),
+        }
+        stretch = place;
+    }
+    let short = CalibrateError::TooShort { seconds, needed: 2.0 };
+    if earliest.len() < LEAST {
+        return Err(short);
+    }
+    let line = Straight::through(&earliest).ok_or(short)?;
+    // Delays have a memory: what is left is no white noise, and its whole range over the time is the better bound.
+    let left = |(at, late): &(f64, f64)| late - line.at(*at);
+    let most = earliest.iter().map(left).fold(f64::NEG_INFINITY, f64::max);
+    let least = earliest.iter().map(left).fold(f64::INFINITY, f64::min);
+    let scatter_u95 = line.slope_u95.max((most - least) / seconds);
+    // Arriving ever later means that the device is slow.
+    Ok(Rate { deviation: 1.0 / (1.0 + line.slope) - 1.0, scatter_u95, seconds })
+}
+
+/// What follows for `timebase_u95`, the host's clock being good to `host_ppm`.
+pub fn timebase(rate: &Rate, settings: &Settings, host_ppm: f64) -> Finding {
+    let mut finding = Finding::new(Step::Timebase);
+    let host = host_ppm * 1e-6;
+    let u95 = together([rate.scatter_u95, host]);
+    // The rate is not corrected, so all of the deviation is left. Never below the clock it was compared with.
+    let claim = rounded_up(rate.deviation.abs() + u95).max(host);
+    let ppm = |relative: f64| relative * 1e6;
+    finding.measure("deviation_ppm", ppm(rate.deviation));
+    finding.measure("deviation_u95_ppm", ppm(u95));
+    finding.measure("scatter_u95_ppm", ppm(rate.scatter_u95));
+    finding.measure("host_clock_ppm", host_ppm);
+    finding.measure("duration_s", rate.seconds);
+    finding.say(format!(
+        "the device's clock is {:.1} ppm {} than this computer's, ± {:.1} ppm: {:.1} by {:.0} s of arrivals, \
+        {host_ppm:.1} by this computer's clock",
+        ppm(rate.deviation).abs(),
+        if rate.deviation < 0.0 { "slower" } else { "faster" },
+        ppm(u95),
+        ppm(rate.scatter_u95),
+        rate.seconds,
+    ));
+    let in_use = settings.timebase_u95;
+    let contradicts = rate.deviation.abs() - u95 > in_use;
+    if rate.deviation.abs() > ODD + u95 {
+        finding.remark(
+            Level::Bad,
+            "odd_rate",
+            "no crystal is that wrong: it does not run (see the LED and `inerter monitor`), or sample_rate_hz is not \
+            the device's",
+        );
+    } else if contradicts || claim < in_use {
+        finding.set("timebase_u95", claim);
+        finding
+            .say(format!("timebase_u95 = {claim:?}: the deviation and its uncertainty, as the rate is not corrected"));
+    } else {
+        finding.say(format!(
+            "nothing to change: timebase_u95 = {in_use:?} agrees, and this comparison claims no less than {claim:?}"
+        ));
+        if rate.scatter_u95 < 0.5 * host {
+            finding.remark(
+                Level::Note,
+                "host_clock",
+                "this computer's clock is the limit: where NTP or PTP has held it for hours, say how well with \
+                --host-clock-ppm",
+            );
+        }
+    }
+    finding
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Arrivals of a device whose clock is off by so much, each late by a part of `late_s` that looks random.
+    fn arrivals(off: f64, late_s: f64, seconds: f64, seed: u64) -> Vec<Arrival> {
+        let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
+        (0..(seconds * 20.0) as u64)
+            .map(|batch| {
+                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                let late = (state >> 40) as f64 / (1u64 << 24) as f64 * late_s;
+                let elapsed = batch * 50;
+                let true_s = elapsed as f64 / 1000.0 / (1.0 + off);
+                Arrival { elapsed, time_ns: 1_000_000_000 + ((true_s + late) * 1e9) as u64 }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn a_clock_that_is_off_is_found_within_its_interval_over_many_seeds() {
+        let mut within = 0;
+        for seed in 0..40 {
+            let off = (seed as f64 - 20.0) * 1e-5;
+            let found = rate(&arrivals(off, 4e-3, 30.0, seed), 1000.0).unwrap();
+            assert!(found.scatter_u95 < 1.4e-4, "{found:?}");
+            within += u32::from((found.deviation - off).abs() <= found.scatter_u95);
+        }
+        assert!(within >= 38, "{within}");
+    }
+
+    #[test]
+    fn nothing_better_than_the_hosts_clock_is_claimed() {
+        let settings = Settings::default();
+        let good = rate(&arrivals(0.0, 1e-6, 60.0, 1), 1000.0).unwrap();
+        assert!(good.scatter_u95 < 1e-6);
+        let finding = timebase(&good, &settings, 50.0);
+        assert!(!finding.has_settings() && finding.is_good());
+        let finding = timebase(&good, &settings, 2.0);
+        assert!(finding.values["timebase_u95"].as_f64().unwrap() >= 2e-6);
+        let fast = rate(&arrivals(2e-4, 1e-6, 60.0, 1), 1000.0).unwrap();
+        let finding = timebase(&fast, &settings, 50.0);
+        assert!((finding.values["timebase_u95"].as_f64().unwrap() - 2.5e-4).abs() < 1.1e-5, "{finding:?}");
+        let odd = rate(&arrivals(-2e-3, 1e-6, 60.0, 1), 1000.0).unwrap();
+        let finding = timebase(&odd, &settings, 50.0);
+        assert!(!finding.is_good() && !finding.has_settings());
+        assert!(rate(&[], 1000.0).is_err() && rate(&arrivals(0.0, 0.0, 0.1, 1), 1000.0).is_err());
+    }
+}

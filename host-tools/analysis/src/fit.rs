@@ -1,0 +1,523 @@
+//! Fits to the whole run's exact sums: friction by direction, and the skew that is left.
+//!
+//! Regressors: acceleration `a`, velocity `v`, its sign `s`, one, force `F`, speed `|v|`, force rate `F'`, all of one kernel.
+//! - *by direction*: `F = mt a + cf v + dc |v| + fc s + o`, `cf+- = cf +- dc` and `fc+- = fc +- (o - F0)`. An offset `F0`
+//!   that is not known cannot be told from a difference of `fc+` and `fc-`: both are a constant force.
+//! - *skew*: a force that is late by `tau` is `F - tau F'`, so the coefficient of `-F'` is the delay that is left.
+//!
+//! Uncertainty as in core (docs/THEORY.md 6): `U95 = sqrt((3 se)^2 + B^2)` with `se^2 = s^2 (2.09 M / D) inv(A)`.
+//! f64 throughout; sums of a day keep 1e-9 of their value.
+
+use inerter_core::{Backlash, BacklashStatus, Bank, MoreSums, Parameter, Parameters, Settings, Status, Sums};
+use miette::Diagnostic;
+
+/// Regressors, the force among them.
+const COUNT: usize = 7;
+const ACCELERATION: usize = 0;
+const VELOCITY: usize = 1;
+const SIGN: usize = 2;
+const ONE: usize = 3;
+const FORCE: usize = 4;
+const SPEED: usize = 5;
+const FORCE_RATE: usize = 6;
+
+/// Updates that count as one independent observation: 2.09 boxes at two updates a box.
+const UPDATES_PER_OBSERVATION: f64 = 2.09 * 2.0;
+/// Independent observations under which nothing is said.
+const LEAST_OBSERVATIONS: f64 = 20.0;
+/// Standard errors in the interval, as in core.
+const COVERAGE: f64 = 3.0;
+/// A parameter whose interval is wider than this part of its value is not identifiable, as in core.
+const WIDEST_INTERVAL: f64 = 0.5;
+/// Model error of dry friction, as in core.
+const COULOMB_MODEL_U95: f64 = 0.05;
+/// Model error of the structure mass, as in core.
+const STRUCTURE_MODEL_U95: f64 = 0.05;
+/// The skew's false damper with room for what correlated regressors make of it, as in core.
+const SKEW_FACTOR: f64 = 2.0;
+/// Part of a regressor's square that the others must leave over.
+const LEAST_PIVOT: f64 = 1.0 / (1 << 20) as f64;
+
+/// Part of the force rate's square that the others must leave over: a tone of 15.9 Hz leaves 0.0005, a random motion 0.04
+/// and more.
+const LEAST_RATE_LEFT: f64 = 0.02;
+/// Part of the force rate's square that must come from the inertance.
+const LEAST_INERTIAL: f64 = 0.25;
+/// Part of what is left of the force rate that may be noise.
+const MOST_NOISE: f64 = 0.1;
+/// What no averaging removes of the skew \[s\] (test `a_skew_is_found_and_covered`).
+const SKEW_MODEL_U95_S: f64 = 1e-6;
+/// Error of the skew \[s\] by what the sign leaves out of friction at a reversal, to be multiplied with the square of
+/// Coulomb friction over the inertance's force and divided by the root of what is left of the force rate: the paper's device
+/// errs by up to 13 us in a tone of 3.2 Hz, 4.2 us in two tones, 1 us in random motion.
+const SKEW_PER_FRICTION_S: f64 = 150e-6;
+/// Error of the skew by the impacts of a worn screw, which the samples do not resolve \[sample periods per metre of
+/// backlash\]: 0.1 mm shifts it by up to 12 us at 1 kHz, by 5 us at 4 kHz.
+const SKEW_PER_BACKLASH: f64 = 200.0;
+/// Interval of a skew that is of no use \[s\]: a tone of 3.2 Hz, which only its friction's harmonics save from being
+/// collinear, has 10 us and more, and errs by as much.
+const WIDEST_SKEW_S: f64 = 9e-6;
+/// Motion that is advised \[s\].
+const ENOUGH_S: f64 = 20.0;
+
+/// Why a fit says nothing.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error, Diagnostic)]
+pub enum FitError {
+    /// Too little motion.
+    #[error("there is too little motion for a fit: {observations:.0} independent observations")]
+    #[diagnostic(code(inerter::fit::short), help("{}", short_help(*observations)))]
+    TooShort {
+        /// Independent observations.
+        observations: f64,
+    },
+    /// The parameters cannot be told from each other.
+    #[error("the motion cannot tell inertance and friction apart")]
+    #[diagnostic(code(inerter::fit::motion), help("move in both directions, fast enough that inertance matters"))]
+    Motion,
+    /// The force rate follows the velocity.
+    #[error(
+        "this motion cannot show a skew: the force changes in step with the velocity (only {:.1} % of its rate is left \
+         over), as in a single tone, where a delay and viscous friction are one",
+        left * 100.0
+    )]
+    #[diagnostic(
+        code(inerter::fit::tone),
+        help("shake with several frequencies at once: two tones or a random motion, up to 10 Hz or more")
+    )]
+    SingleTone {
+        /// Part of the force rate's square that the other regressors leave over.
+        left: f64,
+    },
+    /// The force changes by friction.
+    #[error("this motion cannot show a skew: it is friction that changes the force, not the inertance")]
+    #[diagnostic(code(inerter::fit::slow), help("shake faster: two tones or a random motion, up to 10 Hz or more"))]
+    TooSlow,
+    /// The force rate is noise.
+    #[error("this motion cannot show a skew: {:.0} % of what tells it is noise of the force", noise * 100.0)]
+    #[diagnostic(code(inerter::fit::noise), help("shake harder or faster, or quieten the force channel"))]
+    TooNoisy {
+        /// Part of what is left of the force rate that is noise.
+        noise: f64,
+    },
+    /// The interval is of no use.
+    #[error("this motion hardly shows a skew: it would be uncertain by {:.0} µs: {doubt}", u95_s * 1e6)]
+    #[diagnostic(code(inerter::fit::wide), help("{}", doubt.help()))]
+    TooWide {
+        /// Half width of the interval \[s\].
+        u95_s: f64,
+        /// What makes it so wide.
+        doubt: Doubt,
+    },
+    /// The sums do not belong together.
+    #[error("the two halves of the sums are not of the same moment")]
+    #[diagnostic(code(inerter::fit::torn), help("frames were lost on the way: try again"))]
+    Torn,
+}
+
+/// What most of a skew's interval comes from.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum Doubt {
+    /// The fit's own error, in a short motion.
+    #[error("there is only {seconds:.1} s of motion")]
+    Short {
+        /// Time that something moved \[s\].
+        seconds: f64,
+    },
+    /// The fit's own error, and the noise in the force's rate.
+    #[error("what tells a delay from friction is small beside {residual_rms_n:.2} N rms of noise")]
+    Noise {
+        /// What is left unexplained \[N\].
+        residual_rms_n: f64,
+    },
+    /// Impacts of a worn screw.
+    #[error("the impacts of a screw with up to {:.0} µm of backlash shift it", backlash_m * 1e6)]
+    Impacts {
+        /// Backlash that there may be \[m\].
+        backlash_m: f64,
+    },
+    /// What the sign leaves out of friction.
+    #[error("friction at the reversals hides it")]
+    Friction,
+}
+
+impl Doubt {
+    fn help(self) -> &'static str {
+        match self {
+            Self::Short { .. } => "keep shaking while it is recorded or listened to: 20 s are enough",
+            Self::Noise { .. } => {
+                "shake with several frequencies at once, up to 10 Hz or more, and harder: in a single tone a delay and \
+                 viscous friction are nearly one. `inerter calibrate load-cell` says what quietens the force"
+            }
+            Self::Impacts { .. } => "raise sample_rate_hz, so that the impacts are resolved, or take the play away",
+            Self::Friction => "shake harder or faster, so that the inertance's force outweighs friction",
+        }
+    }
+}
+
+fn short_help(observations: f64) -> &'static str {
+    if observations < 1.0 {
+        "nothing moved by the encoder: move the terminal to and fro, and see with `inerter monitor` that it counts"
+    } else {
+        "record at least some seconds of motion"
+    }
+}
+
+/// Sums of the products of all regressors in SI.
+#[derive(Clone, Copy, Debug)]
+pub struct Products {
+    sums: [[f64; COUNT]; COUNT],
+    updates: f64,
+    bank: Bank,
+}
+
+/// Least squares of the force on some of the regressors.
+struct Solution<const N: usize> {
+    values: [f64; N],
+    /// Squares and products of the standard errors.
+    covariance: [[f64; N]; N],
+    /// Mean square of what is left unexplained \[N^2\].
+    residual_square: f64,
+    /// Part of each regressor's square that the others leave over.
+    left: [f64; N],
+}
+
+impl<const N: usize> Solution<N> {
+    /// Value and standard error of a weighted sum of the coefficients.
+    fn combined(&self, weights: [f64; N]) -> (f64, f64) {
+        let dot = |row: &[f64; N]| row.iter().zip(weights).map(|(value, weight)| value * weight).sum::<f64>();
+        let variance: f64 = self.covariance.iter().zip(weights).map(|(row, weight)| weight * dot(row)).sum();
+        (dot(&self.values), variance.max(0.0).sqrt())
+    }
+}
+
+impl Products {
+    /// From the sums of one bank and moment.
+    pub fn of(sums: &Sums, more: &MoreSums) -> Result<Self, FitError> {
+        if (sums.index, sums.bank, sums.updates) != (more.index, more.bank, more.updates) {
+            return Err(FitError::Torn);
+        }
+        let units: [f64; COUNT] = std::array::from_fn(|place| match place.checked_sub(SPEED) {
+            Some(place) => more.units[place],
+            None => sums.units[place],
+        });
+        let mut products = sums.sums.iter().chain(&more.sums);
+        let mut matrix = [[0.0; COUNT]; COUNT];
+        for row in 0..COUNT {
+            for column in 0..=row {
+                let sum = products.next().map_or(0.0, |sum| *sum as f64) * units[row] * units[column];
+                matrix[row][column] = sum;
+                matrix[column][row] = sum;
+            }
+        }
+        Ok(Self { sums: matrix, updates: f64::from(sums.updates), bank: sums.bank })
+    }
+
+    /// Sums of both together: of two runs of one device.
+    pub fn and(mut self, other: &Self) -> Self {
+        for (row, others) in self.sums.iter_mut().zip(&other.sums) {
+            row.iter_mut().zip(others).for_each(|(sum, other)| *sum += other);
+        }
+        self.updates += other.updates;
+        self
+    }
+
+    /// What the law fitted to other sums leaves unexplained of the force here: root mean square \[N\], and the part of the
+    /// force's mean square that it explains.
+    pub fn judging(&self, fitted: &Self) -> Result<(f64, f64), FitError> {
+        const LAW: [usize; 4] = [ACCELERATION, VELOCITY, SIGN, ONE];
+        let values = fitted.solve(LAW)?.values;
+        let mut square = self.sums[FORCE][FORCE];
+        for (row, a) in LAW.into_iter().zip(values) {
+            square -= 2.0 * a * self.sums[row][FORCE];
+            square += LAW.into_iter().zip(values).map(|(column, b)| a * b * self.sums[row][column]).sum::<f64>();
+        }
+        let left = square.max(0.0);
+        Ok(((left / self.updates).sqrt(), 1.0 - left / self.sums[FORCE][FORCE]))
+    }
+
+    /// How the errors of inertance, viscous and Coulomb friction and offset hang together.
+    pub fn correlation(&self) -> Result<[[f64; 4]; 4], FitError> {
+        let covariance = self.solve([ACCELERATION, VELOCITY, SIGN, ONE])?.covariance;
+        Ok(std::array::from_fn(|row| {
+            std::array::from_fn(|column| {
+                covariance[row][column] / (covariance[row][row] * covariance[column][column]).sqrt()
+            })
+        }))
+    }
+
+    fn mean_square(&self, regressor: usize) -> f64 {
+        self.sums[regressor][regressor] / self.updates
+    }
+
+    /// Least squares by Cholesky's factors of the matrix scaled to a unit diagonal.
+    fn solve<const N: usize>(&self, regressors: [usize; N]) -> Result<Solution<N>, FitError> {
+        let observations = self.updates / UPDATES_PER_OBSERVATION;
+        if observations < LEAST_OBSERVATIONS {
+            return Err(FitError::TooShort { observations });
+        }
+        let scale = regressors.map(|place| self.sums[place][place].sqrt().recip());
+        let mut lower = [[0.0; N]; N];
+        for row in 0..N {
+            for column in 0..=row {
+                let known: f64 = (0..column).map(|place| lower[row][place] * lower[column][place]).sum();
+                let product = self.sums[regressors[row]][regressors[column]] * scale[row] * scale[column] - known;
+                if row > column {
+                    lower[row][column] = product / lower[column][column];
+                } else if product > LEAST_PIVOT {
+                    lower[row][row] = product.sqrt();
+                } else {
+                    return Err(FitError::Motion);
+                }
+            }
+        }
+        let inverse: [[f64; N]; N] = std::array::from_fn(|row| {
+            let mut unit = [0.0; N];
+            unit[row] = scale[row];
+            let solved = solved(&lower, unit);
+            std::array::from_fn(|column| solved[column] * scale[column])
+        });
+        let right = regressors.map(|place| self.sums[place][FORCE]);
+        let values: [f64; N] =
+            std::array::from_fn(|row| inverse[row].iter().zip(right).map(|(part, right)| part * right).sum());
+        let explained: f64 = values.iter().zip(right).map(|(value, right)| value * right).sum();
+        let left_over = (self.sums[FORCE][FORCE] - explained).max(0.0) / self.updates;
+        let residual_square = left_over * observations / (observations - N as f64);
+        Ok(Solution {
+            values,
+            covariance: inverse.map(|row| row.map(|part| part * residual_square * UPDATES_PER_OBSERVATION)),
+            residual_square,
+            left: std::array::from_fn(|place| {
+                (inverse[place][place] * self.sums[regressors[place]][regressors[place]]).recip()
+            }),
+        })
+    }
+
+    /// Length of the kernel's box \[s\].
+    fn box_s(&self, settings: &Settings) -> f64 {
+        let box_s = match self.bank {
+            Bank::Fast => 0.016,
+            Bank::Slow => 0.064,
+        };
+        let spacing = (settings.sample_rate_hz * box_s / 2.0).round().clamp(1.0, 256.0);
+        spacing * 2.0 / settings.sample_rate_hz
+    }
+}
+
+/// The solution of `L L' x = right`.
+fn solved<const N: usize>(lower: &[[f64; N]; N], right: [f64; N]) -> [f64; N] {
+    let mut x = right;
+    for row in 0..N {
+        let known: f64 = (0..row).map(|place| lower[row][place] * x[place]).sum();
+        x[row] = (x[row] - known) / lower[row][row];
+    }
+    for row in (0..N).rev() {
+        let known: f64 = (row + 1..N).map(|place| lower[place][row] * x[place]).sum();
+        x[row] = (x[row] - known) / lower[row][row];
+    }
+    x
+}
+
+/// What the settings say that no averaging removes.
+struct Systematic<'a> {
+    products: &'a Products,
+    settings: &'a Settings,
+}
+
+impl Systematic<'_> {
+    fn inertance(&self, value: f64, error: f64) -> Parameter {
+        let Settings { structure_mass_kg, structure_mass_u95_kg, .. } = *self.settings;
+        let Settings { force_gain_u95, lead_u95, timebase_u95, .. } = *self.settings;
+        let relative = hypot(&[force_gain_u95, lead_u95, 2.0 * timebase_u95]);
+        let structure = hypot(&[structure_mass_u95_kg, STRUCTURE_MODEL_U95 * structure_mass_kg]);
+        let steps = value * self.steps() / self.products.mean_square(ACCELERATION);
+        let systematic = hypot(&[value * relative, structure, steps]);
+        judged(value - structure_mass_kg, error, systematic, true)
+    }
+
+    /// Mean square of the encoder's steps in the acceleration \[m^2/s^4\].
+    fn steps(&self) -> f64 {
+        let Settings { metres_per_count, sample_rate_hz, .. } = *self.settings;
+        let length = self.products.box_s(self.settings);
+        metres_per_count.powi(2) / 12.0 * (8.0 / 3.0) / sample_rate_hz / length.powi(5)
+    }
+
+    fn viscous(&self, value: f64, error: f64, inertance_kg: f64) -> Parameter {
+        let Settings { force_gain_u95, lead_u95, timebase_u95, skew_u95_s, .. } = *self.settings;
+        let relative = hypot(&[force_gain_u95, lead_u95, timebase_u95]);
+        let rate_square = self.products.mean_square(ACCELERATION) / self.products.mean_square(VELOCITY);
+        let false_damper = SKEW_FACTOR * inertance_kg * rate_square * skew_u95_s;
+        judged(value, error, hypot(&[value * relative, false_damper]), true)
+    }
+
+    fn coulomb(&self, value: f64, error: f64) -> Parameter {
+        let relative = hypot(&[self.settings.force_gain_u95, COULOMB_MODEL_U95]);
+        judged(value, error, value * relative, true)
+    }
+
+    fn offset(&self, value: f64, error: f64) -> Parameter {
+        judged(value, error, value * self.settings.force_gain_u95, false)
+    }
+}
+
+fn hypot(parts: &[f64]) -> f64 {
+    parts.iter().map(|part| part * part).sum::<f64>().sqrt()
+}
+
+/// A parameter with its interval; `needs_size` where a value within twice its interval says nothing.
+fn judged(value: f64, error: f64, systematic: f64, needs_size: bool) -> Parameter {
+    let u95 = hypot(&[COVERAGE * error, systematic]);
+    let known = u95.is_finite() && !(needs_size && u95 > WIDEST_INTERVAL * value.abs());
+    let status = if known { Status::Ok } else { Status::NotIdentifiable };
+    Parameter { value: value as f32, u95: u95 as f32, status }
+}
+
+/// Friction in both directions alike and by direction.
+#[derive(Clone, Copy, Debug)]
+pub struct Directions {
+    /// The law of the estimator: friction alike in both directions.
+    pub symmetric: Parameters,
+    /// What it leaves unexplained \[N\].
+    pub symmetric_residual_rms_n: f64,
+    /// Inertance where friction may differ \[kg\].
+    pub inertance_kg: Parameter,
+    /// Viscous friction of positive and of negative motion \[N s/m\].
+    pub viscous_n_s_per_m: [Parameter; 2],
+    /// Mean Coulomb friction of the two \[N\].
+    pub coulomb_n: Parameter,
+    /// `fc+ - fc- + 2 F0`, which is all that the motion says of these three \[N\].
+    pub difference_n: Parameter,
+    /// Coulomb friction of positive and of negative motion, where the offset is known \[N\].
+    pub coulomb_by_direction_n: Option<[Parameter; 2]>,
+    /// What is left unexplained \[N\].
+    pub residual_rms_n: f64,
+}
+
+/// Friction by direction; `offset_n` is the force offset where it is known.
+pub fn directions(products: &Products, settings: &Settings, offset_n: Option<f64>) -> Result<Directions, FitError> {
+    let systematic = Systematic { products, settings };
+    let plain = products.solve([ACCELERATION, VELOCITY, SIGN, ONE])?;
+    let full = products.solve([ACCELERATION, VELOCITY, SIGN, ONE, SPEED])?;
+    let (mass, mass_error) = full.combined([1.0, 0.0, 0.0, 0.0, 0.0]);
+    let viscous = |side: f64| {
+        let (value, error) = full.combined([0.0, 1.0, 0.0, 0.0, side]);
+        systematic.viscous(value, error, mass)
+    };
+    let coulomb = |side: f64, offset_n: f64| {
+        let (value, error) = full.combined([0.0, 0.0, 1.0, side, 0.0]);
+        systematic.coulomb(value - side * offset_n, error)
+    };
+    let (difference, difference_error) = full.combined([0.0, 0.0, 0.0, 2.0, 0.0]);
+    Ok(Directions {
+        symmetric: symmetric(&plain, &systematic),
+        symmetric_residual_rms_n: plain.residual_square.sqrt(),
+        inertance_kg: systematic.inertance(mass, mass_error),
+        viscous_n_s_per_m: [viscous(1.0), viscous(-1.0)],
+        coulomb_n: coulomb(0.0, 0.0),
+        difference_n: systematic.offset(difference, difference_error),
+        coulomb_by_direction_n: offset_n.map(|offset_n| [coulomb(1.0, offset_n), coulomb(-1.0, offset_n)]),
+        residual_rms_n: full.residual_square.sqrt(),
+    })
+}
+
+fn symmetric(plain: &Solution<4>, systematic: &Systematic) -> Parameters {
+    let (mass, mass_error) = plain.combined([1.0, 0.0, 0.0, 0.0]);
+    let (viscous, viscous_error) = plain.combined([0.0, 1.0, 0.0, 0.0]);
+    let (coulomb, coulomb_error) = plain.combined([0.0, 0.0, 1.0, 0.0]);
+    let (offset, offset_error) = plain.combined([0.0, 0.0, 0.0, 1.0]);
+    Parameters {
+        inertance_kg: systematic.inertance(mass, mass_error),
+        viscous_n_s_per_m: systematic.viscous(viscous, viscous_error, mass),
+        coulomb_n: systematic.coulomb(coulomb, coulomb_error),
+        offset_n: systematic.offset(offset, offset_error),
+    }
+}
+
+/// The delay that is left, and what it had made of viscous friction.
+#[derive(Clone, Copy, Debug)]
+pub struct Skew {
+    /// Delay of the force beyond the skew in use \[s\].
+    pub left_s: f64,
+    /// Half width of its 95 % interval \[s\].
+    pub u95_s: f64,
+    /// Viscous friction with the skew in use \[N s/m\].
+    pub viscous_before: Parameter,
+    /// Viscous friction without the delay that is left \[N s/m\].
+    pub viscous_after: Parameter,
+}
+
+impl Skew {
+    /// Whether it says more than the skew in use: a delay is left beyond its interval, or the interval is the smaller one.
+    pub fn is_better_than(&self, settings: &Settings) -> bool {
+        self.left_s.abs() > self.u95_s || self.u95_s < settings.skew_u95_s
+    }
+}
+
+/// The skew by the force's rate as a fifth regressor. The backlash, where it is known, makes it less certain.
+pub fn skew(products: &Products, settings: &Settings, backlash: &Backlash) -> Result<Skew, FitError> {
+    let plain = products.solve([ACCELERATION, VELOCITY, SIGN, ONE])?;
+    let full = products.solve([ACCELERATION, VELOCITY, SIGN, ONE, FORCE_RATE]).map_err(|error| match error {
+        FitError::Motion => FitError::SingleTone { left: 0.0 },
+        other => other,
+    })?;
+    let mass = full.values[0];
+    // By Cauchy and Schwarz at least this much of the rate's square is the inertance's.
+    let inertial = (mass * products.mean_square(ACCELERATION)).powi(2) / products.mean_square(VELOCITY);
+    let rate_square = products.mean_square(FORCE_RATE);
+    if inertial < LEAST_INERTIAL * rate_square {
+        return Err(FitError::TooSlow);
+    }
+    let [.., left] = full.left;
+    if left < LEAST_RATE_LEFT {
+        return Err(FitError::SingleTone { left });
+    }
+    // A cubic B-spline passes white noise with 151/315 of its box's rate and differentiated with 2/3 of it.
+    let noise_rate_square = full.residual_square * (2.0 / 3.0) / (151.0 / 315.0) / products.box_s(settings).powi(2);
+    let noise = noise_rate_square / (left * rate_square);
+    if noise > MOST_NOISE {
+        return Err(FitError::TooNoisy { noise });
+    }
+    let (left_s, error) = full.combined([0.0, 0.0, 0.0, 0.0, -1.0]);
+    // Noise in a regressor takes that part of its coefficient.
+    let backlash_m = greatest_backlash_m(backlash);
+    let impacts = SKEW_PER_BACKLASH * backlash_m / settings.sample_rate_hz;
+    let friction_share = (full.values[2] / mass).powi(2) / products.mean_square(ACCELERATION);
+    let reversals = SKEW_PER_FRICTION_S * friction_share / left.sqrt();
+    let scatter = hypot(&[COVERAGE * error, noise * left_s]);
+    let u95_s = hypot(&[scatter, SKEW_MODEL_U95_S, impacts, reversals]);
+    if u95_s > WIDEST_SKEW_S {
+        // Two updates to a box.
+        let seconds = products.updates * products.box_s(settings) / 2.0;
+        let longer = hypot(&[scatter * (seconds / ENOUGH_S).min(1.0).sqrt(), reversals]);
+        let doubt = if impacts >= scatter.max(reversals) {
+            Doubt::Impacts { backlash_m }
+        } else if longer < WIDEST_SKEW_S {
+            Doubt::Short { seconds }
+        } else if reversals >= scatter {
+            Doubt::Friction
+        } else {
+            Doubt::Noise { residual_rms_n: full.residual_square.sqrt() }
+        };
+        return Err(FitError::TooWide { u95_s, doubt });
+    }
+    let viscous =
+        |settings: &Settings, (value, error): (f64, f64)| Systematic { products, settings }.viscous(value, error, mass);
+    Ok(Skew {
+        left_s,
+        u95_s,
+        viscous_before: viscous(settings, plain.combined([0.0, 1.0, 0.0, 0.0])),
+        // The interval of the skew is in the fit's own error already.
+        viscous_after: viscous(&Settings { skew_u95_s: 0.0, ..*settings }, full.combined([0.0, 1.0, 0.0, 0.0, 0.0])),
+    })
+}
+
+/// The backlash that there may be \[m\]; 0 where nothing is known.
+fn greatest_backlash_m(backlash: &Backlash) -> f64 {
+    match backlash.status {
+        BacklashStatus::Ok | BacklashStatus::BelowU95 => f64::from(backlash.value_m.abs() + backlash.u95_m),
+        BacklashStatus::NotIdentifiable(_) => 0.0,
+    }
+}
+
+#[cfg(test)]
+#[path = "fit_tests.rs"]
+mod tests;

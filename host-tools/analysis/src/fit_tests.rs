@@ -1,0 +1,254 @@
+use inerter_core::{Parameters as Found, Reason};
+use inerter_data::{
+    replay::{Outcome, Replay},
+    settings::Overrides,
+};
+use inerter_plant::{Parameters as Device, Sensors};
+use inerter_simulate::{Setup, bench_sensors, raw};
+
+use super::*;
+
+/// A unit of each regressor, so fine that its rounding does not matter.
+const UNITS: [f64; COUNT] = [1e-9, 1e-11, 1e-10, 1e-10, 1e-8, 1e-11, 1e-6];
+
+/// Sums of rows `a, v, s, 1, F, |v|, F'`, as a device would have them.
+fn summed(rows: impl IntoIterator<Item = [f64; COUNT]>) -> (Sums, MoreSums) {
+    let (mut products, mut updates) = (Vec::from([0_i128; COUNT * (COUNT + 1) / 2]), 0);
+    for row in rows {
+        let codes: [i64; COUNT] = std::array::from_fn(|place| (row[place] / UNITS[place]).round() as i64);
+        let pairs = (0..COUNT).flat_map(|row| (0..=row).map(move |column| (row, column)));
+        for (sum, (row, column)) in products.iter_mut().zip(pairs) {
+            *sum += i128::from(codes[row]) * i128::from(codes[column]);
+        }
+        updates += 1;
+    }
+    let (index, bank) = (20_000, Bank::Fast);
+    let (first, second) = products.split_at(15);
+    let [a, v, s, one, force, speed, rate] = UNITS;
+    let sums = Sums { index, bank, updates, units: [a, v, s, one, force], sums: first.try_into().unwrap() };
+    (sums, MoreSums { index, bank, updates, units: [speed, rate], sums: second.try_into().unwrap() })
+}
+
+fn products(rows: impl IntoIterator<Item = [f64; COUNT]>) -> Products {
+    let (sums, more) = summed(rows);
+    Products::of(&sums, &more).unwrap()
+}
+
+/// A perfect bench: every interval is of what the fit itself does not know.
+fn ideal() -> Settings {
+    Settings { skew_u95_s: 0.0, force_gain_u95: 0.0, lead_u95: 0.0, timebase_u95: 0.0, ..Settings::default() }
+}
+
+/// Noise of unit variance.
+struct Noise(u64);
+
+impl Noise {
+    fn uniform(&mut self) -> f64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
+    }
+
+    fn next(&mut self) -> f64 {
+        (0..12).map(|_| self.uniform()).sum()
+    }
+}
+
+/// A device of 300 kg on tones \[m, rad/s\], its force late by `tau_s`: `[law for the velocity's side]`.
+fn shaken(tones: &[(f64, f64)], sides: [[f64; 2]; 2], offset_n: f64, tau_s: f64, noise_n: f64) -> Vec<[f64; COUNT]> {
+    let mut noise = Noise(7);
+    let motion = |t: f64, derivative: u32| {
+        let turn = f64::from(derivative) * std::f64::consts::FRAC_PI_2;
+        tones.iter().map(|(size, rate)| size * rate.powi(derivative as i32) * (rate * t + turn).sin()).sum::<f64>()
+    };
+    let row = |t: f64, noise: &mut Noise| {
+        let (v, a, jerk) = (motion(t, 1), motion(t, 2), motion(t, 3));
+        let [viscous, coulomb] = sides[usize::from(v < 0.0)];
+        let rate = 300.0 * jerk + viscous * a;
+        let force = 300.0 * a + viscous * v + coulomb * v.signum() + offset_n;
+        [a, v, v.signum(), 1.0, force - tau_s * rate + noise_n * noise.next(), v.abs(), rate]
+    };
+    (0..2_500).map(|update| row(f64::from(update) * 0.008, &mut noise)).collect()
+}
+
+const TWO_TONES: &[(f64, f64)] = &[(8e-3, 5.03), (8e-4, 40.2)];
+const ONE_TONE: &[(f64, f64)] = &[(8e-4, 99.9)];
+const ALIKE: [[f64; 2]; 2] = [[30.0, 20.0]; 2];
+
+#[track_caller]
+fn near(parameter: Parameter, truth: f64) {
+    let value = f64::from(parameter.value);
+    assert!((value - truth).abs() <= 1e-4 * truth.abs().max(1e-3), "{value} against {truth}");
+    assert_eq!(parameter.status, Status::Ok, "{truth}");
+}
+
+#[test]
+fn friction_by_direction_is_told_apart() {
+    let all = products(shaken(TWO_TONES, [[30.0, 40.0], [80.0, 60.0]], 0.0, 0.0, 1e-3));
+    let fit = directions(&all, &ideal(), Some(0.0)).unwrap();
+    near(fit.inertance_kg, 300.0);
+    fit.viscous_n_s_per_m.into_iter().zip([30.0, 80.0]).for_each(|(found, truth)| near(found, truth));
+    fit.coulomb_by_direction_n.unwrap().into_iter().zip([40.0, 60.0]).for_each(|(found, truth)| near(found, truth));
+    near(fit.coulomb_n, 50.0);
+    near(fit.difference_n, -20.0);
+    assert!(fit.residual_rms_n < 2e-3 && fit.symmetric_residual_rms_n > 0.5);
+    // What fits neither direction lies between them.
+    let symmetric = f64::from(fit.symmetric.viscous_n_s_per_m.value);
+    assert!(30.0 < symmetric && symmetric < 80.0);
+}
+
+#[test]
+fn an_offset_is_a_difference_of_coulomb_frictions_unless_it_is_known() {
+    // 5 N of offset and no difference, or no offset and 10 N of difference: the same force.
+    let offset = products(shaken(TWO_TONES, [[30.0, 50.0]; 2], 5.0, 0.0, 1e-3));
+    let difference = products(shaken(TWO_TONES, [[30.0, 55.0], [30.0, 45.0]], 0.0, 0.0, 1e-3));
+    for (all, offset_n, truth) in
+        [(&offset, 5.0, [50.0, 50.0]), (&difference, 0.0, [55.0, 45.0]), (&difference, 5.0, [50.0, 50.0])]
+    {
+        let unknown = directions(all, &ideal(), None).unwrap();
+        assert!(unknown.coulomb_by_direction_n.is_none());
+        near(unknown.difference_n, 10.0);
+        let known = directions(all, &ideal(), Some(offset_n)).unwrap().coulomb_by_direction_n.unwrap();
+        known.into_iter().zip(truth).for_each(|(found, truth)| near(found, truth));
+    }
+}
+
+#[test]
+fn intervals_are_three_errors_of_updates_that_are_correlated() {
+    let mut noise = Noise(1);
+    let (mut square, mut error_square) = (0.0, 0.0);
+    for _ in 0..300 {
+        let all = products((0..400).map(|_| {
+            let [a, v] = [noise.next(), 0.1 * noise.next()];
+            [a, v, v.signum(), 1.0, 300.0 * a + 30.0 * v + 50.0 * v.signum() + 2.0 * noise.next(), v.abs(), 0.0]
+        }));
+        let found = directions(&all, &ideal(), None).unwrap().viscous_n_s_per_m[0];
+        square += (f64::from(found.value) - 30.0).powi(2);
+        error_square += (f64::from(found.u95) / COVERAGE).powi(2);
+    }
+    // These updates are not correlated, so the errors are too large by just that.
+    let ratio = error_square / square / UPDATES_PER_OBSERVATION;
+    assert!((0.8..1.25).contains(&ratio), "{ratio}");
+}
+
+#[test]
+fn systematic_parts_are_those_of_the_estimator() {
+    let setup = setup("random", 0.0, 1);
+    let outcome = replayed(&setup);
+    let (sums, more) = outcome.sums();
+    let fit = directions(&Products::of(sums, more).unwrap(), &setup.settings, None).unwrap().symmetric;
+    let pairs = |found: &Found| [found.inertance_kg, found.viscous_n_s_per_m, found.coulomb_n, found.offset_n];
+    for (here, core) in pairs(&fit).into_iter().zip(pairs(&outcome.estimate.whole_run)) {
+        assert_eq!(here.status, core.status);
+        assert!((here.value - core.value).abs() <= 0.02 * core.u95, "{here:?} against {core:?}");
+        assert!((here.u95 / core.u95 - 1.0).abs() < 0.01, "{here:?} against {core:?}");
+    }
+}
+
+#[test]
+fn what_cannot_be_fitted_says_why() {
+    let rows = shaken(TWO_TONES, ALIKE, 0.0, 0.0, 1.0);
+    let few = products(rows.iter().copied().take(60));
+    assert!(matches!(directions(&few, &ideal(), None), Err(FitError::TooShort { .. })));
+    let standing = products((0..500).map(|_| [0.0, 0.0, 0.0, 1.0, 5.0, 0.0, 0.0]));
+    assert_eq!(directions(&standing, &ideal(), None).unwrap_err(), FitError::Motion);
+    assert!(skew(&standing, &ideal(), &Backlash::default()).is_err());
+    let one_way = products(rows.iter().copied().filter(|row| row[VELOCITY] > 0.0));
+    assert_eq!(directions(&one_way, &ideal(), None).unwrap_err(), FitError::Motion);
+    let (sums, more) = summed(rows);
+    assert_eq!(Products::of(&sums, &MoreSums { index: 20_001, ..more }).unwrap_err(), FitError::Torn);
+    assert_eq!(Products::of(&sums, &MoreSums { bank: Bank::Slow, ..more }).unwrap_err(), FitError::Torn);
+}
+
+#[test]
+fn a_delay_is_the_coefficient_of_the_force_rate() {
+    for tau_s in [0.0, 5e-5, -2e-5] {
+        let found =
+            skew(&products(shaken(TWO_TONES, ALIKE, 0.0, tau_s, 0.01)), &ideal(), &Backlash::default()).unwrap();
+        assert!((found.left_s - tau_s).abs() < 1e-7, "{} against {tau_s}", found.left_s);
+        assert!((f64::from(found.viscous_after.value) - 30.0).abs() < 0.1, "{:?}", found.viscous_after);
+        // A late force is a false damper of mt w^2 tau, and somewhat more where the sign goes with the velocity.
+        let false_damper = f64::from(found.viscous_before.value) - 30.0;
+        let range = if tau_s == 0.0 { -0.1..0.1 } else { 1.0..SKEW_FACTOR };
+        let scale = if tau_s == 0.0 { 1.0 } else { 300.0 * 645.0 * tau_s };
+        assert!(range.contains(&(false_damper / scale)), "{false_damper} at {tau_s}");
+    }
+}
+
+#[test]
+fn a_motion_that_cannot_show_a_delay_is_refused() {
+    let none = Backlash::default();
+    let refused = |rows| skew(&products(rows), &ideal(), &none).unwrap_err();
+    assert!(matches!(refused(shaken(ONE_TONE, ALIKE, 0.0, 1e-5, 0.1)), FitError::SingleTone { .. }));
+    let slow = shaken(TWO_TONES, ALIKE, 0.0, 0.0, 0.1).into_iter().map(|[a, v, s, one, force, speed, rate]| {
+        // The same, but that friction makes most of the rate.
+        [a, v, s, one, force, speed, rate + 2e4 * (v * 1e4).sin()]
+    });
+    assert_eq!(refused(slow.collect()), FitError::TooSlow);
+    assert!(matches!(refused(shaken(TWO_TONES, ALIKE, 0.0, 0.0, 60.0)), FitError::TooNoisy { .. }));
+    let noisy = refused(shaken(TWO_TONES, ALIKE, 0.0, 0.0, 8.0));
+    assert!(matches!(noisy, FitError::TooWide { doubt: Doubt::Noise { .. }, .. }), "{noisy:?}");
+    // A worn screw's impacts are not resolved; at four times the rate they are.
+    let worn = Backlash { value_m: 1e-4, u95_m: 2e-6, status: BacklashStatus::Ok, ..none };
+    let clear = products(shaken(TWO_TONES, ALIKE, 0.0, 0.0, 0.1));
+    let refused = skew(&clear, &ideal(), &worn).unwrap_err();
+    assert!(matches!(refused, FitError::TooWide { doubt: Doubt::Impacts { .. }, .. }), "{refused:?}");
+    assert!(skew(&clear, &Settings { sample_rate_hz: 4000.0, ..ideal() }, &worn).is_ok());
+    let unknown = Backlash { status: BacklashStatus::NotIdentifiable(Reason::Scattered), ..worn };
+    assert!(skew(&clear, &ideal(), &unknown).is_ok());
+}
+
+/// The reference device with a load cell that is late, under settings that do not know of it.
+fn setup(motion: &str, delay_s: f64, seed: u64) -> Setup {
+    let sensors = Sensors { delay_s, seed, ..bench_sensors() };
+    let mut setup = Setup::new(Device::paper(), sensors, motion, Some(20.0), &Overrides::default()).unwrap();
+    setup.settings.skew_s = 0.0;
+    setup
+}
+
+fn replayed(setup: &Setup) -> Outcome {
+    let mut replay = Replay::new(&setup.settings, 0.0).unwrap();
+    setup.samples().unwrap().for_each(|sample| replay.step(&raw(&sample)).for_each(drop));
+    replay.outcome()
+}
+
+fn skew_of(setup: &Setup) -> Result<Skew, FitError> {
+    let outcome = replayed(setup);
+    let (sums, more) = &outcome.fast;
+    skew(&Products::of(sums, more)?, &setup.settings, &outcome.detail.backlash)
+}
+
+#[test]
+fn a_skew_is_found_and_covered() {
+    for motion in ["multi", "random", "two"] {
+        for (delay_s, seed) in [(0.0, 1), (5e-5, 2), (-2e-5, 3)] {
+            let setup = setup(motion, delay_s, seed);
+            let found = skew_of(&setup).unwrap();
+            let error_s = found.left_s - delay_s;
+            assert!(error_s.abs() <= found.u95_s, "{motion}: {error_s} beyond {}", found.u95_s);
+            assert!(error_s.abs() < 5e-6 && found.u95_s < 7.5e-6, "{motion}: {error_s} {}", found.u95_s);
+            // The delay's sign is that of the setting: with it nothing is left, and friction is right.
+            let mut corrected = setup;
+            corrected.settings.skew_s += found.left_s;
+            let again = skew_of(&corrected).unwrap();
+            assert!(again.left_s.abs() < 1e-6, "{motion}: {}", again.left_s);
+            let viscous = f64::from(again.viscous_before.value);
+            assert!((viscous - 31.4).abs() < 6.0, "{motion}: {viscous}");
+        }
+    }
+}
+
+#[test]
+fn single_tones_and_slow_motion_show_no_skew() {
+    assert!(matches!(skew_of(&setup("fast", 5e-5, 1)), Err(FitError::SingleTone { .. })));
+    let tone = skew_of(&setup("mid", 5e-5, 1)).unwrap_err();
+    assert!(matches!(tone, FitError::TooWide { doubt: Doubt::Noise { .. }, .. }), "{tone:?}");
+    let mut brief = setup("random@2s;hold", 5e-5, 1);
+    brief.sensors.force_noise_n = 10.0;
+    let brief = skew_of(&brief).unwrap_err();
+    assert!(matches!(brief, FitError::TooWide { doubt: Doubt::Short { .. }, .. }), "{brief:?}");
+    let mut gentle = setup("random:0.5-15Hz:5mm/s", 5e-5, 1);
+    gentle.sensors.force_noise_n = 0.0;
+    let gentle = skew_of(&gentle).unwrap_err();
+    assert!(matches!(gentle, FitError::TooWide { doubt: Doubt::Friction, .. }), "{gentle:?}");
+    assert!(matches!(skew_of(&setup("slow", 5e-5, 1)), Err(FitError::TooSlow | FitError::TooShort { .. })));
+}

@@ -1,0 +1,547 @@
+//! The complete model fitted to encoder and force together, driven by the terminal's displacement.
+//!
+//! Least squares by Levenberg and Marquardt of both residuals, made white ([`super::spectrum`]). Derivatives by central
+//! differences of simulations, which are smooth in the parameters; offset, structure mass and zero of the encoder need none.
+//! What is known beforehand (structure mass, skew) enters as one more observation each.
+
+use std::thread;
+
+use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
+use nalgebra::{DMatrix, DVector, Dyn, Owned};
+
+use super::{
+    Parameters,
+    model::{Input, Node, Response, Start, delayed, load_cell, simpson, simulate},
+    name::{Name, SHARED},
+    prepared::{Prepared, SETTLING_S},
+    spectrum::Whitening,
+};
+
+/// A stretch with its weights and its simulation's input, for devices near one.
+struct Weighed<'a> {
+    prepared: &'a Prepared,
+    input: Input,
+    /// The terminal's acceleration as means, like those of the contact's force.
+    acceleration: Vec<f64>,
+    /// What means make of the jumps where the flanks meet, other than the samples' own.
+    jumps: Vec<f64>,
+    /// What the terminal's noise makes of encoder and force, time and again.
+    disturbed: Vec<Columns>,
+    whitening: Whitening,
+    start: Start,
+}
+
+/// Something known beforehand: value and standard deviation.
+pub type Known = (f64, f64);
+
+/// What is fitted.
+#[derive(Clone, Debug)]
+pub struct Task {
+    /// Which of [`SHARED`] are fitted.
+    pub free: [bool; 8],
+    /// What is known of each beforehand.
+    pub known: [Option<Known>; 8],
+}
+
+impl Task {
+    /// What is known of a parameter beforehand.
+    pub fn known_of(&self, name: Name) -> Option<Known> {
+        SHARED.iter().zip(self.known).find(|(other, _)| **other == name).and_then(|(_, known)| known)
+    }
+
+    /// With a parameter fitted or not, and what is known of it.
+    pub fn with(mut self, name: Name, free: bool, known: Option<Known>) -> Self {
+        for ((other, slot), knowing) in SHARED.iter().zip(&mut self.free).zip(&mut self.known) {
+            if *other == name {
+                (*slot, *knowing) = (free, known);
+            }
+        }
+        self
+    }
+}
+
+/// What a fit came to.
+pub struct Fitted {
+    /// Best values.
+    pub state: State,
+    /// Half the sum of squares of the whitened residuals.
+    pub cost: f64,
+    /// Whether the steps came to rest.
+    pub converged: bool,
+    /// What was fitted.
+    pub free: Vec<Name>,
+    /// Rows of the whitened residual.
+    pub residual: DVector<f64>,
+    /// Derivatives of the whitened residual, columns as [`Fitted::free`], then offsets, then zeros.
+    pub jacobian: DMatrix<f64>,
+    /// Mean square of the whitened residual around each row.
+    pub power: Vec<f64>,
+    /// Whitened force residual in time.
+    pub white: Vec<f64>,
+    /// Whitened rows of what the terminal's noise makes of encoder and force, time and again.
+    pub disturbed: Vec<DVector<f64>>,
+    /// Weights of the stretches.
+    whitenings: Vec<Whitening>,
+}
+
+struct Problem<'a> {
+    stretches: &'a [Weighed<'a>],
+    task: &'a Task,
+    free: Vec<Name>,
+    files: usize,
+    base: Parameters,
+    /// Steps of the differences, in the order of [`SHARED`].
+    steps: [f64; 8],
+    values: DVector<f64>,
+}
+
+/// Steps of the differences before anything is known of the errors: what changes the force by a thousandth or so.
+fn first_steps(stretches: &[Prepared], device: &Parameters) -> [f64; 8] {
+    let rms = |values: &mut dyn Iterator<Item = f64>| {
+        let (sum, count) = values.fold((0.0, 0usize), |(sum, count), x| (sum + x * x, count + 1));
+        (sum / count.max(1) as f64).sqrt()
+    };
+    let force = rms(&mut stretches.iter().flat_map(|s| s.force.iter().copied())).max(1e-3);
+    let velocity = rms(&mut stretches.iter().flat_map(|s| s.smooth.nodes.iter().map(|node| node[1]))).max(1e-6);
+    SHARED.map(|name| match name {
+        Name::Inertance => 1e-4,
+        Name::Stiffness => 1e-3,
+        Name::Damping => 1e-2,
+        Name::Coulomb => 1e-3 * force,
+        Name::Viscous => (1e-3 * force / velocity).min(1e-2 * device.contact_damping_n_s_per_m.max(1.0)),
+        Name::Backlash => 3e-3 * force / device.stiffness_n_per_m,
+        Name::Structure => 1e-3 * device.inertance_kg,
+        Name::Skew => 1e-6,
+    })
+}
+
+impl Problem<'_> {
+    fn decoded(&self, values: &DVector<f64>) -> Parameters {
+        let mut parameters = self.base;
+        for (name, value) in self.free.iter().zip(values.iter()) {
+            let value = match name {
+                name if name.is_logarithmic() => value.clamp(-60.0, 60.0).exp(),
+                name if name.has_floor() => value.max(0.0),
+                _ => *value,
+            };
+            name.set(&mut parameters, value);
+        }
+        parameters
+    }
+
+    fn offset(&self, file: usize) -> f64 {
+        self.values.get(self.free.len() + file).copied().unwrap_or_default()
+    }
+
+    fn zero(&self, stretch: usize) -> f64 {
+        self.values.get(self.free.len() + self.files + stretch).copied().unwrap_or_default()
+    }
+
+    fn rows(&self) -> usize {
+        self.stretches.iter().map(|stretch| stretch.whitening.rows()).sum::<usize>() + SHARED.len()
+    }
+
+    fn priors(&self) -> impl Iterator<Item = (usize, Name, Option<Known>)> {
+        SHARED.iter().enumerate().map(|(place, name)| (place, *name, self.task.known.get(place).copied().flatten()))
+    }
+
+    /// Derivatives of the whitened residual of one stretch by one column.
+    fn column(&self, stretch: usize, column: usize, rows: &mut [f64]) {
+        let Some(weighed) = self.stretches.get(stretch) else { return };
+        let shared = self.free.len();
+        let count = weighed.prepared.force.len();
+        let none = || std::iter::repeat_n(0.0, count);
+        let period_s = weighed.prepared.period_s;
+        if let Some(&name) = self.free.get(column) {
+            let device = self.decoded(&self.values);
+            let step = SHARED.iter().zip(self.steps).find(|(other, _)| **other == name).map_or(1.0, |(_, step)| step);
+            let value = self.values.get(column).copied().unwrap_or_default();
+            let down = if name.has_floor() && value < step { 0.0 } else { step };
+            let at = |change: f64| {
+                let mut values = self.values.clone();
+                if let Some(slot) = values.get_mut(column) {
+                    *slot = if name.has_floor() { slot.max(0.0) + change } else { *slot + change };
+                }
+                self.decoded(&values)
+            };
+            if name == Name::Structure {
+                let late = delayed(&weighed.acceleration, device.skew_s / period_s);
+                weighed.whitening.whitened(none(), late.iter().map(|a| -a), rows);
+                return;
+            }
+            let predicted = |device: &Parameters| {
+                let response = simulate(device, &weighed.input, weighed.start);
+                let cell = mean_cell(device, &response, &weighed.acceleration, period_s);
+                (response.position_m, cell)
+            };
+            let ((x_up, f_up), (x_down, f_down)) = (predicted(&at(step)), predicted(&at(-down)));
+            let per = -1.0 / (step + down);
+            let difference = |up: &[f64], down: &[f64]| -> Vec<f64> {
+                up.iter().zip(down).map(|(up, down)| (up - down) * per).collect()
+            };
+            let (x, f) = (difference(&x_up, &x_down), difference(&f_up, &f_down));
+            weighed.whitening.whitened(x.into_iter(), f.into_iter(), rows);
+        } else if column == shared + weighed.prepared.file {
+            weighed.whitening.whitened(none(), std::iter::repeat_n(-1.0, count), rows);
+        } else if column == shared + self.files + stretch {
+            weighed.whitening.whitened(std::iter::repeat_n(-1.0, count), none(), rows);
+        }
+    }
+}
+
+impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
+    type ParameterStorage = Owned<f64, Dyn>;
+    type ResidualStorage = Owned<f64, Dyn>;
+    type JacobianStorage = Owned<f64, Dyn, Dyn>;
+
+    fn set_params(&mut self, values: &DVector<f64>) {
+        self.values.copy_from(values);
+    }
+
+    fn params(&self) -> DVector<f64> {
+        self.values.clone()
+    }
+
+    fn residuals(&self) -> Option<DVector<f64>> {
+        let device = self.decoded(&self.values);
+        let mut rows = DVector::zeros(self.rows());
+        let mut rest = rows.as_mut_slice();
+        for (number, weighed) in self.stretches.iter().enumerate() {
+            let (mine, others) = rest.split_at_mut_checked(weighed.whitening.rows())?;
+            rest = others;
+            let response = simulate(&device, &weighed.input, weighed.start);
+            let device = Parameters { offset_n: self.offset(weighed.prepared.file), ..device };
+            let cell = mean_cell(&device, &response, &weighed.acceleration, weighed.prepared.period_s);
+            let zero = self.zero(number);
+            let position =
+                weighed.prepared.position.iter().zip(&response.position_m).map(|(x, predicted)| x - predicted - zero);
+            let predicted = cell.iter().zip(&weighed.jumps).map(|(cell, jump)| cell + jump);
+            let force = weighed.prepared.mean_force.iter().zip(predicted).map(|(f, predicted)| f - predicted);
+            weighed.whitening.whitened(position, force, mine);
+        }
+        for (slot, (_, name, known)) in rest.iter_mut().zip(self.priors()) {
+            if let (Some((value, deviation)), true) = (known, self.free.contains(&name)) {
+                *slot = (name.of(&device) - value) / deviation;
+            }
+        }
+        rows.iter().all(|row| row.is_finite()).then_some(rows)
+    }
+
+    fn jacobian(&self) -> Option<DMatrix<f64>> {
+        let mut jacobian = DMatrix::zeros(self.rows(), self.values.len());
+        let mut work = Vec::new();
+        let rows = self.rows();
+        for (number, column) in jacobian.as_mut_slice().chunks_mut(rows).enumerate() {
+            let mut rest = column;
+            for (stretch, weighed) in self.stretches.iter().enumerate() {
+                let (mine, others) = rest.split_at_mut_checked(weighed.whitening.rows())?;
+                rest = others;
+                work.push((number, stretch, mine));
+            }
+            if let Some(name) = self.free.get(number) {
+                let device = self.decoded(&self.values);
+                for (slot, (_, other, known)) in rest.iter_mut().zip(self.priors()) {
+                    if let (Some((_, deviation)), true) = (known, other == *name) {
+                        *slot = if name.is_logarithmic() { name.of(&device) } else { 1.0 } / deviation;
+                    }
+                }
+            }
+        }
+        // Columns are independent: as many at once as the machine has cores.
+        let cores = thread::available_parallelism().map_or(1, |cores| cores.get()).min(4);
+        let mut shares: Vec<Vec<_>> = (0..cores).map(|_| Vec::new()).collect();
+        for (number, piece) in work.into_iter().enumerate() {
+            if let Some(share) = shares.get_mut(number % cores) {
+                share.push(piece);
+            }
+        }
+        thread::scope(|scope| {
+            for share in shares {
+                scope.spawn(move || {
+                    for (column, stretch, rows) in share {
+                        self.column(stretch, column, rows);
+                    }
+                });
+            }
+        });
+        jacobian.iter().all(|value| value.is_finite()).then_some(jacobian)
+    }
+}
+
+/// Highest frequency at which the fit looks \[Hz\]: beyond, the force holds noise and the ring of impacts.
+fn highest_hz(prepared: &Prepared, device: &Parameters) -> f64 {
+    let own_hz = (device.stiffness_n_per_m / device.inertance_kg).sqrt() / std::f64::consts::TAU;
+    let least = (5.0 * own_hz).max(2.0 * prepared.smooth.band_hz).max(100.0);
+    least.min(0.45 / prepared.period_s)
+}
+
+/// Caution of the first round: how often the terminal's noise it reckons with. It hardly looks at the device's resonance,
+/// where a stiffness that is a percent off would hide all else.
+const CAUTION: f64 = 30.0;
+/// Most rounds of weighing and fitting.
+const MOST_ROUNDS: usize = 6;
+/// Rounds end when nothing moves by more than this part of its standard error.
+const SETTLED: f64 = 0.2;
+/// They end as well when the cost changes by less than this part.
+const STANDS: f64 = 1e-4;
+/// Steps of the differences in standard errors.
+const STEP: f64 = 3.0;
+
+/// Noises of the terminal that are tried.
+const DISTURBED: u64 = 16;
+/// A jump is what exceeds the force's noise so many times.
+const JUMP: f64 = 2.0;
+
+/// Samples at a jump and on either side.
+fn beside(jumps: &[f64], least: f64) -> impl Iterator<Item = bool> {
+    let is_jump = move |place: usize| jumps.get(place).is_some_and(|jump| jump.abs() > least);
+    (0..jumps.len()).map(move |place| is_jump(place) || is_jump(place + 1) || place.checked_sub(1).is_some_and(is_jump))
+}
+
+/// The cell's force as means over two samples.
+fn mean_cell(device: &Parameters, response: &Response, acceleration: &[f64], period_s: f64) -> Vec<f64> {
+    let late = device.skew_s / period_s;
+    load_cell(device, &delayed(&response.mean_n, late), &delayed(acceleration, late))
+}
+
+/// Parameters, offsets of files and zeros of stretches.
+#[derive(Clone, Debug)]
+pub struct State {
+    /// Shared by all.
+    pub parameters: Parameters,
+    /// Offsets of the files \[N\].
+    pub offsets: Vec<f64>,
+    /// Zeros of the stretches: encoder less model \[m\].
+    pub zeros: Vec<f64>,
+}
+
+impl State {
+    /// All files alike, the screw in the middle on average.
+    pub fn new(stretches: &[Prepared], parameters: &Parameters) -> Self {
+        let files = stretches.iter().map(|stretch| stretch.file + 1).max().unwrap_or(0);
+        Self {
+            parameters: *parameters,
+            offsets: vec![parameters.offset_n; files],
+            zeros: stretches.iter().map(Prepared::zero).collect(),
+        }
+    }
+}
+
+/// Stretches with the weights that follow from a device.
+///
+/// With `jumps` the force's jumps, where the flanks meet, are those of single samples. They are taken as they stand: with
+/// them free to move, the sum of squares would be a staircase; as means, it is smooth but sees each jump only to a sample.
+/// The samples beside a jump are left out, as a microsecond decides on which side they are.
+fn weigh<'a>(stretches: &'a [Prepared], state: &State, caution: f64, jumps: bool) -> Vec<Weighed<'a>> {
+    let device = &state.parameters;
+    let weigh = |(prepared, zero): (&'a Prepared, &f64)| {
+        let period_s = prepared.period_s;
+        let start = Start { position_m: prepared.begun.position_m - zero, ..prepared.begun };
+        let moved = |nodes: &[Node]| {
+            let input = Input::new(nodes, period_s, device);
+            let response = simulate(device, &input, start);
+            let acceleration = simpson(&input.acceleration);
+            let cell = mean_cell(device, &response, &acceleration, period_s);
+            (input, acceleration, response, cell)
+        };
+        let (input, acceleration, response, cell) = moved(&prepared.smooth.nodes);
+        let jumps = if jumps && device.backlash_m > 0.0 {
+            let means = delayed(&response.mean_n, device.skew_s / period_s);
+            simpson(&response.force_n).iter().zip(means).map(|(sampled, mean)| sampled - mean).collect()
+        } else {
+            vec![0.0; input.len()]
+        };
+        let numbers = if prepared.smooth.noise > 0.0 { 0..DISTURBED } else { 0..0 };
+        let disturbed: Vec<Columns> = numbers
+            .map(|number| {
+                let (_, _, other, other_cell) = moved(&prepared.smooth.disturbed(period_s, caution, number));
+                let less = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a - b).collect();
+                (less(&other.position_m, &response.position_m), less(&other_cell, &cell))
+            })
+            .collect();
+        let skipped = (SETTLING_S / period_s).min(0.1 * prepared.force.len() as f64) as usize;
+        let left_out = beside(&jumps, JUMP * prepared.noise.force);
+        let highest_hz = highest_hz(prepared, device);
+        let whitening =
+            Whitening::new(input.len(), period_s, skipped, highest_hz, prepared.noise, left_out, &disturbed);
+        Weighed { prepared, acceleration, input, jumps, disturbed, whitening, start }
+    };
+    stretches.iter().zip(&state.zeros).map(weigh).collect()
+}
+
+/// One minimisation with weights that stay.
+fn minimised<'a>(
+    weighed: &'a [Weighed<'a>],
+    task: &'a Task,
+    state: &State,
+    steps: [f64; 8],
+) -> (Problem<'a>, f64, bool) {
+    let free: Vec<Name> = SHARED.iter().zip(task.free).filter_map(|(name, free)| free.then_some(*name)).collect();
+    let encoded = free.iter().map(|name| {
+        let value = name.of(&state.parameters);
+        if name.is_logarithmic() { value.max(f64::MIN_POSITIVE).ln() } else { value }
+    });
+    let values: Vec<f64> = encoded.chain(state.offsets.iter().copied()).chain(state.zeros.iter().copied()).collect();
+    let problem = Problem {
+        stretches: weighed,
+        task,
+        free,
+        files: state.offsets.len(),
+        base: state.parameters,
+        steps,
+        values: DVector::from_vec(values),
+    };
+    let (problem, report) =
+        LevenbergMarquardt::new().with_ftol(1e-7).with_xtol(1e-6).with_patience(4).minimize(problem);
+    (problem, report.objective_function, report.termination.was_successful())
+}
+
+impl Problem<'_> {
+    /// Greatest move of a shared parameter since a state, in standard errors, and these.
+    fn moved_from(&self, before: &State, jacobian: &DMatrix<f64>) -> (f64, Vec<(Name, f64)>) {
+        let Some(covariance) = jacobian.tr_mul(jacobian).try_inverse() else { return (0.0, Vec::new()) };
+        let now = self.decoded(&self.values);
+        let errors: Vec<(Name, f64)> = self
+            .free
+            .iter()
+            .copied()
+            .zip(covariance.diagonal().iter().map(|variance| variance.max(0.0).sqrt()))
+            .collect();
+        let moves = errors.iter().map(|(name, error)| {
+            let (now, before) = (name.of(&now), name.of(&before.parameters));
+            let step = if name.is_logarithmic() { (now / before).ln() } else { now - before };
+            step.abs() / error.max(f64::MIN_POSITIVE)
+        });
+        (moves.fold(0.0, f64::max), errors)
+    }
+
+    fn state(&self) -> State {
+        let mut parameters = self.decoded(&self.values);
+        parameters.offset_n = self.offset(0);
+        State {
+            parameters,
+            offsets: (0..self.files).map(|file| self.offset(file)).collect(),
+            zeros: (0..self.stretches.len()).map(|stretch| self.zero(stretch)).collect(),
+        }
+    }
+}
+
+/// Fits the model from a start that is roughly right. `is_near` leaves out the cautious beginning.
+pub fn fit(
+    stretches: &[Prepared],
+    task: &Task,
+    start: &State,
+    is_near: bool,
+    tick: &mut dyn FnMut(),
+) -> Option<Fitted> {
+    let mut state = start.clone();
+    let rounds: &[(f64, bool)] = if is_near { &[(1.0, true)] } else { &[(CAUTION, false), (1.0, false), (1.0, true)] };
+    let last = rounds.last().copied().unwrap_or((1.0, true));
+    let first = first_steps(stretches, &start.parameters);
+    let (mut steps, mut before) = (first, f64::INFINITY);
+    for (number, (caution, jumps)) in
+        rounds.iter().copied().chain(std::iter::repeat(last)).take(MOST_ROUNDS).enumerate()
+    {
+        let weighed = weigh(stretches, &state, caution, jumps);
+        let (problem, cost, converged) = minimised(&weighed, task, &state, steps);
+        tick();
+        let jacobian = problem.jacobian()?;
+        let (moved, errors) = problem.moved_from(&state, &jacobian);
+        // Once the errors are known, so are steps over which the device is nearly linear.
+        for ((name, step), first) in SHARED.iter().zip(&mut steps).zip(first) {
+            if let Some((_, error)) = errors.iter().find(|(other, _)| other == name) {
+                *step = (STEP * error).clamp(1e-2 * first, first);
+            }
+        }
+        let stands = (before - cost).abs() < STANDS * cost;
+        before = cost;
+        let residual = problem.residuals()?;
+        let free = problem.free.clone();
+        state = problem.state();
+        if number + 1 < MOST_ROUNDS && (number + 1 < rounds.len() || moved > SETTLED && !stands) {
+            continue;
+        }
+        let (mut power, mut white) = (Vec::with_capacity(residual.len()), Vec::new());
+        let mut rest = residual.as_slice();
+        for weighed in &weighed {
+            let (mine, others) = rest.split_at_checked(weighed.whitening.rows())?;
+            rest = others;
+            power.extend(weighed.whitening.power(mine));
+            white.extend(weighed.whitening.force_in_time(mine));
+        }
+        power.resize(residual.len(), 1.0);
+        let disturbed = (0..DISTURBED as usize)
+            .map(|number| {
+                let each = weighed.iter().map(|weighed| (&weighed.whitening, weighed.disturbed.get(number)));
+                whitened_rows(residual.len(), each)
+            })
+            .collect();
+        let whitenings = weighed.into_iter().map(|weighed| weighed.whitening).collect();
+        return Some(Fitted { state, cost, converged, free, residual, jacobian, power, white, disturbed, whitenings });
+    }
+    None
+}
+
+/// Least cost with one parameter held, and all weights those of the best fit.
+pub fn cost_with(stretches: &[Prepared], task: &Task, best: &State, held: Option<(Name, f64)>) -> Option<f64> {
+    let weighed = weigh(stretches, best, 1.0, true);
+    let (mut task, mut state) = (task.clone(), best.clone());
+    if let Some((name, value)) = held {
+        name.set(&mut state.parameters, value);
+        task.free.iter_mut().zip(SHARED).filter(|(_, other)| *other == name).for_each(|(free, _)| *free = false);
+    }
+    let (_, cost, _) = minimised(&weighed, &task, &state, first_steps(stretches, &best.parameters));
+    cost.is_finite().then_some(cost)
+}
+
+/// What the model says of a stretch: displacement as the encoder reads it \[m\], and the cell's force \[N\].
+pub fn prediction(state: &State, stretches: &[Prepared], number: usize) -> Option<(Vec<f64>, Vec<f64>)> {
+    let prepared = stretches.get(number)?;
+    let zero = state.zeros.get(number).copied()?;
+    let offset_n = state.offsets.get(prepared.file).copied().unwrap_or(state.parameters.offset_n);
+    let device = Parameters { offset_n, ..state.parameters };
+    let input = Input::new(&prepared.smooth.nodes, prepared.period_s, &device);
+    let start = Start { position_m: prepared.begun.position_m - zero, ..prepared.begun };
+    let response = simulate(&device, &input, start);
+    let acceleration = delayed(&input.acceleration, device.skew_s / prepared.period_s);
+    let cell = load_cell(&device, &response.force_n, &acceleration);
+    Some((response.position_m.iter().map(|x| x + zero).collect(), cell))
+}
+
+/// Samples of a stretch that count in full.
+pub fn counting(prepared: &Prepared) -> std::ops::Range<usize> {
+    let skipped = (SETTLING_S / prepared.period_s).min(0.1 * prepared.force.len() as f64) as usize;
+    let end = (0.1 / prepared.period_s) as usize;
+    skipped + end.min(prepared.force.len() / 8)..prepared.force.len() - end.min(prepared.force.len() / 8)
+}
+
+/// Displacement and force of each sample.
+pub type Columns = (Vec<f64>, Vec<f64>);
+
+/// Whitened rows of a change of the measured values, stretch by stretch: what a systematic error of theirs looks like.
+pub fn error_rows(
+    stretches: &[Prepared],
+    fitted: &Fitted,
+    change: &dyn Fn(usize, &Prepared) -> Columns,
+) -> DVector<f64> {
+    let changes: Vec<Columns> =
+        stretches.iter().enumerate().map(|(number, prepared)| change(number, prepared)).collect();
+    whitened_rows(fitted.residual.len(), fitted.whitenings.iter().zip(changes.iter().map(Some)))
+}
+
+/// Whitened rows, stretch by stretch, `count` in all.
+fn whitened_rows<'a>(
+    count: usize,
+    stretches: impl Iterator<Item = (&'a Whitening, Option<&'a Columns>)>,
+) -> DVector<f64> {
+    let mut rows = DVector::zeros(count);
+    let mut rest = rows.as_mut_slice();
+    for (whitening, columns) in stretches {
+        let Some((mine, others)) = rest.split_at_mut_checked(whitening.rows()) else { break };
+        rest = others;
+        if let Some((position, force)) = columns {
+            whitening.whitened(position.iter().copied(), force.iter().copied(), mine);
+        }
+    }
+    rows
+}

@@ -1,0 +1,520 @@
+//! Identification of the device from recordings: the law of the estimator by segment, and the complete model.
+//!
+//! - `linear`: the estimator's exact sums fitted again, by segment and direction.
+//! - `complete`: `mt cf fc ks cs eps mr F0 tau` by simulation, where the terminal's displacement is known: measured
+//!   (`condition`) or stated. Encoder and force are both predicted from it and weighted by what their noise is worth
+//!   (`spectrum`); `model` simulates, `uncertainty` says how far the result can be trusted.
+//!
+//! Method and limits: docs/THEORY.md, 13.
+
+mod complete;
+mod condition;
+mod error;
+mod linear;
+mod model;
+mod name;
+mod prepared;
+mod result;
+mod spectrum;
+mod stages;
+mod uncertainty;
+mod validation;
+mod whiteness;
+
+use inerter_core::{BacklashStatus, Conduct, Parameter, Settings, Status};
+use inerter_plant::Excitation;
+
+use complete::{Fitted, Known, State, Task, counting, prediction};
+use condition::Smooth;
+pub use error::IdentifyError;
+use inerter_data::{
+    run::Run,
+    series::{Series, Stretch},
+};
+use linear::Linear;
+use name::{Name, SHARED};
+use prepared::Prepared;
+pub use result::{
+    Correlation, Found, FoundParameters, Identified, Parameters, Route, SegmentFit, SegmentParameters, Standing,
+    Validation, Whiteness,
+};
+use uncertainty::Errors;
+use validation::{judged, over_noise};
+use whiteness::whiteness;
+
+use crate::fit::{FitError, directions};
+
+/// Shortest stretch that the complete model is fitted to \[s\].
+const SHORTEST_S: f64 = 2.0;
+/// Most samples that it is fitted to, which bounds time and memory.
+const MOST_SAMPLES: usize = 400_000;
+/// Part of each file that is fitted when the rest validates.
+const FITTED: f64 = 0.7;
+/// Model error of the structure mass, as in core.
+const STRUCTURE_MODEL_U95: f64 = 0.05;
+/// Band about the device's own frequency in which the terminal's motion is kept whatever its size.
+const OWN_BAND: f64 = 2.0;
+/// Band in which the encoder's displacement is differentiated twice, about that of the estimator's kernels \[Hz\].
+const LAW_HZ: f64 = 30.0;
+/// Residual over noise from which another start is tried.
+const SUSPICIOUS: f64 = 1.1;
+/// Residual over noise from which the model is in doubt.
+const DOUBTFUL: f64 = 1.5;
+
+/// What to identify.
+#[derive(Clone, Debug, Default)]
+pub struct Options {
+    /// As the paper does: the slowest file for the friction, the next for the rest, the last validates.
+    pub staged: bool,
+    /// Length of the segments of the linear fits \[s\]; without it from gap to gap.
+    pub segment_s: Option<f64>,
+    /// Fit the structure mass, whatever the settings say of it.
+    pub free_structure_mass: bool,
+    /// Fit the skew, whatever the settings say of it.
+    pub free_skew: bool,
+    /// What moved the terminal from time 0, in place of a sensor.
+    pub excite: Option<Excitation>,
+    /// Leave out the profiles of weakly determined parameters.
+    pub no_profiles: bool,
+}
+
+/// One device from one or more runs. `progress` hears how much is done, 0 to 1.
+pub fn identify(runs: &[Run], options: &Options, progress: &mut dyn FnMut(f64)) -> Result<Identified, IdentifyError> {
+    let mut lines = Vec::new();
+    for (number, run) in runs.iter().enumerate() {
+        lines.push(linear::linear(run, options.segment_s, FITTED)?);
+        progress(0.2 * (number + 1) as f64 / runs.len() as f64);
+    }
+    if runs.is_empty() {
+        return Err(FitError::TooShort { observations: 0.0 }.into());
+    }
+    // Where nothing moves there is nothing to simulate either.
+    if let Some(error) = lines.iter().map(|line| line.whole.as_ref().err()).min_by_key(Option::is_some).flatten() {
+        return Err((*error).into());
+    }
+    let start = start(runs, &lines);
+    let known: Vec<bool> =
+        runs.iter().map(|run| options.excite.is_some() || run.settings.terminal_sensor > 0.0).collect();
+    let mut notes = notes(runs, &lines);
+    if !known.contains(&true) {
+        if options.staged {
+            return Err(IdentifyError::Terminal);
+        }
+        return linear_only(runs, lines, notes);
+    }
+    for (run, _) in runs.iter().zip(&known).filter(|(_, known)| !**known) {
+        notes.push(format!("{}: no terminal displacement, so it is in the linear fits only", run.name));
+    }
+    let stretches = prepared(runs, &known, options, &start, &mut notes)?;
+    let mut share = 0.2;
+    let mut tick = || {
+        share += (0.95 - share) * 0.12;
+        progress(share);
+    };
+    let task = task(runs, options);
+    let start = if start.stiffness_n_per_m > 0.0 { start } else { scanned(&stretches, &start) };
+    let (fitted, task, stretches, validation) = if options.staged {
+        let stages = stages::fit(runs, &stretches, &task, &start, &mut tick)?;
+        (stages.fitted, stages.task, stages.stretches, stages.validation)
+    } else {
+        let state = State::new(&stretches, &start);
+        let fitted = complete::fit(&stretches, &task, &state, false, &mut tick).ok_or(IdentifyError::Diverged)?;
+        let fitted = elsewhere(&stretches, &task, fitted, &mut tick);
+        let validation = validated(&stretches, &task, &fitted.state, &mut tick);
+        (fitted, task, stretches, validation)
+    };
+    let identified = complete_result(runs, lines, &fitted, &task, &stretches, options, notes, &mut tick)?;
+    progress(1.0);
+    Ok(Identified { validation, start: Some(start), ..identified })
+}
+
+/// What the load cell would read, one number per sample of all stretches in a row.
+///
+/// Simulated from the terminal's displacement where there is one and the stiffness is known; else by the law on the encoder's
+/// displacement.
+pub fn predicted(parameters: &Parameters, series: &Series) -> Vec<f64> {
+    let mut force = Vec::with_capacity(series.len());
+    for stretch in &series.stretches {
+        let simulated = (!stretch.terminal_m.is_empty() && parameters.stiffness_n_per_m > 0.0).then(|| {
+            let smooth = Smooth::of(&stretch.terminal_m, series.period_s, OWN_BAND * own_hz(parameters));
+            let stretches = [Prepared::new(0, stretch, smooth, series.period_s, &Settings::default())];
+            prediction(&State::new(&stretches, parameters), &stretches, 0).map(|(_, force)| force)
+        });
+        force.extend(simulated.flatten().unwrap_or_else(|| by_law(parameters, stretch, series.period_s)));
+    }
+    force
+}
+
+fn by_law(parameters: &Parameters, stretch: &Stretch, period_s: f64) -> Vec<f64> {
+    let p = parameters;
+    let force = |[_, v, a]: &model::Node| {
+        let dry = if *v == 0.0 { 0.0 } else { p.coulomb_n * v.signum() };
+        (p.inertance_kg + p.structure_mass_kg) * a + p.viscous_n_s_per_m * v + dry + p.offset_n
+    };
+    Smooth::up_to(&stretch.position_m, period_s, LAW_HZ).nodes.iter().map(force).collect()
+}
+
+/// Frequency of the inertance on the contact's spring \[Hz\].
+fn own_hz(parameters: &Parameters) -> f64 {
+    (parameters.stiffness_n_per_m / parameters.inertance_kg).max(0.0).sqrt() / std::f64::consts::TAU
+}
+
+/// What a person should know of the runs.
+fn notes(runs: &[Run], lines: &[Linear]) -> Vec<String> {
+    let mut notes = Vec::new();
+    for (run, line) in runs.iter().zip(lines) {
+        let name = &run.name;
+        match line.outcome.detail.friction.conduct {
+            Conduct::Presliding => {
+                notes.push(format!("{name}: friction turns over a distance, which the model has not: it jumps there"));
+            }
+            Conduct::Stribeck => {
+                notes.push(format!(
+                    "{name}: friction is greater near rest, which the model has not: it is one number there"
+                ));
+            }
+            Conduct::Unknown | Conduct::Coulomb => {}
+        }
+        if line.outcome.detail.changes > 0 {
+            notes.push(format!(
+                "{name}: the device has changed on the way; `inerter replay` says when: identify the parts apart"
+            ));
+        }
+    }
+    notes
+}
+
+/// Stretches that the complete model is fitted to.
+fn prepared(
+    runs: &[Run],
+    known: &[bool],
+    options: &Options,
+    start: &Parameters,
+    notes: &mut Vec<String>,
+) -> Result<Vec<Prepared>, IdentifyError> {
+    let mut stretches = Vec::new();
+    let (mut samples, mut left_out) = (0, 0);
+    for (number, (run, _)) in runs.iter().zip(known).filter(|(_, known)| **known).enumerate() {
+        let series = Series::of(run);
+        let needed = (SHORTEST_S / series.period_s) as usize;
+        let length = |stretch: &Stretch| stretch.force_n.len();
+        let longest = series.stretches.iter().map(length).max().unwrap_or(0);
+        if longest < needed {
+            return Err(IdentifyError::TooShort {
+                file: run.name.clone(),
+                needed_s: SHORTEST_S,
+                longest_s: longest as f64 * series.period_s,
+            });
+        }
+        for stretch in series.stretches.iter().filter(|stretch| length(stretch) >= needed) {
+            let room = MOST_SAMPLES / runs.len();
+            let taken = length(stretch).min(room.saturating_sub(samples));
+            left_out += length(stretch) - taken;
+            if taken < needed {
+                continue;
+            }
+            samples += taken;
+            let cut = |column: &[f64]| column.iter().copied().take(taken).collect::<Vec<f64>>();
+            let stretch = Stretch {
+                start_s: stretch.start_s,
+                position_m: cut(&stretch.position_m),
+                force_n: cut(&stretch.force_n),
+                terminal_m: cut(&stretch.terminal_m),
+            };
+            let smooth = match &options.excite {
+                Some(excitation) => Smooth::stated(excitation, stretch.start_s, series.period_s, taken),
+                None => Smooth::of(&stretch.terminal_m, series.period_s, OWN_BAND * own_hz(start)),
+            };
+            stretches.push(Prepared::new(number, &stretch, smooth, series.period_s, &run.settings));
+        }
+        samples = 0;
+    }
+    if left_out > 0 {
+        notes
+            .push(format!("the complete model is fitted to the first {MOST_SAMPLES} samples; {left_out} are left out"));
+    }
+    Ok(stretches)
+}
+
+/// What the settings know of the structure mass beforehand: value and standard deviation \[kg\]; `None` where they say nothing.
+pub fn known_structure_mass_kg(settings: &Settings) -> Option<(f64, f64)> {
+    let mass = settings.structure_mass_kg;
+    let deviation = settings.structure_mass_u95_kg.hypot(STRUCTURE_MODEL_U95 * mass) / 2.0;
+    (deviation > 0.0).then_some((mass, deviation))
+}
+
+/// What the settings know of the skew beforehand: value and standard deviation \[s\].
+pub fn known_skew_s(settings: &Settings) -> (f64, f64) {
+    (settings.skew_s, settings.skew_u95_s.max(1e-7) / 2.0)
+}
+
+/// What is fitted and what is known beforehand.
+fn task(runs: &[Run], options: &Options) -> Task {
+    let settings = runs.first().map(|run| run.settings).unwrap_or_default();
+    let mass: Option<Known> = known_structure_mass_kg(&settings).filter(|_| !options.free_structure_mass);
+    let skew: Option<Known> = (!options.free_skew).then(|| known_skew_s(&settings));
+    Task { free: [true; SHARED.len()], known: [None; SHARED.len()] }
+        .with(Name::Structure, options.free_structure_mass || mass.is_some(), mass)
+        .with(Name::Skew, true, skew)
+}
+
+/// Where to begin: what the estimator says of the files, each parameter from the file that knows it best.
+fn start(runs: &[Run], lines: &[Linear]) -> Parameters {
+    let best = |of: &dyn Fn(&Linear) -> Parameter| -> Option<f64> {
+        let known = lines.iter().map(of).filter(|p| p.status != Status::NotIdentifiable && p.value.is_finite());
+        known.min_by(|a, b| (a.u95 / a.value.abs()).total_cmp(&(b.u95 / b.value.abs()))).map(|p| f64::from(p.value))
+    };
+    let settings = runs.first().map(|run| run.settings).unwrap_or_default();
+    let set = |value: f64| Some(value).filter(|value| *value > 0.0);
+    let gaps = lines.iter().map(|line| line.outcome.detail.backlash);
+    let gap = gaps
+        .filter(|gap| !matches!(gap.status, BacklashStatus::NotIdentifiable(_)))
+        .min_by(|a, b| a.u95_m.total_cmp(&b.u95_m));
+    let inertance = best(&|line| line.outcome.estimate.whole_run.inertance_kg)
+        .filter(|mass| *mass > 0.0)
+        .or_else(|| runs.iter().find_map(rough_inertance_kg))
+        .unwrap_or(1.0);
+    let stiffness = best(&|line| line.outcome.detail.stiffness_n_per_m).or_else(|| set(settings.stiffness_n_per_m));
+    let stiffness = stiffness.filter(|stiffness| *stiffness > 0.0).unwrap_or(0.0);
+    let damping = best(&|line| line.outcome.detail.contact_damping_n_s_per_m).filter(|damping| *damping > 0.0);
+    Parameters {
+        inertance_kg: inertance,
+        viscous_n_s_per_m: best(&|line| line.outcome.estimate.whole_run.viscous_n_s_per_m).unwrap_or(0.0),
+        coulomb_n: best(&|line| line.outcome.estimate.whole_run.coulomb_n).unwrap_or(0.0).max(0.0),
+        stiffness_n_per_m: stiffness,
+        contact_damping_n_s_per_m: damping
+            .or_else(|| set(settings.contact_damping_n_s_per_m))
+            .unwrap_or_else(|| light_damping(stiffness, inertance)),
+        backlash_m: gap.map_or(0.0, |gap| f64::from(gap.value_m)).max(0.0),
+        structure_mass_kg: settings.structure_mass_kg,
+        offset_n: best(&|line| line.outcome.estimate.whole_run.offset_n).unwrap_or(0.0),
+        skew_s: settings.skew_s,
+    }
+}
+
+/// Damping of a twentieth of the critical.
+fn light_damping(stiffness: f64, inertance: f64) -> f64 {
+    0.1 * (stiffness * inertance).sqrt()
+}
+
+/// Force over acceleration, root mean squares.
+fn rough_inertance_kg(run: &Run) -> Option<f64> {
+    let series = Series::of(run);
+    let stretch = series.stretches.iter().max_by_key(|stretch| stretch.force_n.len())?;
+    let rms = |values: &mut dyn Iterator<Item = f64>| values.map(|x| x * x).sum::<f64>().sqrt();
+    let nodes = Smooth::up_to(&stretch.position_m, series.period_s, LAW_HZ).nodes;
+    let ratio = rms(&mut stretch.force_n.iter().copied()) / rms(&mut nodes.iter().map(|[_, _, a]| *a));
+    ratio.is_finite().then_some(ratio).filter(|ratio| *ratio > 0.0)
+}
+
+/// A stiffness to begin with, where nobody knows one: the best of four per decade.
+fn scanned(stretches: &[Prepared], start: &Parameters) -> Parameters {
+    let left = |device: &Parameters| -> f64 {
+        let state = State::new(stretches, device);
+        let one = |number: usize| {
+            let (_, force) = prediction(&state, stretches, number)?;
+            let prepared = stretches.get(number)?;
+            Some(prepared.force.iter().zip(&force).map(|(a, b)| (a - b).powi(2)).sum::<f64>())
+        };
+        (0..stretches.len()).filter_map(one).sum()
+    };
+    let devices = (16..=40).map(|quarter| {
+        let stiffness = 10f64.powf(f64::from(quarter) / 4.0);
+        let damping = light_damping(stiffness, start.inertance_kg);
+        Parameters { stiffness_n_per_m: stiffness, contact_damping_n_s_per_m: damping, ..*start }
+    });
+    devices.min_by(|a, b| left(a).total_cmp(&left(b))).unwrap_or(*start)
+}
+
+/// The best of fits that begin with another contact damping, where something is left over: impacts make a valley of false
+/// minima along it.
+fn elsewhere(stretches: &[Prepared], task: &Task, fitted: Fitted, tick: &mut dyn FnMut()) -> Fitted {
+    if over_noise(&fitted) < SUSPICIOUS || fitted.state.parameters.backlash_m <= 0.0 {
+        return fitted;
+    }
+    let mut best = fitted;
+    let found = best.state.clone();
+    for factor in [0.8, 1.25] {
+        let mut state = found.clone();
+        state.parameters.contact_damping_n_s_per_m *= factor;
+        if let Some(other) = complete::fit(stretches, task, &state, false, tick)
+            && other.cost < best.cost
+        {
+            best = other;
+        }
+    }
+    best
+}
+
+/// The first part fitted, the rest judged.
+fn validated(stretches: &[Prepared], task: &Task, best: &State, tick: &mut dyn FnMut()) -> Option<Validation> {
+    let parts: Vec<Prepared> = stretches.iter().map(|s| s.until((FITTED * s.force.len() as f64) as usize)).collect();
+    let fitted = complete::fit(&parts, task, best, true, tick)?;
+    judged(stretches, &fitted.state, FITTED)
+}
+
+/// The result where only encoder and force are known.
+fn linear_only(runs: &[Run], lines: Vec<Linear>, notes: Vec<String>) -> Result<Identified, IdentifyError> {
+    let settings = runs.first().map(|run| run.settings).unwrap_or_default();
+    let mut whole = None;
+    for line in &lines {
+        let products = line.whole?;
+        whole = Some(match whole {
+            None => products,
+            Some(before) => products.and(&before),
+        });
+    }
+    let Some(whole) = whole else { return Err(FitError::TooShort { observations: 0.0 }.into()) };
+    let law = directions(&whole, &settings, None)?.symmetric;
+    let found = |parameter: Parameter, symbol: &str| match parameter.status {
+        Status::NotIdentifiable => Found::unknown(format!("this motion hardly depends on {symbol}")),
+        Status::Ok | Status::Held => Found::known(parameter.value.into(), parameter.u95.into()),
+    };
+    let no_terminal = || Found::unknown("needs the terminal's displacement, or a stated motion (--excite)");
+    let gaps = lines.iter().map(|line| line.outcome.detail.backlash);
+    let gap = gaps.min_by(|a, b| a.u95_m.total_cmp(&b.u95_m));
+    let backlash = match gap {
+        Some(gap) if gap.status == BacklashStatus::Ok => Found::known(gap.value_m.into(), gap.u95_m.into()),
+        Some(gap) if gap.status == BacklashStatus::BelowU95 => {
+            Found { status: Standing::BelowU95, ..Found::known(gap.value_m.into(), gap.u95_m.into()) }
+        }
+        _ if settings.stiffness_n_per_m == 0.0 => {
+            Found::unknown("needs the terminal's displacement, or the stiffness (--set stiffness_n_per_m=..)")
+        }
+        _ => Found::unknown("too few reversals of the flanks that it could be seen from"),
+    };
+    let given = |value: f64, u95: f64| Found { status: Standing::Given, ..Found::known(value, u95) };
+    let correlation = whole.correlation().ok().map(|matrix| Correlation {
+        names: vec!["inertance_kg", "viscous_n_s_per_m", "coulomb_n", "offset_n"],
+        matrix: matrix.into_iter().map(Vec::from).collect(),
+    });
+    let splits: Vec<_> = lines.iter().filter_map(|line| line.split.as_ref()).collect();
+    let validation = match splits.as_slice() {
+        [(later, earlier)] => later.judging(earlier).ok(),
+        _ => None,
+    };
+    let parameters = FoundParameters {
+        inertance_kg: found(law.inertance_kg, "inertance"),
+        viscous_n_s_per_m: found(law.viscous_n_s_per_m, "viscous friction"),
+        coulomb_n: found(law.coulomb_n, "Coulomb friction"),
+        stiffness_n_per_m: no_terminal(),
+        contact_damping_n_s_per_m: no_terminal(),
+        backlash_m: backlash,
+        structure_mass_kg: given(settings.structure_mass_kg, settings.structure_mass_u95_kg),
+        offset_n: found(law.offset_n, "the offset"),
+        skew_s: given(settings.skew_s, settings.skew_u95_s),
+    };
+    let identified = Identified {
+        route: Route::Linear,
+        parameters,
+        start: None,
+        offsets_n: vec![f64::from(law.offset_n.value)],
+        correlation,
+        residual_rms_n: whole.judging(&whole)?.0,
+        residual_rms_m: None,
+        residual_over_noise: None,
+        whiteness: None,
+        validation: validation.map(|(residual_rms_n, explained)| Validation {
+            fitted: FITTED,
+            residual_rms_n,
+            explained,
+        }),
+        segments: lines.into_iter().map(|line| line.segments).collect(),
+        notes,
+    };
+    let residual = runs.first().map(|run| law_residual(&identified.model(), run)).unwrap_or_default();
+    Ok(Identified { whiteness: whiteness(&residual), ..identified })
+}
+
+/// What the law leaves over, as means over 16 ms, each independent of the others where it is noise.
+fn law_residual(parameters: &Parameters, run: &Run) -> Vec<f64> {
+    let series = Series::of(run);
+    let force = predicted(parameters, &series);
+    let measured = series.stretches.iter().flat_map(|stretch| &stretch.force_n);
+    let left: Vec<f64> = measured.zip(&force).map(|(measured, predicted)| measured - predicted).collect();
+    let length = ((0.016 / series.period_s) as usize).max(1);
+    left.chunks(length).map(|part| part.iter().sum::<f64>() / part.len() as f64).collect()
+}
+
+/// The result of the complete model.
+#[allow(clippy::too_many_arguments, reason = "all that a fit came to, taken apart once")]
+fn complete_result(
+    runs: &[Run],
+    lines: Vec<Linear>,
+    fitted: &Fitted,
+    task: &Task,
+    stretches: &[Prepared],
+    options: &Options,
+    mut notes: Vec<String>,
+    tick: &mut dyn FnMut(),
+) -> Result<Identified, IdentifyError> {
+    let settings = runs.first().map(|run| run.settings).unwrap_or_default();
+    let errors = Errors::of(fitted, stretches, &settings).ok_or(IdentifyError::Diverged)?;
+    let mut found: Vec<Found> = SHARED.iter().map(|name| errors.judged(*name, fitted, task, stretches)).collect();
+    if !options.no_profiles {
+        for name in errors.weak(fitted) {
+            let place = SHARED.iter().position(|other| *other == name);
+            if let Some(found) = place.and_then(|place| found.get_mut(place)) {
+                found.profile = errors.profile(name, fitted, stretches, task);
+            }
+            tick();
+        }
+    }
+    let gain = settings.force_gain_u95;
+    let offset = fitted.state.parameters.offset_n;
+    let offset = Found::known(offset, errors.offset_u95(0, gain, offset).unwrap_or(f64::NAN));
+    let ratio = over_noise(fitted);
+    if ratio > DOUBTFUL {
+        notes.push(format!(
+            "the model leaves {ratio:.1} times what the sensors' noise explains: the device or the rig has something that the \
+             model has not"
+        ));
+    }
+    if !fitted.converged {
+        notes.push("the fit did not come to rest: the values are the best that were found".into());
+    }
+    if task.known_of(Name::Structure).is_none() && !options.free_structure_mass {
+        notes.push(
+            "the structure mass is taken as 0: state it (--set structure_mass_kg=..) or fit it (--free mr)".into(),
+        );
+    }
+    let rms = |of: &dyn Fn(usize) -> Option<Vec<f64>>| {
+        let all: Vec<f64> = (0..stretches.len()).filter_map(of).flatten().collect();
+        (all.iter().map(|x| x * x).sum::<f64>() / all.len().max(1) as f64).sqrt()
+    };
+    let left = |number: usize, force: bool| -> Option<Vec<f64>> {
+        let prepared = stretches.get(number)?;
+        let (position_predicted, force_predicted) = prediction(&fitted.state, stretches, number)?;
+        let range = counting(prepared);
+        let (measured, predicted) =
+            if force { (&prepared.force, force_predicted) } else { (&prepared.position, position_predicted) };
+        Some(measured.iter().zip(&predicted).take(range.end).skip(range.start).map(|(a, b)| a - b).collect())
+    };
+    let mut found = found.into_iter();
+    let mut next = || found.next().unwrap_or_else(|| Found::unknown("not fitted"));
+    let parameters = FoundParameters {
+        inertance_kg: next(),
+        viscous_n_s_per_m: next(),
+        coulomb_n: next(),
+        stiffness_n_per_m: next(),
+        contact_damping_n_s_per_m: next(),
+        backlash_m: next(),
+        structure_mass_kg: next(),
+        skew_s: next(),
+        offset_n: offset,
+    };
+    Ok(Identified {
+        route: Route::Complete,
+        parameters,
+        start: None,
+        offsets_n: fitted.state.offsets.clone(),
+        correlation: Some(errors.correlation()),
+        residual_rms_n: rms(&|number| left(number, true)),
+        residual_rms_m: Some(rms(&|number| left(number, false))),
+        residual_over_noise: Some(ratio),
+        whiteness: whiteness(&fitted.white),
+        validation: None,
+        segments: lines.into_iter().map(|line| line.segments).collect(),
+        notes,
+    })
+}

@@ -1,0 +1,78 @@
+//! The paper's order: friction from the slowest file, all else from the next ones, the fastest validates.
+
+use inerter_data::run::Run;
+
+use super::{
+    IdentifyError, Validation,
+    complete::{self, Fitted, State, Task},
+    judged,
+    name::{Name, SHARED},
+    prepared::Prepared,
+    uncertainty::Errors,
+};
+use crate::identify::Parameters;
+
+/// What the stages came to.
+pub struct Stages {
+    /// Fit of the second stage.
+    pub fitted: Fitted,
+    /// What was fitted in it.
+    pub task: Task,
+    /// What it was fitted to.
+    pub stretches: Vec<Prepared>,
+    /// On the last file.
+    pub validation: Option<Validation>,
+}
+
+/// Fits in stages. The friction found first is not held but known, with its interval, in the second.
+pub fn fit(
+    runs: &[Run],
+    stretches: &[Prepared],
+    task: &Task,
+    start: &Parameters,
+    tick: &mut dyn FnMut(),
+) -> Result<Stages, IdentifyError> {
+    let mut files: Vec<usize> = stretches.iter().map(|prepared| prepared.file).collect();
+    files.dedup();
+    files.sort_by(|a, b| frequency_hz(stretches, *a).total_cmp(&frequency_hz(stretches, *b)));
+    let (slowest, middle, last) = match files.as_slice() {
+        [slowest, second] => (*slowest, vec![*second], None),
+        [slowest, middle @ .., last] if !middle.is_empty() => (*slowest, middle.to_vec(), Some(*last)),
+        _ => return Err(IdentifyError::Stages { files: files.len() }),
+    };
+    let of = |files: &[usize]| -> Vec<Prepared> {
+        let chosen = stretches.iter().filter(|prepared| files.contains(&prepared.file));
+        // Offsets are numbered by file from 0.
+        let place = |file: usize| files.iter().position(|other| *other == file).unwrap_or(0);
+        chosen.map(|prepared| prepared.clone().renumbered(place(prepared.file))).collect()
+    };
+    let slow = of(&[slowest]);
+    let mut only = Task { free: [false; SHARED.len()], known: [None; SHARED.len()] }.with(Name::Coulomb, true, None);
+    only.known = task.known;
+    let state = State::new(&slow, start);
+    let friction = complete::fit(&slow, &only, &state, false, tick).ok_or(IdentifyError::Diverged)?;
+    let settings = runs.first().map(|run| run.settings).unwrap_or_default();
+    let u95 = Errors::of(&friction, &slow, &settings).and_then(|errors| errors.u95(Name::Coulomb, &friction));
+    let coulomb = friction.state.parameters.coulomb_n;
+    let known = u95.filter(|u95| u95.is_finite() && *u95 > 0.0).map(|u95| (coulomb, u95 / 2.0));
+    let rest = of(&middle);
+    let task = task.clone().with(Name::Coulomb, true, known);
+    let state = State::new(&rest, &Parameters { coulomb_n: coulomb, ..*start });
+    let fitted = complete::fit(&rest, &task, &state, false, tick).ok_or(IdentifyError::Diverged)?;
+    let validation = last.and_then(|last| {
+        let stretches = of(&[last]);
+        // Offset and zero are the rig's at that time, not the device's.
+        let none = Task { free: [false; SHARED.len()], known: [None; SHARED.len()] };
+        let state = State::new(&stretches, &fitted.state.parameters);
+        let state = complete::fit(&stretches, &none, &state, true, tick).map_or(state, |fitted| fitted.state);
+        judged(&stretches, &state, 0.0)
+    });
+    Ok(Stages { fitted, task, stretches: rest, validation })
+}
+
+/// Where the motion of a file is: velocity over displacement \[Hz\].
+fn frequency_hz(stretches: &[Prepared], file: usize) -> f64 {
+    let of = stretches.iter().filter(|prepared| prepared.file == file);
+    let (v, x) = of.map(Prepared::motion).fold((0.0, 0.0), |(v, x), (dv, dx)| (v + dv, x + dx));
+    if x > 0.0 { (v / x).sqrt() / std::f64::consts::TAU } else { 0.0 }
+}

@@ -1,0 +1,314 @@
+//! How far the complete model's parameters can be trusted.
+//!
+//! `U95 = sqrt((r^2 (3 se + model))^2 + pattern^2 + sum B^2)`, `r` the residual over what the noise explains where that is
+//! above 1. `se` is the greater of two: from `inv(J'J) (J' P J) inv(J'J)`, `P` what the whitened residual really scatters around
+//! each frequency, so that a coloured residual widens the interval; and what the parameters scatter when noise like the
+//! terminal's own is laid on its motion, since impacts make that noise large in some moments and the frequencies dependent.
+//! `B` is what a wrong force gain, a wrong lead and a wrong clock make of the parameters: the response of the fit to that
+//! change of the data. A periodic motion repeats the encoder's steps and no averaging removes them: *pattern* is twice what
+//! the parameters scatter when the steps are those of an encoder elsewhere in its count.
+
+use inerter_core::Settings;
+use nalgebra::{DMatrix, DVector};
+
+use super::{
+    complete::{Fitted, Task, cost_with, counting, error_rows, prediction},
+    name::Name,
+    over_noise,
+    prepared::Prepared,
+    result::{Correlation, Found, Standing},
+};
+
+/// Standard errors in the interval, as in core.
+pub const COVERAGE: f64 = 3.0;
+/// A parameter whose interval is wider than this part of its value is not identifiable, as in core.
+const WIDEST_INTERVAL: f64 = 0.5;
+/// Places within a count that are tried.
+const PHASES: usize = 8;
+/// Correlation at which two parameters are named together.
+const TOGETHER: f64 = 0.9;
+/// Interval over value from which a profile is worth its time.
+const WEAK: f64 = 0.1;
+/// Most profiles.
+const MOST_PROFILES: usize = 3;
+
+/// Backlash from which the flanks are taken to part \[m\].
+const LEAST_GAP_M: f64 = 1e-6;
+/// Factor on the standard error where flanks part and meet: what the terminal's noise makes there is not proportional to it
+/// (docs/tables/identify.md).
+const IMPACTS: f64 = 2.0;
+/// Frequency of the motion over the device's own, below which the contact's stretch is that of friction alone: it changes
+/// only where the screw turns round, and the encoder's steps are no noise there.
+const SLOWEST: f64 = 0.02;
+
+/// Errors of one fit.
+pub struct Errors {
+    names: Vec<Name>,
+    covariance: DMatrix<f64>,
+    naive: DVector<f64>,
+    /// Squares of the standard errors.
+    variance: Vec<f64>,
+    systematic: Vec<f64>,
+}
+
+impl Errors {
+    /// `None` where the normal matrix cannot be inverted at all.
+    pub fn of(fitted: &Fitted, stretches: &[Prepared], settings: &Settings) -> Option<Self> {
+        let jacobian = &fitted.jacobian;
+        // Columns of unit length, so that the units play no part in what is singular.
+        let lengths: Vec<f64> = jacobian.column_iter().map(|column| column.norm().max(1e-300)).collect();
+        let mut scaled = jacobian.clone();
+        scaled.column_iter_mut().zip(&lengths).for_each(|(mut column, length)| column /= *length);
+        let unit =
+            DMatrix::from_diagonal(&DVector::from_iterator(lengths.len(), lengths.iter().map(|length| 1.0 / length)));
+        // A direction under 1e-12 of the rest has an endless interval, not a meaningless one.
+        let eigen = scaled.tr_mul(&scaled).symmetric_eigen();
+        let inverted = eigen.eigenvalues.map(|value| 1.0 / value.max(1e-12));
+        let inverse = &eigen.eigenvectors * DMatrix::from_diagonal(&inverted) * eigen.eigenvectors.transpose();
+        let inverse = &unit * inverse * &unit;
+        let mut weighted = jacobian.clone();
+        for (mut row, power) in weighted.row_iter_mut().zip(&fitted.power) {
+            row *= power.sqrt();
+        }
+        let covariance = &inverse * weighted.tr_mul(&weighted) * &inverse;
+        if !covariance.iter().all(|value| value.is_finite()) {
+            return None;
+        }
+        let moved = |rows: DVector<f64>| -> DVector<f64> { &inverse * jacobian.tr_mul(&rows) };
+        let still = |prepared: &Prepared| vec![0.0; prepared.force.len()];
+        let about = |values: &[f64]| -> Vec<f64> {
+            let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
+            values.iter().map(|value| value - mean).collect()
+        };
+        let gain = moved(error_rows(stretches, fitted, &|_, prepared| {
+            (still(prepared), prepared.force.iter().map(|force| force * settings.force_gain_u95).collect())
+        }));
+        let lead = moved(error_rows(stretches, fitted, &|_, prepared| {
+            (about(&prepared.position).iter().map(|x| x * settings.lead_u95).collect(), still(prepared))
+        }));
+        let mut terminal = DVector::<f64>::zeros(lengths.len());
+        for rows in &fitted.disturbed {
+            terminal += moved(rows.clone()).map(|step| step * step) / fitted.disturbed.len() as f64;
+        }
+        let variance = covariance.diagonal().iter().zip(&terminal).map(|(a, b)| a.max(*b)).collect();
+        let predictions: Vec<Vec<f64>> = (0..stretches.len())
+            .map(|number| {
+                prediction(&fitted.state, stretches, number).map(|(position, _)| position).unwrap_or_default()
+            })
+            .collect();
+        let mut pattern = DVector::zeros(lengths.len());
+        for phase in 0..PHASES {
+            let phase = phase as f64 / PHASES as f64;
+            let steps = moved(error_rows(stretches, fitted, &|number, prepared| {
+                let position = predictions.get(number).map(Vec::as_slice).unwrap_or_default();
+                let count = prepared.step_m;
+                (
+                    position.iter().map(|x| ((x / count + phase).floor() + 0.5 - phase) * count - x).collect(),
+                    still(prepared),
+                )
+            }));
+            pattern += steps.map(|step| step * step) / PHASES as f64;
+        }
+        let systematic = fitted
+            .free
+            .iter()
+            .enumerate()
+            .map(|(place, name)| {
+                let at = |of: &DVector<f64>| of.get(place).copied().unwrap_or_default();
+                let scale = name.scale(&fitted.state.parameters);
+                let clock = match name {
+                    Name::Inertance => 2.0,
+                    Name::Viscous | Name::Damping => 1.0,
+                    _ => 0.0,
+                };
+                let clock = clock * settings.timebase_u95 * name.of(&fitted.state.parameters);
+                let squares = at(&gain).powi(2) + at(&lead).powi(2) + 4.0 * at(&pattern);
+                (scale * scale * squares + clock * clock).sqrt()
+            })
+            .collect();
+        let names = fitted.free.clone();
+        Some(Self { names, naive: inverse.diagonal(), covariance, variance, systematic })
+    }
+
+    fn place(&self, name: Name) -> Option<usize> {
+        self.names.iter().position(|other| *other == name)
+    }
+
+    /// Standard error in the parameter's unit.
+    fn error(&self, place: usize, fitted: &Fitted) -> Option<f64> {
+        let scale = self.names.get(place)?.scale(&fitted.state.parameters);
+        Some(scale * self.variance.get(place)?.max(0.0).sqrt())
+    }
+
+    /// Half width of the interval.
+    pub fn u95(&self, name: Name, fitted: &Fitted) -> Option<f64> {
+        let place = self.place(name)?;
+        let systematic = self.systematic.get(place)?;
+        let model = model_u95(name, fitted);
+        let impacts = if fitted.state.parameters.backlash_m > LEAST_GAP_M { IMPACTS } else { 1.0 };
+        // What the noise does not explain is no noise: it need not average out.
+        let doubt = over_noise(fitted).powi(2).max(1.0);
+        let chance = (impacts * COVERAGE * self.error(place, fitted)?).hypot(model);
+        Some((doubt * chance).hypot(*systematic))
+    }
+
+    /// Half width of the interval of a file's offset.
+    pub fn offset_u95(&self, file: usize, gain: f64, value: f64) -> Option<f64> {
+        let place = self.names.len() + file;
+        let error = self.variance.get(place)?.max(0.0).sqrt();
+        Some((COVERAGE * error).hypot(gain * value))
+    }
+
+    /// Correlations of the shared parameters.
+    pub fn correlation(&self) -> Correlation {
+        let count = self.names.len();
+        let at = |row: usize, column: usize| self.covariance.get((row, column)).copied().unwrap_or_default();
+        let matrix = (0..count)
+            .map(|row| {
+                (0..count)
+                    .map(|column| {
+                        let both = at(row, row).sqrt() * at(column, column).sqrt();
+                        if both > 0.0 { (at(row, column) / both).clamp(-1.0, 1.0) } else { 0.0 }
+                    })
+                    .collect()
+            })
+            .collect();
+        Correlation { names: self.names.iter().map(|name| name.key()).collect(), matrix }
+    }
+
+    /// The parameter that goes with this one most, where that is a lot.
+    fn partner(&self, name: Name) -> Option<(Name, f64)> {
+        let place = self.place(name)?;
+        let correlation = self.correlation();
+        let row = correlation.matrix.get(place)?;
+        let others = self.names.iter().zip(row).filter(|(other, _)| **other != name);
+        let most = others.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
+        (most.1.abs() > TOGETHER).then_some((*most.0, *most.1))
+    }
+
+    /// What may be said of a parameter.
+    pub fn judged(&self, name: Name, fitted: &Fitted, task: &Task, stretches: &[Prepared]) -> Found {
+        let value = name.of(&fitted.state.parameters);
+        let known = task.known_of(name);
+        let Some(u95) = self.u95(name, fitted) else {
+            let u95 = known.map(|(_, deviation)| 2.0 * deviation);
+            return Found { value: Some(value), u95, profile: None, status: Standing::Given, reason: None };
+        };
+        let found = Found::known(value, u95);
+        let symbol = name.words();
+        let cannot = || match self.partner(name) {
+            Some((other, correlation)) => Found::unknown(format!(
+                "{symbol} and {} cannot be told apart by this motion (correlation {correlation:.2})",
+                other.words()
+            )),
+            None => Found::unknown(format!("this motion hardly depends on {symbol}: {value:.3e} within {u95:.1e}")),
+        };
+        let slow = is_slow(fitted, stretches);
+        match name {
+            Name::Stiffness | Name::Damping if slow => Found::unknown(format!(
+                "the motion is too slow for {symbol}: the force of the contact changes only where the screw turns round"
+            )),
+            Name::Structure | Name::Skew => match known {
+                Some((_, deviation)) if self.error(self.place(name).unwrap_or(0), fitted) > Some(0.7 * deviation) => {
+                    Found { status: Standing::Given, ..found }
+                }
+                Some(_) => found,
+                None if name == Name::Structure && u95 > WIDEST_INTERVAL * value.abs() => cannot(),
+                None if name == Name::Skew && u95 > 20e-6 => cannot(),
+                None => found,
+            },
+            Name::Backlash => {
+                let steps = stretches.iter().fold(0.0, |most: f64, prepared| most.max(prepared.step_m));
+                let u95 = if slow { u95.hypot(steps) } else { u95 };
+                let found = Found::known(value, u95);
+                let span = span(stretches);
+                let reverses = span.0 < 0.0 && span.1 > 0.0;
+                let stretch = (span.1 - span.0) / fitted.state.parameters.stiffness_n_per_m;
+                match () {
+                    () if !reverses => Found::unknown("the force never changes its sign: one flank carries it all"),
+                    () if u95 > 0.5 * stretch && u95 > WIDEST_INTERVAL * value => cannot(),
+                    () if value < u95 => Found { status: Standing::BelowU95, ..found },
+                    () => found,
+                }
+            }
+            _ if u95 > WIDEST_INTERVAL * value.abs() => cannot(),
+            _ => found,
+        }
+    }
+
+    /// Parameters whose parabola may not do, weakest first.
+    pub fn weak(&self, fitted: &Fitted) -> Vec<Name> {
+        let mut weak: Vec<(Name, f64)> = self
+            .names
+            .iter()
+            .filter(|name| !matches!(name, Name::Structure | Name::Skew))
+            .filter_map(|name| {
+                let u95 = self.u95(*name, fitted)?;
+                let relative = u95 / name.of(&fitted.state.parameters).abs().max(1e-300);
+                (relative > WEAK || self.partner(*name).is_some()).then_some((*name, relative))
+            })
+            .collect();
+        weak.sort_by(|a, b| b.1.total_cmp(&a.1));
+        weak.into_iter().map(|(name, _)| name).take(MOST_PROFILES).collect()
+    }
+
+    /// Ends of the interval where the sum of squares, all other parameters fitted anew, has grown as it should at the end of
+    /// a parabola's. The systematic part is added.
+    pub fn profile(&self, name: Name, fitted: &Fitted, stretches: &[Prepared], task: &Task) -> Option<[f64; 2]> {
+        let place = self.place(name)?;
+        let value = name.of(&fitted.state.parameters);
+        let error = self.error(place, fitted)?;
+        let systematic = self.systematic.get(place).copied()?;
+        let coloured = self.variance.get(place)? / self.naive.get(place)?;
+        let wanted = COVERAGE * COVERAGE * coloured;
+        let least = cost_with(stretches, task, &fitted.state, None)?;
+        let end = |side: f64| -> Option<f64> {
+            let mut distance = COVERAGE * error;
+            for _ in 0..3 {
+                let at = value + side * distance;
+                if at <= 0.0 {
+                    // Friction and backlash end at nothing.
+                    return Some(0.0);
+                }
+                let grown = 2.0 * (cost_with(stretches, task, &fitted.state, Some((name, at)))? - least).max(0.0);
+                let factor = (wanted / grown.max(1e-3 * wanted)).sqrt();
+                distance *= factor;
+                if (0.95..1.05).contains(&factor) {
+                    break;
+                }
+            }
+            Some((value + side * distance.hypot(systematic)).max(0.0))
+        };
+        Some([end(-1.0)?, end(1.0)?])
+    }
+}
+
+/// What no averaging removes, measured on simulated devices (docs/tables/identify.md): impacts that fall between samples, a
+/// terminal's motion that is not quite smooth.
+fn model_u95(name: Name, fitted: &Fitted) -> f64 {
+    let p = &fitted.state.parameters;
+    match name {
+        Name::Inertance => 2e-4 * p.inertance_kg,
+        Name::Stiffness => 5e-4 * p.stiffness_n_per_m,
+        Name::Damping => 5e-3 * p.contact_damping_n_s_per_m,
+        Name::Viscous => 1.5e-3 * p.contact_damping_n_s_per_m,
+        Name::Coulomb => 3e-3 * p.coulomb_n,
+        Name::Backlash => 2e-7,
+        Name::Structure | Name::Skew => 0.0,
+    }
+}
+
+/// Whether the motion is far slower than the device.
+fn is_slow(fitted: &Fitted, stretches: &[Prepared]) -> bool {
+    let (v, x) = stretches.iter().map(Prepared::motion).fold((0.0, 0.0), |(v, x), (dv, dx)| (v + dv, x + dx));
+    let p = &fitted.state.parameters;
+    v < SLOWEST * SLOWEST * x * p.stiffness_n_per_m / p.inertance_kg
+}
+
+/// Least and greatest force of the contact, roughly.
+fn span(stretches: &[Prepared]) -> (f64, f64) {
+    let forces = stretches.iter().flat_map(|prepared| {
+        prepared.force.iter().skip(counting(prepared).start).take(counting(prepared).len()).copied()
+    });
+    forces.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), force| (low.min(force), high.max(force)))
+}

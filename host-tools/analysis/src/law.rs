@@ -1,0 +1,197 @@
+//! The law `F = mt a + cf v + fc sgn(v) + F0` against the measured force, both through the estimator's kernels.
+//!
+//! The kernels are core's (docs/THEORY.md, 1) in f64, centred instead of late: what is shown is what the estimator has
+//! compared. The structure mass adds `mr x1''` to the law, with `x1'' = a + F''/ks - cs F'''/ks^2`; the skew is
+//! taken out of the force as `F + tau F' + tau^2 F''/2`.
+
+use inerter_core::{Bank, Settings};
+use inerter_data::series::{Series, Stretch};
+
+/// Half width of the kernel that tells the sign of the velocity \[s\], as in core.
+const SIGN_S: f64 = 0.005;
+/// Window in which the encoder must move \[s\], and by how many counts, as in core.
+const GATE_S: f64 = 0.024;
+const GATE_COUNTS: f64 = 2.0;
+
+/// Values of the law.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Law {
+    /// Effective inertance \[kg\].
+    pub inertance_kg: f64,
+    /// Viscous friction \[N s/m\].
+    pub viscous_n_s_per_m: f64,
+    /// Coulomb friction \[N\].
+    pub coulomb_n: f64,
+    /// Force offset \[N\].
+    pub offset_n: f64,
+}
+
+/// Measured force and law at one time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Row {
+    /// Time \[s\].
+    pub t_s: f64,
+    /// Displacement of the screw \[m\].
+    pub position_m: f64,
+    /// Measured force \[N\].
+    pub force_n: f64,
+    /// Force by the law \[N\]; NaN where the screw stands, as friction at rest follows no law.
+    pub law_n: f64,
+}
+
+/// The kernels of one bank, as taps that lie around a sample.
+pub struct Kernels {
+    force: Vec<f64>,
+    rate: Vec<f64>,
+    second: Vec<f64>,
+    third: Vec<f64>,
+    sign: Vec<f64>,
+    box_samples: usize,
+    period_s: f64,
+}
+
+impl Kernels {
+    /// Those of a bank at a sample rate.
+    pub fn new(bank: Bank, period_s: f64) -> Self {
+        let box_s = match bank {
+            Bank::Fast => 0.016,
+            Bank::Slow => 0.064,
+        };
+        let m = 2 * ((box_s / period_s / 2.0).round().clamp(1.0, 256.0) as usize);
+        let (length, t) = (m as f64, period_s);
+        let smooth = vec![1.0 / length; m];
+        let mut difference = vec![0.0; m + 1];
+        // Taps run with time: the later sample counts positive.
+        (difference[0], difference[m]) = (-1.0 / (length * t), 1.0 / (length * t));
+        let made = |derivative: usize, correction: &[f64]| {
+            let gain: f64 = correction.iter().sum();
+            let correction: Vec<f64> = correction.iter().map(|tap| tap / gain).collect();
+            let steps = (0..4).map(|step| if step < derivative { &difference } else { &smooth });
+            steps.fold(correction, |taps, step| convolved(&taps, step))
+        };
+        Self {
+            force: made(0, &[1.0, 10.0, 1.0]),
+            rate: made(1, &[-1.0, 13.0, 13.0, -1.0]),
+            second: made(2, &[1.0]),
+            third: made(3, &[1.0, 1.0]),
+            sign: made(0, &[1.0, 22.0, 1.0]),
+            box_samples: m,
+            period_s,
+        }
+    }
+
+    /// Half of the longest kernel \[samples\].
+    fn reach(&self) -> usize {
+        [&self.force, &self.rate, &self.second, &self.third, &self.sign]
+            .map(|taps| taps.len() / 2)
+            .into_iter()
+            .max()
+            .unwrap_or(0)
+    }
+
+    /// Rows of all stretches between two times \[s\], so many in a box.
+    pub fn rows(
+        &self,
+        series: &Series,
+        settings: &Settings,
+        law: &Law,
+        (from_s, to_s): (f64, f64),
+        per_box: usize,
+    ) -> Vec<Row> {
+        let spacing = (self.box_samples / per_box).max(1);
+        let mut rows = Vec::new();
+        for stretch in &series.stretches {
+            let margin_s = (self.reach() + 2) as f64 * self.period_s;
+            let first = ((from_s - stretch.start_s - margin_s) / self.period_s).floor().max(0.0) as usize;
+            let last = ((to_s - stretch.start_s + margin_s) / self.period_s).ceil().max(0.0) as usize;
+            let last = last.min(stretch.force_n.len());
+            let (Some(position), Some(force)) = (stretch.position_m.get(first..last), stretch.force_n.get(first..last))
+            else {
+                continue;
+            };
+            let start_s = stretch.start_s + first as f64 * self.period_s;
+            let piece =
+                Stretch { start_s, position_m: position.to_vec(), force_n: force.to_vec(), terminal_m: Vec::new() };
+            let signs = signs(&piece, self.period_s, law);
+            let middles = (self.reach()..piece.force_n.len().saturating_sub(self.reach())).step_by(spacing);
+            let new = middles.map(|middle| self.row(&piece, &signs, settings, law, middle));
+            rows.extend(new.filter(|row| (from_s..=to_s).contains(&row.t_s)));
+            // A line that crosses a gap would show what was not measured.
+            rows.push(Row { t_s: f64::NAN, position_m: f64::NAN, force_n: f64::NAN, law_n: f64::NAN });
+        }
+        rows
+    }
+
+    fn row(&self, piece: &Stretch, signs: &[f64], settings: &Settings, law: &Law, middle: usize) -> Row {
+        let Settings { structure_mass_kg: mr, stiffness_n_per_m: ks, contact_damping_n_s_per_m: cs, skew_s, .. } =
+            *settings;
+        let of = |taps: &[f64], data: &[f64]| around(taps, data, middle);
+        let force = &piece.force_n;
+        let (rate, second) = (of(&self.rate, force), of(&self.second, force));
+        let (velocity, acceleration) = (of(&self.rate, &piece.position_m), of(&self.second, &piece.position_m));
+        let stretch = if ks > 0.0 { (second - cs / ks * of(&self.third, force)) / ks } else { 0.0 };
+        let law_n = law.inertance_kg * acceleration
+            + law.viscous_n_s_per_m * velocity
+            + law.coulomb_n * of(&self.sign, signs)
+            + law.offset_n
+            + mr * (acceleration + stretch);
+        let half = (GATE_S / 2.0 / self.period_s).ceil() as usize;
+        let near = piece.position_m.get(middle.saturating_sub(half)..middle + half + 1).unwrap_or(&piece.position_m);
+        let (low, high) =
+            near.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(*x), high.max(*x)));
+        let still_m = (GATE_COUNTS * settings.metres_per_count.abs()).max(settings.stuck_displacement_m);
+        Row {
+            t_s: piece.start_s + middle as f64 * self.period_s,
+            position_m: of(&self.force, &piece.position_m),
+            force_n: of(&self.force, force) + skew_s * rate + skew_s * skew_s / 2.0 * second,
+            law_n: if high - low > still_m * (1.0 + 1e-6) { law_n } else { f64::NAN },
+        }
+    }
+}
+
+fn convolved(a: &[f64], b: &[f64]) -> Vec<f64> {
+    let mut taps = vec![0.0; a.len() + b.len() - 1];
+    for (at, left) in a.iter().enumerate() {
+        for (tap, right) in taps.iter_mut().skip(at).zip(b) {
+            *tap += left * right;
+        }
+    }
+    taps
+}
+
+/// Taps laid with their middle over one sample. All kernels are of odd length.
+fn around(taps: &[f64], data: &[f64], middle: usize) -> f64 {
+    let first = middle.saturating_sub(taps.len() / 2);
+    taps.iter().zip(data.iter().skip(first)).map(|(tap, value)| tap * value).sum()
+}
+
+/// Mean sign of the velocity over each sample's own period: by straight lines through velocities halfway between samples, from
+/// which what Coulomb friction itself makes of a short kernel is taken.
+fn signs(piece: &Stretch, period_s: f64, law: &Law) -> Vec<f64> {
+    let m = (SIGN_S / period_s).round().max(1.0) as usize;
+    let triangle = convolved(&vec![1.0; m], &vec![1.0; m]);
+    let sum: f64 = triangle.iter().sum();
+    let moment: f64 = triangle.iter().enumerate().map(|(at, tap)| tap * (at as f64 - (m - 1) as f64).abs()).sum();
+    let kink = if law.inertance_kg > 0.0 { moment / sum * period_s * law.coulomb_n / law.inertance_kg } else { 0.0 };
+    let steps: Vec<f64> = piece.position_m.iter().zip(piece.position_m.iter().skip(1)).map(|(a, b)| b - a).collect();
+    let velocity = |at: usize| {
+        let force = piece.force_n.iter().skip(at).take(2).sum::<f64>() - 2.0 * law.offset_n;
+        around(&triangle, &steps, at) / sum / period_s + kink * force.signum()
+    };
+    let velocities: Vec<f64> =
+        (0..steps.len()).map(|at| if at + 1 < m || at + m > steps.len() { f64::NAN } else { velocity(at) }).collect();
+    let before = std::iter::once(&f64::NAN).chain(&velocities);
+    let pairs = before.zip(velocities.iter().chain(std::iter::once(&f64::NAN)));
+    let mean = |(before, after): (&f64, &f64)| match (before.is_nan(), after.is_nan()) {
+        (true, true) => 0.0,
+        (true, false) => after.signum(),
+        (false, true) => before.signum(),
+        (false, false) if before * after >= 0.0 => (before + after).signum(),
+        (false, false) => (after.abs() - before.abs()) / (after.abs() + before.abs()) * after.signum(),
+    };
+    pairs.map(mean).collect()
+}
+
+#[cfg(test)]
+#[path = "law_tests.rs"]
+mod tests;

@@ -1,0 +1,118 @@
+//! Ideal and complete model, and where they agree.
+
+use std::f64::consts::{PI, TAU};
+
+use inerter_data::series::Series;
+use rustfft::num_complex::Complex;
+
+use super::Input;
+
+/// Limits of the search for the band \[Hz\].
+const SEARCH_HZ: (f64, f64) = (1e-5, 1e4);
+/// Points of it per decade.
+const PER_DECADE: i32 = 200;
+
+/// The complete linear model.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ModelParameters {
+    /// Effective inertance `mt` \[kg\].
+    pub inertance_kg: f64,
+    /// Viscous friction `cf` \[N s/m\].
+    pub viscous_n_s_per_m: f64,
+    /// Contact stiffness `ks` \[N/m\]; 0 where it is not known, and then without end.
+    pub stiffness_n_per_m: f64,
+    /// Contact damping `cs` \[N s/m\].
+    pub contact_damping_n_s_per_m: f64,
+    /// Structure mass `mr` on the measured terminal \[kg\].
+    pub structure_mass_kg: f64,
+    /// Delay of the force behind the displacement \[s\].
+    pub skew_s: f64,
+}
+
+/// What the load cell reads over the displacement \[N/m\].
+pub fn model(parameters: &ModelParameters, input: Input, frequency_hz: f64) -> Complex<f64> {
+    let ModelParameters { inertance_kg, viscous_n_s_per_m, stiffness_n_per_m, .. } = *parameters;
+    let s = Complex::new(0.0, TAU * frequency_hz);
+    let screw = s * s * inertance_kg + s * viscous_n_s_per_m;
+    let contact = s * parameters.contact_damping_n_s_per_m + stiffness_n_per_m;
+    // Displacement of the terminal over that of the screw.
+    let stretch = if stiffness_n_per_m > 0.0 { screw / contact + 1.0 } else { Complex::new(1.0, 0.0) };
+    let structure = s * s * parameters.structure_mass_kg;
+    let delay = Complex::from_polar(1.0, -TAU * frequency_hz * parameters.skew_s);
+    delay
+        * match input {
+            Input::Terminal => screw / stretch + structure,
+            Input::Screw => screw + structure * stretch,
+        }
+}
+
+/// The ideal inertance: `mt s^2` \[N/m\].
+pub fn ideal(inertance_kg: f64, frequency_hz: f64) -> Complex<f64> {
+    Complex::new(-inertance_kg * (TAU * frequency_hz).powi(2), 0.0)
+}
+
+/// How near the ideal inertance is to the complete model.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Agreement {
+    /// Greatest difference of the magnitudes \[dB\].
+    pub decibels: f64,
+    /// Greatest difference of the phases \[degrees\].
+    pub degrees: f64,
+}
+
+impl Agreement {
+    /// Complete over ideal at one frequency, as seen from the terminals: the structure mass and the delay are the rig's.
+    pub fn at(parameters: &ModelParameters, frequency_hz: f64) -> Self {
+        let device = ModelParameters { structure_mass_kg: 0.0, skew_s: 0.0, ..*parameters };
+        let ratio = model(&device, Input::Terminal, frequency_hz) / ideal(device.inertance_kg, frequency_hz);
+        Self { decibels: 20.0 * ratio.norm().log10(), degrees: ratio.arg() * 180.0 / PI }
+    }
+
+    fn holds(&self, parameters: &ModelParameters, frequency_hz: f64) -> bool {
+        let there = Self::at(parameters, frequency_hz);
+        there.decibels.abs() <= self.decibels && there.degrees.abs() <= self.degrees
+    }
+}
+
+/// The widest band, by its ratio, within which the ideal inertance is as near to the complete model as `within` says:
+/// its lower and upper end \[Hz\], each to six digits; `None` for an end beyond 1e-5 or 1e4 Hz.
+pub fn ideal_band(parameters: &ModelParameters, within: Agreement) -> Option<(Option<f64>, Option<f64>)> {
+    let decade = 10f64.powf(1.0 / f64::from(PER_DECADE));
+    let count = ((SEARCH_HZ.1 / SEARCH_HZ.0).log10() * f64::from(PER_DECADE)).round() as i32;
+    let frequency = |number: i32| SEARCH_HZ.0 * decade.powi(number);
+    let good: Vec<bool> = (0..=count).map(|number| within.holds(parameters, frequency(number))).collect();
+    let mut bands = Vec::new();
+    let mut number = 0;
+    for run in good.chunk_by(|a, b| a == b) {
+        let (first, next) = (number, number + run.len() as i32);
+        number = next;
+        if run.first() == Some(&true) {
+            bands.push((first, next - 1));
+        }
+    }
+    let (first, last) = bands.into_iter().max_by_key(|(first, last)| last - first)?;
+    let edge = |good: i32, bad: i32| {
+        let (mut good, mut bad) = (frequency(good), frequency(bad));
+        while (good / bad - 1.0).abs() > 1e-7 {
+            let middle = (good * bad).sqrt();
+            *(if within.holds(parameters, middle) { &mut good } else { &mut bad }) = middle;
+        }
+        good
+    };
+    Some(((first > 0).then(|| edge(first, first - 1)), (last < count).then(|| edge(last, last + 1))))
+}
+
+/// The viscous friction that takes from this motion what Coulomb friction takes: `fc mean|v| / mean v^2` \[N s/m\];
+/// `4 fc / (pi V)` for a tone of velocity amplitude `V`. `None` where nothing moves.
+pub fn equivalent_viscous(series: &Series, coulomb_n: f64) -> Option<f64> {
+    // Long enough that the encoder's steps are small against the motion.
+    let span = (0.02 / series.period_s).round().max(1.0) as usize;
+    let velocities = series.stretches.iter().flat_map(|stretch| {
+        let later = stretch.position_m.iter().skip(span);
+        stretch.position_m.iter().zip(later).map(|(before, after)| (after - before) / (span as f64 * series.period_s))
+    });
+    let (sum, squares, count) =
+        velocities.fold((0.0, 0.0, 0.0), |(sum, squares, count), v| (sum + v.abs(), squares + v * v, count + 1.0));
+    let moves = count > 0.0 && (squares / count).sqrt() > 1e-6;
+    moves.then(|| coulomb_n * sum / squares)
+}

@@ -1,0 +1,255 @@
+//! CSV text to columns of numbers, every cell checked.
+
+use std::{path::Path, sync::Arc};
+
+use miette::{NamedSource, SourceSpan};
+
+use super::{
+    dialect::{self, Dialect},
+    error::CsvError,
+};
+use crate::words::nearest;
+
+const T_S: &str = "t_s";
+const ENCODER_COUNT: &str = "encoder_count";
+const FORCE_N: &str = "force_n";
+const TERMINAL_M: &str = "terminal_m";
+
+/// Largest count that a double holds without a gap to its neighbour.
+const MAX_COUNT: f64 = 9_007_199_254_740_992.0;
+
+/// The columns that matter, one entry per sample.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Table {
+    /// Name for messages.
+    pub file: String,
+    /// Time \[s\], strictly increasing.
+    pub t_s: Vec<f64>,
+    /// Encoder count; only differences matter.
+    pub encoder_count: Vec<i64>,
+    /// Force \[N\].
+    pub force_n: Vec<f64>,
+    /// Terminal displacement \[m\], empty where the file has none.
+    pub terminal_m: Vec<f64>,
+    /// Line of each sample, from 1.
+    pub line: Vec<usize>,
+    /// Decimals that `t_s` is written with: how well the sample instants are known.
+    pub time_decimals: u32,
+    /// What was put right on the way, for the user.
+    pub notes: Vec<String>,
+}
+
+/// Reads a CSV file.
+pub fn read(path: &Path) -> Result<Table, CsvError> {
+    let bytes = std::fs::read(path).map_err(|source| CsvError::Read { path: path.into(), source })?;
+    parse(&path.display().to_string(), &bytes)
+}
+
+/// Reads CSV from memory; `file` is its name in messages.
+pub fn parse(file: &str, bytes: &[u8]) -> Result<Table, CsvError> {
+    let text = dialect::decode(file, bytes)?;
+    let mut lines = Lines { text: &text, offset: 0, number: 0 };
+    let header = lines.next().ok_or_else(|| CsvError::Empty { file: file.into() })?;
+    let dialect = Dialect::detect(header.text);
+    let columns = Columns::find(file, &text, &header, dialect)?;
+    let mut table = Table { file: file.into(), ..Table::default() };
+    let mut previous = None;
+    for line in lines {
+        let row = match columns.row(file, &text, &line, dialect) {
+            Err(CsvError::Short { .. } | CsvError::Cell { .. }) if line.is_cut_off(&text) => {
+                table
+                    .notes
+                    .push(format!("{file}, line {}: the file is cut off within this line; left out", line.number));
+                break;
+            }
+            row => row?,
+        };
+        if let Some(previous) = previous.filter(|previous| row.t_s <= *previous) {
+            let (text, at) = line.source(file, &text, row.time_at, row.time_length);
+            return Err(CsvError::Time { file: file.into(), line: line.number, previous, time: row.t_s, text, at });
+        }
+        previous = Some(row.t_s);
+        table.t_s.push(row.t_s);
+        table.encoder_count.push(row.encoder_count);
+        table.force_n.push(row.force_n);
+        table.terminal_m.extend(row.terminal_m);
+        table.line.push(line.number);
+        table.time_decimals = table.time_decimals.max(row.time_decimals);
+    }
+    if table.t_s.is_empty() {
+        return Err(CsvError::Empty { file: file.into() });
+    }
+    Ok(table)
+}
+
+/// A line that is neither blank nor a comment.
+struct Line<'a> {
+    text: &'a str,
+    offset: usize,
+    number: usize,
+}
+
+impl Line<'_> {
+    /// True for a last line without its line end.
+    fn is_cut_off(&self, all: &str) -> bool {
+        self.offset + self.text.len() == all.len()
+    }
+
+    fn source(&self, file: &str, all: &str, at: usize, length: usize) -> (Arc<NamedSource<String>>, SourceSpan) {
+        (Arc::new(NamedSource::new(file, all.to_string())), SourceSpan::new((self.offset + at).into(), length))
+    }
+}
+
+struct Lines<'a> {
+    text: &'a str,
+    offset: usize,
+    number: usize,
+}
+
+impl<'a> Iterator for Lines<'a> {
+    type Item = Line<'a>;
+
+    fn next(&mut self) -> Option<Line<'a>> {
+        loop {
+            let rest = self.text.get(self.offset..).filter(|rest| !rest.is_empty())?;
+            let length = rest.find('\n').map_or(rest.len(), |at| at + 1);
+            let line = rest.get(..length)?;
+            let found =
+                Line { text: line.trim_end_matches(['\n', '\r']), offset: self.offset, number: self.number + 1 };
+            self.offset += length;
+            self.number += 1;
+            let content = found.text.trim();
+            if !(content.is_empty() || content.starts_with(['#', '%'])) {
+                return Some(found);
+            }
+        }
+    }
+}
+
+struct Row {
+    t_s: f64,
+    time_at: usize,
+    time_length: usize,
+    time_decimals: u32,
+    encoder_count: i64,
+    force_n: f64,
+    terminal_m: Option<f64>,
+}
+
+/// Where each column is.
+struct Columns {
+    t_s: usize,
+    encoder_count: usize,
+    force_n: usize,
+    terminal_m: Option<usize>,
+}
+
+impl Columns {
+    fn find(file: &str, all: &str, header: &Line, dialect: Dialect) -> Result<Self, CsvError> {
+        let names: Vec<(usize, &str)> = dialect.fields(header.text).collect();
+        if names.iter().all(|(_, name)| dialect.number(name).is_some()) {
+            let (text, at) = header.source(file, all, 0, header.text.len());
+            return Err(CsvError::NoHeader { file: file.into(), line: header.number, text, at });
+        }
+        let find = |column: &'static str| -> Result<Option<usize>, CsvError> {
+            let mut places = names.iter().enumerate().filter(|(_, (_, name))| name.eq_ignore_ascii_case(column));
+            let first = places.next();
+            if let Some((_, (offset, name))) = places.next() {
+                let (text, at) = header.source(file, all, *offset, name.len());
+                return Err(CsvError::DuplicateColumn { file: file.into(), line: header.number, column, text, at });
+            }
+            Ok(first.map(|(place, _)| place))
+        };
+        let need = |column: &'static str| {
+            find(column)?.ok_or_else(|| {
+                let (text, at) = header.source(file, all, 0, header.text.len());
+                let advice = missing_advice(column, &names);
+                CsvError::MissingColumn { file: file.into(), line: header.number, column, advice, text, at }
+            })
+        };
+        Ok(Self {
+            t_s: need(T_S)?,
+            encoder_count: need(ENCODER_COUNT)?,
+            force_n: need(FORCE_N)?,
+            terminal_m: find(TERMINAL_M)?,
+        })
+    }
+
+    fn row(&self, file: &str, all: &str, line: &Line, dialect: Dialect) -> Result<Row, CsvError> {
+        let fields: Vec<(usize, &str)> = dialect.fields(line.text).collect();
+        let cell = |place: usize, column: &'static str| -> Result<(f64, usize, &str), CsvError> {
+            let Some((offset, field)) = fields.get(place).copied() else {
+                let (text, at) = line.source(file, all, 0, line.text.len());
+                return Err(CsvError::Short { file: file.into(), line: line.number, column, text, at });
+            };
+            match dialect.number(field) {
+                Some(value) if value.is_finite() => Ok((value, offset, field)),
+                number => {
+                    let (text, at) = line.source(file, all, offset, field.len());
+                    let (what, advice) = cell_words(field, number);
+                    Err(CsvError::Cell { file: file.into(), line: line.number, column, what, advice, text, at })
+                }
+            }
+        };
+        let (t_s, time_at, time) = cell(self.t_s, T_S)?;
+        let (count, count_at, count_field) = cell(self.encoder_count, ENCODER_COUNT)?;
+        if count.fract() != 0.0 || count.abs() > MAX_COUNT {
+            let (text, at) = line.source(file, all, count_at, count_field.len());
+            return Err(CsvError::Cell {
+                file: file.into(),
+                line: line.number,
+                column: ENCODER_COUNT,
+                what: format!("{count_field} is not a whole number of counts"),
+                advice: "the encoder's raw counts are needed: a displacement in metres must be divided by the metres per \
+                         count and rounded",
+                text,
+                at,
+            });
+        }
+        let (force_n, _, _) = cell(self.force_n, FORCE_N)?;
+        let terminal_m = self.terminal_m.map(|place| cell(place, TERMINAL_M)).transpose()?.map(|(value, _, _)| value);
+        Ok(Row {
+            t_s,
+            time_at,
+            time_length: time.len(),
+            time_decimals: decimals(time),
+            encoder_count: count as i64,
+            force_n,
+            terminal_m,
+        })
+    }
+}
+
+fn missing_advice(column: &str, names: &[(usize, &str)]) -> String {
+    let found = names.iter().map(|(_, name)| *name).filter(|name| !name.is_empty()).collect::<Vec<_>>().join(", ");
+    let rename = nearest(column, names.iter().map(|(_, name)| *name))
+        .filter(|near| ![T_S, ENCODER_COUNT, FORCE_N, TERMINAL_M].contains(near));
+    match rename {
+        Some(near) => format!("rename `{near}` if it is the one, in the unit that the name `{column}` ends with"),
+        None => format!("the columns t_s, encoder_count and force_n are needed, in any order; found: {found}"),
+    }
+}
+
+fn cell_words(field: &str, number: Option<f64>) -> (String, &'static str) {
+    let gap = "leave the whole line out where a sample is missing: it is treated as a gap";
+    match number {
+        Some(value) => (format!("the value is not finite ({value})"), gap),
+        None if field.is_empty() => ("the cell is empty".into(), gap),
+        None if field.contains(',') => {
+            (format!("`{field}` is not a number"), "write numbers with one decimal sign and no thousands separators")
+        }
+        None => (format!("`{field}` is not a number"), "write a number, for example -12.5 or 3e-4"),
+    }
+}
+
+/// Decimals behind the point of a written number, exponent included.
+fn decimals(text: &str) -> u32 {
+    let (mantissa, exponent) = text.split_once(['e', 'E']).unwrap_or((text, "0"));
+    let written = mantissa.split_once(['.', ',']).map_or(0, |(_, fraction)| fraction.len());
+    let shift: i64 = exponent.parse().unwrap_or(0);
+    u32::try_from((written as i64 - shift).clamp(0, 18)).unwrap_or(0)
+}
+
+#[cfg(test)]
+#[path = "read_tests.rs"]
+mod tests;

@@ -1,0 +1,39 @@
+//! What goes with the numbers: units, settings, device.
+#![cfg_attr(
+    not(all(feature = "parquet", feature = "matlab")),
+    allow(dead_code, reason = "MCAP carries the settings alone")
+)]
+
+use serde_json::{Map, Value, json};
+
+use super::{Column, EstimateTable, Source};
+use inerter_core::Settings;
+
+/// The settings by name.
+pub(super) fn settings(source: &Source) -> Map<String, Value> {
+    let values = Settings::TABLE.iter().zip(source.settings.values());
+    values.map(|(info, value)| (info.name.to_string(), json!(value))).collect()
+}
+
+/// The device as it describes itself; empty where nothing is known of it.
+pub(super) fn device(source: &Source) -> Map<String, Value> {
+    source.device.iter().flatten().map(|(name, text)| (name.clone(), json!(text))).collect()
+}
+
+/// Units of the columns by name; no entry for plain numbers.
+pub(super) fn units(columns: &[Column]) -> Map<String, Value> {
+    let known = columns.iter().filter(|column| !column.unit().is_empty());
+    known.map(|column| (column.name().to_string(), json!(column.unit()))).collect()
+}
+
+/// Units of the estimates by name.
+pub(super) fn estimate_units(table: &EstimateTable) -> Map<String, Value> {
+    let known = table.columns.iter().filter(|column| !column.unit.is_empty());
+    known.map(|column| (column.name.clone(), json!(column.unit))).collect()
+}
+
+/// The markers: time since the first sample and remark.
+pub(super) fn markers(source: &Source) -> Vec<Value> {
+    let marker = |marker: &crate::recording::Marker| json!({"t_s": marker.periods as f64 / source.settings.sample_rate_hz, "text": marker.text});
+    source.markers.iter().map(marker).collect()
+}

@@ -1,0 +1,167 @@
+//! What the device published, as a table: for a CSV what it would have published.
+
+use std::ops::Range;
+
+use inerter_core::{Detail, Estimate, Parameter, Status};
+use inerter_wire::EstimatorEvent;
+use inerter_wire::{
+    Frame, Record,
+    catalogue::{self, Field, Group},
+};
+
+use super::Source;
+use crate::{
+    error::Error,
+    json::{DetailJson, rounded_s},
+    output::{OutputError, Pending},
+    recording::{self, Extent, Item},
+    replay::Replay,
+};
+
+/// A column of the table; what is not known is `None`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EstimateColumn {
+    /// Name, with the unit at its end where there is one.
+    pub name: String,
+    /// Unit; empty for a plain number.
+    pub unit: &'static str,
+    /// Values in order of time.
+    pub values: Vec<Option<f64>>,
+}
+
+/// Estimates, column by column.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct EstimateTable {
+    /// Columns, all of one length.
+    pub columns: Vec<EstimateColumn>,
+}
+
+impl EstimateTable {
+    /// Collects the estimates whose time since the first sample lies in `range_s` \[s\].
+    pub fn collect(source: &Source, range_s: &Range<f64>) -> Result<Self, Error> {
+        let mut table = Self::default();
+        let mut take = |since_s: f64, estimate: &Estimate, detail: Option<&Detail>| {
+            if range_s.contains(&since_s) {
+                table.push(source.start_s + since_s, source, estimate, detail);
+            }
+        };
+        match source.recording() {
+            Some(path) => {
+                let (mut clock, mut waiting): (Extent, Option<Estimate>) = (Extent::default(), None);
+                recording::read(path, |incoming| {
+                    let Item::Frame(Frame::Message { message, .. }) = incoming.item else { return };
+                    let since_s = |clock: &Extent, index| {
+                        let first = source.extent.indices.map_or(index, |(first, _)| first);
+                        let before = || i64::from(u32::wrapping_sub(index, first) as i32);
+                        clock.periods_of(index).unwrap_or_else(before) as f64 / source.settings.sample_rate_hz
+                    };
+                    match message {
+                        Record::Samples(batch) if batch.check().is_ok() => {
+                            batch.iter().flatten().for_each(|sample| clock.take(&sample));
+                        }
+                        Record::Estimate(estimate) => {
+                            // An older firmware sends no detail.
+                            if let Some(alone) = waiting.replace(estimate) {
+                                take(since_s(&clock, alone.index), &alone, None);
+                            }
+                        }
+                        Record::Detail(detail) => {
+                            if let Some(estimate) = waiting.take() {
+                                take(since_s(&clock, estimate.index), &estimate, Some(&detail));
+                            }
+                        }
+                        _ => {}
+                    }
+                })?;
+            }
+            None => {
+                let mut replay = Replay::new(&source.settings, 0.0)?;
+                for sample in source.samples()? {
+                    for news in replay.step(&sample?) {
+                        if let EstimatorEvent::Estimate(estimate, detail) = news {
+                            take(replay.time_s(), &estimate, detail.as_ref());
+                        }
+                    }
+                }
+            }
+        }
+        Ok(table)
+    }
+
+    /// Rows of the table.
+    pub fn rows(&self) -> usize {
+        self.columns.first().map_or(0, |column| column.values.len())
+    }
+
+    fn push(&mut self, t_s: f64, source: &Source, estimate: &Estimate, detail: Option<&Detail>) {
+        let row = row(rounded_s(t_s), source, estimate, detail);
+        if self.columns.is_empty() {
+            let column = |(name, unit, _): &Cell| EstimateColumn { name: name.clone(), unit, values: Vec::new() };
+            self.columns = row.iter().map(column).collect();
+        }
+        for (column, (_, _, value)) in self.columns.iter_mut().zip(row) {
+            column.values.push(value.filter(|value| value.is_finite()));
+        }
+    }
+
+    /// Writes it as CSV; what is not known is an empty cell.
+    pub(super) fn write_csv(&self, file: &Pending) -> Result<(), OutputError> {
+        let failed = |error| OutputError::write(file.name(), super::text::into_io(error));
+        let mut writer = csv::Writer::from_writer(std::io::BufWriter::new(file.open()?));
+        writer.write_record(self.columns.iter().map(|column| &column.name)).map_err(failed)?;
+        for number in 0..self.rows() {
+            let row: Vec<Option<f64>> =
+                self.columns.iter().map(|column| column.values.get(number).copied().flatten()).collect();
+            writer.serialize(row).map_err(failed)?;
+        }
+        writer.flush().map_err(|source| OutputError::write(file.name(), source))
+    }
+}
+
+/// Name, unit and value.
+type Cell = (String, &'static str, Option<f64>);
+
+/// One row: always the same columns.
+fn row(t_s: f64, source: &Source, estimate: &Estimate, detail: Option<&Detail>) -> Vec<Cell> {
+    let plain = |name: &str, value: f64| (name.to_string(), "", Some(value));
+    let mut row = vec![("t_s".to_string(), "s", Some(t_s)), plain("index", estimate.index.into())];
+    row.extend(catalogue::parameters(&estimate.recent).flat_map(|(field, parameter)| pair("", field, &parameter)));
+    row.extend(
+        catalogue::parameters(&estimate.whole_run).flat_map(|(field, parameter)| pair("whole_run_", field, &parameter)),
+    );
+    row.push(plain("moving", u8::from(estimate.moving).into()));
+    row.push(("residual_rms_n".into(), "N", Some(estimate.residual_rms_n.into())));
+    row.push(plain("updates", estimate.updates.into()));
+    // As in the JSON: what stands for nothing is left out there.
+    let detail = detail.map(|detail| (detail, DetailJson::new(detail, &source.settings)));
+    let backlash = detail.as_ref().map(|(_, json)| json.backlash_m);
+    row.push(("backlash_m".into(), "m", backlash.and_then(|backlash| backlash.value).map(f64::from)));
+    row.push(("backlash_u95_m".into(), "m", backlash.and_then(|backlash| backlash.u95).map(f64::from)));
+    row.push(("reversals".into(), "", backlash.map(|backlash| backlash.reversals.into())));
+    let contact = catalogue::fields(Group::Detail).filter(|field| matches!(field.symbol, "ks" | "cs"));
+    let measured = detail.as_ref().filter(|(_, json)| json.stiffness_n_per_m.is_some());
+    let values = measured.map(|(detail, _)| [detail.stiffness_n_per_m, detail.contact_damping_n_s_per_m]);
+    for (number, field) in contact.enumerate() {
+        let parameter = values.and_then(|values| values.get(number).copied());
+        row.extend(match parameter {
+            Some(parameter) => pair("", field, &parameter),
+            None => pair("", field, &Parameter { status: Status::NotIdentifiable, value: 0.0, u95: f32::NAN }),
+        });
+    }
+    let band = detail.as_ref().and_then(|(_, json)| json.band_hz);
+    row.push(("band_low_hz".into(), "Hz", band.map(|[low, _]| low.into())));
+    row.push(("band_high_hz".into(), "Hz", band.map(|[_, high]| high.into())));
+    row.push(("changes".into(), "", detail.map(|(detail, _)| detail.changes.into())));
+    row
+}
+
+/// A parameter and its interval: `inertance_kg`, `inertance_u95_kg`.
+fn pair(prefix: &str, field: &'static Field, parameter: &Parameter) -> [Cell; 2] {
+    let known = parameter.status != Status::NotIdentifiable;
+    let suffix = format!("_{}", field.unit.to_lowercase().replace('/', "_per_").replace(' ', "_"));
+    let stem = field.path.strip_suffix(suffix.as_str()).unwrap_or(field.path);
+    [
+        (format!("{prefix}{}", field.path), field.unit, Some(f64::from(parameter.value)).filter(|_| known)),
+        (format!("{prefix}{stem}_u95{suffix}"), field.unit, Some(f64::from(parameter.u95)).filter(|_| known)),
+    ]
+}

@@ -1,0 +1,81 @@
+//! MCAP: every sample as JSON, for PlotJuggler and Foxglove.
+
+use std::{collections::BTreeMap, fs::File, io::BufWriter};
+
+use mcap::{WriteOptions, records::MessageHeader, write::Metadata};
+use serde::Serializer;
+use serde_json::json;
+
+use super::{Batch, Column, Source, about, selection::Sink};
+use crate::output::{OutputError, Pending};
+
+/// Bytes of a chunk: what a viewer reads at once.
+const CHUNK: u64 = 1 << 20;
+
+/// An MCAP file that is being written.
+pub(super) struct Mcap {
+    name: String,
+    writer: mcap::Writer<BufWriter<File>>,
+    channel: u16,
+    sequence: u32,
+    first_ns: u64,
+    line: Vec<u8>,
+}
+
+impl Mcap {
+    pub(super) fn create(file: &Pending, source: &Source, columns: &[Column]) -> Result<Self, OutputError> {
+        let failed = |error| failed(&file.name(), error);
+        let options = WriteOptions::new()
+            .profile("inerter-samples")
+            .library(concat!("inerter ", env!("CARGO_PKG_VERSION")))
+            .compression(None)
+            .chunk_size(Some(CHUNK));
+        let mut writer = options.create(BufWriter::with_capacity(1 << 16, file.open()?)).map_err(failed)?;
+        let property = |column: &Column| {
+            let unit = if column.unit().is_empty() { String::new() } else { format!(" [{}]", column.unit()) };
+            (column.name().to_string(), json!({"type": "number", "description": format!("{}{unit}", column.name())}))
+        };
+        let properties: serde_json::Map<_, _> = columns.iter().map(property).collect();
+        let schema = json!({"title": "Samples in SI", "type": "object", "properties": properties}).to_string();
+        let schema = writer.add_schema("inerter.samples", "jsonschema", schema.as_bytes()).map_err(failed)?;
+        let channel = writer.add_channel(schema, "samples", "json", &BTreeMap::new()).map_err(failed)?;
+        let metadata = about::settings(source).into_iter().map(|(name, value)| (name, value.to_string())).collect();
+        let settings = Metadata { name: crate::recording::SETTINGS_METADATA.into(), metadata };
+        writer.write_metadata(&settings).map_err(failed)?;
+        Ok(Self { name: file.name(), writer, channel, sequence: 0, first_ns: source.first_ns, line: Vec::new() })
+    }
+}
+
+impl Sink for Mcap {
+    fn take(&mut self, batch: &Batch) -> Result<(), OutputError> {
+        for (number, since_s) in batch.since_s.iter().enumerate() {
+            let cells = batch.columns.iter().filter_map(|(column, values)| Some((column.name(), values.cell(number)?)));
+            self.line.clear();
+            let json = serde_json::Serializer::new(&mut self.line).collect_map(cells);
+            json.map_err(|error| OutputError::write(&self.name, error.into()))?;
+            let time_ns = self.first_ns.saturating_add((since_s * 1e9).round() as u64);
+            let header = MessageHeader {
+                channel_id: self.channel,
+                sequence: self.sequence,
+                log_time: time_ns,
+                publish_time: time_ns,
+            };
+            self.sequence = self.sequence.wrapping_add(1);
+            let result = self.writer.write_to_known_channel(&header, &self.line);
+            result.map_err(|error| failed(&self.name, error))?;
+        }
+        Ok(())
+    }
+
+    fn finish(mut self: Box<Self>) -> Result<(), OutputError> {
+        self.writer.finish().map(drop).map_err(|error| failed(&self.name, error))
+    }
+}
+
+fn failed(name: &str, error: mcap::McapError) -> OutputError {
+    let source = match error {
+        mcap::McapError::Io(error) => error,
+        other => std::io::Error::other(other),
+    };
+    OutputError::write(name, source)
+}

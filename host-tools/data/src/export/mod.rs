@@ -1,0 +1,216 @@
+//! Samples and estimates for other tools: CSV, Parquet, MATLAB and MCAP, in bounded memory.
+//!
+//! A [`Source`] is gone through once to learn its extent, then once for all of CSV, Parquet and MCAP together, where one
+//! thread reads and another writes, and once for each column of a MATLAB file, whose layout wants whole columns.
+//! Files take their names when they are complete ([`output::Pending`](crate::output::Pending)).
+
+mod about;
+#[cfg(feature = "parquet")]
+mod columnar;
+mod columns;
+mod estimates;
+#[cfg(feature = "matlab")]
+mod mat;
+mod messages;
+mod selection;
+mod source;
+mod text;
+
+use std::{
+    ops::Range,
+    path::{Path, PathBuf},
+    sync::mpsc,
+};
+
+pub use columns::{Batch, Cell, Column, Kind, Values};
+pub use estimates::EstimateTable;
+pub use selection::{Format, Selection};
+pub use source::{Rows, Samples, Source};
+
+use selection::Sink;
+
+use crate::{error::Error, output::Pending, recording::RecordingError};
+
+/// Rows that are read, handed on and written together.
+const BATCH: usize = 1 << 17;
+/// Batches that are under way between the two threads.
+const BATCHES: usize = 2;
+
+/// What has been written.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Exported {
+    /// Rows in each file.
+    pub rows: u64,
+    /// Rows in each table of estimates.
+    pub estimates: u64,
+    /// The files, each with its format; tables of estimates beside them included.
+    pub files: Vec<(Format, PathBuf)>,
+}
+
+/// Writes the selection into all of the files.
+///
+/// `progress` is handed the part that is done, from 0 to 1, and may end the work. Nothing replaces a file before all of it
+/// is there.
+pub fn export(
+    source: &Source,
+    selection: &Selection,
+    targets: &[(Format, PathBuf)],
+    estimates: Option<&EstimateTable>,
+    progress: &mut dyn FnMut(f64) -> Result<(), Error>,
+) -> Result<Exported, Error> {
+    let mut pending = Vec::new();
+    let mut sinks: Vec<(Vec<Column>, Box<dyn Sink>)> = Vec::new();
+    // What wants its columns one by one, by its place among the pending files.
+    #[cfg_attr(not(feature = "matlab"), allow(unused_mut, reason = "no other format does"))]
+    let mut mats: Vec<(Vec<Column>, usize)> = Vec::new();
+    for (format, path) in targets {
+        let file = Pending::create(path)?;
+        let columns = selection.columns(*format, source);
+        match format {
+            Format::Csv => sinks.push((columns.clone(), Box::new(text::Csv::create(&file, &columns)?))),
+            #[cfg(feature = "parquet")]
+            Format::Parquet => {
+                sinks.push((columns.clone(), Box::new(columnar::Parquet::create(&file, source, &columns)?)));
+            }
+            Format::Mcap => sinks.push((columns.clone(), Box::new(messages::Mcap::create(&file, source, &columns)?))),
+            #[cfg(feature = "matlab")]
+            Format::Mat => mats.push((columns, pending.len())),
+        }
+        pending.push((*format, file));
+        if let Some(table) = estimates.filter(|_| format.has_estimates_beside()) {
+            let beside = Pending::create(&beside(path))?;
+            match format {
+                #[cfg(feature = "parquet")]
+                Format::Parquet => columnar::write_estimates(&beside, source, table)?,
+                _ => table.write_csv(&beside)?,
+            }
+            pending.push((*format, beside));
+        }
+    }
+    let passes = usize::from(!sinks.is_empty()) + mats.iter().map(|(columns, _)| columns.len()).sum::<usize>();
+    let mut part = |pass: usize, of_it: f64| progress((pass as f64 + of_it) / passes.max(1) as f64);
+    let mut rows = None;
+    if !sinks.is_empty() {
+        rows = Some(write_rows(source, selection, sinks, |of_it| part(0, of_it))?);
+    }
+    #[cfg(feature = "matlab")]
+    {
+        let mut pass = usize::from(rows.is_some());
+        for (columns, number) in mats {
+            let rows = match rows {
+                Some(rows) => rows,
+                None => *rows.insert(count(source, selection)?),
+            };
+            if let Some((_, file)) = pending.get(number) {
+                mat::write(file, source, selection, &columns, rows, estimates, &mut |of_it| part(pass, of_it))?;
+            }
+            pass += columns.len();
+        }
+    }
+    let Some(rows) = rows.filter(|rows| *rows > 0) else { return Err(empty(source, selection)) };
+    let mut files = Vec::new();
+    for (format, file) in pending {
+        files.push((format, file.commit()?));
+    }
+    let estimates = estimates.map_or(0, |table| table.rows() as u64);
+    Ok(Exported { rows, estimates, files })
+}
+
+/// Writes the selected columns as CSV to anything that can be written to, such as standard output.
+pub fn write_csv(
+    source: &Source,
+    selection: &Selection,
+    name: &str,
+    out: impl std::io::Write + Send + 'static,
+    progress: &mut dyn FnMut(f64) -> Result<(), Error>,
+) -> Result<u64, Error> {
+    let columns = selection.columns(Format::Csv, source);
+    let sink = text::Csv::new(name, Box::new(out), &columns)?;
+    match write_rows(source, selection, vec![(columns, Box::new(sink))], progress)? {
+        0 => Err(empty(source, selection)),
+        rows => Ok(rows),
+    }
+}
+
+/// Nothing lies in the range.
+fn empty(source: &Source, selection: &Selection) -> Error {
+    let Range { start: from_s, end: to_s } = selection.range_s;
+    RecordingError::EmptyRange { file: source.name.clone(), from_s, to_s, duration_s: source.duration_s() }.into()
+}
+
+/// The name of the table of estimates beside a file: `run.csv` gets `run.estimates.csv`.
+pub fn beside(path: &Path) -> PathBuf {
+    let extension = path.extension().map(|extension| extension.to_string_lossy()).unwrap_or_default();
+    path.with_extension(format!("estimates.{extension}"))
+}
+
+/// Rows of the selection.
+#[cfg(feature = "matlab")]
+fn count(source: &Source, selection: &Selection) -> Result<u64, Error> {
+    let range = &selection.range_s;
+    if range.start <= 0.0 && range.end > source.duration_s() {
+        return Ok(source.extent.samples);
+    }
+    source.rows(range.clone())?.try_fold(0, |count, row| row.map(|_| count + 1))
+}
+
+/// One pass for all sinks: a thread reads, this one writes.
+fn write_rows(
+    source: &Source,
+    selection: &Selection,
+    mut sinks: Vec<(Vec<Column>, Box<dyn Sink>)>,
+    mut progress: impl FnMut(f64) -> Result<(), Error>,
+) -> Result<u64, Error> {
+    let (full, filled) = mpsc::sync_channel::<Result<Vec<Batch>, Error>>(BATCHES);
+    let (empty, emptied) = mpsc::channel::<Vec<Batch>>();
+    let columns: Vec<Vec<Column>> = sinks.iter().map(|(columns, _)| columns.clone()).collect();
+    let room = usize::try_from(source.extent.samples).unwrap_or(BATCH).min(BATCH);
+    let rows = std::thread::scope(|scope| {
+        scope.spawn(move || {
+            let read = || -> Result<(), Error> {
+                let mut rows = source.rows(selection.range_s.clone())?;
+                let mut over = false;
+                while !over {
+                    // Used ones come back, so that no more than a few are ever made.
+                    let mut batches: Vec<Batch> = emptied
+                        .try_recv()
+                        .unwrap_or_else(|_| columns.iter().map(|columns| Batch::new(columns, room)).collect());
+                    for _ in 0..BATCH {
+                        let Some(row) = rows.next() else {
+                            over = true;
+                            break;
+                        };
+                        let (sample, point) = row?;
+                        batches.iter_mut().for_each(|batch| batch.push(source, &sample, &point));
+                    }
+                    // Nobody takes them once writing has failed.
+                    if full.send(Ok(batches)).is_err() {
+                        break;
+                    }
+                }
+                Ok(())
+            };
+            if let Err(error) = read() {
+                full.send(Err(error)).ok();
+            }
+        });
+        let mut rows = 0;
+        for batches in filled {
+            let mut batches = batches?;
+            rows += batches.first().map_or(0, |batch| batch.rows as u64);
+            for ((_, sink), batch) in sinks.iter_mut().zip(&mut batches) {
+                if batch.rows > 0 {
+                    sink.take(batch)?;
+                }
+                batch.clear();
+            }
+            empty.send(batches).ok();
+            progress(rows as f64 / source.extent.samples.max(1) as f64)?;
+        }
+        Ok::<u64, Error>(rows)
+    })?;
+    for (_, sink) in sinks {
+        sink.finish()?;
+    }
+    Ok(rows)
+}

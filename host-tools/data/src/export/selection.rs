@@ -1,0 +1,80 @@
+//! What is written, and in which format.
+
+use std::ops::Range;
+
+use super::{
+    columns::{Batch, Column},
+    source::Source,
+};
+use crate::{output::OutputError, settings::has_terminal_sensor};
+
+/// A format for other tools.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// Text, a line a sample.
+    Csv,
+    /// Columns for pandas, Polars, DuckDB and MATLAB's `parquetread`.
+    #[cfg(feature = "parquet")]
+    Parquet,
+    /// MATLAB v7.3, which is HDF5.
+    #[cfg(feature = "matlab")]
+    Mat,
+    /// Samples in JSON for PlotJuggler and Foxglove.
+    Mcap,
+}
+
+/// Columns of a format that holds them cheaply.
+#[cfg(any(feature = "parquet", feature = "matlab"))]
+const WHOLE: &[Column] = &[Column::Time, Column::EncoderCount, Column::Position, Column::Force];
+
+/// What is to be written.
+#[derive(Clone, Debug)]
+pub struct Selection {
+    /// Columns, when the usual ones will not do.
+    pub columns: Option<Vec<Column>>,
+    /// Time since the first sample \[s\]; its end is not part of it.
+    pub range_s: Range<f64>,
+}
+
+impl Format {
+    /// Whether a table of estimates is a file of its own, beside the samples.
+    pub(super) fn has_estimates_beside(self) -> bool {
+        match self {
+            Self::Csv => true,
+            #[cfg(feature = "parquet")]
+            Self::Parquet => true,
+            #[cfg(feature = "matlab")]
+            Self::Mat => false,
+            Self::Mcap => false,
+        }
+    }
+}
+
+impl Default for Selection {
+    fn default() -> Self {
+        Self { columns: None, range_s: 0.0..f64::INFINITY }
+    }
+}
+
+impl Selection {
+    /// The columns for a format.
+    pub fn columns(&self, format: Format, source: &Source) -> Vec<Column> {
+        let usual = match format {
+            Format::Csv => &[Column::Time, Column::EncoderCount, Column::Force][..],
+            Format::Mcap => &[Column::Time, Column::Position, Column::Force],
+            #[cfg(feature = "parquet")]
+            Format::Parquet => WHOLE,
+            #[cfg(feature = "matlab")]
+            Format::Mat => WHOLE,
+        };
+        let terminal = has_terminal_sensor(&source.settings).then_some(Column::Terminal);
+        self.columns.clone().unwrap_or_else(|| usual.iter().copied().chain(terminal).collect())
+    }
+}
+
+/// Takes the rows of a file, batch after batch.
+pub(super) trait Sink {
+    fn take(&mut self, batch: &Batch) -> Result<(), OutputError>;
+    /// Completes the file.
+    fn finish(self: Box<Self>) -> Result<(), OutputError>;
+}

@@ -1,0 +1,190 @@
+//! Where the samples come from: a recording, read anew for each pass, or a CSV, which is held.
+
+use std::{collections::BTreeMap, ops::Range, path::Path, path::PathBuf, sync::Arc};
+
+use inerter_core::{RawSample, Settings};
+
+use crate::{
+    csv::{self, CsvError},
+    error::Error,
+    recording::{self, Extent, HELLO_METADATA, Marker, SampleReader, TRUTH_METADATA},
+    run::Run,
+    series::{Converter, Point},
+    settings::Overrides,
+};
+
+/// Samples with what is known of them; those of a recording are never held.
+#[derive(Clone, Debug)]
+pub struct Source {
+    /// Name for messages: the file.
+    pub name: String,
+    /// Settings that the samples were taken with, the user's overrides included.
+    pub settings: Settings,
+    /// Time of the first sample \[s\].
+    pub start_s: f64,
+    /// What was put right or found missing on the way.
+    pub notes: Vec<String>,
+    /// The device, when known.
+    pub device: Option<BTreeMap<String, String>>,
+    /// What is true of a simulated device.
+    pub truth: Option<BTreeMap<String, String>>,
+    /// How much there is.
+    pub extent: Extent,
+    /// What somebody wrote down.
+    pub markers: Vec<Marker>,
+    /// Host time of the first frame \[ns\]; 0 where it is not known.
+    pub first_ns: u64,
+    samples: Origin,
+}
+
+#[derive(Clone, Debug)]
+enum Origin {
+    Recording(PathBuf),
+    Held(Arc<Vec<RawSample>>),
+}
+
+impl Source {
+    /// Opens a recording or a CSV, told apart by how they begin, and goes through it once; `progress` is handed the bytes of
+    /// a recording read so far.
+    pub fn open(path: &Path, overrides: &Overrides, progress: impl FnMut(u64)) -> Result<Self, Error> {
+        if !recording::is_recording(path).map_err(|source| CsvError::Read { path: path.into(), source })? {
+            return Ok(Self::held(csv::to_run(csv::read(path)?, overrides)?));
+        }
+        let mut summary = recording::summary_watched(path, progress)?;
+        let settings = recording::usable_settings(path, &summary, overrides)?;
+        let metadata = &mut summary.contents.metadata;
+        Ok(Self {
+            name: path.display().to_string(),
+            settings,
+            start_s: 0.0,
+            device: metadata.remove(HELLO_METADATA),
+            truth: metadata.remove(TRUTH_METADATA),
+            notes: summary.notes,
+            extent: summary.extent,
+            markers: summary.markers,
+            first_ns: summary.contents.span_ns.map_or(0, |(first, _)| first),
+            samples: Origin::Recording(path.into()),
+        })
+    }
+
+    /// Samples that are in memory already; nothing is known of a device.
+    pub fn held(run: Run) -> Self {
+        let mut extent = Extent::default();
+        run.samples.iter().for_each(|sample| extent.take(sample));
+        Self {
+            name: run.name,
+            settings: run.settings,
+            start_s: run.start_s,
+            notes: run.notes,
+            device: None,
+            truth: None,
+            extent,
+            markers: Vec::new(),
+            first_ns: 0,
+            samples: Origin::Held(Arc::new(run.samples)),
+        }
+    }
+
+    /// The recording, unless the samples are held.
+    pub fn recording(&self) -> Option<&Path> {
+        match &self.samples {
+            Origin::Recording(path) => Some(path),
+            Origin::Held(_) => None,
+        }
+    }
+
+    /// The samples in order.
+    pub fn samples(&self) -> Result<Samples, Error> {
+        Ok(match &self.samples {
+            Origin::Recording(path) => {
+                // What a recording that is still being written gains meanwhile does not count.
+                Samples { left: self.extent.samples, origin: Reader::Recording(Box::new(recording::samples(path)?)) }
+            }
+            Origin::Held(samples) => Samples { left: self.extent.samples, origin: Reader::Held(samples.clone(), 0) },
+        })
+    }
+
+    /// The samples whose time since the first one lies in `range_s` \[s\], in SI.
+    pub fn rows(&self, range_s: Range<f64>) -> Result<Rows, Error> {
+        let periods = |t_s: f64| (t_s * self.settings.sample_rate_hz - 1e-6).ceil().max(0.0) as u64;
+        Ok(Rows {
+            samples: self.samples()?,
+            converter: Converter::new(&self.settings),
+            range: periods(range_s.start)..periods(range_s.end),
+            taken: 0,
+        })
+    }
+
+    /// Time of a sample \[s\].
+    pub fn time_s(&self, elapsed: u64) -> f64 {
+        self.start_s + elapsed as f64 / self.settings.sample_rate_hz
+    }
+
+    /// Time from the first sample to the last \[s\], gaps included.
+    pub fn duration_s(&self) -> f64 {
+        self.extent.periods as f64 / self.settings.sample_rate_hz
+    }
+}
+
+/// Samples one after the other.
+pub struct Samples {
+    left: u64,
+    origin: Reader,
+}
+
+enum Reader {
+    Recording(Box<SampleReader>),
+    Held(Arc<Vec<RawSample>>, usize),
+}
+
+impl Iterator for Samples {
+    type Item = Result<RawSample, Error>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        self.left = self.left.checked_sub(1)?;
+        match &mut self.origin {
+            Reader::Recording(reader) => reader.next().map(|sample| sample.map_err(Error::from)),
+            Reader::Held(samples, next) => {
+                let sample = samples.get(*next).copied();
+                *next += 1;
+                sample.map(Ok)
+            }
+        }
+    }
+}
+
+/// Samples in SI.
+pub struct Rows {
+    samples: Samples,
+    converter: Converter,
+    range: Range<u64>,
+    taken: u64,
+}
+
+impl Rows {
+    /// Samples looked at so far, those outside of the range included.
+    pub fn taken(&self) -> u64 {
+        self.taken
+    }
+}
+
+impl Iterator for Rows {
+    type Item = Result<(RawSample, Point), Error>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        loop {
+            let sample = match self.samples.next()? {
+                Ok(sample) => sample,
+                Err(error) => return Some(Err(error)),
+            };
+            self.taken += 1;
+            let point = self.converter.point(&sample);
+            if point.elapsed >= self.range.end {
+                return None;
+            }
+            if point.elapsed >= self.range.start {
+                return Some(Ok((sample, point)));
+            }
+        }
+    }
+}

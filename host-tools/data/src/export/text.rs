@@ -1,0 +1,58 @@
+//! CSV.
+
+use std::io::Write;
+
+use super::{Batch, Column, selection::Sink};
+use crate::output::{OutputError, Pending};
+
+/// A CSV that is being written. Numbers have the digits that bring back the same number.
+pub(super) struct Csv {
+    name: String,
+    writer: csv::Writer<Box<dyn Write>>,
+}
+
+impl Csv {
+    pub(super) fn create(file: &Pending, columns: &[Column]) -> Result<Self, OutputError> {
+        Self::new(&file.name(), Box::new(file.open()?), columns)
+    }
+
+    pub(super) fn new(name: &str, out: Box<dyn Write>, columns: &[Column]) -> Result<Self, OutputError> {
+        // Numbers need no quotes, and are not searched for what would.
+        let mut builder = csv::WriterBuilder::new();
+        builder.has_headers(false).quote_style(csv::QuoteStyle::Never).buffer_capacity(1 << 16);
+        let mut csv = Self { name: name.into(), writer: builder.from_writer(out) };
+        let result = csv.writer.write_record(columns.iter().map(|column| column.name()));
+        result.map_err(|error| csv.failed(error))?;
+        Ok(csv)
+    }
+
+    fn failed(&self, error: csv::Error) -> OutputError {
+        OutputError::write(&self.name, into_io(error))
+    }
+}
+
+/// The reason as the operating system gave it.
+pub(super) fn into_io(error: csv::Error) -> std::io::Error {
+    match error.into_kind() {
+        csv::ErrorKind::Io(error) => error,
+        other => std::io::Error::other(format!("{other:?}")),
+    }
+}
+
+impl Sink for Csv {
+    fn take(&mut self, batch: &Batch) -> Result<(), OutputError> {
+        let mut row = Vec::with_capacity(batch.columns.len());
+        for number in 0..batch.rows {
+            row.clear();
+            row.extend(batch.columns.iter().filter_map(|(_, values)| values.cell(number)));
+            let result = self.writer.serialize(&row);
+            result.map_err(|error| self.failed(error))?;
+        }
+        Ok(())
+    }
+
+    fn finish(mut self: Box<Self>) -> Result<(), OutputError> {
+        let result = self.writer.flush();
+        result.map_err(|source| OutputError::write(&self.name, source))
+    }
+}

@@ -1,0 +1,381 @@
+//! Estimates, events and health as JSON, for programs.
+//!
+//! The JSON is a public contract, written down in `docs/CLI.md`: one object a line, keys and units as below, never a NaN
+//! or an infinity. What is not known is `null`.
+
+use inerter_core::{
+    Backlash, BacklashStatus, Band, Bank, Conduct, Contact, Counters, Detail, Estimate, Gap, Parameter, Parameters,
+    Reason, Route, Settings, Status,
+};
+use inerter_wire::{EventKind, Health, catalogue};
+use serde::Serialize;
+use serde_json::Value;
+
+use crate::{
+    settings::has_terminal_sensor,
+    text::{changed_field, event_words, seen},
+};
+
+/// One parameter in JSON.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct ParameterJson {
+    /// Value in the unit of the key; `null` when not identifiable.
+    pub value: Option<f32>,
+    /// Half width of the 95 % interval; `null` when there is no finite one.
+    pub u95: Option<f32>,
+    /// `ok`, `held` or `not_identifiable`.
+    pub status: &'static str,
+}
+
+impl From<Parameter> for ParameterJson {
+    fn from(parameter: Parameter) -> Self {
+        let known = parameter.status != Status::NotIdentifiable && parameter.value.is_finite();
+        Self {
+            value: Some(parameter.value).filter(|_| known),
+            u95: Some(parameter.u95).filter(|u95| u95.is_finite()),
+            status: status_word(if known { parameter.status } else { Status::NotIdentifiable }),
+        }
+    }
+}
+
+/// The four parameters in JSON.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[allow(missing_docs, reason = "documented where they are estimated")]
+pub struct ParametersJson {
+    pub inertance_kg: ParameterJson,
+    pub viscous_n_s_per_m: ParameterJson,
+    pub coulomb_n: ParameterJson,
+    pub offset_n: ParameterJson,
+}
+
+impl From<&Parameters> for ParametersJson {
+    fn from(parameters: &Parameters) -> Self {
+        Self {
+            inertance_kg: parameters.inertance_kg.into(),
+            viscous_n_s_per_m: parameters.viscous_n_s_per_m.into(),
+            coulomb_n: parameters.coulomb_n.into(),
+            offset_n: parameters.offset_n.into(),
+        }
+    }
+}
+
+/// An estimate in JSON: `{"kind":"estimate", ...}`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[allow(missing_docs, reason = "documented in docs/CLI.md and where they are estimated")]
+pub struct EstimateJson {
+    pub kind: &'static str,
+    #[serde(rename = "final", skip_serializing_if = "is_false")]
+    pub is_final: bool,
+    pub t_s: f64,
+    pub whole_run: ParametersJson,
+    #[serde(flatten)]
+    pub recent: ParametersJson,
+    pub moving: bool,
+    pub bank: &'static str,
+    pub residual_rms_n: Option<f32>,
+    pub updates: u32,
+    #[serde(flatten)]
+    pub detail: Option<DetailJson>,
+    #[serde(flatten)]
+    pub counters: Option<CountersJson>,
+}
+
+/// Counts that the final estimate carries.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[allow(missing_docs, reason = "documented in core")]
+pub struct CountersJson {
+    pub samples: u64,
+    pub gaps: u32,
+    pub lost_samples: u64,
+    pub saturated: u32,
+}
+
+fn is_false(value: &bool) -> bool {
+    !value
+}
+
+impl EstimateJson {
+    /// An estimate on the way, at time `t_s`; what goes with it is missing where an older firmware does not send it.
+    pub fn live(t_s: f64, estimate: &Estimate, detail: Option<&Detail>, settings: &Settings) -> Self {
+        Self {
+            kind: "estimate",
+            is_final: false,
+            t_s: rounded_s(t_s),
+            whole_run: (&estimate.whole_run).into(),
+            recent: (&estimate.recent).into(),
+            moving: estimate.moving,
+            bank: bank_word(estimate.bank),
+            residual_rms_n: Some(estimate.residual_rms_n).filter(|value| value.is_finite()),
+            updates: estimate.updates,
+            detail: detail.map(|detail| DetailJson::new(detail, settings)),
+            counters: None,
+        }
+    }
+
+    /// The last estimate of a run.
+    pub fn last(
+        t_s: f64,
+        estimate: &Estimate,
+        detail: Option<&Detail>,
+        settings: &Settings,
+        counters: Option<Counters>,
+    ) -> Self {
+        let counters = counters.map(|counters| CountersJson {
+            samples: counters.samples,
+            gaps: counters.gaps,
+            lost_samples: counters.lost_samples,
+            saturated: counters.saturated,
+        });
+        Self { is_final: true, counters, ..Self::live(t_s, estimate, detail, settings) }
+    }
+}
+
+/// A backlash in JSON.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[allow(missing_docs, reason = "documented in docs/CLI.md and where they are estimated")]
+pub struct BacklashJson {
+    pub value: Option<f32>,
+    pub u95: Option<f32>,
+    pub status: &'static str,
+    pub reason: Option<&'static str>,
+    pub reversals: u32,
+    pub route: &'static str,
+}
+
+impl From<Backlash> for BacklashJson {
+    fn from(backlash: Backlash) -> Self {
+        let (status, reason) = match backlash.status {
+            BacklashStatus::Ok => ("ok", None),
+            BacklashStatus::BelowU95 => ("below_u95", None),
+            BacklashStatus::NotIdentifiable(reason) => ("not_identifiable", Some(reason_code(reason))),
+        };
+        Self {
+            value: Some(backlash.value_m).filter(|value| reason.is_none() && value.is_finite()),
+            u95: Some(backlash.u95_m).filter(|u95| u95.is_finite()),
+            status,
+            reason,
+            reversals: backlash.reversals,
+            route: route_code(backlash.route),
+        }
+    }
+}
+
+/// How friction behaves, in JSON.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[allow(missing_docs, reason = "documented in docs/CLI.md and where they are estimated")]
+pub struct FrictionJson {
+    pub reversal_ratio: Option<f32>,
+    pub conduct: &'static str,
+}
+
+/// What goes with an estimate, in JSON.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[allow(missing_docs, reason = "documented in docs/CLI.md and where they are estimated")]
+pub struct DetailJson {
+    pub backlash_m: BacklashJson,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stiffness_n_per_m: Option<ParameterJson>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub contact_damping_n_s_per_m: Option<ParameterJson>,
+    pub band_hz: Option<[f32; 2]>,
+    pub contact: &'static str,
+    pub friction: FrictionJson,
+    pub changes: u32,
+}
+
+impl DetailJson {
+    /// Stiffness and damping are there when the settings know of a terminal displacement sensor.
+    pub fn new(detail: &Detail, settings: &Settings) -> Self {
+        let measured = |parameter| Some(parameter).filter(|_| has_terminal_sensor(settings)).map(ParameterJson::from);
+        let Detail { band, backlash, contact, stiffness_n_per_m, contact_damping_n_s_per_m, friction, .. } = *detail;
+        Self {
+            backlash_m: backlash.into(),
+            stiffness_n_per_m: measured(stiffness_n_per_m),
+            contact_damping_n_s_per_m: measured(contact_damping_n_s_per_m),
+            band_hz: seen(band).map(|Band { low_hz, high_hz }| [low_hz, high_hz]),
+            contact: contact_code(contact),
+            friction: FrictionJson {
+                reversal_ratio: friction.reversal_ratio.filter(|ratio| ratio.is_finite()),
+                conduct: conduct_code(friction.conduct),
+            },
+            changes: detail.changes,
+        }
+    }
+}
+
+/// A reversal in JSON: `{"kind":"gap", ...}`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[allow(missing_docs, reason = "documented in docs/CLI.md and in core")]
+pub struct GapJson {
+    pub kind: &'static str,
+    pub t_s: Option<f64>,
+    pub index: u32,
+    pub value_m: Option<f32>,
+    pub error_m: Option<f32>,
+    pub route: &'static str,
+    pub rising: bool,
+}
+
+impl GapJson {
+    /// A reversal; `t_s` is the time of the middle of its flight, where that is known.
+    pub fn new(t_s: Option<f64>, gap: &Gap) -> Self {
+        Self {
+            kind: "gap",
+            t_s: t_s.map(rounded_s),
+            index: gap.index,
+            value_m: Some(gap.value_m).filter(|value| value.is_finite()),
+            error_m: Some(gap.error_m).filter(|error| error.is_finite()),
+            route: route_code(gap.route),
+            rising: gap.rising,
+        }
+    }
+}
+
+/// An event in JSON: `{"kind":"event", ...}`.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[allow(missing_docs, reason = "documented in docs/CLI.md")]
+pub struct EventJson {
+    pub kind: &'static str,
+    pub t_s: Option<f64>,
+    pub index: u32,
+    pub code: String,
+    pub event: String,
+    #[serde(flatten)]
+    pub change: Option<ChangeJson>,
+}
+
+/// What an event of a changed device has besides.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[allow(missing_docs, reason = "documented in docs/CLI.md")]
+pub struct ChangeJson {
+    pub parameter: &'static str,
+    pub before: Option<f32>,
+    pub after: Option<f32>,
+}
+
+impl EventJson {
+    /// An event; `t_s` is its time, where that is known.
+    pub fn new(t_s: Option<f64>, index: u32, kind: &EventKind) -> Self {
+        let finite = |value: f32| Some(value).filter(|value| value.is_finite());
+        let change = match kind {
+            EventKind::Changed(change) => Some(ChangeJson {
+                parameter: changed_field(change).path,
+                before: finite(change.before),
+                after: finite(change.after),
+            }),
+            _ => None,
+        };
+        let (code, event) = (event_code(kind), event_words(kind));
+        Self { kind: "event", t_s: t_s.map(rounded_s), index, code, event, change }
+    }
+}
+
+/// An event for a program: `started`, `fault.newer_settings`, `reset_by.watchdog`; only what follows `panicked` is left
+/// to the words.
+pub fn event_code(kind: &EventKind) -> String {
+    match serde_json::to_value(kind) {
+        Ok(Value::String(name)) => snake_case(&name),
+        Ok(Value::Object(object)) => {
+            let code = |(name, value): (&String, &Value)| match (kind, value) {
+                (EventKind::Panicked(_), _) => snake_case(name),
+                (_, Value::String(value)) => format!("{}.{}", snake_case(name), snake_case(value)),
+                _ => snake_case(name),
+            };
+            object.iter().next().map(code).unwrap_or_default()
+        }
+        _ => String::new(),
+    }
+}
+
+fn snake_case(name: &str) -> String {
+    let mut text = String::new();
+    for letter in name.chars() {
+        if letter.is_uppercase() && !text.is_empty() {
+            text.push('_');
+        }
+        text.extend(letter.to_lowercase());
+    }
+    text
+}
+
+/// A time to the nanosecond: more digits would be noise of the arithmetic.
+pub fn rounded_s(t_s: f64) -> f64 {
+    (t_s * 1e9).round() / 1e9
+}
+
+/// One line of JSON.
+pub fn json_line(value: &impl Serialize) -> String {
+    // Maps with text keys and plain numbers only: there is nothing that could fail.
+    serde_json::to_string(value).unwrap_or_default()
+}
+
+/// The device's health in JSON, keys from the catalogue, `null` where the device does not know.
+pub fn health_json(health: &Health) -> serde_json::Value {
+    let mut object = serde_json::Map::from_iter([("kind".to_string(), "health".into())]);
+    for (field, value) in catalogue::health(health) {
+        let value = match value {
+            Some(value) if value.fract() == 0.0 && value.abs() < 9e15 => (value as i64).into(),
+            Some(value) => value.into(),
+            None => serde_json::Value::Null,
+        };
+        object.insert(field.path.into(), value);
+    }
+    object.into()
+}
+
+/// `ok`, `held` or `not_identifiable`.
+pub fn status_word(status: Status) -> &'static str {
+    match status {
+        Status::Ok => "ok",
+        Status::Held => "held",
+        Status::NotIdentifiable => "not_identifiable",
+    }
+}
+
+/// `fast` or `slow`.
+pub fn bank_word(bank: Bank) -> &'static str {
+    match bank {
+        Bank::Fast => "fast",
+        Bank::Slow => "slow",
+    }
+}
+
+fn reason_code(reason: Reason) -> &'static str {
+    match reason {
+        Reason::ForceNeverReverses => "force_never_reverses",
+        Reason::TooFewReversals => "too_few_reversals",
+        Reason::FlankTooShort => "flank_too_short",
+        Reason::StiffnessUnknown => "stiffness_unknown",
+        Reason::Scattered => "scattered",
+    }
+}
+
+fn route_code(route: Route) -> &'static str {
+    match route {
+        Route::Force => "force",
+        Route::Terminal => "terminal",
+    }
+}
+
+fn contact_code(contact: Contact) -> &'static str {
+    match contact {
+        Contact::Unknown => "unknown",
+        Contact::OneSided => "one_sided",
+        Contact::Closed => "closed",
+        Contact::Gap => "gap",
+        Contact::Bouncing => "bouncing",
+    }
+}
+
+fn conduct_code(conduct: Conduct) -> &'static str {
+    match conduct {
+        Conduct::Unknown => "unknown",
+        Conduct::Coulomb => "coulomb",
+        Conduct::Presliding => "presliding",
+        Conduct::Stribeck => "stribeck",
+    }
+}
+
+#[cfg(test)]
+#[path = "json_tests.rs"]
+mod tests;

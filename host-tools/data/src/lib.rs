@@ -1,0 +1,26 @@
+//! Runs of an instrumented inerter, wherever they come from and wherever they go.
+//!
+//! [`open`] reads a [`run::Run`] from a [`recording`] or a [`csv`] file; [`replay`] takes it through the estimator; [`series`]
+//! brings its samples into SI units. [`json`], [`text`] and [`words`] write down what comes out, for programs and for people;
+//! [`mod@export`] writes samples and estimates for other tools. [`settings`] and [`backup`] keep settings in files.
+//!
+//! Every error names the file, field or line; its help says what to do next.
+#![forbid(unsafe_code)]
+
+pub mod backup;
+pub mod csv;
+mod error;
+pub mod export;
+pub mod json;
+mod open;
+pub mod output;
+pub mod recording;
+pub mod replay;
+pub mod run;
+pub mod series;
+pub mod settings;
+pub mod text;
+pub mod words;
+
+pub use error::Error;
+pub use open::open;

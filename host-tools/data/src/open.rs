@@ -1,0 +1,20 @@
+//! A run from a file, whatever it is.
+
+use std::path::Path;
+
+use crate::{
+    csv::{self, CsvError},
+    error::Error,
+    recording,
+    run::Run,
+    settings::Overrides,
+};
+
+/// Reads a recording or a CSV file, told apart by how they begin; `overrides` go over the settings of a recording or the defaults.
+pub fn open(path: &Path, overrides: &Overrides) -> Result<Run, Error> {
+    if recording::is_recording(path).map_err(|source| CsvError::Read { path: path.into(), source })? {
+        recording::read_run(path, overrides)
+    } else {
+        csv::to_run(csv::read(path)?, overrides)
+    }
+}

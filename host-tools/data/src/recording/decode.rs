@@ -1,0 +1,231 @@
+//! The decoded channels of a recording: the frames once more, as JSON that PlotJuggler and Foxglove show as it is.
+
+use inerter_core::{Detail, Estimate, RawSample, Settings};
+use inerter_wire::{Frame, Record};
+use serde::Serialize;
+
+use super::{messages::Framing, samples::Extent};
+use crate::{
+    json::{EstimateJson, EventJson, GapJson, health_json, rounded_s},
+    series::{Converter, Point},
+    text::elapsed_s,
+};
+
+/// Time that one message of `motion` is the mean of \[s\]: force and motion of a shaker can be seen, at little size.
+const MOTION_S: f64 = 0.05;
+/// Least time between two messages of `estimate` \[s\], of which each takes the room of two hundred samples, and of `gap`. The
+/// frames hold every one.
+const ESTIMATE_S: f64 = 1.0;
+const GAP_S: f64 = 0.1;
+
+/// A decoded channel, or that of the markers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Channel {
+    Motion,
+    Estimate,
+    Gap,
+    Event,
+    Health,
+    Marker,
+}
+
+impl Channel {
+    pub(super) const ALL: [Self; 6] =
+        [Self::Marker, Self::Motion, Self::Estimate, Self::Gap, Self::Event, Self::Health];
+
+    pub(super) fn topic(self) -> &'static str {
+        match self {
+            Self::Motion => "motion",
+            Self::Estimate => "estimate",
+            Self::Gap => "gap",
+            Self::Event => "event",
+            Self::Health => "health",
+            Self::Marker => super::MARKER_TOPIC,
+        }
+    }
+}
+
+/// A message of the channel `motion`; 32 bits are plenty for a plot.
+#[derive(Serialize)]
+struct MotionJson {
+    t_s: f64,
+    position_m: f32,
+    force_n: f32,
+    force_min_n: f32,
+    force_max_n: f32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    terminal_m: Option<f32>,
+}
+
+/// What is said on a channel.
+pub(super) type Said = (Channel, Vec<u8>);
+
+/// From frames to messages.
+pub(super) struct Decoder {
+    framing: Framing,
+    settings: Settings,
+    clock: Extent,
+    converter: Converter,
+    motion: Motion,
+    estimate: Option<Estimate>,
+    estimates: Sparse,
+    gaps: Sparse,
+}
+
+/// Lets through what comes often only now and then.
+struct Sparse {
+    every_s: f64,
+    due_s: f64,
+}
+
+impl Sparse {
+    fn new(every_s: f64) -> Self {
+        Self { every_s, due_s: f64::NEG_INFINITY }
+    }
+
+    fn is_due(&mut self, t_s: f64) -> bool {
+        let began_anew = t_s < self.due_s - 2.0 * self.every_s;
+        // What comes at a steady rate: the tenth keeps rounding from leaving one out.
+        let due = t_s + 0.1 * self.every_s >= self.due_s || began_anew;
+        if due {
+            self.due_s = t_s + self.every_s;
+        }
+        due
+    }
+}
+
+impl Decoder {
+    /// For frames of a device with these settings.
+    pub(super) fn new(settings: &Settings) -> Self {
+        Self {
+            framing: Framing::default(),
+            settings: *settings,
+            clock: Extent::default(),
+            converter: Converter::new(settings),
+            motion: Motion::default(),
+            estimate: None,
+            estimates: Sparse::new(ESTIMATE_S),
+            gaps: Sparse::new(GAP_S),
+        }
+    }
+
+    /// Takes the bytes of a message of channel `raw`; gives what is said of them.
+    pub(super) fn take(&mut self, part: u16, bytes: &[u8]) -> Vec<Said> {
+        let mut framing = std::mem::take(&mut self.framing);
+        let mut said = Vec::new();
+        framing.take(part, bytes, |frame| {
+            if let Frame::Message { message, .. } = frame {
+                self.record(message, &mut said);
+            }
+        });
+        self.framing = framing;
+        said
+    }
+
+    fn record(&mut self, record: Record, said: &mut Vec<Said>) {
+        match record {
+            Record::Samples(batch) if batch.check().is_ok() => {
+                batch.iter().flatten().for_each(|sample| self.sample(&sample, said));
+            }
+            // Its detail follows, but from an older firmware.
+            Record::Estimate(estimate) => {
+                if let Some(alone) = self.estimate.replace(estimate) {
+                    self.estimate(&alone, None, said);
+                }
+            }
+            Record::Detail(detail) => {
+                if let Some(estimate) = self.estimate.take() {
+                    self.estimate(&estimate, Some(&detail), said);
+                }
+            }
+            Record::Gap(gap) => {
+                let t_s = self.time_s(gap.index);
+                if t_s.is_none_or(|t_s| self.gaps.is_due(t_s)) {
+                    say(said, Channel::Gap, &GapJson::new(t_s, &gap));
+                }
+            }
+            Record::Event(event) => {
+                say(said, Channel::Event, &EventJson::new(self.time_s(event.index), event.index, &event.kind));
+            }
+            Record::Health(health) => say(said, Channel::Health, &health_json(&health)),
+            Record::Settings(values) => {
+                if let Ok(reading) = values.read(&self.settings)
+                    && reading.settings != self.settings
+                {
+                    self.settings = reading.settings;
+                    self.converter = Converter::new(&self.settings);
+                    self.motion = Motion::default();
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn estimate(&mut self, estimate: &Estimate, detail: Option<&Detail>, said: &mut Vec<Said>) {
+        let t_s = self.time_s(estimate.index);
+        let t_s = t_s.unwrap_or_else(|| elapsed_s(estimate, self.settings.sample_rate_hz));
+        if self.estimates.is_due(t_s) {
+            say(said, Channel::Estimate, &EstimateJson::live(t_s, estimate, detail, &self.settings));
+        }
+    }
+
+    fn sample(&mut self, sample: &RawSample, said: &mut Vec<Said>) {
+        let before = self.clock.periods;
+        self.clock.take(sample);
+        if self.clock.periods > before + 1 {
+            self.motion = Motion::default();
+        }
+        let rate_hz = self.settings.sample_rate_hz;
+        self.motion.take(&self.converter.point(sample));
+        if f64::from(self.motion.count) >= MOTION_S * rate_hz {
+            let motion = std::mem::take(&mut self.motion);
+            let middle = self.clock.periods as f64 - 0.5 * f64::from(motion.count - 1);
+            say(said, Channel::Motion, &motion.json(middle / rate_hz));
+        }
+    }
+
+    /// Time of a sample since the first one \[s\].
+    fn time_s(&self, index: u32) -> Option<f64> {
+        Some(self.clock.periods_of(index)? as f64 / self.settings.sample_rate_hz)
+    }
+}
+
+fn say(said: &mut Vec<Said>, channel: Channel, json: &impl Serialize) {
+    // Maps with text keys and plain numbers only: there is nothing that could fail.
+    said.push((channel, serde_json::to_vec(json).unwrap_or_default()));
+}
+
+/// Sums over some samples.
+#[derive(Default)]
+struct Motion {
+    count: u32,
+    position_m: f64,
+    force_n: f64,
+    force_range_n: Option<(f64, f64)>,
+    terminal_m: Option<f64>,
+}
+
+impl Motion {
+    fn take(&mut self, point: &Point) {
+        let force = point.force_n;
+        let (least, greatest) = self.force_range_n.unwrap_or((force, force));
+        self.count += 1;
+        self.position_m += point.position_m;
+        self.force_n += force;
+        self.force_range_n = Some((least.min(force), greatest.max(force)));
+        self.terminal_m = point.terminal_m.map(|terminal| self.terminal_m.unwrap_or(0.0) + terminal);
+    }
+
+    fn json(&self, t_s: f64) -> MotionJson {
+        let mean = |sum: f64| (sum / f64::from(self.count)) as f32;
+        let (least, greatest) = self.force_range_n.unwrap_or_default();
+        MotionJson {
+            t_s: rounded_s(t_s),
+            position_m: mean(self.position_m),
+            force_n: mean(self.force_n),
+            force_min_n: least as f32,
+            force_max_n: greatest as f32,
+            terminal_m: self.terminal_m.map(mean),
+        }
+    }
+}

@@ -1,0 +1,39 @@
+//! Recordings: MCAP files with the frames as they were received.
+//!
+//! | what | where |
+//! |---|---|
+//! | frames, each with its delimiter, as received; log time = host time \[ns\] | channel `raw`, message encoding `inerter` |
+//! | the device's Hello | metadata `inerter.hello` |
+//! | its settings, by name | metadata `inerter.settings` |
+//! | what is true of a simulated device | metadata `inerter.truth` |
+//! | how and why the recording ended | metadata `inerter.end`; missing when the writer was killed |
+//! | what somebody wrote down on the way | channel `marker`, JSON |
+//! | the same decoded, for PlotJuggler and Foxglove | channels `motion`, `estimate`, `gap`, `event`, `health`, JSON |
+//!
+//! The frames are the truth: readers here leave the decoded channels alone.
+//!
+//! Chunks are written whole once a second, uncompressed, so that a file which is cut off anywhere reads up to the cut,
+//! within a chunk too.
+
+mod decode;
+mod edit;
+mod error;
+mod layout;
+mod messages;
+mod read;
+mod samples;
+mod schemas;
+mod walk;
+mod write;
+
+pub use edit::{Cut, Merged, cut, merge};
+pub use error::RecordingError;
+pub use layout::{
+    END_METADATA, Ending, HELLO_METADATA, MARKER_TOPIC, RAW_ENCODING, RAW_TOPIC, SETTINGS_METADATA, TRUTH_METADATA,
+    is_recording,
+};
+pub use read::{Contents, Incoming, Item, read};
+pub use samples::{
+    Extent, Marker, SampleReader, Summary, read_run, samples, summary, summary_watched, usable_settings,
+};
+pub use write::{End, Recorder};

@@ -1,0 +1,359 @@
+//! From the frames of a recording to a run, to its samples one by one, and to a summary of what the file holds.
+
+use std::{
+    collections::{BTreeMap, VecDeque},
+    fs::File,
+    io::BufReader,
+    path::Path,
+};
+
+use inerter_core::{Detail, Estimate, RawSample, Settings};
+use inerter_wire::{EventKind, Frame, Health, Hello, Record, Samples, SettingsValues, step};
+
+use super::{
+    END_METADATA, RecordingError, SETTINGS_METADATA, TRUTH_METADATA,
+    layout::Ending,
+    messages::{Framing, Message, Messages},
+    read::{Contents, Incoming, Item, read},
+};
+use crate::{
+    error::Error,
+    run::Run,
+    settings::Overrides,
+    text::{event_words, is_trouble},
+    words::plural,
+};
+
+/// What a recording holds.
+#[derive(Clone, Debug)]
+pub struct Summary {
+    /// Everything beside the frames.
+    pub contents: Contents,
+    /// The device, when its Hello is there.
+    pub hello: Option<Hello>,
+    /// Settings, when they are there.
+    pub settings: Option<Settings>,
+    /// How much there is of samples.
+    pub extent: Extent,
+    /// What somebody wrote down while it was recorded.
+    pub markers: Vec<Marker>,
+    /// The device's own last estimate.
+    pub estimate: Option<Estimate>,
+    /// What goes with it.
+    pub detail: Option<Detail>,
+    /// The device's last health.
+    pub health: Option<Health>,
+    /// Records by name.
+    pub records: BTreeMap<&'static str, u64>,
+    /// What is worth knowing about the file.
+    pub notes: Vec<String>,
+}
+
+/// How much there is of samples, and what is missing among them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Extent {
+    /// Samples.
+    pub samples: u64,
+    /// Sample periods from the first one to the last, gaps included.
+    pub periods: u64,
+    /// Places where samples are missing.
+    pub gaps: u64,
+    /// Samples that are missing in all.
+    pub missing: u64,
+    /// Sample counter of the first and the last one.
+    pub indices: Option<(u32, u32)>,
+}
+
+impl Extent {
+    /// Takes the next sample.
+    pub fn take(&mut self, sample: &RawSample) {
+        let (first, last) = self.indices.unwrap_or((sample.index, sample.index.wrapping_sub(1)));
+        let jump = if self.samples == 0 { 0 } else { step(last, sample.index) };
+        self.samples += 1;
+        self.periods += jump;
+        self.gaps += u64::from(jump > 1);
+        self.missing += jump.saturating_sub(1);
+        self.indices = Some((first, sample.index));
+    }
+
+    /// Sample periods from the first sample to the one with this counter, seen from the latest one: what the device says
+    /// of a sample may come before it or after.
+    pub fn periods_of(&self, index: u32) -> Option<i64> {
+        let (_, last) = self.indices?;
+        // Wraps on purpose: the nearer of the two directions.
+        Some(self.periods as i64 + i64::from(index.wrapping_sub(last) as i32))
+    }
+}
+
+/// A remark with the time at which it was made.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Marker {
+    /// Host time \[ns\].
+    pub time_ns: u64,
+    /// Sample periods from the first sample to the latest one that had come.
+    pub periods: u64,
+    /// The remark.
+    pub text: String,
+}
+
+struct Collected<F> {
+    each: F,
+    batch: VecDeque<RawSample>,
+    hello: Option<Hello>,
+    settings: Vec<SettingsValues>,
+    extent: Extent,
+    markers: Vec<Marker>,
+    estimate: Option<Estimate>,
+    detail: Option<Detail>,
+    health: Option<Health>,
+    records: BTreeMap<&'static str, u64>,
+    foreign: Option<u16>,
+    bad_batches: u64,
+    faults: Vec<String>,
+}
+
+impl<F: FnMut(RawSample)> Collected<F> {
+    fn take(&mut self, incoming: Incoming) {
+        match incoming.item {
+            Item::Frame(Frame::Message { message, .. }) => self.message(message),
+            Item::Frame(Frame::ForeignVersion { wire_version, .. }) => self.foreign = Some(wire_version),
+            Item::Frame(Frame::Lost { .. } | Frame::Restarted | Frame::Corrupt(_) | Frame::Unknown { .. }) => {}
+            Item::Marker(text) => {
+                self.markers.push(Marker { time_ns: incoming.time_ns, periods: self.extent.periods, text });
+            }
+        }
+    }
+
+    fn message(&mut self, record: Record) {
+        *self.records.entry(record.name()).or_default() += 1;
+        match record {
+            Record::Hello(hello) => self.hello = Some(hello),
+            Record::Samples(batch) => self.batch(&batch),
+            Record::Estimate(estimate) => (self.estimate, self.detail) = (Some(estimate), None),
+            Record::Detail(detail) => self.detail = Some(detail),
+            Record::Health(health) => self.health = Some(health),
+            // Each once: a host that comes back again and again reads them each time.
+            Record::Settings(values) if self.settings.last() != Some(&values) => self.settings.push(values),
+            Record::Event(event) => match event.kind {
+                EventKind::Fault(fault) => self.fault(format!("the device reported: {fault}")),
+                EventKind::Panicked(text) => {
+                    self.fault(format!("the device's firmware had failed before this run: {text}; please report it"));
+                }
+                // What a replay says anew.
+                EventKind::Changed(_) => {}
+                ref kind if is_trouble(kind) => self.fault(event_words(kind)),
+                _ => {}
+            },
+            _ => {}
+        }
+    }
+
+    /// Each once, however often it came.
+    fn fault(&mut self, words: String) {
+        if !self.faults.contains(&words) {
+            self.faults.push(words);
+        }
+    }
+
+    fn batch(&mut self, batch: &Samples) {
+        self.batch.clear();
+        if !append(&mut self.batch, batch) {
+            self.bad_batches += 1;
+        }
+        for sample in &self.batch {
+            self.extent.take(sample);
+            (self.each)(*sample);
+        }
+    }
+}
+
+/// Reads a recording as far as it goes, holding no samples.
+pub fn summary(path: &Path) -> Result<Summary, RecordingError> {
+    summary_with(path, |_| (), |_| ())
+}
+
+/// The same; `progress` is handed the bytes read so far.
+pub fn summary_watched(path: &Path, progress: impl FnMut(u64)) -> Result<Summary, RecordingError> {
+    summary_with(path, |_| (), progress)
+}
+
+/// The same; `each` is handed every sample in order.
+fn summary_with(
+    path: &Path,
+    each: impl FnMut(RawSample),
+    mut progress: impl FnMut(u64),
+) -> Result<Summary, RecordingError> {
+    let mut collected = Collected {
+        each,
+        batch: VecDeque::new(),
+        hello: None,
+        settings: Vec::new(),
+        extent: Extent::default(),
+        markers: Vec::new(),
+        estimate: None,
+        detail: None,
+        health: None,
+        records: BTreeMap::new(),
+        foreign: None,
+        bad_batches: 0,
+        faults: Vec::new(),
+    };
+    let contents = read(path, |incoming| {
+        progress(incoming.offset);
+        collected.take(incoming);
+    })?;
+    let file = path.display().to_string();
+    if let (Some(version), 0) = (collected.foreign, collected.extent.samples) {
+        return Err(RecordingError::ForeignVersion { file, version });
+    }
+    let mut notes = ending_notes(&file, &contents);
+    let settings = settings(&file, &contents, &collected.settings, &mut notes);
+    notes.extend(loss_notes(&file, &contents, collected.bad_batches));
+    notes.extend(collected.faults.iter().map(|fault| format!("{file}: {fault}")));
+    let Collected { hello, extent, markers, estimate, detail, health, records, .. } = collected;
+    Ok(Summary { contents, hello, settings, extent, markers, estimate, detail, health, records, notes })
+}
+
+/// Reads the run that a recording holds; `overrides` are laid over the recorded settings.
+pub fn read_run(path: &Path, overrides: &Overrides) -> Result<Run, Error> {
+    let mut samples = Vec::new();
+    let summary = summary_with(path, |sample| samples.push(sample), |_| ())?;
+    let settings = usable_settings(path, &summary, overrides)?;
+    let truth = summary.contents.metadata.get(TRUTH_METADATA).cloned();
+    let recorded_ns = summary.contents.span_ns.map(|(first, _)| first).filter(|first| *first >= LEAST_DATE_NS);
+    let Summary { notes, hello, .. } = summary;
+    Ok(Run { name: path.display().to_string(), settings, samples, start_s: 0.0, recorded_ns, notes, hello, truth })
+}
+
+/// Earlier than any recording \[ns since 1970\]: the beginning of 2000. The time of a simulation begins at 0.
+const LEAST_DATE_NS: u64 = 946_684_800_000_000_000;
+
+/// Settings of a recording that has samples, with `overrides` laid over them.
+pub fn usable_settings(path: &Path, summary: &Summary, overrides: &Overrides) -> Result<Settings, Error> {
+    let file = path.display().to_string();
+    if summary.extent.samples == 0 {
+        return Err(RecordingError::NoSamples { file }.into());
+    }
+    let known = summary.settings.or_else(|| overrides.get("metres_per_count").map(|_| Settings::default()));
+    let mut settings = known.ok_or(RecordingError::NoSettings { file })?;
+    overrides.apply(&mut settings)?;
+    Ok(settings)
+}
+
+/// The raw samples of a recording one after the other, holding one batch of them.
+pub struct SampleReader {
+    messages: Messages<BufReader<File>>,
+    framing: Framing,
+    batch: VecDeque<RawSample>,
+}
+
+/// Begins to read the samples of a recording.
+pub fn samples(path: &Path) -> Result<SampleReader, RecordingError> {
+    Ok(SampleReader { messages: Messages::open(path)?, framing: Framing::default(), batch: VecDeque::new() })
+}
+
+impl SampleReader {
+    /// Bytes of the file read so far.
+    pub fn offset(&self) -> u64 {
+        self.messages.offset()
+    }
+}
+
+impl Iterator for SampleReader {
+    type Item = Result<RawSample, RecordingError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        while self.batch.is_empty() {
+            let batch = &mut self.batch;
+            match self.messages.next() {
+                Err(error) => return Some(Err(error)),
+                Ok(None) => return None,
+                Ok(Some(Message::Marker { .. })) => {}
+                Ok(Some(Message::Raw { part, bytes, .. })) => self.framing.take(part, bytes, |frame| {
+                    if let Frame::Message { message: Record::Samples(samples), .. } = frame {
+                        append(batch, &samples);
+                    }
+                }),
+            }
+        }
+        self.batch.pop_front().map(Ok)
+    }
+}
+
+/// Appends the samples of a batch, all of them or, when it is at fault, none.
+fn append(queue: &mut VecDeque<RawSample>, batch: &Samples) -> bool {
+    let before = queue.len();
+    for sample in batch {
+        match sample {
+            Ok(sample) => queue.push_back(sample),
+            Err(_) => {
+                queue.truncate(before);
+                return false;
+            }
+        }
+    }
+    true
+}
+
+/// Settings from the metadata, or else from the first Settings record.
+fn settings(file: &str, contents: &Contents, records: &[SettingsValues], notes: &mut Vec<String>) -> Option<Settings> {
+    let recorded =
+        records.first().and_then(|values| values.read(&Settings::default()).ok()).map(|reading| reading.settings);
+    let Some(map) = contents.metadata.get(SETTINGS_METADATA) else { return recorded };
+    let mut settings = recorded.unwrap_or_default();
+    for (name, text) in map {
+        let value = text.parse().ok().filter(|value| settings.set_by_name(name, *value).is_ok());
+        if value.is_none() {
+            notes.push(format!("{file}: the recorded setting {name} = {text} is not known here and was left out"));
+        }
+    }
+    let changed =
+        records.iter().filter_map(|values| values.read(&settings).ok()).any(|reading| reading.settings != settings);
+    if changed {
+        notes.push(format!("{file}: the settings were changed while it was recorded; those of its beginning are used"));
+    }
+    Some(settings)
+}
+
+fn ending_notes(file: &str, contents: &Contents) -> Vec<String> {
+    match &contents.ending {
+        Ending::Closed => match contents.metadata.get(END_METADATA).and_then(|end| end.get("reason")) {
+            Some(reason) if reason != "finished" => vec![format!("{file}: the recording ended early: {reason}")],
+            _ => Vec::new(),
+        },
+        Ending::CutOff => vec![format!("{file}: the file breaks off; everything before is used")],
+        Ending::Damaged { byte, reason } => {
+            vec![format!("{file}: the file is damaged near byte {byte} ({reason}); everything before is used")]
+        }
+    }
+}
+
+fn loss_notes(file: &str, contents: &Contents, bad_batches: u64) -> Vec<String> {
+    let counts = &contents.counts;
+    let mut notes = Vec::new();
+    if counts.lost > 0 {
+        notes.push(format!(
+            "{file}: {} lost on the way; their samples are treated as gaps",
+            plural(counts.lost.into(), "frame")
+        ));
+    }
+    if counts.corrupt() > 0 {
+        notes.push(format!("{file}: {} damaged and left out", plural(counts.corrupt().into(), "frame")));
+    }
+    if counts.unknown > 0 {
+        notes.push(format!(
+            "{file}: {} of a kind that this program does not know were left out; a newer one may show more",
+            plural(counts.unknown.into(), "frame")
+        ));
+    }
+    if counts.restarts > 0 {
+        notes.push(format!("{file}: the device started anew {}", plural(counts.restarts.into(), "time")));
+    }
+    if bad_batches > 0 {
+        notes.push(format!(
+            "{file}: {} of samples could not be decoded; please report it",
+            plural(bad_batches, "batch")
+        ));
+    }
+    notes
+}

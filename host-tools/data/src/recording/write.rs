@@ -1,0 +1,267 @@
+//! Writing a recording so that whatever happens, what was written can be read.
+
+use std::{
+    collections::BTreeMap,
+    fs::File,
+    io::{self, Seek, SeekFrom, Write},
+    path::{Path, PathBuf},
+};
+
+use inerter_core::Settings;
+use inerter_wire::{Hello, WIRE_VERSION};
+use mcap::{McapError, WriteOptions, records::MessageHeader, write::Metadata};
+
+use super::{
+    END_METADATA, HELLO_METADATA, RAW_ENCODING, RAW_TOPIC, SETTINGS_METADATA,
+    decode::{Channel, Decoder},
+    messages::MarkerJson,
+    schemas::schema,
+};
+use crate::{output::OutputError, words::duration_text};
+
+/// Time after which a chunk is closed and handed to the operating system \[ns\].
+const FLUSH_NS: u64 = 1_000_000_000;
+
+/// How a recording ended, for whoever reads it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct End {
+    /// One sentence.
+    pub reason: String,
+    /// Frames that were lost on the way.
+    pub lost_frames: u64,
+}
+
+/// A recording that is being written.
+pub struct Recorder {
+    path: PathBuf,
+    writer: mcap::Writer<Sink>,
+    /// Channel of the frames, and how many streams they have been so far.
+    channel: u16,
+    part: u16,
+    sequence: u32,
+    /// Channels of what is decoded, with the number of messages on each.
+    decoded: Vec<(Channel, u16, u32)>,
+    decoder: Option<Decoder>,
+    start_ns: Option<u64>,
+    last_ns: u64,
+    flushed_ns: u64,
+    frame: Vec<u8>,
+}
+
+impl Recorder {
+    /// Begins a recording.
+    pub fn create(path: &Path) -> Result<Self, OutputError> {
+        let file = File::create(path).map_err(|source| OutputError::Create { path: path.into(), source })?;
+        let options = WriteOptions::new()
+            .profile("inerter")
+            .library(concat!("inerter ", env!("CARGO_PKG_VERSION")))
+            .compression(None)
+            // Whole chunks from memory: a header is never written before its length is known.
+            .disable_seeking(true)
+            .chunk_size(Some(4 << 20));
+        let failed = |error| OutputError::write(path.display().to_string(), into_io(error));
+        let mut writer = options.create(Sink { file, written: 0 }).map_err(failed)?;
+        let channel = writer.add_channel(0, RAW_TOPIC, RAW_ENCODING, &channel_metadata(1)).map_err(failed)?;
+        let mut decoded = Vec::new();
+        for channel in Channel::ALL {
+            let schema =
+                writer.add_schema(&format!("inerter.{}", channel.topic()), "jsonschema", schema(channel).as_bytes());
+            let id = schema.and_then(|schema| writer.add_channel(schema, channel.topic(), "json", &BTreeMap::new()));
+            decoded.push((channel, id.map_err(failed)?, 0));
+        }
+        Ok(Self {
+            path: path.into(),
+            writer,
+            channel,
+            part: 1,
+            sequence: 0,
+            decoded,
+            decoder: None,
+            start_ns: None,
+            last_ns: 0,
+            flushed_ns: 0,
+            frame: Vec::with_capacity(inerter_wire::MAX_FRAME),
+        })
+    }
+
+    /// Writes down who the device is and what its numbers mean.
+    pub fn describe(&mut self, hello: &Hello, settings_in_use: &Settings) -> Result<(), OutputError> {
+        let values = Settings::TABLE.iter().zip(settings_in_use.values());
+        let settings = values.map(|(info, value)| (info.name.to_string(), format!("{value:?}"))).collect();
+        self.metadata(HELLO_METADATA, hello_map(hello))?;
+        self.metadata(SETTINGS_METADATA, settings)?;
+        self.decode_by(settings_in_use);
+        self.flush()
+    }
+
+    /// From now on the frames are also written decoded, by these settings and by those that the stream brings.
+    pub fn decode_by(&mut self, settings: &Settings) {
+        self.decoder = Some(Decoder::new(settings));
+    }
+
+    /// What follows is another stream: its sequence numbers do not continue those before.
+    pub fn begin_part(&mut self) -> Result<(), OutputError> {
+        self.part += 1;
+        let added = self.writer.add_channel(0, RAW_TOPIC, RAW_ENCODING, &channel_metadata(self.part));
+        self.channel = added.map_err(|error| self.failed(error))?;
+        Ok(())
+    }
+
+    /// Writes down a remark, at once.
+    pub fn marker(&mut self, time_ns: u64, text: &str) -> Result<(), OutputError> {
+        let time_ns = time_ns.max(self.last_ns);
+        // Two plain fields: there is nothing that could fail.
+        let json = serde_json::to_vec(&MarkerJson { t_ns: time_ns, text: text.into() }).unwrap_or_default();
+        self.say(Channel::Marker, time_ns, &json)?;
+        self.flush()
+    }
+
+    /// Takes one frame as received (without its delimiter) at host time `time_ns`, never earlier than the one before.
+    pub fn frame(&mut self, time_ns: u64, stuffed: &[u8]) -> Result<(), OutputError> {
+        let time_ns = time_ns.max(self.last_ns);
+        self.frame.clear();
+        self.frame.extend_from_slice(stuffed);
+        self.frame.push(inerter_wire::DELIMITER);
+        let header = MessageHeader {
+            channel_id: self.channel,
+            sequence: self.sequence,
+            log_time: time_ns,
+            publish_time: time_ns,
+        };
+        let result = self.writer.write_to_known_channel(&header, &self.frame);
+        result.map_err(|error| self.failed(error))?;
+        self.sequence = self.sequence.wrapping_add(1);
+        self.last_ns = time_ns;
+        if let Some(decoder) = &mut self.decoder {
+            for (channel, json) in decoder.take(self.channel, &self.frame) {
+                self.say(channel, time_ns, &json)?;
+            }
+        }
+        let start = *self.start_ns.get_or_insert(time_ns);
+        if time_ns.saturating_sub(self.flushed_ns.max(start)) >= FLUSH_NS {
+            self.flushed_ns = time_ns;
+            self.flush()?;
+        }
+        Ok(())
+    }
+
+    fn say(&mut self, channel: Channel, time_ns: u64, json: &[u8]) -> Result<(), OutputError> {
+        let Some((_, id, sequence)) = self.decoded.iter_mut().find(|(known, ..)| *known == channel) else {
+            return Ok(());
+        };
+        let header = MessageHeader { channel_id: *id, sequence: *sequence, log_time: time_ns, publish_time: time_ns };
+        *sequence = sequence.wrapping_add(1);
+        let result = self.writer.write_to_known_channel(&header, json);
+        result.map_err(|error| self.failed(error))
+    }
+
+    /// Hands everything so far to the operating system.
+    pub fn flush(&mut self) -> Result<(), OutputError> {
+        let result = self.writer.flush();
+        result.map_err(|error| self.failed(error))
+    }
+
+    /// Frames so far.
+    pub fn frames(&self) -> u32 {
+        self.sequence
+    }
+
+    /// Time from the first frame to the last \[s\].
+    pub fn duration_s(&self) -> f64 {
+        self.last_ns.saturating_sub(self.start_ns.unwrap_or(self.last_ns)) as f64 * 1e-9
+    }
+
+    /// Closes the recording: index, and the reason that it ended.
+    pub fn close(mut self, end: &End) -> Result<(), OutputError> {
+        let map = BTreeMap::from([
+            ("reason".to_string(), end.reason.clone()),
+            ("frames".to_string(), self.sequence.to_string()),
+            ("lost_frames".to_string(), end.lost_frames.to_string()),
+        ]);
+        self.metadata(END_METADATA, map)?;
+        let result = self.writer.finish().map(|_| ());
+        result.map_err(|error| self.failed(error))?;
+        let result = self.writer.into_inner().file.sync_all().or_else(unsyncable);
+        result.map_err(|source| OutputError::write(self.path.display().to_string(), source))
+    }
+
+    /// Writes down anything else about the run.
+    pub fn metadata(&mut self, name: &str, metadata: BTreeMap<String, String>) -> Result<(), OutputError> {
+        let result = self.writer.write_metadata(&Metadata { name: name.into(), metadata });
+        result.map_err(|error| self.failed(error))
+    }
+
+    fn failed(&self, error: McapError) -> OutputError {
+        let written = if self.sequence == 0 {
+            String::new()
+        } else {
+            format!("{} of recording", duration_text(self.duration_s()))
+        };
+        OutputError::Write { name: self.path.display().to_string(), written, source: into_io(error) }
+    }
+}
+
+/// What a reader must know of the channel `raw`; each stream has a channel of its own.
+fn channel_metadata(part: u16) -> BTreeMap<String, String> {
+    let mut metadata = BTreeMap::from([("wire_version".to_string(), WIRE_VERSION.to_string())]);
+    if part > 1 {
+        metadata.insert("part".into(), part.to_string());
+    }
+    metadata
+}
+
+/// Pipes and devices cannot be synchronised, which is no fault.
+fn unsyncable(error: io::Error) -> io::Result<()> {
+    if error.kind() == io::ErrorKind::InvalidInput { Ok(()) } else { Err(error) }
+}
+
+fn into_io(error: McapError) -> io::Error {
+    match error {
+        McapError::Io(error) => error,
+        other => io::Error::other(other),
+    }
+}
+
+fn hello_map(hello: &Hello) -> BTreeMap<String, String> {
+    let Hello { wire_version, firmware, git, board, serial, sample_rate_hz, clock, capabilities } = hello;
+    [
+        ("wire_version", wire_version.to_string()),
+        ("firmware", firmware.to_string()),
+        ("git", git.to_string()),
+        ("board", board.to_string()),
+        ("serial", serial.to_string()),
+        ("sample_rate_hz", format!("{sample_rate_hz:?}")),
+        ("clock", format!("{clock:?}").to_lowercase()),
+        ("capabilities", format!("{:#x}", capabilities.0)),
+    ]
+    .into_iter()
+    .map(|(key, value)| (key.to_string(), value))
+    .collect()
+}
+
+/// A file that knows how much was written and need not be able to seek (a pipe, `/dev/full`).
+struct Sink {
+    file: File,
+    written: u64,
+}
+
+impl Write for Sink {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let written = self.file.write(bytes)?;
+        self.written += written as u64;
+        Ok(written)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
+    }
+}
+
+impl Seek for Sink {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        match to {
+            SeekFrom::Current(0) => Ok(self.written),
+            _ => Err(io::Error::new(io::ErrorKind::Unsupported, "recordings are written from front to back")),
+        }
+    }
+}

@@ -1,0 +1,135 @@
+//! A run through the estimator, as the device would have done it.
+
+use inerter_core::{Active, Bank, Counters, Detail, Estimate, MoreSums, RawSample, Settings, State, Sums};
+use inerter_wire::{EstimatorEvent, step};
+
+use crate::{
+    run::Run,
+    settings::{SettingsInputError, validate},
+};
+
+/// The estimator with its state and a clock that counts samples.
+pub struct Replay {
+    active: Active,
+    state: Box<State>,
+    rate_hz: f64,
+    start_s: f64,
+    elapsed: u64,
+    last_index: Option<u32>,
+}
+
+impl Replay {
+    /// An estimator that has seen nothing; the first sample that it takes stands at `start_s` \[s\].
+    pub fn new(settings: &Settings, start_s: f64) -> Result<Self, SettingsInputError> {
+        let active = validate(settings)?;
+        let state = Box::new(State::new(&active));
+        Ok(Self { active, state, rate_hz: settings.sample_rate_hz, start_s, elapsed: 0, last_index: None })
+    }
+
+    /// Takes one sample; gives what comes of it, in the order in which a device sends it.
+    pub fn step(&mut self, sample: &RawSample) -> impl Iterator<Item = EstimatorEvent> + use<> {
+        if let Some(last) = self.last_index.replace(sample.index) {
+            self.elapsed += step(last, sample.index);
+        }
+        let estimate = self.active.step(&mut self.state, sample);
+        let detail = estimate.map(|_| self.active.detail(&self.state));
+        let gap = self.state.take_gap().map(EstimatorEvent::Reversal);
+        let change = self.state.take_change().map(EstimatorEvent::Changed);
+        [gap, change, estimate.map(|estimate| EstimatorEvent::Estimate(estimate, detail))].into_iter().flatten()
+    }
+
+    /// Time of the latest sample \[s\].
+    pub fn time_s(&self) -> f64 {
+        self.start_s + self.elapsed as f64 / self.rate_hz
+    }
+
+    /// Time of what it speaks of \[s\].
+    fn time_of(&self, news: &EstimatorEvent) -> f64 {
+        let ago = self.last_index.unwrap_or(0).wrapping_sub(news.index());
+        self.time_s() - f64::from(ago) / self.rate_hz
+    }
+
+    /// The whole run's sums of one bank as they stand now.
+    pub fn sums(&self, bank: Bank) -> (Sums, MoreSums) {
+        (self.active.sums(&self.state, bank), self.active.more_sums(&self.state, bank))
+    }
+
+    /// What it has all come to by now.
+    pub fn outcome(&self) -> Outcome {
+        Outcome {
+            t_s: self.time_s(),
+            estimate: self.active.estimate(&self.state),
+            detail: self.active.detail(&self.state),
+            counters: self.counters(),
+            fast: self.sums(Bank::Fast),
+            slow: self.sums(Bank::Slow),
+        }
+    }
+
+    /// What has been counted so far.
+    pub fn counters(&self) -> Counters {
+        self.state.counters()
+    }
+}
+
+/// What a whole run came to.
+#[derive(Clone, Copy, Debug)]
+pub struct Outcome {
+    /// Time of the last sample \[s\].
+    pub t_s: f64,
+    /// The estimate after the last sample.
+    pub estimate: Estimate,
+    /// What goes with it.
+    pub detail: Detail,
+    /// Samples, gaps and saturation.
+    pub counters: Counters,
+    /// The sums of the fast bank, since the start or the last change.
+    pub fast: (Sums, MoreSums),
+    /// Those of the slow bank.
+    pub slow: (Sums, MoreSums),
+}
+
+impl Outcome {
+    /// The sums of the bank that the estimate comes from.
+    pub fn sums(&self) -> &(Sums, MoreSums) {
+        match self.estimate.bank {
+            Bank::Fast => &self.fast,
+            Bank::Slow => &self.slow,
+        }
+    }
+}
+
+/// Replays a whole run; `publish` is handed all that the estimator says, and the time of each \[s\].
+pub fn replay_all<E: From<SettingsInputError>>(
+    run: &Run,
+    publish: impl FnMut(f64, &EstimatorEvent) -> Result<(), E>,
+) -> Result<Outcome, E> {
+    replay_samples(&run.settings, run.start_s, run.samples.iter().copied().map(Ok), publish)
+}
+
+/// Replays samples that come one by one, the first of them at `start_s` \[s\].
+pub fn replay_samples<E: From<SettingsInputError>>(
+    settings: &Settings,
+    start_s: f64,
+    samples: impl Iterator<Item = Result<RawSample, E>>,
+    mut publish: impl FnMut(f64, &EstimatorEvent) -> Result<(), E>,
+) -> Result<Outcome, E> {
+    let mut replay = Replay::new(settings, start_s)?;
+    for sample in samples {
+        for news in replay.step(&sample?) {
+            publish(replay.time_of(&news), &news)?;
+        }
+    }
+    Ok(replay.outcome())
+}
+
+/// Replays a whole run; `publish` is handed the time \[s\] and each estimate at the publish rate.
+pub fn replay<E: From<SettingsInputError>>(
+    run: &Run,
+    mut publish: impl FnMut(f64, &Estimate) -> Result<(), E>,
+) -> Result<Outcome, E> {
+    replay_all(run, |t_s, news| match news {
+        EstimatorEvent::Estimate(estimate, _) => publish(t_s, estimate),
+        EstimatorEvent::Reversal(_) | EstimatorEvent::Changed(_) => Ok(()),
+    })
+}

@@ -1,0 +1,56 @@
+//! A run: settings and raw samples, wherever they came from.
+
+use std::collections::BTreeMap;
+
+use inerter_core::{RawSample, Settings};
+use inerter_wire::{Hello, step};
+
+/// Settings and raw samples of one run, with what the user should know about them.
+#[derive(Clone, Debug, Default)]
+pub struct Run {
+    /// Name for messages: the file.
+    pub name: String,
+    /// Settings that the samples were taken with, the user's overrides included.
+    pub settings: Settings,
+    /// Raw samples in order; a jump of the index is a gap.
+    pub samples: Vec<RawSample>,
+    /// Time of the first sample \[s\].
+    pub start_s: f64,
+    /// Host time of the first frame \[ns since 1970\]; `None` where no clock was there, as in a simulation.
+    pub recorded_ns: Option<u64>,
+    /// What was put right or found missing on the way.
+    pub notes: Vec<String>,
+    /// The device that recorded it, when known.
+    pub hello: Option<Hello>,
+    /// What is true of a simulated device, by name.
+    pub truth: Option<BTreeMap<String, String>>,
+}
+
+impl Run {
+    /// The samples, each with the number of sample periods since the first one, gaps included.
+    pub fn elapsed(&self) -> impl Iterator<Item = (u64, &RawSample)> {
+        let mut previous: Option<(u32, u64)> = None;
+        self.samples.iter().map(move |sample| {
+            let elapsed = match previous {
+                None => 0,
+                Some((index, elapsed)) => elapsed + step(index, sample.index),
+            };
+            previous = Some((sample.index, elapsed));
+            (elapsed, sample)
+        })
+    }
+
+    /// Places where samples are missing, and how many are missing in all.
+    pub fn gaps(&self) -> (u64, u64) {
+        let jumps = self.samples.windows(2).filter_map(|pair| match pair {
+            [this, next] => Some(step(this.index, next.index).saturating_sub(1)),
+            _ => None,
+        });
+        jumps.filter(|jump| *jump > 0).fold((0, 0), |(gaps, missing), jump| (gaps + 1, missing + jump))
+    }
+
+    /// Time from the first sample to the last \[s\], gaps included.
+    pub fn duration_s(&self) -> f64 {
+        self.elapsed().last().map_or(0.0, |(elapsed, _)| elapsed as f64 / self.settings.sample_rate_hz)
+    }
+}

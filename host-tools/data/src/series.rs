@@ -1,0 +1,175 @@
+//! Raw samples in SI units: one by one, or a whole run in stretches without a gap.
+
+use inerter_core::{RawSample, Settings};
+use inerter_wire::step;
+
+use crate::{run::Run, settings::has_terminal_sensor};
+
+/// One sample in SI units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Point {
+    /// Sample periods since the first sample, gaps included.
+    pub elapsed: u64,
+    /// Encoder count that does not wrap: sum of `oversampling` counts, as the device latches them.
+    pub count: i64,
+    /// Displacement of the screw, positive as the setting `metres_per_count` says \[m\].
+    pub position_m: f64,
+    /// Force, less the code at no force \[N\].
+    pub force_n: f64,
+    /// Displacement of the terminal; `None` without such a sensor \[m\].
+    pub terminal_m: Option<f64>,
+    /// The force is at or beyond a rail.
+    pub saturated: bool,
+}
+
+/// From raw samples to points; the first one fixes the origin of time, not that of the position.
+#[derive(Clone, Debug)]
+pub struct Converter {
+    settings: Settings,
+    metres_per_code: f64,
+    before: Option<(RawSample, u64, i64)>,
+}
+
+impl Converter {
+    /// For samples that were taken with these settings.
+    pub fn new(settings: &Settings) -> Self {
+        let metres_per_code = settings.metres_per_count / settings.oversampling;
+        Self { settings: *settings, metres_per_code, before: None }
+    }
+
+    /// The next sample.
+    pub fn point(&mut self, sample: &RawSample) -> Point {
+        let (elapsed, count) = match self.before {
+            None => (0, i64::from(sample.position_count)),
+            Some((last, elapsed, count)) => (
+                elapsed + step(last.index, sample.index),
+                count + i64::from(sample.position_count.wrapping_sub(last.position_count)),
+            ),
+        };
+        self.before = Some((*sample, elapsed, count));
+        let settings = &self.settings;
+        let code = f64::from(sample.force_code);
+        Point {
+            elapsed,
+            count,
+            position_m: count as f64 * self.metres_per_code,
+            force_n: (code - settings.force_zero_code) * settings.newtons_per_code,
+            terminal_m: has_terminal_sensor(settings)
+                .then(|| f64::from(sample.terminal_code) * settings.metres_per_terminal_code),
+            saturated: code <= settings.force_min_code || code >= settings.force_max_code,
+        }
+    }
+}
+
+/// Samples in a row, none missing and none saturated; all columns are of one length.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Stretch {
+    /// Time of the first sample \[s\].
+    pub start_s: f64,
+    /// Displacement of the screw \[m\].
+    pub position_m: Vec<f64>,
+    /// Force \[N\].
+    pub force_n: Vec<f64>,
+    /// Displacement of the terminal \[m\]; empty without such a sensor.
+    pub terminal_m: Vec<f64>,
+}
+
+/// A run in SI units.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Series {
+    /// Time from sample to sample \[s\].
+    pub period_s: f64,
+    /// In order of time; split at gaps and at saturated samples, which are left out.
+    pub stretches: Vec<Stretch>,
+}
+
+impl Series {
+    /// All of a run.
+    pub fn of(run: &Run) -> Self {
+        let period_s = 1.0 / run.settings.sample_rate_hz;
+        let mut converter = Converter::new(&run.settings);
+        let (mut stretches, mut next): (Vec<Stretch>, _) = (Vec::new(), None);
+        for sample in &run.samples {
+            let point = converter.point(sample);
+            if point.saturated {
+                next = None;
+                continue;
+            }
+            if next != Some(point.elapsed) {
+                let start_s = run.start_s + point.elapsed as f64 * period_s;
+                stretches.push(Stretch { start_s, ..Stretch::default() });
+            }
+            next = Some(point.elapsed + 1);
+            if let Some(stretch) = stretches.last_mut() {
+                stretch.position_m.push(point.position_m);
+                stretch.force_n.push(point.force_n);
+                stretch.terminal_m.extend(point.terminal_m);
+            }
+        }
+        Self { period_s, stretches }
+    }
+
+    /// Leaves out what comes before a time \[s\].
+    pub fn cut_before(&mut self, from_s: f64) {
+        let period_s = self.period_s;
+        for stretch in &mut self.stretches {
+            let early = ((from_s - stretch.start_s) / period_s - 1e-6).ceil().max(0.0) as usize;
+            for column in [&mut stretch.position_m, &mut stretch.force_n, &mut stretch.terminal_m] {
+                column.drain(..early.min(column.len()));
+            }
+            stretch.start_s += early as f64 * period_s;
+        }
+        self.stretches.retain(|stretch| !stretch.force_n.is_empty());
+    }
+
+    /// Samples in all stretches.
+    pub fn len(&self) -> usize {
+        self.stretches.iter().map(|stretch| stretch.force_n.len()).sum()
+    }
+
+    /// Whether there is no sample.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gaps_and_saturation_split_a_run_and_counts_do_not_wrap() {
+        let settings = Settings {
+            metres_per_count: 2e-6,
+            oversampling: 2.0,
+            newtons_per_code: 0.5,
+            force_zero_code: 10.0,
+            force_max_code: 1000.0,
+            sample_rate_hz: 1000.0,
+            ..Settings::default()
+        };
+        let sample =
+            |index, position_count, force_code| RawSample { index, position_count, force_code, terminal_code: 0 };
+        let samples = vec![
+            sample(7, i32::MAX, 12),
+            sample(8, i32::MIN, 14),
+            sample(9, i32::MIN + 1, 1000),
+            sample(10, i32::MIN + 2, 16),
+            sample(14, i32::MIN + 3, 18),
+        ];
+        let run = Run { settings, samples, start_s: 2.0, ..Run::default() };
+        let series = Series::of(&run);
+        let starts: Vec<f64> = series.stretches.iter().map(|stretch| stretch.start_s).collect();
+        assert_eq!(starts, [2.0, 2.0 + 3e-3, 2.0 + 7e-3]);
+        let first = &series.stretches[0];
+        assert_eq!(first.force_n, [1.0, 2.0]);
+        assert_eq!(first.position_m, [f64::from(i32::MAX) * 1e-6, 2_147_483_648.0 * 1e-6]);
+        assert!(first.terminal_m.is_empty());
+        assert_eq!((series.len(), series.is_empty(), series.period_s), (4, false, 1e-3));
+        let mut later = series.clone();
+        later.cut_before(2.001);
+        assert_eq!((later.len(), later.stretches[0].start_s, &later.stretches[0].force_n), (3, 2.001, &vec![2.0]));
+        later.cut_before(2.005);
+        assert_eq!(later.stretches, series.stretches[2..]);
+    }
+}

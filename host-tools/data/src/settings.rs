@@ -1,0 +1,337 @@
+//! Settings from the command line and from TOML files.
+//!
+//! Later ones win: the run's own (a recording's, or the defaults for a CSV), then `--settings FILE.toml`, then `--set`,
+//! then the flags that have a name of their own such as `--metres-per-count`.
+
+use std::path::{Path, PathBuf};
+
+use inerter_core::{Settings, SettingsError};
+use miette::Diagnostic;
+use toml::de::{DeTable, DeValue};
+
+use crate::{output::OutputError, words::nearest};
+
+/// Why settings were refused. `origin` says where the setting was given.
+#[derive(Debug, thiserror::Error, Diagnostic)]
+pub enum SettingsInputError {
+    /// No setting has this name.
+    #[error("{origin}: there is no setting `{name}`")]
+    #[diagnostic(code(inerter::settings::unknown), help("{}", unknown_help(name)))]
+    Unknown {
+        /// Where it was given.
+        origin: String,
+        /// The name that was given.
+        name: String,
+    },
+    /// `--set` without `key=value`.
+    #[error("{origin}: `{text}` is not of the form key=value")]
+    #[diagnostic(code(inerter::settings::form), help("write for example --set structure_mass_kg=1.515"))]
+    Form {
+        /// Where it was given.
+        origin: String,
+        /// What was given.
+        text: String,
+    },
+    /// The value is not a number.
+    #[error("{origin}: {name}: `{text}` is not a number")]
+    #[diagnostic(
+        code(inerter::settings::number),
+        help("write a number in {}, with a point: 0.002 or 2e-3", unit_words(name))
+    )]
+    Number {
+        /// Where it was given.
+        origin: String,
+        /// The setting.
+        name: String,
+        /// What was given.
+        text: String,
+    },
+    /// The value cannot be.
+    #[error("{origin}: {source}")]
+    #[diagnostic(code(inerter::settings::value), help("{}", value_help(source)))]
+    Value {
+        /// Where it was given.
+        origin: String,
+        /// What is wrong with it.
+        source: SettingsError,
+    },
+    /// The settings contradict each other once they are put together.
+    #[error("the settings cannot be used: {source}")]
+    #[diagnostic(code(inerter::settings::refused), help("{}", value_help(source)))]
+    Refused {
+        /// What is wrong with them.
+        source: SettingsError,
+    },
+    /// The file cannot be read.
+    #[error("the settings file {path} cannot be read: {source}", path = path.display())]
+    #[diagnostic(
+        code(inerter::settings::file),
+        help("check the name; the file is TOML with lines like `memory_s = 30`")
+    )]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// The reason.
+        source: std::io::Error,
+    },
+    /// Nobody is there who could say yes.
+    #[error("erasing settings needs a yes, and this is no terminal to ask at")]
+    #[diagnostic(code(inerter::settings::unconfirmed), help("add --yes; nothing was changed"))]
+    Unconfirmed,
+    /// The file is not TOML.
+    #[error("the settings file {path}, line {line}: {message}", path = path.display())]
+    #[diagnostic(code(inerter::settings::toml), help("each line is `name = number`, for example `memory_s = 30`"))]
+    Toml {
+        /// The file.
+        path: PathBuf,
+        /// Line of the first mistake, from 1.
+        line: usize,
+        /// What is wrong.
+        message: String,
+    },
+}
+
+/// Settings that the user gave, to be laid over the run's own.
+#[derive(Clone, Debug)]
+pub struct Overrides {
+    values: [Option<f64>; Settings::COUNT],
+}
+
+impl Default for Overrides {
+    fn default() -> Self {
+        Self { values: [None; Settings::COUNT] }
+    }
+}
+
+impl Overrides {
+    /// Reads the TOML file and then the assignments `key=value`, the later ones winning.
+    pub fn from_inputs(file: Option<&Path>, assignments: &[String]) -> Result<Self, SettingsInputError> {
+        let mut overrides = Self::default();
+        if let Some(path) = file {
+            overrides.read_toml(path)?;
+        }
+        for text in assignments {
+            overrides.assign(text)?;
+        }
+        Ok(overrides)
+    }
+
+    /// Takes one value by its name.
+    pub fn set(&mut self, name: &str, value: f64, origin: &str) -> Result<(), SettingsInputError> {
+        let unknown = || SettingsInputError::Unknown { origin: origin.into(), name: name.into() };
+        let number = Settings::find(name).ok_or_else(unknown)?;
+        let info = Settings::TABLE.get(number).ok_or_else(unknown)?;
+        info.check(value).map_err(|source| SettingsInputError::Value { origin: origin.into(), source })?;
+        if let Some(slot) = self.values.get_mut(number) {
+            *slot = Some(value);
+        }
+        Ok(())
+    }
+
+    /// The value that was given for this setting, if any.
+    pub fn get(&self, name: &str) -> Option<f64> {
+        self.values.get(Settings::find(name)?).copied().flatten()
+    }
+
+    /// Puts the given values over `settings`.
+    pub fn apply(&self, settings: &mut Settings) -> Result<(), SettingsInputError> {
+        for (number, value) in self.values.iter().enumerate() {
+            if let Some(value) = *value {
+                settings.set(number, value).map_err(|source| SettingsInputError::Refused { source })?;
+            }
+        }
+        Ok(())
+    }
+
+    /// True when nothing was given.
+    pub fn is_empty(&self) -> bool {
+        self.values.iter().all(Option::is_none)
+    }
+
+    fn assign(&mut self, text: &str) -> Result<(), SettingsInputError> {
+        let origin = "--set";
+        let (name, value) = text
+            .split_once('=')
+            .ok_or_else(|| SettingsInputError::Form { origin: origin.into(), text: text.into() })?;
+        let (name, value) = (name.trim(), value.trim());
+        if Settings::find(name).is_none() {
+            return Err(SettingsInputError::Unknown { origin: origin.into(), name: name.into() });
+        }
+        let value = value.parse().map_err(|_| SettingsInputError::Number {
+            origin: origin.into(),
+            name: name.into(),
+            text: value.into(),
+        })?;
+        self.set(name, value, origin)
+    }
+
+    fn read_toml(&mut self, path: &Path) -> Result<(), SettingsInputError> {
+        let text =
+            std::fs::read_to_string(path).map_err(|source| SettingsInputError::File { path: path.into(), source })?;
+        let line_at = |offset: usize| text.bytes().take(offset).filter(|byte| *byte == b'\n').count() + 1;
+        let table = DeTable::parse(&text).map_err(|error| SettingsInputError::Toml {
+            path: path.into(),
+            line: error.span().map_or(1, |span| line_at(span.start)),
+            message: error.message().into(),
+        })?;
+        for (key, value) in table.get_ref().iter() {
+            let origin = format!("{}, line {}", path.display(), line_at(key.span().start));
+            let name: &str = key.get_ref();
+            let shown = text.get(value.span()).unwrap_or_default().trim();
+            let not_a_number =
+                || SettingsInputError::Number { origin: origin.clone(), name: name.into(), text: shown.into() };
+            if Settings::find(name).is_none() {
+                return Err(SettingsInputError::Unknown { origin, name: name.into() });
+            }
+            let number = match value.get_ref() {
+                DeValue::Integer(_) | DeValue::Float(_) => {
+                    shown.replace('_', "").parse().map_err(|_| not_a_number())?
+                }
+                _ => return Err(not_a_number()),
+            };
+            self.set(name, number, &origin)?;
+        }
+        Ok(())
+    }
+}
+
+/// The settings as a TOML file that [`Overrides::from_inputs`] reads back to the same bits.
+pub fn to_toml(settings: &Settings) -> String {
+    let mut text = String::new();
+    for ((info, about), value) in Settings::described().zip(settings.values()) {
+        let unit = if about.unit.is_empty() { String::new() } else { format!(" [{}]", about.unit) };
+        text += &format!("# {}{unit}\n{} = {value:?}\n", about.help, info.name);
+    }
+    text
+}
+
+/// The name of the settings beside a CSV: `run.csv` gets `run.settings.toml`.
+pub fn beside(csv: &Path) -> PathBuf {
+    csv.with_extension("settings.toml")
+}
+
+/// Writes the settings beside a CSV. Gives the name.
+pub fn write_beside(settings: &Settings, csv: &Path) -> Result<PathBuf, OutputError> {
+    let path = beside(csv);
+    let text = format!("# Settings of {}\n{}", csv.display(), to_toml(settings));
+    std::fs::write(&path, text).map_err(|source| OutputError::Create { path: path.clone(), source })?;
+    Ok(path)
+}
+
+/// Checks the settings as a whole, naming what is wrong.
+pub fn validate(settings: &Settings) -> Result<inerter_core::Active, SettingsInputError> {
+    settings.validate().map_err(|source| SettingsInputError::Refused { source })
+}
+
+/// Whether the settings know of a terminal displacement sensor.
+pub fn has_terminal_sensor(settings: &Settings) -> bool {
+    settings.terminal_sensor != 0.0
+}
+
+fn unknown_help(name: &str) -> String {
+    match nearest(name, Settings::TABLE.iter().map(|info| info.name)) {
+        Some(nearest) => format!("did you mean `{nearest}`? `inerter replay --help` lists them all"),
+        None => "`inerter replay --help` lists all settings".into(),
+    }
+}
+
+fn unit_words(name: &str) -> String {
+    let unit = Settings::find(name).and_then(|number| Settings::TEXTS.get(number)).map_or("", |text| text.unit);
+    if unit.is_empty() { "plain digits".into() } else { format!("units of {unit}") }
+}
+
+fn value_help(error: &SettingsError) -> String {
+    let field = match *error {
+        SettingsError::Unknown => return "`inerter replay --help` lists all settings".into(),
+        SettingsError::Conflict { field, other, .. } => return format!("change {field} or {other}"),
+        SettingsError::NotFinite { field }
+        | SettingsError::OutOfRange { field, .. }
+        | SettingsError::NotWhole { field, .. }
+        | SettingsError::Zero { field }
+        | SettingsError::NotOffered { field, .. } => field,
+    };
+    match Settings::described().find(|(info, _)| info.name == field) {
+        Some((info, text)) => {
+            let unit = if text.unit.is_empty() { String::new() } else { format!(" {}", text.unit) };
+            format!("{}; from {:?} to {:?}{unit}, by default {:?}", text.help, info.min, info.max, info.default)
+        }
+        None => format!("give {field} another value"),
+    }
+}
+
+/// All settings, for the end of a command's help.
+pub fn help_table() -> String {
+    let mut text = String::from("Settings for --set and --settings, with their defaults:\n");
+    for (info, about) in Settings::described() {
+        let line = format!("  {} = {:?} {}", info.name, info.default, about.unit);
+        text += &format!("{}\n      {}\n", line.trim_end(), about.help);
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sets(assignments: &[&str]) -> Result<Overrides, SettingsInputError> {
+        Overrides::from_inputs(None, &assignments.iter().map(|text| text.to_string()).collect::<Vec<_>>())
+    }
+
+    #[test]
+    fn later_assignments_win() {
+        let overrides = sets(&["memory_s=10", "memory_s = 20"]).unwrap();
+        let mut settings = Settings::default();
+        overrides.apply(&mut settings).unwrap();
+        assert_eq!(settings.memory_s, 20.0);
+    }
+
+    #[test]
+    fn a_misspelt_name_is_refused_with_the_nearest_one() {
+        let error = sets(&["structure_mas=1"]).unwrap_err();
+        assert!(error.help().unwrap().to_string().contains("`structure_mass_kg`"));
+        let error = sets(&["stiffness=1"]).unwrap_err();
+        assert!(error.help().unwrap().to_string().contains("`stiffness_n_per_m`"));
+    }
+
+    #[test]
+    fn what_is_no_number_or_not_finite_is_refused_naming_the_setting() {
+        for text in ["memory_s=ten", "memory_s=", "memory_s=1,5"] {
+            assert!(
+                matches!(sets(&[text]).unwrap_err(), SettingsInputError::Number { ref name, .. } if name == "memory_s")
+            );
+        }
+        for text in ["memory_s=NaN", "memory_s=inf"] {
+            assert!(sets(&[text]).unwrap_err().to_string().contains("memory_s: the value is not a finite number"));
+        }
+        assert!(sets(&["memory_s"]).unwrap_err().to_string().contains("key=value"));
+    }
+
+    #[test]
+    fn a_toml_file_names_the_line_of_a_mistake() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("s.toml");
+        for (text, expected) in [
+            ("memory_s = 20\nmemry = 3\n", "line 2: there is no setting `memry`"),
+            ("memory_s = 20\nskew_s = 1.0\n", "line 2: skew_s: 1 is outside"),
+            ("memory_s = \"20\"\n", "line 1: memory_s: `\"20\"` is not a number"),
+            ("\n\nmemory_s 20\n", "line 3"),
+            ("memory_s = nan\n", "memory_s: the value is not a finite number"),
+            ("[settings]\nmemory_s = 20\n", "line 1: there is no setting `settings`"),
+        ] {
+            std::fs::write(&path, text).unwrap();
+            let error = Overrides::from_inputs(Some(&path), &[]).unwrap_err().to_string();
+            assert!(error.contains(expected), "{error}");
+        }
+    }
+
+    #[test]
+    fn settings_written_as_toml_read_back_to_the_same_bits() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("s.toml");
+        let settings = Settings { metres_per_count: 0.005 / 2048.0, stiffness_n_per_m: 2.1e6, ..Settings::default() };
+        std::fs::write(&path, to_toml(&settings)).unwrap();
+        let mut read = Settings::default();
+        Overrides::from_inputs(Some(&path), &[]).unwrap().apply(&mut read).unwrap();
+        assert_eq!(read, settings);
+    }
+}

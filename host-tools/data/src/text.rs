@@ -1,0 +1,275 @@
+//! Estimates, events and what goes with them in words and tables, for people.
+
+use std::collections::BTreeMap;
+
+use inerter_core::{
+    Backlash, BacklashStatus, Band, Change, Changed, Conduct, Contact, Detail, Estimate, Parameter, Reason, Route,
+    Settings, Status,
+};
+use inerter_wire::{
+    EventKind, ResetCause,
+    catalogue::{self, Field, Group},
+};
+
+use crate::{
+    replay::Outcome,
+    settings::has_terminal_sensor,
+    words::{duration_text, interval_text, plural},
+};
+
+/// Value and interval to the digits that the interval bears: `95.11 ± 0.48`.
+pub fn value_text(parameter: &Parameter) -> String {
+    if parameter.status == Status::NotIdentifiable || !parameter.value.is_finite() {
+        return "not identifiable".into();
+    }
+    let held = if parameter.status == Status::Held { " (held)" } else { "" };
+    interval_text(parameter.value.into(), parameter.u95.into()) + held
+}
+
+/// A backlash for a person, in micrometres: `50.1 ± 1.2`, or why there is none.
+pub fn backlash_text(backlash: &Backlash) -> String {
+    let micrometres = |metres: f32| f64::from(metres) * 1e6;
+    let text = interval_text(micrometres(backlash.value_m), micrometres(backlash.u95_m));
+    match backlash.status {
+        BacklashStatus::Ok => text,
+        BacklashStatus::BelowU95 => format!("{text} (maybe none)"),
+        BacklashStatus::NotIdentifiable(reason) => reason_words(reason).into(),
+    }
+}
+
+/// A table of all parameters: recent memory, whole run, and, of a simulated device, the truth; below it a line on how the
+/// device behaves.
+pub fn table(
+    estimate: &Estimate,
+    detail: Option<&Detail>,
+    settings: &Settings,
+    truth: Option<&BTreeMap<String, String>>,
+) -> String {
+    let recent = catalogue::parameters(&estimate.recent);
+    let whole = catalogue::parameters(&estimate.whole_run);
+    let head = if truth.is_some() { "truth" } else { "" };
+    let mut text =
+        format!("{:<20} {:<6} {:<22} {:<22} {head}", "", "", format!("last {} s", settings.memory_s), "whole run");
+    text.truncate(text.trim_end().len());
+    for ((field, recent), (_, whole)) in recent.zip(whole) {
+        // The plant knows the offset as the load cell's.
+        let name = if field.path == "offset_n" { "force_offset_n" } else { field.path };
+        let truth = truth.map(|truth| true_text(truth, name, 1.0)).unwrap_or_default();
+        let (recent, whole) = (value_text(&recent), value_text(&whole));
+        let line = format!("{:<20} {:<6} {recent:<22} {whole:<22} {truth}", field.label, field.unit);
+        text += &format!("\n{}", line.trim_end());
+    }
+    let Some(detail) = detail else { return text };
+    for (label, unit, value, name, factor) in rows(detail, settings) {
+        let truth = truth.map(|truth| true_text(truth, name, factor)).unwrap_or_default();
+        let line = format!("{label:<20} {unit:<6} {:<22} {value:<22} {truth}", "");
+        text += &format!("\n{}", line.trim_end());
+    }
+    format!("{text}\n\n{}", line(detail))
+}
+
+/// What is true, `factor` bringing it to the unit shown; of a device that was changed on the way both values.
+fn true_text(truth: &BTreeMap<String, String>, name: &str, factor: f64) -> String {
+    let digits = |value: f64| format!("{:?}", (value * factor * 1e9).round() / 1e9);
+    let number = |name: &str| truth.get(name)?.parse().ok().map(digits);
+    match (number(name), number(&format!("changed_{name}"))) {
+        (Some(first), Some(changed)) => format!("{first}, then {changed}"),
+        (first, _) => first.unwrap_or_default(),
+    }
+}
+
+/// One line on what the estimator took and left out.
+pub fn counts_line(settings: &Settings, duration_s: f64, outcome: &Outcome) -> String {
+    let counters = outcome.counters;
+    let gaps = match (counters.gaps, counters.lost_samples) {
+        (0, _) => "no gaps".to_string(),
+        (gaps, lost) => format!("{} of {}", plural(gaps.into(), "gap"), plural(lost, "sample")),
+    };
+    let saturated = match counters.saturated {
+        0 => "none saturated".to_string(),
+        count => format!("{count} saturated"),
+    };
+    format!(
+        "{} at {} Hz in {}, {gaps}, {saturated}; residual {:.2} N rms",
+        plural(counters.samples, "sample"),
+        settings.sample_rate_hz,
+        duration_text(duration_s),
+        outcome.estimate.residual_rms_n
+    )
+}
+
+/// Heads the lines of [`row`].
+pub fn row_header() -> String {
+    let mut text = format!("{:>9}", "t [s]");
+    for field in catalogue::fields(catalogue::Group::Parameter) {
+        text += &format!("  {:<24}", format!("{} [{}]", field.label, field.unit));
+    }
+    text + "  Backlash [µm]"
+}
+
+/// One line per estimate: the recent memory, and the backlash so far.
+pub fn row(t_s: f64, estimate: &Estimate, detail: Option<&Detail>) -> String {
+    let mut text = format!("{t_s:>9.2}");
+    for (_, parameter) in catalogue::parameters(&estimate.recent) {
+        text += &format!("  {:<24}", value_text(&parameter));
+    }
+    text += &format!("  {:<22}", detail.map(|detail| backlash_text(&detail.backlash)).unwrap_or_default());
+    let rest = Some("at rest").filter(|_| !estimate.moving);
+    let remarks: Vec<&str> = rest.into_iter().chain(detail.into_iter().flat_map(remarks)).collect();
+    text += &format!("  {}", remarks.join(", "));
+    text.trim_end().into()
+}
+
+/// Time from the first sample since the reset to the one of this estimate \[s\].
+pub fn elapsed_s(estimate: &Estimate, rate_hz: f64) -> f64 {
+    estimate.elapsed_samples.saturating_sub(1) as f64 / rate_hz
+}
+
+/// An event for a person.
+pub fn event_words(kind: &EventKind) -> String {
+    match kind {
+        EventKind::Started => "the device has started".into(),
+        EventKind::SourceEnded => "no more samples: the motion has ended".into(),
+        EventKind::EstimatorReset => "the estimator begins anew".into(),
+        EventKind::SettingsChanged => "the settings were changed".into(),
+        EventKind::SourceChanged(source) => format!("samples now come from: {source:?}").to_lowercase(),
+        EventKind::Fault(fault) => format!("fault: {fault}"),
+        EventKind::Panicked(text) => format!("the firmware failed before this start: {text}; please report it"),
+        EventKind::ResetBy(cause) => format!("the device was started by {cause}"),
+        EventKind::Changed(change) => change_words(change),
+    }
+}
+
+/// Whether an event tells of something wrong that somebody who records wants to know.
+pub fn is_trouble(kind: &EventKind) -> bool {
+    match kind {
+        EventKind::Fault(_) | EventKind::Panicked(_) | EventKind::Changed(_) => true,
+        EventKind::ResetBy(cause) => match cause {
+            ResetCause::PowerOn | ResetCause::Pin | ResetCause::Software | ResetCause::OptionBytes => false,
+            ResetCause::Watchdog
+            | ResetCause::WindowWatchdog
+            | ResetCause::LowPower
+            | ResetCause::Panic
+            | ResetCause::Unknown => true,
+        },
+        EventKind::Started
+        | EventKind::SourceEnded
+        | EventKind::EstimatorReset
+        | EventKind::SettingsChanged
+        | EventKind::SourceChanged(_) => false,
+    }
+}
+
+/// The field of the parameter that changed.
+pub fn changed_field(change: &Change) -> &'static Field {
+    let path = match change.parameter {
+        Changed::Inertance => "inertance_kg",
+        Changed::Viscous => "viscous_n_s_per_m",
+        Changed::Coulomb => "coulomb_n",
+        Changed::Offset => "offset_n",
+    };
+    catalogue::find(Group::Parameter, path).unwrap_or(&catalogue::FIELDS[0])
+}
+
+/// A change for a person.
+pub fn change_words(change: &Change) -> String {
+    let Field { label, unit, .. } = changed_field(change);
+    let digits =
+        |value: f32| format!("{:.4}", f64::from(value)).trim_end_matches('0').trim_end_matches('.').to_string();
+    let (before, after) = (digits(change.before), digits(change.after));
+    format!(
+        "the device has changed: {} from {before} to {after} {unit}; the estimator begins anew",
+        label.to_lowercase()
+    )
+}
+
+/// One line on everything that is not a parameter.
+pub fn line(detail: &Detail) -> String {
+    let mut parts = Vec::new();
+    if let Some(Band { low_hz, high_hz }) = seen(detail.band) {
+        let band = if high_hz < 1.05 * low_hz {
+            format!("at {:.*} Hz", decimals(low_hz), low_hz)
+        } else {
+            format!("from {:.*} to {:.*} Hz", decimals(low_hz), low_hz, decimals(high_hz), high_hz)
+        };
+        parts.push(format!("inertance seen {band}"));
+    }
+    if detail.backlash.reversals > 0 {
+        let by = match detail.backlash.route {
+            Route::Force => "the force alone",
+            Route::Terminal => "the terminal's sensor",
+        };
+        parts.push(format!("{} by {by}", plural(detail.backlash.reversals.into(), "reversal")));
+    }
+    parts.push(format!("contact: {}", contact_words(detail.contact)));
+    parts.push(format!("friction: {}", conduct_words(detail.friction.conduct)));
+    if detail.changes > 0 {
+        parts.push(format!("the device has changed {}", plural(detail.changes.into(), "time")));
+    }
+    parts.join("; ")
+}
+
+/// What a row says beside its numbers: only what is not as it should be.
+pub fn remarks(detail: &Detail) -> impl Iterator<Item = &'static str> {
+    let contact =
+        matches!(detail.contact, Contact::OneSided | Contact::Bouncing).then(|| contact_words(detail.contact));
+    let friction = matches!(detail.friction.conduct, Conduct::Presliding | Conduct::Stribeck);
+    [contact, friction.then(|| conduct_words(detail.friction.conduct))].into_iter().flatten()
+}
+
+/// Rows of a table: label, unit, value, and the name of the truth with the factor to that unit.
+pub fn rows(detail: &Detail, settings: &Settings) -> Vec<(&'static str, &'static str, String, &'static str, f64)> {
+    let label = catalogue::find(Group::Detail, "backlash_m").map_or("", |field| field.label);
+    let mut rows = vec![(label, "µm", backlash_text(&detail.backlash), "backlash_m", 1e6)];
+    if has_terminal_sensor(settings) {
+        rows.extend(
+            catalogue::contact(detail)
+                .map(|(field, parameter)| (field.label, field.unit, value_text(&parameter), field.path, 1.0)),
+        );
+    }
+    rows
+}
+
+pub(crate) fn seen(band: Band) -> Option<Band> {
+    Some(band).filter(|band| band.low_hz > 0.0 && band.high_hz.is_finite())
+}
+
+/// Three digits of a frequency.
+fn decimals(hertz: f32) -> usize {
+    (2.0 - hertz.log10().floor()).clamp(0.0, 6.0) as usize
+}
+
+fn reason_words(reason: Reason) -> &'static str {
+    match reason {
+        Reason::ForceNeverReverses => "force never reverses",
+        Reason::TooFewReversals => "too few reversals",
+        Reason::FlankTooShort => "flanks too short",
+        Reason::StiffnessUnknown => "stiffness unknown",
+        Reason::Scattered => "reversals disagree",
+    }
+}
+
+/// How the flanks behave, for a person.
+pub fn contact_words(contact: Contact) -> &'static str {
+    match contact {
+        Contact::Unknown => "not seen yet",
+        Contact::OneSided => "one flank carries it all",
+        Contact::Closed => "no gap seen",
+        Contact::Gap => "a gap at each reversal",
+        Contact::Bouncing => "the flanks bounce",
+    }
+}
+
+/// How friction behaves, for a person.
+pub fn conduct_words(conduct: Conduct) -> &'static str {
+    match conduct {
+        Conduct::Unknown => "not seen yet",
+        Conduct::Coulomb => "Coulomb's",
+        Conduct::Presliding => "creeps before it slips (presliding)",
+        Conduct::Stribeck => "greater near rest (Stribeck)",
+    }
+}
+
+#[cfg(test)]
+#[path = "text_tests.rs"]
+mod tests;

@@ -1,0 +1,126 @@
+use std::collections::BTreeMap;
+
+use inerter_core::{Friction, Gap};
+
+use super::*;
+use crate::json::{BacklashJson, DetailJson, EstimateJson, EventJson, GapJson, json_line};
+
+fn detail() -> Detail {
+    let parameter = |value, u95| Parameter { value, u95, status: Status::Ok };
+    Detail {
+        index: 7,
+        band: Band { low_hz: 3.125, high_hz: 6.5 },
+        backlash: Backlash {
+            value_m: 5e-5,
+            u95_m: 2e-6,
+            status: BacklashStatus::Ok,
+            route: Route::Terminal,
+            reversals: 130,
+        },
+        contact: Contact::Gap,
+        stiffness_n_per_m: parameter(2.1e6, 4e3),
+        contact_damping_n_s_per_m: parameter(1200.0, 100.0),
+        friction: Friction { reversal_ratio: Some(0.75), conduct: Conduct::Coulomb },
+        changes: 1,
+    }
+}
+
+fn settings(terminal_sensor: f64) -> Settings {
+    Settings { terminal_sensor, ..Settings::default() }
+}
+
+#[test]
+fn the_json_contract_holds_to_the_letter() {
+    let head = r#""backlash_m":{"value":0.00005,"u95":0.000002,"status":"ok","reason":null,"reversals":130,"route":"terminal"}"#;
+    let middle = r#""stiffness_n_per_m":{"value":2100000.0,"u95":4000.0,"status":"ok"},"contact_damping_n_s_per_m":{"value":1200.0,"u95":100.0,"status":"ok"}"#;
+    let tail =
+        r#""band_hz":[3.125,6.5],"contact":"gap","friction":{"reversal_ratio":0.75,"conduct":"coulomb"},"changes":1"#;
+    assert_eq!(json_line(&DetailJson::new(&detail(), &settings(1.0))), format!("{{{head},{middle},{tail}}}"));
+    // Without a sensor there is nothing to say of the contact's own parameters.
+    assert_eq!(json_line(&DetailJson::new(&detail(), &settings(0.0))), format!("{{{head},{tail}}}"));
+    // Beside the estimate, in one object.
+    let line = json_line(&EstimateJson::live(0.2, &Estimate::default(), Some(&detail()), &settings(0.0)));
+    assert!(line.ends_with(&format!(r#""updates":0,{head},{tail}}}"#)), "{line}");
+}
+
+#[test]
+fn what_is_not_known_is_null_with_its_reason() {
+    let json = DetailJson::new(&Detail::default(), &settings(1.0));
+    assert_eq!(json.band_hz, None);
+    assert_eq!(json.stiffness_n_per_m.map(|parameter| parameter.status), Some("not_identifiable"));
+    assert_eq!((json.contact, json.friction.conduct, json.friction.reversal_ratio), ("unknown", "unknown", None));
+    let backlash = json.backlash_m;
+    assert_eq!(
+        (backlash.value, backlash.status, backlash.reason),
+        (None, "not_identifiable", Some("too_few_reversals"))
+    );
+    for (reason, code) in [
+        (Reason::ForceNeverReverses, "force_never_reverses"),
+        (Reason::TooFewReversals, "too_few_reversals"),
+        (Reason::FlankTooShort, "flank_too_short"),
+        (Reason::StiffnessUnknown, "stiffness_unknown"),
+        (Reason::Scattered, "scattered"),
+    ] {
+        // Whatever the device puts beside it.
+        let backlash =
+            Backlash { status: BacklashStatus::NotIdentifiable(reason), u95_m: f32::INFINITY, ..detail().backlash };
+        let json = BacklashJson::from(backlash);
+        assert_eq!((json.value, json.u95, json.reason), (None, None, Some(code)));
+    }
+    let below = BacklashJson::from(Backlash { status: BacklashStatus::BelowU95, ..detail().backlash });
+    assert_eq!((below.value, below.status, below.reason), (Some(5e-5), "below_u95", None));
+    let odd = Backlash { value_m: f32::NAN, u95_m: f32::NAN, ..detail().backlash };
+    assert_eq!((BacklashJson::from(odd).value, BacklashJson::from(odd).u95), (None, None));
+}
+
+#[test]
+fn reversals_and_changes_have_lines_of_their_own() {
+    let gap = Gap { index: 9, value_m: 5.25e-5, error_m: 1.5e-6, route: Route::Force, rising: true };
+    assert_eq!(
+        json_line(&GapJson::new(Some(0.1 + 0.2), &gap)),
+        r#"{"kind":"gap","t_s":0.3,"index":9,"value_m":0.0000525,"error_m":0.0000015,"route":"force","rising":true}"#
+    );
+    let change = Change { index: 9, parameter: Changed::Coulomb, before: 50.0, after: 80.25 };
+    assert_eq!(
+        change_words(&change),
+        "the device has changed: coulomb friction from 50 to 80.25 N; the estimator begins anew"
+    );
+    let event = EventJson::new(None, 9, &inerter_wire::EventKind::Changed(change));
+    assert_eq!(
+        json_line(&event),
+        r#"{"kind":"event","t_s":null,"index":9,"code":"changed","event":"the device has changed: coulomb friction from 50 to 80.25 N; the estimator begins anew","parameter":"coulomb_n","before":50.0,"after":80.25}"#
+    );
+    let paths = [Changed::Inertance, Changed::Viscous, Changed::Coulomb, Changed::Offset]
+        .map(|parameter| changed_field(&Change { parameter, ..change }).path);
+    assert_eq!(paths, ["inertance_kg", "viscous_n_s_per_m", "coulomb_n", "offset_n"]);
+}
+
+#[test]
+fn a_person_sees_it_at_a_glance() {
+    let truth = BTreeMap::from([("backlash_m".to_string(), "5e-5".to_string())]);
+    let text = table(&Estimate::default(), Some(&detail()), &settings(1.0), Some(&truth));
+    for words in
+        ["Backlash             µm", "50.0 ± 2.0             50.0", "Contact stiffness    N/m", "2100000 ± 4000"]
+    {
+        assert!(text.contains(words), "{words} is not in:\n{text}");
+    }
+    let swapped = [("inertance_kg", "300.0"), ("changed_inertance_kg", "150.0")];
+    let swapped = swapped.map(|(name, value)| (name.to_string(), value.to_string())).into();
+    assert!(table(&Estimate::default(), None, &settings(0.0), Some(&swapped)).contains(" 300.0, then 150.0"));
+    let line = "inertance seen from 3.12 to 6.50 Hz; 130 reversals by the terminal's sensor; contact: a gap at each reversal; \
+                friction: Coulomb's; the device has changed 1 time";
+    assert!(text.ends_with(line), "{text}");
+    // What is as it should be needs no remark.
+    assert!(row(1.0, &Estimate::default(), Some(&detail())).ends_with("50.0 ± 2.0              at rest"));
+    let odd = Detail {
+        contact: Contact::Bouncing,
+        friction: Friction { conduct: Conduct::Presliding, ..detail().friction },
+        ..detail()
+    };
+    let moving = Estimate { moving: true, ..Estimate::default() };
+    let row = row(1.0, &moving, Some(&odd));
+    assert!(row.ends_with("the flanks bounce, creeps before it slips (presliding)"), "{row}");
+    let below = Backlash { status: BacklashStatus::BelowU95, value_m: 1e-6, ..detail().backlash };
+    assert_eq!(backlash_text(&below), "1.0 ± 2.0 (maybe none)");
+    assert_eq!(backlash_text(&Backlash::default()), "too few reversals");
+}

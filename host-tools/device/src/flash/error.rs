@@ -1,0 +1,87 @@
+//! Why programming through a probe did not happen, and what to do about it.
+
+use miette::Diagnostic;
+
+use crate::{board::CHIP, udev::udev_help};
+
+/// Programming that failed.
+#[derive(Debug, thiserror::Error, Diagnostic)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
+pub enum FlashError {
+    /// The program cannot speak to probes.
+    #[error("this `inerter` was built without support for debug probes")]
+    #[diagnostic(
+        code(inerter::flash::built_without),
+        help(
+            "build it with `cargo install --path host-tools/inerter --features probe`; or use `cargo run --release` in \
+             firmware/stm32g474; or, without a probe, `inerter update`"
+        )
+    )]
+    BuiltWithout,
+
+    /// No probe.
+    #[error("no debug probe was found")]
+    #[diagnostic(
+        code(inerter::flash::no_probe),
+        help(
+            "plug in the NUCLEO's ST-Link connector, or a probe on the SWD pins; without a probe use `inerter update`, \
+             which needs only the board's own USB connector"
+        )
+    )]
+    NoProbe,
+
+    /// Several probes.
+    #[error("several debug probes are plugged in: {probes}")]
+    #[diagnostic(code(inerter::flash::several), help("choose one with --probe VID:PID:SERIAL, as listed"))]
+    SeveralProbes { probes: String },
+
+    /// Not the one that was meant.
+    #[error("there is no debug probe `{words}`; there are: {probes}")]
+    #[diagnostic(code(inerter::flash::no_such_probe), help("give --probe VID:PID:SERIAL, as listed"))]
+    NoSuchProbe { words: String, probes: String },
+
+    /// The probe may not be opened.
+    #[error("the debug probe {probe} cannot be opened: permission denied")]
+    #[diagnostic(code(inerter::flash::permission), help("{}", udev_help(vid, "")))]
+    Permission { probe: String, vid: String },
+
+    /// The probe cannot be opened.
+    #[error("the debug probe {probe} cannot be opened: {reason}")]
+    #[diagnostic(
+        code(inerter::flash::open),
+        help(
+            "close other programs that use it (probe-rs, OpenOCD, STM32CubeProgrammer), and plug it in again; \
+             on Windows an ST-Link needs ST's driver"
+        )
+    )]
+    Open { probe: String, reason: String },
+
+    /// No such chip.
+    #[error("there is no chip `{chip}`: {reason}")]
+    #[diagnostic(code(inerter::flash::chip), help("leave --chip out for the board's own, {CHIP}"))]
+    Chip { chip: String, reason: String },
+
+    /// The probe does not reach the chip.
+    #[error("the chip does not answer through {probe}: {reason}")]
+    #[diagnostic(
+        code(inerter::flash::attach),
+        help("is the board powered, and are SWDIO, SWCLK, GND and NRST connected?")
+    )]
+    Attach { probe: String, reason: String },
+
+    /// Another chip.
+    #[error("the chip is not the board's: its device number is 0x{found:03X}, not 0x{wanted:03X} (STM32G474)")]
+    #[diagnostic(code(inerter::flash::other_chip), help("is the probe on the right board? Nothing was changed"))]
+    OtherChip { found: u32, wanted: u32 },
+
+    /// Erasing, writing or reading back failed.
+    #[error("programming failed: {reason}")]
+    #[diagnostic(
+        code(inerter::flash::program),
+        help(
+            "run the same command again; if it stays so, take read and write protection away with STM32CubeProgrammer \
+             (taking read protection away erases everything, settings too)"
+        )
+    )]
+    Program { reason: String },
+}

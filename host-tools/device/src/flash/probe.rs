@@ -1,0 +1,66 @@
+//! A debug probe, and what programming needs of it.
+
+use super::error::FlashError;
+use crate::image::Image;
+
+/// A debug probe that is plugged in.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Probe {
+    /// What it calls itself.
+    pub name: String,
+    /// USB vendor number.
+    pub vid: u16,
+    /// USB product number.
+    pub pid: u16,
+    /// Its serial number.
+    pub serial: Option<String>,
+    /// Whether this user may open it.
+    pub accessible: bool,
+}
+
+impl Probe {
+    /// The words with which `--probe` chooses it.
+    pub fn selector(&self) -> String {
+        let serial = self.serial.as_ref().map(|serial| format!(":{serial}")).unwrap_or_default();
+        format!("{:04x}:{:04x}{serial}", self.vid, self.pid)
+    }
+
+    /// Whether `--probe` with these words means it: VID:PID, VID:PID:SERIAL or SERIAL.
+    pub(super) fn matches(&self, words: &str) -> bool {
+        let numbers = format!("{:04x}:{:04x}", self.vid, self.pid);
+        let serial = self.serial.as_deref().unwrap_or_default();
+        [numbers, self.selector(), serial.to_string()].iter().any(|name| name.eq_ignore_ascii_case(words))
+    }
+}
+
+impl std::fmt::Display for Probe {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} ({})", self.name, self.selector())
+    }
+}
+
+/// What is under way.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Work {
+    /// Pages are erased.
+    Erasing,
+    /// Pages are written.
+    Writing,
+    /// Pages are read back.
+    Checking,
+}
+
+/// Access to probes.
+pub trait Probes {
+    /// Those that are plugged in.
+    fn list(&mut self) -> Result<Vec<Probe>, FlashError>;
+    /// Writes the image, reads it back, and starts it; `progress` hears the bytes done of all. Gives the chip's serial
+    /// number. Nothing is written to a chip that is not the board's.
+    fn program(
+        &mut self,
+        probe: &Probe,
+        chip: &str,
+        image: &Image,
+        progress: &mut dyn FnMut(Work, u64, u64),
+    ) -> Result<String, FlashError>;
+}

@@ -1,0 +1,282 @@
+//! A firmware image: read from a file, and found good for the board before anything is erased.
+//!
+//! - *identity*: what the firmware says of itself in `Hello`, kept in the image behind [`MAGIC`].
+//! - *page*: what flash erases at once; bytes of a page that the file leaves open are 0xFF, as erased.
+//!
+//! Taken: the ELF that `cargo build` makes, by the physical addresses of its segments, and its plain bytes (`.bin`),
+//! which begin where the chip's bank 1 does.
+
+mod elf;
+
+use std::{
+    collections::BTreeSet,
+    fs::File,
+    io::{self, Read},
+    path::Path,
+};
+
+use miette::Diagnostic;
+
+use crate::board::{CODE, PAGE, SETTINGS, STACK};
+
+/// Stands before the identity, once in an image.
+pub const MAGIC: &[u8] = b"inerter-identity\0";
+
+/// Longest file that is read: an ELF with all debug information is below a tenth of it (bytes).
+const LONGEST: u64 = 256 << 20;
+
+/// How to get a file that is right.
+const BUILD: &str = "give the ELF that `cargo build --release` makes in firmware/stm32g474: \
+                     target/thumbv7em-none-eabihf/release/inerter-stm32g474";
+
+/// Why a file cannot be the board's firmware.
+#[derive(Debug, thiserror::Error, Diagnostic)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
+pub enum ImageError {
+    /// The file cannot be read.
+    #[error("{file} cannot be read: {source}")]
+    #[diagnostic(code(inerter::image::read), help("check the name and that you may read the file"))]
+    Read { file: String, source: io::Error },
+
+    /// The file is something else.
+    #[error("{file} is no firmware image: {what}")]
+    #[diagnostic(code(inerter::image::kind), help("{BUILD}"))]
+    Kind { file: String, what: &'static str },
+
+    /// The ELF breaks off or contradicts itself.
+    #[error("{file} is a damaged ELF: {what}")]
+    #[diagnostic(code(inerter::image::damaged), help("build or copy it again"))]
+    Damaged { file: String, what: String },
+
+    /// The ELF is for another machine.
+    #[error("{file} is a program for {machine}, not for the board's Arm Cortex-M4")]
+    #[diagnostic(code(inerter::image::machine), help("{BUILD}"))]
+    Machine { file: String, machine: String },
+
+    /// Some of it would lie where the board has no room for code.
+    #[error(
+        "{file} has bytes for 0x{start:08X} to 0x{end:08X}; the firmware lies in 0x{:08X} to 0x{:08X} (flash bank 1)",
+        CODE.start,
+        CODE.end
+    )]
+    #[diagnostic(code(inerter::image::address), help("is it for another chip or behind a bootloader? {BUILD}"))]
+    Outside { file: String, start: u64, end: u64 },
+
+    /// Some of it would lie over the settings.
+    #[error(
+        "{file} has bytes for 0x{start:08X} to 0x{end:08X}, over the settings at 0x{:08X} to 0x{:08X}",
+        SETTINGS.start,
+        SETTINGS.end
+    )]
+    #[diagnostic(code(inerter::image::settings), help("it would destroy settings and calibration. {BUILD}"))]
+    OverSettings { file: String, start: u64, end: u64 },
+
+    /// The chip could not start it.
+    #[error("{file} cannot start on the board: {what}")]
+    #[diagnostic(code(inerter::image::vectors), help("{BUILD}"))]
+    Vectors { file: String, what: String },
+
+    /// Nothing says that it is ours.
+    #[error("{file} does not say which firmware, commit and board it is")]
+    #[diagnostic(code(inerter::image::identity), help("is it the image for QEMU, or another project's? {BUILD}"))]
+    NoIdentity { file: String },
+
+    /// What it says of itself cannot be read.
+    #[error("{file} says in an unknown form which firmware it is: {what}")]
+    #[diagnostic(code(inerter::image::identity_form), help("use the `inerter` program of the same release. {BUILD}"))]
+    BadIdentity { file: String, what: &'static str },
+}
+
+/// What a firmware says of itself; the same texts come in its `Hello`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Identity {
+    /// Name and version.
+    pub firmware: String,
+    /// Commit.
+    pub git: String,
+    /// Board.
+    pub board: String,
+}
+
+impl std::fmt::Display for Identity {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} ({}) for {}", self.firmware, self.git, self.board)
+    }
+}
+
+/// An image that fits the board.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Image {
+    /// The file, for a person.
+    pub file: String,
+    /// Which firmware.
+    pub identity: Identity,
+    /// All of bank 1 as it should be.
+    flash: Vec<u8>,
+    /// Addresses of the pages that hold bytes of the file.
+    pages: BTreeSet<u32>,
+    /// Bytes in the file's segments.
+    length: usize,
+}
+
+impl Image {
+    /// Reads an ELF or `.bin` and checks all that can be checked without a device.
+    pub fn open(path: &Path) -> Result<Self, ImageError> {
+        let name = path.display().to_string();
+        let failed = |source| ImageError::Read { file: name.clone(), source };
+        let mut bytes = Vec::new();
+        let file = File::open(path).map_err(failed)?;
+        file.take(LONGEST + 1).read_to_end(&mut bytes).map_err(failed)?;
+        if bytes.len() as u64 > LONGEST {
+            return Err(ImageError::Kind { file: name, what: "it is larger than 256 MB" });
+        }
+        Self::parse(name, &bytes)
+    }
+
+    /// The image in `bytes`.
+    pub fn parse(file: String, bytes: &[u8]) -> Result<Self, ImageError> {
+        let mut image = Draft { flash: vec![0xFF; CODE.len()], pages: BTreeSet::new(), length: 0 };
+        if bytes.starts_with(b"\x7FELF") {
+            for segment in elf::segments(&file, bytes)? {
+                image.put(&file, segment.address, segment.bytes)?;
+            }
+        } else {
+            if let Some(what) = other_kind(bytes) {
+                return Err(ImageError::Kind { file, what });
+            }
+            image.put(&file, u64::from(CODE.start), bytes)?;
+        }
+        image.check_vectors(&file)?;
+        let identity = image.identity(&file)?;
+        let Draft { flash, pages, length } = image;
+        Ok(Self { file, identity, flash, pages, length })
+    }
+
+    /// The pages to write with their addresses, in order; each is [`PAGE`] bytes long.
+    pub fn pages(&self) -> impl Iterator<Item = (u32, &[u8])> {
+        self.pages.iter().filter_map(|&address| {
+            let start = usize::try_from(address - CODE.start).ok()?;
+            Some((address, self.flash.get(start..start + PAGE as usize)?))
+        })
+    }
+
+    /// Number of pages.
+    pub fn page_count(&self) -> usize {
+        self.pages.len()
+    }
+
+    /// Bytes that the file has for flash.
+    pub fn length(&self) -> usize {
+        self.length
+    }
+
+    /// Pages that follow each other, as address ranges: first byte and last byte.
+    pub fn extents(&self) -> Vec<(u32, u32)> {
+        let mut extents: Vec<(u32, u32)> = Vec::new();
+        for &page in &self.pages {
+            let last = page + (PAGE - 1);
+            match extents.last_mut() {
+                Some(extent) if extent.1 + 1 == page => extent.1 = last,
+                _ => extents.push((page, last)),
+            }
+        }
+        extents
+    }
+}
+
+/// An image that is being put together.
+struct Draft {
+    flash: Vec<u8>,
+    pages: BTreeSet<u32>,
+    length: usize,
+}
+
+impl Draft {
+    fn put(&mut self, file: &str, address: u64, bytes: &[u8]) -> Result<(), ImageError> {
+        if bytes.is_empty() {
+            return Ok(());
+        }
+        let end = address.saturating_add(bytes.len() as u64);
+        if address < u64::from(SETTINGS.end) && end > u64::from(SETTINGS.start) {
+            return Err(ImageError::OverSettings { file: file.into(), start: address, end });
+        }
+        let outside = || ImageError::Outside { file: file.into(), start: address, end };
+        let first = u32::try_from(address).ok().filter(|first| CODE.contains(first)).ok_or_else(outside)?;
+        let offset = (first - CODE.start) as usize;
+        self.flash.get_mut(offset..offset + bytes.len()).ok_or_else(outside)?.copy_from_slice(bytes);
+        self.length += bytes.len();
+        let first_page = first - first % PAGE;
+        let pages = (first_page..CODE.end).step_by(PAGE as usize).take_while(|&page| u64::from(page) < end);
+        self.pages.extend(pages);
+        Ok(())
+    }
+
+    fn word(&self, offset: usize) -> Option<u32> {
+        let bytes = self.flash.get(offset..offset + 4)?;
+        Some(u32::from_le_bytes(bytes.try_into().ok()?))
+    }
+
+    /// Stack pointer and reset vector stand first (Armv7-M, B1.5.3).
+    fn check_vectors(&self, file: &str) -> Result<(), ImageError> {
+        let failed = |what: String| ImageError::Vectors { file: file.into(), what };
+        if !self.pages.contains(&CODE.start) {
+            return Err(failed(format!("it has nothing for 0x{:08X}, where the chip starts", CODE.start)));
+        }
+        let (stack, reset) = (self.word(0).unwrap_or(0), self.word(4).unwrap_or(0));
+        if !STACK.contains(&stack) || !stack.is_multiple_of(4) {
+            return Err(failed(format!("its stack would begin at 0x{stack:08X}, which is not the end of RAM")));
+        }
+        if reset.is_multiple_of(2) || !CODE.contains(&(reset - 1)) {
+            return Err(failed(format!("its first instruction would be at 0x{reset:08X}, outside the image")));
+        }
+        Ok(())
+    }
+
+    fn identity(&self, file: &str) -> Result<Identity, ImageError> {
+        let mut found = self.flash.windows(MAGIC.len()).enumerate().filter(|(_, window)| *window == MAGIC);
+        let (place, _) = found.next().ok_or_else(|| ImageError::NoIdentity { file: file.into() })?;
+        let failed = |what| ImageError::BadIdentity { file: file.into(), what };
+        if found.next().is_some() {
+            return Err(failed("it does so twice"));
+        }
+        let behind = self.flash.get(place + MAGIC.len()..).unwrap_or_default();
+        let mut texts = behind.splitn(4, |byte| *byte == 0);
+        // The longest texts of a Hello.
+        let mut text = |what, longest| {
+            let bytes = texts.next().filter(|bytes| !bytes.is_empty() && bytes.len() <= longest);
+            let text = bytes.and_then(|bytes| std::str::from_utf8(bytes).ok());
+            let text = text.filter(|text| !text.chars().any(char::is_control));
+            text.map(str::to_string).ok_or_else(|| failed(what))
+        };
+        Ok(Identity {
+            firmware: text("its name and version cannot be read", 32)?,
+            git: text("its commit cannot be read", 16)?,
+            board: text("its board cannot be read", 24)?,
+        })
+    }
+}
+
+/// What a file is that is neither ELF nor plain bytes with vectors in front.
+fn other_kind(bytes: &[u8]) -> Option<&'static str> {
+    match bytes {
+        [] => Some("it is empty"),
+        [b':', b'0'..=b'9', ..] => Some("it is an Intel HEX file"),
+        [b'D', b'f', b'u', b'S', b'e', ..] => Some("it is a DfuSe container"),
+        [b'U', b'F', b'2', b'\n', ..] => Some("it is a UF2 file"),
+        [b'S', b'0'..=b'3', b'0'..=b'9', ..] => Some("it is a Motorola S-record file"),
+        [0x89, b'M', b'C', b'A', b'P', ..] => Some("it is a recording"),
+        [b'!', b'<', b'a', b'r', b'c', b'h', ..] => Some("it is a library"),
+        _ if bytes.len() < 8 => Some("it has only a few bytes"),
+        _ if bytes.iter().take(64).all(|byte| byte.is_ascii_graphic() || byte.is_ascii_whitespace()) => {
+            Some("it is text")
+        }
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+#[path = "image/tests.rs"]
+mod tests;
+
+#[cfg(test)]
+pub(crate) use tests::sample;

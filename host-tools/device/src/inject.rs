@@ -1,0 +1,257 @@
+//! Sending samples through a connected device's own estimator.
+
+use std::{collections::VecDeque, time::Duration};
+
+use inerter_core::{Detail, Estimate, RawSample, Settings};
+use inerter_wire::{
+    Capabilities, Command, Done, EstimatorEvent, EventKind, Frame, Record, Refusal, Samples, Source, Streams, step,
+};
+
+use crate::{
+    error::DeviceError,
+    session::{Device, Received},
+};
+
+/// Requests under way at once; more would wait in the device's receive buffer.
+const WINDOW: usize = 4;
+/// Time without any sign of life after which the device counts as silent.
+const REPLY_TIME: Duration = Duration::from_secs(10);
+/// Time for the device to work off its queue at the end.
+const END_TIME: Duration = Duration::from_secs(30);
+
+/// What is sent: samples in order, the settings that they were taken with, and the time of the first one \[s\].
+#[derive(Clone, Copy, Debug)]
+pub struct Injection<'a> {
+    /// Settings for the device while it takes the samples.
+    pub settings: &'a Settings,
+    /// The samples; a jump of the index is a discontinuity.
+    pub samples: &'a [RawSample],
+    /// Time of the first sample \[s\].
+    pub start_s: f64,
+}
+
+/// What an injection came to.
+#[derive(Clone, Copy, Debug)]
+pub struct Injected {
+    /// Time of the last sample \[s\].
+    pub t_s: f64,
+    /// The device's final estimate.
+    pub estimate: Estimate,
+    /// What goes with it; a device with an older firmware does not say.
+    pub detail: Option<Detail>,
+    /// Samples that the device took.
+    pub samples: u64,
+}
+
+/// [`inject_all`] for whoever wants the device's estimates alone.
+pub fn inject<E: From<DeviceError>>(
+    device: &mut Device,
+    injection: &Injection,
+    mut publish: impl FnMut(f64, &Estimate) -> Result<(), E>,
+    progress: impl FnMut(u64) -> Result<(), E>,
+) -> Result<Injected, E> {
+    let estimates = |t_s: f64, news: &EstimatorEvent| match news {
+        EstimatorEvent::Estimate(estimate, _) => publish(t_s, estimate),
+        EstimatorEvent::Reversal(_) | EstimatorEvent::Changed(_) => Ok(()),
+    };
+    inject_all(device, injection, estimates, progress)
+}
+
+/// Sends settings and samples; `publish` is handed all that the device's estimator says, `progress` the number
+/// of samples taken. An error of either ends the injection.
+///
+/// The device's own settings are put back afterwards, whether all went well or not.
+pub fn inject_all<E: From<DeviceError>>(
+    device: &mut Device,
+    injection: &Injection,
+    publish: impl FnMut(f64, &EstimatorEvent) -> Result<(), E>,
+    progress: impl FnMut(u64) -> Result<(), E>,
+) -> Result<Injected, E> {
+    if !device.hello().capabilities.contains(Capabilities::INJECT) {
+        let (name, what) = (device.name().to_string(), "to take samples over the link");
+        return Err(DeviceError::Refused { name, what, refusal: Refusal::Unsupported }.into());
+    }
+    let before = *device.settings();
+    device.stream(Streams { estimates: true, ..Streams::NONE })?;
+    device.write_settings(injection.settings)?;
+    halt(device)?;
+    let (times, begun) = (Times::new(injection), Begun::No);
+    let (last, later) = (None, Vec::new());
+    let result = Sending { device: &mut *device, injection, publish, progress, times, begun, last, later }.all();
+    // What failed is more interesting than whether the settings could be put back after it.
+    let restored = device.write_settings(&before).and_then(|()| device.start_sampler());
+    let injected = result?;
+    restored?;
+    Ok(injected)
+}
+
+/// Ends whatever the device takes samples from, an injection that somebody broke off included.
+fn halt(device: &mut Device) -> Result<(), DeviceError> {
+    let has_sampler = device.hello().capabilities.contains(Capabilities::SAMPLER);
+    let command = if has_sampler { Command::Stop } else { Command::InjectEnd };
+    match device.request("to halt its sampler", command) {
+        Err(DeviceError::Refused { refusal: Refusal::NotInjecting, .. }) | Ok(_) => Ok(()),
+        Err(error) => Err(error),
+    }
+}
+
+/// Whether the device's estimates are of our samples yet: they are once it has changed to the link and begun anew.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Begun {
+    No,
+    Changed,
+    Yes,
+}
+
+struct Sending<'a, P, G> {
+    device: &'a mut Device,
+    injection: &'a Injection<'a>,
+    publish: P,
+    progress: G,
+    times: Times<'a>,
+    begun: Begun,
+    /// The latest estimate with its detail: the very last one is the final one, and for the caller.
+    last: Option<(Estimate, Option<Detail>)>,
+    /// What came after it.
+    later: Vec<EstimatorEvent>,
+}
+
+impl<E: From<DeviceError>, P: FnMut(f64, &EstimatorEvent) -> Result<(), E>, G: FnMut(u64) -> Result<(), E>>
+    Sending<'_, P, G>
+{
+    fn all(mut self) -> Result<Injected, E> {
+        let mut left = self.injection.samples;
+        let mut under_way: VecDeque<(u16, usize)> = VecDeque::new();
+        let (mut credit, mut taken) = (None, 0u64);
+        loop {
+            // The first batch goes alone: its reply says how much room there is.
+            while under_way.len() < WINDOW && !left.is_empty() && (credit.is_some() || under_way.is_empty()) {
+                let (batch, count) = Samples::from_slice(left);
+                if credit.is_some_and(|credit| credit < count) && !under_way.is_empty() {
+                    break;
+                }
+                let id = self.device.send(Command::Inject(batch))?;
+                under_way.push_back((id, count));
+                credit = credit.map(|credit: usize| credit.saturating_sub(count));
+                left = left.get(count..).unwrap_or_default();
+            }
+            let Some((id, count)) = under_way.front().copied() else { break };
+            let done = self.reply(id)?;
+            under_way.pop_front();
+            // The reply to the first batch follows the events that announce it, should those have been lost.
+            self.begun = Begun::Yes;
+            taken += count as u64;
+            (self.progress)(taken)?;
+            if let Done::Injected { free, .. } = done {
+                let on_the_way: usize = under_way.iter().map(|(_, count)| count).sum();
+                credit = Some(usize::from(free).saturating_sub(on_the_way));
+            }
+        }
+        let done = self.device.request_within("to end the injection", Command::InjectEnd, END_TIME);
+        self.drain()?;
+        done?;
+        let (estimate, detail) = self
+            .last
+            .ok_or_else(|| DeviceError::Silent { name: self.device.name().into(), seconds: END_TIME.as_secs_f64() })?;
+        let t_s = self.times.of(estimate.index);
+        Ok(Injected { t_s, estimate, detail, samples: taken })
+    }
+
+    /// Waits for the reply to `id`, handing on the estimates that come before it.
+    fn reply(&mut self, id: u16) -> Result<Done, E> {
+        let mut heard = std::time::Instant::now();
+        loop {
+            let name = || self.device.name().to_string();
+            if heard.elapsed() > REPLY_TIME {
+                return Err(DeviceError::Silent { name: name(), seconds: REPLY_TIME.as_secs_f64() }.into());
+            }
+            let Some(received) = self.device.receive()? else { continue };
+            heard = std::time::Instant::now();
+            match &received.frame {
+                Frame::Message { message: Record::Reply(reply), .. } if reply.id == id => {
+                    let name = self.device.name().to_string();
+                    let refused = |refusal| DeviceError::Refused { name, what: "a batch of samples", refusal };
+                    return Ok(reply.result.map_err(refused)?);
+                }
+                _ => self.take(&received)?,
+            }
+        }
+    }
+
+    fn drain(&mut self) -> Result<(), E> {
+        while let Some(received) = self.device.pending() {
+            self.take(&received)?;
+        }
+        Ok(())
+    }
+
+    fn take(&mut self, received: &Received) -> Result<(), E> {
+        let Frame::Message { message, .. } = &received.frame else { return Ok(()) };
+        match message {
+            Record::Event(event) => match event.kind {
+                EventKind::SourceChanged(Source::Link) => self.begun = Begun::Changed,
+                EventKind::EstimatorReset if self.begun == Begun::Changed => self.begun = Begun::Yes,
+                EventKind::Changed(change) if self.begun == Begun::Yes => {
+                    self.say(EstimatorEvent::Changed(change))?;
+                }
+                _ => {}
+            },
+            Record::Gap(gap) if self.begun == Begun::Yes => self.say(EstimatorEvent::Reversal(*gap))?,
+            Record::Estimate(estimate) if self.begun == Begun::Yes => {
+                if let Some((before, detail)) = self.last.replace((*estimate, None)) {
+                    (self.publish)(self.times.of(before.index), &EstimatorEvent::Estimate(before, detail))?;
+                }
+                for news in std::mem::take(&mut self.later) {
+                    (self.publish)(self.times.near(&news), &news)?;
+                }
+            }
+            Record::Detail(detail) if self.begun == Begun::Yes => {
+                if let Some((_, place)) = self.last.as_mut().filter(|(estimate, _)| estimate.index == detail.index) {
+                    *place = Some(*detail);
+                }
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// Publishes in the order in which the device spoke: nothing overtakes the estimate that is held back.
+    fn say(&mut self, news: EstimatorEvent) -> Result<(), E> {
+        if self.last.is_some() {
+            self.later.push(news);
+            return Ok(());
+        }
+        (self.publish)(self.times.near(&news), &news)
+    }
+}
+
+/// Times of the samples by their index, asked for in order.
+struct Times<'a> {
+    injection: &'a Injection<'a>,
+    at: usize,
+    elapsed: u64,
+}
+
+impl<'a> Times<'a> {
+    fn new(injection: &'a Injection<'a>) -> Self {
+        Self { injection, at: 0, elapsed: 0 }
+    }
+
+    fn of(&mut self, index: u32) -> f64 {
+        while let Some([this, next]) = self.injection.samples.get(self.at..self.at + 2) {
+            if this.index == index {
+                break;
+            }
+            self.elapsed += step(this.index, next.index);
+            self.at += 1;
+        }
+        self.injection.start_s + self.elapsed as f64 / self.injection.settings.sample_rate_hz
+    }
+
+    /// Time of what happened around the sample that was asked for last, before it or after.
+    fn near(&self, news: &EstimatorEvent) -> f64 {
+        let here = self.injection.samples.get(self.at).map_or(0, |sample| sample.index);
+        let after = news.index().wrapping_sub(here).cast_signed();
+        self.injection.start_s + (self.elapsed as f64 + f64::from(after)) / self.injection.settings.sample_rate_hz
+    }
+}

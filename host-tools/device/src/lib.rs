@@ -1,0 +1,23 @@
+//! Connected devices: finding them, opening the link, talking to them, giving them other firmware.
+//!
+//! [`Device`] is a conversation with one device, [`live::Live`] one that survives a pulled plug, [`inject`] sends samples through
+//! a device's own estimator. A firmware [`image`] reaches a board by [`mod@update`] over USB or by [`flash`] through a debug probe.
+#![forbid(unsafe_code)]
+
+pub mod board;
+pub mod dfu;
+mod error;
+pub mod flash;
+pub mod image;
+pub mod inject;
+mod link;
+pub mod live;
+mod ports;
+mod session;
+pub mod udev;
+pub mod update;
+
+pub use error::DeviceError;
+pub use link::{DEFAULT_BAUD, Link, Target};
+pub use ports::{Port, find, list, serial_of, stlink_port};
+pub use session::{Clock, Device, Received};

@@ -1,0 +1,155 @@
+//! A device that is listened to for as long as it is there, and waited for when it is not.
+
+use std::time::{Duration, Instant};
+
+use inerter_wire::Streams;
+
+use crate::{
+    error::DeviceError,
+    link::Target,
+    ports::serial_of,
+    session::{Clock, Device, Received},
+};
+
+/// Pause between two attempts to reach a device that went away.
+const RETRY: Duration = Duration::from_millis(300);
+/// A device says something every second: silence this long means that it is gone.
+const SILENCE: Duration = Duration::from_secs(5);
+
+/// What happened on the link.
+#[derive(Debug)]
+pub enum LinkEvent {
+    /// A finding in the stream.
+    Received(Box<Received>),
+    /// Nothing for the moment.
+    Quiet,
+    /// The device went away; attempts to reach it go on.
+    Away {
+        /// Why, for a person.
+        reason: String,
+    },
+    /// The device is back.
+    Back,
+}
+
+/// A device with its stream.
+pub struct Live {
+    target: Target,
+    streams: Streams,
+    wait: Duration,
+    clock: Clock,
+    state: State,
+    /// Frames lost on the links before this one.
+    lost_before: u64,
+}
+
+enum State {
+    Here { device: Box<Device>, heard: Instant },
+    Away { since: Instant, tried: Instant, error: Option<DeviceError> },
+}
+
+impl Live {
+    /// Connects and switches the streams on. Once it is connected, a device that goes away is waited for up to `wait`.
+    pub fn connect(target: Target, streams: Streams, wait: Duration) -> Result<Self, DeviceError> {
+        let clock = Clock::new();
+        let device = Box::new(open(&target, streams, clock)?);
+        let target = known(target, &device);
+        Ok(Self { target, streams, wait, clock, state: State::Here { device, heard: Instant::now() }, lost_before: 0 })
+    }
+
+    /// The device, while it is there.
+    pub fn device(&self) -> Option<&Device> {
+        match &self.state {
+            State::Here { device, .. } => Some(device),
+            State::Away { .. } => None,
+        }
+    }
+
+    /// The device, to be asked something, while it is there.
+    pub fn device_mut(&mut self) -> Option<&mut Device> {
+        match &mut self.state {
+            State::Here { device, .. } => Some(device),
+            State::Away { .. } => None,
+        }
+    }
+
+    /// Host time now, on the clock of what is received \[ns\].
+    pub fn now_ns(&self) -> u64 {
+        self.clock.now_ns()
+    }
+
+    /// Frames lost or damaged on the way so far.
+    pub fn lost_frames(&self) -> u64 {
+        self.lost_before + self.device().map_or(0, lost)
+    }
+
+    /// The next thing that happens; an error once the device stayed away too long or cannot come back.
+    #[allow(clippy::should_implement_trait, reason = "it ends by an error, not by None")]
+    pub fn next(&mut self) -> Result<LinkEvent, DeviceError> {
+        match &mut self.state {
+            State::Here { device, heard } => {
+                let error = match device.receive() {
+                    Ok(Some(received)) => {
+                        *heard = Instant::now();
+                        return Ok(LinkEvent::Received(Box::new(received)));
+                    }
+                    Ok(None) if heard.elapsed() < SILENCE => return Ok(LinkEvent::Quiet),
+                    Ok(None) => DeviceError::Silent { name: device.name().into(), seconds: SILENCE.as_secs_f64() },
+                    Err(error) => error,
+                };
+                self.lost_before += lost(device);
+                if !error.may_come_back() || self.wait.is_zero() {
+                    return Err(error);
+                }
+                let reason = error.to_string();
+                self.state = State::Away { since: Instant::now(), tried: Instant::now(), error: Some(error) };
+                Ok(LinkEvent::Away { reason })
+            }
+            State::Away { since, tried, error } => {
+                if since.elapsed() > self.wait
+                    && let Some(error) = error.take()
+                {
+                    return Err(error);
+                }
+                if tried.elapsed() < RETRY {
+                    std::thread::sleep(Duration::from_millis(20));
+                    return Ok(LinkEvent::Quiet);
+                }
+                match open(&self.target, self.streams, self.clock) {
+                    Ok(device) => {
+                        self.state = State::Here { device: Box::new(device), heard: Instant::now() };
+                        Ok(LinkEvent::Back)
+                    }
+                    Err(error) if !error.may_come_back() => Err(error),
+                    Err(_) => {
+                        *tried = Instant::now();
+                        Ok(LinkEvent::Quiet)
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn open(target: &Target, streams: Streams, clock: Clock) -> Result<Device, DeviceError> {
+    let mut device = Device::connect(target, clock)?;
+    device.stream(streams)?;
+    device.start_sampler()?;
+    Ok(device)
+}
+
+/// A USB device is found again by its serial number, whatever port it then gets; also one that was given by its port.
+fn known(target: Target, device: &Device) -> Target {
+    match target {
+        Target::Usb { serial: None } => Target::Usb { serial: Some(device.hello().serial.to_string()) },
+        Target::Port { port, baud } => match serial_of(&port) {
+            Some(serial) => Target::Usb { serial: Some(serial) },
+            None => Target::Port { port, baud },
+        },
+        target => target,
+    }
+}
+
+fn lost(device: &Device) -> u64 {
+    u64::from(device.counts().lost)
+}

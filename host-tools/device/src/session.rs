@@ -1,0 +1,364 @@
+//! A conversation with a device: handshake, requests with their replies, records as they come.
+
+use std::{
+    collections::VecDeque,
+    io,
+    time::{Duration, Instant, SystemTime, UNIX_EPOCH},
+};
+
+use inerter_core::Settings;
+use inerter_wire::{
+    Capabilities, Command, Counts, DELIMITER, Done, Frame, FrameReader, Hello, MAX_FRAME, Record, Request,
+    SequenceCounter, Streams, encode_request,
+};
+
+use crate::{
+    error::DeviceError,
+    link::{Link, Target},
+};
+
+/// Time for the whole handshake.
+const HANDSHAKE_TIME: Duration = Duration::from_secs(3);
+/// Time after which a Hello is asked for again.
+const HELLO_TIME: Duration = Duration::from_millis(500);
+/// Time for a reply.
+const REPLY_TIME: Duration = Duration::from_secs(3);
+/// Time for a reply when flash is erased.
+const ERASE_TIME: Duration = Duration::from_secs(6);
+
+/// Host time in nanoseconds since 1970 that never goes back within a session.
+#[derive(Clone, Copy, Debug)]
+pub struct Clock {
+    epoch_ns: u64,
+    started: Instant,
+}
+
+impl Clock {
+    /// Starts from the machine's clock.
+    pub fn new() -> Self {
+        let epoch = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        Self { epoch_ns: u64::try_from(epoch.as_nanos()).unwrap_or(0), started: Instant::now() }
+    }
+
+    /// Now \[ns\].
+    pub fn now_ns(&self) -> u64 {
+        self.epoch_ns.saturating_add(u64::try_from(self.started.elapsed().as_nanos()).unwrap_or(u64::MAX))
+    }
+}
+
+impl Default for Clock {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// One finding in the stream.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Received {
+    /// Host time \[ns\].
+    pub time_ns: u64,
+    /// The frame as received, without its delimiter; empty for what is not a frame itself (a loss, a restart).
+    pub bytes: Vec<u8>,
+    /// What it holds.
+    pub frame: Frame<Record>,
+}
+
+/// An open conversation.
+pub struct Device {
+    link: Link,
+    name: String,
+    hello: Hello,
+    settings: Settings,
+    talk: Talk,
+}
+
+struct Talk {
+    reader: Box<FrameReader<Record>>,
+    sequence: SequenceCounter,
+    next_id: u16,
+    queue: VecDeque<Received>,
+    clock: Clock,
+}
+
+impl Device {
+    /// Opens the link, learns who is there, and reads its settings.
+    pub fn connect(target: &Target, clock: Clock) -> Result<Self, DeviceError> {
+        let (link, name) = Link::open(target)?;
+        let talk = Talk {
+            reader: Box::new(FrameReader::new()),
+            sequence: SequenceCounter::new(),
+            next_id: first_id(&clock),
+            queue: VecDeque::new(),
+            clock,
+        };
+        let hello = Hello {
+            wire_version: 0,
+            firmware: Hello::text(""),
+            git: Hello::text(""),
+            board: Hello::text(""),
+            serial: Hello::text(""),
+            sample_rate_hz: 0.0,
+            clock: inerter_wire::ClockSource::Internal,
+            capabilities: Capabilities::NONE,
+        };
+        let mut device = Self { link, name, hello, settings: Settings::default(), talk };
+        device.handshake()?;
+        Ok(device)
+    }
+
+    /// Connects to a device that is just starting, for up to `patience`; `alive` fails when waiting is of no use any more.
+    pub fn connect_starting<E: From<DeviceError>>(
+        target: &Target,
+        patience: Duration,
+        mut alive: impl FnMut() -> Result<(), E>,
+    ) -> Result<Self, E> {
+        let started = Instant::now();
+        loop {
+            match Self::connect(target, Clock::new()) {
+                Ok(device) => return Ok(device),
+                Err(error) => {
+                    alive()?;
+                    // A pseudo-terminal goes with the program that made it, which may not have ended yet.
+                    let may_come = matches!(
+                        error,
+                        DeviceError::Connect { .. }
+                            | DeviceError::Missing { .. }
+                            | DeviceError::Silent { .. }
+                            | DeviceError::Vanished { .. }
+                    );
+                    if !may_come || started.elapsed() > patience {
+                        return Err(error.into());
+                    }
+                    std::thread::sleep(Duration::from_millis(50));
+                }
+            }
+        }
+    }
+
+    /// Who the device is.
+    pub fn hello(&self) -> &Hello {
+        &self.hello
+    }
+
+    /// The settings in use.
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// The port or address.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Frames seen, lost and damaged on this link.
+    pub fn counts(&self) -> &Counts {
+        self.talk.reader.counts()
+    }
+
+    /// The next finding; `None` when nothing has come for a moment.
+    pub fn receive(&mut self) -> Result<Option<Received>, DeviceError> {
+        if self.talk.queue.is_empty() {
+            self.poll()?;
+        }
+        Ok(self.talk.queue.pop_front())
+    }
+
+    /// What is in line already, without a look at the link.
+    pub fn pending(&mut self) -> Option<Received> {
+        self.talk.queue.pop_front()
+    }
+
+    /// Sends a command and waits for its reply; what else comes meanwhile stays in line for [`receive`](Self::receive).
+    pub fn request(&mut self, what: &'static str, command: Command) -> Result<Done, DeviceError> {
+        self.request_within(what, command, REPLY_TIME)
+    }
+
+    /// [`request`](Self::request) for what takes longer: `time` counts from the last sign of life.
+    pub fn request_within(
+        &mut self,
+        what: &'static str,
+        command: Command,
+        time: Duration,
+    ) -> Result<Done, DeviceError> {
+        let id = self.send(command)?;
+        let mut seen = self.talk.queue.len();
+        let mut heard = Instant::now();
+        loop {
+            self.poll()?;
+            if self.talk.queue.len() > seen {
+                heard = Instant::now();
+            }
+            for received in self.talk.queue.range(seen.min(self.talk.queue.len())..) {
+                match &received.frame {
+                    Frame::Message { message: Record::Reply(reply), .. } if reply.id == id => {
+                        let name = || self.name.clone();
+                        return reply.result.map_err(|refusal| DeviceError::Refused { name: name(), what, refusal });
+                    }
+                    _ => {}
+                }
+            }
+            seen = self.talk.queue.len();
+            if heard.elapsed() > time {
+                return Err(self.silent(time));
+            }
+        }
+    }
+
+    /// Chooses which records come unasked.
+    pub fn stream(&mut self, streams: Streams) -> Result<(), DeviceError> {
+        self.request("to choose the streams", Command::Streams(streams)).map(|_| ())
+    }
+
+    /// Lets the device's own sampler run, where it has one; harmless when it runs already.
+    pub fn start_sampler(&mut self) -> Result<(), DeviceError> {
+        if self.hello.capabilities.contains(Capabilities::SAMPLER) {
+            self.request("to start its sampler", Command::Start)?;
+        }
+        Ok(())
+    }
+
+    /// Puts other settings in use.
+    pub fn write_settings(&mut self, settings: &Settings) -> Result<(), DeviceError> {
+        let values = inerter_wire::SettingsValues::difference(settings, &self.settings);
+        if !values.0.is_empty() {
+            self.request("the settings", Command::WriteSettings(values))?;
+            self.settings = *settings;
+        }
+        Ok(())
+    }
+
+    fn handshake(&mut self) -> Result<(), DeviceError> {
+        self.write(&[DELIMITER])?;
+        let started = Instant::now();
+        let mut asked: Option<Instant> = None;
+        self.hello = loop {
+            if started.elapsed() > HANDSHAKE_TIME {
+                return Err(self.silent(HANDSHAKE_TIME));
+            }
+            if asked.is_none_or(|asked| asked.elapsed() > HELLO_TIME) {
+                // Each attempt begins the stream anew, with sequence number 0.
+                self.talk.sequence = SequenceCounter::new();
+                self.send(Command::Hello)?;
+                asked = Some(Instant::now());
+            }
+            self.poll()?;
+            if let Some(hello) = self.talk.queue.iter().find_map(|received| message(received, as_hello)) {
+                break hello;
+            }
+        };
+        self.read_settings()
+    }
+
+    /// Asks for the settings in use.
+    fn read_settings(&mut self) -> Result<(), DeviceError> {
+        let before = self.talk.queue.len();
+        self.request("to read its settings", Command::ReadSettings)?;
+        // The last one: an earlier one may tell of a change before.
+        let values = self.talk.queue.range(before..).rev().find_map(|received| message(received, as_settings));
+        let values = values.ok_or_else(|| self.silent(REPLY_TIME))?;
+        let settings = values.read(&Settings::default());
+        let settings = settings.map_err(|source| DeviceError::Settings { name: self.name.clone(), source })?;
+        self.settings = settings.settings;
+        Ok(())
+    }
+
+    /// Takes the present force as zero.
+    pub fn tare(&mut self) -> Result<(), DeviceError> {
+        self.request("to take the present force as zero", Command::Tare)?;
+        self.read_settings()
+    }
+
+    /// Keeps the settings in use over a restart.
+    pub fn save_settings(&mut self) -> Result<(), DeviceError> {
+        self.request_within("to save its settings", Command::SaveSettings, ERASE_TIME).map(|_| ())
+    }
+
+    /// Whether it can keep settings over a restart.
+    pub fn keeps_settings(&self) -> bool {
+        self.hello().capabilities.contains(Capabilities::STORE)
+    }
+
+    /// Erases what the device has saved, puts its board's defaults in use, and reads them.
+    pub fn factory_reset(&mut self) -> Result<&Settings, DeviceError> {
+        // Pages are erased, each within 25 ms, and the sampler may start anew.
+        self.request_within("to erase its settings", Command::FactoryReset, ERASE_TIME)?;
+        self.read_settings()?;
+        Ok(&self.settings)
+    }
+
+    /// Sends a command without waiting; gives the id that its reply will carry.
+    pub fn send(&mut self, command: Command) -> Result<u16, DeviceError> {
+        let id = self.talk.next_id;
+        self.talk.next_id = id.wrapping_add(1).max(1);
+        let mut out = [0; MAX_FRAME];
+        let length = encode_request(&Request { id, command }, self.talk.sequence.take(), &mut out)
+            // Only a command that no caller can build is too long for a frame.
+            .unwrap_or(0);
+        self.write(out.get(..length).unwrap_or_default())?;
+        Ok(id)
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> Result<(), DeviceError> {
+        let result = self.link.write_all(bytes);
+        result.map_err(|error| self.vanished(link_words(&error)))
+    }
+
+    /// Takes what has come off the link into the queue.
+    fn poll(&mut self) -> Result<(), DeviceError> {
+        let mut portion = [0; 4096];
+        let count = match self.link.read(&mut portion) {
+            Ok(count) => count,
+            Err(error) => return Err(self.vanished(link_words(&error))),
+        };
+        let time_ns = self.talk.clock.now_ns();
+        let mut input = portion.get(..count).unwrap_or_default();
+        while let Some(frame) = self.talk.reader.read(&mut input) {
+            if let Frame::ForeignVersion { wire_version, .. } = frame {
+                return Err(DeviceError::WireVersion { name: self.name.clone(), theirs: wire_version });
+            }
+            let bytes = match frame {
+                Frame::Lost { .. } | Frame::Restarted => Vec::new(),
+                _ => self.talk.reader.frame_bytes().to_vec(),
+            };
+            self.talk.queue.push_back(Received { time_ns, bytes, frame });
+        }
+        Ok(())
+    }
+
+    fn silent(&self, time: Duration) -> DeviceError {
+        DeviceError::Silent { name: self.name.clone(), seconds: time.as_secs_f64() }
+    }
+
+    fn vanished(&self, reason: String) -> DeviceError {
+        DeviceError::Vanished { name: self.name.clone(), reason, kept: String::new() }
+    }
+}
+
+/// Number of the first request: another one each time, lest a reply that an earlier program left in line pass for ours.
+fn first_id(clock: &Clock) -> u16 {
+    // Microseconds wrap 15 times a second; 0 is left out.
+    (clock.now_ns() / 1000 % 0xFFFF) as u16 + 1
+}
+
+/// What an error of the link means.
+fn link_words(error: &io::Error) -> String {
+    match error.kind() {
+        io::ErrorKind::BrokenPipe | io::ErrorKind::UnexpectedEof => "the connection was closed".into(),
+        _ => error.to_string(),
+    }
+}
+
+fn message<T>(received: &Received, of: fn(&Record) -> Option<T>) -> Option<T> {
+    match &received.frame {
+        Frame::Message { message, .. } => of(message),
+        _ => None,
+    }
+}
+
+fn as_hello(record: &Record) -> Option<Hello> {
+    if let Record::Hello(hello) = record { Some(hello.clone()) } else { None }
+}
+
+fn as_settings(record: &Record) -> Option<inerter_wire::SettingsValues> {
+    if let Record::Settings(values) = record { Some(values.clone()) } else { None }
+}

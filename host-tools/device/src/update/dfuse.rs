@@ -1,0 +1,291 @@
+//! The chip's ROM in update mode: ST's extension of USB DFU, over [`dfu_core::DfuIo`].
+//!
+//! - *block*: what one transfer carries, at most [`FunctionalDescriptor::transfer_size`] bytes; block `n` goes to the
+//!   address pointer + (n - 2) x transfer size, and n = 0 carries a command.
+//! - A command or block is carried out when the host asks for the status after it; the answer says how long to wait.
+//!
+//! The first page holds the vectors. It is erased before all others and written after them, so that no half of an image
+//! ever runs, and the same order begins anew after whatever broke it off.
+//! Sources: USB DFU 1.1; UM0424 (DfuSe); AN3156 (the protocol of the ROM).
+//!
+//! [`FunctionalDescriptor::transfer_size`]: dfu_core::functional_descriptor::FunctionalDescriptor::transfer_size
+
+use std::{fmt::Display, time::Duration};
+
+use dfu_core::{DfuIo, DfuProtocol, State, Status};
+
+use super::error::UpdateError;
+use crate::{
+    board::{CODE, PAGE},
+    image::Image,
+};
+
+/// Whether work goes on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Going {
+    /// It does.
+    On,
+    /// The user wants it to end.
+    Stop,
+}
+
+/// Class request to an interface, host to device (USB 2.0, 9.3).
+const OUT: u8 = 0x21;
+/// Class request to an interface, device to host.
+const IN: u8 = 0xA1;
+const DNLOAD: u8 = 1;
+const UPLOAD: u8 = 2;
+const GETSTATUS: u8 = 3;
+const CLRSTATUS: u8 = 4;
+const ABORT: u8 = 6;
+/// Commands in block 0 (AN3156, 5).
+const SET_ADDRESS: u8 = 0x21;
+const ERASE: u8 = 0x41;
+/// Number of the block that goes to the address pointer itself.
+const FIRST_BLOCK: u16 = 2;
+/// Longest time for one page: the data sheet allows 25 ms to erase or to program one.
+const PATIENCE: Duration = Duration::from_secs(5);
+/// Wait between two looks where the ROM says 0, so that a stuck one is noticed in time.
+const LEAST_WAIT: Duration = Duration::from_millis(1);
+/// Attempts to reach the idle state from any other.
+const ATTEMPTS: usize = 10;
+
+/// How far an update is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// Pages erased and written.
+    Writing,
+    /// Pages read back.
+    Checking,
+}
+
+/// A ROM in update mode.
+pub struct Rom<'a, Io> {
+    io: &'a Io,
+    sleep: &'a mut dyn FnMut(Duration),
+}
+
+/// An answer to GETSTATUS.
+struct Answer {
+    status: Status,
+    wait: Duration,
+    state: State,
+}
+
+impl<'a, Io: DfuIo<Read = usize, Write = usize, Error: Display>> Rom<'a, Io> {
+    /// The ROM behind `io`; `sleep` waits as long as the ROM asks for.
+    pub fn new(io: &'a Io, sleep: &'a mut dyn FnMut(Duration)) -> Self {
+        Self { io, sleep }
+    }
+
+    /// Writes the image, reads it back, and starts it. `progress` hears the pages done of all; what it answers counts
+    /// between two pages.
+    pub fn program(
+        &mut self,
+        image: &Image,
+        progress: &mut dyn FnMut(Stage, usize, usize) -> Going,
+    ) -> Result<(), UpdateError> {
+        self.check_flash(image)?;
+        self.idle("preparing")?;
+        let all = image.page_count();
+        let mut going = |stage, done| match progress(stage, done, all) {
+            Going::On => Ok(()),
+            Going::Stop => Err(UpdateError::Interrupted),
+        };
+        let (first, rest): (Vec<_>, Vec<_>) = image.pages().partition(|(address, _)| *address == CODE.start);
+        for (address, _) in &first {
+            self.erase(*address)?;
+        }
+        for (done, (address, bytes)) in rest.iter().enumerate() {
+            going(Stage::Writing, done)?;
+            self.erase(*address)?;
+            self.write(*address, bytes)?;
+        }
+        if self.io.functional_descriptor().can_upload {
+            for (done, (address, bytes)) in rest.iter().enumerate() {
+                going(Stage::Checking, done)?;
+                self.check(*address, bytes)?;
+            }
+        }
+        // From here on the image runs after whatever happens.
+        for (address, bytes) in &first {
+            self.write(*address, bytes)?;
+            if self.io.functional_descriptor().can_upload {
+                self.check(*address, bytes)?;
+            }
+        }
+        let _ = progress(Stage::Checking, all, all);
+        self.leave()
+    }
+
+    /// Compares the flash that the ROM describes with what the image needs.
+    fn check_flash(&self, image: &Image) -> Result<(), UpdateError> {
+        let other = |what: String| UpdateError::OtherChip { what };
+        let DfuProtocol::Dfuse { address, memory_layout } = self.io.protocol() else {
+            return Err(other("it does not speak ST's form of DFU".into()));
+        };
+        if *address != CODE.start {
+            return Err(other(format!("its flash begins at 0x{address:08X}")));
+        }
+        let descriptor = self.io.functional_descriptor();
+        if !descriptor.can_download || descriptor.transfer_size < 8 || !descriptor.transfer_size.is_multiple_of(8) {
+            return Err(other("it takes no firmware".into()));
+        }
+        let mut page_start = *address;
+        let mut sizes = memory_layout.as_ref().iter();
+        for (wanted, _) in image.pages() {
+            while page_start < wanted {
+                page_start = page_start.saturating_add(self.page_size(&mut sizes, page_start)?);
+            }
+            if page_start != wanted {
+                return Err(UpdateError::SingleBank { address: wanted, size: page_start - wanted });
+            }
+            page_start = page_start.saturating_add(self.page_size(&mut sizes, page_start)?);
+        }
+        Ok(())
+    }
+
+    fn page_size<'s>(&self, sizes: &mut impl Iterator<Item = &'s u32>, start: u32) -> Result<u32, UpdateError> {
+        let size = sizes.next().copied().unwrap_or(0);
+        match size {
+            PAGE => Ok(size),
+            0 => Err(UpdateError::OtherChip { what: format!("its flash ends at 0x{start:08X}") }),
+            // Our chip with one bank has pages of 4 KB.
+            _ if size == 2 * PAGE => Err(UpdateError::SingleBank { address: start, size }),
+            _ => Err(UpdateError::OtherChip { what: format!("it erases {size} bytes at 0x{start:08X} at once") }),
+        }
+    }
+
+    fn erase(&mut self, address: u32) -> Result<(), UpdateError> {
+        self.command(ERASE, address, &format!("erasing 0x{address:08X}"))
+    }
+
+    fn write(&mut self, address: u32, bytes: &[u8]) -> Result<(), UpdateError> {
+        let action = format!("writing 0x{address:08X}");
+        self.command(SET_ADDRESS, address, &action)?;
+        let size = usize::from(self.io.functional_descriptor().transfer_size);
+        for (block, portion) in (FIRST_BLOCK..).zip(bytes.chunks(size)) {
+            self.out(DNLOAD, block, portion, &action)?;
+            self.finish(State::DfuDnloadIdle, &action)?;
+        }
+        Ok(())
+    }
+
+    fn check(&mut self, address: u32, bytes: &[u8]) -> Result<(), UpdateError> {
+        let action = format!("reading 0x{address:08X}");
+        self.command(SET_ADDRESS, address, &action)?;
+        // Reading begins from the idle state only.
+        self.idle(&action)?;
+        let size = usize::from(self.io.functional_descriptor().transfer_size);
+        let mut place = address;
+        for (block, portion) in (FIRST_BLOCK..).zip(bytes.chunks(size)) {
+            let mut read = vec![0; portion.len()];
+            let count = self.io.read_control(IN, UPLOAD, block, &mut read).map_err(|error| lost(&action, &error))?;
+            if count != portion.len() {
+                return Err(lost(&action, &format!("{count} bytes came instead of {}", portion.len())));
+            }
+            for ((wanted, got), address) in portion.iter().zip(&read).zip(place..) {
+                if wanted != got {
+                    return Err(UpdateError::Verify { address, wanted: *wanted, got: *got });
+                }
+            }
+            place += portion.len() as u32;
+        }
+        self.idle(&action)
+    }
+
+    /// Lets the ROM start what is in flash. It may be gone before it can answer, which is no fault.
+    fn leave(&mut self) -> Result<(), UpdateError> {
+        let action = "starting the firmware";
+        self.command(SET_ADDRESS, CODE.start, action)?;
+        self.out(DNLOAD, 0, &[], action)?;
+        let _ = self.status(action);
+        Ok(())
+    }
+
+    fn command(&mut self, command: u8, address: u32, action: &str) -> Result<(), UpdateError> {
+        let [a, b, c, d] = address.to_le_bytes();
+        self.out(DNLOAD, 0, &[command, a, b, c, d], action)?;
+        self.finish(State::DfuDnloadIdle, action)
+    }
+
+    /// Lets the ROM carry out what it was given, until it is in the state `end`.
+    fn finish(&mut self, end: State, action: &str) -> Result<(), UpdateError> {
+        let mut waited = Duration::ZERO;
+        loop {
+            let answer = self.status(action)?;
+            if answer.status != Status::Ok || answer.state == State::DfuError {
+                return Err(UpdateError::Refused {
+                    action: action.into(),
+                    status: status_words(answer.status),
+                    // What the ROM says where flash is protected (AN3156, 4.2).
+                    protected: answer.status == Status::ErrVendor,
+                });
+            }
+            if answer.state == end {
+                return Ok(());
+            }
+            if waited >= PATIENCE || !matches!(answer.state, State::DfuDnbusy | State::DfuDnloadSync) {
+                return Err(stuck(action, answer.state));
+            }
+            let wait = answer.wait.clamp(LEAST_WAIT, PATIENCE);
+            (self.sleep)(wait);
+            waited += wait;
+        }
+    }
+
+    /// Brings the ROM into the idle state, whatever it was left in.
+    fn idle(&mut self, action: &str) -> Result<(), UpdateError> {
+        let mut state = State::DfuIdle;
+        for _ in 0..ATTEMPTS {
+            let answer = self.status(action)?;
+            state = answer.state;
+            match state {
+                State::DfuIdle => return Ok(()),
+                State::DfuError => self.out(CLRSTATUS, 0, &[], action)?,
+                State::DfuDnbusy | State::DfuDnloadSync | State::DfuManifestSync | State::DfuManifest => {
+                    (self.sleep)(answer.wait.clamp(LEAST_WAIT, PATIENCE));
+                }
+                _ => self.out(ABORT, 0, &[], action)?,
+            }
+        }
+        Err(stuck(action, state))
+    }
+
+    fn status(&mut self, action: &str) -> Result<Answer, UpdateError> {
+        let mut bytes = [0; 6];
+        let count = self.io.read_control(IN, GETSTATUS, 0, &mut bytes).map_err(|error| lost(action, &error))?;
+        let [status, low, middle, high, state, _] = bytes;
+        if count != bytes.len() {
+            return Err(lost(action, &"its status is cut off"));
+        }
+        let wait = Duration::from_millis(u32::from_le_bytes([low, middle, high, 0]).into());
+        Ok(Answer { status: status.into(), wait, state: state.into() })
+    }
+
+    fn out(&mut self, request: u8, value: u16, bytes: &[u8], action: &str) -> Result<(), UpdateError> {
+        self.io.write_control(OUT, request, value, bytes).map(|_| ()).map_err(|error| lost(action, &error))
+    }
+}
+
+fn lost(action: &str, error: &dyn Display) -> UpdateError {
+    UpdateError::Lost { action: action.into(), reason: error.to_string() }
+}
+
+fn stuck(action: &str, state: State) -> UpdateError {
+    UpdateError::Stuck { action: action.into(), seconds: PATIENCE.as_secs(), state: format!("{state:?}") }
+}
+
+fn status_words(status: Status) -> String {
+    match status {
+        Status::ErrVendor => "the place is protected (errVENDOR)".into(),
+        Status::ErrTarget | Status::ErrAddress => format!("it knows no such address ({status:?})"),
+        Status::ErrWrite | Status::ErrProg => format!("it cannot write there ({status:?})"),
+        Status::ErrErase | Status::ErrCheckErased => format!("it cannot erase there ({status:?})"),
+        other => other.to_string().trim_end_matches('.').to_string(),
+    }
+}
+
+#[cfg(test)]
+#[path = "dfuse_tests.rs"]
+mod tests;

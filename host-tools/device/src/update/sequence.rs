@@ -1,0 +1,133 @@
+//! The order of an update: into update mode, write, read back, start, ask who runs.
+
+use std::time::Duration;
+
+use super::{
+    dfuse::{self, Going, Stage},
+    error::UpdateError,
+    machine::{Back, Machine, Running},
+};
+use crate::{
+    dfu::DfuDevice,
+    image::{Identity, Image},
+};
+
+/// Longest time for a device to come back as another one: Windows takes seconds the first time (s).
+const RETURN_S: u64 = 15;
+/// Time between two looks for it.
+const LOOK: Duration = Duration::from_millis(250);
+/// Looks until a missing permission is believed: 2 s.
+const PERMISSION_LOOKS: usize = 8;
+
+/// What an update tells on its way.
+#[derive(Debug)]
+pub enum UpdateEvent<'a> {
+    /// This is what runs now.
+    Found(&'a Running),
+    /// It is told to enter update mode and waited for.
+    Entering,
+    /// This device in update mode takes the image.
+    InDfu(&'a DfuDevice),
+    /// Pages done of all.
+    Pages(Stage, usize, usize),
+    /// The image is written and started; the device is waited for.
+    Returning,
+}
+
+/// Brings the image onto the device. `serial` chooses one; `other_board` allows an image of another board.
+pub fn update<M: Machine>(
+    machine: &mut M,
+    image: &Image,
+    serial: Option<&str>,
+    other_board: bool,
+    tell: &mut dyn FnMut(UpdateEvent) -> Going,
+) -> Result<Back, UpdateError> {
+    let device = match machine.running()? {
+        Some(running) => {
+            let board = running.hello.board.as_str();
+            let _ = tell(UpdateEvent::Found(&running));
+            if board != image.identity.board && !other_board {
+                let image = image.identity.board.clone();
+                return Err(UpdateError::OtherBoard { image, device: board.into() });
+            }
+            if !running.hello.capabilities.contains(inerter_wire::Capabilities::DFU) {
+                let firmware = running.hello.firmware.to_string();
+                return Err(UpdateError::CannotEnter { name: running.name, firmware });
+            }
+            let _ = tell(UpdateEvent::Entering);
+            machine.enter_dfu()?;
+            wait_for_dfu(machine, &running.hello.serial)?
+        }
+        None => only_one(machine.in_dfu()?, serial)?,
+    };
+    let _ = tell(UpdateEvent::InDfu(&device));
+    let io = open(machine, &device)?;
+    let mut sleep = |time| machine.sleep(time);
+    let mut progress = |stage, done, all| tell(UpdateEvent::Pages(stage, done, all));
+    dfuse::Rom::new(&io, &mut sleep).program(image, &mut progress)?;
+    drop(io);
+    let _ = tell(UpdateEvent::Returning);
+    Ok(confirm(machine, &image.identity, &device.serial)?)
+}
+
+/// Opens a device that may have appeared a moment ago, which belongs to root until udev has seen it.
+fn open<M: Machine>(machine: &mut M, device: &DfuDevice) -> Result<M::Io, UpdateError> {
+    for _ in 0..PERMISSION_LOOKS {
+        match machine.open(device) {
+            Err(UpdateError::Permission { .. }) => machine.sleep(LOOK),
+            result => return result,
+        }
+    }
+    machine.open(device)
+}
+
+/// Waits for a device that was just started and compares what it runs with what was written.
+pub fn confirm<M: Machine>(machine: &mut M, written: &Identity, serial: &str) -> Result<Back, UpdateError> {
+    let mut reason = String::new();
+    for _ in 0..looks() {
+        match machine.hello(serial) {
+            Ok(back) if back.serial != serial => {
+                reason = format!("another device (serial {}) answers at {}", back.serial, back.port);
+            }
+            Ok(back) if back.identity == *written => return Ok(back),
+            Ok(back) => {
+                let running = back.identity.to_string();
+                return Err(UpdateError::OtherVersion { running, written: written.to_string() });
+            }
+            Err(error) => reason = error.to_string(),
+        }
+        machine.sleep(LOOK);
+    }
+    Err(UpdateError::NotBack { written: written.to_string(), serial: serial.into(), seconds: RETURN_S, reason })
+}
+
+fn looks() -> u64 {
+    RETURN_S * 1000 / LOOK.as_millis() as u64
+}
+
+fn wait_for_dfu<M: Machine>(machine: &mut M, serial: &str) -> Result<DfuDevice, UpdateError> {
+    let mut others = Vec::new();
+    for _ in 0..looks() {
+        machine.sleep(LOOK);
+        let devices = machine.in_dfu()?;
+        if let Some(device) = devices.iter().find(|device| device.serial == serial) {
+            return Ok(device.clone());
+        }
+        others = devices.into_iter().map(|device| device.serial).collect();
+    }
+    Err(UpdateError::DidNotAppear { serial: serial.into(), seconds: RETURN_S, others })
+}
+
+fn only_one(devices: Vec<DfuDevice>, serial: Option<&str>) -> Result<DfuDevice, UpdateError> {
+    let mut matching = devices.into_iter().filter(|device| serial.is_none_or(|serial| device.serial == serial));
+    let first = matching.next().ok_or_else(|| UpdateError::NoDevice { serial: serial.map(str::to_string) })?;
+    let more: Vec<String> = matching.map(|device| device.serial).collect();
+    if more.is_empty() {
+        return Ok(first);
+    }
+    Err(UpdateError::Several { serials: std::iter::once(first.serial).chain(more).collect::<Vec<_>>().join(", ") })
+}
+
+#[cfg(test)]
+#[path = "tests.rs"]
+mod tests;

@@ -1,0 +1,228 @@
+use std::{cell::RefCell, rc::Rc};
+
+use inerter_wire::{Capabilities, ClockSource, Hello};
+
+use super::*;
+use crate::{
+    error::DeviceError,
+    image::{MAGIC, sample},
+    update::mock::{Chip, LAYOUT, MockIo},
+};
+
+const SERIAL: &str = "205735883537";
+const OLD: &str = "inerter 0.0.9";
+const NEW: &str = "inerter 0.1.0";
+
+/// A bench with a device that runs, one in update mode, or both, and a clock that only `sleep` moves.
+struct Bench {
+    chip: Rc<RefCell<Chip>>,
+    running: Option<Hello>,
+    in_dfu: Vec<String>,
+    /// Looks until what was told to enter update mode is seen there; `None` for never.
+    appears_after: Option<u32>,
+    entering: Option<u32>,
+    /// Attempts to open it that are refused at first.
+    forbidden: u32,
+    /// Looks until the firmware answers after its start.
+    answers_after: u32,
+    slept: Duration,
+}
+
+fn hello(serial: &str, firmware: &str) -> Hello {
+    Hello {
+        wire_version: inerter_wire::WIRE_VERSION,
+        firmware: Hello::text(firmware),
+        git: Hello::text("c8a2d5a"),
+        board: Hello::text("nucleo-g474re"),
+        serial: Hello::text(serial),
+        sample_rate_hz: 4000.0,
+        clock: ClockSource::Crystal,
+        capabilities: Capabilities::DFU.with(Capabilities::STORE),
+    }
+}
+
+fn bench(running: Option<Hello>, in_dfu: &[&str]) -> Bench {
+    Bench {
+        chip: Chip::new(),
+        running,
+        in_dfu: in_dfu.iter().map(ToString::to_string).collect(),
+        appears_after: Some(3),
+        entering: None,
+        forbidden: 2,
+        answers_after: 4,
+        slept: Duration::ZERO,
+    }
+}
+
+fn dfu_device(serial: &str) -> DfuDevice {
+    DfuDevice { product: None, serial: serial.into(), vid: 0x0483, pid: 0xDF11 }
+}
+
+impl Machine for Bench {
+    type Io = MockIo;
+
+    fn running(&mut self) -> Result<Option<Running>, UpdateError> {
+        Ok(self.running.clone().map(|hello| Running { name: "/dev/ttyACM0".into(), hello }))
+    }
+
+    fn enter_dfu(&mut self) -> Result<(), UpdateError> {
+        self.entering = self.appears_after;
+        Ok(())
+    }
+
+    fn in_dfu(&mut self) -> Result<Vec<DfuDevice>, UpdateError> {
+        if let Some(looks) = &mut self.entering {
+            *looks -= 1;
+            if *looks == 0 {
+                self.entering = None;
+                self.in_dfu.extend(self.running.take().map(|hello| hello.serial.to_string()));
+            }
+        }
+        Ok(self.in_dfu.iter().map(|serial| dfu_device(serial)).collect())
+    }
+
+    fn open(&mut self, device: &DfuDevice) -> Result<MockIo, UpdateError> {
+        if self.forbidden > 0 {
+            self.forbidden -= 1;
+            return Err(UpdateError::Permission { serial: device.serial.clone() });
+        }
+        assert!(self.in_dfu.contains(&device.serial));
+        self.in_dfu.retain(|serial| *serial != device.serial);
+        Ok(MockIo::new(&self.chip, LAYOUT))
+    }
+
+    fn hello(&mut self, serial: &str) -> Result<Back, UpdateError> {
+        self.answers_after -= 1;
+        if self.answers_after > 0 || !self.chip.borrow().left {
+            return Err(DeviceError::Silent { name: "/dev/ttyACM1".into(), seconds: 3.0 }.into());
+        }
+        // It says what its flash says.
+        let chip = self.chip.borrow();
+        let flash = chip.bytes(0x0800_0000, 1000);
+        let place = flash.windows(MAGIC.len()).position(|window| window == MAGIC).unwrap() + MAGIC.len();
+        let firmware = flash.get(place..).unwrap().split(|byte| *byte == 0).next().unwrap();
+        let hello = hello(serial, std::str::from_utf8(firmware).unwrap());
+        Ok(Running { name: "/dev/ttyACM1".into(), hello }.into())
+    }
+
+    fn sleep(&mut self, time: Duration) {
+        self.slept += time;
+        self.chip.borrow_mut().clock += time;
+    }
+}
+
+fn run(bench: &mut Bench, serial: Option<&str>, told: &mut Vec<String>) -> Result<Back, UpdateError> {
+    let mut tell = |news: UpdateEvent| {
+        match news {
+            UpdateEvent::Pages(..) => {}
+            UpdateEvent::Found(running) => told.push(format!("found {}", running.hello.firmware)),
+            UpdateEvent::InDfu(device) => told.push(format!("in dfu {}", device.serial)),
+            other => told.push(format!("{other:?}").to_lowercase()),
+        }
+        Going::On
+    };
+    update(bench, &sample(9000, NEW), serial, false, &mut tell)
+}
+
+fn failure(bench: &mut Bench, serial: Option<&str>) -> UpdateError {
+    match run(bench, serial, &mut Vec::new()) {
+        Err(error) => error,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn a_running_device_is_updated_and_says_so_under_its_new_port() {
+    let mut bench = bench(Some(hello(SERIAL, OLD)), &["0000"]);
+    let mut told = Vec::new();
+    let back = run(&mut bench, None, &mut told).unwrap();
+    assert_eq!((back.identity.firmware.as_str(), back.port.as_str()), (NEW, "/dev/ttyACM1"));
+    assert_eq!(told, ["found inerter 0.0.9", "entering", &format!("in dfu {SERIAL}"), "returning"]);
+    assert_eq!(bench.in_dfu, ["0000"], "the other one is left alone");
+}
+
+#[test]
+fn a_device_in_update_mode_needs_no_first_step() {
+    let mut bench = bench(None, &[SERIAL]);
+    let mut told = Vec::new();
+    run(&mut bench, None, &mut told).unwrap();
+    assert_eq!(told, [&format!("in dfu {SERIAL}"), "returning"]);
+}
+
+#[test]
+fn one_of_several_in_update_mode_is_chosen_by_its_serial_number() {
+    let error = failure(&mut bench(None, &["1", "2"]), None);
+    assert_eq!(error.to_string(), "several devices are in update mode: serial 1, 2");
+    let error = failure(&mut bench(None, &["1", "2"]), Some("3"));
+    assert!(error.to_string().starts_with("no instrumented inerter was found with serial 3"), "{error}");
+    let back = run(&mut bench(None, &["1", "2"]), Some("2"), &mut Vec::new()).unwrap();
+    assert_eq!(back.serial, "2");
+    assert!(matches!(failure(&mut bench(None, &[]), None), UpdateError::NoDevice { serial: None }));
+}
+
+#[test]
+fn a_device_that_does_not_appear_in_update_mode_is_told_apart_from_others_that_do() {
+    let mut bench = bench(Some(hello(SERIAL, OLD)), &["0000"]);
+    bench.appears_after = None;
+    let error = failure(&mut bench, None);
+    let words =
+        format!("the device (serial {SERIAL}) did not appear in update mode within 15 s; another one did: serial 0000");
+    assert_eq!(error.to_string(), words);
+    assert_eq!(bench.slept, Duration::from_secs(15));
+    assert!(bench.chip.borrow().erased.is_empty());
+}
+
+#[test]
+fn an_image_of_another_board_and_firmware_without_dfu_are_refused_before_anything_happens() {
+    let mut other = hello(SERIAL, OLD);
+    other.board = Hello::text("weact-g474");
+    let mut first = bench(Some(other.clone()), &[]);
+    let words = "the image is for the board nucleo-g474re, the device is a weact-g474";
+    assert_eq!(failure(&mut first, None).to_string(), words);
+    assert!(first.entering.is_none());
+    let forced = update(&mut bench(Some(other), &[]), &sample(9000, NEW), None, true, &mut |_| Going::On);
+    assert!(forced.is_ok());
+
+    let mut without = hello(SERIAL, "inerter-virtual 0.1.0");
+    without.capabilities = Capabilities::REBOOT;
+    let error = failure(&mut bench(Some(without), &[]), None);
+    assert!(matches!(error, UpdateError::CannotEnter { .. }), "{error}");
+}
+
+#[test]
+fn what_runs_afterwards_is_compared_with_what_was_written() {
+    let mut silent = bench(None, &[SERIAL]);
+    silent.answers_after = 1000;
+    let error = failure(&mut silent, None);
+    assert!(error.to_string().contains("did not come back within 15 s: /dev/ttyACM1 does not answer"), "{error}");
+    let mut bench = bench(None, &[SERIAL]);
+    run(&mut bench, None, &mut Vec::new()).unwrap();
+    let other = Identity { firmware: "inerter 0.2.0".into(), git: "1".into(), board: "b".into() };
+    bench.answers_after = 1;
+    let error = confirm(&mut bench, &other, SERIAL).unwrap_err();
+    assert!(matches!(error, UpdateError::OtherVersion { .. }), "{error}");
+}
+
+#[test]
+fn an_update_whose_cable_was_pulled_is_completed_by_the_same_command() {
+    let mut bench = bench(Some(hello(SERIAL, OLD)), &[]);
+    bench.chip.borrow_mut().transfers_left = 60;
+    assert!(matches!(failure(&mut bench, None), UpdateError::Lost { .. }));
+    bench.chip.borrow_mut().restart();
+    bench.in_dfu.push(SERIAL.into());
+    assert_eq!(run(&mut bench, None, &mut Vec::new()).unwrap().identity.firmware, NEW);
+}
+
+#[test]
+fn a_device_that_may_not_be_opened_is_untouched_and_the_user_told_how_to_allow_it() {
+    let mut bench = bench(None, &[SERIAL]);
+    bench.forbidden = 100;
+    let error = failure(&mut bench, None);
+    assert_eq!(
+        error.to_string(),
+        format!("the device in update mode (serial {SERIAL}) cannot be opened: permission denied")
+    );
+    assert_eq!(bench.slept, Duration::from_secs(2));
+    let help = miette::Diagnostic::help(&error).unwrap().to_string();
+    assert!(!cfg!(target_os = "linux") || help.contains("/etc/udev/rules.d/70-inerter.rules"), "{help}");
+}

@@ -1,0 +1,98 @@
+//! This machine's USB and serial ports.
+
+use std::time::Duration;
+
+use dfu_nusb::DfuNusb;
+use inerter_wire::{Command, WIRE_VERSION};
+use nusb::MaybeFuture;
+
+use super::{
+    error::UpdateError,
+    machine::{Back, Machine, Running},
+};
+use crate::{
+    dfu::{DfuDevice, list, opened, refused},
+    error::DeviceError,
+    link::Target,
+    session::{Clock, Device},
+};
+
+/// USB interface of the ROM, and its alternate setting for flash (AN3156).
+const INTERFACE: u8 = 0;
+const FLASH_SETTING: u8 = 0;
+
+/// The machine that this program runs on, and which device is meant.
+pub struct ThisMachine {
+    target: Target,
+    device: Option<Box<Device>>,
+}
+
+impl ThisMachine {
+    /// Devices are reached by `target`, and by their serial number afterwards.
+    pub fn new(target: Target) -> Self {
+        Self { target, device: None }
+    }
+}
+
+fn reached(target: &Target) -> Result<Device, DeviceError> {
+    Device::connect(target, Clock::new())
+}
+
+impl Machine for ThisMachine {
+    type Io = DfuNusb;
+
+    fn running(&mut self) -> Result<Option<Running>, UpdateError> {
+        let device = match reached(&self.target) {
+            Ok(device) => device,
+            Err(DeviceError::NoneFound { .. }) => return Ok(None),
+            // A name that was given, of a board that is in update mode already: its port is gone.
+            Err(DeviceError::Missing { .. }) if list().is_ok_and(|devices| !devices.is_empty()) => return Ok(None),
+            Err(DeviceError::Silent { name, .. }) => {
+                return Err(UpdateError::CannotAsk { name, reason: "it does not answer".into() }.into());
+            }
+            Err(DeviceError::WireVersion { name, theirs }) => {
+                let reason = format!("it speaks wire version {theirs}, this program {WIRE_VERSION}");
+                return Err(UpdateError::CannotAsk { name, reason }.into());
+            }
+            Err(error) => return Err(error.into()),
+        };
+        let running = Running { name: device.name().into(), hello: device.hello().clone() };
+        self.device = Some(Box::new(device));
+        Ok(Some(running))
+    }
+
+    fn enter_dfu(&mut self) -> Result<(), UpdateError> {
+        let Some(mut device) = self.device.take() else { return Ok(()) };
+        match device.request("to enter update mode", Command::EnterDfu) {
+            // It may be gone before its reply is out.
+            Ok(_) | Err(DeviceError::Vanished { .. } | DeviceError::Silent { .. }) => Ok(()),
+            Err(error) => Err(error.into()),
+        }
+    }
+
+    fn in_dfu(&mut self) -> Result<Vec<DfuDevice>, UpdateError> {
+        list()
+    }
+
+    fn open(&mut self, device: &DfuDevice) -> Result<DfuNusb, UpdateError> {
+        let failed = |reason: String| UpdateError::Open { serial: device.serial.clone(), reason };
+        let opened = opened(device)?;
+        let interface = opened.claim_interface(INTERFACE).wait().map_err(|error| refused(device, &error))?;
+        let runtime = tokio::runtime::Builder::new_current_thread().build();
+        let runtime = runtime.map_err(|error| failed(error.to_string()))?;
+        runtime.block_on(DfuNusb::open(opened, interface, FLASH_SETTING)).map_err(|error| failed(error.to_string()))
+    }
+
+    fn hello(&mut self, serial: &str) -> Result<Back, UpdateError> {
+        // Over USB whatever port it has now; else where it was before, a UART's name stays.
+        let device = match reached(&Target::Usb { serial: Some(serial.into()) }) {
+            Err(DeviceError::NoneFound { .. }) if !matches!(self.target, Target::Usb { .. }) => reached(&self.target)?,
+            result => result?,
+        };
+        Ok(Running { name: device.name().into(), hello: device.hello().clone() }.into())
+    }
+
+    fn sleep(&mut self, time: Duration) {
+        std::thread::sleep(time);
+    }
+}

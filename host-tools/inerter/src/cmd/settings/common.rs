@@ -1,0 +1,61 @@
+//! What the commands on a device's settings share: how it is reached, and how the result is shown.
+
+use inerter_core::Settings;
+use inerter_data::{json::json_line, output};
+use inerter_device::{Clock, Device};
+use serde_json::{Map, Value, json};
+
+use crate::{
+    Error,
+    cmd::{args::LinkArgs, terminal::say},
+};
+
+/// Flags of every one of them.
+#[derive(clap::Args)]
+pub struct Common {
+    #[command(flatten)]
+    pub link: LinkArgs,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+pub fn connect(common: &Common) -> Result<Device, Error> {
+    Ok(Device::connect(&common.link.target(), Clock::new())?)
+}
+
+/// Saves if that is wanted, and says what has come of it.
+pub fn finish(device: &mut Device, before: &Settings, save: bool, json: bool) -> Result<(), Error> {
+    if save {
+        device.save_settings()?;
+    }
+    if json {
+        return print_json(device);
+    }
+    let changed = print_changes(before, device.settings())?;
+    say(match (save, changed) {
+        (true, _) => "saved: these settings outlive a restart",
+        (false, true) => "in use until the next restart; `inerter settings save` keeps them",
+        (false, false) => "nothing has changed",
+    });
+    Ok(())
+}
+
+pub fn print_json(device: &Device) -> Result<(), Error> {
+    let values = Settings::TABLE.iter().zip(device.settings().values());
+    let settings: Map<String, Value> = values.map(|(info, value)| (info.name.into(), json!(value))).collect();
+    let line = json!({ "kind": "settings", "serial": device.hello().serial.as_str(), "settings": settings });
+    Ok(output::line(json_line(&line))?)
+}
+
+/// Prints each setting that is another one than before; gives whether there were any.
+pub fn print_changes(before: &Settings, after: &Settings) -> Result<bool, Error> {
+    let mut any = false;
+    for ((info, before), after) in Settings::TABLE.iter().zip(before.values()).zip(after.values()) {
+        if before.to_bits() != after.to_bits() {
+            output::line(format!("{} = {after:?}   # was {before:?}", info.name))?;
+            any = true;
+        }
+    }
+    Ok(any)
+}

@@ -1,0 +1,165 @@
+//! Exit codes, a public contract described in `docs/CLI.md`, and which one each failure ends with.
+
+use inerter_analysis::{calibrate::CalibrateError, fit::FitError, identify::IdentifyError};
+use inerter_data::{recording::RecordingError, settings::SettingsInputError};
+use inerter_device::{DeviceError, flash::FlashError, update::UpdateError};
+use inerter_simulate::SimulateError;
+use inerter_view::page::PageError;
+
+use crate::{error::Error, monitor::MonitorError};
+
+/// All that was asked has been done.
+pub const OK: u8 = 0;
+/// Something that none of the other codes describes.
+pub const OTHER: u8 = 1;
+/// The command line itself is wrong; clap ends the program with this one.
+pub const USAGE: u8 = 2;
+/// An input file is missing, damaged, or not what it should be.
+pub const INPUT: u8 = 3;
+/// A setting or parameter is unknown or has an invalid value.
+pub const SETTINGS: u8 = 4;
+/// The device cannot be found or opened.
+pub const NO_DEVICE: u8 = 5;
+/// The device vanished, fell silent or refused while in use.
+pub const DEVICE_LOST: u8 = 6;
+/// The device speaks another version of the wire format.
+pub const WIRE_VERSION: u8 = 7;
+/// The output cannot be written: disk full, no permission, file in the way.
+pub const OUTPUT: u8 = 8;
+/// The motion cannot show what was asked for.
+pub const NOT_SHOWN: u8 = 9;
+/// Ctrl-C, as shells count it.
+pub const INTERRUPTED: u8 = 130;
+
+/// The code that the program ends with after this failure.
+pub fn code(error: &Error) -> u8 {
+    match error {
+        Error::Csv(_) | Error::Image(_) => INPUT,
+        Error::Recording(error) => recording(error),
+        Error::Settings(error) => settings(error),
+        Error::Output(_) => OUTPUT,
+        Error::Interrupted => INTERRUPTED,
+        Error::Doctor { .. } => NO_DEVICE,
+        Error::Backup(_) => SETTINGS,
+        Error::Contact(_) => NOT_SHOWN,
+        Error::Fit(error) => fit(error),
+        Error::Page(PageError::NotShown { .. }) => NOT_SHOWN,
+        Error::Page(PageError::Format { .. }) => USAGE,
+        Error::Device(error) => device(error),
+        Error::Simulate(error) => simulate(error),
+        Error::Calibrate(error) => match error {
+            CalibrateError::TooFewPoints { .. }
+            | CalibrateError::Missing(..)
+            | CalibrateError::Answer { .. }
+            | CalibrateError::Nobody
+            | CalibrateError::NoTerminal => USAGE,
+            _ => NOT_SHOWN,
+        },
+        Error::Identify(error) => match error {
+            IdentifyError::TooShort { .. } => INPUT,
+            IdentifyError::Stages { .. } => USAGE,
+            IdentifyError::Terminal | IdentifyError::Diverged => NOT_SHOWN,
+            IdentifyError::Fit(error) => fit(error),
+            IdentifyError::Settings(error) => settings(error),
+        },
+        Error::Monitor(error) => match error {
+            MonitorError::NotLoopback { .. } | MonitorError::Address { .. } => USAGE,
+            MonitorError::Listen { .. } | MonitorError::Terminal { .. } => OUTPUT,
+            MonitorError::Random { .. } => OTHER,
+        },
+        Error::Update(error) => update(error),
+        Error::Flash(error) => match error {
+            FlashError::Program { .. } => DEVICE_LOST,
+            FlashError::Chip { .. } => USAGE,
+            _ => NO_DEVICE,
+        },
+    }
+}
+
+fn data(error: &inerter_data::Error) -> u8 {
+    match error {
+        inerter_data::Error::Csv(_) => INPUT,
+        inerter_data::Error::Recording(error) => recording(error),
+        inerter_data::Error::Settings(error) => settings(error),
+        inerter_data::Error::Output(_) => OUTPUT,
+        inerter_data::Error::Interrupted => INTERRUPTED,
+    }
+}
+
+fn recording(error: &RecordingError) -> u8 {
+    match error {
+        RecordingError::ForeignVersion { .. } => WIRE_VERSION,
+        _ => INPUT,
+    }
+}
+
+fn settings(error: &SettingsInputError) -> u8 {
+    match error {
+        SettingsInputError::Unconfirmed => USAGE,
+        _ => SETTINGS,
+    }
+}
+
+fn fit(error: &FitError) -> u8 {
+    match error {
+        FitError::Torn => DEVICE_LOST,
+        _ => NOT_SHOWN,
+    }
+}
+
+fn device(error: &DeviceError) -> u8 {
+    match error {
+        DeviceError::NoneFound { .. }
+        | DeviceError::SeveralFound { .. }
+        | DeviceError::Missing { .. }
+        | DeviceError::Permission { .. }
+        | DeviceError::Busy { .. }
+        | DeviceError::Open { .. }
+        | DeviceError::Connect { .. } => NO_DEVICE,
+        DeviceError::Silent { .. }
+        | DeviceError::Vanished { .. }
+        | DeviceError::Refused { .. }
+        | DeviceError::Settings { .. } => DEVICE_LOST,
+        DeviceError::WireVersion { .. } => WIRE_VERSION,
+    }
+}
+
+fn simulate(error: &SimulateError) -> u8 {
+    match error {
+        SimulateError::Setup { .. }
+        | SimulateError::Preset { .. }
+        | SimulateError::Rate { .. }
+        | SimulateError::Change { .. }
+        | SimulateError::Hand { .. } => SETTINGS,
+        SimulateError::Format { .. } => USAGE,
+        SimulateError::Endpoint { .. }
+        | SimulateError::NoImage
+        | SimulateError::NoQemu { .. }
+        | SimulateError::QemuEnded { .. } => NO_DEVICE,
+        SimulateError::Data(error) => data(error),
+    }
+}
+
+fn update(error: &UpdateError) -> u8 {
+    match error {
+        UpdateError::NoDevice { .. }
+        | UpdateError::Several { .. }
+        | UpdateError::Usb { .. }
+        | UpdateError::Permission { .. }
+        | UpdateError::Open { .. }
+        | UpdateError::OtherChip { .. } => NO_DEVICE,
+        UpdateError::CannotEnter { .. }
+        | UpdateError::CannotAsk { .. }
+        | UpdateError::DidNotAppear { .. }
+        | UpdateError::SingleBank { .. }
+        | UpdateError::Lost { .. }
+        | UpdateError::Refused { .. }
+        | UpdateError::Stuck { .. }
+        | UpdateError::Verify { .. }
+        | UpdateError::NotBack { .. }
+        | UpdateError::OtherVersion { .. } => DEVICE_LOST,
+        UpdateError::OtherBoard { .. } => INPUT,
+        UpdateError::Interrupted => INTERRUPTED,
+        UpdateError::Device(error) => device(error),
+    }
+}

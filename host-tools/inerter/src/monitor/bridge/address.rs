@@ -1,0 +1,42 @@
+//! Where plotting programs listen.
+
+use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs, UdpSocket};
+
+use crate::monitor::MonitorError;
+
+/// Where Teleplot listens.
+pub const TELEPLOT: &str = "127.0.0.1:47269";
+/// Where PlotJuggler's UDP server listens.
+pub const PLOTJUGGLER: &str = "127.0.0.1:9870";
+/// Where Foxglove looks for a server.
+pub const FOXGLOVE: &str = "127.0.0.1:8765";
+
+/// The address that an option names.
+pub fn resolve(option: &'static str, address: &str, example: &'static str) -> Result<SocketAddr, MonitorError> {
+    let failed = |source| MonitorError::Address { option, address: address.into(), example, source };
+    let mut found = address.to_socket_addrs().map_err(failed)?;
+    found.next().ok_or_else(|| failed(std::io::Error::other("the name has no address")))
+}
+
+/// A socket to send from. It is not connected: a program that does not listen would make every other send fail.
+pub struct Datagrams {
+    socket: UdpSocket,
+    to: SocketAddr,
+}
+
+impl Datagrams {
+    pub fn new(option: &'static str, address: &str, example: &'static str) -> Result<Self, MonitorError> {
+        let to = resolve(option, address, example)?;
+        let any: SocketAddr =
+            if to.is_ipv4() { (Ipv4Addr::UNSPECIFIED, 0).into() } else { (Ipv6Addr::UNSPECIFIED, 0).into() };
+        let failed = |source| MonitorError::Address { option, address: address.into(), example, source };
+        let socket = UdpSocket::bind(any).map_err(failed)?;
+        // A full buffer loses a datagram rather than a sample: what is measured must not wait for a plot.
+        socket.set_nonblocking(true).map_err(failed)?;
+        Ok(Self { socket, to })
+    }
+
+    pub fn send(&self, bytes: &[u8]) {
+        self.socket.send_to(bytes, self.to).ok();
+    }
+}

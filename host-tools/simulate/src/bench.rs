@@ -1,0 +1,147 @@
+//! Hands at a simulated device: a weight hung on the load cell, the screw turned, the rig shaken for a while.
+//!
+//! What a person does at a bench, so that calibration can be tried and tested without one. Lines such as `mass 5`.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use inerter_plant::{Excitation, Hands, Parameters, Plant, Sample, Simulation};
+
+use crate::{
+    error::SimulateError,
+    setup::{Sampled, Setup},
+};
+
+/// Standard gravity, by which a mass hangs on the simulated cell \[m/s^2\].
+pub const GRAVITY_M_PER_S2: f64 = 9.80665;
+/// Speed of the hands \[m/s\].
+const SPEED_M_PER_S: f64 = 0.02;
+
+/// A handle on the hands; clones are of the same ones.
+#[derive(Clone)]
+pub struct Bench {
+    orders: Arc<Mutex<Orders>>,
+    lead_m: f64,
+    seed: u64,
+}
+
+struct Orders {
+    hands: Hands,
+    parameters: Parameters,
+    plant: Option<Plant>,
+}
+
+impl Bench {
+    /// Hands at the device of this set-up.
+    pub(super) fn new(setup: &Setup) -> Self {
+        let hands = Hands { load_n: setup.load_n, moved_m: 0.0 };
+        let orders = Orders { hands, parameters: setup.parameters, plant: None };
+        Self { orders: Arc::new(Mutex::new(orders)), lead_m: setup.sensors.lead_m, seed: setup.sensors.seed }
+    }
+
+    fn orders(&self) -> MutexGuard<'_, Orders> {
+        // The orders are whole at any time.
+        self.orders.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// This force pulls on the load cell from now on \[N\].
+    pub fn load(&self, newtons: f64) {
+        self.orders().hands.load_n = newtons;
+    }
+
+    /// The screw is turned by so much, at the speed of a hand \[m\].
+    pub fn advance(&self, metres: f64) {
+        self.orders().hands.moved_m += metres;
+    }
+
+    /// The terminal moves like this, from rest.
+    pub fn shake(&self, motion: &str) -> Result<(), SimulateError> {
+        let mut orders = self.orders();
+        orders.plant = Some(Plant::new(orders.parameters, Excitation::parse(motion, self.seed)?)?);
+        Ok(())
+    }
+
+    /// Does what one line says: `load NEWTONS`, `mass KG`, `move METRES`, `turn REVOLUTIONS`, `shake MOTION`.
+    pub fn obey(&self, line: &str) -> Result<(), SimulateError> {
+        let unknown = || SimulateError::Hand { line: line.trim().into() };
+        let (verb, what) = line.trim().split_once(' ').ok_or_else(unknown)?;
+        let number = || what.trim().parse::<f64>().ok().filter(|number| number.abs() < 1e6).ok_or_else(unknown);
+        match verb {
+            "load" => self.load(number()?),
+            "mass" => self.load(number()? * GRAVITY_M_PER_S2),
+            "move" => self.advance(number()?),
+            "turn" => self.advance(number()? * self.lead_m),
+            "shake" => self.shake(what.trim())?,
+            _ => return Err(unknown()),
+        }
+        Ok(())
+    }
+}
+
+/// Samples of a device with hands at it.
+pub(super) struct Handled {
+    simulation: Simulation,
+    bench: Bench,
+    moved_m: f64,
+}
+
+impl Handled {
+    /// The device of this set-up, whose motion is the first one.
+    pub fn new(setup: &Setup, bench: Bench) -> Result<Self, SimulateError> {
+        Ok(Self { simulation: setup.simulation()?, bench, moved_m: 0.0 })
+    }
+}
+
+impl Sampled for Handled {
+    fn simulation(&mut self) -> &mut Simulation {
+        &mut self.simulation
+    }
+}
+
+impl Iterator for Handled {
+    type Item = Sample;
+
+    fn next(&mut self) -> Option<Sample> {
+        let (wanted, plant) = {
+            let mut orders = self.bench.orders();
+            (orders.hands, orders.plant.take())
+        };
+        if let Some(plant) = plant {
+            self.simulation.replace(plant);
+        }
+        let step_m = SPEED_M_PER_S / self.simulation.sensors().sample_rate_hz;
+        self.moved_m += (wanted.moved_m - self.moved_m).clamp(-step_m, step_m);
+        self.simulation.handle(Hands { moved_m: self.moved_m, ..wanted });
+        self.simulation.next()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use inerter_data::settings::Overrides;
+
+    use super::*;
+    use crate::setup::bench_sensors;
+
+    #[test]
+    fn lines_load_move_turn_and_shake_and_others_are_refused() {
+        let sensors = inerter_plant::Sensors { force_noise_n: 0.0, ..bench_sensors() };
+        let setup = Setup::new(Parameters::paper(), sensors, "hold", None, &Overrides::default()).unwrap();
+        let setup = Setup { load_n: 3.0, ..setup };
+        let bench = Bench::new(&setup);
+        let mut samples = Handled::new(&setup, bench.clone()).unwrap();
+        let mut after = |count: usize| samples.by_ref().nth(count).unwrap();
+        assert_eq!(after(0).force_code, 1500);
+        bench.obey("mass -5\n").unwrap();
+        bench.obey("turn 2").unwrap();
+        bench.obey("move 0.001").unwrap();
+        let moved = after(1100);
+        assert_eq!(moved.force_code, (-5.0 * GRAVITY_M_PER_S2 / 0.002f64).round() as i32);
+        assert!((i64::from(moved.position_count) - 8601).abs() <= 1, "{}", moved.position_count);
+        bench.obey("load 0").unwrap();
+        bench.obey("shake mid@1s").unwrap();
+        assert!((0..100).map(|_| after(9)).any(|sample| sample.force_code.abs() > 50_000));
+        for line in ["", "load", "load much", "load inf", "lift 3", "shake wildly"] {
+            assert!(bench.obey(line).is_err(), "{line}");
+        }
+    }
+}

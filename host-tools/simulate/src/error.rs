@@ -1,0 +1,107 @@
+//! Why a simulation cannot be set up or run.
+
+use inerter_data::{output::OutputError, settings::SettingsInputError};
+use inerter_plant::PlantError;
+use miette::Diagnostic;
+
+/// Why a simulation cannot be set up.
+#[derive(Debug, thiserror::Error, Diagnostic)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
+pub enum SimulateError {
+    /// Device, motion or instruments cannot be.
+    #[error("the simulation cannot be set up: {source}")]
+    #[diagnostic(code(inerter::simulate::setup), help("`inerter simulate --help` lists every parameter and motion"))]
+    Setup { source: PlantError },
+
+    /// No such preset.
+    #[error("there is no preset `{name}`")]
+    #[diagnostic(code(inerter::simulate::preset), help("the presets are: {known}"))]
+    Preset { name: String, known: String },
+
+    /// The settings say another rate than the instruments sample at.
+    #[error("the setting sample_rate_hz = {set_hz} contradicts --sample-rate-hz {rate_hz}")]
+    #[diagnostic(
+        code(inerter::simulate::rate),
+        help("leave one of them out: the settings' rate is that of the simulated instruments")
+    )]
+    Rate { set_hz: f64, rate_hz: f64 },
+
+    /// A change of the device is not written as it must be.
+    #[error("--change `{text}` is not NAME=VALUE")]
+    #[diagnostic(
+        code(inerter::simulate::change),
+        help("name a parameter of the device and its new value, for example --change inertance_kg=150")
+    )]
+    Change { text: String },
+
+    /// The pseudo-terminal or TCP port cannot be opened.
+    #[error("{what} cannot be opened: {source}")]
+    #[diagnostic(code(inerter::simulate::endpoint), help("choose another port number, or 0 for any free one"))]
+    Endpoint { what: String, source: std::io::Error },
+
+    /// The output's name says no format.
+    #[error("{path} has neither the ending .mcap nor .csv")]
+    #[diagnostic(code(inerter::simulate::format), help("end the name with .mcap for a recording or with .csv"))]
+    Format { path: String },
+
+    /// Hands cannot do this.
+    #[error("`{line}` is nothing that hands can do")]
+    #[diagnostic(
+        code(inerter::simulate::hand),
+        help(
+            "write `load NEWTONS`, `mass KG`, `move METRES`, `turn REVOLUTIONS` or `shake MOTION`, such as shake \
+            random@20s"
+        )
+    )]
+    Hand { line: String },
+
+    /// The image was not found.
+    #[error("the firmware image for QEMU was not found")]
+    #[diagnostic(
+        code(inerter::simulate::image),
+        help(
+            "build it in the source tree with `cargo xtask build-firmware`, or give it with --image FILE; without \
+            --qemu no image is needed"
+        )
+    )]
+    NoImage,
+
+    /// QEMU cannot be started.
+    #[error("qemu-system-arm cannot be started: {source}")]
+    #[diagnostic(
+        code(inerter::simulate::qemu),
+        help("install it (Debian: sudo apt-get install qemu-system-arm); without --qemu it is not needed")
+    )]
+    NoQemu { source: std::io::Error },
+
+    /// QEMU ended on its own.
+    #[error("QEMU ended on its own ({status}): {message}")]
+    #[diagnostic(
+        code(inerter::simulate::qemu_ended),
+        help("is the image one for `-M netduinoplus2`, and the port free?")
+    )]
+    QemuEnded { status: String, message: String },
+
+    /// Settings do not fit, or the file cannot be written.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Data(#[from] inerter_data::Error),
+}
+
+impl From<SettingsInputError> for SimulateError {
+    fn from(error: SettingsInputError) -> Self {
+        Self::Data(error.into())
+    }
+}
+
+impl From<OutputError> for SimulateError {
+    fn from(error: OutputError) -> Self {
+        Self::Data(error.into())
+    }
+}
+
+impl From<PlantError> for SimulateError {
+    fn from(source: PlantError) -> Self {
+        Self::Setup { source }
+    }
+}

@@ -1,0 +1,145 @@
+//! A simulated run as a file. The same seeds give the same bytes.
+
+use std::path::Path;
+
+use inerter_data::{
+    export::{self, Format, Selection, Source},
+    output::OutputError,
+    recording::{End, Recorder, TRUTH_METADATA},
+    replay::{Outcome, Replay},
+    run::Run,
+};
+use inerter_wire::{
+    Capabilities, ClockSource, EstimatorEvent, Event, EventKind, Health, Hello, MAX_FRAME, Record, Samples,
+    SamplesBuilder, SequenceCounter, SettingsValues, WIRE_VERSION, encode_record,
+};
+
+use crate::{
+    error::SimulateError,
+    setup::{Setup, raw},
+};
+
+/// Writes a recording as a device would have sent it; `progress` is handed the time \[s\] now and then.
+pub fn write_recording(setup: &Setup, path: &Path, mut progress: impl FnMut(f64)) -> Result<Outcome, SimulateError> {
+    let mut stream = Stream {
+        recorder: Recorder::create(path)?,
+        sequence: SequenceCounter::new(),
+        batch: Samples::builder(),
+        time_ns: 0,
+    };
+    stream.recorder.describe(&hello(setup), &setup.settings)?;
+    stream.recorder.metadata(TRUTH_METADATA, setup.truth())?;
+    stream.send(&Record::Event(Event { index: 0, kind: EventKind::Started }))?;
+    stream.send(&Record::Hello(hello(setup)))?;
+    stream.send(&Record::Settings(SettingsValues::from(&setup.settings)))?;
+    let mut replay = Replay::new(&setup.settings, 0.0)?;
+    let mut next_second = 1;
+    for sample in setup.samples()? {
+        stream.time_ns = (sample.t_s.max(0.0) * 1e9) as u64;
+        let raw = raw(&sample);
+        for news in replay.step(&raw) {
+            stream.news(raw.index, &news)?;
+        }
+        stream.sample(&raw)?;
+        if stream.time_ns >= next_second * 1_000_000_000 {
+            let counters = replay.counters();
+            stream.send(&Record::Health(Health {
+                index: raw.index,
+                uptime_s: next_second as u32,
+                lost_samples: counters.lost_samples,
+                gaps: counters.gaps,
+                saturated: counters.saturated,
+                ..Health::default()
+            }))?;
+            progress(sample.t_s);
+            next_second += 1;
+        }
+    }
+    stream.flush()?;
+    let outcome = replay.outcome();
+    stream.news(outcome.estimate.index, &EstimatorEvent::Estimate(outcome.estimate, Some(outcome.detail)))?;
+    stream.send(&Record::Event(Event { index: outcome.estimate.index, kind: EventKind::SourceEnded }))?;
+    stream.recorder.close(&End { reason: "finished".into(), lost_frames: 0 })?;
+    Ok(outcome)
+}
+
+/// Writes a CSV, with `terminal_m` where the settings say that there is a sensor.
+pub fn write_csv(setup: &Setup, path: &Path, mut progress: impl FnMut(f64)) -> Result<(), SimulateError> {
+    let (mut samples, mut start_s) = (Vec::new(), None);
+    for sample in setup.samples()? {
+        start_s.get_or_insert(sample.t_s);
+        samples.push(raw(&sample));
+        if samples.len() % 1000 == 0 {
+            progress(sample.t_s);
+        }
+    }
+    let run = Run {
+        name: "the simulation".into(),
+        settings: setup.settings,
+        samples,
+        start_s: start_s.unwrap_or(0.0),
+        ..Run::default()
+    };
+    export::export(&Source::held(run), &Selection::default(), &[(Format::Csv, path.into())], None, &mut |_| Ok(()))?;
+    Ok(())
+}
+
+fn hello(setup: &Setup) -> Hello {
+    Hello {
+        wire_version: WIRE_VERSION,
+        firmware: Hello::text(concat!("inerter-simulate ", env!("CARGO_PKG_VERSION"))),
+        git: Hello::text(""),
+        board: Hello::text("simulated"),
+        serial: Hello::text(&format!("SIM-{}", setup.sensors.seed)),
+        sample_rate_hz: setup.settings.sample_rate_hz,
+        clock: ClockSource::Simulated,
+        capabilities: Capabilities::SAMPLER.with(Capabilities::TERMINAL),
+    }
+}
+
+struct Stream {
+    recorder: Recorder,
+    sequence: SequenceCounter,
+    batch: SamplesBuilder,
+    time_ns: u64,
+}
+
+impl Stream {
+    fn send(&mut self, record: &Record) -> Result<(), OutputError> {
+        let mut out = [0; MAX_FRAME];
+        // A buffer of this size always suffices.
+        let length = encode_record(record, self.sequence.take(), &mut out).unwrap_or(1);
+        self.recorder.frame(self.time_ns, out.get(..length - 1).unwrap_or_default())
+    }
+
+    /// As a device says it.
+    fn news(&mut self, index: u32, news: &EstimatorEvent) -> Result<(), OutputError> {
+        match *news {
+            EstimatorEvent::Reversal(gap) => self.send(&Record::Gap(gap)),
+            EstimatorEvent::Changed(change) => {
+                self.send(&Record::Event(Event { index, kind: EventKind::Changed(change) }))
+            }
+            EstimatorEvent::Estimate(estimate, detail) => {
+                self.send(&Record::Estimate(estimate))?;
+                detail.map_or(Ok(()), |detail| self.send(&Record::Detail(detail)))
+            }
+        }
+    }
+
+    fn sample(&mut self, raw: &inerter_core::RawSample) -> Result<(), OutputError> {
+        if self.batch.push(raw).is_err() {
+            self.flush()?;
+            // An empty batch has room.
+            self.batch.push(raw).ok();
+        }
+        Ok(())
+    }
+
+    fn flush(&mut self) -> Result<(), OutputError> {
+        if self.batch.is_empty() {
+            return Ok(());
+        }
+        let samples = self.batch.take();
+        self.send(&Record::Samples(samples))
+    }
+}

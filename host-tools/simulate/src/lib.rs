@@ -1,0 +1,24 @@
+//! The simulated inerter as a file or as a live device.
+//!
+//! [`Setup`] puts device, motion, instruments and settings together; [`mod@file`] writes a recording or a CSV,
+//! [`VirtualDevice`] runs the firmware's app on this machine behind a pseudo-terminal or a TCP port, [`Qemu`] runs the
+//! firmware image itself.
+#![forbid(unsafe_code)]
+
+// The app's queues need critical sections; this crate brings the implementation for a machine with threads.
+use critical_section as _;
+
+pub mod bench;
+mod clock;
+mod device;
+mod error;
+pub mod file;
+mod port;
+mod qemu;
+mod setup;
+
+pub use bench::Bench;
+pub use device::{Endpoint, VirtualDevice};
+pub use error::SimulateError;
+pub use qemu::{END_OF_SAMPLES, Qemu, START_TIME, find_image, qemu_version, sample_bytes};
+pub use setup::{Samples, Setup, bench_sensors, calibrated, raw};

@@ -1,0 +1,120 @@
+//! The far end of the link: a TCP port or pseudo-terminal behind which a simulated device sits. Never blocks.
+
+use std::{
+    io::{self, Read, Write},
+    net::{TcpListener, TcpStream},
+};
+
+use crate::error::SimulateError;
+
+/// One host at a time.
+pub enum Port {
+    /// A TCP port and who is connected.
+    Tcp {
+        /// Where hosts come in.
+        listener: TcpListener,
+        /// The host that is there.
+        stream: Option<TcpStream>,
+    },
+    /// The device's side of a pseudo-terminal.
+    #[cfg(unix)]
+    Pty {
+        /// The device's side.
+        master: std::fs::File,
+    },
+}
+
+impl Port {
+    /// Listens on `address`, e.g. `127.0.0.1:7878`; gives the address with its true port number.
+    pub fn tcp(address: &str) -> Result<(Self, String), SimulateError> {
+        let failed = |source| SimulateError::Endpoint { what: format!("the TCP port {address}"), source };
+        let listener = TcpListener::bind(address).map_err(failed)?;
+        listener.set_nonblocking(true).map_err(failed)?;
+        let address = listener.local_addr().map_err(failed)?.to_string();
+        Ok((Self::Tcp { listener, stream: None }, address))
+    }
+
+    /// Opens a pseudo-terminal; gives the name of the host's side.
+    #[cfg(unix)]
+    pub fn pty() -> Result<(Self, String), SimulateError> {
+        let failed = |source: rustix::io::Errno| SimulateError::Endpoint {
+            what: "a pseudo-terminal".into(),
+            source: source.into(),
+        };
+        use rustix::{fs, io, pty, termios};
+        let master = pty::openpt(pty::OpenptFlags::RDWR | pty::OpenptFlags::NOCTTY).map_err(failed)?;
+        // Apart, as macOS knows no flag for it.
+        io::fcntl_setfd(&master, io::FdFlags::CLOEXEC).map_err(failed)?;
+        pty::grantpt(&master).map_err(failed)?;
+        pty::unlockpt(&master).map_err(failed)?;
+        let name = pty::ptsname(&master, Vec::new()).map_err(failed)?;
+        let name = name.to_string_lossy().into_owned();
+        // Raw, so that nothing is echoed or translated even for a host that sets nothing itself. Opening and closing
+        // the host's side once also makes the terminal report from the start that nobody is there.
+        let host = fs::open(name.as_str(), fs::OFlags::RDWR | fs::OFlags::NOCTTY, fs::Mode::empty()).map_err(failed)?;
+        let mut settings = termios::tcgetattr(&host).map_err(failed)?;
+        settings.make_raw();
+        termios::tcsetattr(&host, termios::OptionalActions::Now, &settings).map_err(failed)?;
+        let before = fs::fcntl_getfl(&master).map_err(failed)?;
+        fs::fcntl_setfl(&master, before | fs::OFlags::NONBLOCK).map_err(failed)?;
+        Ok((Self::Pty { master: std::fs::File::from(master) }, name))
+    }
+
+    /// Reads what is there; `WouldBlock` when nothing is, `NotConnected` when nobody is.
+    pub fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
+        match self {
+            Self::Tcp { listener, stream } => {
+                // The present host first: one that has just left must not keep the next one out.
+                if let Some(connected) = stream {
+                    match connected.read(into) {
+                        Ok(count @ 1..) => return Ok(count),
+                        Err(error) if error.kind() == io::ErrorKind::WouldBlock => {
+                            Self::accept(listener, stream);
+                            return Err(error);
+                        }
+                        Ok(_) | Err(_) => *stream = None,
+                    }
+                }
+                Self::accept(listener, stream);
+                Err(if stream.is_some() { io::ErrorKind::WouldBlock } else { io::ErrorKind::NotConnected }.into())
+            }
+            #[cfg(unix)]
+            Self::Pty { master } => match master.read(into) {
+                Err(error) if error.kind() != io::ErrorKind::WouldBlock => Err(io::ErrorKind::NotConnected.into()),
+                result => result,
+            },
+        }
+    }
+
+    /// Writes what fits; `WouldBlock` when nothing does, `NotConnected` when nobody is there to read it.
+    pub fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        match self {
+            Self::Tcp { stream, .. } => {
+                let connected = stream.as_mut().ok_or(io::ErrorKind::NotConnected)?;
+                connected.write(bytes)
+            }
+            #[cfg(unix)]
+            Self::Pty { master } => {
+                use rustix::event::{PollFd, PollFlags, Timespec, poll};
+                let mut fds = [PollFd::new(master, PollFlags::OUT)];
+                poll(&mut fds, Some(&Timespec::default()))?;
+                let [state] = fds.map(|fd| fd.revents());
+                if state.contains(PollFlags::HUP) {
+                    Err(io::ErrorKind::NotConnected.into())
+                } else {
+                    master.write(bytes)
+                }
+            }
+        }
+    }
+
+    fn accept(listener: &TcpListener, stream: &mut Option<TcpStream>) {
+        while let Ok((arrived, _)) = listener.accept() {
+            let ready = arrived.set_nonblocking(true).and_then(|()| arrived.set_nodelay(true));
+            // A second host is turned away by closing its connection.
+            if stream.is_none() && ready.is_ok() {
+                *stream = Some(arrived);
+            }
+        }
+    }
+}

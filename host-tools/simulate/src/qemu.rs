@@ -1,0 +1,241 @@
+//! The firmware image in QEMU, fed by the plant through an ordinary file.
+//!
+//! QEMU itself serves the device's USART on the TCP port or pseudo-terminal. The image starts as a board that was never set
+//! up: whoever boots it writes the settings that fit the simulated device before others come.
+
+use std::{
+    fs::File,
+    io::{self, BufRead, BufReader, Read, Write},
+    net::TcpListener,
+    path::{Path, PathBuf},
+    process::{Child, Command, Stdio},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, AtomicU32, Ordering},
+        mpsc,
+    },
+    thread::{self, JoinHandle},
+    time::{Duration, Instant},
+};
+
+use inerter_core::RawSample;
+use inerter_plant::Sample;
+
+use crate::{
+    bench::{Bench, Handled},
+    device::Endpoint,
+    error::SimulateError,
+    setup::{Setup, raw},
+};
+
+/// Program to run.
+const QEMU: &str = "qemu-system-arm";
+/// Variable that names the image.
+const IMAGE_VARIABLE: &str = "INERTER_QEMU_IMAGE";
+/// Where cargo puts it, seen from the source tree.
+const IMAGE_PATH: &str = "target/thumbv7em-none-eabihf/firmware/inerter-qemu";
+/// Time for QEMU to start and the image to answer.
+pub const START_TIME: Duration = Duration::from_secs(10);
+/// How often samples are appended.
+const FEED_EVERY: Duration = Duration::from_millis(5);
+
+/// The image: as given, as `INERTER_QEMU_IMAGE` says, or where cargo put it in this folder or one above.
+pub fn find_image(given: Option<&Path>) -> Result<PathBuf, SimulateError> {
+    if let Some(path) = given {
+        return path.is_file().then(|| path.into()).ok_or(SimulateError::NoImage);
+    }
+    if let Some(path) = std::env::var_os(IMAGE_VARIABLE).map(PathBuf::from).filter(|path| path.is_file()) {
+        return Ok(path);
+    }
+    let here = std::env::current_dir().unwrap_or_default();
+    here.ancestors().map(|folder| folder.join(IMAGE_PATH)).find(|path| path.is_file()).ok_or(SimulateError::NoImage)
+}
+
+/// What the installed QEMU calls itself; `None` where there is none.
+pub fn qemu_version() -> Option<String> {
+    let output = std::process::Command::new(QEMU).arg("--version").output().ok()?;
+    String::from_utf8_lossy(&output.stdout).lines().next().map(str::to_string)
+}
+
+/// QEMU with the image, until it is dropped.
+pub struct Qemu {
+    child: Child,
+    name: String,
+    /// Ends with its standard error, and gives what was written there last.
+    last_words: Option<JoinHandle<String>>,
+    stop: Arc<AtomicBool>,
+    feeder: Option<JoinHandle<io::Result<()>>>,
+    /// The file of samples, until the plant begins.
+    file: Option<File>,
+    samples: PathBuf,
+}
+
+impl Qemu {
+    /// Boots the image, with its own default settings, at rest and with its sampler halted.
+    ///
+    /// A host that connects now, writes the set-up's settings, starts the sampler and only then lets the plant
+    /// [`play`](Self::play) misses no sample. The image answers within [`START_TIME`].
+    pub fn boot(image: &Path, endpoint: &Endpoint) -> Result<Self, SimulateError> {
+        let failed = |what: &str| {
+            let what = what.to_string();
+            move |source| SimulateError::Endpoint { what, source }
+        };
+        let samples = samples_file();
+        let file = File::create(&samples).map_err(failed("the file of samples"))?;
+        let serial = match endpoint {
+            Endpoint::Tcp(address) => {
+                let address = free_port(address).map_err(failed(&format!("the TCP port {address}")))?;
+                (format!("tcp:{address},server=on,wait=off,nodelay=on"), Some(address))
+            }
+            Endpoint::Pty => ("pty".into(), None),
+        };
+        let semihosting = format!("enable=on,target=native,arg=inerter,arg={}", samples.display());
+        let mut command = Command::new(QEMU);
+        command.args(["-M", "netduinoplus2", "-display", "none", "-monitor", "none", "-serial", &serial.0]);
+        command.args(["-semihosting-config", &semihosting, "-kernel"]).arg(image);
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        // Ctrl-C is for us: QEMU ends when we have ended the work.
+        #[cfg(unix)]
+        std::os::unix::process::CommandExt::process_group(&mut command, 0);
+        let mut child = command.spawn().map_err(|source| SimulateError::NoQemu { source })?;
+        let (sender, names) = mpsc::channel();
+        listen(child.stdout.take(), sender.clone());
+        let last_words = listen(child.stderr.take(), sender);
+        let stop = Arc::new(AtomicBool::new(false));
+        let mut qemu = Self { child, name: String::new(), last_words, stop, feeder: None, file: Some(file), samples };
+        qemu.name = match serial.1 {
+            Some(address) => address,
+            None => qemu.pty_name(&names)?,
+        };
+        Ok(qemu)
+    }
+
+    /// Lets the plant begin, `speed` times as fast as real time. Its samples wait until the sampler is started.
+    pub fn play(&mut self, setup: &Setup, speed: f64) -> Result<(), SimulateError> {
+        self.feed(setup.samples()?, setup.settings.sample_rate_hz, speed);
+        Ok(())
+    }
+
+    /// The same with hands at the device; the motion of the set-up is the first one.
+    pub fn play_with_bench(&mut self, setup: &Setup, speed: f64) -> Result<Bench, SimulateError> {
+        let bench = Bench::new(setup);
+        self.feed(Handled::new(setup, bench.clone())?, setup.settings.sample_rate_hz, speed);
+        Ok(bench)
+    }
+
+    fn feed(&mut self, samples: impl Iterator<Item = Sample> + Send + 'static, rate_hz: f64, speed: f64) {
+        let stop = self.stop.clone();
+        if let Some(file) = self.file.take() {
+            self.feeder = Some(thread::spawn(move || feed(samples, file, speed, rate_hz, &stop)));
+        }
+    }
+
+    /// Address or pseudo-terminal to connect to.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// An error once QEMU has ended.
+    pub fn check(&mut self) -> Result<(), SimulateError> {
+        match self.child.try_wait() {
+            Ok(Some(status)) => {
+                let said = self.last_words.take().and_then(|listener| listener.join().ok());
+                let message = said.filter(|said| !said.is_empty()).unwrap_or_else(|| "it said nothing".into());
+                Err(SimulateError::QemuEnded { status: status.to_string(), message })
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// QEMU says on one of its outputs which pseudo-terminal it made.
+    fn pty_name(&mut self, names: &mpsc::Receiver<String>) -> Result<String, SimulateError> {
+        names.recv_timeout(START_TIME).map_err(|_| match self.check() {
+            Err(ended) => ended,
+            Ok(()) => {
+                SimulateError::QemuEnded { status: "still running".into(), message: "it made no terminal".into() }
+            }
+        })
+    }
+}
+
+impl Drop for Qemu {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        self.child.kill().ok();
+        self.child.wait().ok();
+        if let Some(feeder) = self.feeder.take() {
+            feeder.join().ok();
+        }
+        std::fs::remove_file(&self.samples).ok();
+    }
+}
+
+/// A name of our own for the file of samples.
+fn samples_file() -> PathBuf {
+    static COUNT: AtomicU32 = AtomicU32::new(0);
+    let count = COUNT.fetch_add(1, Ordering::Relaxed);
+    std::env::temp_dir().join(format!("inerter-samples-{}-{count}.bin", std::process::id()))
+}
+
+/// The address with a port number that is free at the moment where it says 0.
+fn free_port(address: &str) -> io::Result<String> {
+    Ok(TcpListener::bind(address)?.local_addr()?.to_string())
+}
+
+/// Reads an output to its end and hands on the names of devices in it; gives what was said last.
+fn listen(output: Option<impl Read + Send + 'static>, names: mpsc::Sender<String>) -> Option<JoinHandle<String>> {
+    let output = output?;
+    Some(thread::spawn(move || {
+        let mut last = String::new();
+        for line in BufReader::new(output).lines().map_while(Result::ok) {
+            let name = line.split_whitespace().find(|word| word.starts_with("/dev/")).map(str::to_string);
+            // Nobody waits any more once there is a name.
+            name.map(|name| names.send(name).ok());
+            // After its own word QEMU prints registers.
+            if !line.trim().is_empty() && !last.starts_with("qemu: fatal") {
+                last = line;
+            }
+        }
+        last
+    }))
+}
+
+/// What follows the last sample; the rest of its record may be missing.
+pub const END_OF_SAMPLES: [u8; 4] = u32::MAX.to_le_bytes();
+
+/// One sample as the image reads it.
+pub fn sample_bytes(sample: &RawSample) -> [u8; 16] {
+    let words = [sample.index, sample.position_count as u32, sample.force_code as u32, sample.terminal_code as u32];
+    let mut bytes = [0; 16];
+    for (place, word) in bytes.chunks_exact_mut(4).zip(words) {
+        place.copy_from_slice(&word.to_le_bytes());
+    }
+    bytes
+}
+
+/// Appends samples as they fall due, then the end mark.
+fn feed(
+    samples: impl Iterator<Item = Sample>,
+    mut file: File,
+    speed: f64,
+    rate_hz: f64,
+    stop: &AtomicBool,
+) -> io::Result<()> {
+    let started = Instant::now();
+    let mut portion = Vec::new();
+    for sample in samples {
+        let due_s = sample.t_s.max(1.0 / rate_hz) / speed;
+        while started.elapsed().as_secs_f64() < due_s {
+            if stop.load(Ordering::Relaxed) {
+                return Ok(());
+            }
+            file.write_all(&portion)?;
+            portion.clear();
+            thread::sleep(FEED_EVERY);
+        }
+        portion.extend_from_slice(&sample_bytes(&raw(&sample)));
+    }
+    portion.extend_from_slice(&END_OF_SAMPLES);
+    portion.extend_from_slice(&[0; 12]);
+    file.write_all(&portion)
+}

@@ -1,0 +1,195 @@
+//! A simulated run: device, motion, instruments and settings together.
+
+use std::collections::BTreeMap;
+
+use inerter_core::{RawSample, Settings};
+use inerter_data::settings::{Overrides, SettingsInputError, validate};
+use inerter_plant::{Excitation, Hands, Parameters, Plant, Sample, Sensors, Simulation};
+
+use crate::error::SimulateError;
+
+/// Everything that defines a simulated run.
+#[derive(Clone, Debug)]
+pub struct Setup {
+    /// The device.
+    pub parameters: Parameters,
+    /// The instruments.
+    pub sensors: Sensors,
+    /// The motion, as it was written.
+    pub excite: String,
+    /// The motion.
+    pub excitation: Excitation,
+    /// What the device becomes, and when \[s\].
+    pub later: Option<(f64, Parameters)>,
+    /// Load on the load cell beside the motion \[N\].
+    pub load_n: f64,
+    /// Duration \[s\]; `None` without end.
+    pub duration_s: Option<f64>,
+    /// Settings of the estimator, as known from calibration: scales, structure mass, contact and skew are the true ones.
+    pub settings: Settings,
+}
+
+impl Setup {
+    /// Checks everything; `overrides` go over the settings that follow from the true device and instruments.
+    ///
+    /// A duration that is not given is that of the motion, when it has one.
+    pub fn new(
+        parameters: Parameters,
+        sensors: Sensors,
+        excite: &str,
+        duration_s: Option<f64>,
+        overrides: &Overrides,
+    ) -> Result<Self, SimulateError> {
+        let excitation = Excitation::parse(excite, sensors.seed).map_err(SimulateError::from)?;
+        let own = Some(excitation.duration_s()).filter(|duration| duration.is_finite());
+        let mut settings = calibrated(&parameters, &sensors)?;
+        overrides.apply(&mut settings)?;
+        validate(&settings)?;
+        let excite = excite.into();
+        let duration_s = duration_s.or(own);
+        let setup = Self { parameters, sensors, excite, excitation, later: None, load_n: 0.0, duration_s, settings };
+        // Built once for its checks.
+        setup.simulation()?;
+        Ok(setup)
+    }
+
+    /// The same device becoming another at a time \[s\]: what is calibrated stays that of the first.
+    pub fn changing(self, at_s: f64, after: Parameters) -> Result<Self, SimulateError> {
+        let setup = Self { later: Some((at_s, after)), ..self };
+        setup.simulation()?;
+        Ok(setup)
+    }
+
+    /// The samples, with the truth beside them, up to the duration.
+    pub fn samples(&self) -> Result<Samples, SimulateError> {
+        Ok(Samples { simulation: self.simulation()?, duration_s: self.duration_s.unwrap_or(f64::INFINITY) })
+    }
+
+    pub(crate) fn simulation(&self) -> Result<Simulation, SimulateError> {
+        let plant = Plant::changing(self.parameters, self.later.into_iter().collect(), self.excitation.clone())?;
+        let mut simulation = Simulation::of(plant, self.sensors)?;
+        simulation.handle(Hands { load_n: self.load_n, moved_m: 0.0 });
+        Ok(simulation)
+    }
+
+    /// What is true, by name, for the recording's metadata.
+    pub fn truth(&self) -> BTreeMap<String, String> {
+        let device = Parameters::TABLE.iter().zip(self.parameters.values());
+        let sensors = Sensors::TABLE.iter().zip(self.sensors.values());
+        let mut truth: BTreeMap<String, String> =
+            device.chain(sensors).map(|(field, value)| (field.name.to_string(), format!("{value:?}"))).collect();
+        truth.insert("excite".into(), self.excite.clone());
+        truth.insert("seed".into(), self.sensors.seed.to_string());
+        if self.load_n != 0.0 {
+            truth.insert("load_n".into(), format!("{:?}", self.load_n));
+        }
+        if let Some((at_s, _)) = self.later {
+            truth.insert("change_at_s".into(), format!("{at_s:?}"));
+            truth.extend(self.changes().map(|(name, value)| (format!("changed_{name}"), format!("{value:?}"))));
+        }
+        truth
+    }
+}
+
+impl Setup {
+    /// What of the device changes, by name, and to what.
+    pub fn changes(&self) -> impl Iterator<Item = (&'static str, f64)> + use<> {
+        let after = self.later.map_or(self.parameters, |(_, after)| after);
+        let values = self.parameters.values().into_iter().zip(after.values());
+        let named = Parameters::TABLE.iter().map(|field| field.name).zip(values);
+        named.filter_map(|(name, (before, after))| (before != after).then_some((name, after)))
+    }
+}
+
+/// Samples of a set-up, up to its duration.
+pub struct Samples {
+    simulation: Simulation,
+    duration_s: f64,
+}
+
+impl Iterator for Samples {
+    type Item = Sample;
+
+    fn next(&mut self) -> Option<Sample> {
+        self.simulation.next().filter(|sample| sample.t_s < self.duration_s)
+    }
+}
+
+/// Samples whose rate a host can change.
+pub(crate) trait Sampled: Iterator<Item = Sample> + Send {
+    /// What is sampled.
+    fn simulation(&mut self) -> &mut Simulation;
+}
+
+impl Sampled for Samples {
+    fn simulation(&mut self) -> &mut Simulation {
+        &mut self.simulation
+    }
+}
+
+/// The sample as a board hands it over.
+pub fn raw(sample: &Sample) -> RawSample {
+    RawSample {
+        index: sample.index,
+        position_count: sample.position_count,
+        force_code: sample.force_code,
+        terminal_code: sample.terminal_code,
+    }
+}
+
+/// Settings of a device that was calibrated without error.
+pub fn calibrated(parameters: &Parameters, sensors: &Sensors) -> Result<Settings, SettingsInputError> {
+    let mut settings = Settings::default();
+    let conversions = sensors.oversampling;
+    let (least, greatest) = (settings.force_min_code, settings.force_max_code);
+    for (name, value) in [
+        ("sample_rate_hz", sensors.sample_rate_hz),
+        ("metres_per_count", sensors.metres_per_count),
+        ("oversampling", conversions),
+        ("newtons_per_code", sensors.newtons_per_sample_code()),
+        ("force_zero_code", sensors.force_zero_code * conversions),
+        ("force_min_code", (sensors.force_min_code * conversions).max(least)),
+        ("force_max_code", (sensors.force_max_code * conversions).min(greatest)),
+        ("metres_per_terminal_code", sensors.metres_per_terminal_code),
+        ("structure_mass_kg", parameters.structure_mass_kg),
+        ("stiffness_n_per_m", parameters.stiffness_n_per_m),
+        ("contact_damping_n_s_per_m", parameters.contact_damping_n_s_per_m),
+        ("skew_s", sensors.delay_s),
+    ] {
+        settings
+            .set_by_name(name, value)
+            .map_err(|source| SettingsInputError::Value { origin: "the simulated device's settings".into(), source })?;
+    }
+    Ok(settings)
+}
+
+/// Instruments as on a bench: 1 N rms of noise, the encoder anywhere in a count.
+///
+/// With oversampling the codes are so much coarser that the sum's scale stays.
+pub fn bench_sensors() -> Sensors {
+    Sensors { force_noise_n: 1.0, encoder_phase_count: 0.37, seed: 1, ..Sensors::default() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_device_that_changes_is_told_and_moves_as_before_until_then() {
+        let sensors = Sensors { force_noise_n: 0.0, ..bench_sensors() };
+        let setup = Setup::new(Parameters::paper(), sensors, "mid@4s", None, &Overrides::default()).unwrap();
+        let after = Parameters { inertance_kg: 150.0, ..Parameters::paper() };
+        let changing = setup.clone().changing(2.0, after).unwrap();
+        assert_eq!(changing.settings, setup.settings);
+        let truth = changing.truth();
+        assert_eq!((truth["change_at_s"].as_str(), truth["changed_inertance_kg"].as_str()), ("2.0", "150.0"));
+        assert!(!setup.truth().contains_key("change_at_s") && setup.changes().next().is_none());
+        let pairs = || setup.samples().unwrap().zip(changing.samples().unwrap());
+        assert!(pairs().filter(|(a, _)| a.t_s <= 2.0).all(|(a, b)| a.position_count == b.position_count));
+        let (greatest, half) = pairs()
+            .filter(|(a, _)| a.t_s > 2.5)
+            .fold((0, 0), |(greatest, half), (a, b)| (a.force_code.abs().max(greatest), b.force_code.abs().max(half)));
+        assert!(f64::from(half) < 0.6 * f64::from(greatest), "{half} against {greatest}");
+        assert!(setup.changing(f64::NAN, after).is_err());
+    }
+}

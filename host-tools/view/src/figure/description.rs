@@ -1,0 +1,197 @@
+//! What a figure shows, and in which colours.
+
+use super::scale::Scale;
+
+/// Nominal width of a figure \[px\]: the text width of a page of A4.
+pub const WIDTH_PX: u32 = 720;
+
+/// Panels below each other.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Figure {
+    /// Short name, also that of its file.
+    pub name: &'static str,
+    /// What it shows, above it in a file; a page has its own heading.
+    pub title: String,
+    /// What one sees in it.
+    pub caption: String,
+    /// From top to bottom.
+    pub panels: Vec<Panel>,
+}
+
+impl Figure {
+    /// Height of all panels \[px\].
+    pub(super) fn height_px(&self) -> u32 {
+        self.panels.iter().map(|panel| panel.height_px).sum()
+    }
+}
+
+/// Two axes and what lies between them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Panel {
+    /// The horizontal axis.
+    pub x: Axis,
+    /// The vertical axis.
+    pub y: Axis,
+    /// Height with axes and legend \[px\].
+    pub height_px: u32,
+    /// From back to front.
+    pub layers: Vec<Layer>,
+}
+
+/// An axis.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Axis {
+    /// What it shows, with the unit.
+    pub label: String,
+    /// Linear or logarithmic.
+    pub scale: Scale,
+    /// From where to where; without it, all data and a little more.
+    pub range: Option<(f64, f64)>,
+}
+
+impl Axis {
+    /// A linear axis over all data.
+    pub fn new(label: impl Into<String>) -> Self {
+        Self { label: label.into(), scale: Scale::Linear, range: None }
+    }
+
+    /// A logarithmic axis over all data that is above zero.
+    pub fn log(label: impl Into<String>) -> Self {
+        Self { scale: Scale::Log, ..Self::new(label) }
+    }
+
+    /// The same from `low` to `high`.
+    #[must_use]
+    pub fn within(self, low: f64, high: f64) -> Self {
+        Self { range: Some((low, high)), ..self }
+    }
+}
+
+/// One set of data.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Layer {
+    /// Name in the legend; `None` for what needs none.
+    pub label: Option<String>,
+    /// Its colour.
+    pub colour: Colour,
+    /// Its shape and data.
+    pub shape: Shape,
+}
+
+impl Layer {
+    /// A layer with a name.
+    pub fn new(label: impl Into<String>, colour: Colour, shape: Shape) -> Self {
+        Self { label: Some(label.into()), colour, shape }
+    }
+
+    /// A layer without a name.
+    pub fn unnamed(colour: Colour, shape: Shape) -> Self {
+        Self { label: None, colour, shape }
+    }
+}
+
+/// Shape and data of a layer; what is not finite is left out, and breaks a line or a band.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Shape {
+    /// A line through points `(x, y)`.
+    Line(Vec<(f64, f64)>, Stroke),
+    /// An area from low to high: `(x, low, high)`.
+    Band(Vec<(f64, f64, f64)>),
+    /// Points with an interval: `(x, y, low, high)`.
+    Points(Vec<(f64, f64, f64, f64)>),
+    /// Bars from zero: `(left, right, height)`.
+    Bars(Vec<(f64, f64, f64)>),
+    /// A line across the panel at this `y`.
+    Level(f64, Stroke),
+    /// A line from top to bottom at this `x`.
+    Instant(f64, Stroke),
+    /// An area from top to bottom between these `x`.
+    Span(f64, f64),
+}
+
+/// How a line looks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stroke {
+    /// Thin, for dense data.
+    Thin,
+    /// Of ordinary width.
+    Solid,
+    /// Broad and pale, for what another line shall lie on.
+    Wide,
+    /// Of ordinary width, in dashes.
+    Dashed,
+}
+
+/// A colour by its part in a figure.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Colour {
+    /// Axes and text.
+    Ink,
+    /// Grid lines.
+    Grid,
+    /// Behind everything.
+    Paper,
+    /// What was measured.
+    Blue,
+    /// What a model says.
+    Vermilion,
+    /// What a model leaves over.
+    Green,
+    /// A second model.
+    Purple,
+    /// Marks and spans.
+    Orange,
+}
+
+impl Colour {
+    /// All of them.
+    pub const ALL: [Self; 8] =
+        [Self::Ink, Self::Grid, Self::Paper, Self::Blue, Self::Vermilion, Self::Green, Self::Purple, Self::Orange];
+
+    /// Red, green and blue on white paper. No two are equal, as a page finds them by these.
+    pub const fn rgb(self) -> [u8; 3] {
+        match self {
+            Self::Ink => [0x22, 0x22, 0x26],
+            Self::Grid => [0xE4, 0xE4, 0xE8],
+            Self::Paper => [0xFF, 0xFF, 0xFF],
+            Self::Blue => [0x00, 0x72, 0xB2],
+            Self::Vermilion => [0xD5, 0x5E, 0x00],
+            Self::Green => [0x00, 0x9E, 0x73],
+            Self::Purple => [0xCC, 0x79, 0xA7],
+            Self::Orange => [0xE6, 0x9F, 0x00],
+        }
+    }
+
+    /// The same on a dark screen.
+    pub const fn dark_rgb(self) -> [u8; 3] {
+        match self {
+            Self::Ink => [0xE6, 0xE6, 0xEA],
+            Self::Grid => [0x38, 0x39, 0x40],
+            Self::Paper => [0x16, 0x17, 0x1B],
+            Self::Blue => [0x56, 0xB4, 0xE9],
+            Self::Vermilion => [0xFF, 0x8F, 0x3F],
+            Self::Green => [0x2F, 0xC9, 0x9B],
+            Self::Purple => [0xE3, 0x9A, 0xC4],
+            Self::Orange => [0xF2, 0xB7, 0x33],
+        }
+    }
+
+    /// Name of its CSS variable.
+    pub const fn variable(self) -> &'static str {
+        match self {
+            Self::Ink => "--ink",
+            Self::Grid => "--grid",
+            Self::Paper => "--paper",
+            Self::Blue => "--blue",
+            Self::Vermilion => "--vermilion",
+            Self::Green => "--green",
+            Self::Purple => "--purple",
+            Self::Orange => "--orange",
+        }
+    }
+}
+
+/// A colour as CSS writes it.
+pub fn css([red, green, blue]: [u8; 3]) -> String {
+    format!("#{red:02X}{green:02X}{blue:02X}")
+}

@@ -1,0 +1,102 @@
+//! Figures as files: SVG with text as text, PNG with a font of our own, and SVG for the inside of a page.
+
+use std::{path::Path, sync::Once};
+
+use inerter_data::output::OutputError;
+use plotters::{
+    backend::DrawingBackend,
+    prelude::{BitMapBackend, IntoDrawingArea, SVGBackend},
+    style::{FontStyle, register_font},
+};
+
+use super::{
+    Colour, Figure, WIDTH_PX, css,
+    draw::{Pen, TITLE_PX, draw},
+};
+
+/// Units per pixel of an SVG: plotters places everything at whole units.
+const SVG_SCALE: u32 = 10;
+/// Pixels of a PNG per pixel of the figure, each way: 300 dots per inch at 6 inches of width.
+const PNG_SCALE: u32 = 3;
+/// Finer pixels that make one of a PNG, each way: plotters does not smooth the edges of wide lines.
+const FINE: u32 = 2;
+const CHANNELS: usize = 3;
+
+/// The font by which text is measured, and drawn where the viewer has none; no system library is asked.
+fn register_fonts() {
+    static ONCE: Once = Once::new();
+    // Fails only for bytes that are no font.
+    ONCE.call_once(|| drop(register_font("sans-serif", FontStyle::Normal, dejavu::sans::regular())));
+}
+
+/// The figure as an SVG document, with its title.
+pub fn svg(figure: &Figure) -> String {
+    drawn(figure, true)
+}
+
+/// The figure as an SVG element for a page: without title, colours as CSS variables, named for those who cannot see it.
+pub fn svg_for_page(figure: &Figure) -> String {
+    let plain = drawn(figure, false);
+    Colour::ALL.into_iter().fold(plain, |text, colour| {
+        text.replace(&format!("\"{}\"", css(colour.rgb())), &format!("\"var({})\"", colour.variable()))
+    })
+}
+
+fn drawn(figure: &Figure, titled: bool) -> String {
+    register_fonts();
+    let height_px = figure.height_px() + if titled { TITLE_PX } else { 0 };
+    let (width, height) = (WIDTH_PX * SVG_SCALE, height_px * SVG_SCALE);
+    let mut text = String::new();
+    {
+        let root = SVGBackend::with_string(&mut text, (width, height)).into_drawing_area();
+        // Into a string nothing can fail.
+        draw(figure, &root, Pen { scale: SVG_SCALE.into(), piecewise: false }, titled).ok();
+        root.present().ok();
+    }
+    // Fine units, nominal size; the element's name is its title.
+    let head = format!("<svg width=\"{width}\" height=\"{height}\" ");
+    let scaled = format!("<svg role=\"img\" width=\"{WIDTH_PX}\" height=\"{height_px}\" ");
+    text.replacen(&head, &scaled, 1).replacen(">\n", &format!(">\n<title>{}</title>\n", escaped(&figure.title)), 1)
+}
+
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
+}
+
+/// Writes the figure as a PNG file.
+pub fn render_png(figure: &Figure, path: &Path) -> Result<(), OutputError> {
+    register_fonts();
+    // What cannot be created is told as such, before the work.
+    drop(inerter_data::output::create(path)?);
+    let failed = |error: &dyn std::fmt::Display| {
+        OutputError::write(path.display().to_string(), std::io::Error::other(error.to_string()))
+    };
+    let (width, height) = (WIDTH_PX * PNG_SCALE, (figure.height_px() + TITLE_PX) * PNG_SCALE);
+    let mut fine = vec![0; (width * FINE * height * FINE) as usize * CHANNELS];
+    {
+        let root = BitMapBackend::with_buffer(&mut fine, (width * FINE, height * FINE)).into_drawing_area();
+        let pen = Pen { scale: (PNG_SCALE * FINE).into(), piecewise: true };
+        draw(figure, &root, pen, true).map_err(|error| failed(&error))?;
+        root.present().map_err(|error| failed(&error))?;
+    }
+    let pixels = halved(&fine, (width * FINE) as usize);
+    let mut file = BitMapBackend::new(path, (width, height));
+    file.blit_bitmap((0, 0), (width, height), &pixels).map_err(|error| failed(&error))?;
+    file.present().map_err(|error| failed(&error))
+}
+
+/// Each two by two pixels as their mean; `width` is that of a fine row.
+fn halved(fine: &[u8], width: usize) -> Vec<u8> {
+    let row = width * CHANNELS;
+    let mut pixels = Vec::with_capacity(fine.len() / 4);
+    for rows in fine.chunks_exact(2 * row) {
+        let (upper, lower) = rows.split_at(row);
+        for (upper, lower) in upper.chunks_exact(2 * CHANNELS).zip(lower.chunks_exact(2 * CHANNELS)) {
+            let (here, next) = (upper.iter().zip(lower), upper.iter().zip(lower).skip(CHANNELS));
+            let sums =
+                here.zip(next).map(|((a, b), (c, d))| [a, b, c, d].into_iter().map(|value| u16::from(*value)).sum());
+            pixels.extend(sums.map(|sum: u16| ((sum + 2) / 4) as u8));
+        }
+    }
+    pixels
+}

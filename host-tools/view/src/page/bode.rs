@@ -1,0 +1,150 @@
+//! The frequency response of a run as a figure.
+
+use std::f64::consts::PI;
+
+use inerter_analysis::response::{self, Complex, Input, Method, ModelParameters, ideal, model};
+use inerter_data::words::plural;
+
+use super::{
+    Story,
+    layout::{LOW_PX, Made, TALL_PX},
+};
+use crate::figure::{Axis, Colour, Layer, Panel, Shape, Stroke};
+
+/// Points with intervals of their own above which there is a band.
+const MOST_POINTS: usize = 60;
+/// Phase in degrees, from -90 to 270: that of an inertance, 180, lies in the middle.
+pub fn degrees(response: Complex<f64>) -> f64 {
+    let degrees = response.arg() * 180.0 / PI;
+    if degrees < -90.0 { degrees + 360.0 } else { degrees }
+}
+
+/// Points `(x, y, low, high)` with a break where the steps between them are wider than the least.
+fn broken_at_gaps(points: &[(f64, f64, f64, f64)]) -> Vec<(f64, f64, f64, f64)> {
+    let steps = || points.iter().zip(points.iter().skip(1)).map(|(before, after)| after.0 - before.0);
+    let least = steps().fold(f64::INFINITY, f64::min);
+    let breaks = std::iter::once(false).chain(steps().map(|step| step > 1.5 * least));
+    let nothing = (f64::NAN, f64::NAN, f64::NAN, f64::NAN);
+    points.iter().zip(breaks).flat_map(|(point, gap)| gap.then_some(nothing).into_iter().chain([*point])).collect()
+}
+
+/// Measured, ideal and complete response.
+pub(super) fn bode(story: &Story) -> Made {
+    let response = &story.response;
+    let frequencies = || response.points.iter().map(|point| point.frequency_hz);
+    let (low_hz, high_hz) = frequencies().fold((f64::INFINITY, 0.0_f64), |(low, high), f| (low.min(f), high.max(f)));
+    if response.points.is_empty() {
+        return Err(
+            "no frequency has a force that the displacement explains (coherence above 0.8), or the run is too short"
+                .into(),
+        );
+    }
+    let (low_hz, high_hz) =
+        if high_hz < 4.0 * low_hz { (low_hz / 8.0, high_hz * 8.0) } else { (low_hz / 1.3, high_hz * 1.3) };
+    let curve = |of: &dyn Fn(f64) -> Complex<f64>, show: &dyn Fn(f64, Complex<f64>) -> f64| {
+        let step = (high_hz / low_hz).powf(1.0 / 400.0);
+        let points = (0..=400).map(|n| low_hz * step.powi(n)).map(|f| (f, show(f, of(f)))).collect();
+        Shape::Line(points, Stroke::Dashed)
+    };
+    let solid = |shape: Shape| match shape {
+        Shape::Line(points, _) => Shape::Line(points, Stroke::Solid),
+        other => other,
+    };
+    let complete = |f: f64| model(&story.model, response.input, f);
+    let rubbing = ModelParameters {
+        viscous_n_s_per_m: story.model.viscous_n_s_per_m + story.equivalent_viscous.unwrap_or(0.0),
+        ..story.model
+    };
+    let with_friction = |f: f64| model(&rubbing, response.input, f);
+    let perfect = |f: f64| ideal(story.model.inertance_kg, f);
+    let measured = |show: &dyn Fn(f64, Complex<f64>) -> f64, half: &dyn Fn(f64, &response::Point) -> f64| {
+        let all = response.points.iter().map(|point| {
+            let value = show(point.frequency_hz, point.response);
+            (point.frequency_hz, value, value - half(value, point), value + half(value, point))
+        });
+        if response.points.len() <= MOST_POINTS {
+            return vec![Layer::new("measured", Colour::Blue, Shape::Points(all.collect()))];
+        }
+        let points = broken_at_gaps(&all.collect::<Vec<_>>());
+        let band = points.iter().map(|point| (point.0, point.2, point.3)).collect();
+        let line = points.iter().map(|point| (point.0, point.1)).collect();
+        vec![
+            Layer::unnamed(Colour::Blue, Shape::Band(band)),
+            Layer::new("measured", Colour::Blue, Shape::Line(line, Stroke::Wide)),
+        ]
+    };
+    let has_friction = story.equivalent_viscous.is_some() && story.law.coulomb_n.abs() > 0.0;
+    let models = |show: &dyn Fn(f64, Complex<f64>) -> f64| {
+        let mut layers = vec![
+            Layer::new("ideal", Colour::Ink, solid(curve(&perfect, show))),
+            Layer::new("complete", Colour::Vermilion, curve(&complete, show)),
+        ];
+        if has_friction {
+            layers.push(Layer::new("complete, with dry friction", Colour::Green, curve(&with_friction, show)));
+        }
+        layers
+    };
+    let over = match response.input {
+        Input::Terminal => "x1",
+        Input::Screw => "x2",
+    };
+    let x = || Axis::log("Frequency [Hz]").within(low_hz, high_hz);
+    let panel =
+        |y: Axis, height_px, show: &dyn Fn(f64, Complex<f64>) -> f64, half: &dyn Fn(f64, &response::Point) -> f64| {
+            Panel { x: x(), y, height_px, layers: [measured(show, half), models(show)].concat() }
+        };
+    let unnamed = |panel: Panel| {
+        let layers = panel.layers.into_iter().map(|layer| Layer { label: None, ..layer }).collect();
+        Panel { layers, ..panel }
+    };
+    let relative = |value: f64, point: &response::Point| value * point.error;
+    let kilonewtons = |_: f64, response: Complex<f64>| response.norm() / 1e3;
+    let kilograms = |frequency_hz: f64, response: Complex<f64>| response.norm() / (2.0 * PI * frequency_hz).powi(2);
+    let phase = |_: f64, response: Complex<f64>| degrees(response);
+    let apparent = response.points.iter().map(|point| kilograms(point.frequency_hz, point.response));
+    // Where friction or the resonance carries the force, the apparent inertance has no end.
+    let most = apparent.fold(1.25, |most, kg| f64::max(most, 1.1 * kg / story.model.inertance_kg)).min(3.0);
+    let most_kg = most * story.model.inertance_kg.abs().max(1e-3);
+    let panels = vec![
+        panel(Axis::log(format!("|F / {over}| [kN/m]")), TALL_PX - 20, &kilonewtons, &relative),
+        unnamed(panel(
+            Axis::new(format!("|F / {over}| / w² [kg]")).within(0.0, most_kg),
+            LOW_PX,
+            &kilograms,
+            &relative,
+        )),
+        unnamed(panel(Axis::new(format!("Phase of F / {over} [°]")), LOW_PX, &phase, &|_, point| {
+            point.phase_error_rad() * 180.0 / PI
+        })),
+    ];
+    let how = match response.method {
+        Method::Tones => format!(
+            "{} in force and displacement, with the 95 % interval by their scatter over pieces of the run",
+            plural(response.points.len() as u64, "steady tone")
+        ),
+        Method::Welch { averages } => format!(
+            "H1 of {averages:.0} independent pieces, with the 95 % interval; only where the coherence is above 0.8"
+        ),
+    };
+    let displacement = match response.input {
+        Input::Terminal => "the terminal",
+        Input::Screw => "the screw, by the encoder",
+    };
+    let contact = if story.model.stiffness_n_per_m > 0.0 {
+        ""
+    } else {
+        " The contact stiffness is not known: the complete model is rigid."
+    };
+    let friction = match story.equivalent_viscous {
+        Some(c) if has_friction => format!(
+            " Dry friction is not linear; at this motion's speed it acts like {c:.1} N s/m more of viscous friction."
+        ),
+        _ => String::new(),
+    };
+    Ok((
+        format!(
+            "Force over the displacement of {displacement}: {how}. Ideal is mt s², complete has friction, stiffness, damping and structure mass; in the middle the same magnitude over w², which is the mass that one would feel.{contact}{friction}"
+        ),
+        panels,
+    ))
+}

@@ -1,0 +1,416 @@
+//! The figures of a page.
+
+use std::f64::consts::PI;
+
+use inerter_core::{BacklashStatus, Parameter, Status};
+use inerter_data::{
+    text::{backlash_text, value_text},
+    words::{interval_text, plural},
+};
+use inerter_wire::catalogue;
+
+use super::{
+    PageError, Story,
+    bode::bode,
+    layout::{LOW_PX, Made, TALL_PX},
+};
+use crate::figure::{Axis, Colour, Figure, Layer, Panel, Shape, Stroke};
+use inerter_analysis::law::Row;
+
+/// Which figure.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// Force against the law, close.
+    Force,
+    /// Force over displacement.
+    Loop,
+    /// What the law leaves over.
+    Residual,
+    /// Parameters over time.
+    Parameters,
+    /// Backlash by reversal.
+    Backlash,
+    /// Frequency response.
+    Bode,
+}
+
+impl Kind {
+    /// All of them, in the order of a page.
+    pub const ALL: [Self; 6] = [Self::Force, Self::Residual, Self::Loop, Self::Parameters, Self::Backlash, Self::Bode];
+
+    /// Its name on the command line and in file names.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Force => "force",
+            Self::Loop => "loop",
+            Self::Residual => "residual",
+            Self::Parameters => "parameters",
+            Self::Backlash => "backlash",
+            Self::Bode => "bode",
+        }
+    }
+
+    /// Its heading.
+    pub const fn heading(self) -> &'static str {
+        match self {
+            Self::Force => "Force against the law",
+            Self::Loop => "Force over displacement",
+            Self::Residual => "What the law leaves over",
+            Self::Parameters => "Parameters over time",
+            Self::Backlash => "Backlash by reversal",
+            Self::Bode => "Frequency response",
+        }
+    }
+}
+
+/// Reversals that are shown one by one.
+const MOST_REVERSALS: usize = 300;
+/// Bars of a histogram, least and most.
+const BARS: (f64, f64) = (8.0, 40.0);
+
+/// One figure of a run, or why it has none.
+pub fn figure(story: &Story, kind: Kind) -> Result<Figure, PageError> {
+    let made = match kind {
+        Kind::Force => force(story),
+        Kind::Loop => hysteresis(story),
+        Kind::Residual => residual(story),
+        Kind::Parameters => parameters(story),
+        Kind::Backlash => backlash(story),
+        Kind::Bode => bode(story),
+    };
+    let file = || story.run.name.clone();
+    let (caption, panels) = made.map_err(|reason| PageError::NotShown { file: file(), figure: kind.name(), reason })?;
+    let title = format!("{}: {}", kind.heading(), file());
+    Ok(Figure { name: kind.name(), title, caption, panels })
+}
+
+fn needs_rows(rows: &[Row]) -> Result<(), String> {
+    let some = rows.iter().filter(|row| row.force_n.is_finite()).count() > 2;
+    if some { Ok(()) } else { Err("the run is shorter than the kernels of the estimator".into()) }
+}
+
+fn line(rows: &[Row], of: impl Fn(&Row) -> (f64, f64)) -> Vec<(f64, f64)> {
+    rows.iter().map(of).collect()
+}
+
+fn force(story: &Story) -> Made {
+    let rows = &story.close;
+    needs_rows(rows)?;
+    let measured = line(rows, |row| (row.t_s, row.force_n));
+    let law = line(rows, |row| (row.t_s, row.law_n));
+    let left = line(rows, |row| (row.t_s, row.force_n - row.law_n));
+    let panels = vec![
+        Panel {
+            x: Axis::new("Time [s]"),
+            y: Axis::new("Force [N]"),
+            height_px: TALL_PX,
+            layers: vec![
+                Layer::new("measured", Colour::Blue, Shape::Line(measured, Stroke::Wide)),
+                Layer::new("mt a + cf v + fc sgn(v) + F0", Colour::Vermilion, Shape::Line(law, Stroke::Dashed)),
+            ],
+        },
+        Panel {
+            x: Axis::new("Time [s]"),
+            y: Axis::new("Difference [N]"),
+            height_px: LOW_PX,
+            layers: vec![
+                Layer::unnamed(Colour::Ink, Shape::Level(0.0, Stroke::Thin)),
+                Layer::new("measured less law", Colour::Green, Shape::Line(left, Stroke::Solid)),
+            ],
+        },
+    ];
+    let caption = format!(
+        "Measured force and the law with the values fitted to all motion, both through the estimator's kernels, in the middle of it. {}",
+        left_over(story)
+    );
+    Ok((caption, panels))
+}
+
+/// A sentence on the residual.
+fn left_over(story: &Story) -> String {
+    match story.residual() {
+        Some((rms_n, explained)) => format!(
+            "Over {} {rms_n:.2} N rms are left over, {:.2} % of the force's. \
+             Where the screw stands there is no law: friction at rest takes any value.",
+            if story.changes.is_empty() {
+                "the whole run"
+            } else {
+                "all that came after the last change of the device"
+            },
+            100.0 * (1.0 - explained).max(0.0).sqrt()
+        ),
+        None => "Nothing moves: there is no law to compare with.".into(),
+    }
+}
+
+fn residual(story: &Story) -> Made {
+    let rows = &story.rows;
+    needs_rows(rows)?;
+    let left = line(rows, |row| (row.t_s, row.force_n - row.law_n));
+    let values: Vec<f64> = left.iter().map(|(_, value)| *value).filter(|value| value.is_finite()).collect();
+    let (rms_n, _) = story.residual().ok_or("nothing moves")?;
+    let (bars, width_n) = histogram(&values);
+    let normal = |n: i32| {
+        let z = f64::from(n) / 20.0;
+        (z * rms_n, values.len() as f64 * width_n / (rms_n * (2.0 * PI).sqrt()) * (-z * z / 2.0).exp())
+    };
+    let reach = bars.iter().map(|bar| bar.0.abs().max(bar.1.abs())).fold(4.0 * rms_n, f64::max);
+    let panels = vec![
+        Panel {
+            x: Axis::new("Time [s]"),
+            y: Axis::new("Measured less law [N]"),
+            height_px: LOW_PX + 20,
+            layers: vec![
+                Layer::unnamed(Colour::Green, Shape::Line(left, Stroke::Thin)),
+                Layer::new("± 2 rms", Colour::Ink, Shape::Level(2.0 * rms_n, Stroke::Dashed)),
+                Layer::unnamed(Colour::Ink, Shape::Level(-2.0 * rms_n, Stroke::Dashed)),
+            ],
+        },
+        Panel {
+            x: Axis::new("Measured less law [N]").within(-reach, reach),
+            y: Axis::new("Count"),
+            height_px: LOW_PX + 20,
+            layers: vec![
+                Layer::new("residuals", Colour::Green, Shape::Bars(bars)),
+                Layer::new(
+                    "normal distribution of the same rms",
+                    Colour::Ink,
+                    Shape::Line((-100..=100).map(normal).collect(), Stroke::Solid),
+                ),
+            ],
+        },
+    ];
+    let caption = format!(
+        "What the law leaves over while the screw moves, two values in each box of the kernel. Noise alone would follow the normal distribution; \
+         long tails come from reversals, impacts and changes. {}",
+        left_over(story)
+    );
+    Ok((caption, panels))
+}
+
+/// Bars `(left, right, count)` of equal width after Freedman and Diaconis, and that width.
+fn histogram(values: &[f64]) -> (Vec<(f64, f64, f64)>, f64) {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let at = |part: f64| sorted.get(((sorted.len().max(1) - 1) as f64 * part).round() as usize).copied().unwrap_or(0.0);
+    let (low, high) = (at(0.0), at(1.0));
+    let wanted = 2.0 * (at(0.75) - at(0.25)) / (sorted.len().max(1) as f64).cbrt();
+    let count = ((high - low) / wanted).clamp(BARS.0, BARS.1).ceil();
+    let width = (high - low) / count;
+    if !(width > 0.0 && count.is_finite()) {
+        let half = 0.05 * low.abs() + 1e-9;
+        return (vec![(low - half, low + half, sorted.len() as f64)], 2.0 * half);
+    }
+    let edge = |bar: usize| low + width * bar as f64;
+    let below = |bar: usize| {
+        if bar as f64 >= count { sorted.len() } else { sorted.partition_point(|value| *value < edge(bar)) }
+    };
+    let bars = (0..count as usize).map(|bar| (edge(bar), edge(bar + 1), (below(bar + 1) - below(bar)) as f64));
+    (bars.collect(), width)
+}
+
+fn hysteresis(story: &Story) -> Made {
+    let rows = &story.close;
+    needs_rows(rows)?;
+    let known: Vec<f64> = rows.iter().map(|row| row.position_m).filter(|position| position.is_finite()).collect();
+    let (low, high) =
+        known.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(*x), high.max(*x)));
+    let middle_m = (low + high) / 2.0;
+    let millimetres = |row: &Row| (row.position_m - middle_m) * 1e3;
+    let panel = Panel {
+        x: Axis::new("Displacement of the screw about its middle [mm]"),
+        y: Axis::new("Force [N]"),
+        height_px: 360,
+        layers: vec![
+            Layer::new(
+                "measured",
+                Colour::Blue,
+                Shape::Line(line(rows, |row| (millimetres(row), row.force_n)), Stroke::Wide),
+            ),
+            Layer::new(
+                "law",
+                Colour::Vermilion,
+                Shape::Line(line(rows, |row| (millimetres(row), row.law_n)), Stroke::Dashed),
+            ),
+        ],
+    };
+    let caption = "Force over displacement in the same stretch of time. An inertance leans the loop down to the right, by mt w²; \
+                   what is lost to friction in a cycle is the area inside; Coulomb friction makes the steps at both ends.";
+    Ok((caption.into(), vec![panel]))
+}
+
+fn parameters(story: &Story) -> Made {
+    let mut panels = Vec::new();
+    for (number, (field, _)) in catalogue::parameters(&story.outcome.estimate.recent).enumerate() {
+        let of = |parameters: &inerter_core::Parameters| -> Option<Parameter> {
+            catalogue::parameters(parameters).nth(number).map(|(_, parameter)| parameter)
+        };
+        let points: Vec<(f64, f64, f64)> = story
+            .moments
+            .iter()
+            .filter_map(|moment| Some((moment.t_s, of(&moment.estimate.recent)?)))
+            .map(|(t_s, parameter)| match parameter.status {
+                Status::NotIdentifiable => (t_s, f64::NAN, f64::NAN),
+                Status::Ok | Status::Held => (t_s, parameter.value.into(), parameter.u95.into()),
+            })
+            .collect();
+        // The offset is not worth a panel of its own.
+        let known = points.iter().filter(|point| point.1.is_finite() && point.2.is_finite()).count();
+        if known < 2 || field.path == "offset_n" {
+            continue;
+        }
+        let truth = truth_line(story, field.path, 1.0);
+        let whole = of(&story.outcome.estimate.whole_run).map(|parameter| value_text(&parameter)).unwrap_or_default();
+        let label = format!("{} [{}]", field.symbol, field.unit);
+        let title = format!("{}, whole run {whole} {}", field.label, field.unit);
+        panels.push(over_time(story, label, title, &points, Colour::Blue, truth));
+    }
+    let gap: Vec<(f64, f64, f64)> = story
+        .moments
+        .iter()
+        .filter_map(|moment| Some((moment.t_s, moment.detail?.backlash)))
+        .map(|(t_s, backlash)| match backlash.status {
+            BacklashStatus::NotIdentifiable(_) => (t_s, f64::NAN, f64::NAN),
+            _ => (t_s, f64::from(backlash.value_m) * 1e6, f64::from(backlash.u95_m) * 1e6),
+        })
+        .collect();
+    if gap.iter().filter(|point| point.1.is_finite()).count() > 1 {
+        let text = format!("Backlash so far, {} µm", backlash_text(&story.outcome.detail.backlash));
+        let truth = truth_line(story, "backlash_m", 1e6);
+        panels.push(over_time(story, "eps [µm]".into(), text, &gap, Colour::Purple, truth));
+    }
+    if panels.is_empty() {
+        return Err("the motion shows no parameter for long enough".into());
+    }
+    let true_line =
+        if panels.iter().any(|panel| panel.layers.iter().any(|layer| layer.label.as_deref() == Some("truth"))) {
+            " The dashed line is the truth of the simulated device."
+        } else {
+            ""
+        };
+    let changes = if story.changes.is_empty() {
+        ""
+    } else {
+        " Vertical lines mark where a change of the device was found and the estimator began anew."
+    };
+    let caption = format!(
+        "Estimates with their 95 % interval, by the last {} s of motion. Where the line breaks off, the motion did not show the parameter.{true_line}{changes}",
+        story.run.settings.memory_s
+    );
+    Ok((caption, panels))
+}
+
+/// What is true of a simulated device over time, `factor` bringing it to the unit shown; empty where it is not known.
+fn truth_line(story: &Story, name: &str, factor: f64) -> Vec<(f64, f64)> {
+    let (start_s, end_s) = (story.run.start_s, story.run.start_s + story.duration_s);
+    let Some(first) = story.first_truth(name).map(|value| value * factor) else { return Vec::new() };
+    match story.later_truth(name).map(|(at_s, value)| (at_s, value * factor)) {
+        Some((at_s, later)) => vec![(start_s, first), (at_s, first), (at_s, later), (end_s, later)],
+        None => vec![(start_s, first), (end_s, first)],
+    }
+}
+
+/// A value with its interval over time; the axis is made for what it settles at, not for its first uncertain moments.
+fn over_time(
+    story: &Story,
+    label: String,
+    title: String,
+    points: &[(f64, f64, f64)],
+    colour: Colour,
+    truth: Vec<(f64, f64)>,
+) -> Panel {
+    let known = || points.iter().filter(|point| point.1.is_finite() && point.2.is_finite());
+    let middle = |mut values: Vec<f64>, part: f64| {
+        values.sort_by(f64::total_cmp);
+        values.get((values.len().saturating_sub(1) as f64 * part).round() as usize).copied().unwrap_or(0.0)
+    };
+    let values = || known().map(|point| point.1).collect::<Vec<_>>();
+    let u95 = middle(known().map(|point| point.2).collect(), 0.5);
+    let (low, high) = (middle(values(), 0.03) - 2.2 * u95, middle(values(), 0.97) + 2.2 * u95);
+    let start = story.run.start_s;
+    let band = points.iter().map(|(t_s, value, u95)| (*t_s, value - u95, value + u95)).collect();
+    let mut layers = vec![
+        Layer::unnamed(colour, Shape::Band(band)),
+        Layer::new(title, colour, Shape::Line(points.iter().map(|point| (point.0, point.1)).collect(), Stroke::Solid)),
+    ];
+    if truth.iter().any(|(_, value)| (low..=high).contains(value)) {
+        layers.push(Layer::new("truth", Colour::Ink, Shape::Line(truth, Stroke::Dashed)));
+    }
+    layers.extend(story.changes.iter().enumerate().map(|(number, (t_s, _))| {
+        let instant = Shape::Instant(*t_s, Stroke::Solid);
+        if number == 0 {
+            Layer::new("change found", Colour::Orange, instant)
+        } else {
+            Layer::unnamed(Colour::Orange, instant)
+        }
+    }));
+    let x = Axis::new("Time [s]").within(start, start + story.duration_s.max(1e-3));
+    let room = (high - low).max(1e-6);
+    Panel { x, y: Axis::new(label).within(low - 0.02 * room, high + 0.02 * room), height_px: LOW_PX - 10, layers }
+}
+
+fn backlash(story: &Story) -> Made {
+    let estimate = &story.outcome.detail.backlash;
+    if story.gaps.len() < 2 {
+        return Err(format!(
+            "{} of the flanks accepted ({})",
+            plural(story.gaps.len() as u64, "reversal"),
+            backlash_text(estimate)
+        ));
+    }
+    let micrometres: Vec<(f64, f64, f64)> = story
+        .gaps
+        .iter()
+        .map(|(t_s, gap)| (*t_s, f64::from(gap.value_m) * 1e6, 1.96 * f64::from(gap.error_m) * 1e6))
+        .filter(|(_, value, error)| value.is_finite() && error.is_finite())
+        .collect();
+    let mut sorted: Vec<f64> = micrometres.iter().map(|point| point.1).collect();
+    sorted.sort_by(f64::total_cmp);
+    let at = |part: f64| sorted.get(((sorted.len().max(1) - 1) as f64 * part).round() as usize).copied().unwrap_or(0.0);
+    // Outliers, which the estimate leaves out as well, would squeeze all others into one bar.
+    let spread = (at(0.75) - at(0.25)).max(0.1);
+    let (low, high) = (at(0.5) - 6.0 * spread, at(0.5) + 6.0 * spread);
+    let (inside, outside): (Vec<f64>, Vec<f64>) = sorted.iter().partition(|value| (low..=high).contains(*value));
+    let (bars, _) = histogram(&inside);
+    let known = !matches!(estimate.status, BacklashStatus::NotIdentifiable(_));
+    let (value, u95) = (f64::from(estimate.value_m) * 1e6, f64::from(estimate.u95_m) * 1e6);
+    let mut layers = vec![Layer::new("reversals", Colour::Purple, Shape::Bars(bars))];
+    if known {
+        let label = format!("estimate {} µm", interval_text(value, u95));
+        layers.push(Layer::unnamed(Colour::Vermilion, Shape::Span(value - u95, value + u95)));
+        layers.push(Layer::new(label, Colour::Vermilion, Shape::Instant(value, Stroke::Solid)));
+    }
+    if let Some(truth) = story.truth("backlash_m") {
+        layers.push(Layer::new("truth", Colour::Ink, Shape::Instant(truth * 1e6, Stroke::Dashed)));
+    }
+    let every = micrometres.len().div_ceil(MOST_REVERSALS);
+    let points = micrometres
+        .iter()
+        .step_by(every)
+        .map(|(t_s, value, error)| (*t_s, *value, value - error, value + error))
+        .collect();
+    let panels = vec![
+        Panel {
+            x: Axis::new("Backlash by one reversal [µm]"),
+            y: Axis::new("Reversals"),
+            height_px: LOW_PX + 30,
+            layers,
+        },
+        Panel {
+            x: Axis::new("Time [s]"),
+            y: Axis::new("Backlash [µm]").within(low, high),
+            height_px: LOW_PX + 10,
+            layers: vec![Layer::new("each reversal with its own 95 % interval", Colour::Purple, Shape::Points(points))],
+        },
+    ];
+    let left_out = match outside.len() {
+        0 => String::new(),
+        count => format!(" {} beyond the figure are not shown.", plural(count as u64, "reversal")),
+    };
+    let thinned = if every > 1 { format!(" Over time one reversal in {every} is shown.") } else { String::new() };
+    let caption = format!(
+        "Backlash by each of {}; reversals contradict each other by impacts and noise, and the estimate weighs them by their information.{left_out}{thinned}",
+        plural(story.gaps.len() as u64, "accepted reversal")
+    );
+    Ok((caption, panels))
+}

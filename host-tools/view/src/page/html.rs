@@ -1,0 +1,305 @@
+//! The page itself: one file, nothing to load, light and dark, and on paper.
+
+use inerter_core::{Conduct, Settings, Status};
+use inerter_data::{
+    json::bank_word,
+    text::{self, value_text},
+    words::{duration_text, plural, utc},
+};
+use inerter_wire::{Hello, WIRE_VERSION, catalogue};
+use maud::{DOCTYPE, Markup, PreEscaped, html as markup};
+
+use super::{Kind, PageError, Story, figures};
+use crate::figure::{Colour, Figure, css, svg_for_page};
+
+/// Look of a page, for both schemes and paper. Colours come from the figures' own table.
+pub fn page_css() -> String {
+    let variables = |of: fn(Colour) -> [u8; 3]| {
+        Colour::ALL.map(|colour| format!("{}:{};", colour.variable(), css(of(colour)))).concat()
+    };
+    let (light, dark) = (variables(Colour::rgb), variables(Colour::dark_rgb));
+    format!(
+        ":root{{{light}color-scheme:light dark}}\
+         @media (prefers-color-scheme:dark){{:root{{{dark}}}}}\
+         @media print{{:root{{{light}color-scheme:light}}}}\
+         {}",
+        include_str!("page.css")
+    )
+}
+
+/// The whole page.
+pub fn html(story: &Story) -> (String, Vec<Figure>) {
+    let all: Vec<(Kind, Result<Figure, PageError>)> =
+        Kind::ALL.into_iter().map(|kind| (kind, figures::figure(story, kind))).collect();
+    let page = markup! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width, initial-scale=1";
+                meta name="generator" content=(concat!("inerter ", env!("CARGO_PKG_VERSION")));
+                title { "Inerter: " (file_name(story)) }
+                style { (PreEscaped(page_css())) }
+            }
+            body {
+                (header(story))
+                main {
+                    (results(story))
+                    (notes(story))
+                    @for (kind, figure) in &all { (section(*kind, figure)) }
+                    (conditions(story))
+                    (settings(&story.run.settings))
+                    (versions(story.run.hello.as_ref()))
+                    (method())
+                }
+            }
+        }
+    };
+    (page.into_string(), all.into_iter().filter_map(|(_, figure)| figure.ok()).collect())
+}
+
+fn file_name(story: &Story) -> String {
+    let path = std::path::Path::new(&story.run.name);
+    path.file_name().map_or_else(|| story.run.name.clone(), |name| name.to_string_lossy().into_owned())
+}
+
+fn header(story: &Story) -> Markup {
+    let device = story.run.hello.as_ref().map(|hello| format!("{}, serial {}", hello.board, hello.serial));
+    markup! {
+        header {
+            p.kind { "Instrumented inerter: report of a run" }
+            h1 { (file_name(story)) }
+            p.meta {
+                (device.unwrap_or_else(|| "device not recorded".into())) " · "
+                (duration_text(story.duration_s)) " at " (story.run.settings.sample_rate_hz) " Hz"
+                @if let Some(truth) = &story.run.truth {
+                    " · simulated"
+                    @if let Some(excite) = truth.get("excite") { ", motion " code { (excite) } }
+                }
+            }
+        }
+    }
+}
+
+/// A cell's text and its class.
+fn status(word: Status) -> (&'static str, &'static str) {
+    match word {
+        Status::Ok => ("ok", "ok"),
+        Status::Held => ("held: at rest at the end", "held"),
+        Status::NotIdentifiable => ("this motion does not show it", "none"),
+    }
+}
+
+fn digits(value: f64) -> String {
+    let rounded = (value * 1e9).round() / 1e9;
+    format!("{rounded}").replace('-', "\u{2212}")
+}
+
+fn results(story: &Story) -> Markup {
+    let estimate = &story.outcome.estimate;
+    let simulated = story.run.truth.is_some();
+    let truth = |name: &str, factor: f64| {
+        let first = story.first_truth(name).map(|value| digits(value * factor)).unwrap_or_default();
+        let later = story.later_truth(name).map(|(_, value)| format!(", then {}", digits(value * factor)));
+        first + &later.unwrap_or_default()
+    };
+    let pairs = catalogue::parameters(&estimate.recent).zip(catalogue::parameters(&estimate.whole_run));
+    markup! {
+        section #results {
+            h2 { "What the device is" }
+            table {
+                thead { tr {
+                    th scope="col" { "Parameter" }
+                    th scope="col" { "Unit" }
+                    th.number scope="col" { "Last " (story.run.settings.memory_s) " s" }
+                    th.number scope="col" { "Whole run" }
+                    @if simulated { th.number scope="col" { "Truth" } }
+                    th scope="col" { "Status" }
+                } }
+                tbody {
+                    @for ((field, recent), (_, whole)) in pairs {
+                        @let (word, class) = status(recent.status);
+                        tr {
+                            th scope="row" { (field.label) @if !field.symbol.is_empty() { " " i { (field.symbol) } } }
+                            td { (field.unit) }
+                            td.number { (value_text(&recent)) }
+                            td.number { (value_text(&whole)) }
+                            @if simulated {
+                                td.number { (truth(if field.path == "offset_n" { "force_offset_n" } else { field.path }, 1.0)) }
+                            }
+                            td class=(class) { (word) }
+                        }
+                    }
+                    @for (label, unit, value, name, factor) in text::rows(&story.outcome.detail, &story.run.settings) {
+                        tr {
+                            th scope="row" { (label) }
+                            td { (unit) }
+                            td {}
+                            td.number { (value) }
+                            @if simulated { td.number { (truth(name, factor)) } }
+                            @if value.contains('±') { td.ok { "ok" } } @else { td.none { "not identifiable" } }
+                        }
+                    }
+                }
+            }
+            p.small {
+                "Values with the half width of their 95 % interval, which includes noise, model and the stated uncertainty of the calibration. "
+                "Where the motion cannot show a parameter there is no number."
+            }
+        }
+    }
+}
+
+fn notes(story: &Story) -> Markup {
+    let changes = story.changes.iter().map(|(t_s, change)| format!("At {t_s:.2} s {}.", text::change_words(change)));
+    let friction = match story.outcome.detail.friction.conduct {
+        Conduct::Presliding | Conduct::Stribeck => {
+            Some("Friction near rest does not follow the law; the intervals are wider for it.".to_string())
+        }
+        Conduct::Unknown | Conduct::Coulomb => None,
+    };
+    let contact = (story.run.settings.stiffness_n_per_m == 0.0 && story.run.settings.terminal_sensor == 0.0)
+        .then(|| "The contact stiffness is not set: without it the force alone shows no backlash (setting stiffness_n_per_m).".to_string());
+    let all: Vec<String> = story.run.notes.iter().cloned().chain(changes).chain(friction).chain(contact).collect();
+    markup! {
+        section #notes {
+            h2 { "Notes" }
+            @if all.is_empty() {
+                p { "Nothing unusual: nothing was lost, damaged or put right, and the device did not change." }
+            } @else {
+                ul { @for note in &all { li { (note) } } }
+            }
+        }
+    }
+}
+
+fn section(kind: Kind, figure: &Result<Figure, PageError>) -> Markup {
+    markup! {
+        section id=(kind.name()) {
+            h2 { (kind.heading()) }
+            @match figure {
+                Ok(figure) => figure {
+                    (PreEscaped(svg_for_page(figure)))
+                    figcaption { (figure.caption) }
+                },
+                Err(PageError::NotShown { reason, .. }) => p.absent { "Not shown: " (reason) "." },
+                Err(PageError::Format { .. }) => {},
+            }
+        }
+    }
+}
+
+fn conditions(story: &Story) -> Markup {
+    let (detail, counters) = (&story.outcome.detail, &story.outcome.counters);
+    let band =
+        (detail.band.low_hz > 0.0).then(|| format!("{:.3} to {:.3} Hz", detail.band.low_hz, detail.band.high_hz));
+    let reversal = detail
+        .friction
+        .reversal_ratio
+        .map(|ratio| format!(", {ratio:.2} of Coulomb's kink at reversals"))
+        .unwrap_or_default();
+    let lost = match (counters.gaps, counters.lost_samples) {
+        (0, _) => "none".to_string(),
+        (gaps, lost) => format!("{} in {}", plural(lost, "sample"), plural(gaps.into(), "gap")),
+    };
+    let residual =
+        story.residual().map_or_else(|| "nothing moved".to_string(), |(rms_n, _)| format!("{rms_n:.2} N rms"));
+    let recorded = story.run.recorded_ns.map(|time_ns| ("Recorded", utc(time_ns)));
+    let rows = [
+        ("Duration", duration_text(story.duration_s)),
+        ("Sample rate", format!("{} Hz", story.run.settings.sample_rate_hz)),
+        ("Samples", counters.samples.to_string()),
+        ("Lost samples", lost),
+        ("Saturated samples", counters.saturated.to_string()),
+        ("Inertance was seen at", band.unwrap_or_else(|| "nothing moved".into())),
+        ("Contact", text::contact_words(detail.contact).into()),
+        ("Friction", format!("{}{reversal}", text::conduct_words(detail.friction.conduct))),
+        ("Changes of the device", detail.changes.to_string()),
+        ("Left over by the law", residual),
+        ("Kernel bank", bank_word(story.outcome.estimate.bank).into()),
+        ("Updates", story.outcome.estimate.updates.to_string()),
+        ("Reversals for the backlash", detail.backlash.reversals.to_string()),
+    ];
+    markup! {
+        section #conditions {
+            h2 { "Conditions" }
+            (pairs(&recorded.into_iter().chain(rows).collect::<Vec<_>>()))
+        }
+    }
+}
+
+fn pairs(rows: &[(&str, String)]) -> Markup {
+    markup! {
+        table.pairs { tbody {
+            @for (name, value) in rows { tr { th scope="row" { (name) } td { (value) } } }
+        } }
+    }
+}
+
+fn settings(settings: &Settings) -> Markup {
+    let changed: Vec<_> =
+        Settings::described().zip(settings.values()).filter(|((info, _), value)| info.default != *value).collect();
+    markup! {
+        section #settings {
+            h2 { "Settings that are not the default" }
+            @if changed.is_empty() {
+                p { "All settings are the defaults." }
+            } @else {
+                table {
+                    thead { tr {
+                        th scope="col" { "Setting" } th.number scope="col" { "Value" } th.number scope="col" { "Default" }
+                        th scope="col" { "Unit" } th scope="col" { "Meaning" }
+                    } }
+                    tbody {
+                        @for ((info, text), value) in &changed {
+                            tr {
+                                th scope="row" { code { (info.name) } }
+                                td.number { (format!("{value:?}")) }
+                                td.number { (format!("{:?}", info.default)) }
+                                td { (text.unit) }
+                                td { (text.help) }
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn versions(hello: Option<&Hello>) -> Markup {
+    let mut rows = Vec::new();
+    if let Some(hello) = hello {
+        let git = if hello.git.is_empty() { String::new() } else { format!(", commit {}", hello.git) };
+        rows.push(("Firmware", format!("{}{git}", hello.firmware)));
+        rows.push(("Board", hello.board.to_string()));
+        rows.push(("Serial number", hello.serial.to_string()));
+        rows.push(("Sample clock", format!("{:?}", hello.clock).to_lowercase()));
+        rows.push(("Wire version of the device", hello.wire_version.to_string()));
+    } else {
+        rows.push(("Device", "not recorded in this file".into()));
+    }
+    rows.push(("This program", format!("inerter {}, wire version {WIRE_VERSION}", env!("CARGO_PKG_VERSION"))));
+    markup! {
+        section #versions {
+            h2 { "Versions" }
+            (pairs(&rows))
+        }
+    }
+}
+
+fn method() -> Markup {
+    markup! {
+        section #method {
+            h2 { "How it was found" }
+            p {
+                "Force and displacement pass the same smoothing kernel; recursive least squares find "
+                i { "mt" } ", " i { "cf" } ", " i { "fc" } " and " i { "F0" } " of "
+                i { "F = mt a + cf v + fc sgn(v) + F0" } ", in contact and out of it; what stands still is left out. "
+                "The estimates are those of the device, to the bit. An interval is "
+                i { "U95" } " = √((3 " i { "se" } ")² + " i { "B" } "²) with the systematic part " i { "B" }
+                " of force gain, lead, timebase, skew and structure mass as stated in the settings."
+            }
+        }
+    }
+}

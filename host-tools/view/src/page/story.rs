@@ -1,0 +1,186 @@
+//! Everything that is told of a run.
+
+use inerter_analysis::law::{Kernels, Law, Row};
+use inerter_analysis::{
+    fit::{Products, directions},
+    response::{self, ModelParameters, Response},
+};
+use inerter_core::{Change, Detail, Estimate, Gap, Settings};
+use inerter_data::{
+    replay::{Outcome, replay_all},
+    run::Run,
+    series::Series,
+    settings::SettingsInputError,
+};
+use inerter_wire::EstimatorEvent;
+
+/// Rows of the law in a box: over the whole run, and in the stretch that is shown close.
+const ROWS: usize = 2;
+const CLOSE_ROWS: usize = 16;
+/// Periods of the motion that are shown close.
+const CLOSE_PERIODS: f64 = 5.0;
+
+/// An estimate on the way.
+#[derive(Clone, Copy, Debug)]
+pub struct Moment {
+    /// Time \[s\].
+    pub t_s: f64,
+    /// The estimate.
+    pub estimate: Estimate,
+    /// What goes with it.
+    pub detail: Option<Detail>,
+}
+
+/// Everything that is told of a run.
+#[derive(Clone, Debug)]
+pub struct Story {
+    /// The run without its samples.
+    pub run: Run,
+    /// From its first sample to its last \[s\].
+    pub duration_s: f64,
+    /// What the estimator came to.
+    pub outcome: Outcome,
+    /// What it said on the way.
+    pub moments: Vec<Moment>,
+    /// Accepted reversals with their times \[s\].
+    pub gaps: Vec<(f64, Gap)>,
+    /// Changes of the device with their times \[s\].
+    pub changes: Vec<(f64, Change)>,
+    /// The law that is drawn: the fit to all motion since the last change.
+    pub law: Law,
+    /// Force and law over the whole run, or since the last change.
+    pub rows: Vec<Row>,
+    /// Force and law in a stretch around the middle.
+    pub close: Vec<Row>,
+    /// The measured frequency response.
+    pub response: Response,
+    /// The complete linear model.
+    pub model: ModelParameters,
+    /// Viscous friction that stands for the dry one in this motion \[N s/m\].
+    pub equivalent_viscous: Option<f64>,
+}
+
+impl Story {
+    /// Takes a run through the estimator; `progress` is handed the part that is done.
+    pub fn of(mut run: Run, mut progress: impl FnMut(f64)) -> Result<Self, SettingsInputError> {
+        let (mut moments, mut gaps, mut changes) = (Vec::new(), Vec::new(), Vec::new());
+        let duration_s = run.duration_s();
+        let start_s = run.start_s;
+        let outcome = replay_all(&run, |t_s, news| -> Result<(), SettingsInputError> {
+            match *news {
+                EstimatorEvent::Reversal(gap) => gaps.push((t_s, gap)),
+                EstimatorEvent::Changed(change) => changes.push((t_s, change)),
+                EstimatorEvent::Estimate(estimate, detail) => {
+                    moments.push(Moment { t_s, estimate, detail });
+                    progress(0.5 * (t_s - start_s) / duration_s.max(1e-9));
+                }
+            }
+            Ok(())
+        })?;
+        let settings = run.settings;
+        let mut series = Series::of(&run);
+        run.samples = Vec::new();
+        // Before the last change it was another device.
+        let since_s = changes.last().map_or(start_s, |(t_s, _)| *t_s);
+        series.cut_before(since_s);
+        let law = drawn_law(&outcome, &settings);
+        let kernels = Kernels::new(outcome.estimate.bank, series.period_s);
+        let all = (f64::NEG_INFINITY, f64::INFINITY);
+        let rows = kernels.rows(&series, &settings, &law, all, ROWS);
+        progress(0.7);
+        let end_s = start_s + duration_s;
+        let (middle_s, half_s) = ((since_s + end_s) / 2.0, close_s(&outcome, end_s - since_s) / 2.0);
+        let window = (middle_s - half_s, middle_s + half_s);
+        let close = kernels.rows(&series, &settings, &law, window, CLOSE_ROWS);
+        let response = response::measured(&series);
+        let equivalent_viscous = response::equivalent_viscous(&series, law.coulomb_n);
+        let model = model(&outcome, &settings, &law);
+        progress(1.0);
+        Ok(Self {
+            run,
+            duration_s,
+            outcome,
+            moments,
+            gaps,
+            changes,
+            law,
+            rows,
+            close,
+            response,
+            model,
+            equivalent_viscous,
+        })
+    }
+
+    /// Root mean square of what the law leaves over in all rows \[N\], and the part of the force's variance that it explains.
+    pub fn residual(&self) -> Option<(f64, f64)> {
+        let moving: Vec<&Row> =
+            self.rows.iter().filter(|row| row.law_n.is_finite() && row.force_n.is_finite()).collect();
+        let n = moving.len() as f64;
+        let mean = moving.iter().map(|row| row.force_n).sum::<f64>() / n;
+        let (left, all) = moving.iter().fold((0.0, 0.0), |(left, all), row| {
+            (left + (row.force_n - row.law_n).powi(2), all + (row.force_n - mean).powi(2))
+        });
+        (n > 2.0 && all > 0.0).then(|| ((left / n).sqrt(), 1.0 - left / all))
+    }
+
+    /// What is true of a simulated device, by name, at its end.
+    pub fn truth(&self, name: &str) -> Option<f64> {
+        self.later_truth(name).map(|(_, value)| value).or_else(|| self.first_truth(name))
+    }
+
+    /// The same before it was changed.
+    pub fn first_truth(&self, name: &str) -> Option<f64> {
+        self.run.truth.as_ref()?.get(name)?.parse().ok()
+    }
+
+    /// What of it was changed: when \[s\], and to what.
+    pub fn later_truth(&self, name: &str) -> Option<(f64, f64)> {
+        Some((self.first_truth("change_at_s")?, self.first_truth(&format!("changed_{name}"))?))
+    }
+}
+
+/// The fit to all motion since the last change: its values belong together, also those that no interval holds for by itself.
+fn drawn_law(outcome: &Outcome, settings: &Settings) -> Law {
+    let (sums, more) = outcome.sums();
+    let fitted = Products::of(sums, more).and_then(|products| directions(&products, settings, None));
+    let parameters = fitted.map_or(outcome.estimate.whole_run, |fit| fit.symmetric);
+    let value = |parameter: inerter_core::Parameter| {
+        Some(f64::from(parameter.value)).filter(|value| value.is_finite()).unwrap_or(0.0)
+    };
+    Law {
+        inertance_kg: value(parameters.inertance_kg),
+        viscous_n_s_per_m: value(parameters.viscous_n_s_per_m),
+        coulomb_n: value(parameters.coulomb_n),
+        offset_n: value(parameters.offset_n),
+    }
+}
+
+/// How long a stretch shows some periods of the motion \[s\].
+fn close_s(outcome: &Outcome, duration_s: f64) -> f64 {
+    let low_hz = f64::from(outcome.detail.band.low_hz);
+    let wanted_s = if low_hz > 0.0 { CLOSE_PERIODS / low_hz } else { 2.0 };
+    wanted_s.clamp(0.25, 120.0).min(duration_s)
+}
+
+fn model(outcome: &Outcome, settings: &Settings, law: &Law) -> ModelParameters {
+    let contact = |measured: inerter_core::Parameter, set: f64| {
+        let known = measured.status != inerter_core::Status::NotIdentifiable && measured.value > 0.0;
+        if known { f64::from(measured.value) } else { set }
+    };
+    ModelParameters {
+        inertance_kg: law.inertance_kg,
+        viscous_n_s_per_m: law.viscous_n_s_per_m,
+        stiffness_n_per_m: contact(outcome.detail.stiffness_n_per_m, settings.stiffness_n_per_m),
+        contact_damping_n_s_per_m: contact(
+            outcome.detail.contact_damping_n_s_per_m,
+            settings.contact_damping_n_s_per_m,
+        ),
+        structure_mass_kg: settings.structure_mass_kg,
+        skew_s: settings.skew_s,
+    }
+}
+
+#[cfg(test)]
+#[path = "story_tests.rs"]
+mod tests;
