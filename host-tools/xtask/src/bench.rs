@@ -2,7 +2,7 @@
 
 use crate::{
     accuracy, process, python,
-    workspace::{self, Workspace},
+    workspace::{self, Part, Workspace},
 };
 use anyhow::{Context, Result};
 use std::{
@@ -34,7 +34,7 @@ pub fn run(options: &Options) -> Result<()> {
     // What an earlier run left must not pass for this one's.
     let _ = std::fs::remove_file(&rivals);
     let path = |path: &Path| path.to_string_lossy().into_owned();
-    accuracy::program("bench", &["regressors", &path(&regressors)])?;
+    accuracy::program(Part::Bench, "bench", &["regressors", &path(&regressors)])?;
     let mut arguments = vec!["compare".to_owned()];
     let compared = if options.no_python {
         Err(anyhow::anyhow!("left out by --no-python"))
@@ -54,7 +54,7 @@ pub fn run(options: &Options) -> Result<()> {
     if options.update {
         arguments.extend(["--write".to_owned(), path(&workspace::root().join("docs/tables/bench.md"))]);
     }
-    accuracy::program("bench", &arguments.iter().map(String::as_str).collect::<Vec<_>>())
+    accuracy::program(Part::Bench, "bench", &arguments.iter().map(String::as_str).collect::<Vec<_>>())
 }
 
 /// Least times that `inerter identify` must be faster.
@@ -67,7 +67,7 @@ pub fn identify() -> Result<()> {
     let folder = folder()?;
     let problem = folder.join("identify.json");
     let path = problem.to_string_lossy().into_owned();
-    accuracy::program("identify", &["--bench", &path])?;
+    accuracy::program(Part::Main, "identify", &["--bench", &path])?;
     let script = workspace::root().join("tests/python/identify_scipy.py");
     process::run(
         Command::new(python::environment(&folder.join("python"), IMPORTS, REQUIREMENTS, true)?)
@@ -75,7 +75,7 @@ pub fn identify() -> Result<()> {
             .arg(&problem)
             .arg(MOST_S.to_string()),
     )?;
-    accuracy::program("identify", &["--compare", &path, &FASTER.to_string()])
+    accuracy::program(Part::Main, "identify", &["--compare", &path, &FASTER.to_string()])
 }
 
 /// Where the comparison keeps its files.

@@ -186,18 +186,15 @@ pub fn build(image: Image) -> Result<PathBuf> {
     Ok(own)
 }
 
-/// Builds all images and tells the command where they lie.
-pub fn build_for(command: &mut Command) -> Result<&mut Command> {
-    for image in Image::ALL {
-        command.env(image.variable(), build(image)?);
-    }
-    Ok(command)
+/// Builds all images: the variables that name them, and where they lie.
+pub fn build_all() -> Result<Vec<(&'static str, PathBuf)>> {
+    Image::ALL.into_iter().map(|image| Ok((image.variable(), build(image)?))).collect()
 }
 
 /// Builds all images and prints where they lie.
 pub fn run_build() -> Result<()> {
-    for image in Image::ALL {
-        println!("{}", build(image)?.display());
+    for (_, path) in build_all()? {
+        println!("{}", path.display());
     }
     Ok(())
 }

@@ -2,7 +2,7 @@
 
 use crate::{
     process,
-    workspace::{self, Workspace},
+    workspace::{self, Part, Workspace},
 };
 use anyhow::{Context, Result, bail};
 use std::{
@@ -20,18 +20,11 @@ pub const REQUIREMENTS: &str = "tests/python/files-requirements.txt";
 /// The page with the snippets.
 const PAGE: &str = "docs/PYTHON.md";
 
-/// Runs them with the program of the tests. Where the packages cannot be had they are skipped with a word, unless `CI` is set.
+/// Runs them with the program of the tests.
 pub fn run() -> Result<()> {
     let folder = Workspace::read(&workspace::root())?.target.join("python");
-    let python = match files_environment() {
-        Ok(python) => python,
-        Err(reason) if std::env::var_os("CI").is_none() => {
-            println!("not run, for want of the Python packages: {reason:#}");
-            return Ok(());
-        }
-        Err(reason) => return Err(reason),
-    };
-    let inerter = workspace::tested("inerter")?;
+    let python = files_environment()?;
+    let inerter = workspace::tested(Part::Main, "inerter")?;
     fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
     let page = fs::read_to_string(workspace::root().join(PAGE)).with_context(|| format!("cannot read {PAGE}"))?;
     let snippets = snippets(&page)?;

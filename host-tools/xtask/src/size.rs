@@ -2,7 +2,8 @@
 
 use crate::{
     firmware::{self, Image},
-    icount, process, table, workspace,
+    icount, process, table,
+    workspace::{self, Part},
 };
 use anyhow::{Context, Result};
 use object::{Object, ObjectSection, ObjectSymbol, SectionFlags, SectionKind, SymbolKind, elf};
@@ -88,18 +89,18 @@ fn rows(image: &str, sizes: &Sizes) -> Vec<table::Row> {
 
 /// What the twin measured while the board's image served with every stream on.
 fn twin(image: &Path) -> Result<Value> {
-    figures("figures", Image::Board, image)
+    figures(Part::Twin, "figures", Image::Board, image)
 }
 
 /// Stack that the image never used while it served, in bytes.
 fn stack_free(image: &Path) -> Result<f64> {
-    let figures = figures("stack", Image::Qemu, image)?;
+    let figures = figures(Part::Main, "stack", Image::Qemu, image)?;
     figures["stack_free_bytes"].as_f64().with_context(|| format!("no number `stack_free_bytes` in {figures}"))
 }
 
 /// What a program prints that runs an image.
-fn figures(program: &str, image: Image, path: &Path) -> Result<Value> {
-    let printed = process::output(Command::new(workspace::tested(program)?).env(image.variable(), path))?;
+fn figures(part: Part, program: &str, image: Image, path: &Path) -> Result<Value> {
+    let printed = process::output(Command::new(workspace::tested(part, program)?).env(image.variable(), path))?;
     serde_json::from_str(printed.trim()).with_context(|| format!("no JSON: {printed}"))
 }
 

@@ -1,6 +1,6 @@
 //! Everything that continuous integration asks for, in order, with a summary at the end.
 
-use crate::{accuracy, arrows, firmware, guest, icount, panics, process, python, setup, size, table, workspace};
+use crate::{accuracy, arrows, firmware, guest, icount, panics, process, python, setup, size, table, workspace::Part};
 use anyhow::{Result, bail};
 use std::time::{Duration, Instant};
 
@@ -48,23 +48,27 @@ const STEPS: &[Step] = &[
         run: || setup::ensure(setup::ALL, false),
     },
     Step {
-        name: "lock file",
+        name: "lock files",
         alone: "cargo metadata --locked",
         needed: true,
         long: false,
-        run: || process::output(process::cargo().args(["metadata", "--format-version", "1", "--locked"])).map(drop),
+        run: || {
+            Part::each(|part| {
+                process::output(part.cargo().args(["metadata", "--format-version", "1", "--locked"])).map(drop)
+            })
+        },
     },
     Step {
         name: "formatting",
         alone: "cargo fmt --all --check",
         needed: false,
         long: false,
-        run: || process::run(process::cargo().args(["fmt", "--all", "--check"])),
+        run: || Part::each(|part| process::run(part.cargo().args(["fmt", "--all", "--check"]))),
     },
     Step { name: "arrows", alone: "cargo xtask check-arrows", needed: false, long: false, run: arrows::run },
     Step {
         name: "lints, host",
-        alone: "cargo clippy --workspace --exclude inerter-qemu --exclude inerter-stm32g474 --all-targets -- -D warnings",
+        alone: "cargo clippy --workspace --all-targets -- -D warnings",
         needed: false,
         long: false,
         run: lint_host,
@@ -85,7 +89,7 @@ const STEPS: &[Step] = &[
     },
     Step {
         name: "documentation",
-        alone: "RUSTDOCFLAGS='-D warnings' cargo doc --workspace --exclude inerter-qemu --exclude inerter-stm32g474 --no-deps",
+        alone: "RUSTDOCFLAGS='-D warnings' cargo doc --workspace --no-deps",
         needed: false,
         long: true,
         run: document,
@@ -93,19 +97,19 @@ const STEPS: &[Step] = &[
     Step { name: "firmware", alone: "cargo xtask build-firmware", needed: true, long: false, run: firmware::run_build },
     Step {
         name: "tests, compiled",
-        alone: "cargo test --no-run --workspace --exclude inerter-qemu --exclude inerter-stm32g474",
+        alone: "cargo test --no-run --workspace",
         needed: true,
         long: false,
-        run: || process::run(workspace::on_host("test").arg("--no-run")),
+        run: || Part::each(|part| process::run(part.all("test").arg("--no-run"))),
     },
-    Step { name: "Linux guest", alone: "cargo xtask guest", needed: false, long: false, run: make_guest },
     Step {
-        name: "tests",
-        alone: "cargo test --workspace --exclude inerter-qemu --exclude inerter-stm32g474",
+        name: "Linux guest",
+        alone: "cargo xtask guest",
         needed: false,
         long: false,
-        run: test,
+        run: || guest::run(&guest::Options::default()),
     },
+    Step { name: "tests", alone: "cargo test --workspace", needed: false, long: false, run: test },
     Step { name: "Python", alone: "cargo xtask python", needed: false, long: false, run: python::run },
     Step {
         name: "endurance",
@@ -221,7 +225,7 @@ fn summary(steps: &[Step], outcomes: &[Outcome]) -> String {
 }
 
 fn lint_host() -> Result<()> {
-    process::run(workspace::on_host("clippy").args(["--all-targets", "--", "--deny", "warnings"]))
+    Part::each(|part| process::run(part.all("clippy").args(["--all-targets", "--", "--deny", "warnings"])))
 }
 
 fn lint_firmware() -> Result<()> {
@@ -253,35 +257,17 @@ fn lint_probe() -> Result<()> {
 }
 
 fn document() -> Result<()> {
-    process::run(workspace::on_host("doc").arg("--no-deps").env("RUSTDOCFLAGS", "-D warnings"))
+    Part::each(|part| process::run(part.all("doc").arg("--no-deps").env("RUSTDOCFLAGS", "-D warnings")))
 }
 
-/// The variable with which the test with a real kernel fails, not skips, where it finds no boot image.
-const REQUIRE_GUEST: &str = "INERTER_REQUIRE_GUEST";
-
-/// The boot image for the test with a real kernel. Where it cannot be made or fetched that test skips, unless it is required.
-fn make_guest() -> Result<()> {
-    let required = std::env::var_os(REQUIRE_GUEST).is_some_and(|value| value == "1");
-    let obstacle = match guest::obstacle() {
-        Some(obstacle) => obstacle,
-        None => match guest::run(&guest::Options::default()) {
-            Err(error) if error.is::<guest::NotFetched>() => format!("{error:#}"),
-            result => return result,
-        },
-    };
-    if required {
-        bail!("{obstacle}");
-    }
-    println!("not made, and its test will skip: {obstacle}");
-    Ok(())
-}
-
+/// All tests.
 fn test() -> Result<()> {
-    let mut command = workspace::on_host("test");
-    if guest::is_made()? {
-        command.env(REQUIRE_GUEST, "1");
-    }
-    process::run(firmware::build_for(command.arg("--no-fail-fast"))?)
+    let images = firmware::build_all()?;
+    Part::each(|part| {
+        let mut command = part.all("test");
+        command.envs(images.iter().map(|(variable, path)| (variable, path))).env("INERTER_REQUIRE_GUEST", "1");
+        process::run(command.arg("--no-fail-fast"))
+    })
 }
 
 #[cfg(test)]
