@@ -13,8 +13,9 @@ use std::{fs, path::Path, process::Command};
 /// An interrupt on top of the deepest call is a matter of luck.
 const STACK_TOLERANCE: f64 = 0.15;
 
-/// Start of RAM; what lies below is flash.
+/// Start of RAM; what lies below is flash, but for CCM SRAM (RM0440, 2.2.2).
 const RAM: u64 = 0x2000_0000;
+const CCM: std::ops::Range<u64> = 0x1000_0000..0x1000_8000;
 
 /// Sizes by section and by crate, in bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -36,10 +37,9 @@ const LOAD_GOAL: f64 = 42e6;
 /// The load depends on the motion's noise a little.
 const LOAD_TOLERANCE: f64 = 0.05;
 
-/// Goals for the image that ships, in bytes. Bank 1 has 256 KB; 128 KB held the instrument without backlash, changes and
-/// friction's conduct.
-const FLASH_GOAL: f64 = 160.0 * 1024.0;
-const RAM_GOAL: f64 = 48.0 * 1024.0;
+/// Goals for the image that ships, in bytes; RAM counts CCM SRAM. Of the chip's two flash banks the image has the first, 256 KB.
+const FLASH_GOAL: f64 = 192.0 * 1024.0;
+const RAM_GOAL: f64 = 56.0 * 1024.0;
 
 /// Compares with the committed table, or writes it.
 pub fn run(options: &table::Options) -> Result<()> {
@@ -119,7 +119,7 @@ fn sizes(bytes: &[u8]) -> Result<Sizes> {
             continue;
         }
         let size = section.size();
-        if section.address() >= RAM {
+        if section.address() >= RAM || CCM.contains(&section.address()) {
             if section.kind() == SectionKind::UninitializedData { sizes.bss += size } else { sizes.data += size }
         } else if sh_flags.contains(elf::SHF_EXECINSTR) || section.name() == Ok(".vector_table") {
             sizes.text += size;
