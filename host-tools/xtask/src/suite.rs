@@ -1,8 +1,17 @@
 //! Everything that continuous integration asks for, in order, with a summary at the end.
 
-use crate::{accuracy, arrows, firmware, guest, icount, panics, process, python, setup, size, table, workspace::Part};
-use anyhow::{Result, bail};
-use std::time::{Duration, Instant};
+use crate::{
+    accuracy, arrows, firmware, guest, icount, panics, process, python, setup, size, table,
+    workspace::{self, Part, Workspace},
+};
+use anyhow::{Context, Result, bail};
+use std::{
+    collections::BTreeSet,
+    fs,
+    io::ErrorKind,
+    path::{Path, PathBuf},
+    time::{Duration, Instant},
+};
 
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
 pub struct Options {
@@ -164,8 +173,10 @@ const STEPS: &[Step] = &[
 
 /// Runs the steps and prints one line for each at the end.
 pub fn run(options: &Options) -> Result<()> {
+    let list = skipped_list()?;
+    clear(&list)?;
     let outcomes = run_steps(STEPS, options);
-    println!("\n{}", summary(STEPS, &outcomes));
+    println!("\n{}\n{}", summary(STEPS, &outcomes), skips(&skipped(&list)?));
     let failed: Vec<_> = STEPS
         .iter()
         .zip(&outcomes)
@@ -231,8 +242,8 @@ fn lint_host() -> Result<()> {
 fn lint_firmware() -> Result<()> {
     let Some(toolchain) = firmware::Toolchain::find() else { bail!("no compiler for the firmware") };
     if !toolchain.is_own() {
-        println!("not linted: the distribution's compiler builds the firmware here, and this clippy is another's");
-        return Ok(());
+        let reason = "the distribution's compiler builds the firmware here, and this clippy is another's";
+        return inerter_needs::list(&skipped_list()?, "lints, firmware", reason).context("the list of skipped tests");
     }
     let denied = ["--", "--deny", "warnings", "--deny", "clippy::undocumented_unsafe_blocks"];
     let mut command = toolchain.cargo("clippy");
@@ -260,14 +271,47 @@ fn document() -> Result<()> {
     Part::each(|part| process::run(part.all("doc").arg("--no-deps").env("RUSTDOCFLAGS", "-D warnings")))
 }
 
-/// All tests.
+/// All tests. What this command makes or installs is required; recordings of real machines are, where their folder is there.
 fn test() -> Result<()> {
-    let images = firmware::build_all()?;
+    let (images, list) = (firmware::build_all()?, skipped_list()?);
     Part::each(|part| {
         let mut command = part.all("test");
-        command.envs(images.iter().map(|(variable, path)| (variable, path))).env("INERTER_REQUIRE_GUEST", "1");
-        process::run(command.arg("--no-fail-fast"))
+        command.envs(images.iter().map(|(variable, path)| (variable, path)));
+        process::run(command.arg("--no-fail-fast").env(inerter_needs::REQUIRED, "1").env(inerter_needs::LIST, &list))
     })
+}
+
+/// Where each test that could not run leaves its name and the reason.
+fn skipped_list() -> Result<PathBuf> {
+    Ok(Workspace::read(&workspace::root())?.target.join("skipped.txt"))
+}
+
+/// Forgets what an earlier run skipped.
+fn clear(list: &Path) -> Result<()> {
+    match fs::remove_file(list) {
+        Err(error) if error.kind() != ErrorKind::NotFound => {
+            Err(error).with_context(|| format!("cannot remove {}", list.display()))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// What was skipped, each once: a test may miss several things.
+fn skipped(list: &Path) -> Result<BTreeSet<String>> {
+    match fs::read_to_string(list) {
+        Ok(text) => Ok(text.lines().map(str::to_owned).collect()),
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(BTreeSet::new()),
+        Err(error) => Err(error).with_context(|| format!("cannot read {}", list.display())),
+    }
+}
+
+/// How many tests were skipped, and each with its reason.
+fn skips(skipped: &BTreeSet<String>) -> String {
+    if skipped.is_empty() {
+        return "0 skipped".into();
+    }
+    let lines: String = skipped.iter().map(|line| format!("\n  {line}")).collect();
+    format!("{} skipped:{lines}", skipped.len())
 }
 
 #[cfg(test)]
@@ -297,6 +341,20 @@ mod tests {
         let steps = [step("long one", false, true, || bail!("must not run"))];
         let outcomes = run_steps(&steps, &Options { quick: true, ..Options::default() });
         assert_eq!(summary(&steps, &outcomes).trim(), "skipped long one                 left out by --quick");
+    }
+
+    #[test]
+    fn what_was_skipped_is_counted_and_named_once() {
+        let list = std::env::temp_dir().join(format!("xtask-skipped-{}", std::process::id()));
+        clear(&list).unwrap();
+        assert_eq!(skips(&skipped(&list).unwrap()), "0 skipped");
+        for (name, reason) in [("sums: emps", "no recordings"), ("lodz", "no recordings"), ("lodz", "no recordings")] {
+            inerter_needs::list(&list, name, reason).unwrap();
+        }
+        let text = skips(&skipped(&list).unwrap());
+        assert_eq!(text, "2 skipped:\n  lodz (no recordings)\n  sums: emps (no recordings)");
+        clear(&list).unwrap();
+        assert!(!list.exists());
     }
 
     #[test]
