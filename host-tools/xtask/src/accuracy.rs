@@ -1,7 +1,7 @@
 //! Programs of the tests that take longer than a test may.
 
 use crate::{
-    process,
+    process, tree,
     workspace::{self, Part},
 };
 use anyhow::Result;
@@ -42,7 +42,7 @@ pub fn with_arguments(name: &str, arguments: &Arguments) -> Result<()> {
 
 /// Runs one of them as the tests have it: optimised as well, with checks of overflow.
 pub fn tested(name: &str, arguments: &[&str]) -> Result<()> {
-    process::run(Command::new(workspace::tested(Part::Main, name)?).args(arguments).current_dir(workspace::root()))
+    process::run(Command::new(workspace::tested(Part::Main, name)?).args(arguments).current_dir(tree::root()))
 }
 
 /// Runs one of them built for speed, without checks of overflow.

@@ -13,6 +13,7 @@ mod files;
 mod firmware;
 mod guest;
 mod icount;
+mod imports;
 mod monitor_load;
 mod panics;
 mod platforms;
@@ -23,6 +24,8 @@ mod size;
 mod source;
 mod suite;
 mod table;
+mod toolchain;
+mod tree;
 mod workspace;
 
 use clap::{Parser, Subcommand};
@@ -48,7 +51,7 @@ enum Command {
     BuildFirmware,
     /// Make the boot image of the Linux guest in which a real kernel meets the board's USB
     Guest(guest::Options),
-    /// Fail when a crate uses one it must not, and on what the house forbids in source
+    /// Fail when a crate uses one it must not, when modules import each other in a circle, and on what the house forbids in source
     CheckArrows,
     /// Fail when the shipping image could panic inside the estimator or allocate
     CheckPanics,

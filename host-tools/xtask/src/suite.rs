@@ -2,7 +2,9 @@
 
 use crate::{
     accuracy, arrows, firmware, guest, icount, panics, process, python, setup, size, table,
-    workspace::{self, Part, Workspace},
+    toolchain::Toolchain,
+    tree,
+    workspace::{Part, Workspace},
 };
 use anyhow::{Context, Result, bail};
 use std::{
@@ -240,7 +242,7 @@ fn lint_host() -> Result<()> {
 }
 
 fn lint_firmware() -> Result<()> {
-    let Some(toolchain) = firmware::Toolchain::find() else { bail!("no compiler for the firmware") };
+    let Some(toolchain) = Toolchain::find() else { bail!("no compiler for the firmware") };
     if !toolchain.is_own() {
         let reason = "the distribution's compiler builds the firmware here, and this clippy is another's";
         return inerter_needs::list(&skipped_list()?, "lints, firmware", reason).context("the list of skipped tests");
@@ -248,7 +250,7 @@ fn lint_firmware() -> Result<()> {
     let denied = ["--", "--deny", "warnings", "--deny", "clippy::undocumented_unsafe_blocks"];
     let mut command = toolchain.cargo("clippy");
     command.arg("--locked");
-    for package in LIBRARIES.iter().chain(firmware::PACKAGES) {
+    for package in LIBRARIES.iter().chain(tree::FIRMWARE_PACKAGES) {
         command.args(["--package", package]);
     }
     process::run(command.args(denied))?;
@@ -283,7 +285,7 @@ fn test() -> Result<()> {
 
 /// Where each test that could not run leaves its name and the reason.
 fn skipped_list() -> Result<PathBuf> {
-    Ok(Workspace::read(&workspace::root())?.target.join("skipped.txt"))
+    Ok(Workspace::read(&tree::root())?.target.join("skipped.txt"))
 }
 
 /// Forgets what an earlier run skipped.

@@ -1,25 +1,12 @@
 //! The three workspaces, what `cargo metadata` says of them, and the programs made from them.
 
-use crate::process;
+use crate::{process, tree};
 use anyhow::{Context, Result, bail};
 use serde_json::Value;
 use std::{
     path::{Path, PathBuf},
     process::Command,
 };
-
-/// The triple of every Cortex-M4F image.
-pub const FIRMWARE_TARGET: &str = "thumbv7em-none-eabihf";
-
-/// The workspace's root folder.
-pub fn root() -> PathBuf {
-    // This file's crate lies two folders below the root. The run-time variable comes first, so that a moved tree works.
-    let here = std::env::var_os("CARGO_MANIFEST_DIR")
-        .map(PathBuf::from)
-        .filter(|path| path.ends_with("host-tools/xtask"))
-        .unwrap_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")));
-    here.ancestors().nth(2).map(Path::to_path_buf).unwrap_or(here)
-}
 
 /// The workspaces. All build into one folder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -39,9 +26,9 @@ impl Part {
     /// Its folder.
     pub fn folder(self) -> PathBuf {
         match self {
-            Self::Main => root(),
-            Self::Bench => root().join("tests/bench"),
-            Self::Twin => root().join("tests/twin"),
+            Self::Main => tree::root(),
+            Self::Bench => tree::root().join("tests/bench"),
+            Self::Twin => tree::root().join("tests/twin"),
         }
     }
 
@@ -168,17 +155,12 @@ pub fn installed() -> Result<PathBuf> {
 /// Where cargo leaves a program.
 fn program(name: &str, folder: &str) -> Result<PathBuf> {
     let file = format!("{name}{}", std::env::consts::EXE_SUFFIX);
-    Ok(Workspace::read(&root())?.target.join(folder).join(file))
+    Ok(Workspace::read(&tree::root())?.target.join(folder).join(file))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_root_holds_the_workspace() {
-        assert!(root().join("memory.x").is_file());
-    }
 
     #[test]
     fn a_field_that_is_missing_is_named() {
