@@ -108,6 +108,7 @@ const LAWS: &[Law] =
             ])
             .tests_may_use(&["inerter-needs"]),
         Law::of("inerter-needs"),
+        Law::of("inerter-originals"),
         Law::of("xtask").may_use(&["inerter-needs"]),
         Law::of("inerter-tests")
             .may_use(&[

@@ -8,6 +8,7 @@
 mod accuracy;
 mod arrows;
 mod bench;
+mod data;
 mod demo;
 mod files;
 mod firmware;
@@ -47,6 +48,8 @@ enum Command {
     Demo(demo::Options),
     /// Run every check and test in the order of continuous integration
     Test(suite::Options),
+    /// Convert published recordings of real machines for the tests, as docs/DATA.md says
+    Data(data::Options),
     /// Build the images for thumbv7em-none-eabihf, QEMU's and the board's, and print their paths
     BuildFirmware,
     /// Make the boot image of the Linux guest in which a real kernel meets the board's USB
@@ -90,6 +93,7 @@ fn main() -> ExitCode {
         Command::Setup(options) => setup::run(&options),
         Command::Demo(options) => demo::run(&options),
         Command::Test(options) => suite::run(&options),
+        Command::Data(options) => data::run(&options),
         Command::BuildFirmware => firmware::run_build(),
         Command::Guest(options) => guest::run(&options),
         Command::CheckArrows => arrows::run(),
