@@ -537,9 +537,6 @@ impl<'ast> Visit<'ast> for Paths<'_> {
             self.tokens(list.tokens.clone(), true);
         }
     }
-
-    // `pub(in path)` says who may see, not what is used.
-    fn visit_vis_restricted(&mut self, _: &'ast syn::VisRestricted) {}
 }
 
 #[cfg(test)]
@@ -592,6 +589,7 @@ mod tests {
         assert_eq!(of_a("use crate::b;\nfn f() { b::c::g() }"), ["a.rs:2 b::c::g b/c.rs"]);
         assert_eq!(of_a("use crate::b::{self as other};\nfn f() { other::f() }"), ["a.rs:2 other::f b.rs"]);
         assert_eq!(of_a("pub use crate::b;"), ["a.rs:1 crate::b b.rs"]);
+        assert_eq!(of_a("fn f() {\n use crate::b;\n b::f() }"), ["a.rs:3 b::f b.rs"]);
     }
 
     #[test]
@@ -680,6 +678,7 @@ mod tests {
         assert!(of_a("#[cfg(test)] mod not_there;").is_empty());
         assert!(of_a("struct A; impl A { #[cfg(test)] fn f() { crate::b::f() } }").is_empty());
         assert!(of_a("#[cfg(test)] use crate::b::B;").is_empty());
+        assert!(of_a("fn f() { #[cfg(test)] fn g() { crate::b::f() } }").is_empty());
         assert_eq!(of_a("#[cfg(unix)] use crate::b::B;").len(), 1);
     }
 
@@ -708,15 +707,11 @@ mod tests {
     }
 
     #[test]
-    fn who_may_see_is_no_import() {
-        assert!(
-            imports(&[
-                ("lib.rs", "mod a; struct P;"),
-                ("a.rs", "mod b;"),
-                ("a/b.rs", "pub(in crate::a) fn f() {}\npub(super) fn g() {}")
-            ])
-            .is_empty()
-        );
+    fn another_crate_of_a_modules_name_is_no_import() {
+        let of_root = |text: &str| imports(&[("lib.rs", text), ("b.rs", "pub fn f() {}")]);
+        assert!(of_root("mod b; use ::b::f;").is_empty());
+        assert!(of_root("mod b; fn g() { m!(::b::f, <T>::b::f, x.b::f) }").is_empty());
+        assert_eq!(of_root("mod b; fn g() { m!(0..b::f()) }"), ["lib.rs:1 b::f b.rs"]);
     }
 
     #[test]
