@@ -7,15 +7,16 @@
 //! which begin where the chip's bank 1 does.
 
 mod elf;
+mod error;
+
+pub use error::ImageError;
 
 use std::{
     collections::BTreeSet,
     fs::File,
-    io::{self, Read},
+    io::Read,
     path::Path,
 };
-
-use miette::Diagnostic;
 
 use crate::board::{CODE, PAGE, SETTINGS, STACK};
 
@@ -24,68 +25,6 @@ pub const MAGIC: &[u8] = b"inerter-identity\0";
 
 /// Longest file that is read: an ELF with all debug information is below a tenth of it (bytes).
 const LONGEST: u64 = 256 << 20;
-
-/// How to get a file that is right.
-const BUILD: &str = "give the ELF that `cargo build --release` makes in firmware/stm32g474: \
-                     target/thumbv7em-none-eabihf/release/inerter-stm32g474";
-
-/// Why a file cannot be the board's firmware.
-#[derive(Debug, thiserror::Error, Diagnostic)]
-#[allow(missing_docs, reason = "the messages say what the fields are")]
-pub enum ImageError {
-    /// The file cannot be read.
-    #[error("{file} cannot be read: {source}")]
-    #[diagnostic(code(inerter::image::read), help("check the name and that you may read the file"))]
-    Read { file: String, source: io::Error },
-
-    /// The file is something else.
-    #[error("{file} is no firmware image: {what}")]
-    #[diagnostic(code(inerter::image::kind), help("{BUILD}"))]
-    Kind { file: String, what: &'static str },
-
-    /// The ELF breaks off or contradicts itself.
-    #[error("{file} is a damaged ELF: {what}")]
-    #[diagnostic(code(inerter::image::damaged), help("build or copy it again"))]
-    Damaged { file: String, what: String },
-
-    /// The ELF is for another machine.
-    #[error("{file} is a program for {machine}, not for the board's Arm Cortex-M4")]
-    #[diagnostic(code(inerter::image::machine), help("{BUILD}"))]
-    Machine { file: String, machine: String },
-
-    /// Some of it would lie where the board has no room for code.
-    #[error(
-        "{file} has bytes for 0x{start:08X} to 0x{end:08X}; the firmware lies in 0x{:08X} to 0x{:08X} (flash bank 1)",
-        CODE.start,
-        CODE.end
-    )]
-    #[diagnostic(code(inerter::image::address), help("is it for another chip or behind a bootloader? {BUILD}"))]
-    Outside { file: String, start: u64, end: u64 },
-
-    /// Some of it would lie over the settings.
-    #[error(
-        "{file} has bytes for 0x{start:08X} to 0x{end:08X}, over the settings at 0x{:08X} to 0x{:08X}",
-        SETTINGS.start,
-        SETTINGS.end
-    )]
-    #[diagnostic(code(inerter::image::settings), help("it would destroy settings and calibration. {BUILD}"))]
-    OverSettings { file: String, start: u64, end: u64 },
-
-    /// The chip could not start it.
-    #[error("{file} cannot start on the board: {what}")]
-    #[diagnostic(code(inerter::image::vectors), help("{BUILD}"))]
-    Vectors { file: String, what: String },
-
-    /// Nothing says that it is ours.
-    #[error("{file} does not say which firmware, commit and board it is")]
-    #[diagnostic(code(inerter::image::identity), help("is it the image for QEMU, or another project's? {BUILD}"))]
-    NoIdentity { file: String },
-
-    /// What it says of itself cannot be read.
-    #[error("{file} says in an unknown form which firmware it is: {what}")]
-    #[diagnostic(code(inerter::image::identity_form), help("use the `inerter` program of the same release. {BUILD}"))]
-    BadIdentity { file: String, what: &'static str },
-}
 
 /// What a firmware says of itself; the same texts come in its `Hello`.
 #[derive(Clone, Debug, PartialEq, Eq)]

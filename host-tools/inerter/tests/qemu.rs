@@ -1,4 +1,4 @@
-//! The firmware image in QEMU behind the program. Says so and passes where there is no image or no QEMU.
+//! The firmware image in QEMU behind the program. Skipped where there is no image or no QEMU.
 
 mod common;
 
@@ -20,17 +20,10 @@ use inerter_wire::{EventKind, Frame, Record, Streams};
 /// The image, when this machine can run it.
 fn image() -> Option<std::path::PathBuf> {
     let qemu = std::process::Command::new("qemu-system-arm").arg("--version").output();
-    match (qemu, find_image(None)) {
-        (Ok(_), Ok(image)) => Some(image),
-        (Err(_), _) => {
-            eprintln!("skipped: no qemu-system-arm on this machine");
-            None
-        }
-        (_, Err(_)) => {
-            eprintln!("skipped: no image; `cargo xtask build-firmware` builds it");
-            None
-        }
-    }
+    inerter_needs::or_skip(match qemu {
+        Ok(_) => find_image(None).map_err(|_| "no image; `cargo xtask build-firmware` makes it".into()),
+        Err(error) => Err(format!("qemu-system-arm cannot be run ({error}); `cargo xtask setup` installs it")),
+    })
 }
 
 /// The image with the settings of the simulated device, at rest.

@@ -1,6 +1,9 @@
-//! Programs of `inerter-tests` that take longer than a test may.
+//! Programs of the tests that take longer than a test may.
 
-use crate::{process, workspace};
+use crate::{
+    process, tree,
+    workspace::{self, Part},
+};
 use anyhow::Result;
 use std::process::Command;
 
@@ -34,17 +37,15 @@ pub fn table(name: &str, options: &Options) -> Result<()> {
 
 /// A program that takes arguments of its own, for speed.
 pub fn with_arguments(name: &str, arguments: &Arguments) -> Result<()> {
-    program(name, &arguments.as_given())
+    program(Part::Main, name, &arguments.as_given())
 }
 
 /// Runs one of them as the tests have it: optimised as well, with checks of overflow.
 pub fn tested(name: &str, arguments: &[&str]) -> Result<()> {
-    process::run(Command::new(workspace::tested(name)?).args(arguments).current_dir(workspace::root()))
+    process::run(Command::new(workspace::tested(Part::Main, name)?).args(arguments).current_dir(tree::root()))
 }
 
 /// Runs one of them built for speed, without checks of overflow.
-pub fn program(name: &str, arguments: &[&str]) -> Result<()> {
-    let mut command = process::cargo();
-    command.args(["run", "--release", "--quiet", "--package", "inerter-tests", "--bin", name, "--"]);
-    process::run(command.args(arguments))
+pub fn program(part: Part, name: &str, arguments: &[&str]) -> Result<()> {
+    process::run(part.cargo().args(["run", "--release", "--quiet", "--bin", name, "--"]).args(arguments))
 }

@@ -1,14 +1,16 @@
 //! Who may use whom, and what the house forbids in source.
 //!
 //! Arrow: a dependency of one workspace member on another. The table below is the whole law; a member that is not in
-//! it is refused, so a new crate states its place first.
+//! it is refused, so a new crate states its place first. Within a crate no module may import itself, over whatever others
+//! ([`imports`]).
 
 use crate::{
-    source,
-    workspace::{self, Workspace},
+    imports, process, source, tree,
+    workspace::{Member, Part, Workspace},
 };
 use anyhow::{Context, Result, bail};
 use std::{
+    collections::{BTreeMap, BTreeSet},
     fs,
     path::{Path, PathBuf},
 };
@@ -20,58 +22,110 @@ struct Law {
     may_use: &'static [&'static str],
     /// Members that only its tests may use besides.
     tests_may_use: &'static [&'static str],
+    /// Packages that must not be among its dependencies and theirs, with its default features; `dfu-*` is all that begin so.
+    never: &'static [&'static str],
     /// Whether each of its root files must say `#![forbid(unsafe_code)]`.
     forbid_unsafe: bool,
 }
 
-/// The law. Nothing may use a program: the images, `xtask`, `inerter-tests` and `inerter-twin` stand on no right-hand side;
-/// the twin above all, as its emulator is GPL.
+impl Law {
+    /// Uses none of ours and forbids unsafe code.
+    const fn of(member: &'static str) -> Self {
+        Self { member, may_use: &[], tests_may_use: &[], never: &[], forbid_unsafe: true }
+    }
+
+    const fn may_use(self, may_use: &'static [&'static str]) -> Self {
+        Self { may_use, ..self }
+    }
+
+    const fn tests_may_use(self, tests_may_use: &'static [&'static str]) -> Self {
+        Self { tests_may_use, ..self }
+    }
+
+    const fn never(self, never: &'static [&'static str]) -> Self {
+        Self { never, ..self }
+    }
+
+    const fn with_unsafe(self) -> Self {
+        Self { forbid_unsafe: false, ..self }
+    }
+}
+
+/// The law. Nothing may use a program: the images, the host's, `xtask`, `inerter-tests`, `inerter-bench` and `inerter-twin` stand
+/// on no right-hand side; the twin above all, as its emulator is GPL.
 const LAWS: &[Law] = &[
-    Law { member: "inerter-core", may_use: &[], tests_may_use: &[], forbid_unsafe: true },
-    Law { member: "inerter-wire", may_use: &["inerter-core"], tests_may_use: &[], forbid_unsafe: true },
-    Law { member: "inerter-app", may_use: &["inerter-core", "inerter-wire"], tests_may_use: &[], forbid_unsafe: true },
-    Law { member: "ads131m04", may_use: &[], tests_may_use: &[], forbid_unsafe: true },
-    Law { member: "inerter-plant", may_use: &[], tests_may_use: &[], forbid_unsafe: true },
-    Law {
-        member: "inerter",
-        may_use: &["inerter-core", "inerter-wire", "inerter-app", "inerter-plant"],
-        tests_may_use: &[],
-        forbid_unsafe: true,
-    },
-    Law {
-        member: "inerter-qemu",
-        may_use: &["inerter-core", "inerter-wire", "inerter-app"],
-        tests_may_use: &[],
-        forbid_unsafe: false,
-    },
-    Law {
-        member: "inerter-stm32g474",
-        may_use: &["inerter-core", "inerter-wire", "inerter-app", "ads131m04"],
-        tests_may_use: &[],
-        forbid_unsafe: false,
-    },
-    Law { member: "xtask", may_use: &[], tests_may_use: &[], forbid_unsafe: true },
-    Law {
-        member: "inerter-tests",
-        may_use: &["inerter-core", "inerter-wire", "inerter-app", "inerter-plant", "inerter"],
-        tests_may_use: &[],
-        forbid_unsafe: true,
-    },
-    Law { member: "inerter-guest", may_use: &[], tests_may_use: &[], forbid_unsafe: true },
-    Law {
-        member: "inerter-twin",
-        may_use: &[
+    Law::of("inerter-core"),
+    Law::of("inerter-wire").may_use(&["inerter-core"]),
+    Law::of("inerter-app").may_use(&["inerter-core", "inerter-wire"]),
+    Law::of("ads131m04"),
+    Law::of("inerter-qemu").may_use(&["inerter-core", "inerter-wire", "inerter-app"]).with_unsafe(),
+    Law::of("inerter-stm32g474").may_use(&["inerter-core", "inerter-wire", "inerter-app", "ads131m04"]).with_unsafe(),
+    Law::of("inerter-plant"),
+    Law::of("inerter-data")
+        .may_use(&["inerter-core", "inerter-wire"])
+        .tests_may_use(&["inerter-plant", "inerter-simulate"])
+        .never(&["clap", "nusb", "serialport", "dfu-*", "ratatui", "crossterm", "axum", "plotters"]),
+    Law::of("inerter-analysis")
+        .may_use(&["inerter-core", "inerter-wire", "inerter-data", "inerter-plant"])
+        .tests_may_use(&["inerter-simulate"])
+        .never(&["clap", "nusb", "serialport", "ratatui", "crossterm", "parquet", "hdf5-pure"]),
+    Law::of("inerter-device").may_use(&["inerter-core", "inerter-wire"]).never(&[
+        "parquet",
+        "hdf5-pure",
+        "ratatui",
+        "crossterm",
+        "clap",
+    ]),
+    Law::of("inerter-simulate")
+        .may_use(&["inerter-core", "inerter-wire", "inerter-app", "inerter-plant", "inerter-data"])
+        .never(&["clap", "ratatui", "crossterm"]),
+    Law::of("inerter-view")
+        .may_use(&["inerter-core", "inerter-wire", "inerter-data", "inerter-analysis"])
+        .tests_may_use(&["inerter-plant", "inerter-simulate"])
+        .never(&["clap", "nusb", "serialport"]),
+    Law::of("inerter")
+        .may_use(&[
+            "inerter-core",
+            "inerter-wire",
+            "inerter-app",
+            "inerter-plant",
+            "inerter-data",
+            "inerter-analysis",
+            "inerter-device",
+            "inerter-simulate",
+            "inerter-view",
+        ])
+        .tests_may_use(&["inerter-needs"]),
+    Law::of("inerter-needs"),
+    Law::of("inerter-originals"),
+    Law::of("xtask").may_use(&["inerter-needs"]),
+    Law::of("inerter-tests")
+        .may_use(&[
+            "inerter-needs",
+            "inerter-core",
+            "inerter-wire",
+            "inerter-app",
+            "inerter-plant",
+            "inerter-data",
+            "inerter-analysis",
+            "inerter-device",
+            "inerter-simulate",
+            "inerter-view",
+        ])
+        .never(&["ratatui", "axum", "clap"]),
+    Law::of("inerter-bench").may_use(&["inerter-core", "inerter-plant"]),
+    Law::of("inerter-guest"),
+    Law::of("inerter-twin")
+        .may_use(&[
+            "inerter-needs",
             "inerter-guest",
             "inerter-core",
             "inerter-wire",
             "inerter-app",
             "inerter-plant",
-            "inerter",
             "ads131m04",
-        ],
-        tests_may_use: &[],
-        forbid_unsafe: false,
-    },
+        ])
+        .with_unsafe(),
 ];
 
 /// Files and folders of `inerter-core/src` between the codes and the sums: integers only, tests left aside.
@@ -97,9 +151,17 @@ const SIGNAL_PATH: &[&str] = &[
 
 /// Checks the whole tree.
 pub fn run() -> Result<()> {
-    let root = workspace::root();
-    let workspace = Workspace::read(&root)?;
+    let root = tree::root();
+    let mut workspace = Workspace::read(&root)?;
+    for part in [Part::Bench, Part::Twin] {
+        workspace.members.extend(Workspace::read(&part.folder())?.members);
+    }
     let mut faults = arrow_faults(&workspace);
+    faults.extend(missing_faults(&workspace));
+    for member in &workspace.members {
+        faults.extend(never_faults(member)?);
+        faults.extend(circle_faults(member, &root).unwrap_or_else(|error| vec![format!("{}: {error:#}", member.name)]));
+    }
     faults.extend(unsafe_faults(&workspace)?);
     faults.extend(memory_faults(&root, &workspace.target)?);
     if let Some(core) = workspace.member("inerter-core") {
@@ -119,7 +181,7 @@ pub fn run() -> Result<()> {
 fn arrow_faults(workspace: &Workspace) -> Vec<String> {
     let mut faults = Vec::new();
     for member in &workspace.members {
-        let Some(law) = LAWS.iter().find(|law| law.member == member.name) else {
+        let Some(law) = law(member) else {
             faults.push(format!("{}: a member without a place; add it to the table of laws", member.name));
             continue;
         };
@@ -138,6 +200,63 @@ fn arrow_faults(workspace: &Workspace) -> Vec<String> {
     faults
 }
 
+fn law(member: &Member) -> Option<&'static Law> {
+    LAWS.iter().find(|law| law.member == member.name)
+}
+
+/// Laws whose member is gone.
+fn missing_faults(workspace: &Workspace) -> Vec<String> {
+    let gone = LAWS.iter().filter(|law| workspace.member(law.member).is_none());
+    gone.map(|law| format!("{}: a law without a member; take it out of the table", law.member)).collect()
+}
+
+/// Packages that a member must not bring along, on any system.
+fn never_faults(member: &Member) -> Result<Vec<String>> {
+    let Some(law) = law(member).filter(|law| !law.never.is_empty()) else { return Ok(Vec::new()) };
+    let mut command = process::cargo();
+    command.current_dir(&member.folder).args(["tree", "--locked", "--package", law.member]);
+    command.args(["--edges", "normal", "--target", "all", "--prefix", "none", "--format", "{p}"]);
+    let printed = process::output(&mut command)?;
+    let found = forbidden(law.never, &printed);
+    Ok(found
+        .into_iter()
+        .map(|name| format!("{0} brings {name} along; `cargo tree -p {0} -e normal -i {name}` shows how", law.member))
+        .collect())
+}
+
+/// The packages of a list, one a line, name first, that are among those of the law.
+fn forbidden<'a>(never: &[&str], printed: &'a str) -> BTreeSet<&'a str> {
+    let names = printed.lines().filter_map(|line| line.split_whitespace().next());
+    names
+        .filter(|name| {
+            never.iter().any(|one| match one.strip_suffix('*') {
+                Some(start) => name.starts_with(start),
+                None => one == name,
+            })
+        })
+        .collect()
+}
+
+/// Circles of imports within a member's library and programs.
+fn circle_faults(member: &Member, root: &Path) -> Result<Vec<String>> {
+    let mut faults = Vec::new();
+    for file in &member.roots {
+        for circle in imports::circles(file).with_context(|| below(file, root))? {
+            let mut text = format!("{}: {} modules import each other in a circle:", member.name, circle.files.len());
+            for imports::Import { from, to, paths } in &circle.imports {
+                let (from, to) = (below(from, root), below(to, root));
+                let mut lines = BTreeMap::<usize, Vec<&str>>::new();
+                paths.iter().for_each(|(path, line)| lines.entry(*line).or_default().push(path));
+                for (line, names) in lines {
+                    text += &format!("\n    {from}:{line} imports {} from {to}", names.join(", "));
+                }
+            }
+            faults.push(text);
+        }
+    }
+    Ok(faults)
+}
+
 fn listed(names: &[&str]) -> String {
     if names.is_empty() { "none of ours".into() } else { names.join(", ") }
 }
@@ -148,9 +267,7 @@ fn unsafe_faults(workspace: &Workspace) -> Result<Vec<String>> {
     for law in LAWS.iter().filter(|law| law.forbid_unsafe) {
         let Some(member) = workspace.member(law.member) else { continue };
         for file in &member.roots {
-            let code = source::code_only(&read(file)?);
-            let dense: String = code.split_whitespace().collect();
-            if !dense.contains("#![forbid(unsafe_code)]") {
+            if !source::forbids_unsafe(&source::parse(file)?) {
                 faults.push(format!("{}: lacks #![forbid(unsafe_code)]", below(file, &workspace.root)));
             }
         }
@@ -195,7 +312,7 @@ fn float_faults(folder: &Path, list: &[&str]) -> Result<Vec<String>> {
             continue;
         }
         for file in files {
-            for found in source::floats(&read(&file)?) {
+            for found in source::floats(&source::parse(&file)?) {
                 let place = below(&file, folder);
                 faults.push(format!("core {place}:{}: `{}` on the signal path", found.line, found.token));
             }
@@ -219,10 +336,6 @@ fn rust_files(folder: &Path) -> Result<Vec<PathBuf>> {
     }
     files.sort();
     Ok(files)
-}
-
-fn read(file: &Path) -> Result<String> {
-    fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))
 }
 
 fn below(path: &Path, root: &Path) -> String {
@@ -273,7 +386,7 @@ mod tests {
                 ),
                 ("core/src/lib.rs", "#![forbid(unsafe_code)]\n"),
                 ("plant/Cargo.toml", &manifest("inerter-plant", "")),
-                ("plant/src/lib.rs", "// #![forbid(unsafe_code)] in a comment does not count\n"),
+                ("plant/src/lib.rs", ""),
                 ("stray/Cargo.toml", &manifest("stray", "[dev-dependencies]\nserde = \"1\"")),
                 ("stray/src/lib.rs", ""),
                 ("memory.x", ""),
@@ -299,14 +412,41 @@ mod tests {
     fn tests_may_not_use_a_program() {
         let json = r#"{"workspace_root": "/w", "target_directory": "/w/target", "packages": [
             {"name": "inerter-tests", "manifest_path": "/w/tests/Cargo.toml", "targets": [],
-             "dependencies": [{"name": "inerter-qemu", "kind": "dev"}, {"name": "inerter", "kind": null}]},
+             "dependencies": [{"name": "inerter-qemu", "kind": "dev"}, {"name": "inerter-core", "kind": null}]},
             {"name": "inerter-qemu", "manifest_path": "/w/qemu/Cargo.toml", "targets": [], "dependencies": []},
-            {"name": "inerter", "manifest_path": "/w/inerter/Cargo.toml", "targets": [],
-             "dependencies": [{"name": "inerter-core", "kind": null}, {"name": "anyhow", "kind": null}]},
-            {"name": "inerter-core", "manifest_path": "/w/core/Cargo.toml", "targets": [], "dependencies": []}]}"#;
-        let faults = arrow_faults(&Workspace::parse(json).unwrap());
+            {"name": "inerter-core", "manifest_path": "/w/core/Cargo.toml", "targets": [],
+             "dependencies": [{"name": "anyhow", "kind": null}]}]}"#;
+        let workspace = Workspace::parse(json).unwrap();
+        let faults = arrow_faults(&workspace);
         assert_eq!(faults.len(), 1, "{faults:?}");
         assert!(faults[0].starts_with("inerter-tests uses in its tests inerter-qemu"));
+        let missing = missing_faults(&workspace);
+        assert_eq!(missing.len(), LAWS.len() - 3);
+        assert!(missing[0].starts_with("inerter-wire: a law without a member"));
+    }
+
+    #[test]
+    fn what_a_member_must_never_bring_along_is_found_by_name_and_by_beginning() {
+        let printed =
+            "inerter-data v0.1.0 (/w/data)\nclap_lex v1.0.0\nclap v4.5.0\ndfu-core v0.11.0 (*)\n\nclap v4.5.0\n";
+        assert_eq!(forbidden(&["clap", "dfu-*", "nusb"], printed), BTreeSet::from(["clap", "dfu-core"]));
+    }
+
+    #[test]
+    fn a_circle_is_told_by_file_and_line() {
+        let fixture = Fixture::new(
+            "circle",
+            &[
+                ("src/lib.rs", "mod a;\nmod b;\n"),
+                ("src/a.rs", "\nuse crate::b::B;\npub struct A;\n"),
+                ("src/b.rs", "pub struct B(crate::a::A);\n"),
+            ],
+        );
+        let roots = vec![fixture.0.join("src/lib.rs")];
+        let member = Member { name: "it".into(), folder: fixture.0.clone(), roots, uses: Vec::new() };
+        let told = "it: 2 modules import each other in a circle:\n    src/a.rs:2 imports crate::b::B from src/b.rs\n    \
+                    src/b.rs:1 imports crate::a::A from src/a.rs";
+        assert_eq!(circle_faults(&member, &fixture.0).unwrap(), [told]);
     }
 
     #[test]
@@ -326,7 +466,7 @@ mod tests {
     #[test]
     fn nobody_is_allowed_a_program() {
         for law in LAWS {
-            for program in ["inerter-qemu", "xtask", "inerter-tests"] {
+            for program in ["inerter-qemu", "inerter", "xtask", "inerter-tests", "inerter-bench", "inerter-twin"] {
                 assert!(!law.may_use.contains(&program) && !law.tests_may_use.contains(&program), "{}", law.member);
             }
         }

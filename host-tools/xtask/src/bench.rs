@@ -1,8 +1,8 @@
 //! Our update beside other recursive least squares, in one run on the same regressors.
 
 use crate::{
-    accuracy, process, python,
-    workspace::{self, Workspace},
+    accuracy, process, python, tree,
+    workspace::{Part, Workspace},
 };
 use anyhow::{Context, Result};
 use std::{
@@ -34,13 +34,13 @@ pub fn run(options: &Options) -> Result<()> {
     // What an earlier run left must not pass for this one's.
     let _ = std::fs::remove_file(&rivals);
     let path = |path: &Path| path.to_string_lossy().into_owned();
-    accuracy::program("bench", &["regressors", &path(&regressors)])?;
+    accuracy::program(Part::Bench, "bench", &["regressors", &path(&regressors)])?;
     let mut arguments = vec!["compare".to_owned()];
     let compared = if options.no_python {
         Err(anyhow::anyhow!("left out by --no-python"))
     } else {
         python::environment(&folder.join("python"), IMPORTS, REQUIREMENTS, true).and_then(|python| {
-            let script = workspace::root().join("tests/python/bench_rivals.py");
+            let script = tree::root().join("tests/python/bench_rivals.py");
             process::run(Command::new(python).arg(script).arg(&regressors).arg(&rivals))
         })
     };
@@ -52,9 +52,9 @@ pub fn run(options: &Options) -> Result<()> {
         }
     }
     if options.update {
-        arguments.extend(["--write".to_owned(), path(&workspace::root().join("docs/tables/bench.md"))]);
+        arguments.extend(["--write".to_owned(), path(&tree::root().join("docs/tables/bench.md"))]);
     }
-    accuracy::program("bench", &arguments.iter().map(String::as_str).collect::<Vec<_>>())
+    accuracy::program(Part::Bench, "bench", &arguments.iter().map(String::as_str).collect::<Vec<_>>())
 }
 
 /// Least times that `inerter identify` must be faster.
@@ -67,20 +67,20 @@ pub fn identify() -> Result<()> {
     let folder = folder()?;
     let problem = folder.join("identify.json");
     let path = problem.to_string_lossy().into_owned();
-    accuracy::program("identify", &["--bench", &path])?;
-    let script = workspace::root().join("tests/python/identify_scipy.py");
+    accuracy::program(Part::Main, "identify", &["--bench", &path])?;
+    let script = tree::root().join("tests/python/identify_scipy.py");
     process::run(
         Command::new(python::environment(&folder.join("python"), IMPORTS, REQUIREMENTS, true)?)
             .arg(script)
             .arg(&problem)
             .arg(MOST_S.to_string()),
     )?;
-    accuracy::program("identify", &["--compare", &path, &FASTER.to_string()])
+    accuracy::program(Part::Main, "identify", &["--compare", &path, &FASTER.to_string()])
 }
 
 /// Where the comparison keeps its files.
 fn folder() -> Result<PathBuf> {
-    let folder = Workspace::read(&workspace::root())?.target.join("bench");
+    let folder = Workspace::read(&tree::root())?.target.join("bench");
     std::fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
     Ok(folder)
 }

@@ -14,8 +14,8 @@
 //! their version in their name and old ones vanish, so the name is asked for, not known.
 
 use crate::{
-    process, setup,
-    workspace::{self, Workspace},
+    process, setup, tree,
+    workspace::{self, Part, Workspace},
 };
 use anyhow::{Context, Result, bail, ensure};
 use std::{
@@ -31,13 +31,11 @@ const KERNEL: &str = "linux-image-amd64";
 const BUSYBOX: &str = "busybox-static";
 /// Modules without which nothing works; what they depend on comes with them.
 const MODULES: &[&str] = &["virtio_pci", "virtio_net", "vhci_hcd", "cdc_acm"];
-/// Our programs: package and program.
-const PROGRAMS: &[&str] = &["inerter", "inerter-guest"];
+/// Our programs.
+const PROGRAMS: &[(Part, &str)] = &[(Part::Main, "inerter"), (Part::Twin, "inerter-guest")];
 
 /// What fetches and unpacks the packages.
 const TOOLS: &[&str] = &["apt-get", "apt-cache", "dpkg-deb"];
-/// What our programs are packed with: of packages without which there is no Rust on Debian.
-const PACKING: &[&str] = &["strip", "ldd"];
 
 /// The guest's first script: devices, modules, network, then whatever the test wants.
 const INIT: &str = "\
@@ -64,32 +62,9 @@ pub struct Options {
     pub refresh: bool,
 }
 
-/// Debian's packages did not come: the mirror or the way to it fails, and nothing of ours.
-#[derive(Clone, Copy, Debug)]
-pub struct NotFetched;
-
-impl std::fmt::Display for NotFetched {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str("Debian's kernel and busybox could not be fetched")
-    }
-}
-
-/// Why the image cannot be made on this machine, if it cannot.
-pub fn obstacle() -> Option<String> {
-    if !cfg!(all(target_os = "linux", target_arch = "x86_64")) {
-        return Some("the guest has an x86-64 kernel and the programs of this machine".into());
-    }
-    let missing = |tool: &&&str| process::first_line(Command::new(tool).arg("--version")).is_none();
-    if let Some(tool) = TOOLS.iter().chain(PACKING).find(missing) {
-        return Some(format!("no {tool}: the guest is made of Debian's packages"));
-    }
-    let debian = setup::os_release().lines().any(|line| line == "ID=debian");
-    (!debian).then(|| "this is not Debian, whose kernel package the guest is made of".into())
-}
-
 /// Where all of it lies.
 fn folder() -> Result<PathBuf> {
-    Ok(Workspace::read(&workspace::root())?.target.join("guest"))
+    Ok(Workspace::read(&tree::root())?.target.join("guest"))
 }
 
 /// What is made of the packages.
@@ -99,13 +74,12 @@ fn has(folder: &Path, names: &[&str]) -> bool {
     names.iter().all(|name| folder.join(name).is_file())
 }
 
-/// Whether the image is there.
-pub fn is_made() -> Result<bool> {
-    Ok(has(&folder()?, &["vmlinux", "initramfs"]))
-}
-
 /// Makes what is missing and says where it lies.
 pub fn run(options: &Options) -> Result<()> {
+    ensure!(
+        cfg!(all(target_os = "linux", target_arch = "x86_64")),
+        "the guest runs the programs of this machine under an x86-64 Linux: use such a machine or a container"
+    );
     let folder = folder()?;
     fs::create_dir_all(&folder).with_context(|| format!("creating {}", folder.display()))?;
     let base = folder.join("base.cpio");
@@ -147,7 +121,7 @@ fn fetch(folder: &Path) -> Result<()> {
     if download(&kernel, &packages).is_err() {
         println!("guest: the list of packages may be older than the mirror");
         update_list()?;
-        download(&kernel_package()?, &packages).context(NotFetched)?;
+        download(&kernel_package()?, &packages).context("Debian's kernel and busybox could not be fetched")?;
     }
 
     let root = packages.join("root");
@@ -183,9 +157,7 @@ fn kernel_package() -> Result<String> {
 /// Fetches the list of what the mirror has.
 fn update_list() -> Result<()> {
     println!("guest: $ apt-get update");
-    process::run(Command::new("apt-get").args(["-qq", "update"]))
-        .context("try `sudo apt-get update`")
-        .context(NotFetched)
+    process::run(Command::new("apt-get").args(["-qq", "update"])).context("try `sudo apt-get update`")
 }
 
 /// Puts kernel and busybox, as packages, into the folder.
@@ -356,8 +328,8 @@ fn needs(module: &[u8]) -> Vec<String> {
 /// The programs without symbols, and the libraries that they need, at the paths where this machine has them.
 fn programs(folder: &Path) -> Result<Archive> {
     let mut files = BTreeMap::new();
-    for name in PROGRAMS {
-        let program = workspace::tested(name)?;
+    for (part, name) in PROGRAMS {
+        let program = workspace::tested(*part, name)?;
         let stripped = folder.join(name);
         process::run(Command::new("strip").arg("-o").args([&stripped, &program]))?;
         for library in libraries(&process::output(Command::new("ldd").arg(&program))?)? {

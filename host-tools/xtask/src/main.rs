@@ -8,11 +8,13 @@
 mod accuracy;
 mod arrows;
 mod bench;
+mod data;
 mod demo;
 mod files;
 mod firmware;
 mod guest;
 mod icount;
+mod imports;
 mod monitor_load;
 mod panics;
 mod platforms;
@@ -23,6 +25,8 @@ mod size;
 mod source;
 mod suite;
 mod table;
+mod toolchain;
+mod tree;
 mod workspace;
 
 use clap::{Parser, Subcommand};
@@ -44,11 +48,13 @@ enum Command {
     Demo(demo::Options),
     /// Run every check and test in the order of continuous integration
     Test(suite::Options),
+    /// Convert published recordings of real machines for the tests, as docs/DATA.md says
+    Data(data::Options),
     /// Build the images for thumbv7em-none-eabihf, QEMU's and the board's, and print their paths
     BuildFirmware,
     /// Make the boot image of the Linux guest in which a real kernel meets the board's USB
     Guest(guest::Options),
-    /// Fail when a crate uses one it must not, and on what the house forbids in source
+    /// Fail when a crate uses one it must not, when modules import each other in a circle, and on what the house forbids in source
     CheckArrows,
     /// Fail when the shipping image could panic inside the estimator or allocate
     CheckPanics,
@@ -87,6 +93,7 @@ fn main() -> ExitCode {
         Command::Setup(options) => setup::run(&options),
         Command::Demo(options) => demo::run(&options),
         Command::Test(options) => suite::run(&options),
+        Command::Data(options) => data::run(&options),
         Command::BuildFirmware => firmware::run_build(),
         Command::Guest(options) => guest::run(&options),
         Command::CheckArrows => arrows::run(),

@@ -1,8 +1,8 @@
 //! The snippets of docs/PYTHON.md, run as they stand against a fresh recording; and Pythons with packages.
 
 use crate::{
-    process,
-    workspace::{self, Workspace},
+    process, tree,
+    workspace::{self, Part, Workspace},
 };
 use anyhow::{Context, Result, bail};
 use std::{
@@ -20,20 +20,13 @@ pub const REQUIREMENTS: &str = "tests/python/files-requirements.txt";
 /// The page with the snippets.
 const PAGE: &str = "docs/PYTHON.md";
 
-/// Runs them with the program of the tests. Where the packages cannot be had they are skipped with a word, unless `CI` is set.
+/// Runs them with the program of the tests.
 pub fn run() -> Result<()> {
-    let folder = Workspace::read(&workspace::root())?.target.join("python");
-    let python = match files_environment() {
-        Ok(python) => python,
-        Err(reason) if std::env::var_os("CI").is_none() => {
-            println!("not run, for want of the Python packages: {reason:#}");
-            return Ok(());
-        }
-        Err(reason) => return Err(reason),
-    };
-    let inerter = workspace::tested("inerter")?;
+    let folder = Workspace::read(&tree::root())?.target.join("python");
+    let python = files_environment()?;
+    let inerter = workspace::tested(Part::Main, "inerter")?;
     fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
-    let page = fs::read_to_string(workspace::root().join(PAGE)).with_context(|| format!("cannot read {PAGE}"))?;
+    let page = fs::read_to_string(tree::root().join(PAGE)).with_context(|| format!("cannot read {PAGE}"))?;
     let snippets = snippets(&page)?;
     for line in commands(&page) {
         let mut words = line.split_whitespace();
@@ -49,7 +42,7 @@ pub fn run() -> Result<()> {
             bail!("{PAGE}, snippet {}: it printed\n{printed}and the page says\n{expected}", number + 1);
         }
     }
-    let check = workspace::root().join("tests/python/check_mat.py");
+    let check = tree::root().join("tests/python/check_mat.py");
     process::run(Command::new(&python).arg(check).args(["run.mat", "run.parquet"]).current_dir(&folder))?;
     println!("{} snippets of {PAGE} print what it says", snippets.len());
     Ok(())
@@ -83,7 +76,7 @@ fn commands(page: &str) -> impl Iterator<Item = &str> {
 
 /// A Python with the packages that read our files.
 pub fn files_environment() -> Result<PathBuf> {
-    let folder = Workspace::read(&workspace::root())?.target.join("python").join("environment");
+    let folder = Workspace::read(&tree::root())?.target.join("python").join("environment");
     environment(&folder, IMPORTS, REQUIREMENTS, false)
 }
 
@@ -105,7 +98,7 @@ pub fn environment(folder: &Path, imports: &str, requirements: &str, alone: bool
     let mut pip = Command::new(&python);
     pip.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check"]);
     // What a package only names and never uses stays away.
-    pip.args(alone.then_some("--no-deps")).arg("--requirement").arg(workspace::root().join(requirements));
+    pip.args(alone.then_some("--no-deps")).arg("--requirement").arg(tree::root().join(requirements));
     process::run(&mut pip).context("the packages could not be installed")?;
     Ok(python)
 }
@@ -124,7 +117,7 @@ mod tests {
 
     #[test]
     fn the_page_has_commands_and_snippets() {
-        let page = fs::read_to_string(workspace::root().join(PAGE)).unwrap();
+        let page = fs::read_to_string(tree::root().join(PAGE)).unwrap();
         assert!(snippets(&page).unwrap().len() >= 3);
         assert!(commands(&page).all(|line| line.starts_with("inerter ")) && commands(&page).count() >= 2);
     }

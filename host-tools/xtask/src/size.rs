@@ -2,7 +2,8 @@
 
 use crate::{
     firmware::{self, Image},
-    icount, process, table, workspace,
+    icount, process, table,
+    workspace::{self, Part},
 };
 use anyhow::{Context, Result};
 use object::{Object, ObjectSection, ObjectSymbol, SectionFlags, SectionKind, SymbolKind, elf};
@@ -12,8 +13,9 @@ use std::{fs, path::Path, process::Command};
 /// An interrupt on top of the deepest call is a matter of luck.
 const STACK_TOLERANCE: f64 = 0.15;
 
-/// Start of RAM; what lies below is flash.
+/// Start of RAM; what lies below is flash, but for CCM SRAM (RM0440, 2.2.2).
 const RAM: u64 = 0x2000_0000;
+const CCM: std::ops::Range<u64> = 0x1000_0000..0x1000_8000;
 
 /// Sizes by section and by crate, in bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -35,10 +37,9 @@ const LOAD_GOAL: f64 = 42e6;
 /// The load depends on the motion's noise a little.
 const LOAD_TOLERANCE: f64 = 0.05;
 
-/// Goals for the image that ships, in bytes. Bank 1 has 256 KB; 128 KB held the instrument without backlash, changes and
-/// friction's conduct.
-const FLASH_GOAL: f64 = 160.0 * 1024.0;
-const RAM_GOAL: f64 = 48.0 * 1024.0;
+/// Goals for the image that ships, in bytes; RAM counts CCM SRAM. Of the chip's two flash banks the image has the first, 256 KB.
+const FLASH_GOAL: f64 = 192.0 * 1024.0;
+const RAM_GOAL: f64 = 56.0 * 1024.0;
 
 /// Compares with the committed table, or writes it.
 pub fn run(options: &table::Options) -> Result<()> {
@@ -88,18 +89,18 @@ fn rows(image: &str, sizes: &Sizes) -> Vec<table::Row> {
 
 /// What the twin measured while the board's image served with every stream on.
 fn twin(image: &Path) -> Result<Value> {
-    figures("figures", Image::Board, image)
+    figures(Part::Twin, "figures", Image::Board, image)
 }
 
 /// Stack that the image never used while it served, in bytes.
 fn stack_free(image: &Path) -> Result<f64> {
-    let figures = figures("stack", Image::Qemu, image)?;
+    let figures = figures(Part::Main, "stack", Image::Qemu, image)?;
     figures["stack_free_bytes"].as_f64().with_context(|| format!("no number `stack_free_bytes` in {figures}"))
 }
 
 /// What a program prints that runs an image.
-fn figures(program: &str, image: Image, path: &Path) -> Result<Value> {
-    let printed = process::output(Command::new(workspace::tested(program)?).env(image.variable(), path))?;
+fn figures(part: Part, program: &str, image: Image, path: &Path) -> Result<Value> {
+    let printed = process::output(Command::new(workspace::tested(part, program)?).env(image.variable(), path))?;
     serde_json::from_str(printed.trim()).with_context(|| format!("no JSON: {printed}"))
 }
 
@@ -118,7 +119,7 @@ fn sizes(bytes: &[u8]) -> Result<Sizes> {
             continue;
         }
         let size = section.size();
-        if section.address() >= RAM {
+        if section.address() >= RAM || CCM.contains(&section.address()) {
             if section.kind() == SectionKind::UninitializedData { sizes.bss += size } else { sizes.data += size }
         } else if sh_flags.contains(elf::SHF_EXECINSTR) || section.name() == Ok(".vector_table") {
             sizes.text += size;

@@ -1,8 +1,19 @@
 //! Everything that continuous integration asks for, in order, with a summary at the end.
 
-use crate::{accuracy, arrows, firmware, guest, icount, panics, process, python, setup, size, table, workspace};
-use anyhow::{Result, bail};
-use std::time::{Duration, Instant};
+use crate::{
+    accuracy, arrows, firmware, guest, icount, panics, process, python, setup, size, table,
+    toolchain::Toolchain,
+    tree,
+    workspace::{Part, Workspace},
+};
+use anyhow::{Context, Result, bail};
+use std::{
+    collections::BTreeSet,
+    fs,
+    io::ErrorKind,
+    path::{Path, PathBuf},
+    time::{Duration, Instant},
+};
 
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
 pub struct Options {
@@ -48,23 +59,27 @@ const STEPS: &[Step] = &[
         run: || setup::ensure(setup::ALL, false),
     },
     Step {
-        name: "lock file",
+        name: "lock files",
         alone: "cargo metadata --locked",
         needed: true,
         long: false,
-        run: || process::output(process::cargo().args(["metadata", "--format-version", "1", "--locked"])).map(drop),
+        run: || {
+            Part::each(|part| {
+                process::output(part.cargo().args(["metadata", "--format-version", "1", "--locked"])).map(drop)
+            })
+        },
     },
     Step {
         name: "formatting",
         alone: "cargo fmt --all --check",
         needed: false,
         long: false,
-        run: || process::run(process::cargo().args(["fmt", "--all", "--check"])),
+        run: || Part::each(|part| process::run(part.cargo().args(["fmt", "--all", "--check"]))),
     },
     Step { name: "arrows", alone: "cargo xtask check-arrows", needed: false, long: false, run: arrows::run },
     Step {
         name: "lints, host",
-        alone: "cargo clippy --workspace --exclude inerter-qemu --exclude inerter-stm32g474 --all-targets -- -D warnings",
+        alone: "cargo clippy --workspace --all-targets -- -D warnings",
         needed: false,
         long: false,
         run: lint_host,
@@ -85,7 +100,7 @@ const STEPS: &[Step] = &[
     },
     Step {
         name: "documentation",
-        alone: "RUSTDOCFLAGS='-D warnings' cargo doc --workspace --exclude inerter-qemu --exclude inerter-stm32g474 --no-deps",
+        alone: "RUSTDOCFLAGS='-D warnings' cargo doc --workspace --no-deps",
         needed: false,
         long: true,
         run: document,
@@ -93,19 +108,19 @@ const STEPS: &[Step] = &[
     Step { name: "firmware", alone: "cargo xtask build-firmware", needed: true, long: false, run: firmware::run_build },
     Step {
         name: "tests, compiled",
-        alone: "cargo test --no-run --workspace --exclude inerter-qemu --exclude inerter-stm32g474",
+        alone: "cargo test --no-run --workspace",
         needed: true,
         long: false,
-        run: || process::run(workspace::on_host("test").arg("--no-run")),
+        run: || Part::each(|part| process::run(part.all("test").arg("--no-run"))),
     },
-    Step { name: "Linux guest", alone: "cargo xtask guest", needed: false, long: false, run: make_guest },
     Step {
-        name: "tests",
-        alone: "cargo test --workspace --exclude inerter-qemu --exclude inerter-stm32g474",
+        name: "Linux guest",
+        alone: "cargo xtask guest",
         needed: false,
         long: false,
-        run: test,
+        run: || guest::run(&guest::Options::default()),
     },
+    Step { name: "tests", alone: "cargo test --workspace", needed: false, long: false, run: test },
     Step { name: "Python", alone: "cargo xtask python", needed: false, long: false, run: python::run },
     Step {
         name: "endurance",
@@ -160,8 +175,10 @@ const STEPS: &[Step] = &[
 
 /// Runs the steps and prints one line for each at the end.
 pub fn run(options: &Options) -> Result<()> {
+    let list = skipped_list()?;
+    clear(&list)?;
     let outcomes = run_steps(STEPS, options);
-    println!("\n{}", summary(STEPS, &outcomes));
+    println!("\n{}\n{}", summary(STEPS, &outcomes), skips(&skipped(&list)?));
     let failed: Vec<_> = STEPS
         .iter()
         .zip(&outcomes)
@@ -221,19 +238,19 @@ fn summary(steps: &[Step], outcomes: &[Outcome]) -> String {
 }
 
 fn lint_host() -> Result<()> {
-    process::run(workspace::on_host("clippy").args(["--all-targets", "--", "--deny", "warnings"]))
+    Part::each(|part| process::run(part.all("clippy").args(["--all-targets", "--", "--deny", "warnings"])))
 }
 
 fn lint_firmware() -> Result<()> {
-    let Some(toolchain) = firmware::Toolchain::find() else { bail!("no compiler for the firmware") };
+    let Some(toolchain) = Toolchain::find() else { bail!("no compiler for the firmware") };
     if !toolchain.is_own() {
-        println!("not linted: the distribution's compiler builds the firmware here, and this clippy is another's");
-        return Ok(());
+        let reason = "the distribution's compiler builds the firmware here, and this clippy is another's";
+        return inerter_needs::list(&skipped_list()?, "lints, firmware", reason).context("the list of skipped tests");
     }
     let denied = ["--", "--deny", "warnings", "--deny", "clippy::undocumented_unsafe_blocks"];
     let mut command = toolchain.cargo("clippy");
     command.arg("--locked");
-    for package in LIBRARIES.iter().chain(firmware::PACKAGES) {
+    for package in LIBRARIES.iter().chain(tree::FIRMWARE_PACKAGES) {
         command.args(["--package", package]);
     }
     process::run(command.args(denied))?;
@@ -253,35 +270,50 @@ fn lint_probe() -> Result<()> {
 }
 
 fn document() -> Result<()> {
-    process::run(workspace::on_host("doc").arg("--no-deps").env("RUSTDOCFLAGS", "-D warnings"))
+    Part::each(|part| process::run(part.all("doc").arg("--no-deps").env("RUSTDOCFLAGS", "-D warnings")))
 }
 
-/// The variable with which the test with a real kernel fails, not skips, where it finds no boot image.
-const REQUIRE_GUEST: &str = "INERTER_REQUIRE_GUEST";
-
-/// The boot image for the test with a real kernel. Where it cannot be made or fetched that test skips, unless it is required.
-fn make_guest() -> Result<()> {
-    let required = std::env::var_os(REQUIRE_GUEST).is_some_and(|value| value == "1");
-    let obstacle = match guest::obstacle() {
-        Some(obstacle) => obstacle,
-        None => match guest::run(&guest::Options::default()) {
-            Err(error) if error.is::<guest::NotFetched>() => format!("{error:#}"),
-            result => return result,
-        },
-    };
-    if required {
-        bail!("{obstacle}");
-    }
-    println!("not made, and its test will skip: {obstacle}");
-    Ok(())
-}
-
+/// All tests. What this command makes or installs is required; recordings of real machines are, where their folder is there.
 fn test() -> Result<()> {
-    let mut command = workspace::on_host("test");
-    if guest::is_made()? {
-        command.env(REQUIRE_GUEST, "1");
+    let (images, list) = (firmware::build_all()?, skipped_list()?);
+    Part::each(|part| {
+        let mut command = part.all("test");
+        command.envs(images.iter().map(|(variable, path)| (variable, path)));
+        process::run(command.arg("--no-fail-fast").env(inerter_needs::REQUIRED, "1").env(inerter_needs::LIST, &list))
+    })
+}
+
+/// Where each test that could not run leaves its name and the reason.
+fn skipped_list() -> Result<PathBuf> {
+    Ok(Workspace::read(&tree::root())?.target.join("skipped.txt"))
+}
+
+/// Forgets what an earlier run skipped.
+fn clear(list: &Path) -> Result<()> {
+    match fs::remove_file(list) {
+        Err(error) if error.kind() != ErrorKind::NotFound => {
+            Err(error).with_context(|| format!("cannot remove {}", list.display()))
+        }
+        _ => Ok(()),
     }
-    process::run(firmware::build_for(command.arg("--no-fail-fast"))?)
+}
+
+/// What was skipped, each once: a test may miss several things.
+fn skipped(list: &Path) -> Result<BTreeSet<String>> {
+    match fs::read_to_string(list) {
+        Ok(text) => Ok(text.lines().map(str::to_owned).collect()),
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(BTreeSet::new()),
+        Err(error) => Err(error).with_context(|| format!("cannot read {}", list.display())),
+    }
+}
+
+/// How many tests were skipped, and each with its reason.
+fn skips(skipped: &BTreeSet<String>) -> String {
+    if skipped.is_empty() {
+        return "0 skipped".into();
+    }
+    let lines: String = skipped.iter().map(|line| format!("\n  {line}")).collect();
+    format!("{} skipped:{lines}", skipped.len())
 }
 
 #[cfg(test)]
@@ -311,6 +343,20 @@ mod tests {
         let steps = [step("long one", false, true, || bail!("must not run"))];
         let outcomes = run_steps(&steps, &Options { quick: true, ..Options::default() });
         assert_eq!(summary(&steps, &outcomes).trim(), "skipped long one                 left out by --quick");
+    }
+
+    #[test]
+    fn what_was_skipped_is_counted_and_named_once() {
+        let list = std::env::temp_dir().join(format!("xtask-skipped-{}", std::process::id()));
+        clear(&list).unwrap();
+        assert_eq!(skips(&skipped(&list).unwrap()), "0 skipped");
+        for (name, reason) in [("sums: emps", "no recordings"), ("lodz", "no recordings"), ("lodz", "no recordings")] {
+            inerter_needs::list(&list, name, reason).unwrap();
+        }
+        let text = skips(&skipped(&list).unwrap());
+        assert_eq!(text, "2 skipped:\n  lodz (no recordings)\n  sums: emps (no recordings)");
+        clear(&list).unwrap();
+        assert!(!list.exists());
     }
 
     #[test]

@@ -1,6 +1,6 @@
-//! What `cargo metadata` says of the workspace, and the program made from it.
+//! The three workspaces, what `cargo metadata` says of them, and the programs made from them.
 
-use crate::{firmware, process};
+use crate::{process, tree};
 use anyhow::{Context, Result, bail};
 use serde_json::Value;
 use std::{
@@ -8,20 +8,55 @@ use std::{
     process::Command,
 };
 
-/// The triple of every Cortex-M4F image.
-pub const FIRMWARE_TARGET: &str = "thumbv7em-none-eabihf";
-
-/// The workspace's root folder.
-pub fn root() -> PathBuf {
-    // This file's crate lies two folders below the root. The run-time variable comes first, so that a moved tree works.
-    let here = std::env::var_os("CARGO_MANIFEST_DIR")
-        .map(PathBuf::from)
-        .filter(|path| path.ends_with("host-tools/xtask"))
-        .unwrap_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")));
-    here.ancestors().nth(2).map(Path::to_path_buf).unwrap_or(here)
+/// The workspaces. All build into one folder.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// Everything that ships, and most tests; builds on any machine.
+    Main,
+    /// The bench against others' recursive least squares.
+    Bench,
+    /// The twin, whose emulator needs CMake and libclang, and what runs in its Linux guest.
+    Twin,
 }
 
-/// One member of the workspace.
+impl Part {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Main, Self::Bench, Self::Twin];
+
+    /// Its folder.
+    pub fn folder(self) -> PathBuf {
+        match self {
+            Self::Main => tree::root(),
+            Self::Bench => tree::root().join("tests/bench"),
+            Self::Twin => tree::root().join("tests/twin"),
+        }
+    }
+
+    /// `cargo`, from its folder.
+    pub fn cargo(self) -> Command {
+        let mut cargo = process::cargo();
+        cargo.current_dir(self.folder());
+        cargo
+    }
+
+    /// `cargo COMMAND` for all its members, on this machine.
+    pub fn all(self, command: &str) -> Command {
+        let mut cargo = self.cargo();
+        cargo.args([command, "--workspace", "--locked"]);
+        cargo
+    }
+
+    /// Does the same in each, and goes on after a failure.
+    pub fn each(mut action: impl FnMut(Self) -> Result<()>) -> Result<()> {
+        let failed: Vec<_> = Self::ALL.into_iter().filter_map(|part| action(part).err()).collect();
+        match failed.is_empty() {
+            true => Ok(()),
+            false => bail!("{}", failed.iter().map(|error| format!("{error:#}")).collect::<Vec<_>>().join("; ")),
+        }
+    }
+}
+
+/// One member of a workspace.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Member {
     /// Package name.
@@ -104,20 +139,10 @@ fn text<'a>(value: &'a Value, field: &str) -> Result<&'a str> {
     value[field].as_str().with_context(|| format!("`cargo metadata`: no text `{field}`"))
 }
 
-/// `cargo COMMAND` for everything that runs on this machine.
-pub fn on_host(command: &str) -> Command {
-    let mut cargo = process::cargo();
-    cargo.args([command, "--workspace", "--locked"]);
-    for package in firmware::PACKAGES {
-        cargo.args(["--exclude", package]);
-    }
-    cargo
-}
-
-/// A program of a package with integration tests, as those have it. All tests are built at once: for each other choice of packages
+/// A program of a workspace, as its integration tests have it. All tests are built at once: for each other choice of packages
 /// cargo would turn other features of the libraries on, and compile them once more.
-pub fn tested(name: &str) -> Result<PathBuf> {
-    process::run(on_host("test").args(["--quiet", "--no-run"]))?;
+pub fn tested(part: Part, name: &str) -> Result<PathBuf> {
+    process::run(part.all("test").args(["--quiet", "--no-run"]))?;
     program(name, "debug")
 }
 
@@ -130,17 +155,12 @@ pub fn installed() -> Result<PathBuf> {
 /// Where cargo leaves a program.
 fn program(name: &str, folder: &str) -> Result<PathBuf> {
     let file = format!("{name}{}", std::env::consts::EXE_SUFFIX);
-    Ok(Workspace::read(&root())?.target.join(folder).join(file))
+    Ok(Workspace::read(&tree::root())?.target.join(folder).join(file))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_root_holds_the_workspace() {
-        assert!(root().join("memory.x").is_file());
-    }
 
     #[test]
     fn a_field_that_is_missing_is_named() {

@@ -8,7 +8,11 @@ use crate::{
     },
 };
 use inerter_core::{Backlash, BacklashStatus, Changed, Parameter, Reason, Route, Status};
-use inerter_tests::sheet::line;
+
+/// One line of a table.
+fn line(cells: &[String]) -> String {
+    format!("| {} |\n", cells.join(" | "))
+}
 
 /// The cases with what every method answered.
 pub struct Report<'a> {

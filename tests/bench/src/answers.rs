@@ -4,9 +4,8 @@ use crate::{
     cases::{self, CHANGE, CHANGE_S, CLEAN_TRUTH, Case, DURATION_S, MEMORIES_S, Outcome, Question, SEEDS, SLOW_S},
     methods::{METHODS, UNLIMITED, WALK},
 };
-use inerter_core::{Change, Detail, Estimate, SettingsError, State, Status};
-use inerter_plant::{Parameters as Device, Sample};
-use inerter_tests::grid;
+use inerter_core::{Change, Detail, Estimate, RawSample, Settings, SettingsError, State, Status};
+use inerter_plant::{Parameters as Device, Sample, Sensors};
 use std::error::Error;
 
 /// What one method says in every case; none where it has nothing of its own to say.
@@ -106,12 +105,36 @@ impl Instrument {
     }
 }
 
+/// Settings of a calibration without error, a memory of the whole run.
+fn calibrated(device: &Device, sensors: &Sensors) -> Settings {
+    let conversions = sensors.oversampling;
+    let defaults = Settings::default();
+    Settings {
+        sample_rate_hz: sensors.sample_rate_hz,
+        metres_per_count: sensors.metres_per_count,
+        oversampling: conversions,
+        newtons_per_code: sensors.newtons_per_sample_code(),
+        force_zero_code: sensors.force_zero_code * conversions,
+        force_min_code: (sensors.force_min_code * conversions).max(defaults.force_min_code),
+        force_max_code: (sensors.force_max_code * conversions).min(defaults.force_max_code),
+        metres_per_terminal_code: sensors.metres_per_terminal_code,
+        structure_mass_kg: device.structure_mass_kg,
+        stiffness_n_per_m: device.stiffness_n_per_m,
+        contact_damping_n_s_per_m: device.contact_damping_n_s_per_m,
+        skew_s: sensors.delay_s,
+        force_gain_u95: 0.0,
+        lead_u95: 0.0,
+        timebase_u95: 0.0,
+        publish_rate_hz: 10.0,
+        memory_s: 100.0,
+        ..defaults
+    }
+}
+
 /// The samples through `Active::step`, with the settings of a calibration without error, a memory of the whole run and
 /// what else is set.
 fn listen(samples: &[Sample], device: &Device, set: &[(&str, f64)]) -> Result<Heard, Box<dyn Error>> {
-    let mut settings = grid::calibrated(device, &cases::sensors(0));
-    (settings.force_gain_u95, settings.lead_u95, settings.timebase_u95) = (0.0, 0.0, 0.0);
-    (settings.publish_rate_hz, settings.memory_s) = (10.0, 100.0);
+    let mut settings = calibrated(device, &cases::sensors(0));
     for (name, value) in set {
         match settings.set_by_name(name, *value) {
             // A core without the terminal's route says that it is not identifiable.
@@ -123,7 +146,13 @@ fn listen(samples: &[Sample], device: &Device, set: &[(&str, f64)]) -> Result<He
     let mut state = Box::new(State::new(&active));
     let (mut published, mut change) = (Vec::new(), None);
     for sample in samples {
-        let estimate = active.step(&mut state, &grid::raw(sample));
+        let raw = RawSample {
+            index: sample.index,
+            position_count: sample.position_count,
+            force_code: sample.force_code,
+            terminal_code: sample.terminal_code,
+        };
+        let estimate = active.step(&mut state, &raw);
         published.extend(estimate.map(|estimate| (sample.t_s, estimate)));
         change = change.or(state.take_change().map(|change| (sample.t_s, change)));
     }

@@ -1,0 +1,38 @@
+//! Published recordings of real machines, converted for the tests; docs/DATA.md says where they are found.
+
+use crate::{
+    process, tree,
+    workspace::{Part, Workspace},
+};
+use anyhow::{Context, Result};
+use std::path::{PathBuf, absolute};
+
+/// Variable that names the folder of recordings, seen from the root.
+const FOLDER: &str = "INERTER_DATA";
+
+#[derive(clap::Args, Clone, Debug)]
+pub struct Options {
+    /// The originals, as they were downloaded
+    #[arg(required = true)]
+    files: Vec<PathBuf>,
+    /// Folder for the recordings; without it the one that INERTER_DATA names, else target/data
+    #[arg(short, long)]
+    output: Option<PathBuf>,
+}
+
+/// Hands over to the converter and says how the tests find what it wrote.
+pub fn run(options: &Options) -> Result<()> {
+    let named = std::env::var_os(FOLDER).filter(|named| !named.is_empty());
+    let folder = match (&options.output, named) {
+        (Some(folder), _) => absolute(folder)?,
+        (None, Some(named)) => tree::root().join(named),
+        (None, None) => Workspace::read(&tree::root())?.target.join("data"),
+    };
+    // The converter is started from the root.
+    let files = options.files.iter().map(absolute).collect::<Result<Vec<_>, _>>()?;
+    let mut command = Part::Main.cargo();
+    command.args(["run", "--quiet", "--locked", "--package", "inerter-originals", "--"]).arg(&folder).args(files);
+    process::run(&mut command).context("the recordings were not converted")?;
+    println!("tests that use them: `{FOLDER}={} cargo xtask test`", folder.display());
+    Ok(())
+}

@@ -1,0 +1,733 @@
+//! Which module of a crate imports which, and the circles among them.
+//!
+//! *Module*: here a file; modules inside of a file count as that file. *Import*: any path to something that another file
+//! defines, be it in `use`, in code, in the arguments of a macro or of an attribute. A path is followed through re-exports to
+//! the file with the definition; where none is found, as a macro made it, the module that the path names counts.
+//! `mod x;` alone imports nothing, nor does `use a::b;` where `b` is a module: the paths through it do.
+
+use crate::source;
+use anyhow::{Context, Result, bail};
+use proc_macro2::{Ident, Span, TokenStream, TokenTree};
+use std::{
+    collections::{BTreeMap, BTreeSet, HashMap, HashSet},
+    path::{Path, PathBuf},
+};
+use syn::{Attribute, ImplItem, Item, ItemMod, ItemUse, UseTree, Visibility, ext::IdentExt, visit::Visit};
+
+/// Modules each of which imports the next one, in the end itself.
+#[derive(Debug)]
+pub struct Circle {
+    /// Its files.
+    pub files: Vec<PathBuf>,
+    /// Its imports: file and line, what is imported, and the file that has it.
+    pub imports: Vec<Import>,
+}
+
+/// A file's imports from another one.
+#[derive(Debug, PartialEq, Eq)]
+pub struct Import {
+    /// Who imports.
+    pub from: PathBuf,
+    /// Who is imported.
+    pub to: PathBuf,
+    /// The paths as they are written, each with its first line.
+    pub paths: BTreeMap<String, usize>,
+}
+
+/// The circles in the crate with this root file.
+pub fn circles(root: &Path) -> Result<Vec<Circle>> {
+    let tree = Tree::read(root)?;
+    let imports = tree.imports();
+    let next = |file: usize| imports.keys().filter(move |(from, _)| *from == file).map(|(_, to)| *to);
+    let reach: Vec<HashSet<usize>> = (0..tree.files.len())
+        .map(|file| {
+            let mut reached = HashSet::new();
+            let mut left: Vec<usize> = next(file).collect();
+            while let Some(file) = left.pop() {
+                if reached.insert(file) {
+                    left.extend(next(file));
+                }
+            }
+            reached
+        })
+        .collect();
+    let mut circles = Vec::new();
+    let mut done = HashSet::<usize>::new();
+    for file in 0..tree.files.len() {
+        if !reach[file].contains(&file) || done.contains(&file) {
+            continue;
+        }
+        let circle: BTreeSet<usize> =
+            reach[file].iter().copied().filter(|&other| reach[other].contains(&file)).collect();
+        done.extend(&circle);
+        let within = imports.iter().filter(|((from, to), _)| circle.contains(from) && circle.contains(to));
+        circles.push(Circle {
+            files: circle.iter().map(|&file| tree.files[file].clone()).collect(),
+            imports: within
+                .map(|((from, to), paths)| Import {
+                    from: tree.files[*from].clone(),
+                    to: tree.files[*to].clone(),
+                    paths: paths.clone(),
+                })
+                .collect(),
+        });
+    }
+    Ok(circles)
+}
+
+/// A crate's modules.
+#[derive(Default)]
+struct Tree {
+    files: Vec<PathBuf>,
+    modules: Vec<Module>,
+}
+
+#[derive(Default)]
+struct Module {
+    file: usize,
+    parent: Option<usize>,
+    names: HashMap<String, Vec<Definition>>,
+    /// What `*` stands for.
+    globs: Vec<Vec<String>>,
+    /// Textual macros, which modules below and behind see without a path.
+    macros: HashSet<String>,
+    /// `#[macro_use]`: its textual macros are its parent's too.
+    macro_use: bool,
+    items: Vec<Item>,
+}
+
+/// What a name stands for.
+enum Definition {
+    Item,
+    Module(usize),
+    Path(Vec<String>),
+}
+
+/// What a path leads to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+enum Target {
+    Item(usize),
+    Module(usize),
+}
+
+/// Folders in which a module's files are looked for: those without a `#[path]`, and those with one.
+struct Folders {
+    own: PathBuf,
+    given: PathBuf,
+}
+
+impl Tree {
+    fn read(root: &Path) -> Result<Self> {
+        let mut tree = Self::default();
+        let folder = root.parent().context("a root file without a folder")?;
+        tree.file(root, None, folder.to_path_buf())?;
+        Ok(tree)
+    }
+
+    /// Adds the module of a file; the files of its modules lie in the folder.
+    fn file(&mut self, path: &Path, parent: Option<usize>, own: PathBuf) -> Result<usize> {
+        let parsed = source::parse(path)?;
+        let file = self.files.iter().position(|known| known == path).unwrap_or_else(|| {
+            self.files.push(path.to_path_buf());
+            self.files.len() - 1
+        });
+        let given = path.parent().unwrap_or(Path::new("")).to_path_buf();
+        self.module(parsed.items, file, parent, &Folders { own, given })
+    }
+
+    fn module(&mut self, items: Vec<Item>, file: usize, parent: Option<usize>, folders: &Folders) -> Result<usize> {
+        let place = self.modules.len();
+        self.modules.push(Module { file, parent, ..Module::default() });
+        for item in items {
+            if source::only_for_tests(source::attributes(&item)) {
+                continue;
+            }
+            match item {
+                Item::Mod(item) => self.child(place, item, folders)?,
+                item => {
+                    self.modules[place].define(&item)?;
+                    self.modules[place].items.push(item);
+                }
+            }
+        }
+        Ok(place)
+    }
+
+    /// Adds a module that another one declares.
+    fn child(&mut self, parent: usize, mut item: ItemMod, folders: &Folders) -> Result<()> {
+        let (name, file) = (item.ident.unraw().to_string(), self.modules[parent].file);
+        let child = match item.content.take() {
+            Some((_, items)) => {
+                let folder = folders.own.join(&name);
+                self.module(items, file, Some(parent), &Folders { own: folder.clone(), given: folder })?
+            }
+            None => {
+                let (path, own) = match path_attribute(&item.attrs) {
+                    Some(path) => {
+                        let path = folders.given.join(path);
+                        let own = path.parent().unwrap_or(Path::new("")).to_path_buf();
+                        (path, own)
+                    }
+                    None => {
+                        let own = folders.own.join(&name);
+                        let beside = folders.own.join(format!("{name}.rs"));
+                        (if beside.is_file() { beside } else { own.join("mod.rs") }, own)
+                    }
+                };
+                self.file(&path, Some(parent), own).with_context(|| format!("module {name}"))?
+            }
+        };
+        self.modules[child].macro_use = item.attrs.iter().any(|attribute| attribute.path().is_ident("macro_use"));
+        self.modules[parent].names.entry(name).or_default().push(Definition::Module(child));
+        Ok(())
+    }
+
+    /// From file to file, with the paths and their lines.
+    fn imports(&self) -> BTreeMap<(usize, usize), BTreeMap<String, usize>> {
+        let mut imports = BTreeMap::<_, BTreeMap<String, usize>>::new();
+        for (place, module) in self.modules.iter().enumerate() {
+            let mut paths = Paths { tree: self, module: place, found: Vec::new() };
+            module.items.iter().for_each(|item| paths.visit_item(item));
+            for (file, path, line) in paths.found {
+                if file != module.file {
+                    imports.entry((module.file, file)).or_default().entry(path).or_insert(line);
+                }
+            }
+        }
+        imports
+    }
+
+    /// Where a path that is written in a module leads; nowhere, where it leaves the crate.
+    fn resolve(&self, module: usize, path: &[String], seen: &mut HashSet<(usize, String)>) -> HashSet<Target> {
+        let mut at = module;
+        let mut rest = path;
+        while let [first, others @ ..] = rest {
+            match first.as_str() {
+                "crate" => at = 0,
+                "self" => {}
+                "super" => match self.modules[at].parent {
+                    Some(parent) => at = parent,
+                    None => return HashSet::new(),
+                },
+                _ => break,
+            }
+            rest = others;
+        }
+        let anchored = rest.len() < path.len();
+        self.walk(at, rest, anchored, seen)
+    }
+
+    /// Where the rest of a path leads from a module. `anchored`: it can be nowhere else.
+    fn walk(
+        &self,
+        module: usize,
+        path: &[String],
+        anchored: bool,
+        seen: &mut HashSet<(usize, String)>,
+    ) -> HashSet<Target> {
+        let [name, rest @ ..] = path else { return HashSet::from([Target::Module(module)]) };
+        let mut targets = HashSet::new();
+        let here = &self.modules[module];
+        if seen.insert((module, name.clone())) {
+            let definitions = here.names.get(name).map(Vec::as_slice).unwrap_or_default();
+            let is_module = definitions.iter().any(|definition| matches!(definition, Definition::Module(_)));
+            for definition in definitions {
+                match definition {
+                    // A function may have a module's name; a path goes on through the module.
+                    Definition::Item if is_module && !rest.is_empty() => {}
+                    Definition::Item => targets.extend([Target::Item(here.file)]),
+                    Definition::Module(child) => targets.extend(self.walk(*child, rest, true, seen)),
+                    Definition::Path(to) => {
+                        targets.extend(self.resolve(module, &[to, rest].concat(), seen));
+                    }
+                }
+            }
+            if !here.names.contains_key(name) {
+                targets.extend(here.globs.iter().flat_map(|glob| self.through(module, glob, path, seen)));
+            }
+            seen.remove(&(module, name.clone()));
+        }
+        if targets.is_empty() && anchored {
+            targets.insert(Target::Item(here.file));
+        }
+        targets
+    }
+
+    /// Where a path leads through a `*`.
+    fn through(
+        &self,
+        module: usize,
+        glob: &[String],
+        path: &[String],
+        seen: &mut HashSet<(usize, String)>,
+    ) -> HashSet<Target> {
+        let mut targets = HashSet::new();
+        for target in self.resolve(module, glob, seen) {
+            if let Target::Module(module) = target {
+                targets.extend(self.walk(module, path, false, seen));
+            }
+        }
+        targets
+    }
+
+    /// The file of a textual macro that a module sees.
+    fn textual_macro(&self, module: usize, name: &str) -> Option<usize> {
+        let has = |place: usize| self.modules[place].macros.contains(name);
+        let mut at = Some(module);
+        while let Some(place) = at {
+            let mut below = (0..self.modules.len())
+                .filter(|&child| self.modules[child].parent == Some(place) && self.modules[child].macro_use);
+            if let Some(found) = Some(place).filter(|&place| has(place)).or_else(|| below.find(|&child| has(child))) {
+                return Some(self.modules[found].file);
+            }
+            at = self.modules[place].parent;
+        }
+        None
+    }
+}
+
+fn path_attribute(attributes: &[Attribute]) -> Option<String> {
+    let attribute = attributes.iter().find(|attribute| attribute.path().is_ident("path"))?;
+    match &attribute.meta.require_name_value().ok()?.value {
+        syn::Expr::Lit(syn::ExprLit { lit: syn::Lit::Str(text), .. }) => Some(text.value()),
+        _ => None,
+    }
+}
+
+impl Module {
+    /// Notes what the item defines, and what is imported inside of it.
+    fn define(&mut self, item: &Item) -> Result<()> {
+        let name = match item {
+            Item::Const(item) => Some(&item.ident),
+            Item::Enum(item) => Some(&item.ident),
+            Item::Fn(item) => Some(&item.sig.ident),
+            Item::Static(item) => Some(&item.ident),
+            Item::Struct(item) => Some(&item.ident),
+            Item::Trait(item) => Some(&item.ident),
+            Item::TraitAlias(item) => Some(&item.ident),
+            Item::Type(item) => Some(&item.ident),
+            Item::Union(item) => Some(&item.ident),
+            Item::Macro(item) if item.ident.is_some() => {
+                self.macros.extend(item.ident.as_ref().map(ToString::to_string));
+                item.ident.as_ref()
+            }
+            Item::Macro(item) if item.mac.path.is_ident("include") => {
+                let line = item.mac.path.segments[0].ident.span().start().line;
+                bail!("line {line}: modules that come by `include!` are not followed; declare them by `mod`");
+            }
+            Item::Macro(item) => {
+                self.define_tokens(item.mac.tokens.clone());
+                None
+            }
+            _ => None,
+        };
+        if let Some(name) = name {
+            self.names.entry(name.unraw().to_string()).or_default().push(Definition::Item);
+        }
+        Uses(self).visit_item(item);
+        Ok(())
+    }
+
+    /// Items among a macro's arguments, which the macro as a rule makes.
+    fn define_tokens(&mut self, tokens: TokenStream) {
+        let mut keyword = false;
+        for token in tokens {
+            match token {
+                TokenTree::Group(group) => self.define_tokens(group.stream()),
+                TokenTree::Ident(ident) => {
+                    if keyword {
+                        self.names.entry(ident.to_string()).or_default().push(Definition::Item);
+                    }
+                    keyword = ["struct", "enum", "union", "trait", "type", "fn", "const", "static"]
+                        .iter()
+                        .any(|word| ident == word);
+                }
+                _ => keyword = false,
+            }
+        }
+    }
+}
+
+/// One name of a `use`.
+struct Leaf {
+    path: Vec<String>,
+    /// The name that it gets here; none for a `*`.
+    name: Option<String>,
+    span: Span,
+}
+
+/// The names of a `use`; none, where it names another crate by `::`.
+fn leaves(item: &ItemUse) -> Vec<Leaf> {
+    let mut found = Vec::new();
+    if item.leading_colon.is_none() {
+        spread(&item.tree, &mut Vec::new(), &mut found);
+    }
+    found
+}
+
+fn spread(tree: &UseTree, before: &mut Vec<String>, found: &mut Vec<Leaf>) {
+    let mut leaf = |ident: &Ident, name: &Ident| {
+        let mut path = before.clone();
+        // `a::{self}` is `a`.
+        if ident != "self" || before.is_empty() {
+            path.push(ident.unraw().to_string());
+        }
+        let name = if name == "self" { path.last().cloned() } else { Some(name.unraw().to_string()) };
+        found.push(Leaf { path, name, span: ident.span() });
+    };
+    match tree {
+        UseTree::Path(path) => {
+            before.push(path.ident.unraw().to_string());
+            spread(&path.tree, before, found);
+            before.pop();
+        }
+        UseTree::Name(name) => leaf(&name.ident, &name.ident),
+        UseTree::Rename(rename) => leaf(&rename.ident, &rename.rename),
+        UseTree::Glob(glob) => {
+            found.push(Leaf { path: before.clone(), name: None, span: glob.star_token.spans[0] });
+        }
+        UseTree::Group(group) => group.items.iter().for_each(|tree| spread(tree, before, found)),
+    }
+}
+
+/// Notes each `use`, those inside of functions too.
+struct Uses<'a>(&'a mut Module);
+
+impl<'ast> Visit<'ast> for Uses<'_> {
+    fn visit_item_use(&mut self, item: &'ast ItemUse) {
+        for leaf in leaves(item) {
+            match leaf.name {
+                // A name for itself, as macros are given a path.
+                Some(name) if leaf.path == [name.as_str()] => {}
+                Some(name) => self.0.names.entry(name).or_default().push(Definition::Path(leaf.path)),
+                None => self.0.globs.push(leaf.path),
+            }
+        }
+    }
+}
+
+/// Finds the paths of a module's items.
+struct Paths<'a> {
+    tree: &'a Tree,
+    module: usize,
+    /// File that is imported, path as it is written, line.
+    found: Vec<(usize, String, usize)>,
+}
+
+impl Paths<'_> {
+    fn targets(&self, path: &[String]) -> HashSet<Target> {
+        self.tree.resolve(self.module, path, &mut HashSet::new())
+    }
+
+    fn add(&mut self, file: usize, path: &[String], span: Span) {
+        self.found.push((file, path.join("::"), span.start().line));
+    }
+
+    /// A path in code.
+    fn path(&mut self, path: &[String], span: Span) {
+        let names = &self.tree.modules[self.module].names;
+        // What a `use` brought is imported there, unless it is a module, which the path goes through.
+        let through = |name: &String| {
+            self.targets(std::slice::from_ref(name)).iter().any(|target| matches!(target, Target::Module(_)))
+        };
+        if path.first().is_some_and(|name| names.contains_key(name) && !(path.len() > 1 && through(name))) {
+            return;
+        }
+        for target in self.targets(path) {
+            if let Target::Item(file) = target {
+                self.add(file, path, span);
+            }
+        }
+    }
+
+    /// The paths among tokens; `texts`: in strings too, as attributes have them.
+    fn tokens(&mut self, tokens: TokenStream, texts: bool) {
+        let tokens: Vec<_> = tokens.into_iter().collect();
+        let mut at = 0;
+        while let Some(token) = tokens.get(at) {
+            at += 1;
+            match token {
+                TokenTree::Group(group) => self.tokens(group.stream(), texts),
+                TokenTree::Literal(literal) => {
+                    if let (true, syn::Lit::Str(text)) = (texts, syn::Lit::new(literal.clone())) {
+                        // Words are no paths.
+                        let text = Some(text.value()).filter(|text| text.contains("::"));
+                        let tokens = text.and_then(|text| text.parse::<TokenStream>().ok());
+                        self.tokens(tokens.unwrap_or_default(), false);
+                    }
+                }
+                TokenTree::Ident(first) if !is_member(&tokens[..at - 1]) => {
+                    let mut path = vec![first.unraw().to_string()];
+                    while let [colons @ .., TokenTree::Ident(ident)] = tokens.get(at..at + 3).unwrap_or_default() {
+                        if !is_double_colon(colons) {
+                            break;
+                        }
+                        path.push(ident.unraw().to_string());
+                        at += 3;
+                    }
+                    self.path(&path, first.span());
+                }
+                TokenTree::Ident(_) | TokenTree::Punct(_) => {}
+            }
+        }
+    }
+}
+
+fn is_double_colon(tokens: &[TokenTree]) -> bool {
+    matches!(tokens, [TokenTree::Punct(first), TokenTree::Punct(second)] if first.as_char() == ':' && second.as_char() == ':')
+}
+
+/// Whether what comes behind these tokens is no path of this crate: behind one dot a field or method, behind `::` a name of
+/// another crate or of a type.
+fn is_member(before: &[TokenTree]) -> bool {
+    let dot = |token: &TokenTree| matches!(token, TokenTree::Punct(punct) if punct.as_char() == '.');
+    match before {
+        [.., a, b] => (dot(b) && !dot(a)) || is_double_colon(&before[before.len() - 2..]),
+        [a] => dot(a),
+        [] => false,
+    }
+}
+
+impl<'ast> Visit<'ast> for Paths<'_> {
+    fn visit_item(&mut self, item: &'ast Item) {
+        if !source::only_for_tests(source::attributes(item)) {
+            syn::visit::visit_item(self, item);
+        }
+    }
+
+    fn visit_impl_item(&mut self, item: &'ast ImplItem) {
+        if !source::member_only_for_tests(item) {
+            syn::visit::visit_impl_item(self, item);
+        }
+    }
+
+    fn visit_item_use(&mut self, item: &'ast ItemUse) {
+        let again = !matches!(item.vis, Visibility::Inherited);
+        for leaf in leaves(item) {
+            for target in self.targets(&leaf.path) {
+                match target {
+                    Target::Item(file) => self.add(file, &leaf.path, leaf.span),
+                    Target::Module(module) if again || leaf.name.is_none() => {
+                        self.add(self.tree.modules[module].file, &leaf.path, leaf.span);
+                    }
+                    Target::Module(_) => {}
+                }
+            }
+        }
+    }
+
+    fn visit_path(&mut self, path: &'ast syn::Path) {
+        if let (None, Some(first)) = (&path.leading_colon, path.segments.first()) {
+            let names: Vec<_> = path.segments.iter().map(|segment| segment.ident.unraw().to_string()).collect();
+            self.path(&names, first.ident.span());
+        }
+        syn::visit::visit_path(self, path);
+    }
+
+    fn visit_macro(&mut self, called: &'ast syn::Macro) {
+        match called.path.get_ident().map(|ident| (ident.to_string(), ident.span())) {
+            Some((name, span)) if !self.tree.modules[self.module].names.contains_key(&name) => {
+                if let Some(file) = self.tree.textual_macro(self.module, &name) {
+                    self.add(file, &[name], span);
+                }
+            }
+            _ => self.visit_path(&called.path),
+        }
+        self.tokens(called.tokens.clone(), false);
+    }
+
+    fn visit_attribute(&mut self, attribute: &'ast Attribute) {
+        if let (syn::Meta::List(list), false) = (&attribute.meta, attribute.path().is_ident("cfg")) {
+            self.tokens(list.tokens.clone(), true);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::{
+        fs,
+        sync::atomic::{AtomicUsize, Ordering},
+    };
+
+    /// The imports of a crate of these files as `file:line path file`.
+    fn imports(files: &[(&str, &str)]) -> Vec<String> {
+        static COUNT: AtomicUsize = AtomicUsize::new(0);
+        let count = COUNT.fetch_add(1, Ordering::Relaxed);
+        let folder = std::env::temp_dir().join(format!("xtask-imports-{}-{count}", std::process::id()));
+        for (path, text) in files {
+            let path = folder.join(path);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, text).unwrap();
+        }
+        let tree = Tree::read(&folder.join(files[0].0)).unwrap();
+        let name = |file: &usize| tree.files[*file].strip_prefix(&folder).unwrap().display().to_string();
+        let mut found = Vec::new();
+        for ((from, to), paths) in tree.imports() {
+            found.extend(paths.iter().map(|(path, line)| format!("{}:{line} {path} {}", name(&from), name(&to))));
+        }
+        fs::remove_dir_all(&folder).unwrap();
+        found
+    }
+
+    /// The imports of module `a`, beside which there are `b` and, within that, `c`.
+    fn of_a(text: &str) -> Vec<String> {
+        let b = "pub mod c; pub struct B; pub enum E { One } pub fn f() {}";
+        imports(&[("lib.rs", "mod a; mod b;"), ("a.rs", text), ("b.rs", b), ("b/c.rs", "pub struct C; pub fn g() {}")])
+    }
+
+    #[test]
+    fn a_use_is_an_import_of_what_it_names() {
+        assert_eq!(of_a("use crate::b::B;"), ["a.rs:1 crate::b::B b.rs"]);
+        assert_eq!(of_a("use super::b::{B, c::C};"), ["a.rs:1 super::b::B b.rs", "a.rs:1 super::b::c::C b/c.rs"]);
+        assert_eq!(of_a("use crate::b::E::*;"), ["a.rs:1 crate::b::E b.rs"]);
+        assert_eq!(of_a("use crate::b::*;"), ["a.rs:1 crate::b b.rs"]);
+        assert_eq!(of_a("fn f() {\n use crate::b::B as Other;\n}"), ["a.rs:2 crate::b::B b.rs"]);
+        assert!(of_a("use std::fmt; use serde::b::B; use ::b::B;").is_empty());
+    }
+
+    #[test]
+    fn a_module_that_is_named_alone_is_no_import_but_the_paths_through_it_are() {
+        assert!(of_a("use crate::b;").is_empty());
+        assert_eq!(of_a("use crate::b;\nfn f() { b::c::g() }"), ["a.rs:2 b::c::g b/c.rs"]);
+        let both = [
+            ("lib.rs", "mod a; mod b;"),
+            ("a.rs", "pub fn c() {} mod c;"),
+            ("a/c.rs", "pub struct C;"),
+            ("b.rs", "use crate::a::c::C;"),
+        ];
+        assert_eq!(imports(&both), ["b.rs:1 crate::a::c::C a/c.rs"]);
+        assert_eq!(of_a("use crate::b::{self as other};\nfn f() { other::f() }"), ["a.rs:2 other::f b.rs"]);
+        assert_eq!(of_a("pub use crate::b;"), ["a.rs:1 crate::b b.rs"]);
+        assert_eq!(of_a("fn f() {\n use crate::b;\n b::f() }"), ["a.rs:3 b::f b.rs"]);
+    }
+
+    #[test]
+    fn inline_paths_are_imports() {
+        assert_eq!(of_a("fn f() { crate::b::f() }"), ["a.rs:1 crate::b::f b.rs"]);
+        assert_eq!(of_a("fn f(c: &Vec<super::b::c::C>) {}"), ["a.rs:1 super::b::c::C b/c.rs"]);
+        assert_eq!(of_a("impl crate::b::B { fn more(&self) {} }"), ["a.rs:1 crate::b::B b.rs"]);
+        assert_eq!(of_a("struct A; impl From<A> for crate::b::B {}"), ["a.rs:1 crate::b::B b.rs"]);
+        assert!(of_a("fn f() { ::b::f(); T::b::f(); }").is_empty());
+    }
+
+    #[test]
+    fn paths_in_the_arguments_of_macros_and_attributes_are_imports() {
+        assert_eq!(of_a("fn f() { println!(\"{}\", [crate::b::f()]) }"), ["a.rs:1 crate::b::f b.rs"]);
+        assert_eq!(of_a("#[with(crate::b::f)] struct A;"), ["a.rs:1 crate::b::f b.rs"]);
+        assert_eq!(of_a("#[with(\"super::b::f\")] struct A;"), ["a.rs:1 super::b::f b.rs"]);
+        assert!(of_a("fn f() { m!(x.crate, ::b::f, \"crate::b::f\") }").is_empty());
+        assert!(of_a("/// See crate::b::f and super::b::B.\nfn f() {}").is_empty());
+    }
+
+    #[test]
+    fn textual_macros_are_imports_of_where_they_are_defined() {
+        let definition = "macro_rules! m { () => {} }";
+        let files = [("lib.rs", "#[macro_use] mod a; mod b;"), ("a.rs", definition), ("b.rs", "fn f() { m!() }")];
+        assert_eq!(imports(&files), ["b.rs:1 m a.rs"]);
+        let above = [("lib.rs", "macro_rules! m { () => {} }\nmod b;"), ("b.rs", "fn f() { m!() }")];
+        assert_eq!(imports(&above), ["b.rs:1 m lib.rs"]);
+        let exported = [
+            ("lib.rs", "mod a; mod b;"),
+            ("a.rs", "macro_rules! m { () => {} }\npub(crate) use m;"),
+            ("b.rs", "fn f() { crate::a::m!() }"),
+        ];
+        assert_eq!(imports(&exported), ["b.rs:1 crate::a::m a.rs"]);
+    }
+
+    #[test]
+    fn a_path_is_followed_through_re_exports_to_the_definition() {
+        let lib = "mod a; mod b; mod c;\npub use b::B;";
+        let files = [
+            ("lib.rs", lib),
+            ("a.rs", "use crate::B;\nuse crate::c::{C, D};"),
+            ("b.rs", "pub struct B;"),
+            ("c.rs", "pub use crate::b::B as C;\npub use crate::b::*;"),
+        ];
+        let found = imports(&files);
+        assert!(found.contains(&"a.rs:1 crate::B b.rs".into()), "{found:?}");
+        assert!(found.contains(&"a.rs:2 crate::c::C b.rs".into()), "{found:?}");
+        // Nobody defines it: the module that the path names.
+        assert!(found.contains(&"a.rs:2 crate::c::D c.rs".into()), "{found:?}");
+        assert!(!found.iter().any(|import| import.starts_with("a.rs") && import.ends_with("lib.rs")), "{found:?}");
+    }
+
+    #[test]
+    fn names_that_come_by_a_star_are_imports_of_where_they_are_defined() {
+        let files = [
+            ("lib.rs", "mod a; mod b; mod c;"),
+            ("a.rs", "use crate::c::*;\nfn f() { g() }"),
+            ("b.rs", "pub fn g() {}"),
+            ("c.rs", "pub use crate::b::g;"),
+        ];
+        assert_eq!(imports(&files), ["a.rs:2 g b.rs", "a.rs:1 crate::c c.rs", "c.rs:1 crate::b::g b.rs"]);
+    }
+
+    #[test]
+    fn what_a_macro_makes_is_defined_where_the_macro_is_called() {
+        let files = [
+            ("lib.rs", "mod a; mod b;\npub use b::*;"),
+            ("a.rs", "use crate::Made;"),
+            ("b.rs", "make! { pub struct Made { } }"),
+        ];
+        assert!(imports(&files).contains(&"a.rs:1 crate::Made b.rs".into()));
+    }
+
+    #[test]
+    fn a_parent_that_re_exports_and_a_child_that_takes_from_it_are_a_circle() {
+        let files =
+            [("lib.rs", "mod child;\npub use child::C;\npub struct P;"), ("child.rs", "pub struct C(super::P);")];
+        assert_eq!(imports(&files), ["lib.rs:2 child::C child.rs", "child.rs:1 super::P lib.rs"]);
+        let alone = [("lib.rs", "mod child;\npub struct P;"), ("child.rs", "pub struct C(super::P);")];
+        assert_eq!(imports(&alone), ["child.rs:1 super::P lib.rs"]);
+    }
+
+    #[test]
+    fn tests_are_left_aside() {
+        assert!(of_a("#[cfg(test)] mod tests { use crate::b::B; }").is_empty());
+        assert!(of_a("#[cfg(test)] mod not_there;").is_empty());
+        assert!(of_a("struct A; impl A { #[cfg(test)] fn f() { crate::b::f() } }").is_empty());
+        assert!(of_a("#[cfg(test)] use crate::b::B;").is_empty());
+        assert!(of_a("fn f() { #[cfg(test)] fn g() { crate::b::f() } }").is_empty());
+        assert_eq!(of_a("#[cfg(unix)] use crate::b::B;").len(), 1);
+    }
+
+    #[test]
+    fn modules_are_found_wherever_their_files_lie() {
+        let files = [
+            ("src/main.rs", "mod a; mod inner { pub mod deep; }\n#[path = \"boards/one.rs\"] mod board;"),
+            ("src/a/mod.rs", "mod b; use crate::inner::deep::D; use crate::board::X;"),
+            ("src/a/b.rs", "use super::super::board::X;"),
+            ("src/inner/deep.rs", "pub struct D;"),
+            ("src/boards/one.rs", "mod pins; pub struct X(pins::P);"),
+            ("src/boards/pins.rs", "pub struct P;"),
+        ];
+        let mut found: Vec<_> =
+            imports(&files).into_iter().filter_map(|one| Some(one.rsplit_once(' ')?.1.to_owned())).collect();
+        found.sort();
+        assert_eq!(found, ["src/boards/one.rs", "src/boards/one.rs", "src/boards/pins.rs", "src/inner/deep.rs"]);
+    }
+
+    #[test]
+    fn modules_within_a_file_are_the_file() {
+        assert_eq!(
+            of_a("mod x { use crate::b::B; pub struct X; }\nuse x::X; mod y { use super::X; }"),
+            ["a.rs:1 crate::b::B b.rs"]
+        );
+    }
+
+    #[test]
+    fn another_crate_of_a_modules_name_is_no_import() {
+        let of_root = |text: &str| imports(&[("lib.rs", text), ("b.rs", "pub fn f() {}")]);
+        assert!(of_root("mod b; use ::b::f;").is_empty());
+        assert!(of_root("mod b; fn g() { m!(::b::f, <T>::b::f, x.b::f) }").is_empty());
+        assert_eq!(of_root("mod b; fn g() { m!(0..b::f()) }"), ["lib.rs:1 b::f b.rs"]);
+    }
+
+    #[test]
+    fn an_include_is_refused() {
+        let error = Module::default().define(&syn::parse_quote!(include!("more.rs");)).unwrap_err();
+        assert!(error.to_string().contains("`include!`"));
+    }
+}
