@@ -15,16 +15,13 @@ mod emps;
 mod lodz;
 mod samples;
 
-pub use samples::Samples;
+pub use samples::{Error, Samples};
 
 use std::{
     collections::BTreeMap,
     fs,
     path::{Path, PathBuf},
 };
-
-/// What keeps a file from being converted, in words.
-pub type Error = Box<dyn std::error::Error + Send + Sync>;
 
 /// Converts the originals into the folder; says what was written.
 pub fn convert(files: &[PathBuf], folder: &Path) -> Result<Vec<PathBuf>, Error> {
