@@ -1,6 +1,6 @@
 //! ARTS: `{"data": [[time, displacement, friction force, ..], ..]}` in seconds, inches and kip, as their repository says.
 
-use crate::{Error, Samples};
+use crate::samples::{Error, Samples};
 use serde_json::Value;
 
 /// An inch in counts of 1 um.

@@ -1,7 +1,7 @@
 //! EMPS: `DATA_EMPS.mat`, a MATLAB file (level 5) with the vectors `t` \[s\], `qm`, the position \[m\], and `vir`, the control signal
 //! \[V\], and the number `gtau`, the drive's gain \[N/V\].
 
-use crate::{Error, Samples};
+use crate::samples::{Error, Samples};
 use matfile::{MatFile, NumericData};
 
 /// Position of one encoder count \[m\].

@@ -12,12 +12,10 @@
 
 mod arts;
 mod emps;
-mod error;
 mod lodz;
 mod samples;
 
-pub use error::Error;
-pub use samples::Samples;
+pub use samples::{Error, Samples};
 
 use std::{
     collections::BTreeMap,

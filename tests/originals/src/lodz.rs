@@ -7,7 +7,7 @@
 //! Position is the integral of the servo's speed. The potentiometer shows the same motion on the card's clock, coarsely: the
 //! servo's clock is moved until both agree best. Time starts with the first sample of the card that both have.
 
-use crate::{Error, Samples};
+use crate::samples::{Error, Samples};
 
 /// Travel per turn of the motor, whose positive turn pulls \[m\].
 const TRAVEL_M: f64 = -0.020;

@@ -2,6 +2,9 @@
 
 use std::fmt::Write;
 
+/// What keeps a file from being converted, in words.
+pub type Error = Box<dyn std::error::Error + Send + Sync>;
+
 /// Samples as the tests read them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Samples {
