@@ -1,6 +1,7 @@
 //! The clocks, from the crystal when there is one that swings.
 
-use crate::boards::{self, Oscillator};
+use crate::boards;
+use crate::boards::clock::Oscillator;
 use embassy_stm32::pac::pwr::regs::Cr5;
 use embassy_stm32::pac::{PWR, RCC};
 use embassy_stm32::{Config, Peripherals, rcc};

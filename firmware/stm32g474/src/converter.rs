@@ -5,7 +5,7 @@
 //! excitation. A damaged frame, a lost edge or a chip that was reset is put right and becomes a gap; how many samples
 //! it cost the clock says, which is also the converter's.
 
-use crate::clkin::Clkin;
+use crate::clkin::{self, Clkin};
 use crate::led;
 use crate::ready::{Edge, Ready};
 use crate::spi::Device;
@@ -15,8 +15,6 @@ use embassy_time::{Delay, Duration, Instant, with_timeout};
 use inerter_app::SourceError;
 use inerter_core::{RawSample, Settings};
 
-/// Clock of the converter, in Hz: 168 MHz / 21.
-pub const CLOCK_HZ: u32 = 8_000_000;
 /// Samples a second that can be had: periods of 1024, 512 and 256 us.
 pub const RATES_HZ: &[f64] = &[976.5625, 1_953.125, 3_906.25];
 
@@ -61,7 +59,7 @@ pub struct Converter {
 impl Converter {
     /// Says nothing to the chip yet.
     pub fn new(spi: Device, reset: Output<'static>, ready: Ready, clkin: Clkin) -> Self {
-        let config = Config { clkin_hz: CLOCK_HZ, gains: GAINS, ..Config::default() };
+        let config = Config { clkin_hz: clkin::HZ, gains: GAINS, ..Config::default() };
         Self {
             chip: Ads131m04::new(spi, reset, config),
             ready,
@@ -85,7 +83,7 @@ impl Converter {
     /// Sets the chip up for the rate; its first sample has this index, whether that works or not.
     pub async fn configure(&mut self, settings: &Settings, index: u32) -> Result<(), SourceError> {
         self.index = index;
-        let osr = Osr::from_data_rate(CLOCK_HZ, settings.sample_rate_hz).ok_or(SourceError::Unreadable)?;
+        let osr = Osr::from_data_rate(clkin::HZ, settings.sample_rate_hz).ok_or(SourceError::Unreadable)?;
         self.clkin.start();
         self.set_up().await?;
         let config = Config { osr, ..*self.chip.config() };
@@ -210,7 +208,7 @@ impl Converter {
 
 /// Whole microseconds, as the clock is 8 MHz.
 fn period(osr: Osr) -> Duration {
-    Duration::from_micros(u64::from(osr.period_clkin() / (CLOCK_HZ / 1_000_000)))
+    Duration::from_micros(u64::from(osr.period_clkin() / (clkin::HZ / 1_000_000)))
 }
 
 fn sample(index: u32, position_count: i32, conversion: &Conversion) -> RawSample {

@@ -12,7 +12,8 @@
 //!
 //! Sources: RM0440 12 (DMA), 13 table 91 (DMAMUX), 21 (ADC; trigger 13 of table 163 is TIM6_TRGO), 29 and 31 (timers).
 
-use crate::{adc, boards};
+use crate::adc;
+use crate::boards::clock::{CORE_HZ, CORE_PER_US};
 use core::cell::UnsafeCell;
 use core::future::poll_fn;
 use core::ptr;
@@ -38,12 +39,12 @@ pub const HALF: usize = 256;
 const RING: usize = 2 * HALF;
 
 /// Timer ticks between two events.
-const TICKS: u32 = boards::CORE_HZ / ENTRIES_PER_S;
-const _: () = assert!(TICKS * ENTRIES_PER_S == boards::CORE_HZ && TICKS <= 0x1_0000);
+const TICKS: u32 = CORE_HZ / ENTRIES_PER_S;
+const _: () = assert!(TICKS * ENTRIES_PER_S == CORE_HZ && TICKS <= 0x1_0000);
 
 /// Timer ticks from an event until its codes are in the rings for certain: 0.95 us for the conversion, as much again
 /// for the transfers.
-const SETTLED: u16 = 2 * boards::CORE_PER_US as u16;
+const SETTLED: u16 = 2 * CORE_PER_US as u16;
 /// Looks at the rings, some 20 ticks each, until one falls between two events: more than [`SETTLED`].
 const LOOKS: usize = 64;
 
@@ -210,7 +211,7 @@ impl Rings {
     pub fn stop(&mut self) {
         TIM6.cr1().modify(|w| w.set_cen(false));
         // A conversion takes 0.95 us from the event, its transfer less.
-        cortex_m::asm::delay(2 * boards::CORE_PER_US);
+        cortex_m::asm::delay(2 * CORE_PER_US);
         TIM6.dier().write(|_| ());
         for adc in [ADC1, ADC2] {
             if adc.cr().read().adstart() {
