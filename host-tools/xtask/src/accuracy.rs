@@ -1,6 +1,6 @@
 //! Programs of `inerter-tests` that take longer than a test may.
 
-use crate::{process, workspace};
+use crate::{process, tree, workspace};
 use anyhow::Result;
 use std::process::Command;
 
@@ -39,7 +39,7 @@ pub fn with_arguments(name: &str, arguments: &Arguments) -> Result<()> {
 
 /// Runs one of them as the tests have it: optimised as well, with checks of overflow.
 pub fn tested(name: &str, arguments: &[&str]) -> Result<()> {
-    process::run(Command::new(workspace::tested(name)?).args(arguments).current_dir(workspace::root()))
+    process::run(Command::new(workspace::tested(name)?).args(arguments).current_dir(tree::root()))
 }
 
 /// Runs one of them built for speed, without checks of overflow.

@@ -3,10 +3,7 @@
 //! Arrow: a dependency of one workspace member on another. The table below is the whole law; a member that is not in
 //! it is refused, so a new crate states its place first.
 
-use crate::{
-    source,
-    workspace::{self, Workspace},
-};
+use crate::{source, tree, workspace::Workspace};
 use anyhow::{Context, Result, bail};
 use std::{
     fs,
@@ -97,7 +94,7 @@ const SIGNAL_PATH: &[&str] = &[
 
 /// Checks the whole tree.
 pub fn run() -> Result<()> {
-    let root = workspace::root();
+    let root = tree::root();
     let workspace = Workspace::read(&root)?;
     let mut faults = arrow_faults(&workspace);
     faults.extend(unsafe_faults(&workspace)?);

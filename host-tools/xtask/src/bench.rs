@@ -1,9 +1,6 @@
 //! Our update beside other recursive least squares, in one run on the same regressors.
 
-use crate::{
-    accuracy, process, python,
-    workspace::{self, Workspace},
-};
+use crate::{accuracy, process, python, tree, workspace::Workspace};
 use anyhow::{Context, Result};
 use std::{
     path::{Path, PathBuf},
@@ -40,7 +37,7 @@ pub fn run(options: &Options) -> Result<()> {
         Err(anyhow::anyhow!("left out by --no-python"))
     } else {
         python::environment(&folder.join("python"), IMPORTS, REQUIREMENTS, true).and_then(|python| {
-            let script = workspace::root().join("tests/python/bench_rivals.py");
+            let script = tree::root().join("tests/python/bench_rivals.py");
             process::run(Command::new(python).arg(script).arg(&regressors).arg(&rivals))
         })
     };
@@ -52,7 +49,7 @@ pub fn run(options: &Options) -> Result<()> {
         }
     }
     if options.update {
-        arguments.extend(["--write".to_owned(), path(&workspace::root().join("docs/tables/bench.md"))]);
+        arguments.extend(["--write".to_owned(), path(&tree::root().join("docs/tables/bench.md"))]);
     }
     accuracy::program("bench", &arguments.iter().map(String::as_str).collect::<Vec<_>>())
 }
@@ -68,7 +65,7 @@ pub fn identify() -> Result<()> {
     let problem = folder.join("identify.json");
     let path = problem.to_string_lossy().into_owned();
     accuracy::program("identify", &["--bench", &path])?;
-    let script = workspace::root().join("tests/python/identify_scipy.py");
+    let script = tree::root().join("tests/python/identify_scipy.py");
     process::run(
         Command::new(python::environment(&folder.join("python"), IMPORTS, REQUIREMENTS, true)?)
             .arg(script)
@@ -80,7 +77,7 @@ pub fn identify() -> Result<()> {
 
 /// Where the comparison keeps its files.
 fn folder() -> Result<PathBuf> {
-    let folder = Workspace::read(&workspace::root())?.target.join("bench");
+    let folder = Workspace::read(&tree::root())?.target.join("bench");
     std::fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
     Ok(folder)
 }

@@ -1,7 +1,7 @@
 //! Speed and memory of exporting a long recording, beside a plain Python reader of the same one.
 
 use crate::{
-    process, python,
+    process, python, tree,
     workspace::{self, Workspace},
 };
 use anyhow::{Context, Result, bail};
@@ -47,7 +47,7 @@ struct Measured {
 pub fn run(options: &Options) -> Result<()> {
     let python = python::files_environment()?;
     let inerter = workspace::installed()?;
-    let folder = Workspace::read(&workspace::root())?.target.join("files");
+    let folder = Workspace::read(&tree::root())?.target.join("files");
     fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
     println!("simulating {DURATION_S} s at {RATE_HZ} Hz into {}", folder.display());
     let rate = RATE_HZ.to_string();
@@ -59,7 +59,7 @@ pub fn run(options: &Options) -> Result<()> {
             .stderr(Stdio::null())
             .current_dir(&folder),
     )?;
-    let script = workspace::root().join("tests/python/read_recording.py");
+    let script = tree::root().join("tests/python/read_recording.py");
     let reader = || -> Result<f64> {
         let seconds = PYTHON_S.to_string();
         let mut command = Command::new(&python);
@@ -91,7 +91,7 @@ pub fn run(options: &Options) -> Result<()> {
     let table = table(&all, python_s, size_mb);
     println!("\n{table}");
     if options.update {
-        fs::write(workspace::root().join(TABLE), &table).with_context(|| format!("cannot write {TABLE}"))?;
+        fs::write(tree::root().join(TABLE), &table).with_context(|| format!("cannot write {TABLE}"))?;
     }
     for Measured { what, seconds, peak_mb, .. } in &all {
         if peak_mb.is_some_and(|peak| peak >= MEMORY_MB) {

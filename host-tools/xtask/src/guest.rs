@@ -14,7 +14,7 @@
 //! their version in their name and old ones vanish, so the name is asked for, not known.
 
 use crate::{
-    process, setup,
+    process, setup, tree,
     workspace::{self, Workspace},
 };
 use anyhow::{Context, Result, bail, ensure};
@@ -89,7 +89,7 @@ pub fn obstacle() -> Option<String> {
 
 /// Where all of it lies.
 fn folder() -> Result<PathBuf> {
-    Ok(Workspace::read(&workspace::root())?.target.join("guest"))
+    Ok(Workspace::read(&tree::root())?.target.join("guest"))
 }
 
 /// What is made of the packages.

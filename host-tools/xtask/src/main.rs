@@ -23,6 +23,8 @@ mod size;
 mod source;
 mod suite;
 mod table;
+mod toolchain;
+mod tree;
 mod workspace;
 
 use clap::{Parser, Subcommand};

@@ -4,7 +4,7 @@
 //! `/proc` tells what it used. The figures are this machine's, with whatever else it is doing.
 
 use crate::{
-    process, table,
+    process, table, tree,
     workspace::{self, Workspace},
 };
 use anyhow::{Context, Result, bail};
@@ -61,7 +61,7 @@ pub fn run(options: &Options) -> Result<()> {
         bail!("this reads /proc: it runs on Linux only");
     }
     let program = workspace::installed()?;
-    let folder = Workspace::read(&workspace::root())?.target.join("monitor-load");
+    let folder = Workspace::read(&tree::root())?.target.join("monitor-load");
     fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
     let recording = folder.join("run.mcap");
     let (_device, address) = device(&program)?;

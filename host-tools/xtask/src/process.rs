@@ -12,7 +12,7 @@ use std::{
 /// The cargo that started this program.
 pub fn cargo() -> Command {
     let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-    command.current_dir(crate::workspace::root());
+    command.current_dir(crate::tree::root());
     command
 }
 

@@ -1,7 +1,7 @@
 //! The snippets of docs/PYTHON.md, run as they stand against a fresh recording; and Pythons with packages.
 
 use crate::{
-    process,
+    process, tree,
     workspace::{self, Workspace},
 };
 use anyhow::{Context, Result, bail};
@@ -22,7 +22,7 @@ const PAGE: &str = "docs/PYTHON.md";
 
 /// Runs them with the program of the tests. Where the packages cannot be had they are skipped with a word, unless `CI` is set.
 pub fn run() -> Result<()> {
-    let folder = Workspace::read(&workspace::root())?.target.join("python");
+    let folder = Workspace::read(&tree::root())?.target.join("python");
     let python = match files_environment() {
         Ok(python) => python,
         Err(reason) if std::env::var_os("CI").is_none() => {
@@ -33,7 +33,7 @@ pub fn run() -> Result<()> {
     };
     let inerter = workspace::tested("inerter")?;
     fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
-    let page = fs::read_to_string(workspace::root().join(PAGE)).with_context(|| format!("cannot read {PAGE}"))?;
+    let page = fs::read_to_string(tree::root().join(PAGE)).with_context(|| format!("cannot read {PAGE}"))?;
     let snippets = snippets(&page)?;
     for line in commands(&page) {
         let mut words = line.split_whitespace();
@@ -49,7 +49,7 @@ pub fn run() -> Result<()> {
             bail!("{PAGE}, snippet {}: it printed\n{printed}and the page says\n{expected}", number + 1);
         }
     }
-    let check = workspace::root().join("tests/python/check_mat.py");
+    let check = tree::root().join("tests/python/check_mat.py");
     process::run(Command::new(&python).arg(check).args(["run.mat", "run.parquet"]).current_dir(&folder))?;
     println!("{} snippets of {PAGE} print what it says", snippets.len());
     Ok(())
@@ -83,7 +83,7 @@ fn commands(page: &str) -> impl Iterator<Item = &str> {
 
 /// A Python with the packages that read our files.
 pub fn files_environment() -> Result<PathBuf> {
-    let folder = Workspace::read(&workspace::root())?.target.join("python").join("environment");
+    let folder = Workspace::read(&tree::root())?.target.join("python").join("environment");
     environment(&folder, IMPORTS, REQUIREMENTS, false)
 }
 
@@ -105,7 +105,7 @@ pub fn environment(folder: &Path, imports: &str, requirements: &str, alone: bool
     let mut pip = Command::new(&python);
     pip.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check"]);
     // What a package only names and never uses stays away.
-    pip.args(alone.then_some("--no-deps")).arg("--requirement").arg(workspace::root().join(requirements));
+    pip.args(alone.then_some("--no-deps")).arg("--requirement").arg(tree::root().join(requirements));
     process::run(&mut pip).context("the packages could not be installed")?;
     Ok(python)
 }
@@ -124,7 +124,7 @@ mod tests {
 
     #[test]
     fn the_page_has_commands_and_snippets() {
-        let page = fs::read_to_string(workspace::root().join(PAGE)).unwrap();
+        let page = fs::read_to_string(tree::root().join(PAGE)).unwrap();
         assert!(snippets(&page).unwrap().len() >= 3);
         assert!(commands(&page).all(|line| line.starts_with("inerter ")) && commands(&page).count() >= 2);
     }

@@ -6,7 +6,7 @@
 //! The firmware's compiler is the first of: this Rust with the target that rustup adds; this Rust with `rust-src`, which
 //! compiles the core library itself; Debian's `rustc-web` with `rust-web-src` and `lld`, where there is no rustup.
 
-use crate::{firmware, process, workspace::FIRMWARE_TARGET};
+use crate::{process, toolchain::Toolchain, tree::FIRMWARE_TARGET};
 use anyhow::{Context, Result, bail};
 use std::{
     fs,
@@ -108,7 +108,7 @@ impl Need {
     /// What was found, or why it does not do.
     fn found(self) -> Result<String, String> {
         match self {
-            Self::Firmware => firmware::Toolchain::find()
+            Self::Firmware => Toolchain::find()
                 .map(|toolchain| toolchain.describe())
                 .ok_or(format!("no compiled core library for {FIRMWARE_TARGET} and no source to compile it from")),
             Self::Rustfmt => process::first_line(process::cargo().args(["fmt", "--version"])).ok_or("not there".into()),
@@ -163,7 +163,7 @@ fn install_target() -> Result<()> {
         if let Err(error) = attempt() {
             println!("  {error:#}");
         }
-        if firmware::Toolchain::find().is_some() {
+        if Toolchain::find().is_some() {
             return Ok(());
         }
     }

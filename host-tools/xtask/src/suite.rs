@@ -1,6 +1,9 @@
 //! Everything that continuous integration asks for, in order, with a summary at the end.
 
-use crate::{accuracy, arrows, firmware, guest, icount, panics, process, python, setup, size, table, workspace};
+use crate::{
+    accuracy, arrows, firmware, guest, icount, panics, process, python, setup, size, table, toolchain::Toolchain, tree,
+    workspace,
+};
 use anyhow::{Result, bail};
 use std::time::{Duration, Instant};
 
@@ -225,7 +228,7 @@ fn lint_host() -> Result<()> {
 }
 
 fn lint_firmware() -> Result<()> {
-    let Some(toolchain) = firmware::Toolchain::find() else { bail!("no compiler for the firmware") };
+    let Some(toolchain) = Toolchain::find() else { bail!("no compiler for the firmware") };
     if !toolchain.is_own() {
         println!("not linted: the distribution's compiler builds the firmware here, and this clippy is another's");
         return Ok(());
@@ -233,7 +236,7 @@ fn lint_firmware() -> Result<()> {
     let denied = ["--", "--deny", "warnings", "--deny", "clippy::undocumented_unsafe_blocks"];
     let mut command = toolchain.cargo("clippy");
     command.arg("--locked");
-    for package in LIBRARIES.iter().chain(firmware::PACKAGES) {
+    for package in LIBRARIES.iter().chain(tree::FIRMWARE_PACKAGES) {
         command.args(["--package", package]);
     }
     process::run(command.args(denied))?;

@@ -3,7 +3,7 @@
 //! A table is a Markdown file under `docs/tables` whose rows read `| name | value | unit | goal |`. The limits are two-sided: a figure
 //! that becomes much better is suspect too, since it may have stopped being measured.
 
-use crate::workspace;
+use crate::tree;
 use anyhow::{Context, Result, bail};
 use std::{fmt::Write, fs, path::PathBuf};
 
@@ -86,7 +86,7 @@ impl Table {
 
     /// Where the table is kept.
     pub fn path(&self) -> PathBuf {
-        workspace::root().join("docs/tables").join(self.name).with_extension("md")
+        tree::root().join("docs/tables").join(self.name).with_extension("md")
     }
 
     /// Prints the figures.
@@ -100,7 +100,7 @@ impl Table {
     /// Writes the table.
     pub fn write(&self) -> Result<()> {
         let path = self.path();
-        fs::create_dir_all(workspace::root().join("docs/tables"))?;
+        fs::create_dir_all(tree::root().join("docs/tables"))?;
         fs::write(&path, self.markdown()).with_context(|| format!("cannot write {}", path.display()))?;
         println!("{}: written {}", self.name, path.display());
         Ok(())

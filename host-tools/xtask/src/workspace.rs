@@ -1,25 +1,12 @@
 //! What `cargo metadata` says of the workspace, and the program made from it.
 
-use crate::{firmware, process};
+use crate::{process, tree};
 use anyhow::{Context, Result, bail};
 use serde_json::Value;
 use std::{
     path::{Path, PathBuf},
     process::Command,
 };
-
-/// The triple of every Cortex-M4F image.
-pub const FIRMWARE_TARGET: &str = "thumbv7em-none-eabihf";
-
-/// The workspace's root folder.
-pub fn root() -> PathBuf {
-    // This file's crate lies two folders below the root. The run-time variable comes first, so that a moved tree works.
-    let here = std::env::var_os("CARGO_MANIFEST_DIR")
-        .map(PathBuf::from)
-        .filter(|path| path.ends_with("host-tools/xtask"))
-        .unwrap_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")));
-    here.ancestors().nth(2).map(Path::to_path_buf).unwrap_or(here)
-}
 
 /// One member of the workspace.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -108,7 +95,7 @@ fn text<'a>(value: &'a Value, field: &str) -> Result<&'a str> {
 pub fn on_host(command: &str) -> Command {
     let mut cargo = process::cargo();
     cargo.args([command, "--workspace", "--locked"]);
-    for package in firmware::PACKAGES {
+    for package in tree::FIRMWARE_PACKAGES {
         cargo.args(["--exclude", package]);
     }
     cargo
@@ -130,17 +117,12 @@ pub fn installed() -> Result<PathBuf> {
 /// Where cargo leaves a program.
 fn program(name: &str, folder: &str) -> Result<PathBuf> {
     let file = format!("{name}{}", std::env::consts::EXE_SUFFIX);
-    Ok(Workspace::read(&root())?.target.join(folder).join(file))
+    Ok(Workspace::read(&tree::root())?.target.join(folder).join(file))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_root_holds_the_workspace() {
-        assert!(root().join("memory.x").is_file());
-    }
 
     #[test]
     fn a_field_that_is_missing_is_named() {
