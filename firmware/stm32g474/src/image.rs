@@ -37,12 +37,12 @@ type Transmitter = LinkTransmitter<'static, usb::Transmitter, lpuart::Transmitte
 
 #[embassy_executor::task]
 async fn sampling(app: &'static App, source: &'static mut Source) -> ! {
-    app.sampling(source).await
+    inerter_app::sampling(app, source).await
 }
 
 #[embassy_executor::task]
 async fn estimating(app: &'static App, state: &'static mut State, active: &'static mut Active) -> ! {
-    app.estimating(state, active).await
+    inerter_app::estimating(app, state, active).await
 }
 
 #[embassy_executor::task]
@@ -53,12 +53,12 @@ async fn commands(
     identity: &'static Identity<'static>,
     in_use: &'static mut InUse,
 ) -> ! {
-    app.commands(link, store, identity, in_use, true).await
+    inerter_app::commands(app, link, store, identity, in_use, true).await
 }
 
 #[embassy_executor::task]
 async fn telemetry(app: &'static App, link: &'static mut Transmitter) {
-    let restart = app.telemetry(link).await;
+    let restart = inerter_app::telemetry(app, link).await;
     // The reply shall arrive.
     join(usb::drain(), lpuart::drain()).await;
     match restart {
@@ -75,7 +75,13 @@ async fn usb_device(app: &'static App, device: usb::Device) -> ! {
 /// Health figures, LED, watchdog, and the reset button's memory.
 #[embassy_executor::task]
 async fn supervise(app: &'static App, platform: Platform, led: Output<'static>, clock: ClockSource) {
-    join4(app.health_reports(platform), led::show(led, clock, app), watchdog::watch(app), reset::forget_press()).await;
+    join4(
+        inerter_app::health_reports(app, platform),
+        led::show(led, clock, app),
+        watchdog::watch(app),
+        reset::forget_press(),
+    )
+    .await;
 }
 
 /// Takes thread mode for itself after a while, so that the watchdog has something to do.
