@@ -20,8 +20,10 @@ pub mod catalogue;
 mod command;
 mod crc;
 mod frame;
+mod messages;
 pub mod protocol;
 mod record;
+mod refusal;
 mod samples;
 mod settings;
 
@@ -31,13 +33,10 @@ pub use frame::{
     Corruption, Counts, DELIMITER, EncodeError, Frame, FrameReader, MAX_FRAME, MAX_PAYLOAD, Message, Peek,
     SequenceCounter, encode, encode_record, encode_request,
 };
+pub use messages::WIRE_VERSION;
 pub use record::{
-    Capabilities, ClockSource, Done, Event, EventKind, Fault, Health, Hello, Record, Refusal, Reply, ResetCause,
-    SettingFault, Source, Text,
+    Capabilities, ClockSource, Done, Event, EventKind, Fault, Health, Hello, Record, Reply, ResetCause, Source, Text,
 };
+pub use refusal::{Refusal, SettingFault};
 pub use samples::{DecodeError, Full, Iter, Samples, SamplesBuilder};
 pub use settings::{MAX_SETTINGS, Reading, SettingValue, SettingsValues};
-
-/// Version of the numbers and layouts in this crate. It changes only when an existing one changes its meaning;
-/// what is added at the end of a list leaves it alone.
-pub const WIRE_VERSION: u16 = 1;
