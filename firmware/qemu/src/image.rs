@@ -123,6 +123,6 @@ unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
 #[panic_handler]
 fn panic(info: &core::panic::PanicInfo) -> ! {
     cortex_m::interrupt::disable();
-    semihosting::complain(format_args!("{info}"));
+    semihosting::print_error(format_args!("{info}"));
     semihosting::exit(PANICKED)
 }

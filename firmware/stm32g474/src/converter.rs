@@ -29,11 +29,11 @@ const RATIO: Ratiometric = match Ratiometric::new(EXCITATION) {
 /// Force code of a bridge without its excitation: the rail, which the estimator leaves out.
 const NO_FORCE: i32 = -0x80_0000;
 /// No edge in this time: the converter stands still.
-const STILL: Duration = Duration::from_millis(20);
+const EDGE_LIMIT: Duration = Duration::from_millis(20);
 /// Frames and edges are compared once in so many conversions.
-const COMPARED: u16 = 1_000;
+const CONVERSIONS_PER_CHECK: u16 = 1_000;
 /// Edges that may come while the two are brought together.
-const HURRIED: usize = 3;
+const RESYNCHRONISATIONS: usize = 3;
 
 /// The front end.
 pub struct Converter {
@@ -53,7 +53,7 @@ pub struct Converter {
     unseen: bool,
     /// Not read for a while: no wonder that edges were missed.
     paused: bool,
-    until_compared: u16,
+    until_check: u16,
 }
 
 impl Converter {
@@ -71,7 +71,7 @@ impl Converter {
             latest: None,
             unseen: false,
             paused: true,
-            until_compared: COMPARED,
+            until_check: CONVERSIONS_PER_CHECK,
         }
     }
 
@@ -104,7 +104,7 @@ impl Converter {
     pub async fn read(&mut self, into: &mut [RawSample]) -> Result<usize, SourceError> {
         let Some(place) = into.first_mut() else { return Ok(0) };
         loop {
-            let Ok(edge) = with_timeout(STILL, self.ready.edge()).await else {
+            let Ok(edge) = with_timeout(EDGE_LIMIT, self.ready.edge()).await else {
                 self.set_up().await?;
                 return Err(SourceError::Misaligned);
             };
@@ -112,7 +112,7 @@ impl Converter {
             let paused = core::mem::take(&mut self.paused);
             if edge.missed || paused {
                 // The chip holds conversions of edges before.
-                self.bring_together().await?;
+                self.resynchronise_chip().await?;
                 if paused {
                     continue;
                 }
@@ -122,7 +122,7 @@ impl Converter {
             let position = self.position.push(edge.count);
             match result {
                 Ok(conversion) => {
-                    self.compare().await?;
+                    self.check_backlog().await?;
                     if let (true, Some(position)) = (conversion.settled, position) {
                         led::note_samples();
                         *place = sample(index, position, &conversion);
@@ -132,7 +132,7 @@ impl Converter {
                 Err(error) => match error.recovery() {
                     Recovery::Continue => {}
                     Recovery::Resynchronise => {
-                        self.bring_together().await?;
+                        self.resynchronise_chip().await?;
                         return Err(SourceError::Misaligned);
                     }
                     Recovery::Initialise => {
@@ -171,17 +171,17 @@ impl Converter {
     async fn set_up(&mut self) -> Result<(), SourceError> {
         self.anchor = None;
         self.position.reset();
-        self.until_compared = COMPARED;
+        self.until_check = CONVERSIONS_PER_CHECK;
         self.chip.init(&mut Delay).await.map_err(|_| SourceError::Unreadable)?;
         self.ready.clear();
         Ok(())
     }
 
     /// Empties the chip until it holds nothing and no edge has come meanwhile.
-    async fn bring_together(&mut self) -> Result<(), SourceError> {
+    async fn resynchronise_chip(&mut self) -> Result<(), SourceError> {
         self.position.reset();
         self.unseen = true;
-        for _ in 0..HURRIED {
+        for _ in 0..RESYNCHRONISATIONS {
             self.ready.clear();
             self.chip.resynchronise(&mut Delay).await.map_err(|_| SourceError::Unreadable)?;
             if !self.ready.is_latched() {
@@ -192,16 +192,16 @@ impl Converter {
     }
 
     /// Now and then, makes sure that the chip holds nothing after a read: else frames would be a period late.
-    async fn compare(&mut self) -> Result<(), SourceError> {
-        self.until_compared -= 1;
-        if self.until_compared > 0 {
+    async fn check_backlog(&mut self) -> Result<(), SourceError> {
+        self.until_check -= 1;
+        if self.until_check > 0 {
             return Ok(());
         }
-        self.until_compared = COMPARED;
+        self.until_check = CONVERSIONS_PER_CHECK;
         if self.chip.drain().await == Ok(0) {
             return Ok(());
         }
-        self.bring_together().await?;
+        self.resynchronise_chip().await?;
         Err(SourceError::Misaligned)
     }
 }
