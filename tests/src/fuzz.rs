@@ -19,12 +19,14 @@ mod corpus;
 mod device;
 mod judge;
 mod make;
+mod requests;
 mod shrink;
 
 pub use corpus::{Expected, Item, corpus, made as made_corpus, write as write_corpus};
 pub use device::{Conditions, End, Link, Played, play, with_probe};
-pub use judge::{Requests, judge, outcome};
+pub use judge::{judge, outcome};
 pub use make::{Noise, Stream, stream};
+pub use requests::Requests;
 pub use shrink::shrink;
 
 /// What is wrong with the device's answer to `stream`.

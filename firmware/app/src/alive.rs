@@ -1,6 +1,5 @@
 //! Signs of life for a watchdog.
 
-use crate::app::App;
 use core::pin::Pin;
 use core::sync::atomic::{AtomicU8, Ordering};
 use embassy_futures::select::{Either, select};
@@ -34,18 +33,16 @@ impl Heartbeats {
     pub fn all_since_last(&self) -> bool {
         self.0.swap(0, Ordering::Relaxed) & ALL == ALL
     }
-}
 
-impl App {
     /// This task goes on.
-    pub(crate) fn beat(&self, task: Task) {
-        self.heartbeats.0.fetch_or(task as u8, Ordering::Relaxed);
+    pub fn beat(&self, task: Task) {
+        self.0.fetch_or(task as u8, Ordering::Relaxed);
     }
 
     /// Waits for something that ends by itself, with signs of life of this task.
     ///
     /// By reference: a future that is handed over is kept twice.
-    pub(crate) async fn patiently<F: Future>(&self, task: Task, mut future: Pin<&mut F>) -> F::Output {
+    pub async fn with_heartbeat<F: Future>(&self, task: Task, mut future: Pin<&mut F>) -> F::Output {
         loop {
             match select(future.as_mut(), Timer::after(BEAT)).await {
                 Either::First(output) => return output,

@@ -1,25 +1,19 @@
-//! The queues between the tasks, and all tasks in one future.
+//! What the tasks share: queues, signals and flags.
 
-use crate::QUEUE;
 use crate::alive::{Heartbeats, Task};
-use crate::board::{Board, Platform, SampleSource, SourceError, Store};
-use crate::estimating::{Control, ControlDone};
+use crate::board::SourceError;
 use crate::links::LinkState;
-use crate::queue::SampleQueue;
-use crate::settings::load_settings;
-use crate::telemetry::{Batched, Outgoing, Restart};
+use crate::messages::{Batched, Control, ControlDone, Outgoing};
+use crate::queue::{QUEUE, SampleQueue};
 use core::cell::{Cell, RefCell};
 use core::future::poll_fn;
 use core::pin::pin;
 use core::sync::atomic::{AtomicBool, Ordering};
-use embassy_futures::join::join4;
-use embassy_futures::select::{Either, select};
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::{Channel, TrySendError};
 use embassy_sync::signal::Signal;
-use embedded_io_async::{Read, Write};
-use inerter_core::{Settings, SettingsError, State};
+use inerter_core::Settings;
 use inerter_wire::{Event, EventKind, Health, Samples, Source, Streams};
 
 /// Replies, events, estimates and sums that can wait for the link.
@@ -174,7 +168,7 @@ impl App {
                 if !self.source_waits() {
                     return self.note_dropped_frame();
                 }
-                self.patiently(by, pin!(poll_fn(|context| to.poll_ready_to_send(context)))).await;
+                self.heartbeats.with_heartbeat(by, pin!(poll_fn(|context| to.poll_ready_to_send(context)))).await;
             }
         }
     }
@@ -194,34 +188,5 @@ impl App {
 impl Default for App {
     fn default() -> Self {
         Self::new()
-    }
-}
-
-/// Runs the instrument until a host asks for a restart, which is left to the caller.
-///
-/// An error only when the board's default settings are not valid.
-pub async fn run<S, R, W, K, P>(
-    app: &App,
-    state: &mut State,
-    board: Board<'_, S, R, W, K, P>,
-) -> Result<Restart, SettingsError>
-where
-    S: SampleSource,
-    R: Read,
-    W: Write,
-    K: Store,
-    P: Platform,
-{
-    let Board { source, receiver, transmitter, mut store, platform, identity, defaults, autostart } = board;
-    let (mut in_use, mut active) = load_settings(&mut store, &identity, &defaults).await?;
-    let endless = join4(
-        app.sampling(source),
-        app.estimating(state, &mut active),
-        app.commands(receiver, store, &identity, &mut in_use, autostart),
-        app.health_reports(platform),
-    );
-    match select(app.telemetry(transmitter), endless).await {
-        Either::First(restart) => Ok(restart),
-        Either::Second((never, ..)) => never,
     }
 }

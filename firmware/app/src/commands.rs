@@ -1,12 +1,12 @@
 //! From requests to replies; owns the settings.
 
-use crate::BATCH;
 use crate::app::App;
 use crate::board::{Identity, SourceError, Store};
-use crate::estimating::{Control, ControlDone, Tare};
 use crate::logging::log;
+use crate::messages::{Control, ControlDone, Outgoing, Restart};
+use crate::queue::BATCH;
 use crate::settings::{InUse, concerns_source, needs_reset};
-use crate::telemetry::{Outgoing, Restart};
+use crate::tare::Tare;
 use core::future::pending;
 use embassy_time::{Duration, Timer, with_timeout};
 use embedded_io_async::Read;
@@ -38,51 +38,49 @@ struct Commands<'a, K> {
     injected: bool,
 }
 
-impl App {
-    /// Answers requests. Nothing that arrives on the link can do more than be refused or counted as a bad frame.
-    pub async fn commands(
-        &self,
-        mut link: impl Read,
-        store: impl Store,
-        identity: &Identity<'_>,
-        in_use: &mut InUse,
-        autostart: bool,
-    ) -> ! {
-        let mut commands = Commands { app: self, store, identity, in_use, accepted: 0, injected: false };
-        let _ = commands.configure(&commands.in_use.settings).await;
-        if !self.link.is_mute() {
-            commands.greet().await;
-        }
-        // A source that did not come up has been told of, or will be.
-        if autostart && self.source_is_ready() {
-            let _ = commands.start().await;
-        }
-        let mut frames = FrameReader::<Request>::new();
-        let mut buffer = [0; READ];
-        loop {
-            let mut input = match link.read(&mut buffer).await {
-                Ok(count @ 1..) => buffer.get(..count).unwrap_or_default(),
-                Ok(0) | Err(_) => {
-                    Timer::after(RETRY).await;
-                    continue;
+/// Answers requests. Nothing that arrives on the link can do more than be refused or counted as a bad frame.
+pub async fn commands(
+    app: &App,
+    mut link: impl Read,
+    store: impl Store,
+    identity: &Identity<'_>,
+    in_use: &mut InUse,
+    autostart: bool,
+) -> ! {
+    let mut commands = Commands { app, store, identity, in_use, accepted: 0, injected: false };
+    let _ = commands.configure(&commands.in_use.settings).await;
+    if !app.link.is_mute() {
+        commands.greet().await;
+    }
+    // A source that did not come up has been told of, or will be.
+    if autostart && app.source_is_ready() {
+        let _ = commands.start().await;
+    }
+    let mut frames = FrameReader::<Request>::new();
+    let mut buffer = [0; READ];
+    loop {
+        let mut input = match link.read(&mut buffer).await {
+            Ok(count @ 1..) => buffer.get(..count).unwrap_or_default(),
+            Ok(0) | Err(_) => {
+                Timer::after(RETRY).await;
+                continue;
+            }
+        };
+        while let Some(frame) = frames.read(&mut input) {
+            let is_request = matches!(&frame, Frame::Message { .. } | Frame::Unknown { request: Some(_), .. });
+            if is_request && app.link.note_request() && !app.is_greeted() {
+                commands.greet().await;
+            }
+            // By reference from here on: a request moved into a future is kept there once more.
+            match &frame {
+                Frame::Message { message, .. } => commands.serve(message).await,
+                Frame::Unknown { request: Some(id), .. } => commands.reply(*id, Err(Refusal::Unsupported)).await,
+                Frame::Unknown { .. } | Frame::Corrupt(_) => {
+                    log!(warn, "bad frame");
+                    app.note(|health| health.bad_frames = health.bad_frames.saturating_add(1));
                 }
-            };
-            while let Some(frame) = frames.read(&mut input) {
-                let is_request = matches!(&frame, Frame::Message { .. } | Frame::Unknown { request: Some(_), .. });
-                if is_request && self.link.hear() && !self.is_greeted() {
-                    commands.greet().await;
-                }
-                // By reference from here on: a request moved into a future is kept there once more.
-                match &frame {
-                    Frame::Message { message, .. } => commands.serve(message).await,
-                    Frame::Unknown { request: Some(id), .. } => commands.reply(*id, Err(Refusal::Unsupported)).await,
-                    Frame::Unknown { .. } | Frame::Corrupt(_) => {
-                        log!(warn, "bad frame");
-                        self.note(|health| health.bad_frames = health.bad_frames.saturating_add(1));
-                    }
-                    // The host knows which of its requests got no reply.
-                    Frame::Lost { .. } | Frame::Restarted | Frame::ForeignVersion { .. } => {}
-                }
+                // The host knows which of its requests got no reply.
+                Frame::Lost { .. } | Frame::Restarted | Frame::ForeignVersion { .. } => {}
             }
         }
     }
@@ -94,22 +92,22 @@ impl<K: Store> Commands<'_, K> {
         let start = self.identity.start;
         let hung = matches!(start.cause, ResetCause::Watchdog | ResetCause::WindowWatchdog);
         let silent_source = !self.app.source_is_ready() && self.identity.capabilities.contains(Capabilities::SAMPLER);
-        self.of_start(EventKind::Started).await;
+        self.start_event(EventKind::Started).await;
         self.app.urgent.send(Outgoing::Hello(self.hello())).await;
-        self.of_start(EventKind::ResetBy(start.cause)).await;
+        self.start_event(EventKind::ResetBy(start.cause)).await;
         if let Some(message) = start.panic {
-            self.of_start(EventKind::Panicked(Hello::text(message))).await;
+            self.start_event(EventKind::Panicked(Hello::text(message))).await;
         }
         let faults =
             [hung.then_some(Fault::Watchdog), self.in_use.fault, silent_source.then_some(Fault::SourceUnreadable)];
         for fault in faults.into_iter().flatten() {
-            self.of_start(EventKind::Fault(fault)).await;
+            self.start_event(EventKind::Fault(fault)).await;
         }
         self.app.urgent.send(Outgoing::Greeted).await;
     }
 
     /// Sends an event that belongs before the first sample.
-    async fn of_start(&self, kind: EventKind) {
+    async fn start_event(&self, kind: EventKind) {
         self.app.urgent.send(Outgoing::Event(Event { index: 0, kind })).await;
     }
 
@@ -122,13 +120,13 @@ impl<K: Store> Commands<'_, K> {
         };
         let result = match &restart {
             Some((_, needed)) => self.require(*needed).map(|()| Done::Plain),
-            None => self.obey(command).await,
+            None => self.execute(command).await,
         };
         self.reply(*id, result).await;
         if let (Some((restart, _)), Ok(_)) = (restart, result) {
             log!(info, "restart");
             self.app.urgent.send(Outgoing::Restart(restart)).await;
-            // Nothing behind it is obeyed: it would be cut off.
+            // No request after it is executed: its reply would be cut off.
             pending::<()>().await;
         }
     }
@@ -145,7 +143,7 @@ impl<K: Store> Commands<'_, K> {
         if self.identity.capabilities.contains(needed) { Ok(()) } else { Err(Refusal::Unsupported) }
     }
 
-    async fn obey(&mut self, command: &Command) -> Result<Done, Refusal> {
+    async fn execute(&mut self, command: &Command) -> Result<Done, Refusal> {
         match command {
             Command::Hello => self.app.urgent.send(Outgoing::Hello(self.hello())).await,
             Command::ReadSettings => self.app.urgent.send(Outgoing::Settings(self.in_use.settings)).await,
@@ -203,7 +201,7 @@ impl<K: Store> Commands<'_, K> {
         }
     }
 
-    /// Asks something of the estimator; [`obeyed`](Self::obeyed) waits until it is done.
+    /// Asks something of the estimator; [`control_done`](Self::control_done) waits until it is done.
     ///
     /// Not one future with it, which would keep the large ones twice.
     fn control(&self, control: Control) {
@@ -212,13 +210,13 @@ impl<K: Store> Commands<'_, K> {
     }
 
     /// Waits for what the estimator does at once.
-    async fn obeyed(&self) {
+    async fn control_done(&self) {
         while self.app.control_done.wait().await != ControlDone::Plain {}
     }
 
     async fn reset(&mut self) {
         self.control(Control::Reset);
-        self.obeyed().await;
+        self.control_done().await;
         self.event(EventKind::EstimatorReset).await;
     }
 
@@ -245,7 +243,7 @@ impl<K: Store> Commands<'_, K> {
             was_sampling = self.app.queue.halt_sampler();
             // No batch holds samples from before and after.
             self.control(Control::Flush);
-            self.obeyed().await;
+            self.control_done().await;
             if self.configure(settings).await.is_err() {
                 self.resume(was_sampling).await;
                 return Err(Refusal::Source);
@@ -254,7 +252,7 @@ impl<K: Store> Commands<'_, K> {
         let reset = needs_reset(&self.in_use.settings, settings);
         let active = settings.validate().map_err(refusal)?;
         self.control(Control::Use { active, reset });
-        self.obeyed().await;
+        self.control_done().await;
         self.in_use.settings = *settings;
         if reset {
             self.event(EventKind::EstimatorReset).await;
@@ -294,7 +292,7 @@ impl<K: Store> Commands<'_, K> {
             }
             _ => {
                 self.control(Control::CancelTare);
-                self.obeyed().await;
+                self.control_done().await;
                 Err(Refusal::NoSamples)
             }
         }
@@ -358,7 +356,7 @@ impl<K: Store> Commands<'_, K> {
             return Err(Refusal::NotInjecting);
         }
         self.control(Control::Finish);
-        self.obeyed().await;
+        self.control_done().await;
         self.app.queue.change_source(Source::Stopped);
         let (accepted, free) = self.credit();
         Ok(Done::Injected { accepted, free })

@@ -1,40 +1,19 @@
 //! From samples to estimates; the only task that touches the estimator.
 
-use crate::BATCH;
 use crate::alive::{BEAT, Task};
 use crate::app::App;
 use crate::logging::log;
-use crate::queue::Taken;
-use crate::telemetry::Outgoing;
+use crate::messages::{Control, ControlDone, Outgoing};
+use crate::queue::{BATCH, Taken};
+use crate::tare::Tare;
 use core::pin::pin;
 use embassy_futures::select::{Either3, select3};
 use embassy_time::{Duration, Instant, Timer};
-use inerter_core::{Active, Bank, Change, Counters, Estimate, Gap, RawSample, Settings, State};
+use inerter_core::{Active, Bank, Change, Counters, Estimate, Gap, RawSample, State};
 use inerter_wire::{Event, EventKind, SamplesBuilder};
 
 /// How long raw samples wait for a full batch.
 const FLUSH_AFTER: Duration = Duration::from_millis(50);
-
-/// What the commands ask of the estimator. It is done between two batches, and answered by a [`ControlDone`].
-#[allow(clippy::large_enum_variant, reason = "only one exists at a time")]
-pub(crate) enum Control {
-    /// Put other settings in use.
-    Use {
-        active: Active,
-        /// Forget what was gathered under the ones before.
-        reset: bool,
-    },
-    /// Hand on the raw samples that wait for a full batch.
-    Flush,
-    /// Forget everything.
-    Reset,
-    /// Average the force code over so many samples that are not saturated.
-    Tare(Tare),
-    /// Give the averaging up.
-    CancelTare,
-    /// Take every sample that waits, then publish a final estimate.
-    Finish,
-}
 
 /// What is left of a [`Control`] that takes time.
 enum Rest {
@@ -42,33 +21,6 @@ enum Rest {
     Flush,
     Tare,
     Finish,
-}
-
-/// The answer to a [`Control`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum ControlDone {
-    /// Done.
-    Plain,
-    /// The averaged force code, for a tare that has run its course.
-    Tared { force_code: i32 },
-}
-
-/// Force codes on the way to their average.
-pub(crate) struct Tare {
-    wanted: u32,
-    /// Codes from here on, both ways, are saturated and do not count.
-    least_code: i32,
-    greatest_code: i32,
-    taken: u32,
-    sum: i64,
-}
-
-impl Tare {
-    /// To average so many samples under these settings.
-    pub fn new(samples: u32, settings: &Settings) -> Self {
-        let (least_code, greatest_code) = (settings.force_min_code as i32, settings.force_max_code as i32);
-        Self { wanted: samples.max(1), least_code, greatest_code, taken: 0, sum: 0 }
-    }
 }
 
 /// What is to be told, in this order.
@@ -105,37 +57,35 @@ struct Estimating<'a> {
     due: Due,
 }
 
-impl App {
-    /// Takes samples through the estimator and hands on what it says. `state` is reset first.
-    pub async fn estimating(&self, state: &mut State, active: &mut Active) -> ! {
-        let mut estimating = Estimating {
-            app: self,
-            state,
-            active,
-            before: Counters::default(),
-            tare: None,
-            batch: SamplesBuilder::new(),
-            flush_at: None,
-            until_sums: 0,
-            next_sums: Bank::Fast,
-            due: Due::default(),
-        };
-        estimating.reset();
-        let mut samples = [RawSample::default(); BATCH];
-        loop {
-            self.beat(Task::Estimating);
-            let wake = Timer::at(estimating.wake_at());
-            match select3(self.control.wait(), self.queue.take(&mut samples), wake).await {
-                Either3::First(control) => {
-                    let rest = estimating.control(control);
-                    estimating.finish(rest, &mut samples).await;
-                }
-                Either3::Second(Taken::Samples(count)) => {
-                    estimating.take(samples.get(..count).unwrap_or_default()).await;
-                }
-                Either3::Second(Taken::Ended) => estimating.end(self.streams().estimates).await,
-                Either3::Third(()) => estimating.flush_when_due().await,
+/// Takes samples through the estimator and hands on what it says. `state` is reset first.
+pub async fn estimating(app: &App, state: &mut State, active: &mut Active) -> ! {
+    let mut estimating = Estimating {
+        app,
+        state,
+        active,
+        before: Counters::default(),
+        tare: None,
+        batch: SamplesBuilder::new(),
+        flush_at: None,
+        until_sums: 0,
+        next_sums: Bank::Fast,
+        due: Due::default(),
+    };
+    estimating.reset();
+    let mut samples = [RawSample::default(); BATCH];
+    loop {
+        app.heartbeats.beat(Task::Estimating);
+        let wake = Timer::at(estimating.wake_at());
+        match select3(app.control.wait(), app.queue.take(&mut samples), wake).await {
+            Either3::First(control) => {
+                let rest = estimating.control(control);
+                estimating.finish(rest, &mut samples).await;
             }
+            Either3::Second(Taken::Samples(count)) => {
+                estimating.take(samples.get(..count).unwrap_or_default()).await;
+            }
+            Either3::Second(Taken::Ended) => estimating.end(app.streams().estimates).await,
+            Either3::Third(()) => estimating.flush_when_due().await,
         }
     }
 }
@@ -254,13 +204,7 @@ impl Estimating<'_> {
 
     fn add_to_tare(&mut self, sample: &RawSample) {
         let Some(tare) = &mut self.tare else { return };
-        if sample.force_code <= tare.least_code || sample.force_code >= tare.greatest_code {
-            return;
-        }
-        tare.taken += 1;
-        tare.sum += i64::from(sample.force_code);
-        if tare.taken >= tare.wanted {
-            let force_code = rounded_mean(tare.sum, tare.taken);
+        if let Some(force_code) = tare.add(sample.force_code) {
             self.tare = None;
             self.app.control_done.signal(ControlDone::Tared { force_code });
         }
@@ -281,7 +225,7 @@ impl Estimating<'_> {
     async fn end(&mut self, with_estimate: bool) {
         self.flush().await;
         let sent = pin!(self.app.samples_are_sent());
-        self.app.patiently(Task::Estimating, sent).await;
+        self.app.heartbeats.with_heartbeat(Task::Estimating, sent).await;
         let any = self.state.counters().samples > 0;
         self.due.estimate = (any && with_estimate).then(|| self.active.estimate(self.state));
         self.due.detail = self.due.estimate.is_some();
@@ -329,27 +273,5 @@ impl Estimating<'_> {
             }
         }
         self.app.control_done.signal(ControlDone::Plain);
-    }
-}
-
-/// Mean of `count` numbers that add up to `sum`, rounded half away from zero.
-fn rounded_mean(sum: i64, count: u32) -> i32 {
-    let count = i64::from(count.max(1));
-    let half = if sum < 0 { -(count / 2) } else { count / 2 };
-    ((sum + half) / count) as i32
-}
-
-#[cfg(test)]
-mod tests {
-    use super::rounded_mean;
-
-    #[test]
-    fn the_mean_rounds_half_away_from_zero() {
-        assert_eq!(rounded_mean(5, 2), 3);
-        assert_eq!(rounded_mean(-5, 2), -3);
-        assert_eq!(rounded_mean(7, 3), 2);
-        assert_eq!(rounded_mean(-8, 3), -3);
-        assert_eq!(rounded_mean(i64::from(i32::MIN) * 500, 500), i32::MIN);
-        assert_eq!(rounded_mean(0, 0), 0);
     }
 }

@@ -15,8 +15,8 @@
 //!                                            health ---once a second---^
 //! ```
 //!
-//! [`App`] holds the queues between the tasks, [`run`] joins the tasks into one future for any executor. A board that
-//! wants them apart, say sampling at a higher priority, spawns the methods of [`App`] one by one.
+//! Each task is a function; an [`App`] holds the queues between them. [`run`] joins the tasks into one future for any
+//! executor. A board that wants them apart, say sampling at a higher priority, spawns them one by one.
 //! All memory is static: an [`App`] and an `inerter_core::State`.
 #![no_std]
 #![forbid(unsafe_code)]
@@ -33,24 +33,28 @@ mod estimating;
 mod health;
 pub mod links;
 mod logging;
+mod messages;
 mod queue;
+mod run;
 mod sampling;
 mod settings;
 pub mod store;
+mod tare;
 mod telemetry;
 
-pub use app::{App, run};
+pub use app::App;
 pub use board::{
     Board, Figures, Identity, Load, NoStore, Pace, Platform, SampleSource, SourceError, Start, Store, StoreError,
     accept_all,
 };
+pub use commands::commands;
+pub use estimating::estimating;
+pub use health::health_reports;
 pub use links::{LinkReceiver, LinkState, LinkTransmitter, Which};
+pub use messages::Restart;
+pub use queue::{BATCH, QUEUE};
+pub use run::run;
+pub use sampling::sampling;
 pub use settings::{InUse, load_settings};
 pub use store::FlashStore;
-pub use telemetry::Restart;
-
-/// Samples that a source hands over at once at most, and the most that are processed without a pause for commands.
-pub const BATCH: usize = inerter_wire::Samples::MAX_SAMPLES;
-
-/// Samples that can wait for the estimator: 64 ms at 4 kHz.
-pub const QUEUE: usize = 256;
+pub use telemetry::telemetry;

@@ -6,7 +6,7 @@
 //! - *mute*: a link on which no host has said anything valid since it was opened. Nothing is sent there: a terminal that
 //!   was just opened echoes what it receives, and some other program may have it open.
 //!
-//! What arrives on the link that is not in use is dropped, so that no request waits there to be obeyed later.
+//! What arrives on the link that is not in use is dropped, so that no request waits there to be executed later.
 //! At the beginning of a session the reader finds one delimiter and the writer sends one: a fragment of the
 //! session before spoils nothing.
 
@@ -146,7 +146,7 @@ impl LinkState {
     }
 
     /// A valid request has arrived with the bytes that were read last: the link is mute no longer. Whether it was.
-    pub(crate) fn hear(&self) -> bool {
+    pub(crate) fn note_request(&self) -> bool {
         self.with(|inner| {
             if !inner.is_mute() || inner.read_in != inner.session {
                 return false;

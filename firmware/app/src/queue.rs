@@ -11,7 +11,13 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::waitqueue::WakerRegistration;
 use heapless::Deque;
 use inerter_core::RawSample;
-use inerter_wire::Source;
+use inerter_wire::{Samples, Source};
+
+/// Samples that a source hands over at once at most, and the most that are processed without a pause for commands.
+pub const BATCH: usize = Samples::MAX_SAMPLES;
+
+/// Samples that can wait for the estimator: 64 ms at 4 kHz.
+pub const QUEUE: usize = 256;
 
 /// The queue; `N` samples wait at most.
 pub(crate) struct SampleQueue<const N: usize> {

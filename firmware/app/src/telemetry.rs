@@ -9,15 +9,12 @@
 use crate::alive::{BEAT, Task};
 use crate::app::App;
 use crate::logging::log;
+use crate::messages::{Outgoing, Restart};
 use core::pin::pin;
 use embassy_futures::select::{Either3, select3};
 use embassy_time::{Duration, Timer, with_timeout};
 use embedded_io_async::Write;
-use inerter_core::{Detail, Estimate, Gap, MoreSums, Settings, Sums};
-use inerter_wire::{
-    DELIMITER, Event, EventKind, Health, Hello, MAX_FRAME, Record, Reply, Samples, SequenceCounter, SettingsValues,
-    encode_record,
-};
+use inerter_wire::{DELIMITER, Event, EventKind, MAX_FRAME, Record, SequenceCounter, SettingsValues, encode_record};
 
 /// Time for a frame on a link whose reader reads.
 const WRITE_LIMIT: Duration = Duration::from_millis(1_000);
@@ -25,36 +22,6 @@ const WRITE_LIMIT: Duration = Duration::from_millis(1_000);
 const STALLED_WRITE_LIMIT: Duration = Duration::from_millis(10);
 /// Greatest jump of the sequence: half of its range would look like a restart.
 const GREATEST_JUMP: u32 = 0x7000;
-
-/// What a host asked for, to be done by whoever runs the app.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Restart {
-    /// Restart.
-    Reboot,
-    /// Restart into the chip's firmware update mode.
-    Dfu,
-}
-
-/// What goes before raw samples: small forms of the records, as many of them wait in a queue.
-pub(crate) enum Outgoing {
-    Hello(Hello),
-    Estimate(Estimate),
-    Detail(Detail),
-    Gap(Gap),
-    Health(Health),
-    Event(Event),
-    Reply(Reply),
-    Settings(Settings),
-    Sums(Sums),
-    MoreSums(MoreSums),
-    /// All that a host must know of the start has gone before this, from [`EventKind::Started`] on.
-    Greeted,
-    /// Everything before this has been sent: end.
-    Restart(Restart),
-}
-
-/// What goes after everything else: raw samples, or the wish to know that all before it have been sent.
-pub(crate) type Batched = Option<Samples>;
 
 struct Sender<'a, W> {
     app: &'a App,
@@ -75,52 +42,50 @@ struct Sender<'a, W> {
     buffer: [u8; MAX_FRAME + 1],
 }
 
-impl App {
-    /// Sends what the other tasks hand over, beginning with [`EventKind::Started`], until a restart is due.
-    pub async fn telemetry(&self, link: impl Write) -> Restart {
-        let mut sender = Sender {
-            app: self,
-            link,
-            sequence: SequenceCounter::new(),
-            begun: false,
-            intact: false,
-            session: self.link.session(),
-            accounted: 0,
-            stalled: false,
-            unfinished: true,
-            buffer: [DELIMITER; MAX_FRAME + 1],
-        };
-        loop {
-            self.beat(Task::Telemetry);
-            let record = match select3(self.urgent.receive(), self.batches.receive(), Timer::after(BEAT)).await {
-                Either3::First(outgoing) => match outgoing {
-                    Outgoing::Hello(hello) => Record::Hello(hello),
-                    Outgoing::Estimate(estimate) => Record::Estimate(estimate),
-                    Outgoing::Detail(detail) => Record::Detail(detail),
-                    Outgoing::Gap(gap) => Record::Gap(gap),
-                    Outgoing::Health(health) => Record::Health(health),
-                    Outgoing::Event(event) => Record::Event(event),
-                    Outgoing::Reply(reply) => Record::Reply(reply),
-                    Outgoing::Settings(settings) => Record::Settings(SettingsValues::from(&settings)),
-                    Outgoing::Sums(sums) => Record::Sums(sums),
-                    Outgoing::MoreSums(sums) => Record::MoreSums(sums),
-                    Outgoing::Greeted => {
-                        if sender.intact {
-                            self.set_greeted();
-                        }
-                        continue;
+/// Sends what the other tasks hand over, beginning with [`EventKind::Started`], until a restart is due.
+pub async fn telemetry(app: &App, link: impl Write) -> Restart {
+    let mut sender = Sender {
+        app,
+        link,
+        sequence: SequenceCounter::new(),
+        begun: false,
+        intact: false,
+        session: app.link.session(),
+        accounted: 0,
+        stalled: false,
+        unfinished: true,
+        buffer: [DELIMITER; MAX_FRAME + 1],
+    };
+    loop {
+        app.heartbeats.beat(Task::Telemetry);
+        let record = match select3(app.urgent.receive(), app.batches.receive(), Timer::after(BEAT)).await {
+            Either3::First(outgoing) => match outgoing {
+                Outgoing::Hello(hello) => Record::Hello(hello),
+                Outgoing::Estimate(estimate) => Record::Estimate(estimate),
+                Outgoing::Detail(detail) => Record::Detail(detail),
+                Outgoing::Gap(gap) => Record::Gap(gap),
+                Outgoing::Health(health) => Record::Health(health),
+                Outgoing::Event(event) => Record::Event(event),
+                Outgoing::Reply(reply) => Record::Reply(reply),
+                Outgoing::Settings(settings) => Record::Settings(SettingsValues::from(&settings)),
+                Outgoing::Sums(sums) => Record::Sums(sums),
+                Outgoing::MoreSums(sums) => Record::MoreSums(sums),
+                Outgoing::Greeted => {
+                    if sender.intact {
+                        app.set_greeted();
                     }
-                    Outgoing::Restart(restart) => return restart,
-                },
-                Either3::Second(Some(samples)) => Record::Samples(samples),
-                Either3::Second(None) => {
-                    self.batches_sent.signal(());
                     continue;
                 }
-                Either3::Third(()) => continue,
-            };
-            sender.send(&record).await;
-        }
+                Outgoing::Restart(restart) => return restart,
+            },
+            Either3::Second(Some(samples)) => Record::Samples(samples),
+            Either3::Second(None) => {
+                app.batches_sent.signal(());
+                continue;
+            }
+            Either3::Third(()) => continue,
+        };
+        sender.send(&record).await;
     }
 }
 
@@ -164,7 +129,7 @@ impl<W: Write> Sender<'_, W> {
         let bytes = self.buffer.get(usize::from(!self.unfinished)..=length).unwrap_or_default();
         let limit = if self.stalled { STALLED_WRITE_LIMIT } else { WRITE_LIMIT };
         let writing = pin!(with_timeout(limit, write_all(&mut self.link, bytes)));
-        let result = self.app.patiently(Task::Telemetry, writing).await.unwrap_or(Err(Failed));
+        let result = self.app.heartbeats.with_heartbeat(Task::Telemetry, writing).await.unwrap_or(Err(Failed));
         if result.is_err() && !self.stalled {
             log!(warn, "link stalled");
         }

@@ -48,27 +48,27 @@ impl Platform for Machine {
 
 #[embassy_executor::task]
 async fn sampling(source: FileSource) {
-    APP.sampling(source).await
+    inerter_app::sampling(&APP, source).await
 }
 
 #[embassy_executor::task]
 async fn estimating(state: &'static mut State, mut active: Active) {
-    APP.estimating(state, &mut active).await
+    inerter_app::estimating(&APP, state, &mut active).await
 }
 
 #[embassy_executor::task]
 async fn commands(link: usart::Receiver, mut in_use: InUse) {
-    APP.commands(link, NoStore, &IDENTITY, &mut in_use, false).await
+    inerter_app::commands(&APP, link, NoStore, &IDENTITY, &mut in_use, false).await
 }
 
 #[embassy_executor::task]
 async fn health() {
-    APP.health_reports(Machine { load: Load::default() }).await
+    inerter_app::health_reports(&APP, Machine { load: Load::default() }).await
 }
 
 #[embassy_executor::task]
 async fn telemetry(link: usart::Transmitter) {
-    match APP.telemetry(link).await {
+    match inerter_app::telemetry(&APP, link).await {
         Restart::Reboot | Restart::Dfu => {
             let (free, total) = (stack::free_bytes(), stack::total_bytes());
             let used = total - free;
@@ -123,6 +123,6 @@ unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
 #[panic_handler]
 fn panic(info: &core::panic::PanicInfo) -> ! {
     cortex_m::interrupt::disable();
-    semihosting::complain(format_args!("{info}"));
+    semihosting::print_error(format_args!("{info}"));
     semihosting::exit(PANICKED)
 }

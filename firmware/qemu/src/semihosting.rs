@@ -41,7 +41,7 @@ pub fn print(line: core::fmt::Arguments) {
 }
 
 /// Prints a line on QEMU's standard error.
-pub fn complain(line: core::fmt::Arguments) {
+pub fn print_error(line: core::fmt::Arguments) {
     if let Ok(mut out) = hio::hstderr() {
         let _ = writeln!(out, "{line}");
     }

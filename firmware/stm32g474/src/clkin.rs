@@ -1,16 +1,17 @@
 //! The converter's clock: TIM1 makes 8 MHz of the core's clock, when it is wanted.
 
-use crate::boards;
-use crate::converter::CLOCK_HZ;
+use crate::boards::clock::CORE_HZ;
 use embassy_stm32::gpio::{AfType, Flex, OutputType, Speed};
 use embassy_stm32::pac::timer::vals::Ocm;
 use embassy_stm32::pac::{RCC, TIM1};
 use embassy_stm32::timer::{Ch1, TimerPin};
 use embassy_stm32::{Peri, peripherals};
 
+/// The clock, in Hz: 168 MHz / 21.
+pub const HZ: u32 = 8_000_000;
 /// Core clocks in a period: 21. High for 10 of them: 48 %, the converter takes 40 to 60.
-const PERIOD: u16 = (boards::CORE_HZ / CLOCK_HZ) as u16;
-const _: () = assert!(PERIOD as u32 * CLOCK_HZ == boards::CORE_HZ);
+const PERIOD: u16 = (CORE_HZ / HZ) as u16;
+const _: () = assert!(PERIOD as u32 * HZ == CORE_HZ);
 
 /// The clock, low until it starts.
 pub struct Clkin {

@@ -1,6 +1,7 @@
-//! The clocks, from the crystal when there is one that swings.
+//! The clocks, from the crystal when it runs.
 
-use crate::boards::{self, Oscillator};
+use crate::boards;
+use crate::boards::clock::Oscillator;
 use embassy_stm32::pac::pwr::regs::Cr5;
 use embassy_stm32::pac::{PWR, RCC};
 use embassy_stm32::{Config, Peripherals, rcc};
@@ -8,23 +9,23 @@ use inerter_wire::ClockSource;
 
 /// Looks at the crystal, for 100 ms: at least 5 cycles of the 16 MHz that the core runs from then. It needs 2 ms
 /// (DS12288, table 41).
-const LOOKS: u32 = 320_000;
+const POLLS: u32 = 320_000;
 
 /// Starts all clocks and says what they run from.
 pub fn start() -> (ClockSource, Peripherals) {
     RCC.cr().modify(|w| w.set_hseon(true));
-    let swings = (0..LOOKS).any(|_| RCC.cr().read().hserdy());
+    let crystal_runs = (0..POLLS).any(|_| RCC.cr().read().hserdy());
     // At the 16 MHz of the chip's own oscillator first. From here to `reinit` the clock of embassy-time must not come
     // to half a turn of its timer, 33 ms, as `reinit` sets the timer back and not what was counted of its turns.
     let mut peripherals = embassy_stm32::init(Config::default());
     // Range 1 boost, for more than 150 MHz (RM0440 6.4.5: R1MODE, bit 8, to 0; the register has no other).
     // stm32-metapac 21 has the bit in another place, so what embassy-stm32 does about it has no effect.
     PWR.cr5().write_value(Cr5(0));
-    let oscillator = if swings { boards::crystal() } else { Oscillator::INTERNAL };
+    let oscillator = if crystal_runs { boards::crystal() } else { Oscillator::INTERNAL };
     rcc::reinit(oscillator.clocks(), &mut peripherals.RCC);
-    if swings {
+    if crystal_runs {
         // A crystal that stops raises NMI, and does not pass unnoticed.
         RCC.cr().modify(|w| w.set_csson(true));
     }
-    (if swings { ClockSource::Crystal } else { ClockSource::Internal }, peripherals)
+    (if crystal_runs { ClockSource::Crystal } else { ClockSource::Internal }, peripherals)
 }

@@ -5,7 +5,7 @@
 //! excitation. A damaged frame, a lost edge or a chip that was reset is put right and becomes a gap; how many samples
 //! it cost the clock says, which is also the converter's.
 
-use crate::clkin::Clkin;
+use crate::clkin::{self, Clkin};
 use crate::led;
 use crate::ready::{Edge, Ready};
 use crate::spi::Device;
@@ -15,8 +15,6 @@ use embassy_time::{Delay, Duration, Instant, with_timeout};
 use inerter_app::SourceError;
 use inerter_core::{RawSample, Settings};
 
-/// Clock of the converter, in Hz: 168 MHz / 21.
-pub const CLOCK_HZ: u32 = 8_000_000;
 /// Samples a second that can be had: periods of 1024, 512 and 256 us.
 pub const RATES_HZ: &[f64] = &[976.5625, 1_953.125, 3_906.25];
 
@@ -31,11 +29,11 @@ const RATIO: Ratiometric = match Ratiometric::new(EXCITATION) {
 /// Force code of a bridge without its excitation: the rail, which the estimator leaves out.
 const NO_FORCE: i32 = -0x80_0000;
 /// No edge in this time: the converter stands still.
-const STILL: Duration = Duration::from_millis(20);
+const EDGE_LIMIT: Duration = Duration::from_millis(20);
 /// Frames and edges are compared once in so many conversions.
-const COMPARED: u16 = 1_000;
+const CONVERSIONS_PER_CHECK: u16 = 1_000;
 /// Edges that may come while the two are brought together.
-const HURRIED: usize = 3;
+const RESYNCHRONISATIONS: usize = 3;
 
 /// The front end.
 pub struct Converter {
@@ -55,13 +53,13 @@ pub struct Converter {
     unseen: bool,
     /// Not read for a while: no wonder that edges were missed.
     paused: bool,
-    until_compared: u16,
+    until_check: u16,
 }
 
 impl Converter {
     /// Says nothing to the chip yet.
     pub fn new(spi: Device, reset: Output<'static>, ready: Ready, clkin: Clkin) -> Self {
-        let config = Config { clkin_hz: CLOCK_HZ, gains: GAINS, ..Config::default() };
+        let config = Config { clkin_hz: clkin::HZ, gains: GAINS, ..Config::default() };
         Self {
             chip: Ads131m04::new(spi, reset, config),
             ready,
@@ -73,7 +71,7 @@ impl Converter {
             latest: None,
             unseen: false,
             paused: true,
-            until_compared: COMPARED,
+            until_check: CONVERSIONS_PER_CHECK,
         }
     }
 
@@ -85,7 +83,7 @@ impl Converter {
     /// Sets the chip up for the rate; its first sample has this index, whether that works or not.
     pub async fn configure(&mut self, settings: &Settings, index: u32) -> Result<(), SourceError> {
         self.index = index;
-        let osr = Osr::from_data_rate(CLOCK_HZ, settings.sample_rate_hz).ok_or(SourceError::Unreadable)?;
+        let osr = Osr::from_data_rate(clkin::HZ, settings.sample_rate_hz).ok_or(SourceError::Unreadable)?;
         self.clkin.start();
         self.set_up().await?;
         let config = Config { osr, ..*self.chip.config() };
@@ -106,7 +104,7 @@ impl Converter {
     pub async fn read(&mut self, into: &mut [RawSample]) -> Result<usize, SourceError> {
         let Some(place) = into.first_mut() else { return Ok(0) };
         loop {
-            let Ok(edge) = with_timeout(STILL, self.ready.edge()).await else {
+            let Ok(edge) = with_timeout(EDGE_LIMIT, self.ready.edge()).await else {
                 self.set_up().await?;
                 return Err(SourceError::Misaligned);
             };
@@ -114,7 +112,7 @@ impl Converter {
             let paused = core::mem::take(&mut self.paused);
             if edge.missed || paused {
                 // The chip holds conversions of edges before.
-                self.bring_together().await?;
+                self.resynchronise_chip().await?;
                 if paused {
                     continue;
                 }
@@ -124,7 +122,7 @@ impl Converter {
             let position = self.position.push(edge.count);
             match result {
                 Ok(conversion) => {
-                    self.compare().await?;
+                    self.check_backlog().await?;
                     if let (true, Some(position)) = (conversion.settled, position) {
                         led::note_samples();
                         *place = sample(index, position, &conversion);
@@ -134,7 +132,7 @@ impl Converter {
                 Err(error) => match error.recovery() {
                     Recovery::Continue => {}
                     Recovery::Resynchronise => {
-                        self.bring_together().await?;
+                        self.resynchronise_chip().await?;
                         return Err(SourceError::Misaligned);
                     }
                     Recovery::Initialise => {
@@ -173,17 +171,17 @@ impl Converter {
     async fn set_up(&mut self) -> Result<(), SourceError> {
         self.anchor = None;
         self.position.reset();
-        self.until_compared = COMPARED;
+        self.until_check = CONVERSIONS_PER_CHECK;
         self.chip.init(&mut Delay).await.map_err(|_| SourceError::Unreadable)?;
         self.ready.clear();
         Ok(())
     }
 
     /// Empties the chip until it holds nothing and no edge has come meanwhile.
-    async fn bring_together(&mut self) -> Result<(), SourceError> {
+    async fn resynchronise_chip(&mut self) -> Result<(), SourceError> {
         self.position.reset();
         self.unseen = true;
-        for _ in 0..HURRIED {
+        for _ in 0..RESYNCHRONISATIONS {
             self.ready.clear();
             self.chip.resynchronise(&mut Delay).await.map_err(|_| SourceError::Unreadable)?;
             if !self.ready.is_latched() {
@@ -194,23 +192,23 @@ impl Converter {
     }
 
     /// Now and then, makes sure that the chip holds nothing after a read: else frames would be a period late.
-    async fn compare(&mut self) -> Result<(), SourceError> {
-        self.until_compared -= 1;
-        if self.until_compared > 0 {
+    async fn check_backlog(&mut self) -> Result<(), SourceError> {
+        self.until_check -= 1;
+        if self.until_check > 0 {
             return Ok(());
         }
-        self.until_compared = COMPARED;
+        self.until_check = CONVERSIONS_PER_CHECK;
         if self.chip.drain().await == Ok(0) {
             return Ok(());
         }
-        self.bring_together().await?;
+        self.resynchronise_chip().await?;
         Err(SourceError::Misaligned)
     }
 }
 
 /// Whole microseconds, as the clock is 8 MHz.
 fn period(osr: Osr) -> Duration {
-    Duration::from_micros(u64::from(osr.period_clkin() / (CLOCK_HZ / 1_000_000)))
+    Duration::from_micros(u64::from(osr.period_clkin() / (clkin::HZ / 1_000_000)))
 }
 
 fn sample(index: u32, position_count: i32, conversion: &Conversion) -> RawSample {

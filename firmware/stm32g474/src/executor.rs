@@ -1,9 +1,13 @@
-//! The executor of thread mode: runs its tasks, sleeps when there is nothing to do, and knows for how long.
+//! The two executors.
+//!
+//! That of thread mode sleeps when there is nothing to do, and counts for how long. That of sampling runs in an interrupt,
+//! above thread mode and below every peripheral.
 
 use core::cell::Cell;
 use cortex_m::peripheral::SCB;
 use critical_section::Mutex;
-use embassy_executor::{Spawner, raw};
+use embassy_executor::{InterruptExecutor, SendSpawner, Spawner, raw};
+use embassy_stm32::interrupt::{self, InterruptExt, Priority, typelevel};
 use embassy_time::Instant;
 use static_cell::StaticCell;
 
@@ -12,8 +16,12 @@ const THREAD: *mut () = usize::MAX as *mut ();
 /// SCR.SEVONPEND: an interrupt that becomes pending ends WFE even while interrupts are masked (ARMv7-M, B3.2.7).
 const SEVONPEND: u32 = 1 << 4;
 
+/// Above thread mode, below every peripheral.
+const SAMPLING_PRIORITY: Priority = Priority::P6;
+
 static EXECUTOR: StaticCell<raw::Executor> = StaticCell::new();
 static IDLE_US: Mutex<Cell<u64>> = Mutex::new(Cell::new(0));
+static SAMPLING: InterruptExecutor = InterruptExecutor::new();
 
 /// The executor. There is one.
 pub struct Executor(&'static raw::Executor);
@@ -50,4 +58,20 @@ impl Executor {
 /// Time spent with nothing to do since the start, in microseconds.
 pub fn idle_us() -> u64 {
     critical_section::with(|cs| IDLE_US.borrow(cs).get())
+}
+
+/// The executor of sampling, as an interrupt: that of a peripheral that is not used.
+pub struct SamplingHandler;
+
+impl typelevel::Handler<typelevel::UART4> for SamplingHandler {
+    unsafe fn on_interrupt() {
+        // SAFETY: the interrupt is enabled by the executor's start.
+        unsafe { SAMPLING.on_interrupt() }
+    }
+}
+
+/// Starts the executor of sampling. To be called once.
+pub fn start_sampling() -> SendSpawner {
+    interrupt::UART4.set_priority(SAMPLING_PRIORITY);
+    SAMPLING.start(interrupt::UART4)
 }

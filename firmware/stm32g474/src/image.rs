@@ -1,44 +1,24 @@
 //! The device: start, tasks, and what happens at the end.
 
 use crate::boards::{self, Parts};
-use crate::executor::Executor;
+use crate::executor::{self, Executor};
 use crate::flash::{self, Pages};
 use crate::platform::Platform;
-use crate::ready::LatchHandler;
-use crate::rings::HalfHandler;
 use crate::source::{self, Source};
-use crate::spi::DoneHandler;
 use crate::temperature::Sensor;
 use crate::{clocks, defaults, identity, led, lpuart, options, panic, reset, stack, usb, watchdog};
-use cortex_m_rt::entry;
 use defmt_rtt as _;
-use embassy_executor::{InterruptExecutor, Spawner};
+use embassy_executor::Spawner;
 use embassy_futures::block_on;
 use embassy_futures::join::{join, join4};
 use embassy_stm32::gpio::Output;
-use embassy_stm32::interrupt::{self, InterruptExt, Priority};
-use embassy_stm32::{bind_interrupts, exti, peripherals};
 use embassy_time::Instant;
 use inerter_app::{App, FlashStore, Identity, InUse, LinkReceiver, LinkTransmitter, Restart, Start, load_settings};
 use inerter_core::{Active, State};
 use inerter_wire::{Capabilities, ClockSource, ResetCause};
 use static_cell::{ConstStaticCell, StaticCell};
 
-bind_interrupts!(pub struct Interrupts {
-    USB_LP => usb::DisturbanceHandler, embassy_stm32::usb::InterruptHandler<peripherals::USB>;
-    LPUART1 => lpuart::UartHandler;
-    EXTI9_5 => exti::InterruptHandler<interrupt::typelevel::EXTI9_5>;
-    DMA1_CHANNEL3 => HalfHandler;
-    DMA1_CHANNEL5 => DoneHandler;
-    TIM2 => LatchHandler;
-    // A peripheral that is not used lends its interrupt to the sampling tasks.
-    UART4 => SamplingExecutor;
-});
-
 defmt::timestamp!("{=u64:us}", Instant::now().as_micros());
-
-/// Above thread mode, below every peripheral.
-const SAMPLING_PRIORITY: Priority = Priority::P6;
 
 /// Made at the start, as its start values would take their place in flash too.
 static APP: StaticCell<App> = StaticCell::new();
@@ -51,29 +31,18 @@ static SOURCE: StaticCell<Source> = StaticCell::new();
 static STORE: StaticCell<FlashStore<Pages>> = StaticCell::new();
 static RECEIVER: StaticCell<Receiver> = StaticCell::new();
 static TRANSMITTER: StaticCell<Transmitter> = StaticCell::new();
-static SAMPLING: InterruptExecutor = InterruptExecutor::new();
 
 type Receiver = LinkReceiver<'static, usb::Receiver, lpuart::Receiver>;
 type Transmitter = LinkTransmitter<'static, usb::Transmitter, lpuart::Transmitter>;
 
-/// The executor of sampling, as an interrupt.
-pub struct SamplingExecutor;
-
-impl interrupt::typelevel::Handler<interrupt::typelevel::UART4> for SamplingExecutor {
-    unsafe fn on_interrupt() {
-        // SAFETY: the interrupt is enabled by the executor's start.
-        unsafe { SAMPLING.on_interrupt() }
-    }
-}
-
 #[embassy_executor::task]
 async fn sampling(app: &'static App, source: &'static mut Source) -> ! {
-    app.sampling(source).await
+    inerter_app::sampling(app, source).await
 }
 
 #[embassy_executor::task]
 async fn estimating(app: &'static App, state: &'static mut State, active: &'static mut Active) -> ! {
-    app.estimating(state, active).await
+    inerter_app::estimating(app, state, active).await
 }
 
 #[embassy_executor::task]
@@ -84,12 +53,12 @@ async fn commands(
     identity: &'static Identity<'static>,
     in_use: &'static mut InUse,
 ) -> ! {
-    app.commands(link, store, identity, in_use, true).await
+    inerter_app::commands(app, link, store, identity, in_use, true).await
 }
 
 #[embassy_executor::task]
 async fn telemetry(app: &'static App, link: &'static mut Transmitter) {
-    let restart = app.telemetry(link).await;
+    let restart = inerter_app::telemetry(app, link).await;
     // The reply shall arrive.
     join(usb::drain(), lpuart::drain()).await;
     match restart {
@@ -103,10 +72,16 @@ async fn usb_device(app: &'static App, device: usb::Device) -> ! {
     device.run(|open| app.link_state().set_open(open)).await
 }
 
-/// All that sees to the rest: figures, LED, watchdog, and the button's memory.
+/// Health figures, LED, watchdog, and the reset button's memory.
 #[embassy_executor::task]
-async fn keep_house(app: &'static App, platform: Platform, led: Output<'static>, clock: ClockSource) {
-    join4(app.health_reports(platform), led::show(led, clock, app), watchdog::watch(app), reset::forget_press()).await;
+async fn supervise(app: &'static App, platform: Platform, led: Output<'static>, clock: ClockSource) {
+    join4(
+        inerter_app::health_reports(app, platform),
+        led::show(led, clock, app),
+        watchdog::watch(app),
+        reset::forget_press(),
+    )
+    .await;
 }
 
 /// Takes thread mode for itself after a while, so that the watchdog has something to do.
@@ -119,7 +94,7 @@ async fn hang() {
     }
 }
 
-/// Sets everything up. Apart from `main`, whose stack stays.
+/// Sets everything up. Apart from [`run`], whose stack stays.
 #[inline(never)]
 fn set_up(spawner: Spawner) {
     let mut start = Start { cause: reset::begin(), panic: panic::take() };
@@ -154,23 +129,22 @@ fn set_up(spawner: Spawner) {
     let Ok((in_use, active)) = block_on(load_settings(store, identity, &defaults::settings(clock))) else {
         panic!("the default settings are not valid")
     };
-    interrupt::UART4.set_priority(SAMPLING_PRIORITY);
     let tasks = [
         telemetry(app, TRANSMITTER.init(transmitter)).map(|task| spawner.spawn(task)),
         estimating(app, STATE.take(), ACTIVE.init(active)).map(|task| spawner.spawn(task)),
         commands(app, RECEIVER.init(receiver), store, identity, IN_USE.init(in_use)).map(|task| spawner.spawn(task)),
-        keep_house(app, Platform::new(Sensor::new()), led, clock).map(|task| spawner.spawn(task)),
+        supervise(app, Platform::new(Sensor::new()), led, clock).map(|task| spawner.spawn(task)),
         usb_device(app, port.device).map(|task| spawner.spawn(task)),
         #[cfg(feature = "hang")]
         hang().map(|task| spawner.spawn(task)),
-        sampling(app, SOURCE.init(source)).map(|task| SAMPLING.start(interrupt::UART4).spawn(task)),
+        sampling(app, SOURCE.init(source)).map(|task| executor::start_sampling().spawn(task)),
     ];
     assert!(tasks.iter().all(Result::is_ok), "every task is spawned once");
 }
 
-#[entry]
-fn main() -> ! {
-    let Some(mut core) = cortex_m::Peripherals::take() else { panic!("main runs once") };
+/// Runs the instrument. To be called once, at the start.
+pub fn run() -> ! {
+    let Some(mut core) = cortex_m::Peripherals::take() else { panic!("the instrument starts once") };
     stack::guard(&mut core.MPU);
     let executor = Executor::new(&core.SCB);
     set_up(executor.spawner());

@@ -21,8 +21,8 @@ const STEPS: u16 = 10;
 // A second each, first step in the lowest bit.
 const NO_SAMPLES: u16 = 0b01_0101_0101;
 const NO_CRYSTAL: u16 = 0b00_0000_0101;
-const ALONE: u16 = 0b00_0000_0001;
-const LISTENED_TO: u16 = 0b00_0001_1111;
+const NO_HOST: u16 = 0b00_0000_0001;
+const HOST_PRESENT: u16 = 0b00_0001_1111;
 
 /// Samples have come since the LED looked.
 static SAMPLES: AtomicBool = AtomicBool::new(false);
@@ -42,9 +42,9 @@ pub async fn show(mut led: Output<'static>, clock: ClockSource, app: &App) -> ! 
         } else if clock == ClockSource::Internal {
             NO_CRYSTAL
         } else if app.link_state().is_mute() {
-            ALONE
+            NO_HOST
         } else {
-            LISTENED_TO
+            HOST_PRESENT
         };
         for step in 0..STEPS {
             led.set_level((pattern >> step & 1 == 1).into());

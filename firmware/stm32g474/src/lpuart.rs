@@ -3,7 +3,7 @@
 //! Bytes go through the interrupt and a pipe each way. There is no flow control: what nobody takes in time is lost,
 //! which the frames' checks notice. Source: RM0440 38.
 
-use crate::boards;
+use crate::boards::clock::CORE_HZ;
 use core::convert::Infallible;
 use embassy_stm32::gpio::{AfType, Flex, OutputType, Pull, Speed};
 use embassy_stm32::interrupt::typelevel::{Handler, Interrupt, LPUART1 as LpuartInterrupt};
@@ -18,7 +18,7 @@ use embedded_io_async::{ErrorType, Read, Write};
 /// Fast enough for every stream at 1 kHz, and within what the ST-Link V3E passes on (UM2505).
 const BAUD: u32 = 921_600;
 /// The divider counts 256ths (RM0440 38.4.7).
-const DIVIDER: u32 = ((256 * boards::CORE_HZ as u64 + BAUD as u64 / 2) / BAUD as u64) as u32;
+const DIVIDER: u32 = ((256 * CORE_HZ as u64 + BAUD as u64 / 2) / BAUD as u64) as u32;
 /// 11 ms of bytes.
 const RECEIVED_LENGTH: usize = 1024;
 const SENT_LENGTH: usize = 512;

@@ -1,19 +1,17 @@
-//! The instrument on the STM32G474.
-//!
-//! ```text
-//! cd firmware/stm32g474
-//! cargo build --release                                                   # NUCLEO-G474RE
-//! cargo build --release --no-default-features --features board-weact     # WeAct STM32G474
-//! cargo run --release                                                     # flashes by probe-rs and shows the log
-//! ```
-//!
-//! - *Boards*: `boards/*.rs` are the only files that name pins and clocks; wiring and bring-up are in docs/HARDWARE.md.
-//! - *Samples*: one 64 kHz timer event starts everything; see `rings.rs` and `sampler.rs`. Or an ADS131M04; see
-//!   `converter.rs`. The setting `front_end` chooses.
-//! - *Links*: USB CDC-ACM while its port is open, else LPUART1 (the ST-Link's serial port), the same protocol on both.
-//! - *Executors*: sampling runs in an interrupt above everything that may take its time; all else in thread mode.
-//! - *Memory*: static only. Settings lie in the last 16 KB of the second flash bank; what must outlive a reset
-//!   (panic message, wish for an update) in RAM that start-up does not touch.
+//! The program: see the library of the same name.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
-include!("modules.rs");
+#[cfg(target_os = "none")]
+#[cortex_m_rt::entry]
+fn main() -> ! {
+    inerter_stm32g474::run()
+}
+
+#[cfg(not(target_os = "none"))]
+fn main() {
+    eprintln!(
+        "inerter-stm32g474 runs on the STM32G474 only. Build it for the target:\n    \
+         cd firmware/stm32g474 && cargo build --release"
+    );
+    std::process::exit(2);
+}

@@ -33,12 +33,12 @@ enum Note {
 #[unsafe(link_section = ".uninit.note")]
 static mut NOTE: MaybeUninit<u32> = MaybeUninit::uninit();
 
-fn leave(note: Note) {
+fn set_note(note: Note) {
     // SAFETY: one word, written whole, from thread mode only.
     unsafe { ptr::write_volatile(ptr::addr_of_mut!(NOTE).cast(), note as u32) };
 }
 
-fn left(note: Note) -> bool {
+fn note_is(note: Note) -> bool {
     // SAFETY: one word of RAM, for which every content is valid; volatile, as the run before wrote it.
     note as u32 == unsafe { ptr::read_volatile(ptr::addr_of!(NOTE).cast()) }
 }
@@ -69,11 +69,11 @@ pub fn begin() -> ResetCause {
     } else {
         ResetCause::Unknown
     };
-    let again = left(Note::Pressed) && cause == ResetCause::Pin;
-    let wanted = left(Note::Update) && cause == ResetCause::Software;
-    leave(if cause == ResetCause::Pin { Note::Pressed } else { Note::Nothing });
+    let again = note_is(Note::Pressed) && cause == ResetCause::Pin;
+    let wanted = note_is(Note::Update) && cause == ResetCause::Software;
+    set_note(if cause == ResetCause::Pin { Note::Pressed } else { Note::Nothing });
     if again || wanted {
-        leave(Note::Nothing);
+        set_note(Note::Nothing);
         enter_rom();
     }
     cause
@@ -82,8 +82,8 @@ pub fn begin() -> ResetCause {
 /// Forgets the press of the button in time.
 pub async fn forget_press() {
     Timer::after_millis(DOUBLE_PRESS_MS).await;
-    if left(Note::Pressed) {
-        leave(Note::Nothing);
+    if note_is(Note::Pressed) {
+        set_note(Note::Nothing);
     }
 }
 
@@ -94,7 +94,7 @@ pub fn restart() -> ! {
 
 /// Restarts into the ROM's update mode.
 pub fn update() -> ! {
-    leave(Note::Update);
+    set_note(Note::Update);
     SCB::sys_reset()
 }
 

@@ -12,7 +12,8 @@
 //!
 //! Sources: RM0440 12 (DMA), 13 table 91 (DMAMUX), 21 (ADC; trigger 13 of table 163 is TIM6_TRGO), 29 and 31 (timers).
 
-use crate::{adc, boards};
+use crate::adc;
+use crate::boards::clock::{CORE_HZ, CORE_PER_US};
 use core::cell::UnsafeCell;
 use core::future::poll_fn;
 use core::ptr;
@@ -38,14 +39,14 @@ pub const HALF: usize = 256;
 const RING: usize = 2 * HALF;
 
 /// Timer ticks between two events.
-const TICKS: u32 = boards::CORE_HZ / ENTRIES_PER_S;
-const _: () = assert!(TICKS * ENTRIES_PER_S == boards::CORE_HZ && TICKS <= 0x1_0000);
+const TICKS: u32 = CORE_HZ / ENTRIES_PER_S;
+const _: () = assert!(TICKS * ENTRIES_PER_S == CORE_HZ && TICKS <= 0x1_0000);
 
 /// Timer ticks from an event until its codes are in the rings for certain: 0.95 us for the conversion, as much again
 /// for the transfers.
-const SETTLED: u16 = 2 * boards::CORE_PER_US as u16;
+const SETTLED: u16 = 2 * CORE_PER_US as u16;
 /// Looks at the rings, some 20 ticks each, until one falls between two events: more than [`SETTLED`].
-const LOOKS: usize = 64;
+const POLLS: usize = 64;
 
 // DMA channels, counted from 0 as the registers are.
 const COUNTS: usize = 0;
@@ -114,7 +115,7 @@ impl Half {
 
 /// Why a half cannot be used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Trouble {
+pub enum RingError {
     /// The reader came late: halves were written over.
     Late,
     /// A conversion was not fetched in time. The converters have stopped.
@@ -210,7 +211,7 @@ impl Rings {
     pub fn stop(&mut self) {
         TIM6.cr1().modify(|w| w.set_cen(false));
         // A conversion takes 0.95 us from the event, its transfer less.
-        cortex_m::asm::delay(2 * boards::CORE_PER_US);
+        cortex_m::asm::delay(2 * CORE_PER_US);
         TIM6.dier().write(|_| ());
         for adc in [ADC1, ADC2] {
             if adc.cr().read().adstart() {
@@ -224,7 +225,7 @@ impl Rings {
     }
 
     /// Waits until a half is full. The future may be dropped.
-    pub async fn full(&mut self) -> Result<Half, Trouble> {
+    pub async fn full(&mut self) -> Result<Half, RingError> {
         poll_fn(|context| {
             HALF_IS_FULL.register(context.waker());
             let result = self.check();
@@ -274,10 +275,10 @@ impl Rings {
         [ADC1, ADC2].iter().any(|adc| adc.isr().read().ovr())
     }
 
-    fn check(&self) -> Poll<Result<Half, Trouble>> {
+    fn check(&self) -> Poll<Result<Half, RingError>> {
         let flags = DMA1.isr().read();
         if [COUNTS, FORCES, TERMINALS].iter().any(|&channel| flags.teif(channel)) {
-            return Poll::Ready(Err(Trouble::Misaligned));
+            return Poll::Ready(Err(RingError::Misaligned));
         }
         let (first, second) = (flags.htif(TERMINALS), flags.tcif(TERMINALS));
         if !first && !second {
@@ -288,13 +289,13 @@ impl Rings {
             w.set_tcif(TERMINALS, second);
         });
         if self.are_overrun() {
-            return Poll::Ready(Err(Trouble::Overrun));
+            return Poll::Ready(Err(RingError::Overrun));
         }
         if !are_aligned() {
-            return Poll::Ready(Err(Trouble::Misaligned));
+            return Poll::Ready(Err(RingError::Misaligned));
         }
         let half = if first { Half::First } else { Half::Second };
-        Poll::Ready(if (first && second) || self.latest() != half { Err(Trouble::Late) } else { Ok(half) })
+        Poll::Ready(if (first && second) || self.latest() != half { Err(RingError::Late) } else { Ok(half) })
     }
 }
 
@@ -306,7 +307,7 @@ fn position(channel: usize) -> usize {
 /// Whether all rings are at the same entry. One more or less is a false damper: 47 N s/m for 300 kg at 16 Hz.
 fn are_aligned() -> bool {
     let tick = || TIM6.cnt().read().cnt();
-    for _ in 0..LOOKS {
+    for _ in 0..POLLS {
         let before = tick();
         let positions = [COUNTS, FORCES, TERMINALS].map(position);
         // No event between the two: the timer begins anew at each.

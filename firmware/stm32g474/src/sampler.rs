@@ -5,7 +5,7 @@
 //! sample counter stays right over it.
 
 use crate::led;
-use crate::rings::{ENTRIES_PER_S, HALF, Half, Rings, Trouble};
+use crate::rings::{ENTRIES_PER_S, HALF, Half, RingError, Rings};
 use embassy_time::{Duration, Instant, with_timeout};
 use heapless::Vec;
 use inerter_app::SourceError;
@@ -16,14 +16,14 @@ use inerter_core::{RawSample, Settings};
 pub const RATES_HZ: &[f64] = &[1_000.0, 2_000.0, 4_000.0];
 
 /// Samples of a half at the highest rate.
-const MOST: usize = HALF / 16;
+const SAMPLES_PER_HALF: usize = HALF / 16;
 /// Time that a half takes to fill.
 const HALF_TIME: Duration = Duration::from_micros(HALF as u64 * 1_000_000 / ENTRIES_PER_S as u64);
 const _: () = assert!(HALF_TIME.as_micros() * ENTRIES_PER_S as u64 == HALF as u64 * 1_000_000);
 /// No half in this time: the hardware stands still.
-const STILL: Duration = Duration::from_millis(20);
+const HALF_LIMIT: Duration = Duration::from_millis(20);
 /// Time for which it is started again and again before it counts as broken.
-const PATIENCE: Duration = Duration::from_millis(250);
+const RESTART_LIMIT: Duration = Duration::from_millis(250);
 
 /// The sampler.
 pub struct Sampler {
@@ -35,7 +35,7 @@ pub struct Sampler {
     /// When that half began; `None` where no time counts: before the first start, and between two rates.
     begun: Option<Instant>,
     /// Samples not handed out yet, from `given` on.
-    ready: Vec<RawSample, MOST>,
+    ready: Vec<RawSample, SAMPLES_PER_HALF>,
     given: usize,
     /// When the last good half was taken, or reading began.
     good: Instant,
@@ -98,12 +98,12 @@ impl Sampler {
             self.good = Instant::now();
             self.start();
         }
-        match with_timeout(STILL, self.rings.full()).await {
+        match with_timeout(HALF_LIMIT, self.rings.full()).await {
             Ok(Ok(half)) if half == self.next => self.take(half),
-            Ok(Ok(_) | Err(Trouble::Late)) => self.catch_up(),
-            Ok(Err(Trouble::Overrun)) => self.restart(SourceError::Overrun),
+            Ok(Ok(_) | Err(RingError::Late)) => self.catch_up(),
+            Ok(Err(RingError::Overrun)) => self.restart(SourceError::Overrun),
             Err(_) if self.rings.are_overrun() => self.restart(SourceError::Overrun),
-            Ok(Err(Trouble::Misaligned)) | Err(_) => self.restart(SourceError::Misaligned),
+            Ok(Err(RingError::Misaligned)) | Err(_) => self.restart(SourceError::Misaligned),
         }
     }
 
@@ -121,7 +121,7 @@ impl Sampler {
     /// Starts anew after trouble, unless there has been nothing else for long.
     fn restart(&mut self, why: SourceError) -> Result<(), SourceError> {
         self.halt();
-        if self.good.elapsed() > PATIENCE {
+        if self.good.elapsed() > RESTART_LIMIT {
             return Err(SourceError::Unreadable);
         }
         self.start();

@@ -8,7 +8,7 @@ use inerter_app::App;
 /// Time without a sign of life: 2000 periods of 32 kHz / 64, 4 s. The oscillator is good for 5 % or so (DS12288,
 /// table 46).
 const PERIODS: u16 = 2_000;
-const LOOK: Duration = Duration::from_millis(500);
+const CHECK_PERIOD: Duration = Duration::from_millis(500);
 
 /// Feeds the watchdog as long as sampling, estimating and telemetry all go on.
 pub async fn watch(app: &App) -> ! {
@@ -25,7 +25,7 @@ pub async fn watch(app: &App) -> ! {
         Timer::after_millis(1).await;
     }
     IWDG.kr().write(|w| w.set_key(Key::RESET));
-    let mut ticker = Ticker::every(LOOK);
+    let mut ticker = Ticker::every(CHECK_PERIOD);
     loop {
         ticker.next().await;
         if app.alive() {

@@ -1,6 +1,6 @@
 //! What a host asks of a device.
 
-use crate::protocol::messages;
+use crate::messages::messages;
 use crate::{Samples, SettingsValues};
 use serde::{Deserialize, Serialize};
 

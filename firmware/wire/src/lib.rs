@@ -22,8 +22,10 @@ mod command;
 mod crc;
 mod event;
 mod frame;
+mod messages;
 pub mod protocol;
 mod record;
+mod refusal;
 mod samples;
 mod settings;
 
@@ -34,29 +36,10 @@ pub use frame::{
     Corruption, Counts, DELIMITER, EncodeError, Frame, FrameReader, MAX_FRAME, MAX_PAYLOAD, Message, Peek,
     SequenceCounter, encode, encode_record, encode_request,
 };
+pub use messages::{VersionAdvice, WIRE_VERSION};
 pub use record::{
-    Capabilities, ClockSource, Done, Event, EventKind, Fault, Health, Hello, Record, Refusal, Reply, ResetCause,
-    SettingFault, Source, Text,
+    Capabilities, ClockSource, Done, Event, EventKind, Fault, Health, Hello, Record, Reply, ResetCause, Source, Text,
 };
+pub use refusal::{Refusal, SettingFault};
 pub use samples::{DecodeError, Full, Iter, Samples, SamplesBuilder};
 pub use settings::{MAX_SETTINGS, Reading, SettingValue, SettingsValues};
-
-/// Version of the numbers and layouts in this crate. It changes only when an existing one changes its meaning;
-/// what is added at the end of a list leaves it alone.
-pub const WIRE_VERSION: u16 = 1;
-
-/// What to do about a device or recording that speaks wire version `theirs`.
-pub struct VersionAdvice {
-    /// The other end's version.
-    pub theirs: u16,
-}
-
-impl core::fmt::Display for VersionAdvice {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        if self.theirs > WIRE_VERSION {
-            write!(f, "use a newer `inerter` program: one that speaks wire version {}", self.theirs)
-        } else {
-            write!(f, "update the firmware of the device to one that speaks wire version {WIRE_VERSION}")
-        }
-    }
-}

@@ -11,12 +11,7 @@ mod error;
 
 pub use error::ImageError;
 
-use std::{
-    collections::BTreeSet,
-    fs::File,
-    io::Read,
-    path::Path,
-};
+use std::{collections::BTreeSet, fs::File, io::Read, path::Path};
 
 use crate::board::{CODE, PAGE, SETTINGS, STACK};
 

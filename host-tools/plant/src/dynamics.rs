@@ -24,7 +24,7 @@
 //! recursion as `x2`, with no approximation but the degree; as their radius of convergence is not that of a linear
 //! device, the segment ends where the last coefficients pass `TAIL_M` and `TAIL`.
 
-use crate::excitation::{Node, Nodes};
+use crate::excitation::nodes::{Node, Nodes};
 use crate::polynomial::{LENGTH, Polynomial, curvature, first_fall, rebase, slope, value};
 use crate::{Excitation, Parameters, PlantError};
 

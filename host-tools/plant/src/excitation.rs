@@ -4,7 +4,7 @@
 //! `w` a window that leads in from rest and out to rest with three continuous derivatives. So the device starts, and
 //! passes from segment to segment, without a blow. Before the start and after the end the terminal rests at zero.
 
-mod nodes;
+pub(crate) mod nodes;
 mod parse;
 
 use std::f64::consts::{PI, SQRT_2, TAU};
@@ -13,8 +13,6 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{RngCore, SeedableRng};
 
 use crate::PlantError;
-
-pub(crate) use nodes::{Node, Nodes};
 
 /// Time to lead in from rest when nothing is said \[s\]: shorter than the fastest convergence that is measured.
 const RAMP_S: f64 = 0.2;
@@ -234,16 +232,6 @@ impl Excitation {
             "two" => Self::tones(vec![Tone::new(0.8, 8e-3), Tone::new(6.4, 0.8e-3)]),
             _ => return None,
         })
-    }
-
-    /// Understands a preset's name, a motion such as `sine:3.2Hz:4.16mm`, or a sequence such as `mid@20s;hold@5s;random`.
-    ///
-    /// Motions: `sine:F:A`, `tones:F:A,F:A,...`, `multi:LOW-HIGHHz:V`, `random:LOW-HIGHHz:V`, `chirp:LOW-HIGHHz:V:T`,
-    /// `hold`. Frequencies in Hz, amplitudes in m, mm or um, rms velocities in m/s, mm/s or um/s, times in s, ms or min.
-    /// A sequence is separated by `;` or `+`; each of its parts but the last needs a duration `@T` (a chirp has one).
-    /// `seed` is as for [`preset`](Self::preset); each part of a sequence draws its own tones from it.
-    pub fn parse(text: &str, seed: u64) -> Result<Self, PlantError> {
-        parse::excitation(text, seed)
     }
 
     /// Rest.

@@ -18,45 +18,51 @@ const BOARD_FOLDER: &str = "firmware/stm32g474";
 pub enum Image {
     /// For QEMU's netduinoplus2.
     Qemu,
-    /// The one that ships, for the WeAct board. Cargo gives it the name of the next one, so it is made first and copied.
+    /// The one that ships, for the WeAct board.
     Weact,
-    /// The one that ships, for the NUCLEO: what `cargo build --release` makes in its folder.
-    Board,
     /// The one that ships with a task that hangs, to see the watchdog at work.
     Hang,
+    /// The one that ships, for the NUCLEO: what `cargo build --release` makes in its folder.
+    Board,
 }
 
 impl Image {
-    /// Everything that the tests run.
-    pub const ALL: [Self; 4] = [Self::Qemu, Self::Weact, Self::Board, Self::Hang];
+    /// Everything that the tests run. The one that ships comes last: cargo gives its name to the others of the board too.
+    pub const ALL: [Self; 4] = [Self::Qemu, Self::Weact, Self::Hang, Self::Board];
 
     /// The variable through which tests learn where the image lies.
     pub const fn variable(self) -> &'static str {
         match self {
             Self::Qemu => "INERTER_QEMU_IMAGE",
             Self::Weact => "INERTER_STM32_WEACT_ELF",
-            Self::Board => "INERTER_STM32_ELF",
             Self::Hang => "INERTER_STM32_HANG_ELF",
+            Self::Board => "INERTER_STM32_ELF",
         }
     }
 
-    /// Name of the program.
+    /// Name of the program that cargo makes.
     const fn program(self) -> &'static str {
         match self {
             Self::Qemu => "inerter-qemu",
-            Self::Weact | Self::Board => "inerter-stm32g474",
-            Self::Hang => "inerter-stm32g474-hang",
+            Self::Weact | Self::Hang | Self::Board => "inerter-stm32g474",
+        }
+    }
+
+    /// File name of its own, for an image that is made under the name of the one that ships.
+    const fn file(self) -> Option<&'static str> {
+        match self {
+            Self::Qemu | Self::Board => None,
+            Self::Weact => Some("inerter-stm32g474-weact"),
+            Self::Hang => Some("inerter-stm32g474-hang"),
         }
     }
 
     const fn arguments(self) -> &'static [&'static str] {
         match self {
             Self::Qemu => &["--package", "inerter-qemu", "--profile", "firmware"],
-            Self::Weact => {
-                &["--release", "--no-default-features", "--features", "board-weact", "--bin", "inerter-stm32g474"]
-            }
-            Self::Board => &["--release", "--bin", "inerter-stm32g474"],
-            Self::Hang => &["--release", "--features", "hang", "--bin", "inerter-stm32g474-hang"],
+            Self::Weact => &["--release", "--no-default-features", "--features", "board-weact"],
+            Self::Hang => &["--release", "--features", "hang"],
+            Self::Board => &["--release"],
         }
     }
 }
@@ -79,11 +85,10 @@ pub fn build(image: Image) -> Result<PathBuf> {
     let program = image.program();
     let built = executable(&messages, program)
         .with_context(|| format!("cargo built no image; is {program} still a program?"))?;
-    if image != Image::Weact {
-        return Ok(built);
-    }
-    let own = built.with_file_name(format!("{program}-weact"));
-    fs::copy(&built, &own).with_context(|| format!("cannot write {}", own.display()))?;
+    let Some(file) = image.file() else { return Ok(built) };
+    // Moved, so that it never lies where the one that ships is looked for.
+    let own = built.with_file_name(file);
+    fs::rename(&built, &own).with_context(|| format!("cannot write {}", own.display()))?;
     Ok(own)
 }
 

@@ -342,7 +342,7 @@ mod tests {
         assert!(!of_estimator(
             "inerter_core::estimate::_::<impl serde_core::ser::Serialize for inerter_core::Bank>::serialize"
         ));
-        assert!(!of_estimator("inerter_app::app::run"));
+        assert!(!of_estimator("inerter_app::run::run"));
     }
 
     #[test]

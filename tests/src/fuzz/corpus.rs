@@ -15,9 +15,10 @@ use inerter_wire::{
 use std::{fs, io, path::PathBuf};
 
 use super::{
-    Conditions, Noise, Requests, Stream, judge,
-    make::{frame, payload, records, samples, stream, stuffed, varint},
-    outcome, play,
+    device::{Conditions, play, with_probe},
+    judge::{judge, outcome},
+    make::{Noise, Stream, frame, payload, records, samples, stream, stuffed, varint},
+    requests::Requests,
 };
 
 /// What a stream must lead to.
@@ -100,7 +101,7 @@ pub fn made() -> Result<Vec<Item>, String> {
             replies: replies.collect(),
         };
         // The probe is no part of the item.
-        let probe = Requests::read(&super::with_probe(&[])).intact.len();
+        let probe = Requests::read(&with_probe(&[])).intact.len();
         expected.replies.truncate(expected.replies.len().saturating_sub(probe));
         items.push(Item { name, bytes: stream.bytes, expected });
     }
@@ -171,7 +172,7 @@ fn streams() -> Vec<(String, Stream)> {
         _ => true,
     };
     let calm = (0..).map(|seed| (seed, stream(seed))).filter(|(_, stream)| {
-        let Requests { intact, bad_frames } = Requests::read(&super::with_probe(&stream.bytes));
+        let Requests { intact, bad_frames } = Requests::read(&with_probe(&stream.bytes));
         let telling = bad_frames >= 4 && intact.len() >= 8 && stream.bytes.len() < 4_000;
         telling && intact.iter().all(|(_, command)| command.as_ref().is_none_or(steady))
     });

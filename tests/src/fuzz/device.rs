@@ -31,8 +31,8 @@ use std::{
 };
 
 use super::{
-    judge::Requests,
     make::{Noise, request},
+    requests::Requests,
 };
 
 /// The mock clock is one for the whole process.

@@ -1,55 +1,12 @@
 //! What a device must have done.
 
 use inerter_core::Settings;
-use inerter_wire::{Command, Done, Frame, FrameReader, Record, Refusal, Reply, Request, SettingsValues, Source};
+use inerter_wire::{Command, Done, Record, Refusal, Reply, SettingsValues, Source};
 
 use super::{
-    Conditions, End, Played,
-    device::{PROBE, accepts, defaults, with_probe},
+    device::{Conditions, End, PROBE, Played, accepts, defaults, with_probe},
+    requests::{Requests, restarts},
 };
-
-/// What a stream holds, by a reader of its own.
-#[derive(Clone, Debug, Default)]
-pub struct Requests {
-    /// Intact requests in order: id, and the command where it is known.
-    pub intact: Vec<(u16, Option<Command>)>,
-    /// Frames that are damaged or hold nothing that can be answered.
-    pub bad_frames: u32,
-}
-
-impl Requests {
-    /// Those in a stream, which includes its probe.
-    pub fn read(stream: &[u8]) -> Self {
-        let mut requests = Self::default();
-        let mut reader = FrameReader::<Request>::new();
-        let mut input = stream;
-        while let Some(frame) = reader.read(&mut input) {
-            match frame {
-                Frame::Message { message: Request { id, command }, .. } => requests.intact.push((id, Some(command))),
-                Frame::Unknown { request: Some(id), .. } => requests.intact.push((id, None)),
-                Frame::Unknown { .. } | Frame::Corrupt(_) => requests.bad_frames += 1,
-                Frame::Lost { .. } | Frame::Restarted | Frame::ForeignVersion { .. } => {}
-            }
-        }
-        requests
-    }
-
-    /// Replies that are due: after a restart none is.
-    pub(super) fn replies(&self) -> usize {
-        let restart = self.intact.iter().position(|(_, command)| command.as_ref().is_some_and(restarts));
-        restart.map_or(self.intact.len(), |place| place + 1)
-    }
-
-    /// Requests that the device may take its time for.
-    pub(super) fn that_wait(&self) -> usize {
-        let waits = |command: &Command| matches!(command, Command::Tare | Command::Inject(_) | Command::InjectEnd);
-        self.intact.iter().filter(|(_, command)| command.as_ref().is_some_and(waits)).count()
-    }
-}
-
-fn restarts(command: &Command) -> bool {
-    matches!(command, Command::EnterDfu | Command::Reboot)
-}
 
 /// A reply in words that do not depend on time.
 pub fn outcome(result: &Result<Done, Refusal>) -> String {

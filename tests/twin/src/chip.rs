@@ -17,7 +17,8 @@ pub mod flash;
 pub mod gpio;
 pub mod iwdg;
 pub mod lpuart;
-pub mod pipeline;
+mod pin;
+mod pipeline;
 pub mod pwr;
 pub mod ram;
 pub mod rcc;
@@ -32,29 +33,10 @@ pub mod usb;
 use crate::{Board, Cycles, Registers, Unknown, Width, World};
 use clocks::Clocks;
 use gpio::{Gpio, Mode};
+pub use pin::Pin;
 use ram::Ram;
 use rcc::{Gate, Reset};
 use tim::{Kind, Tim};
-
-/// A pin of a port.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Pin {
-    /// 0 for A to 6 for G.
-    pub port: usize,
-    /// 0 to 15.
-    pub number: usize,
-}
-
-impl Pin {
-    /// From the name in the data sheet: `Pin::new('B', 10)` is PB10.
-    ///
-    /// # Panics
-    /// If there is no such pin.
-    pub const fn new(port: char, number: usize) -> Self {
-        assert!(matches!(port, 'A'..='G') && number < 16, "no such pin");
-        Self { port: port as usize - 'A' as usize, number }
-    }
-}
 
 /// First address of SRAM1.
 pub const RAM_START: u32 = 0x2000_0000;
@@ -266,8 +248,8 @@ pub struct Chip {
     pub usb: usb::Usb,
     /// Changes of the light: when, and whether it is on then.
     pub light: Vec<(Cycles, bool)>,
-    /// What the signal path keeps besides its peripherals' registers.
-    pub pipeline: pipeline::Pipeline,
+    /// What went wrong in the signal path; it stands still from then on.
+    path_fault: Option<BadAccess>,
     /// Nothing happens by itself before this moment.
     due: Cycles,
 }
@@ -309,7 +291,7 @@ impl Chip {
             ads131m04: None,
             usb: Default::default(),
             light: Vec::new(),
-            pipeline: Default::default(),
+            path_fault: None,
             due: 0,
         }
     }
@@ -510,7 +492,7 @@ impl Chip {
             self.model(block.peripheral).reset(now);
         }
         self.rcc.set_cause(cause);
-        self.pipeline.reset();
+        self.path_fault = None;
         let clocks = self.rcc.clocks(now, self.clocks.seconds(now));
         self.use_clocks(clocks, now);
         self.due = 0;

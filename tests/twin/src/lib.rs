@@ -34,5 +34,6 @@ pub mod usbip;
 pub mod world;
 
 pub use board::Board;
-pub use registers::{Cycles, Registers, Storage, Unknown, Width};
+pub use chip::clocks::Cycles;
+pub use registers::{Registers, Storage, Unknown, Width};
 pub use world::World;

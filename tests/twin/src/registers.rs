@@ -1,9 +1,6 @@
 //! What a peripheral is to the bus: registers, and a time at which something happens by itself.
 
-use crate::chip::clocks::Clocks;
-
-/// Core cycles since power was first applied. Never goes back, also not over a reset or a power cut.
-pub type Cycles = u64;
+use crate::chip::clocks::{Clocks, Cycles};
 
 /// Bytes moved by one access.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

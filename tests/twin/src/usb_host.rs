@@ -14,10 +14,9 @@ use crate::chip::usb::{Answer, Toggle, Usb};
 use std::collections::VecDeque;
 
 mod descriptors;
-mod serial;
+pub mod serial;
 
 pub use descriptors::{Description, DescriptorError, Endpoint, EndpointKind, Text};
-pub use serial::{SerialPort, line_coding, set_control_lines, set_line_coding};
 
 /// A device and its end of the cable.
 pub trait Socket {

@@ -7,7 +7,8 @@ use crate::Registers;
 use crate::chip::usb::Usb;
 use crate::machine::Machine;
 use crate::talk::Talk;
-use crate::usb_host::{Description, SerialPort, Socket, UsbError, UsbHost};
+use crate::usb_host::serial::SerialPort;
+use crate::usb_host::{Description, Socket, UsbError, UsbHost};
 use inerter_core::Settings;
 use inerter_wire::{Command, Record, Refusal, Reply, SettingsValues};
 

@@ -11,9 +11,8 @@ use inerter_twin::bench::{Bench, Rig};
 use inerter_twin::chip::rom::UID;
 use inerter_twin::machine::{Machine, shipping_image};
 use inerter_twin::talk::Talk;
-use inerter_twin::usb_host::{
-    EndpointKind, Setup, Socket, Transfer, UsbError, line_coding, set_control_lines, set_line_coding,
-};
+use inerter_twin::usb_host::serial::{line_coding, set_control_lines, set_line_coding};
+use inerter_twin::usb_host::{EndpointKind, Setup, Socket, Transfer, UsbError};
 use inerter_twin::usb_link::{LinkError, UsbLink};
 use inerter_twin::world::Still;
 use inerter_wire::{Command, Done, Event, EventKind, Hello, Record, Reply, SettingsValues, Streams};

@@ -114,7 +114,7 @@ impl Bench {
         let link = if self.state.in_use() == Which::First { &self.usb } else { &self.uart };
         link[0].put(b"request");
         self.read();
-        self.state.hear();
+        self.state.note_request();
         assert!(!self.state.is_mute());
     }
 
@@ -214,7 +214,7 @@ fn a_request_that_was_cut_by_the_change_spoils_no_other() {
             // The rest comes where nobody listens any more.
             before.put(&out[cut..length]);
             bytes.extend(bench.read());
-            assert!(!bench.state.hear());
+            assert!(!bench.state.note_request());
             after.put(&out[..length]);
             bytes.extend(bench.read());
             let mut frames = FrameReader::<Request>::new();
@@ -224,7 +224,7 @@ fn a_request_that_was_cut_by_the_change_spoils_no_other() {
                 .collect();
             let wanted = Frame::Message { sequence: 0, message: request.clone() };
             assert_eq!(found, vec![wanted; if cut == length - 1 { 2 } else { 1 }], "{cut} {open}");
-            assert!(bench.state.hear());
+            assert!(bench.state.note_request());
         }
     }
 }
@@ -253,11 +253,11 @@ fn nothing_is_sent_before_the_host_has_spoken() {
     assert_eq!(bench.send(b"frame\0"), Err(ErrorKind::NotConnected));
     bench.uart[0].put(b"request");
     bench.read();
-    assert!(!bench.state.hear(), "what was said was not said here");
+    assert!(!bench.state.note_request(), "what was said was not said here");
     bench.usb[0].put(b"request");
     bench.read();
-    assert!(bench.state.hear());
-    assert!(!bench.state.hear(), "once");
+    assert!(bench.state.note_request());
+    assert!(!bench.state.note_request(), "once");
     bench.send(b"frame\0").unwrap();
     assert_eq!((bench.usb[1].all(), bench.uart[1].all()), (b"\0frame\0".to_vec(), vec![]));
     // On the UART nobody has said anything yet; on USB somebody must again.
@@ -282,7 +282,7 @@ fn a_port_may_be_open_before_the_links_are_joined() {
 fn a_single_link_is_never_mute() {
     let state = LinkState::new();
     assert!(!state.is_mute());
-    assert!(!state.hear());
+    assert!(!state.note_request());
 }
 
 #[test]

@@ -1,9 +1,10 @@
 //! NUCLEO-G474RE (MB1367). Sources: UM2505 (board), DS12288 tables 12 and 13 (pins).
 
-use super::{Oscillator, Parts};
+use super::clock::Oscillator;
+use super::parts::Parts;
 use crate::clkin::Clkin;
 use crate::converter::Converter;
-use crate::image::Interrupts;
+use crate::interrupts::Interrupts;
 use crate::ready::Ready;
 use crate::rings::{self, Rings};
 use crate::sampler::Sampler;
@@ -55,7 +56,7 @@ pub fn wire(p: Peripherals) -> Parts {
     );
     Parts {
         led: Output::new(p.PA5, Level::High, Speed::Low),
-        usb: usb::peripheral(p.USB, p.PA12, p.PA11),
+        usb: usb::peripheral(p.USB, Interrupts, p.PA12, p.PA11),
         vbus: Some(ExtiInput::new(p.PA9, p.EXTI9, Pull::Down, Interrupts)),
         uart: lpuart::start(p.LPUART1, p.PA3, p.PA2),
         source: Source::new(sampler, converter),

@@ -1,8 +1,10 @@
 //! WeAct STM32G474 core board. Sources: WeAct's schematic (STM32G474CoreBoard), DS12288 tables 12 and 13 (pins).
 
-use super::{Oscillator, Parts};
+use super::clock::Oscillator;
+use super::parts::Parts;
 use crate::clkin::Clkin;
 use crate::converter::Converter;
+use crate::interrupts::Interrupts;
 use crate::ready::Ready;
 use crate::rings::{self, Rings};
 use crate::sampler::Sampler;
@@ -52,7 +54,7 @@ pub fn wire(p: Peripherals) -> Parts {
     );
     Parts {
         led: Output::new(p.PC6, Level::High, Speed::Low),
-        usb: usb::peripheral(p.USB, p.PA12, p.PA11),
+        usb: usb::peripheral(p.USB, Interrupts, p.PA12, p.PA11),
         // The board is fed by its USB socket: a host is there, or no power.
         vbus: None,
         uart: lpuart::start(p.LPUART1, p.PA3, p.PA2),

@@ -3,7 +3,6 @@
 //! *Open* means: configured, not suspended, and DTR set. A host that closes the port takes no more packets, so what
 //! waits for it then is dropped: the next one to open it shall not find the end of an old conversation.
 
-use super::PACKET;
 use super::driver::{self, Driver};
 use core::future::{Future, poll_fn};
 use core::pin::pin;
@@ -16,6 +15,9 @@ use embassy_time::Timer;
 use embassy_usb::class::cdc_acm::{self, ControlChanged};
 use embassy_usb::driver::EndpointError;
 use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
+
+/// Bytes of a full-speed bulk packet.
+pub const PACKET: usize = 64;
 
 static CONFIGURED: AtomicBool = AtomicBool::new(false);
 static SUSPENDED: AtomicBool = AtomicBool::new(false);

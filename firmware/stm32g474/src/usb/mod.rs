@@ -9,13 +9,13 @@
 mod driver;
 mod link;
 
-use crate::image::Interrupts;
 pub use driver::DisturbanceHandler;
 use driver::Driver;
 use embassy_futures::select::select;
 use embassy_stm32::exti::ExtiInput;
+use embassy_stm32::interrupt::typelevel::{Binding, USB_LP};
 use embassy_stm32::mode::Async;
-use embassy_stm32::usb::{DmPin, DpPin};
+use embassy_stm32::usb::{DmPin, DpPin, InterruptHandler};
 use embassy_stm32::{Peri, peripherals};
 use embassy_usb::class::cdc_acm::{CdcAcmClass, ControlChanged, State};
 use embassy_usb::{Builder, Config, UsbDevice};
@@ -27,8 +27,6 @@ const VENDOR: u16 = 0x1209;
 const PRODUCT: u16 = 0x0001;
 /// Name of the maker and of the product.
 const NAME: &str = "inerter";
-/// Bytes of a full-speed bulk packet.
-const PACKET: usize = 64;
 
 static CONFIGURATION: ConstStaticCell<[u8; 96]> = ConstStaticCell::new([0; 96]);
 static CAPABILITIES: ConstStaticCell<[u8; 16]> = ConstStaticCell::new([0; 16]);
@@ -43,10 +41,11 @@ pub type Peripheral = embassy_stm32::usb::Driver<'static, peripherals::USB>;
 /// Takes the peripheral and its pins.
 pub fn peripheral(
     usb: Peri<'static, peripherals::USB>,
+    interrupts: impl Binding<USB_LP, InterruptHandler<peripherals::USB>> + 'static,
     plus: Peri<'static, impl DpPin<peripherals::USB>>,
     minus: Peri<'static, impl DmPin<peripherals::USB>>,
 ) -> Peripheral {
-    embassy_stm32::usb::Driver::new(usb, Interrupts, plus, minus)
+    embassy_stm32::usb::Driver::new(usb, interrupts, plus, minus)
 }
 
 /// The device and the port that it offers.
@@ -74,7 +73,7 @@ pub fn start(usb: Peripheral, vbus: Option<ExtiInput<'static, Async>>, serial: &
         &mut [],
         CONTROL.take(),
     );
-    let class = CdcAcmClass::new(&mut builder, CLASS.init(State::new()), PACKET as u16);
+    let class = CdcAcmClass::new(&mut builder, CLASS.init(State::new()), link::PACKET as u16);
     builder.handler(HANDLER.take());
     let device = builder.build();
     let (sender, receiver, lines) = class.split_with_control();

@@ -20,8 +20,20 @@ fn wrong<T>(part: &str, problem: impl Into<String>, example: &'static str) -> Re
     Err(PlantError::Motion { part: part.to_owned(), problem: problem.into(), example })
 }
 
+impl Excitation {
+    /// Understands a preset's name, a motion such as `sine:3.2Hz:4.16mm`, or a sequence such as `mid@20s;hold@5s;random`.
+    ///
+    /// Motions: `sine:F:A`, `tones:F:A,F:A,...`, `multi:LOW-HIGHHz:V`, `random:LOW-HIGHHz:V`, `chirp:LOW-HIGHHz:V:T`,
+    /// `hold`. Frequencies in Hz, amplitudes in m, mm or um, rms velocities in m/s, mm/s or um/s, times in s, ms or min.
+    /// A sequence is separated by `;` or `+`; each of its parts but the last needs a duration `@T` (a chirp has one).
+    /// `seed` is as for [`preset`](Self::preset); each part of a sequence draws its own tones from it.
+    pub fn parse(text: &str, seed: u64) -> Result<Self, PlantError> {
+        excitation(text, seed)
+    }
+}
+
 /// A whole motion or sequence.
-pub(super) fn excitation(text: &str, seed: u64) -> Result<Excitation, PlantError> {
+fn excitation(text: &str, seed: u64) -> Result<Excitation, PlantError> {
     let pieces = split(text);
     let last = pieces.len() - 1;
     let mut parts = Vec::new();

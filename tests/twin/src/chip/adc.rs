@@ -19,9 +19,9 @@
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 
-use super::Pin;
 use super::clocks::Clocks;
 use super::dmamux::Request;
+use super::pin::Pin;
 use crate::registers::Storage;
 use crate::{Cycles, Registers, Unknown, Width};
 

@@ -18,7 +18,7 @@ use ads131m04::mock;
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 
-use super::Pin;
+use super::pin::Pin;
 use crate::{Cycles, Unknown, World};
 
 /// Select, active low.

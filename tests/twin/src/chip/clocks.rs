@@ -1,6 +1,7 @@
 //! Frequencies of the chip and the relation between cycles and seconds.
 
-use crate::Cycles;
+/// Core cycles since power was first applied. Never goes back, also not over a reset or a power cut.
+pub type Cycles = u64;
 
 /// Frequencies in use since a certain moment.
 #[derive(Clone, Copy, Debug, PartialEq)]

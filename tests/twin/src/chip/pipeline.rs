@@ -14,8 +14,9 @@ use super::ads131m04::{CLKIN, CS, DRDY, Inputs, RESET};
 use super::dma::{CHANNELS, Direction, Dma, Transfer};
 use super::dmamux::Request;
 use super::gpio::Mode;
+use super::pin::Pin;
 use super::spi::Frame;
-use super::{BadAccess, Chip, Pin};
+use super::{BadAccess, Chip};
 use crate::{Cycles, Registers, Unknown, Width};
 
 /// SCK, MISO and MOSI of SPI2, and their alternate function (DS12288 table 13).
@@ -23,19 +24,6 @@ const WIRES: [Pin; 3] = [Pin::new('B', 13), Pin::new('B', 14), Pin::new('B', 15)
 const SPI2_FUNCTION: Mode = Mode::Alternate(5);
 /// PA8 as channel 1 of TIM1.
 const TIM1_FUNCTION: Mode = Mode::Alternate(6);
-
-/// What the signal path keeps besides its peripherals' registers.
-#[derive(Debug, Default)]
-pub struct Pipeline {
-    fault: Option<BadAccess>,
-}
-
-impl Pipeline {
-    /// After a system reset.
-    pub fn reset(&mut self) {
-        *self = Self::default();
-    }
-}
 
 /// The earliest times at which requests can come.
 #[derive(Clone, Copy, Debug)]
@@ -60,13 +48,13 @@ impl Pace {
 impl Chip {
     /// What went wrong in the signal path since the last call, if anything did; the path stands still from then on.
     pub fn take_fault(&mut self) -> Option<BadAccess> {
-        self.pipeline.fault.take()
+        self.path_fault.take()
     }
 
     /// Works off everything up to and including `now`.
     pub(crate) fn pipeline_advance(&mut self, now: Cycles) {
         while let Some(at) = self.next_step().filter(|at| *at <= now) {
-            if self.pipeline.fault.is_some() {
+            if self.path_fault.is_some() {
                 return;
             }
             if let Err(unknown) = self.step(at) {
@@ -78,7 +66,7 @@ impl Chip {
 
     /// When an interrupt line of the signal path may next rise; may be early.
     pub(crate) fn pipeline_next_event(&self) -> Option<Cycles> {
-        if self.pipeline.fault.is_some() {
+        if self.path_fault.is_some() {
             return None;
         }
         let own = [self.tim6.next_event(), self.adc.next_event(), self.spi2.next_event()];
@@ -248,7 +236,7 @@ impl Chip {
             self.fault("ADC", unknown);
         }
         self.follow_pins(now);
-        while self.pipeline.fault.is_none() && Request::ALL.into_iter().any(|request| self.serve(request, now)) {}
+        while self.path_fault.is_none() && Request::ALL.into_iter().any(|request| self.serve(request, now)) {}
     }
 
     fn is_requested(&self, request: Request) -> bool {
@@ -321,7 +309,7 @@ impl Chip {
             }
         };
         if let Err(bad) = outcome {
-            self.pipeline.fault.get_or_insert(bad);
+            self.path_fault.get_or_insert(bad);
         }
     }
 
@@ -334,7 +322,7 @@ impl Chip {
     }
 
     fn fault(&mut self, peripheral: &'static str, Unknown { what }: Unknown) {
-        self.pipeline.fault.get_or_insert(BadAccess {
+        self.path_fault.get_or_insert(BadAccess {
             address: 0,
             peripheral,
             offset: 0,

@@ -1,5 +1,6 @@
 //! Host and peripheral against each other, with a small driver in the firmware's place: an echoing serial port.
 
+use super::serial::{SerialPort, line_coding, set_control_lines, set_line_coding};
 use super::*;
 use crate::chip::clocks::Clocks;
 use crate::chip::usb::MEMORY_OFFSET;

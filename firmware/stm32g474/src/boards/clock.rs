@@ -1,0 +1,45 @@
+//! The core's clock, the same on every board, and the oscillator that it is made from.
+
+use embassy_stm32::rcc;
+
+/// Clock of the core and of all buses and timers, in Hz.
+///
+/// Not the 170 MHz that the chip can do: 168 MHz is 2625 times 64 kHz, exactly.
+pub const CORE_HZ: u32 = 168_000_000;
+/// The same, in a microsecond.
+pub const CORE_PER_US: u32 = CORE_HZ / 1_000_000;
+
+/// Where the core's clock comes from: 168 MHz after multiplication.
+pub struct Oscillator {
+    /// The crystal, or nothing for the chip's own 16 MHz.
+    pub crystal: Option<rcc::Hse>,
+    /// Divides the oscillator before the PLL.
+    pub divider: rcc::PllPreDiv,
+    /// Multiplies, to 336 MHz; half of that is the core's clock.
+    pub multiplier: rcc::PllMul,
+}
+
+impl Oscillator {
+    /// 16 MHz / 4 * 84 / 2 = 168 MHz, about 1 %: for a board whose crystal does not start.
+    pub const INTERNAL: Self = Self { crystal: None, divider: rcc::PllPreDiv::DIV4, multiplier: rcc::PllMul::MUL84 };
+
+    /// All clocks. USB runs from the chip's 48 MHz oscillator, trimmed by the host's start of frame.
+    pub fn clocks(self) -> rcc::Config {
+        let mut config = rcc::Config::new();
+        config.hse = self.crystal;
+        config.hsi48 = Some(rcc::Hsi48Config { sync_from_usb: true });
+        config.pll = Some(rcc::Pll {
+            source: if self.crystal.is_some() { rcc::PllSource::HSE } else { rcc::PllSource::HSI },
+            prediv: self.divider,
+            mul: self.multiplier,
+            divp: None,
+            divq: None,
+            divr: Some(rcc::PllRDiv::DIV2),
+        });
+        config.sys = rcc::Sysclk::PLL1_R;
+        // Above 150 MHz (RM0440, 6.1.5).
+        config.boost = true;
+        config.mux.clk48sel = rcc::mux::Clk48sel::HSI48;
+        config
+    }
+}

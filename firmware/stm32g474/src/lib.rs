@@ -1,0 +1,47 @@
+//! The instrument on the STM32G474; on a host the library is empty.
+//!
+//! ```text
+//! cd firmware/stm32g474
+//! cargo build --release                                                   # NUCLEO-G474RE
+//! cargo build --release --no-default-features --features board-weact     # WeAct STM32G474
+//! cargo run --release                                                     # flashes by probe-rs and shows the log
+//! ```
+//!
+//! - *Boards*: `boards/*.rs` are the only files that name pins and clocks; wiring and bring-up are in docs/HARDWARE.md.
+//! - *Samples*: one 64 kHz timer event starts everything; see `rings.rs` and `sampler.rs`. Or an ADS131M04; see
+//!   `converter.rs`. The setting `front_end` chooses.
+//! - *Links*: USB CDC-ACM while its port is open, else LPUART1 (the ST-Link's serial port), the same protocol on both.
+//! - *Executors*: sampling runs in an interrupt above everything that may take its time; all else in thread mode.
+//! - *Memory*: static only. Settings lie in the last 16 KB of the second flash bank; what must outlive a reset
+//!   (panic message, wish for an update) in RAM that start-up does not touch.
+#![cfg(target_os = "none")]
+#![no_std]
+
+mod adc;
+mod boards;
+mod clkin;
+mod clocks;
+mod converter;
+mod defaults;
+mod executor;
+mod flash;
+mod identity;
+mod image;
+mod interrupts;
+mod led;
+mod lpuart;
+mod options;
+mod panic;
+mod platform;
+mod ready;
+mod reset;
+mod rings;
+mod sampler;
+mod source;
+mod spi;
+mod stack;
+mod temperature;
+mod usb;
+mod watchdog;
+
+pub use image::run;
