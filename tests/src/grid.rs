@@ -174,10 +174,10 @@ pub fn run(device: &Device, motion: &Motion, rig: &Rig, seed: u64) -> Result<Run
     let (mut published, mut forgetful) = (Vec::new(), Vec::new());
     for sample in simulation.lasting(motion.duration_s) {
         let raw = raw(&sample);
-        published.extend(active.step(&mut state, &raw).map(|estimate| (sample.t_s, estimate)));
-        forgetful.extend(short.step(&mut short_state, &raw).map(|estimate| (sample.t_s, estimate)));
+        published.extend(active.step(&mut state, &raw).estimate().map(|estimate| (sample.t_s, estimate)));
+        forgetful.extend(short.step(&mut short_state, &raw).estimate().map(|estimate| (sample.t_s, estimate)));
     }
-    Ok(Run { published, forgetful, last: active.estimate(&state) })
+    Ok(Run { published, forgetful, last: active.publish(&state).estimate })
 }
 
 /// The least sigma that any unbiased estimator can have with this rig's force noise, knowing the motion exactly

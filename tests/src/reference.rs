@@ -101,7 +101,7 @@ impl Pair {
 
     /// Takes a sample; compares when core publishes.
     pub fn step(&mut self, sample: &RawSample) -> Option<Estimate> {
-        let published = self.active.step(&mut self.state, sample);
+        let published = self.active.step(&mut self.state, sample).estimate();
         self.fast.follow(&self.active, &self.state);
         self.slow.follow(&self.active, &self.state);
         if let Some(estimate) = &published {

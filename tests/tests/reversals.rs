@@ -12,11 +12,11 @@ fn simulated_coulomb_friction_turns_at_once() {
         let sensors = Sensors { force_noise_n: 1.0, seed: 3, ..Sensors::default() };
         let active = calibrated(&device, &sensors).validate().unwrap();
         let mut state = State::new(&active);
-        assert_eq!(state.reversal_ratio(), None);
+        assert_eq!(active.publish(&state).detail.friction.reversal_ratio, None);
         for sample in Simulation::new(device, Excitation::parse(motion, 3).unwrap(), sensors).unwrap().lasting(20.0) {
             active.step(&mut state, &raw(&sample));
         }
-        let ratio = state.reversal_ratio().unwrap();
+        let ratio = active.publish(&state).detail.friction.reversal_ratio.unwrap();
         assert!((0.95..1.05).contains(&ratio), "{motion}: {ratio}");
     }
 }
@@ -42,6 +42,6 @@ fn a_real_ball_screw_takes_its_time() {
     for sample in &run.samples {
         active.step(&mut state, sample);
     }
-    let ratio = state.reversal_ratio().unwrap();
+    let ratio = active.publish(&state).detail.friction.reversal_ratio.unwrap();
     assert!((0.15..0.35).contains(&ratio), "{ratio}");
 }

@@ -28,9 +28,9 @@ struct Outcome {
 fn run(settings: &Settings, samples: &[RawSample]) -> Outcome {
     let active = settings.validate().unwrap();
     let mut state = Box::new(State::new(&active));
-    let published: Vec<_> = samples.iter().filter_map(|sample| active.step(&mut state, sample)).collect();
+    let published: Vec<_> = samples.iter().filter_map(|sample| active.step(&mut state, sample).estimate()).collect();
     published.iter().for_each(is_sane);
-    let last = active.estimate(&state);
+    let last = active.publish(&state).estimate;
     is_sane(&last);
     Outcome { published, last, counters: state.counters() }
 }
@@ -70,11 +70,11 @@ fn one_percent_of_the_samples_lost() {
     let samples = samples(lossy, "random@20s");
     let outcome = run(&settings(&lossy), &samples);
     finds_inertance(&outcome, 1e-3);
-    let Counters { samples: taken, gaps, lost_samples, .. } = outcome.counters;
+    let Counters { samples: taken, discontinuities, lost_samples, .. } = outcome.counters;
     let span = samples.last().unwrap().index - samples[0].index + 1;
     assert_eq!(taken + lost_samples, u64::from(span));
     assert_eq!(taken, samples.len() as u64);
-    assert!((100..=lost_samples).contains(&u64::from(gaps)), "{gaps} gaps");
+    assert!((100..=lost_samples).contains(&u64::from(discontinuities)), "{discontinuities} discontinuities");
     let whole = run(&settings(&lossy), &self::samples(sensors(), "random@20s"));
     assert!((0.2..0.8).contains(&(f64::from(outcome.last.updates) / f64::from(whole.last.updates))));
 }
@@ -89,13 +89,13 @@ fn a_gap_is_counted_and_never_bridged() {
     }
     let outcome = run(&settings(&sensors()), &samples);
     finds_inertance(&outcome, 1e-3);
-    assert_eq!((outcome.counters.gaps, outcome.counters.lost_samples), (1, 500));
+    assert_eq!((outcome.counters.discontinuities, outcome.counters.lost_samples), (1, 500));
     // The same jump where no sample is missing is another thing: it must not pass unseen.
     for (n, sample) in samples.iter_mut().enumerate() {
         sample.index = n as u32;
     }
     let bridged = run(&settings(&sensors()), &samples);
-    assert_eq!(bridged.counters.gaps, 0);
+    assert_eq!(bridged.counters.discontinuities, 0);
     let off = |outcome: &Outcome| (outcome.last.whole_run.inertance_kg.value - 299.4906).abs();
     assert!(off(&bridged) > 10.0 * off(&outcome) || bridged.counters.saturated > 0);
 }
@@ -108,7 +108,7 @@ fn an_index_that_goes_back_is_a_restart() {
     }
     let outcome = run(&settings(&sensors()), &samples);
     finds_inertance(&outcome, 1e-3);
-    assert_eq!((outcome.counters.gaps, outcome.counters.lost_samples), (1, 0));
+    assert_eq!((outcome.counters.discontinuities, outcome.counters.lost_samples), (1, 0));
     assert_eq!(outcome.counters.samples, 20_000);
 }
 
@@ -118,7 +118,7 @@ fn a_sample_twice_is_a_gap_too() {
     samples.insert(9000, samples[8999]);
     let outcome = run(&settings(&sensors()), &samples);
     finds_inertance(&outcome, 1e-3);
-    assert_eq!((outcome.counters.gaps, outcome.counters.lost_samples), (2 - 1, 0));
+    assert_eq!((outcome.counters.discontinuities, outcome.counters.lost_samples), (2 - 1, 0));
 }
 
 #[test]
@@ -321,9 +321,9 @@ proptest! {
         let active = settings.validate().unwrap();
         let mut state = Box::new(State::new(&active));
         for sample in &samples {
-            active.step(&mut state, sample).iter().for_each(is_sane);
+            active.step(&mut state, sample).estimate().iter().for_each(is_sane);
         }
-        is_sane(&active.estimate(&state));
+        is_sane(&active.publish(&state).estimate);
         prop_assert_eq!(state.counters().samples, samples.len() as u64);
         // And the state can be used again.
         state.reset(&active);
@@ -342,9 +342,9 @@ proptest! {
             let sample = RawSample {
                 index: word(0) as u32, position_count: word(1), force_code: word(2), terminal_code: word(3),
             };
-            active.step(&mut state, &sample).iter().for_each(is_sane);
+            active.step(&mut state, &sample).estimate().iter().for_each(is_sane);
         }
-        is_sane(&active.estimate(&state));
+        is_sane(&active.publish(&state).estimate);
     }
 }
 

@@ -13,7 +13,7 @@ use core::pin::pin;
 use embassy_futures::select::{Either3, select3};
 use embassy_time::{Duration, Timer, with_timeout};
 use embedded_io_async::Write;
-use inerter_core::{Detail, Estimate, Gap, MoreSums, Settings, Sums};
+use inerter_core::{Detail, Estimate, MoreSums, Reversal, Settings, Sums};
 use inerter_wire::{
     DELIMITER, Event, EventKind, Health, Hello, MAX_FRAME, Record, Reply, Samples, SequenceCounter, SettingsValues,
     encode_record,
@@ -40,7 +40,7 @@ pub(crate) enum Outgoing {
     Hello(Hello),
     Estimate(Estimate),
     Detail(Detail),
-    Gap(Gap),
+    Reversal(Reversal),
     Health(Health),
     Event(Event),
     Reply(Reply),
@@ -97,7 +97,7 @@ impl App {
                     Outgoing::Hello(hello) => Record::Hello(hello),
                     Outgoing::Estimate(estimate) => Record::Estimate(estimate),
                     Outgoing::Detail(detail) => Record::Detail(detail),
-                    Outgoing::Gap(gap) => Record::Gap(gap),
+                    Outgoing::Reversal(reversal) => Record::Reversal(reversal),
                     Outgoing::Health(health) => Record::Health(health),
                     Outgoing::Event(event) => Record::Event(event),
                     Outgoing::Reply(reply) => Record::Reply(reply),

@@ -193,5 +193,5 @@ fn channels_that_ran_apart_count_as_an_overrun_and_are_said_once() {
     let kinds = [EventKind::Fault(Fault::SamplerMisaligned), EventKind::Fault(Fault::SamplerOverrun)];
     assert_eq!(events(&rig.records()), kinds);
     let health = rig.health();
-    assert_eq!((health.index, health.overruns, health.gaps, health.lost_samples), (999, 3, 2, 60));
+    assert_eq!((health.index, health.overruns, health.discontinuities, health.lost_samples), (999, 3, 2, 60));
 }

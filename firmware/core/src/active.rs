@@ -1,11 +1,11 @@
 //! Settings brought to the integers that the signal path runs on, once.
 
-use crate::backlash::BacklashActive;
+use crate::backlash::active::BacklashActive;
 use crate::gate::BLOCKS;
-use crate::kernel::{MORE_REGRESSORS, Normaliser, REGRESSORS, Term, UPDATES_PER_BOX};
+use crate::kernel::{MORE_REGRESSORS, Normaliser, REGRESSORS, UPDATES_PER_BOX};
 use crate::ldl::UNKNOWNS;
 use crate::line::VELOCITY_BITS;
-use crate::math::{exponent, power_of_two};
+use crate::math::{exponent, power_of_two, term};
 use crate::settings::{Settings, SettingsError};
 
 /// Length of the fast bank's box [s]: the encoder's steps in the acceleration fall with its 2.5th power, and at 16 Hz
@@ -367,15 +367,6 @@ fn scales(per_si: [f64; REGRESSORS], quantisation: f64) -> Scales {
         jerk: 0.0,
         jerk_quantisation: 0.0,
     }
-}
-
-/// `factor` as mantissa and shift; nothing when it is 0.
-pub(crate) fn term(factor: f64) -> Term {
-    if factor == 0.0 {
-        return Term::default();
-    }
-    let e = exponent(factor);
-    Term { coefficient: (factor * power_of_two(30 - e)) as i32, shift: (-2 - e).clamp(-64, 64) as i8 }
 }
 
 fn magnitude(value: f64) -> f64 {

@@ -103,7 +103,7 @@ pub enum Contact {
     /// The force reverses, and no gap is seen: tight or preloaded.
     Closed,
     /// The flanks part and meet once at each reversal.
-    Gap,
+    Backlash,
     /// The flanks bounce: several flights at a reversal, which do not count.
     Bouncing,
 }
@@ -114,12 +114,12 @@ pub struct Friction {
     /// How much of the kink that Coulomb's friction would give the velocity the reversals have shown: 1 is all of it.
     pub reversal_ratio: Option<f32>,
     /// What this looks like.
-    pub conduct: Conduct,
+    pub regime: Regime,
 }
 
 /// What friction looks like. New ones go at the end.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Conduct {
+pub enum Regime {
     /// Not enough seen.
     #[default]
     Unknown,
@@ -133,7 +133,7 @@ pub enum Conduct {
 
 /// One accepted reversal of the flanks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Gap {
+pub struct Reversal {
     /// Sample in the middle of the flight.
     pub index: u32,
     /// Total backlash by this reversal alone \[m\].
@@ -144,11 +144,6 @@ pub struct Gap {
     pub route: Route,
     /// From the negative to the positive flank.
     pub rising: bool,
-}
-
-impl Gap {
-    /// All zeros: where a state keeps room for one, it costs no flash.
-    pub(crate) const EMPTY: Self = Self { index: 0, value_m: 0.0, error_m: 0.0, route: Route::Force, rising: false };
 }
 
 /// A change of the device itself.

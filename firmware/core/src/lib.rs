@@ -6,7 +6,7 @@
 //! let active = Settings { sample_rate_hz: 1000.0, ..Settings::default() }.validate()?;
 //! let mut state = State::new(&active);
 //! let sample = RawSample { index: 0, position_count: 12, force_code: -345, terminal_code: 0 };
-//! if let Some(estimate) = active.step(&mut state, &sample) {
+//! if let Some(estimate) = active.step(&mut state, &sample).estimate() {
 //!     println!("{:?}", estimate.recent.inertance_kg);
 //! }
 //! # Ok::<(), inerter_core::SettingsError>(())
@@ -23,32 +23,38 @@ extern crate std;
 
 mod active;
 mod backlash;
+mod bank;
 mod change;
-mod conduct;
 mod detail;
 mod estimate;
 mod estimator;
+mod feedback;
+mod fit;
 mod gate;
-mod judge;
 mod kernel;
 mod ldl;
 mod line;
 mod math;
+mod near_rest;
 mod noise;
+mod output;
 mod qformat;
+mod regime;
 mod report;
 pub mod rls;
 mod sample;
 mod settings;
 mod sign;
+mod solution;
 mod sums;
 
 pub use active::Active;
 pub use detail::{
-    Backlash, BacklashStatus, Band, Change, Changed, Conduct, Contact, Detail, Friction, Gap, Reason, Route,
+    Backlash, BacklashStatus, Band, Change, Changed, Contact, Detail, Friction, Reason, Regime, Reversal, Route,
 };
 pub use estimate::{Bank, Estimate, Parameter, Parameters, Status};
 pub use estimator::{Counters, State};
+pub use output::{Output, Published};
 pub use sample::RawSample;
 pub use settings::{Kind, SettingInfo, SettingText, Settings, SettingsError};
 pub use sums::{MoreSums, Sums};

@@ -105,7 +105,7 @@ async fn usb_device(app: &'static App, device: usb::Device) -> ! {
 
 /// All that sees to the rest: figures, LED, watchdog, and the button's memory.
 #[embassy_executor::task]
-async fn keep_house(app: &'static App, platform: Platform, led: Output<'static>, clock: ClockSource) {
+async fn supervise(app: &'static App, platform: Platform, led: Output<'static>, clock: ClockSource) {
     join4(app.health_reports(platform), led::show(led, clock, app), watchdog::watch(app), reset::forget_press()).await;
 }
 
@@ -159,7 +159,7 @@ fn set_up(spawner: Spawner) {
         telemetry(app, TRANSMITTER.init(transmitter)).map(|task| spawner.spawn(task)),
         estimating(app, STATE.take(), ACTIVE.init(active)).map(|task| spawner.spawn(task)),
         commands(app, RECEIVER.init(receiver), store, identity, IN_USE.init(in_use)).map(|task| spawner.spawn(task)),
-        keep_house(app, Platform::new(Sensor::new()), led, clock).map(|task| spawner.spawn(task)),
+        supervise(app, Platform::new(Sensor::new()), led, clock).map(|task| spawner.spawn(task)),
         usb_device(app, port.device).map(|task| spawner.spawn(task)),
         #[cfg(feature = "hang")]
         hang().map(|task| spawner.spawn(task)),

@@ -39,7 +39,7 @@ messages! {
 pub struct Streams {
     /// `Samples`: every raw sample.
     pub samples: bool,
-    /// `Estimate` and `Detail` at the publish rate, `Gap` at reversals.
+    /// `Estimate` and `Detail` at the publish rate, `Reversal` at reversals.
     pub estimates: bool,
     /// `Sums` and `MoreSums` of either bank, once a second of samples.
     pub sums: bool,

@@ -1,7 +1,7 @@
 //! What goes with an estimate (backlash, contact, friction, band, changes) for programs and for people.
 
 use inerter_core::{
-    Backlash, BacklashStatus, Band, Change, Changed, Conduct, Contact, Detail, Gap, Reason, Route, Settings,
+    Backlash, BacklashStatus, Band, Change, Changed, Contact, Detail, Reason, Regime, Reversal, Route, Settings,
 };
 use inerter_wire::catalogue::{self, Field, Group};
 use serde::Serialize;
@@ -74,7 +74,7 @@ impl DetailJson {
             contact: contact_code(contact),
             friction: FrictionJson {
                 reversal_ratio: friction.reversal_ratio.filter(|ratio| ratio.is_finite()),
-                conduct: conduct_code(friction.conduct),
+                conduct: regime_code(friction.regime),
             },
             changes: detail.changes,
         }
@@ -84,7 +84,7 @@ impl DetailJson {
 /// A reversal in JSON: `{"kind":"gap", ...}`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[allow(missing_docs, reason = "documented in docs/CLI.md and in core")]
-pub struct GapJson {
+pub struct ReversalJson {
     pub kind: &'static str,
     pub t_s: Option<f64>,
     pub index: u32,
@@ -94,17 +94,17 @@ pub struct GapJson {
     pub rising: bool,
 }
 
-impl GapJson {
+impl ReversalJson {
     /// A reversal; `t_s` is the time of the middle of its flight, where that is known.
-    pub fn new(t_s: Option<f64>, gap: &Gap) -> Self {
+    pub fn new(t_s: Option<f64>, reversal: &Reversal) -> Self {
         Self {
             kind: "gap",
             t_s: t_s.map(rounded_s),
-            index: gap.index,
-            value_m: Some(gap.value_m).filter(|value| value.is_finite()),
-            error_m: Some(gap.error_m).filter(|error| error.is_finite()),
-            route: route_code(gap.route),
-            rising: gap.rising,
+            index: reversal.index,
+            value_m: Some(reversal.value_m).filter(|value| value.is_finite()),
+            error_m: Some(reversal.error_m).filter(|error| error.is_finite()),
+            route: route_code(reversal.route),
+            rising: reversal.rising,
         }
     }
 }
@@ -167,7 +167,7 @@ pub fn line(detail: &Detail) -> String {
         parts.push(format!("{} by {by}", plural(detail.backlash.reversals.into(), "reversal")));
     }
     parts.push(format!("contact: {}", contact_words(detail.contact)));
-    parts.push(format!("friction: {}", conduct_words(detail.friction.conduct)));
+    parts.push(format!("friction: {}", regime_words(detail.friction.regime)));
     if detail.changes > 0 {
         parts.push(format!("the device has changed {}", plural(detail.changes.into(), "time")));
     }
@@ -178,8 +178,8 @@ pub fn line(detail: &Detail) -> String {
 pub fn remarks(detail: &Detail) -> impl Iterator<Item = &'static str> {
     let contact =
         matches!(detail.contact, Contact::OneSided | Contact::Bouncing).then(|| contact_words(detail.contact));
-    let friction = matches!(detail.friction.conduct, Conduct::Presliding | Conduct::Stribeck);
-    [contact, friction.then(|| conduct_words(detail.friction.conduct))].into_iter().flatten()
+    let friction = matches!(detail.friction.regime, Regime::Presliding | Regime::Stribeck);
+    [contact, friction.then(|| regime_words(detail.friction.regime))].into_iter().flatten()
 }
 
 /// Rows of a table: label, unit, value, and the name of the truth with the factor to that unit.
@@ -236,7 +236,7 @@ fn contact_code(contact: Contact) -> &'static str {
         Contact::Unknown => "unknown",
         Contact::OneSided => "one_sided",
         Contact::Closed => "closed",
-        Contact::Gap => "gap",
+        Contact::Backlash => "gap",
         Contact::Bouncing => "bouncing",
     }
 }
@@ -247,27 +247,27 @@ pub fn contact_words(contact: Contact) -> &'static str {
         Contact::Unknown => "not seen yet",
         Contact::OneSided => "one flank carries it all",
         Contact::Closed => "no gap seen",
-        Contact::Gap => "a gap at each reversal",
+        Contact::Backlash => "a gap at each reversal",
         Contact::Bouncing => "the flanks bounce",
     }
 }
 
-fn conduct_code(conduct: Conduct) -> &'static str {
-    match conduct {
-        Conduct::Unknown => "unknown",
-        Conduct::Coulomb => "coulomb",
-        Conduct::Presliding => "presliding",
-        Conduct::Stribeck => "stribeck",
+fn regime_code(regime: Regime) -> &'static str {
+    match regime {
+        Regime::Unknown => "unknown",
+        Regime::Coulomb => "coulomb",
+        Regime::Presliding => "presliding",
+        Regime::Stribeck => "stribeck",
     }
 }
 
 /// How friction behaves, for a person.
-pub fn conduct_words(conduct: Conduct) -> &'static str {
-    match conduct {
-        Conduct::Unknown => "not seen yet",
-        Conduct::Coulomb => "Coulomb's",
-        Conduct::Presliding => "creeps before it slips (presliding)",
-        Conduct::Stribeck => "greater near rest (Stribeck)",
+pub fn regime_words(regime: Regime) -> &'static str {
+    match regime {
+        Regime::Unknown => "not seen yet",
+        Regime::Coulomb => "Coulomb's",
+        Regime::Presliding => "creeps before it slips (presliding)",
+        Regime::Stribeck => "greater near rest (Stribeck)",
     }
 }
 

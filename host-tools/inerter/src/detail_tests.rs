@@ -15,10 +15,10 @@ fn detail() -> Detail {
             route: Route::Terminal,
             reversals: 130,
         },
-        contact: Contact::Gap,
+        contact: Contact::Backlash,
         stiffness_n_per_m: parameter(2.1e6, 4e3),
         contact_damping_n_s_per_m: parameter(1200.0, 100.0),
-        friction: Friction { reversal_ratio: Some(0.75), conduct: Conduct::Coulomb },
+        friction: Friction { reversal_ratio: Some(0.75), regime: Regime::Coulomb },
         changes: 1,
     }
 }
@@ -73,9 +73,9 @@ fn what_is_not_known_is_null_with_its_reason() {
 
 #[test]
 fn reversals_and_changes_have_lines_of_their_own() {
-    let gap = Gap { index: 9, value_m: 5.25e-5, error_m: 1.5e-6, route: Route::Force, rising: true };
+    let reversal = Reversal { index: 9, value_m: 5.25e-5, error_m: 1.5e-6, route: Route::Force, rising: true };
     assert_eq!(
-        json_line(&GapJson::new(Some(0.1 + 0.2), &gap)),
+        json_line(&ReversalJson::new(Some(0.1 + 0.2), &reversal)),
         r#"{"kind":"gap","t_s":0.3,"index":9,"value_m":0.0000525,"error_m":0.0000015,"route":"force","rising":true}"#
     );
     let change = Change { index: 9, parameter: Changed::Coulomb, before: 50.0, after: 80.25 };
@@ -105,14 +105,14 @@ fn a_person_sees_it_at_a_glance() {
     let swapped = [("inertance_kg", "300.0"), ("changed_inertance_kg", "150.0")];
     let swapped = swapped.map(|(name, value)| (name.to_string(), value.to_string())).into();
     assert!(table(&Estimate::default(), None, &settings(0.0), Some(&swapped)).contains(" 300.0, then 150.0"));
-    let line = "inertance seen from 3.12 to 6.50 Hz; 130 reversals by the terminal's sensor; contact: a gap at each reversal; \
+    let line = "inertance seen from 3.12 to 6.50 Hz; 130 reversals by the terminal's sensor; contact: a reversal at each reversal; \
                 friction: Coulomb's; the device has changed 1 time";
     assert!(text.ends_with(line), "{text}");
     // What is as it should be needs no remark.
     assert!(row(1.0, &Estimate::default(), Some(&detail())).ends_with("50.0 ± 2.0              at rest"));
     let odd = Detail {
         contact: Contact::Bouncing,
-        friction: Friction { conduct: Conduct::Presliding, ..detail().friction },
+        friction: Friction { regime: Regime::Presliding, ..detail().friction },
         ..detail()
     };
     let moving = Estimate { moving: true, ..Estimate::default() };

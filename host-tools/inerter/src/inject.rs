@@ -40,7 +40,7 @@ pub fn inject<E: From<DeviceError>>(
 ) -> Result<Injected, E> {
     let estimates = |t_s: f64, news: &News| match news {
         News::Estimate(estimate, _) => publish(t_s, estimate),
-        News::Gap(_) | News::Changed(_) => Ok(()),
+        News::Reversal(_) | News::Changed(_) => Ok(()),
     };
     inject_all(device, run, estimates, progress)
 }
@@ -182,7 +182,7 @@ impl<E: From<DeviceError>, P: FnMut(f64, &News) -> Result<(), E>, G: FnMut(u64) 
                 }
                 _ => {}
             },
-            Record::Gap(gap) if self.begun == Begun::Yes => self.say(News::Gap(*gap))?,
+            Record::Reversal(reversal) if self.begun == Begun::Yes => self.say(News::Reversal(*reversal))?,
             Record::Estimate(estimate) if self.begun == Begun::Yes => {
                 if let Some((before, detail)) = self.last.replace((*estimate, None)) {
                     (self.publish)(self.times.of(before.index), &News::Estimate(before, detail))?;

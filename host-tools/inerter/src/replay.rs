@@ -1,6 +1,9 @@
 //! A run through the estimator, as the device would have done it.
 
-use inerter_core::{Active, Bank, Change, Counters, Detail, Estimate, Gap, MoreSums, RawSample, Settings, State, Sums};
+use inerter_core::{
+    Active, Bank, Change, Counters, Detail, Estimate, MoreSums, Output, Published, RawSample, Reversal, Settings,
+    State, Sums,
+};
 
 use crate::{
     run::{Run, step},
@@ -11,7 +14,7 @@ use crate::{
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum News {
     /// A reversal of the flanks was accepted.
-    Gap(Gap),
+    Reversal(Reversal),
     /// The device measured has changed.
     Changed(Change),
     /// An estimate, with what goes with it; a device with an older firmware sends it alone.
@@ -22,7 +25,7 @@ impl News {
     /// Index of the sample that it speaks of: of a reversal the middle of the flight, which came before.
     pub fn index(&self) -> u32 {
         match self {
-            Self::Gap(gap) => gap.index,
+            Self::Reversal(reversal) => reversal.index,
             Self::Changed(change) => change.index,
             Self::Estimate(estimate, _) => estimate.index,
         }
@@ -52,11 +55,9 @@ impl Replay {
         if let Some(last) = self.last_index.replace(sample.index) {
             self.elapsed += step(last, sample.index);
         }
-        let estimate = self.active.step(&mut self.state, sample);
-        let detail = estimate.map(|_| self.active.detail(&self.state));
-        let gap = self.state.take_gap().map(News::Gap);
-        let change = self.state.take_change().map(News::Changed);
-        [gap, change, estimate.map(|estimate| News::Estimate(estimate, detail))].into_iter().flatten()
+        let Output { published, reversal, change, .. } = self.active.step(&mut self.state, sample);
+        let published = published.map(|Published { estimate, detail }| News::Estimate(estimate, Some(detail)));
+        [reversal.map(News::Reversal), change.map(News::Changed), published].into_iter().flatten()
     }
 
     /// Time of the latest sample \[s\].
@@ -77,10 +78,11 @@ impl Replay {
 
     /// What it has all come to by now.
     pub fn outcome(&self) -> Outcome {
+        let Published { estimate, detail } = self.active.publish(&self.state);
         Outcome {
             t_s: self.time_s(),
-            estimate: self.active.estimate(&self.state),
-            detail: self.active.detail(&self.state),
+            estimate,
+            detail,
             counters: self.counters(),
             fast: self.sums(Bank::Fast),
             slow: self.sums(Bank::Slow),
@@ -102,7 +104,7 @@ pub struct Outcome {
     pub estimate: Estimate,
     /// What goes with it.
     pub detail: Detail,
-    /// Samples, gaps and saturation.
+    /// Samples, discontinuities and saturation.
     pub counters: Counters,
     /// The sums of the fast bank, since the start or the last change.
     pub fast: (Sums, MoreSums),
@@ -151,6 +153,6 @@ pub fn replay<E: From<SettingsInputError>>(
 ) -> Result<Outcome, E> {
     replay_all(run, |t_s, news| match news {
         News::Estimate(estimate, _) => publish(t_s, estimate),
-        News::Gap(_) | News::Changed(_) => Ok(()),
+        News::Reversal(_) | News::Changed(_) => Ok(()),
     })
 }

@@ -234,7 +234,7 @@ impl EstimateJson {
     ) -> Self {
         let counters = counters.map(|counters| CountersJson {
             samples: counters.samples,
-            gaps: counters.gaps,
+            gaps: counters.discontinuities,
             lost_samples: counters.lost_samples,
             saturated: counters.saturated,
         });
@@ -350,7 +350,7 @@ fn true_text(truth: &BTreeMap<String, String>, name: &str, factor: f64) -> Strin
 /// One line on what the estimator took and left out.
 pub fn counts_line(settings: &Settings, duration_s: f64, outcome: &Outcome) -> String {
     let counters = outcome.counters;
-    let gaps = match (counters.gaps, counters.lost_samples) {
+    let gaps = match (counters.discontinuities, counters.lost_samples) {
         (0, _) => "no gaps".to_string(),
         (gaps, lost) => format!("{} of {}", plural(gaps.into(), "gap"), plural(lost, "sample")),
     };

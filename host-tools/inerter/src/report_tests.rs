@@ -15,7 +15,7 @@ fn estimate() -> Estimate {
 fn the_json_contract_holds_to_the_letter() {
     let four = r#""inertance_kg":{"value":299.4906,"u95":0.12,"status":"ok"},"viscous_n_s_per_m":{"value":31.4,"u95":2.5,"status":"held"},"coulomb_n":{"value":null,"u95":null,"status":"not_identifiable"},"offset_n":{"value":null,"u95":null,"status":"not_identifiable"}"#;
     let tail = r#""moving":true,"bank":"fast","residual_rms_n":1.5,"updates":7"#;
-    let counters = Counters { samples: 10, gaps: 1, lost_samples: 2, saturated: 3 };
+    let counters = Counters { samples: 10, discontinuities: 1, lost_samples: 2, saturated: 3 };
     assert_eq!(
         json_line(&EstimateJson::last(20.0, &estimate(), None, &Settings::default(), Some(counters))),
         format!(

@@ -352,8 +352,8 @@ pub struct Replay {
 pub fn replay(settings: &Settings, samples: &[RawSample]) -> Result<Replay, SettingsError> {
     let active: Active = settings.validate()?;
     let mut state = Box::new(State::new(&active));
-    let published = samples.iter().filter_map(|sample| active.step(&mut state, sample)).collect();
-    Ok(Replay { published, last: active.estimate(&state), counters: state.counters() })
+    let published = samples.iter().filter_map(|sample| active.step(&mut state, sample).estimate()).collect();
+    Ok(Replay { published, last: active.publish(&state).estimate, counters: state.counters() })
 }
 
 #[cfg(test)]
@@ -479,7 +479,10 @@ mod tests {
             })
             .collect();
         let outcome = replay(&settings, &samples).unwrap();
-        assert_eq!((outcome.counters.samples, outcome.counters.gaps, outcome.published.len()), (10_000, 0, 50));
+        assert_eq!(
+            (outcome.counters.samples, outcome.counters.discontinuities, outcome.published.len()),
+            (10_000, 0, 50)
+        );
         let mass = outcome.last.whole_run.inertance_kg;
         assert!((f64::from(mass.value) - rig.device.inertance_kg).abs() < 0.05, "{mass:?}");
         // And with a wrong scale something else.

@@ -365,13 +365,13 @@ fn rings_that_part_become_a_gap_and_the_counter_stays_right() -> Outcome {
     for (channel, fault) in [(0, Broken::SamplerMisaligned), (1, Broken::SamplerOverrun), (2, Broken::SamplerOverrun)] {
         let run = short(&image, mid_rig(), 6.0, stalled(channel, 5, at_s))?;
         let here = run.agrees_with_core();
-        assert_eq!((run.gaps(), here.counters.gaps), (1, 1), "channel {channel}");
+        assert_eq!((run.gaps(), here.counters.discontinuities), (1, 1), "channel {channel}");
         // A ring without interrupts is missed after 20 ms.
         assert!((2..40).contains(&here.counters.lost_samples), "channel {channel}: {:?}", here.counters);
         let named = run.events.iter().any(|event| matches!(event, EventKind::Fault(it) if *it == fault));
         assert!(named, "channel {channel}: {:?}", run.events);
         let health = run.health.last().expect("health each second");
-        assert_eq!((health.gaps, health.overruns), (1, 1), "channel {channel}: {health:?}");
+        assert_eq!((health.discontinuities, health.overruns), (1, 1), "channel {channel}: {health:?}");
         // Sample for sample where the undisturbed run was: 0.084 m/s are 34 counts a millisecond.
         let first = plain.samples.first().expect("samples").index;
         let worst = run.samples.iter().filter_map(|sample| {
@@ -410,7 +410,7 @@ fn a_reader_that_comes_late_loses_whole_halves_and_knows_how_many() -> Outcome {
         (held, done) = (hold, true);
     })?;
     let here = run.agrees_with_core();
-    let (gaps, lost) = (here.counters.gaps, here.counters.lost_samples);
+    let (gaps, lost) = (here.counters.discontinuities, here.counters.lost_samples);
     assert!(gaps == 1 && (4..=20).contains(&lost), "{:?}", here.counters);
     assert!(run.events.contains(&EventKind::Fault(Broken::SamplerOverrun)), "{:?}", run.events);
     // The rings went on: what was read afterwards is what the undisturbed run has at the same numbers.
@@ -561,6 +561,6 @@ fn the_serial_link_brings_the_same() -> Outcome {
     link.listen_until(MOTION_S + 3.2)?;
     let run = Run::of(settings, link.records(), link.talk.lost())?;
     assert_eq!(run.gaps(), 0);
-    assert!(run.samples.len() > 12_000 && run.agrees_with_core().counters.gaps == 0);
+    assert!(run.samples.len() > 12_000 && run.agrees_with_core().counters.discontinuities == 0);
     Ok(())
 }

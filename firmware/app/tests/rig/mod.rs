@@ -641,6 +641,6 @@ fn shaken_mass(count: u32, inertance_kg: f64) -> Vec<RawSample> {
 pub fn by_core(settings: &Settings, samples: &[RawSample]) -> (Vec<Estimate>, Estimate) {
     let active = settings.validate().unwrap();
     let mut state = State::new(&active);
-    let estimates = samples.iter().filter_map(|sample| active.step(&mut state, sample)).collect();
-    (estimates, active.estimate(&state))
+    let estimates = samples.iter().filter_map(|sample| active.step(&mut state, sample).estimate()).collect();
+    (estimates, active.publish(&state).estimate)
 }

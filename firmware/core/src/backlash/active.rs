@@ -1,10 +1,9 @@
 //! Settings of the gap's two routes, brought to integers.
 
-use crate::active::term;
 use crate::backlash::flanks::FlankActive;
 use crate::backlash::terminal::TerminalActive;
-use crate::kernel::Term;
-use crate::math::power;
+use crate::math::{power, term};
+use crate::qformat::Term;
 use crate::settings::Settings;
 
 /// Time left out on either side of a flight [s], and in lags of the contact: what an impact leaves is then under 1e-3.

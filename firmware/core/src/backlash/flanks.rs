@@ -6,9 +6,7 @@
 //! must not pass for two. Judgement waits for the guard: samples within 4 ms (or seven times the lag) of a change are
 //! neither.
 
-use crate::backlash::Newest;
-use crate::kernel::Term;
-use crate::qformat::shift_right;
+use crate::qformat::{Term, shift_right};
 
 /// Fraction bits of the stretch.
 const FRACTION: u32 = 12;
@@ -17,6 +15,25 @@ const FORCE_BITS: u32 = 5;
 
 /// Greatest force that is told from any other [codes].
 const MOST: i32 = (1 << 24) - 1;
+
+/// One sample as it arrives, in the device's own direction.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Newest {
+    /// Sample counter.
+    pub index: u32,
+    /// Encoder position [codes], wrapping.
+    pub position: i32,
+    /// Force [codes], its zero taken off.
+    pub force: i32,
+    /// Terminal displacement [codes].
+    pub terminal: i32,
+    /// Whether the force is to be believed.
+    pub good: bool,
+    /// Whether samples are missing before this one.
+    pub broken: bool,
+    /// Offset of the force [codes] as the last estimate has it.
+    pub offset: i32,
+}
 
 /// Settings of the flanks.
 #[derive(Clone, Copy, Debug, Default)]

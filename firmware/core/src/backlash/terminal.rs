@@ -9,9 +9,8 @@
 //! Each flank's blocks are also summed by themselves. Where one flank follows the other, their means and the contact's
 //! law by all blocks so far give the gap of that one reversal; neighbouring reversals share a flank.
 
-use crate::backlash::Newest;
-use crate::backlash::flanks::Touch;
-use crate::kernel::Term;
+use crate::backlash::flanks::{Newest, Touch};
+use crate::qformat::Term;
 use crate::rls::{Totals, products};
 
 /// Blocks kept: judgement may come two blocks late, and a second difference needs one on either side.

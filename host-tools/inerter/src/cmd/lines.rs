@@ -2,7 +2,7 @@
 
 use inerter::{
     Error,
-    detail::GapJson,
+    detail::ReversalJson,
     monitor::{feed::Item, hub::Viewer, losses::Losses},
     output,
     report::{self, EstimateJson, EventJson, event_words, health_json, json_line},
@@ -45,7 +45,7 @@ impl Viewer for Json {
             Item::Estimate { t_s, estimate, detail, .. } => {
                 json_line(&EstimateJson::live(*t_s, estimate, detail.as_ref(), &self.settings))
             }
-            Item::Gap { t_s, gap } => json_line(&GapJson::new(*t_s, gap)),
+            Item::Reversal { t_s, reversal } => json_line(&ReversalJson::new(*t_s, reversal)),
             Item::Health(health) => json_line(&health_json(health)),
             Item::Event { t_s, event, .. } => json_line(&EventJson::new(*t_s, event.index, &event.kind)),
             Item::LostFrames(count) => json_line(&json!({ "kind": "link", "lost_frames": count })),
@@ -90,7 +90,7 @@ impl Viewer for Lines {
             Item::Marker { text, .. } => note(format!("marker: {text}")),
             Item::Away { reason } => note(reason),
             Item::Back { port } => note(back(port)),
-            Item::Settings(_) | Item::Samples(_) | Item::Gap { .. } => {}
+            Item::Settings(_) | Item::Samples(_) | Item::Reversal { .. } => {}
         }
         Ok(())
     }

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use inerter::{
     Error,
-    detail::{GapJson, change_words},
+    detail::{ReversalJson, change_words},
     export::Source,
     output,
     replay::{News, replay_samples},
@@ -90,7 +90,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
 /// What is no estimate: every one in JSON; a person sees the changes, and the scatter of the reversals as an interval.
 pub fn tell(t_s: f64, news: &News, json: bool, header: &mut bool) -> Result<(), Error> {
     match news {
-        News::Gap(gap) if json => output::line(json_line(&GapJson::new(Some(t_s), gap)))?,
+        News::Reversal(gap) if json => output::line(json_line(&ReversalJson::new(Some(t_s), gap)))?,
         News::Changed(change) if json => {
             output::line(json_line(&EventJson::new(Some(t_s), change.index, &EventKind::Changed(*change))))?;
         }
@@ -98,7 +98,7 @@ pub fn tell(t_s: f64, news: &News, json: bool, header: &mut bool) -> Result<(), 
             head(header)?;
             output::line(format!("{t_s:>9.2}  {}", change_words(change)))?;
         }
-        News::Gap(_) | News::Estimate(..) => {}
+        News::Reversal(_) | News::Estimate(..) => {}
     }
     Ok(())
 }

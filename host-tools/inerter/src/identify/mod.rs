@@ -20,7 +20,7 @@ mod stages;
 mod uncertainty;
 mod whiteness;
 
-use inerter_core::{BacklashStatus, Conduct, Parameter, Settings, Status};
+use inerter_core::{BacklashStatus, Parameter, Regime, Settings, Status};
 use inerter_plant::Excitation;
 
 use complete::{Fitted, Known, State, Task, counting, said};
@@ -162,16 +162,16 @@ fn notes(runs: &[Run], lines: &[Linear]) -> Vec<String> {
     let mut notes = Vec::new();
     for (run, line) in runs.iter().zip(lines) {
         let name = &run.name;
-        match line.outcome.detail.friction.conduct {
-            Conduct::Presliding => {
+        match line.outcome.detail.friction.regime {
+            Regime::Presliding => {
                 notes.push(format!("{name}: friction turns over a distance, which the model has not: it jumps there"));
             }
-            Conduct::Stribeck => {
+            Regime::Stribeck => {
                 notes.push(format!(
                     "{name}: friction is greater near rest, which the model has not: it is one number there"
                 ));
             }
-            Conduct::Unknown | Conduct::Coulomb => {}
+            Regime::Unknown | Regime::Coulomb => {}
         }
         if line.outcome.detail.changes > 0 {
             notes.push(format!(

@@ -265,7 +265,7 @@ fn parameters(story: &Story) -> Made {
         let title = format!("{}, whole run {whole} {}", field.label, field.unit);
         panels.push(over_time(story, label, title, &points, Colour::Blue, truth));
     }
-    let gap: Vec<(f64, f64, f64)> = story
+    let widths: Vec<(f64, f64, f64)> = story
         .moments
         .iter()
         .filter_map(|moment| Some((moment.t_s, moment.detail?.backlash)))
@@ -274,10 +274,10 @@ fn parameters(story: &Story) -> Made {
             _ => (t_s, f64::from(backlash.value_m) * 1e6, f64::from(backlash.u95_m) * 1e6),
         })
         .collect();
-    if gap.iter().filter(|point| point.1.is_finite()).count() > 1 {
+    if widths.iter().filter(|point| point.1.is_finite()).count() > 1 {
         let text = format!("Backlash so far, {} µm", backlash_text(&story.outcome.detail.backlash));
         let truth = truth_line(story, "backlash_m", 1e6);
-        panels.push(over_time(story, "eps [µm]".into(), text, &gap, Colour::Purple, truth));
+        panels.push(over_time(story, "eps [µm]".into(), text, &widths, Colour::Purple, truth));
     }
     if panels.is_empty() {
         return Err("the motion shows no parameter for long enough".into());
@@ -351,17 +351,17 @@ fn over_time(
 
 fn backlash(story: &Story) -> Made {
     let estimate = &story.outcome.detail.backlash;
-    if story.gaps.len() < 2 {
+    if story.reversals.len() < 2 {
         return Err(format!(
             "{} of the flanks accepted ({})",
-            plural(story.gaps.len() as u64, "reversal"),
+            plural(story.reversals.len() as u64, "reversal"),
             backlash_text(estimate)
         ));
     }
     let micrometres: Vec<(f64, f64, f64)> = story
-        .gaps
+        .reversals
         .iter()
-        .map(|(t_s, gap)| (*t_s, f64::from(gap.value_m) * 1e6, 1.96 * f64::from(gap.error_m) * 1e6))
+        .map(|(t_s, reversal)| (*t_s, f64::from(reversal.value_m) * 1e6, 1.96 * f64::from(reversal.error_m) * 1e6))
         .filter(|(_, value, error)| value.is_finite() && error.is_finite())
         .collect();
     let mut sorted: Vec<f64> = micrometres.iter().map(|point| point.1).collect();
@@ -410,7 +410,7 @@ fn backlash(story: &Story) -> Made {
     let thinned = if every > 1 { format!(" Over time one reversal in {every} is shown.") } else { String::new() };
     let caption = format!(
         "Backlash by each of {}; reversals contradict each other by impacts and noise, and the estimate weighs them by their information.{left_out}{thinned}",
-        plural(story.gaps.len() as u64, "accepted reversal")
+        plural(story.reversals.len() as u64, "accepted reversal")
     );
     Ok((caption, panels))
 }

@@ -7,7 +7,7 @@ mod figures;
 mod html;
 pub mod law;
 
-use inerter_core::{Change, Detail, Estimate, Gap, Settings};
+use inerter_core::{Change, Detail, Estimate, Reversal, Settings};
 use miette::Diagnostic;
 
 pub use bode::degrees;
@@ -78,7 +78,7 @@ pub struct Story {
     /// What it said on the way.
     pub moments: Vec<Moment>,
     /// Accepted reversals with their times \[s\].
-    pub gaps: Vec<(f64, Gap)>,
+    pub reversals: Vec<(f64, Reversal)>,
     /// Changes of the device with their times \[s\].
     pub changes: Vec<(f64, Change)>,
     /// The law that is drawn: the fit to all motion since the last change.
@@ -98,12 +98,12 @@ pub struct Story {
 impl Story {
     /// Takes a run through the estimator; `progress` is handed the part that is done.
     pub fn of(mut run: Run, mut progress: impl FnMut(f64)) -> Result<Self, Error> {
-        let (mut moments, mut gaps, mut changes) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut moments, mut reversals, mut changes) = (Vec::new(), Vec::new(), Vec::new());
         let duration_s = run.duration_s();
         let start_s = run.start_s;
         let outcome = replay_all(&run, |t_s, news| -> Result<(), Error> {
             match *news {
-                News::Gap(gap) => gaps.push((t_s, gap)),
+                News::Reversal(reversal) => reversals.push((t_s, reversal)),
                 News::Changed(change) => changes.push((t_s, change)),
                 News::Estimate(estimate, detail) => {
                     moments.push(Moment { t_s, estimate, detail });
@@ -136,7 +136,7 @@ impl Story {
             duration_s,
             outcome,
             moments,
-            gaps,
+            reversals,
             changes,
             law,
             rows,

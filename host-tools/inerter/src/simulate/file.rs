@@ -45,7 +45,7 @@ pub fn write_recording(setup: &Setup, path: &Path, mut progress: impl FnMut(f64)
                 index: raw.index,
                 uptime_s: next_second as u32,
                 lost_samples: counters.lost_samples,
-                gaps: counters.gaps,
+                discontinuities: counters.discontinuities,
                 saturated: counters.saturated,
                 ..Health::default()
             }))?;
@@ -113,7 +113,7 @@ impl Stream {
     /// As a device says it.
     fn news(&mut self, index: u32, news: &News) -> Result<(), OutputError> {
         match *news {
-            News::Gap(gap) => self.send(&Record::Gap(gap)),
+            News::Reversal(reversal) => self.send(&Record::Reversal(reversal)),
             News::Changed(change) => self.send(&Record::Event(Event { index, kind: EventKind::Changed(change) })),
             News::Estimate(estimate, detail) => {
                 self.send(&Record::Estimate(estimate))?;

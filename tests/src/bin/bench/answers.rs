@@ -4,7 +4,7 @@ use crate::{
     cases::{self, CHANGE, CHANGE_S, CLEAN_TRUTH, Case, DURATION_S, MEMORIES_S, Outcome, Question, SEEDS, SLOW_S},
     methods::{METHODS, UNLIMITED, WALK},
 };
-use inerter_core::{Change, Detail, Estimate, SettingsError, State, Status};
+use inerter_core::{Change, Detail, Estimate, Published, SettingsError, State, Status};
 use inerter_plant::{Parameters as Device, Sample};
 use inerter_tests::grid;
 use std::error::Error;
@@ -123,11 +123,12 @@ fn listen(samples: &[Sample], device: &Device, set: &[(&str, f64)]) -> Result<He
     let mut state = Box::new(State::new(&active));
     let (mut published, mut change) = (Vec::new(), None);
     for sample in samples {
-        let estimate = active.step(&mut state, &grid::raw(sample));
-        published.extend(estimate.map(|estimate| (sample.t_s, estimate)));
-        change = change.or(state.take_change().map(|change| (sample.t_s, change)));
+        let output = active.step(&mut state, &grid::raw(sample));
+        published.extend(output.estimate().map(|estimate| (sample.t_s, estimate)));
+        change = change.or(output.change.map(|change| (sample.t_s, change)));
     }
-    Ok(Heard { published, change, last: active.estimate(&state), detail: active.detail(&state) })
+    let Published { estimate: last, detail } = active.publish(&state);
+    Ok(Heard { published, change, last, detail })
 }
 
 /// Time after the change from which the inertance stays within 1 % of the new one \[s\]; none when it does not.

@@ -10,7 +10,7 @@ use serde_json::{Map, Value, json};
 use super::{FOXGLOVE, resolve};
 use crate::{
     Error,
-    detail::GapJson,
+    detail::ReversalJson,
     monitor::{
         MonitorError,
         feed::{Item, Moment},
@@ -29,7 +29,7 @@ pub struct Foxglove {
     _context: Arc<Context>,
     samples: Arc<RawChannel>,
     estimate: Arc<RawChannel>,
-    gap: Arc<RawChannel>,
+    reversal: Arc<RawChannel>,
     health: Arc<RawChannel>,
     event: Arc<RawChannel>,
     marker: Arc<RawChannel>,
@@ -67,7 +67,7 @@ impl Foxglove {
         let mut bridge = Self {
             samples: channel("samples", fields(Group::Signal))?,
             estimate: channel("estimate", estimate_fields())?,
-            gap: channel(
+            reversal: channel(
                 "gap",
                 plain(&[("value_m", "number", "m"), ("error_m", "number", "m"), ("rising", "boolean", "")]),
             )?,
@@ -159,7 +159,9 @@ impl Viewer for Foxglove {
                 let line = || json_line(&EstimateJson::live(*t_s, estimate, detail.as_ref(), &self.settings));
                 Self::send(&self.estimate, *at, line);
             }
-            Item::Gap { t_s, gap } => Self::send(&self.gap, self.latest, || json_line(&GapJson::new(*t_s, gap))),
+            Item::Reversal { t_s, reversal } => {
+                Self::send(&self.reversal, self.latest, || json_line(&ReversalJson::new(*t_s, reversal)))
+            }
             Item::Health(health) => Self::send(&self.health, self.latest, || json_line(&health_json(health))),
             Item::Event { at, t_s, event } => {
                 Self::send(&self.event, *at, || json_line(&EventJson::new(*t_s, event.index, &event.kind)));

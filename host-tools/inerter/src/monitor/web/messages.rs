@@ -41,7 +41,7 @@ impl Messages {
             Item::Back { .. } => vec![json!({ "kind": "back" })],
             Item::Samples(_) => self.samples().into_iter().collect(),
             Item::Estimate { at, .. } => self.estimate(at.run_s).into_iter().collect(),
-            Item::Gap { .. } => Vec::new(),
+            Item::Reversal { .. } => Vec::new(),
             Item::Health(_) | Item::LostFrames(_) => self.health().into_iter().collect(),
             Item::Event { at, event, .. } => {
                 vec![line(at.run_s, &event_words(&event.kind), is_trouble(&event.kind))]
