@@ -1,7 +1,7 @@
 //! Backlash on the accuracy grid: gaps of every width, by the force alone and with the terminal's own sensor.
 
 use crate::grid::{self, Error, Rig, calibrated, raw};
-use inerter_core::{BacklashStatus, Detail, Reversal, Settings, State, Status};
+use inerter_core::{Detail, Interval, Reversal, Settings, State};
 use inerter_plant::{Excitation, Parameters as Device, Sensors, Simulation};
 
 /// Gaps of the grid \[m\].
@@ -120,15 +120,12 @@ fn column(values: &[(f64, f64)], truth: f64) -> Column {
 
 /// Statistics over the runs of one cell.
 pub fn cell(device: &Device, runs: &[Run]) -> Cell {
-    let found = |detail: &Detail| {
-        let backlash = detail.backlash;
-        let given = !matches!(backlash.status, BacklashStatus::NotIdentifiable(_));
-        given.then_some((f64::from(backlash.value_m), f64::from(backlash.u95_m)))
-    };
+    let found =
+        |detail: &Detail| detail.backlash.known().map(|Interval { value, u95 }| (f64::from(value), f64::from(u95)));
     let contact = |read: fn(&Detail) -> inerter_core::Parameter, truth: f64| {
-        let given = runs.iter().map(|run| read(&run.sensed)).filter(|value| value.status == Status::Ok);
+        let given = runs.iter().filter_map(|run| read(&run.sensed).ok());
         let values: Vec<_> =
-            given.map(|value| (f64::from(value.value) / truth, f64::from(value.u95) / truth)).collect();
+            given.map(|Interval { value, u95 }| (f64::from(value) / truth, f64::from(u95) / truth)).collect();
         column(&values, 1.0)
     };
     Cell {

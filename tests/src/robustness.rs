@@ -132,10 +132,10 @@ impl Case {
             for parameters in [&estimate.recent, &estimate.whole_run] {
                 let all = three(parameters).into_iter().zip(truth);
                 for ((parameter, truth), (given, within)) in all.zip(&mut covered) {
-                    if parameter.status == Status::Ok {
+                    if parameter.status() == Status::Ok {
                         *given += 1;
-                        let off = (f64::from(parameter.value) - truth).abs();
-                        *within += u32::from(off <= f64::from(parameter.u95));
+                        let off = (f64::from(parameter.fitted().value) - truth).abs();
+                        *within += u32::from(off <= f64::from(parameter.u95()));
                     }
                 }
             }
@@ -145,7 +145,7 @@ impl Case {
         Ok(Run {
             last: std::array::from_fn(|_| {
                 let (parameter, truth) = errors.next().unwrap_or_default();
-                (f64::from(parameter.value) - truth, parameter)
+                (f64::from(parameter.fitted().value) - truth, parameter)
             }),
             covered,
             counters: state.counters(),
@@ -202,8 +202,8 @@ pub fn cell(runs: &[Run], usual_n: Option<f64>) -> Cell {
         flags,
     };
     for i in 0..3 {
-        let last = runs.iter().map(|run| run.last[i]).filter(|(_, found)| found.status != Status::NotIdentifiable);
-        let (errors, u95): (Vec<f64>, Vec<f64>) = last.map(|(error, found)| (error, f64::from(found.u95))).unzip();
+        let last = runs.iter().map(|run| run.last[i]).filter(|(_, found)| found.status() != Status::NotIdentifiable);
+        let (errors, u95): (Vec<f64>, Vec<f64>) = last.map(|(error, found)| (error, f64::from(found.u95()))).unzip();
         let given = errors.len() as f64;
         cell.given[i] = errors.len();
         if errors.len() >= 2 {

@@ -1,6 +1,8 @@
 //! Backlash by either route: right where it is given, and refused with the right reason where it cannot be.
 
-use inerter_core::{BacklashStatus, Contact, Detail, RawSample, Reason, Reversal, Route, Settings, State, Status};
+use inerter_core::{
+    BacklashSize, Contact, Detail, Interval, RawSample, Reason, Reversal, Route, Settings, State, Status,
+};
 use inerter_plant::{Contact as Flanks, Excitation, Parameters as Device, Sensors, Simulation};
 use inerter_tests::backlash::{Run, cell, goal, instruments, run, sensed_goal, settings};
 use inerter_tests::grid::{MOTIONS, RIGS, Rig, raw};
@@ -32,13 +34,14 @@ fn sensing(settings: &Settings) -> Settings {
 }
 
 fn covers(detail: &Detail, truth_m: f64) -> bool {
-    let backlash = detail.backlash;
-    (f64::from(backlash.value_m) - truth_m).abs() <= f64::from(backlash.u95_m) && backlash.u95_m < 12e-6
+    let within =
+        |known: Interval| (f64::from(known.value) - truth_m).abs() <= f64::from(known.u95) && known.u95 < 12e-6;
+    detail.backlash.known().is_some_and(within)
 }
 
 fn reason(detail: &Detail) -> Option<Reason> {
-    match detail.backlash.status {
-        BacklashStatus::NotIdentifiable(reason) => Some(reason),
+    match detail.backlash.size {
+        BacklashSize::NotIdentifiable(reason) => Some(reason),
         _ => None,
     }
 }
@@ -72,7 +75,7 @@ fn gaps_of_all_widths_are_found_in_all_motions() {
                 let expected = if backlash_m == 0.0 { Contact::Closed } else { Contact::Backlash };
                 assert_eq!(run.sensed.contact, expected, "{place}");
                 assert_eq!(run.sensed.backlash.route, Route::Terminal);
-                assert_eq!(run.force.stiffness_n_per_m.status, Status::NotIdentifiable);
+                assert_eq!(run.force.stiffness_n_per_m.status(), Status::NotIdentifiable);
             }
         }
     }
@@ -103,11 +106,11 @@ fn each_reversal_tells_its_own_gap_with_the_sensor() {
             let normalised =
                 |reversal: &Reversal| ((f64::from(reversal.value_m) - mean) / f64::from(reversal.error_m)).powi(2);
             let ratio = (sensed_reversals.iter().map(normalised).sum::<f64>() / count).sqrt();
-            let pooled = sensed.backlash;
+            let pooled = sensed.backlash.known().unwrap();
             let place = format!("{motion}, {}, {backlash_m}: {mean} {ratio} {count} {pooled:?}", rig.name);
             assert!(sensed_reversals.len() > at_least, "{place}");
             assert!((0.5..2.0).contains(&ratio), "{place}");
-            assert!((mean - f64::from(pooled.value_m)).abs() < f64::from(pooled.u95_m) / 2.0, "{place}");
+            assert!((mean - f64::from(pooled.value)).abs() < f64::from(pooled.u95) / 2.0, "{place}");
             assert!(sensed_reversals.windows(2).all(|pair| pair[0].index < pair[1].index), "{place}");
             assert!(sensed_reversals.iter().all(|reversal| reversal.route == Route::Terminal), "{place}");
             let rising = sensed_reversals.iter().filter(|reversal| reversal.rising).count();
@@ -324,13 +327,12 @@ fn a_heavy_structure_is_no_flank() {
             let unknown = Settings { stiffness_n_per_m: 0.0, ..sensing(&plain) };
             let (sensed, _) = listen(&unknown, samples.iter().copied());
             assert!(covers(&sensed, 200e-6), "{part} {motion}: {sensed:?}");
-            let stiffness = f64::from(sensed.stiffness_n_per_m.value) / device.stiffness_n_per_m;
+            let stiffness = f64::from(sensed.stiffness_n_per_m.fitted().value) / device.stiffness_n_per_m;
             assert!((stiffness - 1.0).abs() < 5e-3, "{part} {motion}: {stiffness}");
             // By the force alone there is a true value or none.
             let (by_force, _) = listen(&plain, samples);
-            let error = f64::from(by_force.backlash.value_m) - 200e-6;
-            let holds = reason(&by_force).is_some() || error.abs() < f64::from(by_force.backlash.u95_m);
-            assert!(holds, "{part} {motion}: {by_force:?}");
+            let holds = |known: Interval| (f64::from(known.value) - 200e-6).abs() < f64::from(known.u95);
+            assert!(by_force.backlash.known().is_none_or(holds), "{part} {motion}: {by_force:?}");
         }
     }
 }
@@ -349,7 +351,7 @@ fn a_wrong_damping_moves_little() {
                 let wrong = Settings { contact_damping_n_s_per_m: damping, ..settings(&device, &sensors) };
                 let (detail, _) = listen(&wrong, samples.iter().copied());
                 assert!(covers(&detail, 100e-6), "{motion} {factor}: {detail:?}");
-                detail.backlash.value_m
+                detail.backlash.known().unwrap().value
             });
             moved += f64::from(less - more) / 8.0;
         }
@@ -369,9 +371,9 @@ fn the_stiffness_is_in_the_interval() {
             ..settings(&device, &sensors)
         };
         let (detail, _) = listen(&wrong, shaken(&device, motion, 20.0, &sensors));
-        let backlash = detail.backlash;
-        let error = f64::from(backlash.value_m) - device.backlash_m;
+        let backlash = detail.backlash.known().unwrap();
+        let error = f64::from(backlash.value) - device.backlash_m;
         assert!(error.abs() > 5e-6, "{motion}: {backlash:?}");
-        assert!(error.abs() < f64::from(backlash.u95_m), "{motion}: {backlash:?}");
+        assert!(error.abs() < f64::from(backlash.u95), "{motion}: {backlash:?}");
     }
 }

@@ -59,7 +59,7 @@ fn a_simulated_run_to_the_bit() {
     let there = measure(&image, &settings, &samples).unwrap();
     same(&there, &here(&settings, &samples));
     let last = there.last().unwrap();
-    assert!(there.len() > 300 && (last.whole_run.inertance_kg.value - 299.49).abs() < 0.1, "{last:?}");
+    assert!(there.len() > 300 && (last.whole_run.inertance_kg.fitted().value - 299.49).abs() < 0.1, "{last:?}");
     assert!(there.iter().any(|estimate| !estimate.moving) && there.iter().any(|estimate| estimate.moving));
     // One count of the encoder in one of 65 000 samples, and it is no longer the same.
     samples[10_000].position_count += 1;

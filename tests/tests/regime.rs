@@ -37,7 +37,7 @@ fn wrong(device: &Parameters, said: &Said) -> Vec<usize> {
     let found = three(&said.last.whole_run).into_iter().zip(truth(device)).enumerate();
     found
         .filter(|(_, (found, truth))| {
-            found.status == Status::Ok && (f64::from(found.value) - truth).abs() > f64::from(found.u95)
+            found.status() == Status::Ok && (f64::from(found.fitted().value) - truth).abs() > f64::from(found.u95())
         })
         .map(|(i, _)| i)
         .collect()
@@ -97,7 +97,10 @@ fn presliding_is_called_so_and_covered() {
         assert_eq!(said.regime, Regime::Unknown);
         assert!(wrong(&device, &said).is_empty(), "{um} um, fast: {:?}", said.last.whole_run);
         let inertance = said.last.whole_run.inertance_kg;
-        assert!(inertance.status == Status::Ok && inertance.u95 < 0.02 * inertance.value, "{um} um: {inertance:?}");
+        assert!(
+            inertance.status() == Status::Ok && inertance.u95() < 0.02 * inertance.fitted().value,
+            "{um} um: {inertance:?}"
+        );
     }
 }
 

@@ -28,7 +28,7 @@ fn a_screw_that_creeps_before_friction_is_known_teaches_nothing() {
     let device = Parameters::paper();
     let random = &MOTIONS[4];
     let last = grid::run(&device, random, &RIGS[0], 30).unwrap().last.whole_run;
-    let [_, viscous, coulomb] = grid::three(&last).map(|parameter| f64::from(parameter.value));
+    let [_, viscous, coulomb] = grid::three(&last).map(|parameter| f64::from(parameter.fitted().value));
     assert!((viscous - device.viscous_n_s_per_m).abs() < 0.6, "{viscous}");
     assert!((coulomb - device.coulomb_n).abs() < 0.08, "{coulomb}");
 }

@@ -120,8 +120,8 @@ fn estimates_from_a_source_that_waits_equal_cores_to_the_bit_and_none_is_lost() 
     let (mut expected, end) = by_core(&Settings::default(), &samples);
     expected.push(end);
     assert_eq!(estimates(&records), expected);
-    assert_eq!(end.recent.inertance_kg.status, Status::Ok);
-    assert!((end.recent.inertance_kg.value - 100.0).abs() < 0.5, "{end:?}");
+    assert_eq!(end.recent.inertance_kg.status(), Status::Ok);
+    assert!((end.recent.inertance_kg.fitted().value - 100.0).abs() < 0.5, "{end:?}");
 }
 
 #[test]

@@ -23,6 +23,7 @@ use crate::sign::{self, Sign, VelocityReversals};
 
 /// What has been counted since the reset.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Counters {
     /// Samples taken.
     pub samples: u64,

@@ -50,9 +50,10 @@ mod sums;
 
 pub use active::Active;
 pub use detail::{
-    Backlash, BacklashStatus, Band, Change, Changed, Contact, Detail, Friction, Reason, Regime, Reversal, Route,
+    Backlash, BacklashSize, BacklashStatus, Band, Change, Changed, Contact, Detail, Friction, Reason, Regime, Reversal,
+    Route,
 };
-pub use estimate::{Bank, Estimate, Parameter, Parameters, Status};
+pub use estimate::{Bank, Estimate, Interval, Parameter, Parameters, Status, Unresolved};
 pub use estimator::{Counters, State};
 pub use output::{Output, Published};
 pub use sample::RawSample;

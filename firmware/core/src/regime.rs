@@ -15,7 +15,7 @@
 //! known whether they part, it may be either.
 
 use crate::detail::{Contact, Regime};
-use crate::estimate::{Parameter, Parameters, Status};
+use crate::estimate::{Interval, Parameter, Parameters, Status, Unresolved};
 use crate::fit::Fit;
 use crate::ldl::UNKNOWNS;
 use crate::math::{magnitude, sqrt};
@@ -58,7 +58,7 @@ impl Assessment {
     /// From the fits to all updates and to those away from rest, the rms of acceleration \[m/s^2\] and velocity \[m/s\],
     /// viscous friction as it would be published, the residual's variance that noise and steps explain \[N^2\], and
     /// how the flanks behave, which counts only where that is too little.
-    pub fn of(all: &Fit, away: &Fit, rms: [f32; 2], viscous: &Parameter, explained: f32, contact: Contact) -> Self {
+    pub fn of(all: &Fit, away: &Fit, rms: [f32; 2], viscous: Interval, explained: f32, contact: Contact) -> Self {
         let ratio = all.variance / explained;
         let beyond = ratio - CHANCE * sqrt(2.0 / freedom(all));
         let contact = if beyond > UNEXPLAINED_IMPACTS { contact } else { Contact::Closed };
@@ -80,7 +80,7 @@ impl Assessment {
         all: &Fit,
         away: &Fit,
         [acceleration, velocity]: [f32; 2],
-        viscous: &Parameter,
+        viscous: Interval,
         unexplained: Option<f32>,
     ) -> Self {
         let ([mt, cf, fc, _], [mt_away, cf_away, fc_away, _]) = (all.values, away.values);
@@ -134,15 +134,14 @@ impl Assessment {
     pub fn widen(&self, parameters: &mut Parameters, widest: f32) {
         let Parameters { inertance_kg, viscous_n_s_per_m, coulomb_n, .. } = parameters;
         for (parameter, error) in [inertance_kg, viscous_n_s_per_m, coulomb_n].into_iter().zip(self.errors) {
-            if parameter.status == Status::NotIdentifiable || error == 0.0 {
-                continue;
-            }
-            parameter.u95 = length(parameter.u95, error);
-            if !parameter.u95.is_finite() {
-                *parameter = Parameter { value: 0.0, u95: f32::INFINITY, status: Status::NotIdentifiable };
-            } else if parameter.u95 > widest * (magnitude(parameter.value) - if self.impacts { error } else { 0.0 }) {
-                parameter.status = Status::NotIdentifiable;
-            }
+            let Some(Interval { value, u95 }) = parameter.known().filter(|_| error != 0.0) else { continue };
+            let u95 = length(u95, error);
+            let known_without = magnitude(value) - if self.impacts { error } else { 0.0 };
+            *parameter = match parameter.status() {
+                _ if !u95.is_finite() => Parameter::NotIdentifiable(Unresolved::NOTHING),
+                _ if u95 > widest * known_without => Parameter::new(Interval { value, u95 }, Status::NotIdentifiable),
+                status => Parameter::new(Interval { value, u95 }, status),
+            };
         }
     }
 }
@@ -184,8 +183,8 @@ mod tests {
 
     /// With this much of the residual's variance explained \[N^2\].
     fn judged_beside(all: Fit, away: Fit, explained: f32, contact: Contact) -> Assessment {
-        let viscous = Parameter { value: all.values[1], u95: 3.0 * all.errors[1], status: Status::Ok };
-        Assessment::of(&all, &away, [5.0, 0.02], &viscous, explained, contact)
+        let viscous = Interval { value: all.values[1], u95: 3.0 * all.errors[1] };
+        Assessment::of(&all, &away, [5.0, 0.02], viscous, explained, contact)
     }
 
     #[test]
@@ -244,7 +243,7 @@ mod tests {
 
     #[test]
     fn intervals_only_grow_and_give_up_past_the_widest() {
-        let known = |value, u95| Parameter { value, u95, status: Status::Ok };
+        let known = |value, u95| Parameter::Ok(Interval { value, u95 });
         let before = Parameters {
             inertance_kg: known(300.0, 0.3),
             viscous_n_s_per_m: known(31.4, 4.0),
@@ -258,15 +257,15 @@ mod tests {
         let errors = [0.4, 20.0, f32::INFINITY];
         Assessment { regime: Regime::Stribeck, errors, impacts: false }.widen(&mut wide, 0.5);
         assert_eq!(wide.inertance_kg, known(300.0, 0.5));
-        assert!((wide.viscous_n_s_per_m.u95 - 20.396).abs() < 1e-3);
-        assert_eq!(wide.viscous_n_s_per_m.status, Status::NotIdentifiable);
-        assert_eq!((wide.coulomb_n.status, wide.coulomb_n.u95), (Status::NotIdentifiable, f32::INFINITY));
+        assert!((wide.viscous_n_s_per_m.u95() - 20.396).abs() < 1e-3);
+        assert_eq!(wide.viscous_n_s_per_m.status(), Status::NotIdentifiable);
+        assert_eq!(wide.coulomb_n, Parameter::NotIdentifiable(Unresolved::NOTHING));
         assert_eq!(wide.offset_n, before.offset_n);
         // 12 of 31.4 is known, but not when 12 of that may be impacts.
         for (impacts, status) in [(false, Status::Ok), (true, Status::NotIdentifiable)] {
             let mut struck = before;
             Assessment { regime: Regime::Coulomb, errors: [0.0, 12.0, 0.0], impacts }.widen(&mut struck, 0.5);
-            assert_eq!((struck.viscous_n_s_per_m.status, struck.coulomb_n), (status, before.coulomb_n));
+            assert_eq!((struck.viscous_n_s_per_m.status(), struck.coulomb_n), (status, before.coulomb_n));
         }
     }
 }

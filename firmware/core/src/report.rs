@@ -7,7 +7,7 @@ use crate::active::{Active, Scales};
 use crate::backlash::report::Found as Backlash;
 use crate::bank::BankState;
 use crate::detail::{Band, Contact, Detail, Friction};
-use crate::estimate::{Bank, Estimate, Parameter, Parameters, Status};
+use crate::estimate::{Bank, Estimate, Interval, Parameter, Parameters, Status, Unresolved};
 use crate::estimator::State;
 use crate::feedback::Feedback;
 use crate::fit::{Fit, Knowledge, fit};
@@ -15,7 +15,6 @@ use crate::line::VELOCITY_BITS;
 use crate::math::{magnitude, sqrt, term};
 use crate::noise::Noise;
 use crate::output::Published;
-use crate::qformat::Term;
 use crate::regime::Assessment;
 
 /// Standard errors in the interval: 1.96 would do for white noise alone.
@@ -115,7 +114,7 @@ impl Active {
         let rms = [sqrt(knowledge.mean_square(0)) * a as f32, sqrt(knowledge.mean_square(1)) * v as f32];
         let away = away.unwrap_or(Fit::NONE);
         let explained = self.explained(&state.noise, &all, &config.scales);
-        let assessment = Assessment::of(&all, &away, rms, &parameters.viscous_n_s_per_m, explained, contact);
+        let assessment = Assessment::of(&all, &away, rms, parameters.viscous_n_s_per_m.fitted(), explained, contact);
         assessment.widen(&mut parameters, WIDEST_INTERVAL);
         Recent { bank, knowledge, parameters, assessment, residual_rms_n: sqrt(all.variance) }
     }
@@ -154,20 +153,23 @@ impl Active {
         let Parameters { inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n } = estimate.recent;
         let codes = |newtons: f32| (newtons / self.signal.newtons_per_code) as i32;
         let mut feedback = before;
-        if coulomb_n.status == Status::Ok && inertance_kg.status == Status::Ok {
-            let (kink, per_force, viscous) = self.sign_effects;
-            let known = viscous_n_s_per_m.status == Status::Ok;
-            feedback.viscous = if known { term(viscous * f64::from(viscous_n_s_per_m.value)) } else { Term::default() };
-            let fraction = f64::from((1_u32 << VELOCITY_BITS) as f32 / inertance_kg.value);
-            feedback.kink = term(kink * fraction * f64::from(coulomb_n.value));
+        let [inertance, viscous, coulomb, offset] =
+            [inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n].map(|parameter| parameter.ok());
+        let Some(coulomb) = coulomb else { return feedback };
+        if let Some(inertance) = inertance {
+            let (kink, per_force, per_viscous) = self.sign_effects;
+            let viscous_term = |viscous: Interval| term(per_viscous * f64::from(viscous.value));
+            feedback.viscous = viscous.map(viscous_term).unwrap_or_default();
+            let fraction = f64::from((1_u32 << VELOCITY_BITS) as f32 / inertance.value);
+            feedback.kink = term(kink * fraction * f64::from(coulomb.value));
             // The load cell also feels the structure, which moves with the screw.
-            let structure = self.settings.structure_mass_kg as f32 / inertance_kg.value;
+            let structure = self.settings.structure_mass_kg as f32 / inertance.value;
             feedback.velocity_per_force = term(per_force * fraction / f64::from(1.0 + structure));
         }
-        if coulomb_n.status == Status::Ok && offset_n.status == Status::Ok {
-            feedback.offset_code = codes(offset_n.value);
-            feedback.friction_known = coulomb_n.u95 < FRICTION_KNOWN * coulomb_n.value;
-            feedback.weak_force_code = codes(3.0 * coulomb_n.value).max(0) as u32;
+        if let Some(offset) = offset {
+            feedback.offset_code = codes(offset.value);
+            feedback.friction_known = coulomb.u95 < FRICTION_KNOWN * coulomb.value;
+            feedback.weak_force_code = codes(3.0 * coulomb.value).max(0) as u32;
         }
         feedback
     }
@@ -179,7 +181,7 @@ impl Active {
         }
     }
 
-    /// Adds what no averaging removes, and gives each parameter its word.
+    /// Adds what no averaging removes, and gives each parameter its interval.
     fn with_systematic(&self, fit: &Fit, knowledge: &Knowledge, scales: &Scales) -> Parameters {
         let systematic = &self.systematic;
         let found = |i: usize| Found { value: fit.values[i], error: fit.errors[i] };
@@ -192,18 +194,17 @@ impl Active {
         let steps = inertance.value * (scales.quantisation / acceleration);
         let without_structure = inertance.value - self.settings.structure_mass_kg as f32;
         let relative = |found: &Found, part: f32| square(found.value) * part;
+        let inertance_u95 =
+            inertance.u95(relative(&inertance, systematic.inertance) + systematic.structure_mass + square(steps));
+        let viscous_u95 = viscous.u95(relative(&viscous, systematic.viscous) + square(per_skew * systematic.skew_s));
+        let coulomb_u95 = coulomb.u95(relative(&coulomb, systematic.force + square(COULOMB_MODEL_U95)));
+        let offset_u95 = offset.u95(relative(&offset, systematic.force));
         Parameters {
-            inertance_kg: inertance
-                .with(relative(&inertance, systematic.inertance) + systematic.structure_mass + square(steps))
-                .word(without_structure, true),
-            viscous_n_s_per_m: viscous
-                .with(relative(&viscous, systematic.viscous) + square(per_skew * systematic.skew_s))
-                .word(viscous.value, true),
-            coulomb_n: coulomb
-                .with(relative(&coulomb, systematic.force + square(COULOMB_MODEL_U95)))
-                .word(coulomb.value, true),
+            inertance_kg: parameter(without_structure, inertance_u95, true),
+            viscous_n_s_per_m: parameter(viscous.value, viscous_u95, true),
+            coulomb_n: parameter(coulomb.value, coulomb_u95, true),
             // An offset near zero is as good a finding as any other.
-            offset_n: offset.with(relative(&offset, systematic.force)).word(offset.value, false),
+            offset_n: parameter(offset.value, offset_u95, false),
         }
     }
 }
@@ -223,35 +224,29 @@ struct Found {
     error: f32,
 }
 
-/// Half width of a 95 % interval.
-struct Interval(f32);
-
 impl Found {
-    /// The interval with the square of what no averaging removes.
-    fn with(&self, systematic_squared: f32) -> Interval {
+    /// Half width of the 95 % interval with the square of what no averaging removes.
+    fn u95(&self, systematic_squared: f32) -> f32 {
         let random = COVERAGE * self.error;
-        Interval(sqrt(random * random + systematic_squared))
+        sqrt(random * random + systematic_squared)
     }
 }
 
-impl Interval {
-    fn word(self, value: f32, relative: bool) -> Parameter {
-        let Self(u95) = self;
-        if !(u95.is_finite() && value.is_finite()) {
-            return Parameter { value: 0.0, u95: f32::INFINITY, status: Status::NotIdentifiable };
-        }
-        let too_wide = relative && u95 > WIDEST_INTERVAL * magnitude(value);
-        let status = if too_wide { Status::NotIdentifiable } else { Status::Ok };
-        Parameter { value, u95, status }
+/// Refuses what has no finite interval, and with `relative` what is known to less than the widest.
+fn parameter(value: f32, u95: f32, relative: bool) -> Parameter {
+    if !(u95.is_finite() && value.is_finite()) {
+        return Parameter::NotIdentifiable(Unresolved::NOTHING);
     }
+    let too_wide = relative && u95 > WIDEST_INTERVAL * magnitude(value);
+    Parameter::new(Interval { value, u95 }, if too_wide { Status::NotIdentifiable } else { Status::Ok })
 }
 
 impl Parameters {
     fn hold(&mut self) {
         for parameter in [&mut self.inertance_kg, &mut self.viscous_n_s_per_m, &mut self.coulomb_n, &mut self.offset_n]
         {
-            if parameter.status == Status::Ok {
-                parameter.status = Status::Held;
+            if let Parameter::Ok(interval) = *parameter {
+                *parameter = Parameter::Held(interval);
             }
         }
     }

@@ -3,10 +3,9 @@
 //! Every setting is one `f64` with a name that carries its unit. The table below is the only place where a
 //! setting's name, unit, default and range are written; the wire, the host and the documents read it from here.
 
-use serde::{Deserialize, Serialize};
-
 /// Why a set of settings was refused, naming the field.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum SettingsError {
     /// No setting has this name (or, on the wire, this number).
     Unknown,
@@ -86,6 +85,7 @@ impl core::error::Error for SettingsError {}
 
 /// What a person wants to know of a setting. Apart from [`SettingInfo`], as a device has no use for it and its flash is small.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SettingText {
     /// Unit for display; empty for a plain number.
     pub unit: &'static str,
@@ -95,6 +95,7 @@ pub struct SettingText {
 
 /// What is known of a setting apart from its value.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SettingInfo {
     /// Name, ending in the unit where there is one.
     pub name: &'static str,
@@ -110,6 +111,7 @@ pub struct SettingInfo {
 
 /// What a setting's value must be besides in range.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Kind {
     /// Any number.
     Real,
@@ -122,7 +124,9 @@ pub enum Kind {
 macro_rules! settings {
     ($($name:ident, $unit:literal, $default:expr, $min:expr, $max:expr, $kind:ident, $help:literal;)+) => {
         /// Everything a user can set, in SI units.
-        #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+        #[derive(Clone, Copy, Debug, PartialEq)]
+        #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+        #[cfg_attr(feature = "defmt", derive(defmt::Format))]
         pub struct Settings {
             $(#[doc = $help] #[doc = concat!("Unit: `", $unit, "`.")] pub $name: f64,)+
         }

@@ -1,7 +1,7 @@
 //! Stiffness and damping of the contact as settings: measured once with a terminal displacement sensor, they let the force
 //! alone find the backlash from then on.
 
-use inerter_core::{BacklashStatus, Detail, Parameter, Reason, Route, Settings, Status};
+use inerter_core::{BacklashSize, Detail, Interval, Parameter, Reason, Route, Settings};
 use miette::Diagnostic;
 
 use crate::{detail::has_terminal_sensor, error::exit};
@@ -65,9 +65,9 @@ impl Contact {
             return Err(ContactError::NoSensor);
         }
         let (stiffness, damping) = (detail.stiffness_n_per_m, detail.contact_damping_n_s_per_m);
-        if stiffness.status == Status::NotIdentifiable {
-            let reason = match detail.backlash.status {
-                BacklashStatus::NotIdentifiable(reason) if detail.backlash.route == Route::Terminal => Some(reason),
+        if stiffness.known().is_none() {
+            let reason = match detail.backlash.size {
+                BacklashSize::NotIdentifiable(reason) if detail.backlash.route == Route::Terminal => Some(reason),
                 _ => None,
             };
             return Err(ContactError::NotShown { reason });
@@ -80,27 +80,28 @@ impl Contact {
     pub fn is_better_than(&self, settings: &Settings) -> bool {
         let Settings { stiffness_n_per_m: used, stiffness_u95_n_per_m: used_u95, .. } = *settings;
         // As it would be stored: what has been adopted is not adopted again.
-        let [found, u95] = [self.stiffness.value, self.stiffness.u95].map(|value| borne(self.stiffness, value));
+        let Interval { value, u95 } = self.stiffness.fitted();
+        let [found, u95] = [value, u95].map(|value| borne(u95, value));
         let used_u95 = if used_u95 > 0.0 { used_u95 } else { UNSTATED_U95 * used };
         used <= 0.0 || (found - used).abs() > u95 || u95 < used_u95
     }
 
     /// The settings with what was found, to the digits that the intervals bear. A damping that was not shown stays as it is.
     pub fn adopted_by(&self, settings: &Settings) -> Settings {
-        let stiffness_n_per_m = borne(self.stiffness, self.stiffness.value);
-        let stiffness_u95_n_per_m = borne(self.stiffness, self.stiffness.u95);
-        let contact_damping_n_s_per_m = match self.damping.status {
-            Status::NotIdentifiable => settings.contact_damping_n_s_per_m,
-            _ => borne(self.damping, self.damping.value),
+        let Interval { value, u95 } = self.stiffness.fitted();
+        let (stiffness_n_per_m, stiffness_u95_n_per_m) = (borne(u95, value), borne(u95, u95));
+        let contact_damping_n_s_per_m = match self.damping.known() {
+            None => settings.contact_damping_n_s_per_m,
+            Some(Interval { value, u95 }) => borne(u95, value),
         };
         Settings { stiffness_n_per_m, stiffness_u95_n_per_m, contact_damping_n_s_per_m, ..*settings }
     }
 }
 
 /// A number with as many digits as two of the interval's.
-fn borne(parameter: Parameter, value: f32) -> f64 {
+fn borne(u95: f32, value: f32) -> f64 {
     // Whole powers of ten divide without a rest, and print as they are.
-    let places = 1 - f64::from(parameter.u95).log10().floor() as i32;
+    let places = 1 - f64::from(u95).log10().floor() as i32;
     let scale = 10_f64.powi(places.abs());
     let value = f64::from(value);
     if places > 0 { (value * scale).round() / scale } else { (value / scale).round() * scale }
@@ -112,7 +113,7 @@ mod tests {
     use inerter_core::Backlash;
 
     fn parameter(value: f32, u95: f32) -> Parameter {
-        Parameter { value, u95, status: Status::Ok }
+        Parameter::Ok(Interval { value, u95 })
     }
 
     fn sensing() -> Settings {
@@ -126,7 +127,7 @@ mod tests {
         assert_eq!(settings.stiffness_n_per_m, 2_099_000.0);
         assert_eq!(settings.stiffness_u95_n_per_m, 11_000.0);
         assert_eq!(settings.contact_damping_n_s_per_m, 1203.5);
-        let slow = Contact { damping: Parameter { status: Status::NotIdentifiable, ..contact.damping }, ..contact };
+        let slow = Contact { damping: Parameter::default(), ..contact };
         let kept = Settings { contact_damping_n_s_per_m: 900.0, ..sensing() };
         assert_eq!(slow.adopted_by(&kept).contact_damping_n_s_per_m, 900.0);
     }
@@ -145,8 +146,8 @@ mod tests {
     fn what_is_missing_is_named() {
         let detail = Detail::default();
         assert_eq!(Contact::of(&detail, &Settings::default()).unwrap_err(), ContactError::NoSensor);
-        let status = BacklashStatus::NotIdentifiable(Reason::ForceNeverReverses);
-        let backlash = Backlash { status, route: Route::Terminal, ..Backlash::default() };
+        let size = BacklashSize::NotIdentifiable(Reason::ForceNeverReverses);
+        let backlash = Backlash { size, route: Route::Terminal, ..Backlash::default() };
         let refused = Contact::of(&Detail { backlash, ..detail }, &sensing()).unwrap_err();
         assert!(refused.to_string().ends_with("the force never reverses"), "{refused}");
         // The force's reasons are not the sensor's.

@@ -1,7 +1,7 @@
 //! What goes with an estimate (backlash, contact, friction, band, changes) for programs and for people.
 
 use inerter_core::{
-    Backlash, BacklashStatus, Band, Change, Changed, Contact, Detail, Reason, Regime, Reversal, Route, Settings,
+    Backlash, BacklashSize, Band, Change, Changed, Contact, Detail, Interval, Reason, Regime, Reversal, Route, Settings,
 };
 use inerter_wire::catalogue::{self, Field, Group};
 use serde::Serialize;
@@ -22,14 +22,15 @@ pub struct BacklashJson {
 
 impl From<Backlash> for BacklashJson {
     fn from(backlash: Backlash) -> Self {
-        let (status, reason) = match backlash.status {
-            BacklashStatus::Ok => ("ok", None),
-            BacklashStatus::BelowU95 => ("below_u95", None),
-            BacklashStatus::NotIdentifiable(reason) => ("not_identifiable", Some(reason_code(reason))),
+        let (status, reason) = match backlash.size {
+            BacklashSize::Ok(_) => ("ok", None),
+            BacklashSize::BelowU95(_) => ("below_u95", None),
+            BacklashSize::NotIdentifiable(reason) => ("not_identifiable", Some(reason_code(reason))),
         };
+        let known = backlash.known();
         Self {
-            value: Some(backlash.value_m).filter(|value| reason.is_none() && value.is_finite()),
-            u95: Some(backlash.u95_m).filter(|u95| u95.is_finite()),
+            value: known.map(|known| known.value).filter(|value| value.is_finite()),
+            u95: known.map(|known| known.u95).filter(|u95| u95.is_finite()),
             status,
             reason,
             reversals: backlash.reversals,
@@ -139,12 +140,11 @@ pub fn change_words(change: &Change) -> String {
 
 /// A backlash for a person, in micrometres: `50.1 ± 1.2`, or why there is none.
 pub fn backlash_text(backlash: &Backlash) -> String {
-    let micrometres = |metres: f32| f64::from(metres) * 1e6;
-    let text = interval_text(micrometres(backlash.value_m), micrometres(backlash.u95_m));
-    match backlash.status {
-        BacklashStatus::Ok => text,
-        BacklashStatus::BelowU95 => format!("{text} (maybe none)"),
-        BacklashStatus::NotIdentifiable(reason) => reason_words(reason).into(),
+    let text = |Interval { value, u95 }: Interval| interval_text(f64::from(value) * 1e6, f64::from(u95) * 1e6);
+    match backlash.size {
+        BacklashSize::Ok(interval) => text(interval),
+        BacklashSize::BelowU95(interval) => format!("{} (maybe none)", text(interval)),
+        BacklashSize::NotIdentifiable(reason) => reason_words(reason).into(),
     }
 }
 

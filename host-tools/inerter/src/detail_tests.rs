@@ -1,17 +1,15 @@
 use super::*;
 use crate::report::{EstimateJson, EventJson, json_line, row, table};
-use inerter_core::{Estimate, Friction, Parameter, Status};
+use inerter_core::{Estimate, Friction, Parameter};
 use std::collections::BTreeMap;
 
 fn detail() -> Detail {
-    let parameter = |value, u95| Parameter { value, u95, status: Status::Ok };
+    let parameter = |value, u95| Parameter::Ok(Interval { value, u95 });
     Detail {
         index: 7,
         band: Band { low_hz: 3.125, high_hz: 6.5 },
         backlash: Backlash {
-            value_m: 5e-5,
-            u95_m: 2e-6,
-            status: BacklashStatus::Ok,
+            size: BacklashSize::Ok(Interval { value: 5e-5, u95: 2e-6 }),
             route: Route::Terminal,
             reversals: 130,
         },
@@ -60,14 +58,16 @@ fn what_is_not_known_is_null_with_its_reason() {
         (Reason::Scattered, "scattered"),
     ] {
         // Whatever the device puts beside it.
-        let backlash =
-            Backlash { status: BacklashStatus::NotIdentifiable(reason), u95_m: f32::INFINITY, ..detail().backlash };
+        let backlash = Backlash { size: BacklashSize::NotIdentifiable(reason), ..detail().backlash };
         let json = BacklashJson::from(backlash);
         assert_eq!((json.value, json.u95, json.reason), (None, None, Some(code)));
     }
-    let below = BacklashJson::from(Backlash { status: BacklashStatus::BelowU95, ..detail().backlash });
+    let below = BacklashJson::from(Backlash {
+        size: BacklashSize::BelowU95(Interval { value: 5e-5, u95: 2e-6 }),
+        ..detail().backlash
+    });
     assert_eq!((below.value, below.status, below.reason), (Some(5e-5), "below_u95", None));
-    let odd = Backlash { value_m: f32::NAN, u95_m: f32::NAN, ..detail().backlash };
+    let odd = Backlash { size: BacklashSize::Ok(Interval { value: f32::NAN, u95: f32::NAN }), ..detail().backlash };
     assert_eq!((BacklashJson::from(odd).value, BacklashJson::from(odd).u95), (None, None));
 }
 
@@ -118,7 +118,7 @@ fn a_person_sees_it_at_a_glance() {
     let moving = Estimate { moving: true, ..Estimate::default() };
     let row = row(1.0, &moving, Some(&odd));
     assert!(row.ends_with("the flanks bounce, creeps before it slips (presliding)"), "{row}");
-    let below = Backlash { status: BacklashStatus::BelowU95, value_m: 1e-6, ..detail().backlash };
+    let below = Backlash { size: BacklashSize::BelowU95(Interval { value: 1e-6, u95: 2e-6 }), ..detail().backlash };
     assert_eq!(backlash_text(&below), "1.0 ± 2.0 (maybe none)");
     assert_eq!(backlash_text(&Backlash::default()), "too few reversals");
 }

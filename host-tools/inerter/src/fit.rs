@@ -8,7 +8,7 @@
 //! Uncertainty as in core (docs/THEORY.md 6): `U95 = sqrt((3 se)^2 + B^2)` with `se^2 = s^2 (2.09 M / D) inv(A)`.
 //! f64 throughout; sums of a day keep 1e-9 of their value.
 
-use inerter_core::{Backlash, BacklashStatus, Bank, MoreSums, Parameter, Parameters, Settings, Status, Sums};
+use inerter_core::{Backlash, Bank, Interval, MoreSums, Parameter, Parameters, Settings, Status, Sums};
 use miette::Diagnostic;
 
 use crate::error::exit;
@@ -380,7 +380,7 @@ fn judged(value: f64, error: f64, systematic: f64, needs_size: bool) -> Paramete
     let u95 = hypot(&[COVERAGE * error, systematic]);
     let known = u95.is_finite() && !(needs_size && u95 > WIDEST_INTERVAL * value.abs());
     let status = if known { Status::Ok } else { Status::NotIdentifiable };
-    Parameter { value: value as f32, u95: u95 as f32, status }
+    Parameter::new(Interval { value: value as f32, u95: u95 as f32 }, status)
 }
 
 /// Friction in both directions alike and by direction.
@@ -524,10 +524,7 @@ pub fn skew(products: &Products, settings: &Settings, backlash: &Backlash) -> Re
 
 /// The backlash that there may be \[m\]; 0 where nothing is known.
 fn greatest_backlash_m(backlash: &Backlash) -> f64 {
-    match backlash.status {
-        BacklashStatus::Ok | BacklashStatus::BelowU95 => f64::from(backlash.value_m.abs() + backlash.u95_m),
-        BacklashStatus::NotIdentifiable(_) => 0.0,
-    }
+    backlash.known().map_or(0.0, |Interval { value, u95 }| f64::from(value.abs() + u95))
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 
 use chrono::{DateTime, SecondsFormat};
-use inerter_core::{Bank, Counters, Detail, Estimate, Parameter, Parameters, Settings, Status};
+use inerter_core::{Bank, Counters, Detail, Estimate, Interval, Parameter, Parameters, Settings, Status};
 use inerter_wire::{EventKind, Health, ResetCause, catalogue};
 use serde::Serialize;
 use serde_json::Value;
@@ -29,11 +29,11 @@ pub struct ParameterJson {
 
 impl From<Parameter> for ParameterJson {
     fn from(parameter: Parameter) -> Self {
-        let known = parameter.status != Status::NotIdentifiable && parameter.value.is_finite();
+        let value = parameter.value().filter(|value| value.is_finite());
         Self {
-            value: Some(parameter.value).filter(|_| known),
-            u95: Some(parameter.u95).filter(|u95| u95.is_finite()),
-            status: status_word(if known { parameter.status } else { Status::NotIdentifiable }),
+            value,
+            u95: Some(parameter.u95()).filter(|u95| u95.is_finite()),
+            status: status_word(value.map_or(Status::NotIdentifiable, |_| parameter.status())),
         }
     }
 }
@@ -281,11 +281,11 @@ pub fn bank_word(bank: Bank) -> &'static str {
 
 /// Value and interval to the digits that the interval bears: `95.11 ± 0.48`.
 pub fn value_text(parameter: &Parameter) -> String {
-    if parameter.status == Status::NotIdentifiable || !parameter.value.is_finite() {
+    let Some(Interval { value, u95 }) = parameter.known().filter(|known| known.value.is_finite()) else {
         return "not identifiable".into();
-    }
-    let held = if parameter.status == Status::Held { " (held)" } else { "" };
-    interval_text(parameter.value.into(), parameter.u95.into()) + held
+    };
+    let held = if parameter.status() == Status::Held { " (held)" } else { "" };
+    interval_text(value.into(), u95.into()) + held
 }
 
 /// A value with its interval, both with the digits that the interval bears.

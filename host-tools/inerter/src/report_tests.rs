@@ -1,7 +1,7 @@
 use super::*;
 
 fn estimate() -> Estimate {
-    let parameter = |value, u95, status| Parameter { value, u95, status };
+    let parameter = |value, u95, status| Parameter::new(Interval { value, u95 }, status);
     let recent = Parameters {
         inertance_kg: parameter(299.4906, 0.12, Status::Ok),
         viscous_n_s_per_m: parameter(31.4, 2.5, Status::Held),
@@ -40,7 +40,7 @@ fn health_in_json_uses_the_catalogues_names() {
 
 #[test]
 fn digits_follow_the_interval() {
-    let text = |value, u95| value_text(&Parameter { value, u95, status: Status::Ok });
+    let text = |value, u95| value_text(&Parameter::Ok(Interval { value, u95 }));
     assert_eq!(text(299.4906, 0.12), "299.49 ± 0.12");
     assert_eq!(text(203.5, 14.0), "204 ± 14");
     assert_eq!(text(203.5, 1400.0), "200 ± 1400");

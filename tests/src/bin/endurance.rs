@@ -41,7 +41,8 @@ impl Look {
     fn at(active: &Active, state: &State) -> Self {
         let sums = [Bank::Fast, Bank::Slow].map(|bank| active.sums(state, bank));
         let Published { estimate, detail: Detail { backlash, .. } } = active.publish(state);
-        let (backlash_m, reversals) = (f64::from(backlash.value_m), backlash.reversals);
+        let (backlash_m, reversals) =
+            (backlash.known().map_or(0.0, |known| f64::from(known.value)), backlash.reversals);
         Self { estimate, sums, counters: state.counters(), backlash_m, reversals }
     }
 
@@ -49,7 +50,7 @@ impl Look {
         [&self.estimate.recent, &self.estimate.whole_run]
             .into_iter()
             .flat_map(|p| [p.inertance_kg, p.viscous_n_s_per_m, p.coulomb_n, p.offset_n])
-            .flat_map(|parameter| [parameter.value, parameter.u95])
+            .flat_map(|parameter| [parameter.fitted().value, parameter.u95()])
             .map(f64::from)
             .collect()
     }

@@ -202,8 +202,9 @@ fn accurate(motion: &str, rate_hz: f64, duration_s: f64) -> Outcome {
     let truth = [rig.device.inertance_kg, rig.device.viscous_n_s_per_m, rig.device.coulomb_n];
     let (twin, alone) = (three(&here.last), three(&alone.last));
     for (i, [goal, sigma]) in table(rate_hz, motion).into_iter().enumerate() {
-        let (error, without_chip) = (f64::from(twin[i].value) - truth[i], f64::from(alone[i].value) - truth[i]);
-        let ratio = twin[i].u95 / alone[i].u95;
+        let (error, without_chip) =
+            (f64::from(twin[i].fitted().value) - truth[i], f64::from(alone[i].fitted().value) - truth[i]);
+        let ratio = twin[i].u95() / alone[i].u95();
         println!("  {}: error {error:.5}, without a chip {without_chip:.5}, sigma {sigma}, interval {ratio}", NAMES[i]);
         assert!(error.abs() < goal.max(sigma) + 4.0 * sigma, "{motion}, {}: {error}", NAMES[i]);
         assert!((error - without_chip).abs() < 6.0 * sigma, "{motion}, {}: {error} and {without_chip}", NAMES[i]);
@@ -287,12 +288,12 @@ fn an_encoder_that_counts_the_other_way() -> Outcome {
     let rig = Rig { metres_per_count: -mid_rig().metres_per_count, ..mid_rig() };
     let run = short(&image, rig.clone(), 8.0, |_| {})?;
     let mass = run.agrees_with_core().last.whole_run.inertance_kg;
-    assert_eq!(mass.status, Status::Ok);
-    assert!((f64::from(mass.value) - rig.device.inertance_kg).abs() < 0.1, "{mass:?}");
+    assert_eq!(mass.status(), Status::Ok);
+    assert!((f64::from(mass.fitted().value) - rig.device.inertance_kg).abs() < 0.1, "{mass:?}");
     // Told the wrong direction, it does not find an inertia that pushes back.
     let settings = Settings { metres_per_count: -rig.metres_per_count, ..run.settings };
     let wrong = replay(&settings, &run.samples)?.last.whole_run.inertance_kg;
-    assert!(wrong.status != Status::Ok || wrong.value < 0.0, "{wrong:?}");
+    assert!(wrong.status() != Status::Ok || wrong.fitted().value < 0.0, "{wrong:?}");
     Ok(())
 }
 
@@ -314,7 +315,7 @@ fn a_force_beyond_the_range_is_flagged_and_left_out() -> Outcome {
     assert!(here.counters.saturated as usize >= rails[0] + rails[1], "{:?}", here.counters);
     assert!(run.health.last().is_some_and(|health| health.saturated > 0));
     let mass = here.last.whole_run.inertance_kg;
-    assert!((f64::from(mass.value) - rig.device.inertance_kg).abs() < 0.5, "{mass:?}");
+    assert!((f64::from(mass.fitted().value) - rig.device.inertance_kg).abs() < 0.5, "{mass:?}");
     Ok(())
 }
 
@@ -327,7 +328,7 @@ fn a_cable_that_comes_off_is_no_measurement() -> Outcome {
     let here = run.agrees_with_core();
     assert!((2950..3100).contains(&here.counters.saturated), "{:?}", here.counters);
     let mass = here.last.whole_run.inertance_kg;
-    assert!((f64::from(mass.value) - 299.4906).abs() < 0.1, "{mass:?}");
+    assert!((f64::from(mass.fitted().value) - 299.4906).abs() < 0.1, "{mass:?}");
     // An encoder that stands still looks like rest: the values are held.
     let run = short(&image, Rig { faults: vec![off(Sensor::Encoder)], ..mid_rig() }, 8.0, |_| {})?;
     run.agrees_with_core();
@@ -382,7 +383,7 @@ fn rings_that_part_become_a_gap_and_the_counter_stays_right() -> Outcome {
         let worst = worst.max().expect("samples");
         assert!(worst < 36 * 64, "channel {channel}: {worst} 64ths of a count apart");
         let mass = here.last.whole_run.inertance_kg;
-        assert!((f64::from(mass.value) - 299.4906).abs() < 0.1, "{mass:?}");
+        assert!((f64::from(mass.fitted().value) - 299.4906).abs() < 0.1, "{mass:?}");
     }
     Ok(())
 }
@@ -436,9 +437,9 @@ fn digital(motion: &str, osr: Osr, duration_s: f64) -> Outcome {
     assert!(run.samples.len() as f64 > duration_s * settings.sample_rate_hz);
     let truth = [rig.device.inertance_kg, rig.device.viscous_n_s_per_m, rig.device.coulomb_n];
     for (i, parameter) in three(&here.last).into_iter().enumerate() {
-        let error = f64::from(parameter.value) - truth[i];
+        let error = f64::from(parameter.fitted().value) - truth[i];
         let [goal, sigma] = table(1000.0, motion)[i];
-        println!("  digital {motion} {osr:?} {}: error {error:.5}, interval {}", NAMES[i], parameter.u95);
+        println!("  digital {motion} {osr:?} {}: error {error:.5}, interval {}", NAMES[i], parameter.u95());
         assert!(error.abs() < goal.max(sigma) + 4.0 * sigma, "{motion} {osr:?}, {}: {error}", NAMES[i]);
     }
     Ok(())
@@ -481,7 +482,7 @@ fn a_converter_that_forgets_is_set_up_again() -> Outcome {
         let apart = apart.max().expect("samples");
         assert!(apart < 36 * 64, "{what}: {apart} 64ths of a count apart");
         let mass = here.last.whole_run.inertance_kg;
-        assert!((f64::from(mass.value) - 299.4906).abs() < 0.1, "{what}: {mass:?}");
+        assert!((f64::from(mass.fitted().value) - 299.4906).abs() < 0.1, "{what}: {mass:?}");
     }
     Ok(())
 }
@@ -495,7 +496,7 @@ fn a_bridge_without_excitation_is_no_measurement() -> Outcome {
     assert_eq!(run.gaps(), 0);
     assert!((1900..2100).contains(&here.counters.saturated), "{:?}", here.counters);
     let mass = here.last.whole_run.inertance_kg;
-    assert!((f64::from(mass.value) - 299.4906).abs() < 0.1, "{mass:?}");
+    assert!((f64::from(mass.fitted().value) - 299.4906).abs() < 0.1, "{mass:?}");
     Ok(())
 }
 

@@ -4,8 +4,8 @@ use crate::backlash::active::BacklashActive;
 use crate::backlash::law::{Freed, Solved};
 use crate::backlash::state::BacklashState;
 use crate::backlash::terminal::ONE;
-use crate::detail::{Backlash, BacklashStatus, Contact, Reason, Route};
-use crate::estimate::{Parameter, Status};
+use crate::detail::{Backlash, BacklashSize, Contact, Reason, Route};
+use crate::estimate::{Interval, Parameter, Unresolved};
 use crate::math::{greater, power, sqrt, square};
 use crate::rls::place;
 
@@ -47,8 +47,11 @@ impl BacklashActive {
     pub fn found(&self, state: &BacklashState) -> Found {
         let by_force = self.by_force(state);
         let sensed = if self.terminal.present { self.by_terminal(state) } else { Sensed::default() };
-        let given = |backlash: &Backlash| backlash.status.is_given();
-        let narrower = given(&sensed.backlash) && !(given(&by_force) && by_force.u95_m < sensed.backlash.u95_m);
+        let narrower = match (by_force.known(), sensed.backlash.known()) {
+            (_, None) => false,
+            (None, Some(_)) => true,
+            (Some(by_force), Some(sensed)) => sensed.u95 <= by_force.u95,
+        };
         // Where the force alone cannot, the sensor's own reason counts.
         let only = self.terminal.present && !self.stiffness_known;
         let backlash = if narrower || only { sensed.backlash } else { by_force };
@@ -57,37 +60,31 @@ impl BacklashActive {
     }
 }
 
-impl BacklashStatus {
-    /// Whether there is a value.
-    fn is_given(self) -> bool {
-        !matches!(self, Self::NotIdentifiable(_))
-    }
-}
-
 impl Backlash {
     fn none(reason: Reason, route: Route, reversals: u32) -> Self {
-        Self { value_m: 0.0, u95_m: f32::INFINITY, status: BacklashStatus::NotIdentifiable(reason), route, reversals }
+        Self { size: BacklashSize::NotIdentifiable(reason), route, reversals }
     }
 
-    /// Refuses what is no gap: an interval without end, or one wholly below zero.
-    fn of(value_m: f32, u95_m: f32, route: Route, reversals: u32) -> Self {
-        if !(u95_m.is_finite() && value_m.is_finite()) || value_m < -u95_m {
+    /// Refuses what is no backlash: an interval without end, or one wholly below zero.
+    fn of(value: f32, u95: f32, route: Route, reversals: u32) -> Self {
+        if !(u95.is_finite() && value.is_finite()) || value < -u95 {
             return Self::none(Reason::Scattered, route, reversals);
         }
-        let status = if value_m > u95_m { BacklashStatus::Ok } else { BacklashStatus::BelowU95 };
-        Self { value_m, u95_m, status, route, reversals }
+        let interval = Interval { value, u95 };
+        let size = if value > u95 { BacklashSize::Ok(interval) } else { BacklashSize::BelowU95(interval) };
+        Self { size, route, reversals }
     }
 }
 
 impl BacklashState {
     fn contact(&self, active: &BacklashActive, backlash: &Backlash) -> Contact {
         let bouncing = self.counts.bouncing >= FEWEST && 2 * self.counts.bouncing > self.counts.reversals;
-        match backlash.status {
+        match backlash.size {
             _ if self.one_sided(active) => Contact::OneSided,
             _ if bouncing => Contact::Bouncing,
-            BacklashStatus::Ok => Contact::Backlash,
-            BacklashStatus::BelowU95 => Contact::Closed,
-            BacklashStatus::NotIdentifiable(_) => Contact::Unknown,
+            BacklashSize::Ok(_) => Contact::Backlash,
+            BacklashSize::BelowU95(_) => Contact::Closed,
+            BacklashSize::NotIdentifiable(_) => Contact::Unknown,
         }
     }
 }
@@ -217,7 +214,7 @@ impl BacklashActive {
             backlash: Backlash::of(gap * self.unit_m, gap_u95 * self.unit_m, Route::Terminal, reversals),
             stiffness: parameter(stiffness_si, stiffness_u95),
             damping: if damping_drowned {
-                Parameter { u95: f32::INFINITY, ..Parameter::default() }
+                Parameter::NotIdentifiable(Unresolved::NOTHING)
             } else {
                 let skewed = stiffness_si * self.scales.skew_s;
                 parameter(damping * self.scales.damping + skewed, sqrt(square(damping_u95) + square(skew_u95)))
@@ -229,7 +226,7 @@ impl BacklashActive {
 fn parameter(value: f32, u95: f32) -> Parameter {
     // Not a number is not within.
     if u95 <= WIDEST * value {
-        return Parameter { value, u95, status: Status::Ok };
+        return Parameter::Ok(Interval { value, u95 });
     }
-    Parameter { value: 0.0, u95: f32::INFINITY, status: Status::NotIdentifiable }
+    Parameter::NotIdentifiable(Unresolved::NOTHING)
 }

@@ -234,7 +234,7 @@ fn nested_variants_are_covered() {
                     Regime::Presliding => "presliding",
                     Regime::Stribeck => "stribeck",
                 });
-                match detail.backlash.status {
+                match detail.backlash.status() {
                     BacklashStatus::NotIdentifiable(reason) => match reason {
                         Reason::ForceNeverReverses => "force never reverses",
                         Reason::TooFewReversals => "too few reversals",

@@ -2,13 +2,13 @@
 
 use crate::reference::Numbers;
 use inerter_core::{
-    Backlash, BacklashStatus, Band, Bank, Change, Changed, Contact, Detail, Estimate, Friction, MoreSums, Parameter,
-    Parameters, RawSample, Reason, Regime, Reversal, Route, Status, Sums,
+    Backlash, BacklashSize, Band, Bank, Change, Changed, Contact, Detail, Estimate, Friction, Interval, MoreSums,
+    Parameter, Parameters, RawSample, Reason, Regime, Reversal, Route, Status, Sums,
 };
 use inerter_wire::*;
 
 fn parameter(value: f32, u95: f32, status: Status) -> Parameter {
-    Parameter { value, u95, status }
+    Parameter::new(Interval { value, u95 }, status)
 }
 
 pub fn hello() -> Hello {
@@ -156,9 +156,7 @@ pub fn detail() -> Detail {
         index: 20_000,
         band: Band { low_hz: 3.0, high_hz: 6.5 },
         backlash: Backlash {
-            value_m: 5e-5,
-            u95_m: 2e-6,
-            status: BacklashStatus::Ok,
+            size: BacklashSize::Ok(Interval { value: 5e-5, u95: 2e-6 }),
             route: Route::Terminal,
             reversals: 130,
         },
@@ -185,8 +183,7 @@ pub fn longest_detail() -> Detail {
 }
 
 fn without(reason: Reason) -> Backlash {
-    let status = BacklashStatus::NotIdentifiable(reason);
-    Backlash { value_m: 0.0, u95_m: f32::INFINITY, status, route: Route::Force, reversals: 2 }
+    Backlash { size: BacklashSize::NotIdentifiable(reason), route: Route::Force, reversals: 2 }
 }
 
 fn few_settings() -> SettingsValues {
@@ -286,7 +283,10 @@ pub fn records() -> Vec<(&'static str, Record)> {
         ("Detail.Scattered", backlash(without(Reason::Scattered), Contact::Bouncing)),
         (
             "Detail.BelowU95",
-            backlash(Backlash { status: BacklashStatus::BelowU95, ..detail().backlash }, Contact::Closed),
+            backlash(
+                Backlash { size: BacklashSize::BelowU95(Interval { value: 5e-5, u95: 2e-6 }), ..detail().backlash },
+                Contact::Closed,
+            ),
         ),
         ("Detail.Unknown", regime(Regime::Unknown)),
         ("Detail.Presliding", regime(Regime::Presliding)),

@@ -2,7 +2,7 @@
 //!
 //! A reversed one of them makes the inertance negative, which nothing else does.
 
-use inerter_core::Status;
+use inerter_core::Interval;
 
 use super::{CalibrateError, Finding, Step, finding::Level};
 use crate::{
@@ -37,10 +37,11 @@ pub fn direction(run: &Run, known: Known) -> Result<Finding, Error> {
     let outcome = replay(run, |_, _| Ok::<(), Error>(()))?;
     refuse_saturated(&outcome, run)?;
     let inertance = outcome.estimate.whole_run.inertance_kg;
-    if inertance.status != Status::Ok || !inertance.value.is_finite() || inertance.value.abs() <= inertance.u95 {
+    let clear = |found: &Interval| found.value.is_finite() && found.value.abs() > found.u95;
+    let Some(Interval { value, u95 }) = inertance.ok().filter(clear) else {
         return Err(CalibrateError::NoMotion.into());
-    }
-    let (value, u95) = (f64::from(inertance.value), f64::from(inertance.u95));
+    };
+    let (value, u95) = (f64::from(value), f64::from(u95));
     let mut finding = Finding::new(Step::Direction);
     finding.measure("inertance_kg", value);
     finding.measure("inertance_u95_kg", u95);

@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use inerter_core::{BacklashStatus, Parameter, Status};
+use inerter_core::{Interval, Parameter};
 use inerter_wire::catalogue;
 
 use super::{PageError, Story, bode::bode, law::Row};
@@ -249,9 +249,9 @@ fn parameters(story: &Story) -> Made {
             .moments
             .iter()
             .filter_map(|moment| Some((moment.t_s, of(&moment.estimate.recent)?)))
-            .map(|(t_s, parameter)| match parameter.status {
-                Status::NotIdentifiable => (t_s, f64::NAN, f64::NAN),
-                Status::Ok | Status::Held => (t_s, parameter.value.into(), parameter.u95.into()),
+            .map(|(t_s, parameter)| match parameter.known() {
+                None => (t_s, f64::NAN, f64::NAN),
+                Some(Interval { value, u95 }) => (t_s, value.into(), u95.into()),
             })
             .collect();
         // The offset is not worth a panel of its own.
@@ -269,9 +269,9 @@ fn parameters(story: &Story) -> Made {
         .moments
         .iter()
         .filter_map(|moment| Some((moment.t_s, moment.detail?.backlash)))
-        .map(|(t_s, backlash)| match backlash.status {
-            BacklashStatus::NotIdentifiable(_) => (t_s, f64::NAN, f64::NAN),
-            _ => (t_s, f64::from(backlash.value_m) * 1e6, f64::from(backlash.u95_m) * 1e6),
+        .map(|(t_s, backlash)| match backlash.known() {
+            None => (t_s, f64::NAN, f64::NAN),
+            Some(Interval { value, u95 }) => (t_s, f64::from(value) * 1e6, f64::from(u95) * 1e6),
         })
         .collect();
     if widths.iter().filter(|point| point.1.is_finite()).count() > 1 {
@@ -372,10 +372,9 @@ fn backlash(story: &Story) -> Made {
     let (low, high) = (at(0.5) - 6.0 * spread, at(0.5) + 6.0 * spread);
     let (inside, outside): (Vec<f64>, Vec<f64>) = sorted.iter().partition(|value| (low..=high).contains(*value));
     let (bars, _) = histogram(&inside);
-    let known = !matches!(estimate.status, BacklashStatus::NotIdentifiable(_));
-    let (value, u95) = (f64::from(estimate.value_m) * 1e6, f64::from(estimate.u95_m) * 1e6);
     let mut layers = vec![Layer::new("reversals", Colour::Purple, Shape::Bars(bars))];
-    if known {
+    if let Some(Interval { value, u95 }) = estimate.known() {
+        let (value, u95) = (f64::from(value) * 1e6, f64::from(u95) * 1e6);
         let label = format!("estimate {} µm", interval_text(value, u95));
         layers.push(Layer::unnamed(Colour::Vermilion, Shape::Span(value - u95, value + u95)));
         layers.push(Layer::new(label, Colour::Vermilion, Shape::Instant(value, Stroke::Solid)));

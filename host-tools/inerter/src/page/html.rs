@@ -117,7 +117,7 @@ fn results(story: &Story) -> Markup {
                 } }
                 tbody {
                     @for ((field, recent), (_, whole)) in pairs {
-                        @let (word, class) = status(recent.status);
+                        @let (word, class) = status(recent.status());
                         tr {
                             th scope="row" { (field.label) @if !field.symbol.is_empty() { " " i { (field.symbol) } } }
                             td { (field.unit) }

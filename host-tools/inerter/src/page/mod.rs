@@ -181,7 +181,7 @@ fn drawn_law(outcome: &Outcome, settings: &Settings) -> Law {
     let fitted = Products::of(sums, more).and_then(|products| directions(&products, settings, None));
     let parameters = fitted.map_or(outcome.estimate.whole_run, |fit| fit.symmetric);
     let value = |parameter: inerter_core::Parameter| {
-        Some(f64::from(parameter.value)).filter(|value| value.is_finite()).unwrap_or(0.0)
+        Some(f64::from(parameter.fitted().value)).filter(|value| value.is_finite()).unwrap_or(0.0)
     };
     Law {
         inertance_kg: value(parameters.inertance_kg),
@@ -200,8 +200,7 @@ fn close_s(outcome: &Outcome, duration_s: f64) -> f64 {
 
 fn model(outcome: &Outcome, settings: &Settings, law: &Law) -> ModelParameters {
     let contact = |measured: inerter_core::Parameter, set: f64| {
-        let known = measured.status != inerter_core::Status::NotIdentifiable && measured.value > 0.0;
-        if known { f64::from(measured.value) } else { set }
+        measured.value().filter(|value| *value > 0.0).map_or(set, f64::from)
     };
     ModelParameters {
         inertance_kg: law.inertance_kg,

@@ -4,7 +4,7 @@ use crate::{
     cases::{self, CHANGE, CHANGE_S, CLEAN_TRUTH, Case, DURATION_S, MEMORIES_S, Outcome, Question, SEEDS, SLOW_S},
     methods::{METHODS, UNLIMITED, WALK},
 };
-use inerter_core::{Change, Detail, Estimate, Published, SettingsError, State, Status};
+use inerter_core::{Change, Detail, Estimate, Published, SettingsError, State};
 use inerter_plant::{Parameters as Device, Sample};
 use inerter_tests::grid;
 use std::error::Error;
@@ -150,7 +150,7 @@ pub fn settling_s(values: impl DoubleEndedIterator<Item = (f64, f64)>) -> Option
 pub fn heard_settling_s(heard: &Heard) -> Option<f64> {
     settling_s(heard.published.iter().map(|(t_s, estimate)| {
         let inertance = estimate.recent.inertance_kg;
-        (*t_s, if inertance.status == Status::NotIdentifiable { f64::NAN } else { f64::from(inertance.value) })
+        (*t_s, inertance.value().map_or(f64::NAN, f64::from))
     }))
 }
 

@@ -156,7 +156,7 @@ fn instrument_line(run: &Run) -> Result<Line, Box<dyn Error>> {
         });
         let recent = active.publish(&state).estimate.recent;
         [recent.inertance_kg, recent.viscous_n_s_per_m, recent.coulomb_n, recent.offset_n]
-            .map(|one| f64::from(one.value))
+            .map(|one| f64::from(one.fitted().value))
     };
     let motion = parameters(moving);
     let rest = parameters(resting);

@@ -101,19 +101,19 @@ fn row(label: &'static str, unit: &'static str, recent: String, status: Span<'st
 
 /// Value ± U95; the status stands in its own column.
 fn number(parameter: &Parameter) -> String {
-    match parameter.status {
+    match parameter.status() {
         Status::NotIdentifiable => "-".into(),
         Status::Held | Status::Ok => value_text(parameter).replace(" (held)", ""),
     }
 }
 
 fn status(parameter: &Parameter, theme: Theme) -> Span<'static> {
-    let style = match parameter.status {
+    let style = match parameter.status() {
         Status::Ok => theme.good(),
         Status::Held => theme.doubtful(),
         Status::NotIdentifiable => theme.quiet(),
     };
-    Span::styled(status_word(parameter.status).replace('_', " "), style)
+    Span::styled(status_word(parameter.status()).replace('_', " "), style)
 }
 
 /// What was lost, how the device behaves, and where else it is shown.
