@@ -59,7 +59,7 @@ pub fn run(device: &Device, motion: &str, duration_s: f64, rig: &Rig, seed: u64)
     let settings = settings(device, &sensors);
     let simulation = Simulation::new(*device, Excitation::parse(motion, seed)?, sensors)?;
     let active = settings.validate()?;
-    let with_sensor = Settings { terminal_sensor: 1.0, stiffness_n_per_m: 0.0, ..settings }.validate()?;
+    let with_sensor = Settings { terminal_sensor: true, stiffness_n_per_m: 0.0, ..settings }.validate()?;
     let mut state = Box::new(State::new(&active));
     let mut sensing = Box::new(State::new(&with_sensor));
     let (mut reversals, mut sensed_reversals) = (Vec::new(), Vec::new());

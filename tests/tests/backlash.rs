@@ -3,7 +3,7 @@
 use inerter_core::{
     BacklashSize, Contact, Detail, Interval, RawSample, Reason, Reversal, Route, Settings, State, Status,
 };
-use inerter_plant::{Contact as Flanks, Excitation, Parameters as Device, Sensors, Simulation};
+use inerter_plant::{Excitation, Flank, Parameters as Device, Sensors, Simulation};
 use inerter_tests::backlash::{Run, cell, goal, instruments, run, sensed_goal, settings};
 use inerter_tests::grid::{MOTIONS, RIGS, Rig, raw};
 
@@ -30,7 +30,7 @@ fn shaken(device: &Device, motion: &str, duration_s: f64, sensors: &Sensors) -> 
 }
 
 fn sensing(settings: &Settings) -> Settings {
-    Settings { terminal_sensor: 1.0, ..*settings }
+    Settings { terminal_sensor: true, ..*settings }
 }
 
 fn covers(detail: &Detail, truth_m: f64) -> bool {
@@ -170,7 +170,7 @@ fn standstill_changes_nothing() {
     assert!(covers(&before, 50e-6), "{before:?}");
     // The blocks of the terminal's route go on: a contact at rest is a contact.
     assert!(covers(&after, 50e-6), "{after:?}");
-    let without = Settings { terminal_sensor: 0.0, ..settings };
+    let without = Settings { terminal_sensor: false, ..settings };
     let samples = shaken(&device, "random@10s;hold@60s", 70.0, &sensors);
     let (before, gaps_before) = listen(&without, samples.iter().copied().take(11_000));
     let (after, gaps_after) = listen(&without, samples);
@@ -290,7 +290,7 @@ fn bounces_are_those_of_the_plant() {
         let touches: Vec<bool> = Simulation::new(device, excitation, fine)
             .unwrap()
             .lasting(20.0)
-            .map(|sample| sample.truth.contact != Flanks::Flight)
+            .map(|sample| sample.truth.contact != Flank::Flight)
             .collect();
         let landings = touches.windows(2).filter(|pair| !pair[0] && pair[1]).count();
         let (detail, reversals) = listen(&settings(&device, &sensors), shaken(&device, "mid", 20.0, &sensors));

@@ -14,10 +14,10 @@
 
 use crate::active::Scales;
 use crate::bank::BankState;
+use crate::constants::UPDATES_PER_BOX;
 use crate::detail::{Change, Changed};
 use crate::estimate::Bank;
 use crate::fit::{Fit, Knowledge, fit};
-use crate::kernel::UPDATES_PER_BOX;
 use crate::ldl::UNKNOWNS;
 use crate::math::{magnitude, sqrt};
 use crate::rls::PRODUCTS;

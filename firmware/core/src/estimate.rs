@@ -1,5 +1,7 @@
 //! What the estimator says, in SI units, and when it declines to.
 
+use crate::constants::{FAST_BOX_S, SLOW_BOX_S};
+
 /// Whether a parameter's value can be used.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -158,6 +160,16 @@ pub enum Bank {
     Fast,
     /// Box of about 64 ms: slow motion, where the encoder's steps drown the acceleration in the fast bank.
     Slow,
+}
+
+impl Bank {
+    /// Length of its box \[s\], of which the kernel holds four.
+    pub const fn box_s(self) -> f64 {
+        match self {
+            Self::Fast => FAST_BOX_S,
+            Self::Slow => SLOW_BOX_S,
+        }
+    }
 }
 
 /// A published estimate.

@@ -4,15 +4,14 @@
 
 use crate::active::Scales;
 use crate::bank::BankState;
-use crate::kernel::UPDATES_PER_BOX;
+use crate::constants::{self, UPDATES_PER_BOX};
 use crate::ldl::{FACTOR_BITS, MATRIX_BITS, UNKNOWNS, solve};
 use crate::math::power;
 use crate::near_rest::WEIGHT;
 use crate::rls::{PRODUCTS, place, scaled};
 use crate::solution::{pivot, standard_errors};
 
-/// Sum of the cubic B-spline's autocorrelation over its value at 0, in boxes: updates within it are one observation.
-const CORRELATION_BOXES: f32 = 2.09;
+const CORRELATION_BOXES: f32 = constants::CORRELATION_BOXES as f32;
 /// Independent observations under which nothing is said.
 const LEAST_OBSERVATIONS: f32 = 8.0;
 

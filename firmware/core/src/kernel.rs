@@ -20,10 +20,9 @@
 //! Source: E. B. Hogenauer, "An economical class of digital filters for decimation and interpolation", 1981;
 //! the corrections are Numerov's.
 
+use crate::constants::UPDATES_PER_BOX;
 use crate::qformat::{Regressor, Term, shift_right, to_regressor};
 
-/// Outputs in one box: two, as the kernel leaves nothing above the half of that rate.
-pub const UPDATES_PER_BOX: u32 = 2;
 /// Outputs that a kernel of four boxes spans.
 const UPDATES_PER_KERNEL: usize = 4 * UPDATES_PER_BOX as usize;
 

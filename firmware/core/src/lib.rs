@@ -25,6 +25,7 @@ mod active;
 mod backlash;
 mod bank;
 mod change;
+pub mod constants;
 mod detail;
 mod estimate;
 mod estimator;
@@ -57,5 +58,5 @@ pub use estimate::{Bank, Estimate, Interval, Parameter, Parameters, Status, Unre
 pub use estimator::{Counters, State};
 pub use output::{Output, Published};
 pub use sample::RawSample;
-pub use settings::{Kind, SettingInfo, SettingText, Settings, SettingsError};
+pub use settings::{FrontEnd, Kind, SettingInfo, SettingText, Settings, SettingsError};
 pub use sums::{MoreSums, Sums};

@@ -6,6 +6,7 @@
 use crate::active::{Active, Scales};
 use crate::backlash::report::Found as Backlash;
 use crate::bank::BankState;
+use crate::constants;
 use crate::detail::{Band, Contact, Detail, Friction};
 use crate::estimate::{Bank, Estimate, Interval, Parameter, Parameters, Status, Unresolved};
 use crate::estimator::State;
@@ -17,14 +18,11 @@ use crate::noise::Noise;
 use crate::output::Published;
 use crate::regime::Assessment;
 
-/// Standard errors in the interval: 1.96 would do for white noise alone.
-const COVERAGE: f32 = 3.0;
-/// A parameter whose interval is wider than this part of its value is not identifiable.
-const WIDEST_INTERVAL: f32 = 0.5;
-/// Model error of dry friction: real friction is never exactly Coulomb's.
-const COULOMB_MODEL_U95: f32 = 0.05;
-/// The skew's false damper, with room for what correlated regressors make of it.
-const SKEW_FACTOR: f32 = 2.0;
+// Single precision, as everything here.
+const COVERAGE: f32 = constants::COVERAGE as f32;
+const WIDEST_INTERVAL: f32 = constants::WIDEST_INTERVAL as f32;
+const COULOMB_MODEL_U95: f32 = constants::COULOMB_MODEL_U95 as f32;
+const SKEW_FACTOR: f32 = constants::SKEW_FACTOR as f32;
 /// Acceleration's mean square over that of the encoder's steps above which the fast bank is used.
 const CLEAR_OF_STEPS: f32 = 2000.0;
 /// Quartile of the force's fourth differences, per rms of its noise: 0.3186 by normal noise, times the root of 70.

@@ -208,7 +208,7 @@ fn measure(meter: &Meter, active: &Active, state: &mut State, rate_hz: u32) -> R
 
 fn measure_rate(meter: &Meter, state: &mut State, rate_hz: u32) -> Rate {
     let plain = Settings { sample_rate_hz: f64::from(rate_hz), ..Settings::default() };
-    let sensed = Settings { terminal_sensor: 1.0, ..plain };
+    let sensed = Settings { terminal_sensor: true, ..plain };
     let both = Settings { stiffness_n_per_m: 2.1e6, contact_damping_n_s_per_m: 1200.0, ..sensed };
     let [plain, sensed, contact] = [plain, sensed, both].map(|settings| match settings.validate() {
         Ok(active) => {

@@ -4,7 +4,7 @@
 use inerter_core::{BacklashSize, Detail, Interval, Parameter, Reason, Route, Settings};
 use miette::Diagnostic;
 
-use crate::{detail::has_terminal_sensor, error::exit};
+use crate::error::exit;
 
 /// What core takes for the uncertainty of a stiffness that is given without one, as a part of it.
 const UNSTATED_U95: f64 = 0.01;
@@ -51,17 +51,17 @@ fn why(reason: Option<Reason>) -> &'static str {
 
 /// The contact by the terminal's sensor.
 #[derive(Clone, Copy, Debug)]
-pub struct Contact {
+pub struct ContactLaw {
     /// Stiffness \[N/m\].
     pub stiffness: Parameter,
     /// Damping \[N s/m\]; a slow motion does not show it.
     pub damping: Parameter,
 }
 
-impl Contact {
+impl ContactLaw {
     /// What a run has shown.
     pub fn of(detail: &Detail, settings: &Settings) -> Result<Self, ContactError> {
-        if !has_terminal_sensor(settings) {
+        if !settings.terminal_sensor {
             return Err(ContactError::NoSensor);
         }
         let (stiffness, damping) = (detail.stiffness_n_per_m, detail.contact_damping_n_s_per_m);
@@ -117,24 +117,24 @@ mod tests {
     }
 
     fn sensing() -> Settings {
-        Settings { terminal_sensor: 1.0, ..Settings::default() }
+        Settings { terminal_sensor: true, ..Settings::default() }
     }
 
     #[test]
     fn digits_are_those_of_the_interval() {
-        let contact = Contact { stiffness: parameter(2_098_765.4, 10_754.0), damping: parameter(1203.456, 4.56) };
+        let contact = ContactLaw { stiffness: parameter(2_098_765.4, 10_754.0), damping: parameter(1203.456, 4.56) };
         let settings = contact.adopted_by(&sensing());
         assert_eq!(settings.stiffness_n_per_m, 2_099_000.0);
         assert_eq!(settings.stiffness_u95_n_per_m, 11_000.0);
         assert_eq!(settings.contact_damping_n_s_per_m, 1203.5);
-        let slow = Contact { damping: Parameter::default(), ..contact };
+        let slow = ContactLaw { damping: Parameter::default(), ..contact };
         let kept = Settings { contact_damping_n_s_per_m: 900.0, ..sensing() };
         assert_eq!(slow.adopted_by(&kept).contact_damping_n_s_per_m, 900.0);
     }
 
     #[test]
     fn better_is_new_or_other_or_narrower() {
-        let contact = Contact { stiffness: parameter(2.1e6, 1e4), damping: parameter(1200.0, 5.0) };
+        let contact = ContactLaw { stiffness: parameter(2.1e6, 1e4), damping: parameter(1200.0, 5.0) };
         let with = |stiffness_n_per_m, stiffness_u95_n_per_m| {
             contact.is_better_than(&Settings { stiffness_n_per_m, stiffness_u95_n_per_m, ..sensing() })
         };
@@ -145,14 +145,14 @@ mod tests {
     #[test]
     fn what_is_missing_is_named() {
         let detail = Detail::default();
-        assert_eq!(Contact::of(&detail, &Settings::default()).unwrap_err(), ContactError::NoSensor);
+        assert_eq!(ContactLaw::of(&detail, &Settings::default()).unwrap_err(), ContactError::NoSensor);
         let size = BacklashSize::NotIdentifiable(Reason::ForceNeverReverses);
         let backlash = Backlash { size, route: Route::Terminal, ..Backlash::default() };
-        let refused = Contact::of(&Detail { backlash, ..detail }, &sensing()).unwrap_err();
+        let refused = ContactLaw::of(&Detail { backlash, ..detail }, &sensing()).unwrap_err();
         assert!(refused.to_string().ends_with("the force never reverses"), "{refused}");
         // The force's reasons are not the sensor's.
         let backlash = Backlash { route: Route::Force, ..backlash };
-        let refused = Contact::of(&Detail { backlash, ..detail }, &sensing()).unwrap_err();
+        let refused = ContactLaw::of(&Detail { backlash, ..detail }, &sensing()).unwrap_err();
         assert_eq!(refused, ContactError::NotShown { reason: None });
     }
 }

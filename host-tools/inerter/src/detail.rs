@@ -65,7 +65,7 @@ pub struct DetailJson {
 impl DetailJson {
     /// Stiffness and damping are there when the settings know of a terminal displacement sensor.
     pub fn new(detail: &Detail, settings: &Settings) -> Self {
-        let measured = |parameter| Some(parameter).filter(|_| has_terminal_sensor(settings)).map(ParameterJson::from);
+        let measured = |parameter| Some(parameter).filter(|_| settings.terminal_sensor).map(ParameterJson::from);
         let Detail { band, backlash, contact, stiffness_n_per_m, contact_damping_n_s_per_m, friction, .. } = *detail;
         Self {
             backlash_m: backlash.into(),
@@ -108,11 +108,6 @@ impl ReversalJson {
             rising: reversal.rising,
         }
     }
-}
-
-/// Whether the settings know of a terminal displacement sensor.
-pub fn has_terminal_sensor(settings: &Settings) -> bool {
-    settings.terminal_sensor != 0.0
 }
 
 /// The field of the parameter that changed.
@@ -186,7 +181,7 @@ pub fn remarks(detail: &Detail) -> impl Iterator<Item = &'static str> {
 pub fn rows(detail: &Detail, settings: &Settings) -> Vec<(&'static str, &'static str, String, &'static str, f64)> {
     let label = catalogue::find(Group::Detail, "backlash_m").map_or("", |field| field.label);
     let mut rows = vec![(label, "µm", backlash_text(&detail.backlash), "backlash_m", 1e6)];
-    if has_terminal_sensor(settings) {
+    if settings.terminal_sensor {
         rows.extend(
             catalogue::contact(detail)
                 .map(|(field, parameter)| (field.label, field.unit, value_text(&parameter), field.path, 1.0)),

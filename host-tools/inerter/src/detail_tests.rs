@@ -21,7 +21,7 @@ fn detail() -> Detail {
     }
 }
 
-fn settings(terminal_sensor: f64) -> Settings {
+fn settings(terminal_sensor: bool) -> Settings {
     Settings { terminal_sensor, ..Settings::default() }
 }
 
@@ -31,17 +31,17 @@ fn the_json_contract_holds_to_the_letter() {
     let middle = r#""stiffness_n_per_m":{"value":2100000.0,"u95":4000.0,"status":"ok"},"contact_damping_n_s_per_m":{"value":1200.0,"u95":100.0,"status":"ok"}"#;
     let tail =
         r#""band_hz":[3.125,6.5],"contact":"gap","friction":{"reversal_ratio":0.75,"conduct":"coulomb"},"changes":1"#;
-    assert_eq!(json_line(&DetailJson::new(&detail(), &settings(1.0))), format!("{{{head},{middle},{tail}}}"));
+    assert_eq!(json_line(&DetailJson::new(&detail(), &settings(true))), format!("{{{head},{middle},{tail}}}"));
     // Without a sensor there is nothing to say of the contact's own parameters.
-    assert_eq!(json_line(&DetailJson::new(&detail(), &settings(0.0))), format!("{{{head},{tail}}}"));
+    assert_eq!(json_line(&DetailJson::new(&detail(), &settings(false))), format!("{{{head},{tail}}}"));
     // Beside the estimate, in one object.
-    let line = json_line(&EstimateJson::live(0.2, &Estimate::default(), Some(&detail()), &settings(0.0)));
+    let line = json_line(&EstimateJson::live(0.2, &Estimate::default(), Some(&detail()), &settings(false)));
     assert!(line.ends_with(&format!(r#""updates":0,{head},{tail}}}"#)), "{line}");
 }
 
 #[test]
 fn what_is_not_known_is_null_with_its_reason() {
-    let json = DetailJson::new(&Detail::default(), &settings(1.0));
+    let json = DetailJson::new(&Detail::default(), &settings(true));
     assert_eq!(json.band_hz, None);
     assert_eq!(json.stiffness_n_per_m.map(|parameter| parameter.status), Some("not_identifiable"));
     assert_eq!((json.contact, json.friction.conduct, json.friction.reversal_ratio), ("unknown", "unknown", None));
@@ -96,7 +96,7 @@ fn reversals_and_changes_have_lines_of_their_own() {
 #[test]
 fn a_person_sees_it_at_a_glance() {
     let truth = BTreeMap::from([("backlash_m".to_string(), "5e-5".to_string())]);
-    let text = table(&Estimate::default(), Some(&detail()), &settings(1.0), Some(&truth));
+    let text = table(&Estimate::default(), Some(&detail()), &settings(true), Some(&truth));
     for words in
         ["Backlash             µm", "50.0 ± 2.0             50.0", "Contact stiffness    N/m", "2100000 ± 4000"]
     {
@@ -104,7 +104,7 @@ fn a_person_sees_it_at_a_glance() {
     }
     let swapped = [("inertance_kg", "300.0"), ("changed_inertance_kg", "150.0")];
     let swapped = swapped.map(|(name, value)| (name.to_string(), value.to_string())).into();
-    assert!(table(&Estimate::default(), None, &settings(0.0), Some(&swapped)).contains(" 300.0, then 150.0"));
+    assert!(table(&Estimate::default(), None, &settings(false), Some(&swapped)).contains(" 300.0, then 150.0"));
     let line = "inertance seen from 3.12 to 6.50 Hz; 130 reversals by the terminal's sensor; contact: a reversal at each reversal; \
                 friction: Coulomb's; the device has changed 1 time";
     assert!(text.ends_with(line), "{text}");

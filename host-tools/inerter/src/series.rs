@@ -2,10 +2,7 @@
 
 use inerter_core::{RawSample, Settings};
 
-use crate::{
-    detail::has_terminal_sensor,
-    run::{Run, step},
-};
+use crate::run::{Run, step};
 
 /// One sample in SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -56,7 +53,8 @@ impl Converter {
             count,
             position_m: count as f64 * self.metres_per_code,
             force_n: (code - settings.force_zero_code) * settings.newtons_per_code,
-            terminal_m: has_terminal_sensor(settings)
+            terminal_m: settings
+                .terminal_sensor
                 .then(|| f64::from(sample.terminal_code) * settings.metres_per_terminal_code),
             saturated: code <= settings.force_min_code || code >= settings.force_max_code,
         }

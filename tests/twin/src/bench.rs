@@ -11,7 +11,7 @@ use std::collections::VecDeque;
 
 use ads131m04::{Gain, Osr};
 use inerter_app::boxcar::{UPPER_RAIL, WEIGHT};
-use inerter_core::{Active, Counters, Estimate, RawSample, Settings, SettingsError, State};
+use inerter_core::{Active, Counters, Estimate, FrontEnd, RawSample, Settings, SettingsError, State};
 use inerter_plant::{Excitation, Parameters, Plant, PlantError, Segment, Sensors, Truth};
 
 use crate::World;
@@ -171,7 +171,7 @@ impl Rig {
             force_max_code: DIGITAL_CODES - 1.0,
             metres_per_terminal_code: self.metres_per_volt * DIGITAL_FULL_SCALE_V / DIGITAL_CODES,
             skew_s: -2.0 / f64::from(CLKIN_HZ),
-            front_end: 1.0,
+            front_end: FrontEnd::Ads131m04,
             ..self.settings(1000.0)
         }
     }

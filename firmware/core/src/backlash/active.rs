@@ -123,7 +123,7 @@ impl Settings {
                 guard: guard as u8,
             },
             terminal: TerminalActive {
-                present: self.terminal_sensor > 0.0,
+                present: self.terminal_sensor,
                 units: real(single(self.metres_per_terminal_code) / unit_m / 256.0),
                 block: block as u16,
                 structure: real(structure),

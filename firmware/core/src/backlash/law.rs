@@ -3,6 +3,7 @@
 use crate::backlash::active::BacklashActive;
 use crate::backlash::step::Fit;
 use crate::backlash::terminal::{Crossing, Terminal};
+use crate::constants;
 use crate::detail::{Reason, Reversal, Route};
 use crate::ldl::{FACTOR_BITS, UNKNOWNS, solve};
 use crate::math::{greater, power, sqrt, square};
@@ -20,8 +21,7 @@ const DROWNED: f32 = 0.5;
 const FEWEST_BLOCKS: u32 = 16;
 /// Part of the blocks by which they grow until the contact's law is solved anew.
 const LAW_GROWTH: u32 = 4;
-/// Standard errors in the interval, as everywhere.
-const COVERAGE: f32 = 3.0;
+const COVERAGE: f32 = constants::COVERAGE as f32;
 
 /// What the contact's stretch and force have to do with each other, by the terminal's sensor, in its least squares' units.
 #[derive(Clone, Copy, Debug)]

@@ -4,13 +4,14 @@ use crate::backlash::active::BacklashActive;
 use crate::backlash::law::{Freed, Solved};
 use crate::backlash::state::BacklashState;
 use crate::backlash::terminal::ONE;
+use crate::constants;
 use crate::detail::{Backlash, BacklashSize, Contact, Reason, Route};
 use crate::estimate::{Interval, Parameter, Unresolved};
 use crate::math::{greater, power, sqrt, square};
 use crate::rls::place;
 
-/// Standard errors in the interval, as everywhere.
-const COVERAGE: f32 = 3.0;
+const COVERAGE: f32 = constants::COVERAGE as f32;
+const WIDEST_INTERVAL: f32 = constants::WIDEST_INTERVAL as f32;
 /// Fewest reversals that a scatter is read from.
 const FEWEST: u32 = 5;
 /// The same in reversals of equal weight.
@@ -29,8 +30,6 @@ const DAMPING_MODEL_U95: f32 = 0.005;
 const PATTERNS: f32 = 16.0;
 /// Variance over that of the flanks' own noise beyond which reversals contradict each other.
 const CONTRADICTION: f32 = 25.0;
-/// Widest interval of a stiffness or a damping, as a part of it.
-const WIDEST: f32 = 0.5;
 
 /// What is published of the contact.
 pub(crate) struct Found {
@@ -225,7 +224,7 @@ impl BacklashActive {
 
 fn parameter(value: f32, u95: f32) -> Parameter {
     // Not a number is not within.
-    if u95 <= WIDEST * value {
+    if u95 <= WIDEST_INTERVAL * value {
         return Parameter::Ok(Interval { value, u95 });
     }
     Parameter::NotIdentifiable(Unresolved::NOTHING)

@@ -249,7 +249,7 @@ mod tests {
                 oversampling: oversampling.floor(),
                 stiffness_n_per_m: 2e6,
                 contact_damping_n_s_per_m: 1200.0,
-                terminal_sensor: 1.0,
+                terminal_sensor: true,
                 ..Settings::default()
             };
             let active = settings.validate().unwrap();

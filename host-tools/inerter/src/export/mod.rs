@@ -24,7 +24,6 @@ pub use estimates::EstimateTable;
 pub use source::{Rows, Samples, Source};
 
 use crate::{
-    detail::has_terminal_sensor,
     error::Error,
     output::{OutputError, Pending},
     recording::RecordingError,
@@ -71,7 +70,7 @@ impl Selection {
             Format::Mcap => &[Column::Time, Column::Position, Column::Force],
             Format::Parquet | Format::Mat => &[Column::Time, Column::EncoderCount, Column::Position, Column::Force],
         };
-        let terminal = has_terminal_sensor(&source.settings).then_some(Column::Terminal);
+        let terminal = source.settings.terminal_sensor.then_some(Column::Terminal);
         self.columns.clone().unwrap_or_else(|| usual.iter().copied().chain(terminal).collect())
     }
 }

@@ -20,6 +20,7 @@ mod stages;
 mod uncertainty;
 mod whiteness;
 
+use inerter_core::constants::{FAST_BOX_S, STRUCTURE_MODEL_U95};
 use inerter_core::{Backlash, BacklashSize, Interval, Parameter, Regime, Settings};
 use inerter_plant::Excitation;
 
@@ -48,8 +49,6 @@ const SHORTEST_S: f64 = 2.0;
 const MOST_SAMPLES: usize = 400_000;
 /// Part of each file that is fitted when the rest validates.
 const FITTED: f64 = 0.7;
-/// Model error of the structure mass, as in core.
-const STRUCTURE_MODEL_U95: f64 = 0.05;
 /// Band about the device's own frequency in which the terminal's motion is kept whatever its size.
 const OWN_BAND: f64 = 2.0;
 /// Band in which the encoder's displacement is differentiated twice, about that of the estimator's kernels \[Hz\].
@@ -91,8 +90,7 @@ pub fn identify(runs: &[Run], options: &Options, progress: &mut dyn FnMut(f64)) 
         return Err((*error).into());
     }
     let start = start(runs, &lines);
-    let known: Vec<bool> =
-        runs.iter().map(|run| options.excite.is_some() || run.settings.terminal_sensor > 0.0).collect();
+    let known: Vec<bool> = runs.iter().map(|run| options.excite.is_some() || run.settings.terminal_sensor).collect();
     let mut notes = notes(runs, &lines);
     if !known.contains(&true) {
         if options.staged {
@@ -458,7 +456,7 @@ fn law_residual(parameters: &Parameters, run: &Run) -> Vec<f64> {
     let force = predicted(parameters, &series);
     let measured = series.stretches.iter().flat_map(|stretch| &stretch.force_n);
     let left: Vec<f64> = measured.zip(&force).map(|(measured, said)| measured - said).collect();
-    let length = ((0.016 / series.period_s) as usize).max(1);
+    let length = ((FAST_BOX_S / series.period_s) as usize).max(1);
     left.chunks(length).map(|part| part.iter().sum::<f64>() / part.len() as f64).collect()
 }
 

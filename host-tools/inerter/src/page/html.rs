@@ -157,7 +157,7 @@ fn notes(story: &Story) -> Markup {
         }
         Regime::Unknown | Regime::Coulomb => None,
     };
-    let contact = (story.run.settings.stiffness_n_per_m == 0.0 && story.run.settings.terminal_sensor == 0.0)
+    let contact = (story.run.settings.stiffness_n_per_m == 0.0 && !story.run.settings.terminal_sensor)
         .then(|| "The contact stiffness is not set: without it the force alone shows no backlash (setting stiffness_n_per_m).".to_string());
     let all: Vec<String> = story.run.notes.iter().cloned().chain(changes).chain(friction).chain(contact).collect();
     markup! {

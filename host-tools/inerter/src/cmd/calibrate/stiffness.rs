@@ -2,7 +2,7 @@
 
 use inerter::{
     Error,
-    contact::Contact,
+    contact::ContactLaw,
     detail::BacklashJson,
     replay::Outcome,
     report::{ParameterJson, value_text},
@@ -43,8 +43,8 @@ struct StiffnessJson {
 }
 
 fn shown(run: &Run, outcome: &Outcome) -> Result<Shown<StiffnessJson>, Error> {
-    let contact = Contact::of(&outcome.detail, &run.settings)?;
-    let Contact { stiffness, damping } = contact;
+    let contact = ContactLaw::of(&outcome.detail, &run.settings)?;
+    let ContactLaw { stiffness, damping } = contact;
     let settings = contact.adopted_by(&run.settings);
     Ok(Shown {
         what: "stiffness",

@@ -12,7 +12,6 @@ use ratatui::{
 
 use super::Theme;
 use crate::{
-    detail::has_terminal_sensor,
     monitor::{state::State, trace::Signal},
     report::interval_text,
 };
@@ -23,7 +22,7 @@ const CHART_ROWS: u16 = 6;
 /// Force and displacements, one below the other.
 pub fn signals(frame: &mut Frame<'_>, area: Rect, state: &State, theme: Theme) {
     let mut list = vec![(Signal::Force, "force_n"), (Signal::Position, "position_m")];
-    if has_terminal_sensor(&state.settings) {
+    if state.settings.terminal_sensor {
         list.push((Signal::Terminal, "terminal_m"));
     }
     list.truncate(usize::from(area.height / CHART_ROWS).max(1));

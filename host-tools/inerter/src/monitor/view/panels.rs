@@ -87,7 +87,7 @@ fn rows(state: &State, theme: Theme) -> Vec<Row<'static>> {
     };
     // It is of the whole run; the other column has room to say why there is none.
     rows.push(row("Backlash", "µm", reason, Span::styled(word, style), value));
-    if detail::has_terminal_sensor(&state.settings) {
+    if state.settings.terminal_sensor {
         rows.extend(catalogue::contact(detail).map(|(field, parameter)| {
             row(field.label, field.unit, String::new(), status(&parameter, theme), number(&parameter))
         }));

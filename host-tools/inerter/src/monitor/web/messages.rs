@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 
 use crate::{
-    detail::{self, has_terminal_sensor},
+    detail,
     monitor::{
         feed::Item,
         history::{Entry, QUANTITIES},
@@ -79,7 +79,7 @@ impl Messages {
         Some(json!({
             "kind": "device", "port": present.port, "board": hello.board.as_str(), "serial": hello.serial.as_str(),
             "firmware": hello.firmware.as_str(), "sample_rate_hz": self.state.settings.sample_rate_hz,
-            "memory_s": self.state.settings.memory_s, "terminal": has_terminal_sensor(&self.state.settings),
+            "memory_s": self.state.settings.memory_s, "terminal": self.state.settings.terminal_sensor,
             "parameters": catalogue::fields(Group::Parameter)
                 .map(|field| json!({ "path": field.path, "label": field.label, "unit": field.unit }))
                 .collect::<Vec<_>>(),
@@ -106,7 +106,7 @@ impl Messages {
             ranges.map(|range| (short(range.map(|(low, _)| low)), short(range.map(|(_, high)| high)))).unzip().into()
         };
         let times: Vec<f64> = buckets.iter().map(|bucket| (bucket.start_s * 1e4).round() / 1e4).collect();
-        let terminal = has_terminal_sensor(&self.state.settings).then(|| of(Signal::Terminal));
+        let terminal = self.state.settings.terminal_sensor.then(|| of(Signal::Terminal));
         json!({
             "kind": "samples", "t_s": times, "force_n": of(Signal::Force), "position_mm": of(Signal::Position),
             "terminal_mm": terminal,
