@@ -12,7 +12,7 @@
 //! memories begin anew, so that no estimate is an average over two devices.
 //! Floats, as in `report`: basic arithmetic that gives the same bits on every machine.
 
-use crate::active::Scales;
+use crate::active::{Active, Scales};
 use crate::bank::BankState;
 use crate::constants::UPDATES_PER_BOX;
 use crate::detail::{Change, Changed};
@@ -156,14 +156,7 @@ impl Watch {
 
     /// Takes the memories of the published bank after an update; gives a change where the block that ends here shows one.
     /// Estimate and sums are still those of before: the memories begin anew with the next update.
-    pub fn push(
-        &mut self,
-        bank: Bank,
-        scales: &Scales,
-        memories: &BankState,
-        index: u32,
-        structure_mass_kg: f32,
-    ) -> Option<Change> {
+    pub fn push(&mut self, active: &Active, bank: Bank, memories: &BankState, index: u32) -> Option<Change> {
         let length = memories.whole.updates().wrapping_sub(self.updates);
         let least = BLOCK_BOXES * UPDATES_PER_BOX;
         if self.bank != bank || length > 2 * LONGEST_BLOCK * least {
@@ -175,9 +168,13 @@ impl Watch {
         if length < self.next_look {
             return None;
         }
-        self.look(scales, memories, length).map(|(parameter, before, after)| {
+        let config = match bank {
+            Bank::Fast => &active.fast,
+            Bank::Slow => &active.slow,
+        };
+        self.look(&config.scales, memories, length).map(|(parameter, before, after)| {
             let structure = match parameter {
-                Changed::Inertance => structure_mass_kg,
+                Changed::Inertance => active.settings.structure_mass_kg as f32,
                 Changed::Viscous | Changed::Coulomb | Changed::Offset => 0.0,
             };
             self.begins_anew = true;

@@ -183,11 +183,11 @@ impl Active {
             state.slow.forget();
         }
         let (index, bank) = (state.last_index(), state.published);
-        let (config, memories) = match bank {
-            Bank::Fast => (&self.fast, &state.fast),
-            Bank::Slow => (&self.slow, &state.slow),
+        let memories = match bank {
+            Bank::Fast => &state.fast,
+            Bank::Slow => &state.slow,
         };
-        state.watch.push(bank, &config.scales, memories, index, self.settings.structure_mass_kg as f32)
+        state.watch.push(self, bank, memories, index)
     }
 
     /// The configuration and state of a bank.

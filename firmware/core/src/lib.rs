@@ -1,20 +1,4 @@
-//! Counts and codes in, inertance and friction with honest intervals out.
-//!
-//! ```
-//! use inerter_core::{RawSample, Settings, State};
-//!
-//! let active = Settings { sample_rate_hz: 1000.0, ..Settings::default() }.validate()?;
-//! let mut state = State::new(&active);
-//! let sample = RawSample { index: 0, position_count: 12, force_code: -345, terminal_code: 0 };
-//! if let Some(estimate) = active.step(&mut state, &sample).estimate() {
-//!     println!("{:?}", estimate.recent.inertance_kg);
-//! }
-//! # Ok::<(), inerter_core::SettingsError>(())
-//! ```
-//!
-//! The law is `F = mt a + cf v + fc sgn(v) + F0`, in contact and out of it. The path, each room its own file:
-//! `sample` -> `gate`, `sign` -> `kernel` -> `rls` -> `ldl` -> `report` -> `estimate`; `settings` -> `active` beside it.
-//! Integers up to `ldl`, the same to the bit on every machine; `docs/THEORY.md` has the equations and word lengths.
+#![doc = include_str!("../README.md")]
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -42,6 +26,9 @@ mod output;
 mod qformat;
 mod regime;
 mod report;
+#[cfg(not(feature = "bench"))]
+mod rls;
+#[cfg(feature = "bench")]
 pub mod rls;
 mod sample;
 mod settings;
