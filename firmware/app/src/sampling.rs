@@ -45,7 +45,7 @@ impl App {
                     // Not in use any more: what was read ahead belongs to nobody.
                     let _ = self.queue.give(Source::Sampler, samples).await;
                 } else if let Ok(lost @ 1..) = self.give_patiently(samples).await {
-                    // The sample counter will show the gap.
+                    // The sample counter will show the discontinuity.
                     log!(warn, "no room for {} samples", lost);
                     self.overrun(&mut told.overrun, Fault::SamplerOverrun).await;
                 }

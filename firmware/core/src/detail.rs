@@ -173,7 +173,7 @@ pub enum Contact {
     Unknown,
     /// The load keeps to one flank.
     OneSided,
-    /// The force reverses, and no gap is seen: tight or preloaded.
+    /// The force reverses, and no backlash is seen: tight or preloaded.
     Closed,
     /// The flanks part and meet once at each reversal.
     Backlash,

@@ -179,7 +179,7 @@ impl Bank {
 pub struct Estimate {
     /// Index of the sample at which it was computed.
     pub index: u32,
-    /// Samples since the estimator was reset, gaps included.
+    /// Samples since the estimator was reset, lost ones included.
     pub elapsed_samples: u64,
     /// Bank that it comes from.
     pub bank: Bank,

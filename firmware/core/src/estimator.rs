@@ -273,7 +273,7 @@ impl State {
         // The correction is worth its cost only where the velocity could reach zero within the kernel.
         let near = plain.unsigned_abs() <= plain.abs_diff(before).saturating_mul(u32::from(m));
         let lost = if feedback.coulomb_like && near { line.smoothed_away(0, m, &feedback) } else { 0 };
-        // Until friction is known, what hardly moves may stick or creep, and its sign is not to be had.
+        // Until friction is known, what hardly moves may stick or creep, and its sign is unreliable.
         let slow = |velocity: i32| velocity.unsigned_abs() <= signal.creep_limit;
         let creeps = feedback.weak_force_code == 0 && slow(plain) && slow(line.smooth_velocity(m, m));
         let middle = line.ago(m);

@@ -243,7 +243,7 @@ mod tests {
         assert!(long.1 < 0.015 && long.1 < short.1 / 3.0, "{short:?} {long:?}");
     }
 
-    /// Another reversal under the long kernel, a bad sample or a force against the turn: the short kernel's word stands.
+    /// Another reversal under the long kernel, a bad sample or a force against the turn: the short kernel's place stays.
     #[test]
     fn what_the_long_kernel_cannot_see_through_stays() {
         let changed = |spoil: fn(&mut Waiting)| {

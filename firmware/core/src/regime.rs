@@ -9,7 +9,7 @@
 //! presliding screw is a spring while it creeps, which in a steady tone is inertance and nothing else: that part is
 //! of the size of `fc` over the acceleration.
 //!
-//! Two things are said by the residual over what the force's noise and the encoder's steps explain. Where friction could
+//! The residual that the force's noise and the encoder's steps do not explain has two causes. Where friction could
 //! hide in the other parameters, near and away fit alike, and what is not explained counts as friction. Where flanks
 //! part, it is their impacts, which repeat with a periodic motion, and so does the error that they make. Where it is not
 //! known whether they part, it may be either.
@@ -177,12 +177,12 @@ mod tests {
         }
     }
 
-    fn judged(all: Fit, away: Fit) -> Assessment {
-        judged_beside(all, away, f32::INFINITY, Contact::Closed)
+    fn assessed(all: Fit, away: Fit) -> Assessment {
+        assessed_beside(all, away, f32::INFINITY, Contact::Closed)
     }
 
     /// With this much of the residual's variance explained \[N^2\].
-    fn judged_beside(all: Fit, away: Fit, explained: f32, contact: Contact) -> Assessment {
+    fn assessed_beside(all: Fit, away: Fit, explained: f32, contact: Contact) -> Assessment {
         let viscous = Interval { value: all.values[1], u95: 3.0 * all.errors[1] };
         Assessment::of(&all, &away, [5.0, 0.02], viscous, explained, contact)
     }
@@ -190,21 +190,21 @@ mod tests {
     #[test]
     fn friction_is_called_by_its_residual_and_by_what_moves() {
         let away = |residual| fit([0.0; 3], residual, 370.0);
-        let coulomb = judged(fit([0.0, 0.1, -0.02], 0.39, 600.0), away(0.38));
+        let coulomb = assessed(fit([0.0, 0.1, -0.02], 0.39, 600.0), away(0.38));
         assert_eq!(coulomb, Assessment { regime: Regime::Coulomb, errors: [0.0; 3], impacts: false });
-        let presliding = judged(fit([-0.3, 7.8, -0.9], 6.46, 600.0), away(3.07));
+        let presliding = assessed(fit([-0.3, 7.8, -0.9], 6.46, 600.0), away(3.07));
         assert_eq!(presliding.regime, Regime::Presliding);
-        let stribeck = judged(fit([0.003, -5.9, 0.6], 0.66, 600.0), away(0.39));
+        let stribeck = assessed(fit([0.003, -5.9, 0.6], 0.66, 600.0), away(0.39));
         assert_eq!(stribeck.regime, Regime::Stribeck);
         assert!(stribeck.errors[0] < 0.01 && stribeck.errors[1] > 11.8 && stribeck.errors[2] > 1.2);
-        let falling = judged(fit([0.0, -100.0, 5.0], 0.4, 600.0), away(0.4));
+        let falling = assessed(fit([0.0, -100.0, 5.0], 0.4, 600.0), away(0.4));
         assert_eq!((falling.regime, falling.errors[2]), (Regime::Stribeck, f32::INFINITY));
         // The same ratio by chance, of few observations.
-        assert_eq!(judged(fit([0.0; 3], 0.5, 32.0), fit([0.0; 3], 0.38, 22.0)).regime, Regime::Coulomb);
-        assert_eq!(judged(fit([0.0; 3], 5.0, 50.0), fit([0.0; 3], 0.4, 15.0)), Assessment::default());
+        assert_eq!(assessed(fit([0.0; 3], 0.5, 32.0), fit([0.0; 3], 0.38, 22.0)).regime, Regime::Coulomb);
+        assert_eq!(assessed(fit([0.0; 3], 5.0, 50.0), fit([0.0; 3], 0.4, 15.0)), Assessment::default());
         let mut tone = fit([0.0; 3], 0.39, 600.0);
         tone.errors[2] *= 10.0;
-        assert_eq!(judged(tone, away(0.38)).regime, Regime::Unknown);
+        assert_eq!(assessed(tone, away(0.38)).regime, Regime::Unknown);
     }
 
     #[test]
@@ -218,23 +218,23 @@ mod tests {
             tone
         };
         let unknown = Assessment::default();
-        assert_eq!(judged_beside(tone(0.45), away(0.45), explained, Contact::Closed), unknown);
+        assert_eq!(assessed_beside(tone(0.45), away(0.45), explained, Contact::Closed), unknown);
         // Presliding over 50 um at 15.9 Hz takes 0.68 kg, gives 25 N s/m and takes 5 N.
-        let hidden = judged_beside(tone(0.76), away(0.76), explained, Contact::Closed);
+        let hidden = assessed_beside(tone(0.76), away(0.76), explained, Contact::Closed);
         assert_eq!(hidden.regime, Regime::Unknown);
         let [inertance, viscous, coulomb] = hidden.errors;
         assert!((0.68..3.0).contains(&inertance) && viscous > 25.0 && (5.0..20.0).contains(&coulomb), "{hidden:?}");
         // The same by parting flanks: there is no spring.
-        let parts = judged_beside(tone(0.76), away(0.76), explained, Contact::Backlash);
+        let parts = assessed_beside(tone(0.76), away(0.76), explained, Contact::Backlash);
         assert!(parts.errors[0] < 0.1 && parts.errors[1] > 20.0, "{parts:?}");
         // Nothing known of the flanks, it may be both.
-        let both = judged_beside(tone(0.76), away(0.76), explained, Contact::Unknown);
+        let both = assessed_beside(tone(0.76), away(0.76), explained, Contact::Unknown);
         for ((both, hidden), parts) in both.errors.into_iter().zip(hidden.errors).zip(parts.errors) {
             assert_eq!(both, length(hidden, parts));
         }
         // Where friction cannot hide, only flanks count, by 0.17, 28 and 2.6 of a newton, times the part that is alike.
         let lawful = Assessment { regime: Regime::Coulomb, ..Assessment::default() };
-        let random = |contact| judged_beside(fit([0.0; 3], 1.7, 600.0), away(1.7), explained, contact);
+        let random = |contact| assessed_beside(fit([0.0; 3], 1.7, 600.0), away(1.7), explained, contact);
         assert_eq!(random(Contact::Closed), lawful);
         for (error, per_newton) in random(Contact::Backlash).errors.into_iter().zip([0.17, 28.0, 2.6]) {
             assert!((error / (1.657 * IMPACTS * per_newton) - 1.0).abs() < 0.01, "{error}");

@@ -8,7 +8,7 @@
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct RawSample {
     /// Sample counter of the device, one per sample period, wrapping at 2^32.
-    /// A jump is a gap: samples were lost, and nothing is assumed about them.
+    /// A jump is a discontinuity: samples were lost, and nothing is assumed about them.
     pub index: u32,
     /// Sum of `oversampling` latched encoder counts, wrapping in 32 bits; only differences are used.
     pub position_count: i32,

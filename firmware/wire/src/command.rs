@@ -15,7 +15,7 @@ pub struct Request {
 
 messages! {
     /// What a device can be asked to do. Every command gets exactly one [`Reply`](crate::Reply).
-    #[allow(clippy::large_enum_variant, reason = "without an allocator a box is not to be had")]
+    #[allow(clippy::large_enum_variant, reason = "cannot be boxed without an allocator")]
     enum Command {
         0 Hello "Send the Hello record.";
         1 ReadSettings "Send the Settings record with every setting in use.";

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 messages! {
     /// Everything a device sends.
-    #[allow(clippy::large_enum_variant, reason = "without an allocator a box is not to be had")]
+    #[allow(clippy::large_enum_variant, reason = "cannot be boxed without an allocator")]
     enum Record {
         0 Hello(Hello) "Who the device is and which wire version it speaks; on Command::Hello and after a start.";
         1 Samples(Samples) "Raw samples, up to 32, with their sample counter.";

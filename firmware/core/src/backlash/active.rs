@@ -1,4 +1,4 @@
-//! Settings of the gap's two routes, brought to integers.
+//! Settings of the backlash's two routes, brought to integers.
 
 use crate::backlash::flanks::FlankActive;
 use crate::backlash::terminal::TerminalActive;
@@ -32,7 +32,7 @@ const STIFFNESS_U95: f32 = 0.01;
 /// Bits of the stretch in the memory.
 const STRETCH_BITS: i32 = 13;
 
-/// Quantised settings of the gap.
+/// Quantised settings of the backlash.
 #[derive(Clone, Debug)]
 pub(crate) struct BacklashActive {
     pub flanks: FlankActive,
@@ -75,7 +75,7 @@ pub(crate) struct BacklashScales {
 }
 
 impl Settings {
-    /// What the gap needs.
+    /// What the backlash needs.
     pub(crate) fn backlash(&self) -> BacklashActive {
         // Single precision will do: what must be exact are the sums of the lag's terms.
         let single = |value: f64| value as f32;
@@ -96,7 +96,7 @@ impl Settings {
         let guard_s = (rate * GUARD_S + 0.5) as u32;
         let settled = rate * lag * GUARD_LAGS + 0.5;
         let guard = guard_s.max(settled as u32).clamp(2, LONGEST_GUARD);
-        // Judgement comes one to two blocks late.
+        // Classification comes one to two blocks late.
         let block = guard_s.max(guard.div_ceil(2)).clamp(2, guard);
         let per_code = newtons * compliance / unit_m;
         let (kept, by_force) = lag_terms((lag - skew) * rate);

@@ -19,7 +19,7 @@ const LEAST_EQUAL: f32 = 3.0;
 /// Part of an encoder count that stays however many reversals there are: the encoder's steps along a flank are not
 /// white.
 const COUNT_PART: f32 = 0.5;
-/// The same of the gap with the sensor, where whole flanks are averaged.
+/// The same of the backlash with the sensor, where whole flanks are averaged.
 const SENSED_COUNT_PART: f32 = 0.25;
 /// Part of an encoder count that correlates with the stretch, and with its rate.
 const STIFFNESS_COUNT_PART: f32 = 0.06;
@@ -130,7 +130,7 @@ impl BacklashActive {
         // Of few, the scatter is itself uncertain.
         let coverage = COVERAGE * (1.0 + 2.0 / (equal - 1.0));
         let spread = coverage * coverage * variance / (equal - 1.0);
-        // What the judge would change is known with its own scatter.
+        // What the check would change is known with its own scatter.
         let change_noise = greater(change_square - change * change, 0.0) / equal;
         let truncation = greater(change * change - change_noise, 0.0);
         // A periodic motion repeats the encoder's steps, and their error does not average. What the values scatter
@@ -192,17 +192,17 @@ impl BacklashActive {
             + stiffness_by_count;
         let side_u95_squared = square(COVERAGE * side_error) + square(more_side - side) + false_side;
 
-        let gap = -2.0 * side * ONE as f32 / (stiffness * block);
+        let backlash = -2.0 * side * ONE as f32 / (stiffness * block);
         let per_side = 2.0 * ONE as f32 / (stiffness * block);
-        let relative = square(COVERAGE * stiffness_error / stiffness * gap);
+        let relative = square(COVERAGE * stiffness_error / stiffness * backlash);
         // A stiffness that is wrong moves each flank by its mean stretch.
         let mean = |row: usize, column: usize| {
             terminal.totals.sums().get(place(row, column)).map_or(0.0, |sum| single(*sum) / blocks as f32)
         };
-        let apart = (mean(2, 1) - mean(3, 1) * (mean(3, 2) / mean(3, 3))) / ONE as f32 - 0.5 * gap * block;
+        let apart = (mean(2, 1) - mean(3, 1) * (mean(3, 2) / mean(3, 3))) / ONE as f32 - 0.5 * backlash * block;
         let by_stiffness = square(2.0 * apart / (block * stiffness)) * stiffness_by_count;
         let count = SENSED_COUNT_PART * self.count_units as f32;
-        let gap_u95 = sqrt(square(per_side) * side_u95_squared + relative + by_stiffness + count * count);
+        let backlash_u95 = sqrt(square(per_side) * side_u95_squared + relative + by_stiffness + count * count);
         let stiffness_si = stiffness * self.scales.stiffness;
         let gain = square(stiffness) * self.scales.gain;
         let stiffness_u95 = self.scales.stiffness * sqrt(stiffness_u95_squared + gain);
@@ -210,7 +210,7 @@ impl BacklashActive {
         let damping_u95 = self.scales.damping * sqrt(damping_u95_squared + gain);
         let skew_u95 = stiffness_si * self.scales.skew_u95_s;
         Sensed {
-            backlash: Backlash::of(gap * self.unit_m, gap_u95 * self.unit_m, Route::Terminal, reversals),
+            backlash: Backlash::of(backlash * self.unit_m, backlash_u95 * self.unit_m, Route::Terminal, reversals),
             stiffness: parameter(stiffness_si, stiffness_u95),
             damping: if damping_drowned {
                 Parameter::NotIdentifiable(Unresolved::NOTHING)

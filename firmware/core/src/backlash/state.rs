@@ -139,7 +139,7 @@ impl BacklashState {
     fn follow(&mut self, active: &BacklashActive, touch: &Touch) -> Option<Concluded> {
         let touching = self.flight == 0 && self.side != 0;
         let mut concluded = None;
-        match (touch.judged, touching) {
+        match (touch.classified, touching) {
             (0, true) => {
                 self.look(active, 1);
                 concluded = self.conclude();
@@ -148,7 +148,7 @@ impl BacklashState {
             (0, false) => self.flight = self.flight.saturating_add(1),
             (_, true) => {
                 self.length = self.length.saturating_add(1);
-                self.count(touch.judged);
+                self.count(touch.classified);
                 if self.pending.is_some_and(|pending| self.length >= pending.next) {
                     self.look(active, 0);
                     if self.pending.is_some_and(|pending| pending.next > pending.last) {
