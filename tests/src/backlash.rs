@@ -1,7 +1,7 @@
 //! Backlash on the accuracy grid: gaps of every width, by the force alone and with the terminal's own sensor.
 
 use crate::grid::{self, Error, Rig, calibrated, raw};
-use inerter_core::{BacklashStatus, Detail, Gap, Settings, State, Status};
+use inerter_core::{Detail, Interval, Reversal, Settings, State};
 use inerter_plant::{Excitation, Parameters as Device, Sensors, Simulation};
 
 /// Gaps of the grid \[m\].
@@ -32,9 +32,9 @@ pub struct Run {
     /// With the sensor.
     pub sensed: Detail,
     /// Reversals as they came, by the force.
-    pub gaps: Vec<Gap>,
+    pub reversals: Vec<Reversal>,
     /// The same with the sensor.
-    pub sensed_gaps: Vec<Gap>,
+    pub sensed_reversals: Vec<Reversal>,
 }
 
 /// Instruments of the grid with a terminal sensor: 0.1 um per code, 1 um rms.
@@ -59,18 +59,21 @@ pub fn run(device: &Device, motion: &str, duration_s: f64, rig: &Rig, seed: u64)
     let settings = settings(device, &sensors);
     let simulation = Simulation::new(*device, Excitation::parse(motion, seed)?, sensors)?;
     let active = settings.validate()?;
-    let with_sensor = Settings { terminal_sensor: 1.0, stiffness_n_per_m: 0.0, ..settings }.validate()?;
+    let with_sensor = Settings { terminal_sensor: true, stiffness_n_per_m: 0.0, ..settings }.validate()?;
     let mut state = Box::new(State::new(&active));
     let mut sensing = Box::new(State::new(&with_sensor));
-    let (mut gaps, mut sensed_gaps) = (Vec::new(), Vec::new());
+    let (mut reversals, mut sensed_reversals) = (Vec::new(), Vec::new());
     for sample in simulation.lasting(duration_s) {
         let raw = raw(&sample);
-        active.step(&mut state, &raw);
-        with_sensor.step(&mut sensing, &raw);
-        gaps.extend(state.take_gap());
-        sensed_gaps.extend(sensing.take_gap());
+        reversals.extend(active.step(&mut state, &raw).reversal);
+        sensed_reversals.extend(with_sensor.step(&mut sensing, &raw).reversal);
     }
-    Ok(Run { force: active.detail(&state), sensed: with_sensor.detail(&sensing), gaps, sensed_gaps })
+    Ok(Run {
+        force: active.publish(&state).detail,
+        sensed: with_sensor.publish(&sensing).detail,
+        reversals,
+        sensed_reversals,
+    })
 }
 
 /// One column of a cell.
@@ -91,9 +94,9 @@ pub struct Column {
 /// One gap in one motion on one rig.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Cell {
-    /// Gap by the force alone \[m\].
+    /// Backlash by the force alone \[m\].
     pub force: Column,
-    /// Gap with the sensor \[m\].
+    /// Backlash with the sensor \[m\].
     pub sensed: Column,
     /// Stiffness with the sensor, relative.
     pub stiffness: Column,
@@ -117,20 +120,17 @@ fn column(values: &[(f64, f64)], truth: f64) -> Column {
 
 /// Statistics over the runs of one cell.
 pub fn cell(device: &Device, runs: &[Run]) -> Cell {
-    let gap = |detail: &Detail| {
-        let backlash = detail.backlash;
-        let given = !matches!(backlash.status, BacklashStatus::NotIdentifiable(_));
-        given.then_some((f64::from(backlash.value_m), f64::from(backlash.u95_m)))
-    };
+    let found =
+        |detail: &Detail| detail.backlash.known().map(|Interval { value, u95 }| (f64::from(value), f64::from(u95)));
     let contact = |read: fn(&Detail) -> inerter_core::Parameter, truth: f64| {
-        let given = runs.iter().map(|run| read(&run.sensed)).filter(|value| value.status == Status::Ok);
+        let given = runs.iter().filter_map(|run| read(&run.sensed).ok());
         let values: Vec<_> =
-            given.map(|value| (f64::from(value.value) / truth, f64::from(value.u95) / truth)).collect();
+            given.map(|Interval { value, u95 }| (f64::from(value) / truth, f64::from(u95) / truth)).collect();
         column(&values, 1.0)
     };
     Cell {
-        force: column(&runs.iter().filter_map(|run| gap(&run.force)).collect::<Vec<_>>(), device.backlash_m),
-        sensed: column(&runs.iter().filter_map(|run| gap(&run.sensed)).collect::<Vec<_>>(), device.backlash_m),
+        force: column(&runs.iter().filter_map(|run| found(&run.force)).collect::<Vec<_>>(), device.backlash_m),
+        sensed: column(&runs.iter().filter_map(|run| found(&run.sensed)).collect::<Vec<_>>(), device.backlash_m),
         stiffness: contact(|detail| detail.stiffness_n_per_m, device.stiffness_n_per_m),
         damping: contact(|detail| detail.contact_damping_n_s_per_m, device.contact_damping_n_s_per_m),
     }

@@ -1,7 +1,7 @@
 //! The accuracy grid: six motions, several seeds, three rigs; what the estimator says against what is true.
 
 use crate::linear::Cholesky;
-use inerter_core::{Estimate, Parameter, Parameters, Settings, State, Status};
+use inerter_core::{Estimate, Interval, Parameter, Parameters, Settings, State};
 use inerter_plant::{Excitation, Motion as Screw, Parameters as Device, Sensors, Simulation};
 pub use inerter_simulate::raw;
 use std::thread;
@@ -174,10 +174,10 @@ pub fn run(device: &Device, motion: &Motion, rig: &Rig, seed: u64) -> Result<Run
     let (mut published, mut forgetful) = (Vec::new(), Vec::new());
     for sample in simulation.lasting(motion.duration_s) {
         let raw = raw(&sample);
-        published.extend(active.step(&mut state, &raw).map(|estimate| (sample.t_s, estimate)));
-        forgetful.extend(short.step(&mut short_state, &raw).map(|estimate| (sample.t_s, estimate)));
+        published.extend(active.step(&mut state, &raw).estimate().map(|estimate| (sample.t_s, estimate)));
+        forgetful.extend(short.step(&mut short_state, &raw).estimate().map(|estimate| (sample.t_s, estimate)));
     }
-    Ok(Run { published, forgetful, last: active.estimate(&state) })
+    Ok(Run { published, forgetful, last: active.publish(&state).estimate })
 }
 
 /// The least sigma that any unbiased estimator can have with this rig's force noise, knowing the motion exactly
@@ -252,19 +252,14 @@ pub fn cell(device: &Device, runs: &[Run]) -> Cell {
     let limits = [1e-3 * truth[0], 5.0, 1.0];
     let mut cell = Cell::default();
     for i in 0..3 {
-        let last: Vec<Parameter> = runs.iter().map(|run| three(&run.last.whole_run)[i]).collect();
-        let errors: Vec<f64> = last
-            .iter()
-            .filter(|p| p.status != Status::NotIdentifiable)
-            .map(|p| f64::from(p.value) - truth[i])
-            .collect();
+        let given: Vec<Interval> = runs.iter().filter_map(|run| three(&run.last.whole_run)[i].known()).collect();
+        let errors: Vec<f64> = given.iter().map(|found| f64::from(found.value) - truth[i]).collect();
         let count = errors.len() as f64;
         cell.given[i] = errors.len();
         let mean = errors.iter().sum::<f64>() / count;
         let variance = errors.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / (count - 1.0);
         (cell.bias[i], cell.sigma[i]) = if errors.len() < 2 { (f64::NAN, f64::NAN) } else { (mean, variance.sqrt()) };
-        cell.u95[i] =
-            last.iter().filter(|p| p.status != Status::NotIdentifiable).map(|p| f64::from(p.u95)).sum::<f64>() / count;
+        cell.u95[i] = given.iter().map(|found| f64::from(found.u95)).sum::<f64>() / count;
         cell.coverage[i] = coverage(runs.iter().flat_map(|run| &run.forgetful), truth[i], |e| three(&e.recent)[i]);
         cell.whole_run_coverage[i] =
             coverage(runs.iter().flat_map(|run| &run.published), truth[i], |e| three(&e.whole_run)[i]);
@@ -282,19 +277,16 @@ fn coverage<'a>(
     parameter: impl Fn(&Estimate) -> Parameter,
 ) -> Option<f64> {
     let (mut covered, mut all) = (0_u32, 0_u32);
-    for parameter in published.map(|(_, estimate)| parameter(estimate)).filter(|p| p.status == Status::Ok) {
+    for Interval { value, u95 } in published.filter_map(|(_, estimate)| parameter(estimate).ok()) {
         all += 1;
-        covered += u32::from((f64::from(parameter.value) - truth).abs() <= f64::from(parameter.u95));
+        covered += u32::from((f64::from(value) - truth).abs() <= f64::from(u95));
     }
     (all > 0).then(|| f64::from(covered) / f64::from(all))
 }
 
 /// Time from which every published value is given and within the limit.
 fn settling(run: &Run, i: usize, truth: f64, limit: f64) -> f64 {
-    let bad = |e: &Estimate| {
-        let parameter = three(&e.recent)[i];
-        parameter.status == Status::NotIdentifiable || (f64::from(parameter.value) - truth).abs() > limit
-    };
+    let bad = |e: &Estimate| three(&e.recent)[i].value().is_none_or(|value| (f64::from(value) - truth).abs() > limit);
     match run.published.iter().rposition(|(_, e)| bad(e)) {
         None => run.published.first().map_or(f64::INFINITY, |(t, _)| *t),
         Some(last) => run.published.get(last + 1).map_or(f64::INFINITY, |(t, _)| *t),

@@ -61,7 +61,7 @@ pub fn instruments(seed: u64) -> Sensors {
 pub fn recorded(device: &Device, motion: &str, sensors: &Sensors, duration_s: f64) -> Result<Run, Error> {
     let simulation = Simulation::new(*device, Excitation::parse(motion, sensors.seed)?, *sensors)?;
     let settings = Settings {
-        terminal_sensor: 1.0,
+        terminal_sensor: true,
         stiffness_n_per_m: 0.0,
         contact_damping_n_s_per_m: 0.0,
         structure_mass_u95_kg: 0.02,

@@ -101,7 +101,7 @@ impl Pair {
 
     /// Takes a sample; compares when core publishes.
     pub fn step(&mut self, sample: &RawSample) -> Option<Estimate> {
-        let published = self.active.step(&mut self.state, sample);
+        let published = self.active.step(&mut self.state, sample).estimate();
         self.fast.follow(&self.active, &self.state);
         self.slow.follow(&self.active, &self.state);
         if let Some(estimate) = &published {
@@ -139,15 +139,15 @@ impl Pair {
         let structure = self.active.settings().structure_mass_kg;
         let found = [&found.inertance_kg, &found.viscous_n_s_per_m, &found.coulomb_n, &found.offset_n];
         // Core leaves out what it cannot tell apart; the textbook has no answer then.
-        if found.iter().any(|parameter| parameter.u95.is_infinite()) {
+        if found.iter().any(|parameter| parameter.u95().is_infinite()) {
             return;
         }
         for (i, parameter) in found.into_iter().enumerate() {
-            if parameter.status == Status::NotIdentifiable {
+            if parameter.status() == Status::NotIdentifiable {
                 continue;
             }
             let reference = reference.map_or(f64::NAN, |values| values[i] - if i == 0 { structure } else { 0.0 });
-            let difference = (f64::from(parameter.value) - reference).abs();
+            let difference = (f64::from(parameter.fitted().value) - reference).abs();
             self.compared += 1;
             // What is not a number is a difference too.
             if difference.is_nan() || difference > self.greatest[i] {

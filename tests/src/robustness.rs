@@ -1,7 +1,7 @@
 //! The robustness sheet: one imperfection of rig or device at a time; what the estimator says, and what it notices.
 
 use crate::grid::{Error, calibrated, raw, three, truth};
-use inerter_core::{Conduct, Counters, Parameter, Settings, State, Status};
+use inerter_core::{Counters, Parameter, Published, Regime, Settings, State, Status};
 use inerter_plant::{Excitation, Parameters as Device, Plant, Sensors, Simulation};
 
 /// Rate of the published estimates \[Hz\].
@@ -94,7 +94,7 @@ pub struct Run {
     /// At the end.
     pub counters: Counters,
     /// At the end.
-    pub conduct: Conduct,
+    pub regime: Regime,
     /// Residual at the end \[N\].
     pub residual_n: f64,
 }
@@ -128,28 +128,28 @@ impl Case {
         let mut covered = [(0, 0); 3];
         let plant = Plant::new(self.device, Excitation::parse(motion, seed)?)?;
         for sample in Simulation::of(plant, sensors)?.lasting(duration_s(motion)) {
-            let Some(estimate) = active.step(&mut state, &raw(&sample)) else { continue };
+            let Some(estimate) = active.step(&mut state, &raw(&sample)).estimate() else { continue };
             for parameters in [&estimate.recent, &estimate.whole_run] {
                 let all = three(parameters).into_iter().zip(truth);
                 for ((parameter, truth), (given, within)) in all.zip(&mut covered) {
-                    if parameter.status == Status::Ok {
+                    if parameter.status() == Status::Ok {
                         *given += 1;
-                        let off = (f64::from(parameter.value) - truth).abs();
-                        *within += u32::from(off <= f64::from(parameter.u95));
+                        let off = (f64::from(parameter.fitted().value) - truth).abs();
+                        *within += u32::from(off <= f64::from(parameter.u95()));
                     }
                 }
             }
         }
-        let last = active.estimate(&state);
+        let Published { estimate: last, detail } = active.publish(&state);
         let mut errors = three(&last.whole_run).into_iter().zip(truth);
         Ok(Run {
             last: std::array::from_fn(|_| {
                 let (parameter, truth) = errors.next().unwrap_or_default();
-                (f64::from(parameter.value) - truth, parameter)
+                (f64::from(parameter.fitted().value) - truth, parameter)
             }),
             covered,
             counters: state.counters(),
-            conduct: active.detail(&state).friction.conduct,
+            regime: detail.friction.regime,
             residual_n: f64::from(last.residual_rms_n),
         })
     }
@@ -184,11 +184,11 @@ pub fn cell(runs: &[Run], usual_n: Option<f64>) -> Cell {
             flags.push(name);
         }
     };
-    flag("gaps", |run| run.counters.gaps > 0);
+    flag("gaps", |run| run.counters.discontinuities > 0);
     flag("saturated", |run| run.counters.saturated > 0);
-    flag("presliding", |run| run.conduct == Conduct::Presliding);
-    flag("Stribeck", |run| run.conduct == Conduct::Stribeck);
-    flag("friction unknown", |run| run.conduct == Conduct::Unknown);
+    flag("presliding", |run| run.regime == Regime::Presliding);
+    flag("Stribeck", |run| run.regime == Regime::Stribeck);
+    flag("friction unknown", |run| run.regime == Regime::Unknown);
     if usual_n.is_some_and(|usual_n| residual_n > LOUD * usual_n) {
         flags.push("residual");
     }
@@ -202,8 +202,8 @@ pub fn cell(runs: &[Run], usual_n: Option<f64>) -> Cell {
         flags,
     };
     for i in 0..3 {
-        let last = runs.iter().map(|run| run.last[i]).filter(|(_, found)| found.status != Status::NotIdentifiable);
-        let (errors, u95): (Vec<f64>, Vec<f64>) = last.map(|(error, found)| (error, f64::from(found.u95))).unzip();
+        let last = runs.iter().map(|run| run.last[i]).filter(|(_, found)| found.status() != Status::NotIdentifiable);
+        let (errors, u95): (Vec<f64>, Vec<f64>) = last.map(|(error, found)| (error, f64::from(found.u95()))).unzip();
         let given = errors.len() as f64;
         cell.given[i] = errors.len();
         if errors.len() >= 2 {

@@ -1,7 +1,9 @@
 //! Backlash by either route: right where it is given, and refused with the right reason where it cannot be.
 
-use inerter_core::{BacklashStatus, Contact, Detail, Gap, RawSample, Reason, Route, Settings, State, Status};
-use inerter_plant::{Contact as Flanks, Excitation, Parameters as Device, Sensors, Simulation};
+use inerter_core::{
+    BacklashSize, Contact, Detail, Interval, RawSample, Reason, Reversal, Route, Settings, State, Status,
+};
+use inerter_plant::{Excitation, Flank, Parameters as Device, Sensors, Simulation};
 use inerter_tests::backlash::{Run, cell, goal, instruments, run, sensed_goal, settings};
 use inerter_tests::grid::{MOTIONS, RIGS, Rig, raw};
 
@@ -12,15 +14,14 @@ fn worn(backlash_m: f64) -> Device {
 }
 
 /// What the estimator says of these samples.
-fn listen(settings: &Settings, samples: impl IntoIterator<Item = RawSample>) -> (Detail, Vec<Gap>) {
+fn listen(settings: &Settings, samples: impl IntoIterator<Item = RawSample>) -> (Detail, Vec<Reversal>) {
     let active = settings.validate().unwrap();
     let mut state = Box::new(State::new(&active));
-    let mut gaps = Vec::new();
+    let mut reversals = Vec::new();
     for sample in samples {
-        active.step(&mut state, &sample);
-        gaps.extend(state.take_gap());
+        reversals.extend(active.step(&mut state, &sample).reversal);
     }
-    (active.detail(&state), gaps)
+    (active.publish(&state).detail, reversals)
 }
 
 fn shaken(device: &Device, motion: &str, duration_s: f64, sensors: &Sensors) -> Vec<RawSample> {
@@ -29,17 +30,18 @@ fn shaken(device: &Device, motion: &str, duration_s: f64, sensors: &Sensors) -> 
 }
 
 fn sensing(settings: &Settings) -> Settings {
-    Settings { terminal_sensor: 1.0, ..*settings }
+    Settings { terminal_sensor: true, ..*settings }
 }
 
 fn covers(detail: &Detail, truth_m: f64) -> bool {
-    let backlash = detail.backlash;
-    (f64::from(backlash.value_m) - truth_m).abs() <= f64::from(backlash.u95_m) && backlash.u95_m < 12e-6
+    let within =
+        |known: Interval| (f64::from(known.value) - truth_m).abs() <= f64::from(known.u95) && known.u95 < 12e-6;
+    detail.backlash.known().is_some_and(within)
 }
 
 fn reason(detail: &Detail) -> Option<Reason> {
-    match detail.backlash.status {
-        BacklashStatus::NotIdentifiable(reason) => Some(reason),
+    match detail.backlash.size {
+        BacklashSize::NotIdentifiable(reason) => Some(reason),
         _ => None,
     }
 }
@@ -70,10 +72,10 @@ fn gaps_of_all_widths_are_found_in_all_motions() {
             given += found.force.given + found.sensed.given;
             wrong += found.force.wrong + found.sensed.wrong;
             for run in &runs {
-                let expected = if backlash_m == 0.0 { Contact::Closed } else { Contact::Gap };
+                let expected = if backlash_m == 0.0 { Contact::Closed } else { Contact::Backlash };
                 assert_eq!(run.sensed.contact, expected, "{place}");
                 assert_eq!(run.sensed.backlash.route, Route::Terminal);
-                assert_eq!(run.force.stiffness_n_per_m.status, Status::NotIdentifiable);
+                assert_eq!(run.force.stiffness_n_per_m.status(), Status::NotIdentifiable);
             }
         }
     }
@@ -82,14 +84,15 @@ fn gaps_of_all_widths_are_found_in_all_motions() {
 
 #[test]
 fn each_reversal_tells_its_own_gap_and_error() {
-    let gaps = run(&worn(50e-6), "random", 20.0, &RIG, 3).unwrap().gaps;
-    assert!(gaps.len() > 300, "{}", gaps.len());
-    let normalised = gaps.iter().map(|gap| f64::from((gap.value_m - 50e-6) / gap.error_m).powi(2)).sum::<f64>();
-    let ratio = normalised / gaps.len() as f64;
+    let reversals = run(&worn(50e-6), "random", 20.0, &RIG, 3).unwrap().reversals;
+    assert!(reversals.len() > 300, "{}", reversals.len());
+    let normalised =
+        reversals.iter().map(|reversal| f64::from((reversal.value_m - 50e-6) / reversal.error_m).powi(2)).sum::<f64>();
+    let ratio = normalised / reversals.len() as f64;
     assert!((0.5..2.0).contains(&ratio), "{ratio}");
-    assert!(gaps.windows(2).all(|pair| pair[0].index < pair[1].index && pair[0].route == Route::Force));
-    let rising = gaps.iter().filter(|gap| gap.rising).count();
-    assert!(rising.abs_diff(gaps.len() / 2) < gaps.len() / 10, "{rising} of {}", gaps.len());
+    assert!(reversals.windows(2).all(|pair| pair[0].index < pair[1].index && pair[0].route == Route::Force));
+    let rising = reversals.iter().filter(|reversal| reversal.rising).count();
+    assert!(rising.abs_diff(reversals.len() / 2) < reversals.len() / 10, "{rising} of {}", reversals.len());
 }
 
 /// With the sensor, the records scatter by the error that they state, and their mean is what all blocks say together.
@@ -97,20 +100,21 @@ fn each_reversal_tells_its_own_gap_and_error() {
 fn each_reversal_tells_its_own_gap_with_the_sensor() {
     for (motion, at_least) in [("mid", 120), ("fast", 600), ("random", 400)] {
         for (rig, backlash_m) in RIGS.iter().flat_map(|rig| [0.0, 50e-6, 200e-6].map(|gap_m| (rig, gap_m))) {
-            let Run { sensed, sensed_gaps, .. } = run(&worn(backlash_m), motion, 20.0, rig, 3).unwrap();
-            let count = sensed_gaps.len() as f64;
-            let mean = sensed_gaps.iter().map(|gap| f64::from(gap.value_m)).sum::<f64>() / count;
-            let normalised = |gap: &Gap| ((f64::from(gap.value_m) - mean) / f64::from(gap.error_m)).powi(2);
-            let ratio = (sensed_gaps.iter().map(normalised).sum::<f64>() / count).sqrt();
-            let pooled = sensed.backlash;
+            let Run { sensed, sensed_reversals, .. } = run(&worn(backlash_m), motion, 20.0, rig, 3).unwrap();
+            let count = sensed_reversals.len() as f64;
+            let mean = sensed_reversals.iter().map(|reversal| f64::from(reversal.value_m)).sum::<f64>() / count;
+            let normalised =
+                |reversal: &Reversal| ((f64::from(reversal.value_m) - mean) / f64::from(reversal.error_m)).powi(2);
+            let ratio = (sensed_reversals.iter().map(normalised).sum::<f64>() / count).sqrt();
+            let pooled = sensed.backlash.known().unwrap();
             let place = format!("{motion}, {}, {backlash_m}: {mean} {ratio} {count} {pooled:?}", rig.name);
-            assert!(sensed_gaps.len() > at_least, "{place}");
+            assert!(sensed_reversals.len() > at_least, "{place}");
             assert!((0.5..2.0).contains(&ratio), "{place}");
-            assert!((mean - f64::from(pooled.value_m)).abs() < f64::from(pooled.u95_m) / 2.0, "{place}");
-            assert!(sensed_gaps.windows(2).all(|pair| pair[0].index < pair[1].index), "{place}");
-            assert!(sensed_gaps.iter().all(|gap| gap.route == Route::Terminal), "{place}");
-            let rising = sensed_gaps.iter().filter(|gap| gap.rising).count();
-            assert!(rising.abs_diff(sensed_gaps.len() / 2) <= 1, "{place}: {rising}");
+            assert!((mean - f64::from(pooled.value)).abs() < f64::from(pooled.u95) / 2.0, "{place}");
+            assert!(sensed_reversals.windows(2).all(|pair| pair[0].index < pair[1].index), "{place}");
+            assert!(sensed_reversals.iter().all(|reversal| reversal.route == Route::Terminal), "{place}");
+            let rising = sensed_reversals.iter().filter(|reversal| reversal.rising).count();
+            assert!(rising.abs_diff(sensed_reversals.len() / 2) <= 1, "{place}: {rising}");
         }
     }
 }
@@ -123,10 +127,12 @@ fn a_gap_that_grows_on_the_way_grows_in_the_records() {
     let halves = [50e-6, 60e-6].map(|gap_m| shaken(&worn(gap_m), "random@10s;hold@1s", 11.0, &sensors));
     let [first, second] = halves;
     let moved = second.into_iter().map(|sample| RawSample { index: sample.index + 20_000, ..sample });
-    let (_, gaps) = listen(&worn_settings, first.into_iter().chain(moved));
+    let (_, reversals) = listen(&worn_settings, first.into_iter().chain(moved));
     let mean = |later: bool| {
-        let of = gaps.iter().filter(|gap| gap.route == Route::Terminal && (gap.index > 15_000) == later);
-        let (sum, count) = of.fold((0.0, 0.0), |(sum, count), gap| (sum + f64::from(gap.value_m), count + 1.0));
+        let of =
+            reversals.iter().filter(|reversal| reversal.route == Route::Terminal && (reversal.index > 15_000) == later);
+        let (sum, count) =
+            of.fold((0.0, 0.0), |(sum, count), reversal| (sum + f64::from(reversal.value_m), count + 1.0));
         assert!(count > 150.0, "{count}");
         sum / count
     };
@@ -141,13 +147,13 @@ fn reversals_are_where_the_flanks_part() {
     let sensors = instruments(&RIG, 5);
     let excitation = Excitation::parse("mid", 5).unwrap();
     let samples: Vec<_> = Simulation::new(device, excitation, sensors).unwrap().lasting(10.0).collect();
-    let (_, gaps) = listen(&sensing(&settings(&device, &sensors)), samples.iter().map(raw));
+    let (_, reversals) = listen(&sensing(&settings(&device, &sensors)), samples.iter().map(raw));
     for route in [Route::Force, Route::Terminal] {
-        let count = gaps.iter().filter(|gap| gap.route == route).count();
+        let count = reversals.iter().filter(|reversal| reversal.route == route).count();
         assert!(count > 40, "{route:?}: {count}");
     }
-    for gap in gaps {
-        let at = gap.index as usize;
+    for reversal in reversals {
+        let at = reversal.index as usize;
         let near = &samples[at - 4..at + 5];
         assert!(near.iter().any(|sample| sample.truth.force_n == 0.0), "{at}");
     }
@@ -164,7 +170,7 @@ fn standstill_changes_nothing() {
     assert!(covers(&before, 50e-6), "{before:?}");
     // The blocks of the terminal's route go on: a contact at rest is a contact.
     assert!(covers(&after, 50e-6), "{after:?}");
-    let without = Settings { terminal_sensor: 0.0, ..settings };
+    let without = Settings { terminal_sensor: false, ..settings };
     let samples = shaken(&device, "random@10s;hold@60s", 70.0, &sensors);
     let (before, gaps_before) = listen(&without, samples.iter().copied().take(11_000));
     let (after, gaps_after) = listen(&without, samples);
@@ -186,9 +192,9 @@ fn wrapping_and_direction_change_nothing() {
         index: sample.index.wrapping_add(u32::MAX - 4000),
         ..*sample
     });
-    let (detail, gaps) = listen(&plain, moved);
+    let (detail, reversals) = listen(&plain, moved);
     assert_eq!((detail.backlash, detail.stiffness_n_per_m), (expected.0.backlash, expected.0.stiffness_n_per_m));
-    assert_eq!(gaps.len(), expected.1.len());
+    assert_eq!(reversals.len(), expected.1.len());
     let mirrored = Settings {
         metres_per_count: -plain.metres_per_count,
         newtons_per_code: -plain.newtons_per_code,
@@ -201,8 +207,8 @@ fn wrapping_and_direction_change_nothing() {
         terminal_code: -sample.terminal_code,
         ..*sample
     });
-    let (detail, gaps) = listen(&mirrored, turned);
-    assert_eq!(gaps, expected.1);
+    let (detail, reversals) = listen(&mirrored, turned);
+    assert_eq!(reversals, expected.1);
     assert!(covers(&detail, 20e-6), "{detail:?}");
 }
 
@@ -237,10 +243,10 @@ fn a_one_sided_load_is_no_gap() {
         let code = (newtons / sensors.newtons_per_code) as i32;
         let samples = shaken(&device, "mid", 20.0, &sensors).into_iter();
         let loaded = samples.map(|sample| RawSample { force_code: sample.force_code + code, ..sample });
-        let (detail, gaps) = listen(&sensing(&settings(&device, &sensors)), loaded);
+        let (detail, reversals) = listen(&sensing(&settings(&device, &sensors)), loaded);
         assert_eq!(reason(&detail), Some(Reason::ForceNeverReverses), "{detail:?}");
         assert_eq!(detail.contact, Contact::OneSided);
-        assert_eq!(gaps, []);
+        assert_eq!(reversals, []);
     }
 }
 
@@ -251,8 +257,8 @@ fn what_is_missing_is_named() {
     let plain = settings(&device, &sensors);
     let unknown = Settings { stiffness_n_per_m: 0.0, ..plain };
     let samples = shaken(&device, "mid", 5.0, &sensors);
-    let (detail, gaps) = listen(&unknown, samples.iter().copied());
-    assert_eq!((reason(&detail), gaps.len()), (Some(Reason::StiffnessUnknown), 0));
+    let (detail, reversals) = listen(&unknown, samples.iter().copied());
+    assert_eq!((reason(&detail), reversals.len()), (Some(Reason::StiffnessUnknown), 0));
     let (detail, _) = listen(&plain, samples.iter().copied().take(700));
     assert_eq!(reason(&detail), Some(Reason::TooFewReversals));
     // A light and stiff screw rings so fast that no flank lasts.
@@ -284,19 +290,19 @@ fn bounces_are_those_of_the_plant() {
         let touches: Vec<bool> = Simulation::new(device, excitation, fine)
             .unwrap()
             .lasting(20.0)
-            .map(|sample| sample.truth.contact != Flanks::Flight)
+            .map(|sample| sample.truth.contact != Flank::Flight)
             .collect();
         let landings = touches.windows(2).filter(|pair| !pair[0] && pair[1]).count();
-        let (detail, gaps) = listen(&settings(&device, &sensors), shaken(&device, "mid", 20.0, &sensors));
+        let (detail, reversals) = listen(&settings(&device, &sensors), shaken(&device, "mid", 20.0, &sensors));
         let place =
-            format!("{inertance_kg} kg, {backlash_um} um: {landings} landings, {} records {detail:?}", gaps.len());
+            format!("{inertance_kg} kg, {backlash_um} um: {landings} landings, {} records {detail:?}", reversals.len());
         assert_eq!(landings > 3 * TURNS / 2, bounces, "{place}");
         assert_eq!(detail.contact == Contact::Bouncing, bounces, "{place}");
         if bounces {
-            assert!(gaps.len() < TURNS / 10, "{place}");
+            assert!(reversals.len() < TURNS / 10, "{place}");
         } else if inertance_kg >= 100.0 {
             // Lighter ones ring until their flanks are too short.
-            assert!(gaps.len() > TURNS * 9 / 10, "{place}");
+            assert!(reversals.len() > TURNS * 9 / 10, "{place}");
         }
         assert!(reason(&detail).is_some() || covers(&detail, device.backlash_m), "{place}");
     }
@@ -321,13 +327,12 @@ fn a_heavy_structure_is_no_flank() {
             let unknown = Settings { stiffness_n_per_m: 0.0, ..sensing(&plain) };
             let (sensed, _) = listen(&unknown, samples.iter().copied());
             assert!(covers(&sensed, 200e-6), "{part} {motion}: {sensed:?}");
-            let stiffness = f64::from(sensed.stiffness_n_per_m.value) / device.stiffness_n_per_m;
+            let stiffness = f64::from(sensed.stiffness_n_per_m.fitted().value) / device.stiffness_n_per_m;
             assert!((stiffness - 1.0).abs() < 5e-3, "{part} {motion}: {stiffness}");
             // By the force alone there is a true value or none.
             let (by_force, _) = listen(&plain, samples);
-            let error = f64::from(by_force.backlash.value_m) - 200e-6;
-            let holds = reason(&by_force).is_some() || error.abs() < f64::from(by_force.backlash.u95_m);
-            assert!(holds, "{part} {motion}: {by_force:?}");
+            let holds = |known: Interval| (f64::from(known.value) - 200e-6).abs() < f64::from(known.u95);
+            assert!(by_force.backlash.known().is_none_or(holds), "{part} {motion}: {by_force:?}");
         }
     }
 }
@@ -346,7 +351,7 @@ fn a_wrong_damping_moves_little() {
                 let wrong = Settings { contact_damping_n_s_per_m: damping, ..settings(&device, &sensors) };
                 let (detail, _) = listen(&wrong, samples.iter().copied());
                 assert!(covers(&detail, 100e-6), "{motion} {factor}: {detail:?}");
-                detail.backlash.value_m
+                detail.backlash.known().unwrap().value
             });
             moved += f64::from(less - more) / 8.0;
         }
@@ -366,9 +371,9 @@ fn the_stiffness_is_in_the_interval() {
             ..settings(&device, &sensors)
         };
         let (detail, _) = listen(&wrong, shaken(&device, motion, 20.0, &sensors));
-        let backlash = detail.backlash;
-        let error = f64::from(backlash.value_m) - device.backlash_m;
+        let backlash = detail.backlash.known().unwrap();
+        let error = f64::from(backlash.value) - device.backlash_m;
         assert!(error.abs() > 5e-6, "{motion}: {backlash:?}");
-        assert!(error.abs() < f64::from(backlash.u95_m), "{motion}: {backlash:?}");
+        assert!(error.abs() < f64::from(backlash.u95), "{motion}: {backlash:?}");
     }
 }

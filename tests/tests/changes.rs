@@ -1,6 +1,6 @@
 //! A device that becomes another one while it moves, and machines that stay what they are.
 
-use inerter_core::{Changed, RawSample, Settings, State};
+use inerter_core::{Changed, Published, RawSample, Settings, State};
 use inerter_plant::{Excitation, Parameters as Device, Plant, Sensors, Simulation};
 use inerter_tests::{data::Recording, grid};
 
@@ -10,8 +10,8 @@ fn changes(settings: &Settings, samples: impl IntoIterator<Item = RawSample>) ->
     let mut state = Box::new(State::new(&active));
     let mut found = Vec::new();
     for (n, sample) in samples.into_iter().enumerate() {
-        active.step(&mut state, &sample);
-        found.extend(state.take_change().map(|change| (n as f64 / settings.sample_rate_hz, change)));
+        let output = active.step(&mut state, &sample);
+        found.extend(output.change.map(|change| (n as f64 / settings.sample_rate_hz, change)));
     }
     found
 }
@@ -65,12 +65,12 @@ fn a_step_at_3_hz_is_found_within_two_seconds_and_the_memory_begins_anew() {
         for sample in &samples {
             active.step(&mut state, sample);
         }
-        let estimate = active.estimate(&state);
+        let Published { estimate, detail } = active.publish(&state);
         for parameters in [estimate.recent, estimate.whole_run] {
             let found = parameters.inertance_kg;
-            assert!((f64::from(found.value) - after.inertance_kg).abs() < 0.3, "{found:?}");
+            assert!((f64::from(found.fitted().value) - after.inertance_kg).abs() < 0.3, "{found:?}");
         }
-        assert_eq!(active.detail(&state).changes, 1);
+        assert_eq!(detail.changes, 1);
     }
 }
 

@@ -27,13 +27,13 @@ fn errors_and_intervals_are_those_of_the_table() {
         for (i, name) in NAMES.into_iter().enumerate() {
             let (sigma, u95) = expected(rig.name, motion.name, name);
             let ends = runs.each_ref().map(|run| grid::three(&run.last.whole_run)[i]);
-            let errors = ends.map(|end| f64::from(end.value) - truth[i]);
+            let errors = ends.map(|end| f64::from(end.fitted().value) - truth[i]);
             let cell = format!("{}, {name}: {errors:?}, sigma {sigma}", motion.name);
             let (bias_goal, _) = motion.goals[i];
             assert!(errors.iter().all(|error| error.abs() < bias_goal.max(sigma) + 4.0 * sigma), "{cell}");
             assert!((errors[0] - errors[1]).abs() > 1e-3 * sigma, "two seeds, one result: {cell}");
             for end in ends {
-                let ratio = f64::from(end.u95) / u95;
+                let ratio = f64::from(end.u95()) / u95;
                 assert!((0.7..1.4).contains(&ratio), "an interval {ratio} times that of the table: {cell}");
             }
             squares.extend(errors.map(|error| (error / sigma).powi(2)));
@@ -57,13 +57,13 @@ fn repeated_impacts_leave_no_wrong_friction() {
         for parameters in live.chain(run.published.iter().map(|(_, estimate)| &estimate.whole_run)) {
             all += 1;
             for ((wrong, found), truth) in wrong.iter_mut().zip(grid::three(parameters)).zip(truth) {
-                let off = (f64::from(found.value) - truth).abs();
-                *wrong += i32::from(found.status == Status::Ok && off > f64::from(found.u95));
+                let off = (f64::from(found.fitted().value) - truth).abs();
+                *wrong += i32::from(found.status() == Status::Ok && off > f64::from(found.u95()));
             }
         }
         // The inertance is as good as ever.
         let inertance = run.last.whole_run.inertance_kg;
-        assert!(inertance.status == Status::Ok && inertance.u95 < 0.3, "{seed}: {inertance:?}");
+        assert!(inertance.status() == Status::Ok && inertance.u95() < 0.3, "{seed}: {inertance:?}");
     }
     assert!(all > 2000 && wrong.iter().all(|wrong| *wrong < all / 100), "{wrong:?} of {all}");
 }
@@ -75,12 +75,12 @@ fn a_motion_that_cannot_show_a_parameter_says_so() {
     let slow = grid::Motion { duration_s: 10.0, ..MOTIONS[0] };
     let run = grid::run(&device, &slow, &RIGS[0], 5).unwrap();
     let [inertance, _, coulomb] = grid::three(&run.last.whole_run);
-    assert_eq!(coulomb.status, Status::Ok);
-    assert!(inertance.u95 > 10.0 || inertance.status == Status::NotIdentifiable, "{inertance:?}");
+    assert_eq!(coulomb.status(), Status::Ok);
+    assert!(inertance.u95() > 10.0 || inertance.status() == Status::NotIdentifiable, "{inertance:?}");
     let still = grid::Motion { name: "hold", duration_s: 5.0, ..MOTIONS[0] };
     let run = grid::run(&device, &still, &RIGS[0], 5).unwrap();
     for parameter in grid::three(&run.last.whole_run).into_iter().chain(grid::three(&run.last.recent)) {
-        assert_eq!(parameter.status, Status::NotIdentifiable);
+        assert_eq!(parameter.status(), Status::NotIdentifiable);
     }
     assert!(run.published.iter().all(|(_, estimate)| !estimate.moving && estimate.updates == 0));
 }

@@ -52,7 +52,7 @@ fn loose() -> Device {
 #[test]
 fn a_stated_motion_stands_in_for_the_terminal_sensor_and_a_wrong_one_is_told() {
     let mut run = shaken(&loose(), "random", 4, 10.0);
-    run.settings.terminal_sensor = 0.0;
+    run.settings.terminal_sensor = false;
     let stated = |seed: u64| Options { excite: Some(Excitation::parse("random", seed).unwrap()), ..quick() };
     let found = identify(&[run.clone()], &stated(4), &mut |_| ()).unwrap();
     assert_eq!(found.route, Route::Complete);
@@ -163,7 +163,7 @@ fn without_the_terminal_the_law_is_fitted_and_the_rest_said_to_be_unknown() {
     // Calibrated as well as people do: the law leaves out the contact's stretch.
     let usual = Settings::default();
     run.settings = Settings {
-        terminal_sensor: 0.0,
+        terminal_sensor: false,
         force_gain_u95: usual.force_gain_u95,
         lead_u95: usual.lead_u95,
         timebase_u95: usual.timebase_u95,

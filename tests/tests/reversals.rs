@@ -12,11 +12,11 @@ fn simulated_coulomb_friction_turns_at_once() {
         let sensors = Sensors { force_noise_n: 1.0, seed: 3, ..Sensors::default() };
         let active = calibrated(&device, &sensors).validate().unwrap();
         let mut state = State::new(&active);
-        assert_eq!(state.reversal_ratio(), None);
+        assert_eq!(active.publish(&state).detail.friction.reversal_ratio, None);
         for sample in Simulation::new(device, Excitation::parse(motion, 3).unwrap(), sensors).unwrap().lasting(20.0) {
             active.step(&mut state, &raw(&sample));
         }
-        let ratio = state.reversal_ratio().unwrap();
+        let ratio = active.publish(&state).detail.friction.reversal_ratio.unwrap();
         assert!((0.95..1.05).contains(&ratio), "{motion}: {ratio}");
     }
 }
@@ -28,7 +28,7 @@ fn a_screw_that_creeps_before_friction_is_known_teaches_nothing() {
     let device = Parameters::paper();
     let random = &MOTIONS[4];
     let last = grid::run(&device, random, &RIGS[0], 30).unwrap().last.whole_run;
-    let [_, viscous, coulomb] = grid::three(&last).map(|parameter| f64::from(parameter.value));
+    let [_, viscous, coulomb] = grid::three(&last).map(|parameter| f64::from(parameter.fitted().value));
     assert!((viscous - device.viscous_n_s_per_m).abs() < 0.6, "{viscous}");
     assert!((coulomb - device.coulomb_n).abs() < 0.08, "{coulomb}");
 }
@@ -42,6 +42,6 @@ fn a_real_ball_screw_takes_its_time() {
     for sample in &run.samples {
         active.step(&mut state, sample);
     }
-    let ratio = state.reversal_ratio().unwrap();
+    let ratio = active.publish(&state).detail.friction.reversal_ratio.unwrap();
     assert!((0.15..0.35).contains(&ratio), "{ratio}");
 }

@@ -40,7 +40,8 @@ fn friction_scatter_of_sums(motion: &Motion, rig: &Rig) -> [f64; 2] {
         {
             active.step(&mut state, &raw(&sample));
         }
-        let [_, viscous, coulomb] = grid::three(&active.estimate(&state).whole_run).map(|p| f64::from(p.value));
+        let [_, viscous, coulomb] =
+            grid::three(&active.publish(&state).estimate.whole_run).map(|p| f64::from(p.fitted().value));
         Ok([viscous, coulomb])
     })
     .unwrap();

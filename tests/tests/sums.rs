@@ -139,7 +139,7 @@ fn band(motion: &str, rate_hz: f64) -> Band {
     let sensors = Sensors { sample_rate_hz: rate_hz, force_noise_n: 1.0, seed: 4, ..Sensors::default() };
     let samples = Simulation::new(device, Excitation::parse(motion, 4).unwrap(), sensors).unwrap();
     let (active, state) = after(&calibrated(&device, &sensors), samples.lasting(20.0).map(|sample| raw(&sample)));
-    active.detail(&state).band
+    active.publish(&state).detail.band
 }
 
 #[test]

@@ -70,7 +70,7 @@ impl App {
                 dropped_frames: 0,
                 bad_frames: 0,
                 lost_samples: 0,
-                gaps: 0,
+                discontinuities: 0,
                 overruns: 0,
                 saturated: 0,
                 cpu_load_permille: None,

@@ -51,7 +51,7 @@ pub trait SampleSource {
 
     /// The source will not be read until it is wanted again, which may be long.
     ///
-    /// A live source goes on with a gap in its sample counter then, not with an overrun.
+    /// A live source goes on with a jump of its sample counter then, not with an overrun.
     async fn halt(&mut self) {}
 }
 

@@ -9,7 +9,7 @@ use crate::tare::Tare;
 use core::pin::pin;
 use embassy_futures::select::{Either3, select3};
 use embassy_time::{Duration, Instant, Timer};
-use inerter_core::{Active, Bank, Change, Counters, Estimate, Gap, RawSample, State};
+use inerter_core::{Active, Bank, Change, Counters, Detail, Estimate, Output, Published, RawSample, Reversal, State};
 use inerter_wire::{Event, EventKind, SamplesBuilder};
 
 /// How long raw samples wait for a full batch.
@@ -26,12 +26,12 @@ enum Rest {
 /// What is to be told, in this order.
 #[derive(Default)]
 struct Due {
-    gap: Option<Gap>,
+    reversal: Option<Reversal>,
     /// The two records of the fast bank, then those of the slow one.
     sums: [bool; 4],
     change: Option<Change>,
     estimate: Option<Estimate>,
-    detail: bool,
+    detail: Option<Detail>,
     ended: bool,
 }
 
@@ -39,6 +39,10 @@ impl Due {
     const BOTH_BANKS: [bool; 4] = [true; 4];
     const FAST: [bool; 4] = [true, true, false, false];
     const SLOW: [bool; 4] = [false, false, true, true];
+
+    fn publish(&mut self, published: Option<Published>) {
+        (self.estimate, self.detail) = published.map(|Published { estimate, detail }| (estimate, detail)).unzip();
+    }
 }
 
 struct Estimating<'a> {
@@ -94,10 +98,10 @@ impl Estimating<'_> {
     async fn take(&mut self, samples: &[RawSample]) {
         let stream = self.app.streams();
         for sample in samples {
-            let estimate = self.active.step(self.state, sample);
-            let (gap, change) = (self.state.take_gap(), self.state.take_change());
+            let Output { published, reversal, change, .. } = self.active.step(self.state, sample);
             if stream.estimates {
-                (self.due.gap, self.due.estimate, self.due.detail) = (gap, estimate, estimate.is_some());
+                self.due.reversal = reversal;
+                self.due.publish(published);
             }
             self.until_sums = self.until_sums.saturating_sub(1);
             if self.until_sums == 0 {
@@ -136,8 +140,8 @@ impl Estimating<'_> {
 
     fn next_due(&mut self) -> Option<Outgoing> {
         let due = &mut self.due;
-        if let Some(gap) = due.gap.take() {
-            return Some(Outgoing::Gap(gap));
+        if let Some(reversal) = due.reversal.take() {
+            return Some(Outgoing::Reversal(reversal));
         }
         if let Some(place) = due.sums.iter().position(|due| *due) {
             due.sums.iter_mut().take(place + 1).for_each(|due| *due = false);
@@ -154,8 +158,8 @@ impl Estimating<'_> {
         if let Some(estimate) = due.estimate.take() {
             return Some(Outgoing::Estimate(estimate));
         }
-        if core::mem::take(&mut due.detail) {
-            return Some(Outgoing::Detail(self.active.detail(self.state)));
+        if let Some(detail) = due.detail.take() {
+            return Some(Outgoing::Detail(detail));
         }
         core::mem::take(&mut due.ended).then(|| self.app.event(EventKind::SourceEnded))
     }
@@ -165,7 +169,7 @@ impl Estimating<'_> {
         let (before, now) = (self.before, self.state.counters());
         self.app.note(|health| {
             health.index = self.state.last_index();
-            health.gaps = before.gaps.saturating_add(now.gaps);
+            health.discontinuities = before.discontinuities.saturating_add(now.discontinuities);
             health.lost_samples = before.lost_samples.saturating_add(now.lost_samples);
             health.saturated = before.saturated.saturating_add(now.saturated);
         });
@@ -212,7 +216,7 @@ impl Estimating<'_> {
 
     fn reset(&mut self) {
         let now = self.state.counters();
-        self.before.gaps = self.before.gaps.saturating_add(now.gaps);
+        self.before.discontinuities = self.before.discontinuities.saturating_add(now.discontinuities);
         self.before.lost_samples = self.before.lost_samples.saturating_add(now.lost_samples);
         self.before.saturated = self.before.saturated.saturating_add(now.saturated);
         self.state.reset(self.active);
@@ -227,8 +231,7 @@ impl Estimating<'_> {
         let sent = pin!(self.app.samples_are_sent());
         self.app.heartbeats.with_heartbeat(Task::Estimating, sent).await;
         let any = self.state.counters().samples > 0;
-        self.due.estimate = (any && with_estimate).then(|| self.active.estimate(self.state));
-        self.due.detail = self.due.estimate.is_some();
+        self.due.publish((any && with_estimate).then(|| self.active.publish(self.state)));
         self.due.sums = [any && self.app.streams().sums; 4];
         self.due.ended = true;
         self.tell().await;

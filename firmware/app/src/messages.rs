@@ -1,7 +1,7 @@
 //! What the tasks say to each other.
 
 use crate::tare::Tare;
-use inerter_core::{Active, Detail, Estimate, Gap, MoreSums, Settings, Sums};
+use inerter_core::{Active, Detail, Estimate, MoreSums, Reversal, Settings, Sums};
 use inerter_wire::{Event, Health, Hello, Reply, Samples};
 
 /// What the commands ask of the estimator. It is done between two batches, and answered by a [`ControlDone`].
@@ -48,7 +48,7 @@ pub(crate) enum Outgoing {
     Hello(Hello),
     Estimate(Estimate),
     Detail(Detail),
-    Gap(Gap),
+    Reversal(Reversal),
     Health(Health),
     Event(Event),
     Reply(Reply),

@@ -63,7 +63,7 @@ pub async fn telemetry(app: &App, link: impl Write) -> Restart {
                 Outgoing::Hello(hello) => Record::Hello(hello),
                 Outgoing::Estimate(estimate) => Record::Estimate(estimate),
                 Outgoing::Detail(detail) => Record::Detail(detail),
-                Outgoing::Gap(gap) => Record::Gap(gap),
+                Outgoing::Reversal(reversal) => Record::Reversal(reversal),
                 Outgoing::Health(health) => Record::Health(health),
                 Outgoing::Event(event) => Record::Event(event),
                 Outgoing::Reply(reply) => Record::Reply(reply),

@@ -3,7 +3,7 @@
 mod rig;
 
 use inerter_app::{Pace, Restart, SourceError, StoreError};
-use inerter_core::{Bank, RawSample, Settings, State, Status};
+use inerter_core::{Bank, Published, RawSample, Settings, State, Status};
 use inerter_wire::{
     Capabilities, ClockSource, Command, Done, Event, EventKind, Fault, Frame, Record, Refusal, Reply, ResetCause,
     Samples, SettingFault, SettingValue, SettingsValues, Source, Streams, WIRE_VERSION,
@@ -120,8 +120,8 @@ fn estimates_from_a_source_that_waits_equal_cores_to_the_bit_and_none_is_lost() 
     let (mut expected, end) = by_core(&Settings::default(), &samples);
     expected.push(end);
     assert_eq!(estimates(&records), expected);
-    assert_eq!(end.recent.inertance_kg.status, Status::Ok);
-    assert!((end.recent.inertance_kg.value - 100.0).abs() < 0.5, "{end:?}");
+    assert_eq!(end.recent.inertance_kg.status(), Status::Ok);
+    assert!((end.recent.inertance_kg.fitted().value - 100.0).abs() < 0.5, "{end:?}");
 }
 
 #[test]
@@ -185,7 +185,7 @@ fn sums_come_once_a_second_and_at_the_end() {
         |state: &State, bank| [Record::Sums(active.sums(state, bank)), Record::MoreSums(active.more_sums(state, bank))];
     let mut expected = Vec::new();
     for (place, sample) in samples.iter().enumerate() {
-        let estimate = active.step(&mut state, sample).map(Record::Estimate);
+        let estimate = active.step(&mut state, sample).estimate().map(Record::Estimate);
         match place + 1 {
             1_000 | 2_000 | 3_000 => expected.extend(sums(&state, Bank::Fast)),
             1_500 | 2_500 | 3_500 => expected.extend(sums(&state, Bank::Slow)),
@@ -194,7 +194,7 @@ fn sums_come_once_a_second_and_at_the_end() {
         expected.extend(estimate);
     }
     expected.extend([Bank::Fast, Bank::Slow].map(|bank| sums(&state, bank)).into_iter().flatten());
-    expected.push(Record::Estimate(active.estimate(&state)));
+    expected.push(Record::Estimate(active.publish(&state).estimate));
 
     rig.script.push(samples.iter().copied().map(Ok));
     rig.script.push([Err(SourceError::Ended)]);
@@ -230,13 +230,13 @@ fn what_goes_with_an_estimate_follows_it_and_reversals_and_changes_come_when_the
     let active = Settings { stiffness_n_per_m: stiff.1, ..Settings::default() }.validate().unwrap();
     let mut state = State::new(&active);
     let mut expected = Vec::new();
-    let (mut gaps, mut changes) = (0, 0);
+    let (mut reversals, mut changes) = (0, 0);
+    let both = |Published { estimate, detail }| [Record::Estimate(estimate), Record::Detail(detail)];
     for sample in &samples {
-        let estimate = active.step(&mut state, sample);
-        let gap = state.take_gap().map(Record::Gap);
-        gaps += gap.iter().count();
-        expected.extend(gap);
-        if let Some(change) = state.take_change() {
+        let output = active.step(&mut state, sample);
+        reversals += output.reversal.iter().count();
+        expected.extend(output.reversal.map(Record::Reversal));
+        if let Some(change) = output.change {
             changes += 1;
             // The last sums of the device before.
             for bank in [Bank::Fast, Bank::Slow] {
@@ -244,15 +244,13 @@ fn what_goes_with_an_estimate_follows_it_and_reversals_and_changes_come_when_the
             }
             expected.push(Record::Event(Event { index: sample.index, kind: EventKind::Changed(change) }));
         }
-        if let Some(estimate) = estimate {
-            expected.extend([Record::Estimate(estimate), Record::Detail(active.detail(&state))]);
-        }
+        expected.extend(output.published.into_iter().flat_map(both));
     }
-    expected.extend([Record::Estimate(active.estimate(&state)), Record::Detail(active.detail(&state))]);
-    assert!(gaps > 50 && changes == 1, "{gaps} reversals, {changes} changes");
+    expected.extend(both(active.publish(&state)));
+    assert!(reversals > 50 && changes == 1, "{reversals} reversals, {changes} changes");
 
     let is_ours = |record: &Record| match record {
-        Record::Estimate(_) | Record::Detail(_) | Record::Gap(_) => true,
+        Record::Estimate(_) | Record::Detail(_) | Record::Reversal(_) => true,
         Record::Event(event) => matches!(event.kind, EventKind::Changed(_)),
         // Those that come every second have their own test.
         Record::Sums(sums) => expected.contains(&Record::Sums(*sums)),
@@ -274,7 +272,9 @@ fn what_goes_with_an_estimate_follows_it_and_reversals_and_changes_come_when_the
     // Without the stream nothing of it is sent, and nothing is kept for later.
     rig.tell(Command::Streams(Streams::NONE));
     let without = rig.inject(&samples[..5_000]);
-    assert!(!without.iter().any(|record| matches!(record, Record::Estimate(_) | Record::Detail(_) | Record::Gap(_))));
+    assert!(
+        !without.iter().any(|record| matches!(record, Record::Estimate(_) | Record::Detail(_) | Record::Reversal(_)))
+    );
 }
 
 #[test]
@@ -483,12 +483,12 @@ fn gaps_are_counted_over_resets() {
     let with_gaps = samples.iter().filter(|sample| !matches!(sample.index, 500..530 | 900));
     rig.feed(with_gaps);
     let health = rig.health();
-    assert_eq!((health.index, health.gaps, health.lost_samples), (1_999, 2, 31));
+    assert_eq!((health.index, health.discontinuities, health.lost_samples), (1_999, 2, 31));
     rig.tell(Command::ResetEstimator);
     rig.script.push([Ok(RawSample { index: 2_000, ..RawSample::default() })]);
     rig.script.push([Ok(RawSample { index: 2_010, ..RawSample::default() })]);
     let health = rig.health();
-    assert_eq!((health.index, health.gaps, health.lost_samples), (2_010, 3, 40));
+    assert_eq!((health.index, health.discontinuities, health.lost_samples), (2_010, 3, 40));
 }
 
 #[test]
@@ -502,7 +502,7 @@ fn what_a_live_source_loses_is_counted_and_goes_on() {
     rig.feed(&samples[210..]);
     assert_eq!(events(&rig.records()), [EventKind::Fault(Fault::SamplerOverrun)]);
     let health = rig.health();
-    assert_eq!((health.index, health.overruns, health.gaps, health.lost_samples), (999, 2, 2, 60));
+    assert_eq!((health.index, health.overruns, health.discontinuities, health.lost_samples), (999, 2, 2, 60));
 }
 
 #[test]
@@ -510,7 +510,7 @@ fn a_burst_from_a_live_source_is_taken_whole() {
     let mut rig = Rig::with(live());
     rig.script.push(shaken(5_000).into_iter().map(Ok));
     let health = rig.health();
-    assert_eq!((health.index, health.overruns, health.gaps), (4_999, 0, 0));
+    assert_eq!((health.index, health.overruns, health.discontinuities), (4_999, 0, 0));
 }
 
 #[test]

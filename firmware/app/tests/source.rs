@@ -3,7 +3,7 @@
 mod rig;
 
 use inerter_app::{Pace, SourceError};
-use inerter_core::{RawSample, Settings};
+use inerter_core::{FrontEnd, RawSample, Settings};
 use inerter_wire::{
     Command, Done, EventKind, Fault, Frame, Record, Refusal, Reply, SettingValue, SettingsValues, Source, Streams,
 };
@@ -43,19 +43,19 @@ fn at_rate(rate_hz: f64, index: u32, count: u32) -> Vec<RawSample> {
 #[test]
 fn the_source_takes_over_settings_before_its_first_sample_and_whenever_they_concern_it() {
     let mut rig = Rig::with(live());
-    assert_eq!(rig.script.asked(), [Asked::Configure(1000.0, 0.0)]);
+    assert_eq!(rig.script.asked(), [Asked::Configure(1000.0, FrontEnd::Analogue)]);
     rig.tell(write(&[("memory_s", 10.0), ("newtons_per_code", 0.01)]));
     assert_eq!(rig.script.asked(), []);
     rig.tell(write(&[("sample_rate_hz", 2000.0)]));
-    assert_eq!(rig.script.asked(), [Asked::Halt, Asked::Configure(2000.0, 0.0)]);
+    assert_eq!(rig.script.asked(), [Asked::Halt, Asked::Configure(2000.0, FrontEnd::Analogue)]);
     rig.tell(write(&[("front_end", 1.0)]));
-    assert_eq!(rig.script.asked(), [Asked::Halt, Asked::Configure(2000.0, 1.0)]);
+    assert_eq!(rig.script.asked(), [Asked::Halt, Asked::Configure(2000.0, FrontEnd::Ads131m04)]);
     rig.tell(write(&[("oversampling", 64.0), ("metres_per_count", 1e-5)]));
-    assert_eq!(rig.script.asked(), [Asked::Halt, Asked::Configure(2000.0, 1.0)]);
+    assert_eq!(rig.script.asked(), [Asked::Halt, Asked::Configure(2000.0, FrontEnd::Ads131m04)]);
     // Halted, it is not started by that.
     rig.tell(Command::Stop);
     rig.tell(write(&[("sample_rate_hz", 1000.0)]));
-    assert_eq!(rig.script.asked(), [Asked::Halt, Asked::Configure(1000.0, 1.0)]);
+    assert_eq!(rig.script.asked(), [Asked::Halt, Asked::Configure(1000.0, FrontEnd::Ads131m04)]);
     rig.script.push([Ok(RawSample::default())]);
     rig.settle();
     assert_eq!(rig.script.left(), 1);
@@ -123,7 +123,10 @@ fn a_source_that_does_not_come_up_is_put_back() {
     rig.script.answer([Err(SourceError::Unreadable)]);
     let (before, result, after) = rig.ask(write(&[("front_end", 1.0), ("memory_s", 10.0)]));
     assert_eq!((before, result, after), (vec![], Err(Refusal::Source), vec![]));
-    assert_eq!(rig.script.asked(), [Asked::Halt, Asked::Configure(1000.0, 1.0), Asked::Configure(1000.0, 0.0)]);
+    assert_eq!(
+        rig.script.asked(),
+        [Asked::Halt, Asked::Configure(1000.0, FrontEnd::Ads131m04), Asked::Configure(1000.0, FrontEnd::Analogue)]
+    );
     assert_eq!(rig.settings(), Settings::default(), "as before");
     let samples = shaken(1_000);
     rig.feed(&samples);
@@ -144,13 +147,13 @@ fn a_source_that_is_lost_for_good_is_said_and_comes_back_with_start() {
     let (records, result, _) = rig.ask(Command::Start);
     assert!(result.is_ok());
     assert_eq!(events(&records), [EventKind::SourceChanged(Source::Sampler)]);
-    assert_eq!(rig.script.asked(), [Asked::Configure(1000.0, 0.0); 2]);
+    assert_eq!(rig.script.asked(), [Asked::Configure(1000.0, FrontEnd::Analogue); 2]);
     // Lost while it runs: it is set up anew as well.
     rig.script.push([Err(SourceError::Unreadable)]);
     rig.records();
     assert_eq!(rig.script.asked(), [Asked::Halt]);
     rig.ask(Command::Start).1.unwrap();
-    assert_eq!(rig.script.asked(), [Asked::Configure(1000.0, 0.0)]);
+    assert_eq!(rig.script.asked(), [Asked::Configure(1000.0, FrontEnd::Analogue)]);
 }
 
 #[test]
@@ -160,7 +163,7 @@ fn the_rate_may_change_while_samples_are_injected() {
     rig.inject(&samples[..32]);
     rig.script.asked();
     rig.tell(write(&[("sample_rate_hz", 4000.0)]));
-    assert_eq!(rig.script.asked(), [Asked::Configure(4000.0, 0.0)], "halted already");
+    assert_eq!(rig.script.asked(), [Asked::Configure(4000.0, FrontEnd::Analogue)], "halted already");
     let mut records = rig.inject(&samples[32..]);
     records.extend(rig.tell(Command::InjectEnd));
     let settings = Settings { sample_rate_hz: 4000.0, ..Settings::default() };
@@ -193,5 +196,5 @@ fn channels_that_ran_apart_count_as_an_overrun_and_are_said_once() {
     let kinds = [EventKind::Fault(Fault::SamplerMisaligned), EventKind::Fault(Fault::SamplerOverrun)];
     assert_eq!(events(&rig.records()), kinds);
     let health = rig.health();
-    assert_eq!((health.index, health.overruns, health.gaps, health.lost_samples), (999, 3, 2, 60));
+    assert_eq!((health.index, health.overruns, health.discontinuities, health.lost_samples), (999, 3, 2, 60));
 }

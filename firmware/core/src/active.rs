@@ -1,42 +1,30 @@
 //! Settings brought to the integers that the signal path runs on, once.
 
-use crate::backlash::BacklashActive;
+use crate::backlash::active::BacklashActive;
+use crate::constants::{
+    FAST_BOX_S, REST_COUNTS, REST_WINDOW_S, SIGN_KERNEL_S, SLOW_BOX_S, STRUCTURE_MODEL_U95, UPDATES_PER_BOX,
+};
 use crate::gate::BLOCKS;
-use crate::kernel::{MORE_REGRESSORS, Normaliser, REGRESSORS, Term, UPDATES_PER_BOX};
+use crate::kernel::{MORE_REGRESSORS, Normaliser, REGRESSORS};
 use crate::ldl::UNKNOWNS;
 use crate::line::VELOCITY_BITS;
-use crate::math::{exponent, power_of_two};
+use crate::math::{exponent, power_of_two, term};
 use crate::settings::{Settings, SettingsError};
 
-/// Length of the fast bank's box [s]: the encoder's steps in the acceleration fall with its 2.5th power, and at 16 Hz
-/// the kernel still passes 64 %. 12 ms doubles the scatter of viscous friction at 3.2 Hz; 20 ms takes a tenth to a fifth
-/// off it with coarse encoders, but the EMPS record, which stops often, comes out 1.6 % off.
-const FAST_BOX_S: f64 = 0.016;
-/// Length of the slow bank's box [s]: four of them are lost around each rest, so no longer than the steps ask for.
-const SLOW_BOX_S: f64 = 0.064;
 /// Longest spacing of the updates [samples]: a box of 512 samples keeps the comb within 64 bits.
 const LONGEST_SPACING: f64 = 256.0;
 /// Encoder travel in one sample at full scale [counts / oversampling]: keeps the comb of the velocity within 64 bits.
 const GREATEST_TRAVEL: f64 = 64e6;
-/// Half width of the triangular kernel of the sign [s]: shorter ones are noisy, longer ones lean on the correction.
-const SIGN_KERNEL_S: f64 = 0.005;
 /// Half width of the triangular kernel that locates a reversal anew once its surroundings are known [s]: 5 ms leaves
 /// a scatter of the inertance at 3.2 Hz of 3 times what the force noise does, 15 ms of 1.8 times, 22 ms of 1.7 times.
 const REVERSAL_KERNEL_S: f64 = 0.015;
 /// How far the zero may lie from where the short kernel saw it [s]: other reversals come as close as twice that.
 const REVERSAL_REACH_S: f64 = 0.002;
-/// Model error of the structure mass: across a gap its motion does not follow from the force. 0.1 mm of backlash takes
-/// up to 4.8 % of it from the inertance (docs/tables/accuracy.md, `worn`).
-const STRUCTURE_MODEL_U95: f64 = 0.05;
-/// The same where the contact's stiffness is not known: at the device's own frequency the terminal stands while the screw
+/// Model error of the structure mass where the contact's stiffness is not known: at the device's own frequency the terminal stands while the screw
 /// moves, and from there on moves against it. 1.5 holds up to 1.2 times that frequency.
 const LOOSE_STRUCTURE_U95: f64 = 1.5;
 /// Variance of white noise through four boxes, times their length: the cubic B-spline's autocorrelation at 0.
 const BOXES_VARIANCE: f64 = 151.0 / 315.0;
-/// Window in which standing still is decided [s].
-const REST_WINDOW_S: f64 = 0.024;
-/// Encoder counts within the window that still are rest: a flicker of one count, and one on its way.
-const REST_COUNTS: f64 = 2.0;
 /// Encoder counts across the window under which a weak reversal is grazing.
 const GRAZING_COUNTS: f64 = 4.0;
 
@@ -367,15 +355,6 @@ fn scales(per_si: [f64; REGRESSORS], quantisation: f64) -> Scales {
         jerk: 0.0,
         jerk_quantisation: 0.0,
     }
-}
-
-/// `factor` as mantissa and shift; nothing when it is 0.
-pub(crate) fn term(factor: f64) -> Term {
-    if factor == 0.0 {
-        return Term::default();
-    }
-    let e = exponent(factor);
-    Term { coefficient: (factor * power_of_two(30 - e)) as i32, shift: (-2 - e).clamp(-64, 64) as i8 }
 }
 
 fn magnitude(value: f64) -> f64 {

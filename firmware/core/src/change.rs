@@ -12,14 +12,14 @@
 //! memories begin anew, so that no estimate is an average over two devices.
 //! Floats, as in `report`: basic arithmetic that gives the same bits on every machine.
 
-use crate::active::Active;
+use crate::active::{Active, Scales};
+use crate::bank::BankState;
+use crate::constants::UPDATES_PER_BOX;
 use crate::detail::{Change, Changed};
 use crate::estimate::Bank;
-use crate::estimator::{BankState, State};
-use crate::kernel::UPDATES_PER_BOX;
+use crate::fit::{Fit, Knowledge, fit};
 use crate::ldl::UNKNOWNS;
 use crate::math::{magnitude, sqrt};
-use crate::report::{Fit, Knowledge};
 use crate::rls::PRODUCTS;
 
 /// Length of a block in either bank [boxes]: 0.5 s and 2 s.
@@ -65,8 +65,6 @@ pub(crate) struct Watch {
     blocks: u16,
     /// Deviation of the last block, where it was too great to agree.
     suspicion: [f32; UNKNOWNS],
-    found: Change,
-    untold: bool,
     /// The memories are forgotten with the next update: until then what they knew of the device before can be read.
     begins_anew: bool,
     /// Changes since the reset.
@@ -86,8 +84,6 @@ impl Watch {
             scatter: [0.0; UNKNOWNS],
             blocks: 0,
             suspicion: [0.0; UNKNOWNS],
-            found: Change { index: 0, parameter: Changed::Inertance, before: 0.0, after: 0.0 },
-            untold: false,
             begins_anew: false,
             count: 0,
         }
@@ -95,7 +91,7 @@ impl Watch {
 
     /// Begins anew: what came before says nothing of what comes.
     fn forget(&mut self) {
-        *self = Self { found: self.found, untold: self.untold, count: self.count, ..Self::new() };
+        *self = Self { count: self.count, ..Self::new() };
     }
 
     fn begin_block(&mut self, memories: &BankState) {
@@ -105,7 +101,7 @@ impl Watch {
     }
 
     /// Compares a block with the reference; what changed most, its value before and since.
-    fn judge(&mut self, block: &Fit) -> Option<(Changed, f32, f32)> {
+    fn compare(&mut self, block: &Fit) -> Option<(Changed, f32, f32)> {
         if usize::from(self.referenced) < LAG {
             return None;
         }
@@ -148,74 +144,70 @@ impl Watch {
         }
         None
     }
-}
 
-impl State {
-    /// The change of the device that was found last, once: ask after every step. Estimate and sums are still those of
-    /// before; both memories begin anew with the next update.
-    pub fn take_change(&mut self) -> Option<Change> {
-        core::mem::take(&mut self.watch.untold).then_some(self.watch.found)
-    }
-}
-
-impl Active {
-    /// Judges the block that ends with this sample, if one does; both memories begin anew where the device has changed.
-    pub(crate) fn watch(&self, state: &mut State) {
-        if core::mem::take(&mut state.watch.begins_anew) {
-            state.fast.forget();
-            state.slow.forget();
-            state.watch.forget();
+    /// Whether a change was found at the last update, and the memories are to be forgotten.
+    pub fn begins_anew(&mut self) -> bool {
+        let begins_anew = core::mem::take(&mut self.begins_anew);
+        if begins_anew {
+            self.forget();
         }
-        let State { watch, fast, slow, published: bank, .. } = state;
-        let (config, memories) = match bank {
-            Bank::Fast => (&self.fast, &*fast),
-            Bank::Slow => (&self.slow, &*slow),
-        };
-        let length = memories.whole.updates().wrapping_sub(watch.updates);
+        begins_anew
+    }
+
+    /// Takes the memories of the published bank after an update; gives a change where the block that ends here shows one.
+    /// Estimate and sums are still those of before: the memories begin anew with the next update.
+    pub fn push(&mut self, active: &Active, bank: Bank, memories: &BankState, index: u32) -> Option<Change> {
+        let length = memories.whole.updates().wrapping_sub(self.updates);
         let least = BLOCK_BOXES * UPDATES_PER_BOX;
-        if watch.bank != *bank || length > 2 * LONGEST_BLOCK * least {
-            watch.forget();
-            watch.bank = *bank;
-            watch.begin_block(memories);
-            return;
+        if self.bank != bank || length > 2 * LONGEST_BLOCK * least {
+            self.forget();
+            self.bank = bank;
+            self.begin_block(memories);
+            return None;
         }
-        if length < watch.next_look {
-            return;
+        if length < self.next_look {
+            return None;
         }
-        watch.next_look += least;
-        let knowledge = Knowledge::between(&watch.sums, memories.whole.sums(), length);
-        let Some(mut block) = self.fit(&knowledge, &config.scales) else { return };
-        // The encoder's steps pass for acceleration, and take their part from the inertance.
-        block.errors[0] += magnitude(block.values[0]) * config.scales.quantisation / knowledge.mean_square(0);
-        // A block that lies across the change has a great residual, and ends all the same.
-        let usual = watch.references[LAG - 1].variance.min(block.variance);
-        let part = if usual > 0.0 { sqrt(usual / block.variance) } else { 1.0 };
-        if !tells(watch.bank, &block, part) && length < LONGEST_BLOCK * least {
-            return;
-        }
-        if let Some((parameter, before, after)) = watch.judge(&block) {
-            self.announce(state, parameter, before, after);
-            return;
-        }
-        if let Some(memory) = self.fit(&Knowledge::recent(memories), &config.scales) {
-            let [_, second, third] = watch.references;
-            watch.references = [second, third, memory];
-            watch.referenced = watch.referenced.saturating_add(1);
-        }
-        watch.begin_block(memories);
+        let config = match bank {
+            Bank::Fast => &active.fast,
+            Bank::Slow => &active.slow,
+        };
+        self.look(&config.scales, memories, length).map(|(parameter, before, after)| {
+            let structure = match parameter {
+                Changed::Inertance => active.settings.structure_mass_kg as f32,
+                Changed::Viscous | Changed::Coulomb | Changed::Offset => 0.0,
+            };
+            self.begins_anew = true;
+            self.count = self.count.saturating_add(1);
+            Change { index, parameter, before: before - structure, after: after - structure }
+        })
     }
 
-    fn announce(&self, state: &mut State, parameter: Changed, before: f32, after: f32) {
-        let structure = match parameter {
-            Changed::Inertance => self.settings().structure_mass_kg as f32,
-            Changed::Viscous | Changed::Coulomb | Changed::Offset => 0.0,
-        };
-        let change =
-            Change { index: state.last_index(), parameter, before: before - structure, after: after - structure };
-        state.watch.begins_anew = true;
-        state.watch.found = change;
-        state.watch.untold = true;
-        state.watch.count = state.watch.count.saturating_add(1);
+    /// Looks at the block of `length` updates, and ends it where it tells something.
+    #[inline(never)]
+    fn look(&mut self, scales: &Scales, memories: &BankState, length: u32) -> Option<(Changed, f32, f32)> {
+        let least = BLOCK_BOXES * UPDATES_PER_BOX;
+        self.next_look += least;
+        let knowledge = Knowledge::between(&self.sums, memories.whole.sums(), length);
+        let mut block = fit(&knowledge, scales)?;
+        // The encoder's steps pass for acceleration, and take their part from the inertance.
+        block.errors[0] += magnitude(block.values[0]) * scales.quantisation / knowledge.mean_square(0);
+        // A block that lies across the change has a great residual, and ends all the same.
+        let usual = self.references[LAG - 1].variance.min(block.variance);
+        let part = if usual > 0.0 { sqrt(usual / block.variance) } else { 1.0 };
+        if !tells(self.bank, &block, part) && length < LONGEST_BLOCK * least {
+            return None;
+        }
+        let changed = self.compare(&block);
+        if changed.is_none() {
+            if let Some(memory) = fit(&Knowledge::recent(memories), scales) {
+                let [_, second, third] = self.references;
+                self.references = [second, third, memory];
+                self.referenced = self.referenced.saturating_add(1);
+            }
+            self.begin_block(memories);
+        }
+        changed
     }
 }
 

@@ -1,11 +1,11 @@
 //! What goes with an estimate: the band it holds for, backlash and contact, how friction behaves, what has changed.
 
-use serde::{Deserialize, Serialize};
-
-use crate::estimate::Parameter;
+use crate::estimate::{Interval, Parameter};
 
 /// Published beside each [`Estimate`](crate::Estimate), of the same sample.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Detail {
     /// Index of the sample at which it was computed.
     pub index: u32,
@@ -27,7 +27,9 @@ pub struct Detail {
 
 /// Frequencies between which an inertance was seen, weighted by the square of the acceleration: the harmonic and the
 /// quadratic mean, which enclose the centre and are one for a single tone. Zeros: nothing moved.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Band {
     /// Lower edge \[Hz\].
     pub low_hz: f32,
@@ -35,40 +37,107 @@ pub struct Band {
     pub high_hz: f32,
 }
 
-/// Total backlash with its 95 % interval.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+/// Total backlash with its 95 % interval, where there is one.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(from = "Flat", into = "Flat"))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Backlash {
-    /// Value \[m\]; 0 and meaningless when not identifiable.
-    pub value_m: f32,
-    /// Half width of the 95 % interval \[m\]; infinite when nothing is known.
-    pub u95_m: f32,
-    /// Whether the value holds.
-    pub status: BacklashStatus,
+    /// Value and interval \[m\], or the reason there is none.
+    pub size: BacklashSize,
     /// Where it comes from.
     pub route: Route,
     /// Reversals that it rests on.
     pub reversals: u32,
 }
 
-/// Whether a backlash can be used. New ones go at the end.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum BacklashStatus {
+/// How great the backlash is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum BacklashSize {
     /// There is no value.
     NotIdentifiable(Reason),
-    /// Value and interval hold, and the gap is smaller than the interval: it may be none.
-    BelowU95,
-    /// Value and interval hold.
-    Ok,
+    /// Value and interval hold \[m\], and the backlash is smaller than the interval: it may be none.
+    BelowU95(Interval),
+    /// Value and interval hold \[m\].
+    Ok(Interval),
 }
 
-impl Default for BacklashStatus {
+impl Default for BacklashSize {
     fn default() -> Self {
         Self::NotIdentifiable(Reason::TooFewReversals)
     }
 }
 
+/// Whether a backlash can be used. New ones go at the end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum BacklashStatus {
+    /// There is no value.
+    NotIdentifiable(Reason),
+    /// Value and interval hold, and the backlash is smaller than the interval: it may be none.
+    BelowU95,
+    /// Value and interval hold.
+    Ok,
+}
+
+impl Backlash {
+    /// Value and interval \[m\]; none when not identifiable.
+    pub const fn known(&self) -> Option<Interval> {
+        match self.size {
+            BacklashSize::NotIdentifiable(_) => None,
+            BacklashSize::BelowU95(interval) | BacklashSize::Ok(interval) => Some(interval),
+        }
+    }
+
+    /// Which of the three it is.
+    pub const fn status(&self) -> BacklashStatus {
+        match self.size {
+            BacklashSize::NotIdentifiable(reason) => BacklashStatus::NotIdentifiable(reason),
+            BacklashSize::BelowU95(_) => BacklashStatus::BelowU95,
+            BacklashSize::Ok(_) => BacklashStatus::Ok,
+        }
+    }
+}
+
+/// The serialised form: 0 and an infinite half width stand where there is no value.
+#[cfg(feature = "serde")]
+#[derive(serde::Serialize, serde::Deserialize)]
+#[serde(rename = "Backlash")]
+struct Flat {
+    value_m: f32,
+    u95_m: f32,
+    status: BacklashStatus,
+    route: Route,
+    reversals: u32,
+}
+
+#[cfg(feature = "serde")]
+impl From<Flat> for Backlash {
+    fn from(Flat { value_m, u95_m, status, route, reversals }: Flat) -> Self {
+        let interval = Interval { value: value_m, u95: u95_m };
+        let size = match status {
+            BacklashStatus::NotIdentifiable(reason) => BacklashSize::NotIdentifiable(reason),
+            BacklashStatus::BelowU95 => BacklashSize::BelowU95(interval),
+            BacklashStatus::Ok => BacklashSize::Ok(interval),
+        };
+        Self { size, route, reversals }
+    }
+}
+
+#[cfg(feature = "serde")]
+impl From<Backlash> for Flat {
+    fn from(backlash: Backlash) -> Self {
+        let Interval { value, u95 } = backlash.known().unwrap_or(Interval { value: 0.0, u95: f32::INFINITY });
+        let Backlash { route, reversals, .. } = backlash;
+        Self { value_m: value, u95_m: u95, status: backlash.status(), route, reversals }
+    }
+}
+
 /// Why there is no backlash. New ones go at the end.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Reason {
     /// The force keeps its sign: one flank carries it all.
     ForceNeverReverses,
@@ -83,7 +152,9 @@ pub enum Reason {
 }
 
 /// Where a backlash comes from.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Route {
     /// Force and encoder alone.
     #[default]
@@ -93,33 +164,39 @@ pub enum Route {
 }
 
 /// How the flanks behave. New ones go at the end.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Contact {
     /// Not enough seen.
     #[default]
     Unknown,
     /// The load keeps to one flank.
     OneSided,
-    /// The force reverses, and no gap is seen: tight or preloaded.
+    /// The force reverses, and no backlash is seen: tight or preloaded.
     Closed,
     /// The flanks part and meet once at each reversal.
-    Gap,
+    Backlash,
     /// The flanks bounce: several flights at a reversal, which do not count.
     Bouncing,
 }
 
 /// How friction behaves at a reversal.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Friction {
     /// How much of the kink that Coulomb's friction would give the velocity the reversals have shown: 1 is all of it.
     pub reversal_ratio: Option<f32>,
     /// What this looks like.
-    pub conduct: Conduct,
+    pub regime: Regime,
 }
 
 /// What friction looks like. New ones go at the end.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Conduct {
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Regime {
     /// Not enough seen.
     #[default]
     Unknown,
@@ -132,8 +209,10 @@ pub enum Conduct {
 }
 
 /// One accepted reversal of the flanks.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Gap {
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Reversal {
     /// Sample in the middle of the flight.
     pub index: u32,
     /// Total backlash by this reversal alone \[m\].
@@ -146,13 +225,10 @@ pub struct Gap {
     pub rising: bool,
 }
 
-impl Gap {
-    /// All zeros: where a state keeps room for one, it costs no flash.
-    pub(crate) const EMPTY: Self = Self { index: 0, value_m: 0.0, error_m: 0.0, route: Route::Force, rising: false };
-}
-
 /// A change of the device itself.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Change {
     /// Sample at which it was found.
     pub index: u32,
@@ -165,7 +241,9 @@ pub struct Change {
 }
 
 /// Which parameter changed. New ones go at the end.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Changed {
     /// Effective inertance \[kg\].
     #[default]

@@ -1,9 +1,11 @@
 //! What the estimator says, in SI units, and when it declines to.
 
-use serde::{Deserialize, Serialize};
+use crate::constants::{FAST_BOX_S, SLOW_BOX_S};
 
 /// Whether a parameter's value can be used.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Status {
     /// The motion seen so far cannot show this parameter: there is no value.
     #[default]
@@ -14,19 +16,129 @@ pub enum Status {
     Ok,
 }
 
-/// One parameter with its 95 % interval.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Parameter {
-    /// Value in SI; 0 and meaningless when [`Status::NotIdentifiable`].
+/// A value with its 95 % interval, in the unit of the field that holds it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Interval {
+    /// Value.
     pub value: f32,
-    /// Half width of the 95 % interval in the same unit; infinite when nothing is known.
+    /// Half width of the 95 % interval.
     pub u95: f32,
-    /// Whether the value holds.
-    pub status: Status,
+}
+
+/// What is known of a parameter that the motion cannot show: see [`Parameter::fitted`].
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Unresolved(Interval);
+
+impl Unresolved {
+    /// Nothing is known.
+    pub const NOTHING: Self = Self(Interval { value: 0.0, u95: f32::INFINITY });
+}
+
+/// One parameter with its 95 % interval, where there is one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(from = "Flat", into = "Flat"))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Parameter {
+    /// The motion seen so far cannot show this parameter: there is no value.
+    NotIdentifiable(Unresolved),
+    /// Nothing moves: the value is the last one from motion.
+    Held(Interval),
+    /// Value and interval hold.
+    Ok(Interval),
+}
+
+impl Default for Parameter {
+    fn default() -> Self {
+        Self::NotIdentifiable(Unresolved::default())
+    }
+}
+
+impl Parameter {
+    /// What the least squares gave, with this status.
+    pub const fn new(interval: Interval, status: Status) -> Self {
+        match status {
+            Status::NotIdentifiable => Self::NotIdentifiable(Unresolved(interval)),
+            Status::Held => Self::Held(interval),
+            Status::Ok => Self::Ok(interval),
+        }
+    }
+
+    /// What the least squares gave, whatever the status. Together with the other parameters of the same fit it is the law
+    /// that fits best; of one that is not identifiable it is no value by itself.
+    pub const fn fitted(&self) -> Interval {
+        match *self {
+            Self::NotIdentifiable(Unresolved(interval)) | Self::Held(interval) | Self::Ok(interval) => interval,
+        }
+    }
+
+    /// Value and interval, of now or of the last motion; none when not identifiable.
+    pub const fn known(&self) -> Option<Interval> {
+        match *self {
+            Self::NotIdentifiable(_) => None,
+            Self::Held(interval) | Self::Ok(interval) => Some(interval),
+        }
+    }
+
+    /// Value and interval while the device moves; none when held or not identifiable.
+    pub const fn ok(&self) -> Option<Interval> {
+        match *self {
+            Self::NotIdentifiable(_) | Self::Held(_) => None,
+            Self::Ok(interval) => Some(interval),
+        }
+    }
+
+    /// Value, of now or of the last motion; none when not identifiable.
+    pub fn value(&self) -> Option<f32> {
+        self.known().map(|known| known.value)
+    }
+
+    /// Half width of the 95 % interval. Of what is not identifiable it is more than its value allows, or infinite; before the
+    /// first fit it is 0.
+    pub const fn u95(&self) -> f32 {
+        self.fitted().u95
+    }
+
+    /// Which of the three it is.
+    pub const fn status(&self) -> Status {
+        match self {
+            Self::NotIdentifiable(_) => Status::NotIdentifiable,
+            Self::Held(_) => Status::Held,
+            Self::Ok(_) => Status::Ok,
+        }
+    }
+}
+
+/// The serialised form: value, half width and status side by side, whatever the status.
+#[cfg(feature = "serde")]
+#[derive(serde::Serialize, serde::Deserialize)]
+#[serde(rename = "Parameter")]
+struct Flat {
+    value: f32,
+    u95: f32,
+    status: Status,
+}
+
+#[cfg(feature = "serde")]
+impl From<Flat> for Parameter {
+    fn from(Flat { value, u95, status }: Flat) -> Self {
+        Self::new(Interval { value, u95 }, status)
+    }
+}
+
+#[cfg(feature = "serde")]
+impl From<Parameter> for Flat {
+    fn from(parameter: Parameter) -> Self {
+        let Interval { value, u95 } = parameter.fitted();
+        Self { value, u95, status: parameter.status() }
+    }
 }
 
 /// The four parameters of `F = mt a + cf v + fc sgn(v) + F0`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Parameters {
     /// Effective inertance `mt` \[kg\].
     pub inertance_kg: Parameter,
@@ -39,7 +151,9 @@ pub struct Parameters {
 }
 
 /// Which kernel bank the estimate comes from.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Bank {
     /// Box of about 16 ms: motion above about 0.5 Hz.
     #[default]
@@ -48,12 +162,24 @@ pub enum Bank {
     Slow,
 }
 
+impl Bank {
+    /// Length of its box \[s\], of which the kernel holds four.
+    pub const fn box_s(self) -> f64 {
+        match self {
+            Self::Fast => FAST_BOX_S,
+            Self::Slow => SLOW_BOX_S,
+        }
+    }
+}
+
 /// A published estimate.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Estimate {
     /// Index of the sample at which it was computed.
     pub index: u32,
-    /// Samples since the estimator was reset, gaps included.
+    /// Samples since the estimator was reset, lost ones included.
     pub elapsed_samples: u64,
     /// Bank that it comes from.
     pub bank: Bank,

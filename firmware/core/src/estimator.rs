@@ -5,27 +5,30 @@
 //! neither updates nor forgets.
 
 use crate::active::{Active, BankActive, Signal};
-use crate::backlash::{Gaps, Newest};
+use crate::backlash::flanks::Newest;
+use crate::backlash::state::BacklashState;
+use crate::bank::BankState;
 use crate::change::Watch;
-use crate::conduct::NearRest;
-use crate::detail::Gap;
-use crate::estimate::{Bank, Estimate};
+use crate::detail::Change;
+use crate::estimate::Bank;
+use crate::feedback::Feedback;
 use crate::gate::{BLOCKS, Rest};
-use crate::kernel::{Cascades, Comb, Term, Update};
+use crate::kernel::Cascades;
 use crate::line::DelayLine;
 use crate::noise::Noise;
+use crate::output::Output;
 use crate::qformat::shift_right;
-use crate::rls::{MORE_PRODUCTS, Moments, Totals, approach, more_products, products};
 use crate::sample::RawSample;
-use crate::sign::{self, Reversals, Sign};
+use crate::sign::{self, Sign, VelocityReversals};
 
 /// What has been counted since the reset.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Counters {
     /// Samples taken.
     pub samples: u64,
     /// Jumps of the sample counter.
-    pub gaps: u32,
+    pub discontinuities: u32,
     /// Samples that the jumps skipped.
     pub lost_samples: u64,
     /// Samples with a saturated force, and kernel outputs beyond full scale.
@@ -39,7 +42,7 @@ pub struct State {
     line: DelayLine,
     rest: Rest,
     sign: Sign,
-    pub(crate) reversals: Reversals,
+    pub(crate) velocity_reversals: VelocityReversals,
     cascades: Cascades,
     /// Consecutive good samples that have entered the cascades.
     good_samples: u32,
@@ -47,61 +50,11 @@ pub struct State {
     pub(crate) fast: BankState,
     pub(crate) slow: BankState,
     pub(crate) feedback: Feedback,
-    pub(crate) gaps: Gaps,
-    /// The latest reversal, and whether it has not been taken. (No `Option`: its `None` is not zero, and a static with one byte
-    /// that is not lies in flash as a whole.)
-    gap: Gap,
-    gap_waits: bool,
+    pub(crate) backlash: BacklashState,
     pub(crate) watch: Watch,
     /// Bank of the last estimate.
     pub(crate) published: Bank,
     until_publish: u32,
-}
-
-/// What the estimate gives back to the signal path. Integers, set once per publication.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Feedback {
-    /// Kink of the sign's velocity at a reversal [2^-VELOCITY_BITS per cube of the kernel's half width].
-    pub kink: Term,
-    /// The sign's velocity per sum of the force [2^-VELOCITY_BITS per code].
-    pub velocity_per_force: Term,
-    /// Offset of the force [codes].
-    pub offset_code: i32,
-    /// Force [codes] under which a reversal is weak.
-    pub weak_force_code: u32,
-    /// Viscous friction [force codes per position code and sample].
-    pub viscous: Term,
-    /// Friction is known well enough to move a reversal by it.
-    pub friction_known: bool,
-    /// Whether the reversals seen so far look like Coulomb's friction.
-    pub coulomb_like: bool,
-}
-
-impl Feedback {
-    pub(crate) const NONE: Self = Self {
-        kink: Term { coefficient: 0, shift: 0 },
-        velocity_per_force: Term { coefficient: 0, shift: 0 },
-        offset_code: 0,
-        weak_force_code: 0,
-        viscous: Term { coefficient: 0, shift: 0 },
-        friction_known: false,
-        coulomb_like: false,
-    };
-}
-
-/// One bank's comb and memories.
-#[derive(Clone, Debug)]
-pub(crate) struct BankState {
-    comb: Comb,
-    until_update: u32,
-    pub recent: Moments,
-    pub near_rest: NearRest,
-    /// Mean square of the jerk over the recent memory [regressor units^2].
-    pub jerk: i64,
-    pub whole: Totals,
-    pub more: Totals<MORE_PRODUCTS>,
-    /// Samples since the last update.
-    pub idle_samples: u32,
 }
 
 impl Default for State {
@@ -116,20 +69,18 @@ impl State {
     /// Constant, so that it can lie in a `static` without costing stack.
     pub const fn empty() -> Self {
         Self {
-            counters: Counters { samples: 0, gaps: 0, lost_samples: 0, saturated: 0 },
+            counters: Counters { samples: 0, discontinuities: 0, lost_samples: 0, saturated: 0 },
             line: DelayLine::new(),
             rest: Rest::new(),
             sign: Sign::new(),
-            reversals: Reversals::new(),
+            velocity_reversals: VelocityReversals::new(),
             cascades: Cascades::new(),
             good_samples: 0,
             noise: Noise::new(),
             fast: BankState::new(),
             slow: BankState::new(),
             feedback: Feedback::NONE,
-            gaps: Gaps::new(),
-            gap: Gap::EMPTY,
-            gap_waits: false,
+            backlash: BacklashState::new(),
             watch: Watch::new(),
             published: Bank::Fast,
             until_publish: 0,
@@ -150,16 +101,14 @@ impl State {
             line,
             rest,
             sign,
-            reversals,
+            velocity_reversals,
             cascades,
             good_samples,
             noise,
             fast,
             slow,
             feedback,
-            gaps,
-            gap: _,
-            gap_waits,
+            backlash,
             watch,
             published,
             until_publish,
@@ -168,18 +117,14 @@ impl State {
         line.reset();
         *rest = Rest::new();
         *sign = Sign::new();
-        *reversals = Reversals::new();
+        *velocity_reversals = VelocityReversals::new();
         *cascades = Cascades::new();
         *good_samples = 0;
         *noise = Noise::new();
-        for bank in [fast, slow] {
-            bank.comb.reset();
-            bank.forget();
-            (bank.until_update, bank.idle_samples) = (0, 0);
-        }
+        fast.reset();
+        slow.reset();
         *feedback = Feedback::NONE;
-        gaps.reset();
-        *gap_waits = false;
+        backlash.reset();
         *watch = Watch::new();
         *published = Bank::Fast;
         *until_publish = active.signal.publish_samples;
@@ -190,98 +135,59 @@ impl State {
         self.counters
     }
 
-    /// The reversal of the flanks that the last sample has concluded, once: ask after every step.
-    pub fn take_gap(&mut self) -> Option<Gap> {
-        core::mem::take(&mut self.gap_waits).then_some(self.gap)
-    }
-
     /// Index of the latest sample.
     pub fn last_index(&self) -> u32 {
         self.line.last_index
     }
 }
 
-impl BankState {
-    const fn new() -> Self {
-        Self {
-            comb: Comb::new(),
-            until_update: 0,
-            recent: Moments::new(),
-            near_rest: NearRest::new(),
-            jerk: 0,
-            whole: Totals::new(),
-            more: Totals::new(),
-            idle_samples: 0,
-        }
-    }
-
-    /// Forgets what was learnt, and nothing of the signals.
-    pub fn forget(&mut self) {
-        self.recent = Moments::new();
-        self.near_rest = NearRest::new();
-        self.jerk = 0;
-        self.whole = Totals::new();
-        self.more = Totals::new();
-    }
-
-    fn advance(&mut self, config: &BankActive, cascades: &Cascades, good_samples: u32) -> bool {
-        self.idle_samples = self.idle_samples.saturating_add(1);
-        if self.until_update > 1 {
-            self.until_update -= 1;
-            return true;
-        }
-        self.until_update = config.spacing;
-        let output = self.comb.push(cascades);
-        if good_samples < config.support {
-            return true;
-        }
-        let Some(Update { regressors, more, jerk }) = config.normaliser.update(&output) else {
-            return false;
-        };
-        let products = products(&regressors);
-        self.recent.update(&products, config.memory);
-        self.near_rest.update(&products, &self.recent, config.memory);
-        approach(&mut self.jerk, i64::from(jerk) * i64::from(jerk), self.recent.gain(config.memory));
-        self.whole.update(&products);
-        self.more.update(&more_products(&regressors, &more));
-        self.idle_samples = 0;
-        true
-    }
-}
-
 impl Active {
-    /// Takes one sample; gives an estimate at the publish rate.
+    /// Takes one sample; gives what is due with it.
     ///
-    /// Integers up to the estimate itself, which is the same to the bit on every machine. Never panics.
-    pub fn step(&self, state: &mut State, sample: &RawSample) -> Option<Estimate> {
+    /// Integers up to what is published, which is the same to the bit on every machine. Never panics.
+    pub fn step(&self, state: &mut State, sample: &RawSample) -> Output {
         let signal = &self.signal;
         let newest = state.receive(signal, sample);
-        if let Some(gap) = state.gaps.push(&self.backlash, &newest) {
-            (state.gap, state.gap_waits) = (gap, true);
-        }
+        let reversal = state.backlash.push(&self.backlash, &newest);
         state.gate(signal, sample);
         state.locate_sign(signal);
-        state.leave(signal);
+        state.enter_cascades(signal);
         for (bank, config) in [(&mut state.fast, &self.fast), (&mut state.slow, &self.slow)] {
             if !bank.advance(config, &state.cascades, state.good_samples) {
                 state.counters.saturated = state.counters.saturated.saturating_add(1);
             }
         }
         // Only an update tells something new.
-        if state.fast.idle_samples == 0 || state.slow.idle_samples == 0 {
-            state.listen(signal.delay);
-            self.watch(state);
-        }
+        let change = if state.fast.idle_samples == 0 || state.slow.idle_samples == 0 {
+            state.sample_noise(signal.delay);
+            self.watch(state)
+        } else {
+            None
+        };
         state.until_publish = state.until_publish.saturating_sub(1);
         if state.until_publish > 0 {
-            return None;
+            return Output { published: None, reversal, change };
         }
         state.until_publish = signal.publish_samples;
-        let estimate = self.estimate(state);
-        state.published = estimate.bank;
-        state.feedback = self.feedback(&estimate, state.feedback);
-        state.feedback.coulomb_like = state.reversals.coulomb_like();
-        Some(estimate)
+        let published = self.publish(state);
+        state.published = published.estimate.bank;
+        state.feedback = self.feedback(&published.estimate, state.feedback);
+        state.feedback.coulomb_like = state.velocity_reversals.coulomb_like();
+        Output { published: Some(published), reversal, change }
+    }
+
+    /// Watches for a change of the device; both memories begin anew where there was one.
+    fn watch(&self, state: &mut State) -> Option<Change> {
+        if state.watch.begins_anew() {
+            state.fast.forget();
+            state.slow.forget();
+        }
+        let (index, bank) = (state.last_index(), state.published);
+        let memories = match bank {
+            Bank::Fast => &state.fast,
+            Bank::Slow => &state.slow,
+        };
+        state.watch.push(self, bank, memories, index)
     }
 
     /// The configuration and state of a bank.
@@ -294,7 +200,7 @@ impl Active {
 }
 
 impl State {
-    /// Enters the sample into the delay line, noticing gaps and saturation.
+    /// Enters the sample into the delay line, noticing discontinuities and saturation.
     fn receive(&mut self, signal: &Signal, sample: &RawSample) -> Newest {
         let line = &mut self.line;
         let skipped = sample.index.wrapping_sub(line.last_index).wrapping_sub(1);
@@ -303,7 +209,7 @@ impl State {
         line.last_index = sample.index;
         let broken = first || skipped != 0;
         if broken && !first {
-            self.counters.gaps = self.counters.gaps.saturating_add(1);
+            self.counters.discontinuities = self.counters.discontinuities.saturating_add(1);
             // A counter that went back is a restart: nothing says how much was lost.
             if skipped < 1 << 31 {
                 self.counters.lost_samples += u64::from(skipped);
@@ -314,7 +220,7 @@ impl State {
             self.counters.saturated = self.counters.saturated.saturating_add(1);
         }
         if broken {
-            // Signs up to half a kernel before the gap would be located with positions from behind it.
+            // Signs up to half a kernel before the discontinuity would be located with positions from behind it.
             for ago in 0..=signal.sign_half_width {
                 line.ago(ago).bad = true;
             }
@@ -367,7 +273,7 @@ impl State {
         // The correction is worth its cost only where the velocity could reach zero within the kernel.
         let near = plain.unsigned_abs() <= plain.abs_diff(before).saturating_mul(u32::from(m));
         let lost = if feedback.coulomb_like && near { line.smoothed_away(0, m, &feedback) } else { 0 };
-        // Until friction is known, what hardly moves may stick or creep, and its sign is not to be had.
+        // Until friction is known, what hardly moves may stick or creep, and its sign is unreliable.
         let slow = |velocity: i32| velocity.unsigned_abs() <= signal.creep_limit;
         let creeps = feedback.weak_force_code == 0 && slow(plain) && slow(line.smooth_velocity(m, m));
         let middle = line.ago(m);
@@ -382,7 +288,7 @@ impl State {
             let narrow = line.smooth_velocity(m, m);
             let wide = line.smooth_velocity(0, 2 * m) >> 2;
             let predicted = line.smoothed_away(m, m, &feedback) - (line.smoothed_away(0, 2 * m, &feedback) >> 2);
-            self.reversals.compare(predicted, wide - narrow);
+            self.velocity_reversals.compare(predicted, wide - narrow);
         }
         if feedback.coulomb_like && feedback.friction_known {
             line.relocate(m, signal.reversal_half_width, signal.reversal_reach, &feedback);
@@ -391,13 +297,13 @@ impl State {
 
     /// Takes the force's noise from the samples that have just left: under an update all are good.
     #[cold]
-    fn listen(&mut self, delay: u8) {
+    fn sample_noise(&mut self, delay: u8) {
         let [a, b, c, d, e] = [0, 1, 2, 3, 4].map(|before: u8| self.line.at(delay.wrapping_add(before)).force);
         self.noise.push([a, b, c, d, e]);
     }
 
     /// Moves the oldest waiting sample into the cascades.
-    fn leave(&mut self, signal: &Signal) {
+    fn enter_cascades(&mut self, signal: &Signal) {
         let line = &mut self.line;
         let known_rest = line.resting > 0;
         let full = line.filled > u16::from(signal.delay);

@@ -20,10 +20,9 @@
 //! Source: E. B. Hogenauer, "An economical class of digital filters for decimation and interpolation", 1981;
 //! the corrections are Numerov's.
 
-use crate::qformat::{Regressor, scale, shift_right, to_regressor};
+use crate::constants::UPDATES_PER_BOX;
+use crate::qformat::{Regressor, Term, shift_right, to_regressor};
 
-/// Outputs in one box: two, as the kernel leaves nothing above the half of that rate.
-pub const UPDATES_PER_BOX: u32 = 2;
 /// Outputs that a kernel of four boxes spans.
 const UPDATES_PER_KERNEL: usize = 4 * UPDATES_PER_BOX as usize;
 
@@ -210,23 +209,6 @@ impl Comb {
         self.history[place(0)] = now;
         self.next = self.next.wrapping_add(1);
         output
-    }
-}
-
-/// A fixed real multiple of an integer.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Term {
-    /// 31-bit mantissa.
-    pub coefficient: i32,
-    /// The factor is `coefficient * 2^(-32 - shift)`.
-    pub shift: i8,
-}
-
-impl Term {
-    /// That multiple of `value`, rounded.
-    #[inline]
-    pub fn of(self, value: i64) -> i64 {
-        if self.coefficient == 0 { 0 } else { scale(value, self.coefficient, self.shift) }
     }
 }
 

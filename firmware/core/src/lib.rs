@@ -1,20 +1,4 @@
-//! Counts and codes in, inertance and friction with honest intervals out.
-//!
-//! ```
-//! use inerter_core::{RawSample, Settings, State};
-//!
-//! let active = Settings { sample_rate_hz: 1000.0, ..Settings::default() }.validate()?;
-//! let mut state = State::new(&active);
-//! let sample = RawSample { index: 0, position_count: 12, force_code: -345, terminal_code: 0 };
-//! if let Some(estimate) = active.step(&mut state, &sample) {
-//!     println!("{:?}", estimate.recent.inertance_kg);
-//! }
-//! # Ok::<(), inerter_core::SettingsError>(())
-//! ```
-//!
-//! The law is `F = mt a + cf v + fc sgn(v) + F0`, in contact and out of it. The path, each room its own file:
-//! `sample` -> `gate`, `sign` -> `kernel` -> `rls` -> `ldl` -> `report` -> `estimate`; `settings` -> `active` beside it.
-//! Integers up to `ldl`, the same to the bit on every machine; `docs/THEORY.md` has the equations and word lengths.
+#![doc = include_str!("../README.md")]
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -23,32 +7,43 @@ extern crate std;
 
 mod active;
 mod backlash;
+mod bank;
 mod change;
-mod conduct;
+pub mod constants;
 mod detail;
 mod estimate;
 mod estimator;
+mod feedback;
+mod fit;
 mod gate;
-mod judge;
 mod kernel;
 mod ldl;
 mod line;
 mod math;
+mod near_rest;
 mod noise;
+mod output;
 mod qformat;
+mod regime;
 mod report;
+#[cfg(not(feature = "bench"))]
+mod rls;
+#[cfg(feature = "bench")]
 pub mod rls;
 mod sample;
 mod settings;
 mod sign;
+mod solution;
 mod sums;
 
 pub use active::Active;
 pub use detail::{
-    Backlash, BacklashStatus, Band, Change, Changed, Conduct, Contact, Detail, Friction, Gap, Reason, Route,
+    Backlash, BacklashSize, BacklashStatus, Band, Change, Changed, Contact, Detail, Friction, Reason, Regime, Reversal,
+    Route,
 };
-pub use estimate::{Bank, Estimate, Parameter, Parameters, Status};
+pub use estimate::{Bank, Estimate, Interval, Parameter, Parameters, Status, Unresolved};
 pub use estimator::{Counters, State};
+pub use output::{Output, Published};
 pub use sample::RawSample;
-pub use settings::{Kind, SettingInfo, SettingText, Settings, SettingsError};
+pub use settings::{FrontEnd, Kind, SettingInfo, SettingText, Settings, SettingsError};
 pub use sums::{MoreSums, Sums};

@@ -4,7 +4,7 @@
 //! reversal away and with it a part of the velocity; what is *lost* is that part, as the force tells it.
 //! Times are in samples before the newest; the velocity belongs to half a sample after the kernel's middle.
 
-use crate::estimator::Feedback;
+use crate::feedback::Feedback;
 use crate::sign::{self, ONE};
 
 /// Fraction bits of the velocity that the sign sees.
@@ -38,7 +38,7 @@ pub(crate) struct DelayLine {
     position_sum: i32,
     /// The last velocity by the sign's kernel alone.
     pub plain_velocity: i32,
-    /// How many samples from now on still have a velocity across a gap.
+    /// How many samples from now on still have a velocity across a discontinuity.
     pub tainted: u8,
     /// How many waiting samples, counted from the newest, are known to stand in rest.
     pub resting: u16,
@@ -187,7 +187,7 @@ fn smoothed_away(lost: i64, m: u8, direction: i32, feedback: &Feedback) -> i32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::active::term;
+    use crate::math::term;
 
     const MASS_KG: f64 = 300.0;
     const COULOMB_N: f64 = 50.0;
@@ -243,7 +243,7 @@ mod tests {
         assert!(long.1 < 0.015 && long.1 < short.1 / 3.0, "{short:?} {long:?}");
     }
 
-    /// Another reversal under the long kernel, a bad sample or a force against the turn: the short kernel's word stands.
+    /// Another reversal under the long kernel, a bad sample or a force against the turn: the short kernel's place stays.
     #[test]
     fn what_the_long_kernel_cannot_see_through_stays() {
         let changed = |spoil: fn(&mut Waiting)| {

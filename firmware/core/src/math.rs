@@ -2,6 +2,8 @@
 //!
 //! micromath gives the seed by name, never through method call syntax, which would pick std's function on a PC.
 
+use crate::qformat::Term;
+
 /// Square root, within two units in the last place; 0 for what has none.
 pub fn sqrt(value: f32) -> f32 {
     if value.is_nan() || value <= 0.0 {
@@ -18,6 +20,16 @@ pub fn sqrt(value: f32) -> f32 {
 /// The value without its sign.
 pub fn magnitude(value: f32) -> f32 {
     if value < 0.0 { -value } else { value }
+}
+
+/// The value times itself.
+pub fn square(value: f32) -> f32 {
+    value * value
+}
+
+/// The greater of two.
+pub fn greater(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
 }
 
 /// `2^exponent`; 0 or infinity beyond the format.
@@ -41,6 +53,15 @@ pub fn power(exponent: i32) -> f32 {
 /// `e` with `2^e <= |value| < 2^(e + 1)`, for normal numbers; -1023 for 0.
 pub fn exponent(value: f64) -> i32 {
     ((value.to_bits() >> 52) & 0x7ff) as i32 - 1023
+}
+
+/// `factor` as mantissa and shift; nothing when it is 0.
+pub fn term(factor: f64) -> Term {
+    if factor == 0.0 {
+        return Term::default();
+    }
+    let e = exponent(factor);
+    Term { coefficient: (factor * power_of_two(30 - e)) as i32, shift: (-2 - e).clamp(-64, 64) as i8 }
 }
 
 #[cfg(test)]

@@ -70,6 +70,23 @@ pub fn scale(value: i64, coefficient: i32, shift: i8) -> i64 {
     shift_right(high.wrapping_add(low), shift)
 }
 
+/// A fixed real multiple of an integer.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Term {
+    /// 31-bit mantissa.
+    pub coefficient: i32,
+    /// The factor is `coefficient * 2^(-32 - shift)`.
+    pub shift: i8,
+}
+
+impl Term {
+    /// That multiple of `value`, rounded.
+    #[inline]
+    pub fn of(self, value: i64) -> i64 {
+        if self.coefficient == 0 { 0 } else { scale(value, self.coefficient, self.shift) }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -3,31 +3,26 @@
 //! Floats are allowed here, as everything is basic arithmetic that gives the same bits on every machine, and nothing
 //! flows back but a few rounded integers (see [`Feedback`]).
 
-use crate::active::{Active, Scales, term};
-use crate::conduct::WEIGHT;
-use crate::detail::{Band, Detail, Friction};
-use crate::estimate::{Bank, Estimate, Parameter, Parameters, Status};
-use crate::estimator::{BankState, Feedback, State};
-use crate::judge::Judgement;
-use crate::kernel::{Term, UPDATES_PER_BOX};
-use crate::ldl::{FACTOR_BITS, MATRIX_BITS, Solution, UNKNOWNS, solve};
+use crate::active::{Active, Scales};
+use crate::backlash::report::Found as Backlash;
+use crate::bank::BankState;
+use crate::constants;
+use crate::detail::{Band, Contact, Detail, Friction};
+use crate::estimate::{Bank, Estimate, Interval, Parameter, Parameters, Status, Unresolved};
+use crate::estimator::State;
+use crate::feedback::Feedback;
+use crate::fit::{Fit, Knowledge, fit};
 use crate::line::VELOCITY_BITS;
-use crate::math::{magnitude, power, sqrt};
+use crate::math::{magnitude, sqrt, term};
 use crate::noise::Noise;
-use crate::rls::{PRODUCTS, place, scaled};
+use crate::output::Published;
+use crate::regime::Assessment;
 
-/// Sum of the cubic B-spline's autocorrelation over its value at 0, in boxes: updates within it are one observation.
-const CORRELATION_BOXES: f32 = 2.09;
-/// Standard errors in the interval: 1.96 would do for white noise alone.
-const COVERAGE: f32 = 3.0;
-/// Independent observations under which nothing is said.
-const LEAST_OBSERVATIONS: f32 = 8.0;
-/// A parameter whose interval is wider than this part of its value is not identifiable.
-const WIDEST_INTERVAL: f32 = 0.5;
-/// Model error of dry friction: real friction is never exactly Coulomb's.
-const COULOMB_MODEL_U95: f32 = 0.05;
-/// The skew's false damper, with room for what correlated regressors make of it.
-const SKEW_FACTOR: f32 = 2.0;
+// Single precision, as everything here.
+const COVERAGE: f32 = constants::COVERAGE as f32;
+const WIDEST_INTERVAL: f32 = constants::WIDEST_INTERVAL as f32;
+const COULOMB_MODEL_U95: f32 = constants::COULOMB_MODEL_U95 as f32;
+const SKEW_FACTOR: f32 = constants::SKEW_FACTOR as f32;
 /// Acceleration's mean square over that of the encoder's steps above which the fast bank is used.
 const CLEAR_OF_STEPS: f32 = 2000.0;
 /// Quartile of the force's fourth differences, per rms of its noise: 0.3186 by normal noise, times the root of 70.
@@ -36,115 +31,62 @@ const QUARTILE: f32 = 2.666;
 const STEPS: f32 = 1.0 / 12.0;
 /// Part of Coulomb friction within which its interval must lie before reversals are placed by it.
 const FRICTION_KNOWN: f32 = 0.1;
-/// Component of an unobservable direction that makes a parameter unobservable.
-const TOUCHED: f32 = 0.02;
-
-/// The law fitted to what is known, in SI.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Fit {
-    /// Inertance with the structure, viscous and Coulomb friction, offset.
-    pub values: [f32; UNKNOWNS],
-    /// Standard error of each; infinite where the motion cannot show it.
-    pub errors: [f32; UNKNOWNS],
-    /// Variance of the residual [N^2].
-    pub variance: f32,
-    /// Independent observations.
-    pub observations: f32,
-}
-
-impl Fit {
-    /// From nothing.
-    pub const NONE: Self = Self { values: [0.0; UNKNOWNS], errors: [0.0; UNKNOWNS], variance: 0.0, observations: 0.0 };
-}
 
 /// What the recent memory of the published bank says.
 struct Recent {
     bank: Bank,
+    knowledge: Knowledge,
     parameters: Parameters,
-    judgement: Judgement,
+    assessment: Assessment,
     residual_rms_n: f32,
-    /// Variance of the residual that noise and steps explain [N^2].
-    explained: f32,
-}
-
-/// What one bank's memory knows.
-pub(crate) struct Knowledge {
-    matrix: [i64; PRODUCTS],
-    /// Average product per unit of the matrix.
-    per_unit: f32,
-    /// Equally weighted updates that would know as much.
-    updates: f32,
-}
-
-impl Knowledge {
-    pub fn recent(bank: &BankState) -> Self {
-        let weight = bank.recent.weight() as f32;
-        let updates = if weight > 0.0 { power(MATRIX_BITS as i32) / weight } else { 0.0 };
-        Self { matrix: *bank.recent.averages(), per_unit: 1.0, updates }
-    }
-
-    /// The recent memory without the updates near rest.
-    fn away(bank: &BankState) -> Self {
-        let recent = Self::recent(bank);
-        let matrix = bank.near_rest.away(&bank.recent);
-        let part = matrix[WEIGHT] as f32 / recent.matrix[WEIGHT] as f32;
-        Self { matrix, per_unit: recent.per_unit / part, updates: recent.updates * part }
-    }
-
-    fn whole_run(bank: &BankState) -> Self {
-        Self::summed(bank.whole.sums(), bank.whole.updates())
-    }
-
-    /// What was learnt between two readings of the exact sums, `updates` apart.
-    pub fn between(before: &[i128; PRODUCTS], after: &[i128; PRODUCTS], updates: u32) -> Self {
-        let mut sums = *after;
-        for (sum, before) in sums.iter_mut().zip(before) {
-            *sum = sum.wrapping_sub(*before);
-        }
-        Self::summed(&sums, updates)
-    }
-
-    fn summed(sums: &[i128; PRODUCTS], updates: u32) -> Self {
-        let (matrix, shift) = scaled(sums);
-        let updates = updates as f32;
-        Self { matrix, per_unit: power(shift as i32) / updates.max(1.0), updates }
-    }
-
-    /// Mean square of a regressor.
-    pub fn mean_square(&self, i: usize) -> f32 {
-        self.matrix[place(i, i)] as f32 * self.per_unit
-    }
 }
 
 impl Active {
-    /// The estimate as it stands, at any time.
-    pub fn estimate(&self, state: &State) -> Estimate {
-        let Recent { bank, parameters: mut recent, judgement, residual_rms_n, .. } = self.recent(state);
+    /// The estimate and what goes with it as they stand, at any time.
+    pub fn publish(&self, state: &State) -> Published {
+        let Backlash { backlash, contact, stiffness, damping } = self.backlash.found(&state.backlash);
+        let recent = self.recent(state, contact);
+        let band = self.band(state, &recent);
+        let Recent { bank, mut parameters, assessment, residual_rms_n, .. } = recent;
         let (config, bank_state) = self.bank(state, bank);
         let moving = bank_state.idle_samples < config.hold_samples && bank_state.recent.updates() > 0;
         if !moving {
-            recent.hold();
+            parameters.hold();
         }
         let (whole_bank, whole) = self.choose(state, Knowledge::whole_run);
         let (mut whole_run, _) = self.solve_for(&whole, &self.bank(state, whole_bank).0.scales);
-        judgement.widen(&mut whole_run, WIDEST_INTERVAL);
-        Estimate {
-            index: state.last_index(),
+        assessment.widen(&mut whole_run, WIDEST_INTERVAL);
+        let index = state.last_index();
+        let estimate = Estimate {
+            index,
             elapsed_samples: state.counters().samples + state.counters().lost_samples,
             bank,
             moving,
-            recent,
+            recent: parameters,
             whole_run,
             residual_rms_n,
             updates: bank_state.whole.updates(),
-        }
+        };
+        let detail = Detail {
+            index,
+            band,
+            backlash,
+            contact,
+            stiffness_n_per_m: stiffness,
+            contact_damping_n_s_per_m: damping,
+            friction: Friction { reversal_ratio: state.reversal_ratio(), regime: assessment.regime },
+            changes: state.watch.count,
+        };
+        Published { estimate, detail }
     }
 
     /// Rms of the residual that the force's noise and the encoder's steps explain \[N\], of the recent memory of the bank
     /// that is published; nothing before there is a fit and the noise is known. What the residual has above it, the law
     /// leaves open.
     pub fn explained_rms_n(&self, state: &State) -> Option<f32> {
-        let explained = self.recent(state).explained;
+        let (bank, knowledge) = self.choose(state, Knowledge::recent);
+        let scales = &self.bank(state, bank).0.scales;
+        let explained = self.explained(&state.noise, &fit(&knowledge, scales).unwrap_or(Fit::NONE), scales);
         explained.is_finite().then(|| sqrt(explained))
     }
 
@@ -160,48 +102,31 @@ impl Active {
         variance * scales.noise + per_unit * per_unit * scales.quantisation
     }
 
-    /// What goes with the estimate, at any time.
-    pub fn detail(&self, state: &State) -> Detail {
-        let conduct = self.recent(state).judgement.conduct;
-        let (backlash, contact, stiffness_n_per_m, contact_damping_n_s_per_m) = self.backlash_of(&state.gaps);
-        Detail {
-            index: state.last_index(),
-            band: self.band(state),
-            backlash,
-            contact,
-            stiffness_n_per_m,
-            contact_damping_n_s_per_m,
-            friction: Friction { reversal_ratio: state.reversal_ratio(), conduct },
-            changes: state.watch.count,
-        }
-    }
-
     /// What the recent memory of the bank that is published knows, and how far its law can be trusted.
-    fn recent(&self, state: &State) -> Recent {
+    fn recent(&self, state: &State, contact: Contact) -> Recent {
         let (bank, knowledge) = self.choose(state, Knowledge::recent);
         let (config, bank_state) = self.bank(state, bank);
         let (mut parameters, all) = self.solve_for(&knowledge, &config.scales);
-        let away = self.fit(&Knowledge::away(bank_state), &config.scales);
+        let away = fit(&Knowledge::away(bank_state), &config.scales);
         let [a, v, ..] = config.scales.units;
         let rms = [sqrt(knowledge.mean_square(0)) * a as f32, sqrt(knowledge.mean_square(1)) * v as f32];
         let away = away.unwrap_or(Fit::NONE);
         let explained = self.explained(&state.noise, &all, &config.scales);
-        let contact = || self.contact_of(&state.gaps);
-        let judgement = Judgement::of(&all, &away, rms, &parameters.viscous_n_s_per_m, explained, contact);
-        judgement.widen(&mut parameters, WIDEST_INTERVAL);
-        Recent { bank, parameters, judgement, residual_rms_n: sqrt(all.variance), explained }
+        let assessment = Assessment::of(&all, &away, rms, parameters.viscous_n_s_per_m.fitted(), explained, contact);
+        assessment.widen(&mut parameters, WIDEST_INTERVAL);
+        Recent { bank, knowledge, parameters, assessment, residual_rms_n: sqrt(all.variance) }
     }
 
     /// Frequencies at which the recent memory of the bank that is published saw the inertance.
-    pub(crate) fn band(&self, state: &State) -> Band {
-        let (bank, recent) = self.choose(state, Knowledge::recent);
-        let (config, bank_state) = self.bank(state, bank);
+    fn band(&self, state: &State, recent: &Recent) -> Band {
+        let (config, bank_state) = self.bank(state, recent.bank);
+        let knowledge = &recent.knowledge;
         let scales = &config.scales;
         let [a, v, _, _, _] = scales.units.map(|unit| unit as f32);
         let mean_square = |averages: f32, steps: f32, unit: f32| (averages - steps) * unit * unit;
-        let acceleration = mean_square(recent.mean_square(0), scales.quantisation, a);
+        let acceleration = mean_square(knowledge.mean_square(0), scales.quantisation, a);
         let jerk = mean_square(bank_state.jerk as f32, scales.jerk_quantisation, scales.jerk);
-        let velocity = mean_square(recent.mean_square(1), 0.0, v);
+        let velocity = mean_square(knowledge.mean_square(1), 0.0, v);
         if acceleration <= 0.0 || velocity <= 0.0 {
             return Band::default();
         }
@@ -226,54 +151,35 @@ impl Active {
         let Parameters { inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n } = estimate.recent;
         let codes = |newtons: f32| (newtons / self.signal.newtons_per_code) as i32;
         let mut feedback = before;
-        if coulomb_n.status == Status::Ok && inertance_kg.status == Status::Ok {
-            let (kink, per_force, viscous) = self.sign_effects;
-            let known = viscous_n_s_per_m.status == Status::Ok;
-            feedback.viscous = if known { term(viscous * f64::from(viscous_n_s_per_m.value)) } else { Term::default() };
-            let fraction = f64::from((1_u32 << VELOCITY_BITS) as f32 / inertance_kg.value);
-            feedback.kink = term(kink * fraction * f64::from(coulomb_n.value));
+        let [inertance, viscous, coulomb, offset] =
+            [inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n].map(|parameter| parameter.ok());
+        let Some(coulomb) = coulomb else { return feedback };
+        if let Some(inertance) = inertance {
+            let (kink, per_force, per_viscous) = self.sign_effects;
+            let viscous_term = |viscous: Interval| term(per_viscous * f64::from(viscous.value));
+            feedback.viscous = viscous.map(viscous_term).unwrap_or_default();
+            let fraction = f64::from((1_u32 << VELOCITY_BITS) as f32 / inertance.value);
+            feedback.kink = term(kink * fraction * f64::from(coulomb.value));
             // The load cell also feels the structure, which moves with the screw.
-            let structure = self.settings.structure_mass_kg as f32 / inertance_kg.value;
+            let structure = self.settings.structure_mass_kg as f32 / inertance.value;
             feedback.velocity_per_force = term(per_force * fraction / f64::from(1.0 + structure));
         }
-        if coulomb_n.status == Status::Ok && offset_n.status == Status::Ok {
-            feedback.offset_code = codes(offset_n.value);
-            feedback.friction_known = coulomb_n.u95 < FRICTION_KNOWN * coulomb_n.value;
-            feedback.weak_force_code = codes(3.0 * coulomb_n.value).max(0) as u32;
+        if let Some(offset) = offset {
+            feedback.offset_code = codes(offset.value);
+            feedback.friction_known = coulomb.u95 < FRICTION_KNOWN * coulomb.value;
+            feedback.weak_force_code = codes(3.0 * coulomb.value).max(0) as u32;
         }
         feedback
     }
 
     fn solve_for(&self, knowledge: &Knowledge, scales: &Scales) -> (Parameters, Fit) {
-        match self.fit(knowledge, scales) {
+        match fit(knowledge, scales) {
             Some(fit) => (self.with_systematic(&fit, knowledge, scales), fit),
             None => (Parameters::default(), Fit::NONE),
         }
     }
 
-    /// Solves for the unknowns; nothing from too few observations.
-    pub(crate) fn fit(&self, knowledge: &Knowledge, scales: &Scales) -> Option<Fit> {
-        let observations = knowledge.updates / (CORRELATION_BOXES * UPDATES_PER_BOX as f32);
-        if observations < LEAST_OBSERVATIONS {
-            return None;
-        }
-        let solution = solve(&knowledge.matrix);
-        let residual_variance = pivot(&solution, UNKNOWNS) * observations / (observations - UNKNOWNS as f32);
-        let errors = standard_errors(&solution, residual_variance / observations);
-        let force_shift = i32::from(solution.shifts[UNKNOWNS]);
-        // The matrix in Q62 is of regressors in Q31.
-        let force_unit = scales.force * power(31 - force_shift);
-        let variance = residual_variance * knowledge.per_unit * force_unit * force_unit;
-        let mut fit = Fit { variance, observations, ..Fit::NONE };
-        for (i, (value, error)) in fit.values.iter_mut().zip(&mut fit.errors).enumerate() {
-            let to_si = scales.force_per[i] * power(i32::from(solution.shifts[i]) - force_shift);
-            *value = solution.unknowns[i] as f32 * power(-(FACTOR_BITS as i32)) * to_si;
-            *error = errors[i].map_or(f32::INFINITY, |error| error * to_si);
-        }
-        Some(fit)
-    }
-
-    /// Adds what no averaging removes, and gives each parameter its word.
+    /// Adds what no averaging removes, and gives each parameter its interval.
     fn with_systematic(&self, fit: &Fit, knowledge: &Knowledge, scales: &Scales) -> Parameters {
         let systematic = &self.systematic;
         let found = |i: usize| Found { value: fit.values[i], error: fit.errors[i] };
@@ -286,18 +192,17 @@ impl Active {
         let steps = inertance.value * (scales.quantisation / acceleration);
         let without_structure = inertance.value - self.settings.structure_mass_kg as f32;
         let relative = |found: &Found, part: f32| square(found.value) * part;
+        let inertance_u95 =
+            inertance.u95(relative(&inertance, systematic.inertance) + systematic.structure_mass + square(steps));
+        let viscous_u95 = viscous.u95(relative(&viscous, systematic.viscous) + square(per_skew * systematic.skew_s));
+        let coulomb_u95 = coulomb.u95(relative(&coulomb, systematic.force + square(COULOMB_MODEL_U95)));
+        let offset_u95 = offset.u95(relative(&offset, systematic.force));
         Parameters {
-            inertance_kg: inertance
-                .with(relative(&inertance, systematic.inertance) + systematic.structure_mass + square(steps))
-                .word(without_structure, true),
-            viscous_n_s_per_m: viscous
-                .with(relative(&viscous, systematic.viscous) + square(per_skew * systematic.skew_s))
-                .word(viscous.value, true),
-            coulomb_n: coulomb
-                .with(relative(&coulomb, systematic.force + square(COULOMB_MODEL_U95)))
-                .word(coulomb.value, true),
+            inertance_kg: parameter(without_structure, inertance_u95, true),
+            viscous_n_s_per_m: parameter(viscous.value, viscous_u95, true),
+            coulomb_n: parameter(coulomb.value, coulomb_u95, true),
             // An offset near zero is as good a finding as any other.
-            offset_n: offset.with(relative(&offset, systematic.force)).word(offset.value, false),
+            offset_n: parameter(offset.value, offset_u95, false),
         }
     }
 }
@@ -305,8 +210,8 @@ impl Active {
 impl State {
     /// How much of the kink that Coulomb friction would give the velocity the reversals have shown: 1 is all of it,
     /// less where friction turns over a presliding distance. Nothing before the first reversal under known friction.
-    pub fn reversal_ratio(&self) -> Option<f32> {
-        let (seen, predicted) = self.reversals.seen_and_predicted()?;
+    fn reversal_ratio(&self) -> Option<f32> {
+        let (seen, predicted) = self.velocity_reversals.seen_and_predicted()?;
         Some(seen as f32 / predicted as f32)
     }
 }
@@ -317,69 +222,30 @@ struct Found {
     error: f32,
 }
 
-/// Half width of a 95 % interval.
-struct Interval(f32);
-
 impl Found {
-    /// The interval with the square of what no averaging removes.
-    fn with(&self, systematic_squared: f32) -> Interval {
+    /// Half width of the 95 % interval with the square of what no averaging removes.
+    fn u95(&self, systematic_squared: f32) -> f32 {
         let random = COVERAGE * self.error;
-        Interval(sqrt(random * random + systematic_squared))
+        sqrt(random * random + systematic_squared)
     }
 }
 
-impl Interval {
-    fn word(self, value: f32, relative: bool) -> Parameter {
-        let Self(u95) = self;
-        if !(u95.is_finite() && value.is_finite()) {
-            return Parameter { value: 0.0, u95: f32::INFINITY, status: Status::NotIdentifiable };
-        }
-        let too_wide = relative && u95 > WIDEST_INTERVAL * magnitude(value);
-        let status = if too_wide { Status::NotIdentifiable } else { Status::Ok };
-        Parameter { value, u95, status }
+/// Refuses what has no finite interval, and with `relative` what is known to less than the widest.
+fn parameter(value: f32, u95: f32, relative: bool) -> Parameter {
+    if !(u95.is_finite() && value.is_finite()) {
+        return Parameter::NotIdentifiable(Unresolved::NOTHING);
     }
+    let too_wide = relative && u95 > WIDEST_INTERVAL * magnitude(value);
+    Parameter::new(Interval { value, u95 }, if too_wide { Status::NotIdentifiable } else { Status::Ok })
 }
 
 impl Parameters {
     fn hold(&mut self) {
         for parameter in [&mut self.inertance_kg, &mut self.viscous_n_s_per_m, &mut self.coulomb_n, &mut self.offset_n]
         {
-            if parameter.status == Status::Ok {
-                parameter.status = Status::Held;
+            if let Parameter::Ok(interval) = *parameter {
+                *parameter = Parameter::Held(interval);
             }
         }
     }
-}
-
-pub(crate) fn pivot(solution: &Solution, i: usize) -> f32 {
-    solution.pivots[i] as f32 * power(-(MATRIX_BITS as i32))
-}
-
-/// Standard error of each unknown in equilibrated units for a residual variance per observation of `variance`;
-/// nothing where an unobservable direction has a part in it.
-pub(crate) fn standard_errors(solution: &Solution, variance: f32) -> [Option<f32>; UNKNOWNS] {
-    let factor = |row: usize, column: usize| solution.factors[row][column] as f32 * power(-(FACTOR_BITS as i32));
-    let mut errors = [Some(0.0_f32); UNKNOWNS];
-    // Row by row of the inverse of the unit lower factor; each is the direction that its pivot measures.
-    let mut inverse = [[0.0_f32; UNKNOWNS]; UNKNOWNS];
-    for row in 0..UNKNOWNS {
-        let mut direction = [0.0_f32; UNKNOWNS];
-        direction[row] = 1.0;
-        for (earlier, parts) in inverse.iter().enumerate().take(row) {
-            let factor = factor(row, earlier);
-            for (sum, part) in direction.iter_mut().zip(parts) {
-                *sum -= factor * part;
-            }
-        }
-        inverse[row] = direction;
-        let pivot = pivot(solution, row);
-        for (error, part) in errors.iter_mut().zip(direction) {
-            if pivot > 0.0 {
-                *error = error.map(|sum| sum + part * part / pivot);
-            } else if !(-TOUCHED..=TOUCHED).contains(&part) {
-                *error = None;
-            }
-        }
-    }
-    errors.map(|sum| sum.map(|sum| sqrt(sum * variance)))
 }

@@ -1,12 +1,12 @@
 //! Settings in SI, and what makes them valid.
 //!
-//! Every setting is one `f64` with a name that carries its unit. The table below is the only place where a
+//! Every setting is one number with a name that carries its unit, and a choice has a type of its own. The table below is the
+//! only place where a
 //! setting's name, unit, default and range are written; the wire, the host and the documents read it from here.
-
-use serde::{Deserialize, Serialize};
 
 /// Why a set of settings was refused, naming the field.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum SettingsError {
     /// No setting has this name (or, on the wire, this number).
     Unknown,
@@ -86,6 +86,7 @@ impl core::error::Error for SettingsError {}
 
 /// What a person wants to know of a setting. Apart from [`SettingInfo`], as a device has no use for it and its flash is small.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SettingText {
     /// Unit for display; empty for a plain number.
     pub unit: &'static str,
@@ -95,6 +96,7 @@ pub struct SettingText {
 
 /// What is known of a setting apart from its value.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SettingInfo {
     /// Name, ending in the unit where there is one.
     pub name: &'static str,
@@ -110,6 +112,8 @@ pub struct SettingInfo {
 
 /// What a setting's value must be besides in range.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum Kind {
     /// Any number.
     Real,
@@ -119,12 +123,63 @@ pub enum Kind {
     Whole,
 }
 
+/// Where the force comes from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum FrontEnd {
+    /// The board's own converter behind an analogue amplifier.
+    #[default]
+    Analogue,
+    /// The 24-bit converter ADS131M04.
+    Ads131m04,
+}
+
+/// A setting's type, as the number that tables, files and the wire hold.
+trait Number: Copy {
+    fn number(self) -> f64;
+    /// Of a number that [`SettingInfo::check`] accepts.
+    fn of(number: f64) -> Self;
+}
+
+impl Number for f64 {
+    fn number(self) -> f64 {
+        self
+    }
+
+    fn of(number: f64) -> Self {
+        number
+    }
+}
+
+impl Number for bool {
+    fn number(self) -> f64 {
+        f64::from(u8::from(self))
+    }
+
+    fn of(number: f64) -> Self {
+        number != 0.0
+    }
+}
+
+impl Number for FrontEnd {
+    fn number(self) -> f64 {
+        f64::from(self as u8)
+    }
+
+    fn of(number: f64) -> Self {
+        if number == 0.0 { Self::Analogue } else { Self::Ads131m04 }
+    }
+}
+
 macro_rules! settings {
-    ($($name:ident, $unit:literal, $default:expr, $min:expr, $max:expr, $kind:ident, $help:literal;)+) => {
+    ($($name:ident: $type:ty, $unit:literal, $default:expr, $min:expr, $max:expr, $kind:ident, $help:literal;)+) => {
         /// Everything a user can set, in SI units.
-        #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+        #[derive(Clone, Copy, Debug, PartialEq)]
+        #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+        #[cfg_attr(feature = "defmt", derive(defmt::Format))]
         pub struct Settings {
-            $(#[doc = $help] #[doc = concat!("Unit: `", $unit, "`.")] pub $name: f64,)+
+            $(#[doc = $help] #[doc = concat!("Unit: `", $unit, "`.")] pub $name: $type,)+
         }
 
         impl Settings {
@@ -145,48 +200,49 @@ macro_rules! settings {
 
             /// All values, in the order of [`TABLE`](Self::TABLE).
             pub fn values(&self) -> [f64; Self::COUNT] {
-                [$(self.$name),+]
+                [$(self.$name.number()),+]
             }
 
-            fn slots(&mut self) -> [&mut f64; Self::COUNT] {
-                [$(&mut self.$name),+]
+            fn of(values: [f64; Self::COUNT]) -> Self {
+                let [$($name),+] = values;
+                Self { $($name: Number::of($name)),+ }
             }
         }
 
         impl Default for Settings {
             fn default() -> Self {
-                Self { $($name: $default),+ }
+                Self::of([$($default),+])
             }
         }
     };
 }
 
 settings! {
-    sample_rate_hz, "Hz", 1000.0, 50.0, 5000.0, Real, "Samples per second of the device's clock";
-    metres_per_count, "m", 2.44140625e-6, -1e-2, 1e-2, NonZero, "Terminal displacement per encoder count: lead / counts per revolution; negative turns the direction";
-    oversampling, "", 1.0, 1.0, 64.0, Whole, "Encoder counts summed into one sample's position";
-    newtons_per_code, "N", 0.002, -1e3, 1e3, NonZero, "Force per force code; negative turns the direction";
-    force_zero_code, "", 0.0, -8388608.0, 8388607.0, Whole, "Force code at no force (tare)";
-    force_min_code, "", -8388608.0, -8388608.0, 8388607.0, Whole, "Force code at or below which the channel is saturated";
-    force_max_code, "", 8388607.0, -8388608.0, 8388607.0, Whole, "Force code at or above which the channel is saturated";
-    metres_per_terminal_code, "m", 1e-7, -1e-2, 1e-2, NonZero, "Terminal displacement per code of its own sensor";
-    structure_mass_kg, "kg", 0.0, 0.0, 1e4, Real, "Mass that hangs on the measured terminal beside the screw";
-    structure_mass_u95_kg, "kg", 0.0, 0.0, 1e4, Real, "95 % uncertainty of the structure mass";
-    stiffness_n_per_m, "N/m", 0.0, 0.0, 1e12, Real, "Contact stiffness between terminal and screw; 0 when unknown";
-    contact_damping_n_s_per_m, "N s/m", 0.0, 0.0, 1e9, Real, "Contact damping between terminal and screw";
-    skew_s, "s", 0.0, -0.005, 0.005, Real, "Delay of the force behind the position";
-    skew_u95_s, "s", 1e-6, 0.0, 0.01, Real, "95 % uncertainty of the skew";
-    force_gain_u95, "", 0.005, 0.0, 1.0, Real, "95 % relative uncertainty of the force calibration";
-    lead_u95, "", 0.001, 0.0, 1.0, Real, "95 % relative uncertainty of metres per count";
-    timebase_u95, "", 5e-5, 0.0, 1.0, Real, "95 % relative uncertainty of the sample clock";
-    memory_s, "s", 30.0, 0.5, 3600.0, Real, "Averaging time of the live estimate";
-    stuck_displacement_m, "m", 0.0, 0.0, 1e-2, Real, "Motion within 24 ms that still counts as standing still, where 2 encoder counts are less";
-    publish_rate_hz, "Hz", 5.0, 0.1, 10.0, Real, "Estimates per second";
-    full_scale_velocity_m_per_s, "m/s", 2.0, 1e-3, 1e3, Real, "Velocity beyond which samples are left out as saturated";
-    full_scale_acceleration_m_per_s2, "m/s^2", 200.0, 1e-2, 1e5, Real, "Acceleration beyond which samples are left out as saturated";
-    front_end, "", 0.0, 0.0, 1.0, Whole, "Force front end: 0 analogue, 1 ADS131M04";
-    stiffness_u95_n_per_m, "N/m", 0.0, 0.0, 1e12, Real, "95 % uncertainty of the contact stiffness; 0 takes 1 % of it";
-    terminal_sensor, "", 0.0, 0.0, 1.0, Whole, "Terminal displacement sensor: 0 none, 1 on the third channel";
+    sample_rate_hz: f64, "Hz", 1000.0, 50.0, 5000.0, Real, "Samples per second of the device's clock";
+    metres_per_count: f64, "m", 2.44140625e-6, -1e-2, 1e-2, NonZero, "Terminal displacement per encoder count: lead / counts per revolution; negative turns the direction";
+    oversampling: f64, "", 1.0, 1.0, 64.0, Whole, "Encoder counts summed into one sample's position";
+    newtons_per_code: f64, "N", 0.002, -1e3, 1e3, NonZero, "Force per force code; negative turns the direction";
+    force_zero_code: f64, "", 0.0, -8388608.0, 8388607.0, Whole, "Force code at no force (tare)";
+    force_min_code: f64, "", -8388608.0, -8388608.0, 8388607.0, Whole, "Force code at or below which the channel is saturated";
+    force_max_code: f64, "", 8388607.0, -8388608.0, 8388607.0, Whole, "Force code at or above which the channel is saturated";
+    metres_per_terminal_code: f64, "m", 1e-7, -1e-2, 1e-2, NonZero, "Terminal displacement per code of its own sensor";
+    structure_mass_kg: f64, "kg", 0.0, 0.0, 1e4, Real, "Mass that hangs on the measured terminal beside the screw";
+    structure_mass_u95_kg: f64, "kg", 0.0, 0.0, 1e4, Real, "95 % uncertainty of the structure mass";
+    stiffness_n_per_m: f64, "N/m", 0.0, 0.0, 1e12, Real, "Contact stiffness between terminal and screw; 0 when unknown";
+    contact_damping_n_s_per_m: f64, "N s/m", 0.0, 0.0, 1e9, Real, "Contact damping between terminal and screw";
+    skew_s: f64, "s", 0.0, -0.005, 0.005, Real, "Delay of the force behind the position";
+    skew_u95_s: f64, "s", 1e-6, 0.0, 0.01, Real, "95 % uncertainty of the skew";
+    force_gain_u95: f64, "", 0.005, 0.0, 1.0, Real, "95 % relative uncertainty of the force calibration";
+    lead_u95: f64, "", 0.001, 0.0, 1.0, Real, "95 % relative uncertainty of metres per count";
+    timebase_u95: f64, "", 5e-5, 0.0, 1.0, Real, "95 % relative uncertainty of the sample clock";
+    memory_s: f64, "s", 30.0, 0.5, 3600.0, Real, "Averaging time of the live estimate";
+    stuck_displacement_m: f64, "m", 0.0, 0.0, 1e-2, Real, "Motion within 24 ms that still counts as standing still, where 2 encoder counts are less";
+    publish_rate_hz: f64, "Hz", 5.0, 0.1, 10.0, Real, "Estimates per second";
+    full_scale_velocity_m_per_s: f64, "m/s", 2.0, 1e-3, 1e3, Real, "Velocity beyond which samples are left out as saturated";
+    full_scale_acceleration_m_per_s2: f64, "m/s^2", 200.0, 1e-2, 1e5, Real, "Acceleration beyond which samples are left out as saturated";
+    front_end: FrontEnd, "", 0.0, 0.0, 1.0, Whole, "Force front end: 0 analogue, 1 ADS131M04";
+    stiffness_u95_n_per_m: f64, "N/m", 0.0, 0.0, 1e12, Real, "95 % uncertainty of the contact stiffness; 0 takes 1 % of it";
+    terminal_sensor: bool, "", 0.0, 0.0, 1.0, Whole, "Terminal displacement sensor: 0 none, 1 on the third channel";
 }
 
 impl Settings {
@@ -209,9 +265,11 @@ impl Settings {
     pub fn set(&mut self, number: usize, value: f64) -> Result<(), SettingsError> {
         let info = Self::TABLE.get(number).ok_or(SettingsError::Unknown)?;
         info.check(value)?;
-        if let Some(slot) = self.slots().into_iter().nth(number) {
-            *slot = value;
+        let mut values = self.values();
+        if let Some(place) = values.get_mut(number) {
+            *place = value;
         }
+        *self = Self::of(values);
         Ok(())
     }
 

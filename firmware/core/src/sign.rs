@@ -9,7 +9,7 @@
 //! late by `m1 (fc / mt) sgn F`, and what the force makes of the velocity within the kernel follows from the force
 //! itself. The last estimate takes both out, but only where friction behaves like Coulomb's: in a real screw it often
 //! turns over a presliding distance, the acceleration has no jump, and the correction would be the error. So each
-//! reversal is asked ([`Reversals`]): the same velocity through a kernel twice as wide differs from the first by what
+//! reversal is tested ([`VelocityReversals`]): the same velocity through a kernel twice as wide differs from the first by what
 //! the correction predicts, or it does not.
 //!
 //! What remains is the encoder's noise, which moves a reversal by the velocity's noise over the acceleration: 53 us at
@@ -76,15 +76,15 @@ pub fn zero(earlier: i32, later: i32, direction: i32, reach: u8) -> Option<i32> 
     Some(if (earlier > 0) == (direction > 0) { -samples } else { samples } - ONE / 2)
 }
 
-/// Evidence from the reversals whether friction turns like Coulomb's.
+/// Evidence from the reversals of the velocity whether friction turns like Coulomb's.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Reversals {
+pub struct VelocityReversals {
     count: u16,
     predicted_squared: i64,
     predicted_seen: i64,
 }
 
-impl Reversals {
+impl VelocityReversals {
     /// No evidence.
     pub const fn new() -> Self {
         Self { count: 0, predicted_squared: 0, predicted_seen: 0 }

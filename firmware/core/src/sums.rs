@@ -1,7 +1,5 @@
 //! The whole run's sums: sufficient statistics, from which a host can fit again, merge runs or drop segments exactly.
 
-use serde::{Deserialize, Serialize};
-
 use crate::active::Active;
 use crate::estimate::Bank;
 use crate::estimator::State;
@@ -12,7 +10,9 @@ use crate::rls::{MORE_PRODUCTS, PRODUCTS};
 ///
 /// `sums[row (row + 1) / 2 + column] * units[row] * units[column]` is the sum of the product of two regressors in SI.
 /// The acceleration's coefficient includes the structure mass.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Sums {
     /// Index of the latest sample.
     pub index: u32,
@@ -31,7 +31,9 @@ pub struct Sums {
 /// Row 5 is the speed `|v|` with `a, v, s, 1, F, |v|`, row 6 the force's rate with `a, v, s, 1, F, |v|, dF/dt`. The rate
 /// is corrected for the present skew and the structure as the force is, and the path whose derivative the speed is turns
 /// with the sub-sample sign.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct MoreSums {
     /// Index of the latest sample.
     pub index: u32,

@@ -11,8 +11,8 @@
 //! - `contact`: one ordinary sample with both routes of the backlash at work. `reversal`: what the force's route spends on
 //!   an accepted reversal, all looks at its flanks together: the same samples with a stiffness less those without, over
 //!   the accepted ones.
-//! - `solve`: what publishing adds, `publish` less `step` on average: two solutions (recent and whole run) and their
-//!   intervals. `estimate`: `Active::estimate` by itself.
+//! - `solve`: what publishing adds, `publish` less `step` on average. `estimate`: `Active::publish` by itself: three
+//!   solutions (recent, its part away from rest, whole run) with their intervals, and what goes with them.
 //! - `state_bytes`, `active_bytes`, `app_bytes`: memory. `stack_used_bytes`: stack of this mode alone.
 
 use crate::{semihosting, stack};
@@ -171,7 +171,7 @@ struct Result {
     publish: Tally,
     estimate: Tally,
     /// Accepted reversals.
-    gaps: u32,
+    reversals: u32,
 }
 
 impl Result {
@@ -190,25 +190,25 @@ struct Rate {
 
 fn measure(meter: &Meter, active: &Active, state: &mut State, rate_hz: u32) -> Result {
     let mut signal = Signal::new(rate_hz);
-    let mut result = Result { step: Tally::EMPTY, publish: Tally::EMPTY, estimate: Tally::EMPTY, gaps: 0 };
+    let mut result = Result { step: Tally::EMPTY, publish: Tally::EMPTY, estimate: Tally::EMPTY, reversals: 0 };
     for _ in 0..SECONDS * rate_hz {
         let sample = black_box(signal.next());
-        let (published, instructions) = meter.count(|| black_box(active.step(state, &sample).is_some()));
-        if published {
+        let (output, instructions) = meter.count(|| black_box(active.step(state, &sample)));
+        if output.published.is_some() {
             result.publish.add(instructions);
-            let (_, instructions) = meter.count(|| black_box(active.estimate(state)));
+            let (_, instructions) = meter.count(|| black_box(active.publish(state)));
             result.estimate.add(instructions);
         } else {
             result.step.add(instructions);
         }
-        result.gaps += u32::from(state.take_gap().is_some_and(|gap| gap.route == Route::Force));
+        result.reversals += u32::from(output.reversal.is_some_and(|reversal| reversal.route == Route::Force));
     }
     result
 }
 
 fn measure_rate(meter: &Meter, state: &mut State, rate_hz: u32) -> Rate {
     let plain = Settings { sample_rate_hz: f64::from(rate_hz), ..Settings::default() };
-    let sensed = Settings { terminal_sensor: 1.0, ..plain };
+    let sensed = Settings { terminal_sensor: true, ..plain };
     let both = Settings { stiffness_n_per_m: 2.1e6, contact_damping_n_s_per_m: 1200.0, ..sensed };
     let [plain, sensed, contact] = [plain, sensed, both].map(|settings| match settings.validate() {
         Ok(active) => {
@@ -217,7 +217,7 @@ fn measure_rate(meter: &Meter, state: &mut State, rate_hz: u32) -> Rate {
         }
         Err(_) => panic!("the settings of the measurement are not valid"),
     });
-    let reversal = contact.total().saturating_sub(sensed.total()) / u64::from(contact.gaps.max(1));
+    let reversal = contact.total().saturating_sub(sensed.total()) / u64::from(contact.reversals.max(1));
     Rate { plain, contact, reversal }
 }
 
@@ -254,7 +254,7 @@ impl<'a, I: Iterator<Item = (u32, &'a Rate)> + Clone> fmt::Display for Rates<I> 
             write!(
                 f,
                 r#"{comma}{{"sample_rate_hz":{rate_hz},"step":{step},"publish":{publish},"solve":{solve},"estimate":{estimate},"contact":{},"reversal":{reversal},"reversals":{}}}"#,
-                contact.step, contact.gaps
+                contact.step, contact.reversals
             )?;
         }
         Ok(())

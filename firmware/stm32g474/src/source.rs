@@ -3,35 +3,22 @@
 use crate::converter::{self, Converter};
 use crate::sampler::{self, Sampler};
 use inerter_app::{Pace, SampleSource, SourceError};
-use inerter_core::{RawSample, Settings, SettingsError};
+use inerter_core::{FrontEnd, RawSample, Settings, SettingsError};
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum FrontEnd {
-    Analogue,
-    Digital,
-}
-
-impl FrontEnd {
-    fn of(settings: &Settings) -> Self {
-        if settings.front_end == 0.0 { Self::Analogue } else { Self::Digital }
-    }
-
-    fn rates_hz(self) -> &'static [f64] {
-        match self {
-            Self::Analogue => sampler::RATES_HZ,
-            Self::Digital => converter::RATES_HZ,
-        }
+fn rates_hz(front_end: FrontEnd) -> &'static [f64] {
+    match front_end {
+        FrontEnd::Analogue => sampler::RATES_HZ,
+        FrontEnd::Ads131m04 => converter::RATES_HZ,
     }
 }
 
 /// Whether the front end that they choose can do it.
 pub fn accepts(settings: &Settings) -> Result<(), SettingsError> {
-    let front_end = FrontEnd::of(settings);
-    let (value, offered) = (settings.sample_rate_hz, front_end.rates_hz());
+    let (value, offered) = (settings.sample_rate_hz, rates_hz(settings.front_end));
     if !offered.contains(&value) {
         return Err(SettingsError::NotOffered { field: "sample_rate_hz", value, offered });
     }
-    if front_end == FrontEnd::Digital && settings.force_min_code >= 0.0 {
+    if settings.front_end == FrontEnd::Ads131m04 && settings.force_min_code >= 0.0 {
         let rule = "the digital front end's codes have a sign: rails -8388608 and 8388607";
         return Err(SettingsError::Conflict { field: "front_end", other: "force_min_code", rule });
     }
@@ -61,7 +48,7 @@ impl SampleSource for Source {
     async fn read(&mut self, into: &mut [RawSample]) -> Result<usize, SourceError> {
         match self.in_use {
             Some(FrontEnd::Analogue) => self.sampler.read(into).await,
-            Some(FrontEnd::Digital) => self.converter.read(into).await,
+            Some(FrontEnd::Ads131m04) => self.converter.read(into).await,
             None => Err(SourceError::Unreadable),
         }
     }
@@ -72,21 +59,20 @@ impl SampleSource for Source {
         self.halt().await;
         let index = match self.in_use {
             Some(FrontEnd::Analogue) => self.sampler.index().wrapping_add(1),
-            Some(FrontEnd::Digital) => self.converter.index().wrapping_add(1),
+            Some(FrontEnd::Ads131m04) => self.converter.index().wrapping_add(1),
             None => 0,
         };
-        let front_end = FrontEnd::of(settings);
-        self.in_use = Some(front_end);
-        match front_end {
+        self.in_use = Some(settings.front_end);
+        match settings.front_end {
             FrontEnd::Analogue => self.sampler.configure(settings, index),
-            FrontEnd::Digital => self.converter.configure(settings, index).await,
+            FrontEnd::Ads131m04 => self.converter.configure(settings, index).await,
         }
     }
 
     async fn halt(&mut self) {
         match self.in_use {
             Some(FrontEnd::Analogue) => self.sampler.halt(),
-            Some(FrontEnd::Digital) => self.converter.halt(),
+            Some(FrontEnd::Ads131m04) => self.converter.halt(),
             None => {}
         }
     }

@@ -15,7 +15,7 @@ pub struct Request {
 
 messages! {
     /// What a device can be asked to do. Every command gets exactly one [`Reply`](crate::Reply).
-    #[allow(clippy::large_enum_variant, reason = "without an allocator a box is not to be had")]
+    #[allow(clippy::large_enum_variant, reason = "cannot be boxed without an allocator")]
     enum Command {
         0 Hello "Send the Hello record.";
         1 ReadSettings "Send the Settings record with every setting in use.";
@@ -39,7 +39,7 @@ messages! {
 pub struct Streams {
     /// `Samples`: every raw sample.
     pub samples: bool,
-    /// `Estimate` and `Detail` at the publish rate, `Gap` at reversals.
+    /// `Estimate` and `Detail` at the publish rate, `Reversal` at reversals.
     pub estimates: bool,
     /// `Sums` and `MoreSums` of either bank, once a second of samples.
     pub sums: bool,

@@ -1,12 +1,12 @@
 //! What an estimator says, wherever it runs, and where on the sample counter it said it.
 
-use inerter_core::{Change, Detail, Estimate, Gap};
+use inerter_core::{Change, Detail, Estimate, Reversal};
 
 /// What an estimator says: the one in a device, or the one that replays a recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum EstimatorEvent {
     /// A reversal of the flanks was accepted.
-    Reversal(Gap),
+    Reversal(Reversal),
     /// The device measured has changed.
     Changed(Change),
     /// An estimate, with what goes with it; a device with an older firmware sends it alone.

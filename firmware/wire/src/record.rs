@@ -3,12 +3,12 @@
 use crate::messages::messages;
 use crate::{Refusal, Samples, SettingsValues};
 use core::fmt;
-use inerter_core::{Change, Detail, Estimate, Gap, MoreSums, Sums};
+use inerter_core::{Change, Detail, Estimate, MoreSums, Reversal, Sums};
 use serde::{Deserialize, Serialize};
 
 messages! {
     /// Everything a device sends.
-    #[allow(clippy::large_enum_variant, reason = "without an allocator a box is not to be had")]
+    #[allow(clippy::large_enum_variant, reason = "cannot be boxed without an allocator")]
     enum Record {
         0 Hello(Hello) "Who the device is and which wire version it speaks; on Command::Hello and after a start.";
         1 Samples(Samples) "Raw samples, up to 32, with their sample counter.";
@@ -18,8 +18,8 @@ messages! {
         5 Reply(Reply) "Answer to one request.";
         6 Settings(SettingsValues) "Every setting in use, on Command::ReadSettings and after a change.";
         7 Sums(Sums) "Whole-run sums of one bank: sufficient statistics, exact; either bank once a second of samples.";
-        8 Gap(Gap) "Backlash by one reversal of the flanks alone, when it has been accepted.";
-        9 Detail(Detail) "Band, backlash, contact, conduct of friction and changes; after each Estimate.";
+        8 Reversal(Reversal) "Backlash by one reversal of the flanks alone, when it has been accepted.";
+        9 Detail(Detail) "Band, backlash, contact, regime of friction and changes; after each Estimate.";
         10 MoreSums(MoreSums) "Whole-run sums of abs(v) and dF/dt of one bank; after its Sums.";
     }
 }
@@ -124,10 +124,10 @@ pub struct Health {
     pub dropped_frames: u32,
     /// Frames that arrived damaged or not understood.
     pub bad_frames: u32,
-    /// Samples missing in the gaps of the sample counter.
+    /// Samples missing where the sample counter jumped.
     pub lost_samples: u64,
-    /// Gaps in the sample counter.
-    pub gaps: u32,
+    /// Jumps of the sample counter: samples were lost.
+    pub discontinuities: u32,
     /// Times the sampler was overtaken by its own hardware, or its channels ran apart.
     pub overruns: u32,
     /// Samples left out as saturated.

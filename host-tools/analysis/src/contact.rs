@@ -1,8 +1,7 @@
 //! Stiffness and damping of the contact as settings: measured once with a terminal displacement sensor, they let the force
 //! alone find the backlash from then on.
 
-use inerter_core::{BacklashStatus, Detail, Parameter, Reason, Route, Settings, Status};
-use inerter_data::settings::has_terminal_sensor;
+use inerter_core::{BacklashSize, Detail, Interval, Parameter, Reason, Route, Settings};
 use miette::Diagnostic;
 
 /// What core takes for the uncertainty of a stiffness that is given without one, as a part of it.
@@ -43,23 +42,23 @@ fn why(reason: Option<Reason>) -> &'static str {
 
 /// The contact by the terminal's sensor.
 #[derive(Clone, Copy, Debug)]
-pub struct Contact {
+pub struct ContactLaw {
     /// Stiffness \[N/m\].
     pub stiffness: Parameter,
     /// Damping \[N s/m\]; a slow motion does not show it.
     pub damping: Parameter,
 }
 
-impl Contact {
+impl ContactLaw {
     /// What a run has shown.
     pub fn of(detail: &Detail, settings: &Settings) -> Result<Self, ContactError> {
-        if !has_terminal_sensor(settings) {
+        if !settings.terminal_sensor {
             return Err(ContactError::NoSensor);
         }
         let (stiffness, damping) = (detail.stiffness_n_per_m, detail.contact_damping_n_s_per_m);
-        if stiffness.status == Status::NotIdentifiable {
-            let reason = match detail.backlash.status {
-                BacklashStatus::NotIdentifiable(reason) if detail.backlash.route == Route::Terminal => Some(reason),
+        if stiffness.known().is_none() {
+            let reason = match detail.backlash.size {
+                BacklashSize::NotIdentifiable(reason) if detail.backlash.route == Route::Terminal => Some(reason),
                 _ => None,
             };
             return Err(ContactError::NotShown { reason });
@@ -72,27 +71,28 @@ impl Contact {
     pub fn is_better_than(&self, settings: &Settings) -> bool {
         let Settings { stiffness_n_per_m: used, stiffness_u95_n_per_m: used_u95, .. } = *settings;
         // As it would be stored: what has been adopted is not adopted again.
-        let [found, u95] = [self.stiffness.value, self.stiffness.u95].map(|value| borne(self.stiffness, value));
+        let Interval { value, u95 } = self.stiffness.fitted();
+        let [found, u95] = [value, u95].map(|value| borne(u95, value));
         let used_u95 = if used_u95 > 0.0 { used_u95 } else { UNSTATED_U95 * used };
         used <= 0.0 || (found - used).abs() > u95 || u95 < used_u95
     }
 
     /// The settings with what was found, to the digits that the intervals bear. A damping that was not shown stays as it is.
     pub fn adopted_by(&self, settings: &Settings) -> Settings {
-        let stiffness_n_per_m = borne(self.stiffness, self.stiffness.value);
-        let stiffness_u95_n_per_m = borne(self.stiffness, self.stiffness.u95);
-        let contact_damping_n_s_per_m = match self.damping.status {
-            Status::NotIdentifiable => settings.contact_damping_n_s_per_m,
-            _ => borne(self.damping, self.damping.value),
+        let Interval { value, u95 } = self.stiffness.fitted();
+        let (stiffness_n_per_m, stiffness_u95_n_per_m) = (borne(u95, value), borne(u95, u95));
+        let contact_damping_n_s_per_m = match self.damping.known() {
+            None => settings.contact_damping_n_s_per_m,
+            Some(Interval { value, u95 }) => borne(u95, value),
         };
         Settings { stiffness_n_per_m, stiffness_u95_n_per_m, contact_damping_n_s_per_m, ..*settings }
     }
 }
 
 /// A number with as many digits as two of the interval's.
-fn borne(parameter: Parameter, value: f32) -> f64 {
+fn borne(u95: f32, value: f32) -> f64 {
     // Whole powers of ten divide without a rest, and print as they are.
-    let places = 1 - f64::from(parameter.u95).log10().floor() as i32;
+    let places = 1 - f64::from(u95).log10().floor() as i32;
     let scale = 10_f64.powi(places.abs());
     let value = f64::from(value);
     if places > 0 { (value * scale).round() / scale } else { (value / scale).round() * scale }
@@ -104,28 +104,28 @@ mod tests {
     use inerter_core::Backlash;
 
     fn parameter(value: f32, u95: f32) -> Parameter {
-        Parameter { value, u95, status: Status::Ok }
+        Parameter::Ok(Interval { value, u95 })
     }
 
     fn sensing() -> Settings {
-        Settings { terminal_sensor: 1.0, ..Settings::default() }
+        Settings { terminal_sensor: true, ..Settings::default() }
     }
 
     #[test]
     fn digits_are_those_of_the_interval() {
-        let contact = Contact { stiffness: parameter(2_098_765.4, 10_754.0), damping: parameter(1203.456, 4.56) };
+        let contact = ContactLaw { stiffness: parameter(2_098_765.4, 10_754.0), damping: parameter(1203.456, 4.56) };
         let settings = contact.adopted_by(&sensing());
         assert_eq!(settings.stiffness_n_per_m, 2_099_000.0);
         assert_eq!(settings.stiffness_u95_n_per_m, 11_000.0);
         assert_eq!(settings.contact_damping_n_s_per_m, 1203.5);
-        let slow = Contact { damping: Parameter { status: Status::NotIdentifiable, ..contact.damping }, ..contact };
+        let slow = ContactLaw { damping: Parameter::default(), ..contact };
         let kept = Settings { contact_damping_n_s_per_m: 900.0, ..sensing() };
         assert_eq!(slow.adopted_by(&kept).contact_damping_n_s_per_m, 900.0);
     }
 
     #[test]
     fn better_is_new_or_other_or_narrower() {
-        let contact = Contact { stiffness: parameter(2.1e6, 1e4), damping: parameter(1200.0, 5.0) };
+        let contact = ContactLaw { stiffness: parameter(2.1e6, 1e4), damping: parameter(1200.0, 5.0) };
         let with = |stiffness_n_per_m, stiffness_u95_n_per_m| {
             contact.is_better_than(&Settings { stiffness_n_per_m, stiffness_u95_n_per_m, ..sensing() })
         };
@@ -136,14 +136,14 @@ mod tests {
     #[test]
     fn what_is_missing_is_named() {
         let detail = Detail::default();
-        assert_eq!(Contact::of(&detail, &Settings::default()).unwrap_err(), ContactError::NoSensor);
-        let status = BacklashStatus::NotIdentifiable(Reason::ForceNeverReverses);
-        let backlash = Backlash { status, route: Route::Terminal, ..Backlash::default() };
-        let refused = Contact::of(&Detail { backlash, ..detail }, &sensing()).unwrap_err();
+        assert_eq!(ContactLaw::of(&detail, &Settings::default()).unwrap_err(), ContactError::NoSensor);
+        let size = BacklashSize::NotIdentifiable(Reason::ForceNeverReverses);
+        let backlash = Backlash { size, route: Route::Terminal, ..Backlash::default() };
+        let refused = ContactLaw::of(&Detail { backlash, ..detail }, &sensing()).unwrap_err();
         assert!(refused.to_string().ends_with("the force never reverses"), "{refused}");
         // The force's reasons are not the sensor's.
         let backlash = Backlash { route: Route::Force, ..backlash };
-        let refused = Contact::of(&Detail { backlash, ..detail }, &sensing()).unwrap_err();
+        let refused = ContactLaw::of(&Detail { backlash, ..detail }, &sensing()).unwrap_err();
         assert_eq!(refused, ContactError::NotShown { reason: None });
     }
 }

@@ -8,7 +8,10 @@
 //! Uncertainty as in core (docs/THEORY.md 6): `U95 = sqrt((3 se)^2 + B^2)` with `se^2 = s^2 (2.09 M / D) inv(A)`.
 //! f64 throughout; sums of a day keep 1e-9 of their value.
 
-use inerter_core::{Backlash, BacklashStatus, Bank, MoreSums, Parameter, Parameters, Settings, Status, Sums};
+use inerter_core::constants::{
+    CORRELATION_BOXES, COULOMB_MODEL_U95, COVERAGE, SKEW_FACTOR, STRUCTURE_MODEL_U95, UPDATES_PER_BOX, WIDEST_INTERVAL,
+};
+use inerter_core::{Backlash, Bank, Interval, MoreSums, Parameter, Parameters, Settings, Status, Sums};
 use miette::Diagnostic;
 
 /// Regressors, the force among them.
@@ -21,20 +24,10 @@ const FORCE: usize = 4;
 const SPEED: usize = 5;
 const FORCE_RATE: usize = 6;
 
-/// Updates that count as one independent observation: 2.09 boxes at two updates a box.
-const UPDATES_PER_OBSERVATION: f64 = 2.09 * 2.0;
+/// Updates that count as one independent observation.
+const UPDATES_PER_OBSERVATION: f64 = CORRELATION_BOXES * UPDATES_PER_BOX as f64;
 /// Independent observations under which nothing is said.
 const LEAST_OBSERVATIONS: f64 = 20.0;
-/// Standard errors in the interval, as in core.
-const COVERAGE: f64 = 3.0;
-/// A parameter whose interval is wider than this part of its value is not identifiable, as in core.
-const WIDEST_INTERVAL: f64 = 0.5;
-/// Model error of dry friction, as in core.
-const COULOMB_MODEL_U95: f64 = 0.05;
-/// Model error of the structure mass, as in core.
-const STRUCTURE_MODEL_U95: f64 = 0.05;
-/// The skew's false damper with room for what correlated regressors make of it, as in core.
-const SKEW_FACTOR: f64 = 2.0;
 /// Part of a regressor's square that the others must leave over.
 const LEAST_PIVOT: f64 = 1.0 / (1 << 20) as f64;
 
@@ -294,10 +287,7 @@ impl Products {
 
     /// Length of the kernel's box \[s\].
     fn box_s(&self, settings: &Settings) -> f64 {
-        let box_s = match self.bank {
-            Bank::Fast => 0.016,
-            Bank::Slow => 0.064,
-        };
+        let box_s = self.bank.box_s();
         let spacing = (settings.sample_rate_hz * box_s / 2.0).round().clamp(1.0, 256.0);
         spacing * 2.0 / settings.sample_rate_hz
     }
@@ -368,7 +358,7 @@ fn judged(value: f64, error: f64, systematic: f64, needs_size: bool) -> Paramete
     let u95 = hypot(&[COVERAGE * error, systematic]);
     let known = u95.is_finite() && !(needs_size && u95 > WIDEST_INTERVAL * value.abs());
     let status = if known { Status::Ok } else { Status::NotIdentifiable };
-    Parameter { value: value as f32, u95: u95 as f32, status }
+    Parameter::new(Interval { value: value as f32, u95: u95 as f32 }, status)
 }
 
 /// Friction in both directions alike and by direction.
@@ -512,10 +502,7 @@ pub fn skew(products: &Products, settings: &Settings, backlash: &Backlash) -> Re
 
 /// The backlash that there may be \[m\]; 0 where nothing is known.
 fn greatest_backlash_m(backlash: &Backlash) -> f64 {
-    match backlash.status {
-        BacklashStatus::Ok | BacklashStatus::BelowU95 => f64::from(backlash.value_m.abs() + backlash.u95_m),
-        BacklashStatus::NotIdentifiable(_) => 0.0,
-    }
+    backlash.known().map_or(0.0, |Interval { value, u95 }| f64::from(value.abs() + u95))
 }
 
 #[cfg(test)]

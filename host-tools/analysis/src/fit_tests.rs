@@ -1,4 +1,4 @@
-use inerter_core::{Parameters as Found, Reason};
+use inerter_core::{BacklashSize, Parameters as Found, Reason};
 use inerter_data::{
     replay::{Outcome, Replay},
     settings::Overrides,
@@ -76,9 +76,9 @@ const ALIKE: [[f64; 2]; 2] = [[30.0, 20.0]; 2];
 
 #[track_caller]
 fn near(parameter: Parameter, truth: f64) {
-    let value = f64::from(parameter.value);
+    let value = f64::from(parameter.fitted().value);
     assert!((value - truth).abs() <= 1e-4 * truth.abs().max(1e-3), "{value} against {truth}");
-    assert_eq!(parameter.status, Status::Ok, "{truth}");
+    assert_eq!(parameter.status(), Status::Ok, "{truth}");
 }
 
 #[test]
@@ -92,7 +92,7 @@ fn friction_by_direction_is_told_apart() {
     near(fit.difference_n, -20.0);
     assert!(fit.residual_rms_n < 2e-3 && fit.symmetric_residual_rms_n > 0.5);
     // What fits neither direction lies between them.
-    let symmetric = f64::from(fit.symmetric.viscous_n_s_per_m.value);
+    let symmetric = f64::from(fit.symmetric.viscous_n_s_per_m.fitted().value);
     assert!(30.0 < symmetric && symmetric < 80.0);
 }
 
@@ -122,8 +122,8 @@ fn intervals_are_three_errors_of_updates_that_are_correlated() {
             [a, v, v.signum(), 1.0, 300.0 * a + 30.0 * v + 50.0 * v.signum() + 2.0 * noise.next(), v.abs(), 0.0]
         }));
         let found = directions(&all, &ideal(), None).unwrap().viscous_n_s_per_m[0];
-        square += (f64::from(found.value) - 30.0).powi(2);
-        error_square += (f64::from(found.u95) / COVERAGE).powi(2);
+        square += (f64::from(found.fitted().value) - 30.0).powi(2);
+        error_square += (f64::from(found.u95()) / COVERAGE).powi(2);
     }
     // These updates are not correlated, so the errors are too large by just that.
     let ratio = error_square / square / UPDATES_PER_OBSERVATION;
@@ -138,7 +138,8 @@ fn systematic_parts_are_those_of_the_estimator() {
     let fit = directions(&Products::of(sums, more).unwrap(), &setup.settings, None).unwrap().symmetric;
     let pairs = |found: &Found| [found.inertance_kg, found.viscous_n_s_per_m, found.coulomb_n, found.offset_n];
     for (here, core) in pairs(&fit).into_iter().zip(pairs(&outcome.estimate.whole_run)) {
-        assert_eq!(here.status, core.status);
+        assert_eq!(here.status(), core.status());
+        let (here, core) = (here.fitted(), core.fitted());
         assert!((here.value - core.value).abs() <= 0.02 * core.u95, "{here:?} against {core:?}");
         assert!((here.u95 / core.u95 - 1.0).abs() < 0.01, "{here:?} against {core:?}");
     }
@@ -165,9 +166,9 @@ fn a_delay_is_the_coefficient_of_the_force_rate() {
         let found =
             skew(&products(shaken(TWO_TONES, ALIKE, 0.0, tau_s, 0.01)), &ideal(), &Backlash::default()).unwrap();
         assert!((found.left_s - tau_s).abs() < 1e-7, "{} against {tau_s}", found.left_s);
-        assert!((f64::from(found.viscous_after.value) - 30.0).abs() < 0.1, "{:?}", found.viscous_after);
+        assert!((f64::from(found.viscous_after.fitted().value) - 30.0).abs() < 0.1, "{:?}", found.viscous_after);
         // A late force is a false damper of mt w^2 tau, and somewhat more where the sign goes with the velocity.
-        let false_damper = f64::from(found.viscous_before.value) - 30.0;
+        let false_damper = f64::from(found.viscous_before.fitted().value) - 30.0;
         let range = if tau_s == 0.0 { -0.1..0.1 } else { 1.0..SKEW_FACTOR };
         let scale = if tau_s == 0.0 { 1.0 } else { 300.0 * 645.0 * tau_s };
         assert!(range.contains(&(false_damper / scale)), "{false_damper} at {tau_s}");
@@ -188,12 +189,12 @@ fn a_motion_that_cannot_show_a_delay_is_refused() {
     let noisy = refused(shaken(TWO_TONES, ALIKE, 0.0, 0.0, 8.0));
     assert!(matches!(noisy, FitError::TooWide { doubt: Doubt::Noise { .. }, .. }), "{noisy:?}");
     // A worn screw's impacts are not resolved; at four times the rate they are.
-    let worn = Backlash { value_m: 1e-4, u95_m: 2e-6, status: BacklashStatus::Ok, ..none };
+    let worn = Backlash { size: BacklashSize::Ok(Interval { value: 1e-4, u95: 2e-6 }), ..none };
     let clear = products(shaken(TWO_TONES, ALIKE, 0.0, 0.0, 0.1));
     let refused = skew(&clear, &ideal(), &worn).unwrap_err();
     assert!(matches!(refused, FitError::TooWide { doubt: Doubt::Impacts { .. }, .. }), "{refused:?}");
     assert!(skew(&clear, &Settings { sample_rate_hz: 4000.0, ..ideal() }, &worn).is_ok());
-    let unknown = Backlash { status: BacklashStatus::NotIdentifiable(Reason::Scattered), ..worn };
+    let unknown = Backlash { size: BacklashSize::NotIdentifiable(Reason::Scattered), ..worn };
     assert!(skew(&clear, &ideal(), &unknown).is_ok());
 }
 
@@ -231,7 +232,7 @@ fn a_skew_is_found_and_covered() {
             corrected.settings.skew_s += found.left_s;
             let again = skew_of(&corrected).unwrap();
             assert!(again.left_s.abs() < 1e-6, "{motion}: {}", again.left_s);
-            let viscous = f64::from(again.viscous_before.value);
+            let viscous = f64::from(again.viscous_before.fitted().value);
             assert!((viscous - 31.4).abs() < 6.0, "{motion}: {viscous}");
         }
     }

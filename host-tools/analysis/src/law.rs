@@ -4,14 +4,9 @@
 //! compared. The structure mass adds `mr x1''` to the law, with `x1'' = a + F''/ks - cs F'''/ks^2`; the skew is
 //! taken out of the force as `F + tau F' + tau^2 F''/2`.
 
+use inerter_core::constants::{REST_COUNTS, REST_WINDOW_S, SIGN_KERNEL_S};
 use inerter_core::{Bank, Settings};
 use inerter_data::series::{Series, Stretch};
-
-/// Half width of the kernel that tells the sign of the velocity \[s\], as in core.
-const SIGN_S: f64 = 0.005;
-/// Window in which the encoder must move \[s\], and by how many counts, as in core.
-const GATE_S: f64 = 0.024;
-const GATE_COUNTS: f64 = 2.0;
 
 /// Values of the law.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -53,10 +48,7 @@ pub struct Kernels {
 impl Kernels {
     /// Those of a bank at a sample rate.
     pub fn new(bank: Bank, period_s: f64) -> Self {
-        let box_s = match bank {
-            Bank::Fast => 0.016,
-            Bank::Slow => 0.064,
-        };
+        let box_s = bank.box_s();
         let m = 2 * ((box_s / period_s / 2.0).round().clamp(1.0, 256.0) as usize);
         let (length, t) = (m as f64, period_s);
         let smooth = vec![1.0 / length; m];
@@ -135,11 +127,11 @@ impl Kernels {
             + law.coulomb_n * of(&self.sign, signs)
             + law.offset_n
             + mr * (acceleration + stretch);
-        let half = (GATE_S / 2.0 / self.period_s).ceil() as usize;
+        let half = (REST_WINDOW_S / 2.0 / self.period_s).ceil() as usize;
         let near = piece.position_m.get(middle.saturating_sub(half)..middle + half + 1).unwrap_or(&piece.position_m);
         let (low, high) =
             near.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(*x), high.max(*x)));
-        let still_m = (GATE_COUNTS * settings.metres_per_count.abs()).max(settings.stuck_displacement_m);
+        let still_m = (REST_COUNTS * settings.metres_per_count.abs()).max(settings.stuck_displacement_m);
         Row {
             t_s: piece.start_s + middle as f64 * self.period_s,
             position_m: of(&self.force, &piece.position_m),
@@ -168,7 +160,7 @@ fn around(taps: &[f64], data: &[f64], middle: usize) -> f64 {
 /// Mean sign of the velocity over each sample's own period: by straight lines through velocities halfway between samples, from
 /// which what Coulomb friction itself makes of a short kernel is taken.
 fn signs(piece: &Stretch, period_s: f64, law: &Law) -> Vec<f64> {
-    let m = (SIGN_S / period_s).round().max(1.0) as usize;
+    let m = (SIGN_KERNEL_S / period_s).round().max(1.0) as usize;
     let triangle = convolved(&vec![1.0; m], &vec![1.0; m]);
     let sum: f64 = triangle.iter().sum();
     let moment: f64 = triangle.iter().enumerate().map(|(at, tap)| tap * (at as f64 - (m - 1) as f64).abs()).sum();

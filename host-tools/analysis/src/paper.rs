@@ -10,7 +10,7 @@
 
 use std::f64::consts::TAU;
 
-use inerter_core::{BacklashStatus, Parameter, Status};
+use inerter_core::Parameter;
 use inerter_plant::{Excitation, Parameters, Plant, Sensors, Simulation};
 
 use crate::{
@@ -217,12 +217,12 @@ fn identified(tests: &[Test], by_estimator: Vec<Recovered>) -> Result<Vec<Recove
 fn by_estimator(tests: &[Test], device: &Parameters) -> Vec<Recovered> {
     let from = |figure: u32| tests.iter().find(|test| test.plan.figure == figure);
     let parameter = |figure: u32, of: fn(&Outcome) -> Parameter| {
-        let known = from(figure).map(|test| of(&test.outcome)).filter(|found| found.status != Status::NotIdentifiable);
+        let known = from(figure).and_then(|test| of(&test.outcome).known());
         (known.map(|found| f64::from(found.value)), known.map(|found| f64::from(found.u95)), source(from(figure)))
     };
-    let gap = from(9).map(|test| test.outcome.detail.backlash);
-    let gap = gap.filter(|gap| !matches!(gap.status, BacklashStatus::NotIdentifiable(_)));
-    let gap = (gap.map(|gap| f64::from(gap.value_m)), gap.map(|gap| f64::from(gap.u95_m)), source(from(9)));
+    let known = from(9).and_then(|test| test.outcome.detail.backlash.known());
+    let backlash =
+        (known.map(|known| f64::from(known.value)), known.map(|known| f64::from(known.u95)), source(from(9)));
     let weighed = (Some(device.structure_mass_kg), Some(0.0), "weighed, as in the paper".to_string());
     let one = |name, label, symbol, shown, truth, published, (value, u95, from): (Option<f64>, Option<f64>, String)| {
         Recovered { name, label, symbol, shown, value, u95, truth, published, from }
@@ -273,7 +273,7 @@ fn by_estimator(tests: &[Test], device: &Parameters) -> Vec<Recovered> {
             "tuned at 3.2 Hz",
             parameter(9, |outcome| outcome.detail.contact_damping_n_s_per_m),
         ),
-        one("backlash_m", "Backlash", "eps", ("µm", 1e6), device.backlash_m, "tuned at 3.2 Hz", gap),
+        one("backlash_m", "Backlash", "eps", ("µm", 1e6), device.backlash_m, "tuned at 3.2 Hz", backlash),
         one("structure_mass_kg", "Structure mass", "mr", ("kg", 1.0), device.structure_mass_kg, "weighed", weighed),
     ]
 }

@@ -4,17 +4,14 @@
 //! or an infinity. What is not known is `null`.
 
 use inerter_core::{
-    Backlash, BacklashStatus, Band, Bank, Conduct, Contact, Counters, Detail, Estimate, Gap, Parameter, Parameters,
-    Reason, Route, Settings, Status,
+    Backlash, BacklashSize, Band, Bank, Contact, Counters, Detail, Estimate, Parameter, Parameters, Reason, Regime,
+    Reversal, Route, Settings, Status,
 };
 use inerter_wire::{EventKind, Health, catalogue};
 use serde::Serialize;
 use serde_json::Value;
 
-use crate::{
-    settings::has_terminal_sensor,
-    text::{changed_field, event_words, seen},
-};
+use crate::text::{changed_field, event_words, seen};
 
 /// One parameter in JSON.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -29,11 +26,11 @@ pub struct ParameterJson {
 
 impl From<Parameter> for ParameterJson {
     fn from(parameter: Parameter) -> Self {
-        let known = parameter.status != Status::NotIdentifiable && parameter.value.is_finite();
+        let value = parameter.value().filter(|value| value.is_finite());
         Self {
-            value: Some(parameter.value).filter(|_| known),
-            u95: Some(parameter.u95).filter(|u95| u95.is_finite()),
-            status: status_word(if known { parameter.status } else { Status::NotIdentifiable }),
+            value,
+            u95: Some(parameter.u95()).filter(|u95| u95.is_finite()),
+            status: status_word(value.map_or(Status::NotIdentifiable, |_| parameter.status())),
         }
     }
 }
@@ -122,7 +119,7 @@ impl EstimateJson {
     ) -> Self {
         let counters = counters.map(|counters| CountersJson {
             samples: counters.samples,
-            gaps: counters.gaps,
+            gaps: counters.discontinuities,
             lost_samples: counters.lost_samples,
             saturated: counters.saturated,
         });
@@ -144,14 +141,15 @@ pub struct BacklashJson {
 
 impl From<Backlash> for BacklashJson {
     fn from(backlash: Backlash) -> Self {
-        let (status, reason) = match backlash.status {
-            BacklashStatus::Ok => ("ok", None),
-            BacklashStatus::BelowU95 => ("below_u95", None),
-            BacklashStatus::NotIdentifiable(reason) => ("not_identifiable", Some(reason_code(reason))),
+        let (status, reason) = match backlash.size {
+            BacklashSize::Ok(_) => ("ok", None),
+            BacklashSize::BelowU95(_) => ("below_u95", None),
+            BacklashSize::NotIdentifiable(reason) => ("not_identifiable", Some(reason_code(reason))),
         };
+        let known = backlash.known();
         Self {
-            value: Some(backlash.value_m).filter(|value| reason.is_none() && value.is_finite()),
-            u95: Some(backlash.u95_m).filter(|u95| u95.is_finite()),
+            value: known.map(|known| known.value).filter(|value| value.is_finite()),
+            u95: known.map(|known| known.u95).filter(|u95| u95.is_finite()),
             status,
             reason,
             reversals: backlash.reversals,
@@ -165,7 +163,7 @@ impl From<Backlash> for BacklashJson {
 #[allow(missing_docs, reason = "documented in docs/CLI.md and where they are estimated")]
 pub struct FrictionJson {
     pub reversal_ratio: Option<f32>,
-    pub conduct: &'static str,
+    pub regime: &'static str,
 }
 
 /// What goes with an estimate, in JSON.
@@ -186,7 +184,7 @@ pub struct DetailJson {
 impl DetailJson {
     /// Stiffness and damping are there when the settings know of a terminal displacement sensor.
     pub fn new(detail: &Detail, settings: &Settings) -> Self {
-        let measured = |parameter| Some(parameter).filter(|_| has_terminal_sensor(settings)).map(ParameterJson::from);
+        let measured = |parameter| Some(parameter).filter(|_| settings.terminal_sensor).map(ParameterJson::from);
         let Detail { band, backlash, contact, stiffness_n_per_m, contact_damping_n_s_per_m, friction, .. } = *detail;
         Self {
             backlash_m: backlash.into(),
@@ -196,7 +194,7 @@ impl DetailJson {
             contact: contact_code(contact),
             friction: FrictionJson {
                 reversal_ratio: friction.reversal_ratio.filter(|ratio| ratio.is_finite()),
-                conduct: conduct_code(friction.conduct),
+                regime: regime_code(friction.regime),
             },
             changes: detail.changes,
         }
@@ -206,7 +204,7 @@ impl DetailJson {
 /// A reversal in JSON: `{"kind":"gap", ...}`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[allow(missing_docs, reason = "documented in docs/CLI.md and in core")]
-pub struct GapJson {
+pub struct ReversalJson {
     pub kind: &'static str,
     pub t_s: Option<f64>,
     pub index: u32,
@@ -216,17 +214,17 @@ pub struct GapJson {
     pub rising: bool,
 }
 
-impl GapJson {
+impl ReversalJson {
     /// A reversal; `t_s` is the time of the middle of its flight, where that is known.
-    pub fn new(t_s: Option<f64>, gap: &Gap) -> Self {
+    pub fn new(t_s: Option<f64>, reversal: &Reversal) -> Self {
         Self {
             kind: "gap",
             t_s: t_s.map(rounded_s),
-            index: gap.index,
-            value_m: Some(gap.value_m).filter(|value| value.is_finite()),
-            error_m: Some(gap.error_m).filter(|error| error.is_finite()),
-            route: route_code(gap.route),
-            rising: gap.rising,
+            index: reversal.index,
+            value_m: Some(reversal.value_m).filter(|value| value.is_finite()),
+            error_m: Some(reversal.error_m).filter(|error| error.is_finite()),
+            route: route_code(reversal.route),
+            rising: reversal.rising,
         }
     }
 }
@@ -362,17 +360,17 @@ fn contact_code(contact: Contact) -> &'static str {
         Contact::Unknown => "unknown",
         Contact::OneSided => "one_sided",
         Contact::Closed => "closed",
-        Contact::Gap => "gap",
+        Contact::Backlash => "gap",
         Contact::Bouncing => "bouncing",
     }
 }
 
-fn conduct_code(conduct: Conduct) -> &'static str {
-    match conduct {
-        Conduct::Unknown => "unknown",
-        Conduct::Coulomb => "coulomb",
-        Conduct::Presliding => "presliding",
-        Conduct::Stribeck => "stribeck",
+fn regime_code(regime: Regime) -> &'static str {
+    match regime {
+        Regime::Unknown => "unknown",
+        Regime::Coulomb => "coulomb",
+        Regime::Presliding => "presliding",
+        Regime::Stribeck => "stribeck",
     }
 }
 

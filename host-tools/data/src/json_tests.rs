@@ -3,9 +3,10 @@ use crate::{
     text::{is_trouble, value_text},
     words::{interval_text, rounded_text},
 };
+use inerter_core::Interval;
 
 fn estimate() -> Estimate {
-    let parameter = |value, u95, status| Parameter { value, u95, status };
+    let parameter = |value, u95, status| Parameter::new(Interval { value, u95 }, status);
     let recent = Parameters {
         inertance_kg: parameter(299.4906, 0.12, Status::Ok),
         viscous_n_s_per_m: parameter(31.4, 2.5, Status::Held),
@@ -19,7 +20,7 @@ fn estimate() -> Estimate {
 fn the_json_contract_holds_to_the_letter() {
     let four = r#""inertance_kg":{"value":299.4906,"u95":0.12,"status":"ok"},"viscous_n_s_per_m":{"value":31.4,"u95":2.5,"status":"held"},"coulomb_n":{"value":null,"u95":null,"status":"not_identifiable"},"offset_n":{"value":null,"u95":null,"status":"not_identifiable"}"#;
     let tail = r#""moving":true,"bank":"fast","residual_rms_n":1.5,"updates":7"#;
-    let counters = Counters { samples: 10, gaps: 1, lost_samples: 2, saturated: 3 };
+    let counters = Counters { samples: 10, discontinuities: 1, lost_samples: 2, saturated: 3 };
     assert_eq!(
         json_line(&EstimateJson::last(20.0, &estimate(), None, &Settings::default(), Some(counters))),
         format!(
@@ -44,7 +45,7 @@ fn health_in_json_uses_the_catalogues_names() {
 
 #[test]
 fn digits_follow_the_interval() {
-    let text = |value, u95| value_text(&Parameter { value, u95, status: Status::Ok });
+    let text = |value, u95| value_text(&Parameter::Ok(Interval { value, u95 }));
     assert_eq!(text(299.4906, 0.12), "299.49 ± 0.12");
     assert_eq!(text(203.5, 14.0), "204 ± 14");
     assert_eq!(text(203.5, 1400.0), "200 ± 1400");

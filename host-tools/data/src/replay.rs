@@ -1,6 +1,8 @@
 //! A run through the estimator, as the device would have done it.
 
-use inerter_core::{Active, Bank, Counters, Detail, Estimate, MoreSums, RawSample, Settings, State, Sums};
+use inerter_core::{
+    Active, Bank, Counters, Detail, Estimate, MoreSums, Output, Published, RawSample, Settings, State, Sums,
+};
 use inerter_wire::{EstimatorEvent, step};
 
 use crate::{
@@ -31,11 +33,10 @@ impl Replay {
         if let Some(last) = self.last_index.replace(sample.index) {
             self.elapsed += step(last, sample.index);
         }
-        let estimate = self.active.step(&mut self.state, sample);
-        let detail = estimate.map(|_| self.active.detail(&self.state));
-        let gap = self.state.take_gap().map(EstimatorEvent::Reversal);
-        let change = self.state.take_change().map(EstimatorEvent::Changed);
-        [gap, change, estimate.map(|estimate| EstimatorEvent::Estimate(estimate, detail))].into_iter().flatten()
+        let Output { published, reversal, change, .. } = self.active.step(&mut self.state, sample);
+        let published =
+            published.map(|Published { estimate, detail }| EstimatorEvent::Estimate(estimate, Some(detail)));
+        [reversal.map(EstimatorEvent::Reversal), change.map(EstimatorEvent::Changed), published].into_iter().flatten()
     }
 
     /// Time of the latest sample \[s\].
@@ -56,10 +57,11 @@ impl Replay {
 
     /// What it has all come to by now.
     pub fn outcome(&self) -> Outcome {
+        let Published { estimate, detail } = self.active.publish(&self.state);
         Outcome {
             t_s: self.time_s(),
-            estimate: self.active.estimate(&self.state),
-            detail: self.active.detail(&self.state),
+            estimate,
+            detail,
             counters: self.counters(),
             fast: self.sums(Bank::Fast),
             slow: self.sums(Bank::Slow),
@@ -81,7 +83,7 @@ pub struct Outcome {
     pub estimate: Estimate,
     /// What goes with it.
     pub detail: Detail,
-    /// Samples, gaps and saturation.
+    /// Samples, discontinuities and saturation.
     pub counters: Counters,
     /// The sums of the fast bank, since the start or the last change.
     pub fast: (Sums, MoreSums),

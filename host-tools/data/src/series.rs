@@ -3,7 +3,7 @@
 use inerter_core::{RawSample, Settings};
 use inerter_wire::step;
 
-use crate::{run::Run, settings::has_terminal_sensor};
+use crate::run::Run;
 
 /// One sample in SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,7 +54,8 @@ impl Converter {
             count,
             position_m: count as f64 * self.metres_per_code,
             force_n: (code - settings.force_zero_code) * settings.newtons_per_code,
-            terminal_m: has_terminal_sensor(settings)
+            terminal_m: settings
+                .terminal_sensor
                 .then(|| f64::from(sample.terminal_code) * settings.metres_per_terminal_code),
             saturated: code <= settings.force_min_code || code >= settings.force_max_code,
         }

@@ -223,11 +223,6 @@ pub fn validate(settings: &Settings) -> Result<inerter_core::Active, SettingsInp
     settings.validate().map_err(|source| SettingsInputError::Refused { source })
 }
 
-/// Whether the settings know of a terminal displacement sensor.
-pub fn has_terminal_sensor(settings: &Settings) -> bool {
-    settings.terminal_sensor != 0.0
-}
-
 fn unknown_help(name: &str) -> String {
     match nearest(name, Settings::TABLE.iter().map(|info| info.name)) {
         Some(nearest) => format!("did you mean `{nearest}`? `inerter replay --help` lists them all"),

@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use inerter_core::{
-    Backlash, BacklashStatus, Band, Change, Changed, Conduct, Contact, Detail, Estimate, Parameter, Reason, Route,
-    Settings, Status,
+    Backlash, BacklashSize, Band, Change, Changed, Contact, Detail, Estimate, Interval, Parameter, Reason, Regime,
+    Route, Settings, Status,
 };
 use inerter_wire::{
     EventKind, ResetCause,
@@ -13,27 +13,25 @@ use inerter_wire::{
 
 use crate::{
     replay::Outcome,
-    settings::has_terminal_sensor,
     words::{duration_text, interval_text, plural},
 };
 
 /// Value and interval to the digits that the interval bears: `95.11 ± 0.48`.
 pub fn value_text(parameter: &Parameter) -> String {
-    if parameter.status == Status::NotIdentifiable || !parameter.value.is_finite() {
+    let Some(Interval { value, u95 }) = parameter.known().filter(|known| known.value.is_finite()) else {
         return "not identifiable".into();
-    }
-    let held = if parameter.status == Status::Held { " (held)" } else { "" };
-    interval_text(parameter.value.into(), parameter.u95.into()) + held
+    };
+    let held = if parameter.status() == Status::Held { " (held)" } else { "" };
+    interval_text(value.into(), u95.into()) + held
 }
 
 /// A backlash for a person, in micrometres: `50.1 ± 1.2`, or why there is none.
 pub fn backlash_text(backlash: &Backlash) -> String {
-    let micrometres = |metres: f32| f64::from(metres) * 1e6;
-    let text = interval_text(micrometres(backlash.value_m), micrometres(backlash.u95_m));
-    match backlash.status {
-        BacklashStatus::Ok => text,
-        BacklashStatus::BelowU95 => format!("{text} (maybe none)"),
-        BacklashStatus::NotIdentifiable(reason) => reason_words(reason).into(),
+    let text = |Interval { value, u95 }: Interval| interval_text(f64::from(value) * 1e6, f64::from(u95) * 1e6);
+    match backlash.size {
+        BacklashSize::Ok(interval) => text(interval),
+        BacklashSize::BelowU95(interval) => format!("{} (maybe none)", text(interval)),
+        BacklashSize::NotIdentifiable(reason) => reason_words(reason).into(),
     }
 }
 
@@ -81,7 +79,7 @@ fn true_text(truth: &BTreeMap<String, String>, name: &str, factor: f64) -> Strin
 /// One line on what the estimator took and left out.
 pub fn counts_line(settings: &Settings, duration_s: f64, outcome: &Outcome) -> String {
     let counters = outcome.counters;
-    let gaps = match (counters.gaps, counters.lost_samples) {
+    let gaps = match (counters.discontinuities, counters.lost_samples) {
         (0, _) => "no gaps".to_string(),
         (gaps, lost) => format!("{} of {}", plural(gaps.into(), "gap"), plural(lost, "sample")),
     };
@@ -202,7 +200,7 @@ pub fn line(detail: &Detail) -> String {
         parts.push(format!("{} by {by}", plural(detail.backlash.reversals.into(), "reversal")));
     }
     parts.push(format!("contact: {}", contact_words(detail.contact)));
-    parts.push(format!("friction: {}", conduct_words(detail.friction.conduct)));
+    parts.push(format!("friction: {}", regime_words(detail.friction.regime)));
     if detail.changes > 0 {
         parts.push(format!("the device has changed {}", plural(detail.changes.into(), "time")));
     }
@@ -213,15 +211,15 @@ pub fn line(detail: &Detail) -> String {
 pub fn remarks(detail: &Detail) -> impl Iterator<Item = &'static str> {
     let contact =
         matches!(detail.contact, Contact::OneSided | Contact::Bouncing).then(|| contact_words(detail.contact));
-    let friction = matches!(detail.friction.conduct, Conduct::Presliding | Conduct::Stribeck);
-    [contact, friction.then(|| conduct_words(detail.friction.conduct))].into_iter().flatten()
+    let friction = matches!(detail.friction.regime, Regime::Presliding | Regime::Stribeck);
+    [contact, friction.then(|| regime_words(detail.friction.regime))].into_iter().flatten()
 }
 
 /// Rows of a table: label, unit, value, and the name of the truth with the factor to that unit.
 pub fn rows(detail: &Detail, settings: &Settings) -> Vec<(&'static str, &'static str, String, &'static str, f64)> {
     let label = catalogue::find(Group::Detail, "backlash_m").map_or("", |field| field.label);
     let mut rows = vec![(label, "µm", backlash_text(&detail.backlash), "backlash_m", 1e6)];
-    if has_terminal_sensor(settings) {
+    if settings.terminal_sensor {
         rows.extend(
             catalogue::contact(detail)
                 .map(|(field, parameter)| (field.label, field.unit, value_text(&parameter), field.path, 1.0)),
@@ -255,18 +253,18 @@ pub fn contact_words(contact: Contact) -> &'static str {
         Contact::Unknown => "not seen yet",
         Contact::OneSided => "one flank carries it all",
         Contact::Closed => "no gap seen",
-        Contact::Gap => "a gap at each reversal",
+        Contact::Backlash => "a gap at each reversal",
         Contact::Bouncing => "the flanks bounce",
     }
 }
 
 /// How friction behaves, for a person.
-pub fn conduct_words(conduct: Conduct) -> &'static str {
-    match conduct {
-        Conduct::Unknown => "not seen yet",
-        Conduct::Coulomb => "Coulomb's",
-        Conduct::Presliding => "creeps before it slips (presliding)",
-        Conduct::Stribeck => "greater near rest (Stribeck)",
+pub fn regime_words(regime: Regime) -> &'static str {
+    match regime {
+        Regime::Unknown => "not seen yet",
+        Regime::Coulomb => "Coulomb's",
+        Regime::Presliding => "creeps before it slips (presliding)",
+        Regime::Stribeck => "greater near rest (Stribeck)",
     }
 }
 

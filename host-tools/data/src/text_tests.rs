@@ -1,31 +1,29 @@
 use std::collections::BTreeMap;
 
-use inerter_core::{Friction, Gap};
+use inerter_core::{Friction, Reversal};
 
 use super::*;
-use crate::json::{BacklashJson, DetailJson, EstimateJson, EventJson, GapJson, json_line};
+use crate::json::{BacklashJson, DetailJson, EstimateJson, EventJson, ReversalJson, json_line};
 
 fn detail() -> Detail {
-    let parameter = |value, u95| Parameter { value, u95, status: Status::Ok };
+    let parameter = |value, u95| Parameter::Ok(Interval { value, u95 });
     Detail {
         index: 7,
         band: Band { low_hz: 3.125, high_hz: 6.5 },
         backlash: Backlash {
-            value_m: 5e-5,
-            u95_m: 2e-6,
-            status: BacklashStatus::Ok,
+            size: BacklashSize::Ok(Interval { value: 5e-5, u95: 2e-6 }),
             route: Route::Terminal,
             reversals: 130,
         },
-        contact: Contact::Gap,
+        contact: Contact::Backlash,
         stiffness_n_per_m: parameter(2.1e6, 4e3),
         contact_damping_n_s_per_m: parameter(1200.0, 100.0),
-        friction: Friction { reversal_ratio: Some(0.75), conduct: Conduct::Coulomb },
+        friction: Friction { reversal_ratio: Some(0.75), regime: Regime::Coulomb },
         changes: 1,
     }
 }
 
-fn settings(terminal_sensor: f64) -> Settings {
+fn settings(terminal_sensor: bool) -> Settings {
     Settings { terminal_sensor, ..Settings::default() }
 }
 
@@ -35,20 +33,20 @@ fn the_json_contract_holds_to_the_letter() {
     let middle = r#""stiffness_n_per_m":{"value":2100000.0,"u95":4000.0,"status":"ok"},"contact_damping_n_s_per_m":{"value":1200.0,"u95":100.0,"status":"ok"}"#;
     let tail =
         r#""band_hz":[3.125,6.5],"contact":"gap","friction":{"reversal_ratio":0.75,"conduct":"coulomb"},"changes":1"#;
-    assert_eq!(json_line(&DetailJson::new(&detail(), &settings(1.0))), format!("{{{head},{middle},{tail}}}"));
+    assert_eq!(json_line(&DetailJson::new(&detail(), &settings(true))), format!("{{{head},{middle},{tail}}}"));
     // Without a sensor there is nothing to say of the contact's own parameters.
-    assert_eq!(json_line(&DetailJson::new(&detail(), &settings(0.0))), format!("{{{head},{tail}}}"));
+    assert_eq!(json_line(&DetailJson::new(&detail(), &settings(false))), format!("{{{head},{tail}}}"));
     // Beside the estimate, in one object.
-    let line = json_line(&EstimateJson::live(0.2, &Estimate::default(), Some(&detail()), &settings(0.0)));
+    let line = json_line(&EstimateJson::live(0.2, &Estimate::default(), Some(&detail()), &settings(false)));
     assert!(line.ends_with(&format!(r#""updates":0,{head},{tail}}}"#)), "{line}");
 }
 
 #[test]
 fn what_is_not_known_is_null_with_its_reason() {
-    let json = DetailJson::new(&Detail::default(), &settings(1.0));
+    let json = DetailJson::new(&Detail::default(), &settings(true));
     assert_eq!(json.band_hz, None);
     assert_eq!(json.stiffness_n_per_m.map(|parameter| parameter.status), Some("not_identifiable"));
-    assert_eq!((json.contact, json.friction.conduct, json.friction.reversal_ratio), ("unknown", "unknown", None));
+    assert_eq!((json.contact, json.friction.regime, json.friction.reversal_ratio), ("unknown", "unknown", None));
     let backlash = json.backlash_m;
     assert_eq!(
         (backlash.value, backlash.status, backlash.reason),
@@ -62,22 +60,24 @@ fn what_is_not_known_is_null_with_its_reason() {
         (Reason::Scattered, "scattered"),
     ] {
         // Whatever the device puts beside it.
-        let backlash =
-            Backlash { status: BacklashStatus::NotIdentifiable(reason), u95_m: f32::INFINITY, ..detail().backlash };
+        let backlash = Backlash { size: BacklashSize::NotIdentifiable(reason), ..detail().backlash };
         let json = BacklashJson::from(backlash);
         assert_eq!((json.value, json.u95, json.reason), (None, None, Some(code)));
     }
-    let below = BacklashJson::from(Backlash { status: BacklashStatus::BelowU95, ..detail().backlash });
+    let below = BacklashJson::from(Backlash {
+        size: BacklashSize::BelowU95(Interval { value: 5e-5, u95: 2e-6 }),
+        ..detail().backlash
+    });
     assert_eq!((below.value, below.status, below.reason), (Some(5e-5), "below_u95", None));
-    let odd = Backlash { value_m: f32::NAN, u95_m: f32::NAN, ..detail().backlash };
+    let odd = Backlash { size: BacklashSize::Ok(Interval { value: f32::NAN, u95: f32::NAN }), ..detail().backlash };
     assert_eq!((BacklashJson::from(odd).value, BacklashJson::from(odd).u95), (None, None));
 }
 
 #[test]
 fn reversals_and_changes_have_lines_of_their_own() {
-    let gap = Gap { index: 9, value_m: 5.25e-5, error_m: 1.5e-6, route: Route::Force, rising: true };
+    let reversal = Reversal { index: 9, value_m: 5.25e-5, error_m: 1.5e-6, route: Route::Force, rising: true };
     assert_eq!(
-        json_line(&GapJson::new(Some(0.1 + 0.2), &gap)),
+        json_line(&ReversalJson::new(Some(0.1 + 0.2), &reversal)),
         r#"{"kind":"gap","t_s":0.3,"index":9,"value_m":0.0000525,"error_m":0.0000015,"route":"force","rising":true}"#
     );
     let change = Change { index: 9, parameter: Changed::Coulomb, before: 50.0, after: 80.25 };
@@ -98,7 +98,7 @@ fn reversals_and_changes_have_lines_of_their_own() {
 #[test]
 fn a_person_sees_it_at_a_glance() {
     let truth = BTreeMap::from([("backlash_m".to_string(), "5e-5".to_string())]);
-    let text = table(&Estimate::default(), Some(&detail()), &settings(1.0), Some(&truth));
+    let text = table(&Estimate::default(), Some(&detail()), &settings(true), Some(&truth));
     for words in
         ["Backlash             µm", "50.0 ± 2.0             50.0", "Contact stiffness    N/m", "2100000 ± 4000"]
     {
@@ -106,21 +106,21 @@ fn a_person_sees_it_at_a_glance() {
     }
     let swapped = [("inertance_kg", "300.0"), ("changed_inertance_kg", "150.0")];
     let swapped = swapped.map(|(name, value)| (name.to_string(), value.to_string())).into();
-    assert!(table(&Estimate::default(), None, &settings(0.0), Some(&swapped)).contains(" 300.0, then 150.0"));
-    let line = "inertance seen from 3.12 to 6.50 Hz; 130 reversals by the terminal's sensor; contact: a gap at each reversal; \
+    assert!(table(&Estimate::default(), None, &settings(false), Some(&swapped)).contains(" 300.0, then 150.0"));
+    let line = "inertance seen from 3.12 to 6.50 Hz; 130 reversals by the terminal's sensor; contact: a reversal at each reversal; \
                 friction: Coulomb's; the device has changed 1 time";
     assert!(text.ends_with(line), "{text}");
     // What is as it should be needs no remark.
     assert!(row(1.0, &Estimate::default(), Some(&detail())).ends_with("50.0 ± 2.0              at rest"));
     let odd = Detail {
         contact: Contact::Bouncing,
-        friction: Friction { conduct: Conduct::Presliding, ..detail().friction },
+        friction: Friction { regime: Regime::Presliding, ..detail().friction },
         ..detail()
     };
     let moving = Estimate { moving: true, ..Estimate::default() };
     let row = row(1.0, &moving, Some(&odd));
     assert!(row.ends_with("the flanks bounce, creeps before it slips (presliding)"), "{row}");
-    let below = Backlash { status: BacklashStatus::BelowU95, value_m: 1e-6, ..detail().backlash };
+    let below = Backlash { size: BacklashSize::BelowU95(Interval { value: 1e-6, u95: 2e-6 }), ..detail().backlash };
     assert_eq!(backlash_text(&below), "1.0 ± 2.0 (maybe none)");
     assert_eq!(backlash_text(&Backlash::default()), "too few reversals");
 }

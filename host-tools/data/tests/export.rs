@@ -156,11 +156,11 @@ fn estimates_are_those_that_the_device_published() {
     let stiffness = outcome.detail.stiffness_n_per_m;
     for (name, value) in [
         ("t_s", 4.999),
-        ("inertance_kg", inertance.value.into()),
-        ("inertance_u95_kg", inertance.u95.into()),
-        ("whole_run_coulomb_n", outcome.estimate.whole_run.coulomb_n.value.into()),
-        ("contact_damping_u95_n_s_per_m", outcome.detail.contact_damping_n_s_per_m.u95.into()),
-        ("stiffness_n_per_m", stiffness.value.into()),
+        ("inertance_kg", inertance.fitted().value.into()),
+        ("inertance_u95_kg", inertance.u95().into()),
+        ("whole_run_coulomb_n", outcome.estimate.whole_run.coulomb_n.fitted().value.into()),
+        ("contact_damping_u95_n_s_per_m", outcome.detail.contact_damping_n_s_per_m.u95().into()),
+        ("stiffness_n_per_m", stiffness.fitted().value.into()),
     ] {
         let place = names.iter().position(|known| known == name).unwrap_or_else(|| panic!("no column {name}"));
         assert_eq!(rows.last().unwrap()[place], value, "{name}");

@@ -196,7 +196,7 @@ impl<E: From<DeviceError>, P: FnMut(f64, &EstimatorEvent) -> Result<(), E>, G: F
                 }
                 _ => {}
             },
-            Record::Gap(gap) if self.begun == Begun::Yes => self.say(EstimatorEvent::Reversal(*gap))?,
+            Record::Reversal(reversal) if self.begun == Begun::Yes => self.say(EstimatorEvent::Reversal(*reversal))?,
             Record::Estimate(estimate) if self.begun == Begun::Yes => {
                 if let Some((before, detail)) = self.last.replace((*estimate, None)) {
                     (self.publish)(self.times.of(before.index), &EstimatorEvent::Estimate(before, detail))?;

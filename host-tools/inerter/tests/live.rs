@@ -155,7 +155,7 @@ fn a_skew_is_found_on_a_device_and_kept_there() {
 fn a_stiffness_is_found_on_a_device_and_kept_there() {
     let folder = tempfile::tempdir().unwrap();
     let mut setup = setup("random");
-    setup.settings.terminal_sensor = 1.0;
+    setup.settings.terminal_sensor = true;
     setup.settings.stiffness_n_per_m = 0.0;
     let device = VirtualDevice::start(&setup, &any_port(), 10.0).unwrap();
     let link = ["--connect", device.name()];

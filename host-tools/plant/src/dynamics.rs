@@ -54,7 +54,7 @@ pub enum Motion {
 
 /// What the flanks do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Contact {
+pub enum Flank {
     /// They touch with `x1 - x2 > eps/2`: the terminal pushes the screw forward.
     Positive,
     /// They touch with `x1 - x2 < -eps/2`.
@@ -89,12 +89,12 @@ pub struct Truth {
     /// What the screw does.
     pub motion: Motion,
     /// What the flanks do.
-    pub contact: Contact,
+    pub contact: Flank,
 }
 
 impl Truth {
     /// At rest in the middle of the backlash.
-    fn rest(t_s: f64, contact: Contact) -> Self {
+    fn rest(t_s: f64, contact: Flank) -> Self {
         Self {
             t_s,
             x1_m: 0.0,
@@ -131,7 +131,7 @@ pub struct Segment {
     friction: Polynomial,
     is_curved: bool,
     motion: Motion,
-    contact: Contact,
+    contact: Flank,
     /// Nothing sticks: rest is where the velocity is zero.
     never_sticks: bool,
 }
@@ -210,7 +210,7 @@ impl Segment {
     }
 
     fn force_n(&self, u: f64) -> f64 {
-        if self.contact == Contact::Flight {
+        if self.contact == Flank::Flight {
             return 0.0;
         }
         let stretch = value(&self.x1, u) - value(&self.x2, u) - self.relaxed_m;
@@ -231,7 +231,7 @@ enum Change {
     /// A flank that was left squeezed is relaxed.
     Relax,
     /// The flanks meet.
-    Meet(Contact),
+    Meet(Flank),
 }
 
 /// The device driven by a motion: an endless row of [`Segment`]s.
@@ -254,7 +254,7 @@ pub struct Plant {
     /// Dry friction where it turns over a distance \[N\].
     friction_n: f64,
     motion: Motion,
-    contact: Contact,
+    contact: Flank,
     /// In flight beside a flank that is still squeezed: which one, 1 or -1; else 0.
     squeezed: f64,
     /// The screw has just come free: any acceleration the other way is rounding.
@@ -318,7 +318,7 @@ impl Plant {
             v2_m_per_s: 0.0,
             friction_n: 0.0,
             motion: Motion::Forward,
-            contact: Contact::Flight,
+            contact: Flank::Flight,
             squeezed: 0.0,
             just_free: false,
             later: Vec::new(),
@@ -339,7 +339,7 @@ impl Plant {
 
     /// The state before time zero.
     pub(crate) fn rest_at(&self, t_s: f64) -> Truth {
-        Truth::rest(t_s, if self.parameters.is_closed() { Contact::Closed } else { Contact::Flight })
+        Truth::rest(t_s, if self.parameters.is_closed() { Flank::Closed } else { Flank::Flight })
     }
 
     /// The next stretch of time within one mode.
@@ -444,10 +444,10 @@ impl Plant {
     fn series(&self, x1: [f64; 6], h: f64) -> Segment {
         let p = &self.parameters;
         let (ks, cs, side) = match self.contact {
-            Contact::Flight => (0.0, 0.0, 0.0),
-            Contact::Positive => (p.stiffness_n_per_m, p.contact_damping_n_s_per_m, 1.0),
-            Contact::Negative => (p.stiffness_n_per_m, p.contact_damping_n_s_per_m, -1.0),
-            Contact::Closed => (p.stiffness_n_per_m, p.contact_damping_n_s_per_m, 0.0),
+            Flank::Flight => (0.0, 0.0, 0.0),
+            Flank::Positive => (p.stiffness_n_per_m, p.contact_damping_n_s_per_m, 1.0),
+            Flank::Negative => (p.stiffness_n_per_m, p.contact_damping_n_s_per_m, -1.0),
+            Flank::Closed => (p.stiffness_n_per_m, p.contact_damping_n_s_per_m, 0.0),
         };
         let relaxed_m = side * 0.5 * p.backlash_m;
         let direction = match self.motion {
@@ -560,7 +560,7 @@ impl Plant {
             [0.0; LENGTH]
         };
         if self.motion == Motion::Stuck {
-            if self.contact != Contact::Flight {
+            if self.contact != Flank::Flight {
                 let mut room = force;
                 room[0] = (p.breakaway_n(-1.0) + p.constant_force_n) + force[0];
                 offer(&room, Change::Free(Motion::Backward));
@@ -579,7 +579,7 @@ impl Plant {
             }
             offer(&speed, Change::Rest);
         }
-        if self.contact != Contact::Closed {
+        if self.contact != Flank::Closed {
             let mut d = segment.x2.map(|c| -c);
             d.iter_mut().zip(segment.x1).for_each(|(d, x1)| *d += x1);
             let mut below = d.map(|c| -c);
@@ -591,20 +591,20 @@ impl Plant {
                 force_polynomial(segment, ks, cs, side * half_gap).map(|c| -side * c)
             };
             match self.contact {
-                Contact::Flight if self.squeezed > 0.0 => {
+                Flank::Flight if self.squeezed > 0.0 => {
                     offer(&below.map(|c| -c), Change::Relax);
-                    offer(&would_push(1.0), Change::Meet(Contact::Positive));
+                    offer(&would_push(1.0), Change::Meet(Flank::Positive));
                 }
-                Contact::Flight if self.squeezed < 0.0 => {
+                Flank::Flight if self.squeezed < 0.0 => {
                     offer(&above.map(|c| -c), Change::Relax);
-                    offer(&would_push(-1.0), Change::Meet(Contact::Negative));
+                    offer(&would_push(-1.0), Change::Meet(Flank::Negative));
                 }
-                Contact::Flight => {
-                    offer(&below, Change::Meet(Contact::Positive));
-                    offer(&above, Change::Meet(Contact::Negative));
+                Flank::Flight => {
+                    offer(&below, Change::Meet(Flank::Positive));
+                    offer(&above, Change::Meet(Flank::Negative));
                 }
-                Contact::Positive if p.unilateral > 0.0 => offer(&force, Change::Part),
-                Contact::Positive => offer(&below.map(|c| -c), Change::Part),
+                Flank::Positive if p.unilateral > 0.0 => offer(&force, Change::Part),
+                Flank::Positive => offer(&below.map(|c| -c), Change::Part),
                 _ if p.unilateral > 0.0 => offer(&force.map(|c| -c), Change::Part),
                 _ => offer(&above.map(|c| -c), Change::Part),
             }
@@ -639,10 +639,10 @@ impl Plant {
             Change::Part => {
                 self.squeezed = match self.contact {
                     _ if self.parameters.unilateral == 0.0 => 0.0,
-                    Contact::Positive => 1.0,
+                    Flank::Positive => 1.0,
                     _ => -1.0,
                 };
-                self.contact = Contact::Flight;
+                self.contact = Flank::Flight;
                 if self.motion == Motion::Stuck {
                     self.hold_or_free(0.0);
                 }
@@ -686,18 +686,18 @@ impl Plant {
         let d = value(&self.x1, self.done) - self.x2_m;
         let rate = slope(&self.x1, self.done) / self.node.step_s - self.v2_m_per_s;
         let (contact, relaxed_m) = match d {
-            _ if p.is_closed() => (Contact::Closed, 0.0),
-            d if d > half_gap => (Contact::Positive, half_gap),
-            d if d < -half_gap => (Contact::Negative, -half_gap),
-            _ => (Contact::Flight, d),
+            _ if p.is_closed() => (Flank::Closed, 0.0),
+            d if d > half_gap => (Flank::Positive, half_gap),
+            d if d < -half_gap => (Flank::Negative, -half_gap),
+            _ => (Flank::Flight, d),
         };
         let mut force_n = p.stiffness_n_per_m * (d - relaxed_m) + p.contact_damping_n_s_per_m * rate;
         (self.contact, self.squeezed) = (contact, 0.0);
-        let pulls = (contact == Contact::Positive && force_n < 0.0) || (contact == Contact::Negative && force_n > 0.0);
+        let pulls = (contact == Flank::Positive && force_n < 0.0) || (contact == Flank::Negative && force_n > 0.0);
         if p.unilateral > 0.0 && pulls {
-            (self.contact, self.squeezed) = (Contact::Flight, d.signum());
+            (self.contact, self.squeezed) = (Flank::Flight, d.signum());
         }
-        if self.contact == Contact::Flight {
+        if self.contact == Flank::Flight {
             force_n = 0.0;
         }
         let sliding_n = p.breakaway_n(1.0).max(p.breakaway_n(-1.0));

@@ -33,7 +33,7 @@ mod sensors;
 mod simulation;
 mod table;
 
-pub use dynamics::{Contact, Motion, Plant, Segment, Truth};
+pub use dynamics::{Flank, Motion, Plant, Segment, Truth};
 pub use error::PlantError;
 pub use excitation::{Excitation, Point, Tone};
 pub use parameters::{Parameters, ScrewGeometry};

@@ -1,6 +1,6 @@
 //! Stick, slip, contact and flight: located in time, energy kept, error falling with the step.
 
-use inerter_plant::{Contact, Excitation, Motion, Parameters, Plant, Segment, Tone, Truth};
+use inerter_plant::{Excitation, Flank, Motion, Parameters, Plant, Segment, Tone, Truth};
 
 fn segments(device: Parameters, motion: Excitation, duration_s: f64) -> impl Iterator<Item = Segment> {
     let mut plant = Plant::new(device, motion).unwrap();
@@ -62,10 +62,10 @@ const GAUSS: [(f64, f64); 8] = [
 /// Energy in the turning parts and in the spring \[J\].
 fn stored_j(p: &Parameters, t: &Truth) -> f64 {
     let squeeze = match t.contact {
-        Contact::Flight => 0.0,
-        Contact::Closed => t.x1_m - t.x2_m,
-        Contact::Positive => t.x1_m - t.x2_m - 0.5 * p.backlash_m,
-        Contact::Negative => t.x1_m - t.x2_m + 0.5 * p.backlash_m,
+        Flank::Flight => 0.0,
+        Flank::Closed => t.x1_m - t.x2_m,
+        Flank::Positive => t.x1_m - t.x2_m - 0.5 * p.backlash_m,
+        Flank::Negative => t.x1_m - t.x2_m + 0.5 * p.backlash_m,
     };
     0.5 * p.inertance_kg * t.v2_m_per_s.powi(2) + 0.5 * p.stiffness_n_per_m * squeeze.powi(2)
 }
@@ -91,7 +91,7 @@ fn energy_is_kept_through_every_event() {
             for (place, weight) in GAUSS {
                 let t = segment.at_fraction(place);
                 let dt = weight * segment.duration_s();
-                let rate = if t.contact == Contact::Flight { 0.0 } else { t.v1_m_per_s - t.v2_m_per_s };
+                let rate = if t.contact == Flank::Flight { 0.0 } else { t.v1_m_per_s - t.v2_m_per_s };
                 work += t.force_n * t.v1_m_per_s * dt;
                 traffic += (t.force_n * t.v1_m_per_s).abs() * dt;
                 taken += dt
@@ -134,10 +134,10 @@ fn every_state_is_what_its_mode_says() {
                 let t = segment.at_fraction(f64::from(k) / 4.0);
                 let d = t.x1_m - t.x2_m;
                 match t.contact {
-                    Contact::Positive => assert!(d > half_gap - 1e-15),
-                    Contact::Negative => assert!(d < -half_gap + 1e-15),
-                    Contact::Flight => assert!(d.abs() < half_gap + 1e-15 && t.force_n == 0.0),
-                    Contact::Closed => assert_eq!(half_gap, 0.0),
+                    Flank::Positive => assert!(d > half_gap - 1e-15),
+                    Flank::Negative => assert!(d < -half_gap + 1e-15),
+                    Flank::Flight => assert!(d.abs() < half_gap + 1e-15 && t.force_n == 0.0),
+                    Flank::Closed => assert_eq!(half_gap, 0.0),
                 }
                 match t.motion {
                     Motion::Stuck if sticks => {
@@ -153,7 +153,7 @@ fn every_state_is_what_its_mode_says() {
                     Motion::Forward => assert!(t.v2_m_per_s >= -1e-13),
                     Motion::Backward => assert!(t.v2_m_per_s <= 1e-13),
                 }
-                if t.contact == Contact::Flight {
+                if t.contact == Flank::Flight {
                     flight += 1
                 } else {
                     contact += 1
@@ -206,7 +206,7 @@ fn the_first_slip_and_the_first_contact_are_on_time() {
     let device = Parameters { coulomb_n: 1000.0, ..Parameters::worn() };
     let expected = bisect(0.0, 0.1, |t| motion.at(t).x_m - 0.5e-4);
     let meeting =
-        segments(device, motion.clone(), 1.0).find(|segment| segment.at_fraction(0.5).contact == Contact::Positive);
+        segments(device, motion.clone(), 1.0).find(|segment| segment.at_fraction(0.5).contact == Flank::Positive);
     let meeting = meeting.unwrap();
     println!("first contact at {expected} s, off by {:.1e} s", meeting.start_s() - expected);
     assert!((meeting.start_s() - expected).abs() < 1e-12);
@@ -217,7 +217,7 @@ fn the_first_slip_and_the_first_contact_are_on_time() {
 
     // The same meeting frees the screw at once where friction is less than the jump.
     let device = Parameters { coulomb_n: 0.5 * jump, ..device };
-    let meeting = segments(device, motion, 1.0).find(|segment| segment.at_fraction(0.5).contact == Contact::Positive);
+    let meeting = segments(device, motion, 1.0).find(|segment| segment.at_fraction(0.5).contact == Flank::Positive);
     assert_eq!(meeting.unwrap().at_fraction(0.5).motion, Motion::Forward);
 }
 
@@ -228,7 +228,7 @@ fn coasting_through_the_gap_follows_its_formula() {
     let mut seen = 0;
     for segment in segments(device, Excitation::preset("mid", 0).unwrap(), 10.0) {
         let (first, last) = (segment.at_fraction(0.0), segment.at_fraction(1.0));
-        if first.contact == Contact::Flight && first.motion == Motion::Forward {
+        if first.contact == Flank::Flight && first.motion == Motion::Forward {
             let v = (first.v2_m_per_s + fc / cf) * (-cf / m * segment.duration_s()).exp() - fc / cf;
             assert!((v - last.v2_m_per_s).abs() < 1e-14);
             seen += 1;
@@ -367,7 +367,7 @@ fn grazing_is_neither_missed_nor_repeated() {
             assert!(rows.len() < 5500, "{}", rows.len());
             let moved = rows.iter().fold(0.0f64, |top, row| top.max(row.at_fraction(1.0).x2_m.abs()));
             assert!(moved < 1e-9, "{scale} {moved}");
-            let touched = rows.iter().any(|row| row.at_fraction(0.5).contact == Contact::Positive);
+            let touched = rows.iter().any(|row| row.at_fraction(0.5).contact == Flank::Positive);
             if device == at_contact && (scale - 1.0).abs() > 1e-10 {
                 assert_eq!(touched, scale < 1.0);
             }
@@ -450,7 +450,7 @@ fn unilateral_contact_never_pulls_and_makes_no_energy() {
                 assert!(!pulls(&t), "{name}: {t:?}");
                 let rate = t.v1_m_per_s - t.v2_m_per_s;
                 let damped =
-                    if t.contact == Contact::Flight { 0.0 } else { device.contact_damping_n_s_per_m * rate.powi(2) };
+                    if t.contact == Flank::Flight { 0.0 } else { device.contact_damping_n_s_per_m * rate.powi(2) };
                 let rubbed = device.viscous_n_s_per_m * t.v2_m_per_s.powi(2)
                     + (t.friction_n - device.constant_force_n) * t.v2_m_per_s;
                 balance += dt * (t.force_n * t.v1_m_per_s - rubbed - damped);
@@ -461,8 +461,8 @@ fn unilateral_contact_never_pulls_and_makes_no_energy() {
             pushed = pushed.max(last.force_n.abs());
             let first = segment.at_fraction(0.5);
             if let Some(before) = before
-                && before.contact != Contact::Flight
-                && first.contact == Contact::Flight
+                && before.contact != Flank::Flight
+                && first.contact == Flank::Flight
             {
                 parted += 1;
                 assert!(before.force_n.abs() < 1e-6, "{name}: {before:?}");

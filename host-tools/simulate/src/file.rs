@@ -47,7 +47,7 @@ pub fn write_recording(setup: &Setup, path: &Path, mut progress: impl FnMut(f64)
                 index: raw.index,
                 uptime_s: next_second as u32,
                 lost_samples: counters.lost_samples,
-                gaps: counters.gaps,
+                discontinuities: counters.discontinuities,
                 saturated: counters.saturated,
                 ..Health::default()
             }))?;
@@ -115,7 +115,7 @@ impl Stream {
     /// As a device says it.
     fn news(&mut self, index: u32, news: &EstimatorEvent) -> Result<(), OutputError> {
         match *news {
-            EstimatorEvent::Reversal(gap) => self.send(&Record::Gap(gap)),
+            EstimatorEvent::Reversal(reversal) => self.send(&Record::Reversal(reversal)),
             EstimatorEvent::Changed(change) => {
                 self.send(&Record::Event(Event { index, kind: EventKind::Changed(change) }))
             }

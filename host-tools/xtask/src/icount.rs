@@ -17,7 +17,7 @@ const SAMPLE_GOAL: f64 = 1600.0;
 /// Goal per solve, in instructions.
 const SOLVE_GOAL: f64 = 8000.0;
 
-/// Solves in one estimate: the recent memory, its part away from rest, and the whole run.
+/// Solves in one publication: the recent memory, its part away from rest, and the whole run.
 const SOLVES: f64 = 3.0;
 
 /// What the image reports of itself.
@@ -42,7 +42,7 @@ pub struct Rate {
     pub contact: [f64; 2],
     /// What the force's route spends on an accepted reversal.
     pub reversal: f64,
-    /// An estimate: mean and most, in instructions.
+    /// A publication by itself: mean and most, in instructions.
     pub estimate: [f64; 2],
     /// What a publication adds to a sample: mean, in instructions.
     pub publication: f64,
@@ -57,9 +57,9 @@ pub fn run(options: &table::Options) -> Result<()> {
         title: "Instructions on the Cortex-M4F",
         about: "Executed instructions of the QEMU image (profile `firmware`), by SysTick under `-icount`: a sample is everything from \
                 raw counts to the sums for both kernel banks (kernels, sign, gate, update, watch for changes); with the backlash, \
-                its two routes beside that. A reversal is all that the force's route spends on an accepted one. An estimate \
-                solves three times, for the recent memory, its part away from rest and the whole run, and gives each parameter \
-                its interval; a solve is a third of it. \
+                its two routes beside that. A reversal is all that the force's route spends on an accepted one. A \
+                publication solves three times, for the recent memory, its part away from rest and the whole run, gives each \
+                parameter its interval, and adds what goes with them; a solve is a third of it. \
                 They guard against growth; they are not cycles of a real core."
             .into(),
         rows: rows(&report),

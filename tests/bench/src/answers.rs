@@ -4,7 +4,7 @@ use crate::{
     cases::{self, CHANGE, CHANGE_S, CLEAN_TRUTH, Case, DURATION_S, MEMORIES_S, Outcome, Question, SEEDS, SLOW_S},
     methods::{METHODS, UNLIMITED, WALK},
 };
-use inerter_core::{Change, Detail, Estimate, RawSample, Settings, SettingsError, State, Status};
+use inerter_core::{Change, Detail, Estimate, Published, RawSample, Settings, SettingsError, State};
 use inerter_plant::{Parameters as Device, Sample, Sensors};
 use std::error::Error;
 
@@ -152,11 +152,12 @@ fn listen(samples: &[Sample], device: &Device, set: &[(&str, f64)]) -> Result<He
             force_code: sample.force_code,
             terminal_code: sample.terminal_code,
         };
-        let estimate = active.step(&mut state, &raw);
-        published.extend(estimate.map(|estimate| (sample.t_s, estimate)));
-        change = change.or(state.take_change().map(|change| (sample.t_s, change)));
+        let output = active.step(&mut state, &raw);
+        published.extend(output.estimate().map(|estimate| (sample.t_s, estimate)));
+        change = change.or(output.change.map(|change| (sample.t_s, change)));
     }
-    Ok(Heard { published, change, last: active.estimate(&state), detail: active.detail(&state) })
+    let Published { estimate: last, detail } = active.publish(&state);
+    Ok(Heard { published, change, last, detail })
 }
 
 /// Time after the change from which the inertance stays within 1 % of the new one \[s\]; none when it does not.
@@ -178,7 +179,7 @@ pub fn settling_s(values: impl DoubleEndedIterator<Item = (f64, f64)>) -> Option
 pub fn heard_settling_s(heard: &Heard) -> Option<f64> {
     settling_s(heard.published.iter().map(|(t_s, estimate)| {
         let inertance = estimate.recent.inertance_kg;
-        (*t_s, if inertance.status == Status::NotIdentifiable { f64::NAN } else { f64::from(inertance.value) })
+        (*t_s, inertance.value().map_or(f64::NAN, f64::from))
     }))
 }
 

@@ -8,7 +8,7 @@ use crate::{
     machine::{Noise, Update},
     methods::{Method, Tuning},
 };
-use inerter_plant::{Contact, Excitation, Motion, Parameters as Device, Plant, Sample, Sensors, Simulation};
+use inerter_plant::{Excitation, Flank, Motion, Parameters as Device, Plant, Sample, Sensors, Simulation};
 use std::{error::Error, f64::consts::TAU};
 
 /// Samples per second.
@@ -282,14 +282,14 @@ fn contact_law(samples: &[Sample], gated: bool) -> Vec<Update> {
         .collect();
     // A flank is known by the force that presses on it.
     let signs: Vec<f64> = forces.iter().map(|force| force.signum()).collect();
-    let flanks: Vec<Contact> = samples.iter().map(|sample| sample.truth.contact).collect();
+    let flanks: Vec<Flank> = samples.iter().map(|sample| sample.truth.contact).collect();
     let reach = kernels.span / 2 + CLEARANCE;
     (0..=samples.len() - kernels.span)
         .filter(|start| {
             let middle = start + kernels.span / 2;
             let around = &flanks[middle.saturating_sub(reach)..(middle + reach + 1).min(flanks.len())];
             // A flight may be shorter than a sample: then the flank changes between two.
-            !gated || around.iter().all(|flank| *flank != Contact::Flight && *flank == flanks[middle])
+            !gated || around.iter().all(|flank| *flank != Flank::Flight && *flank == flanks[middle])
         })
         .map(|start| Update {
             phi: [

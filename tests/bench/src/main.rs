@@ -154,9 +154,9 @@ fn instrument_line(run: &Run) -> Result<Line, Box<dyn Error>> {
         samples.iter().for_each(|sample| {
             active.step(&mut state, sample);
         });
-        let recent = active.estimate(&state).recent;
+        let recent = active.publish(&state).estimate.recent;
         [recent.inertance_kg, recent.viscous_n_s_per_m, recent.coulomb_n, recent.offset_n]
-            .map(|one| f64::from(one.value))
+            .map(|one| f64::from(one.fitted().value))
     };
     let motion = parameters(moving);
     let rest = parameters(resting);

@@ -7,7 +7,7 @@ use crate::{
         RATE_HZ, SEEDS, SLOW_S, SLOW_STEP, THIN, TRACK, WHITE_TRUTH, device,
     },
 };
-use inerter_core::{Backlash, BacklashStatus, Changed, Parameter, Reason, Route, Status};
+use inerter_core::{Backlash, BacklashSize, Changed, Interval, Reason, Route};
 
 /// One line of a table.
 fn line(cells: &[String]) -> String {
@@ -66,17 +66,16 @@ law is one of first order in `w cs/ks`, which costs 0.2 % of ks at 13 Hz.
         let ours = |motion| {
             let runs = self.instrument.contact.iter().filter(|(of, gap, ..)| *of == motion && *gap > 0.0);
             let details: Vec<_> = runs.map(|(_, _, sensed, _)| sensed.detail).collect();
-            let refused = details.iter().find_map(|detail| match detail.backlash.status {
-                BacklashStatus::NotIdentifiable(reason) => Some(words(reason).to_owned()),
+            let refused = details.iter().find_map(|detail| match detail.backlash.size {
+                BacklashSize::NotIdentifiable(reason) => Some(words(reason).to_owned()),
                 _ if detail.backlash.route != Route::Terminal => Some("by the force alone".into()),
                 _ => None,
             });
             refused.unwrap_or_else(|| {
                 errors(details.iter().map(|detail| {
-                    let stiffness = &detail.stiffness_n_per_m;
-                    let stiffness = if given(stiffness) { f64::from(stiffness.value) } else { f64::NAN };
-                    let gap = &detail.backlash;
-                    (f64::from(gap.value_m), Some(f64::from(gap.u95_m)), stiffness)
+                    let stiffness = detail.stiffness_n_per_m.value().map_or(f64::NAN, f64::from);
+                    let backlash = detail.backlash.known().unwrap_or_default();
+                    (f64::from(backlash.value), Some(f64::from(backlash.u95)), stiffness)
                 }))
             })
         };
@@ -116,9 +115,8 @@ polynomial, a new one at each reversal, and there is no `phi` for it. Value and 
             for gap_m in [BACKLASH_M, 0.0] {
                 let runs = self.instrument.contact.iter().filter(|(of, gap, ..)| *of == motion && *gap == gap_m);
                 let worst = runs.map(|(_, _, _, heard)| heard.detail.backlash).max_by(|a, b| {
-                    let error = |backlash: &Backlash| match backlash.status {
-                        BacklashStatus::NotIdentifiable(_) => f64::INFINITY,
-                        _ => (f64::from(backlash.value_m) - gap_m).abs(),
+                    let error = |backlash: &Backlash| {
+                        backlash.known().map_or(f64::INFINITY, |known| (f64::from(known.value) - gap_m).abs())
                     };
                     error(a).total_cmp(&error(b))
                 });
@@ -152,10 +150,8 @@ this device does not need: thinned, a covariance is the narrower one.
             let runs = self.instrument.interval.iter().filter(|(of, _)| *of == motion);
             let runs = runs.map(|(_, heard)| {
                 let recent = heard.last.recent;
-                [recent.inertance_kg, recent.viscous_n_s_per_m, recent.coulomb_n].map(|one| {
-                    let value = if given(&one) { f64::from(one.value) } else { f64::NAN };
-                    (value, f64::from(one.u95))
-                })
+                [recent.inertance_kg, recent.viscous_n_s_per_m, recent.coulomb_n]
+                    .map(|one| (one.value().map_or(f64::NAN, f64::from), f64::from(one.u95())))
             });
             coverage(&runs.collect::<Vec<_>>(), truth)
         };
@@ -274,8 +270,10 @@ unknowns cannot be told apart.
         let [short, long] = SLOW_S.map(|end_s| {
             let last = |heard: &Heard| heard.published.iter().rfind(|(t_s, _)| *t_s < end_s).map(|(_, last)| *last);
             let ours = self.instrument.slow.iter().filter_map(last).map(|last| last.recent.inertance_kg);
-            let known: Vec<_> =
-                ours.filter(given).map(|one| (f64::from(one.value), Some(f64::from(one.u95)))).collect();
+            let known: Vec<_> = ours
+                .filter_map(|one| one.known())
+                .map(|one| (f64::from(one.value), Some(f64::from(one.u95))))
+                .collect();
             match SEEDS as usize - known.len() {
                 0 => verdict(&known),
                 unknown => format!("not identifiable in {unknown} of {SEEDS}"),
@@ -298,10 +296,6 @@ unknowns cannot be told apart.
         }
         text
     }
-}
-
-fn given(parameter: &Parameter) -> bool {
-    parameter.status != Status::NotIdentifiable
 }
 
 /// A line, unless the method has nothing of its own to say.
@@ -358,11 +352,11 @@ fn figure(value: f64) -> String {
 }
 
 fn backlash(backlash: &Backlash) -> String {
-    let value = || format!("{:.2} +- {:.2} um", 1e6 * backlash.value_m, 1e6 * backlash.u95_m);
-    match backlash.status {
-        BacklashStatus::NotIdentifiable(reason) => words(reason).into(),
-        BacklashStatus::BelowU95 => format!("{}, below its interval", value()),
-        BacklashStatus::Ok => value(),
+    let text = |Interval { value, u95 }: Interval| format!("{:.2} +- {:.2} um", 1e6 * value, 1e6 * u95);
+    match backlash.size {
+        BacklashSize::NotIdentifiable(reason) => words(reason).into(),
+        BacklashSize::BelowU95(interval) => format!("{}, below its interval", text(interval)),
+        BacklashSize::Ok(interval) => text(interval),
     }
 }
 

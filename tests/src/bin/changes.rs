@@ -155,8 +155,8 @@ fn changes(plant: Plant, rig: &Rig, seed: u64, duration_s: f64) -> Result<Vec<(f
     let mut state = Box::new(State::new(&active));
     let mut found = Vec::new();
     for sample in Simulation::of(plant, sensors)?.lasting(duration_s) {
-        active.step(&mut state, &grid::raw(&sample));
-        found.extend(state.take_change().map(|change| (sample.t_s, change)));
+        let output = active.step(&mut state, &grid::raw(&sample));
+        found.extend(output.change.map(|change| (sample.t_s, change)));
     }
     Ok(found)
 }

@@ -13,7 +13,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use inerter_core::{Backlash, BacklashStatus, Estimate, Parameter, Status};
+use inerter_core::{Backlash, Estimate, Interval, Parameter, Status};
 use inerter_data::{
     recording::{End, Recorder},
     replay::replay,
@@ -189,7 +189,7 @@ type Bits = (u32, Vec<(u32, u32, Status)>);
 
 fn bits(estimate: &Estimate) -> Bits {
     let parameters = [&estimate.recent, &estimate.whole_run].into_iter().flat_map(catalogue::parameters);
-    let bits = parameters.map(|(_, one)| (one.value.to_bits(), one.u95.to_bits(), one.status));
+    let bits = parameters.map(|(_, one)| (one.fitted().value.to_bits(), one.u95().to_bits(), one.status()));
     (estimate.index, bits.collect())
 }
 
@@ -200,22 +200,20 @@ fn truth(device: &Device) -> [f64; 4] {
 
 /// What the interval is worth, now that the truth is known.
 fn verdict(parameter: &Parameter, truth: f64) -> &'static str {
-    match parameter.status {
-        Status::NotIdentifiable => "this motion cannot show it",
-        _ if (f64::from(parameter.value) - truth).abs() <= f64::from(parameter.u95) => "holds the truth",
-        _ => "MISSES THE TRUTH",
+    match parameter.known() {
+        None => "this motion cannot show it",
+        Some(Interval { value, u95 }) if (f64::from(value) - truth).abs() <= f64::from(u95) => "holds the truth",
+        Some(_) => "MISSES THE TRUTH",
     }
 }
 
 const MICRO: f64 = 1e6;
 
 fn in_micrometres(backlash: &Backlash) -> Parameter {
-    let status = match backlash.status {
-        BacklashStatus::NotIdentifiable(_) => Status::NotIdentifiable,
-        BacklashStatus::BelowU95 | BacklashStatus::Ok => Status::Ok,
-    };
-    let [value, u95] = [backlash.value_m, backlash.u95_m].map(|length_m| length_m * MICRO as f32);
-    Parameter { value, u95, status }
+    let micrometres = |length_m: f32| length_m * MICRO as f32;
+    backlash.known().map_or(Parameter::default(), |Interval { value, u95 }| {
+        Parameter::Ok(Interval { value: micrometres(value), u95: micrometres(u95) })
+    })
 }
 
 /// The block that is redrawn while a run goes on, or lines where there is no terminal.
@@ -256,7 +254,7 @@ impl Screen {
         let bar: String = (0..40).map(|place| if place < done { '━' } else { '·' }).collect();
         let _ = writeln!(block, "\r      {run_s:5.1} s of {:.0} s  {bar}\x1b[K", self.seconds);
         for ((field, parameter), truth) in catalogue::parameters(&estimate.whole_run).zip(self.truth) {
-            let color = if parameter.status == Status::Ok { "\x1b[1m" } else { "\x1b[2m" };
+            let color = if parameter.status() == Status::Ok { "\x1b[1m" } else { "\x1b[2m" };
             let value = value_text(&parameter);
             let _ = writeln!(
                 block,
@@ -288,7 +286,7 @@ impl Screen {
 
 fn one_line(estimate: &Estimate) -> String {
     catalogue::parameters(&estimate.whole_run)
-        .map(|(field, parameter)| match parameter.status {
+        .map(|(field, parameter)| match parameter.status() {
             Status::NotIdentifiable => format!("{} -", field.symbol),
             _ => format!("{} {} {}", field.symbol, value_text(&parameter), field.unit),
         })
@@ -341,7 +339,7 @@ mod tests {
 
     #[test]
     fn the_verdict_knows_the_truth() {
-        let parameter = Parameter { value: 100.0, u95: 1.0, status: Status::Ok };
+        let parameter = Parameter::Ok(Interval { value: 100.0, u95: 1.0 });
         assert_eq!(verdict(&parameter, 100.9), "holds the truth");
         assert_eq!(verdict(&parameter, 101.1), "MISSES THE TRUTH");
         assert_eq!(verdict(&Parameter::default(), 1.0), "this motion cannot show it");

@@ -4,7 +4,7 @@
 //! the same with each repetition, and what is published at its end must stay what it was.
 #![forbid(unsafe_code)]
 
-use inerter_core::{Active, Bank, Counters, Estimate, RawSample, Settings, State};
+use inerter_core::{Active, Bank, Counters, Detail, Estimate, Published, RawSample, Settings, State};
 use inerter_plant::{Excitation, Parameters as Device, Sensors, Simulation};
 use inerter_tests::grid::{self, Error};
 use std::process::ExitCode;
@@ -40,16 +40,17 @@ struct Look {
 impl Look {
     fn at(active: &Active, state: &State) -> Self {
         let sums = [Bank::Fast, Bank::Slow].map(|bank| active.sums(state, bank));
-        let backlash = active.detail(state).backlash;
-        let (backlash_m, reversals) = (f64::from(backlash.value_m), backlash.reversals);
-        Self { estimate: active.estimate(state), sums, counters: state.counters(), backlash_m, reversals }
+        let Published { estimate, detail: Detail { backlash, .. } } = active.publish(state);
+        let (backlash_m, reversals) =
+            (backlash.known().map_or(0.0, |known| f64::from(known.value)), backlash.reversals);
+        Self { estimate, sums, counters: state.counters(), backlash_m, reversals }
     }
 
     fn values(&self) -> Vec<f64> {
         [&self.estimate.recent, &self.estimate.whole_run]
             .into_iter()
             .flat_map(|p| [p.inertance_kg, p.viscous_n_s_per_m, p.coulomb_n, p.offset_n])
-            .flat_map(|parameter| [parameter.value, parameter.u95])
+            .flat_map(|parameter| [parameter.fitted().value, parameter.u95()])
             .map(f64::from)
             .collect()
     }
@@ -84,9 +85,7 @@ fn run() -> Result<bool, Error> {
                 position_count: position.wrapping_add(sample.position_count),
                 ..*sample
             };
-            active.step(&mut state, &raw);
-            changes += u64::from(state.take_change().is_some());
-            state.take_gap();
+            changes += u64::from(active.step(&mut state, &raw).change.is_some());
         }
         index = index.wrapping_add(length);
         position = position.wrapping_add(advance);
@@ -110,7 +109,7 @@ fn run() -> Result<bool, Error> {
                 }
             }
         }
-        if now.counters.gaps != 0 || now.counters.saturated != 0 {
+        if now.counters.discontinuities != 0 || now.counters.saturated != 0 {
             println!("repetition {repetition}: {:?}", now.counters);
             return Ok(false);
         }

@@ -9,7 +9,7 @@ use inerter_app::{
     App, Board, Figures, FlashStore, Identity, Pace, Platform, Restart, SampleSource, SourceError, Start, Store,
     StoreError, run,
 };
-use inerter_core::{RawSample, Settings, SettingsError, State};
+use inerter_core::{FrontEnd, RawSample, Settings, SettingsError, State};
 use inerter_wire::{
     Capabilities, ClockSource, Command, Counts, DELIMITER, Frame, FrameReader, Record, Reply, SettingsValues, Streams,
 };
@@ -138,13 +138,15 @@ pub(super) fn defaults() -> Settings {
 
 /// What the board can do beyond [`Settings::validate`].
 pub(super) fn accepts(settings: &Settings) -> Result<(), SettingsError> {
-    const OFFERED: [&[f64]; 2] = [&[1_000.0, 2_000.0, 4_000.0], &[3_906.25, 1_953.125, 976.5625]];
-    let offered = if settings.front_end == 0.0 { OFFERED[0] } else { OFFERED[1] };
+    let offered: &[f64] = match settings.front_end {
+        FrontEnd::Analogue => &[1_000.0, 2_000.0, 4_000.0],
+        FrontEnd::Ads131m04 => &[3_906.25, 1_953.125, 976.5625],
+    };
     let value = settings.sample_rate_hz;
     if !offered.contains(&value) {
         return Err(SettingsError::NotOffered { field: "sample_rate_hz", value, offered });
     }
-    if settings.front_end != 0.0 && settings.force_min_code >= 0.0 {
+    if settings.front_end == FrontEnd::Ads131m04 && settings.force_min_code >= 0.0 {
         let rule = "the digital front end's codes have a sign";
         return Err(SettingsError::Conflict { field: "front_end", other: "force_min_code", rule });
     }

@@ -1,6 +1,6 @@
 //! Streams that a device should not meet.
 
-use inerter_core::{Detail, Estimate, Gap, Kind, RawSample, Settings};
+use inerter_core::{Detail, Estimate, Kind, RawSample, Reversal, Settings};
 use inerter_wire::{
     ClockSource, Command, DELIMITER, Done, Event, EventKind, Health, Hello, MAX_FRAME, MAX_SETTINGS, Message, Record,
     Refusal, Reply, Request, Samples, SettingValue, SettingsValues, Streams, encode_record, encode_request,
@@ -160,7 +160,7 @@ pub fn records() -> Vec<Vec<u8>> {
         Record::Health(Health::default()),
         Record::Estimate(Estimate::default()),
         Record::Detail(Detail::default()),
-        Record::Gap(Gap::default()),
+        Record::Reversal(Reversal::default()),
     ];
     (0..)
         .zip(records)

@@ -120,12 +120,12 @@ fn from_power_to_the_first_estimate() {
     done(&mut link, Command::Streams(Streams { estimates: true, ..Streams::NONE }), REPLY_S);
     let start_s = link.machine.time_s();
     let estimate = wait_for(&mut link, 10.0, |record| match record {
-        Record::Estimate(estimate) if estimate.recent.inertance_kg.status == Status::Ok => Some(*estimate),
+        Record::Estimate(estimate) if estimate.recent.inertance_kg.status() == Status::Ok => Some(*estimate),
         _ => None,
     });
     let after_s = link.machine.time_s() - start_s;
     assert!((0.1..3.0).contains(&after_s), "the first estimate came after {after_s} s");
-    let inertance_kg = f64::from(estimate.recent.inertance_kg.value);
+    let inertance_kg = f64::from(estimate.recent.inertance_kg.fitted().value);
     assert!((inertance_kg / 299.4906 - 1.0).abs() < 0.02, "{inertance_kg} kg");
     assert_eq!(link.talk.lost(), 0);
     assert_eq!(link.machine.unwritten_reads(), Vec::<String>::new());

@@ -7,7 +7,7 @@ use inerter_app::{
     App, Board, Figures, Identity, Pace, Platform, Restart, SampleSource, SourceError, Start, Store, StoreError,
     accept_all, run,
 };
-use inerter_core::{Estimate, RawSample, Settings, SettingsError, State};
+use inerter_core::{Estimate, FrontEnd, RawSample, Settings, SettingsError, State};
 use inerter_wire::{
     Capabilities, ClockSource, Command, Done, Event, EventKind, Frame, FrameReader, Health, MAX_FRAME, Record, Refusal,
     Reply, Request, Samples, SequenceCounter, SettingsValues, encode_request,
@@ -163,7 +163,7 @@ struct Parts {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Asked {
     /// To take over settings; rate and front end of them.
-    Configure(f64, f64),
+    Configure(f64, FrontEnd),
     Halt,
 }
 
@@ -641,6 +641,6 @@ fn shaken_mass(count: u32, inertance_kg: f64) -> Vec<RawSample> {
 pub fn by_core(settings: &Settings, samples: &[RawSample]) -> (Vec<Estimate>, Estimate) {
     let active = settings.validate().unwrap();
     let mut state = State::new(&active);
-    let estimates = samples.iter().filter_map(|sample| active.step(&mut state, sample)).collect();
-    (estimates, active.estimate(&state))
+    let estimates = samples.iter().filter_map(|sample| active.step(&mut state, sample).estimate()).collect();
+    (estimates, active.publish(&state).estimate)
 }

@@ -1,10 +1,9 @@
-//! Settings of the gap's two routes, brought to integers.
+//! Settings of the backlash's two routes, brought to integers.
 
-use crate::active::term;
 use crate::backlash::flanks::FlankActive;
 use crate::backlash::terminal::TerminalActive;
-use crate::kernel::Term;
-use crate::math::power;
+use crate::math::{power, term};
+use crate::qformat::Term;
 use crate::settings::Settings;
 
 /// Time left out on either side of a flight [s], and in lags of the contact: what an impact leaves is then under 1e-3.
@@ -33,7 +32,7 @@ const STIFFNESS_U95: f32 = 0.01;
 /// Bits of the stretch in the memory.
 const STRETCH_BITS: i32 = 13;
 
-/// Quantised settings of the gap.
+/// Quantised settings of the backlash.
 #[derive(Clone, Debug)]
 pub(crate) struct BacklashActive {
     pub flanks: FlankActive,
@@ -76,7 +75,7 @@ pub(crate) struct BacklashScales {
 }
 
 impl Settings {
-    /// What the gap needs.
+    /// What the backlash needs.
     pub(crate) fn backlash(&self) -> BacklashActive {
         // Single precision will do: what must be exact are the sums of the lag's terms.
         let single = |value: f64| value as f32;
@@ -97,7 +96,7 @@ impl Settings {
         let guard_s = (rate * GUARD_S + 0.5) as u32;
         let settled = rate * lag * GUARD_LAGS + 0.5;
         let guard = guard_s.max(settled as u32).clamp(2, LONGEST_GUARD);
-        // Judgement comes one to two blocks late.
+        // Classification comes one to two blocks late.
         let block = guard_s.max(guard.div_ceil(2)).clamp(2, guard);
         let per_code = newtons * compliance / unit_m;
         let (kept, by_force) = lag_terms((lag - skew) * rate);
@@ -124,7 +123,7 @@ impl Settings {
                 guard: guard as u8,
             },
             terminal: TerminalActive {
-                present: self.terminal_sensor > 0.0,
+                present: self.terminal_sensor,
                 units: real(single(self.metres_per_terminal_code) / unit_m / 256.0),
                 block: block as u16,
                 structure: real(structure),

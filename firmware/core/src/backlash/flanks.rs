@@ -3,12 +3,10 @@
 //! The stretch is exact for a force that runs straight from sample to sample. A sample is firm when the smoothed
 //! force stands clear of an eighth of its peak over the last seconds of motion and of its noise, with and without the
 //! estimated offset: what the estimator calls an offset may be a load, and a load that keeps the screw on one flank
-//! must not pass for two. Judgement waits for the guard: samples within 4 ms (or seven times the lag) of a change are
+//! must not pass for two. Classification waits for the guard: samples within 4 ms (or seven times the lag) of a change are
 //! neither.
 
-use crate::backlash::Newest;
-use crate::kernel::Term;
-use crate::qformat::shift_right;
+use crate::qformat::{Term, shift_right};
 
 /// Fraction bits of the stretch.
 const FRACTION: u32 = 12;
@@ -17,6 +15,25 @@ const FORCE_BITS: u32 = 5;
 
 /// Greatest force that is told from any other [codes].
 const MOST: i32 = (1 << 24) - 1;
+
+/// One sample as it arrives, in the device's own direction.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Newest {
+    /// Sample counter.
+    pub index: u32,
+    /// Encoder position [codes], wrapping.
+    pub position: i32,
+    /// Force [codes], its zero taken off.
+    pub force: i32,
+    /// Terminal displacement [codes].
+    pub terminal: i32,
+    /// Whether the force is to be believed.
+    pub good: bool,
+    /// Whether samples are missing before this one.
+    pub broken: bool,
+    /// Offset of the force [codes] as the last estimate has it.
+    pub offset: i32,
+}
 
 /// Settings of the flanks.
 #[derive(Clone, Copy, Debug, Default)]
@@ -56,7 +73,7 @@ pub(crate) struct Touch {
     /// Stretch, shifted for the memory.
     pub stretch: i16,
     /// Flank that the sample `guard` ago touches: -1, 0, 1.
-    pub judged: i8,
+    pub classified: i8,
     /// Whether a flank is met at this sample.
     pub landed: bool,
 }
@@ -76,7 +93,7 @@ pub(crate) struct Flanks {
     mark: i32,
     moving: u32,
     has_moved: bool,
-    /// Flank of the newest sample, not yet judged, and for how many samples.
+    /// Flank of the newest sample, not yet classified, and for how many samples.
     side: i8,
     run: u32,
     /// Last flank touched; 0 once the force has been clearly less since.
@@ -182,7 +199,7 @@ impl Flanks {
             position,
             reach: position.wrapping_add(stretch as i32),
             stretch: (stretch >> active.stretch_shift).clamp(i64::from(i16::MIN), i64::from(i16::MAX)) as i16,
-            judged: if firm { side } else { 0 },
+            classified: if firm { side } else { 0 },
             landed,
         }
     }

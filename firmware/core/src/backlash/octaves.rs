@@ -40,7 +40,7 @@ impl Line {
         let place = place % POINTS as u32;
         self.reach[place as usize] = reach;
         self.stretch[place as usize] = stretch;
-        self.judge(place, side);
+        self.classify(place, side);
     }
 
     /// Of an entry and the one before it; firm where both are, on one side.
@@ -54,7 +54,7 @@ impl Line {
         )
     }
 
-    fn judge(&mut self, place: u32, side: i8) {
+    fn classify(&mut self, place: u32, side: i8) {
         let bit = 1 << (place % POINTS as u32);
         self.positive = if side > 0 { self.positive | bit } else { self.positive & !bit };
         self.negative = if side < 0 { self.negative | bit } else { self.negative & !bit };
@@ -78,17 +78,17 @@ impl Octaves {
         *count = 0;
     }
 
-    /// Takes a sample, and the judgement on the one `guard` ago.
+    /// Takes a sample, and the classification of the one `guard` ago.
     #[inline]
     pub fn push(&mut self, touch: &Touch, guard: u8) {
         let newest = self.count;
         self.count = newest.wrapping_add(1);
-        let judged = newest.wrapping_sub(u32::from(guard));
+        let classified = newest.wrapping_sub(u32::from(guard));
         let mut lines = self.lines.iter_mut();
         let Some(mut finer) = lines.next() else { return };
         finer.set(newest, (touch.reach, touch.stretch, 0));
-        finer.judge(judged, touch.judged);
-        let mut place = judged;
+        finer.classify(classified, touch.classified);
+        let mut place = classified;
         for coarser in lines {
             // An entry is complete with its second half.
             if place & 1 == 0 {
@@ -101,15 +101,15 @@ impl Octaves {
         }
     }
 
-    /// The judged samples of the last `samples`, oldest first, in the finest line that holds them; nothing where none
+    /// The classified samples of the last `samples`, oldest first, in the finest line that holds them; nothing where none
     /// does.
     pub fn window(&self, samples: u32, guard: u8) -> Option<Points> {
-        let judged = self.count.wrapping_sub(u32::from(guard));
-        // The first line's newest entries are not yet judged.
+        let classified = self.count.wrapping_sub(u32::from(guard));
+        // The first line's newest entries are not yet classified.
         let room = |line: usize| POINTS as u32 - 1 - if line == 0 { u32::from(guard) } else { 0 };
         let (number, line) = self.lines.iter().enumerate().find(|(number, _)| samples >> number < room(*number))?;
-        let end = judged >> number;
-        let start_sample = judged.wrapping_sub(samples);
+        let end = classified >> number;
+        let start_sample = classified.wrapping_sub(samples);
         let mut points = Points::new();
         for back in (1..=room(number)).rev() {
             let place = end.wrapping_sub(back);
@@ -130,8 +130,8 @@ mod tests {
     use super::*;
     use crate::backlash::step::fit;
 
-    fn touch(reach: i32, judged: i8) -> Touch {
-        Touch { reach, judged, ..Touch::default() }
+    fn touch(reach: i32, classified: i8) -> Touch {
+        Touch { reach, classified, ..Touch::default() }
     }
 
     /// A step on a straight line is found in every line, also where reach and count wrap.
@@ -146,11 +146,11 @@ mod tests {
             for n in 0..total + i32::from(GUARD) {
                 let before = n - total + half;
                 let reach = i32::MAX.wrapping_add(n.wrapping_mul(3)).wrapping_add(if before >= 0 { -1000 } else { 0 });
-                let judged = match before - i32::from(GUARD) {
+                let classified = match before - i32::from(GUARD) {
                     0.. => 1,
                     ..0 => -1,
                 };
-                octaves.push(&touch(reach, judged), GUARD);
+                octaves.push(&touch(reach, classified), GUARD);
             }
             let points = octaves.window(2 * half as u32, GUARD).unwrap();
             assert_eq!(u32::from(points.scale), number);

@@ -1,6 +1,6 @@
 //! All reversals together: outliers kept out, the others summed by their information.
 //!
-//! The latest 16 wait in a ring; a median judges each as it leaves, and what waits is judged when asked.
+//! The latest 16 wait in a ring; each is compared with their median as it leaves, and those that wait when the sums are read.
 
 use crate::backlash::step::Fit;
 
@@ -85,14 +85,14 @@ impl Pool {
 
     /// Takes a reversal; whether it agrees with those before it.
     pub fn take(&mut self, fit: &Fit) -> bool {
-        let judge = self.judge();
+        let outliers = self.outliers();
         let place = usize::from(self.next) % WAITING;
         if usize::from(self.filled) == WAITING {
             let leaving = self.waiting[place];
             if self.settled.accepted == 0 {
-                self.settled.origin = judge.median;
+                self.settled.origin = outliers.median;
             }
-            if judge.accepts(&leaving) {
+            if outliers.accepts(&leaving) {
                 self.settled.add(&leaving);
             } else {
                 self.settled.rejected = self.settled.rejected.saturating_add(1);
@@ -101,18 +101,18 @@ impl Pool {
         self.waiting[place] = *fit;
         self.next = self.next.wrapping_add(1);
         self.filled = (self.filled + 1).min(WAITING as u8);
-        judge.accepts(fit)
+        outliers.accepts(fit)
     }
 
     /// The sums as they stand, with what waits.
     pub fn sums(&self) -> Sums {
-        let judge = self.judge();
+        let outliers = self.outliers();
         let mut sums = self.settled;
         if sums.accepted == 0 {
-            sums.origin = judge.median;
+            sums.origin = outliers.median;
         }
         for fit in self.all_waiting() {
-            if judge.accepts(fit) {
+            if outliers.accepts(fit) {
                 sums.add(fit);
             } else {
                 sums.rejected = sums.rejected.saturating_add(1);
@@ -125,12 +125,12 @@ impl Pool {
         self.waiting.iter().take(usize::from(self.filled))
     }
 
-    fn judge(&self) -> Judge {
+    fn outliers(&self) -> Outliers {
         let count = usize::from(self.filled);
         let value = median(&self.waiting.map(|fit| i64::from(fit.value)), count) as i32;
         let spread = median(&self.waiting.map(|fit| (deviation(&fit, value) >> 1) as i64), count) as u64;
         let limit = if count < ENOUGH { u64::MAX } else { spread.saturating_mul(2 * OUTLIER) };
-        Judge { median: value, limit }
+        Outliers { median: value, limit }
     }
 }
 
@@ -154,12 +154,12 @@ fn deviation(fit: &Fit, from: i32) -> u64 {
 }
 
 /// Tells outliers.
-struct Judge {
+struct Outliers {
     median: i32,
     limit: u64,
 }
 
-impl Judge {
+impl Outliers {
     fn accepts(&self, fit: &Fit) -> bool {
         deviation(fit, self.median) <= self.limit
     }

@@ -1,8 +1,8 @@
-//! One reversal's gap: the step that is left when a polynomial has been taken out.
+//! The backlash of one reversal: the step that is left when a polynomial has been taken out.
 //!
 //! Discrete orthogonal polynomials over the firm entries by the three-term recurrence, normalised in Q30; reach and
 //! side are freed of each in turn. Degree 7 follows a sine over six tenths of its period so well that the step is
-//! wrong by 4e-5 of the amplitude at most. Degree 9 is the judge: where it explains more than noise, the window is too
+//! wrong by 4e-5 of the amplitude at most. Degree 9 is the check: where it explains more than noise, the window is too
 //! long and there is no value. Choosing the degree by the data would bias the value, as it picks the noise that hides
 //! what is missing.
 //! Source: G. E. Forsythe, "Generation and use of orthogonal polynomials for data-fitting", 1957.
@@ -11,13 +11,13 @@ use crate::qformat::{mul_shift, shift_right};
 
 /// Most entries.
 pub(crate) const POINTS: usize = 64;
-/// Degree of the value, and of its judge.
+/// Degree of the value, and of its check.
 const DEGREE: u32 = 7;
-const JUDGE: u32 = 9;
+const CHECK: u32 = 9;
 /// Fewest entries: four more than unknowns; and of these on either flank.
-const FEWEST: u32 = JUDGE + 6;
+const FEWEST: u32 = CHECK + 6;
 const FEWEST_ON_A_FLANK: u32 = 4;
-/// The judge's two degrees may explain this many times the noise of one.
+/// The check's two degrees may explain this many times the noise of one.
 const TOLERANCE: u64 = 8;
 /// Bits of the reach, so that products with Q30 add up in 64.
 const REACH_BITS: i32 = 25;
@@ -46,9 +46,9 @@ pub(crate) struct Points {
 /// What a reversal shows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Fit {
-    /// The gap [units].
+    /// The backlash [units].
     pub value: i32,
-    /// How much the judge would change it [units].
+    /// How much the check would change it [units].
     pub change: i32,
     /// Its part that comes from the stretch [units as shifted for the memory]: its derivative by the logarithm of the
     /// compliance.
@@ -178,7 +178,7 @@ impl Left {
     }
 }
 
-/// The gap of a window; nothing where the window cannot show it. The encoder's step and the stretch's noise are in
+/// The backlash of a window; nothing where the window cannot show it. The encoder's step and the stretch's noise are in
 /// units.
 pub(crate) fn fit(points: &Points, count_units: u32, noise_units: u32) -> Option<Fit> {
     let count = points.count();
@@ -204,15 +204,15 @@ pub(crate) fn fit(points: &Points, count_units: u32, noise_units: u32) -> Option
     let even = root((1_u64 << (2 * Q)) / u64::from(firm.max(1))) as i32;
     let mut polynomial = [even; POINTS];
     let mut norm = 0_i32;
-    let (mut value, mut judge, mut free_side) = (Left::default(), Left::default(), side);
-    for degree in 0..=JUDGE {
+    let (mut value, mut check, mut free_side) = (Left::default(), Left::default(), side);
+    for degree in 0..=CHECK {
         free(&mut reach, &polynomial, count);
         free(&mut side, &polynomial, count);
         if degree == DEGREE {
             value = Left::of(&reach, &side, count);
             free_side = side;
-        } else if degree == JUDGE {
-            judge = Left::of(&reach, &side, count);
+        } else if degree == CHECK {
+            check = Left::of(&reach, &side, count);
             break;
         }
         // The next one: (t - a) q - b q', normalised.
@@ -237,16 +237,16 @@ pub(crate) fn fit(points: &Points, count_units: u32, noise_units: u32) -> Option
     }
 
     // Noise of an entry: at least a third of the encoder's step noise, which averages over its samples, and at most
-    // that of a single sample and more. Beyond, the judge is as blind as what it judges.
-    let freedom = u64::from(firm - JUDGE - 2);
+    // that of a single sample and more. Beyond, the check fits no better than what it checks.
+    let freedom = u64::from(firm - CHECK - 2);
     let square = |value: u32| u64::from(value) * u64::from(value);
     let scaled = |squared: u64| shift_right(squared.min(1 << 38) as i64, -2 * up) as u64;
     let least = scaled(((square(count_units) / 40) >> points.scale) + 1).saturating_mul(freedom);
     let most = scaled(square(count_units).saturating_add(4 * square(noise_units))).saturating_mul(freedom);
-    let noise = judge.residual.max(least);
-    let gained = value.residual.saturating_sub(judge.residual);
-    let explained = gained.saturating_mul(freedom) < TOLERANCE.saturating_mul(noise) && judge.residual <= most;
-    if judge.side < LEAST_SIDE || !explained {
+    let noise = check.residual.max(least);
+    let gained = value.residual.saturating_sub(check.residual);
+    let explained = gained.saturating_mul(freedom) < TOLERANCE.saturating_mul(noise) && check.residual <= most;
+    if check.side < LEAST_SIDE || !explained {
         return None;
     }
     let stretch = points.stretch.map(i32::from);
@@ -257,7 +257,7 @@ pub(crate) fn fit(points: &Points, count_units: u32, noise_units: u32) -> Option
     let variance = inverse.times((variance.min(1 << 40) as i64) << 2, 2 * SIDE_BITS);
     Some(Fit {
         value: shift_right(-2 * value.half, up) as i32,
-        change: shift_right(2 * (judge.half - value.half), up) as i32,
+        change: shift_right(2 * (check.half - value.half), up) as i32,
         by_stretch: (-2 * inverse.times(stretch_across, SIDE_BITS)) as i32,
         variance: shift_right(variance, 2 * up).clamp(0, i64::from(u32::MAX)) as u32,
         weight: (value.side >> (2 * SIDE_BITS - 10) << points.scale).clamp(1, 1 << 24) as u32,
@@ -277,7 +277,7 @@ mod tests {
         fn a_step_on_a_polynomial_is_found(
             parts in prop::array::uniform8(-1.0_f64..1.0),
             size in 1e3_f64..1e7,
-            gap in -30_000_i32..30_000,
+            jump in -30_000_i32..30_000,
             flight in 0_u32..12,
             first in 14_u32..26,
             second in 14_u32..26,
@@ -288,12 +288,12 @@ mod tests {
                 let t = 2.0 * f64::from(place) / f64::from(all) - 1.0;
                 let smooth = parts.iter().rev().fold(0.0, |sum, part| sum * t * 0.4 + part) * size;
                 let side = if place < first { -1 } else if place < first + flight { 0 } else { 1 };
-                points.push((smooth - f64::from(i32::from(side) * gap) / 2.0) as i32, 0, side);
+                points.push((smooth - f64::from(i32::from(side) * jump) / 2.0) as i32, 0, side);
             }
             let found = fit(&points, 256, 0).unwrap();
             // The reach has 25 bits.
             let slack = 8.0 + 2.0_f64.powi(-20) * size * 8.0;
-            prop_assert!((f64::from(found.value - gap)).abs() <= slack, "{found:?} for {gap}, {slack}");
+            prop_assert!((f64::from(found.value - jump)).abs() <= slack, "{found:?} for {jump}, {slack}");
         }
 
         #[test]

@@ -1,4 +1,4 @@
-//! The gap, the stiffness and the damping of the contact, where the terminal has a displacement sensor of its own.
+//! The backlash, the stiffness and the damping of the contact, where the terminal has a displacement sensor of its own.
 //!
 //! While a flank is firm, `F = ks z + cs z' - s ks eps / 2 + c`, `z = x1 - x2`. Means over blocks of 4 ms enter the
 //! estimator's own least squares, in the order `[z', z, s, 1, F]`; a block counts when all its samples are firm on
@@ -7,14 +7,13 @@
 //! against the same regressors.
 //!
 //! Each flank's blocks are also summed by themselves. Where one flank follows the other, their means and the contact's
-//! law by all blocks so far give the gap of that one reversal; neighbouring reversals share a flank.
+//! law by all blocks so far give the backlash of that one reversal; neighbouring reversals share a flank.
 
-use crate::backlash::Newest;
-use crate::backlash::flanks::Touch;
-use crate::kernel::Term;
+use crate::backlash::flanks::{Newest, Touch};
+use crate::qformat::Term;
 use crate::rls::{Totals, products};
 
-/// Blocks kept: judgement may come two blocks late, and a second difference needs one on either side.
+/// Blocks kept: classification may come two blocks late, and a second difference needs one on either side.
 const BLOCKS: usize = 4;
 /// The side and the constant.
 pub(crate) const ONE: i32 = 1 << 20;
@@ -96,8 +95,8 @@ pub(crate) struct Terminal {
     /// Terminal and travel of the first sample in it.
     first: (i32, i32),
     filled: u16,
-    /// Samples until the first of a block is judged, then how many of it are.
-    judged: i16,
+    /// Samples until the first of a block is classified, then how many of it are.
+    classified: i16,
     side: i8,
     pub totals: Totals,
     /// Sums of the encoder's travel with `[z', z, s, 1]` and with itself.
@@ -123,7 +122,7 @@ impl Terminal {
             sums: Sums::NONE,
             first: (0, 0),
             filled: 0,
-            judged: 0,
+            classified: 0,
             side: 0,
             totals: Totals::new(),
             travel: [0; 5],
@@ -143,7 +142,7 @@ impl Terminal {
     /// Samples are missing: blocks begin anew. Displacements go on from where they count.
     pub fn interrupt(&mut self) {
         (self.filled, self.sums, self.side) = (0, Sums::NONE, 0);
-        self.judged = i16::MIN;
+        self.classified = i16::MIN;
         self.part();
         self.before = Flank::NONE;
     }
@@ -160,10 +159,10 @@ impl Terminal {
         if !self.started {
             self.started = true;
             self.origin = (sample.terminal, touch.position);
-            self.judged = i16::MIN;
+            self.classified = i16::MIN;
         }
-        if self.judged == i16::MIN {
-            self.judged = -i16::from(active.guard);
+        if self.classified == i16::MIN {
+            self.classified = -i16::from(active.guard);
         }
         let (terminal_origin, travel_origin) = self.origin;
         let terminal = sample.terminal.wrapping_sub(terminal_origin);
@@ -178,12 +177,12 @@ impl Terminal {
         if self.filled >= active.block {
             self.end(active, terminal, travel);
         }
-        if self.judged >= 0 {
-            self.side = if self.judged == 0 || self.side == touch.judged { touch.judged } else { 0 };
+        if self.classified >= 0 {
+            self.side = if self.classified == 0 || self.side == touch.classified { touch.classified } else { 0 };
         }
-        self.judged += 1;
-        if self.judged >= active.block as i16 {
-            self.judged = 0;
+        self.classified += 1;
+        if self.classified >= active.block as i16 {
+            self.classified = 0;
             if self.side != 0 {
                 self.learn(active, sample.index);
             }
@@ -207,10 +206,10 @@ impl Terminal {
         (self.sums, self.filled) = (Sums::NONE, 0);
     }
 
-    /// Takes the block that has just been judged.
+    /// Takes the block that has just been classified.
     #[inline(never)]
     fn learn(&mut self, active: &TerminalActive, index: u32) {
-        // Ended since the one that was judged: with a guard of one to two blocks, one or two.
+        // Ended since the one that was classified: with a guard of one to two blocks, one or two.
         let late = if u16::from(active.guard) >= 2 * active.block { 2 } else { 1 };
         let block = |back: u8| self.blocks[usize::from(self.ended.wrapping_sub(back)) % BLOCKS];
         let (after, here, before) = (block(late), block(late + 1), block(late + 2));
@@ -238,7 +237,7 @@ impl Terminal {
         }
     }
 
-    /// Adds a judged block to its flank, or begins a flank with it.
+    /// Adds a classified block to its flank, or begins a flank with it.
     fn follow(&mut self, active: &TerminalActive, index: u32, added: [i32; 3]) {
         let last = index.wrapping_sub(u32::from(active.guard));
         if self.flank.side != self.side {

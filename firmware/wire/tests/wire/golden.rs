@@ -7,7 +7,7 @@ use crate::reference;
 use crate::values::{
     longest_detail, longest_more_sums, longest_samples, longest_sums, most_settings, records, requests,
 };
-use inerter_core::{BacklashStatus, Bank, Changed, Conduct, Contact, Reason, Route};
+use inerter_core::{BacklashStatus, Bank, Changed, Contact, Reason, Regime, Route};
 use inerter_wire::*;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Debug;
@@ -93,7 +93,7 @@ fn numbers_are_pinned() {
             Record::Reply(_) => (5, "Reply"),
             Record::Settings(_) => (6, "Settings"),
             Record::Sums(_) => (7, "Sums"),
-            Record::Gap(_) => (8, "Gap"),
+            Record::Reversal(_) => (8, "Reversal"),
             Record::Detail(_) => (9, "Detail"),
             Record::MoreSums(_) => (10, "MoreSums"),
         };
@@ -216,25 +216,25 @@ fn nested_variants_are_covered() {
                 Bank::Fast => "more, fast",
                 Bank::Slow => "more, slow",
             },
-            Record::Gap(gap) => match gap.route {
-                Route::Force => "gap by force",
-                Route::Terminal => "gap by the terminal",
+            Record::Reversal(reversal) => match reversal.route {
+                Route::Force => "reversal by force",
+                Route::Terminal => "reversal by the terminal",
             },
             Record::Detail(detail) => {
                 seen.insert(match detail.contact {
                     Contact::Unknown => "contact unknown",
                     Contact::OneSided => "one-sided",
                     Contact::Closed => "closed",
-                    Contact::Gap => "gap",
+                    Contact::Backlash => "backlash",
                     Contact::Bouncing => "bouncing",
                 });
-                seen.insert(match detail.friction.conduct {
-                    Conduct::Unknown => "conduct unknown",
-                    Conduct::Coulomb => "coulomb",
-                    Conduct::Presliding => "presliding",
-                    Conduct::Stribeck => "stribeck",
+                seen.insert(match detail.friction.regime {
+                    Regime::Unknown => "regime unknown",
+                    Regime::Coulomb => "coulomb",
+                    Regime::Presliding => "presliding",
+                    Regime::Stribeck => "stribeck",
                 });
-                match detail.backlash.status {
+                match detail.backlash.status() {
                     BacklashStatus::NotIdentifiable(reason) => match reason {
                         Reason::ForceNeverReverses => "force never reverses",
                         Reason::TooFewReversals => "too few reversals",

@@ -2,13 +2,13 @@
 
 use crate::reference::Numbers;
 use inerter_core::{
-    Backlash, BacklashStatus, Band, Bank, Change, Changed, Conduct, Contact, Detail, Estimate, Friction, Gap, MoreSums,
-    Parameter, Parameters, RawSample, Reason, Route, Status, Sums,
+    Backlash, BacklashSize, Band, Bank, Change, Changed, Contact, Detail, Estimate, Friction, Interval, MoreSums,
+    Parameter, Parameters, RawSample, Reason, Regime, Reversal, Route, Status, Sums,
 };
 use inerter_wire::*;
 
 fn parameter(value: f32, u95: f32, status: Status) -> Parameter {
-    Parameter { value, u95, status }
+    Parameter::new(Interval { value, u95 }, status)
 }
 
 pub fn hello() -> Hello {
@@ -75,7 +75,7 @@ pub fn health() -> Health {
         dropped_frames: 3,
         bad_frames: 1,
         lost_samples: 5_000_000_000,
-        gaps: 2,
+        discontinuities: 2,
         overruns: 1,
         saturated: 7,
         cpu_load_permille: Some(125),
@@ -146,8 +146,8 @@ pub fn longest_more_sums() -> MoreSums {
     MoreSums { index: u32::MAX, bank: Bank::Slow, updates: u32::MAX, units: [f64::MIN; 2], sums: [i128::MIN; 13] }
 }
 
-pub fn gap() -> Gap {
-    Gap { index: 20_000, value_m: 5.25e-5, error_m: 1.5e-6, route: Route::Force, rising: true }
+pub fn reversal() -> Reversal {
+    Reversal { index: 20_000, value_m: 5.25e-5, error_m: 1.5e-6, route: Route::Force, rising: true }
 }
 
 /// What goes with [`estimate`], of a device with a terminal displacement sensor.
@@ -156,16 +156,14 @@ pub fn detail() -> Detail {
         index: 20_000,
         band: Band { low_hz: 3.0, high_hz: 6.5 },
         backlash: Backlash {
-            value_m: 5e-5,
-            u95_m: 2e-6,
-            status: BacklashStatus::Ok,
+            size: BacklashSize::Ok(Interval { value: 5e-5, u95: 2e-6 }),
             route: Route::Terminal,
             reversals: 130,
         },
-        contact: Contact::Gap,
+        contact: Contact::Backlash,
         stiffness_n_per_m: parameter(2.1e6, 4e3, Status::Ok),
         contact_damping_n_s_per_m: parameter(1200.0, 100.0, Status::Held),
-        friction: Friction { reversal_ratio: Some(0.9375), conduct: Conduct::Coulomb },
+        friction: Friction { reversal_ratio: Some(0.9375), regime: Regime::Coulomb },
         changes: 3,
     }
 }
@@ -185,8 +183,7 @@ pub fn longest_detail() -> Detail {
 }
 
 fn without(reason: Reason) -> Backlash {
-    let status = BacklashStatus::NotIdentifiable(reason);
-    Backlash { value_m: 0.0, u95_m: f32::INFINITY, status, route: Route::Force, reversals: 2 }
+    Backlash { size: BacklashSize::NotIdentifiable(reason), route: Route::Force, reversals: 2 }
 }
 
 fn few_settings() -> SettingsValues {
@@ -207,7 +204,7 @@ fn reply(result: Result<Done, Refusal>) -> Record {
 /// Names and records for the goldens.
 pub fn records() -> Vec<(&'static str, Record)> {
     let backlash = |backlash, contact| Record::Detail(Detail { backlash, contact, ..detail() });
-    let conduct = |conduct| Record::Detail(Detail { friction: Friction { reversal_ratio: None, conduct }, ..detail() });
+    let regime = |regime| Record::Detail(Detail { friction: Friction { reversal_ratio: None, regime }, ..detail() });
     let bad = |fault| reply(Err(Refusal::BadSetting { number: 8, fault }));
     vec![
         ("Hello", Record::Hello(hello())),
@@ -273,24 +270,27 @@ pub fn records() -> Vec<(&'static str, Record)> {
         ("Sums.empty", Record::Sums(Sums { updates: 0, units: [1.0; 5], sums: [0; 15], ..sums() })),
         ("Sums.least", Record::Sums(longest_sums())),
         ("Sums.greatest", Record::Sums(Sums { units: [f64::MAX; 5], sums: [i128::MAX; 15], ..longest_sums() })),
-        ("Gap", Record::Gap(gap())),
-        ("Gap.terminal", Record::Gap(Gap { route: Route::Terminal, rising: false, ..gap() })),
-        ("Gap.default", Record::Gap(Gap::default())),
+        ("Reversal", Record::Reversal(reversal())),
+        ("Reversal.terminal", Record::Reversal(Reversal { route: Route::Terminal, rising: false, ..reversal() })),
+        ("Reversal.default", Record::Reversal(Reversal::default())),
         ("Detail", Record::Detail(detail())),
         ("Detail.default", Record::Detail(Detail::default())),
         ("Detail.longest", Record::Detail(longest_detail())),
         ("Detail.ForceNeverReverses", backlash(without(Reason::ForceNeverReverses), Contact::OneSided)),
         ("Detail.TooFewReversals", backlash(without(Reason::TooFewReversals), Contact::Unknown)),
         ("Detail.FlankTooShort", backlash(without(Reason::FlankTooShort), Contact::Bouncing)),
-        ("Detail.StiffnessUnknown", backlash(without(Reason::StiffnessUnknown), Contact::Gap)),
+        ("Detail.StiffnessUnknown", backlash(without(Reason::StiffnessUnknown), Contact::Backlash)),
         ("Detail.Scattered", backlash(without(Reason::Scattered), Contact::Bouncing)),
         (
             "Detail.BelowU95",
-            backlash(Backlash { status: BacklashStatus::BelowU95, ..detail().backlash }, Contact::Closed),
+            backlash(
+                Backlash { size: BacklashSize::BelowU95(Interval { value: 5e-5, u95: 2e-6 }), ..detail().backlash },
+                Contact::Closed,
+            ),
         ),
-        ("Detail.Unknown", conduct(Conduct::Unknown)),
-        ("Detail.Presliding", conduct(Conduct::Presliding)),
-        ("Detail.Stribeck", conduct(Conduct::Stribeck)),
+        ("Detail.Unknown", regime(Regime::Unknown)),
+        ("Detail.Presliding", regime(Regime::Presliding)),
+        ("Detail.Stribeck", regime(Regime::Stribeck)),
         ("MoreSums", Record::MoreSums(more_sums())),
         ("MoreSums.slow", Record::MoreSums(MoreSums { bank: Bank::Slow, ..more_sums() })),
         ("MoreSums.empty", Record::MoreSums(MoreSums { updates: 0, units: [1.0; 2], sums: [0; 13], ..more_sums() })),

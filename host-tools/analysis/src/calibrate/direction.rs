@@ -2,7 +2,7 @@
 //!
 //! A reversed one of them makes the inertance negative, which nothing else does.
 
-use inerter_core::Status;
+use inerter_core::Interval;
 use inerter_data::{replay::Outcome, run::Run};
 
 use super::{CalibrateError, Finding, Step, finding::Level};
@@ -32,10 +32,11 @@ pub fn refuse_saturated(outcome: &Outcome, run: &Run) -> Result<(), CalibrateErr
 pub fn direction(run: &Run, outcome: &Outcome, known: Known) -> Result<Finding, CalibrateError> {
     refuse_saturated(outcome, run)?;
     let inertance = outcome.estimate.whole_run.inertance_kg;
-    if inertance.status != Status::Ok || !inertance.value.is_finite() || inertance.value.abs() <= inertance.u95 {
+    let clear = |found: &Interval| found.value.is_finite() && found.value.abs() > found.u95;
+    let Some(Interval { value, u95 }) = inertance.ok().filter(clear) else {
         return Err(CalibrateError::NoMotion);
-    }
-    let (value, u95) = (f64::from(inertance.value), f64::from(inertance.u95));
+    };
+    let (value, u95) = (f64::from(value), f64::from(u95));
     let mut finding = Finding::new(Step::Direction);
     finding.measure("inertance_kg", value);
     finding.measure("inertance_u95_kg", u95);

@@ -21,7 +21,8 @@ mod uncertainty;
 mod validation;
 mod whiteness;
 
-use inerter_core::{BacklashStatus, Conduct, Parameter, Settings, Status};
+use inerter_core::constants::{FAST_BOX_S, STRUCTURE_MODEL_U95};
+use inerter_core::{Backlash, BacklashSize, Interval, Parameter, Regime, Settings};
 use inerter_plant::Excitation;
 
 use complete::{Fitted, Known, State, Task, counting, prediction};
@@ -50,8 +51,6 @@ const SHORTEST_S: f64 = 2.0;
 const MOST_SAMPLES: usize = 400_000;
 /// Part of each file that is fitted when the rest validates.
 const FITTED: f64 = 0.7;
-/// Model error of the structure mass, as in core.
-const STRUCTURE_MODEL_U95: f64 = 0.05;
 /// Band about the device's own frequency in which the terminal's motion is kept whatever its size.
 const OWN_BAND: f64 = 2.0;
 /// Band in which the encoder's displacement is differentiated twice, about that of the estimator's kernels \[Hz\].
@@ -93,8 +92,7 @@ pub fn identify(runs: &[Run], options: &Options, progress: &mut dyn FnMut(f64)) 
         return Err((*error).into());
     }
     let start = start(runs, &lines);
-    let known: Vec<bool> =
-        runs.iter().map(|run| options.excite.is_some() || run.settings.terminal_sensor > 0.0).collect();
+    let known: Vec<bool> = runs.iter().map(|run| options.excite.is_some() || run.settings.terminal_sensor).collect();
     let mut notes = notes(runs, &lines);
     if !known.contains(&true) {
         if options.staged {
@@ -164,16 +162,16 @@ fn notes(runs: &[Run], lines: &[Linear]) -> Vec<String> {
     let mut notes = Vec::new();
     for (run, line) in runs.iter().zip(lines) {
         let name = &run.name;
-        match line.outcome.detail.friction.conduct {
-            Conduct::Presliding => {
+        match line.outcome.detail.friction.regime {
+            Regime::Presliding => {
                 notes.push(format!("{name}: friction turns over a distance, which the model has not: it jumps there"));
             }
-            Conduct::Stribeck => {
+            Regime::Stribeck => {
                 notes.push(format!(
                     "{name}: friction is greater near rest, which the model has not: it is one number there"
                 ));
             }
-            Conduct::Unknown | Conduct::Coulomb => {}
+            Regime::Unknown | Regime::Coulomb => {}
         }
         if line.outcome.detail.changes > 0 {
             notes.push(format!(
@@ -261,15 +259,13 @@ fn task(runs: &[Run], options: &Options) -> Task {
 /// Where to begin: what the estimator says of the files, each parameter from the file that knows it best.
 fn start(runs: &[Run], lines: &[Linear]) -> Parameters {
     let best = |of: &dyn Fn(&Linear) -> Parameter| -> Option<f64> {
-        let known = lines.iter().map(of).filter(|p| p.status != Status::NotIdentifiable && p.value.is_finite());
+        let known = lines.iter().filter_map(|line| of(line).known()).filter(|known| known.value.is_finite());
         known.min_by(|a, b| (a.u95 / a.value.abs()).total_cmp(&(b.u95 / b.value.abs()))).map(|p| f64::from(p.value))
     };
     let settings = runs.first().map(|run| run.settings).unwrap_or_default();
     let set = |value: f64| Some(value).filter(|value| *value > 0.0);
-    let gaps = lines.iter().map(|line| line.outcome.detail.backlash);
-    let gap = gaps
-        .filter(|gap| !matches!(gap.status, BacklashStatus::NotIdentifiable(_)))
-        .min_by(|a, b| a.u95_m.total_cmp(&b.u95_m));
+    let backlash =
+        lines.iter().filter_map(|line| line.outcome.detail.backlash.known()).min_by(|a, b| a.u95.total_cmp(&b.u95));
     let inertance = best(&|line| line.outcome.estimate.whole_run.inertance_kg)
         .filter(|mass| *mass > 0.0)
         .or_else(|| runs.iter().find_map(rough_inertance_kg))
@@ -285,7 +281,7 @@ fn start(runs: &[Run], lines: &[Linear]) -> Parameters {
         contact_damping_n_s_per_m: damping
             .or_else(|| set(settings.contact_damping_n_s_per_m))
             .unwrap_or_else(|| light_damping(stiffness, inertance)),
-        backlash_m: gap.map_or(0.0, |gap| f64::from(gap.value_m)).max(0.0),
+        backlash_m: backlash.map_or(0.0, |known| f64::from(known.value)).max(0.0),
         structure_mass_kg: settings.structure_mass_kg,
         offset_n: best(&|line| line.outcome.estimate.whole_run.offset_n).unwrap_or(0.0),
         skew_s: settings.skew_s,
@@ -366,17 +362,20 @@ fn linear_only(runs: &[Run], lines: Vec<Linear>, notes: Vec<String>) -> Result<I
     }
     let Some(whole) = whole else { return Err(FitError::TooShort { observations: 0.0 }.into()) };
     let law = directions(&whole, &settings, None)?.symmetric;
-    let found = |parameter: Parameter, symbol: &str| match parameter.status {
-        Status::NotIdentifiable => Found::unknown(format!("this motion hardly depends on {symbol}")),
-        Status::Ok | Status::Held => Found::known(parameter.value.into(), parameter.u95.into()),
+    let found = |parameter: Parameter, symbol: &str| match parameter.known() {
+        None => Found::unknown(format!("this motion hardly depends on {symbol}")),
+        Some(Interval { value, u95 }) => Found::known(value.into(), u95.into()),
     };
     let no_terminal = || Found::unknown("needs the terminal's displacement, or a stated motion (--excite)");
-    let gaps = lines.iter().map(|line| line.outcome.detail.backlash);
-    let gap = gaps.min_by(|a, b| a.u95_m.total_cmp(&b.u95_m));
-    let backlash = match gap {
-        Some(gap) if gap.status == BacklashStatus::Ok => Found::known(gap.value_m.into(), gap.u95_m.into()),
-        Some(gap) if gap.status == BacklashStatus::BelowU95 => {
-            Found { status: Standing::BelowU95, ..Found::known(gap.value_m.into(), gap.u95_m.into()) }
+    let sizes = lines.iter().map(|line| line.outcome.detail.backlash);
+    let narrowest = sizes.filter(|backlash| backlash.known().is_some()).min_by(|a, b| {
+        let u95 = |backlash: &Backlash| backlash.known().map_or(f32::INFINITY, |known| known.u95);
+        u95(a).total_cmp(&u95(b))
+    });
+    let backlash = match narrowest.map(|backlash| backlash.size) {
+        Some(BacklashSize::Ok(Interval { value, u95 })) => Found::known(value.into(), u95.into()),
+        Some(BacklashSize::BelowU95(Interval { value, u95 })) => {
+            Found { status: Standing::BelowU95, ..Found::known(value.into(), u95.into()) }
         }
         _ if settings.stiffness_n_per_m == 0.0 => {
             Found::unknown("needs the terminal's displacement, or the stiffness (--set stiffness_n_per_m=..)")
@@ -408,7 +407,7 @@ fn linear_only(runs: &[Run], lines: Vec<Linear>, notes: Vec<String>) -> Result<I
         route: Route::Linear,
         parameters,
         start: None,
-        offsets_n: vec![f64::from(law.offset_n.value)],
+        offsets_n: vec![f64::from(law.offset_n.fitted().value)],
         correlation,
         residual_rms_n: whole.judging(&whole)?.0,
         residual_rms_m: None,
@@ -432,7 +431,7 @@ fn law_residual(parameters: &Parameters, run: &Run) -> Vec<f64> {
     let force = predicted(parameters, &series);
     let measured = series.stretches.iter().flat_map(|stretch| &stretch.force_n);
     let left: Vec<f64> = measured.zip(&force).map(|(measured, predicted)| measured - predicted).collect();
-    let length = ((0.016 / series.period_s) as usize).max(1);
+    let length = ((FAST_BOX_S / series.period_s) as usize).max(1);
     left.chunks(length).map(|part| part.iter().sum::<f64>() / part.len() as f64).collect()
 }
 

@@ -86,7 +86,7 @@ pub struct Start {
 
 /// What the flanks do.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Contact {
+enum Touch {
     /// There is no gap.
     Closed,
     /// On this side, 1 or -1.
@@ -110,7 +110,7 @@ struct Screw<'a> {
     v2: f64,
     /// Direction of slip; 0 is stuck.
     direction: f64,
-    contact: Contact,
+    contact: Touch,
 }
 
 /// Moves the terminal and listens.
@@ -171,9 +171,9 @@ impl<'a> Screw<'a> {
         let half_gap = 0.5 * device.backlash_m.max(0.0);
         let apart = first[0] - start.position_m;
         let contact = match apart {
-            _ if half_gap == 0.0 => Contact::Closed,
-            apart if apart.abs() > half_gap => Contact::Flank(apart.signum()),
-            _ => Contact::Flight,
+            _ if half_gap == 0.0 => Touch::Closed,
+            apart if apart.abs() > half_gap => Touch::Flank(apart.signum()),
+            _ => Touch::Flight,
         };
         let (x2, v2) = (start.position_m, start.velocity_m_per_s);
         let mut screw = Self { device, half_gap, x2, v2, direction: sign(v2), contact };
@@ -187,9 +187,9 @@ impl<'a> Screw<'a> {
     fn spring(&self) -> (f64, f64, f64) {
         let (ks, cs) = (self.device.stiffness_n_per_m, self.device.contact_damping_n_s_per_m);
         match self.contact {
-            Contact::Closed => (ks, cs, 0.0),
-            Contact::Flank(side) => (ks, cs, side * self.half_gap),
-            Contact::Flight => (0.0, 0.0, 0.0),
+            Touch::Closed => (ks, cs, 0.0),
+            Touch::Flank(side) => (ks, cs, side * self.half_gap),
+            Touch::Flight => (0.0, 0.0, 0.0),
         }
     }
 
@@ -286,7 +286,7 @@ impl<'a> Screw<'a> {
         };
         let (ks, cs, relaxed) = self.spring();
         if self.direction == 0.0 {
-            if self.contact != Contact::Flight {
+            if self.contact != Touch::Flight {
                 let force = |u: f64| ks * (value(x1, u) - self.x2 - relaxed) + cs * slope(x1, u) / h;
                 offer(&|u| self.device.coulomb_n - force(u), Change::Free(1.0));
                 offer(&|u| self.device.coulomb_n + force(u), Change::Free(-1.0));
@@ -296,9 +296,9 @@ impl<'a> Screw<'a> {
         }
         let apart = |u: f64| value(x1, u) - value(x2, u);
         match self.contact {
-            Contact::Closed => {}
-            Contact::Flank(side) => offer(&|u| side * apart(u) - self.half_gap, Change::Part),
-            Contact::Flight => {
+            Touch::Closed => {}
+            Touch::Flank(side) => offer(&|u| side * apart(u) - self.half_gap, Change::Part),
+            Touch::Flight => {
                 offer(&|u| self.half_gap - apart(u), Change::Meet(1.0));
                 offer(&|u| self.half_gap + apart(u), Change::Meet(-1.0));
             }
@@ -313,9 +313,9 @@ impl<'a> Screw<'a> {
                 self.v2 = 0.0;
                 self.hold_or_free(self.force(x1, v1));
             }
-            Change::Part => self.contact = Contact::Flight,
+            Change::Part => self.contact = Touch::Flight,
             Change::Meet(side) => {
-                self.contact = Contact::Flank(side);
+                self.contact = Touch::Flank(side);
                 if self.direction == 0.0 {
                     self.hold_or_free(self.force(x1, v1));
                 }

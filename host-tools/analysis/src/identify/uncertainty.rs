@@ -9,6 +9,7 @@
 //! the parameters scatter when the steps are those of an encoder elsewhere in its count.
 
 use inerter_core::Settings;
+use inerter_core::constants::{COVERAGE, WIDEST_INTERVAL};
 use nalgebra::{DMatrix, DVector};
 
 use super::{
@@ -19,10 +20,6 @@ use super::{
     result::{Correlation, Found, Standing},
 };
 
-/// Standard errors in the interval, as in core.
-pub const COVERAGE: f64 = 3.0;
-/// A parameter whose interval is wider than this part of its value is not identifiable, as in core.
-const WIDEST_INTERVAL: f64 = 0.5;
 /// Places within a count that are tried.
 const PHASES: usize = 8;
 /// Correlation at which two parameters are named together.

@@ -44,7 +44,7 @@ pub fn to_run(mut table: Table, overrides: &Overrides) -> Result<Run, Error> {
 
     if !table.terminal_m.is_empty() {
         match overrides.get("terminal_sensor") {
-            None => settings.terminal_sensor = 1.0,
+            None => settings.terminal_sensor = true,
             Some(0.0) => notes.push(format!(
                 "{file}: the column terminal_m is left alone, as the settings say terminal_sensor = 0; \
                  --set terminal_sensor=1 uses it"

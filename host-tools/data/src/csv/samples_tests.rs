@@ -50,15 +50,12 @@ fn a_column_for_the_terminal_is_a_sensor_unless_it_is_switched_off() {
         let run = to_run(table.clone(), &overrides(&[&["metres_per_count=1e-6"], more].concat())).unwrap();
         (run.settings.terminal_sensor, run.notes.join("\n"))
     };
-    let silent = |sensor: f64| (sensor, String::new());
-    assert_eq!((sensor(&with, &[]), sensor(&without, &[])), (silent(1.0), silent(0.0)));
-    assert_eq!(sensor(&with, &["terminal_sensor=1"]), silent(1.0));
-    assert_eq!(sensor(&without, &["terminal_sensor=0"]), silent(0.0));
+    let silent = |sensor: bool| (sensor, String::new());
+    assert_eq!((sensor(&with, &[]), sensor(&without, &[])), (silent(true), silent(false)));
+    assert_eq!(sensor(&with, &["terminal_sensor=1"]), silent(true));
+    assert_eq!(sensor(&without, &["terminal_sensor=0"]), silent(false));
     let (off, note) = sensor(&with, &["terminal_sensor=0"]);
-    assert!(
-        off == 0.0 && note.contains("terminal_m is left alone") && note.contains("--set terminal_sensor=1"),
-        "{note}"
-    );
+    assert!(!off && note.contains("terminal_m is left alone") && note.contains("--set terminal_sensor=1"), "{note}");
 }
 
 #[test]

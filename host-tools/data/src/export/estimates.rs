@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use inerter_core::{Detail, Estimate, Parameter, Status};
+use inerter_core::{Detail, Estimate, Parameter};
 use inerter_wire::EstimatorEvent;
 use inerter_wire::{
     Frame, Record,
@@ -143,10 +143,7 @@ fn row(t_s: f64, source: &Source, estimate: &Estimate, detail: Option<&Detail>) 
     let values = measured.map(|(detail, _)| [detail.stiffness_n_per_m, detail.contact_damping_n_s_per_m]);
     for (number, field) in contact.enumerate() {
         let parameter = values.and_then(|values| values.get(number).copied());
-        row.extend(match parameter {
-            Some(parameter) => pair("", field, &parameter),
-            None => pair("", field, &Parameter { status: Status::NotIdentifiable, value: 0.0, u95: f32::NAN }),
-        });
+        row.extend(pair("", field, &parameter.unwrap_or_default()));
     }
     let band = detail.as_ref().and_then(|(_, json)| json.band_hz);
     row.push(("band_low_hz".into(), "Hz", band.map(|[low, _]| low.into())));
@@ -157,11 +154,11 @@ fn row(t_s: f64, source: &Source, estimate: &Estimate, detail: Option<&Detail>) 
 
 /// A parameter and its interval: `inertance_kg`, `inertance_u95_kg`.
 fn pair(prefix: &str, field: &'static Field, parameter: &Parameter) -> [Cell; 2] {
-    let known = parameter.status != Status::NotIdentifiable;
+    let known = parameter.known();
     let suffix = format!("_{}", field.unit.to_lowercase().replace('/', "_per_").replace(' ', "_"));
     let stem = field.path.strip_suffix(suffix.as_str()).unwrap_or(field.path);
     [
-        (format!("{prefix}{}", field.path), field.unit, Some(f64::from(parameter.value)).filter(|_| known)),
-        (format!("{prefix}{stem}_u95{suffix}"), field.unit, Some(f64::from(parameter.u95)).filter(|_| known)),
+        (format!("{prefix}{}", field.path), field.unit, known.map(|known| known.value.into())),
+        (format!("{prefix}{stem}_u95{suffix}"), field.unit, known.map(|known| known.u95.into())),
     ]
 }

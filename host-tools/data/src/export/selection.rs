@@ -6,7 +6,7 @@ use super::{
     columns::{Batch, Column},
     source::Source,
 };
-use crate::{output::OutputError, settings::has_terminal_sensor};
+use crate::output::OutputError;
 
 /// A format for other tools.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -67,7 +67,7 @@ impl Selection {
             #[cfg(feature = "matlab")]
             Format::Mat => WHOLE,
         };
-        let terminal = has_terminal_sensor(&source.settings).then_some(Column::Terminal);
+        let terminal = source.settings.terminal_sensor.then_some(Column::Terminal);
         self.columns.clone().unwrap_or_else(|| usual.iter().copied().chain(terminal).collect())
     }
 }

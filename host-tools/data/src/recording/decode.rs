@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::{messages::Framing, samples::Extent};
 use crate::{
-    json::{EstimateJson, EventJson, GapJson, health_json, rounded_s},
+    json::{EstimateJson, EventJson, ReversalJson, health_json, rounded_s},
     series::{Converter, Point},
     text::elapsed_s,
 };
@@ -23,7 +23,7 @@ const GAP_S: f64 = 0.1;
 pub(super) enum Channel {
     Motion,
     Estimate,
-    Gap,
+    Reversal,
     Event,
     Health,
     Marker,
@@ -31,13 +31,13 @@ pub(super) enum Channel {
 
 impl Channel {
     pub(super) const ALL: [Self; 6] =
-        [Self::Marker, Self::Motion, Self::Estimate, Self::Gap, Self::Event, Self::Health];
+        [Self::Marker, Self::Motion, Self::Estimate, Self::Reversal, Self::Event, Self::Health];
 
     pub(super) fn topic(self) -> &'static str {
         match self {
             Self::Motion => "motion",
             Self::Estimate => "estimate",
-            Self::Gap => "gap",
+            Self::Reversal => "gap",
             Self::Event => "event",
             Self::Health => "health",
             Self::Marker => super::MARKER_TOPIC,
@@ -69,7 +69,7 @@ pub(super) struct Decoder {
     motion: Motion,
     estimate: Option<Estimate>,
     estimates: Sparse,
-    gaps: Sparse,
+    reversals: Sparse,
 }
 
 /// Lets through what comes often only now and then.
@@ -105,7 +105,7 @@ impl Decoder {
             motion: Motion::default(),
             estimate: None,
             estimates: Sparse::new(ESTIMATE_S),
-            gaps: Sparse::new(GAP_S),
+            reversals: Sparse::new(GAP_S),
         }
     }
 
@@ -138,10 +138,10 @@ impl Decoder {
                     self.estimate(&estimate, Some(&detail), said);
                 }
             }
-            Record::Gap(gap) => {
-                let t_s = self.time_s(gap.index);
-                if t_s.is_none_or(|t_s| self.gaps.is_due(t_s)) {
-                    say(said, Channel::Gap, &GapJson::new(t_s, &gap));
+            Record::Reversal(reversal) => {
+                let t_s = self.time_s(reversal.index);
+                if t_s.is_none_or(|t_s| self.reversals.is_due(t_s)) {
+                    say(said, Channel::Reversal, &ReversalJson::new(t_s, &reversal));
                 }
             }
             Record::Event(event) => {

@@ -1,4 +1,4 @@
-use inerter_core::{Estimate, Gap, RawSample, Route, Settings, State};
+use inerter_core::{Estimate, Published, RawSample, Reversal, Route, Settings, State};
 use inerter_wire::{
     Capabilities, ClockSource, Event, EventKind, Health, Hello, MAX_FRAME, Samples, SequenceCounter, WIRE_VERSION,
     encode_record,
@@ -60,10 +60,11 @@ fn others(time_ns: u64) -> [Record; 5] {
     let active = settings.validate().unwrap();
     let state = State::new(&active);
     let index = (time_ns / 1_000_000) as u32;
+    let Published { estimate, detail } = active.publish(&state);
     [
-        Record::Estimate(Estimate { index, ..active.estimate(&state) }),
-        Record::Detail(active.detail(&state)),
-        Record::Gap(Gap { index, value_m: 1e-5, error_m: 1e-6, route: Route::Force, rising: true }),
+        Record::Estimate(Estimate { index, ..estimate }),
+        Record::Detail(detail),
+        Record::Reversal(Reversal { index, value_m: 1e-5, error_m: 1e-6, route: Route::Force, rising: true }),
         Record::Event(Event { index, kind: EventKind::EstimatorReset }),
         Record::Health(Health { index, ..Health::default() }),
     ]

@@ -14,7 +14,7 @@ pub(super) fn schema(channel: Channel) -> String {
     let (title, properties) = match channel {
         Channel::Motion => ("Means over 50 ms of samples", motion()),
         Channel::Estimate => ("What the device estimated, once a second", estimate()),
-        Channel::Gap => ("Backlash by one reversal of the flanks alone, at most ten a second", gap()),
+        Channel::Reversal => ("Backlash by one reversal of the flanks alone, at most ten a second", gap()),
         Channel::Event => ("Something that happened once", event()),
         Channel::Health => ("How the device is doing", health()),
         Channel::Marker => ("What somebody wrote down while it was recorded", marker()),

@@ -3,7 +3,7 @@
 use inerter_core::Settings;
 use inerter_data::{
     json::rounded_s,
-    json::{EstimateJson, EventJson, GapJson, health_json, json_line},
+    json::{EstimateJson, EventJson, ReversalJson, health_json, json_line},
     output,
     text::{self, event_words},
     words::plural,
@@ -49,7 +49,7 @@ impl Viewer for Json {
             Item::Estimate { t_s, estimate, detail, .. } => {
                 json_line(&EstimateJson::live(*t_s, estimate, detail.as_ref(), &self.settings))
             }
-            Item::Gap { t_s, gap } => json_line(&GapJson::new(*t_s, gap)),
+            Item::Reversal { t_s, reversal } => json_line(&ReversalJson::new(*t_s, reversal)),
             Item::Health(health) => json_line(&health_json(health)),
             Item::Event { t_s, event, .. } => json_line(&EventJson::new(*t_s, event.index, &event.kind)),
             Item::LostFrames(count) => json_line(&json!({ "kind": "link", "lost_frames": count })),
@@ -94,7 +94,7 @@ impl Viewer for Lines {
             Item::Marker { text, .. } => note(format!("marker: {text}")),
             Item::Away { reason } => note(reason),
             Item::Back { port } => note(back(port)),
-            Item::Settings(_) | Item::Samples(_) | Item::Gap { .. } => {}
+            Item::Settings(_) | Item::Samples(_) | Item::Reversal { .. } => {}
         }
         Ok(())
     }

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use inerter_data::{
     export::Source,
-    json::{EstimateJson, EventJson, GapJson, json_line},
+    json::{EstimateJson, EventJson, ReversalJson, json_line},
     output,
     replay::replay_samples,
     text::{self, change_words},
@@ -94,7 +94,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
 /// What is no estimate: every one in JSON; a person sees the changes, and the scatter of the reversals as an interval.
 pub fn tell(t_s: f64, news: &EstimatorEvent, json: bool, header: &mut bool) -> Result<(), Error> {
     match news {
-        EstimatorEvent::Reversal(gap) if json => output::line(json_line(&GapJson::new(Some(t_s), gap)))?,
+        EstimatorEvent::Reversal(reversal) if json => output::line(json_line(&ReversalJson::new(Some(t_s), reversal)))?,
         EstimatorEvent::Changed(change) if json => {
             output::line(json_line(&EventJson::new(Some(t_s), change.index, &EventKind::Changed(*change))))?;
         }

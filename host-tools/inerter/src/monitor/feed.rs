@@ -1,6 +1,6 @@
 //! From frames to what can be shown: samples in SI units, estimates with what goes with them, and when each was.
 
-use inerter_core::{Detail, Estimate, Gap, Settings};
+use inerter_core::{Detail, Estimate, Reversal, Settings};
 use inerter_data::{series::Converter, text};
 use inerter_device::{Device, Received};
 use inerter_wire::{Event, EventKind, Frame, Health, Hello, Record};
@@ -65,11 +65,11 @@ pub enum Item {
         detail: Option<Detail>,
     },
     /// An accepted reversal.
-    Gap {
+    Reversal {
         /// Time since the estimator began, where that is known \[s\].
         t_s: Option<f64>,
         /// The reversal.
-        gap: Gap,
+        reversal: Reversal,
     },
     /// The device's health.
     Health(Health),
@@ -215,9 +215,9 @@ impl Feed {
             Record::Detail(detail) if self.waiting.is_some_and(|(_, estimate)| estimate.index == detail.index) => {
                 self.publish(Some(*detail), show);
             }
-            Record::Gap(gap) => {
+            Record::Reversal(reversal) => {
                 self.publish(None, show);
-                show(Item::Gap { t_s: self.time_of(gap.index), gap: *gap });
+                show(Item::Reversal { t_s: self.time_of(reversal.index), reversal: *reversal });
             }
             Record::Health(health) => show(Item::Health(*health)),
             Record::Event(event) => {

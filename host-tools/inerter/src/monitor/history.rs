@@ -1,7 +1,7 @@
 //! Parameters over the whole run in bounded memory: when it is full, every other entry goes, and from then on only
 //! every other estimate is taken.
 
-use inerter_core::{BacklashStatus, Detail, Estimate, Status};
+use inerter_core::{Detail, Estimate, Interval};
 use inerter_wire::catalogue;
 
 /// Entries that are kept; a number that halves without rest.
@@ -42,16 +42,11 @@ impl Entry {
     /// What an estimate with its detail says.
     pub fn new(run_s: f64, estimate: &Estimate, detail: Option<&Detail>) -> Self {
         let mut points = [Point::NONE; QUANTITIES];
-        let parameters = catalogue::parameters(&estimate.recent).map(|(_, parameter)| match parameter.status {
-            Status::NotIdentifiable => Point::NONE,
-            Status::Held | Status::Ok => Point { value: parameter.value, u95: parameter.u95 },
-        });
-        let backlash = detail.map_or(Point::NONE, |detail| match detail.backlash.status {
-            BacklashStatus::NotIdentifiable(_) => Point::NONE,
-            BacklashStatus::Ok | BacklashStatus::BelowU95 => {
-                Point { value: detail.backlash.value_m * 1e6, u95: detail.backlash.u95_m * 1e6 }
-            }
-        });
+        let point = |known: Option<Interval>, scale: f32| {
+            known.map_or(Point::NONE, |Interval { value, u95 }| Point { value: value * scale, u95: u95 * scale })
+        };
+        let parameters = catalogue::parameters(&estimate.recent).map(|(_, parameter)| point(parameter.known(), 1.0));
+        let backlash = point(detail.and_then(|detail| detail.backlash.known()), 1e6);
         points.iter_mut().zip(parameters.chain([backlash])).for_each(|(place, point)| *place = point);
         Self { run_s, points }
     }

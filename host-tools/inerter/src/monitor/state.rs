@@ -244,7 +244,7 @@ impl State {
                 self.history.push(Entry::new(at.run_s, estimate, detail.as_ref()));
             }
             // The backlash itself comes with the estimates.
-            Item::Gap { .. } => {}
+            Item::Reversal { .. } => {}
             Item::Health(health) => self.values.losses.health(*health),
             Item::Event { at, event, .. } => {
                 if event.kind == EventKind::EstimatorReset {

@@ -1,4 +1,4 @@
-use inerter_core::{Backlash, BacklashStatus, Detail, Estimate, Parameter, Parameters, Settings, Status};
+use inerter_core::{Backlash, BacklashSize, Detail, Estimate, Interval, Parameter, Parameters, Settings};
 use inerter_wire::{Capabilities, ClockSource, Health, Hello};
 use ratatui::{Terminal, backend::TestBackend};
 
@@ -27,7 +27,7 @@ fn state() -> State {
     };
     let settings = Settings { sample_rate_hz: 100.0, ..Settings::default() };
     let mut items = vec![Item::Device { port: "COM3".into(), hello, settings }];
-    let known = |value, u95| Parameter { value, u95, status: Status::Ok };
+    let known = |value, u95| Parameter::Ok(Interval { value, u95 });
     for index in 0..1000 {
         let run_s = f64::from(index) * 0.01;
         let sample = Sample { at: at(run_s), force_n: 400.0 * run_s.sin(), position_m: 1e-3, terminal_m: None };
@@ -36,14 +36,12 @@ fn state() -> State {
             let recent = Parameters {
                 inertance_kg: known(95.11, 0.48),
                 viscous_n_s_per_m: Parameter::default(),
-                coulomb_n: Parameter { status: Status::Held, ..known(31.4, 1.2) },
+                coulomb_n: Parameter::Held(Interval { value: 31.4, u95: 1.2 }),
                 offset_n: known(-0.5, 0.1),
             };
             let estimate = Estimate { recent, whole_run: recent, moving: true, ..Estimate::default() };
             let backlash = Backlash {
-                value_m: 5e-5,
-                u95_m: 1.2e-6,
-                status: BacklashStatus::Ok,
+                size: BacklashSize::Ok(Interval { value: 5e-5, u95: 1.2e-6 }),
                 reversals: 12,
                 ..Backlash::default()
             };

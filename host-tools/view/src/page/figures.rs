@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use inerter_core::{BacklashStatus, Parameter, Status};
+use inerter_core::{Interval, Parameter};
 use inerter_data::{
     text::{backlash_text, value_text},
     words::{interval_text, plural},
@@ -249,9 +249,9 @@ fn parameters(story: &Story) -> Made {
             .moments
             .iter()
             .filter_map(|moment| Some((moment.t_s, of(&moment.estimate.recent)?)))
-            .map(|(t_s, parameter)| match parameter.status {
-                Status::NotIdentifiable => (t_s, f64::NAN, f64::NAN),
-                Status::Ok | Status::Held => (t_s, parameter.value.into(), parameter.u95.into()),
+            .map(|(t_s, parameter)| match parameter.known() {
+                None => (t_s, f64::NAN, f64::NAN),
+                Some(Interval { value, u95 }) => (t_s, value.into(), u95.into()),
             })
             .collect();
         // The offset is not worth a panel of its own.
@@ -265,19 +265,19 @@ fn parameters(story: &Story) -> Made {
         let title = format!("{}, whole run {whole} {}", field.label, field.unit);
         panels.push(over_time(story, label, title, &points, Colour::Blue, truth));
     }
-    let gap: Vec<(f64, f64, f64)> = story
+    let widths: Vec<(f64, f64, f64)> = story
         .moments
         .iter()
         .filter_map(|moment| Some((moment.t_s, moment.detail?.backlash)))
-        .map(|(t_s, backlash)| match backlash.status {
-            BacklashStatus::NotIdentifiable(_) => (t_s, f64::NAN, f64::NAN),
-            _ => (t_s, f64::from(backlash.value_m) * 1e6, f64::from(backlash.u95_m) * 1e6),
+        .map(|(t_s, backlash)| match backlash.known() {
+            None => (t_s, f64::NAN, f64::NAN),
+            Some(Interval { value, u95 }) => (t_s, f64::from(value) * 1e6, f64::from(u95) * 1e6),
         })
         .collect();
-    if gap.iter().filter(|point| point.1.is_finite()).count() > 1 {
+    if widths.iter().filter(|point| point.1.is_finite()).count() > 1 {
         let text = format!("Backlash so far, {} µm", backlash_text(&story.outcome.detail.backlash));
         let truth = truth_line(story, "backlash_m", 1e6);
-        panels.push(over_time(story, "eps [µm]".into(), text, &gap, Colour::Purple, truth));
+        panels.push(over_time(story, "eps [µm]".into(), text, &widths, Colour::Purple, truth));
     }
     if panels.is_empty() {
         return Err("the motion shows no parameter for long enough".into());
@@ -351,17 +351,17 @@ fn over_time(
 
 fn backlash(story: &Story) -> Made {
     let estimate = &story.outcome.detail.backlash;
-    if story.gaps.len() < 2 {
+    if story.reversals.len() < 2 {
         return Err(format!(
             "{} of the flanks accepted ({})",
-            plural(story.gaps.len() as u64, "reversal"),
+            plural(story.reversals.len() as u64, "reversal"),
             backlash_text(estimate)
         ));
     }
     let micrometres: Vec<(f64, f64, f64)> = story
-        .gaps
+        .reversals
         .iter()
-        .map(|(t_s, gap)| (*t_s, f64::from(gap.value_m) * 1e6, 1.96 * f64::from(gap.error_m) * 1e6))
+        .map(|(t_s, reversal)| (*t_s, f64::from(reversal.value_m) * 1e6, 1.96 * f64::from(reversal.error_m) * 1e6))
         .filter(|(_, value, error)| value.is_finite() && error.is_finite())
         .collect();
     let mut sorted: Vec<f64> = micrometres.iter().map(|point| point.1).collect();
@@ -372,10 +372,9 @@ fn backlash(story: &Story) -> Made {
     let (low, high) = (at(0.5) - 6.0 * spread, at(0.5) + 6.0 * spread);
     let (inside, outside): (Vec<f64>, Vec<f64>) = sorted.iter().partition(|value| (low..=high).contains(*value));
     let (bars, _) = histogram(&inside);
-    let known = !matches!(estimate.status, BacklashStatus::NotIdentifiable(_));
-    let (value, u95) = (f64::from(estimate.value_m) * 1e6, f64::from(estimate.u95_m) * 1e6);
     let mut layers = vec![Layer::new("reversals", Colour::Purple, Shape::Bars(bars))];
-    if known {
+    if let Some(Interval { value, u95 }) = estimate.known() {
+        let (value, u95) = (f64::from(value) * 1e6, f64::from(u95) * 1e6);
         let label = format!("estimate {} µm", interval_text(value, u95));
         layers.push(Layer::unnamed(Colour::Vermilion, Shape::Span(value - u95, value + u95)));
         layers.push(Layer::new(label, Colour::Vermilion, Shape::Instant(value, Stroke::Solid)));
@@ -410,7 +409,7 @@ fn backlash(story: &Story) -> Made {
     let thinned = if every > 1 { format!(" Over time one reversal in {every} is shown.") } else { String::new() };
     let caption = format!(
         "Backlash by each of {}; reversals contradict each other by impacts and noise, and the estimate weighs them by their information.{left_out}{thinned}",
-        plural(story.gaps.len() as u64, "accepted reversal")
+        plural(story.reversals.len() as u64, "accepted reversal")
     );
     Ok((caption, panels))
 }

@@ -1,6 +1,6 @@
 //! The page itself: one file, nothing to load, light and dark, and on paper.
 
-use inerter_core::{Conduct, Settings, Status};
+use inerter_core::{Regime, Settings, Status};
 use inerter_data::{
     json::bank_word,
     text::{self, value_text},
@@ -118,7 +118,7 @@ fn results(story: &Story) -> Markup {
                 } }
                 tbody {
                     @for ((field, recent), (_, whole)) in pairs {
-                        @let (word, class) = status(recent.status);
+                        @let (word, class) = status(recent.status());
                         tr {
                             th scope="row" { (field.label) @if !field.symbol.is_empty() { " " i { (field.symbol) } } }
                             td { (field.unit) }
@@ -152,13 +152,13 @@ fn results(story: &Story) -> Markup {
 
 fn notes(story: &Story) -> Markup {
     let changes = story.changes.iter().map(|(t_s, change)| format!("At {t_s:.2} s {}.", text::change_words(change)));
-    let friction = match story.outcome.detail.friction.conduct {
-        Conduct::Presliding | Conduct::Stribeck => {
+    let friction = match story.outcome.detail.friction.regime {
+        Regime::Presliding | Regime::Stribeck => {
             Some("Friction near rest does not follow the law; the intervals are wider for it.".to_string())
         }
-        Conduct::Unknown | Conduct::Coulomb => None,
+        Regime::Unknown | Regime::Coulomb => None,
     };
-    let contact = (story.run.settings.stiffness_n_per_m == 0.0 && story.run.settings.terminal_sensor == 0.0)
+    let contact = (story.run.settings.stiffness_n_per_m == 0.0 && !story.run.settings.terminal_sensor)
         .then(|| "The contact stiffness is not set: without it the force alone shows no backlash (setting stiffness_n_per_m).".to_string());
     let all: Vec<String> = story.run.notes.iter().cloned().chain(changes).chain(friction).chain(contact).collect();
     markup! {
@@ -198,7 +198,7 @@ fn conditions(story: &Story) -> Markup {
         .reversal_ratio
         .map(|ratio| format!(", {ratio:.2} of Coulomb's kink at reversals"))
         .unwrap_or_default();
-    let lost = match (counters.gaps, counters.lost_samples) {
+    let lost = match (counters.discontinuities, counters.lost_samples) {
         (0, _) => "none".to_string(),
         (gaps, lost) => format!("{} in {}", plural(lost, "sample"), plural(gaps.into(), "gap")),
     };
@@ -213,7 +213,7 @@ fn conditions(story: &Story) -> Markup {
         ("Saturated samples", counters.saturated.to_string()),
         ("Inertance was seen at", band.unwrap_or_else(|| "nothing moved".into())),
         ("Contact", text::contact_words(detail.contact).into()),
-        ("Friction", format!("{}{reversal}", text::conduct_words(detail.friction.conduct))),
+        ("Friction", format!("{}{reversal}", text::regime_words(detail.friction.regime))),
         ("Changes of the device", detail.changes.to_string()),
         ("Left over by the law", residual),
         ("Kernel bank", bank_word(story.outcome.estimate.bank).into()),

@@ -5,7 +5,7 @@ use inerter_analysis::{
     fit::{Products, directions},
     response::{self, ModelParameters, Response},
 };
-use inerter_core::{Change, Detail, Estimate, Gap, Settings};
+use inerter_core::{Change, Detail, Estimate, Reversal, Settings};
 use inerter_data::{
     replay::{Outcome, replay_all},
     run::Run,
@@ -43,7 +43,7 @@ pub struct Story {
     /// What it said on the way.
     pub moments: Vec<Moment>,
     /// Accepted reversals with their times \[s\].
-    pub gaps: Vec<(f64, Gap)>,
+    pub reversals: Vec<(f64, Reversal)>,
     /// Changes of the device with their times \[s\].
     pub changes: Vec<(f64, Change)>,
     /// The law that is drawn: the fit to all motion since the last change.
@@ -63,12 +63,12 @@ pub struct Story {
 impl Story {
     /// Takes a run through the estimator; `progress` is handed the part that is done.
     pub fn of(mut run: Run, mut progress: impl FnMut(f64)) -> Result<Self, SettingsInputError> {
-        let (mut moments, mut gaps, mut changes) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut moments, mut reversals, mut changes) = (Vec::new(), Vec::new(), Vec::new());
         let duration_s = run.duration_s();
         let start_s = run.start_s;
         let outcome = replay_all(&run, |t_s, news| -> Result<(), SettingsInputError> {
             match *news {
-                EstimatorEvent::Reversal(gap) => gaps.push((t_s, gap)),
+                EstimatorEvent::Reversal(reversal) => reversals.push((t_s, reversal)),
                 EstimatorEvent::Changed(change) => changes.push((t_s, change)),
                 EstimatorEvent::Estimate(estimate, detail) => {
                     moments.push(Moment { t_s, estimate, detail });
@@ -101,7 +101,7 @@ impl Story {
             duration_s,
             outcome,
             moments,
-            gaps,
+            reversals,
             changes,
             law,
             rows,
@@ -146,7 +146,7 @@ fn drawn_law(outcome: &Outcome, settings: &Settings) -> Law {
     let fitted = Products::of(sums, more).and_then(|products| directions(&products, settings, None));
     let parameters = fitted.map_or(outcome.estimate.whole_run, |fit| fit.symmetric);
     let value = |parameter: inerter_core::Parameter| {
-        Some(f64::from(parameter.value)).filter(|value| value.is_finite()).unwrap_or(0.0)
+        Some(f64::from(parameter.fitted().value)).filter(|value| value.is_finite()).unwrap_or(0.0)
     };
     Law {
         inertance_kg: value(parameters.inertance_kg),
@@ -165,8 +165,7 @@ fn close_s(outcome: &Outcome, duration_s: f64) -> f64 {
 
 fn model(outcome: &Outcome, settings: &Settings, law: &Law) -> ModelParameters {
     let contact = |measured: inerter_core::Parameter, set: f64| {
-        let known = measured.status != inerter_core::Status::NotIdentifiable && measured.value > 0.0;
-        if known { f64::from(measured.value) } else { set }
+        measured.value().filter(|value| *value > 0.0).map_or(set, f64::from)
     };
     ModelParameters {
         inertance_kg: law.inertance_kg,

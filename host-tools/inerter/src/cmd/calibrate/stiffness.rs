@@ -1,6 +1,6 @@
 //! `inerter calibrate stiffness`: stiffness and damping of the contact, by the terminal's displacement sensor.
 
-use inerter_analysis::contact::Contact;
+use inerter_analysis::contact::ContactLaw;
 use inerter_data::{
     json::{BacklashJson, ParameterJson},
     replay::Outcome,
@@ -43,8 +43,8 @@ struct StiffnessJson {
 }
 
 fn shown(run: &Run, outcome: &Outcome) -> Result<Shown<StiffnessJson>, Error> {
-    let contact = Contact::of(&outcome.detail, &run.settings)?;
-    let Contact { stiffness, damping } = contact;
+    let contact = ContactLaw::of(&outcome.detail, &run.settings)?;
+    let ContactLaw { stiffness, damping } = contact;
     let settings = contact.adopted_by(&run.settings);
     Ok(Shown {
         what: "stiffness",

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use foxglove::{ChannelBuilder, Context, PartialMetadata, RawChannel, Schema, WebSocketServerHandle};
 use inerter_core::Settings;
-use inerter_data::json::{EstimateJson, EventJson, GapJson, health_json, json_line};
+use inerter_data::json::{EstimateJson, EventJson, ReversalJson, health_json, json_line};
 use inerter_wire::catalogue::{self, Group};
 use serde_json::{Map, Value, json};
 
@@ -28,7 +28,7 @@ pub struct Foxglove {
     _context: Arc<Context>,
     samples: Arc<RawChannel>,
     estimate: Arc<RawChannel>,
-    gap: Arc<RawChannel>,
+    reversal: Arc<RawChannel>,
     health: Arc<RawChannel>,
     event: Arc<RawChannel>,
     marker: Arc<RawChannel>,
@@ -66,7 +66,7 @@ impl Foxglove {
         let mut bridge = Self {
             samples: channel("samples", fields(Group::Signal))?,
             estimate: channel("estimate", estimate_fields())?,
-            gap: channel(
+            reversal: channel(
                 "gap",
                 plain(&[("value_m", "number", "m"), ("error_m", "number", "m"), ("rising", "boolean", "")]),
             )?,
@@ -158,7 +158,9 @@ impl Viewer for Foxglove {
                 let line = || json_line(&EstimateJson::live(*t_s, estimate, detail.as_ref(), &self.settings));
                 Self::send(&self.estimate, *at, line);
             }
-            Item::Gap { t_s, gap } => Self::send(&self.gap, self.latest, || json_line(&GapJson::new(*t_s, gap))),
+            Item::Reversal { t_s, reversal } => {
+                Self::send(&self.reversal, self.latest, || json_line(&ReversalJson::new(*t_s, reversal)))
+            }
             Item::Health(health) => Self::send(&self.health, self.latest, || json_line(&health_json(health))),
             Item::Event { at, t_s, event } => {
                 Self::send(&self.event, *at, || json_line(&EventJson::new(*t_s, event.index, &event.kind)));

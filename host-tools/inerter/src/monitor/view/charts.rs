@@ -1,6 +1,6 @@
 //! Charts over time: signals as the range that they went through, parameters with their intervals.
 
-use inerter_data::{settings::has_terminal_sensor, words::interval_text};
+use inerter_data::words::interval_text;
 use inerter_wire::catalogue::{self, Group};
 use ratatui::{
     Frame,
@@ -20,7 +20,7 @@ const CHART_ROWS: u16 = 6;
 /// Force and displacements, one below the other.
 pub fn signals(frame: &mut Frame<'_>, area: Rect, state: &State, theme: Theme) {
     let mut list = vec![(Signal::Force, "force_n"), (Signal::Position, "position_m")];
-    if has_terminal_sensor(&state.settings) {
+    if state.settings.terminal_sensor {
         list.push((Signal::Terminal, "terminal_m"));
     }
     list.truncate(usize::from(area.height / CHART_ROWS).max(1));

@@ -3,7 +3,6 @@
 use inerter_core::{Parameter, Status};
 use inerter_data::{
     json::{BacklashJson, status_word},
-    settings::has_terminal_sensor,
     text::{self, value_text},
     words::duration_text,
 };
@@ -89,7 +88,7 @@ fn rows(state: &State, theme: Theme) -> Vec<Row<'static>> {
     };
     // It is of the whole run; the other column has room to say why there is none.
     rows.push(row("Backlash", "µm", reason, Span::styled(word, style), value));
-    if has_terminal_sensor(&state.settings) {
+    if state.settings.terminal_sensor {
         rows.extend(catalogue::contact(detail).map(|(field, parameter)| {
             row(field.label, field.unit, String::new(), status(&parameter, theme), number(&parameter))
         }));
@@ -103,19 +102,19 @@ fn row(label: &'static str, unit: &'static str, recent: String, status: Span<'st
 
 /// Value ± U95; the status stands in its own column.
 fn number(parameter: &Parameter) -> String {
-    match parameter.status {
+    match parameter.status() {
         Status::NotIdentifiable => "-".into(),
         Status::Held | Status::Ok => value_text(parameter).replace(" (held)", ""),
     }
 }
 
 fn status(parameter: &Parameter, theme: Theme) -> Span<'static> {
-    let style = match parameter.status {
+    let style = match parameter.status() {
         Status::Ok => theme.good(),
         Status::Held => theme.doubtful(),
         Status::NotIdentifiable => theme.quiet(),
     };
-    Span::styled(status_word(parameter.status).replace('_', " "), style)
+    Span::styled(status_word(parameter.status()).replace('_', " "), style)
 }
 
 /// What was lost, how the device behaves, and where else it is shown.

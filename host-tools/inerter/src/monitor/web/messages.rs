@@ -2,7 +2,6 @@
 
 use inerter_data::{
     json::{EstimateJson, health_json},
-    settings::has_terminal_sensor,
     text::{self, event_words, is_trouble},
 };
 use inerter_wire::catalogue::{self, Group};
@@ -42,7 +41,7 @@ impl Messages {
             Item::Back { .. } => vec![json!({ "kind": "back" })],
             Item::Samples(_) => self.samples().into_iter().collect(),
             Item::Estimate { at, .. } => self.estimate(at.run_s).into_iter().collect(),
-            Item::Gap { .. } => Vec::new(),
+            Item::Reversal { .. } => Vec::new(),
             Item::Health(_) | Item::LostFrames(_) => self.health().into_iter().collect(),
             Item::Event { at, event, .. } => {
                 vec![line(at.run_s, &event_words(&event.kind), is_trouble(&event.kind))]
@@ -80,7 +79,7 @@ impl Messages {
         Some(json!({
             "kind": "device", "port": present.port, "board": hello.board.as_str(), "serial": hello.serial.as_str(),
             "firmware": hello.firmware.as_str(), "sample_rate_hz": self.state.settings.sample_rate_hz,
-            "memory_s": self.state.settings.memory_s, "terminal": has_terminal_sensor(&self.state.settings),
+            "memory_s": self.state.settings.memory_s, "terminal": self.state.settings.terminal_sensor,
             "parameters": catalogue::fields(Group::Parameter)
                 .map(|field| json!({ "path": field.path, "label": field.label, "unit": field.unit }))
                 .collect::<Vec<_>>(),
@@ -107,7 +106,7 @@ impl Messages {
             ranges.map(|range| (short(range.map(|(low, _)| low)), short(range.map(|(_, high)| high)))).unzip().into()
         };
         let times: Vec<f64> = buckets.iter().map(|bucket| (bucket.start_s * 1e4).round() / 1e4).collect();
-        let terminal = has_terminal_sensor(&self.state.settings).then(|| of(Signal::Terminal));
+        let terminal = self.state.settings.terminal_sensor.then(|| of(Signal::Terminal));
         json!({
             "kind": "samples", "t_s": times, "force_n": of(Signal::Force), "position_mm": of(Signal::Position),
             "terminal_mm": terminal,

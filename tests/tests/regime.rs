@@ -1,14 +1,14 @@
 //! Whether friction that is not Coulomb's is called so, its intervals cover, and Coulomb's is left alone.
 
-use inerter_core::{Conduct, Settings, State, Status};
+use inerter_core::{Published, Regime, Settings, State, Status};
 use inerter_plant::{Excitation, Parameters, Plant, Sensors, Simulation};
 use inerter_tests::grid::{MOTIONS, calibrated, raw, three, truth};
 
 /// What is published, and what is said of friction with it.
 struct Said {
-    conducts: Vec<Conduct>,
+    regimes: Vec<Regime>,
     last: inerter_core::Estimate,
-    conduct: Conduct,
+    regime: Regime,
     /// Residual over what noise and steps explain of it.
     unexplained: f32,
 }
@@ -20,17 +20,16 @@ fn run(device: Parameters, motion: &str, seed: u64, memory_s: f64, noise_n: f64)
     let settings = Settings { memory_s, publish_rate_hz: 10.0, ..calibrated(&device, &sensors) };
     let active = settings.validate().unwrap();
     let mut state = Box::new(State::new(&active));
-    let mut conducts = Vec::new();
+    let mut regimes = Vec::new();
     let duration_s = MOTIONS.iter().find(|known| known.name == motion).unwrap().duration_s;
     let plant = Plant::new(device, Excitation::parse(motion, seed).unwrap()).unwrap();
     for sample in Simulation::of(plant, sensors).unwrap().lasting(duration_s) {
-        if active.step(&mut state, &raw(&sample)).is_some() {
-            conducts.push(active.detail(&state).friction.conduct);
-        }
+        regimes
+            .extend(active.step(&mut state, &raw(&sample)).published.map(|published| published.detail.friction.regime));
     }
-    let last = active.estimate(&state);
+    let Published { estimate: last, detail } = active.publish(&state);
     let unexplained = last.residual_rms_n / active.explained_rms_n(&state).unwrap();
-    Said { conducts, last, conduct: active.detail(&state).friction.conduct, unexplained }
+    Said { regimes, last, regime: detail.friction.regime, unexplained }
 }
 
 /// The parameters that were given and are wrong by more than their interval.
@@ -38,7 +37,7 @@ fn wrong(device: &Parameters, said: &Said) -> Vec<usize> {
     let found = three(&said.last.whole_run).into_iter().zip(truth(device)).enumerate();
     found
         .filter(|(_, (found, truth))| {
-            found.status == Status::Ok && (f64::from(found.value) - truth).abs() > f64::from(found.u95)
+            found.status() == Status::Ok && (f64::from(found.fitted().value) - truth).abs() > f64::from(found.u95())
         })
         .map(|(i, _)| i)
         .collect()
@@ -51,12 +50,12 @@ fn coulomb_friction_is_left_alone() {
         for motion in MOTIONS.map(|motion| motion.name) {
             for (noise_n, memory_s) in [(1.0, 100.0), (1.0, 4.0), (5.0, 4.0)] {
                 let said = run(device, motion, 7, memory_s, noise_n);
-                let hidden = motion == "fast" && said.conduct == Conduct::Unknown;
-                let calm = hidden || said.conduct == Conduct::Coulomb;
-                assert!(calm || memory_s < 100.0, "{motion}, {noise_n} N, {memory_s} s: {:?}", said.conduct);
-                let odd = |conduct: &&Conduct| matches!(conduct, Conduct::Presliding | Conduct::Stribeck);
-                false_alarms += said.conducts.iter().filter(odd).count();
-                all += said.conducts.len();
+                let hidden = motion == "fast" && said.regime == Regime::Unknown;
+                let calm = hidden || said.regime == Regime::Coulomb;
+                assert!(calm || memory_s < 100.0, "{motion}, {noise_n} N, {memory_s} s: {:?}", said.regime);
+                let odd = |regime: &&Regime| matches!(regime, Regime::Presliding | Regime::Stribeck);
+                false_alarms += said.regimes.iter().filter(odd).count();
+                all += said.regimes.len();
             }
         }
     }
@@ -86,19 +85,22 @@ fn presliding_is_called_so_and_covered() {
         let device = Parameters { presliding_m: um * 1e-6, ..Parameters::paper() };
         for motion in ["mid", "multi", "random", "two"] {
             let said = run(device, motion, 5, 30.0, 1.0);
-            assert_eq!(said.conduct, Conduct::Presliding, "{um} um, {motion}");
+            assert_eq!(said.regime, Regime::Presliding, "{um} um, {motion}");
             assert!(wrong(&device, &said).is_empty(), "{um} um, {motion}: {:?}", said.last.whole_run);
         }
         // Seen at once or worth nothing: slow motion shows each reversal in full.
         let said = run(device, "slow", 5, 30.0, 1.0);
         assert!(wrong(&device, &said).is_empty(), "{um} um, slow: {:?}", said.last.whole_run);
-        assert_eq!(said.conduct, if um < 30.0 { Conduct::Coulomb } else { Conduct::Presliding });
+        assert_eq!(said.regime, if um < 30.0 { Regime::Coulomb } else { Regime::Presliding });
         // A steady tone of 15.9 Hz hides what it is, and only the residual over the noise shows that something is.
         let said = run(device, "fast", 5, 30.0, 1.0);
-        assert_eq!(said.conduct, Conduct::Unknown);
+        assert_eq!(said.regime, Regime::Unknown);
         assert!(wrong(&device, &said).is_empty(), "{um} um, fast: {:?}", said.last.whole_run);
         let inertance = said.last.whole_run.inertance_kg;
-        assert!(inertance.status == Status::Ok && inertance.u95 < 0.02 * inertance.value, "{um} um: {inertance:?}");
+        assert!(
+            inertance.status() == Status::Ok && inertance.u95() < 0.02 * inertance.fitted().value,
+            "{um} um: {inertance:?}"
+        );
     }
 }
 
@@ -110,7 +112,7 @@ fn stribeck_friction_leaves_no_wrong_coulomb_friction() {
             let said = run(device, motion, 5, 30.0, 1.0);
             assert!(!wrong(&device, &said).contains(&2), "{mm_per_s} mm/s, {motion}: {:?}", said.last.whole_run);
             let must_show = motion == "slow" || (mm_per_s >= 10.0 && ["mid", "random", "two"].contains(&motion));
-            assert!(!must_show || said.conduct == Conduct::Stribeck, "{mm_per_s} mm/s, {motion}: {:?}", said.conduct);
+            assert!(!must_show || said.regime == Regime::Stribeck, "{mm_per_s} mm/s, {motion}: {:?}", said.regime);
         }
     }
 }

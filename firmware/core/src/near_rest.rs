@@ -10,7 +10,7 @@
 //! everywhere leaves no residual but a negative viscous friction, which does not exist.
 //!
 //! State: the products of the updates near rest, averaged with the memory's own gain over all updates, so that what is
-//! left of the memory's averages is of the updates away from rest. Integers; the judgement is in `judge`.
+//! left of the memory's averages is of the updates away from rest. Integers; `regime` concludes from them.
 
 use crate::kernel::REGRESSORS;
 use crate::rls::{Moments, PRODUCTS, part, place};

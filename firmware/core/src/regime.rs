@@ -9,16 +9,16 @@
 //! presliding screw is a spring while it creeps, which in a steady tone is inertance and nothing else: that part is
 //! of the size of `fc` over the acceleration.
 //!
-//! Two things are said by the residual over what the force's noise and the encoder's steps explain. Where friction could
+//! The residual that the force's noise and the encoder's steps do not explain has two causes. Where friction could
 //! hide in the other parameters, near and away fit alike, and what is not explained counts as friction. Where flanks
 //! part, it is their impacts, which repeat with a periodic motion, and so does the error that they make. Where it is not
 //! known whether they part, it may be either.
 
-use crate::detail::{Conduct, Contact};
-use crate::estimate::{Parameter, Parameters, Status};
+use crate::detail::{Contact, Regime};
+use crate::estimate::{Interval, Parameter, Parameters, Status, Unresolved};
+use crate::fit::Fit;
 use crate::ldl::UNKNOWNS;
 use crate::math::{magnitude, sqrt};
-use crate::report::Fit;
 
 /// Ratio of the residual variances, all over away, that Coulomb's friction does not reach.
 const RATIO: f32 = 1.5;
@@ -47,39 +47,32 @@ const IMPACTS: f32 = 0.4;
 
 /// What friction looks like, and the systematic error of inertance, viscous and Coulomb friction by it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Judgement {
-    pub conduct: Conduct,
+pub(crate) struct Assessment {
+    pub regime: Regime,
     pub errors: [f32; 3],
     /// Impacts have a part in the errors.
     pub impacts: bool,
 }
 
-impl Judgement {
+impl Assessment {
     /// From the fits to all updates and to those away from rest, the rms of acceleration \[m/s^2\] and velocity \[m/s\],
     /// viscous friction as it would be published, the residual's variance that noise and steps explain \[N^2\], and
-    /// how the flanks behave, which is asked only where that is too little.
-    pub fn of(
-        all: &Fit,
-        away: &Fit,
-        rms: [f32; 2],
-        viscous: &Parameter,
-        explained: f32,
-        contact: impl FnOnce() -> Contact,
-    ) -> Self {
+    /// how the flanks behave, which counts only where that is too little.
+    pub fn of(all: &Fit, away: &Fit, rms: [f32; 2], viscous: Interval, explained: f32, contact: Contact) -> Self {
         let ratio = all.variance / explained;
         let beyond = ratio - CHANCE * sqrt(2.0 / freedom(all));
-        let contact = if beyond > UNEXPLAINED_IMPACTS { contact() } else { Contact::Closed };
-        let known = matches!(contact, Contact::Gap | Contact::Bouncing);
+        let contact = if beyond > UNEXPLAINED_IMPACTS { contact } else { Contact::Closed };
+        let known = matches!(contact, Contact::Backlash | Contact::Bouncing);
         let beside = (beyond > UNEXPLAINED && !known).then_some(ratio);
-        let mut judgement = Self::of_friction(all, away, rms, viscous, beside);
-        judgement.impacts = !matches!(contact, Contact::Closed | Contact::OneSided);
-        if judgement.impacts {
+        let mut assessment = Self::of_friction(all, away, rms, viscous, beside);
+        assessment.impacts = !matches!(contact, Contact::Closed | Contact::OneSided);
+        if assessment.impacts {
             let per_error = IMPACTS * error_per_standard_error(all, ratio);
-            for (error, standard) in judgement.errors.iter_mut().zip(all.errors) {
+            for (error, standard) in assessment.errors.iter_mut().zip(all.errors) {
                 *error = length(*error, per_error * standard);
             }
         }
-        judgement
+        assessment
     }
 
     /// What friction does, with the ratio of the residual's variance over what is explained where nothing else says why.
@@ -87,7 +80,7 @@ impl Judgement {
         all: &Fit,
         away: &Fit,
         [acceleration, velocity]: [f32; 2],
-        viscous: &Parameter,
+        viscous: Interval,
         unexplained: Option<f32>,
     ) -> Self {
         let ([mt, cf, fc, _], [mt_away, cf_away, fc_away, _]) = (all.values, away.values);
@@ -101,7 +94,7 @@ impl Judgement {
             // What falls with the velocity may as well be taken for inertance.
             let inertance = length(mt_moved, viscous.value * velocity / acceleration);
             return Self {
-                conduct: Conduct::Stribeck,
+                regime: Regime::Stribeck,
                 errors: [inertance, f32::INFINITY, f32::INFINITY],
                 impacts: false,
             };
@@ -113,7 +106,7 @@ impl Judgement {
         let unlawful = if lawful { unexplained.filter(|_| hidden) } else { Some(near_rest) };
         let Some(ratio) = unlawful else {
             return Self {
-                conduct: if hidden { Conduct::Unknown } else { Conduct::Coulomb },
+                regime: if hidden { Regime::Unknown } else { Regime::Coulomb },
                 errors: [0.0; 3],
                 impacts: false,
             };
@@ -126,18 +119,14 @@ impl Judgement {
         // spring takes from the inertance.
         let falls = fc_moved > STRIBECK * fc_alike && mt_moved > -2.0 * STRIBECK * mt_error * per_error;
         let spring = SPRING * share * friction_n / acceleration;
-        let (conduct, spring) = match () {
+        let (regime, spring) = match () {
             // Something is wrong, and what cannot be told.
-            () if lawful => (Conduct::Unknown, spring),
-            () if falls => (Conduct::Stribeck, 0.0),
-            () => (Conduct::Presliding, spring),
+            () if lawful => (Regime::Unknown, spring),
+            () if falls => (Regime::Stribeck, 0.0),
+            () => (Regime::Presliding, spring),
         };
         let viscous = length(cf_moved, alike * cf_error * per_error);
-        Self {
-            conduct,
-            errors: [length(mt_moved, spring), viscous, length(fc_moved, alike * fc_alike)],
-            impacts: false,
-        }
+        Self { regime, errors: [length(mt_moved, spring), viscous, length(fc_moved, alike * fc_alike)], impacts: false }
     }
 
     /// Widens the intervals; a parameter that is no longer known is not identifiable. Impacts that add to a value must not
@@ -145,15 +134,14 @@ impl Judgement {
     pub fn widen(&self, parameters: &mut Parameters, widest: f32) {
         let Parameters { inertance_kg, viscous_n_s_per_m, coulomb_n, .. } = parameters;
         for (parameter, error) in [inertance_kg, viscous_n_s_per_m, coulomb_n].into_iter().zip(self.errors) {
-            if parameter.status == Status::NotIdentifiable || error == 0.0 {
-                continue;
-            }
-            parameter.u95 = length(parameter.u95, error);
-            if !parameter.u95.is_finite() {
-                *parameter = Parameter { value: 0.0, u95: f32::INFINITY, status: Status::NotIdentifiable };
-            } else if parameter.u95 > widest * (magnitude(parameter.value) - if self.impacts { error } else { 0.0 }) {
-                parameter.status = Status::NotIdentifiable;
-            }
+            let Some(Interval { value, u95 }) = parameter.known().filter(|_| error != 0.0) else { continue };
+            let u95 = length(u95, error);
+            let known_without = magnitude(value) - if self.impacts { error } else { 0.0 };
+            *parameter = match parameter.status() {
+                _ if !u95.is_finite() => Parameter::NotIdentifiable(Unresolved::NOTHING),
+                _ if u95 > widest * known_without => Parameter::new(Interval { value, u95 }, Status::NotIdentifiable),
+                status => Parameter::new(Interval { value, u95 }, status),
+            };
         }
     }
 }
@@ -189,34 +177,34 @@ mod tests {
         }
     }
 
-    fn judged(all: Fit, away: Fit) -> Judgement {
-        judged_beside(all, away, f32::INFINITY, Contact::Closed)
+    fn assessed(all: Fit, away: Fit) -> Assessment {
+        assessed_beside(all, away, f32::INFINITY, Contact::Closed)
     }
 
     /// With this much of the residual's variance explained \[N^2\].
-    fn judged_beside(all: Fit, away: Fit, explained: f32, contact: Contact) -> Judgement {
-        let viscous = Parameter { value: all.values[1], u95: 3.0 * all.errors[1], status: Status::Ok };
-        Judgement::of(&all, &away, [5.0, 0.02], &viscous, explained, || contact)
+    fn assessed_beside(all: Fit, away: Fit, explained: f32, contact: Contact) -> Assessment {
+        let viscous = Interval { value: all.values[1], u95: 3.0 * all.errors[1] };
+        Assessment::of(&all, &away, [5.0, 0.02], viscous, explained, contact)
     }
 
     #[test]
     fn friction_is_called_by_its_residual_and_by_what_moves() {
         let away = |residual| fit([0.0; 3], residual, 370.0);
-        let coulomb = judged(fit([0.0, 0.1, -0.02], 0.39, 600.0), away(0.38));
-        assert_eq!(coulomb, Judgement { conduct: Conduct::Coulomb, errors: [0.0; 3], impacts: false });
-        let presliding = judged(fit([-0.3, 7.8, -0.9], 6.46, 600.0), away(3.07));
-        assert_eq!(presliding.conduct, Conduct::Presliding);
-        let stribeck = judged(fit([0.003, -5.9, 0.6], 0.66, 600.0), away(0.39));
-        assert_eq!(stribeck.conduct, Conduct::Stribeck);
+        let coulomb = assessed(fit([0.0, 0.1, -0.02], 0.39, 600.0), away(0.38));
+        assert_eq!(coulomb, Assessment { regime: Regime::Coulomb, errors: [0.0; 3], impacts: false });
+        let presliding = assessed(fit([-0.3, 7.8, -0.9], 6.46, 600.0), away(3.07));
+        assert_eq!(presliding.regime, Regime::Presliding);
+        let stribeck = assessed(fit([0.003, -5.9, 0.6], 0.66, 600.0), away(0.39));
+        assert_eq!(stribeck.regime, Regime::Stribeck);
         assert!(stribeck.errors[0] < 0.01 && stribeck.errors[1] > 11.8 && stribeck.errors[2] > 1.2);
-        let falling = judged(fit([0.0, -100.0, 5.0], 0.4, 600.0), away(0.4));
-        assert_eq!((falling.conduct, falling.errors[2]), (Conduct::Stribeck, f32::INFINITY));
+        let falling = assessed(fit([0.0, -100.0, 5.0], 0.4, 600.0), away(0.4));
+        assert_eq!((falling.regime, falling.errors[2]), (Regime::Stribeck, f32::INFINITY));
         // The same ratio by chance, of few observations.
-        assert_eq!(judged(fit([0.0; 3], 0.5, 32.0), fit([0.0; 3], 0.38, 22.0)).conduct, Conduct::Coulomb);
-        assert_eq!(judged(fit([0.0; 3], 5.0, 50.0), fit([0.0; 3], 0.4, 15.0)), Judgement::default());
+        assert_eq!(assessed(fit([0.0; 3], 0.5, 32.0), fit([0.0; 3], 0.38, 22.0)).regime, Regime::Coulomb);
+        assert_eq!(assessed(fit([0.0; 3], 5.0, 50.0), fit([0.0; 3], 0.4, 15.0)), Assessment::default());
         let mut tone = fit([0.0; 3], 0.39, 600.0);
         tone.errors[2] *= 10.0;
-        assert_eq!(judged(tone, away(0.38)).conduct, Conduct::Unknown);
+        assert_eq!(assessed(tone, away(0.38)).regime, Regime::Unknown);
     }
 
     #[test]
@@ -229,33 +217,33 @@ mod tests {
             tone.errors[2] *= 11.0;
             tone
         };
-        let unknown = Judgement::default();
-        assert_eq!(judged_beside(tone(0.45), away(0.45), explained, Contact::Closed), unknown);
+        let unknown = Assessment::default();
+        assert_eq!(assessed_beside(tone(0.45), away(0.45), explained, Contact::Closed), unknown);
         // Presliding over 50 um at 15.9 Hz takes 0.68 kg, gives 25 N s/m and takes 5 N.
-        let hidden = judged_beside(tone(0.76), away(0.76), explained, Contact::Closed);
-        assert_eq!(hidden.conduct, Conduct::Unknown);
+        let hidden = assessed_beside(tone(0.76), away(0.76), explained, Contact::Closed);
+        assert_eq!(hidden.regime, Regime::Unknown);
         let [inertance, viscous, coulomb] = hidden.errors;
         assert!((0.68..3.0).contains(&inertance) && viscous > 25.0 && (5.0..20.0).contains(&coulomb), "{hidden:?}");
         // The same by parting flanks: there is no spring.
-        let parts = judged_beside(tone(0.76), away(0.76), explained, Contact::Gap);
+        let parts = assessed_beside(tone(0.76), away(0.76), explained, Contact::Backlash);
         assert!(parts.errors[0] < 0.1 && parts.errors[1] > 20.0, "{parts:?}");
         // Nothing known of the flanks, it may be both.
-        let both = judged_beside(tone(0.76), away(0.76), explained, Contact::Unknown);
+        let both = assessed_beside(tone(0.76), away(0.76), explained, Contact::Unknown);
         for ((both, hidden), parts) in both.errors.into_iter().zip(hidden.errors).zip(parts.errors) {
             assert_eq!(both, length(hidden, parts));
         }
         // Where friction cannot hide, only flanks count, by 0.17, 28 and 2.6 of a newton, times the part that is alike.
-        let lawful = Judgement { conduct: Conduct::Coulomb, ..Judgement::default() };
-        let random = |contact| judged_beside(fit([0.0; 3], 1.7, 600.0), away(1.7), explained, contact);
+        let lawful = Assessment { regime: Regime::Coulomb, ..Assessment::default() };
+        let random = |contact| assessed_beside(fit([0.0; 3], 1.7, 600.0), away(1.7), explained, contact);
         assert_eq!(random(Contact::Closed), lawful);
-        for (error, per_newton) in random(Contact::Gap).errors.into_iter().zip([0.17, 28.0, 2.6]) {
+        for (error, per_newton) in random(Contact::Backlash).errors.into_iter().zip([0.17, 28.0, 2.6]) {
             assert!((error / (1.657 * IMPACTS * per_newton) - 1.0).abs() < 0.01, "{error}");
         }
     }
 
     #[test]
     fn intervals_only_grow_and_give_up_past_the_widest() {
-        let known = |value, u95| Parameter { value, u95, status: Status::Ok };
+        let known = |value, u95| Parameter::Ok(Interval { value, u95 });
         let before = Parameters {
             inertance_kg: known(300.0, 0.3),
             viscous_n_s_per_m: known(31.4, 4.0),
@@ -263,21 +251,21 @@ mod tests {
             offset_n: known(3.0, 0.1),
         };
         let mut same = before;
-        Judgement::default().widen(&mut same, 0.5);
+        Assessment::default().widen(&mut same, 0.5);
         assert_eq!(same, before);
         let mut wide = before;
         let errors = [0.4, 20.0, f32::INFINITY];
-        Judgement { conduct: Conduct::Stribeck, errors, impacts: false }.widen(&mut wide, 0.5);
+        Assessment { regime: Regime::Stribeck, errors, impacts: false }.widen(&mut wide, 0.5);
         assert_eq!(wide.inertance_kg, known(300.0, 0.5));
-        assert!((wide.viscous_n_s_per_m.u95 - 20.396).abs() < 1e-3);
-        assert_eq!(wide.viscous_n_s_per_m.status, Status::NotIdentifiable);
-        assert_eq!((wide.coulomb_n.status, wide.coulomb_n.u95), (Status::NotIdentifiable, f32::INFINITY));
+        assert!((wide.viscous_n_s_per_m.u95() - 20.396).abs() < 1e-3);
+        assert_eq!(wide.viscous_n_s_per_m.status(), Status::NotIdentifiable);
+        assert_eq!(wide.coulomb_n, Parameter::NotIdentifiable(Unresolved::NOTHING));
         assert_eq!(wide.offset_n, before.offset_n);
         // 12 of 31.4 is known, but not when 12 of that may be impacts.
         for (impacts, status) in [(false, Status::Ok), (true, Status::NotIdentifiable)] {
             let mut struck = before;
-            Judgement { conduct: Conduct::Coulomb, errors: [0.0, 12.0, 0.0], impacts }.widen(&mut struck, 0.5);
-            assert_eq!((struck.viscous_n_s_per_m.status, struck.coulomb_n), (status, before.coulomb_n));
+            Assessment { regime: Regime::Coulomb, errors: [0.0, 12.0, 0.0], impacts }.widen(&mut struck, 0.5);
+            assert_eq!((struck.viscous_n_s_per_m.status(), struck.coulomb_n), (status, before.coulomb_n));
         }
     }
 }

@@ -1,0 +1,201 @@
+//! The contact's law by the terminal's sensor, and the backlash of one reversal in SI.
+
+use crate::backlash::active::BacklashActive;
+use crate::backlash::step::Fit;
+use crate::backlash::terminal::{Crossing, Terminal};
+use crate::constants;
+use crate::detail::{Reason, Reversal, Route};
+use crate::ldl::{FACTOR_BITS, UNKNOWNS, solve};
+use crate::math::{greater, power, sqrt, square};
+use crate::rls::{place, scaled};
+use crate::solution::{pivot, standard_errors};
+
+/// The same of a single reversal with the sensor, as a standard error: a fifth of the steps' own rms on either
+/// flank.
+const RECORD_COUNT_PART: f32 = 0.08;
+/// Part of the residual that may be taken for the stretch's noise and is not, or the other way.
+const MODEL_OF_NOISE: f32 = 0.2;
+/// Noise in a regressor, as a part of what it says for itself, beyond which no compensation is trusted.
+const DROWNED: f32 = 0.5;
+/// Fewest blocks on either flank for the terminal's route.
+const FEWEST_BLOCKS: u32 = 16;
+/// Part of the blocks by which they grow until the contact's law is solved anew.
+const LAW_GROWTH: u32 = 4;
+const COVERAGE: f32 = constants::COVERAGE as f32;
+
+/// What the contact's stretch and force have to do with each other, by the terminal's sensor, in its least squares' units.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Law {
+    /// Blocks at which it is solved anew.
+    next: u32,
+    /// Damping by stiffness, 1 over the stiffness; 0 while nothing is known.
+    lag: f32,
+    compliance: f32,
+    /// Variance of a block's stretch by what the law leaves, and of the compliance as a part of it.
+    variance: f32,
+    relative: f32,
+}
+
+impl Law {
+    /// Nothing is known.
+    pub const UNKNOWN: Self = Self { next: 0, lag: 0.0, compliance: 0.0, variance: 0.0, relative: 0.0 };
+
+    /// Whether there are enough new blocks to solve for it anew.
+    pub fn is_due(&self, terminal: &Terminal) -> bool {
+        terminal.totals.updates() >= self.next
+    }
+}
+
+/// The terminal's least squares, solved: coefficients of `[z', z, s, 1]` in their own units, with their errors.
+pub(crate) struct Solved {
+    pub unknowns: [f32; UNKNOWNS],
+    pub errors: [Option<f32>; UNKNOWNS],
+    /// Variance of what is left of a block's force [codes^2].
+    pub residual: f32,
+}
+
+impl Solved {
+    /// Of the sums less this much of the squares of `z'` and `z`; for the force, or for the encoder's travel in its
+    /// place.
+    pub fn of(terminal: &Terminal, less: [f32; 2], travel: bool) -> Self {
+        let (mut matrix, shift) = scaled(terminal.totals.sums());
+        let down = power(-(shift as i32));
+        for (i, less) in [place(0, 0), place(1, 1)].into_iter().zip(less) {
+            if let Some(entry) = matrix.get_mut(i) {
+                *entry -= (less * down) as i64;
+            }
+        }
+        if travel {
+            let row = matrix.iter_mut().skip(place(UNKNOWNS, 0));
+            row.zip(&terminal.travel).for_each(|(entry, sum)| *entry = (*sum >> shift) as i64);
+        }
+        let solution = solve(&matrix);
+        let freedom = terminal.totals.updates().saturating_sub(UNKNOWNS as u32).max(1) as f32;
+        let last = i32::from(solution.shifts[UNKNOWNS]);
+        let left = pivot(&solution, UNKNOWNS) / freedom;
+        let errors = standard_errors(&solution, left);
+        let unit = |i: usize| power(i32::from(solution.shifts[i]) - last);
+        Self {
+            unknowns: core::array::from_fn(|i| solution.unknowns[i] as f32 * power(-(FACTOR_BITS as i32)) * unit(i)),
+            errors: core::array::from_fn(|i| errors[i].map(|error| error * unit(i))),
+            // The matrix in Q62 is of sums shifted right.
+            residual: left * power(62 - last) * power(shift as i32 - last),
+        }
+    }
+}
+
+/// The terminal's least squares without the noise of the stretch.
+pub(crate) struct Freed {
+    pub solved: Solved,
+    /// Taken off the squares of `z'` and `z`, and the most that it may be.
+    pub noise: [f32; 2],
+    pub most: [f32; 2],
+    /// What the squares of `z'` and `z` hold that the others do not explain.
+    pub own_rate: f32,
+    pub own_stretch: f32,
+    /// Whether the noise leaves nothing of `z'`.
+    pub damping_drowned: bool,
+}
+
+impl Freed {
+    fn law(&self) -> Law {
+        let [damping, stiffness, ..] = self.solved.unknowns;
+        let compliance = 1.0 / stiffness;
+        let variance = self.solved.residual * square(compliance);
+        // The noise of the stretch weakens the stiffness by its part of what the stretch says for itself.
+        let ([_, least], [_, most]) = (self.noise, self.most);
+        let weakened = (most - least) / (COVERAGE * self.own_stretch);
+        let error = self.solved.errors[1].map_or(0.0, |error| error * compliance);
+        let relative = square(error) + square(weakened);
+        Law { lag: damping * compliance, compliance, variance, relative, ..Law::UNKNOWN }
+    }
+}
+
+impl BacklashActive {
+    /// The terminal's least squares, freed of the stretch's noise, or the reason there is no backlash by them; with the
+    /// force's noise as the flanks keep it.
+    pub fn solved(&self, terminal: &Terminal, force_noise: i32) -> Result<Freed, Reason> {
+        let blocks = terminal.totals.updates();
+        let [negative, positive] = terminal.sides;
+        if negative.max(positive) < FEWEST_BLOCKS {
+            return Err(Reason::TooFewReversals);
+        }
+        if negative.min(positive) < FEWEST_BLOCKS {
+            return Err(Reason::ForceNeverReverses);
+        }
+        let plain = Solved::of(terminal, [0.0; 2], false);
+        let [damping, stiffness, ..] = plain.unknowns;
+        if stiffness <= 0.0 {
+            return Err(Reason::FlankTooShort);
+        }
+        // Noise of the stretch weakens what it is multiplied by. Its variance in a sample is what the residual holds
+        // beside the force's own noise.
+        let block = self.scales.block;
+        let force_noise = block * square(force_noise as f32 * self.scales.noise);
+        let excess = greater(plain.residual - force_noise, 0.0);
+        let noise_by = |excess: f32| excess / (block * square(stiffness) + 2.0 * square(damping)) * blocks as f32;
+        let most = noise_by(MODEL_OF_NOISE * plain.residual + excess);
+        // What of a regressor the others do not explain is the residual over the square of its error.
+        let own = plain.errors.map(|error| error.map_or(0.0, |error| plain.residual / square(error)));
+        let [own_rate, own_stretch, ..] = own;
+        let drowned = |part: f32, own: f32| part * most >= DROWNED * own;
+        let damping_drowned = drowned(2.0, own_rate);
+        if drowned(block, own_stretch) {
+            return Err(Reason::FlankTooShort);
+        }
+        let parts = |noise: f32| [if damping_drowned { 0.0 } else { 2.0 * noise }, block * noise];
+        let noise = parts(noise_by(excess));
+        let solved = Solved::of(terminal, noise, false);
+        let [_, stiffness, ..] = solved.unknowns;
+        if stiffness <= 0.0 {
+            return Err(Reason::FlankTooShort);
+        }
+        Ok(Freed { solved, noise, most: parts(most), own_rate, own_stretch, damping_drowned })
+    }
+
+    /// The law by all blocks so far.
+    pub fn law(&self, terminal: &Terminal, force_noise: i32) -> Law {
+        let blocks = terminal.totals.updates();
+        let law = self.solved(terminal, force_noise).map_or(Law::UNKNOWN, |solved| solved.law());
+        Law { next: blocks.saturating_add(blocks / LAW_GROWTH + 1), ..law }
+    }
+
+    /// A reversal by the terminal's sensor: the jump of `z + (cs / ks) z' - F / ks` from flank to flank.
+    pub fn sensed(&self, law: &Law, crossing: &Crossing) -> Option<Reversal> {
+        let Crossing { before: first, after: second } = crossing;
+        let Law { lag, compliance, variance, relative, .. } = *law;
+        if compliance <= 0.0 {
+            return None;
+        }
+        let [before, after] = [first, second].map(|flank| {
+            let [rate, stretch, force] = flank.sums.map(|sum| sum as f32 / flank.blocks as f32);
+            (stretch + lag * rate, compliance * force)
+        });
+        let rising = second.side > 0;
+        let towards = if rising { 1.0 } else { -1.0 };
+        let by_force = towards * (after.1 - before.1);
+        let jump = towards * (after.0 - before.0) - by_force;
+        let count = RECORD_COUNT_PART * self.count_units as f32 * self.scales.block;
+        let fewer = 1.0 / first.blocks as f32 + 1.0 / second.blocks as f32;
+        let unit_m = self.unit_m / self.scales.block;
+        let flight = second.first.wrapping_sub(first.last);
+        Some(Reversal {
+            index: first.last.wrapping_add(flight / 2),
+            value_m: jump * unit_m,
+            error_m: sqrt(variance * fewer + square(by_force) * relative + square(count)) * unit_m,
+            route: Route::Terminal,
+            rising,
+        })
+    }
+
+    /// A reversal by the force alone.
+    pub fn reversal(&self, fit: &Fit, rising: bool, index: u32) -> Reversal {
+        Reversal {
+            index,
+            value_m: fit.value as f32 * self.unit_m,
+            error_m: sqrt(fit.variance as f32) * self.unit_m,
+            route: Route::Force,
+            rising,
+        }
+    }
+}

@@ -1,0 +1,288 @@
+//! The state of both routes, and how a reversal is followed from one flank to the other.
+
+use crate::backlash::active::BacklashActive;
+use crate::backlash::flanks::{Flanks, Newest, Touch};
+use crate::backlash::law::Law;
+use crate::backlash::octaves::Octaves;
+use crate::backlash::pool::Pool;
+use crate::backlash::step::{self, Fit};
+use crate::backlash::terminal::Terminal;
+use crate::detail::Reversal;
+
+/// A reversal whose second flank is being touched.
+#[derive(Clone, Copy, Debug)]
+struct Pending {
+    /// Samples from the end of the first flank to the start of the second.
+    flight: u32,
+    /// Length of either flank [samples] at which to look next, and beyond which never.
+    next: u32,
+    last: u32,
+}
+
+/// A reversal that is done.
+struct Concluded {
+    fit: Fit,
+    flight: u32,
+}
+
+/// What has been counted since the reset.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Counts {
+    /// Samples firm on the negative and on the positive flank.
+    pub firm: [u32; 2],
+    /// Changes from one flank to the other.
+    pub reversals: u32,
+    /// Of these, with more than one landing.
+    pub bouncing: u32,
+    /// Of these, with a flank too short to bridge the flight.
+    pub short: u32,
+}
+
+/// All that is known of the backlash.
+#[derive(Clone, Debug)]
+pub(crate) struct BacklashState {
+    pub flanks: Flanks,
+    octaves: Octaves,
+    pub pool: Pool,
+    pub terminal: Terminal,
+    /// Of the contact, by the terminal's sensor.
+    law: Law,
+    pub counts: Counts,
+    /// Side and length [samples] of the firm stretch that goes on or, in flight, that has ended.
+    side: i8,
+    length: u32,
+    /// Samples since it ended; 0 while it goes on.
+    flight: u32,
+    /// Landings since it ended.
+    landings: u32,
+    pending: Option<Pending>,
+    /// The best fit to it so far. (Not within it: two options in one have a `None` that is not zero, and a static with one
+    /// byte that is not lies in flash as a whole.)
+    best: Option<Fit>,
+}
+
+impl Counts {
+    const NONE: Self = Self { firm: [0; 2], reversals: 0, bouncing: 0, short: 0 };
+}
+
+impl BacklashState {
+    /// Nothing seen.
+    pub(crate) const fn new() -> Self {
+        Self {
+            flanks: Flanks::new(),
+            octaves: Octaves::new(),
+            pool: Pool::new(),
+            terminal: Terminal::new(),
+            law: Law::UNKNOWN,
+            counts: Counts::NONE,
+            side: 0,
+            length: 0,
+            flight: 0,
+            landings: 0,
+            pending: None,
+            best: None,
+        }
+    }
+
+    /// Forgets everything, in place.
+    pub(crate) fn reset(&mut self) {
+        let Self { flanks, octaves, pool, terminal, law, counts, side, length, flight, landings, pending, best } = self;
+        *flanks = Flanks::new();
+        octaves.reset();
+        pool.reset();
+        terminal.reset();
+        *law = Law::UNKNOWN;
+        *counts = Counts::NONE;
+        (*side, *length, *flight, *landings, *pending, *best) = (0, 0, 0, 0, None, None);
+    }
+
+    /// Takes the next sample; gives a reversal once both its flanks are known, by either route.
+    pub(crate) fn push(&mut self, active: &BacklashActive, sample: &Newest) -> Option<Reversal> {
+        if sample.broken {
+            // Windows reach back to the start of a flank, so that none spans what is missing.
+            self.pending = None;
+            (self.side, self.length, self.flight) = (0, 0, 0);
+            self.flanks.interrupt();
+            self.terminal.interrupt();
+        }
+        let touch = self.flanks.push(&active.flanks, sample);
+        self.octaves.push(&touch, active.flanks.guard);
+        if active.terminal.present {
+            self.terminal.push(&active.terminal, &touch, sample);
+        }
+        let Some(Concluded { fit, flight }) = self.follow(active, &touch) else {
+            // A sample tells of one reversal: the sensor's waits for the force's.
+            return if self.terminal.waits { self.sensed(active) } else { None };
+        };
+        let since = self.length.wrapping_add(flight / 2).wrapping_add(u32::from(active.flanks.guard));
+        self.pool.take(&fit).then(|| active.reversal(&fit, self.side > 0, sample.index.wrapping_sub(since)))
+    }
+
+    /// The reversal that waited, by the terminal's sensor.
+    #[inline(never)]
+    fn sensed(&mut self, active: &BacklashActive) -> Option<Reversal> {
+        let crossing = self.terminal.take();
+        if self.law.is_due(&self.terminal) {
+            self.law = active.law(&self.terminal, self.flanks.noise);
+        }
+        active.sensed(&self.law, &crossing)
+    }
+
+    /// Whether the load keeps to one flank.
+    pub fn one_sided(&self, active: &BacklashActive) -> bool {
+        let [negative, positive] = self.counts.firm;
+        let (less, more) = (negative.min(positive), negative.max(positive));
+        more >= active.scales.one_sided && self.counts.reversals == 0 && less < active.least_flank
+    }
+
+    /// Follows the firm stretches; gives what a reversal showed at its end.
+    fn follow(&mut self, active: &BacklashActive, touch: &Touch) -> Option<Concluded> {
+        let touching = self.flight == 0 && self.side != 0;
+        let mut concluded = None;
+        match (touch.classified, touching) {
+            (0, true) => {
+                self.look(active, 1);
+                concluded = self.conclude();
+                (self.flight, self.landings) = (1, 0);
+            }
+            (0, false) => self.flight = self.flight.saturating_add(1),
+            (_, true) => {
+                self.length = self.length.saturating_add(1);
+                self.count(touch.classified);
+                if self.pending.is_some_and(|pending| self.length >= pending.next) {
+                    self.look(active, 0);
+                    if self.pending.is_some_and(|pending| pending.next > pending.last) {
+                        concluded = self.conclude();
+                    }
+                }
+            }
+            (side, false) => {
+                self.land(active, side);
+                self.count(side);
+            }
+        }
+        self.landings = self.landings.saturating_add(u32::from(touch.landed));
+        concluded
+    }
+
+    fn count(&mut self, side: i8) {
+        let [negative, positive] = &mut self.counts.firm;
+        let firm = if side > 0 { positive } else { negative };
+        *firm = firm.saturating_add(1);
+    }
+
+    /// A firm stretch begins on this side.
+    fn land(&mut self, active: &BacklashActive, side: i8) {
+        if self.side == -side {
+            self.counts.reversals = self.counts.reversals.saturating_add(1);
+            // Three fifths of the way to the reversals on either side: a sine's turning points stay outside, and with
+            // them what the polynomial cannot follow.
+            let last = (self.length.saturating_add(self.flight).min(1 << 24) * 3 / 5).min(self.length);
+            if self.landings > 1 {
+                self.counts.bouncing = self.counts.bouncing.saturating_add(1);
+            } else if last < active.least_flank || !active.stiffness_known {
+                self.counts.short = self.counts.short.saturating_add(1);
+            } else {
+                let next = look_at(2 * active.least_flank, last);
+                self.pending = Some(Pending { flight: self.flight, next, last });
+                self.best = None;
+            }
+        } else if self.side == side && self.landings > 0 && self.length < active.least_flank {
+            // The flank was but the first touch of a reversal.
+            self.counts.bouncing = self.counts.bouncing.saturating_add(1);
+        }
+        (self.side, self.length, self.flight) = (side, 1, 0);
+    }
+
+    /// Looks at the pending reversal with as much of either flank as there is, up to `late` samples ago.
+    fn look(&mut self, active: &BacklashActive, late: u32) {
+        let Some(pending) = &mut self.pending else { return };
+        let flank = self.length.min(pending.last);
+        // The end of a flank is worth a look of its own where it adds a quarter to the last one.
+        let worth = late == 0 || flank >= pending.next - pending.next * 3 / 8;
+        if worth && flank >= active.least_flank && pending.flight <= 4 * flank {
+            let samples = (2 * flank + pending.flight).saturating_add(late);
+            let noise = self.flanks.stretch_noise(&active.flanks);
+            let points = self.octaves.window(samples, active.flanks.guard);
+            if let Some(fit) = points.and_then(|points| step::fit(&points, active.count_units, noise))
+                && self.best.is_none_or(|best| fit.variance < best.variance)
+            {
+                self.best = Some(fit);
+            }
+        }
+        pending.next =
+            if pending.next >= pending.last { u32::MAX } else { look_at(pending.next.saturating_mul(2), pending.last) };
+    }
+
+    /// Ends the pending reversal.
+    fn conclude(&mut self) -> Option<Concluded> {
+        let pending = self.pending.take()?;
+        let best = self.best.take();
+        if best.is_none() {
+            self.counts.short = self.counts.short.saturating_add(1);
+        }
+        best.map(|fit| Concluded { fit, flight: pending.flight })
+    }
+}
+
+/// So far, or the whole way where that is hardly further.
+fn look_at(next: u32, last: u32) -> u32 {
+    if next.saturating_add(next / 4) > last { last } else { next }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::Settings;
+    use proptest::prelude::*;
+    use std::{boxed::Box, vec::Vec};
+
+    proptest! {
+        #[test]
+        fn nothing_panics(
+            samples in prop::collection::vec((any::<i32>(), any::<i32>(), any::<i32>(), any::<u8>()), 1..400),
+            rate in 50.0_f64..5000.0,
+            oversampling in 1.0_f64..64.0,
+        ) {
+            let settings = Settings {
+                sample_rate_hz: rate,
+                oversampling: oversampling.floor(),
+                stiffness_n_per_m: 2e6,
+                contact_damping_n_s_per_m: 1200.0,
+                terminal_sensor: true,
+                ..Settings::default()
+            };
+            let active = settings.validate().unwrap();
+            let mut state = Box::new(BacklashState::new());
+            for repeat in 0..20_u32 {
+                for (index, (position, force, terminal, flags)) in (0..).zip(&samples) {
+                    // Mostly steady, so that flanks come about.
+                    let force = if flags % 8 == 0 { *force } else { if repeat % 2 == 0 { 100_000 } else { -100_000 } };
+                    let newest = Newest {
+                        index,
+                        position: *position,
+                        force,
+                        terminal: *terminal,
+                        good: flags % 64 != 1,
+                        broken: *flags == 2,
+                        offset: 0,
+                    };
+                    state.push(&active.backlash, &newest);
+                }
+                active.backlash.found(&state);
+            }
+        }
+    }
+
+    /// Lengths of the looks at a reversal.
+    #[test]
+    fn looks_go_on_to_the_last() {
+        let looks = |last: u32| -> Vec<u32> {
+            core::iter::successors(Some(look_at(16, last)), |now| (*now < last).then(|| look_at(2 * now, last)))
+                .collect()
+        };
+        assert_eq!(looks(18), [18]);
+        assert_eq!(looks(93), [16, 32, 64, 93]);
+        assert_eq!(looks(5640), [16, 32, 64, 128, 256, 512, 1024, 2048, 4096, 5640]);
+    }
+}

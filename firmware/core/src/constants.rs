@@ -1,0 +1,31 @@
+//! Constants of the method that a host's own fits and figures share with the estimator: see docs/THEORY.md.
+
+/// Standard errors in the interval: 1.96 would do for white noise alone.
+pub const COVERAGE: f64 = 3.0;
+/// A parameter whose interval is wider than this part of its value is not identifiable.
+pub const WIDEST_INTERVAL: f64 = 0.5;
+/// Model error of dry friction: real friction is never exactly Coulomb's.
+pub const COULOMB_MODEL_U95: f64 = 0.05;
+/// Model error of the structure mass: across a backlash its motion does not follow from the force. 0.1 mm takes up to 4.8 %
+/// of it from the inertance (docs/tables/accuracy.md, `worn`).
+pub const STRUCTURE_MODEL_U95: f64 = 0.05;
+/// The skew's false damper, with room for what correlated regressors make of it.
+pub const SKEW_FACTOR: f64 = 2.0;
+
+/// Length of the fast bank's box \[s\]: the encoder's steps in the acceleration fall with its 2.5th power, and at 16 Hz
+/// the kernel still passes 64 %. 12 ms doubles the scatter of viscous friction at 3.2 Hz; 20 ms takes a tenth to a fifth
+/// off it with coarse encoders, but the EMPS record, which stops often, comes out 1.6 % off.
+pub const FAST_BOX_S: f64 = 0.016;
+/// Length of the slow bank's box \[s\]: four of them are lost around each rest, so no longer than the steps ask for.
+pub const SLOW_BOX_S: f64 = 0.064;
+/// Updates in one box: two, as the kernel leaves nothing above the half of that rate.
+pub const UPDATES_PER_BOX: u32 = 2;
+/// Sum of the cubic B-spline's autocorrelation over its value at 0, in boxes: updates within it are one observation.
+pub const CORRELATION_BOXES: f64 = 2.09;
+
+/// Half width of the triangular kernel of the sign \[s\]: shorter ones are noisy, longer ones lean on the correction.
+pub const SIGN_KERNEL_S: f64 = 0.005;
+/// Window in which standing still is decided \[s\].
+pub const REST_WINDOW_S: f64 = 0.024;
+/// Encoder counts within the window that still are rest: a flicker of one count, and one on its way.
+pub const REST_COUNTS: f64 = 2.0;

@@ -1,0 +1,34 @@
+//! What the last estimate tells the signal path: integers, set once per publication.
+
+use crate::qformat::Term;
+
+/// What the estimate gives back to the signal path.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Feedback {
+    /// Kink of the sign's velocity at a reversal [2^-VELOCITY_BITS per cube of the kernel's half width].
+    pub kink: Term,
+    /// The sign's velocity per sum of the force [2^-VELOCITY_BITS per code].
+    pub velocity_per_force: Term,
+    /// Offset of the force [codes].
+    pub offset_code: i32,
+    /// Force [codes] under which a reversal is weak.
+    pub weak_force_code: u32,
+    /// Viscous friction [force codes per position code and sample].
+    pub viscous: Term,
+    /// Friction is known well enough to move a reversal by it.
+    pub friction_known: bool,
+    /// Whether the reversals seen so far look like Coulomb's friction.
+    pub coulomb_like: bool,
+}
+
+impl Feedback {
+    pub(crate) const NONE: Self = Self {
+        kink: Term { coefficient: 0, shift: 0 },
+        velocity_per_force: Term { coefficient: 0, shift: 0 },
+        offset_code: 0,
+        weak_force_code: 0,
+        viscous: Term { coefficient: 0, shift: 0 },
+        friction_known: false,
+        coulomb_like: false,
+    };
+}

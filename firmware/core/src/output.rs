@@ -1,0 +1,34 @@
+//! What one sample brings.
+
+use crate::detail::{Change, Detail, Reversal};
+use crate::estimate::Estimate;
+
+/// What [`Active::step`](crate::Active::step) has to say; most samples bring nothing.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[non_exhaustive]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Output {
+    /// The estimate with its detail, at the publish rate.
+    pub published: Option<Published>,
+    /// A reversal of the flanks that this sample has concluded and that agrees with those before it.
+    pub reversal: Option<Reversal>,
+    /// A change of the device. Estimate and sums are still those of before; both memories begin anew with the next update.
+    pub change: Option<Change>,
+}
+
+impl Output {
+    /// The estimate alone, where one is due.
+    pub fn estimate(&self) -> Option<Estimate> {
+        self.published.map(|published| published.estimate)
+    }
+}
+
+/// An estimate with what goes with it, both of the same sample.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Published {
+    /// The parameters.
+    pub estimate: Estimate,
+    /// Band, backlash, contact, friction and changes.
+    pub detail: Detail,
+}
