@@ -10,7 +10,7 @@ use core::pin::pin;
 use embassy_futures::select::{Either3, select3};
 use embassy_time::{Duration, Instant, Timer};
 use inerter_core::{Active, Bank, Change, Counters, Detail, Estimate, Output, Published, RawSample, Reversal, State};
-use inerter_wire::{Event, EventKind, SamplesBuilder};
+use inerter_wire::{Event, EventKind, SamplesBuilder, Streams};
 
 /// How long raw samples wait for a full batch.
 const FLUSH_AFTER: Duration = Duration::from_millis(50);
@@ -40,8 +40,8 @@ impl Due {
     const FAST: [bool; 4] = [true, true, false, false];
     const SLOW: [bool; 4] = [false, false, true, true];
 
-    fn publish(&mut self, published: Option<Published>) {
-        (self.estimate, self.detail) = published.map(|Published { estimate, detail }| (estimate, detail)).unzip();
+    fn publish(&mut self, Published { estimate, detail }: &Published) {
+        (self.estimate, self.detail) = (Some(*estimate), Some(*detail));
     }
 }
 
@@ -98,26 +98,7 @@ impl Estimating<'_> {
     async fn take(&mut self, samples: &[RawSample]) {
         let stream = self.app.streams();
         for sample in samples {
-            let Output { published, reversal, change, .. } = self.active.step(self.state, sample);
-            if stream.estimates {
-                self.due.reversal = reversal;
-                self.due.publish(published);
-            }
-            self.until_sums = self.until_sums.saturating_sub(1);
-            if self.until_sums == 0 {
-                self.until_sums = self.samples_per_second() / 2;
-                (self.due.sums, self.next_sums) = match self.next_sums {
-                    Bank::Fast => (Due::FAST, Bank::Slow),
-                    Bank::Slow => (Due::SLOW, Bank::Fast),
-                };
-            }
-            if change.is_some() {
-                // The last of the device before: they begin anew with the next update.
-                (self.due.change, self.due.sums) = (change, Due::BOTH_BANKS);
-            }
-            if !stream.sums {
-                self.due.sums = [false; 4];
-            }
+            self.step(sample, stream);
             self.tell().await;
             self.add_to_tare(sample);
             if stream.samples {
@@ -125,6 +106,32 @@ impl Estimating<'_> {
             }
         }
         self.count();
+    }
+
+    /// Takes a sample through the estimator and notes what is due. No part of the output is copied before it is there.
+    fn step(&mut self, sample: &RawSample, stream: Streams) {
+        let Output { published, reversal, change, .. } = &self.active.step(self.state, sample);
+        if stream.estimates {
+            if let Some(published) = published {
+                self.due.publish(published);
+            }
+            self.due.reversal = *reversal;
+        }
+        self.until_sums = self.until_sums.saturating_sub(1);
+        if self.until_sums == 0 {
+            self.until_sums = self.samples_per_second() / 2;
+            (self.due.sums, self.next_sums) = match self.next_sums {
+                Bank::Fast => (Due::FAST, Bank::Slow),
+                Bank::Slow => (Due::SLOW, Bank::Fast),
+            };
+        }
+        if change.is_some() {
+            // The last of the device before: they begin anew with the next update.
+            (self.due.change, self.due.sums) = (*change, Due::BOTH_BANKS);
+        }
+        if !stream.sums {
+            self.due.sums = [false; 4];
+        }
     }
 
     fn samples_per_second(&self) -> u32 {
@@ -231,7 +238,9 @@ impl Estimating<'_> {
         let sent = pin!(self.app.samples_are_sent());
         self.app.heartbeats.with_heartbeat(Task::Estimating, sent).await;
         let any = self.state.counters().samples > 0;
-        self.due.publish((any && with_estimate).then(|| self.active.publish(self.state)));
+        if any && with_estimate {
+            self.due.publish(&self.active.publish(self.state));
+        }
         self.due.sums = [any && self.app.streams().sums; 4];
         self.due.ended = true;
         self.tell().await;

@@ -107,7 +107,7 @@ fn a_person_sees_it_at_a_glance() {
     let swapped = [("inertance_kg", "300.0"), ("changed_inertance_kg", "150.0")];
     let swapped = swapped.map(|(name, value)| (name.to_string(), value.to_string())).into();
     assert!(table(&Estimate::default(), None, &settings(false), Some(&swapped)).contains(" 300.0, then 150.0"));
-    let line = "inertance seen from 3.12 to 6.50 Hz; 130 reversals by the terminal's sensor; contact: a reversal at each reversal; \
+    let line = "inertance seen from 3.12 to 6.50 Hz; 130 reversals by the terminal's sensor; contact: a gap at each reversal; \
                 friction: Coulomb's; the device has changed 1 time";
     assert!(text.ends_with(line), "{text}");
     // What is as it should be needs no remark.
