@@ -9,7 +9,7 @@
 //! - [`Samples`], [`SamplesBuilder`]: batches of raw samples in few bytes.
 //! - [`SettingsValues`]: settings as numbered values, so that old and new ends understand each other.
 //! - [`Crc32`]: the checksum of frames, also for what a device keeps.
-//! - [`EstimatorEvent`]: what an estimator says, here or in a device.
+//! - [`EstimatorEvent`]: what an estimator says, here or in a device; [`Pairing`] makes it from records.
 //! - [`catalogue`]: name, label, symbol and unit of every number that a view can show.
 //! - [`protocol`]: the tables of records and commands that the documents are made from.
 //!
@@ -31,7 +31,7 @@ mod settings;
 
 pub use command::{Command, Request, Streams};
 pub use crc::Crc32;
-pub use event::{EstimatorEvent, step};
+pub use event::{EstimatorEvent, Pairing, step};
 pub use frame::{
     Corruption, Counts, DELIMITER, EncodeError, Frame, FrameReader, MAX_FRAME, MAX_PAYLOAD, Message, Peek,
     SequenceCounter, encode, encode_record, encode_request,

@@ -4,7 +4,8 @@ use std::{collections::VecDeque, time::Duration};
 
 use inerter_core::{Detail, Estimate, RawSample, Settings};
 use inerter_wire::{
-    Capabilities, Command, Done, EstimatorEvent, EventKind, Frame, Record, Refusal, Samples, Source, Streams, step,
+    Capabilities, Command, Done, EstimatorEvent, EventKind, Frame, Pairing, Record, Refusal, Samples, Source, Streams,
+    step,
 };
 
 use crate::{
@@ -77,7 +78,18 @@ pub fn inject_all<E: From<DeviceError>>(
     halt(device)?;
     let (times, begun) = (Times::new(injection), Begun::No);
     let (last, later) = (None, Vec::new());
-    let result = Sending { device: &mut *device, injection, publish, progress, times, begun, last, later }.all();
+    let result = Sending {
+        device: &mut *device,
+        injection,
+        publish,
+        progress,
+        times,
+        begun,
+        pairing: Pairing::new(),
+        last,
+        later,
+    }
+    .all();
     // What failed is more interesting than whether the settings could be put back after it.
     let restored = device.write_settings(&before).and_then(|()| device.start_sampler());
     let injected = result?;
@@ -110,6 +122,7 @@ struct Sending<'a, P, G> {
     progress: G,
     times: Times<'a>,
     begun: Begun,
+    pairing: Pairing,
     /// The latest estimate with its detail: the very last one is the final one, and for the caller.
     last: Option<(Estimate, Option<Detail>)>,
     /// What came after it.
@@ -149,6 +162,9 @@ impl<E: From<DeviceError>, P: FnMut(f64, &EstimatorEvent) -> Result<(), E>, G: F
         }
         let done = self.device.request_within("to end the injection", Command::InjectEnd, END_TIME);
         self.drain()?;
+        if let Some(event) = self.pairing.flush() {
+            self.hold(event)?;
+        }
         done?;
         let (estimate, detail) = self
             .last
@@ -187,41 +203,37 @@ impl<E: From<DeviceError>, P: FnMut(f64, &EstimatorEvent) -> Result<(), E>, G: F
 
     fn take(&mut self, received: &Received) -> Result<(), E> {
         let Frame::Message { message, .. } = &received.frame else { return Ok(()) };
-        match message {
-            Record::Event(event) => match event.kind {
+        if let Record::Event(event) = message {
+            match event.kind {
                 EventKind::SourceChanged(Source::Link) => self.begun = Begun::Changed,
                 EventKind::EstimatorReset if self.begun == Begun::Changed => self.begun = Begun::Yes,
-                EventKind::Changed(change) if self.begun == Begun::Yes => {
-                    self.say(EstimatorEvent::Changed(change))?;
-                }
                 _ => {}
-            },
-            Record::Reversal(reversal) if self.begun == Begun::Yes => self.say(EstimatorEvent::Reversal(*reversal))?,
-            Record::Estimate(estimate) if self.begun == Begun::Yes => {
-                if let Some((before, detail)) = self.last.replace((*estimate, None)) {
-                    (self.publish)(self.times.of(before.index), &EstimatorEvent::Estimate(before, detail))?;
-                }
-                for news in std::mem::take(&mut self.later) {
-                    (self.publish)(self.times.near(&news), &news)?;
-                }
             }
-            Record::Detail(detail) if self.begun == Begun::Yes => {
-                if let Some((_, place)) = self.last.as_mut().filter(|(estimate, _)| estimate.index == detail.index) {
-                    *place = Some(*detail);
-                }
+        }
+        if self.begun == Begun::Yes {
+            for event in self.pairing.take(message) {
+                self.hold(event)?;
             }
-            _ => {}
         }
         Ok(())
     }
 
-    /// Publishes in the order in which the device spoke: nothing overtakes the estimate that is held back.
-    fn say(&mut self, news: EstimatorEvent) -> Result<(), E> {
-        if self.last.is_some() {
-            self.later.push(news);
-            return Ok(());
+    /// Publishes in the order in which the device spoke, but holds the latest estimate back: it may be the final one.
+    fn hold(&mut self, event: EstimatorEvent) -> Result<(), E> {
+        let EstimatorEvent::Estimate(estimate, detail) = event else {
+            if self.last.is_some() {
+                self.later.push(event);
+                return Ok(());
+            }
+            return (self.publish)(self.times.near(&event), &event);
+        };
+        if let Some((before, detail)) = self.last.replace((estimate, detail)) {
+            (self.publish)(self.times.of(before.index), &EstimatorEvent::Estimate(before, detail))?;
         }
-        (self.publish)(self.times.near(&news), &news)
+        for event in std::mem::take(&mut self.later) {
+            (self.publish)(self.times.near(&event), &event)?;
+        }
+        Ok(())
     }
 }
 

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use inerter_core::{Detail, Estimate, Parameter};
-use inerter_wire::EstimatorEvent;
+use inerter_wire::{EstimatorEvent, Pairing};
 use inerter_wire::{
     Frame, Record,
     catalogue::{self, Field, Group},
@@ -47,7 +47,7 @@ impl EstimateTable {
         };
         match source.recording() {
             Some(path) => {
-                let (mut clock, mut waiting): (Extent, Option<Estimate>) = (Extent::default(), None);
+                let (mut clock, mut pairing) = (Extent::default(), Pairing::new());
                 recording::read(path, |incoming| {
                     let Item::Frame(Frame::Message { message, .. }) = incoming.item else { return };
                     let since_s = |clock: &Extent, index| {
@@ -55,22 +55,15 @@ impl EstimateTable {
                         let before = || i64::from(u32::wrapping_sub(index, first) as i32);
                         clock.periods_of(index).unwrap_or_else(before) as f64 / source.settings.sample_rate_hz
                     };
-                    match message {
-                        Record::Samples(batch) if batch.check().is_ok() => {
-                            batch.iter().flatten().for_each(|sample| clock.take(&sample));
+                    for event in pairing.take(&message) {
+                        if let EstimatorEvent::Estimate(estimate, detail) = event {
+                            take(since_s(&clock, estimate.index), &estimate, detail.as_ref());
                         }
-                        Record::Estimate(estimate) => {
-                            // An older firmware sends no detail.
-                            if let Some(alone) = waiting.replace(estimate) {
-                                take(since_s(&clock, alone.index), &alone, None);
-                            }
-                        }
-                        Record::Detail(detail) => {
-                            if let Some(estimate) = waiting.take() {
-                                take(since_s(&clock, estimate.index), &estimate, Some(&detail));
-                            }
-                        }
-                        _ => {}
+                    }
+                    if let Record::Samples(batch) = message
+                        && batch.check().is_ok()
+                    {
+                        batch.iter().flatten().for_each(|sample| clock.take(&sample));
                     }
                 })?;
             }

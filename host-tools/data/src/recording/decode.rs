@@ -1,7 +1,7 @@
 //! The decoded channels of a recording: the frames once more, as JSON that PlotJuggler and Foxglove show as it is.
 
 use inerter_core::{Detail, Estimate, RawSample, Settings};
-use inerter_wire::{Frame, Record};
+use inerter_wire::{EstimatorEvent, Frame, Pairing, Record};
 use serde::Serialize;
 
 use super::{messages::Framing, samples::Extent};
@@ -67,7 +67,7 @@ pub(super) struct Decoder {
     clock: Extent,
     converter: Converter,
     motion: Motion,
-    estimate: Option<Estimate>,
+    pairing: Pairing,
     estimates: Sparse,
     reversals: Sparse,
 }
@@ -103,7 +103,7 @@ impl Decoder {
             clock: Extent::default(),
             converter: Converter::new(settings),
             motion: Motion::default(),
-            estimate: None,
+            pairing: Pairing::new(),
             estimates: Sparse::new(ESTIMATE_S),
             reversals: Sparse::new(GAP_S),
         }
@@ -123,26 +123,22 @@ impl Decoder {
     }
 
     fn record(&mut self, record: Record, said: &mut Vec<Said>) {
+        for event in self.pairing.take(&record) {
+            match event {
+                EstimatorEvent::Estimate(estimate, detail) => self.estimate(&estimate, detail.as_ref(), said),
+                EstimatorEvent::Reversal(reversal) => {
+                    let t_s = self.time_s(reversal.index);
+                    if t_s.is_none_or(|t_s| self.reversals.is_due(t_s)) {
+                        say(said, Channel::Reversal, &ReversalJson::new(t_s, &reversal));
+                    }
+                }
+                // An event of the device like others.
+                EstimatorEvent::Changed(_) => {}
+            }
+        }
         match record {
             Record::Samples(batch) if batch.check().is_ok() => {
                 batch.iter().flatten().for_each(|sample| self.sample(&sample, said));
-            }
-            // Its detail follows, but from an older firmware.
-            Record::Estimate(estimate) => {
-                if let Some(alone) = self.estimate.replace(estimate) {
-                    self.estimate(&alone, None, said);
-                }
-            }
-            Record::Detail(detail) => {
-                if let Some(estimate) = self.estimate.take() {
-                    self.estimate(&estimate, Some(&detail), said);
-                }
-            }
-            Record::Reversal(reversal) => {
-                let t_s = self.time_s(reversal.index);
-                if t_s.is_none_or(|t_s| self.reversals.is_due(t_s)) {
-                    say(said, Channel::Reversal, &ReversalJson::new(t_s, &reversal));
-                }
             }
             Record::Event(event) => {
                 say(said, Channel::Event, &EventJson::new(self.time_s(event.index), event.index, &event.kind));

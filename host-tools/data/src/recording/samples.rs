@@ -8,7 +8,7 @@ use std::{
 };
 
 use inerter_core::{Detail, Estimate, RawSample, Settings};
-use inerter_wire::{EventKind, Frame, Health, Hello, Record, Samples, SettingsValues, step};
+use inerter_wire::{EstimatorEvent, EventKind, Frame, Health, Hello, Pairing, Record, Samples, SettingsValues, step};
 
 use super::{
     END_METADATA, RecordingError, SETTINGS_METADATA, TRUTH_METADATA,
@@ -105,6 +105,7 @@ struct Collected<F> {
     markers: Vec<Marker>,
     estimate: Option<Estimate>,
     detail: Option<Detail>,
+    pairing: Pairing,
     health: Option<Health>,
     records: BTreeMap<&'static str, u64>,
     foreign: Option<u16>,
@@ -124,13 +125,20 @@ impl<F: FnMut(RawSample)> Collected<F> {
         }
     }
 
+    fn event(&mut self, event: EstimatorEvent) {
+        if let EstimatorEvent::Estimate(estimate, detail) = event {
+            (self.estimate, self.detail) = (Some(estimate), detail);
+        }
+    }
+
     fn message(&mut self, record: Record) {
         *self.records.entry(record.name()).or_default() += 1;
+        for event in self.pairing.take(&record) {
+            self.event(event);
+        }
         match record {
             Record::Hello(hello) => self.hello = Some(hello),
             Record::Samples(batch) => self.batch(&batch),
-            Record::Estimate(estimate) => (self.estimate, self.detail) = (Some(estimate), None),
-            Record::Detail(detail) => self.detail = Some(detail),
             Record::Health(health) => self.health = Some(health),
             // Each once: a host that comes back again and again reads them each time.
             Record::Settings(values) if self.settings.last() != Some(&values) => self.settings.push(values),
@@ -192,6 +200,7 @@ fn summary_with(
         markers: Vec::new(),
         estimate: None,
         detail: None,
+        pairing: Pairing::new(),
         health: None,
         records: BTreeMap::new(),
         foreign: None,
@@ -202,6 +211,9 @@ fn summary_with(
         progress(incoming.offset);
         collected.take(incoming);
     })?;
+    if let Some(event) = collected.pairing.flush() {
+        collected.event(event);
+    }
     let file = path.display().to_string();
     if let (Some(version), 0) = (collected.foreign, collected.extent.samples) {
         return Err(RecordingError::ForeignVersion { file, version });

@@ -3,7 +3,7 @@
 use inerter_core::{Detail, Estimate, Reversal, Settings};
 use inerter_data::{series::Converter, text};
 use inerter_device::{Device, Received};
-use inerter_wire::{Event, EventKind, Frame, Health, Hello, Record};
+use inerter_wire::{EstimatorEvent, Event, EventKind, Frame, Health, Hello, Pairing, Record};
 
 /// When something was.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -138,8 +138,9 @@ pub struct Feed {
     settings: Settings,
     converter: Converter,
     timeline: Timeline,
-    /// An estimate whose detail may still come.
-    waiting: Option<(u64, Estimate)>,
+    pairing: Pairing,
+    /// When the latest estimate came.
+    estimate_ns: u64,
     /// The latest estimate's counter, and its time on either clock.
     latest: Option<(u32, f64, Moment)>,
     lost_frames: u64,
@@ -150,7 +151,7 @@ impl Default for Feed {
         let settings = Settings::default();
         let converter = Converter::new(&settings);
         let timeline = Timeline::default();
-        Self { settings, converter, timeline, waiting: None, latest: None, lost_frames: 0 }
+        Self { settings, converter, timeline, pairing: Pairing::new(), estimate_ns: 0, latest: None, lost_frames: 0 }
     }
 }
 
@@ -195,10 +196,15 @@ impl Feed {
 
     /// Hands out an estimate whose detail does not come.
     pub fn quiet(&mut self, mut show: impl FnMut(Item)) {
-        self.publish(None, &mut show);
+        if let Some(event) = self.pairing.flush() {
+            self.event(event, &mut show);
+        }
     }
 
     fn message(&mut self, message: &Record, time_ns: u64, show: &mut impl FnMut(Item)) {
+        for event in self.pairing.take(message) {
+            self.event(event, show);
+        }
         match message {
             Record::Samples(batch) if batch.check().is_ok() => {
                 let samples = batch.iter().flatten().map(|raw| {
@@ -208,17 +214,7 @@ impl Feed {
                 });
                 show(Item::Samples(samples.collect()));
             }
-            Record::Estimate(estimate) => {
-                self.publish(None, show);
-                self.waiting = Some((time_ns, *estimate));
-            }
-            Record::Detail(detail) if self.waiting.is_some_and(|(_, estimate)| estimate.index == detail.index) => {
-                self.publish(Some(*detail), show);
-            }
-            Record::Reversal(reversal) => {
-                self.publish(None, show);
-                show(Item::Reversal { t_s: self.time_of(reversal.index), reversal: *reversal });
-            }
+            Record::Estimate(_) => self.estimate_ns = time_ns,
             Record::Health(health) => show(Item::Health(*health)),
             Record::Event(event) => {
                 if event.kind == EventKind::Started {
@@ -240,12 +236,20 @@ impl Feed {
         }
     }
 
-    fn publish(&mut self, detail: Option<Detail>, show: &mut impl FnMut(Item)) {
-        let Some((time_ns, estimate)) = self.waiting.take() else { return };
-        let t_s = text::elapsed_s(&estimate, self.settings.sample_rate_hz);
-        let at = self.timeline.at(estimate.index, time_ns);
-        self.latest = Some((estimate.index, t_s, at));
-        show(Item::Estimate { at, t_s, estimate, detail });
+    fn event(&mut self, event: EstimatorEvent, show: &mut impl FnMut(Item)) {
+        match event {
+            EstimatorEvent::Estimate(estimate, detail) => {
+                let t_s = text::elapsed_s(&estimate, self.settings.sample_rate_hz);
+                let at = self.timeline.at(estimate.index, self.estimate_ns);
+                self.latest = Some((estimate.index, t_s, at));
+                show(Item::Estimate { at, t_s, estimate, detail });
+            }
+            EstimatorEvent::Reversal(reversal) => {
+                show(Item::Reversal { t_s: self.time_of(reversal.index), reversal });
+            }
+            // An event of the device like others.
+            EstimatorEvent::Changed(_) => {}
+        }
     }
 
     /// Time of a sample on the clock of the estimates; not known before the first of them.
