@@ -50,7 +50,7 @@ pub fn inject<E: From<DeviceError>>(
     mut publish: impl FnMut(f64, &Estimate) -> Result<(), E>,
     progress: impl FnMut(u64) -> Result<(), E>,
 ) -> Result<Injected, E> {
-    let estimates = |t_s: f64, news: &EstimatorEvent| match news {
+    let estimates = |t_s: f64, event: &EstimatorEvent| match event {
         EstimatorEvent::Estimate(estimate, _) => publish(t_s, estimate),
         EstimatorEvent::Reversal(_) | EstimatorEvent::Changed(_) => Ok(()),
     };
@@ -201,8 +201,8 @@ impl<E: From<DeviceError>, P: FnMut(f64, &EstimatorEvent) -> Result<(), E>, G: F
                 if let Some((before, detail)) = self.last.replace((*estimate, None)) {
                     (self.publish)(self.times.of(before.index), &EstimatorEvent::Estimate(before, detail))?;
                 }
-                for news in std::mem::take(&mut self.later) {
-                    (self.publish)(self.times.near(&news), &news)?;
+                for event in std::mem::take(&mut self.later) {
+                    (self.publish)(self.times.near(&event), &event)?;
                 }
             }
             Record::Detail(detail) if self.begun == Begun::Yes => {
@@ -216,12 +216,12 @@ impl<E: From<DeviceError>, P: FnMut(f64, &EstimatorEvent) -> Result<(), E>, G: F
     }
 
     /// Publishes in the order in which the device spoke: nothing overtakes the estimate that is held back.
-    fn say(&mut self, news: EstimatorEvent) -> Result<(), E> {
+    fn say(&mut self, event: EstimatorEvent) -> Result<(), E> {
         if self.last.is_some() {
-            self.later.push(news);
+            self.later.push(event);
             return Ok(());
         }
-        (self.publish)(self.times.near(&news), &news)
+        (self.publish)(self.times.near(&event), &event)
     }
 }
 
@@ -249,9 +249,9 @@ impl<'a> Times<'a> {
     }
 
     /// Time of what happened around the sample that was asked for last, before it or after.
-    fn near(&self, news: &EstimatorEvent) -> f64 {
+    fn near(&self, event: &EstimatorEvent) -> f64 {
         let here = self.injection.samples.get(self.at).map_or(0, |sample| sample.index);
-        let after = news.index().wrapping_sub(here).cast_signed();
+        let after = event.index().wrapping_sub(here).cast_signed();
         self.injection.start_s + (self.elapsed as f64 + f64::from(after)) / self.injection.settings.sample_rate_hz
     }
 }
