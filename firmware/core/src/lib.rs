@@ -45,5 +45,5 @@ pub use estimate::{Bank, Estimate, Interval, Parameter, Parameters, Status, Unre
 pub use estimator::{Counters, State};
 pub use output::{Output, Published};
 pub use sample::RawSample;
-pub use settings::{FrontEnd, Kind, SettingInfo, SettingText, Settings, SettingsError};
+pub use settings::{FrontEnd, Kind, Machine, SettingInfo, SettingText, Settings, SettingsError};
 pub use sums::{MoreSums, Sums};

@@ -135,6 +135,20 @@ pub enum FrontEnd {
     Ads131m04,
 }
 
+/// What kind of machine the screw belongs to: what position, force and inertance are measured in.
+///
+/// The arithmetic is the same for both; names and units of what people and programs see are not.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Machine {
+    /// Translation: m, N, kg.
+    #[default]
+    Linear,
+    /// Rotation: rad, N m, kg m^2.
+    Rotary,
+}
+
 /// A setting's type, as the number that tables, files and the wire hold.
 trait Number: Copy {
     fn number(self) -> f64;
@@ -169,6 +183,16 @@ impl Number for FrontEnd {
 
     fn of(number: f64) -> Self {
         if number == 0.0 { Self::Analogue } else { Self::Ads131m04 }
+    }
+}
+
+impl Number for Machine {
+    fn number(self) -> f64 {
+        f64::from(self as u8)
+    }
+
+    fn of(number: f64) -> Self {
+        if number == 0.0 { Self::Linear } else { Self::Rotary }
     }
 }
 
@@ -243,6 +267,7 @@ settings! {
     front_end: FrontEnd, "", 0.0, 0.0, 1.0, Whole, "Force front end: 0 analogue, 1 ADS131M04";
     stiffness_u95_n_per_m: f64, "N/m", 0.0, 0.0, 1e12, Real, "95 % uncertainty of the contact stiffness; 0 takes 1 % of it";
     terminal_sensor: bool, "", 0.0, 0.0, 1.0, Whole, "Terminal displacement sensor: 0 none, 1 on the third channel";
+    machine: Machine, "", 0.0, 0.0, 1.0, Whole, "Kind of machine: 0 linear (kg, N, m), 1 rotary (kg m^2, N m, rad)";
 }
 
 impl Settings {

@@ -24,3 +24,7 @@ pub mod words;
 
 pub use error::Error;
 pub use open::open;
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -254,6 +254,10 @@ fn lint_firmware() -> Result<()> {
         command.args(["--package", package]);
     }
     process::run(command.args(denied))?;
+    // What a stranger's firmware would write.
+    let mut command = toolchain.cargo("clippy");
+    command.args(["--locked", "--package", "inerter-core", "--example", "firmware"]);
+    process::run(command.args(denied))?;
     for features in OTHER_BOARDS {
         let mut command = toolchain.cargo("clippy");
         command.args(["--locked", "--package", "inerter-stm32g474", "--no-default-features", "--features", features]);

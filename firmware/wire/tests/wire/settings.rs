@@ -30,6 +30,7 @@ const NAMES: &[&str] = &[
     "front_end",
     "stiffness_u95_n_per_m",
     "terminal_sensor",
+    "machine",
 ];
 
 fn values(pairs: &[(u8, f64)]) -> SettingsValues {

@@ -67,7 +67,7 @@ pub fn update<M: Machine>(
     dfuse::Rom::new(&io, &mut sleep).program(image, &mut progress)?;
     drop(io);
     let _ = tell(UpdateEvent::Returning);
-    Ok(confirm(machine, &image.identity, &device.serial)?)
+    confirm(machine, &image.identity, &device.serial)
 }
 
 /// Opens a device that may have appeared a moment ago, which belongs to root until udev has seen it.

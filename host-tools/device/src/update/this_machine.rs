@@ -48,11 +48,11 @@ impl Machine for ThisMachine {
             // A name that was given, of a board that is in update mode already: its port is gone.
             Err(DeviceError::Missing { .. }) if list().is_ok_and(|devices| !devices.is_empty()) => return Ok(None),
             Err(DeviceError::Silent { name, .. }) => {
-                return Err(UpdateError::CannotAsk { name, reason: "it does not answer".into() }.into());
+                return Err(UpdateError::CannotAsk { name, reason: "it does not answer".into() });
             }
             Err(DeviceError::WireVersion { name, theirs }) => {
                 let reason = format!("it speaks wire version {theirs}, this program {WIRE_VERSION}");
-                return Err(UpdateError::CannotAsk { name, reason }.into());
+                return Err(UpdateError::CannotAsk { name, reason });
             }
             Err(error) => return Err(error.into()),
         };
