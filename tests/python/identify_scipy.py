@@ -42,7 +42,7 @@ class Stopped(Exception):
 
 
 def contact(apart, closing, ks, cs, eps):
-    """Spring and damper beyond the gap, nothing within."""
+    """Spring and damper beyond the backlash, nothing within."""
     stretch = apart - np.clip(apart, -eps / 2, eps / 2)
     return np.where(stretch != 0.0, ks * stretch + cs * closing, 0.0)
 

@@ -1,13 +1,13 @@
-//! Backlash on the accuracy grid: gaps of every width, by the force alone and with the terminal's own sensor.
+//! Backlash on the accuracy grid: every width, by the force alone and with the terminal's own sensor.
 
 use crate::grid::{self, Error, Rig, calibrated, raw};
 use inerter_core::{Detail, Interval, Reversal, Settings, State};
 use inerter_plant::{Excitation, Parameters as Device, Sensors, Simulation};
 
-/// Gaps of the grid \[m\].
-pub const GAPS_M: [f64; 6] = [0.0, 10e-6, 20e-6, 50e-6, 100e-6, 200e-6];
+/// Backlash of the grid \[m\].
+pub const BACKLASHES_M: [f64; 6] = [0.0, 10e-6, 20e-6, 50e-6, 100e-6, 200e-6];
 
-/// Greatest bias and sigma wanted of the gap by the force alone at 1 kHz and 1 N \[m\], and up to which gap.
+/// Greatest bias and sigma wanted of the backlash by the force alone at 1 kHz and 1 N \[m\], and up to which backlash.
 pub fn goal(motion: &str) -> (f64, f64, f64) {
     match motion {
         "slow" => (1e-6, 1e-6, 200e-6),
@@ -91,7 +91,7 @@ pub struct Column {
     pub wrong: usize,
 }
 
-/// One gap in one motion on one rig.
+/// One backlash in one motion on one rig.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Cell {
     /// Backlash by the force alone \[m\].

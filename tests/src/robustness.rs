@@ -184,7 +184,7 @@ pub fn cell(runs: &[Run], usual_n: Option<f64>) -> Cell {
             flags.push(name);
         }
     };
-    flag("gaps", |run| run.counters.discontinuities > 0);
+    flag("discontinuities", |run| run.counters.discontinuities > 0);
     flag("saturated", |run| run.counters.saturated > 0);
     flag("presliding", |run| run.regime == Regime::Presliding);
     flag("Stribeck", |run| run.regime == Regime::Stribeck);

@@ -47,7 +47,7 @@ fn reason(detail: &Detail) -> Option<Reason> {
 }
 
 #[test]
-fn gaps_of_all_widths_are_found_in_all_motions() {
+fn backlash_of_all_widths_is_found_in_all_motions() {
     let (mut given, mut wrong) = (0, 0);
     for motion in &MOTIONS {
         for backlash_m in [0.0, 20e-6, 100e-6] {
@@ -83,7 +83,7 @@ fn gaps_of_all_widths_are_found_in_all_motions() {
 }
 
 #[test]
-fn each_reversal_tells_its_own_gap_and_error() {
+fn each_reversal_tells_its_own_backlash_and_error() {
     let reversals = run(&worn(50e-6), "random", 20.0, &RIG, 3).unwrap().reversals;
     assert!(reversals.len() > 300, "{}", reversals.len());
     let normalised =
@@ -97,9 +97,9 @@ fn each_reversal_tells_its_own_gap_and_error() {
 
 /// With the sensor, the records scatter by the error that they state, and their mean is what all blocks say together.
 #[test]
-fn each_reversal_tells_its_own_gap_with_the_sensor() {
+fn each_reversal_tells_its_own_backlash_with_the_sensor() {
     for (motion, at_least) in [("mid", 120), ("fast", 600), ("random", 400)] {
-        for (rig, backlash_m) in RIGS.iter().flat_map(|rig| [0.0, 50e-6, 200e-6].map(|gap_m| (rig, gap_m))) {
+        for (rig, backlash_m) in RIGS.iter().flat_map(|rig| [0.0, 50e-6, 200e-6].map(|backlash_m| (rig, backlash_m))) {
             let Run { sensed, sensed_reversals, .. } = run(&worn(backlash_m), motion, 20.0, rig, 3).unwrap();
             let count = sensed_reversals.len() as f64;
             let mean = sensed_reversals.iter().map(|reversal| f64::from(reversal.value_m)).sum::<f64>() / count;
@@ -119,12 +119,12 @@ fn each_reversal_tells_its_own_gap_with_the_sensor() {
     }
 }
 
-/// A single one that differs is seen as such: the gap of each is its own.
+/// A single one that differs is seen as such: the backlash of each is its own.
 #[test]
-fn a_gap_that_grows_on_the_way_grows_in_the_records() {
+fn a_backlash_that_grows_on_the_way_grows_in_the_records() {
     let sensors = instruments(&RIG, 3);
     let worn_settings = sensing(&settings(&worn(50e-6), &sensors));
-    let halves = [50e-6, 60e-6].map(|gap_m| shaken(&worn(gap_m), "random@10s;hold@1s", 11.0, &sensors));
+    let halves = [50e-6, 60e-6].map(|backlash_m| shaken(&worn(backlash_m), "random@10s;hold@1s", 11.0, &sensors));
     let [first, second] = halves;
     let moved = second.into_iter().map(|sample| RawSample { index: sample.index + 20_000, ..sample });
     let (_, reversals) = listen(&worn_settings, first.into_iter().chain(moved));
@@ -172,9 +172,9 @@ fn standstill_changes_nothing() {
     assert!(covers(&after, 50e-6), "{after:?}");
     let without = Settings { terminal_sensor: false, ..settings };
     let samples = shaken(&device, "random@10s;hold@60s", 70.0, &sensors);
-    let (before, gaps_before) = listen(&without, samples.iter().copied().take(11_000));
-    let (after, gaps_after) = listen(&without, samples);
-    assert_eq!((before.backlash, before.contact, gaps_before), (after.backlash, after.contact, gaps_after));
+    let (before, reversals_before) = listen(&without, samples.iter().copied().take(11_000));
+    let (after, reversals_after) = listen(&without, samples);
+    assert_eq!((before.backlash, before.contact, reversals_before), (after.backlash, after.contact, reversals_after));
 }
 
 /// Neither the encoder's place nor the signs of the scales change a bit.
@@ -236,7 +236,7 @@ fn lost_and_saturated_samples_cost_reversals_and_not_the_truth() {
 
 /// A load that outweighs the motion keeps to one flank, also when the estimator takes it for an offset.
 #[test]
-fn a_one_sided_load_is_no_gap() {
+fn a_one_sided_load_is_no_backlash() {
     let device = worn(100e-6);
     let sensors = instruments(&RIG, 7);
     for newtons in [3000.0, -3000.0] {
@@ -337,7 +337,7 @@ fn a_heavy_structure_is_no_flank() {
     }
 }
 
-/// A damping that is a fifth wrong moves the gap by less than the interval has room for.
+/// A damping that is a fifth wrong moves the backlash by less than the interval has room for.
 #[test]
 fn a_wrong_damping_moves_little() {
     let device = worn(100e-6);
@@ -359,7 +359,7 @@ fn a_wrong_damping_moves_little() {
     }
 }
 
-/// A stiffness that is wrong by its uncertainty moves the gap by no more than the interval says.
+/// A stiffness that is wrong by its uncertainty moves the backlash by no more than the interval says.
 #[test]
 fn the_stiffness_is_in_the_interval() {
     let device = worn(200e-6);

@@ -16,7 +16,7 @@ fn changes(settings: &Settings, samples: impl IntoIterator<Item = RawSample>) ->
     found
 }
 
-/// The second run behind the first, as one recording with a gap where the rig was stopped.
+/// The second run behind the first, as one recording with samples missing where the rig was stopped.
 fn spliced(first: &[RawSample], second: &[RawSample]) -> Vec<RawSample> {
     let last = *first.last().unwrap();
     let start = second[0];

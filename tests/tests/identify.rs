@@ -192,7 +192,7 @@ fn rest_and_haste_are_refused_with_a_reason() {
     let refused = identify(&[rest], &quick(), &mut |_| ()).unwrap_err();
     assert!(matches!(refused, IdentifyError::Fit(_) | IdentifyError::Diverged), "{refused}");
     let mut short = shaken(&Device::paper(), "mid", 1, 6.0);
-    // A gap every second.
+    // A sample lost every second.
     short.samples.retain(|sample| sample.index % 1000 != 0);
     let refused = identify(&[short], &quick(), &mut |_| ()).unwrap_err();
     assert!(matches!(refused, IdentifyError::TooShort { .. }), "{refused}");

@@ -1,4 +1,4 @@
-//! What a rig does to a measurement: gaps, saturation, wrapping counters, mirrored wiring, any rate, any bytes.
+//! What a rig does to a measurement: discontinuities, saturation, wrapping counters, mirrored wiring, any rate, any bytes.
 
 use inerter_core::{Counters, Estimate, Parameter, Parameters, RawSample, Settings, State, Status};
 use inerter_plant::{Excitation, Parameters as Device, Sensors, Simulation};
@@ -83,7 +83,7 @@ fn one_percent_of_the_samples_lost() {
 }
 
 #[test]
-fn a_gap_is_counted_and_never_bridged() {
+fn a_discontinuity_is_counted_and_never_bridged() {
     let mut samples = samples(sensors(), "random@20s");
     samples.drain(7000..7500);
     // The encoder lost its place meanwhile.
@@ -116,7 +116,7 @@ fn an_index_that_goes_back_is_a_restart() {
 }
 
 #[test]
-fn a_sample_twice_is_a_gap_too() {
+fn a_sample_twice_is_a_discontinuity_too() {
     let mut samples = samples(sensors(), "random@20s");
     samples.insert(9000, samples[8999]);
     let outcome = run(&settings(&sensors()), &samples);

@@ -83,9 +83,9 @@ pub enum Error<S, P> {
 pub enum Recovery {
     /// Leave this conversion out and go on.
     Continue,
-    /// `resynchronise`, and treat what lies between as a gap.
+    /// `resynchronise`, and treat what lies between as missing.
     Resynchronise,
-    /// `init`, and treat what lies between as a gap.
+    /// `init`, and treat what lies between as missing.
     Initialise,
     /// Wiring, supply, clock or configuration must change first. Until then `init` may be tried from time to time.
     Person,

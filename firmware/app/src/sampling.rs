@@ -43,7 +43,7 @@ pub async fn sampling(app: &App, mut source: impl SampleSource) -> ! {
                 // Not in use any more: what was read ahead belongs to nobody.
                 let _ = app.queue.give(Source::Sampler, samples).await;
             } else if let Ok(lost @ 1..) = give_live(app, samples).await {
-                // The sample counter will show the gap.
+                // The sample counter will show the discontinuity.
                 log!(warn, "no room for {} samples", lost);
                 overrun(app, &mut reported.overrun, Fault::SamplerOverrun).await;
             }

@@ -477,11 +477,11 @@ fn stop_halts_the_sampler_and_start_goes_on() {
 }
 
 #[test]
-fn gaps_are_counted_over_resets() {
+fn discontinuities_are_counted_over_resets() {
     let mut rig = Rig::with(live());
     let samples = shaken(2_000);
-    let with_gaps = samples.iter().filter(|sample| !matches!(sample.index, 500..530 | 900));
-    rig.feed(with_gaps);
+    let with_losses = samples.iter().filter(|sample| !matches!(sample.index, 500..530 | 900));
+    rig.feed(with_losses);
     let health = rig.health();
     assert_eq!((health.index, health.discontinuities, health.lost_samples), (1_999, 2, 31));
     rig.tell(Command::ResetEstimator);

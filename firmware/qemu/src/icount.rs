@@ -160,7 +160,7 @@ impl Signal {
         self.index += 1;
         let force_code = inertial + friction + noise;
         let position_count = slow + fast;
-        // In 0.1 um: 2.44 um a count, 2 mN on 2.1e6 N/m, and half of 100 um of gap.
+        // In 0.1 um: 2.44 um a count, 2 mN on 2.1e6 N/m, and half of 100 um of backlash.
         let terminal_code = position_count * 24 + force_code / 105 + 500 * force_code.signum();
         RawSample { index, position_count, force_code, terminal_code }
     }

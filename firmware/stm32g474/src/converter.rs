@@ -2,7 +2,7 @@
 //!
 //! Each "ready" edge is one sample: it latches the encoder's count, and the conversion that goes with it is read before
 //! the next. The count is brought to the filter's delay ([`MatchedPosition`]), the force is corrected for the bridge's
-//! excitation. A damaged frame, a lost edge or a chip that was reset is put right and becomes a gap; how many samples
+//! excitation. A damaged frame, a lost edge or a chip that was reset is put right and becomes a discontinuity; how many samples
 //! it cost the clock says, which is also the converter's.
 
 use crate::clkin::{self, Clkin};
@@ -44,7 +44,7 @@ pub struct Converter {
     period: Duration,
     /// Index of the next sample.
     index: u32,
-    /// A sample's index and the time of its edge, from which those after a gap are told. `None` when the instants of
+    /// A sample's index and the time of its edge, from which those after a discontinuity are told. `None` when the instants of
     /// the conversions have moved.
     anchor: Option<(u32, Instant)>,
     /// The edge before.

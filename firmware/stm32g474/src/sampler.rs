@@ -1,6 +1,6 @@
 //! The analogue front end: from full halves of the rings to samples.
 //!
-//! Deadline: a half, 4 ms, from the interrupt to the last read. Later than that is noticed, and becomes a gap.
+//! Deadline: a half, 4 ms, from the interrupt to the last read. Later than that is noticed, and becomes a discontinuity.
 //! Each trouble costs only time: what is lost is counted by the clock, the same that starts the conversions, so the
 //! sample counter stays right over it.
 
@@ -144,7 +144,7 @@ impl Sampler {
             self.good = Instant::now();
             return Ok(());
         }
-        // The samples were counted, and are not given out: a gap.
+        // The samples were counted, and are not given out: a discontinuity.
         self.ready.clear();
         Err(SourceError::Overrun)
     }

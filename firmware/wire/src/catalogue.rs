@@ -80,7 +80,7 @@ fields! {
     Health "dropped_frames", "Frames dropped by the device", "", "";
     Health "bad_frames", "Frames not understood by the device", "", "";
     Health "lost_samples", "Samples lost", "", "";
-    Health "gaps", "Gaps in the samples", "", "";
+    Health "discontinuities", "Discontinuities in the samples", "", "";
     Health "overruns", "Sampler overruns", "", "";
     Health "saturated", "Samples saturated", "", "";
     Health "cpu_load_permille", "Processor load", "", "1/1000";

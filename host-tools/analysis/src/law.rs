@@ -108,7 +108,7 @@ impl Kernels {
             let middles = (self.reach()..piece.force_n.len().saturating_sub(self.reach())).step_by(spacing);
             let new = middles.map(|middle| self.row(&piece, &signs, settings, law, middle));
             rows.extend(new.filter(|row| (from_s..=to_s).contains(&row.t_s)));
-            // A line that crosses a gap would show what was not measured.
+            // A line across missing samples would show what was not measured.
             rows.push(Row { t_s: f64::NAN, position_m: f64::NAN, force_n: f64::NAN, law_n: f64::NAN });
         }
         rows

@@ -82,7 +82,7 @@ pub struct EstimateJson {
 #[allow(missing_docs, reason = "documented in core")]
 pub struct CountersJson {
     pub samples: u64,
-    pub gaps: u32,
+    pub discontinuities: u32,
     pub lost_samples: u64,
     pub saturated: u32,
 }
@@ -119,7 +119,7 @@ impl EstimateJson {
     ) -> Self {
         let counters = counters.map(|counters| CountersJson {
             samples: counters.samples,
-            gaps: counters.discontinuities,
+            discontinuities: counters.discontinuities,
             lost_samples: counters.lost_samples,
             saturated: counters.saturated,
         });
@@ -201,7 +201,7 @@ impl DetailJson {
     }
 }
 
-/// A reversal in JSON: `{"kind":"gap", ...}`.
+/// A reversal in JSON: `{"kind":"reversal", ...}`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[allow(missing_docs, reason = "documented in docs/CLI.md and in core")]
 pub struct ReversalJson {
@@ -218,7 +218,7 @@ impl ReversalJson {
     /// A reversal; `t_s` is the time of the middle of its flight, where that is known.
     pub fn new(t_s: Option<f64>, reversal: &Reversal) -> Self {
         Self {
-            kind: "gap",
+            kind: "reversal",
             t_s: t_s.map(rounded_s),
             index: reversal.index,
             value_m: Some(reversal.value_m).filter(|value| value.is_finite()),
@@ -360,7 +360,7 @@ fn contact_code(contact: Contact) -> &'static str {
         Contact::Unknown => "unknown",
         Contact::OneSided => "one_sided",
         Contact::Closed => "closed",
-        Contact::Backlash => "gap",
+        Contact::Backlash => "backlash",
         Contact::Bouncing => "bouncing",
     }
 }

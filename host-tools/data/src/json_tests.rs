@@ -24,7 +24,7 @@ fn the_json_contract_holds_to_the_letter() {
     assert_eq!(
         json_line(&EstimateJson::last(20.0, &estimate(), None, &Settings::default(), Some(counters))),
         format!(
-            r#"{{"kind":"estimate","final":true,"t_s":20.0,"whole_run":{{{four}}},{four},{tail},"samples":10,"gaps":1,"lost_samples":2,"saturated":3}}"#
+            r#"{{"kind":"estimate","final":true,"t_s":20.0,"whole_run":{{{four}}},{four},{tail},"samples":10,"discontinuities":1,"lost_samples":2,"saturated":3}}"#
         )
     );
     assert_eq!(

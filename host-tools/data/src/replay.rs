@@ -45,8 +45,8 @@ impl Replay {
     }
 
     /// Time of what it speaks of \[s\].
-    fn time_of(&self, news: &EstimatorEvent) -> f64 {
-        let ago = self.last_index.unwrap_or(0).wrapping_sub(news.index());
+    fn time_of(&self, event: &EstimatorEvent) -> f64 {
+        let ago = self.last_index.unwrap_or(0).wrapping_sub(event.index());
         self.time_s() - f64::from(ago) / self.rate_hz
     }
 
@@ -118,8 +118,8 @@ pub fn replay_samples<E: From<SettingsInputError>>(
 ) -> Result<Outcome, E> {
     let mut replay = Replay::new(settings, start_s)?;
     for sample in samples {
-        for news in replay.step(&sample?) {
-            publish(replay.time_of(&news), &news)?;
+        for event in replay.step(&sample?) {
+            publish(replay.time_of(&event), &event)?;
         }
     }
     Ok(replay.outcome())
@@ -130,7 +130,7 @@ pub fn replay<E: From<SettingsInputError>>(
     run: &Run,
     mut publish: impl FnMut(f64, &Estimate) -> Result<(), E>,
 ) -> Result<Outcome, E> {
-    replay_all(run, |t_s, news| match news {
+    replay_all(run, |t_s, event| match event {
         EstimatorEvent::Estimate(estimate, _) => publish(t_s, estimate),
         EstimatorEvent::Reversal(_) | EstimatorEvent::Changed(_) => Ok(()),
     })

@@ -12,7 +12,7 @@ pub struct Run {
     pub name: String,
     /// Settings that the samples were taken with, the user's overrides included.
     pub settings: Settings,
-    /// Raw samples in order; a jump of the index is a gap.
+    /// Raw samples in order; a jump of the index is a discontinuity.
     pub samples: Vec<RawSample>,
     /// Time of the first sample \[s\].
     pub start_s: f64,
@@ -27,7 +27,7 @@ pub struct Run {
 }
 
 impl Run {
-    /// The samples, each with the number of sample periods since the first one, gaps included.
+    /// The samples, each with the number of sample periods since the first one, missing ones included.
     pub fn elapsed(&self) -> impl Iterator<Item = (u64, &RawSample)> {
         let mut previous: Option<(u32, u64)> = None;
         self.samples.iter().map(move |sample| {
@@ -41,15 +41,15 @@ impl Run {
     }
 
     /// Places where samples are missing, and how many are missing in all.
-    pub fn gaps(&self) -> (u64, u64) {
+    pub fn discontinuities(&self) -> (u64, u64) {
         let jumps = self.samples.windows(2).filter_map(|pair| match pair {
             [this, next] => Some(step(this.index, next.index).saturating_sub(1)),
             _ => None,
         });
-        jumps.filter(|jump| *jump > 0).fold((0, 0), |(gaps, missing), jump| (gaps + 1, missing + jump))
+        jumps.filter(|jump| *jump > 0).fold((0, 0), |(places, missing), jump| (places + 1, missing + jump))
     }
 
-    /// Time from the first sample to the last \[s\], gaps included.
+    /// Time from the first sample to the last \[s\], missing ones included.
     pub fn duration_s(&self) -> f64 {
         self.elapsed().last().map_or(0.0, |(elapsed, _)| elapsed as f64 / self.settings.sample_rate_hz)
     }

@@ -1,4 +1,4 @@
-//! Raw samples in SI units: one by one, or a whole run in stretches without a gap.
+//! Raw samples in SI units: one by one, or a whole run in stretches without a discontinuity.
 
 use inerter_core::{RawSample, Settings};
 use inerter_wire::step;
@@ -8,7 +8,7 @@ use crate::run::Run;
 /// One sample in SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Point {
-    /// Sample periods since the first sample, gaps included.
+    /// Sample periods since the first sample, missing ones included.
     pub elapsed: u64,
     /// Encoder count that does not wrap: sum of `oversampling` counts, as the device latches them.
     pub count: i64,
@@ -80,7 +80,7 @@ pub struct Stretch {
 pub struct Series {
     /// Time from sample to sample \[s\].
     pub period_s: f64,
-    /// In order of time; split at gaps and at saturated samples, which are left out.
+    /// In order of time; split at discontinuities and at saturated samples, which are left out.
     pub stretches: Vec<Stretch>,
 }
 
@@ -139,7 +139,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn gaps_and_saturation_split_a_run_and_counts_do_not_wrap() {
+    fn discontinuities_and_saturation_split_a_run_and_counts_do_not_wrap() {
         let settings = Settings {
             metres_per_count: 2e-6,
             oversampling: 2.0,

@@ -79,16 +79,16 @@ fn true_text(truth: &BTreeMap<String, String>, name: &str, factor: f64) -> Strin
 /// One line on what the estimator took and left out.
 pub fn counts_line(settings: &Settings, duration_s: f64, outcome: &Outcome) -> String {
     let counters = outcome.counters;
-    let gaps = match (counters.discontinuities, counters.lost_samples) {
-        (0, _) => "no gaps".to_string(),
-        (gaps, lost) => format!("{} of {}", plural(gaps.into(), "gap"), plural(lost, "sample")),
+    let lost = match (counters.discontinuities, counters.lost_samples) {
+        (0, _) => "none lost".to_string(),
+        (places, lost) => format!("{lost} lost in {}", plural(places.into(), "place")),
     };
     let saturated = match counters.saturated {
         0 => "none saturated".to_string(),
         count => format!("{count} saturated"),
     };
     format!(
-        "{} at {} Hz in {}, {gaps}, {saturated}; residual {:.2} N rms",
+        "{} at {} Hz in {}, {lost}, {saturated}; residual {:.2} N rms",
         plural(counters.samples, "sample"),
         settings.sample_rate_hz,
         duration_text(duration_s),
@@ -252,8 +252,8 @@ pub fn contact_words(contact: Contact) -> &'static str {
     match contact {
         Contact::Unknown => "not seen yet",
         Contact::OneSided => "one flank carries it all",
-        Contact::Closed => "no gap seen",
-        Contact::Backlash => "a gap at each reversal",
+        Contact::Closed => "no backlash seen",
+        Contact::Backlash => "backlash at each reversal",
         Contact::Bouncing => "the flanks bounce",
     }
 }

@@ -31,8 +31,7 @@ fn settings(terminal_sensor: bool) -> Settings {
 fn the_json_contract_holds_to_the_letter() {
     let head = r#""backlash_m":{"value":0.00005,"u95":0.000002,"status":"ok","reason":null,"reversals":130,"route":"terminal"}"#;
     let middle = r#""stiffness_n_per_m":{"value":2100000.0,"u95":4000.0,"status":"ok"},"contact_damping_n_s_per_m":{"value":1200.0,"u95":100.0,"status":"ok"}"#;
-    let tail =
-        r#""band_hz":[3.125,6.5],"contact":"gap","friction":{"reversal_ratio":0.75,"conduct":"coulomb"},"changes":1"#;
+    let tail = r#""band_hz":[3.125,6.5],"contact":"backlash","friction":{"reversal_ratio":0.75,"regime":"coulomb"},"changes":1"#;
     assert_eq!(json_line(&DetailJson::new(&detail(), &settings(true))), format!("{{{head},{middle},{tail}}}"));
     // Without a sensor there is nothing to say of the contact's own parameters.
     assert_eq!(json_line(&DetailJson::new(&detail(), &settings(false))), format!("{{{head},{tail}}}"));
@@ -78,7 +77,7 @@ fn reversals_and_changes_have_lines_of_their_own() {
     let reversal = Reversal { index: 9, value_m: 5.25e-5, error_m: 1.5e-6, route: Route::Force, rising: true };
     assert_eq!(
         json_line(&ReversalJson::new(Some(0.1 + 0.2), &reversal)),
-        r#"{"kind":"gap","t_s":0.3,"index":9,"value_m":0.0000525,"error_m":0.0000015,"route":"force","rising":true}"#
+        r#"{"kind":"reversal","t_s":0.3,"index":9,"value_m":0.0000525,"error_m":0.0000015,"route":"force","rising":true}"#
     );
     let change = Change { index: 9, parameter: Changed::Coulomb, before: 50.0, after: 80.25 };
     assert_eq!(
@@ -107,7 +106,7 @@ fn a_person_sees_it_at_a_glance() {
     let swapped = [("inertance_kg", "300.0"), ("changed_inertance_kg", "150.0")];
     let swapped = swapped.map(|(name, value)| (name.to_string(), value.to_string())).into();
     assert!(table(&Estimate::default(), None, &settings(false), Some(&swapped)).contains(" 300.0, then 150.0"));
-    let line = "inertance seen from 3.12 to 6.50 Hz; 130 reversals by the terminal's sensor; contact: a gap at each reversal; \
+    let line = "inertance seen from 3.12 to 6.50 Hz; 130 reversals by the terminal's sensor; contact: backlash at each reversal; \
                 friction: Coulomb's; the device has changed 1 time";
     assert!(text.ends_with(line), "{text}");
     // What is as it should be needs no remark.

@@ -51,7 +51,7 @@ pub fn inject<E: From<DeviceError>>(
     mut publish: impl FnMut(f64, &Estimate) -> Result<(), E>,
     progress: impl FnMut(u64) -> Result<(), E>,
 ) -> Result<Injected, E> {
-    let estimates = |t_s: f64, news: &EstimatorEvent| match news {
+    let estimates = |t_s: f64, event: &EstimatorEvent| match event {
         EstimatorEvent::Estimate(estimate, _) => publish(t_s, estimate),
         EstimatorEvent::Reversal(_) | EstimatorEvent::Changed(_) => Ok(()),
     };
@@ -261,9 +261,9 @@ impl<'a> Times<'a> {
     }
 
     /// Time of what happened around the sample that was asked for last, before it or after.
-    fn near(&self, news: &EstimatorEvent) -> f64 {
+    fn near(&self, event: &EstimatorEvent) -> f64 {
         let here = self.injection.samples.get(self.at).map_or(0, |sample| sample.index);
-        let after = news.index().wrapping_sub(here).cast_signed();
+        let after = event.index().wrapping_sub(here).cast_signed();
         self.injection.start_s + (self.elapsed as f64 + f64::from(after)) / self.injection.settings.sample_rate_hz
     }
 }

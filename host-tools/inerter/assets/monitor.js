@@ -208,7 +208,7 @@
     }
     byId("table").replaceChildren(...rows);
     const residual = estimate.residual_rms_n === null ? "" : `, residual ${estimate.residual_rms_n.toFixed(2)} N`;
-    byId("conduct").textContent = `${duration(estimate.t_s)}, ${estimate.moving ? "moving" : "at rest"}${residual}. ${estimate.conduct ?? ""}`;
+    byId("state").textContent = `${duration(estimate.t_s)}, ${estimate.moving ? "moving" : "at rest"}${residual}. ${estimate.state ?? ""}`;
   };
 
   const event = (at, text, className) => {

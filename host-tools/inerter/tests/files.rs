@@ -98,9 +98,18 @@ fn parts_make_the_whole_again() {
     assert_eq!(replayed("c.mcap"), replayed("run.mcap"));
     let info = last(&done(folder.path(), &["info", "c.mcap", "--json"]));
     let before = last(&done(folder.path(), &["info", "run.mcap", "--json"]));
-    for key in
-        ["samples", "gaps", "lost_frames", "frames", "settings", "device", "estimate", "first_ns", "last_ns", "ending"]
-    {
+    for key in [
+        "samples",
+        "discontinuities",
+        "lost_frames",
+        "frames",
+        "settings",
+        "device",
+        "estimate",
+        "first_ns",
+        "last_ns",
+        "ending",
+    ] {
         assert_eq!(info.get(key), before.get(key), "{key}");
     }
     assert!(fs::read(folder.path().join("run.mcap")).unwrap() == whole, "the input is left alone");

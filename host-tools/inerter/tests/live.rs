@@ -52,7 +52,7 @@ fn what_a_live_device_says_a_replay_of_its_recording_says_too() {
     let device = VirtualDevice::waiting(&setup("random@10s"), &any_port(), 10.0).unwrap();
     done(folder.path(), &["record", "--connect", device.name(), "-o", "run.mcap", "--until-end", "--duration", "60"]);
     let info = last(&done(folder.path(), &["info", "run.mcap", "--json"]));
-    assert_eq!((info.get("samples").unwrap(), info.get("gaps").unwrap()), (&10_000.into(), &0.into()));
+    assert_eq!((info.get("samples").unwrap(), info.get("discontinuities").unwrap()), (&10_000.into(), &0.into()));
     assert_eq!(info.get("lost_frames").unwrap(), 0);
     let replayed = last(&done(folder.path(), &["replay", "run.mcap", "--json"]));
     assert_eq!(estimate_of(info.get("estimate").unwrap()), estimate_of(&replayed));
@@ -99,7 +99,7 @@ fn instruments_of_a_virtual_device_follow_the_rate_that_is_set() {
     let info = last(&done(folder.path(), &["info", "run.mcap", "--json"]));
     let samples = info["samples"].as_u64().unwrap();
     // 5 times real time; a loaded machine may be late, but the 1 kHz of before would give 10 000 at most.
-    assert!(samples > 12_000 && info["gaps"] == 0, "{info}");
+    assert!(samples > 12_000 && info["discontinuities"] == 0, "{info}");
     let found = last(&done(folder.path(), &["replay", "run.mcap", "--json"]));
     let inertance = found["inertance_kg"]["value"].as_f64().unwrap();
     assert!((inertance - 299.49).abs() < 1.0, "{found}");

@@ -253,7 +253,7 @@ fn foxglove_finds_channels_with_schemas_and_their_messages() {
         }
     }
     let channel = |topic: &str| channels.iter().find(|channel| channel["topic"] == topic).unwrap();
-    for topic in ["/samples", "/estimate", "/gap", "/health", "/event", "/marker"] {
+    for topic in ["/samples", "/estimate", "/reversal", "/health", "/event", "/marker"] {
         assert_eq!(
             (&channel(topic)["encoding"], &channel(topic)["schemaEncoding"]),
             (&"json".into(), &"jsonschema".into())
@@ -394,7 +394,10 @@ mod screen {
         screen.press("q");
         screen.ended(&before, 0);
         let info = last(&done(folder.path(), &["info", "run.mcap", "--json"]));
-        assert_eq!((&info["ending"], &info["lost_frames"], &info["gaps"]), (&"closed".into(), &0.into(), &0.into()));
+        assert_eq!(
+            (&info["ending"], &info["lost_frames"], &info["discontinuities"]),
+            (&"closed".into(), &0.into(), &0.into())
+        );
         let bytes = std::fs::read(folder.path().join("run.mcap")).unwrap();
         assert!(bytes.windows(4).any(|window| window == b"bolt"));
     }

@@ -65,7 +65,7 @@ fn a_run_through_the_image_replays_to_the_same_digits() {
     }
     recorder.close(&End { reason: "finished".into(), lost_frames: live.lost_frames() }).unwrap();
     let info = last(&done(folder.path(), &["info", "run.mcap", "--json"]));
-    assert_eq!((info.get("samples").unwrap(), info.get("gaps").unwrap()), (&8000.into(), &0.into()));
+    assert_eq!((info.get("samples").unwrap(), info.get("discontinuities").unwrap()), (&8000.into(), &0.into()));
     let replayed = last(&done(folder.path(), &["replay", "run.mcap", "--json"]));
     assert_eq!(estimate_of(info.get("estimate").unwrap()), estimate_of(&replayed));
 }

@@ -40,9 +40,9 @@ fn check_detail(of: &Value) {
     assert_eq!(of.pointer("/backlash_m/value").unwrap().is_null(), status == "not_identifiable");
     assert_eq!(of.pointer("/backlash_m/reason").unwrap().is_null(), status != "not_identifiable");
     let contact = of.get("contact").unwrap().as_str().unwrap();
-    assert!(["unknown", "one_sided", "closed", "gap", "bouncing"].contains(&contact));
-    let conduct = of.pointer("/friction/conduct").unwrap().as_str().unwrap();
-    assert!(["unknown", "coulomb", "presliding", "stribeck"].contains(&conduct));
+    assert!(["unknown", "one_sided", "closed", "backlash", "bouncing"].contains(&contact));
+    let regime = of.pointer("/friction/regime").unwrap().as_str().unwrap();
+    assert!(["unknown", "coulomb", "presliding", "stribeck"].contains(&regime));
     assert!(of.get("changes").unwrap().is_u64());
     if let Some(band) = of.get("band_hz").unwrap().as_array() {
         let [low, high] = band.as_slice() else { panic!("{of}") };
@@ -60,7 +60,7 @@ fn every_line_of_a_replay_keeps_the_contract_and_the_last_is_final() {
     let (lines, others): (Vec<Value>, Vec<Value>) =
         json_lines(&output).into_iter().partition(|line| line.get("kind").unwrap() == "estimate");
     for other in others {
-        assert!(["gap", "event"].contains(&other.get("kind").unwrap().as_str().unwrap()), "{other}");
+        assert!(["reversal", "event"].contains(&other.get("kind").unwrap().as_str().unwrap()), "{other}");
     }
     assert_eq!(lines.len(), 6 * 5 + 1);
     for (number, line) in lines.iter().enumerate() {
@@ -91,20 +91,21 @@ fn each_reversal_of_a_worn_screw_has_a_line_and_all_of_them_make_the_backlash() 
     let folder = tempfile::tempdir().unwrap();
     simulate(folder.path(), &["--preset", "worn", "--excite", "two", "--duration", "12"]);
     let output = done(folder.path(), &["replay", "run.mcap", "--json"]);
-    let gaps: Vec<Value> = json_lines(&output).into_iter().filter(|line| line.get("kind").unwrap() == "gap").collect();
+    let reversals: Vec<Value> =
+        json_lines(&output).into_iter().filter(|line| line.get("kind").unwrap() == "reversal").collect();
     let number = |of: &Value, path: &str| of.pointer(path).unwrap().as_f64().unwrap();
     let estimate = last(&output);
     assert_eq!(estimate.pointer("/backlash_m/status").unwrap(), "ok");
-    assert_eq!(estimate.get("contact").unwrap(), "gap");
+    assert_eq!(estimate.get("contact").unwrap(), "backlash");
     let (value, u95) = (number(&estimate, "/backlash_m/value"), number(&estimate, "/backlash_m/u95"));
     assert!((value - 1e-4).abs() < u95 && u95 < 1e-5, "{value} {u95}");
     // An early one may be let in only when others have confirmed it.
-    let part = gaps.len() as f64 / number(&estimate, "/backlash_m/reversals");
-    assert!((0.8..=1.2).contains(&part) && gaps.len() > 50, "{}", gaps.len());
-    let mean = gaps.iter().map(|gap| number(gap, "/value_m")).sum::<f64>() / gaps.len() as f64;
+    let part = reversals.len() as f64 / number(&estimate, "/backlash_m/reversals");
+    assert!((0.8..=1.2).contains(&part) && reversals.len() > 50, "{}", reversals.len());
+    let mean = reversals.iter().map(|reversal| number(reversal, "/value_m")).sum::<f64>() / reversals.len() as f64;
     assert!((mean - 1e-4).abs() < 1e-5, "{mean}");
-    for gap in &gaps {
-        assert!((number(gap, "/t_s") - number(gap, "/index") * 1e-3).abs() < 1e-9, "{gap}");
+    for reversal in &reversals {
+        assert!((number(reversal, "/t_s") - number(reversal, "/index") * 1e-3).abs() < 1e-9, "{reversal}");
     }
 }
 
@@ -292,7 +293,7 @@ fn without_json_a_table_for_a_person_is_printed() {
         "contact: ",
         "friction: ",
         "6000 samples at 1000 Hz",
-        "no gaps",
+        "none lost",
     ] {
         assert!(output.contains(words), "{words} is not in:\n{output}");
     }
@@ -333,7 +334,7 @@ fn a_simulation_gives_the_same_run_as_recording_and_as_csv() {
 }
 
 #[test]
-fn missing_samples_are_gaps_and_said_so() {
+fn missing_samples_are_counted_and_told() {
     let folder = tempfile::tempdir().unwrap();
     simulate(folder.path(), &[]);
     let csv = done(folder.path(), &["export", "run.mcap", "--csv", "-"]);
@@ -343,9 +344,9 @@ fn missing_samples_are_gaps_and_said_so() {
     done(folder.path(), &["simulate", "-o", "same.csv", "--duration", "1"]);
     let arguments = ["replay", "holes.csv", "--settings", "same.settings.toml"];
     let output = run(folder.path(), &[&arguments[..], &["--json"]].concat());
-    assert!(text(&output.stderr).contains("10 samples missing in 1 place; each is treated as a gap"));
+    assert!(text(&output.stderr).contains("10 samples missing in 1 place; the estimator assumes nothing about them"));
     let last = last(&text(&output.stdout));
-    assert_eq!((last.get("gaps").unwrap(), last.get("lost_samples").unwrap()), (&1.into(), &10.into()));
+    assert_eq!((last.get("discontinuities").unwrap(), last.get("lost_samples").unwrap()), (&1.into(), &10.into()));
     let inertance = last.pointer("/inertance_kg/value").unwrap().as_f64().unwrap();
     assert!((inertance - 299.4906).abs() < 1.0, "{inertance}");
 }

@@ -553,7 +553,7 @@ impl Plant {
             }
         };
         let p = &self.parameters;
-        let half_gap = 0.5 * p.backlash_m;
+        let half_backlash = 0.5 * p.backlash_m;
         let force = if self.motion == Motion::Stuck || p.unilateral > 0.0 {
             force_polynomial(segment, segment.stiffness_n_per_m, segment.damping_n_s_per_m, segment.relaxed_m)
         } else {
@@ -583,12 +583,12 @@ impl Plant {
             let mut d = segment.x2.map(|c| -c);
             d.iter_mut().zip(segment.x1).for_each(|(d, x1)| *d += x1);
             let mut below = d.map(|c| -c);
-            below[0] += half_gap;
+            below[0] += half_backlash;
             let mut above = d;
-            above[0] += half_gap;
+            above[0] += half_backlash;
             let would_push = |side: f64| {
                 let (ks, cs) = (p.stiffness_n_per_m, p.contact_damping_n_s_per_m);
-                force_polynomial(segment, ks, cs, side * half_gap).map(|c| -side * c)
+                force_polynomial(segment, ks, cs, side * half_backlash).map(|c| -side * c)
             };
             match self.contact {
                 Flank::Flight if self.squeezed > 0.0 => {
@@ -682,13 +682,13 @@ impl Plant {
     /// Takes the mode from displacement and velocity: at the start, when the device has changed, after a forced step.
     fn settle(&mut self) {
         let p = &self.parameters;
-        let half_gap = 0.5 * p.backlash_m;
+        let half_backlash = 0.5 * p.backlash_m;
         let d = value(&self.x1, self.done) - self.x2_m;
         let rate = slope(&self.x1, self.done) / self.node.step_s - self.v2_m_per_s;
         let (contact, relaxed_m) = match d {
             _ if p.is_closed() => (Flank::Closed, 0.0),
-            d if d > half_gap => (Flank::Positive, half_gap),
-            d if d < -half_gap => (Flank::Negative, -half_gap),
+            d if d > half_backlash => (Flank::Positive, half_backlash),
+            d if d < -half_backlash => (Flank::Negative, -half_backlash),
             _ => (Flank::Flight, d),
         };
         let mut force_n = p.stiffness_n_per_m * (d - relaxed_m) + p.contact_damping_n_s_per_m * rate;

@@ -115,7 +115,7 @@ fn energy_is_kept_through_every_event() {
 #[test]
 fn every_state_is_what_its_mode_says() {
     for (name, device, motion, duration_s) in runs() {
-        let half_gap = 0.5 * device.backlash_m;
+        let half_backlash = 0.5 * device.backlash_m;
         let sticks = device.coulomb_n > 0.0 && device.presliding_m == 0.0;
         let (mut stuck, mut flight, mut contact) = (0, 0, 0);
         let mut before: Option<Truth> = None;
@@ -134,10 +134,10 @@ fn every_state_is_what_its_mode_says() {
                 let t = segment.at_fraction(f64::from(k) / 4.0);
                 let d = t.x1_m - t.x2_m;
                 match t.contact {
-                    Flank::Positive => assert!(d > half_gap - 1e-15),
-                    Flank::Negative => assert!(d < -half_gap + 1e-15),
-                    Flank::Flight => assert!(d.abs() < half_gap + 1e-15 && t.force_n == 0.0),
-                    Flank::Closed => assert_eq!(half_gap, 0.0),
+                    Flank::Positive => assert!(d > half_backlash - 1e-15),
+                    Flank::Negative => assert!(d < -half_backlash + 1e-15),
+                    Flank::Flight => assert!(d.abs() < half_backlash + 1e-15 && t.force_n == 0.0),
+                    Flank::Closed => assert_eq!(half_backlash, 0.0),
                 }
                 match t.motion {
                     Motion::Stuck if sticks => {
@@ -202,7 +202,7 @@ fn the_first_slip_and_the_first_contact_are_on_time() {
     println!("first slip at {expected} s, off by {:.1e} s", slip - expected);
     assert!((slip - expected).abs() < 1e-12);
 
-    // Stuck at zero in the middle of the gap, the flanks meet at half of it.
+    // Stuck at zero in the middle of the backlash, the flanks meet at half of it.
     let device = Parameters { coulomb_n: 1000.0, ..Parameters::worn() };
     let expected = bisect(0.0, 0.1, |t| motion.at(t).x_m - 0.5e-4);
     let meeting =
@@ -222,7 +222,7 @@ fn the_first_slip_and_the_first_contact_are_on_time() {
 }
 
 #[test]
-fn coasting_through_the_gap_follows_its_formula() {
+fn coasting_through_the_backlash_follows_its_formula() {
     let device = Parameters::worn();
     let (m, cf, fc) = (device.inertance_kg, device.viscous_n_s_per_m, device.coulomb_n);
     let mut seen = 0;
@@ -290,14 +290,14 @@ fn the_error_falls_with_the_sixth_power_of_the_step() {
 
 /// An unrelated solver: short steps of the midpoint rule, modes decided after each. First order at events.
 fn brute_force(p: &Parameters, motion: &Excitation, duration_s: f64, step_s: f64, mut see: impl FnMut(f64, f64)) {
-    let half_gap = 0.5 * p.backlash_m;
+    let half_backlash = 0.5 * p.backlash_m;
     let force = |t: f64, x2: f64, v2: f64| {
         let x1 = motion.at(t);
         let d = x1.x_m - x2;
-        if p.backlash_m > 0.0 && d.abs() <= half_gap {
+        if p.backlash_m > 0.0 && d.abs() <= half_backlash {
             return 0.0;
         }
-        let relaxed = if p.backlash_m > 0.0 { half_gap.copysign(d) } else { 0.0 };
+        let relaxed = if p.backlash_m > 0.0 { half_backlash.copysign(d) } else { 0.0 };
         p.stiffness_n_per_m * (d - relaxed) + p.contact_damping_n_s_per_m * (x1.v_m_per_s - v2)
     };
     let (mut x2, mut v2) = (0.0f64, 0.0f64);
@@ -433,7 +433,7 @@ fn unilateral_contact_never_pulls_and_makes_no_energy() {
         ("no damping", Parameters { contact_damping_n_s_per_m: 0.0, ..Parameters::worn() }, "mid"),
         ("weight", Parameters { constant_force_n: 300.0, ..Parameters::worn() }, "mid"),
     ] {
-        let half_gap = 0.5 * device.backlash_m;
+        let half_backlash = 0.5 * device.backlash_m;
         let pulls = |t: &Truth| {
             let d = t.x1_m - t.x2_m;
             t.force_n * d < 0.0 && t.force_n.abs() > 1e-6
@@ -466,7 +466,7 @@ fn unilateral_contact_never_pulls_and_makes_no_energy() {
             {
                 parted += 1;
                 assert!(before.force_n.abs() < 1e-6, "{name}: {before:?}");
-                cut += u32::from((before.x1_m - before.x2_m).abs() > half_gap + 1e-9);
+                cut += u32::from((before.x1_m - before.x2_m).abs() > half_backlash + 1e-9);
             }
             before = Some(last);
         }

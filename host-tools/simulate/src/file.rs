@@ -37,8 +37,8 @@ pub fn write_recording(setup: &Setup, path: &Path, mut progress: impl FnMut(f64)
     for sample in setup.samples()? {
         stream.time_ns = (sample.t_s.max(0.0) * 1e9) as u64;
         let raw = raw(&sample);
-        for news in replay.step(&raw) {
-            stream.news(raw.index, &news)?;
+        for event in replay.step(&raw) {
+            stream.event(raw.index, &event)?;
         }
         stream.sample(&raw)?;
         if stream.time_ns >= next_second * 1_000_000_000 {
@@ -57,7 +57,7 @@ pub fn write_recording(setup: &Setup, path: &Path, mut progress: impl FnMut(f64)
     }
     stream.flush()?;
     let outcome = replay.outcome();
-    stream.news(outcome.estimate.index, &EstimatorEvent::Estimate(outcome.estimate, Some(outcome.detail)))?;
+    stream.event(outcome.estimate.index, &EstimatorEvent::Estimate(outcome.estimate, Some(outcome.detail)))?;
     stream.send(&Record::Event(Event { index: outcome.estimate.index, kind: EventKind::SourceEnded }))?;
     stream.recorder.close(&End { reason: "finished".into(), lost_frames: 0 })?;
     Ok(outcome)
@@ -113,8 +113,8 @@ impl Stream {
     }
 
     /// As a device says it.
-    fn news(&mut self, index: u32, news: &EstimatorEvent) -> Result<(), OutputError> {
-        match *news {
+    fn event(&mut self, index: u32, event: &EstimatorEvent) -> Result<(), OutputError> {
+        match *event {
             EstimatorEvent::Reversal(reversal) => self.send(&Record::Reversal(reversal)),
             EstimatorEvent::Changed(change) => {
                 self.send(&Record::Event(Event { index, kind: EventKind::Changed(change) }))

@@ -195,7 +195,7 @@ fn rows(looks: &[Look], info: &Value, drawn_bytes: f64) -> Result<Vec<table::Row
         row("samples missing of 4 kHz", (RATE_HZ * seconds - samples).abs().round(), "")
             .at_most((RATE_HZ * 0.01 * seconds).round()),
         row("samples lost", number("lost_samples")?, "").at_most(0.0),
-        row("gaps", number("gaps")?, "").at_most(0.0),
+        row("discontinuities", number("discontinuities")?, "").at_most(0.0),
         row("frames lost", number("lost_frames")?, "").at_most(0.0),
         row("processor, of one core", processor, "%").at_most(30.0),
         row("memory, most", most, "MB"),
@@ -222,7 +222,7 @@ mod tests {
             .map(|place| f64::from(place) * 5.0)
             .map(|at_s| Look { at_s, processor_s: at_s * 0.1, memory_mb: 20.0 + at_s * 0.1 })
             .collect();
-        let info = json!({ "samples": 2_000_000, "duration_s": 500.0, "lost_samples": 0, "gaps": 0, "lost_frames": 3 });
+        let info = json!({ "samples": 2_000_000, "duration_s": 500.0, "lost_samples": 0, "discontinuities": 0, "lost_frames": 3 });
         let rows = rows(&looks, &info, 1e6).unwrap();
         let missed: Vec<&str> = rows
             .iter()

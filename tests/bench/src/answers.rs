@@ -35,10 +35,10 @@ pub fn check_driving(cases: &[Case], answers: &[Answers]) -> Result<(), String> 
     for answer in answers.iter().filter(|answer| !limits_itself(&answer.name)) {
         for (case, outcome) in cases.iter().zip(&answer.outcomes) {
             let Some(outcome) = outcome.as_ref().filter(|_| case.question == Question::Clean) else { continue };
-            let [stiff, damped, half_gap, _] = outcome.parameters;
+            let [stiff, damped, half_backlash, _] = outcome.parameters;
             let near = |value: f64, truth: f64, part: f64| (value / truth - 1.0).abs() <= part;
-            let [stiff_truth, damped_truth, half_gap_truth, _] = CLEAN_TRUTH;
-            let knows = near(stiff, stiff_truth, 1e-3) && near(half_gap, half_gap_truth, 1e-3);
+            let [stiff_truth, damped_truth, half_backlash_truth, _] = CLEAN_TRUTH;
+            let knows = near(stiff, stiff_truth, 1e-3) && near(half_backlash, half_backlash_truth, 1e-3);
             if !knows || !near(damped, damped_truth, 0.05) {
                 return Err(format!("{} is driven wrongly: {:?} of {CLEAN_TRUTH:?}", answer.name, outcome.parameters));
             }
@@ -188,7 +188,7 @@ mod tests {
     use super::*;
     use crate::cases::{WHITE_TRUTH, all};
 
-    /// Each knows the gap on clean data, and where noise is what its covariance takes it for, its interval holds.
+    /// Each knows the backlash on clean data, and where noise is what its covariance takes it for, its interval holds.
     #[test]
     fn every_rival_is_driven_as_it_should_be() {
         let cases: Vec<Case> = all()

@@ -275,7 +275,7 @@ fn contact_law(samples: &[Sample], gated: bool) -> Vec<Update> {
     let kernels = Kernels::new(CONTACT_BOX, RATE_HZ);
     // The offset is tared before the run.
     let forces = forces_n(samples);
-    let gaps_um: Vec<f64> = positions_m(samples)
+    let apart_um: Vec<f64> = positions_m(samples)
         .iter()
         .zip(samples)
         .map(|(x2_m, sample)| 1e6 * (f64::from(sample.terminal_code) * sensors.metres_per_terminal_code - x2_m))
@@ -298,7 +298,7 @@ fn contact_law(samples: &[Sample], gated: bool) -> Vec<Update> {
                 kernels.value(&signs, start),
                 1.0,
             ],
-            target: kernels.value(&gaps_um, start),
+            target: kernels.value(&apart_um, start),
             moving: true,
         })
         .collect()

@@ -64,7 +64,7 @@ law is one of first order in `w cs/ks`, which costs 0.2 % of ks at 13 Hz.
             1e6 * BACKLASH_M
         );
         let ours = |motion| {
-            let runs = self.instrument.contact.iter().filter(|(of, gap, ..)| *of == motion && *gap > 0.0);
+            let runs = self.instrument.contact.iter().filter(|(of, backlash, ..)| *of == motion && *backlash > 0.0);
             let details: Vec<_> = runs.map(|(_, _, sensed, _)| sensed.detail).collect();
             let refused = details.iter().find_map(|detail| match detail.backlash.size {
                 BacklashSize::NotIdentifiable(reason) => Some(words(reason).to_owned()),
@@ -86,9 +86,9 @@ law is one of first order in `w cs/ks`, which costs 0.2 % of ks at 13 Hz.
                 for gated in [false, true] {
                     let outcomes = self.outcomes(answer, Question::Contact { motion, gated });
                     cells.push(errors(outcomes.iter().map(|(case, outcome)| {
-                        let [stiff, _, half_gap, _] = outcome.parameters;
+                        let [stiff, _, half_backlash, _] = outcome.parameters;
                         let width = case.half_widths(outcome).map(|widths| 2e-6 * widths[2]);
-                        (2e-6 * half_gap, width, 1e6 * FORCE_UNIT_N / stiff)
+                        (2e-6 * half_backlash, width, 1e6 * FORCE_UNIT_N / stiff)
                     })));
                 }
             }
@@ -103,7 +103,7 @@ law is one of first order in `w cs/ks`, which costs 0.2 % of ks at 13 Hz.
 ## Backlash from the force alone
 
 The same runs without the terminal sensor, and those of the device without backlash; ks is a setting. A filter is
-asked with one `phi` a sample for a fixed list of unknowns; without x1 the gap shows only as a step in an unknown
+asked with one `phi` a sample for a fixed list of unknowns; without x1 the backlash shows only as a step in an unknown
 polynomial, a new one at each reversal, and there is no `phi` for it. Value and interval, the worst of {SEEDS} runs.
 
 | method | mid, 100 um | mid, none | random, 100 um | random, none |
@@ -112,11 +112,15 @@ polynomial, a new one at each reversal, and there is no `phi` for it. Value and 
         );
         let mut cells = vec![INSTRUMENT.to_owned()];
         for motion in ["mid", "random"] {
-            for gap_m in [BACKLASH_M, 0.0] {
-                let runs = self.instrument.contact.iter().filter(|(of, gap, ..)| *of == motion && *gap == gap_m);
+            for backlash_m in [BACKLASH_M, 0.0] {
+                let runs = self
+                    .instrument
+                    .contact
+                    .iter()
+                    .filter(|(of, backlash, ..)| *of == motion && *backlash == backlash_m);
                 let worst = runs.map(|(_, _, _, heard)| heard.detail.backlash).max_by(|a, b| {
                     let error = |backlash: &Backlash| {
-                        backlash.known().map_or(f64::INFINITY, |known| (f64::from(known.value) - gap_m).abs())
+                        backlash.known().map_or(f64::INFINITY, |known| (f64::from(known.value) - backlash_m).abs())
                     };
                     error(a).total_cmp(&error(b))
                 });
@@ -310,10 +314,10 @@ fn track_settling_s(case: &Case, outcome: &Outcome) -> Option<f64> {
 
 /// Worst errors of backlash and stiffness, by backlash, its half width, and stiffness.
 fn errors(values: impl Iterator<Item = (f64, Option<f64>, f64)>) -> String {
-    let (mut gap_um, mut stiffness, mut widths) = (0.0_f64, 0.0_f64, Vec::new());
+    let (mut backlash_um, mut stiffness, mut widths) = (0.0_f64, 0.0_f64, Vec::new());
     let worse = |now: f64, so_far: f64| if now.abs() > so_far.abs() || now.is_nan() { now } else { so_far };
-    for (gap_m, width_m, stiffness_n_per_m) in values {
-        gap_um = worse(1e6 * (gap_m - BACKLASH_M), gap_um);
+    for (backlash_m, width_m, stiffness_n_per_m) in values {
+        backlash_um = worse(1e6 * (backlash_m - BACKLASH_M), backlash_um);
         stiffness = worse(100.0 * (stiffness_n_per_m / device().stiffness_n_per_m - 1.0), stiffness);
         widths.push(width_m.map(|width_m| 1e6 * width_m));
     }
@@ -325,7 +329,7 @@ fn errors(values: impl Iterator<Item = (f64, Option<f64>, f64)>) -> String {
         Some(sum) => format!("+- {}", figure(sum / count)),
         None => "none".into(),
     };
-    format!("{gap_um:+.2} ({width}) um, {stiffness:+.3} %")
+    format!("{backlash_um:+.2} ({width}) um, {stiffness:+.3} %")
 }
 
 /// How many hold the truth, and how wide they are; by runs, then parameters: value and half width.

@@ -341,7 +341,10 @@ fn a_recording_comes_home(linux: &mut Linux, folder: &Path) {
         objects(&String::from_utf8_lossy(&done.stdout))
     };
     let info = inerter("info").remove(0);
-    assert_eq!((&info["ending"], &info["lost_frames"], &info["gaps"]), (&"closed".into(), &0.into(), &0.into()));
+    assert_eq!(
+        (&info["ending"], &info["lost_frames"], &info["discontinuities"]),
+        (&"closed".into(), &0.into(), &0.into())
+    );
     assert_eq!(info["device"]["serial"], serial());
     // 8000 of them, where the twin keeps up with the clock on the wall.
     assert!(info["samples"].as_u64() >= Some(4000), "{info}");
@@ -402,7 +405,7 @@ fn a_power_cut_is_a_clear_error(linux: &mut Linux, twin: &Twin) {
     assert!(noted.contains("went away") && noted.contains("plug it in again"), "{noted}");
     let info = linux.json("inerter info --json /tmp/cut.mcap", SOON).remove(0);
     assert_eq!(info["ending"], "closed", "{info}");
-    assert_eq!(info["gaps"], 0);
+    assert_eq!(info["discontinuities"], 0);
     // Power and plug come back, and the settings were kept.
     linux.until("! [ -d /sys/bus/usb/devices/1-1 ]");
     linux.attach("/dev/ttyACM0");

@@ -142,7 +142,7 @@ impl Run {
         here
     }
 
-    fn gaps(&self) -> usize {
+    fn discontinuities(&self) -> usize {
         self.samples.windows(2).filter(|pair| pair[1].index != pair[0].index.wrapping_add(1)).count()
     }
 }
@@ -180,7 +180,7 @@ fn accurate(motion: &str, rate_hz: f64, duration_s: f64) -> Outcome {
     let run = lab.run(MOTION_S + duration_s, |_| {})?;
     println!("{motion} {rate_hz} Hz: {duration_s} s in {:?}", started.elapsed());
     let here = run.agrees_with_core();
-    assert_eq!((run.gaps(), here.counters.saturated), (0, 0), "{:?}", run.events);
+    assert_eq!((run.discontinuities(), here.counters.saturated), (0, 0), "{:?}", run.events);
     let expected = duration_s * rate_hz;
     assert!(run.samples.len() as f64 > expected, "{} samples", run.samples.len());
 
@@ -358,7 +358,7 @@ fn stalled(channel: usize, events: u64, at_s: f64) -> impl FnMut(&mut Machine) {
 }
 
 #[test]
-fn rings_that_part_become_a_gap_and_the_counter_stays_right() -> Outcome {
+fn rings_that_part_become_a_discontinuity_and_the_counter_stays_right() -> Outcome {
     let Some(image) = shipping_image() else { return Ok(()) };
     let at_s = MOTION_S + 3.0;
     let plain = short(&image, mid_rig(), 6.0, |_| {})?;
@@ -366,7 +366,7 @@ fn rings_that_part_become_a_gap_and_the_counter_stays_right() -> Outcome {
     for (channel, fault) in [(0, Broken::SamplerMisaligned), (1, Broken::SamplerOverrun), (2, Broken::SamplerOverrun)] {
         let run = short(&image, mid_rig(), 6.0, stalled(channel, 5, at_s))?;
         let here = run.agrees_with_core();
-        assert_eq!((run.gaps(), here.counters.discontinuities), (1, 1), "channel {channel}");
+        assert_eq!((run.discontinuities(), here.counters.discontinuities), (1, 1), "channel {channel}");
         // A ring without interrupts is missed after 20 ms.
         assert!((2..40).contains(&here.counters.lost_samples), "channel {channel}: {:?}", here.counters);
         let named = run.events.iter().any(|event| matches!(event, EventKind::Fault(it) if *it == fault));
@@ -411,8 +411,8 @@ fn a_reader_that_comes_late_loses_whole_halves_and_knows_how_many() -> Outcome {
         (held, done) = (hold, true);
     })?;
     let here = run.agrees_with_core();
-    let (gaps, lost) = (here.counters.discontinuities, here.counters.lost_samples);
-    assert!(gaps == 1 && (4..=20).contains(&lost), "{:?}", here.counters);
+    let (discontinuities, lost) = (here.counters.discontinuities, here.counters.lost_samples);
+    assert!(discontinuities == 1 && (4..=20).contains(&lost), "{:?}", here.counters);
     assert!(run.events.contains(&EventKind::Fault(Broken::SamplerOverrun)), "{:?}", run.events);
     // The rings went on: what was read afterwards is what the undisturbed run has at the same numbers.
     let first = plain.samples.first().expect("samples").index;
@@ -433,7 +433,7 @@ fn digital(motion: &str, osr: Osr, duration_s: f64) -> Outcome {
     })?;
     let run = lab.run(MOTION_S + duration_s, |_| {})?;
     let here = run.agrees_with_core();
-    assert_eq!(run.gaps(), 0, "{:?}", run.events);
+    assert_eq!(run.discontinuities(), 0, "{:?}", run.events);
     assert!(run.samples.len() as f64 > duration_s * settings.sample_rate_hz);
     let truth = [rig.device.inertance_kg, rig.device.viscous_n_s_per_m, rig.device.coulomb_n];
     for (i, parameter) in three(&here.last).into_iter().enumerate() {
@@ -457,7 +457,7 @@ fn a_converter_that_forgets_is_set_up_again() -> Outcome {
     let Some(image) = shipping_image() else { return Ok(()) };
     let plain = short_digital(&image, mid_rig(), |_| {})?;
     plain.agrees_with_core();
-    assert_eq!(plain.gaps(), 0);
+    assert_eq!(plain.discontinuities(), 0);
     type Disturbance = fn(&mut Ads131m04, u64);
     let disturbances: [(&str, Disturbance); 2] =
         [("a register", |ads, _| ads.chip.disturb_register(0x04, 0)), ("its supply", Ads131m04::power_cycle)];
@@ -471,7 +471,11 @@ fn a_converter_that_forgets_is_set_up_again() -> Outcome {
             }
         })?;
         let here = run.agrees_with_core();
-        assert!((1..=2).contains(&run.gaps()) && here.counters.lost_samples < 60, "{what}: {:?}", here.counters);
+        assert!(
+            (1..=2).contains(&run.discontinuities()) && here.counters.lost_samples < 60,
+            "{what}: {:?}",
+            here.counters
+        );
         assert!(run.samples.len() + 70 > plain.samples.len(), "{what}: it goes on");
         // The instants of the conversions have moved by less than a period; the numbers hold.
         let first = plain.samples.first().expect("samples").index;
@@ -493,7 +497,7 @@ fn a_bridge_without_excitation_is_no_measurement() -> Outcome {
     let off = Fault::Unplugged { sensor: Sensor::Force, from_s: MOTION_S + 3.0, until_s: MOTION_S + 5.0 };
     let run = short_digital(&image, Rig { faults: vec![off], ..mid_rig() }, |_| {})?;
     let here = run.agrees_with_core();
-    assert_eq!(run.gaps(), 0);
+    assert_eq!(run.discontinuities(), 0);
     assert!((1900..2100).contains(&here.counters.saturated), "{:?}", here.counters);
     let mass = here.last.whole_run.inertance_kg;
     assert!((f64::from(mass.fitted().value) - 299.4906).abs() < 0.1, "{mass:?}");
@@ -514,7 +518,7 @@ fn a_front_end_that_is_not_there_is_refused_and_the_other_goes_on() -> Outcome {
     let refused = lab.order(Command::WriteSettings(values));
     assert!(matches!(refused, Err(LinkError::Refused(Refusal::BadSetting { number: 0, .. }))), "{refused:?}");
     let run = lab.run(MOTION_S + 3.0, |_| {})?;
-    assert_eq!(run.gaps(), 0);
+    assert_eq!(run.discontinuities(), 0);
     run.agrees_with_core();
     Ok(())
 }
@@ -561,7 +565,7 @@ fn the_serial_link_brings_the_same() -> Outcome {
     link.order(Command::Stop, REPLY_S)?;
     link.listen_until(MOTION_S + 3.2)?;
     let run = Run::of(settings, link.records(), link.talk.lost())?;
-    assert_eq!(run.gaps(), 0);
+    assert_eq!(run.discontinuities(), 0);
     assert!(run.samples.len() > 12_000 && run.agrees_with_core().counters.discontinuities == 0);
     Ok(())
 }

@@ -395,9 +395,9 @@ fn a_host_that_stops_reading_costs_frames_and_nothing_else() {
     link.socket.run_for(6.0).expect("runs");
     link.listen(0.5).expect("the port is open");
     let lost = link.talk.lost();
-    let gaps: u32 = samples_missing(&link.records());
+    let missing: u32 = samples_missing(&link.records());
     assert!(lost > 100, "only {lost} frames lost in six seconds");
-    assert!(gaps > 1000, "samples in the lost frames: {gaps}");
+    assert!(missing > 1000, "samples in the lost frames: {missing}");
     let after = health(&mut link).dropped_frames;
     assert!(u64::from(after - before) >= lost, "{lost} frames lost, {before} to {after} counted by the device");
     has_run_through(&mut link);

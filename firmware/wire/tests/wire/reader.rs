@@ -358,7 +358,7 @@ fn any_payload_is_survived() {
     assert!(messages > 10_000 && unknown > 10_000 && malformed > 10_000, "{messages} {unknown} {malformed}");
 }
 
-/// A stream as a bad link leaves it: frames, gaps in the numbers, fragments, garbage.
+/// A stream as a bad link leaves it: frames, missing numbers, fragments, garbage.
 fn rough_stream(seed: u64) -> Vec<u8> {
     let mut numbers = Numbers(seed);
     let mut stream = numbers.bytes(5);

@@ -109,7 +109,7 @@ pub fn diagnose(run: &Run, rate: Option<Rate>) -> Result<Diagnosis, CalibrateErr
     Ok(Diagnosis {
         seconds,
         rate,
-        lost: run.gaps().1,
+        lost: run.discontinuities().1,
         samples: codes.len(),
         mean_code,
         noise_code: spectrum.noise(),

@@ -11,7 +11,7 @@ use crate::fit::FitError;
 pub enum IdentifyError {
     /// No stretch is long enough.
     #[error(
-        "{file} has no stretch of {needed_s:.0} s without a gap or a saturated sample: the longest is {longest_s:.1} s"
+        "{file} has no stretch of {needed_s:.0} s without a missing or a saturated sample: the longest is {longest_s:.1} s"
     )]
     #[diagnostic(
         code(inerter::identify::short),

@@ -46,7 +46,7 @@ pub struct Linear {
     pub segments: Vec<SegmentFit>,
 }
 
-/// Takes a run through the estimator; segments are `segment_s` long, or go from gap to gap.
+/// Takes a run through the estimator; segments are `segment_s` long, or go from discontinuity to discontinuity.
 pub fn linear(run: &Run, segment_s: Option<f64>, fitted: f64) -> Result<Linear, SettingsInputError> {
     let mut replay = Replay::new(&run.settings, run.start_s)?;
     let start = Mark { t_s: run.start_s, ..Mark::of(&replay) };
@@ -55,10 +55,10 @@ pub fn linear(run: &Run, segment_s: Option<f64>, fitted: f64) -> Result<Linear, 
     let mut last: Option<u64> = None;
     for (elapsed, sample) in run.elapsed() {
         let t_s = run.start_s + elapsed as f64 / run.settings.sample_rate_hz;
-        let gap = last.replace(elapsed).is_some_and(|last| elapsed > last + 1);
+        let discontinuity = last.replace(elapsed).is_some_and(|last| elapsed > last + 1);
         let due = match segment_s {
             Some(_) => t_s >= next && elapsed > 0,
-            None => gap,
+            None => discontinuity,
         };
         if due {
             marks.push(Mark::of(&replay));

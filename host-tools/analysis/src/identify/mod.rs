@@ -65,7 +65,7 @@ const DOUBTFUL: f64 = 1.5;
 pub struct Options {
     /// As the paper does: the slowest file for the friction, the next for the rest, the last validates.
     pub staged: bool,
-    /// Length of the segments of the linear fits \[s\]; without it from gap to gap.
+    /// Length of the segments of the linear fits \[s\]; without it from discontinuity to discontinuity.
     pub segment_s: Option<f64>,
     /// Fit the structure mass, whatever the settings say of it.
     pub free_structure_mass: bool,

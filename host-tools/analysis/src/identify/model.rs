@@ -87,7 +87,7 @@ pub struct Start {
 /// What the flanks do.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Touch {
-    /// There is no gap.
+    /// There is no backlash.
     Closed,
     /// On this side, 1 or -1.
     Flank(f64),
@@ -105,7 +105,7 @@ enum Change {
 
 struct Screw<'a> {
     device: &'a Parameters,
-    half_gap: f64,
+    half_backlash: f64,
     x2: f64,
     v2: f64,
     /// Direction of slip; 0 is stuck.
@@ -168,15 +168,15 @@ pub fn simpson_gain(frequency_hz: f64, period_s: f64) -> f64 {
 
 impl<'a> Screw<'a> {
     fn new(device: &'a Parameters, first: &[f64; 6], cell_s: f64, start: Start) -> Self {
-        let half_gap = 0.5 * device.backlash_m.max(0.0);
+        let half_backlash = 0.5 * device.backlash_m.max(0.0);
         let apart = first[0] - start.position_m;
         let contact = match apart {
-            _ if half_gap == 0.0 => Touch::Closed,
-            apart if apart.abs() > half_gap => Touch::Flank(apart.signum()),
+            _ if half_backlash == 0.0 => Touch::Closed,
+            apart if apart.abs() > half_backlash => Touch::Flank(apart.signum()),
             _ => Touch::Flight,
         };
         let (x2, v2) = (start.position_m, start.velocity_m_per_s);
-        let mut screw = Self { device, half_gap, x2, v2, direction: sign(v2), contact };
+        let mut screw = Self { device, half_backlash, x2, v2, direction: sign(v2), contact };
         if v2 == 0.0 {
             screw.hold_or_free(screw.force(first[0], first[1] / cell_s));
         }
@@ -188,7 +188,7 @@ impl<'a> Screw<'a> {
         let (ks, cs) = (self.device.stiffness_n_per_m, self.device.contact_damping_n_s_per_m);
         match self.contact {
             Touch::Closed => (ks, cs, 0.0),
-            Touch::Flank(side) => (ks, cs, side * self.half_gap),
+            Touch::Flank(side) => (ks, cs, side * self.half_backlash),
             Touch::Flight => (0.0, 0.0, 0.0),
         }
     }
@@ -297,10 +297,10 @@ impl<'a> Screw<'a> {
         let apart = |u: f64| value(x1, u) - value(x2, u);
         match self.contact {
             Touch::Closed => {}
-            Touch::Flank(side) => offer(&|u| side * apart(u) - self.half_gap, Change::Part),
+            Touch::Flank(side) => offer(&|u| side * apart(u) - self.half_backlash, Change::Part),
             Touch::Flight => {
-                offer(&|u| self.half_gap - apart(u), Change::Meet(1.0));
-                offer(&|u| self.half_gap + apart(u), Change::Meet(-1.0));
+                offer(&|u| self.half_backlash - apart(u), Change::Meet(1.0));
+                offer(&|u| self.half_backlash + apart(u), Change::Meet(-1.0));
             }
         }
         first

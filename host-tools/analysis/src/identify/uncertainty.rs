@@ -30,7 +30,7 @@ const WEAK: f64 = 0.1;
 const MOST_PROFILES: usize = 3;
 
 /// Backlash from which the flanks are taken to part \[m\].
-const LEAST_GAP_M: f64 = 1e-6;
+const LEAST_BACKLASH_M: f64 = 1e-6;
 /// Factor on the standard error where flanks part and meet: what the terminal's noise makes there is not proportional to it
 /// (docs/tables/identify.md).
 const IMPACTS: f64 = 2.0;
@@ -142,7 +142,7 @@ impl Errors {
         let place = self.place(name)?;
         let systematic = self.systematic.get(place)?;
         let model = model_u95(name, fitted);
-        let impacts = if fitted.state.parameters.backlash_m > LEAST_GAP_M { IMPACTS } else { 1.0 };
+        let impacts = if fitted.state.parameters.backlash_m > LEAST_BACKLASH_M { IMPACTS } else { 1.0 };
         // What the noise does not explain is no noise: it need not average out.
         let doubt = over_noise(fitted).powi(2).max(1.0);
         let chance = (impacts * COVERAGE * self.error(place, fitted)?).hypot(model);

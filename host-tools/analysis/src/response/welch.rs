@@ -30,7 +30,7 @@ struct Sums {
     cross: Complex<f64>,
 }
 
-/// The response from pieces of displacement and force without a gap.
+/// The response from pieces of displacement and force without a discontinuity.
 pub fn measured(pieces: &[(&[f64], &[f64])], period_s: f64) -> (Method, Vec<Point>) {
     let total: usize = pieces.iter().map(|(input, _)| input.len()).sum();
     let most = (1.0 / (FINEST_HZ * period_s)) as usize;

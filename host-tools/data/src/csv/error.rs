@@ -71,7 +71,7 @@ pub enum CsvError {
     #[error("{file}, line {line}: the line ends before the column `{column}`")]
     #[diagnostic(
         code(inerter::csv::short),
-        help("a missing sample may be left out as a whole line (it is treated as a gap), never in part")
+        help("a missing sample may be left out as a whole line (the sample is then missing), never in part")
     )]
     Short {
         file: String,

@@ -1,7 +1,7 @@
 //! CSV files with the columns `t_s, encoder_count, force_n` and, where there is one, `terminal_m`.
 //!
 //! Columns come in any order, other columns are left alone, blank lines and lines that begin with `#` or `%` are skipped.
-//! [`read`] checks every cell, [`timebase`] finds the sample rate and the gaps, and [`to_run`] quantises what a board would
+//! [`read`] checks every cell, [`timebase`] finds the sample rate and missing samples, and [`to_run`] quantises what a board would
 //! have delivered. [`export`](crate::export) writes such files.
 
 mod dialect;

@@ -15,7 +15,7 @@ const ENCODER_COUNT: &str = "encoder_count";
 const FORCE_N: &str = "force_n";
 const TERMINAL_M: &str = "terminal_m";
 
-/// Largest count that a double holds without a gap to its neighbour.
+/// Largest count up to which a double holds every whole number.
 const MAX_COUNT: f64 = 9_007_199_254_740_992.0;
 
 /// The columns that matter, one entry per sample.
@@ -231,10 +231,10 @@ fn missing_advice(column: &str, names: &[(usize, &str)]) -> String {
 }
 
 fn cell_words(field: &str, number: Option<f64>) -> (String, &'static str) {
-    let gap = "leave the whole line out where a sample is missing: it is treated as a gap";
+    let leave_out = "leave the whole line out where a sample is missing";
     match number {
-        Some(value) => (format!("the value is not finite ({value})"), gap),
-        None if field.is_empty() => ("the cell is empty".into(), gap),
+        Some(value) => (format!("the value is not finite ({value})"), leave_out),
+        None if field.is_empty() => ("the cell is empty".into(), leave_out),
         None if field.contains(',') => {
             (format!("`{field}` is not a number"), "write numbers with one decimal sign and no thousands separators")
         }

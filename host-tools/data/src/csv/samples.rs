@@ -64,14 +64,14 @@ pub fn to_run(mut table: Table, overrides: &Overrides) -> Result<Run, Error> {
 
 fn timebase_notes(file: &str, timebase: &Timebase) -> Vec<String> {
     let mut notes = Vec::new();
-    if timebase.gaps > 0 {
+    if timebase.discontinuities > 0 {
         notes.push(format!(
-            "{file}: {} missing in {}; each is treated as a gap",
+            "{file}: {} missing in {}; the estimator assumes nothing about them",
             plural(timebase.missing, "sample"),
-            plural(timebase.gaps, "place")
+            plural(timebase.discontinuities, "place")
         ));
     }
-    if timebase.irregular > timebase.gaps {
+    if timebase.irregular > timebase.discontinuities {
         notes.push(format!(
             "{file}: {} more than 20 % off the period at {} Hz",
             plural(timebase.irregular, "interval"),

@@ -109,9 +109,9 @@ proptest::proptest! {
     fn no_table_panics(rows in proptest::collection::vec((0.0f64..1e3, -(1i64 << 53)..(1i64 << 53), proptest::num::f64::NORMAL), 0..40), fine in 1e-6f64..1e-2) {
         let mut table = Table::default();
         let mut t_s = 0.0;
-        for (number, (gap, count, force_n)) in rows.into_iter().enumerate() {
+        for (number, (pause, count, force_n)) in rows.into_iter().enumerate() {
             // Mostly regular, sometimes with a hole.
-            t_s += if number % 7 == 0 { fine * gap.ceil() + fine } else { fine };
+            t_s += if number % 7 == 0 { fine * pause.ceil() + fine } else { fine };
             table.t_s.push(t_s);
             table.encoder_count.push(count);
             table.force_n.push(force_n);

@@ -18,10 +18,10 @@ const FOLLOW: f64 = 0.1;
 pub struct Timebase {
     /// Samples per second.
     pub rate_hz: f64,
-    /// Number of each sample, from 0; a jump is a gap.
+    /// Number of each sample, from 0; a jump is a discontinuity.
     pub index: Vec<u64>,
     /// Places where samples are missing.
-    pub gaps: u64,
+    pub discontinuities: u64,
     /// Samples that are missing in all.
     pub missing: u64,
     /// Intervals further than 20 % from a whole number of periods.
@@ -57,9 +57,15 @@ pub fn find(file: &str, t_s: &[f64], decimals: u32) -> Result<Timebase, CsvError
         index = number(t_s, period);
     }
     let jumps = || index.windows(2).map(|pair| pair.iter().rev().copied().reduce(|b, a| b - a - 1).unwrap_or(0));
-    let (gaps, missing) = (jumps().filter(|jump| *jump > 0).count() as u64, jumps().sum());
+    let (discontinuities, missing) = (jumps().filter(|jump| *jump > 0).count() as u64, jumps().sum());
     let resolution = 0.1_f64.powi(i32::try_from(decimals).unwrap_or(18));
-    Ok(Timebase { rate_hz: snap(1.0 / period, resolution / span), index, gaps, missing, irregular: irregular as u64 })
+    Ok(Timebase {
+        rate_hz: snap(1.0 / period, resolution / span),
+        index,
+        discontinuities,
+        missing,
+        irregular: irregular as u64,
+    })
 }
 
 /// A rate that the written times cannot tell from a whole number is that number.
@@ -113,27 +119,27 @@ mod tests {
             let t = rounded((0..20_000).map(|i| 12.5 + f64::from(i) / rate), decimals);
             let found = find("f", &t, decimals as u32).unwrap();
             assert_eq!(found.rate_hz, rate, "{rate} Hz with {decimals} decimals");
-            assert_eq!((found.gaps, found.missing), (0, 0));
+            assert_eq!((found.discontinuities, found.missing), (0, 0));
             assert_eq!(found.index.last(), Some(&19_999));
         }
     }
 
     #[test]
-    fn missing_samples_are_gaps() {
+    fn missing_samples_are_discontinuities() {
         let kept = (0..5000).filter(|i| !(1000..1003).contains(i) && *i != 4000);
         let t = rounded(kept.map(|i| f64::from(i) / 1000.0), 3);
         let found = find("f", &t, 3).unwrap();
-        assert_eq!((found.rate_hz, found.gaps, found.missing), (1000.0, 2, 4));
+        assert_eq!((found.rate_hz, found.discontinuities, found.missing), (1000.0, 2, 4));
         assert_eq!(found.index.get(999..1001), Some(&[999, 1003][..]));
     }
 
     #[test]
-    fn jitter_makes_no_gaps() {
+    fn jitter_makes_no_discontinuity() {
         // A fifth of a period either way, evenly spread.
         let jitter = |i: u32| f64::from(i.wrapping_mul(2_654_435_761) >> 16) / 65536.0 - 0.5;
         let t: Vec<f64> = (0..5000).map(|i| (f64::from(i) + 0.4 * jitter(i)) / 1000.0).collect();
         let found = find("f", &t, 6).unwrap();
-        assert_eq!((found.gaps, found.missing), (0, 0));
+        assert_eq!((found.discontinuities, found.missing), (0, 0));
         assert!((found.rate_hz - 1000.0).abs() < 0.2);
     }
 

@@ -70,8 +70,8 @@ impl EstimateTable {
             None => {
                 let mut replay = Replay::new(&source.settings, 0.0)?;
                 for sample in source.samples()? {
-                    for news in replay.step(&sample?) {
-                        if let EstimatorEvent::Estimate(estimate, detail) = news {
+                    for event in replay.step(&sample?) {
+                        if let EstimatorEvent::Estimate(estimate, detail) = event {
                             take(replay.time_s(), &estimate, detail.as_ref());
                         }
                     }

@@ -120,7 +120,7 @@ impl Source {
         self.start_s + elapsed as f64 / self.settings.sample_rate_hz
     }
 
-    /// Time from the first sample to the last \[s\], gaps included.
+    /// Time from the first sample to the last \[s\], missing samples included.
     pub fn duration_s(&self) -> f64 {
         self.extent.periods as f64 / self.settings.sample_rate_hz
     }

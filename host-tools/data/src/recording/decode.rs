@@ -13,10 +13,10 @@ use crate::{
 
 /// Time that one message of `motion` is the mean of \[s\]: force and motion of a shaker can be seen, at little size.
 const MOTION_S: f64 = 0.05;
-/// Least time between two messages of `estimate` \[s\], of which each takes the room of two hundred samples, and of `gap`. The
+/// Least time between two messages of `estimate` \[s\], of which each takes the room of two hundred samples, and of `reversal`. The
 /// frames hold every one.
 const ESTIMATE_S: f64 = 1.0;
-const GAP_S: f64 = 0.1;
+const REVERSAL_S: f64 = 0.1;
 
 /// A decoded channel, or that of the markers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,7 +37,7 @@ impl Channel {
         match self {
             Self::Motion => "motion",
             Self::Estimate => "estimate",
-            Self::Reversal => "gap",
+            Self::Reversal => "reversal",
             Self::Event => "event",
             Self::Health => "health",
             Self::Marker => super::MARKER_TOPIC,
@@ -105,7 +105,7 @@ impl Decoder {
             motion: Motion::default(),
             pairing: Pairing::new(),
             estimates: Sparse::new(ESTIMATE_S),
-            reversals: Sparse::new(GAP_S),
+            reversals: Sparse::new(REVERSAL_S),
         }
     }
 

@@ -8,7 +8,7 @@
 //! | what is true of a simulated device | metadata `inerter.truth` |
 //! | how and why the recording ended | metadata `inerter.end`; missing when the writer was killed |
 //! | what somebody wrote down on the way | channel `marker`, JSON |
-//! | the same decoded, for PlotJuggler and Foxglove | channels `motion`, `estimate`, `gap`, `event`, `health`, JSON |
+//! | the same decoded, for PlotJuggler and Foxglove | channels `motion`, `estimate`, `reversal`, `event`, `health`, JSON |
 //!
 //! The frames are the truth: readers here leave the decoded channels alone.
 //!

@@ -126,12 +126,12 @@ fn the_decoded_channels_say_what_the_frames_say() {
         }
     }
     let count = |topic: &str| found.get(topic).map_or(0, Vec::len);
-    assert_eq!(["marker", "estimate", "gap", "event", "health"].map(count), [5; 5]);
+    assert_eq!(["marker", "estimate", "reversal", "event", "health"].map(count), [5; 5]);
     assert_eq!(count("motion"), 200, "each of 50 ms");
     let motion = &found["motion"][1];
     assert_eq!(motion["t_s"], 0.0745);
     assert!((motion["position_m"].as_f64().unwrap() - 3.0 * 74.5e-6).abs() < 1e-10, "{motion}");
-    assert_eq!(found["gap"][1]["t_s"], 2.079, "by the sample counter, not the host's clock");
+    assert_eq!(found["reversal"][1]["t_s"], 2.079, "by the sample counter, not the host's clock");
 }
 
 #[test]

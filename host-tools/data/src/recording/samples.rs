@@ -54,10 +54,10 @@ pub struct Summary {
 pub struct Extent {
     /// Samples.
     pub samples: u64,
-    /// Sample periods from the first one to the last, gaps included.
+    /// Sample periods from the first one to the last, missing ones included.
     pub periods: u64,
     /// Places where samples are missing.
-    pub gaps: u64,
+    pub discontinuities: u64,
     /// Samples that are missing in all.
     pub missing: u64,
     /// Sample counter of the first and the last one.
@@ -71,7 +71,7 @@ impl Extent {
         let jump = if self.samples == 0 { 0 } else { step(last, sample.index) };
         self.samples += 1;
         self.periods += jump;
-        self.gaps += u64::from(jump > 1);
+        self.discontinuities += u64::from(jump > 1);
         self.missing += jump.saturating_sub(1);
         self.indices = Some((first, sample.index));
     }
@@ -345,7 +345,7 @@ fn loss_notes(file: &str, contents: &Contents, bad_batches: u64) -> Vec<String> 
     let mut notes = Vec::new();
     if counts.lost > 0 {
         notes.push(format!(
-            "{file}: {} lost on the way; their samples are treated as gaps",
+            "{file}: {} lost on the way; their samples are missing",
             plural(counts.lost.into(), "frame")
         ));
     }

@@ -14,7 +14,7 @@ pub(super) fn schema(channel: Channel) -> String {
     let (title, properties) = match channel {
         Channel::Motion => ("Means over 50 ms of samples", motion()),
         Channel::Estimate => ("What the device estimated, once a second", estimate()),
-        Channel::Reversal => ("Backlash by one reversal of the flanks alone, at most ten a second", gap()),
+        Channel::Reversal => ("Backlash by one reversal of the flanks alone, at most ten a second", reversal()),
         Channel::Event => ("Something that happened once", event()),
         Channel::Health => ("How the device is doing", health()),
         Channel::Marker => ("What somebody wrote down while it was recorded", marker()),
@@ -88,10 +88,10 @@ fn estimate() -> Value {
             "route": text("force or terminal"),
         }},
         "band_hz": {"type": "array", "items": {"type": "number"}, "description": "frequencies between which the inertance was seen [Hz]"},
-        "contact": text("unknown, one_sided, closed, gap or bouncing"),
+        "contact": text("unknown, one_sided, closed, backlash or bouncing"),
         "friction": {"type": "object", "properties": {
             "reversal_ratio": number("part of the kink of Coulomb friction that the reversals have shown"),
-            "conduct": text("unknown, coulomb, presliding or stribeck"),
+            "regime": text("unknown, coulomb, presliding or stribeck"),
         }},
         "changes": number("changes of the device found since the estimator began"),
     });
@@ -99,7 +99,7 @@ fn estimate() -> Value {
     properties.into()
 }
 
-fn gap() -> Value {
+fn reversal() -> Value {
     json!({
         "kind": kind(),
         "t_s": time(),

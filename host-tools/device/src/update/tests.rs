@@ -112,8 +112,8 @@ impl Machine for Bench {
 }
 
 fn run(bench: &mut Bench, serial: Option<&str>, told: &mut Vec<String>) -> Result<Back, UpdateError> {
-    let mut tell = |news: UpdateEvent| {
-        match news {
+    let mut tell = |event: UpdateEvent| {
+        match event {
             UpdateEvent::Pages(..) => {}
             UpdateEvent::Found(running) => told.push(format!("found {}", running.hello.firmware)),
             UpdateEvent::InDfu(device) => told.push(format!("in dfu {}", device.serial)),

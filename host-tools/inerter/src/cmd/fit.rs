@@ -62,8 +62,8 @@ pub fn run(args: &Args) -> Result<(), Error> {
 
 /// Takes the run through the estimator and says where its sums began anew.
 pub fn replayed(run: &Run) -> Result<Outcome, Error> {
-    replay_all(run, |t_s, news| {
-        if let EstimatorEvent::Changed(_) = news {
+    replay_all(run, |t_s, event| {
+        if let EstimatorEvent::Changed(_) = event {
             note(format!("the device changed at {t_s:.1} s: only the motion since is fitted"));
         }
         Ok(())

@@ -50,7 +50,7 @@ pub struct Args {
     /// Friction from the slowest file, the rest from the next, the fastest validates
     #[arg(long)]
     staged: bool,
-    /// Length of the segments that are fitted by themselves; without it from gap to gap
+    /// Length of the segments that are fitted by themselves; without it from one discontinuity to the next
     #[arg(long, value_name = "SECONDS", value_parser = segment)]
     segments: Option<f64>,
     /// Fit this too, whatever the settings say of it; may be given several times

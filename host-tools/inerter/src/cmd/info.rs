@@ -30,8 +30,8 @@ use crate::Error;
 /// long the recording.
 ///
 /// With --json one object: {"kind":"recording","file":..,"ending":"closed"|"cut_off"|"damaged","duration_s":..,
-/// "samples":..,"gaps":..,"frames":..,"lost_frames":..,"damaged_frames":..,"device":{..},"settings":{..},"truth":{..},
-/// "estimate":{..}}, or {"kind":"csv","file":..,"sample_rate_hz":..,"samples":..,"gaps":..}.
+/// "samples":..,"discontinuities":..,"frames":..,"lost_frames":..,"damaged_frames":..,"device":{..},"settings":{..},"truth":{..},
+/// "estimate":{..}}, or {"kind":"csv","file":..,"sample_rate_hz":..,"samples":..,"discontinuities":..}.
 #[derive(clap::Args)]
 pub struct Args {
     /// Recording (.mcap) or CSV file
@@ -85,7 +85,7 @@ struct RecordingJson<'a> {
     duration_s: f64,
     sample_rate_hz: f64,
     samples: u64,
-    gaps: u64,
+    discontinuities: u64,
     lost_samples: u64,
     frames: u32,
     lost_frames: u32,
@@ -135,7 +135,7 @@ fn recording_json<'a>(file: &Path, summary: &'a Summary, settings: &Settings) ->
         duration_s: duration_s(summary, settings),
         sample_rate_hz: settings.sample_rate_hz,
         samples: summary.extent.samples,
-        gaps: summary.extent.gaps,
+        discontinuities: summary.extent.discontinuities,
         lost_samples: summary.extent.missing,
         frames: contents.counts.messages,
         lost_frames: contents.counts.lost,
@@ -164,17 +164,14 @@ fn text(file: &Path, summary: &Summary, settings: &Settings) -> Result<(), Error
         row("device", format!("{}, serial {}, {}", value("board"), value("serial"), value("firmware")))?;
         row("clock", value("clock"))?;
     }
-    let (gaps, lost) = (summary.extent.gaps, summary.extent.missing);
+    let (places, lost) = (summary.extent.discontinuities, summary.extent.missing);
     let samples = plural(summary.extent.samples, "sample");
     let duration = duration_text(duration_s(summary, settings));
     row("run", format!("{duration}, {samples} at {} Hz", settings.sample_rate_hz))?;
     if let Some((first, last)) = contents.span_ns {
         row("time", format!("{} to {}", utc(first), utc(last)))?;
     }
-    row(
-        "gaps",
-        if gaps == 0 { "none".into() } else { format!("{}, {} missing", plural(gaps, "gap"), plural(lost, "sample")) },
-    )?;
+    row("missing", missing_text(places, lost))?;
     let records: Vec<String> = summary.records.iter().map(|(name, count)| format!("{count} {name}")).collect();
     row(
         "frames",
@@ -215,7 +212,7 @@ fn csv_info(file: &Path, json: bool) -> Result<(), Error> {
             "file": table.file,
             "sample_rate_hz": timebase.rate_hz,
             "samples": samples,
-            "gaps": timebase.gaps,
+            "discontinuities": timebase.discontinuities,
             "lost_samples": timebase.missing,
             "irregular_intervals": timebase.irregular,
             "has_terminal": !table.terminal_m.is_empty(),
@@ -226,8 +223,14 @@ fn csv_info(file: &Path, json: bool) -> Result<(), Error> {
     let row = |label: &str, value: String| output::line(format!("{label:<12} {value}"));
     row("file", format!("{} (CSV)", table.file))?;
     row("run", format!("{}, {} at {} Hz", duration_text(duration), plural(samples, "sample"), timebase.rate_hz))?;
-    let gaps = format!("{}, {} missing", plural(timebase.gaps, "gap"), plural(timebase.missing, "sample"));
-    row("gaps", if timebase.gaps == 0 { "none".into() } else { gaps })?;
+    row("missing", missing_text(timebase.discontinuities, timebase.missing))?;
     row("terminal", if table.terminal_m.is_empty() { "no terminal_m column" } else { "terminal_m is there" }.into())?;
     Ok(())
+}
+
+fn missing_text(places: u64, samples: u64) -> String {
+    match places {
+        0 => "none".into(),
+        _ => format!("{} in {}", plural(samples, "sample"), plural(places, "place")),
+    }
 }

@@ -31,7 +31,7 @@ use crate::{
 /// In a terminal: signals, parameters with 95 % intervals over time, losses, health, events; `?` lists the keys.
 /// Otherwise, or with --plain, one line per estimate is printed. With --json one object a line:
 /// {"kind":"device",..} at the beginning and after each reconnection, {"kind":"estimate",..} as `inerter replay --json`
-/// prints it, {"kind":"gap",..} for each reversal of the flanks, {"kind":"health",..} once a second,
+/// prints it, {"kind":"reversal",..} for each reversal of the flanks, {"kind":"health",..} once a second,
 /// {"kind":"event","code":..,"event":..}, {"kind":"link","lost_frames":..} when frames were lost,
 /// {"kind":"marker","text":..}, {"kind":"view","view":..,"address":..} for each of --web, --teleplot, --plotjuggler, --foxglove.
 #[derive(clap::Args)]

@@ -87,7 +87,8 @@ pub fn run(args: &Args) -> Result<(), Error> {
             }
             Ok(LinkEvent::Back) => {
                 let port = live.device().map(|device| format!(" at {}", device.name())).unwrap_or_default();
-                progress.note(format!("the device is back{port}, the recording goes on; between them is a gap"));
+                progress
+                    .note(format!("the device is back{port}, the recording goes on; the samples between are missing"));
             }
             Err(error) => break Some(error),
         }

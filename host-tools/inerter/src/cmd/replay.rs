@@ -24,12 +24,12 @@ const ROWS: f64 = 20.0;
 ///
 /// The result is what the device itself would have said, to the bit.
 /// FILE is a recording (.mcap) or a CSV with the columns t_s, encoder_count, force_n and, optionally, terminal_m, in any
-/// order, with a header. The sample rate comes from t_s; missing samples are treated as gaps. A CSV needs
+/// order, with a header. The sample rate comes from t_s; the estimator assumes nothing about missing samples. A CSV needs
 /// --metres-per-count. Settings: those of the recording (for a CSV the defaults below), then --settings, then --set,
 /// then --metres-per-count; later ones win.
 ///
 /// With --json one object a line: {"kind":"estimate","t_s":..,"whole_run":{..},"inertance_kg":{"value":..,"u95":..,
-/// "status":"ok"},..,"backlash_m":{..},..}, the last with "final":true; {"kind":"gap",..} for each reversal of the flanks
+/// "status":"ok"},..,"backlash_m":{..},..}, the last with "final":true; {"kind":"reversal",..} for each reversal of the flanks
 /// and {"kind":"event","code":"changed",..} for each change of the device. docs/CLI.md describes them.
 #[derive(clap::Args)]
 #[command(after_long_help = inerter_data::settings::help_table())]
@@ -59,10 +59,10 @@ pub fn run(args: &Args) -> Result<(), Error> {
         &run.settings,
         run.start_s,
         run.samples()?.map(|sample| sample.map_err(Error::from)),
-        |t_s, news: &EstimatorEvent| -> Result<(), Error> {
-            let (estimate, detail) = match news {
+        |t_s, event: &EstimatorEvent| -> Result<(), Error> {
+            let (estimate, detail) = match event {
                 EstimatorEvent::Estimate(estimate, detail) => (estimate, detail.as_ref()),
-                _ => return tell(t_s, news, args.json, &mut header),
+                _ => return tell(t_s, event, args.json, &mut header),
             };
             taken += 1;
             progress.set((taken as f64 * run.settings.sample_rate_hz / run.settings.publish_rate_hz) as u64);
@@ -92,8 +92,8 @@ pub fn run(args: &Args) -> Result<(), Error> {
 }
 
 /// What is no estimate: every one in JSON; a person sees the changes, and the scatter of the reversals as an interval.
-pub fn tell(t_s: f64, news: &EstimatorEvent, json: bool, header: &mut bool) -> Result<(), Error> {
-    match news {
+pub fn tell(t_s: f64, event: &EstimatorEvent, json: bool, header: &mut bool) -> Result<(), Error> {
+    match event {
         EstimatorEvent::Reversal(reversal) if json => output::line(json_line(&ReversalJson::new(Some(t_s), reversal)))?,
         EstimatorEvent::Changed(change) if json => {
             output::line(json_line(&EventJson::new(Some(t_s), change.index, &EventKind::Changed(*change))))?;

@@ -45,14 +45,14 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let mut device = Device::connect(&args.link.target(), Clock::new())?;
     let mut progress = Progress::new("sending", run.samples.len() as u64);
     let started = std::time::Instant::now();
-    let publish = |t_s: f64, news: &EstimatorEvent| -> Result<(), Error> {
-        match news {
+    let publish = |t_s: f64, event: &EstimatorEvent| -> Result<(), Error> {
+        match event {
             EstimatorEvent::Estimate(estimate, detail) if args.json => {
                 output::line(json_line(&EstimateJson::live(t_s, estimate, detail.as_ref(), &run.settings)))?;
             }
             EstimatorEvent::Estimate(..) => {}
             // No rows come, so none needs a head.
-            _ => tell(t_s, news, args.json, &mut false)?,
+            _ => tell(t_s, event, args.json, &mut false)?,
         }
         Ok(())
     };

@@ -48,8 +48,8 @@ pub fn run(args: &Args) -> Result<(), Error> {
     terminal::catch_interrupts();
     let mut machine = ThisMachine::new(args.link.target());
     let mut bar: Option<(Stage, Progress)> = None;
-    let mut tell = |news: UpdateEvent| {
-        match news {
+    let mut tell = |event: UpdateEvent| {
+        match event {
             UpdateEvent::Found(running) => {
                 let hello = &running.hello;
                 say(format!(

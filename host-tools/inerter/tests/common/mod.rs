@@ -53,7 +53,7 @@ pub fn last(text: &str) -> Value {
 /// What an estimate says, without what only a replay adds.
 pub fn estimate_of(value: &Value) -> Value {
     let mut object = value.as_object().unwrap().clone();
-    for key in ["final", "samples", "gaps", "lost_samples", "saturated"] {
+    for key in ["final", "samples", "discontinuities", "lost_samples", "saturated"] {
         object.remove(key);
     }
     object.into()

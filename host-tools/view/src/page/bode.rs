@@ -20,12 +20,16 @@ pub fn degrees(response: Complex<f64>) -> f64 {
 }
 
 /// Points `(x, y, low, high)` with a break where the steps between them are wider than the least.
-fn broken_at_gaps(points: &[(f64, f64, f64, f64)]) -> Vec<(f64, f64, f64, f64)> {
+fn broken_where_points_miss(points: &[(f64, f64, f64, f64)]) -> Vec<(f64, f64, f64, f64)> {
     let steps = || points.iter().zip(points.iter().skip(1)).map(|(before, after)| after.0 - before.0);
     let least = steps().fold(f64::INFINITY, f64::min);
     let breaks = std::iter::once(false).chain(steps().map(|step| step > 1.5 * least));
     let nothing = (f64::NAN, f64::NAN, f64::NAN, f64::NAN);
-    points.iter().zip(breaks).flat_map(|(point, gap)| gap.then_some(nothing).into_iter().chain([*point])).collect()
+    points
+        .iter()
+        .zip(breaks)
+        .flat_map(|(point, breaks)| breaks.then_some(nothing).into_iter().chain([*point]))
+        .collect()
 }
 
 /// Measured, ideal and complete response.
@@ -65,7 +69,7 @@ pub(super) fn bode(story: &Story) -> Made {
         if response.points.len() <= MOST_POINTS {
             return vec![Layer::new("measured", Colour::Blue, Shape::Points(all.collect()))];
         }
-        let points = broken_at_gaps(&all.collect::<Vec<_>>());
+        let points = broken_where_points_miss(&all.collect::<Vec<_>>());
         let band = points.iter().map(|point| (point.0, point.2, point.3)).collect();
         let line = points.iter().map(|point| (point.0, point.1)).collect();
         vec![

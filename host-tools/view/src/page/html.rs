@@ -200,7 +200,7 @@ fn conditions(story: &Story) -> Markup {
         .unwrap_or_default();
     let lost = match (counters.discontinuities, counters.lost_samples) {
         (0, _) => "none".to_string(),
-        (gaps, lost) => format!("{} in {}", plural(lost, "sample"), plural(gaps.into(), "gap")),
+        (places, lost) => format!("{} in {}", plural(lost, "sample"), plural(places.into(), "place")),
     };
     let residual =
         story.residual().map_or_else(|| "nothing moved".to_string(), |(rms_n, _)| format!("{rms_n:.2} N rms"));

@@ -4,7 +4,7 @@
 //! ends with a failure. `--update` writes the table instead.
 #![forbid(unsafe_code)]
 
-mod gaps;
+mod backlash;
 mod table;
 
 use inerter_plant::Parameters as Device;
@@ -51,8 +51,8 @@ fn run() -> Result<bool, Error> {
     for (rig, words) in RIGS.iter().filter(|rig| rig.force_noise_n == 1.0).zip([WORN, "No goals.\n\n"]) {
         sections.push(section(&Device::worn(), rig, &format!("{}, worn: 0.1 mm of backlash", rig.name), words)?);
     }
-    let gaps = RIGS.iter().map(|rig| gaps::section(rig, SEEDS)).collect::<Result<Vec<_>, _>>()?;
-    let text = table::markdown(&sections, &gaps, SEEDS);
+    let backlash = RIGS.iter().map(|rig| backlash::section(rig, SEEDS)).collect::<Result<Vec<_>, _>>()?;
+    let text = table::markdown(&sections, &backlash, SEEDS);
     print!("{text}");
     let uncovered: Vec<String> = sections
         .iter()
@@ -62,7 +62,7 @@ fn run() -> Result<bool, Error> {
     for line in &uncovered {
         eprintln!("{line}");
     }
-    let holds = uncovered.is_empty() && gaps.iter().all(|section| section.holds);
+    let holds = uncovered.is_empty() && backlash.iter().all(|section| section.holds);
     Ok(sheet::conclude("accuracy", &text, 2, update)? && holds)
 }
 

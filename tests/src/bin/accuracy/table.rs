@@ -1,6 +1,6 @@
 //! The table as Markdown, and what differs between two of them.
 
-use crate::gaps;
+use crate::backlash;
 use inerter_tests::sheet::{TOLERANCE, line, mean, significant};
 use std::fmt::Write;
 
@@ -170,17 +170,17 @@ impl Row {
 }
 
 /// What must be known to read the tables of the backlash.
-const GAPS: &str = "
+const BACKLASH: &str = "
 ## Backlash
 
-The same device with gaps of 0 to 200 um between its flanks, in um. By the force alone the contact stiffness is known to
+The same device with a backlash of 0 to 200 um between its flanks, in um. By the force alone the contact stiffness is known to
 0.1 %; the terminal's sensor has steps of 0.1 um and 1 um of noise, and needs no stiffness. *given*: runs that
 ended with a value, `ok` or `below_u95`; *wrong*: those of them whose interval misses the truth. *ks*, *cs*: errors of contact
 stiffness and damping with the sensor, in %.
 ";
 
 /// The whole document.
-pub fn markdown(sections: &[Section], gaps: &[gaps::Section], seeds: u64) -> String {
+pub fn markdown(sections: &[Section], backlash: &[backlash::Section], seeds: u64) -> String {
     let mut text = format!(
         "# Accuracy
 
@@ -219,8 +219,8 @@ their interval of the truth.
             text += &line(&row.cells());
         }
     }
-    text += GAPS;
-    text.extend(gaps.iter().map(|section| section.text.as_str()));
+    text += BACKLASH;
+    text.extend(backlash.iter().map(|section| section.text.as_str()));
     text.push_str("\n## Goals that are missed\n\n");
     let mut met = true;
     for section in sections {
@@ -231,7 +231,7 @@ their interval of the truth.
             }
         }
     }
-    for miss in gaps.iter().flat_map(|section| &section.misses) {
+    for miss in backlash.iter().flat_map(|section| &section.misses) {
         met = false;
         let _ = writeln!(text, "- {miss}.");
     }

@@ -67,7 +67,7 @@ table by more than {} %, either way, or where another flag shows.
 - *covered*: part of all published values, live and whole run, ten a second, whose interval covers the truth; bold under
   {} %. Until a second of motion has been seen, nothing is known of how friction behaves.
 - *runs*: how many ended with a value. *residual*: rms of what the law leaves open \\[N\\].
-- *flagged by*: what the device itself says in at least half of the runs: its counters of gaps and saturated samples,
+- *flagged by*: what the device itself says in at least half of the runs: its counters of discontinuities and saturated samples,
   what it makes of friction, a parameter that is not identifiable; *residual* where that is {LOUD} times that of the
   first rows.
 
@@ -123,10 +123,10 @@ mod tests {
     #[test]
     fn a_figure_or_a_flag_that_moves_is_named() {
         let table = |bias, flags: &[&'static str]| markdown(&[row(bias, 1.0, flags)], 8);
-        assert!(differences(&table(0.5, &["gaps"]), &table(0.505, &["gaps"])).is_empty());
-        let found = differences(&table(0.5, &["gaps"]), &table(0.6, &["gaps"]));
+        assert!(differences(&table(0.5, &["discontinuities"]), &table(0.505, &["discontinuities"])).is_empty());
+        let found = differences(&table(0.5, &["discontinuities"]), &table(0.6, &["discontinuities"]));
         assert_eq!(found[0], "gain 1 %, mid, mt kg: bias 0.6000, the table says 0.5000");
-        assert_eq!(differences(&table(0.5, &["gaps"]), &table(0.5, &[])).len(), 3);
+        assert_eq!(differences(&table(0.5, &["discontinuities"]), &table(0.5, &[])).len(), 3);
         assert_eq!(differences(&table(0.5, &[]), "").len(), 3);
         assert_eq!(differences("", &table(0.5, &[])).len(), 3);
     }
@@ -137,7 +137,7 @@ mod tests {
         assert!(
             text.contains("| **20.0** |") && text.contains("- gain 1 %, mid, mt kg: 0.500 with an interval of 0.0900.")
         );
-        assert!(markdown(&[row(0.5, 0.2, &["gaps"])], 8).contains("None."));
+        assert!(markdown(&[row(0.5, 0.2, &["discontinuities"])], 8).contains("None."));
         assert!(markdown(&[row(0.0, 1.0, &[])], 8).contains("None."));
     }
 }

@@ -67,7 +67,7 @@ impl Foxglove {
             samples: channel("samples", fields(Group::Signal))?,
             estimate: channel("estimate", estimate_fields())?,
             reversal: channel(
-                "gap",
+                "reversal",
                 plain(&[("value_m", "number", "m"), ("error_m", "number", "m"), ("rising", "boolean", "")]),
             )?,
             health: channel("health", fields(Group::Health))?,

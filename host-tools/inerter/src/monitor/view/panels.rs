@@ -144,7 +144,7 @@ pub fn health(frame: &mut Frame<'_>, area: Rect, state: &State, theme: Theme) {
     let on_the_way = Row::new(["Frames lost on the way".to_string(), losses.lost_frames.to_string()]);
     let rows = catalogue::health(&health).map(|(field, value)| {
         let is_loss = match field.path {
-            "lost_samples" | "gaps" | "overruns" | "saturated" => true,
+            "lost_samples" | "discontinuities" | "overruns" | "saturated" => true,
             // Those before we came are no loss of ours.
             "dropped_frames" | "bad_frames" => !losses.is_clean(),
             _ => false,

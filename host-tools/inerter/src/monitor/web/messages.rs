@@ -122,7 +122,7 @@ impl Messages {
             serde_json::to_value(EstimateJson::live(t_s, &estimate, detail, &state.settings)).unwrap_or_default();
         if let Some(object) = value.as_object_mut() {
             object.insert("run_s".into(), json!((run_s * 1e4).round() / 1e4));
-            object.insert("conduct".into(), json!(detail.map(text::line)));
+            object.insert("state".into(), json!(detail.map(text::line)));
         }
         Some(value)
     }

@@ -1,8 +1,8 @@
-//! The columns of the backlash: gaps of every width in every motion, by the force alone and with the terminal's sensor.
+//! The columns of the backlash: every width in every motion, by the force alone and with the terminal's sensor.
 
 use inerter_plant::Parameters as Device;
 use inerter_tests::{
-    backlash::{self, Cell, Column, GAPS_M, goal, sensed_goal},
+    backlash::{self, BACKLASHES_M, Cell, Column, goal, sensed_goal},
     grid::{self, Error, MOTIONS, Motion, Rig},
     sheet::{line, mean, significant},
 };
@@ -22,20 +22,20 @@ pub struct Section {
 
 struct Row {
     motion: &'static Motion,
-    gap_m: f64,
+    backlash_m: f64,
     cell: Cell,
 }
 
-/// Measures all gaps in all motions on this rig.
+/// Measures every backlash in every motion on this rig.
 pub fn section(rig: &Rig, seeds: u64) -> Result<Section, Error> {
     eprintln!("{}: backlash", rig.name);
     let mut rows = Vec::new();
     for motion in &MOTIONS {
-        for gap_m in GAPS_M {
-            let device = Device { backlash_m: gap_m, ..Device::paper() };
+        for backlash_m in BACKLASHES_M {
+            let device = Device { backlash_m: backlash_m, ..Device::paper() };
             let runs =
                 grid::each_seed(seeds, |seed| backlash::run(&device, motion.name, motion.duration_s, rig, seed))?;
-            rows.push(Row { motion, gap_m, cell: backlash::cell(&device, &runs) });
+            rows.push(Row { motion, backlash_m, cell: backlash::cell(&device, &runs) });
         }
     }
     let mut text = format!(
@@ -70,7 +70,8 @@ pub fn section(rig: &Rig, seeds: u64) -> Result<Section, Error> {
         for (route, column, goal) in
             [("force", &row.cell.force, row.goal()), ("sensor", &row.cell.sensed, row.sensed_goal())]
         {
-            let name = format!("{}, {}, gap {} um by the {route}", rig.name, row.motion.name, row.gap_m * MICRO);
+            let name =
+                format!("{}, {}, backlash {} um by the {route}", rig.name, row.motion.name, row.backlash_m * MICRO);
             misses.extend(missed(column, goal).map(|what| format!("{name}: {what}")));
             if column.wrong as f64 > MOST_WRONG * seeds as f64 {
                 eprintln!("{name}: {} of {} values outside of their interval", column.wrong, column.given);
@@ -81,10 +82,10 @@ pub fn section(rig: &Rig, seeds: u64) -> Result<Section, Error> {
         let known = stiffness.bias.abs().max(stiffness.sigma) <= STIFFNESS_GOAL;
         if !row.motion.is_slow() && !known {
             misses.push(format!(
-                "{}, {}, gap {} um: ks {} %, {} % against {} %",
+                "{}, {}, backlash {} um: ks {} %, {} % against {} %",
                 rig.name,
                 row.motion.name,
-                row.gap_m * MICRO,
+                row.backlash_m * MICRO,
                 significant(100.0 * stiffness.bias),
                 significant(100.0 * stiffness.sigma),
                 100.0 * STIFFNESS_GOAL
@@ -94,15 +95,15 @@ pub fn section(rig: &Rig, seeds: u64) -> Result<Section, Error> {
     Ok(Section { text, misses, holds })
 }
 
-const FORCE_HEAD: &str = "| motion | gap um | bias | sigma | goal | reached | U95 | given | wrong |";
-const SENSED_HEAD: &str = "| motion | gap um | bias | sigma | goal | reached | U95 | given | wrong | ks % bias | ks % sigma | cs % bias | cs % sigma |";
+const FORCE_HEAD: &str = "| motion | backlash um | bias | sigma | goal | reached | U95 | given | wrong |";
+const SENSED_HEAD: &str = "| motion | backlash um | bias | sigma | goal | reached | U95 | given | wrong | ks % bias | ks % sigma | cs % bias | cs % sigma |";
 
 impl Row {
-    /// Greatest bias and sigma wanted of the gap by the force alone.
+    /// Greatest bias and sigma wanted of the backlash by the force alone.
     fn goal(&self) -> Option<(f64, f64)> {
         let (bias, sigma, up_to_m) = goal(self.motion.name);
         // Widths are round numbers of micrometres.
-        (self.gap_m < up_to_m + 1e-9).then_some((bias, sigma))
+        (self.backlash_m < up_to_m + 1e-9).then_some((bias, sigma))
     }
 
     fn sensed_goal(&self) -> Option<(f64, f64)> {
@@ -118,7 +119,7 @@ impl Row {
         };
         vec![
             self.motion.name.into(),
-            format!("{:.0}", self.gap_m * MICRO),
+            format!("{:.0}", self.backlash_m * MICRO),
             mean(column.bias * MICRO, column.sigma * MICRO),
             significant(column.sigma * MICRO),
             goal.map_or(String::new(), |(bias, sigma)| format!("{:.1}, {:.1}", bias * MICRO, sigma * MICRO)),
