@@ -7,7 +7,7 @@ use std::{
     path::Path,
 };
 
-use inerter_core::{Detail, Estimate, RawSample, Settings};
+use inerter_core::{Detail, Estimate, Machine, RawSample, Settings};
 use inerter_wire::{EventKind, Frame, Health, Hello, Record, Samples, SettingsValues, step};
 
 use super::{
@@ -141,7 +141,7 @@ impl<F: FnMut(RawSample)> Collected<F> {
                 }
                 // What a replay says anew.
                 EventKind::Changed(_) => {}
-                ref kind if is_trouble(kind) => self.fault(event_words(kind)),
+                ref kind if is_trouble(kind) => self.fault(event_words(Machine::Linear, kind)),
                 _ => {}
             },
             _ => {}
