@@ -6,7 +6,7 @@
 //! [`Settings::TABLE`]: inerter_core::Settings::TABLE
 
 use crate::Health;
-use inerter_core::{Detail, Estimate, Parameter, Parameters, RawSample};
+use inerter_core::{Detail, Estimate, Machine, Parameter, Parameters, RawSample};
 
 /// Where a field belongs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -40,31 +40,69 @@ pub struct Field {
     pub unit: &'static str,
 }
 
-macro_rules! fields {
-    ($($group:ident $path:literal, $label:literal, $symbol:literal, $unit:literal;)+) => {
-        /// Every quantity.
-        pub const FIELDS: &[Field] =
-            &[$(Field { group: Group::$group, path: $path, label: $label, symbol: $symbol, unit: $unit },)+];
+macro_rules! field {
+    ($group:ident, $path:literal, $label:literal, $symbol:literal, $unit:literal) => {
+        Field { group: Group::$group, path: $path, label: $label, symbol: $symbol, unit: $unit }
+    };
+    (
+        $group:ident, $linear_path:literal, $linear_label:literal, $symbol:literal, $linear_unit:literal,
+        $path:literal, $label:literal, $unit:literal
+    ) => {
+        field!($group, $path, $label, $symbol, $unit)
     };
 }
 
+macro_rules! fields {
+    ($($group:ident $path:literal, $label:literal, $symbol:literal, $unit:literal $(=> $($rotary:literal),+)?;)+) => {
+        /// Every quantity, as a linear machine has it.
+        pub const FIELDS: &[Field] = &[$(field!($group, $path, $label, $symbol, $unit),)+];
+        /// The same of a rotary machine, in the same order.
+        pub const ROTARY_FIELDS: &[Field] = &[$(field!($group, $path, $label, $symbol, $unit $(, $($rotary),+)?),)+];
+    };
+}
+
+/// Units of a linear machine, each with what a rotary one has in its place.
+pub const ROTARY_UNITS: &[(&str, &str)] = &[
+    ("N s/m", "N m s"),
+    ("N/m", "N m/rad"),
+    ("kN/m", "kN m/rad"),
+    ("kg", "kg m²"),
+    ("N", "N m"),
+    ("m", "rad"),
+    ("mm", "mrad"),
+    ("µm", "µrad"),
+];
+
+/// Words in names of a linear machine, each with what a rotary one has in its place.
+pub const ROTARY_WORDS: &[(&str, &str)] =
+    &[("inertance", "inertia"), ("mass", "inertia"), ("force", "torque"), ("position", "angle")];
+
+/// The unit that this machine has in the place of a linear one's.
+pub fn unit(machine: Machine, linear: &'static str) -> &'static str {
+    let rotary = || ROTARY_UNITS.iter().find(|(of_linear, _)| *of_linear == linear).map(|(_, rotary)| *rotary);
+    match machine {
+        Machine::Linear => linear,
+        Machine::Rotary => rotary().unwrap_or(linear),
+    }
+}
+
 fields! {
-    Parameter "inertance_kg", "Effective inertance", "mt", "kg";
-    Parameter "viscous_n_s_per_m", "Viscous friction", "cf", "N s/m";
-    Parameter "coulomb_n", "Coulomb friction", "fc", "N";
-    Parameter "offset_n", "Force offset", "F0", "N";
+    Parameter "inertance_kg", "Effective inertance", "mt", "kg" => "inertia_kg_m2", "Effective inertia", "kg m²";
+    Parameter "viscous_n_s_per_m", "Viscous friction", "cf", "N s/m" => "viscous_n_m_s", "Viscous friction", "N m s";
+    Parameter "coulomb_n", "Coulomb friction", "fc", "N" => "coulomb_n_m", "Coulomb friction", "N m";
+    Parameter "offset_n", "Force offset", "F0", "N" => "offset_n_m", "Torque offset", "N m";
     Estimate "index", "Sample counter", "", "";
     Estimate "elapsed_samples", "Samples since the reset", "", "";
     Estimate "bank", "Kernel bank", "", "";
     Estimate "moving", "Moving", "", "";
-    Estimate "residual_rms_n", "Residual force, rms", "", "N";
+    Estimate "residual_rms_n", "Residual force, rms", "", "N" => "residual_rms_n_m", "Residual torque, rms", "N m";
     Estimate "updates", "Updates since the reset", "", "";
     Detail "index", "Sample counter", "", "";
     Detail "band_hz", "Seen between", "", "Hz";
-    Detail "backlash_m", "Backlash", "eps", "m";
+    Detail "backlash_m", "Backlash", "eps", "m" => "backlash_rad", "Backlash", "rad";
     Detail "contact", "Contact", "", "";
-    Detail "stiffness_n_per_m", "Contact stiffness", "ks", "N/m";
-    Detail "contact_damping_n_s_per_m", "Contact damping", "cs", "N s/m";
+    Detail "stiffness_n_per_m", "Contact stiffness", "ks", "N/m" => "stiffness_n_m_per_rad", "Contact stiffness", "N m/rad";
+    Detail "contact_damping_n_s_per_m", "Contact damping", "cs", "N s/m" => "contact_damping_n_m_s", "Contact damping", "N m s";
     Detail "friction", "Friction", "", "";
     Detail "changes", "Changes since the reset", "", "";
     Sample "index", "Sample counter", "", "";
@@ -72,9 +110,9 @@ fields! {
     Sample "force_code", "Force code", "", "";
     Sample "terminal_code", "Terminal displacement code", "", "";
     Signal "t_s", "Time", "t", "s";
-    Signal "position_m", "Screw displacement", "x2", "m";
-    Signal "force_n", "Force", "F", "N";
-    Signal "terminal_m", "Terminal displacement", "x1", "m";
+    Signal "position_m", "Screw displacement", "x2", "m" => "angle_rad", "Rotor angle", "rad";
+    Signal "force_n", "Force", "F", "N" => "torque_n_m", "Torque", "N m";
+    Signal "terminal_m", "Terminal displacement", "x1", "m" => "terminal_rad", "Terminal angle", "rad";
     Health "index", "Sample counter", "", "";
     Health "uptime_s", "Time since the start", "", "s";
     Health "dropped_frames", "Frames dropped by the device", "", "";
@@ -88,26 +126,33 @@ fields! {
     Health "temperature_c", "Chip temperature", "", "°C";
 }
 
-/// The fields of one group, in the order of its type.
-pub fn fields(group: Group) -> impl Iterator<Item = &'static Field> {
-    FIELDS.iter().filter(move |field| field.group == group)
+/// The fields of one group as this machine has them, in the order of its type.
+pub fn fields(machine: Machine, group: Group) -> impl Iterator<Item = &'static Field> {
+    let all = match machine {
+        Machine::Linear => FIELDS,
+        Machine::Rotary => ROTARY_FIELDS,
+    };
+    all.iter().filter(move |field| field.group == group)
 }
 
-/// One field by its group and path.
-pub fn find(group: Group, path: &str) -> Option<&'static Field> {
-    fields(group).find(|field| field.path == path)
+/// One field as this machine has it, by its group and its path of a linear machine.
+pub fn find(machine: Machine, group: Group, path: &str) -> Option<&'static Field> {
+    fields(Machine::Linear, group)
+        .zip(fields(machine, group))
+        .find(|(linear, _)| linear.path == path)
+        .map(|(_, field)| field)
 }
 
 /// The four parameters with their fields.
-pub fn parameters(parameters: &Parameters) -> impl Iterator<Item = (&'static Field, Parameter)> {
+pub fn parameters(machine: Machine, parameters: &Parameters) -> impl Iterator<Item = (&'static Field, Parameter)> {
     let Parameters { inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n } = *parameters;
-    fields(Group::Parameter).zip([inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n])
+    fields(machine, Group::Parameter).zip([inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n])
 }
 
 /// The plain numbers of an estimate with their fields: bank 0 is fast, 1 slow; moving is 0 or 1.
-pub fn estimate(estimate: &Estimate) -> impl Iterator<Item = (&'static Field, f64)> {
+pub fn estimate(machine: Machine, estimate: &Estimate) -> impl Iterator<Item = (&'static Field, f64)> {
     let Estimate { index, elapsed_samples, bank, moving, recent: _, whole_run: _, residual_rms_n, updates } = *estimate;
-    fields(Group::Estimate).zip([
+    fields(machine, Group::Estimate).zip([
         f64::from(index),
         elapsed_samples as f64,
         f64::from(bank as u8),
@@ -117,17 +162,21 @@ pub fn estimate(estimate: &Estimate) -> impl Iterator<Item = (&'static Field, f6
     ])
 }
 
+/// The fields of the contact's parameters.
+pub fn contact_fields(machine: Machine) -> impl Iterator<Item = &'static Field> {
+    fields(machine, Group::Detail).filter(|field| matches!(field.symbol, "ks" | "cs"))
+}
+
 /// The parameters of the contact with their fields, as a terminal displacement sensor shows them.
-pub fn contact(detail: &Detail) -> impl Iterator<Item = (&'static Field, Parameter)> {
+pub fn contact(machine: Machine, detail: &Detail) -> impl Iterator<Item = (&'static Field, Parameter)> {
     let Detail { stiffness_n_per_m, contact_damping_n_s_per_m, .. } = *detail;
-    let fields = fields(Group::Detail).filter(|field| matches!(field.symbol, "ks" | "cs"));
-    fields.zip([stiffness_n_per_m, contact_damping_n_s_per_m])
+    contact_fields(machine).zip([stiffness_n_per_m, contact_damping_n_s_per_m])
 }
 
 /// The numbers of a raw sample with their fields.
 pub fn sample(sample: &RawSample) -> impl Iterator<Item = (&'static Field, f64)> {
     let RawSample { index, position_count, force_code, terminal_code } = *sample;
-    fields(Group::Sample).zip([
+    fields(Machine::Linear, Group::Sample).zip([
         f64::from(index),
         f64::from(position_count),
         f64::from(force_code),
@@ -150,7 +199,7 @@ pub fn health(health: &Health) -> impl Iterator<Item = (&'static Field, Option<f
         stack_free_bytes,
         temperature_c,
     } = *health;
-    fields(Group::Health).zip([
+    fields(Machine::Linear, Group::Health).zip([
         Some(f64::from(index)),
         Some(f64::from(uptime_s)),
         Some(f64::from(dropped_frames)),

@@ -4,14 +4,17 @@
 //! or an infinity. What is not known is `null`.
 
 use inerter_core::{
-    Backlash, BacklashSize, Band, Bank, Contact, Counters, Detail, Estimate, Parameter, Parameters, Reason, Regime,
-    Reversal, Route, Settings, Status,
+    Backlash, BacklashSize, Band, Bank, Contact, Counters, Detail, Estimate, Machine, Parameter, Parameters, Reason,
+    Regime, Reversal, Route, Settings, Status,
 };
 use inerter_wire::{EventKind, Health, catalogue};
 use serde::Serialize;
 use serde_json::Value;
 
-use crate::text::{changed_field, event_words, seen};
+use crate::{
+    names::Names,
+    text::{changed_field, event_words, seen},
+};
 
 /// One parameter in JSON.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -253,17 +256,17 @@ pub struct ChangeJson {
 
 impl EventJson {
     /// An event; `t_s` is its time, where that is known.
-    pub fn new(t_s: Option<f64>, index: u32, kind: &EventKind) -> Self {
+    pub fn new(t_s: Option<f64>, index: u32, kind: &EventKind, machine: Machine) -> Self {
         let finite = |value: f32| Some(value).filter(|value| value.is_finite());
         let change = match kind {
             EventKind::Changed(change) => Some(ChangeJson {
-                parameter: changed_field(change).path,
+                parameter: changed_field(machine, change).path,
                 before: finite(change.before),
                 after: finite(change.after),
             }),
             _ => None,
         };
-        let (code, event) = (event_code(kind), event_words(kind));
+        let (code, event) = (event_code(kind), event_words(machine, kind));
         Self { kind: "event", t_s: t_s.map(rounded_s), index, code, event, change }
     }
 }
@@ -299,6 +302,19 @@ fn snake_case(name: &str) -> String {
 /// A time to the nanosecond: more digits would be noise of the arithmetic.
 pub fn rounded_s(t_s: f64) -> f64 {
     (t_s * 1e9).round() / 1e9
+}
+
+/// One line of JSON in the names of this machine.
+pub fn machine_json_line(machine: Machine, value: &impl Serialize) -> String {
+    String::from_utf8(machine_json(machine, value)).unwrap_or_default()
+}
+
+/// JSON in the names of this machine.
+pub fn machine_json(machine: Machine, value: &impl Serialize) -> Vec<u8> {
+    let mut out = Vec::new();
+    // Maps with text keys and plain numbers only: there is nothing that could fail.
+    value.serialize(&mut serde_json::Serializer::with_formatter(&mut out, Names::new(machine))).unwrap_or_default();
+    out
 }
 
 /// One line of JSON.

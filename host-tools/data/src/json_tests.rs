@@ -71,7 +71,7 @@ fn events_have_a_code_for_programs_and_words_for_people() {
         (EventKind::Panicked(Hello::text("at app.rs:7")), "panicked", "at app.rs:7", true),
     ] {
         assert_eq!(event_code(&kind), code);
-        assert!(event_words(&kind).contains(words), "{}", event_words(&kind));
+        assert!(event_words(Machine::Linear, &kind).contains(words), "{}", event_words(Machine::Linear, &kind));
         assert_eq!(is_trouble(&kind), trouble, "{kind:?}");
     }
 }

@@ -12,6 +12,7 @@ pub mod csv;
 mod error;
 pub mod export;
 pub mod json;
+pub mod names;
 mod open;
 pub mod output;
 pub mod recording;

@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use inerter_core::{
-    Backlash, BacklashSize, Band, Change, Changed, Contact, Detail, Estimate, Interval, Parameter, Reason, Regime,
-    Route, Settings, Status,
+    Backlash, BacklashSize, Band, Change, Changed, Contact, Detail, Estimate, Interval, Machine, Parameter, Reason,
+    Regime, Route, Settings, Status,
 };
 use inerter_wire::{
     EventKind, ResetCause,
@@ -43,15 +43,17 @@ pub fn table(
     settings: &Settings,
     truth: Option<&BTreeMap<String, String>>,
 ) -> String {
-    let recent = catalogue::parameters(&estimate.recent);
-    let whole = catalogue::parameters(&estimate.whole_run);
+    let machine = settings.machine;
+    let recent = catalogue::parameters(machine, &estimate.recent);
+    let whole = catalogue::parameters(machine, &estimate.whole_run);
     let head = if truth.is_some() { "truth" } else { "" };
     let mut text =
         format!("{:<20} {:<6} {:<22} {:<22} {head}", "", "", format!("last {} s", settings.memory_s), "whole run");
     text.truncate(text.trim_end().len());
-    for ((field, recent), (_, whole)) in recent.zip(whole) {
+    let linear = catalogue::fields(Machine::Linear, Group::Parameter);
+    for (((field, recent), (_, whole)), linear) in recent.zip(whole).zip(linear) {
         // The plant knows the offset as the load cell's.
-        let name = if field.path == "offset_n" { "force_offset_n" } else { field.path };
+        let name = if linear.path == "offset_n" { "force_offset_n" } else { linear.path };
         let truth = truth.map(|truth| true_text(truth, name, 1.0)).unwrap_or_default();
         let (recent, whole) = (value_text(&recent), value_text(&whole));
         let line = format!("{:<20} {:<6} {recent:<22} {whole:<22} {truth}", field.label, field.unit);
@@ -63,7 +65,7 @@ pub fn table(
         let line = format!("{label:<20} {unit:<6} {:<22} {value:<22} {truth}", "");
         text += &format!("\n{}", line.trim_end());
     }
-    format!("{text}\n\n{}", line(detail))
+    format!("{text}\n\n{}", line(settings.machine, detail))
 }
 
 /// What is true, `factor` bringing it to the unit shown; of a device that was changed on the way both values.
@@ -88,27 +90,28 @@ pub fn counts_line(settings: &Settings, duration_s: f64, outcome: &Outcome) -> S
         count => format!("{count} saturated"),
     };
     format!(
-        "{} at {} Hz in {}, {lost}, {saturated}; residual {:.2} N rms",
+        "{} at {} Hz in {}, {lost}, {saturated}; residual {:.2} {} rms",
         plural(counters.samples, "sample"),
         settings.sample_rate_hz,
         duration_text(duration_s),
-        outcome.estimate.residual_rms_n
+        outcome.estimate.residual_rms_n,
+        catalogue::unit(settings.machine, "N")
     )
 }
 
 /// Heads the lines of [`row`].
-pub fn row_header() -> String {
+pub fn row_header(machine: Machine) -> String {
     let mut text = format!("{:>9}", "t [s]");
-    for field in catalogue::fields(catalogue::Group::Parameter) {
+    for field in catalogue::fields(machine, catalogue::Group::Parameter) {
         text += &format!("  {:<24}", format!("{} [{}]", field.label, field.unit));
     }
-    text + "  Backlash [µm]"
+    text + &format!("  Backlash [{}]", catalogue::unit(machine, "µm"))
 }
 
 /// One line per estimate: the recent memory, and the backlash so far.
 pub fn row(t_s: f64, estimate: &Estimate, detail: Option<&Detail>) -> String {
     let mut text = format!("{t_s:>9.2}");
-    for (_, parameter) in catalogue::parameters(&estimate.recent) {
+    for (_, parameter) in catalogue::parameters(Machine::Linear, &estimate.recent) {
         text += &format!("  {:<24}", value_text(&parameter));
     }
     text += &format!("  {:<22}", detail.map(|detail| backlash_text(&detail.backlash)).unwrap_or_default());
@@ -124,7 +127,7 @@ pub fn elapsed_s(estimate: &Estimate, rate_hz: f64) -> f64 {
 }
 
 /// An event for a person.
-pub fn event_words(kind: &EventKind) -> String {
+pub fn event_words(machine: Machine, kind: &EventKind) -> String {
     match kind {
         EventKind::Started => "the device has started".into(),
         EventKind::SourceEnded => "no more samples: the motion has ended".into(),
@@ -134,7 +137,7 @@ pub fn event_words(kind: &EventKind) -> String {
         EventKind::Fault(fault) => format!("fault: {fault}"),
         EventKind::Panicked(text) => format!("the firmware failed before this start: {text}; please report it"),
         EventKind::ResetBy(cause) => format!("the device was started by {cause}"),
-        EventKind::Changed(change) => change_words(change),
+        EventKind::Changed(change) => change_words(machine, change),
     }
 }
 
@@ -159,19 +162,19 @@ pub fn is_trouble(kind: &EventKind) -> bool {
 }
 
 /// The field of the parameter that changed.
-pub fn changed_field(change: &Change) -> &'static Field {
+pub fn changed_field(machine: Machine, change: &Change) -> &'static Field {
     let path = match change.parameter {
         Changed::Inertance => "inertance_kg",
         Changed::Viscous => "viscous_n_s_per_m",
         Changed::Coulomb => "coulomb_n",
         Changed::Offset => "offset_n",
     };
-    catalogue::find(Group::Parameter, path).unwrap_or(&catalogue::FIELDS[0])
+    catalogue::find(machine, Group::Parameter, path).unwrap_or(&catalogue::FIELDS[0])
 }
 
 /// A change for a person.
-pub fn change_words(change: &Change) -> String {
-    let Field { label, unit, .. } = changed_field(change);
+pub fn change_words(machine: Machine, change: &Change) -> String {
+    let Field { label, unit, .. } = changed_field(machine, change);
     let digits =
         |value: f32| format!("{:.4}", f64::from(value)).trim_end_matches('0').trim_end_matches('.').to_string();
     let (before, after) = (digits(change.before), digits(change.after));
@@ -182,7 +185,7 @@ pub fn change_words(change: &Change) -> String {
 }
 
 /// One line on everything that is not a parameter.
-pub fn line(detail: &Detail) -> String {
+pub fn line(machine: Machine, detail: &Detail) -> String {
     let mut parts = Vec::new();
     if let Some(Band { low_hz, high_hz }) = seen(detail.band) {
         let band = if high_hz < 1.05 * low_hz {
@@ -190,7 +193,11 @@ pub fn line(detail: &Detail) -> String {
         } else {
             format!("from {:.*} to {:.*} Hz", decimals(low_hz), low_hz, decimals(high_hz), high_hz)
         };
-        parts.push(format!("inertance seen {band}"));
+        let inertance = match machine {
+            Machine::Linear => "inertance",
+            Machine::Rotary => "inertia",
+        };
+        parts.push(format!("{inertance} seen {band}"));
     }
     if detail.backlash.reversals > 0 {
         let by = match detail.backlash.route {
@@ -217,12 +224,14 @@ pub fn remarks(detail: &Detail) -> impl Iterator<Item = &'static str> {
 
 /// Rows of a table: label, unit, value, and the name of the truth with the factor to that unit.
 pub fn rows(detail: &Detail, settings: &Settings) -> Vec<(&'static str, &'static str, String, &'static str, f64)> {
-    let label = catalogue::find(Group::Detail, "backlash_m").map_or("", |field| field.label);
-    let mut rows = vec![(label, "µm", backlash_text(&detail.backlash), "backlash_m", 1e6)];
+    let label = catalogue::find(settings.machine, Group::Detail, "backlash_m").map_or("", |field| field.label);
+    let mut rows =
+        vec![(label, catalogue::unit(settings.machine, "µm"), backlash_text(&detail.backlash), "backlash_m", 1e6)];
     if settings.terminal_sensor {
         rows.extend(
-            catalogue::contact(detail)
-                .map(|(field, parameter)| (field.label, field.unit, value_text(&parameter), field.path, 1.0)),
+            catalogue::contact(settings.machine, detail).zip(catalogue::contact_fields(Machine::Linear)).map(
+                |((field, parameter), linear)| (field.label, field.unit, value_text(&parameter), linear.path, 1.0),
+            ),
         );
     }
     rows

@@ -13,6 +13,7 @@ use inerter_simulate::{Setup, bench_sensors, file::write_recording};
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::record::Field;
 
+use inerter_core::Machine;
 use inerter_data::{
     Error,
     export::{Column, EstimateTable, Exported, Format, Selection, Source, export, write_csv},
@@ -93,7 +94,7 @@ fn every_format_holds_the_same_numbers() {
     assert_eq!(exported.rows, 1250);
     let expected = expected(&path, &columns, 1.0..2.25);
     assert_eq!(expected.len(), 1250);
-    let names: Vec<String> = columns.iter().map(|column| column.name().to_string()).collect();
+    let names: Vec<String> = columns.iter().map(|column| column.name(Machine::Linear).to_string()).collect();
     assert_eq!(read_csv(&folder.path().join("o.csv")), (names.clone(), expected.clone()));
     let (found, rows, about) = read_parquet(&folder.path().join("o.parquet"));
     assert_eq!((found, rows), (names, expected.clone()));
@@ -104,14 +105,14 @@ fn every_format_holds_the_same_numbers() {
     assert_eq!(about["inerter.device"]["board"], "simulated");
     let mat = hdf5_pure::File::open(folder.path().join("o.mat")).unwrap();
     for (number, column) in columns.iter().enumerate() {
-        let data = mat.dataset(column.name()).unwrap();
+        let data = mat.dataset(column.name(Machine::Linear)).unwrap();
         assert_eq!(
             data.shape().unwrap(),
             [1, 1250],
             "a column vector for MATLAB, whose dimensions are stored the other way"
         );
         let values: Vec<f64> = expected.iter().filter_map(|row| row.get(number)).copied().collect();
-        assert_eq!(data.read_f64().unwrap(), values, "{}", column.name());
+        assert_eq!(data.read_f64().unwrap(), values, "{}", column.name(Machine::Linear));
         assert!(
             matches!(data.attrs().unwrap().get("MATLAB_class"), Some(AttrValue::AsciiString(class)) if class == "double")
         );
@@ -129,7 +130,7 @@ fn every_format_holds_the_same_numbers() {
         assert_eq!(*time_ns, source.first_ns + (row[0] * 1e9).round() as u64);
         for (column, value) in columns.iter().zip(row) {
             // As exact as the JSON reader here is.
-            let found = line[column.name()].as_f64().unwrap();
+            let found = line[column.name(Machine::Linear)].as_f64().unwrap();
             assert!((found - value).abs() <= 1e-15 * value.abs(), "{found} {value}");
         }
     }

@@ -159,11 +159,12 @@
     charts = [];
     byId("signals").replaceChildren();
     byId("parameters").replaceChildren();
-    addChart("signals", "Force [N]", signalData("force"), false);
-    addChart("signals", "Screw displacement [mm]", signalData("position"), false);
-    if (device.terminal) addChart("signals", "Terminal displacement [mm]", signalData("terminal"), false);
+    const [force, position, terminal] = [1, 0, 2].map((place) => device.signals[place]);
+    addChart("signals", force, signalData("force"), false);
+    addChart("signals", position, signalData("position"), false);
+    if (device.terminal) addChart("signals", terminal, signalData("terminal"), false);
     device.parameters.forEach((field, place) => addChart("parameters", `${field.label} [${field.unit}]`, historyData(place), true));
-    addChart("parameters", "Backlash [µm]", historyData(4), true);
+    addChart("parameters", `Backlash [${device.backlash_unit}]`, historyData(4), true);
     byId("memory").textContent = `last ${device.memory_s} s`;
     charts.forEach(makePlot);
   };
@@ -201,13 +202,13 @@
     const backlash = estimate.backlash_m;
     if (backlash) {
       const shown = backlash.value === null ? "–" : interval(backlash.value * 1e6, backlash.u95 * 1e6);
-      rows.push(row("Backlash", "µm", backlash.reason ? words(backlash.reason) : "", backlash.status, shown));
+      rows.push(row("Backlash", device.backlash_unit, backlash.reason ? words(backlash.reason) : "", backlash.status, shown));
     }
-    for (const [key, label, unit] of [["stiffness_n_per_m", "Contact stiffness", "N/m"], ["contact_damping_n_s_per_m", "Contact damping", "N s/m"]]) {
+    for (const { path: key, label, unit } of device.contact) {
       if (estimate[key]) rows.push(row(label, unit, "", estimate[key].status, show(estimate[key])));
     }
     byId("table").replaceChildren(...rows);
-    const residual = estimate.residual_rms_n === null ? "" : `, residual ${estimate.residual_rms_n.toFixed(2)} N`;
+    const residual = estimate.residual_rms_n === null ? "" : `, residual ${estimate.residual_rms_n.toFixed(2)} ${device.force_unit}`;
     byId("state").textContent = `${duration(estimate.t_s)}, ${estimate.moving ? "moving" : "at rest"}${residual}. ${estimate.state ?? ""}`;
   };
 
@@ -226,7 +227,7 @@
       byId("marker-text").placeholder = message.recording ? `Marker, also into ${message.recording}` : "Marker";
     },
     device: (message) => {
-      const anew = !device || device.terminal !== message.terminal || charts.length === 0;
+      const anew = !device || device.terminal !== message.terminal || device.force_unit !== message.force_unit || charts.length === 0;
       device = message;
       byId("device").textContent = `${message.board} ${message.serial}, ${message.sample_rate_hz} Hz, ${message.port}`;
       byId("memory").textContent = `last ${message.memory_s} s`;

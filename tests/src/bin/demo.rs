@@ -13,7 +13,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use inerter_core::{Backlash, Estimate, Interval, Parameter, Status};
+use inerter_core::{Backlash, Estimate, Interval, Machine, Parameter, Status};
 use inerter_data::{
     recording::{End, Recorder},
     replay::replay,
@@ -188,7 +188,9 @@ fn replayed(recording: &Path) -> Result<Vec<Bits>, Error> {
 type Bits = (u32, Vec<(u32, u32, Status)>);
 
 fn bits(estimate: &Estimate) -> Bits {
-    let parameters = [&estimate.recent, &estimate.whole_run].into_iter().flat_map(catalogue::parameters);
+    let parameters = [&estimate.recent, &estimate.whole_run]
+        .into_iter()
+        .flat_map(|parameters| catalogue::parameters(Machine::Linear, parameters));
     let bits = parameters.map(|(_, one)| (one.fitted().value.to_bits(), one.u95().to_bits(), one.status()));
     (estimate.index, bits.collect())
 }
@@ -253,7 +255,7 @@ impl Screen {
         let done = (40.0 * run_s / self.seconds) as usize;
         let bar: String = (0..40).map(|place| if place < done { '━' } else { '·' }).collect();
         let _ = writeln!(block, "\r      {run_s:5.1} s of {:.0} s  {bar}\x1b[K", self.seconds);
-        for ((field, parameter), truth) in catalogue::parameters(&estimate.whole_run).zip(self.truth) {
+        for ((field, parameter), truth) in catalogue::parameters(Machine::Linear, &estimate.whole_run).zip(self.truth) {
             let color = if parameter.status() == Status::Ok { "\x1b[1m" } else { "\x1b[2m" };
             let value = value_text(&parameter);
             let _ = writeln!(
@@ -285,7 +287,7 @@ impl Screen {
 }
 
 fn one_line(estimate: &Estimate) -> String {
-    catalogue::parameters(&estimate.whole_run)
+    catalogue::parameters(Machine::Linear, &estimate.whole_run)
         .map(|(field, parameter)| match parameter.status() {
             Status::NotIdentifiable => format!("{} -", field.symbol),
             _ => format!("{} {} {}", field.symbol, value_text(&parameter), field.unit),
@@ -303,7 +305,7 @@ fn summary(outcomes: &[Outcome]) -> String {
     // Writing to a String cannot fail.
     for (test, outcome) in TESTS.iter().zip(outcomes) {
         let _ = writeln!(text, "{}", test.title);
-        let parameters = catalogue::parameters(&outcome.estimate.whole_run);
+        let parameters = catalogue::parameters(Machine::Linear, &outcome.estimate.whole_run);
         let mut line = |label: &str, unit: &str, truth: f64, parameter: &Parameter| {
             let value = value_text(parameter);
             let _ = writeln!(text, "  {label:<20} {unit:<6} {truth:>9}   {value:<22} {}", verdict(parameter, truth));

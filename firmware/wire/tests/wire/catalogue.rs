@@ -2,13 +2,13 @@
 
 use crate::specification::fields_of;
 use crate::values::{detail, estimate, health};
-use inerter_core::{Detail, Estimate, Parameters, RawSample, Settings};
+use inerter_core::{Detail, Estimate, Machine, Parameters, RawSample, Settings};
 use inerter_wire::catalogue::{FIELDS, Field, Group, fields, find};
 use inerter_wire::{Health, catalogue};
 use std::collections::BTreeSet;
 
 fn paths(group: Group) -> Vec<&'static str> {
-    fields(group).map(|field| field.path).collect()
+    fields(Machine::Linear, group).map(|field| field.path).collect()
 }
 
 /// Every field of every type is in the catalogue, by its name and in its order.
@@ -52,9 +52,9 @@ fn words_are_fit_to_show() {
         };
         assert!(path.ends_with(suffix), "{path} carries its unit");
         assert!(symbol.len() <= 3);
-        assert_eq!(find(group, path).map(|field| field.label), Some(label));
+        assert_eq!(find(Machine::Linear, group, path).map(|field| field.label), Some(label));
     }
-    assert_eq!(find(Group::Sample, "nothing"), None);
+    assert_eq!(find(Machine::Linear, Group::Sample, "nothing"), None);
     // A setting and a quantity never share a name, but for what is set where it cannot be measured.
     let shared = FIELDS.iter().filter(|field| Settings::find(field.path).is_some());
     assert_eq!(shared.map(|field| field.path).collect::<Vec<_>>(), ["stiffness_n_per_m", "contact_damping_n_s_per_m"]);
@@ -62,8 +62,9 @@ fn words_are_fit_to_show() {
 
 #[test]
 fn values_stand_beside_their_fields() {
-    let shown: Vec<_> =
-        catalogue::parameters(&estimate().recent).map(|(field, value)| (field.path, value.value())).collect();
+    let shown: Vec<_> = catalogue::parameters(Machine::Linear, &estimate().recent)
+        .map(|(field, value)| (field.path, value.value()))
+        .collect();
     assert_eq!(
         shown,
         [
@@ -74,7 +75,8 @@ fn values_stand_beside_their_fields() {
         ]
     );
 
-    let shown: Vec<_> = catalogue::estimate(&estimate()).map(|(field, value)| (field.path, value)).collect();
+    let shown: Vec<_> =
+        catalogue::estimate(Machine::Linear, &estimate()).map(|(field, value)| (field.path, value)).collect();
     assert_eq!(
         shown,
         [
@@ -87,7 +89,8 @@ fn values_stand_beside_their_fields() {
         ]
     );
 
-    let shown: Vec<_> = catalogue::contact(&detail()).map(|(field, value)| (field.path, value.value())).collect();
+    let shown: Vec<_> =
+        catalogue::contact(Machine::Linear, &detail()).map(|(field, value)| (field.path, value.value())).collect();
     assert_eq!(shown, [("stiffness_n_per_m", Some(2.1e6)), ("contact_damping_n_s_per_m", Some(1200.0))]);
 
     let raw = RawSample { index: 1, position_count: -2, force_code: 3, terminal_code: -4 };

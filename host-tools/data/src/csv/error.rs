@@ -67,6 +67,31 @@ pub enum CsvError {
         at: SourceSpan,
     },
 
+    /// The columns speak of two kinds of machine.
+    #[error("{file}, line {line}: the column `{column}` does not go with `{other}`")]
+    #[diagnostic(
+        code(inerter::csv::machine),
+        help("a linear machine has force_n and terminal_m, a rotary one torque_n_m and terminal_rad")
+    )]
+    MixedMachines {
+        file: String,
+        line: usize,
+        column: &'static str,
+        other: &'static str,
+        #[source_code]
+        text: Arc<NamedSource<String>>,
+        #[label("this column")]
+        at: SourceSpan,
+    },
+
+    /// The columns are those of one kind of machine, and the settings say the other.
+    #[error("{file}: the column `{column}` is not that of a machine as the setting machine = {set} says")]
+    #[diagnostic(
+        code(inerter::csv::machine),
+        help("leave the setting `machine` out, or name the columns as it says: {force} and {terminal}")
+    )]
+    Machine { file: String, column: &'static str, set: u8, force: &'static str, terminal: &'static str },
+
     /// A line ends before its last needed column.
     #[error("{file}, line {line}: the line ends before the column `{column}`")]
     #[diagnostic(

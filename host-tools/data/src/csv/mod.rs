@@ -1,4 +1,5 @@
-//! CSV files with the columns `t_s, encoder_count, force_n` and, where there is one, `terminal_m`.
+//! CSV files with the columns `t_s, encoder_count, force_n` and, where there is one, `terminal_m`; of a rotary machine
+//! `torque_n_m` and `terminal_rad`.
 //!
 //! Columns come in any order, other columns are left alone, blank lines and lines that begin with `#` or `%` are skipped.
 //! [`read`] checks every cell, [`timebase`] finds the sample rate and missing samples, and [`to_run`] quantises what a board would
@@ -11,5 +12,5 @@ mod samples;
 pub mod timebase;
 
 pub use error::CsvError;
-pub use read::{Table, parse, read};
+pub use read::{Table, column_names, parse, read};
 pub use samples::to_run;

@@ -2,6 +2,7 @@
 
 use std::{path::Path, sync::Arc};
 
+use inerter_core::Machine;
 use miette::{NamedSource, SourceSpan};
 
 use super::{
@@ -12,8 +13,14 @@ use crate::words::nearest;
 
 const T_S: &str = "t_s";
 const ENCODER_COUNT: &str = "encoder_count";
-const FORCE_N: &str = "force_n";
-const TERMINAL_M: &str = "terminal_m";
+
+/// Names of the columns of force and terminal, by the kind of machine.
+pub fn column_names(machine: Machine) -> (&'static str, &'static str) {
+    match machine {
+        Machine::Linear => ("force_n", "terminal_m"),
+        Machine::Rotary => ("torque_n_m", "terminal_rad"),
+    }
+}
 
 /// Largest count up to which a double holds every whole number.
 const MAX_COUNT: f64 = 9_007_199_254_740_992.0;
@@ -27,6 +34,8 @@ pub struct Table {
     pub t_s: Vec<f64>,
     /// Encoder count; only differences matter.
     pub encoder_count: Vec<i64>,
+    /// What the names of the columns say of the machine.
+    pub machine: Machine,
     /// Force \[N\].
     pub force_n: Vec<f64>,
     /// Terminal displacement \[m\], empty where the file has none.
@@ -52,7 +61,7 @@ pub fn parse(file: &str, bytes: &[u8]) -> Result<Table, CsvError> {
     let header = lines.next().ok_or_else(|| CsvError::Empty { file: file.into() })?;
     let dialect = Dialect::detect(header.text);
     let columns = Columns::find(file, &text, &header, dialect)?;
-    let mut table = Table { file: file.into(), ..Table::default() };
+    let mut table = Table { file: file.into(), machine: columns.machine, ..Table::default() };
     let mut previous = None;
     for line in lines {
         let row = match columns.row(file, &text, &line, dialect) {
@@ -140,19 +149,20 @@ struct Row {
 struct Columns {
     t_s: usize,
     encoder_count: usize,
+    machine: Machine,
     force_n: usize,
     terminal_m: Option<usize>,
 }
 
 impl Columns {
     fn find(file: &str, all: &str, header: &Line, dialect: Dialect) -> Result<Self, CsvError> {
-        let names: Vec<(usize, &str)> = dialect.fields(header.text).collect();
-        if names.iter().all(|(_, name)| dialect.number(name).is_some()) {
+        let names_found: Vec<(usize, &str)> = dialect.fields(header.text).collect();
+        if names_found.iter().all(|(_, name)| dialect.number(name).is_some()) {
             let (text, at) = header.source(file, all, 0, header.text.len());
             return Err(CsvError::NoHeader { file: file.into(), line: header.number, text, at });
         }
         let find = |column: &'static str| -> Result<Option<usize>, CsvError> {
-            let mut places = names.iter().enumerate().filter(|(_, (_, name))| name.eq_ignore_ascii_case(column));
+            let mut places = names_found.iter().enumerate().filter(|(_, (_, name))| name.eq_ignore_ascii_case(column));
             let first = places.next();
             if let Some((_, (offset, name))) = places.next() {
                 let (text, at) = header.source(file, all, *offset, name.len());
@@ -163,15 +173,36 @@ impl Columns {
         let need = |column: &'static str| {
             find(column)?.ok_or_else(|| {
                 let (text, at) = header.source(file, all, 0, header.text.len());
-                let advice = missing_advice(column, &names);
+                let advice = missing_advice(column, &names_found);
                 CsvError::MissingColumn { file: file.into(), line: header.number, column, advice, text, at }
             })
         };
+        let (torque, _) = column_names(Machine::Rotary);
+        let machine = find(torque)?.map_or(Machine::Linear, |_| Machine::Rotary);
+        let other = match machine {
+            Machine::Linear => column_names(Machine::Rotary),
+            Machine::Rotary => column_names(Machine::Linear),
+        };
+        let (force, terminal) = column_names(machine);
+        for column in [other.0, other.1] {
+            if let Some((offset, name)) = find(column)?.and_then(|place| names_found.get(place)) {
+                let (text, at) = header.source(file, all, *offset, name.len());
+                return Err(CsvError::MixedMachines {
+                    file: file.into(),
+                    line: header.number,
+                    column,
+                    other: force,
+                    text,
+                    at,
+                });
+            }
+        }
         Ok(Self {
             t_s: need(T_S)?,
             encoder_count: need(ENCODER_COUNT)?,
-            force_n: need(FORCE_N)?,
-            terminal_m: find(TERMINAL_M)?,
+            machine,
+            force_n: need(force)?,
+            terminal_m: find(terminal)?,
         })
     }
 
@@ -206,8 +237,9 @@ impl Columns {
                 at,
             });
         }
-        let (force_n, _, _) = cell(self.force_n, FORCE_N)?;
-        let terminal_m = self.terminal_m.map(|place| cell(place, TERMINAL_M)).transpose()?.map(|(value, _, _)| value);
+        let (force, terminal) = column_names(self.machine);
+        let (force_n, _, _) = cell(self.force_n, force)?;
+        let terminal_m = self.terminal_m.map(|place| cell(place, terminal)).transpose()?.map(|(value, _, _)| value);
         Ok(Row {
             t_s,
             time_at,
@@ -221,9 +253,10 @@ impl Columns {
 }
 
 fn missing_advice(column: &str, names: &[(usize, &str)]) -> String {
+    let (force, terminal) = column_names(Machine::Linear);
     let found = names.iter().map(|(_, name)| *name).filter(|name| !name.is_empty()).collect::<Vec<_>>().join(", ");
     let rename = nearest(column, names.iter().map(|(_, name)| *name))
-        .filter(|near| ![T_S, ENCODER_COUNT, FORCE_N, TERMINAL_M].contains(near));
+        .filter(|near| ![T_S, ENCODER_COUNT, force, terminal].contains(near));
     match rename {
         Some(near) => format!("rename `{near}` if it is the one, in the unit that the name `{column}` ends with"),
         None => format!("the columns t_s, encoder_count and force_n are needed, in any order; found: {found}"),

@@ -7,7 +7,7 @@ use inerter_core::{RawSample, Settings};
 
 use super::{
     error::CsvError,
-    read::Table,
+    read::{Table, column_names},
     timebase::{self, Timebase},
 };
 use crate::{error::Error, run::Run, settings::Overrides, words::plural};
@@ -23,6 +23,15 @@ pub fn to_run(mut table: Table, overrides: &Overrides) -> Result<Run, Error> {
     }
     let mut settings = Settings::default();
     overrides.apply(&mut settings)?;
+    if overrides.get("machine").is_none() {
+        settings.machine = table.machine;
+    }
+    let (force_column, terminal_column) = column_names(table.machine);
+    if settings.machine != table.machine {
+        let (force, terminal) = column_names(settings.machine);
+        let set = settings.machine as u8;
+        return Err(CsvError::Machine { file, column: force_column, set, force, terminal }.into());
+    }
     let timebase = timebase::find(&file, &table.t_s, table.time_decimals)?;
     let mut notes = std::mem::take(&mut table.notes);
     notes.extend(timebase_notes(&file, &timebase));
@@ -46,7 +55,7 @@ pub fn to_run(mut table: Table, overrides: &Overrides) -> Result<Run, Error> {
         match overrides.get("terminal_sensor") {
             None => settings.terminal_sensor = true,
             Some(0.0) => notes.push(format!(
-                "{file}: the column terminal_m is left alone, as the settings say terminal_sensor = 0; \
+                "{file}: the column {terminal_column} is left alone, as the settings say terminal_sensor = 0; \
                  --set terminal_sensor=1 uses it"
             )),
             Some(_) => {}
@@ -148,17 +157,18 @@ fn sample(table: &Table, at: usize, group: usize, number: u64, settings: &Settin
             advice: "check the number; where it is right, give a coarser scale with --set, or leave the scale out",
         })
     };
+    let (force_column, terminal_column) = column_names(table.machine);
     let terminal_code = if table.terminal_m.is_empty() {
         0
     } else {
         let (terminal, scale) = (mean(&table.terminal_m), settings.metres_per_terminal_code);
-        code("terminal_m", terminal, scale, 0.0, "metres_per_terminal_code")?
+        code(terminal_column, terminal, scale, 0.0, "metres_per_terminal_code")?
     };
     Ok(RawSample {
         index: number as u32,
         position_count: counts.iter().fold(0_i64, |sum, count| sum.wrapping_add(*count)) as i32,
         force_code: code(
-            "force_n",
+            force_column,
             mean(&table.force_n),
             settings.newtons_per_code,
             settings.force_zero_code,

@@ -21,9 +21,10 @@ pub(super) fn device(source: &Source) -> Map<String, Value> {
 }
 
 /// Units of the columns by name; no entry for plain numbers.
-pub(super) fn units(columns: &[Column]) -> Map<String, Value> {
-    let known = columns.iter().filter(|column| !column.unit().is_empty());
-    known.map(|column| (column.name().to_string(), json!(column.unit()))).collect()
+pub(super) fn units(source: &Source, columns: &[Column]) -> Map<String, Value> {
+    let machine = source.settings.machine;
+    let known = columns.iter().filter(|column| !column.unit(machine).is_empty());
+    known.map(|column| (column.name(machine).to_string(), json!(column.unit(machine)))).collect()
 }
 
 /// Units of the estimates by name.

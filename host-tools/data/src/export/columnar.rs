@@ -26,8 +26,9 @@ pub(super) struct Parquet {
 
 impl Parquet {
     pub(super) fn create(file: &Pending, source: &Source, columns: &[Column]) -> Result<Self, OutputError> {
-        let fields = columns.iter().map(|column| (column.name(), column.kind(), Repetition::REQUIRED));
-        let writer = writer(file, fields.collect(), metadata(source, about::units(columns)))?;
+        let fields =
+            columns.iter().map(|column| (column.name(source.settings.machine), column.kind(), Repetition::REQUIRED));
+        let writer = writer(file, fields.collect(), metadata(source, about::units(source, columns)))?;
         Ok(Self { name: file.name(), writer })
     }
 }

@@ -1,6 +1,6 @@
 //! The columns that a file for other tools can have, and stretches of them.
 
-use inerter_core::RawSample;
+use inerter_core::{Machine, RawSample};
 use inerter_wire::catalogue::{self, Group};
 use serde::Serialize;
 
@@ -42,8 +42,13 @@ impl Column {
     pub const ALL: [Self; 7] =
         [Self::Time, Self::EncoderCount, Self::Position, Self::Force, Self::Terminal, Self::Index, Self::Saturated];
 
-    /// Name, with the unit at its end where there is one.
-    pub fn name(self) -> &'static str {
+    /// Name in a file of this machine, with the unit at its end where there is one.
+    pub fn name(self, machine: Machine) -> &'static str {
+        let linear = self.linear_name();
+        catalogue::find(machine, Group::Signal, linear).map_or(linear, |field| field.path)
+    }
+
+    fn linear_name(self) -> &'static str {
         match self {
             Self::Time => "t_s",
             Self::EncoderCount => "encoder_count",
@@ -56,13 +61,15 @@ impl Column {
     }
 
     /// Unit; empty for a plain number.
-    pub fn unit(self) -> &'static str {
-        catalogue::find(Group::Signal, self.name()).map_or("", |field| field.unit)
+    pub fn unit(self, machine: Machine) -> &'static str {
+        catalogue::find(machine, Group::Signal, self.linear_name()).map_or("", |field| field.unit)
     }
 
-    /// The column of this name.
+    /// The column of this name, of either kind of machine.
     pub fn find(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|column| column.name() == name)
+        let named =
+            |column: &Self| [Machine::Linear, Machine::Rotary].map(|machine| column.name(machine)).contains(&name);
+        Self::ALL.into_iter().find(named)
     }
 
     /// What it holds.

@@ -6,13 +6,14 @@ use inerter_core::{Detail, Estimate, Parameter};
 use inerter_wire::{EstimatorEvent, Pairing};
 use inerter_wire::{
     Frame, Record,
-    catalogue::{self, Field, Group},
+    catalogue::{self, Field},
 };
 
 use super::Source;
 use crate::{
     error::Error,
     json::{DetailJson, rounded_s},
+    names::{name, unit_suffix},
     output::{OutputError, Pending},
     recording::{self, Extent, Item},
     replay::Replay,
@@ -117,24 +118,29 @@ type Cell = (String, &'static str, Option<f64>);
 /// One row: always the same columns.
 fn row(t_s: f64, source: &Source, estimate: &Estimate, detail: Option<&Detail>) -> Vec<Cell> {
     let plain = |name: &str, value: f64| (name.to_string(), "", Some(value));
+    let machine = source.settings.machine;
+    let quantity =
+        |linear: &str, unit, value| (name(machine, linear).into_owned(), catalogue::unit(machine, unit), value);
     let mut row = vec![("t_s".to_string(), "s", Some(t_s)), plain("index", estimate.index.into())];
-    row.extend(catalogue::parameters(&estimate.recent).flat_map(|(field, parameter)| pair("", field, &parameter)));
     row.extend(
-        catalogue::parameters(&estimate.whole_run).flat_map(|(field, parameter)| pair("whole_run_", field, &parameter)),
+        catalogue::parameters(machine, &estimate.recent).flat_map(|(field, parameter)| pair("", field, &parameter)),
+    );
+    row.extend(
+        catalogue::parameters(machine, &estimate.whole_run)
+            .flat_map(|(field, parameter)| pair("whole_run_", field, &parameter)),
     );
     row.push(plain("moving", u8::from(estimate.moving).into()));
-    row.push(("residual_rms_n".into(), "N", Some(estimate.residual_rms_n.into())));
+    row.push(quantity("residual_rms_n", "N", Some(estimate.residual_rms_n.into())));
     row.push(plain("updates", estimate.updates.into()));
     // As in the JSON: what stands for nothing is left out there.
     let detail = detail.map(|detail| (detail, DetailJson::new(detail, &source.settings)));
     let backlash = detail.as_ref().map(|(_, json)| json.backlash_m);
-    row.push(("backlash_m".into(), "m", backlash.and_then(|backlash| backlash.value).map(f64::from)));
-    row.push(("backlash_u95_m".into(), "m", backlash.and_then(|backlash| backlash.u95).map(f64::from)));
+    row.push(quantity("backlash_m", "m", backlash.and_then(|backlash| backlash.value).map(f64::from)));
+    row.push(quantity("backlash_u95_m", "m", backlash.and_then(|backlash| backlash.u95).map(f64::from)));
     row.push(("reversals".into(), "", backlash.map(|backlash| backlash.reversals.into())));
-    let contact = catalogue::fields(Group::Detail).filter(|field| matches!(field.symbol, "ks" | "cs"));
     let measured = detail.as_ref().filter(|(_, json)| json.stiffness_n_per_m.is_some());
     let values = measured.map(|(detail, _)| [detail.stiffness_n_per_m, detail.contact_damping_n_s_per_m]);
-    for (number, field) in contact.enumerate() {
+    for (number, field) in catalogue::contact_fields(machine).enumerate() {
         let parameter = values.and_then(|values| values.get(number).copied());
         row.extend(pair("", field, &parameter.unwrap_or_default()));
     }
@@ -148,7 +154,7 @@ fn row(t_s: f64, source: &Source, estimate: &Estimate, detail: Option<&Detail>) 
 /// A parameter and its interval: `inertance_kg`, `inertance_u95_kg`.
 fn pair(prefix: &str, field: &'static Field, parameter: &Parameter) -> [Cell; 2] {
     let known = parameter.known();
-    let suffix = format!("_{}", field.unit.to_lowercase().replace('/', "_per_").replace(' ', "_"));
+    let suffix = format!("_{}", unit_suffix(field.unit));
     let stem = field.path.strip_suffix(suffix.as_str()).unwrap_or(field.path);
     [
         (format!("{prefix}{}", field.path), field.unit, known.map(|known| known.value.into())),

@@ -98,7 +98,7 @@ fn build(
             state: state.clone(),
         };
         let length = usize::try_from(rows).unwrap_or(usize::MAX);
-        mat.write_blocks::<f64>(column.name(), &[length, 1], Box::new(producer))?;
+        mat.write_blocks::<f64>(column.name(source.settings.machine), &[length, 1], Box::new(producer))?;
     }
     let texts = |writer: &mut StructWriter<'_>, pairs: &serde_json::Map<String, Value>| {
         for (name, value) in pairs {
@@ -112,7 +112,7 @@ fn build(
         }
         Ok(())
     })?;
-    let mut units = about::units(columns);
+    let mut units = about::units(source, columns);
     units.extend(estimates.map(about::estimate_units).into_iter().flatten());
     mat.struct_("units", |writer| texts(writer, &units))?;
     let device = about::device(source);

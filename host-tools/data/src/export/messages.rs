@@ -2,6 +2,7 @@
 
 use std::{collections::BTreeMap, fs::File, io::BufWriter};
 
+use inerter_core::Machine;
 use mcap::{WriteOptions, records::MessageHeader, write::Metadata};
 use serde::Serializer;
 use serde_json::json;
@@ -15,6 +16,7 @@ const CHUNK: u64 = 1 << 20;
 /// An MCAP file that is being written.
 pub(super) struct Mcap {
     name: String,
+    machine: Machine,
     writer: mcap::Writer<BufWriter<File>>,
     channel: u16,
     sequence: u32,
@@ -31,9 +33,11 @@ impl Mcap {
             .compression(None)
             .chunk_size(Some(CHUNK));
         let mut writer = options.create(BufWriter::with_capacity(1 << 16, file.open()?)).map_err(failed)?;
+        let machine = source.settings.machine;
         let property = |column: &Column| {
-            let unit = if column.unit().is_empty() { String::new() } else { format!(" [{}]", column.unit()) };
-            (column.name().to_string(), json!({"type": "number", "description": format!("{}{unit}", column.name())}))
+            let (name, unit) = (column.name(machine), column.unit(machine));
+            let unit = if unit.is_empty() { String::new() } else { format!(" [{unit}]") };
+            (name.to_string(), json!({"type": "number", "description": format!("{name}{unit}")}))
         };
         let properties: serde_json::Map<_, _> = columns.iter().map(property).collect();
         let schema = json!({"title": "Samples in SI", "type": "object", "properties": properties}).to_string();
@@ -42,14 +46,25 @@ impl Mcap {
         let metadata = about::settings(source).into_iter().map(|(name, value)| (name, value.to_string())).collect();
         let settings = Metadata { name: crate::recording::SETTINGS_METADATA.into(), metadata };
         writer.write_metadata(&settings).map_err(failed)?;
-        Ok(Self { name: file.name(), writer, channel, sequence: 0, first_ns: source.first_ns, line: Vec::new() })
+        Ok(Self {
+            name: file.name(),
+            machine,
+            writer,
+            channel,
+            sequence: 0,
+            first_ns: source.first_ns,
+            line: Vec::new(),
+        })
     }
 }
 
 impl Sink for Mcap {
     fn take(&mut self, batch: &Batch) -> Result<(), OutputError> {
         for (number, since_s) in batch.since_s.iter().enumerate() {
-            let cells = batch.columns.iter().filter_map(|(column, values)| Some((column.name(), values.cell(number)?)));
+            let cells = batch
+                .columns
+                .iter()
+                .filter_map(|(column, values)| Some((column.name(self.machine), values.cell(number)?)));
             self.line.clear();
             let json = serde_json::Serializer::new(&mut self.line).collect_map(cells);
             json.map_err(|error| OutputError::write(&self.name, error.into()))?;

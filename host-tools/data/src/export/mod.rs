@@ -67,7 +67,7 @@ pub fn export(
         let file = Pending::create(path)?;
         let columns = selection.columns(*format, source);
         match format {
-            Format::Csv => sinks.push((columns.clone(), Box::new(text::Csv::create(&file, &columns)?))),
+            Format::Csv => sinks.push((columns.clone(), Box::new(text::Csv::create(&file, source, &columns)?))),
             #[cfg(feature = "parquet")]
             Format::Parquet => {
                 sinks.push((columns.clone(), Box::new(columnar::Parquet::create(&file, source, &columns)?)));
@@ -125,7 +125,7 @@ pub fn write_csv(
     progress: &mut dyn FnMut(f64) -> Result<(), Error>,
 ) -> Result<u64, Error> {
     let columns = selection.columns(Format::Csv, source);
-    let sink = text::Csv::new(name, Box::new(out), &columns)?;
+    let sink = text::Csv::new(name, Box::new(out), source, &columns)?;
     match write_rows(source, selection, vec![(columns, Box::new(sink))], progress)? {
         0 => Err(empty(source, selection)),
         rows => Ok(rows),

@@ -2,7 +2,7 @@
 
 use std::io::Write;
 
-use super::{Batch, Column, selection::Sink};
+use super::{Batch, Column, Source, selection::Sink};
 use crate::output::{OutputError, Pending};
 
 /// A CSV that is being written. Numbers have the digits that bring back the same number.
@@ -12,16 +12,21 @@ pub(super) struct Csv {
 }
 
 impl Csv {
-    pub(super) fn create(file: &Pending, columns: &[Column]) -> Result<Self, OutputError> {
-        Self::new(&file.name(), Box::new(file.open()?), columns)
+    pub(super) fn create(file: &Pending, source: &Source, columns: &[Column]) -> Result<Self, OutputError> {
+        Self::new(&file.name(), Box::new(file.open()?), source, columns)
     }
 
-    pub(super) fn new(name: &str, out: Box<dyn Write>, columns: &[Column]) -> Result<Self, OutputError> {
+    pub(super) fn new(
+        name: &str,
+        out: Box<dyn Write>,
+        source: &Source,
+        columns: &[Column],
+    ) -> Result<Self, OutputError> {
         // Numbers need no quotes, and are not searched for what would.
         let mut builder = csv::WriterBuilder::new();
         builder.has_headers(false).quote_style(csv::QuoteStyle::Never).buffer_capacity(1 << 16);
         let mut csv = Self { name: name.into(), writer: builder.from_writer(out) };
-        let result = csv.writer.write_record(columns.iter().map(|column| column.name()));
+        let result = csv.writer.write_record(columns.iter().map(|column| column.name(source.settings.machine)));
         result.map_err(|error| csv.failed(error))?;
         Ok(csv)
     }

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::{messages::Framing, samples::Extent};
 use crate::{
-    json::{EstimateJson, EventJson, ReversalJson, health_json, rounded_s},
+    json::{EstimateJson, EventJson, ReversalJson, health_json, machine_json, rounded_s},
     series::{Converter, Point},
     text::elapsed_s,
 };
@@ -129,7 +129,7 @@ impl Decoder {
                 EstimatorEvent::Reversal(reversal) => {
                     let t_s = self.time_s(reversal.index);
                     if t_s.is_none_or(|t_s| self.reversals.is_due(t_s)) {
-                        say(said, Channel::Reversal, &ReversalJson::new(t_s, &reversal));
+                        self.say(said, Channel::Reversal, &ReversalJson::new(t_s, &reversal));
                     }
                 }
                 // An event of the device like others.
@@ -141,9 +141,11 @@ impl Decoder {
                 batch.iter().flatten().for_each(|sample| self.sample(&sample, said));
             }
             Record::Event(event) => {
-                say(said, Channel::Event, &EventJson::new(self.time_s(event.index), event.index, &event.kind));
+                let t_s = self.time_s(event.index);
+                let json = EventJson::new(t_s, event.index, &event.kind, self.settings.machine);
+                self.say(said, Channel::Event, &json);
             }
-            Record::Health(health) => say(said, Channel::Health, &health_json(&health)),
+            Record::Health(health) => self.say(said, Channel::Health, &health_json(&health)),
             Record::Settings(values) => {
                 if let Ok(reading) = values.read(&self.settings)
                     && reading.settings != self.settings
@@ -161,7 +163,7 @@ impl Decoder {
         let t_s = self.time_s(estimate.index);
         let t_s = t_s.unwrap_or_else(|| elapsed_s(estimate, self.settings.sample_rate_hz));
         if self.estimates.is_due(t_s) {
-            say(said, Channel::Estimate, &EstimateJson::live(t_s, estimate, detail, &self.settings));
+            self.say(said, Channel::Estimate, &EstimateJson::live(t_s, estimate, detail, &self.settings));
         }
     }
 
@@ -176,19 +178,18 @@ impl Decoder {
         if f64::from(self.motion.count) >= MOTION_S * rate_hz {
             let motion = std::mem::take(&mut self.motion);
             let middle = self.clock.periods as f64 - 0.5 * f64::from(motion.count - 1);
-            say(said, Channel::Motion, &motion.json(middle / rate_hz));
+            self.say(said, Channel::Motion, &motion.json(middle / rate_hz));
         }
+    }
+
+    fn say(&self, said: &mut Vec<Said>, channel: Channel, json: &impl Serialize) {
+        said.push((channel, machine_json(self.settings.machine, json)));
     }
 
     /// Time of a sample since the first one \[s\].
     fn time_s(&self, index: u32) -> Option<f64> {
         Some(self.clock.periods_of(index)? as f64 / self.settings.sample_rate_hz)
     }
-}
-
-fn say(said: &mut Vec<Said>, channel: Channel, json: &impl Serialize) {
-    // Maps with text keys and plain numbers only: there is nothing that could fail.
-    said.push((channel, serde_json::to_vec(json).unwrap_or_default()));
 }
 
 /// Sums over some samples.

@@ -175,7 +175,7 @@ fn begin(to: &Path, like: &Summary) -> Result<Recorder, Error> {
         }
     }
     if let Some(settings) = &like.settings {
-        recorder.decode_by(settings);
+        recorder.decode_by(settings)?;
     }
     recorder.flush()?;
     Ok(recorder)

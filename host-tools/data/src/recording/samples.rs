@@ -7,7 +7,7 @@ use std::{
     path::Path,
 };
 
-use inerter_core::{Detail, Estimate, RawSample, Settings};
+use inerter_core::{Detail, Estimate, Machine, RawSample, Settings};
 use inerter_wire::{EstimatorEvent, EventKind, Frame, Health, Hello, Pairing, Record, Samples, SettingsValues, step};
 
 use super::{
@@ -149,7 +149,7 @@ impl<F: FnMut(RawSample)> Collected<F> {
                 }
                 // What a replay says anew.
                 EventKind::Changed(_) => {}
-                ref kind if is_trouble(kind) => self.fault(event_words(kind)),
+                ref kind if is_trouble(kind) => self.fault(event_words(Machine::Linear, kind)),
                 _ => {}
             },
             _ => {}

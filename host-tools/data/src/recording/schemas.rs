@@ -2,15 +2,17 @@
 //!
 //! Types are plain (`number`, never a list of types), as Foxglove wants them; a number that is not known is `null` all the same.
 
+use inerter_core::Machine;
 use inerter_wire::catalogue::{self, Field, Group};
 use serde_json::{Map, Value, json};
 
 use super::decode::Channel;
+use crate::{json::machine_json_line, names};
 
 const INTERVAL: &str = "half width of the 95 % interval; null when there is no finite one";
 
 /// The schema of a channel, as text.
-pub(super) fn schema(channel: Channel) -> String {
+pub(super) fn schema(machine: Machine, channel: Channel) -> String {
     let (title, properties) = match channel {
         Channel::Motion => ("Means over 50 ms of samples", motion()),
         Channel::Estimate => ("What the device estimated, once a second", estimate()),
@@ -19,7 +21,19 @@ pub(super) fn schema(channel: Channel) -> String {
         Channel::Health => ("How the device is doing", health()),
         Channel::Marker => ("What somebody wrote down while it was recorded", marker()),
     };
-    json!({"title": title, "type": "object", "properties": properties}).to_string()
+    let mut schema = json!({"title": title, "type": "object", "properties": properties});
+    describe(machine, &mut schema);
+    machine_json_line(machine, &schema)
+}
+
+/// Puts the descriptions into the words of this machine.
+fn describe(machine: Machine, schema: &mut Value) {
+    for (key, value) in schema.as_object_mut().into_iter().flatten() {
+        match value {
+            Value::String(text) if key == "description" => *text = names::description(machine, text),
+            _ => describe(machine, value),
+        }
+    }
 }
 
 fn number(description: impl AsRef<str>) -> Value {
@@ -66,13 +80,13 @@ fn parameters<'a>(fields: impl Iterator<Item = &'a Field>) -> Map<String, Value>
 }
 
 fn estimate() -> Value {
-    let four = || parameters(catalogue::fields(Group::Parameter));
+    let four = || parameters(catalogue::fields(Machine::Linear, Group::Parameter));
     let mut properties = Map::from_iter([("kind".to_string(), kind()), ("t_s".to_string(), time())]);
     let whole =
         json!({"type": "object", "description": "the same from all motion, nothing forgotten", "properties": four()});
     properties.insert("whole_run".into(), whole);
     properties.extend(four());
-    let contact = catalogue::fields(Group::Detail).filter(|field| matches!(field.symbol, "ks" | "cs"));
+    let contact = catalogue::contact_fields(Machine::Linear);
     properties.extend(parameters(contact));
     let rest = json!({
         "moving": {"type": "boolean", "description": "whether anything moves"},
@@ -125,7 +139,8 @@ fn event() -> Value {
 }
 
 fn health() -> Value {
-    let fields = catalogue::fields(Group::Health).map(|field| (field.path.to_string(), number(described(field))));
+    let fields = catalogue::fields(Machine::Linear, Group::Health)
+        .map(|field| (field.path.to_string(), number(described(field))));
     std::iter::once(("kind".to_string(), kind())).chain(fields).collect::<Map<_, _>>().into()
 }
 

@@ -7,7 +7,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use inerter_core::Settings;
+use inerter_core::{Machine, Settings};
 use inerter_wire::{Hello, WIRE_VERSION};
 use mcap::{McapError, WriteOptions, records::MessageHeader, write::Metadata};
 
@@ -48,6 +48,16 @@ pub struct Recorder {
     frame: Vec<u8>,
 }
 
+/// Adds the channels of what is decoded, in the names of this machine.
+fn add_decoded(writer: &mut mcap::Writer<Sink>, machine: Machine) -> Result<Vec<(Channel, u16, u32)>, McapError> {
+    let mut add = |channel: Channel| {
+        let text = schema(machine, channel);
+        let schema = writer.add_schema(&format!("inerter.{}", channel.topic()), "jsonschema", text.as_bytes())?;
+        Ok((channel, writer.add_channel(schema, channel.topic(), "json", &BTreeMap::new())?, 0))
+    };
+    Channel::ALL.into_iter().map(&mut add).collect()
+}
+
 impl Recorder {
     /// Begins a recording.
     pub fn create(path: &Path) -> Result<Self, OutputError> {
@@ -62,13 +72,7 @@ impl Recorder {
         let failed = |error| OutputError::write(path.display().to_string(), into_io(error));
         let mut writer = options.create(Sink { file, written: 0 }).map_err(failed)?;
         let channel = writer.add_channel(0, RAW_TOPIC, RAW_ENCODING, &channel_metadata(1)).map_err(failed)?;
-        let mut decoded = Vec::new();
-        for channel in Channel::ALL {
-            let schema =
-                writer.add_schema(&format!("inerter.{}", channel.topic()), "jsonschema", schema(channel).as_bytes());
-            let id = schema.and_then(|schema| writer.add_channel(schema, channel.topic(), "json", &BTreeMap::new()));
-            decoded.push((channel, id.map_err(failed)?, 0));
-        }
+        let decoded = add_decoded(&mut writer, Machine::Linear).map_err(failed)?;
         Ok(Self {
             path: path.into(),
             writer,
@@ -90,13 +94,18 @@ impl Recorder {
         let settings = values.map(|(info, value)| (info.name.to_string(), format!("{value:?}"))).collect();
         self.metadata(HELLO_METADATA, hello_map(hello))?;
         self.metadata(SETTINGS_METADATA, settings)?;
-        self.decode_by(settings_in_use);
+        self.decode_by(settings_in_use)?;
         self.flush()
     }
 
     /// From now on the frames are also written decoded, by these settings and by those that the stream brings.
-    pub fn decode_by(&mut self, settings: &Settings) {
+    pub fn decode_by(&mut self, settings: &Settings) -> Result<(), OutputError> {
+        if settings.machine == Machine::Rotary {
+            let decoded = add_decoded(&mut self.writer, settings.machine);
+            self.decoded = decoded.map_err(|error| self.failed(error))?;
+        }
         self.decoder = Some(Decoder::new(settings));
+        Ok(())
     }
 
     /// What follows is another stream: its sequence numbers do not continue those before.

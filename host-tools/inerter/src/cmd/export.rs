@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::error::ErrorKind;
+use inerter_core::Machine;
 use inerter_data::{
     export::{self, Column, EstimateTable, Format, Selection, Source},
     json::json_line,
@@ -69,7 +70,7 @@ pub struct Args {
 
 fn column(name: &str) -> Result<Column, String> {
     Column::find(name.trim()).ok_or_else(|| {
-        let names = || Column::ALL.into_iter().map(Column::name);
+        let names = || Column::ALL.into_iter().map(|column| column.name(Machine::Linear));
         match nearest(name, names()) {
             Some(nearest) => format!("there is no such column; did you mean {nearest}?"),
             None => format!("there is no such column; there are {}", names().collect::<Vec<_>>().join(", ")),

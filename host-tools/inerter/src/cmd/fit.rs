@@ -6,10 +6,10 @@ use inerter_analysis::{
     calibrate::refuse_saturated,
     fit::{Directions, Products, directions},
 };
-use inerter_core::Parameter;
+use inerter_core::{Machine, Parameter};
 use inerter_data::{
     json::bank_word,
-    json::{ParameterJson, ParametersJson, json_line},
+    json::{ParameterJson, ParametersJson, machine_json_line},
     output,
     replay::{Outcome, replay_all},
     run::Run,
@@ -57,7 +57,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
             return Err(error.into());
         }
     };
-    if args.json { json(args, &outcome, &fit) } else { text(args, &run, &outcome, &fit) }
+    if args.json { json(args, run.settings.machine, &outcome, &fit) } else { text(args, &run, &outcome, &fit) }
 }
 
 /// Takes the run through the estimator and says where its sums began anew.
@@ -95,7 +95,7 @@ struct DirectionsJson {
     difference_and_twice_offset_n: ParameterJson,
 }
 
-fn json(args: &Args, outcome: &Outcome, fit: &Directions) -> Result<(), Error> {
+fn json(args: &Args, machine: Machine, outcome: &Outcome, fit: &Directions) -> Result<(), Error> {
     let [viscous_positive, viscous_negative] = fit.viscous_n_s_per_m;
     let coulomb = fit.coulomb_by_direction_n;
     let by_direction = DirectionsJson {
@@ -118,7 +118,7 @@ fn json(args: &Args, outcome: &Outcome, fit: &Directions) -> Result<(), Error> {
         by_direction,
         residual_rms_n: fit.residual_rms_n,
     };
-    Ok(output::line(json_line(&line))?)
+    Ok(output::line(machine_json_line(machine, &line))?)
 }
 
 fn text(args: &Args, run: &Run, outcome: &Outcome, fit: &Directions) -> Result<(), Error> {
@@ -142,15 +142,18 @@ fn text(args: &Args, run: &Run, outcome: &Outcome, fit: &Directions) -> Result<(
         [coulomb_positive, coulomb_negative],
         [offset, String::new()],
     ];
-    for ((field, alike), [positive, negative]) in catalogue::parameters(&fit.symmetric).zip(by_direction) {
+    for ((field, alike), [positive, negative]) in
+        catalogue::parameters(run.settings.machine, &fit.symmetric).zip(by_direction)
+    {
         line(field.label, field.unit, [cell(&alike), positive, negative])?;
     }
     let residual = |rms_n: f64| format!("{rms_n:.3}");
-    line("Residual, rms", "N", [residual(fit.symmetric_residual_rms_n), residual(fit.residual_rms_n), String::new()])?;
+    let unit = catalogue::unit(run.settings.machine, "N");
+    line("Residual, rms", unit, [residual(fit.symmetric_residual_rms_n), residual(fit.residual_rms_n), String::new()])?;
     output::line("")?;
     if args.offset_n.is_none() {
         output::line(format!(
-            "fc+ - fc- + 2 F0 is {} N: a force offset cannot be told from a Coulomb friction that differs by direction;\n\
+            "fc+ - fc- + 2 F0 is {} {unit}: a force offset cannot be told from a Coulomb friction that differs by direction;\n\
              give the offset with --offset-n (0 after a tare without load) to tell fc+ and fc- apart",
             cell(&fit.difference_n)
         ))?;

@@ -6,8 +6,10 @@ use inerter_analysis::{
     identify::{Found, Identified, Options, SegmentFit, Standing, identify},
     response::{self, Beside, ModelParameters},
 };
+use inerter_core::Machine;
 use inerter_data::{
-    json::{ParameterJson, json_line},
+    json::{ParameterJson, machine_json_line},
+    names::description,
     output,
     run::Run,
     series::Series,
@@ -15,6 +17,7 @@ use inerter_data::{
 };
 use inerter_plant::Excitation;
 use inerter_simulate::SimulateError;
+use inerter_wire::catalogue;
 use serde::Serialize;
 
 use super::{
@@ -111,7 +114,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     if args.json {
         let files: Vec<String> = args.files.iter().map(|file| file.display().to_string()).collect();
         let line = IdentifyJson { kind: "identify", files, identified: &found, responses: responses(&runs, &found) };
-        return Ok(output::line(json_line(&line))?);
+        return Ok(output::line(machine_json_line(machine(&runs), &line))?);
     }
     found.notes.iter().for_each(note);
     text(args, &runs, &found)?;
@@ -180,12 +183,20 @@ const LABELS: [(&str, &str, &str); 9] = [
     ("Skew", "µs", "delay_s"),
 ];
 
+/// The kind of machine that the runs are of.
+fn machine(runs: &[Run]) -> Machine {
+    runs.first().map_or(Machine::Linear, |run| run.settings.machine)
+}
+
 fn text(args: &Args, runs: &[Run], found: &Identified) -> Result<(), Error> {
+    let machine = machine(runs);
+    let [newton, metre] = ["N", "µm"].map(|unit| catalogue::unit(machine, unit));
     let truth = runs.first().and_then(|run| run.truth.as_ref());
     for ((label, unit, name), (_, parameter)) in LABELS.into_iter().zip(found.parameters.named()) {
         let micro = if unit.starts_with('µ') { 1e6 } else { 1.0 };
         let true_value = truth.and_then(|truth| truth.get(name)).and_then(|value| value.parse::<f64>().ok());
         let truth = true_value.map_or(String::new(), |value| format!("truth {}", rounded(value * micro)));
+        let (label, unit) = (description(machine, label), catalogue::unit(machine, unit));
         let line = format!("{label:<20} {unit:<6} {:<26} {truth}", cell(parameter, micro));
         output::line(line.trim_end())?;
         if let Some(reason) = &parameter.reason {
@@ -197,9 +208,9 @@ fn text(args: &Args, runs: &[Run], found: &Identified) -> Result<(), Error> {
         }
     }
     output::line("")?;
-    output::line(format!("{:<20} {:<6} {:.3}", "Residual, rms", "N", found.residual_rms_n))?;
+    output::line(format!("{:<20} {:<6} {:.3}", "Residual, rms", newton, found.residual_rms_n))?;
     if let Some(metres) = found.residual_rms_m {
-        output::line(format!("{:<20} {:<6} {:.3}", "of the encoder", "µm", metres * 1e6))?;
+        output::line(format!("{:<20} {:<6} {:.3}", "of the encoder", metre, metres * 1e6))?;
     }
     if let Some(ratio) = found.residual_over_noise {
         output::line(format!("{:<27} {ratio:.2} times what the sensors' noise explains", "Residual"))?;
@@ -217,7 +228,7 @@ fn text(args: &Args, runs: &[Run], found: &Identified) -> Result<(), Error> {
             fitted => format!("the last {:.0} %, fitted to the rest", 100.0 * (1.0 - fitted)),
         };
         output::line(format!(
-            "{:<27} {:.3} N unexplained, {:.4} % explained, on {what}",
+            "{:<27} {:.3} {newton} unexplained, {:.4} % explained, on {what}",
             "Validation",
             validation.residual_rms_n,
             100.0 * validation.explained
@@ -227,8 +238,10 @@ fn text(args: &Args, runs: &[Run], found: &Identified) -> Result<(), Error> {
         if segments.len() > 1 || args.segments.is_some() {
             output::line("")?;
             output::line(format!("{}, by segment", file.display()))?;
-            let columns = ["from s", "to s", "mt kg", "cf N s/m", "fc N", "cf+", "cf-", "residual N"];
-            let [from, to, mt, cf, fc, plus, minus, residual] = columns;
+            let [from, to, plus, minus] = ["from s", "to s", "cf+", "cf-"];
+            let columns = [("mt", "kg"), ("cf", "N s/m"), ("fc", "N"), ("residual", "N")];
+            let [mt, cf, fc, residual] =
+                columns.map(|(name, unit)| format!("{name} {}", catalogue::unit(machine, unit)));
             output::line(format!("{from:>8} {to:>8} {mt:<16} {cf:<16} {fc:<16} {plus:<16} {minus:<16} {residual}"))?;
             segments.iter().try_for_each(segment_line)?;
         }

@@ -9,7 +9,7 @@ use inerter_core::Settings;
 use inerter_data::{
     csv,
     json::rounded_s,
-    json::{EstimateJson, json_line},
+    json::{EstimateJson, json_line, machine_json_line},
     output,
     recording::{self, Ending, Summary, TRUTH_METADATA},
     text,
@@ -56,7 +56,10 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let mut settings = summary.settings.unwrap_or_default();
     overrides.apply(&mut settings)?;
     if args.json {
-        return Ok(output::line(json_line(&recording_json(&args.file, &summary, &settings)))?);
+        return Ok(output::line(machine_json_line(
+            settings.machine,
+            &recording_json(&args.file, &summary, &settings),
+        ))?);
     }
     summary.notes.iter().for_each(note);
     text(&args.file, &summary, &settings)
@@ -224,7 +227,10 @@ fn csv_info(file: &Path, json: bool) -> Result<(), Error> {
     row("file", format!("{} (CSV)", table.file))?;
     row("run", format!("{}, {} at {} Hz", duration_text(duration), plural(samples, "sample"), timebase.rate_hz))?;
     row("missing", missing_text(timebase.discontinuities, timebase.missing))?;
-    row("terminal", if table.terminal_m.is_empty() { "no terminal_m column" } else { "terminal_m is there" }.into())?;
+    let (_, terminal) = csv::column_names(table.machine);
+    let there =
+        if table.terminal_m.is_empty() { format!("no {terminal} column") } else { format!("{terminal} is there") };
+    row("terminal", there)?;
     Ok(())
 }
 

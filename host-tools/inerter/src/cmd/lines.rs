@@ -1,9 +1,9 @@
 //! `inerter monitor` without a screen: a line per estimate, or JSON.
 
-use inerter_core::Settings;
+use inerter_core::{Machine, Settings};
 use inerter_data::{
     json::rounded_s,
-    json::{EstimateJson, EventJson, ReversalJson, health_json, json_line},
+    json::{EstimateJson, EventJson, ReversalJson, health_json, json_line, machine_json_line},
     output,
     text::{self, event_words},
     words::plural,
@@ -46,12 +46,18 @@ impl Viewer for Json {
                 return Ok(());
             }
             Item::Samples(_) => return Ok(()),
-            Item::Estimate { t_s, estimate, detail, .. } => {
-                json_line(&EstimateJson::live(*t_s, estimate, detail.as_ref(), &self.settings))
+            Item::Estimate { t_s, estimate, detail, .. } => machine_json_line(
+                self.settings.machine,
+                &EstimateJson::live(*t_s, estimate, detail.as_ref(), &self.settings),
+            ),
+            Item::Reversal { t_s, reversal } => {
+                machine_json_line(self.settings.machine, &ReversalJson::new(*t_s, reversal))
             }
-            Item::Reversal { t_s, reversal } => json_line(&ReversalJson::new(*t_s, reversal)),
             Item::Health(health) => json_line(&health_json(health)),
-            Item::Event { t_s, event, .. } => json_line(&EventJson::new(*t_s, event.index, &event.kind)),
+            Item::Event { t_s, event, .. } => {
+                let machine = self.settings.machine;
+                machine_json_line(machine, &EventJson::new(*t_s, event.index, &event.kind, machine))
+            }
             Item::LostFrames(count) => json_line(&json!({ "kind": "link", "lost_frames": count })),
             Item::Marker { t_s, text, .. } => {
                 json_line(&json!({ "kind": "marker", "t_s": t_s.map(rounded_s), "text": text }))
@@ -66,18 +72,20 @@ impl Viewer for Json {
 #[derive(Default)]
 pub struct Lines {
     losses: Losses,
+    machine: Machine,
 }
 
 impl Viewer for Lines {
     fn show(&mut self, item: &Item) -> Result<(), Error> {
         match item {
-            Item::Device { port, hello, .. } => {
+            Item::Device { port, hello, settings } => {
                 self.losses.begin();
+                self.machine = settings.machine;
                 terminal::say(format!(
                     "{}, serial {}, {} Hz, {} at {port}",
                     hello.board, hello.serial, hello.sample_rate_hz, hello.firmware
                 ));
-                output::line(text::row_header())?;
+                output::line(text::row_header(self.machine))?;
                 output::flush()?;
             }
             Item::Estimate { t_s, estimate, detail, .. } => {
@@ -90,11 +98,12 @@ impl Viewer for Lines {
                 self.losses.problems().filter(|problems| Some(problems) != told.as_ref()).iter().for_each(note);
             }
             Item::LostFrames(count) => note(format!("{} lost on the way so far", plural(*count, "frame"))),
-            Item::Event { event, .. } => note(event_words(&event.kind)),
+            Item::Event { event, .. } => note(event_words(self.machine, &event.kind)),
             Item::Marker { text, .. } => note(format!("marker: {text}")),
             Item::Away { reason } => note(reason),
             Item::Back { port } => note(back(port)),
-            Item::Settings(_) | Item::Samples(_) | Item::Reversal { .. } => {}
+            Item::Settings(settings) => self.machine = settings.machine,
+            Item::Samples(_) | Item::Reversal { .. } => {}
         }
         Ok(())
     }

@@ -2,6 +2,7 @@
 
 use std::time::{Duration, Instant};
 
+use inerter_core::Machine;
 use inerter_data::{
     json::json_line,
     output,
@@ -62,6 +63,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
         Some(duration) => Progress::new("recording", duration.as_millis() as u64),
         None => Progress::endless("recording"),
     };
+    let machine = live.device().map_or(Machine::Linear, |device| device.settings().machine);
     let started = Instant::now();
     let (mut reported, mut ended) = (Instant::now(), false);
     let (typed, clock, mut markers) = (terminal::typed_lines(), Clock::new(), 0);
@@ -73,7 +75,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
         match live.next() {
             Ok(LinkEvent::Received(received)) if !received.bytes.is_empty() => {
                 ended |= args.until_end && is_end(&received.frame);
-                if let Some(words) = trouble(&received.frame) {
+                if let Some(words) = trouble(machine, &received.frame) {
                     progress.note(words);
                 }
                 recorder.frame(received.time_ns, &received.bytes)?;
@@ -126,10 +128,10 @@ fn is_end(frame: &Frame<Record>) -> bool {
 }
 
 /// What is worth a line while it is recorded.
-fn trouble(frame: &Frame<Record>) -> Option<String> {
+fn trouble(machine: Machine, frame: &Frame<Record>) -> Option<String> {
     match frame {
         Frame::Message { message: Record::Event(event), .. } => {
-            Some(&event.kind).filter(|kind| is_trouble(kind)).map(event_words)
+            Some(&event.kind).filter(|kind| is_trouble(kind)).map(|kind| event_words(machine, kind))
         }
         _ => None,
     }

@@ -2,9 +2,10 @@
 
 use std::path::PathBuf;
 
+use inerter_core::Machine;
 use inerter_data::{
     export::Source,
-    json::{EstimateJson, EventJson, ReversalJson, json_line},
+    json::{EstimateJson, EventJson, ReversalJson, machine_json_line},
     output,
     replay::replay_samples,
     text::{self, change_words},
@@ -24,7 +25,7 @@ const ROWS: f64 = 20.0;
 ///
 /// The result is what the device itself would have said, to the bit.
 /// FILE is a recording (.mcap) or a CSV with the columns t_s, encoder_count, force_n and, optionally, terminal_m, in any
-/// order, with a header. The sample rate comes from t_s; the estimator assumes nothing about missing samples. A CSV needs
+/// order, with a header; of a rotary machine torque_n_m and terminal_rad. The sample rate comes from t_s; the estimator assumes nothing about missing samples. A CSV needs
 /// --metres-per-count. Settings: those of the recording (for a CSV the defaults below), then --settings, then --set,
 /// then --metres-per-count; later ones win.
 ///
@@ -62,14 +63,17 @@ pub fn run(args: &Args) -> Result<(), Error> {
         |t_s, event: &EstimatorEvent| -> Result<(), Error> {
             let (estimate, detail) = match event {
                 EstimatorEvent::Estimate(estimate, detail) => (estimate, detail.as_ref()),
-                _ => return tell(t_s, event, args.json, &mut header),
+                _ => return tell(run.settings.machine, t_s, event, args.json, &mut header),
             };
             taken += 1;
             progress.set((taken as f64 * run.settings.sample_rate_hz / run.settings.publish_rate_hz) as u64);
             if args.json {
-                output::line(json_line(&EstimateJson::live(t_s, estimate, detail, &run.settings)))?;
+                output::line(machine_json_line(
+                    run.settings.machine,
+                    &EstimateJson::live(t_s, estimate, detail, &run.settings),
+                ))?;
             } else if t_s + half_s >= next_s {
-                head(&mut header)?;
+                head(run.settings.machine, &mut header)?;
                 output::line(text::row(t_s, estimate, detail))?;
                 while every_s > 0.0 && next_s <= t_s + half_s {
                     next_s += every_s;
@@ -82,7 +86,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let (estimate, detail) = (&outcome.estimate, Some(&outcome.detail));
     if args.json {
         let last = EstimateJson::last(outcome.t_s, estimate, detail, &run.settings, Some(outcome.counters));
-        return Ok(output::line(json_line(&last))?);
+        return Ok(output::line(machine_json_line(run.settings.machine, &last))?);
     }
     if !header {
         output::line("")?;
@@ -92,15 +96,20 @@ pub fn run(args: &Args) -> Result<(), Error> {
 }
 
 /// What is no estimate: every one in JSON; a person sees the changes, and the scatter of the reversals as an interval.
-pub fn tell(t_s: f64, event: &EstimatorEvent, json: bool, header: &mut bool) -> Result<(), Error> {
+pub fn tell(machine: Machine, t_s: f64, event: &EstimatorEvent, json: bool, header: &mut bool) -> Result<(), Error> {
     match event {
-        EstimatorEvent::Reversal(reversal) if json => output::line(json_line(&ReversalJson::new(Some(t_s), reversal)))?,
+        EstimatorEvent::Reversal(reversal) if json => {
+            output::line(machine_json_line(machine, &ReversalJson::new(Some(t_s), reversal)))?
+        }
         EstimatorEvent::Changed(change) if json => {
-            output::line(json_line(&EventJson::new(Some(t_s), change.index, &EventKind::Changed(*change))))?;
+            output::line(machine_json_line(
+                machine,
+                &EventJson::new(Some(t_s), change.index, &EventKind::Changed(*change), machine),
+            ))?;
         }
         EstimatorEvent::Changed(change) => {
-            head(header)?;
-            output::line(format!("{t_s:>9.2}  {}", change_words(change)))?;
+            head(machine, header)?;
+            output::line(format!("{t_s:>9.2}  {}", change_words(machine, change)))?;
         }
         EstimatorEvent::Reversal(_) | EstimatorEvent::Estimate(..) => {}
     }
@@ -108,9 +117,9 @@ pub fn tell(t_s: f64, event: &EstimatorEvent, json: bool, header: &mut bool) -> 
 }
 
 /// Heads the rows, once.
-fn head(header: &mut bool) -> Result<(), Error> {
+fn head(machine: Machine, header: &mut bool) -> Result<(), Error> {
     if std::mem::take(header) {
-        output::line(text::row_header())?;
+        output::line(text::row_header(machine))?;
     }
     Ok(())
 }

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use inerter_data::{
-    json::{EstimateJson, json_line},
+    json::{EstimateJson, machine_json_line},
     output, text,
     words::{duration_text, plural},
 };
@@ -48,11 +48,14 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let publish = |t_s: f64, event: &EstimatorEvent| -> Result<(), Error> {
         match event {
             EstimatorEvent::Estimate(estimate, detail) if args.json => {
-                output::line(json_line(&EstimateJson::live(t_s, estimate, detail.as_ref(), &run.settings)))?;
+                output::line(machine_json_line(
+                    run.settings.machine,
+                    &EstimateJson::live(t_s, estimate, detail.as_ref(), &run.settings),
+                ))?;
             }
             EstimatorEvent::Estimate(..) => {}
             // No rows come, so none needs a head.
-            _ => tell(t_s, event, args.json, &mut false)?,
+            _ => tell(run.settings.machine, t_s, event, args.json, &mut false)?,
         }
         Ok(())
     };
@@ -66,7 +69,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let (estimate, detail) = (&injected.estimate, injected.detail.as_ref());
     if args.json {
         let last = EstimateJson::last(injected.t_s, estimate, detail, &run.settings, None);
-        return Ok(output::line(json_line(&last))?);
+        return Ok(output::line(machine_json_line(run.settings.machine, &last))?);
     }
     output::line(text::table(estimate, detail, &run.settings, run.truth.as_ref()).trim_end())?;
     output::line(format!(

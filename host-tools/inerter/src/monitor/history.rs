@@ -1,7 +1,7 @@
 //! Parameters over the whole run in bounded memory: when it is full, every other entry goes, and from then on only
 //! every other estimate is taken.
 
-use inerter_core::{Detail, Estimate, Interval};
+use inerter_core::{Detail, Estimate, Interval, Machine};
 use inerter_wire::catalogue;
 
 /// Entries that are kept; a number that halves without rest.
@@ -45,7 +45,8 @@ impl Entry {
         let point = |known: Option<Interval>, scale: f32| {
             known.map_or(Point::NONE, |Interval { value, u95 }| Point { value: value * scale, u95: u95 * scale })
         };
-        let parameters = catalogue::parameters(&estimate.recent).map(|(_, parameter)| point(parameter.known(), 1.0));
+        let parameters = catalogue::parameters(Machine::Linear, &estimate.recent)
+            .map(|(_, parameter)| point(parameter.known(), 1.0));
         let backlash = point(detail.and_then(|detail| detail.backlash.known()), 1e6);
         points.iter_mut().zip(parameters.chain([backlash])).for_each(|(place, point)| *place = point);
         Self { run_s, points }

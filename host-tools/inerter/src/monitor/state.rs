@@ -251,7 +251,7 @@ impl State {
                     (self.values.estimate, self.values.detail) = (None, None);
                 }
                 let kind = if is_trouble(&event.kind) { LineKind::Trouble } else { LineKind::Plain };
-                self.line(at.run_s, event_words(&event.kind), kind);
+                self.line(at.run_s, event_words(self.settings.machine, &event.kind), kind);
             }
             Item::LostFrames(count) => {
                 self.values.losses.lost_frames = *count;

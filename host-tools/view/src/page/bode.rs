@@ -10,6 +10,7 @@ use super::{
     layout::{LOW_PX, Made, TALL_PX},
 };
 use crate::figure::{Axis, Colour, Layer, Panel, Shape, Stroke};
+use inerter_wire::catalogue;
 
 /// Points with intervals of their own above which there is a band.
 const MOST_POINTS: usize = 60;
@@ -141,7 +142,8 @@ pub(super) fn bode(story: &Story) -> Made {
     };
     let friction = match story.equivalent_viscous {
         Some(c) if has_friction => format!(
-            " Dry friction is not linear; at this motion's speed it acts like {c:.1} N s/m more of viscous friction."
+            " Dry friction is not linear; at this motion's speed it acts like {c:.1} {} more of viscous friction.",
+            catalogue::unit(story.run.settings.machine, "N s/m")
         ),
         _ => String::new(),
     };

@@ -2,12 +2,13 @@
 
 use std::f64::consts::PI;
 
-use inerter_core::{Interval, Parameter};
+use inerter_core::{Interval, Machine, Parameter};
 use inerter_data::{
+    names::description,
     text::{backlash_text, value_text},
     words::{interval_text, plural},
 };
-use inerter_wire::catalogue;
+use inerter_wire::catalogue::{self, Group};
 
 use super::{
     PageError, Story,
@@ -79,7 +80,18 @@ pub fn figure(story: &Story, kind: Kind) -> Result<Figure, PageError> {
         Kind::Bode => bode(story),
     };
     let file = || story.run.name.clone();
-    let (caption, panels) = made.map_err(|reason| PageError::NotShown { file: file(), figure: kind.name(), reason })?;
+    let (mut caption, mut panels) =
+        made.map_err(|reason| PageError::NotShown { file: file(), figure: kind.name(), reason })?;
+    let machine = story.run.settings.machine;
+    caption = description(machine, &caption);
+    for panel in &mut panels {
+        for axis in [&mut panel.x, &mut panel.y] {
+            axis.label = description(machine, &axis.label);
+        }
+        for label in panel.layers.iter_mut().filter_map(|layer| layer.label.as_mut()) {
+            *label = description(machine, label);
+        }
+    }
     let title = format!("{}: {}", kind.heading(), file());
     Ok(Figure { name: kind.name(), title, caption, panels })
 }
@@ -130,13 +142,14 @@ fn force(story: &Story) -> Made {
 fn left_over(story: &Story) -> String {
     match story.residual() {
         Some((rms_n, explained)) => format!(
-            "Over {} {rms_n:.2} N rms are left over, {:.2} % of the force's. \
+            "Over {} {rms_n:.2} {} rms are left over, {:.2} % of the force's. \
              Where the screw stands there is no law: friction at rest takes any value.",
             if story.changes.is_empty() {
                 "the whole run"
             } else {
                 "all that came after the last change of the device"
             },
+            catalogue::unit(story.run.settings.machine, "N"),
             100.0 * (1.0 - explained).max(0.0).sqrt()
         ),
         None => "Nothing moves: there is no law to compare with.".into(),
@@ -241,9 +254,11 @@ fn hysteresis(story: &Story) -> Made {
 
 fn parameters(story: &Story) -> Made {
     let mut panels = Vec::new();
-    for (number, (field, _)) in catalogue::parameters(&story.outcome.estimate.recent).enumerate() {
+    let machine = story.run.settings.machine;
+    let linear = catalogue::fields(Machine::Linear, Group::Parameter);
+    for (number, (linear, field)) in linear.zip(catalogue::fields(machine, Group::Parameter)).enumerate() {
         let of = |parameters: &inerter_core::Parameters| -> Option<Parameter> {
-            catalogue::parameters(parameters).nth(number).map(|(_, parameter)| parameter)
+            catalogue::parameters(machine, parameters).nth(number).map(|(_, parameter)| parameter)
         };
         let points: Vec<(f64, f64, f64)> = story
             .moments
@@ -256,10 +271,10 @@ fn parameters(story: &Story) -> Made {
             .collect();
         // The offset is not worth a panel of its own.
         let known = points.iter().filter(|point| point.1.is_finite() && point.2.is_finite()).count();
-        if known < 2 || field.path == "offset_n" {
+        if known < 2 || field.symbol == "F0" {
             continue;
         }
-        let truth = truth_line(story, field.path, 1.0);
+        let truth = truth_line(story, linear.path, 1.0);
         let whole = of(&story.outcome.estimate.whole_run).map(|parameter| value_text(&parameter)).unwrap_or_default();
         let label = format!("{} [{}]", field.symbol, field.unit);
         let title = format!("{}, whole run {whole} {}", field.label, field.unit);
@@ -275,7 +290,11 @@ fn parameters(story: &Story) -> Made {
         })
         .collect();
     if widths.iter().filter(|point| point.1.is_finite()).count() > 1 {
-        let text = format!("Backlash so far, {} µm", backlash_text(&story.outcome.detail.backlash));
+        let text = format!(
+            "Backlash so far, {} {}",
+            backlash_text(&story.outcome.detail.backlash),
+            catalogue::unit(story.run.settings.machine, "µm")
+        );
         let truth = truth_line(story, "backlash_m", 1e6);
         panels.push(over_time(story, "eps [µm]".into(), text, &widths, Colour::Purple, truth));
     }
@@ -375,7 +394,8 @@ fn backlash(story: &Story) -> Made {
     let mut layers = vec![Layer::new("reversals", Colour::Purple, Shape::Bars(bars))];
     if let Some(Interval { value, u95 }) = estimate.known() {
         let (value, u95) = (f64::from(value) * 1e6, f64::from(u95) * 1e6);
-        let label = format!("estimate {} µm", interval_text(value, u95));
+        let label =
+            format!("estimate {} {}", interval_text(value, u95), catalogue::unit(story.run.settings.machine, "µm"));
         layers.push(Layer::unnamed(Colour::Vermilion, Shape::Span(value - u95, value + u95)));
         layers.push(Layer::new(label, Colour::Vermilion, Shape::Instant(value, Stroke::Solid)));
     }

@@ -1,12 +1,16 @@
 //! The page itself: one file, nothing to load, light and dark, and on paper.
 
-use inerter_core::{Regime, Settings, Status};
+use inerter_core::{Machine, Regime, Settings, Status};
 use inerter_data::{
     json::bank_word,
+    names::description,
     text::{self, value_text},
     words::{duration_text, plural, utc},
 };
-use inerter_wire::{Hello, WIRE_VERSION, catalogue};
+use inerter_wire::{
+    Hello, WIRE_VERSION,
+    catalogue::{self, Group},
+};
 use maud::{DOCTYPE, Markup, PreEscaped, html as markup};
 
 use super::{Kind, PageError, Story, figures};
@@ -46,7 +50,7 @@ pub fn html(story: &Story) -> (String, Vec<Figure>) {
                 main {
                     (results(story))
                     (notes(story))
-                    @for (kind, figure) in &all { (section(*kind, figure)) }
+                    @for (kind, figure) in &all { (section(story.run.settings.machine, *kind, figure)) }
                     (conditions(story))
                     (settings(&story.run.settings))
                     (versions(story.run.hello.as_ref()))
@@ -103,7 +107,10 @@ fn results(story: &Story) -> Markup {
         let later = story.later_truth(name).map(|(_, value)| format!(", then {}", digits(value * factor)));
         first + &later.unwrap_or_default()
     };
-    let pairs = catalogue::parameters(&estimate.recent).zip(catalogue::parameters(&estimate.whole_run));
+    let machine = story.run.settings.machine;
+    let pairs = catalogue::parameters(machine, &estimate.recent)
+        .zip(catalogue::parameters(machine, &estimate.whole_run))
+        .zip(catalogue::fields(Machine::Linear, Group::Parameter));
     markup! {
         section #results {
             h2 { "What the device is" }
@@ -117,7 +124,7 @@ fn results(story: &Story) -> Markup {
                     th scope="col" { "Status" }
                 } }
                 tbody {
-                    @for ((field, recent), (_, whole)) in pairs {
+                    @for (((field, recent), (_, whole)), linear) in pairs {
                         @let (word, class) = status(recent.status());
                         tr {
                             th scope="row" { (field.label) @if !field.symbol.is_empty() { " " i { (field.symbol) } } }
@@ -125,7 +132,7 @@ fn results(story: &Story) -> Markup {
                             td.number { (value_text(&recent)) }
                             td.number { (value_text(&whole)) }
                             @if simulated {
-                                td.number { (truth(if field.path == "offset_n" { "force_offset_n" } else { field.path }, 1.0)) }
+                                td.number { (truth(if linear.path == "offset_n" { "force_offset_n" } else { linear.path }, 1.0)) }
                             }
                             td class=(class) { (word) }
                         }
@@ -151,7 +158,10 @@ fn results(story: &Story) -> Markup {
 }
 
 fn notes(story: &Story) -> Markup {
-    let changes = story.changes.iter().map(|(t_s, change)| format!("At {t_s:.2} s {}.", text::change_words(change)));
+    let changes = story
+        .changes
+        .iter()
+        .map(|(t_s, change)| format!("At {t_s:.2} s {}.", text::change_words(story.run.settings.machine, change)));
     let friction = match story.outcome.detail.friction.regime {
         Regime::Presliding | Regime::Stribeck => {
             Some("Friction near rest does not follow the law; the intervals are wider for it.".to_string())
@@ -173,10 +183,10 @@ fn notes(story: &Story) -> Markup {
     }
 }
 
-fn section(kind: Kind, figure: &Result<Figure, PageError>) -> Markup {
+fn section(machine: Machine, kind: Kind, figure: &Result<Figure, PageError>) -> Markup {
     markup! {
         section id=(kind.name()) {
-            h2 { (kind.heading()) }
+            h2 { (description(machine, kind.heading())) }
             @match figure {
                 Ok(figure) => figure {
                     (PreEscaped(svg_for_page(figure)))
@@ -202,8 +212,14 @@ fn conditions(story: &Story) -> Markup {
         (0, _) => "none".to_string(),
         (places, lost) => format!("{} in {}", plural(lost, "sample"), plural(places.into(), "place")),
     };
-    let residual =
-        story.residual().map_or_else(|| "nothing moved".to_string(), |(rms_n, _)| format!("{rms_n:.2} N rms"));
+    let residual = story.residual().map_or_else(
+        || "nothing moved".to_string(),
+        |(rms_n, _)| format!("{rms_n:.2} {} rms", catalogue::unit(story.run.settings.machine, "N")),
+    );
+    let seen_at = match story.run.settings.machine {
+        Machine::Linear => "Inertance was seen at",
+        Machine::Rotary => "Inertia was seen at",
+    };
     let recorded = story.run.recorded_ns.map(|time_ns| ("Recorded", utc(time_ns)));
     let rows = [
         ("Duration", duration_text(story.duration_s)),
@@ -211,7 +227,7 @@ fn conditions(story: &Story) -> Markup {
         ("Samples", counters.samples.to_string()),
         ("Lost samples", lost),
         ("Saturated samples", counters.saturated.to_string()),
-        ("Inertance was seen at", band.unwrap_or_else(|| "nothing moved".into())),
+        (seen_at, band.unwrap_or_else(|| "nothing moved".into())),
         ("Contact", text::contact_words(detail.contact).into()),
         ("Friction", format!("{}{reversal}", text::regime_words(detail.friction.regime))),
         ("Changes of the device", detail.changes.to_string()),

@@ -3,9 +3,9 @@
 use std::sync::Arc;
 
 use foxglove::{ChannelBuilder, Context, PartialMetadata, RawChannel, Schema, WebSocketServerHandle};
-use inerter_core::Settings;
-use inerter_data::json::{EstimateJson, EventJson, ReversalJson, health_json, json_line};
-use inerter_wire::catalogue::{self, Group};
+use inerter_core::{Machine, Settings};
+use inerter_data::json::{EstimateJson, EventJson, ReversalJson, health_json, json_line, machine_json_line};
+use inerter_wire::catalogue::{self, Field, Group};
 use serde_json::{Map, Value, json};
 
 use super::address::{FOXGLOVE, resolve};
@@ -25,56 +25,69 @@ const BACKLOG: usize = 8192;
 pub struct Foxglove {
     server: Option<WebSocketServerHandle>,
     /// Channels do not keep it alive, and are closed with it.
-    _context: Arc<Context>,
+    context: Arc<Context>,
+    channels: Channels,
+    settings: Settings,
+    latest: Moment,
+    address: String,
+}
+
+/// A channel for each kind of thing.
+struct Channels {
     samples: Arc<RawChannel>,
     estimate: Arc<RawChannel>,
     reversal: Arc<RawChannel>,
     health: Arc<RawChannel>,
     event: Arc<RawChannel>,
     marker: Arc<RawChannel>,
-    settings: Settings,
-    latest: Moment,
-    address: String,
+}
+
+impl Channels {
+    /// With schemas in the names of this machine.
+    fn new(context: &Arc<Context>, machine: Machine) -> Result<Self, String> {
+        let channel = |topic: &str, properties: Map<String, Value>| {
+            let schema = json!({ "type": "object", "title": format!("inerter.{topic}"), "properties": properties });
+            let schema = machine_json_line(machine, &schema).into_bytes();
+            ChannelBuilder::new(format!("/{topic}"))
+                .context(context)
+                .message_encoding("json")
+                .schema(Schema::new(format!("inerter.{topic}"), "jsonschema", schema))
+                .build_raw()
+                .map_err(|error| error.to_string())
+        };
+        let metre = catalogue::unit(machine, "m");
+        let reversal = [("value_m", "number", metre), ("error_m", "number", metre), ("rising", "boolean", "")];
+        Ok(Self {
+            samples: channel("samples", fields(machine, Group::Signal))?,
+            estimate: channel("estimate", estimate_fields(machine))?,
+            reversal: channel("reversal", plain(&reversal))?,
+            health: channel("health", fields(machine, Group::Health))?,
+            event: channel("event", plain(&[("code", "string", ""), ("event", "string", "")]))?,
+            marker: channel("marker", plain(&[("text", "string", "")]))?,
+        })
+    }
+
+    fn close(&self) {
+        let Self { samples, estimate, reversal, health, event, marker } = self;
+        [samples, estimate, reversal, health, event, marker].into_iter().for_each(|channel| channel.close());
+    }
 }
 
 impl Foxglove {
     /// Listens at this address.
     pub fn new(address: &str) -> Result<Self, MonitorError> {
         let at = resolve("--foxglove", address, FOXGLOVE)?;
-        let failed = |reason: String| MonitorError::Listen {
-            what: "the server for Foxglove",
-            option: "--foxglove",
-            address: address.into(),
-            example: "127.0.0.1:8766",
-            reason,
-        };
+        let failed = |reason: String| failed(address, reason);
         let context = Context::new();
-        let channel = |topic: &str, properties: Map<String, Value>| {
-            let schema = json!({ "type": "object", "title": format!("inerter.{topic}"), "properties": properties });
-            ChannelBuilder::new(format!("/{topic}"))
-                .context(&context)
-                .message_encoding("json")
-                .schema(Schema::new(format!("inerter.{topic}"), "jsonschema", json_line(&schema).into_bytes()))
-                .build_raw()
-                .map_err(|error| failed(error.to_string()))
-        };
         let server = context
             .websocket_server()
             .name("instrumented inerter")
             .message_backlog_size(BACKLOG)
             .bind(at.ip().to_string(), at.port());
         let mut bridge = Self {
-            samples: channel("samples", fields(Group::Signal))?,
-            estimate: channel("estimate", estimate_fields())?,
-            reversal: channel(
-                "reversal",
-                plain(&[("value_m", "number", "m"), ("error_m", "number", "m"), ("rising", "boolean", "")]),
-            )?,
-            health: channel("health", fields(Group::Health))?,
-            event: channel("event", plain(&[("code", "string", ""), ("event", "string", "")]))?,
-            marker: channel("marker", plain(&[("text", "string", "")]))?,
+            channels: Channels::new(&context, Machine::Linear).map_err(&failed)?,
             server: None,
-            _context: context.clone(),
+            context: context.clone(),
             settings: Settings::default(),
             latest: Moment::default(),
             address: String::new(),
@@ -106,6 +119,16 @@ impl Drop for Foxglove {
     }
 }
 
+fn failed(address: &str, reason: String) -> MonitorError {
+    MonitorError::Listen {
+        what: "the server for Foxglove",
+        option: "--foxglove",
+        address: address.into(),
+        example: "127.0.0.1:8766",
+        reason,
+    }
+}
+
 fn property(kind: &str, label: &str, unit: &str) -> Value {
     let description = if unit.is_empty() { label.to_string() } else { format!("{label} [{unit}]") };
     json!({ "type": kind, "description": description.trim() })
@@ -115,25 +138,30 @@ fn plain(list: &[(&str, &str, &str)]) -> Map<String, Value> {
     list.iter().map(|(name, kind, unit)| (name.to_string(), property(kind, "", unit))).collect()
 }
 
-fn fields(group: Group) -> Map<String, Value> {
-    let of = |field: &catalogue::Field| (field.path.to_string(), property("number", field.label, field.unit));
-    catalogue::fields(group).map(of).collect()
+/// Keys are those of a linear machine, to be renamed when they are written.
+fn fields(machine: Machine, group: Group) -> Map<String, Value> {
+    let of = |(linear, field): (&Field, &Field)| (linear.path.to_string(), property("number", field.label, field.unit));
+    catalogue::fields(Machine::Linear, group).zip(catalogue::fields(machine, group)).map(of).collect()
 }
 
 /// Value, interval and status of each parameter and of the backlash; further keys are as docs/CLI.md says.
-fn estimate_fields() -> Map<String, Value> {
-    let quantity = |field: &catalogue::Field| {
+fn estimate_fields(machine: Machine) -> Map<String, Value> {
+    let quantity = |(linear, field): (&Field, &Field)| {
         let parts = json!({
             "value": property("number", field.label, field.unit),
             "u95": property("number", "half width of the 95 % interval", field.unit),
             "status": property("string", "", ""),
         });
-        (field.path.to_string(), json!({ "type": "object", "properties": parts }))
+        (linear.path.to_string(), json!({ "type": "object", "properties": parts }))
     };
-    let backlash = catalogue::find(Group::Detail, "backlash_m");
-    let mut map: Map<String, Value> = catalogue::fields(Group::Parameter).chain(backlash).map(quantity).collect();
+    let of = |machine| {
+        let backlash = catalogue::find(machine, Group::Detail, "backlash_m");
+        catalogue::fields(machine, Group::Parameter).chain(backlash)
+    };
+    let mut map: Map<String, Value> = of(Machine::Linear).zip(of(machine)).map(quantity).collect();
     map.insert("t_s".into(), property("number", "Time since the estimator began", "s"));
-    map.insert("residual_rms_n".into(), property("number", "Residual force, rms", "N"));
+    let residual = catalogue::find(machine, Group::Estimate, "residual_rms_n");
+    map.extend(residual.map(|field| ("residual_rms_n".to_string(), property("number", field.label, field.unit))));
     map.insert("moving".into(), property("boolean", "", ""));
     map
 }
@@ -141,32 +169,50 @@ fn estimate_fields() -> Map<String, Value> {
 impl Viewer for Foxglove {
     fn show(&mut self, item: &Item) -> Result<(), Error> {
         match item {
-            Item::Device { settings, .. } | Item::Settings(settings) => self.settings = *settings,
+            Item::Device { settings, .. } | Item::Settings(settings) => {
+                if settings.machine != self.settings.machine {
+                    let channels = Channels::new(&self.context, settings.machine)
+                        .map_err(|reason| failed(&self.address, reason))?;
+                    std::mem::replace(&mut self.channels, channels).close();
+                }
+                self.settings = *settings;
+            }
             Item::Samples(samples) => {
                 for sample in samples {
                     self.latest = sample.at;
-                    Self::send(&self.samples, sample.at, || {
-                        json_line(&json!({
-                            "t_s": sample.at.run_s, "position_m": sample.position_m, "force_n": sample.force_n,
-                            "terminal_m": sample.terminal_m,
-                        }))
+                    Self::send(&self.channels.samples, sample.at, || {
+                        machine_json_line(
+                            self.settings.machine,
+                            &json!({
+                                "t_s": sample.at.run_s, "position_m": sample.position_m, "force_n": sample.force_n,
+                                "terminal_m": sample.terminal_m,
+                            }),
+                        )
                     });
                 }
             }
             Item::Estimate { at, t_s, estimate, detail } => {
                 self.latest = *at;
-                let line = || json_line(&EstimateJson::live(*t_s, estimate, detail.as_ref(), &self.settings));
-                Self::send(&self.estimate, *at, line);
+                let line = || {
+                    machine_json_line(
+                        self.settings.machine,
+                        &EstimateJson::live(*t_s, estimate, detail.as_ref(), &self.settings),
+                    )
+                };
+                Self::send(&self.channels.estimate, *at, line);
             }
-            Item::Reversal { t_s, reversal } => {
-                Self::send(&self.reversal, self.latest, || json_line(&ReversalJson::new(*t_s, reversal)))
-            }
-            Item::Health(health) => Self::send(&self.health, self.latest, || json_line(&health_json(health))),
+            Item::Reversal { t_s, reversal } => Self::send(&self.channels.reversal, self.latest, || {
+                machine_json_line(self.settings.machine, &ReversalJson::new(*t_s, reversal))
+            }),
+            Item::Health(health) => Self::send(&self.channels.health, self.latest, || json_line(&health_json(health))),
             Item::Event { at, t_s, event } => {
-                Self::send(&self.event, *at, || json_line(&EventJson::new(*t_s, event.index, &event.kind)));
+                Self::send(&self.channels.event, *at, || {
+                    let machine = self.settings.machine;
+                    machine_json_line(machine, &EventJson::new(*t_s, event.index, &event.kind, machine))
+                });
             }
             Item::Marker { at, text, .. } => {
-                Self::send(&self.marker, *at, || json_line(&json!({ "kind": "marker", "text": text })));
+                Self::send(&self.channels.marker, *at, || json_line(&json!({ "kind": "marker", "text": text })));
             }
             Item::Away { .. } | Item::Back { .. } | Item::LostFrames(_) => {}
         }

@@ -1,7 +1,7 @@
 //! PlotJuggler: its UDP server with the protocol JSON; one object a datagram, its time in `timestamp` \[s\].
 
 use inerter_core::Settings;
-use inerter_data::json::{EstimateJson, json_line};
+use inerter_data::json::{EstimateJson, machine_json_line};
 use serde_json::{Map, Value, json};
 
 use super::address::{Datagrams, PLOTJUGGLER};
@@ -30,7 +30,7 @@ impl PlotJuggler {
     fn send(&self, at: Moment, name: &str, value: Value) {
         let mut object = Map::from_iter([("timestamp".to_string(), json!(at.unix_ns as f64 * 1e-9))]);
         object.insert(name.into(), known(value));
-        self.datagrams.send(json_line(&object).as_bytes());
+        self.datagrams.send(machine_json_line(self.settings.machine, &object).as_bytes());
     }
 }
 

@@ -3,7 +3,8 @@
 
 use std::fmt::Write;
 
-use inerter_data::text::event_words;
+use inerter_core::Machine;
+use inerter_data::{names::name, text::event_words};
 use inerter_wire::catalogue::{self, Group};
 
 use super::address::{Datagrams, TELEPLOT};
@@ -23,12 +24,13 @@ const MOST: usize = 1400;
 /// The bridge.
 pub struct Teleplot {
     datagrams: Datagrams,
+    machine: Machine,
 }
 
 impl Teleplot {
     /// Sends to this address.
     pub fn new(address: &str) -> Result<Self, MonitorError> {
-        Ok(Self { datagrams: Datagrams::new("--teleplot", address, TELEPLOT)? })
+        Ok(Self { datagrams: Datagrams::new("--teleplot", address, TELEPLOT)?, machine: Machine::Linear })
     }
 
     /// One quantity with all its points, in as many datagrams as it takes.
@@ -61,10 +63,12 @@ impl Teleplot {
 impl Viewer for Teleplot {
     fn show(&mut self, item: &Item) -> Result<(), Error> {
         match item {
+            Item::Device { settings, .. } | Item::Settings(settings) => self.machine = settings.machine,
             Item::Samples(samples) => {
                 let of = |value: fn(&Sample) -> f64| samples.iter().map(move |sample| (sample.at, value(sample)));
-                for field in catalogue::fields(Group::Signal) {
-                    match field.path {
+                let linear = catalogue::fields(Machine::Linear, Group::Signal);
+                for (linear, field) in linear.zip(catalogue::fields(self.machine, Group::Signal)) {
+                    match linear.path {
                         "force_n" => self.series(field.path, field.unit, of(|sample| sample.force_n)),
                         "position_m" => self.series(field.path, field.unit, of(|sample| sample.position_m)),
                         "terminal_m" => {
@@ -77,17 +81,21 @@ impl Viewer for Teleplot {
             }
             Item::Estimate { at, estimate, detail, .. } => {
                 let entry = Entry::new(at.run_s, estimate, detail.as_ref());
-                let parameters = catalogue::fields(Group::Parameter).map(|field| (field.path, field.unit));
-                for ((path, unit), point) in parameters.chain([("backlash_um", "µm")]).zip(entry.points) {
+                let backlash = name(self.machine, "backlash_um");
+                let backlash = (backlash.as_ref(), catalogue::unit(self.machine, "µm"));
+                let parameters =
+                    catalogue::fields(self.machine, Group::Parameter).map(|field| (field.path, field.unit));
+                for ((path, unit), point) in parameters.chain([backlash]).zip(entry.points) {
                     let Some((value, u95)) = point.known() else { continue };
                     self.series(path, unit, [(*at, value)].into_iter());
                     if point.u95.is_finite() {
                         self.series(&format!("{path}_u95"), unit, [(*at, u95)].into_iter());
                     }
                 }
-                self.series("residual_rms_n", "N", [(*at, estimate.residual_rms_n.into())].into_iter());
+                let (residual, unit) = (name(self.machine, "residual_rms_n"), catalogue::unit(self.machine, "N"));
+                self.series(&residual, unit, [(*at, estimate.residual_rms_n.into())].into_iter());
             }
-            Item::Event { at, event, .. } => self.log(*at, &event_words(&event.kind)),
+            Item::Event { at, event, .. } => self.log(*at, &event_words(self.machine, &event.kind)),
             Item::Marker { at, text, .. } => self.log(*at, text),
             _ => {}
         }

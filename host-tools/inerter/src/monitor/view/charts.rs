@@ -32,8 +32,8 @@ pub fn signals(frame: &mut Frame<'_>, area: Rect, state: &State, theme: Theme) {
 
 /// One signal.
 pub fn trace(frame: &mut Frame<'_>, area: Rect, state: &State, theme: Theme, signal: Signal, path: &str) {
-    let field = catalogue::find(Group::Signal, path);
-    let unit = if signal == Signal::Force { "N" } else { "mm" };
+    let field = catalogue::find(state.settings.machine, Group::Signal, path);
+    let unit = catalogue::unit(state.settings.machine, if signal == Signal::Force { "N" } else { "mm" });
     let title = format!("{} [{unit}]", field.map_or("", |field| field.label));
     let (end_s, span_s) = (state.end_s(), state.trace_span_s());
     let from_s = end_s - span_s;
@@ -63,8 +63,9 @@ pub fn trace(frame: &mut Frame<'_>, area: Rect, state: &State, theme: Theme, sig
 
 /// The four parameters and the backlash, each with its band.
 pub fn parameters(frame: &mut Frame<'_>, area: Rect, state: &State, theme: Theme) {
-    let parameters = catalogue::fields(Group::Parameter).map(|field| (field.label, field.unit));
-    let all: Vec<(&str, &str)> = parameters.chain([("Backlash", "µm")]).collect();
+    let parameters = catalogue::fields(state.settings.machine, Group::Parameter).map(|field| (field.label, field.unit));
+    let all: Vec<(&str, &str)> =
+        parameters.chain([("Backlash", catalogue::unit(state.settings.machine, "µm"))]).collect();
     let across = if area.width >= 76 { 2 } else { 1 };
     let down = all.len().div_ceil(across).min(usize::from(area.height / CHART_ROWS).max(1));
     let rows = Layout::vertical((0..down).map(|_| Constraint::Fill(1))).split(area);

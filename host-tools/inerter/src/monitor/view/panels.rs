@@ -36,7 +36,8 @@ pub fn overview(frame: &mut Frame<'_>, area: Rect, state: &State, theme: Theme) 
     let title = match state.shown().estimate {
         Some((t_s, estimate)) => {
             let motion = if estimate.moving { "moving" } else { "at rest" };
-            format!(" {}, {motion}, residual {:.2} N ", duration_text(t_s), estimate.residual_rms_n)
+            let unit = catalogue::unit(state.settings.machine, "N");
+            format!(" {}, {motion}, residual {:.2} {unit} ", duration_text(t_s), estimate.residual_rms_n)
         }
         None => " waiting for the first estimate ".into(),
     };
@@ -71,8 +72,8 @@ fn rows(state: &State, theme: Theme) -> Vec<Row<'static>> {
     let Values { estimate, detail, .. } = state.shown();
     let unknown = inerter_core::Estimate::default();
     let estimate = estimate.as_ref().map_or(&unknown, |(_, estimate)| estimate);
-    let whole = catalogue::parameters(&estimate.whole_run);
-    let mut rows: Vec<Row<'static>> = catalogue::parameters(&estimate.recent)
+    let whole = catalogue::parameters(state.settings.machine, &estimate.whole_run);
+    let mut rows: Vec<Row<'static>> = catalogue::parameters(state.settings.machine, &estimate.recent)
         .zip(whole)
         .map(|((field, recent), (_, whole))| {
             row(field.label, field.unit, number(&recent), status(&recent, theme), number(&whole))
@@ -87,9 +88,9 @@ fn rows(state: &State, theme: Theme) -> Vec<Row<'static>> {
         (None, _) => (theme.doubtful(), "maybe none", text.replace(" (maybe none)", ""), String::new()),
     };
     // It is of the whole run; the other column has room to say why there is none.
-    rows.push(row("Backlash", "µm", reason, Span::styled(word, style), value));
+    rows.push(row("Backlash", catalogue::unit(state.settings.machine, "µm"), reason, Span::styled(word, style), value));
     if state.settings.terminal_sensor {
-        rows.extend(catalogue::contact(detail).map(|(field, parameter)| {
+        rows.extend(catalogue::contact(state.settings.machine, detail).map(|(field, parameter)| {
             row(field.label, field.unit, String::new(), status(&parameter, theme), number(&parameter))
         }));
     }
@@ -122,7 +123,7 @@ fn words(state: &State, theme: Theme) -> Vec<Line<'static>> {
     let Values { detail, losses, .. } = state.shown();
     let style = if losses.is_clean() { theme.good() } else { theme.bad() };
     let mut lines = vec![Line::styled(losses.line(), style)];
-    lines.extend(detail.as_ref().map(|detail| Line::raw(text::line(detail))));
+    lines.extend(detail.as_ref().map(|detail| Line::raw(text::line(state.settings.machine, detail))));
     lines.extend(state.elsewhere.iter().map(|place| Line::styled(place.clone(), theme.quiet())));
     lines
 }

@@ -1,10 +1,11 @@
 //! What the page is told: everything so far when it comes, then each thing as it happens.
 
+use inerter_core::Machine;
 use inerter_data::{
     json::{EstimateJson, health_json},
     text::{self, event_words, is_trouble},
 };
-use inerter_wire::catalogue::{self, Group};
+use inerter_wire::catalogue::{self, Field, Group};
 use serde_json::{Value, json};
 
 use crate::monitor::{
@@ -44,7 +45,7 @@ impl Messages {
             Item::Reversal { .. } => Vec::new(),
             Item::Health(_) | Item::LostFrames(_) => self.health().into_iter().collect(),
             Item::Event { at, event, .. } => {
-                vec![line(at.run_s, &event_words(&event.kind), is_trouble(&event.kind))]
+                vec![line(at.run_s, &event_words(self.state.settings.machine, &event.kind), is_trouble(&event.kind))]
             }
             Item::Marker { at, text, .. } => vec![mark(at.run_s, text)],
         }
@@ -76,13 +77,22 @@ impl Messages {
     fn device(&self) -> Option<Value> {
         let present = self.state.present.as_ref()?;
         let hello = &present.hello;
+        let machine = self.state.settings.machine;
+        // The keys of the page's messages are those of a linear machine; what people see is not.
+        let field = |(linear, field): (&Field, &Field)| json!({ "path": linear.path, "label": field.label, "unit": field.unit });
+        let fields = |group| catalogue::fields(Machine::Linear, group).zip(catalogue::fields(machine, group));
+        let contact = catalogue::contact_fields(Machine::Linear).zip(catalogue::contact_fields(machine));
+        let signals = fields(Group::Signal).filter(|(linear, _)| linear.path != "t_s").map(|(linear, field)| {
+            let unit = catalogue::unit(machine, if linear.unit == "m" { "mm" } else { linear.unit });
+            format!("{} [{unit}]", field.label)
+        });
         Some(json!({
             "kind": "device", "port": present.port, "board": hello.board.as_str(), "serial": hello.serial.as_str(),
             "firmware": hello.firmware.as_str(), "sample_rate_hz": self.state.settings.sample_rate_hz,
             "memory_s": self.state.settings.memory_s, "terminal": self.state.settings.terminal_sensor,
-            "parameters": catalogue::fields(Group::Parameter)
-                .map(|field| json!({ "path": field.path, "label": field.label, "unit": field.unit }))
-                .collect::<Vec<_>>(),
+            "parameters": fields(Group::Parameter).map(field).collect::<Vec<_>>(),
+            "contact": contact.map(field).collect::<Vec<_>>(), "signals": signals.collect::<Vec<_>>(),
+            "backlash_unit": catalogue::unit(machine, "µm"), "force_unit": catalogue::unit(machine, "N"),
         }))
     }
 
@@ -122,7 +132,7 @@ impl Messages {
             serde_json::to_value(EstimateJson::live(t_s, &estimate, detail, &state.settings)).unwrap_or_default();
         if let Some(object) = value.as_object_mut() {
             object.insert("run_s".into(), json!((run_s * 1e4).round() / 1e4));
-            object.insert("state".into(), json!(detail.map(text::line)));
+            object.insert("state".into(), json!(detail.map(|detail| text::line(state.settings.machine, detail))));
         }
         Some(value)
     }

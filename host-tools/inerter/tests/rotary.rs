@@ -1,0 +1,99 @@
+//! A rotary machine: the numbers of a linear one under names and units of its own.
+
+mod common;
+
+use std::{fs, path::Path};
+
+use common::{done, fails, json_lines, last};
+
+const COUNT: &str = "--metres-per-count=2.44140625e-6";
+
+fn simulate(folder: &Path, file: &str, more: &[&str]) {
+    done(folder, &[&["simulate", "-o", file, "--duration", "6", "--excite", "hold@1s;random"], more].concat());
+}
+
+fn header(path: &Path) -> String {
+    fs::read_to_string(path).unwrap().lines().next().unwrap().into()
+}
+
+#[test]
+fn a_csv_of_a_rotary_machine_is_known_by_its_columns() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    simulate(folder, "linear.csv", &[]);
+    simulate(folder, "rotary.csv", &["--set", "machine=1"]);
+    assert_eq!(header(&folder.join("linear.csv")), "t_s,encoder_count,force_n");
+    assert_eq!(header(&folder.join("rotary.csv")), "t_s,encoder_count,torque_n_m");
+
+    let [linear, rotary] = ["linear.csv", "rotary.csv"].map(|file| done(folder, &["replay", file, COUNT, "--json"]));
+    assert_eq!(json_lines(&linear).len(), json_lines(&rotary).len());
+    let (linear, rotary) = (last(&linear), last(&rotary));
+    let names = [
+        ("/inertance_kg", "/inertia_kg_m2"),
+        ("/viscous_n_s_per_m", "/viscous_n_m_s"),
+        ("/coulomb_n", "/coulomb_n_m"),
+        ("/whole_run/offset_n", "/whole_run/offset_n_m"),
+        ("/residual_rms_n", "/residual_rms_n_m"),
+        ("/backlash_m", "/backlash_rad"),
+        ("/contact", "/contact"),
+    ];
+    for (of_linear, of_rotary) in names {
+        assert!(linear.pointer(of_linear).is_some(), "{of_linear}");
+        assert_eq!(linear.pointer(of_linear), rotary.pointer(of_rotary), "{of_rotary}");
+        assert!(of_linear == of_rotary || rotary.pointer(of_linear).is_none(), "{of_linear}");
+    }
+
+    let words = done(folder, &["replay", "rotary.csv", COUNT]);
+    for expected in ["Effective inertia", "kg m²", "N m s", "Torque offset", "Backlash [µrad]", "N m rms"] {
+        assert!(words.contains(expected), "{expected}\n{words}");
+    }
+    assert!(!words.contains("nertance"), "{words}");
+
+    let refused = fails(folder, &["replay", "rotary.csv", COUNT, "--set", "machine=0"], 3);
+    assert!(refused.contains("`torque_n_m`") && refused.contains("machine = 0"), "{refused}");
+    let refused = fails(folder, &["replay", "linear.csv", COUNT, "--set", "machine=1"], 3);
+    assert!(refused.contains("`force_n`") && refused.contains("machine = 1"), "{refused}");
+    fs::write(folder.join("mixed.csv"), "t_s,encoder_count,torque_n_m,terminal_m\n0,0,0,0\n").unwrap();
+    let refused = fails(folder, &["replay", "mixed.csv", COUNT], 3);
+    assert!(refused.contains("`terminal_m`") && refused.contains("`torque_n_m`"), "{refused}");
+}
+
+#[test]
+fn a_recording_of_a_rotary_machine_keeps_its_kind() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    simulate(folder, "run.mcap", &["--set", "machine=1", "--set", "terminal_sensor=1"]);
+    let info = last(&done(folder, &["info", "run.mcap", "--json"]));
+    assert_eq!(info.pointer("/settings/machine"), Some(&1.0.into()));
+    assert!(info.pointer("/estimate/inertia_kg_m2/value").is_some(), "{info}");
+    assert!(info.pointer("/settings/stiffness_n_per_m").is_some(), "settings have one name for both");
+
+    // What viewers show, uncompressed in the file.
+    let bytes = fs::read(folder.join("run.mcap")).unwrap();
+    let holds = |text: &str| bytes.windows(text.len()).any(|window| window == text.as_bytes());
+    for text in [r#""inertia_kg_m2":{"value":"#, r#""torque_min_n_m":"#, r#""angle_rad":"#, "[N m]"] {
+        assert!(holds(text), "{text}");
+    }
+    assert!(!holds(r#""inertance_kg":{"value":"#));
+
+    let targets = ["--csv", "out.csv", "--parquet", "out.parquet", "--mat", "out.mat", "--mcap", "out.mcap"];
+    done(folder, &[&["export", "run.mcap", "--estimates"], &targets[..]].concat());
+    assert_eq!(header(&folder.join("out.csv")), "t_s,encoder_count,torque_n_m,terminal_rad");
+    let columns = header(&folder.join("out.estimates.csv"));
+    for name in
+        ["inertia_kg_m2", "inertia_u95_kg_m2", "whole_run_viscous_u95_n_m_s", "residual_rms_n_m", "backlash_u95_rad"]
+    {
+        assert!(columns.split(',').any(|column| column == name), "{name}: {columns}");
+    }
+    let chosen = done(folder, &["export", "run.mcap", "--csv", "-", "--columns", "t_s,angle_rad", "--to", "0.01"]);
+    assert!(chosen.starts_with("t_s,angle_rad\n"), "{chosen}");
+
+    done(folder, &["report", "run.mcap", "-o", "page.html"]);
+    let page = fs::read_to_string(folder.join("page.html")).unwrap();
+    for text in ["Effective inertia", "kg m²", "Torque [N m]", "µrad"] {
+        assert!(page.contains(text), "{text}");
+    }
+    for text in ["[N]", "[mm]", "µm", "nertance", "N rms"] {
+        assert!(!page.contains(text), "{text}");
+    }
+}
