@@ -32,7 +32,7 @@ pub fn section(rig: &Rig, seeds: u64) -> Result<Section, Error> {
     let mut rows = Vec::new();
     for motion in &MOTIONS {
         for backlash_m in BACKLASHES_M {
-            let device = Device { backlash_m: backlash_m, ..Device::paper() };
+            let device = Device { backlash_m, ..Device::paper() };
             let runs =
                 grid::each_seed(seeds, |seed| backlash::run(&device, motion.name, motion.duration_s, rig, seed))?;
             rows.push(Row { motion, backlash_m, cell: backlash::cell(&device, &runs) });
