@@ -1,6 +1,6 @@
 //! Backlash on the accuracy grid: every width, by the force alone and with the terminal's own sensor.
 
-use crate::grid::{self, Error, Rig, calibrated, raw};
+use crate::grid::{self, Error, Instruments, calibrated, raw};
 use inerter_core::{Detail, Interval, Reversal, Settings, State};
 use inerter_plant::{Excitation, Parameters as Device, Sensors, Simulation};
 
@@ -38,7 +38,7 @@ pub struct Run {
 }
 
 /// Instruments of the grid with a terminal sensor: 0.1 um per code, 1 um rms.
-pub fn instruments(rig: &Rig, seed: u64) -> Sensors {
+pub fn instruments(rig: &Instruments, seed: u64) -> Sensors {
     Sensors { terminal_noise_m: 1e-6, ..grid::instruments(rig, seed) }
 }
 
@@ -54,7 +54,7 @@ pub fn settings(device: &Device, sensors: &Sensors) -> Settings {
 }
 
 /// Shakes a device with and without its sensor.
-pub fn run(device: &Device, motion: &str, duration_s: f64, rig: &Rig, seed: u64) -> Result<Run, Error> {
+pub fn run(device: &Device, motion: &str, duration_s: f64, rig: &Instruments, seed: u64) -> Result<Run, Error> {
     let sensors = instruments(rig, seed);
     let settings = settings(device, &sensors);
     let simulation = Simulation::new(*device, Excitation::parse(motion, seed)?, sensors)?;

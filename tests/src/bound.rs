@@ -8,7 +8,7 @@
 //! motion, and the scatter may lie above the bound by up to the square root of the periods: nothing averages it
 //! (tests `steps`; [`TWO_CLOCKS`](grid::TWO_CLOCKS) is the rig on which nothing repeats).
 
-use crate::grid::{self, Error, Motion, Rig};
+use crate::grid::{self, Error, Instruments, Motion};
 use crate::linear::Cholesky;
 use inerter_plant::{Motion as Screw, Parameters as Device};
 use std::f64::consts::PI;
@@ -19,7 +19,7 @@ const HALF_LENGTH_S: f64 = 0.128;
 const FREQUENCIES: u32 = 2048;
 
 /// The filter that makes the sum of both noises white, of unit variance, symmetric, from its middle on.
-fn whitening(device: &Device, rig: &Rig, count_m: f64) -> Vec<f64> {
+fn whitening(device: &Device, rig: &Instruments, count_m: f64) -> Vec<f64> {
     let count_n = device.inertance_kg * count_m / 12_f64.sqrt() * rig.sample_rate_hz.powi(2);
     let gain = |w: f64| (rig.force_noise_n.powi(2) + (count_n * (2.0 - 2.0 * w.cos())).powi(2)).sqrt().recip();
     let half = (HALF_LENGTH_S * rig.sample_rate_hz) as u32;
@@ -34,7 +34,7 @@ fn whitening(device: &Device, rig: &Rig, count_m: f64) -> Vec<f64> {
 
 /// The least sigma of mt, cf and fc with the noise of force and encoder, over all samples around which the screw slips
 /// for the filter's length. None where they show nothing.
-pub fn least_sigma(device: &Device, motion: &Motion, rig: &Rig, seed: u64) -> Result<Option<[f64; 3]>, Error> {
+pub fn least_sigma(device: &Device, motion: &Motion, rig: &Instruments, seed: u64) -> Result<Option<[f64; 3]>, Error> {
     if motion.is_slow() {
         // Below 1 Hz the encoder's part is under a hundredth of the force's.
         return grid::least_sigma(device, motion, rig, seed, 0.0);

@@ -82,9 +82,9 @@ pub const MOTIONS: [Motion; 6] = [
     },
 ];
 
-/// One rig of the grid.
+/// Instruments of one rig of the grid.
 #[derive(Clone, Copy, Debug)]
-pub struct Rig {
+pub struct Instruments {
     /// Name in the table.
     pub name: &'static str,
     /// Samples per second \[Hz\].
@@ -94,15 +94,16 @@ pub struct Rig {
 }
 
 /// The rigs.
-pub const RIGS: [Rig; 3] = [
-    Rig { name: "1 kHz, 1 N", sample_rate_hz: 1000.0, force_noise_n: 1.0 },
-    Rig { name: "1 kHz, 5 N", sample_rate_hz: 1000.0, force_noise_n: 5.0 },
-    Rig { name: "4 kHz, 1 N", sample_rate_hz: 4000.0, force_noise_n: 1.0 },
+pub const RIGS: [Instruments; 3] = [
+    Instruments { name: "1 kHz, 1 N", sample_rate_hz: 1000.0, force_noise_n: 1.0 },
+    Instruments { name: "1 kHz, 5 N", sample_rate_hz: 1000.0, force_noise_n: 5.0 },
+    Instruments { name: "4 kHz, 1 N", sample_rate_hz: 4000.0, force_noise_n: 1.0 },
 ];
 
 /// The first rig with a clock that is 10 ppm faster than the shaker's, and known to be: no motion repeats itself sample
 /// by sample, and the encoder's error with it.
-pub const TWO_CLOCKS: Rig = Rig { name: "1 kHz, 1 N, two clocks", sample_rate_hz: 1000.01, force_noise_n: 1.0 };
+pub const TWO_CLOCKS: Instruments =
+    Instruments { name: "1 kHz, 1 N, two clocks", sample_rate_hz: 1000.01, force_noise_n: 1.0 };
 
 /// What the device truly is.
 pub fn truth(device: &Device) -> [f64; 3] {
@@ -129,7 +130,7 @@ pub struct Run {
 }
 
 /// This rig's instruments; each seed has its own noise and its own place within an encoder count.
-pub fn instruments(rig: &Rig, seed: u64) -> Sensors {
+pub fn instruments(rig: &Instruments, seed: u64) -> Sensors {
     Sensors {
         sample_rate_hz: rig.sample_rate_hz,
         force_noise_n: rig.force_noise_n,
@@ -141,7 +142,7 @@ pub fn instruments(rig: &Rig, seed: u64) -> Sensors {
 }
 
 /// The motion as this rig's instruments see it.
-pub(crate) fn simulation(device: &Device, motion: &Motion, rig: &Rig, seed: u64) -> Result<Simulation, Error> {
+pub(crate) fn simulation(device: &Device, motion: &Motion, rig: &Instruments, seed: u64) -> Result<Simulation, Error> {
     Ok(Simulation::new(*device, Excitation::parse(motion.name, seed)?, instruments(rig, seed))?)
 }
 
@@ -157,7 +158,7 @@ pub fn each_seed<R: Send>(seeds: u64, run: impl Fn(u64) -> Result<R, Error> + Sy
 }
 
 /// Shakes a device and listens. The intervals hold no calibration error, as the simulated rig has none.
-pub fn run(device: &Device, motion: &Motion, rig: &Rig, seed: u64) -> Result<Run, Error> {
+pub fn run(device: &Device, motion: &Motion, rig: &Instruments, seed: u64) -> Result<Run, Error> {
     let simulation = simulation(device, motion, rig, seed)?;
     let settings = Settings {
         force_gain_u95: 0.0,
@@ -187,7 +188,7 @@ pub fn run(device: &Device, motion: &Motion, rig: &Rig, seed: u64) -> Result<Run
 pub fn least_sigma(
     device: &Device,
     motion: &Motion,
-    rig: &Rig,
+    rig: &Instruments,
     seed: u64,
     clearance_s: f64,
 ) -> Result<Option<[f64; 3]>, Error> {

@@ -5,9 +5,9 @@ use inerter_core::{
 };
 use inerter_plant::{Excitation, Flank, Parameters as Device, Sensors, Simulation};
 use inerter_tests::backlash::{Run, cell, goal, instruments, run, sensed_goal, settings};
-use inerter_tests::grid::{MOTIONS, RIGS, Rig, raw};
+use inerter_tests::grid::{Instruments, MOTIONS, RIGS, raw};
 
-const RIG: Rig = RIGS[0];
+const RIG: Instruments = RIGS[0];
 
 fn worn(backlash_m: f64) -> Device {
     Device { backlash_m, ..Device::paper() }

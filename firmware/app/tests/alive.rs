@@ -5,7 +5,7 @@ mod rig;
 use inerter_app::Pace;
 use inerter_core::RawSample;
 use inerter_wire::{Command, Samples, Streams};
-use rig::{Options, Rig, shaken};
+use rig::{Options, TestDevice, shaken};
 
 /// How often the watchdog asks, in milliseconds.
 const ASKED_EVERY: u64 = 500;
@@ -16,7 +16,7 @@ fn live() -> Options {
 
 #[test]
 fn a_device_without_anything_to_do_is_alive() {
-    let mut rig = Rig::new();
+    let mut rig = TestDevice::new();
     assert!(rig.app.alive());
     for _ in 0..20 {
         rig.pass(ASKED_EVERY);
@@ -27,7 +27,7 @@ fn a_device_without_anything_to_do_is_alive() {
 
 #[test]
 fn a_sampler_in_use_that_gets_no_samples_is_not() {
-    let mut rig = Rig::with(live());
+    let mut rig = TestDevice::with(live());
     rig.pass(ASKED_EVERY);
     rig.app.alive();
     rig.pass(ASKED_EVERY);
@@ -46,7 +46,7 @@ fn a_sampler_in_use_that_gets_no_samples_is_not() {
 
 #[test]
 fn a_host_that_does_not_read_is_no_reason() {
-    let mut rig = Rig::with(live());
+    let mut rig = TestDevice::with(live());
     rig.tell(Command::Streams(Streams::ALL));
     rig.set_room(10);
     let samples = shaken(10_000);
@@ -61,7 +61,7 @@ fn a_host_that_does_not_read_is_no_reason() {
 
 #[test]
 fn nor_is_one_that_injects_and_does_not_read() {
-    let mut rig = Rig::with(live());
+    let mut rig = TestDevice::with(live());
     rig.tell(Command::Streams(Streams::ALL));
     rig.inject(&shaken(32));
     rig.set_room(10);

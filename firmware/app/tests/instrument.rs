@@ -8,7 +8,7 @@ use inerter_wire::{
     Capabilities, ClockSource, Command, Done, Event, EventKind, Fault, Frame, Record, Refusal, Reply, ResetCause,
     Samples, SettingFault, SettingValue, SettingsValues, Source, Streams, WIRE_VERSION,
 };
-use rig::{IDENTITY, MemoryStore, Options, Rig, by_core, estimates, events, lighter, raw_samples, shaken};
+use rig::{IDENTITY, MemoryStore, Options, TestDevice, by_core, estimates, events, lighter, raw_samples, shaken};
 
 fn write(pairs: &[(&str, f64)]) -> Command {
     let mut values = SettingsValues::default();
@@ -29,7 +29,7 @@ fn live() -> Options {
 
 #[test]
 fn the_stream_begins_with_the_start_and_who_it_is() {
-    let mut rig = Rig::cold(Options::default());
+    let mut rig = TestDevice::cold(Options::default());
     let frames = rig.frames();
     let [
         Frame::Message { sequence: 0, message: started },
@@ -51,7 +51,7 @@ fn the_stream_begins_with_the_start_and_who_it_is() {
 
 #[test]
 fn settings_are_put_in_use_together() {
-    let mut rig = Rig::new();
+    let mut rig = TestDevice::new();
     let records = rig.tell(write(&[("sample_rate_hz", 4000.0), ("memory_s", 10.0)]));
     assert_eq!(events(&records), [EventKind::EstimatorReset, EventKind::SettingsChanged]);
     let wanted = Settings { sample_rate_hz: 4000.0, memory_s: 10.0, ..Settings::default() };
@@ -65,8 +65,8 @@ fn settings_are_put_in_use_together() {
 
 #[test]
 fn refused_settings_name_the_setting_and_change_nothing() {
-    let mut rig = Rig::new();
-    let refused = |rig: &mut Rig, command, name: &str, fault| {
+    let mut rig = TestDevice::new();
+    let refused = |rig: &mut TestDevice, command, name: &str, fault| {
         let (records, result, _) = rig.ask(command);
         assert_eq!(result, Err(Refusal::BadSetting { number: number(name), fault }));
         assert_eq!(records, []);
@@ -90,7 +90,7 @@ fn refused_settings_name_the_setting_and_change_nothing() {
 
 #[test]
 fn only_settings_that_change_what_was_gathered_forget_it() {
-    let mut rig = Rig::new();
+    let mut rig = TestDevice::new();
     for (name, value, reset) in
         [("skew_u95_s", 2e-6, false), ("memory_s", 5.0, false), ("publish_rate_hz", 2.0, false), ("skew_s", 1e-5, true)]
     {
@@ -101,7 +101,7 @@ fn only_settings_that_change_what_was_gathered_forget_it() {
 
 #[test]
 fn estimates_from_a_source_that_waits_equal_cores_to_the_bit_and_none_is_lost() {
-    let mut rig = Rig::new();
+    let mut rig = TestDevice::new();
     let samples = shaken(20_000);
     rig.script.push(samples.iter().copied().map(Ok));
     rig.script.push([Err(SourceError::Ended)]);
@@ -126,7 +126,7 @@ fn estimates_from_a_source_that_waits_equal_cores_to_the_bit_and_none_is_lost() 
 
 #[test]
 fn raw_samples_are_streamed_when_asked_for() {
-    let mut rig = Rig::with(live());
+    let mut rig = TestDevice::with(live());
     let samples = shaken(400);
     rig.script.push(samples[..100].iter().copied().map(Ok));
     assert_eq!(raw_samples(&rig.records()), []);
@@ -148,7 +148,7 @@ fn raw_samples_are_streamed_when_asked_for() {
 }
 
 /// Every record up to the end of the source, read a few bytes at a time.
-fn up_to_the_end(rig: &mut Rig) -> Vec<Record> {
+fn up_to_the_end(rig: &mut TestDevice) -> Vec<Record> {
     let mut records = Vec::new();
     while !matches!(records.last(), Some(Record::Event(Event { kind: EventKind::SourceEnded, .. }))) {
         rig.pass(1);
@@ -162,7 +162,7 @@ fn up_to_the_end(rig: &mut Rig) -> Vec<Record> {
 
 #[test]
 fn a_source_that_waits_streams_every_sample() {
-    let mut rig = Rig::new();
+    let mut rig = TestDevice::new();
     rig.tell(Command::Streams(Streams { samples: true, ..Streams::NONE }));
     let samples = shaken(5_000);
     rig.script.push(samples.iter().copied().map(Ok));
@@ -176,7 +176,7 @@ fn a_source_that_waits_streams_every_sample() {
 
 #[test]
 fn sums_come_once_a_second_and_at_the_end() {
-    let mut rig = Rig::new();
+    let mut rig = TestDevice::new();
     rig.tell(Command::Streams(Streams { estimates: true, sums: true, ..Streams::NONE }));
     let samples = shaken(3_500);
     let active = Settings::default().validate().unwrap();
@@ -218,7 +218,7 @@ fn sums_come_once_a_second_and_at_the_end() {
 
 #[test]
 fn what_goes_with_an_estimate_follows_it_and_reversals_and_changes_come_when_they_happen() {
-    let mut rig = Rig::new();
+    let mut rig = TestDevice::new();
     // A flywheel is swapped half-way: half the inertance.
     let mut samples = shaken(24_000);
     for (after, lighter) in samples[12_000..].iter_mut().zip(&lighter(24_000)[12_000..]) {
@@ -279,7 +279,7 @@ fn what_goes_with_an_estimate_follows_it_and_reversals_and_changes_come_when_the
 
 #[test]
 fn health_comes_every_second_with_the_boards_figures() {
-    let mut rig = Rig::with(live());
+    let mut rig = TestDevice::with(live());
     rig.pass(3_500);
     let records = rig.records();
     let reports: Vec<_> = records
@@ -296,7 +296,7 @@ fn health_comes_every_second_with_the_boards_figures() {
 
 #[test]
 fn frames_that_a_stalled_link_does_not_take_are_counted_by_both_ends() {
-    let mut rig = Rig::with(live());
+    let mut rig = TestDevice::with(live());
     rig.tell(Command::Streams(Streams { samples: true, estimates: true, ..Streams::NONE }));
     // The reader stops in the middle of a frame.
     rig.set_room(30);
@@ -315,7 +315,7 @@ fn frames_that_a_stalled_link_does_not_take_are_counted_by_both_ends() {
 
 #[test]
 fn estimates_go_before_raw_samples() {
-    let mut rig = Rig::with(live());
+    let mut rig = TestDevice::with(live());
     rig.tell(Command::Streams(Streams { samples: true, estimates: true, ..Streams::NONE }));
     rig.set_room(100);
     // 1 kHz of raw samples are 6 KB/s; the host reads 3 KB/s.
@@ -340,7 +340,7 @@ fn estimates_go_before_raw_samples() {
 
 #[test]
 fn injected_samples_give_cores_estimates() {
-    let mut rig = Rig::new();
+    let mut rig = TestDevice::new();
     let samples = shaken(20_000);
     let mut records = rig.inject(&samples);
     assert_eq!(events(&records), [EventKind::SourceChanged(Source::Link), EventKind::EstimatorReset]);
@@ -362,7 +362,7 @@ fn injected_samples_give_cores_estimates() {
 
 #[test]
 fn the_final_estimate_of_an_injection_comes_without_the_stream() {
-    let mut rig = Rig::new();
+    let mut rig = TestDevice::new();
     rig.tell(Command::Streams(Streams::NONE));
     let samples = shaken(3_000);
     assert_eq!(estimates(&rig.inject(&samples)), []);
@@ -372,7 +372,7 @@ fn the_final_estimate_of_an_injection_comes_without_the_stream() {
 
 #[test]
 fn credit_holds_when_the_host_sends_ahead() {
-    let mut rig = Rig::new();
+    let mut rig = TestDevice::new();
     let samples = shaken(10_000);
     let (mut sent, mut accepted, mut free, mut ids) = (0usize, 0u32, 32u32, Vec::new());
     let mut records = Vec::new();
@@ -404,7 +404,7 @@ fn credit_holds_when_the_host_sends_ahead() {
 
 #[test]
 fn a_batch_beyond_the_credit_waits_for_room() {
-    let mut rig = Rig::new();
+    let mut rig = TestDevice::new();
     rig.inject(&shaken(32));
     // The host does not read: the estimator waits with its next estimate, and the queue fills.
     rig.set_room(0);
@@ -423,7 +423,7 @@ fn a_batch_beyond_the_credit_waits_for_room() {
 
 #[test]
 fn injected_nonsense_is_refused_whole() {
-    let mut rig = Rig::new();
+    let mut rig = TestDevice::new();
     // A batch that claims 33 samples; two samples with one sample's bytes; bytes left over.
     for bytes in [&[33, 1, 0][..], &[2, 4, 0, 0, 0, 0], &[0, 1, 0]] {
         let samples: Samples = postcard::from_bytes(bytes).unwrap();
@@ -434,7 +434,7 @@ fn injected_nonsense_is_refused_whole() {
 
 #[test]
 fn injection_takes_the_samplers_place_until_the_next_start() {
-    let mut rig = Rig::with(live());
+    let mut rig = TestDevice::with(live());
     let samples = shaken(4_000);
     rig.feed(&samples[..500]);
     rig.records();
@@ -457,7 +457,7 @@ fn injection_takes_the_samplers_place_until_the_next_start() {
 
 #[test]
 fn stop_halts_the_sampler_and_start_goes_on() {
-    let mut rig = Rig::new();
+    let mut rig = TestDevice::new();
     let samples = shaken(3_000);
     rig.script.push(samples[..1_000].iter().copied().map(Ok));
     rig.settle();
@@ -478,7 +478,7 @@ fn stop_halts_the_sampler_and_start_goes_on() {
 
 #[test]
 fn discontinuities_are_counted_over_resets() {
-    let mut rig = Rig::with(live());
+    let mut rig = TestDevice::with(live());
     let samples = shaken(2_000);
     let with_losses = samples.iter().filter(|sample| !matches!(sample.index, 500..530 | 900));
     rig.feed(with_losses);
@@ -493,7 +493,7 @@ fn discontinuities_are_counted_over_resets() {
 
 #[test]
 fn what_a_live_source_loses_is_counted_and_goes_on() {
-    let mut rig = Rig::with(live());
+    let mut rig = TestDevice::with(live());
     let samples = shaken(1_000);
     rig.feed(&samples[..100]);
     rig.script.push([Err(SourceError::Overrun)]);
@@ -507,7 +507,7 @@ fn what_a_live_source_loses_is_counted_and_goes_on() {
 
 #[test]
 fn a_burst_from_a_live_source_is_taken_whole() {
-    let mut rig = Rig::with(live());
+    let mut rig = TestDevice::with(live());
     rig.script.push(shaken(5_000).into_iter().map(Ok));
     let health = rig.health();
     assert_eq!((health.index, health.overruns, health.discontinuities), (4_999, 0, 0));
@@ -515,7 +515,7 @@ fn a_burst_from_a_live_source_is_taken_whole() {
 
 #[test]
 fn an_unreadable_source_is_said_and_left() {
-    let mut rig = Rig::with(live());
+    let mut rig = TestDevice::with(live());
     rig.script.push([Err(SourceError::Unreadable), Ok(RawSample::default())]);
     let records = rig.records();
     assert_eq!(events(&records), [EventKind::Fault(Fault::SourceUnreadable), EventKind::SourceEnded]);
@@ -527,7 +527,7 @@ fn an_unreadable_source_is_said_and_left() {
 
 #[test]
 fn tare_takes_the_present_force_as_zero() {
-    let mut rig = Rig::with(live());
+    let mut rig = TestDevice::with(live());
     let id = rig.send(Command::Tare);
     for index in 0..600 {
         let force_code = match index % 5 {
@@ -548,7 +548,7 @@ fn tare_takes_the_present_force_as_zero() {
 
 #[test]
 fn tare_without_samples_is_refused() {
-    let mut rig = Rig::new();
+    let mut rig = TestDevice::new();
     assert_eq!(rig.result(Command::Tare), Err(Refusal::NoSamples), "stopped");
     rig.inject(&shaken(32));
     assert_eq!(rig.result(Command::Tare), Err(Refusal::Busy), "injecting");
@@ -567,13 +567,13 @@ fn tare_without_samples_is_refused() {
 fn settings_outlive_a_restart() {
     let store = MemoryStore::default();
     let options = Options { store: store.clone(), ..Options::default() };
-    let mut rig = Rig::with(options.clone());
+    let mut rig = TestDevice::with(options.clone());
     rig.tell(write(&[("newtons_per_code", -0.01)]));
     rig.tell(Command::SaveSettings);
     assert_eq!(rig.result(Command::Reboot), Ok(Done::Plain));
     assert_eq!(rig.ended, Some(Ok(Restart::Reboot)));
     drop(rig);
-    let mut rig = Rig::with(options);
+    let mut rig = TestDevice::with(options);
     assert_eq!(rig.settings(), Settings { newtons_per_code: -0.01, ..Settings::default() });
     *store.error.borrow_mut() = Some(StoreError::Unreadable);
     assert_eq!(rig.result(Command::SaveSettings), Err(Refusal::Store));
@@ -582,7 +582,7 @@ fn settings_outlive_a_restart() {
 #[test]
 fn what_the_board_cannot_do_is_refused() {
     let identity = inerter_app::Identity { capabilities: Capabilities::NONE, ..IDENTITY };
-    let mut rig = Rig::with(Options { identity, ..Options::default() });
+    let mut rig = TestDevice::with(Options { identity, ..Options::default() });
     let samples = Samples::from_slice(&shaken(1)).0;
     for command in [
         Command::EnterDfu,
@@ -603,7 +603,7 @@ fn what_the_board_cannot_do_is_refused() {
 fn the_reply_to_a_restart_is_sent_before_it() {
     let identity = inerter_app::Identity { capabilities: Capabilities::DFU.with(Capabilities::REBOOT), ..IDENTITY };
     for (command, restart) in [(Command::Reboot, Restart::Reboot), (Command::EnterDfu, Restart::Dfu)] {
-        let mut rig = Rig::with(Options { identity, ..Options::default() });
+        let mut rig = TestDevice::with(Options { identity, ..Options::default() });
         rig.set_room(3);
         let id = rig.send(command);
         rig.pass(100);
@@ -616,7 +616,7 @@ fn the_reply_to_a_restart_is_sent_before_it() {
 
 #[test]
 fn nothing_behind_a_restart_is_obeyed() {
-    let mut rig = Rig::new();
+    let mut rig = TestDevice::new();
     // The link is full: the restart waits for its reply to go out.
     rig.set_room(3);
     let (id, mut bytes) = rig.request(Command::Reboot);
@@ -642,7 +642,7 @@ fn unknown_request(id: u8, command: u8) -> Vec<u8> {
 
 #[test]
 fn an_unknown_command_is_refused_by_its_id() {
-    let mut rig = Rig::new();
+    let mut rig = TestDevice::new();
     rig.send_bytes(&unknown_request(77, 100));
     assert_eq!(rig.records(), [Record::Reply(Reply { id: 77, result: Err(Refusal::Unsupported) })]);
 }
@@ -660,7 +660,7 @@ fn noise(seed: u32) -> impl Iterator<Item = u8> {
 
 #[test]
 fn garbage_on_the_link_does_nothing_but_count() {
-    let mut rig = Rig::new();
+    let mut rig = TestDevice::new();
     for seed in 0..300 {
         let length = 1 + seed as usize * 7 % 1_500;
         let garbage: Vec<u8> = noise(seed).take(length).collect();
@@ -676,7 +676,7 @@ fn garbage_on_the_link_does_nothing_but_count() {
 
 #[test]
 fn two_hosts_at_once_spoil_each_others_frames_and_nothing_else() {
-    let mut rig = Rig::new();
+    let mut rig = TestDevice::new();
     for seed in 0..200 {
         let (_, mut first) = rig.request(write(&[("memory_s", 10.0)]));
         let (_, mut second) = rig.request(Command::Streams(Streams::ALL));
@@ -702,7 +702,7 @@ fn two_hosts_at_once_spoil_each_others_frames_and_nothing_else() {
 
 #[test]
 fn a_link_that_comes_back_is_used_again() {
-    let mut rig = Rig::with(live());
+    let mut rig = TestDevice::with(live());
     rig.unplug(true);
     rig.script.push(shaken(3_000).into_iter().map(Ok));
     rig.pass(5_000);
@@ -717,7 +717,7 @@ fn a_link_that_comes_back_is_used_again() {
 #[test]
 fn invalid_default_settings_are_the_programmers_mistake_and_named() {
     let defaults = Settings { sample_rate_hz: 0.0, ..Settings::default() };
-    let mut rig = Rig::cold(Options { defaults, ..Options::default() });
+    let mut rig = TestDevice::cold(Options { defaults, ..Options::default() });
     rig.settle();
     let ended = rig.ended.take().unwrap().unwrap_err();
     assert!(ended.to_string().starts_with("sample_rate_hz"), "{ended}");

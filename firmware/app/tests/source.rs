@@ -7,7 +7,7 @@ use inerter_core::{FrontEnd, RawSample, Settings};
 use inerter_wire::{
     Command, Done, EventKind, Fault, Frame, Record, Refusal, Reply, SettingValue, SettingsValues, Source, Streams,
 };
-use rig::{Asked, Options, Rig, by_core, estimates, events, raw_samples, shaken};
+use rig::{Asked, Options, TestDevice, by_core, estimates, events, raw_samples, shaken};
 
 fn live() -> Options {
     Options { pace: Pace::Live, autostart: true, ..Options::default() }
@@ -42,7 +42,7 @@ fn at_rate(rate_hz: f64, index: u32, count: u32) -> Vec<RawSample> {
 
 #[test]
 fn the_source_takes_over_settings_before_its_first_sample_and_whenever_they_concern_it() {
-    let mut rig = Rig::with(live());
+    let mut rig = TestDevice::with(live());
     assert_eq!(rig.script.asked(), [Asked::Configure(1000.0, FrontEnd::Analogue)]);
     rig.tell(write(&[("memory_s", 10.0), ("newtons_per_code", 0.01)]));
     assert_eq!(rig.script.asked(), []);
@@ -63,7 +63,7 @@ fn the_source_takes_over_settings_before_its_first_sample_and_whenever_they_conc
 
 #[test]
 fn no_sample_of_the_old_rate_is_fed_under_the_new_settings() {
-    let mut rig = Rig::with(Options { pace: Pace::OnDemand, ..live() });
+    let mut rig = TestDevice::with(Options { pace: Pace::OnDemand, ..live() });
     rig.tell(Command::Streams(Streams { estimates: true, samples: true, ..Streams::NONE }));
     let (old, new) = (at_rate(1000.0, 0, 4_000), at_rate(4000.0, 5_000, 12_000));
     // The host reads slowly: the estimator waits, the queue is full, and a batch is on its way into it.
@@ -102,7 +102,7 @@ fn no_sample_of_the_old_rate_is_fed_under_the_new_settings() {
 
 #[test]
 fn no_batch_holds_samples_of_both_rates() {
-    let mut rig = Rig::with(live());
+    let mut rig = TestDevice::with(live());
     rig.tell(Command::Streams(Streams { samples: true, ..Streams::NONE }));
     let samples = shaken(20);
     rig.feed(&samples[..10]);
@@ -118,7 +118,7 @@ fn no_batch_holds_samples_of_both_rates() {
 
 #[test]
 fn a_source_that_does_not_come_up_is_put_back() {
-    let mut rig = Rig::with(live());
+    let mut rig = TestDevice::with(live());
     rig.script.asked();
     rig.script.answer([Err(SourceError::Unreadable)]);
     let (before, result, after) = rig.ask(write(&[("front_end", 1.0), ("memory_s", 10.0)]));
@@ -135,7 +135,7 @@ fn a_source_that_does_not_come_up_is_put_back() {
 
 #[test]
 fn a_source_that_is_lost_for_good_is_said_and_comes_back_with_start() {
-    let mut rig = Rig::with(live());
+    let mut rig = TestDevice::with(live());
     rig.script.answer([Err(SourceError::Unreadable); 2]);
     let (before, result, _) = rig.ask(write(&[("front_end", 1.0)]));
     assert_eq!(result, Err(Refusal::Source));
@@ -158,7 +158,7 @@ fn a_source_that_is_lost_for_good_is_said_and_comes_back_with_start() {
 
 #[test]
 fn the_rate_may_change_while_samples_are_injected() {
-    let mut rig = Rig::with(live());
+    let mut rig = TestDevice::with(live());
     let samples = shaken(4_000);
     rig.inject(&samples[..32]);
     rig.script.asked();
@@ -174,7 +174,7 @@ fn the_rate_may_change_while_samples_are_injected() {
 
 #[test]
 fn the_source_is_halted_with_the_sampler() {
-    let mut rig = Rig::with(live());
+    let mut rig = TestDevice::with(live());
     rig.script.asked();
     rig.tell(Command::Stop);
     assert_eq!(rig.script.asked(), [Asked::Halt]);
@@ -186,7 +186,7 @@ fn the_source_is_halted_with_the_sampler() {
 
 #[test]
 fn channels_that_ran_apart_count_as_an_overrun_and_are_said_once() {
-    let mut rig = Rig::with(live());
+    let mut rig = TestDevice::with(live());
     let samples = shaken(1_000);
     rig.feed(&samples[..100]);
     rig.script.push([Err(SourceError::Misaligned)]);

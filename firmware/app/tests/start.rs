@@ -8,7 +8,7 @@ use inerter_wire::{
     Capabilities, Command, Done, Event, EventKind, Fault, Frame, FrameReader, Hello, MAX_FRAME, Record, Refusal, Reply,
     ResetCause, SettingFault, SettingValue, SettingsValues, Source, encode_record,
 };
-use rig::{IDENTITY, MemoryStore, Options, Rig, events, shaken};
+use rig::{IDENTITY, MemoryStore, Options, TestDevice, events, shaken};
 
 fn with_store(store: &MemoryStore) -> Options {
     Options { store: store.clone(), ..Options::default() }
@@ -16,7 +16,7 @@ fn with_store(store: &MemoryStore) -> Options {
 
 /// What a device with this store says first.
 fn first_events(store: &MemoryStore) -> Vec<EventKind> {
-    events(&Rig::cold(with_store(store)).records())
+    events(&TestDevice::cold(with_store(store)).records())
 }
 
 fn after_power_on(fault: Fault) -> Vec<EventKind> {
@@ -50,7 +50,7 @@ fn what_the_store_cannot_give_is_said_and_kept_until_the_user_saves() {
     ] {
         let store = MemoryStore::default();
         *store.error.borrow_mut() = Some(error);
-        let mut rig = Rig::cold(with_store(&store));
+        let mut rig = TestDevice::cold(with_store(&store));
         assert_eq!(events(&rig.records()), after_power_on(fault));
         assert_eq!(rig.settings(), Settings::default());
         assert_eq!(*store.error.borrow(), Some(error), "left as it was");
@@ -66,7 +66,7 @@ fn settings_of_older_and_newer_firmware_are_used_as_far_as_they_are_known() {
     let pairs = [SettingValue { number: 0, value: 500.0 }, SettingValue { number: 47, value: 1.0 }];
     let store = MemoryStore::default();
     *store.saved.borrow_mut() = Some(SettingsValues(heapless::Vec::from_slice(&pairs).unwrap()));
-    let mut rig = Rig::with(with_store(&store));
+    let mut rig = TestDevice::with(with_store(&store));
     assert_eq!(rig.settings(), Settings { sample_rate_hz: 500.0, ..Settings::default() });
 }
 
@@ -83,7 +83,7 @@ const PICKY: Identity<'static> = Identity { accepts: three_rates, ..IDENTITY };
 
 #[test]
 fn what_the_board_does_not_offer_is_refused_before_anything_changes() {
-    let mut rig = Rig::with(Options { identity: PICKY, ..Options::default() });
+    let mut rig = TestDevice::with(Options { identity: PICKY, ..Options::default() });
     rig.script.asked();
     let write = |rate| {
         let values = [SettingValue { number: 17, value: 10.0 }, SettingValue { number: 0, value: rate }];
@@ -102,12 +102,12 @@ fn what_the_board_does_not_offer_is_refused_before_anything_changes() {
 fn saved_settings_that_the_board_does_not_offer_are_left() {
     let store = MemoryStore::default();
     *store.saved.borrow_mut() = Some(SettingsValues::from(&Settings { sample_rate_hz: 3000.0, ..Settings::default() }));
-    let mut rig = Rig::cold(Options { identity: PICKY, ..with_store(&store) });
+    let mut rig = TestDevice::cold(Options { identity: PICKY, ..with_store(&store) });
     assert_eq!(events(&rig.records()), after_power_on(Fault::SavedSettings));
     assert_eq!(rig.settings(), Settings::default());
     drop(rig);
     let defaults = Settings { sample_rate_hz: 3000.0, ..Settings::default() };
-    let mut rig = Rig::cold(Options { identity: PICKY, defaults, ..Options::default() });
+    let mut rig = TestDevice::cold(Options { identity: PICKY, defaults, ..Options::default() });
     rig.settle();
     let ended = rig.ended.take().unwrap().unwrap_err();
     assert_eq!(ended.to_string(), "sample_rate_hz: the board does not offer 3000, but 1000, 2000 and 4000");
@@ -119,7 +119,7 @@ fn a_factory_reset_forgets_what_was_saved_and_uses_the_boards_defaults() {
     let defaults = Settings { newtons_per_code: 0.004, ..Settings::default() };
     let options = Options { defaults, ..with_store(&store) };
     *store.saved.borrow_mut() = Some(SettingsValues::from(&Settings { skew_s: 1e-5, ..defaults }));
-    let mut rig = Rig::with(options.clone());
+    let mut rig = TestDevice::with(options.clone());
     assert_eq!(rig.settings().skew_s, 1e-5);
     let records = rig.tell(Command::FactoryReset);
     assert_eq!(events(&records), [EventKind::EstimatorReset, EventKind::SettingsChanged]);
@@ -141,7 +141,7 @@ fn a_factory_reset_forgets_what_was_saved_and_uses_the_boards_defaults() {
 fn what_ended_the_run_before_is_told() {
     let told = |start| {
         let identity = Identity { start, ..IDENTITY };
-        let mut records = Rig::cold(Options { identity, ..Options::default() }).records();
+        let mut records = TestDevice::cold(Options { identity, ..Options::default() }).records();
         assert!(matches!(records.remove(1), Record::Hello(_)));
         let mut kinds = events(&records);
         assert_eq!(kinds.remove(0), EventKind::Started);
@@ -189,9 +189,9 @@ fn messages(frames: impl IntoIterator<Item = Frame<Record>>) -> Vec<Record> {
 
 #[test]
 fn a_device_is_mute_until_a_host_says_something_valid() {
-    let mut rig = Rig::cold(crashed());
+    let mut rig = TestDevice::cold(crashed());
     let mut samples = shaken(20_000).into_iter();
-    let mut pass = |rig: &mut Rig| {
+    let mut pass = |rig: &mut TestDevice| {
         for sample in samples.by_ref().take(3_000) {
             rig.script.push([Ok(sample)]);
             rig.pass(1);
@@ -227,7 +227,7 @@ fn a_device_is_mute_until_a_host_says_something_valid() {
 
 #[test]
 fn the_next_host_is_told_nothing_old() {
-    let mut rig = Rig::cold(crashed());
+    let mut rig = TestDevice::cold(crashed());
     rig.app.link_state().set_open(true);
     assert_eq!(events(&rig.tell(Command::Hello)), story());
     for _ in 0..3 {
@@ -247,7 +247,7 @@ fn the_next_host_is_told_nothing_old() {
 
 #[test]
 fn a_host_that_leaves_before_it_was_told_leaves_the_story_to_the_next() {
-    let mut rig = Rig::cold(crashed());
+    let mut rig = TestDevice::cold(crashed());
     rig.app.link_state().set_open(true);
     // A few bytes of the story fit, then the host is gone.
     rig.set_room(20);
@@ -265,7 +265,7 @@ fn a_host_that_leaves_before_it_was_told_leaves_the_story_to_the_next() {
 
 #[test]
 fn a_host_after_one_that_did_not_read_has_its_time() {
-    let mut rig = Rig::cold(crashed());
+    let mut rig = TestDevice::cold(crashed());
     rig.app.link_state().set_open(true);
     rig.tell(Command::Hello);
     rig.set_room(0);
@@ -284,7 +284,7 @@ fn a_host_after_one_that_did_not_read_has_its_time() {
 
 #[test]
 fn a_request_on_the_uart_is_obeyed_while_usb_is_away_and_only_then() {
-    let mut rig = Rig::cold(crashed());
+    let mut rig = TestDevice::cold(crashed());
     let (_, hello) = rig.request(Command::Hello);
     rig.uart.0.put(&hello);
     rig.settle();
@@ -311,7 +311,7 @@ fn a_request_on_the_uart_is_obeyed_while_usb_is_away_and_only_then() {
 #[test]
 fn a_source_that_does_not_come_up_is_told_with_the_start() {
     let options = Options { configured: Err(SourceError::Unreadable), autostart: true, ..crashed() };
-    let mut rig = Rig::cold(options);
+    let mut rig = TestDevice::cold(options);
     rig.pass(1_000);
     rig.app.link_state().set_open(true);
     let mut expected = story();
@@ -321,6 +321,6 @@ fn a_source_that_does_not_come_up_is_told_with_the_start() {
     // A board without a sampler has nothing to miss.
     let identity = Identity { capabilities: Capabilities::NONE, ..IDENTITY };
     let configured = Err(SourceError::Unreadable);
-    let mut rig = Rig::cold(Options { identity, configured, ..Options::default() });
+    let mut rig = TestDevice::cold(Options { identity, configured, ..Options::default() });
     assert_eq!(events(&rig.records()), [EventKind::Started, EventKind::ResetBy(ResetCause::PowerOn)]);
 }

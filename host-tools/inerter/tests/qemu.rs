@@ -98,7 +98,7 @@ fn hands_load_the_cell_of_the_image_which_keeps_no_settings() {
     let folder = tempfile::tempdir().unwrap();
     let setup = Setup::new(Parameters::paper(), bench_sensors(), "hold", None, &Overrides::default()).unwrap();
     let mut qemu = booted(&setup, &image);
-    let bench = qemu.play_with_bench(&setup, 4.0).unwrap();
+    let bench = qemu.play_with_operator(&setup, 4.0).unwrap();
     let zero = ["calibrate", "zero", "--duration", "1", "--json", "--connect", qemu.name()];
     // Before anybody has measured for an hour.
     let words = fails(folder.path(), &[&zero[..], &["--write"]].concat(), 6);

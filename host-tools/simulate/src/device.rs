@@ -25,9 +25,9 @@ use inerter_plant::Sample;
 use inerter_wire::{Capabilities, ClockSource, SettingsValues};
 
 use crate::{
-    bench::{Bench, Handled},
     clock,
     error::SimulateError,
+    operator::{Handled, Operator},
     port::Port,
     setup::{Sampled, Setup, raw},
 };
@@ -60,8 +60,8 @@ impl VirtualDevice {
     }
 
     /// Starts a device at which hands are busy; the motion of the set-up is the first one.
-    pub fn with_bench(setup: &Setup, endpoint: &Endpoint, speed: f64) -> Result<(Self, Bench), SimulateError> {
-        let bench = Bench::new(setup);
+    pub fn with_operator(setup: &Setup, endpoint: &Endpoint, speed: f64) -> Result<(Self, Operator), SimulateError> {
+        let bench = Operator::new(setup);
         let samples = Handled::new(setup, bench.clone())?;
         Ok((Self::new(setup, endpoint, speed, true, Box::new(samples))?, bench))
     }

@@ -8,17 +8,17 @@
 // The app's queues need critical sections; this crate brings the implementation for a machine with threads.
 use critical_section as _;
 
-pub mod bench;
 mod clock;
 mod device;
 mod error;
 pub mod file;
+pub mod operator;
 mod port;
 mod qemu;
 mod setup;
 
-pub use bench::Bench;
 pub use device::{Endpoint, VirtualDevice};
 pub use error::SimulateError;
+pub use operator::Operator;
 pub use qemu::{END_OF_SAMPLES, Qemu, START_TIME, find_image, qemu_version, sample_bytes};
 pub use setup::{Samples, Setup, bench_sensors, calibrated, raw};

@@ -22,9 +22,9 @@ use inerter_core::RawSample;
 use inerter_plant::Sample;
 
 use crate::{
-    bench::{Bench, Handled},
     device::Endpoint,
     error::SimulateError,
+    operator::{Handled, Operator},
     setup::{Setup, raw},
 };
 
@@ -117,8 +117,8 @@ impl Qemu {
     }
 
     /// The same with hands at the device; the motion of the set-up is the first one.
-    pub fn play_with_bench(&mut self, setup: &Setup, speed: f64) -> Result<Bench, SimulateError> {
-        let bench = Bench::new(setup);
+    pub fn play_with_operator(&mut self, setup: &Setup, speed: f64) -> Result<Operator, SimulateError> {
+        let bench = Operator::new(setup);
         self.feed(Handled::new(setup, bench.clone())?, setup.settings.sample_rate_hz, speed);
         Ok(bench)
     }

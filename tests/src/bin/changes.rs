@@ -4,7 +4,7 @@
 use inerter_core::{Change, Changed, Settings, State};
 use inerter_plant::{Excitation, Parameters as Device, Plant, Simulation};
 use inerter_tests::{
-    grid::{self, Error, MOTIONS, Motion, RIGS, Rig},
+    grid::{self, Error, Instruments, MOTIONS, Motion, RIGS},
     sheet,
 };
 use std::{process::ExitCode, thread};
@@ -101,7 +101,7 @@ struct Row {
     good: bool,
 }
 
-fn row(device: &Device, motion: &Motion, rig: &Rig) -> Result<Row, Error> {
+fn row(device: &Device, motion: &Motion, rig: &Instruments) -> Result<Row, Error> {
     let (at_s, within_s) = if motion.is_slow() { (60.0, 60.0) } else { (10.0, 10.0) };
     let mut cells = vec![motion.name.to_owned()];
     let mut good = true;
@@ -148,7 +148,7 @@ fn row(device: &Device, motion: &Motion, rig: &Rig) -> Result<Row, Error> {
 }
 
 /// The changes found, each with its time \[s\].
-fn changes(plant: Plant, rig: &Rig, seed: u64, duration_s: f64) -> Result<Vec<(f64, Change)>, Error> {
+fn changes(plant: Plant, rig: &Instruments, seed: u64, duration_s: f64) -> Result<Vec<(f64, Change)>, Error> {
     let sensors = grid::instruments(rig, seed);
     let settings = Settings { memory_s: 30.0, ..grid::calibrated(plant.parameters(), &sensors) };
     let active = settings.validate()?;

@@ -184,7 +184,7 @@ pub fn with_probe(stream: &[u8]) -> Vec<u8> {
 /// Starts a device with blank flash, gives it `stream` and the probe, and waits for what is due.
 pub fn play(stream: &[u8], conditions: &Conditions) -> Played {
     let _clock = CLOCK.lock().unwrap_or_else(PoisonError::into_inner);
-    let mut bench = Bench::new(conditions);
+    let mut bench = FuzzedDevice::new(conditions);
     let bytes = with_probe(stream);
     let requests = Requests::read(&bytes);
     let elsewhere = request(1, Command::FactoryReset, 0);
@@ -209,7 +209,7 @@ pub fn play(stream: &[u8], conditions: &Conditions) -> Played {
 }
 
 /// The device and all that hangs on it.
-struct Bench {
+struct FuzzedDevice {
     device: Pin<Box<dyn Future<Output = Result<Restart, SettingsError>>>>,
     woken: Arc<Woken>,
     to_device: Rc<RefCell<VecDeque<u8>>>,
@@ -225,7 +225,7 @@ struct Bench {
     replies: Vec<u16>,
 }
 
-impl Bench {
+impl FuzzedDevice {
     fn new(conditions: &Conditions) -> Self {
         MockDriver::get().reset();
         let (to_device, to_idle, from_device) = (Rc::default(), Rc::default(), Rc::default());

@@ -79,7 +79,7 @@ impl Write for Pipe {
 }
 
 /// Two links, [in, out] each, and the device's end of them.
-struct Bench {
+struct LinkPair {
     state: &'static LinkState,
     usb: [Pipe; 2],
     uart: [Pipe; 2],
@@ -87,7 +87,7 @@ struct Bench {
     transmitter: LinkTransmitter<'static, Pipe, Pipe>,
 }
 
-impl Bench {
+impl LinkPair {
     fn new() -> Self {
         Self::of(Box::leak(Box::default()))
     }
@@ -148,7 +148,7 @@ fn whole(bytes: &[u8]) -> Vec<&[u8]> {
 
 #[test]
 fn the_first_link_is_in_use_while_its_port_is_open() {
-    let mut bench = Bench::new();
+    let mut bench = LinkPair::new();
     assert_eq!(bench.state.in_use(), Which::Second);
     bench.usb[0].put(b"nobody");
     bench.uart[0].put(b"uart");
@@ -169,7 +169,7 @@ fn the_first_link_is_in_use_while_its_port_is_open() {
 
 #[test]
 fn uart_noise_never_reaches_a_host_on_usb() {
-    let mut bench = Bench::heard();
+    let mut bench = LinkPair::heard();
     bench.read();
     for portion in 0..200u32 {
         let noise: Vec<u8> = (0..portion % 97).map(|place| (place * portion) as u8).collect();
@@ -185,7 +185,7 @@ fn uart_noise_never_reaches_a_host_on_usb() {
 
 #[test]
 fn a_reader_that_waits_learns_of_the_change() {
-    let mut bench = Bench::new();
+    let mut bench = LinkPair::new();
     let mut buffer = [1; 4];
     {
         let mut reading = pin!(bench.receiver.read(&mut buffer));
@@ -204,7 +204,7 @@ fn a_request_that_was_cut_by_the_change_spoils_no_other() {
     // Without its delimiter a request is whole; it is obeyed, but does not speak for the next session.
     for cut in 0..length {
         for open in [true, false] {
-            let mut bench = Bench::new();
+            let mut bench = LinkPair::new();
             bench.state.set_open(!open);
             let (before, after) = if open { (&bench.uart, &bench.usb) } else { (&bench.usb, &bench.uart) };
             let (before, after) = (before[0].clone(), after[0].clone());
@@ -231,7 +231,7 @@ fn a_request_that_was_cut_by_the_change_spoils_no_other() {
 
 #[test]
 fn stale_bytes_of_a_port_that_was_closed_are_dropped() {
-    let mut bench = Bench::heard();
+    let mut bench = LinkPair::heard();
     bench.usb[0].put(b"req");
     assert_eq!(bench.read(), b"req");
     bench.state.set_open(false);
@@ -245,7 +245,7 @@ fn stale_bytes_of_a_port_that_was_closed_are_dropped() {
 
 #[test]
 fn nothing_is_sent_before_the_host_has_spoken() {
-    let mut bench = Bench::new();
+    let mut bench = LinkPair::new();
     assert!(bench.state.is_mute());
     assert_eq!(bench.send(b"frame\0"), Err(ErrorKind::NotConnected));
     bench.state.set_open(true);
@@ -272,7 +272,7 @@ fn nothing_is_sent_before_the_host_has_spoken() {
 fn a_port_may_be_open_before_the_links_are_joined() {
     let state: &'static LinkState = Box::leak(Box::default());
     state.set_open(true);
-    let mut bench = Bench::of(state);
+    let mut bench = LinkPair::of(state);
     bench.speak();
     bench.send(b"frame\0").unwrap();
     assert_eq!(bench.usb[1].all(), b"frame\0");
@@ -287,7 +287,7 @@ fn a_single_link_is_never_mute() {
 
 #[test]
 fn a_port_that_opens_and_closes_without_end_leaves_no_torn_frame() {
-    let mut bench = Bench::heard();
+    let mut bench = LinkPair::heard();
     bench.read();
     let mut sent = 0;
     for round in 0..400usize {
@@ -313,7 +313,7 @@ fn a_change_in_the_middle_of_a_frame_tears_that_one_only() {
     let frame = b"0123456789\0";
     for cut in 0..=frame.len() {
         for open in [true, false] {
-            let mut bench = Bench::heard();
+            let mut bench = LinkPair::heard();
             bench.state.set_open(!open);
             bench.speak();
             bench.send(b"first\0").unwrap();
@@ -352,7 +352,7 @@ fn a_change_in_the_middle_of_a_frame_tears_that_one_only() {
     }
 }
 
-impl Bench {
+impl LinkPair {
     /// As [`send`](Self::send), to be polled.
     async fn send_from(&mut self, frame: &[u8]) -> Result<(), ErrorKind> {
         let mut left = frame;
@@ -367,7 +367,7 @@ impl Bench {
 /// Telemetry gives up on a frame, and begins the next one with a delimiter; the port was closed and opened meanwhile.
 #[test]
 fn a_frame_after_one_that_was_given_up_is_not_taken_for_its_rest() {
-    let mut bench = Bench::heard();
+    let mut bench = LinkPair::heard();
     bench.read();
     bench.usb[1].set_room(3);
     assert!(poll_once(bench.send_from(b"given up\0")).is_pending());
@@ -382,7 +382,7 @@ fn a_frame_after_one_that_was_given_up_is_not_taken_for_its_rest() {
 
 #[test]
 fn a_link_that_cannot_be_read_does_not_keep_the_other_from_being_read() {
-    let mut bench = Bench::new();
+    let mut bench = LinkPair::new();
     bench.usb[0].0.borrow_mut().broken = true;
     bench.uart[0].put(b"uart");
     assert_eq!(bench.read(), b"uart");

@@ -280,9 +280,9 @@ impl Store for MemoryStore {
     }
 }
 
-struct Bench;
+struct FixedFigures;
 
-impl Platform for Bench {
+impl Platform for FixedFigures {
     fn figures(&mut self) -> Figures {
         Figures { cpu_load_permille: Some(123), stack_free_bytes: Some(4567), temperature_c: Some(30.5) }
     }
@@ -337,7 +337,7 @@ impl Default for Options {
 }
 
 /// The device and the host's end of its link.
-pub struct Rig {
+pub struct TestDevice {
     pub app: &'static App,
     device: Pin<Box<dyn Future<Output = Result<Restart, SettingsError>>>>,
     woken: Arc<Woken>,
@@ -354,7 +354,7 @@ pub struct Rig {
     _clock: MutexGuard<'static, ()>,
 }
 
-impl Rig {
+impl TestDevice {
     /// A stopped device whose source can wait, past its first frames.
     pub fn new() -> Self {
         Self::with(Options::default())
@@ -383,11 +383,13 @@ impl Rig {
         let device: Pin<Box<dyn Future<Output = _>>> = if two_links {
             let (receiver, transmitter) = app.link_state().join(usb, uart.clone());
             let store = memory;
-            let board = Board { source, receiver, transmitter, store, platform: Bench, identity, defaults, autostart };
+            let board =
+                Board { source, receiver, transmitter, store, platform: FixedFigures, identity, defaults, autostart };
             Box::pin(run(app, state, board))
         } else {
             let ((receiver, transmitter), store) = (usb, memory);
-            let board = Board { source, receiver, transmitter, store, platform: Bench, identity, defaults, autostart };
+            let board =
+                Board { source, receiver, transmitter, store, platform: FixedFigures, identity, defaults, autostart };
             Box::pin(run(app, state, board))
         };
         let woken = Arc::new(Woken(AtomicBool::new(true)));

@@ -97,12 +97,12 @@ mod tests {
         Probe { name: "STLink V3".into(), vid: 0x0483, pid, serial, accessible: true }
     }
 
-    struct Bench {
+    struct FakeProbes {
         probes: Vec<Probe>,
         programmed: Vec<(String, String)>,
     }
 
-    impl Probes for Bench {
+    impl Probes for FakeProbes {
         fn list(&mut self) -> Result<Vec<Probe>, FlashError> {
             Ok(self.probes.clone())
         }
@@ -121,7 +121,7 @@ mod tests {
     }
 
     fn run(probes: Vec<Probe>, words: Option<&str>) -> (Result<Flashed, FlashError>, Vec<(String, String)>) {
-        let mut bench = Bench { probes, programmed: Vec::new() };
+        let mut bench = FakeProbes { probes, programmed: Vec::new() };
         let image = sample(3000, "inerter 0.1.0");
         let result = flash(&mut bench, words, crate::board::CHIP, &image, &mut |_| {}, &mut |_, _, _| {});
         (result, bench.programmed)

@@ -14,7 +14,7 @@ const OLD: &str = "inerter 0.0.9";
 const NEW: &str = "inerter 0.1.0";
 
 /// A bench with a device that runs, one in update mode, or both, and a clock that only `sleep` moves.
-struct Bench {
+struct FakeMachine {
     chip: Rc<RefCell<Chip>>,
     running: Option<Hello>,
     in_dfu: Vec<String>,
@@ -41,8 +41,8 @@ fn hello(serial: &str, firmware: &str) -> Hello {
     }
 }
 
-fn bench(running: Option<Hello>, in_dfu: &[&str]) -> Bench {
-    Bench {
+fn bench(running: Option<Hello>, in_dfu: &[&str]) -> FakeMachine {
+    FakeMachine {
         chip: Chip::new(),
         running,
         in_dfu: in_dfu.iter().map(ToString::to_string).collect(),
@@ -58,7 +58,7 @@ fn dfu_device(serial: &str) -> DfuDevice {
     DfuDevice { product: None, serial: serial.into(), vid: 0x0483, pid: 0xDF11 }
 }
 
-impl Machine for Bench {
+impl Machine for FakeMachine {
     type Io = MockIo;
 
     fn running(&mut self) -> Result<Option<Running>, UpdateError> {
@@ -111,7 +111,7 @@ impl Machine for Bench {
     }
 }
 
-fn run(bench: &mut Bench, serial: Option<&str>, told: &mut Vec<String>) -> Result<Back, UpdateError> {
+fn run(bench: &mut FakeMachine, serial: Option<&str>, told: &mut Vec<String>) -> Result<Back, UpdateError> {
     let mut tell = |event: UpdateEvent| {
         match event {
             UpdateEvent::Pages(..) => {}
@@ -124,7 +124,7 @@ fn run(bench: &mut Bench, serial: Option<&str>, told: &mut Vec<String>) -> Resul
     update(bench, &sample(9000, NEW), serial, false, &mut tell)
 }
 
-fn failure(bench: &mut Bench, serial: Option<&str>) -> UpdateError {
+fn failure(bench: &mut FakeMachine, serial: Option<&str>) -> UpdateError {
     match run(bench, serial, &mut Vec::new()) {
         Err(error) => error,
         other => panic!("{other:?}"),

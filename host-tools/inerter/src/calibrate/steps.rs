@@ -29,7 +29,7 @@ const PATIENCE_S: f64 = 20.0;
 const STAND_S: f64 = 1.0;
 
 /// A device, the person beside it, and the settings as they would be.
-pub struct Rig<'a, D: ?Sized> {
+pub struct Station<'a, D: ?Sized> {
     /// The device; nothing is written on it here.
     pub device: &'a mut Device,
     /// The person.
@@ -40,7 +40,7 @@ pub struct Rig<'a, D: ?Sized> {
     pub may_ask: bool,
 }
 
-impl<D: Dialogue + ?Sized> Rig<'_, D> {
+impl<D: Dialogue + ?Sized> Station<'_, D> {
     fn listen(&mut self, seconds: f64) -> Result<Heard, Error> {
         let dialogue = &mut *self.dialogue;
         let mut heard = Heard::listen(self.device, seconds, |done| dialogue.progress("listening", done))?;

@@ -21,7 +21,7 @@ use miette::Diagnostic;
 
 use super::{
     dialogue::{DEGREES, Dialogue, KILOGRAMS, MICROMETRES, MILLIMETRES, NEWTONS, PERCENT, PLAIN, PPM, number},
-    steps::{EncoderPlan, Rig},
+    steps::{EncoderPlan, Station},
 };
 use crate::error::Error;
 
@@ -35,7 +35,7 @@ const TIMEBASE_S: f64 = 60.0;
 
 /// The way through all steps.
 pub struct Wizard<'a, D: ?Sized> {
-    rig: Rig<'a, D>,
+    rig: Station<'a, D>,
     known: Known,
 }
 
@@ -50,7 +50,7 @@ impl<'a, D: Dialogue + ?Sized> Wizard<'a, D> {
     /// At this device, with this person.
     pub fn new(device: &'a mut Device, dialogue: &'a mut D) -> Self {
         let settings = *device.settings();
-        Self { rig: Rig { device, dialogue, settings, may_ask: true }, known: Known::default() }
+        Self { rig: Station { device, dialogue, settings, may_ask: true }, known: Known::default() }
     }
 
     /// What was accepted so far, by name: as it is on the device, and as it would be.
@@ -123,7 +123,7 @@ impl<'a, D: Dialogue + ?Sized> Wizard<'a, D> {
         &mut self,
         title: &str,
         about: &str,
-        mut body: impl FnMut(&mut Rig<'a, D>) -> Result<Finding, Error>,
+        mut body: impl FnMut(&mut Station<'a, D>) -> Result<Finding, Error>,
     ) -> Result<bool, Error> {
         self.say("");
         self.say(&format!("{title}. {about}"));
@@ -261,7 +261,7 @@ pub fn write(device: &mut Device, settings: &Settings) -> Result<(), Error> {
     Ok(())
 }
 
-fn loads<D: Dialogue + ?Sized>(rig: &mut Rig<'_, D>) -> Result<Finding, Error> {
+fn loads<D: Dialogue + ?Sized>(rig: &mut Station<'_, D>) -> Result<Finding, Error> {
     let sizes = loop {
         let question = "masses in kg (or forces: 50 N), smallest first, for example: 5 10";
         let answer = rig.dialogue.ask(question, "")?;
@@ -315,7 +315,7 @@ fn sizes(text: &str) -> Result<Vec<(f64, bool)>, Error> {
     Ok(sizes)
 }
 
-fn encoder<D: Dialogue + ?Sized>(rig: &mut Rig<'_, D>) -> Result<Finding, Error> {
+fn encoder<D: Dialogue + ?Sized>(rig: &mut Station<'_, D>) -> Result<Finding, Error> {
     let dialogue = &mut *rig.dialogue;
     let lines = dialogue.ask_number("lines per revolution by the encoder's label (empty: unknown)", "", PLAIN)?;
     let revolutions =

@@ -3,13 +3,13 @@ use std::collections::VecDeque;
 use inerter_data::settings::Overrides;
 use inerter_device::{Clock, Target};
 use inerter_plant::{Parameters, Sensors};
-use inerter_simulate::{Bench, Endpoint, Setup, VirtualDevice, bench_sensors};
+use inerter_simulate::{Endpoint, Operator, Setup, VirtualDevice, bench_sensors};
 
 use super::*;
 
 /// Somebody who does what he is told, at a bench of which he knows nothing but the labels.
 struct Technician {
-    bench: Bench,
+    bench: Operator,
     /// Where he stands on the gauge \[m\].
     gauge_m: f64,
     step: String,
@@ -21,7 +21,7 @@ struct Technician {
 }
 
 impl Technician {
-    fn new(bench: Bench, answers: &[(&'static str, &'static str)]) -> Self {
+    fn new(bench: Operator, answers: &[(&'static str, &'static str)]) -> Self {
         let answers = answers.iter().copied().collect();
         Self { bench, gauge_m: 0.0, step: String::new(), said: Vec::new(), answers, patience: usize::MAX }
     }
@@ -84,7 +84,7 @@ impl Dialogue for Technician {
 }
 
 /// A device whose settings are all wrong: scale and sign of the encoder, gain, zero, skew.
-fn bench() -> (VirtualDevice, Bench, Sensors) {
+fn bench() -> (VirtualDevice, Operator, Sensors) {
     let sensors = Sensors {
         force_gain: 1.02,
         force_zero_code: 300.0,
@@ -96,7 +96,7 @@ fn bench() -> (VirtualDevice, Bench, Sensors) {
     setup.settings.metres_per_count = 2.3e-6;
     setup.settings.force_zero_code = 0.0;
     setup.settings.skew_s = 0.0;
-    let (device, bench) = VirtualDevice::with_bench(&setup, &Endpoint::Tcp("127.0.0.1:0".into()), 20.0).unwrap();
+    let (device, bench) = VirtualDevice::with_operator(&setup, &Endpoint::Tcp("127.0.0.1:0".into()), 20.0).unwrap();
     (device, bench, sensors)
 }
 

@@ -316,7 +316,7 @@ mod tests {
     use super::*;
 
     #[derive(Parser)]
-    struct Rig {
+    struct Flags {
         #[command(subcommand)]
         command: Verb,
     }
@@ -344,11 +344,11 @@ mod tests {
         let path = folder.path().join("inerter.toml");
         std::fs::write(&path, text).unwrap();
         let typed: Vec<OsString> = ["inerter", "record"].iter().chain(typed).map(OsString::from).collect();
-        let words = apply(&Rig::command(), &path, &typed).map_err(|error| {
+        let words = apply(&Flags::command(), &path, &typed).map_err(|error| {
             let help = error.help().map(|help| help.to_string()).unwrap_or_default();
             format!("{error}; {help}").replace(&path.display().to_string(), "inerter.toml")
         })?;
-        Rig::try_parse_from(words).map(|rig| rig.command).map_err(|error| error.to_string())
+        Flags::try_parse_from(words).map(|rig| rig.command).map_err(|error| error.to_string())
     }
 
     #[test]

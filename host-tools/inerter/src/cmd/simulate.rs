@@ -15,7 +15,7 @@ use inerter_data::{
 use inerter_device::{DEFAULT_BAUD, Device, Target};
 use inerter_plant::{Excitation, Parameters, Sensors};
 use inerter_simulate::{
-    Bench, Endpoint, Qemu, START_TIME, Setup, SimulateError, VirtualDevice, bench_sensors, file, find_image,
+    Endpoint, Operator, Qemu, START_TIME, Setup, SimulateError, VirtualDevice, bench_sensors, file, find_image,
 };
 use miette::Diagnostic;
 use serde_json::json;
@@ -292,7 +292,7 @@ fn live(args: &Args, setup: &Setup, endpoint: &Endpoint) -> Result<(), Error> {
     let (mut running, bench) = match (&image, args.bench) {
         (Some(image), true) => {
             let mut qemu = in_qemu(setup, image, endpoint)?;
-            let bench = qemu.play_with_bench(setup, args.speed)?;
+            let bench = qemu.play_with_operator(setup, args.speed)?;
             (Running::Qemu(qemu), Some(bench))
         }
         (Some(image), false) => {
@@ -301,7 +301,7 @@ fn live(args: &Args, setup: &Setup, endpoint: &Endpoint) -> Result<(), Error> {
             (Running::Qemu(qemu), None)
         }
         (None, true) => {
-            let (device, bench) = VirtualDevice::with_bench(setup, endpoint, args.speed)?;
+            let (device, bench) = VirtualDevice::with_operator(setup, endpoint, args.speed)?;
             (Running::Virtual(device), Some(bench))
         }
         (None, false) => {
@@ -342,7 +342,7 @@ fn live(args: &Args, setup: &Setup, endpoint: &Endpoint) -> Result<(), Error> {
 }
 
 /// Does what standard input says until it ends.
-fn listen_to(bench: &Bench) {
+fn listen_to(bench: &Operator) {
     for line in std::io::stdin().lines().map_while(Result::ok).filter(|line| !line.trim().is_empty()) {
         if let Err(error) = bench.obey(&line) {
             terminal::note(format!("{error}; {}", error.help().map(|help| help.to_string()).unwrap_or_default()));

@@ -3,7 +3,7 @@
 use inerter_plant::Parameters as Device;
 use inerter_tests::{
     backlash::{self, BACKLASHES_M, Cell, Column, goal, sensed_goal},
-    grid::{self, Error, MOTIONS, Motion, Rig},
+    grid::{self, Error, Instruments, MOTIONS, Motion},
     sheet::{line, mean, significant},
 };
 
@@ -27,7 +27,7 @@ struct Row {
 }
 
 /// Measures every backlash in every motion on this rig.
-pub fn section(rig: &Rig, seeds: u64) -> Result<Section, Error> {
+pub fn section(rig: &Instruments, seeds: u64) -> Result<Section, Error> {
     eprintln!("{}: backlash", rig.name);
     let mut rows = Vec::new();
     for motion in &MOTIONS {

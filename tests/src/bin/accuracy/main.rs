@@ -10,7 +10,7 @@ mod table;
 use inerter_plant::Parameters as Device;
 use inerter_tests::{
     bound,
-    grid::{self, Cell, Error, MOTIONS, RIGS, Rig, TWO_CLOCKS},
+    grid::{self, Cell, Error, Instruments, MOTIONS, RIGS, TWO_CLOCKS},
     sheet,
 };
 use std::process::ExitCode;
@@ -66,7 +66,7 @@ fn run() -> Result<bool, Error> {
     Ok(sheet::conclude("accuracy", &text, 2, update)? && holds)
 }
 
-fn section(device: &Device, rig: &Rig, name: &str, note: &'static str) -> Result<Section, Error> {
+fn section(device: &Device, rig: &Instruments, name: &str, note: &'static str) -> Result<Section, Error> {
     // What is not understood to the end has no goals.
     let with_goals = note.is_empty();
     let mut rows = Vec::new();

@@ -17,7 +17,7 @@ use super::{
 };
 use crate::{
     Error,
-    calibrate::{steps::Rig, wizard},
+    calibrate::{steps::Station, wizard},
 };
 
 /// What every step at a device takes.
@@ -87,13 +87,13 @@ pub fn connect(args: &StepArgs) -> Result<Device, Error> {
 /// Does a step at a device, tells what was found, and keeps it where that is wanted.
 pub fn at_device(
     args: &StepArgs,
-    step: impl FnOnce(&mut Rig<'_, Person>) -> Result<Finding, Error>,
+    step: impl FnOnce(&mut Station<'_, Person>) -> Result<Finding, Error>,
 ) -> Result<(), Error> {
     let mut device = connect(args)?;
     let mut person = Person::new(args.json);
     let settings = *device.settings();
     let may_ask = Person::is_there() && !args.json;
-    let finding = step(&mut Rig { device: &mut device, dialogue: &mut person, settings, may_ask })?;
+    let finding = step(&mut Station { device: &mut device, dialogue: &mut person, settings, may_ask })?;
     let written = args.write && finding.is_good() && finding.has_settings();
     if written {
         let settings =

@@ -16,9 +16,9 @@ pub const GRAVITY_M_PER_S2: f64 = 9.80665;
 /// Speed of the hands \[m/s\].
 const SPEED_M_PER_S: f64 = 0.02;
 
-/// A handle on the hands; clones are of the same ones.
+/// The person at a simulated device; clones are the same one.
 #[derive(Clone)]
-pub struct Bench {
+pub struct Operator {
     orders: Arc<Mutex<Orders>>,
     lead_m: f64,
     seed: u64,
@@ -30,8 +30,8 @@ struct Orders {
     plant: Option<Plant>,
 }
 
-impl Bench {
-    /// Hands at the device of this set-up.
+impl Operator {
+    /// At the device of this set-up.
     pub(super) fn new(setup: &Setup) -> Self {
         let hands = Hands { load_n: setup.load_n, moved_m: 0.0 };
         let orders = Orders { hands, parameters: setup.parameters, plant: None };
@@ -80,13 +80,13 @@ impl Bench {
 /// Samples of a device with hands at it.
 pub(super) struct Handled {
     simulation: Simulation,
-    bench: Bench,
+    bench: Operator,
     moved_m: f64,
 }
 
 impl Handled {
     /// The device of this set-up, whose motion is the first one.
-    pub fn new(setup: &Setup, bench: Bench) -> Result<Self, SimulateError> {
+    pub fn new(setup: &Setup, bench: Operator) -> Result<Self, SimulateError> {
         Ok(Self { simulation: setup.simulation()?, bench, moved_m: 0.0 })
     }
 }
@@ -127,7 +127,7 @@ mod tests {
         let sensors = inerter_plant::Sensors { force_noise_n: 0.0, ..bench_sensors() };
         let setup = Setup::new(Parameters::paper(), sensors, "hold", None, &Overrides::default()).unwrap();
         let setup = Setup { load_n: 3.0, ..setup };
-        let bench = Bench::new(&setup);
+        let bench = Operator::new(&setup);
         let mut samples = Handled::new(&setup, bench.clone()).unwrap();
         let mut after = |count: usize| samples.by_ref().nth(count).unwrap();
         assert_eq!(after(0).force_code, 1500);
