@@ -1,9 +1,9 @@
-//! What an estimator says, wherever it runs, and where on the sample counter it said it.
+//! Events of an estimator, in a device or in a replay, and steps of the sample counter.
 
 use crate::{Event, EventKind, Record};
 use inerter_core::{Change, Detail, Estimate, Reversal};
 
-/// What an estimator says: the one in a device, or the one that replays a recording.
+/// An event of an estimator: of the one in a device, or of the one that replays a recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum EstimatorEvent {
     /// A reversal of the flanks was accepted.
@@ -15,7 +15,7 @@ pub enum EstimatorEvent {
 }
 
 impl EstimatorEvent {
-    /// Index of the sample that it speaks of: of a reversal the middle of the flight, which came before.
+    /// Index of the sample that the event belongs to. For a reversal it is the middle of the flight, before the latest sample.
     pub fn index(&self) -> u32 {
         match self {
             Self::Reversal(reversal) => reversal.index,
@@ -42,7 +42,7 @@ impl Pairing {
         Self { waiting: None }
     }
 
-    /// Takes the next record of one device; gives what is complete with it, in the order in which the estimator said it.
+    /// Takes the next record of one device; gives the events that are complete with it, in the order in which the device sent them.
     pub fn take(&mut self, record: &Record) -> impl Iterator<Item = EstimatorEvent> + use<> {
         let events = match record {
             Record::Estimate(estimate) => {

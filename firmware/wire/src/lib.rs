@@ -9,7 +9,7 @@
 //! - [`Samples`], [`SamplesBuilder`]: batches of raw samples in few bytes.
 //! - [`SettingsValues`]: settings as numbered values, so that old and new ends understand each other.
 //! - [`Crc32`]: the checksum of frames, also for what a device keeps.
-//! - [`EstimatorEvent`]: what an estimator says, here or in a device; [`Pairing`] makes it from records.
+//! - [`EstimatorEvent`]: an event of an estimator, in a replay or in a device; [`Pairing`] makes events from records.
 //! - [`catalogue`]: name, label, symbol and unit of every number that a view can show.
 //! - [`protocol`]: the tables of records and commands that the documents are made from.
 //!
