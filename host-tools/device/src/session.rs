@@ -106,16 +106,21 @@ impl Device {
         Ok(device)
     }
 
-    /// Connects to a device that is just starting, for up to `patience`; `alive` fails when waiting is of no use any more.
+    /// Connects to a device that is just starting, for up to `patience`, and gives it these settings; `alive` fails when
+    /// waiting is of no use any more.
     pub fn connect_starting<E: From<DeviceError>>(
         target: &Target,
         patience: Duration,
+        settings: &Settings,
         mut alive: impl FnMut() -> Result<(), E>,
     ) -> Result<Self, E> {
         let started = Instant::now();
         loop {
             match Self::connect(target, Clock::new()) {
-                Ok(device) => return Ok(device),
+                Ok(mut device) => {
+                    device.write_settings(settings)?;
+                    return Ok(device);
+                }
                 Err(error) => {
                     alive()?;
                     // A pseudo-terminal goes with the program that made it, which may not have ended yet.

@@ -31,8 +31,7 @@ fn booted(setup: &Setup, image: &std::path::Path) -> Qemu {
     let mut qemu = Qemu::boot(image, &Endpoint::Tcp("127.0.0.1:0".into())).unwrap();
     let target = Target::Tcp { address: qemu.name().into() };
     let alive = || Ok::<(), Box<dyn std::error::Error>>(qemu.check()?);
-    let mut device = Device::connect_starting(&target, START_TIME, alive).unwrap();
-    device.write_settings(&setup.settings).unwrap();
+    Device::connect_starting(&target, START_TIME, &setup.settings, alive).unwrap();
     qemu
 }
 

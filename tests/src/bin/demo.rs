@@ -112,10 +112,8 @@ fn shake(test: &Test, device: Device, speed: f64, image: &Path, folder: &Path) -
     let setup = Setup::new(device, bench_sensors(), test.motion, Some(test.seconds), &Overrides::default())?;
     let mut qemu = Qemu::boot(image, &Endpoint::Tcp("127.0.0.1:0".into()))?;
     let target = inerter_device::Target::Tcp { address: qemu.name().to_owned() };
-    let mut connected =
-        inerter_device::Device::connect_starting(&target, START_TIME, || Ok::<(), Error>(qemu.check()?))?;
-    connected.write_settings(&setup.settings)?;
-    drop(connected);
+    let alive = || Ok::<(), Error>(qemu.check()?);
+    drop(inerter_device::Device::connect_starting(&target, START_TIME, &setup.settings, alive)?);
     let mut live = Live::connect(target, Streams::ALL, Duration::ZERO)?;
 
     let recording = folder.join(test.name).with_extension("mcap");

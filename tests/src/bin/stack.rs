@@ -37,8 +37,8 @@ fn measure() -> Result<u32, Box<dyn Error>> {
     let image = find_image(None)?;
     let mut qemu = Qemu::boot(&image, &Endpoint::Tcp("127.0.0.1:0".into()))?;
     let target = Target::Tcp { address: qemu.name().to_owned() };
-    let mut device = Device::connect_starting(&target, START_TIME, || Ok::<(), Box<dyn Error>>(qemu.check()?))?;
-    device.write_settings(&setup.settings)?;
+    let alive = || Ok::<(), Box<dyn Error>>(qemu.check()?);
+    let mut device = Device::connect_starting(&target, START_TIME, &setup.settings, alive)?;
     device.start_sampler()?;
     qemu.play(&setup, SPEED)?;
     device.stream(Streams::ALL)?;

@@ -280,9 +280,8 @@ fn in_qemu(setup: &Setup, image: &Path, endpoint: &Endpoint) -> Result<Qemu, Err
         Endpoint::Tcp(_) => Target::Tcp { address: name },
         Endpoint::Pty => Target::Port { port: name, baud: DEFAULT_BAUD },
     };
-    let mut device = Device::connect_starting(&target, START_TIME, || qemu.check().map_err(Error::from))?;
-    device.write_settings(&setup.settings)?;
-    device.start_sampler()?;
+    let alive = || qemu.check().map_err(Error::from);
+    Device::connect_starting(&target, START_TIME, &setup.settings, alive)?.start_sampler()?;
     Ok(qemu)
 }
 
