@@ -18,30 +18,14 @@ use crate::monitor::MonitorError;
 /// Any failure, with help for a person.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 pub enum Error {
-    /// A CSV file cannot be used.
+    /// A file cannot be used or written, settings do not fit it, or the user pressed Ctrl-C before the work was done.
     #[error(transparent)]
     #[diagnostic(transparent)]
-    Csv(#[from] Box<CsvError>),
-    /// A recording cannot be used.
-    #[error(transparent)]
-    #[diagnostic(transparent)]
-    Recording(#[from] RecordingError),
-    /// A setting is unknown, or its value cannot be.
-    #[error(transparent)]
-    #[diagnostic(transparent)]
-    Settings(#[from] SettingsInputError),
+    Data(#[from] inerter_data::Error),
     /// The device cannot be reached, or what it says cannot be used.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Device(#[from] DeviceError),
-    /// Something cannot be written.
-    #[error(transparent)]
-    #[diagnostic(transparent)]
-    Output(#[from] OutputError),
-    /// The user pressed Ctrl-C where the work could not be finished early.
-    #[error("interrupted")]
-    #[diagnostic(code(inerter::interrupted), help("nothing was left half done; start again when you like"))]
-    Interrupted,
     /// This machine cannot use a device that is there.
     #[error("{} found", plural(*problems as u64, "problem"))]
     #[diagnostic(code(inerter::doctor), help("each one says above what to do"))]
@@ -95,28 +79,25 @@ pub enum Error {
     Flash(#[from] FlashError),
 }
 
-impl From<CsvError> for Error {
-    fn from(error: CsvError) -> Self {
-        Self::Csv(Box::new(error))
-    }
+/// Failures of `inerter-data` by way of its own enum.
+macro_rules! from_data {
+    ($($error:ty),*) => {$(
+        impl From<$error> for Error {
+            fn from(error: $error) -> Self {
+                Self::Data(error.into())
+            }
+        }
+    )*};
 }
 
-impl From<inerter_data::Error> for Error {
-    fn from(error: inerter_data::Error) -> Self {
-        use inerter_data::Error;
-        match error {
-            Error::Csv(error) => Self::Csv(error),
-            Error::Recording(error) => Self::Recording(error),
-            Error::Settings(error) => Self::Settings(error),
-            Error::Output(error) => Self::Output(error),
-            Error::Interrupted => Self::Interrupted,
-        }
-    }
-}
+from_data!(CsvError, RecordingError, SettingsInputError, OutputError);
 
 impl Error {
+    /// The user pressed Ctrl-C where the work could not be finished early.
+    pub const INTERRUPTED: Self = Self::Data(inerter_data::Error::Interrupted);
+
     /// True when whoever read our output has gone away, which is no fault: `inerter replay run.csv | head`.
     pub fn is_broken_pipe(&self) -> bool {
-        matches!(self, Self::Output(OutputError::Write { source, .. }) if source.kind() == std::io::ErrorKind::BrokenPipe)
+        matches!(self, Self::Data(inerter_data::Error::Output(OutputError::Write { source, .. })) if source.kind() == std::io::ErrorKind::BrokenPipe)
     }
 }

@@ -34,11 +34,8 @@ pub const INTERRUPTED: u8 = 130;
 /// The code that the program ends with after this failure.
 pub fn code(error: &Error) -> u8 {
     match error {
-        Error::Csv(_) | Error::Image(_) => INPUT,
-        Error::Recording(error) => recording(error),
-        Error::Settings(error) => settings(error),
-        Error::Output(_) => OUTPUT,
-        Error::Interrupted => INTERRUPTED,
+        Error::Data(error) => data(error),
+        Error::Image(_) => INPUT,
         Error::Doctor { .. } => NO_DEVICE,
         Error::Backup(_) => SETTINGS,
         Error::Contact(_) => NOT_SHOWN,

@@ -61,7 +61,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     };
     let advance = |taken| {
         progress.set(taken);
-        if interrupted() { Err(Error::Interrupted) } else { Ok(()) }
+        if interrupted() { Err(Error::INTERRUPTED) } else { Ok(()) }
     };
     let injection = Injection { settings: &run.settings, samples: &run.samples, start_s: run.start_s };
     let injected = inject_all(&mut device, &injection, publish, advance)?;

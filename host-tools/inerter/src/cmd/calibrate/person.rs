@@ -64,7 +64,7 @@ impl Dialogue for Person {
         }
         loop {
             if terminal::interrupted() {
-                return Err(Error::Interrupted);
+                return Err(Error::INTERRUPTED);
             }
             match lines.recv_timeout(LOOK) {
                 Ok(answer) if answer.trim().is_empty() => return Ok(default.into()),
@@ -78,7 +78,7 @@ impl Dialogue for Person {
     fn progress(&mut self, label: &'static str, fraction: f64) -> Result<(), Error> {
         if terminal::interrupted() {
             self.done();
-            return Err(Error::Interrupted);
+            return Err(Error::INTERRUPTED);
         }
         if fraction >= 1.0 {
             self.done();
