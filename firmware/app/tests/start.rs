@@ -1,8 +1,11 @@
 //! How a run begins: saved settings, what ended the run before, and who is told of it.
 
+mod flash;
 mod rig;
 
-use inerter_app::{Identity, Pace, SourceError, Start, StoreError};
+use embassy_futures::block_on;
+use flash::{Flash, RANGE};
+use inerter_app::{FlashStore, Identity, Pace, SourceError, Start, Store, StoreError};
 use inerter_core::{Settings, SettingsError};
 use inerter_wire::{
     Capabilities, Command, Done, Event, EventKind, Fault, Frame, FrameReader, Hello, MAX_FRAME, Record, Refusal, Reply,
@@ -61,13 +64,47 @@ fn what_the_store_cannot_give_is_said_and_kept_until_the_user_saves() {
     }
 }
 
+/// What the flash gives back of what was saved in it.
+fn kept(flash: &Flash, settings: &SettingsValues) -> SettingsValues {
+    block_on(FlashStore::new(flash.clone(), RANGE).save(settings)).unwrap();
+    block_on(FlashStore::new(flash.clone(), RANGE).load()).unwrap().unwrap()
+}
+
 #[test]
-fn settings_of_older_and_newer_firmware_are_used_as_far_as_they_are_known() {
-    let pairs = [SettingValue { number: 0, value: 500.0 }, SettingValue { number: 47, value: 1.0 }];
-    let store = MemoryStore::default();
-    *store.saved.borrow_mut() = Some(SettingsValues(heapless::Vec::from_slice(&pairs).unwrap()));
-    let mut rig = TestDevice::with(with_store(&store));
-    assert_eq!(rig.settings(), Settings { sample_rate_hz: 500.0, ..Settings::default() });
+fn saved_settings_outlive_an_update_a_downgrade_and_an_update_again() {
+    let (flash, store) = (Flash::blank(), MemoryStore::default());
+    let used = Settings { sample_rate_hz: 500.0, memory_s: 12.0, ..Settings::default() };
+    let first = SettingsValues(SettingsValues::from(&used).0.into_iter().take(20).collect());
+    let later = SettingValue { number: 47, value: 1.0 };
+
+    // The first firmware knew 20 settings; this one takes the others from its defaults, and saves them all.
+    *store.saved.borrow_mut() = Some(kept(&flash, &first));
+    let mut updated = TestDevice::cold(with_store(&store));
+    assert_eq!(events(&updated.records()), [EventKind::Started, EventKind::ResetBy(ResetCause::PowerOn)]);
+    assert_eq!(updated.settings(), used);
+    let changed = Settings { terminal_sensor: true, ..used };
+    updated.tell(Command::WriteSettings(SettingsValues::difference(&changed, &used)));
+    updated.tell(Command::SaveSettings);
+    drop(updated);
+
+    // A later one knew one more; after the downgrade it is left out, and stays saved.
+    let mut saved = kept(&flash, store.saved.borrow().as_ref().unwrap());
+    saved.0.push(later).unwrap();
+    *store.saved.borrow_mut() = Some(kept(&flash, &saved));
+    let mut downgraded = TestDevice::cold(with_store(&store));
+    assert_eq!(events(&downgraded.records()), [EventKind::Started, EventKind::ResetBy(ResetCause::PowerOn)]);
+    assert_eq!(downgraded.settings(), changed);
+    assert_eq!(*store.saved.borrow(), Some(saved.clone()), "the later firmware finds its own when it comes back");
+
+    // What this one saves is all that is left of them.
+    downgraded.tell(Command::WriteSettings(SettingsValues::difference(&used, &changed)));
+    downgraded.tell(Command::SaveSettings);
+    assert_eq!(*store.saved.borrow(), Some(SettingsValues::from(&used)));
+    drop(downgraded);
+
+    // The first firmware reads it as far as it knows it: by number, at the beginning of the list.
+    let left = kept(&flash, store.saved.borrow().as_ref().unwrap());
+    assert_eq!(left.0.get(..20), first.0.get(..));
 }
 
 /// A board of three rates.
