@@ -94,10 +94,14 @@ impl Parameter {
         self.known().map(|known| known.value)
     }
 
-    /// Half width of the 95 % interval. Of what is not identifiable it is more than its value allows, or infinite; before the
-    /// first fit it is 0.
+    /// Half width of the 95 % interval. Of what is not identifiable it is more than its value allows, or infinite, as before
+    /// the first fit.
     pub const fn u95(&self) -> f32 {
-        self.fitted().u95
+        match *self {
+            // The serialised form of what nothing has been fitted to: no interval is that narrow.
+            Self::NotIdentifiable(Unresolved(Interval { u95: 0.0, .. })) => f32::INFINITY,
+            _ => self.fitted().u95,
+        }
     }
 
     /// Which of the three it is.
