@@ -7,7 +7,7 @@ use inerter_core::{
     Regime, Route, Settings, Status,
 };
 use inerter_wire::{
-    EventKind, ResetCause,
+    EventKind, Reading, ResetCause,
     catalogue::{self, Field, Group},
 };
 
@@ -124,6 +124,17 @@ pub fn row(t_s: f64, estimate: &Estimate, detail: Option<&Detail>) -> String {
 /// Time from the first sample since the reset to the one of this estimate \[s\].
 pub fn elapsed_s(estimate: &Estimate, rate_hz: f64) -> f64 {
     estimate.elapsed_samples.saturating_sub(1) as f64 / rate_hz
+}
+
+/// What to say where a device sends other settings than this program knows.
+pub fn settings_note(reading: &Reading) -> Option<String> {
+    let words = |count: usize, age, what| {
+        (count > 0)
+            .then(|| format!("the firmware is {age} than this program: {} {what}", plural(count as u64, "setting")))
+    };
+    let unknown = words(reading.unknown, "newer", "not known here, left out");
+    let missing = words(reading.missing, "older", "missing, here the defaults");
+    unknown.into_iter().chain(missing).reduce(|unknown, missing| format!("{unknown}; {missing}"))
 }
 
 /// An event for a person.

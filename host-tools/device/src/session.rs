@@ -8,7 +8,7 @@ use std::{
 
 use inerter_core::Settings;
 use inerter_wire::{
-    Capabilities, Command, Counts, DELIMITER, Done, Frame, FrameReader, Hello, MAX_FRAME, Record, Request,
+    Capabilities, Command, Counts, DELIMITER, Done, Frame, FrameReader, Hello, MAX_FRAME, Reading, Record, Request,
     SequenceCounter, Streams, encode_request,
 };
 
@@ -68,7 +68,7 @@ pub struct Device {
     link: Link,
     name: String,
     hello: Hello,
-    settings: Settings,
+    reading: Reading,
     talk: Talk,
 }
 
@@ -101,7 +101,8 @@ impl Device {
             clock: inerter_wire::ClockSource::Internal,
             capabilities: Capabilities::NONE,
         };
-        let mut device = Self { link, name, hello, settings: Settings::default(), talk };
+        let reading = Reading { settings: Settings::default(), unknown: 0, missing: 0 };
+        let mut device = Self { link, name, hello, reading, talk };
         device.handshake()?;
         Ok(device)
     }
@@ -147,7 +148,12 @@ impl Device {
 
     /// The settings in use.
     pub fn settings(&self) -> &Settings {
-        &self.settings
+        &self.reading.settings
+    }
+
+    /// The settings in use, and how many the device has more or fewer than this program knows.
+    pub fn reading(&self) -> &Reading {
+        &self.reading
     }
 
     /// The port or address.
@@ -224,10 +230,10 @@ impl Device {
 
     /// Puts other settings in use.
     pub fn write_settings(&mut self, settings: &Settings) -> Result<(), DeviceError> {
-        let values = inerter_wire::SettingsValues::difference(settings, &self.settings);
+        let values = inerter_wire::SettingsValues::difference(settings, self.settings());
         if !values.0.is_empty() {
             self.request("the settings", Command::WriteSettings(values))?;
-            self.settings = *settings;
+            self.reading.settings = *settings;
         }
         Ok(())
     }
@@ -261,9 +267,8 @@ impl Device {
         // The last one: an earlier one may tell of a change before.
         let values = self.talk.queue.range(before..).rev().find_map(|received| message(received, as_settings));
         let values = values.ok_or_else(|| self.silent(REPLY_TIME))?;
-        let settings = values.read(&Settings::default());
-        let settings = settings.map_err(|source| DeviceError::Settings { name: self.name.clone(), source })?;
-        self.settings = settings.settings;
+        let reading = values.read(&Settings::default());
+        self.reading = reading.map_err(|source| DeviceError::Settings { name: self.name.clone(), source })?;
         Ok(())
     }
 
@@ -288,7 +293,7 @@ impl Device {
         // Pages are erased, each within 25 ms, and the sampler may start anew.
         self.request_within("to erase its settings", Command::FactoryReset, ERASE_TIME)?;
         self.read_settings()?;
-        Ok(&self.settings)
+        Ok(self.settings())
     }
 
     /// Sends a command without waiting; gives the id that its reply will carry.

@@ -20,7 +20,7 @@ use crate::{
     error::Error,
     run::Run,
     settings::Overrides,
-    text::{event_words, is_trouble},
+    text::{event_words, is_trouble, settings_note},
     words::plural,
 };
 
@@ -309,8 +309,11 @@ fn append(queue: &mut VecDeque<RawSample>, batch: &Samples) -> bool {
 
 /// Settings from the metadata, or else from the first Settings record.
 fn settings(file: &str, contents: &Contents, records: &[SettingsValues], notes: &mut Vec<String>) -> Option<Settings> {
-    let recorded =
-        records.first().and_then(|values| values.read(&Settings::default()).ok()).map(|reading| reading.settings);
+    let reading = records.first().and_then(|values| values.read(&Settings::default()).ok());
+    // What an older firmware does not send has its default in every recording of it: no news.
+    let newer = reading.as_ref().filter(|reading| reading.unknown > 0);
+    notes.extend(newer.and_then(settings_note).map(|note| format!("{file}: {note}")));
+    let recorded = reading.map(|reading| reading.settings);
     let Some(map) = contents.metadata.get(SETTINGS_METADATA) else { return recorded };
     let mut settings = recorded.unwrap_or_default();
     for (name, text) in map {

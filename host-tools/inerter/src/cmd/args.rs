@@ -8,8 +8,13 @@ use std::{
 use inerter_data::{
     output::{self, OutputError},
     settings::{Overrides, SettingsInputError},
+    text::settings_note,
 };
-use inerter_device::{DEFAULT_BAUD, Target};
+use inerter_device::{Clock, DEFAULT_BAUD, Device, Target, live::Live};
+use inerter_wire::Streams;
+
+use super::terminal::note;
+use crate::Error;
 
 /// Settings over the run's own.
 #[derive(clap::Args)]
@@ -69,6 +74,20 @@ impl LinkArgs {
     /// Whether a device was named.
     pub fn is_given(&self) -> bool {
         self.port.is_some() || self.connect.is_some() || self.serial.is_some()
+    }
+
+    /// Connects; says so where the device has other settings than this program knows.
+    pub fn device(&self) -> Result<Device, Error> {
+        let device = Device::connect(&self.target(), Clock::new())?;
+        settings_note(device.reading()).iter().for_each(note);
+        Ok(device)
+    }
+
+    /// Connects, with these streams on, to a device that is waited for up to `wait` when it goes away.
+    pub fn live(&self, streams: Streams, wait: Duration) -> Result<Live, Error> {
+        let live = Live::connect(self.target(), streams, wait)?;
+        live.device().and_then(|device| settings_note(device.reading())).iter().for_each(note);
+        Ok(live)
     }
 
     pub fn target(&self) -> Target {

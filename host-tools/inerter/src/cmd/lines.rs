@@ -13,7 +13,11 @@ use serde_json::json;
 use super::terminal::{self, note};
 use crate::{
     Error,
-    monitor::{feed::Item, hub::Viewer, losses::Losses},
+    monitor::{
+        feed::Item,
+        hub::Viewer,
+        losses::{Losses, UNKNOWN_FRAMES},
+    },
 };
 
 /// One object a line.
@@ -59,6 +63,7 @@ impl Viewer for Json {
                 machine_json_line(machine, &EventJson::new(*t_s, event.index, &event.kind, machine))
             }
             Item::LostFrames(count) => json_line(&json!({ "kind": "link", "lost_frames": count })),
+            Item::UnknownFrames(count) => json_line(&json!({ "kind": "link", "unknown_frames": count })),
             Item::Marker { t_s, text, .. } => {
                 json_line(&json!({ "kind": "marker", "t_s": t_s.map(rounded_s), "text": text }))
             }
@@ -98,6 +103,12 @@ impl Viewer for Lines {
                 self.losses.problems().filter(|problems| Some(problems) != told.as_ref()).iter().for_each(note);
             }
             Item::LostFrames(count) => note(format!("{} lost on the way so far", plural(*count, "frame"))),
+            Item::UnknownFrames(count) => {
+                if self.losses.unknown_frames == 0 {
+                    note(UNKNOWN_FRAMES);
+                }
+                self.losses.unknown_frames = *count;
+            }
             Item::Event { event, .. } => note(event_words(self.machine, &event.kind)),
             Item::Marker { text, .. } => note(format!("marker: {text}")),
             Item::Away { reason } => note(reason),

@@ -7,7 +7,6 @@ use std::{
 };
 
 use inerter_data::{json::json_line, output, recording::Recorder};
-use inerter_device::live::Live;
 use inerter_wire::Streams;
 use serde_json::json;
 
@@ -86,7 +85,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     }
     let has_screen = !args.json && !args.plain && io::stdout().is_terminal() && io::stdin().is_terminal();
     terminal::catch_interrupts();
-    let live = Live::connect(args.link.target(), args.streams(has_screen), args.time.wait)?;
+    let live = args.link.live(args.streams(has_screen), args.time.wait)?;
     let recording = args.record.as_ref().map(|file| file.display().to_string());
     let mut hub = Hub::new(live, args.time.wait.as_secs_f64());
     let views = views(args, &mut hub, recording.clone())?;

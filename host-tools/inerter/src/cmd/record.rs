@@ -10,10 +10,7 @@ use inerter_data::{
     text::{event_words, is_trouble},
     words::{duration_text, plural},
 };
-use inerter_device::{
-    Clock, Device, DeviceError,
-    live::{LinkEvent, Live},
-};
+use inerter_device::{Clock, Device, DeviceError, live::LinkEvent};
 use inerter_wire::{EventKind, Frame, Record, Streams};
 use serde_json::json;
 
@@ -53,7 +50,7 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<(), Error> {
     let path = args.output.path()?;
     terminal::catch_interrupts();
-    let mut live = Live::connect(args.link.target(), Streams::ALL, args.time.wait)?;
+    let mut live = args.link.live(Streams::ALL, args.time.wait)?;
     let mut recorder = Recorder::create(path)?;
     if let Some(device) = live.device() {
         recorder.describe(device.hello(), device.settings())?;

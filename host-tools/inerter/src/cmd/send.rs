@@ -7,7 +7,7 @@ use inerter_data::{
     output, text,
     words::{duration_text, plural},
 };
-use inerter_device::{Clock, Device, inject::Injection, inject::inject_all};
+use inerter_device::inject::{Injection, inject_all};
 use inerter_wire::EstimatorEvent;
 
 use super::{
@@ -42,7 +42,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     inerter_data::settings::validate(&run.settings)?;
     // The device's settings are put back even then.
     catch_interrupts();
-    let mut device = Device::connect(&args.link.target(), Clock::new())?;
+    let mut device = args.link.device()?;
     let mut progress = Progress::new("sending", run.samples.len() as u64);
     let started = std::time::Instant::now();
     let publish = |t_s: f64, event: &EstimatorEvent| -> Result<(), Error> {

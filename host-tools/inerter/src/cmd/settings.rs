@@ -17,7 +17,7 @@ use crate::Error;
 mod backup;
 mod common;
 
-use common::{Common, connect, finish, print_changes, print_json};
+use common::{Common, finish, print_changes, print_json};
 
 /// Show, change and save the settings and the calibration of a device.
 ///
@@ -93,13 +93,13 @@ pub fn run(args: &Args) -> Result<(), Error> {
         Command::Get(common) => get(common),
         Command::Set(args) => set(args),
         Command::Tare(args) => {
-            let mut device = connect(&args.common)?;
+            let mut device = args.common.link.device()?;
             let before = *device.settings();
             device.tare()?;
             finish(&mut device, &before, args.save, args.common.json)
         }
         Command::Save(common) => {
-            let mut device = connect(common)?;
+            let mut device = common.link.device()?;
             let settings = *device.settings();
             finish(&mut device, &settings, true, common.json)
         }
@@ -111,7 +111,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
 }
 
 fn get(common: &Common) -> Result<(), Error> {
-    let device = connect(common)?;
+    let device = common.link.device()?;
     if common.json {
         return print_json(&device);
     }
@@ -125,7 +125,7 @@ fn get(common: &Common) -> Result<(), Error> {
 
 fn set(args: &SetArgs) -> Result<(), Error> {
     let overrides = Overrides::from_inputs(args.settings.as_deref(), &args.set)?;
-    let mut device = connect(&args.common)?;
+    let mut device = args.common.link.device()?;
     let before = *device.settings();
     let mut wanted = before;
     overrides.apply(&mut wanted)?;
@@ -140,7 +140,7 @@ fn factory_reset(args: &FactoryResetArgs) -> Result<(), Error> {
     if !args.yes && !can_ask {
         return Err(SettingsInputError::Unconfirmed.into());
     }
-    let mut device = connect(&args.common)?;
+    let mut device = args.common.link.device()?;
     let name = format!("{} (serial {}) at {}", device.hello().board, device.hello().serial, device.name());
     if !args.yes && !confirmed(&name) {
         say("nothing was changed");

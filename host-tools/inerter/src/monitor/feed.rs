@@ -84,6 +84,8 @@ pub enum Item {
     },
     /// Frames lost on the way so far.
     LostFrames(u64),
+    /// Frames left out so far because they hold what this program does not know: the firmware is newer. Told with the health.
+    UnknownFrames(u64),
     /// The user's own note.
     Marker {
         /// When.
@@ -144,6 +146,8 @@ pub struct Feed {
     /// The latest estimate's counter, and its time on either clock.
     latest: Option<(u32, f64, Moment)>,
     lost_frames: u64,
+    unknown_frames: u64,
+    unknown_told: u64,
 }
 
 impl Default for Feed {
@@ -151,7 +155,17 @@ impl Default for Feed {
         let settings = Settings::default();
         let converter = Converter::new(&settings);
         let timeline = Timeline::default();
-        Self { settings, converter, timeline, pairing: Pairing::new(), estimate_ns: 0, latest: None, lost_frames: 0 }
+        Self {
+            settings,
+            converter,
+            timeline,
+            pairing: Pairing::new(),
+            estimate_ns: 0,
+            latest: None,
+            lost_frames: 0,
+            unknown_frames: 0,
+            unknown_told: 0,
+        }
     }
 }
 
@@ -190,7 +204,8 @@ impl Feed {
         match &received.frame {
             Frame::Message { message, .. } => self.message(message, received.time_ns, &mut show),
             Frame::Restarted => self.timeline.anchor = None,
-            Frame::Lost { .. } | Frame::ForeignVersion { .. } | Frame::Corrupt(_) | Frame::Unknown { .. } => {}
+            Frame::Unknown { .. } => self.unknown_frames += 1,
+            Frame::Lost { .. } | Frame::ForeignVersion { .. } | Frame::Corrupt(_) => {}
         }
     }
 
@@ -215,7 +230,13 @@ impl Feed {
                 show(Item::Samples(samples.collect()));
             }
             Record::Estimate(_) => self.estimate_ns = time_ns,
-            Record::Health(health) => show(Item::Health(*health)),
+            Record::Health(health) => {
+                if self.unknown_frames > self.unknown_told {
+                    self.unknown_told = self.unknown_frames;
+                    show(Item::UnknownFrames(self.unknown_frames));
+                }
+                show(Item::Health(*health));
+            }
             Record::Event(event) => {
                 if event.kind == EventKind::Started {
                     self.timeline.anchor = None;

@@ -124,3 +124,17 @@ fn frames_lost_are_told_once_each_time() {
     let told: Vec<&Item> = shown.iter().filter(|item| matches!(item, Item::LostFrames(_))).collect();
     assert_eq!(told, [&Item::LostFrames(2), &Item::LostFrames(3)]);
 }
+
+#[test]
+fn frames_of_unknown_kind_are_told_with_the_health() {
+    let mut feed = Feed::default();
+    let mut shown = Vec::new();
+    let unknown =
+        Received { time_ns: 0, bytes: vec![1], frame: Frame::Unknown { sequence: 0, number: 200, request: None } };
+    let health = received(0, Record::Health(Health::default()));
+    for finding in [&health, &unknown, &unknown, &health, &health, &unknown, &health] {
+        feed.received(finding, 0, |item| shown.push(item));
+    }
+    let told: Vec<&Item> = shown.iter().filter(|item| matches!(item, Item::UnknownFrames(_))).collect();
+    assert_eq!(told, [&Item::UnknownFrames(2), &Item::UnknownFrames(3)]);
+}

@@ -3,6 +3,10 @@
 use inerter_data::words::plural;
 use inerter_wire::Health;
 
+/// What is said when frames of unknown kind come.
+pub const UNKNOWN_FRAMES: &str =
+    "the device sends frames of a kind that this program does not know; a newer one may show more";
+
 /// Counts since we came.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Losses {
@@ -12,6 +16,8 @@ pub struct Losses {
     before: Option<(u32, u32)>,
     /// Frames lost on the way.
     pub lost_frames: u64,
+    /// Frames left out because this program does not know what they hold.
+    pub unknown_frames: u64,
 }
 
 impl Losses {
@@ -55,6 +61,9 @@ impl Losses {
         if self.lost_frames > 0 {
             parts.push(format!("{} lost on the way", plural(self.lost_frames, "frame")));
         }
+        if self.unknown_frames > 0 {
+            parts.push(format!("{} of unknown kind left out", plural(self.unknown_frames, "frame")));
+        }
         if let Some(load) = self.health.and_then(|health| health.cpu_load_permille) {
             parts.push(format!("processor {:.0} %", f64::from(load) / 10.0));
         }
@@ -76,11 +85,15 @@ mod tests {
         losses.health(health);
         assert!(losses.is_clean());
         assert_eq!(losses.line(), "nothing lost or saturated");
+        losses.unknown_frames = 3;
+        assert!(losses.is_clean(), "what a newer firmware says besides is no loss");
         losses.health(Health { dropped_frames: 9, saturated: 1, cpu_load_permille: Some(345), ..health });
         losses.lost_frames = 2;
+        losses.unknown_frames = 1;
         assert_eq!(
             losses.line(),
-            "1 saturated sample, 2 frames dropped by the device, 2 frames lost on the way, processor 34 %"
+            "1 saturated sample, 2 frames dropped by the device, 2 frames lost on the way, 1 frame of unknown kind left \
+             out, processor 34 %"
         );
         assert!(!losses.is_clean());
     }

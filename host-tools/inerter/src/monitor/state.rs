@@ -10,7 +10,7 @@ use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 use super::{
     feed::Item,
     history::{Entry, History},
-    losses::Losses,
+    losses::{Losses, UNKNOWN_FRAMES},
     trace::Traces,
 };
 
@@ -256,6 +256,10 @@ impl State {
             Item::LostFrames(count) => {
                 self.values.losses.lost_frames = *count;
                 self.line(self.now_s, "frames were lost on the way".into(), LineKind::Trouble);
+            }
+            Item::UnknownFrames(count) => {
+                self.values.losses.unknown_frames = *count;
+                self.line(self.now_s, UNKNOWN_FRAMES.into(), LineKind::Plain);
             }
             Item::Marker { at, text, .. } => {
                 keep(&mut self.marks, (at.run_s, text.clone()));

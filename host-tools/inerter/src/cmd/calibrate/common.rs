@@ -4,7 +4,7 @@ use std::{path::PathBuf, time::Duration};
 
 use inerter_analysis::calibrate::{CalibrateError, Finding};
 use inerter_data::{json::json_line, output, run::Run, settings::SettingsInputError};
-use inerter_device::{Clock, Device, DeviceError};
+use inerter_device::{Device, DeviceError};
 use inerter_wire::Refusal;
 use serde_json::{Value, json};
 
@@ -76,7 +76,7 @@ pub fn time_within(text: &str, most_s: f64) -> Result<Duration, String> {
 /// Connects; a device that cannot keep what --write wants is refused before anything is measured.
 pub fn connect(args: &StepArgs) -> Result<Device, Error> {
     terminal::catch_interrupts();
-    let device = Device::connect(&args.link.target(), Clock::new())?;
+    let device = args.link.device()?;
     if args.write && !device.keeps_settings() {
         let (name, what) = (device.name().to_string(), "to keep settings over a restart, as --write wants");
         return Err(DeviceError::Refused { name, what, refusal: Refusal::Unsupported }.into());

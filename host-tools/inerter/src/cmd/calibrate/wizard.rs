@@ -1,7 +1,6 @@
 //! `inerter calibrate` without a step: all of them, in a dialogue.
 
 use inerter_analysis::calibrate::CalibrateError;
-use inerter_device::{Clock, Device};
 
 use super::{
     super::{
@@ -17,7 +16,7 @@ pub fn run(link: &LinkArgs) -> Result<(), Error> {
         return Err(CalibrateError::NoTerminal.into());
     }
     terminal::catch_interrupts();
-    let mut device = Device::connect(&link.target(), Clock::new())?;
+    let mut device = link.device()?;
     let save = if device.keeps_settings() { " --save" } else { "" };
     let mut person = Person::new(false);
     let mut wizard = Wizard::new(&mut device, &mut person);

@@ -9,12 +9,11 @@ use inerter_data::{
     output,
     settings::validate,
 };
-use inerter_device::{Clock, Device};
 use serde_json::{Map, Value, json};
 
 use super::{
     super::{args::LinkArgs, terminal::say},
-    Common, connect, finish,
+    Common, finish,
 };
 use crate::Error;
 
@@ -78,7 +77,7 @@ pub fn backup(args: &BackupArgs) -> Result<(), Error> {
     if !args.force {
         output::refuse_existing(&args.file)?;
     }
-    let device = connect(&args.common)?;
+    let device = args.common.link.device()?;
     backup::write(&args.file, device.hello(), device.settings())?;
     let (file, serial) = (args.file.display().to_string(), device.hello().serial.as_str());
     if args.common.json {
@@ -91,7 +90,7 @@ pub fn backup(args: &BackupArgs) -> Result<(), Error> {
 
 pub fn restore(args: &RestoreArgs) -> Result<(), Error> {
     let backup = backup::read(&args.file)?;
-    let mut device = connect(&args.common)?;
+    let mut device = args.common.link.device()?;
     if !args.force {
         backup.check_owner(&args.file, device.hello())?;
     }
@@ -108,7 +107,7 @@ pub fn diff(args: &DiffArgs) -> Result<(), Error> {
     let values = |name: &str| -> Result<Vec<Option<f64>>, Error> {
         // A file of that name is meant when it is written as a path.
         if name == DEVICE {
-            let device = Device::connect(&args.link.target(), Clock::new())?;
+            let device = args.link.device()?;
             return Ok(device.settings().values().into_iter().map(Some).collect());
         }
         Ok(values_of(Path::new(name))?)

@@ -2,7 +2,7 @@
 
 use inerter_core::Settings;
 use inerter_data::{json::json_line, output};
-use inerter_device::{Clock, Device};
+use inerter_device::Device;
 use serde_json::{Map, Value, json};
 
 use crate::{
@@ -18,10 +18,6 @@ pub struct Common {
     /// Print JSON
     #[arg(long)]
     pub json: bool,
-}
-
-pub fn connect(common: &Common) -> Result<Device, Error> {
-    Ok(Device::connect(&common.link.target(), Clock::new())?)
 }
 
 /// Saves if that is wanted, and says what has come of it.

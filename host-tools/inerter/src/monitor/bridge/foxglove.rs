@@ -214,7 +214,7 @@ impl Viewer for Foxglove {
             Item::Marker { at, text, .. } => {
                 Self::send(&self.channels.marker, *at, || json_line(&json!({ "kind": "marker", "text": text })));
             }
-            Item::Away { .. } | Item::Back { .. } | Item::LostFrames(_) => {}
+            Item::Away { .. } | Item::Back { .. } | Item::LostFrames(_) | Item::UnknownFrames(_) => {}
         }
         Ok(())
     }

@@ -142,7 +142,10 @@ pub fn health(frame: &mut Frame<'_>, area: Rect, state: &State, theme: Theme) {
         ("uptime_s", Some(value)) => duration_text(value),
         (_, Some(value)) => format!("{value}"),
     };
-    let on_the_way = Row::new(["Frames lost on the way".to_string(), losses.lost_frames.to_string()]);
+    let on_the_way = [
+        Row::new(["Frames lost on the way".to_string(), losses.lost_frames.to_string()]),
+        Row::new(["Frames of unknown kind left out".to_string(), losses.unknown_frames.to_string()]),
+    ];
     let rows = catalogue::health(&health).map(|(field, value)| {
         let is_loss = match field.path {
             "lost_samples" | "discontinuities" | "overruns" | "saturated" => true,
@@ -153,7 +156,7 @@ pub fn health(frame: &mut Frame<'_>, area: Rect, state: &State, theme: Theme) {
         let style = if is_loss && value.is_some_and(|value| value > 0.0) { theme.bad() } else { theme.title() };
         Row::new([Cell::from(field.label), Cell::from(Span::styled(plain(field.path, value), style))])
     });
-    let rows: Vec<Row<'_>> = std::iter::once(on_the_way).chain(rows).collect();
+    let rows: Vec<Row<'_>> = on_the_way.into_iter().chain(rows).collect();
     let mut lines: Vec<Line<'static>> = Vec::new();
     if let Some(present) = &state.present {
         let hello = &present.hello;

@@ -43,7 +43,7 @@ impl Messages {
             Item::Samples(_) => self.samples().into_iter().collect(),
             Item::Estimate { at, .. } => self.estimate(at.run_s).into_iter().collect(),
             Item::Reversal { .. } => Vec::new(),
-            Item::Health(_) | Item::LostFrames(_) => self.health().into_iter().collect(),
+            Item::Health(_) | Item::LostFrames(_) | Item::UnknownFrames(_) => self.health().into_iter().collect(),
             Item::Event { at, event, .. } => {
                 vec![line(at.run_s, &event_words(self.state.settings.machine, &event.kind), is_trouble(&event.kind))]
             }

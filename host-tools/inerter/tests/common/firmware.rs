@@ -1,0 +1,78 @@
+//! Firmware that is older or newer than the program: what a device says, changed on its way.
+
+use std::{
+    io::{Read, Write},
+    net::{TcpListener, TcpStream},
+    thread,
+};
+
+use inerter_wire::{Crc32, Frame, FrameReader, MAX_FRAME, Record, SettingsValues, encode_record};
+
+/// Makes of one record the payloads that the other firmware sends instead.
+pub type Change = fn(&Record) -> Vec<Vec<u8>>;
+
+/// Stands before a device at this address; gives the address at which the other firmware is met, one host after another.
+pub fn before(device: &str, change: Change) -> String {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap().to_string();
+    let device = device.to_string();
+    thread::spawn(move || {
+        for host in listener.incoming() {
+            let (host, device) = (host.unwrap(), TcpStream::connect(&device).unwrap());
+            let (mut requests, mut to_device) = (host.try_clone().unwrap(), device.try_clone().unwrap());
+            thread::spawn(move || {
+                std::io::copy(&mut requests, &mut to_device).ok();
+                to_device.shutdown(std::net::Shutdown::Both).ok();
+            });
+            answers(device, host, change);
+        }
+    });
+    address
+}
+
+fn answers(mut device: TcpStream, mut host: TcpStream, change: Change) {
+    let mut reader = FrameReader::<Record>::new();
+    let mut sequence = 0u16;
+    let mut portion = [0; 4096];
+    while let Ok(count @ 1..) = device.read(&mut portion) {
+        let mut input = portion.get(..count).unwrap();
+        let mut out = Vec::new();
+        while let Some(frame) = reader.read(&mut input) {
+            let Frame::Message { message, .. } = frame else { continue };
+            for payload in change(&message) {
+                out.extend(framed(&payload, sequence));
+                sequence = sequence.wrapping_add(1);
+            }
+        }
+        if host.write_all(&out).is_err() {
+            break;
+        }
+    }
+    host.shutdown(std::net::Shutdown::Both).ok();
+}
+
+/// A frame around any payload, with its delimiter.
+fn framed(payload: &[u8], sequence: u16) -> Vec<u8> {
+    let mut body = [payload, &sequence.to_le_bytes()].concat();
+    body.extend(Crc32::of(&body).to_le_bytes());
+    let mut frame = vec![0; cobs::max_encoding_length(body.len())];
+    let length = cobs::encode(&body, &mut frame);
+    frame.truncate(length);
+    frame.push(0);
+    frame
+}
+
+/// A record as it is.
+pub fn payload(record: &Record) -> Vec<u8> {
+    let mut frame = [0; MAX_FRAME];
+    let length = encode_record(record, 0, &mut frame).unwrap();
+    let mut body = [0; MAX_FRAME];
+    let length = cobs::decode(frame.get(..length - 1).unwrap(), &mut body).unwrap();
+    body.get(..length - 6).unwrap().to_vec()
+}
+
+/// These settings, without those from number `end` on, and with `more`.
+pub fn settings(values: &SettingsValues, end: usize, more: &[inerter_wire::SettingValue]) -> Record {
+    let kept = values.0.iter().filter(|entry| usize::from(entry.number) < end).chain(more);
+    Record::Settings(SettingsValues(kept.copied().collect()))
+}

@@ -1,0 +1,134 @@
+//! The program beside devices whose firmware is older or newer than it.
+
+mod common;
+#[path = "common/firmware.rs"]
+mod firmware;
+
+use std::path::Path;
+
+use common::{done, estimate_of, inerter, json_lines, last, run, text};
+use inerter_core::Settings;
+use inerter_data::settings::Overrides;
+use inerter_plant::Parameters;
+use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
+use inerter_wire::{Capabilities, Record, SettingValue};
+use serde_json::Value;
+
+/// Sends everything that firmware may add without another wire version.
+fn newer(record: &Record) -> Vec<Vec<u8>> {
+    let next = Record::TABLE.len() as u8;
+    let as_it_is = firmware::payload(record);
+    match record {
+        // A record beside the estimate's, another further on.
+        Record::Detail(detail) => {
+            let index = [detail.index as u8 | 0x80, (detail.index >> 7) as u8 & 0x7F];
+            vec![as_it_is, [&[next], &index[..], &[1, 2, 3]].concat(), vec![200, 1, 0, 0]]
+        }
+        // An event of a kind to come, between an estimate and its detail too.
+        Record::Estimate(_) | Record::Health(_) => vec![as_it_is, vec![4, 0, 100]],
+        Record::Settings(values) => {
+            let more = [SettingValue { number: 40, value: 7.0 }, SettingValue { number: 250, value: -1.0 }];
+            vec![firmware::payload(&firmware::settings(values, usize::MAX, &more))]
+        }
+        Record::Hello(hello) => {
+            let capabilities = hello.capabilities.with(Capabilities(1 << 30));
+            vec![firmware::payload(&Record::Hello(inerter_wire::Hello { capabilities, ..hello.clone() }))]
+        }
+        _ => vec![as_it_is],
+    }
+}
+
+/// Number of the first setting that the older firmware does not have.
+const OLDER_SETTINGS: usize = Settings::COUNT - 5;
+
+/// Sends only what the first firmware did.
+fn older(record: &Record) -> Vec<Vec<u8>> {
+    match record {
+        Record::Detail(_) | Record::MoreSums(_) | Record::Reversal(_) => Vec::new(),
+        Record::Settings(values) => vec![firmware::payload(&firmware::settings(values, OLDER_SETTINGS, &[]))],
+        _ => vec![firmware::payload(record)],
+    }
+}
+
+/// A recording of the same run through a device with this firmware; gives the notes of its recording.
+fn record(folder: &Path, file: &str, change: Option<firmware::Change>) -> String {
+    let setup = Setup::new(Parameters::paper(), bench_sensors(), "random@10s", None, &Overrides::default()).unwrap();
+    let device = VirtualDevice::waiting(&setup, &Endpoint::Tcp("127.0.0.1:0".into()), 10.0).unwrap();
+    let address = change.map_or_else(|| device.name().to_string(), |change| firmware::before(device.name(), change));
+    let output = run(folder, &["record", "--connect", &address, "-o", file, "--until-end", "--duration", "60"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    text(&output.stderr)
+}
+
+fn info(folder: &Path, file: &str) -> Value {
+    last(&done(folder, &["info", file, "--json"]))
+}
+
+#[test]
+fn a_recording_of_any_firmware_is_replayed_exported_and_reported() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    record(folder, "same.mcap", None);
+    let same = done(folder, &["replay", "same.mcap", "--json"]);
+    for (file, change, note) in [
+        ("newer.mcap", newer as firmware::Change, "the firmware is newer than this program: 2 settings not known here"),
+        ("older.mcap", older, "the firmware is older than this program: "),
+    ] {
+        let notes = record(folder, file, Some(change));
+        assert!(notes.contains(note), "{file}: {notes}");
+        let info = info(folder, file);
+        assert_eq!(
+            (&info["samples"], &info["lost_frames"], &info["damaged_frames"]),
+            (&10_000.into(), &0.into(), &0.into())
+        );
+        // The samples are the same, and so is what the estimator makes of them.
+        assert_eq!(done(folder, &["replay", file, "--json"]), same, "{file}");
+        let replayed = estimate_of(&last(&same));
+        for key in ["inertance_kg", "viscous_n_s_per_m", "coulomb_n", "whole_run", "residual_rms_n"] {
+            assert_eq!(info["estimate"][key], replayed[key], "{file}: {key}");
+        }
+        let targets =
+            ["--csv", "out.csv", "--parquet", "out.parquet", "--mat", "out.mat", "--mcap", "out.mcap", "--force"];
+        done(folder, &[&["export", file, "--estimates"], &targets[..]].concat());
+        assert_eq!(std::fs::read_to_string(folder.join("out.csv")).unwrap().lines().count(), 10_001);
+        let rows = std::fs::read_to_string(folder.join("out.estimates.csv")).unwrap().lines().count();
+        assert!((48..=52).contains(&rows), "{file}: {rows}");
+        done(folder, &["report", file, "-o", "page.html", "--force"]);
+    }
+    // What goes with the last estimate is there where the firmware sends it.
+    assert!(!info(folder, "newer.mcap")["estimate"]["backlash_m"].is_null());
+    assert!(info(folder, "older.mcap")["estimate"]["backlash_m"].is_null());
+    let words = text(&run(folder, &["info", "newer.mcap"]).stderr);
+    assert!(words.contains("frames of a kind that this program does not know were left out"), "{words}");
+    assert!(words.contains("the firmware is newer than this program"), "{words}");
+}
+
+#[test]
+fn a_device_with_any_firmware_is_watched_and_set() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let setup = Setup::new(Parameters::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
+    for (change, has_detail) in [(newer as firmware::Change, true), (older, false)] {
+        let device = VirtualDevice::start(&setup, &Endpoint::Tcp("127.0.0.1:0".into()), 5.0).unwrap();
+        let address = firmware::before(device.name(), change);
+        let link = ["--connect", address.as_str()];
+        let lines = json_lines(&done(folder, &[&["monitor", "--json", "--duration", "2"], &link[..]].concat()));
+        let of = |kind: &'static str| lines.iter().filter(move |line| line["kind"] == kind);
+        assert!(of("estimate").count() > 3 && of("health").count() > 0);
+        assert!(of("estimate").all(|line| line.get("backlash_m").is_some_and(|value| !value.is_null()) == has_detail));
+        assert_eq!(of("link").any(|line| line["unknown_frames"].as_u64() > Some(0)), has_detail);
+        assert!(of("link").all(|line| line.get("lost_frames").is_none()));
+        let plain =
+            inerter(folder, &[&["monitor", "--plain", "--duration", "2"], &link[..]].concat()).output().unwrap();
+        let notes = text(&plain.stderr);
+        let said = notes.matches("frames of a kind that this program does not know").count();
+        assert_eq!(said, usize::from(has_detail), "{notes}");
+
+        let set = ["settings", "set", "memory_s=12", "--json"];
+        let settings = last(&done(folder, &[&set[..], &link].concat()));
+        assert_eq!(settings.pointer("/settings/memory_s"), Some(&12.0.into()), "{settings}");
+        let kept = run(folder, &[&["settings", "backup", "kept.toml", "--force"], &link[..]].concat());
+        assert!(kept.status.success() && text(&kept.stderr).contains("than this program"), "{}", text(&kept.stderr));
+        done(folder, &[&["settings", "restore", "kept.toml"], &link[..]].concat());
+    }
+}
