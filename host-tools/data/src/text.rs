@@ -12,6 +12,7 @@ use inerter_wire::{
 };
 
 use crate::{
+    names::description,
     replay::Outcome,
     words::{duration_text, interval_text, plural},
 };
@@ -204,11 +205,7 @@ pub fn line(machine: Machine, detail: &Detail) -> String {
         } else {
             format!("from {:.*} to {:.*} Hz", decimals(low_hz), low_hz, decimals(high_hz), high_hz)
         };
-        let inertance = match machine {
-            Machine::Linear => "inertance",
-            Machine::Rotary => "inertia",
-        };
-        parts.push(format!("{inertance} seen {band}"));
+        parts.push(format!("inertance seen {band}"));
     }
     if detail.backlash.reversals > 0 {
         let by = match detail.backlash.route {
@@ -222,7 +219,7 @@ pub fn line(machine: Machine, detail: &Detail) -> String {
     if detail.changes > 0 {
         parts.push(format!("the device has changed {}", plural(detail.changes.into(), "time")));
     }
-    parts.join("; ")
+    description(machine, &parts.join("; "))
 }
 
 /// What a row says beside its numbers: only what is not as it should be.
@@ -259,7 +256,7 @@ fn decimals(hertz: f32) -> usize {
 
 fn reason_words(reason: Reason) -> &'static str {
     match reason {
-        Reason::ForceNeverReverses => "force never reverses",
+        Reason::ForceNeverReverses => "load never reverses",
         Reason::TooFewReversals => "too few reversals",
         Reason::FlankTooShort => "flanks too short",
         Reason::StiffnessUnknown => "stiffness unknown",

@@ -11,6 +11,7 @@ use std::{
 };
 
 use common::{done, fails, inerter, last, text};
+use inerter_core::Machine;
 use inerter_data::settings::Overrides;
 use inerter_plant::Parameters;
 use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
@@ -21,7 +22,12 @@ use tungstenite::{ClientRequestBuilder, Message, WebSocket};
 const LIMIT: Duration = Duration::from_secs(30);
 
 fn device() -> VirtualDevice {
-    let setup = Setup::new(Parameters::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
+    device_of(Machine::Linear)
+}
+
+fn device_of(machine: Machine) -> VirtualDevice {
+    let mut setup = Setup::new(Parameters::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
+    setup.settings.machine = machine;
     VirtualDevice::start(&setup, &Endpoint::Tcp("127.0.0.1:0".into()), 2.0).unwrap()
 }
 
@@ -237,11 +243,50 @@ fn teleplot_and_plotjuggler_are_sent_samples_and_estimates() {
 }
 
 #[test]
-fn foxglove_finds_channels_with_schemas_and_their_messages() {
+fn views_of_a_rotary_machine_have_its_names_and_units() {
     let folder = tempfile::tempdir().unwrap();
-    let device = device();
-    let mut monitor = Monitor::start(folder.path(), &device, &["--foxglove", "127.0.0.1:0"]);
-    let url = monitor.next("view")["address"].as_str().unwrap().to_string();
+    let device = device_of(Machine::Rotary);
+    let ((teleplot, to_teleplot), (juggler, to_juggler)) = (listener(), listener());
+    let bridges = ["--teleplot", &to_teleplot, "--plotjuggler", &to_juggler, "--foxglove", "127.0.0.1:0"];
+    let mut monitor = Monitor::start(folder.path(), &device, &bridges);
+    let url = std::iter::repeat_with(|| monitor.next("view")).find(|view| view["view"] == "Foxglove").unwrap();
+    let url = url["address"].as_str().unwrap().to_string();
+    let estimate = monitor.next("estimate");
+    assert!(estimate["inertia_kg_m2"].is_object() && estimate["backlash_rad"].is_object(), "{estimate}");
+
+    // name:ms:value;ms:value§unit|g
+    let mut units = std::collections::BTreeMap::new();
+    while !["torque_n_m", "angle_rad", "inertia_kg_m2", "residual_rms_n_m"].iter().all(|name| units.contains_key(*name))
+    {
+        let line = datagram(&teleplot);
+        let (Some((name, _)), Some((_, unit))) = (line.split_once(':'), line.split_once('§')) else { continue };
+        units.insert(name.to_string(), unit.to_string());
+    }
+    assert_eq!((units["torque_n_m"].as_str(), units["inertia_kg_m2"].as_str()), ("N m|g", "kg m²|g"));
+    for linear in ["force_n", "position_m", "inertance_kg", "residual_rms_n"] {
+        assert!(!units.contains_key(linear), "{units:?}");
+    }
+    loop {
+        let value: Value = serde_json::from_str(&datagram(&juggler)).unwrap();
+        if let Some(sample) = value.get("samples") {
+            assert!(sample["torque_n_m"].is_f64() && sample.get("force_n").is_none(), "{value}");
+        } else {
+            assert!(value["estimate"]["inertia_kg_m2"]["status"].is_string(), "{value}");
+            break;
+        }
+    }
+    let (_, channels) = foxglove(&url);
+    let schema = |topic: &str| -> Value {
+        let channel = channels.iter().find(|channel| channel["topic"] == topic).unwrap();
+        serde_json::from_str(channel["schema"].as_str().unwrap()).unwrap()
+    };
+    assert_eq!(schema("/samples")["properties"]["torque_n_m"]["description"], "Torque [N m]");
+    assert!(schema("/estimate")["properties"]["inertia_kg_m2"].is_object());
+    assert!(schema("/estimate")["properties"]["inertance_kg"].is_null());
+}
+
+/// A client of Foxglove's server that knows all its channels.
+fn foxglove(url: &str) -> (WebSocket<TcpStream>, Vec<Value>) {
     let mut socket = connect(&format!("{url}/"), None, Some("foxglove.sdk.v1")).unwrap();
     let mut channels: Vec<Value> = Vec::new();
     while channels.len() < 6 {
@@ -252,6 +297,16 @@ fn foxglove_finds_channels_with_schemas_and_their_messages() {
             }
         }
     }
+    (socket, channels)
+}
+
+#[test]
+fn foxglove_finds_channels_with_schemas_and_their_messages() {
+    let folder = tempfile::tempdir().unwrap();
+    let device = device();
+    let mut monitor = Monitor::start(folder.path(), &device, &["--foxglove", "127.0.0.1:0"]);
+    let url = monitor.next("view")["address"].as_str().unwrap().to_string();
+    let (mut socket, channels) = foxglove(&url);
     let channel = |topic: &str| channels.iter().find(|channel| channel["topic"] == topic).unwrap();
     for topic in ["/samples", "/estimate", "/reversal", "/health", "/event", "/marker"] {
         assert_eq!(

@@ -93,7 +93,41 @@ fn a_recording_of_a_rotary_machine_keeps_its_kind() {
     for text in ["Effective inertia", "kg m²", "Torque [N m]", "µrad"] {
         assert!(page.contains(text), "{text}");
     }
-    for text in ["[N]", "[mm]", "µm", "nertance", "N rms"] {
-        assert!(!page.contains(text), "{text}");
+    // But for the settings, whose names are the same for both.
+    let (head, tail) = page.split_once("<section id=\"settings\">").unwrap();
+    let words = format!("{head}{}", tail.split_once("</section>").unwrap().1).replace("id=\"force\"", "");
+    for text in ["[N]", "[mm]", "µm", "nertance", "N rms", "orce", "isplacement", " mass"] {
+        let place = words.find(text).map(|place| words.get(place.saturating_sub(60)..place + 60));
+        assert_eq!(place, None, "{text}");
+    }
+    let refused = fails(folder, &["export", "run.mcap", "--csv", "-", "--columns", "nothing"], 2);
+    assert!(refused.contains("force_n") && refused.contains("of a rotary machine angle_rad, torque_n_m"), "{refused}");
+}
+
+#[test]
+fn fit_and_identify_of_a_rotary_machine_have_its_names() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let machine = ["--set", "machine=1", "--set", "terminal_sensor=1", "--terminal-noise-m", "1e-6"];
+    simulate(folder, "run.mcap", &machine);
+    let fit = last(&done(folder, &["fit", "run.mcap", "--json"]));
+    assert!(fit["symmetric"]["inertia_kg_m2"].is_object() && fit["by_direction"]["coulomb_n_m"].is_object(), "{fit}");
+    let words = done(folder, &["fit", "run.mcap"]);
+    for text in ["Effective inertia", "kg m²", "Torque offset", "N m s"] {
+        assert!(words.contains(text), "{text}\n{words}");
+    }
+    let found = last(&done(folder, &["identify", "run.mcap", "--no-profiles", "--json"]));
+    let of = |name: &str| found["parameters"][name]["value"].as_f64();
+    let inertia = of("inertia_kg_m2").unwrap();
+    assert!((inertia - 299.49).abs() < 3.0 && of("stiffness_n_m_per_rad").is_some(), "{found}");
+    assert_eq!(of("inertance_kg"), None);
+    let words = done(folder, &["identify", "run.mcap", "--no-profiles", "--response"]);
+    for text in
+        ["Effective inertia", "kg m²", "Structure inertia", "Torque offset", "torque over the angle of the terminal"]
+    {
+        assert!(words.contains(text), "{text}\n{words}");
+    }
+    for text in ["nertance", "orce", " N  ", "isplacement"] {
+        assert!(!words.contains(text), "{text}\n{words}");
     }
 }

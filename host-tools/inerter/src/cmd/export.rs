@@ -70,10 +70,16 @@ pub struct Args {
 
 fn column(name: &str) -> Result<Column, String> {
     Column::find(name.trim()).ok_or_else(|| {
-        let names = || Column::ALL.into_iter().map(|column| column.name(Machine::Linear));
-        match nearest(name, names()) {
+        let names = |machine| Column::ALL.into_iter().map(move |column| column.name(machine));
+        let rotary: Vec<_> =
+            names(Machine::Rotary).filter(|name| !names(Machine::Linear).any(|linear| linear == *name)).collect();
+        match nearest(name, names(Machine::Linear).chain(rotary.iter().copied())) {
             Some(nearest) => format!("there is no such column; did you mean {nearest}?"),
-            None => format!("there is no such column; there are {}", names().collect::<Vec<_>>().join(", ")),
+            None => format!(
+                "there is no such column; there are {}; of a rotary machine {}",
+                names(Machine::Linear).collect::<Vec<_>>().join(", "),
+                rotary.join(", ")
+            ),
         }
     })
 }

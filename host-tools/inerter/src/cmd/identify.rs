@@ -120,7 +120,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     text(args, &runs, &found)?;
     if args.response {
         for (run, response) in runs.iter().zip(responses(&runs, &found)) {
-            response_text(&run.name, &response)?;
+            response_text(&run.name, run.settings.machine, &response)?;
         }
     }
     Ok(())
@@ -143,15 +143,16 @@ fn responses(runs: &[Run], found: &Identified) -> Vec<Beside> {
     runs.iter().map(|run| Beside::of(&response::measured(&Series::of(run)), &model)).collect()
 }
 
-fn response_text(name: &str, response: &Beside) -> Result<(), Error> {
+fn response_text(name: &str, machine: Machine, response: &Beside) -> Result<(), Error> {
     output::line("")?;
     if response.points.is_empty() {
         return Ok(output::line(format!("{name}: too short or too still for a frequency response"))?);
     }
-    output::line(format!("{name}: force over the displacement of the {}, by {}", response.input, response.method))?;
-    output::line(
-        "      Hz   measured N/m         degrees        coherence  ideal N/m  degrees  complete N/m  degrees",
-    )?;
+    let quotient = description(machine, "force over the displacement");
+    output::line(format!("{name}: {quotient} of the {}, by {}", response.input, response.method))?;
+    let unit = catalogue::unit(machine, "N/m");
+    let [measured, ideal, complete] = ["measured", "ideal", "complete"].map(|name| format!("{name} {unit}"));
+    output::line(format!("      Hz   {measured:<20} degrees        coherence  {ideal}  degrees  {complete}  degrees"))?;
     for row in &response.points {
         output::line(format!(
             "{:>8.3}   {:<9.4e} ± {:>4.1} %   {:>6.1} ± {:<5.1} {:>8.4}  {:>10.4e}  {:>6.1}   {:>10.4e}  {:>6.1}",

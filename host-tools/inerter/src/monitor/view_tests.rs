@@ -1,4 +1,4 @@
-use inerter_core::{Backlash, BacklashSize, Detail, Estimate, Interval, Parameter, Parameters, Settings};
+use inerter_core::{Backlash, BacklashSize, Detail, Estimate, Interval, Machine, Parameter, Parameters, Settings};
 use inerter_wire::{Capabilities, ClockSource, Health, Hello};
 use ratatui::{Terminal, backend::TestBackend};
 
@@ -14,6 +14,10 @@ fn at(run_s: f64) -> Moment {
 
 /// A state in which everything has something to show.
 fn state() -> State {
+    state_of(Machine::Linear)
+}
+
+fn state_of(machine: Machine) -> State {
     let mut state = State::new(Some("run.mcap".into()), vec!["page: http://127.0.0.1:1/".into()]);
     let hello = Hello {
         wire_version: inerter_wire::WIRE_VERSION,
@@ -25,7 +29,7 @@ fn state() -> State {
         clock: ClockSource::Crystal,
         capabilities: Capabilities::NONE,
     };
-    let settings = Settings { sample_rate_hz: 100.0, ..Settings::default() };
+    let settings = Settings { sample_rate_hz: 100.0, machine, ..Settings::default() };
     let mut items = vec![Item::Device { port: "COM3".into(), hello, settings }];
     let known = |value, u95| Parameter::Ok(Interval { value, u95 });
     for index in 0..1000 {
@@ -96,6 +100,25 @@ fn the_overview_fits_a_small_terminal() {
     assert!(lines[23].starts_with("q quit  ? keys"), "{screen}");
     // The curve is there: Braille.
     assert!(screen.chars().any(|letter| ('\u{2801}'..='\u{28ff}').contains(&letter)), "{screen}");
+}
+
+#[test]
+fn a_rotary_machine_has_its_names_and_units_on_every_pane() {
+    let mut state = state_of(Machine::Rotary);
+    for (tab, words) in [
+        (Tab::Overview, &["Effective inertia", "kg m² 95.11 ± 0.48", "N m s", "µrad", "Torque [N m]"][..]),
+        (Tab::Signals, &["Torque [N m]", "Rotor angle [mrad]"]),
+        (Tab::Parameters, &["Effective inertia 95.11 ± 0.48 kg m²", "Backlash 50.0 ± 1.2 µrad"]),
+    ] {
+        state.tab = tab;
+        let screen = drawn(&state, 100, 40, true).0.join("\n");
+        for word in words {
+            assert!(screen.contains(word), "{word}\n{screen}");
+        }
+        for word in ["nertance", "[N]", "orce", "[mm]", "µm"] {
+            assert!(!screen.contains(word), "{word}\n{screen}");
+        }
+    }
 }
 
 #[test]

@@ -80,10 +80,12 @@ pub fn figure(story: &Story, kind: Kind) -> Result<Figure, PageError> {
         Kind::Bode => bode(story),
     };
     let file = || story.run.name.clone();
-    let (mut caption, mut panels) =
-        made.map_err(|reason| PageError::NotShown { file: file(), figure: kind.name(), reason })?;
     let machine = story.run.settings.machine;
-    caption = description(machine, &caption);
+    let words = |text: String| description(machine, &text);
+    let (caption, mut panels) = made.map_err(|reason| {
+        let reason = words(reason);
+        PageError::NotShown { file: file(), figure: kind.name(), reason }
+    })?;
     for panel in &mut panels {
         for axis in [&mut panel.x, &mut panel.y] {
             axis.label = description(machine, &axis.label);
@@ -92,8 +94,8 @@ pub fn figure(story: &Story, kind: Kind) -> Result<Figure, PageError> {
             *label = description(machine, label);
         }
     }
-    let title = format!("{}: {}", kind.heading(), file());
-    Ok(Figure { name: kind.name(), title, caption, panels })
+    let title = format!("{}: {}", words(kind.heading().into()), file());
+    Ok(Figure { name: kind.name(), title, caption: words(caption), panels })
 }
 
 fn needs_rows(rows: &[Row]) -> Result<(), String> {

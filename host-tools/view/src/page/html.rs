@@ -54,7 +54,7 @@ pub fn html(story: &Story) -> (String, Vec<Figure>) {
                     (conditions(story))
                     (settings(&story.run.settings))
                     (versions(story.run.hello.as_ref()))
-                    (method())
+                    (method(story.run.settings.machine))
                 }
             }
         }
@@ -168,8 +168,10 @@ fn notes(story: &Story) -> Markup {
         }
         Regime::Unknown | Regime::Coulomb => None,
     };
-    let contact = (story.run.settings.stiffness_n_per_m == 0.0 && !story.run.settings.terminal_sensor)
-        .then(|| "The contact stiffness is not set: without it the force alone shows no backlash (setting stiffness_n_per_m).".to_string());
+    let contact = (story.run.settings.stiffness_n_per_m == 0.0 && !story.run.settings.terminal_sensor).then(|| {
+        let why = "The contact stiffness is not set: without it the force alone shows no backlash";
+        format!("{} (setting stiffness_n_per_m).", description(story.run.settings.machine, why))
+    });
     let all: Vec<String> = story.run.notes.iter().cloned().chain(changes).chain(friction).chain(contact).collect();
     markup! {
         section #notes {
@@ -216,10 +218,7 @@ fn conditions(story: &Story) -> Markup {
         || "nothing moved".to_string(),
         |(rms_n, _)| format!("{rms_n:.2} {} rms", catalogue::unit(story.run.settings.machine, "N")),
     );
-    let seen_at = match story.run.settings.machine {
-        Machine::Linear => "Inertance was seen at",
-        Machine::Rotary => "Inertia was seen at",
-    };
+    let seen_at = description(story.run.settings.machine, "Inertance was seen at");
     let recorded = story.run.recorded_ns.map(|time_ns| ("Recorded", utc(time_ns)));
     let rows = [
         ("Duration", duration_text(story.duration_s)),
@@ -227,7 +226,7 @@ fn conditions(story: &Story) -> Markup {
         ("Samples", counters.samples.to_string()),
         ("Lost samples", lost),
         ("Saturated samples", counters.saturated.to_string()),
-        (seen_at, band.unwrap_or_else(|| "nothing moved".into())),
+        (&seen_at, band.unwrap_or_else(|| "nothing moved".into())),
         ("Contact", text::contact_words(detail.contact).into()),
         ("Friction", format!("{}{reversal}", text::regime_words(detail.friction.regime))),
         ("Changes of the device", detail.changes.to_string()),
@@ -304,17 +303,18 @@ fn versions(hello: Option<&Hello>) -> Markup {
     }
 }
 
-fn method() -> Markup {
+fn method(machine: Machine) -> Markup {
+    let words = |linear| description(machine, linear);
     markup! {
         section #method {
             h2 { "How it was found" }
             p {
-                "Force and displacement pass the same smoothing kernel; recursive least squares find "
+                (words("Force and displacement pass the same smoothing kernel; recursive least squares find "))
                 i { "mt" } ", " i { "cf" } ", " i { "fc" } " and " i { "F0" } " of "
                 i { "F = mt a + cf v + fc sgn(v) + F0" } ", in contact and out of it; what stands still is left out. "
                 "The estimates are those of the device, to the bit. An interval is "
                 i { "U95" } " = √((3 " i { "se" } ")² + " i { "B" } "²) with the systematic part " i { "B" }
-                " of force gain, lead, timebase, skew and structure mass as stated in the settings."
+                (words(" of force gain, lead, timebase, skew and structure mass as stated in the settings."))
             }
         }
     }

@@ -171,9 +171,10 @@ impl Viewer for Foxglove {
         match item {
             Item::Device { settings, .. } | Item::Settings(settings) => {
                 if settings.machine != self.settings.machine {
-                    let channels = Channels::new(&self.context, settings.machine)
+                    // First: a channel with the topic and schema of one that is open would be that one.
+                    self.channels.close();
+                    self.channels = Channels::new(&self.context, settings.machine)
                         .map_err(|reason| failed(&self.address, reason))?;
-                    std::mem::replace(&mut self.channels, channels).close();
                 }
                 self.settings = *settings;
             }
