@@ -209,7 +209,7 @@ fn crashed() -> Options {
 }
 
 /// What it has to tell.
-fn story() -> Vec<EventKind> {
+fn events_of_a_panic() -> Vec<EventKind> {
     vec![
         EventKind::Started,
         EventKind::ResetBy(ResetCause::Panic),
@@ -255,7 +255,7 @@ fn a_device_is_mute_until_a_host_says_something_valid() {
     assert_eq!(*message, started, "the stream begins with it");
     assert!(frames.iter().all(|frame| matches!(frame, Frame::Message { .. })), "{frames:?}");
     let records = messages(frames);
-    assert_eq!(events(&records), story());
+    assert_eq!(events(&records), events_of_a_panic());
     assert!(matches!(records[1], Record::Hello(_)));
     assert_eq!(records.last(), Some(&Record::Reply(Reply { id, result: Ok(Done::Plain) })));
     let health = rig.health();
@@ -266,7 +266,7 @@ fn a_device_is_mute_until_a_host_says_something_valid() {
 fn the_next_host_is_told_nothing_old() {
     let mut rig = TestDevice::cold(crashed());
     rig.app.link_state().set_open(true);
-    assert_eq!(events(&rig.tell(Command::Hello)), story());
+    assert_eq!(events(&rig.tell(Command::Hello)), events_of_a_panic());
     for _ in 0..3 {
         rig.app.link_state().set_open(false);
         rig.pass(100);
@@ -286,7 +286,7 @@ fn the_next_host_is_told_nothing_old() {
 fn a_host_that_leaves_before_it_was_told_leaves_the_story_to_the_next() {
     let mut rig = TestDevice::cold(crashed());
     rig.app.link_state().set_open(true);
-    // A few bytes of the story fit, then the host is gone.
+    // A few bytes of them fit, then the host is gone.
     rig.set_room(20);
     rig.send(Command::Hello);
     rig.pass(10);
@@ -297,7 +297,7 @@ fn a_host_that_leaves_before_it_was_told_leaves_the_story_to_the_next() {
     rig.app.link_state().set_open(true);
     rig.send_bytes(&[0]);
     rig.send(Command::Hello);
-    assert_eq!(events(&messages(rig.frames())), story());
+    assert_eq!(events(&messages(rig.frames())), events_of_a_panic());
 }
 
 #[test]
@@ -351,7 +351,7 @@ fn a_source_that_does_not_come_up_is_told_with_the_start() {
     let mut rig = TestDevice::cold(options);
     rig.pass(1_000);
     rig.app.link_state().set_open(true);
-    let mut expected = story();
+    let mut expected = events_of_a_panic();
     expected.push(EventKind::Fault(Fault::SourceUnreadable));
     assert_eq!(events(&rig.tell(Command::Hello)), expected);
     drop(rig);

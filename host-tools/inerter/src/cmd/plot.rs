@@ -54,7 +54,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     }
     // clap has let through only these names.
     let kind = Kind::ALL.into_iter().find(|kind| kind.name() == args.figure).unwrap_or(Kind::Force);
-    let drawn = figure(&report::told(&args.file, &args.settings)?, kind)?;
+    let drawn = figure(&report::content(&args.file, &args.settings)?, kind)?;
     if bitmap {
         render_png(&drawn, path)?
     } else {

@@ -11,7 +11,7 @@ use inerter_data::{
 };
 use inerter_view::{
     figure::render_png,
-    page::{Story, html},
+    page::{Content, html},
 };
 use serde_json::json;
 
@@ -54,8 +54,8 @@ pub fn run(args: &Args) -> Result<(), Error> {
     if !args.force {
         output::refuse_existing(&args.output)?;
     }
-    let story = told(&args.file, &args.settings)?;
-    let (page, figures) = html(&story);
+    let content = content(&args.file, &args.settings)?;
+    let (page, figures) = html(&content);
     let mut images = Vec::new();
     if let Some(folder) = &args.png {
         make_folder(folder)?;
@@ -86,13 +86,13 @@ pub fn run(args: &Args) -> Result<(), Error> {
 }
 
 /// Reads a file and takes it through the estimator, with a bar.
-pub fn told(file: &Path, settings: &FileSettingsArgs) -> Result<Story, Error> {
+pub fn content(file: &Path, settings: &FileSettingsArgs) -> Result<Content, Error> {
     let run = inerter_data::open(file, &settings.overrides()?)?;
     run.notes.iter().for_each(note);
     let mut progress = Progress::new("replaying", 1000);
-    let story = Story::of(run, |part| progress.set((part * 1e3) as u64))?;
+    let content = Content::of(run, |part| progress.set((part * 1e3) as u64))?;
     progress.done();
-    Ok(story)
+    Ok(content)
 }
 
 /// Makes a folder and those above it.

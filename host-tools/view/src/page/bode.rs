@@ -6,7 +6,7 @@ use inerter_analysis::response::{self, Complex, Input, Method, ModelParameters, 
 use inerter_data::words::plural;
 
 use super::{
-    Story,
+    Content,
     layout::{LOW_PX, Made, TALL_PX},
 };
 use crate::figure::{Axis, Colour, Layer, Panel, Shape, Stroke};
@@ -34,8 +34,8 @@ fn broken_where_points_miss(points: &[(f64, f64, f64, f64)]) -> Vec<(f64, f64, f
 }
 
 /// Measured, ideal and complete response.
-pub(super) fn bode(story: &Story) -> Made {
-    let response = &story.response;
+pub(super) fn bode(content: &Content) -> Made {
+    let response = &content.response;
     let frequencies = || response.points.iter().map(|point| point.frequency_hz);
     let (low_hz, high_hz) = frequencies().fold((f64::INFINITY, 0.0_f64), |(low, high), f| (low.min(f), high.max(f)));
     if response.points.is_empty() {
@@ -55,13 +55,13 @@ pub(super) fn bode(story: &Story) -> Made {
         Shape::Line(points, _) => Shape::Line(points, Stroke::Solid),
         other => other,
     };
-    let complete = |f: f64| model(&story.model, response.input, f);
+    let complete = |f: f64| model(&content.model, response.input, f);
     let rubbing = ModelParameters {
-        viscous_n_s_per_m: story.model.viscous_n_s_per_m + story.equivalent_viscous.unwrap_or(0.0),
-        ..story.model
+        viscous_n_s_per_m: content.model.viscous_n_s_per_m + content.equivalent_viscous.unwrap_or(0.0),
+        ..content.model
     };
     let with_friction = |f: f64| model(&rubbing, response.input, f);
-    let perfect = |f: f64| ideal(story.model.inertance_kg, f);
+    let perfect = |f: f64| ideal(content.model.inertance_kg, f);
     let measured = |show: &dyn Fn(f64, Complex<f64>) -> f64, half: &dyn Fn(f64, &response::Point) -> f64| {
         let all = response.points.iter().map(|point| {
             let value = show(point.frequency_hz, point.response);
@@ -78,7 +78,7 @@ pub(super) fn bode(story: &Story) -> Made {
             Layer::new("measured", Colour::Blue, Shape::Line(line, Stroke::Wide)),
         ]
     };
-    let has_friction = story.equivalent_viscous.is_some() && story.law.coulomb_n.abs() > 0.0;
+    let has_friction = content.equivalent_viscous.is_some() && content.law.coulomb_n.abs() > 0.0;
     let models = |show: &dyn Fn(f64, Complex<f64>) -> f64| {
         let mut layers = vec![
             Layer::new("ideal", Colour::Ink, solid(curve(&perfect, show))),
@@ -108,8 +108,8 @@ pub(super) fn bode(story: &Story) -> Made {
     let phase = |_: f64, response: Complex<f64>| degrees(response);
     let apparent = response.points.iter().map(|point| kilograms(point.frequency_hz, point.response));
     // Where friction or the resonance carries the force, the apparent inertance has no end.
-    let most = apparent.fold(1.25, |most, kg| f64::max(most, 1.1 * kg / story.model.inertance_kg)).min(3.0);
-    let most_kg = most * story.model.inertance_kg.abs().max(1e-3);
+    let most = apparent.fold(1.25, |most, kg| f64::max(most, 1.1 * kg / content.model.inertance_kg)).min(3.0);
+    let most_kg = most * content.model.inertance_kg.abs().max(1e-3);
     let panels = vec![
         panel(Axis::log(format!("|F / {over}| [kN/m]")), TALL_PX - 20, &kilonewtons, &relative),
         unnamed(panel(
@@ -135,15 +135,15 @@ pub(super) fn bode(story: &Story) -> Made {
         Input::Terminal => "the terminal",
         Input::Screw => "the screw, by the encoder",
     };
-    let contact = if story.model.stiffness_n_per_m > 0.0 {
+    let contact = if content.model.stiffness_n_per_m > 0.0 {
         ""
     } else {
         " The contact stiffness is not known: the complete model is rigid."
     };
-    let friction = match story.equivalent_viscous {
+    let friction = match content.equivalent_viscous {
         Some(c) if has_friction => format!(
             " Dry friction is not linear; at this motion's speed it acts like {c:.1} {} more of viscous friction.",
-            catalogue::unit(story.run.settings.machine, "N s/m")
+            catalogue::unit(content.run.settings.machine, "N s/m")
         ),
         _ => String::new(),
     };

@@ -11,7 +11,7 @@ use inerter_data::{
 use inerter_wire::catalogue::{self, Group};
 
 use super::{
-    PageError, Story,
+    Content, PageError,
     bode::bode,
     layout::{LOW_PX, Made, TALL_PX},
 };
@@ -70,17 +70,17 @@ const MOST_REVERSALS: usize = 300;
 const BARS: (f64, f64) = (8.0, 40.0);
 
 /// One figure of a run, or why it has none.
-pub fn figure(story: &Story, kind: Kind) -> Result<Figure, PageError> {
+pub fn figure(content: &Content, kind: Kind) -> Result<Figure, PageError> {
     let made = match kind {
-        Kind::Force => force(story),
-        Kind::Loop => hysteresis(story),
-        Kind::Residual => residual(story),
-        Kind::Parameters => parameters(story),
-        Kind::Backlash => backlash(story),
-        Kind::Bode => bode(story),
+        Kind::Force => force(content),
+        Kind::Loop => hysteresis(content),
+        Kind::Residual => residual(content),
+        Kind::Parameters => parameters(content),
+        Kind::Backlash => backlash(content),
+        Kind::Bode => bode(content),
     };
-    let file = || story.run.name.clone();
-    let machine = story.run.settings.machine;
+    let file = || content.run.name.clone();
+    let machine = content.run.settings.machine;
     let words = |text: String| description(machine, &text);
     let (caption, mut panels) = made.map_err(|reason| {
         let reason = words(reason);
@@ -107,8 +107,8 @@ fn line(rows: &[Row], of: impl Fn(&Row) -> (f64, f64)) -> Vec<(f64, f64)> {
     rows.iter().map(of).collect()
 }
 
-fn force(story: &Story) -> Made {
-    let rows = &story.close;
+fn force(content: &Content) -> Made {
+    let rows = &content.close;
     needs_rows(rows)?;
     let measured = line(rows, |row| (row.t_s, row.force_n));
     let law = line(rows, |row| (row.t_s, row.law_n));
@@ -135,35 +135,35 @@ fn force(story: &Story) -> Made {
     ];
     let caption = format!(
         "Measured force and the law with the values fitted to all motion, both through the estimator's kernels, in the middle of it. {}",
-        left_over(story)
+        left_over(content)
     );
     Ok((caption, panels))
 }
 
 /// A sentence on the residual.
-fn left_over(story: &Story) -> String {
-    match story.residual() {
+fn left_over(content: &Content) -> String {
+    match content.residual() {
         Some((rms_n, explained)) => format!(
             "Over {} {rms_n:.2} {} rms are left over, {:.2} % of the force's. \
              Where the screw stands there is no law: friction at rest takes any value.",
-            if story.changes.is_empty() {
+            if content.changes.is_empty() {
                 "the whole run"
             } else {
                 "all that came after the last change of the device"
             },
-            catalogue::unit(story.run.settings.machine, "N"),
+            catalogue::unit(content.run.settings.machine, "N"),
             100.0 * (1.0 - explained).max(0.0).sqrt()
         ),
         None => "Nothing moves: there is no law to compare with.".into(),
     }
 }
 
-fn residual(story: &Story) -> Made {
-    let rows = &story.rows;
+fn residual(content: &Content) -> Made {
+    let rows = &content.rows;
     needs_rows(rows)?;
     let left = line(rows, |row| (row.t_s, row.force_n - row.law_n));
     let values: Vec<f64> = left.iter().map(|(_, value)| *value).filter(|value| value.is_finite()).collect();
-    let (rms_n, _) = story.residual().ok_or("nothing moves")?;
+    let (rms_n, _) = content.residual().ok_or("nothing moves")?;
     let (bars, width_n) = histogram(&values);
     let normal = |n: i32| {
         let z = f64::from(n) / 20.0;
@@ -198,7 +198,7 @@ fn residual(story: &Story) -> Made {
     let caption = format!(
         "What the law leaves over while the screw moves, two values in each box of the kernel. Noise alone would follow the normal distribution; \
          long tails come from reversals, impacts and changes. {}",
-        left_over(story)
+        left_over(content)
     );
     Ok((caption, panels))
 }
@@ -224,8 +224,8 @@ fn histogram(values: &[f64]) -> (Vec<(f64, f64, f64)>, f64) {
     (bars.collect(), width)
 }
 
-fn hysteresis(story: &Story) -> Made {
-    let rows = &story.close;
+fn hysteresis(content: &Content) -> Made {
+    let rows = &content.close;
     needs_rows(rows)?;
     let known: Vec<f64> = rows.iter().map(|row| row.position_m).filter(|position| position.is_finite()).collect();
     let (low, high) =
@@ -254,15 +254,15 @@ fn hysteresis(story: &Story) -> Made {
     Ok((caption.into(), vec![panel]))
 }
 
-fn parameters(story: &Story) -> Made {
+fn parameters(content: &Content) -> Made {
     let mut panels = Vec::new();
-    let machine = story.run.settings.machine;
+    let machine = content.run.settings.machine;
     let linear = catalogue::fields(Machine::Linear, Group::Parameter);
     for (number, (linear, field)) in linear.zip(catalogue::fields(machine, Group::Parameter)).enumerate() {
         let of = |parameters: &inerter_core::Parameters| -> Option<Parameter> {
             catalogue::parameters(machine, parameters).nth(number).map(|(_, parameter)| parameter)
         };
-        let points: Vec<(f64, f64, f64)> = story
+        let points: Vec<(f64, f64, f64)> = content
             .moments
             .iter()
             .filter_map(|moment| Some((moment.t_s, of(&moment.estimate.recent)?)))
@@ -276,13 +276,13 @@ fn parameters(story: &Story) -> Made {
         if known < 2 || field.symbol == "F0" {
             continue;
         }
-        let truth = truth_line(story, linear.path, 1.0);
-        let whole = of(&story.outcome.estimate.whole_run).map(|parameter| value_text(&parameter)).unwrap_or_default();
+        let truth = truth_line(content, linear.path, 1.0);
+        let whole = of(&content.outcome.estimate.whole_run).map(|parameter| value_text(&parameter)).unwrap_or_default();
         let label = format!("{} [{}]", field.symbol, field.unit);
         let title = format!("{}, whole run {whole} {}", field.label, field.unit);
-        panels.push(over_time(story, label, title, &points, Colour::Blue, truth));
+        panels.push(over_time(content, label, title, &points, Colour::Blue, truth));
     }
-    let widths: Vec<(f64, f64, f64)> = story
+    let widths: Vec<(f64, f64, f64)> = content
         .moments
         .iter()
         .filter_map(|moment| Some((moment.t_s, moment.detail?.backlash)))
@@ -294,11 +294,11 @@ fn parameters(story: &Story) -> Made {
     if widths.iter().filter(|point| point.1.is_finite()).count() > 1 {
         let text = format!(
             "Backlash so far, {} {}",
-            backlash_text(&story.outcome.detail.backlash),
-            catalogue::unit(story.run.settings.machine, "µm")
+            backlash_text(&content.outcome.detail.backlash),
+            catalogue::unit(content.run.settings.machine, "µm")
         );
-        let truth = truth_line(story, "backlash_m", 1e6);
-        panels.push(over_time(story, "eps [µm]".into(), text, &widths, Colour::Purple, truth));
+        let truth = truth_line(content, "backlash_m", 1e6);
+        panels.push(over_time(content, "eps [µm]".into(), text, &widths, Colour::Purple, truth));
     }
     if panels.is_empty() {
         return Err("the motion shows no parameter for long enough".into());
@@ -309,23 +309,23 @@ fn parameters(story: &Story) -> Made {
         } else {
             ""
         };
-    let changes = if story.changes.is_empty() {
+    let changes = if content.changes.is_empty() {
         ""
     } else {
         " Vertical lines mark where a change of the device was found and the estimator began anew."
     };
     let caption = format!(
         "Estimates with their 95 % interval, by the last {} s of motion. Where the line breaks off, the motion did not show the parameter.{true_line}{changes}",
-        story.run.settings.memory_s
+        content.run.settings.memory_s
     );
     Ok((caption, panels))
 }
 
 /// What is true of a simulated device over time, `factor` bringing it to the unit shown; empty where it is not known.
-fn truth_line(story: &Story, name: &str, factor: f64) -> Vec<(f64, f64)> {
-    let (start_s, end_s) = (story.run.start_s, story.run.start_s + story.duration_s);
-    let Some(first) = story.first_truth(name).map(|value| value * factor) else { return Vec::new() };
-    match story.later_truth(name).map(|(at_s, value)| (at_s, value * factor)) {
+fn truth_line(content: &Content, name: &str, factor: f64) -> Vec<(f64, f64)> {
+    let (start_s, end_s) = (content.run.start_s, content.run.start_s + content.duration_s);
+    let Some(first) = content.first_truth(name).map(|value| value * factor) else { return Vec::new() };
+    match content.later_truth(name).map(|(at_s, value)| (at_s, value * factor)) {
         Some((at_s, later)) => vec![(start_s, first), (at_s, first), (at_s, later), (end_s, later)],
         None => vec![(start_s, first), (end_s, first)],
     }
@@ -333,7 +333,7 @@ fn truth_line(story: &Story, name: &str, factor: f64) -> Vec<(f64, f64)> {
 
 /// A value with its interval over time; the axis is made for what it settles at, not for its first uncertain moments.
 fn over_time(
-    story: &Story,
+    content: &Content,
     label: String,
     title: String,
     points: &[(f64, f64, f64)],
@@ -348,7 +348,7 @@ fn over_time(
     let values = || known().map(|point| point.1).collect::<Vec<_>>();
     let u95 = middle(known().map(|point| point.2).collect(), 0.5);
     let (low, high) = (middle(values(), 0.03) - 2.2 * u95, middle(values(), 0.97) + 2.2 * u95);
-    let start = story.run.start_s;
+    let start = content.run.start_s;
     let band = points.iter().map(|(t_s, value, u95)| (*t_s, value - u95, value + u95)).collect();
     let mut layers = vec![
         Layer::unnamed(colour, Shape::Band(band)),
@@ -357,7 +357,7 @@ fn over_time(
     if truth.iter().any(|(_, value)| (low..=high).contains(value)) {
         layers.push(Layer::new("truth", Colour::Ink, Shape::Line(truth, Stroke::Dashed)));
     }
-    layers.extend(story.changes.iter().enumerate().map(|(number, (t_s, _))| {
+    layers.extend(content.changes.iter().enumerate().map(|(number, (t_s, _))| {
         let instant = Shape::Instant(*t_s, Stroke::Solid);
         if number == 0 {
             Layer::new("change found", Colour::Orange, instant)
@@ -365,21 +365,21 @@ fn over_time(
             Layer::unnamed(Colour::Orange, instant)
         }
     }));
-    let x = Axis::new("Time [s]").within(start, start + story.duration_s.max(1e-3));
+    let x = Axis::new("Time [s]").within(start, start + content.duration_s.max(1e-3));
     let room = (high - low).max(1e-6);
     Panel { x, y: Axis::new(label).within(low - 0.02 * room, high + 0.02 * room), height_px: LOW_PX - 10, layers }
 }
 
-fn backlash(story: &Story) -> Made {
-    let estimate = &story.outcome.detail.backlash;
-    if story.reversals.len() < 2 {
+fn backlash(content: &Content) -> Made {
+    let estimate = &content.outcome.detail.backlash;
+    if content.reversals.len() < 2 {
         return Err(format!(
             "{} of the flanks accepted ({})",
-            plural(story.reversals.len() as u64, "reversal"),
+            plural(content.reversals.len() as u64, "reversal"),
             backlash_text(estimate)
         ));
     }
-    let micrometres: Vec<(f64, f64, f64)> = story
+    let micrometres: Vec<(f64, f64, f64)> = content
         .reversals
         .iter()
         .map(|(t_s, reversal)| (*t_s, f64::from(reversal.value_m) * 1e6, 1.96 * f64::from(reversal.error_m) * 1e6))
@@ -397,11 +397,11 @@ fn backlash(story: &Story) -> Made {
     if let Some(Interval { value, u95 }) = estimate.known() {
         let (value, u95) = (f64::from(value) * 1e6, f64::from(u95) * 1e6);
         let label =
-            format!("estimate {} {}", interval_text(value, u95), catalogue::unit(story.run.settings.machine, "µm"));
+            format!("estimate {} {}", interval_text(value, u95), catalogue::unit(content.run.settings.machine, "µm"));
         layers.push(Layer::unnamed(Colour::Vermilion, Shape::Span(value - u95, value + u95)));
         layers.push(Layer::new(label, Colour::Vermilion, Shape::Instant(value, Stroke::Solid)));
     }
-    if let Some(truth) = story.truth("backlash_m") {
+    if let Some(truth) = content.truth("backlash_m") {
         layers.push(Layer::new("truth", Colour::Ink, Shape::Instant(truth * 1e6, Stroke::Dashed)));
     }
     let every = micrometres.len().div_ceil(MOST_REVERSALS);
@@ -431,7 +431,7 @@ fn backlash(story: &Story) -> Made {
     let thinned = if every > 1 { format!(" Over time one reversal in {every} is shown.") } else { String::new() };
     let caption = format!(
         "Backlash by each of {}; reversals contradict each other by impacts and noise, and the estimate weighs them by their information.{left_out}{thinned}",
-        plural(story.reversals.len() as u64, "accepted reversal")
+        plural(content.reversals.len() as u64, "accepted reversal")
     );
     Ok((caption, panels))
 }

@@ -13,7 +13,7 @@ use inerter_wire::{
 };
 use maud::{DOCTYPE, Markup, PreEscaped, html as markup};
 
-use super::{Kind, PageError, Story, figures};
+use super::{Content, Kind, PageError, figures};
 use crate::figure::{Colour, Figure, css, svg_for_page};
 
 /// Look of a page, for both schemes and paper. Colours come from the figures' own table.
@@ -32,9 +32,9 @@ pub fn page_css() -> String {
 }
 
 /// The whole page.
-pub fn html(story: &Story) -> (String, Vec<Figure>) {
+pub fn html(content: &Content) -> (String, Vec<Figure>) {
     let all: Vec<(Kind, Result<Figure, PageError>)> =
-        Kind::ALL.into_iter().map(|kind| (kind, figures::figure(story, kind))).collect();
+        Kind::ALL.into_iter().map(|kind| (kind, figures::figure(content, kind))).collect();
     let page = markup! {
         (DOCTYPE)
         html lang="en" {
@@ -42,19 +42,19 @@ pub fn html(story: &Story) -> (String, Vec<Figure>) {
                 meta charset="utf-8";
                 meta name="viewport" content="width=device-width, initial-scale=1";
                 meta name="generator" content=(concat!("inerter ", env!("CARGO_PKG_VERSION")));
-                title { "Inerter: " (file_name(story)) }
+                title { "Inerter: " (file_name(content)) }
                 style { (PreEscaped(page_css())) }
             }
             body {
-                (header(story))
+                (header(content))
                 main {
-                    (results(story))
-                    (notes(story))
-                    @for (kind, figure) in &all { (section(story.run.settings.machine, *kind, figure)) }
-                    (conditions(story))
-                    (settings(&story.run.settings))
-                    (versions(story.run.hello.as_ref()))
-                    (method(story.run.settings.machine))
+                    (results(content))
+                    (notes(content))
+                    @for (kind, figure) in &all { (section(content.run.settings.machine, *kind, figure)) }
+                    (conditions(content))
+                    (settings(&content.run.settings))
+                    (versions(content.run.hello.as_ref()))
+                    (method(content.run.settings.machine))
                 }
             }
         }
@@ -62,21 +62,21 @@ pub fn html(story: &Story) -> (String, Vec<Figure>) {
     (page.into_string(), all.into_iter().filter_map(|(_, figure)| figure.ok()).collect())
 }
 
-fn file_name(story: &Story) -> String {
-    let path = std::path::Path::new(&story.run.name);
-    path.file_name().map_or_else(|| story.run.name.clone(), |name| name.to_string_lossy().into_owned())
+fn file_name(content: &Content) -> String {
+    let path = std::path::Path::new(&content.run.name);
+    path.file_name().map_or_else(|| content.run.name.clone(), |name| name.to_string_lossy().into_owned())
 }
 
-fn header(story: &Story) -> Markup {
-    let device = story.run.hello.as_ref().map(|hello| format!("{}, serial {}", hello.board, hello.serial));
+fn header(content: &Content) -> Markup {
+    let device = content.run.hello.as_ref().map(|hello| format!("{}, serial {}", hello.board, hello.serial));
     markup! {
         header {
             p.kind { "Instrumented inerter: report of a run" }
-            h1 { (file_name(story)) }
+            h1 { (file_name(content)) }
             p.meta {
                 (device.unwrap_or_else(|| "device not recorded".into())) " · "
-                (duration_text(story.duration_s)) " at " (story.run.settings.sample_rate_hz) " Hz"
-                @if let Some(truth) = &story.run.truth {
+                (duration_text(content.duration_s)) " at " (content.run.settings.sample_rate_hz) " Hz"
+                @if let Some(truth) = &content.run.truth {
                     " · simulated"
                     @if let Some(excite) = truth.get("excite") { ", motion " code { (excite) } }
                 }
@@ -99,15 +99,15 @@ fn digits(value: f64) -> String {
     format!("{rounded}").replace('-', "\u{2212}")
 }
 
-fn results(story: &Story) -> Markup {
-    let estimate = &story.outcome.estimate;
-    let simulated = story.run.truth.is_some();
+fn results(content: &Content) -> Markup {
+    let estimate = &content.outcome.estimate;
+    let simulated = content.run.truth.is_some();
     let truth = |name: &str, factor: f64| {
-        let first = story.first_truth(name).map(|value| digits(value * factor)).unwrap_or_default();
-        let later = story.later_truth(name).map(|(_, value)| format!(", then {}", digits(value * factor)));
+        let first = content.first_truth(name).map(|value| digits(value * factor)).unwrap_or_default();
+        let later = content.later_truth(name).map(|(_, value)| format!(", then {}", digits(value * factor)));
         first + &later.unwrap_or_default()
     };
-    let machine = story.run.settings.machine;
+    let machine = content.run.settings.machine;
     let pairs = catalogue::parameters(machine, &estimate.recent)
         .zip(catalogue::parameters(machine, &estimate.whole_run))
         .zip(catalogue::fields(Machine::Linear, Group::Parameter));
@@ -118,7 +118,7 @@ fn results(story: &Story) -> Markup {
                 thead { tr {
                     th scope="col" { "Parameter" }
                     th scope="col" { "Unit" }
-                    th.number scope="col" { "Last " (story.run.settings.memory_s) " s" }
+                    th.number scope="col" { "Last " (content.run.settings.memory_s) " s" }
                     th.number scope="col" { "Whole run" }
                     @if simulated { th.number scope="col" { "Truth" } }
                     th scope="col" { "Status" }
@@ -137,7 +137,7 @@ fn results(story: &Story) -> Markup {
                             td class=(class) { (word) }
                         }
                     }
-                    @for (label, unit, value, name, factor) in text::rows(&story.outcome.detail, &story.run.settings) {
+                    @for (label, unit, value, name, factor) in text::rows(&content.outcome.detail, &content.run.settings) {
                         tr {
                             th scope="row" { (label) }
                             td { (unit) }
@@ -157,22 +157,22 @@ fn results(story: &Story) -> Markup {
     }
 }
 
-fn notes(story: &Story) -> Markup {
-    let changes = story
+fn notes(content: &Content) -> Markup {
+    let changes = content
         .changes
         .iter()
-        .map(|(t_s, change)| format!("At {t_s:.2} s {}.", text::change_words(story.run.settings.machine, change)));
-    let friction = match story.outcome.detail.friction.regime {
+        .map(|(t_s, change)| format!("At {t_s:.2} s {}.", text::change_words(content.run.settings.machine, change)));
+    let friction = match content.outcome.detail.friction.regime {
         Regime::Presliding | Regime::Stribeck => {
             Some("Friction near rest does not follow the law; the intervals are wider for it.".to_string())
         }
         Regime::Unknown | Regime::Coulomb => None,
     };
-    let contact = (story.run.settings.stiffness_n_per_m == 0.0 && !story.run.settings.terminal_sensor).then(|| {
+    let contact = (content.run.settings.stiffness_n_per_m == 0.0 && !content.run.settings.terminal_sensor).then(|| {
         let why = "The contact stiffness is not set: without it the force alone shows no backlash";
-        format!("{} (setting stiffness_n_per_m).", description(story.run.settings.machine, why))
+        format!("{} (setting stiffness_n_per_m).", description(content.run.settings.machine, why))
     });
-    let all: Vec<String> = story.run.notes.iter().cloned().chain(changes).chain(friction).chain(contact).collect();
+    let all: Vec<String> = content.run.notes.iter().cloned().chain(changes).chain(friction).chain(contact).collect();
     markup! {
         section #notes {
             h2 { "Notes" }
@@ -201,8 +201,8 @@ fn section(machine: Machine, kind: Kind, figure: &Result<Figure, PageError>) -> 
     }
 }
 
-fn conditions(story: &Story) -> Markup {
-    let (detail, counters) = (&story.outcome.detail, &story.outcome.counters);
+fn conditions(content: &Content) -> Markup {
+    let (detail, counters) = (&content.outcome.detail, &content.outcome.counters);
     let band =
         (detail.band.low_hz > 0.0).then(|| format!("{:.3} to {:.3} Hz", detail.band.low_hz, detail.band.high_hz));
     let reversal = detail
@@ -214,15 +214,15 @@ fn conditions(story: &Story) -> Markup {
         (0, _) => "none".to_string(),
         (places, lost) => format!("{} in {}", plural(lost, "sample"), plural(places.into(), "place")),
     };
-    let residual = story.residual().map_or_else(
+    let residual = content.residual().map_or_else(
         || "nothing moved".to_string(),
-        |(rms_n, _)| format!("{rms_n:.2} {} rms", catalogue::unit(story.run.settings.machine, "N")),
+        |(rms_n, _)| format!("{rms_n:.2} {} rms", catalogue::unit(content.run.settings.machine, "N")),
     );
-    let seen_at = description(story.run.settings.machine, "Inertance was seen at");
-    let recorded = story.run.recorded_ns.map(|time_ns| ("Recorded", utc(time_ns)));
+    let seen_at = description(content.run.settings.machine, "Inertance was seen at");
+    let recorded = content.run.recorded_ns.map(|time_ns| ("Recorded", utc(time_ns)));
     let rows = [
-        ("Duration", duration_text(story.duration_s)),
-        ("Sample rate", format!("{} Hz", story.run.settings.sample_rate_hz)),
+        ("Duration", duration_text(content.duration_s)),
+        ("Sample rate", format!("{} Hz", content.run.settings.sample_rate_hz)),
         ("Samples", counters.samples.to_string()),
         ("Lost samples", lost),
         ("Saturated samples", counters.saturated.to_string()),
@@ -231,8 +231,8 @@ fn conditions(story: &Story) -> Markup {
         ("Friction", format!("{}{reversal}", text::regime_words(detail.friction.regime))),
         ("Changes of the device", detail.changes.to_string()),
         ("Left over by the law", residual),
-        ("Kernel bank", bank_word(story.outcome.estimate.bank).into()),
-        ("Updates", story.outcome.estimate.updates.to_string()),
+        ("Kernel bank", bank_word(content.outcome.estimate.bank).into()),
+        ("Updates", content.outcome.estimate.updates.to_string()),
         ("Reversals for the backlash", detail.backlash.reversals.to_string()),
     ];
     markup! {

@@ -1,4 +1,4 @@
-//! Everything that is told of a run.
+//! What the page of a run holds.
 
 use inerter_analysis::law::{Kernels, Law, Row};
 use inerter_analysis::{
@@ -31,9 +31,9 @@ pub struct Moment {
     pub detail: Option<Detail>,
 }
 
-/// Everything that is told of a run.
+/// What the page of a run holds.
 #[derive(Clone, Debug)]
-pub struct Story {
+pub struct Content {
     /// The run without its samples.
     pub run: Run,
     /// From its first sample to its last \[s\].
@@ -60,14 +60,14 @@ pub struct Story {
     pub equivalent_viscous: Option<f64>,
 }
 
-impl Story {
+impl Content {
     /// Takes a run through the estimator; `progress` is handed the part that is done.
     pub fn of(mut run: Run, mut progress: impl FnMut(f64)) -> Result<Self, SettingsInputError> {
         let (mut moments, mut reversals, mut changes) = (Vec::new(), Vec::new(), Vec::new());
         let duration_s = run.duration_s();
         let start_s = run.start_s;
-        let outcome = replay_all(&run, |t_s, news| -> Result<(), SettingsInputError> {
-            match *news {
+        let outcome = replay_all(&run, |t_s, event| -> Result<(), SettingsInputError> {
+            match *event {
                 EstimatorEvent::Reversal(reversal) => reversals.push((t_s, reversal)),
                 EstimatorEvent::Changed(change) => changes.push((t_s, change)),
                 EstimatorEvent::Estimate(estimate, detail) => {
@@ -181,5 +181,5 @@ fn model(outcome: &Outcome, settings: &Settings, law: &Law) -> ModelParameters {
 }
 
 #[cfg(test)]
-#[path = "story_tests.rs"]
+#[path = "content_tests.rs"]
 mod tests;
