@@ -1,8 +1,8 @@
 //! Settings in SI, and what makes them valid.
 //!
 //! Every setting is one number with a name that carries its unit, and a choice has a type of its own. The table below is the
-//! only place where a
-//! setting's name, unit, default and range are written; the wire, the host and the documents read it from here.
+//! only place where a setting's name, unit, default and range are written; the wire, the host and the documents read it from
+//! here.
 
 /// Why a set of settings was refused, naming the field.
 #[derive(Clone, Copy, Debug, PartialEq)]

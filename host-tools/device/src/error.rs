@@ -65,6 +65,27 @@ pub enum DeviceError {
     )]
     Silent { name: String, seconds: f64 },
 
+    /// It says much, but not what was asked for.
+    #[error("{name} did not answer the request {what}")]
+    #[diagnostic(
+        code(inerter::device::no_reply),
+        help("try again; if it stays so, restart the device, and update its firmware")
+    )]
+    NoReply { name: String, what: &'static str },
+
+    /// More than any device of ours sends.
+    #[error("{name} sends faster than anything can be asked of it")]
+    #[diagnostic(
+        code(inerter::device::flood),
+        help("is this an instrumented inerter? Restart it, and update its firmware")
+    )]
+    Flood { name: String },
+
+    /// The caller ended the work while it was waited for.
+    #[error("interrupted")]
+    #[diagnostic(code(inerter::interrupted), help("the device may need a restart; start again when you like"))]
+    Interrupted,
+
     /// Another wire version.
     #[error("{name} speaks wire version {theirs}; this program speaks {WIRE_VERSION}")]
     #[diagnostic(code(inerter::wire::version), help("{}", VersionAdvice { theirs: *theirs }))]
@@ -102,6 +123,8 @@ impl DeviceError {
                 | Self::Open { .. }
                 | Self::Connect { .. }
                 | Self::Silent { .. }
+                | Self::NoReply { .. }
+                | Self::Flood { .. }
                 | Self::Vanished { .. }
         )
     }

@@ -15,7 +15,7 @@ use crate::{
 
 /// Requests under way at once; more would wait in the device's receive buffer.
 const WINDOW: usize = 4;
-/// Time without any sign of life after which the device counts as silent.
+/// Time for the reply to a batch.
 const REPLY_TIME: Duration = Duration::from_secs(10);
 /// Time for the device to work off its queue at the end.
 const END_TIME: Duration = Duration::from_secs(30);
@@ -175,14 +175,14 @@ impl<E: From<DeviceError>, P: FnMut(f64, &EstimatorEvent) -> Result<(), E>, G: F
 
     /// Waits for the reply to `id`, handing on the estimates that come before it.
     fn reply(&mut self, id: u16) -> Result<Done, E> {
-        let mut heard = std::time::Instant::now();
+        const WHAT: &str = "to take a batch of samples";
+        let started = std::time::Instant::now();
         loop {
-            let name = || self.device.name().to_string();
-            if heard.elapsed() > REPLY_TIME {
-                return Err(DeviceError::Silent { name: name(), seconds: REPLY_TIME.as_secs_f64() }.into());
+            self.device.check_interrupted()?;
+            if started.elapsed() > REPLY_TIME {
+                return Err(DeviceError::NoReply { name: self.device.name().into(), what: WHAT }.into());
             }
             let Some(received) = self.device.receive()? else { continue };
-            heard = std::time::Instant::now();
             match &received.frame {
                 Frame::Message { message: Record::Reply(reply), .. } if reply.id == id => {
                     let name = self.device.name().to_string();

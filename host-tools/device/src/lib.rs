@@ -20,4 +20,4 @@ pub mod update;
 pub use error::DeviceError;
 pub use link::{DEFAULT_BAUD, Link, Target};
 pub use ports::{Port, find, list, serial_of, stlink_port};
-pub use session::{Clock, Device, Received};
+pub use session::{Clock, Device, Interrupted, Received};

@@ -8,7 +8,7 @@ use crate::{
     error::DeviceError,
     link::Target,
     ports::serial_of,
-    session::{Clock, Device, Received},
+    session::{Clock, Device, Interrupted, Received},
 };
 
 /// Pause between two attempts to reach a device that went away.
@@ -38,6 +38,7 @@ pub struct Live {
     streams: Streams,
     wait: Duration,
     clock: Clock,
+    interrupted: Interrupted,
     state: State,
     /// Frames lost on the links before this one.
     lost_before: u64,
@@ -51,10 +52,20 @@ enum State {
 impl Live {
     /// Connects and switches the streams on. Once it is connected, a device that goes away is waited for up to `wait`.
     pub fn connect(target: Target, streams: Streams, wait: Duration) -> Result<Self, DeviceError> {
+        Self::connect_until(target, streams, wait, || false)
+    }
+
+    /// [`connect`](Self::connect) of a conversation that can be interrupted.
+    pub fn connect_until(
+        target: Target,
+        streams: Streams,
+        wait: Duration,
+        interrupted: Interrupted,
+    ) -> Result<Self, DeviceError> {
         let clock = Clock::new();
-        let device = Box::new(open(&target, streams, clock)?);
-        let target = known(target, &device);
-        Ok(Self { target, streams, wait, clock, state: State::Here { device, heard: Instant::now() }, lost_before: 0 })
+        let device = Box::new(open(&target, streams, clock, interrupted)?);
+        let (target, state) = (known(target, &device), State::Here { device, heard: Instant::now() });
+        Ok(Self { target, streams, wait, clock, interrupted, state, lost_before: 0 })
     }
 
     /// The device, while it is there.
@@ -115,11 +126,13 @@ impl Live {
                     std::thread::sleep(Duration::from_millis(20));
                     return Ok(LinkEvent::Quiet);
                 }
-                match open(&self.target, self.streams, self.clock) {
+                match open(&self.target, self.streams, self.clock, self.interrupted) {
                     Ok(device) => {
                         self.state = State::Here { device: Box::new(device), heard: Instant::now() };
                         Ok(LinkEvent::Back)
                     }
+                    // For the caller, who asked for it, to see.
+                    Err(DeviceError::Interrupted) => Ok(LinkEvent::Quiet),
                     Err(error) if !error.may_come_back() => Err(error),
                     Err(_) => {
                         *tried = Instant::now();
@@ -131,8 +144,8 @@ impl Live {
     }
 }
 
-fn open(target: &Target, streams: Streams, clock: Clock) -> Result<Device, DeviceError> {
-    let mut device = Device::connect(target, clock)?;
+fn open(target: &Target, streams: Streams, clock: Clock, interrupted: Interrupted) -> Result<Device, DeviceError> {
+    let mut device = Device::connect_until(target, clock, interrupted)?;
     device.stream(streams)?;
     device.start_sampler()?;
     Ok(device)

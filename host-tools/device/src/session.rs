@@ -25,6 +25,13 @@ const HELLO_TIME: Duration = Duration::from_millis(500);
 const REPLY_TIME: Duration = Duration::from_secs(3);
 /// Time for a reply when flash is erased.
 const ERASE_TIME: Duration = Duration::from_secs(6);
+/// Time for all that is put in order at a device once the work was interrupted.
+const CLEAN_UP_TIME: Duration = Duration::from_secs(3);
+/// Frames that may wait in line. A device sends some hundreds a second, and nobody waits longer than seconds.
+const MOST_IN_LINE: usize = 1 << 14;
+
+/// Whether the work is to end, asked while something is waited for.
+pub type Interrupted = fn() -> bool;
 
 /// Host time in nanoseconds since 1970 that never goes back within a session.
 #[derive(Clone, Copy, Debug)]
@@ -78,11 +85,20 @@ struct Talk {
     next_id: u16,
     queue: VecDeque<Received>,
     clock: Clock,
+    interrupted: Interrupted,
+    /// When what is put in order after an interruption must be done.
+    clean_up: Option<Instant>,
 }
 
 impl Device {
     /// Opens the link, learns who is there, and reads its settings.
     pub fn connect(target: &Target, clock: Clock) -> Result<Self, DeviceError> {
+        Self::connect_until(target, clock, || false)
+    }
+
+    /// [`connect`](Self::connect) of a conversation that can be interrupted: whatever waits then ends by
+    /// [`DeviceError::Interrupted`]. Requests made afterwards put the device in order, for 3 s in all.
+    pub fn connect_until(target: &Target, clock: Clock, interrupted: Interrupted) -> Result<Self, DeviceError> {
         let (link, name) = Link::open(target)?;
         let talk = Talk {
             reader: Box::new(FrameReader::new()),
@@ -90,6 +106,8 @@ impl Device {
             next_id: first_id(&clock),
             queue: VecDeque::new(),
             clock,
+            interrupted,
+            clean_up: None,
         };
         let hello = Hello {
             wire_version: 0,
@@ -184,21 +202,23 @@ impl Device {
         self.request_within(what, command, REPLY_TIME)
     }
 
-    /// [`request`](Self::request) for what takes longer: `time` counts from the last sign of life.
+    /// [`request`](Self::request) for what takes longer.
     pub fn request_within(
         &mut self,
         what: &'static str,
         command: Command,
         time: Duration,
     ) -> Result<Done, DeviceError> {
+        let mut deadline = Instant::now() + time;
+        let cleans_up = (self.talk.interrupted)();
+        if cleans_up {
+            let end = *self.talk.clean_up.get_or_insert_with(|| Instant::now() + CLEAN_UP_TIME);
+            deadline = deadline.min(end);
+        }
         let id = self.send(command)?;
         let mut seen = self.talk.queue.len();
-        let mut heard = Instant::now();
         loop {
             self.poll()?;
-            if self.talk.queue.len() > seen {
-                heard = Instant::now();
-            }
             for received in self.talk.queue.range(seen.min(self.talk.queue.len())..) {
                 match &received.frame {
                     Frame::Message { message: Record::Reply(reply), .. } if reply.id == id => {
@@ -209,10 +229,18 @@ impl Device {
                 }
             }
             seen = self.talk.queue.len();
-            if heard.elapsed() > time {
-                return Err(self.silent(time));
+            if !cleans_up {
+                self.check_interrupted()?;
+            }
+            if Instant::now() > deadline {
+                return Err(DeviceError::NoReply { name: self.name.clone(), what });
             }
         }
+    }
+
+    /// Fails once the work is to end.
+    pub fn check_interrupted(&self) -> Result<(), DeviceError> {
+        if (self.talk.interrupted)() { Err(DeviceError::Interrupted) } else { Ok(()) }
     }
 
     /// Chooses which records come unasked.
@@ -243,6 +271,7 @@ impl Device {
         let started = Instant::now();
         let mut asked: Option<Instant> = None;
         self.hello = loop {
+            self.check_interrupted()?;
             if started.elapsed() > HANDSHAKE_TIME {
                 return Err(self.silent(HANDSHAKE_TIME));
             }
@@ -330,6 +359,9 @@ impl Device {
                 Frame::Lost { .. } | Frame::Restarted => Vec::new(),
                 _ => self.talk.reader.frame_bytes().to_vec(),
             };
+            if self.talk.queue.len() >= MOST_IN_LINE {
+                return Err(DeviceError::Flood { name: self.name.clone() });
+            }
             self.talk.queue.push_back(Received { time_ns, bytes, frame });
         }
         Ok(())

@@ -114,10 +114,13 @@ fn device(error: &DeviceError) -> u8 {
         | DeviceError::Open { .. }
         | DeviceError::Connect { .. } => NO_DEVICE,
         DeviceError::Silent { .. }
+        | DeviceError::NoReply { .. }
+        | DeviceError::Flood { .. }
         | DeviceError::Vanished { .. }
         | DeviceError::Refused { .. }
         | DeviceError::Settings { .. } => DEVICE_LOST,
         DeviceError::WireVersion { .. } => WIRE_VERSION,
+        DeviceError::Interrupted => INTERRUPTED,
     }
 }
 

@@ -25,6 +25,11 @@ pub trait Machine {
     fn hello(&mut self, serial: &str) -> Result<Back, UpdateError>;
     /// Lets time pass.
     fn sleep(&mut self, time: Duration);
+
+    /// Fails once the work is to end where nothing is under way.
+    fn check_interrupted(&self) -> Result<(), UpdateError> {
+        Ok(())
+    }
 }
 
 /// A device that runs.

@@ -9,6 +9,7 @@ use super::{
 };
 use crate::{
     dfu::DfuDevice,
+    error::DeviceError,
     image::{Identity, Image},
 };
 
@@ -84,7 +85,8 @@ fn open<M: Machine>(machine: &mut M, device: &DfuDevice) -> Result<M::Io, Update
 /// Waits for a device that was just started and compares what it runs with what was written.
 pub fn confirm<M: Machine>(machine: &mut M, written: &Identity, serial: &str) -> Result<Back, UpdateError> {
     let mut reason = String::new();
-    for _ in 0..looks() {
+    let mut left_s = RETURN_S as f64;
+    while left_s > 0.0 {
         match machine.hello(serial) {
             Ok(back) if back.serial != serial => {
                 reason = format!("another device (serial {}) answers at {}", back.serial, back.port);
@@ -94,8 +96,16 @@ pub fn confirm<M: Machine>(machine: &mut M, written: &Identity, serial: &str) ->
                 let running = back.identity.to_string();
                 return Err(UpdateError::OtherVersion { running, written: written.to_string() });
             }
-            Err(error) => reason = error.to_string(),
+            Err(error) => {
+                // One that says nothing takes its time for it.
+                if let UpdateError::Device(DeviceError::Silent { seconds, .. }) = error {
+                    left_s -= seconds;
+                }
+                reason = error.to_string();
+            }
         }
+        left_s -= LOOK.as_secs_f64();
+        machine.check_interrupted()?;
         machine.sleep(LOOK);
     }
     Err(UpdateError::NotBack { written: written.to_string(), serial: serial.into(), seconds: RETURN_S, reason })
@@ -108,6 +118,7 @@ fn looks() -> u64 {
 fn wait_for_dfu<M: Machine>(machine: &mut M, serial: &str) -> Result<DfuDevice, UpdateError> {
     let mut others = Vec::new();
     for _ in 0..looks() {
+        machine.check_interrupted()?;
         machine.sleep(LOOK);
         let devices = machine.in_dfu()?;
         if let Some(device) = devices.iter().find(|device| device.serial == serial) {

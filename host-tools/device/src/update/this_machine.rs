@@ -14,7 +14,7 @@ use crate::{
     dfu::{DfuDevice, list, opened, refused},
     error::DeviceError,
     link::Target,
-    session::{Clock, Device},
+    session::{Clock, Device, Interrupted},
 };
 
 /// USB interface of the ROM, and its alternate setting for flash (AN3156).
@@ -24,25 +24,26 @@ const FLASH_SETTING: u8 = 0;
 /// The machine that this program runs on, and which device is meant.
 pub struct ThisMachine {
     target: Target,
+    interrupted: Interrupted,
     device: Option<Box<Device>>,
 }
 
 impl ThisMachine {
     /// Devices are reached by `target`, and by their serial number afterwards.
-    pub fn new(target: Target) -> Self {
-        Self { target, device: None }
+    pub fn new(target: Target, interrupted: Interrupted) -> Self {
+        Self { target, interrupted, device: None }
     }
-}
 
-fn reached(target: &Target) -> Result<Device, DeviceError> {
-    Device::connect(target, Clock::new())
+    fn reached(&self, target: &Target) -> Result<Device, DeviceError> {
+        Device::connect_until(target, Clock::new(), self.interrupted)
+    }
 }
 
 impl Machine for ThisMachine {
     type Io = DfuNusb;
 
     fn running(&mut self) -> Result<Option<Running>, UpdateError> {
-        let device = match reached(&self.target) {
+        let device = match self.reached(&self.target) {
             Ok(device) => device,
             Err(DeviceError::NoneFound { .. }) => return Ok(None),
             // A name that was given, of a board that is in update mode already: its port is gone.
@@ -65,7 +66,7 @@ impl Machine for ThisMachine {
         let Some(mut device) = self.device.take() else { return Ok(()) };
         match device.request("to enter update mode", Command::EnterDfu) {
             // It may be gone before its reply is out.
-            Ok(_) | Err(DeviceError::Vanished { .. } | DeviceError::Silent { .. }) => Ok(()),
+            Ok(_) | Err(DeviceError::Vanished { .. } | DeviceError::NoReply { .. }) => Ok(()),
             Err(error) => Err(error.into()),
         }
     }
@@ -85,8 +86,10 @@ impl Machine for ThisMachine {
 
     fn hello(&mut self, serial: &str) -> Result<Back, UpdateError> {
         // Over USB whatever port it has now; else where it was before, a UART's name stays.
-        let device = match reached(&Target::Usb { serial: Some(serial.into()) }) {
-            Err(DeviceError::NoneFound { .. }) if !matches!(self.target, Target::Usb { .. }) => reached(&self.target)?,
+        let device = match self.reached(&Target::Usb { serial: Some(serial.into()) }) {
+            Err(DeviceError::NoneFound { .. }) if !matches!(self.target, Target::Usb { .. }) => {
+                self.reached(&self.target)?
+            }
             result => result?,
         };
         Ok(Running { name: device.name().into(), hello: device.hello().clone() }.into())
@@ -94,5 +97,9 @@ impl Machine for ThisMachine {
 
     fn sleep(&mut self, time: Duration) {
         std::thread::sleep(time);
+    }
+
+    fn check_interrupted(&self) -> Result<(), UpdateError> {
+        if (self.interrupted)() { Err(DeviceError::Interrupted.into()) } else { Ok(()) }
     }
 }

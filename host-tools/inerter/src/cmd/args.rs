@@ -13,7 +13,7 @@ use inerter_data::{
 use inerter_device::{Clock, DEFAULT_BAUD, Device, Target, live::Live};
 use inerter_wire::Streams;
 
-use super::terminal::note;
+use super::terminal::{interrupted, note};
 use crate::Error;
 
 /// Settings over the run's own.
@@ -78,14 +78,14 @@ impl LinkArgs {
 
     /// Connects; says so where the device has other settings than this program knows.
     pub fn device(&self) -> Result<Device, Error> {
-        let device = Device::connect(&self.target(), Clock::new())?;
+        let device = Device::connect_until(&self.target(), Clock::new(), interrupted)?;
         settings_note(device.reading()).iter().for_each(note);
         Ok(device)
     }
 
     /// Connects, with these streams on, to a device that is waited for up to `wait` when it goes away.
     pub fn live(&self, streams: Streams, wait: Duration) -> Result<Live, Error> {
-        let live = Live::connect(self.target(), streams, wait)?;
+        let live = Live::connect_until(self.target(), streams, wait, interrupted)?;
         live.device().and_then(|device| settings_note(device.reading())).iter().for_each(note);
         Ok(live)
     }

@@ -11,7 +11,7 @@ use inerter_device::{
 };
 
 use super::{
-    terminal::{Progress, note, say},
+    terminal::{Progress, interrupted, note, say},
     update,
 };
 use crate::Error;
@@ -80,6 +80,6 @@ pub fn run(args: &Args) -> Result<(), Error> {
         Some(port) => Target::Port { port, baud: DEFAULT_BAUD },
         None => Target::Usb { serial: Some(flashed.serial.clone()) },
     };
-    let back = confirm(&mut ThisMachine::new(target), &image.identity, &flashed.serial)?;
+    let back = confirm(&mut ThisMachine::new(target, interrupted), &image.identity, &flashed.serial)?;
     update::report(&image, &back, "flashed", args.json)
 }

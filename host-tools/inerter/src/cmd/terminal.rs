@@ -11,6 +11,8 @@ use std::{
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
+use crate::exit;
+
 static INTERRUPTED: AtomicBool = AtomicBool::new(false);
 static HAS_SCREEN: AtomicBool = AtomicBool::new(false);
 
@@ -21,7 +23,7 @@ pub fn catch_interrupts() {
             if HAS_SCREEN.load(Ordering::Relaxed) {
                 ratatui::restore();
             }
-            std::process::exit(130);
+            std::process::exit(exit::INTERRUPTED.into());
         }
     };
     // Fails only when a handler is there already.

@@ -46,7 +46,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
         return dry_run(&image, args.json);
     }
     terminal::catch_interrupts();
-    let mut machine = ThisMachine::new(args.link.target());
+    let mut machine = ThisMachine::new(args.link.target(), terminal::interrupted);
     let mut bar: Option<(Stage, Progress)> = None;
     let mut tell = |event: UpdateEvent| {
         match event {

@@ -1,0 +1,202 @@
+//! The program at devices that are silent, send without an end, or answer nothing that they are asked.
+#![cfg(unix)]
+
+mod common;
+
+use std::{
+    io::{Read, Write},
+    net::{TcpListener, TcpStream},
+    path::Path,
+    process::{Child, ExitStatus},
+    thread,
+    time::{Duration, Instant},
+};
+
+use common::{done, inerter};
+use inerter_core::{RawSample, Settings};
+use inerter_wire::{
+    Capabilities, ClockSource, Command, DELIMITER, Done, Frame, FrameReader, Hello, MAX_FRAME, Record, Reply, Request,
+    Samples, SequenceCounter, SettingsValues, encode_record,
+};
+use rustix::process::{Pid, Signal, kill_process};
+
+/// What a device does once somebody has connected.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Manner {
+    /// Nothing.
+    Silent,
+    /// Bytes without meaning.
+    Noise,
+    /// Samples, and no answer at all.
+    Samples,
+    /// Answers who it is, then samples and no other answer.
+    Introduced,
+    /// The same without the samples.
+    Mute,
+}
+
+const MANNERS: [Manner; 5] = [Manner::Silent, Manner::Noise, Manner::Samples, Manner::Introduced, Manner::Mute];
+
+/// Its address.
+fn device(manner: Manner) -> String {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap().to_string();
+    thread::spawn(move || {
+        for host in listener.incoming() {
+            thread::spawn(move || behave(manner, host.unwrap()));
+        }
+    });
+    address
+}
+
+fn behave(manner: Manner, mut host: TcpStream) -> Option<()> {
+    let mut sequence = SequenceCounter::new();
+    let mut frame = |record: &Record| {
+        let mut out = [0; MAX_FRAME];
+        let length = encode_record(record, sequence.take(), &mut out).unwrap();
+        out.get(..length).unwrap().to_vec()
+    };
+    if matches!(manner, Manner::Introduced | Manner::Mute) {
+        introduce(&mut host, &mut frame)?;
+    }
+    let raw = RawSample { index: 7, position_count: 100, force_code: 100, terminal_code: 0 };
+    loop {
+        let bytes = match manner {
+            Manner::Silent | Manner::Mute => {
+                // Until the host has gone.
+                host.read_exact(&mut [0; 64]).ok()?;
+                continue;
+            }
+            Manner::Noise => (0..=255).cycle().skip(1).take(4096).collect(),
+            Manner::Samples | Manner::Introduced => {
+                let batch = Record::Samples(Samples::from_slice(&[raw; 1]).0);
+                (0..64).flat_map(|_| frame(&batch)).collect::<Vec<u8>>()
+            }
+        };
+        host.write_all(&bytes).ok()?;
+    }
+}
+
+/// Answers until the settings have been read.
+fn introduce(host: &mut TcpStream, frame: &mut impl FnMut(&Record) -> Vec<u8>) -> Option<()> {
+    let mut reader = FrameReader::<Request>::new();
+    let mut portion = [0; 512];
+    host.write_all(&[DELIMITER]).ok()?;
+    loop {
+        let count = host.read(&mut portion).ok().filter(|count| *count > 0)?;
+        let mut input = portion.get(..count)?;
+        while let Some(found) = reader.read(&mut input) {
+            let Frame::Message { message: Request { id, command }, .. } = found else { continue };
+            let content = match command {
+                Command::Hello => Record::Hello(Hello {
+                    wire_version: inerter_wire::WIRE_VERSION,
+                    firmware: Hello::text("unruly 1"),
+                    git: Hello::text(""),
+                    board: Hello::text("unruly"),
+                    serial: Hello::text("1"),
+                    sample_rate_hz: 1000.0,
+                    clock: ClockSource::Crystal,
+                    capabilities: Capabilities(u32::MAX),
+                }),
+                _ => Record::Settings(SettingsValues::from(&Settings::default())),
+            };
+            host.write_all(&frame(&content)).ok()?;
+            host.write_all(&frame(&Record::Reply(Reply { id, result: Ok(Done::Plain) }))).ok()?;
+            if command == Command::ReadSettings {
+                return Some(());
+            }
+        }
+    }
+}
+
+/// Every command that talks to a device, without its link.
+const COMMANDS: [&[&str]; 14] = [
+    &["monitor", "--json"],
+    &["monitor", "--plain", "--wait", "60"],
+    &["record", "-o", "run.mcap", "--force", "--wait", "60"],
+    &["send", "sent.mcap"],
+    &["settings", "get"],
+    &["settings", "set", "memory_s=12"],
+    &["settings", "tare"],
+    &["settings", "save"],
+    &["settings", "factory-reset", "--yes"],
+    &["settings", "backup", "kept.toml", "--force"],
+    &["settings", "diff", "device", "before.toml"],
+    &["calibrate", "skew", "--duration", "60"],
+    &["calibrate", "zero", "--duration", "60"],
+    &["update", "image.elf"],
+];
+
+fn start(folder: &Path, command: &[&str], address: &str) -> Child {
+    inerter(folder, &[command, &["--connect", address]].concat())
+        .stdout(std::process::Stdio::null())
+        .stderr(std::process::Stdio::null())
+        .spawn()
+        .unwrap()
+}
+
+fn ended(child: &mut Child, within: Duration) -> Option<ExitStatus> {
+    let started = Instant::now();
+    while started.elapsed() < within {
+        if let Some(status) = child.try_wait().unwrap() {
+            return Some(status);
+        }
+        thread::sleep(Duration::from_millis(10));
+    }
+    child.kill().ok();
+    child.wait().ok();
+    None
+}
+
+/// A folder with what the commands need.
+fn prepared() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    done(folder.path(), &["simulate", "-o", "sent.mcap", "--duration", "5"]);
+    std::fs::write(folder.path().join("before.toml"), "memory_s = 5.0\n").unwrap();
+    folder
+}
+
+/// Does something with every command at every device, ten at a time.
+fn each(act: impl Fn(&Path, &[&str], Manner) + Sync) {
+    thread::scope(|scope| {
+        for (manner, half) in MANNERS.into_iter().flat_map(|manner| [(manner, 0), (manner, 1)]) {
+            let act = &act;
+            scope.spawn(move || {
+                let folder = prepared();
+                COMMANDS.iter().skip(half).step_by(2).for_each(|command| act(folder.path(), command, manner));
+            });
+        }
+    });
+}
+
+#[test]
+fn every_command_ends_soon_after_a_signal_whatever_the_device_does() {
+    each(|folder, command, manner| {
+        let address = device(manner);
+        for signal in [Signal::TERM, Signal::INT] {
+            let mut child = start(folder, command, &address);
+            // It may have ended by itself.
+            thread::sleep(Duration::from_millis(700));
+            let pid = Pid::from_child(&child);
+            if child.try_wait().unwrap().is_none() {
+                kill_process(pid, signal).unwrap();
+            }
+            let status = ended(&mut child, Duration::from_secs(5));
+            assert!(status.is_some(), "{command:?} at a device that is {manner:?} goes on after {signal:?}");
+        }
+    });
+}
+
+#[test]
+fn no_request_waits_for_ever() {
+    each(|folder, command, manner| {
+        // These go on at a device that speaks; how they end is the other test's.
+        if ["monitor", "record"].contains(&command[0]) && manner == Manner::Noise {
+            return;
+        }
+        let mut child = start(folder, command, &device(manner));
+        let status = ended(&mut child, Duration::from_secs(60));
+        let code = status.and_then(|status| status.code());
+        assert!(matches!(code, Some(0..=9)), "{command:?} at a device that is {manner:?}: {code:?}");
+    });
+}
