@@ -9,6 +9,8 @@ use std::{
 use miette::Diagnostic;
 use tempfile::TempPath;
 
+use crate::words::printable;
+
 /// Why something could not be written.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 pub enum OutputError {
@@ -151,12 +153,17 @@ pub fn refuse_existing(path: &Path) -> Result<(), OutputError> {
     }
 }
 
-/// Writes one line to standard output.
+/// Writes one line to standard output, [`printable`].
 pub fn line(line: impl AsRef<str>) -> Result<(), OutputError> {
-    text(line).and_then(|()| text("\n"))
+    text(printable(line.as_ref())).and_then(|()| text("\n"))
 }
 
-/// Writes to standard output.
+/// Writes lines to standard output, each [`printable`].
+pub fn lines(lines: impl AsRef<str>) -> Result<(), OutputError> {
+    lines.as_ref().lines().try_for_each(line)
+}
+
+/// Writes to standard output as it is.
 pub fn text(text: impl AsRef<str>) -> Result<(), OutputError> {
     io::stdout()
         .lock()

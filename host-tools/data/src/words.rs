@@ -1,6 +1,41 @@
 //! Numbers, intervals, counts and times in words.
 
+use std::borrow::Cow;
+
 use chrono::{DateTime, SecondsFormat};
+
+/// One line of text that a terminal shows as it is, whoever wrote it: control characters and those that turn the writing
+/// direction stand as the escapes of JSON, so JSON stays what it was.
+pub fn printable(text: &str) -> Cow<'_, str> {
+    if !text.contains(is_unprintable) {
+        return text.into();
+    }
+    let mut out = String::with_capacity(text.len() + 16);
+    for letter in text.chars() {
+        match letter {
+            '\n' => out.push_str("\\n"),
+            '\r' => out.push_str("\\r"),
+            '\t' => out.push_str("\\t"),
+            letter if is_unprintable(letter) => out.push_str(&format!("\\u{:04x}", u32::from(letter))),
+            letter => out.push(letter),
+        }
+    }
+    out.into()
+}
+
+/// The beginning of a text that may be of any length, for a message.
+pub fn shortened(text: &str) -> Cow<'_, str> {
+    match text.char_indices().nth(200) {
+        Some((end, _)) => format!("{}...", text.get(..end).unwrap_or_default()).into(),
+        None => text.into(),
+    }
+}
+
+/// Control characters; marks, embeddings, overrides and isolates of the writing direction; line and paragraph separators.
+fn is_unprintable(letter: char) -> bool {
+    letter.is_control()
+        || matches!(letter, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+}
 
 /// A value with its interval, both with the digits that the interval bears.
 pub fn interval_text(value: f64, u95: f64) -> String {
@@ -28,10 +63,10 @@ pub fn plural(count: u64, thing: &str) -> String {
 /// `12.3 s`, `4 min 5 s`.
 pub fn duration_text(seconds: f64) -> String {
     if seconds < 120.0 {
-        format!("{seconds:.1} s")
-    } else {
-        format!("{:.0} min {:.0} s", (seconds / 60.0).floor(), seconds % 60.0)
+        return format!("{seconds:.1} s");
     }
+    let seconds = seconds.round();
+    format!("{:.0} min {:.0} s", (seconds / 60.0).floor(), seconds % 60.0)
 }
 
 /// A host time \[ns since 1970\] for a person.

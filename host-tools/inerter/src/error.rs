@@ -5,13 +5,17 @@
 
 use inerter_analysis::{calibrate::CalibrateError, contact::ContactError, fit::FitError, identify::IdentifyError};
 use inerter_data::{
-    backup::BackupError, csv::CsvError, output::OutputError, recording::RecordingError, settings::SettingsInputError,
-    words::plural,
+    backup::BackupError,
+    csv::CsvError,
+    output::OutputError,
+    recording::RecordingError,
+    settings::SettingsInputError,
+    words::{plural, printable},
 };
 use inerter_device::{DeviceError, flash::FlashError, image::ImageError, update::UpdateError};
 use inerter_simulate::SimulateError;
 use inerter_view::page::PageError;
-use miette::Diagnostic;
+use miette::{Diagnostic, LabeledSpan, SourceCode};
 
 use crate::monitor::MonitorError;
 
@@ -91,6 +95,36 @@ macro_rules! from_data {
 }
 
 from_data!(CsvError, RecordingError, SettingsInputError, OutputError);
+
+/// A failure as a terminal shows it: its words hold what files and devices say.
+#[derive(Debug)]
+pub struct Shown<E>(pub E);
+
+impl<E: Diagnostic> std::fmt::Display for Shown<E> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&printable(&self.0.to_string()))
+    }
+}
+
+impl<E: Diagnostic> std::error::Error for Shown<E> {}
+
+impl<E: Diagnostic> Diagnostic for Shown<E> {
+    fn code<'a>(&'a self) -> Option<Box<dyn std::fmt::Display + 'a>> {
+        self.0.code()
+    }
+
+    fn help<'a>(&'a self) -> Option<Box<dyn std::fmt::Display + 'a>> {
+        self.0.help().map(|help| Box::new(printable(&help.to_string()).into_owned()) as Box<dyn std::fmt::Display>)
+    }
+
+    fn source_code(&self) -> Option<&dyn SourceCode> {
+        self.0.source_code()
+    }
+
+    fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
+        self.0.labels()
+    }
+}
 
 impl Error {
     /// The user pressed Ctrl-C where the work could not be finished early.

@@ -10,7 +10,7 @@ mod error;
 mod exit;
 mod monitor;
 
-use error::Error;
+use error::{Error, Shown};
 
 use std::{ffi::OsString, io::IsTerminal, path::PathBuf, process::ExitCode};
 
@@ -120,14 +120,14 @@ fn main() -> ExitCode {
 fn parse() -> Result<Cli, ConfigError> {
     let typed: Vec<OsString> = std::env::args_os().collect();
     let words = match config::file(&typed).filter(|_| !config::is_about_the_program(&typed)) {
-        Some(path) => config::apply(&Cli::command(), &path, &typed)?,
+        Some(file) => config::apply(&Cli::command(), &file, &typed)?,
         None => typed,
     };
     Ok(Cli::parse_from(words))
 }
 
 fn fail(error: impl miette::Diagnostic + Send + Sync + 'static, code: u8) -> ExitCode {
-    eprintln!("{}", format!("{:?}", miette::Report::new(error)).trim_end());
+    eprintln!("{}", format!("{:?}", miette::Report::new(Shown(error))).trim_end());
     ExitCode::from(code)
 }
 

@@ -11,8 +11,14 @@ use inerter_core::Settings;
 use inerter_data::settings::Overrides;
 use inerter_plant::Parameters;
 use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
-use inerter_wire::{Capabilities, Record, SettingValue};
+use inerter_wire::{Capabilities, Record, SettingValue, SettingsValues};
 use serde_json::Value;
+
+/// These settings, without those from number `end` on, and with `more`.
+fn settings(values: &SettingsValues, end: usize, more: &[SettingValue]) -> Record {
+    let kept = values.0.iter().filter(|entry| usize::from(entry.number) < end).chain(more);
+    Record::Settings(SettingsValues(kept.copied().collect()))
+}
 
 /// Sends everything that firmware may add without another wire version.
 fn newer(record: &Record) -> Vec<Vec<u8>> {
@@ -28,7 +34,7 @@ fn newer(record: &Record) -> Vec<Vec<u8>> {
         Record::Estimate(_) | Record::Health(_) => vec![as_it_is, vec![4, 0, 100]],
         Record::Settings(values) => {
             let more = [SettingValue { number: 40, value: 7.0 }, SettingValue { number: 250, value: -1.0 }];
-            vec![firmware::payload(&firmware::settings(values, usize::MAX, &more))]
+            vec![firmware::payload(&settings(values, usize::MAX, &more))]
         }
         Record::Hello(hello) => {
             let capabilities = hello.capabilities.with(Capabilities(1 << 30));
@@ -45,7 +51,7 @@ const OLDER_SETTINGS: usize = Settings::COUNT - 5;
 fn older(record: &Record) -> Vec<Vec<u8>> {
     match record {
         Record::Detail(_) | Record::MoreSums(_) | Record::Reversal(_) => Vec::new(),
-        Record::Settings(values) => vec![firmware::payload(&firmware::settings(values, OLDER_SETTINGS, &[]))],
+        Record::Settings(values) => vec![firmware::payload(&settings(values, OLDER_SETTINGS, &[]))],
         _ => vec![firmware::payload(record)],
     }
 }

@@ -2,7 +2,9 @@
 
 use std::{path::PathBuf, sync::Arc};
 
-use miette::{Diagnostic, NamedSource, SourceSpan};
+use miette::{Diagnostic, SourceSpan};
+
+use super::excerpt::Excerpt;
 
 /// A CSV file that cannot be used.
 #[derive(Debug, thiserror::Error, Diagnostic)]
@@ -28,6 +30,14 @@ pub enum CsvError {
     #[diagnostic(code(inerter::input::kind), help("{advice}"))]
     WrongKind { file: String, kind: &'static str, advice: &'static str },
 
+    /// No line of samples is that long.
+    #[error("{file}, line {line}: the line is longer than {longest} bytes")]
+    #[diagnostic(
+        code(inerter::csv::long),
+        help("a CSV has one line per sample, with some numbers each; is this another kind of file?")
+    )]
+    LongLine { file: String, line: usize, longest: usize },
+
     /// The first line holds numbers.
     #[error("{file}, line {line}: the header is missing: the first line holds numbers")]
     #[diagnostic(code(inerter::csv::header), help("put the column names above the numbers: t_s,encoder_count,force_n"))]
@@ -35,7 +45,7 @@ pub enum CsvError {
         file: String,
         line: usize,
         #[source_code]
-        text: Arc<NamedSource<String>>,
+        text: Arc<Excerpt>,
         #[label("names are expected here")]
         at: SourceSpan,
     },
@@ -49,7 +59,7 @@ pub enum CsvError {
         column: &'static str,
         advice: String,
         #[source_code]
-        text: Arc<NamedSource<String>>,
+        text: Arc<Excerpt>,
         #[label("these are the columns")]
         at: SourceSpan,
     },
@@ -62,7 +72,7 @@ pub enum CsvError {
         line: usize,
         column: &'static str,
         #[source_code]
-        text: Arc<NamedSource<String>>,
+        text: Arc<Excerpt>,
         #[label("the second one")]
         at: SourceSpan,
     },
@@ -79,7 +89,7 @@ pub enum CsvError {
         column: &'static str,
         other: &'static str,
         #[source_code]
-        text: Arc<NamedSource<String>>,
+        text: Arc<Excerpt>,
         #[label("this column")]
         at: SourceSpan,
     },
@@ -103,7 +113,7 @@ pub enum CsvError {
         line: usize,
         column: &'static str,
         #[source_code]
-        text: Arc<NamedSource<String>>,
+        text: Arc<Excerpt>,
         #[label("this line")]
         at: SourceSpan,
     },
@@ -118,7 +128,7 @@ pub enum CsvError {
         what: String,
         advice: &'static str,
         #[source_code]
-        text: Arc<NamedSource<String>>,
+        text: Arc<Excerpt>,
         #[label("here")]
         at: SourceSpan,
     },
@@ -132,7 +142,7 @@ pub enum CsvError {
         previous: f64,
         time: f64,
         #[source_code]
-        text: Arc<NamedSource<String>>,
+        text: Arc<Excerpt>,
         #[label("not later than the line before")]
         at: SourceSpan,
     },

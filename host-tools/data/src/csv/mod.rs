@@ -7,6 +7,7 @@
 
 mod dialect;
 mod error;
+mod excerpt;
 mod read;
 mod samples;
 pub mod timebase;

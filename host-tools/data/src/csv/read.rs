@@ -1,15 +1,16 @@
 //! CSV text to columns of numbers, every cell checked.
 
-use std::{path::Path, sync::Arc};
+use std::{fs::File, io::Read, path::Path, sync::Arc};
 
 use inerter_core::Machine;
-use miette::{NamedSource, SourceSpan};
+use miette::SourceSpan;
 
 use super::{
     dialect::{self, Dialect},
     error::CsvError,
+    excerpt::Excerpt,
 };
-use crate::words::nearest;
+use crate::words::{nearest, shortened};
 
 const T_S: &str = "t_s";
 const ENCODER_COUNT: &str = "encoder_count";
@@ -22,6 +23,8 @@ pub fn column_names(machine: Machine) -> (&'static str, &'static str) {
     }
 }
 
+/// Longest line \[bytes\]: samples take a hundred or so.
+const LONGEST_LINE: usize = 1 << 16;
 /// Largest count up to which a double holds every whole number.
 const MAX_COUNT: f64 = 9_007_199_254_740_992.0;
 
@@ -50,7 +53,14 @@ pub struct Table {
 
 /// Reads a CSV file.
 pub fn read(path: &Path) -> Result<Table, CsvError> {
-    let bytes = std::fs::read(path).map_err(|source| CsvError::Read { path: path.into(), source })?;
+    let failed = |source| CsvError::Read { path: path.into(), source };
+    let mut file = File::open(path).map_err(failed)?;
+    let mut bytes = Vec::new();
+    // A beginning without a line end is enough to know of a file that is no CSV, however great.
+    (&mut file).take(2 * LONGEST_LINE as u64).read_to_end(&mut bytes).map_err(failed)?;
+    if bytes.len() <= LONGEST_LINE || bytes.iter().any(|byte| b"\r\n".contains(byte)) {
+        file.read_to_end(&mut bytes).map_err(failed)?;
+    }
     parse(&path.display().to_string(), &bytes)
 }
 
@@ -59,12 +69,14 @@ pub fn parse(file: &str, bytes: &[u8]) -> Result<Table, CsvError> {
     let text = dialect::decode(file, bytes)?;
     let mut lines = Lines { text: &text, offset: 0, number: 0 };
     let header = lines.next().ok_or_else(|| CsvError::Empty { file: file.into() })?;
+    header.check_length(file)?;
     let dialect = Dialect::detect(header.text);
-    let columns = Columns::find(file, &text, &header, dialect)?;
+    let columns = Columns::find(file, &header, dialect)?;
     let mut table = Table { file: file.into(), machine: columns.machine, ..Table::default() };
     let mut previous = None;
     for line in lines {
-        let row = match columns.row(file, &text, &line, dialect) {
+        line.check_length(file)?;
+        let row = match columns.row(file, &line, dialect) {
             Err(CsvError::Short { .. } | CsvError::Cell { .. }) if line.is_cut_off(&text) => {
                 table
                     .notes
@@ -74,7 +86,7 @@ pub fn parse(file: &str, bytes: &[u8]) -> Result<Table, CsvError> {
             row => row?,
         };
         if let Some(previous) = previous.filter(|previous| row.t_s <= *previous) {
-            let (text, at) = line.source(file, &text, row.time_at, row.time_length);
+            let (text, at) = line.source(file, row.time_at, row.time_length);
             return Err(CsvError::Time { file: file.into(), line: line.number, previous, time: row.t_s, text, at });
         }
         previous = Some(row.t_s);
@@ -99,13 +111,21 @@ struct Line<'a> {
 }
 
 impl Line<'_> {
+    fn check_length(&self, file: &str) -> Result<(), CsvError> {
+        if self.text.len() > LONGEST_LINE {
+            return Err(CsvError::LongLine { file: file.into(), line: self.number, longest: LONGEST_LINE });
+        }
+        Ok(())
+    }
+
     /// True for a last line without its line end.
     fn is_cut_off(&self, all: &str) -> bool {
         self.offset + self.text.len() == all.len()
     }
 
-    fn source(&self, file: &str, all: &str, at: usize, length: usize) -> (Arc<NamedSource<String>>, SourceSpan) {
-        (Arc::new(NamedSource::new(file, all.to_string())), SourceSpan::new((self.offset + at).into(), length))
+    fn source(&self, file: &str, at: usize, length: usize) -> (Arc<Excerpt>, SourceSpan) {
+        let (excerpt, span) = Excerpt::of(file, self.number, self.text, at, length);
+        (Arc::new(excerpt), span)
     }
 }
 
@@ -121,10 +141,12 @@ impl<'a> Iterator for Lines<'a> {
     fn next(&mut self) -> Option<Line<'a>> {
         loop {
             let rest = self.text.get(self.offset..).filter(|rest| !rest.is_empty())?;
-            let length = rest.find('\n').map_or(rest.len(), |at| at + 1);
-            let line = rest.get(..length)?;
-            let found =
-                Line { text: line.trim_end_matches(['\n', '\r']), offset: self.offset, number: self.number + 1 };
+            let end = rest.find(['\n', '\r']).unwrap_or(rest.len());
+            // Windows ends a line by both, old spreadsheets by the carriage return alone.
+            let ending =
+                rest.get(end..).map_or(0, |ending| if ending.starts_with("\r\n") { 2 } else { ending.len().min(1) });
+            let (line, length) = (rest.get(..end)?, end + ending);
+            let found = Line { text: line, offset: self.offset, number: self.number + 1 };
             self.offset += length;
             self.number += 1;
             let content = found.text.trim();
@@ -155,24 +177,24 @@ struct Columns {
 }
 
 impl Columns {
-    fn find(file: &str, all: &str, header: &Line, dialect: Dialect) -> Result<Self, CsvError> {
+    fn find(file: &str, header: &Line, dialect: Dialect) -> Result<Self, CsvError> {
         let names_found: Vec<(usize, &str)> = dialect.fields(header.text).collect();
         if names_found.iter().all(|(_, name)| dialect.number(name).is_some()) {
-            let (text, at) = header.source(file, all, 0, header.text.len());
+            let (text, at) = header.source(file, 0, header.text.len());
             return Err(CsvError::NoHeader { file: file.into(), line: header.number, text, at });
         }
         let find = |column: &'static str| -> Result<Option<usize>, CsvError> {
             let mut places = names_found.iter().enumerate().filter(|(_, (_, name))| name.eq_ignore_ascii_case(column));
             let first = places.next();
             if let Some((_, (offset, name))) = places.next() {
-                let (text, at) = header.source(file, all, *offset, name.len());
+                let (text, at) = header.source(file, *offset, name.len());
                 return Err(CsvError::DuplicateColumn { file: file.into(), line: header.number, column, text, at });
             }
             Ok(first.map(|(place, _)| place))
         };
         let need = |column: &'static str| {
             find(column)?.ok_or_else(|| {
-                let (text, at) = header.source(file, all, 0, header.text.len());
+                let (text, at) = header.source(file, 0, header.text.len());
                 let advice = missing_advice(column, &names_found);
                 CsvError::MissingColumn { file: file.into(), line: header.number, column, advice, text, at }
             })
@@ -186,7 +208,7 @@ impl Columns {
         let (force, terminal) = column_names(machine);
         for column in [other.0, other.1] {
             if let Some((offset, name)) = find(column)?.and_then(|place| names_found.get(place)) {
-                let (text, at) = header.source(file, all, *offset, name.len());
+                let (text, at) = header.source(file, *offset, name.len());
                 return Err(CsvError::MixedMachines {
                     file: file.into(),
                     line: header.number,
@@ -206,17 +228,17 @@ impl Columns {
         })
     }
 
-    fn row(&self, file: &str, all: &str, line: &Line, dialect: Dialect) -> Result<Row, CsvError> {
+    fn row(&self, file: &str, line: &Line, dialect: Dialect) -> Result<Row, CsvError> {
         let fields: Vec<(usize, &str)> = dialect.fields(line.text).collect();
         let cell = |place: usize, column: &'static str| -> Result<(f64, usize, &str), CsvError> {
             let Some((offset, field)) = fields.get(place).copied() else {
-                let (text, at) = line.source(file, all, 0, line.text.len());
+                let (text, at) = line.source(file, 0, line.text.len());
                 return Err(CsvError::Short { file: file.into(), line: line.number, column, text, at });
             };
             match dialect.number(field) {
                 Some(value) if value.is_finite() => Ok((value, offset, field)),
                 number => {
-                    let (text, at) = line.source(file, all, offset, field.len());
+                    let (text, at) = line.source(file, offset, field.len());
                     let (what, advice) = cell_words(field, number);
                     Err(CsvError::Cell { file: file.into(), line: line.number, column, what, advice, text, at })
                 }
@@ -225,12 +247,12 @@ impl Columns {
         let (t_s, time_at, time) = cell(self.t_s, T_S)?;
         let (count, count_at, count_field) = cell(self.encoder_count, ENCODER_COUNT)?;
         if count.fract() != 0.0 || count.abs() > MAX_COUNT {
-            let (text, at) = line.source(file, all, count_at, count_field.len());
+            let (text, at) = line.source(file, count_at, count_field.len());
             return Err(CsvError::Cell {
                 file: file.into(),
                 line: line.number,
                 column: ENCODER_COUNT,
-                what: format!("{count_field} is not a whole number of counts"),
+                what: format!("{} is not a whole number of counts", shortened(count_field)),
                 advice: "the encoder's raw counts are needed: a displacement in metres must be divided by the metres per \
                          count and rounded",
                 text,
@@ -258,12 +280,17 @@ fn missing_advice(column: &str, names: &[(usize, &str)]) -> String {
     let rename = nearest(column, names.iter().map(|(_, name)| *name))
         .filter(|near| ![T_S, ENCODER_COUNT, force, terminal].contains(near));
     match rename {
-        Some(near) => format!("rename `{near}` if it is the one, in the unit that the name `{column}` ends with"),
-        None => format!("the columns t_s, encoder_count and force_n are needed, in any order; found: {found}"),
+        Some(near) => {
+            format!("rename `{}` if it is the one, in the unit that the name `{column}` ends with", shortened(near))
+        }
+        None => {
+            format!("the columns t_s, encoder_count and force_n are needed, in any order; found: {}", shortened(&found))
+        }
     }
 }
 
 fn cell_words(field: &str, number: Option<f64>) -> (String, &'static str) {
+    let field = shortened(field);
     let leave_out = "leave the whole line out where a sample is missing";
     match number {
         Some(value) => (format!("the value is not finite ({value})"), leave_out),

@@ -96,3 +96,47 @@ proptest::proptest! {
         let _ = parse("run.csv", format!("t_s,encoder_count,force_n\n{}", rows.join("\n")).as_bytes());
     }
 }
+
+#[test]
+fn lines_end_by_either_character_or_both() {
+    let expected = parse("a.csv", b"t_s,encoder_count,force_n\n0,1,2\n1,3,4\n").unwrap();
+    for ending in ["\r", "\r\n"] {
+        let text = ["# a comment", "t_s,encoder_count,force_n", "", "0,1,2", "1,3,4", ""].join(ending);
+        let found = parse("a.csv", text.as_bytes()).unwrap();
+        assert_eq!(
+            (&found.t_s, &found.encoder_count, &found.force_n),
+            (&expected.t_s, &expected.encoder_count, &expected.force_n)
+        );
+        assert_eq!((found.line, found.notes.len()), (vec![4, 5], 0), "{ending:?}");
+    }
+}
+
+#[test]
+fn what_an_error_shows_of_a_line_is_short_and_printable() {
+    let shown = |text: String| {
+        let error = parse("a\u{1b}.csv", text.as_bytes()).unwrap_err();
+        let mut out = String::new();
+        let options = miette::NarratableReportHandler::new();
+        options.render_report(&mut out, &error).unwrap();
+        out
+    };
+    let header = "t_s,encoder_count,force_n";
+    for long in
+        [format!("{header}\n0,1,{}\n1,1,1\n", "9x".repeat(30_000)), format!("{header},{}\n0,1,x\n", "y".repeat(60_000))]
+    {
+        let words = shown(long);
+        assert!(words.len() < 1500, "{}", words.len());
+    }
+    let words = shown(format!("{header}\n0,1,{}\n1,1,1\n", "9".repeat(1 << 20)));
+    assert!(words.contains("line 2: the line is longer than 65536 bytes") && words.len() < 1000, "{}", words.len());
+    let words = shown(format!("{header}\n0,\u{9b}31m,2\n1,1,1\n"));
+    assert!(words.contains(r"0,\u009b31m,2"), "{words}");
+}
+
+#[test]
+fn a_file_without_line_ends_is_not_read_to_its_end() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("zeros.csv");
+    std::fs::write(&path, "7".repeat(1 << 20)).unwrap();
+    assert!(matches!(read(&path), Err(CsvError::LongLine { line: 1, .. })));
+}

@@ -152,7 +152,7 @@ fn text(args: &Args, run: &Run, outcome: &Outcome, fit: &Directions) -> Result<(
     line("Residual, rms", unit, [residual(fit.symmetric_residual_rms_n), residual(fit.residual_rms_n), String::new()])?;
     output::line("")?;
     if args.offset_n.is_none() {
-        output::line(format!(
+        output::lines(format!(
             "fc+ - fc- + 2 F0 is {} {unit}: a force offset cannot be told from a Coulomb friction that differs by direction;\n\
              give the offset with --offset-n (0 after a tare without load) to tell fc+ and fc- apart",
             cell(&fit.difference_n)

@@ -181,8 +181,9 @@ fn text(file: &Path, summary: &Summary, settings: &Settings) -> Result<(), Error
         format!("{} ({}), {} lost, {} damaged", counts.messages, records.join(", "), counts.lost, counts.corrupt()),
     )?;
     if summary.settings.is_some() {
-        let changed: Vec<String> = changed(settings).collect();
-        row("settings", if changed.is_empty() { "all as by default".into() } else { changed.join("\n             ") })?;
+        let mut changed = changed(settings);
+        row("settings", changed.next().unwrap_or_else(|| "all as by default".into()))?;
+        changed.try_for_each(|setting| row("", setting))?;
     }
     if let Some(truth) = contents.metadata.get(TRUTH_METADATA) {
         row("simulated", truth.get("excite").map(|motion| format!("motion {motion}")).unwrap_or_default())?;
@@ -192,9 +193,9 @@ fn text(file: &Path, summary: &Summary, settings: &Settings) -> Result<(), Error
         row(if number == 0 { "markers" } else { "" }, format!("{t_s:.3} s  {}", marker.text))?;
     }
     if let Some(estimate) = &summary.estimate {
-        output::line("\nLast estimate of the device:")?;
+        output::lines("\nLast estimate of the device:")?;
         let truth = contents.metadata.get(TRUTH_METADATA);
-        output::line(text::table(estimate, summary.detail.as_ref(), settings, truth).trim_end())?;
+        output::lines(text::table(estimate, summary.detail.as_ref(), settings, truth).trim_end())?;
     }
     Ok(())
 }

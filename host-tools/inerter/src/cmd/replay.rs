@@ -91,7 +91,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     if !header {
         output::line("")?;
     }
-    output::line(text::table(estimate, detail, &run.settings, run.truth.as_ref()).trim_end())?;
+    output::lines(text::table(estimate, detail, &run.settings, run.truth.as_ref()).trim_end())?;
     Ok(output::line(text::counts_line(&run.settings, run.duration_s(), &outcome))?)
 }
 

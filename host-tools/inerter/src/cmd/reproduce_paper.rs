@@ -65,7 +65,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
         let names: Vec<&str> = figures.iter().map(|figure| figure.name).collect();
         return Ok(output::line(json_line(&object(&paper, &file, &names)))?);
     }
-    output::line(table(&paper))?;
+    output::lines(table(&paper))?;
     terminal::say(format!("{file}: the page; the figures stand beside it as SVG and PNG"));
     Ok(())
 }

@@ -71,7 +71,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
         let last = EstimateJson::last(injected.t_s, estimate, detail, &run.settings, None);
         return Ok(output::line(machine_json_line(run.settings.machine, &last))?);
     }
-    output::line(text::table(estimate, detail, &run.settings, run.truth.as_ref()).trim_end())?;
+    output::lines(text::table(estimate, detail, &run.settings, run.truth.as_ref()).trim_end())?;
     output::line(format!(
         "{} ({} of motion) sent to {} in {}",
         plural(injected.samples, "sample"),

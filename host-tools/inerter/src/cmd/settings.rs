@@ -1,7 +1,7 @@
 //! `inerter settings`: the settings and the calibration of a live device.
 
 use std::{
-    io::{self, IsTerminal, Write},
+    io::{self, IsTerminal},
     path::PathBuf,
 };
 
@@ -11,7 +11,7 @@ use inerter_data::{
     settings::{Overrides, SettingsInputError, validate},
 };
 
-use super::terminal::say;
+use super::terminal::{self, say};
 use crate::Error;
 
 mod backup;
@@ -157,9 +157,9 @@ fn factory_reset(args: &FactoryResetArgs) -> Result<(), Error> {
 }
 
 fn confirmed(device: &str) -> bool {
-    let question = format!("Erase all settings and the calibration saved on {device}? [y/N] ");
+    let question = format!("Erase all settings and the calibration saved on {device}? [y/N]");
     // Whoever cannot read the question cannot answer it with yes.
-    if write!(io::stderr(), "{question}").and_then(|()| io::stderr().flush()).is_err() {
+    if terminal::ask(question).is_err() {
         return false;
     }
     let mut answer = String::new();

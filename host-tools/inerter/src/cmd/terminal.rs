@@ -11,6 +11,8 @@ use std::{
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
+use inerter_data::words::printable;
+
 use crate::exit;
 
 static INTERRUPTED: AtomicBool = AtomicBool::new(false);
@@ -40,15 +42,20 @@ pub fn interrupted() -> bool {
     INTERRUPTED.load(Ordering::Relaxed)
 }
 
-/// A note to the user, apart from the results.
+/// A note to the user, apart from the results: one line.
 pub fn note(text: impl AsRef<str>) {
-    // Nobody reads notes where standard error is closed.
-    writeln!(io::stderr(), "note: {}", text.as_ref()).ok();
+    say(format!("note: {}", text.as_ref()));
 }
 
-/// Information to the user, apart from the results.
+/// Information to the user, apart from the results: one line.
 pub fn say(text: impl AsRef<str>) {
-    writeln!(io::stderr(), "{}", text.as_ref()).ok();
+    // Nobody reads it where standard error is closed.
+    writeln!(io::stderr(), "{}", printable(text.as_ref())).ok();
+}
+
+/// A question, whose answer is typed behind it. Fails where standard error is closed.
+pub fn ask(question: impl AsRef<str>) -> io::Result<()> {
+    write!(io::stderr(), "{} ", printable(question.as_ref())).and_then(|()| io::stderr().flush())
 }
 
 /// Lines that are typed from now on; `None` where nobody can type.
@@ -127,7 +134,7 @@ impl Progress {
     pub fn say(&mut self, text: String) {
         self.set(0);
         if let Some(bar) = &self.bar {
-            bar.set_message(format!("{} {text}", self.label));
+            bar.set_message(printable(&format!("{} {text}", self.label)).into_owned());
             bar.tick();
         }
     }

@@ -6,7 +6,7 @@ use std::{
     thread,
 };
 
-use inerter_wire::{Crc32, Frame, FrameReader, MAX_FRAME, Record, SettingsValues, encode_record};
+use inerter_wire::{Crc32, Frame, FrameReader, MAX_FRAME, Record, encode_record};
 
 /// Makes of one record the payloads that the other firmware sends instead.
 pub type Change = fn(&Record) -> Vec<Vec<u8>>;
@@ -69,10 +69,4 @@ pub fn payload(record: &Record) -> Vec<u8> {
     let mut body = [0; MAX_FRAME];
     let length = cobs::decode(frame.get(..length - 1).unwrap(), &mut body).unwrap();
     body.get(..length - 6).unwrap().to_vec()
-}
-
-/// These settings, without those from number `end` on, and with `more`.
-pub fn settings(values: &SettingsValues, end: usize, more: &[inerter_wire::SettingValue]) -> Record {
-    let kept = values.0.iter().filter(|entry| usize::from(entry.number) < end).chain(more);
-    Record::Settings(SettingsValues(kept.copied().collect()))
 }

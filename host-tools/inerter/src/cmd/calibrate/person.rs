@@ -1,7 +1,7 @@
 //! The person at the terminal, or the script that answers in his place.
 
 use std::{
-    io::{self, IsTerminal, Write},
+    io::{self, IsTerminal},
     sync::mpsc::{Receiver, RecvTimeoutError, channel},
     time::Duration,
 };
@@ -60,7 +60,7 @@ impl Dialogue for Person {
         } else {
             let default = if default.is_empty() { String::new() } else { format!(" ({default})") };
             // Nobody sees it where standard error is closed.
-            write!(io::stderr(), "{question}{default}: ").and_then(|()| io::stderr().flush()).ok();
+            terminal::ask(format!("{question}{default}:")).ok();
         }
         loop {
             if terminal::interrupted() {

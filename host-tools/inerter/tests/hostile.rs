@@ -1,0 +1,147 @@
+//! Text that others wrote, on its way to a terminal: names of devices and files, panics, markers, cells.
+
+mod common;
+#[path = "common/firmware.rs"]
+mod firmware;
+
+use std::{fs, path::Path};
+
+use common::{done, inerter, json_lines, last, text};
+use inerter_data::{
+    recording::{End, Recorder},
+    settings::Overrides,
+};
+use inerter_plant::Parameters;
+use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
+use inerter_wire::{Event, EventKind, Hello, Record};
+
+/// Writes the clipboard, forges a line, turns the writing direction, and colours by one character.
+const WORDS: &str = "\u{1b}]52;c;aGk=\u{7}\nforged\u{202e}\u{9b}31m";
+
+fn hostile(record: &Record) -> Vec<Vec<u8>> {
+    match record {
+        Record::Hello(hello) => {
+            let (firmware, git, board) = (Hello::text(WORDS), Hello::text(WORDS), Hello::text(WORDS));
+            let hello = Hello { firmware, git, board, serial: Hello::text("a\u{1b}[2J"), ..hello.clone() };
+            let panic = EventKind::Panicked(Hello::text(WORDS));
+            let panic = Record::Event(Event { index: 0, kind: panic });
+            vec![firmware::payload(&Record::Hello(hello)), firmware::payload(&panic)]
+        }
+        _ => vec![firmware::payload(record)],
+    }
+}
+
+/// What both streams say must be lines of printable text, none of them forged.
+fn check(folder: &Path, arguments: &[&str]) -> String {
+    let output = inerter(folder, arguments).output().unwrap();
+    let (out, errors) = (text(&output.stdout), text(&output.stderr));
+    for (stream, words) in [("standard output", &out), ("standard error", &errors)] {
+        let bad = |letter: char| {
+            (letter.is_control() && letter != '\n')
+                || ('\u{2028}'..='\u{202e}').contains(&letter)
+                || letter == '\u{fffd}'
+        };
+        assert!(!words.contains(bad), "{arguments:?}, {stream}: {words:?}");
+        assert!(!words.lines().any(|line| line.starts_with("forged")), "{arguments:?}, {stream}: {words}");
+    }
+    assert!(output.status.code().is_some_and(|code| code < 10), "{arguments:?}: {errors}");
+    out + &errors
+}
+
+#[test]
+fn no_device_writes_to_the_terminal_what_it_likes() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let setup = Setup::new(Parameters::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
+    let device = VirtualDevice::start(&setup, &Endpoint::Tcp("127.0.0.1:0".into()), 5.0).unwrap();
+    let address = firmware::before(device.name(), hostile);
+    let mut said = String::new();
+    for command in [
+        &["monitor", "--plain", "--duration", "1"][..],
+        &["monitor", "--json", "--duration", "1"],
+        &["record", "-o", "run.mcap", "--duration", "1"],
+        &["settings", "get"],
+        &["settings", "get", "--json"],
+        &["settings", "set", "memory_s=9"],
+        &["settings", "backup", "kept.toml"],
+        &["settings", "restore", "kept.toml"],
+        &["settings", "factory-reset", "--yes"],
+        &["calibrate", "zero", "--duration", "1"],
+        &["update", "kept.toml"],
+    ] {
+        said += &check(folder, &[command, &["--connect", &address]].concat());
+    }
+    // It was shown, as what it is.
+    assert!(said.contains(r"\u001b]52;c;aGk=\u0007\nforged\u202e"), "{said}");
+    // In JSON the same escapes mean the text itself.
+    let info = last(&done(folder, &["info", "run.mcap", "--json"]));
+    assert_eq!(info.pointer("/device/board").unwrap(), Hello::text::<24>(WORDS).as_str());
+}
+
+#[test]
+fn no_file_writes_to_the_terminal_what_it_likes() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let name = |ending: &str| format!("{}{ending}", WORDS.replace('/', ""));
+    let (recording, csv, toml) = (name(".mcap"), name(".csv"), name(".toml"));
+    // A run whose device, panic and marker speak; then files that are wrong in every place where a text is.
+    done(folder, &["simulate", "-o", "plain.mcap", "--duration", "3"]);
+    let run = inerter_data::open(&folder.join("plain.mcap"), &Overrides::default()).unwrap();
+    let mut recorder = Recorder::create(&folder.join(&recording)).unwrap();
+    let hello = run.hello.clone().unwrap();
+    recorder
+        .describe(&Hello { board: Hello::text(WORDS), firmware: Hello::text(WORDS), ..hello }, &run.settings)
+        .unwrap();
+    let samples = run.samples.chunks(8).map(|part| Record::Samples(inerter_wire::Samples::from_slice(part).0));
+    let panic = Record::Event(Event { index: 0, kind: EventKind::Panicked(Hello::text(WORDS)) });
+    for (sequence, record) in samples.chain([panic]).enumerate() {
+        let mut frame = [0; inerter_wire::MAX_FRAME];
+        let length = inerter_wire::encode_record(&record, sequence as u16, &mut frame).unwrap();
+        recorder.frame(sequence as u64 * 1_000_000, frame.get(..length - 1).unwrap()).unwrap();
+    }
+    recorder.marker(5, WORDS).unwrap();
+    recorder.metadata("truth", [("inertance_kg".to_string(), WORDS.to_string())].into()).unwrap();
+    recorder.close(&End { reason: WORDS.into(), lost_frames: 0 }).unwrap();
+
+    let header = "t_s,encoder_count,force_n\n";
+    let cells = [
+        format!("{}\n0,1,2\n", WORDS.replace('\n', "")),
+        "t_s,encoder_count,force_n\u{1b}[2J\n0,1,2\n".to_string(),
+        format!("{header}0,1,{}\n1,1,1\n", WORDS.replace('\n', "")),
+        format!("{header}0,\u{9b}31m,1\n1,1,1\n"),
+        format!("{header}\u{1b}[2J\n"),
+    ];
+    let mut said = String::new();
+    for cell in cells {
+        fs::write(folder.join(&csv), cell).unwrap();
+        for command in ["replay", "info", "fit", "identify", "report"] {
+            let out: &[&str] = if command == "report" { &["-o", "page.html", "--force"] } else { &[] };
+            said += &check(folder, &[&[command, &csv, "--metres-per-count", "1e-6"], out].concat());
+        }
+    }
+    fs::write(folder.join(&toml), format!("memory_s = 1.0\n\"{}\" = 2\n", r"\u001b[2J\nforged")).unwrap();
+    for command in [
+        &["info", &recording][..],
+        &["info", &recording, "--json"],
+        &["replay", &recording],
+        &["replay", &recording, "--json"],
+        &["fit", &recording],
+        &["identify", &recording, "--no-profiles"],
+        &["report", &recording, "-o", "page.html", "--force"],
+        &["export", &recording, "--csv", "out.csv", "--estimates", "--force"],
+        &["cut", &recording, "--from", "0.5", "-o", "part.mcap", "--force"],
+        &["merge", &recording, "plain.mcap", "-o", "both.mcap", "--force"],
+        &["calibrate", "skew", &recording],
+        &["settings", "diff", &recording, &toml],
+        &["replay", &recording, "--settings", &toml],
+        &["replay", &recording, "--set", "\u{1b}[2J=1"],
+        &["replay", "\u{1b}[2J\nforged.mcap"],
+        &["export", &recording, "--csv", "\u{1b}[2J\nforged/x.csv"],
+        &["update", &recording],
+    ] {
+        said += &check(folder, command);
+    }
+    assert!(said.contains(r"\u001b]52;c;aGk=\u0007\nforged\u202e\u009b31m"), "{said}");
+    let lines = json_lines(&done(folder, &["info", &recording, "--json"]));
+    assert_eq!(lines[0].pointer("/markers/0/text").unwrap(), WORDS);
+}
