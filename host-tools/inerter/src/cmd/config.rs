@@ -22,6 +22,7 @@ use miette::Diagnostic;
 use toml::{Table, Value};
 
 use super::terminal::note;
+use crate::monitor::web::is_loopback;
 /// Name of the file in the current folder.
 const FILE: &str = "inerter.toml";
 /// Variable that names another one; empty means none.
@@ -33,12 +34,21 @@ pub enum ConfigError {
     #[error("the flags' file {path} cannot be read: {source}", path = path.display())]
     #[diagnostic(code(inerter::config::file), help("check the name after --config, or the variable {VARIABLE}"))]
     File { path: PathBuf, source: std::io::Error },
-    #[error("the flags' file {path}: {message}", path = path.display())]
+    #[error("the flags' file {path}, line {line}: {message}", path = path.display())]
     #[diagnostic(
         code(inerter::config::toml),
         help("flags are lines like `duration = 60`, for one command below a line like `[record]`")
     )]
-    Toml { path: PathBuf, message: String },
+    Toml { path: PathBuf, line: usize, message: String },
+    #[error("the flags' file {path} was not named, so it may not set `{key}`", path = path.display())]
+    #[diagnostic(
+        code(inerter::config::found),
+        help(
+            "a file that lies in the folder sets no outputs, no --force and no addresses of other machines: type the flag, or \
+             name the file with --config or {VARIABLE}"
+        )
+    )]
+    Found { path: PathBuf, key: String },
     #[error("the flags' file {path}: there is no {what} `{name}`", path = path.display())]
     #[diagnostic(code(inerter::config::unknown), help("{help}"))]
     Unknown { path: PathBuf, what: String, name: String, help: String },
@@ -47,31 +57,47 @@ pub enum ConfigError {
     Value { path: PathBuf, key: String, message: String, help: String },
 }
 
+/// Flags that let a command replace or erase something, or name what it writes.
+const WRITES: [&str; 9] = ["force", "yes", "output", "record", "csv", "parquet", "mat", "mcap", "png"];
+
+/// A file with flags.
+#[derive(Debug, PartialEq)]
+pub struct FlagsFile {
+    /// Its name.
+    pub path: PathBuf,
+    /// Whether the user named it. One that was found in the folder may be anybody's.
+    is_named: bool,
+}
+
 /// The file that holds for this command line, if any.
-pub fn file(arguments: &[OsString]) -> Option<PathBuf> {
+pub fn file(arguments: &[OsString]) -> Option<FlagsFile> {
+    let named = |path: PathBuf| FlagsFile { path, is_named: true };
     let mut arguments = arguments.iter().skip(1);
     while let Some(argument) = arguments.next() {
         if argument == "--config" {
-            return arguments.next().map(PathBuf::from);
+            return arguments.next().map(|path| named(path.into()));
         }
         if let Some(name) = argument.to_str().and_then(|argument| argument.strip_prefix("--config=")) {
-            return Some(name.into());
+            return Some(named(name.into()));
         }
     }
     match std::env::var_os(VARIABLE) {
-        Some(name) => Some(PathBuf::from(name)).filter(|name| !name.as_os_str().is_empty()),
-        None => Some(PathBuf::from(FILE)).filter(|path| path.is_file()),
+        Some(name) => Some(named(name.into())).filter(|file| !file.path.as_os_str().is_empty()),
+        None => Some(FlagsFile { path: FILE.into(), is_named: false }).filter(|file| file.path.is_file()),
     }
 }
 
 /// The command line with the file's flags put in where nothing was typed.
-pub fn apply(command: &Command, path: &Path, typed: &[OsString]) -> Result<Vec<OsString>, ConfigError> {
+pub fn apply(command: &Command, file: &FlagsFile, typed: &[OsString]) -> Result<Vec<OsString>, ConfigError> {
+    let path = &file.path;
     let text = std::fs::read_to_string(path).map_err(|source| ConfigError::File { path: path.into(), source })?;
-    let table: Table = text
-        .parse()
-        .map_err(|error: toml::de::Error| ConfigError::Toml { path: path.into(), message: error.to_string() })?;
+    let table: Table = text.parse().map_err(|error: toml::de::Error| {
+        let before = text.get(..error.span().map_or(0, |span| span.start)).unwrap_or_default();
+        let line = before.matches('\n').count() + 1;
+        ConfigError::Toml { path: path.into(), line, message: error.message().into() }
+    })?;
     let chosen = chosen(command, typed);
-    let mut reader = Reader { path, typed, chosen: &chosen, flags: Vec::new() };
+    let mut reader = Reader { file, path, typed, chosen: &chosen, flags: Vec::new() };
     // Below first: what stands there for one command wins over what stands above for all.
     for (name, value) in table.iter().filter(|(_, value)| value.is_table()) {
         reader.table(command, &[], name, value)?;
@@ -116,6 +142,7 @@ fn chosen<'a>(command: &'a Command, typed: &[OsString]) -> Chosen<'a> {
 }
 
 struct Reader<'a> {
+    file: &'a FlagsFile,
     path: &'a Path,
     typed: &'a [OsString],
     chosen: &'a Chosen<'a>,
@@ -182,6 +209,11 @@ impl Reader<'_> {
             message,
             help: format!("write what would follow --{}", long(arg)),
         };
+        let is_address = arg.get_value_names().is_some_and(|names| names.iter().any(|name| name == "HOST:PORT"));
+        let elsewhere = || texts(value).is_ok_and(|places| !places.iter().all(|place| is_loopback(place)));
+        if !self.file.is_named && (WRITES.contains(&long(arg)) || is_address && elsewhere()) {
+            return Err(ConfigError::Found { path: self.path.into(), key: key.into() });
+        }
         if is_switch(arg) {
             return if value.is_bool() { Ok(()) } else { Err(wrong("this flag takes true or false".into())) };
         }
@@ -328,7 +360,7 @@ mod tests {
             duration: Option<f64>,
             #[arg(long, conflicts_with = "connect")]
             port: Option<String>,
-            #[arg(long)]
+            #[arg(long, value_name = "HOST:PORT")]
             connect: Option<String>,
             #[arg(long)]
             force: bool,
@@ -340,11 +372,15 @@ mod tests {
     }
 
     fn read(text: &str, typed: &[&str]) -> Result<Verb, String> {
+        read_file(text, typed, true)
+    }
+
+    fn read_file(text: &str, typed: &[&str], is_named: bool) -> Result<Verb, String> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("inerter.toml");
         std::fs::write(&path, text).unwrap();
         let typed: Vec<OsString> = ["inerter", "record"].iter().chain(typed).map(OsString::from).collect();
-        let words = apply(&Flags::command(), &path, &typed).map_err(|error| {
+        let words = apply(&Flags::command(), &FlagsFile { path: path.clone(), is_named }, &typed).map_err(|error| {
             let help = error.help().map(|help| help.to_string()).unwrap_or_default();
             format!("{error}; {help}").replace(&path.display().to_string(), "inerter.toml")
         })?;
@@ -383,7 +419,7 @@ mod tests {
             ("[record]\nduration = [1, 2]\n", "inerter.toml: record.duration: one value is needed, not a list"),
             ("[record]\nforce = 1\n", "inerter.toml: record.force: this flag takes true or false"),
             ("[record]\nhelp = true\n", "there is no flag of record `help`"),
-            ("[record\n", "inerter.toml: TOML parse error at line 1"),
+            ("port = \"p\"\n[record\n", "inerter.toml, line 2: unclosed table, expected `]`"),
         ] {
             let error = read(text, &["-o", "x"]).err().unwrap_or_default();
             assert!(error.starts_with(expected) || error.contains(expected), "{text}: {error}");
@@ -393,7 +429,43 @@ mod tests {
     #[test]
     fn a_file_is_found_by_its_flag_first() {
         let line = |words: &[&str]| words.iter().map(OsString::from).collect::<Vec<_>>();
-        assert_eq!(file(&line(&["inerter", "ports", "--config", "a.toml"])), Some("a.toml".into()));
-        assert_eq!(file(&line(&["inerter", "--config=b.toml", "ports"])), Some("b.toml".into()));
+        let named = |name: &str| Some(FlagsFile { path: name.into(), is_named: true });
+        assert_eq!(file(&line(&["inerter", "ports", "--config", "a.toml"])), named("a.toml"));
+        assert_eq!(file(&line(&["inerter", "--config=b.toml", "ports"])), named("b.toml"));
+    }
+
+    #[test]
+    fn a_file_that_was_only_found_sets_nothing_that_is_written_and_no_address_elsewhere() {
+        for (text, key) in [
+            ("[record]\nforce = true\n", "record.force"),
+            ("force = true\n", "force"),
+            ("[record]\noutput = \"/etc/passwd\"\n", "record.output"),
+            ("connect = \"10.0.0.1:7878\"\n", "connect"),
+            ("[record]\nconnect = \"example.org:7878\"\n", "record.connect"),
+        ] {
+            let error = read_file(text, &["-o", "x"], false).err().unwrap_or_default();
+            assert!(error.contains(&format!("was not named, so it may not set `{key}`")), "{text}: {error}");
+        }
+        for place in ["127.0.0.1:7878", "localhost:7878", "[::1]:7878"] {
+            let Verb::Record { connect, .. } =
+                read_file(&format!("connect = \"{place}\"\n"), &["-o", "x"], false).unwrap();
+            assert_eq!(connect.as_deref(), Some(place));
+        }
+    }
+
+    #[test]
+    fn every_flag_that_takes_a_path_is_known_to_be_read_or_written() {
+        fn paths(command: &Command, found: &mut std::collections::BTreeSet<String>) {
+            let is_path =
+                |arg: &&Arg| arg.get_value_parser().type_id() == clap::builder::ValueParser::path_buf().type_id();
+            found.extend(command.get_arguments().filter(is_path).filter_map(Arg::get_long).map(String::from));
+            command.get_subcommands().for_each(|below| paths(below, found));
+        }
+        let mut found = std::collections::BTreeSet::new();
+        paths(&crate::Cli::command(), &mut found);
+        let read = ["config", "image", "settings"];
+        let known = |name: &String| WRITES.contains(&name.as_str()) || read.contains(&name.as_str());
+        let unknown: Vec<_> = found.iter().filter(|name| !known(name)).collect();
+        assert!(unknown.is_empty() && found.contains("output"), "{unknown:?} of {found:?}");
     }
 }

@@ -42,7 +42,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let mut checks = examine(target.as_ref());
     let typed: Vec<_> = std::env::args_os().collect();
     if let Some(file) = config::file(&typed) {
-        checks.push(Check::good("flags", format!("taken from {}", file.display())));
+        checks.push(Check::good("flags", format!("taken from {}", file.path.display())));
     }
     for check in &checks {
         if args.json {

@@ -176,8 +176,8 @@ fn from_here(headers: &HeaderMap) -> bool {
     !headers.contains_key(header::ORIGIN) || text(header::ORIGIN) == Some(&format!("http://{host}"))
 }
 
-/// Whether a Host header names this machine; the port may differ where it is forwarded.
-fn is_loopback(host: &str) -> bool {
+/// Whether `HOST:PORT`, as in a Host header, names this machine; the port may differ where it is forwarded, or be missing.
+pub fn is_loopback(host: &str) -> bool {
     let address = |text: &str| text.trim_matches(['[', ']']).parse().ok();
     let with_port = host.parse::<SocketAddr>().ok().map(|address| address.ip());
     if let Some(found) = with_port.or_else(|| address(host)) {
