@@ -3,7 +3,7 @@
 Usage: bench_rivals.py REGRESSORS OUTPUT.json
 REGRESSORS: little-endian u64 updates of the motion, u64 updates in all, then f64 a, v, sgn v, 1, F for each update; u64 cases, and for
 each f64 forgetting, u64 updates between two values written down or 0, u64 updates, then five f64 for each update.
-Forgetting and initial variance of the first run are those of tests/src/bin/bench/machine.rs.
+Forgetting and initial variance of the first run are those of tests/bench/src/machine.rs.
 """
 
 import json

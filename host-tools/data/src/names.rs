@@ -85,6 +85,8 @@ impl Formatter for Names {
             self.verbatim_from = None;
         }
         self.depth -= 1;
+        // The next object of a list belongs to no key of this one.
+        self.key.clear();
         CompactFormatter.end_object(writer)
     }
 

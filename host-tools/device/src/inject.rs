@@ -74,26 +74,17 @@ pub fn inject_all<E: From<DeviceError>>(
     }
     let before = *device.settings();
     device.stream(Streams { estimates: true, ..Streams::NONE })?;
-    device.write_settings(injection.settings)?;
-    halt(device)?;
-    let (times, begun) = (Times::new(injection), Begun::No);
-    let (last, later) = (None, Vec::new());
-    let result = Sending {
-        device: &mut *device,
-        injection,
-        publish,
-        progress,
-        times,
-        begun,
-        pairing: Pairing::new(),
-        last,
-        later,
-    }
-    .all();
+    let prepared = device.write_settings(injection.settings).and_then(|()| halt(device));
+    let result = prepared.map_err(E::from).and_then(|()| {
+        let (times, begun) = (Times::new(injection), Begun::No);
+        let (pairing, last, later) = (Pairing::new(), None, Vec::new());
+        Sending { device: &mut *device, injection, publish, progress, times, begun, pairing, last, later }.all()
+    });
     // What failed is more interesting than whether the settings could be put back after it.
-    let restored = device.write_settings(&before).and_then(|()| device.start_sampler());
+    let restored = device.write_settings(&before);
+    let started = device.start_sampler();
     let injected = result?;
-    restored?;
+    restored.and(started)?;
     Ok(injected)
 }
 

@@ -78,7 +78,11 @@ fn main() -> ExitCode {
     let cli = match parse() {
         Ok(cli) => cli,
         Err(error) => {
-            return fail(error, exit::SETTINGS);
+            let code = match error {
+                ConfigError::File { .. } => exit::INPUT,
+                _ => exit::SETTINGS,
+            };
+            return fail(error, code);
         }
     };
     let result = match cli.command {

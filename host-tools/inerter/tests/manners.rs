@@ -50,7 +50,7 @@ fn a_mistake_in_the_file_of_flags_is_named_before_anything_is_done() {
         words.contains("there is no flag of record `durations`") && words.contains("did you mean `duration`?"),
         "{words}"
     );
-    let words = fails(folder.path(), &["ports", "--config", "nowhere.toml"], 4);
+    let words = fails(folder.path(), &["ports", "--config", "nowhere.toml"], 3);
     assert!(words.contains("nowhere.toml cannot be read"), "{words}");
     // Help must not depend on it.
     assert!(done(folder.path(), &["--help"]).contains("Usage"));

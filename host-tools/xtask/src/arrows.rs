@@ -66,7 +66,7 @@ const LAWS: &[Law] = &[
         .tests_may_use(&["inerter-plant", "inerter-simulate"])
         .never(&["clap", "nusb", "serialport", "dfu-*", "ratatui", "crossterm", "axum", "plotters"]),
     Law::of("inerter-analysis")
-        .may_use(&["inerter-core", "inerter-wire", "inerter-data", "inerter-plant"])
+        .may_use(&["inerter-core", "inerter-data", "inerter-plant"])
         .tests_may_use(&["inerter-simulate"])
         .never(&["clap", "nusb", "serialport", "ratatui", "crossterm", "parquet", "hdf5-pure"]),
     Law::of("inerter-device").may_use(&["inerter-core", "inerter-wire"]).never(&[

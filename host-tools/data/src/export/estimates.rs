@@ -49,13 +49,13 @@ impl EstimateTable {
         match source.recording() {
             Some(path) => {
                 let (mut clock, mut pairing) = (Extent::default(), Pairing::new());
+                let since_s = |clock: &Extent, index| {
+                    let first = source.extent.indices.map_or(index, |(first, _)| first);
+                    let before = || i64::from(u32::wrapping_sub(index, first) as i32);
+                    clock.periods_of(index).unwrap_or_else(before) as f64 / source.settings.sample_rate_hz
+                };
                 recording::read(path, |incoming| {
                     let Item::Frame(Frame::Message { message, .. }) = incoming.item else { return };
-                    let since_s = |clock: &Extent, index| {
-                        let first = source.extent.indices.map_or(index, |(first, _)| first);
-                        let before = || i64::from(u32::wrapping_sub(index, first) as i32);
-                        clock.periods_of(index).unwrap_or_else(before) as f64 / source.settings.sample_rate_hz
-                    };
                     for event in pairing.take(&message) {
                         if let EstimatorEvent::Estimate(estimate, detail) = event {
                             take(since_s(&clock, estimate.index), &estimate, detail.as_ref());
@@ -67,6 +67,10 @@ impl EstimateTable {
                         batch.iter().flatten().for_each(|sample| clock.take(&sample));
                     }
                 })?;
+                // One whose detail did not come.
+                if let Some(EstimatorEvent::Estimate(estimate, detail)) = pairing.flush() {
+                    take(since_s(&clock, estimate.index), &estimate, detail.as_ref());
+                }
             }
             None => {
                 let mut replay = Replay::new(&source.settings, 0.0)?;

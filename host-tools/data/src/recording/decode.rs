@@ -57,8 +57,8 @@ struct MotionJson {
     terminal_m: Option<f32>,
 }
 
-/// What is said on a channel.
-pub(super) type Said = (Channel, Vec<u8>);
+/// A message on a channel.
+pub(super) type Decoded = (Channel, Vec<u8>);
 
 /// From frames to messages.
 pub(super) struct Decoder {
@@ -109,43 +109,56 @@ impl Decoder {
         }
     }
 
-    /// Takes the bytes of a message of channel `raw`; gives what is said of them.
-    pub(super) fn take(&mut self, part: u16, bytes: &[u8]) -> Vec<Said> {
+    /// Takes the bytes of a message of channel `raw`; gives what they hold.
+    pub(super) fn take(&mut self, part: u16, bytes: &[u8]) -> Vec<Decoded> {
         let mut framing = std::mem::take(&mut self.framing);
-        let mut said = Vec::new();
+        let mut decoded = Vec::new();
         framing.take(part, bytes, |frame| {
             if let Frame::Message { message, .. } = frame {
-                self.record(message, &mut said);
+                self.record(message, &mut decoded);
             }
         });
         self.framing = framing;
-        said
+        decoded
     }
 
-    fn record(&mut self, record: Record, said: &mut Vec<Said>) {
-        for event in self.pairing.take(&record) {
-            match event {
-                EstimatorEvent::Estimate(estimate, detail) => self.estimate(&estimate, detail.as_ref(), said),
-                EstimatorEvent::Reversal(reversal) => {
-                    let t_s = self.time_s(reversal.index);
-                    if t_s.is_none_or(|t_s| self.reversals.is_due(t_s)) {
-                        self.say(said, Channel::Reversal, &ReversalJson::new(t_s, &reversal));
-                    }
+    /// An estimate whose detail did not come before the end.
+    pub(super) fn end(&mut self) -> Vec<Decoded> {
+        let mut decoded = Vec::new();
+        if let Some(event) = self.pairing.flush() {
+            self.event(event, &mut decoded);
+        }
+        decoded
+    }
+
+    fn event(&mut self, event: EstimatorEvent, decoded: &mut Vec<Decoded>) {
+        match event {
+            EstimatorEvent::Estimate(estimate, detail) => self.estimate(&estimate, detail.as_ref(), decoded),
+            EstimatorEvent::Reversal(reversal) => {
+                let t_s = self.time_s(reversal.index);
+                if t_s.is_none_or(|t_s| self.reversals.is_due(t_s)) {
+                    self.put(decoded, Channel::Reversal, &ReversalJson::new(t_s, &reversal));
                 }
-                // An event of the device like others.
-                EstimatorEvent::Changed(_) => {}
             }
+            // An event of the device like others.
+            EstimatorEvent::Changed(_) => {}
+        }
+    }
+
+    fn record(&mut self, record: Record, decoded: &mut Vec<Decoded>) {
+        for event in self.pairing.take(&record) {
+            self.event(event, decoded);
         }
         match record {
             Record::Samples(batch) if batch.check().is_ok() => {
-                batch.iter().flatten().for_each(|sample| self.sample(&sample, said));
+                batch.iter().flatten().for_each(|sample| self.sample(&sample, decoded));
             }
             Record::Event(event) => {
                 let t_s = self.time_s(event.index);
                 let json = EventJson::new(t_s, event.index, &event.kind, self.settings.machine);
-                self.say(said, Channel::Event, &json);
+                self.put(decoded, Channel::Event, &json);
             }
-            Record::Health(health) => self.say(said, Channel::Health, &health_json(&health)),
+            Record::Health(health) => self.put(decoded, Channel::Health, &health_json(&health)),
             Record::Settings(values) => {
                 if let Ok(reading) = values.read(&self.settings)
                     && reading.settings != self.settings
@@ -159,15 +172,15 @@ impl Decoder {
         }
     }
 
-    fn estimate(&mut self, estimate: &Estimate, detail: Option<&Detail>, said: &mut Vec<Said>) {
+    fn estimate(&mut self, estimate: &Estimate, detail: Option<&Detail>, decoded: &mut Vec<Decoded>) {
         let t_s = self.time_s(estimate.index);
         let t_s = t_s.unwrap_or_else(|| elapsed_s(estimate, self.settings.sample_rate_hz));
         if self.estimates.is_due(t_s) {
-            self.say(said, Channel::Estimate, &EstimateJson::live(t_s, estimate, detail, &self.settings));
+            self.put(decoded, Channel::Estimate, &EstimateJson::live(t_s, estimate, detail, &self.settings));
         }
     }
 
-    fn sample(&mut self, sample: &RawSample, said: &mut Vec<Said>) {
+    fn sample(&mut self, sample: &RawSample, decoded: &mut Vec<Decoded>) {
         let before = self.clock.periods;
         self.clock.take(sample);
         if self.clock.periods > before + 1 {
@@ -178,12 +191,12 @@ impl Decoder {
         if f64::from(self.motion.count) >= MOTION_S * rate_hz {
             let motion = std::mem::take(&mut self.motion);
             let middle = self.clock.periods as f64 - 0.5 * f64::from(motion.count - 1);
-            self.say(said, Channel::Motion, &motion.json(middle / rate_hz));
+            self.put(decoded, Channel::Motion, &motion.json(middle / rate_hz));
         }
     }
 
-    fn say(&self, said: &mut Vec<Said>, channel: Channel, json: &impl Serialize) {
-        said.push((channel, machine_json(self.settings.machine, json)));
+    fn put(&self, decoded: &mut Vec<Decoded>, channel: Channel, json: &impl Serialize) {
+        decoded.push((channel, machine_json(self.settings.machine, json)));
     }
 
     /// Time of a sample since the first one \[s\].

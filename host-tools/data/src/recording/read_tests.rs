@@ -211,3 +211,19 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn an_estimate_whose_detail_does_not_come_is_decoded_at_the_end() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.mcap");
+    let mut recorder = Recorder::create(&path).unwrap();
+    recorder.describe(&hello(), &Settings::default()).unwrap();
+    let mut out = [0; MAX_FRAME];
+    let estimate = Record::Estimate(Estimate { index: 5, elapsed_samples: 6, ..Estimate::default() });
+    let length = encode_record(&estimate, 0, &mut out).unwrap();
+    recorder.frame(7, out.get(..length - 1).unwrap()).unwrap();
+    recorder.close(&End { reason: "finished".into(), lost_frames: 0 }).unwrap();
+    let bytes = std::fs::read(&path).unwrap();
+    let messages = mcap::MessageStream::new(&bytes).unwrap().map(|message| message.unwrap().channel.topic.clone());
+    assert_eq!(messages.filter(|topic| topic == "estimate").count(), 1);
+}

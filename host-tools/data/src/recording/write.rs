@@ -182,6 +182,9 @@ impl Recorder {
 
     /// Closes the recording: index, and the reason that it ended.
     pub fn close(mut self, end: &End) -> Result<(), OutputError> {
+        for (channel, json) in self.decoder.as_mut().map(Decoder::end).unwrap_or_default() {
+            self.say(channel, self.last_ns, &json)?;
+        }
         let map = BTreeMap::from([
             ("reason".to_string(), end.reason.clone()),
             ("frames".to_string(), self.sequence.to_string()),
