@@ -96,8 +96,8 @@ async fn hang() {
 
 /// Sets everything up. Apart from [`run`], whose stack stays.
 #[inline(never)]
-fn set_up(spawner: Spawner) {
-    let mut start = Start { cause: reset::begin(), panic: panic::take() };
+fn set_up(spawner: Spawner, cause: ResetCause) {
+    let mut start = Start { cause, panic: panic::take() };
     if start.panic.is_some() && start.cause == ResetCause::Software {
         start.cause = ResetCause::Panic;
     }
@@ -145,8 +145,9 @@ fn set_up(spawner: Spawner) {
 /// Runs the instrument. To be called once, at the start.
 pub fn run() -> ! {
     let Some(mut core) = cortex_m::Peripherals::take() else { panic!("the instrument starts once") };
+    let cause = reset::begin();
     stack::guard(&mut core.MPU);
     let executor = Executor::new(&core.SCB);
-    set_up(executor.spawner());
+    set_up(executor.spawner(), cause);
     executor.run()
 }

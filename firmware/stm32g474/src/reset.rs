@@ -1,10 +1,13 @@
 //! Why the device started, and what is decided by that before anything else runs.
 //!
 //! - Two presses of the reset button within half a second, or a command, lead into the ROM's update mode (DFU).
-//! - The ROM's update mode starts the new firmware without a reset; a reset then gives it the chip as it expects it.
+//! - The ROM's update mode starts the new firmware by a jump; a reset then gives it the chip as it expects it. AN2606 says
+//!   that the ROM restores no register before, AN3155 that it does, so nothing is taken for granted: a jump leaves the
+//!   vectors, address 0, the protection unit or the clocks other than a reset does, or exactly as a reset does.
 //!
-//! Sources: RM0440 7.4.30 (reset flags), AN2606 (system memory boot mode).
+//! Sources: RM0440 7.4.30 (reset flags), 10.2.1 (MEM_MODE); AN2606 (system memory boot mode); PM0214 4.4.4 (VTOR).
 
+use core::arch::global_asm;
 use core::mem::MaybeUninit;
 use core::ptr;
 use cortex_m::peripheral::SCB;
@@ -17,6 +20,47 @@ use inerter_wire::ResetCause;
 const ROM: *const u32 = 0x1FFF_0000 as *const u32;
 /// Time within which a second press of the button counts.
 const DOUBLE_PRESS_MS: u64 = 500;
+
+// Runs before memory is set up, as the jump's state must not meet it: a protection unit that is still on would make the
+// first write a fault, with the ROM's handlers. Without a stack, as nothing is known of it.
+global_asm!(
+    ".section .text.__pre_init,\"ax\",%progbits",
+    ".global __pre_init",
+    ".type __pre_init,%function",
+    ".thumb_func",
+    "__pre_init:",
+    // MPU_CTRL.
+    "ldr r0, =0xE000ED94",
+    "ldr r1, [r0]",
+    "cbnz r1, 2f",
+    // VTOR: 0 after a reset, flash if somebody was so kind.
+    "ldr r0, =0xE000ED08",
+    "ldr r1, [r0]",
+    "bic r1, r1, #0x08000000",
+    "cbnz r1, 2f",
+    // SYSCFG_MEMRMP.MEM_MODE, with its clock (APB2ENR.SYSCFGEN) on for the moment.
+    "ldr r0, =0x40021060",
+    "ldr r1, [r0]",
+    "orr r2, r1, #1",
+    "str r2, [r0]",
+    "ldr r2, [r0]",
+    "ldr r2, =0x40010000",
+    "ldr r2, [r2]",
+    "str r1, [r0]",
+    "ands r2, r2, #7",
+    "bne 2f",
+    "bx lr",
+    // AIRCR.SYSRESETREQ.
+    "2:",
+    "ldr r0, =0xE000ED0C",
+    "ldr r1, =0x05FA0004",
+    "dsb",
+    "str r1, [r0]",
+    "dsb",
+    "3:",
+    "b 3b",
+    ".size __pre_init, . - __pre_init",
+);
 
 /// What a run leaves behind for the next one.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -46,7 +90,7 @@ fn note_is(note: Note) -> bool {
 /// Finds out why the device started. To be called first of all; may not return.
 pub fn begin() -> ResetCause {
     if RCC.cfgr().read().sws() != Sw::HSI || RCC.crrcr().read().hsi48on() {
-        // Started by a jump, and the clocks are the ROM's.
+        // Started by a jump (see `__pre_init`), and the clocks are the ROM's.
         SCB::sys_reset();
     }
     let flags = RCC.csr().read();
@@ -98,7 +142,7 @@ pub fn update() -> ! {
     SCB::sys_reset()
 }
 
-/// Everything is as after a reset: the ROM can start as if it had been chosen by the boot pin.
+/// Everything is as after a reset, the protection unit off and VTOR 0: the ROM can start as if it had been chosen by the boot pin.
 fn enter_rom() -> ! {
     RCC.apb2enr().modify(|w| w.set_syscfgen(true));
     // The ROM at address 0 (RM0440, 10.2.1: 001).

@@ -10,14 +10,16 @@
 //! - *Faults*: an access that nobody answers or an instruction that does not exist ends the run, unless
 //!   [`Faults::Taken`].
 //!
+//! - *Protection*: the regions of the protection unit become those of unicorn; a change counts from the next block on.
+//!
 //! Interrupts are taken between blocks only, so up to some ten instructions later than on the chip. Not modelled: lazy
-//! stacking as such, the protection unit, tail chaining (return and entry cost their 12 cycles each), wait states of
+//! stacking as such, tail chaining (return and entry cost their 12 cycles each), wait states of
 //! flash.
 
 use crate::{
     Cycles, Width,
     chip::{BadAccess, CCM_LEN, CCM_START, Chip, RAM_LEN, RAM_START, flash, rcc::Reset, rom},
-    nvic::{Masks, Nvic, SV_CALL},
+    nvic::{HARD_FAULT, Masks, NMI, Nvic, Region, SV_CALL},
 };
 use unicorn_engine::{Arch, ArmCpuModel, HookType, MemType, Mode, Prot, RegisterARM as R, Unicorn, uc_error};
 
@@ -32,6 +34,8 @@ const EXCP_BKPT: u32 = 7;
 const EXCP_EXCEPTION_EXIT: u32 = 8;
 /// Addresses from here on are no code but the end of an exception.
 const EXC_RETURN: u32 = 0xffff_ff00;
+/// What an access is called that fetches an instruction.
+const EXECUTION: &str = "execution at";
 const WFE: u16 = 0xbf20;
 const SEV: u16 = 0xbf40;
 
@@ -74,6 +78,14 @@ pub enum Stop {
         /// Where.
         address: u32,
     },
+    /// A memory access that the protection unit forbids.
+    #[error("{what} {address:#010x}, which the protection unit forbids")]
+    Protected {
+        /// Read of, write to, execution at.
+        what: &'static str,
+        /// Where.
+        address: u32,
+    },
     /// An instruction that does not exist, as panics use to end.
     #[error("undefined instruction")]
     Undefined,
@@ -87,7 +99,7 @@ pub enum Stop {
     #[error("a floating point instruction while the unit is off (CPACR)")]
     FloatingPointOff,
     /// An exception frame has no room.
-    #[error("an exception frame at {0:#010x} lies outside of RAM")]
+    #[error("an exception frame at {0:#010x} lies outside of RAM, or where the protection unit forbids it")]
     Stack(u32),
     /// An exception return without an exception.
     #[error("exception return {0:#010x} while no exception is active")]
@@ -229,8 +241,10 @@ impl Core {
 
     fn write(&mut self, address: u32, bytes: usize, value: u32) {
         let Some(width) = Width::of(bytes) else { return };
+        let mut changes_regions = false;
         let outcome = if address >= PRIVATE && !(DEBUG..DEBUG + 0x400).contains(&address) {
             let outcome = self.nvic.write(address, value, width, self.now);
+            changes_regions = (MPU..MPU + 0x30).contains(&address);
             outcome.map_err(|unknown| private(address, width, Some(value), unknown.what))
         } else {
             self.chip.write(address, value, width, self.now)
@@ -239,11 +253,21 @@ impl Core {
             self.fail(bad);
         }
         self.after_access();
+        if changes_regions {
+            self.deadline = 0;
+        }
     }
 
     fn fail(&mut self, bad: BadAccess) {
         self.stop.get_or_insert(Stop::Bus(bad));
         self.failed.get_or_insert(self.block);
+    }
+
+    /// A vector. Address 0 is where MEM_MODE says: flash, or the ROM, whose handlers are not modelled.
+    fn vector(&self, address: u32) -> Option<u32> {
+        let from_flash = address < flash::LEN as u32 && self.chip.syscfg.mem_mode() == 0;
+        let word = self.code(if from_flash { flash::START + address } else { address }, 4)?;
+        Some(u32::from_le_bytes([word[0], word[1], word[2], word[3]]))
     }
 
     fn code(&self, address: u32, len: u32) -> Option<&[u8]> {
@@ -267,6 +291,8 @@ impl Core {
 /// The private peripheral bus, and in it what belongs to the chip.
 const PRIVATE: u32 = 0xe000_0000;
 const DEBUG: u32 = 0xe004_2000;
+/// The protection unit.
+const MPU: u32 = 0xe000_ed90;
 
 fn private(address: u32, width: Width, value: Option<u32>, what: &'static str) -> BadAccess {
     BadAccess { address, peripheral: "core", offset: address - PRIVATE, width, value, what }
@@ -276,6 +302,8 @@ fn private(address: u32, width: Width, value: Option<u32>, what: &'static str) -
 pub struct Cpu {
     uc: Unicorn<'static, Core>,
     faults: Faults,
+    /// What unicorn enforces.
+    regions: Vec<Region>,
 }
 
 /// Registers of an exception frame in the order of their addresses; return address and status follow.
@@ -329,7 +357,7 @@ impl Cpu {
         uc.ctl_set_cpu_model(ArmCpuModel::CORTEX_M4 as i32).map_err(emulator)?;
         map(&mut uc).map_err(emulator)?;
         hook(&mut uc).map_err(emulator)?;
-        Ok(Self { uc, faults: Faults::default() })
+        Ok(Self { uc, faults: Faults::default(), regions: Vec::new() })
     }
 
     /// What happens at a fault of the program from now on.
@@ -382,10 +410,7 @@ impl Cpu {
         let core = self.core_mut();
         core.nvic = Nvic::default();
         (core.asleep, core.stop, core.failed, core.unmapped, core.pause) = (None, None, None, None, Pause::Itself);
-        let vector = |at: u32| {
-            let bytes = core.chip.bytes(flash::START + at, 4);
-            bytes.map_or(0, |bytes| bytes.iter().rev().fold(0, |word, &byte| word << 8 | u32::from(byte)))
-        };
+        let vector = |at: u32| core.vector(flash::START + at).unwrap_or(0);
         let (stack, start) = (vector(0), vector(4));
         // Thread mode first: the other registers depend on it.
         self.set(R::XPSR, 1 << 24)?;
@@ -394,6 +419,16 @@ impl Cpu {
         }
         self.set(R::SP, stack)?;
         self.set(R::LR, u32::MAX)?;
+        self.set(R::PC, start | 1)
+    }
+
+    /// Goes to a program as a boot loader does: stack and start from its vectors, everything else as it is.
+    pub fn jump(&mut self, vectors: u32) -> Result<(), Stop> {
+        let core = self.core_mut();
+        (core.asleep, core.stop, core.failed, core.unmapped) = (None, None, None, None);
+        let vector = |at: u32| core.vector(vectors + at).unwrap_or(0);
+        let (stack, start) = (vector(0), vector(4));
+        self.set(R::SP, stack)?;
         self.set(R::PC, start | 1)
     }
 
@@ -451,8 +486,29 @@ impl Cpu {
         }
     }
 
+    /// Makes unicorn enforce what the protection unit does.
+    fn protect(&mut self) -> Result<(), Stop> {
+        let regions = self.core().nvic.regions(Self::masks(&self.uc));
+        if regions == self.regions {
+            return Ok(());
+        }
+        let everything = |region: &Region| Region { read: true, write: true, execute: false, ..*region };
+        let before: Vec<Region> = self.regions.iter().map(everything).collect();
+        for region in before.iter().chain(&regions) {
+            if !(RAM_START..RAM_START + RAM_LEN as u32).contains(&region.start) {
+                return Err(Stop::Emulator("a region of the protection unit outside of SRAM has no model".into()));
+            }
+            let allowed = [(region.read, Prot::READ), (region.write, Prot::WRITE), (region.execute, Prot::EXEC)];
+            let allowed = allowed.into_iter().filter(|(may, _)| *may).fold(Prot::NONE, |all, (_, one)| all | one);
+            self.uc.mem_protect(region.start.into(), region.len.into(), allowed).map_err(emulator)?;
+        }
+        self.regions = regions;
+        Ok(())
+    }
+
     /// Lets unicorn run until something is to be done.
     fn execute(&mut self) -> Result<(), Stop> {
+        self.protect()?;
         self.core_mut().pause = Pause::Itself;
         let pc = self.register(R::PC);
         let outcome = self.uc.emu_start(u64::from(pc | 1), 0, 0, 0);
@@ -489,8 +545,13 @@ impl Cpu {
 
     fn fault(&mut self, error: uc_error) -> Result<(), Stop> {
         let taken = self.faults == Faults::Taken;
+        let regions = self.regions.clone();
         let core = self.core_mut();
         let stop = match (core.unmapped.take(), error) {
+            (Some((what, address)), _) if regions.iter().any(|region| region.contains(address)) => {
+                core.nvic.protection_fault(address, what == EXECUTION);
+                Stop::Protected { what, address }
+            }
             (Some((what, address)), _) => {
                 core.nvic.bus_fault(address);
                 Stop::Unmapped { what, address }
@@ -525,7 +586,13 @@ impl Cpu {
             frame.extend([self.register(R::FPSCR), 0]);
         }
         let bytes: Vec<u8> = frame.iter().flat_map(|word| word.to_le_bytes()).collect();
+        let masks = Self::masks(&self.uc);
         let core = self.core_mut();
+        // A fault's handler is entered with the stack that caused it, whatever becomes of the frame; here it is kept.
+        let into_fault = matches!(exception, NMI | HARD_FAULT);
+        if !into_fault && core.nvic.regions(masks).iter().any(|region| !region.write && region.contains(stack)) {
+            return Err(Stop::Stack(stack));
+        }
         match core.chip.ram_mut(stack, bytes.len()) {
             Some(place) => place.copy_from_slice(&bytes),
             None => return Err(Stop::Stack(stack)),
@@ -547,8 +614,7 @@ impl Cpu {
             *count += 1;
         }
         core.deepest = core.deepest.max(core.nvic.depth());
-        let handler = core.code(vector, 4).map(|word| u32::from_le_bytes([word[0], word[1], word[2], word[3]]));
-        match handler {
+        match core.vector(vector) {
             Some(handler) => self.set(R::PC, handler),
             None => Err(Stop::Unmapped { what: "vector at", address: vector }),
         }
@@ -594,7 +660,7 @@ impl Cpu {
             self.set(R::SP, after)?;
         }
         // A return from anything but NMI opens FAULTMASK again.
-        if ended != crate::nvic::NMI {
+        if ended != NMI {
             self.set(R::FAULTMASK, 0)?;
         }
         self.set(R::PC, pc | 1)
@@ -693,7 +759,7 @@ fn hook(uc: &mut Unicorn<'static, Core>) -> Result<(), uc_error> {
         let what = match kind {
             MemType::READ_UNMAPPED | MemType::READ_PROT => "read of",
             MemType::WRITE_UNMAPPED | MemType::WRITE_PROT => "write to",
-            _ => "execution at",
+            _ => EXECUTION,
         };
         // Fetching the end of an exception is no fault.
         if (address as u32) < EXC_RETURN {

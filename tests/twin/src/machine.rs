@@ -14,8 +14,8 @@
 //! ([`Machine::resets`]); everything else that is not in order ends the run with [`Ended`].
 
 use crate::{
-    Board, Cycles, World,
-    chip::{Chip, flash, rcc::Reset},
+    Board, Cycles, Width, World,
+    chip::{Chip, flash, rcc::Reset, rom},
     cpu::{Cpu, Faults, Place, Stop},
     elf::{Elf, ElfError},
 };
@@ -255,6 +255,22 @@ impl Machine {
     /// Somebody presses the reset button.
     pub fn reset(&mut self) -> Result<(), StartError> {
         Ok(self.restart(Reset::Pin)?)
+    }
+
+    /// The ROM's boot loader starts the program by a jump, as its "leave" and "go" do.
+    pub fn leave_rom(&mut self, left: rom::Left) -> Result<(), StartError> {
+        let noise = rom::noise();
+        self.chip_mut().ram.bytes_mut()[..noise.len()].copy_from_slice(&noise);
+        let now = self.now();
+        let core = self.cpu.core_mut();
+        for &(address, value) in left.writes() {
+            let written = match address {
+                0xe000_0000.. => core.nvic.write(address, value, Width::Word, now).is_ok(),
+                _ => core.chip.write(address, value, Width::Word, now).is_ok(),
+            };
+            assert!(written, "the ROM knows its registers: {address:#010x}");
+        }
+        Ok(self.cpu.jump(flash::START)?)
     }
 
     /// Power goes and comes back: flash keeps what it has, RAM holds anything.

@@ -10,6 +10,7 @@ use inerter_twin::{
     bench::{Bench, Rig},
     chip::flash::{Contents, Torn},
     chip::rcc::Reset,
+    chip::rom::Left,
     cpu::{Faults, Stop},
     machine::{Machine, Options, Usage, image, shipping_image},
     serial_link::{SerialError, SerialLink},
@@ -219,10 +220,47 @@ fn a_command_leads_into_the_roms_update_mode() {
     // It may have got there in the same millisecond.
     let ended = link.machine.run_for(1.0).expect_err("the boot loader");
     assert_eq!(ended.stop, Stop::Bootloader, "{ended}");
-    // The boot loader ends by a reset.
+    // Somebody presses the button.
     link.machine.reset().expect("starts");
     run(&mut link.machine, 0.2);
     greet(&mut link);
+}
+
+#[test]
+fn the_roms_update_mode_starts_new_firmware_by_a_jump() {
+    for left in Left::ALL {
+        let Some(mut link) = board(Still) else { return };
+        greet(&mut link);
+        done(&mut link, Command::EnterDfu, REPLY_S);
+        let ended = link.machine.run_for(1.0).expect_err("the boot loader");
+        assert_eq!(ended.stop, Stop::Bootloader, "{ended}");
+        link.machine.leave_rom(left).expect("jumps");
+        link.machine.run_for(0.3).unwrap_or_else(|ended| panic!("{left:?}: {ended}"));
+        link.talk = Default::default();
+        let (_, events) = greet(&mut link);
+        let panicked = |event: &EventKind| matches!(event, EventKind::Panicked(_));
+        assert!(!events.iter().any(panicked), "{left:?}: {events:?}");
+        let health = health(&mut link);
+        assert!(health.index > 100, "{left:?}: {} samples", health.index);
+    }
+}
+
+#[test]
+fn a_stack_that_grows_into_its_guard_is_a_fault_with_a_message() {
+    let Some(mut machine) = machine(Options { faults: Faults::Taken, ..Options::default() }, Still) else { return };
+    run(&mut machine, START_S);
+    let mut link = SerialLink::new(machine);
+    greet(&mut link);
+    // push {r0}, again and again.
+    const PUSH: u32 = 0x0803_f000;
+    let code: Vec<u8> = [0xb401, 0xe7fd].into_iter().flat_map(u16::to_le_bytes).collect();
+    assert!(link.machine.chip_mut().flash.load(PUSH, &code));
+    link.machine.cpu_mut().set(RegisterARM::PC, PUSH | 1).expect("a register");
+    run(&mut link.machine, 0.3);
+    let (_, events) = greet(&mut link);
+    let text = events.iter().find_map(|event| if let EventKind::Panicked(text) = event { Some(text) } else { None });
+    let text = text.expect("the message").as_str();
+    assert!(text.starts_with("hard fault at ") && text.contains("CFSR 00000082"), "{text}");
 }
 
 #[test]
