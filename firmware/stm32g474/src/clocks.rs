@@ -1,7 +1,7 @@
 //! The clocks, from the crystal when it runs.
 
 use crate::boards;
-use crate::boards::clock::Oscillator;
+use crate::boards::clock::{NO_RTC, Oscillator};
 use embassy_stm32::pac::pwr::regs::Cr5;
 use embassy_stm32::pac::{PWR, RCC};
 use embassy_stm32::{Config, Peripherals, rcc};
@@ -17,7 +17,9 @@ pub fn start() -> (ClockSource, Peripherals) {
     let crystal_runs = (0..POLLS).any(|_| RCC.cr().read().hserdy());
     // At the 16 MHz of the chip's own oscillator first. From here to `reinit` the clock of embassy-time must not come
     // to half a turn of its timer, 33 ms, as `reinit` sets the timer back and not what was counted of its turns.
-    let mut peripherals = embassy_stm32::init(Config::default());
+    let mut config = Config::default();
+    config.rcc.ls = NO_RTC;
+    let mut peripherals = embassy_stm32::init(config);
     // Range 1 boost, for more than 150 MHz (RM0440 6.4.5: R1MODE, bit 8, to 0; the register has no other).
     // stm32-metapac 21 has the bit in another place, so what embassy-stm32 does about it has no effect.
     PWR.cr5().write_value(Cr5(0));

@@ -9,6 +9,10 @@ pub const CORE_HZ: u32 = 168_000_000;
 /// The same, in a microsecond.
 pub const CORE_PER_US: u32 = CORE_HZ / 1_000_000;
 
+/// The RTC has no clock: ES0430, "unstable LSI when it clocks RTC", and the watchdog counts the LSI, which its own start
+/// switches on.
+pub const NO_RTC: rcc::LsConfig = rcc::LsConfig::off();
+
 /// Where the core's clock comes from: 168 MHz after multiplication.
 pub struct Oscillator {
     /// The crystal, or nothing for the chip's own 16 MHz.
@@ -40,6 +44,7 @@ impl Oscillator {
         // Above 150 MHz (RM0440, 6.1.5).
         config.boost = true;
         config.mux.clk48sel = rcc::mux::Clk48sel::HSI48;
+        config.ls = NO_RTC;
         config
     }
 }
