@@ -12,6 +12,7 @@ pub mod crs;
 pub mod dbgmcu;
 pub mod dma;
 pub mod dmamux;
+pub mod errata;
 pub mod exti;
 pub mod flash;
 pub mod gpio;
@@ -32,6 +33,7 @@ pub mod usb;
 
 use crate::{Board, Cycles, Registers, Unknown, Width, World};
 use clocks::Clocks;
+use errata::Errata;
 use gpio::{Gpio, Mode};
 pub use pin::Pin;
 use ram::Ram;
@@ -485,6 +487,13 @@ impl Chip {
         }
     }
 
+    /// Which errata there are from now on; a new chip has none.
+    pub fn set_errata(&mut self, errata: Errata) {
+        self.flash.set_errata(errata);
+        self.adc.set_errata(errata);
+        self.rcc.set_errata(errata);
+    }
+
     /// Starts anew for this reason. RAM is kept; losing power is [`Self::lose_power`] before.
     pub fn reset(&mut self, cause: Reset, now: Cycles) {
         self.advance(now);
@@ -502,7 +511,7 @@ impl Chip {
     pub fn lose_power(&mut self, seed: u64) {
         self.flash.lose_power();
         self.tamp.lose_power();
-        self.rcc = rcc::Rcc::new(self.board.hse_hz);
+        self.rcc.lose_power(self.board.hse_hz);
         // xorshift64 (Marsaglia 2003).
         let mut state = seed | 1;
         for bytes in self.ram.bytes_mut().chunks_exact_mut(8) {

@@ -15,7 +15,7 @@
 
 use crate::{
     Board, Cycles, Width, World,
-    chip::{Chip, flash, rcc::Reset, rom},
+    chip::{Chip, errata::Errata, flash, rcc::Reset, rom},
     cpu::{Cpu, Faults, Place, Stop},
     elf::{Elf, ElfError},
 };
@@ -121,11 +121,13 @@ pub struct Options {
     pub seed: u64,
     /// What happens at a fault of the program.
     pub faults: Faults,
+    /// Where the chip differs from its manual.
+    pub errata: Errata,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { board: Board::NUCLEO, seed: 1, faults: Faults::EndTheRun }
+        Self { board: Board::NUCLEO, seed: 1, faults: Faults::EndTheRun, errata: Errata::ALL }
     }
 }
 
@@ -151,6 +153,7 @@ impl Machine {
 
     fn with_segments(elf: Elf, options: Options, world: Box<dyn World>) -> Result<Self, StartError> {
         let mut chip = Chip::new(options.board, world);
+        chip.set_errata(options.errata);
         for (address, bytes) in elf.segments() {
             if !chip.flash.load(*address, bytes) {
                 return Err(StartError::Outside { address: *address, len: bytes.len() });

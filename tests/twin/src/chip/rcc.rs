@@ -7,7 +7,10 @@
 //! A crystal that breaks ([`Rcc::break_crystal`]) puts the core on the internal oscillator and, where the clock
 //! security system watches, raises the non-maskable interrupt. Not modelled: clock output, LSE, clocks in sleep mode.
 
-use crate::{Cycles, Registers, Storage, Unknown, Width, chip::clocks::Clocks};
+use crate::{
+    Cycles, Registers, Storage, Unknown, Width,
+    chip::{clocks::Clocks, errata::Errata},
+};
 
 const CR: u32 = 0x00;
 const ICSCR: u32 = 0x04;
@@ -38,6 +41,8 @@ const HSIRDY: u32 = 1 << 10;
 const HSERDY: u32 = 1 << 17;
 const PLLRDY: u32 = 1 << 25;
 
+/// BDCR: RTCEN, and 2 in RTCSEL.
+const RTC_ON_LSI: u32 = 1 << 15 | 2 << 8;
 /// CSR: clears the causes of reset.
 const RMVF: u32 = 1 << 23;
 
@@ -131,6 +136,7 @@ pub struct Rcc {
     lsi_ready: Option<Cycles>,
     causes: u32,
     failed: bool,
+    errata: Errata,
 }
 
 impl Rcc {
@@ -172,7 +178,18 @@ impl Rcc {
             lsi_ready: None,
             causes: Reset::Power.flags(),
             failed: false,
+            errata: Errata::NONE,
         }
+    }
+
+    /// Which errata there are from now on.
+    pub fn set_errata(&mut self, errata: Errata) {
+        self.errata = errata;
+    }
+
+    /// The backup domain has no battery either.
+    pub fn lose_power(&mut self, hse_hz: f64) {
+        *self = Self { errata: self.errata, ..Self::new(hse_hz) };
     }
 
     /// Whether a peripheral is clocked.
@@ -389,6 +406,9 @@ impl Registers for Rcc {
                 && self.hse_ready.is_none_or(|at| at > now) =>
             {
                 return Err(Unknown { what: "the PLL is switched on before its source is ready" });
+            }
+            BDCR if self.errata.lsi_with_rtc && word & RTC_ON_LSI == RTC_ON_LSI => {
+                return Err(Unknown { what: "the LSI is unstable when it clocks the RTC (ES0430)" });
             }
             BDCR if word & 1 != 0 => return Err(Unknown { what: "the slow crystal is not modelled" }),
             PLLCFGR if self.pll_ready.is_some() && (word ^ old) & 0x7fff != 0 => {
