@@ -293,15 +293,70 @@ fn power_that_comes_back_at_once_is_no_press_of_the_button() {
     greet(&mut link);
 }
 
+/// An interrupt that nobody expects: number 0, enabled and pending as by a flipped bit.
+fn disturb(machine: &mut Machine) {
+    let nvic = &mut machine.cpu_mut().core_mut().nvic;
+    for register in [0xe000_e100, 0xe000_e200] {
+        nvic.write(register, 1, inerter_twin::Width::Word, 0).expect("a register");
+    }
+}
+
+#[test]
+fn a_firmware_that_cannot_start_leaves_the_settings_alone_and_then_wants_another() {
+    let Some(mut link) = board(Still) else { return };
+    greet(&mut link);
+    let defaults = settings(&mut link);
+    write(&mut link, &numbered(1));
+    save(&mut link).expect("saved");
+    let kept = link.machine.flash();
+    // A run of ten seconds between the second and the third forgets the two.
+    for failures in [2, 2, 3] {
+        for _ in 0..failures {
+            disturb(&mut link.machine);
+            run(&mut link.machine, 0.2);
+        }
+        link.talk = Default::default();
+        let (_, events) = greet(&mut link);
+        let ignored = failures == 3;
+        assert_eq!(events.contains(&EventKind::Fault(Fault::SavedSettings)), ignored, "{events:?}");
+        assert_eq!(settings(&mut link), if ignored { defaults } else { numbered(1) });
+        run(&mut link.machine, if ignored { 0.0 } else { 11.0 });
+    }
+    assert_eq!(link.machine.flash(), kept);
+    for _ in 0..2 {
+        disturb(&mut link.machine);
+        run(&mut link.machine, 0.2);
+    }
+    disturb(&mut link.machine);
+    let ended = link.machine.run_for(0.2).expect_err("the boot loader");
+    assert_eq!(ended.stop, Stop::Bootloader, "{ended}");
+    // The button leads back, to the settings too.
+    link.machine.reset().expect("starts");
+    run(&mut link.machine, 0.3);
+    link.talk = Default::default();
+    greet(&mut link);
+    assert_eq!(settings(&mut link), numbered(1));
+}
+
+#[test]
+fn two_presses_lead_out_of_an_endless_row_of_restarts() {
+    let Some(mut link) = board(Still) else { return };
+    run(&mut link.machine, 1.0);
+    link.machine.reset().expect("starts");
+    run(&mut link.machine, 0.1);
+    disturb(&mut link.machine);
+    run(&mut link.machine, 0.1);
+    assert_eq!(link.machine.resets().last().map(|reset| reset.1), Some(Reset::Software));
+    link.machine.reset().expect("starts");
+    let ended = link.machine.run_for(0.2).expect_err("the boot loader");
+    assert_eq!(ended.stop, Stop::Bootloader, "{ended}");
+}
+
 #[test]
 fn a_panic_restarts_and_the_next_host_reads_it() {
     let Some(mut link) = board(Still) else { return };
     greet(&mut link);
-    // An interrupt that nobody expects: number 0, enabled and pending as by a flipped bit.
-    let nvic = &mut link.machine.cpu_mut().core_mut().nvic;
-    for register in [0xe000_e100, 0xe000_e200] {
-        nvic.write(register, 1, inerter_twin::Width::Word, 0).expect("a register");
-    }
+    disturb(&mut link.machine);
     run(&mut link.machine, 0.3);
     assert_eq!(link.machine.resets().last().map(|reset| reset.1), Some(Reset::Software));
     let (_, events) = greet(&mut link);
