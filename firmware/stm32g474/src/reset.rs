@@ -56,6 +56,14 @@ global_asm!(
     "str r1, [r0]",
     "ands r2, r2, #7",
     "bne 2f",
+    // The first write to each SRAM may be lost (ES0430 2.2.7): SRAM1 and SRAM2, with what is there anyway.
+    "ldr r0, =0x20000000",
+    "ldr r1, [r0]",
+    "str r1, [r0]",
+    "ldr r0, =0x20014000",
+    "ldr r1, [r0]",
+    "str r1, [r0]",
+    "dsb",
     "bx lr",
     // AIRCR.SYSRESETREQ.
     "2:",

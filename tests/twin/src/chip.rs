@@ -250,6 +250,8 @@ pub struct Chip {
     pub usb: usb::Usb,
     /// Changes of the light: when, and whether it is on then.
     pub light: Vec<(Cycles, bool)>,
+    /// Where the chip differs from its manual.
+    errata: Errata,
     /// What went wrong in the signal path; it stands still from then on.
     path_fault: Option<BadAccess>,
     /// Nothing happens by itself before this moment.
@@ -293,6 +295,7 @@ impl Chip {
             ads131m04: None,
             usb: Default::default(),
             light: Vec::new(),
+            errata: Errata::NONE,
             path_fault: None,
             due: 0,
         }
@@ -489,9 +492,15 @@ impl Chip {
 
     /// Which errata there are from now on; a new chip has none.
     pub fn set_errata(&mut self, errata: Errata) {
+        self.errata = errata;
         self.flash.set_errata(errata);
         self.adc.set_errata(errata);
         self.rcc.set_errata(errata);
+    }
+
+    /// Where the chip differs from its manual.
+    pub fn errata(&self) -> Errata {
+        self.errata
     }
 
     /// Starts anew for this reason. RAM is kept; losing power is [`Self::lose_power`] before.

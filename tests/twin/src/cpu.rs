@@ -21,7 +21,7 @@ use crate::{
     chip::{BadAccess, CCM_LEN, CCM_START, Chip, RAM_LEN, RAM_START, flash, rcc::Reset, rom},
     nvic::{HARD_FAULT, Masks, NMI, Nvic, Region, SV_CALL},
 };
-use unicorn_engine::{Arch, ArmCpuModel, HookType, MemType, Mode, Prot, RegisterARM as R, Unicorn, uc_error};
+use unicorn_engine::{Arch, ArmCpuModel, HookType, MemType, Mode, Prot, RegisterARM as R, Unicorn, UcHookId, uc_error};
 
 /// Cycles from an exception's request to its handler's first instruction, and back (DDI 0439, 3.9).
 const EXCEPTION_CYCLES: Cycles = 12;
@@ -34,6 +34,8 @@ const EXCP_BKPT: u32 = 7;
 const EXCP_EXCEPTION_EXIT: u32 = 8;
 /// Addresses from here on are no code but the end of an exception.
 const EXC_RETURN: u32 = 0xffff_ff00;
+/// The second SRAM, behind the first (RM0440 2.4).
+const SRAM2: std::ops::Range<u32> = 0x2001_4000..0x2001_8000;
 /// What an access is called that fetches an instruction.
 const EXECUTION: &str = "execution at";
 const WFE: u16 = 0xbf20;
@@ -169,6 +171,12 @@ pub struct Core {
     /// Access that nobody answered, until the fault is dealt with.
     unmapped: Option<(&'static str, u32)>,
     blocks: Vec<Block>,
+    /// Which of SRAM1 and SRAM2 have not been written since the reset, if the first write is to be lost.
+    untouched: [bool; 2],
+    /// Writes that are about to be lost: where, and what stays.
+    losing: Vec<(u32, Vec<u8>)>,
+    /// Writes lost since power-on that would have changed something: where.
+    pub lost_writes: Vec<u32>,
     /// Instructions executed since power-on.
     pub instructions: u64,
     /// Cycles asleep since power-on.
@@ -304,6 +312,8 @@ pub struct Cpu {
     faults: Faults,
     /// What unicorn enforces.
     regions: Vec<Region>,
+    /// The hook that sees writes, while one is to be lost.
+    writes: Option<UcHookId>,
 }
 
 /// Registers of an exception frame in the order of their addresses; return address and status follow.
@@ -348,6 +358,9 @@ impl Cpu {
             failed: None,
             unmapped: None,
             blocks: vec![Block::default(); flash::BANK / 2],
+            untouched: [false; 2],
+            losing: Vec::new(),
+            lost_writes: Vec::new(),
             instructions: 0,
             slept: 0,
             taken: [0; 128],
@@ -357,7 +370,7 @@ impl Cpu {
         uc.ctl_set_cpu_model(ArmCpuModel::CORTEX_M4 as i32).map_err(emulator)?;
         map(&mut uc).map_err(emulator)?;
         hook(&mut uc).map_err(emulator)?;
-        Ok(Self { uc, faults: Faults::default(), regions: Vec::new() })
+        Ok(Self { uc, faults: Faults::default(), regions: Vec::new(), writes: None })
     }
 
     /// What happens at a fault of the program from now on.
@@ -405,8 +418,52 @@ impl Cpu {
         }
     }
 
+    /// Sees to it that the first write to each SRAM is lost.
+    fn lose_first_writes(&mut self) -> Result<(), Stop> {
+        if !self.core().chip.errata().first_write_lost {
+            return Ok(());
+        }
+        self.core_mut().untouched = [true; 2];
+        if self.writes.is_none() {
+            let end = u64::from(SRAM2.end) - 1;
+            let hook = |uc: &mut Unicorn<Core>, _: MemType, address: u64, len: usize, _: i64| {
+                let (core, address) = (uc.get_data_mut(), address as u32);
+                let which = usize::from(SRAM2.contains(&address));
+                if std::mem::take(&mut core.untouched[which]) {
+                    // The write comes after this; it is undone before the next block.
+                    core.losing.extend(core.chip.bytes(address, len).map(|old| (address, old.to_vec())));
+                    core.deadline = 0;
+                }
+                true
+            };
+            let id = self.uc.add_mem_hook(HookType::MEM_WRITE, RAM_START.into(), end, hook).map_err(emulator)?;
+            self.writes = Some(id);
+        }
+        Ok(())
+    }
+
+    /// Undoes writes that are lost.
+    fn lose_write(&mut self) -> Result<(), Stop> {
+        let core = self.core_mut();
+        for (address, old) in std::mem::take(&mut core.losing) {
+            let Some(place) = core.chip.ram_mut(address, old.len()) else { continue };
+            let changed = *place != *old;
+            place.copy_from_slice(&old);
+            if changed {
+                core.lost_writes.push(address);
+            }
+        }
+        if core.untouched == [false; 2]
+            && let Some(hook) = self.writes.take()
+        {
+            self.uc.remove_hook(hook).map_err(emulator)?;
+        }
+        Ok(())
+    }
+
     /// Starts from the vectors in flash.
     pub fn reset(&mut self) -> Result<(), Stop> {
+        self.lose_first_writes()?;
         let core = self.core_mut();
         core.nvic = Nvic::default();
         (core.asleep, core.stop, core.failed, core.unmapped, core.pause) = (None, None, None, None, Pause::Itself);
@@ -512,6 +569,9 @@ impl Cpu {
         self.core_mut().pause = Pause::Itself;
         let pc = self.register(R::PC);
         let outcome = self.uc.emu_start(u64::from(pc | 1), 0, 0, 0);
+        if self.writes.is_some() {
+            self.lose_write()?;
+        }
         let pc = self.register(R::PC);
         let core = self.core_mut();
         let pause = std::mem::take(&mut core.pause);

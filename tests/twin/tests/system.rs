@@ -140,6 +140,16 @@ fn from_power_to_the_first_estimate() {
 }
 
 #[test]
+fn the_first_write_to_each_memory_may_be_lost() {
+    let Some(mut link) = board(Still) else { return };
+    greet(&mut link);
+    done(&mut link, Command::Reboot, REPLY_S);
+    run(&mut link.machine, 0.3);
+    assert_eq!(link.machine.resets().len(), 3);
+    assert_eq!(link.machine.cpu().core().lost_writes, [], "each in the place of one that changes nothing");
+}
+
+#[test]
 fn the_same_run_twice_is_the_same_to_the_bit() {
     let record = || {
         let mut link = board(Bench::new(moving()).expect("a rig that can be"))?;

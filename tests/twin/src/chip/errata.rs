@@ -6,6 +6,9 @@
 /// Which errata the model has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Errata {
+    /// 2.2.7: "SRAM write error": the first write to each SRAM after a reset at an unlucky moment may be lost (the review
+    /// of this firmware against the sheet; ST asks for a dummy access). SRAM1 and SRAM2 here, after every reset.
+    pub first_write_lost: bool,
     /// 2.2.3: "FLASH_ECCR may be corrupted upon reset or power-down occurring during flash memory program or erase
     /// operation": bank, address and the flag of system flash are then wrong when the place is read (ST, X-CUBE-EEPROM,
     /// `flash_interface.c`, which therefore goes by an address of its own).
@@ -24,10 +27,10 @@ pub struct Errata {
 impl Errata {
     /// The chip as it is.
     pub const ALL: Self =
-        Self { eccr_after_cut: true, adc_after_pause: true, adc_after_stop: true, lsi_with_rtc: true };
+        Self { first_write_lost: true, eccr_after_cut: true, adc_after_pause: true, adc_after_stop: true, lsi_with_rtc: true };
     /// The chip of the reference manual.
     pub const NONE: Self =
-        Self { eccr_after_cut: false, adc_after_pause: false, adc_after_stop: false, lsi_with_rtc: false };
+        Self { first_write_lost: false, eccr_after_cut: false, adc_after_pause: false, adc_after_stop: false, lsi_with_rtc: false };
 }
 
 impl Default for Errata {
