@@ -496,6 +496,7 @@ impl Chip {
         self.flash.set_errata(errata);
         self.adc.set_errata(errata);
         self.rcc.set_errata(errata);
+        self.spi2.set_errata(errata);
     }
 
     /// Where the chip differs from its manual.

@@ -21,7 +21,7 @@ use crate::{
     chip::{BadAccess, CCM_LEN, CCM_START, Chip, RAM_LEN, RAM_START, flash, rcc::Reset, rom},
     nvic::{HARD_FAULT, Masks, NMI, Nvic, Region, SV_CALL},
 };
-use unicorn_engine::{Arch, ArmCpuModel, HookType, MemType, Mode, Prot, RegisterARM as R, Unicorn, UcHookId, uc_error};
+use unicorn_engine::{Arch, ArmCpuModel, HookType, MemType, Mode, Prot, RegisterARM as R, UcHookId, Unicorn, uc_error};
 
 /// Cycles from an exception's request to its handler's first instruction, and back (DDI 0439, 3.9).
 const EXCEPTION_CYCLES: Cycles = 12;

@@ -19,6 +19,9 @@ pub struct Errata {
     /// 2.7.10: "Wrong ADC channel converted": the first conversion after ADSTP may be of channel 0 (ST's motor control
     /// library and QMK's `analog.c`, which convert once for nothing).
     pub adc_after_stop: bool,
+    /// 2.18.1: "BSY bit may stay high" after the last frame (ST's HAL, `SPI_EndRxTxTransaction`, bounds each wait for it
+    /// by a time). Here it does after every frame, until SPE is cleared.
+    pub spi_busy_stays: bool,
     /// 2.3: "Unstable LSI when it clocks RTC": the watchdog runs on it too (Zephyr, ST's HAL release notes). The model
     /// ends the run.
     pub lsi_with_rtc: bool,
@@ -26,11 +29,23 @@ pub struct Errata {
 
 impl Errata {
     /// The chip as it is.
-    pub const ALL: Self =
-        Self { first_write_lost: true, eccr_after_cut: true, adc_after_pause: true, adc_after_stop: true, lsi_with_rtc: true };
+    pub const ALL: Self = Self {
+        first_write_lost: true,
+        eccr_after_cut: true,
+        adc_after_pause: true,
+        adc_after_stop: true,
+        spi_busy_stays: true,
+        lsi_with_rtc: true,
+    };
     /// The chip of the reference manual.
-    pub const NONE: Self =
-        Self { first_write_lost: false, eccr_after_cut: false, adc_after_pause: false, adc_after_stop: false, lsi_with_rtc: false };
+    pub const NONE: Self = Self {
+        first_write_lost: false,
+        eccr_after_cut: false,
+        adc_after_pause: false,
+        adc_after_stop: false,
+        spi_busy_stays: false,
+        lsi_with_rtc: false,
+    };
 }
 
 impl Default for Errata {
