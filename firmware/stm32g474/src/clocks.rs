@@ -1,10 +1,14 @@
 //! The clocks, from the crystal when it runs.
 
 use crate::boards;
-use crate::boards::clock::{NO_RTC, Oscillator};
+use crate::boards::clock::{CORE_HZ, CORE_PER_US, NO_RTC, Oscillator};
+use embassy_stm32::pac::flash::vals::Latency;
 use embassy_stm32::pac::pwr::regs::Cr5;
-use embassy_stm32::pac::{PWR, RCC};
+use embassy_stm32::pac::rcc::vals::Hpre;
+use embassy_stm32::pac::timer::vals::Urs;
+use embassy_stm32::pac::{FLASH, PWR, RCC, TIM15};
 use embassy_stm32::{Config, Peripherals, rcc};
+use embassy_time::TICK_HZ;
 use inerter_wire::ClockSource;
 
 /// Looks at the crystal, for 100 ms: at least 5 cycles of the 16 MHz that the core runs from then. It needs 2 ms
@@ -25,9 +29,28 @@ pub fn start() -> (ClockSource, Peripherals) {
     PWR.cr5().write_value(Cr5(0));
     let oscillator = if crystal_runs { boards::crystal() } else { Oscillator::INTERNAL };
     rcc::reinit(oscillator.clocks(), &mut peripherals.RCC);
+    full_speed();
     if crystal_runs {
         // A crystal that stops raises NMI, and does not pass unnoticed.
         RCC.cr().modify(|w| w.set_csson(true));
     }
     (if crystal_runs { ClockSource::Crystal } else { ClockSource::Internal }, peripherals)
+}
+
+/// From half the core's clock to all of it.
+///
+/// From under 80 MHz to more it goes by half for 1 us (RM0440 7.2.7), and embassy-stm32 goes at once. Of all that asks
+/// embassy-stm32 for a frequency only the clock of embassy-time is in use, which is told here.
+fn full_speed() {
+    cortex_m::asm::delay(CORE_PER_US);
+    FLASH.acr().modify(|w| w.set_latency(Latency::WS4));
+    while FLASH.acr().read().latency() != Latency::WS4 {}
+    critical_section::with(|_| {
+        RCC.cfgr().modify(|w| w.set_hpre(Hpre::DIV1));
+        TIM15.psc().write_value((CORE_HZ / TICK_HZ as u32 - 1) as u16);
+        // Loads the prescaler, without an interrupt.
+        TIM15.cr1().modify(|w| w.set_urs(Urs::COUNTER_ONLY));
+        TIM15.egr().write(|w| w.set_ug(true));
+        TIM15.cr1().modify(|w| w.set_urs(Urs::ANY_EVENT));
+    });
 }

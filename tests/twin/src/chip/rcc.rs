@@ -41,6 +41,13 @@ const HSIRDY: u32 = 1 << 10;
 const HSERDY: u32 = 1 << 17;
 const PLLRDY: u32 = 1 << 25;
 
+/// From below this system clock to above it the core goes by half of it, for a time (RM0440 7.2.7; ST's HAL,
+/// `stm32g4xx_hal_rcc.c`, `HAL_RCC_ClockConfig`).
+const STEP_HZ: f64 = 80e6;
+const STEP_S: f64 = 1e-6;
+/// CFGR: the core runs from a part of the system clock.
+const AHB_DIVIDES: u32 = 1 << 7;
+
 /// BDCR: RTCEN, and 2 in RTCSEL.
 const RTC_ON_LSI: u32 = 1 << 15 | 2 << 8;
 /// CSR: clears the causes of reset.
@@ -136,6 +143,8 @@ pub struct Rcc {
     lsi_ready: Option<Cycles>,
     causes: u32,
     failed: bool,
+    /// When the system clock last came over [`STEP_HZ`].
+    stepped: Cycles,
     errata: Errata,
 }
 
@@ -178,6 +187,7 @@ impl Rcc {
             lsi_ready: None,
             causes: Reset::Power.flags(),
             failed: false,
+            stepped: 0,
             errata: Errata::NONE,
         }
     }
@@ -416,7 +426,16 @@ impl Registers for Rcc {
             }
             _ => {}
         }
+        let slow = self.sysclk_hz() <= STEP_HZ;
         self.storage.write(offset, value, width)?;
+        if self.sysclk_hz() > STEP_HZ {
+            if slow {
+                self.stepped = now;
+            }
+            if word & AHB_DIVIDES == 0 && (slow || old & AHB_DIVIDES != 0 && now < self.in_s(self.stepped, STEP_S)) {
+                return Err(Unknown { what: "over 80 MHz without 1 us of AHB / 2 on the way" });
+            }
+        }
         match register {
             CR => {
                 // A crystal does not answer to bypass, which waits for a clock from outside; one that is not there
@@ -470,8 +489,19 @@ mod tests {
         write(&mut rcc, CR, HSION | HSEON, 0);
         write(&mut rcc, PLLCFGR, 3 | 1 << 4 | 28 << 8 | 1 << 24, 33_000);
         write(&mut rcc, CR, HSION | HSEON | PLLON, 33_000);
+        write(&mut rcc, CFGR, 3 | 8 << 4, 39_000);
         write(&mut rcc, CFGR, 3, 40_000);
         rcc
+    }
+
+    #[test]
+    fn the_core_does_not_jump_over_80_mhz() {
+        let mut rcc = at_168_mhz();
+        write(&mut rcc, CFGR, 1, 50_000);
+        assert!(rcc.clone().write(CFGR, 3, Width::Word, 50_000).is_err(), "at once");
+        write(&mut rcc, CFGR, 3 | 8 << 4, 50_000);
+        assert!(rcc.clone().write(CFGR, 3, Width::Word, 50_015).is_err(), "too soon");
+        write(&mut rcc, CFGR, 3, 50_016);
     }
 
     #[test]
