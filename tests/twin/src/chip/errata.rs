@@ -1,29 +1,29 @@
-//! Errata of the chip, each a switch of the model; docs/HARDWARE.md says which concern the board and which test is whose.
+//! Errata of the chip, each a switch of the model.
 //!
-//! Numbers are those of the errata sheet ES0430, which could not be had; what stands here is what public programs by
-//! ST and others say of it, in the words given at each field. All are on unless a test turns them off.
+//! docs/HARDWARE.md ("Errata") says which concern the board, and which test is whose. The errata sheet ES0430 itself was
+//! not at hand: numbers are as others cite them, and only what stands in quotation marks was read, at the place named.
+//! How an erratum shows itself here is the model's choice, at its worst. All are on unless a test turns them off.
 
 /// Which errata the model has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Errata {
-    /// 2.2.7: "SRAM write error": the first write to each SRAM after a reset at an unlucky moment may be lost (the review
-    /// of this firmware against the sheet; ST asks for a dummy access). SRAM1 and SRAM2 here, after every reset.
+    /// 2.2.7, as cited; no public words found. The first write to each SRAM after a reset at an unlucky moment may be
+    /// lost. Here: to SRAM1 and SRAM2, after every reset.
     pub first_write_lost: bool,
-    /// 2.2.3: "FLASH_ECCR may be corrupted upon reset or power-down occurring during flash memory program or erase
-    /// operation": bank, address and the flag of system flash are then wrong when the place is read (ST, X-CUBE-EEPROM,
-    /// `flash_interface.c`, which therefore goes by an address of its own).
+    /// 2.2.3, as cited; no public words found. ECCR may be wrong when a place is read whose write or erase was cut short;
+    /// ST's X-CUBE-EEPROM goes by an address of its own. Here: bank, address and the flag of system flash, always.
     pub eccr_after_cut: bool,
-    /// 2.7.9: "ADC instance may deliver wrong conversion results" at the first conversion more than 1 ms after the one
-    /// before (MicroPython, `ports/stm32/adc.c` and `machine_adc.c`, which convert twice).
+    /// 2.7.9 (2.7.7 in older revisions): "The result of an ADC conversion done more than 1 ms later than the previous ADC
+    /// conversion or ADC calibration might be incorrect", of the families L4, L5 and G4 (efton.sk, STM32 gotchas, 150).
+    /// Here: 0.4 V too much.
     pub adc_after_pause: bool,
-    /// 2.7.10: "Wrong ADC channel converted": the first conversion after ADSTP may be of channel 0 (ST's motor control
-    /// library and QMK's `analog.c`, which convert once for nothing).
+    /// 2.7.10, as cited; no public words found. The first conversion after ADSTP may be of channel 0; ST's motor control
+    /// library and QMK convert once for nothing. Here: always, and channel 0 gives code 0.
     pub adc_after_stop: bool,
-    /// 2.18.1: "BSY bit may stay high" after the last frame (ST's HAL, `SPI_EndRxTxTransaction`, bounds each wait for it
-    /// by a time). Here it does after every frame, until SPE is cleared.
+    /// 2.18.1, as cited; no public words found. The busy flag may stay set. Here: after every frame, until SPE is cleared.
     pub spi_busy_stays: bool,
-    /// 2.3: "Unstable LSI when it clocks RTC": the watchdog runs on it too (Zephyr, ST's HAL release notes). The model
-    /// ends the run.
+    /// "Unstable LSI when it clocks RTC or CSS on LSE" (ES0431, the sheet of the STM32G431, revision 7, 2.2.3). Here: ends
+    /// the run.
     pub lsi_with_rtc: bool,
 }
 
