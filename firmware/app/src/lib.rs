@@ -55,6 +55,6 @@ pub use messages::Restart;
 pub use queue::{BATCH, QUEUE};
 pub use run::run;
 pub use sampling::sampling;
-pub use settings::{InUse, load_settings};
+pub use settings::{InUse, leave_settings_alone, load_settings};
 pub use store::FlashStore;
 pub use telemetry::telemetry;

@@ -49,6 +49,13 @@ pub async fn load_settings(
     Ok((InUse { settings: *defaults, defaults: *defaults, fault }, active))
 }
 
+/// `defaults`, whatever is saved: a device that ends at its start again and again may do so because of it.
+pub fn leave_settings_alone(defaults: &Settings) -> Result<(InUse, Active), SettingsError> {
+    log!(warn, "the device did not start with the saved settings, defaults in use");
+    let in_use = InUse { settings: *defaults, defaults: *defaults, fault: Some(Fault::SavedSettings) };
+    Ok((in_use, defaults.validate()?))
+}
+
 /// Whether a change from `before` to `after` concerns the source of samples, which takes it over while it is halted.
 pub(crate) fn concerns_source(before: &Settings, after: &Settings) -> bool {
     let concerned = |settings: &Settings| (settings.sample_rate_hz, settings.front_end, settings.oversampling);

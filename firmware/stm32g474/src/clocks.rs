@@ -1,10 +1,14 @@
 //! The clocks, from the crystal when it runs.
 
 use crate::boards;
-use crate::boards::clock::Oscillator;
+use crate::boards::clock::{CORE_HZ, CORE_PER_US, NO_RTC, Oscillator};
+use embassy_stm32::pac::flash::vals::Latency;
 use embassy_stm32::pac::pwr::regs::Cr5;
-use embassy_stm32::pac::{PWR, RCC};
+use embassy_stm32::pac::rcc::vals::Hpre;
+use embassy_stm32::pac::timer::vals::Urs;
+use embassy_stm32::pac::{FLASH, PWR, RCC, TIM15};
 use embassy_stm32::{Config, Peripherals, rcc};
+use embassy_time::TICK_HZ;
 use inerter_wire::ClockSource;
 
 /// Looks at the crystal, for 100 ms: at least 5 cycles of the 16 MHz that the core runs from then. It needs 2 ms
@@ -17,15 +21,36 @@ pub fn start() -> (ClockSource, Peripherals) {
     let crystal_runs = (0..POLLS).any(|_| RCC.cr().read().hserdy());
     // At the 16 MHz of the chip's own oscillator first. From here to `reinit` the clock of embassy-time must not come
     // to half a turn of its timer, 33 ms, as `reinit` sets the timer back and not what was counted of its turns.
-    let mut peripherals = embassy_stm32::init(Config::default());
+    let mut config = Config::default();
+    config.rcc.ls = NO_RTC;
+    let mut peripherals = embassy_stm32::init(config);
     // Range 1 boost, for more than 150 MHz (RM0440 6.4.5: R1MODE, bit 8, to 0; the register has no other).
     // stm32-metapac 21 has the bit in another place, so what embassy-stm32 does about it has no effect.
     PWR.cr5().write_value(Cr5(0));
     let oscillator = if crystal_runs { boards::crystal() } else { Oscillator::INTERNAL };
     rcc::reinit(oscillator.clocks(), &mut peripherals.RCC);
+    full_speed();
     if crystal_runs {
         // A crystal that stops raises NMI, and does not pass unnoticed.
         RCC.cr().modify(|w| w.set_csson(true));
     }
     (if crystal_runs { ClockSource::Crystal } else { ClockSource::Internal }, peripherals)
+}
+
+/// From half the core's clock to all of it.
+///
+/// From under 80 MHz to more it goes by half for 1 us (RM0440 7.2.7), and embassy-stm32 goes at once. Of all that asks
+/// embassy-stm32 for a frequency only the clock of embassy-time is in use, which is told here.
+fn full_speed() {
+    cortex_m::asm::delay(CORE_PER_US);
+    FLASH.acr().modify(|w| w.set_latency(Latency::WS4));
+    while FLASH.acr().read().latency() != Latency::WS4 {}
+    critical_section::with(|_| {
+        RCC.cfgr().modify(|w| w.set_hpre(Hpre::DIV1));
+        TIM15.psc().write_value((CORE_HZ / TICK_HZ as u32 - 1) as u16);
+        // Loads the prescaler, without an interrupt.
+        TIM15.cr1().modify(|w| w.set_urs(Urs::COUNTER_ONLY));
+        TIM15.egr().write(|w| w.set_ug(true));
+        TIM15.cr1().modify(|w| w.set_urs(Urs::ANY_EVENT));
+    });
 }

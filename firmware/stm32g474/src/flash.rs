@@ -4,7 +4,9 @@
 //! waits. Offsets count from the first of these pages, so nothing else can be reached.
 //!
 //! A double word has a checksum of its own. One that power loss left half written may be read as a double error, which
-//! raises NMI: the handler notes it, and the read becomes an error.
+//! raises NMI: the handler notes it, and the read becomes an error. That it is the settings' is known by their being read
+//! (`READING`), as ECCR may hold anything where a write or erase was cut short (ES0430 2.2.3). They are read without the data
+//! cache, which would give the damage again without an NMI.
 //!
 //! Source: RM0440 3 (dual bank: pages of 2 KB). The data cache stays off while a bank is written and the other is read:
 //! ES0430, "data cache might be corrupted during flash memory read-while-write operation".
@@ -40,6 +42,8 @@ const WRITE_POLL: Duration = Duration::from_micros(50);
 const ERASE_POLL: Duration = Duration::from_millis(1);
 const LIMIT: Duration = Duration::from_millis(100);
 
+/// The settings' pages are being read.
+static READING: AtomicBool = AtomicBool::new(false);
 /// A double error was met since this was last cleared.
 static DAMAGED: AtomicBool = AtomicBool::new(false);
 
@@ -163,14 +167,20 @@ impl ReadNorFlash for Pages {
 
     async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Failed> {
         let start = check(offset, bytes.len(), Self::READ_SIZE)? as *const u8;
-        DAMAGED.store(false, Ordering::Relaxed);
+        // Off already, and to stay so, where another future has left an operation behind.
+        let cached = FLASH.acr().read().dcen();
+        FLASH.acr().modify(|w| w.set_dcen(false));
+        DAMAGED.store(false, Ordering::SeqCst);
+        READING.store(true, Ordering::SeqCst);
         for (place, byte) in bytes.iter_mut().enumerate() {
             // SAFETY: within the settings' pages, as checked, which are nothing else's.
             *byte = unsafe { ptr::read_volatile(start.wrapping_add(place)) };
         }
         // NMI has come by now, if it comes.
         dsb();
-        if DAMAGED.load(Ordering::Relaxed) { Err(Failed::Content) } else { Ok(()) }
+        READING.store(false, Ordering::SeqCst);
+        FLASH.acr().modify(|w| w.set_dcen(cached));
+        if DAMAGED.load(Ordering::SeqCst) { Err(Failed::Content) } else { Ok(()) }
     }
 
     fn capacity(&self) -> usize {
@@ -220,20 +230,22 @@ impl NorFlash for Pages {
     }
 }
 
-/// A double error in flash, or the crystal's end.
+/// The crystal's end, or a double error in flash.
 #[exception]
 unsafe fn NonMaskableInt() {
-    let ecc = FLASH.eccr().read();
-    if ecc.eccd() {
-        // Clears the flag, by writing 1, and nothing else.
-        let mut clear = ecc;
-        clear.set_eccc(false);
-        FLASH.eccr().write_value(clear);
-        assert!(ecc.bk_ecc() && !ecc.sysf_ecc(), "the program in flash is damaged at {:x}", ecc.addr_ecc());
-        DAMAGED.store(true, Ordering::Relaxed);
-    } else if RCC.cifr().read().cssf() {
+    if RCC.cifr().read().cssf() {
         RCC.cicr().write(|w| w.set_cssc(true));
         panic!("the crystal has stopped");
+    }
+    let ecc = FLASH.eccr().read();
+    // Clears the flag, by writing 1, and nothing else.
+    let mut clear = ecc;
+    clear.set_eccc(false);
+    FLASH.eccr().write_value(clear);
+    if READING.load(Ordering::SeqCst) {
+        DAMAGED.store(true, Ordering::SeqCst);
+    } else if ecc.eccd() {
+        panic!("the program in flash is damaged at {:x}", ecc.addr_ecc());
     } else {
         panic!("NMI without a cause");
     }

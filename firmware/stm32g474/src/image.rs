@@ -4,6 +4,7 @@ use crate::boards::{self, Parts};
 use crate::executor::{self, Executor};
 use crate::flash::{self, Pages};
 use crate::platform::Platform;
+use crate::reset::Started;
 use crate::source::{self, Source};
 use crate::temperature::Sensor;
 use crate::{clocks, defaults, identity, led, lpuart, options, panic, reset, stack, usb, watchdog};
@@ -13,7 +14,10 @@ use embassy_futures::block_on;
 use embassy_futures::join::{join, join4};
 use embassy_stm32::gpio::Output;
 use embassy_time::Instant;
-use inerter_app::{App, FlashStore, Identity, InUse, LinkReceiver, LinkTransmitter, Restart, Start, load_settings};
+use inerter_app::{
+    App, FlashStore, Identity, InUse, LinkReceiver, LinkTransmitter, Restart, Start, leave_settings_alone,
+    load_settings,
+};
 use inerter_core::{Active, State};
 use inerter_wire::{Capabilities, ClockSource, ResetCause};
 use static_cell::{ConstStaticCell, StaticCell};
@@ -79,7 +83,7 @@ async fn supervise(app: &'static App, platform: Platform, led: Output<'static>, 
         inerter_app::health_reports(app, platform),
         led::show(led, clock, app),
         watchdog::watch(app),
-        reset::forget_press(),
+        reset::forget(),
     )
     .await;
 }
@@ -96,8 +100,8 @@ async fn hang() {
 
 /// Sets everything up. Apart from [`run`], whose stack stays.
 #[inline(never)]
-fn set_up(spawner: Spawner) {
-    let mut start = Start { cause: reset::begin(), panic: panic::take() };
+fn set_up(spawner: Spawner, started: Started) {
+    let mut start = Start { cause: started.cause, panic: panic::take() };
     if start.panic.is_some() && start.cause == ResetCause::Software {
         start.cause = ResetCause::Panic;
     }
@@ -125,10 +129,14 @@ fn set_up(spawner: Spawner) {
     let port = usb::start(usb, vbus, serial);
     let (receiver, transmitter) = app.link_state().join((port.receiver, port.transmitter), uart);
     let store = STORE.init(FlashStore::new(Pages::new(), 0..flash::SIZE));
-    // Loading reads only, and reading the flash does not wait.
-    let Ok((in_use, active)) = block_on(load_settings(store, identity, &defaults::settings(clock))) else {
-        panic!("the default settings are not valid")
+    let defaults = defaults::settings(clock);
+    let settings = if started.suspects_settings {
+        leave_settings_alone(&defaults)
+    } else {
+        // Loading reads only, and reading the flash does not wait.
+        block_on(load_settings(store, identity, &defaults))
     };
+    let Ok((in_use, active)) = settings else { panic!("the default settings are not valid") };
     let tasks = [
         telemetry(app, TRANSMITTER.init(transmitter)).map(|task| spawner.spawn(task)),
         estimating(app, STATE.take(), ACTIVE.init(active)).map(|task| spawner.spawn(task)),
@@ -145,8 +153,9 @@ fn set_up(spawner: Spawner) {
 /// Runs the instrument. To be called once, at the start.
 pub fn run() -> ! {
     let Some(mut core) = cortex_m::Peripherals::take() else { panic!("the instrument starts once") };
+    let started = reset::begin();
     stack::guard(&mut core.MPU);
     let executor = Executor::new(&core.SCB);
-    set_up(executor.spawner());
+    set_up(executor.spawner(), started);
     executor.run()
 }

@@ -1,10 +1,14 @@
 //! Why the device started, and what is decided by that before anything else runs.
 //!
 //! - Two presses of the reset button within half a second, or a command, lead into the ROM's update mode (DFU).
-//! - The ROM's update mode starts the new firmware without a reset; a reset then gives it the chip as it expects it.
+//! - The ROM's update mode starts the new firmware by a jump; a reset then gives it the chip as it expects it. AN2606 says
+//!   that the ROM restores no register before, AN3155 that it does, so nothing is taken for granted: a jump leaves the
+//!   vectors, address 0, the protection unit or the clocks other than a reset does, or exactly as a reset does.
+//! - A firmware that ends at its start again and again leaves the saved settings alone, and at last goes into update mode.
 //!
-//! Sources: RM0440 7.4.30 (reset flags), AN2606 (system memory boot mode).
+//! Sources: RM0440 7.4.30 (reset flags), 10.2.1 (MEM_MODE); AN2606 (system memory boot mode); PM0214 4.4.4 (VTOR).
 
+use core::arch::global_asm;
 use core::mem::MaybeUninit;
 use core::ptr;
 use cortex_m::peripheral::SCB;
@@ -17,6 +21,61 @@ use inerter_wire::ResetCause;
 const ROM: *const u32 = 0x1FFF_0000 as *const u32;
 /// Time within which a second press of the button counts.
 const DOUBLE_PRESS_MS: u64 = 500;
+/// A run of this length has not failed at its start.
+const GOOD_RUN_S: u64 = 10;
+/// Failed starts in a row after which the saved settings are left alone, as they may be why.
+const SUSPECTS_SETTINGS: u32 = 3;
+/// Failed starts in a row after which another firmware is wanted.
+const GIVES_UP: u32 = 6;
+
+// Runs before memory is set up, as the jump's state must not meet it: a protection unit that is still on would make the
+// first write a fault, with the ROM's handlers. Without a stack, as nothing is known of it.
+global_asm!(
+    ".section .text.__pre_init,\"ax\",%progbits",
+    ".global __pre_init",
+    ".type __pre_init,%function",
+    ".thumb_func",
+    "__pre_init:",
+    // MPU_CTRL.
+    "ldr r0, =0xE000ED94",
+    "ldr r1, [r0]",
+    "cbnz r1, 2f",
+    // VTOR: 0 after a reset, flash if somebody was so kind.
+    "ldr r0, =0xE000ED08",
+    "ldr r1, [r0]",
+    "bic r1, r1, #0x08000000",
+    "cbnz r1, 2f",
+    // SYSCFG_MEMRMP.MEM_MODE, with its clock (APB2ENR.SYSCFGEN) on for the moment.
+    "ldr r0, =0x40021060",
+    "ldr r1, [r0]",
+    "orr r2, r1, #1",
+    "str r2, [r0]",
+    "ldr r2, [r0]",
+    "ldr r2, =0x40010000",
+    "ldr r2, [r2]",
+    "str r1, [r0]",
+    "ands r2, r2, #7",
+    "bne 2f",
+    // The first write to each SRAM may be lost (ES0430 2.2.7): SRAM1 and SRAM2, with what is there anyway.
+    "ldr r0, =0x20000000",
+    "ldr r1, [r0]",
+    "str r1, [r0]",
+    "ldr r0, =0x20014000",
+    "ldr r1, [r0]",
+    "str r1, [r0]",
+    "dsb",
+    "bx lr",
+    // AIRCR.SYSRESETREQ.
+    "2:",
+    "ldr r0, =0xE000ED0C",
+    "ldr r1, =0x05FA0004",
+    "dsb",
+    "str r1, [r0]",
+    "dsb",
+    "3:",
+    "b 3b",
+    ".size __pre_init, . - __pre_init",
+);
 
 /// What a run leaves behind for the next one.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -33,6 +92,31 @@ enum Note {
 #[unsafe(link_section = ".uninit.note")]
 static mut NOTE: MaybeUninit<u32> = MaybeUninit::uninit();
 
+/// [`STARTS_MAGIC`] and, in the low byte, how many starts in a row have failed; not touched by start-up.
+#[unsafe(link_section = ".uninit.starts")]
+static mut STARTS: MaybeUninit<u32> = MaybeUninit::uninit();
+const STARTS_MAGIC: u32 = 0x5354_5200;
+
+fn set_failed_starts(number: u32) {
+    // SAFETY: one word, written whole, from thread mode only.
+    unsafe { ptr::write_volatile(ptr::addr_of_mut!(STARTS).cast(), STARTS_MAGIC | number) };
+}
+
+fn failed_starts() -> u32 {
+    // SAFETY: one word of RAM, for which every content is valid; volatile, as the run before wrote it.
+    let word = unsafe { ptr::read_volatile(ptr::addr_of!(STARTS).cast::<u32>()) };
+    if word & !0xFF == STARTS_MAGIC { word & 0xFF } else { 0 }
+}
+
+/// What is known of a start.
+#[derive(Clone, Copy)]
+pub struct Started {
+    /// Why the device started.
+    pub cause: ResetCause,
+    /// The runs before ended so early, and so often, that the saved settings may be why.
+    pub suspects_settings: bool,
+}
+
 fn set_note(note: Note) {
     // SAFETY: one word, written whole, from thread mode only.
     unsafe { ptr::write_volatile(ptr::addr_of_mut!(NOTE).cast(), note as u32) };
@@ -44,9 +128,9 @@ fn note_is(note: Note) -> bool {
 }
 
 /// Finds out why the device started. To be called first of all; may not return.
-pub fn begin() -> ResetCause {
+pub fn begin() -> Started {
     if RCC.cfgr().read().sws() != Sw::HSI || RCC.crrcr().read().hsi48on() {
-        // Started by a jump, and the clocks are the ROM's.
+        // Started by a jump (see `__pre_init`), and the clocks are the ROM's.
         SCB::sys_reset();
     }
     let flags = RCC.csr().read();
@@ -69,36 +153,48 @@ pub fn begin() -> ResetCause {
     } else {
         ResetCause::Unknown
     };
-    let again = note_is(Note::Pressed) && cause == ResetCause::Pin;
+    // By itself: a panic, a fault, the watchdog. Wanted restarts set the number back before.
+    let by_itself = matches!(cause, ResetCause::Software | ResetCause::Watchdog);
+    let failed = if by_itself { failed_starts() + 1 } else { 0 };
+    set_failed_starts(failed);
+    let pressed = note_is(Note::Pressed);
+    let again = pressed && cause == ResetCause::Pin;
     let wanted = note_is(Note::Update) && cause == ResetCause::Software;
-    set_note(if cause == ResetCause::Pin { Note::Pressed } else { Note::Nothing });
-    if again || wanted {
+    // A press outlives restarts that nobody wanted, or two presses would not lead out of an endless row of them.
+    set_note(if cause == ResetCause::Pin || pressed && by_itself { Note::Pressed } else { Note::Nothing });
+    if again || wanted || failed >= GIVES_UP {
         set_note(Note::Nothing);
+        set_failed_starts(0);
         enter_rom();
     }
-    cause
+    Started { cause, suspects_settings: failed >= SUSPECTS_SETTINGS }
 }
 
-/// Forgets the press of the button in time.
-pub async fn forget_press() {
+/// Forgets the press of the button in time, and failed starts after a good run.
+pub async fn forget() {
     Timer::after_millis(DOUBLE_PRESS_MS).await;
     if note_is(Note::Pressed) {
         set_note(Note::Nothing);
     }
+    Timer::after_secs(GOOD_RUN_S).await;
+    set_failed_starts(0);
 }
 
 /// Restarts.
 pub fn restart() -> ! {
+    set_note(Note::Nothing);
+    set_failed_starts(0);
     SCB::sys_reset()
 }
 
 /// Restarts into the ROM's update mode.
 pub fn update() -> ! {
     set_note(Note::Update);
+    set_failed_starts(0);
     SCB::sys_reset()
 }
 
-/// Everything is as after a reset: the ROM can start as if it had been chosen by the boot pin.
+/// Everything is as after a reset, the protection unit off and VTOR 0: the ROM can start as if it had been chosen by the boot pin.
 fn enter_rom() -> ! {
     RCC.apb2enr().modify(|w| w.set_syscfgen(true));
     // The ROM at address 0 (RM0440, 10.2.1: 001).

@@ -24,6 +24,8 @@ const REQUEST_SENT: u8 = 13;
 const REQUEST_RECEIVED: u8 = 12;
 /// Bytes at once; a frame has 18.
 const LENGTH: usize = 32;
+/// Looks at the bus, of at least 10 cycles each: four bytes take 512.
+const BUSY_POLLS: usize = 100;
 
 struct Buffer(UnsafeCell<[u8; LENGTH]>);
 
@@ -163,8 +165,11 @@ fn prepare(channel: usize, dir: Dir, count: usize) {
 /// Stops wherever it is; nothing happens where it has ended.
 fn stop() {
     DMA1.ch(SENT).cr().write(|_| ());
-    // What is on its way ends within a byte or four.
-    while SPI2.sr().read().bsy() {}
+    // Where all has come back, nothing is on its way. Else that ends within a byte or four, and the flag may stay all the
+    // same (ES0430 2.18.1).
+    if DMA1.ch(RECEIVED).ndtr().read().ndt() != 0 {
+        let _ = (0..BUSY_POLLS).any(|_| !SPI2.sr().read().bsy());
+    }
     DMA1.ch(RECEIVED).cr().write(|_| ());
     SPI2.cr1().modify(|w| w.set_spe(false));
     // Of a transfer that was cut off, bytes may be left.

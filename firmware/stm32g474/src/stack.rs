@@ -18,6 +18,9 @@ const NO_ACCESS: u32 = 1 << 28 | 9 << 1 | 1;
 const ENABLE: u32 = 1 << 2 | 1;
 
 /// Makes a stack that grows too far a fault at its very end, instead of a change in somebody else's memory.
+///
+/// Not before it is certain that this run does not go to the ROM: the ROM's program works in the same memory, and only a
+/// reset removes the guard.
 pub fn guard(mpu: &mut MPU) {
     // SAFETY: the region lies above all static memory and below what the stack has used so far.
     unsafe {

@@ -1,5 +1,7 @@
 //! The chip's own temperature, by ADC5.
 //!
+//! Converts twice, as the first conversion more than 1 ms after the one before may be wrong (ES0430 2.7.9).
+//!
 //! Source: RM0440 21.4.32; DS12288 tables 5 and 6 (calibration at 30 and 130 degrees, with a supply of 3.0 V).
 
 use crate::adc;
@@ -10,6 +12,8 @@ use embassy_stm32::pac::{ADC5, ADC345_COMMON, RCC};
 
 /// Channel of the sensor.
 const CHANNEL: u8 = 4;
+/// Looks at the converter, of at least 10 cycles each: a conversion takes 1000.
+const POLLS: u32 = 1_000;
 const CALIBRATION_30: *const u16 = 0x1FFF_75A8 as *const u16;
 const CALIBRATION_130: *const u16 = 0x1FFF_75CA as *const u16;
 /// Supply here over supply at the calibration.
@@ -35,15 +39,19 @@ impl Sensor {
         Self { _private: () }
     }
 
-    /// Temperature in degrees Celsius, to about 5; takes 6 us. `None` when the chip has no calibration.
+    /// Temperature in degrees Celsius, to about 5; takes 13 us. `None` when the converter does not answer or the chip has
+    /// no calibration.
     pub fn read_c(&mut self) -> Option<f32> {
-        ADC5.cr().modify(|w| w.set_adstart(true));
-        while !ADC5.isr().read().eoc() {}
-        // Reading clears the flag.
-        let code = f32::from(ADC5.dr().read().rdata()) * SUPPLY;
+        self.convert()?;
+        let code = f32::from(self.convert()?) * SUPPLY;
         // SAFETY: constants of the chip, in its system memory.
         let (at_30, at_130) = unsafe { (ptr::read(CALIBRATION_30), ptr::read(CALIBRATION_130)) };
         let (at_30, at_130) = (f32::from(at_30), f32::from(at_130));
         (at_130 > at_30).then(|| 30.0 + (code - at_30) * 100.0 / (at_130 - at_30))
+    }
+    fn convert(&mut self) -> Option<u16> {
+        ADC5.cr().modify(|w| w.set_adstart(true));
+        // Reading the result clears the flag.
+        (0..POLLS).any(|_| ADC5.isr().read().eoc()).then(|| ADC5.dr().read().rdata())
     }
 }

@@ -12,6 +12,7 @@ pub mod crs;
 pub mod dbgmcu;
 pub mod dma;
 pub mod dmamux;
+pub mod errata;
 pub mod exti;
 pub mod flash;
 pub mod gpio;
@@ -32,6 +33,7 @@ pub mod usb;
 
 use crate::{Board, Cycles, Registers, Unknown, Width, World};
 use clocks::Clocks;
+use errata::Errata;
 use gpio::{Gpio, Mode};
 pub use pin::Pin;
 use ram::Ram;
@@ -248,6 +250,8 @@ pub struct Chip {
     pub usb: usb::Usb,
     /// Changes of the light: when, and whether it is on then.
     pub light: Vec<(Cycles, bool)>,
+    /// Where the chip differs from its manual.
+    errata: Errata,
     /// What went wrong in the signal path; it stands still from then on.
     path_fault: Option<BadAccess>,
     /// Nothing happens by itself before this moment.
@@ -291,6 +295,7 @@ impl Chip {
             ads131m04: None,
             usb: Default::default(),
             light: Vec::new(),
+            errata: Errata::NONE,
             path_fault: None,
             due: 0,
         }
@@ -485,6 +490,20 @@ impl Chip {
         }
     }
 
+    /// Which errata there are from now on; a new chip has none.
+    pub fn set_errata(&mut self, errata: Errata) {
+        self.errata = errata;
+        self.flash.set_errata(errata);
+        self.adc.set_errata(errata);
+        self.rcc.set_errata(errata);
+        self.spi2.set_errata(errata);
+    }
+
+    /// Where the chip differs from its manual.
+    pub fn errata(&self) -> Errata {
+        self.errata
+    }
+
     /// Starts anew for this reason. RAM is kept; losing power is [`Self::lose_power`] before.
     pub fn reset(&mut self, cause: Reset, now: Cycles) {
         self.advance(now);
@@ -502,7 +521,7 @@ impl Chip {
     pub fn lose_power(&mut self, seed: u64) {
         self.flash.lose_power();
         self.tamp.lose_power();
-        self.rcc = rcc::Rcc::new(self.board.hse_hz);
+        self.rcc.lose_power(self.board.hse_hz);
         // xorshift64 (Marsaglia 2003).
         let mut state = seed | 1;
         for bytes in self.ram.bytes_mut().chunks_exact_mut(8) {

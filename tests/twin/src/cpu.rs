@@ -10,16 +10,18 @@
 //! - *Faults*: an access that nobody answers or an instruction that does not exist ends the run, unless
 //!   [`Faults::Taken`].
 //!
+//! - *Protection*: the regions of the protection unit become those of unicorn; a change counts from the next block on.
+//!
 //! Interrupts are taken between blocks only, so up to some ten instructions later than on the chip. Not modelled: lazy
-//! stacking as such, the protection unit, tail chaining (return and entry cost their 12 cycles each), wait states of
+//! stacking as such, tail chaining (return and entry cost their 12 cycles each), wait states of
 //! flash.
 
 use crate::{
     Cycles, Width,
     chip::{BadAccess, CCM_LEN, CCM_START, Chip, RAM_LEN, RAM_START, flash, rcc::Reset, rom},
-    nvic::{Masks, Nvic, SV_CALL},
+    nvic::{HARD_FAULT, Masks, NMI, Nvic, Region, SV_CALL},
 };
-use unicorn_engine::{Arch, ArmCpuModel, HookType, MemType, Mode, Prot, RegisterARM as R, Unicorn, uc_error};
+use unicorn_engine::{Arch, ArmCpuModel, HookType, MemType, Mode, Prot, RegisterARM as R, UcHookId, Unicorn, uc_error};
 
 /// Cycles from an exception's request to its handler's first instruction, and back (DDI 0439, 3.9).
 const EXCEPTION_CYCLES: Cycles = 12;
@@ -32,6 +34,10 @@ const EXCP_BKPT: u32 = 7;
 const EXCP_EXCEPTION_EXIT: u32 = 8;
 /// Addresses from here on are no code but the end of an exception.
 const EXC_RETURN: u32 = 0xffff_ff00;
+/// The second SRAM, behind the first (RM0440 2.4).
+const SRAM2: std::ops::Range<u32> = 0x2001_4000..0x2001_8000;
+/// What an access is called that fetches an instruction.
+const EXECUTION: &str = "execution at";
 const WFE: u16 = 0xbf20;
 const SEV: u16 = 0xbf40;
 
@@ -74,6 +80,14 @@ pub enum Stop {
         /// Where.
         address: u32,
     },
+    /// A memory access that the protection unit forbids.
+    #[error("{what} {address:#010x}, which the protection unit forbids")]
+    Protected {
+        /// Read of, write to, execution at.
+        what: &'static str,
+        /// Where.
+        address: u32,
+    },
     /// An instruction that does not exist, as panics use to end.
     #[error("undefined instruction")]
     Undefined,
@@ -87,7 +101,7 @@ pub enum Stop {
     #[error("a floating point instruction while the unit is off (CPACR)")]
     FloatingPointOff,
     /// An exception frame has no room.
-    #[error("an exception frame at {0:#010x} lies outside of RAM")]
+    #[error("an exception frame at {0:#010x} lies outside of RAM, or where the protection unit forbids it")]
     Stack(u32),
     /// An exception return without an exception.
     #[error("exception return {0:#010x} while no exception is active")]
@@ -157,6 +171,12 @@ pub struct Core {
     /// Access that nobody answered, until the fault is dealt with.
     unmapped: Option<(&'static str, u32)>,
     blocks: Vec<Block>,
+    /// Which of SRAM1 and SRAM2 have not been written since the reset, if the first write is to be lost.
+    untouched: [bool; 2],
+    /// Writes that are about to be lost: where, and what stays.
+    losing: Vec<(u32, Vec<u8>)>,
+    /// Writes lost since power-on that would have changed something: where.
+    pub lost_writes: Vec<u32>,
     /// Instructions executed since power-on.
     pub instructions: u64,
     /// Cycles asleep since power-on.
@@ -229,8 +249,10 @@ impl Core {
 
     fn write(&mut self, address: u32, bytes: usize, value: u32) {
         let Some(width) = Width::of(bytes) else { return };
+        let mut changes_regions = false;
         let outcome = if address >= PRIVATE && !(DEBUG..DEBUG + 0x400).contains(&address) {
             let outcome = self.nvic.write(address, value, width, self.now);
+            changes_regions = (MPU..MPU + 0x30).contains(&address);
             outcome.map_err(|unknown| private(address, width, Some(value), unknown.what))
         } else {
             self.chip.write(address, value, width, self.now)
@@ -239,11 +261,21 @@ impl Core {
             self.fail(bad);
         }
         self.after_access();
+        if changes_regions {
+            self.deadline = 0;
+        }
     }
 
     fn fail(&mut self, bad: BadAccess) {
         self.stop.get_or_insert(Stop::Bus(bad));
         self.failed.get_or_insert(self.block);
+    }
+
+    /// A vector. Address 0 is where MEM_MODE says: flash, or the ROM, whose handlers are not modelled.
+    fn vector(&self, address: u32) -> Option<u32> {
+        let from_flash = address < flash::LEN as u32 && self.chip.syscfg.mem_mode() == 0;
+        let word = self.code(if from_flash { flash::START + address } else { address }, 4)?;
+        Some(u32::from_le_bytes([word[0], word[1], word[2], word[3]]))
     }
 
     fn code(&self, address: u32, len: u32) -> Option<&[u8]> {
@@ -267,6 +299,8 @@ impl Core {
 /// The private peripheral bus, and in it what belongs to the chip.
 const PRIVATE: u32 = 0xe000_0000;
 const DEBUG: u32 = 0xe004_2000;
+/// The protection unit.
+const MPU: u32 = 0xe000_ed90;
 
 fn private(address: u32, width: Width, value: Option<u32>, what: &'static str) -> BadAccess {
     BadAccess { address, peripheral: "core", offset: address - PRIVATE, width, value, what }
@@ -276,6 +310,10 @@ fn private(address: u32, width: Width, value: Option<u32>, what: &'static str) -
 pub struct Cpu {
     uc: Unicorn<'static, Core>,
     faults: Faults,
+    /// What unicorn enforces.
+    regions: Vec<Region>,
+    /// The hook that sees writes, while one is to be lost.
+    writes: Option<UcHookId>,
 }
 
 /// Registers of an exception frame in the order of their addresses; return address and status follow.
@@ -320,6 +358,9 @@ impl Cpu {
             failed: None,
             unmapped: None,
             blocks: vec![Block::default(); flash::BANK / 2],
+            untouched: [false; 2],
+            losing: Vec::new(),
+            lost_writes: Vec::new(),
             instructions: 0,
             slept: 0,
             taken: [0; 128],
@@ -329,7 +370,7 @@ impl Cpu {
         uc.ctl_set_cpu_model(ArmCpuModel::CORTEX_M4 as i32).map_err(emulator)?;
         map(&mut uc).map_err(emulator)?;
         hook(&mut uc).map_err(emulator)?;
-        Ok(Self { uc, faults: Faults::default() })
+        Ok(Self { uc, faults: Faults::default(), regions: Vec::new(), writes: None })
     }
 
     /// What happens at a fault of the program from now on.
@@ -377,15 +418,56 @@ impl Cpu {
         }
     }
 
+    /// Sees to it that the first write to each SRAM is lost.
+    fn lose_first_writes(&mut self) -> Result<(), Stop> {
+        if !self.core().chip.errata().first_write_lost {
+            return Ok(());
+        }
+        self.core_mut().untouched = [true; 2];
+        if self.writes.is_none() {
+            let end = u64::from(SRAM2.end) - 1;
+            let hook = |uc: &mut Unicorn<Core>, _: MemType, address: u64, len: usize, _: i64| {
+                let (core, address) = (uc.get_data_mut(), address as u32);
+                let which = usize::from(SRAM2.contains(&address));
+                if std::mem::take(&mut core.untouched[which]) {
+                    // The write comes after this; it is undone before the next block.
+                    core.losing.extend(core.chip.bytes(address, len).map(|old| (address, old.to_vec())));
+                    core.deadline = 0;
+                }
+                true
+            };
+            let id = self.uc.add_mem_hook(HookType::MEM_WRITE, RAM_START.into(), end, hook).map_err(emulator)?;
+            self.writes = Some(id);
+        }
+        Ok(())
+    }
+
+    /// Undoes writes that are lost.
+    fn lose_write(&mut self) -> Result<(), Stop> {
+        let core = self.core_mut();
+        for (address, old) in std::mem::take(&mut core.losing) {
+            let Some(place) = core.chip.ram_mut(address, old.len()) else { continue };
+            let changed = *place != *old;
+            place.copy_from_slice(&old);
+            if changed {
+                core.lost_writes.push(address);
+            }
+        }
+        if core.untouched == [false; 2]
+            && let Some(hook) = self.writes.take()
+        {
+            self.uc.remove_hook(hook).map_err(emulator)?;
+        }
+        Ok(())
+    }
+
     /// Starts from the vectors in flash.
     pub fn reset(&mut self) -> Result<(), Stop> {
+        self.lose_first_writes()?;
         let core = self.core_mut();
         core.nvic = Nvic::default();
         (core.asleep, core.stop, core.failed, core.unmapped, core.pause) = (None, None, None, None, Pause::Itself);
-        let vector = |at: u32| {
-            let bytes = core.chip.bytes(flash::START + at, 4);
-            bytes.map_or(0, |bytes| bytes.iter().rev().fold(0, |word, &byte| word << 8 | u32::from(byte)))
-        };
+        let vector = |at: u32| core.vector(flash::START + at).unwrap_or(0);
         let (stack, start) = (vector(0), vector(4));
         // Thread mode first: the other registers depend on it.
         self.set(R::XPSR, 1 << 24)?;
@@ -394,6 +476,16 @@ impl Cpu {
         }
         self.set(R::SP, stack)?;
         self.set(R::LR, u32::MAX)?;
+        self.set(R::PC, start | 1)
+    }
+
+    /// Goes to a program as a boot loader does: stack and start from its vectors, everything else as it is.
+    pub fn jump(&mut self, vectors: u32) -> Result<(), Stop> {
+        let core = self.core_mut();
+        (core.asleep, core.stop, core.failed, core.unmapped) = (None, None, None, None);
+        let vector = |at: u32| core.vector(vectors + at).unwrap_or(0);
+        let (stack, start) = (vector(0), vector(4));
+        self.set(R::SP, stack)?;
         self.set(R::PC, start | 1)
     }
 
@@ -451,11 +543,35 @@ impl Cpu {
         }
     }
 
+    /// Makes unicorn enforce what the protection unit does.
+    fn protect(&mut self) -> Result<(), Stop> {
+        let regions = self.core().nvic.regions(Self::masks(&self.uc));
+        if regions == self.regions {
+            return Ok(());
+        }
+        let everything = |region: &Region| Region { read: true, write: true, execute: false, ..*region };
+        let before: Vec<Region> = self.regions.iter().map(everything).collect();
+        for region in before.iter().chain(&regions) {
+            if !(RAM_START..RAM_START + RAM_LEN as u32).contains(&region.start) {
+                return Err(Stop::Emulator("a region of the protection unit outside of SRAM has no model".into()));
+            }
+            let allowed = [(region.read, Prot::READ), (region.write, Prot::WRITE), (region.execute, Prot::EXEC)];
+            let allowed = allowed.into_iter().filter(|(may, _)| *may).fold(Prot::NONE, |all, (_, one)| all | one);
+            self.uc.mem_protect(region.start.into(), region.len.into(), allowed).map_err(emulator)?;
+        }
+        self.regions = regions;
+        Ok(())
+    }
+
     /// Lets unicorn run until something is to be done.
     fn execute(&mut self) -> Result<(), Stop> {
+        self.protect()?;
         self.core_mut().pause = Pause::Itself;
         let pc = self.register(R::PC);
         let outcome = self.uc.emu_start(u64::from(pc | 1), 0, 0, 0);
+        if self.writes.is_some() {
+            self.lose_write()?;
+        }
         let pc = self.register(R::PC);
         let core = self.core_mut();
         let pause = std::mem::take(&mut core.pause);
@@ -489,8 +605,13 @@ impl Cpu {
 
     fn fault(&mut self, error: uc_error) -> Result<(), Stop> {
         let taken = self.faults == Faults::Taken;
+        let regions = self.regions.clone();
         let core = self.core_mut();
         let stop = match (core.unmapped.take(), error) {
+            (Some((what, address)), _) if regions.iter().any(|region| region.contains(address)) => {
+                core.nvic.protection_fault(address, what == EXECUTION);
+                Stop::Protected { what, address }
+            }
             (Some((what, address)), _) => {
                 core.nvic.bus_fault(address);
                 Stop::Unmapped { what, address }
@@ -525,7 +646,13 @@ impl Cpu {
             frame.extend([self.register(R::FPSCR), 0]);
         }
         let bytes: Vec<u8> = frame.iter().flat_map(|word| word.to_le_bytes()).collect();
+        let masks = Self::masks(&self.uc);
         let core = self.core_mut();
+        // A fault's handler is entered with the stack that caused it, whatever becomes of the frame; here it is kept.
+        let into_fault = matches!(exception, NMI | HARD_FAULT);
+        if !into_fault && core.nvic.regions(masks).iter().any(|region| !region.write && region.contains(stack)) {
+            return Err(Stop::Stack(stack));
+        }
         match core.chip.ram_mut(stack, bytes.len()) {
             Some(place) => place.copy_from_slice(&bytes),
             None => return Err(Stop::Stack(stack)),
@@ -547,8 +674,7 @@ impl Cpu {
             *count += 1;
         }
         core.deepest = core.deepest.max(core.nvic.depth());
-        let handler = core.code(vector, 4).map(|word| u32::from_le_bytes([word[0], word[1], word[2], word[3]]));
-        match handler {
+        match core.vector(vector) {
             Some(handler) => self.set(R::PC, handler),
             None => Err(Stop::Unmapped { what: "vector at", address: vector }),
         }
@@ -594,7 +720,7 @@ impl Cpu {
             self.set(R::SP, after)?;
         }
         // A return from anything but NMI opens FAULTMASK again.
-        if ended != crate::nvic::NMI {
+        if ended != NMI {
             self.set(R::FAULTMASK, 0)?;
         }
         self.set(R::PC, pc | 1)
@@ -693,7 +819,7 @@ fn hook(uc: &mut Unicorn<'static, Core>) -> Result<(), uc_error> {
         let what = match kind {
             MemType::READ_UNMAPPED | MemType::READ_PROT => "read of",
             MemType::WRITE_UNMAPPED | MemType::WRITE_PROT => "write to",
-            _ => "execution at",
+            _ => EXECUTION,
         };
         // Fetching the end of an exception is no fault.
         if (address as u32) < EXC_RETURN {

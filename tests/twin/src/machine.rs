@@ -14,8 +14,8 @@
 //! ([`Machine::resets`]); everything else that is not in order ends the run with [`Ended`].
 
 use crate::{
-    Board, Cycles, World,
-    chip::{Chip, flash, rcc::Reset},
+    Board, Cycles, Width, World,
+    chip::{Chip, errata::Errata, flash, rcc::Reset, rom},
     cpu::{Cpu, Faults, Place, Stop},
     elf::{Elf, ElfError},
 };
@@ -121,11 +121,13 @@ pub struct Options {
     pub seed: u64,
     /// What happens at a fault of the program.
     pub faults: Faults,
+    /// Where the chip differs from its manual.
+    pub errata: Errata,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { board: Board::NUCLEO, seed: 1, faults: Faults::EndTheRun }
+        Self { board: Board::NUCLEO, seed: 1, faults: Faults::EndTheRun, errata: Errata::ALL }
     }
 }
 
@@ -151,6 +153,7 @@ impl Machine {
 
     fn with_segments(elf: Elf, options: Options, world: Box<dyn World>) -> Result<Self, StartError> {
         let mut chip = Chip::new(options.board, world);
+        chip.set_errata(options.errata);
         for (address, bytes) in elf.segments() {
             if !chip.flash.load(*address, bytes) {
                 return Err(StartError::Outside { address: *address, len: bytes.len() });
@@ -255,6 +258,22 @@ impl Machine {
     /// Somebody presses the reset button.
     pub fn reset(&mut self) -> Result<(), StartError> {
         Ok(self.restart(Reset::Pin)?)
+    }
+
+    /// The ROM's boot loader starts the program by a jump, as its "leave" and "go" do.
+    pub fn leave_rom(&mut self, left: rom::Left) -> Result<(), StartError> {
+        let noise = rom::noise();
+        self.chip_mut().ram.bytes_mut()[..noise.len()].copy_from_slice(&noise);
+        let now = self.now();
+        let core = self.cpu.core_mut();
+        for &(address, value) in left.writes() {
+            let written = match address {
+                0xe000_0000.. => core.nvic.write(address, value, Width::Word, now).is_ok(),
+                _ => core.chip.write(address, value, Width::Word, now).is_ok(),
+            };
+            assert!(written, "the ROM knows its registers: {address:#010x}");
+        }
+        Ok(self.cpu.jump(flash::START)?)
     }
 
     /// Power goes and comes back: flash keeps what it has, RAM holds anything.

@@ -1,8 +1,8 @@
 //! The core's own registers: interrupt controller, system control block, SysTick, cycle counter (ARM DDI 0403, B3).
 //!
-//! Plain bookkeeping: which exception is pending, active, and may be taken; [`crate::cpu`] moves the stack. The
-//! protection unit, the coprocessor access and the fault registers are storage, except that the floating point unit
-//! counts as off until CPACR says otherwise.
+//! Plain bookkeeping: which exception is pending, active, and may be taken; [`crate::cpu`] moves the stack and enforces
+//! the regions of the protection unit ([`Nvic::regions`]). The coprocessor access and the fault registers are storage,
+//! except that the floating point unit counts as off until CPACR says otherwise.
 //!
 //! Glossary: *exception*: 2 NMI, 3 HardFault, 11 SVCall, 14 PendSV, 15 SysTick, 16 and up interrupts. *Priority*:
 //! lower is more urgent; -2 NMI, -1 HardFault, 0 to 240 the rest in steps of 16 (four bits on this chip), [`THREAD`]
@@ -40,6 +40,60 @@ const CFSR: u32 = 0xd28;
 const HFSR: u32 = 0xd2c;
 const BFAR: u32 = 0xd38;
 const DEMCR: u32 = 0xdfc;
+const MMFAR: u32 = 0xd34;
+const MPU_CTRL: u32 = 0xd94;
+const MPU_RNR: u32 = 0xd98;
+const MPU_RBAR: u32 = 0xd9c;
+/// Behind RASR and the three aliases of both.
+const MPU_END: u32 = 0xdbc;
+/// Regions of the protection unit (PM0214 4.5).
+const REGIONS: usize = 8;
+/// CTRL: enabled; also in the handlers of NMI and HardFault; the usual map where there is no region.
+const MPU_ENABLE: u32 = 1 << 0;
+const MPU_IN_FAULTS: u32 = 1 << 1;
+const MPU_BACKGROUND: u32 = 1 << 2;
+
+/// What the protection unit allows in a stretch of addresses (B3.5.9), to privileged code.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Region {
+    /// First address.
+    pub start: u32,
+    /// Bytes.
+    pub len: u32,
+    /// May be read.
+    pub read: bool,
+    /// May be written.
+    pub write: bool,
+    /// May be executed.
+    pub execute: bool,
+}
+
+impl Region {
+    /// Whether an address lies in it.
+    pub fn contains(&self, address: u32) -> bool {
+        address.wrapping_sub(self.start) < self.len
+    }
+
+    /// From RBAR and RASR; nothing where it is off.
+    fn decode(base: u32, attributes: u32) -> Result<Option<Self>, Unknown> {
+        if attributes & 1 == 0 {
+            return Ok(None);
+        }
+        let size = attributes >> 1 & 0x1f;
+        if !(9..31).contains(&size) || attributes & 0xff00 != 0 {
+            return Err(Unknown { what: "regions of less than 1 KB, of 4 GB and with parts left out have no model" });
+        }
+        let len = 2 << size;
+        let (read, write) = match attributes >> 24 & 7 {
+            0 => (false, false),
+            1..=3 => (true, true),
+            5..=7 => (true, false),
+            _ => return Err(Unknown { what: "MPU_RASR.AP: reserved" }),
+        };
+        let execute = read && attributes & 1 << 28 == 0;
+        Ok(Some(Self { start: base & !(len - 1), len, read, write, execute }))
+    }
+}
 
 /// What the core masks: its special registers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -117,6 +171,8 @@ pub struct Nvic {
     group: u32,
     vector_table: u32,
     storage: Storage,
+    /// RBAR without its number, and RASR, of each region.
+    regions: [(u32, u32); REGIONS],
     systick: SysTick,
     cycle_counter_on: bool,
     /// Cycles that the counter lags behind the machine's.
@@ -140,7 +196,7 @@ impl Default for Nvic {
             priorities: [0; INTERRUPTS],
             system_priorities: [0; 12],
             group: 0,
-            vector_table: 0x0800_0000,
+            vector_table: 0,
             storage: Storage::new(&[
                 // SCR, CCR, SHCSR, fault status and addresses.
                 (SCR, 0, 0x1e),
@@ -149,21 +205,13 @@ impl Default for Nvic {
                 (CFSR, 0, 0),
                 (HFSR, 0, 0),
                 plain(0xd30),
-                plain(0xd34),
+                plain(MMFAR),
                 plain(BFAR),
-                // CPACR, MPU (type, control, number, two registers per region and their three aliases).
+                // CPACR, MPU (type, control, number; the regions are apart).
                 (CPACR, 0, FPU_ACCESS),
                 (0xd90, 0x800, 0),
-                plain(0xd94),
-                plain(0xd98),
-                plain(0xd9c),
-                plain(0xda0),
-                plain(0xda4),
-                plain(0xda8),
-                plain(0xdac),
-                plain(0xdb0),
-                plain(0xdb4),
-                plain(0xdb8),
+                (MPU_CTRL, 0, 7),
+                (MPU_RNR, 0, 0xff),
                 // DHCSR, DEMCR: no debugger is attached.
                 (0xdf0, 0, 0),
                 plain(DEMCR),
@@ -174,6 +222,7 @@ impl Default for Nvic {
                 (0xf40, 0x1011_0021, 0),
                 (0xf44, 0x1100_0011, 0),
             ]),
+            regions: [(0, 0); REGIONS],
             systick: SysTick::default(),
             cycle_counter_on: false,
             cycle_counter_lag: 0,
@@ -283,6 +332,29 @@ impl Nvic {
         // PRECISERR, BFARVALID.
         self.storage.set(CFSR, self.storage.get(CFSR) | 1 << 9 | 1 << 15);
         self.hard_fault();
+    }
+
+    /// An access that the protection unit forbids, which escalates to HardFault: nobody enables MemManage here.
+    pub fn protection_fault(&mut self, address: u32, executing: bool) {
+        // IACCVIOL, or DACCVIOL with MMARVALID.
+        let status = if executing { 1 << 0 } else { 1 << 1 | 1 << 7 };
+        if !executing {
+            self.storage.set(MMFAR, address);
+        }
+        self.storage.set(CFSR, self.storage.get(CFSR) | status);
+        self.hard_fault();
+    }
+
+    /// What the protection unit enforces now, the stronger region last; empty while it is off, and in the handlers of
+    /// faults where it does not hold there.
+    pub fn regions(&self, masks: Masks) -> Vec<Region> {
+        let control = self.storage.get(MPU_CTRL);
+        let in_fault = masks.faultmask || self.active.iter().any(|active| active.priority < 0);
+        if control & MPU_ENABLE == 0 || in_fault && control & MPU_IN_FAULTS == 0 {
+            return Vec::new();
+        }
+        // A region without a model was refused when it was written.
+        self.regions.iter().filter_map(|&(base, attributes)| Region::decode(base, attributes).ok().flatten()).collect()
     }
 
     /// An instruction that does not exist.
@@ -428,6 +500,11 @@ impl Nvic {
             0xd08 => self.vector_table,
             0xd0c => 0xfa05_0000 | self.group << 8,
             0xd18..0xd24 => bytes(&self.system_priorities, register - 0xd18),
+            MPU_RBAR..MPU_END => {
+                let number = self.region();
+                let (base, attributes) = self.regions[number];
+                if register & 4 == MPU_RBAR & 4 { base | number as u32 } else { attributes }
+            }
             _ if self.storage.contains(register) => self.storage.get(register),
             _ => return Err(Unknown::REGISTER),
         })
@@ -455,6 +532,27 @@ impl Nvic {
             0xe000_e000..0xe000_f000 => self.write_scs(address & 0xfff, value, width, now),
             _ => Err(Unknown::REGISTER),
         }
+    }
+
+    /// The region that RBAR and RASR show.
+    fn region(&self) -> usize {
+        self.storage.get(MPU_RNR) as usize % REGIONS
+    }
+
+    /// RBAR and RASR, and their three aliases.
+    fn write_region(&mut self, register: u32, value: u32) -> Result<(), Unknown> {
+        let is_base = register & 4 == MPU_RBAR & 4;
+        // VALID: the number comes along.
+        if is_base && value & 1 << 4 != 0 {
+            self.storage.set(MPU_RNR, value & 0xf);
+        }
+        let region = &mut self.regions[self.storage.get(MPU_RNR) as usize % REGIONS];
+        if is_base {
+            region.0 = value & !0x1f;
+        } else {
+            region.1 = value;
+        }
+        Region::decode(region.0, region.1).map(|_| ())
     }
 
     fn set_cycle_count(&mut self, count: u32, now: Cycles) {
@@ -523,6 +621,10 @@ impl Nvic {
             0xf00 => self.pending |= 1 << (value & 0x7f) & existing,
             // Cache and branch predictor maintenance, of which an M4 has neither.
             0xf50..=0xf78 => {}
+            MPU_CTRL if value & MPU_ENABLE != 0 && value & MPU_BACKGROUND == 0 => {
+                return Err(Unknown { what: "the protection unit without the usual map has no model" });
+            }
+            MPU_RBAR..MPU_END => self.write_region(register, value)?,
             _ => self.storage.write(register, value, width)?,
         }
         Ok(())
@@ -557,7 +659,7 @@ mod tests {
         let mut nvic = two();
         write(&mut nvic, 0xf00, 5);
         assert_eq!(nvic.takeable(OPEN), Some(21));
-        assert_eq!(nvic.enter(21), 0x0800_0000 + 84);
+        assert_eq!(nvic.enter(21), 84);
         assert_eq!(nvic.takeable(OPEN), None);
         write(&mut nvic, 0x200, 3 << 5);
         assert_eq!(nvic.takeable(OPEN), Some(22), "6 interrupts 5; 5 does not interrupt itself");
@@ -671,6 +773,28 @@ mod tests {
         assert_eq!(nvic.read(0xe000_1004, Width::Word, 2345), Ok(345));
         nvic.write(0xe000_1000, 0, Width::Word, 2400).expect("known");
         assert_eq!(nvic.read(0xe000_1004, Width::Word, 9999), Ok(400));
+    }
+
+    #[test]
+    fn the_protection_unit_has_regions_outside_of_the_handlers_of_faults() {
+        let mut nvic = Nvic::default();
+        write(&mut nvic, 0xd98, 2);
+        write(&mut nvic, 0xd9c, 0x2000_4000);
+        write(&mut nvic, 0xda0, 1 << 28 | 9 << 1 | 1);
+        assert_eq!(nvic.regions(OPEN), [], "it is off");
+        assert!(nvic.write(0xe000_ed94, 1, Width::Word, 0).is_err(), "no access to anything else");
+        write(&mut nvic, 0xd94, 5);
+        let region = Region { start: 0x2000_4000, len: 1024, read: false, write: false, execute: false };
+        assert_eq!(nvic.regions(OPEN), [region]);
+        assert!(region.contains(0x2000_43ff) && !region.contains(0x2000_4400));
+        assert_eq!((read(&mut nvic, 0xd9c, 0), read(&mut nvic, 0xda0, 0)), (0x2000_4002, 0x1000_0013));
+        assert_eq!(nvic.regions(Masks { faultmask: true, ..OPEN }), []);
+        nvic.protection_fault(0x2000_4004, false);
+        assert_eq!((read(&mut nvic, MMFAR, 0), read(&mut nvic, CFSR, 0)), (0x2000_4004, 0x82));
+        nvic.enter(HARD_FAULT);
+        assert_eq!(nvic.regions(OPEN), []);
+        nvic.leave();
+        assert!(nvic.write(0xe000_eda0, 4 << 1 | 1, Width::Word, 0).is_err(), "32 bytes");
     }
 
     #[test]

@@ -539,6 +539,24 @@ fn the_digital_front_end_at_1_khz() -> Outcome {
 }
 
 #[test]
+fn no_sample_after_a_start_holds_anything_else() -> Outcome {
+    let Some(image) = shipping_image() else { return Ok(()) };
+    let rig = mid_rig();
+    // All at rest, and 16 conversions in a sample.
+    let settings = rig.settings(4000.0);
+    let mut lab = Lab::new(&image, rig, settings, |_| {})?;
+    for end_s in [0.8, 1.1, 1.4] {
+        let run = lab.run(end_s, |_| {})?;
+        let last = *run.samples.last().ok_or("no samples")?;
+        for sample in run.samples.iter().take(32) {
+            let off = [sample.force_code - last.force_code, sample.terminal_code - last.terminal_code];
+            assert!(off.iter().all(|codes| codes.abs() < 500), "until {end_s} s: {sample:?}, at last {last:?}");
+        }
+    }
+    Ok(())
+}
+
+#[test]
 fn the_chips_temperature_is_told() -> Outcome {
     let Some(image) = shipping_image() else { return Ok(()) };
     for temperature_c in [-20.0, 25.0, 95.0] {

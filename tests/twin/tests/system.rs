@@ -10,6 +10,7 @@ use inerter_twin::{
     bench::{Bench, Rig},
     chip::flash::{Contents, Torn},
     chip::rcc::Reset,
+    chip::rom::Left,
     cpu::{Faults, Stop},
     machine::{Machine, Options, Usage, image, shipping_image},
     serial_link::{SerialError, SerialLink},
@@ -139,6 +140,16 @@ fn from_power_to_the_first_estimate() {
 }
 
 #[test]
+fn the_first_write_to_each_memory_may_be_lost() {
+    let Some(mut link) = board(Still) else { return };
+    greet(&mut link);
+    done(&mut link, Command::Reboot, REPLY_S);
+    run(&mut link.machine, 0.3);
+    assert_eq!(link.machine.resets().len(), 3);
+    assert_eq!(link.machine.cpu().core().lost_writes, [], "each in the place of one that changes nothing");
+}
+
+#[test]
 fn the_same_run_twice_is_the_same_to_the_bit() {
     let record = || {
         let mut link = board(Bench::new(moving()).expect("a rig that can be"))?;
@@ -219,10 +230,47 @@ fn a_command_leads_into_the_roms_update_mode() {
     // It may have got there in the same millisecond.
     let ended = link.machine.run_for(1.0).expect_err("the boot loader");
     assert_eq!(ended.stop, Stop::Bootloader, "{ended}");
-    // The boot loader ends by a reset.
+    // Somebody presses the button.
     link.machine.reset().expect("starts");
     run(&mut link.machine, 0.2);
     greet(&mut link);
+}
+
+#[test]
+fn the_roms_update_mode_starts_new_firmware_by_a_jump() {
+    for left in Left::ALL {
+        let Some(mut link) = board(Still) else { return };
+        greet(&mut link);
+        done(&mut link, Command::EnterDfu, REPLY_S);
+        let ended = link.machine.run_for(1.0).expect_err("the boot loader");
+        assert_eq!(ended.stop, Stop::Bootloader, "{ended}");
+        link.machine.leave_rom(left).expect("jumps");
+        link.machine.run_for(0.3).unwrap_or_else(|ended| panic!("{left:?}: {ended}"));
+        link.talk = Default::default();
+        let (_, events) = greet(&mut link);
+        let panicked = |event: &EventKind| matches!(event, EventKind::Panicked(_));
+        assert!(!events.iter().any(panicked), "{left:?}: {events:?}");
+        let health = health(&mut link);
+        assert!(health.index > 100, "{left:?}: {} samples", health.index);
+    }
+}
+
+#[test]
+fn a_stack_that_grows_into_its_guard_is_a_fault_with_a_message() {
+    let Some(mut machine) = machine(Options { faults: Faults::Taken, ..Options::default() }, Still) else { return };
+    run(&mut machine, START_S);
+    let mut link = SerialLink::new(machine);
+    greet(&mut link);
+    // push {r0}, again and again.
+    const PUSH: u32 = 0x0803_f000;
+    let code: Vec<u8> = [0xb401, 0xe7fd].into_iter().flat_map(u16::to_le_bytes).collect();
+    assert!(link.machine.chip_mut().flash.load(PUSH, &code));
+    link.machine.cpu_mut().set(RegisterARM::PC, PUSH | 1).expect("a register");
+    run(&mut link.machine, 0.3);
+    let (_, events) = greet(&mut link);
+    let text = events.iter().find_map(|event| if let EventKind::Panicked(text) = event { Some(text) } else { None });
+    let text = text.expect("the message").as_str();
+    assert!(text.starts_with("hard fault at ") && text.contains("CFSR 00000082"), "{text}");
 }
 
 #[test]
@@ -255,15 +303,70 @@ fn power_that_comes_back_at_once_is_no_press_of_the_button() {
     greet(&mut link);
 }
 
+/// An interrupt that nobody expects: number 0, enabled and pending as by a flipped bit.
+fn disturb(machine: &mut Machine) {
+    let nvic = &mut machine.cpu_mut().core_mut().nvic;
+    for register in [0xe000_e100, 0xe000_e200] {
+        nvic.write(register, 1, inerter_twin::Width::Word, 0).expect("a register");
+    }
+}
+
+#[test]
+fn a_firmware_that_cannot_start_leaves_the_settings_alone_and_then_wants_another() {
+    let Some(mut link) = board(Still) else { return };
+    greet(&mut link);
+    let defaults = settings(&mut link);
+    write(&mut link, &numbered(1));
+    save(&mut link).expect("saved");
+    let kept = link.machine.flash();
+    // A run of ten seconds between the second and the third forgets the two.
+    for failures in [2, 2, 3] {
+        for _ in 0..failures {
+            disturb(&mut link.machine);
+            run(&mut link.machine, 0.2);
+        }
+        link.talk = Default::default();
+        let (_, events) = greet(&mut link);
+        let ignored = failures == 3;
+        assert_eq!(events.contains(&EventKind::Fault(Fault::SavedSettings)), ignored, "{events:?}");
+        assert_eq!(settings(&mut link), if ignored { defaults } else { numbered(1) });
+        run(&mut link.machine, if ignored { 0.0 } else { 11.0 });
+    }
+    assert_eq!(link.machine.flash(), kept);
+    for _ in 0..2 {
+        disturb(&mut link.machine);
+        run(&mut link.machine, 0.2);
+    }
+    disturb(&mut link.machine);
+    let ended = link.machine.run_for(0.2).expect_err("the boot loader");
+    assert_eq!(ended.stop, Stop::Bootloader, "{ended}");
+    // The button leads back, to the settings too.
+    link.machine.reset().expect("starts");
+    run(&mut link.machine, 0.3);
+    link.talk = Default::default();
+    greet(&mut link);
+    assert_eq!(settings(&mut link), numbered(1));
+}
+
+#[test]
+fn two_presses_lead_out_of_an_endless_row_of_restarts() {
+    let Some(mut link) = board(Still) else { return };
+    run(&mut link.machine, 1.0);
+    link.machine.reset().expect("starts");
+    run(&mut link.machine, 0.1);
+    disturb(&mut link.machine);
+    run(&mut link.machine, 0.1);
+    assert_eq!(link.machine.resets().last().map(|reset| reset.1), Some(Reset::Software));
+    link.machine.reset().expect("starts");
+    let ended = link.machine.run_for(0.2).expect_err("the boot loader");
+    assert_eq!(ended.stop, Stop::Bootloader, "{ended}");
+}
+
 #[test]
 fn a_panic_restarts_and_the_next_host_reads_it() {
     let Some(mut link) = board(Still) else { return };
     greet(&mut link);
-    // An interrupt that nobody expects: number 0, enabled and pending as by a flipped bit.
-    let nvic = &mut link.machine.cpu_mut().core_mut().nvic;
-    for register in [0xe000_e100, 0xe000_e200] {
-        nvic.write(register, 1, inerter_twin::Width::Word, 0).expect("a register");
-    }
+    disturb(&mut link.machine);
     run(&mut link.machine, 0.3);
     assert_eq!(link.machine.resets().last().map(|reset| reset.1), Some(Reset::Software));
     let (_, events) = greet(&mut link);

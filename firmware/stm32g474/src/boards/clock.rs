@@ -9,6 +9,10 @@ pub const CORE_HZ: u32 = 168_000_000;
 /// The same, in a microsecond.
 pub const CORE_PER_US: u32 = CORE_HZ / 1_000_000;
 
+/// The RTC has no clock: ES0430, "unstable LSI when it clocks RTC", and the watchdog counts the LSI, which its own start
+/// switches on.
+pub const NO_RTC: rcc::LsConfig = rcc::LsConfig::off();
+
 /// Where the core's clock comes from: 168 MHz after multiplication.
 pub struct Oscillator {
     /// The crystal, or nothing for the chip's own 16 MHz.
@@ -23,7 +27,8 @@ impl Oscillator {
     /// 16 MHz / 4 * 84 / 2 = 168 MHz, about 1 %: for a board whose crystal does not start.
     pub const INTERNAL: Self = Self { crystal: None, divider: rcc::PllPreDiv::DIV4, multiplier: rcc::PllMul::MUL84 };
 
-    /// All clocks. USB runs from the chip's 48 MHz oscillator, trimmed by the host's start of frame.
+    /// All clocks, the core's at half of [`CORE_HZ`], as nothing may go from under 80 MHz to it at once: see `clocks.rs`. USB
+    /// runs from the chip's 48 MHz oscillator, trimmed by the host's start of frame.
     pub fn clocks(self) -> rcc::Config {
         let mut config = rcc::Config::new();
         config.hse = self.crystal;
@@ -37,9 +42,11 @@ impl Oscillator {
             divr: Some(rcc::PllRDiv::DIV2),
         });
         config.sys = rcc::Sysclk::PLL1_R;
+        config.ahb_pre = rcc::AHBPrescaler::DIV2;
         // Above 150 MHz (RM0440, 6.1.5).
         config.boost = true;
         config.mux.clk48sel = rcc::mux::Clk48sel::HSI48;
+        config.ls = NO_RTC;
         config
     }
 }

@@ -21,6 +21,7 @@ use rand_distr::{Distribution, StandardNormal};
 
 use super::clocks::Clocks;
 use super::dmamux::Request;
+use super::errata::Errata;
 use super::pin::Pin;
 use crate::registers::Storage;
 use crate::{Cycles, Registers, Unknown, Width};
@@ -53,6 +54,10 @@ const CALIBRATION_CLOCKS: f64 = 116.0;
 const AFTER_CALIBRATION_CLOCKS: f64 = 4.0;
 /// Clocks from ADEN to ADRDY: one conversion (DS12288, tSTAB).
 const READY_CLOCKS: f64 = 15.0;
+/// A pause between two conversions after which the second may be wrong \[s\] (ES0430 2.7.9), and what is wrong with it
+/// here \[V\].
+const PAUSE_S: f64 = 1e-3;
+const AFTER_PAUSE_V: f64 = 0.4;
 /// Clocks of a conversion of 12 bits after its sampling.
 const CONVERSION_CLOCKS: f64 = 12.5;
 /// Sampling times by the numbers in SMPR1 and SMPR2 \[clocks\].
@@ -341,6 +346,10 @@ struct Converter {
     ready_at: Option<Cycles>,
     /// One-shot DMA has had its last transfer.
     dma_ended: bool,
+    /// End of the last conversion.
+    ended: Option<Cycles>,
+    /// Conversions were stopped by software and none has been made since.
+    stopped: bool,
 }
 
 impl Converter {
@@ -360,6 +369,8 @@ impl Converter {
             enable_from: 0,
             ready_at: None,
             dma_ended: false,
+            ended: None,
+            stopped: false,
         }
     }
 
@@ -429,6 +440,7 @@ pub struct Adcs {
     analogue: Analogue,
     /// When the next conversion ends.
     due: Option<(Cycles, Unit)>,
+    errata: Errata,
 }
 
 impl Default for Adcs {
@@ -447,7 +459,13 @@ impl Adcs {
             kernel_hz: 0.0,
             analogue: Analogue::new(Quality::default()),
             due: None,
+            errata: Errata::NONE,
         }
+    }
+
+    /// Which errata there are from now on.
+    pub fn set_errata(&mut self, errata: Errata) {
+        self.errata = errata;
     }
 
     /// Makes conversions this good from now on; the noise begins anew.
@@ -555,7 +573,17 @@ impl Adcs {
     /// Ends the conversion of `unit` that is under way, which held `volts`.
     pub fn finish(&mut self, unit: Unit, volts: f64) -> Result<(), Unknown> {
         let Some(Conversion { rank, aperture, end }) = self.unit_mut(unit).conversion.take() else { return Ok(()) };
-        let code = self.analogue.code(unit, aperture, volts);
+        let pause = (PAUSE_S * self.hclk_hz) as Cycles;
+        let Errata { adc_after_pause, adc_after_stop, .. } = self.errata;
+        let it = self.unit_mut(unit);
+        let paused = it.ended.replace(end).is_none_or(|last| end - last > pause) && adc_after_pause;
+        // No channel 0 is connected to anything.
+        let elsewhere = std::mem::take(&mut it.stopped) && adc_after_stop;
+        let code = match (elsewhere, paused) {
+            (true, _) => 0,
+            (false, true) => self.analogue.code(unit, aperture, volts + AFTER_PAUSE_V),
+            (false, false) => self.analogue.code(unit, aperture, volts),
+        };
         let it = self.unit_mut(unit);
         let overrun = it.isr & isr::EOC != 0;
         if !overrun || it.cfgr & cfgr::OVRMOD != 0 {
@@ -644,6 +672,7 @@ impl Adcs {
         if rising & cr::ADSTP != 0 && it.is_started() {
             it.cr &= !cr::ADSTART;
             it.conversion = None;
+            it.stopped = true;
             self.update_due();
         }
         let it = self.unit_mut(unit);
@@ -651,6 +680,7 @@ impl Adcs {
             if it.is_started() {
                 return refuse("ADC_CR: ADDIS while a conversion is started");
             }
+            it.stopped = false;
             it.cr &= !cr::ADEN;
             it.isr &= !isr::ADRDY;
             it.ready_at = None;

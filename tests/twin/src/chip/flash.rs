@@ -6,11 +6,15 @@
 //!   code runs from bank 1, so an operation there ends the run.
 //! - Power that fails in the middle of an operation leaves a double word that no longer fits its error correction
 //!   code, or a page of such words: reading one sets ECCD and raises the non-maskable interrupt.
-//! - The data cache keeps what it read: reading after an operation without resetting the cache ends the run.
+//! - The data cache keeps what it read: reading after an operation without resetting the cache ends the run, and what is
+//!   read again from it raises nothing.
 //!
 //! Not modelled: fast programming, mass erasure, write and read protection, single-bank mode, secured areas.
 
-use crate::{Cycles, Registers, Storage, Unknown, Width, chip::clocks::Clocks, chip::ram::Ram};
+use crate::{
+    Cycles, Registers, Storage, Unknown, Width,
+    chip::{clocks::Clocks, errata::Errata, ram::Ram},
+};
 use std::collections::BTreeSet;
 
 /// First address.
@@ -63,6 +67,8 @@ const CR_KEPT: u32 = PG | PER | 0x7f << 3 | BKER | EOPIE | ERRIE;
 const CR_UNKNOWN: u32 = 1 << 2 | 1 << 15 | 1 << 18 | 3 << 28;
 /// ECCR: bank 2, and an error of two bits that could not be corrected.
 const BK_ECC: u32 = 1 << 21;
+/// ECCR: address, bank, system flash.
+const ECC_PLACE: u32 = 0x7_ffff | BK_ECC | 1 << 22;
 const ECCIE: u32 = 1 << 24;
 const ECCD: u32 = 1 << 31;
 
@@ -151,6 +157,9 @@ pub struct Flash {
     half: Option<(usize, u32)>,
     /// The data cache may hold what is no longer there.
     stale: bool,
+    /// Double words in the data cache that do not fit their error correction code.
+    cached: BTreeSet<usize>,
+    errata: Errata,
     cut: Option<Cut>,
     cut_at: Option<Cycles>,
     hclk_hz: f64,
@@ -184,6 +193,8 @@ impl Default for Flash {
             operation: None,
             half: None,
             stale: false,
+            cached: BTreeSet::new(),
+            errata: Errata::NONE,
             cut: None,
             cut_at: None,
             hclk_hz: 16e6,
@@ -250,6 +261,11 @@ impl Flash {
     /// The moment of the cut has come.
     pub fn power_fails(&self, now: Cycles) -> bool {
         self.cut_at.is_some_and(|at| at <= now)
+    }
+
+    /// Which errata there are from now on.
+    pub fn set_errata(&mut self, errata: Errata) {
+        self.errata = errata;
     }
 
     /// Wait states that are set.
@@ -411,9 +427,12 @@ impl Flash {
         if self.stale {
             return Err(Unknown { what: "read through a data cache that was not reset after flash changed" });
         }
-        if self.torn.contains(&(at / 8)) && self.ecc & ECCD == 0 {
+        let hit = self.storage.get(ACR) & DCEN != 0 && self.torn.contains(&(at / 8)) && !self.cached.insert(at / 8);
+        if self.torn.contains(&(at / 8)) && !hit && self.ecc & ECCD == 0 {
             let bank = if at >= BANK { BK_ECC } else { 0 };
-            self.ecc = self.ecc & ECCIE | ECCD | bank | ((at % BANK) & !7) as u32;
+            let place = bank | ((at % BANK) & !7) as u32;
+            let told = if self.errata.eccr_after_cut { !place & ECC_PLACE } else { place };
+            self.ecc = self.ecc & ECCIE | ECCD | told;
         }
         Ok(value)
     }
@@ -560,6 +579,7 @@ impl Registers for Flash {
                         return Err(Unknown { what: "the data cache is reset while it is on" });
                     }
                     self.stale = false;
+                    self.cached.clear();
                 }
             }
             OPTR if self.control & OPTLOCK != 0 => return Err(Unknown { what: "the option bytes are locked" }),
@@ -604,6 +624,7 @@ impl Registers for Flash {
         (self.keys, self.option_keys, self.shut) = (0, 0, false);
         self.half = None;
         self.stale = false;
+        self.cached.clear();
         self.stall = 0;
         self.launch = false;
         self.hclk_hz = 16e6;

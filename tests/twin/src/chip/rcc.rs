@@ -7,7 +7,10 @@
 //! A crystal that breaks ([`Rcc::break_crystal`]) puts the core on the internal oscillator and, where the clock
 //! security system watches, raises the non-maskable interrupt. Not modelled: clock output, LSE, clocks in sleep mode.
 
-use crate::{Cycles, Registers, Storage, Unknown, Width, chip::clocks::Clocks};
+use crate::{
+    Cycles, Registers, Storage, Unknown, Width,
+    chip::{clocks::Clocks, errata::Errata},
+};
 
 const CR: u32 = 0x00;
 const ICSCR: u32 = 0x04;
@@ -38,6 +41,15 @@ const HSIRDY: u32 = 1 << 10;
 const HSERDY: u32 = 1 << 17;
 const PLLRDY: u32 = 1 << 25;
 
+/// From below this system clock to above it the core goes by half of it, for a time (RM0440 7.2.7; ST's HAL,
+/// `stm32g4xx_hal_rcc.c`, `HAL_RCC_ClockConfig`).
+const STEP_HZ: f64 = 80e6;
+const STEP_S: f64 = 1e-6;
+/// CFGR: the core runs from a part of the system clock.
+const AHB_DIVIDES: u32 = 1 << 7;
+
+/// BDCR: RTCEN, and 2 in RTCSEL.
+const RTC_ON_LSI: u32 = 1 << 15 | 2 << 8;
 /// CSR: clears the causes of reset.
 const RMVF: u32 = 1 << 23;
 
@@ -131,6 +143,9 @@ pub struct Rcc {
     lsi_ready: Option<Cycles>,
     causes: u32,
     failed: bool,
+    /// When the system clock last came over [`STEP_HZ`].
+    stepped: Cycles,
+    errata: Errata,
 }
 
 impl Rcc {
@@ -172,7 +187,19 @@ impl Rcc {
             lsi_ready: None,
             causes: Reset::Power.flags(),
             failed: false,
+            stepped: 0,
+            errata: Errata::NONE,
         }
+    }
+
+    /// Which errata there are from now on.
+    pub fn set_errata(&mut self, errata: Errata) {
+        self.errata = errata;
+    }
+
+    /// The backup domain has no battery either.
+    pub fn lose_power(&mut self, hse_hz: f64) {
+        *self = Self { errata: self.errata, ..Self::new(hse_hz) };
     }
 
     /// Whether a peripheral is clocked.
@@ -390,13 +417,25 @@ impl Registers for Rcc {
             {
                 return Err(Unknown { what: "the PLL is switched on before its source is ready" });
             }
+            BDCR if self.errata.lsi_with_rtc && word & RTC_ON_LSI == RTC_ON_LSI => {
+                return Err(Unknown { what: "the LSI is unstable when it clocks the RTC (ES0430)" });
+            }
             BDCR if word & 1 != 0 => return Err(Unknown { what: "the slow crystal is not modelled" }),
             PLLCFGR if self.pll_ready.is_some() && (word ^ old) & 0x7fff != 0 => {
                 return Err(Unknown { what: "the PLL is changed while it runs" });
             }
             _ => {}
         }
+        let slow = self.sysclk_hz() <= STEP_HZ;
         self.storage.write(offset, value, width)?;
+        if self.sysclk_hz() > STEP_HZ {
+            if slow {
+                self.stepped = now;
+            }
+            if word & AHB_DIVIDES == 0 && (slow || old & AHB_DIVIDES != 0 && now < self.in_s(self.stepped, STEP_S)) {
+                return Err(Unknown { what: "over 80 MHz without 1 us of AHB / 2 on the way" });
+            }
+        }
         match register {
             CR => {
                 // A crystal does not answer to bypass, which waits for a clock from outside; one that is not there
@@ -450,8 +489,19 @@ mod tests {
         write(&mut rcc, CR, HSION | HSEON, 0);
         write(&mut rcc, PLLCFGR, 3 | 1 << 4 | 28 << 8 | 1 << 24, 33_000);
         write(&mut rcc, CR, HSION | HSEON | PLLON, 33_000);
+        write(&mut rcc, CFGR, 3 | 8 << 4, 39_000);
         write(&mut rcc, CFGR, 3, 40_000);
         rcc
+    }
+
+    #[test]
+    fn the_core_does_not_jump_over_80_mhz() {
+        let mut rcc = at_168_mhz();
+        write(&mut rcc, CFGR, 1, 50_000);
+        assert!(rcc.clone().write(CFGR, 3, Width::Word, 50_000).is_err(), "at once");
+        write(&mut rcc, CFGR, 3 | 8 << 4, 50_000);
+        assert!(rcc.clone().write(CFGR, 3, Width::Word, 50_015).is_err(), "too soon");
+        write(&mut rcc, CFGR, 3, 50_016);
     }
 
     #[test]

@@ -1,6 +1,8 @@
 //! System memory: what ST put into the chip (RM0440 table 3 and section 48, DS12288 section 3.18).
 //!
-//! The boot loader is a pair of vectors and an endless loop; whoever jumps there ends the run.
+//! The boot loader is a pair of vectors and an endless loop; whoever jumps there ends the run. It leaves by a jump, not by
+//! a reset, and what it leaves behind is not certain ([`Left`]): AN2606 says that its "go" does not restore registers,
+//! AN3155 that it does.
 
 use super::adc::{TS_CAL1, TS_CAL2, VREFINT_CAL};
 
@@ -16,6 +18,48 @@ pub const UID: [u32; 3] = [0x0039_0025, 0x5836_500a, 0x2034_3356];
 
 /// Kilobytes of flash.
 const FLASH_SIZE: u16 = 512;
+
+/// RAM that the boot loader works in (AN2606, STM32G47xxx: 16 KB from 0x2000_0000).
+const WORK: usize = 16 << 10;
+
+/// What stands in [`WORK`] afterwards.
+pub fn noise() -> Vec<u8> {
+    (0..WORK as u32).map(|n| (n.wrapping_mul(0x9e37_79b9) >> 24) as u8).collect()
+}
+
+/// In which state the boot loader leaves the chip. The protection unit is as it was found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Left {
+    /// HSI48 on, the ROM at address 0 and its vectors in use (candleLight 319 quotes AN3156 rev. 18 for this).
+    Running,
+    /// Clocks as after a reset, the ROM at address 0 and its vectors in use.
+    Slow,
+    /// The same, but for the vectors, which are again those at address 0.
+    Mapped,
+    /// Everything as after a reset.
+    Restored,
+}
+
+impl Left {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Running, Self::Slow, Self::Mapped, Self::Restored];
+
+    /// Registers that are not as found: address and value.
+    pub fn writes(self) -> &'static [(u32, u32)] {
+        const SYSCFG_ON: (u32, u32) = (0x4002_1060, 1);
+        const ROM_AT_0: (u32, u32) = (0x4001_0000, 1);
+        const FLASH_AT_0: (u32, u32) = (0x4001_0000, 0);
+        const ROM_VECTORS: (u32, u32) = (0xe000_ed08, START);
+        const FIRST_VECTORS: (u32, u32) = (0xe000_ed08, 0);
+        match self {
+            // HSI48 on.
+            Self::Running => &[SYSCFG_ON, ROM_AT_0, ROM_VECTORS, (0x4002_1098, 1)],
+            Self::Slow => &[SYSCFG_ON, ROM_AT_0, ROM_VECTORS],
+            Self::Mapped => &[SYSCFG_ON, ROM_AT_0, FIRST_VECTORS, (0x4002_1060, 0)],
+            Self::Restored => &[SYSCFG_ON, FLASH_AT_0, FIRST_VECTORS, (0x4002_1060, 0)],
+        }
+    }
+}
 
 /// All of it.
 pub fn bytes() -> Vec<u8> {

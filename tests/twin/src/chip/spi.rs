@@ -9,6 +9,7 @@
 use std::collections::VecDeque;
 
 use super::clocks::Clocks;
+use super::errata::Errata;
 use crate::registers::Storage;
 use crate::{Cycles, Registers, Unknown, Width};
 
@@ -68,6 +69,9 @@ pub struct Spi {
     transmit: VecDeque<u8>,
     receive: VecDeque<u8>,
     frame: Option<Frame>,
+    /// A frame has ended since the SPI was switched on, and the busy flag stays because of it.
+    busy_stays: bool,
+    errata: Errata,
     /// Cycles of the core per clock of the bus the peripheral is on.
     divider: u64,
     /// CRCPR, RXCRCR, TXCRCR, I2SCFGR, I2SPR.
@@ -91,6 +95,8 @@ impl Spi {
             transmit: VecDeque::with_capacity(DEPTH),
             receive: VecDeque::with_capacity(DEPTH),
             frame: None,
+            busy_stays: false,
+            errata: Errata::NONE,
             divider: 1,
             storage: Storage::new(&[
                 (0x10, 7, 0xFFFF),
@@ -147,10 +153,15 @@ impl Spi {
         self.receive.len() >= if self.cr2 & cr2::FRXTH != 0 { 1 } else { 2 }
     }
 
+    /// Which errata there are from now on.
+    pub fn set_errata(&mut self, errata: Errata) {
+        self.errata = errata;
+    }
+
     fn status(&self) -> u32 {
         let level = |fifo: &VecDeque<u8>| fifo.len().min(3) as u32;
         let flag = |set: bool, bit: u32| if set { bit } else { 0 };
-        let busy = self.frame.is_some() || self.is_enabled() && !self.transmit.is_empty();
+        let busy = self.frame.is_some() || self.busy_stays || self.is_enabled() && !self.transmit.is_empty();
         flag(self.rxne(), sr::RXNE)
             | flag(self.txe(), sr::TXE)
             | flag(self.overrun, sr::OVR)
@@ -179,6 +190,7 @@ impl Spi {
             // The first byte read is the low one (39.5.9).
             self.receive.extend(answer.to_le_bytes().into_iter().take(bytes));
         }
+        self.busy_stays = self.errata.spi_busy_stays;
         self.start(frame.end);
     }
 
@@ -227,6 +239,7 @@ impl Spi {
             }
         }
         self.cr1 = value & 0xFFFF;
+        self.busy_stays &= self.is_enabled();
         self.start(now);
         Ok(())
     }
@@ -307,7 +320,7 @@ impl Registers for Spi {
     fn reset(&mut self, _: Cycles) {
         let mut storage = self.storage.clone();
         storage.reset();
-        *self = Self { divider: self.divider, storage, ..Self::new() };
+        *self = Self { divider: self.divider, errata: self.errata, storage, ..Self::new() };
     }
 
     fn set_clocks(&mut self, clocks: &Clocks) {

@@ -26,6 +26,11 @@ impl Default for Syscfg {
 }
 
 impl Syscfg {
+    /// What lies at address 0: 0 is flash, 1 the ROM.
+    pub fn mem_mode(&self) -> u32 {
+        self.0.get(MEMRMP) & 7
+    }
+
     /// The port (A is 0) whose pin of this number is external interrupt line of the same number.
     pub fn exti_port(&self, line: usize) -> usize {
         (self.0.get(EXTICR1 + 4 * (line as u32 / 4)) >> (4 * (line % 4)) & 0xf) as usize
@@ -35,8 +40,8 @@ impl Syscfg {
 impl Registers for Syscfg {
     fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
         match offset & !3 {
-            // Each shared by four lines.
-            0x08..=0x14 => Ok(width.part(self.0.get(offset & !3), offset)),
+            // Says what the start was; the others are shared by four lines each.
+            MEMRMP | 0x08..=0x14 => Ok(width.part(self.0.get(offset & !3), offset)),
             _ => self.0.read(offset, width),
         }
     }
