@@ -173,7 +173,9 @@ fn each(act: impl Fn(&Path, &[&str], Manner) + Sync) {
 fn every_command_ends_soon_after_a_signal_whatever_the_device_does() {
     each(|folder, command, manner| {
         let address = device(manner);
-        for signal in [Signal::TERM, Signal::INT] {
+        // The system ends those without a handler by either; in the background some shells have it ignore SIGINT.
+        let signals = if command[0] == "settings" { &[Signal::TERM][..] } else { &[Signal::TERM, Signal::INT] };
+        for &signal in signals {
             let mut child = start(folder, command, &address);
             // It may have ended by itself.
             thread::sleep(Duration::from_millis(700));

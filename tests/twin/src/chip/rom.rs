@@ -22,7 +22,7 @@ const FLASH_SIZE: u16 = 512;
 /// RAM that the boot loader works in (AN2606, STM32G47xxx: 16 KB from 0x2000_0000).
 const WORK: usize = 16 << 10;
 
-/// What stands in [`WORK`] afterwards.
+/// What stands in `WORK` afterwards.
 pub fn noise() -> Vec<u8> {
     (0..WORK as u32).map(|n| (n.wrapping_mul(0x9e37_79b9) >> 24) as u8).collect()
 }
