@@ -156,7 +156,7 @@ fn it_says_who_it_is_and_refuses_settings_by_name() {
         inerter_wire::Frame::Message { message: Record::Settings(values), .. } => Some(values),
         _ => None,
     });
-    assert_eq!(in_use.unwrap().read(&Settings::default()).unwrap().settings, Settings::default());
+    assert_eq!(in_use.unwrap().read(&Settings::default()).settings, Settings::default());
 
     device.request("to save", Command::SaveSettings).unwrap_err();
     device.request("to end what has not begun", Command::InjectEnd).unwrap_err();

@@ -3,7 +3,7 @@
 use crate::board::{Identity, Store, StoreError};
 use crate::logging::log;
 use inerter_core::{Active, Settings, SettingsError};
-use inerter_wire::Fault;
+use inerter_wire::{Fault, Reading};
 
 /// The settings to begin with.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,8 +32,10 @@ pub async fn load_settings(
     let fault = match store.load().await {
         Ok(None) => None,
         Ok(Some(values)) => {
-            let saved = values.read(defaults).map(|reading| reading.settings);
-            if let Ok((settings, active)) = saved.and_then(|settings| check(&settings).map(|active| (settings, active)))
+            let Reading { settings, impossible, .. } = values.read(defaults);
+            // All or nothing: a calibration with one value of another is none.
+            if impossible == 0
+                && let Ok(active) = check(&settings)
             {
                 return Ok((InUse { settings, defaults: *defaults, fault: None }, active));
             }

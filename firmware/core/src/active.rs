@@ -2,7 +2,8 @@
 
 use crate::backlash::active::BacklashActive;
 use crate::constants::{
-    FAST_BOX_S, REST_COUNTS, REST_WINDOW_S, SIGN_KERNEL_S, SLOW_BOX_S, STRUCTURE_MODEL_U95, UPDATES_PER_BOX,
+    FAST_BOX_S, LONGEST_SPACING, REST_COUNTS, REST_WINDOW_S, SIGN_KERNEL_S, SLOW_BOX_S, STRUCTURE_MODEL_U95,
+    UPDATES_PER_BOX,
 };
 use crate::gate::BLOCKS;
 use crate::kernel::{MORE_REGRESSORS, Normaliser, REGRESSORS};
@@ -11,8 +12,6 @@ use crate::line::VELOCITY_BITS;
 use crate::math::{exponent, power_of_two, term};
 use crate::settings::{Settings, SettingsError};
 
-/// Longest spacing of the updates [samples]: a box of 512 samples keeps the comb within 64 bits.
-const LONGEST_SPACING: f64 = 256.0;
 /// Encoder travel in one sample at full scale [counts / oversampling]: keeps the comb of the velocity within 64 bits.
 const GREATEST_TRAVEL: f64 = 64e6;
 /// Half width of the triangular kernel that locates a reversal anew once its surroundings are known [s]: 5 ms leaves

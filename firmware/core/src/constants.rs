@@ -9,6 +9,10 @@ pub const COULOMB_MODEL_U95: f64 = 0.05;
 /// Model error of the structure mass: across a backlash its motion does not follow from the force. 0.1 mm takes up to 4.8 %
 /// of it from the inertance (docs/tables/accuracy.md, `worn`).
 pub const STRUCTURE_MODEL_U95: f64 = 0.05;
+/// Uncertainty of a stiffness that is given without one, as a part of it.
+pub const UNSTATED_STIFFNESS_U95: f64 = 0.01;
+/// Regressors of which the others leave less than `2^-PIVOT_BITS` of their square cannot be told apart.
+pub const PIVOT_BITS: u32 = 20;
 /// The skew's false damper, with room for what correlated regressors make of it.
 pub const SKEW_FACTOR: f64 = 2.0;
 
@@ -22,6 +26,15 @@ pub const SLOW_BOX_S: f64 = 0.064;
 pub const UPDATES_PER_BOX: u32 = 2;
 /// Sum of the cubic B-spline's autocorrelation over its value at 0, in boxes: updates within it are one observation.
 pub const CORRELATION_BOXES: f64 = 2.09;
+
+/// Longest spacing of a bank's updates \[samples\]: a box of 512 samples keeps the comb within 64 bits.
+pub const LONGEST_SPACING: f64 = 256.0;
+/// Correction taps of the force, before they are divided by their sum: Numerov's, as the next two.
+pub const FORCE_TAPS: [f64; 3] = [1.0, 10.0, 1.0];
+/// Correction taps of first derivatives.
+pub const RATE_TAPS: [f64; 4] = [-1.0, 13.0, 13.0, -1.0];
+/// Correction taps of the sign.
+pub const SIGN_TAPS: [f64; 3] = [1.0, 22.0, 1.0];
 
 /// Half width of the triangular kernel of the sign \[s\]: shorter ones are noisy, longer ones lean on the correction.
 pub const SIGN_KERNEL_S: f64 = 0.005;

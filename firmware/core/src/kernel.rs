@@ -286,6 +286,7 @@ fn corrected(value: i64, shift: i8, terms: &[Term], higher: &[i64]) -> i64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::constants::{FORCE_TAPS, RATE_TAPS, SIGN_TAPS};
     use std::vec::Vec;
 
     /// Box of `length` samples four times, as plain numbers.
@@ -350,11 +351,11 @@ mod tests {
                     continue;
                 }
                 let [x, f, s] = [&position[..=n], &force[..=n], &sign[..=n]];
-                let first = convolve(&[-1.0, 13.0, 13.0, -1.0], &[1.0, -1.0]);
+                let first = convolve(&RATE_TAPS, &[1.0, -1.0]);
                 let second = [1.0, -2.0, 1.0];
                 let third = convolve(&[1.0, 1.0], &[1.0, -3.0, 3.0, -1.0]);
                 let fourth = [1.0, -4.0, 6.0, -4.0, 1.0];
-                assert_eq!(output.force[0] as f64, apply(&derived(&[1.0, 10.0, 1.0]), f, 1));
+                assert_eq!(output.force[0] as f64, apply(&derived(&FORCE_TAPS), f, 1));
                 assert_eq!(output.force[1] as f64, apply(&derived(&first), f, 0));
                 assert_eq!(output.force[2] as f64, apply(&derived(&second), f, 1));
                 assert_eq!(output.force[3] as f64, apply(&derived(&third), f, 0));
@@ -364,7 +365,7 @@ mod tests {
                 assert_eq!(output.jerk as f64, apply(&derived(&third), x, 0));
                 assert_eq!(output.speed as f64, apply(&derived(&first), f, 0));
                 assert_eq!(output.snap as f64, apply(&derived(&fourth), x, 0));
-                assert_eq!(output.sign as f64, apply(&derived(&[1.0, 22.0, 1.0]), s, 1));
+                assert_eq!(output.sign as f64, apply(&derived(&SIGN_TAPS), s, 1));
             }
         }
     }
@@ -384,7 +385,7 @@ mod tests {
             let magnitude = |(re, im): (f64, f64)| (re * re + im * im).sqrt();
             let smooth = box4(length);
             let force = magnitude(response(&convolve(&smooth, &[1.0, 10.0, 1.0]), 1.0)) / (12.0 * gain);
-            let velocity_taps = convolve(&[-1.0, 13.0, 13.0, -1.0], &[1.0, -1.0]);
+            let velocity_taps = convolve(&RATE_TAPS, &[1.0, -1.0]);
             let velocity = magnitude(response(&convolve(&smooth, &velocity_taps), 0.0)) / (24.0 * gain) / omega;
             let acceleration = magnitude(response(&convolve(&smooth, &[1.0, -2.0, 1.0]), 1.0)) / gain / omega.powi(2);
             let bound = 0.02 * omega.powi(4);

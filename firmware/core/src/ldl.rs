@@ -7,6 +7,7 @@
 //! factorisation says which others its absence touches.
 //! Source: Golub and Van Loan, Matrix Computations, 4th ed., 4.1.
 
+use crate::constants::PIVOT_BITS;
 use crate::kernel::REGRESSORS;
 use crate::qformat::{mul_shift, widening_mul};
 use crate::rls::{PRODUCTS, place};
@@ -15,8 +16,6 @@ use crate::rls::{PRODUCTS, place};
 pub const MATRIX_BITS: u32 = 62;
 /// Fraction bits of the factors and the solution.
 pub const FACTOR_BITS: u32 = 50;
-/// A pivot under `2^-PIVOT_BITS` of its diagonal is none.
-const PIVOT_BITS: u32 = 20;
 
 /// Unknowns: all regressors but the force.
 pub const UNKNOWNS: usize = REGRESSORS - 1;

@@ -33,6 +33,8 @@ pub struct Reading {
     pub settings: Settings,
     /// Settings that this reader does not know, because the device is newer: left out.
     pub unknown: usize,
+    /// Known settings with a value that this reader does not know to be possible: left out.
+    pub impossible: usize,
     /// Settings that the device did not send, because it is older: taken from the base.
     pub missing: usize,
 }
@@ -66,18 +68,22 @@ impl SettingsValues {
 
     /// For a host: settings from a device or recording of any age over `base`.
     ///
-    /// Unknown numbers are left out and counted. A known setting with an impossible value is an error.
-    pub fn read(&self, base: &Settings) -> Result<Reading, SettingsError> {
+    /// Unknown numbers, and known ones with an impossible value, as later firmware may have, are left out and counted.
+    pub fn read(&self, base: &Settings) -> Reading {
         let mut settings = *base;
-        let (mut unknown, mut seen) = (0, 0u64);
+        let (mut unknown, mut impossible, mut seen) = (0, 0, 0u64);
         for entry in &self.0 {
             match settings.set(usize::from(entry.number), entry.value) {
                 Ok(()) => seen |= 1 << entry.number,
                 Err(SettingsError::Unknown) => unknown += 1,
-                Err(error) => return Err(error),
+                Err(_) => {
+                    impossible += 1;
+                    seen |= 1 << entry.number;
+                }
             }
         }
-        Ok(Reading { settings, unknown, missing: Settings::COUNT.saturating_sub(seen.count_ones() as usize) })
+        let missing = Settings::COUNT.saturating_sub(seen.count_ones() as usize);
+        Reading { settings, unknown, impossible, missing }
     }
 
     /// For a device: the settings asked for, over those in use.

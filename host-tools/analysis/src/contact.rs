@@ -1,11 +1,9 @@
 //! Stiffness and damping of the contact as settings: measured once with a terminal displacement sensor, they let the force
 //! alone find the backlash from then on.
 
+use inerter_core::constants::UNSTATED_STIFFNESS_U95;
 use inerter_core::{BacklashSize, Detail, Interval, Parameter, Reason, Route, Settings};
 use miette::Diagnostic;
-
-/// What core takes for the uncertainty of a stiffness that is given without one, as a part of it.
-const UNSTATED_U95: f64 = 0.01;
 
 /// Why there is no stiffness.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error, Diagnostic)]
@@ -73,7 +71,7 @@ impl ContactLaw {
         // As it would be stored: what has been adopted is not adopted again.
         let Interval { value, u95 } = self.stiffness.fitted();
         let [found, u95] = [value, u95].map(|value| borne(u95, value));
-        let used_u95 = if used_u95 > 0.0 { used_u95 } else { UNSTATED_U95 * used };
+        let used_u95 = if used_u95 > 0.0 { used_u95 } else { UNSTATED_STIFFNESS_U95 * used };
         used <= 0.0 || (found - used).abs() > u95 || u95 < used_u95
     }
 

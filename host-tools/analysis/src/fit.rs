@@ -9,7 +9,8 @@
 //! f64 throughout; sums of a day keep 1e-9 of their value.
 
 use inerter_core::constants::{
-    CORRELATION_BOXES, COULOMB_MODEL_U95, COVERAGE, SKEW_FACTOR, STRUCTURE_MODEL_U95, UPDATES_PER_BOX, WIDEST_INTERVAL,
+    CORRELATION_BOXES, COULOMB_MODEL_U95, COVERAGE, PIVOT_BITS, SKEW_FACTOR, STRUCTURE_MODEL_U95, UPDATES_PER_BOX,
+    WIDEST_INTERVAL,
 };
 use inerter_core::{Backlash, Bank, Interval, MoreSums, Parameter, Parameters, Settings, Status, Sums};
 use miette::Diagnostic;
@@ -29,7 +30,7 @@ const UPDATES_PER_OBSERVATION: f64 = CORRELATION_BOXES * UPDATES_PER_BOX as f64;
 /// Independent observations under which nothing is said.
 const LEAST_OBSERVATIONS: f64 = 20.0;
 /// Part of a regressor's square that the others must leave over.
-const LEAST_PIVOT: f64 = 1.0 / (1 << 20) as f64;
+const LEAST_PIVOT: f64 = 1.0 / (1u32 << PIVOT_BITS) as f64;
 
 /// Part of the force rate's square that the others must leave over: a tone of 15.9 Hz leaves 0.0005, a random motion 0.04
 /// and more.

@@ -4,7 +4,9 @@
 //! compared. The structure mass adds `mr x1''` to the law, with `x1'' = a + F''/ks - cs F'''/ks^2`; the skew is
 //! taken out of the force as `F + tau F' + tau^2 F''/2`.
 
-use inerter_core::constants::{REST_COUNTS, REST_WINDOW_S, SIGN_KERNEL_S};
+use inerter_core::constants::{
+    FORCE_TAPS, LONGEST_SPACING, RATE_TAPS, REST_COUNTS, REST_WINDOW_S, SIGN_KERNEL_S, SIGN_TAPS,
+};
 use inerter_core::{Bank, Settings};
 use inerter_data::series::{Series, Stretch};
 
@@ -49,7 +51,7 @@ impl Kernels {
     /// Those of a bank at a sample rate.
     pub fn new(bank: Bank, period_s: f64) -> Self {
         let box_s = bank.box_s();
-        let m = 2 * ((box_s / period_s / 2.0).round().clamp(1.0, 256.0) as usize);
+        let m = 2 * ((box_s / period_s / 2.0).round().clamp(1.0, LONGEST_SPACING) as usize);
         let (length, t) = (m as f64, period_s);
         let smooth = vec![1.0 / length; m];
         let mut difference = vec![0.0; m + 1];
@@ -62,11 +64,11 @@ impl Kernels {
             steps.fold(correction, |taps, step| convolved(&taps, step))
         };
         Self {
-            force: made(0, &[1.0, 10.0, 1.0]),
-            rate: made(1, &[-1.0, 13.0, 13.0, -1.0]),
+            force: made(0, &FORCE_TAPS),
+            rate: made(1, &RATE_TAPS),
             second: made(2, &[1.0]),
             third: made(3, &[1.0, 1.0]),
-            sign: made(0, &[1.0, 22.0, 1.0]),
+            sign: made(0, &SIGN_TAPS),
             box_samples: m,
             period_s,
         }

@@ -129,13 +129,13 @@ pub fn elapsed_s(estimate: &Estimate, rate_hz: f64) -> f64 {
 
 /// What to say where a device sends other settings than this program knows.
 pub fn settings_note(reading: &Reading) -> Option<String> {
-    let words = |count: usize, age, what| {
-        (count > 0)
-            .then(|| format!("the firmware is {age} than this program: {} {what}", plural(count as u64, "setting")))
-    };
-    let unknown = words(reading.unknown, "newer", "not known here, left out");
-    let missing = words(reading.missing, "older", "missing, here the defaults");
-    unknown.into_iter().chain(missing).reduce(|unknown, missing| format!("{unknown}; {missing}"))
+    let some = |count: usize, thing| (count > 0).then(|| plural(count as u64, thing));
+    let newer = [some(reading.unknown, "setting"), some(reading.impossible, "value")];
+    let newer = newer.into_iter().flatten().reduce(|settings, values| format!("{settings} and {values}"));
+    let newer = newer.map(|what| format!("the firmware is newer than this program: {what} not known here, left out"));
+    let older = some(reading.missing, "setting");
+    let older = older.map(|what| format!("the firmware is older than this program: {what} missing, here the defaults"));
+    newer.into_iter().chain(older).reduce(|newer, older| format!("{newer}; {older}"))
 }
 
 /// An event for a person.

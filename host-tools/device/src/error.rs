@@ -1,6 +1,5 @@
 //! Why a device cannot be used, and what to do about it.
 
-use inerter_core::SettingsError;
 use inerter_wire::{Refusal, VersionAdvice, WIRE_VERSION};
 use miette::Diagnostic;
 
@@ -103,11 +102,6 @@ pub enum DeviceError {
     #[error("{name} refused {what}: {refusal}")]
     #[diagnostic(code(inerter::device::refused), help("{}", refusal_help(refusal)))]
     Refused { name: String, what: &'static str, refusal: Refusal },
-
-    /// The device's settings make no sense.
-    #[error("{name} sent settings that cannot be: {source}")]
-    #[diagnostic(code(inerter::device::settings), help("update its firmware, or this program"))]
-    Settings { name: String, source: SettingsError },
 }
 
 impl DeviceError {

@@ -119,7 +119,7 @@ impl Device {
             clock: inerter_wire::ClockSource::Internal,
             capabilities: Capabilities::NONE,
         };
-        let reading = Reading { settings: Settings::default(), unknown: 0, missing: 0 };
+        let reading = Reading { settings: Settings::default(), unknown: 0, impossible: 0, missing: 0 };
         let mut device = Self { link, name, hello, reading, talk };
         device.handshake()?;
         Ok(device)
@@ -296,8 +296,7 @@ impl Device {
         // The last one: an earlier one may tell of a change before.
         let values = self.talk.queue.range(before..).rev().find_map(|received| message(received, as_settings));
         let values = values.ok_or_else(|| self.silent(REPLY_TIME))?;
-        let reading = values.read(&Settings::default());
-        self.reading = reading.map_err(|source| DeviceError::Settings { name: self.name.clone(), source })?;
+        self.reading = values.read(&Settings::default());
         Ok(())
     }
 

@@ -117,8 +117,7 @@ fn device(error: &DeviceError) -> u8 {
         | DeviceError::NoReply { .. }
         | DeviceError::Flood { .. }
         | DeviceError::Vanished { .. }
-        | DeviceError::Refused { .. }
-        | DeviceError::Settings { .. } => DEVICE_LOST,
+        | DeviceError::Refused { .. } => DEVICE_LOST,
         DeviceError::WireVersion { .. } => WIRE_VERSION,
         DeviceError::Interrupted => INTERRUPTED,
     }

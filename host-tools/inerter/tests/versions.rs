@@ -33,6 +33,9 @@ fn newer(record: &Record) -> Vec<Vec<u8>> {
         // An event of a kind to come, between an estimate and its detail too.
         Record::Estimate(_) | Record::Health(_) => vec![as_it_is, vec![4, 0, 100]],
         Record::Settings(values) => {
+            let mut values = values.clone();
+            values.0.iter_mut().filter(|entry| entry.number == FRONT_END).for_each(|entry| entry.value = 9.0);
+            let values = &values;
             let more = [SettingValue { number: 40, value: 7.0 }, SettingValue { number: 250, value: -1.0 }];
             vec![firmware::payload(&settings(values, usize::MAX, &more))]
         }
@@ -43,6 +46,9 @@ fn newer(record: &Record) -> Vec<Vec<u8>> {
         _ => vec![as_it_is],
     }
 }
+
+/// Number of the setting `front_end`, of which later firmware may know more.
+const FRONT_END: u8 = 22;
 
 /// Number of the first setting that the older firmware does not have.
 const OLDER_SETTINGS: usize = Settings::COUNT - 5;
@@ -77,7 +83,11 @@ fn a_recording_of_any_firmware_is_replayed_exported_and_reported() {
     record(folder, "same.mcap", None);
     let same = done(folder, &["replay", "same.mcap", "--json"]);
     for (file, change, note) in [
-        ("newer.mcap", newer as firmware::Change, "the firmware is newer than this program: 2 settings not known here"),
+        (
+            "newer.mcap",
+            newer as firmware::Change,
+            "the firmware is newer than this program: 2 settings and 1 value not known here, left out",
+        ),
         ("older.mcap", older, "the firmware is older than this program: "),
     ] {
         let notes = record(folder, file, Some(change));

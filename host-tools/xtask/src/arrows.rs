@@ -23,7 +23,7 @@ struct Law {
     /// Members that only its tests may use besides.
     tests_may_use: &'static [&'static str],
     /// Packages that must not be among its dependencies and theirs, with its default features; `dfu-*` is all that begin so.
-    never: &'static [&'static str],
+    never: &'static [&'static [&'static str]],
     /// Whether each of its root files must say `#![forbid(unsafe_code)]`.
     forbid_unsafe: bool,
 }
@@ -42,7 +42,7 @@ impl Law {
         Self { tests_may_use, ..self }
     }
 
-    const fn never(self, never: &'static [&'static str]) -> Self {
+    const fn never(self, never: &'static [&'static [&'static str]]) -> Self {
         Self { never, ..self }
     }
 
@@ -50,6 +50,15 @@ impl Law {
         Self { forbid_unsafe: false, ..self }
     }
 }
+
+/// What reads a command line.
+const COMMAND_LINE: &[&str] = &["clap"];
+/// What talks to USB or a serial port.
+const USB: &[&str] = &["nusb", "serialport", "dfu-*", "probe-rs"];
+/// What shows something on a terminal or in a browser.
+const SCREEN: &[&str] = &["ratatui", "crossterm", "axum", "indicatif"];
+/// What writes Parquet and MATLAB files.
+const TABLES: &[&str] = &["parquet", "hdf5-pure"];
 
 /// The law. Nothing may use a program: the images, the host's, `xtask`, `inerter-tests`, `inerter-bench` and `inerter-twin` stand
 /// on no right-hand side; the twin above all, as its emulator is GPL.
@@ -64,25 +73,19 @@ const LAWS: &[Law] = &[
     Law::of("inerter-data")
         .may_use(&["inerter-core", "inerter-wire"])
         .tests_may_use(&["inerter-plant", "inerter-simulate"])
-        .never(&["clap", "nusb", "serialport", "dfu-*", "ratatui", "crossterm", "axum", "plotters"]),
+        .never(&[COMMAND_LINE, USB, SCREEN, &["plotters"]]),
     Law::of("inerter-analysis")
         .may_use(&["inerter-core", "inerter-data", "inerter-plant"])
         .tests_may_use(&["inerter-simulate"])
-        .never(&["clap", "nusb", "serialport", "ratatui", "crossterm", "parquet", "hdf5-pure"]),
-    Law::of("inerter-device").may_use(&["inerter-core", "inerter-wire"]).never(&[
-        "parquet",
-        "hdf5-pure",
-        "ratatui",
-        "crossterm",
-        "clap",
-    ]),
+        .never(&[COMMAND_LINE, USB, SCREEN, TABLES]),
+    Law::of("inerter-device").may_use(&["inerter-core", "inerter-wire"]).never(&[COMMAND_LINE, SCREEN, TABLES]),
     Law::of("inerter-simulate")
         .may_use(&["inerter-core", "inerter-wire", "inerter-app", "inerter-plant", "inerter-data"])
-        .never(&["clap", "ratatui", "crossterm"]),
+        .never(&[COMMAND_LINE, SCREEN]),
     Law::of("inerter-view")
         .may_use(&["inerter-core", "inerter-wire", "inerter-data", "inerter-analysis"])
         .tests_may_use(&["inerter-plant", "inerter-simulate"])
-        .never(&["clap", "nusb", "serialport"]),
+        .never(&[COMMAND_LINE, USB]),
     Law::of("inerter")
         .may_use(&[
             "inerter-core",
@@ -112,7 +115,7 @@ const LAWS: &[Law] = &[
             "inerter-simulate",
             "inerter-view",
         ])
-        .never(&["ratatui", "axum", "clap"]),
+        .never(&[COMMAND_LINE, SCREEN]),
     Law::of("inerter-bench").may_use(&["inerter-core", "inerter-plant"]),
     Law::of("inerter-guest"),
     Law::of("inerter-twin")
@@ -219,7 +222,7 @@ fn never_faults(member: &Member) -> Result<Vec<String>> {
     command.current_dir(&member.folder).args(["tree", "--locked", "--package", law.member]);
     command.args(["--edges", "normal", "--target", "all", "--prefix", "none", "--format", "{p}"]);
     let printed = process::output(&mut command)?;
-    let found = forbidden(law.never, &printed);
+    let found = forbidden(&law.never.concat(), &printed);
     Ok(found
         .into_iter()
         .map(|name| format!("{0} brings {name} along; `cargo tree -p {0} -e normal -i {name}` shows how", law.member))

@@ -238,7 +238,14 @@ fn summary(steps: &[Step], outcomes: &[Outcome]) -> String {
 }
 
 fn lint_host() -> Result<()> {
-    Part::each(|part| process::run(part.all("clippy").args(["--all-targets", "--", "--deny", "warnings"])))
+    Part::each(|part| process::run(part.all("clippy").args(["--all-targets", "--", "--deny", "warnings"])))?;
+    // As others use them: core with its features, the data library without.
+    for alone in [&["inerter-core", "--features", "defmt,serde"][..], &["inerter-data"]] {
+        let mut command = process::cargo();
+        command.args(["clippy", "--locked", "--package"]).args(alone);
+        process::run(command.args(["--", "--deny", "warnings"]))?;
+    }
+    Ok(())
 }
 
 fn lint_firmware() -> Result<()> {

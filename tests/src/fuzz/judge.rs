@@ -93,7 +93,7 @@ impl Model {
 
     /// A tare may choose the zero, and nothing else.
     fn tare(&mut self, told: Option<&SettingsValues>) -> bool {
-        let read = told.and_then(|told| told.read(&defaults()).ok());
+        let read = told.map(|told| told.read(&defaults())).filter(|reading| reading.impossible == 0);
         let Some(zero) = read.map(|reading| reading.settings.force_zero_code) else { return false };
         self.settings.force_zero_code = zero;
         zero > self.settings.force_min_code && zero < self.settings.force_max_code

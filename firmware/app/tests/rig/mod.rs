@@ -552,7 +552,7 @@ impl TestDevice {
     /// The settings in use.
     pub fn settings(&mut self) -> Settings {
         match self.tell(Command::ReadSettings).as_slice() {
-            [Record::Settings(values)] => values.read(&Settings::default()).unwrap().settings,
+            [Record::Settings(values)] => values.read(&Settings::default()).settings,
             other => panic!("{other:?}"),
         }
     }

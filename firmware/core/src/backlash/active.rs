@@ -2,6 +2,7 @@
 
 use crate::backlash::flanks::FlankActive;
 use crate::backlash::terminal::TerminalActive;
+use crate::constants::UNSTATED_STIFFNESS_U95;
 use crate::math::{power, term};
 use crate::qformat::Term;
 use crate::settings::Settings;
@@ -27,8 +28,6 @@ const UNIT_COUNTS: f32 = 1.0 / 256.0;
 const LEAST_UNIT_M: f32 = 1e-9;
 /// Mean of the magnitude of white noise's second difference, over its rms: `sqrt(6) sqrt(2 / pi)`.
 const MEAN_BEND: f32 = 1.954;
-/// Uncertainty of a stiffness that is given without one.
-const STIFFNESS_U95: f32 = 0.01;
 /// Bits of the stretch in the memory.
 const STRETCH_BITS: i32 = 13;
 
@@ -137,7 +136,8 @@ impl Settings {
             scales: BacklashScales {
                 block: block as f32,
                 stretch: power(i32::from(stretch_shift)),
-                compliance: square(if stiffness_u95 > 0.0 { stiffness_u95 } else { STIFFNESS_U95 }) + gain,
+                compliance: square(if stiffness_u95 > 0.0 { stiffness_u95 } else { UNSTATED_STIFFNESS_U95 as f32 })
+                    + gain,
                 lead: square(single(self.lead_u95)),
                 gain,
                 noise: power(-(FlankActive::FORCE_BITS as i32)) / MEAN_BEND,

@@ -329,7 +329,7 @@ fn any_payload_is_survived() {
                         assert!(samples.iter().count() <= Samples::MAX_SAMPLES + 1);
                     }
                     if let Record::Settings(values) = &message {
-                        values.read(&inerter_core::Settings::default()).ok();
+                        values.read(&inerter_core::Settings::default());
                     }
                 }
                 Frame::Unknown { .. } | Frame::ForeignVersion { .. } => unknown += 1,

@@ -160,10 +160,10 @@ impl Decoder {
             }
             Record::Health(health) => self.put(decoded, Channel::Health, &health_json(&health)),
             Record::Settings(values) => {
-                if let Ok(reading) = values.read(&self.settings)
-                    && reading.settings != self.settings
-                {
-                    self.settings = reading.settings;
+                // The channels keep the names that they began with.
+                let settings = Settings { machine: self.settings.machine, ..values.read(&self.settings).settings };
+                if settings != self.settings {
+                    self.settings = settings;
                     self.converter = Converter::new(&self.settings);
                     self.motion = Motion::default();
                 }

@@ -309,9 +309,9 @@ fn append(queue: &mut VecDeque<RawSample>, batch: &Samples) -> bool {
 
 /// Settings from the metadata, or else from the first Settings record.
 fn settings(file: &str, contents: &Contents, records: &[SettingsValues], notes: &mut Vec<String>) -> Option<Settings> {
-    let reading = records.first().and_then(|values| values.read(&Settings::default()).ok());
+    let reading = records.first().map(|values| values.read(&Settings::default()));
     // What an older firmware does not send has its default in every recording of it: no news.
-    let newer = reading.as_ref().filter(|reading| reading.unknown > 0);
+    let newer = reading.as_ref().filter(|reading| reading.unknown + reading.impossible > 0);
     notes.extend(newer.and_then(settings_note).map(|note| format!("{file}: {note}")));
     let recorded = reading.map(|reading| reading.settings);
     let Some(map) = contents.metadata.get(SETTINGS_METADATA) else { return recorded };
@@ -322,8 +322,7 @@ fn settings(file: &str, contents: &Contents, records: &[SettingsValues], notes: 
             notes.push(format!("{file}: the recorded setting {name} = {text} is not known here and was left out"));
         }
     }
-    let changed =
-        records.iter().filter_map(|values| values.read(&settings).ok()).any(|reading| reading.settings != settings);
+    let changed = records.iter().any(|values| values.read(&settings).settings != settings);
     if changed {
         notes.push(format!("{file}: the settings were changed while it was recorded; those of its beginning are used"));
     }

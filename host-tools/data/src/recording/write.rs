@@ -48,16 +48,6 @@ pub struct Recorder {
     frame: Vec<u8>,
 }
 
-/// Adds the channels of what is decoded, in the names of this machine.
-fn add_decoded(writer: &mut mcap::Writer<Sink>, machine: Machine) -> Result<Vec<(Channel, u16, u32)>, McapError> {
-    let mut add = |channel: Channel| {
-        let text = schema(machine, channel);
-        let schema = writer.add_schema(&format!("inerter.{}", channel.topic()), "jsonschema", text.as_bytes())?;
-        Ok((channel, writer.add_channel(schema, channel.topic(), "json", &BTreeMap::new())?, 0))
-    };
-    Channel::ALL.into_iter().map(&mut add).collect()
-}
-
 impl Recorder {
     /// Begins a recording.
     pub fn create(path: &Path) -> Result<Self, OutputError> {
@@ -72,14 +62,13 @@ impl Recorder {
         let failed = |error| OutputError::write(path.display().to_string(), into_io(error));
         let mut writer = options.create(Sink { file, written: 0 }).map_err(failed)?;
         let channel = writer.add_channel(0, RAW_TOPIC, RAW_ENCODING, &channel_metadata(1)).map_err(failed)?;
-        let decoded = add_decoded(&mut writer, Machine::Linear).map_err(failed)?;
         Ok(Self {
             path: path.into(),
             writer,
             channel,
             part: 1,
             sequence: 0,
-            decoded,
+            decoded: Vec::new(),
             decoder: None,
             start_ns: None,
             last_ns: 0,
@@ -100,10 +89,7 @@ impl Recorder {
 
     /// From now on the frames are also written decoded, by these settings and by those that the stream brings.
     pub fn decode_by(&mut self, settings: &Settings) -> Result<(), OutputError> {
-        if settings.machine == Machine::Rotary {
-            let decoded = add_decoded(&mut self.writer, settings.machine);
-            self.decoded = decoded.map_err(|error| self.failed(error))?;
-        }
+        self.add_decoded(settings.machine)?;
         self.decoder = Some(Decoder::new(settings));
         Ok(())
     }
@@ -154,7 +140,25 @@ impl Recorder {
         Ok(())
     }
 
+    /// Adds the channels of what is decoded, once, in the names of this machine.
+    fn add_decoded(&mut self, machine: Machine) -> Result<(), OutputError> {
+        if !self.decoded.is_empty() {
+            return Ok(());
+        }
+        let mut add = |channel: Channel| {
+            let (text, none) = (schema(machine, channel), BTreeMap::new());
+            let schema =
+                self.writer.add_schema(&format!("inerter.{}", channel.topic()), "jsonschema", text.as_bytes())?;
+            Ok((channel, self.writer.add_channel(schema, channel.topic(), "json", &none)?, 0))
+        };
+        let added: Result<Vec<_>, McapError> = Channel::ALL.into_iter().map(&mut add).collect();
+        self.decoded = added.map_err(|error| self.failed(error))?;
+        Ok(())
+    }
+
     fn say(&mut self, channel: Channel, time_ns: u64, json: &[u8]) -> Result<(), OutputError> {
+        // A marker may come before anything is known of the device.
+        self.add_decoded(Machine::Linear)?;
         let Some((_, id, sequence)) = self.decoded.iter_mut().find(|(known, ..)| *known == channel) else {
             return Ok(());
         };

@@ -245,11 +245,9 @@ impl Feed {
                 show(Item::Event { at, t_s: self.time_of(event.index), event: event.clone() });
             }
             Record::Settings(values) => {
-                // Only a device at fault sends values that cannot be; those in use until now are nearer the truth.
-                if let Ok(reading) = values.read(&self.settings)
-                    && reading.settings != self.settings
-                {
-                    self.use_settings(&reading.settings);
+                let settings = values.read(&self.settings).settings;
+                if settings != self.settings {
+                    self.use_settings(&settings);
                     show(Item::Settings(self.settings));
                 }
             }
