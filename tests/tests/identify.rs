@@ -107,7 +107,7 @@ fn several_files_are_one_device_each_with_its_own_offset() {
     let runs = [run("mid", rig(8, 3.0)), run("random", rig(9, -7.0))];
     let both = identify(&runs, &quick(), &mut |_| ()).unwrap();
     assert_found(&both, &[("inertance_kg", 240.0, 0.24), ("coulomb_n", 38.0, 0.5), ("backlash_m", 4e-5, 1e-6)]);
-    let [first, second] = both.offsets_n.as_slice() else { panic!("{:?}", both.offsets_n) };
+    let [Some(first), Some(second)] = both.offsets_n.as_slice() else { panic!("{:?}", both.offsets_n) };
     assert!((first - 3.0).abs() < 0.3 && (second + 7.0).abs() < 0.3, "{:?}", both.offsets_n);
     for run in runs {
         let one = identify(&[run], &quick(), &mut |_| ()).unwrap();

@@ -74,10 +74,6 @@ pub enum SettingsInputError {
         /// The reason.
         source: std::io::Error,
     },
-    /// Nobody is there who could say yes.
-    #[error("erasing settings needs a yes, and this is no terminal to ask at")]
-    #[diagnostic(code(inerter::settings::unconfirmed), help("add --yes; nothing was changed"))]
-    Unconfirmed,
     /// The file is not TOML.
     #[error("the settings file {path}, line {line}: {message}", path = path.display())]
     #[diagnostic(code(inerter::settings::toml), help("each line is `name = number`, for example `memory_s = 30`"))]

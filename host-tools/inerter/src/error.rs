@@ -53,6 +53,10 @@ pub enum Error {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Calibrate(#[from] CalibrateError),
+    /// A question is not answered.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Dialogue(#[from] DialogueError),
     /// A backup is of another device.
     #[error(transparent)]
     #[diagnostic(transparent)]
@@ -81,6 +85,43 @@ pub enum Error {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Flash(#[from] FlashError),
+}
+
+/// A question that is not answered.
+#[derive(Debug, PartialEq, thiserror::Error, Diagnostic)]
+pub enum DialogueError {
+    /// An answer that is not one of those possible.
+    #[error("`{text}` is not a number {known}")]
+    #[diagnostic(code(inerter::calibrate::answer), help("write for example 4.998 or 4,998"))]
+    Answer {
+        /// The answer.
+        text: String,
+        /// What would be one.
+        known: String,
+    },
+
+    /// Nobody answers.
+    #[error("nobody answers: standard input has ended before the calibration")]
+    #[diagnostic(
+        code(inerter::calibrate::nobody),
+        help("run it in a terminal, or give a line for each question; nothing was changed on the device")
+    )]
+    Nobody,
+
+    /// No terminal.
+    #[error("the wizard asks questions, and this is no terminal to ask at")]
+    #[diagnostic(
+        code(inerter::calibrate::no_terminal),
+        help(
+            "`inerter calibrate --help` lists the steps, each a command for scripts; nothing was changed on the device"
+        )
+    )]
+    NoTerminal,
+
+    /// Nobody is there who could say yes.
+    #[error("erasing settings needs a yes, and this is no terminal to ask at")]
+    #[diagnostic(code(inerter::settings::unconfirmed), help("add --yes; nothing was changed"))]
+    Unconfirmed,
 }
 
 /// Failures of `inerter-data` by way of its own enum.

@@ -1,7 +1,7 @@
 //! Exit codes, a public contract described in `docs/CLI.md`, and which one each failure ends with.
 
 use inerter_analysis::{calibrate::CalibrateError, fit::FitError, identify::IdentifyError};
-use inerter_data::{recording::RecordingError, settings::SettingsInputError};
+use inerter_data::recording::RecordingError;
 use inerter_device::{DeviceError, flash::FlashError, update::UpdateError};
 use inerter_simulate::SimulateError;
 use inerter_view::page::PageError;
@@ -37,6 +37,7 @@ pub fn code(error: &Error) -> u8 {
         Error::Data(error) => data(error),
         Error::Image(_) => INPUT,
         Error::Doctor { .. } => NO_DEVICE,
+        Error::Dialogue(_) => USAGE,
         Error::Backup(_) => SETTINGS,
         Error::Contact(_) => NOT_SHOWN,
         Error::Fit(error) => fit(error),
@@ -45,11 +46,7 @@ pub fn code(error: &Error) -> u8 {
         Error::Device(error) => device(error),
         Error::Simulate(error) => simulate(error),
         Error::Calibrate(error) => match error {
-            CalibrateError::TooFewPoints { .. }
-            | CalibrateError::Missing(..)
-            | CalibrateError::Answer { .. }
-            | CalibrateError::Nobody
-            | CalibrateError::NoTerminal => USAGE,
+            CalibrateError::TooFewPoints { .. } | CalibrateError::Missing(..) => USAGE,
             _ => NOT_SHOWN,
         },
         Error::Identify(error) => match error {
@@ -57,7 +54,7 @@ pub fn code(error: &Error) -> u8 {
             IdentifyError::Stages { .. } => USAGE,
             IdentifyError::Terminal | IdentifyError::Diverged => NOT_SHOWN,
             IdentifyError::Fit(error) => fit(error),
-            IdentifyError::Settings(error) => settings(error),
+            IdentifyError::Settings(_) => SETTINGS,
         },
         Error::Monitor(error) => match error {
             MonitorError::NotLoopback { .. } | MonitorError::Address { .. } => USAGE,
@@ -77,7 +74,7 @@ fn data(error: &inerter_data::Error) -> u8 {
     match error {
         inerter_data::Error::Csv(_) => INPUT,
         inerter_data::Error::Recording(error) => recording(error),
-        inerter_data::Error::Settings(error) => settings(error),
+        inerter_data::Error::Settings(_) => SETTINGS,
         inerter_data::Error::Output(_) => OUTPUT,
         inerter_data::Error::Interrupted => INTERRUPTED,
     }
@@ -87,13 +84,6 @@ fn recording(error: &RecordingError) -> u8 {
     match error {
         RecordingError::ForeignVersion { .. } => WIRE_VERSION,
         _ => INPUT,
-    }
-}
-
-fn settings(error: &SettingsInputError) -> u8 {
-    match error {
-        SettingsInputError::Unconfirmed => USAGE,
-        _ => SETTINGS,
     }
 }
 

@@ -105,29 +105,6 @@ pub enum CalibrateError {
     #[diagnostic(code(inerter::calibrate::missing), help("{1}"))]
     Missing(&'static str, &'static str),
 
-    /// An answer that is not one of those possible.
-    #[error("`{text}` is not a number {known}")]
-    #[diagnostic(code(inerter::calibrate::answer), help("write for example 4.998 or 4,998"))]
-    Answer { text: String, known: String },
-
-    /// Nobody answers.
-    #[error("nobody answers: standard input has ended before the calibration")]
-    #[diagnostic(
-        code(inerter::calibrate::nobody),
-        help("run it in a terminal, or give a line for each question; nothing was changed on the device")
-    )]
-    Nobody,
-
-    /// No terminal.
-    #[error("the wizard asks questions, and this is no terminal to ask at")]
-    #[diagnostic(
-        code(inerter::calibrate::no_terminal),
-        help(
-            "`inerter calibrate --help` lists the steps, each a command for scripts; nothing was changed on the device"
-        )
-    )]
-    NoTerminal,
-
     /// The measurement is there, and it is bad.
     #[error("{} found", inerter_data::words::plural(*problems as u64, "problem"))]
     #[diagnostic(

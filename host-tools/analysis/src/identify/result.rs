@@ -216,7 +216,7 @@ pub struct Identified {
     /// it. `None` by the linear route, which begins nowhere.
     pub start: Option<Parameters>,
     /// Offsets of all files \[N\].
-    pub offsets_n: Vec<f64>,
+    pub offsets_n: Vec<Option<f64>>,
     /// How the errors of the parameters hang together.
     pub correlation: Option<Correlation>,
     /// Force that the model leaves unexplained \[N\].

@@ -1,8 +1,6 @@
 //! The person at the rig, as a step of the calibration sees him.
 
-use inerter_analysis::calibrate::CalibrateError;
-
-use crate::error::Error;
+use crate::error::{DialogueError, Error};
 
 /// Questions to a person, and what he should see meanwhile.
 pub trait Dialogue {
@@ -64,11 +62,11 @@ pub const DEGREES: Units = &[("°", 1.0), ("deg", 1.0)];
 pub const PLAIN: Units = &[];
 
 /// A number as people write it: with a decimal comma or point, with one of these units behind it or none.
-pub fn number(text: &str, units: Units) -> Result<f64, CalibrateError> {
+pub fn number(text: &str, units: Units) -> Result<f64, DialogueError> {
     let refused = || {
         let known: Vec<&str> = units.iter().map(|(unit, _)| *unit).collect();
         let known = if known.is_empty() { "without a unit".into() } else { format!("in {}", known.join(" or ")) };
-        CalibrateError::Answer { text: text.trim().into(), known }
+        DialogueError::Answer { text: text.trim().into(), known }
     };
     let trimmed = text.trim();
     let is_part = |letter: char| letter.is_ascii_digit() || "+-.,eE".contains(letter);

@@ -8,11 +8,11 @@ use std::{
 use inerter_core::Settings;
 use inerter_data::{
     output,
-    settings::{Overrides, SettingsInputError, validate},
+    settings::{Overrides, validate},
 };
 
 use super::terminal::{self, say};
-use crate::Error;
+use crate::{Error, error::DialogueError};
 
 mod backup;
 mod common;
@@ -138,7 +138,7 @@ fn set(args: &SetArgs) -> Result<(), Error> {
 fn factory_reset(args: &FactoryResetArgs) -> Result<(), Error> {
     let can_ask = io::stdin().is_terminal() && io::stderr().is_terminal();
     if !args.yes && !can_ask {
-        return Err(SettingsInputError::Unconfirmed.into());
+        return Err(DialogueError::Unconfirmed.into());
     }
     let mut device = args.common.link.device()?;
     let name = format!("{} (serial {}) at {}", device.hello().board, device.hello().serial, device.name());

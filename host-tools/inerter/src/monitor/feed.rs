@@ -134,6 +134,9 @@ impl Timeline {
     }
 }
 
+/// Time after which the detail of an estimate is not waited for any more \[ns\]: the device sends it right behind.
+const DETAIL_NS: u64 = 250_000_000;
+
 /// Turns what comes into items.
 #[derive(Clone, Debug)]
 pub struct Feed {
@@ -209,8 +212,11 @@ impl Feed {
         }
     }
 
-    /// Hands out an estimate whose detail does not come.
-    pub fn quiet(&mut self, mut show: impl FnMut(Item)) {
+    /// Hands out an estimate whose detail does not come. `now_ns` is host time, on the clock of what is received.
+    pub fn quiet(&mut self, now_ns: u64, mut show: impl FnMut(Item)) {
+        if now_ns.saturating_sub(self.estimate_ns) < DETAIL_NS {
+            return;
+        }
         if let Some(event) = self.pairing.flush() {
             self.event(event, &mut show);
         }

@@ -93,7 +93,9 @@ fn an_estimate_waits_for_its_detail_and_no_longer() {
     let shown = items(&mut feed, 0, Record::Estimate(estimate(29, 30)));
     assert!(matches!(&shown[..], [Item::Estimate { t_s: 19e-3, detail: None, .. }]), "{shown:?}");
     let mut late = Vec::new();
-    feed.quiet(|item| late.push(item));
+    feed.quiet(DETAIL_NS - 1, |item| late.push(item));
+    assert!(late.is_empty(), "a busy line may still bring it");
+    feed.quiet(DETAIL_NS, |item| late.push(item));
     assert!(matches!(&late[..], [Item::Estimate { t_s: 29e-3, .. }]), "{late:?}");
     // A detail of another estimate belongs to none.
     items(&mut feed, 0, Record::Estimate(estimate(39, 40)));
@@ -107,7 +109,7 @@ fn a_marker_has_the_time_of_the_latest_sample_on_either_clock() {
     assert!(matches!(feed.marker("early"), Item::Marker { t_s: None, .. }));
     items(&mut feed, 0, batch(1000, 1));
     items(&mut feed, 0, Record::Estimate(estimate(1001, 501)));
-    feed.quiet(|_| {});
+    feed.quiet(DETAIL_NS, |_| {});
     items(&mut feed, 0, batch(1011, 1));
     let Item::Marker { at, t_s, text } = feed.marker("here") else { panic!("no marker") };
     assert_eq!((at.run_s, text.as_str()), (11e-3, "here"));

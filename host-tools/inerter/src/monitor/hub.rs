@@ -118,7 +118,7 @@ impl Hub {
     /// Hands out what was held back.
     fn settle(&mut self) -> Result<(), Error> {
         let mut items = Vec::new();
-        self.feed.quiet(|item| items.push(item));
+        self.feed.quiet(self.live.now_ns(), |item| items.push(item));
         self.show(items)?;
         self.viewers.iter_mut().try_for_each(|viewer| viewer.pause())
     }

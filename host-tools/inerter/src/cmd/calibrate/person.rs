@@ -6,12 +6,11 @@ use std::{
     time::Duration,
 };
 
-use inerter_analysis::calibrate::CalibrateError;
 use inerter_data::{json::json_line, output};
 use serde_json::json;
 
 use super::super::terminal::{self, Progress};
-use crate::{Error, calibrate::Dialogue};
+use crate::{Error, calibrate::Dialogue, error::DialogueError};
 
 /// Time between two looks for Ctrl-C while an answer is waited for.
 const LOOK: Duration = Duration::from_millis(50);
@@ -70,7 +69,7 @@ impl Dialogue for Person {
                 Ok(answer) if answer.trim().is_empty() => return Ok(default.into()),
                 Ok(answer) => return Ok(answer.trim().into()),
                 Err(RecvTimeoutError::Timeout) => {}
-                Err(RecvTimeoutError::Disconnected) => return Err(CalibrateError::Nobody.into()),
+                Err(RecvTimeoutError::Disconnected) => return Err(DialogueError::Nobody.into()),
             }
         }
     }

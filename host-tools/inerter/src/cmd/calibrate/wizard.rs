@@ -1,7 +1,5 @@
 //! `inerter calibrate` without a step: all of them, in a dialogue.
 
-use inerter_analysis::calibrate::CalibrateError;
-
 use super::{
     super::{
         args::LinkArgs,
@@ -9,11 +7,11 @@ use super::{
     },
     person::Person,
 };
-use crate::{Error, calibrate::wizard::Wizard};
+use crate::{Error, calibrate::wizard::Wizard, error::DialogueError};
 
 pub fn run(link: &LinkArgs) -> Result<(), Error> {
     if !Person::is_there() {
-        return Err(CalibrateError::NoTerminal.into());
+        return Err(DialogueError::NoTerminal.into());
     }
     terminal::catch_interrupts();
     let mut device = link.device()?;
