@@ -81,7 +81,9 @@ pub fn inject_all<E: From<DeviceError>>(
         Sending { device: &mut *device, injection, publish, progress, times, begun, pairing, last, later }.all()
     });
     // What failed is more interesting than whether the settings could be put back after it.
-    let restored = device.write_settings(&before);
+    // After a failure nobody knows whether the run's had been taken.
+    let known = if result.is_ok() { Ok(()) } else { device.read_settings() };
+    let restored = known.and_then(|()| device.write_settings(&before));
     let started = device.start_sampler();
     let injected = result?;
     restored.and(started)?;

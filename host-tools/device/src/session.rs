@@ -22,7 +22,7 @@ const HANDSHAKE_TIME: Duration = Duration::from_secs(3);
 /// Time after which a Hello is asked for again.
 const HELLO_TIME: Duration = Duration::from_millis(500);
 /// Time for a reply.
-const REPLY_TIME: Duration = Duration::from_secs(3);
+pub(crate) const REPLY_TIME: Duration = Duration::from_secs(3);
 /// Time for a reply when flash is erased.
 const ERASE_TIME: Duration = Duration::from_secs(6);
 /// Time for all that is put in order at a device once the work was interrupted.
@@ -290,7 +290,7 @@ impl Device {
     }
 
     /// Asks for the settings in use.
-    fn read_settings(&mut self) -> Result<(), DeviceError> {
+    pub(crate) fn read_settings(&mut self) -> Result<(), DeviceError> {
         let before = self.talk.queue.len();
         self.request("to read its settings", Command::ReadSettings)?;
         // The last one: an earlier one may tell of a change before.
@@ -359,6 +359,7 @@ impl Device {
                 _ => self.talk.reader.frame_bytes().to_vec(),
             };
             if self.talk.queue.len() >= MOST_IN_LINE {
+                self.talk.queue.clear();
                 return Err(DeviceError::Flood { name: self.name.clone() });
             }
             self.talk.queue.push_back(Received { time_ns, bytes, frame });

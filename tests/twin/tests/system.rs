@@ -92,7 +92,9 @@ fn settings(link: &mut SerialLink) -> Settings {
         Record::Settings(values) => Some(values),
         _ => None,
     });
-    values.expect("settings").read(&Settings::default()).expect("they make sense").settings
+    let reading = values.expect("settings").read(&Settings::default());
+    assert_eq!((reading.unknown, reading.impossible, reading.missing), (0, 0, 0));
+    reading.settings
 }
 
 fn health(link: &mut SerialLink) -> inerter_wire::Health {

@@ -49,7 +49,9 @@ fn settings(link: &mut UsbLink<Machine>) -> Settings {
     let records = link.records();
     let values =
         records.iter().find_map(|record| if let Record::Settings(values) = record { Some(values) } else { None });
-    values.expect("settings").read(&Settings::default()).expect("they make sense").settings
+    let reading = values.expect("settings").read(&Settings::default());
+    assert_eq!((reading.unknown, reading.impossible, reading.missing), (0, 0, 0));
+    reading.settings
 }
 
 /// The next `Health`, which comes once a second.

@@ -11,6 +11,7 @@ use crate::{
     dfu::DfuDevice,
     error::DeviceError,
     image::{Identity, Image},
+    session::REPLY_TIME,
 };
 
 /// Longest time for a device to come back as another one: Windows takes seconds the first time (s).
@@ -97,10 +98,12 @@ pub fn confirm<M: Machine>(machine: &mut M, written: &Identity, serial: &str) ->
                 return Err(UpdateError::OtherVersion { running, written: written.to_string() });
             }
             Err(error) => {
-                // One that says nothing takes its time for it.
-                if let UpdateError::Device(DeviceError::Silent { seconds, .. }) = error {
-                    left_s -= seconds;
-                }
+                // One that does not answer takes its time for it.
+                left_s -= match &error {
+                    UpdateError::Device(DeviceError::Silent { seconds, .. }) => *seconds,
+                    UpdateError::Device(DeviceError::NoReply { .. }) => REPLY_TIME.as_secs_f64(),
+                    _ => 0.0,
+                };
                 reason = error.to_string();
             }
         }

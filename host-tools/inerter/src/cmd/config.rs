@@ -57,8 +57,9 @@ pub enum ConfigError {
     Value { path: PathBuf, key: String, message: String, help: String },
 }
 
-/// Flags that let a command replace or erase something, or name what it writes.
-const WRITES: [&str; 9] = ["force", "yes", "output", "record", "csv", "parquet", "mat", "mcap", "png"];
+/// Flags that let a command replace or erase something, on a disk or a device, or name what it writes.
+const WRITES: [&str; 11] =
+    ["force", "yes", "save", "write", "output", "record", "csv", "parquet", "mat", "mcap", "png"];
 
 /// A file with flags.
 #[derive(Debug, PartialEq)]
