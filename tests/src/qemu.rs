@@ -131,13 +131,34 @@ pub fn until_the_end(device: &mut Device) -> Result<Vec<Record>, Error> {
                 return Ok(records);
             }
             Frame::Message { message, .. } => records.push(message),
-            other => return Err(format!("a bad frame: {other:?}").into()),
+            other => return Err(format!("{BAD_FRAME}: {other:?}").into()),
         }
     }
 }
 
+/// How the error of a frame that did not arrive whole begins.
+const BAD_FRAME: &str = "a bad frame";
+/// Runs until it counts as a fault.
+const RUNS: usize = 3;
+
+/// A run in which every frame arrived whole. On a busy machine QEMU stands still for a while, and then one frame in some
+/// thousands does not, with any firmware: such a run is said and begun anew.
+pub fn undisturbed<T>(mut run: impl FnMut() -> Result<T, Error>) -> Result<T, Error> {
+    for _ in 1..RUNS {
+        match run() {
+            Err(error) if error.to_string().starts_with(BAD_FRAME) => println!("{error}; once more"),
+            result => return result,
+        }
+    }
+    run()
+}
+
 /// The estimates of a whole run from the file, the final one last.
 pub fn measure(image: &PathBuf, settings: &Settings, samples: &[RawSample]) -> Result<Vec<Estimate>, Error> {
+    undisturbed(|| measured(image, settings, samples))
+}
+
+fn measured(image: &PathBuf, settings: &Settings, samples: &[RawSample]) -> Result<Vec<Estimate>, Error> {
     let mut machine = Machine::boot(image, samples)?;
     let mut device = machine.connect()?;
     device.stream(Streams { estimates: true, ..Streams::NONE })?;

@@ -10,7 +10,7 @@ use inerter_plant::{Excitation, Parameters as Device, Sensors, Simulation};
 use inerter_tests::{
     data::Recording,
     grid,
-    qemu::{Machine, estimates, image, measure, until_the_end},
+    qemu::{Machine, estimates, image, measure, undisturbed, until_the_end},
 };
 use inerter_wire::{Capabilities, Command, MAX_FRAME, Record, SettingValue, SettingsValues, Streams, encode_record};
 
@@ -168,12 +168,16 @@ fn it_says_who_it_is_and_refuses_settings_by_name() {
 fn every_stream_carries_what_it_should() {
     let Some(image) = image() else { return };
     let (settings, samples) = motion("random@8s");
-    let mut machine = Machine::boot(&image, &samples).unwrap();
-    let mut device = machine.connect().unwrap();
-    device.stream(Streams::ALL).unwrap();
-    device.write_settings(&settings).unwrap();
-    device.start_sampler().unwrap();
-    let records = until_the_end(&mut device).unwrap();
+    let run = || {
+        let mut machine = Machine::boot(&image, &samples)?;
+        let mut device = machine.connect()?;
+        device.stream(Streams::ALL)?;
+        device.write_settings(&settings)?;
+        device.start_sampler()?;
+        let records = until_the_end(&mut device)?;
+        Ok((machine, device, records))
+    };
+    let (_machine, mut device, records) = undisturbed(run).unwrap();
     let batches = records.iter().filter_map(|record| match record {
         Record::Samples(batch) => Some(batch),
         _ => None,
