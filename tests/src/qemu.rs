@@ -138,11 +138,11 @@ pub fn until_the_end(device: &mut Device) -> Result<Vec<Record>, Error> {
 
 /// How the error of a frame that did not arrive whole begins.
 const BAD_FRAME: &str = "a bad frame";
-/// Runs until it counts as a fault.
+/// Damaged runs in a row that count as a fault.
 const RUNS: usize = 3;
 
-/// A run in which every frame arrived whole. On a busy machine QEMU stands still for a while, and then one frame in some
-/// thousands does not, with any firmware: such a run is said and begun anew.
+/// A run in which every frame arrived whole. A few runs in a hundred have a damaged frame; the cause is not known, and a busy
+/// machine on which QEMU stands still is suspected. Such a run is reported and begun anew.
 pub fn undisturbed<T>(mut run: impl FnMut() -> Result<T, Error>) -> Result<T, Error> {
     for _ in 1..RUNS {
         match run() {
