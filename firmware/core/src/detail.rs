@@ -39,7 +39,7 @@ pub struct Band {
 
 /// Total backlash with its 95 % interval, where there is one.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(from = "Flat", into = "Flat"))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Backlash {
     /// Value and interval \[m\], or the reason there is none.
@@ -52,6 +52,7 @@ pub struct Backlash {
 
 /// How great the backlash is.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum BacklashSize {
     /// There is no value.
@@ -97,40 +98,6 @@ impl Backlash {
             BacklashSize::BelowU95(_) => BacklashStatus::BelowU95,
             BacklashSize::Ok(_) => BacklashStatus::Ok,
         }
-    }
-}
-
-/// The serialised form: 0 and an infinite half width stand where there is no value.
-#[cfg(feature = "serde")]
-#[derive(serde::Serialize, serde::Deserialize)]
-#[serde(rename = "Backlash")]
-struct Flat {
-    value_m: f32,
-    u95_m: f32,
-    status: BacklashStatus,
-    route: Route,
-    reversals: u32,
-}
-
-#[cfg(feature = "serde")]
-impl From<Flat> for Backlash {
-    fn from(Flat { value_m, u95_m, status, route, reversals }: Flat) -> Self {
-        let interval = Interval { value: value_m, u95: u95_m };
-        let size = match status {
-            BacklashStatus::NotIdentifiable(reason) => BacklashSize::NotIdentifiable(reason),
-            BacklashStatus::BelowU95 => BacklashSize::BelowU95(interval),
-            BacklashStatus::Ok => BacklashSize::Ok(interval),
-        };
-        Self { size, route, reversals }
-    }
-}
-
-#[cfg(feature = "serde")]
-impl From<Backlash> for Flat {
-    fn from(backlash: Backlash) -> Self {
-        let Interval { value, u95 } = backlash.known().unwrap_or(Interval { value: 0.0, u95: f32::INFINITY });
-        let Backlash { route, reversals, .. } = backlash;
-        Self { value_m: value, u95_m: u95, status: backlash.status(), route, reversals }
     }
 }
 

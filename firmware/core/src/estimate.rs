@@ -18,6 +18,7 @@ pub enum Status {
 
 /// A value with its 95 % interval, in the unit of the field that holds it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Interval {
     /// Value.
@@ -28,17 +29,18 @@ pub struct Interval {
 
 /// What is known of a parameter that the motion cannot show: see [`Parameter::fitted`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Unresolved(Interval);
+pub struct Unresolved(Option<Interval>);
 
 impl Unresolved {
     /// Nothing is known.
-    pub const NOTHING: Self = Self(Interval { value: 0.0, u95: f32::INFINITY });
+    pub const NOTHING: Self = Self(None);
 }
 
 /// One parameter with its 95 % interval, where there is one.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(from = "Flat", into = "Flat"))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Parameter {
     /// The motion seen so far cannot show this parameter: there is no value.
@@ -51,25 +53,29 @@ pub enum Parameter {
 
 impl Default for Parameter {
     fn default() -> Self {
-        Self::NotIdentifiable(Unresolved::default())
+        Self::NotIdentifiable(Unresolved::NOTHING)
     }
 }
 
 impl Parameter {
-    /// What the least squares gave, with this status.
+    /// What the least squares gave, with this status. An interval without end says that nothing is known, whatever the status.
     pub const fn new(interval: Interval, status: Status) -> Self {
         match status {
-            Status::NotIdentifiable => Self::NotIdentifiable(Unresolved(interval)),
+            _ if !(interval.value.is_finite() && interval.u95.is_finite()) => {
+                Self::NotIdentifiable(Unresolved::NOTHING)
+            }
+            Status::NotIdentifiable => Self::NotIdentifiable(Unresolved(Some(interval))),
             Status::Held => Self::Held(interval),
             Status::Ok => Self::Ok(interval),
         }
     }
 
-    /// What the least squares gave, whatever the status. Together with the other parameters of the same fit it is the law
-    /// that fits best; of one that is not identifiable it is no value by itself.
+    /// What the least squares gave, whatever the status; 0 within infinity where they gave nothing. Together with the other
+    /// parameters of the same fit it is the law that fits best; of one that is not identifiable it is no value by itself.
     pub const fn fitted(&self) -> Interval {
         match *self {
-            Self::NotIdentifiable(Unresolved(interval)) | Self::Held(interval) | Self::Ok(interval) => interval,
+            Self::NotIdentifiable(Unresolved(None)) => Interval { value: 0.0, u95: f32::INFINITY },
+            Self::NotIdentifiable(Unresolved(Some(interval))) | Self::Held(interval) | Self::Ok(interval) => interval,
         }
     }
 
@@ -97,11 +103,7 @@ impl Parameter {
     /// Half width of the 95 % interval. Of what is not identifiable it is more than its value allows, or infinite, as before
     /// the first fit.
     pub const fn u95(&self) -> f32 {
-        match *self {
-            // The serialised form of what nothing has been fitted to: no interval is that narrow.
-            Self::NotIdentifiable(Unresolved(Interval { u95: 0.0, .. })) => f32::INFINITY,
-            _ => self.fitted().u95,
-        }
+        self.fitted().u95
     }
 
     /// Which of the three it is.
@@ -111,31 +113,6 @@ impl Parameter {
             Self::Held(_) => Status::Held,
             Self::Ok(_) => Status::Ok,
         }
-    }
-}
-
-/// The serialised form: value, half width and status side by side, whatever the status.
-#[cfg(feature = "serde")]
-#[derive(serde::Serialize, serde::Deserialize)]
-#[serde(rename = "Parameter")]
-struct Flat {
-    value: f32,
-    u95: f32,
-    status: Status,
-}
-
-#[cfg(feature = "serde")]
-impl From<Flat> for Parameter {
-    fn from(Flat { value, u95, status }: Flat) -> Self {
-        Self::new(Interval { value, u95 }, status)
-    }
-}
-
-#[cfg(feature = "serde")]
-impl From<Parameter> for Flat {
-    fn from(parameter: Parameter) -> Self {
-        let Interval { value, u95 } = parameter.fitted();
-        Self { value, u95, status: parameter.status() }
     }
 }
 

@@ -34,6 +34,7 @@ mod sample;
 mod settings;
 mod sign;
 mod solution;
+mod state;
 mod sums;
 
 pub use active::Active;
@@ -42,8 +43,8 @@ pub use detail::{
     Route,
 };
 pub use estimate::{Bank, Estimate, Interval, Parameter, Parameters, Status, Unresolved};
-pub use estimator::{Counters, State};
 pub use output::{Output, Published};
 pub use sample::RawSample;
 pub use settings::{FrontEnd, Kind, Machine, SettingInfo, SettingText, Settings, SettingsError};
+pub use state::{Counters, State};
 pub use sums::{MoreSums, Sums};

@@ -15,7 +15,7 @@
 //! known whether they part, it may be either.
 
 use crate::detail::{Contact, Regime};
-use crate::estimate::{Interval, Parameter, Parameters, Status, Unresolved};
+use crate::estimate::{Interval, Parameter, Parameters, Status};
 use crate::fit::Fit;
 use crate::ldl::UNKNOWNS;
 use crate::math::{magnitude, sqrt};
@@ -137,11 +137,9 @@ impl Assessment {
             let Some(Interval { value, u95 }) = parameter.known().filter(|_| error != 0.0) else { continue };
             let u95 = length(u95, error);
             let known_without = magnitude(value) - if self.impacts { error } else { 0.0 };
-            *parameter = match parameter.status() {
-                _ if !u95.is_finite() => Parameter::NotIdentifiable(Unresolved::NOTHING),
-                _ if u95 > widest * known_without => Parameter::new(Interval { value, u95 }, Status::NotIdentifiable),
-                status => Parameter::new(Interval { value, u95 }, status),
-            };
+            let too_wide = u95 > widest * known_without;
+            let status = if too_wide { Status::NotIdentifiable } else { parameter.status() };
+            *parameter = Parameter::new(Interval { value, u95 }, status);
         }
     }
 }
@@ -259,7 +257,7 @@ mod tests {
         assert_eq!(wide.inertance_kg, known(300.0, 0.5));
         assert!((wide.viscous_n_s_per_m.u95() - 20.396).abs() < 1e-3);
         assert_eq!(wide.viscous_n_s_per_m.status(), Status::NotIdentifiable);
-        assert_eq!(wide.coulomb_n, Parameter::NotIdentifiable(Unresolved::NOTHING));
+        assert_eq!(wide.coulomb_n, Parameter::default());
         assert_eq!(wide.offset_n, before.offset_n);
         // 12 of 31.4 is known, but not when 12 of that may be impacts.
         for (impacts, status) in [(false, Status::Ok), (true, Status::NotIdentifiable)] {

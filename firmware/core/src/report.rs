@@ -8,8 +8,7 @@ use crate::backlash::report::Found as Backlash;
 use crate::bank::BankState;
 use crate::constants;
 use crate::detail::{Band, Contact, Detail, Friction};
-use crate::estimate::{Bank, Estimate, Interval, Parameter, Parameters, Status, Unresolved};
-use crate::estimator::State;
+use crate::estimate::{Bank, Estimate, Interval, Parameter, Parameters, Status};
 use crate::feedback::Feedback;
 use crate::fit::{Fit, Knowledge, fit};
 use crate::line::VELOCITY_BITS;
@@ -17,6 +16,7 @@ use crate::math::{magnitude, sqrt, term};
 use crate::noise::Noise;
 use crate::output::Published;
 use crate::regime::Assessment;
+use crate::state::State;
 
 // Single precision, as everything here.
 const COVERAGE: f32 = constants::COVERAGE as f32;
@@ -230,11 +230,8 @@ impl Found {
     }
 }
 
-/// Refuses what has no finite interval, and with `relative` what is known to less than the widest.
+/// With `relative`, refuses what is known to less than the widest interval.
 fn parameter(value: f32, u95: f32, relative: bool) -> Parameter {
-    if !(u95.is_finite() && value.is_finite()) {
-        return Parameter::NotIdentifiable(Unresolved::NOTHING);
-    }
     let too_wide = relative && u95 > WIDEST_INTERVAL * magnitude(value);
     Parameter::new(Interval { value, u95 }, if too_wide { Status::NotIdentifiable } else { Status::Ok })
 }

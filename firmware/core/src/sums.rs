@@ -2,9 +2,9 @@
 
 use crate::active::Active;
 use crate::estimate::Bank;
-use crate::estimator::State;
 use crate::kernel::{MORE_REGRESSORS, REGRESSORS};
 use crate::rls::{MORE_PRODUCTS, PRODUCTS};
+use crate::state::State;
 
 /// Exact sums of the products of `[a, v, s, 1, F]` of one bank since the reset.
 ///

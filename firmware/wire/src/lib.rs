@@ -21,6 +21,7 @@ pub mod catalogue;
 mod command;
 mod crc;
 mod event;
+mod forms;
 mod frame;
 mod messages;
 pub mod protocol;

@@ -20,11 +20,11 @@ pub struct Entry {
 /// Numbers are written out so that a line inserted in the middle fails to compile: they are the postcard
 /// discriminants, and new lines go at the end.
 macro_rules! messages {
-    ($(#[$meta:meta])* enum $name:ident { $($number:literal $variant:ident $(($payload:ty))? $doc:literal;)+ }) => {
+    ($(#[$meta:meta])* enum $name:ident { $($number:literal $variant:ident $(($(#[$form:meta])* $payload:ty))? $doc:literal;)+ }) => {
         $(#[$meta])*
         #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
         pub enum $name {
-            $(#[doc = $doc] $variant $(($payload))?,)+
+            $(#[doc = $doc] $variant $(($(#[$form])* $payload))?,)+
         }
 
         impl $name {

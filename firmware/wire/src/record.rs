@@ -1,5 +1,6 @@
 //! What a device tells a host.
 
+use crate::forms;
 use crate::messages::messages;
 use crate::{Refusal, Samples, SettingsValues};
 use core::fmt;
@@ -12,14 +13,14 @@ messages! {
     enum Record {
         0 Hello(Hello) "Who the device is and which wire version it speaks; on Command::Hello and after a start.";
         1 Samples(Samples) "Raw samples, up to 32, with their sample counter.";
-        2 Estimate(Estimate) "Inertance and friction with their intervals, at the publish rate.";
+        2 Estimate(#[serde(with = "forms::Estimate")] Estimate) "Inertance and friction with their intervals, at the publish rate.";
         3 Health(Health) "Losses, load and head room, once a second.";
         4 Event(Event) "Something happened once.";
         5 Reply(Reply) "Answer to one request.";
         6 Settings(SettingsValues) "Every setting in use, on Command::ReadSettings and after a change.";
         7 Sums(Sums) "Whole-run sums of one bank: sufficient statistics, exact; either bank once a second of samples.";
         8 Reversal(Reversal) "Backlash by one reversal of the flanks alone, when it has been accepted.";
-        9 Detail(Detail) "Band, backlash, contact, regime of friction and changes; after each Estimate.";
+        9 Detail(#[serde(with = "forms::Detail")] Detail) "Band, backlash, contact, regime of friction and changes; after each Estimate.";
         10 MoreSums(MoreSums) "Whole-run sums of abs(v) and dF/dt of one bank; after its Sums.";
     }
 }

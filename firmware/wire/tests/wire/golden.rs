@@ -7,7 +7,7 @@ use crate::reference;
 use crate::values::{
     longest_detail, longest_more_sums, longest_samples, longest_sums, most_settings, records, requests,
 };
-use inerter_core::{BacklashStatus, Bank, Changed, Contact, Reason, Regime, Route};
+use inerter_core::{BacklashStatus, Bank, Changed, Contact, Estimate, Reason, Regime, Route};
 use inerter_wire::*;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Debug;
@@ -78,6 +78,30 @@ fn commands_both_ways() {
     check("golden/commands.txt", include_str!("golden/commands.txt"), &requests(), Command::TABLE, |request| {
         request.command.number()
     });
+}
+
+/// An older firmware sent zeros before its first fit, where a later one sends an infinite half width.
+#[test]
+fn zeros_before_the_first_fit_are_nothing() {
+    let zeros = format!("02 02{} 07 02 01 fc f9 fa 85 00", " 01".repeat(80));
+    let message = Record::Estimate(Estimate::default());
+    assert_eq!(read_all(&unhex(&zeros)), [Frame::Message { sequence: SEQUENCE, message }]);
+}
+
+/// What core serialises without the wire is its own enums: nothing in it is infinite, which JSON cannot say.
+#[test]
+fn estimates_survive_json() {
+    for (name, record) in records() {
+        match record {
+            Record::Estimate(estimate) => assert_eq!(through_json(&estimate), estimate, "{name}"),
+            Record::Detail(detail) => assert_eq!(through_json(&detail), detail, "{name}"),
+            _ => {}
+        }
+    }
+}
+
+fn through_json<T: serde::Serialize + serde::de::DeserializeOwned>(value: &T) -> T {
+    serde_json::from_str(&serde_json::to_string(value).unwrap()).unwrap()
 }
 
 /// The numbers as literals, in matches that a new variant breaks.

@@ -130,7 +130,7 @@ fn an_announced_frame_needs_no_more_bytes() {
 fn frame_bytes_are_the_frame_as_received() {
     let mut numbers = Numbers(3);
     let mut reader = FrameReader::<Record>::new();
-    assert_eq!(reader.frame_bytes(), []);
+    assert!(reader.frame_bytes().is_empty());
     for sequence in 0..500 {
         let bytes = sent(&some_record(&mut numbers), sequence);
         let mut input = &bytes[..];

@@ -2,7 +2,7 @@
 
 use crate::reference;
 use crate::values::{detail, estimate, few_samples, reversal};
-use inerter_core::{BacklashStatus, Bank, Changed, Contact, Reason, Regime, Route, Status};
+use inerter_core::{BacklashSize, BacklashStatus, Bank, Changed, Contact, Parameter, Reason, Regime, Route, Status};
 use inerter_wire::protocol::{COMMANDS, Entry, RECORDS};
 use inerter_wire::*;
 use serde::de::DeserializeOwned;
@@ -44,10 +44,10 @@ fn registry() -> Registry {
 /// Names of a struct's fields, in their order.
 pub fn fields_of<T: DeserializeOwned>(name: &str) -> Vec<String> {
     let mut tracer = Tracer::new(TracerConfig::default());
-    tracer.trace_type::<Status>(&Traces::new()).unwrap();
+    tracer.trace_type::<Parameter>(&Traces::new()).unwrap();
     tracer.trace_type::<Bank>(&Traces::new()).unwrap();
     tracer.trace_type::<Reason>(&Traces::new()).unwrap();
-    tracer.trace_type::<BacklashStatus>(&Traces::new()).unwrap();
+    tracer.trace_type::<BacklashSize>(&Traces::new()).unwrap();
     tracer.trace_type::<Route>(&Traces::new()).unwrap();
     tracer.trace_type::<Contact>(&Traces::new()).unwrap();
     tracer.trace_type::<Regime>(&Traces::new()).unwrap();
