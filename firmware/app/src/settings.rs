@@ -78,6 +78,8 @@ pub(crate) fn needs_reset(before: &Settings, after: &Settings) -> bool {
         timebase_u95: after.timebase_u95,
         memory_s: after.memory_s,
         publish_rate_hz: after.publish_rate_hz,
+        // Names and units of views.
+        machine: after.machine,
         ..*before
     };
     unaffected.values() != after.values()

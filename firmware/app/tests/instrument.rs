@@ -91,9 +91,13 @@ fn refused_settings_name_the_setting_and_change_nothing() {
 #[test]
 fn only_settings_that_change_what_was_gathered_forget_it() {
     let mut rig = TestDevice::new();
-    for (name, value, reset) in
-        [("skew_u95_s", 2e-6, false), ("memory_s", 5.0, false), ("publish_rate_hz", 2.0, false), ("skew_s", 1e-5, true)]
-    {
+    for (name, value, reset) in [
+        ("skew_u95_s", 2e-6, false),
+        ("memory_s", 5.0, false),
+        ("publish_rate_hz", 2.0, false),
+        ("machine", 1.0, false),
+        ("skew_s", 1e-5, true),
+    ] {
         let events = events(&rig.tell(write(&[(name, value)])));
         assert_eq!(events.contains(&EventKind::EstimatorReset), reset, "{name}");
     }

@@ -135,6 +135,7 @@ const LAWS: &[Law] = &[
 const SIGNAL_PATH: &[&str] = &[
     "sample.rs",
     "estimator.rs",
+    "state.rs",
     "line.rs",
     "kernel.rs",
     "sign.rs",

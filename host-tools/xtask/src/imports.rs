@@ -3,6 +3,8 @@
 //! *Module*: here a file; modules inside of a file count as that file. *Import*: any path to something that another file
 //! defines, be it in `use`, in code, in the arguments of a macro or of an attribute. A path is followed through re-exports to
 //! the file with the definition; where none is found, as a macro made it, the module that the path names counts.
+//! What a type calls of itself, as `self.f()` or `Self::f()`, is an import of the file whose `impl` of that type has `f`; a call
+//! on any other value is none, as its type is not known here.
 //! `mod x;` alone imports nothing, nor does `use a::b;` where `b` is a module: the paths through it do.
 
 use crate::source;
@@ -12,7 +14,7 @@ use std::{
     collections::{BTreeMap, BTreeSet, HashMap, HashSet},
     path::{Path, PathBuf},
 };
-use syn::{Attribute, ImplItem, Item, ItemMod, ItemUse, UseTree, Visibility, ext::IdentExt, visit::Visit};
+use syn::{Attribute, ImplItem, Item, ItemImpl, ItemMod, ItemUse, UseTree, Visibility, ext::IdentExt, visit::Visit};
 
 /// Modules each of which imports the next one, in the end itself.
 #[derive(Debug)]
@@ -110,6 +112,13 @@ enum Target {
     Module(usize),
 }
 
+/// A type of the crate, by the file that defines it.
+#[derive(Clone, PartialEq, Eq, Hash)]
+struct Type {
+    file: usize,
+    name: String,
+}
+
 /// Folders in which a module's files are looked for: those without a `#[path]`, and those with one.
 struct Folders {
     own: PathBuf,
@@ -185,8 +194,9 @@ impl Tree {
     /// From file to file, with the paths and their lines.
     fn imports(&self) -> BTreeMap<(usize, usize), BTreeMap<String, usize>> {
         let mut imports = BTreeMap::<_, BTreeMap<String, usize>>::new();
+        let own = self.own();
         for (place, module) in self.modules.iter().enumerate() {
-            let mut paths = Paths { tree: self, module: place, found: Vec::new() };
+            let mut paths = Paths { tree: self, own: &own, module: place, of: None, found: Vec::new() };
             module.items.iter().for_each(|item| paths.visit_item(item));
             for (file, path, line) in paths.found {
                 if file != module.file {
@@ -195,6 +205,35 @@ impl Tree {
             }
         }
         imports
+    }
+
+    /// Which file's `impl` has each function of a type.
+    fn own(&self) -> HashMap<(Type, String), usize> {
+        let mut own = HashMap::new();
+        for (place, module) in self.modules.iter().enumerate() {
+            for item in &module.items {
+                let Item::Impl(item) = item else { continue };
+                let Some(of) = self.type_of(place, item) else { continue };
+                for member in &item.items {
+                    if let ImplItem::Fn(function) = member {
+                        own.insert((of.clone(), function.sig.ident.unraw().to_string()), module.file);
+                    }
+                }
+            }
+        }
+        own
+    }
+
+    /// The type of an `impl` without a trait.
+    fn type_of(&self, module: usize, item: &ItemImpl) -> Option<Type> {
+        let (None, syn::Type::Path(path)) = (&item.trait_, &*item.self_ty) else { return None };
+        let path = names(&path.path);
+        let name = path.last()?.clone();
+        let defined = self.resolve(module, &path, &mut HashSet::new());
+        defined.into_iter().find_map(|target| match target {
+            Target::Item(file) => Some(Type { file, name: name.clone() }),
+            Target::Module(_) => None,
+        })
     }
 
     /// Where a path that is written in a module leads; nowhere, where it leaves the crate.
@@ -409,7 +448,10 @@ impl<'ast> Visit<'ast> for Uses<'_> {
 /// Finds the paths of a module's items.
 struct Paths<'a> {
     tree: &'a Tree,
+    own: &'a HashMap<(Type, String), usize>,
     module: usize,
+    /// Whose `impl` this is.
+    of: Option<Type>,
     /// File that is imported, path as it is written, line.
     found: Vec<(usize, String, usize)>,
 }
@@ -421,6 +463,15 @@ impl Paths<'_> {
 
     fn add(&mut self, file: usize, path: &[String], span: Span) {
         self.found.push((file, path.join("::"), span.start().line));
+    }
+
+    /// What the type of this `impl` calls of itself.
+    fn call(&mut self, name: &Ident) {
+        let Some(of) = self.of.clone() else { return };
+        let called = name.unraw().to_string();
+        if let Some(&file) = self.own.get(&(of, called.clone())) {
+            self.add(file, &["Self".into(), called], name.span());
+        }
     }
 
     /// A path in code.
@@ -473,6 +524,10 @@ impl Paths<'_> {
     }
 }
 
+fn names(path: &syn::Path) -> Vec<String> {
+    path.segments.iter().map(|segment| segment.ident.unraw().to_string()).collect()
+}
+
 fn is_double_colon(tokens: &[TokenTree]) -> bool {
     matches!(tokens, [TokenTree::Punct(first), TokenTree::Punct(second)] if first.as_char() == ':' && second.as_char() == ':')
 }
@@ -501,6 +556,19 @@ impl<'ast> Visit<'ast> for Paths<'_> {
         }
     }
 
+    fn visit_item_impl(&mut self, item: &'ast ItemImpl) {
+        self.of = self.tree.type_of(self.module, item);
+        syn::visit::visit_item_impl(self, item);
+        self.of = None;
+    }
+
+    fn visit_expr_method_call(&mut self, call: &'ast syn::ExprMethodCall) {
+        if matches!(&*call.receiver, syn::Expr::Path(path) if path.path.is_ident("self")) {
+            self.call(&call.method);
+        }
+        syn::visit::visit_expr_method_call(self, call);
+    }
+
     fn visit_item_use(&mut self, item: &'ast ItemUse) {
         let again = !matches!(item.vis, Visibility::Inherited);
         for leaf in leaves(item) {
@@ -518,8 +586,10 @@ impl<'ast> Visit<'ast> for Paths<'_> {
 
     fn visit_path(&mut self, path: &'ast syn::Path) {
         if let (None, Some(first)) = (&path.leading_colon, path.segments.first()) {
-            let names: Vec<_> = path.segments.iter().map(|segment| segment.ident.unraw().to_string()).collect();
-            self.path(&names, first.ident.span());
+            match path.segments.get(1) {
+                Some(second) if first.ident == "Self" => self.call(&second.ident),
+                _ => self.path(&names(path), first.ident.span()),
+            }
         }
         syn::visit::visit_path(self, path);
     }
@@ -610,6 +680,27 @@ mod tests {
         assert_eq!(of_a("impl crate::b::B { fn more(&self) {} }"), ["a.rs:1 crate::b::B b.rs"]);
         assert_eq!(of_a("struct A; impl From<A> for crate::b::B {}"), ["a.rs:1 crate::b::B b.rs"]);
         assert!(of_a("fn f() { ::b::f(); T::b::f(); }").is_empty());
+    }
+
+    #[test]
+    fn what_a_type_calls_of_itself_is_an_import_of_the_file_that_has_it() {
+        let files = |call: &'static str| {
+            [
+                ("lib.rs", "mod a; mod b; mod c;"),
+                ("a.rs", call),
+                ("b.rs", "use crate::c::C; impl C { pub fn f(&self) {} } impl Clone for C { fn g(&self) {} }"),
+                ("c.rs", "pub struct C; pub struct D;"),
+            ]
+        };
+        let of_a = |call| imports(&files(call)).into_iter().filter(|one| one.starts_with("a.rs")).collect::<Vec<_>>();
+        let c = "a.rs:1 crate::c::C c.rs".to_owned();
+        let found = of_a("use crate::c::C;\nimpl C { fn h(&self) { self.f() } }");
+        assert_eq!(found, ["a.rs:2 Self::f b.rs".into(), c.clone()]);
+        let found = of_a("use crate::c::C as E; impl Copy for E {}\nimpl crate::c::C { fn h(c: &C) { Self::f(c) } }");
+        assert!(found.contains(&"a.rs:2 Self::f b.rs".into()), "{found:?}");
+        // Of another type, of another value, and of a trait.
+        assert!(!of_a("impl crate::c::D { fn h(&self) { self.f() } }").iter().any(|one| one.ends_with("b.rs")));
+        assert_eq!(of_a("use crate::c::C; impl C { fn h(&self, c: C) { c.f(); self.g() } }"), [c]);
     }
 
     #[test]

@@ -24,6 +24,7 @@ pub mod pwr;
 pub mod ram;
 pub mod rcc;
 pub mod rom;
+mod run;
 pub mod spi;
 pub mod syscfg;
 pub mod tamp;
@@ -353,22 +354,6 @@ impl Chip {
         self.ram.bytes_mut().get_mut(start..start.checked_add(len)?)
     }
 
-    /// A read by the core.
-    pub fn read(&mut self, address: u32, width: Width, now: Cycles) -> Result<u32, BadAccess> {
-        self.advance(now);
-        let value = self.bus_read(address, width, now)?;
-        self.serve_dma(now);
-        Ok(value)
-    }
-
-    /// A write by the core.
-    pub fn write(&mut self, address: u32, value: u32, width: Width, now: Cycles) -> Result<(), BadAccess> {
-        self.advance(now);
-        self.bus_write(address, value, width, now)?;
-        self.serve_dma(now);
-        Ok(())
-    }
-
     /// A read by whoever has the bus.
     pub(crate) fn bus_read(&mut self, address: u32, width: Width, now: Cycles) -> Result<u32, BadAccess> {
         let bad =
@@ -504,19 +489,6 @@ impl Chip {
         self.errata
     }
 
-    /// Starts anew for this reason. RAM is kept; losing power is [`Self::lose_power`] before.
-    pub fn reset(&mut self, cause: Reset, now: Cycles) {
-        self.advance(now);
-        for block in &BLOCKS {
-            self.model(block.peripheral).reset(now);
-        }
-        self.rcc.set_cause(cause);
-        self.path_fault = None;
-        let clocks = self.rcc.clocks(now, self.clocks.seconds(now));
-        self.use_clocks(clocks, now);
-        self.due = 0;
-    }
-
     /// Supply and battery are gone: RAM holds anything (in fact a pattern from the seed) when they come back.
     pub fn lose_power(&mut self, seed: u64) {
         self.flash.lose_power();
@@ -535,16 +507,6 @@ impl Chip {
     /// A reset that the chip itself asks for.
     pub fn reset_wanted(&self) -> Option<Reset> {
         if self.iwdg.bites() { Some(Reset::Watchdog) } else { self.flash.launches().then_some(Reset::OptionBytes) }
-    }
-
-    /// The crystal breaks. A core that runs from it and is not watched would stand still; here it notices nothing.
-    pub fn break_crystal(&mut self, now: Cycles) {
-        self.advance(now);
-        self.rcc.break_crystal();
-        let clocks = self.rcc.clocks(now, self.clocks.seconds(now));
-        if clocks.hclk_hz > 0.0 {
-            self.use_clocks(clocks, now);
-        }
     }
 
     /// Whether something holds the line of the non-maskable interrupt.
@@ -601,6 +563,15 @@ impl Chip {
         leads_to(self.board.encoder_a, 1) && leads_to(self.board.encoder_b, 2)
     }
 
+    /// Brings TIM2's count to where the encoder is, if its pins lead there.
+    fn latch_encoder(&mut self, now: Cycles) {
+        if self.encoder_is_wired() {
+            let time_s = self.seconds(now);
+            let count = self.world.encoder(time_s);
+            self.tim2.set_encoder(count);
+        }
+    }
+
     /// The computer at the serial link sends; nothing arrives where the pin is not the port's.
     pub fn serial_send(&mut self, bytes: &[u8], now: Cycles) {
         self.lpuart1.advance(now);
@@ -619,37 +590,6 @@ impl Chip {
     fn timers(&self) -> [&Tim; 9] {
         let Self { tim1, tim2, tim3, tim4, tim5, tim8, tim15, tim16, tim17, .. } = self;
         [tim1, tim2, tim3, tim4, tim5, tim8, tim15, tim16, tim17]
-    }
-
-    /// When [`Self::advance`] must be called at the latest.
-    pub fn next_event(&mut self) -> Option<Cycles> {
-        let models: [Option<Cycles>; 5] = [
-            self.pipeline_next_event(),
-            self.usb.next_event(),
-            self.lpuart1.next_event(),
-            self.iwdg.next_event(),
-            self.flash.next_event(),
-        ];
-        let timers = self.timers().into_iter().filter_map(Registers::next_event).min();
-        let event = models.into_iter().flatten().chain(timers).min();
-        self.due = event.unwrap_or(Cycles::MAX);
-        event
-    }
-
-    /// Brings everything to `now`, as far as it can be seen.
-    pub fn advance(&mut self, now: Cycles) {
-        self.pipeline_advance(now);
-        if now < self.due {
-            return;
-        }
-        let Self { tim1, tim2, tim3, tim4, tim5, tim8, tim15, tim16, tim17, .. } = self;
-        for tim in [tim1, tim2, tim3, tim4, tim5, tim8, tim15, tim16, tim17] {
-            tim.advance(now);
-        }
-        self.usb.advance(now);
-        self.lpuart1.advance(now);
-        self.iwdg.advance(now);
-        self.flash.advance(now);
     }
 
     /// The levels of the interrupt lines, bit n for interrupt n.

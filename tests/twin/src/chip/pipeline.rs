@@ -200,15 +200,6 @@ impl Chip {
         Some((self.clocks.hclk_hz / pwm.frequency_hz).round() as Cycles).filter(|cycles| *cycles > 0)
     }
 
-    /// Brings TIM2's count to where the encoder is, if its pins lead there.
-    pub(crate) fn latch_encoder(&mut self, now: Cycles) {
-        if self.encoder_is_wired() {
-            let time_s = self.seconds(now);
-            let count = self.world.encoder(time_s);
-            self.tim2.set_encoder(count);
-        }
-    }
-
     fn volts(&mut self, signal: Signal, at: Cycles) -> Result<f64, Unknown> {
         let time_s = self.seconds(at);
         let pin = match signal {

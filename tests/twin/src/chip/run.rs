@@ -1,0 +1,77 @@
+//! The chip in the course of time: what happens before, at and after each access of the core.
+
+use super::rcc::Reset;
+use super::{BLOCKS, BadAccess, Chip};
+use crate::{Cycles, Registers, Width};
+
+impl Chip {
+    /// A read by the core.
+    pub fn read(&mut self, address: u32, width: Width, now: Cycles) -> Result<u32, BadAccess> {
+        self.advance(now);
+        let value = self.bus_read(address, width, now)?;
+        self.serve_dma(now);
+        Ok(value)
+    }
+
+    /// A write by the core.
+    pub fn write(&mut self, address: u32, value: u32, width: Width, now: Cycles) -> Result<(), BadAccess> {
+        self.advance(now);
+        self.bus_write(address, value, width, now)?;
+        self.serve_dma(now);
+        Ok(())
+    }
+
+    /// When [`Self::advance`] must be called at the latest.
+    pub fn next_event(&mut self) -> Option<Cycles> {
+        let models: [Option<Cycles>; 5] = [
+            self.pipeline_next_event(),
+            self.usb.next_event(),
+            self.lpuart1.next_event(),
+            self.iwdg.next_event(),
+            self.flash.next_event(),
+        ];
+        let timers = self.timers().into_iter().filter_map(Registers::next_event).min();
+        let event = models.into_iter().flatten().chain(timers).min();
+        self.due = event.unwrap_or(Cycles::MAX);
+        event
+    }
+
+    /// Brings everything to `now`, as far as it can be seen.
+    pub fn advance(&mut self, now: Cycles) {
+        self.pipeline_advance(now);
+        if now < self.due {
+            return;
+        }
+        let Self { tim1, tim2, tim3, tim4, tim5, tim8, tim15, tim16, tim17, .. } = self;
+        for tim in [tim1, tim2, tim3, tim4, tim5, tim8, tim15, tim16, tim17] {
+            tim.advance(now);
+        }
+        self.usb.advance(now);
+        self.lpuart1.advance(now);
+        self.iwdg.advance(now);
+        self.flash.advance(now);
+    }
+
+    /// Starts anew for this reason. RAM is kept; losing power is [`Self::lose_power`] before.
+    pub fn reset(&mut self, cause: Reset, now: Cycles) {
+        self.advance(now);
+        for block in &BLOCKS {
+            self.model(block.peripheral).reset(now);
+        }
+        self.rcc.set_cause(cause);
+        self.path_fault = None;
+        let clocks = self.rcc.clocks(now, self.clocks.seconds(now));
+        self.use_clocks(clocks, now);
+        self.due = 0;
+    }
+
+    /// The crystal breaks. A core that runs from it and is not watched would stand still; here it notices nothing.
+    pub fn break_crystal(&mut self, now: Cycles) {
+        self.advance(now);
+        self.rcc.break_crystal();
+        let clocks = self.rcc.clocks(now, self.clocks.seconds(now));
+        if clocks.hclk_hz > 0.0 {
+            self.use_clocks(clocks, now);
+        }
+    }
+}
