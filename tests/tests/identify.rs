@@ -2,7 +2,7 @@
 //! what is left to the data, several files, a stated motion, and what is refused.
 
 use inerter_analysis::identify::{
-    Identified, IdentifyError, Options, Parameters, Route, Standing, identify, predicted,
+    Identified, IdentifyError, Model, Options, Parameters, Standing, identify, predicted,
 };
 use inerter_core::Settings;
 use inerter_data::{
@@ -55,7 +55,7 @@ fn a_stated_motion_stands_in_for_the_terminal_sensor_and_a_wrong_one_is_told() {
     run.settings.terminal_sensor = false;
     let stated = |seed: u64| Options { excite: Some(Excitation::parse("random", seed).unwrap()), ..quick() };
     let found = identify(&[run.clone()], &stated(4), &mut |_| ()).unwrap();
-    assert_eq!(found.route, Route::Complete);
+    assert_eq!(found.model, Model::Complete);
     assert_found(
         &found,
         &[
@@ -124,7 +124,7 @@ fn a_device_is_recovered_and_its_force_predicted() {
     let series = Series::of(&run);
     let mut heard = Vec::new();
     let found = identify(&[run], &quick(), &mut |done| heard.push(done)).unwrap();
-    assert_eq!(found.route, Route::Complete);
+    assert_eq!(found.model, Model::Complete);
     assert_found(
         &found,
         &[
@@ -171,7 +171,7 @@ fn without_the_terminal_the_law_is_fitted_and_the_rest_said_to_be_unknown() {
     };
     let options = Options { segment_s: Some(4.0), ..quick() };
     let found = identify(&[run.clone(), run.clone()], &options, &mut |_| ()).unwrap();
-    assert_eq!(found.route, Route::Linear);
+    assert_eq!(found.model, Model::Linear);
     assert_found(&found, &[("inertance_kg", 299.4906, 2.0), ("coulomb_n", 50.0, 1.0)]);
     assert_eq!(found.parameters.stiffness_n_per_m.status, Standing::NotIdentifiable);
     assert!(found.parameters.stiffness_n_per_m.reason.as_ref().unwrap().contains("terminal"));

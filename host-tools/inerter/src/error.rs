@@ -17,11 +17,15 @@ use inerter_simulate::SimulateError;
 use inerter_view::page::PageError;
 use miette::{Diagnostic, LabeledSpan, SourceCode};
 
-use crate::monitor::MonitorError;
+use crate::{cmd::config::ConfigError, monitor::MonitorError};
 
 /// Any failure, with help for a person.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 pub enum Error {
+    /// The file with flags cannot be used.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Config(#[from] ConfigError),
     /// A file cannot be used or written, settings do not fit it, or the user pressed Ctrl-C before the work was done.
     #[error(transparent)]
     #[diagnostic(transparent)]

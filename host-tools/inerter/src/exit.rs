@@ -6,7 +6,7 @@ use inerter_device::{DeviceError, flash::FlashError, update::UpdateError};
 use inerter_simulate::SimulateError;
 use inerter_view::page::PageError;
 
-use crate::{error::Error, monitor::MonitorError};
+use crate::{cmd::config::ConfigError, error::Error, monitor::MonitorError};
 
 /// All that was asked has been done.
 pub const OK: u8 = 0;
@@ -34,6 +34,13 @@ pub const INTERRUPTED: u8 = 130;
 /// The code that the program ends with after this failure.
 pub fn code(error: &Error) -> u8 {
     match error {
+        Error::Config(ConfigError::File { .. }) => INPUT,
+        Error::Config(
+            ConfigError::Toml { .. }
+            | ConfigError::Found { .. }
+            | ConfigError::Unknown { .. }
+            | ConfigError::Value { .. },
+        ) => SETTINGS,
         Error::Data(error) => data(error),
         Error::Image(_) => INPUT,
         Error::Doctor { .. } => NO_DEVICE,
@@ -47,7 +54,17 @@ pub fn code(error: &Error) -> u8 {
         Error::Simulate(error) => simulate(error),
         Error::Calibrate(error) => match error {
             CalibrateError::TooFewPoints { .. } | CalibrateError::Missing(..) => USAGE,
-            _ => NOT_SHOWN,
+            CalibrateError::TooShort { .. }
+            | CalibrateError::Saturated { .. }
+            | CalibrateError::Unsteady { .. }
+            | CalibrateError::Moving { .. }
+            | CalibrateError::Unchanged { .. }
+            | CalibrateError::BothWays { .. }
+            | CalibrateError::Crooked { .. }
+            | CalibrateError::Counts { .. }
+            | CalibrateError::Ambiguous { .. }
+            | CalibrateError::NoMotion
+            | CalibrateError::Unfit { .. } => NOT_SHOWN,
         },
         Error::Identify(error) => match error {
             IdentifyError::TooShort { .. } => INPUT,
@@ -65,7 +82,14 @@ pub fn code(error: &Error) -> u8 {
         Error::Flash(error) => match error {
             FlashError::Program { .. } => DEVICE_LOST,
             FlashError::Chip { .. } => USAGE,
-            _ => NO_DEVICE,
+            FlashError::BuiltWithout
+            | FlashError::NoProbe
+            | FlashError::SeveralProbes { .. }
+            | FlashError::NoSuchProbe { .. }
+            | FlashError::Permission { .. }
+            | FlashError::Open { .. }
+            | FlashError::Attach { .. }
+            | FlashError::OtherChip { .. } => NO_DEVICE,
         },
     }
 }
@@ -83,14 +107,28 @@ fn data(error: &inerter_data::Error) -> u8 {
 fn recording(error: &RecordingError) -> u8 {
     match error {
         RecordingError::ForeignVersion { .. } => WIRE_VERSION,
-        _ => INPUT,
+        RecordingError::Read { .. }
+        | RecordingError::WrongKind { .. }
+        | RecordingError::NoChannel { .. }
+        | RecordingError::Compressed { .. }
+        | RecordingError::NoSamples { .. }
+        | RecordingError::NoSettings { .. }
+        | RecordingError::EmptyRange { .. }
+        | RecordingError::OtherDevice { .. }
+        | RecordingError::OtherSetting { .. }
+        | RecordingError::Overlap { .. } => INPUT,
     }
 }
 
 fn fit(error: &FitError) -> u8 {
     match error {
         FitError::Torn => DEVICE_LOST,
-        _ => NOT_SHOWN,
+        FitError::TooShort { .. }
+        | FitError::Motion
+        | FitError::SingleTone { .. }
+        | FitError::TooSlow
+        | FitError::TooNoisy { .. }
+        | FitError::TooWide { .. } => NOT_SHOWN,
     }
 }
 

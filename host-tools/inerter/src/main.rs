@@ -75,17 +75,19 @@ fn main() -> ExitCode {
     let options = if is_terminal { options } else { options.color(false).width(10_000) };
     // Fails only when a hook is set already.
     miette::set_hook(Box::new(move |_| Box::new(options.clone().build()))).ok();
-    let cli = match parse() {
-        Ok(cli) => cli,
+    match run().and_then(|()| Ok(inerter_data::output::flush()?)) {
+        Ok(()) => ExitCode::from(exit::OK),
+        Err(error) if error.is_broken_pipe() => ExitCode::from(exit::OK),
         Err(error) => {
-            let code = match error {
-                ConfigError::File { .. } => exit::INPUT,
-                _ => exit::SETTINGS,
-            };
-            return fail(error, code);
+            let code = exit::code(&error);
+            eprintln!("{}", format!("{:?}", miette::Report::new(Shown(error))).trim_end());
+            ExitCode::from(code)
         }
-    };
-    let result = match cli.command {
+    }
+}
+
+fn run() -> Result<(), Error> {
+    match parse()?.command {
         Command::Simulate(args) => cmd::simulate::run(&args),
         Command::Monitor(args) => cmd::monitor::run(&args),
         Command::Record(args) => cmd::record::run(&args),
@@ -108,15 +110,6 @@ fn main() -> ExitCode {
         Command::Flash(args) => cmd::flash::run(&args),
         Command::Completions(args) => cmd::completions::run(&args, Cli::command()),
         Command::Man(args) => cmd::completions::man(&args, Cli::command()),
-    };
-    let result = result.and_then(|()| Ok(inerter_data::output::flush()?));
-    match result {
-        Ok(()) => ExitCode::from(exit::OK),
-        Err(error) if error.is_broken_pipe() => ExitCode::from(exit::OK),
-        Err(error) => {
-            let code = exit::code(&error);
-            fail(error, code)
-        }
     }
 }
 
@@ -128,11 +121,6 @@ fn parse() -> Result<Cli, ConfigError> {
         None => typed,
     };
     Ok(Cli::parse_from(words))
-}
-
-fn fail(error: impl miette::Diagnostic + Send + Sync + 'static, code: u8) -> ExitCode {
-    eprintln!("{}", format!("{:?}", miette::Report::new(Shown(error))).trim_end());
-    ExitCode::from(code)
 }
 
 #[cfg(test)]

@@ -15,7 +15,7 @@ fn a_recording_with_a_terminal_sensor_is_identified() {
     let lines = json_lines(&output);
     let [found] = lines.as_slice() else { panic!("{output}") };
     assert_eq!(found.get("kind").unwrap(), "identify");
-    assert_eq!(found.get("route").unwrap(), "complete");
+    assert_eq!(found.get("model").unwrap(), "complete");
     let parameter = |name: &str| found.pointer(&format!("/parameters/{name}")).unwrap().clone();
     for (name, truth) in [("inertance_kg", 299.4906), ("coulomb_n", 50.0), ("stiffness_n_per_m", 2.1e6)] {
         let (value, u95) = (parameter(name)["value"].as_f64().unwrap(), parameter(name)["u95"].as_f64().unwrap());
@@ -48,7 +48,7 @@ fn a_stated_motion_is_taken_from_the_command_line() {
         last(&done(at, &[&["identify", "run.csv", "--excite", "random", "--seed", seed][..], &settings].concat()))
     };
     let found = stated("4");
-    assert_eq!(found["route"], "complete");
+    assert_eq!(found["model"], "complete");
     let inertance = &found["parameters"]["inertance_kg"];
     let (value, u95) = (inertance["value"].as_f64().unwrap(), inertance["u95"].as_f64().unwrap());
     // The interval is that of the load cell's gain, which the simulated one does not use up.

@@ -1,6 +1,6 @@
 //! Every command that reads a file, over every recording that is committed, whole and cut off: what each ends with and says.
 //!
-//! `tests/recordings/said.txt` holds exit code, number of lines and first words; `UPDATE_RECORDINGS=1 cargo test -p inerter
+//! `tests/recordings/output.txt` holds exit code, number of lines and first words; `UPDATE_RECORDINGS=1 cargo test -p inerter
 //! --test recordings` writes it anew. Figures are not in it: they have tests of their own.
 
 mod common;
@@ -85,7 +85,7 @@ fn every_command_says_what_it_said_of_every_recording() {
             said += &format!("{} | {command} | {} | {} | {words}\n", name, code.unwrap_or(-1), out.lines().count());
         }
     }
-    let golden = tests().join("recordings/said.txt");
+    let golden = tests().join("recordings/output.txt");
     if std::env::var_os("UPDATE_RECORDINGS").is_some() {
         fs::write(&golden, &said).unwrap();
     }

@@ -139,8 +139,8 @@ impl Qemu {
     pub fn check(&mut self) -> Result<(), SimulateError> {
         match self.child.try_wait() {
             Ok(Some(status)) => {
-                let said = self.last_words.take().and_then(|listener| listener.join().ok());
-                let message = said.filter(|said| !said.is_empty()).unwrap_or_else(|| "it said nothing".into());
+                let words = self.last_words.take().and_then(|listener| listener.join().ok());
+                let message = words.filter(|words| !words.is_empty()).unwrap_or_else(|| "it said nothing".into());
                 Err(SimulateError::QemuEnded { status: status.to_string(), message })
             }
             _ => Ok(()),

@@ -36,7 +36,7 @@ use linear::Linear;
 use name::{Name, SHARED};
 use prepared::Prepared;
 pub use result::{
-    Correlation, Found, FoundParameters, Identified, Parameters, Route, SegmentFit, SegmentParameters, Standing,
+    Correlation, Found, FoundParameters, Identified, Model, Parameters, SegmentFit, SegmentParameters, Standing,
     Validation, Whiteness,
 };
 use uncertainty::Errors;
@@ -404,7 +404,7 @@ fn linear_only(runs: &[Run], lines: Vec<Linear>, notes: Vec<String>) -> Result<I
         skew_s: given(settings.skew_s, settings.skew_u95_s),
     };
     let identified = Identified {
-        route: Route::Linear,
+        model: Model::Linear,
         parameters,
         start: None,
         offsets_n: vec![law.offset_n.value().map(f64::from)],
@@ -503,7 +503,7 @@ fn complete_result(
         offset_n: offset,
     };
     Ok(Identified {
-        route: Route::Complete,
+        model: Model::Complete,
         parameters,
         start: None,
         offsets_n: fitted.state.offsets.iter().copied().map(Some).collect(),

@@ -136,7 +136,7 @@ impl FoundParameters {
 /// What was fitted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Route {
+pub enum Model {
     /// All of the model: the terminal's displacement is known.
     Complete,
     /// Inertance, friction and offset: only encoder and force are known.
@@ -209,11 +209,11 @@ pub struct SegmentParameters {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Identified {
     /// What was fitted.
-    pub route: Route,
+    pub model: Model,
     /// The parameters.
     pub parameters: FoundParameters,
     /// Where the complete fit began: what the estimator and the settings say, the stiffness scanned for where neither knows
-    /// it. `None` by the linear route, which begins nowhere.
+    /// it. `None` of the linear model, whose fit begins nowhere.
     pub start: Option<Parameters>,
     /// Offsets of all files \[N\].
     pub offsets_n: Vec<Option<f64>>,

@@ -3,7 +3,8 @@
 use rustfft::num_complex::Complex;
 
 /// Standard errors in a 95 % interval of a normal distribution.
-pub(super) const COVERAGE: f64 = 1.96;
+pub(super) const NORMAL_COVERAGE: f64 = 1.96;
+
 /// Which displacement the response is taken over.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Input {

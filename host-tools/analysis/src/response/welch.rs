@@ -8,7 +8,7 @@ use std::f64::consts::TAU;
 
 use rustfft::{FftPlanner, num_complex::Complex};
 
-use super::point::{COVERAGE, Method, Point, windowed};
+use super::point::{Method, NORMAL_COVERAGE, Point, windowed};
 
 /// Pieces that a run is cut into at least, overlap not counted.
 const PIECES: usize = 6;
@@ -65,7 +65,7 @@ pub fn measured(pieces: &[(&[f64], &[f64])], period_s: f64) -> (Method, Vec<Poin
         let bin = before + 1;
         let turn = TAU * bin as f64 / length as f64;
         let coherence = here.cross.norm_sqr() / (here.input * here.force);
-        let chance = COVERAGE * ((1.0 - coherence).max(0.0) / (2.0 * averages * coherence)).sqrt();
+        let chance = NORMAL_COVERAGE * ((1.0 - coherence).max(0.0) / (2.0 * averages * coherence)).sqrt();
         // Where in its window the motion lies is not known: the response's own slope over a bin.
         let slope = (flat(above) - flat(below)).norm() / 2.0 / flat(here).norm();
         let point = Point {

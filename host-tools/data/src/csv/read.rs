@@ -199,8 +199,10 @@ impl Columns {
                 CsvError::MissingColumn { file: file.into(), line: header.number, column, advice, text, at }
             })
         };
-        let (torque, _) = column_names(Machine::Rotary);
-        let machine = find(torque)?.map_or(Machine::Linear, |_| Machine::Rotary);
+        let (force, _) = column_names(Machine::Linear);
+        let (torque, angle) = column_names(Machine::Rotary);
+        let is_rotary = find(torque)?.is_some() || (find(angle)?.is_some() && find(force)?.is_none());
+        let machine = if is_rotary { Machine::Rotary } else { Machine::Linear };
         let other = match machine {
             Machine::Linear => column_names(Machine::Rotary),
             Machine::Rotary => column_names(Machine::Linear),

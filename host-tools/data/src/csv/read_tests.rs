@@ -41,6 +41,16 @@ fn a_missing_column_is_named_with_the_one_that_may_be_meant() {
 }
 
 #[test]
+fn columns_of_two_kinds_of_machine_are_refused_and_one_alone_asks_for_its_own() {
+    let mixed = |other: &str, force: &str| format!("the column `{other}` does not go with `{force}`");
+    assert!(error("t_s,encoder_count,force_n,terminal_rad\n").contains(&mixed("terminal_rad", "force_n")));
+    assert!(error("t_s,encoder_count,torque_n_m,terminal_m\n").contains(&mixed("terminal_m", "torque_n_m")));
+    assert!(error("t_s,encoder_count,force_n,torque_n_m\n").contains(&mixed("force_n", "torque_n_m")));
+    assert!(error("t_s,encoder_count,terminal_rad\n").contains("`torque_n_m` is missing"));
+    assert!(error("t_s,encoder_count,terminal_m\n").contains("`force_n` is missing"));
+}
+
+#[test]
 fn text_in_a_number_names_line_and_column() {
     let head = "t_s,encoder_count,force_n\n0.000,1,2\n";
     for (row, expected) in [

@@ -187,8 +187,8 @@ fn map<const N: usize>(pairs: [(&str, String); N]) -> BTreeMap<String, String> {
 
 /// Why the recording ended.
 fn reason(summary: &Summary) -> String {
-    let said = summary.contents.metadata.get(END_METADATA).and_then(|end| end.get("reason"));
-    match (&summary.contents.ending, said) {
+    let reason = summary.contents.metadata.get(END_METADATA).and_then(|end| end.get("reason"));
+    match (&summary.contents.ending, reason) {
         (Ending::Closed, Some(reason)) => reason.clone(),
         (Ending::Closed, None) => "finished".into(),
         (Ending::CutOff, _) => "the file that it was made from breaks off".into(),

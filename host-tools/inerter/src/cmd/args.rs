@@ -76,17 +76,17 @@ impl LinkArgs {
         self.port.is_some() || self.connect.is_some() || self.serial.is_some()
     }
 
-    /// Connects; says so where the device has other settings than this program knows.
+    /// Connects.
     pub fn device(&self) -> Result<Device, Error> {
         let device = Device::connect_until(&self.target(), Clock::new(), interrupted)?;
-        settings_note(device.reading()).iter().for_each(note);
+        tell(&device);
         Ok(device)
     }
 
     /// Connects, with these streams on, to a device that is waited for up to `wait` when it goes away.
     pub fn live(&self, streams: Streams, wait: Duration) -> Result<Live, Error> {
         let live = Live::connect_until(self.target(), streams, wait, interrupted)?;
-        live.device().and_then(|device| settings_note(device.reading())).iter().for_each(note);
+        live.device().into_iter().for_each(tell);
         Ok(live)
     }
 
@@ -97,6 +97,11 @@ impl LinkArgs {
             (None, None) => Target::Usb { serial: self.serial.clone() },
         }
     }
+}
+
+/// Says so where the device has other settings than this program knows.
+fn tell(device: &Device) {
+    settings_note(device.reading()).iter().for_each(note);
 }
 
 /// A recording that is to be written.

@@ -64,12 +64,12 @@ impl Messages {
         all.extend(state.values.estimate.and_then(|_| self.estimate(state.now_s)));
         all.extend(self.health());
         // Markers are among the lines and told as such.
-        let said = state.lines.iter().filter(|said| said.kind != LineKind::Marker);
-        let said = said.map(|said| (said.run_s, line(said.run_s, &said.words, said.kind == LineKind::Trouble)));
+        let lines = state.lines.iter().filter(|one| one.kind != LineKind::Marker);
+        let lines = lines.map(|one| (one.run_s, line(one.run_s, &one.words, one.kind == LineKind::Trouble)));
         let marks = state.marks.iter().map(|(run_s, text)| (*run_s, mark(*run_s, text)));
-        let mut said: Vec<(f64, Value)> = said.chain(marks).collect();
-        said.sort_by(|(one, _), (other, _)| one.total_cmp(other));
-        all.extend(said.into_iter().map(|(_, message)| message));
+        let mut lines: Vec<(f64, Value)> = lines.chain(marks).collect();
+        lines.sort_by(|(one, _), (other, _)| one.total_cmp(other));
+        all.extend(lines.into_iter().map(|(_, message)| message));
         all.extend(state.away.iter().map(|reason| json!({ "kind": "away", "reason": reason })));
         all
     }
