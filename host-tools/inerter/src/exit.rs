@@ -57,7 +57,7 @@ pub fn code(error: &Error) -> u8 {
             IdentifyError::Settings(_) => SETTINGS,
         },
         Error::Monitor(error) => match error {
-            MonitorError::NotLoopback { .. } | MonitorError::Address { .. } => USAGE,
+            MonitorError::NotLoopback { .. } | MonitorError::Exposed { .. } | MonitorError::Address { .. } => USAGE,
             MonitorError::Listen { .. } | MonitorError::Terminal { .. } => OUTPUT,
             MonitorError::Random { .. } => OTHER,
         },

@@ -14,7 +14,7 @@ use inerter_device::{Clock, DEFAULT_BAUD, Device, Target, live::Live};
 use inerter_wire::Streams;
 
 use super::terminal::{interrupted, note};
-use crate::Error;
+use crate::{Error, monitor::bridge::exposed};
 
 /// Settings over the run's own.
 #[derive(clap::Args)]
@@ -96,6 +96,13 @@ impl LinkArgs {
             (None, Some(address)) => Target::Tcp { address: address.clone() },
             (None, None) => Target::Usb { serial: self.serial.clone() },
         }
+    }
+}
+
+/// Says so where other machines can connect.
+pub fn note_exposed(address: &str) {
+    if exposed(address).is_some() {
+        note(format!("every machine that reaches {address} can connect: nothing there asks for a password"));
     }
 }
 

@@ -11,7 +11,7 @@ use inerter_wire::Streams;
 use serde_json::json;
 
 use super::{
-    args::{LinkArgs, TimeArgs},
+    args::{LinkArgs, TimeArgs, note_exposed},
     lines::{Json, Lines},
     screen,
     terminal::{self, say},
@@ -19,7 +19,7 @@ use super::{
 use crate::{
     Error,
     monitor::{
-        bridge::{self, Foxglove, PlotJuggler, Teleplot},
+        bridge::{self, Foxglove, PlotJuggler, Teleplot, check_exposed},
         hub::Hub,
         web::{self, Web},
     },
@@ -66,6 +66,12 @@ pub struct Args {
     /// Serve samples and estimates to Foxglove (WebSocket)
     #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = bridge::FOXGLOVE, help_heading = "Other views")]
     foxglove: Option<String>,
+    /// Let pages of this origin connect too (--foxglove), e.g. https://plots.example; may be given several times
+    #[arg(long, value_name = "ORIGIN", requires = "foxglove", help_heading = "Other views")]
+    foxglove_origin: Vec<String>,
+    /// Let other machines connect where an address is not a loopback one (--foxglove)
+    #[arg(long, requires = "foxglove", help_heading = "Other views")]
+    allow_remote: bool,
 }
 
 impl Args {
@@ -133,7 +139,9 @@ fn views(args: &Args, hub: &mut Hub, recording: Option<String>) -> Result<Vec<(&
         views.push(("PlotJuggler", format!("udp://{address}")));
     }
     if let Some(address) = &args.foxglove {
-        let foxglove = Foxglove::new(address)?;
+        check_exposed("--foxglove", address, args.allow_remote)?;
+        let foxglove = Foxglove::new(address, &args.foxglove_origin)?;
+        note_exposed(address);
         views.push(("Foxglove", foxglove.address().to_string()));
         hub.add(foxglove);
     }
