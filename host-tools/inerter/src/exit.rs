@@ -102,7 +102,8 @@ fn device(error: &DeviceError) -> u8 {
         | DeviceError::Permission { .. }
         | DeviceError::Busy { .. }
         | DeviceError::Open { .. }
-        | DeviceError::Connect { .. } => NO_DEVICE,
+        | DeviceError::Connect { .. }
+        | DeviceError::TurnedAway { .. } => NO_DEVICE,
         DeviceError::Silent { .. }
         | DeviceError::NoReply { .. }
         | DeviceError::Flood { .. }

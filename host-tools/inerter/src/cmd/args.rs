@@ -87,6 +87,9 @@ impl LinkArgs {
     pub fn live(&self, streams: Streams, wait: Duration) -> Result<Live, Error> {
         let live = Live::connect_until(self.target(), streams, wait, interrupted)?;
         live.device().and_then(|device| settings_note(device.reading())).iter().for_each(note);
+        if live.looks_on() {
+            note("another program controls this device: this one looks on, and what it asks for is refused");
+        }
         Ok(live)
     }
 

@@ -7,7 +7,8 @@ use inerter_device::{
     Device, DeviceError,
     live::{LinkEvent, Live},
 };
-use inerter_wire::Command;
+use inerter_simulate::share::Share;
+use inerter_wire::{Command, DELIMITER};
 
 use super::feed::{Feed, Item};
 use crate::Error;
@@ -37,6 +38,7 @@ pub struct Hub {
     live: Live,
     feed: Feed,
     recorder: Option<Recorder>,
+    share: Option<Share>,
     viewers: Vec<Box<dyn Viewer + Send>>,
     wishes: (Sender<Wish>, Receiver<Wish>),
     wait_s: f64,
@@ -45,7 +47,8 @@ pub struct Hub {
 impl Hub {
     /// For a device that is connected.
     pub fn new(live: Live, wait_s: f64) -> Self {
-        Self { live, feed: Feed::default(), recorder: None, viewers: Vec::new(), wishes: channel(), wait_s }
+        let (recorder, share, viewers) = (None, None, Vec::new());
+        Self { live, feed: Feed::default(), recorder, share, viewers, wishes: channel(), wait_s }
     }
 
     /// Where wishes go.
@@ -56,6 +59,11 @@ impl Hub {
     /// Records everything from now on.
     pub fn record(&mut self, recorder: Recorder) {
         self.recorder = Some(recorder);
+    }
+
+    /// Lets other programs look on.
+    pub fn share(&mut self, share: Share) {
+        self.share = Some(share);
     }
 
     /// One more who looks on.
@@ -80,10 +88,15 @@ impl Hub {
         self.introduce()?;
         while !stop() {
             self.wished()?;
+            self.share.iter_mut().for_each(Share::turn);
             match self.live.next()? {
                 LinkEvent::Received(received) => {
                     if let Some(recorder) = self.recorder.as_mut().filter(|_| !received.bytes.is_empty()) {
                         recorder.frame(received.time_ns, &received.bytes)?;
+                    }
+                    if let Some(share) = &mut self.share {
+                        share.relay(&received.bytes);
+                        share.relay(&[DELIMITER]);
                     }
                     let mut items = Vec::new();
                     self.feed.received(&received, self.live.lost_frames(), |item| items.push(item));
@@ -91,6 +104,7 @@ impl Hub {
                 }
                 LinkEvent::Quiet => self.settle()?,
                 LinkEvent::Away { reason } => {
+                    self.share.iter_mut().for_each(Share::forget);
                     self.settle()?;
                     if let Some(recorder) = &mut self.recorder {
                         recorder.flush()?;
