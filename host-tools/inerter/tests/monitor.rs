@@ -164,6 +164,27 @@ fn an_estimator_is_reset_from_the_page() {
 }
 
 #[test]
+fn a_reset_is_refused_aloud_where_another_program_has_the_control() {
+    let folder = tempfile::tempdir().unwrap();
+    let device = device();
+    let target = inerter_device::Target::Tcp { address: device.name().into() };
+    let _controller = inerter_device::Device::connect(&target, inerter_device::Clock::new()).unwrap();
+    let mut monitor = Monitor::start(folder.path(), &device, &["--web"]);
+    let url = monitor.next("view")["address"].as_str().unwrap().replace("http://", "ws://");
+    let mut socket = connect(&format!("{url}live"), None, None).unwrap();
+    socket.send(Message::text(r#"{"reset_estimator":true}"#)).unwrap();
+    let words = loop {
+        if let Message::Text(text) = socket.read().unwrap() {
+            let message = last(&text);
+            if message["kind"] == "event" && message["trouble"] == true {
+                break message["words"].as_str().unwrap().to_string();
+            }
+        }
+    };
+    assert!(words.contains("refused to reset its estimator: the device is busy"), "{words}");
+}
+
+#[test]
 fn a_page_for_other_machines_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let device = device();

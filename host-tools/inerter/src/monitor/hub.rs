@@ -4,11 +4,11 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 
 use inerter_data::recording::{End, Recorder};
 use inerter_device::{
-    Device, DeviceError,
+    Device, DeviceError, Received,
     live::{LinkEvent, Live},
 };
 use inerter_simulate::share::Share;
-use inerter_wire::{Command, DELIMITER};
+use inerter_wire::{Command, DELIMITER, Frame, Record, Reply};
 
 use super::feed::{Feed, Item};
 use crate::Error;
@@ -39,6 +39,8 @@ pub struct Hub {
     feed: Feed,
     recorder: Option<Recorder>,
     share: Option<Share>,
+    /// Number of the last reset that was asked for, until its reply has come.
+    asked: Option<u16>,
     viewers: Vec<Box<dyn Viewer + Send>>,
     wishes: (Sender<Wish>, Receiver<Wish>),
     wait_s: f64,
@@ -48,7 +50,7 @@ impl Hub {
     /// For a device that is connected.
     pub fn new(live: Live, wait_s: f64) -> Self {
         let (recorder, share, viewers) = (None, None, Vec::new());
-        Self { live, feed: Feed::default(), recorder, share, viewers, wishes: channel(), wait_s }
+        Self { live, feed: Feed::default(), recorder, share, asked: None, viewers, wishes: channel(), wait_s }
     }
 
     /// Where wishes go.
@@ -98,7 +100,7 @@ impl Hub {
                         share.relay(&received.bytes);
                         share.relay(&[DELIMITER]);
                     }
-                    let mut items = Vec::new();
+                    let mut items: Vec<Item> = self.refused(&received).into_iter().collect();
                     self.feed.received(&received, self.live.lost_frames(), |item| items.push(item));
                     self.show(items)?;
                 }
@@ -120,6 +122,14 @@ impl Hub {
             }
         }
         Ok(())
+    }
+
+    /// What was asked for, when this is its refusal.
+    fn refused(&mut self, received: &Received) -> Option<Item> {
+        let Frame::Message { message: Record::Reply(Reply { id, result }), .. } = &received.frame else { return None };
+        self.asked.take_if(|asked| *asked == *id)?;
+        let refusal = result.err()?;
+        Some(Item::Refused { words: format!("the device refused to reset its estimator: {refusal}") })
     }
 
     /// Says who is there.
@@ -150,7 +160,7 @@ impl Hub {
                 // The device says by an event that it has done so. One that went away has forgotten everything anyhow.
                 Wish::ResetEstimator => {
                     if let Some(device) = self.live.device_mut() {
-                        reset(device)?;
+                        self.asked = reset(device)?;
                     }
                 }
             }
@@ -166,10 +176,11 @@ impl Hub {
     }
 }
 
-/// Sent without waiting for the reply: samples go on meanwhile. A link that breaks here is met by the next read.
-fn reset(device: &mut Device) -> Result<(), DeviceError> {
+/// Sent without waiting for the reply, whose number it gives: samples go on meanwhile. A link that breaks here is met by the
+/// next read.
+fn reset(device: &mut Device) -> Result<Option<u16>, DeviceError> {
     match device.send(Command::ResetEstimator) {
         Err(error) if !error.may_come_back() => Err(error),
-        _ => Ok(()),
+        result => Ok(result.ok()),
     }
 }

@@ -396,7 +396,11 @@ impl Viewer for Foxglove {
             Item::Marker { at, text, .. } => {
                 self.send(Topic::Marker, *at, || json_line(&json!({ "kind": "marker", "text": text })));
             }
-            Item::Away { .. } | Item::Back { .. } | Item::LostFrames(_) | Item::UnknownFrames(_) => {}
+            Item::Away { .. }
+            | Item::Back { .. }
+            | Item::Refused { .. }
+            | Item::LostFrames(_)
+            | Item::UnknownFrames(_) => {}
         }
         Ok(())
     }
