@@ -78,7 +78,7 @@ fn two_programs_see_the_same_device_and_the_first_controls_it() {
 }
 
 #[test]
-fn who_never_reads_holds_up_nobody() {
+fn who_never_reads_keeps_nobody_out() {
     let virtual_device = device_at("127.0.0.1:0");
     // The first, so in control; it asks for everything and takes nothing.
     let mut stuck = TcpStream::connect(virtual_device.name()).unwrap();

@@ -93,8 +93,10 @@ impl Port {
 
     /// Serves the hosts beside what is read and written. To be called often.
     pub fn turn(&mut self) {
-        if let Self::Tcp(share) = self {
-            share.turn();
+        match self {
+            Self::Tcp(share) => share.turn(),
+            #[cfg(unix)]
+            Self::Pty { .. } => {}
         }
     }
 }

@@ -24,7 +24,7 @@ use hyper_util::{rt::TokioIo, service::TowerToHyperService};
 use tokio::{
     net::TcpListener,
     sync::oneshot,
-    task::AbortHandle,
+    task::{AbortHandle, yield_now},
     time::{sleep, timeout},
 };
 
@@ -43,7 +43,9 @@ const RETRY: Duration = Duration::from_millis(100);
 
 /// A connection's place among all; whoever goes on with it holds it.
 #[derive(Clone)]
-pub struct Place(#[expect(dead_code, reason = "counted, not read")] Arc<()>);
+pub struct Place {
+    _counted: Arc<()>,
+}
 
 /// A server, until it is dropped.
 pub struct Server {
@@ -98,13 +100,18 @@ async fn serve(listener: &TcpListener, router: &Router) {
             continue;
         };
         requests.retain(|request| !request.is_finished());
-        if Arc::strong_count(&places) > most {
-            match requests.pop_front() {
-                Some(oldest) => oldest.abort(),
-                None => continue,
-            }
+        let is_full = || Arc::strong_count(&places) > most;
+        while is_full()
+            && let Some(oldest) = requests.pop_front()
+        {
+            oldest.abort();
+            // It ends now, lest many at once take more files than they may.
+            yield_now().await;
         }
-        let router = router.clone().layer(Extension(Place(places.clone())));
+        if is_full() {
+            continue;
+        }
+        let router = router.clone().layer(Extension(Place { _counted: places.clone() }));
         let connection = http1::Builder::new()
             .serve_connection(TokioIo::new(stream), TowerToHyperService::new(router))
             .with_upgrades();
