@@ -23,8 +23,8 @@ use hyper::server::conn::http1;
 use hyper_util::{rt::TokioIo, service::TowerToHyperService};
 use tokio::{
     net::TcpListener,
-    sync::oneshot,
-    task::{AbortHandle, yield_now},
+    sync::{OwnedSemaphorePermit, Semaphore, oneshot},
+    task::JoinHandle as Task,
     time::{sleep, timeout},
 };
 
@@ -44,7 +44,7 @@ const RETRY: Duration = Duration::from_millis(100);
 /// A connection's place among all; whoever goes on with it holds it.
 #[derive(Clone)]
 pub struct Place {
-    _counted: Arc<()>,
+    _permit: Arc<OwnedSemaphorePermit>,
 }
 
 /// A server, until it is dropped.
@@ -90,9 +90,8 @@ impl Drop for Server {
 }
 
 async fn serve(listener: &TcpListener, router: &Router) {
-    let most = most_connections(open_files());
-    let places = Arc::new(());
-    let mut requests: VecDeque<AbortHandle> = VecDeque::new();
+    let places = Arc::new(Semaphore::new(most_connections(open_files())));
+    let mut requests: VecDeque<Task<_>> = VecDeque::new();
     loop {
         // Fails where there are no more open files.
         let Ok((stream, _)) = listener.accept().await else {
@@ -100,22 +99,19 @@ async fn serve(listener: &TcpListener, router: &Router) {
             continue;
         };
         requests.retain(|request| !request.is_finished());
-        let is_full = || Arc::strong_count(&places) > most;
-        while is_full()
+        while places.available_permits() == 0
             && let Some(oldest) = requests.pop_front()
         {
             oldest.abort();
-            // It ends now, lest many at once take more files than they may.
-            yield_now().await;
+            oldest.await.ok();
         }
-        if is_full() {
-            continue;
-        }
-        let router = router.clone().layer(Extension(Place { _counted: places.clone() }));
+        // None is free where all are WebSockets.
+        let Ok(place) = places.clone().try_acquire_owned() else { continue };
+        let router = router.clone().layer(Extension(Place { _permit: Arc::new(place) }));
         let connection = http1::Builder::new()
             .serve_connection(TokioIo::new(stream), TowerToHyperService::new(router))
             .with_upgrades();
-        requests.push_back(tokio::spawn(timeout(REQUEST_TIME, connection)).abort_handle());
+        requests.push_back(tokio::spawn(timeout(REQUEST_TIME, connection)));
     }
 }
 
@@ -174,6 +170,12 @@ pub fn loopback(host: &str) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
+    use std::{
+        io::{Read, Write},
+        net::TcpStream,
+        sync::atomic::{AtomicUsize, Ordering::SeqCst},
+    };
+
     use super::*;
 
     #[test]
@@ -206,6 +208,53 @@ mod tests {
             "[::1",
         ] {
             assert_eq!(loopback(host), None, "{host}");
+        }
+    }
+
+    /// Requests under way, and the most that there were.
+    #[derive(Default)]
+    struct Load {
+        now: AtomicUsize,
+        most: AtomicUsize,
+        all: AtomicUsize,
+    }
+
+    struct Counted(Arc<Load>);
+
+    impl Drop for Counted {
+        fn drop(&mut self) {
+            self.0.now.fetch_sub(1, SeqCst);
+        }
+    }
+
+    #[test]
+    fn no_more_than_so_many_connections_are_served_and_the_oldest_ends_first() {
+        let load = Arc::new(Load::default());
+        let counts = load.clone();
+        let router = Router::new().fallback(move || {
+            let counts = counts.clone();
+            async move {
+                counts.most.fetch_max(counts.now.fetch_add(1, SeqCst) + 1, SeqCst);
+                counts.all.fetch_add(1, SeqCst);
+                let _counted = Counted(counts);
+                std::future::pending::<()>().await
+            }
+        });
+        let server = Server::start("test", ([127, 0, 0, 1], 0).into(), router).unwrap();
+        let most = most_connections(open_files());
+        let mut streams = Vec::new();
+        for count in 1..=most + 8 {
+            let mut stream = TcpStream::connect(server.address()).unwrap();
+            stream.write_all(b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n").unwrap();
+            while load.all.load(SeqCst) < count {
+                std::thread::yield_now();
+            }
+            streams.push(stream);
+        }
+        assert_eq!((load.most.load(SeqCst), load.now.load(SeqCst)), (most, most));
+        // Those that made room have ended.
+        for stream in streams.iter_mut().take(8) {
+            assert!(matches!(stream.read(&mut [0; 1]), Ok(0) | Err(_)));
         }
     }
 
