@@ -220,6 +220,10 @@ fn other_machines_are_let_in_only_where_that_is_meant() {
         );
     }
     let output = common::run(folder.path(), &[&bridge[..], &["--allow-remote"]].concat());
+    // A file that somebody left in the folder does not mean it.
+    std::fs::write(folder.path().join("inerter.toml"), "[simulate]\nallow_remote = true\n").unwrap();
+    let words = fails(folder.path(), &["simulate", "--tcp", "0.0.0.0:0"], 4);
+    assert!(words.contains("may not set `simulate.allow_remote`"), "{words}");
     let words = text(&output.stderr);
     assert!(output.status.success() && words.contains("every machine that reaches 0.0.0.0:0 can connect"), "{words}");
 }

@@ -71,12 +71,12 @@ pub struct Args {
     /// Serve samples and estimates to Foxglove (WebSocket)
     #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = bridge::FOXGLOVE, help_heading = "Other views")]
     foxglove: Option<String>,
-    /// Let other programs look on as at a device: monitor, record or info --connect HOST:PORT. This one controls it
-    #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = SHARE, help_heading = "Other views")]
-    share: Option<String>,
     /// Let pages of this origin connect too (--foxglove), e.g. `https://plots.example`; may be given several times
     #[arg(long, value_name = "ORIGIN", requires = "foxglove", help_heading = "Other views")]
     foxglove_origin: Vec<String>,
+    /// Let other programs look on as at a device: `monitor` or `record` with --connect HOST:PORT. This one controls it
+    #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = SHARE, help_heading = "Other views")]
+    share: Option<String>,
     /// Let other machines connect where an address is not a loopback one (--foxglove, --share)
     #[arg(long, help_heading = "Other views")]
     allow_remote: bool,
