@@ -198,6 +198,20 @@ pub fn encode_request(request: &Request, sequence: u16, out: &mut [u8]) -> Resul
     encode(request, sequence, out)
 }
 
+/// Writes the frame of the same payload with another number, for whoever passes frames on: what the payload holds need not be
+/// known. `frame` is without its delimiter, as [`FrameReader::frame_bytes`] gives it; its CRC is taken to be right. Returns the
+/// length, `None` where it is no frame or `out` has fewer than [`MAX_FRAME`] bytes.
+pub fn renumber<T: Message>(frame: &[u8], sequence: u16, out: &mut [u8]) -> Option<usize> {
+    let mut body = [0; MAX_BODY];
+    let length = cobs::decode(frame, &mut body).ok()?;
+    let (payload, _) = body.get(..length)?.split_last_chunk::<TRAILER>()?;
+    let stuffed = Cobs::try_new(Slice::new(out)).ok()?;
+    let mut written = Body { stuffed, digest: Crc32::new(), salt: T::SALT, room: MAX_PAYLOAD + 2 };
+    written.try_extend(payload).ok()?;
+    written.try_extend(&sequence.to_le_bytes()).ok()?;
+    Some(written.finalize().ok()?.len())
+}
+
 /// What [`FrameReader::read`] found.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Frame<T> {

@@ -4,7 +4,7 @@
 //! a *frame*: `COBS(payload ++ sequence ++ CRC-32)` and one zero byte, where the payload is the postcard form of
 //! [`Record`] or [`Request`]. `docs/PROTOCOL.md` is the specification and is checked against this crate.
 //!
-//! - [`encode_record`], [`encode_request`]: a value to a frame; [`SequenceCounter`] numbers them.
+//! - [`encode_record`], [`encode_request`]: a value to a frame; [`SequenceCounter`] numbers them; [`renumber`] passes a frame on.
 //! - [`FrameReader`]: bytes in any portions to values, losses and faults; finds its footing again after anything.
 //! - [`Samples`], [`SamplesBuilder`]: batches of raw samples in few bytes.
 //! - [`SettingsValues`]: settings as numbered values, so that old and new ends understand each other.
@@ -35,7 +35,7 @@ pub use crc::Crc32;
 pub use event::{EstimatorEvent, Pairing, step};
 pub use frame::{
     Corruption, Counts, DELIMITER, EncodeError, Frame, FrameReader, MAX_FRAME, MAX_PAYLOAD, Message, Peek,
-    SequenceCounter, encode, encode_record, encode_request,
+    SequenceCounter, encode, encode_record, encode_request, renumber,
 };
 pub use messages::{VersionAdvice, WIRE_VERSION};
 pub use record::{

@@ -29,11 +29,10 @@ pub struct ParameterJson {
 
 impl From<Parameter> for ParameterJson {
     fn from(parameter: Parameter) -> Self {
-        let value = parameter.value().filter(|value| value.is_finite());
         Self {
-            value,
+            value: parameter.value().filter(|value| value.is_finite()),
             u95: Some(parameter.u95()).filter(|u95| u95.is_finite()),
-            status: status_word(value.map_or(Status::NotIdentifiable, |_| parameter.status())),
+            status: status_word(shown_status(&parameter)),
         }
     }
 }
@@ -144,14 +143,15 @@ pub struct BacklashJson {
 
 impl From<Backlash> for BacklashJson {
     fn from(backlash: Backlash) -> Self {
+        let known = backlash.known().filter(|known| known.value.is_finite());
         let (status, reason) = match backlash.size {
+            BacklashSize::NotIdentifiable(reason) => ("not_identifiable", Some(reason_code(reason))),
+            _ if known.is_none() => ("not_identifiable", None),
             BacklashSize::Ok(_) => ("ok", None),
             BacklashSize::BelowU95(_) => ("below_u95", None),
-            BacklashSize::NotIdentifiable(reason) => ("not_identifiable", Some(reason_code(reason))),
         };
-        let known = backlash.known();
         Self {
-            value: known.map(|known| known.value).filter(|value| value.is_finite()),
+            value: known.map(|known| known.value),
             u95: known.map(|known| known.u95).filter(|u95| u95.is_finite()),
             status,
             reason,
@@ -335,6 +335,14 @@ pub fn health_json(health: &Health) -> serde_json::Value {
         object.insert(field.path.into(), value);
     }
     object.into()
+}
+
+/// The status to show: a device may say `Ok` of a value that is no number.
+pub fn shown_status(parameter: &Parameter) -> Status {
+    match parameter.value() {
+        Some(value) if value.is_finite() => parameter.status(),
+        _ => Status::NotIdentifiable,
+    }
 }
 
 /// `ok`, `held` or `not_identifiable`.

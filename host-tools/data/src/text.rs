@@ -30,6 +30,9 @@ pub fn value_text(parameter: &Parameter) -> String {
 pub fn backlash_text(backlash: &Backlash) -> String {
     let text = |Interval { value, u95 }: Interval| interval_text(f64::from(value) * 1e6, f64::from(u95) * 1e6);
     match backlash.size {
+        BacklashSize::Ok(interval) | BacklashSize::BelowU95(interval) if !interval.value.is_finite() => {
+            "not identifiable".into()
+        }
         BacklashSize::Ok(interval) => text(interval),
         BacklashSize::BelowU95(interval) => format!("{} (maybe none)", text(interval)),
         BacklashSize::NotIdentifiable(reason) => reason_words(reason).into(),
@@ -91,13 +94,20 @@ pub fn counts_line(settings: &Settings, duration_s: f64, outcome: &Outcome) -> S
         count => format!("{count} saturated"),
     };
     format!(
-        "{} at {} Hz in {}, {lost}, {saturated}; residual {:.2} {} rms",
+        "{} at {} Hz in {}, {lost}, {saturated}; residual {}",
         plural(counters.samples, "sample"),
         settings.sample_rate_hz,
         duration_text(duration_s),
-        outcome.estimate.residual_rms_n,
-        catalogue::unit(settings.machine, "N")
+        residual_text(settings.machine, &outcome.estimate)
     )
+}
+
+/// The force that is left unexplained, for a person: `1.82 N rms`.
+pub fn residual_text(machine: Machine, estimate: &Estimate) -> String {
+    if !estimate.residual_rms_n.is_finite() {
+        return "unknown".into();
+    }
+    format!("{:.2} {} rms", estimate.residual_rms_n, catalogue::unit(machine, "N"))
 }
 
 /// Heads the lines of [`row`].

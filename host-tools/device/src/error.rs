@@ -54,6 +54,16 @@ pub enum DeviceError {
     )]
     Connect { address: String, reason: String },
 
+    /// Connected, and closed before anything came.
+    #[error("{name} closed the connection before it said anything")]
+    #[diagnostic(
+        code(inerter::device::turned_away),
+        help(
+            "other programs may take all its places: close one of them, or wait; else look whether it is a device at all"
+        )
+    )]
+    TurnedAway { name: String },
+
     /// Opened, but nothing comes.
     #[error("{name} does not answer: nothing that can be understood came within {seconds} s")]
     #[diagnostic(
@@ -116,6 +126,7 @@ impl DeviceError {
                 | Self::Busy { .. }
                 | Self::Open { .. }
                 | Self::Connect { .. }
+                | Self::TurnedAway { .. }
                 | Self::Silent { .. }
                 | Self::NoReply { .. }
                 | Self::Flood { .. }
@@ -149,7 +160,11 @@ fn none_help(stlinks: &[String], in_dfu: bool) -> String {
 fn refusal_help(refusal: &Refusal) -> &'static str {
     match refusal {
         Refusal::Unsupported => "`inerter info` shows a recorded device's capabilities; update its firmware",
-        Refusal::Busy | Refusal::QueueFull { .. } => "try again; if it stays so, restart the device",
+        Refusal::Busy => {
+            "another program may control it, as where `simulate --tcp` or `monitor --share` serves several: end that one, or \
+             ask there. Else try again; if it stays so, restart the device"
+        }
+        Refusal::QueueFull { .. } => "try again; if it stays so, restart the device",
         Refusal::BadSetting { .. } => "change this setting with --set",
         Refusal::BadSamples => "update the firmware of the device, or this program",
         Refusal::Store => "the settings hold until the device restarts; if it stays so, the board is damaged",

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use inerter_wire::Streams;
+use inerter_wire::{Refusal, Streams};
 
 use crate::{
     error::DeviceError,
@@ -40,6 +40,8 @@ pub struct Live {
     clock: Clock,
     interrupted: Interrupted,
     state: State,
+    /// Another program controlled the device when this one connected.
+    looks_on: bool,
     /// Frames lost on the links before this one.
     lost_before: u64,
 }
@@ -63,9 +65,10 @@ impl Live {
         interrupted: Interrupted,
     ) -> Result<Self, DeviceError> {
         let clock = Clock::new();
-        let device = Box::new(open(&target, streams, clock, interrupted)?);
+        let (device, controls) = open(&target, streams, clock, interrupted)?;
+        let device = Box::new(device);
         let (target, state) = (known(target, &device), State::Here { device, heard: Instant::now() });
-        Ok(Self { target, streams, wait, clock, interrupted, state, lost_before: 0 })
+        Ok(Self { target, streams, wait, clock, interrupted, state, looks_on: !controls, lost_before: 0 })
     }
 
     /// The device, while it is there.
@@ -82,6 +85,11 @@ impl Live {
             State::Here { device, .. } => Some(device),
             State::Away { .. } => None,
         }
+    }
+
+    /// Whether another program controlled the device when this one connected: what is asked of it then is refused.
+    pub fn looks_on(&self) -> bool {
+        self.looks_on
     }
 
     /// Host time now, on the clock of what is received \[ns\].
@@ -127,7 +135,8 @@ impl Live {
                     return Ok(LinkEvent::Quiet);
                 }
                 match open(&self.target, self.streams, self.clock, self.interrupted) {
-                    Ok(device) => {
+                    Ok((device, controls)) => {
+                        self.looks_on = !controls;
                         self.state = State::Here { device: Box::new(device), heard: Instant::now() };
                         Ok(LinkEvent::Back)
                     }
@@ -144,11 +153,21 @@ impl Live {
     }
 }
 
-fn open(target: &Target, streams: Streams, clock: Clock, interrupted: Interrupted) -> Result<Device, DeviceError> {
+/// The device, and whether it is ours to control.
+fn open(
+    target: &Target,
+    streams: Streams,
+    clock: Clock,
+    interrupted: Interrupted,
+) -> Result<(Device, bool), DeviceError> {
     let mut device = Device::connect_until(target, clock, interrupted)?;
     device.stream(streams)?;
-    device.start_sampler()?;
-    Ok(device)
+    match device.start_sampler() {
+        // Whoever controls it decides whether it runs.
+        Err(DeviceError::Refused { refusal: Refusal::Busy, .. }) => Ok((device, false)),
+        Err(error) => Err(error),
+        Ok(()) => Ok((device, true)),
+    }
 }
 
 /// A USB device is found again by its serial number, whatever port it then gets; also one that was given by its port.

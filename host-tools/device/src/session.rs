@@ -148,6 +148,7 @@ impl Device {
                         DeviceError::Connect { .. }
                             | DeviceError::Missing { .. }
                             | DeviceError::Silent { .. }
+                            | DeviceError::TurnedAway { .. }
                             | DeviceError::Vanished { .. }
                     );
                     if !may_come || started.elapsed() > patience {
@@ -268,6 +269,7 @@ impl Device {
 
     fn handshake(&mut self) -> Result<(), DeviceError> {
         self.write(&[DELIMITER])?;
+        let is_tcp = matches!(self.link, Link::Tcp(_));
         let started = Instant::now();
         let mut asked: Option<Instant> = None;
         self.hello = loop {
@@ -281,7 +283,12 @@ impl Device {
                 self.send(Command::Hello)?;
                 asked = Some(Instant::now());
             }
-            self.poll()?;
+            self.poll().map_err(|error| match error {
+                DeviceError::Vanished { name, .. } if is_tcp && self.talk.queue.is_empty() => {
+                    DeviceError::TurnedAway { name }
+                }
+                error => error,
+            })?;
             if let Some(hello) = self.talk.queue.iter().find_map(|received| message(received, as_hello)) {
                 break hello;
             }

@@ -74,7 +74,7 @@ pub fn code(error: &Error) -> u8 {
             IdentifyError::Settings(_) => SETTINGS,
         },
         Error::Monitor(error) => match error {
-            MonitorError::NotLoopback { .. } | MonitorError::Address { .. } => USAGE,
+            MonitorError::NotLoopback { .. } | MonitorError::Exposed { .. } | MonitorError::Address { .. } => USAGE,
             MonitorError::Listen { .. } | MonitorError::Terminal { .. } => OUTPUT,
             MonitorError::Random { .. } => OTHER,
         },
@@ -140,7 +140,8 @@ fn device(error: &DeviceError) -> u8 {
         | DeviceError::Permission { .. }
         | DeviceError::Busy { .. }
         | DeviceError::Open { .. }
-        | DeviceError::Connect { .. } => NO_DEVICE,
+        | DeviceError::Connect { .. }
+        | DeviceError::TurnedAway { .. } => NO_DEVICE,
         DeviceError::Silent { .. }
         | DeviceError::NoReply { .. }
         | DeviceError::Flood { .. }

@@ -114,6 +114,9 @@ fn the_page_lets_in_only_who_has_its_address_and_shows_what_is_measured() {
         (path, format!("Host: evil.example:{}\r\n", host.rsplit(':').next().unwrap())),
         (path, format!("{named}Origin: http://evil.example\r\n")),
         (path, String::new()),
+        (path, format!("{named}Host: evil.example\r\n")),
+        (path, format!("Host: evil.example\r\n{named}")),
+        (path, "Host: localhost:1; script-src *\r\n".into()),
     ] {
         let answer = get(host, path, &headers);
         assert!(answer.starts_with("HTTP/1.1 403") || answer.starts_with("HTTP/1.1 400"), "{path} {headers}: {answer}");
@@ -161,6 +164,27 @@ fn an_estimator_is_reset_from_the_page() {
 }
 
 #[test]
+fn a_reset_is_refused_aloud_where_another_program_has_the_control() {
+    let folder = tempfile::tempdir().unwrap();
+    let device = device();
+    let target = inerter_device::Target::Tcp { address: device.name().into() };
+    let _controller = inerter_device::Device::connect(&target, inerter_device::Clock::new()).unwrap();
+    let mut monitor = Monitor::start(folder.path(), &device, &["--web"]);
+    let url = monitor.next("view")["address"].as_str().unwrap().replace("http://", "ws://");
+    let mut socket = connect(&format!("{url}live"), None, None).unwrap();
+    socket.send(Message::text(r#"{"reset_estimator":true}"#)).unwrap();
+    let words = loop {
+        if let Message::Text(text) = socket.read().unwrap() {
+            let message = last(&text);
+            if message["kind"] == "event" && message["trouble"] == true {
+                break message["words"].as_str().unwrap().to_string();
+            }
+        }
+    };
+    assert!(words.contains("refused to reset its estimator: the device is busy"), "{words}");
+}
+
+#[test]
 fn a_page_for_other_machines_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let device = device();
@@ -180,6 +204,28 @@ fn a_page_for_other_machines_is_refused() {
         let words = refused(arguments, 8);
         assert!(words.contains(&format!("cannot listen at {address}")), "{words}");
     }
+}
+
+#[test]
+fn other_machines_are_let_in_only_where_that_is_meant() {
+    let folder = tempfile::tempdir().unwrap();
+    let device = device();
+    let bridge = ["monitor", "--connect", device.name(), "--json", "--duration", "1", "--foxglove", "0.0.0.0:0"];
+    for (command, option) in [(&bridge[..], "--foxglove"), (&["simulate", "--tcp", "0.0.0.0:0"], "--tcp")] {
+        let words = fails(folder.path(), command, 2);
+        assert!(
+            words.contains(&format!("{option} 0.0.0.0:0 would let in other machines"))
+                && words.contains("--allow-remote"),
+            "{words}"
+        );
+    }
+    let output = common::run(folder.path(), &[&bridge[..], &["--allow-remote"]].concat());
+    // A file that somebody left in the folder does not mean it.
+    std::fs::write(folder.path().join("inerter.toml"), "[simulate]\nallow_remote = true\n").unwrap();
+    let words = fails(folder.path(), &["simulate", "--tcp", "0.0.0.0:0"], 4);
+    assert!(words.contains("may not set `simulate.allow_remote`"), "{words}");
+    let words = text(&output.stderr);
+    assert!(output.status.success() && words.contains("every machine that reaches 0.0.0.0:0 can connect"), "{words}");
 }
 
 /// A socket that a bridge sends to, and its address.
@@ -301,6 +347,36 @@ fn foxglove(url: &str) -> (WebSocket<TcpStream>, Vec<Value>) {
 }
 
 #[test]
+fn foxglove_is_served_to_known_pages_only() {
+    let folder = tempfile::tempdir().unwrap();
+    let device = device();
+    let arguments = ["--foxglove", "127.0.0.1:0", "--foxglove-origin", "https://plots.example"];
+    let mut monitor = Monitor::start(folder.path(), &device, &arguments);
+    let url = format!("{}/", monitor.next("view")["address"].as_str().unwrap());
+    let protocol = Some("foxglove.sdk.v1");
+    for origin in ["https://evil.example", "null", "http://localhost.evil.example", "http://app.foxglove.dev"] {
+        let refused = connect(&url, Some(origin), protocol).unwrap_err();
+        assert!(refused.contains("403"), "{origin}: {refused}");
+    }
+    for origin in ["https://app.foxglove.dev", "http://localhost:8080", "https://plots.example"] {
+        connect(&url, Some(origin), protocol).unwrap();
+    }
+    connect(&url, None, Some("foxglove.websocket.v1")).unwrap();
+    assert!(connect(&url, None, None).unwrap_err().contains("400"));
+    let host = url.split('/').nth(2).unwrap();
+    let upgrade = "Upgrade: websocket\r\nConnection: upgrade\r\nSec-WebSocket-Version: 13\r\n\
+                   Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Protocol: foxglove.sdk.v1\r\n";
+    for (name, code) in [("evil.example", "403"), (host, "101")] {
+        let mut stream = TcpStream::connect(host).unwrap();
+        stream.set_read_timeout(Some(LIMIT)).unwrap();
+        write!(stream, "GET / HTTP/1.1\r\nHost: {name}\r\n{upgrade}\r\n").unwrap();
+        let mut answer = String::new();
+        BufReader::new(stream).read_line(&mut answer).unwrap();
+        assert!(answer.contains(code), "{name}: {answer}");
+    }
+}
+
+#[test]
 fn foxglove_finds_channels_with_schemas_and_their_messages() {
     let folder = tempfile::tempdir().unwrap();
     let device = device();
@@ -337,6 +413,50 @@ fn foxglove_finds_channels_with_schemas_and_their_messages() {
             other => panic!("subscription {other}"),
         }
         counts[subscription as usize - 1] += 1;
+    }
+}
+
+/// Somebody without the token begins requests and never ends them, where few files may be open.
+#[cfg(unix)]
+#[test]
+fn half_sent_requests_end_and_do_not_keep_the_device_from_coming_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let before = device();
+    let address = before.name().to_string();
+    let mut command = std::process::Command::new("sh");
+    command.args(["-c", "ulimit -n 64 && exec \"$0\" \"$@\"", env!("CARGO_BIN_EXE_inerter")]);
+    command.args(["monitor", "--json", "--connect", &address, "--wait", "30", "--web", "--foxglove", "127.0.0.1:0"]);
+    command.current_dir(folder.path()).stdin(std::process::Stdio::null()).stdout(std::process::Stdio::piped());
+    let mut child = command.spawn().unwrap();
+    let output = BufReader::new(child.stdout.take().unwrap());
+    let mut monitor = Monitor { child, output };
+    let url = monitor.next("view")["address"].as_str().unwrap().to_string();
+    let foxglove = monitor.next("view")["address"].as_str().unwrap().to_string();
+    let [page, bridge] = [&url, &foxglove].map(|url| url.split('/').nth(2).unwrap());
+    let half_sent: Vec<TcpStream> = [page, bridge]
+        .into_iter()
+        .flat_map(|host| (0..100).map(move |_| host))
+        .map(|host| {
+            let mut stream = TcpStream::connect(host).unwrap();
+            stream.set_read_timeout(Some(LIMIT)).unwrap();
+            // One that was turned away already takes nothing more.
+            stream.write_all(b"GET / HTTP/1.1\r\nHost: loc").ok();
+            stream
+        })
+        .collect();
+    // The page is there meanwhile.
+    let path = url.strip_prefix(&format!("http://{page}")).unwrap();
+    assert!(get(page, path, &format!("Host: {page}\r\n")).starts_with("HTTP/1.1 200"));
+    monitor.next("device");
+    drop(before);
+    let setup = Setup::new(Parameters::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
+    let _after = VirtualDevice::start(&setup, &Endpoint::Tcp(address), 2.0).unwrap();
+    monitor.next("device");
+    for mut stream in half_sent {
+        // Ended, by whatever means, not merely quiet.
+        if let Err(error) = stream.read_to_end(&mut Vec::new()) {
+            assert_ne!(error.kind(), std::io::ErrorKind::WouldBlock, "a half-sent request stays");
+        }
     }
 }
 

@@ -123,7 +123,7 @@ impl VirtualDevice {
                     defaults: settings,
                     autostart,
                 };
-                run_until(&flag, inerter_app::run(&app, &mut state, board));
+                run_until(&flag, || port.borrow_mut().turn(), inerter_app::run(&app, &mut state, board));
                 start = Start::SOFTWARE;
             }
         });
@@ -155,13 +155,14 @@ impl Wake for Unpark {
     }
 }
 
-/// Polls `future` until it is ready or `stop` is set.
-fn run_until(stop: &AtomicBool, future: impl Future) {
+/// Polls `future`, after `turn` each time, until it is ready or `stop` is set.
+fn run_until(stop: &AtomicBool, mut turn: impl FnMut(), future: impl Future) {
     let waker = Waker::from(Arc::new(Unpark(thread::current())));
     let mut context = Context::from_waker(&waker);
     let mut future = pin!(future);
     while !stop.load(Ordering::Relaxed) {
         clock::advance();
+        turn();
         if future.as_mut().poll(&mut context).is_ready() {
             return;
         }

@@ -2,7 +2,7 @@
 //!
 //! [`Setup`] puts device, motion, instruments and settings together; [`mod@file`] writes a recording or a CSV,
 //! [`VirtualDevice`] runs the firmware's app on this machine behind a pseudo-terminal or a TCP port, [`Qemu`] runs the
-//! firmware image itself.
+//! firmware image itself. [`share`] lets several hosts use one link, of a virtual device or of any other.
 #![forbid(unsafe_code)]
 
 // The app's queues need critical sections; this crate brings the implementation for a machine with threads.
@@ -16,6 +16,7 @@ pub mod operator;
 mod port;
 mod qemu;
 mod setup;
+pub mod share;
 
 pub use device::{Endpoint, VirtualDevice};
 pub use error::SimulateError;

@@ -1,21 +1,15 @@
 //! The far end of the link: a TCP port or pseudo-terminal behind which a simulated device sits. Never blocks.
 
-use std::{
-    io::{self, Read, Write},
-    net::{TcpListener, TcpStream},
-};
+use std::io;
+#[cfg(unix)]
+use std::io::{Read, Write};
 
-use crate::error::SimulateError;
+use crate::{error::SimulateError, share::Share};
 
-/// One host at a time.
+/// The device's end.
 pub enum Port {
-    /// A TCP port and who is connected.
-    Tcp {
-        /// Where hosts come in.
-        listener: TcpListener,
-        /// The host that is there.
-        stream: Option<TcpStream>,
-    },
+    /// A TCP port for several hosts.
+    Tcp(Box<Share>),
     /// The device's side of a pseudo-terminal.
     #[cfg(unix)]
     Pty {
@@ -28,10 +22,9 @@ impl Port {
     /// Listens on `address`, e.g. `127.0.0.1:7878`; gives the address with its true port number.
     pub fn tcp(address: &str) -> Result<(Self, String), SimulateError> {
         let failed = |source| SimulateError::Endpoint { what: format!("the TCP port {address}"), source };
-        let listener = TcpListener::bind(address).map_err(failed)?;
-        listener.set_nonblocking(true).map_err(failed)?;
-        let address = listener.local_addr().map_err(failed)?.to_string();
-        Ok((Self::Tcp { listener, stream: None }, address))
+        let share = Share::controlled(address).map_err(failed)?;
+        let address = share.address().map_err(failed)?.to_string();
+        Ok((Self::Tcp(Box::new(share)), address))
     }
 
     /// Opens a pseudo-terminal; gives the name of the host's side.
@@ -60,24 +53,13 @@ impl Port {
         Ok((Self::Pty { master: std::fs::File::from(master) }, name))
     }
 
-    /// Reads what is there; `WouldBlock` when nothing is, `NotConnected` when nobody is.
+    /// Reads what is there; `WouldBlock` when nothing is, `NotConnected` when nobody is at a pseudo-terminal.
     pub fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
         match self {
-            Self::Tcp { listener, stream } => {
-                // The present host first: one that has just left must not keep the next one out.
-                if let Some(connected) = stream {
-                    match connected.read(into) {
-                        Ok(count @ 1..) => return Ok(count),
-                        Err(error) if error.kind() == io::ErrorKind::WouldBlock => {
-                            Self::accept(listener, stream);
-                            return Err(error);
-                        }
-                        Ok(_) | Err(_) => *stream = None,
-                    }
-                }
-                Self::accept(listener, stream);
-                Err(if stream.is_some() { io::ErrorKind::WouldBlock } else { io::ErrorKind::NotConnected }.into())
-            }
+            Self::Tcp(share) => match share.requests(into) {
+                0 => Err(io::ErrorKind::WouldBlock.into()),
+                count => Ok(count),
+            },
             #[cfg(unix)]
             Self::Pty { master } => match master.read(into) {
                 Err(error) if error.kind() != io::ErrorKind::WouldBlock => Err(io::ErrorKind::NotConnected.into()),
@@ -86,12 +68,13 @@ impl Port {
         }
     }
 
-    /// Writes what fits; `WouldBlock` when nothing does, `NotConnected` when nobody is there to read it.
+    /// Writes what fits; `WouldBlock` when nothing does, `NotConnected` when nobody is at a pseudo-terminal.
     pub fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         match self {
-            Self::Tcp { stream, .. } => {
-                let connected = stream.as_mut().ok_or(io::ErrorKind::NotConnected)?;
-                connected.write(bytes)
+            Self::Tcp(share) if share.is_full() => Err(io::ErrorKind::WouldBlock.into()),
+            Self::Tcp(share) => {
+                share.relay(bytes);
+                Ok(bytes.len())
             }
             #[cfg(unix)]
             Self::Pty { master } => {
@@ -108,13 +91,12 @@ impl Port {
         }
     }
 
-    fn accept(listener: &TcpListener, stream: &mut Option<TcpStream>) {
-        while let Ok((arrived, _)) = listener.accept() {
-            let ready = arrived.set_nonblocking(true).and_then(|()| arrived.set_nodelay(true));
-            // A second host is turned away by closing its connection.
-            if stream.is_none() && ready.is_ok() {
-                *stream = Some(arrived);
-            }
+    /// Serves the hosts beside what is read and written. To be called often.
+    pub fn turn(&mut self) {
+        match self {
+            Self::Tcp(share) => share.turn(),
+            #[cfg(unix)]
+            Self::Pty { .. } => {}
         }
     }
 }

@@ -371,6 +371,28 @@ fn the_longest_fit() {
     assert!(std::mem::size_of::<FrameReader<Record>>() <= 600);
 }
 
+/// A frame that is passed on is the one that its new sender would have made.
+#[test]
+fn frames_take_another_number() {
+    fn passes<T: Message>(message: &T) {
+        let [mut first, mut wanted, mut out] = [[0; MAX_FRAME]; 3];
+        let length = encode(message, SEQUENCE, &mut first).unwrap();
+        let stuffed = &first[..length - 1];
+        for sequence in [0, 1, SEQUENCE, u16::MAX] {
+            let length = encode(message, sequence, &mut wanted).unwrap();
+            assert_eq!(renumber::<T>(stuffed, sequence, &mut out), Some(length));
+            assert_eq!(out[..length], wanted[..length]);
+        }
+        assert_eq!(renumber::<T>(stuffed, 0, &mut out[..length / 2]), None);
+    }
+    records().iter().for_each(|(_, record)| passes(record));
+    requests().iter().for_each(|(_, request)| passes(request));
+    passes(&Record::Samples(longest_samples()));
+    for nothing in [&[][..], &[1], &[9, 1, 1], &[1; MAX_FRAME], &[255; 4]] {
+        assert_eq!(renumber::<Record>(nothing, 0, &mut [0; MAX_FRAME]), None, "{nothing:?}");
+    }
+}
+
 /// Every buffer that is too small is refused, also when it lacks only the delimiter; none is overrun.
 #[test]
 fn small_buffers_are_refused() {

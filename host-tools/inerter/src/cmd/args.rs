@@ -14,7 +14,7 @@ use inerter_device::{Clock, DEFAULT_BAUD, Device, Target, live::Live};
 use inerter_wire::Streams;
 
 use super::terminal::{interrupted, note};
-use crate::Error;
+use crate::{Error, monitor::bridge::exposed};
 
 /// Settings over the run's own.
 #[derive(clap::Args)]
@@ -87,6 +87,9 @@ impl LinkArgs {
     pub fn live(&self, streams: Streams, wait: Duration) -> Result<Live, Error> {
         let live = Live::connect_until(self.target(), streams, wait, interrupted)?;
         live.device().into_iter().for_each(tell);
+        if live.looks_on() {
+            note("another program controls this device: this one looks on, and what it asks for is refused");
+        }
         Ok(live)
     }
 
@@ -102,6 +105,13 @@ impl LinkArgs {
 /// Says so where the device has other settings than this program knows.
 fn tell(device: &Device) {
     settings_note(device.reading()).iter().for_each(note);
+}
+
+/// Says so where other machines can connect.
+pub fn note_exposed(address: &str) {
+    if exposed(address).is_some() {
+        note(format!("every machine that reaches {address} can connect: nothing there asks for a password"));
+    }
 }
 
 /// A recording that is to be written.

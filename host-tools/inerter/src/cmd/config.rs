@@ -26,14 +26,27 @@ use inerter_data::words::nearest;
 use toml::{Table, Value};
 
 use super::terminal::note;
-use crate::monitor::web::is_loopback;
+use crate::monitor::server::loopback;
 
 /// Name of the file in the current folder.
 const FILE: &str = "inerter.toml";
 
-/// Flags that let a command replace or erase something, on a disk or a device, or name what it writes.
-const WRITES: [&str; 11] =
-    ["force", "yes", "save", "write", "output", "record", "csv", "parquet", "mat", "mcap", "png"];
+/// Flags that let a command replace or erase something, on a disk or a device, or name what it writes, or let others in.
+const GRAVE: [&str; 13] = [
+    "force",
+    "yes",
+    "save",
+    "write",
+    "output",
+    "record",
+    "csv",
+    "parquet",
+    "mat",
+    "mcap",
+    "png",
+    "allow-remote",
+    "foxglove-origin",
+];
 
 /// A file with flags.
 #[derive(Debug, PartialEq)]
@@ -185,8 +198,8 @@ impl Reader<'_> {
             help: format!("write what would follow --{}", long(arg)),
         };
         let is_address = arg.get_value_names().is_some_and(|names| names.iter().any(|name| name == "HOST:PORT"));
-        let elsewhere = || texts(value).is_ok_and(|places| !places.iter().all(|place| is_loopback(place)));
-        if !self.file.is_named && (WRITES.contains(&long(arg)) || is_address && elsewhere()) {
+        let elsewhere = || texts(value).is_ok_and(|places| !places.iter().all(|place| loopback(place).is_some()));
+        if !self.file.is_named && (GRAVE.contains(&long(arg)) || is_address && elsewhere()) {
             return Err(ConfigError::Found { path: self.path.into(), key: key.into() });
         }
         if is_switch(arg) {
@@ -440,7 +453,7 @@ mod tests {
         let mut found = std::collections::BTreeSet::new();
         paths(&crate::Cli::command(), &mut found);
         let read = ["config", "image", "settings"];
-        let known = |name: &String| WRITES.contains(&name.as_str()) || read.contains(&name.as_str());
+        let known = |name: &String| GRAVE.contains(&name.as_str()) || read.contains(&name.as_str());
         let unknown: Vec<_> = found.iter().filter(|name| !known(name)).collect();
         assert!(unknown.is_empty() && found.contains("output"), "{unknown:?} of {found:?}");
     }

@@ -41,8 +41,8 @@ impl Viewer for Json {
                 self.settings = *settings;
                 return Ok(());
             }
-            Item::Away { reason } => {
-                note(reason);
+            Item::Away { reason: words } | Item::Refused { words } => {
+                note(words);
                 return Ok(());
             }
             Item::Back { port } => {
@@ -111,7 +111,7 @@ impl Viewer for Lines {
             }
             Item::Event { event, .. } => note(event_words(self.machine, &event.kind)),
             Item::Marker { text, .. } => note(format!("marker: {text}")),
-            Item::Away { reason } => note(reason),
+            Item::Away { reason: words } | Item::Refused { words } => note(words),
             Item::Back { port } => note(back(port)),
             Item::Settings(settings) => self.machine = settings.machine,
             Item::Samples(_) | Item::Reversal { .. } => {}

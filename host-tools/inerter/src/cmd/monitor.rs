@@ -7,11 +7,12 @@ use std::{
 };
 
 use inerter_data::{json::json_line, output, recording::Recorder};
+use inerter_simulate::share::Share;
 use inerter_wire::Streams;
 use serde_json::json;
 
 use super::{
-    args::{LinkArgs, TimeArgs},
+    args::{LinkArgs, TimeArgs, note_exposed},
     lines::{Json, Lines},
     screen,
     terminal::{self, say},
@@ -19,11 +20,15 @@ use super::{
 use crate::{
     Error,
     monitor::{
-        bridge::{self, Foxglove, PlotJuggler, Teleplot},
+        MonitorError,
+        bridge::{self, Foxglove, PlotJuggler, Teleplot, check_exposed},
         hub::Hub,
         web::{self, Web},
     },
 };
+
+/// Where other programs find the device when nothing else is said.
+const SHARE: &str = "127.0.0.1:7878";
 
 /// Show what a device measures, live.
 ///
@@ -32,7 +37,7 @@ use crate::{
 /// {"kind":"device",..} at the beginning and after each reconnection, {"kind":"estimate",..} as `inerter replay --json`
 /// prints it, {"kind":"reversal",..} for each reversal of the flanks, {"kind":"health",..} once a second,
 /// {"kind":"event","code":..,"event":..}, {"kind":"link","lost_frames":..} when frames were lost,
-/// {"kind":"marker","text":..}, {"kind":"view","view":..,"address":..} for each of --web, --teleplot, --plotjuggler, --foxglove.
+/// {"kind":"marker","text":..}, {"kind":"view","view":..,"address":..} for each of --web, --teleplot, --plotjuggler, --foxglove, --share.
 #[derive(clap::Args)]
 pub struct Args {
     #[command(flatten)]
@@ -66,12 +71,21 @@ pub struct Args {
     /// Serve samples and estimates to Foxglove (WebSocket)
     #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = bridge::FOXGLOVE, help_heading = "Other views")]
     foxglove: Option<String>,
+    /// Let pages of this origin connect too (--foxglove), e.g. `https://plots.example`; may be given several times
+    #[arg(long, value_name = "ORIGIN", requires = "foxglove", help_heading = "Other views")]
+    foxglove_origin: Vec<String>,
+    /// Let other programs look on as at a device: `monitor` or `record` with --connect HOST:PORT. This one controls it
+    #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = SHARE, help_heading = "Other views")]
+    share: Option<String>,
+    /// Let other machines connect where an address is not a loopback one (--foxglove, --share)
+    #[arg(long, help_heading = "Other views")]
+    allow_remote: bool,
 }
 
 impl Args {
     fn streams(&self, has_screen: bool) -> Streams {
-        let Self { record, web, teleplot, plotjuggler, foxglove, .. } = self;
-        if record.is_some() {
+        let Self { record, share, web, teleplot, plotjuggler, foxglove, .. } = self;
+        if record.is_some() || share.is_some() {
             return Streams::ALL;
         }
         let samples = has_screen || *web || [teleplot, plotjuggler, foxglove].into_iter().any(Option::is_some);
@@ -132,8 +146,21 @@ fn views(args: &Args, hub: &mut Hub, recording: Option<String>) -> Result<Vec<(&
         hub.add(PlotJuggler::new(address)?);
         views.push(("PlotJuggler", format!("udp://{address}")));
     }
+    if let Some(address) = &args.share {
+        check_exposed("--share", address, args.allow_remote)?;
+        let failed = |error: io::Error| {
+            let (what, option, reason) = ("the shared device", "--share", error.to_string());
+            MonitorError::Listen { what, option, address: address.clone(), example: SHARE, reason }
+        };
+        let share = Share::watched(address).map_err(failed)?;
+        note_exposed(address);
+        views.push(("shared device", share.address().map_err(failed)?.to_string()));
+        hub.share(share);
+    }
     if let Some(address) = &args.foxglove {
-        let foxglove = Foxglove::new(address)?;
+        check_exposed("--foxglove", address, args.allow_remote)?;
+        let foxglove = Foxglove::new(address, &args.foxglove_origin)?;
+        note_exposed(address);
         views.push(("Foxglove", foxglove.address().to_string()));
         hub.add(foxglove);
     }

@@ -21,10 +21,10 @@ use miette::Diagnostic;
 use serde_json::json;
 
 use super::{
-    args::SettingsArgs,
+    args::{SettingsArgs, note_exposed},
     terminal::{self, Progress},
 };
-use crate::Error;
+use crate::{Error, monitor::bridge::check_exposed};
 
 /// Duration of a file when neither --duration nor the motion says one \[s\].
 const FILE_S: f64 = 20.0;
@@ -48,6 +48,9 @@ pub struct Args {
     /// Be a live device on this TCP address, e.g. 127.0.0.1:7878; port 0 takes any free one
     #[arg(long, value_name = "HOST:PORT", group = "where")]
     tcp: Option<String>,
+    /// Let other machines connect where the address of --tcp is not a loopback one
+    #[arg(long, requires = "tcp")]
+    allow_remote: bool,
     /// Be a live device on a pseudo-terminal, like a board on a serial port
     #[arg(long, group = "where")]
     pty: bool,
@@ -209,7 +212,11 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let setup = setup(args)?;
     match (&args.output, &args.tcp) {
         (Some(path), _) => to_file(args, &setup, path),
-        (None, Some(address)) => live(args, &setup, &Endpoint::Tcp(address.clone())),
+        (None, Some(address)) => {
+            check_exposed("--tcp", address, args.allow_remote)?;
+            note_exposed(address);
+            live(args, &setup, &Endpoint::Tcp(address.clone()))
+        }
         (None, None) => live(args, &setup, &Endpoint::Pty),
     }
 }

@@ -8,7 +8,7 @@ mod foxglove;
 mod plotjuggler;
 mod teleplot;
 
-pub use address::{FOXGLOVE, PLOTJUGGLER, TELEPLOT, resolve};
+pub use address::{FOXGLOVE, PLOTJUGGLER, TELEPLOT, check_exposed, exposed, resolve};
 pub use foxglove::Foxglove;
 pub use plotjuggler::PlotJuggler;
 pub use teleplot::Teleplot;

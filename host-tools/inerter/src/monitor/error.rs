@@ -18,6 +18,14 @@ pub enum MonitorError {
     )]
     NotLoopback { address: String, resolved: SocketAddr },
 
+    /// Other machines could connect, which was not asked for.
+    #[error("{option} {address} would let in other machines: {resolved} is no loopback address")]
+    #[diagnostic(
+        code(inerter::monitor::remote),
+        help("use {option} 127.0.0.1:{port}, or add --allow-remote where everybody on that network may connect", port = resolved.port())
+    )]
+    Exposed { option: &'static str, address: String, resolved: SocketAddr },
+
     /// An address that does not exist.
     #[error("{option} {address} is no address: {source}")]
     #[diagnostic(code(inerter::monitor::address), help("give HOST:PORT, for example {example}"))]

@@ -86,6 +86,11 @@ pub enum Item {
     LostFrames(u64),
     /// Frames left out so far because they hold what this program does not know: the firmware is newer. Told with the health.
     UnknownFrames(u64),
+    /// The device has not done what was asked for.
+    Refused {
+        /// What and why, for a person.
+        words: String,
+    },
     /// The user's own note.
     Marker {
         /// When.

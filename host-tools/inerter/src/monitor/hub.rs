@@ -4,10 +4,11 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 
 use inerter_data::recording::{End, Recorder};
 use inerter_device::{
-    Device, DeviceError,
+    Device, DeviceError, Received,
     live::{LinkEvent, Live},
 };
-use inerter_wire::Command;
+use inerter_simulate::share::Share;
+use inerter_wire::{Command, DELIMITER, Frame, Record, Reply};
 
 use super::feed::{Feed, Item};
 use crate::Error;
@@ -37,6 +38,9 @@ pub struct Hub {
     live: Live,
     feed: Feed,
     recorder: Option<Recorder>,
+    share: Option<Share>,
+    /// Number of the last reset that was asked for, until its reply has come.
+    asked: Option<u16>,
     viewers: Vec<Box<dyn Viewer + Send>>,
     wishes: (Sender<Wish>, Receiver<Wish>),
     wait_s: f64,
@@ -45,7 +49,8 @@ pub struct Hub {
 impl Hub {
     /// For a device that is connected.
     pub fn new(live: Live, wait_s: f64) -> Self {
-        Self { live, feed: Feed::default(), recorder: None, viewers: Vec::new(), wishes: channel(), wait_s }
+        let (recorder, share, viewers) = (None, None, Vec::new());
+        Self { live, feed: Feed::default(), recorder, share, asked: None, viewers, wishes: channel(), wait_s }
     }
 
     /// Where wishes go.
@@ -56,6 +61,11 @@ impl Hub {
     /// Records everything from now on.
     pub fn record(&mut self, recorder: Recorder) {
         self.recorder = Some(recorder);
+    }
+
+    /// Lets other programs look on.
+    pub fn share(&mut self, share: Share) {
+        self.share = Some(share);
     }
 
     /// One more who looks on.
@@ -80,17 +90,23 @@ impl Hub {
         self.introduce()?;
         while !stop() {
             self.wished()?;
+            self.share.iter_mut().for_each(Share::turn);
             match self.live.next()? {
                 LinkEvent::Received(received) => {
                     if let Some(recorder) = self.recorder.as_mut().filter(|_| !received.bytes.is_empty()) {
                         recorder.frame(received.time_ns, &received.bytes)?;
                     }
-                    let mut items = Vec::new();
+                    if let Some(share) = &mut self.share {
+                        share.relay(&received.bytes);
+                        share.relay(&[DELIMITER]);
+                    }
+                    let mut items: Vec<Item> = self.refused(&received).into_iter().collect();
                     self.feed.received(&received, self.live.lost_frames(), |item| items.push(item));
                     self.show(items)?;
                 }
                 LinkEvent::Quiet => self.settle()?,
                 LinkEvent::Away { reason } => {
+                    self.share.iter_mut().for_each(Share::forget);
                     self.settle()?;
                     if let Some(recorder) = &mut self.recorder {
                         recorder.flush()?;
@@ -106,6 +122,14 @@ impl Hub {
             }
         }
         Ok(())
+    }
+
+    /// What was asked for, when this is its refusal.
+    fn refused(&mut self, received: &Received) -> Option<Item> {
+        let Frame::Message { message: Record::Reply(Reply { id, result }), .. } = &received.frame else { return None };
+        self.asked.take_if(|asked| *asked == *id)?;
+        let refusal = result.err()?;
+        Some(Item::Refused { words: format!("the device refused to reset its estimator: {refusal}") })
     }
 
     /// Says who is there.
@@ -136,7 +160,7 @@ impl Hub {
                 // The device says by an event that it has done so. One that went away has forgotten everything anyhow.
                 Wish::ResetEstimator => {
                     if let Some(device) = self.live.device_mut() {
-                        reset(device)?;
+                        self.asked = reset(device)?;
                     }
                 }
             }
@@ -152,10 +176,11 @@ impl Hub {
     }
 }
 
-/// Sent without waiting for the reply: samples go on meanwhile. A link that breaks here is met by the next read.
-fn reset(device: &mut Device) -> Result<(), DeviceError> {
+/// Sent without waiting for the reply, whose number it gives: samples go on meanwhile. A link that breaks here is met by the
+/// next read.
+fn reset(device: &mut Device) -> Result<Option<u16>, DeviceError> {
     match device.send(Command::ResetEstimator) {
         Err(error) if !error.may_come_back() => Err(error),
-        _ => Ok(()),
+        result => Ok(result.ok()),
     }
 }

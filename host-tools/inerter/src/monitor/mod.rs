@@ -1,7 +1,8 @@
 //! What a device measures, for those who look on: the screen, the page on loopback, and bridges to other programs.
 //!
 //! [`hub`] takes what comes to all who look on; [`feed`] makes items in SI units on one time line of it, and the rest shows them:
-//! [`state`] and [`view`] on a terminal, [`web`] on a page, [`bridge`] in Teleplot, PlotJuggler and Foxglove.
+//! [`state`] and [`view`] on a terminal, [`web`] on a page, [`bridge`] in Teleplot, PlotJuggler and Foxglove; [`server`] is HTTP for the
+//! page and Foxglove.
 //! All that is kept to be shown is bounded ([`trace`], [`history`]), however long it goes on.
 
 pub mod bridge;
@@ -10,6 +11,7 @@ pub mod feed;
 pub mod history;
 pub mod hub;
 pub mod losses;
+pub mod server;
 pub mod state;
 pub mod trace;
 pub mod view;

@@ -261,6 +261,7 @@ impl State {
                 self.values.losses.unknown_frames = *count;
                 self.line(self.now_s, UNKNOWN_FRAMES.into(), LineKind::Plain);
             }
+            Item::Refused { words } => self.line(self.now_s, words.clone(), LineKind::Trouble),
             Item::Marker { at, text, .. } => {
                 keep(&mut self.marks, (at.run_s, text.clone()));
                 self.line(at.run_s, format!("marker: {text}"), LineKind::Marker);

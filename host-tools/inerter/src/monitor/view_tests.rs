@@ -188,3 +188,27 @@ fn a_pause_and_a_device_that_is_away_are_said_first() {
     state.update(Event::Item(&Item::Away { reason: "COM3 went away; waiting 10 s for it to come back".into() }));
     assert!(drawn(&state, 80, 24, true).0[0].starts_with("COM3 went away; waiting 10 s"));
 }
+
+#[test]
+fn what_is_no_number_is_not_identifiable_on_the_screen() {
+    let mut state = state();
+    let nan = Parameter::Ok(Interval { value: f32::NAN, u95: 1.0 });
+    let parameters = Parameters { inertance_kg: nan, viscous_n_s_per_m: nan, coulomb_n: nan, offset_n: nan };
+    let estimate = Estimate {
+        recent: parameters,
+        whole_run: parameters,
+        moving: true,
+        residual_rms_n: f32::NAN,
+        ..Estimate::default()
+    };
+    let size = BacklashSize::Ok(Interval { value: f32::NAN, u95: f32::NAN });
+    let detail = Some(Detail { backlash: Backlash { size, ..Backlash::default() }, ..Detail::default() });
+    state.update(Event::Item(&Item::Estimate { at: at(11.0), t_s: 11.0, estimate, detail }));
+    let screen = drawn(&state, 120, 40, true).0.join("\n");
+    assert!(!screen.contains("NaN") && screen.contains("residual unknown"), "{screen}");
+    let row = |label| screen.lines().find(|line| line.contains(label)).unwrap();
+    for label in ["Effective inertance", "Viscous friction", "Coulomb friction", "Force offset", "Backlash"] {
+        let row = row(label);
+        assert!(row.contains("not identifiable") && !row.contains(" ok "), "{screen}");
+    }
+}

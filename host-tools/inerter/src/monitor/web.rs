@@ -6,14 +6,10 @@
 
 mod messages;
 
-use std::{
-    net::{IpAddr, SocketAddr, TcpListener},
-    sync::{Arc, Mutex, PoisonError, mpsc::Sender},
-    thread::JoinHandle,
-};
+use std::sync::{Arc, Mutex, PoisonError, mpsc::Sender};
 
 use axum::{
-    Router,
+    Extension, Router,
     extract::{
         Request, State,
         ws::{Message, Utf8Bytes, WebSocket, WebSocketUpgrade},
@@ -24,9 +20,15 @@ use axum::{
     routing::get,
 };
 use serde::Deserialize;
-use tokio::sync::{broadcast, oneshot};
+use tokio::sync::broadcast;
 
-use super::{MonitorError, bridge::resolve, feed::Item, hub::Viewer, hub::Wish};
+use super::{
+    MonitorError,
+    bridge::resolve,
+    feed::Item,
+    hub::{Viewer, Wish},
+    server::{Place, Server, local_host, send, single},
+};
 use crate::Error;
 use messages::Messages;
 
@@ -60,12 +62,11 @@ struct Shared {
     wishes: Mutex<Sender<Wish>>,
 }
 
-/// The page's server, in a thread of its own, until it is dropped.
+/// The page's server, until it is dropped.
 pub struct Web {
     shared: Arc<Shared>,
     url: String,
-    stop: Option<oneshot::Sender<()>>,
-    thread: Option<JoinHandle<()>>,
+    _server: Server,
 }
 
 impl Web {
@@ -75,50 +76,20 @@ impl Web {
         if !address.ip().is_loopback() {
             return Err(MonitorError::NotLoopback { address: bind.into(), resolved: address });
         }
-        let failed = |error: std::io::Error| MonitorError::Listen {
-            what: "the page",
-            option: "--bind",
-            address: bind.into(),
-            example: BIND,
-            reason: error.to_string(),
-        };
-        let listener = TcpListener::bind(address).map_err(failed)?;
-        listener.set_nonblocking(true).map_err(failed)?;
-        let address = listener.local_addr().map_err(failed)?;
         let token = token()?;
-        let url = format!("http://{address}/{token}/");
         let (sender, _) = broadcast::channel(BACKLOG);
         let shared =
             Arc::new(Shared { messages: Mutex::new(Messages::new(recording)), sender, wishes: Mutex::new(wishes) });
-        let router = router(&token, shared.clone());
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(failed)?;
-        let (stop, stopped) = oneshot::channel();
-        let thread = std::thread::Builder::new().name("page".into()).spawn(move || {
-            runtime.block_on(async move {
-                // Neither can fail: the listener is there, and serving goes on over every connection's own errors.
-                let Ok(listener) = tokio::net::TcpListener::from_std(listener) else { return };
-                tokio::select! {
-                    _ = axum::serve(listener, router) => {}
-                    _ = stopped => {}
-                }
-            });
-        });
-        let thread = thread.map_err(failed)?;
-        Ok(Self { shared, url, stop: Some(stop), thread: Some(thread) })
+        let server = Server::start("page", address, router(&token, shared.clone())).map_err(|error| {
+            let (what, option, reason) = ("the page", "--bind", error.to_string());
+            MonitorError::Listen { what, option, address: bind.into(), example: BIND, reason }
+        })?;
+        Ok(Self { shared, url: format!("http://{}/{token}/", server.address()), _server: server })
     }
 
     /// The page's address, token included.
     pub fn url(&self) -> &str {
         &self.url
-    }
-}
-
-impl Drop for Web {
-    fn drop(&mut self) {
-        drop(self.stop.take());
-        if let Some(thread) = self.thread.take() {
-            thread.join().ok();
-        }
     }
 }
 
@@ -170,25 +141,20 @@ async fn guard(request: Request, next: Next) -> Response {
 }
 
 fn from_here(headers: &HeaderMap) -> bool {
-    let text = |name| headers.get(name).and_then(|value| value.to_str().ok());
-    let Some(host) = text(header::HOST).filter(|host| is_loopback(host)) else { return false };
-    // Browsers name the origin wherever it matters; curl does not.
-    !headers.contains_key(header::ORIGIN) || text(header::ORIGIN) == Some(&format!("http://{host}"))
-}
-
-/// Whether `HOST:PORT`, as in a Host header, names this machine; the port may differ where it is forwarded, or be missing.
-pub fn is_loopback(host: &str) -> bool {
-    let address = |text: &str| text.trim_matches(['[', ']']).parse().ok();
-    let with_port = host.parse::<SocketAddr>().ok().map(|address| address.ip());
-    if let Some(found) = with_port.or_else(|| address(host)) {
-        return IpAddr::is_loopback(&found);
+    if local_host(headers).is_none() {
+        return false;
     }
-    host.rsplit_once(':').map_or(host, |(name, _)| name).eq_ignore_ascii_case("localhost")
+    let host = single(headers, header::HOST).ok().flatten().unwrap_or_default();
+    // Browsers name the origin wherever it matters; curl does not.
+    match single(headers, header::ORIGIN) {
+        Ok(origin) => origin.is_none_or(|origin| origin == format!("http://{host}")),
+        Err(()) => false,
+    }
 }
 
 async fn page(headers: HeaderMap) -> Response {
     let Ok(nonce) = token() else { return StatusCode::INTERNAL_SERVER_ERROR.into_response() };
-    let host = headers.get(header::HOST).and_then(|host| host.to_str().ok()).unwrap_or_default();
+    let Some(host) = local_host(&headers) else { return StatusCode::FORBIDDEN.into_response() };
     let html = HTML
         .replace("{nonce}", &nonce)
         .replace("{css}", &[PLOT_CSS, CSS].concat())
@@ -202,12 +168,16 @@ async fn page(headers: HeaderMap) -> Response {
     ([(header::CONTENT_SECURITY_POLICY, policy)], Html(html)).into_response()
 }
 
-async fn live(State(shared): State<Arc<Shared>>, upgrade: WebSocketUpgrade) -> Response {
-    upgrade.max_message_size(MOST_FROM_PAGE).on_upgrade(move |socket| talk(socket, shared))
+async fn live(
+    State(shared): State<Arc<Shared>>,
+    Extension(place): Extension<Place>,
+    upgrade: WebSocketUpgrade,
+) -> Response {
+    upgrade.max_message_size(MOST_FROM_PAGE).on_upgrade(move |socket| talk(socket, shared, place))
 }
 
 /// Tells a page everything so far, then whatever comes, and takes what it asks for.
-async fn talk(mut socket: WebSocket, shared: Arc<Shared>) {
+async fn talk(mut socket: WebSocket, shared: Arc<Shared>, _place: Place) {
     let mut receiver = match begin(&mut socket, &shared).await {
         Some(receiver) => receiver,
         None => return,
@@ -216,7 +186,7 @@ async fn talk(mut socket: WebSocket, shared: Arc<Shared>) {
         tokio::select! {
             message = receiver.recv() => match message {
                 Ok(message) => {
-                    if socket.send(Message::Text(message)).await.is_err() {
+                    if send(&mut socket, Message::Text(message)).await.is_none() {
                         return;
                     }
                 }
@@ -244,7 +214,7 @@ async fn begin(socket: &mut WebSocket, shared: &Shared) -> Option<broadcast::Rec
         (messages.all(), shared.sender.subscribe())
     };
     for message in all {
-        socket.send(Message::Text(message.to_string().into())).await.ok()?;
+        send(socket, Message::Text(message.to_string().into())).await?;
     }
     Some(receiver)
 }
@@ -269,24 +239,26 @@ mod tests {
 
     #[test]
     fn only_this_machine_is_let_in() {
-        for host in ["127.0.0.1:80", "localhost:8080", "LOCALHOST", "[::1]:5", "127.0.0.1", "[::1]"] {
-            assert!(is_loopback(host), "{host}");
-        }
-        for host in
-            ["evil.example:80", "127.0.0.1.evil.example", "localhost.evil.example:1", "10.0.0.1:80", "", "0.0.0.0:1"]
-        {
-            assert!(!is_loopback(host), "{host}");
-        }
         let headers = |list: &[(header::HeaderName, &str)]| {
-            list.iter().map(|(name, value)| (name.clone(), HeaderValue::from_str(value).unwrap())).collect()
+            let pair =
+                |(name, value): &(header::HeaderName, &str)| (name.clone(), HeaderValue::from_str(value).unwrap());
+            let mut map = HeaderMap::new();
+            list.iter().map(pair).for_each(|(name, value)| {
+                map.append(name, value);
+            });
+            map
         };
         let host = (header::HOST, "127.0.0.1:9");
         assert!(from_here(&headers(std::slice::from_ref(&host))));
         assert!(from_here(&headers(&[host.clone(), (header::ORIGIN, "http://127.0.0.1:9")])));
+        for other in [host.clone(), (header::HOST, "evil.example")] {
+            assert!(!from_here(&headers(&[host.clone(), other])), "two hosts");
+        }
         for origin in ["http://evil.example", "null", "https://127.0.0.1:9", "http://127.0.0.1:10"] {
             assert!(!from_here(&headers(&[host.clone(), (header::ORIGIN, origin)])), "{origin}");
         }
         assert!(!from_here(&headers(&[])));
+        assert!(!from_here(&headers(&[(header::HOST, "evil.example")])));
     }
 
     #[test]

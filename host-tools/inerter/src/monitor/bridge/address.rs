@@ -18,6 +18,19 @@ pub fn resolve(option: &'static str, address: &str, example: &'static str) -> Re
     found.next().ok_or_else(|| failed(std::io::Error::other("the name has no address")))
 }
 
+/// The first address of those that an option names which other machines could connect to.
+pub fn exposed(address: &str) -> Option<SocketAddr> {
+    address.to_socket_addrs().ok()?.find(|found| !found.ip().is_loopback())
+}
+
+/// Fails where other machines could connect, unless `remote` ones are meant.
+pub fn check_exposed(option: &'static str, address: &str, remote: bool) -> Result<(), MonitorError> {
+    match exposed(address).filter(|_| !remote) {
+        Some(resolved) => Err(MonitorError::Exposed { option, address: address.into(), resolved }),
+        None => Ok(()),
+    }
+}
+
 /// A socket to send from. It is not connected: a program that does not listen would make every other send fail.
 pub struct Datagrams {
     socket: UdpSocket,

@@ -1,12 +1,29 @@
 //! Foxglove: a WebSocket server with a JSON channel, and its schema, for each kind of thing.
+//!
+//! Who may connect: programs that are no browser, and pages of this machine, of Foxglove itself or named by `--foxglove-origin`.
+//! Nothing that comes from there but subscriptions is obeyed. Source: the specification of `foxglove/ws-protocol`, version 1.
 
-use std::sync::Arc;
+use std::{
+    collections::HashMap,
+    sync::{Arc, Mutex, PoisonError},
+};
 
-use foxglove::{ChannelBuilder, Context, PartialMetadata, RawChannel, Schema, WebSocketServerHandle};
+use axum::{
+    Extension, Router,
+    body::Bytes,
+    extract::{
+        State,
+        ws::{Message, Utf8Bytes, WebSocket, WebSocketUpgrade},
+    },
+    http::{HeaderMap, StatusCode, header},
+    response::{IntoResponse, Response},
+};
 use inerter_core::{Machine, Settings};
 use inerter_data::json::{EstimateJson, EventJson, ReversalJson, health_json, json_line, machine_json_line};
 use inerter_wire::catalogue::{self, Field, Group};
+use serde::Deserialize;
 use serde_json::{Map, Value, json};
+use tokio::sync::broadcast;
 
 use super::address::{FOXGLOVE, resolve};
 use crate::{
@@ -15,87 +32,141 @@ use crate::{
         MonitorError,
         feed::{Item, Moment},
         hub::Viewer,
+        server::{Place, Server, local_host, loopback, send, single},
     },
 };
 
-/// Messages that wait for a slow client: a second of samples, and more at 4 kHz.
+/// Messages that wait for a slow client, which then misses some: a second of samples, and more at 4 kHz.
 const BACKLOG: usize = 8192;
+/// Bytes of the longest message that a client may send.
+const MOST_FROM_CLIENT: usize = 1 << 16;
+/// Channels that a client may subscribe to, more than there are.
+const MOST_SUBSCRIPTIONS: usize = 64;
+/// Names of version 1 of the protocol, of newer and of older programs.
+const PROTOCOLS: [&str; 2] = ["foxglove.sdk.v1", "foxglove.websocket.v1"];
+/// Pages that may connect beside those of this machine: Foxglove's own, and its programs for the desktop, which are files.
+const ORIGINS: [&str; 2] = ["https://app.foxglove.dev", "file://"];
+/// Opcode of a message.
+const MESSAGE_DATA: u8 = 1;
 
-/// The bridge.
-pub struct Foxglove {
-    server: Option<WebSocketServerHandle>,
-    /// Channels do not keep it alive, and are closed with it.
-    context: Arc<Context>,
-    channels: Channels,
-    settings: Settings,
-    latest: Moment,
-    address: String,
+/// A kind of thing, each with its channel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Topic {
+    Samples,
+    Estimate,
+    Reversal,
+    Health,
+    Event,
+    Marker,
 }
 
-/// A channel for each kind of thing.
+const TOPICS: [Topic; 6] =
+    [Topic::Samples, Topic::Estimate, Topic::Reversal, Topic::Health, Topic::Event, Topic::Marker];
+
+impl Topic {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Samples => "samples",
+            Self::Estimate => "estimate",
+            Self::Reversal => "reversal",
+            Self::Health => "health",
+            Self::Event => "event",
+            Self::Marker => "marker",
+        }
+    }
+
+    /// What its messages hold, in the names of this machine.
+    fn properties(self, machine: Machine) -> Map<String, Value> {
+        let metre = catalogue::unit(machine, "m");
+        match self {
+            Self::Samples => fields(machine, Group::Signal),
+            Self::Estimate => estimate_fields(machine),
+            Self::Reversal => {
+                plain(&[("value_m", "number", metre), ("error_m", "number", metre), ("rising", "boolean", "")])
+            }
+            Self::Health => fields(machine, Group::Health),
+            Self::Event => plain(&[("code", "string", ""), ("event", "string", "")]),
+            Self::Marker => plain(&[("text", "string", "")]),
+        }
+    }
+}
+
+/// What all clients are told.
+#[derive(Clone)]
+enum Told {
+    /// Channels that come or go.
+    Channels(Utf8Bytes),
+    /// A message of a channel.
+    Message { channel: u32, unix_ns: u64, payload: Bytes },
+}
+
+/// The channels that there are. Their numbers begin anew with another machine.
 struct Channels {
-    samples: Arc<RawChannel>,
-    estimate: Arc<RawChannel>,
-    reversal: Arc<RawChannel>,
-    health: Arc<RawChannel>,
-    event: Arc<RawChannel>,
-    marker: Arc<RawChannel>,
+    first: u32,
+    machine: Machine,
 }
 
 impl Channels {
-    /// With schemas in the names of this machine.
-    fn new(context: &Arc<Context>, machine: Machine) -> Result<Self, String> {
-        let channel = |topic: &str, properties: Map<String, Value>| {
-            let schema = json!({ "type": "object", "title": format!("inerter.{topic}"), "properties": properties });
-            let schema = machine_json_line(machine, &schema).into_bytes();
-            ChannelBuilder::new(format!("/{topic}"))
-                .context(context)
-                .message_encoding("json")
-                .schema(Schema::new(format!("inerter.{topic}"), "jsonschema", schema))
-                .build_raw()
-                .map_err(|error| error.to_string())
-        };
-        let metre = catalogue::unit(machine, "m");
-        let reversal = [("value_m", "number", metre), ("error_m", "number", metre), ("rising", "boolean", "")];
-        Ok(Self {
-            samples: channel("samples", fields(machine, Group::Signal))?,
-            estimate: channel("estimate", estimate_fields(machine))?,
-            reversal: channel("reversal", plain(&reversal))?,
-            health: channel("health", fields(machine, Group::Health))?,
-            event: channel("event", plain(&[("code", "string", ""), ("event", "string", "")]))?,
-            marker: channel("marker", plain(&[("text", "string", "")]))?,
-        })
+    fn number(&self, topic: Topic) -> u32 {
+        self.first + topic as u32
     }
 
-    fn close(&self) {
-        let Self { samples, estimate, reversal, health, event, marker } = self;
-        [samples, estimate, reversal, health, event, marker].into_iter().for_each(|channel| channel.close());
+    fn advertise(&self) -> Value {
+        let channel = |topic: Topic| {
+            let name = format!("inerter.{}", topic.name());
+            let schema = json!({ "type": "object", "title": name, "properties": topic.properties(self.machine) });
+            json!({
+                "id": self.number(topic), "topic": format!("/{}", topic.name()), "encoding": "json", "schemaName": name,
+                "schema": machine_json_line(self.machine, &schema), "schemaEncoding": "jsonschema",
+            })
+        };
+        json!({ "op": "advertise", "channels": TOPICS.map(channel) })
+    }
+
+    fn unadvertise(&self) -> Value {
+        json!({ "op": "unadvertise", "channelIds": TOPICS.map(|topic| self.number(topic)) })
     }
 }
 
+/// What the clients' tasks share.
+struct Shared {
+    channels: Mutex<Channels>,
+    sender: broadcast::Sender<Told>,
+    /// Tells this run from others.
+    session: String,
+    origins: Vec<String>,
+    /// Only this machine can connect.
+    is_local: bool,
+}
+
+/// The bridge.
+pub struct Foxglove {
+    shared: Arc<Shared>,
+    settings: Settings,
+    latest: Moment,
+    address: String,
+    _server: Server,
+}
+
 impl Foxglove {
-    /// Listens at this address.
-    pub fn new(address: &str) -> Result<Self, MonitorError> {
+    /// Listens at this address; pages of these origins are let in besides.
+    pub fn new(address: &str, origins: &[String]) -> Result<Self, MonitorError> {
         let at = resolve("--foxglove", address, FOXGLOVE)?;
-        let failed = |reason: String| failed(address, reason);
-        let context = Context::new();
-        let server = context
-            .websocket_server()
-            .name("instrumented inerter")
-            .message_backlog_size(BACKLOG)
-            .bind(at.ip().to_string(), at.port());
-        let mut bridge = Self {
-            channels: Channels::new(&context, Machine::Linear).map_err(&failed)?,
-            server: None,
-            context: context.clone(),
-            settings: Settings::default(),
-            latest: Moment::default(),
-            address: String::new(),
-        };
-        let server = server.start_blocking().map_err(|error| failed(error.to_string()))?;
-        bridge.address = format!("ws://{}", std::net::SocketAddr::new(at.ip(), server.port()));
-        bridge.server = Some(server);
-        Ok(bridge)
+        let is_local = at.ip().is_loopback();
+        let (sender, _) = broadcast::channel(BACKLOG);
+        let session = inerter_device::Clock::new().now_ns().to_string();
+        let channels = Mutex::new(Channels { first: 1, machine: Machine::Linear });
+        let shared = Arc::new(Shared { channels, sender, session, origins: origins.to_vec(), is_local });
+        let router = Router::new().fallback(live).with_state(shared.clone());
+        let server = Server::start("Foxglove", at, router).map_err(|error| MonitorError::Listen {
+            what: "the server for Foxglove",
+            option: "--foxglove",
+            address: address.into(),
+            example: "127.0.0.1:8766",
+            reason: error.to_string(),
+        })?;
+        let address = format!("ws://{}", server.address());
+        Ok(Self { shared, settings: Settings::default(), latest: Moment::default(), address, _server: server })
     }
 
     /// What Foxglove connects to.
@@ -103,30 +174,143 @@ impl Foxglove {
         &self.address
     }
 
-    fn send(channel: &RawChannel, at: Moment, value: impl FnOnce() -> String) {
-        if channel.has_sinks() {
-            channel.log_with_meta(value().as_bytes(), PartialMetadata { log_time: Some(at.unix_ns) });
+    fn send(&self, topic: Topic, at: Moment, value: impl FnOnce() -> String) {
+        if self.shared.sender.receiver_count() > 0 {
+            let channel = self.shared.channels.lock().unwrap_or_else(PoisonError::into_inner).number(topic);
+            let message = Told::Message { channel, unix_ns: at.unix_ns, payload: value().into() };
+            self.shared.sender.send(message).ok();
+        }
+    }
+
+    /// Other names and units: other channels.
+    fn turn_to(&self, machine: Machine) {
+        let mut channels = self.shared.channels.lock().unwrap_or_else(PoisonError::into_inner);
+        let before = channels.unadvertise();
+        *channels = Channels { first: channels.first + TOPICS.len() as u32, machine };
+        for message in [before, channels.advertise()] {
+            self.shared.sender.send(Told::Channels(message.to_string().into())).ok();
         }
     }
 }
 
-impl Drop for Foxglove {
-    fn drop(&mut self) {
-        if let Some(server) = self.server.take() {
-            // Nobody waits for it: the clients are cut off.
-            drop(server.stop());
+/// Whether a page of this origin may connect.
+fn may_ask(origin: &str, named: &[String]) -> bool {
+    let of_this_machine = ["http://", "https://"]
+        .into_iter()
+        .any(|scheme| origin.strip_prefix(scheme).is_some_and(|host| loopback(host).is_some()));
+    of_this_machine || ORIGINS.contains(&origin) || named.iter().any(|name| name == origin)
+}
+
+fn refusal(headers: &HeaderMap, shared: &Shared) -> Option<&'static str> {
+    // A name that somebody makes point here would pass for this machine.
+    if shared.is_local && local_host(headers).is_none() {
+        return Some("only this machine may ask, by its own name\n");
+    }
+    match single(headers, header::ORIGIN) {
+        Ok(origin) if origin.is_none_or(|origin| may_ask(origin, &shared.origins)) => None,
+        _ => Some("pages of this origin may not ask: allow it by `inerter monitor --foxglove-origin ORIGIN`\n"),
+    }
+}
+
+async fn live(
+    State(shared): State<Arc<Shared>>,
+    Extension(place): Extension<Place>,
+    headers: HeaderMap,
+    upgrade: WebSocketUpgrade,
+) -> Response {
+    if let Some(words) = refusal(&headers, &shared) {
+        return (StatusCode::FORBIDDEN, words).into_response();
+    }
+    let upgrade = upgrade.protocols(PROTOCOLS).max_message_size(MOST_FROM_CLIENT);
+    if upgrade.selected_protocol().is_none() {
+        return (StatusCode::BAD_REQUEST, "the WebSocket subprotocol foxglove.sdk.v1 is needed\n").into_response();
+    }
+    upgrade.on_upgrade(move |socket| talk(socket, shared, place))
+}
+
+/// What a client asks for.
+#[derive(Deserialize)]
+#[serde(tag = "op", rename_all = "camelCase")]
+enum Asked {
+    Subscribe {
+        subscriptions: Vec<Subscription>,
+    },
+    #[serde(rename_all = "camelCase")]
+    Unsubscribe {
+        subscription_ids: Vec<u32>,
+    },
+    #[serde(other)]
+    Other,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "camelCase")]
+struct Subscription {
+    id: u32,
+    channel_id: u32,
+}
+
+/// Tells a client of the channels, then what comes on those that it subscribes to, until either end is gone.
+async fn talk(mut socket: WebSocket, shared: Arc<Shared>, _place: Place) {
+    let (advertised, mut receiver) = {
+        // Channels do not change while this is held.
+        let channels = shared.channels.lock().unwrap_or_else(PoisonError::into_inner);
+        (channels.advertise(), shared.sender.subscribe())
+    };
+    let info = json!({
+        "op": "serverInfo", "name": "instrumented inerter", "capabilities": [], "supportedEncodings": [],
+        "metadata": {}, "sessionId": shared.session,
+    });
+    for message in [info, advertised] {
+        if send(&mut socket, Message::Text(message.to_string().into())).await.is_none() {
+            return;
+        }
+    }
+    // Channel by subscription.
+    let mut subscriptions: HashMap<u32, u32> = HashMap::new();
+    loop {
+        tokio::select! {
+            told = receiver.recv() => {
+                let messages: Vec<Message> = match told {
+                    Ok(Told::Channels(text)) => vec![Message::Text(text)],
+                    Ok(Told::Message { channel, unix_ns, payload }) => {
+                        let wanted = subscriptions.iter().filter(|(_, of)| **of == channel);
+                        wanted.map(|(id, _)| Message::Binary(data(*id, unix_ns, &payload))).collect()
+                    }
+                    // The client was too slow: the oldest are left out.
+                    Err(broadcast::error::RecvError::Lagged(_)) => continue,
+                    Err(broadcast::error::RecvError::Closed) => return,
+                };
+                for message in messages {
+                    if send(&mut socket, message).await.is_none() {
+                        return;
+                    }
+                }
+            }
+            asked = socket.recv() => match asked {
+                Some(Ok(Message::Text(text))) => match serde_json::from_str(&text) {
+                    Ok(Asked::Subscribe { subscriptions: new }) => {
+                        let room = MOST_SUBSCRIPTIONS.saturating_sub(subscriptions.len());
+                        subscriptions.extend(new.iter().take(room).map(|new| (new.id, new.channel_id)));
+                    }
+                    Ok(Asked::Unsubscribe { subscription_ids }) => {
+                        subscription_ids.iter().for_each(|id| {
+                            subscriptions.remove(id);
+                        });
+                    }
+                    // There is nothing else that this server offers.
+                    Ok(Asked::Other) | Err(_) => {}
+                },
+                Some(Ok(Message::Close(_)) | Err(_)) | None => return,
+                Some(Ok(_)) => {}
+            },
         }
     }
 }
 
-fn failed(address: &str, reason: String) -> MonitorError {
-    MonitorError::Listen {
-        what: "the server for Foxglove",
-        option: "--foxglove",
-        address: address.into(),
-        example: "127.0.0.1:8766",
-        reason,
-    }
+/// A message as the protocol writes it.
+fn data(subscription: u32, unix_ns: u64, payload: &[u8]) -> Bytes {
+    [&[MESSAGE_DATA], &subscription.to_le_bytes()[..], &unix_ns.to_le_bytes(), payload].concat().into()
 }
 
 fn property(kind: &str, label: &str, unit: &str) -> Value {
@@ -171,17 +355,14 @@ impl Viewer for Foxglove {
         match item {
             Item::Device { settings, .. } | Item::Settings(settings) => {
                 if settings.machine != self.settings.machine {
-                    // First: a channel with the topic and schema of one that is open would be that one.
-                    self.channels.close();
-                    self.channels = Channels::new(&self.context, settings.machine)
-                        .map_err(|reason| failed(&self.address, reason))?;
+                    self.turn_to(settings.machine);
                 }
                 self.settings = *settings;
             }
             Item::Samples(samples) => {
                 for sample in samples {
                     self.latest = sample.at;
-                    Self::send(&self.channels.samples, sample.at, || {
+                    self.send(Topic::Samples, sample.at, || {
                         machine_json_line(
                             self.settings.machine,
                             &json!({
@@ -200,23 +381,75 @@ impl Viewer for Foxglove {
                         &EstimateJson::live(*t_s, estimate, detail.as_ref(), &self.settings),
                     )
                 };
-                Self::send(&self.channels.estimate, *at, line);
+                self.send(Topic::Estimate, *at, line);
             }
-            Item::Reversal { t_s, reversal } => Self::send(&self.channels.reversal, self.latest, || {
+            Item::Reversal { t_s, reversal } => self.send(Topic::Reversal, self.latest, || {
                 machine_json_line(self.settings.machine, &ReversalJson::new(*t_s, reversal))
             }),
-            Item::Health(health) => Self::send(&self.channels.health, self.latest, || json_line(&health_json(health))),
+            Item::Health(health) => self.send(Topic::Health, self.latest, || json_line(&health_json(health))),
             Item::Event { at, t_s, event } => {
-                Self::send(&self.channels.event, *at, || {
+                self.send(Topic::Event, *at, || {
                     let machine = self.settings.machine;
                     machine_json_line(machine, &EventJson::new(*t_s, event.index, &event.kind, machine))
                 });
             }
             Item::Marker { at, text, .. } => {
-                Self::send(&self.channels.marker, *at, || json_line(&json!({ "kind": "marker", "text": text })));
+                self.send(Topic::Marker, *at, || json_line(&json!({ "kind": "marker", "text": text })));
             }
-            Item::Away { .. } | Item::Back { .. } | Item::LostFrames(_) | Item::UnknownFrames(_) => {}
+            Item::Away { .. }
+            | Item::Back { .. }
+            | Item::Refused { .. }
+            | Item::LostFrames(_)
+            | Item::UnknownFrames(_) => {}
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_known_pages_may_connect() {
+        let named = ["https://plots.example".to_string()];
+        for origin in
+            ["http://localhost:8080", "https://127.0.0.1", "http://[::1]:3000", "https://app.foxglove.dev", "file://"]
+        {
+            assert!(may_ask(origin, &[]), "{origin}");
+        }
+        for origin in [
+            "https://plots.example",
+            "http://localhost.evil.example",
+            "https://evil.example",
+            "null",
+            "",
+            "http://app.foxglove.dev",
+            "https://app.foxglove.dev.evil.example",
+            "localhost",
+            "http://localhost:80, https://evil.example",
+        ] {
+            assert!(!may_ask(origin, &[]), "{origin}");
+        }
+        assert!(may_ask("https://plots.example", &named));
+    }
+
+    #[test]
+    fn a_name_that_is_made_to_point_here_is_refused() {
+        let (sender, _) = broadcast::channel(1);
+        let channels = || Mutex::new(Channels { first: 1, machine: Machine::Linear });
+        let shared = |is_local| Shared {
+            channels: channels(),
+            sender: sender.clone(),
+            session: String::new(),
+            origins: Vec::new(),
+            is_local,
+        };
+        let host: HeaderMap = [(header::HOST, "evil.example:8765".parse().unwrap())].into_iter().collect();
+        assert!(refusal(&host, &shared(true)).is_some());
+        assert!(refusal(&host, &shared(false)).is_none(), "a machine has names of its own elsewhere");
+        let page = [(header::HOST, "127.0.0.1:8765"), (header::ORIGIN, "https://evil.example")];
+        let page: HeaderMap = page.into_iter().map(|(name, value)| (name, value.parse().unwrap())).collect();
+        assert!(refusal(&page, &shared(true)).is_some() && refusal(&page, &shared(false)).is_some());
     }
 }

@@ -2,7 +2,7 @@
 
 use inerter_core::{Parameter, Status};
 use inerter_data::{
-    json::{BacklashJson, status_word},
+    json::{BacklashJson, shown_status, status_word},
     text::{self, value_text},
     words::duration_text,
 };
@@ -36,8 +36,8 @@ pub fn overview(frame: &mut Frame<'_>, area: Rect, state: &State, theme: Theme) 
     let title = match state.shown().estimate {
         Some((t_s, estimate)) => {
             let motion = if estimate.moving { "moving" } else { "at rest" };
-            let unit = catalogue::unit(state.settings.machine, "N");
-            format!(" {}, {motion}, residual {:.2} {unit} ", duration_text(t_s), estimate.residual_rms_n)
+            let residual = text::residual_text(state.settings.machine, &estimate);
+            format!(" {}, {motion}, residual {residual} ", duration_text(t_s))
         }
         None => " waiting for the first estimate ".into(),
     };
@@ -84,6 +84,7 @@ fn rows(state: &State, theme: Theme) -> Vec<Row<'static>> {
     let text = text::backlash_text(&detail.backlash);
     let (style, word, value, reason) = match (backlash.reason, backlash.status) {
         (Some(_), _) => (theme.quiet(), "not identifiable", "-".into(), text),
+        (None, "not_identifiable") => (theme.quiet(), "not identifiable", "-".into(), String::new()),
         (None, "ok") => (theme.good(), "ok", text, String::new()),
         (None, _) => (theme.doubtful(), "maybe none", text.replace(" (maybe none)", ""), String::new()),
     };
@@ -103,19 +104,20 @@ fn row(label: &'static str, unit: &'static str, recent: String, status: Span<'st
 
 /// Value ± U95; the status stands in its own column.
 fn number(parameter: &Parameter) -> String {
-    match parameter.status() {
+    match shown_status(parameter) {
         Status::NotIdentifiable => "-".into(),
         Status::Held | Status::Ok => value_text(parameter).replace(" (held)", ""),
     }
 }
 
 fn status(parameter: &Parameter, theme: Theme) -> Span<'static> {
-    let style = match parameter.status() {
+    let shown = shown_status(parameter);
+    let style = match shown {
         Status::Ok => theme.good(),
         Status::Held => theme.doubtful(),
         Status::NotIdentifiable => theme.quiet(),
     };
-    Span::styled(status_word(parameter.status()).replace('_', " "), style)
+    Span::styled(status_word(shown).replace('_', " "), style)
 }
 
 /// What was lost, how the device behaves, and where else it is shown.

@@ -47,6 +47,7 @@ impl Messages {
             Item::Event { at, event, .. } => {
                 vec![line(at.run_s, &event_words(self.state.settings.machine, &event.kind), is_trouble(&event.kind))]
             }
+            Item::Refused { words } => vec![line(self.state.now_s, words, true)],
             Item::Marker { at, text, .. } => vec![mark(at.run_s, text)],
         }
     }

@@ -1,0 +1,268 @@
+//! HTTP for the page and for Foxglove, in a thread of its own, with limits: whoever can connect may be anybody.
+//!
+//! A connection ends [`REQUEST_TIME`] after it began, whatever came; a WebSocket stays as long as its other end takes what
+//! is sent, each message within [`SEND_TIME`]. Of [`MOST`] connections the oldest that is no WebSocket makes room for a
+//! new one. Where few files may be open there are fewer connections, so that the device can be opened again whatever
+//! others do.
+
+use std::{
+    collections::VecDeque,
+    io,
+    net::{IpAddr, SocketAddr},
+    sync::Arc,
+    thread::JoinHandle,
+    time::Duration,
+};
+
+use axum::{
+    Extension, Router,
+    extract::ws::{Message, WebSocket},
+    http::{HeaderMap, HeaderName, header},
+};
+use hyper::server::conn::http1;
+use hyper_util::{rt::TokioIo, service::TowerToHyperService};
+use tokio::{
+    net::TcpListener,
+    sync::{OwnedSemaphorePermit, Semaphore, oneshot},
+    task::JoinHandle as Task,
+    time::{sleep, timeout},
+};
+
+/// Time for requests and their answers.
+const REQUEST_TIME: Duration = Duration::from_secs(5);
+/// Time for a message to the other end of a WebSocket.
+const SEND_TIME: Duration = Duration::from_secs(30);
+/// Connections at a time.
+const MOST: usize = 32;
+/// Files that stay free for all else: the device, the recording, the list of ports.
+const RESERVE: usize = 32;
+/// The page and the bridge to Foxglove.
+const SERVERS: usize = 2;
+/// Pause after a connection that could not be taken.
+const RETRY: Duration = Duration::from_millis(100);
+
+/// A connection's place among all; whoever goes on with it holds it.
+#[derive(Clone)]
+pub struct Place {
+    _permit: Arc<OwnedSemaphorePermit>,
+}
+
+/// A server, until it is dropped.
+pub struct Server {
+    address: SocketAddr,
+    stop: Option<oneshot::Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Server {
+    /// Listens at this address; `name` is the thread's.
+    pub fn start(name: &str, address: SocketAddr, router: Router) -> io::Result<Self> {
+        let listener = std::net::TcpListener::bind(address)?;
+        listener.set_nonblocking(true)?;
+        let address = listener.local_addr()?;
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+        let listener = runtime.block_on(async { TcpListener::from_std(listener) })?;
+        let (stop, stopped) = oneshot::channel();
+        let thread = std::thread::Builder::new().name(name.into()).spawn(move || {
+            runtime.block_on(async move {
+                tokio::select! {
+                    () = serve(&listener, &router) => {}
+                    _ = stopped => {}
+                }
+            });
+        })?;
+        Ok(Self { address, stop: Some(stop), thread: Some(thread) })
+    }
+
+    /// Where it listens, with the true port number.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        drop(self.stop.take());
+        if let Some(thread) = self.thread.take() {
+            thread.join().ok();
+        }
+    }
+}
+
+async fn serve(listener: &TcpListener, router: &Router) {
+    let places = Arc::new(Semaphore::new(most_connections(open_files())));
+    let mut requests: VecDeque<Task<_>> = VecDeque::new();
+    loop {
+        // Fails where there are no more open files.
+        let Ok((stream, _)) = listener.accept().await else {
+            sleep(RETRY).await;
+            continue;
+        };
+        requests.retain(|request| !request.is_finished());
+        while places.available_permits() == 0
+            && let Some(oldest) = requests.pop_front()
+        {
+            oldest.abort();
+            oldest.await.ok();
+        }
+        // None is free where all are WebSockets.
+        let Ok(place) = places.clone().try_acquire_owned() else { continue };
+        let router = router.clone().layer(Extension(Place { _permit: Arc::new(place) }));
+        let connection = http1::Builder::new()
+            .serve_connection(TokioIo::new(stream), TowerToHyperService::new(router))
+            .with_upgrades();
+        requests.push_back(tokio::spawn(timeout(REQUEST_TIME, connection)));
+    }
+}
+
+/// Files that this program may have open.
+#[cfg(unix)]
+fn open_files() -> Option<u64> {
+    rustix::process::getrlimit(rustix::process::Resource::Nofile).current
+}
+
+#[cfg(not(unix))]
+fn open_files() -> Option<u64> {
+    None
+}
+
+fn most_connections(open_files: Option<u64>) -> usize {
+    let all = open_files.and_then(|files| usize::try_from(files).ok()).unwrap_or(usize::MAX);
+    (all.saturating_sub(RESERVE) / SERVERS).clamp(1, MOST)
+}
+
+/// Sends a message; `None` where the other end is gone or does not take it.
+pub async fn send(socket: &mut WebSocket, message: Message) -> Option<()> {
+    timeout(SEND_TIME, socket.send(message)).await.ok()?.ok()
+}
+
+/// A header that is there once at most; an error where it is there twice or is no text.
+pub fn single(headers: &HeaderMap, name: HeaderName) -> Result<Option<&str>, ()> {
+    let mut values = headers.get_all(name).iter();
+    match (values.next(), values.next()) {
+        (Some(_), Some(_)) => Err(()),
+        (value, _) => value.map(|value| value.to_str().map_err(|_| ())).transpose(),
+    }
+}
+
+/// The only `Host` of a request, when it names this machine.
+pub fn local_host(headers: &HeaderMap) -> Option<String> {
+    loopback(single(headers, header::HOST).ok()??)
+}
+
+/// `HOST:PORT`, as in a Host header, when it names this machine, written anew from what it means; the port may differ where it
+/// is forwarded, or be missing.
+pub fn loopback(host: &str) -> Option<String> {
+    if let Ok(address) = host.parse::<SocketAddr>() {
+        return address.ip().is_loopback().then(|| address.to_string());
+    }
+    let (name, port) = match host.rsplit_once(':').filter(|_| !host.ends_with(']')) {
+        Some((name, port)) => (name, format!(":{}", port.parse::<u16>().ok()?)),
+        None => (host, String::new()),
+    };
+    let bare = name.strip_prefix('[').and_then(|name| name.strip_suffix(']')).filter(|bare| bare.contains(':'));
+    match bare.unwrap_or(name).parse::<IpAddr>() {
+        Ok(IpAddr::V6(_)) if bare.is_none() => None,
+        Ok(address) => address.is_loopback().then(|| format!("{name}{port}")),
+        Err(_) => name.eq_ignore_ascii_case("localhost").then(|| format!("localhost{port}")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::{
+        io::{Read, Write},
+        net::TcpStream,
+        sync::atomic::{AtomicUsize, Ordering::SeqCst},
+    };
+
+    use super::*;
+
+    #[test]
+    fn a_host_is_this_machine_or_none() {
+        for (host, same) in [
+            ("127.0.0.1:80", "127.0.0.1:80"),
+            ("localhost:8080", "localhost:8080"),
+            ("LOCALHOST", "localhost"),
+            ("[::1]:5", "[::1]:5"),
+            ("127.0.0.1", "127.0.0.1"),
+            ("[::1]", "[::1]"),
+        ] {
+            assert_eq!(loopback(host).as_deref(), Some(same), "{host}");
+        }
+        for host in [
+            "evil.example:80",
+            "127.0.0.1.evil.example",
+            "localhost.evil.example:1",
+            "10.0.0.1:80",
+            "",
+            "0.0.0.0:1",
+            "localhost:1; script-src *",
+            "localhost:*",
+            "localhost:",
+            "localhost:65536",
+            "localhost:+1:",
+            "::1",
+            "[127.0.0.1]",
+            "[[::1]]",
+            "[::1",
+        ] {
+            assert_eq!(loopback(host), None, "{host}");
+        }
+    }
+
+    /// Requests under way, and the most that there were.
+    #[derive(Default)]
+    struct Load {
+        now: AtomicUsize,
+        most: AtomicUsize,
+        all: AtomicUsize,
+    }
+
+    struct Counted(Arc<Load>);
+
+    impl Drop for Counted {
+        fn drop(&mut self) {
+            self.0.now.fetch_sub(1, SeqCst);
+        }
+    }
+
+    #[test]
+    fn no_more_than_so_many_connections_are_served_and_the_oldest_ends_first() {
+        let load = Arc::new(Load::default());
+        let counts = load.clone();
+        let router = Router::new().fallback(move || {
+            let counts = counts.clone();
+            async move {
+                counts.most.fetch_max(counts.now.fetch_add(1, SeqCst) + 1, SeqCst);
+                counts.all.fetch_add(1, SeqCst);
+                let _counted = Counted(counts);
+                std::future::pending::<()>().await
+            }
+        });
+        let server = Server::start("test", ([127, 0, 0, 1], 0).into(), router).unwrap();
+        let most = most_connections(open_files());
+        let mut streams = Vec::new();
+        for count in 1..=most + 8 {
+            let mut stream = TcpStream::connect(server.address()).unwrap();
+            stream.write_all(b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n").unwrap();
+            while load.all.load(SeqCst) < count {
+                std::thread::yield_now();
+            }
+            streams.push(stream);
+        }
+        assert_eq!((load.most.load(SeqCst), load.now.load(SeqCst)), (most, most));
+        // Those that made room have ended.
+        for stream in streams.iter_mut().take(8) {
+            assert!(matches!(stream.read(&mut [0; 1]), Ok(0) | Err(_)));
+        }
+    }
+
+    #[test]
+    fn files_stay_free_for_the_device() {
+        for (files, most) in [(Some(1024), 32), (Some(96), 32), (Some(64), 16), (Some(40), 4), (Some(8), 1), (None, 32)]
+        {
+            assert_eq!(most_connections(files), most, "{files:?}");
+        }
+    }
+}

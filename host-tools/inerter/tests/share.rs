@@ -1,0 +1,173 @@
+//! Several programs at one device: at a virtual one, and at one that `monitor --share` has.
+
+mod common;
+
+use std::{
+    io::{BufRead, BufReader, Write},
+    net::TcpStream,
+    process::{Child, ChildStdout},
+};
+
+use common::{done, fails, inerter, json_lines, last, run, text};
+use inerter_data::settings::Overrides;
+use inerter_device::{Clock, Device, DeviceError, Target};
+use inerter_plant::Parameters;
+use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors, share::MOST_READERS};
+use inerter_wire::{Command, Frame, MAX_FRAME, Record, Refusal, Request, Streams, encode_request};
+
+fn device_at(address: &str) -> VirtualDevice {
+    let setup = Setup::new(Parameters::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
+    VirtualDevice::start(&setup, &Endpoint::Tcp(address.into()), 2.0).unwrap()
+}
+
+fn connect(address: &str) -> Device {
+    Device::connect(&Target::Tcp { address: address.into() }, Clock::new()).unwrap()
+}
+
+/// Receives until as many of these records have come.
+fn receive(device: &mut Device, mut count: usize, of: impl Fn(&Record) -> bool) {
+    while count > 0 {
+        if let Some(received) = device.receive().unwrap()
+            && let Frame::Message { message, .. } = &received.frame
+        {
+            count -= usize::from(of(message));
+        }
+    }
+}
+
+#[test]
+fn two_programs_see_the_same_device_and_the_first_controls_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let virtual_device = device_at("127.0.0.1:0");
+    let address = virtual_device.name();
+    let mut first = connect(address);
+    first.stream(Streams { estimates: true, ..Streams::NONE }).unwrap();
+    first.start_sampler().unwrap();
+
+    let mut second = connect(address);
+    assert_eq!((second.hello(), second.settings()), (first.hello(), first.settings()));
+    second.stream(Streams { samples: true, ..Streams::NONE }).unwrap();
+    receive(&mut second, 50, |record| matches!(record, Record::Samples(_)));
+    let refused = second.request("a reset", Command::ResetEstimator).unwrap_err();
+    assert!(matches!(refused, DeviceError::Refused { refusal: Refusal::Busy, .. }), "{refused}");
+    first.request("a reset", Command::ResetEstimator).unwrap();
+    receive(&mut first, 2, |record| {
+        assert!(!matches!(record, Record::Samples(_)), "not asked for");
+        matches!(record, Record::Estimate(_))
+    });
+    assert_eq!((first.counts().lost, second.counts().lost), (0, 0));
+
+    // Whole programs look on as well, and a recording lacks nothing.
+    let output = run(folder.path(), &["monitor", "--json", "--connect", address, "--duration", "2"]);
+    assert!(output.status.success() && text(&output.stderr).contains("another program controls this device"));
+    assert!(json_lines(&text(&output.stdout)).iter().any(|line| line["kind"] == "estimate"));
+    done(folder.path(), &["record", "--connect", address, "--duration", "1", "-o", "run.mcap"]);
+    let info = last(&done(folder.path(), &["info", "run.mcap", "--json"]));
+    assert!(info["samples"].as_u64().unwrap() > 500, "{info}");
+    assert_eq!((&info["lost_frames"], &info["lost_samples"]), (&0.into(), &0.into()), "{info}");
+    let set = ["settings", "set", "--connect", address, "memory_s=7"];
+    let words = fails(folder.path(), &set, 6);
+    assert!(words.contains("another program may control it"), "{words}");
+
+    // It goes, and the next one has the control.
+    drop((first, second));
+    done(folder.path(), &set);
+    let mut third = connect(address);
+    assert_eq!(third.settings().memory_s, 7.0);
+    third.request("a reset", Command::ResetEstimator).unwrap();
+}
+
+#[test]
+fn who_never_reads_keeps_nobody_out() {
+    let virtual_device = device_at("127.0.0.1:0");
+    // The first, so in control; it asks for everything and takes nothing.
+    let mut stuck = TcpStream::connect(virtual_device.name()).unwrap();
+    let mut out = [0; MAX_FRAME];
+    let request = Request { id: 9, command: Command::Streams(Streams::ALL) };
+    let length = encode_request(&request, 0, &mut out).unwrap();
+    stuck.write_all(&out[..length]).unwrap();
+    let mut device = connect(virtual_device.name());
+    device.stream(Streams::ALL).unwrap();
+    receive(&mut device, 200, |record| matches!(record, Record::Samples(_)));
+    assert_eq!(device.counts().lost, 0);
+}
+
+#[test]
+fn one_too_many_is_told_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let virtual_device = device_at("127.0.0.1:0");
+    let mut readers: Vec<TcpStream> =
+        (0..MOST_READERS).map(|_| TcpStream::connect(virtual_device.name()).unwrap()).collect();
+    let words = fails(folder.path(), &["settings", "get", "--connect", virtual_device.name()], 5);
+    assert!(words.contains("closed the connection before it said anything") && !words.contains("went away"), "{words}");
+    assert!(words.contains("close one of them"), "{words}");
+    // One leaves, and there is room, as soon as that is seen.
+    readers.pop();
+    while !run(folder.path(), &["settings", "get", "--connect", virtual_device.name()]).status.success() {}
+}
+
+/// A monitor that shares its device until it is dropped.
+struct Monitor {
+    child: Child,
+    output: BufReader<ChildStdout>,
+    address: String,
+}
+
+impl Monitor {
+    fn start(folder: &std::path::Path, device: &str) -> Self {
+        let arguments = ["monitor", "--json", "--connect", device, "--share", "127.0.0.1:0", "--wait", "60"];
+        let mut child = inerter(folder, &arguments).spawn().unwrap();
+        let output = BufReader::new(child.stdout.take().unwrap());
+        let mut monitor = Self { child, output, address: String::new() };
+        let view = monitor.next("view");
+        assert_eq!(view["view"], "shared device");
+        monitor.address = view["address"].as_str().unwrap().to_string();
+        monitor
+    }
+
+    fn next(&mut self, kind: &str) -> serde_json::Value {
+        loop {
+            let mut line = String::new();
+            assert!(self.output.read_line(&mut line).unwrap() > 0, "the monitor ended before `{kind}`");
+            let value = last(&line);
+            if value["kind"] == kind {
+                return value;
+            }
+        }
+    }
+}
+
+impl Drop for Monitor {
+    fn drop(&mut self) {
+        self.child.kill().ok();
+        self.child.wait().ok();
+    }
+}
+
+#[test]
+fn a_monitor_shares_its_device() {
+    let folder = tempfile::tempdir().unwrap();
+    let before = device_at("127.0.0.1:0");
+    let address = before.name().to_string();
+    let mut monitor = Monitor::start(folder.path(), &address);
+    let shared = monitor.address.clone();
+    monitor.next("device");
+    let mut reader = connect(&shared);
+    assert_eq!(reader.hello().board.as_str(), "virtual");
+    reader.stream(Streams::ALL).unwrap();
+    receive(&mut reader, 20, |record| matches!(record, Record::Samples(_)));
+    receive(&mut reader, 2, |record| matches!(record, Record::Estimate(_)));
+    let refused = reader.request("a reset", Command::ResetEstimator).unwrap_err();
+    assert!(matches!(refused, DeviceError::Refused { refusal: Refusal::Busy, .. }), "{refused}");
+    assert_eq!(reader.counts().lost, 0);
+    done(folder.path(), &["record", "--connect", &shared, "--duration", "1", "-o", "run.mcap"]);
+    assert_eq!(last(&done(folder.path(), &["info", "run.mcap", "--json"]))["lost_samples"], 0);
+
+    // The device goes, and so do those who look on; it comes back, and they may.
+    drop(before);
+    while reader.receive().is_ok() {}
+    let _after = device_at(&address);
+    monitor.next("device");
+    let mut reader = connect(&shared);
+    receive(&mut reader, 2, |record| matches!(record, Record::Estimate(_)));
+}

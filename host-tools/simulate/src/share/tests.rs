@@ -1,0 +1,299 @@
+//! Readers of all kinds at a device that the tests play.
+
+use inerter_core::{RawSample, Settings};
+use inerter_wire::{Capabilities, ClockSource, Event, Samples, WIRE_VERSION};
+
+use super::*;
+
+/// A host.
+struct Host {
+    stream: TcpStream,
+    records: FrameReader<Record>,
+    sequence: SequenceCounter,
+    seen: Vec<Record>,
+    lost: u32,
+}
+
+impl Host {
+    fn connect(share: &Share) -> Self {
+        let stream = TcpStream::connect(share.address().unwrap()).unwrap();
+        stream.set_nonblocking(true).unwrap();
+        Self { stream, records: FrameReader::new(), sequence: SequenceCounter::new(), seen: Vec::new(), lost: 0 }
+    }
+
+    fn ask(&mut self, id: u16, command: Command) {
+        let mut out = [0; MAX_FRAME];
+        let length = encode_request(&Request { id, command }, self.sequence.take(), &mut out).unwrap();
+        assert_eq!(self.stream.write(&out[..length]).unwrap(), length);
+    }
+
+    /// Reads what is there.
+    fn read(&mut self) {
+        let mut buffer = [0; 1 << 16];
+        while let Ok(count @ 1..) = self.stream.read(&mut buffer) {
+            let mut input = &buffer[..count];
+            while let Some(frame) = self.records.read(&mut input) {
+                match frame {
+                    Frame::Message { message, .. } => self.seen.push(message),
+                    Frame::Lost { frames } => self.lost += u32::from(frames),
+                    other => panic!("{other:?}"),
+                }
+            }
+        }
+    }
+
+    /// Everything up to the reply with this number.
+    fn until_reply(&mut self, share: &mut Share, id: u16) -> (Vec<Record>, Result<Done, Refusal>) {
+        loop {
+            share.turn();
+            self.read();
+            let is_it = |record: &Record| matches!(record, Record::Reply(reply) if reply.id == id);
+            if let Some(place) = self.seen.iter().position(is_it) {
+                let mut seen: Vec<Record> = self.seen.drain(..=place).collect();
+                let Some(Record::Reply(reply)) = seen.pop() else { unreachable!() };
+                return (seen, reply.result);
+            }
+        }
+    }
+}
+
+/// The device's own frames.
+#[derive(Default)]
+struct Board(SequenceCounter);
+
+impl Board {
+    fn says(&mut self, share: &mut Share, record: &Record) {
+        let mut out = [0; MAX_FRAME];
+        let length = encode_record(record, self.0.take(), &mut out).unwrap();
+        share.relay(&out[..length]);
+    }
+
+    fn start(&mut self, share: &mut Share) {
+        self.says(share, &Record::Event(Event { index: 0, kind: EventKind::Started }));
+        self.says(share, &Record::Hello(hello()));
+        self.says(share, &Record::Settings(SettingsValues::from(&Settings::default())));
+    }
+}
+
+fn hello() -> Hello {
+    Hello {
+        wire_version: WIRE_VERSION,
+        firmware: Hello::text("played"),
+        git: Hello::text(""),
+        board: Hello::text("board"),
+        serial: Hello::text("S7"),
+        sample_rate_hz: Settings::default().sample_rate_hz,
+        clock: ClockSource::Crystal,
+        capabilities: Capabilities::SAMPLER,
+    }
+}
+
+fn batch(index: u32) -> Record {
+    let sample =
+        |place: u32| RawSample { index: index + place, position_count: 77_777, force_code: -99_999, terminal_code: 5 };
+    let samples: Vec<RawSample> = (0..20).map(sample).collect();
+    Record::Samples(Samples::from_slice(&samples).0)
+}
+
+/// The requests that have reached the device.
+fn at_device(share: &mut Share) -> Vec<Request> {
+    let mut buffer = [0; 4096];
+    let count = share.requests(&mut buffer);
+    let (mut reader, mut input) = (FrameReader::<Request>::new(), &buffer[..count]);
+    std::iter::from_fn(|| reader.read(&mut input))
+        .map(|frame| match frame {
+            Frame::Message { message, .. } => message,
+            other => panic!("{other:?}"),
+        })
+        .collect()
+}
+
+const SAMPLES: Streams = Streams { samples: true, ..Streams::NONE };
+
+#[test]
+fn the_first_controls_and_each_has_its_own_streams() {
+    let mut share = Share::controlled("127.0.0.1:0").unwrap();
+    let mut board = Board::default();
+    board.start(&mut share);
+    let asked: Vec<Command> = at_device(&mut share).into_iter().map(|request| request.command).collect();
+    assert_eq!(asked, [Command::Streams(Streams::ALL), Command::ReadSettings]);
+
+    let (mut first, mut second) = (Host::connect(&share), Host::connect(&share));
+    for host in [&mut first, &mut second] {
+        host.ask(1, Command::Hello);
+        assert_eq!(host.until_reply(&mut share, 1), (vec![Record::Hello(hello())], Ok(Done::Plain)));
+    }
+    second.ask(2, Command::ReadSettings);
+    let settings = Record::Settings(SettingsValues::from(&Settings::default()));
+    assert_eq!(second.until_reply(&mut share, 2), (vec![settings], Ok(Done::Plain)));
+    second.ask(3, Command::Streams(SAMPLES));
+    assert_eq!(second.until_reply(&mut share, 3).1, Ok(Done::Plain));
+    for command in [Command::ResetEstimator, Command::Stop, Command::Reboot, Command::InjectEnd, Command::SaveSettings]
+    {
+        second.ask(4, command);
+        assert_eq!(second.until_reply(&mut share, 4).1, Err(Refusal::Busy));
+    }
+    assert_eq!(at_device(&mut share), []);
+
+    // The second one's replies carry the same number as the request under way.
+    first.ask(4, Command::ResetEstimator);
+    while first.seen.is_empty() {
+        share.turn();
+        for Request { id, command } in at_device(&mut share) {
+            assert_eq!(command, Command::ResetEstimator);
+            board.says(&mut share, &batch(0));
+            board.says(&mut share, &Record::Reply(Reply { id, result: Ok(Done::Plain) }));
+        }
+        first.read();
+    }
+    assert_eq!(first.seen, [Record::Reply(Reply { id: 4, result: Ok(Done::Plain) })]);
+    while second.seen.is_empty() {
+        second.read();
+    }
+    assert_eq!((&second.seen[..], first.lost, second.lost), (&[batch(0)][..], 0, 0));
+}
+
+#[test]
+fn the_control_goes_to_the_next_when_its_holder_leaves() {
+    let mut share = Share::controlled("127.0.0.1:0").unwrap();
+    let mut board = Board::default();
+    board.start(&mut share);
+    at_device(&mut share);
+    // One that says nothing, as of a scanner of ports, controls nothing.
+    let _mute = Host::connect(&share);
+    share.turn();
+    let (mut first, mut second) = (Host::connect(&share), Host::connect(&share));
+    for host in [&mut first, &mut second] {
+        host.ask(1, Command::Hello);
+        assert_eq!(host.until_reply(&mut share, 1).1, Ok(Done::Plain));
+    }
+    second.ask(2, Command::Stop);
+    assert_eq!(second.until_reply(&mut share, 2).1, Err(Refusal::Busy));
+    drop(first);
+    let passed = loop {
+        second.ask(3, Command::Stop);
+        share.turn();
+        if let Some(request) = at_device(&mut share).pop() {
+            break request;
+        }
+    };
+    assert_eq!(passed, Request { id: 3, command: Command::Stop });
+}
+
+#[test]
+fn a_reader_that_never_reads_holds_up_nobody_and_takes_bounded_room() {
+    let mut share = Share::watched("127.0.0.1:0").unwrap();
+    let mut board = Board::default();
+    board.start(&mut share);
+    let (mut stuck, mut other) = (Host::connect(&share), Host::connect(&share));
+    for host in [&mut stuck, &mut other] {
+        host.ask(1, Command::Streams(SAMPLES));
+        assert_eq!(host.until_reply(&mut share, 1).1, Ok(Done::Plain));
+    }
+    let (mut batches, mut most) = (0, 0);
+    // Until much is left out: the system's own buffers are full as well.
+    while batches < 1000 || share.readers.iter().all(|reader| reader.waiting.len() + MAX_FRAME <= MOST_WAITING) {
+        board.says(&mut share, &batch(20 * batches));
+        batches += 1;
+        assert!(!share.is_full());
+        other.read();
+        most = most.max(share.readers.iter().map(|reader| reader.waiting.len()).max().unwrap());
+    }
+    for _ in 0..100 {
+        board.says(&mut share, &batch(20 * batches));
+        batches += 1;
+        other.read();
+    }
+    while other.seen.len() < batches as usize {
+        share.turn();
+        other.read();
+    }
+    assert_eq!((other.seen.len(), other.lost), (batches as usize, 0));
+    assert!(most <= MOST_WAITING, "{most}");
+    // When it reads at last it learns what it has missed, and goes on.
+    while stuck.lost == 0 {
+        share.turn();
+        stuck.read();
+        board.says(&mut share, &batch(20 * batches));
+        batches += 1;
+    }
+    stuck.ask(2, Command::ReadSettings);
+    assert_eq!(stuck.until_reply(&mut share, 2).1, Ok(Done::Plain));
+    assert!(share.controller.is_none(), "nobody controls what is only watched");
+}
+
+#[test]
+fn a_reader_alone_holds_the_device_up() {
+    let mut share = Share::controlled("127.0.0.1:0").unwrap();
+    let mut board = Board::default();
+    board.start(&mut share);
+    let mut host = Host::connect(&share);
+    host.ask(1, Command::Streams(SAMPLES));
+    assert_eq!(host.until_reply(&mut share, 1).1, Ok(Done::Plain));
+    let mut batches = 0;
+    while !share.is_full() {
+        board.says(&mut share, &batch(20 * batches));
+        batches += 1;
+    }
+    while host.seen.len() < batches as usize {
+        share.turn();
+        host.read();
+    }
+    assert_eq!(host.lost, 0);
+    assert!(!share.is_full());
+}
+
+#[test]
+fn what_a_newer_device_says_is_passed_on_and_losses_are_told() {
+    let mut share = Share::watched("127.0.0.1:0").unwrap();
+    let mut board = Board::default();
+    board.start(&mut share);
+    let mut host = Host::connect(&share);
+    host.ask(1, Command::Hello);
+    assert_eq!(host.until_reply(&mut share, 1).1, Ok(Done::Plain));
+    // Two frames lost, then a record 99 that nobody knows, by hand.
+    (0..2).for_each(|_| {
+        board.0.take();
+    });
+    let body = [&[99, 1, 2, 3][..], &board.0.take().to_le_bytes()].concat();
+    let mut crc = inerter_wire::Crc32::new();
+    crc.update(&body);
+    let mut frame = [DELIMITER; 64];
+    let length = cobs::encode(&[&body[..], &crc.value().to_le_bytes()].concat(), &mut frame);
+    share.relay(&frame[..=length]);
+    let mut found = Vec::new();
+    let mut buffer = [0; 256];
+    while found.len() < 2 {
+        if let Ok(count) = host.stream.read(&mut buffer) {
+            let mut input = &buffer[..count];
+            found.extend(std::iter::from_fn(|| host.records.read(&mut input)));
+        }
+    }
+    assert_eq!(found, [Frame::Lost { frames: 2 }, Frame::Unknown { sequence: 4, number: 99, request: None }]);
+}
+
+#[test]
+fn readers_wait_for_a_device_that_is_away_and_too_many_are_turned_away() {
+    let mut share = Share::watched("127.0.0.1:0").unwrap();
+    let mut board = Board::default();
+    board.start(&mut share);
+    let mut hosts: Vec<Host> = (0..=MOST_READERS).map(|_| Host::connect(&share)).collect();
+    let ended = |host: &mut Host| matches!(host.stream.read(&mut [0; 16]), Ok(0));
+    let mut last = hosts.pop().unwrap();
+    while !ended(&mut last) {
+        share.turn();
+    }
+    assert!(!hosts.iter_mut().any(ended));
+    share.forget();
+    while !hosts.iter_mut().all(ended) {
+        share.turn();
+    }
+    let mut host = Host::connect(&share);
+    host.ask(1, Command::Hello);
+    share.turn();
+    share.turn();
+    host.read();
+    assert!(host.seen.is_empty());
+    board.start(&mut share);
+    assert_eq!(host.until_reply(&mut share, 1), (vec![Record::Hello(hello())], Ok(Done::Plain)));
+}
