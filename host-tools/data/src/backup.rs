@@ -10,7 +10,7 @@ use miette::Diagnostic;
 
 use crate::{
     error::Error,
-    output::OutputError,
+    output::{self, OutputError},
     recording::{self, is_recording},
     settings::{Overrides, SettingsInputError, to_toml},
 };
@@ -89,13 +89,9 @@ pub fn text(hello: &Hello, settings: &Settings) -> String {
     text + "\n" + &to_toml(settings)
 }
 
-/// Writes a backup, whole or not at all.
-pub fn write(path: &Path, hello: &Hello, settings: &Settings) -> Result<(), OutputError> {
-    let failed = |source| OutputError::Create { path: path.into(), source };
-    let mut beside = path.as_os_str().to_owned();
-    beside.push(".part");
-    std::fs::write(&beside, text(hello, settings)).map_err(failed)?;
-    std::fs::rename(&beside, path).map_err(failed)
+/// Writes a backup, whole or not at all. Only `replace` lets it take the place of a file.
+pub fn write(path: &Path, replace: bool, hello: &Hello, settings: &Settings) -> Result<(), OutputError> {
+    output::write(path, replace, text(hello, settings))
 }
 
 /// Reads a backup, or any file of settings.
@@ -168,7 +164,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.toml");
         let settings = Settings { newtons_per_code: -1.0 / 3.0, skew_s: 1.52e-5, ..Settings::default() };
-        write(&path, &hello("205735883537"), &settings).unwrap();
+        write(&path, false, &hello("205735883537"), &settings).unwrap();
         let backup = read(&path).unwrap();
         let mut restored = Settings::default();
         backup.values.apply(&mut restored).unwrap();

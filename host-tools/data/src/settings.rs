@@ -9,7 +9,10 @@ use inerter_core::{Settings, SettingsError};
 use miette::Diagnostic;
 use toml::de::{DeTable, DeValue};
 
-use crate::{output::OutputError, words::nearest};
+use crate::{
+    output::{self, OutputError},
+    words::nearest,
+};
 
 /// Why settings were refused. `origin` says where the setting was given.
 #[derive(Debug, thiserror::Error, Diagnostic)]
@@ -206,11 +209,11 @@ pub fn beside(csv: &Path) -> PathBuf {
     csv.with_extension("settings.toml")
 }
 
-/// Writes the settings beside a CSV. Gives the name.
-pub fn write_beside(settings: &Settings, csv: &Path) -> Result<PathBuf, OutputError> {
+/// Writes the settings beside a CSV. Gives the name. Only `replace` lets it take the place of a file.
+pub fn write_beside(settings: &Settings, csv: &Path, replace: bool) -> Result<PathBuf, OutputError> {
     let path = beside(csv);
     let text = format!("# Settings of {}\n{}", csv.display(), to_toml(settings));
-    std::fs::write(&path, text).map_err(|source| OutputError::Create { path: path.clone(), source })?;
+    output::write(&path, replace, text)?;
     Ok(path)
 }
 
