@@ -214,6 +214,28 @@ proptest! {
 }
 
 #[test]
+fn of_faults_without_end_the_first_are_told_and_the_others_counted() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.mcap");
+    let mut recorder = Recorder::create(&path, false).unwrap();
+    let (mut out, mut sequence) = ([0; MAX_FRAME], SequenceCounter::new());
+    for number in 0..100_000 {
+        // Each text twice.
+        let kind = EventKind::Panicked(Hello::text(&format!("at line {}", number / 2)));
+        let length = encode_record(&Record::Event(Event { index: 0, kind }), sequence.take(), &mut out).unwrap();
+        recorder.frame(number, out.get(..length - 1).unwrap()).unwrap();
+    }
+    recorder.close(&End { reason: "finished".into(), lost_frames: 0 }).unwrap();
+    let notes = summary(&path).unwrap().notes;
+    assert_eq!(notes.len(), 21, "{notes:?}");
+    assert!(
+        notes[0].contains("had failed before this run: at line 0;") && notes[19].contains("at line 19;"),
+        "{notes:?}"
+    );
+    assert!(notes[20].contains("99960 further reports of such trouble"), "{notes:?}");
+}
+
+#[test]
 fn an_estimate_whose_detail_does_not_come_is_decoded_at_the_end() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.mcap");
