@@ -121,16 +121,17 @@ fn a_power_cut_costs_a_recording_a_second_at_most() {
         // Whatever was handed to the operating system, synchronised or not.
         let written = times(&file);
         let counts: Vec<usize> = states.iter().map(|state| times(state).len()).collect();
+        let mut all_s = 0.0;
         for pair in counts.windows(2) {
             let &[before, after] = pair else { panic!() };
             if after > before {
                 // Just before the second state is on the disk, the power fails.
                 let lost_s = (written[after - 1] - written[before]) as f64 * 1e-9;
-                println!("{} frames, {lost_s} s", after - before);
-                assert!((0.2..1.0).contains(&lost_s), "{lost_s} s, {counts:?}");
+                assert!(lost_s < 1.0, "{lost_s} s, {counts:?}");
+                all_s += lost_s;
             }
         }
-        assert!(counts.last() > counts.first(), "{counts:?}");
+        assert!(all_s > 1.0, "{all_s} s, {counts:?}");
         let left = states.last().unwrap();
         fs::rename(left, desk.here().join("left.mcap")).unwrap();
         let info = last(&done(&desk.here(), &["info", "left.mcap", "--json"]));
