@@ -369,3 +369,82 @@ fn a_structure_without_a_stiffness_widens_the_interval() {
         assert!(known.u95() < 0.2 * found.u95(), "{motion}: {known:?}");
     }
 }
+
+/// Instruments without any uncertainty of their own.
+fn perfect() -> Settings {
+    Settings {
+        force_gain_u95: 0.0,
+        lead_u95: 0.0,
+        timebase_u95: 0.0,
+        skew_u95_s: 0.0,
+        structure_mass_kg: 0.0,
+        structure_mass_u95_kg: 0.0,
+        ..settings(&sensors())
+    }
+}
+
+/// Counts and codes that hang together exactly, as no instrument's do.
+fn exact(amplitude: f64, frequency_hz: f64, force: impl Fn(i32, i32, i32) -> i32) -> Vec<RawSample> {
+    let position = |n: i32| {
+        let t_s = f64::from(n) * 1e-3;
+        let tone = |frequency_hz: f64| (t_s * frequency_hz * std::f64::consts::TAU).sin();
+        (amplitude * (tone(frequency_hz) + 0.3 * tone(2.7 * frequency_hz + 0.1))).round() as i32
+    };
+    (0..20_000)
+        .map(|n| {
+            let [before, here, after] = [position(n - 1), position(n), position(n + 1)];
+            RawSample {
+                index: n as u32,
+                position_count: here,
+                force_code: force(here, after - before, after - 2 * here + before),
+                ..RawSample::default()
+            }
+        })
+        .collect()
+}
+
+#[test]
+fn an_exact_fit_has_an_interval_that_holds_the_mirrored_fit() {
+    let settings = perfect();
+    for (amplitude, frequency_hz) in [(3e3, 3.2), (3e5, 3.2), (3e4, 0.5), (2e3, 15.9)] {
+        for (what, force) in [
+            ("nothing", (|_, _, _| 0) as fn(i32, i32, i32) -> i32),
+            ("one code", |_, _, _| 1),
+            ("a weight", |_, _, _| -30_001),
+            ("inertia", |_, _, bend| 7 * bend),
+            ("inertia under a weight", |_, _, bend| 7 * bend + 1001),
+            ("viscous friction", |_, slope, _| 3 * slope),
+            ("dry friction", |_, slope, _| 1000 * slope.signum()),
+        ] {
+            let samples = exact(amplitude, frequency_hz, force);
+            let turn = |sample: &RawSample| RawSample {
+                position_count: -sample.position_count,
+                force_code: -sample.force_code,
+                ..*sample
+            };
+            let turned: Vec<RawSample> = samples.iter().map(turn).collect();
+            let [here, there] = [&samples, &turned].map(|samples| run(&settings, samples).last);
+            for (here, there) in [(here.recent, there.recent), (here.whole_run, there.whole_run)] {
+                for (i, sign) in [1.0, 1.0, 1.0, -1.0].into_iter().enumerate() {
+                    let (here, there) = (four(&here)[i], four(&there)[i]);
+                    assert_eq!(here.status(), there.status(), "{what} at {frequency_hz} Hz, {i}");
+                    if here.status() == Status::Ok {
+                        let difference = (here.fitted().value - sign * there.fitted().value).abs();
+                        // Not NaN either.
+                        assert!(difference < 1e-3 * here.u95(), "{what} at {frequency_hz} Hz, {i}: {here:?} {there:?}");
+                    }
+                }
+                // A force that never changes says where it is within a code, and nothing of the device.
+                if ["nothing", "one code", "a weight"].contains(&what) {
+                    let [found @ .., offset] = four(&here);
+                    assert!(found.iter().all(|found| found.status() == Status::NotIdentifiable), "{what}: {found:?}");
+                    let code = settings.newtons_per_code.abs() as f32;
+                    assert!(
+                        offset.status() != Status::Ok || (0.5 * code..code).contains(&offset.u95()),
+                        "{what}: {offset:?}"
+                    );
+                }
+            }
+        }
+    }
+}

@@ -2,8 +2,8 @@
 
 use crate::backlash::active::BacklashActive;
 use crate::constants::{
-    FAST_BOX_S, LONGEST_SPACING, REST_COUNTS, REST_WINDOW_S, SIGN_KERNEL_S, SLOW_BOX_S, STRUCTURE_MODEL_U95,
-    UPDATES_PER_BOX,
+    BOXES_VARIANCE, FAST_BOX_S, LONGEST_SPACING, REST_COUNTS, REST_WINDOW_S, SIGN_KERNEL_S, SLOW_BOX_S,
+    STRUCTURE_MODEL_U95, UPDATES_PER_BOX,
 };
 use crate::gate::BLOCKS;
 use crate::kernel::{MORE_REGRESSORS, Normaliser, REGRESSORS};
@@ -22,8 +22,6 @@ const REVERSAL_REACH_S: f64 = 0.002;
 /// Model error of the structure mass where the contact's stiffness is not known: at the device's own frequency the terminal stands while the screw
 /// moves, and from there on moves against it. 1.5 holds up to 1.2 times that frequency.
 const LOOSE_STRUCTURE_U95: f64 = 1.5;
-/// Variance of white noise through four boxes, times their length: the cubic B-spline's autocorrelation at 0.
-const BOXES_VARIANCE: f64 = 151.0 / 315.0;
 /// Encoder counts across the window under which a weak reversal is grazing.
 const GRAZING_COUNTS: f64 = 4.0;
 
@@ -104,6 +102,10 @@ pub(crate) struct Scales {
     pub quantisation: f32,
     /// Variance of white noise in the force through the kernel, over that in a sample [N^2 per code^2].
     pub noise: f32,
+    /// Half a code of the force [N].
+    pub half_code: f32,
+    /// The part of that quantisation which sums of independent readings keep.
+    pub quantisation_kept: f32,
     /// Unit of the jerk [m/s^3].
     pub jerk: f32,
     /// Mean square of the encoder's quantisation noise in the jerk [regressor units^2].
@@ -310,6 +312,8 @@ impl Settings {
                 jerk: (1.0 / (jerk * down(jerk_shift))) as f32,
                 jerk_quantisation: jerk_quantisation as f32,
                 noise: (BOXES_VARIANCE / length * newtons_per_code * newtons_per_code) as f32,
+                half_code: (0.5 * newtons_per_code) as f32,
+                quantisation_kept: (1.0 / self.oversampling) as f32,
                 ..scales(
                     [
                         acceleration * down(acceleration_shift),
@@ -351,6 +355,8 @@ fn scales(per_si: [f64; REGRESSORS], quantisation: f64) -> Scales {
         quantisation: quantisation as f32,
         more_units: [0.0; MORE_REGRESSORS],
         noise: 0.0,
+        half_code: 0.0,
+        quantisation_kept: 1.0,
         jerk: 0.0,
         jerk_quantisation: 0.0,
     }

@@ -4,6 +4,13 @@
 pub const COVERAGE: f64 = 3.0;
 /// A parameter whose interval is wider than this part of its value is not identifiable.
 pub const WIDEST_INTERVAL: f64 = 0.5;
+/// Part of the variance that rounding to force codes and encoder counts leaves in a residual, under which a fit is exact:
+/// every motion of the grid leaves more than 0.64 of it.
+pub const EXACT: f64 = 0.25;
+/// Variance of the rounding to a whole number.
+pub const ROUNDING: f64 = 1.0 / 12.0;
+/// Variance of white noise through four boxes, times their length: the cubic B-spline's autocorrelation at 0.
+pub const BOXES_VARIANCE: f64 = 151.0 / 315.0;
 /// Model error of dry friction: real friction is never exactly Coulomb's.
 pub const COULOMB_MODEL_U95: f64 = 0.05;
 /// Model error of the structure mass: across a backlash its motion does not follow from the force. 0.1 mm takes up to 4.8 %

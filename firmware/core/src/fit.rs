@@ -6,12 +6,17 @@ use crate::active::Scales;
 use crate::bank::BankState;
 use crate::constants::{self, UPDATES_PER_BOX};
 use crate::ldl::{FACTOR_BITS, MATRIX_BITS, UNKNOWNS, solve};
-use crate::math::power;
+use crate::math::{greater, magnitude, power, sqrt};
 use crate::near_rest::WEIGHT;
 use crate::rls::{PRODUCTS, place, scaled};
 use crate::solution::{pivot, standard_errors};
 
 const CORRELATION_BOXES: f32 = constants::CORRELATION_BOXES as f32;
+const COVERAGE: f32 = constants::COVERAGE as f32;
+const EXACT: f32 = constants::EXACT as f32;
+const ROUNDING: f32 = constants::ROUNDING as f32;
+/// Greatest error of a rounding over its rms.
+const ROOT_3: f32 = 1.732_050_8;
 /// Independent observations under which nothing is said.
 const LEAST_OBSERVATIONS: f32 = 8.0;
 
@@ -92,16 +97,45 @@ pub(crate) fn fit(knowledge: &Knowledge, scales: &Scales) -> Option<Fit> {
     }
     let solution = solve(&knowledge.matrix);
     let residual_variance = pivot(&solution, UNKNOWNS) * observations / (observations - UNKNOWNS as f32);
-    let errors = standard_errors(&solution, residual_variance / observations);
     let force_shift = i32::from(solution.shifts[UNKNOWNS]);
     // The matrix in Q62 is of regressors in Q31.
     let force_unit = scales.force * power(31 - force_shift);
     let variance = residual_variance * knowledge.per_unit * force_unit * force_unit;
     let mut fit = Fit { variance, observations, ..Fit::NONE };
-    for (i, (value, error)) in fit.values.iter_mut().zip(&mut fit.errors).enumerate() {
-        let to_si = scales.force_per[i] * power(i32::from(solution.shifts[i]) - force_shift);
-        *value = solution.unknowns[i] as f32 * power(-(FACTOR_BITS as i32)) * to_si;
-        *error = errors[i].map_or(f32::INFINITY, |error| error * to_si);
+    let to_si: [f32; UNKNOWNS] =
+        core::array::from_fn(|i| scales.force_per[i] * power(i32::from(solution.shifts[i]) - force_shift));
+    for (i, value) in fit.values.iter_mut().enumerate() {
+        *value = solution.unknowns[i] as f32 * power(-(FACTOR_BITS as i32)) * to_si[i];
+    }
+    let mut error_variance = residual_variance / observations;
+    if let Some(least) = rounding(&fit, scales) {
+        let least = least * least / (knowledge.per_unit * force_unit * force_unit);
+        error_variance = greater(error_variance, least);
+    }
+    let errors = standard_errors(&solution, error_variance);
+    for (i, error) in fit.errors.iter_mut().enumerate() {
+        *error = errors[i].map_or(f32::INFINITY, |error| error * to_si[i]);
     }
     Some(fit)
+}
+
+/// Error of the force that no averaging removes where a fit is exact, over [`COVERAGE`] \[N\]; nothing where it is not.
+///
+/// A residual under what rounding leaves of itself shows that the roundings follow the motion or stand still: then they add
+/// up. They are at most half a code, the encoder's steps as one, and half a unit of each regressor.
+fn rounding(fit: &Fit, scales: &Scales) -> Option<f32> {
+    let [per_acceleration, ..] = scales.force_per;
+    let [inertance, ..] = fit.values;
+    let per_step = inertance / per_acceleration * scales.force;
+    let steps = per_step * per_step * scales.quantisation;
+    // One whose residual is no number is not exact either.
+    let is_exact = fit.variance < EXACT * (ROUNDING * scales.noise + steps * scales.quantisation_kept);
+    if !is_exact {
+        return None;
+    }
+    let mut units = 1.0;
+    for (value, force_per) in fit.values.iter().zip(scales.force_per) {
+        units += magnitude(value / force_per);
+    }
+    Some((scales.half_code + ROOT_3 * sqrt(steps) + 0.5 * units * scales.force) / COVERAGE)
 }

@@ -28,7 +28,7 @@ const CLEAR_OF_STEPS: f32 = 2000.0;
 /// Quartile of the force's fourth differences, per rms of its noise: 0.3186 by normal noise, times the root of 70.
 const QUARTILE: f32 = 2.666;
 /// Variance of the steps of the force [codes^2].
-const STEPS: f32 = 1.0 / 12.0;
+const STEPS: f32 = constants::ROUNDING as f32;
 /// Part of Coulomb friction within which its interval must lie before reversals are placed by it.
 const FRICTION_KNOWN: f32 = 0.1;
 

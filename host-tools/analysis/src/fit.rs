@@ -9,8 +9,8 @@
 //! f64 throughout; sums of a day keep 1e-9 of their value.
 
 use inerter_core::constants::{
-    CORRELATION_BOXES, COULOMB_MODEL_U95, COVERAGE, PIVOT_BITS, SKEW_FACTOR, STRUCTURE_MODEL_U95, UPDATES_PER_BOX,
-    WIDEST_INTERVAL,
+    BOXES_VARIANCE, CORRELATION_BOXES, COULOMB_MODEL_U95, COVERAGE, EXACT, PIVOT_BITS, ROUNDING, SKEW_FACTOR,
+    STRUCTURE_MODEL_U95, UPDATES_PER_BOX, WIDEST_INTERVAL,
 };
 use inerter_core::{Backlash, Bank, Interval, MoreSums, Parameter, Parameters, Settings, Status, Sums};
 use miette::Diagnostic;
@@ -162,13 +162,17 @@ pub struct Products {
     sums: [[f64; COUNT]; COUNT],
     updates: f64,
     bank: Bank,
+    /// What one unit of each regressor is in SI: each was rounded to whole units.
+    units: [f64; COUNT],
 }
 
 /// Least squares of the force on some of the regressors.
 struct Solution<const N: usize> {
     values: [f64; N],
-    /// Squares and products of the standard errors.
-    covariance: [[f64; N]; N],
+    /// Inverse of the regressors' sums.
+    inverse: [[f64; N]; N],
+    /// What makes squares and products of the standard errors of it \[N^2\].
+    error_square: f64,
     /// Mean square of what is left unexplained \[N^2\].
     residual_square: f64,
     /// Part of each regressor's square that the others leave over.
@@ -179,8 +183,8 @@ impl<const N: usize> Solution<N> {
     /// Value and standard error of a weighted sum of the coefficients.
     fn combined(&self, weights: [f64; N]) -> (f64, f64) {
         let dot = |row: &[f64; N]| row.iter().zip(weights).map(|(value, weight)| value * weight).sum::<f64>();
-        let variance: f64 = self.covariance.iter().zip(weights).map(|(row, weight)| weight * dot(row)).sum();
-        (dot(&self.values), variance.max(0.0).sqrt())
+        let variance: f64 = self.inverse.iter().zip(weights).map(|(row, weight)| weight * dot(row)).sum();
+        (dot(&self.values), (variance * self.error_square).max(0.0).sqrt())
     }
 }
 
@@ -203,7 +207,7 @@ impl Products {
                 matrix[column][row] = sum;
             }
         }
-        Ok(Self { sums: matrix, updates: f64::from(sums.updates), bank: sums.bank })
+        Ok(Self { sums: matrix, updates: f64::from(sums.updates), bank: sums.bank, units })
     }
 
     /// Sums of both together: of two runs of one device.
@@ -212,6 +216,7 @@ impl Products {
             row.iter_mut().zip(others).for_each(|(sum, other)| *sum += other);
         }
         self.updates += other.updates;
+        self.units.iter_mut().zip(other.units).for_each(|(unit, other)| *unit = unit.max(other));
         self
     }
 
@@ -231,11 +236,9 @@ impl Products {
 
     /// How the errors of inertance, viscous and Coulomb friction and offset hang together.
     pub fn correlation(&self) -> Result<[[f64; 4]; 4], FitError> {
-        let covariance = self.solve([ACCELERATION, VELOCITY, SIGN, ONE])?.covariance;
+        let inverse = self.solve([ACCELERATION, VELOCITY, SIGN, ONE])?.inverse;
         Ok(std::array::from_fn(|row| {
-            std::array::from_fn(|column| {
-                covariance[row][column] / (covariance[row][row] * covariance[column][column]).sqrt()
-            })
+            std::array::from_fn(|column| inverse[row][column] / (inverse[row][row] * inverse[column][column]).sqrt())
         }))
     }
 
@@ -278,12 +281,30 @@ impl Products {
         let residual_square = left_over * observations / (observations - N as f64);
         Ok(Solution {
             values,
-            covariance: inverse.map(|row| row.map(|part| part * residual_square * UPDATES_PER_OBSERVATION)),
+            inverse,
+            error_square: residual_square * UPDATES_PER_OBSERVATION,
             residual_square,
             left: std::array::from_fn(|place| {
                 (inverse[place][place] * self.sums[regressors[place]][regressors[place]]).recip()
             }),
         })
+    }
+
+    /// The same by instruments that round. As in core: where less is left over than rounding leaves of itself, the roundings
+    /// follow the motion or stand still, and no averaging removes them.
+    fn fitted<const N: usize>(&self, regressors: [usize; N], settings: &Settings) -> Result<Solution<N>, FitError> {
+        let mut solution = self.solve(regressors)?;
+        let [inertance_kg, ..] = solution.values.as_slice() else { return Ok(solution) };
+        let steps = inertance_kg.powi(2) * Systematic { products: self, settings }.steps();
+        let code_n = settings.newtons_per_code.abs();
+        let codes = BOXES_VARIANCE / (self.box_s(settings) * settings.sample_rate_hz) * ROUNDING * code_n.powi(2);
+        if solution.residual_square < EXACT * (codes + steps / settings.oversampling) {
+            let units: f64 =
+                regressors.iter().zip(solution.values).map(|(place, value)| self.units[*place] * value.abs()).sum();
+            let greatest_n = 0.5 * code_n + (3.0 * steps).sqrt() + 0.5 * (self.units[FORCE] + units);
+            solution.error_square = solution.error_square.max((greatest_n / COVERAGE).powi(2) * self.updates);
+        }
+        Ok(solution)
     }
 
     /// Length of the kernel's box \[s\].
@@ -386,8 +407,8 @@ pub struct Directions {
 /// Friction by direction; `offset_n` is the force offset where it is known.
 pub fn directions(products: &Products, settings: &Settings, offset_n: Option<f64>) -> Result<Directions, FitError> {
     let systematic = Systematic { products, settings };
-    let plain = products.solve([ACCELERATION, VELOCITY, SIGN, ONE])?;
-    let full = products.solve([ACCELERATION, VELOCITY, SIGN, ONE, SPEED])?;
+    let plain = products.fitted([ACCELERATION, VELOCITY, SIGN, ONE], settings)?;
+    let full = products.fitted([ACCELERATION, VELOCITY, SIGN, ONE, SPEED], settings)?;
     let (mass, mass_error) = full.combined([1.0, 0.0, 0.0, 0.0, 0.0]);
     let viscous = |side: f64| {
         let (value, error) = full.combined([0.0, 1.0, 0.0, 0.0, side]);
@@ -445,11 +466,12 @@ impl Skew {
 
 /// The skew by the force's rate as a fifth regressor. The backlash, where it is known, makes it less certain.
 pub fn skew(products: &Products, settings: &Settings, backlash: &Backlash) -> Result<Skew, FitError> {
-    let plain = products.solve([ACCELERATION, VELOCITY, SIGN, ONE])?;
-    let full = products.solve([ACCELERATION, VELOCITY, SIGN, ONE, FORCE_RATE]).map_err(|error| match error {
-        FitError::Motion => FitError::SingleTone { left: 0.0 },
-        other => other,
-    })?;
+    let plain = products.fitted([ACCELERATION, VELOCITY, SIGN, ONE], settings)?;
+    let full =
+        products.fitted([ACCELERATION, VELOCITY, SIGN, ONE, FORCE_RATE], settings).map_err(|error| match error {
+            FitError::Motion => FitError::SingleTone { left: 0.0 },
+            other => other,
+        })?;
     let mass = full.values[0];
     // By Cauchy and Schwarz at least this much of the rate's square is the inertance's.
     let inertial = (mass * products.mean_square(ACCELERATION)).powi(2) / products.mean_square(VELOCITY);
@@ -462,7 +484,7 @@ pub fn skew(products: &Products, settings: &Settings, backlash: &Backlash) -> Re
         return Err(FitError::SingleTone { left });
     }
     // A cubic B-spline passes white noise with 151/315 of its box's rate and differentiated with 2/3 of it.
-    let noise_rate_square = full.residual_square * (2.0 / 3.0) / (151.0 / 315.0) / products.box_s(settings).powi(2);
+    let noise_rate_square = full.residual_square * (2.0 / 3.0) / BOXES_VARIANCE / products.box_s(settings).powi(2);
     let noise = noise_rate_square / (left * rate_square);
     if noise > MOST_NOISE {
         return Err(FitError::TooNoisy { noise });

@@ -34,9 +34,17 @@ fn products(rows: impl IntoIterator<Item = [f64; COUNT]>) -> Products {
     Products::of(&sums, &more).unwrap()
 }
 
-/// A perfect bench: every interval is of what the fit itself does not know.
+/// A perfect bench, finer than any noise: every interval is of what the fit itself does not know.
 fn ideal() -> Settings {
-    Settings { skew_u95_s: 0.0, force_gain_u95: 0.0, lead_u95: 0.0, timebase_u95: 0.0, ..Settings::default() }
+    Settings {
+        skew_u95_s: 0.0,
+        force_gain_u95: 0.0,
+        lead_u95: 0.0,
+        timebase_u95: 0.0,
+        metres_per_count: 1e-12,
+        newtons_per_code: 1e-6,
+        ..Settings::default()
+    }
 }
 
 /// Noise of unit variance.
@@ -128,6 +136,35 @@ fn intervals_are_three_errors_of_updates_that_are_correlated() {
     // These updates are not correlated, so the errors are too large by just that.
     let ratio = error_square / square / UPDATES_PER_OBSERVATION;
     assert!((0.8..1.25).contains(&ratio), "{ratio}");
+}
+
+#[test]
+fn an_exact_fit_has_the_interval_of_what_its_instruments_round() {
+    let settings = Settings { newtons_per_code: 0.01, metres_per_count: 1e-8, ..ideal() };
+    let pairs = |found: &Found| [found.inertance_kg, found.viscous_n_s_per_m, found.coulomb_n, found.offset_n];
+    // The law itself, and a force that stands still.
+    for force in [|row: [f64; COUNT]| row[FORCE], |_: [f64; COUNT]| -30.01] {
+        let law = |sign: f64| {
+            let rows = shaken(TWO_TONES, ALIKE, 5.0, 0.0, 0.0);
+            let all = products(rows.into_iter().map(|row| {
+                let [a, v, s, one, _, speed, rate] = row;
+                [sign * a, sign * v, sign * s, one, sign * force(row), speed, sign * rate]
+            }));
+            (directions(&all, &settings, None).unwrap().symmetric, all.correlation().unwrap())
+        };
+        let ((here, correlation), (there, _)) = (law(1.0), law(-1.0));
+        for (i, (here, there)) in pairs(&here).into_iter().zip(pairs(&there)).enumerate() {
+            let sign = if i == 3 { -1.0 } else { 1.0 };
+            assert_eq!(here.status(), there.status());
+            assert!(
+                (here.fitted().value - sign * there.fitted().value).abs() < 1e-2 * here.u95(),
+                "{here:?} {there:?}"
+            );
+        }
+        // Half a code and the steps as an offset.
+        assert!((0.005..0.01).contains(&here.offset_n.u95()), "{:?}", here.offset_n);
+        assert!(correlation.iter().flatten().all(|part| part.abs() < 1.001), "{correlation:?}");
+    }
 }
 
 #[test]

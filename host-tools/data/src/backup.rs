@@ -2,17 +2,22 @@
 //!
 //! The file is one that `--settings` takes; the device stands in comments at its beginning.
 
-use std::path::{Path, PathBuf};
+use std::{
+    borrow::Cow,
+    path::{Path, PathBuf},
+};
 
 use inerter_core::Settings;
 use inerter_wire::Hello;
 use miette::Diagnostic;
+use serde_json::json;
 
 use crate::{
     error::Error,
-    output::OutputError,
+    output::{self, OutputError},
     recording::{self, is_recording},
     settings::{Overrides, SettingsInputError, to_toml},
+    words::printable,
 };
 
 /// Why a backup is not restored.
@@ -84,18 +89,27 @@ pub fn text(hello: &Hello, settings: &Settings) -> String {
         ("firmware", hello.firmware.as_str()),
         ("git", hello.git.as_str()),
     ] {
-        text += &format!("# {name}: {}\n", value.replace(['\n', '\r'], " "));
+        text += &format!("# {name}: {}\n", commented(value));
     }
     text + "\n" + &to_toml(settings)
 }
 
-/// Writes a backup, whole or not at all.
-pub fn write(path: &Path, hello: &Hello, settings: &Settings) -> Result<(), OutputError> {
-    let failed = |source| OutputError::Create { path: path.into(), source };
-    let mut beside = path.as_os_str().to_owned();
-    beside.push(".part");
-    std::fs::write(&beside, text(hello, settings)).map_err(failed)?;
-    std::fs::rename(&beside, path).map_err(failed)
+/// A text for a comment of TOML, which may hold no control characters: where it would not be read back as it is, as a JSON
+/// string.
+fn commented(value: &str) -> Cow<'_, str> {
+    let plain = !value.is_empty() && value.trim() == value && !value.starts_with('"') && printable(value) == value;
+    if plain { value.into() } else { printable(&json!(value).to_string()).into_owned().into() }
+}
+
+/// The text that [`commented`] wrote, or somebody by hand; none where nothing stands.
+fn uncommented(text: &str) -> Option<String> {
+    let text = text.trim();
+    serde_json::from_str(text).ok().or_else(|| (!text.is_empty()).then(|| text.to_string()))
+}
+
+/// Writes a backup, whole or not at all. Only `replace` lets it take the place of a file.
+pub fn write(path: &Path, replace: bool, hello: &Hello, settings: &Settings) -> Result<(), OutputError> {
+    output::write(path, replace, text(hello, settings))
 }
 
 /// Reads a backup, or any file of settings.
@@ -107,7 +121,7 @@ pub fn read(path: &Path) -> Result<Backup, SettingsInputError> {
         let lines = text.lines().take_while(|line| line.starts_with('#') || line.trim().is_empty());
         let mut values =
             lines.filter_map(|line| line.trim_start_matches(['#', ' ']).strip_prefix(name)?.strip_prefix(':'));
-        values.next().map(|value| value.trim().to_string()).filter(|value| !value.is_empty())
+        values.next().and_then(uncommented)
     };
     Ok(Backup { values, owner: Owner { board: comment("board"), serial: comment("serial") } })
 }
@@ -147,6 +161,7 @@ pub fn changes(before: &Settings, after: &Settings) -> Vec<(&'static str, f64, f
 #[cfg(test)]
 mod tests {
     use inerter_wire::{Capabilities, ClockSource, WIRE_VERSION};
+    use proptest::prelude::*;
 
     use super::*;
 
@@ -168,7 +183,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.toml");
         let settings = Settings { newtons_per_code: -1.0 / 3.0, skew_s: 1.52e-5, ..Settings::default() };
-        write(&path, &hello("205735883537"), &settings).unwrap();
+        write(&path, false, &hello("205735883537"), &settings).unwrap();
         let backup = read(&path).unwrap();
         let mut restored = Settings::default();
         backup.values.apply(&mut restored).unwrap();
@@ -182,5 +197,69 @@ mod tests {
         let differences = changes(&Settings::default(), &settings);
         let names: Vec<_> = differences.iter().map(|(name, ..)| *name).collect();
         assert_eq!(names, ["newtons_per_code", "skew_s"]);
+    }
+
+    /// Any text, and often one that means something in TOML, in JSON, in a comment or to a terminal.
+    fn any_text() -> impl Strategy<Value = String> {
+        let special = prop::sample::select(vec![
+            "\u{1b}[2J",
+            "\n",
+            "\r\n",
+            "\t",
+            " ",
+            "\u{7f}",
+            "\u{85}",
+            "\u{2028}",
+            "\u{feff}",
+            "\"",
+            "\\",
+            "\\n",
+            "#",
+            ":",
+            "\0",
+            "12",
+            "null",
+        ]);
+        let part = prop_oneof![any::<String>(), "\\PC{0,6}", special.prop_map(String::from)];
+        prop::collection::vec(part, 0..5).prop_map(|parts| parts.concat())
+    }
+
+    /// Any value, and often one at the edge of what a setting takes.
+    fn any_value() -> impl Strategy<Value = f64> {
+        let edges =
+            vec![0.0, -0.0, 1.0, -1.0, f64::MIN_POSITIVE, 5e-324, f64::MAX, f64::INFINITY, f64::NAN, 1e16, 1e-7];
+        prop_oneof![any::<f64>(), -1e6..1e6, 0.0..1.0, prop::sample::select(edges)]
+    }
+
+    proptest! {
+        #[test]
+        fn what_backup_writes_restore_reads(
+            texts in prop::array::uniform4(any_text()),
+            values in prop::collection::vec(any_value(), Settings::COUNT),
+        ) {
+            let [board, serial, firmware, git] = &texts;
+            let hello = Hello {
+                board: Hello::text(board),
+                firmware: Hello::text(firmware),
+                git: Hello::text(git),
+                ..hello(serial)
+            };
+            let mut settings = Settings::default();
+            for (number, value) in values.iter().enumerate() {
+                // A device takes no others.
+                settings.set(number, *value).ok();
+            }
+            let folder = tempfile::tempdir().unwrap();
+            let path = folder.path().join("a.toml");
+            std::fs::write(&path, text(&hello, &settings)).unwrap();
+            let backup = read(&path).unwrap();
+            prop_assert!(backup.check_owner(&path, &hello).is_ok(), "{:?} {hello:?}", backup.owner);
+            let mut restored = Settings::default();
+            backup.values.apply(&mut restored).unwrap();
+            prop_assert_eq!(changes(&settings, &restored), []);
+            // Nor does a terminal that shows it do anything.
+            let text = std::fs::read_to_string(&path).unwrap();
+            prop_assert!(text.lines().all(|line| printable(line) == line), "{text:?}");
+        }
     }
 }

@@ -1,9 +1,11 @@
 //! Writing results: to standard output, and to files that may meet a full disk.
 
 use std::{
-    fs::File,
-    io::{self, BufWriter, Write},
+    collections::BTreeSet,
+    fs::{self, File, OpenOptions},
+    io::{self, Write},
     path::{Path, PathBuf},
+    sync::{Mutex, MutexGuard, PoisonError},
 };
 
 use miette::Diagnostic;
@@ -23,7 +25,7 @@ pub enum OutputError {
         /// The reason.
         source: io::Error,
     },
-    /// The file is there already, and holds something.
+    /// The file is there already.
     #[error("{path} exists already", path = path.display())]
     #[diagnostic(code(inerter::output::exists), help("choose another name, or add --force to replace it"))]
     Exists {
@@ -41,6 +43,40 @@ pub enum OutputError {
         /// The reason.
         source: io::Error,
     },
+}
+
+/// What another program did to a file while it was written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Disturbance {
+    /// It has no name any more.
+    #[error("another program deleted it")]
+    Deleted,
+    /// Its name belongs to nobody or to another file.
+    #[error("another program moved it or replaced it")]
+    Moved,
+    /// It is shorter or longer than what was written.
+    #[error("another program shortened it or wrote into it")]
+    Changed,
+}
+
+impl Disturbance {
+    fn help(self) -> &'static str {
+        match self {
+            Self::Deleted => "what was written is lost: write it again, and leave the file alone until it is complete",
+            Self::Moved => {
+                "what was written so far is in the file that was moved, if anything: leave a file alone until it is complete"
+            }
+            Self::Changed => {
+                "the file is damaged: write it again under another name, and let no other program write to it"
+            }
+        }
+    }
+}
+
+impl From<Disturbance> for io::Error {
+    fn from(disturbance: Disturbance) -> Self {
+        Self::other(disturbance)
+    }
 }
 
 impl OutputError {
@@ -67,6 +103,9 @@ fn create_help(source: &io::Error, path: &Path) -> String {
 }
 
 fn write_help(source: &io::Error, written: &str) -> String {
+    if let Some(disturbance) = source.get_ref().and_then(|inner| inner.downcast_ref::<Disturbance>()) {
+        return disturbance.help().into();
+    }
     let kept = if written.is_empty() { "" } else { "; what was written so far can be read" };
     match source.kind() {
         io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
@@ -79,37 +118,76 @@ fn write_help(source: &io::Error, written: &str) -> String {
     }
 }
 
-/// Creates a file to be filled, buffered.
-pub fn create(path: &Path) -> Result<BufWriter<File>, OutputError> {
-    File::create(path).map(BufWriter::new).map_err(|source| OutputError::Create { path: path.into(), source })
+/// Creates a file that has its name from the beginning. Only `replace` lets it take the place of one that is there; a pipe
+/// or a device is written as it is.
+pub fn create(path: &Path, replace: bool) -> Result<File, OutputError> {
+    let mut options = OpenOptions::new();
+    options.write(true);
+    if !is_special(path) {
+        options.create_new(!replace).create(true).truncate(replace);
+    }
+    options.open(path).map_err(|source| match source.kind() {
+        io::ErrorKind::AlreadyExists => OutputError::Exists { path: path.into() },
+        _ => OutputError::Create { path: path.into(), source },
+    })
+}
+
+/// Writes a file whole or not at all.
+pub fn write(path: &Path, replace: bool, bytes: impl AsRef<[u8]>) -> Result<(), OutputError> {
+    let pending = Pending::create(path, replace)?;
+    let written = pending.open()?.write_all(bytes.as_ref());
+    written.map_err(|source| OutputError::write(pending.name(), source))?;
+    pending.commit()?;
+    Ok(())
+}
+
+/// Files that have not taken their names yet.
+static UNFINISHED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+
+fn unfinished() -> MutexGuard<'static, BTreeSet<PathBuf>> {
+    UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Removes every [`Pending`] file, for a program that ends at once: none can be begun or completed after this.
+pub fn remove_unfinished() {
+    let unfinished = unfinished();
+    for path in unfinished.iter() {
+        fs::remove_file(path).ok();
+    }
+    // Locked from here on.
+    std::mem::forget(unfinished);
 }
 
 /// A file that takes its name when it is complete: what stood there before stays until then.
 #[derive(Debug)]
 pub struct Pending {
     path: PathBuf,
+    replace: bool,
     /// `None` for a pipe or a device, which are written as they are.
     temporary: Option<TempPath>,
 }
 
 impl Pending {
-    /// Begins a file beside the one that it will be.
-    pub fn create(path: &Path) -> Result<Self, OutputError> {
-        let special = path.metadata().is_ok_and(|metadata| !metadata.is_file());
-        if special {
-            return Ok(Self { path: path.into(), temporary: None });
+    /// Begins a file beside the one that it will be. Only `replace` lets it take the place of one that is there.
+    pub fn create(path: &Path, replace: bool) -> Result<Self, OutputError> {
+        if is_special(path) {
+            return Ok(Self { path: path.into(), replace, temporary: None });
+        }
+        if !replace {
+            refuse_existing(path)?;
         }
         let failed = |source| OutputError::Create { path: path.into(), source };
         let name = path.file_name().ok_or_else(|| failed(io::ErrorKind::InvalidInput.into()))?;
-        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let mut builder = tempfile::Builder::new();
         let prefix = format!(".{}.", name.to_string_lossy());
         builder.prefix(&prefix).suffix(".part");
         // As any new file: temporary ones are closed to others.
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-        let file = builder.tempfile_in(folder).map_err(|error| failed(plain(error)))?;
-        Ok(Self { path: path.into(), temporary: Some(file.into_temp_path()) })
+        let mut unfinished = unfinished();
+        let file = builder.tempfile_in(folder_of(path)).map_err(|error| failed(plain(error)))?;
+        unfinished.insert(file.path().into());
+        Ok(Self { path: path.into(), replace, temporary: Some(file.into_temp_path()) })
     }
 
     /// The path to write to.
@@ -127,14 +205,69 @@ impl Pending {
         self.path.display().to_string()
     }
 
-    /// Gives it its name, and says it.
-    pub fn commit(self) -> Result<PathBuf, OutputError> {
-        if let Some(temporary) = self.temporary {
-            let persisted = temporary.persist(&self.path);
-            persisted.map_err(|error| OutputError::Create { path: self.path.clone(), source: error.error })?;
+    /// Gives it its name once it is safe on the disk, and says the name.
+    pub fn commit(mut self) -> Result<PathBuf, OutputError> {
+        if self.temporary.is_some() {
+            let synced = OpenOptions::new().write(true).open(self.path()).and_then(|file| synced(file.sync_all()));
+            synced.map_err(|source| OutputError::write(self.name(), source))?;
+            self.give_name()?;
+            sync_folder(&self.path).map_err(|source| OutputError::write(self.name(), source))?;
         }
-        Ok(self.path)
+        Ok(std::mem::take(&mut self.path))
     }
+
+    fn give_name(&mut self) -> Result<(), OutputError> {
+        let mut unfinished = unfinished();
+        let Some(temporary) = self.temporary.take() else { return Ok(()) };
+        unfinished.remove(&*temporary);
+        let named = if self.replace {
+            temporary.persist(&self.path)
+        } else {
+            temporary.persist_noclobber(&self.path).or_else(|refused| match refused.error.kind() {
+                // A file system that cannot do both in one step, such as exFAT.
+                kind if kind != io::ErrorKind::AlreadyExists && self.path.symlink_metadata().is_err() => {
+                    refused.path.persist(&self.path)
+                }
+                _ => Err(refused),
+            })
+        };
+        named.map_err(|refused| match refused.error.kind() {
+            io::ErrorKind::AlreadyExists => OutputError::Exists { path: self.path.clone() },
+            _ => OutputError::Create { path: self.path.clone(), source: refused.error },
+        })
+    }
+}
+
+impl Drop for Pending {
+    fn drop(&mut self) {
+        let mut unfinished = unfinished();
+        if let Some(temporary) = self.temporary.take() {
+            unfinished.remove(&*temporary);
+        }
+    }
+}
+
+/// Whether it is there and no ordinary file.
+fn is_special(path: &Path) -> bool {
+    path.metadata().is_ok_and(|metadata| !metadata.is_file())
+}
+
+fn folder_of(path: &Path) -> &Path {
+    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// Brings the name of a file onto the disk: without it a power cut may leave data that nothing leads to.
+pub(crate) fn sync_folder(path: &Path) -> io::Result<()> {
+    // Elsewhere folders cannot be opened; one that may not be read cannot be synchronised either.
+    if cfg!(unix) { File::open(folder_of(path)).map_or(Ok(()), |folder| synced(folder.sync_all())) } else { Ok(()) }
+}
+
+/// Pipes, devices and some file systems cannot be synchronised, which is no fault.
+pub(crate) fn synced(result: io::Result<()>) -> io::Result<()> {
+    result.or_else(|error| match error.kind() {
+        io::ErrorKind::InvalidInput | io::ErrorKind::Unsupported => Ok(()),
+        _ => Err(error),
+    })
 }
 
 /// As the operating system gave it, without the temporary name, which would only puzzle.
@@ -145,12 +278,10 @@ fn plain(error: io::Error) -> io::Error {
     }
 }
 
-/// Refuses to go on when `path` is an ordinary file that holds something already.
+/// Refuses to go on when `path` is an ordinary file, even an empty one, or a link that leads nowhere.
 pub fn refuse_existing(path: &Path) -> Result<(), OutputError> {
-    match path.metadata() {
-        Ok(metadata) if metadata.is_file() && metadata.len() > 0 => Err(OutputError::Exists { path: path.into() }),
-        _ => Ok(()),
-    }
+    let is_there = path.symlink_metadata().is_ok() && !is_special(path);
+    if is_there { Err(OutputError::Exists { path: path.into() }) } else { Ok(()) }
 }
 
 /// Writes one line to standard output, [`printable`].

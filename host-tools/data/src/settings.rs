@@ -9,7 +9,10 @@ use inerter_core::{Settings, SettingsError};
 use miette::Diagnostic;
 use toml::de::{DeTable, DeValue};
 
-use crate::{output::OutputError, words::nearest};
+use crate::{
+    output::{self, OutputError},
+    words::{nearest, printable},
+};
 
 /// Why settings were refused. `origin` says where the setting was given.
 #[derive(Debug, thiserror::Error, Diagnostic)]
@@ -206,11 +209,11 @@ pub fn beside(csv: &Path) -> PathBuf {
     csv.with_extension("settings.toml")
 }
 
-/// Writes the settings beside a CSV. Gives the name.
-pub fn write_beside(settings: &Settings, csv: &Path) -> Result<PathBuf, OutputError> {
+/// Writes the settings beside a CSV. Gives the name. Only `replace` lets it take the place of a file.
+pub fn write_beside(settings: &Settings, csv: &Path, replace: bool) -> Result<PathBuf, OutputError> {
     let path = beside(csv);
-    let text = format!("# Settings of {}\n{}", csv.display(), to_toml(settings));
-    std::fs::write(&path, text).map_err(|source| OutputError::Create { path: path.clone(), source })?;
+    let text = format!("# Settings of {}\n{}", printable(&csv.display().to_string()), to_toml(settings));
+    output::write(&path, replace, text)?;
     Ok(path)
 }
 
@@ -321,6 +324,17 @@ mod tests {
         let path = folder.path().join("s.toml");
         let settings = Settings { metres_per_count: 0.005 / 2048.0, stiffness_n_per_m: 2.1e6, ..Settings::default() };
         std::fs::write(&path, to_toml(&settings)).unwrap();
+        let mut read = Settings::default();
+        Overrides::from_inputs(Some(&path), &[]).unwrap().apply(&mut read).unwrap();
+        assert_eq!(read, settings);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn settings_beside_a_csv_read_back_whatever_its_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let settings = Settings { memory_s: 7.0, ..Settings::default() };
+        let path = write_beside(&settings, &folder.path().join("a\u{1b}[2J\nmemory_s = 9\r.csv"), false).unwrap();
         let mut read = Settings::default();
         Overrides::from_inputs(Some(&path), &[]).unwrap().apply(&mut read).unwrap();
         assert_eq!(read, settings);

@@ -56,7 +56,7 @@ fn recording(folder: &Path, terminal: bool) -> PathBuf {
     let overrides = Overrides::from_inputs(None, &[format!("terminal_sensor={}", u8::from(terminal))]).unwrap();
     let setup =
         Setup::new(Device::paper(), Sensors { seed: 3, ..bench_sensors() }, "random", Some(5.0), &overrides).unwrap();
-    write_recording(&setup, &path, |_| ()).unwrap();
+    write_recording(&setup, &path, false, |_| Ok(())).unwrap();
     path
 }
 
@@ -69,7 +69,7 @@ fn all_of(source: &Source, selection: &Selection, folder: &Path) -> Exported {
     let targets: Vec<(Format, PathBuf)> =
         formats.into_iter().zip(["o.csv", "o.parquet", "o.mat", "o.mcap"].map(|name| folder.join(name))).collect();
     let table = EstimateTable::collect(source, &selection.range_s).unwrap();
-    export(source, selection, &targets, Some(&table), &mut |_| Ok(())).unwrap()
+    export(source, selection, &targets, false, Some(&table), &mut |_| Ok(())).unwrap()
 }
 
 /// What all files must hold.
@@ -177,8 +177,8 @@ fn a_csv_gives_the_estimates_that_its_recording_has() {
     let recording = source(&recording(folder.path(), false));
     let csv = folder.path().join("run.csv");
     let targets = [(Format::Csv, csv.clone())];
-    export(&recording, &Selection::default(), &targets, None, &mut |_| Ok(())).unwrap();
-    let toml = inerter_data::settings::write_beside(&recording.settings, &csv).unwrap();
+    export(&recording, &Selection::default(), &targets, true, None, &mut |_| Ok(())).unwrap();
+    let toml = inerter_data::settings::write_beside(&recording.settings, &csv, false).unwrap();
     let again = Source::open(&csv, &Overrides::from_inputs(Some(&toml), &[]).unwrap(), |_| ()).unwrap();
     let range_s = 0.0..f64::INFINITY;
     let (mut device, replayed) =
@@ -200,10 +200,10 @@ fn what_is_broken_off_or_empty_leaves_the_file_that_was_there() {
         let path = folder.path().join(name);
         fs::write(&path, "before").unwrap();
         let targets = [(format, path.clone())];
-        let result = export(&source, &Selection::default(), &targets, None, &mut |_| Err(Error::Interrupted));
+        let result = export(&source, &Selection::default(), &targets, true, None, &mut |_| Err(Error::Interrupted));
         assert!(matches!(result, Err(Error::Interrupted)), "{result:?}");
         let nothing = Selection { range_s: 7.0..8.0, ..Selection::default() };
-        let result = export(&source, &nothing, &targets, None, &mut |_| Ok(()));
+        let result = export(&source, &nothing, &targets, true, None, &mut |_| Ok(()));
         assert!(matches!(result, Err(Error::Recording(RecordingError::EmptyRange { .. }))), "{result:?}");
         assert_eq!(fs::read_to_string(&path).unwrap(), "before");
     }

@@ -157,7 +157,8 @@ fn recordings_of_loads_and_of_a_motion_need_no_device() {
     let mut arguments = vec!["calibrate".to_string(), "force".into(), "--json".into()];
     for (place, newtons) in [0.0, 50.0, 100.0, 0.0, -50.0, 0.0].into_iter().enumerate() {
         let (file, load) = (format!("{place}.mcap"), format!("{newtons}"));
-        let simulate = ["simulate", "-o", &file, "--excite", "hold", "--duration", "4", "--force-gain", "1.05"];
+        let simulate =
+            ["simulate", "-o", &file, "--force", "--excite", "hold", "--duration", "4", "--force-gain", "1.05"];
         done(folder.path(), &[&simulate[..], &["--load", &load]].concat());
         arguments.extend(["--force".into(), format!("{newtons}={file}")]);
     }

@@ -8,7 +8,7 @@ use common::{done, fails, inerter, json_lines, last, run, text};
 use serde_json::Value;
 
 fn simulate(folder: &Path, more: &[&str]) {
-    done(folder, &[&["simulate", "-o", "run.mcap", "--duration", "6"], more].concat());
+    done(folder, &[&["simulate", "-o", "run.mcap", "--force", "--duration", "6"], more].concat());
 }
 
 fn number(of: &Value, key: &str) -> u64 {

@@ -87,7 +87,7 @@ fn no_file_writes_to_the_terminal_what_it_likes() {
     // A run whose device, panic and marker speak; then files that are wrong in every place where a text is.
     done(folder, &["simulate", "-o", "plain.mcap", "--duration", "3"]);
     let run = inerter_data::open(&folder.join("plain.mcap"), &Overrides::default()).unwrap();
-    let mut recorder = Recorder::create(&folder.join(&recording)).unwrap();
+    let mut recorder = Recorder::create(&folder.join(&recording), false).unwrap();
     let hello = run.hello.clone().unwrap();
     recorder
         .describe(&Hello { board: Hello::text(WORDS), firmware: Hello::text(WORDS), ..hello }, &run.settings)

@@ -9,7 +9,7 @@ fn a_recording_with_a_terminal_sensor_is_identified() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     let rig = ["--terminal-noise-m", "1e-6", "--set", "terminal_sensor=1", "--duration", "10"];
-    done(at, &[&["simulate", "-o", "run.mcap", "--excite", "random"][..], &rig].concat());
+    done(at, &[&["simulate", "--force", "-o", "run.mcap", "--excite", "random"][..], &rig].concat());
     let output = done(at, &["identify", "run.mcap", "--no-profiles", "--segments", "5", "--json"]);
     assert!(!output.contains("NaN") && !output.contains("inf"));
     let lines = json_lines(&output);
@@ -42,7 +42,7 @@ fn a_recording_with_a_terminal_sensor_is_identified() {
 fn a_stated_motion_is_taken_from_the_command_line() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    done(at, &["simulate", "-o", "run.csv", "--excite", "random", "--seed", "4", "--duration", "6"]);
+    done(at, &["simulate", "--force", "-o", "run.csv", "--excite", "random", "--seed", "4", "--duration", "6"]);
     let stated = |seed: &str| {
         let settings = ["--settings", "run.settings.toml", "--no-profiles", "--json"];
         last(&done(at, &[&["identify", "run.csv", "--excite", "random", "--seed", seed][..], &settings].concat()))
@@ -66,7 +66,10 @@ fn stages_take_the_slowest_file_for_the_friction_and_the_fastest_to_validate() {
     for (file, motion, duration) in
         [("fast.mcap", "random", "8"), ("slow.csv", "sine:0.5Hz:10mm", "10"), ("middle.mcap", "mid", "8")]
     {
-        done(at, &[&["simulate", "-o", file, "--excite", motion, "--duration", duration][..], &rig].concat());
+        done(
+            at,
+            &[&["simulate", "--force", "-o", file, "--excite", motion, "--duration", duration][..], &rig].concat(),
+        );
     }
     let files = ["identify", "--staged", "fast.mcap", "slow.csv", "middle.mcap"];
     let settings = ["--settings", "slow.settings.toml", "--no-profiles", "--json"];

@@ -252,6 +252,24 @@ fn a_full_disk_ends_a_recording_with_its_own_code() {
     assert!(words.contains("/dev/full cannot be written") && words.contains("the disk is full"), "{words}");
 }
 
+#[cfg(unix)]
+#[test]
+fn what_was_written_before_the_disk_was_full_reads_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let device = VirtualDevice::start(&setup("random"), &any_port(), 20.0).unwrap();
+    // A limit on the size of files stands for the end of the disk; without its signal the write fails.
+    let script = r#"trap "" XFSZ; ulimit -f 300; exec "$0" record -o run.mcap --connect "$1" --duration 60"#;
+    let mut command = std::process::Command::new("bash");
+    command.args(["-c", script, env!("CARGO_BIN_EXE_inerter"), device.name()]).current_dir(folder.path());
+    let output = command.output().unwrap();
+    let words = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(8), "{words}");
+    assert!(words.contains("run.mcap cannot be written any further, after"), "{words}");
+    assert!(words.contains("what was written so far can be read"), "{words}");
+    let last = last(&done(folder.path(), &["replay", "run.mcap", "--json"]));
+    assert!(last.get("samples").unwrap().as_u64().unwrap() > 1000);
+}
+
 /// A device that answers whatever it is asked with these bytes.
 fn fake(answer: Vec<u8>) -> (String, JoinHandle<()>) {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();

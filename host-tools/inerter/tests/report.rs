@@ -77,7 +77,7 @@ fn what_a_run_cannot_show_is_said() {
     let folder = folder.path();
     for (motion, duration, absent) in [("hold", "5", "bode"), ("slow", "20", "backlash"), ("random", "0.05", "force")] {
         let settings = ["--set", "stiffness_n_per_m=0"];
-        let arguments = ["simulate", "-o", "run.csv", "--excite", motion, "--duration", duration];
+        let arguments = ["simulate", "-o", "run.csv", "--force", "--excite", motion, "--duration", duration];
         done(folder, &[&arguments[..], &settings].concat());
         let settings = ["--settings", "run.settings.toml"];
         done(folder, &[&["report", "run.csv", "-o", "page.html", "--force"][..], &settings].concat());

@@ -9,7 +9,10 @@ use common::{done, fails, json_lines, last};
 const COUNT: &str = "--metres-per-count=2.44140625e-6";
 
 fn simulate(folder: &Path, file: &str, more: &[&str]) {
-    done(folder, &[&["simulate", "-o", file, "--duration", "6", "--excite", "hold@1s;random"], more].concat());
+    done(
+        folder,
+        &[&["simulate", "-o", file, "--force", "--duration", "6", "--excite", "hold@1s;random"], more].concat(),
+    );
 }
 
 fn header(path: &Path) -> String {

@@ -3,8 +3,9 @@
 use std::path::Path;
 
 use inerter_data::{
+    Error,
     export::{self, Format, Selection, Source},
-    output::OutputError,
+    output::{OutputError, Pending},
     recording::{End, Recorder, TRUTH_METADATA},
     replay::{Outcome, Replay},
     run::Run,
@@ -19,10 +20,17 @@ use crate::{
     setup::{Setup, raw},
 };
 
-/// Writes a recording as a device would have sent it; `progress` is handed the time \[s\] now and then.
-pub fn write_recording(setup: &Setup, path: &Path, mut progress: impl FnMut(f64)) -> Result<Outcome, SimulateError> {
+/// Writes a recording as a device would have sent it; `progress` is handed the time \[s\] now and then, and may end the work.
+/// The file is there when it is complete; only `replace` lets it take the place of another one.
+pub fn write_recording(
+    setup: &Setup,
+    path: &Path,
+    replace: bool,
+    mut progress: impl FnMut(f64) -> Result<(), Error>,
+) -> Result<Outcome, SimulateError> {
+    let pending = Pending::create(path, replace)?;
     let mut stream = Stream {
-        recorder: Recorder::create(path)?,
+        recorder: Recorder::fill(&pending)?,
         sequence: SequenceCounter::new(),
         batch: Samples::builder(),
         time_ns: 0,
@@ -51,7 +59,7 @@ pub fn write_recording(setup: &Setup, path: &Path, mut progress: impl FnMut(f64)
                 saturated: counters.saturated,
                 ..Health::default()
             }))?;
-            progress(sample.t_s);
+            progress(sample.t_s)?;
             next_second += 1;
         }
     }
@@ -60,17 +68,23 @@ pub fn write_recording(setup: &Setup, path: &Path, mut progress: impl FnMut(f64)
     stream.event(outcome.estimate.index, &EstimatorEvent::Estimate(outcome.estimate, Some(outcome.detail)))?;
     stream.send(&Record::Event(Event { index: outcome.estimate.index, kind: EventKind::SourceEnded }))?;
     stream.recorder.close(&End { reason: "finished".into(), lost_frames: 0 })?;
+    pending.commit()?;
     Ok(outcome)
 }
 
-/// Writes a CSV, with `terminal_m` where the settings say that there is a sensor.
-pub fn write_csv(setup: &Setup, path: &Path, mut progress: impl FnMut(f64)) -> Result<(), SimulateError> {
+/// Writes a CSV, with `terminal_m` where the settings say that there is a sensor; otherwise as [`write_recording`].
+pub fn write_csv(
+    setup: &Setup,
+    path: &Path,
+    replace: bool,
+    mut progress: impl FnMut(f64) -> Result<(), Error>,
+) -> Result<(), SimulateError> {
     let (mut samples, mut start_s) = (Vec::new(), None);
     for sample in setup.samples()? {
         start_s.get_or_insert(sample.t_s);
         samples.push(raw(&sample));
         if samples.len() % 1000 == 0 {
-            progress(sample.t_s);
+            progress(sample.t_s)?;
         }
     }
     let run = Run {
@@ -80,7 +94,9 @@ pub fn write_csv(setup: &Setup, path: &Path, mut progress: impl FnMut(f64)) -> R
         start_s: start_s.unwrap_or(0.0),
         ..Run::default()
     };
-    export::export(&Source::held(run), &Selection::default(), &[(Format::Csv, path.into())], None, &mut |_| Ok(()))?;
+    let end_s = run.start_s + run.samples.len() as f64 / setup.settings.sample_rate_hz;
+    let targets = [(Format::Csv, path.into())];
+    export::export(&Source::held(run), &Selection::default(), &targets, replace, None, &mut |_| progress(end_s))?;
     Ok(())
 }
 

@@ -55,7 +55,7 @@ pub fn run(options: &Options) -> Result<()> {
     process::run(
         Command::new(&inerter)
             .args(["simulate", "--duration", &duration, "--sample-rate-hz", &rate])
-            .args(["--set", "terminal_sensor=1", "-o", "hour.mcap"])
+            .args(["--set", "terminal_sensor=1", "-o", "hour.mcap", "--force"])
             .stderr(Stdio::null())
             .current_dir(&folder),
     )?;

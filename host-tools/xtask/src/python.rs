@@ -33,8 +33,7 @@ pub fn run() -> Result<()> {
         if words.next() != Some("inerter") {
             bail!("{PAGE}: `{line}` is no command of inerter");
         }
-        let force = line.contains(" export ").then_some("--force");
-        process::run(Command::new(&inerter).args(words).args(force).current_dir(&folder))?;
+        process::run(Command::new(&inerter).args(words).arg("--force").current_dir(&folder))?;
     }
     for (number, (code, expected)) in snippets.iter().enumerate() {
         let printed = process::output(Command::new(&python).args(["-c", code]).current_dir(&folder))?;

@@ -117,7 +117,7 @@ fn shake(test: &Test, device: Device, speed: f64, image: &Path, folder: &Path) -
     let mut live = Live::connect(target, Streams::ALL, Duration::ZERO)?;
 
     let recording = folder.join(test.name).with_extension("mcap");
-    let mut recorder = Recorder::create(&recording)?;
+    let mut recorder = Recorder::create(&recording, true)?;
     if let Some(connected) = live.device() {
         recorder.describe(connected.hello(), connected.settings())?;
     }

@@ -50,11 +50,12 @@ pub struct Exported {
 /// Writes the selection into all of the files.
 ///
 /// `progress` is handed the part that is done, from 0 to 1, and may end the work. Nothing replaces a file before all of it
-/// is there.
+/// is there, and nothing at all unless `replace` says so.
 pub fn export(
     source: &Source,
     selection: &Selection,
     targets: &[(Format, PathBuf)],
+    replace: bool,
     estimates: Option<&EstimateTable>,
     progress: &mut dyn FnMut(f64) -> Result<(), Error>,
 ) -> Result<Exported, Error> {
@@ -64,7 +65,7 @@ pub fn export(
     #[cfg_attr(not(feature = "matlab"), allow(unused_mut, reason = "no other format does"))]
     let mut mats: Vec<(Vec<Column>, usize)> = Vec::new();
     for (format, path) in targets {
-        let file = Pending::create(path)?;
+        let file = Pending::create(path, replace)?;
         let columns = selection.columns(*format, source);
         match format {
             Format::Csv => sinks.push((columns.clone(), Box::new(text::Csv::create(&file, source, &columns)?))),
@@ -78,7 +79,7 @@ pub fn export(
         }
         pending.push((*format, file));
         if let Some(table) = estimates.filter(|_| format.has_estimates_beside()) {
-            let beside = Pending::create(&beside(path))?;
+            let beside = Pending::create(&beside(path), replace)?;
             match format {
                 #[cfg(feature = "parquet")]
                 Format::Parquet => columnar::write_estimates(&beside, source, table)?,

@@ -15,7 +15,7 @@ use super::{
     samples::{Extent, summary},
     write::{End, Recorder},
 };
-use crate::error::Error;
+use crate::{error::Error, output::Pending};
 
 /// What has been cut out.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,17 +42,19 @@ pub struct Merged {
 /// Writes the part of a recording whose time since its first sample lies in `range_s`.
 ///
 /// Frames are whole: one that holds samples belongs where its first sample does, anything else where the samples before
-/// it do. So parts that follow each other hold everything once.
+/// it do. So parts that follow each other hold everything once. Only `replace` lets `to` take the place of a file.
 pub fn cut(
     path: &Path,
     range_s: Range<f64>,
     to: &Path,
+    replace: bool,
     mut progress: impl FnMut(u64) -> Result<(), Error>,
 ) -> Result<Cut, Error> {
     let file = path.display().to_string();
     let summary = summary(path)?;
     let rate_hz = summary.settings.ok_or(RecordingError::NoSettings { file: file.clone() })?.sample_rate_hz;
-    let mut recorder = begin(to, &summary)?;
+    let pending = Pending::create(to, replace)?;
+    let mut recorder = begin(&pending, &summary)?;
     let about = [("file", file.clone()), ("from_s", range_s.start.to_string()), ("to_s", range_s.end.to_string())];
     recorder.metadata("inerter.cut", map(about))?;
     let (mut messages, mut framing) = (Messages::open(path)?, Framing::default());
@@ -94,15 +96,18 @@ pub fn cut(
     let span_s = span_s.ok_or(empty)?;
     let frames = recorder.frames();
     recorder.close(&End { reason: reason(&summary), lost_frames: 0 })?;
+    pending.commit()?;
     Ok(Cut { samples, frames, span_s })
 }
 
 /// Puts recordings of one device in a row, the earliest first.
 ///
-/// Each stays a stream of its own. Settings must be the same, and no two may have been made at the same time.
+/// Each stays a stream of its own. Settings must be the same, and no two may have been made at the same time. Only
+/// `replace` lets `to` take the place of a file.
 pub fn merge(
     paths: &[PathBuf],
     to: &Path,
+    replace: bool,
     mut progress: impl FnMut(u64) -> Result<(), Error>,
 ) -> Result<Merged, Error> {
     let mut inputs = Vec::new();
@@ -118,7 +123,8 @@ pub fn merge(
     let Some((_, first)) = inputs.first() else {
         return Ok(Merged { samples: 0, frames: 0, duration_s: 0.0 });
     };
-    let mut recorder = begin(to, first)?;
+    let pending = Pending::create(to, replace)?;
+    let mut recorder = begin(&pending, first)?;
     let names = inputs
         .iter()
         .enumerate()
@@ -148,6 +154,7 @@ pub fn merge(
     let reason = inputs.last().map_or_else(String::new, |(_, summary)| reason(summary));
     let merged = Merged { samples, frames: recorder.frames(), duration_s: recorder.duration_s() };
     recorder.close(&End { reason, lost_frames })?;
+    pending.commit()?;
     Ok(merged)
 }
 
@@ -167,8 +174,8 @@ fn batch(frame: &Frame<Record>) -> Option<&Samples> {
 }
 
 /// A recording with what is known of `like`.
-fn begin(to: &Path, like: &Summary) -> Result<Recorder, Error> {
-    let mut recorder = Recorder::create(to)?;
+fn begin(to: &Pending, like: &Summary) -> Result<Recorder, Error> {
+    let mut recorder = Recorder::fill(to)?;
     for name in [HELLO_METADATA, SETTINGS_METADATA, TRUTH_METADATA] {
         if let Some(metadata) = like.contents.metadata.get(name) {
             recorder.metadata(name, metadata.clone())?;

@@ -21,7 +21,7 @@ struct Stream {
 
 impl Stream {
     fn new(path: &Path, serial: &str, settings: &Settings, index: u32, time_ns: u64) -> Self {
-        let mut recorder = Recorder::create(path).unwrap();
+        let mut recorder = Recorder::create(path, false).unwrap();
         let hello = Hello {
             wire_version: WIRE_VERSION,
             firmware: Hello::text("test 0"),
@@ -88,7 +88,7 @@ fn parts_hold_whole_frames_and_each_of_them_once() {
     let mut together = Vec::new();
     for (number, range_s) in [0.0..1.0, 1.0..2.5, 2.5..f64::INFINITY].into_iter().enumerate() {
         let part = path(&format!("{number}.mcap"));
-        let found = cut(&path("run.mcap"), range_s.clone(), &part, quiet).unwrap();
+        let found = cut(&path("run.mcap"), range_s.clone(), &part, true, quiet).unwrap();
         let samples = indices(&part);
         assert_eq!(found.samples as usize, samples.len());
         assert_eq!((found.span_s.0 * 1000.0).round() as u32 + 500, samples[0]);
@@ -99,7 +99,7 @@ fn parts_hold_whole_frames_and_each_of_them_once() {
     assert_eq!(together, whole);
     assert_eq!(together.len(), 3200);
     let parts = [path("2.mcap"), path("0.mcap"), path("1.mcap")];
-    let merged = merge(&parts, &path("again.mcap"), quiet).unwrap();
+    let merged = merge(&parts, &path("again.mcap"), true, quiet).unwrap();
     assert_eq!((merged.samples, merged.frames), (3200, 101));
     assert_eq!(indices(&path("again.mcap")), whole);
     let (summary, again) = (summary(&path("run.mcap")).unwrap(), super::summary(&path("again.mcap")).unwrap());
@@ -117,7 +117,7 @@ fn the_frames_of_a_part_are_those_of_the_recording() {
     let folder = tempfile::tempdir().unwrap();
     let (run, part) = (folder.path().join("run.mcap"), folder.path().join("part.mcap"));
     recording(&run);
-    cut(&run, 1.0..2.0, &part, quiet).unwrap();
+    cut(&run, 1.0..2.0, &part, true, quiet).unwrap();
     let frames = |path: &Path| {
         let mut frames = Vec::new();
         read(path, |incoming| {
@@ -142,7 +142,7 @@ fn parts_of_a_recording_that_was_cut_off_or_damaged_hold_what_there_is() {
     fs::write(&run, &bytes[..bytes.len() / 2]).unwrap();
     let before = indices(&run);
     assert!((500..3000).contains(&before.len()), "{}", before.len());
-    let found = cut(&run, 0.0..f64::INFINITY, &part, quiet).unwrap();
+    let found = cut(&run, 0.0..f64::INFINITY, &part, true, quiet).unwrap();
     assert_eq!(indices(&part), before);
     assert_eq!(found.samples as usize, before.len());
     let end = summary(&part).unwrap().contents.metadata.remove(END_METADATA).unwrap();
@@ -163,7 +163,7 @@ fn what_cannot_follow_is_refused_by_its_name() {
     make("other", "2", &settings(), 320_000_000);
     make("heavier", "1", &Settings { structure_mass_kg: 3.0, ..settings() }, 320_000_000);
     make("same-time", "1", &settings(), 100_000_000);
-    let refused = |name: &str| match merge(&[path("a"), path(name)], &path("out"), quiet) {
+    let refused = |name: &str| match merge(&[path("a"), path(name)], &path("out"), true, quiet) {
         Err(error) => error.to_string(),
         Ok(merged) => format!("{merged:?}"),
     };
@@ -171,9 +171,9 @@ fn what_cannot_follow_is_refused_by_its_name() {
     assert!(refused("other").contains("the device with serial number 1") && refused("other").contains("from 2"));
     assert!(refused("heavier").contains("structure_mass_kg is 0"), "{}", refused("heavier"));
     assert!(refused("same-time").contains("overlap by 0.188 s"), "{}", refused("same-time"));
-    let error = cut(&path("a"), 5.0..6.0, &path("out"), quiet).unwrap_err();
+    let error = cut(&path("a"), 5.0..6.0, &path("out"), true, quiet).unwrap_err();
     assert!(error.to_string().contains("no samples from 5 s to 6 s: it is 0.319 s long"), "{error}");
-    let empty = cut(&path("a"), 0.2..0.1, &path("out"), quiet);
+    let empty = cut(&path("a"), 0.2..0.1, &path("out"), true, quiet);
     assert!(matches!(empty, Err(Error::Recording(RecordingError::EmptyRange { .. }))));
 }
 
@@ -182,7 +182,7 @@ fn work_that_is_broken_off_says_so() {
     let folder = tempfile::tempdir().unwrap();
     let run = folder.path().join("run.mcap");
     recording(&run);
-    let broken = cut(&run, 0.0..1.0, &folder.path().join("part.mcap"), |_| Err(Error::Interrupted));
+    let broken = cut(&run, 0.0..1.0, &folder.path().join("part.mcap"), true, |_| Err(Error::Interrupted));
     assert!(matches!(broken, Err(Error::Interrupted)));
 }
 
@@ -202,10 +202,10 @@ proptest::proptest! {
             bytes[place] = value;
         }
         fs::write(&run, bytes).unwrap();
-        if let Ok(cut) = cut(&run, from_s..f64::INFINITY, &part, quiet) {
+        if let Ok(cut) = cut(&run, from_s..f64::INFINITY, &part, true, quiet) {
             proptest::prop_assert_eq!(cut.samples as usize, indices(&part).len());
         }
         // The same one twice overlaps, unless the damage has changed its times.
-        merge(&[run.clone(), run], &twice, quiet).ok();
+        merge(&[run.clone(), run], &twice, true, quiet).ok();
     }
 }

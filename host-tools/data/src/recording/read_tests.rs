@@ -23,7 +23,7 @@ fn hello() -> Hello {
 
 /// Ten seconds of samples, 32 to a frame, closed or not.
 fn recording(path: &Path, close: bool) {
-    let mut recorder = Recorder::create(path).unwrap();
+    let mut recorder = Recorder::create(path, false).unwrap();
     let settings = Settings { memory_s: 12.5, sample_rate_hz: 1000.0, metres_per_count: 1e-6, ..Settings::default() };
     recorder.describe(&hello(), &settings).unwrap();
     let mut sequence = SequenceCounter::new();
@@ -47,10 +47,11 @@ fn recording(path: &Path, close: bool) {
     if close {
         recorder.close(&End { reason: "finished".into(), lost_frames: 0 }).unwrap();
     } else {
-        // As when the program is killed: nothing is finished, the file keeps what was written.
-        let copy = std::fs::read(path).unwrap();
+        // As when the program is killed: all frames are written, and the summary is not.
         drop(recorder);
-        std::fs::write(path, copy).unwrap();
+        let bytes = std::fs::read(path).unwrap();
+        let footer = mcap::read::footer(&bytes).unwrap();
+        std::fs::write(path, &bytes[..footer.summary_start as usize]).unwrap();
     }
 }
 
@@ -213,10 +214,32 @@ proptest! {
 }
 
 #[test]
+fn of_faults_without_end_the_first_are_told_and_the_others_counted() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.mcap");
+    let mut recorder = Recorder::create(&path, false).unwrap();
+    let (mut out, mut sequence) = ([0; MAX_FRAME], SequenceCounter::new());
+    for number in 0..100_000 {
+        // Each text twice.
+        let kind = EventKind::Panicked(Hello::text(&format!("at line {}", number / 2)));
+        let length = encode_record(&Record::Event(Event { index: 0, kind }), sequence.take(), &mut out).unwrap();
+        recorder.frame(number, out.get(..length - 1).unwrap()).unwrap();
+    }
+    recorder.close(&End { reason: "finished".into(), lost_frames: 0 }).unwrap();
+    let notes = summary(&path).unwrap().notes;
+    assert_eq!(notes.len(), 21, "{notes:?}");
+    assert!(
+        notes[0].contains("had failed before this run: at line 0;") && notes[19].contains("at line 19;"),
+        "{notes:?}"
+    );
+    assert!(notes[20].contains("99960 further reports of such trouble"), "{notes:?}");
+}
+
+#[test]
 fn an_estimate_whose_detail_does_not_come_is_decoded_at_the_end() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.mcap");
-    let mut recorder = Recorder::create(&path).unwrap();
+    let mut recorder = Recorder::create(&path, false).unwrap();
     recorder.describe(&hello(), &Settings::default()).unwrap();
     let mut out = [0; MAX_FRAME];
     let estimate = Record::Estimate(Estimate { index: 5, elapsed_samples: 6, ..Estimate::default() });

@@ -96,6 +96,9 @@ pub struct Marker {
     pub text: String,
 }
 
+/// Different faults that are told; of more there is only their number.
+const FAULTS: usize = 20;
+
 struct Collected<F> {
     each: F,
     batch: VecDeque<RawSample>,
@@ -111,6 +114,7 @@ struct Collected<F> {
     foreign: Option<u16>,
     bad_batches: u64,
     faults: Vec<String>,
+    faults_untold: u64,
 }
 
 impl<F: FnMut(RawSample)> Collected<F> {
@@ -158,8 +162,13 @@ impl<F: FnMut(RawSample)> Collected<F> {
 
     /// Each once, however often it came.
     fn fault(&mut self, words: String) {
-        if !self.faults.contains(&words) {
+        if self.faults.contains(&words) {
+            return;
+        }
+        if self.faults.len() < FAULTS {
             self.faults.push(words);
+        } else {
+            self.faults_untold += 1;
         }
     }
 
@@ -206,6 +215,7 @@ fn summary_with(
         foreign: None,
         bad_batches: 0,
         faults: Vec::new(),
+        faults_untold: 0,
     };
     let contents = read(path, |incoming| {
         progress(incoming.offset);
@@ -222,6 +232,12 @@ fn summary_with(
     let settings = settings(&file, &contents, &collected.settings, &mut notes);
     notes.extend(loss_notes(&file, &contents, collected.bad_batches));
     notes.extend(collected.faults.iter().map(|fault| format!("{file}: {fault}")));
+    if collected.faults_untold > 0 {
+        notes.push(format!(
+            "{file}: {} of such trouble are not listed here",
+            plural(collected.faults_untold, "further report")
+        ));
+    }
     let Collected { hello, extent, markers, estimate, detail, health, records, .. } = collected;
     Ok(Summary { contents, hello, settings, extent, markers, estimate, detail, health, records, notes })
 }

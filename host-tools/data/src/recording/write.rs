@@ -1,11 +1,6 @@
 //! Writing a recording so that whatever happens, what was written can be read.
 
-use std::{
-    collections::BTreeMap,
-    fs::File,
-    io::{self, Seek, SeekFrom, Write},
-    path::{Path, PathBuf},
-};
+use std::{collections::BTreeMap, io, path::Path};
 
 use inerter_core::{Machine, Settings};
 use inerter_wire::{Hello, WIRE_VERSION};
@@ -16,10 +11,17 @@ use super::{
     decode::{Channel, Decoder},
     messages::MarkerJson,
     schemas::schema,
+    sink::{Safe, Sink},
 };
-use crate::{output::OutputError, words::duration_text};
+use crate::{
+    output::{self, OutputError, Pending},
+    words::duration_text,
+};
 
-/// Time after which a chunk is closed and handed to the operating system \[ns\].
+/// Time after which a chunk is closed, written and, where a device is recorded, brought onto the disk \[ns\]: with the
+/// time that the disk takes, a power cut costs a second at most.
+const LIVE_FLUSH_NS: u64 = 500_000_000;
+/// The same where the file gets its name at the end \[ns\].
 const FLUSH_NS: u64 = 1_000_000_000;
 
 /// How a recording ended, for whoever reads it.
@@ -33,8 +35,9 @@ pub struct End {
 
 /// A recording that is being written.
 pub struct Recorder {
-    path: PathBuf,
+    name: String,
     writer: mcap::Writer<Sink>,
+    safe: Safe,
     /// Channel of the frames, and how many streams they have been so far.
     channel: u16,
     part: u16,
@@ -44,14 +47,26 @@ pub struct Recorder {
     decoder: Option<Decoder>,
     start_ns: Option<u64>,
     last_ns: u64,
+    flush_ns: u64,
     flushed_ns: u64,
     frame: Vec<u8>,
 }
 
 impl Recorder {
-    /// Begins a recording.
-    pub fn create(path: &Path) -> Result<Self, OutputError> {
-        let file = File::create(path).map_err(|source| OutputError::Create { path: path.into(), source })?;
+    /// Begins a recording of what happens now: what is written survives a power cut, and a file that another program
+    /// deletes, replaces or changes ends it. Only `replace` lets it take the place of a file that is there.
+    pub fn create(path: &Path, replace: bool) -> Result<Self, OutputError> {
+        let file = output::create(path, replace)?;
+        Self::begin(path.display().to_string(), LIVE_FLUSH_NS, |safe| Sink::watching(path, file, safe))
+    }
+
+    /// Begins a recording that takes its name when it is complete.
+    pub fn fill(pending: &Pending) -> Result<Self, OutputError> {
+        let file = pending.open()?;
+        Self::begin(pending.name(), FLUSH_NS, |safe| Sink::new(file, safe))
+    }
+
+    fn begin(name: String, flush_ns: u64, sink: impl FnOnce(Safe) -> io::Result<Sink>) -> Result<Self, OutputError> {
         let options = WriteOptions::new()
             .profile("inerter")
             .library(concat!("inerter ", env!("CARGO_PKG_VERSION")))
@@ -59,12 +74,15 @@ impl Recorder {
             // Whole chunks from memory: a header is never written before its length is known.
             .disable_seeking(true)
             .chunk_size(Some(4 << 20));
-        let failed = |error| OutputError::write(path.display().to_string(), into_io(error));
-        let mut writer = options.create(Sink { file, written: 0 }).map_err(failed)?;
+        let safe = Safe::default();
+        let failed = |error| OutputError::write(&name, into_io(error));
+        let sink = sink(safe.clone()).map_err(|source| OutputError::write(&name, source))?;
+        let mut writer = options.create(sink).map_err(failed)?;
         let channel = writer.add_channel(0, RAW_TOPIC, RAW_ENCODING, &channel_metadata(1)).map_err(failed)?;
         Ok(Self {
-            path: path.into(),
+            name,
             writer,
+            safe,
             channel,
             part: 1,
             sequence: 0,
@@ -72,6 +90,7 @@ impl Recorder {
             decoder: None,
             start_ns: None,
             last_ns: 0,
+            flush_ns,
             flushed_ns: 0,
             frame: Vec::with_capacity(inerter_wire::MAX_FRAME),
         })
@@ -132,12 +151,22 @@ impl Recorder {
                 self.say(channel, time_ns, &json)?;
             }
         }
-        let start = *self.start_ns.get_or_insert(time_ns);
-        if time_ns.saturating_sub(self.flushed_ns.max(start)) >= FLUSH_NS {
-            self.flushed_ns = time_ns;
-            self.flush()?;
+        self.start_ns.get_or_insert(time_ns);
+        self.flush_by(time_ns)
+    }
+
+    /// Nothing has come until `time_ns`: what came before is not kept waiting for more.
+    pub fn quiet(&mut self, time_ns: u64) -> Result<(), OutputError> {
+        if self.last_ns > self.flushed_ns { self.flush_by(time_ns) } else { Ok(()) }
+    }
+
+    fn flush_by(&mut self, time_ns: u64) -> Result<(), OutputError> {
+        let since_ns = self.flushed_ns.max(self.start_ns.unwrap_or(time_ns));
+        if time_ns.saturating_sub(since_ns) < self.flush_ns {
+            return Ok(());
         }
-        Ok(())
+        self.flushed_ns = time_ns;
+        self.flush()
     }
 
     /// Adds the channels of what is decoded, once, in the names of this machine.
@@ -168,8 +197,9 @@ impl Recorder {
         result.map_err(|error| self.failed(error))
     }
 
-    /// Hands everything so far to the operating system.
+    /// Hands everything so far to the thread that writes.
     pub fn flush(&mut self) -> Result<(), OutputError> {
+        self.safe.hand_over(self.duration_ns());
         let result = self.writer.flush();
         result.map_err(|error| self.failed(error))
     }
@@ -181,7 +211,11 @@ impl Recorder {
 
     /// Time from the first frame to the last \[s\].
     pub fn duration_s(&self) -> f64 {
-        self.last_ns.saturating_sub(self.start_ns.unwrap_or(self.last_ns)) as f64 * 1e-9
+        self.duration_ns() as f64 * 1e-9
+    }
+
+    fn duration_ns(&self) -> u64 {
+        self.last_ns.saturating_sub(self.start_ns.unwrap_or(self.last_ns))
     }
 
     /// Closes the recording: index, and the reason that it ended.
@@ -197,8 +231,8 @@ impl Recorder {
         self.metadata(END_METADATA, map)?;
         let result = self.writer.finish().map(|_| ());
         result.map_err(|error| self.failed(error))?;
-        let result = self.writer.into_inner().file.sync_all().or_else(unsyncable);
-        result.map_err(|source| OutputError::write(self.path.display().to_string(), source))
+        let Self { name, writer, safe, .. } = self;
+        writer.into_inner().finish().map_err(|source| write_error(name, &safe, source))
     }
 
     /// Writes down anything else about the run.
@@ -208,13 +242,16 @@ impl Recorder {
     }
 
     fn failed(&self, error: McapError) -> OutputError {
-        let written = if self.sequence == 0 {
-            String::new()
-        } else {
-            format!("{} of recording", duration_text(self.duration_s()))
-        };
-        OutputError::Write { name: self.path.display().to_string(), written, source: into_io(error) }
+        write_error(self.name.clone(), &self.safe, into_io(error))
     }
+}
+
+fn write_error(name: String, safe: &Safe, source: io::Error) -> OutputError {
+    let written = match safe.written_ns() {
+        0 => String::new(),
+        written_ns => format!("{} of recording", duration_text(written_ns as f64 * 1e-9)),
+    };
+    OutputError::Write { name, written, source }
 }
 
 /// What a reader must know of the channel `raw`; each stream has a channel of its own.
@@ -224,11 +261,6 @@ fn channel_metadata(part: u16) -> BTreeMap<String, String> {
         metadata.insert("part".into(), part.to_string());
     }
     metadata
-}
-
-/// Pipes and devices cannot be synchronised, which is no fault.
-fn unsyncable(error: io::Error) -> io::Result<()> {
-    if error.kind() == io::ErrorKind::InvalidInput { Ok(()) } else { Err(error) }
 }
 
 fn into_io(error: McapError) -> io::Error {
@@ -253,31 +285,4 @@ fn hello_map(hello: &Hello) -> BTreeMap<String, String> {
     .into_iter()
     .map(|(key, value)| (key.to_string(), value))
     .collect()
-}
-
-/// A file that knows how much was written and need not be able to seek (a pipe, `/dev/full`).
-struct Sink {
-    file: File,
-    written: u64,
-}
-
-impl Write for Sink {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let written = self.file.write(bytes)?;
-        self.written += written as u64;
-        Ok(written)
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        self.file.flush()
-    }
-}
-
-impl Seek for Sink {
-    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
-        match to {
-            SeekFrom::Current(0) => Ok(self.written),
-            _ => Err(io::Error::new(io::ErrorKind::Unsupported, "recordings are written from front to back")),
-        }
-    }
 }

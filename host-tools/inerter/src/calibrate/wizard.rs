@@ -218,7 +218,7 @@ impl<'a, D: Dialogue + ?Sized> Wizard<'a, D> {
             }
             let path = PathBuf::from(answer);
             let written = refuse_existing(&path)
-                .and_then(|()| backup::write(&path, self.rig.device.hello(), self.rig.device.settings()));
+                .and_then(|()| backup::write(&path, false, self.rig.device.hello(), self.rig.device.settings()));
             match written {
                 Ok(()) => {
                     self.say(&format!(

@@ -122,7 +122,7 @@ pub struct OutputArgs {
     output: PathBuf,
     /// Replace the file when it exists
     #[arg(long)]
-    force: bool,
+    pub force: bool,
 }
 
 impl OutputArgs {

@@ -2,12 +2,7 @@
 
 use std::path::PathBuf;
 
-use inerter_data::{
-    json::json_line,
-    output::{self, Pending},
-    recording,
-    words::plural,
-};
+use inerter_data::{json::json_line, output, recording, words::plural};
 use serde_json::json;
 
 use super::{
@@ -40,23 +35,21 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let path = args.output.path()?;
     terminal::catch_interrupts();
     let mut bar = Progress::through("cutting", &args.file);
-    let pending = Pending::create(path)?;
-    let cut = recording::cut(&args.file, args.range.range_s(), pending.path(), |offset| {
+    let cut = recording::cut(&args.file, args.range.range_s(), path, args.output.force, |offset| {
         bar.set(offset);
         if terminal::interrupted() { Err(inerter_data::Error::Interrupted) } else { Ok(()) }
     })?;
     bar.done();
-    let file = pending.commit()?;
     let (from_s, to_s) = cut.span_s;
     if args.json {
         return Ok(output::line(json_line(&json!({
-            "kind": "cut", "file": file, "samples": cut.samples, "frames": cut.frames, "from_s": from_s, "to_s": to_s,
+            "kind": "cut", "file": path, "samples": cut.samples, "frames": cut.frames, "from_s": from_s, "to_s": to_s,
         })))?);
     }
     terminal::say(format!(
         "{} from {from_s:.3} s to {to_s:.3} s written to {}",
         plural(cut.samples, "sample"),
-        file.display()
+        path.display()
     ));
     Ok(())
 }

@@ -141,9 +141,9 @@ pub fn run(args: &Args, mut command: clap::Command) -> Result<(), Error> {
         bar.done();
         return Ok(());
     }
-    let exported = export::export(&source, &selection, &targets, table.as_ref(), &mut progress)?;
+    let exported = export::export(&source, &selection, &targets, args.force, table.as_ref(), &mut progress)?;
     bar.done();
-    let toml = csv.map(|csv| settings::write_beside(&source.settings, csv)).transpose()?;
+    let toml = csv.map(|csv| settings::write_beside(&source.settings, csv, args.force)).transpose()?;
     if args.json {
         let outputs: Vec<_> =
             exported.files.iter().map(|(format, file)| json!({"format": word(*format), "file": file})).collect();

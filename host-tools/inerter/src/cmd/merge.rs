@@ -4,8 +4,7 @@ use std::path::PathBuf;
 
 use inerter_data::{
     json::json_line,
-    output::{self, Pending},
-    recording,
+    output, recording,
     words::{duration_text, plural},
 };
 use serde_json::json;
@@ -40,16 +39,14 @@ pub fn run(args: &Args) -> Result<(), Error> {
     terminal::catch_interrupts();
     let size = args.files.iter().map(|file| file.metadata().map_or(0, |metadata| metadata.len())).sum();
     let mut bar = Progress::new("merging", size);
-    let pending = Pending::create(path)?;
-    let merged = recording::merge(&args.files, pending.path(), |offset| {
+    let merged = recording::merge(&args.files, path, args.output.force, |offset| {
         bar.set(offset);
         if terminal::interrupted() { Err(inerter_data::Error::Interrupted) } else { Ok(()) }
     })?;
     bar.done();
-    let file = pending.commit()?;
     if args.json {
         return Ok(output::line(json_line(&json!({
-            "kind": "merged", "file": file, "files": args.files, "samples": merged.samples, "frames": merged.frames,
+            "kind": "merged", "file": path, "files": args.files, "samples": merged.samples, "frames": merged.frames,
             "duration_s": merged.duration_s,
         })))?);
     }
@@ -57,7 +54,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     terminal::say(format!(
         "{samples} of {} within {duration} written to {}",
         plural(args.files.len() as u64, "recording"),
-        file.display()
+        path.display()
     ));
     Ok(())
 }

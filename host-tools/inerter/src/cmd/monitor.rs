@@ -105,7 +105,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let views = views(args, &mut hub, recording.clone())?;
     // Last of all that may fail: a file that --force replaces is not lost to a mistake.
     if let Some(file) = &args.record {
-        hub.record(Recorder::create(file)?);
+        hub.record(Recorder::create(file, args.force)?);
     }
     for (view, address) in &views {
         if args.json {

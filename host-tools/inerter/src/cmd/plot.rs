@@ -52,13 +52,14 @@ pub fn run(args: &Args) -> Result<(), Error> {
     if !args.force {
         output::refuse_existing(path)?;
     }
+    terminal::tidy_at_interrupts();
     // clap has let through only these names.
     let kind = Kind::ALL.into_iter().find(|kind| kind.name() == args.figure).unwrap_or(Kind::Force);
     let drawn = figure(&report::content(&args.file, &args.settings)?, kind)?;
     if bitmap {
-        render_png(&drawn, path)?
+        render_png(&drawn, path, args.force)?
     } else {
-        report::write(path, &svg(&drawn))?
+        output::write(path, args.force, svg(&drawn))?
     }
     if args.json {
         let line = json!({ "kind": "plot", "file": path.display().to_string(), "source": args.file.display().to_string(), "figure": drawn.name, "caption": drawn.caption });

@@ -51,7 +51,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let path = args.output.path()?;
     terminal::catch_interrupts();
     let mut live = args.link.live(Streams::ALL, args.time.wait)?;
-    let mut recorder = Recorder::create(path)?;
+    let mut recorder = Recorder::create(path, args.output.force)?;
     if let Some(device) = live.device() {
         recorder.describe(device.hello(), device.settings())?;
         begin(args, device)?;
@@ -79,7 +79,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
             }
             // The last raw samples may come after the event.
             Ok(LinkEvent::Quiet) if ended => break None,
-            Ok(LinkEvent::Received(_) | LinkEvent::Quiet) => {}
+            Ok(LinkEvent::Received(_) | LinkEvent::Quiet) => recorder.quiet(live.now_ns())?,
             Ok(LinkEvent::Away { reason }) => {
                 recorder.flush()?;
                 progress.note(format!("{reason}; waiting {} s for it to come back", args.time.wait.as_secs_f64()));

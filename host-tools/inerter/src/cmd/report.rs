@@ -54,6 +54,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     if !args.force {
         output::refuse_existing(&args.output)?;
     }
+    terminal::tidy_at_interrupts();
     let content = content(&args.file, &args.settings)?;
     let (page, figures) = html(&content);
     let mut images = Vec::new();
@@ -62,16 +63,13 @@ pub fn run(args: &Args) -> Result<(), Error> {
         let mut progress = Progress::new("drawing", figures.len() as u64);
         for (number, figure) in figures.iter().enumerate() {
             let path = folder.join(format!("{}.png", figure.name));
-            if !args.force {
-                output::refuse_existing(&path)?;
-            }
-            render_png(figure, &path)?;
+            render_png(figure, &path, args.force)?;
             progress.set(number as u64 + 1);
             images.push(path.display().to_string());
         }
         progress.done();
     }
-    write(&args.output, &page)?;
+    output::write(&args.output, args.force, &page)?;
     let file = args.output.display();
     if args.json {
         let names: Vec<&str> = figures.iter().map(|figure| figure.name).collect();
@@ -98,11 +96,4 @@ pub fn content(file: &Path, settings: &FileSettingsArgs) -> Result<Content, Erro
 /// Makes a folder and those above it.
 pub fn make_folder(folder: &Path) -> Result<(), OutputError> {
     fs::create_dir_all(folder).map_err(|source| OutputError::Create { path: folder.into(), source })
-}
-
-/// Writes a file whole.
-pub fn write(path: &Path, text: &str) -> Result<(), OutputError> {
-    let mut file = output::create(path)?;
-    let written = std::io::Write::write_all(&mut file, text.as_bytes()).and_then(|()| std::io::Write::flush(&mut file));
-    written.map_err(|source| OutputError::write(path.display().to_string(), source))
 }

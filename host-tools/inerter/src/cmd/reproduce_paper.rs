@@ -13,7 +13,7 @@ use inerter_view::{
 use serde_json::{Map, json};
 
 use super::{
-    report::{make_folder, write},
+    report::make_folder,
     terminal::{self, Progress},
 };
 use crate::Error;
@@ -50,16 +50,17 @@ pub fn run(args: &Args) -> Result<(), Error> {
     if !args.force {
         output::refuse_existing(&page)?;
     }
+    terminal::tidy_at_interrupts();
     make_folder(&args.output)?;
     let mut progress = Progress::new("simulating", 1000);
     let paper = reproduced(|part| progress.set((part * 1e3) as u64))?;
     progress.done();
     let figures = paper::figures(&paper);
     for figure in &figures {
-        write(&args.output.join(format!("{}.svg", figure.name)), &svg(figure))?;
-        render_png(figure, &args.output.join(format!("{}.png", figure.name)))?;
+        output::write(&args.output.join(format!("{}.svg", figure.name)), args.force, svg(figure))?;
+        render_png(figure, &args.output.join(format!("{}.png", figure.name)), args.force)?;
     }
-    write(&page, &paper::html(&paper, &figures))?;
+    output::write(&page, args.force, paper::html(&paper, &figures))?;
     let file = page.display().to_string();
     if args.json {
         let names: Vec<&str> = figures.iter().map(|figure| figure.name).collect();

@@ -45,6 +45,9 @@ pub struct Args {
     /// Write a recording (.mcap) or a CSV (.csv)
     #[arg(short, long, value_name = "FILE", group = "where")]
     output: Option<PathBuf>,
+    /// Replace the file when it exists
+    #[arg(long, requires = "output")]
+    force: bool,
     /// Be a live device on this TCP address, e.g. 127.0.0.1:7878; port 0 takes any free one
     #[arg(long, value_name = "HOST:PORT", group = "where")]
     tcp: Option<String>,
@@ -224,22 +227,29 @@ pub fn run(args: &Args) -> Result<(), Error> {
 fn to_file(args: &Args, setup: &Setup, path: &Path) -> Result<(), Error> {
     let duration_s = setup.duration_s.unwrap_or(FILE_S);
     let mut progress = Progress::new("simulating", (duration_s * 1e3) as u64);
-    let advance = |t_s: f64| progress.set((t_s * 1e3) as u64);
+    terminal::catch_interrupts();
+    let advance = |t_s: f64| {
+        progress.set((t_s * 1e3) as u64);
+        if terminal::interrupted() { Err(inerter_data::Error::Interrupted) } else { Ok(()) }
+    };
     let ending = path.extension().and_then(OsStr::to_str).map(str::to_lowercase);
     let file = path.display();
     let next = match ending.as_deref() {
         Some("csv") => {
-            file::write_csv(setup, path, advance)?;
-            let toml = settings::write_beside(&setup.settings, path)?;
+            if !args.force {
+                output::refuse_existing(&settings::beside(path))?;
+            }
+            file::write_csv(setup, path, args.force, advance)?;
+            let toml = settings::write_beside(&setup.settings, path, args.force)?;
             format!("inerter replay {file} --settings {}", toml.display())
         }
         // A device such as /dev/full takes anything.
         Some("mcap") => {
-            file::write_recording(setup, path, advance)?;
+            file::write_recording(setup, path, args.force, advance)?;
             format!("inerter replay {file}")
         }
         _ if !path.is_file() && path.exists() => {
-            file::write_recording(setup, path, advance)?;
+            file::write_recording(setup, path, args.force, advance)?;
             String::new()
         }
         _ => return Err(SimulateError::Format { path: file.to_string() }.into()),

@@ -11,21 +11,33 @@ use std::{
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use inerter_data::words::printable;
+use inerter_data::{output, words::printable};
 
 use crate::exit;
 
 static INTERRUPTED: AtomicBool = AtomicBool::new(false);
 static HAS_SCREEN: AtomicBool = AtomicBool::new(false);
 
+/// Ends the program at once, the terminal given back, nothing half written left behind.
+fn end() -> ! {
+    if HAS_SCREEN.load(Ordering::Relaxed) {
+        ratatui::restore();
+    }
+    output::remove_unfinished();
+    std::process::exit(exit::INTERRUPTED.into());
+}
+
+/// From now on Ctrl-C ends the program at once, and leaves no file half written.
+pub fn tidy_at_interrupts() {
+    // Fails only when a handler is there already.
+    ctrlc::set_handler(|| end()).ok();
+}
+
 /// From now on Ctrl-C ends the work in good order; a second one ends the program at once.
 pub fn catch_interrupts() {
     let handler = || {
         if INTERRUPTED.swap(true, Ordering::Relaxed) {
-            if HAS_SCREEN.load(Ordering::Relaxed) {
-                ratatui::restore();
-            }
-            std::process::exit(exit::INTERRUPTED.into());
+            end();
         }
     };
     // Fails only when a handler is there already.

@@ -104,7 +104,12 @@ impl Hub {
                     self.feed.received(&received, self.live.lost_frames(), |item| items.push(item));
                     self.show(items)?;
                 }
-                LinkEvent::Quiet => self.settle()?,
+                LinkEvent::Quiet => {
+                    if let Some(recorder) = &mut self.recorder {
+                        recorder.quiet(self.live.now_ns())?;
+                    }
+                    self.settle()?;
+                }
                 LinkEvent::Away { reason } => {
                     self.share.iter_mut().for_each(Share::forget);
                     self.settle()?;

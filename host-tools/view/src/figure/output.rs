@@ -1,10 +1,10 @@
 //! Figures as files: SVG with text as text, PNG with a font of our own, and SVG for the inside of a page.
 
-use std::{path::Path, sync::Once};
+use std::{io::BufWriter, path::Path, sync::Once};
 
-use inerter_data::output::OutputError;
+use image::{ColorType, ImageEncoder, codecs::png::PngEncoder};
+use inerter_data::output::{OutputError, Pending};
 use plotters::{
-    backend::DrawingBackend,
     prelude::{BitMapBackend, IntoDrawingArea, SVGBackend},
     style::{FontStyle, register_font},
 };
@@ -63,14 +63,13 @@ fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }
 
-/// Writes the figure as a PNG file.
-pub fn render_png(figure: &Figure, path: &Path) -> Result<(), OutputError> {
+/// Writes the figure as a PNG file. Only `replace` lets it take the place of a file.
+pub fn render_png(figure: &Figure, path: &Path, replace: bool) -> Result<(), OutputError> {
     register_fonts();
     // What cannot be created is told as such, before the work.
-    drop(inerter_data::output::create(path)?);
-    let failed = |error: &dyn std::fmt::Display| {
-        OutputError::write(path.display().to_string(), std::io::Error::other(error.to_string()))
-    };
+    let pending = Pending::create(path, replace)?;
+    let failed =
+        |error: &dyn std::fmt::Display| OutputError::write(pending.name(), std::io::Error::other(error.to_string()));
     let (width, height) = (WIDTH_PX * PNG_SCALE, (figure.height_px() + TITLE_PX) * PNG_SCALE);
     let mut fine = vec![0; (width * FINE * height * FINE) as usize * CHANNELS];
     {
@@ -80,9 +79,10 @@ pub fn render_png(figure: &Figure, path: &Path) -> Result<(), OutputError> {
         root.present().map_err(|error| failed(&error))?;
     }
     let pixels = halved(&fine, (width * FINE) as usize);
-    let mut file = BitMapBackend::new(path, (width, height));
-    file.blit_bitmap((0, 0), (width, height), &pixels).map_err(|error| failed(&error))?;
-    file.present().map_err(|error| failed(&error))
+    let encoder = PngEncoder::new(BufWriter::new(pending.open()?));
+    encoder.write_image(&pixels, width, height, ColorType::Rgb8).map_err(|error| failed(&error))?;
+    pending.commit()?;
+    Ok(())
 }
 
 /// Each two by two pixels as their mean; `width` is that of a fine row.

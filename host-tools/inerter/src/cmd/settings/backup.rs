@@ -78,7 +78,7 @@ pub fn backup(args: &BackupArgs) -> Result<(), Error> {
         output::refuse_existing(&args.file)?;
     }
     let device = args.common.link.device()?;
-    backup::write(&args.file, device.hello(), device.settings())?;
+    backup::write(&args.file, args.force, device.hello(), device.settings())?;
     let (file, serial) = (args.file.display().to_string(), device.hello().serial.as_str());
     if args.common.json {
         let line = json!({ "kind": "settings_backup", "file": file, "serial": serial, "settings": Settings::COUNT });

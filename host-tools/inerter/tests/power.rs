@@ -1,0 +1,186 @@
+//! The power of the computer fails: what was never brought onto the disk is gone.
+//!
+//! A library that is preloaded into the program (`common/kept.c`) keeps each file as it is when the program synchronises it, and
+//! each folder's names likewise. What a power cut leaves is the last of these.
+#![cfg(target_os = "linux")]
+
+mod common;
+
+use std::{
+    fs,
+    os::unix::fs::MetadataExt,
+    path::{Path, PathBuf},
+    process::Command,
+    thread,
+    time::{Duration, Instant},
+};
+
+use common::{done, inerter, last, text};
+use inerter_data::{
+    recording::{Item, read},
+    settings::Overrides,
+};
+use inerter_plant::Parameters;
+use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
+
+/// A folder for the program, beside one for what is kept, and the library.
+struct Desk {
+    folder: tempfile::TempDir,
+}
+
+impl Desk {
+    fn new() -> Option<Self> {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["here", "kept"] {
+            fs::create_dir(folder.path().join(name)).unwrap();
+        }
+        let source = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/common/kept.c");
+        let mut compiler = Command::new("cc");
+        let built = compiler.args(["-shared", "-fPIC", "-pthread", "-o", "kept.so", source]).current_dir(folder.path());
+        let found = built.status().map_err(|error| format!("a C compiler is needed: cc: {error}"));
+        let built = inerter_needs::or_skip(found)?;
+        assert!(built.success());
+        Some(Self { folder })
+    }
+
+    fn here(&self) -> PathBuf {
+        self.folder.path().join("here")
+    }
+
+    fn kept(&self) -> PathBuf {
+        self.folder.path().join("kept")
+    }
+
+    /// The program, whose files are kept.
+    fn inerter(&self, arguments: &[&str]) -> Command {
+        let mut command = inerter(&self.here(), arguments);
+        command.env("LD_PRELOAD", self.folder.path().join("kept.so")).env("KEPT", self.kept());
+        command
+    }
+
+    /// What was kept under this ending, in order.
+    fn all_kept(&self, ending: &str) -> Vec<PathBuf> {
+        let mut all: Vec<PathBuf> = fs::read_dir(self.kept()).unwrap().map(|entry| entry.unwrap().path()).collect();
+        all.retain(|path| path.extension().is_some_and(|extension| extension == ending));
+        all.sort();
+        all
+    }
+
+    /// Each state of this file on the disk; the power fails after any of them. Its name must be there from the first on.
+    fn states(&self, name: &str) -> Vec<PathBuf> {
+        let inode = self.here().join(name).metadata().unwrap().ino();
+        let names = self.all_kept("names").pop().expect("the folder is never synchronised");
+        let line = format!("{inode} {name}");
+        assert!(fs::read_to_string(&names).unwrap().lines().any(|found| found == line), "{name} is not in its folder");
+        self.all_kept(&inode.to_string())
+    }
+}
+
+fn device(speed: f64) -> VirtualDevice {
+    let setup = Setup::new(Parameters::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
+    VirtualDevice::start(&setup, &Endpoint::Tcp("127.0.0.1:0".into()), speed).unwrap()
+}
+
+/// Host time of each frame \[ns\].
+fn times(path: &Path) -> Vec<u64> {
+    let mut times = Vec::new();
+    read(path, |incoming| {
+        if matches!(incoming.item, Item::Frame(_)) {
+            times.push(incoming.time_ns);
+        }
+    })
+    .unwrap();
+    times
+}
+
+fn until(what: &str, mut is_so: impl FnMut() -> bool) {
+    let started = Instant::now();
+    while !is_so() {
+        assert!(started.elapsed() < Duration::from_secs(60), "{what}");
+        thread::sleep(Duration::from_millis(10));
+    }
+}
+
+#[test]
+fn a_power_cut_costs_a_recording_a_second_at_most() {
+    let Some(desk) = Desk::new() else { return };
+    let device = device(1.0);
+    for command in [&["record", "-o"][..], &["monitor", "--plain", "--record"]] {
+        let file = desk.here().join("run.mcap");
+        let arguments = ["run.mcap", "--force", "--connect", device.name()];
+        let mut child = desk.inerter(&[command, &arguments].concat()).spawn().unwrap();
+        let mut states = Vec::new();
+        until("nothing is brought onto the disk", || {
+            if file.exists() && !desk.all_kept("names").is_empty() {
+                states = desk.states("run.mcap");
+            }
+            states.len() >= 7
+        });
+        child.kill().unwrap();
+        child.wait().unwrap();
+        // Whatever was handed to the operating system, synchronised or not.
+        let written = times(&file);
+        let counts: Vec<usize> = states.iter().map(|state| times(state).len()).collect();
+        let mut all_s = 0.0;
+        for pair in counts.windows(2) {
+            let &[before, after] = pair else { panic!() };
+            if after > before {
+                // Just before the second state is on the disk, the power fails.
+                let lost_s = (written[after - 1] - written[before]) as f64 * 1e-9;
+                assert!(lost_s < 1.0, "{lost_s} s, {counts:?}");
+                all_s += lost_s;
+            }
+        }
+        assert!(all_s > 1.0, "{all_s} s, {counts:?}");
+        let left = states.last().unwrap();
+        fs::rename(left, desk.here().join("left.mcap")).unwrap();
+        let info = last(&done(&desk.here(), &["info", "left.mcap", "--json"]));
+        assert_eq!(info["ending"], "cut_off");
+        assert!(info["samples"].as_u64().unwrap() > 1000 && info["settings"].is_object(), "{info}");
+        fs::remove_file(file).unwrap();
+    }
+}
+
+#[test]
+fn a_disk_that_takes_its_time_does_not_hold_up_the_device() {
+    let Some(desk) = Desk::new() else { return };
+    let device = device(1.0);
+    let stuck = desk.kept().join("stuck");
+    fs::write(&stuck, "").unwrap();
+    let child =
+        desk.inerter(&["record", "-o", "run.mcap", "--connect", device.name(), "--duration", "4"]).spawn().unwrap();
+    until("nothing is recorded", || desk.here().join("run.mcap").exists());
+    thread::sleep(Duration::from_secs(3));
+    fs::remove_file(&stuck).unwrap();
+    let output = child.wait_with_output().unwrap();
+    assert!(output.status.success() && text(&output.stderr).contains("none lost"), "{}", text(&output.stderr));
+    let times = times(&desk.here().join("run.mcap"));
+    let longest_ns = times.windows(2).map(|pair| pair[1] - pair[0]).max().unwrap();
+    assert!(longest_ns < 1_500_000_000, "{longest_ns} ns without a frame");
+    // All of it is on the disk when the program ends.
+    let states = desk.states("run.mcap");
+    assert_eq!(fs::read(states.last().unwrap()).unwrap(), fs::read(desk.here().join("run.mcap")).unwrap());
+}
+
+#[test]
+fn what_takes_its_name_at_the_end_is_on_the_disk_by_then() {
+    let Some(desk) = Desk::new() else { return };
+    let device = device(1.0);
+    let link = ["--connect", device.name()];
+    let commands: [(&str, &[&str]); 5] = [
+        ("run.mcap", &["simulate", "--duration", "2", "-o", "run.mcap"]),
+        ("cut.mcap", &["cut", "run.mcap", "-o", "cut.mcap"]),
+        ("run.parquet", &["export", "run.mcap", "--parquet", "run.parquet"]),
+        ("loop.png", &["plot", "run.mcap", "--figure", "loop", "-o", "loop.png"]),
+        ("board.toml", &["settings", "backup", "board.toml", link[0], link[1]]),
+    ];
+    for (name, arguments) in commands {
+        let output = desk.inerter(arguments).output().unwrap();
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        let states = desk.states(name);
+        assert!(fs::read(states.last().unwrap()).unwrap() == fs::read(desk.here().join(name)).unwrap(), "{name}");
+        for kept in fs::read_dir(desk.kept()).unwrap() {
+            fs::remove_file(kept.unwrap().path()).unwrap();
+        }
+    }
+}
