@@ -161,12 +161,14 @@ const ADC345_GATE: Gate = Gate::ahb2(14);
 /// RCC_BDCR, which lies in the backup domain.
 const RCC_BDCR: u32 = 0x4002_1090;
 
-const CLOCK_OFF: Unknown = Unknown { what: "the peripheral's clock is off" };
+/// A peripheral whose gate in RCC is shut.
+pub const CLOCK_OFF: Unknown = Unknown { what: "the peripheral's clock is off" };
 const BACKUP_SHUT: Unknown = Unknown { what: "the backup domain is not open for writing (PWR_CR1.DBP)" };
-const NOTHING: Unknown = Unknown { what: "nothing is at this address" };
+/// No block of registers is there.
+pub const NOTHING: Unknown = Unknown { what: "nothing is at this address" };
 
 /// Inputs of TIM2: pin, alternate function, channel (DS12288 table 13).
-const TIM2_INPUTS: [(Pin, u8, usize); 11] = [
+pub const TIM2_INPUTS: [(Pin, u8, usize); 11] = [
     (Pin::new('A', 0), 1, 1),
     (Pin::new('A', 5), 1, 1),
     (Pin::new('A', 15), 1, 1),
@@ -284,8 +286,8 @@ impl Chip {
             tim5: Tim::new(Kind::Wide),
             tim8: Tim::new(Kind::Advanced),
             tim15: Tim::new(Kind::Small),
-            tim16: Tim::new(Kind::Small),
-            tim17: Tim::new(Kind::Small),
+            tim16: Tim::new(Kind::Single),
+            tim17: Tim::new(Kind::Single),
             dma1: Default::default(),
             dma2: Default::default(),
             dmamux: Default::default(),
@@ -668,16 +670,18 @@ impl Chip {
             (self.usb.irq_high(), 19),
             (self.usb.irq_low(), 20),
             (self.exti.requests(0x3e0), 23),
-            (self.tim15.irq() || self.tim1.irq(), 24),
-            (self.tim16.irq(), 25),
+            (self.tim15.irq(), 24),
+            (self.tim16.irq() || self.tim1.irq_update(), 25),
             (self.tim17.irq(), 26),
+            (self.tim1.irq_compare(), 27),
             (self.tim2.irq(), 28),
             (self.tim3.irq(), 29),
             (self.tim4.irq(), 30),
             (self.spi2.irq(), 36),
             (self.exti.requests(0xfc00), 40),
             (self.usb.irq_wakeup() && self.exti.unmasked(18), 42),
-            (self.tim8.irq(), 44),
+            (self.tim8.irq_update(), 44),
+            (self.tim8.irq_compare(), 46),
             (self.tim5.irq(), 50),
             (self.tim6.irq(), 54),
             (self.adc.irq(Unit::Three), 47),

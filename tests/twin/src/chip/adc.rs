@@ -94,6 +94,7 @@ mod cfgr {
     pub const OVRMOD: u32 = 1 << 12;
     pub const CONT: u32 = 1 << 13;
     pub const JQDIS: u32 = 1 << 31;
+    pub const RESERVED: u32 = 1 << 2;
     /// RES, AUTDLY, ALIGN, DISCEN, JDISCEN, AWD1EN, JAWD1EN, JAUTO.
     pub const NOT_MODELLED: u32 = 3 << 3 | 1 << 14 | 1 << 15 | 1 << 16 | 1 << 20 | 3 << 23 | 1 << 25;
 }
@@ -716,7 +717,7 @@ impl Adcs {
                 if value & cfgr::DMAEN == 0 || it.cfgr & cfgr::DMAEN == 0 {
                     it.dma_ended = false;
                 }
-                it.cfgr = value;
+                it.cfgr = value & !cfgr::RESERVED;
             }
             storage => {
                 if !STORAGE.iter().any(|(offset, ..)| *offset == storage) {

@@ -24,7 +24,7 @@ pub struct Crs {
 
 impl Default for Crs {
     fn default() -> Self {
-        Self { storage: Storage::new(&[(CR, 0x4000, 0x7fef), (CFGR, 0x2022_bb7f, 0xf7ff_ffff)]), flags: 0 }
+        Self { storage: Storage::new(&[(CR, 0x4000, 0x7fef), (CFGR, 0x2022_bb7f, 0xb7ff_ffff)]), flags: 0 }
     }
 }
 

@@ -76,7 +76,7 @@ impl Default for Lpuart {
     fn default() -> Self {
         let storage = Storage::new(&[
             (CR1, 0, u32::MAX),
-            (CR2, 0, u32::MAX),
+            (CR2, 0, 0xffff_ff70),
             (CR3, 0, u32::MAX),
             (BRR, 0, 0xf_ffff),
             (PRESC, 0, 0xf),

@@ -21,7 +21,7 @@ impl Default for Pwr {
         Self(Storage::new(&[
             (CR1, 0x200, 0x4107 | DBP),
             (0x04, 0, 0xf0),
-            (0x08, 0x8000, 0xc71f),
+            (0x08, 0x8000, 0xc51f),
             (0x0c, 0, 0x31f),
             (0x10, 0, 0),
             (SR2, 0, 0),

@@ -30,6 +30,15 @@ const CSR: u32 = 0x94;
 const CRRCR: u32 = 0x98;
 const CCIPR2: u32 = 0x9c;
 
+/// Gates that there are; those of RTC and window watchdog have no reset.
+const AHB1_GATES: u32 = 0x111f;
+const AHB2_GATES: u32 = 0x050f_607f;
+const AHB3_GATES: u32 = 0x101;
+const APB1_GATES: u32 = 0xd2fe_cd3f;
+const RTCAPB: u32 = 3 << 10;
+const APB1_2_GATES: u32 = 0x103;
+const APB2_GATES: u32 = 0x0437_f801;
+
 const HSION: u32 = 1 << 8;
 const HSEON: u32 = 1 << 16;
 const HSEBYP: u32 = 1 << 18;
@@ -156,26 +165,26 @@ impl Rcc {
             (ICSCR, 0x4000_0000, 0x7f00_0000),
             (CFGR, 0x5, 0x3ff3 | 0x7f00_0000),
             (PLLCFGR, 0x1000, 0xff73_7ff3),
-            (CIER, 0, 0x7ff),
+            (CIER, 0, 0x63b),
             // AHB1RSTR, AHB2RSTR, AHB3RSTR, APB1RSTR1, APB1RSTR2, APB2RSTR.
-            (0x28, 0, u32::MAX),
-            (0x2c, 0, u32::MAX),
-            (0x30, 0, u32::MAX),
-            (0x38, 0, u32::MAX),
-            (0x3c, 0, u32::MAX),
-            (0x40, 0, u32::MAX),
-            (AHB1ENR, 0x100, u32::MAX),
-            (AHB2ENR, 0, u32::MAX),
+            (0x28, 0, AHB1_GATES),
+            (0x2c, 0, AHB2_GATES),
+            (0x30, 0, AHB3_GATES),
+            (0x38, 0, APB1_GATES & !RTCAPB),
+            (0x3c, 0, APB1_2_GATES),
+            (0x40, 0, APB2_GATES),
+            (AHB1ENR, 0x100, AHB1_GATES),
+            (AHB2ENR, 0, AHB2_GATES),
             // AHB3ENR.
-            (0x50, 0, u32::MAX),
-            (APB1ENR1, 0x400, u32::MAX),
-            (APB1ENR2, 0, u32::MAX),
-            (APB2ENR, 0, u32::MAX),
+            (0x50, 0, AHB3_GATES),
+            (APB1ENR1, 0x400, APB1_GATES),
+            (APB1ENR2, 0, APB1_2_GATES),
+            (APB2ENR, 0, APB2_GATES),
             (CCIPR, 0, u32::MAX),
             (BDCR, 0, 0x0301_837d),
             (CSR, 0, 1),
             (CRRCR, 0, 1),
-            (CCIPR2, 0, u32::MAX),
+            (CCIPR2, 0, 0x30_0003),
         ]);
         Self {
             storage,

@@ -511,7 +511,7 @@ impl Usb {
             0x50 => self.table,
             0x54 => self.link_power,
             0x58 => self.charger,
-            _ => return Err(Unknown { what: "USB: no such register" }),
+            _ => return Err(Unknown::REGISTER),
         })
     }
 
@@ -531,7 +531,7 @@ impl Usb {
                 self.watch_lines(low);
             }
             0x48 => return Err(Unknown { what: "USB_FNR is read only" }),
-            _ => return Err(Unknown { what: "USB: no such register" }),
+            _ => return Err(Unknown::REGISTER),
         }
         Ok(())
     }
