@@ -24,6 +24,7 @@ pub mod pwr;
 pub mod ram;
 pub mod rcc;
 pub mod rom;
+pub mod rules;
 pub mod spi;
 pub mod syscfg;
 pub mod tamp;
@@ -38,6 +39,7 @@ use gpio::{Gpio, Mode};
 pub use pin::Pin;
 use ram::Ram;
 use rcc::{Gate, Reset};
+use rules::Rules;
 use tim::{Kind, Tim};
 
 /// First address of SRAM1.
@@ -158,8 +160,13 @@ const BLOCKS: [Block; 33] = [
 const ADC345: std::ops::Range<u32> = 0x5000_0400..0x5000_0800;
 const ADC345_GATE: Gate = Gate::ahb2(14);
 
+/// Each word stands for one bit of the first megabyte of peripherals.
+const BIT_BAND: std::ops::Range<u32> = 0x4200_0000..0x4400_0000;
+
 /// RCC_BDCR, which lies in the backup domain.
 const RCC_BDCR: u32 = 0x4002_1090;
+/// RCC_CFGR, which chooses the system clock.
+const RCC_CFGR: u32 = 0x4002_1008;
 
 /// A peripheral whose gate in RCC is shut.
 pub const CLOCK_OFF: Unknown = Unknown { what: "the peripheral's clock is off" };
@@ -254,6 +261,8 @@ pub struct Chip {
     pub light: Vec<(Cycles, bool)>,
     /// Where the chip differs from its manual.
     errata: Errata,
+    /// What becomes of a program that does what it should not.
+    rules: Rules,
     /// What went wrong in the signal path; it stands still from then on.
     path_fault: Option<BadAccess>,
     /// Nothing happens by itself before this moment.
@@ -298,6 +307,7 @@ impl Chip {
             usb: Default::default(),
             light: Vec::new(),
             errata: Errata::NONE,
+            rules: Rules::Enforced,
             path_fault: None,
             due: 0,
         }
@@ -375,6 +385,9 @@ impl Chip {
     pub(crate) fn bus_read(&mut self, address: u32, width: Width, now: Cycles) -> Result<u32, BadAccess> {
         let bad =
             |peripheral, offset, Unknown { what }| BadAccess { address, peripheral, offset, width, value: None, what };
+        if let Some((word, bit)) = bit_band(address) {
+            return Ok(self.bus_read(word, Width::Word, now)? >> bit & 1);
+        }
         match find(address) {
             Some(block) => {
                 let offset = address - block.start;
@@ -398,6 +411,12 @@ impl Chip {
             value: Some(value),
             what,
         };
+        if let Some((word, bit)) = bit_band(address) {
+            // A whole word is read and written, whatever the width of the access (DDI 0439, 3.7).
+            let old = self.bus_read(word, Width::Word, now)?;
+            let new = old & !(1 << bit) | (value & 1) << bit;
+            return self.bus_write(word, new, Width::Word, now);
+        }
         match find(address) {
             Some(block) => {
                 let offset = address - block.start;
@@ -419,7 +438,12 @@ impl Chip {
 
     fn read_register(&mut self, block: &Block, offset: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
         if !self.is_clocked(block, offset) {
-            return Err(CLOCK_OFF);
+            match (self.rules, block.peripheral) {
+                (Rules::Enforced, _) => return Err(CLOCK_OFF),
+                // Its registers lie in a domain that always runs.
+                (Rules::AsOnTheChip, Peripheral::Pwr) => {}
+                (Rules::AsOnTheChip, _) => return Ok(0),
+            }
         }
         if block.peripheral == Peripheral::Tim2 {
             self.latch_encoder(now);
@@ -435,12 +459,16 @@ impl Chip {
         width: Width,
         now: Cycles,
     ) -> Result<(), Unknown> {
-        if !self.is_clocked(block, offset) {
-            return Err(CLOCK_OFF);
+        let in_backup = block.peripheral == Peripheral::Tamp || block.start + offset == RCC_BDCR;
+        let refused = match (self.is_clocked(block, offset), in_backup && !self.pwr.backup_is_open()) {
+            (false, _) => Some(CLOCK_OFF),
+            (true, true) => Some(BACKUP_SHUT),
+            (true, false) => None,
+        };
+        if let Some(what) = refused {
+            return if self.rules == Rules::Enforced { Err(what) } else { Ok(()) };
         }
         match block.peripheral {
-            Peripheral::Tamp if !self.pwr.backup_is_open() => Err(BACKUP_SHUT),
-            Peripheral::Rcc if block.start + offset == RCC_BDCR && !self.pwr.backup_is_open() => Err(BACKUP_SHUT),
             Peripheral::Rcc => {
                 self.rcc.write(offset, value, width, now)?;
                 self.reset_held(now);
@@ -499,6 +527,14 @@ impl Chip {
         self.adc.set_errata(errata);
         self.rcc.set_errata(errata);
         self.spi2.set_errata(errata);
+    }
+
+    /// How strictly the program is taken from now on; a new chip enforces the rules.
+    pub fn set_rules(&mut self, rules: Rules) {
+        self.rules = rules;
+        self.rcc.set_rules(rules);
+        self.flash.set_rules(rules);
+        self.adc.set_rules(rules);
     }
 
     /// Where the chip differs from its manual.
@@ -625,7 +661,8 @@ impl Chip {
 
     /// When [`Self::advance`] must be called at the latest.
     pub fn next_event(&mut self) -> Option<Cycles> {
-        let models: [Option<Cycles>; 5] = [
+        let models: [Option<Cycles>; 6] = [
+            self.rcc.next_event(),
             self.pipeline_next_event(),
             self.usb.next_event(),
             self.lpuart1.next_event(),
@@ -643,6 +680,13 @@ impl Chip {
         self.pipeline_advance(now);
         if now < self.due {
             return;
+        }
+        if self.rcc.switches(now)
+            && let Err(Unknown { what }) = self.change_clocks(now)
+        {
+            let (address, offset) = (RCC_CFGR, RCC_CFGR & 0x3ff);
+            let fault = BadAccess { address, peripheral: "RCC", offset, width: Width::Word, value: None, what };
+            self.path_fault.get_or_insert(fault);
         }
         let Self { tim1, tim2, tim3, tim4, tim5, tim8, tim15, tim16, tim17, .. } = self;
         for tim in [tim1, tim2, tim3, tim4, tim5, tim8, tim15, tim16, tim17] {
@@ -707,6 +751,12 @@ impl Chip {
 fn find(address: u32) -> Option<&'static Block> {
     let behind = BLOCKS.partition_point(|block| block.start <= address);
     BLOCKS[..behind].last().filter(|block| address < block.end)
+}
+
+/// The word and the bit in it that an address of the peripherals' bit-band alias stands for (RM0440 2.3).
+fn bit_band(address: u32) -> Option<(u32, u32)> {
+    let offset = address.checked_sub(BIT_BAND.start).filter(|_| address < BIT_BAND.end)?;
+    Some((0x4000_0000 + ((offset / 32) & !3), offset / 4 % 32))
 }
 
 fn in_flash(address: u32) -> bool {
@@ -778,6 +828,49 @@ mod tests {
         // Held in reset.
         write(&mut chip, ENABLES[1] - 0x20, 1);
         assert!(chip.read(0x4000_0024, Width::Word, 0).is_err());
+    }
+
+    #[test]
+    fn a_program_of_others_finds_the_chips_answer_where_ours_would_end() {
+        let mut chip = chip();
+        chip.set_rules(Rules::AsOnTheChip);
+        // TIM2_ARR, which is all ones after reset.
+        write(&mut chip, 0x4000_002c, 7);
+        assert_eq!(chip.read(0x4000_002c, Width::Word, 0), Ok(0));
+        write(&mut chip, ENABLES[1], 1);
+        assert_eq!(chip.read(0x4000_002c, Width::Word, 0), Ok(u32::MAX), "the write was ignored");
+        // PWR_CR1 with its gate shut.
+        write(&mut chip, 0x4000_7000, 0x300);
+        assert_eq!(chip.read(0x4000_7000, Width::Word, 0), Ok(0x200));
+        // RCC_BDCR while the backup domain is shut.
+        write(&mut chip, RCC_BDCR, 1 << 15);
+        assert_eq!(chip.read(RCC_BDCR, Width::Word, 0), Ok(0));
+    }
+
+    #[test]
+    fn a_word_of_the_bit_band_alias_is_one_bit() {
+        let mut chip = chip();
+        // Bit 5 of RCC_AHB2ENR, the gate of port F.
+        let alias = 0x4200_0000 + (ENABLES[0] - 0x4000_0000) * 32 + 4 * 5;
+        write(&mut chip, ENABLES[0], 1);
+        write(&mut chip, alias, 0xffff_ffff);
+        assert_eq!(chip.read(ENABLES[0], Width::Word, 0), Ok(1 << 5 | 1));
+        assert_eq!((chip.read(alias, Width::Word, 0), chip.read(alias - 4, Width::Word, 0)), (Ok(1), Ok(0)));
+        write(&mut chip, alias, 2);
+        assert_eq!(chip.read(ENABLES[0], Width::Word, 0), Ok(1));
+    }
+
+    #[test]
+    fn a_clock_that_is_not_ready_is_waited_for() {
+        let mut chip = clocked();
+        chip.set_rules(Rules::AsOnTheChip);
+        write(&mut chip, 0x4002_1008, 2);
+        assert_eq!(chip.clocks.hclk_hz, 16e6, "HSE is off");
+        write(&mut chip, 0x4002_1000, 0x1_0100);
+        assert_eq!(chip.next_event(), Some(32_000));
+        chip.advance(32_000);
+        assert_eq!(chip.clocks.hclk_hz, 24e6);
+        assert_eq!(chip.read(0x4002_1008, Width::Word, 32_000), Ok(2 << 2 | 2));
     }
 
     #[test]

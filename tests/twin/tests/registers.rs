@@ -86,7 +86,6 @@ const NOT_MODELLED: &[(&str, &str)] = &[
     ("GPIOE: lckr", UNUSED),
     ("GPIOF: lckr", UNUSED),
     ("GPIOG: lckr", UNUSED),
-    ("LPUART1: tdr", WRITTEN),
     ("PWR: pucra pdcra pucrb pdcrb pucrc pdcrc pucrd pdcrd pucre pdcre pucrf pdcrf pucrg pdcrg", UNUSED),
     ("RCC: ahb1smenr ahb2smenr ahb3smenr apb1smenr1 apb1smenr2 apb2smenr", UNUSED),
     ("SYSCFG: scsr swpr skr", UNUSED),

@@ -23,6 +23,7 @@ use super::clocks::Clocks;
 use super::dmamux::Request;
 use super::errata::Errata;
 use super::pin::Pin;
+use super::rules::Rules;
 use crate::registers::Storage;
 use crate::{Cycles, Registers, Unknown, Width};
 
@@ -345,6 +346,8 @@ struct Converter {
     calibration_end: Option<Cycles>,
     enable_from: Cycles,
     ready_at: Option<Cycles>,
+    /// Ready for conversions; ADRDY tells that it became so, and may be cleared.
+    ready: bool,
     /// One-shot DMA has had its last transfer.
     dma_ended: bool,
     /// End of the last conversion.
@@ -369,6 +372,7 @@ impl Converter {
             calibration_end: None,
             enable_from: 0,
             ready_at: None,
+            ready: false,
             dma_ended: false,
             ended: None,
             stopped: false,
@@ -397,6 +401,7 @@ impl Converter {
         }
         if self.ready_at.is_some_and(|at| at <= now) {
             self.ready_at = None;
+            self.ready = true;
             self.isr |= isr::ADRDY;
         }
     }
@@ -442,6 +447,7 @@ pub struct Adcs {
     /// When the next conversion ends.
     due: Option<(Cycles, Unit)>,
     errata: Errata,
+    rules: Rules,
 }
 
 impl Default for Adcs {
@@ -461,12 +467,18 @@ impl Adcs {
             analogue: Analogue::new(Quality::default()),
             due: None,
             errata: Errata::NONE,
+            rules: Rules::Enforced,
         }
     }
 
     /// Which errata there are from now on.
     pub fn set_errata(&mut self, errata: Errata) {
         self.errata = errata;
+    }
+
+    /// How strictly the program is taken from now on.
+    pub fn set_rules(&mut self, rules: Rules) {
+        self.rules = rules;
     }
 
     /// Makes conversions this good from now on; the noise begins anew.
@@ -631,6 +643,7 @@ impl Adcs {
     fn write_control(&mut self, unit: Unit, value: u32, now: Cycles) -> Result<(), Unknown> {
         let refuse = |what| Err(Unknown { what });
         let settle = (REGULATOR_S * self.hclk_hz).round() as Cycles;
+        let enforced = self.rules == Rules::Enforced;
         let it = self.unit_mut(unit);
         // Plain bits.
         if value & cr::ADVREGEN != 0 && it.cr & cr::ADVREGEN == 0 {
@@ -648,7 +661,8 @@ impl Adcs {
             return refuse("ADC_CR: injected conversions have no model");
         }
         let powered = it.cr & (cr::ADVREGEN | cr::DEEPPWD) == cr::ADVREGEN;
-        if rising & (cr::ADCAL | cr::ADEN) != 0 && (!powered || now < it.regulator_settled) {
+        let settles = enforced && now < it.regulator_settled;
+        if rising & (cr::ADCAL | cr::ADEN) != 0 && (!powered || settles) {
             return refuse("ADC_CR: ADCAL or ADEN before the regulator has settled for 20 us");
         }
         if rising & cr::ADCAL != 0 {
@@ -684,10 +698,10 @@ impl Adcs {
             it.stopped = false;
             it.cr &= !cr::ADEN;
             it.isr &= !isr::ADRDY;
-            it.ready_at = None;
+            (it.ready_at, it.ready) = (None, false);
         }
         if rising & cr::ADSTART != 0 {
-            if it.cr & cr::ADEN == 0 || it.isr & isr::ADRDY == 0 {
+            if !it.ready {
                 return refuse("ADC_CR: ADSTART before the ADC is ready");
             }
             it.cr |= cr::ADSTART;
@@ -906,6 +920,14 @@ mod tests {
 
     /// EXTEN rising, EXTSEL TIM6.
     const TRIGGERED: u32 = 1 << 10 | TRIGGER_TIM6 << 5;
+
+    #[test]
+    fn it_stays_ready_when_the_flag_that_says_so_is_cleared() {
+        let mut adc = ready(0);
+        write(&mut adc, ISR, isr::ADRDY, 10_000);
+        start(&mut adc, 10_000);
+        assert!(adc.due().is_some());
+    }
 
     #[test]
     fn it_comes_up_in_the_manuals_order_only() {

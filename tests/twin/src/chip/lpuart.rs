@@ -64,6 +64,8 @@ pub struct Lpuart {
     /// Byte on its way out and the moment at which it has left.
     shifting: Option<(u8, Cycles)>,
     transmit: VecDeque<u8>,
+    /// What was last written to be sent; it reads back.
+    written: u8,
     receive: VecDeque<u8>,
     sent: Vec<u8>,
     arriving: VecDeque<u8>,
@@ -89,6 +91,7 @@ impl Default for Lpuart {
             far_baud: 921_600.0,
             shifting: None,
             transmit: VecDeque::new(),
+            written: 0,
             receive: VecDeque::new(),
             sent: Vec::new(),
             arriving: VecDeque::new(),
@@ -227,6 +230,7 @@ impl Registers for Lpuart {
             ISR => self.status(),
             RDR => u32::from(self.receive.pop_front().unwrap_or(0)),
             ICR | RQR => 0,
+            TDR => u32::from(self.written),
             // Shared by receiver and transmitter.
             CR1 | CR2 | CR3 => self.storage.get(offset & !3),
             register => self.storage.read(register, Width::Word)?,
@@ -244,7 +248,8 @@ impl Registers for Lpuart {
                     return Err(Unknown { what: "written while the transmitter is full" });
                 }
                 self.flags &= !TC;
-                self.transmit.push_back(word as u8);
+                self.written = word as u8;
+                self.transmit.push_back(self.written);
                 self.start(now);
             }
             RQR => {

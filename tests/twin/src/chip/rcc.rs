@@ -9,7 +9,7 @@
 
 use crate::{
     Cycles, Registers, Storage, Unknown, Width,
-    chip::{clocks::Clocks, errata::Errata},
+    chip::{clocks::Clocks, errata::Errata, rules::Rules},
 };
 
 const CR: u32 = 0x00;
@@ -155,6 +155,9 @@ pub struct Rcc {
     /// When the system clock last came over [`STEP_HZ`].
     stepped: Cycles,
     errata: Errata,
+    rules: Rules,
+    /// The system clock in use (SWS), where it is not the one that is chosen: that one is not ready.
+    still: Option<u32>,
 }
 
 impl Rcc {
@@ -198,7 +201,39 @@ impl Rcc {
             failed: false,
             stepped: 0,
             errata: Errata::NONE,
+            rules: Rules::Enforced,
+            still: None,
         }
+    }
+
+    /// How strictly the program is taken from now on.
+    pub fn set_rules(&mut self, rules: Rules) {
+        self.rules = rules;
+    }
+
+    /// The system clock in use: SWS.
+    fn in_use(&self) -> u32 {
+        self.still.unwrap_or(self.storage.get(CFGR) & 3)
+    }
+
+    /// When a source of the system clock is ready; nothing while it is off.
+    fn ready(&self, source: u32) -> Option<Cycles> {
+        match source {
+            1 => (self.storage.get(CR) & HSION != 0).then_some(0),
+            2 => self.hse_ready,
+            3 => self.pll_ready,
+            _ => None,
+        }
+    }
+
+    /// Changes to the system clock that was chosen, where it has become ready; to be followed by a look at the frequencies.
+    #[must_use]
+    pub fn switches(&mut self, now: Cycles) -> bool {
+        let ready = self.still.is_some() && self.ready(self.storage.get(CFGR) & 3).is_some_and(|at| at <= now);
+        if ready {
+            self.still = None;
+        }
+        ready
     }
 
     /// Which errata there are from now on.
@@ -208,7 +243,7 @@ impl Rcc {
 
     /// The backup domain has no battery either.
     pub fn lose_power(&mut self, hse_hz: f64) {
-        *self = Self { errata: self.errata, ..Self::new(hse_hz) };
+        *self = Self { errata: self.errata, rules: self.rules, ..Self::new(hse_hz) };
     }
 
     /// Whether a peripheral is clocked.
@@ -230,6 +265,7 @@ impl Rcc {
             self.failed = true;
             self.storage.set(CR, self.storage.get(CR) & !(HSEON | PLLON | CSSON) | HSION);
             self.pll_ready = None;
+            self.still = None;
             self.storage.set(CFGR, self.storage.get(CFGR) & !3 | 1);
         }
     }
@@ -277,7 +313,7 @@ impl Rcc {
     }
 
     fn sysclk_hz(&self) -> f64 {
-        match self.storage.get(CFGR) & 3 {
+        match self.in_use() {
             1 => HSI_HZ,
             2 => self.hse_hz,
             3 => self.pll().2[2],
@@ -339,7 +375,8 @@ impl Rcc {
     pub fn check(&self, clocks: &Clocks, boost: bool, wait_states: u32) -> Result<(), Unknown> {
         let fault = |what| Err(Unknown { what });
         let cr = self.storage.get(CR);
-        if cr & PLLON != 0 {
+        // Out of its range it may lock or not, which only matters to who uses it.
+        if cr & PLLON != 0 && (self.rules == Rules::Enforced || self.in_use() == 3) {
             let (input, vco, outputs) = self.pll();
             if !(2.66e6..=16e6).contains(&input) {
                 return fault("the input of the PLL must lie between 2.66 and 16 MHz");
@@ -352,12 +389,8 @@ impl Rcc {
             }
         }
         let is_ready = |at: Option<Cycles>| at.is_some_and(|at| at <= clocks.since);
-        let ready = match self.storage.get(CFGR) & 3 {
-            1 => cr & HSION != 0,
-            2 => is_ready(self.hse_ready),
-            3 => is_ready(self.pll_ready) && self.pll().2[2] > 0.0,
-            _ => false,
-        };
+        let source = self.in_use();
+        let ready = is_ready(self.ready(source)) && (source != 3 || self.pll().2[2] > 0.0);
         if !ready {
             return fault("the core is left without a clock");
         }
@@ -400,7 +433,7 @@ impl Registers for Rcc {
                     | ready(self.hse_ready, HSERDY)
                     | ready(self.pll_ready, PLLRDY)
             }
-            CFGR => value & !0xc | (value & 3) << 2,
+            CFGR => value & !0xc | self.in_use() << 2,
             CSR => value | self.causes | ready(self.lsi_ready, 2),
             CRRCR => value | ready(self.hsi48_ready, 2),
             _ => value,
@@ -436,8 +469,12 @@ impl Registers for Rcc {
             _ => {}
         }
         let slow = self.sysclk_hz() <= STEP_HZ;
+        let in_use = self.in_use();
         self.storage.write(offset, value, width)?;
-        if self.sysclk_hz() > STEP_HZ {
+        if register == CFGR && self.rules == Rules::AsOnTheChip {
+            self.still = self.ready(word & 3).is_none_or(|at| at > now).then_some(in_use);
+        }
+        if self.sysclk_hz() > STEP_HZ && self.rules == Rules::Enforced {
             if slow {
                 self.stepped = now;
             }
@@ -473,6 +510,11 @@ impl Registers for Rcc {
         (self.hse_ready, self.pll_ready, self.hsi48_ready, self.lsi_ready) = (None, None, None, None);
         self.hclk_hz = HSI_HZ;
         self.failed = false;
+        self.still = None;
+    }
+
+    fn next_event(&self) -> Option<Cycles> {
+        self.still.and(self.ready(self.storage.get(CFGR) & 3))
     }
 
     fn set_clocks(&mut self, clocks: &Clocks) {
