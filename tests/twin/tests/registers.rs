@@ -5,11 +5,14 @@
 //! RM0440's sections are cited from memory of those who wrote the models: where the two descriptions disagree, the third
 //! witness is named.
 
+#[path = "../src/metapac.rs"]
+mod metapac;
+
 use inerter_twin::chip::{CLOCK_OFF, Chip, NOTHING, TIM2_INPUTS, dmamux::Request};
 use inerter_twin::{Board, Unknown, Width, world::Still};
+use metapac::peripheral;
 use std::collections::{BTreeMap, BTreeSet};
-use stm32_metapac::metadata::ir::{Array, BitOffset, BlockItemInner, FieldSet, IR};
-use stm32_metapac::metadata::{METADATA, Peripheral};
+use stm32_metapac::metadata::METADATA;
 use stm32g4::{Reg, RegisterSpec, Resettable};
 
 /// Where registers can be: APB1 to AHB1, the ports, the converters, debug support.
@@ -104,100 +107,6 @@ const UNUSED: &str = "nobody here uses it";
 const WRITTEN: &str = "is only written";
 const GENERAL: &str =
     "nobody here uses it; a general timer has no RCR, BDTR, CCR5, CCR6 and CCMR3 (metapac), whatever stm32g4 says";
-
-/// A register of metapac.
-#[derive(Clone, Debug)]
-struct Register {
-    name: String,
-    /// Bits that belong to a field.
-    fields: u32,
-}
-
-/// The peripherals' list and the registers' write the same names in other cases.
-fn is_named(one: &str, other: &str) -> bool {
-    let letters = |name: &str| {
-        name.chars().filter(|letter| *letter != '_').map(|letter| letter.to_ascii_lowercase()).collect::<String>()
-    };
-    letters(one) == letters(other)
-}
-
-fn offsets(array: &Option<Array>) -> Vec<u32> {
-    match array {
-        None => vec![0],
-        Some(Array::Regular(array)) => (0..array.len).map(|n| n * array.stride).collect(),
-        Some(Array::Cursed(array)) => array.offsets.to_vec(),
-    }
-}
-
-fn fields(ir: &IR, name: Option<&str>) -> u32 {
-    let Some(set) = name.and_then(|name| ir.fieldsets.iter().find(|set| is_named(set.name, name))) else {
-        // Without fields all bits are one.
-        return u32::MAX;
-    };
-    let own = set.fields.iter().flat_map(|field| {
-        offsets(&field.array).into_iter().map(|shift| field_mask(&field.bit_offset, field.bit_size) << shift)
-    });
-    own.fold(set.extends.map_or(0, |parent| fields(ir, Some(parent))), |all, one| all | one)
-}
-
-fn field_mask(at: &BitOffset, size: u32) -> u32 {
-    let ones = |first: u32, len: u32| u32::try_from(((1u64 << len) - 1) << first).expect("in a word");
-    match at {
-        BitOffset::Regular(at) => ones(at.offset, size),
-        BitOffset::Cursed(at) => {
-            at.ranges.iter().map(|range| ones(*range.start(), range.end() - range.start() + 1)).sum()
-        }
-    }
-}
-
-fn walk(ir: &IR, block: &str, base: u32, prefix: &str, found: &mut BTreeMap<u32, Register>) {
-    let block = ir.blocks.iter().find(|one| is_named(one.name, block)).expect("metapac knows its blocks");
-    if let Some(parent) = block.extends {
-        walk(ir, parent, base, prefix, found);
-    }
-    for item in block.items {
-        let array = offsets(&item.array);
-        for (n, shift) in array.iter().enumerate() {
-            let address = base + item.byte_offset + shift;
-            let number = if array.len() > 1 { n.to_string() } else { String::new() };
-            let name = format!("{prefix}.{}{number}", item.name);
-            match &item.inner {
-                BlockItemInner::Block(inner) => walk(ir, inner.block, address, &name, found),
-                BlockItemInner::Register(register) => {
-                    let fields = fields(ir, register.fieldset) & (u32::MAX >> (32 - register.bit_size));
-                    // Several views of one register.
-                    let entry = found.entry(address & !3).or_insert(Register { name, fields: 0 });
-                    entry.fields |= fields << (8 * (address & 3));
-                }
-            }
-        }
-    }
-}
-
-fn metapac() -> BTreeMap<u32, Register> {
-    let mut found = BTreeMap::new();
-    for peripheral in METADATA.peripherals {
-        if let Some(registers) = &peripheral.registers {
-            walk(registers.ir, registers.block, peripheral.address as u32, peripheral.name, &mut found);
-        }
-    }
-    found
-}
-
-fn peripheral(name: &str) -> &'static Peripheral {
-    METADATA.peripherals.iter().find(|one| one.name == name).unwrap_or_else(|| panic!("metapac has no {name}"))
-}
-
-/// A field of a register of RCC: where, and its bit.
-fn rcc(register: &str, field: &str) -> (u32, u32) {
-    let rcc = peripheral("RCC");
-    let ir = rcc.registers.as_ref().expect("described").ir;
-    let items = ir.blocks.iter().flat_map(|block| block.items);
-    let item = items.into_iter().find(|item| is_named(item.name, register)).expect("a register of RCC");
-    let set: &FieldSet = ir.fieldsets.iter().find(|set| is_named(set.name, register)).expect("with fields");
-    let field = set.fields.iter().find(|one| is_named(one.name, field)).expect("and this one");
-    (rcc.address as u32 + item.byte_offset, field_mask(&field.bit_offset, field.bit_size))
-}
 
 /// A register of stm32g4.
 #[derive(Clone, Debug)]
@@ -308,11 +217,16 @@ fn chip() -> Chip {
 /// Every gate open.
 fn awake() -> Chip {
     let mut chip = chip();
-    for register in ["AHB1ENR", "AHB2ENR", "AHB3ENR", "APB1ENR1", "APB1ENR2", "APB2ENR"] {
-        let ir = peripheral("RCC").registers.as_ref().expect("described").ir;
-        let item =
-            ir.blocks.iter().flat_map(|block| block.items).find(|item| is_named(item.name, register)).expect(register);
-        chip.write(peripheral("RCC").address as u32 + item.byte_offset, u32::MAX, Width::Word, 0).expect("a gate");
+    for (register, gate) in [
+        ("AHB1ENR", "DMA1EN"),
+        ("AHB2ENR", "GPIOAEN"),
+        ("AHB3ENR", "FMCEN"),
+        ("APB1ENR1", "TIM2EN"),
+        ("APB1ENR2", "LPUART1EN"),
+        ("APB2ENR", "SYSCFGEN"),
+    ] {
+        let (address, _) = metapac::field("RCC", register, gate);
+        chip.write(address, u32::MAX, Width::Word, 0).expect("a gate");
     }
     chip
 }
@@ -353,14 +267,14 @@ fn compare(found: BTreeSet<String>, known: &[(&str, &str)]) {
 
 #[test]
 fn every_register_is_where_metapac_has_it() {
-    let metapac = metapac();
+    let metapac = metapac::registers();
     let differences = modelled().into_iter().filter(|address| !metapac.contains_key(address));
     compare(differences.map(|address| format!("{address:#010x}")).collect(), NOT_IN_METAPAC);
 }
 
 #[test]
 fn a_register_keeps_no_bit_that_metapac_does_not_know() {
-    let metapac = metapac();
+    let metapac = metapac::registers();
     let mut differences = BTreeSet::new();
     for address in modelled() {
         let Some(register) = metapac.get(&address) else { continue };
@@ -415,7 +329,7 @@ fn a_peripheral_answers_while_metapacs_bit_opens_its_gate() {
         let Some(enable) = peripheral.rcc.as_ref().and_then(|rcc| rcc.enable.as_ref()) else { continue };
         let base = peripheral.address as u32;
         let Some(&address) = modelled.range(base..base + 0x400).next() else { continue };
-        let (register, bit) = rcc(enable.register, enable.field);
+        let (register, bit) = metapac::field("RCC", enable.register, enable.field);
         let mut chip = chip();
         let mut set = |value: u32| {
             chip.write(register, value, Width::Word, 0).expect("a gate");

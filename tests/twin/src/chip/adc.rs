@@ -1168,4 +1168,53 @@ mod tests {
         adc.reset(0);
         assert_eq!((read(&mut adc, CR, 0), read(&mut adc, CCR12, 0)), (cr::DEEPPWD, 0));
     }
+
+    #[test]
+    fn fields_are_metapacs() {
+        use crate::metapac::fields_agree;
+
+        fields_agree(
+            "ADC1",
+            "ISR",
+            &[("ADRDY", isr::ADRDY), ("EOSMP", isr::EOSMP), ("EOC", isr::EOC), ("EOS", isr::EOS), ("OVR", isr::OVR)],
+        );
+        fields_agree(
+            "ADC1",
+            "CR",
+            &[
+                ("ADEN", cr::ADEN),
+                ("ADDIS", cr::ADDIS),
+                ("ADSTART", cr::ADSTART),
+                ("JADSTART", cr::JADSTART),
+                ("ADSTP", cr::ADSTP),
+                ("JADSTP", cr::JADSTP),
+                ("ADVREGEN", cr::ADVREGEN),
+                ("DEEPPWD", cr::DEEPPWD),
+                ("ADCALDIF", cr::ADCALDIF),
+                ("ADCAL", cr::ADCAL),
+            ],
+        );
+        fields_agree(
+            "ADC1",
+            "CFGR",
+            &[
+                ("DMAEN", cfgr::DMAEN),
+                ("DMACFG", cfgr::DMACFG),
+                ("OVRMOD", cfgr::OVRMOD),
+                ("CONT", cfgr::CONT),
+                ("JQDIS", cfgr::JQDIS),
+            ],
+        );
+        fields_agree(
+            "ADC12_COMMON",
+            "CCR",
+            &[
+                ("DUAL", ccr::DUAL),
+                ("CKMODE", CKMODE_4),
+                ("VREFEN", ccr::VREFEN),
+                ("VSENSEEN", ccr::VSENSESEL),
+                ("VBATEN", ccr::VBATSEL),
+            ],
+        );
+    }
 }

@@ -83,4 +83,13 @@ mod tests {
         crs.write(ICR, SYNCOK | ESYNC, Width::Word, 0).expect("known");
         assert!(!crs.irq());
     }
+
+    #[test]
+    fn fields_are_metapacs() {
+        use crate::metapac::fields_agree;
+
+        fields_agree("CRS", "CR", &[("CEN", CEN)]);
+        fields_agree("CRS", "ISR", &[("SYNCOKF", SYNCOK), ("ESYNCF", ESYNC)]);
+        fields_agree("CRS", "ICR", &[("SYNCOKC", SYNCOK), ("ESYNCC", ESYNC)]);
+    }
 }

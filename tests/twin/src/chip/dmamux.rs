@@ -161,4 +161,12 @@ mod tests {
         assert!(mux.read(0x44, Width::Word, 0).is_err());
         assert!(mux.write(0x80, 0, Width::Word, 0).is_err());
     }
+
+    #[test]
+    fn fields_are_metapacs() {
+        use crate::metapac::fields_agree;
+
+        // metapac has one bit more in DMAREQ_ID, for other chips.
+        fields_agree("DMAMUX1", "CCR", &[("DMAREQ_ID", ccr::DMAREQ_ID | 0x80), ("SE", ccr::SE)]);
+    }
 }

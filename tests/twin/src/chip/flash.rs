@@ -839,4 +839,41 @@ mod tests {
         assert_eq!(word(&mut other, SETTINGS, 0), 1);
         assert!(!other.load(START + LEN as u32 - 1, &[0, 0]), "does not fit");
     }
+
+    #[test]
+    fn fields_are_metapacs() {
+        use crate::metapac::fields_agree;
+
+        fields_agree("FLASH", "ACR", &[("DCEN", DCEN), ("DCRST", DCRST)]);
+        fields_agree(
+            "FLASH",
+            "SR",
+            &[
+                ("EOP", EOP),
+                ("OPERR", OPERR),
+                ("PROGERR", PROGERR),
+                ("PGAERR", PGAERR),
+                ("SIZERR", SIZERR),
+                ("PGSERR", PGSERR),
+                ("BSY", BSY),
+            ],
+        );
+        fields_agree(
+            "FLASH",
+            "CR",
+            &[
+                ("PG", PG),
+                ("PER", PER),
+                ("BKER", BKER),
+                ("STRT", STRT),
+                ("OPTSTRT", OPTSTRT),
+                ("EOPIE", EOPIE),
+                ("ERRIE", ERRIE),
+                ("OBL_LAUNCH", OBL_LAUNCH),
+                ("OPTLOCK", OPTLOCK),
+                ("LOCK", LOCK),
+            ],
+        );
+        fields_agree("FLASH", "ECCR", &[("BK_ECC", BK_ECC), ("ECCIE", ECCIE), ("ECCD", ECCD)]);
+    }
 }

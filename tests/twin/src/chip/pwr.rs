@@ -76,4 +76,11 @@ mod tests {
         pwr.reset(0);
         assert!(!pwr.boost());
     }
+
+    #[test]
+    fn fields_are_metapacs() {
+        use crate::metapac::fields_agree;
+
+        fields_agree("PWR", "CR1", &[("DBP", DBP)]);
+    }
 }

@@ -638,4 +638,38 @@ mod tests {
         assert!(rcc.is_on(spi2) && rcc.is_reset(spi2));
         assert!(rcc.is_on(Gate::ahb1(8)), "flash is clocked after reset");
     }
+
+    #[test]
+    fn fields_are_metapacs() {
+        use crate::metapac::fields_agree;
+
+        fields_agree(
+            "RCC",
+            "CR",
+            &[
+                ("HSION", HSION),
+                ("HSIRDY", HSIRDY),
+                ("HSEON", HSEON),
+                ("HSERDY", HSERDY),
+                ("HSEBYP", HSEBYP),
+                ("CSSON", CSSON),
+                ("PLLON", PLLON),
+                ("PLLRDY", PLLRDY),
+            ],
+        );
+        fields_agree("RCC", "CIFR", &[("CSSF", CSSF)]);
+        fields_agree("RCC", "BDCR", &[("RTCEN", RTC_ON_LSI & 1 << 15)]);
+        fields_agree(
+            "RCC",
+            "CSR",
+            &[
+                ("RMVF", RMVF),
+                ("OBLRSTF", Reset::OptionBytes.flags() & !Reset::Pin.flags()),
+                ("PINRSTF", Reset::Pin.flags()),
+                ("BORRSTF", Reset::Power.flags() & !Reset::Pin.flags()),
+                ("SFTRSTF", Reset::Software.flags() & !Reset::Pin.flags()),
+                ("IWDGRSTF", Reset::Watchdog.flags() & !Reset::Pin.flags()),
+            ],
+        );
+    }
 }

@@ -600,4 +600,18 @@ mod tests {
         assert!(tim.write(DIER, 1 << 8, Width::Word, 0).is_err(), "DMA");
         assert!(tim.read(0x3dc, Width::Word, 0).is_err(), "DMA burst");
     }
+
+    #[test]
+    fn fields_are_metapacs() {
+        use crate::metapac::fields_agree;
+
+        fields_agree(
+            "TIM1",
+            "CR1",
+            &[("CEN", CEN), ("UDIS", UDIS), ("URS", URS), ("DIR", DIR), ("ARPE", ARPE), ("UIFREMAP", UIFREMAP)],
+        );
+        fields_agree("TIM1", "SR", &[("UIF", UIF)]);
+        fields_agree("TIM1", "DIER", &[("UIE", UIF), ("CCIE", UIF << 1)]);
+        fields_agree("TIM1", "BDTR", &[("MOE", MOE)]);
+    }
 }
