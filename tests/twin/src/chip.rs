@@ -174,6 +174,42 @@ const BACKUP_SHUT: Unknown = Unknown { what: "the backup domain is not open for 
 /// No block of registers is there.
 pub const NOTHING: Unknown = Unknown { what: "nothing is at this address" };
 
+/// Numbers of the interrupts (RM0440 table 97).
+mod irq {
+    pub const FLASH: u32 = 4;
+    pub const EXTI0: u32 = 6;
+    pub const EXTI1: u32 = 7;
+    pub const EXTI2: u32 = 8;
+    pub const EXTI3: u32 = 9;
+    pub const EXTI4: u32 = 10;
+    pub const ADC1_2: u32 = 18;
+    pub const USB_HP: u32 = 19;
+    pub const USB_LP: u32 = 20;
+    pub const EXTI9_5: u32 = 23;
+    pub const TIM1_BRK_TIM15: u32 = 24;
+    pub const TIM1_UP_TIM16: u32 = 25;
+    pub const TIM1_TRG_COM_TIM17: u32 = 26;
+    pub const TIM1_CC: u32 = 27;
+    pub const TIM2: u32 = 28;
+    pub const TIM3: u32 = 29;
+    pub const TIM4: u32 = 30;
+    pub const SPI2: u32 = 36;
+    pub const EXTI15_10: u32 = 40;
+    pub const USBWAKEUP: u32 = 42;
+    pub const TIM8_UP: u32 = 44;
+    pub const TIM8_CC: u32 = 46;
+    pub const ADC3: u32 = 47;
+    pub const TIM5: u32 = 50;
+    pub const TIM6_DAC: u32 = 54;
+    pub const ADC4: u32 = 61;
+    pub const ADC5: u32 = 62;
+    pub const CRS: u32 = 75;
+    pub const LPUART1: u32 = 91;
+    /// Channels 1 to 8.
+    pub const DMA1: [u32; 8] = [11, 12, 13, 14, 15, 16, 17, 96];
+    pub const DMA2: [u32; 8] = [56, 57, 58, 59, 60, 97, 98, 99];
+}
+
 /// Inputs of TIM2: pin, alternate function, channel (DS12288 table 13).
 pub const TIM2_INPUTS: [(Pin, u8, usize); 11] = [
     (Pin::new('A', 0), 1, 1),
@@ -701,38 +737,38 @@ impl Chip {
     /// The levels of the interrupt lines, bit n for interrupt n.
     pub fn irq_lines(&self) -> u128 {
         use adc::Unit;
-        let dma1 = (0..8).map(|channel| (self.dma1.irq(channel), [11, 12, 13, 14, 15, 16, 17, 96][channel]));
-        let dma2 = (0..8).map(|channel| (self.dma2.irq(channel), [56, 57, 58, 59, 60, 97, 98, 99][channel]));
+        let dma1 = (0..8).map(|channel| (self.dma1.irq(channel), irq::DMA1[channel]));
+        let dma2 = (0..8).map(|channel| (self.dma2.irq(channel), irq::DMA2[channel]));
         let lines = [
-            (self.flash.irq(), 4),
-            (self.exti.requests(1 << 0), 6),
-            (self.exti.requests(1 << 1), 7),
-            (self.exti.requests(1 << 2), 8),
-            (self.exti.requests(1 << 3), 9),
-            (self.exti.requests(1 << 4), 10),
-            (self.adc.irq(Unit::One) || self.adc.irq(Unit::Two), 18),
-            (self.usb.irq_high(), 19),
-            (self.usb.irq_low(), 20),
-            (self.exti.requests(0x3e0), 23),
-            (self.tim15.irq(), 24),
-            (self.tim16.irq() || self.tim1.irq_update(), 25),
-            (self.tim17.irq(), 26),
-            (self.tim1.irq_compare(), 27),
-            (self.tim2.irq(), 28),
-            (self.tim3.irq(), 29),
-            (self.tim4.irq(), 30),
-            (self.spi2.irq(), 36),
-            (self.exti.requests(0xfc00), 40),
-            (self.usb.irq_wakeup() && self.exti.unmasked(18), 42),
-            (self.tim8.irq_update(), 44),
-            (self.tim8.irq_compare(), 46),
-            (self.tim5.irq(), 50),
-            (self.tim6.irq(), 54),
-            (self.adc.irq(Unit::Three), 47),
-            (self.adc.irq(Unit::Four), 61),
-            (self.adc.irq(Unit::Five), 62),
-            (self.crs.irq(), 75),
-            (self.lpuart1.irq(), 91),
+            (self.flash.irq(), irq::FLASH),
+            (self.exti.requests(1 << 0), irq::EXTI0),
+            (self.exti.requests(1 << 1), irq::EXTI1),
+            (self.exti.requests(1 << 2), irq::EXTI2),
+            (self.exti.requests(1 << 3), irq::EXTI3),
+            (self.exti.requests(1 << 4), irq::EXTI4),
+            (self.adc.irq(Unit::One) || self.adc.irq(Unit::Two), irq::ADC1_2),
+            (self.usb.irq_high(), irq::USB_HP),
+            (self.usb.irq_low(), irq::USB_LP),
+            (self.exti.requests(0x3e0), irq::EXTI9_5),
+            (self.tim15.irq(), irq::TIM1_BRK_TIM15),
+            (self.tim16.irq() || self.tim1.irq_update(), irq::TIM1_UP_TIM16),
+            (self.tim17.irq(), irq::TIM1_TRG_COM_TIM17),
+            (self.tim1.irq_compare(), irq::TIM1_CC),
+            (self.tim2.irq(), irq::TIM2),
+            (self.tim3.irq(), irq::TIM3),
+            (self.tim4.irq(), irq::TIM4),
+            (self.spi2.irq(), irq::SPI2),
+            (self.exti.requests(0xfc00), irq::EXTI15_10),
+            (self.usb.irq_wakeup() && self.exti.unmasked(18), irq::USBWAKEUP),
+            (self.tim8.irq_update(), irq::TIM8_UP),
+            (self.tim8.irq_compare(), irq::TIM8_CC),
+            (self.tim5.irq(), irq::TIM5),
+            (self.tim6.irq(), irq::TIM6_DAC),
+            (self.adc.irq(Unit::Three), irq::ADC3),
+            (self.adc.irq(Unit::Four), irq::ADC4),
+            (self.adc.irq(Unit::Five), irq::ADC5),
+            (self.crs.irq(), irq::CRS),
+            (self.lpuart1.irq(), irq::LPUART1),
         ];
         lines.into_iter().chain(dma1).chain(dma2).fold(0, |levels, (level, line)| levels | u128::from(level) << line)
     }
@@ -973,5 +1009,70 @@ mod tests {
         assert_eq!(at(0x4002_100c, 3 | 1 << 4 | 28 << 8 | 1 << 24, 40_000), Ok(()));
         assert_eq!(at(0x4002_1000, 0x101_0100, 40_000), Ok(()));
         assert!(at(0x4002_1008, 3, 50_000).is_err());
+    }
+
+    #[test]
+    fn interrupts_have_metapacs_numbers() {
+        let metapac = stm32_metapac::metadata::METADATA.interrupts;
+        let number = |name: &str| metapac.iter().find(|one| one.name == name).map(|one| one.number);
+        for (name, ours) in [
+            ("FLASH", irq::FLASH),
+            ("EXTI0", irq::EXTI0),
+            ("EXTI1", irq::EXTI1),
+            ("EXTI2", irq::EXTI2),
+            ("EXTI3", irq::EXTI3),
+            ("EXTI4", irq::EXTI4),
+            ("ADC1_2", irq::ADC1_2),
+            ("USB_HP", irq::USB_HP),
+            ("USB_LP", irq::USB_LP),
+            ("EXTI9_5", irq::EXTI9_5),
+            ("TIM1_BRK_TIM15", irq::TIM1_BRK_TIM15),
+            ("TIM1_UP_TIM16", irq::TIM1_UP_TIM16),
+            ("TIM1_TRG_COM_TIM17", irq::TIM1_TRG_COM_TIM17),
+            ("TIM1_CC", irq::TIM1_CC),
+            ("TIM2", irq::TIM2),
+            ("TIM3", irq::TIM3),
+            ("TIM4", irq::TIM4),
+            ("SPI2", irq::SPI2),
+            ("EXTI15_10", irq::EXTI15_10),
+            ("USBWAKEUP", irq::USBWAKEUP),
+            ("TIM8_UP", irq::TIM8_UP),
+            ("TIM8_CC", irq::TIM8_CC),
+            ("ADC3", irq::ADC3),
+            ("TIM5", irq::TIM5),
+            ("TIM6_DAC", irq::TIM6_DAC),
+            ("ADC4", irq::ADC4),
+            ("ADC5", irq::ADC5),
+            ("CRS", irq::CRS),
+            ("LPUART1", irq::LPUART1),
+        ] {
+            assert_eq!(Some(ours), number(name), "{name}");
+        }
+        for channel in 0..8 {
+            for (dma, ours) in [("DMA1", irq::DMA1), ("DMA2", irq::DMA2)] {
+                let name = format!("{dma}_CHANNEL{}", channel + 1);
+                assert_eq!(Some(ours[channel]), number(&name), "{name}");
+            }
+        }
+    }
+
+    #[test]
+    fn pins_of_the_serial_link_and_of_the_converters_are_metapacs() {
+        use crate::metapac::peripheral;
+        let has = |of: &str, pin: Pin, signal: &str, function: Option<u8>| {
+            let name = format!("P{}{}", char::from(b'A' + pin.port as u8), pin.number);
+            peripheral(of).pins.iter().any(|one| one.pin == name && one.signal == signal && one.af == function)
+        };
+        let Mode::Alternate(function) = LPUART1_FUNCTION else { panic!("a function of its own") };
+        assert!(has("LPUART1", Board::NUCLEO.serial_tx, "TX", Some(function)));
+        assert!(has("LPUART1", Board::NUCLEO.serial_rx, "RX", Some(function)));
+        let mut inputs = 0;
+        for (name, unit) in ["ADC1", "ADC2", "ADC3", "ADC4", "ADC5"].into_iter().zip(adc::Unit::ALL) {
+            for (channel, pin) in unit.pins() {
+                assert!(has(name, pin, &format!("IN{channel}"), None), "{name} {channel}");
+                inputs += 1;
+            }
+        }
+        assert_eq!(inputs, 4, "force and terminal at ADC1 and ADC2");
     }
 }

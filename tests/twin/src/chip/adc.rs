@@ -203,6 +203,15 @@ impl Unit {
         self as usize
     }
 
+    /// The channels that lead to pins.
+    #[cfg(test)]
+    pub(super) fn pins(self) -> impl Iterator<Item = (u8, Pin)> {
+        (0..=18).filter_map(move |channel| match self.signal(channel)? {
+            Signal::Pin(pin) => Some((channel, pin)),
+            _ => None,
+        })
+    }
+
     /// What is connected to a channel, if anything is (DS12288, pin definitions; RM0440 figures 82 to 86).
     const fn signal(self, channel: u8) -> Option<Signal> {
         match (self, channel) {
