@@ -10,10 +10,10 @@ pub const VARIABLE: &str = "INERTER_FOREIGN";
 /// The crate whose examples are run as they were published.
 const PUBLISHED: &str = "stm32g4xx-hal";
 /// The programs that are ours.
-pub const OWN: &str = "inerter-foreign";
+const OWN: &str = "inerter-foreign";
 
 /// Where their workspace lies.
-pub fn folder() -> PathBuf {
+fn folder() -> PathBuf {
     Part::Twin.folder().join("foreign")
 }
 

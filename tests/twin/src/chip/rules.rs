@@ -14,6 +14,6 @@ pub enum Rules {
     /// - A system clock that is chosen before it runs is used from when it does (RM0440 7.2.6).
     /// - The core may jump over 80 MHz, and a PLL that nobody uses may be out of its range.
     /// - The converters' regulator is used before it has settled.
-    /// - The data cache is not reset while it is on, and keeps nothing that has changed.
+    /// - The data cache is not reset while it is on. What it may keep of flash that has changed is not modelled.
     AsOnTheChip,
 }
