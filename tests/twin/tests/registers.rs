@@ -2,8 +2,6 @@
 //! clock gates, interrupts, DMA requests, pins) and `stm32g4` (ST's SVD as stm32-rs mends it: addresses, reset values).
 //!
 //! What differs stands below, a line each with the reason. A line whose difference is gone fails as well.
-//! RM0440's sections are cited from memory of those who wrote the models: where the two descriptions disagree, the third
-//! witness is named.
 
 #[path = "../src/metapac.rs"]
 mod metapac;
