@@ -1,6 +1,6 @@
 //! The images: how they are compiled on this machine, and how QEMU's is started.
 
-use crate::{process, setup, toolchain::Toolchain, tree};
+use crate::{foreign, process, setup, toolchain::Toolchain, tree};
 use anyhow::{Context, Result};
 use serde_json::Value;
 use std::{
@@ -67,16 +67,18 @@ impl Image {
     }
 }
 
+/// The compiler of the images, installed where there is none.
+fn compiler() -> Result<Toolchain> {
+    if let Some(toolchain) = Toolchain::find() {
+        return Ok(toolchain);
+    }
+    setup::ensure(&[setup::Need::Firmware], false)?;
+    Toolchain::find().context("no compiler for the firmware")
+}
+
 /// Builds the image and returns where it lies.
 pub fn build(image: Image) -> Result<PathBuf> {
-    let toolchain = match Toolchain::find() {
-        Some(toolchain) => toolchain,
-        None => {
-            setup::ensure(&[setup::Need::Firmware], false)?;
-            Toolchain::find().context("no compiler for the firmware")?
-        }
-    };
-    let mut command = toolchain.cargo("build");
+    let mut command = compiler()?.cargo("build");
     if image != Image::Qemu {
         command.current_dir(tree::root().join(BOARD_FOLDER));
     }
@@ -92,9 +94,11 @@ pub fn build(image: Image) -> Result<PathBuf> {
     Ok(own)
 }
 
-/// Builds all images: the variables that name them, and where they lie.
+/// Builds all images, and the programs of others: the variables that name them, and where they lie.
 pub fn build_all() -> Result<Vec<(&'static str, PathBuf)>> {
-    Image::ALL.into_iter().map(|image| Ok((image.variable(), build(image)?))).collect()
+    let foreign = (foreign::VARIABLE, foreign::build(&compiler()?)?);
+    let images = Image::ALL.into_iter().map(|image| Ok((image.variable(), build(image)?)));
+    images.chain([Ok(foreign)]).collect()
 }
 
 /// Builds all images and prints where they lie.

@@ -12,6 +12,7 @@ mod data;
 mod demo;
 mod files;
 mod firmware;
+mod foreign;
 mod guest;
 mod icount;
 mod imports;

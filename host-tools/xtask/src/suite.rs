@@ -1,7 +1,7 @@
 //! Everything that continuous integration asks for, in order, with a summary at the end.
 
 use crate::{
-    accuracy, arrows, firmware, guest, icount, panics, process, python, setup, size, table,
+    accuracy, arrows, firmware, foreign, guest, icount, panics, process, python, setup, size, table,
     toolchain::Toolchain,
     tree,
     workspace::{Part, Workspace},
@@ -261,6 +261,7 @@ fn lint_firmware() -> Result<()> {
         command.args(["--package", package]);
     }
     process::run(command.args(denied))?;
+    foreign::lint(&toolchain)?;
     // What a stranger's firmware would write.
     let mut command = toolchain.cargo("clippy");
     command.args(["--locked", "--package", "inerter-core", "--example", "firmware"]);

@@ -24,6 +24,7 @@ pub mod pwr;
 pub mod ram;
 pub mod rcc;
 pub mod rom;
+pub mod rules;
 mod run;
 pub mod spi;
 pub mod syscfg;
@@ -39,6 +40,7 @@ use gpio::{Gpio, Mode};
 pub use pin::Pin;
 use ram::Ram;
 use rcc::{Gate, Reset};
+use rules::Rules;
 use tim::{Kind, Tim};
 
 /// First address of SRAM1.
@@ -159,15 +161,58 @@ const BLOCKS: [Block; 33] = [
 const ADC345: std::ops::Range<u32> = 0x5000_0400..0x5000_0800;
 const ADC345_GATE: Gate = Gate::ahb2(14);
 
+/// Each word stands for one bit of the first megabyte of peripherals.
+const BIT_BAND: std::ops::Range<u32> = 0x4200_0000..0x4400_0000;
+
 /// RCC_BDCR, which lies in the backup domain.
 const RCC_BDCR: u32 = 0x4002_1090;
+/// RCC_CFGR, which chooses the system clock.
+const RCC_CFGR: u32 = 0x4002_1008;
 
-const CLOCK_OFF: Unknown = Unknown { what: "the peripheral's clock is off" };
+/// A peripheral whose gate in RCC is shut.
+pub const CLOCK_OFF: Unknown = Unknown { what: "the peripheral's clock is off" };
 const BACKUP_SHUT: Unknown = Unknown { what: "the backup domain is not open for writing (PWR_CR1.DBP)" };
-const NOTHING: Unknown = Unknown { what: "nothing is at this address" };
+/// No block of registers is there.
+pub const NOTHING: Unknown = Unknown { what: "nothing is at this address" };
+
+/// Numbers of the interrupts (RM0440 table 97).
+mod irq {
+    pub const FLASH: u32 = 4;
+    pub const EXTI0: u32 = 6;
+    pub const EXTI1: u32 = 7;
+    pub const EXTI2: u32 = 8;
+    pub const EXTI3: u32 = 9;
+    pub const EXTI4: u32 = 10;
+    pub const ADC1_2: u32 = 18;
+    pub const USB_HP: u32 = 19;
+    pub const USB_LP: u32 = 20;
+    pub const EXTI9_5: u32 = 23;
+    pub const TIM1_BRK_TIM15: u32 = 24;
+    pub const TIM1_UP_TIM16: u32 = 25;
+    pub const TIM1_TRG_COM_TIM17: u32 = 26;
+    pub const TIM1_CC: u32 = 27;
+    pub const TIM2: u32 = 28;
+    pub const TIM3: u32 = 29;
+    pub const TIM4: u32 = 30;
+    pub const SPI2: u32 = 36;
+    pub const EXTI15_10: u32 = 40;
+    pub const USBWAKEUP: u32 = 42;
+    pub const TIM8_UP: u32 = 44;
+    pub const TIM8_CC: u32 = 46;
+    pub const ADC3: u32 = 47;
+    pub const TIM5: u32 = 50;
+    pub const TIM6_DAC: u32 = 54;
+    pub const ADC4: u32 = 61;
+    pub const ADC5: u32 = 62;
+    pub const CRS: u32 = 75;
+    pub const LPUART1: u32 = 91;
+    /// Channels 1 to 8.
+    pub const DMA1: [u32; 8] = [11, 12, 13, 14, 15, 16, 17, 96];
+    pub const DMA2: [u32; 8] = [56, 57, 58, 59, 60, 97, 98, 99];
+}
 
 /// Inputs of TIM2: pin, alternate function, channel (DS12288 table 13).
-const TIM2_INPUTS: [(Pin, u8, usize); 11] = [
+pub const TIM2_INPUTS: [(Pin, u8, usize); 11] = [
     (Pin::new('A', 0), 1, 1),
     (Pin::new('A', 5), 1, 1),
     (Pin::new('A', 15), 1, 1),
@@ -253,6 +298,8 @@ pub struct Chip {
     pub light: Vec<(Cycles, bool)>,
     /// Where the chip differs from its manual.
     errata: Errata,
+    /// What becomes of a program that does what it should not.
+    rules: Rules,
     /// What went wrong in the signal path; it stands still from then on.
     path_fault: Option<BadAccess>,
     /// Nothing happens by itself before this moment.
@@ -285,8 +332,8 @@ impl Chip {
             tim5: Tim::new(Kind::Wide),
             tim8: Tim::new(Kind::Advanced),
             tim15: Tim::new(Kind::Small),
-            tim16: Tim::new(Kind::Small),
-            tim17: Tim::new(Kind::Small),
+            tim16: Tim::new(Kind::Single),
+            tim17: Tim::new(Kind::Single),
             dma1: Default::default(),
             dma2: Default::default(),
             dmamux: Default::default(),
@@ -297,6 +344,7 @@ impl Chip {
             usb: Default::default(),
             light: Vec::new(),
             errata: Errata::NONE,
+            rules: Rules::Enforced,
             path_fault: None,
             due: 0,
         }
@@ -358,6 +406,9 @@ impl Chip {
     pub(crate) fn bus_read(&mut self, address: u32, width: Width, now: Cycles) -> Result<u32, BadAccess> {
         let bad =
             |peripheral, offset, Unknown { what }| BadAccess { address, peripheral, offset, width, value: None, what };
+        if let Some((word, bit)) = bit_band(address) {
+            return Ok(self.bus_read(word, Width::Word, now)? >> bit & 1);
+        }
         match find(address) {
             Some(block) => {
                 let offset = address - block.start;
@@ -381,6 +432,12 @@ impl Chip {
             value: Some(value),
             what,
         };
+        if let Some((word, bit)) = bit_band(address) {
+            // A whole word is read and written, whatever the width of the access (DDI 0439, 3.7).
+            let old = self.bus_read(word, Width::Word, now)?;
+            let new = old & !(1 << bit) | (value & 1) << bit;
+            return self.bus_write(word, new, Width::Word, now);
+        }
         match find(address) {
             Some(block) => {
                 let offset = address - block.start;
@@ -402,7 +459,12 @@ impl Chip {
 
     fn read_register(&mut self, block: &Block, offset: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
         if !self.is_clocked(block, offset) {
-            return Err(CLOCK_OFF);
+            match (self.rules, block.peripheral) {
+                (Rules::Enforced, _) => return Err(CLOCK_OFF),
+                // Its registers lie in a domain that always runs.
+                (Rules::AsOnTheChip, Peripheral::Pwr) => {}
+                (Rules::AsOnTheChip, _) => return Ok(0),
+            }
         }
         if block.peripheral == Peripheral::Tim2 {
             self.latch_encoder(now);
@@ -418,12 +480,16 @@ impl Chip {
         width: Width,
         now: Cycles,
     ) -> Result<(), Unknown> {
-        if !self.is_clocked(block, offset) {
-            return Err(CLOCK_OFF);
+        let in_backup = block.peripheral == Peripheral::Tamp || block.start + offset == RCC_BDCR;
+        let refused = match (self.is_clocked(block, offset), in_backup && !self.pwr.backup_is_open()) {
+            (false, _) => Some(CLOCK_OFF),
+            (true, true) => Some(BACKUP_SHUT),
+            (true, false) => None,
+        };
+        if let Some(what) = refused {
+            return if self.rules == Rules::Enforced { Err(what) } else { Ok(()) };
         }
         match block.peripheral {
-            Peripheral::Tamp if !self.pwr.backup_is_open() => Err(BACKUP_SHUT),
-            Peripheral::Rcc if block.start + offset == RCC_BDCR && !self.pwr.backup_is_open() => Err(BACKUP_SHUT),
             Peripheral::Rcc => {
                 self.rcc.write(offset, value, width, now)?;
                 self.reset_held(now);
@@ -482,6 +548,14 @@ impl Chip {
         self.adc.set_errata(errata);
         self.rcc.set_errata(errata);
         self.spi2.set_errata(errata);
+    }
+
+    /// How strictly the program is taken from now on; a new chip enforces the rules.
+    pub fn set_rules(&mut self, rules: Rules) {
+        self.rules = rules;
+        self.rcc.set_rules(rules);
+        self.flash.set_rules(rules);
+        self.adc.set_rules(rules);
     }
 
     /// Where the chip differs from its manual.
@@ -595,36 +669,38 @@ impl Chip {
     /// The levels of the interrupt lines, bit n for interrupt n.
     pub fn irq_lines(&self) -> u128 {
         use adc::Unit;
-        let dma1 = (0..8).map(|channel| (self.dma1.irq(channel), [11, 12, 13, 14, 15, 16, 17, 96][channel]));
-        let dma2 = (0..8).map(|channel| (self.dma2.irq(channel), [56, 57, 58, 59, 60, 97, 98, 99][channel]));
+        let dma1 = (0..8).map(|channel| (self.dma1.irq(channel), irq::DMA1[channel]));
+        let dma2 = (0..8).map(|channel| (self.dma2.irq(channel), irq::DMA2[channel]));
         let lines = [
-            (self.flash.irq(), 4),
-            (self.exti.requests(1 << 0), 6),
-            (self.exti.requests(1 << 1), 7),
-            (self.exti.requests(1 << 2), 8),
-            (self.exti.requests(1 << 3), 9),
-            (self.exti.requests(1 << 4), 10),
-            (self.adc.irq(Unit::One) || self.adc.irq(Unit::Two), 18),
-            (self.usb.irq_high(), 19),
-            (self.usb.irq_low(), 20),
-            (self.exti.requests(0x3e0), 23),
-            (self.tim15.irq() || self.tim1.irq(), 24),
-            (self.tim16.irq(), 25),
-            (self.tim17.irq(), 26),
-            (self.tim2.irq(), 28),
-            (self.tim3.irq(), 29),
-            (self.tim4.irq(), 30),
-            (self.spi2.irq(), 36),
-            (self.exti.requests(0xfc00), 40),
-            (self.usb.irq_wakeup() && self.exti.unmasked(18), 42),
-            (self.tim8.irq(), 44),
-            (self.tim5.irq(), 50),
-            (self.tim6.irq(), 54),
-            (self.adc.irq(Unit::Three), 47),
-            (self.adc.irq(Unit::Four), 61),
-            (self.adc.irq(Unit::Five), 62),
-            (self.crs.irq(), 75),
-            (self.lpuart1.irq(), 91),
+            (self.flash.irq(), irq::FLASH),
+            (self.exti.requests(1 << 0), irq::EXTI0),
+            (self.exti.requests(1 << 1), irq::EXTI1),
+            (self.exti.requests(1 << 2), irq::EXTI2),
+            (self.exti.requests(1 << 3), irq::EXTI3),
+            (self.exti.requests(1 << 4), irq::EXTI4),
+            (self.adc.irq(Unit::One) || self.adc.irq(Unit::Two), irq::ADC1_2),
+            (self.usb.irq_high(), irq::USB_HP),
+            (self.usb.irq_low(), irq::USB_LP),
+            (self.exti.requests(0x3e0), irq::EXTI9_5),
+            (self.tim15.irq(), irq::TIM1_BRK_TIM15),
+            (self.tim16.irq() || self.tim1.irq_update(), irq::TIM1_UP_TIM16),
+            (self.tim17.irq(), irq::TIM1_TRG_COM_TIM17),
+            (self.tim1.irq_compare(), irq::TIM1_CC),
+            (self.tim2.irq(), irq::TIM2),
+            (self.tim3.irq(), irq::TIM3),
+            (self.tim4.irq(), irq::TIM4),
+            (self.spi2.irq(), irq::SPI2),
+            (self.exti.requests(0xfc00), irq::EXTI15_10),
+            (self.usb.irq_wakeup() && self.exti.unmasked(18), irq::USBWAKEUP),
+            (self.tim8.irq_update(), irq::TIM8_UP),
+            (self.tim8.irq_compare(), irq::TIM8_CC),
+            (self.tim5.irq(), irq::TIM5),
+            (self.tim6.irq(), irq::TIM6_DAC),
+            (self.adc.irq(Unit::Three), irq::ADC3),
+            (self.adc.irq(Unit::Four), irq::ADC4),
+            (self.adc.irq(Unit::Five), irq::ADC5),
+            (self.crs.irq(), irq::CRS),
+            (self.lpuart1.irq(), irq::LPUART1),
         ];
         lines.into_iter().chain(dma1).chain(dma2).fold(0, |levels, (level, line)| levels | u128::from(level) << line)
     }
@@ -643,6 +719,12 @@ impl Chip {
 fn find(address: u32) -> Option<&'static Block> {
     let behind = BLOCKS.partition_point(|block| block.start <= address);
     BLOCKS[..behind].last().filter(|block| address < block.end)
+}
+
+/// The word and the bit in it that an address of the peripherals' bit-band alias stands for (RM0440 2.3).
+fn bit_band(address: u32) -> Option<(u32, u32)> {
+    let offset = address.checked_sub(BIT_BAND.start).filter(|_| address < BIT_BAND.end)?;
+    Some((0x4000_0000 + ((offset / 32) & !3), offset / 4 % 32))
 }
 
 fn in_flash(address: u32) -> bool {
@@ -714,6 +796,49 @@ mod tests {
         // Held in reset.
         write(&mut chip, ENABLES[1] - 0x20, 1);
         assert!(chip.read(0x4000_0024, Width::Word, 0).is_err());
+    }
+
+    #[test]
+    fn a_program_of_others_finds_the_chips_answer_where_ours_would_end() {
+        let mut chip = chip();
+        chip.set_rules(Rules::AsOnTheChip);
+        // TIM2_ARR, which is all ones after reset.
+        write(&mut chip, 0x4000_002c, 7);
+        assert_eq!(chip.read(0x4000_002c, Width::Word, 0), Ok(0));
+        write(&mut chip, ENABLES[1], 1);
+        assert_eq!(chip.read(0x4000_002c, Width::Word, 0), Ok(u32::MAX), "the write was ignored");
+        // PWR_CR1 with its gate shut.
+        write(&mut chip, 0x4000_7000, 0x300);
+        assert_eq!(chip.read(0x4000_7000, Width::Word, 0), Ok(0x200));
+        // RCC_BDCR while the backup domain is shut.
+        write(&mut chip, RCC_BDCR, 1 << 15);
+        assert_eq!(chip.read(RCC_BDCR, Width::Word, 0), Ok(0));
+    }
+
+    #[test]
+    fn a_word_of_the_bit_band_alias_is_one_bit() {
+        let mut chip = chip();
+        // Bit 5 of RCC_AHB2ENR, the gate of port F.
+        let alias = 0x4200_0000 + (ENABLES[0] - 0x4000_0000) * 32 + 4 * 5;
+        write(&mut chip, ENABLES[0], 1);
+        write(&mut chip, alias, 0xffff_ffff);
+        assert_eq!(chip.read(ENABLES[0], Width::Word, 0), Ok(1 << 5 | 1));
+        assert_eq!((chip.read(alias, Width::Word, 0), chip.read(alias - 4, Width::Word, 0)), (Ok(1), Ok(0)));
+        write(&mut chip, alias, 2);
+        assert_eq!(chip.read(ENABLES[0], Width::Word, 0), Ok(1));
+    }
+
+    #[test]
+    fn a_clock_that_is_not_ready_is_waited_for() {
+        let mut chip = clocked();
+        chip.set_rules(Rules::AsOnTheChip);
+        write(&mut chip, 0x4002_1008, 2);
+        assert_eq!(chip.clocks.hclk_hz, 16e6, "HSE is off");
+        write(&mut chip, 0x4002_1000, 0x1_0100);
+        assert_eq!(chip.next_event(), Some(32_000));
+        chip.advance(32_000);
+        assert_eq!(chip.clocks.hclk_hz, 24e6);
+        assert_eq!(chip.read(0x4002_1008, Width::Word, 32_000), Ok(2 << 2 | 2));
     }
 
     #[test]
@@ -816,5 +941,70 @@ mod tests {
         assert_eq!(at(0x4002_100c, 3 | 1 << 4 | 28 << 8 | 1 << 24, 40_000), Ok(()));
         assert_eq!(at(0x4002_1000, 0x101_0100, 40_000), Ok(()));
         assert!(at(0x4002_1008, 3, 50_000).is_err());
+    }
+
+    #[test]
+    fn interrupts_have_metapacs_numbers() {
+        let metapac = stm32_metapac::metadata::METADATA.interrupts;
+        let number = |name: &str| metapac.iter().find(|one| one.name == name).map(|one| one.number);
+        for (name, ours) in [
+            ("FLASH", irq::FLASH),
+            ("EXTI0", irq::EXTI0),
+            ("EXTI1", irq::EXTI1),
+            ("EXTI2", irq::EXTI2),
+            ("EXTI3", irq::EXTI3),
+            ("EXTI4", irq::EXTI4),
+            ("ADC1_2", irq::ADC1_2),
+            ("USB_HP", irq::USB_HP),
+            ("USB_LP", irq::USB_LP),
+            ("EXTI9_5", irq::EXTI9_5),
+            ("TIM1_BRK_TIM15", irq::TIM1_BRK_TIM15),
+            ("TIM1_UP_TIM16", irq::TIM1_UP_TIM16),
+            ("TIM1_TRG_COM_TIM17", irq::TIM1_TRG_COM_TIM17),
+            ("TIM1_CC", irq::TIM1_CC),
+            ("TIM2", irq::TIM2),
+            ("TIM3", irq::TIM3),
+            ("TIM4", irq::TIM4),
+            ("SPI2", irq::SPI2),
+            ("EXTI15_10", irq::EXTI15_10),
+            ("USBWAKEUP", irq::USBWAKEUP),
+            ("TIM8_UP", irq::TIM8_UP),
+            ("TIM8_CC", irq::TIM8_CC),
+            ("ADC3", irq::ADC3),
+            ("TIM5", irq::TIM5),
+            ("TIM6_DAC", irq::TIM6_DAC),
+            ("ADC4", irq::ADC4),
+            ("ADC5", irq::ADC5),
+            ("CRS", irq::CRS),
+            ("LPUART1", irq::LPUART1),
+        ] {
+            assert_eq!(Some(ours), number(name), "{name}");
+        }
+        for channel in 0..8 {
+            for (dma, ours) in [("DMA1", irq::DMA1), ("DMA2", irq::DMA2)] {
+                let name = format!("{dma}_CHANNEL{}", channel + 1);
+                assert_eq!(Some(ours[channel]), number(&name), "{name}");
+            }
+        }
+    }
+
+    #[test]
+    fn pins_of_the_serial_link_and_of_the_converters_are_metapacs() {
+        use crate::metapac::peripheral;
+        let has = |of: &str, pin: Pin, signal: &str, function: Option<u8>| {
+            let name = format!("P{}{}", char::from(b'A' + pin.port as u8), pin.number);
+            peripheral(of).pins.iter().any(|one| one.pin == name && one.signal == signal && one.af == function)
+        };
+        let Mode::Alternate(function) = LPUART1_FUNCTION else { panic!("a function of its own") };
+        assert!(has("LPUART1", Board::NUCLEO.serial_tx, "TX", Some(function)));
+        assert!(has("LPUART1", Board::NUCLEO.serial_rx, "RX", Some(function)));
+        let mut inputs = 0;
+        for (name, unit) in ["ADC1", "ADC2", "ADC3", "ADC4", "ADC5"].into_iter().zip(adc::Unit::ALL) {
+            for (channel, pin) in unit.pins() {
+                assert!(has(name, pin, &format!("IN{channel}"), None), "{name} {channel}");
+                inputs += 1;
+            }
+        }
+        assert_eq!(inputs, 4, "force and terminal at ADC1 and ADC2");
     }
 }

@@ -24,6 +24,8 @@ pub mod chip;
 pub mod cpu;
 pub mod elf;
 pub mod machine;
+#[cfg(test)]
+mod metapac;
 pub mod nvic;
 pub mod registers;
 pub mod serial_link;

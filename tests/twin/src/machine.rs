@@ -15,7 +15,7 @@
 
 use crate::{
     Board, Cycles, Width, World,
-    chip::{Chip, errata::Errata, flash, rcc::Reset, rom},
+    chip::{Chip, errata::Errata, flash, rcc::Reset, rom, rules::Rules},
     cpu::{Cpu, Faults, Place, Stop},
     elf::{Elf, ElfError},
 };
@@ -123,11 +123,13 @@ pub struct Options {
     pub faults: Faults,
     /// Where the chip differs from its manual.
     pub errata: Errata,
+    /// What becomes of a program that does what it should not.
+    pub rules: Rules,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { board: Board::NUCLEO, seed: 1, faults: Faults::EndTheRun, errata: Errata::ALL }
+        Self { board: Board::NUCLEO, seed: 1, faults: Faults::EndTheRun, errata: Errata::ALL, rules: Rules::Enforced }
     }
 }
 
@@ -154,6 +156,7 @@ impl Machine {
     fn with_segments(elf: Elf, options: Options, world: Box<dyn World>) -> Result<Self, StartError> {
         let mut chip = Chip::new(options.board, world);
         chip.set_errata(options.errata);
+        chip.set_rules(options.rules);
         for (address, bytes) in elf.segments() {
             if !chip.flash.load(*address, bytes) {
                 return Err(StartError::Outside { address: *address, len: bytes.len() });
@@ -362,10 +365,21 @@ const SLICE: Cycles = 16_000;
 /// An image that the environment names or `cargo build --release` left; where there is none, the test is skipped
 /// ([`inerter_needs::or_skip`]).
 pub fn image(variable: &str, built: &str) -> Option<Vec<u8>> {
-    let path = match std::env::var_os(variable) {
-        Some(path) => PathBuf::from(path),
-        None => PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../target/thumbv7em-none-eabihf").join(built),
-    };
+    read(std::env::var_os(variable).map_or_else(|| built_here(built), PathBuf::from))
+}
+
+/// The same, of the folder that the environment names.
+pub fn image_in(variable: &str, built: &str) -> Option<Vec<u8>> {
+    let own = built_here(built);
+    let named = std::env::var_os(variable).map(PathBuf::from).zip(own.file_name().map(PathBuf::from));
+    read(named.map_or(own, |(folder, name)| folder.join(name)))
+}
+
+fn built_here(built: &str) -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../target/thumbv7em-none-eabihf").join(built)
+}
+
+fn read(path: PathBuf) -> Option<Vec<u8>> {
     let read = std::fs::read(&path);
     inerter_needs::or_skip(
         read.map_err(|error| format!("{}: {error}; `cargo xtask build-firmware` makes it", path.display())),

@@ -30,7 +30,7 @@ pub trait Socket {
     fn set_supply(&mut self, on: bool);
 }
 
-/// Bytes of a full packet of control and bulk endpoints at full speed.
+/// Bytes of a full packet of bulk endpoints at full speed, and the most of control endpoints.
 const FULL_PACKET: usize = 64;
 /// Bus address given to the device.
 const ADDRESS: u8 = 9;
@@ -155,6 +155,8 @@ struct Running {
     received: Vec<u8>,
     sent: usize,
     strikes: u32,
+    /// Bytes of a full packet.
+    full: usize,
 }
 
 /// What one packet did.
@@ -190,6 +192,8 @@ pub struct UsbHost {
     frame_s: f64,
     description: Option<Description>,
     pause_s: f64,
+    /// Bytes of a full packet of endpoint 0, as the device says.
+    control_packet: usize,
 }
 
 impl Default for UsbHost {
@@ -211,6 +215,7 @@ impl UsbHost {
             frame_s: 1e-3,
             description: None,
             pause_s: PAUSE_S,
+            control_packet: FULL_PACKET,
         }
     }
 
@@ -286,7 +291,10 @@ impl UsbHost {
 
     /// Gives the device an address, reads its descriptors and configures it, in the order of Linux.
     pub fn enumerate(&mut self, socket: &mut impl Socket) -> Result<Description, UsbError> {
-        self.get_descriptor(socket, 1, 0, 0, 64)?;
+        // Its eighth byte says how long packets are here; it comes with the first, however short that is.
+        self.control_packet = FULL_PACKET;
+        let head = self.get_descriptor(socket, 1, 0, 0, 64)?;
+        self.control_packet = descriptors::control_packet(&head)?;
         self.reset(socket)?;
         self.set_address(socket)?;
         let device = self.get_descriptor(socket, 1, 0, 0, 18)?;
@@ -418,6 +426,7 @@ impl UsbHost {
             received: Vec::new(),
             sent: 0,
             strikes: 0,
+            full: if pipe == 0 { self.control_packet } else { FULL_PACKET },
         };
         self.pipes[pipe].queue.push_back(running);
         number
@@ -524,14 +533,21 @@ impl UsbHost {
         let (answer, sent, step) = match running.transfer {
             Transfer::Control(setup, ref data) => {
                 let data = data.get(..usize::from(setup.length)).unwrap_or(data);
-                control_packet(running.stage, setup, data, running.sent, running.toggle, usb, address)
+                control_packet(
+                    running.stage,
+                    setup,
+                    next_packet(data, running.sent, running.full),
+                    running.toggle,
+                    usb,
+                    address,
+                )
             }
             Transfer::In(endpoint, _) => {
                 let answer = usb.ask(address, endpoint & 0xF);
                 (answer, 0, PacketKind::In { number: endpoint & 0xF, toggle: *toggle })
             }
             Transfer::Out(endpoint, ref data, _) => {
-                let packet = next_packet(data, running.sent);
+                let packet = next_packet(data, running.sent, running.full);
                 (usb.send(address, endpoint & 0xF, *toggle, packet), packet.len(), PacketKind::Out)
             }
         };
@@ -549,16 +565,15 @@ enum PacketKind {
     In { number: u8, toggle: Toggle },
 }
 
-fn next_packet(data: &[u8], sent: usize) -> &[u8] {
+fn next_packet(data: &[u8], sent: usize, full: usize) -> &[u8] {
     let rest = data.get(sent..).unwrap_or_default();
-    rest.get(..FULL_PACKET).unwrap_or(rest)
+    rest.get(..full).unwrap_or(rest)
 }
 
 fn control_packet(
     stage: Stage,
     setup: Setup,
-    data: &[u8],
-    sent: usize,
+    packet: &[u8],
     toggle: Toggle,
     usb: &mut Usb,
     address: u8,
@@ -568,10 +583,7 @@ fn control_packet(
     match stage {
         Stage::Setup => (usb.setup(address, &setup.bytes()), 8, PacketKind::Setup),
         Stage::Data if reads => (usb.ask(address, 0), 0, PacketKind::In { number: 0, toggle }),
-        Stage::Data => {
-            let packet = next_packet(data, sent);
-            (usb.send(address, 0, toggle, packet), packet.len(), PacketKind::Out)
-        }
+        Stage::Data => (usb.send(address, 0, toggle, packet), packet.len(), PacketKind::Out),
         Stage::Status if reads => (usb.send(address, 0, Toggle::Data1, &[]), 0, PacketKind::Out),
         Stage::Status => (usb.ask(address, 0), 0, PacketKind::In { number: 0, toggle: Toggle::Data1 }),
     }
@@ -607,7 +619,7 @@ impl Running {
             }
         };
         self.strikes = 0;
-        let short = data.len() < FULL_PACKET;
+        let short = data.len() < self.full;
         match self.transfer {
             Transfer::Control(setup, _) => self.take_control(setup, sent, data, short),
             Transfer::In(_, most) => {
@@ -622,7 +634,7 @@ impl Running {
             Transfer::Out(_, ref data, close) => {
                 *of_pipe = of_pipe.flipped();
                 self.sent += sent;
-                let full = sent == FULL_PACKET && close;
+                let full = sent == self.full && close;
                 if self.sent >= data.len() && !full { Step::Ends(Ok(())) } else { Step::Moved }
             }
         }

@@ -23,6 +23,7 @@ use super::clocks::Clocks;
 use super::dmamux::Request;
 use super::errata::Errata;
 use super::pin::Pin;
+use super::rules::Rules;
 use crate::registers::Storage;
 use crate::{Cycles, Registers, Unknown, Width};
 
@@ -94,6 +95,7 @@ mod cfgr {
     pub const OVRMOD: u32 = 1 << 12;
     pub const CONT: u32 = 1 << 13;
     pub const JQDIS: u32 = 1 << 31;
+    pub const RESERVED: u32 = 1 << 2;
     /// RES, AUTDLY, ALIGN, DISCEN, JDISCEN, AWD1EN, JAWD1EN, JAUTO.
     pub const NOT_MODELLED: u32 = 3 << 3 | 1 << 14 | 1 << 15 | 1 << 16 | 1 << 20 | 3 << 23 | 1 << 25;
 }
@@ -199,6 +201,15 @@ impl Unit {
 
     const fn index(self) -> usize {
         self as usize
+    }
+
+    /// The channels that lead to pins.
+    #[cfg(test)]
+    pub(super) fn pins(self) -> impl Iterator<Item = (u8, Pin)> {
+        (0..=18).filter_map(move |channel| match self.signal(channel)? {
+            Signal::Pin(pin) => Some((channel, pin)),
+            _ => None,
+        })
     }
 
     /// What is connected to a channel, if anything is (DS12288, pin definitions; RM0440 figures 82 to 86).
@@ -344,6 +355,8 @@ struct Converter {
     calibration_end: Option<Cycles>,
     enable_from: Cycles,
     ready_at: Option<Cycles>,
+    /// Ready for conversions; ADRDY tells that it became so, and may be cleared.
+    ready: bool,
     /// One-shot DMA has had its last transfer.
     dma_ended: bool,
     /// End of the last conversion.
@@ -368,6 +381,7 @@ impl Converter {
             calibration_end: None,
             enable_from: 0,
             ready_at: None,
+            ready: false,
             dma_ended: false,
             ended: None,
             stopped: false,
@@ -396,6 +410,7 @@ impl Converter {
         }
         if self.ready_at.is_some_and(|at| at <= now) {
             self.ready_at = None;
+            self.ready = true;
             self.isr |= isr::ADRDY;
         }
     }
@@ -441,6 +456,7 @@ pub struct Adcs {
     /// When the next conversion ends.
     due: Option<(Cycles, Unit)>,
     errata: Errata,
+    rules: Rules,
 }
 
 impl Default for Adcs {
@@ -460,12 +476,18 @@ impl Adcs {
             analogue: Analogue::new(Quality::default()),
             due: None,
             errata: Errata::NONE,
+            rules: Rules::Enforced,
         }
     }
 
     /// Which errata there are from now on.
     pub fn set_errata(&mut self, errata: Errata) {
         self.errata = errata;
+    }
+
+    /// How strictly the program is taken from now on.
+    pub fn set_rules(&mut self, rules: Rules) {
+        self.rules = rules;
     }
 
     /// Makes conversions this good from now on; the noise begins anew.
@@ -630,6 +652,7 @@ impl Adcs {
     fn write_control(&mut self, unit: Unit, value: u32, now: Cycles) -> Result<(), Unknown> {
         let refuse = |what| Err(Unknown { what });
         let settle = (REGULATOR_S * self.hclk_hz).round() as Cycles;
+        let enforced = self.rules == Rules::Enforced;
         let it = self.unit_mut(unit);
         // Plain bits.
         if value & cr::ADVREGEN != 0 && it.cr & cr::ADVREGEN == 0 {
@@ -647,7 +670,8 @@ impl Adcs {
             return refuse("ADC_CR: injected conversions have no model");
         }
         let powered = it.cr & (cr::ADVREGEN | cr::DEEPPWD) == cr::ADVREGEN;
-        if rising & (cr::ADCAL | cr::ADEN) != 0 && (!powered || now < it.regulator_settled) {
+        let settles = enforced && now < it.regulator_settled;
+        if rising & (cr::ADCAL | cr::ADEN) != 0 && (!powered || settles) {
             return refuse("ADC_CR: ADCAL or ADEN before the regulator has settled for 20 us");
         }
         if rising & cr::ADCAL != 0 {
@@ -683,10 +707,10 @@ impl Adcs {
             it.stopped = false;
             it.cr &= !cr::ADEN;
             it.isr &= !isr::ADRDY;
-            it.ready_at = None;
+            (it.ready_at, it.ready) = (None, false);
         }
         if rising & cr::ADSTART != 0 {
-            if it.cr & cr::ADEN == 0 || it.isr & isr::ADRDY == 0 {
+            if !it.ready {
                 return refuse("ADC_CR: ADSTART before the ADC is ready");
             }
             it.cr |= cr::ADSTART;
@@ -716,7 +740,7 @@ impl Adcs {
                 if value & cfgr::DMAEN == 0 || it.cfgr & cfgr::DMAEN == 0 {
                     it.dma_ended = false;
                 }
-                it.cfgr = value;
+                it.cfgr = value & !cfgr::RESERVED;
             }
             storage => {
                 if !STORAGE.iter().any(|(offset, ..)| *offset == storage) {
@@ -905,6 +929,14 @@ mod tests {
 
     /// EXTEN rising, EXTSEL TIM6.
     const TRIGGERED: u32 = 1 << 10 | TRIGGER_TIM6 << 5;
+
+    #[test]
+    fn it_stays_ready_when_the_flag_that_says_so_is_cleared() {
+        let mut adc = ready(0);
+        write(&mut adc, ISR, isr::ADRDY, 10_000);
+        start(&mut adc, 10_000);
+        assert!(adc.due().is_some());
+    }
 
     #[test]
     fn it_comes_up_in_the_manuals_order_only() {
@@ -1144,5 +1176,54 @@ mod tests {
         assert_eq!(read(&mut adc, 0x300, 0), isr::ADRDY);
         adc.reset(0);
         assert_eq!((read(&mut adc, CR, 0), read(&mut adc, CCR12, 0)), (cr::DEEPPWD, 0));
+    }
+
+    #[test]
+    fn fields_are_metapacs() {
+        use crate::metapac::fields_agree;
+
+        fields_agree(
+            "ADC1",
+            "ISR",
+            &[("ADRDY", isr::ADRDY), ("EOSMP", isr::EOSMP), ("EOC", isr::EOC), ("EOS", isr::EOS), ("OVR", isr::OVR)],
+        );
+        fields_agree(
+            "ADC1",
+            "CR",
+            &[
+                ("ADEN", cr::ADEN),
+                ("ADDIS", cr::ADDIS),
+                ("ADSTART", cr::ADSTART),
+                ("JADSTART", cr::JADSTART),
+                ("ADSTP", cr::ADSTP),
+                ("JADSTP", cr::JADSTP),
+                ("ADVREGEN", cr::ADVREGEN),
+                ("DEEPPWD", cr::DEEPPWD),
+                ("ADCALDIF", cr::ADCALDIF),
+                ("ADCAL", cr::ADCAL),
+            ],
+        );
+        fields_agree(
+            "ADC1",
+            "CFGR",
+            &[
+                ("DMAEN", cfgr::DMAEN),
+                ("DMACFG", cfgr::DMACFG),
+                ("OVRMOD", cfgr::OVRMOD),
+                ("CONT", cfgr::CONT),
+                ("JQDIS", cfgr::JQDIS),
+            ],
+        );
+        fields_agree(
+            "ADC12_COMMON",
+            "CCR",
+            &[
+                ("DUAL", ccr::DUAL),
+                ("CKMODE", CKMODE_4),
+                ("VREFEN", ccr::VREFEN),
+                ("VSENSEEN", ccr::VSENSESEL),
+                ("VBATEN", ccr::VBATSEL),
+            ],
+        );
     }
 }

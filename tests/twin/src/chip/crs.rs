@@ -24,7 +24,7 @@ pub struct Crs {
 
 impl Default for Crs {
     fn default() -> Self {
-        Self { storage: Storage::new(&[(CR, 0x4000, 0x7fef), (CFGR, 0x2022_bb7f, 0xf7ff_ffff)]), flags: 0 }
+        Self { storage: Storage::new(&[(CR, 0x4000, 0x7fef), (CFGR, 0x2022_bb7f, 0xb7ff_ffff)]), flags: 0 }
     }
 }
 
@@ -82,5 +82,14 @@ mod tests {
         assert!(crs.irq());
         crs.write(ICR, SYNCOK | ESYNC, Width::Word, 0).expect("known");
         assert!(!crs.irq());
+    }
+
+    #[test]
+    fn fields_are_metapacs() {
+        use crate::metapac::fields_agree;
+
+        fields_agree("CRS", "CR", &[("CEN", CEN)]);
+        fields_agree("CRS", "ISR", &[("SYNCOKF", SYNCOK), ("ESYNCF", ESYNC)]);
+        fields_agree("CRS", "ICR", &[("SYNCOKC", SYNCOK), ("ESYNCC", ESYNC)]);
     }
 }

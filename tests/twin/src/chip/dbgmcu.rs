@@ -11,8 +11,14 @@ pub struct Dbgmcu(Storage);
 
 impl Default for Dbgmcu {
     fn default() -> Self {
-        let plain = |offset| (offset, 0, u32::MAX);
-        Self(Storage::new(&[(0x00, IDCODE, 0), plain(0x04), plain(0x08), plain(0x0c), plain(0x10)]))
+        // IDCODE, CR, APB1FZR1, APB1FZR2, APB2FZR.
+        Self(Storage::new(&[
+            (0x00, IDCODE, 0),
+            (0x04, 0, 0xe7),
+            (0x08, 0, 0xc060_1c3f),
+            (0x0c, 0, 0x2),
+            (0x10, 0, 0x3c17_2800),
+        ]))
     }
 }
 

@@ -419,4 +419,33 @@ mod tests {
         assert!(dma.transfer(CHANNEL).unwrap().is_some());
         assert_eq!(dma.next_event(), None);
     }
+
+    #[test]
+    fn fields_are_metapacs() {
+        use crate::metapac::fields_agree;
+
+        fields_agree(
+            "DMA1",
+            "CR",
+            &[
+                ("EN", ccr::EN),
+                ("TCIE", ccr::TCIE),
+                ("HTIE", ccr::HTIE),
+                ("TEIE", ccr::TEIE),
+                ("DIR", ccr::DIR),
+                ("CIRC", ccr::CIRC),
+                ("PINC", ccr::PINC),
+                ("MINC", ccr::MINC),
+                ("PSIZE", ccr::PSIZE),
+                ("MSIZE", ccr::MSIZE),
+                ("PL", ccr::PL),
+                ("MEM2MEM", ccr::MEM2MEM),
+            ],
+        );
+        fields_agree(
+            "DMA1",
+            "ISR",
+            &[("GIF", flag::GLOBAL), ("TCIF", flag::COMPLETE), ("HTIF", flag::HALF), ("TEIF", flag::ERROR)],
+        );
+    }
 }

@@ -59,6 +59,12 @@ mod ccr {
     pub const ALL: u32 = 0x1FFF_0300 | DMAREQ_ID;
 }
 
+/// DMAMUX_RGxCR.
+mod rgcr {
+    /// GNBREQ, GPOL, GE, OIE, SIG_ID.
+    pub const ALL: u32 = 0x00FF_011F;
+}
+
 /// The multiplexer.
 #[derive(Clone, Debug, Default)]
 pub struct Dmamux {
@@ -118,7 +124,7 @@ impl Registers for Dmamux {
             }
             0x100..=0x10C => {
                 if let Some(generator) = self.generators.get_mut(place - 0x40) {
-                    *generator = value;
+                    *generator = value & rgcr::ALL;
                 }
             }
             _ => return Err(Unknown::REGISTER),
@@ -154,5 +160,13 @@ mod tests {
         assert!(mux.write(0x100, 1 << 16, Width::Word, 0).is_err());
         assert!(mux.read(0x44, Width::Word, 0).is_err());
         assert!(mux.write(0x80, 0, Width::Word, 0).is_err());
+    }
+
+    #[test]
+    fn fields_are_metapacs() {
+        use crate::metapac::fields_agree;
+
+        // metapac has one bit more in DMAREQ_ID, for other chips.
+        fields_agree("DMAMUX1", "CCR", &[("DMAREQ_ID", ccr::DMAREQ_ID | 0x80), ("SE", ccr::SE)]);
     }
 }

@@ -13,7 +13,7 @@
 
 use crate::{
     Cycles, Registers, Storage, Unknown, Width,
-    chip::{clocks::Clocks, errata::Errata, ram::Ram},
+    chip::{clocks::Clocks, errata::Errata, ram::Ram, rules::Rules},
 };
 use std::collections::BTreeSet;
 
@@ -160,6 +160,7 @@ pub struct Flash {
     /// Double words in the data cache that do not fit their error correction code.
     cached: BTreeSet<usize>,
     errata: Errata,
+    rules: Rules,
     cut: Option<Cut>,
     cut_at: Option<Cycles>,
     hclk_hz: f64,
@@ -195,6 +196,7 @@ impl Default for Flash {
             stale: false,
             cached: BTreeSet::new(),
             errata: Errata::NONE,
+            rules: Rules::Enforced,
             cut: None,
             cut_at: None,
             hclk_hz: 16e6,
@@ -266,6 +268,11 @@ impl Flash {
     /// Which errata there are from now on.
     pub fn set_errata(&mut self, errata: Errata) {
         self.errata = errata;
+    }
+
+    /// How strictly the program is taken from now on.
+    pub fn set_rules(&mut self, rules: Rules) {
+        self.rules = rules;
     }
 
     /// Wait states that are set.
@@ -424,7 +431,7 @@ impl Flash {
         let bytes = self.memory.bytes().get(at..at + width.bytes() as usize);
         let Some(bytes) = bytes else { return Err(Unknown { what: "past the end of flash" }) };
         let value = bytes.iter().rev().fold(0, |word, &byte| word << 8 | u32::from(byte));
-        if self.stale {
+        if self.stale && self.rules == Rules::Enforced {
             return Err(Unknown { what: "read through a data cache that was not reset after flash changed" });
         }
         let hit = self.storage.get(ACR) & DCEN != 0 && self.torn.contains(&(at / 8)) && !self.cached.insert(at / 8);
@@ -575,11 +582,17 @@ impl Registers for Flash {
                 self.storage.write(offset, value, width)?;
                 let after = self.storage.get(ACR);
                 if after & DCRST != 0 {
-                    if before & after & DCEN != 0 {
-                        return Err(Unknown { what: "the data cache is reset while it is on" });
+                    match (before & after & DCEN != 0, self.rules) {
+                        (true, Rules::Enforced) => {
+                            return Err(Unknown { what: "the data cache is reset while it is on" });
+                        }
+                        // No effect.
+                        (true, Rules::AsOnTheChip) => {}
+                        (false, _) => {
+                            self.stale = false;
+                            self.cached.clear();
+                        }
                     }
-                    self.stale = false;
-                    self.cached.clear();
                 }
             }
             OPTR if self.control & OPTLOCK != 0 => return Err(Unknown { what: "the option bytes are locked" }),
@@ -825,5 +838,42 @@ mod tests {
         other.set_contents(&flash.contents());
         assert_eq!(word(&mut other, SETTINGS, 0), 1);
         assert!(!other.load(START + LEN as u32 - 1, &[0, 0]), "does not fit");
+    }
+
+    #[test]
+    fn fields_are_metapacs() {
+        use crate::metapac::fields_agree;
+
+        fields_agree("FLASH", "ACR", &[("DCEN", DCEN), ("DCRST", DCRST)]);
+        fields_agree(
+            "FLASH",
+            "SR",
+            &[
+                ("EOP", EOP),
+                ("OPERR", OPERR),
+                ("PROGERR", PROGERR),
+                ("PGAERR", PGAERR),
+                ("SIZERR", SIZERR),
+                ("PGSERR", PGSERR),
+                ("BSY", BSY),
+            ],
+        );
+        fields_agree(
+            "FLASH",
+            "CR",
+            &[
+                ("PG", PG),
+                ("PER", PER),
+                ("BKER", BKER),
+                ("STRT", STRT),
+                ("OPTSTRT", OPTSTRT),
+                ("EOPIE", EOPIE),
+                ("ERRIE", ERRIE),
+                ("OBL_LAUNCH", OBL_LAUNCH),
+                ("OPTLOCK", OPTLOCK),
+                ("LOCK", LOCK),
+            ],
+        );
+        fields_agree("FLASH", "ECCR", &[("BK_ECC", BK_ECC), ("ECCIE", ECCIE), ("ECCD", ECCD)]);
     }
 }

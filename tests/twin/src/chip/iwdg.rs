@@ -27,9 +27,14 @@ pub struct Iwdg {
     /// In use.
     prescaler: u32,
     reload: u32,
+    /// A refresh while more counts are left than these bites.
+    window: u32,
+    /// It was refreshed too early.
+    early: bool,
     /// Written, and when they come into use.
     new_prescaler: Option<(u32, Cycles)>,
     new_reload: Option<(u32, Cycles)>,
+    new_window: Option<(u32, Cycles)>,
     /// Periods of the oscillator left, at a moment.
     left: f64,
     since: Cycles,
@@ -43,8 +48,11 @@ impl Default for Iwdg {
             running: false,
             prescaler: 0,
             reload: 0xfff,
+            window: 0xfff,
+            early: false,
             new_prescaler: None,
             new_reload: None,
+            new_window: None,
             left: 0.0,
             since: 0,
             hclk_hz: 16e6,
@@ -82,7 +90,7 @@ impl Iwdg {
 
     /// It has run out: the chip is to be reset.
     pub fn bites(&self) -> bool {
-        self.running && self.left <= 0.0
+        self.running && (self.left <= 0.0 || self.early)
     }
 }
 
@@ -93,8 +101,11 @@ impl Registers for Iwdg {
             KR => 0,
             PR => self.prescaler,
             RLR => self.reload,
-            SR => u32::from(self.new_prescaler.is_some()) | u32::from(self.new_reload.is_some()) << 1,
-            WINR => 0xfff,
+            SR => {
+                let new = [self.new_prescaler, self.new_reload, self.new_window];
+                (0..).zip(new).map(|(bit, new)| u32::from(new.is_some()) << bit).sum()
+            }
+            WINR => self.window,
             _ => return Err(Unknown::REGISTER),
         };
         Ok(width.part(word, offset))
@@ -106,22 +117,28 @@ impl Registers for Iwdg {
             KR => {
                 self.open = value == ACCESS;
                 match value {
-                    RELOAD => self.refresh(),
+                    RELOAD => {
+                        self.early |= self.running && (self.left / self.divider()).ceil() > f64::from(self.window + 1);
+                        self.refresh();
+                    }
                     START if !self.running => {
                         self.running = true;
                         self.refresh();
                         let in_use = self.in_use_at(now);
-                        for new in [&mut self.new_prescaler, &mut self.new_reload].into_iter().flatten() {
-                            new.1 = in_use;
-                        }
+                        let new = [&mut self.new_prescaler, &mut self.new_reload, &mut self.new_window];
+                        new.into_iter().flatten().for_each(|new| new.1 = in_use);
                     }
                     _ => {}
                 }
             }
-            PR | RLR if !self.open => return Err(Unknown { what: "written without the key that opens it" }),
+            PR | RLR | WINR if !self.open => return Err(Unknown { what: "written without the key that opens it" }),
             PR => self.new_prescaler = Some((value & 7, self.in_use_at(now))),
             RLR => self.new_reload = Some((value & 0xfff, self.in_use_at(now))),
-            WINR => return Err(Unknown { what: "the window is not modelled" }),
+            // A refresh comes with it (RM0440 42.3.4).
+            WINR => {
+                self.new_window = Some((value & 0xfff, self.in_use_at(now)));
+                self.refresh();
+            }
             _ => return Err(Unknown::REGISTER),
         }
         Ok(())
@@ -131,7 +148,7 @@ impl Registers for Iwdg {
         if !self.running {
             return None;
         }
-        let new = [self.new_prescaler, self.new_reload].into_iter().flatten().map(|(_, at)| at).min();
+        let new = [self.new_prescaler, self.new_reload, self.new_window].into_iter().flatten().map(|(_, at)| at).min();
         let end = self.since + self.cycles(self.left.max(0.0));
         Some(new.map_or(end, |at| at.min(end)))
     }
@@ -155,6 +172,10 @@ impl Registers for Iwdg {
         if let Some((reload, _)) = arrived(self.new_reload) {
             self.reload = reload;
             self.new_reload = None;
+        }
+        if let Some((window, _)) = arrived(self.new_window) {
+            self.window = window;
+            self.new_window = None;
         }
         self.left -= self.periods(now - self.since);
         self.since = now;
@@ -211,6 +232,20 @@ mod tests {
         assert_eq!(iwdg.next_event(), Some(26_000_000));
         write(&mut iwdg, KR, START, 20_000_000);
         assert_eq!(iwdg.next_event(), Some(26_000_000), "it is started once");
+    }
+
+    #[test]
+    fn feeding_before_the_window_bites() {
+        let mut iwdg = started();
+        write(&mut iwdg, KR, ACCESS, 2500);
+        write(&mut iwdg, WINR, 999, 2500);
+        assert_eq!(iwdg.read(SR, Width::Word, 2500), Ok(4));
+        iwdg.advance(5000);
+        let mut late = iwdg.clone();
+        write(&mut late, KR, RELOAD, 2500 + 8_000_000);
+        assert!(!late.bites());
+        write(&mut iwdg, KR, RELOAD, 2500 + 7_990_000);
+        assert!(iwdg.bites());
     }
 
     #[test]

@@ -64,6 +64,8 @@ pub struct Lpuart {
     /// Byte on its way out and the moment at which it has left.
     shifting: Option<(u8, Cycles)>,
     transmit: VecDeque<u8>,
+    /// What was last written to be sent; it reads back.
+    written: u8,
     receive: VecDeque<u8>,
     sent: Vec<u8>,
     arriving: VecDeque<u8>,
@@ -76,7 +78,7 @@ impl Default for Lpuart {
     fn default() -> Self {
         let storage = Storage::new(&[
             (CR1, 0, u32::MAX),
-            (CR2, 0, u32::MAX),
+            (CR2, 0, 0xffff_ff70),
             (CR3, 0, u32::MAX),
             (BRR, 0, 0xf_ffff),
             (PRESC, 0, 0xf),
@@ -89,6 +91,7 @@ impl Default for Lpuart {
             far_baud: 921_600.0,
             shifting: None,
             transmit: VecDeque::new(),
+            written: 0,
             receive: VecDeque::new(),
             sent: Vec::new(),
             arriving: VecDeque::new(),
@@ -227,6 +230,7 @@ impl Registers for Lpuart {
             ISR => self.status(),
             RDR => u32::from(self.receive.pop_front().unwrap_or(0)),
             ICR | RQR => 0,
+            TDR => u32::from(self.written),
             // Shared by receiver and transmitter.
             CR1 | CR2 | CR3 => self.storage.get(offset & !3),
             register => self.storage.read(register, Width::Word)?,
@@ -244,7 +248,8 @@ impl Registers for Lpuart {
                     return Err(Unknown { what: "written while the transmitter is full" });
                 }
                 self.flags &= !TC;
-                self.transmit.push_back(word as u8);
+                self.written = word as u8;
+                self.transmit.push_back(self.written);
                 self.start(now);
             }
             RQR => {
@@ -409,5 +414,33 @@ mod tests {
         uart.send(b"x", 0);
         uart.advance(160);
         assert!(uart.dma_receive());
+    }
+
+    #[test]
+    fn fields_are_metapacs() {
+        use crate::metapac::fields_agree;
+
+        fields_agree("LPUART1", "CR1", &[("UE", UE), ("RE", RE), ("TE", TE), ("FIFOEN", FIFOEN)]);
+        fields_agree("LPUART1", "CR3", &[("EIE", EIE), ("DMAR", DMAR), ("DMAT", DMAT), ("OVRDIS", OVRDIS)]);
+        fields_agree(
+            "LPUART1",
+            "ISR",
+            &[
+                ("FE", FE),
+                ("ORE", ORE),
+                ("IDLE", IDLE),
+                ("RXNE", RXNE),
+                ("TC", TC),
+                ("TXE", TXE),
+                ("BUSY", BUSY),
+                ("TEACK", TEACK),
+                ("REACK", REACK),
+                ("TXFE", TXFE),
+                ("RXFF", RXFF),
+                ("RXFT", RXFT),
+                ("TXFT", TXFT),
+            ],
+        );
+        fields_agree("LPUART1", "CR1", &[("IDLEIE", IDLE), ("RXNEIE", RXNE), ("TCIE", TC), ("TXEIE", TXE)]);
     }
 }

@@ -21,7 +21,7 @@ impl Default for Pwr {
         Self(Storage::new(&[
             (CR1, 0x200, 0x4107 | DBP),
             (0x04, 0, 0xf0),
-            (0x08, 0x8000, 0xc71f),
+            (0x08, 0x8000, 0xc51f),
             (0x0c, 0, 0x31f),
             (0x10, 0, 0),
             (SR2, 0, 0),
@@ -75,5 +75,12 @@ mod tests {
         assert!(pwr.write(CR1, 0x400, Width::Word, 0).is_err(), "range 2");
         pwr.reset(0);
         assert!(!pwr.boost());
+    }
+
+    #[test]
+    fn fields_are_metapacs() {
+        use crate::metapac::fields_agree;
+
+        fields_agree("PWR", "CR1", &[("DBP", DBP)]);
     }
 }

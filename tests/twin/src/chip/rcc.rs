@@ -9,7 +9,7 @@
 
 use crate::{
     Cycles, Registers, Storage, Unknown, Width,
-    chip::{clocks::Clocks, errata::Errata},
+    chip::{clocks::Clocks, errata::Errata, rules::Rules},
 };
 
 const CR: u32 = 0x00;
@@ -29,6 +29,15 @@ const BDCR: u32 = 0x90;
 const CSR: u32 = 0x94;
 const CRRCR: u32 = 0x98;
 const CCIPR2: u32 = 0x9c;
+
+/// Gates that there are; those of RTC and window watchdog have no reset.
+const AHB1_GATES: u32 = 0x111f;
+const AHB2_GATES: u32 = 0x050f_607f;
+const AHB3_GATES: u32 = 0x101;
+const APB1_GATES: u32 = 0xd2fe_cd3f;
+const RTCAPB: u32 = 3 << 10;
+const APB1_2_GATES: u32 = 0x103;
+const APB2_GATES: u32 = 0x0437_f801;
 
 const HSION: u32 = 1 << 8;
 const HSEON: u32 = 1 << 16;
@@ -146,6 +155,9 @@ pub struct Rcc {
     /// When the system clock last came over [`STEP_HZ`].
     stepped: Cycles,
     errata: Errata,
+    rules: Rules,
+    /// The system clock in use (SWS), where it is not the one that is chosen: that one is not ready.
+    still: Option<u32>,
 }
 
 impl Rcc {
@@ -156,26 +168,26 @@ impl Rcc {
             (ICSCR, 0x4000_0000, 0x7f00_0000),
             (CFGR, 0x5, 0x3ff3 | 0x7f00_0000),
             (PLLCFGR, 0x1000, 0xff73_7ff3),
-            (CIER, 0, 0x7ff),
+            (CIER, 0, 0x63b),
             // AHB1RSTR, AHB2RSTR, AHB3RSTR, APB1RSTR1, APB1RSTR2, APB2RSTR.
-            (0x28, 0, u32::MAX),
-            (0x2c, 0, u32::MAX),
-            (0x30, 0, u32::MAX),
-            (0x38, 0, u32::MAX),
-            (0x3c, 0, u32::MAX),
-            (0x40, 0, u32::MAX),
-            (AHB1ENR, 0x100, u32::MAX),
-            (AHB2ENR, 0, u32::MAX),
+            (0x28, 0, AHB1_GATES),
+            (0x2c, 0, AHB2_GATES),
+            (0x30, 0, AHB3_GATES),
+            (0x38, 0, APB1_GATES & !RTCAPB),
+            (0x3c, 0, APB1_2_GATES),
+            (0x40, 0, APB2_GATES),
+            (AHB1ENR, 0x100, AHB1_GATES),
+            (AHB2ENR, 0, AHB2_GATES),
             // AHB3ENR.
-            (0x50, 0, u32::MAX),
-            (APB1ENR1, 0x400, u32::MAX),
-            (APB1ENR2, 0, u32::MAX),
-            (APB2ENR, 0, u32::MAX),
+            (0x50, 0, AHB3_GATES),
+            (APB1ENR1, 0x400, APB1_GATES),
+            (APB1ENR2, 0, APB1_2_GATES),
+            (APB2ENR, 0, APB2_GATES),
             (CCIPR, 0, u32::MAX),
             (BDCR, 0, 0x0301_837d),
             (CSR, 0, 1),
             (CRRCR, 0, 1),
-            (CCIPR2, 0, u32::MAX),
+            (CCIPR2, 0, 0x30_0003),
         ]);
         Self {
             storage,
@@ -189,7 +201,39 @@ impl Rcc {
             failed: false,
             stepped: 0,
             errata: Errata::NONE,
+            rules: Rules::Enforced,
+            still: None,
         }
+    }
+
+    /// How strictly the program is taken from now on.
+    pub fn set_rules(&mut self, rules: Rules) {
+        self.rules = rules;
+    }
+
+    /// The system clock in use: SWS.
+    fn in_use(&self) -> u32 {
+        self.still.unwrap_or(self.storage.get(CFGR) & 3)
+    }
+
+    /// When a source of the system clock is ready; nothing while it is off.
+    fn ready(&self, source: u32) -> Option<Cycles> {
+        match source {
+            1 => (self.storage.get(CR) & HSION != 0).then_some(0),
+            2 => self.hse_ready,
+            3 => self.pll_ready,
+            _ => None,
+        }
+    }
+
+    /// Changes to the system clock that was chosen, where it has become ready; to be followed by a look at the frequencies.
+    #[must_use]
+    pub fn switches(&mut self, now: Cycles) -> bool {
+        let ready = self.still.is_some() && self.ready(self.storage.get(CFGR) & 3).is_some_and(|at| at <= now);
+        if ready {
+            self.still = None;
+        }
+        ready
     }
 
     /// Which errata there are from now on.
@@ -199,7 +243,7 @@ impl Rcc {
 
     /// The backup domain has no battery either.
     pub fn lose_power(&mut self, hse_hz: f64) {
-        *self = Self { errata: self.errata, ..Self::new(hse_hz) };
+        *self = Self { errata: self.errata, rules: self.rules, ..Self::new(hse_hz) };
     }
 
     /// Whether a peripheral is clocked.
@@ -221,6 +265,7 @@ impl Rcc {
             self.failed = true;
             self.storage.set(CR, self.storage.get(CR) & !(HSEON | PLLON | CSSON) | HSION);
             self.pll_ready = None;
+            self.still = None;
             self.storage.set(CFGR, self.storage.get(CFGR) & !3 | 1);
         }
     }
@@ -268,7 +313,7 @@ impl Rcc {
     }
 
     fn sysclk_hz(&self) -> f64 {
-        match self.storage.get(CFGR) & 3 {
+        match self.in_use() {
             1 => HSI_HZ,
             2 => self.hse_hz,
             3 => self.pll().2[2],
@@ -330,7 +375,8 @@ impl Rcc {
     pub fn check(&self, clocks: &Clocks, boost: bool, wait_states: u32) -> Result<(), Unknown> {
         let fault = |what| Err(Unknown { what });
         let cr = self.storage.get(CR);
-        if cr & PLLON != 0 {
+        // Out of its range it may lock or not, which only matters to who uses it.
+        if cr & PLLON != 0 && (self.rules == Rules::Enforced || self.in_use() == 3) {
             let (input, vco, outputs) = self.pll();
             if !(2.66e6..=16e6).contains(&input) {
                 return fault("the input of the PLL must lie between 2.66 and 16 MHz");
@@ -343,12 +389,8 @@ impl Rcc {
             }
         }
         let is_ready = |at: Option<Cycles>| at.is_some_and(|at| at <= clocks.since);
-        let ready = match self.storage.get(CFGR) & 3 {
-            1 => cr & HSION != 0,
-            2 => is_ready(self.hse_ready),
-            3 => is_ready(self.pll_ready) && self.pll().2[2] > 0.0,
-            _ => false,
-        };
+        let source = self.in_use();
+        let ready = is_ready(self.ready(source)) && (source != 3 || self.pll().2[2] > 0.0);
         if !ready {
             return fault("the core is left without a clock");
         }
@@ -391,7 +433,7 @@ impl Registers for Rcc {
                     | ready(self.hse_ready, HSERDY)
                     | ready(self.pll_ready, PLLRDY)
             }
-            CFGR => value & !0xc | (value & 3) << 2,
+            CFGR => value & !0xc | self.in_use() << 2,
             CSR => value | self.causes | ready(self.lsi_ready, 2),
             CRRCR => value | ready(self.hsi48_ready, 2),
             _ => value,
@@ -427,8 +469,12 @@ impl Registers for Rcc {
             _ => {}
         }
         let slow = self.sysclk_hz() <= STEP_HZ;
+        let in_use = self.in_use();
         self.storage.write(offset, value, width)?;
-        if self.sysclk_hz() > STEP_HZ {
+        if register == CFGR && self.rules == Rules::AsOnTheChip {
+            self.still = self.ready(word & 3).is_none_or(|at| at > now).then_some(in_use);
+        }
+        if self.sysclk_hz() > STEP_HZ && self.rules == Rules::Enforced {
             if slow {
                 self.stepped = now;
             }
@@ -464,6 +510,11 @@ impl Registers for Rcc {
         (self.hse_ready, self.pll_ready, self.hsi48_ready, self.lsi_ready) = (None, None, None, None);
         self.hclk_hz = HSI_HZ;
         self.failed = false;
+        self.still = None;
+    }
+
+    fn next_event(&self) -> Option<Cycles> {
+        self.still.and(self.ready(self.storage.get(CFGR) & 3))
     }
 
     fn set_clocks(&mut self, clocks: &Clocks) {
@@ -586,5 +637,39 @@ mod tests {
         write(&mut rcc, 0x38, 1 << 14, 0);
         assert!(rcc.is_on(spi2) && rcc.is_reset(spi2));
         assert!(rcc.is_on(Gate::ahb1(8)), "flash is clocked after reset");
+    }
+
+    #[test]
+    fn fields_are_metapacs() {
+        use crate::metapac::fields_agree;
+
+        fields_agree(
+            "RCC",
+            "CR",
+            &[
+                ("HSION", HSION),
+                ("HSIRDY", HSIRDY),
+                ("HSEON", HSEON),
+                ("HSERDY", HSERDY),
+                ("HSEBYP", HSEBYP),
+                ("CSSON", CSSON),
+                ("PLLON", PLLON),
+                ("PLLRDY", PLLRDY),
+            ],
+        );
+        fields_agree("RCC", "CIFR", &[("CSSF", CSSF)]);
+        fields_agree("RCC", "BDCR", &[("RTCEN", RTC_ON_LSI & 1 << 15)]);
+        fields_agree(
+            "RCC",
+            "CSR",
+            &[
+                ("RMVF", RMVF),
+                ("OBLRSTF", Reset::OptionBytes.flags() & !Reset::Pin.flags()),
+                ("PINRSTF", Reset::Pin.flags()),
+                ("BORRSTF", Reset::Power.flags() & !Reset::Pin.flags()),
+                ("SFTRSTF", Reset::Software.flags() & !Reset::Pin.flags()),
+                ("IWDGRSTF", Reset::Watchdog.flags() & !Reset::Pin.flags()),
+            ],
+        );
     }
 }

@@ -1,8 +1,8 @@
 //! The chip in the course of time: what happens before, at and after each access of the core.
 
 use super::rcc::Reset;
-use super::{BLOCKS, BadAccess, Chip};
-use crate::{Cycles, Registers, Width};
+use super::{BLOCKS, BadAccess, Chip, RCC_CFGR};
+use crate::{Cycles, Registers, Unknown, Width};
 
 impl Chip {
     /// A read by the core.
@@ -23,7 +23,8 @@ impl Chip {
 
     /// When [`Self::advance`] must be called at the latest.
     pub fn next_event(&mut self) -> Option<Cycles> {
-        let models: [Option<Cycles>; 5] = [
+        let models: [Option<Cycles>; 6] = [
+            self.rcc.next_event(),
             self.pipeline_next_event(),
             self.usb.next_event(),
             self.lpuart1.next_event(),
@@ -41,6 +42,13 @@ impl Chip {
         self.pipeline_advance(now);
         if now < self.due {
             return;
+        }
+        if self.rcc.switches(now)
+            && let Err(Unknown { what }) = self.change_clocks(now)
+        {
+            let (address, offset) = (RCC_CFGR, RCC_CFGR & 0x3ff);
+            let fault = BadAccess { address, peripheral: "RCC", offset, width: Width::Word, value: None, what };
+            self.path_fault.get_or_insert(fault);
         }
         let Self { tim1, tim2, tim3, tim4, tim5, tim8, tim15, tim16, tim17, .. } = self;
         for tim in [tim1, tim2, tim3, tim4, tim5, tim8, tim15, tim16, tim17] {

@@ -474,4 +474,37 @@ mod tests {
         }
         assert!(spi.write(DR, 0, Width::Byte, 0).is_err());
     }
+
+    #[test]
+    fn fields_are_metapacs() {
+        use crate::metapac::fields_agree;
+
+        fields_agree(
+            "SPI2",
+            "CR1",
+            &[
+                ("SPE", cr1::SPE),
+                ("LSBFIRST", cr1::LSBFIRST),
+                ("SSI", cr1::SSI),
+                ("SSM", cr1::SSM),
+                ("RXONLY", cr1::RXONLY),
+                ("CRCEN", cr1::CRCEN),
+                ("BIDIMODE", cr1::BIDIMODE),
+            ],
+        );
+        fields_agree(
+            "SPI2",
+            "CR2",
+            &[
+                ("RXDMAEN", cr2::RXDMAEN),
+                ("TXDMAEN", cr2::TXDMAEN),
+                ("FRF", cr2::FRF),
+                ("ERRIE", cr2::ERRIE),
+                ("RXNEIE", cr2::RXNEIE),
+                ("TXEIE", cr2::TXEIE),
+                ("FRXTH", cr2::FRXTH),
+            ],
+        );
+        fields_agree("SPI2", "SR", &[("RXNE", sr::RXNE), ("TXE", sr::TXE), ("OVR", sr::OVR), ("BSY", sr::BSY)]);
+    }
 }

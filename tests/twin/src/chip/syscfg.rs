@@ -15,7 +15,7 @@ impl Default for Syscfg {
         let plain = |offset, writable| (offset, 0, writable);
         Self(Storage::new(&[
             plain(MEMRMP, 7),
-            (0x04, 0x7c00_0001, u32::MAX),
+            (0x04, 0x7c00_0001, 0xfcff_0300),
             plain(0x08, 0xffff),
             plain(0x0c, 0xffff),
             plain(0x10, 0xffff),

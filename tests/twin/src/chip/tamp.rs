@@ -12,7 +12,7 @@ pub struct Tamp(Storage);
 impl Default for Tamp {
     fn default() -> Self {
         // CR1 starts with the tampers of the inside on; it may be switched off, nothing else is done with it.
-        let registers: Vec<_> = [(0x00, 0xffff_0000, u32::MAX)]
+        let registers: Vec<_> = [(0x00, 0xffff_0000, 0x3f_0007)]
             .into_iter()
             .chain(BACKUP.step_by(4).map(|offset| (offset, 0, u32::MAX)))
             .collect();

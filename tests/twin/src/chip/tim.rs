@@ -20,9 +20,15 @@ const CCER: u32 = 0x20;
 const CNT: u32 = 0x24;
 const PSC: u32 = 0x28;
 const ARR: u32 = 0x2c;
+const RCR: u32 = 0x30;
 const CCR1: u32 = 0x34;
+const CCR2: u32 = 0x38;
+const CCR3: u32 = 0x3c;
 const CCR4: u32 = 0x40;
 const BDTR: u32 = 0x44;
+const TISEL: u32 = 0x5c;
+const AF1: u32 = 0x60;
+const AF2: u32 = 0x64;
 
 const CEN: u32 = 1 << 0;
 const UDIS: u32 = 1 << 1;
@@ -46,8 +52,25 @@ pub enum Kind {
     General,
     /// 16 bits, four channels, outputs behind a break input, on APB2: TIM1, TIM8.
     Advanced,
-    /// 16 bits, two channels (TIM15) or one (TIM16, TIM17), break, on APB2.
+    /// 16 bits, two channels, break, on APB2: TIM15.
     Small,
+    /// 16 bits, one channel, break, on APB2: TIM16, TIM17.
+    Single,
+}
+
+impl Kind {
+    fn channels(self) -> usize {
+        match self {
+            Self::Wide | Self::General | Self::Advanced => 4,
+            Self::Small => 2,
+            Self::Single => 1,
+        }
+    }
+
+    /// Outputs behind a break input, and the clock of APB2.
+    fn has_break(self) -> bool {
+        matches!(self, Self::Advanced | Self::Small | Self::Single)
+    }
 }
 
 /// What a PWM channel gives out.
@@ -83,27 +106,40 @@ impl Tim {
     /// A timer after reset.
     pub fn new(kind: Kind) -> Self {
         let mask = if kind == Kind::Wide { u32::MAX } else { 0xffff };
-        let storage = Storage::new(&[
+        // CR2, SMCR, DIER, CCMR1, CCER.
+        let [cr2, smcr, dier, ccmr1, ccer] = match kind {
+            Kind::Wide | Kind::General => [0x0200_00f8, 0x0331_fff7, 0x5f5f, 0x0101_ffff, 0xbbbb],
+            Kind::Advanced => [0x02f5_fffd, 0x0331_ffff, 0x5f5f, 0x0101_ffff, 0x33_ffff],
+            Kind::Small => [0x0200_07fd, 0x0131_00f7, 0x4747, 0x0101_ffff, 0xbf],
+            Kind::Single => [0x30d, 0, 0x0303, 0x0001_00ff, 0xf],
+        };
+        let mut registers = vec![
             (CR1, 0, CR1_KNOWN),
-            (CR2, 0, u32::MAX),
-            (SMCR, 0, u32::MAX),
-            (DIER, 0, 0x5f5f),
-            (CCMR1, 0, u32::MAX),
-            (CCMR2, 0, u32::MAX),
-            (CCER, 0, u32::MAX),
+            (CR2, 0, cr2),
+            (DIER, 0, dier),
+            (CCMR1, 0, ccmr1),
+            (CCER, 0, ccer),
             (PSC, 0, 0xffff),
             (ARR, mask, mask),
-            // RCR, AF1, AF2, TISEL: no repetition, no other inputs than the pins.
-            (0x30, 0, 0),
             (CCR1, 0, mask),
-            (0x38, 0, mask),
-            (0x3c, 0, mask),
-            (CCR4, 0, mask),
-            (BDTR, 0, u32::MAX),
-            (0x5c, 0, 0),
-            (0x60, 1, 0xf),
-            (0x64, 1, 0xf),
-        ]);
+            // TISEL: no other inputs than the pins.
+            (TISEL, 0, 0),
+        ];
+        if kind != Kind::Single {
+            registers.extend([(SMCR, 0, smcr), (CCR2, 0, mask)]);
+        }
+        if kind.channels() == 4 {
+            registers.extend([(CCMR2, 0, ccmr1), (CCR3, 0, mask), (CCR4, 0, mask)]);
+        }
+        if kind.has_break() {
+            // Without repetition; the break input at its pin is open after reset.
+            let bdtr = if kind == Kind::Advanced { 0x3fff_ffff } else { 0x140f_ffff };
+            let second = u32::from(kind == Kind::Advanced);
+            registers.extend([(RCR, 0, 0), (BDTR, 0, bdtr), (AF1, 1, 0xf), (AF2, second, 0xf * second)]);
+        } else {
+            registers.extend([(AF1, 0, 0), (AF2, 0, 0)]);
+        }
+        let storage = Storage::new(&registers);
         Self {
             kind,
             storage,
@@ -123,12 +159,11 @@ impl Tim {
         if self.kind == Kind::Wide { u32::MAX } else { 0xffff }
     }
 
-    fn channels(&self) -> usize {
-        if self.kind == Kind::Small { 2 } else { 4 }
-    }
-
     /// Whether the encoder's edges move the counter instead of the clock, and how many of the four per period.
     fn encoder_edges(&self) -> Option<u32> {
+        if self.kind == Kind::Single {
+            return None;
+        }
         match self.storage.get(SMCR) & 0x1_0007 {
             1 | 2 => Some(2),
             3 => Some(4),
@@ -175,7 +210,7 @@ impl Tim {
 
     /// Lets this many ticks pass with prescaler and period as they are.
     fn pass(&mut self, ticks: u64) {
-        for channel in 1..=self.channels() {
+        for channel in 1..=self.kind.channels() {
             let reached = self.ticks_until(self.storage.get(Self::ccr(channel))).is_some_and(|until| until <= ticks);
             if reached && !self.is_input(channel) {
                 self.flags |= 1 << channel;
@@ -247,15 +282,25 @@ impl Tim {
         self.flags |= flag;
     }
 
-    /// The level of the interrupt line.
+    /// The level of the interrupt line, where there is but one.
     pub fn irq(&self) -> bool {
-        self.flags & self.storage.get(DIER) & 0x1f != 0
+        self.irq_update() || self.irq_compare()
+    }
+
+    /// The level of the line that tells updates.
+    pub fn irq_update(&self) -> bool {
+        self.flags & self.storage.get(DIER) & UIF != 0
+    }
+
+    /// The level of the line that tells captures and compares.
+    pub fn irq_compare(&self) -> bool {
+        self.flags & self.storage.get(DIER) & 0x1e != 0
     }
 
     /// What a channel gives out; nothing unless it is a running PWM output.
     pub fn pwm(&self, channel: usize) -> Option<Pwm> {
         let enabled = self.storage.get(CCER) >> (4 * (channel - 1)) & 5 != 0;
-        let gated = matches!(self.kind, Kind::Advanced | Kind::Small) && self.storage.get(BDTR) & MOE == 0;
+        let gated = self.kind.has_break() && self.storage.get(BDTR) & MOE == 0;
         let high_first = match self.channel_mode(channel) >> 4 & 0x1007 {
             6 => true,
             7 => false,
@@ -281,7 +326,7 @@ impl Registers for Tim {
                 let copy = self.storage.get(CR1) & UIFREMAP != 0;
                 if copy { self.count & !(1 << 31) | (self.flags & UIF) << 31 } else { self.count }
             }
-            register @ CCR1..=CCR4 => {
+            register @ CCR1..=CCR4 if self.storage.contains(register) => {
                 let channel = ((register - CCR1) / 4 + 1) as usize;
                 if self.is_input(channel) {
                     // The hardware has written it.
@@ -352,7 +397,7 @@ impl Registers for Tim {
             return None;
         }
         let update = (waited & UIF != 0).then(|| self.round().saturating_sub(u64::from(self.count)).max(1));
-        let compare = (1..=self.channels())
+        let compare = (1..=self.kind.channels())
             .filter(|&channel| waited >> channel & 1 != 0 && !self.is_input(channel))
             .filter_map(|channel| self.ticks_until(self.storage.get(Self::ccr(channel))));
         let ticks = update.into_iter().chain(compare).min()?;
@@ -394,8 +439,7 @@ impl Registers for Tim {
     }
 
     fn set_clocks(&mut self, clocks: &Clocks) {
-        let on_apb2 = matches!(self.kind, Kind::Advanced | Kind::Small);
-        self.clock_hz = if on_apb2 { clocks.timer2_hz } else { clocks.timer1_hz };
+        self.clock_hz = if self.kind.has_break() { clocks.timer2_hz } else { clocks.timer1_hz };
         self.cycles_per_clock = (clocks.hclk_hz / self.clock_hz).round().max(1.0) as u64;
     }
 
@@ -555,5 +599,19 @@ mod tests {
         assert!(tim.write(SMCR, 4, Width::Word, 0).is_err(), "reset by trigger");
         assert!(tim.write(DIER, 1 << 8, Width::Word, 0).is_err(), "DMA");
         assert!(tim.read(0x3dc, Width::Word, 0).is_err(), "DMA burst");
+    }
+
+    #[test]
+    fn fields_are_metapacs() {
+        use crate::metapac::fields_agree;
+
+        fields_agree(
+            "TIM1",
+            "CR1",
+            &[("CEN", CEN), ("UDIS", UDIS), ("URS", URS), ("DIR", DIR), ("ARPE", ARPE), ("UIFREMAP", UIFREMAP)],
+        );
+        fields_agree("TIM1", "SR", &[("UIF", UIF)]);
+        fields_agree("TIM1", "DIER", &[("UIE", UIF), ("CCIE", UIF << 1)]);
+        fields_agree("TIM1", "BDTR", &[("MOE", MOE)]);
     }
 }

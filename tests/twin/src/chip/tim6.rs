@@ -350,4 +350,24 @@ mod tests {
         assert!(timer.read(0x30, Width::Word, 0).is_err());
         assert!(timer.write(0x08, 0, Width::Word, 0).is_err());
     }
+
+    #[test]
+    fn fields_are_metapacs() {
+        use crate::metapac::fields_agree;
+
+        fields_agree(
+            "TIM6",
+            "CR1",
+            &[
+                ("CEN", cr1::CEN),
+                ("UDIS", cr1::UDIS),
+                ("URS", cr1::URS),
+                ("OPM", cr1::OPM),
+                ("ARPE", cr1::ARPE),
+                ("UIFREMAP", cr1::UIFREMAP),
+                ("DITHEN", cr1::DITHEN),
+            ],
+        );
+        fields_agree("TIM6", "DIER", &[("UIE", dier::UIE), ("UDE", dier::UDE)]);
+    }
 }

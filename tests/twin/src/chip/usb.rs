@@ -511,7 +511,7 @@ impl Usb {
             0x50 => self.table,
             0x54 => self.link_power,
             0x58 => self.charger,
-            _ => return Err(Unknown { what: "USB: no such register" }),
+            _ => return Err(Unknown::REGISTER),
         })
     }
 
@@ -531,7 +531,7 @@ impl Usb {
                 self.watch_lines(low);
             }
             0x48 => return Err(Unknown { what: "USB_FNR is read only" }),
-            _ => return Err(Unknown { what: "USB: no such register" }),
+            _ => return Err(Unknown::REGISTER),
         }
         Ok(())
     }
@@ -902,5 +902,58 @@ mod tests {
         assert!(refused(MEMORY_OFFSET, 0, Width::Byte));
         assert!(refused(MEMORY_OFFSET + 1024, 0, Width::Half));
         assert!(usb.read(MEMORY_OFFSET + 1024, Width::Half, 0).is_err());
+    }
+
+    #[test]
+    fn fields_are_metapacs() {
+        use crate::metapac::fields_agree;
+
+        fields_agree(
+            "USB",
+            "EPR",
+            &[
+                ("CTR_RX", endpoint::RECEIVED),
+                ("DTOG_RX", endpoint::TOGGLE_RECEIVE),
+                ("STAT_RX", endpoint::STATUS_RECEIVE),
+                ("SETUP", endpoint::SETUP),
+                ("EP_TYPE", endpoint::TYPE),
+                ("EP_KIND", endpoint::KIND),
+                ("CTR_TX", endpoint::SENT),
+                ("DTOG_TX", endpoint::TOGGLE_SEND),
+                ("STAT_TX", endpoint::STATUS_SEND),
+                ("EA", endpoint::ADDRESS),
+            ],
+        );
+        fields_agree(
+            "USB",
+            "CNTR",
+            &[
+                ("FRES", control::FORCE_RESET),
+                ("PDWN", control::POWER_DOWN),
+                ("LPMODE", control::LOW_POWER),
+                ("FSUSP", control::FORCE_SUSPEND),
+                ("RESUME", control::RESUME),
+                ("L1RESUME", control::L1_RESUME),
+                ("SOFM", interrupt::FRAME),
+                ("RESETM", interrupt::RESET),
+                ("CTRM", interrupt::TRANSFER),
+            ],
+        );
+        fields_agree(
+            "USB",
+            "ISTR",
+            &[
+                ("DIR", interrupt::DIRECTION_OUT),
+                ("ESOF", interrupt::FRAME_EXPECTED),
+                ("SOF", interrupt::FRAME),
+                ("RESET", interrupt::RESET),
+                ("SUSP", interrupt::SUSPEND),
+                ("WKUP", interrupt::WAKE_UP),
+                ("CTR", interrupt::TRANSFER),
+            ],
+        );
+        fields_agree("USB", "FNR", &[("RXDP", frame::LINE_PLUS), ("LCK", frame::LOCKED), ("FN", frame::NUMBER)]);
+        fields_agree("USB", "DADDR", &[("EF", ADDRESS_ENABLED)]);
+        fields_agree("USB", "BCDR", &[("DPPU", PULL_UP)]);
     }
 }

@@ -190,6 +190,15 @@ pub fn total_length(head: &[u8]) -> Result<u16, DescriptorError> {
     }
 }
 
+/// Bytes of a full packet of endpoint 0, by the device's own descriptor (USB 2.0 9.6.1, bMaxPacketSize0).
+pub fn control_packet(device: &[u8]) -> Result<usize, DescriptorError> {
+    match *device {
+        [18, 1, _, _, _, _, _, size @ (8 | 16 | 32 | 64), ..] => Ok(size.into()),
+        [_, _, _, _, _, _, _, _, ..] => Err(DescriptorError::Kind),
+        _ => Err(DescriptorError::Short),
+    }
+}
+
 /// The first language that the device has strings in.
 pub fn first_language(bytes: &[u8]) -> Result<u16, DescriptorError> {
     match *bytes {

@@ -1,0 +1,85 @@
+//! The programs of others that the twin runs (`tests/twin/foreign`), examples of a published crate among them.
+
+use crate::{process, toolchain::Toolchain, tree::FIRMWARE_TARGET, workspace::Part};
+use anyhow::{Context, Result};
+use serde_json::Value;
+use std::{fs, path::Path, path::PathBuf, process::Command};
+
+/// The variable through which tests learn where the programs lie.
+pub const VARIABLE: &str = "INERTER_FOREIGN";
+/// The crate whose examples are run as they were published.
+const PUBLISHED: &str = "stm32g4xx-hal";
+/// The programs that are ours.
+const OWN: &str = "inerter-foreign";
+
+/// Where their workspace lies.
+fn folder() -> PathBuf {
+    Part::Twin.folder().join("foreign")
+}
+
+/// A command for this workspace.
+fn at(mut command: Command) -> Command {
+    command.current_dir(folder());
+    command
+}
+
+/// Builds them all and returns the folder in which they lie.
+pub fn build(toolchain: &Toolchain) -> Result<PathBuf> {
+    let mut command = at(process::cargo());
+    let metadata = process::output(command.args(["metadata", "--format-version", "1", "--locked"]))?;
+    let metadata: Value = serde_json::from_str(&metadata).context("`cargo metadata` printed no JSON")?;
+    let target = Path::new(metadata["target_directory"].as_str().context("`cargo metadata`: no target folder")?);
+    let examples = package(&metadata, PUBLISHED).context("the published examples are not among the dependencies")?;
+    copy(&examples.join("examples"), &target.join("foreign").join(PUBLISHED))?;
+    let mut command = at(toolchain.cargo("build"));
+    process::run(command.args(["--workspace", "--release", "--locked", "--quiet"])).context("programs of others")?;
+    Ok(target.join(FIRMWARE_TARGET).join("release"))
+}
+
+/// Checks format and lints of those that are ours.
+pub fn lint(toolchain: &Toolchain) -> Result<()> {
+    process::run(at(process::cargo()).args(["fmt", "--package", OWN, "--check"]))?;
+    let mut command = at(toolchain.cargo("clippy"));
+    command.args(["--release", "--locked", "--package", OWN, "--", "--deny", "warnings"]);
+    process::run(command.args(["--deny", "clippy::undocumented_unsafe_blocks"]))
+}
+
+/// The folder of a package.
+fn package(metadata: &Value, name: &str) -> Option<PathBuf> {
+    let package = metadata["packages"].as_array()?.iter().find(|package| package["name"] == name)?;
+    Some(Path::new(package["manifest_path"].as_str()?).parent()?.to_owned())
+}
+
+/// Copies a folder as it is; what is the same already stays, so that cargo does not build it anew.
+fn copy(from: &Path, to: &Path) -> Result<()> {
+    let cannot = |path: &Path| format!("cannot copy {}", path.display());
+    fs::create_dir_all(to).with_context(|| cannot(to))?;
+    for entry in fs::read_dir(from).with_context(|| cannot(from))? {
+        let path = entry.with_context(|| cannot(from))?.path();
+        let own = to.join(path.file_name().unwrap_or_default());
+        if path.is_dir() {
+            copy(&path, &own)?;
+            continue;
+        }
+        let bytes = fs::read(&path).with_context(|| cannot(&path))?;
+        if fs::read(&own).ok().as_ref() != Some(&bytes) {
+            fs::write(&own, bytes).with_context(|| cannot(&own))?;
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_package_lies_where_its_manifest_does() {
+        let metadata = serde_json::json!({ "packages": [
+            { "name": "other", "manifest_path": "/o/Cargo.toml" },
+            { "name": PUBLISHED, "manifest_path": "/registry/it/Cargo.toml" },
+        ]});
+        assert_eq!(package(&metadata, PUBLISHED), Some("/registry/it".into()));
+        assert_eq!(package(&metadata, "none"), None);
+    }
+}

@@ -1,0 +1,163 @@
+//! Programs that none of us wrote, or that stand on drivers none of us wrote: examples of published crates as they were
+//! published, and `stm32-hal2`, `stm32-usbd` and `usbd-serial` (`foreign/`). They have run on real boards; here they must do
+//! what they do there, or one of the two is wrong.
+
+use inerter_twin::World;
+use inerter_twin::chip::{Pin, adc, errata::Errata, flash, gpio::Mode, rcc::Reset, rules::Rules};
+use inerter_twin::cpu::Stop;
+use inerter_twin::machine::{Machine, Options, image_in};
+use inerter_twin::usb_link::UsbLink;
+use inerter_twin::world::Still;
+use inerter_twin::{Registers, Width};
+
+/// A program of the folder `foreign`; nothing where it is not built, after saying so.
+fn foreign(name: &str, world: impl World + 'static) -> Option<Machine> {
+    let image = image_in("INERTER_FOREIGN", &format!("release/foreign-{name}"))?;
+    // Errata are at their worst here, which no real chip is.
+    let options = Options { errata: Errata::NONE, rules: Rules::AsOnTheChip, ..Options::default() };
+    Some(Machine::with(&image, options, Box::new(world)).expect("the image"))
+}
+
+fn run(machine: &mut Machine, time_s: f64) {
+    machine.run_for(time_s).unwrap_or_else(|ended| panic!("{ended}"));
+}
+
+/// What the converters look at.
+#[derive(Clone, Copy)]
+struct Steady {
+    force_v: f64,
+    terminal_v: f64,
+    /// Encoder edges per second.
+    edges_per_s: f64,
+}
+
+impl World for Steady {
+    fn encoder(&mut self, time_s: f64) -> u32 {
+        (self.edges_per_s * time_s) as i64 as u32
+    }
+
+    fn force_volts(&mut self, _: f64) -> f64 {
+        self.force_v
+    }
+
+    fn terminal_volts(&mut self, _: f64) -> f64 {
+        self.terminal_v
+    }
+}
+
+const STEADY: Steady = Steady { force_v: 1.1, terminal_v: 2.2, edges_per_s: -10_000.0 };
+
+#[test]
+fn stm32g4xx_hal_usb_serial_gives_back_in_capitals() {
+    let Some(machine) = foreign("usb-serial", Still) else { return };
+    let mut link = UsbLink::new(machine);
+    let description = link.connect().expect("enumerated");
+    let texts = [&description.manufacturer, &description.product, &description.serial].map(|text| text.text.clone());
+    assert_eq!(texts, ["Fake company", "Serial port", "TEST"]);
+    link.open().expect("a serial port");
+    for text in ["hello", "World 42", &"x".repeat(63)] {
+        assert_eq!(link.send(text.as_bytes(), 1.0), Ok(text.len()));
+        let answer = link.receive(0.05).expect("open");
+        assert_eq!(String::from_utf8(answer).expect("text"), text.to_uppercase());
+    }
+}
+
+#[test]
+fn stm32g4xx_hal_adc_dma_fills_its_ring() {
+    let Some(mut machine) = foreign("adc-dma", STEADY) else { return };
+    run(&mut machine, 0.2);
+    // Where channel 1 of DMA1 writes: PA0, temperature and reference, five times.
+    let now = machine.now();
+    let ring = machine.chip_mut().dma1.read(0x14, Width::Word, now).expect("DMA_CMAR1");
+    let bytes = machine.chip().bytes(ring, 30).expect("in RAM");
+    let codes: Vec<f64> = bytes.chunks_exact(2).map(|code| f64::from(u16::from_le_bytes([code[0], code[1]]))).collect();
+    let volts = [STEADY.force_v, adc::sensor_volts(25.0), adc::internal_reference_volts()];
+    for (n, code) in codes.iter().enumerate() {
+        let expected = volts[n % 3] / adc::REFERENCE_V * adc::CODES;
+        assert!((code - expected).abs() < 5.0, "entry {n}: {code}, not {expected}");
+    }
+}
+
+#[test]
+fn stm32g4xx_hal_pwm_is_100_hz() {
+    let Some(mut machine) = foreign("pwm", Still) else { return };
+    run(&mut machine, 0.1);
+    assert_eq!(machine.chip().pin_mode(Pin::new('A', 8)), Mode::Alternate(6));
+    let now = machine.now();
+    machine.chip_mut().tim1.advance(now);
+    let pwm = machine.chip().tim1.pwm(1).expect("a running output");
+    assert!((pwm.frequency_hz - 100.0).abs() < 0.01 && (pwm.duty - 0.5).abs() < 1e-3, "{pwm:?}");
+}
+
+/// It opens SYSCFG's gate by the address of a variable on its stack and asserts that this is a peripheral's; pull request 221
+/// of its repository shows the same assertion on a board.
+#[test]
+fn stm32g4xx_hal_button_panics_as_on_a_board() {
+    let Some(mut machine) = foreign("button", Still) else { return };
+    let ended = machine.run_for(0.05).expect_err("a panic");
+    assert_eq!((ended.stop, ended.pc_function.as_deref()), (Stop::Undefined, Some("__rustc::rust_begin_unwind")));
+    let now = machine.now();
+    let gates = machine.chip_mut().read(0x4002_1060, Width::Word, now).expect("RCC_APB2ENR");
+    assert_eq!(gates & 1, 0, "SYSCFG has no clock");
+}
+
+#[test]
+fn stm32g4xx_hal_watchdog_bites_after_its_32_seconds() {
+    let Some(mut machine) = foreign("watchdog", Still) else { return };
+    run(&mut machine, 33.0);
+    let resets: Vec<Reset> = machine.resets().iter().map(|(_, cause)| *cause).collect();
+    assert_eq!(resets, [Reset::Power, Reset::Watchdog]);
+    let at_s = machine.resets()[1].0;
+    assert!((32.7..32.8).contains(&at_s), "{at_s} s");
+}
+
+/// What the program answers to a letter.
+fn ask(machine: &mut Machine, letter: u8) -> String {
+    machine.serial_send(&[letter]);
+    run(machine, 0.1);
+    String::from_utf8(machine.serial_take()).expect("text")
+}
+
+#[test]
+fn stm32_hal2_measures_counts_and_keeps() {
+    let Some(mut machine) = foreign("hal2", STEADY) else { return };
+    machine.chip_mut().lpuart1.set_far_baud(115_200.0);
+    run(&mut machine, 0.05);
+    assert_eq!(machine.clock_hz(), 170e6);
+    assert_eq!(ask(&mut machine, b'c'), "170000000\n");
+    let volts = ask(&mut machine, b'a');
+    let volts: Vec<f64> = volts.split_whitespace().map(|word| word.parse::<f64>().expect("a number") / 1e4).collect();
+    assert!((volts[0] - 1.1).abs() < 5e-3 && (volts[1] - 2.2).abs() < 5e-3, "{volts:?}");
+    let count = |machine: &mut Machine| ask(machine, b'e').trim().parse::<i32>().expect("a number");
+    let (before, at_s) = (count(&mut machine), machine.time_s());
+    let moved = count(&mut machine) - before;
+    let expected = STEADY.edges_per_s * (machine.time_s() - at_s);
+    assert!((f64::from(moved) - expected).abs() < 3.0, "{moved} of {expected}");
+    assert_eq!(ask(&mut machine, b'f'), "written by others\n");
+    let contents = machine.flash();
+    let page = flash::BANK + 100 * flash::PAGE;
+    assert_eq!(&contents.bytes()[page..page + 17], b"written by others");
+}
+
+/// The driver's `erase_page` leaves the bank's choice out ("PAC error" in its source): it would erase its own program's.
+#[test]
+fn stm32_hal2_erases_the_first_bank_where_it_is_asked_for_the_second() {
+    let Some(mut machine) = foreign("hal2", STEADY) else { return };
+    machine.chip_mut().lpuart1.set_far_baud(115_200.0);
+    run(&mut machine, 0.05);
+    machine.serial_send(b"F");
+    let ended = machine.run_for(0.1).expect_err("an end");
+    assert!(matches!(&ended.stop, Stop::Bus(bad) if bad.what.contains("bank 1")), "{ended}");
+}
+
+#[test]
+fn stm32_hal2_usb_gives_back_one_higher() {
+    let Some(machine) = foreign("hal2-usb", Still) else { return };
+    let mut link = UsbLink::new(machine);
+    let description = link.connect().expect("enumerated");
+    assert_eq!((description.manufacturer.text.as_str(), description.product.text.as_str()), ("Others", "Echo"));
+    link.open().expect("a serial port");
+    assert_eq!(link.send(b"HAL-9000", 1.0), Ok(8));
+    assert_eq!(link.receive(0.05).expect("open"), b"IBM.:111");
+    assert!(link.socket.clock_hz() == 170e6);
+}
