@@ -5,6 +5,7 @@
 //!   that the ROM restores no register before, AN3155 that it does, so nothing is taken for granted: a jump leaves the
 //!   vectors, address 0, the protection unit or the clocks other than a reset does, or exactly as a reset does.
 //! - A firmware that ends at its start again and again leaves the saved settings alone, and at last goes into update mode.
+//!   Panics and faults count themselves, the watchdog is known by its flag; a reset by a probe is neither.
 //!
 //! Sources: RM0440 7.4.30 (reset flags), 10.2.1 (MEM_MODE); AN2606 (system memory boot mode); PM0214 4.4.4 (VTOR).
 
@@ -14,15 +15,15 @@ use core::ptr;
 use cortex_m::peripheral::SCB;
 use embassy_stm32::pac::rcc::vals::Sw;
 use embassy_stm32::pac::{RCC, SYSCFG};
-use embassy_time::Timer;
+use embassy_time::{Instant, Timer};
 use inerter_wire::ResetCause;
 
 /// Vector table of the ROM (RM0440, table 4).
 const ROM: *const u32 = 0x1FFF_0000 as *const u32;
 /// Time within which a second press of the button counts.
-const DOUBLE_PRESS_MS: u64 = 500;
-/// A run of this length has not failed at its start.
-const GOOD_RUN_S: u64 = 10;
+const DOUBLE_PRESS: Instant = Instant::from_millis(500);
+/// A run that comes to this moment has not failed at its start.
+const GOOD_RUN: Instant = Instant::from_secs(10);
 /// Failed starts in a row after which the saved settings are left alone, as they may be why.
 const SUSPECTS_SETTINGS: u32 = 3;
 /// Failed starts in a row after which another firmware is wanted.
@@ -92,20 +93,25 @@ enum Note {
 #[unsafe(link_section = ".uninit.note")]
 static mut NOTE: MaybeUninit<u32> = MaybeUninit::uninit();
 
-/// [`STARTS_MAGIC`] and, in the low byte, how many starts in a row have failed; not touched by start-up.
+/// [`STARTS_MAGIC`] and, in the low byte, how many runs in a row have ended too early; not touched by start-up.
 #[unsafe(link_section = ".uninit.starts")]
 static mut STARTS: MaybeUninit<u32> = MaybeUninit::uninit();
 const STARTS_MAGIC: u32 = 0x5354_5200;
 
 fn set_failed_starts(number: u32) {
-    // SAFETY: one word, written whole, from thread mode only.
-    unsafe { ptr::write_volatile(ptr::addr_of_mut!(STARTS).cast(), STARTS_MAGIC | number) };
+    // SAFETY: one word, written whole, from thread mode, or where nothing else runs any more.
+    unsafe { ptr::write_volatile(ptr::addr_of_mut!(STARTS).cast(), STARTS_MAGIC | number.min(0xFF)) };
 }
 
 fn failed_starts() -> u32 {
     // SAFETY: one word of RAM, for which every content is valid; volatile, as the run before wrote it.
     let word = unsafe { ptr::read_volatile(ptr::addr_of!(STARTS).cast::<u32>()) };
     if word & !0xFF == STARTS_MAGIC { word & 0xFF } else { 0 }
+}
+
+/// This run ends by a panic or a fault.
+pub fn note_failure() {
+    set_failed_starts(failed_starts() + 1);
 }
 
 /// What is known of a start.
@@ -153,10 +159,14 @@ pub fn begin() -> Started {
     } else {
         ResetCause::Unknown
     };
-    // By itself: a panic, a fault, the watchdog. Wanted restarts set the number back before.
-    let by_itself = matches!(cause, ResetCause::Software | ResetCause::Watchdog);
-    let failed = if by_itself { failed_starts() + 1 } else { 0 };
+    let failed = match cause {
+        ResetCause::Watchdog => failed_starts() + 1,
+        // A panic has counted itself; a wanted restart has set the number back; a probe's reset changes nothing.
+        ResetCause::Software => failed_starts(),
+        _ => 0,
+    };
     set_failed_starts(failed);
+    let by_itself = matches!(cause, ResetCause::Software | ResetCause::Watchdog);
     let pressed = note_is(Note::Pressed);
     let again = pressed && cause == ResetCause::Pin;
     let wanted = note_is(Note::Update) && cause == ResetCause::Software;
@@ -172,11 +182,11 @@ pub fn begin() -> Started {
 
 /// Forgets the press of the button in time, and failed starts after a good run.
 pub async fn forget() {
-    Timer::after_millis(DOUBLE_PRESS_MS).await;
+    Timer::at(DOUBLE_PRESS).await;
     if note_is(Note::Pressed) {
         set_note(Note::Nothing);
     }
-    Timer::after_secs(GOOD_RUN_S).await;
+    Timer::at(GOOD_RUN).await;
     set_failed_starts(0);
 }
 

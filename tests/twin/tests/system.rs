@@ -351,6 +351,41 @@ fn a_firmware_that_cannot_start_leaves_the_settings_alone_and_then_wants_another
 }
 
 #[test]
+fn resets_by_a_probe_are_no_failed_starts() {
+    let Some(mut link) = board(Still) else { return };
+    greet(&mut link);
+    write(&mut link, &numbered(1));
+    save(&mut link).expect("saved");
+    for _ in 0..8 {
+        // AIRCR.SYSRESETREQ, which a probe can write as well as the program.
+        let nvic = &mut link.machine.cpu_mut().core_mut().nvic;
+        nvic.write(0xe000_ed0c, 0x05fa_0004, inerter_twin::Width::Word, 0).expect("a register");
+        run(&mut link.machine, 0.2);
+    }
+    assert_eq!(link.machine.resets().iter().filter(|reset| reset.1 == Reset::Software).count(), 8);
+    link.talk = Default::default();
+    let (_, events) = greet(&mut link);
+    assert!(!events.iter().any(|event| matches!(event, EventKind::Fault(_))), "{events:?}");
+    assert_eq!(settings(&mut link), numbered(1));
+}
+
+#[test]
+fn a_run_of_ten_seconds_has_not_failed_at_its_start() {
+    for (length_s, fails) in [(9.8, true), (10.2, false)] {
+        let Some(mut link) = board(Still) else { return };
+        for _ in 0..2 {
+            disturb(&mut link.machine);
+            run(&mut link.machine, 0.2);
+        }
+        run(&mut link.machine, length_s - 0.2);
+        disturb(&mut link.machine);
+        run(&mut link.machine, 0.2);
+        let (_, events) = greet(&mut link);
+        assert_eq!(events.contains(&EventKind::Fault(Fault::SavedSettings)), fails, "{length_s} s: {events:?}");
+    }
+}
+
+#[test]
 fn two_presses_lead_out_of_an_endless_row_of_restarts() {
     let Some(mut link) = board(Still) else { return };
     run(&mut link.machine, 1.0);
