@@ -8,6 +8,7 @@ use inerter_plant::Excitation;
 use inerter_twin::{
     Board,
     bench::{Bench, Rig},
+    chip::adc::{Broken, Unit},
     chip::flash::{Contents, Torn},
     chip::rcc::Reset,
     chip::rom::Left,
@@ -190,6 +191,64 @@ fn a_crystal_that_breaks_is_a_restart_without_it() {
             .any(|event| matches!(event, EventKind::Panicked(text) if text.ends_with("the crystal has stopped"))),
         "{events:?}"
     );
+}
+
+#[test]
+fn the_crystal_may_break_at_any_moment_of_the_start() {
+    let mut restarts = BTreeSet::new();
+    // Memory is set up in the first milliseconds, and the crystal needs two.
+    for moment_us in (4_000..14_000).step_by(200) {
+        let Some(mut link) = board(Still) else { return };
+        link.machine.reset().expect("starts");
+        run(&mut link.machine, f64::from(moment_us) * 1e-6);
+        let now = link.machine.now();
+        link.machine.chip_mut().break_crystal(now);
+        run(&mut link.machine, 0.3);
+        let hello = greet(&mut link).0;
+        assert_eq!(hello.clock, ClockSource::Internal, "broken {moment_us} us after the reset");
+        restarts.insert(link.machine.resets().len() - 3);
+    }
+    assert_eq!(restarts, BTreeSet::from([0, 1]), "before it was ready, and after");
+    // Seen ready, and gone before it is watched: then it is waited for, until the watchdog bites.
+    let Some(mut link) = board(Still) else { return };
+    link.machine.reset().expect("starts");
+    const READY: u32 = 1 << 17;
+    let is_ready = |machine: &mut Machine| {
+        let now = machine.now();
+        machine.chip_mut().read(0x4002_1000, inerter_twin::Width::Word, now).expect("RCC_CR") & READY != 0
+    };
+    assert!(link.machine.run_until_that(0.02, 1e-7, is_ready).expect("runs"));
+    let now = link.machine.now();
+    link.machine.chip_mut().break_crystal(now);
+    run(&mut link.machine, 1.0);
+    let (hello, events) = greet(&mut link);
+    assert_eq!((hello.clock, cause(&events)), (ClockSource::Internal, ResetCause::Watchdog));
+}
+
+#[test]
+fn a_converter_that_does_not_start_is_told() {
+    for unit in [Unit::One, Unit::Two, Unit::Five] {
+        for at in [Broken::Calibration, Broken::Ready] {
+            let Some(mut machine) = machine(Options::default(), Still) else { return };
+            machine.chip_mut().adc.break_down(unit, at);
+            run(&mut machine, 0.5);
+            assert_eq!(machine.resets().len(), 2, "{unit:?}, {at:?}: {:?}", machine.resets());
+            let mut link = SerialLink::new(machine);
+            let (_, mut events) = greet(&mut link);
+            let health = health(&mut link);
+            events.extend(link.records().into_iter().filter_map(|record| match record {
+                Record::Event(Event { kind, .. }) => Some(kind),
+                _ => None,
+            }));
+            let of_samples = unit != Unit::Five;
+            let told = events.contains(&EventKind::Fault(Fault::SourceUnreadable));
+            assert_eq!(
+                (told, health.temperature_c.is_none()),
+                (of_samples, !of_samples),
+                "{unit:?}, {at:?}: {events:?}"
+            );
+        }
+    }
 }
 
 #[test]
