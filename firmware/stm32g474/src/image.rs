@@ -125,9 +125,10 @@ fn set_up(spawner: Spawner, started: Started) {
         capabilities: Capabilities::SAMPLER
             .with(Capabilities::INJECT)
             .with(Capabilities::TERMINAL)
-            .with(Capabilities::STORE)
+            .with(if flash::is_there() { Capabilities::STORE } else { Capabilities::NONE })
             .with(Capabilities::DFU)
-            .with(Capabilities::REBOOT),
+            .with(Capabilities::REBOOT)
+            .with_flash_kb(flash::size_kb()),
         accepts: source::accepts,
         start,
     });
