@@ -1,7 +1,8 @@
 //! Why the device started, and what is decided by that before anything else runs.
 //!
 //! - Two presses of the reset button within half a second, or a command, lead into the ROM's update mode (DFU).
-//! - The ROM's update mode starts the new firmware by a jump; a reset then gives it the chip as it expects it. AN2606 says
+//! - The ROM's update mode starts the new firmware by a jump; a reset then gives it the chip as it expects it, unless the
+//!   option bytes lead every reset into the ROM: then they are changed first (`options.rs`). AN2606 says
 //!   that the ROM restores no register before, AN3155 that it does, so nothing is taken for granted: a jump leaves the
 //!   vectors, address 0, the protection unit or the clocks other than a reset does, or exactly as a reset does.
 //! - A firmware that ends at its start again and again leaves the saved settings alone, and at last goes into update mode.
@@ -9,6 +10,7 @@
 //!
 //! Sources: RM0440 7.4.30 (reset flags), 10.2.1 (MEM_MODE); AN2606 (system memory boot mode); PM0214 4.4.4 (VTOR).
 
+use crate::options;
 use core::arch::global_asm;
 use core::mem::MaybeUninit;
 use core::ptr;
@@ -40,12 +42,13 @@ global_asm!(
     // MPU_CTRL.
     "ldr r0, =0xE000ED94",
     "ldr r1, [r0]",
-    "cbnz r1, 2f",
+    "cmp r1, #0",
+    "bne 2f",
     // VTOR: 0 after a reset, flash if somebody was so kind.
     "ldr r0, =0xE000ED08",
     "ldr r1, [r0]",
-    "bic r1, r1, #0x08000000",
-    "cbnz r1, 2f",
+    "bics r1, r1, #0x08000000",
+    "bne 2f",
     // SYSCFG_MEMRMP.MEM_MODE, with its clock (APB2ENR.SYSCFGEN) on for the moment.
     "ldr r0, =0x40021060",
     "ldr r1, [r0]",
@@ -57,6 +60,7 @@ global_asm!(
     "str r1, [r0]",
     "ands r2, r2, #7",
     "bne 2f",
+    "4:",
     // The first write to each SRAM may be lost (ES0430 2.2.7): SRAM1 and SRAM2, with what is there anyway.
     "ldr r0, =0x20000000",
     "ldr r1, [r0]",
@@ -66,8 +70,41 @@ global_asm!(
     "str r1, [r0]",
     "dsb",
     "bx lr",
-    // AIRCR.SYSRESETREQ.
+    // A jump. FLASH_OPTR: does a reset lead back to the ROM? BFB2, or nSWBOOT0 and nBOOT0 both 0.
     "2:",
+    "ldr r0, =0x40022020",
+    "ldr r1, [r0]",
+    "tst r1, #0x00100000",
+    "bne 5f",
+    "tst r1, #0x0C000000",
+    "bne 6f",
+    // It does: by hand. Protection unit, SysTick and all interrupts off, address 0 and vectors in flash.
+    "5:",
+    "movs r1, #0",
+    "ldr r0, =0xE000ED94",
+    "str r1, [r0]",
+    "ldr r0, =0xE000E010",
+    "str r1, [r0]",
+    "ldr r0, =0x40021060",
+    "ldr r2, [r0]",
+    "orr r2, r2, #1",
+    "str r2, [r0]",
+    "ldr r2, [r0]",
+    "ldr r0, =0x40010000",
+    "str r1, [r0]",
+    "ldr r0, =0xE000ED08",
+    "str r1, [r0]",
+    "mvn r1, r1",
+    "ldr r0, =0xE000E180",
+    "str r1, [r0]",
+    "str r1, [r0, #4]",
+    "str r1, [r0, #8]",
+    "str r1, [r0, #12]",
+    "dsb",
+    "isb",
+    "b 4b",
+    // AIRCR.SYSRESETREQ.
+    "6:",
     "ldr r0, =0xE000ED0C",
     "ldr r1, =0x05FA0004",
     "dsb",
@@ -135,7 +172,7 @@ fn note_is(note: Note) -> bool {
 
 /// Finds out why the device started. To be called first of all; may not return.
 pub fn begin() -> Started {
-    if RCC.cfgr().read().sws() != Sw::HSI || RCC.crrcr().read().hsi48on() {
+    if (RCC.cfgr().read().sws() != Sw::HSI || RCC.crrcr().read().hsi48on()) && !options::start_in_rom() {
         // Started by a jump (see `__pre_init`), and the clocks are the ROM's.
         SCB::sys_reset();
     }

@@ -15,7 +15,13 @@
 
 use crate::{
     Board, Cycles, Width, World,
-    chip::{Chip, errata::Errata, flash, rcc::Reset, rom},
+    chip::{
+        Chip,
+        errata::Errata,
+        flash::{self, Boot},
+        rcc::Reset,
+        rom::{self, Left},
+    },
     cpu::{Cpu, Faults, Place, Stop},
     elf::{Elf, ElfError},
 };
@@ -137,6 +143,7 @@ pub struct Machine {
     elf: Elf,
     seed: u64,
     resets: Vec<(f64, Reset)>,
+    boot0: bool,
 }
 
 impl Machine {
@@ -161,7 +168,7 @@ impl Machine {
         }
         let mut cpu = Cpu::new(chip)?;
         cpu.set_faults(options.faults);
-        let mut machine = Self { cpu, elf, seed: options.seed, resets: Vec::new() };
+        let mut machine = Self { cpu, elf, seed: options.seed, resets: Vec::new(), boot0: false };
         machine.power_cut()?;
         Ok(machine)
     }
@@ -252,7 +259,18 @@ impl Machine {
         let (now, time_s) = (self.now(), self.time_s());
         self.resets.push((time_s, cause));
         self.chip_mut().reset(cause, now);
-        self.cpu.reset()
+        self.cpu.reset()?;
+        match self.chip().flash.boots(self.boot0) {
+            Boot::Flash => Ok(()),
+            Boot::EitherBank => self.jump_from_rom(Left::Running),
+            Boot::Rom => self.cpu.enter_rom(),
+            Boot::Ram => Err(Stop::Ram),
+        }
+    }
+
+    /// Sets the level of the boot pin; it counts at the next start, where the option bytes let it.
+    pub fn set_boot0(&mut self, level: bool) {
+        self.boot0 = level;
     }
 
     /// Somebody presses the reset button.
@@ -261,19 +279,25 @@ impl Machine {
     }
 
     /// The ROM's boot loader starts the program by a jump, as its "leave" and "go" do.
-    pub fn leave_rom(&mut self, left: rom::Left) -> Result<(), StartError> {
+    pub fn leave_rom(&mut self, left: Left) -> Result<(), StartError> {
+        Ok(self.jump_from_rom(left)?)
+    }
+
+    fn jump_from_rom(&mut self, left: Left) -> Result<(), Stop> {
         let noise = rom::noise();
         self.chip_mut().ram.bytes_mut()[..noise.len()].copy_from_slice(&noise);
-        let now = self.now();
-        let core = self.cpu.core_mut();
         for &(address, value) in left.writes() {
+            // Longer than any oscillator takes.
+            self.cpu.pass(1_000);
+            let now = self.now();
+            let core = self.cpu.core_mut();
             let written = match address {
                 0xe000_0000.. => core.nvic.write(address, value, Width::Word, now).is_ok(),
                 _ => core.chip.write(address, value, Width::Word, now).is_ok(),
             };
             assert!(written, "the ROM knows its registers: {address:#010x}");
         }
-        Ok(self.cpu.jump(flash::START)?)
+        self.cpu.jump(flash::START)
     }
 
     /// Power goes and comes back: flash keeps what it has, RAM holds anything.
