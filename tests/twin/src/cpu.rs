@@ -490,11 +490,18 @@ impl Cpu {
     }
 
     /// Lets time pass in which no instruction is executed.
-    pub fn pass(&mut self, cycles: Cycles) {
+    pub fn pass(&mut self, cycles: Cycles) -> Result<(), Stop> {
         let core = self.core_mut();
         core.now += cycles;
         core.limit = core.limit.max(core.now);
         core.advance();
+        core.stop.take().map_or(Ok(()), Err)
+    }
+
+    /// The program in flash was changed.
+    pub fn forget_code(&mut self) -> Result<(), Stop> {
+        self.core_mut().blocks.fill(Block::default());
+        self.uc.ctl_flush_tb().map_err(emulator)
     }
 
     /// Goes to a program as a boot loader does: stack and start from its vectors, everything else as it is.

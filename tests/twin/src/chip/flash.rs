@@ -314,6 +314,36 @@ impl Flash {
         self.storage.get(OPTR) >> 8 & 7
     }
 
+    /// Whether so many bytes lie in flash.
+    pub fn holds(&self, address: u32, len: usize) -> bool {
+        let start = address.wrapping_sub(START) as usize;
+        start < LEN && len <= LEN - start
+    }
+
+    /// Whether an operation is under way.
+    pub fn is_busy(&mut self, now: Cycles) -> bool {
+        self.advance(now);
+        self.operation.is_some()
+    }
+
+    /// The boot loader, which runs from neither bank, erases a page of either.
+    pub fn rom_erase(&mut self, page: usize, now: Cycles) {
+        self.begin(Action::Erase { page }, now);
+        self.stale = false;
+    }
+
+    /// The boot loader programs a double word; false, and nothing happens, where it is not erased.
+    #[must_use]
+    pub fn rom_program(&mut self, address: u32, data: u64, now: Cycles) -> bool {
+        let at = address.wrapping_sub(START) as usize;
+        let erased = at.is_multiple_of(8) && self.holds(address, 8) && self.double_word(at) == u64::MAX;
+        if erased {
+            self.begin(Action::Program { at, data }, now);
+            self.stale = false;
+        }
+        erased
+    }
+
     /// Power has gone: what was under way is torn.
     pub fn lose_power(&mut self) {
         let torn = match (self.cut_at.take(), self.cut.take()) {

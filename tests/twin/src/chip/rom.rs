@@ -1,6 +1,7 @@
 //! System memory: what ST put into the chip (RM0440 table 3 and section 48, DS12288 section 3.18).
 //!
-//! The boot loader is a pair of vectors and an endless loop; whoever jumps there ends the run. It leaves by a jump, not by
+//! The boot loader is a pair of vectors and an endless loop; whoever jumps there ends the run, or finds what
+//! [`crate::boot_rom`] does in its place. It leaves by a jump, not by
 //! a reset, and what it leaves behind is not certain ([`Left`]): AN2606 says that its "go" does not restore registers,
 //! AN3155 that it does.
 
