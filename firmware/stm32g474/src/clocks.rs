@@ -19,21 +19,23 @@ const POLLS: u32 = 320_000;
 pub fn start() -> (ClockSource, Peripherals) {
     RCC.cr().modify(|w| w.set_hseon(true));
     let crystal_runs = (0..POLLS).any(|_| RCC.cr().read().hserdy());
+    let oscillator = if crystal_runs { boards::crystal() } else { Oscillator::INTERNAL };
+    if crystal_runs {
+        // A crystal that stops raises NMI, from here on: it does not pass unnoticed, and is not waited for.
+        RCC.cr().modify(|w| w.set_csson(true));
+    }
     // At the 16 MHz of the chip's own oscillator first. From here to `reinit` the clock of embassy-time must not come
     // to half a turn of its timer, 33 ms, as `reinit` sets the timer back and not what was counted of its turns.
     let mut config = Config::default();
     config.rcc.ls = NO_RTC;
+    // Left on.
+    config.rcc.hse = oscillator.crystal;
     let mut peripherals = embassy_stm32::init(config);
     // Range 1 boost, for more than 150 MHz (RM0440 6.4.5: R1MODE, bit 8, to 0; the register has no other).
     // stm32-metapac 21 has the bit in another place, so what embassy-stm32 does about it has no effect.
     PWR.cr5().write_value(Cr5(0));
-    let oscillator = if crystal_runs { boards::crystal() } else { Oscillator::INTERNAL };
     rcc::reinit(oscillator.clocks(), &mut peripherals.RCC);
     full_speed();
-    if crystal_runs {
-        // A crystal that stops raises NMI, and does not pass unnoticed.
-        RCC.cr().modify(|w| w.set_csson(true));
-    }
     (if crystal_runs { ClockSource::Crystal } else { ClockSource::Internal }, peripherals)
 }
 

@@ -143,10 +143,20 @@ fn clear_errors() -> Sr {
     errors
 }
 
+/// Flash of the chip in KB.
+pub fn size_kb() -> u16 {
+    // SAFETY: a constant of the chip, in its system memory.
+    unsafe { ptr::read(FLASH_SIZE) }
+}
+
+/// Whether the chip has the pages.
+pub fn is_there() -> bool {
+    size_kb() >= NEEDED_KB && FLASH.optr().read().dbank()
+}
+
 /// The address of `offset`, if the chip has the pages and so many bytes lie within them and on edges of `unit`.
 fn check(offset: u32, length: usize, unit: usize) -> Result<usize, Failed> {
-    // SAFETY: a constant of the chip, in its system memory.
-    if unsafe { ptr::read(FLASH_SIZE) } < NEEDED_KB || !FLASH.optr().read().dbank() {
+    if !is_there() {
         return Err(Failed::Missing);
     }
     let offset = offset as usize;

@@ -13,6 +13,7 @@ use embassy_executor::Spawner;
 use embassy_futures::block_on;
 use embassy_futures::join::{join, join4};
 use embassy_stm32::gpio::Output;
+use embassy_stm32::pac::RCC;
 use embassy_time::Instant;
 use inerter_app::{
     App, FlashStore, Identity, InUse, LinkReceiver, LinkTransmitter, Restart, Start, leave_settings_alone,
@@ -22,7 +23,12 @@ use inerter_core::{Active, State};
 use inerter_wire::{Capabilities, ClockSource, ResetCause};
 use static_cell::{ConstStaticCell, StaticCell};
 
-defmt::timestamp!("{=u64:us}", Instant::now().as_micros());
+defmt::timestamp!("{=u64:us}", uptime_us());
+
+/// 0 before the clock of embassy-time runs, as a panic may come first.
+fn uptime_us() -> u64 {
+    if RCC.apb2enr().read().tim15en() { Instant::now().as_micros() } else { 0 }
+}
 
 /// Made at the start, as its start values would take their place in flash too.
 static APP: StaticCell<App> = StaticCell::new();
@@ -105,6 +111,7 @@ fn set_up(spawner: Spawner, started: Started) {
     if start.panic.is_some() && start.cause == ResetCause::Software {
         start.cause = ResetCause::Panic;
     }
+    watchdog::start();
     options::check(start.cause);
     let (clock, peripherals) = clocks::start();
     let Parts { led, usb, vbus, uart, source } = boards::wire(peripherals);
@@ -118,9 +125,10 @@ fn set_up(spawner: Spawner, started: Started) {
         capabilities: Capabilities::SAMPLER
             .with(Capabilities::INJECT)
             .with(Capabilities::TERMINAL)
-            .with(Capabilities::STORE)
+            .with(if flash::is_there() { Capabilities::STORE } else { Capabilities::NONE })
             .with(Capabilities::DFU)
-            .with(Capabilities::REBOOT),
+            .with(Capabilities::REBOOT)
+            .with_flash_kb(flash::size_kb()),
         accepts: source::accepts,
         start,
     });

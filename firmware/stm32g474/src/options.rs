@@ -1,7 +1,11 @@
-//! The one option that matters: at which supply voltage the chip holds itself in reset.
+//! The options that matter: at which supply voltage the chip holds itself in reset, and that it starts from flash.
+//!
+//! Boards come with any of them (`docs/HARDWARE.md`). nSWBOOT0 stays: it says whether a pin can lead into update mode, and
+//! not every board leaves that pin free. DBANK stays: in the other mode the program would lie elsewhere.
 
 use core::arch::asm;
 use embassy_stm32::pac::FLASH;
+use embassy_stm32::pac::flash::regs::Optr;
 use inerter_wire::ResetCause;
 
 /// Level 4, 2.8 V. Below 3.0 V USB is out of its range and the analogue supply, against which force is measured, is
@@ -11,11 +15,31 @@ const BROWN_OUT_LEVEL: u8 = 4;
 const KEYS: [u32; 2] = [0x4567_0123, 0xCDEF_89AB];
 const OPTION_KEYS: [u32; 2] = [0x0819_2A3B, 0x4C5D_6E7F];
 
-/// Sets the brown-out level if it is lower, which takes a reset; a device comes here once in its life.
+/// Whether a reset leads into the ROM, whatever the boot pin: nBOOT0 counts in its place and says so, or the ROM is to
+/// choose between the banks (RM0440 2.6).
+pub fn start_in_rom() -> bool {
+    let options = FLASH.optr().read();
+    options.bfb2() || !options.n_swboot0() && !options.n_boot0()
+}
+
+/// As they should be; the brown-out level may be higher.
+fn wanted(mut options: Optr) -> Optr {
+    options.set_bor_lev(options.bor_lev().max(BROWN_OUT_LEVEL));
+    // Where nBOOT0 counts: from flash. Where the pin counts, high: the ROM, and not RAM.
+    options.set_n_boot0(true);
+    options.set_n_boot1(true);
+    // The ROM would also start the program where update mode is wanted.
+    options.set_bfb2(false);
+    options
+}
+
+/// Sets the options where they are not as they should be, which takes a reset; a device comes here once in its life.
 ///
-/// Not again after the reset that this makes: an option that cannot be written must not keep the device from starting.
+/// Not again after the reset that this makes, nor where the watchdog ended it: an option that cannot be written must not
+/// keep the device from starting.
 pub fn check(cause: ResetCause) {
-    if FLASH.optr().read().bor_lev() >= BROWN_OUT_LEVEL || cause == ResetCause::OptionBytes {
+    let now = FLASH.optr().read();
+    if wanted(now) == now || matches!(cause, ResetCause::OptionBytes | ResetCause::Watchdog) {
         return;
     }
     while FLASH.sr().read().bsy() {}
@@ -25,7 +49,7 @@ pub fn check(cause: ResetCause) {
     for key in OPTION_KEYS {
         FLASH.optkeyr().write_value(key);
     }
-    FLASH.optr().modify(|w| w.set_bor_lev(BROWN_OUT_LEVEL));
+    FLASH.optr().write_value(wanted(now));
     FLASH.cr().modify(|w| w.set_optstrt(true));
     while FLASH.sr().read().bsy() {}
     FLASH.cr().modify(|w| w.set_obl_launch(true));

@@ -4,6 +4,7 @@
 //! one does under a probe what panic-probe does (the message by defmt, then UDF, on which the probe stops and
 //! shows the stack) and without one restarts, to tell the next host.
 
+use crate::reset;
 use core::fmt::{self, Write};
 use core::mem::MaybeUninit;
 use core::panic::PanicInfo;
@@ -118,6 +119,7 @@ fn panic(info: &PanicInfo) -> ! {
         }
         let _ = write!(message, "{}", info.message());
         message.keep();
+        reset::note_failure();
         defmt::error!("panicked at {=str}", message.text.as_str());
     }
     end()
@@ -144,6 +146,7 @@ unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
             frame.lr()
         );
         message.keep();
+        reset::note_failure();
         defmt::error!("{=str}", message.text.as_str());
     }
     if DCB::is_debugger_attached() {

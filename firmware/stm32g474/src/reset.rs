@@ -1,28 +1,31 @@
 //! Why the device started, and what is decided by that before anything else runs.
 //!
 //! - Two presses of the reset button within half a second, or a command, lead into the ROM's update mode (DFU).
-//! - The ROM's update mode starts the new firmware by a jump; a reset then gives it the chip as it expects it. AN2606 says
+//! - The ROM's update mode starts the new firmware by a jump; a reset then gives it the chip as it expects it, unless the
+//!   option bytes lead every reset into the ROM: then they are changed first (`options.rs`). AN2606 says
 //!   that the ROM restores no register before, AN3155 that it does, so nothing is taken for granted: a jump leaves the
 //!   vectors, address 0, the protection unit or the clocks other than a reset does, or exactly as a reset does.
 //! - A firmware that ends at its start again and again leaves the saved settings alone, and at last goes into update mode.
+//!   Panics and faults count themselves, the watchdog is known by its flag; a reset by a probe is neither.
 //!
 //! Sources: RM0440 7.4.30 (reset flags), 10.2.1 (MEM_MODE); AN2606 (system memory boot mode); PM0214 4.4.4 (VTOR).
 
+use crate::options;
 use core::arch::global_asm;
 use core::mem::MaybeUninit;
 use core::ptr;
 use cortex_m::peripheral::SCB;
 use embassy_stm32::pac::rcc::vals::Sw;
 use embassy_stm32::pac::{RCC, SYSCFG};
-use embassy_time::Timer;
+use embassy_time::{Instant, Timer};
 use inerter_wire::ResetCause;
 
 /// Vector table of the ROM (RM0440, table 4).
 const ROM: *const u32 = 0x1FFF_0000 as *const u32;
 /// Time within which a second press of the button counts.
-const DOUBLE_PRESS_MS: u64 = 500;
-/// A run of this length has not failed at its start.
-const GOOD_RUN_S: u64 = 10;
+const DOUBLE_PRESS: Instant = Instant::from_millis(500);
+/// A run that comes to this moment has not failed at its start.
+const GOOD_RUN: Instant = Instant::from_secs(10);
 /// Failed starts in a row after which the saved settings are left alone, as they may be why.
 const SUSPECTS_SETTINGS: u32 = 3;
 /// Failed starts in a row after which another firmware is wanted.
@@ -39,12 +42,13 @@ global_asm!(
     // MPU_CTRL.
     "ldr r0, =0xE000ED94",
     "ldr r1, [r0]",
-    "cbnz r1, 2f",
+    "cmp r1, #0",
+    "bne 2f",
     // VTOR: 0 after a reset, flash if somebody was so kind.
     "ldr r0, =0xE000ED08",
     "ldr r1, [r0]",
-    "bic r1, r1, #0x08000000",
-    "cbnz r1, 2f",
+    "bics r1, r1, #0x08000000",
+    "bne 2f",
     // SYSCFG_MEMRMP.MEM_MODE, with its clock (APB2ENR.SYSCFGEN) on for the moment.
     "ldr r0, =0x40021060",
     "ldr r1, [r0]",
@@ -56,6 +60,7 @@ global_asm!(
     "str r1, [r0]",
     "ands r2, r2, #7",
     "bne 2f",
+    "4:",
     // The first write to each SRAM may be lost (ES0430 2.2.7): SRAM1 and SRAM2, with what is there anyway.
     "ldr r0, =0x20000000",
     "ldr r1, [r0]",
@@ -65,8 +70,41 @@ global_asm!(
     "str r1, [r0]",
     "dsb",
     "bx lr",
-    // AIRCR.SYSRESETREQ.
+    // A jump. FLASH_OPTR: does a reset lead back to the ROM? BFB2, or nSWBOOT0 and nBOOT0 both 0.
     "2:",
+    "ldr r0, =0x40022020",
+    "ldr r1, [r0]",
+    "tst r1, #0x00100000",
+    "bne 5f",
+    "tst r1, #0x0C000000",
+    "bne 6f",
+    // It does: by hand. Protection unit, SysTick and all interrupts off, address 0 and vectors in flash.
+    "5:",
+    "movs r1, #0",
+    "ldr r0, =0xE000ED94",
+    "str r1, [r0]",
+    "ldr r0, =0xE000E010",
+    "str r1, [r0]",
+    "ldr r0, =0x40021060",
+    "ldr r2, [r0]",
+    "orr r2, r2, #1",
+    "str r2, [r0]",
+    "ldr r2, [r0]",
+    "ldr r0, =0x40010000",
+    "str r1, [r0]",
+    "ldr r0, =0xE000ED08",
+    "str r1, [r0]",
+    "mvn r1, r1",
+    "ldr r0, =0xE000E180",
+    "str r1, [r0]",
+    "str r1, [r0, #4]",
+    "str r1, [r0, #8]",
+    "str r1, [r0, #12]",
+    "dsb",
+    "isb",
+    "b 4b",
+    // AIRCR.SYSRESETREQ.
+    "6:",
     "ldr r0, =0xE000ED0C",
     "ldr r1, =0x05FA0004",
     "dsb",
@@ -92,20 +130,25 @@ enum Note {
 #[unsafe(link_section = ".uninit.note")]
 static mut NOTE: MaybeUninit<u32> = MaybeUninit::uninit();
 
-/// [`STARTS_MAGIC`] and, in the low byte, how many starts in a row have failed; not touched by start-up.
+/// [`STARTS_MAGIC`] and, in the low byte, how many runs in a row have ended too early; not touched by start-up.
 #[unsafe(link_section = ".uninit.starts")]
 static mut STARTS: MaybeUninit<u32> = MaybeUninit::uninit();
 const STARTS_MAGIC: u32 = 0x5354_5200;
 
 fn set_failed_starts(number: u32) {
-    // SAFETY: one word, written whole, from thread mode only.
-    unsafe { ptr::write_volatile(ptr::addr_of_mut!(STARTS).cast(), STARTS_MAGIC | number) };
+    // SAFETY: one word, written whole, from thread mode, or where nothing else runs any more.
+    unsafe { ptr::write_volatile(ptr::addr_of_mut!(STARTS).cast(), STARTS_MAGIC | number.min(0xFF)) };
 }
 
 fn failed_starts() -> u32 {
     // SAFETY: one word of RAM, for which every content is valid; volatile, as the run before wrote it.
     let word = unsafe { ptr::read_volatile(ptr::addr_of!(STARTS).cast::<u32>()) };
     if word & !0xFF == STARTS_MAGIC { word & 0xFF } else { 0 }
+}
+
+/// This run ends by a panic or a fault.
+pub fn note_failure() {
+    set_failed_starts(failed_starts() + 1);
 }
 
 /// What is known of a start.
@@ -129,7 +172,7 @@ fn note_is(note: Note) -> bool {
 
 /// Finds out why the device started. To be called first of all; may not return.
 pub fn begin() -> Started {
-    if RCC.cfgr().read().sws() != Sw::HSI || RCC.crrcr().read().hsi48on() {
+    if (RCC.cfgr().read().sws() != Sw::HSI || RCC.crrcr().read().hsi48on()) && !options::start_in_rom() {
         // Started by a jump (see `__pre_init`), and the clocks are the ROM's.
         SCB::sys_reset();
     }
@@ -153,10 +196,14 @@ pub fn begin() -> Started {
     } else {
         ResetCause::Unknown
     };
-    // By itself: a panic, a fault, the watchdog. Wanted restarts set the number back before.
-    let by_itself = matches!(cause, ResetCause::Software | ResetCause::Watchdog);
-    let failed = if by_itself { failed_starts() + 1 } else { 0 };
+    let failed = match cause {
+        ResetCause::Watchdog => failed_starts() + 1,
+        // A panic has counted itself; a wanted restart has set the number back; a probe's reset changes nothing.
+        ResetCause::Software => failed_starts(),
+        _ => 0,
+    };
     set_failed_starts(failed);
+    let by_itself = matches!(cause, ResetCause::Software | ResetCause::Watchdog);
     let pressed = note_is(Note::Pressed);
     let again = pressed && cause == ResetCause::Pin;
     let wanted = note_is(Note::Update) && cause == ResetCause::Software;
@@ -172,11 +219,11 @@ pub fn begin() -> Started {
 
 /// Forgets the press of the button in time, and failed starts after a good run.
 pub async fn forget() {
-    Timer::after_millis(DOUBLE_PRESS_MS).await;
+    Timer::at(DOUBLE_PRESS).await;
     if note_is(Note::Pressed) {
         set_note(Note::Nothing);
     }
-    Timer::after_secs(GOOD_RUN_S).await;
+    Timer::at(GOOD_RUN).await;
     set_failed_starts(0);
 }
 

@@ -47,7 +47,7 @@ const _: () = assert!(TICKS * ENTRIES_PER_S == CORE_HZ && TICKS <= 0x1_0000);
 const SETTLED: u16 = 2 * CORE_PER_US as u16;
 /// Looks at the rings, some 20 ticks each, until one falls between two events: more than [`SETTLED`].
 const POLLS: usize = 64;
-/// Looks at a converter until it has converted for nothing, of at least 10 cycles each: it takes 150.
+/// Looks at a converter until it has converted for nothing or stopped, of at least 10 cycles each: it takes 150.
 const DISCARD_POLLS: usize = 100;
 
 // DMA channels, counted from 0 as the registers are.
@@ -167,6 +167,8 @@ pub fn encoder(
 /// The rings and what fills them.
 pub struct Rings {
     _encoder: Encoder,
+    /// Both converters are.
+    ready: bool,
 }
 
 impl Rings {
@@ -179,12 +181,16 @@ impl Rings {
         // 42 MHz, from the timer's clock. 2625 ticks are no multiple of 4, so the delay from the event goes round four phases
         // of the converters' clock: 18 ns at most, the same for both.
         ADC12_COMMON.ccr().modify(|w| w.set_ckmode(Ckmode::SYNC_DIV4));
-        convert(ADC1, force.channel);
-        convert(ADC2, terminal.channel);
+        let ready = convert(ADC1, force.channel) & convert(ADC2, terminal.channel);
         TIM6.cr1().write(|w| w.set_urs(Urs::COUNTER_ONLY));
         TIM6.cr2().write(|w| w.set_mms(Mms::UPDATE));
         TIM6.arr().write(|w| w.set_arr((TICKS - 1) as u16));
-        Self { _encoder: encoder }
+        Self { _encoder: encoder, ready }
+    }
+
+    /// Whether the converters can convert.
+    pub fn are_ready(&self) -> bool {
+        self.ready
     }
 
     /// Starts all three rings at entry 0. The first event comes a period later.
@@ -220,7 +226,8 @@ impl Rings {
         for adc in [ADC1, ADC2] {
             if adc.cr().read().adstart() {
                 adc.cr().modify(|w| w.set_adstp(Adstp::STOP));
-                while adc.cr().read().adstart() {}
+                // Where it does not stop, no half will be full after the next start, which is noticed.
+                let _ = (0..DISCARD_POLLS).any(|_| !adc.cr().read().adstart());
             }
         }
         for channel in [COUNTS, FORCES, TERMINALS] {
@@ -364,9 +371,15 @@ fn discard(adc: Adc) {
     adc.cfgr().write_value(by_event);
 }
 
-/// One conversion of the channel for each event, fetched by DMA for ever.
-fn convert(adc: Adc, channel: u8) {
-    adc::switch_on(adc);
+/// Whether nothing is converted now nor starts to be within so many of the timer's ticks.
+pub fn rest_for(ticks: u16) -> bool {
+    let rest = SETTLED..TICKS as u16 - ticks;
+    !TIM6.cr1().read().cen() || rest.contains(&TIM6.cnt().read().cnt())
+}
+
+/// One conversion of the channel for each event, fetched by DMA for ever. Says whether the converter is ready.
+fn convert(adc: Adc, channel: u8) -> bool {
+    let ready = adc::switch_on(adc);
     adc.sqr1().write(|w| w.set_sq(0, channel));
     adc.smpr().write(|w| w.set_smp(usize::from(channel), SampleTime::CYCLES24_5));
     adc.cfgr().write(|w| {
@@ -378,4 +391,5 @@ fn convert(adc: Adc, channel: u8) {
         w.set_ovrmod(Ovrmod::PRESERVE);
         w.set_jqdis(true);
     });
+    ready
 }

@@ -67,7 +67,7 @@ impl Sampler {
         let window = RATES_HZ.iter().find(|&&rate| rate == rate_hz).map(|rate| ENTRIES_PER_S / *rate as u32);
         self.boxcar = Boxcar::starting_at(window.ok_or(SourceError::Unreadable)?, index);
         self.begun = None;
-        Ok(())
+        if self.rings.are_ready() { Ok(()) } else { Err(SourceError::Unreadable) }
     }
 
     /// Stops the hardware.

@@ -1,10 +1,12 @@
 //! The chip's own temperature, by ADC5.
 //!
-//! Converts twice, as the first conversion more than 1 ms after the one before may be wrong (ES0430 2.7.9).
+//! Converts twice, as the first conversion more than 1 ms after the one before may be wrong (ES0430 2.7.9), and between two
+//! samples, as the start of a converter may disturb another one's conversion (ES0430 2.7.11).
 //!
 //! Source: RM0440 21.4.32; DS12288 tables 5 and 6 (calibration at 30 and 130 degrees, with a supply of 3.0 V).
 
-use crate::adc;
+use crate::boards::clock::CORE_PER_US;
+use crate::{adc, rings};
 use core::ptr;
 use embassy_stm32::pac::adc::vals::SampleTime;
 use embassy_stm32::pac::adccommon::vals::Ckmode;
@@ -14,14 +16,20 @@ use embassy_stm32::pac::{ADC5, ADC345_COMMON, RCC};
 const CHANNEL: u8 = 4;
 /// Looks at the converter, of at least 10 cycles each: a conversion takes 1000.
 const POLLS: u32 = 1_000;
+/// Core clocks of a conversion: (247.5 + 12.5) at a quarter of the clock, and one until it starts.
+const CONVERSION: u16 = 7 * CORE_PER_US as u16;
 const CALIBRATION_30: *const u16 = 0x1FFF_75A8 as *const u16;
 const CALIBRATION_130: *const u16 = 0x1FFF_75CA as *const u16;
 /// Supply here over supply at the calibration.
 const SUPPLY: f32 = 3.3 / 3.0;
 
+/// Looks for a moment between two samples, of at least 10 cycles each: two periods of sampling.
+const MOMENTS: u32 = 500;
+
 /// The sensor, switched on.
 pub struct Sensor {
-    _private: (),
+    /// Its converter is.
+    ready: bool,
 }
 
 impl Sensor {
@@ -32,15 +40,15 @@ impl Sensor {
             w.set_ckmode(Ckmode::SYNC_DIV4);
             w.set_vsenseen(true);
         });
-        adc::switch_on(ADC5);
+        let ready = adc::switch_on(ADC5);
         ADC5.sqr1().write(|w| w.set_sq(0, CHANNEL));
         // 5.9 us at 42 MHz; the sensor wants 5.
         ADC5.smpr().write(|w| w.set_smp(usize::from(CHANNEL), SampleTime::CYCLES247_5));
-        Self { _private: () }
+        Self { ready }
     }
 
-    /// Temperature in degrees Celsius, to about 5; takes 13 us. `None` when the converter does not answer or the chip has
-    /// no calibration.
+    /// Temperature in degrees Celsius, to about 5; takes 45 us at most. `None` when the converter does not answer or the chip
+    /// has no calibration.
     pub fn read_c(&mut self) -> Option<f32> {
         self.convert()?;
         let code = f32::from(self.convert()?) * SUPPLY;
@@ -49,8 +57,20 @@ impl Sensor {
         let (at_30, at_130) = (f32::from(at_30), f32::from(at_130));
         (at_130 > at_30).then(|| 30.0 + (code - at_30) * 100.0 / (at_130 - at_30))
     }
+
     fn convert(&mut self) -> Option<u16> {
-        ADC5.cr().modify(|w| w.set_adstart(true));
+        let start = || {
+            critical_section::with(|_| {
+                let starts = self.ready && rings::rest_for(CONVERSION);
+                if starts {
+                    ADC5.cr().modify(|w| w.set_adstart(true));
+                }
+                starts
+            })
+        };
+        if !(0..MOMENTS).any(|_| start()) {
+            return None;
+        }
         // Reading the result clears the flag.
         (0..POLLS).any(|_| ADC5.isr().read().eoc()).then(|| ADC5.dr().read().rdata())
     }

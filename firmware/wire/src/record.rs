@@ -79,7 +79,7 @@ pub enum ClockSource {
     Simulated,
 }
 
-/// What a device can do, as a set of bits.
+/// What a device can do, as a set of bits, and in the upper 16 bits its flash in KB, where the device tells.
 ///
 /// Bits that a reader does not know are kept and mean nothing to it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -102,6 +102,19 @@ impl Capabilities {
     pub const REBOOT: Self = Self(1 << 5);
     /// Streams the estimator's sums.
     pub const SUMS: Self = Self(1 << 6);
+
+    /// This set, and so much flash (KB).
+    pub const fn with_flash_kb(self, kb: u16) -> Self {
+        Self(self.0 & 0xFFFF | (kb as u32) << 16)
+    }
+
+    /// Flash of the device's chip (KB), where the device tells.
+    pub const fn flash_kb(self) -> Option<u16> {
+        match (self.0 >> 16) as u16 {
+            0 => None,
+            kb => Some(kb),
+        }
+    }
 
     /// Both sets together.
     pub const fn with(self, other: Self) -> Self {

@@ -12,6 +12,10 @@ pub const CHIP_DEVICE_ID: u32 = 0x469;
 pub const CHIP_DEVICE_ID_ADDRESS: u64 = 0xE004_2000;
 /// Address of the chip's unique number, three words (RM0440 48.1).
 pub const UID_ADDRESS: u64 = 0x1FFF_7590;
+/// Address of the size of its flash in KB, in the lower half of a word (RM0440 48.2).
+pub const FLASH_KB_ADDRESS: u64 = 0x1FFF_75E0;
+/// Address of the option bytes in use, FLASH_OPTR (RM0440 3.7.8).
+pub const OPTIONS_ADDRESS: u64 = 0x4002_2020;
 
 /// A page of flash, the least that can be erased, while there are two banks (RM0440 3.3.1) (bytes).
 pub const PAGE: u32 = 2048;
@@ -24,6 +28,14 @@ const _: () = assert!(
     CODE.start.is_multiple_of(PAGE) && CODE.end.is_multiple_of(PAGE) && SETTINGS.start.is_multiple_of(PAGE),
     "on whole pages"
 );
+/// Flash that image and settings need: a chip with less has smaller banks, and no pages where the settings lie (KB).
+pub const FLASH_KB: u16 = ((SETTINGS.end - CODE.start) / 1024) as u16;
+/// What to do about a chip with less.
+pub const SMALL_FLASH: &str = "the board needs the chip with 512 KB (STM32G474xE): the firmware does not fit into half of a \
+                               smaller one's flash, nor do its settings lie there. Nothing was changed";
+/// What to do about a chip with a single bank.
+pub const SET_DBANK: &str =
+    "set the option bit DBANK to 1 with STM32CubeProgrammer, as it is on a new chip; nothing was changed";
 /// Where an initial stack pointer can point: SRAM1 and SRAM2 with their end (`memory.x`).
 pub const STACK: Range<u32> = 0x2000_0004..0x2001_8001;
 

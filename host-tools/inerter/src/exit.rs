@@ -180,6 +180,7 @@ fn update(error: &UpdateError) -> u8 {
         | UpdateError::CannotAsk { .. }
         | UpdateError::DidNotAppear { .. }
         | UpdateError::SingleBank { .. }
+        | UpdateError::SmallFlash { .. }
         | UpdateError::Lost { .. }
         | UpdateError::Refused { .. }
         | UpdateError::Stuck { .. }

@@ -7,7 +7,8 @@
 //! target/guest/base.cpio    busybox, the kernel's modules for USB/IP, CDC and the network, the first script
 //! target/guest/initramfs    base.cpio and behind it inerter and inerter-guest as they are now, with their libraries
 //! target/guest/inerter      the program as it is in initramfs, and inerter-guest beside it
-//! target/guest/packages     which packages the first two come from
+//! target/guest/dfu-util     Debian's updater, and libusb-1.0.so.0 beside it
+//! target/guest/packages     which packages the first two and the updater come from
 //! ```
 //!
 //! The packages are fetched once, with the machine's own `apt-get download`, which needs no root. Debian's kernel packages carry
@@ -29,6 +30,9 @@ use std::{
 const KERNEL: &str = "linux-image-amd64";
 /// A shell and its tools in one file.
 const BUSYBOX: &str = "busybox-static";
+/// What others update a device in the ROM's update mode with, and its library, of which this machine may have none.
+const UPDATER: [&str; 2] = ["dfu-util", "libusb-1.0-0"];
+const UPDATER_FILES: [&str; 2] = ["dfu-util", "libusb-1.0.so.0"];
 /// Modules without which nothing works; what they depend on comes with them.
 const MODULES: &[&str] = &["virtio_pci", "virtio_net", "vhci_hcd", "cdc_acm"];
 /// Our programs.
@@ -68,7 +72,7 @@ fn folder() -> Result<PathBuf> {
 }
 
 /// What is made of the packages.
-const FETCHED: &[&str] = &["vmlinux", "base.cpio", "packages"];
+const FETCHED: &[&str] = &["vmlinux", "base.cpio", "packages", UPDATER_FILES[0], UPDATER_FILES[1]];
 
 fn has(folder: &Path, names: &[&str]) -> bool {
     names.iter().all(|name| folder.join(name).is_file())
@@ -117,7 +121,7 @@ fn fetch(folder: &Path) -> Result<()> {
         fs::remove_dir_all(&packages)?;
     }
     fs::create_dir_all(&packages)?;
-    println!("guest: downloading {kernel} and {BUSYBOX}, about 72 MB");
+    println!("guest: downloading {kernel}, {BUSYBOX} and {}, about 72 MB", UPDATER[0]);
     if download(&kernel, &packages).is_err() {
         println!("guest: the list of packages may be older than the mirror");
         update_list()?;
@@ -138,6 +142,11 @@ fn fetch(folder: &Path) -> Result<()> {
     let image = fs::read(root.join("boot").join(format!("vmlinuz-{version}"))).context("reading the kernel")?;
     write(&folder.join("vmlinux"), &decompressed_kernel(&image)?)?;
     write(&folder.join("base.cpio"), &base(&root, version)?)?;
+    for (name, place) in UPDATER_FILES.iter().zip(["usr/bin", "usr/lib/x86_64-linux-gnu"]) {
+        let file = root.join(place).join(name);
+        let bytes = fs::read(&file).with_context(|| format!("{} is not where it was", file.display()))?;
+        write(&folder.join(name), &bytes)?;
+    }
     write(&folder.join("packages"), names.join("\n").as_bytes())?;
     fs::remove_dir_all(&packages)?;
     Ok(())
@@ -160,10 +169,10 @@ fn update_list() -> Result<()> {
     process::run(Command::new("apt-get").args(["-qq", "update"])).context("try `sudo apt-get update`")
 }
 
-/// Puts kernel and busybox, as packages, into the folder.
+/// Puts kernel, busybox and updater, as packages, into the folder.
 fn download(kernel: &str, folder: &Path) -> Result<()> {
     let mut command = Command::new("apt-get");
-    process::run(command.args(["download", kernel, BUSYBOX]).current_dir(folder))
+    process::run(command.args(["download", kernel, BUSYBOX]).args(UPDATER).current_dir(folder))
 }
 
 /// The first dependency that `apt-cache depends` names.
@@ -337,6 +346,17 @@ fn programs(folder: &Path) -> Result<Archive> {
         }
         files.insert(format!("bin/{name}"), stripped);
     }
+    let [updater, library] = UPDATER_FILES.map(|name| folder.join(name));
+    // Of the updater's libraries one is fetched; the others are this machine's, found as they are found there.
+    for needed in libraries(&process::output(Command::new("ldd").env("LD_LIBRARY_PATH", folder).arg(&updater))?)? {
+        let place = match Path::new(needed).starts_with(folder) {
+            true => format!("lib/x86_64-linux-gnu/{}", UPDATER_FILES[1]),
+            false => needed.trim_start_matches('/').to_owned(),
+        };
+        files.insert(place, PathBuf::from(needed));
+    }
+    ensure!(files.values().any(|path| *path == library), "dfu-util wants another libusb than {}", UPDATER_FILES[1]);
+    files.insert(format!("bin/{}", UPDATER_FILES[0]), updater);
     let mut archive = Archive::default();
     let folders: BTreeSet<&Path> = files
         .keys()

@@ -66,6 +66,9 @@ pub enum Stop {
     /// The program went to the boot loader in ROM.
     #[error("the ROM's boot loader was entered")]
     Bootloader,
+    /// The chip was started, and its option bytes lead into SRAM1.
+    #[error("the chip starts whatever is in SRAM1, by its option bytes")]
+    Ram,
     /// The supply failed in the middle of a flash operation, as ordered.
     #[error("the supply failed during a flash operation")]
     PowerFailed,
@@ -477,6 +480,28 @@ impl Cpu {
         self.set(R::SP, stack)?;
         self.set(R::LR, u32::MAX)?;
         self.set(R::PC, start | 1)
+    }
+
+    /// Goes to the boot loader in ROM, as a start does that leads there.
+    pub fn enter_rom(&mut self) -> Result<(), Stop> {
+        let [stack, start] = rom::VECTORS;
+        self.set(R::SP, stack)?;
+        self.set(R::PC, start)
+    }
+
+    /// Lets time pass in which no instruction is executed.
+    pub fn pass(&mut self, cycles: Cycles) -> Result<(), Stop> {
+        let core = self.core_mut();
+        core.now += cycles;
+        core.limit = core.limit.max(core.now);
+        core.advance();
+        core.stop.take().map_or(Ok(()), Err)
+    }
+
+    /// The program in flash was changed.
+    pub fn forget_code(&mut self) -> Result<(), Stop> {
+        self.core_mut().blocks.fill(Block::default());
+        self.uc.ctl_flush_tb().map_err(emulator)
     }
 
     /// Goes to a program as a boot loader does: stack and start from its vectors, everything else as it is.

@@ -20,6 +20,7 @@
 
 pub mod bench;
 pub mod board;
+pub mod boot_rom;
 pub mod chip;
 pub mod cpu;
 pub mod elf;

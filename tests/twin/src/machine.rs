@@ -15,7 +15,15 @@
 
 use crate::{
     Board, Cycles, Width, World,
-    chip::{Chip, errata::Errata, flash, rcc::Reset, rom, rules::Rules},
+    boot_rom::{BootRom, LOOK_S},
+    chip::{
+        Chip,
+        errata::Errata,
+        flash::{self, Boot},
+        rcc::Reset,
+        rom::{self, Left},
+        rules::Rules,
+    },
     cpu::{Cpu, Faults, Place, Stop},
     elf::{Elf, ElfError},
 };
@@ -139,6 +147,11 @@ pub struct Machine {
     elf: Elf,
     seed: u64,
     resets: Vec<(f64, Reset)>,
+    boot0: bool,
+    /// How the boot loader leaves, where it does what it does on the chip; else the run ends there.
+    serves: Option<Left>,
+    /// The boot loader while it runs.
+    rom: Option<BootRom>,
 }
 
 impl Machine {
@@ -164,7 +177,8 @@ impl Machine {
         }
         let mut cpu = Cpu::new(chip)?;
         cpu.set_faults(options.faults);
-        let mut machine = Self { cpu, elf, seed: options.seed, resets: Vec::new() };
+        let mut machine =
+            Self { cpu, elf, seed: options.seed, resets: Vec::new(), boot0: false, serves: None, rom: None };
         machine.power_cut()?;
         Ok(machine)
     }
@@ -214,9 +228,14 @@ impl Machine {
             }
             // While the clock tree is still to be set up a second is not yet the number of cycles that it will be.
             let slice = until.min(self.now() + SLICE);
+            if self.rom.is_some() {
+                self.look_into_rom(until).map_err(|stop| self.ended(stop))?;
+                continue;
+            }
             match self.cpu.run(slice) {
                 Ok(None) => {}
                 Ok(Some(cause)) => self.restart(cause).map_err(|stop| self.ended(stop))?,
+                Err(Stop::Bootloader) if self.serves.is_some() => self.rom = Some(BootRom::default()),
                 Err(stop) => return Err(self.ended(stop)),
             }
         }
@@ -251,11 +270,54 @@ impl Machine {
         Ended { stop, place, pc_function, lr_function, time_s: self.time_s() }
     }
 
+    /// From now on the boot loader waits for firmware on USB, and leaves like this.
+    pub fn serve_rom(&mut self, left: Left) {
+        self.serves = Some(left);
+    }
+
+    /// Whether the boot loader runs.
+    pub fn is_in_rom(&self) -> bool {
+        self.rom.is_some()
+    }
+
+    fn look_into_rom(&mut self, until: Cycles) -> Result<(), Stop> {
+        let now = self.now();
+        let look = self.chip().clocks.cycles_in(LOOK_S).max(1);
+        self.cpu.pass(look.min(until - now))?;
+        let now = self.now();
+        let Some(mut rom) = self.rom.take() else { return Ok(()) };
+        rom.look(self.chip_mut(), now);
+        match self.serves.filter(|_| rom.has_left()) {
+            Some(left) => {
+                self.cpu.forget_code()?;
+                self.jump_from_rom(left)
+            }
+            None => {
+                self.rom = Some(rom);
+                Ok(())
+            }
+        }
+    }
+
     fn restart(&mut self, cause: Reset) -> Result<(), Stop> {
         let (now, time_s) = (self.now(), self.time_s());
         self.resets.push((time_s, cause));
         self.chip_mut().reset(cause, now);
-        self.cpu.reset()
+        if self.rom.take().is_some() {
+            self.cpu.forget_code()?;
+        }
+        self.cpu.reset()?;
+        match self.chip().flash.boots(self.boot0) {
+            Boot::Flash => Ok(()),
+            Boot::EitherBank => self.jump_from_rom(Left::Running),
+            Boot::Rom => self.cpu.enter_rom(),
+            Boot::Ram => Err(Stop::Ram),
+        }
+    }
+
+    /// Sets the level of the boot pin; it counts at the next start, where the option bytes let it.
+    pub fn set_boot0(&mut self, level: bool) {
+        self.boot0 = level;
     }
 
     /// Somebody presses the reset button.
@@ -264,19 +326,25 @@ impl Machine {
     }
 
     /// The ROM's boot loader starts the program by a jump, as its "leave" and "go" do.
-    pub fn leave_rom(&mut self, left: rom::Left) -> Result<(), StartError> {
+    pub fn leave_rom(&mut self, left: Left) -> Result<(), StartError> {
+        Ok(self.jump_from_rom(left)?)
+    }
+
+    fn jump_from_rom(&mut self, left: Left) -> Result<(), Stop> {
         let noise = rom::noise();
         self.chip_mut().ram.bytes_mut()[..noise.len()].copy_from_slice(&noise);
-        let now = self.now();
-        let core = self.cpu.core_mut();
         for &(address, value) in left.writes() {
+            // Longer than any oscillator takes.
+            self.cpu.pass(1_000)?;
+            let now = self.now();
+            let core = self.cpu.core_mut();
             let written = match address {
                 0xe000_0000.. => core.nvic.write(address, value, Width::Word, now).is_ok(),
                 _ => core.chip.write(address, value, Width::Word, now).is_ok(),
             };
             assert!(written, "the ROM knows its registers: {address:#010x}");
         }
-        Ok(self.cpu.jump(flash::START)?)
+        self.cpu.jump(flash::START)
     }
 
     /// Power goes and comes back: flash keeps what it has, RAM holds anything.

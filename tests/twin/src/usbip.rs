@@ -162,6 +162,10 @@ impl<S: Socket> Server<S> {
         }
         self.host.service(&mut self.socket)?;
         self.return_done();
+        // A device that goes off the bus by itself has been pulled out, to a hub.
+        if self.is_imported() && !self.socket.usb().attached() {
+            self.unplug();
+        }
         Ok(())
     }
 

@@ -4,17 +4,22 @@
 //! never KVM) starts the kernel and the programs that `cargo xtask guest` put together; the guest's network ends in this
 //! process, so that nothing else is reached. Its first program calls back and runs what the test sends.
 //!
+//! At the end another firmware comes over the same cable, once by `inerter update` and once by Debian's dfu-util.
+//!
 //! Slow, about a minute. Skipped where image or QEMU are missing.
 
 use inerter_guest::{Ended, Guest};
 use inerter_plant::Excitation;
 use inerter_twin::bench::{Bench, Rig};
-use inerter_twin::chip::rom::UID;
+use inerter_twin::chip::flash;
+use inerter_twin::chip::rom::{Left, UID};
+use inerter_twin::elf::Elf;
 use inerter_twin::machine::{Machine, shipping_image};
 use inerter_twin::usb_link::UsbLink;
 use inerter_twin::usbip::Server;
 use inerter_wire::{Command as Request, MAX_FRAME, Streams, encode_request};
 use serde_json::Value;
+use std::io::Write;
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -55,6 +60,7 @@ impl Twin {
             let settings = rig.settings(1000.0);
             let bench = Bench::new(rig).expect("a rig that can be");
             let mut machine = Machine::new(&firmware, Box::new(bench)).expect("the binary");
+            machine.serve_rom(Left::Running);
             machine.run_for(0.5).expect("starts");
             let mut link = UsbLink::new(machine);
             link.set_up(&settings).expect("takes its settings");
@@ -218,7 +224,7 @@ fn a_real_kernel_and_the_real_program_measure_with_the_shipping_binary() {
     let (Some(image), Some(firmware)) = (inerter_needs::or_skip(image()), shipping_image()) else { return };
     let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR"));
     let mut watch = Watch::start();
-    let twin = Twin::start(firmware);
+    let twin = Twin::start(firmware.clone());
     watch.lap("twin: started, set up");
     let mut linux = Linux::boot(&image, &folder.join("linux-console.txt"), twin.address);
     watch.lap("Linux: booted");
@@ -240,6 +246,10 @@ fn a_real_kernel_and_the_real_program_measure_with_the_shipping_binary() {
     watch.lap("plugged in again under another name");
     a_power_cut_is_a_clear_error(&mut linux, &twin);
     watch.lap("power cut");
+    the_program_brings_another_firmware(&mut linux, &firmware);
+    watch.lap("inerter update");
+    dfu_util_brings_another_firmware(&mut linux, &twin, &firmware);
+    watch.lap("dfu-util");
 
     drop(linux);
     twin.end();
@@ -411,4 +421,89 @@ fn a_power_cut_is_a_clear_error(linux: &mut Linux, twin: &Twin) {
     linux.attach("/dev/ttyACM0");
     let said = linux.json("inerter monitor --json --duration 3", Duration::from_secs(60));
     assert!(!of_kind(&said, "estimate").is_empty(), "{said:?}");
+}
+
+/// The same program under another name: as a later version it says `digit` wherever it says 0.
+fn another(image: &[u8], digit: u8) -> Vec<u8> {
+    const NAME: &[u8] = b"inerter 0.";
+    let mut image = image.to_vec();
+    for at in 0..image.len() - NAME.len() {
+        if image[at..].starts_with(NAME) {
+            image[at + NAME.len() - 2] = digit;
+        }
+    }
+    image
+}
+
+/// Puts a file into the guest.
+fn give(linux: &mut Linux, bytes: Vec<u8>, path: &str) {
+    let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
+    let port = listener.local_addr().expect("bound").port();
+    let length = bytes.len();
+    let giver = std::thread::spawn(move || {
+        let (mut stream, _) = listener.accept().expect("the guest calls");
+        stream.write_all(&bytes).expect("the guest takes it");
+    });
+    linux.run(&format!("nc 10.0.2.2 {port} </dev/null >{path}"));
+    giver.join().expect("no panic");
+    assert_eq!(linux.run(&format!("stat -c %s {path}")).trim(), length.to_string());
+}
+
+/// Plugs in whatever is there, again and again, as a socket does in which the device stays.
+fn stay_plugged_in(linux: &mut Linux) {
+    let address = linux.twin.port();
+    linux.run(&format!(
+        "(while :; do inerter-guest attach 10.0.2.2:{address}; usleep 100000; done) >/dev/null 2>&1 & echo $! >/tmp/plug"
+    ));
+}
+
+fn unplug_no_more(linux: &mut Linux) {
+    linux.run("kill $(cat /tmp/plug)");
+}
+
+/// What runs measures, with the settings that were kept.
+fn measures_as(linux: &mut Linux, firmware: &str) {
+    linux.until("ls /dev/ttyACM*");
+    let said = linux.json("inerter monitor --json --duration 5", Duration::from_secs(60));
+    let device = of_kind(&said, "device");
+    assert!(device[0]["firmware"].as_str().is_some_and(|name| name.starts_with(firmware)), "{device:?}");
+    let estimates = of_kind(&said, "estimate");
+    is_right(estimates.last().expect("an estimate"));
+}
+
+fn the_program_brings_another_firmware(linux: &mut Linux, firmware: &[u8]) {
+    give(linux, another(firmware, b'8'), "/tmp/new.elf");
+    stay_plugged_in(linux);
+    let ended = linux.run_within("inerter update /tmp/new.elf", Duration::from_secs(120));
+    assert_eq!(ended.code, 0, "{}{}{}", ended.text(), ended.errors, linux.run("dmesg | tail -20"));
+    measures_as(linux, "inerter 8.");
+    unplug_no_more(linux);
+}
+
+fn dfu_util_brings_another_firmware(linux: &mut Linux, twin: &Twin, firmware: &[u8]) {
+    let elf = Elf::parse(&another(firmware, b'9')).expect("an ELF");
+    let mut bytes = Vec::new();
+    for (address, segment) in elf.segments() {
+        let start = (address - flash::START) as usize;
+        bytes.resize(bytes.len().max(start + segment.len()), 0xFF);
+        bytes[start..start + segment.len()].copy_from_slice(segment);
+    }
+    give(linux, bytes, "/tmp/new.bin");
+    // The button, twice.
+    twin.order(|server| {
+        for pause_s in [0.1, 0.1] {
+            server.socket.reset().expect("starts");
+            server.socket.run_for(pause_s).expect("runs");
+        }
+        // The hub has seen it go.
+        server.unplug();
+    });
+    stay_plugged_in(linux);
+    linux.until("dfu-util -l | grep -q 'Internal Flash'");
+    let command = "dfu-util -d 0483:df11 -a 0 -s 0x08000000:leave -D /tmp/new.bin";
+    let ended = linux.run_within(command, Duration::from_secs(120));
+    let said = ended.text() + &ended.errors;
+    assert!(said.contains("File downloaded successfully"), "{said}");
+    measures_as(linux, "inerter 9.");
+    unplug_no_more(linux);
 }

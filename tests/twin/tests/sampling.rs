@@ -557,6 +557,26 @@ fn no_sample_after_a_start_holds_anything_else() -> Outcome {
 }
 
 #[test]
+fn converting_the_temperature_disturbs_no_sample() -> Outcome {
+    let Some(image) = shipping_image() else { return Ok(()) };
+    // At rest; the temperature is converted once a second.
+    let rig = Rig::new(Excitation::preset("mid", 0).expect("a preset"), 100.0);
+    let settings = rig.settings(4000.0);
+    let mut lab = Lab::new(&image, rig, settings, |machine| machine.chip_mut().adc.set_quality(Quality::IDEAL))?;
+    // Clock and report have the same crystal, so each start has a phase of its own.
+    for second in 1..=25 {
+        let run = lab.run(1.02 * f64::from(second), |_| {})?;
+        assert!(run.health.iter().all(|health| health.temperature_c.is_some_and(|told| (told - 25.0).abs() < 5.0)));
+        let last = *run.samples.last().ok_or("no samples")?;
+        for sample in &run.samples {
+            let off = [sample.force_code - last.force_code, sample.terminal_code - last.terminal_code];
+            assert!(off.iter().all(|codes| codes.abs() < 50), "{sample:?}, at last {last:?}");
+        }
+    }
+    Ok(())
+}
+
+#[test]
 fn the_chips_temperature_is_told() -> Outcome {
     let Some(image) = shipping_image() else { return Ok(()) };
     for temperature_c in [-20.0, 25.0, 95.0] {

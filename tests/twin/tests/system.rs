@@ -8,6 +8,7 @@ use inerter_plant::Excitation;
 use inerter_twin::{
     Board,
     bench::{Bench, Rig},
+    chip::adc::{Broken, Unit},
     chip::flash::{Contents, Torn},
     chip::rcc::Reset,
     chip::rom::Left,
@@ -193,6 +194,64 @@ fn a_crystal_that_breaks_is_a_restart_without_it() {
 }
 
 #[test]
+fn the_crystal_may_break_at_any_moment_of_the_start() {
+    let mut restarts = BTreeSet::new();
+    // Memory is set up in the first milliseconds, and the crystal needs two.
+    for moment_us in (4_000..14_000).step_by(200) {
+        let Some(mut link) = board(Still) else { return };
+        link.machine.reset().expect("starts");
+        run(&mut link.machine, f64::from(moment_us) * 1e-6);
+        let now = link.machine.now();
+        link.machine.chip_mut().break_crystal(now);
+        run(&mut link.machine, 0.3);
+        let hello = greet(&mut link).0;
+        assert_eq!(hello.clock, ClockSource::Internal, "broken {moment_us} us after the reset");
+        restarts.insert(link.machine.resets().len() - 3);
+    }
+    assert_eq!(restarts, BTreeSet::from([0, 1]), "before it was ready, and after");
+    // Seen ready, and gone before it is watched: then it is waited for, until the watchdog bites.
+    let Some(mut link) = board(Still) else { return };
+    link.machine.reset().expect("starts");
+    const READY: u32 = 1 << 17;
+    let is_ready = |machine: &mut Machine| {
+        let now = machine.now();
+        machine.chip_mut().read(0x4002_1000, inerter_twin::Width::Word, now).expect("RCC_CR") & READY != 0
+    };
+    assert!(link.machine.run_until_that(0.02, 1e-7, is_ready).expect("runs"));
+    let now = link.machine.now();
+    link.machine.chip_mut().break_crystal(now);
+    run(&mut link.machine, 1.0);
+    let (hello, events) = greet(&mut link);
+    assert_eq!((hello.clock, cause(&events)), (ClockSource::Internal, ResetCause::Watchdog));
+}
+
+#[test]
+fn a_converter_that_does_not_start_is_told() {
+    for unit in [Unit::One, Unit::Two, Unit::Five] {
+        for at in [Broken::Calibration, Broken::Ready] {
+            let Some(mut machine) = machine(Options::default(), Still) else { return };
+            machine.chip_mut().adc.break_down(unit, at);
+            run(&mut machine, 0.5);
+            assert_eq!(machine.resets().len(), 2, "{unit:?}, {at:?}: {:?}", machine.resets());
+            let mut link = SerialLink::new(machine);
+            let (_, mut events) = greet(&mut link);
+            let health = health(&mut link);
+            events.extend(link.records().into_iter().filter_map(|record| match record {
+                Record::Event(Event { kind, .. }) => Some(kind),
+                _ => None,
+            }));
+            let of_samples = unit != Unit::Five;
+            let told = events.contains(&EventKind::Fault(Fault::SourceUnreadable));
+            assert_eq!(
+                (told, health.temperature_c.is_none()),
+                (of_samples, !of_samples),
+                "{unit:?}, {at:?}: {events:?}"
+            );
+        }
+    }
+}
+
+#[test]
 fn the_image_of_one_board_is_stopped_on_the_other() {
     let Some(mut machine) = machine(Options { board: Board::WEACT, ..Options::default() }, Still) else { return };
     match machine.run_for(0.2) {
@@ -348,6 +407,41 @@ fn a_firmware_that_cannot_start_leaves_the_settings_alone_and_then_wants_another
     link.talk = Default::default();
     greet(&mut link);
     assert_eq!(settings(&mut link), numbered(1));
+}
+
+#[test]
+fn resets_by_a_probe_are_no_failed_starts() {
+    let Some(mut link) = board(Still) else { return };
+    greet(&mut link);
+    write(&mut link, &numbered(1));
+    save(&mut link).expect("saved");
+    for _ in 0..8 {
+        // AIRCR.SYSRESETREQ, which a probe can write as well as the program.
+        let nvic = &mut link.machine.cpu_mut().core_mut().nvic;
+        nvic.write(0xe000_ed0c, 0x05fa_0004, inerter_twin::Width::Word, 0).expect("a register");
+        run(&mut link.machine, 0.2);
+    }
+    assert_eq!(link.machine.resets().iter().filter(|reset| reset.1 == Reset::Software).count(), 8);
+    link.talk = Default::default();
+    let (_, events) = greet(&mut link);
+    assert!(!events.iter().any(|event| matches!(event, EventKind::Fault(_))), "{events:?}");
+    assert_eq!(settings(&mut link), numbered(1));
+}
+
+#[test]
+fn a_run_of_ten_seconds_has_not_failed_at_its_start() {
+    for (length_s, fails) in [(9.8, true), (10.2, false)] {
+        let Some(mut link) = board(Still) else { return };
+        for _ in 0..2 {
+            disturb(&mut link.machine);
+            run(&mut link.machine, 0.2);
+        }
+        run(&mut link.machine, length_s - 0.2);
+        disturb(&mut link.machine);
+        run(&mut link.machine, 0.2);
+        let (_, events) = greet(&mut link);
+        assert_eq!(events.contains(&EventKind::Fault(Fault::SavedSettings)), fails, "{length_s} s: {events:?}");
+    }
 }
 
 #[test]

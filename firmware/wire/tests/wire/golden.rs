@@ -156,6 +156,10 @@ fn numbers_are_pinned() {
         Capabilities::SUMS,
     ];
     assert_eq!(bits.map(|bit| bit.0), [1, 2, 4, 8, 16, 32, 64]);
+    let sized = Capabilities::DFU.with_flash_kb(128).with_flash_kb(512);
+    assert_eq!((sized.0, sized.flash_kb()), (512 << 16 | 16, Some(512)));
+    assert!(sized.contains(Capabilities::DFU) && !sized.contains(Capabilities::REBOOT));
+    assert_eq!(bits.map(Capabilities::flash_kb), [None; 7], "older firmware does not tell");
     assert_eq!(WIRE_VERSION, 1);
 }
 

@@ -2,7 +2,10 @@
 
 use miette::Diagnostic;
 
-use crate::{board::CHIP, udev::udev_help};
+use crate::{
+    board::{CHIP, FLASH_KB, SET_DBANK, SMALL_FLASH},
+    udev::udev_help,
+};
 
 /// Programming that failed.
 #[derive(Debug, thiserror::Error, Diagnostic)]
@@ -73,6 +76,24 @@ pub enum FlashError {
     #[error("the chip is not the board's: its device number is 0x{found:03X}, not 0x{wanted:03X} (STM32G474)")]
     #[diagnostic(code(inerter::flash::other_chip), help("is the probe on the right board? Nothing was changed"))]
     OtherChip { found: u32, wanted: u32 },
+
+    /// A smaller member of the family.
+    #[error("the chip has {kb} KB of flash; image and settings need {FLASH_KB} KB")]
+    #[diagnostic(code(inerter::flash::small), help("{SMALL_FLASH}"))]
+    SmallFlash { kb: u16 },
+
+    /// Single-bank mode.
+    #[error("the chip's flash is set to a single bank, in which the firmware cannot keep its settings")]
+    #[diagnostic(code(inerter::flash::bank), help("{SET_DBANK}"))]
+    SingleBank,
+
+    /// What is in flash would never run.
+    #[error("the chip's option bytes nSWBOOT0 and nBOOT0 are 0: it does not start what is in flash")]
+    #[diagnostic(
+        code(inerter::flash::boot),
+        help("set nBOOT0 to 1 with STM32CubeProgrammer, as it is on a new chip; nothing was changed")
+    )]
+    NoStart,
 
     /// Erasing, writing or reading back failed.
     #[error("programming failed: {reason}")]

@@ -89,7 +89,7 @@ impl Probes for Without {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use super::{probe::ChipFacts, *};
     use crate::image::sample;
 
     fn probe(pid: u16, serial: Option<&str>) -> Probe {
@@ -146,6 +146,25 @@ mod tests {
         assert!(matches!(error, FlashError::SeveralProbes { .. }), "{error}");
         assert!(matches!(run(vec![], Some("AB12")).0, Err(FlashError::NoProbe)));
         assert_eq!(run(vec![probe(1, None)], None).0.unwrap().probe.selector(), "0483:0001");
+    }
+
+    #[test]
+    fn a_chip_on_which_the_firmware_cannot_run_is_refused() {
+        // As owners of NUCLEO boards report it, with nSWBOOT0 = 0, and as in the manual.
+        let delivered = [0xFBEF_F8AA, 0xFFEF_F8AA];
+        let check = |device, flash_kb, options| ChipFacts { device, flash_kb, options }.check();
+        for options in delivered {
+            check(0x469, 512, options).unwrap();
+            assert!(matches!(check(0x468, 512, options), Err(FlashError::OtherChip { found: 0x468, .. })));
+            for kb in [128, 256] {
+                let error = check(0x469, kb, options).unwrap_err();
+                let words = format!("the chip has {kb} KB of flash; image and settings need 512 KB");
+                assert_eq!(error.to_string(), words);
+            }
+            assert!(matches!(check(0x469, 512, options & !(1 << 22)), Err(FlashError::SingleBank)));
+        }
+        assert!(matches!(check(0x469, 512, delivered[0] & !(1 << 27)), Err(FlashError::NoStart)));
+        check(0x469, 512, delivered[1] & !(1 << 27)).unwrap();
     }
 
     #[test]

@@ -1,6 +1,8 @@
 //! A debug probe, and what programming needs of it.
 
 use super::error::FlashError;
+#[cfg(any(feature = "probe", test))]
+use crate::board::{CHIP_DEVICE_ID, FLASH_KB};
 use crate::image::Image;
 
 /// A debug probe that is plugged in.
@@ -63,4 +65,36 @@ pub trait Probes {
         image: &Image,
         progress: &mut dyn FnMut(Work, u64, u64),
     ) -> Result<String, FlashError>;
+}
+
+/// What a probe reads of a chip before it changes anything.
+#[cfg(any(feature = "probe", test))]
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ChipFacts {
+    /// Device number.
+    pub(super) device: u32,
+    /// Flash in KB.
+    pub(super) flash_kb: u16,
+    /// FLASH_OPTR.
+    pub(super) options: u32,
+}
+
+#[cfg(any(feature = "probe", test))]
+impl ChipFacts {
+    /// Whether the board's firmware can run there.
+    pub(super) fn check(self) -> Result<(), FlashError> {
+        let is_set = |bit: u32| self.options >> bit & 1 != 0;
+        let (dbank, nswboot0, nboot0) = (is_set(22), is_set(26), is_set(27));
+        if self.device != CHIP_DEVICE_ID {
+            Err(FlashError::OtherChip { found: self.device, wanted: CHIP_DEVICE_ID })
+        } else if self.flash_kb < FLASH_KB {
+            Err(FlashError::SmallFlash { kb: self.flash_kb })
+        } else if !dbank {
+            Err(FlashError::SingleBank)
+        } else if !nswboot0 && !nboot0 {
+            Err(FlashError::NoStart)
+        } else {
+            Ok(())
+        }
+    }
 }

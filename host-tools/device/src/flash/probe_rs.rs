@@ -12,9 +12,9 @@ use ::probe_rs::{
     },
 };
 
-use super::{FlashError, Probe, Probes, Work};
+use super::{FlashError, Probe, Probes, Work, probe::ChipFacts};
 use crate::{
-    board::{CHIP, CHIP_DEVICE_ID, CHIP_DEVICE_ID_ADDRESS, UID_ADDRESS, serial_number},
+    board::{CHIP, CHIP_DEVICE_ID_ADDRESS, FLASH_KB_ADDRESS, OPTIONS_ADDRESS, UID_ADDRESS, serial_number},
     image::Image,
 };
 
@@ -47,11 +47,11 @@ impl Probes for Attached {
         let mut session = attach(probe, chip)?;
         let failed = |error: &dyn Error| FlashError::Program { reason: reason(error) };
         if chip == CHIP {
-            let read = session.core(0).and_then(|mut core| core.read_word_32(CHIP_DEVICE_ID_ADDRESS));
-            let found = read.map_err(|error| failed(&error))? & 0xFFF;
-            if found != CHIP_DEVICE_ID {
-                return Err(FlashError::OtherChip { found, wanted: CHIP_DEVICE_ID });
-            }
+            let mut core = session.core(0).map_err(|error| failed(&error))?;
+            let mut word = |address| core.read_word_32(address).map_err(|error| failed(&error));
+            let device = word(CHIP_DEVICE_ID_ADDRESS)? & 0xFFF;
+            let (flash_kb, options) = (word(FLASH_KB_ADDRESS)? as u16, word(OPTIONS_ADDRESS)?);
+            ChipFacts { device, flash_kb, options }.check()?;
         }
         let mut loader = session.target().flash_loader();
         for (address, bytes) in image.pages() {

@@ -16,7 +16,7 @@ use dfu_core::{DfuIo, DfuProtocol, State, Status};
 
 use super::error::UpdateError;
 use crate::{
-    board::{CODE, PAGE},
+    board::{CODE, FLASH_KB, PAGE},
     image::Image,
 };
 
@@ -131,25 +131,32 @@ impl<'a, Io: DfuIo<Read = usize, Write = usize, Error: Display>> Rom<'a, Io> {
         if !descriptor.can_download || descriptor.transfer_size < 8 || !descriptor.transfer_size.is_multiple_of(8) {
             return Err(other("it takes no firmware".into()));
         }
+        let sizes: &[u32] = memory_layout.as_ref();
+        let kb = sizes.iter().fold(0u32, |sum, size| sum.saturating_add(*size)) / 1024;
         let mut page_start = *address;
-        let mut sizes = memory_layout.as_ref().iter();
+        let mut sizes = sizes.iter();
         for (wanted, _) in image.pages() {
             while page_start < wanted {
-                page_start = page_start.saturating_add(self.page_size(&mut sizes, page_start)?);
+                page_start = page_start.saturating_add(self.page_size(&mut sizes, page_start, kb)?);
             }
             if page_start != wanted {
                 return Err(UpdateError::SingleBank { address: wanted, size: page_start - wanted });
             }
-            page_start = page_start.saturating_add(self.page_size(&mut sizes, page_start)?);
+            page_start = page_start.saturating_add(self.page_size(&mut sizes, page_start, kb)?);
         }
-        Ok(())
+        if kb < FLASH_KB.into() { Err(UpdateError::SmallFlash { kb }) } else { Ok(()) }
     }
 
-    fn page_size<'s>(&self, sizes: &mut impl Iterator<Item = &'s u32>, start: u32) -> Result<u32, UpdateError> {
+    fn page_size<'s>(
+        &self,
+        sizes: &mut impl Iterator<Item = &'s u32>,
+        start: u32,
+        kb: u32,
+    ) -> Result<u32, UpdateError> {
         let size = sizes.next().copied().unwrap_or(0);
         match size {
             PAGE => Ok(size),
-            0 => Err(UpdateError::OtherChip { what: format!("its flash ends at 0x{start:08X}") }),
+            0 => Err(UpdateError::SmallFlash { kb }),
             // Our chip with one bank has pages of 4 KB.
             _ if size == 2 * PAGE => Err(UpdateError::SingleBank { address: start, size }),
             _ => Err(UpdateError::OtherChip { what: format!("it erases {size} bytes at 0x{start:08X} at once") }),

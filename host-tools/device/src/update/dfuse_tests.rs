@@ -191,7 +191,9 @@ fn a_rom_that_leaves_without_an_answer_has_left() {
 fn other_chips_are_refused_before_anything_is_erased() {
     for (layout, words) in [
         ("@Internal Flash  /0x08000000/04*016Kg,01*064Kg,03*128Kg", "it erases 16384 bytes at 0x08000000 at once"),
-        ("@Internal Flash  /0x08000000/0008*0002Kg", "its flash ends at 0x08004000"),
+        ("@Internal Flash  /0x08000000/0008*0002Kg", "the chip has 16 KB of flash; image and settings need 512 KB"),
+        ("@Internal Flash  /0x08000000/064*0002Kg", "the chip has 128 KB of flash"),
+        ("@Internal Flash  /0x08000000/128*0002Kg", "the chip has 256 KB of flash"),
         ("@Internal Flash  /0x08008000/256*02Kg", "its flash begins at 0x08008000"),
         ("@Internal Flash  /0x08000000/128*04Kg", "its flash is set to a single bank"),
     ] {

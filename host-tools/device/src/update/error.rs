@@ -3,7 +3,7 @@
 use miette::Diagnostic;
 
 use crate::{
-    board::{CODE, PAGE},
+    board::{CODE, FLASH_KB, PAGE, SET_DBANK, SMALL_FLASH},
     error::DeviceError,
     udev::install_rule,
 };
@@ -68,12 +68,14 @@ pub enum UpdateError {
     )]
     OtherChip { what: String },
 
+    /// A smaller member of the family.
+    #[error("the chip has {kb} KB of flash; image and settings need {FLASH_KB} KB")]
+    #[diagnostic(code(inerter::update::small), help("{SMALL_FLASH}"))]
+    SmallFlash { kb: u32 },
+
     /// Single-bank mode.
     #[error("the chip erases {size} bytes at 0x{address:08X} at once, not {PAGE}: its flash is set to a single bank")]
-    #[diagnostic(
-        code(inerter::update::bank),
-        help("set the option bit DBANK to 1 with STM32CubeProgrammer, as it is on a new chip; nothing was changed")
-    )]
+    #[diagnostic(code(inerter::update::bank), help("{SET_DBANK}"))]
     SingleBank { address: u32, size: u32 },
 
     /// The transfer broke off.

@@ -8,6 +8,7 @@ use super::{
     machine::{Back, Machine, Running},
 };
 use crate::{
+    board::FLASH_KB,
     dfu::DfuDevice,
     error::DeviceError,
     image::{Identity, Image},
@@ -55,6 +56,9 @@ pub fn update<M: Machine>(
             if !running.hello.capabilities.contains(inerter_wire::Capabilities::DFU) {
                 let firmware = running.hello.firmware.to_string();
                 return Err(UpdateError::CannotEnter { name: running.name, firmware });
+            }
+            if let Some(kb) = running.hello.capabilities.flash_kb().filter(|kb| *kb < FLASH_KB) {
+                return Err(UpdateError::SmallFlash { kb: kb.into() });
             }
             let _ = tell(UpdateEvent::Entering);
             machine.enter_dfu()?;

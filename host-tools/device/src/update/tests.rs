@@ -190,6 +190,22 @@ fn an_image_of_another_board_and_firmware_without_dfu_are_refused_before_anythin
 }
 
 #[test]
+fn a_chip_that_says_it_has_less_flash_is_left_alone() {
+    let mut told = Vec::new();
+    let mut small = hello(SERIAL, OLD);
+    small.capabilities = small.capabilities.with_flash_kb(128);
+    let mut bench = bench(Some(small.clone()), &[]);
+    let error = failure(&mut bench, None);
+    assert!(error.to_string().contains("the chip has 128 KB of flash"), "{error}");
+    assert!(bench.entering.is_none() && bench.chip.borrow().erased.is_empty());
+    // One with enough, and an older firmware that does not tell.
+    for capabilities in [small.capabilities.with_flash_kb(512), hello(SERIAL, OLD).capabilities] {
+        let mut bench = self::bench(Some(inerter_wire::Hello { capabilities, ..small.clone() }), &[]);
+        run(&mut bench, None, &mut told).unwrap();
+    }
+}
+
+#[test]
 fn what_runs_afterwards_is_compared_with_what_was_written() {
     let mut silent = bench(None, &[SERIAL]);
     silent.answers_after = 1000;

@@ -59,6 +59,8 @@ const READY_CLOCKS: f64 = 15.0;
 /// here \[V\].
 const PAUSE_S: f64 = 1e-3;
 const AFTER_PAUSE_V: f64 = 0.4;
+/// What is wrong with a conversion during which another converter starts \[V\] (ES0430 2.7.11).
+const DISTURBED_V: f64 = 0.4;
 /// Clocks of a conversion of 12 bits after its sampling.
 const CONVERSION_CLOCKS: f64 = 12.5;
 /// Sampling times by the numbers in SMPR1 and SMPR2 \[clocks\].
@@ -260,6 +262,15 @@ pub const fn internal_reference_volts() -> f64 {
     INTERNAL_REFERENCE_V
 }
 
+/// Where a converter that is broken stops.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Broken {
+    /// Its calibration does not end.
+    Calibration,
+    /// It does not get ready.
+    Ready,
+}
+
 /// How good the conversions are.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quality {
@@ -327,6 +338,9 @@ impl Analogue {
 #[derive(Clone, Copy, Debug)]
 struct Conversion {
     rank: usize,
+    start: Cycles,
+    /// Another converter has started meanwhile.
+    disturbed: bool,
     aperture: Cycles,
     end: Cycles,
 }
@@ -457,6 +471,7 @@ pub struct Adcs {
     due: Option<(Cycles, Unit)>,
     errata: Errata,
     rules: Rules,
+    broken: Option<(Unit, Broken)>,
 }
 
 impl Default for Adcs {
@@ -477,6 +492,7 @@ impl Adcs {
             due: None,
             errata: Errata::NONE,
             rules: Rules::Enforced,
+            broken: None,
         }
     }
 
@@ -488,6 +504,11 @@ impl Adcs {
     /// How strictly the program is taken from now on.
     pub fn set_rules(&mut self, rules: Rules) {
         self.rules = rules;
+    }
+
+    /// Breaks a converter for good.
+    pub fn break_down(&mut self, unit: Unit, at: Broken) {
+        self.broken = Some((unit, at));
     }
 
     /// Makes conversions this good from now on; the noise begins anew.
@@ -553,7 +574,12 @@ impl Adcs {
         let sampling = self.unit(unit).sequence.get(rank).map_or(0.0, |rank| rank.sampling_clocks);
         let aperture = now + self.clocks(unit, latency + sampling)?;
         let end = now + self.clocks(unit, latency + sampling + CONVERSION_CLOCKS)?;
-        self.unit_mut(unit).conversion = Some(Conversion { rank, aperture, end });
+        if self.errata.adc_start_disturbs {
+            for other in self.units.iter_mut().filter_map(|other| other.conversion.as_mut()) {
+                other.disturbed |= other.start < now && now < other.end;
+            }
+        }
+        self.unit_mut(unit).conversion = Some(Conversion { rank, start: now, disturbed: false, aperture, end });
         self.update_due();
         Ok(())
     }
@@ -594,7 +620,9 @@ impl Adcs {
 
     /// Ends the conversion of `unit` that is under way, which held `volts`.
     pub fn finish(&mut self, unit: Unit, volts: f64) -> Result<(), Unknown> {
-        let Some(Conversion { rank, aperture, end }) = self.unit_mut(unit).conversion.take() else { return Ok(()) };
+        let Some(conversion) = self.unit_mut(unit).conversion.take() else { return Ok(()) };
+        let Conversion { rank, aperture, end, disturbed, .. } = conversion;
+        let volts = if disturbed { volts + DISTURBED_V } else { volts };
         let pause = (PAUSE_S * self.hclk_hz) as Cycles;
         let Errata { adc_after_pause, adc_after_stop, .. } = self.errata;
         let it = self.unit_mut(unit);
@@ -683,6 +711,9 @@ impl Adcs {
             let it = self.unit_mut(unit);
             it.cr |= cr::ADCAL;
             (it.calibration_end, it.enable_from) = (Some(end), free);
+            if self.broken == Some((unit, Broken::Calibration)) {
+                self.unit_mut(unit).calibration_end = None;
+            }
         }
         let it = self.unit(unit);
         // Within four clocks of a calibration the bit does not take.
@@ -691,6 +722,9 @@ impl Adcs {
             let it = self.unit_mut(unit);
             it.cr |= cr::ADEN;
             it.ready_at = Some(ready);
+            if self.broken == Some((unit, Broken::Ready)) {
+                self.unit_mut(unit).ready_at = None;
+            }
         }
         let it = self.unit_mut(unit);
         if rising & cr::ADSTP != 0 && it.is_started() {

@@ -20,6 +20,9 @@ pub struct Errata {
     /// 2.7.10, as cited; no public words found. The first conversion after ADSTP may be of channel 0; ST's motor control
     /// library and QMK convert once for nothing. Here: always, and channel 0 gives code 0.
     pub adc_after_stop: bool,
+    /// 2.7.11, as cited; no public words found. The start of a converter may disturb a conversion of another one. Here:
+    /// always, 0.4 V too much, where the two have not started at the same moment.
+    pub adc_start_disturbs: bool,
     /// 2.18.1, as cited; no public words found. The busy flag may stay set. Here: after every frame, until SPE is cleared.
     pub spi_busy_stays: bool,
     /// "Unstable LSI when it clocks RTC or CSS on LSE" (ES0431, the sheet of the STM32G431, revision 7, 2.2.3). Here: ends
@@ -34,6 +37,7 @@ impl Errata {
         eccr_after_cut: true,
         adc_after_pause: true,
         adc_after_stop: true,
+        adc_start_disturbs: true,
         spi_busy_stays: true,
         lsi_with_rtc: true,
     };
@@ -43,6 +47,7 @@ impl Errata {
         eccr_after_cut: false,
         adc_after_pause: false,
         adc_after_stop: false,
+        adc_start_disturbs: false,
         spi_busy_stays: false,
         lsi_with_rtc: false,
     };

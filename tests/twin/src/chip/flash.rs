@@ -75,6 +75,19 @@ const ECCD: u32 = 1 << 31;
 /// Option bytes as ST delivers them: two banks, brown-out level 0, no protection.
 pub const OPTIONS_DELIVERED: u32 = 0xffef_f8aa;
 
+/// Where a start leads.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Boot {
+    /// To the program in bank 1.
+    Flash,
+    /// To the ROM, which starts the program of either bank by a jump (AN2606, dual bank boot); bank 2 holds none here.
+    EitherBank,
+    /// To the ROM's update mode.
+    Rom,
+    /// To whatever is in SRAM1.
+    Ram,
+}
+
 /// What an operation leaves that lost its power halfway.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Torn {
@@ -280,9 +293,62 @@ impl Flash {
         self.storage.get(ACR) & 0xf
     }
 
+    /// Option bytes in use.
+    pub fn options(&self) -> u32 {
+        self.storage.get(OPTR)
+    }
+
+    /// Writes the option bytes as a probe does; to be followed by a restart.
+    pub fn set_options(&mut self, options: u32) {
+        self.options = options;
+    }
+
+    /// Where a start leads, by the option bytes in use and the level of the boot pin (RM0440 2.6).
+    pub fn boots(&self, boot0: bool) -> Boot {
+        let is_set = |bit: u32| self.options() >> bit & 1 != 0;
+        let (nboot1, nswboot0, nboot0, bfb2) = (is_set(23), is_set(26), is_set(27), is_set(20));
+        let from_flash = if nswboot0 { !boot0 } else { nboot0 };
+        match (from_flash, nboot1) {
+            (true, _) if bfb2 => Boot::EitherBank,
+            (true, _) => Boot::Flash,
+            (false, true) => Boot::Rom,
+            (false, false) => Boot::Ram,
+        }
+    }
+
     /// Brown-out level in use: 0 is 1.7 V, 4 is 2.8 V.
     pub fn brown_out_level(&self) -> u32 {
         self.storage.get(OPTR) >> 8 & 7
+    }
+
+    /// Whether so many bytes lie in flash.
+    pub fn holds(&self, address: u32, len: usize) -> bool {
+        let start = address.wrapping_sub(START) as usize;
+        start < LEN && len <= LEN - start
+    }
+
+    /// Whether an operation is under way.
+    pub fn is_busy(&mut self, now: Cycles) -> bool {
+        self.advance(now);
+        self.operation.is_some()
+    }
+
+    /// The boot loader, which runs from neither bank, erases a page of either.
+    pub fn rom_erase(&mut self, page: usize, now: Cycles) {
+        self.begin(Action::Erase { page }, now);
+        self.stale = false;
+    }
+
+    /// The boot loader programs a double word; false, and nothing happens, where it is not erased.
+    #[must_use]
+    pub fn rom_program(&mut self, address: u32, data: u64, now: Cycles) -> bool {
+        let at = address.wrapping_sub(START) as usize;
+        let erased = at.is_multiple_of(8) && self.holds(address, 8) && self.double_word(at) == u64::MAX;
+        if erased {
+            self.begin(Action::Program { at, data }, now);
+            self.stale = false;
+        }
+        erased
     }
 
     /// Power has gone: what was under way is torn.

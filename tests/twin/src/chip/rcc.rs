@@ -258,8 +258,10 @@ impl Rcc {
 
     /// The crystal breaks. What ran from it stops, and the core goes on from the internal oscillator if it is watched
     /// (RM0440 7.2.8); to be followed by a look at the frequencies.
-    pub fn break_crystal(&mut self) {
+    pub fn break_crystal(&mut self, now: Cycles) {
         self.hse_hz = 0.0;
+        // One that is not ready yet never is.
+        self.hse_ready = self.hse_ready.filter(|at| *at <= now);
         let watched = self.storage.get(CR) & CSSON != 0 && self.hse_ready.take().is_some();
         if watched {
             self.failed = true;
@@ -607,7 +609,7 @@ mod tests {
     fn a_crystal_that_breaks_leaves_the_internal_clock_and_an_interrupt() {
         let mut rcc = at_168_mhz();
         write(&mut rcc, CR, HSION | HSEON | CSSON | PLLON, 40_000);
-        rcc.break_crystal();
+        rcc.break_crystal(45_000);
         assert!(rcc.nmi());
         assert_eq!((read(&mut rcc, CIFR, 50_000), read(&mut rcc, CR, 50_000) & (HSERDY | PLLRDY)), (CSSF, 0));
         assert_eq!(rcc.clocks(50_000, 0.003).hclk_hz, 16e6);

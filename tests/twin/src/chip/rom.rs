@@ -1,6 +1,7 @@
 //! System memory: what ST put into the chip (RM0440 table 3 and section 48, DS12288 section 3.18).
 //!
-//! The boot loader is a pair of vectors and an endless loop; whoever jumps there ends the run. It leaves by a jump, not by
+//! The boot loader is a pair of vectors and an endless loop; whoever jumps there ends the run, or finds what
+//! [`crate::boot_rom`] does in its place. It leaves by a jump, not by
 //! a reset, and what it leaves behind is not certain ([`Left`]): AN2606 says that its "go" does not restore registers,
 //! AN3155 that it does.
 
@@ -12,6 +13,9 @@ pub const START: u32 = 0x1fff_0000;
 pub const LEN: usize = 64 << 10;
 /// Where the code of the boot loader ends.
 pub const CODE_END: u32 = 0x1fff_7000;
+
+/// Stack and start of the boot loader.
+pub const VECTORS: [u32; 2] = [0x2000_3000, START + 0x101];
 
 /// The unique identity of this chip: place on the wafer, number of the wafer and of the lot, as in a real one.
 pub const UID: [u32; 3] = [0x0039_0025, 0x5836_500a, 0x2034_3356];
@@ -32,6 +36,8 @@ pub fn noise() -> Vec<u8> {
 pub enum Left {
     /// HSI48 on, the ROM at address 0 and its vectors in use (candleLight 319 quotes AN3156 rev. 18 for this).
     Running,
+    /// The same, and the core at 72 MHz by the PLL.
+    Fast,
     /// Clocks as after a reset, the ROM at address 0 and its vectors in use.
     Slow,
     /// The same, but for the vectors, which are again those at address 0.
@@ -42,9 +48,9 @@ pub enum Left {
 
 impl Left {
     /// All of them.
-    pub const ALL: [Self; 4] = [Self::Running, Self::Slow, Self::Mapped, Self::Restored];
+    pub const ALL: [Self; 5] = [Self::Running, Self::Fast, Self::Slow, Self::Mapped, Self::Restored];
 
-    /// Registers that are not as found: address and value.
+    /// Registers that are not as found: address and value, in their order.
     pub fn writes(self) -> &'static [(u32, u32)] {
         const SYSCFG_ON: (u32, u32) = (0x4002_1060, 1);
         const ROM_AT_0: (u32, u32) = (0x4001_0000, 1);
@@ -54,6 +60,17 @@ impl Left {
         match self {
             // HSI48 on.
             Self::Running => &[SYSCFG_ON, ROM_AT_0, ROM_VECTORS, (0x4002_1098, 1)],
+            // Two wait states; HSI / 4 * 36 / 2; the PLL on, and in use.
+            Self::Fast => &[
+                (0x4002_2000, 0x4_0602),
+                (0x4002_100c, 2 | 3 << 4 | 36 << 8 | 1 << 24),
+                (0x4002_1000, 1 << 8 | 1 << 24),
+                (0x4002_1008, 3),
+                SYSCFG_ON,
+                ROM_AT_0,
+                ROM_VECTORS,
+                (0x4002_1098, 1),
+            ],
             Self::Slow => &[SYSCFG_ON, ROM_AT_0, ROM_VECTORS],
             Self::Mapped => &[SYSCFG_ON, ROM_AT_0, FIRST_VECTORS, (0x4002_1060, 0)],
             Self::Restored => &[SYSCFG_ON, FLASH_AT_0, FIRST_VECTORS, (0x4002_1060, 0)],
@@ -69,8 +86,8 @@ pub fn bytes() -> Vec<u8> {
         bytes[at..at + data.len()].copy_from_slice(data);
     };
     // Stack and start of the boot loader, and there: branch to itself.
-    put(START, &0x2000_3000u32.to_le_bytes());
-    put(START + 4, &(START + 0x101).to_le_bytes());
+    put(START, &VECTORS[0].to_le_bytes());
+    put(START + 4, &VECTORS[1].to_le_bytes());
     put(START + 0x100, &0xe7feu16.to_le_bytes());
     for (address, word) in (0x1fff_7590..).step_by(4).zip(UID) {
         put(address, &word.to_le_bytes());

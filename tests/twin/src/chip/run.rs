@@ -76,7 +76,7 @@ impl Chip {
     /// The crystal breaks. A core that runs from it and is not watched would stand still; here it notices nothing.
     pub fn break_crystal(&mut self, now: Cycles) {
         self.advance(now);
-        self.rcc.break_crystal();
+        self.rcc.break_crystal(now);
         let clocks = self.rcc.clocks(now, self.clocks.seconds(now));
         if clocks.hclk_hz > 0.0 {
             self.use_clocks(clocks, now);

@@ -1,0 +1,269 @@
+//! The chip's boot loader in ROM as a USB device, which takes firmware by DfuSe.
+//!
+//! It is no machine code: this stands in for the program and works on the same registers of the chip, so that whoever is at
+//! the other end of the cable sees no difference. Its control endpoint only has what the boot loader needs; the descriptors
+//! are those of ST's, with one of the four alternate settings, that of flash.
+//!
+//! Sources: AN2606 and AN3156 (identity, layout), USB 2.0 chapter 9, USB DFU 1.1, RM0440 45 (registers).
+
+mod dfu;
+
+use crate::chip::{Chip, rom};
+use crate::{Cycles, Width};
+use dfu::{BLOCK, Dfu};
+
+const REGISTERS: u32 = 0x4000_5c00;
+const ENDPOINT: u32 = REGISTERS;
+const CONTROL: u32 = REGISTERS + 0x40;
+const INTERRUPTS: u32 = REGISTERS + 0x44;
+const ADDRESS: u32 = REGISTERS + 0x4c;
+const TABLE: u32 = REGISTERS + 0x50;
+const PULL_UP: u32 = REGISTERS + 0x58;
+const MEMORY: u32 = 0x4000_6000;
+/// Packets of endpoint 0 in the packet memory, behind the table.
+const SEND_AT: u32 = 0x40;
+const RECEIVE_AT: u32 = 0x80;
+const PACKET: usize = 64;
+
+/// Bits of the endpoint's register: written 0 to clear, 1 to keep; as they are; flipped.
+const RECEIVED: u32 = 1 << 15;
+const SETUP: u32 = 1 << 11;
+const CONTROL_TYPE: u32 = 1 << 9;
+const SENT: u32 = 1 << 7;
+const STALL: u32 = 1;
+const NAK: u32 = 2;
+const VALID: u32 = 3;
+
+/// How often the boot loader looks \[s\].
+pub const LOOK_S: f64 = 10e-6;
+
+const DEVICE: [u8; 18] = [18, 1, 0, 1, 0, 0, 0, 64, 0x83, 0x04, 0x11, 0xdf, 0, 0x22, 1, 2, 3, 1];
+/// One interface, class DFU in DFU mode; functional descriptor: download, upload, detach; blocks of 2048; DFU 1.1a.
+const CONFIGURATION: [u8; 27] = [
+    9, 2, 27, 0, 1, 1, 0, 0xc0, 50, //
+    9, 4, 0, 0, 0, 0xfe, 1, 2, 4, //
+    9, 0x21, 0x0b, 0xff, 0, 0, 8, 0x1a, 1,
+];
+
+/// A request whose data are on their way.
+#[derive(Clone, Debug, Default)]
+enum Stage {
+    #[default]
+    None,
+    /// To the host: what is left, and whether an empty packet ends it.
+    ToHost { data: Vec<u8>, ends_empty: bool },
+    /// From the host: the request, and what has come.
+    FromHost { setup: [u8; 8], data: Vec<u8> },
+    /// The empty packet that ends a request to the device, which may be SET_ADDRESS.
+    Status { address: Option<u8> },
+}
+
+/// The boot loader while it runs.
+#[derive(Debug, Default)]
+pub struct BootRom {
+    stage: Stage,
+    dfu: Dfu,
+    begun: bool,
+    left: bool,
+}
+
+impl BootRom {
+    /// The program is to be started; the device has gone from the bus.
+    pub fn has_left(&self) -> bool {
+        self.left
+    }
+
+    /// What it does at a moment.
+    pub fn look(&mut self, chip: &mut Chip, now: Cycles) {
+        if !self.begun {
+            self.begun = true;
+            begin(chip, now);
+        }
+        self.dfu.work(&mut chip.flash, now);
+        let interrupts = read(chip, INTERRUPTS, now);
+        if interrupts & 1 << 10 != 0 {
+            self.stage = Stage::None;
+            after_reset(chip, now);
+            return;
+        }
+        // Frames and suspends are of no interest.
+        write(chip, INTERRUPTS, 0, now);
+        if interrupts & 1 << 15 == 0 {
+            return;
+        }
+        let endpoint = read(chip, ENDPOINT, now);
+        if endpoint & SENT != 0 {
+            write(chip, ENDPOINT, CONTROL_TYPE | RECEIVED, now);
+            self.sent(chip, now);
+        }
+        if endpoint & RECEIVED != 0 {
+            let data = received(chip, now);
+            write(chip, ENDPOINT, CONTROL_TYPE | SENT, now);
+            match data.as_slice().try_into() {
+                Ok(setup) if endpoint & SETUP != 0 => self.set_up(chip, setup, now),
+                _ => self.take(chip, &data, now),
+            }
+        }
+    }
+
+    fn set_up(&mut self, chip: &mut Chip, setup: [u8; 8], now: Cycles) {
+        let length = usize::from(u16::from_le_bytes([setup[6], setup[7]]));
+        if setup[0] & 0x80 == 0 && length > 0 {
+            self.stage = Stage::FromHost { setup, data: Vec::new() };
+            return set_status(chip, Some(VALID), None, now);
+        }
+        self.answer(chip, setup, &[], now);
+    }
+
+    /// Data of a request to the device, or the empty packet that ends one to the host.
+    fn take(&mut self, chip: &mut Chip, packet: &[u8], now: Cycles) {
+        let Stage::FromHost { setup, data } = &mut self.stage else {
+            return set_status(chip, Some(VALID), Some(NAK), now);
+        };
+        data.extend_from_slice(packet);
+        let length = usize::from(u16::from_le_bytes([setup[6], setup[7]]));
+        if data.len() < length && packet.len() == PACKET {
+            return set_status(chip, Some(VALID), None, now);
+        }
+        let (setup, data) = (*setup, std::mem::take(data));
+        self.answer(chip, setup, &data, now);
+    }
+
+    /// Carries a request out whose data are complete.
+    fn answer(&mut self, chip: &mut Chip, setup: [u8; 8], data: &[u8], now: Cycles) {
+        let [kind, request, value_low, value_high, ..] = setup;
+        let length = usize::from(u16::from_le_bytes([setup[6], setup[7]]));
+        let block = u16::from_le_bytes([value_low, value_high]);
+        let answer = match (kind & 0x60, request) {
+            (0, 6) => descriptor(value_high, value_low),
+            (0, 0) => Some(vec![0, 0]),
+            (0, 8) => Some(vec![1]),
+            (0, 10) => Some(vec![0]),
+            // SET_ADDRESS, SET_CONFIGURATION, SET_INTERFACE of the one setting.
+            (0, 5 | 9) => Some(Vec::new()),
+            (0, 11) if value_low == 0 => Some(Vec::new()),
+            (0x20, _) => self.dfu.request(request, block, data, length.min(BLOCK), &mut chip.flash, now).ok(),
+            _ => None,
+        };
+        match answer {
+            None => {
+                self.stage = Stage::None;
+                set_status(chip, Some(STALL), Some(STALL), now);
+            }
+            Some(mut data) if kind & 0x80 != 0 => {
+                let ends_empty = data.len() < length && data.len().is_multiple_of(PACKET);
+                data.truncate(length);
+                self.stage = Stage::ToHost { data, ends_empty };
+                set_status(chip, Some(VALID), None, now);
+                self.sent(chip, now);
+            }
+            Some(_) => {
+                let address = (kind & 0x60 == 0 && request == 5).then_some(value_low);
+                self.stage = Stage::Status { address };
+                send(chip, &[], now);
+            }
+        }
+    }
+
+    /// The packet before has gone: the next one, or the end.
+    fn sent(&mut self, chip: &mut Chip, now: Cycles) {
+        match &mut self.stage {
+            Stage::ToHost { data, ends_empty } if !data.is_empty() || *ends_empty => {
+                *ends_empty &= !data.is_empty();
+                let packet: Vec<u8> = data.drain(..data.len().min(PACKET)).collect();
+                send(chip, &packet, now);
+            }
+            Stage::ToHost { .. } if self.dfu.leaves() => {
+                // The status was told: off the bus, and to the program.
+                write(chip, PULL_UP, 0, now);
+                self.left = true;
+            }
+            Stage::Status { address } => {
+                if let Some(address) = address {
+                    write(chip, ADDRESS, 0x80 | u32::from(*address), now);
+                }
+                self.stage = Stage::None;
+                set_status(chip, Some(VALID), None, now);
+            }
+            _ => {}
+        }
+    }
+}
+
+fn descriptor(kind: u8, index: u8) -> Option<Vec<u8>> {
+    let uid = rom::UID;
+    let layout = format!("@Internal Flash   /0x08000000/{}*02Kg", crate::chip::flash::LEN / crate::chip::flash::PAGE);
+    let text = match (kind, index) {
+        (1, _) => return Some(DEVICE.to_vec()),
+        (2, _) => return Some(CONFIGURATION.to_vec()),
+        (3, 0) => return Some(vec![4, 3, 9, 4]),
+        (3, 1) => "STMicroelectronics".into(),
+        (3, 2) => "STM32  BOOTLOADER".into(),
+        (3, 3) => format!("{:08X}{:04X}", uid[0].wrapping_add(uid[2]), uid[1] >> 16),
+        (3, 4) => layout,
+        _ => return None,
+    };
+    let units: Vec<u8> = text.encode_utf16().flat_map(u16::to_le_bytes).collect();
+    Some([&[units.len() as u8 + 2, 3], units.as_slice()].concat())
+}
+
+/// HSI48 for USB, its clock on, transceiver and pull-up.
+fn begin(chip: &mut Chip, now: Cycles) {
+    write(chip, 0x4002_1098, 1, now);
+    let clocks = read(chip, 0x4002_1058, now);
+    write(chip, 0x4002_1058, clocks | 1 << 23, now);
+    write(chip, CONTROL, 1, now);
+    write(chip, CONTROL, 0, now);
+    write(chip, INTERRUPTS, 0, now);
+    write(chip, TABLE, 0, now);
+    write(chip, PULL_UP, 1 << 15, now);
+}
+
+fn after_reset(chip: &mut Chip, now: Cycles) {
+    write(chip, INTERRUPTS, 0, now);
+    for (place, half) in [(0, SEND_AT), (2, 0), (4, RECEIVE_AT), (6, 0x8400)] {
+        write_half(chip, MEMORY + place, half, now);
+    }
+    write(chip, ENDPOINT, CONTROL_TYPE, now);
+    set_status(chip, Some(VALID), Some(NAK), now);
+    write(chip, ADDRESS, 0x80, now);
+}
+
+/// Changes what the endpoint does with the next packet of either direction.
+fn set_status(chip: &mut Chip, receive: Option<u32>, send: Option<u32>, now: Cycles) {
+    let register = read(chip, ENDPOINT, now);
+    let flip = |wanted: Option<u32>, shift: u32| wanted.map_or(0, |wanted| (register >> shift & 3 ^ wanted) << shift);
+    write(chip, ENDPOINT, CONTROL_TYPE | RECEIVED | SENT | flip(receive, 12) | flip(send, 4), now);
+}
+
+fn send(chip: &mut Chip, packet: &[u8], now: Cycles) {
+    for (place, pair) in (MEMORY + SEND_AT..).step_by(2).zip(packet.chunks(2)) {
+        let half = u32::from(pair[0]) | pair.get(1).map_or(0, |high| u32::from(*high) << 8);
+        write_half(chip, place, half, now);
+    }
+    write_half(chip, MEMORY + 2, packet.len() as u32, now);
+    set_status(chip, None, Some(VALID), now);
+}
+
+fn received(chip: &mut Chip, now: Cycles) -> Vec<u8> {
+    let half = |chip: &mut Chip, at| chip.read(at, Width::Half, now).expect("the packet memory") as u16;
+    let count = usize::from(half(chip, MEMORY + 6) & 0x3ff).min(PACKET);
+    let mut bytes: Vec<u8> = Vec::new();
+    for place in (MEMORY + RECEIVE_AT..).step_by(2).take(count.div_ceil(2)) {
+        bytes.extend(half(chip, place).to_le_bytes());
+    }
+    bytes.truncate(count);
+    bytes
+}
+
+fn read(chip: &mut Chip, address: u32, now: Cycles) -> u32 {
+    chip.read(address, Width::Word, now).expect("the boot loader knows its registers")
+}
+
+fn write(chip: &mut Chip, address: u32, value: u32, now: Cycles) {
+    chip.write(address, value, Width::Word, now).expect("the boot loader knows its registers");
+}
+
+fn write_half(chip: &mut Chip, address: u32, value: u32, now: Cycles) {
+    chip.write(address, value, Width::Half, now).expect("the packet memory");
+}

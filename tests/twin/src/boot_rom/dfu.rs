@@ -1,0 +1,200 @@
+//! DfuSe: what the boot loader makes of its class requests (AN3156; UM0424; USB DFU 1.1).
+//!
+//! A command or block is carried out when the host asks for the status after it. Not modelled: the option bytes, one-time
+//! memory, mass erasure and read protection.
+
+use crate::Cycles;
+use crate::chip::flash::{self, Flash, PAGE};
+use std::collections::VecDeque;
+
+/// Bytes of a block.
+pub const BLOCK: usize = 2048;
+/// Requests (USB DFU 1.1, 3).
+const DNLOAD: u8 = 1;
+const UPLOAD: u8 = 2;
+const GETSTATUS: u8 = 3;
+const CLRSTATUS: u8 = 4;
+const GETSTATE: u8 = 5;
+const ABORT: u8 = 6;
+/// Commands of block 0 (AN3156 5).
+const SET_ADDRESS: u8 = 0x21;
+const ERASE: u8 = 0x41;
+/// Commands that it tells: get, set address, erase.
+const COMMANDS: [u8; 3] = [0x00, SET_ADDRESS, ERASE];
+/// Number of the block at the address pointer.
+const FIRST_BLOCK: u16 = 2;
+
+const ERR_TARGET: u8 = 1;
+const ERR_PROG: u8 = 6;
+const ERR_STALLED: u8 = 15;
+
+/// What the host is told to wait \[ms\], rounded up from DS12288: a page 22 ms, a block of 256 double words 22 ms.
+const WAIT_MS: u8 = 25;
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum State {
+    #[default]
+    Idle = 2,
+    DownloadSync = 3,
+    Busy = 4,
+    DownloadIdle = 5,
+    ManifestSync = 6,
+    Manifest = 7,
+    UploadIdle = 9,
+    Error = 10,
+}
+
+#[derive(Clone, Debug)]
+enum Job {
+    Point(u32),
+    Erase(u32),
+    Write(u32, Vec<u8>),
+}
+
+/// The request is refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Refused;
+
+/// The state between two requests.
+#[derive(Clone, Debug)]
+pub struct Dfu {
+    state: State,
+    status: u8,
+    pointer: u32,
+    job: Option<Job>,
+    /// Double words that are still to be written, with their addresses.
+    writing: VecDeque<(u32, u64)>,
+}
+
+impl Default for Dfu {
+    /// The pointer begins at flash, as AN3156 has it.
+    fn default() -> Self {
+        Self { state: State::Idle, status: 0, pointer: flash::START, job: None, writing: VecDeque::new() }
+    }
+}
+
+impl Dfu {
+    /// The host was told that the program is being started.
+    pub fn leaves(&self) -> bool {
+        self.state == State::Manifest
+    }
+
+    /// A request with its data to the device; gives the data to the host.
+    pub fn request(
+        &mut self,
+        request: u8,
+        block: u16,
+        data: &[u8],
+        length: usize,
+        flash: &mut Flash,
+        now: Cycles,
+    ) -> Result<Vec<u8>, Refused> {
+        match (request, self.state) {
+            (GETSTATUS, _) => Ok(self.status(flash, now)),
+            (GETSTATE, state) => Ok(vec![state as u8]),
+            (CLRSTATUS, State::Error) => {
+                (self.state, self.status) = (State::Idle, 0);
+                Ok(Vec::new())
+            }
+            (ABORT, State::Idle | State::DownloadSync | State::DownloadIdle | State::UploadIdle) => {
+                (self.state, self.job) = (State::Idle, None);
+                Ok(Vec::new())
+            }
+            (DNLOAD, State::Idle | State::DownloadIdle) => self.download(block, data),
+            (UPLOAD, State::Idle | State::UploadIdle) => self.upload(block, length, flash),
+            _ => self.refuse(),
+        }
+    }
+
+    /// Goes on with what is under way.
+    pub fn work(&mut self, flash: &mut Flash, now: Cycles) {
+        if self.state != State::Busy || flash.is_busy(now) {
+            return;
+        }
+        if let Some((address, word)) = self.writing.pop_front()
+            && !flash.rom_program(address, word, now)
+        {
+            self.fail(ERR_PROG);
+        }
+    }
+
+    fn refuse<T>(&mut self) -> Result<T, Refused> {
+        self.fail(ERR_STALLED);
+        Err(Refused)
+    }
+
+    fn fail(&mut self, status: u8) {
+        (self.state, self.status) = (State::Error, status);
+        self.writing.clear();
+    }
+
+    fn block_address(&self, block: u16) -> u32 {
+        self.pointer.wrapping_add(u32::from(block - FIRST_BLOCK) * BLOCK as u32)
+    }
+
+    fn download(&mut self, block: u16, data: &[u8]) -> Result<Vec<u8>, Refused> {
+        self.job = match (block, data) {
+            (_, []) => {
+                self.state = State::ManifestSync;
+                return Ok(Vec::new());
+            }
+            (0, [SET_ADDRESS, a, b, c, d]) => Some(Job::Point(u32::from_le_bytes([*a, *b, *c, *d]))),
+            (0, [ERASE, a, b, c, d]) => Some(Job::Erase(u32::from_le_bytes([*a, *b, *c, *d]))),
+            (FIRST_BLOCK.., _) => Some(Job::Write(self.block_address(block), data.to_vec())),
+            _ => return self.refuse(),
+        };
+        self.state = State::DownloadSync;
+        Ok(Vec::new())
+    }
+
+    fn upload(&mut self, block: u16, length: usize, flash: &Flash) -> Result<Vec<u8>, Refused> {
+        if block == 0 {
+            return Ok(COMMANDS.to_vec());
+        }
+        let start = (block >= FIRST_BLOCK).then(|| self.block_address(block).wrapping_sub(flash::START) as usize);
+        let bytes = start.and_then(|start| flash.bytes().get(start..start.checked_add(length)?)).map(<[u8]>::to_vec);
+        match bytes {
+            Some(bytes) => {
+                self.state = State::UploadIdle;
+                Ok(bytes)
+            }
+            None => self.refuse(),
+        }
+    }
+
+    fn status(&mut self, flash: &mut Flash, now: Cycles) -> Vec<u8> {
+        let mut wait = 0;
+        match self.state {
+            State::DownloadSync => {
+                self.state = State::Busy;
+                self.begin(flash, now);
+                wait = WAIT_MS;
+            }
+            State::Busy if self.writing.is_empty() && !flash.is_busy(now) => self.state = State::DownloadIdle,
+            State::Busy => wait = 1,
+            State::ManifestSync => self.state = State::Manifest,
+            _ => {}
+        }
+        vec![self.status, wait, 0, 0, self.state as u8, 0]
+    }
+
+    fn begin(&mut self, flash: &mut Flash, now: Cycles) {
+        match self.job.take() {
+            None => {}
+            Some(Job::Point(address)) if flash.holds(address, 1) => self.pointer = address,
+            Some(Job::Erase(address)) if flash.holds(address, 1) => {
+                flash.rom_erase((address - flash::START) as usize / PAGE, now);
+            }
+            Some(Job::Write(address, data)) if flash.holds(address, data.len()) => {
+                // What is missing of the last double word stays as erased.
+                let words = data.chunks(8).map(|chunk| {
+                    let mut bytes = [0xff; 8];
+                    bytes[..chunk.len()].copy_from_slice(chunk);
+                    u64::from_le_bytes(bytes)
+                });
+                self.writing = (address..).step_by(8).zip(words).collect();
+            }
+            Some(_) => self.fail(ERR_TARGET),
+        }
+    }
+}

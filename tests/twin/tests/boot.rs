@@ -1,0 +1,108 @@
+//! The board starts, and lets itself be updated, whatever option bytes its chip came with.
+
+use inerter_twin::chip::flash::{Boot, OPTIONS_DELIVERED};
+use inerter_twin::chip::rcc::Reset;
+use inerter_twin::chip::rom::Left;
+use inerter_twin::cpu::Stop;
+use inerter_twin::machine::{Machine, StartError, shipping_image};
+use inerter_twin::serial_link::SerialLink;
+use inerter_twin::world::Still;
+use inerter_wire::{Capabilities, Command, Hello, Record};
+
+/// Places of the option bytes in FLASH_OPTR (RM0440 3.7.8).
+const BFB2: u32 = 1 << 20;
+const DBANK: u32 = 1 << 22;
+const NBOOT1: u32 = 1 << 23;
+const NSWBOOT0: u32 = 1 << 26;
+const NBOOT0: u32 = 1 << 27;
+/// From power-on, or from the ROM's jump, until the firmware listens.
+const START_S: f64 = 0.2;
+
+fn run(machine: &mut Machine, length_s: f64) {
+    machine.run_for(length_s).unwrap_or_else(|ended| panic!("{ended}"));
+}
+
+fn hello(link: &mut SerialLink) -> Hello {
+    link.talk = Default::default();
+    link.order(Command::Hello, 0.5).unwrap_or_else(|error| panic!("{error}"));
+    link.listen_until(link.machine.time_s() + 0.05).unwrap_or_else(|ended| panic!("{ended}"));
+    let hello = link.records().into_iter().find_map(|record| match record {
+        Record::Hello(hello) => Some(hello),
+        _ => None,
+    });
+    hello.expect("a Hello")
+}
+
+/// The machine goes to the boot loader.
+fn enters_update_mode(machine: &mut Machine) {
+    let ended = machine.run_for(1.0).expect_err("the boot loader");
+    assert_eq!(ended.stop, Stop::Bootloader, "{ended}");
+}
+
+/// One of the values: from a new chip to an update, by each of the ways into update mode.
+fn a_life_with(options: u32) {
+    let Some(image) = shipping_image() else { return };
+    let mut machine = Machine::new(&image, Box::new(Still)).expect("the image");
+    machine.chip_mut().flash.set_options(options);
+    let started = machine.power_cut();
+    match machine.chip().flash.boots(false) {
+        Boot::Flash | Boot::EitherBank => started.expect("starts"),
+        // An update leads out of it.
+        Boot::Rom => {
+            enters_update_mode(&mut machine);
+            machine.leave_rom(Left::Running).expect("jumps");
+        }
+        // Only a probe does.
+        Boot::Ram => {
+            assert!(matches!(started, Err(StartError::Cpu(Stop::Ram))));
+            return;
+        }
+    }
+    run(&mut machine, START_S);
+    let resets = machine.resets().len();
+    let mut link = SerialLink::new(machine);
+    let capabilities = hello(&mut link).capabilities;
+    assert_eq!(capabilities.contains(Capabilities::STORE), options & DBANK != 0, "pages for the settings");
+    assert_eq!(capabilities.flash_kb(), Some(512));
+    let kept = link.machine.chip().flash.options();
+    assert_eq!(kept & (NBOOT0 | NBOOT1 | BFB2), NBOOT0 | NBOOT1, "from flash, and the pin leads into the ROM");
+    assert_eq!((kept ^ options) & (DBANK | NSWBOOT0), 0, "not the firmware's to change");
+    // By command, and back by the ROM's jump.
+    link.order(Command::EnterDfu, 0.5).unwrap_or_else(|error| panic!("{error}"));
+    enters_update_mode(&mut link.machine);
+    link.machine.leave_rom(Left::Running).expect("jumps");
+    run(&mut link.machine, START_S);
+    hello(&mut link);
+    // By the button, and back by it.
+    link.machine.reset().expect("starts");
+    run(&mut link.machine, 0.1);
+    link.machine.reset().expect("starts");
+    enters_update_mode(&mut link.machine);
+    link.machine.reset().expect("starts");
+    run(&mut link.machine, 1.0);
+    hello(&mut link);
+    // By the pin, where that counts.
+    link.machine.set_boot0(true);
+    link.machine.reset().expect("starts");
+    if options & NSWBOOT0 != 0 {
+        enters_update_mode(&mut link.machine);
+    } else {
+        run(&mut link.machine, 1.0);
+        hello(&mut link);
+    }
+    // The option bytes were set once.
+    let of_options = link.machine.resets().iter().filter(|reset| reset.1 == Reset::OptionBytes);
+    assert_eq!(of_options.count(), 1, "{resets} resets until the first Hello");
+}
+
+#[test]
+fn the_board_starts_and_recovers_with_every_value_of_the_option_bytes() {
+    let bits = [BFB2, DBANK, NBOOT1, NSWBOOT0, NBOOT0];
+    for number in 0..1 << bits.len() {
+        let set = bits.iter().enumerate().filter(|(place, _)| number >> place & 1 != 0);
+        let chosen = set.fold(0, |word, (_, bit)| word | bit);
+        let options = OPTIONS_DELIVERED & !bits.iter().sum::<u32>() | chosen;
+        eprintln!("option bytes {options:#010x}");
+        a_life_with(options);
+    }
+}
