@@ -268,11 +268,21 @@ impl Device {
     }
 
     fn handshake(&mut self) -> Result<(), DeviceError> {
-        self.write(&[DELIMITER])?;
         let is_tcp = matches!(self.link, Link::Tcp(_));
+        self.hello = self.introduce().map_err(|error| match error {
+            DeviceError::Vanished { name, .. } if is_tcp && self.talk.queue.is_empty() => {
+                DeviceError::TurnedAway { name }
+            }
+            error => error,
+        })?;
+        self.read_settings()
+    }
+
+    fn introduce(&mut self) -> Result<Hello, DeviceError> {
+        self.write(&[DELIMITER])?;
         let started = Instant::now();
         let mut asked: Option<Instant> = None;
-        self.hello = loop {
+        loop {
             self.check_interrupted()?;
             if started.elapsed() > HANDSHAKE_TIME {
                 return Err(self.silent(HANDSHAKE_TIME));
@@ -283,17 +293,11 @@ impl Device {
                 self.send(Command::Hello)?;
                 asked = Some(Instant::now());
             }
-            self.poll().map_err(|error| match error {
-                DeviceError::Vanished { name, .. } if is_tcp && self.talk.queue.is_empty() => {
-                    DeviceError::TurnedAway { name }
-                }
-                error => error,
-            })?;
+            self.poll()?;
             if let Some(hello) = self.talk.queue.iter().find_map(|received| message(received, as_hello)) {
-                break hello;
+                return Ok(hello);
             }
-        };
-        self.read_settings()
+        }
     }
 
     /// Asks for the settings in use.

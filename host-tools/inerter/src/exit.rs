@@ -89,7 +89,10 @@ pub fn code(error: &Error) -> u8 {
             | FlashError::Permission { .. }
             | FlashError::Open { .. }
             | FlashError::Attach { .. }
-            | FlashError::OtherChip { .. } => NO_DEVICE,
+            | FlashError::OtherChip { .. }
+            | FlashError::SmallFlash { .. }
+            | FlashError::SingleBank
+            | FlashError::NoStart => NO_DEVICE,
         },
     }
 }
