@@ -1,12 +1,14 @@
 //! `inerter monitor` from outside: its screen on a pseudo-terminal, its page, and its bridges, at a virtual device.
 
 mod common;
+#[path = "common/monitor.rs"]
+mod monitor;
 
 use std::{
     io::{BufRead, BufReader, Read, Write},
     net::{TcpListener, TcpStream, UdpSocket},
     path::Path,
-    process::{Child, ChildStdout},
+    process::Child,
     time::{Duration, Instant},
 };
 
@@ -15,6 +17,7 @@ use inerter_core::Machine;
 use inerter_data::settings::Overrides;
 use inerter_plant::Parameters;
 use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
+use monitor::Monitor;
 use serde_json::Value;
 use tungstenite::{ClientRequestBuilder, Message, WebSocket};
 
@@ -29,40 +32,6 @@ fn device_of(machine: Machine) -> VirtualDevice {
     let mut setup = Setup::new(Parameters::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
     setup.settings.machine = machine;
     VirtualDevice::start(&setup, &Endpoint::Tcp("127.0.0.1:0".into()), 2.0).unwrap()
-}
-
-/// A monitor that prints JSON until it is dropped.
-struct Monitor {
-    child: Child,
-    output: BufReader<ChildStdout>,
-}
-
-impl Monitor {
-    fn start(folder: &Path, device: &VirtualDevice, arguments: &[&str]) -> Self {
-        let all = [&["monitor", "--json", "--connect", device.name()], arguments].concat();
-        let mut child = inerter(folder, &all).spawn().unwrap();
-        let output = BufReader::new(child.stdout.take().unwrap());
-        Self { child, output }
-    }
-
-    /// The next line of a kind.
-    fn next(&mut self, kind: &str) -> Value {
-        loop {
-            let mut line = String::new();
-            assert!(self.output.read_line(&mut line).unwrap() > 0, "the monitor ended before `{kind}`");
-            let value = last(&line);
-            if value["kind"] == kind {
-                return value;
-            }
-        }
-    }
-}
-
-impl Drop for Monitor {
-    fn drop(&mut self) {
-        self.child.kill().ok();
-        self.child.wait().ok();
-    }
 }
 
 fn connect(url: &str, origin: Option<&str>, protocol: Option<&str>) -> Result<WebSocket<TcpStream>, String> {
@@ -93,7 +62,7 @@ fn get(host: &str, path: &str, headers: &str) -> String {
 fn the_page_lets_in_only_who_has_its_address_and_shows_what_is_measured() {
     let folder = tempfile::tempdir().unwrap();
     let device = device();
-    let mut monitor = Monitor::start(folder.path(), &device, &["--web", "--record", "run.mcap"]);
+    let mut monitor = Monitor::start(folder.path(), device.name(), &["--web", "--record", "run.mcap"]);
     let url = monitor.next("view")["address"].as_str().unwrap().to_string();
     let host = url.split('/').nth(2).unwrap();
     let path = url.strip_prefix(&format!("http://{host}")).unwrap();
@@ -155,7 +124,7 @@ fn the_page_lets_in_only_who_has_its_address_and_shows_what_is_measured() {
 fn an_estimator_is_reset_from_the_page() {
     let folder = tempfile::tempdir().unwrap();
     let device = device();
-    let mut monitor = Monitor::start(folder.path(), &device, &["--web"]);
+    let mut monitor = Monitor::start(folder.path(), device.name(), &["--web"]);
     let url = monitor.next("view")["address"].as_str().unwrap().replace("http://", "ws://");
     monitor.next("estimate");
     let mut socket = connect(&format!("{url}live"), None, None).unwrap();
@@ -169,7 +138,7 @@ fn a_reset_is_refused_aloud_where_another_program_has_the_control() {
     let device = device();
     let target = inerter_device::Target::Tcp { address: device.name().into() };
     let _controller = inerter_device::Device::connect(&target, inerter_device::Clock::new()).unwrap();
-    let mut monitor = Monitor::start(folder.path(), &device, &["--web"]);
+    let mut monitor = Monitor::start(folder.path(), device.name(), &["--web"]);
     let url = monitor.next("view")["address"].as_str().unwrap().replace("http://", "ws://");
     let mut socket = connect(&format!("{url}live"), None, None).unwrap();
     socket.send(Message::text(r#"{"reset_estimator":true}"#)).unwrap();
@@ -248,7 +217,8 @@ fn teleplot_and_plotjuggler_are_sent_samples_and_estimates() {
     let folder = tempfile::tempdir().unwrap();
     let device = device();
     let ((teleplot, to_teleplot), (juggler, to_juggler)) = (listener(), listener());
-    let _monitor = Monitor::start(folder.path(), &device, &["--teleplot", &to_teleplot, "--plotjuggler", &to_juggler]);
+    let _monitor =
+        Monitor::start(folder.path(), device.name(), &["--teleplot", &to_teleplot, "--plotjuggler", &to_juggler]);
     let now_s = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap().as_secs_f64();
 
     let mut names = std::collections::BTreeSet::new();
@@ -294,7 +264,7 @@ fn views_of_a_rotary_machine_have_its_names_and_units() {
     let device = device_of(Machine::Rotary);
     let ((teleplot, to_teleplot), (juggler, to_juggler)) = (listener(), listener());
     let bridges = ["--teleplot", &to_teleplot, "--plotjuggler", &to_juggler, "--foxglove", "127.0.0.1:0"];
-    let mut monitor = Monitor::start(folder.path(), &device, &bridges);
+    let mut monitor = Monitor::start(folder.path(), device.name(), &bridges);
     let url = std::iter::repeat_with(|| monitor.next("view")).find(|view| view["view"] == "Foxglove").unwrap();
     let url = url["address"].as_str().unwrap().to_string();
     let estimate = monitor.next("estimate");
@@ -351,7 +321,7 @@ fn foxglove_is_served_to_known_pages_only() {
     let folder = tempfile::tempdir().unwrap();
     let device = device();
     let arguments = ["--foxglove", "127.0.0.1:0", "--foxglove-origin", "https://plots.example"];
-    let mut monitor = Monitor::start(folder.path(), &device, &arguments);
+    let mut monitor = Monitor::start(folder.path(), device.name(), &arguments);
     let url = format!("{}/", monitor.next("view")["address"].as_str().unwrap());
     let protocol = Some("foxglove.sdk.v1");
     for origin in ["https://evil.example", "null", "http://localhost.evil.example", "http://app.foxglove.dev"] {
@@ -380,7 +350,7 @@ fn foxglove_is_served_to_known_pages_only() {
 fn foxglove_finds_channels_with_schemas_and_their_messages() {
     let folder = tempfile::tempdir().unwrap();
     let device = device();
-    let mut monitor = Monitor::start(folder.path(), &device, &["--foxglove", "127.0.0.1:0"]);
+    let mut monitor = Monitor::start(folder.path(), device.name(), &["--foxglove", "127.0.0.1:0"]);
     let url = monitor.next("view")["address"].as_str().unwrap().to_string();
     let (mut socket, channels) = foxglove(&url);
     let channel = |topic: &str| channels.iter().find(|channel| channel["topic"] == topic).unwrap();
@@ -427,9 +397,7 @@ fn half_sent_requests_end_and_do_not_keep_the_device_from_coming_back() {
     command.args(["-c", "ulimit -n 64 && exec \"$0\" \"$@\"", env!("CARGO_BIN_EXE_inerter")]);
     command.args(["monitor", "--json", "--connect", &address, "--wait", "30", "--web", "--foxglove", "127.0.0.1:0"]);
     command.current_dir(folder.path()).stdin(std::process::Stdio::null()).stdout(std::process::Stdio::piped());
-    let mut child = command.spawn().unwrap();
-    let output = BufReader::new(child.stdout.take().unwrap());
-    let mut monitor = Monitor { child, output };
+    let mut monitor = Monitor::spawn(command);
     let url = monitor.next("view")["address"].as_str().unwrap().to_string();
     let foxglove = monitor.next("view")["address"].as_str().unwrap().to_string();
     let [page, bridge] = [&url, &foxglove].map(|url| url.split('/').nth(2).unwrap());

@@ -3,29 +3,13 @@
 
 mod common;
 
-use std::{
-    fs,
-    os::unix::fs::symlink,
-    path::Path,
-    process::Child,
-    thread,
-    time::{Duration, Instant},
-};
+use std::{fs, os::unix::fs::symlink, path::Path, process::Child};
 
-use common::{done, fails, inerter, run, text};
+use common::{done, fails, inerter, run, text, until};
 use inerter_data::settings::Overrides;
 use inerter_plant::Parameters;
 use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
 use rustix::process::{Pid, Signal, kill_process};
-
-/// Waits for something that takes a moment, without a guess how long.
-fn until(what: &str, mut is_so: impl FnMut() -> bool) {
-    let started = Instant::now();
-    while !is_so() {
-        assert!(started.elapsed() < Duration::from_secs(60), "{what}");
-        thread::sleep(Duration::from_millis(2));
-    }
-}
 
 fn device() -> VirtualDevice {
     let setup = Setup::new(Parameters::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();

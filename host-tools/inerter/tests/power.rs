@@ -12,10 +12,10 @@ use std::{
     path::{Path, PathBuf},
     process::Command,
     thread,
-    time::{Duration, Instant},
+    time::Duration,
 };
 
-use common::{done, inerter, last, text};
+use common::{done, inerter, last, text, until};
 use inerter_data::{
     recording::{Item, read},
     settings::Overrides,
@@ -91,14 +91,6 @@ fn times(path: &Path) -> Vec<u64> {
     })
     .unwrap();
     times
-}
-
-fn until(what: &str, mut is_so: impl FnMut() -> bool) {
-    let started = Instant::now();
-    while !is_so() {
-        assert!(started.elapsed() < Duration::from_secs(60), "{what}");
-        thread::sleep(Duration::from_millis(10));
-    }
 }
 
 #[test]

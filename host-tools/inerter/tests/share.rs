@@ -1,19 +1,18 @@
 //! Several programs at one device: at a virtual one, and at one that `monitor --share` has.
 
 mod common;
+#[path = "common/monitor.rs"]
+mod monitor;
 
-use std::{
-    io::{BufRead, BufReader, Write},
-    net::TcpStream,
-    process::{Child, ChildStdout},
-};
+use std::{io::Write, net::TcpStream};
 
-use common::{done, fails, inerter, json_lines, last, run, text};
+use common::{done, fails, json_lines, last, run, text};
 use inerter_data::settings::Overrides;
 use inerter_device::{Clock, Device, DeviceError, Target};
 use inerter_plant::Parameters;
 use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors, share::MOST_READERS};
 use inerter_wire::{Command, Frame, MAX_FRAME, Record, Refusal, Request, Streams, encode_request};
+use monitor::Monitor;
 
 fn device_at(address: &str) -> VirtualDevice {
     let setup = Setup::new(Parameters::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
@@ -106,51 +105,15 @@ fn one_too_many_is_told_so() {
     while !run(folder.path(), &["settings", "get", "--connect", virtual_device.name()]).status.success() {}
 }
 
-/// A monitor that shares its device until it is dropped.
-struct Monitor {
-    child: Child,
-    output: BufReader<ChildStdout>,
-    address: String,
-}
-
-impl Monitor {
-    fn start(folder: &std::path::Path, device: &str) -> Self {
-        let arguments = ["monitor", "--json", "--connect", device, "--share", "127.0.0.1:0", "--wait", "60"];
-        let mut child = inerter(folder, &arguments).spawn().unwrap();
-        let output = BufReader::new(child.stdout.take().unwrap());
-        let mut monitor = Self { child, output, address: String::new() };
-        let view = monitor.next("view");
-        assert_eq!(view["view"], "shared device");
-        monitor.address = view["address"].as_str().unwrap().to_string();
-        monitor
-    }
-
-    fn next(&mut self, kind: &str) -> serde_json::Value {
-        loop {
-            let mut line = String::new();
-            assert!(self.output.read_line(&mut line).unwrap() > 0, "the monitor ended before `{kind}`");
-            let value = last(&line);
-            if value["kind"] == kind {
-                return value;
-            }
-        }
-    }
-}
-
-impl Drop for Monitor {
-    fn drop(&mut self) {
-        self.child.kill().ok();
-        self.child.wait().ok();
-    }
-}
-
 #[test]
 fn a_monitor_shares_its_device() {
     let folder = tempfile::tempdir().unwrap();
     let before = device_at("127.0.0.1:0");
     let address = before.name().to_string();
-    let mut monitor = Monitor::start(folder.path(), &address);
-    let shared = monitor.address.clone();
+    let mut monitor = Monitor::start(folder.path(), &address, &["--share", "127.0.0.1:0", "--wait", "60"]);
+    let view = monitor.next("view");
+    assert_eq!(view["view"], "shared device");
+    let shared = view["address"].as_str().unwrap().to_string();
     monitor.next("device");
     let mut reader = connect(&shared);
     assert_eq!(reader.hello().board.as_str(), "virtual");

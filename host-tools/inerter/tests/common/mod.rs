@@ -4,6 +4,8 @@
 use std::{
     path::Path,
     process::{Command, Output, Stdio},
+    thread,
+    time::{Duration, Instant},
 };
 
 use serde_json::Value;
@@ -57,4 +59,13 @@ pub fn estimate_of(value: &Value) -> Value {
         object.remove(key);
     }
     object.into()
+}
+
+/// Waits for something that takes a moment, without a guess how long.
+pub fn until(what: &str, mut is_so: impl FnMut() -> bool) {
+    let started = Instant::now();
+    while !is_so() {
+        assert!(started.elapsed() < Duration::from_secs(60), "{what}");
+        thread::sleep(Duration::from_millis(2));
+    }
 }
