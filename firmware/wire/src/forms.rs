@@ -99,6 +99,9 @@ impl Backlash {
         let Self { value_m, u95_m, status, route, reversals } = Deserialize::deserialize(deserializer)?;
         let interval = Interval { value: value_m, u95: u95_m };
         let size = match status {
+            BacklashStatus::BelowU95 | BacklashStatus::Ok if !(value_m.is_finite() && u95_m.is_finite()) => {
+                BacklashSize::default()
+            }
             BacklashStatus::NotIdentifiable(reason) => BacklashSize::NotIdentifiable(reason),
             BacklashStatus::BelowU95 => BacklashSize::BelowU95(interval),
             BacklashStatus::Ok => BacklashSize::Ok(interval),

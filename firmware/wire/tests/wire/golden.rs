@@ -7,7 +7,9 @@ use crate::reference;
 use crate::values::{
     longest_detail, longest_more_sums, longest_samples, longest_sums, most_settings, records, requests,
 };
-use inerter_core::{BacklashStatus, Bank, Changed, Contact, Estimate, Reason, Regime, Route};
+use inerter_core::{
+    Backlash, BacklashSize, BacklashStatus, Bank, Changed, Contact, Detail, Estimate, Interval, Reason, Regime, Route,
+};
 use inerter_wire::*;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Debug;
@@ -86,6 +88,28 @@ fn zeros_before_the_first_fit_are_nothing() {
     let zeros = format!("02 02{} 07 02 01 fc f9 fa 85 00", " 01".repeat(80));
     let message = Record::Estimate(Estimate::default());
     assert_eq!(read_all(&unhex(&zeros)), [Frame::Message { sequence: SEQUENCE, message }]);
+    let zeros = format!("02 09{} 03 80 7f 02{} 07 02 01 23 85 05 54 00", " 01".repeat(14), " 01".repeat(24));
+    let message = Record::Detail(Detail::default());
+    assert_eq!(read_all(&unhex(&zeros)), [Frame::Message { sequence: SEQUENCE, message }]);
+}
+
+/// A backlash that is no number is none, whatever the status beside it says.
+#[test]
+fn a_backlash_without_a_number_is_not_known() {
+    for interval in [
+        Interval { value: f32::NAN, u95: 1e-6 },
+        Interval { value: 1e-4, u95: f32::NAN },
+        Interval { value: f32::INFINITY, u95: 1e-6 },
+        Interval { value: 1e-4, u95: f32::INFINITY },
+    ] {
+        for size in [BacklashSize::Ok(interval), BacklashSize::BelowU95(interval)] {
+            let sent = Detail { backlash: Backlash { size, ..Backlash::default() }, ..Detail::default() };
+            let mut out = [0; MAX_FRAME];
+            let length = encode(&Record::Detail(sent), SEQUENCE, &mut out).unwrap();
+            let message = Record::Detail(Detail::default());
+            assert_eq!(read_all(&out[..length]), [Frame::Message { sequence: SEQUENCE, message }], "{size:?}");
+        }
+    }
 }
 
 /// What core serialises without the wire is its own enums: nothing in it is infinite, which JSON cannot say.
