@@ -5,7 +5,7 @@
 //! ([`imports`]).
 
 use crate::{
-    imports, process, source, tree,
+    foreign, imports, process, source, tree,
     workspace::{Member, Part, Workspace},
 };
 use anyhow::{Context, Result, bail};
@@ -60,8 +60,8 @@ const SCREEN: &[&str] = &["ratatui", "crossterm", "axum", "indicatif"];
 /// What writes Parquet and MATLAB files.
 const TABLES: &[&str] = &["parquet", "hdf5-pure"];
 
-/// The law. Nothing may use a program: the images, the host's, `xtask`, `inerter-tests`, `inerter-bench` and `inerter-twin` stand
-/// on no right-hand side; the twin above all, as its emulator is GPL.
+/// The law. Nothing may use a program: the images, the host's, `xtask`, `inerter-tests`, `inerter-bench`, `inerter-twin` and the
+/// programs of others stand on no right-hand side; the twin above all, as its emulator is GPL.
 const LAWS: &[Law] = &[
     Law::of("inerter-core"),
     Law::of("inerter-wire").may_use(&["inerter-core"]),
@@ -129,6 +129,8 @@ const LAWS: &[Law] = &[
             "ads131m04",
         ])
         .with_unsafe(),
+    Law::of("inerter-foreign").with_unsafe(),
+    Law::of("inerter-published").with_unsafe(),
 ];
 
 /// Files and folders of `inerter-core/src` between the codes and the sums: integers only, tests left aside.
@@ -159,8 +161,8 @@ const SIGNAL_PATH: &[&str] = &[
 pub fn run() -> Result<()> {
     let root = tree::root();
     let mut workspace = Workspace::read(&root)?;
-    for part in [Part::Bench, Part::Twin] {
-        workspace.members.extend(Workspace::read(&part.folder())?.members);
+    for folder in [Part::Bench.folder(), Part::Twin.folder(), foreign::folder()] {
+        workspace.members.extend(Workspace::read(&folder)?.members);
     }
     let mut faults = arrow_faults(&workspace);
     faults.extend(missing_faults(&workspace));

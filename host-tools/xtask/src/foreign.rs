@@ -13,7 +13,7 @@ const PUBLISHED: &str = "stm32g4xx-hal";
 const OWN: &str = "inerter-foreign";
 
 /// Where their workspace lies.
-fn folder() -> PathBuf {
+pub fn folder() -> PathBuf {
     Part::Twin.folder().join("foreign")
 }
 

@@ -63,7 +63,7 @@ pub struct Member {
     pub name: String,
     /// Folder of its manifest.
     pub folder: PathBuf,
-    /// Root files of its libraries and programs.
+    /// Root files of its libraries and programs, those below its folder: others are not ours.
     pub roots: Vec<PathBuf>,
     /// What it depends on.
     pub uses: Vec<Use>,
@@ -116,18 +116,21 @@ impl Workspace {
 
 fn member(value: &Value) -> Result<Member> {
     let manifest = PathBuf::from(text(value, "manifest_path")?);
+    let Some(folder) = manifest.parent() else { bail!("{}: a manifest without a folder", manifest.display()) };
     let mut roots = Vec::new();
     for target in array(value, "targets")? {
         let kinds = array(target, "kind")?;
-        if kinds.iter().any(|kind| matches!(kind.as_str(), Some("lib" | "bin" | "rlib" | "proc-macro"))) {
-            roots.push(text(target, "src_path")?.into());
+        let root = PathBuf::from(text(target, "src_path")?);
+        if kinds.iter().any(|kind| matches!(kind.as_str(), Some("lib" | "bin" | "rlib" | "proc-macro")))
+            && root.starts_with(folder)
+        {
+            roots.push(root);
         }
     }
     let uses = array(value, "dependencies")?
         .iter()
         .map(|one| Ok(Use { name: text(one, "name")?.to_owned(), dev: one["kind"].as_str() == Some("dev") }))
         .collect::<Result<Vec<_>>>()?;
-    let Some(folder) = manifest.parent() else { bail!("{}: a manifest without a folder", manifest.display()) };
     Ok(Member { name: text(value, "name")?.to_owned(), folder: folder.into(), roots, uses })
 }
 
