@@ -41,6 +41,10 @@ pub enum Error {
         /// How many.
         problems: usize,
     },
+    /// Standard output is to hold two things.
+    #[error("with --csv - standard output holds the samples: --json and --estimates need a file")]
+    #[diagnostic(code(inerter::standard_output), help("name a file: --csv run.csv"))]
+    StandardOutput,
     /// A simulation cannot be set up.
     #[error(transparent)]
     #[diagnostic(transparent)]

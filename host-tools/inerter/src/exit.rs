@@ -44,7 +44,7 @@ pub fn code(error: &Error) -> u8 {
         Error::Data(error) => data(error),
         Error::Image(_) => INPUT,
         Error::Doctor { .. } => NO_DEVICE,
-        Error::Dialogue(_) => USAGE,
+        Error::Dialogue(_) | Error::StandardOutput => USAGE,
         Error::Backup(_) => SETTINGS,
         Error::Contact(_) => NOT_SHOWN,
         Error::Fit(error) => fit(error),

@@ -93,7 +93,7 @@ fn run() -> Result<(), Error> {
         Command::Record(args) => cmd::record::run(&args),
         Command::Replay(args) => cmd::replay::run(&args),
         Command::Send(args) => cmd::send::run(&args),
-        Command::Export(args) => cmd::export::run(&args, Cli::command()),
+        Command::Export(args) => cmd::export::run(&args),
         Command::Cut(args) => cmd::cut::run(&args),
         Command::Merge(args) => cmd::merge::run(&args),
         Command::Fit(args) => cmd::fit::run(&args),

@@ -2,7 +2,6 @@
 
 use std::path::PathBuf;
 
-use clap::error::ErrorKind;
 use inerter_core::Machine;
 use inerter_data::{
     export::{self, Column, EstimateTable, Format, Selection, Source},
@@ -102,11 +101,9 @@ impl Args {
     }
 }
 
-/// `command` is the whole command line, which says how it is used.
-pub fn run(args: &Args, mut command: clap::Command) -> Result<(), Error> {
+pub fn run(args: &Args) -> Result<(), Error> {
     if args.to_stdout() && (args.json || args.estimates) {
-        let message = "with --csv - standard output holds the samples: --json and --estimates need a file";
-        command.error(ErrorKind::ArgumentConflict, message).exit();
+        return Err(Error::StandardOutput);
     }
     let targets = args.targets();
     let csv = targets.iter().find(|(format, _)| *format == Format::Csv).map(|(_, path)| path);
