@@ -17,7 +17,7 @@ const EXACT: f32 = constants::EXACT as f32;
 const ROUNDING: f32 = constants::ROUNDING as f32;
 /// Greatest error of a rounding over its rms.
 const ROOT_3: f32 = 1.732_050_8;
-/// Independent observations under which nothing is said.
+/// Independent observations under which nothing is said: twice the unknowns, so that a residual is left.
 const LEAST_OBSERVATIONS: f32 = 8.0;
 
 /// The law fitted to what is known, in SI.

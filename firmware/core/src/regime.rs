@@ -29,7 +29,7 @@ const UNEXPLAINED: f32 = 1.7;
 const UNEXPLAINED_IMPACTS: f32 = 1.4;
 /// Standard deviations of either ratio by chance alone, on top.
 const CHANCE: f32 = 3.0;
-/// Observations away from rest under which nothing is said.
+/// Observations away from rest under which nothing is said: twice those of a fit, as two residuals are compared.
 const LEAST_OBSERVATIONS: f32 = 16.0;
 /// Least part of the error that counts as alike to a regressor, and its growth with the error's share in friction.
 const ALIKE: (f32, f32) = (0.35, 1.3);

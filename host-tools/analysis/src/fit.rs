@@ -27,7 +27,7 @@ const FORCE_RATE: usize = 6;
 
 /// Updates that count as one independent observation.
 const UPDATES_PER_OBSERVATION: f64 = CORRELATION_BOXES * UPDATES_PER_BOX as f64;
-/// Independent observations under which nothing is said.
+/// Independent observations under which nothing is said: more than on the device, as up to seven unknowns are fitted at once.
 const LEAST_OBSERVATIONS: f64 = 20.0;
 /// Part of a regressor's square that the others must leave over.
 const LEAST_PIVOT: f64 = 1.0 / (1u32 << PIVOT_BITS) as f64;
