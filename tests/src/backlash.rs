@@ -2,7 +2,7 @@
 
 use crate::grid::{self, Error, Instruments, calibrated, raw};
 use inerter_core::{Detail, Interval, Reversal, Settings, State};
-use inerter_plant::{Excitation, Parameters as Device, Sensors, Simulation};
+use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
 
 /// Backlash of the grid \[m\].
 pub const BACKLASHES_M: [f64; 6] = [0.0, 10e-6, 20e-6, 50e-6, 100e-6, 200e-6];
@@ -43,7 +43,7 @@ pub fn instruments(rig: &Instruments, seed: u64) -> Sensors {
 }
 
 /// Settings of a device calibrated against these instruments, its stiffness known to 0.1 %.
-pub fn settings(device: &Device, sensors: &Sensors) -> Settings {
+pub fn settings(device: &Inerter, sensors: &Sensors) -> Settings {
     Settings {
         force_gain_u95: 0.0,
         lead_u95: 0.0,
@@ -54,7 +54,7 @@ pub fn settings(device: &Device, sensors: &Sensors) -> Settings {
 }
 
 /// Shakes a device with and without its sensor.
-pub fn run(device: &Device, motion: &str, duration_s: f64, rig: &Instruments, seed: u64) -> Result<Run, Error> {
+pub fn run(device: &Inerter, motion: &str, duration_s: f64, rig: &Instruments, seed: u64) -> Result<Run, Error> {
     let sensors = instruments(rig, seed);
     let settings = settings(device, &sensors);
     let simulation = Simulation::new(*device, Excitation::parse(motion, seed)?, sensors)?;
@@ -119,7 +119,7 @@ fn column(values: &[(f64, f64)], truth: f64) -> Column {
 }
 
 /// Statistics over the runs of one cell.
-pub fn cell(device: &Device, runs: &[Run]) -> Cell {
+pub fn cell(device: &Inerter, runs: &[Run]) -> Cell {
     let found =
         |detail: &Detail| detail.backlash.known().map(|Interval { value, u95 }| (f64::from(value), f64::from(u95)));
     let contact = |read: fn(&Detail) -> inerter_core::Parameter, truth: f64| {

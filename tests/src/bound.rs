@@ -10,7 +10,7 @@
 
 use crate::grid::{self, Error, Instruments, Motion};
 use crate::linear::Cholesky;
-use inerter_plant::{Motion as Screw, Parameters as Device};
+use inerter_plant::{Inerter, Motion as Screw};
 use std::f64::consts::PI;
 
 /// Taps of the weighting filter on either side \[s\].
@@ -19,7 +19,7 @@ const HALF_LENGTH_S: f64 = 0.128;
 const FREQUENCIES: u32 = 2048;
 
 /// The filter that makes the sum of both noises white, of unit variance, symmetric, from its middle on.
-fn whitening(device: &Device, rig: &Instruments, count_m: f64) -> Vec<f64> {
+fn whitening(device: &Inerter, rig: &Instruments, count_m: f64) -> Vec<f64> {
     let count_n = device.inertance_kg * count_m / 12_f64.sqrt() * rig.sample_rate_hz.powi(2);
     let gain = |w: f64| (rig.force_noise_n.powi(2) + (count_n * (2.0 - 2.0 * w.cos())).powi(2)).sqrt().recip();
     let half = (HALF_LENGTH_S * rig.sample_rate_hz) as u32;
@@ -34,7 +34,7 @@ fn whitening(device: &Device, rig: &Instruments, count_m: f64) -> Vec<f64> {
 
 /// The least sigma of mt, cf and fc with the noise of force and encoder, over all samples around which the screw slips
 /// for the filter's length. None where they show nothing.
-pub fn least_sigma(device: &Device, motion: &Motion, rig: &Instruments, seed: u64) -> Result<Option<[f64; 3]>, Error> {
+pub fn least_sigma(device: &Inerter, motion: &Motion, rig: &Instruments, seed: u64) -> Result<Option<[f64; 3]>, Error> {
     if motion.is_slow() {
         // Below 1 Hz the encoder's part is under a hundredth of the force's.
         return grid::least_sigma(device, motion, rig, seed, 0.0);
@@ -84,7 +84,7 @@ mod tests {
     /// Without the encoder's noise the bound is that of the force's alone.
     #[test]
     fn a_fine_encoder_leaves_the_force_alone() {
-        let filter = whitening(&Device::paper(), &RIGS[1], 1e-12);
+        let filter = whitening(&Inerter::paper(), &RIGS[1], 1e-12);
         assert!((filter[0] * RIGS[1].force_noise_n - 1.0).abs() < 1e-6, "{}", filter[0]);
         assert!(filter.iter().skip(1).all(|tap| tap.abs() < 1e-6));
     }
@@ -92,7 +92,7 @@ mod tests {
     /// The encoder takes most from what the highest frequencies show: friction at 15.9 Hz.
     #[test]
     fn a_coarse_encoder_takes_its_part() {
-        let (device, rig) = (Device::paper(), &RIGS[0]);
+        let (device, rig) = (Inerter::paper(), &RIGS[0]);
         for (motion, ratios) in [(&MOTIONS[1], [1.04, 1.6, 1.7]), (&MOTIONS[4], [1.7, 2.0, 2.2])] {
             let force = grid::least_sigma(&device, motion, rig, 1, 0.0).unwrap().unwrap();
             let both = least_sigma(&device, motion, rig, 1).unwrap().unwrap();

@@ -2,7 +2,7 @@
 
 use crate::linear::Cholesky;
 use inerter_core::{Estimate, Interval, Parameter, Parameters, Settings, State};
-use inerter_plant::{Excitation, Motion as Screw, Parameters as Device, Sensors, Simulation};
+use inerter_plant::{Excitation, Inerter, Motion as Screw, Sensors, Simulation};
 pub use inerter_simulate::raw;
 use std::thread;
 
@@ -106,7 +106,7 @@ pub const TWO_CLOCKS: Instruments =
     Instruments { name: "1 kHz, 1 N, two clocks", sample_rate_hz: 1000.01, force_noise_n: 1.0 };
 
 /// What the device truly is.
-pub fn truth(device: &Device) -> [f64; 3] {
+pub fn truth(device: &Inerter) -> [f64; 3] {
     [device.inertance_kg, device.viscous_n_s_per_m, device.coulomb_n]
 }
 
@@ -114,7 +114,7 @@ pub fn truth(device: &Device) -> [f64; 3] {
 ///
 /// # Panics
 /// Where the plant or an instrument is beyond what a setting may be.
-pub fn calibrated(device: &Device, sensors: &Sensors) -> Settings {
+pub fn calibrated(device: &Inerter, sensors: &Sensors) -> Settings {
     inerter_simulate::calibrated(device, sensors).expect("instruments within the settings' ranges")
 }
 
@@ -142,7 +142,7 @@ pub fn instruments(rig: &Instruments, seed: u64) -> Sensors {
 }
 
 /// The motion as this rig's instruments see it.
-pub(crate) fn simulation(device: &Device, motion: &Motion, rig: &Instruments, seed: u64) -> Result<Simulation, Error> {
+pub(crate) fn simulation(device: &Inerter, motion: &Motion, rig: &Instruments, seed: u64) -> Result<Simulation, Error> {
     Ok(Simulation::new(*device, Excitation::parse(motion.name, seed)?, instruments(rig, seed))?)
 }
 
@@ -158,7 +158,7 @@ pub fn each_seed<R: Send>(seeds: u64, run: impl Fn(u64) -> Result<R, Error> + Sy
 }
 
 /// Shakes a device and listens. The intervals hold no calibration error, as the simulated rig has none.
-pub fn run(device: &Device, motion: &Motion, rig: &Instruments, seed: u64) -> Result<Run, Error> {
+pub fn run(device: &Inerter, motion: &Motion, rig: &Instruments, seed: u64) -> Result<Run, Error> {
     let simulation = simulation(device, motion, rig, seed)?;
     let settings = Settings {
         force_gain_u95: 0.0,
@@ -186,7 +186,7 @@ pub fn run(device: &Device, motion: &Motion, rig: &Instruments, seed: u64) -> Re
 ///
 /// None where such samples show nothing. A motion that the slow bank sees counts without its breakaways' ringing.
 pub fn least_sigma(
-    device: &Device,
+    device: &Inerter,
     motion: &Motion,
     rig: &Instruments,
     seed: u64,
@@ -248,7 +248,7 @@ pub struct Cell {
 }
 
 /// Statistics over the runs of one cell.
-pub fn cell(device: &Device, runs: &[Run]) -> Cell {
+pub fn cell(device: &Inerter, runs: &[Run]) -> Cell {
     let truth = truth(device);
     let limits = [1e-3 * truth[0], 5.0, 1.0];
     let mut cell = Cell::default();

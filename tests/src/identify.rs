@@ -1,9 +1,9 @@
 //! Hidden devices for `inerter identify`: drawn by a seed, shaken by the grid's motions, with a terminal sensor.
 
-use inerter_analysis::identify::{Identified, IdentifyError, Options, Standing, identify};
+use inerter_analysis::identify::{FoundStatus, Identified, IdentifyError, Options, identify};
 use inerter_core::Settings;
 use inerter_data::run::Run;
-use inerter_plant::{Excitation, Parameters as Device, Sensors, Simulation};
+use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
 use inerter_simulate::calibrated;
 use rand_chacha::{
     ChaCha8Rng,
@@ -28,20 +28,20 @@ pub const GOALS: [(&str, f64, bool); 6] = [
 ];
 
 /// A device that nobody knows: half to twice the paper's, with up to 0.1 mm of backlash.
-pub fn hidden(seed: u64) -> Device {
+pub fn hidden(seed: u64) -> Inerter {
     let mut random = ChaCha8Rng::seed_from_u64(0x1de7 + seed);
     let mut uniform = || (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64;
     let mut about = |middle: f64, factor: f64| middle * factor.powf(2.0 * uniform() - 1.0);
-    let device = Device {
+    let device = Inerter {
         inertance_kg: about(300.0, 1.6),
         viscous_n_s_per_m: about(60.0, 2.0),
         coulomb_n: about(45.0, 1.8),
         stiffness_n_per_m: about(2.1e6, 1.8),
         contact_damping_n_s_per_m: about(1500.0, 1.6),
         structure_mass_kg: about(1.5, 1.5),
-        ..Device::paper()
+        ..Inerter::paper()
     };
-    Device { backlash_m: 1e-4 * uniform(), ..device }
+    Inerter { backlash_m: 1e-4 * uniform(), ..device }
 }
 
 /// 1 kHz, 1 N, 2.44 um per count, terminal 1 um.
@@ -58,7 +58,7 @@ pub fn instruments(seed: u64) -> Sensors {
 
 /// The run that the instruments record, calibrated without error; stiffness and damping nobody knows. Their seed is the
 /// motion's too.
-pub fn recorded(device: &Device, motion: &str, sensors: &Sensors, duration_s: f64) -> Result<Run, Error> {
+pub fn recorded(device: &Inerter, motion: &str, sensors: &Sensors, duration_s: f64) -> Result<Run, Error> {
     let simulation = Simulation::new(*device, Excitation::parse(motion, sensors.seed)?, *sensors)?;
     let settings = Settings {
         terminal_sensor: true,
@@ -80,7 +80,7 @@ pub fn identified(run: Run) -> Result<Identified, IdentifyError> {
 }
 
 /// Error and interval of each of [`GOALS`], in the goal's unit; none where nothing was found.
-pub fn errors(device: &Device, found: &Identified) -> [Option<(f64, f64)>; 6] {
+pub fn errors(device: &Inerter, found: &Identified) -> [Option<(f64, f64)>; 6] {
     let p = &found.parameters;
     let all = [
         (&p.inertance_kg, device.inertance_kg),
@@ -93,7 +93,7 @@ pub fn errors(device: &Device, found: &Identified) -> [Option<(f64, f64)>; 6] {
     let mut errors = [None; 6];
     for ((slot, (found, truth)), (_, _, is_part)) in errors.iter_mut().zip(all).zip(GOALS) {
         let per = if is_part { truth } else { 1.0 };
-        if found.status != Standing::NotIdentifiable {
+        if found.status != FoundStatus::NotIdentifiable {
             *slot = found.value.zip(found.u95).map(|(value, u95)| ((value - truth) / per, u95 / per));
         }
     }

@@ -2,7 +2,7 @@
 
 use crate::grid::{Error, calibrated, raw, three, truth};
 use inerter_core::{Counters, Parameter, Published, Regime, Settings, State, Status};
-use inerter_plant::{Excitation, Parameters as Device, Plant, Sensors, Simulation};
+use inerter_plant::{Excitation, Inerter, Plant, Sensors, Simulation};
 
 /// Rate of the published estimates \[Hz\].
 const PUBLISHED_HZ: f64 = 10.0;
@@ -19,7 +19,7 @@ pub struct Case {
     /// Motions that it is shown with.
     pub motions: &'static [&'static str],
     /// The device.
-    pub device: Device,
+    pub device: Inerter,
     /// The instruments.
     pub sensors: Sensors,
     /// Whether the converter ends below the force's peak.
@@ -38,18 +38,18 @@ fn rig() -> Sensors {
 }
 
 fn case(name: &'static str, motions: &'static [&'static str]) -> Case {
-    Case { name, motions, device: Device::paper(), sensors: rig(), clipped: false, force_gain_u95: 0.0 }
+    Case { name, motions, device: Inerter::paper(), sensors: rig(), clipped: false, force_gain_u95: 0.0 }
 }
 
 /// The sheet. The first row is the undisturbed one.
 pub fn cases() -> Vec<Case> {
     let sensors = |name, motions, sensors| Case { sensors, ..case(name, motions) };
     let device = |name, motions, device| Case { device, ..case(name, motions) };
-    let paper = Device::paper();
-    let presliding = |um: f64| Device { presliding_m: um * 1e-6, ..paper };
-    let stribeck = |mm_per_s: f64| Device { stribeck_velocity_m_per_s: mm_per_s * 1e-3, ..Device::stribeck() };
+    let paper = Inerter::paper();
+    let presliding = |um: f64| Inerter { presliding_m: um * 1e-6, ..paper };
+    let stribeck = |mm_per_s: f64| Inerter { stribeck_velocity_m_per_s: mm_per_s * 1e-3, ..Inerter::stribeck() };
     let gain = Sensors { force_gain: 1.01, ..rig() };
-    let uneven = Device { coulomb_asymmetry: 0.4, viscous_asymmetry: 0.4, ..paper };
+    let uneven = Inerter { coulomb_asymmetry: 0.4, viscous_asymmetry: 0.4, ..paper };
     vec![
         case("nothing", WITH_FAST),
         sensors("force noise 0.1 N", FASTER, Sensors { force_noise_n: 0.1, ..rig() }),
@@ -67,9 +67,9 @@ pub fn cases() -> Vec<Case> {
         sensors("pickup 5 N, 50 Hz", WITH_SLOW, Sensors { pickup_n: 5.0, ..rig() }),
         sensors("knock 200 N, 4 ms", WITH_SLOW, Sensors { knock_n: 200.0, ..rig() }),
         device("friction uneven by 40 %", WITH_SLOW, uneven),
-        device("weight of 200 N", FASTER, Device { constant_force_n: -200.0, ..paper }),
-        device("backlash 0.1 mm", FASTER, Device::worn()),
-        device("the same, flanks only push", FASTER, Device { unilateral: 1.0, ..Device::worn() }),
+        device("weight of 200 N", FASTER, Inerter { constant_force_n: -200.0, ..paper }),
+        device("backlash 0.1 mm", FASTER, Inerter::worn()),
+        device("the same, flanks only push", FASTER, Inerter { unilateral: 1.0, ..Inerter::worn() }),
         device("presliding 20 um", WITH_FAST, presliding(20.0)),
         device("presliding 50 um", WITH_FAST, presliding(50.0)),
         device("presliding 200 um", WITH_FAST, presliding(200.0)),

@@ -3,14 +3,14 @@
 use inerter_core::{
     BacklashSize, Contact, Detail, Interval, RawSample, Reason, Reversal, Route, Settings, State, Status,
 };
-use inerter_plant::{Excitation, Flank, Parameters as Device, Sensors, Simulation};
+use inerter_plant::{Excitation, Flank, Inerter, Sensors, Simulation};
 use inerter_tests::backlash::{Run, cell, goal, instruments, run, sensed_goal, settings};
 use inerter_tests::grid::{Instruments, MOTIONS, RIGS, raw};
 
 const RIG: Instruments = RIGS[0];
 
-fn worn(backlash_m: f64) -> Device {
-    Device { backlash_m, ..Device::paper() }
+fn worn(backlash_m: f64) -> Inerter {
+    Inerter { backlash_m, ..Inerter::paper() }
 }
 
 /// What the estimator says of these samples.
@@ -24,7 +24,7 @@ fn listen(settings: &Settings, samples: impl IntoIterator<Item = RawSample>) -> 
     (active.publish(&state).detail, reversals)
 }
 
-fn shaken(device: &Device, motion: &str, duration_s: f64, sensors: &Sensors) -> Vec<RawSample> {
+fn shaken(device: &Inerter, motion: &str, duration_s: f64, sensors: &Sensors) -> Vec<RawSample> {
     let excitation = Excitation::parse(motion, sensors.seed).unwrap();
     Simulation::new(*device, excitation, *sensors).unwrap().lasting(duration_s).map(|sample| raw(&sample)).collect()
 }
@@ -262,7 +262,7 @@ fn what_is_missing_is_named() {
     let (detail, _) = listen(&plain, samples.iter().copied().take(700));
     assert_eq!(reason(&detail), Some(Reason::TooFewReversals));
     // A light and stiff screw rings so fast that no flank lasts.
-    let stiff = Device { stiffness_n_per_m: 2e7, contact_damping_n_s_per_m: 5000.0, ..device };
+    let stiff = Inerter { stiffness_n_per_m: 2e7, contact_damping_n_s_per_m: 5000.0, ..device };
     let (detail, _) = listen(&settings(&stiff, &sensors), shaken(&stiff, "mid", 20.0, &sensors));
     assert_eq!(reason(&detail), Some(Reason::FlankTooShort), "{detail:?}");
 }
@@ -283,7 +283,7 @@ fn bounces_are_those_of_the_plant() {
         (100.0, 20.0, true),
         (60.0, 5.0, true),
     ] {
-        let device = Device { inertance_kg, backlash_m: backlash_um * 1e-6, ..Device::paper() };
+        let device = Inerter { inertance_kg, backlash_m: backlash_um * 1e-6, ..Inerter::paper() };
         let sensors = instruments(&RIG, 1);
         let fine = Sensors { sample_rate_hz: 16_000.0, ..sensors };
         let excitation = Excitation::parse("mid", 1).unwrap();
@@ -312,13 +312,13 @@ fn bounces_are_those_of_the_plant() {
 #[test]
 fn a_heavy_structure_is_no_flank() {
     for part in [0.1, 0.2, 0.3] {
-        let device = Device {
+        let device = Inerter {
             inertance_kg: 100.0,
             stiffness_n_per_m: 5e6,
             contact_damping_n_s_per_m: 2850.0,
             structure_mass_kg: part * 100.0,
             backlash_m: 200e-6,
-            ..Device::paper()
+            ..Inerter::paper()
         };
         let sensors = instruments(&RIG, 1);
         for motion in ["fast", "multi", "random", "two"] {

@@ -1,7 +1,7 @@
 //! A device that becomes another one while it moves, and machines that stay what they are.
 
 use inerter_core::{Changed, Published, RawSample, Settings, State};
-use inerter_plant::{Excitation, Parameters as Device, Plant, Sensors, Simulation};
+use inerter_plant::{Excitation, Inerter, Plant, Sensors, Simulation};
 use inerter_tests::{data::Recording, grid};
 
 /// Changes in these samples, each with its time \[s\].
@@ -29,24 +29,24 @@ fn spliced(first: &[RawSample], second: &[RawSample]) -> Vec<RawSample> {
 }
 
 /// Samples of a simulated device that becomes another one at `at_s`.
-fn shaken(motion: &str, at_s: f64, after: Device, sensors: Sensors, duration_s: f64) -> Vec<RawSample> {
+fn shaken(motion: &str, at_s: f64, after: Inerter, sensors: Sensors, duration_s: f64) -> Vec<RawSample> {
     let excitation = Excitation::parse(motion, 3).unwrap();
-    let plant = Plant::changing(Device::paper(), vec![(at_s, after)], excitation).unwrap();
+    let plant = Plant::changing(Inerter::paper(), vec![(at_s, after)], excitation).unwrap();
     Simulation::of(plant, sensors).unwrap().lasting(duration_s).map(|sample| grid::raw(&sample)).collect()
 }
 
 const SENSORS: fn() -> Sensors = || Sensors { force_noise_n: 1.0, force_offset_n: 3.0, seed: 3, ..Sensors::default() };
 
 fn settings() -> Settings {
-    grid::calibrated(&Device::paper(), &SENSORS())
+    grid::calibrated(&Inerter::paper(), &SENSORS())
 }
 
 #[test]
 fn a_step_at_3_hz_is_found_within_two_seconds_and_the_memory_begins_anew() {
-    let paper = Device::paper();
-    let lighter = Device { inertance_kg: 0.95 * paper.inertance_kg, ..paper };
-    let drier = Device { coulomb_n: 1.3 * paper.coulomb_n, ..paper };
-    let stickier = Device { viscous_n_s_per_m: 3.0 * paper.viscous_n_s_per_m, ..paper };
+    let paper = Inerter::paper();
+    let lighter = Inerter { inertance_kg: 0.95 * paper.inertance_kg, ..paper };
+    let drier = Inerter { coulomb_n: 1.3 * paper.coulomb_n, ..paper };
+    let stickier = Inerter { viscous_n_s_per_m: 3.0 * paper.viscous_n_s_per_m, ..paper };
     for (after, parameter, value) in [
         (lighter, Changed::Inertance, lighter.inertance_kg),
         (drier, Changed::Coulomb, drier.coulomb_n),
@@ -79,7 +79,7 @@ type Alteration<'a> = dyn Fn(usize, RawSample) -> Option<RawSample> + 'a;
 
 #[test]
 fn what_is_no_change_is_none() {
-    let samples = shaken("mid", 8.0, Device::paper(), SENSORS(), 20.0);
+    let samples = shaken("mid", 8.0, Inerter::paper(), SENSORS(), 20.0);
     let newton = |force_n: f64| (force_n / SENSORS().newtons_per_code) as i32;
     let within = |n: usize, from_s: f64, to_s: f64| (from_s..to_s).contains(&(n as f64 / 1000.0));
     // A blow of 500 N for 5 ms, a second in which the load cell hangs at its limit, a second of pickup, a lost second.

@@ -1,11 +1,11 @@
 //! The fixed-point estimator against the same algorithm in f64.
 
 use inerter_core::Settings;
-use inerter_plant::{Excitation, Parameters as Device, Sensors, Simulation};
+use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
 use inerter_tests::{grid, reference::Pair};
 
 fn pair(motion: &str, rate_hz: f64, change: impl Fn(&mut Settings)) -> Pair {
-    let device = Device::paper();
+    let device = Inerter::paper();
     let sensors = Sensors {
         sample_rate_hz: rate_hz,
         force_noise_n: 1.0,

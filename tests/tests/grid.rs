@@ -1,7 +1,7 @@
 //! Two runs of each motion, against the committed table of accuracy: no worse than it says, and no better.
 
 use inerter_core::Status;
-use inerter_plant::Parameters as Device;
+use inerter_plant::Inerter;
 use inerter_tests::grid::{self, MOTIONS, NAMES, RIGS};
 
 const TABLE: &str = include_str!("../../docs/tables/accuracy.md");
@@ -18,7 +18,7 @@ fn expected(rig: &str, motion: &str, parameter: &str) -> (f64, f64) {
 
 #[test]
 fn errors_and_intervals_are_those_of_the_table() {
-    let device = Device::paper();
+    let device = Inerter::paper();
     let rig = &RIGS[0];
     let truth = grid::truth(&device);
     let mut squares = Vec::new();
@@ -47,7 +47,7 @@ fn errors_and_intervals_are_those_of_the_table() {
 /// friction 20 N s/m off. What is published is covered or not identifiable, but for a moment at the start.
 #[test]
 fn repeated_impacts_leave_no_wrong_friction() {
-    let device = Device::worn();
+    let device = Inerter::worn();
     let truth = grid::truth(&device);
     let motion = MOTIONS.iter().find(|motion| motion.name == "multi").unwrap();
     let (mut wrong, mut all) = ([0; 3], 0);
@@ -71,7 +71,7 @@ fn repeated_impacts_leave_no_wrong_friction() {
 #[test]
 fn a_motion_that_cannot_show_a_parameter_says_so() {
     // At rest, nothing; for a moment at 0.053 Hz, no inertance.
-    let device = Device::paper();
+    let device = Inerter::paper();
     let slow = grid::Motion { duration_s: 10.0, ..MOTIONS[0] };
     let run = grid::run(&device, &slow, &RIGS[0], 5).unwrap();
     let [inertance, _, coulomb] = grid::three(&run.last.whole_run);

@@ -2,18 +2,18 @@
 //! what is left to the data, several files, a stated motion, and what is refused.
 
 use inerter_analysis::identify::{
-    Identified, IdentifyError, Model, Options, Parameters, Standing, identify, predicted,
+    FoundStatus, Identified, IdentifyError, Model, Options, Parameters, identify, predicted,
 };
 use inerter_core::Settings;
 use inerter_data::{
     run::Run,
     series::{Series, Stretch},
 };
-use inerter_plant::{Excitation, Parameters as Device, Sensors};
+use inerter_plant::{Excitation, Inerter, Sensors};
 use inerter_tests::identify::{DURATION_S, GOALS, errors, hidden, identified, instruments, recorded};
 
 /// A run of a device with a terminal sensor.
-fn shaken(device: &Device, motion: &str, seed: u64, duration_s: f64) -> Run {
+fn shaken(device: &Inerter, motion: &str, seed: u64, duration_s: f64) -> Run {
     recorded(device, motion, &instruments(seed), duration_s).unwrap()
 }
 
@@ -45,8 +45,8 @@ fn hidden_devices_are_found_within_the_goals_and_the_intervals() {
 }
 
 /// A device that parts its flanks.
-fn loose() -> Device {
-    Device { backlash_m: 4e-5, coulomb_n: 38.0, inertance_kg: 240.0, ..Device::paper() }
+fn loose() -> Inerter {
+    Inerter { backlash_m: 4e-5, coulomb_n: 38.0, inertance_kg: 240.0, ..Inerter::paper() }
 }
 
 #[test]
@@ -73,20 +73,20 @@ fn a_stated_motion_stands_in_for_the_terminal_sensor_and_a_wrong_one_is_told() {
         Err(error) => assert!(matches!(error, IdentifyError::Diverged), "{error}"),
         Ok(found) => {
             assert!(found.notes.iter().any(|note| note.contains("sensors' noise explains")), "{:?}", found.notes);
-            assert_ne!(found.parameters.stiffness_n_per_m.status, Standing::Ok, "{:?}", found.parameters);
+            assert_ne!(found.parameters.stiffness_n_per_m.status, FoundStatus::Ok, "{:?}", found.parameters);
         }
     }
 }
 
 #[test]
 fn a_structure_mass_that_the_settings_state_wrongly_is_found() {
-    let device = Device { structure_mass_kg: 1.6, ..loose() };
+    let device = Inerter { structure_mass_kg: 1.6, ..loose() };
     let mut run = shaken(&device, "random", 6, 10.0);
     run.settings.structure_mass_kg = 0.8;
     let options = Options { free_structure_mass: true, ..quick() };
     let found = identify(&[run], &options, &mut |_| ()).unwrap();
     assert_found(&found, &[("structure_mass_kg", 1.6, 0.3), ("inertance_kg", 240.0, 0.24)]);
-    assert_eq!(found.parameters.structure_mass_kg.status, Standing::Ok);
+    assert_eq!(found.parameters.structure_mass_kg.status, FoundStatus::Ok);
 }
 
 #[test]
@@ -97,7 +97,7 @@ fn a_skew_that_the_settings_state_wrongly_is_found() {
     let options = Options { free_skew: true, ..quick() };
     let found = identify(&[run], &options, &mut |_| ()).unwrap();
     assert_found(&found, &[("skew_s", 2e-4, 2e-5), ("inertance_kg", 240.0, 0.24), ("stiffness_n_per_m", 2.1e6, 1e4)]);
-    assert_eq!(found.parameters.skew_s.status, Standing::Ok);
+    assert_eq!(found.parameters.skew_s.status, FoundStatus::Ok);
 }
 
 #[test]
@@ -150,16 +150,16 @@ fn a_device_is_recovered_and_its_force_predicted() {
 
 #[test]
 fn without_backlash_the_residual_is_white() {
-    let found = identify(&[shaken(&Device::paper(), "random", 3, 12.0)], &quick(), &mut |_| ()).unwrap();
+    let found = identify(&[shaken(&Inerter::paper(), "random", 3, 12.0)], &quick(), &mut |_| ()).unwrap();
     assert!((0.9..1.1).contains(&found.residual_over_noise.unwrap()), "{found:?}");
     assert!(found.whiteness.unwrap().p > 1e-3, "{:?}", found.whiteness);
-    assert_eq!(found.parameters.backlash_m.status, Standing::BelowU95);
+    assert_eq!(found.parameters.backlash_m.status, FoundStatus::BelowU95);
     assert_found(&found, &[("inertance_kg", 299.4906, 0.1), ("coulomb_n", 50.0, 0.3)]);
 }
 
 #[test]
 fn without_the_terminal_the_law_is_fitted_and_the_rest_said_to_be_unknown() {
-    let mut run = shaken(&Device::paper(), "random", 2, 12.0);
+    let mut run = shaken(&Inerter::paper(), "random", 2, 12.0);
     // Calibrated as well as people do: the law leaves out the contact's stretch.
     let usual = Settings::default();
     run.settings = Settings {
@@ -173,7 +173,7 @@ fn without_the_terminal_the_law_is_fitted_and_the_rest_said_to_be_unknown() {
     let found = identify(&[run.clone(), run.clone()], &options, &mut |_| ()).unwrap();
     assert_eq!(found.model, Model::Linear);
     assert_found(&found, &[("inertance_kg", 299.4906, 2.0), ("coulomb_n", 50.0, 1.0)]);
-    assert_eq!(found.parameters.stiffness_n_per_m.status, Standing::NotIdentifiable);
+    assert_eq!(found.parameters.stiffness_n_per_m.status, FoundStatus::NotIdentifiable);
     assert!(found.parameters.stiffness_n_per_m.reason.as_ref().unwrap().contains("terminal"));
     assert_eq!(found.segments.iter().map(Vec::len).collect::<Vec<_>>(), [3, 3]);
     let staged = Options { staged: true, ..Options::default() };
@@ -188,10 +188,10 @@ fn without_the_terminal_the_law_is_fitted_and_the_rest_said_to_be_unknown() {
 
 #[test]
 fn rest_and_haste_are_refused_with_a_reason() {
-    let rest = shaken(&Device::paper(), "hold", 1, 5.0);
+    let rest = shaken(&Inerter::paper(), "hold", 1, 5.0);
     let refused = identify(&[rest], &quick(), &mut |_| ()).unwrap_err();
     assert!(matches!(refused, IdentifyError::Fit(_) | IdentifyError::Diverged), "{refused}");
-    let mut short = shaken(&Device::paper(), "mid", 1, 6.0);
+    let mut short = shaken(&Inerter::paper(), "mid", 1, 6.0);
     // A sample lost every second.
     short.samples.retain(|sample| sample.index % 1000 != 0);
     let refused = identify(&[short], &quick(), &mut |_| ()).unwrap_err();

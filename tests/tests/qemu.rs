@@ -6,7 +6,7 @@ use inerter_device::{
     DeviceError,
     inject::{Injection, inject},
 };
-use inerter_plant::{Excitation, Parameters as Device, Sensors, Simulation};
+use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
 use inerter_tests::{
     data::Recording,
     grid,
@@ -40,7 +40,7 @@ fn same(there: &[Estimate], here: &[Estimate]) {
 }
 
 fn motion(text: &str) -> (Settings, Vec<RawSample>) {
-    let device = Device::paper();
+    let device = Inerter::paper();
     let sensors = Sensors {
         force_noise_n: 1.0,
         force_offset_n: 2.0,

@@ -1,7 +1,7 @@
 //! Whether friction that is not Coulomb's is called so, its intervals cover, and Coulomb's is left alone.
 
 use inerter_core::{Published, Regime, Settings, State, Status};
-use inerter_plant::{Excitation, Parameters, Plant, Sensors, Simulation};
+use inerter_plant::{Excitation, Inerter, Plant, Sensors, Simulation};
 use inerter_tests::grid::{MOTIONS, calibrated, raw, three, truth};
 
 /// What is published, and what is said of friction with it.
@@ -13,7 +13,7 @@ struct Said {
     unexplained: f32,
 }
 
-fn run(device: Parameters, motion: &str, seed: u64, memory_s: f64, noise_n: f64) -> Said {
+fn run(device: Inerter, motion: &str, seed: u64, memory_s: f64, noise_n: f64) -> Said {
     let encoder_phase_count = (seed as f64 * 0.618) % 1.0;
     let sensors =
         Sensors { force_noise_n: noise_n, force_offset_n: 3.0, encoder_phase_count, seed, ..Sensors::default() };
@@ -33,7 +33,7 @@ fn run(device: Parameters, motion: &str, seed: u64, memory_s: f64, noise_n: f64)
 }
 
 /// The parameters that were given and are wrong by more than their interval.
-fn wrong(device: &Parameters, said: &Said) -> Vec<usize> {
+fn wrong(device: &Inerter, said: &Said) -> Vec<usize> {
     let found = three(&said.last.whole_run).into_iter().zip(truth(device)).enumerate();
     found
         .filter(|(_, (found, truth))| {
@@ -46,7 +46,7 @@ fn wrong(device: &Parameters, said: &Said) -> Vec<usize> {
 #[test]
 fn coulomb_friction_is_left_alone() {
     let (mut false_alarms, mut all) = (0, 0);
-    for device in [Parameters::paper(), Parameters::worn()] {
+    for device in [Inerter::paper(), Inerter::worn()] {
         for motion in MOTIONS.map(|motion| motion.name) {
             for (noise_n, memory_s) in [(1.0, 100.0), (1.0, 4.0), (5.0, 4.0)] {
                 let said = run(device, motion, 7, memory_s, noise_n);
@@ -68,13 +68,13 @@ fn coulomb_friction_is_left_alone() {
 fn noise_and_steps_explain_the_residual() {
     for noise_n in [0.2, 1.0, 5.0, 20.0] {
         for motion in MOTIONS.map(|motion| motion.name) {
-            let said = run(Parameters::paper(), motion, 7, 100.0, noise_n);
+            let said = run(Inerter::paper(), motion, 7, 100.0, noise_n);
             assert!((0.8..1.25).contains(&said.unexplained), "{motion}, {noise_n} N: {}", said.unexplained);
         }
     }
-    let worn = run(Parameters::worn(), "multi", 7, 100.0, 1.0);
+    let worn = run(Inerter::worn(), "multi", 7, 100.0, 1.0);
     assert!((2.5..8.0).contains(&worn.unexplained), "{}", worn.unexplained);
-    let creeping = Parameters { presliding_m: 50e-6, ..Parameters::paper() };
+    let creeping = Inerter { presliding_m: 50e-6, ..Inerter::paper() };
     let creeping = run(creeping, "fast", 7, 100.0, 1.0);
     assert!((1.7..2.5).contains(&creeping.unexplained), "{}", creeping.unexplained);
 }
@@ -82,7 +82,7 @@ fn noise_and_steps_explain_the_residual() {
 #[test]
 fn presliding_is_called_so_and_covered() {
     for um in [20.0, 50.0, 200.0] {
-        let device = Parameters { presliding_m: um * 1e-6, ..Parameters::paper() };
+        let device = Inerter { presliding_m: um * 1e-6, ..Inerter::paper() };
         for motion in ["mid", "multi", "random", "two"] {
             let said = run(device, motion, 5, 30.0, 1.0);
             assert_eq!(said.regime, Regime::Presliding, "{um} um, {motion}");
@@ -107,7 +107,7 @@ fn presliding_is_called_so_and_covered() {
 #[test]
 fn stribeck_friction_leaves_no_wrong_coulomb_friction() {
     for mm_per_s in [2.0, 5.0, 10.0] {
-        let device = Parameters { stribeck_velocity_m_per_s: mm_per_s * 1e-3, ..Parameters::stribeck() };
+        let device = Inerter { stribeck_velocity_m_per_s: mm_per_s * 1e-3, ..Inerter::stribeck() };
         for motion in MOTIONS.map(|motion| motion.name) {
             let said = run(device, motion, 5, 30.0, 1.0);
             assert!(!wrong(&device, &said).contains(&2), "{mm_per_s} mm/s, {motion}: {:?}", said.last.whole_run);

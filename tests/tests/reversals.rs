@@ -1,14 +1,14 @@
 //! Whether the estimator can tell Coulomb friction, which turns at once, from friction that takes its time.
 
 use inerter_core::State;
-use inerter_plant::{Excitation, Parameters, Sensors, Simulation};
+use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
 use inerter_tests::data::Recording;
 use inerter_tests::grid::{self, MOTIONS, RIGS, calibrated, raw};
 
 #[test]
 fn simulated_coulomb_friction_turns_at_once() {
     for motion in ["mid", "fast", "multi", "random", "two"] {
-        let device = Parameters::paper();
+        let device = Inerter::paper();
         let sensors = Sensors { force_noise_n: 1.0, seed: 3, ..Sensors::default() };
         let active = calibrated(&device, &sensors).validate().unwrap();
         let mut state = State::new(&active);
@@ -25,7 +25,7 @@ fn simulated_coulomb_friction_turns_at_once() {
 /// 1.5 N s/m off over 20 s, five times what the others scatter.
 #[test]
 fn a_screw_that_creeps_before_friction_is_known_teaches_nothing() {
-    let device = Parameters::paper();
+    let device = Inerter::paper();
     let random = &MOTIONS[4];
     let last = grid::run(&device, random, &RIGS[0], 30).unwrap().last.whole_run;
     let [_, viscous, coulomb] = grid::three(&last).map(|parameter| f64::from(parameter.fitted().value));

@@ -1,7 +1,7 @@
 //! What a rig does to a measurement: discontinuities, saturation, wrapping counters, mirrored wiring, any rate, any bytes.
 
 use inerter_core::{Counters, Estimate, Parameter, Parameters, RawSample, Settings, State, Status};
-use inerter_plant::{Excitation, Parameters as Device, Sensors, Simulation};
+use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
 use inerter_tests::grid;
 use proptest::prelude::*;
 
@@ -12,11 +12,11 @@ fn sensors() -> Sensors {
 fn samples(sensors: Sensors, motion: &str) -> Vec<RawSample> {
     let excitation = Excitation::parse(motion, 11).unwrap();
     let duration_s = excitation.duration_s();
-    Simulation::new(Device::paper(), excitation, sensors).unwrap().lasting(duration_s).map(|s| grid::raw(&s)).collect()
+    Simulation::new(Inerter::paper(), excitation, sensors).unwrap().lasting(duration_s).map(|s| grid::raw(&s)).collect()
 }
 
 fn settings(sensors: &Sensors) -> Settings {
-    grid::calibrated(&Device::paper(), sensors)
+    grid::calibrated(&Inerter::paper(), sensors)
 }
 
 struct Outcome {
@@ -58,7 +58,7 @@ fn is_sane(estimate: &Estimate) {
 #[track_caller]
 fn finds_inertance(outcome: &Outcome, part: f64) {
     let found = outcome.last.whole_run.inertance_kg;
-    let truth = Device::paper().inertance_kg;
+    let truth = Inerter::paper().inertance_kg;
     let off = (f64::from(found.fitted().value) - truth).abs();
     assert_eq!(found.status(), Status::Ok);
     assert!(off <= f64::from(found.u95()), "{} kg, off by {off}, with {found:?}", found.fitted().value);
@@ -255,7 +255,7 @@ fn every_rate_from_50_hz_to_5_khz() {
         let rated = Sensors { sample_rate_hz: rate, ..sensors() };
         let outcome = run(&settings(&rated), &samples(rated, "mid@20s"));
         let found = outcome.last.whole_run.inertance_kg;
-        let off = (f64::from(found.fitted().value) / Device::paper().inertance_kg - 1.0).abs();
+        let off = (f64::from(found.fitted().value) / Inerter::paper().inertance_kg - 1.0).abs();
         assert!(found.status() == Status::Ok && off < 0.005, "{rate} Hz: off by {:.3} %, {found:?}", off * 100.0);
         assert!(outcome.published.len() as f64 > 20.0 * 5.0 - 5.0 && outcome.published.len() <= 110, "{rate} Hz");
     }
@@ -356,7 +356,7 @@ proptest! {
 
 #[test]
 fn a_structure_without_a_stiffness_widens_the_interval() {
-    let truth = Device::paper().inertance_kg;
+    let truth = Inerter::paper().inertance_kg;
     let exact = Settings { force_gain_u95: 0.0, lead_u95: 0.0, timebase_u95: 0.0, ..settings(&sensors()) };
     let without = Settings { stiffness_n_per_m: 0.0, ..exact };
     for (motion, least_kg) in [("random@10s", 1.0), ("mid@10s", 0.0), ("fast@10s", 1.8)] {

@@ -1,7 +1,7 @@
 //! What the encoder's steps do to a motion that repeats itself sample by sample, and what they do where it does not.
 
 use inerter_core::{Settings, State};
-use inerter_plant::{Excitation, Parameters as Device, Sensors, Simulation};
+use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
 use inerter_tests::bound;
 use inerter_tests::grid::{self, Instruments, MOTIONS, Motion, RIGS, TWO_CLOCKS, calibrated, instruments, raw};
 
@@ -16,7 +16,7 @@ fn motion(name: &str) -> &'static Motion {
 
 /// Standard deviations of the viscous and the Coulomb friction found.
 fn friction_scatter(motion: &Motion, rig: &Instruments) -> [f64; 2] {
-    let device = Device::paper();
+    let device = Inerter::paper();
     let runs = grid::each_seed(SEEDS, |seed| grid::run(&device, motion, rig, seed)).unwrap();
     let [_, viscous, coulomb] = grid::cell(&device, &runs).sigma;
     [viscous, coulomb]
@@ -24,7 +24,7 @@ fn friction_scatter(motion: &Motion, rig: &Instruments) -> [f64; 2] {
 
 /// The same where each sample is a sum of instants, as on the board.
 fn friction_scatter_of_sums(motion: &Motion, rig: &Instruments) -> [f64; 2] {
-    let device = Device::paper();
+    let device = Inerter::paper();
     let found = grid::each_seed(SEEDS, |seed| {
         let plain = instruments(rig, seed);
         let sensors = Sensors {
@@ -53,7 +53,7 @@ fn friction_scatter_of_sums(motion: &Motion, rig: &Instruments) -> [f64; 2] {
 
 /// Part of the samples of the run's second half that read the same count as `period` samples before.
 fn repeated(motion: &Motion, rig: &Instruments, period: usize) -> f64 {
-    let simulation = Simulation::new(Device::paper(), Excitation::parse(motion.name, 1).unwrap(), instruments(rig, 1));
+    let simulation = Simulation::new(Inerter::paper(), Excitation::parse(motion.name, 1).unwrap(), instruments(rig, 1));
     let counts: Vec<i32> =
         simulation.unwrap().lasting(motion.duration_s).map(|sample| raw(&sample).position_count).collect();
     let later = &counts[counts.len() / 2..];
@@ -76,7 +76,7 @@ fn on_one_clock_a_periodic_motion_reads_the_same_counts_again() {
 #[test]
 fn the_steps_average_out_where_nothing_repeats() {
     let (two, rig) = (motion("two"), &RIGS[0]);
-    let [_, least @ ..] = bound::least_sigma(&Device::paper(), two, rig, 1).unwrap().unwrap();
+    let [_, least @ ..] = bound::least_sigma(&Inerter::paper(), two, rig, 1).unwrap().unwrap();
     let one_clock = friction_scatter(two, rig);
     let without_noise = friction_scatter(two, &Instruments { force_noise_n: 0.0, ..*rig });
     let two_clocks = friction_scatter(two, &TWO_CLOCKS);

@@ -1,7 +1,7 @@
 //! What is read from the sums and the moments beside the four parameters: friction by direction, skew, frequency band.
 
 use inerter_core::{Active, Band, Bank, MoreSums, RawSample, Settings, State, Sums};
-use inerter_plant::{Excitation, Parameters as Device, Sensors, Simulation};
+use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
 use inerter_tests::data::Recording;
 use inerter_tests::grid::{calibrated, raw};
 use inerter_tests::sums::{Directions, directions, matrix, skew_s};
@@ -75,7 +75,7 @@ fn a_screw_that_turns_harder_one_way() {
 /// grown by, and the speed's square is the velocity's but for the kernels that hold a reversal.
 #[test]
 fn rows_belong_to_the_same_regressors() {
-    let (device, sensors) = (Device::paper(), Sensors { force_offset_n: 3.0, ..Sensors::default() });
+    let (device, sensors) = (Inerter::paper(), Sensors { force_offset_n: 3.0, ..Sensors::default() });
     let samples = Simulation::new(device, Excitation::parse("mid", 4).unwrap(), sensors).unwrap();
     for bank in [Bank::Fast, Bank::Slow] {
         let samples = samples.clone().lasting(20.0).map(|sample| raw(&sample));
@@ -95,7 +95,7 @@ fn rows_belong_to_the_same_regressors() {
 
 /// What the sums say of the skew of a load cell that is late by `delay_s`, under settings that do not know of it, less
 /// that delay \[us\].
-fn skew_error_us(device: &Device, motion: &str, rate_hz: f64, noisy: bool, delay_s: f64) -> f64 {
+fn skew_error_us(device: &Inerter, motion: &str, rate_hz: f64, noisy: bool, delay_s: f64) -> f64 {
     let (force_noise_n, metres_per_count) = if noisy { (1.0, 2.44140625e-6) } else { (0.0, 1e-8) };
     let seed = 4;
     let sensors =
@@ -111,7 +111,7 @@ fn skew_error_us(device: &Device, motion: &str, rate_hz: f64, noisy: bool, delay
 fn a_skew_is_seen_within_the_interval_of_the_setting() {
     for motion in ["multi", "random", "two"] {
         for delay_s in [0.0, 50e-6, -20e-6] {
-            let error = skew_error_us(&Device::paper(), motion, 4000.0, true, delay_s);
+            let error = skew_error_us(&Inerter::paper(), motion, 4000.0, true, delay_s);
             assert!(error.abs() < 1.0, "{motion}, {delay_s} s: off by {error} us");
         }
     }
@@ -123,10 +123,10 @@ fn a_skew_is_seen_within_the_interval_of_the_setting() {
 #[test]
 fn the_skew_has_no_offset_of_its_own() {
     // Nearly none: without any there is no sign to fit.
-    let slippery = Device { coulomb_n: 0.5, ..Device::paper() };
+    let slippery = Inerter { coulomb_n: 0.5, ..Inerter::paper() };
     for motion in ["multi", "random", "two"] {
         for rate_hz in [1000.0, 4000.0] {
-            let dry = skew_error_us(&Device::paper(), motion, rate_hz, false, 20e-6);
+            let dry = skew_error_us(&Inerter::paper(), motion, rate_hz, false, 20e-6);
             assert!(dry.abs() < 1.2, "{motion} at {rate_hz} Hz: off by {dry} us");
             let wet = skew_error_us(&slippery, motion, rate_hz, false, 20e-6);
             assert!(wet.abs() < 0.1, "{motion} at {rate_hz} Hz: off by {wet} us without friction");
@@ -135,7 +135,7 @@ fn the_skew_has_no_offset_of_its_own() {
 }
 
 fn band(motion: &str, rate_hz: f64) -> Band {
-    let device = Device::paper();
+    let device = Inerter::paper();
     let sensors = Sensors { sample_rate_hz: rate_hz, force_noise_n: 1.0, seed: 4, ..Sensors::default() };
     let samples = Simulation::new(device, Excitation::parse(motion, 4).unwrap(), sensors).unwrap();
     let (active, state) = after(&calibrated(&device, &sensors), samples.lasting(20.0).map(|sample| raw(&sample)));

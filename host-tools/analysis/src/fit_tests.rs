@@ -3,7 +3,7 @@ use inerter_data::{
     replay::{Outcome, Replay},
     settings::Overrides,
 };
-use inerter_plant::{Parameters as Device, Sensors};
+use inerter_plant::{Inerter, Sensors};
 use inerter_simulate::{Setup, bench_sensors, raw};
 
 use super::*;
@@ -238,7 +238,7 @@ fn a_motion_that_cannot_show_a_delay_is_refused() {
 /// The reference device with a load cell that is late, under settings that do not know of it.
 fn setup(motion: &str, delay_s: f64, seed: u64) -> Setup {
     let sensors = Sensors { delay_s, seed, ..bench_sensors() };
-    let mut setup = Setup::new(Device::paper(), sensors, motion, Some(20.0), &Overrides::default()).unwrap();
+    let mut setup = Setup::new(Inerter::paper(), sensors, motion, Some(20.0), &Overrides::default()).unwrap();
     setup.settings.skew_s = 0.0;
     setup
 }

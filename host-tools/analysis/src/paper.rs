@@ -11,10 +11,10 @@
 use std::f64::consts::TAU;
 
 use inerter_core::Parameter;
-use inerter_plant::{Excitation, Parameters, Plant, Sensors, Simulation};
+use inerter_plant::{Excitation, Inerter, Plant, Sensors, Simulation};
 
 use crate::{
-    identify::{self, IdentifyError, Options, Standing, identify},
+    identify::{self, FoundStatus, IdentifyError, Options, identify},
     response::{self, Agreement, ModelParameters, Point},
 };
 use inerter_data::{
@@ -141,7 +141,7 @@ pub struct Reproduction {
 /// Identifies the device from the recordings of the three tests, in the order of [`PLANS`]; `progress` is handed the part that is
 /// done, from 0 to 1.
 pub fn reproduce(runs: [Run; 3], mut progress: impl FnMut(f64)) -> Result<Reproduction, IdentifyError> {
-    let device = Parameters::paper();
+    let device = Inerter::paper();
     let mut tests = Vec::new();
     for (plan, run) in PLANS.into_iter().zip(runs) {
         let outcome = replay(&run, |_, _| -> Result<(), IdentifyError> { Ok(()) })?;
@@ -151,7 +151,7 @@ pub fn reproduce(runs: [Run; 3], mut progress: impl FnMut(f64)) -> Result<Reprod
     progress(0.2);
     let parameters = identified(&tests, by_estimator(&tests, &device))?;
     let found = |name: &str| parameters.iter().find(|one| one.name == name).and_then(|one| one.value).unwrap_or(0.0);
-    let identified = Parameters {
+    let identified = Inerter {
         inertance_kg: found("inertance_kg"),
         viscous_n_s_per_m: found("viscous_n_s_per_m"),
         coulomb_n: found("coulomb_n"),
@@ -185,7 +185,7 @@ pub fn reproduce(runs: [Run; 3], mut progress: impl FnMut(f64)) -> Result<Reprod
 }
 
 /// The measured force beside that of a device with the values found, under the same motion and without noise.
-fn calculated(test: &Test, identified: &Parameters) -> Result<Vec<(f64, f64, f64)>, IdentifyError> {
+fn calculated(test: &Test, identified: &Inerter) -> Result<Vec<(f64, f64, f64)>, IdentifyError> {
     // Parameters that no plant can have explain nothing.
     let impossible = |_| IdentifyError::Diverged;
     let excitation = Excitation::parse(&test.plan.motion(), SEED).map_err(impossible)?;
@@ -207,14 +207,16 @@ fn identified(tests: &[Test], by_estimator: Vec<Recovered>) -> Result<Vec<Recove
     let complete = found.parameters.named();
     let recovered = |one: Recovered| match complete.iter().find(|(name, _)| *name == one.name) {
         // The structure mass is weighed.
-        Some((_, found)) if found.status != Standing::Given => Recovered { value: found.value, u95: found.u95, ..one },
+        Some((_, found)) if found.status != FoundStatus::Given => {
+            Recovered { value: found.value, u95: found.u95, ..one }
+        }
         _ => one,
     };
     Ok(by_estimator.into_iter().map(recovered).collect())
 }
 
 /// What the instrument itself says after each test, stage by stage as in the paper.
-fn by_estimator(tests: &[Test], device: &Parameters) -> Vec<Recovered> {
+fn by_estimator(tests: &[Test], device: &Inerter) -> Vec<Recovered> {
     let from = |figure: u32| tests.iter().find(|test| test.plan.figure == figure);
     let parameter = |figure: u32, of: fn(&Outcome) -> Parameter| {
         let known = from(figure).and_then(|test| of(&test.outcome).known());

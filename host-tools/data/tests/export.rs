@@ -8,7 +8,7 @@ use std::{
 };
 
 use hdf5_pure::AttrValue;
-use inerter_plant::{Parameters as Device, Sensors};
+use inerter_plant::{Inerter, Sensors};
 use inerter_simulate::{Setup, bench_sensors, file::write_recording};
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::record::Field;
@@ -55,7 +55,7 @@ fn recording(folder: &Path, terminal: bool) -> PathBuf {
     let path = folder.join("run.mcap");
     let overrides = Overrides::from_inputs(None, &[format!("terminal_sensor={}", u8::from(terminal))]).unwrap();
     let setup =
-        Setup::new(Device::paper(), Sensors { seed: 3, ..bench_sensors() }, "random", Some(5.0), &overrides).unwrap();
+        Setup::new(Inerter::paper(), Sensors { seed: 3, ..bench_sensors() }, "random", Some(5.0), &overrides).unwrap();
     write_recording(&setup, &path, false, |_| Ok(())).unwrap();
     path
 }

@@ -10,12 +10,12 @@ use std::{
 
 use common::{done, fails, inerter, last, run, text};
 use inerter_data::settings::Overrides;
-use inerter_plant::{Parameters, Sensors};
+use inerter_plant::{Inerter, Sensors};
 use inerter_simulate::{Endpoint, Operator, Setup, VirtualDevice, bench_sensors};
 use serde_json::Value;
 
 fn device(sensors: Sensors, speed: f64) -> (VirtualDevice, Operator) {
-    let setup = Setup::new(Parameters::paper(), sensors, "hold", None, &Overrides::default()).unwrap();
+    let setup = Setup::new(Inerter::paper(), sensors, "hold", None, &Overrides::default()).unwrap();
     VirtualDevice::with_operator(&setup, &Endpoint::Tcp("127.0.0.1:0".into()), speed).unwrap()
 }
 

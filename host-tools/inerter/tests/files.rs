@@ -152,7 +152,7 @@ fn what_is_typed_while_it_is_recorded_becomes_a_marker() {
     use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 
     let setup =
-        Setup::new(inerter_plant::Parameters::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
+        Setup::new(inerter_plant::Inerter::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
     let device = VirtualDevice::start(&setup, &Endpoint::Tcp("127.0.0.1:0".into()), 1.0).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();

@@ -16,12 +16,12 @@ use std::{
 use common::{done, fails, inerter, last, text};
 use inerter_data::settings::Overrides;
 use inerter_device::{Clock, Device, Target};
-use inerter_plant::Parameters;
+use inerter_plant::Inerter;
 use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
 use inerter_wire::Command;
 
 fn device() -> VirtualDevice {
-    let setup = Setup::new(Parameters::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
+    let setup = Setup::new(Inerter::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
     VirtualDevice::start(&setup, &Endpoint::Tcp("127.0.0.1:0".into()), 20.0).unwrap()
 }
 

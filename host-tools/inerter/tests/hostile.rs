@@ -11,7 +11,7 @@ use inerter_data::{
     recording::{End, Recorder},
     settings::Overrides,
 };
-use inerter_plant::Parameters;
+use inerter_plant::Inerter;
 use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
 use inerter_wire::{Event, EventKind, Hello, Record};
 
@@ -52,7 +52,7 @@ fn check(folder: &Path, arguments: &[&str]) -> String {
 fn no_device_writes_to_the_terminal_what_it_likes() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    let setup = Setup::new(Parameters::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
+    let setup = Setup::new(Inerter::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
     let device = VirtualDevice::start(&setup, &Endpoint::Tcp("127.0.0.1:0".into()), 5.0).unwrap();
     let address = firmware::before(device.name(), hostile);
     let mut said = String::new();

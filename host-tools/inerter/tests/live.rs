@@ -15,11 +15,11 @@ use std::{
 
 use common::{done, estimate_of, fails, inerter, json_lines, last, text};
 use inerter_data::settings::Overrides;
-use inerter_plant::{Parameters, Sensors};
+use inerter_plant::{Inerter, Sensors};
 use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
 
 fn setup(excite: &str) -> Setup {
-    Setup::new(Parameters::paper(), bench_sensors(), excite, None, &Overrides::default()).unwrap()
+    Setup::new(Inerter::paper(), bench_sensors(), excite, None, &Overrides::default()).unwrap()
 }
 
 fn any_port() -> Endpoint {
@@ -129,7 +129,7 @@ fn monitor_prints_lines_where_there_is_no_terminal() {
 fn a_skew_is_found_on_a_device_and_kept_there() {
     let folder = tempfile::tempdir().unwrap();
     let sensors = Sensors { delay_s: 5e-5, ..bench_sensors() };
-    let mut setup = Setup::new(Parameters::paper(), sensors, "random", None, &Overrides::default()).unwrap();
+    let mut setup = Setup::new(Inerter::paper(), sensors, "random", None, &Overrides::default()).unwrap();
     setup.settings.skew_s = 0.0;
     let device = VirtualDevice::start(&setup, &any_port(), 10.0).unwrap();
     let link = ["--connect", device.name()];
@@ -163,7 +163,7 @@ fn a_stiffness_is_found_on_a_device_and_kept_there() {
     let found = last(&done(folder.path(), &[&calibrate[..], &link].concat()));
     assert_eq!(found.get("written").unwrap(), true);
     let number = |of: &serde_json::Value, path: &str| of.pointer(path).unwrap().as_f64().unwrap();
-    let error = number(&found, "/stiffness_n_per_m") - Parameters::paper().stiffness_n_per_m;
+    let error = number(&found, "/stiffness_n_per_m") - Inerter::paper().stiffness_n_per_m;
     assert!(error.abs() < number(&found, "/stiffness_u95_n_per_m"), "{found}");
     let settings = last(&done(folder.path(), &[&["settings", "get", "--json"], &link[..]].concat()));
     for name in ["stiffness_n_per_m", "stiffness_u95_n_per_m", "contact_damping_n_s_per_m"] {

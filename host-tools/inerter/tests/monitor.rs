@@ -15,7 +15,7 @@ use std::{
 use common::{done, fails, inerter, last, text};
 use inerter_core::Machine;
 use inerter_data::settings::Overrides;
-use inerter_plant::Parameters;
+use inerter_plant::Inerter;
 use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
 use monitor::Monitor;
 use serde_json::Value;
@@ -29,7 +29,7 @@ fn device() -> VirtualDevice {
 }
 
 fn device_of(machine: Machine) -> VirtualDevice {
-    let mut setup = Setup::new(Parameters::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
+    let mut setup = Setup::new(Inerter::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
     setup.settings.machine = machine;
     VirtualDevice::start(&setup, &Endpoint::Tcp("127.0.0.1:0".into()), 2.0).unwrap()
 }
@@ -417,7 +417,7 @@ fn half_sent_requests_end_and_do_not_keep_the_device_from_coming_back() {
     assert!(get(page, path, &format!("Host: {page}\r\n")).starts_with("HTTP/1.1 200"));
     monitor.next("device");
     drop(before);
-    let setup = Setup::new(Parameters::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
+    let setup = Setup::new(Inerter::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
     let _after = VirtualDevice::start(&setup, &Endpoint::Tcp(address), 2.0).unwrap();
     monitor.next("device");
     for mut stream in half_sent {

@@ -7,12 +7,12 @@ use std::{fs, os::unix::fs::symlink, path::Path, process::Child};
 
 use common::{done, fails, inerter, run, text, until};
 use inerter_data::settings::Overrides;
-use inerter_plant::Parameters;
+use inerter_plant::Inerter;
 use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
 use rustix::process::{Pid, Signal, kill_process};
 
 fn device() -> VirtualDevice {
-    let setup = Setup::new(Parameters::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
+    let setup = Setup::new(Inerter::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
     VirtualDevice::start(&setup, &Endpoint::Tcp("127.0.0.1:0".into()), 20.0).unwrap()
 }
 

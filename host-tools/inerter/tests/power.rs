@@ -20,7 +20,7 @@ use inerter_data::{
     recording::{Item, read},
     settings::Overrides,
 };
-use inerter_plant::Parameters;
+use inerter_plant::Inerter;
 use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
 
 /// A folder for the program, beside one for what is kept, and the library.
@@ -77,7 +77,7 @@ impl Desk {
 }
 
 fn device(speed: f64) -> VirtualDevice {
-    let setup = Setup::new(Parameters::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
+    let setup = Setup::new(Inerter::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
     VirtualDevice::start(&setup, &Endpoint::Tcp("127.0.0.1:0".into()), speed).unwrap()
 }
 

@@ -13,7 +13,7 @@ use inerter_device::{
     Device, Target,
     live::{LinkEvent, Live},
 };
-use inerter_plant::Parameters;
+use inerter_plant::Inerter;
 use inerter_simulate::{Endpoint, Qemu, START_TIME, Setup, bench_sensors, find_image};
 use inerter_wire::{EventKind, Frame, Record, Streams};
 
@@ -39,7 +39,7 @@ fn booted(setup: &Setup, image: &std::path::Path) -> Qemu {
 fn a_run_through_the_image_replays_to_the_same_digits() {
     let Some(image) = image() else { return };
     let folder = tempfile::tempdir().unwrap();
-    let setup = Setup::new(Parameters::paper(), bench_sensors(), "random@8s", None, &Overrides::default()).unwrap();
+    let setup = Setup::new(Inerter::paper(), bench_sensors(), "random@8s", None, &Overrides::default()).unwrap();
     let mut qemu = booted(&setup, &image);
     let target = Target::Tcp { address: qemu.name().into() };
     let mut live = Live::connect(target, Streams::ALL, Duration::ZERO).unwrap();
@@ -95,7 +95,7 @@ fn the_image_on_a_pseudo_terminal_takes_what_is_sent_to_it() {
 fn hands_load_the_cell_of_the_image_which_keeps_no_settings() {
     let Some(image) = image() else { return };
     let folder = tempfile::tempdir().unwrap();
-    let setup = Setup::new(Parameters::paper(), bench_sensors(), "hold", None, &Overrides::default()).unwrap();
+    let setup = Setup::new(Inerter::paper(), bench_sensors(), "hold", None, &Overrides::default()).unwrap();
     let mut qemu = booted(&setup, &image);
     let bench = qemu.play_with_operator(&setup, 4.0).unwrap();
     let zero = ["calibrate", "zero", "--duration", "1", "--json", "--connect", qemu.name()];

@@ -9,13 +9,13 @@ use std::{io::Write, net::TcpStream};
 use common::{done, fails, json_lines, last, run, text};
 use inerter_data::settings::Overrides;
 use inerter_device::{Clock, Device, DeviceError, Target};
-use inerter_plant::Parameters;
+use inerter_plant::Inerter;
 use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors, share::MOST_READERS};
 use inerter_wire::{Command, Frame, MAX_FRAME, Record, Refusal, Request, Streams, encode_request};
 use monitor::Monitor;
 
 fn device_at(address: &str) -> VirtualDevice {
-    let setup = Setup::new(Parameters::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
+    let setup = Setup::new(Inerter::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
     VirtualDevice::start(&setup, &Endpoint::Tcp(address.into()), 2.0).unwrap()
 }
 

@@ -9,7 +9,7 @@ use std::path::Path;
 use common::{done, estimate_of, inerter, json_lines, last, run, text};
 use inerter_core::Settings;
 use inerter_data::settings::Overrides;
-use inerter_plant::Parameters;
+use inerter_plant::Inerter;
 use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
 use inerter_wire::{Capabilities, Record, SettingValue, SettingsValues};
 use serde_json::Value;
@@ -64,7 +64,7 @@ fn older(record: &Record) -> Vec<Vec<u8>> {
 
 /// A recording of the same run through a device with this firmware; gives the notes of its recording.
 fn record(folder: &Path, file: &str, change: Option<firmware::Change>) -> String {
-    let setup = Setup::new(Parameters::paper(), bench_sensors(), "random@10s", None, &Overrides::default()).unwrap();
+    let setup = Setup::new(Inerter::paper(), bench_sensors(), "random@10s", None, &Overrides::default()).unwrap();
     let device = VirtualDevice::waiting(&setup, &Endpoint::Tcp("127.0.0.1:0".into()), 10.0).unwrap();
     let address = change.map_or_else(|| device.name().to_string(), |change| firmware::before(device.name(), change));
     let output = run(folder, &["record", "--connect", &address, "-o", file, "--until-end", "--duration", "60"]);
@@ -124,7 +124,7 @@ fn a_recording_of_any_firmware_is_replayed_exported_and_reported() {
 fn a_device_with_any_firmware_is_watched_and_set() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    let setup = Setup::new(Parameters::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
+    let setup = Setup::new(Inerter::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
     for (change, has_detail) in [(newer as firmware::Change, true), (older, false)] {
         let device = VirtualDevice::start(&setup, &Endpoint::Tcp("127.0.0.1:0".into()), 5.0).unwrap();
         let address = firmware::before(device.name(), change);

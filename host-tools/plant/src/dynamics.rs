@@ -26,7 +26,7 @@
 
 use crate::excitation::nodes::{Node, Nodes};
 use crate::polynomial::{LENGTH, Polynomial, curvature, first_fall, rebase, slope, value};
-use crate::{Excitation, Parameters, PlantError};
+use crate::{Excitation, Inerter, PlantError};
 
 /// Longest step when nothing is said \[s\].
 const LONGEST_STEP_S: f64 = 1e-3;
@@ -239,7 +239,7 @@ enum Change {
 /// Starts at time zero, at rest in the middle of the backlash.
 #[derive(Clone, Debug)]
 pub struct Plant {
-    parameters: Parameters,
+    device: Inerter,
     nodes: Nodes,
     node: Node,
     /// `x1` over the step, as a polynomial with the step as unit.
@@ -260,31 +260,27 @@ pub struct Plant {
     /// The screw has just come free: any acceleration the other way is rounding.
     just_free: bool,
     /// Devices that it will be, and when; the next is last.
-    later: Vec<(f64, Parameters)>,
+    later: Vec<(f64, Inerter)>,
 }
 
 impl Plant {
     /// Checks the device and the motion.
-    pub fn new(parameters: Parameters, excitation: Excitation) -> Result<Self, PlantError> {
-        Self::changing(parameters, Vec::new(), excitation)
+    pub fn new(device: Inerter, excitation: Excitation) -> Result<Self, PlantError> {
+        Self::changing(device, Vec::new(), excitation)
     }
 
     /// A device that changes at times \[s\], in any order: a flywheel swapped, a lubricant failing.
     ///
-    /// Displacement and velocity go on; contact and friction follow from them and the new parameters at once.
-    pub fn changing(
-        parameters: Parameters,
-        later: Vec<(f64, Parameters)>,
-        excitation: Excitation,
-    ) -> Result<Self, PlantError> {
+    /// Displacement and velocity go on; contact and friction follow from them and the new device at once.
+    pub fn changing(device: Inerter, later: Vec<(f64, Inerter)>, excitation: Excitation) -> Result<Self, PlantError> {
         let mut fastest_rad_per_s: f64 = 0.0;
-        for device in later.iter().map(|(_, device)| device).chain([&parameters]) {
-            device.validate()?;
-            fastest_rad_per_s = fastest_rad_per_s.max(device.fastest_rad_per_s());
+        for one in later.iter().map(|(_, one)| one).chain([&device]) {
+            one.validate()?;
+            fastest_rad_per_s = fastest_rad_per_s.max(one.fastest_rad_per_s());
         }
         let longest_s = LONGEST_STEP_S.min(STEP_RAD / fastest_rad_per_s);
         let step_s = longest_s.min(excitation.longest_step_s());
-        let mut plant = Self::with_step(parameters, excitation, step_s)?;
+        let mut plant = Self::with_step(device, excitation, step_s)?;
         for &(at_s, device) in &later {
             if !(0.0..=1e9).contains(&at_s) {
                 return Err(PlantError::OutOfRange { field: "change_at_s", value: at_s, min: 0.0, max: 1e9 });
@@ -298,8 +294,8 @@ impl Plant {
     /// The same with this step, from 1 us to 0.1 s, however fast device and motion are.
     ///
     /// Only to show how the error falls with the step: [`new`](Self::new) chooses one with which it is below 1e-9.
-    pub fn with_step(parameters: Parameters, excitation: Excitation, step_s: f64) -> Result<Self, PlantError> {
-        parameters.validate()?;
+    pub fn with_step(device: Inerter, excitation: Excitation, step_s: f64) -> Result<Self, PlantError> {
+        device.validate()?;
         excitation.validate()?;
         if !(SHORTEST_STEP_S..=0.1).contains(&step_s) {
             return Err(PlantError::OutOfRange { field: "step_s", value: step_s, min: SHORTEST_STEP_S, max: 0.1 });
@@ -307,7 +303,7 @@ impl Plant {
         let mut nodes = Nodes::new(excitation, step_s);
         let node = nodes.next_node();
         let mut plant = Self {
-            parameters,
+            device,
             nodes,
             node,
             x1: quintic(&node),
@@ -328,8 +324,8 @@ impl Plant {
     }
 
     /// The device as it is at present.
-    pub fn parameters(&self) -> &Parameters {
-        &self.parameters
+    pub fn device(&self) -> &Inerter {
+        &self.device
     }
 
     /// Times that time was moved on by force because changes of mode piled up; 0 in every run known.
@@ -339,7 +335,7 @@ impl Plant {
 
     /// The state before time zero.
     pub(crate) fn rest_at(&self, t_s: f64) -> Truth {
-        Truth::rest(t_s, if self.parameters.is_closed() { Flank::Closed } else { Flank::Flight })
+        Truth::rest(t_s, if self.device.is_closed() { Flank::Closed } else { Flank::Flight })
     }
 
     /// The next stretch of time within one mode.
@@ -377,7 +373,7 @@ impl Plant {
         let now_s = self.node.start_s + self.node.step_s * self.done;
         let mut changed = false;
         while let Some((_, device)) = self.later.pop_if(|(at_s, _)| *at_s <= now_s + 1e-9 * self.node.step_s) {
-            self.parameters = device;
+            self.device = device;
             changed = true;
         }
         if changed {
@@ -396,10 +392,10 @@ impl Plant {
         let left = 1.0 - self.done;
         let h = self.node.step_s * left;
         let x1 = if self.done == 0.0 { self.x1 } else { rebase(&self.x1, self.done, left) };
-        if !self.parameters.presslides() && !self.parameters.has_stribeck() {
+        if !self.device.presslides() && !self.device.has_stribeck() {
             return (self.series(x1, h), 1.0);
         }
-        let undecided = self.parameters.presslides() && self.v2_m_per_s == 0.0;
+        let undecided = self.device.presslides() && self.v2_m_per_s == 0.0;
         if undecided {
             self.motion = Motion::Forward;
         }
@@ -411,7 +407,7 @@ impl Plant {
         }
         let tail = |series: &Polynomial, last: usize| series[last].abs() + series[last - 1].abs();
         let excess_m = tail(&segment.x2, LENGTH - 1) / TAIL_M;
-        let excess_n = tail(&segment.friction, LENGTH - 2) / (TAIL * self.parameters.coulomb_n);
+        let excess_n = tail(&segment.friction, LENGTH - 2) / (TAIL * self.device.coulomb_n);
         let by_tail = 0.9 * excess_m.max(excess_n).powf(-1.0 / (LENGTH - 3) as f64);
         // Never so short that rounding rules.
         let part = by_tail.min(self.part_by_surplus(&segment)).max(1e-3);
@@ -429,12 +425,12 @@ impl Plant {
     ///
     /// Far from rest the surplus and all its coefficients are nothing, and say nothing of what it will be near rest.
     fn part_by_surplus(&self, segment: &Segment) -> f64 {
-        let per_velocity = 1.0 / (self.parameters.stribeck_velocity_m_per_s * segment.unit_s);
+        let per_velocity = 1.0 / (self.device.stribeck_velocity_m_per_s * segment.unit_s);
         let change = (2..LENGTH).map(|k| (k as f64 * segment.x2[k]).abs()).sum::<f64>() * per_velocity;
         let here = segment.x2[1].abs() * per_velocity;
         let least = here - change;
         // Beyond six times its velocity the surplus is below the rounding of the rest.
-        if !self.parameters.has_stribeck() || least > 6.0 {
+        if !self.device.has_stribeck() || least > 6.0 {
             return f64::INFINITY;
         }
         3.0 / (change * (2.0 * here + change))
@@ -442,7 +438,7 @@ impl Plant {
 
     /// The Taylor series of the present mode over `h`, for the `x1` given.
     fn series(&self, x1: [f64; 6], h: f64) -> Segment {
-        let p = &self.parameters;
+        let p = &self.device;
         let (ks, cs, side) = match self.contact {
             Flank::Flight => (0.0, 0.0, 0.0),
             Flank::Positive => (p.stiffness_n_per_m, p.contact_damping_n_s_per_m, 1.0),
@@ -520,7 +516,7 @@ impl Plant {
         surplus: &mut Polynomial,
         friction: &mut Polynomial,
     ) {
-        let p = &self.parameters;
+        let p = &self.device;
         // Velocity, unit per unit of time.
         let v = |j: usize| (j + 1) as f64 * x2[j + 1];
         if p.has_stribeck() {
@@ -552,7 +548,7 @@ impl Plant {
                 first = Some((u, change));
             }
         };
-        let p = &self.parameters;
+        let p = &self.device;
         let half_backlash = 0.5 * p.backlash_m;
         let force = if self.motion == Motion::Stuck || p.unilateral > 0.0 {
             force_polynomial(segment, segment.stiffness_n_per_m, segment.damping_n_s_per_m, segment.relaxed_m)
@@ -638,7 +634,7 @@ impl Plant {
             }
             Change::Part => {
                 self.squeezed = match self.contact {
-                    _ if self.parameters.unilateral == 0.0 => 0.0,
+                    _ if self.device.unilateral == 0.0 => 0.0,
                     Flank::Positive => 1.0,
                     _ => -1.0,
                 };
@@ -654,7 +650,7 @@ impl Plant {
                 if self.motion == Motion::Stuck {
                     // The spring is relaxed here, and the force is the damper's; or the flank follows: there is none.
                     let rate = slope(&segment.x1, segment.end) / segment.unit_s;
-                    let force_n = if was_squeezed { 0.0 } else { self.parameters.contact_damping_n_s_per_m * rate };
+                    let force_n = if was_squeezed { 0.0 } else { self.device.contact_damping_n_s_per_m * rate };
                     self.hold_or_free(force_n);
                 }
             }
@@ -663,7 +659,7 @@ impl Plant {
 
     /// At rest: friction holds the screw or the contact's force sets it free.
     fn hold_or_free(&mut self, force_n: f64) {
-        let p = &self.parameters;
+        let p = &self.device;
         let total_n = force_n + p.constant_force_n;
         self.just_free = true;
         self.motion = match total_n {
@@ -681,7 +677,7 @@ impl Plant {
 
     /// Takes the mode from displacement and velocity: at the start, when the device has changed, after a forced step.
     fn settle(&mut self) {
-        let p = &self.parameters;
+        let p = &self.device;
         let half_backlash = 0.5 * p.backlash_m;
         let d = value(&self.x1, self.done) - self.x2_m;
         let rate = slope(&self.x1, self.done) / self.node.step_s - self.v2_m_per_s;
@@ -749,7 +745,7 @@ mod tests {
 
     #[test]
     fn changes_that_pile_up_cannot_stop_time() {
-        let mut plant = Plant::new(Parameters::worn(), Excitation::sine(15.9, 0.8e-3)).unwrap();
+        let mut plant = Plant::new(Inerter::worn(), Excitation::sine(15.9, 0.8e-3)).unwrap();
         let mut end_s = 0.0;
         for _ in 0..50_000 {
             // As if a thousand changes had been met already.

@@ -1,7 +1,7 @@
 //! The simulated inerter: stick, slip, contact and free flight located exactly.
 //!
 //! `f64` truth to hold the estimator against. A rig moves terminal 1 along a prescribed motion ([`Excitation`]); the
-//! device ([`Parameters`]) answers ([`Plant`]); imperfect instruments ([`Sensors`]) turn that into counts and codes
+//! device ([`Inerter`]) answers ([`Plant`]); imperfect instruments ([`Sensors`]) turn that into counts and codes
 //! ([`Simulation`]). Nothing here knows the firmware: what both share is physics only.
 //!
 //! Glossary:
@@ -11,11 +11,11 @@
 //! - *segment*: a stretch of time without a change of mode, on which the solution is one polynomial.
 //!
 //! ```
-//! use inerter_plant::{Excitation, Parameters, Sensors, Simulation};
+//! use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
 //!
 //! let excitation = Excitation::parse("mid", 1)?;
 //! let sensors = Sensors { force_noise_n: 1.0, seed: 7, ..Sensors::default() };
-//! let simulation = Simulation::new(Parameters::paper(), excitation, sensors)?;
+//! let simulation = Simulation::new(Inerter::paper(), excitation, sensors)?;
 //! for sample in simulation.take(1000) {
 //!     let _ = (sample.t_s, sample.index, sample.position_count, sample.force_code, sample.truth.x2_m);
 //! }
@@ -27,7 +27,7 @@
 mod dynamics;
 mod error;
 mod excitation;
-mod parameters;
+mod inerter;
 mod polynomial;
 mod sensors;
 mod simulation;
@@ -36,7 +36,7 @@ mod table;
 pub use dynamics::{Flank, Motion, Plant, Segment, Truth};
 pub use error::PlantError;
 pub use excitation::{Excitation, Point, Tone};
-pub use parameters::{Parameters, ScrewGeometry};
+pub use inerter::{Inerter, ScrewGeometry};
 pub use sensors::Sensors;
 pub use simulation::{Hands, Sample, Simulation};
 pub use table::{FieldInfo, FieldKind};

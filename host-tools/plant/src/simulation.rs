@@ -7,7 +7,7 @@ use rand_chacha::rand_core::{RngCore, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 
 use crate::sensors::Limit;
-use crate::{Excitation, Parameters, Plant, PlantError, Segment, Sensors, Truth};
+use crate::{Excitation, Inerter, Plant, PlantError, Segment, Sensors, Truth};
 
 /// One sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -65,8 +65,8 @@ pub struct Simulation {
 
 impl Simulation {
     /// Checks device, motion and instruments.
-    pub fn new(parameters: Parameters, excitation: Excitation, sensors: Sensors) -> Result<Self, PlantError> {
-        Self::of(Plant::new(parameters, excitation)?, sensors)
+    pub fn new(device: Inerter, excitation: Excitation, sensors: Sensors) -> Result<Self, PlantError> {
+        Self::of(Plant::new(device, excitation)?, sensors)
     }
 
     /// Samples a plant that is not yet in motion.
@@ -234,7 +234,7 @@ mod tests {
     fn hands_add_a_load_and_a_displacement_and_another_plant_goes_on_in_time() {
         let sensors =
             Sensors { newtons_per_code: 0.01, metres_per_count: 1e-6, force_gain: 1.01, ..Sensors::default() };
-        let rest = || Plant::new(Parameters::paper(), Excitation::hold());
+        let rest = || Plant::new(Inerter::paper(), Excitation::hold());
         let mut simulation = Simulation::of(rest().unwrap(), sensors).unwrap();
         let before = simulation.next().unwrap();
         simulation.handle(Hands { load_n: 20.0, moved_m: -3e-3 });
@@ -242,7 +242,7 @@ mod tests {
         assert_eq!((before.force_code, before.position_count), (0, 0));
         assert_eq!((after.force_code, after.position_count), (2020, -3000));
         let shaken = Excitation::parse("mid@1s", 1).unwrap();
-        simulation.replace(Plant::new(Parameters::paper(), shaken).unwrap());
+        simulation.replace(Plant::new(Inerter::paper(), shaken).unwrap());
         let moving: Vec<Sample> = simulation.by_ref().take(1000).collect();
         assert!((moving[0].t_s - 2e-3).abs() < 1e-12 && moving[0].index == 2);
         let range =
@@ -253,7 +253,7 @@ mod tests {
     #[test]
     fn another_rate_takes_its_samples_from_the_same_motion() {
         let sensors = Sensors { sample_rate_hz: 1000.0, ..Sensors::default() };
-        let of = |sensors| Simulation::new(Parameters::paper(), Excitation::parse("mid", 1).unwrap(), sensors).unwrap();
+        let of = |sensors| Simulation::new(Inerter::paper(), Excitation::parse("mid", 1).unwrap(), sensors).unwrap();
         let mut simulation = of(sensors);
         let before: Vec<Sample> = simulation.by_ref().take(500).collect();
         simulation.sample_at(4000.0, 1.0).unwrap();

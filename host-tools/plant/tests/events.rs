@@ -1,8 +1,8 @@
 //! Stick, slip, contact and flight: located in time, energy kept, error falling with the step.
 
-use inerter_plant::{Excitation, Flank, Motion, Parameters, Plant, Segment, Tone, Truth};
+use inerter_plant::{Excitation, Flank, Inerter, Motion, Plant, Segment, Tone, Truth};
 
-fn segments(device: Parameters, motion: Excitation, duration_s: f64) -> impl Iterator<Item = Segment> {
+fn segments(device: Inerter, motion: Excitation, duration_s: f64) -> impl Iterator<Item = Segment> {
     let mut plant = Plant::new(device, motion).unwrap();
     std::iter::from_fn(move || {
         let segment = plant.next_segment();
@@ -11,25 +11,25 @@ fn segments(device: Parameters, motion: Excitation, duration_s: f64) -> impl Ite
     })
 }
 
-fn runs() -> Vec<(&'static str, Parameters, Excitation, f64)> {
+fn runs() -> Vec<(&'static str, Inerter, Excitation, f64)> {
     let preset = |name| Excitation::preset(name, 5).unwrap();
     let bouncing =
-        Parameters { contact_damping_n_s_per_m: 20.0, viscous_n_s_per_m: 1.0, coulomb_n: 1.0, ..Parameters::worn() };
-    let frictionless = Parameters { coulomb_n: 0.0, ..Parameters::worn() };
-    let sticky = Parameters { coulomb_n: 300.0, ..Parameters::paper() };
-    let light = Parameters { inertance_kg: 0.05, ..Parameters::worn() };
-    let uneven = Parameters { coulomb_asymmetry: 0.4, viscous_asymmetry: -0.3, ..Parameters::paper() };
-    let viscous_uneven = Parameters { coulomb_n: 0.0, viscous_asymmetry: 0.5, ..Parameters::paper() };
-    let weight = Parameters { constant_force_n: -200.0, ..Parameters::worn() };
-    let slow_stribeck = Parameters { stribeck_velocity_m_per_s: 0.02, backlash_m: 1e-4, ..Parameters::stribeck() };
-    let both = Parameters { stribeck_ratio: 1.3, coulomb_asymmetry: 0.2, ..Parameters::presliding() };
+        Inerter { contact_damping_n_s_per_m: 20.0, viscous_n_s_per_m: 1.0, coulomb_n: 1.0, ..Inerter::worn() };
+    let frictionless = Inerter { coulomb_n: 0.0, ..Inerter::worn() };
+    let sticky = Inerter { coulomb_n: 300.0, ..Inerter::paper() };
+    let light = Inerter { inertance_kg: 0.05, ..Inerter::worn() };
+    let uneven = Inerter { coulomb_asymmetry: 0.4, viscous_asymmetry: -0.3, ..Inerter::paper() };
+    let viscous_uneven = Inerter { coulomb_n: 0.0, viscous_asymmetry: 0.5, ..Inerter::paper() };
+    let weight = Inerter { constant_force_n: -200.0, ..Inerter::worn() };
+    let slow_stribeck = Inerter { stribeck_velocity_m_per_s: 0.02, backlash_m: 1e-4, ..Inerter::stribeck() };
+    let both = Inerter { stribeck_ratio: 1.3, coulomb_asymmetry: 0.2, ..Inerter::presliding() };
     vec![
-        ("paper slow", Parameters::paper(), preset("slow"), 40.0),
-        ("paper random", Parameters::paper(), preset("random"), 20.0),
-        ("worn slow", Parameters::worn(), preset("slow"), 40.0),
-        ("worn mid", Parameters::worn(), preset("mid"), 20.0),
-        ("worn fast", Parameters::worn(), preset("fast"), 20.0),
-        ("worn random", Parameters::worn(), preset("random"), 20.0),
+        ("paper slow", Inerter::paper(), preset("slow"), 40.0),
+        ("paper random", Inerter::paper(), preset("random"), 20.0),
+        ("worn slow", Inerter::worn(), preset("slow"), 40.0),
+        ("worn mid", Inerter::worn(), preset("mid"), 20.0),
+        ("worn fast", Inerter::worn(), preset("fast"), 20.0),
+        ("worn random", Inerter::worn(), preset("random"), 20.0),
         ("bouncing two", bouncing, preset("two"), 20.0),
         ("frictionless multi", frictionless, preset("multi"), 20.0),
         ("sticky multi", sticky, preset("multi"), 20.0),
@@ -37,12 +37,12 @@ fn runs() -> Vec<(&'static str, Parameters, Excitation, f64)> {
         ("uneven random", uneven, preset("random"), 20.0),
         ("viscous uneven mid", viscous_uneven, preset("mid"), 10.0),
         ("weight mid", weight, preset("mid"), 10.0),
-        ("stribeck random", Parameters::stribeck(), preset("random"), 20.0),
-        ("stribeck slow", Parameters::stribeck(), preset("slow"), 40.0),
+        ("stribeck random", Inerter::stribeck(), preset("random"), 20.0),
+        ("stribeck slow", Inerter::stribeck(), preset("slow"), 40.0),
         ("wide stribeck two", slow_stribeck, preset("two"), 10.0),
-        ("presliding random", Parameters::presliding(), preset("random"), 20.0),
-        ("presliding slow", Parameters::presliding(), preset("slow"), 40.0),
-        ("presliding and rest", Parameters::presliding(), Excitation::parse("mid@3s;hold@2s;mid", 1).unwrap(), 10.0),
+        ("presliding random", Inerter::presliding(), preset("random"), 20.0),
+        ("presliding slow", Inerter::presliding(), preset("slow"), 40.0),
+        ("presliding and rest", Inerter::presliding(), Excitation::parse("mid@3s;hold@2s;mid", 1).unwrap(), 10.0),
         ("presliding with stribeck mid", both, preset("mid"), 10.0),
     ]
 }
@@ -60,7 +60,7 @@ const GAUSS: [(f64, f64); 8] = [
 ];
 
 /// Energy in the turning parts and in the spring \[J\].
-fn stored_j(p: &Parameters, t: &Truth) -> f64 {
+fn stored_j(p: &Inerter, t: &Truth) -> f64 {
     let squeeze = match t.contact {
         Flank::Flight => 0.0,
         Flank::Closed => t.x1_m - t.x2_m,
@@ -71,12 +71,12 @@ fn stored_j(p: &Parameters, t: &Truth) -> f64 {
 }
 
 /// Viscous friction of the direction it moves in \[N s/m\].
-fn viscous(p: &Parameters, t: &Truth) -> f64 {
+fn viscous(p: &Inerter, t: &Truth) -> f64 {
     p.viscous_n_s_per_m * (1.0 + p.viscous_asymmetry * t.v2_m_per_s.signum())
 }
 
 /// What dry friction must be while it slides: Coulomb's of the direction with Stribeck's surplus \[N\].
-fn sliding_n(p: &Parameters, t: &Truth) -> f64 {
+fn sliding_n(p: &Inerter, t: &Truth) -> f64 {
     let direction = if t.motion == Motion::Backward { -1.0 } else { 1.0 };
     let surplus = (p.stribeck_ratio - 1.0) * (-(t.v2_m_per_s / p.stribeck_velocity_m_per_s).powi(2)).exp();
     direction * p.coulomb_n * (1.0 + direction * p.coulomb_asymmetry) * (1.0 + surplus)
@@ -191,7 +191,7 @@ fn bisect(mut low: f64, mut high: f64, f: impl Fn(f64) -> f64) -> f64 {
 #[test]
 fn the_first_slip_and_the_first_contact_are_on_time() {
     // Stuck at zero, the force is ks x1 + cs x1': it frees the screw at fc.
-    let device = Parameters::paper();
+    let device = Inerter::paper();
     let motion = Excitation::sine(3.2, 4.16e-3);
     let expected = bisect(0.0, 0.1, |t| {
         let x1 = motion.at(t);
@@ -203,7 +203,7 @@ fn the_first_slip_and_the_first_contact_are_on_time() {
     assert!((slip - expected).abs() < 1e-12);
 
     // Stuck at zero in the middle of the backlash, the flanks meet at half of it.
-    let device = Parameters { coulomb_n: 1000.0, ..Parameters::worn() };
+    let device = Inerter { coulomb_n: 1000.0, ..Inerter::worn() };
     let expected = bisect(0.0, 0.1, |t| motion.at(t).x_m - 0.5e-4);
     let meeting =
         segments(device, motion.clone(), 1.0).find(|segment| segment.at_fraction(0.5).contact == Flank::Positive);
@@ -216,14 +216,14 @@ fn the_first_slip_and_the_first_contact_are_on_time() {
     assert_eq!(meeting.at_fraction(0.0).motion, Motion::Stuck);
 
     // The same meeting frees the screw at once where friction is less than the jump.
-    let device = Parameters { coulomb_n: 0.5 * jump, ..device };
+    let device = Inerter { coulomb_n: 0.5 * jump, ..device };
     let meeting = segments(device, motion, 1.0).find(|segment| segment.at_fraction(0.5).contact == Flank::Positive);
     assert_eq!(meeting.unwrap().at_fraction(0.5).motion, Motion::Forward);
 }
 
 #[test]
 fn coasting_through_the_backlash_follows_its_formula() {
-    let device = Parameters::worn();
+    let device = Inerter::worn();
     let (m, cf, fc) = (device.inertance_kg, device.viscous_n_s_per_m, device.coulomb_n);
     let mut seen = 0;
     for segment in segments(device, Excitation::preset("mid", 0).unwrap(), 10.0) {
@@ -241,10 +241,9 @@ fn coasting_through_the_backlash_follows_its_formula() {
 fn the_error_falls_with_the_sixth_power_of_the_step() {
     // Coarser steps than the plant would choose: at its own the error is rounding.
     let motion = || Excitation::tones(vec![Tone::new(0.8, 8e-3), Tone::new(6.4, 0.8e-3)]).with_ramp(1.0);
-    for (name, device) in [
-        ("stick and slip", Parameters { coulomb_n: 400.0, ..Parameters::paper() }),
-        ("contact and flight", Parameters::worn()),
-    ] {
+    for (name, device) in
+        [("stick and slip", Inerter { coulomb_n: 400.0, ..Inerter::paper() }), ("contact and flight", Inerter::worn())]
+    {
         let at = |step_s: f64| -> (Vec<Truth>, usize) {
             let mut plant = Plant::with_step(device, motion(), step_s).unwrap();
             let mut states = Vec::new();
@@ -289,7 +288,7 @@ fn the_error_falls_with_the_sixth_power_of_the_step() {
 }
 
 /// An unrelated solver: short steps of the midpoint rule, modes decided after each. First order at events.
-fn brute_force(p: &Parameters, motion: &Excitation, duration_s: f64, step_s: f64, mut see: impl FnMut(f64, f64)) {
+fn brute_force(p: &Inerter, motion: &Excitation, duration_s: f64, step_s: f64, mut see: impl FnMut(f64, f64)) {
     let half_backlash = 0.5 * p.backlash_m;
     let force = |t: f64, x2: f64, v2: f64| {
         let x1 = motion.at(t);
@@ -329,8 +328,8 @@ fn brute_force(p: &Parameters, motion: &Excitation, duration_s: f64, step_s: f64
 #[test]
 fn an_unrelated_solver_comes_closer_with_its_step() {
     for (name, device, motion) in [
-        ("paper", Parameters::paper(), Excitation::sine(0.5, 5e-3)),
-        ("worn", Parameters::worn(), Excitation::preset("two", 0).unwrap()),
+        ("paper", Inerter::paper(), Excitation::sine(0.5, 5e-3)),
+        ("worn", Inerter::worn(), Excitation::preset("two", 0).unwrap()),
     ] {
         let apart = |step_s: f64| {
             let mut rows = segments(device, motion.clone(), 3.0);
@@ -358,10 +357,10 @@ fn grazing_is_neither_missed_nor_repeated() {
     let amplitude_m = 1e-4;
     for scale in [1.0 - 1e-9, 1.0 - 1e-15, 1.0, 1.0 + 1e-15, 1.0 + 1e-9] {
         // The force comes to the Coulomb force and turns back.
-        let force_n = Parameters::paper().stiffness_n_per_m * amplitude_m;
-        let at_slip = Parameters { coulomb_n: force_n * scale, contact_damping_n_s_per_m: 0.0, ..Parameters::paper() };
+        let force_n = Inerter::paper().stiffness_n_per_m * amplitude_m;
+        let at_slip = Inerter { coulomb_n: force_n * scale, contact_damping_n_s_per_m: 0.0, ..Inerter::paper() };
         // The flanks come together and part again.
-        let at_contact = Parameters { backlash_m: 2.0 * amplitude_m * scale, coulomb_n: 1e3, ..Parameters::paper() };
+        let at_contact = Inerter { backlash_m: 2.0 * amplitude_m * scale, coulomb_n: 1e3, ..Inerter::paper() };
         for device in [at_slip, at_contact] {
             let rows: Vec<Segment> = segments(device, Excitation::sine(3.2, amplitude_m), 5.0).collect();
             assert!(rows.len() < 5500, "{}", rows.len());
@@ -378,7 +377,7 @@ fn grazing_is_neither_missed_nor_repeated() {
 #[test]
 fn presliding_follows_its_formula() {
     // With one direction and one level, friction over travel is an exponential.
-    let device = Parameters { coulomb_asymmetry: 0.3, presliding_m: 1e-4, ..Parameters::worn() };
+    let device = Inerter { coulomb_asymmetry: 0.3, presliding_m: 1e-4, ..Inerter::worn() };
     let (mut last, mut worst, mut greatest) = (0.0, 0.0f64, 0.0f64);
     for segment in segments(device, Excitation::preset("two", 0).unwrap(), 10.0) {
         let [first, end] = [0.0, 1.0].map(|place| segment.at_fraction(place));
@@ -399,8 +398,8 @@ fn presliding_follows_its_formula() {
 #[test]
 fn curved_friction_does_not_depend_on_the_step() {
     for (name, device) in [
-        ("stribeck", Parameters { stribeck_velocity_m_per_s: 5e-4, ..Parameters::stribeck() }),
-        ("presliding", Parameters { presliding_m: 5e-6, ..Parameters::worn() }),
+        ("stribeck", Inerter { stribeck_velocity_m_per_s: 5e-4, ..Inerter::stribeck() }),
+        ("presliding", Inerter { presliding_m: 5e-6, ..Inerter::worn() }),
     ] {
         let at = |step_s: f64| {
             let mut plant = Plant::with_step(device, Excitation::preset("two", 0).unwrap(), step_s).unwrap();
@@ -424,14 +423,14 @@ fn curved_friction_does_not_depend_on_the_step() {
 
 #[test]
 fn unilateral_contact_never_pulls_and_makes_no_energy() {
-    let springy = Parameters { contact_damping_n_s_per_m: 10_000.0, ..Parameters::worn() };
+    let springy = Inerter { contact_damping_n_s_per_m: 10_000.0, ..Inerter::worn() };
     for (name, device, motion) in [
-        ("worn mid", Parameters::worn(), "mid"),
-        ("worn random", Parameters::worn(), "random"),
-        ("no backlash", Parameters::paper(), "random"),
+        ("worn mid", Inerter::worn(), "mid"),
+        ("worn random", Inerter::worn(), "random"),
+        ("no backlash", Inerter::paper(), "random"),
         ("damped", springy, "two"),
-        ("no damping", Parameters { contact_damping_n_s_per_m: 0.0, ..Parameters::worn() }, "mid"),
-        ("weight", Parameters { constant_force_n: 300.0, ..Parameters::worn() }, "mid"),
+        ("no damping", Inerter { contact_damping_n_s_per_m: 0.0, ..Inerter::worn() }, "mid"),
+        ("weight", Inerter { constant_force_n: 300.0, ..Inerter::worn() }, "mid"),
     ] {
         let half_backlash = 0.5 * device.backlash_m;
         let pulls = |t: &Truth| {
@@ -440,7 +439,7 @@ fn unilateral_contact_never_pulls_and_makes_no_energy() {
         };
         let motion = || Excitation::preset(motion, 3).unwrap();
         let linear = segments(device, motion(), 10.0).filter(|row| pulls(&row.at_fraction(0.999))).count();
-        let device = Parameters { unilateral: 1.0, ..device };
+        let device = Inerter { unilateral: 1.0, ..device };
         let (mut balance, mut least, mut parted, mut cut, mut pushed) = (0.0, 0.0f64, 0, 0, 0.0f64);
         let mut before: Option<Truth> = None;
         for segment in segments(device, motion(), 10.0) {
@@ -483,23 +482,23 @@ fn unilateral_contact_never_pulls_and_makes_no_energy() {
 
 #[test]
 fn a_device_changes_in_time_and_goes_on_moving() {
-    let swapped = Parameters { inertance_kg: 150.0, structure_mass_kg: 3.0, ..Parameters::paper() };
-    let dry = Parameters { coulomb_n: 120.0, viscous_n_s_per_m: 60.0, ..Parameters::paper() };
-    let free = Parameters { coulomb_n: 0.0, ..Parameters::paper() };
+    let swapped = Inerter { inertance_kg: 150.0, structure_mass_kg: 3.0, ..Inerter::paper() };
+    let dry = Inerter { coulomb_n: 120.0, viscous_n_s_per_m: 60.0, ..Inerter::paper() };
+    let free = Inerter { coulomb_n: 0.0, ..Inerter::paper() };
     for (name, after) in [
         ("flywheel", swapped),
         ("lubricant", dry),
         ("frictionless", free),
-        ("play", Parameters { backlash_m: 2e-4, ..Parameters::paper() }),
-        ("presliding", Parameters::presliding()),
-        ("unilateral", Parameters { unilateral: 1.0, ..Parameters::worn() }),
+        ("play", Inerter { backlash_m: 2e-4, ..Inerter::paper() }),
+        ("presliding", Inerter::presliding()),
+        ("unilateral", Inerter { unilateral: 1.0, ..Inerter::worn() }),
     ] {
         // On no step's grid.
         let at_s = 3.000_37;
         let motion = || Excitation::preset("mid", 3).unwrap();
-        let mut alone = Plant::new(Parameters::paper(), motion()).unwrap();
-        let later = vec![(5.0, Parameters::paper()), (at_s, after)];
-        let mut plant = Plant::changing(Parameters::paper(), later, motion()).unwrap();
+        let mut alone = Plant::new(Inerter::paper(), motion()).unwrap();
+        let later = vec![(5.0, Inerter::paper()), (at_s, after)];
+        let mut plant = Plant::changing(Inerter::paper(), later, motion()).unwrap();
         let (mut before, mut seen) = (alone.clone().next_segment().at_fraction(0.0), 0);
         loop {
             let segment = plant.next_segment();
@@ -509,7 +508,7 @@ fn a_device_changes_in_time_and_goes_on_moving() {
             }
             let jump = (first.x2_m - before.x2_m).abs() + 1e-3 * (first.v2_m_per_s - before.v2_m_per_s).abs();
             assert!(jump < 1e-14, "{name}: {jump:.1e} at {}", first.t_s);
-            let device = if (at_s..5.0).contains(&middle.t_s) { after } else { Parameters::paper() };
+            let device = if (at_s..5.0).contains(&middle.t_s) { after } else { Inerter::paper() };
             if last.t_s < at_s {
                 let same = alone.next_segment();
                 assert_eq!(same.at_fraction(0.5), middle);
@@ -525,8 +524,8 @@ fn a_device_changes_in_time_and_goes_on_moving() {
             before = last;
         }
         assert!(seen >= 2, "{name}: a segment starts at each change");
-        assert_eq!((plant.forced_steps(), plant.parameters()), (0, &Parameters::paper()), "{name}");
+        assert_eq!((plant.forced_steps(), plant.device()), (0, &Inerter::paper()), "{name}");
     }
-    let refused = Plant::changing(Parameters::paper(), vec![(-1.0, Parameters::paper())], Excitation::hold());
+    let refused = Plant::changing(Inerter::paper(), vec![(-1.0, Inerter::paper())], Excitation::hold());
     assert!(refused.unwrap_err().to_string().contains("change_at_s"));
 }

@@ -1,10 +1,10 @@
 //! Samples: scales, noise, delay, saturation, losses, seeds.
 
-use inerter_plant::{Excitation, Parameters, Sample, Sensors, Simulation};
+use inerter_plant::{Excitation, Inerter, Sample, Sensors, Simulation};
 
 fn samples(sensors: Sensors, count: usize) -> Vec<Sample> {
     let motion = Excitation::preset("random", 3).unwrap();
-    Simulation::new(Parameters::worn(), motion, sensors).unwrap().take(count).collect()
+    Simulation::new(Inerter::worn(), motion, sensors).unwrap().take(count).collect()
 }
 
 /// Mean and rms about it.

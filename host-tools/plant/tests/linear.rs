@@ -2,10 +2,10 @@
 
 use std::f64::consts::TAU;
 
-use inerter_plant::{Excitation, Parameters, Plant};
+use inerter_plant::{Excitation, Inerter, Plant};
 
 /// `F/x1 = (mt s^2 + cf s)(cs s + ks) / (mt s^2 + (cs + cf) s + ks)` at `s = j w`: real and imaginary part.
-fn force_per_displacement(p: &Parameters, w: f64) -> (f64, f64) {
+fn force_per_displacement(p: &Inerter, w: f64) -> (f64, f64) {
     let (mt, cf, ks, cs) = (p.inertance_kg, p.viscous_n_s_per_m, p.stiffness_n_per_m, p.contact_damping_n_s_per_m);
     let multiply = |a: (f64, f64), b: (f64, f64)| (a.0 * b.0 - a.1 * b.1, a.0 * b.1 + a.1 * b.0);
     let above = multiply((-mt * w * w, cf * w), (ks, cs * w));
@@ -15,7 +15,7 @@ fn force_per_displacement(p: &Parameters, w: f64) -> (f64, f64) {
 }
 
 /// Greatest deviation of the force from the closed form, relative to its amplitude, once transients have died.
-fn deviation(device: Parameters, frequency_hz: f64) -> f64 {
+fn deviation(device: Inerter, frequency_hz: f64) -> f64 {
     let w = TAU * frequency_hz;
     let (re, im) = force_per_displacement(&device, w);
     let amplitude_m = 1e-3;
@@ -44,12 +44,12 @@ fn deviation(device: Parameters, frequency_hz: f64) -> f64 {
 
 #[test]
 fn force_per_displacement_is_the_closed_form() {
-    let linear = Parameters { coulomb_n: 0.0, ..Parameters::paper() };
+    let linear = Inerter { coulomb_n: 0.0, ..Inerter::paper() };
     let mut worst = 0.0f64;
     // Below, at and above the resonance at 13.3 Hz, the paper's three tests among them.
     for frequency_hz in [0.053, 0.5, 3.2, 10.0, 13.3, 15.9, 40.0, 100.0] {
         // 2 N s/m more friction than the paper's at rest dies sooner; the device is linear, so any will do.
-        let device = Parameters { viscous_n_s_per_m: 314.0, ..linear };
+        let device = Inerter { viscous_n_s_per_m: 314.0, ..linear };
         let error = deviation(device, frequency_hz);
         println!("{frequency_hz} Hz: {error:.1e}");
         worst = worst.max(error);
@@ -57,11 +57,11 @@ fn force_per_displacement_is_the_closed_form() {
     let error = deviation(linear, 15.9);
     println!("paper's friction, 15.9 Hz: {error:.1e}");
     worst = worst.max(error);
-    let stiff = Parameters { stiffness_n_per_m: 1e9, contact_damping_n_s_per_m: 1e5, viscous_n_s_per_m: 1e3, ..linear };
+    let stiff = Inerter { stiffness_n_per_m: 1e9, contact_damping_n_s_per_m: 1e5, viscous_n_s_per_m: 1e3, ..linear };
     let error = deviation(stiff, 15.9);
     println!("stiff, 15.9 Hz: {error:.1e}");
     worst = worst.max(error);
-    let soft = Parameters { stiffness_n_per_m: 2e4, inertance_kg: 2.0, ..linear };
+    let soft = Inerter { stiffness_n_per_m: 2e4, inertance_kg: 2.0, ..linear };
     let error = deviation(soft, 15.9);
     println!("soft and light, 15.9 Hz: {error:.1e}");
     worst = worst.max(error);

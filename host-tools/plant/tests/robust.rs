@@ -1,6 +1,6 @@
 //! Whatever is accepted is simulated: no NaN, no standstill, no time moved on by force.
 
-use inerter_plant::{Excitation, Parameters, Sensors, Simulation};
+use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
 use proptest::prelude::*;
 
 /// Even over the decades between two values, or zero.
@@ -8,7 +8,7 @@ fn decades(low: f64, high: f64) -> impl Strategy<Value = f64> {
     prop_oneof![4 => (low.ln()..high.ln()).prop_map(f64::exp), 1 => Just(0.0)]
 }
 
-fn device() -> impl Strategy<Value = Parameters> {
+fn device() -> impl Strategy<Value = Inerter> {
     (
         (-2.0f64..5.0),
         decades(1e-2, 1e5),
@@ -24,7 +24,7 @@ fn device() -> impl Strategy<Value = Parameters> {
             // Each of the rarer features in a quarter of the cases.
             let (fc_asymmetry, cf_asymmetry, presliding, unilateral, weight, chosen) = more;
             let given = |bits: u8, value: f64| if chosen >> (2 * bits) & 3 == 0 { value } else { 0.0 };
-            Parameters {
+            Inerter {
                 inertance_kg: 10f64.powf(inertance),
                 viscous_n_s_per_m: viscous,
                 coulomb_n: coulomb,

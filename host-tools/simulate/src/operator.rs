@@ -4,7 +4,7 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use inerter_plant::{Excitation, Hands, Parameters, Plant, Sample, Simulation};
+use inerter_plant::{Excitation, Hands, Inerter, Plant, Sample, Simulation};
 
 use crate::{
     error::SimulateError,
@@ -26,7 +26,7 @@ pub struct Operator {
 
 struct Orders {
     hands: Hands,
-    parameters: Parameters,
+    parameters: Inerter,
     plant: Option<Plant>,
 }
 
@@ -125,7 +125,7 @@ mod tests {
     #[test]
     fn lines_load_move_turn_and_shake_and_others_are_refused() {
         let sensors = inerter_plant::Sensors { force_noise_n: 0.0, ..bench_sensors() };
-        let setup = Setup::new(Parameters::paper(), sensors, "hold", None, &Overrides::default()).unwrap();
+        let setup = Setup::new(Inerter::paper(), sensors, "hold", None, &Overrides::default()).unwrap();
         let setup = Setup { load_n: 3.0, ..setup };
         let bench = Operator::new(&setup);
         let mut samples = Handled::new(&setup, bench.clone()).unwrap();

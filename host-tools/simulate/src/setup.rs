@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use inerter_core::{RawSample, Settings};
 use inerter_data::settings::{Overrides, SettingsInputError, validate};
-use inerter_plant::{Excitation, Hands, Parameters, Plant, Sample, Sensors, Simulation};
+use inerter_plant::{Excitation, Hands, Inerter, Plant, Sample, Sensors, Simulation};
 
 use crate::error::SimulateError;
 
@@ -12,7 +12,7 @@ use crate::error::SimulateError;
 #[derive(Clone, Debug)]
 pub struct Setup {
     /// The device.
-    pub parameters: Parameters,
+    pub parameters: Inerter,
     /// The instruments.
     pub sensors: Sensors,
     /// The motion, as it was written.
@@ -20,7 +20,7 @@ pub struct Setup {
     /// The motion.
     pub excitation: Excitation,
     /// What the device becomes, and when \[s\].
-    pub later: Option<(f64, Parameters)>,
+    pub later: Option<(f64, Inerter)>,
     /// Load on the load cell beside the motion \[N\].
     pub load_n: f64,
     /// Duration \[s\]; `None` without end.
@@ -34,7 +34,7 @@ impl Setup {
     ///
     /// A duration that is not given is that of the motion, when it has one.
     pub fn new(
-        parameters: Parameters,
+        parameters: Inerter,
         sensors: Sensors,
         excite: &str,
         duration_s: Option<f64>,
@@ -54,7 +54,7 @@ impl Setup {
     }
 
     /// The same device becoming another at a time \[s\]: what is calibrated stays that of the first.
-    pub fn changing(self, at_s: f64, after: Parameters) -> Result<Self, SimulateError> {
+    pub fn changing(self, at_s: f64, after: Inerter) -> Result<Self, SimulateError> {
         let setup = Self { later: Some((at_s, after)), ..self };
         setup.simulation()?;
         Ok(setup)
@@ -74,7 +74,7 @@ impl Setup {
 
     /// What is true, by name, for the recording's metadata.
     pub fn truth(&self) -> BTreeMap<String, String> {
-        let device = Parameters::TABLE.iter().zip(self.parameters.values());
+        let device = Inerter::TABLE.iter().zip(self.parameters.values());
         let sensors = Sensors::TABLE.iter().zip(self.sensors.values());
         let mut truth: BTreeMap<String, String> =
             device.chain(sensors).map(|(field, value)| (field.name.to_string(), format!("{value:?}"))).collect();
@@ -96,7 +96,7 @@ impl Setup {
     pub fn changes(&self) -> impl Iterator<Item = (&'static str, f64)> + use<> {
         let after = self.later.map_or(self.parameters, |(_, after)| after);
         let values = self.parameters.values().into_iter().zip(after.values());
-        let named = Parameters::TABLE.iter().map(|field| field.name).zip(values);
+        let named = Inerter::TABLE.iter().map(|field| field.name).zip(values);
         named.filter_map(|(name, (before, after))| (before != after).then_some((name, after)))
     }
 }
@@ -138,7 +138,7 @@ pub fn raw(sample: &Sample) -> RawSample {
 }
 
 /// Settings of a device that was calibrated without error.
-pub fn calibrated(parameters: &Parameters, sensors: &Sensors) -> Result<Settings, SettingsInputError> {
+pub fn calibrated(parameters: &Inerter, sensors: &Sensors) -> Result<Settings, SettingsInputError> {
     let mut settings = Settings::default();
     let conversions = sensors.oversampling;
     let (least, greatest) = (settings.force_min_code, settings.force_max_code);
@@ -177,8 +177,8 @@ mod tests {
     #[test]
     fn a_device_that_changes_is_told_and_moves_as_before_until_then() {
         let sensors = Sensors { force_noise_n: 0.0, ..bench_sensors() };
-        let setup = Setup::new(Parameters::paper(), sensors, "mid@4s", None, &Overrides::default()).unwrap();
-        let after = Parameters { inertance_kg: 150.0, ..Parameters::paper() };
+        let setup = Setup::new(Inerter::paper(), sensors, "mid@4s", None, &Overrides::default()).unwrap();
+        let after = Inerter { inertance_kg: 150.0, ..Inerter::paper() };
         let changing = setup.clone().changing(2.0, after).unwrap();
         assert_eq!(changing.settings, setup.settings);
         let truth = changing.truth();

@@ -5,7 +5,7 @@ use crate::{
     methods::{METHODS, UNLIMITED, WALK},
 };
 use inerter_core::{Change, Detail, Estimate, Published, RawSample, Settings, SettingsError, State};
-use inerter_plant::{Parameters as Device, Sample, Sensors};
+use inerter_plant::{Inerter, Sample, Sensors};
 use std::error::Error;
 
 /// What one method says in every case; none where it has nothing of its own to say.
@@ -106,7 +106,7 @@ impl Instrument {
 }
 
 /// Settings of a calibration without error, a memory of the whole run.
-fn calibrated(device: &Device, sensors: &Sensors) -> Settings {
+fn calibrated(device: &Inerter, sensors: &Sensors) -> Settings {
     let conversions = sensors.oversampling;
     let defaults = Settings::default();
     Settings {
@@ -133,7 +133,7 @@ fn calibrated(device: &Device, sensors: &Sensors) -> Settings {
 
 /// The samples through `Active::step`, with the settings of a calibration without error, a memory of the whole run and
 /// what else is set.
-fn listen(samples: &[Sample], device: &Device, set: &[(&str, f64)]) -> Result<Heard, Box<dyn Error>> {
+fn listen(samples: &[Sample], device: &Inerter, set: &[(&str, f64)]) -> Result<Heard, Box<dyn Error>> {
     let mut settings = calibrated(device, &cases::sensors(0));
     for (name, value) in set {
         match settings.set_by_name(name, *value) {

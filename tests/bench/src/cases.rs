@@ -8,7 +8,7 @@ use crate::{
     machine::{Noise, Update},
     methods::{Method, Tuning},
 };
-use inerter_plant::{Excitation, Flank, Motion, Parameters as Device, Plant, Sample, Sensors, Simulation};
+use inerter_plant::{Excitation, Flank, Motion, Inerter, Plant, Sample, Sensors, Simulation};
 use std::{error::Error, f64::consts::TAU};
 
 /// Samples per second.
@@ -151,13 +151,13 @@ impl Case {
 }
 
 /// The device of the questions: the paper's without its structure mass.
-pub fn device() -> Device {
-    Device { structure_mass_kg: 0.0, ..Device::paper() }
+pub fn device() -> Inerter {
+    Inerter { structure_mass_kg: 0.0, ..Inerter::paper() }
 }
 
 /// The same after wear.
-pub fn worn() -> Device {
-    Device { backlash_m: BACKLASH_M, ..device() }
+pub fn worn() -> Inerter {
+    Inerter { backlash_m: BACKLASH_M, ..device() }
 }
 
 /// Instruments of a run.
@@ -175,8 +175,8 @@ pub fn sensors(seed: u64) -> Sensors {
 
 /// Samples of a device in motion, which becomes another one where `later` says so.
 pub fn record(
-    device: Device,
-    later: Vec<(f64, Device)>,
+    device: Inerter,
+    later: Vec<(f64, Inerter)>,
     motion: &str,
     seed: u64,
     duration_s: f64,
@@ -187,7 +187,7 @@ pub fn record(
 
 /// The samples in which the inertance changes.
 pub fn changing_record(seed: u64) -> Result<Vec<Sample>, Box<dyn Error>> {
-    let after = Device { inertance_kg: CHANGE * device().inertance_kg, ..device() };
+    let after = Inerter { inertance_kg: CHANGE * device().inertance_kg, ..device() };
     record(device(), vec![(CHANGE_S, after)], "mid", seed, DURATION_S)
 }
 
@@ -372,7 +372,7 @@ mod tests {
             let samples: Vec<Sample> = Simulation::of(plant, fine).unwrap().lasting(5.0).collect();
             // Read by the scale of the coarse encoder.
             let scale = fine.metres_per_count / sensors(0).metres_per_count;
-            let device = Device { inertance_kg: scale * device().inertance_kg, ..device() };
+            let device = Inerter { inertance_kg: scale * device().inertance_kg, ..device() };
             let updates = motion_law(&samples, MOTION_BOX, true);
             let law = [device.inertance_kg, scale * device.viscous_n_s_per_m, device.coulomb_n, OFFSET_N];
             let left = |update: &Update| update.target - update.phi.iter().zip(law).map(|(x, y)| x * y).sum::<f64>();

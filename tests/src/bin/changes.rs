@@ -2,7 +2,7 @@
 #![forbid(unsafe_code)]
 
 use inerter_core::{Change, Changed, Settings, State};
-use inerter_plant::{Excitation, Parameters as Device, Plant, Simulation};
+use inerter_plant::{Excitation, Inerter, Plant, Simulation};
 use inerter_tests::{
     grid::{self, Error, Instruments, MOTIONS, Motion, RIGS},
     sheet,
@@ -18,34 +18,34 @@ const SEEDS: u64 = 4;
 struct Step {
     name: &'static str,
     parameter: Changed,
-    of: fn(Device) -> Device,
+    of: fn(Inerter) -> Inerter,
 }
 
 const STEPS: [Step; 5] = [
     Step {
         name: "mt +5 %",
         parameter: Changed::Inertance,
-        of: |device| Device { inertance_kg: 1.05 * device.inertance_kg, ..device },
+        of: |device| Inerter { inertance_kg: 1.05 * device.inertance_kg, ..device },
     },
     Step {
         name: "mt halved",
         parameter: Changed::Inertance,
-        of: |device| Device { inertance_kg: 0.5 * device.inertance_kg, ..device },
+        of: |device| Inerter { inertance_kg: 0.5 * device.inertance_kg, ..device },
     },
     Step {
         name: "fc +30 %",
         parameter: Changed::Coulomb,
-        of: |device| Device { coulomb_n: 1.3 * device.coulomb_n, ..device },
+        of: |device| Inerter { coulomb_n: 1.3 * device.coulomb_n, ..device },
     },
     Step {
         name: "fc halved",
         parameter: Changed::Coulomb,
-        of: |device| Device { coulomb_n: 0.5 * device.coulomb_n, ..device },
+        of: |device| Inerter { coulomb_n: 0.5 * device.coulomb_n, ..device },
     },
     Step {
         name: "cf x 3",
         parameter: Changed::Viscous,
-        of: |device| Device { viscous_n_s_per_m: 3.0 * device.viscous_n_s_per_m, ..device },
+        of: |device| Inerter { viscous_n_s_per_m: 3.0 * device.viscous_n_s_per_m, ..device },
     },
 ];
 
@@ -70,7 +70,7 @@ left the table, where anything is found in steady motion, or where a step at 3.2
         STEADY_S / 60.0
     );
     let mut good = true;
-    for device in [Device::paper(), Device::worn()] {
+    for device in [Inerter::paper(), Inerter::worn()] {
         for rig in &RIGS {
             let worn = if device.backlash_m > 0.0 { ", worn: 0.1 mm of backlash" } else { "" };
             text += &format!("\n## {}{worn}\n\n| motion |", rig.name);
@@ -101,7 +101,7 @@ struct Row {
     good: bool,
 }
 
-fn row(device: &Device, motion: &Motion, rig: &Instruments) -> Result<Row, Error> {
+fn row(device: &Inerter, motion: &Motion, rig: &Instruments) -> Result<Row, Error> {
     let (at_s, within_s) = if motion.is_slow() { (60.0, 60.0) } else { (10.0, 10.0) };
     let mut cells = vec![motion.name.to_owned()];
     let mut good = true;
@@ -150,7 +150,7 @@ fn row(device: &Device, motion: &Motion, rig: &Instruments) -> Result<Row, Error
 /// The changes found, each with its time \[s\].
 fn changes(plant: Plant, rig: &Instruments, seed: u64, duration_s: f64) -> Result<Vec<(f64, Change)>, Error> {
     let sensors = grid::instruments(rig, seed);
-    let settings = Settings { memory_s: 30.0, ..grid::calibrated(plant.parameters(), &sensors) };
+    let settings = Settings { memory_s: 30.0, ..grid::calibrated(plant.device(), &sensors) };
     let active = settings.validate()?;
     let mut state = Box::new(State::new(&active));
     let mut found = Vec::new();

@@ -21,7 +21,7 @@ use inerter_data::{
     text::value_text,
 };
 use inerter_device::live::{LinkEvent, Live};
-use inerter_plant::Parameters as Device;
+use inerter_plant::Inerter;
 use inerter_simulate::{Endpoint, Qemu, START_TIME, Setup, bench_sensors, find_image};
 use inerter_tests::grid::Error;
 use inerter_wire::{EventKind, Frame, Health, Record, Streams, catalogue};
@@ -37,22 +37,22 @@ const PRINT_EVERY_S: f64 = 10.0;
 struct Test {
     name: &'static str,
     title: &'static str,
-    device: Device,
+    device: Inerter,
     motion: &'static str,
     seconds: f64,
     speed: f64,
 }
 
-const fn test(name: &'static str, title: &'static str, device: Device, motion: &'static str) -> Test {
+const fn test(name: &'static str, title: &'static str, device: Inerter, motion: &'static str) -> Test {
     Test { name, title, device, motion, seconds: 20.0, speed: 2.0 }
 }
 
 const TESTS: [Test; 5] = [
-    Test { seconds: 80.0, speed: 8.0, ..test("slow", "0.053 Hz, 15.1 mm: friction", Device::paper(), "slow") },
-    test("mid", "3.2 Hz, 4.16 mm: inertance", Device::paper(), "mid"),
-    test("fast", "15.9 Hz, 0.806 mm: validation", Device::paper(), "fast"),
-    test("random", "random, 0.5 to 15 Hz, 20 mm/s", Device::paper(), "random"),
-    test("worn", "worn, 3.2 Hz, 4.16 mm: backlash", Device::worn(), "mid"),
+    Test { seconds: 80.0, speed: 8.0, ..test("slow", "0.053 Hz, 15.1 mm: friction", Inerter::paper(), "slow") },
+    test("mid", "3.2 Hz, 4.16 mm: inertance", Inerter::paper(), "mid"),
+    test("fast", "15.9 Hz, 0.806 mm: validation", Inerter::paper(), "fast"),
+    test("random", "random, 0.5 to 15 Hz, 20 mm/s", Inerter::paper(), "random"),
+    test("worn", "worn, 3.2 Hz, 4.16 mm: backlash", Inerter::worn(), "mid"),
 ];
 
 /// What a run came to.
@@ -86,7 +86,7 @@ fn run() -> Result<bool, Error> {
     std::fs::create_dir_all(&folder)
         .map_err(|error| format!("cannot make the folder {}: {error}", folder.display()))?;
     let image = find_image(None)?;
-    let device = Device::paper();
+    let device = Inerter::paper();
     println!(
         "The paper's inerter, simulated: {} kg of effective inertance behind a screw with {} N of Coulomb and\n\
          {} N s/m of viscous friction. Its counts and force codes, 1000 a second with 1 N of noise, go into\n\
@@ -106,7 +106,7 @@ fn run() -> Result<bool, Error> {
 }
 
 /// One run, from the boot of the image to the replay of its recording.
-fn shake(test: &Test, device: Device, speed: f64, image: &Path, folder: &Path) -> Result<Outcome, Error> {
+fn shake(test: &Test, device: Inerter, speed: f64, image: &Path, folder: &Path) -> Result<Outcome, Error> {
     let speed = test.speed * speed;
     // Cut off in full motion: a stop would tell more about the inertance than the slow motion does.
     let setup = Setup::new(device, bench_sensors(), test.motion, Some(test.seconds), &Overrides::default())?;
@@ -194,7 +194,7 @@ fn bits(estimate: &Estimate) -> Bits {
 }
 
 /// The truth, in the order of the catalogue's parameters.
-fn truth(device: &Device) -> [f64; 4] {
+fn truth(device: &Inerter) -> [f64; 4] {
     [device.inertance_kg, device.viscous_n_s_per_m, device.coulomb_n, 0.0]
 }
 
@@ -226,7 +226,7 @@ struct Screen {
 }
 
 impl Screen {
-    fn new(seconds: f64, device: &Device) -> Self {
+    fn new(seconds: f64, device: &Inerter) -> Self {
         let terminal = stdout().is_terminal();
         Self { seconds, truth: truth(device), terminal, drawn: None, printed_s: 0.0 }
     }

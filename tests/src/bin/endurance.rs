@@ -5,7 +5,7 @@
 #![forbid(unsafe_code)]
 
 use inerter_core::{Active, Bank, Counters, Detail, Estimate, Published, RawSample, Settings, State};
-use inerter_plant::{Excitation, Parameters as Device, Sensors, Simulation};
+use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
 use inerter_tests::grid::{self, Error};
 use std::process::ExitCode;
 
@@ -61,7 +61,7 @@ fn run() -> Result<bool, Error> {
         None => SAMPLES,
         Some(word) => word.replace('_', "").parse().map_err(|_| format!("`{word}` is no number of samples"))?,
     };
-    let device = Device { backlash_m: 5e-5, ..Device::paper() };
+    let device = Inerter { backlash_m: 5e-5, ..Inerter::paper() };
     let sensors = Sensors { force_noise_n: 1.0, force_offset_n: 3.0, seed: 1, ..Sensors::default() };
     let settings = Settings { memory_s: 10.0, ..grid::calibrated(&device, &sensors) };
     let segment: Vec<RawSample> = Simulation::new(device, Excitation::parse(MOTION, 1)?, sensors)?

@@ -5,7 +5,7 @@
 #![forbid(unsafe_code)]
 
 use inerter_core::Settings;
-use inerter_plant::{Excitation, Parameters as Device, Sensors, Simulation};
+use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
 use inerter_tests::{
     grid::{self, Error},
     reference::{BOUNDS, Pair},
@@ -48,7 +48,7 @@ fn run() -> Result<bool, Error> {
 }
 
 fn shake(motion: &str, updates: u32) -> Result<Pair, Error> {
-    let device = Device::paper();
+    let device = Inerter::paper();
     let sensors = Sensors { force_noise_n: 1.0, force_offset_n: 3.0, ..Sensors::default() };
     let settings = Settings { publish_rate_hz: 1.0, ..grid::calibrated(&device, &sensors) };
     let mut pair = Pair::new(&settings)?;

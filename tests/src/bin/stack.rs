@@ -9,7 +9,7 @@ use std::{error::Error, process::ExitCode, time::Instant};
 
 use inerter_data::settings::Overrides;
 use inerter_device::{Device, Target};
-use inerter_plant::Parameters;
+use inerter_plant::Inerter;
 use inerter_simulate::{Endpoint, Qemu, START_TIME, Setup, bench_sensors, find_image};
 use inerter_wire::{Command, EventKind, Frame, Record, Streams};
 
@@ -33,7 +33,7 @@ fn main() -> ExitCode {
 }
 
 fn measure() -> Result<u32, Box<dyn Error>> {
-    let setup = Setup::new(Parameters::paper(), bench_sensors(), MOTION, None, &Overrides::default())?;
+    let setup = Setup::new(Inerter::paper(), bench_sensors(), MOTION, None, &Overrides::default())?;
     let image = find_image(None)?;
     let mut qemu = Qemu::boot(&image, &Endpoint::Tcp("127.0.0.1:0".into()))?;
     let target = Target::Tcp { address: qemu.name().to_owned() };

@@ -12,7 +12,7 @@ use std::collections::VecDeque;
 use ads131m04::{Gain, Osr};
 use inerter_app::boxcar::{UPPER_RAIL, WEIGHT};
 use inerter_core::{Active, Counters, Estimate, FrontEnd, RawSample, Settings, SettingsError, State};
-use inerter_plant::{Excitation, Parameters, Plant, PlantError, Segment, Sensors, Truth};
+use inerter_plant::{Excitation, Inerter, Plant, PlantError, Segment, Sensors, Truth};
 
 use crate::World;
 use crate::chip::adc::{CODES, Quality, REFERENCE_V};
@@ -35,7 +35,7 @@ const LOOK_BACK_S: f64 = 0.02;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rig {
     /// The inerter.
-    pub device: Parameters,
+    pub device: Inerter,
     /// What moves its terminal, from `start_s` on.
     pub motion: Excitation,
     /// When the motion begins \[s since power was applied\].
@@ -112,7 +112,7 @@ impl Rig {
     /// excitation at 2.5 V (docs/HARDWARE.md).
     pub fn new(motion: Excitation, start_s: f64) -> Self {
         Self {
-            device: Parameters::paper(),
+            device: Inerter::paper(),
             motion,
             start_s,
             metres_per_count: 2.44140625e-6,

@@ -84,13 +84,13 @@ mod tests {
         replay::replay,
         settings::{Overrides, SettingsInputError},
     };
-    use inerter_plant::Parameters;
+    use inerter_plant::Inerter;
     use inerter_simulate::{Setup, bench_sensors, raw};
 
     use super::*;
 
     fn run(motion: &str, turned: fn(Settings) -> Settings) -> Run {
-        let setup = Setup::new(Parameters::paper(), bench_sensors(), motion, Some(6.0), &Overrides::default()).unwrap();
+        let setup = Setup::new(Inerter::paper(), bench_sensors(), motion, Some(6.0), &Overrides::default()).unwrap();
         let samples = setup.samples().unwrap().map(|sample| raw(&sample)).collect();
         Run { settings: turned(setup.settings), samples, ..Run::default() }
     }

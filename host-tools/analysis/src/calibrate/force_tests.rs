@@ -1,5 +1,5 @@
 use inerter_data::settings::Overrides;
-use inerter_plant::{Parameters, Sensors};
+use inerter_plant::{Inerter, Sensors};
 use inerter_simulate::{Setup, bench_sensors, raw};
 
 use super::*;
@@ -8,7 +8,7 @@ use super::*;
 const MASSES_KG: [f64; 9] = [0.0, 5.0, 10.0, 5.0, 0.0, -5.0, -10.0, -5.0, 0.0];
 
 fn readings(masses_kg: &[f64], sensors: Sensors, truth: impl Fn(f64) -> f64) -> (Vec<(Load, rest::Level)>, Settings) {
-    let setup = Setup::new(Parameters::paper(), sensors, "hold", Some(3.1), &Overrides::default()).unwrap();
+    let setup = Setup::new(Inerter::paper(), sensors, "hold", Some(3.1), &Overrides::default()).unwrap();
     let readings = masses_kg.iter().enumerate().map(|(place, &kg)| {
         let load = Load::mass(kg, &Gravity::given(STANDARD_GRAVITY));
         let sensors = Sensors { seed: sensors.seed * 100 + place as u64, ..sensors };

@@ -1,5 +1,5 @@
 use inerter_data::settings::Overrides;
-use inerter_plant::{Parameters, Sensors};
+use inerter_plant::{Inerter, Sensors};
 use inerter_simulate::{Setup, bench_sensors, raw};
 
 use super::*;
@@ -16,7 +16,7 @@ fn sensors() -> Sensors {
 }
 
 fn look(sensors: Sensors, motion: &str, seconds: f64) -> Result<(Diagnosis, Finding), CalibrateError> {
-    let setup = Setup::new(Parameters::paper(), sensors, motion, Some(seconds), &Overrides::default()).unwrap();
+    let setup = Setup::new(Inerter::paper(), sensors, motion, Some(seconds), &Overrides::default()).unwrap();
     let samples = setup.samples().unwrap().map(|sample| raw(&sample)).collect();
     let run = Run { settings: setup.settings, samples, ..Run::default() };
     let diagnosis = diagnose(&run, None)?;

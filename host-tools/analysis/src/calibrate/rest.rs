@@ -252,13 +252,13 @@ pub fn zero(level: &Level, settings: &Settings) -> Finding {
 #[cfg(test)]
 mod tests {
     use inerter_data::settings::Overrides;
-    use inerter_plant::{Parameters, Sensors};
+    use inerter_plant::{Inerter, Sensors};
     use inerter_simulate::{Setup, bench_sensors, raw};
 
     use super::*;
 
     fn samples(sensors: Sensors, motion: &str, load_n: f64, seconds: f64) -> (Vec<RawSample>, Settings) {
-        let setup = Setup::new(Parameters::paper(), sensors, motion, Some(seconds), &Overrides::default()).unwrap();
+        let setup = Setup::new(Inerter::paper(), sensors, motion, Some(seconds), &Overrides::default()).unwrap();
         let setup = Setup { load_n, ..setup };
         (setup.samples().unwrap().map(|sample| raw(&sample)).collect(), setup.settings)
     }

@@ -36,7 +36,7 @@ use linear::Linear;
 use name::{Name, SHARED};
 use prepared::Prepared;
 pub use result::{
-    Correlation, Found, FoundParameters, Identified, Model, Parameters, SegmentFit, SegmentParameters, Standing,
+    Correlation, Found, FoundParameters, FoundStatus, Identified, Model, Parameters, SegmentFit, SegmentParameters,
     Validation, Whiteness,
 };
 use uncertainty::Errors;
@@ -375,14 +375,14 @@ fn linear_only(runs: &[Run], lines: Vec<Linear>, notes: Vec<String>) -> Result<I
     let backlash = match narrowest.map(|backlash| backlash.size) {
         Some(BacklashSize::Ok(Interval { value, u95 })) => Found::known(value.into(), u95.into()),
         Some(BacklashSize::BelowU95(Interval { value, u95 })) => {
-            Found { status: Standing::BelowU95, ..Found::known(value.into(), u95.into()) }
+            Found { status: FoundStatus::BelowU95, ..Found::known(value.into(), u95.into()) }
         }
         _ if settings.stiffness_n_per_m == 0.0 => {
             Found::unknown("needs the terminal's displacement, or the stiffness (--set stiffness_n_per_m=..)")
         }
         _ => Found::unknown("too few reversals of the flanks that it could be seen from"),
     };
-    let given = |value: f64, u95: f64| Found { status: Standing::Given, ..Found::known(value, u95) };
+    let given = |value: f64, u95: f64| Found { status: FoundStatus::Given, ..Found::known(value, u95) };
     let correlation = whole.correlation().ok().map(|matrix| Correlation {
         names: vec!["inertance_kg", "viscous_n_s_per_m", "coulomb_n", "offset_n"],
         matrix: matrix.into_iter().map(Vec::from).collect(),

@@ -1,4 +1,4 @@
-use inerter_plant::{Excitation, Parameters as Device, Sensors, Simulation};
+use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
 
 use super::*;
 use crate::identify::Parameters;
@@ -8,7 +8,7 @@ use crate::identify::Parameters;
 fn it_does_what_the_plant_does() {
     for backlash_m in [0.0, 1e-4] {
         for motion in ["slow", "mid", "fast", "multi", "random", "two"] {
-            let device = Device { backlash_m, ..Device::paper() };
+            let device = Inerter { backlash_m, ..Inerter::paper() };
             let excitation = Excitation::parse(motion, 3).unwrap();
             let truths: Vec<_> = Simulation::new(device, excitation, Sensors::default())
                 .unwrap()

@@ -1,7 +1,7 @@
 //! What an identification comes to, for programs and for people.
 
 use inerter_data::json::ParameterJson;
-use inerter_plant::Parameters as Device;
+use inerter_plant::Inerter;
 use serde::Serialize;
 
 use crate::response::ModelParameters;
@@ -30,8 +30,8 @@ pub struct Parameters {
 }
 
 /// A simulated device, under a load cell without offset and delay.
-impl From<&Device> for Parameters {
-    fn from(device: &Device) -> Self {
+impl From<&Inerter> for Parameters {
+    fn from(device: &Inerter) -> Self {
         Self {
             inertance_kg: device.inertance_kg,
             viscous_n_s_per_m: device.viscous_n_s_per_m,
@@ -63,7 +63,7 @@ impl From<&Parameters> for ModelParameters {
 /// Whether a parameter can be used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Standing {
+pub enum FoundStatus {
     /// Value and interval hold.
     Ok,
     /// Backlash: value and interval hold, and there may be none.
@@ -84,7 +84,7 @@ pub struct Found {
     /// Ends of the 95 % interval by the profile of the likelihood, where it was taken: the parameter is weakly determined.
     pub profile: Option<[f64; 2]>,
     /// Whether it can be used.
-    pub status: Standing,
+    pub status: FoundStatus,
     /// Why not, or what stands beside it, for a person.
     pub reason: Option<String>,
 }
@@ -92,12 +92,18 @@ pub struct Found {
 impl Found {
     /// One that the data cannot show.
     pub fn unknown(reason: impl Into<String>) -> Self {
-        Self { value: None, u95: None, profile: None, status: Standing::NotIdentifiable, reason: Some(reason.into()) }
+        Self {
+            value: None,
+            u95: None,
+            profile: None,
+            status: FoundStatus::NotIdentifiable,
+            reason: Some(reason.into()),
+        }
     }
 
     /// One with an interval.
     pub fn known(value: f64, u95: f64) -> Self {
-        Self { value: Some(value), u95: Some(u95), profile: None, status: Standing::Ok, reason: None }
+        Self { value: Some(value), u95: Some(u95), profile: None, status: FoundStatus::Ok, reason: None }
     }
 }
 

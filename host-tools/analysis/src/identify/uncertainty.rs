@@ -17,7 +17,7 @@ use super::{
     name::Name,
     over_noise,
     prepared::Prepared,
-    result::{Correlation, Found, Standing},
+    result::{Correlation, Found, FoundStatus},
 };
 
 /// Places within a count that are tried.
@@ -189,7 +189,7 @@ impl Errors {
         let known = task.known_of(name);
         let Some(u95) = self.u95(name, fitted) else {
             let u95 = known.map(|(_, deviation)| 2.0 * deviation);
-            return Found { value: Some(value), u95, profile: None, status: Standing::Given, reason: None };
+            return Found { value: Some(value), u95, profile: None, status: FoundStatus::Given, reason: None };
         };
         let found = Found::known(value, u95);
         let symbol = name.words();
@@ -207,7 +207,7 @@ impl Errors {
             )),
             Name::Structure | Name::Skew => match known {
                 Some((_, deviation)) if self.error(self.place(name).unwrap_or(0), fitted) > Some(0.7 * deviation) => {
-                    Found { status: Standing::Given, ..found }
+                    Found { status: FoundStatus::Given, ..found }
                 }
                 Some(_) => found,
                 None if name == Name::Structure && u95 > WIDEST_INTERVAL * value.abs() => cannot(),
@@ -224,7 +224,7 @@ impl Errors {
                 match () {
                     () if !reverses => Found::unknown("the force never changes its sign: one flank carries it all"),
                     () if u95 > 0.5 * stretch && u95 > WIDEST_INTERVAL * value => cannot(),
-                    () if value < u95 => Found { status: Standing::BelowU95, ..found },
+                    () if value < u95 => Found { status: FoundStatus::BelowU95, ..found },
                     () => found,
                 }
             }

@@ -14,7 +14,7 @@ const PAPER: ModelParameters = ModelParameters {
 };
 
 fn simulated(excite: &str, duration_s: f64, coulomb_n: f64, terminal: bool) -> Series {
-    let device = inerter_plant::Parameters { coulomb_n, ..inerter_plant::Parameters::paper() };
+    let device = inerter_plant::Inerter { coulomb_n, ..inerter_plant::Inerter::paper() };
     let sensors = Sensors { terminal_noise_m: 1e-6, ..bench_sensors() };
     let mut overrides = Overrides::default();
     overrides.set("terminal_sensor", f64::from(u8::from(terminal)), "test").unwrap();

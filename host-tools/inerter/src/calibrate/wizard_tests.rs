@@ -2,7 +2,7 @@ use std::collections::VecDeque;
 
 use inerter_data::settings::Overrides;
 use inerter_device::{Clock, Target};
-use inerter_plant::{Parameters, Sensors};
+use inerter_plant::{Inerter, Sensors};
 use inerter_simulate::{Endpoint, Operator, Setup, VirtualDevice, bench_sensors};
 
 use super::*;
@@ -92,7 +92,7 @@ fn bench() -> (VirtualDevice, Operator, Sensors) {
         metres_per_count: -2.44140625e-6,
         ..bench_sensors()
     };
-    let mut setup = Setup::new(Parameters::paper(), sensors, "hold", None, &Overrides::default()).unwrap();
+    let mut setup = Setup::new(Inerter::paper(), sensors, "hold", None, &Overrides::default()).unwrap();
     setup.settings.metres_per_count = 2.3e-6;
     setup.settings.force_zero_code = 0.0;
     setup.settings.skew_s = 0.0;

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use inerter_analysis::{
-    identify::{Found, Identified, Options, SegmentFit, Standing, identify},
+    identify::{Found, FoundStatus, Identified, Options, SegmentFit, identify},
     response::{self, Beside, ModelParameters},
 };
 use inerter_core::Machine;
@@ -274,9 +274,9 @@ fn cell(parameter: &Found, micro: f64) -> String {
     let (Some(value), Some(u95)) = (parameter.value, parameter.u95) else { return "not identifiable".into() };
     let text = interval_text(value * micro, u95 * micro);
     match parameter.status {
-        Standing::Given => format!("{text} (given)"),
-        Standing::BelowU95 => format!("{text} (may be none)"),
-        Standing::Ok | Standing::NotIdentifiable => text,
+        FoundStatus::Given => format!("{text} (given)"),
+        FoundStatus::BelowU95 => format!("{text} (may be none)"),
+        FoundStatus::Ok | FoundStatus::NotIdentifiable => text,
     }
 }
 

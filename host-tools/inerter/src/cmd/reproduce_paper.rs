@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use inerter_analysis::paper::{PLANS, PUBLISHED_BAND_RAD_PER_S, Plan, Reproduction, reproduce};
 use inerter_data::{json::json_line, output, run::Run, settings::Overrides};
-use inerter_plant::{Parameters, Sensors};
+use inerter_plant::{Inerter, Sensors};
 use inerter_simulate::{Setup, bench_sensors, raw};
 use inerter_view::{
     figure::{render_png, svg},
@@ -78,7 +78,7 @@ fn recorded(plan: &Plan, seed: u64) -> Result<Run, Error> {
     for (name, value) in [("stiffness_n_per_m", 0.0), ("contact_damping_n_s_per_m", 0.0), ("terminal_sensor", 1.0)] {
         blind.set(name, value, "the reproduction")?;
     }
-    let setup = Setup::new(Parameters::paper(), sensors, &plan.motion(), Some(plan.duration_s), &blind)?;
+    let setup = Setup::new(Inerter::paper(), sensors, &plan.motion(), Some(plan.duration_s), &blind)?;
     let samples = setup.samples()?.map(|sample| raw(&sample)).collect();
     let name = format!("test at {} Hz", plan.frequency_hz);
     Ok(Run { name, settings: setup.settings, samples, ..Run::default() })

@@ -13,7 +13,7 @@ use inerter_data::{
     words::{duration_text, plural},
 };
 use inerter_device::{DEFAULT_BAUD, Device, Target};
-use inerter_plant::{Excitation, Parameters, Sensors};
+use inerter_plant::{Excitation, Inerter, Sensors};
 use inerter_simulate::{
     Endpoint, Operator, Qemu, START_TIME, Setup, SimulateError, VirtualDevice, bench_sensors, file, find_image,
 };
@@ -115,7 +115,7 @@ struct PlantArgs {
 
 impl PlantArgs {
     fn fields() -> impl Iterator<Item = (&'static str, &'static inerter_plant::FieldInfo)> {
-        let device = Parameters::TABLE.iter().map(|field| ("Simulated device", field));
+        let device = Inerter::TABLE.iter().map(|field| ("Simulated device", field));
         device.chain(Sensors::TABLE.iter().map(|field| ("Simulated instruments", field)))
     }
 
@@ -159,12 +159,12 @@ impl FromArgMatches for PlantArgs {
 }
 
 fn setup(args: &Args) -> Result<Setup, Error> {
-    let mut parameters = Parameters::preset(&args.preset)
-        .ok_or_else(|| SimulateError::Preset { name: args.preset.clone(), known: Parameters::PRESETS.join(", ") })?;
+    let mut parameters = Inerter::preset(&args.preset)
+        .ok_or_else(|| SimulateError::Preset { name: args.preset.clone(), known: Inerter::PRESETS.join(", ") })?;
     let mut sensors = Sensors { seed: args.seed, ..bench_sensors() };
     let given = |name: &str| args.plant.given.iter().any(|(given, _)| *given == name);
     for (name, value) in &args.plant.given {
-        let known = if Parameters::TABLE.iter().any(|field| field.name == *name) {
+        let known = if Inerter::TABLE.iter().any(|field| field.name == *name) {
             parameters.set(name, *value)
         } else {
             sensors.set(name, *value)
@@ -273,8 +273,7 @@ fn to_file(args: &Args, setup: &Setup, path: &Path) -> Result<(), Error> {
 }
 
 fn truth(setup: &Setup) -> serde_json::Value {
-    let device =
-        Parameters::TABLE.iter().zip(setup.parameters.values()).map(|(field, value)| (field.name, json!(value)));
+    let device = Inerter::TABLE.iter().zip(setup.parameters.values()).map(|(field, value)| (field.name, json!(value)));
     let mut truth: serde_json::Map<_, _> = device.map(|(name, value)| (name.to_string(), value)).collect();
     if let Some((at_s, _)) = setup.later {
         truth.insert("change_at_s".into(), json!(at_s));

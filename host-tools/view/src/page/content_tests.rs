@@ -4,14 +4,9 @@ use inerter_simulate::{Setup, bench_sensors, raw};
 use super::*;
 
 fn content(excite: &str, duration_s: f64) -> Content {
-    let setup = Setup::new(
-        inerter_plant::Parameters::paper(),
-        bench_sensors(),
-        excite,
-        Some(duration_s),
-        &Overrides::default(),
-    )
-    .unwrap();
+    let setup =
+        Setup::new(inerter_plant::Inerter::paper(), bench_sensors(), excite, Some(duration_s), &Overrides::default())
+            .unwrap();
     let samples = setup.samples().unwrap().map(|sample| raw(&sample)).collect();
     Content::of(Run { settings: setup.settings, samples, ..Run::default() }, |_| ()).unwrap()
 }

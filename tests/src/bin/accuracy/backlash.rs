@@ -1,6 +1,6 @@
 //! The columns of the backlash: every width in every motion, by the force alone and with the terminal's sensor.
 
-use inerter_plant::Parameters as Device;
+use inerter_plant::Inerter;
 use inerter_tests::{
     backlash::{self, BACKLASHES_M, Cell, Column, goal, sensed_goal},
     grid::{self, Error, Instruments, MOTIONS, Motion},
@@ -32,7 +32,7 @@ pub fn section(rig: &Instruments, seeds: u64) -> Result<Section, Error> {
     let mut rows = Vec::new();
     for motion in &MOTIONS {
         for backlash_m in BACKLASHES_M {
-            let device = Device { backlash_m, ..Device::paper() };
+            let device = Inerter { backlash_m, ..Inerter::paper() };
             let runs =
                 grid::each_seed(seeds, |seed| backlash::run(&device, motion.name, motion.duration_s, rig, seed))?;
             rows.push(Row { motion, backlash_m, cell: backlash::cell(&device, &runs) });

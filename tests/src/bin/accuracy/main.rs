@@ -7,7 +7,7 @@
 mod backlash;
 mod table;
 
-use inerter_plant::Parameters as Device;
+use inerter_plant::Inerter;
 use inerter_tests::{
     bound,
     grid::{self, Cell, Error, Instruments, MOTIONS, RIGS, TWO_CLOCKS},
@@ -45,11 +45,11 @@ fn run() -> Result<bool, Error> {
     let update = sheet::update_asked("accuracy")?;
     let mut sections = Vec::new();
     for rig in &RIGS {
-        sections.push(section(&Device::paper(), rig, rig.name, "")?);
+        sections.push(section(&Inerter::paper(), rig, rig.name, "")?);
     }
-    sections.push(section(&Device::paper(), &TWO_CLOCKS, TWO_CLOCKS.name, CLOCKS)?);
+    sections.push(section(&Inerter::paper(), &TWO_CLOCKS, TWO_CLOCKS.name, CLOCKS)?);
     for (rig, words) in RIGS.iter().filter(|rig| rig.force_noise_n == 1.0).zip([WORN, "No goals.\n\n"]) {
-        sections.push(section(&Device::worn(), rig, &format!("{}, worn: 0.1 mm of backlash", rig.name), words)?);
+        sections.push(section(&Inerter::worn(), rig, &format!("{}, worn: 0.1 mm of backlash", rig.name), words)?);
     }
     let backlash = RIGS.iter().map(|rig| backlash::section(rig, SEEDS)).collect::<Result<Vec<_>, _>>()?;
     let text = table::markdown(&sections, &backlash, SEEDS);
@@ -66,7 +66,7 @@ fn run() -> Result<bool, Error> {
     Ok(sheet::conclude("accuracy", &text, 2, update)? && holds)
 }
 
-fn section(device: &Device, rig: &Instruments, name: &str, note: &'static str) -> Result<Section, Error> {
+fn section(device: &Inerter, rig: &Instruments, name: &str, note: &'static str) -> Result<Section, Error> {
     // What is not understood to the end has no goals.
     let with_goals = note.is_empty();
     let mut rows = Vec::new();

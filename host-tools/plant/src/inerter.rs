@@ -16,7 +16,7 @@ const FASTEST_RAD_PER_S: f64 = 1e5;
 
 /// The device's physical constants, referred to the terminal.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Parameters {
+pub struct Inerter {
     /// Effective inertance `mt`: what turns with the screw \[kg\].
     pub inertance_kg: f64,
     /// Viscous friction `cf` on the screw, the mean of both directions \[N s/m\].
@@ -47,7 +47,7 @@ pub struct Parameters {
     pub constant_force_n: f64,
 }
 
-field_table! { Parameters {
+field_table! { Inerter {
     inertance_kg, "kg", 299.4906, 1e-3, 1e7, Real, "Effective inertance";
     viscous_n_s_per_m, "N s/m", 31.4, 0.0, 1e7, Real, "Viscous friction on the screw";
     coulomb_n, "N", 50.0, 0.0, 1e6, Real, "Coulomb friction on the screw";
@@ -64,7 +64,7 @@ field_table! { Parameters {
     constant_force_n, "N", 0.0, -1e6, 1e6, Real, "Force on the screw, e.g. a weight; positive pushes forward";
 } }
 
-impl Parameters {
+impl Inerter {
     /// The paper's device. Its Coulomb friction did not survive in our text of the paper: 50 N is our choice.
     pub const fn paper() -> Self {
         Self {
@@ -258,31 +258,31 @@ mod tests {
         let by_energy = inertia * (2.0 * PI / screw.lead_m).powi(2);
         assert!((screw.ideal_inertance_kg() - 297.0673).abs() < 1e-9);
         assert!((by_energy - 297.0673).abs() < 1e-9);
-        assert!((screw.inertance_kg() - Parameters::paper().inertance_kg).abs() < 1e-9);
+        assert!((screw.inertance_kg() - Inerter::paper().inertance_kg).abs() < 1e-9);
     }
 
     #[test]
     fn defaults_of_the_table_are_the_paper() {
-        let defaults: Vec<f64> = Parameters::TABLE.iter().map(|field| field.default).collect();
-        assert_eq!(defaults, Parameters::paper().values());
-        assert_eq!(Parameters::paper().validate(), Ok(()));
-        for name in Parameters::PRESETS {
-            assert_eq!(Parameters::preset(name).map(|device| device.validate()), Some(Ok(())), "{name}");
+        let defaults: Vec<f64> = Inerter::TABLE.iter().map(|field| field.default).collect();
+        assert_eq!(defaults, Inerter::paper().values());
+        assert_eq!(Inerter::paper().validate(), Ok(()));
+        for name in Inerter::PRESETS {
+            assert_eq!(Inerter::preset(name).map(|device| device.validate()), Some(Ok(())), "{name}");
         }
     }
 
     #[test]
     fn refusals_name_the_field() {
-        let mut device = Parameters::paper();
+        let mut device = Inerter::paper();
         assert_eq!(device.set("coulomb_n", f64::NAN), Err(PlantError::NotFinite { field: "coulomb_n" }));
         assert!(matches!(device.set("weight", 1.0), Err(PlantError::UnknownField { .. })));
         device.backlash_m = -1.0;
         assert!(device.validate().unwrap_err().to_string().contains("backlash_m: -1 is outside"));
-        let device = Parameters { inertance_kg: 0.01, stiffness_n_per_m: 1e12, ..Parameters::paper() };
+        let device = Inerter { inertance_kg: 0.01, stiffness_n_per_m: 1e12, ..Inerter::paper() };
         assert!(device.validate().unwrap_err().to_string().contains("stiffness_n_per_m"));
-        let device = Parameters { presliding_m: 1e-12, ..Parameters::paper() };
+        let device = Inerter { presliding_m: 1e-12, ..Inerter::paper() };
         assert!(device.validate().unwrap_err().to_string().contains("presliding_m"));
-        let device = Parameters { unilateral: 0.5, ..Parameters::paper() };
+        let device = Inerter { unilateral: 0.5, ..Inerter::paper() };
         assert!(device.validate().unwrap_err().to_string().contains("unilateral: 0.5 is not a whole"));
     }
 }
