@@ -82,6 +82,36 @@ fn one_percent_of_the_samples_lost() {
     assert!((0.2..0.8).contains(&(f64::from(outcome.last.updates) / f64::from(whole.last.updates))));
 }
 
+/// Reversals around a gap were once compared across it, which made their ratio anything from 0.13 to -43.
+#[test]
+fn a_gap_anywhere_moves_neither_the_reversal_ratio_nor_the_inertance() {
+    let sensors = Sensors { force_noise_n: 1.0, seed: 3, ..Sensors::default() };
+    let active = settings(&sensors).validate().unwrap();
+    let mut beyond = Vec::new();
+    for motion in ["mid", "fast", "multi", "random", "two"] {
+        let samples = samples(sensors, &format!("{motion}@20s"));
+        let listen = |lost: std::ops::Range<usize>| {
+            let mut state = Box::new(State::new(&active));
+            for sample in samples[..lost.start].iter().chain(&samples[lost.end..]) {
+                active.step(&mut state, sample);
+            }
+            let published = active.publish(&state);
+            let inertance = published.estimate.whole_run.inertance_kg.fitted().value;
+            (published.detail.friction.reversal_ratio.unwrap(), inertance)
+        };
+        let (_, whole) = listen(0..0);
+        for lost in [10, 20, 50, 51, 53, 100, 200, 350, 500] {
+            for start in (1500..19_000).step_by(1373) {
+                let (ratio, inertance) = listen(start..start + lost);
+                if !(0.9..1.1).contains(&ratio) || (inertance - whole).abs() >= 0.02 {
+                    beyond.push(format!("{motion}, {lost} from {start}: ratio {ratio}, {} kg", inertance - whole));
+                }
+            }
+        }
+    }
+    assert!(beyond.is_empty(), "{}:\n{}", beyond.len(), beyond.join("\n"));
+}
+
 #[test]
 fn a_discontinuity_is_counted_and_never_bridged() {
     let mut samples = samples(sensors(), "random@20s");

@@ -91,6 +91,7 @@ impl State {
                 line.ago(ago).bad = true;
             }
             line.tainted = signal.sign_half_width + 1;
+            line.whole = 0;
             self.rest.reset();
         }
         let force = sample.force_code.saturating_sub(signal.force_zero_code);
@@ -150,7 +151,8 @@ impl State {
             let force = middle.force.saturating_sub(feedback.offset_code).unsigned_abs();
             middle.bad |= force <= feedback.weak_force_code >> 1;
         }
-        if line.ago(2 * m).passes_zero {
+        // Across lost or saturated samples neither velocity nor prediction is one.
+        if line.ago(2 * m).passes_zero && line.whole > 4 * m {
             let narrow = line.smooth_velocity(m, m);
             let wide = line.smooth_velocity(0, 2 * m) >> 2;
             let predicted = line.smoothed_away(m, m, &feedback) - (line.smoothed_away(0, 2 * m, &feedback) >> 2);

@@ -40,6 +40,8 @@ pub(crate) struct DelayLine {
     pub plain_velocity: i32,
     /// How many samples from now on still have a velocity across a discontinuity.
     pub tainted: u8,
+    /// Samples since the last discontinuity or saturated force, up to 255.
+    pub whole: u8,
     /// How many waiting samples, counted from the newest, are known to stand in rest.
     pub resting: u16,
 }
@@ -63,16 +65,17 @@ impl DelayLine {
             position_sum: 0,
             plain_velocity: 0,
             tainted: 0,
+            whole: 0,
             resting: 0,
         }
     }
 
     /// Forgets everything, entry by entry: a new line would be built on the stack first.
     pub fn reset(&mut self) {
-        let Self { samples, head, filled, last_index, position_sum, plain_velocity, tainted, resting } = self;
+        let Self { samples, head, filled, last_index, position_sum, plain_velocity, tainted, whole, resting } = self;
         samples.fill(Waiting::NONE);
         (*head, *filled, *last_index, *position_sum) = (0, 0, 0, 0);
-        (*plain_velocity, *tainted, *resting) = (0, 0, 0);
+        (*plain_velocity, *tainted, *whole, *resting) = (0, 0, 0, 0);
     }
 
     /// Takes the newest sample.
@@ -83,6 +86,7 @@ impl DelayLine {
         self.position_sum = self.position_sum.wrapping_add(position);
         let bad = saturated || self.tainted > 0;
         self.tainted = self.tainted.saturating_sub(1);
+        self.whole = if saturated { 0 } else { self.whole.saturating_add(1) };
         *self.ago(0) = Waiting { position, position_sum: self.position_sum, force, sign: 0, passes_zero: false, bad };
     }
 
