@@ -31,8 +31,9 @@ use crate::monitor::server::loopback;
 /// Name of the file in the current folder.
 const FILE: &str = "inerter.toml";
 
-/// Flags that let a command replace or erase something, on a disk or a device, or name what it writes, or let others in.
-const GRAVE: [&str; 13] = [
+/// Flags that let a command replace or erase something, on a disk or a device, or name what it writes or what is run, or let
+/// others in.
+const GRAVE: [&str; 14] = [
     "force",
     "yes",
     "save",
@@ -44,6 +45,7 @@ const GRAVE: [&str; 13] = [
     "mat",
     "mcap",
     "png",
+    "image",
     "allow-remote",
     "foxglove-origin",
 ];
@@ -452,7 +454,7 @@ mod tests {
         }
         let mut found = std::collections::BTreeSet::new();
         paths(&crate::Cli::command(), &mut found);
-        let read = ["config", "image", "settings"];
+        let read = ["config", "settings"];
         let known = |name: &String| GRAVE.contains(&name.as_str()) || read.contains(&name.as_str());
         let unknown: Vec<_> = found.iter().filter(|name| !known(name)).collect();
         assert!(unknown.is_empty() && found.contains("output"), "{unknown:?} of {found:?}");
