@@ -140,7 +140,7 @@ impl Case {
                 }
             }
         }
-        let Published { estimate: last, detail } = active.publish(&state);
+        let Published { estimate: last, detail, .. } = active.publish(&state);
         let mut errors = three(&last.whole_run).into_iter().zip(truth);
         Ok(Run {
             last: std::array::from_fn(|_| {

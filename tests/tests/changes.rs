@@ -65,7 +65,7 @@ fn a_step_at_3_hz_is_found_within_two_seconds_and_the_memory_begins_anew() {
         for sample in &samples {
             active.step(&mut state, sample);
         }
-        let Published { estimate, detail } = active.publish(&state);
+        let Published { estimate, detail, .. } = active.publish(&state);
         for parameters in [estimate.recent, estimate.whole_run] {
             let found = parameters.inertance_kg;
             assert!((f64::from(found.fitted().value) - after.inertance_kg).abs() < 0.3, "{found:?}");

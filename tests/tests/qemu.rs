@@ -109,7 +109,7 @@ fn injected(run: &Run) {
     };
     let injection = Injection { settings: &run.settings, samples: &run.samples, start_s: run.start_s };
     let outcome = inject(&mut device, &injection, publish, |_| Ok(())).unwrap();
-    there.push(outcome.estimate);
+    there.push(outcome.estimated.estimate);
     assert_eq!(outcome.samples, run.samples.len() as u64);
     same(&there, &replayed(run));
 }

@@ -1,6 +1,6 @@
 //! Whether friction that is not Coulomb's is called so, its intervals cover, and Coulomb's is left alone.
 
-use inerter_core::{Published, Regime, Settings, State, Status};
+use inerter_core::{LawStatus, Published, Regime, Settings, State, Status};
 use inerter_plant::{Excitation, Inerter, Plant, Sensors, Simulation};
 use inerter_tests::grid::{MOTIONS, calibrated, raw, three, truth};
 
@@ -11,6 +11,7 @@ struct Said {
     regime: Regime,
     /// Residual over what noise and steps explain of it.
     unexplained: f32,
+    law: LawStatus,
 }
 
 fn run(device: Inerter, motion: &str, seed: u64, memory_s: f64, noise_n: f64) -> Said {
@@ -27,9 +28,9 @@ fn run(device: Inerter, motion: &str, seed: u64, memory_s: f64, noise_n: f64) ->
         regimes
             .extend(active.step(&mut state, &raw(&sample)).published.map(|published| published.detail.friction.regime));
     }
-    let Published { estimate: last, detail } = active.publish(&state);
-    let unexplained = last.residual_rms_n / active.explained_rms_n(&state).unwrap();
-    Said { regimes, last, regime: detail.friction.regime, unexplained }
+    let Published { estimate: last, law, detail } = active.publish(&state);
+    let unexplained = law.misfit.unwrap().ratio;
+    Said { regimes, last, regime: detail.friction.regime, unexplained, law: law.status }
 }
 
 /// The parameters that were given and are wrong by more than their interval.
@@ -70,13 +71,16 @@ fn noise_and_steps_explain_the_residual() {
         for motion in MOTIONS.map(|motion| motion.name) {
             let said = run(Inerter::paper(), motion, 7, 100.0, noise_n);
             assert!((0.8..1.25).contains(&said.unexplained), "{motion}, {noise_n} N: {}", said.unexplained);
+            assert_eq!(said.law, LawStatus::Holds, "{motion}, {noise_n} N");
         }
     }
     let worn = run(Inerter::worn(), "multi", 7, 100.0, 1.0);
     assert!((2.5..8.0).contains(&worn.unexplained), "{}", worn.unexplained);
+    assert_eq!(worn.law, LawStatus::Unknown);
     let creeping = Inerter { presliding_m: 50e-6, ..Inerter::paper() };
     let creeping = run(creeping, "fast", 7, 100.0, 1.0);
     assert!((1.7..2.5).contains(&creeping.unexplained), "{}", creeping.unexplained);
+    assert_eq!(creeping.law, LawStatus::Broken);
 }
 
 #[test]

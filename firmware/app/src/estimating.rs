@@ -9,7 +9,9 @@ use crate::tare::Tare;
 use core::pin::pin;
 use embassy_futures::select::{Either3, select3};
 use embassy_time::{Duration, Instant, Timer};
-use inerter_core::{Active, Bank, Change, Counters, Detail, Estimate, Output, Published, RawSample, Reversal, State};
+use inerter_core::{
+    Active, Bank, Change, Counters, Detail, Estimate, Law, Output, Published, RawSample, Reversal, State,
+};
 use inerter_wire::{Event, EventKind, SamplesBuilder, Streams};
 
 /// How long raw samples wait for a full batch.
@@ -31,6 +33,8 @@ struct Due {
     sums: [bool; 4],
     change: Option<Change>,
     estimate: Option<Estimate>,
+    law: Option<Law>,
+    /// The last of what is published, as it completes the rest.
     detail: Option<Detail>,
     ended: bool,
 }
@@ -40,8 +44,8 @@ impl Due {
     const FAST: [bool; 4] = [true, true, false, false];
     const SLOW: [bool; 4] = [false, false, true, true];
 
-    fn publish(&mut self, Published { estimate, detail }: &Published) {
-        (self.estimate, self.detail) = (Some(*estimate), Some(*detail));
+    fn publish(&mut self, &Published { estimate, detail, law }: &Published) {
+        (self.estimate, self.law, self.detail) = (Some(estimate), Some(law), Some(detail));
     }
 }
 
@@ -164,6 +168,9 @@ impl Estimating<'_> {
         }
         if let Some(estimate) = due.estimate.take() {
             return Some(Outgoing::Estimate(estimate));
+        }
+        if let Some(law) = due.law.take() {
+            return Some(Outgoing::Law(law));
         }
         if let Some(detail) = due.detail.take() {
             return Some(Outgoing::Detail(detail));

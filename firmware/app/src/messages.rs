@@ -1,7 +1,7 @@
 //! What the tasks say to each other.
 
 use crate::tare::Tare;
-use inerter_core::{Active, Detail, Estimate, MoreSums, Reversal, Settings, Sums};
+use inerter_core::{Active, Detail, Estimate, Law, MoreSums, Reversal, Settings, Sums};
 use inerter_wire::{Event, Health, Hello, Reply, Samples};
 
 /// What the commands ask of the estimator. It is done between two batches, and answered by a [`ControlDone`].
@@ -47,6 +47,7 @@ pub enum Restart {
 pub(crate) enum Outgoing {
     Hello(Hello),
     Estimate(Estimate),
+    Law(Law),
     Detail(Detail),
     Reversal(Reversal),
     Health(Health),

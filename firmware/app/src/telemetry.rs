@@ -62,6 +62,7 @@ pub async fn telemetry(app: &App, link: impl Write) -> Restart {
             Either3::First(outgoing) => match outgoing {
                 Outgoing::Hello(hello) => Record::Hello(hello),
                 Outgoing::Estimate(estimate) => Record::Estimate(estimate),
+                Outgoing::Law(law) => Record::Law(law),
                 Outgoing::Detail(detail) => Record::Detail(detail),
                 Outgoing::Reversal(reversal) => Record::Reversal(reversal),
                 Outgoing::Health(health) => Record::Health(health),

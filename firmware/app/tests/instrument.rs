@@ -235,7 +235,8 @@ fn what_goes_with_an_estimate_follows_it_and_reversals_and_changes_come_when_the
     let mut state = State::new(&active);
     let mut expected = Vec::new();
     let (mut reversals, mut changes) = (0, 0);
-    let both = |Published { estimate, detail }| [Record::Estimate(estimate), Record::Detail(detail)];
+    let all =
+        |Published { estimate, law, detail }| [Record::Estimate(estimate), Record::Law(law), Record::Detail(detail)];
     for sample in &samples {
         let output = active.step(&mut state, sample);
         reversals += output.reversal.iter().count();
@@ -248,13 +249,13 @@ fn what_goes_with_an_estimate_follows_it_and_reversals_and_changes_come_when_the
             }
             expected.push(Record::Event(Event { index: sample.index, kind: EventKind::Changed(change) }));
         }
-        expected.extend(output.published.into_iter().flat_map(both));
+        expected.extend(output.published.into_iter().flat_map(all));
     }
-    expected.extend(both(active.publish(&state)));
+    expected.extend(all(active.publish(&state)));
     assert!(reversals > 50 && changes == 1, "{reversals} reversals, {changes} changes");
 
     let is_ours = |record: &Record| match record {
-        Record::Estimate(_) | Record::Detail(_) | Record::Reversal(_) => true,
+        Record::Estimate(_) | Record::Law(_) | Record::Detail(_) | Record::Reversal(_) => true,
         Record::Event(event) => matches!(event.kind, EventKind::Changed(_)),
         // Those that come every second have their own test.
         Record::Sums(sums) => expected.contains(&Record::Sums(*sums)),
@@ -266,19 +267,22 @@ fn what_goes_with_an_estimate_follows_it_and_reversals_and_changes_come_when_the
     let mut records = up_to_the_end(&mut rig);
     records.retain(is_ours);
     assert_eq!(records, expected);
-    let pairs = records.windows(2).filter_map(|pair| match pair {
-        [Record::Estimate(estimate), Record::Detail(detail)] => Some((estimate.index, detail.index)),
+    let published = records.windows(3).filter_map(|three| match three {
+        [Record::Estimate(estimate), Record::Law(law), Record::Detail(detail)] => {
+            Some([estimate.index, law.index, detail.index])
+        }
         _ => None,
     });
-    assert_eq!(pairs.clone().count(), 121);
-    assert!({ pairs }.all(|(estimate, detail)| estimate == detail));
+    assert_eq!(published.clone().count(), 121);
+    assert!({ published }.all(|[estimate, law, detail]| estimate == law && law == detail));
 
     // Without the stream nothing of it is sent, and nothing is kept for later.
     rig.tell(Command::Streams(Streams::NONE));
     let without = rig.inject(&samples[..5_000]);
-    assert!(
-        !without.iter().any(|record| matches!(record, Record::Estimate(_) | Record::Detail(_) | Record::Reversal(_)))
-    );
+    assert!(!without.iter().any(|record| matches!(
+        record,
+        Record::Estimate(_) | Record::Law(_) | Record::Detail(_) | Record::Reversal(_)
+    )));
 }
 
 #[test]

@@ -175,6 +175,45 @@ pub enum Regime {
     Stribeck,
 }
 
+/// Whether the law `F = mt a + cf v + fc sgn(v) + F0` holds in what the recent memory has seen.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Law {
+    /// Sample that it belongs to.
+    pub index: u32,
+    /// Whether it holds.
+    pub status: LawStatus,
+    /// What it is judged by; none before there is a fit and the force's noise is known.
+    pub misfit: Option<Misfit>,
+}
+
+/// The residual beside what the force's noise and the encoder's steps make of it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Misfit {
+    /// Rms of the residual over what noise and steps explain: 1 where the law is all there is.
+    pub ratio: f32,
+    /// What the ratio stays below where the law holds.
+    pub limit: f32,
+}
+
+/// Whether the law holds. New ones go at the end.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum LawStatus {
+    /// Not enough seen, or the residual is larger than explained and the flanks may part: their impacts are shorter than
+    /// what the samples resolve.
+    #[default]
+    Unknown,
+    /// Noise and steps explain the residual.
+    Holds,
+    /// They do not, and the flanks are closed.
+    Broken,
+}
+
 /// One accepted reversal of the flanks.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]

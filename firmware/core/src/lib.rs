@@ -39,8 +39,8 @@ mod sums;
 
 pub use active::Active;
 pub use detail::{
-    Backlash, BacklashSize, BacklashStatus, Band, Change, Changed, Contact, Detail, Friction, Reason, Regime, Reversal,
-    Route,
+    Backlash, BacklashSize, BacklashStatus, Band, Change, Changed, Contact, Detail, Friction, Law, LawStatus, Misfit,
+    Reason, Regime, Reversal, Route,
 };
 pub use estimate::{Bank, Estimate, Interval, Parameter, Parameters, Status, Unresolved};
 pub use output::{Output, Published};

@@ -1,6 +1,6 @@
 //! What one sample brings.
 
-use crate::detail::{Change, Detail, Reversal};
+use crate::detail::{Change, Detail, Law, Reversal};
 use crate::estimate::Estimate;
 
 /// What [`Active::step`](crate::Active::step) has to say; most samples bring nothing.
@@ -23,7 +23,7 @@ impl Output {
     }
 }
 
-/// An estimate with what goes with it, both of the same sample.
+/// An estimate with what goes with it, all of the same sample.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Published {
@@ -31,4 +31,6 @@ pub struct Published {
     pub estimate: Estimate,
     /// Band, backlash, contact, friction and changes.
     pub detail: Detail,
+    /// Whether the law holds.
+    pub law: Law,
 }

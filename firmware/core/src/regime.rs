@@ -14,7 +14,7 @@
 //! part, it is their impacts, which repeat with a periodic motion, and so does the error that they make. Where it is not
 //! known whether they part, it may be either.
 
-use crate::detail::{Contact, Regime};
+use crate::detail::{Contact, Law, LawStatus, Misfit, Regime};
 use crate::estimate::{Interval, Parameter, Parameters, Status};
 use crate::fit::Fit;
 use crate::ldl::UNKNOWNS;
@@ -142,6 +142,21 @@ impl Assessment {
             *parameter = Parameter::new(Interval { value, u95 }, status);
         }
     }
+}
+
+/// Whether the law holds, by the residual's variance that noise and steps explain \[N^2\] and how the flanks behave.
+pub(crate) fn law(fit: &Fit, explained: f32, contact: Contact) -> Law {
+    let known = fit.observations >= LEAST_OBSERVATIONS && explained.is_finite() && explained > 0.0;
+    if !known {
+        return Law::default();
+    }
+    let (ratio, limit) = (fit.variance / explained, UNEXPLAINED + CHANCE * sqrt(2.0 / freedom(fit)));
+    let status = match contact {
+        _ if ratio <= limit => LawStatus::Holds,
+        Contact::Closed | Contact::OneSided => LawStatus::Broken,
+        Contact::Unknown | Contact::Backlash | Contact::Bouncing => LawStatus::Unknown,
+    };
+    Law { status, misfit: Some(Misfit { ratio: sqrt(ratio), limit: sqrt(limit) }), ..Law::default() }
 }
 
 /// Degrees of freedom of the residual.

@@ -7,7 +7,7 @@ use crate::active::{Active, Scales};
 use crate::backlash::report::Found as Backlash;
 use crate::bank::BankState;
 use crate::constants;
-use crate::detail::{Band, Contact, Detail, Friction};
+use crate::detail::{Band, Contact, Detail, Friction, Law};
 use crate::estimate::{Bank, Estimate, Interval, Parameter, Parameters, Status};
 use crate::feedback::Feedback;
 use crate::fit::{Fit, Knowledge, fit};
@@ -15,7 +15,7 @@ use crate::line::VELOCITY_BITS;
 use crate::math::{magnitude, sqrt, term};
 use crate::noise::Noise;
 use crate::output::Published;
-use crate::regime::Assessment;
+use crate::regime::{self, Assessment};
 use crate::state::State;
 
 // Single precision, as everything here.
@@ -39,6 +39,7 @@ struct Recent {
     parameters: Parameters,
     assessment: Assessment,
     residual_rms_n: f32,
+    law: Law,
 }
 
 impl Active {
@@ -47,7 +48,7 @@ impl Active {
         let Backlash { backlash, contact, stiffness, damping } = self.backlash.found(&state.backlash);
         let recent = self.recent(state, contact);
         let band = self.band(state, &recent);
-        let Recent { bank, mut parameters, assessment, residual_rms_n, .. } = recent;
+        let Recent { bank, mut parameters, assessment, residual_rms_n, law, .. } = recent;
         let (config, bank_state) = self.bank(state, bank);
         let moving = bank_state.idle_samples < config.hold_samples && bank_state.recent.updates() > 0;
         if !moving {
@@ -77,17 +78,7 @@ impl Active {
             friction: Friction { reversal_ratio: state.reversal_ratio(), regime: assessment.regime },
             changes: state.watch.count,
         };
-        Published { estimate, detail }
-    }
-
-    /// Rms of the residual that the force's noise and the encoder's steps explain \[N\], of the recent memory of the bank
-    /// that is published; nothing before there is a fit and the noise is known. What the residual has above it, the law
-    /// leaves open.
-    pub fn explained_rms_n(&self, state: &State) -> Option<f32> {
-        let (bank, knowledge) = self.choose(state, Knowledge::recent);
-        let scales = &self.bank(state, bank).0.scales;
-        let explained = self.explained(&state.noise, &fit(&knowledge, scales).unwrap_or(Fit::NONE), scales);
-        explained.is_finite().then(|| sqrt(explained))
+        Published { estimate, detail, law: Law { index, ..law } }
     }
 
     /// Variance of the residual that force noise and encoder steps explain [N^2]; infinite before they are known.
@@ -114,7 +105,8 @@ impl Active {
         let explained = self.explained(&state.noise, &all, &config.scales);
         let assessment = Assessment::of(&all, &away, rms, parameters.viscous_n_s_per_m.fitted(), explained, contact);
         assessment.widen(&mut parameters, WIDEST_INTERVAL);
-        Recent { bank, knowledge, parameters, assessment, residual_rms_n: sqrt(all.variance) }
+        let law = regime::law(&all, explained, contact);
+        Recent { bank, knowledge, parameters, assessment, residual_rms_n: sqrt(all.variance), law }
     }
 
     /// Frequencies at which the recent memory of the bank that is published saw the inertance.

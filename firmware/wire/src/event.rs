@@ -1,7 +1,7 @@
 //! Events of an estimator, in a device or in a replay, and steps of the sample counter.
 
 use crate::{Event, EventKind, Record};
-use inerter_core::{Change, Detail, Estimate, Reversal};
+use inerter_core::{Change, Detail, Estimate, Law, Published, Reversal};
 
 /// An event of an estimator: of the one in a device, or of the one that replays a recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -10,8 +10,31 @@ pub enum EstimatorEvent {
     Reversal(Reversal),
     /// The device measured has changed.
     Changed(Change),
-    /// An estimate, with what goes with it; a device with an older firmware sends it alone.
-    Estimate(Estimate, Option<Detail>),
+    /// An estimate with what goes with it.
+    Estimate(Estimated),
+}
+
+/// An estimate with what goes with it, all of the same sample; a device with an older firmware sends less.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Estimated {
+    /// The parameters.
+    pub estimate: Estimate,
+    /// Whether the law holds.
+    pub law: Option<Law>,
+    /// Band, backlash, contact, friction and changes.
+    pub detail: Option<Detail>,
+}
+
+impl From<Estimate> for Estimated {
+    fn from(estimate: Estimate) -> Self {
+        Self { estimate, law: None, detail: None }
+    }
+}
+
+impl From<Published> for Estimated {
+    fn from(Published { estimate, law, detail }: Published) -> Self {
+        Self { estimate, law: Some(law), detail: Some(detail) }
+    }
 }
 
 impl EstimatorEvent {
@@ -20,20 +43,20 @@ impl EstimatorEvent {
         match self {
             Self::Reversal(reversal) => reversal.index,
             Self::Changed(change) => change.index,
-            Self::Estimate(estimate, _) => estimate.index,
+            Self::Estimate(estimated) => estimated.estimate.index,
         }
     }
 }
 
-/// Puts each estimate together with the record that goes with it.
+/// Puts each estimate together with the records that go with it.
 ///
-/// A device sends `Detail` after its `Estimate`, with the same index; other records may stand between them, as they come from
-/// other tasks. An older firmware sends none, and a frame may be lost: such an estimate is handed out alone, when the estimator
-/// says the next thing or on [`flush`](Self::flush). What later versions add to an estimate is a further record after `Detail`
-/// with the same index: it gets a field here, and a place in [`EstimatorEvent::Estimate`].
+/// A device sends `Law` and then `Detail` after its `Estimate`, with the same index; other records may stand between them, as
+/// they come from other tasks. `Detail` completes the estimate. An older firmware sends less, and a frame may be lost: what never
+/// gets its `Detail` is handed out without, when the estimator says the next thing or on [`flush`](Self::flush). What later versions
+/// add to an estimate is a further record before `Detail`: it gets a field in [`Estimated`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Pairing {
-    waiting: Option<Estimate>,
+    waiting: Option<Estimated>,
 }
 
 impl Pairing {
@@ -47,13 +70,20 @@ impl Pairing {
         let events = match record {
             Record::Estimate(estimate) => {
                 let before = self.flush();
-                self.waiting = Some(*estimate);
+                self.waiting = Some((*estimate).into());
                 [before, None]
             }
             // Of another sample: its own estimate is lost.
+            Record::Law(law) => {
+                if let Some(waiting) = self.waiting.as_mut().filter(|waiting| waiting.estimate.index == law.index) {
+                    waiting.law = Some(*law);
+                }
+                [None, None]
+            }
             Record::Detail(detail) => {
-                let estimate = self.waiting.take_if(|estimate| estimate.index == detail.index);
-                [estimate.map(|estimate| EstimatorEvent::Estimate(estimate, Some(*detail))), None]
+                let waiting = self.waiting.take_if(|waiting| waiting.estimate.index == detail.index);
+                let complete = |waiting| Estimated { detail: Some(*detail), ..waiting };
+                [waiting.map(complete).map(EstimatorEvent::Estimate), None]
             }
             Record::Reversal(reversal) => [self.flush(), Some(EstimatorEvent::Reversal(*reversal))],
             Record::Event(Event { kind: EventKind::Changed(change), .. }) => {
@@ -68,9 +98,9 @@ impl Pairing {
         events.into_iter().flatten()
     }
 
-    /// The estimate that waits, alone: nothing comes any more, or not in time.
+    /// The estimate that waits, without what it lacks: nothing comes any more, or not in time.
     pub fn flush(&mut self) -> Option<EstimatorEvent> {
-        self.waiting.take().map(|estimate| EstimatorEvent::Estimate(estimate, None))
+        self.waiting.take().map(EstimatorEvent::Estimate)
     }
 }
 
@@ -86,7 +116,7 @@ mod tests {
     use super::*;
     use crate::Health;
     extern crate std;
-    use std::vec::Vec;
+    use std::{vec, vec::Vec};
 
     fn estimate(index: u32) -> Estimate {
         Estimate { index, ..Estimate::default() }
@@ -109,15 +139,36 @@ mod tests {
         events
     }
 
+    fn alone(index: u32) -> EstimatorEvent {
+        EstimatorEvent::Estimate(estimate(index).into())
+    }
+
+    fn with_detail(index: u32) -> EstimatorEvent {
+        EstimatorEvent::Estimate(Estimated { detail: Some(detail(index)), ..estimate(index).into() })
+    }
+
     #[test]
-    fn a_detail_finds_its_estimate_past_records_of_other_tasks() {
-        let records = [
+    fn law_and_detail_find_their_estimate_past_records_of_other_tasks() {
+        let law = Law { index: 7, ..Law::default() };
+        let mut records = vec![
             Some(Record::Estimate(estimate(7))),
+            Some(Record::Health(Health::default())),
+            Some(Record::Law(law)),
             Some(Record::Health(Health::default())),
             Some(Record::Detail(detail(7))),
             None,
         ];
-        assert_eq!(paired(&records), [EstimatorEvent::Estimate(estimate(7), Some(detail(7)))]);
+        let whole = Estimated { law: Some(law), detail: Some(detail(7)), estimate: estimate(7) };
+        assert_eq!(paired(&records), [EstimatorEvent::Estimate(whole)]);
+        // The detail is lost.
+        records.remove(4);
+        assert_eq!(paired(&records), [EstimatorEvent::Estimate(Estimated { detail: None, ..whole })]);
+        // A device that knows no law; a law of another estimate.
+        for between in [Record::Health(Health::default()), Record::Law(Law { index: 6, ..law })] {
+            let records = [Record::Estimate(estimate(7)), between, Record::Detail(detail(7))];
+            assert_eq!(paired(&records.map(Some)), [with_detail(7)]);
+        }
+        assert_eq!(paired(&[Some(Record::Law(law)), None]), []);
     }
 
     #[test]
@@ -130,7 +181,6 @@ mod tests {
             Some(Record::Estimate(estimate(11))),
             Some(Record::Event(Event { index: 11, kind: EventKind::SourceEnded })),
         ];
-        let alone = |index| EstimatorEvent::Estimate(estimate(index), None);
         assert_eq!(paired(&records), [alone(7), EstimatorEvent::Reversal(reversal), alone(9), alone(11)]);
         assert_eq!(paired(&[Some(Record::Estimate(estimate(3))), None, None]), [alone(3)]);
     }
@@ -138,12 +188,10 @@ mod tests {
     #[test]
     fn a_detail_whose_estimate_is_lost_goes_with_no_other() {
         let lost_estimate = [Some(Record::Estimate(estimate(7))), Some(Record::Detail(detail(9))), None];
-        assert_eq!(paired(&lost_estimate), [EstimatorEvent::Estimate(estimate(7), None)]);
+        assert_eq!(paired(&lost_estimate), [alone(7)]);
         let lost_detail =
             [Some(Record::Estimate(estimate(7))), Some(Record::Estimate(estimate(9))), Some(Record::Detail(detail(9)))];
-        let found =
-            [EstimatorEvent::Estimate(estimate(7), None), EstimatorEvent::Estimate(estimate(9), Some(detail(9)))];
-        assert_eq!(paired(&lost_detail), found);
+        assert_eq!(paired(&lost_detail), [alone(7), with_detail(9)]);
         assert_eq!(paired(&[Some(Record::Detail(detail(9)))]), []);
     }
 }

@@ -2,7 +2,7 @@
 //! known, 0 and an infinite half width stand.
 
 use inerter_core::{
-    BacklashSize, BacklashStatus, Band, Bank, Contact, Friction, Interval, Parameter as Value, Route, Status,
+    BacklashSize, BacklashStatus, Band, Bank, Contact, Friction, Interval, Misfit, Parameter as Value, Route, Status,
     Unresolved,
 };
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -51,6 +51,21 @@ pub(crate) struct Detail {
     contact_damping_n_s_per_m: Value,
     friction: Friction,
     changes: u32,
+}
+
+/// As it is; what is no number tells nothing.
+pub(crate) struct Law;
+
+impl Law {
+    pub(crate) fn serialize<S: Serializer>(law: &inerter_core::Law, serializer: S) -> Result<S::Ok, S::Error> {
+        law.serialize(serializer)
+    }
+
+    pub(crate) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<inerter_core::Law, D::Error> {
+        let law = inerter_core::Law::deserialize(deserializer)?;
+        let told = law.misfit.is_none_or(|Misfit { ratio, limit }| ratio.is_finite() && limit.is_finite());
+        Ok(if told { law } else { inerter_core::Law { index: law.index, ..Default::default() } })
+    }
 }
 
 #[derive(Serialize, Deserialize)]

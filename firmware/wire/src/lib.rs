@@ -32,7 +32,7 @@ mod settings;
 
 pub use command::{Command, Request, Streams};
 pub use crc::Crc32;
-pub use event::{EstimatorEvent, Pairing, step};
+pub use event::{Estimated, EstimatorEvent, Pairing, step};
 pub use frame::{
     Corruption, Counts, DELIMITER, EncodeError, Frame, FrameReader, MAX_FRAME, MAX_PAYLOAD, Message, Peek,
     SequenceCounter, encode, encode_record, encode_request, renumber,

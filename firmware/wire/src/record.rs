@@ -4,7 +4,7 @@ use crate::forms;
 use crate::messages::messages;
 use crate::{Refusal, Samples, SettingsValues};
 use core::fmt;
-use inerter_core::{Change, Detail, Estimate, MoreSums, Reversal, Sums};
+use inerter_core::{Change, Detail, Estimate, Law, MoreSums, Reversal, Sums};
 use serde::{Deserialize, Serialize};
 
 messages! {
@@ -20,8 +20,9 @@ messages! {
         6 Settings(SettingsValues) "Every setting in use, on Command::ReadSettings and after a change.";
         7 Sums(Sums) "Whole-run sums of one bank: sufficient statistics, exact; either bank once a second of samples.";
         8 Reversal(Reversal) "Backlash by one reversal of the flanks alone, when it has been accepted.";
-        9 Detail(#[serde(with = "forms::Detail")] Detail) "Band, backlash, contact, regime of friction and changes; after each Estimate.";
+        9 Detail(#[serde(with = "forms::Detail")] Detail) "Band, backlash, contact, regime of friction and changes; after each Estimate, the last of what goes with it.";
         10 MoreSums(MoreSums) "Whole-run sums of abs(v) and dF/dt of one bank; after its Sums.";
+        11 Law(#[serde(with = "forms::Law")] Law) "Whether the law holds, and how much of the residual noise and steps explain; between an Estimate and its Detail.";
     }
 }
 

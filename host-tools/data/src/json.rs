@@ -4,10 +4,10 @@
 //! or an infinity. What is not known is `null`.
 
 use inerter_core::{
-    Backlash, BacklashSize, Band, Bank, Contact, Counters, Detail, Estimate, Machine, Parameter, Parameters, Reason,
-    Regime, Reversal, Route, Settings, Status,
+    Backlash, BacklashSize, Band, Bank, Contact, Counters, Detail, Law, LawStatus, Machine, Parameter, Parameters,
+    Reason, Regime, Reversal, Route, Settings, Status,
 };
-use inerter_wire::{EventKind, Health, catalogue};
+use inerter_wire::{Estimated, EventKind, Health, catalogue};
 use serde::Serialize;
 use serde_json::Value;
 
@@ -72,6 +72,8 @@ pub struct EstimateJson {
     pub moving: bool,
     pub bank: &'static str,
     pub residual_rms_n: Option<f32>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub law: Option<LawJson>,
     pub updates: u32,
     #[serde(flatten)]
     pub detail: Option<DetailJson>,
@@ -95,7 +97,8 @@ fn is_false(value: &bool) -> bool {
 
 impl EstimateJson {
     /// An estimate on the way, at time `t_s`; what goes with it is missing where an older firmware does not send it.
-    pub fn live(t_s: f64, estimate: &Estimate, detail: Option<&Detail>, settings: &Settings) -> Self {
+    pub fn live(t_s: f64, estimated: &Estimated, settings: &Settings) -> Self {
+        let Estimated { estimate, law, detail } = estimated;
         Self {
             kind: "estimate",
             is_final: false,
@@ -105,27 +108,41 @@ impl EstimateJson {
             moving: estimate.moving,
             bank: bank_word(estimate.bank),
             residual_rms_n: Some(estimate.residual_rms_n).filter(|value| value.is_finite()),
+            law: law.map(LawJson::from),
             updates: estimate.updates,
-            detail: detail.map(|detail| DetailJson::new(detail, settings)),
+            detail: detail.as_ref().map(|detail| DetailJson::new(detail, settings)),
             counters: None,
         }
     }
 
     /// The last estimate of a run.
-    pub fn last(
-        t_s: f64,
-        estimate: &Estimate,
-        detail: Option<&Detail>,
-        settings: &Settings,
-        counters: Option<Counters>,
-    ) -> Self {
+    pub fn last(t_s: f64, estimated: &Estimated, settings: &Settings, counters: Option<Counters>) -> Self {
         let counters = counters.map(|counters| CountersJson {
             samples: counters.samples,
             discontinuities: counters.discontinuities,
             lost_samples: counters.lost_samples,
             saturated: counters.saturated,
         });
-        Self { is_final: true, counters, ..Self::live(t_s, estimate, detail, settings) }
+        Self { is_final: true, counters, ..Self::live(t_s, estimated, settings) }
+    }
+}
+
+/// Whether the law holds, in JSON.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[allow(missing_docs, reason = "documented in docs/CLI.md and in core")]
+pub struct LawJson {
+    pub status: &'static str,
+    pub ratio: Option<f32>,
+    pub limit: Option<f32>,
+}
+
+impl From<Law> for LawJson {
+    fn from(law: Law) -> Self {
+        Self {
+            status: law_word(law.status),
+            ratio: law.misfit.map(|misfit| misfit.ratio),
+            limit: law.misfit.map(|misfit| misfit.limit),
+        }
     }
 }
 
@@ -359,6 +376,15 @@ pub fn bank_word(bank: Bank) -> &'static str {
     match bank {
         Bank::Fast => "fast",
         Bank::Slow => "slow",
+    }
+}
+
+/// `holds`, `broken` or `unknown`.
+pub fn law_word(status: LawStatus) -> &'static str {
+    match status {
+        LawStatus::Unknown => "unknown",
+        LawStatus::Holds => "holds",
+        LawStatus::Broken => "broken",
     }
 }
 

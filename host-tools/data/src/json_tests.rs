@@ -3,9 +3,9 @@ use crate::{
     text::{is_trouble, value_text},
     words::{interval_text, rounded_text},
 };
-use inerter_core::Interval;
+use inerter_core::{Estimate, Interval, Misfit};
 
-fn estimate() -> Estimate {
+fn estimate() -> Estimated {
     let parameter = |value, u95, status| Parameter::new(Interval { value, u95 }, status);
     let recent = Parameters {
         inertance_kg: parameter(299.4906, 0.12, Status::Ok),
@@ -13,7 +13,7 @@ fn estimate() -> Estimate {
         coulomb_n: parameter(0.0, f32::INFINITY, Status::NotIdentifiable),
         offset_n: parameter(f32::NAN, f32::NAN, Status::Ok),
     };
-    Estimate { recent, whole_run: recent, moving: true, residual_rms_n: 1.5, updates: 7, ..Estimate::default() }
+    Estimate { recent, whole_run: recent, moving: true, residual_rms_n: 1.5, updates: 7, ..Estimate::default() }.into()
 }
 
 #[test]
@@ -22,15 +22,28 @@ fn the_json_contract_holds_to_the_letter() {
     let tail = r#""moving":true,"bank":"fast","residual_rms_n":1.5,"updates":7"#;
     let counters = Counters { samples: 10, discontinuities: 1, lost_samples: 2, saturated: 3 };
     assert_eq!(
-        json_line(&EstimateJson::last(20.0, &estimate(), None, &Settings::default(), Some(counters))),
+        json_line(&EstimateJson::last(20.0, &estimate(), &Settings::default(), Some(counters))),
         format!(
             r#"{{"kind":"estimate","final":true,"t_s":20.0,"whole_run":{{{four}}},{four},{tail},"samples":10,"discontinuities":1,"lost_samples":2,"saturated":3}}"#
         )
     );
     assert_eq!(
-        json_line(&EstimateJson::live(0.2, &estimate(), None, &Settings::default())),
+        json_line(&EstimateJson::live(0.2, &estimate(), &Settings::default())),
         format!(r#"{{"kind":"estimate","t_s":0.2,"whole_run":{{{four}}},{four},{tail}}}"#)
     );
+    let head = r#""moving":true,"bank":"fast","residual_rms_n":1.5"#;
+    for (law, text) in [
+        (Law::default(), r#"{"status":"unknown","ratio":null,"limit":null}"#),
+        (
+            Law { status: LawStatus::Broken, misfit: Some(Misfit { ratio: 5.25, limit: 1.5 }), ..Law::default() },
+            r#"{"status":"broken","ratio":5.25,"limit":1.5}"#,
+        ),
+    ] {
+        assert_eq!(
+            json_line(&EstimateJson::live(0.2, &Estimated { law: Some(law), ..estimate() }, &Settings::default())),
+            format!(r#"{{"kind":"estimate","t_s":0.2,"whole_run":{{{four}}},{four},{head},"law":{text},"updates":7}}"#)
+        );
+    }
 }
 
 #[test]

@@ -1,9 +1,9 @@
 //! A run through the estimator, as the device would have done it.
 
 use inerter_core::{
-    Active, Bank, Counters, Detail, Estimate, MoreSums, Output, Published, RawSample, Settings, State, Sums,
+    Active, Bank, Counters, Detail, Estimate, Law, MoreSums, Output, Published, RawSample, Settings, State, Sums,
 };
-use inerter_wire::{EstimatorEvent, step};
+use inerter_wire::{Estimated, EstimatorEvent, step};
 
 use crate::{
     run::Run,
@@ -34,8 +34,7 @@ impl Replay {
             self.elapsed += step(last, sample.index);
         }
         let Output { published, reversal, change, .. } = self.active.step(&mut self.state, sample);
-        let published =
-            published.map(|Published { estimate, detail }| EstimatorEvent::Estimate(estimate, Some(detail)));
+        let published = published.map(|published| EstimatorEvent::Estimate(published.into()));
         [reversal.map(EstimatorEvent::Reversal), change.map(EstimatorEvent::Changed), published].into_iter().flatten()
     }
 
@@ -57,10 +56,11 @@ impl Replay {
 
     /// What it has all come to by now.
     pub fn outcome(&self) -> Outcome {
-        let Published { estimate, detail } = self.active.publish(&self.state);
+        let Published { estimate, law, detail } = self.active.publish(&self.state);
         Outcome {
             t_s: self.time_s(),
             estimate,
+            law,
             detail,
             counters: self.counters(),
             fast: self.sums(Bank::Fast),
@@ -81,7 +81,9 @@ pub struct Outcome {
     pub t_s: f64,
     /// The estimate after the last sample.
     pub estimate: Estimate,
-    /// What goes with it.
+    /// Whether its law holds.
+    pub law: Law,
+    /// What else goes with it.
     pub detail: Detail,
     /// Samples, discontinuities and saturation.
     pub counters: Counters,
@@ -92,6 +94,11 @@ pub struct Outcome {
 }
 
 impl Outcome {
+    /// The estimate with all that goes with it.
+    pub fn estimated(&self) -> Estimated {
+        Published { estimate: self.estimate, law: self.law, detail: self.detail }.into()
+    }
+
     /// The sums of the bank that the estimate comes from.
     pub fn sums(&self) -> &(Sums, MoreSums) {
         match self.estimate.bank {
@@ -131,7 +138,7 @@ pub fn replay<E: From<SettingsInputError>>(
     mut publish: impl FnMut(f64, &Estimate) -> Result<(), E>,
 ) -> Result<Outcome, E> {
     replay_all(run, |t_s, event| match event {
-        EstimatorEvent::Estimate(estimate, _) => publish(t_s, estimate),
+        EstimatorEvent::Estimate(estimated) => publish(t_s, &estimated.estimate),
         EstimatorEvent::Reversal(_) | EstimatorEvent::Changed(_) => Ok(()),
     })
 }

@@ -3,11 +3,11 @@
 use std::collections::BTreeMap;
 
 use inerter_core::{
-    Backlash, BacklashSize, Band, Change, Changed, Contact, Detail, Estimate, Interval, Machine, Parameter, Reason,
-    Regime, Route, Settings, Status,
+    Backlash, BacklashSize, Band, Change, Changed, Contact, Detail, Estimate, Interval, Law, LawStatus, Machine,
+    Misfit, Parameter, Reason, Regime, Route, Settings, Status,
 };
 use inerter_wire::{
-    EventKind, Reading, ResetCause,
+    Estimated, EventKind, Reading, ResetCause,
     catalogue::{self, Field, Group},
 };
 
@@ -41,12 +41,8 @@ pub fn backlash_text(backlash: &Backlash) -> String {
 
 /// A table of all parameters: recent memory, whole run, and, of a simulated device, the truth; below it a line on how the
 /// device behaves.
-pub fn table(
-    estimate: &Estimate,
-    detail: Option<&Detail>,
-    settings: &Settings,
-    truth: Option<&BTreeMap<String, String>>,
-) -> String {
+pub fn table(estimated: &Estimated, settings: &Settings, truth: Option<&BTreeMap<String, String>>) -> String {
+    let Estimated { estimate, detail, .. } = estimated;
     let machine = settings.machine;
     let recent = catalogue::parameters(machine, &estimate.recent);
     let whole = catalogue::parameters(machine, &estimate.whole_run);
@@ -69,7 +65,7 @@ pub fn table(
         let line = format!("{label:<20} {unit:<6} {:<22} {value:<22} {truth}", "");
         text += &format!("\n{}", line.trim_end());
     }
-    format!("{text}\n\n{}", line(settings.machine, detail))
+    format!("{text}\n\n{}", line(settings.machine, estimated))
 }
 
 /// What is true, `factor` bringing it to the unit shown; of a device that was changed on the way both values.
@@ -120,14 +116,15 @@ pub fn row_header(machine: Machine) -> String {
 }
 
 /// One line per estimate: the recent memory, and the backlash so far.
-pub fn row(t_s: f64, estimate: &Estimate, detail: Option<&Detail>) -> String {
+pub fn row(t_s: f64, estimated: &Estimated) -> String {
+    let Estimated { estimate, detail, .. } = estimated;
     let mut text = format!("{t_s:>9.2}");
     for (_, parameter) in catalogue::parameters(Machine::Linear, &estimate.recent) {
         text += &format!("  {:<24}", value_text(&parameter));
     }
-    text += &format!("  {:<22}", detail.map(|detail| backlash_text(&detail.backlash)).unwrap_or_default());
+    text += &format!("  {:<22}", detail.as_ref().map(|detail| backlash_text(&detail.backlash)).unwrap_or_default());
     let rest = Some("at rest").filter(|_| !estimate.moving);
-    let remarks: Vec<&str> = rest.into_iter().chain(detail.into_iter().flat_map(remarks)).collect();
+    let remarks: Vec<&str> = rest.into_iter().chain(remarks(estimated)).collect();
     text += &format!("  {}", remarks.join(", "));
     text.trim_end().into()
 }
@@ -206,8 +203,30 @@ pub fn change_words(machine: Machine, change: &Change) -> String {
     )
 }
 
-/// One line on everything that is not a parameter.
-pub fn line(machine: Machine, detail: &Detail) -> String {
+/// Whether the law holds, for a person: `holds`, `broken (the residual is 5.3 times what noise and steps explain)`.
+pub fn law_text(law: &Law) -> String {
+    let residual =
+        |Misfit { ratio, .. }: Misfit| format!("the residual is {ratio:.1} times what noise and steps explain");
+    match (law.status, law.misfit.map(residual)) {
+        (LawStatus::Holds, _) => "holds".into(),
+        (LawStatus::Broken, None) => "broken".into(),
+        (LawStatus::Broken, Some(residual)) => format!("broken ({residual})"),
+        (LawStatus::Unknown, None) => "unknown".into(),
+        (LawStatus::Unknown, Some(residual)) => format!("unknown ({residual}; the flanks may part)"),
+    }
+}
+
+/// One line on everything that is not a parameter; empty where a device sends the parameters alone.
+pub fn line(machine: Machine, estimated: &Estimated) -> String {
+    let mut parts = Vec::new();
+    if let Some(detail) = &estimated.detail {
+        parts.extend(detail_parts(detail));
+    }
+    parts.extend(estimated.law.map(|law| format!("law: {}", law_text(&law))));
+    description(machine, &parts.join("; "))
+}
+
+fn detail_parts(detail: &Detail) -> Vec<String> {
     let mut parts = Vec::new();
     if let Some(Band { low_hz, high_hz }) = seen(detail.band) {
         let band = if high_hz < 1.05 * low_hz {
@@ -229,15 +248,19 @@ pub fn line(machine: Machine, detail: &Detail) -> String {
     if detail.changes > 0 {
         parts.push(format!("the device has changed {}", plural(detail.changes.into(), "time")));
     }
-    description(machine, &parts.join("; "))
+    parts
 }
 
 /// What a row says beside its numbers: only what is not as it should be.
-pub fn remarks(detail: &Detail) -> impl Iterator<Item = &'static str> {
-    let contact =
-        matches!(detail.contact, Contact::OneSided | Contact::Bouncing).then(|| contact_words(detail.contact));
-    let friction = matches!(detail.friction.regime, Regime::Presliding | Regime::Stribeck);
-    [contact, friction.then(|| regime_words(detail.friction.regime))].into_iter().flatten()
+pub fn remarks(estimated: &Estimated) -> impl Iterator<Item = &'static str> {
+    let of_detail = |detail: Detail| {
+        let contact =
+            matches!(detail.contact, Contact::OneSided | Contact::Bouncing).then(|| contact_words(detail.contact));
+        let friction = matches!(detail.friction.regime, Regime::Presliding | Regime::Stribeck);
+        [contact, friction.then(|| regime_words(detail.friction.regime))]
+    };
+    let law = estimated.law.filter(|law| law.status == LawStatus::Broken).map(|_| "law broken");
+    estimated.detail.map(of_detail).into_iter().flatten().chain([law]).flatten()
 }
 
 /// Rows of a table: label, unit, value, and the name of the truth with the factor to that unit.

@@ -5,6 +5,10 @@ use inerter_core::{Friction, Reversal};
 use super::*;
 use crate::json::{BacklashJson, DetailJson, EstimateJson, EventJson, ReversalJson, json_line};
 
+fn estimated(detail: Detail) -> Estimated {
+    Estimated { detail: Some(detail), ..Estimated::default() }
+}
+
 fn detail() -> Detail {
     let parameter = |value, u95| Parameter::Ok(Interval { value, u95 });
     Detail {
@@ -36,7 +40,7 @@ fn the_json_contract_holds_to_the_letter() {
     // Without a sensor there is nothing to say of the contact's own parameters.
     assert_eq!(json_line(&DetailJson::new(&detail(), &settings(false))), format!("{{{head},{tail}}}"));
     // Beside the estimate, in one object.
-    let line = json_line(&EstimateJson::live(0.2, &Estimate::default(), Some(&detail()), &settings(false)));
+    let line = json_line(&EstimateJson::live(0.2, &estimated(detail()), &settings(false)));
     assert!(line.ends_with(&format!(r#""updates":0,{head},{tail}}}"#)), "{line}");
 }
 
@@ -97,7 +101,7 @@ fn reversals_and_changes_have_lines_of_their_own() {
 #[test]
 fn a_person_sees_it_at_a_glance() {
     let truth = BTreeMap::from([("backlash_m".to_string(), "5e-5".to_string())]);
-    let text = table(&Estimate::default(), Some(&detail()), &settings(true), Some(&truth));
+    let text = table(&estimated(detail()), &settings(true), Some(&truth));
     for words in
         ["Backlash             µm", "50.0 ± 2.0             50.0", "Contact stiffness    N/m", "2100000 ± 4000"]
     {
@@ -105,20 +109,30 @@ fn a_person_sees_it_at_a_glance() {
     }
     let swapped = [("inertance_kg", "300.0"), ("changed_inertance_kg", "150.0")];
     let swapped = swapped.map(|(name, value)| (name.to_string(), value.to_string())).into();
-    assert!(table(&Estimate::default(), None, &settings(false), Some(&swapped)).contains(" 300.0, then 150.0"));
-    let line = "inertance seen from 3.12 to 6.50 Hz; 130 reversals by the terminal's sensor; contact: backlash at each reversal; \
+    assert!(table(&Estimated::default(), &settings(false), Some(&swapped)).contains(" 300.0, then 150.0"));
+    let words = "inertance seen from 3.12 to 6.50 Hz; 130 reversals by the terminal's sensor; contact: backlash at each reversal; \
                 friction: Coulomb's; the device has changed 1 time";
-    assert!(text.ends_with(line), "{text}");
+    assert!(text.ends_with(words), "{text}");
     // What is as it should be needs no remark.
-    assert!(row(1.0, &Estimate::default(), Some(&detail())).ends_with("50.0 ± 2.0              at rest"));
+    assert!(row(1.0, &estimated(detail())).ends_with("50.0 ± 2.0              at rest"));
     let odd = Detail {
         contact: Contact::Bouncing,
         friction: Friction { regime: Regime::Presliding, ..detail().friction },
         ..detail()
     };
     let moving = Estimate { moving: true, ..Estimate::default() };
-    let row = row(1.0, &moving, Some(&odd));
-    assert!(row.ends_with("the flanks bounce, creeps before it slips (presliding)"), "{row}");
+    let misfit = Some(Misfit { ratio: 5.25, limit: 1.5 });
+    let law = |status, misfit| Law { status, misfit, ..Law::default() };
+    let broken = law(LawStatus::Broken, misfit);
+    let odd = Estimated { estimate: moving, law: Some(broken), detail: Some(odd) };
+    let row = row(1.0, &odd);
+    assert!(row.ends_with("the flanks bounce, creeps before it slips (presliding), law broken"), "{row}");
+    let words = "; law: broken (the residual is 5.2 times what noise and steps explain)";
+    assert!(line(Machine::Linear, &odd).ends_with(words), "{}", line(Machine::Linear, &odd));
+    assert_eq!(law_text(&law(LawStatus::Holds, misfit)), "holds");
+    assert_eq!(law_text(&Law::default()), "unknown");
+    let words = "unknown (the residual is 5.2 times what noise and steps explain; the flanks may part)";
+    assert_eq!(law_text(&law(LawStatus::Unknown, misfit)), words);
     let below = Backlash { size: BacklashSize::BelowU95(Interval { value: 1e-6, u95: 2e-6 }), ..detail().backlash };
     assert_eq!(backlash_text(&below), "1.0 ± 2.0 (maybe none)");
     assert_eq!(backlash_text(&Backlash::default()), "too few reversals");

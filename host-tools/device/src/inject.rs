@@ -2,10 +2,10 @@
 
 use std::{collections::VecDeque, time::Duration};
 
-use inerter_core::{Detail, Estimate, RawSample, Settings};
+use inerter_core::{Estimate, RawSample, Settings};
 use inerter_wire::{
-    Capabilities, Command, Done, EstimatorEvent, EventKind, Frame, Pairing, Record, Refusal, Samples, Source, Streams,
-    step,
+    Capabilities, Command, Done, Estimated, EstimatorEvent, EventKind, Frame, Pairing, Record, Refusal, Samples,
+    Source, Streams, step,
 };
 
 use crate::{
@@ -37,9 +37,7 @@ pub struct Injected {
     /// Time of the last sample \[s\].
     pub t_s: f64,
     /// The device's final estimate.
-    pub estimate: Estimate,
-    /// What goes with it; a device with an older firmware does not say.
-    pub detail: Option<Detail>,
+    pub estimated: Estimated,
     /// Samples that the device took.
     pub samples: u64,
 }
@@ -52,7 +50,7 @@ pub fn inject<E: From<DeviceError>>(
     progress: impl FnMut(u64) -> Result<(), E>,
 ) -> Result<Injected, E> {
     let estimates = |t_s: f64, event: &EstimatorEvent| match event {
-        EstimatorEvent::Estimate(estimate, _) => publish(t_s, estimate),
+        EstimatorEvent::Estimate(estimated) => publish(t_s, &estimated.estimate),
         EstimatorEvent::Reversal(_) | EstimatorEvent::Changed(_) => Ok(()),
     };
     inject_all(device, injection, estimates, progress)
@@ -116,8 +114,8 @@ struct Sending<'a, P, G> {
     times: Times<'a>,
     begun: Begun,
     pairing: Pairing,
-    /// The latest estimate with its detail: the very last one is the final one, and for the caller.
-    last: Option<(Estimate, Option<Detail>)>,
+    /// The latest estimate: the very last one is the final one, and for the caller.
+    last: Option<Estimated>,
     /// What came after it.
     later: Vec<EstimatorEvent>,
 }
@@ -159,11 +157,11 @@ impl<E: From<DeviceError>, P: FnMut(f64, &EstimatorEvent) -> Result<(), E>, G: F
             self.hold(event)?;
         }
         done?;
-        let (estimate, detail) = self
+        let estimated = self
             .last
             .ok_or_else(|| DeviceError::Silent { name: self.device.name().into(), seconds: END_TIME.as_secs_f64() })?;
-        let t_s = self.times.of(estimate.index);
-        Ok(Injected { t_s, estimate, detail, samples: taken })
+        let t_s = self.times.of(estimated.estimate.index);
+        Ok(Injected { t_s, estimated, samples: taken })
     }
 
     /// Waits for the reply to `id`, handing on the estimates that come before it.
@@ -213,15 +211,15 @@ impl<E: From<DeviceError>, P: FnMut(f64, &EstimatorEvent) -> Result<(), E>, G: F
 
     /// Publishes in the order in which the device spoke, but holds the latest estimate back: it may be the final one.
     fn hold(&mut self, event: EstimatorEvent) -> Result<(), E> {
-        let EstimatorEvent::Estimate(estimate, detail) = event else {
+        let EstimatorEvent::Estimate(estimated) = event else {
             if self.last.is_some() {
                 self.later.push(event);
                 return Ok(());
             }
             return (self.publish)(self.times.near(&event), &event);
         };
-        if let Some((before, detail)) = self.last.replace((estimate, detail)) {
-            (self.publish)(self.times.of(before.index), &EstimatorEvent::Estimate(before, detail))?;
+        if let Some(before) = self.last.replace(estimated) {
+            (self.publish)(self.times.of(before.estimate.index), &EstimatorEvent::Estimate(before))?;
         }
         for event in std::mem::take(&mut self.later) {
             (self.publish)(self.times.near(&event), &event)?;

@@ -468,8 +468,7 @@ proptest! {
         if let Ok(outcome) = replayed {
             let line = json_line(&EstimateJson::last(
                 outcome.t_s,
-                &outcome.estimate,
-                Some(&outcome.detail),
+                &outcome.estimated(),
                 &Settings::default(),
                 Some(outcome.counters),
             ));

@@ -11,7 +11,7 @@ use inerter_data::{
     run::Run,
 };
 use inerter_wire::{
-    Capabilities, ClockSource, EstimatorEvent, Event, EventKind, Health, Hello, MAX_FRAME, Record, Samples,
+    Capabilities, ClockSource, Estimated, EstimatorEvent, Event, EventKind, Health, Hello, MAX_FRAME, Record, Samples,
     SamplesBuilder, SequenceCounter, SettingsValues, WIRE_VERSION, encode_record,
 };
 
@@ -65,7 +65,7 @@ pub fn write_recording(
     }
     stream.flush()?;
     let outcome = replay.outcome();
-    stream.event(outcome.estimate.index, &EstimatorEvent::Estimate(outcome.estimate, Some(outcome.detail)))?;
+    stream.event(outcome.estimate.index, &EstimatorEvent::Estimate(outcome.estimated()))?;
     stream.send(&Record::Event(Event { index: outcome.estimate.index, kind: EventKind::SourceEnded }))?;
     stream.recorder.close(&End { reason: "finished".into(), lost_frames: 0 })?;
     pending.commit()?;
@@ -135,8 +135,9 @@ impl Stream {
             EstimatorEvent::Changed(change) => {
                 self.send(&Record::Event(Event { index, kind: EventKind::Changed(change) }))
             }
-            EstimatorEvent::Estimate(estimate, detail) => {
+            EstimatorEvent::Estimate(Estimated { estimate, law, detail }) => {
                 self.send(&Record::Estimate(estimate))?;
+                law.map_or(Ok(()), |law| self.send(&Record::Law(law)))?;
                 detail.map_or(Ok(()), |detail| self.send(&Record::Detail(detail)))
             }
         }

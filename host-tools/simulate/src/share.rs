@@ -359,7 +359,7 @@ fn is_wait(error: &io::Error) -> bool {
 fn wants(streams: Streams, record: &Record) -> bool {
     match record {
         Record::Samples(_) => streams.samples,
-        Record::Estimate(_) | Record::Detail(_) | Record::Reversal(_) => streams.estimates,
+        Record::Estimate(_) | Record::Law(_) | Record::Detail(_) | Record::Reversal(_) => streams.estimates,
         Record::Sums(_) | Record::MoreSums(_) => streams.sums,
         Record::Health(_) => streams.health,
         Record::Hello(_) | Record::Event(_) | Record::Reply(_) | Record::Settings(_) => true,

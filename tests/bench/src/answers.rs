@@ -156,7 +156,7 @@ fn listen(samples: &[Sample], device: &Inerter, set: &[(&str, f64)]) -> Result<H
         published.extend(output.estimate().map(|estimate| (sample.t_s, estimate)));
         change = change.or(output.change.map(|change| (sample.t_s, change)));
     }
-    let Published { estimate: last, detail } = active.publish(&state);
+    let Published { estimate: last, detail, .. } = active.publish(&state);
     Ok(Heard { published, change, last, detail })
 }
 

@@ -40,7 +40,7 @@ struct Look {
 impl Look {
     fn at(active: &Active, state: &State) -> Self {
         let sums = [Bank::Fast, Bank::Slow].map(|bank| active.sums(state, bank));
-        let Published { estimate, detail: Detail { backlash, .. } } = active.publish(state);
+        let Published { estimate, detail: Detail { backlash, .. }, .. } = active.publish(state);
         let (backlash_m, reversals) =
             (backlash.known().map_or(0.0, |known| f64::from(known.value)), backlash.reversals);
         Self { estimate, sums, counters: state.counters(), backlash_m, reversals }

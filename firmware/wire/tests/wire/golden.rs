@@ -8,7 +8,8 @@ use crate::values::{
     longest_detail, longest_more_sums, longest_samples, longest_sums, most_settings, records, requests,
 };
 use inerter_core::{
-    Backlash, BacklashSize, BacklashStatus, Bank, Changed, Contact, Detail, Estimate, Interval, Reason, Regime, Route,
+    Backlash, BacklashSize, BacklashStatus, Bank, Changed, Contact, Detail, Estimate, Interval, Law, LawStatus, Misfit,
+    Reason, Regime, Route,
 };
 use inerter_wire::*;
 use std::collections::{BTreeMap, BTreeSet};
@@ -112,6 +113,22 @@ fn a_backlash_without_a_number_is_not_known() {
     }
 }
 
+/// A misfit that is no number is none, and nothing is said of the law.
+#[test]
+fn a_misfit_without_a_number_is_not_known() {
+    for misfit in [
+        Misfit { ratio: f32::NAN, limit: 1.5 },
+        Misfit { ratio: f32::INFINITY, limit: 1.5 },
+        Misfit { ratio: 3.0, limit: f32::NAN },
+    ] {
+        let sent = Law { index: 7, status: LawStatus::Broken, misfit: Some(misfit) };
+        let mut out = [0; MAX_FRAME];
+        let length = encode(&Record::Law(sent), SEQUENCE, &mut out).unwrap();
+        let message = Record::Law(Law { index: 7, ..Law::default() });
+        assert_eq!(read_all(&out[..length]), [Frame::Message { sequence: SEQUENCE, message }], "{misfit:?}");
+    }
+}
+
 /// What core serialises without the wire is its own enums: nothing in it is infinite, which JSON cannot say.
 #[test]
 fn estimates_survive_json() {
@@ -119,6 +136,7 @@ fn estimates_survive_json() {
         match record {
             Record::Estimate(estimate) => assert_eq!(through_json(&estimate), estimate, "{name}"),
             Record::Detail(detail) => assert_eq!(through_json(&detail), detail, "{name}"),
+            Record::Law(law) => assert_eq!(through_json(&law), law, "{name}"),
             _ => {}
         }
     }
@@ -144,6 +162,7 @@ fn numbers_are_pinned() {
             Record::Reversal(_) => (8, "Reversal"),
             Record::Detail(_) => (9, "Detail"),
             Record::MoreSums(_) => (10, "MoreSums"),
+            Record::Law(_) => (11, "Law"),
         };
         assert_eq!((record.number(), record.name()), (number, name));
         let mut payload = [0; MAX_PAYLOAD];
@@ -298,11 +317,16 @@ fn nested_variants_are_covered() {
                     BacklashStatus::Ok => "backlash ok",
                 }
             }
+            Record::Law(law) => match law.status {
+                LawStatus::Unknown => "law unknown",
+                LawStatus::Holds => "law holds",
+                LawStatus::Broken => "law broken",
+            },
             Record::Samples(_) | Record::Estimate(_) | Record::Health(_) | Record::Settings(_) => "plain data",
         };
         seen.insert(kind);
     }
-    assert_eq!(seen.len(), 4 + 4 + 3 + 8 + 1 + 9 + 4 + 2 + 8 + 8 + 2 + 2 + 2 + 5 + 4 + 7 + 1);
+    assert_eq!(seen.len(), 4 + 4 + 3 + 8 + 1 + 9 + 4 + 2 + 8 + 8 + 2 + 2 + 2 + 5 + 4 + 7 + 3 + 1);
 }
 
 /// A frame taken apart by hand, so that the goldens do not only agree with themselves.

@@ -1,8 +1,10 @@
 //! `docs/PROTOCOL.md` against the code: its tables, layouts and worked example are made here.
 
 use crate::reference;
-use crate::values::{detail, estimate, few_samples, reversal};
-use inerter_core::{BacklashSize, BacklashStatus, Bank, Changed, Contact, Parameter, Reason, Regime, Route, Status};
+use crate::values::{detail, estimate, few_samples, law, reversal};
+use inerter_core::{
+    BacklashSize, BacklashStatus, Bank, Changed, Contact, LawStatus, Parameter, Reason, Regime, Route, Status,
+};
 use inerter_wire::protocol::{COMMANDS, Entry, RECORDS};
 use inerter_wire::*;
 use serde::de::DeserializeOwned;
@@ -25,6 +27,7 @@ fn registry() -> Registry {
     tracer.trace_type::<Route>(&traces).unwrap();
     tracer.trace_type::<Contact>(&traces).unwrap();
     tracer.trace_type::<Regime>(&traces).unwrap();
+    tracer.trace_type::<LawStatus>(&traces).unwrap();
     tracer.trace_type::<Changed>(&traces).unwrap();
     tracer.trace_type::<ClockSource>(&traces).unwrap();
     tracer.trace_type::<Source>(&traces).unwrap();
@@ -51,6 +54,7 @@ pub fn fields_of<T: DeserializeOwned>(name: &str) -> Vec<String> {
     tracer.trace_type::<Route>(&Traces::new()).unwrap();
     tracer.trace_type::<Contact>(&Traces::new()).unwrap();
     tracer.trace_type::<Regime>(&Traces::new()).unwrap();
+    tracer.trace_type::<LawStatus>(&Traces::new()).unwrap();
     tracer.trace_type::<T>(&Traces::new()).unwrap();
     match tracer.registry().unwrap().remove(name) {
         Some(ContainerFormat::Struct(fields)) => fields.into_iter().map(|field| field.name).collect(),
@@ -214,8 +218,9 @@ fn generated() -> String {
         258,
     );
     example(&mut out, "An estimate (the golden of the test suite), sequence 259:", &Record::Estimate(estimate()), 259);
-    example(&mut out, "What goes with it, sequence 260:", &Record::Detail(detail()), 260);
-    example(&mut out, "A reversal with 52.5 um of backlash, sequence 261:", &Record::Reversal(reversal()), 261);
+    example(&mut out, "Whether its law holds, sequence 260:", &Record::Law(law()), 260);
+    example(&mut out, "What else goes with it, sequence 261:", &Record::Detail(detail()), 261);
+    example(&mut out, "A reversal with 52.5 um of backlash, sequence 262:", &Record::Reversal(reversal()), 262);
     out
 }
 

@@ -2,8 +2,8 @@
 
 use crate::reference::Numbers;
 use inerter_core::{
-    Backlash, BacklashSize, Band, Bank, Change, Changed, Contact, Detail, Estimate, Friction, Interval, MoreSums,
-    Parameter, Parameters, RawSample, Reason, Regime, Reversal, Route, Status, Sums,
+    Backlash, BacklashSize, Band, Bank, Change, Changed, Contact, Detail, Estimate, Friction, Interval, Law, LawStatus,
+    Misfit, MoreSums, Parameter, Parameters, RawSample, Reason, Regime, Reversal, Route, Status, Sums,
 };
 use inerter_wire::*;
 
@@ -150,6 +150,11 @@ pub fn reversal() -> Reversal {
     Reversal { index: 20_000, value_m: 5.25e-5, error_m: 1.5e-6, route: Route::Force, rising: true }
 }
 
+/// A law that does not hold for [`estimate`].
+pub fn law() -> Law {
+    Law { index: 20_000, status: LawStatus::Broken, misfit: Some(Misfit { ratio: 5.25, limit: 1.5 }) }
+}
+
 /// What goes with [`estimate`], of a device with a terminal displacement sensor.
 pub fn detail() -> Detail {
     Detail {
@@ -291,6 +296,10 @@ pub fn records() -> Vec<(&'static str, Record)> {
         ("Detail.Unknown", regime(Regime::Unknown)),
         ("Detail.Presliding", regime(Regime::Presliding)),
         ("Detail.Stribeck", regime(Regime::Stribeck)),
+        ("Law", Record::Law(law())),
+        ("Law.default", Record::Law(Law::default())),
+        ("Law.holds", Record::Law(Law { status: LawStatus::Holds, ..law() })),
+        ("Law.unknown", Record::Law(Law { status: LawStatus::Unknown, index: u32::MAX, ..law() })),
         ("MoreSums", Record::MoreSums(more_sums())),
         ("MoreSums.slow", Record::MoreSums(MoreSums { bank: Bank::Slow, ..more_sums() })),
         ("MoreSums.empty", Record::MoreSums(MoreSums { updates: 0, units: [1.0; 2], sums: [0; 13], ..more_sums() })),

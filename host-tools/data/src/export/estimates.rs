@@ -2,10 +2,9 @@
 
 use std::ops::Range;
 
-use inerter_core::{Detail, Estimate, Parameter};
-use inerter_wire::{EstimatorEvent, Pairing};
+use inerter_core::{LawStatus, Parameter};
 use inerter_wire::{
-    Frame, Record,
+    Estimated, EstimatorEvent, Frame, Pairing, Record,
     catalogue::{self, Field},
 };
 
@@ -41,9 +40,9 @@ impl EstimateTable {
     /// Collects the estimates whose time since the first sample lies in `range_s` \[s\].
     pub fn collect(source: &Source, range_s: &Range<f64>) -> Result<Self, Error> {
         let mut table = Self::default();
-        let mut take = |since_s: f64, estimate: &Estimate, detail: Option<&Detail>| {
+        let mut take = |since_s: f64, estimated: &Estimated| {
             if range_s.contains(&since_s) {
-                table.push(source.start_s + since_s, source, estimate, detail);
+                table.push(source.start_s + since_s, source, estimated);
             }
         };
         match source.recording() {
@@ -57,8 +56,8 @@ impl EstimateTable {
                 recording::read(path, |incoming| {
                     let Item::Frame(Frame::Message { message, .. }) = incoming.item else { return };
                     for event in pairing.take(&message) {
-                        if let EstimatorEvent::Estimate(estimate, detail) = event {
-                            take(since_s(&clock, estimate.index), &estimate, detail.as_ref());
+                        if let EstimatorEvent::Estimate(estimated) = event {
+                            take(since_s(&clock, estimated.estimate.index), &estimated);
                         }
                     }
                     if let Record::Samples(batch) = message
@@ -68,16 +67,16 @@ impl EstimateTable {
                     }
                 })?;
                 // One whose detail did not come.
-                if let Some(EstimatorEvent::Estimate(estimate, detail)) = pairing.flush() {
-                    take(since_s(&clock, estimate.index), &estimate, detail.as_ref());
+                if let Some(EstimatorEvent::Estimate(estimated)) = pairing.flush() {
+                    take(since_s(&clock, estimated.estimate.index), &estimated);
                 }
             }
             None => {
                 let mut replay = Replay::new(&source.settings, 0.0)?;
                 for sample in source.samples()? {
                     for event in replay.step(&sample?) {
-                        if let EstimatorEvent::Estimate(estimate, detail) = event {
-                            take(replay.time_s(), &estimate, detail.as_ref());
+                        if let EstimatorEvent::Estimate(estimated) = event {
+                            take(replay.time_s(), &estimated);
                         }
                     }
                 }
@@ -91,8 +90,8 @@ impl EstimateTable {
         self.columns.first().map_or(0, |column| column.values.len())
     }
 
-    fn push(&mut self, t_s: f64, source: &Source, estimate: &Estimate, detail: Option<&Detail>) {
-        let row = row(rounded_s(t_s), source, estimate, detail);
+    fn push(&mut self, t_s: f64, source: &Source, estimated: &Estimated) {
+        let row = row(rounded_s(t_s), source, estimated);
         if self.columns.is_empty() {
             let column = |(name, unit, _): &Cell| EstimateColumn { name: name.clone(), unit, values: Vec::new() };
             self.columns = row.iter().map(column).collect();
@@ -120,7 +119,8 @@ impl EstimateTable {
 type Cell = (String, &'static str, Option<f64>);
 
 /// One row: always the same columns.
-fn row(t_s: f64, source: &Source, estimate: &Estimate, detail: Option<&Detail>) -> Vec<Cell> {
+fn row(t_s: f64, source: &Source, estimated: &Estimated) -> Vec<Cell> {
+    let Estimated { estimate, law, detail } = estimated;
     let plain = |name: &str, value: f64| (name.to_string(), "", Some(value));
     let machine = source.settings.machine;
     let quantity =
@@ -137,7 +137,7 @@ fn row(t_s: f64, source: &Source, estimate: &Estimate, detail: Option<&Detail>) 
     row.push(quantity("residual_rms_n", "N", Some(estimate.residual_rms_n.into())));
     row.push(plain("updates", estimate.updates.into()));
     // As in the JSON: what stands for nothing is left out there.
-    let detail = detail.map(|detail| (detail, DetailJson::new(detail, &source.settings)));
+    let detail = detail.as_ref().map(|detail| (detail, DetailJson::new(detail, &source.settings)));
     let backlash = detail.as_ref().map(|(_, json)| json.backlash_m);
     row.push(quantity("backlash_m", "m", backlash.and_then(|backlash| backlash.value).map(f64::from)));
     row.push(quantity("backlash_u95_m", "m", backlash.and_then(|backlash| backlash.u95).map(f64::from)));
@@ -152,6 +152,11 @@ fn row(t_s: f64, source: &Source, estimate: &Estimate, detail: Option<&Detail>) 
     row.push(("band_low_hz".into(), "Hz", band.map(|[low, _]| low.into())));
     row.push(("band_high_hz".into(), "Hz", band.map(|[_, high]| high.into())));
     row.push(("changes".into(), "", detail.map(|(detail, _)| detail.changes.into())));
+    let misfit = law.and_then(|law| law.misfit);
+    row.push(("law_ratio".into(), "", misfit.map(|misfit| misfit.ratio.into())));
+    row.push(("law_limit".into(), "", misfit.map(|misfit| misfit.limit.into())));
+    let known = law.map(|law| law.status).filter(|status| *status != LawStatus::Unknown);
+    row.push(("law_broken".into(), "", known.map(|status| u8::from(status == LawStatus::Broken).into())));
     row
 }
 

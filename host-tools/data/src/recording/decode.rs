@@ -1,7 +1,7 @@
 //! The decoded channels of a recording: the frames once more, as JSON that PlotJuggler and Foxglove show as it is.
 
-use inerter_core::{Detail, Estimate, RawSample, Settings};
-use inerter_wire::{EstimatorEvent, Frame, Pairing, Record};
+use inerter_core::{RawSample, Settings};
+use inerter_wire::{Estimated, EstimatorEvent, Frame, Pairing, Record};
 use serde::Serialize;
 
 use super::{messages::Framing, samples::Extent};
@@ -133,7 +133,7 @@ impl Decoder {
 
     fn event(&mut self, event: EstimatorEvent, decoded: &mut Vec<Decoded>) {
         match event {
-            EstimatorEvent::Estimate(estimate, detail) => self.estimate(&estimate, detail.as_ref(), decoded),
+            EstimatorEvent::Estimate(estimated) => self.estimate(&estimated, decoded),
             EstimatorEvent::Reversal(reversal) => {
                 let t_s = self.time_s(reversal.index);
                 if t_s.is_none_or(|t_s| self.reversals.is_due(t_s)) {
@@ -172,11 +172,11 @@ impl Decoder {
         }
     }
 
-    fn estimate(&mut self, estimate: &Estimate, detail: Option<&Detail>, decoded: &mut Vec<Decoded>) {
-        let t_s = self.time_s(estimate.index);
-        let t_s = t_s.unwrap_or_else(|| elapsed_s(estimate, self.settings.sample_rate_hz));
+    fn estimate(&mut self, estimated: &Estimated, decoded: &mut Vec<Decoded>) {
+        let t_s = self.time_s(estimated.estimate.index);
+        let t_s = t_s.unwrap_or_else(|| elapsed_s(&estimated.estimate, self.settings.sample_rate_hz));
         if self.estimates.is_due(t_s) {
-            self.put(decoded, Channel::Estimate, &EstimateJson::live(t_s, estimate, detail, &self.settings));
+            self.put(decoded, Channel::Estimate, &EstimateJson::live(t_s, estimated, &self.settings));
         }
     }
 

@@ -61,7 +61,7 @@ fn others(time_ns: u64) -> [Record; 5] {
     let active = settings.validate().unwrap();
     let state = State::new(&active);
     let index = (time_ns / 1_000_000) as u32;
-    let Published { estimate, detail } = active.publish(&state);
+    let Published { estimate, detail, .. } = active.publish(&state);
     [
         Record::Estimate(Estimate { index, ..estimate }),
         Record::Detail(detail),

@@ -7,8 +7,10 @@ use std::{
     path::Path,
 };
 
-use inerter_core::{Detail, Estimate, Machine, RawSample, Settings};
-use inerter_wire::{EstimatorEvent, EventKind, Frame, Health, Hello, Pairing, Record, Samples, SettingsValues, step};
+use inerter_core::{Machine, RawSample, Settings};
+use inerter_wire::{
+    Estimated, EstimatorEvent, EventKind, Frame, Health, Hello, Pairing, Record, Samples, SettingsValues, step,
+};
 
 use super::{
     END_METADATA, RecordingError, SETTINGS_METADATA, TRUTH_METADATA,
@@ -38,9 +40,7 @@ pub struct Summary {
     /// What somebody wrote down while it was recorded.
     pub markers: Vec<Marker>,
     /// The device's own last estimate.
-    pub estimate: Option<Estimate>,
-    /// What goes with it.
-    pub detail: Option<Detail>,
+    pub estimated: Option<Estimated>,
     /// The device's last health.
     pub health: Option<Health>,
     /// Records by name.
@@ -106,8 +106,7 @@ struct Collected<F> {
     settings: Vec<SettingsValues>,
     extent: Extent,
     markers: Vec<Marker>,
-    estimate: Option<Estimate>,
-    detail: Option<Detail>,
+    estimated: Option<Estimated>,
     pairing: Pairing,
     health: Option<Health>,
     records: BTreeMap<&'static str, u64>,
@@ -130,8 +129,8 @@ impl<F: FnMut(RawSample)> Collected<F> {
     }
 
     fn event(&mut self, event: EstimatorEvent) {
-        if let EstimatorEvent::Estimate(estimate, detail) = event {
-            (self.estimate, self.detail) = (Some(estimate), detail);
+        if let EstimatorEvent::Estimate(estimated) = event {
+            self.estimated = Some(estimated);
         }
     }
 
@@ -207,8 +206,7 @@ fn summary_with(
         settings: Vec::new(),
         extent: Extent::default(),
         markers: Vec::new(),
-        estimate: None,
-        detail: None,
+        estimated: None,
         pairing: Pairing::new(),
         health: None,
         records: BTreeMap::new(),
@@ -238,8 +236,8 @@ fn summary_with(
             plural(collected.faults_untold, "further report")
         ));
     }
-    let Collected { hello, extent, markers, estimate, detail, health, records, .. } = collected;
-    Ok(Summary { contents, hello, settings, extent, markers, estimate, detail, health, records, notes })
+    let Collected { hello, extent, markers, estimated, health, records, .. } = collected;
+    Ok(Summary { contents, hello, settings, extent, markers, estimated, health, records, notes })
 }
 
 /// Reads the run that a recording holds; `overrides` are laid over the recorded settings.

@@ -15,6 +15,7 @@ use inerter_data::{
     text,
     words::{duration_text, plural, utc},
 };
+use inerter_wire::Estimated;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
@@ -121,9 +122,9 @@ fn recording_json<'a>(file: &Path, summary: &'a Summary, settings: &Settings) ->
         let number = |text: &String| text.parse::<f64>().map_or_else(|_| json!(text), |number| json!(number));
         truth.iter().map(|(name, text)| (name.clone(), number(text))).collect()
     });
-    let live = |estimate| {
-        let t_s = text::elapsed_s(estimate, settings.sample_rate_hz);
-        EstimateJson::live(t_s, estimate, summary.detail.as_ref(), settings)
+    let live = |estimated: &Estimated| {
+        let t_s = text::elapsed_s(&estimated.estimate, settings.sample_rate_hz);
+        EstimateJson::live(t_s, estimated, settings)
     };
     let marker = |marker: &'a recording::Marker| MarkerJson {
         t_s: rounded_s(marker.periods as f64 / settings.sample_rate_hz),
@@ -150,7 +151,7 @@ fn recording_json<'a>(file: &Path, summary: &'a Summary, settings: &Settings) ->
         device: contents.metadata.get(recording::HELLO_METADATA),
         settings: known_settings,
         truth,
-        estimate: summary.estimate.as_ref().map(live),
+        estimate: summary.estimated.as_ref().map(live),
     }
 }
 
@@ -192,10 +193,10 @@ fn text(file: &Path, summary: &Summary, settings: &Settings) -> Result<(), Error
         let t_s = marker.periods as f64 / settings.sample_rate_hz;
         row(if number == 0 { "markers" } else { "" }, format!("{t_s:.3} s  {}", marker.text))?;
     }
-    if let Some(estimate) = &summary.estimate {
+    if let Some(estimated) = &summary.estimated {
         output::lines("\nLast estimate of the device:")?;
         let truth = contents.metadata.get(TRUTH_METADATA);
-        output::lines(text::table(estimate, summary.detail.as_ref(), settings, truth).trim_end())?;
+        output::lines(text::table(estimated, settings, truth).trim_end())?;
     }
     Ok(())
 }

@@ -50,10 +50,9 @@ impl Viewer for Json {
                 return Ok(());
             }
             Item::Samples(_) => return Ok(()),
-            Item::Estimate { t_s, estimate, detail, .. } => machine_json_line(
-                self.settings.machine,
-                &EstimateJson::live(*t_s, estimate, detail.as_ref(), &self.settings),
-            ),
+            Item::Estimate { t_s, estimated, .. } => {
+                machine_json_line(self.settings.machine, &EstimateJson::live(*t_s, estimated, &self.settings))
+            }
             Item::Reversal { t_s, reversal } => {
                 machine_json_line(self.settings.machine, &ReversalJson::new(*t_s, reversal))
             }
@@ -93,8 +92,8 @@ impl Viewer for Lines {
                 output::line(text::row_header(self.machine))?;
                 output::flush()?;
             }
-            Item::Estimate { t_s, estimate, detail, .. } => {
-                output::line(text::row(*t_s, estimate, detail.as_ref()))?;
+            Item::Estimate { t_s, estimated, .. } => {
+                output::line(text::row(*t_s, estimated))?;
                 output::flush()?;
             }
             Item::Health(health) => {

@@ -61,20 +61,19 @@ pub fn run(args: &Args) -> Result<(), Error> {
         run.start_s,
         run.samples()?.map(|sample| sample.map_err(Error::from)),
         |t_s, event: &EstimatorEvent| -> Result<(), Error> {
-            let (estimate, detail) = match event {
-                EstimatorEvent::Estimate(estimate, detail) => (estimate, detail.as_ref()),
-                _ => return tell(run.settings.machine, t_s, event, args.json, &mut header),
+            let EstimatorEvent::Estimate(estimated) = event else {
+                return tell(run.settings.machine, t_s, event, args.json, &mut header);
             };
             taken += 1;
             progress.set((taken as f64 * run.settings.sample_rate_hz / run.settings.publish_rate_hz) as u64);
             if args.json {
                 output::line(machine_json_line(
                     run.settings.machine,
-                    &EstimateJson::live(t_s, estimate, detail, &run.settings),
+                    &EstimateJson::live(t_s, estimated, &run.settings),
                 ))?;
             } else if t_s + half_s >= next_s {
                 head(run.settings.machine, &mut header)?;
-                output::line(text::row(t_s, estimate, detail))?;
+                output::line(text::row(t_s, estimated))?;
                 while every_s > 0.0 && next_s <= t_s + half_s {
                     next_s += every_s;
                 }
@@ -83,15 +82,15 @@ pub fn run(args: &Args) -> Result<(), Error> {
         },
     )?;
     progress.done();
-    let (estimate, detail) = (&outcome.estimate, Some(&outcome.detail));
+    let estimated = outcome.estimated();
     if args.json {
-        let last = EstimateJson::last(outcome.t_s, estimate, detail, &run.settings, Some(outcome.counters));
+        let last = EstimateJson::last(outcome.t_s, &estimated, &run.settings, Some(outcome.counters));
         return Ok(output::line(machine_json_line(run.settings.machine, &last))?);
     }
     if !header {
         output::line("")?;
     }
-    output::lines(text::table(estimate, detail, &run.settings, run.truth.as_ref()).trim_end())?;
+    output::lines(text::table(&estimated, &run.settings, run.truth.as_ref()).trim_end())?;
     Ok(output::line(text::counts_line(&run.settings, run.duration_s(), &outcome))?)
 }
 

@@ -47,10 +47,10 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let started = std::time::Instant::now();
     let publish = |t_s: f64, event: &EstimatorEvent| -> Result<(), Error> {
         match event {
-            EstimatorEvent::Estimate(estimate, detail) if args.json => {
+            EstimatorEvent::Estimate(estimated) if args.json => {
                 output::line(machine_json_line(
                     run.settings.machine,
-                    &EstimateJson::live(t_s, estimate, detail.as_ref(), &run.settings),
+                    &EstimateJson::live(t_s, estimated, &run.settings),
                 ))?;
             }
             EstimatorEvent::Estimate(..) => {}
@@ -66,12 +66,11 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let injection = Injection { settings: &run.settings, samples: &run.samples, start_s: run.start_s };
     let injected = inject_all(&mut device, &injection, publish, advance)?;
     progress.done();
-    let (estimate, detail) = (&injected.estimate, injected.detail.as_ref());
     if args.json {
-        let last = EstimateJson::last(injected.t_s, estimate, detail, &run.settings, None);
+        let last = EstimateJson::last(injected.t_s, &injected.estimated, &run.settings, None);
         return Ok(output::line(machine_json_line(run.settings.machine, &last))?);
     }
-    output::lines(text::table(estimate, detail, &run.settings, run.truth.as_ref()).trim_end())?;
+    output::lines(text::table(&injected.estimated, &run.settings, run.truth.as_ref()).trim_end())?;
     output::line(format!(
         "{} ({} of motion) sent to {} in {}",
         plural(injected.samples, "sample"),

@@ -1,9 +1,9 @@
 //! From frames to what can be shown: samples in SI units, estimates with what goes with them, and when each was.
 
-use inerter_core::{Detail, Estimate, Reversal, Settings};
+use inerter_core::{Reversal, Settings};
 use inerter_data::{series::Converter, text};
 use inerter_device::{Device, Received};
-use inerter_wire::{EstimatorEvent, Event, EventKind, Frame, Health, Hello, Pairing, Record};
+use inerter_wire::{Estimated, EstimatorEvent, Event, EventKind, Frame, Health, Hello, Pairing, Record};
 
 /// When something was.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -60,9 +60,7 @@ pub enum Item {
         /// Time since the estimator began \[s\].
         t_s: f64,
         /// The estimate.
-        estimate: Estimate,
-        /// What goes with it.
-        detail: Option<Detail>,
+        estimated: Estimated,
     },
     /// An accepted reversal.
     Reversal {
@@ -268,11 +266,12 @@ impl Feed {
 
     fn event(&mut self, event: EstimatorEvent, show: &mut impl FnMut(Item)) {
         match event {
-            EstimatorEvent::Estimate(estimate, detail) => {
-                let t_s = text::elapsed_s(&estimate, self.settings.sample_rate_hz);
+            EstimatorEvent::Estimate(estimated) => {
+                let estimate = &estimated.estimate;
+                let t_s = text::elapsed_s(estimate, self.settings.sample_rate_hz);
                 let at = self.timeline.at(estimate.index, self.estimate_ns);
                 self.latest = Some((estimate.index, t_s, at));
-                show(Item::Estimate { at, t_s, estimate, detail });
+                show(Item::Estimate { at, t_s, estimated });
             }
             EstimatorEvent::Reversal(reversal) => {
                 show(Item::Reversal { t_s: self.time_of(reversal.index), reversal });

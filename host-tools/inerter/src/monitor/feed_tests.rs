@@ -1,3 +1,4 @@
+use inerter_core::{Detail, Estimate};
 use inerter_wire::Samples;
 
 use super::*;
@@ -86,12 +87,18 @@ fn an_estimate_waits_for_its_detail_and_no_longer() {
     assert_eq!(items(&mut feed, 0, Record::Estimate(estimate(9, 10))), []);
     let detail = Detail { index: 9, ..Detail::default() };
     let shown = items(&mut feed, 0, Record::Detail(detail));
-    assert!(matches!(&shown[..], [Item::Estimate { t_s: 9e-3, detail: Some(_), .. }]), "{shown:?}");
+    assert!(
+        matches!(&shown[..], [Item::Estimate { t_s: 9e-3, estimated: Estimated { detail: Some(_), .. }, .. }]),
+        "{shown:?}"
+    );
 
     // One of an older firmware is shown when the next one comes, or when nothing does.
     items(&mut feed, 0, Record::Estimate(estimate(19, 20)));
     let shown = items(&mut feed, 0, Record::Estimate(estimate(29, 30)));
-    assert!(matches!(&shown[..], [Item::Estimate { t_s: 19e-3, detail: None, .. }]), "{shown:?}");
+    assert!(
+        matches!(&shown[..], [Item::Estimate { t_s: 19e-3, estimated: Estimated { detail: None, .. }, .. }]),
+        "{shown:?}"
+    );
     let mut late = Vec::new();
     feed.quiet(DETAIL_NS - 1, |item| late.push(item));
     assert!(late.is_empty(), "a busy line may still bring it");

@@ -1,8 +1,8 @@
 //! Parameters over the whole run in bounded memory: when it is full, every other entry goes, and from then on only
 //! every other estimate is taken.
 
-use inerter_core::{Detail, Estimate, Interval, Machine};
-use inerter_wire::catalogue;
+use inerter_core::{Interval, Machine};
+use inerter_wire::{Estimated, catalogue};
 
 /// Entries that are kept; a number that halves without rest.
 const CAPACITY: usize = 8192;
@@ -40,7 +40,7 @@ pub struct Entry {
 
 impl Entry {
     /// What an estimate with its detail says.
-    pub fn new(run_s: f64, estimate: &Estimate, detail: Option<&Detail>) -> Self {
+    pub fn new(run_s: f64, Estimated { estimate, detail, .. }: &Estimated) -> Self {
         let mut points = [Point::NONE; QUANTITIES];
         let point = |known: Option<Interval>, scale: f32| {
             known.map_or(Point::NONE, |Interval { value, u95 }| Point { value: value * scale, u95: u95 * scale })
@@ -114,7 +114,7 @@ mod tests {
 
     #[test]
     fn what_is_not_known_has_no_value() {
-        let entry = Entry::new(1.0, &Estimate::default(), None);
+        let entry = Entry::new(1.0, &Estimated::default());
         assert!(entry.points.iter().all(|point| point.known().is_none()));
     }
 }

@@ -2,9 +2,9 @@
 
 use std::collections::VecDeque;
 
-use inerter_core::{Detail, Estimate, Settings};
+use inerter_core::Settings;
 use inerter_data::text::{event_words, is_trouble};
-use inerter_wire::{EventKind, Hello};
+use inerter_wire::{Estimated, EventKind, Hello};
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 
 use super::{
@@ -102,9 +102,7 @@ pub struct Present {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Values {
     /// Time since the estimator began \[s\], and the estimate.
-    pub estimate: Option<(f64, Estimate)>,
-    /// What goes with it.
-    pub detail: Option<Detail>,
+    pub estimate: Option<(f64, Estimated)>,
     /// Losses and health.
     pub losses: Losses,
 }
@@ -237,18 +235,17 @@ impl State {
                     self.now_s = self.now_s.max(sample.at.run_s);
                 }
             }
-            Item::Estimate { at, t_s, estimate, detail } => {
+            Item::Estimate { at, t_s, estimated } => {
                 self.now_s = self.now_s.max(at.run_s);
-                self.values.estimate = Some((*t_s, *estimate));
-                self.values.detail = *detail;
-                self.history.push(Entry::new(at.run_s, estimate, detail.as_ref()));
+                self.values.estimate = Some((*t_s, *estimated));
+                self.history.push(Entry::new(at.run_s, estimated));
             }
             // The backlash itself comes with the estimates.
             Item::Reversal { .. } => {}
             Item::Health(health) => self.values.losses.health(*health),
             Item::Event { at, event, .. } => {
                 if event.kind == EventKind::EstimatorReset {
-                    (self.values.estimate, self.values.detail) = (None, None);
+                    self.values.estimate = None;
                 }
                 let kind = if is_trouble(&event.kind) { LineKind::Trouble } else { LineKind::Plain };
                 self.line(at.run_s, event_words(self.settings.machine, &event.kind), kind);

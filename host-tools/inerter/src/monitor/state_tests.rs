@@ -1,3 +1,5 @@
+use inerter_core::Estimate;
+
 use super::*;
 use crate::monitor::feed::{Moment, Sample};
 
@@ -26,7 +28,7 @@ fn a_pause_holds_the_view_and_not_the_measurement() {
     samples(&mut state, 1.0);
     assert_eq!(press(&mut state, KeyCode::Char(' ')), None);
     samples(&mut state, 2.0);
-    let estimate = Item::Estimate { at: at(2.0), t_s: 2.0, estimate: Estimate::default(), detail: None };
+    let estimate = Item::Estimate { at: at(2.0), t_s: 2.0, estimated: Estimate::default().into() };
     state.update(Event::Item(&estimate));
     assert_eq!((state.end_s(), state.shown().estimate, state.now_s), (1.0, None, 2.0));
     press(&mut state, KeyCode::Char(' '));

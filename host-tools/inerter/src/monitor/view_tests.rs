@@ -1,4 +1,8 @@
-use inerter_core::{Backlash, BacklashSize, Detail, Estimate, Interval, Machine, Parameter, Parameters, Settings};
+use inerter_core::{
+    Backlash, BacklashSize, Detail, Estimate, Interval, Law, LawStatus, Machine, Misfit, Parameter, Parameters,
+    Settings,
+};
+use inerter_wire::Estimated;
 use inerter_wire::{Capabilities, ClockSource, Health, Hello};
 use ratatui::{Terminal, backend::TestBackend};
 
@@ -50,7 +54,9 @@ fn state_of(machine: Machine) -> State {
                 ..Backlash::default()
             };
             let detail = Some(Detail { backlash, ..Detail::default() });
-            items.push(Item::Estimate { at: at(run_s), t_s: run_s, estimate, detail });
+            let misfit = Some(Misfit { ratio: 1.02, limit: 1.4 });
+            let law = Some(Law { status: LawStatus::Holds, misfit, ..Law::default() });
+            items.push(Item::Estimate { at: at(run_s), t_s: run_s, estimated: Estimated { estimate, law, detail } });
         }
     }
     items.push(Item::Health(Health { saturated: 3, cpu_load_permille: Some(345), ..Health::default() }));
@@ -203,7 +209,8 @@ fn what_is_no_number_is_not_identifiable_on_the_screen() {
     };
     let size = BacklashSize::Ok(Interval { value: f32::NAN, u95: f32::NAN });
     let detail = Some(Detail { backlash: Backlash { size, ..Backlash::default() }, ..Detail::default() });
-    state.update(Event::Item(&Item::Estimate { at: at(11.0), t_s: 11.0, estimate, detail }));
+    let estimated = Estimated { estimate, law: None, detail };
+    state.update(Event::Item(&Item::Estimate { at: at(11.0), t_s: 11.0, estimated }));
     let screen = drawn(&state, 120, 40, true).0.join("\n");
     assert!(!screen.contains("NaN") && screen.contains("residual unknown"), "{screen}");
     let row = |label| screen.lines().find(|line| line.contains(label)).unwrap();

@@ -12,7 +12,7 @@ use inerter_data::{
     series::Series,
     settings::SettingsInputError,
 };
-use inerter_wire::EstimatorEvent;
+use inerter_wire::{Estimated, EstimatorEvent};
 
 /// Rows of the law in a box: over the whole run, and in the stretch that is shown close.
 const ROWS: usize = 2;
@@ -70,7 +70,7 @@ impl Content {
             match *event {
                 EstimatorEvent::Reversal(reversal) => reversals.push((t_s, reversal)),
                 EstimatorEvent::Changed(change) => changes.push((t_s, change)),
-                EstimatorEvent::Estimate(estimate, detail) => {
+                EstimatorEvent::Estimate(Estimated { estimate, detail, .. }) => {
                     moments.push(Moment { t_s, estimate, detail });
                     progress(0.5 * (t_s - start_s) / duration_s.max(1e-9));
                 }

@@ -231,6 +231,7 @@ fn conditions(content: &Content) -> Markup {
         ("Friction", format!("{}{reversal}", text::regime_words(detail.friction.regime))),
         ("Changes of the device", detail.changes.to_string()),
         ("Left over by the law", residual),
+        ("Law", text::law_text(&content.outcome.law)),
         ("Kernel bank", bank_word(content.outcome.estimate.bank).into()),
         ("Updates", content.outcome.estimate.updates.to_string()),
         ("Reversals for the backlash", detail.backlash.reversals.to_string()),

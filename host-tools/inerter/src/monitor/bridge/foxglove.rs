@@ -373,14 +373,10 @@ impl Viewer for Foxglove {
                     });
                 }
             }
-            Item::Estimate { at, t_s, estimate, detail } => {
+            Item::Estimate { at, t_s, estimated } => {
                 self.latest = *at;
-                let line = || {
-                    machine_json_line(
-                        self.settings.machine,
-                        &EstimateJson::live(*t_s, estimate, detail.as_ref(), &self.settings),
-                    )
-                };
+                let line =
+                    || machine_json_line(self.settings.machine, &EstimateJson::live(*t_s, estimated, &self.settings));
                 self.send(Topic::Estimate, *at, line);
             }
             Item::Reversal { t_s, reversal } => self.send(Topic::Reversal, self.latest, || {

@@ -56,8 +56,8 @@ impl Viewer for PlotJuggler {
                     self.send(sample.at, "samples", value);
                 }
             }
-            Item::Estimate { at, t_s, estimate, detail } => {
-                let estimate = EstimateJson::live(*t_s, estimate, detail.as_ref(), &self.settings);
+            Item::Estimate { at, t_s, estimated } => {
+                let estimate = EstimateJson::live(*t_s, estimated, &self.settings);
                 // Plain numbers and texts: there is nothing that could fail.
                 self.send(*at, "estimate", serde_json::to_value(estimate).unwrap_or_default());
             }

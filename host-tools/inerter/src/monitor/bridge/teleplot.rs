@@ -4,7 +4,7 @@
 use std::fmt::Write;
 
 use inerter_core::Machine;
-use inerter_data::{names::name, text::event_words};
+use inerter_data::{names::name, text::event_words, words::printable};
 use inerter_wire::catalogue::{self, Group};
 
 use super::address::{Datagrams, TELEPLOT};
@@ -55,8 +55,7 @@ impl Teleplot {
     }
 
     fn log(&self, at: Moment, words: &str) {
-        let line = words.replace(['\n', '|'], " ");
-        self.datagrams.send(format!(">{:.0}:{line}", at.unix_ns as f64 * 1e-6).as_bytes());
+        self.datagrams.send(format!(">{:.0}:{}", at.unix_ns as f64 * 1e-6, line(words)).as_bytes());
     }
 }
 
@@ -79,8 +78,8 @@ impl Viewer for Teleplot {
                     }
                 }
             }
-            Item::Estimate { at, estimate, detail, .. } => {
-                let entry = Entry::new(at.run_s, estimate, detail.as_ref());
+            Item::Estimate { at, estimated, .. } => {
+                let entry = Entry::new(at.run_s, estimated);
                 let backlash = name(self.machine, "backlash_um");
                 let backlash = (backlash.as_ref(), catalogue::unit(self.machine, "µm"));
                 let parameters =
@@ -93,12 +92,32 @@ impl Viewer for Teleplot {
                     }
                 }
                 let (residual, unit) = (name(self.machine, "residual_rms_n"), catalogue::unit(self.machine, "N"));
-                self.series(&residual, unit, [(*at, estimate.residual_rms_n.into())].into_iter());
+                self.series(&residual, unit, [(*at, estimated.estimate.residual_rms_n.into())].into_iter());
+                let ratio = estimated.law.and_then(|law| law.misfit).map(|misfit| (*at, misfit.ratio.into()));
+                self.series("law_ratio", "", ratio.into_iter());
             }
             Item::Event { at, event, .. } => self.log(*at, &event_words(self.machine, &event.kind)),
             Item::Marker { at, text, .. } => self.log(*at, text),
             _ => {}
         }
         Ok(())
+    }
+}
+
+/// Text from outside in one line of the log.
+fn line(words: &str) -> String {
+    printable(&words.replace(['\n', '|'], " ")).into_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_device_says_stays_text() {
+        assert_eq!(line("a panic | of\ntwo lines"), "a panic   of two lines");
+        let hostile = line("\u{1b}]52;c;aGVsbG8=\u{7}\r\u{202e}");
+        assert!(!hostile.contains(|letter: char| letter.is_control() || letter == '\u{202e}'), "{hostile:?}");
+        assert!(hostile.contains("52;c;"), "{hostile:?}");
     }
 }

@@ -2,11 +2,11 @@
 
 use inerter_core::{Parameter, Status};
 use inerter_data::{
-    json::{BacklashJson, shown_status, status_word},
+    json::{BacklashJson, law_word, shown_status, status_word},
     text::{self, value_text},
     words::duration_text,
 };
-use inerter_wire::catalogue;
+use inerter_wire::{Estimated, catalogue};
 use ratatui::{
     Frame,
     layout::{Constraint, Layout, Rect},
@@ -34,10 +34,11 @@ pub fn overview(frame: &mut Frame<'_>, area: Rect, state: &State, theme: Theme) 
     let [top, middle, bottom] =
         Layout::vertical([Constraint::Max(height), Constraint::Length(word_rows), Constraint::Fill(1)]).areas(area);
     let title = match state.shown().estimate {
-        Some((t_s, estimate)) => {
+        Some((t_s, Estimated { estimate, law, .. })) => {
             let motion = if estimate.moving { "moving" } else { "at rest" };
             let residual = text::residual_text(state.settings.machine, &estimate);
-            format!(" {}, {motion}, residual {residual} ", duration_text(t_s))
+            let law = law.map(|law| format!(", law {}", law_word(law.status))).unwrap_or_default();
+            format!(" {}, {motion}, residual {residual}{law} ", duration_text(t_s))
         }
         None => " waiting for the first estimate ".into(),
     };
@@ -69,9 +70,8 @@ pub fn overview(frame: &mut Frame<'_>, area: Rect, state: &State, theme: Theme) 
 
 /// The table's rows: parameters, backlash, and what a terminal sensor shows.
 fn rows(state: &State, theme: Theme) -> Vec<Row<'static>> {
-    let Values { estimate, detail, .. } = state.shown();
-    let unknown = inerter_core::Estimate::default();
-    let estimate = estimate.as_ref().map_or(&unknown, |(_, estimate)| estimate);
+    let Estimated { estimate, detail, .. } =
+        &state.shown().estimate.map(|(_, estimated)| estimated).unwrap_or_default();
     let whole = catalogue::parameters(state.settings.machine, &estimate.whole_run);
     let mut rows: Vec<Row<'static>> = catalogue::parameters(state.settings.machine, &estimate.recent)
         .zip(whole)
@@ -122,10 +122,10 @@ fn status(parameter: &Parameter, theme: Theme) -> Span<'static> {
 
 /// What was lost, how the device behaves, and where else it is shown.
 fn words(state: &State, theme: Theme) -> Vec<Line<'static>> {
-    let Values { detail, losses, .. } = state.shown();
+    let Values { estimate, losses } = state.shown();
     let style = if losses.is_clean() { theme.good() } else { theme.bad() };
     let mut lines = vec![Line::styled(losses.line(), style)];
-    lines.extend(detail.as_ref().map(|detail| Line::raw(text::line(state.settings.machine, detail))));
+    lines.extend(estimate.map(|(_, estimated)| Line::raw(text::line(state.settings.machine, &estimated))));
     lines.extend(state.elsewhere.iter().map(|place| Line::styled(place.clone(), theme.quiet())));
     lines
 }

@@ -126,14 +126,12 @@ impl Messages {
 
     fn estimate(&self, run_s: f64) -> Option<Value> {
         let state = &self.state;
-        let (t_s, estimate) = state.values.estimate?;
-        let detail = state.values.detail.as_ref();
+        let (t_s, estimated) = state.values.estimate?;
         // Plain numbers and texts: there is nothing that could fail.
-        let mut value =
-            serde_json::to_value(EstimateJson::live(t_s, &estimate, detail, &state.settings)).unwrap_or_default();
+        let mut value = serde_json::to_value(EstimateJson::live(t_s, &estimated, &state.settings)).unwrap_or_default();
         if let Some(object) = value.as_object_mut() {
             object.insert("run_s".into(), json!((run_s * 1e4).round() / 1e4));
-            object.insert("state".into(), json!(detail.map(|detail| text::line(state.settings.machine, detail))));
+            object.insert("state".into(), json!(text::line(state.settings.machine, &estimated)));
         }
         Some(value)
     }
