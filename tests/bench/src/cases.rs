@@ -8,7 +8,7 @@ use crate::{
     machine::{Noise, Update},
     methods::{Method, Tuning},
 };
-use inerter_plant::{Excitation, Flank, Motion, Inerter, Plant, Sample, Sensors, Simulation};
+use inerter_plant::{Excitation, Flank, Inerter, Motion, Plant, Sample, Sensors, Simulation};
 use std::{error::Error, f64::consts::TAU};
 
 /// Samples per second.
