@@ -43,11 +43,16 @@ pub fn check(cause: ResetCause) {
         return;
     }
     while FLASH.sr().read().bsy() {}
-    for key in KEYS {
-        FLASH.keyr().write_value(key);
+    // The ROM may have left both unlocked, and a key for what is open is a bus fault.
+    if FLASH.cr().read().lock() {
+        for key in KEYS {
+            FLASH.keyr().write_value(key);
+        }
     }
-    for key in OPTION_KEYS {
-        FLASH.optkeyr().write_value(key);
+    if FLASH.cr().read().optlock() {
+        for key in OPTION_KEYS {
+            FLASH.optkeyr().write_value(key);
+        }
     }
     FLASH.optr().write_value(wanted(now));
     FLASH.cr().modify(|w| w.set_optstrt(true));

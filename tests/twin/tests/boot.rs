@@ -50,7 +50,7 @@ fn a_life_with(options: u32) {
         // An update leads out of it.
         Boot::Rom => {
             enters_update_mode(&mut machine);
-            machine.leave_rom(Left::Running).expect("jumps");
+            machine.leave_rom(Left::Unlocked).expect("jumps");
         }
         // Only a probe does.
         Boot::Ram => {

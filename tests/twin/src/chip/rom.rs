@@ -36,7 +36,9 @@ pub fn noise() -> Vec<u8> {
 pub enum Left {
     /// HSI48 on, the ROM at address 0 and its vectors in use (candleLight 319 quotes AN3156 rev. 18 for this).
     Running,
-    /// The same, and the core at 72 MHz by the PLL.
+    /// The same, and flash and option bytes unlocked, as it writes both.
+    Unlocked,
+    /// As `Running`, and the core at 72 MHz by the PLL.
     Fast,
     /// Clocks as after a reset, the ROM at address 0 and its vectors in use.
     Slow,
@@ -48,7 +50,7 @@ pub enum Left {
 
 impl Left {
     /// All of them.
-    pub const ALL: [Self; 5] = [Self::Running, Self::Fast, Self::Slow, Self::Mapped, Self::Restored];
+    pub const ALL: [Self; 6] = [Self::Running, Self::Unlocked, Self::Fast, Self::Slow, Self::Mapped, Self::Restored];
 
     /// Registers that are not as found: address and value, in their order.
     pub fn writes(self) -> &'static [(u32, u32)] {
@@ -60,6 +62,17 @@ impl Left {
         match self {
             // HSI48 on.
             Self::Running => &[SYSCFG_ON, ROM_AT_0, ROM_VECTORS, (0x4002_1098, 1)],
+            // The keys of FLASH_KEYR and FLASH_OPTKEYR.
+            Self::Unlocked => &[
+                SYSCFG_ON,
+                ROM_AT_0,
+                ROM_VECTORS,
+                (0x4002_1098, 1),
+                (0x4002_2008, 0x4567_0123),
+                (0x4002_2008, 0xcdef_89ab),
+                (0x4002_200c, 0x0819_2a3b),
+                (0x4002_200c, 0x4c5d_6e7f),
+            ],
             // Two wait states; HSI / 4 * 36 / 2; the PLL on, and in use.
             Self::Fast => &[
                 (0x4002_2000, 0x4_0602),
