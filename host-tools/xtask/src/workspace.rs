@@ -4,7 +4,7 @@ use crate::{process, tree};
 use anyhow::{Context, Result, bail};
 use serde_json::Value;
 use std::{
-    path::{Path, PathBuf},
+    path::{Component, Path, PathBuf},
     process::Command,
 };
 
@@ -122,7 +122,7 @@ fn member(value: &Value) -> Result<Member> {
         let kinds = array(target, "kind")?;
         let root = PathBuf::from(text(target, "src_path")?);
         if kinds.iter().any(|kind| matches!(kind.as_str(), Some("lib" | "bin" | "rlib" | "proc-macro")))
-            && root.starts_with(folder)
+            && root.strip_prefix(folder).is_ok_and(|below| below.components().all(|one| one != Component::ParentDir))
         {
             roots.push(root);
         }
@@ -170,5 +170,23 @@ mod tests {
         let error = Workspace::parse(r#"{"packages": [{"name": "a"}]}"#).unwrap_err();
         assert!(error.to_string().contains("manifest_path"));
         assert!(Workspace::parse("not json").is_err());
+    }
+
+    /// A published example lies elsewhere, and not at all before it is fetched.
+    #[test]
+    fn a_root_outside_of_the_folder_is_not_ours() {
+        let json = r#"{
+            "packages": [{
+                "name": "a", "manifest_path": "/w/a/Cargo.toml", "dependencies": [],
+                "targets": [
+                    {"kind": ["bin"], "src_path": "/w/a/src/main.rs"},
+                    {"kind": ["bin"], "src_path": "/w/a/../target/other.rs"},
+                    {"kind": ["bin"], "src_path": "/w/b/main.rs"}
+                ]
+            }],
+            "workspace_root": "/w", "target_directory": "/w/target"
+        }"#;
+        let workspace = Workspace::parse(json).unwrap();
+        assert_eq!(workspace.members[0].roots, [PathBuf::from("/w/a/src/main.rs")]);
     }
 }
