@@ -16,7 +16,7 @@ use crate::{
     error::Error,
     output::{self, OutputError},
     recording::{self, is_recording},
-    settings::{Overrides, SettingsInputError, to_toml},
+    settings::{Overrides, SettingsInputError, text_of, to_toml},
     words::printable,
 };
 
@@ -115,8 +115,7 @@ pub fn write(path: &Path, replace: bool, hello: &Hello, settings: &Settings) -> 
 /// Reads a backup, or any file of settings.
 pub fn read(path: &Path) -> Result<Backup, SettingsInputError> {
     let values = Overrides::from_inputs(Some(path), &[])?;
-    let text =
-        std::fs::read_to_string(path).map_err(|source| SettingsInputError::File { path: path.into(), source })?;
+    let text = text_of(path).map_err(|source| SettingsInputError::File { path: path.into(), source })?;
     let comment = |name: &str| {
         let lines = text.lines().take_while(|line| line.starts_with('#') || line.trim().is_empty());
         let mut values =

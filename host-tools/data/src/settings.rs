@@ -3,7 +3,11 @@
 //! Later ones win: the run's own (a recording's, or the defaults for a CSV), then `--settings FILE.toml`, then `--set`,
 //! then the flags that have a name of their own such as `--metres-per-count`.
 
-use std::path::{Path, PathBuf};
+use std::{
+    fs::File,
+    io::{self, Read},
+    path::{Path, PathBuf},
+};
 
 use inerter_core::{Settings, SettingsError};
 use miette::Diagnostic;
@@ -165,8 +169,7 @@ impl Overrides {
     }
 
     fn read_toml(&mut self, path: &Path) -> Result<(), SettingsInputError> {
-        let text =
-            std::fs::read_to_string(path).map_err(|source| SettingsInputError::File { path: path.into(), source })?;
+        let text = text_of(path).map_err(|source| SettingsInputError::File { path: path.into(), source })?;
         let line_at = |offset: usize| text.bytes().take(offset).filter(|byte| *byte == b'\n').count() + 1;
         let table = DeTable::parse(&text).map_err(|error| SettingsInputError::Toml {
             path: path.into(),
@@ -216,6 +219,18 @@ pub fn write_beside(settings: &Settings, csv: &Path, replace: bool) -> Result<Pa
     output::write(&path, replace, text)?;
     Ok(path)
 }
+
+/// The text of a file that a person writes, of settings or of flags. Anything longer than 1 MB is refused unread.
+pub fn text_of(path: &Path) -> io::Result<String> {
+    let mut text = String::new();
+    if File::open(path)?.take(LONGEST + 1).read_to_string(&mut text)? as u64 > LONGEST {
+        return Err(io::Error::new(io::ErrorKind::FileTooLarge, "it is longer than 1 MB"));
+    }
+    Ok(text)
+}
+
+/// Longest such file \[bytes\].
+const LONGEST: u64 = 1 << 20;
 
 /// Checks the settings as a whole, naming what is wrong.
 pub fn validate(settings: &Settings) -> Result<inerter_core::Active, SettingsInputError> {
@@ -327,6 +342,13 @@ mod tests {
         let mut read = Settings::default();
         Overrides::from_inputs(Some(&path), &[]).unwrap().apply(&mut read).unwrap();
         assert_eq!(read, settings);
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_file_without_an_end_is_refused() {
+        let error = Overrides::from_inputs(Some(Path::new("/dev/zero")), &[]).unwrap_err().to_string();
+        assert!(error.contains("it is longer than 1 MB"), "{error}");
     }
 
     #[cfg(unix)]

@@ -4,8 +4,8 @@ use std::borrow::Cow;
 
 use chrono::{DateTime, SecondsFormat};
 
-/// One line of text that a terminal shows as it is, whoever wrote it: control characters and those that turn the writing
-/// direction stand as the escapes of JSON, so JSON stays what it was.
+/// One line of text that a terminal shows as it is, whoever wrote it: characters that control, that turn the writing direction
+/// or that nobody sees stand as the escapes of JSON, so JSON stays what it was.
 pub fn printable(text: &str) -> Cow<'_, str> {
     if !text.contains(is_unprintable) {
         return text.into();
@@ -16,7 +16,12 @@ pub fn printable(text: &str) -> Cow<'_, str> {
             '\n' => out.push_str("\\n"),
             '\r' => out.push_str("\\r"),
             '\t' => out.push_str("\\t"),
-            letter if is_unprintable(letter) => out.push_str(&format!("\\u{:04x}", u32::from(letter))),
+            letter if is_unprintable(letter) => {
+                // JSON writes what is beyond 16 bits as two escapes.
+                for unit in letter.encode_utf16(&mut [0; 2]) {
+                    out.push_str(&format!("\\u{unit:04x}"));
+                }
+            }
             letter => out.push(letter),
         }
     }
@@ -31,10 +36,13 @@ pub fn shortened(text: &str) -> Cow<'_, str> {
     }
 }
 
-/// Control characters; marks, embeddings, overrides and isolates of the writing direction; line and paragraph separators.
+/// What Unicode gives no shape of its own: controls, formats (zero width, writing direction, tags), separators, private use.
 fn is_unprintable(letter: char) -> bool {
-    letter.is_control()
-        || matches!(letter, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+    if letter.is_ascii() {
+        return letter.is_control();
+    }
+    // The standard library knows them, and escapes accents too unless a letter stands before them.
+    ['a', letter].iter().collect::<String>().escape_debug().count() > 2
 }
 
 /// A value with its interval, both with the digits that the interval bears.
@@ -87,4 +95,30 @@ pub fn nearest<'a>(name: &str, candidates: impl Iterator<Item = &'a str>) -> Opt
         .filter(|(score, _)| *score > 0.75)
         .max_by(|a, b| a.0.total_cmp(&b.0))
         .map(|(_, candidate)| candidate)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    #[test]
+    fn what_nobody_sees_is_escaped_and_what_is_written_anywhere_is_not() {
+        let seen = "Prüfstand 3 µm ± 2 °C, \"a\\b\", ひずみ, e\u{301}, 🛠";
+        assert_eq!(printable(seen), seen);
+        for hidden in
+            "\0\u{7f}\u{9b}\u{a0}\u{ad}\u{61c}\u{200b}\u{200d}\u{202e}\u{2060}\u{feff}\u{e0041}\u{f8ff}".chars()
+        {
+            assert!(printable(&hidden.to_string()).is_ascii(), "{hidden:?}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn json_stays_what_it_was(text in any::<String>()) {
+            let json = serde_json::to_string(&text).unwrap();
+            prop_assert_eq!(serde_json::from_str::<String>(&printable(&json)).unwrap(), text);
+        }
+    }
 }

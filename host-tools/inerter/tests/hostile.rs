@@ -15,8 +15,8 @@ use inerter_plant::Inerter;
 use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
 use inerter_wire::{Event, EventKind, Hello, Record};
 
-/// Writes the clipboard, forges a line, turns the writing direction, and colours by one character.
-const WORDS: &str = "\u{1b}]52;c;aGk=\u{7}\nforged\u{202e}\u{9b}31m";
+/// Writes the clipboard, forges a line, turns the writing direction, colours by one character, and hides a name in a name.
+const WORDS: &str = "\u{1b}]52;c;aGk=\u{7}\nforged\u{202e}\u{9b}31m\u{200b}\u{e0041}";
 
 fn hostile(record: &Record) -> Vec<Vec<u8>> {
     match record {
@@ -38,7 +38,9 @@ fn check(folder: &Path, arguments: &[&str]) -> String {
     for (stream, words) in [("standard output", &out), ("standard error", &errors)] {
         let bad = |letter: char| {
             (letter.is_control() && letter != '\n')
+                || ('\u{200b}'..='\u{200f}').contains(&letter)
                 || ('\u{2028}'..='\u{202e}').contains(&letter)
+                || ('\u{e0000}'..='\u{e007f}').contains(&letter)
                 || letter == '\u{fffd}'
         };
         assert!(!words.contains(bad), "{arguments:?}, {stream}: {words:?}");
@@ -141,7 +143,7 @@ fn no_file_writes_to_the_terminal_what_it_likes() {
     ] {
         said += &check(folder, command);
     }
-    assert!(said.contains(r"\u001b]52;c;aGk=\u0007\nforged\u202e\u009b31m"), "{said}");
+    assert!(said.contains(r"\u001b]52;c;aGk=\u0007\nforged\u202e\u009b31m\u200b\udb40\udc41"), "{said}");
     let lines = json_lines(&done(folder, &["info", &recording, "--json"]));
     assert_eq!(lines[0].pointer("/markers/0/text").unwrap(), WORDS);
 }

@@ -1,6 +1,11 @@
 //! CSV text to columns of numbers, every cell checked.
 
-use std::{fs::File, io::Read, path::Path, sync::Arc};
+use std::{
+    fs::File,
+    io::{self, BufRead, BufReader, Read},
+    path::Path,
+    sync::Arc,
+};
 
 use inerter_core::Machine;
 use miette::SourceSpan;
@@ -54,14 +59,22 @@ pub struct Table {
 /// Reads a CSV file.
 pub fn read(path: &Path) -> Result<Table, CsvError> {
     let failed = |source| CsvError::Read { path: path.into(), source };
-    let mut file = File::open(path).map_err(failed)?;
-    let mut bytes = Vec::new();
-    // A beginning without a line end is enough to know of a file that is no CSV, however great.
-    (&mut file).take(2 * LONGEST_LINE as u64).read_to_end(&mut bytes).map_err(failed)?;
-    if bytes.len() <= LONGEST_LINE || bytes.iter().any(|byte| b"\r\n".contains(byte)) {
-        file.read_to_end(&mut bytes).map_err(failed)?;
-    }
+    let bytes = File::open(path).and_then(|file| as_far_as_needed(file)).map_err(failed)?;
     parse(&path.display().to_string(), &bytes)
+}
+
+/// All of a CSV file; of another one, however great, the beginning that shows that it is none.
+fn as_far_as_needed(source: impl Read) -> io::Result<Vec<u8>> {
+    let (mut source, mut bytes) = (BufReader::new(source), Vec::new());
+    loop {
+        let before = bytes.len();
+        (&mut source).take(LONGEST_LINE as u64).read_until(b'\n', &mut bytes)?;
+        let portion = bytes.get(before..).unwrap_or_default();
+        let open = bytes.iter().rev().take(2 * LONGEST_LINE).take_while(|byte| !b"\r\n".contains(byte)).count();
+        if portion.is_empty() || portion.contains(&0) || open > LONGEST_LINE {
+            return Ok(bytes);
+        }
+    }
 }
 
 /// Reads CSV from memory; `file` is its name in messages.
@@ -103,7 +116,7 @@ pub fn parse(file: &str, bytes: &[u8]) -> Result<Table, CsvError> {
     Ok(table)
 }
 
-/// A line that is neither blank nor a comment.
+/// A line that is neither blank nor a comment, or is too long.
 struct Line<'a> {
     text: &'a str,
     offset: usize,
@@ -150,7 +163,7 @@ impl<'a> Iterator for Lines<'a> {
             self.offset += length;
             self.number += 1;
             let content = found.text.trim();
-            if !(content.is_empty() || content.starts_with(['#', '%'])) {
+            if found.text.len() > LONGEST_LINE || !(content.is_empty() || content.starts_with(['#', '%'])) {
                 return Some(found);
             }
         }

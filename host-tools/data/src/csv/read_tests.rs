@@ -144,9 +144,17 @@ fn what_an_error_shows_of_a_line_is_short_and_printable() {
 }
 
 #[test]
-fn a_file_without_line_ends_is_not_read_to_its_end() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("zeros.csv");
-    std::fs::write(&path, "7".repeat(1 << 20)).unwrap();
-    assert!(matches!(read(&path), Err(CsvError::LongLine { line: 1, .. })));
+fn a_file_that_is_no_csv_is_not_read_to_its_end() {
+    let header = "t_s,encoder_count,force_n\n0,1,2\n";
+    for beginning in ["", header, "t_s,encoder_count,force_n\r0,1,2\r", &format!("{header}#")] {
+        let bytes = as_far_as_needed(beginning.as_bytes().chain(io::repeat(b'7'))).unwrap();
+        let last =
+            beginning.lines().count().max(beginning.matches('\r').count()) + usize::from(!beginning.ends_with('#'));
+        let Err(CsvError::LongLine { line, .. }) = parse("a.csv", &bytes) else { panic!("{beginning:?}") };
+        assert_eq!(line, last, "{beginning:?}");
+        let bytes = as_far_as_needed(beginning.as_bytes().chain(io::repeat(0))).unwrap();
+        assert!(matches!(parse("a.csv", &bytes), Err(CsvError::WrongKind { .. })), "{beginning:?}");
+    }
+    let whole = header.repeat(40_000);
+    assert!(as_far_as_needed(whole.as_bytes()).unwrap() == whole.as_bytes());
 }

@@ -22,7 +22,7 @@ use std::{
 };
 
 use clap::{Arg, ArgAction, Command};
-use inerter_data::words::nearest;
+use inerter_data::{settings::text_of, words::nearest};
 use toml::{Table, Value};
 
 use super::terminal::note;
@@ -80,7 +80,7 @@ pub fn file(arguments: &[OsString]) -> Option<FlagsFile> {
 /// The command line with the file's flags put in where nothing was typed.
 pub fn apply(command: &Command, file: &FlagsFile, typed: &[OsString]) -> Result<Vec<OsString>, ConfigError> {
     let path = &file.path;
-    let text = std::fs::read_to_string(path).map_err(|source| ConfigError::File { path: path.into(), source })?;
+    let text = text_of(path).map_err(|source| ConfigError::File { path: path.into(), source })?;
     let table: Table = text.parse().map_err(|error: toml::de::Error| {
         let before = text.get(..error.span().map_or(0, |span| span.start)).unwrap_or_default();
         let line = before.matches('\n').count() + 1;
