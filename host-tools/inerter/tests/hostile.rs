@@ -6,7 +6,7 @@ mod firmware;
 
 use std::{fs, path::Path};
 
-use common::{done, inerter, json_lines, last, text};
+use common::{all_are_tried, done, inerter, json_lines, last, text};
 use inerter_data::{
     recording::{End, Recorder},
     settings::Overrides,
@@ -50,15 +50,19 @@ fn check(folder: &Path, arguments: &[&str]) -> String {
     out + &errors
 }
 
+fn device() -> VirtualDevice {
+    let setup = Setup::new(Inerter::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
+    VirtualDevice::start(&setup, &Endpoint::Tcp("127.0.0.1:0".into()), 5.0).unwrap()
+}
+
 #[test]
 fn no_device_writes_to_the_terminal_what_it_likes() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    let setup = Setup::new(Inerter::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
-    let device = VirtualDevice::start(&setup, &Endpoint::Tcp("127.0.0.1:0".into()), 5.0).unwrap();
+    let device = device();
     let address = firmware::before(device.name(), hostile);
     let mut said = String::new();
-    for command in [
+    let commands = [
         &["monitor", "--plain", "--duration", "1"][..],
         &["monitor", "--json", "--duration", "1"],
         &["record", "-o", "run.mcap", "--duration", "1"],
@@ -68,9 +72,24 @@ fn no_device_writes_to_the_terminal_what_it_likes() {
         &["settings", "backup", "kept.toml"],
         &["settings", "restore", "kept.toml"],
         &["settings", "factory-reset", "--yes"],
+        &["calibrate"],
+        &["calibrate", "load-cell", "--duration", "4"],
         &["calibrate", "zero", "--duration", "1"],
+        &["calibrate", "force", "--mass", "1"],
+        &["calibrate", "encoder", "--revolutions", "1"],
+        &["calibrate", "direction", "--duration", "1"],
+        &["calibrate", "skew", "--duration", "1"],
+        &["calibrate", "stiffness", "--duration", "1"],
+        &["calibrate", "timebase", "--duration", "1"],
+        &["settings", "tare"],
+        &["settings", "save"],
+        &["doctor"],
+        &["settings", "diff", "device", "kept.toml"],
+        &["send", "run.mcap"],
         &["update", "kept.toml"],
-    ] {
+    ];
+    all_are_tried(&commands, |help| help.contains("--connect <HOST:PORT>"));
+    for command in commands {
         said += &check(folder, &[command, &["--connect", &address]].concat());
     }
     // It was shown, as what it is.
@@ -85,7 +104,8 @@ fn no_file_writes_to_the_terminal_what_it_likes() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     let name = |ending: &str| format!("{}{ending}", WORDS.replace('/', ""));
-    let (recording, csv, toml) = (name(".mcap"), name(".csv"), name(".toml"));
+    let (recording, csv, toml, kept) = (name(".mcap"), name(".csv"), name(".toml"), name("kept.toml"));
+    let device = device();
     // A run whose device, panic and marker speak; then files that are wrong in every place where a text is.
     done(folder, &["simulate", "-o", "plain.mcap", "--duration", "3"]);
     let run = inerter_data::open(&folder.join("plain.mcap"), &Overrides::default()).unwrap();
@@ -122,7 +142,7 @@ fn no_file_writes_to_the_terminal_what_it_likes() {
         }
     }
     fs::write(folder.join(&toml), format!("memory_s = 1.0\n\"{}\" = 2\n", r"\u001b[2J\nforged")).unwrap();
-    for command in [
+    let commands = [
         &["info", &recording][..],
         &["info", &recording, "--json"],
         &["replay", &recording],
@@ -133,14 +153,30 @@ fn no_file_writes_to_the_terminal_what_it_likes() {
         &["export", &recording, "--csv", "out.csv", "--estimates", "--force"],
         &["cut", &recording, "--from", "0.5", "-o", "part.mcap", "--force"],
         &["merge", &recording, "plain.mcap", "-o", "both.mcap", "--force"],
+        &["plot", &recording, "--figure", "force", "-o", "force.svg", "--force"],
+        &["send", &recording, "--connect", device.name()],
+        &["calibrate", "load-cell", &recording],
+        &["calibrate", "zero", &recording],
+        &["calibrate", "direction", &recording],
         &["calibrate", "skew", &recording],
+        &["calibrate", "stiffness", &recording],
         &["settings", "diff", &recording, &toml],
         &["replay", &recording, "--settings", &toml],
         &["replay", &recording, "--set", "\u{1b}[2J=1"],
         &["replay", "\u{1b}[2J\nforged.mcap"],
         &["export", &recording, "--csv", "\u{1b}[2J\nforged/x.csv"],
+        &["settings", "set", "\u{1b}[2J\nforged=1", "--connect", device.name()],
+        &["settings", "backup", &kept, "--connect", device.name()],
+        &["settings", "restore", &kept, "--connect", device.name()],
+        &["settings", "restore", &toml, "--connect", device.name()],
         &["update", &recording],
-    ] {
+        &["flash", &recording],
+    ];
+    all_are_tried(&commands, |help| {
+        let arguments = help.split_once("Arguments:\n").map(|(_, rest)| rest);
+        arguments.is_some_and(|arguments| !arguments.starts_with("  <SHELL>"))
+    });
+    for command in commands {
         said += &check(folder, command);
     }
     assert!(said.contains(r"\u001b]52;c;aGk=\u0007\nforged\u202e\u009b31m\u200b\udb40\udc41"), "{said}");

@@ -12,7 +12,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use common::{done, inerter};
+use common::{all_are_tried, done, inerter};
 use inerter_core::{RawSample, Settings};
 use inerter_wire::{
     Capabilities, ClockSource, Command, DELIMITER, Done, Frame, FrameReader, Hello, MAX_FRAME, Record, Reply, Request,
@@ -110,20 +110,30 @@ fn introduce(host: &mut TcpStream, frame: &mut impl FnMut(&Record) -> Vec<u8>) -
 }
 
 /// Every command that talks to a device, without its link.
-const COMMANDS: [&[&str]; 14] = [
+const COMMANDS: &[&[&str]] = &[
     &["monitor", "--json"],
     &["monitor", "--plain", "--wait", "60"],
+    &["monitor", "--plain", "--share", "127.0.0.1:0", "--web", "127.0.0.1:0"],
     &["record", "-o", "run.mcap", "--force", "--wait", "60"],
     &["send", "sent.mcap"],
+    &["doctor"],
     &["settings", "get"],
     &["settings", "set", "memory_s=12"],
     &["settings", "tare"],
     &["settings", "save"],
     &["settings", "factory-reset", "--yes"],
     &["settings", "backup", "kept.toml", "--force"],
+    &["settings", "restore", "before.toml"],
     &["settings", "diff", "device", "before.toml"],
-    &["calibrate", "skew", "--duration", "60"],
+    &["calibrate"],
+    &["calibrate", "load-cell", "--duration", "60"],
     &["calibrate", "zero", "--duration", "60"],
+    &["calibrate", "force", "--mass", "1"],
+    &["calibrate", "encoder", "--revolutions", "1"],
+    &["calibrate", "direction", "--duration", "60"],
+    &["calibrate", "skew", "--duration", "60"],
+    &["calibrate", "stiffness", "--duration", "60"],
+    &["calibrate", "timebase", "--duration", "60"],
     &["update", "image.elf"],
 ];
 
@@ -135,9 +145,13 @@ fn start(folder: &Path, command: &[&str], address: &str) -> Child {
         .unwrap()
 }
 
+/// How it ends, if it does; meanwhile it must not take more and more memory.
 fn ended(child: &mut Child, within: Duration) -> Option<ExitStatus> {
     let started = Instant::now();
     while started.elapsed() < within {
+        if let Some(most_kb) = most_memory_kb(child) {
+            assert!(most_kb < 200_000, "{most_kb} kB");
+        }
         if let Some(status) = child.try_wait().unwrap() {
             return Some(status);
         }
@@ -146,6 +160,17 @@ fn ended(child: &mut Child, within: Duration) -> Option<ExitStatus> {
     child.kill().ok();
     child.wait().ok();
     None
+}
+
+/// The most memory that it has held, where the system tells; a process that has ended holds none.
+fn most_memory_kb(child: &Child) -> Option<u64> {
+    let status = std::fs::read_to_string(format!("/proc/{}/status", child.id())).ok()?;
+    status.lines().find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix(" kB")?.parse().ok())
+}
+
+#[test]
+fn every_command_that_talks_to_a_device_is_tried() {
+    all_are_tried(COMMANDS, |help| help.contains("--connect <HOST:PORT>"));
 }
 
 /// A folder with what the commands need.

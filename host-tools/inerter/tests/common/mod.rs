@@ -69,3 +69,23 @@ pub fn until(what: &str, mut is_so: impl FnMut() -> bool) {
         thread::sleep(Duration::from_millis(2));
     }
 }
+
+/// Every command of the program by its own help, such as `settings get`, that `belongs` by its help; each of them must be
+/// among those tried.
+pub fn all_are_tried(tried: &[&[&str]], belongs: impl Fn(&str) -> bool) {
+    let mut waiting = vec![String::new()];
+    let mut missing = Vec::new();
+    while let Some(command) = waiting.pop() {
+        let words: Vec<&str> = command.split_whitespace().collect();
+        let help = done(Path::new("."), &[&words[..], &["--help"]].concat());
+        let below = help.lines().skip_while(|line| *line != "Commands:").skip(1).take_while(|line| !line.is_empty());
+        // What is longer than a line goes on further to the right.
+        let names = below.filter_map(|line| line.strip_prefix("  ")?.split(' ').next());
+        waiting.extend(names.filter(|name| !["", "help"].contains(name)).map(|name| format!("{command} {name}")));
+        let is_command = !words.is_empty() && (!help.contains(" <COMMAND>\n") || help.contains("[OPTIONS]\n"));
+        if is_command && belongs(&help) && !tried.iter().any(|tried| tried.starts_with(&words)) {
+            missing.push(command);
+        }
+    }
+    assert!(missing.is_empty(), "not tried: {missing:?}");
+}
