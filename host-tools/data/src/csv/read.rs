@@ -59,7 +59,7 @@ pub struct Table {
 /// Reads a CSV file.
 pub fn read(path: &Path) -> Result<Table, CsvError> {
     let failed = |source| CsvError::Read { path: path.into(), source };
-    let bytes = File::open(path).and_then(|file| as_far_as_needed(file)).map_err(failed)?;
+    let bytes = File::open(path).and_then(as_far_as_needed).map_err(failed)?;
     parse(&path.display().to_string(), &bytes)
 }
 
