@@ -4,7 +4,7 @@ use crate::boards;
 use crate::boards::clock::{CORE_HZ, CORE_PER_US, NO_RTC, Oscillator};
 use embassy_stm32::pac::flash::vals::Latency;
 use embassy_stm32::pac::pwr::regs::Cr5;
-use embassy_stm32::pac::rcc::vals::Hpre;
+use embassy_stm32::pac::rcc::vals::{Hpre, Sw};
 use embassy_stm32::pac::timer::vals::Urs;
 use embassy_stm32::pac::{FLASH, PWR, RCC, TIM15};
 use embassy_stm32::{Config, Peripherals, rcc};
@@ -14,6 +14,17 @@ use inerter_wire::ClockSource;
 /// Looks at the crystal, for 100 ms: at least 5 cycles of the 16 MHz that the core runs from then. It needs 2 ms
 /// (DS12288, table 41).
 const POLLS: u32 = 320_000;
+
+/// Back to what a reset leaves, after the ROM: the chip's own oscillator alone.
+pub fn stop() {
+    RCC.cr().modify(|w| w.set_hsion(true));
+    let _ = (0..POLLS).any(|_| RCC.cr().read().hsirdy());
+    RCC.cfgr().write(|w| w.set_sw(Sw::HSI));
+    let _ = (0..POLLS).any(|_| RCC.cfgr().read().sws() == Sw::HSI);
+    RCC.cr().modify(|w| w.set_pllon(false));
+    let _ = (0..POLLS).any(|_| !RCC.cr().read().pllrdy());
+    RCC.crrcr().modify(|w| w.set_hsi48on(false));
+}
 
 /// Starts all clocks and says what they run from.
 pub fn start() -> (ClockSource, Peripherals) {

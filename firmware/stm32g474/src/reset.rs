@@ -2,7 +2,8 @@
 //!
 //! - Two presses of the reset button within half a second, or a command, lead into the ROM's update mode (DFU).
 //! - The ROM's update mode starts the new firmware by a jump; a reset then gives it the chip as it expects it, unless the
-//!   option bytes lead every reset into the ROM: then they are changed first (`options.rs`). AN2606 says
+//!   option bytes lead every reset into the ROM: then they are changed first (`options.rs`), and where that was tried or
+//!   the watchdog bit, what the ROM left is set back by hand until the next start. AN2606 says
 //!   that the ROM restores no register before, AN3155 that it does, so nothing is taken for granted: a jump leaves the
 //!   vectors, address 0, the protection unit or the clocks other than a reset does, or exactly as a reset does.
 //! - A firmware that ends at its start again and again leaves the saved settings alone, and at last goes into update mode.
@@ -10,7 +11,7 @@
 //!
 //! Sources: RM0440 7.4.30 (reset flags), 10.2.1 (MEM_MODE); AN2606 (system memory boot mode); PM0214 4.4.4 (VTOR).
 
-use crate::options;
+use crate::{clocks, options};
 use core::arch::global_asm;
 use core::mem::MaybeUninit;
 use core::ptr;
@@ -172,9 +173,12 @@ fn note_is(note: Note) -> bool {
 
 /// Finds out why the device started. To be called first of all; may not return.
 pub fn begin() -> Started {
-    if (RCC.cfgr().read().sws() != Sw::HSI || RCC.crrcr().read().hsi48on()) && !options::start_in_rom() {
+    if RCC.cfgr().read().sws() != Sw::HSI || RCC.crrcr().read().hsi48on() {
         // Started by a jump (see `__pre_init`), and the clocks are the ROM's.
-        SCB::sys_reset();
+        if !options::start_in_rom() {
+            SCB::sys_reset();
+        }
+        clocks::stop();
     }
     let flags = RCC.csr().read();
     RCC.csr().modify(|w| w.set_rmvf(true));

@@ -334,8 +334,8 @@ impl Chip {
             tim15: Tim::new(Kind::Small),
             tim16: Tim::new(Kind::Single),
             tim17: Tim::new(Kind::Single),
-            dma1: Default::default(),
-            dma2: Default::default(),
+            dma1: dma::Dma::new(),
+            dma2: dma::Dma::new(),
             dmamux: Default::default(),
             adc: Default::default(),
             tim6: Default::default(),
@@ -548,6 +548,8 @@ impl Chip {
         self.adc.set_errata(errata);
         self.rcc.set_errata(errata);
         self.spi2.set_errata(errata);
+        self.dma1.set_errata(errata);
+        self.dma2.set_errata(errata);
     }
 
     /// How strictly the program is taken from now on; a new chip enforces the rules.

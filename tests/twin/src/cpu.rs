@@ -406,6 +406,11 @@ impl Cpu {
         self.uc.reg_write(register, u64::from(value)).map_err(emulator)
     }
 
+    /// What the chip says of its flash \[KB\].
+    pub fn set_flash_kb(&mut self, kb: u16) -> Result<(), Stop> {
+        self.uc.mem_write(rom::FLASH_KB_AT.into(), &kb.to_le_bytes()).map_err(emulator)
+    }
+
     /// Where the program is; after an access that nobody knew, the start of the block of instructions that made it.
     pub fn place(&self) -> Place {
         let pc = self.core().failed.unwrap_or_else(|| self.register(R::PC) & !1);

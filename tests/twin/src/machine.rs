@@ -127,6 +127,8 @@ pub struct Options {
     pub board: Board,
     /// Decides what RAM holds when power comes.
     pub seed: u64,
+    /// Kilobytes of flash that the chip says it has.
+    pub flash_kb: u16,
     /// What happens at a fault of the program.
     pub faults: Faults,
     /// Where the chip differs from its manual.
@@ -137,7 +139,14 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { board: Board::NUCLEO, seed: 1, faults: Faults::EndTheRun, errata: Errata::ALL, rules: Rules::Enforced }
+        Self {
+            board: Board::NUCLEO,
+            seed: 1,
+            flash_kb: rom::FLASH_KB,
+            faults: Faults::EndTheRun,
+            errata: Errata::ALL,
+            rules: Rules::Enforced,
+        }
     }
 }
 
@@ -177,6 +186,7 @@ impl Machine {
         }
         let mut cpu = Cpu::new(chip)?;
         cpu.set_faults(options.faults);
+        cpu.set_flash_kb(options.flash_kb)?;
         let mut machine =
             Self { cpu, elf, seed: options.seed, resets: Vec::new(), boot0: false, serves: None, rom: None };
         machine.power_cut()?;
@@ -323,6 +333,11 @@ impl Machine {
     /// Somebody presses the reset button.
     pub fn reset(&mut self) -> Result<(), StartError> {
         Ok(self.restart(Reset::Pin)?)
+    }
+
+    /// Something resets the chip.
+    pub fn reset_by(&mut self, cause: Reset) -> Result<(), StartError> {
+        Ok(self.restart(cause)?)
     }
 
     /// The ROM's boot loader starts the program by a jump, as its "leave" and "go" do.

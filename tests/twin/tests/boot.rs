@@ -4,7 +4,7 @@ use inerter_twin::chip::flash::{Boot, OPTIONS_DELIVERED};
 use inerter_twin::chip::rcc::Reset;
 use inerter_twin::chip::rom::Left;
 use inerter_twin::cpu::Stop;
-use inerter_twin::machine::{Machine, StartError, shipping_image};
+use inerter_twin::machine::{Machine, Options, StartError, shipping_image};
 use inerter_twin::serial_link::SerialLink;
 use inerter_twin::world::Still;
 use inerter_wire::{Capabilities, Command, Hello, Record};
@@ -40,9 +40,8 @@ fn enters_update_mode(machine: &mut Machine) {
 }
 
 /// One of the values: from a new chip to an update, by each of the ways into update mode.
-fn a_life_with(options: u32) {
-    let Some(image) = shipping_image() else { return };
-    let mut machine = Machine::new(&image, Box::new(Still)).expect("the image");
+fn a_life_with(image: &[u8], options: u32) {
+    let mut machine = Machine::new(image, Box::new(Still)).expect("the image");
     machine.chip_mut().flash.set_options(options);
     let started = machine.power_cut();
     match machine.chip().flash.boots(false) {
@@ -95,14 +94,70 @@ fn a_life_with(options: u32) {
     assert_eq!(of_options.count(), 1, "{resets} resets until the first Hello");
 }
 
+/// The values that can be chosen.
+fn all_options() -> impl Iterator<Item = u32> {
+    let bits = [BFB2, DBANK, NBOOT1, NSWBOOT0, NBOOT0];
+    (0..1 << bits.len()).map(move |number| {
+        let set = bits.iter().enumerate().filter(|(place, _)| number >> place & 1 != 0);
+        OPTIONS_DELIVERED & !bits.iter().sum::<u32>() | set.fold(0, |word, (_, bit)| word | bit)
+    })
+}
+
 #[test]
 fn the_board_starts_and_recovers_with_every_value_of_the_option_bytes() {
-    let bits = [BFB2, DBANK, NBOOT1, NSWBOOT0, NBOOT0];
-    for number in 0..1 << bits.len() {
-        let set = bits.iter().enumerate().filter(|(place, _)| number >> place & 1 != 0);
-        let chosen = set.fold(0, |word, (_, bit)| word | bit);
-        let options = OPTIONS_DELIVERED & !bits.iter().sum::<u32>() | chosen;
+    let Some(image) = shipping_image() else { return };
+    for options in all_options() {
         eprintln!("option bytes {options:#010x}");
-        a_life_with(options);
+        a_life_with(&image, options);
+    }
+}
+
+#[test]
+fn the_roms_jump_starts_a_board_whose_every_reset_leads_into_the_rom() {
+    let Some(image) = shipping_image() else { return };
+    let into_rom = |options: u32| options & (NSWBOOT0 | NBOOT0) == 0 && options & (NBOOT1 | DBANK) == NBOOT1 | DBANK;
+    for options in all_options().filter(|options| into_rom(*options)) {
+        for left in Left::ALL {
+            // The last two say that options were tried, or may be why: they are left alone until the next start.
+            for cause in [Reset::Power, Reset::Pin, Reset::Software, Reset::OptionBytes, Reset::Watchdog] {
+                eprintln!("option bytes {options:#010x}, {left:?}, {cause:?}");
+                let mut machine = Machine::new(&image, Box::new(Still)).expect("the image");
+                // The flags of power-on have been read.
+                run(&mut machine, START_S);
+                machine.chip_mut().flash.set_options(options);
+                machine.reset_by(cause).expect("starts");
+                enters_update_mode(&mut machine);
+                machine.leave_rom(left).expect("jumps");
+                run(&mut machine, START_S);
+                let are_mended = machine.chip().flash.options() & NBOOT0 != 0;
+                assert_eq!(are_mended, !matches!(cause, Reset::OptionBytes | Reset::Watchdog));
+                let mut link = SerialLink::new(machine);
+                hello(&mut link);
+                link.machine.power_cut().expect("starts");
+                if !are_mended {
+                    enters_update_mode(&mut link.machine);
+                    link.machine.leave_rom(left).expect("jumps");
+                }
+                run(&mut link.machine, START_S);
+                hello(&mut link);
+                assert_ne!(link.machine.chip().flash.options() & NBOOT0, 0);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_chip_with_less_flash_says_so_and_keeps_no_settings() {
+    let Some(image) = shipping_image() else { return };
+    for flash_kb in [128, 256, 512] {
+        let options = Options { flash_kb, ..Options::default() };
+        let mut machine = Machine::with(&image, options, Box::new(Still)).expect("the image");
+        run(&mut machine, START_S);
+        let mut link = SerialLink::new(machine);
+        let capabilities = hello(&mut link).capabilities;
+        assert_eq!(capabilities.flash_kb(), Some(flash_kb));
+        assert_eq!(capabilities.contains(Capabilities::STORE), flash_kb == 512);
+        let saved = link.order(Command::SaveSettings, 0.5);
+        assert_eq!(saved.is_ok(), flash_kb == 512, "{saved:?}");
     }
 }

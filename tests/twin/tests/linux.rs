@@ -19,6 +19,7 @@ use inerter_twin::usb_link::UsbLink;
 use inerter_twin::usbip::Server;
 use inerter_wire::{Command as Request, MAX_FRAME, Streams, encode_request};
 use serde_json::Value;
+use std::collections::BTreeSet;
 use std::io::Write;
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
@@ -250,6 +251,8 @@ fn a_real_kernel_and_the_real_program_measure_with_the_shipping_binary() {
     watch.lap("inerter update");
     dfu_util_brings_another_firmware(&mut linux, &twin, &firmware);
     watch.lap("dfu-util");
+    an_update_that_is_cut_is_completed_by_the_next(&mut linux, &twin, &firmware);
+    watch.lap("three updates that are cut");
 
     drop(linux);
     twin.end();
@@ -506,4 +509,54 @@ fn dfu_util_brings_another_firmware(linux: &mut Linux, twin: &Twin, firmware: &[
     assert!(said.contains("File downloaded successfully"), "{said}");
     measures_as(linux, "inerter 9.");
     unplug_no_more(linux);
+}
+
+/// Power fails once the vectors are erased, in the middle, and when all but the vectors is written.
+fn an_update_that_is_cut_is_completed_by_the_next(linux: &mut Linux, twin: &Twin, firmware: &[u8]) {
+    for (part, digit) in [(0.0, b'6'), (0.5, b'7'), (1.0, b'8')] {
+        let new = another(firmware, digit);
+        let written = pages(&new);
+        let watched = written.get(((written.len() - 1) as f64 * part) as usize).copied().expect("a page");
+        give(linux, new, "/tmp/new.elf");
+        stay_plugged_in(linux);
+        linux.until("ls /dev/ttyACM*");
+        linux.run(
+            "rm -f /tmp/ended; (inerter update /tmp/new.elf >/tmp/said 2>&1; echo $? >/tmp/ended) >/dev/null 2>&1 &",
+        );
+        loop {
+            let is_cut = twin.order(move |server| {
+                let flash = server.socket.chip().flash.bytes();
+                let is_erased =
+                    |page: usize| flash[page * flash::PAGE..][..flash::PAGE].iter().all(|byte| *byte == 0xFF);
+                let is_now = server.socket.is_in_rom() && is_erased(0) && (watched == 0 || !is_erased(watched));
+                if is_now {
+                    // There are no vectors to start from: the boot pin leads back.
+                    server.socket.set_boot0(true);
+                    server.socket.power_cut().expect("starts again");
+                    server.socket.set_boot0(false);
+                    server.unplug();
+                }
+                is_now
+            });
+            if is_cut {
+                break;
+            }
+            assert!(linux.run("cat /tmp/ended 2>/dev/null || true").is_empty(), "{}", linux.run("cat /tmp/said"));
+        }
+        linux.until("[ -s /tmp/ended ]");
+        assert_eq!(linux.run("cat /tmp/ended").trim(), "6", "{}", linux.run("cat /tmp/said"));
+        linux.until("dfu-util -l | grep -q 'Internal Flash'");
+        let ended = linux.run_within("inerter update /tmp/new.elf", Duration::from_secs(120));
+        assert_eq!(ended.code, 0, "cut at {part}: {}{}", ended.text(), ended.errors);
+        measures_as(linux, &format!("inerter {}.", char::from(digit)));
+        unplug_no_more(linux);
+    }
+}
+
+/// Pages of flash that the image lies in, in their order.
+fn pages(image: &[u8]) -> Vec<usize> {
+    let elf = Elf::parse(image).expect("an ELF");
+    let page = |address: usize| (address - flash::START as usize) / flash::PAGE;
+    let of = |(start, bytes): &(u32, Vec<u8>)| page(*start as usize)..=page(*start as usize + bytes.len() - 1);
+    elf.segments().iter().flat_map(of).collect::<BTreeSet<usize>>().into_iter().collect()
 }

@@ -145,6 +145,21 @@ fn in_update_mode(image: &[u8], left: Left) -> Machine {
     link.socket
 }
 
+/// The other firmware runs, and with the settings that were kept.
+fn measures(machine: Machine, what: &str) {
+    let mut link = UsbLink::new(machine);
+    assert!(firmware(&mut link).starts_with("inerter 9."), "{what}");
+    link.request(Command::Streams(Streams { estimates: true, ..Streams::NONE }), 1.0).expect("a reply");
+    link.listen(3.0).expect("listens");
+    let estimate = link.records().into_iter().rev().find_map(|record| match record {
+        Record::Estimate(estimate) => Some(estimate),
+        _ => None,
+    });
+    let fitted = estimate.expect("an estimate").whole_run.inertance_kg.fitted();
+    let off = (fitted.value / 299.4906 - 1.0).abs();
+    assert!(off < 0.02, "{what}: {} kg, so the settings were lost", fitted.value);
+}
+
 #[test]
 fn another_firmware_measures_after_its_update_with_the_settings_kept() {
     let Some(image) = shipping_image() else { return };
@@ -153,17 +168,7 @@ fn another_firmware_measures_after_its_update_with_the_settings_kept() {
         Loader::connect(&mut machine).update(&another(&image)).unwrap_or_else(|error| panic!("{left:?}: {error}"));
         machine.run_for(0.5).unwrap_or_else(|ended| panic!("{left:?}: {ended}"));
         assert!(!machine.is_in_rom());
-        let mut link = UsbLink::new(machine);
-        assert!(firmware(&mut link).starts_with("inerter 9."), "{left:?}");
-        link.request(Command::Streams(Streams { estimates: true, ..Streams::NONE }), 1.0).expect("a reply");
-        link.listen(3.0).expect("listens");
-        let estimate = link.records().into_iter().rev().find_map(|record| match record {
-            Record::Estimate(estimate) => Some(estimate),
-            _ => None,
-        });
-        let fitted = estimate.expect("an estimate").whole_run.inertance_kg.fitted();
-        let off = (fitted.value / 299.4906 - 1.0).abs();
-        assert!(off < 0.02, "{left:?}: {} kg, so the settings were lost", fitted.value);
+        measures(machine, &format!("{left:?}"));
     }
 }
 
@@ -189,7 +194,6 @@ fn an_update_whose_power_fails_at_any_stage_is_completed_by_the_next() {
         machine.set_boot0(false);
         Loader::connect(&mut machine).update(&new).unwrap_or_else(|error| panic!("after a cut at {cut}: {error}"));
         machine.run_for(0.5).unwrap_or_else(|ended| panic!("{ended}"));
-        let mut link = UsbLink::new(machine);
-        assert!(firmware(&mut link).starts_with("inerter 9."), "cut after {cut}");
+        measures(machine, &format!("cut after {cut}"));
     }
 }

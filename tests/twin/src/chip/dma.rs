@@ -7,6 +7,7 @@
 //! Sources: RM0440 chapter 12, registers 12.6.1 to 12.6.6; where a register may be written, the notes beside its
 //! fields.
 
+use super::errata::Errata;
 use crate::{Cycles, Registers, Unknown, Width};
 
 /// Channels of one controller.
@@ -120,9 +121,10 @@ impl Channel {
 }
 
 /// One controller.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Dma {
     channels: [Channel; CHANNELS],
+    errata: Errata,
     /// The channel that gets no turn on the bus, and until when.
     stall: Option<(usize, Cycles)>,
 }
@@ -130,7 +132,12 @@ pub struct Dma {
 impl Dma {
     /// As after reset.
     pub fn new() -> Self {
-        Self::default()
+        Self { channels: Default::default(), errata: Errata::NONE, stall: None }
+    }
+
+    /// Which errata there are from now on.
+    pub fn set_errata(&mut self, errata: Errata) {
+        self.errata = errata;
     }
 
     /// What the channel would do on a request; none when it is disabled, has nothing left, or is kept waiting.
@@ -235,6 +242,9 @@ impl Registers for Dma {
         if offset == 0x04 {
             for (n, it) in (0..).zip(&mut self.channels) {
                 let clear = value >> (4 * n) & 0xF;
+                if self.errata.dma_global_clear && clear & flag::GLOBAL != 0 && it.is_enabled() {
+                    return Err(Unknown { what: "DMA_IFCR.CGIF: an enabled channel may miss an error by it" });
+                }
                 it.flags &= !if clear & flag::GLOBAL != 0 { flag::ALL } else { clear };
             }
             return Ok(());
@@ -272,7 +282,7 @@ impl Registers for Dma {
     }
 
     fn reset(&mut self, _: Cycles) {
-        *self = Self::new();
+        *self = Self { errata: self.errata, ..Self::new() };
     }
 }
 
@@ -339,6 +349,17 @@ mod tests {
         write(&mut dma, IFCR, flag::HALF << 4);
         assert_eq!((read(&mut dma, ISR), dma.irq(CHANNEL)), ((flag::GLOBAL | flag::COMPLETE) << 4, false));
         write(&mut dma, IFCR, flag::GLOBAL << 4);
+        assert_eq!(read(&mut dma, ISR), 0);
+    }
+
+    #[test]
+    fn all_flags_of_a_channel_are_cleared_at_once_only_while_it_is_off() {
+        let mut dma = ring(2, HALVES);
+        dma.set_errata(Errata::ALL);
+        assert!(dma.write(IFCR, flag::GLOBAL << 4, Width::Word, 0).is_err());
+        assert_eq!(dma.write(IFCR, flag::ALL << 4, Width::Word, 0), Ok(()));
+        dma.fail(CHANNEL);
+        assert_eq!(dma.write(IFCR, flag::GLOBAL << 4, Width::Word, 0), Ok(()));
         assert_eq!(read(&mut dma, ISR), 0);
     }
 

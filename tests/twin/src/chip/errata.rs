@@ -25,6 +25,9 @@ pub struct Errata {
     pub adc_start_disturbs: bool,
     /// 2.18.1, as cited; no public words found. The busy flag may stay set. Here: after every frame, until SPE is cleared.
     pub spi_busy_stays: bool,
+    /// Of the DMA, as cited without its number; no public words found. An error that comes as CGIF is written does not stop
+    /// the channel. Here: CGIF to an enabled channel ends the run.
+    pub dma_global_clear: bool,
     /// "Unstable LSI when it clocks RTC or CSS on LSE" (ES0431, the sheet of the STM32G431, revision 7, 2.2.3). Here: ends
     /// the run.
     pub lsi_with_rtc: bool,
@@ -39,6 +42,7 @@ impl Errata {
         adc_after_stop: true,
         adc_start_disturbs: true,
         spi_busy_stays: true,
+        dma_global_clear: true,
         lsi_with_rtc: true,
     };
     /// The chip of the reference manual.
@@ -49,6 +53,7 @@ impl Errata {
         adc_after_stop: false,
         adc_start_disturbs: false,
         spi_busy_stays: false,
+        dma_global_clear: false,
         lsi_with_rtc: false,
     };
 }

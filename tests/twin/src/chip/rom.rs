@@ -20,8 +20,10 @@ pub const VECTORS: [u32; 2] = [0x2000_3000, START + 0x101];
 /// The unique identity of this chip: place on the wafer, number of the wafer and of the lot, as in a real one.
 pub const UID: [u32; 3] = [0x0039_0025, 0x5836_500a, 0x2034_3356];
 
-/// Kilobytes of flash.
-const FLASH_SIZE: u16 = 512;
+/// Where the kilobytes of flash stand (RM0440 48.2).
+pub const FLASH_KB_AT: u32 = 0x1fff_75e0;
+/// Kilobytes of flash of the chip of both boards.
+pub const FLASH_KB: u16 = 512;
 
 /// RAM that the boot loader works in (AN2606, STM32G47xxx: 16 KB from 0x2000_0000).
 const WORK: usize = 16 << 10;
@@ -108,7 +110,7 @@ pub fn bytes() -> Vec<u8> {
     put(0x1fff_75a8, &TS_CAL1.to_le_bytes());
     put(0x1fff_75aa, &VREFINT_CAL.to_le_bytes());
     put(0x1fff_75ca, &TS_CAL2.to_le_bytes());
-    put(0x1fff_75e0, &FLASH_SIZE.to_le_bytes());
+    put(FLASH_KB_AT, &FLASH_KB.to_le_bytes());
     bytes
 }
 
