@@ -2,20 +2,20 @@
 //! published, and `stm32-hal2`, `stm32-usbd` and `usbd-serial` (`foreign/`). They have run on real boards; here they must do
 //! what they do there, or one of the two is wrong.
 
+mod common;
+
+use common::{chip_with, image_of_others};
 use inerter_twin::World;
-use inerter_twin::chip::{Pin, adc, errata::Errata, flash, gpio::Mode, rcc::Reset, rules::Rules};
+use inerter_twin::chip::{Pin, adc, flash, gpio::Mode, rcc::Reset};
 use inerter_twin::cpu::Stop;
-use inerter_twin::machine::{Machine, Options, image_in};
+use inerter_twin::machine::Machine;
 use inerter_twin::usb_link::UsbLink;
 use inerter_twin::world::Still;
 use inerter_twin::{Registers, Width};
 
 /// A program of the folder `foreign`; nothing where it is not built, after saying so.
 fn foreign(name: &str, world: impl World + 'static) -> Option<Machine> {
-    let image = image_in("INERTER_FOREIGN", &format!("release/foreign-{name}"))?;
-    // Errata are at their worst here, which no real chip is.
-    let options = Options { errata: Errata::NONE, rules: Rules::AsOnTheChip, ..Options::default() };
-    Some(Machine::with(&image, options, Box::new(world)).expect("the image"))
+    Some(chip_with(&image_of_others(name)?, world))
 }
 
 fn run(machine: &mut Machine, time_s: f64) {

@@ -8,6 +8,9 @@
 //!
 //! Slow, about a minute. Skipped where image or QEMU are missing.
 
+mod common;
+
+use common::{chip_with, image_of_others};
 use inerter_guest::{Ended, Guest};
 use inerter_plant::Excitation;
 use inerter_twin::bench::{Bench, Rig};
@@ -17,6 +20,7 @@ use inerter_twin::elf::Elf;
 use inerter_twin::machine::{Machine, shipping_image};
 use inerter_twin::usb_link::UsbLink;
 use inerter_twin::usbip::Server;
+use inerter_twin::world::Still;
 use inerter_wire::{Command as Request, MAX_FRAME, Streams, encode_request};
 use serde_json::Value;
 use std::collections::BTreeSet;
@@ -54,9 +58,7 @@ struct Twin {
 impl Twin {
     /// A board that was set up for its rig, which moves.
     fn start(firmware: Vec<u8>) -> Self {
-        let (orders, ordered) = mpsc::channel::<Order>();
-        let (tell, told) = mpsc::channel();
-        let thread = std::thread::spawn(move || {
+        Self::serve(move || {
             let rig = rig();
             let settings = rig.settings(1000.0);
             let bench = Bench::new(rig).expect("a rig that can be");
@@ -65,7 +67,15 @@ impl Twin {
             machine.run_for(0.5).expect("starts");
             let mut link = UsbLink::new(machine);
             link.set_up(&settings).expect("takes its settings");
-            let mut server = Server::new(link.socket).expect("a free port");
+            link.socket
+        })
+    }
+
+    fn serve(machine: impl FnOnce() -> Machine + Send + 'static) -> Self {
+        let (orders, ordered) = mpsc::channel::<Order>();
+        let (tell, told) = mpsc::channel();
+        let thread = std::thread::spawn(move || {
+            let mut server = Server::new(machine()).expect("a free port");
             tell.send(server.address().expect("bound")).expect("the test waits");
             server.run(|server| ordered.try_iter().any(|order| matches!(order(server), Next::End))).expect("serves");
         });
@@ -171,8 +181,11 @@ impl Linux {
 
     /// Plugs the device in and waits for its port.
     fn attach(&mut self, port: &str) {
-        let address = self.twin.port();
-        self.run(&format!("inerter-guest attach 10.0.2.2:{address}"));
+        self.attach_another(self.twin, port);
+    }
+
+    fn attach_another(&mut self, twin: std::net::SocketAddr, port: &str) {
+        self.run(&format!("inerter-guest attach 10.0.2.2:{}", twin.port()));
         self.until(&format!("[ -c {port} ]"));
     }
 }
@@ -253,6 +266,9 @@ fn a_real_kernel_and_the_real_program_measure_with_the_shipping_binary() {
     watch.lap("dfu-util");
     an_update_that_is_cut_is_completed_by_the_next(&mut linux, &twin, &firmware);
     watch.lap("three updates that are cut");
+    twin.order(Server::unplug);
+    programs_of_others_are_served(&mut linux);
+    watch.lap("programs of others");
 
     drop(linux);
     twin.end();
@@ -559,4 +575,21 @@ fn pages(image: &[u8]) -> Vec<usize> {
     let page = |address: usize| (address - flash::START as usize) / flash::PAGE;
     let of = |(start, bytes): &(u32, Vec<u8>)| page(*start as usize)..=page(*start as usize + bytes.len() - 1);
     elf.segments().iter().flat_map(of).collect::<BTreeSet<usize>>().into_iter().collect()
+}
+
+/// Echoes whose drivers are not ours, one in capitals and one a letter higher, at a host that is not ours either.
+fn programs_of_others_are_served(linux: &mut Linux) {
+    linux.until("! ls /dev/ttyACM*");
+    for (name, maker, answer) in [("usb-serial", "Fake company", "TWIN"), ("hal2-usb", "Others", "uxjo")] {
+        let Some(image) = image_of_others(name) else { return };
+        let twin = Twin::serve(move || chip_with(&image, Still));
+        linux.attach_another(twin.address, "/dev/ttyACM0");
+        assert_eq!(linux.run("cat /sys/bus/usb/devices/1-1/manufacturer").trim(), maker);
+        linux.run("stty -F /dev/ttyACM0 raw -echo");
+        let ended = linux.run_within("exec 3<>/dev/ttyACM0; printf twin >&3; head -c 4 <&3", SOON);
+        assert_eq!(ended.text(), answer, "{name}: {}", linux.run("dmesg | tail -20"));
+        twin.order(Server::unplug);
+        linux.until("! ls /dev/ttyACM*");
+        twin.end();
+    }
 }

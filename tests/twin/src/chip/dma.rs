@@ -129,10 +129,16 @@ pub struct Dma {
     stall: Option<(usize, Cycles)>,
 }
 
+impl Default for Dma {
+    fn default() -> Self {
+        Self { channels: Default::default(), errata: Errata::NONE, stall: None }
+    }
+}
+
 impl Dma {
     /// As after reset.
     pub fn new() -> Self {
-        Self { channels: Default::default(), errata: Errata::NONE, stall: None }
+        Self::default()
     }
 
     /// Which errata there are from now on.

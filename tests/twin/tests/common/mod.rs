@@ -3,7 +3,8 @@
 #![allow(dead_code, reason = "each test program uses its part")]
 
 use inerter_twin::World;
-use inerter_twin::machine::{Machine, shipping_image};
+use inerter_twin::chip::{errata::Errata, rules::Rules};
+use inerter_twin::machine::{Machine, Options, image_in, shipping_image};
 use inerter_twin::talk::Talk;
 use inerter_twin::usb_link::UsbLink;
 use inerter_wire::{Command, DELIMITER, Done, Frame, FrameReader, Refusal, Request};
@@ -17,6 +18,18 @@ pub fn board(world: impl World + 'static) -> Option<UsbLink<Machine>> {
     let mut machine = Machine::new(&shipping_image()?, Box::new(world)).expect("the image");
     machine.run_for(START_S).unwrap_or_else(|ended| panic!("{ended}"));
     Some(UsbLink::new(machine))
+}
+
+/// A program of the folder `foreign`; nothing where it is not built, after saying so.
+pub fn image_of_others(name: &str) -> Option<Vec<u8>> {
+    image_in("INERTER_FOREIGN", &format!("release/foreign-{name}"))
+}
+
+/// The chip with such a program.
+pub fn chip_with(image: &[u8], world: impl World + 'static) -> Machine {
+    // Errata are at their worst here, which no real chip is.
+    let options = Options { errata: Errata::NONE, rules: Rules::AsOnTheChip, ..Options::default() };
+    Machine::with(image, options, Box::new(world)).expect("the image")
 }
 
 /// Chance that repeats: splitmix64 (Steele, Lea and Flood, 2014).
