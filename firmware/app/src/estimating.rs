@@ -10,7 +10,7 @@ use core::pin::pin;
 use embassy_futures::select::{Either3, select3};
 use embassy_time::{Duration, Instant, Timer};
 use inerter_core::{
-    Active, Bank, Change, Counters, Detail, Estimate, Law, Output, Published, RawSample, Reversal, State,
+    Active, Bank, Change, Counters, Detail, Estimate, Law, Output, Published, RawSample, Reversal, State, Warning,
 };
 use inerter_wire::{Event, EventKind, SamplesBuilder, Streams};
 
@@ -31,6 +31,7 @@ struct Due {
     reversal: Option<Reversal>,
     /// The two records of the fast bank, then those of the slow one.
     sums: [bool; 4],
+    warning: Option<Warning>,
     change: Option<Change>,
     estimate: Option<Estimate>,
     law: Option<Law>,
@@ -114,7 +115,7 @@ impl Estimating<'_> {
 
     /// Takes a sample through the estimator and notes what is due. No part of the output is copied before it is there.
     fn step(&mut self, sample: &RawSample, stream: Streams) {
-        let Output { published, reversal, change, .. } = &self.active.step(self.state, sample);
+        let Output { published, reversal, warning, change, .. } = &self.active.step(self.state, sample);
         if stream.estimates {
             if let Some(published) = published {
                 self.due.publish(published);
@@ -128,6 +129,9 @@ impl Estimating<'_> {
                 Bank::Fast => (Due::FAST, Bank::Slow),
                 Bank::Slow => (Due::SLOW, Bank::Fast),
             };
+        }
+        if warning.is_some() {
+            self.due.warning = *warning;
         }
         if change.is_some() {
             // The last of the device before: they begin anew with the next update.
@@ -161,6 +165,10 @@ impl Estimating<'_> {
                 0 => Outgoing::Sums(self.active.sums(self.state, bank)),
                 _ => Outgoing::MoreSums(self.active.more_sums(self.state, bank)),
             });
+        }
+        if let Some(warning) = due.warning.take() {
+            let index = self.state.last_index();
+            return Some(Outgoing::Event(Event { index, kind: EventKind::Warned(warning) }));
         }
         if let Some(change) = due.change.take() {
             let index = self.state.last_index();

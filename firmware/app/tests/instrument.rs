@@ -241,6 +241,7 @@ fn what_goes_with_an_estimate_follows_it_and_reversals_and_changes_come_when_the
         let output = active.step(&mut state, sample);
         reversals += output.reversal.iter().count();
         expected.extend(output.reversal.map(Record::Reversal));
+        assert_eq!(output.warning, None);
         if let Some(change) = output.change {
             changes += 1;
             // The last sums of the device before.
@@ -256,7 +257,7 @@ fn what_goes_with_an_estimate_follows_it_and_reversals_and_changes_come_when_the
 
     let is_ours = |record: &Record| match record {
         Record::Estimate(_) | Record::Law(_) | Record::Detail(_) | Record::Reversal(_) => true,
-        Record::Event(event) => matches!(event.kind, EventKind::Changed(_)),
+        Record::Event(event) => matches!(event.kind, EventKind::Changed(_) | EventKind::Warned(_)),
         // Those that come every second have their own test.
         Record::Sums(sums) => expected.contains(&Record::Sums(*sums)),
         _ => false,

@@ -10,6 +10,7 @@ use crate::kernel::{MORE_REGRESSORS, Normaliser, REGRESSORS};
 use crate::ldl::UNKNOWNS;
 use crate::line::VELOCITY_BITS;
 use crate::math::{exponent, power_of_two, term};
+use crate::plausible::{SLIP_COUNTS, SLIP_FACTOR};
 use crate::settings::{Settings, SettingsError};
 
 /// Encoder travel in one sample at full scale [counts / oversampling]: keeps the comb of the velocity within 64 bits.
@@ -68,6 +69,8 @@ pub(crate) struct Signal {
     pub delay: u8,
     pub publish_samples: u32,
     pub newtons_per_code: f32,
+    /// Bend of the position within a sample that is no slip: by steps [codes], and by the force [codes kg per code].
+    pub bend: (u32, f64),
 }
 
 /// What one bank needs.
@@ -208,6 +211,10 @@ impl Settings {
             delay: delay as u8,
             publish_samples: rounded(rate / self.publish_rate_hz).max(1.0) as u32,
             newtons_per_code: magnitude(self.newtons_per_code) as f32,
+            bend: (
+                (SLIP_COUNTS * self.oversampling) as u32,
+                SLIP_FACTOR * magnitude(self.newtons_per_code) * per_metre / (rate * rate),
+            ),
         }
     }
 

@@ -90,7 +90,7 @@ impl Watch {
     }
 
     /// Begins anew: what came before says nothing of what comes.
-    fn forget(&mut self) {
+    pub fn forget(&mut self) {
         *self = Self { count: self.count, ..Self::new() };
     }
 

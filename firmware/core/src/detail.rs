@@ -261,3 +261,29 @@ pub enum Changed {
     /// Force offset \[N\].
     Offset,
 }
+
+/// Something about the samples that no device can be blamed for; those that show it are left out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Warning {
+    /// Sample at which it was found.
+    pub index: u32,
+    /// What is wrong.
+    pub kind: WarningKind,
+}
+
+/// What may be wrong with the samples. New ones go at the end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum WarningKind {
+    /// The inertance is negative beyond its interval: force or position has the wrong sign, or no inertia is there.
+    WrongSign,
+    /// The position has jumped by more than any force could move it: the encoder has lost counts.
+    CountSlip,
+    /// The force's codes pile up at an extreme below the rails: something before the converter clips it.
+    ClippedForce,
+    /// The force has stood still while the screw went to and fro: a broken cable, a dead channel.
+    DeadForce,
+}

@@ -10,6 +10,7 @@ use crate::detail::Change;
 use crate::estimate::Bank;
 use crate::gate::BLOCKS;
 use crate::output::Output;
+use crate::plausible::Doubt;
 use crate::qformat::shift_right;
 use crate::sample::RawSample;
 use crate::sign;
@@ -40,14 +41,18 @@ impl Active {
         };
         state.until_publish = state.until_publish.saturating_sub(1);
         if state.until_publish > 0 {
-            return Output { published: None, reversal, change };
+            return Output { published: None, reversal, warning: state.plausible.take(sample.index), change };
         }
         state.until_publish = signal.publish_samples;
-        let published = self.publish(state);
+        let (published, feedback) = self.publish_and_feed_back(state);
         state.published = published.estimate.bank;
-        state.feedback = self.feedback(&published.estimate, state.feedback);
+        state.feedback = feedback;
         state.feedback.coulomb_like = state.velocity_reversals.coulomb_like();
-        Output { published: Some(published), reversal, change }
+        if published.estimate.recent.are_backwards() {
+            state.plausible.backwards();
+        }
+        state.plausible.learn(self.bend(&published.estimate.recent), self.noise_beside_clipped(&state.noise));
+        Output { published: Some(published), reversal, warning: state.plausible.take(sample.index), change }
     }
 
     /// Watches for a change of the device; both memories begin anew where there was one.
@@ -85,16 +90,21 @@ impl State {
         if saturated {
             self.counters.saturated = self.counters.saturated.saturating_add(1);
         }
+        let force = sample.force_code.saturating_sub(signal.force_zero_code);
+        let within = Some(force).filter(|_| !saturated);
+        let Doubt { slipped, no_force, since_a_while } = self.plausible.push(sample.position_count, within, broken);
+        if since_a_while {
+            self.begin_anew(signal.delay);
+        }
+        let line = &mut self.line;
+        let (broken, saturated) = (broken || slipped, saturated || no_force);
         if broken {
             // Signs up to half a kernel before the discontinuity would be located with positions from behind it.
-            for ago in 0..=signal.sign_half_width {
-                line.ago(ago).bad = true;
-            }
+            line.spoil(signal.sign_half_width);
             line.tainted = signal.sign_half_width + 1;
             line.whole = 0;
             self.rest.reset();
         }
-        let force = sample.force_code.saturating_sub(signal.force_zero_code);
         let force = if signal.force_reversed { force.saturating_neg() } else { force };
         let position =
             if signal.position_reversed { sample.position_count.wrapping_neg() } else { sample.position_count };
@@ -108,6 +118,15 @@ impl State {
             broken,
             offset: self.feedback.offset_code,
         }
+    }
+
+    /// What was learnt is not of the device, and neither is what waits.
+    #[cold]
+    fn begin_anew(&mut self, delay: u8) {
+        self.line.spoil(delay);
+        self.fast.forget();
+        self.slow.forget();
+        self.watch.forget();
     }
 
     /// Marks windows of rest and grazing reversals.
@@ -188,6 +207,9 @@ impl State {
         cascades.force.push(i64::from(sample.force));
         cascades.sign.push(i64::from(sample.sign));
         let good = full && !sample.bad && !known_rest;
+        if good && self.plausible.goes(sample.sign) {
+            self.begin_anew(signal.delay);
+        }
         self.good_samples = if good { self.good_samples.saturating_add(1) } else { 0 };
     }
 }

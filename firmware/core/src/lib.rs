@@ -23,6 +23,7 @@ mod math;
 mod near_rest;
 mod noise;
 mod output;
+mod plausible;
 mod qformat;
 mod regime;
 mod report;
@@ -40,7 +41,7 @@ mod sums;
 pub use active::Active;
 pub use detail::{
     Backlash, BacklashSize, BacklashStatus, Band, Change, Changed, Contact, Detail, Friction, Law, LawStatus, Misfit,
-    Reason, Regime, Reversal, Route,
+    Reason, Regime, Reversal, Route, Warning, WarningKind,
 };
 pub use estimate::{Bank, Estimate, Interval, Parameter, Parameters, Status, Unresolved};
 pub use output::{Output, Published};

@@ -90,6 +90,12 @@ impl DelayLine {
         *self.ago(0) = Waiting { position, position_sum: self.position_sum, force, sign: 0, passes_zero: false, bad };
     }
 
+    /// Leaves the newest samples out.
+    #[inline(never)]
+    pub fn spoil(&mut self, samples: u8) {
+        (0..=samples).for_each(|ago| self.ago(ago).bad = true);
+    }
+
     pub fn ago(&mut self, samples: u8) -> &mut Waiting {
         &mut self.samples[usize::from(self.head.wrapping_sub(samples))]
     }

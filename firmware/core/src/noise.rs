@@ -45,15 +45,20 @@ impl Noise {
         }
     }
 
-    /// The magnitude [2^-FRACTION codes] that a quarter of the fourth differences does not reach, on a straight line
+    /// How many differences are remembered.
+    pub fn differences(&self) -> u32 {
+        self.octaves.iter().sum::<u32>() / ONE
+    }
+
+    /// The magnitude [2^-FRACTION codes] that so many quarters of the fourth differences do not reach, on a straight line
     /// within its octave; nothing from too few.
-    pub fn quartile(&self) -> Option<u64> {
+    pub fn quantile(&self, quarters: u32) -> Option<u64> {
         let total: u32 = self.octaves.iter().sum();
         // Each has lost some to those after it, all together less than one.
         if total <= (FEWEST - 1) * ONE {
             return None;
         }
-        let mut missing = total >> 2;
+        let mut missing = (total >> 2) * quarters;
         // What rounds to the octave's least and greatest codes is its own.
         let (mut from, mut to) = (0_u64, 1 << (Self::FRACTION - 1));
         for &count in &self.octaves {
@@ -91,7 +96,7 @@ mod tests {
             let sample = |i: usize| (rms * normal(&mut seed) + disturbance(n, i)).round() as i32;
             noise.push([0, 1, 2, 3, 4].map(sample));
         }
-        noise.quartile().unwrap() as f64 / f64::from(1 << Noise::FRACTION) / QUARTILE
+        noise.quantile(1).unwrap() as f64 / f64::from(1 << Noise::FRACTION) / QUARTILE
     }
 
     #[test]
@@ -122,17 +127,17 @@ mod tests {
     #[test]
     fn the_past_is_forgotten_and_few_tell_nothing() {
         let mut noise = Noise::new();
-        assert_eq!(noise.quartile(), None);
+        assert_eq!(noise.quantile(1), None);
         told(&mut noise, 100.0, 30_000, |_, _| 0.0);
         let after = told(&mut noise, 1000.0, 20_000, |_, _| 0.0);
         assert!((after / 1000.0 - 1.0).abs() < 0.06, "{after}");
         (0..50_000).for_each(|_| noise.push([i32::MIN, i32::MAX, i32::MIN, i32::MAX, 7]));
-        assert!(noise.quartile().is_some() && noise.octaves.iter().sum::<u32>() < (1 << 31) + (1 << 17));
+        assert!(noise.quantile(1).is_some() && noise.octaves.iter().sum::<u32>() < (1 << 31) + (1 << 17));
         let mut few = Noise::new();
         (1..FEWEST).for_each(|_| few.push([5; 5]));
-        assert_eq!(few.quartile(), None);
+        assert_eq!(few.quantile(1), None);
         few.push([5; 5]);
         // No noise that can be told from none.
-        assert!(few.quartile().unwrap() < 128);
+        assert!(few.quantile(1).unwrap() < 128);
     }
 }

@@ -1,6 +1,6 @@
 //! What one sample brings.
 
-use crate::detail::{Change, Detail, Law, Reversal};
+use crate::detail::{Change, Detail, Law, Reversal, Warning};
 use crate::estimate::Estimate;
 
 /// What [`Active::step`](crate::Active::step) has to say; most samples bring nothing.
@@ -12,6 +12,8 @@ pub struct Output {
     pub published: Option<Published>,
     /// A reversal of the flanks that this sample has concluded and that agrees with those before it.
     pub reversal: Option<Reversal>,
+    /// Samples that no device can be blamed for.
+    pub warning: Option<Warning>,
     /// A change of the device. Estimate and sums are still those of before; both memories begin anew with the next update.
     pub change: Option<Change>,
 }

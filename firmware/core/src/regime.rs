@@ -29,6 +29,9 @@ const UNEXPLAINED: f32 = 1.7;
 const UNEXPLAINED_IMPACTS: f32 = 1.4;
 /// Standard deviations of either ratio by chance alone, on top.
 const CHANCE: f32 = 3.0;
+/// Variance of the noise's variance by the quartile of its differences, times their number: `4 p (1 - p) / (q f(q))^2` with
+/// `p` = 1/4, the quartile `q` of a normal magnitude and the density `f` there.
+const QUARTILE_CHANCE: f32 = 12.8;
 /// Observations away from rest under which nothing is said: twice those of a fit, as two residuals are compared.
 const LEAST_OBSERVATIONS: f32 = 16.0;
 /// Least part of the error that counts as alike to a regressor, and its growth with the error's share in friction.
@@ -41,6 +44,9 @@ const STRIBECK: f32 = 0.1;
 const HIDDEN: f32 = 6.0;
 /// Spring of a creeping screw taken for inertance, per share in friction and `fc` over the rms of the acceleration.
 const SPRING: f32 = 0.6;
+/// How far a parameter may be off where the law is broken, per error that all of the unlawful residual would make if it were
+/// alike to its regressor: the others take the rest of what breaks the law. Load-dependent friction reaches 3.1.
+const REACH: f32 = 3.1;
 /// Part of the impacts' error that counts as alike to a regressor: in a motion that repeats itself every 2 s viscous
 /// friction scatters by 0.17 of all, at 1 and at 4 kHz; in a random one by 0.06, which the interval holds anyway.
 const IMPACTS: f32 = 0.4;
@@ -144,19 +150,33 @@ impl Assessment {
     }
 }
 
-/// Whether the law holds, by the residual's variance that noise and steps explain \[N^2\] and how the flanks behave.
-pub(crate) fn law(fit: &Fit, explained: f32, contact: Contact) -> Law {
+/// Whether the law holds, by the residual's variance that noise and steps explain \[N^2\], the number of differences that the
+/// noise was found from, and how the flanks behave.
+pub(crate) fn law(fit: &Fit, explained: f32, differences: u32, contact: Contact) -> Law {
     let known = fit.observations >= LEAST_OBSERVATIONS && explained.is_finite() && explained > 0.0;
     if !known {
         return Law::default();
     }
-    let (ratio, limit) = (fit.variance / explained, UNEXPLAINED + CHANCE * sqrt(2.0 / freedom(fit)));
+    let chance = sqrt(2.0 / freedom(fit) + QUARTILE_CHANCE / differences as f32);
+    let (ratio, limit) = (fit.variance / explained, UNEXPLAINED + CHANCE * chance);
     let status = match contact {
         _ if ratio <= limit => LawStatus::Holds,
         Contact::Closed | Contact::OneSided => LawStatus::Broken,
         Contact::Unknown | Contact::Backlash | Contact::Bouncing => LawStatus::Unknown,
     };
     Law { status, misfit: Some(Misfit { ratio: sqrt(ratio), limit: sqrt(limit) }), ..Law::default() }
+}
+
+/// Where the law is broken, refuses each parameter that what breaks it may have moved beyond its interval.
+pub(crate) fn withdraw(law: &Law, fit: &Fit, parameters: &mut Parameters) {
+    let Some(Misfit { ratio, .. }) = law.misfit.filter(|_| law.status == LawStatus::Broken) else { return };
+    let reach = REACH * error_per_standard_error(fit, ratio * ratio);
+    let Parameters { inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n } = parameters;
+    for (parameter, error) in [inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n].into_iter().zip(fit.errors) {
+        if let Some(interval) = parameter.known().filter(|interval| reach * error > interval.u95) {
+            *parameter = Parameter::new(interval, Status::NotIdentifiable);
+        }
+    }
 }
 
 /// Degrees of freedom of the residual.

@@ -7,7 +7,7 @@ use crate::active::{Active, Scales};
 use crate::backlash::report::Found as Backlash;
 use crate::bank::BankState;
 use crate::constants;
-use crate::detail::{Band, Contact, Detail, Friction, Law};
+use crate::detail::{Band, Contact, Detail, Friction, Law, LawStatus};
 use crate::estimate::{Bank, Estimate, Interval, Parameter, Parameters, Status};
 use crate::feedback::Feedback;
 use crate::fit::{Fit, Knowledge, fit};
@@ -15,6 +15,8 @@ use crate::line::VELOCITY_BITS;
 use crate::math::{magnitude, sqrt, term};
 use crate::noise::Noise;
 use crate::output::Published;
+use crate::plausible;
+use crate::qformat::Term;
 use crate::regime::{self, Assessment};
 use crate::state::State;
 
@@ -27,6 +29,8 @@ const SKEW_FACTOR: f32 = constants::SKEW_FACTOR as f32;
 const CLEAR_OF_STEPS: f32 = 2000.0;
 /// Quartile of the force's fourth differences, per rms of its noise: 0.3186 by normal noise, times the root of 70.
 const QUARTILE: f32 = 2.666;
+/// The same of the median and the upper quartile: 0.6745 and 1.1503 times the root of 70.
+const QUARTILES: [(u32, f32); 3] = [(1, QUARTILE), (2, 5.643), (3, 9.624)];
 /// Variance of the steps of the force [codes^2].
 const STEPS: f32 = constants::ROUNDING as f32;
 /// Part of Coulomb friction within which its interval must lie before reversals are placed by it.
@@ -37,6 +41,7 @@ struct Recent {
     bank: Bank,
     knowledge: Knowledge,
     parameters: Parameters,
+    fit: Fit,
     assessment: Assessment,
     residual_rms_n: f32,
     law: Law,
@@ -45,18 +50,32 @@ struct Recent {
 impl Active {
     /// The estimate and what goes with it as they stand, at any time.
     pub fn publish(&self, state: &State) -> Published {
+        self.publish_and_feed_back(state).0
+    }
+
+    /// The same with what the next samples are told. That rests on the fit whether the law holds or not: what it takes away
+    /// with friction that is nearly right is more than what it adds.
+    pub(crate) fn publish_and_feed_back(&self, state: &State) -> (Published, Feedback) {
         let Backlash { backlash, contact, stiffness, damping } = self.backlash.found(&state.backlash);
         let recent = self.recent(state, contact);
         let band = self.band(state, &recent);
-        let Recent { bank, mut parameters, assessment, residual_rms_n, law, .. } = recent;
+        let Recent { bank, knowledge: _, mut parameters, fit, assessment, residual_rms_n, law } = recent;
         let (config, bank_state) = self.bank(state, bank);
         let moving = bank_state.idle_samples < config.hold_samples && bank_state.recent.updates() > 0;
         if !moving {
             parameters.hold();
         }
+        let feedback = self.feedback(&parameters, state.feedback);
+        regime::withdraw(&law, &fit, &mut parameters);
+        let law = if parameters.refuse_backwards() { Law { status: LawStatus::Broken, ..law } } else { law };
         let (whole_bank, whole) = self.choose(state, Knowledge::whole_run);
-        let (mut whole_run, _) = self.solve_for(&whole, &self.bank(state, whole_bank).0.scales);
+        let scales = &self.bank(state, whole_bank).0.scales;
+        let (mut whole_run, whole_fit) = self.solve_for(&whole, scales);
         assessment.widen(&mut whole_run, WIDEST_INTERVAL);
+        let explained = self.explained(&state.noise, &whole_fit, scales);
+        let whole_law = regime::law(&whole_fit, explained, state.noise.differences(), contact);
+        regime::withdraw(&whole_law, &whole_fit, &mut whole_run);
+        whole_run.refuse_backwards();
         let index = state.last_index();
         let estimate = Estimate {
             index,
@@ -78,13 +97,25 @@ impl Active {
             friction: Friction { reversal_ratio: state.reversal_ratio(), regime: assessment.regime },
             changes: state.watch.count,
         };
-        Published { estimate, detail, law: Law { index, ..law } }
+        (Published { estimate, detail, law: Law { index, ..law } }, feedback)
+    }
+
+    /// What bends the position: steps, and the force by the inertance, where that is known whether the law holds or not.
+    pub(crate) fn bend(&self, parameters: &Parameters) -> Option<(u32, Term)> {
+        let Interval { value, u95 } = parameters.inertance_kg.fitted();
+        let (steps, per_code) = self.signal.bend;
+        (u95 < WIDEST_INTERVAL * value).then(|| (steps, term(per_code / f64::from(value))))
+    }
+
+    /// The force's noise [codes, rms] between the samples that are clipped, if any are: they have none.
+    pub(crate) fn noise_beside_clipped(&self, noise: &Noise) -> Option<f32> {
+        let rms = |(quarters, per_rms)| noise_by(noise, quarters, per_rms);
+        QUARTILES.into_iter().filter_map(rms).find(|rms| *rms >= plausible::LEAST_NOISE)
     }
 
     /// Variance of the residual that force noise and encoder steps explain [N^2]; infinite before they are known.
     fn explained(&self, noise: &Noise, fit: &Fit, scales: &Scales) -> f32 {
-        let Some(quartile) = noise.quartile() else { return f32::INFINITY };
-        let rms = quartile as f32 / (QUARTILE * (1 << Noise::FRACTION) as f32);
+        let Some(rms) = noise_by(noise, 1, QUARTILE) else { return f32::INFINITY };
         // Steps that swallow the noise are noise of their own.
         let variance = if rms * rms > STEPS { rms * rms } else { STEPS };
         let [inertance, ..] = fit.values;
@@ -105,8 +136,8 @@ impl Active {
         let explained = self.explained(&state.noise, &all, &config.scales);
         let assessment = Assessment::of(&all, &away, rms, parameters.viscous_n_s_per_m.fitted(), explained, contact);
         assessment.widen(&mut parameters, WIDEST_INTERVAL);
-        let law = regime::law(&all, explained, contact);
-        Recent { bank, knowledge, parameters, assessment, residual_rms_n: sqrt(all.variance), law }
+        let law = regime::law(&all, explained, state.noise.differences(), contact);
+        Recent { bank, knowledge, parameters, fit: all, assessment, residual_rms_n: sqrt(all.variance), law }
     }
 
     /// Frequencies at which the recent memory of the bank that is published saw the inertance.
@@ -139,8 +170,8 @@ impl Active {
     }
 
     /// What the next samples are told: friction's kink at a reversal, the offset, and what a weak force is.
-    pub(crate) fn feedback(&self, estimate: &Estimate, before: Feedback) -> Feedback {
-        let Parameters { inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n } = estimate.recent;
+    fn feedback(&self, parameters: &Parameters, before: Feedback) -> Feedback {
+        let Parameters { inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n } = *parameters;
         let codes = |newtons: f32| (newtons / self.signal.newtons_per_code) as i32;
         let mut feedback = before;
         let [inertance, viscous, coulomb, offset] =
@@ -199,6 +230,11 @@ impl Active {
     }
 }
 
+/// The force's noise [codes, rms] by a quantile of its differences, where it is known.
+fn noise_by(noise: &Noise, quarters: u32, per_rms: f32) -> Option<f32> {
+    noise.quantile(quarters).map(|quantile| quantile as f32 / (per_rms * (1 << Noise::FRACTION) as f32))
+}
+
 impl State {
     /// How much of the kink that Coulomb friction would give the velocity the reversals have shown: 1 is all of it,
     /// less where friction turns over a presliding distance. Nothing before the first reversal under known friction.
@@ -229,6 +265,25 @@ fn parameter(value: f32, u95: f32, relative: bool) -> Parameter {
 }
 
 impl Parameters {
+    /// Whether the inertance is negative beyond its interval, whatever its status.
+    pub(crate) fn are_backwards(&self) -> bool {
+        let Interval { value, u95 } = self.inertance_kg.fitted();
+        value < 0.0 && u95 < -WIDEST_INTERVAL * value
+    }
+
+    /// Then nothing of it is true.
+    fn refuse_backwards(&mut self) -> bool {
+        let are_backwards = self.are_backwards();
+        if are_backwards {
+            for parameter in
+                [&mut self.inertance_kg, &mut self.viscous_n_s_per_m, &mut self.coulomb_n, &mut self.offset_n]
+            {
+                *parameter = Parameter::new(parameter.fitted(), Status::NotIdentifiable);
+            }
+        }
+        are_backwards
+    }
+
     fn hold(&mut self) {
         for parameter in [&mut self.inertance_kg, &mut self.viscous_n_s_per_m, &mut self.coulomb_n, &mut self.offset_n]
         {

@@ -10,6 +10,7 @@ use crate::gate::Rest;
 use crate::kernel::Cascades;
 use crate::line::DelayLine;
 use crate::noise::Noise;
+use crate::plausible::Plausible;
 use crate::sign::{Sign, VelocityReversals};
 
 /// What has been counted since the reset.
@@ -30,6 +31,7 @@ pub struct Counters {
 #[derive(Clone, Debug)]
 pub struct State {
     pub(crate) counters: Counters,
+    pub(crate) plausible: Plausible,
     pub(crate) line: DelayLine,
     pub(crate) rest: Rest,
     pub(crate) sign: Sign,
@@ -61,6 +63,7 @@ impl State {
     pub const fn empty() -> Self {
         Self {
             counters: Counters { samples: 0, discontinuities: 0, lost_samples: 0, saturated: 0 },
+            plausible: Plausible::new(),
             line: DelayLine::new(),
             rest: Rest::new(),
             sign: Sign::new(),
@@ -89,6 +92,7 @@ impl State {
     pub fn reset(&mut self, active: &Active) {
         let Self {
             counters,
+            plausible,
             line,
             rest,
             sign,
@@ -105,6 +109,7 @@ impl State {
             until_publish,
         } = self;
         *counters = Counters::default();
+        *plausible = Plausible::new();
         line.reset();
         *rest = Rest::new();
         *sign = Sign::new();

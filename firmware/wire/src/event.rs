@@ -1,7 +1,7 @@
 //! Events of an estimator, in a device or in a replay, and steps of the sample counter.
 
 use crate::{Event, EventKind, Record};
-use inerter_core::{Change, Detail, Estimate, Law, Published, Reversal};
+use inerter_core::{Change, Detail, Estimate, Law, Published, Reversal, Warning};
 
 /// An event of an estimator: of the one in a device, or of the one that replays a recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -10,6 +10,8 @@ pub enum EstimatorEvent {
     Reversal(Reversal),
     /// The device measured has changed.
     Changed(Change),
+    /// The samples show something that no device can be blamed for.
+    Warned(Warning),
     /// An estimate with what goes with it.
     Estimate(Estimated),
 }
@@ -43,6 +45,7 @@ impl EstimatorEvent {
         match self {
             Self::Reversal(reversal) => reversal.index,
             Self::Changed(change) => change.index,
+            Self::Warned(warning) => warning.index,
             Self::Estimate(estimated) => estimated.estimate.index,
         }
     }
@@ -88,6 +91,9 @@ impl Pairing {
             Record::Reversal(reversal) => [self.flush(), Some(EstimatorEvent::Reversal(*reversal))],
             Record::Event(Event { kind: EventKind::Changed(change), .. }) => {
                 [self.flush(), Some(EstimatorEvent::Changed(*change))]
+            }
+            Record::Event(Event { kind: EventKind::Warned(warning), .. }) => {
+                [self.flush(), Some(EstimatorEvent::Warned(*warning))]
             }
             Record::Event(Event {
                 kind: EventKind::Started | EventKind::EstimatorReset | EventKind::SourceEnded,

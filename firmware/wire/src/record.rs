@@ -4,7 +4,7 @@ use crate::forms;
 use crate::messages::messages;
 use crate::{Refusal, Samples, SettingsValues};
 use core::fmt;
-use inerter_core::{Change, Detail, Estimate, Law, MoreSums, Reversal, Sums};
+use inerter_core::{Change, Detail, Estimate, Law, MoreSums, Reversal, Sums, Warning};
 use serde::{Deserialize, Serialize};
 
 messages! {
@@ -185,6 +185,8 @@ pub enum EventKind {
     ResetBy(ResetCause),
     /// The device measured is another one now: the estimator has found a change and begun anew.
     Changed(Change),
+    /// The samples show something that no device can be blamed for.
+    Warned(Warning),
 }
 
 /// What made a device start. New ones go at the end.

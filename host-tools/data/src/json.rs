@@ -5,7 +5,7 @@
 
 use inerter_core::{
     Backlash, BacklashSize, Band, Bank, Contact, Counters, Detail, Law, LawStatus, Machine, Parameter, Parameters,
-    Reason, Regime, Reversal, Route, Settings, Status,
+    Reason, Regime, Reversal, Route, Settings, Status, Warning,
 };
 use inerter_wire::{Estimated, EventKind, Health, catalogue};
 use serde::Serialize;
@@ -13,7 +13,7 @@ use serde_json::Value;
 
 use crate::{
     names::Names,
-    text::{changed_field, event_words, seen},
+    text::{changed_field, event_words, seen, warning_code, warning_words},
 };
 
 /// One parameter in JSON.
@@ -288,9 +288,28 @@ impl EventJson {
     }
 }
 
+/// A warning of a run in JSON, an entry of `warnings`.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[allow(missing_docs, reason = "documented in docs/CLI.md")]
+pub struct WarningJson {
+    pub code: &'static str,
+    pub t_s: f64,
+    pub text: String,
+}
+
+impl WarningJson {
+    /// A warning at this time of the run \[s\].
+    pub fn new(t_s: f64, warning: &Warning, machine: Machine) -> Self {
+        Self { code: warning_code(warning.kind), t_s: rounded_s(t_s), text: warning_words(machine, warning.kind) }
+    }
+}
+
 /// An event for a program: `started`, `fault.newer_settings`, `reset_by.watchdog`; only what follows `panicked` is left
 /// to the words.
 pub fn event_code(kind: &EventKind) -> String {
+    if let EventKind::Warned(warning) = kind {
+        return format!("warned.{}", warning_code(warning.kind));
+    }
     match serde_json::to_value(kind) {
         Ok(Value::String(name)) => snake_case(&name),
         Ok(Value::Object(object)) => {

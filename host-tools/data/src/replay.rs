@@ -33,9 +33,10 @@ impl Replay {
         if let Some(last) = self.last_index.replace(sample.index) {
             self.elapsed += step(last, sample.index);
         }
-        let Output { published, reversal, change, .. } = self.active.step(&mut self.state, sample);
+        let Output { published, reversal, warning, change, .. } = self.active.step(&mut self.state, sample);
         let published = published.map(|published| EstimatorEvent::Estimate(published.into()));
-        [reversal.map(EstimatorEvent::Reversal), change.map(EstimatorEvent::Changed), published].into_iter().flatten()
+        let (reversal, change) = (reversal.map(EstimatorEvent::Reversal), change.map(EstimatorEvent::Changed));
+        [reversal, warning.map(EstimatorEvent::Warned), change, published].into_iter().flatten()
     }
 
     /// Time of the latest sample \[s\].
@@ -139,6 +140,6 @@ pub fn replay<E: From<SettingsInputError>>(
 ) -> Result<Outcome, E> {
     replay_all(run, |t_s, event| match event {
         EstimatorEvent::Estimate(estimated) => publish(t_s, &estimated.estimate),
-        EstimatorEvent::Reversal(_) | EstimatorEvent::Changed(_) => Ok(()),
+        EstimatorEvent::Reversal(_) | EstimatorEvent::Changed(_) | EstimatorEvent::Warned(_) => Ok(()),
     })
 }

@@ -51,7 +51,7 @@ pub fn inject<E: From<DeviceError>>(
 ) -> Result<Injected, E> {
     let estimates = |t_s: f64, event: &EstimatorEvent| match event {
         EstimatorEvent::Estimate(estimated) => publish(t_s, &estimated.estimate),
-        EstimatorEvent::Reversal(_) | EstimatorEvent::Changed(_) => Ok(()),
+        EstimatorEvent::Reversal(_) | EstimatorEvent::Changed(_) | EstimatorEvent::Warned(_) => Ok(()),
     };
     inject_all(device, injection, estimates, progress)
 }

@@ -135,6 +135,9 @@ impl Stream {
             EstimatorEvent::Changed(change) => {
                 self.send(&Record::Event(Event { index, kind: EventKind::Changed(change) }))
             }
+            EstimatorEvent::Warned(warning) => {
+                self.send(&Record::Event(Event { index, kind: EventKind::Warned(warning) }))
+            }
             EstimatorEvent::Estimate(Estimated { estimate, law, detail }) => {
                 self.send(&Record::Estimate(estimate))?;
                 law.map_or(Ok(()), |law| self.send(&Record::Law(law)))?;

@@ -9,7 +9,7 @@ use crate::values::{
 };
 use inerter_core::{
     Backlash, BacklashSize, BacklashStatus, Bank, Changed, Contact, Detail, Estimate, Interval, Law, LawStatus, Misfit,
-    Reason, Regime, Route,
+    Reason, Regime, Route, WarningKind,
 };
 use inerter_wire::*;
 use std::collections::{BTreeMap, BTreeSet};
@@ -256,6 +256,12 @@ fn nested_variants_are_covered() {
                     Changed::Coulomb => "coulomb changed",
                     Changed::Offset => "offset changed",
                 },
+                EventKind::Warned(warning) => match warning.kind {
+                    WarningKind::WrongSign => "wrong sign",
+                    WarningKind::CountSlip => "counts slipped",
+                    WarningKind::ClippedForce => "clipped force",
+                    WarningKind::DeadForce => "dead force",
+                },
             },
             Record::Reply(reply) => match reply.result {
                 Ok(Done::Plain) => "plain",
@@ -326,7 +332,7 @@ fn nested_variants_are_covered() {
         };
         seen.insert(kind);
     }
-    assert_eq!(seen.len(), 4 + 4 + 3 + 8 + 1 + 9 + 4 + 2 + 8 + 8 + 2 + 2 + 2 + 5 + 4 + 7 + 3 + 1);
+    assert_eq!(seen.len(), 4 + 4 + 3 + 8 + 1 + 9 + 4 + 4 + 2 + 8 + 8 + 2 + 2 + 2 + 5 + 4 + 7 + 3 + 1);
 }
 
 /// A frame taken apart by hand, so that the goldens do not only agree with themselves.

@@ -4,6 +4,7 @@ use crate::reference;
 use crate::values::{detail, estimate, few_samples, law, reversal};
 use inerter_core::{
     BacklashSize, BacklashStatus, Bank, Changed, Contact, LawStatus, Parameter, Reason, Regime, Route, Status,
+    WarningKind,
 };
 use inerter_wire::protocol::{COMMANDS, Entry, RECORDS};
 use inerter_wire::*;
@@ -29,6 +30,7 @@ fn registry() -> Registry {
     tracer.trace_type::<Regime>(&traces).unwrap();
     tracer.trace_type::<LawStatus>(&traces).unwrap();
     tracer.trace_type::<Changed>(&traces).unwrap();
+    tracer.trace_type::<WarningKind>(&traces).unwrap();
     tracer.trace_type::<ClockSource>(&traces).unwrap();
     tracer.trace_type::<Source>(&traces).unwrap();
     tracer.trace_type::<Fault>(&traces).unwrap();

@@ -3,7 +3,8 @@
 use crate::reference::Numbers;
 use inerter_core::{
     Backlash, BacklashSize, Band, Bank, Change, Changed, Contact, Detail, Estimate, Friction, Interval, Law, LawStatus,
-    Misfit, MoreSums, Parameter, Parameters, RawSample, Reason, Regime, Reversal, Route, Status, Sums,
+    Misfit, MoreSums, Parameter, Parameters, RawSample, Reason, Regime, Reversal, Route, Status, Sums, Warning,
+    WarningKind,
 };
 use inerter_wire::*;
 
@@ -177,6 +178,10 @@ fn change(parameter: Changed) -> Change {
     Change { index: 290, parameter, before: 300.0, after: 250.5 }
 }
 
+fn warned(kind: WarningKind) -> Record {
+    event(EventKind::Warned(Warning { index: 290, kind }))
+}
+
 /// A detail that no other is longer than.
 pub fn longest_detail() -> Detail {
     Detail {
@@ -251,6 +256,10 @@ pub fn records() -> Vec<(&'static str, Record)> {
         ("Event.Changed.Viscous", event(EventKind::Changed(change(Changed::Viscous)))),
         ("Event.Changed.Coulomb", event(EventKind::Changed(change(Changed::Coulomb)))),
         ("Event.Changed.Offset", event(EventKind::Changed(change(Changed::Offset)))),
+        ("Event.Warned.WrongSign", warned(WarningKind::WrongSign)),
+        ("Event.Warned.CountSlip", warned(WarningKind::CountSlip)),
+        ("Event.Warned.ClippedForce", warned(WarningKind::ClippedForce)),
+        ("Event.Warned.DeadForce", warned(WarningKind::DeadForce)),
         ("Reply.Plain", reply(Ok(Done::Plain))),
         ("Reply.Injected", reply(Ok(Done::Injected { accepted: 320, free: 96 }))),
         ("Reply.Unsupported", reply(Err(Refusal::Unsupported))),

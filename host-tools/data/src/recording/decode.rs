@@ -141,7 +141,7 @@ impl Decoder {
                 }
             }
             // An event of the device like others.
-            EstimatorEvent::Changed(_) => {}
+            EstimatorEvent::Changed(_) | EstimatorEvent::Warned(_) => {}
         }
     }
 

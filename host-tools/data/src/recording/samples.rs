@@ -151,7 +151,7 @@ impl<F: FnMut(RawSample)> Collected<F> {
                     self.fault(format!("the device's firmware had failed before this run: {text}; please report it"));
                 }
                 // What a replay says anew.
-                EventKind::Changed(_) => {}
+                EventKind::Changed(_) | EventKind::Warned(_) => {}
                 ref kind if is_trouble(kind) => self.fault(event_words(Machine::Linear, kind)),
                 _ => {}
             },

@@ -13,7 +13,7 @@ use inerter_data::{
     output,
     replay::{Outcome, replay_all},
     run::Run,
-    text::{self, value_text},
+    text::{self, value_text, warning_words},
 };
 use inerter_wire::{EstimatorEvent, catalogue};
 use serde::Serialize;
@@ -63,8 +63,14 @@ pub fn run(args: &Args) -> Result<(), Error> {
 /// Takes the run through the estimator and says where its sums began anew.
 pub fn replayed(run: &Run) -> Result<Outcome, Error> {
     replay_all(run, |t_s, event| {
-        if let EstimatorEvent::Changed(_) = event {
-            note(format!("the device changed at {t_s:.1} s: only the motion since is fitted"));
+        match event {
+            EstimatorEvent::Changed(_) => {
+                note(format!("the device changed at {t_s:.1} s: only the motion since is fitted"));
+            }
+            EstimatorEvent::Warned(warning) => {
+                note(format!("at {t_s:.1} s {}", warning_words(run.settings.machine, warning.kind)))
+            }
+            EstimatorEvent::Reversal(_) | EstimatorEvent::Estimate(_) => {}
         }
         Ok(())
     })

@@ -5,12 +5,13 @@ use std::path::PathBuf;
 use inerter_core::Machine;
 use inerter_data::{
     export::Source,
-    json::{EstimateJson, EventJson, ReversalJson, machine_json_line},
+    json::{EstimateJson, EventJson, ReversalJson, WarningJson, machine_json_line},
     output,
     replay::replay_samples,
-    text::{self, change_words},
+    text::{self, change_words, warning_words},
 };
 use inerter_wire::{EstimatorEvent, EventKind};
+use serde::Serialize;
 
 use super::{
     args::FileSettingsArgs,
@@ -31,7 +32,8 @@ const ROWS: f64 = 20.0;
 ///
 /// With --json one object a line: {"kind":"estimate","t_s":..,"whole_run":{..},"inertance_kg":{"value":..,"u95":..,
 /// "status":"ok"},..,"backlash_m":{..},..}, the last with "final":true; {"kind":"reversal",..} for each reversal of the flanks
-/// and {"kind":"event","code":"changed",..} for each change of the device. docs/CLI.md describes them.
+/// and {"kind":"event","code":"changed",..} for each change of the device, "warned.clipped_force" and its like for samples that no
+/// device can be blamed for. docs/CLI.md describes them.
 #[derive(clap::Args)]
 #[command(after_long_help = inerter_data::settings::help_table())]
 pub struct Args {
@@ -56,12 +58,14 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let every_s = args.every.map_or(run.duration_s() / ROWS, |every| every.as_secs_f64());
     let half_s = 0.5 / run.settings.publish_rate_hz;
     let (mut next_s, mut taken, mut header) = (run.start_s + every_s, 0u64, true);
+    let mut warnings = Vec::new();
     let outcome = replay_samples(
         &run.settings,
         run.start_s,
         run.samples()?.map(|sample| sample.map_err(Error::from)),
         |t_s, event: &EstimatorEvent| -> Result<(), Error> {
             let EstimatorEvent::Estimate(estimated) = event else {
+                warnings.extend(warning(run.settings.machine, t_s, event));
                 return tell(run.settings.machine, t_s, event, args.json, &mut header);
             };
             taken += 1;
@@ -85,13 +89,29 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let estimated = outcome.estimated();
     if args.json {
         let last = EstimateJson::last(outcome.t_s, &estimated, &run.settings, Some(outcome.counters));
-        return Ok(output::line(machine_json_line(run.settings.machine, &last))?);
+        return Ok(output::line(machine_json_line(run.settings.machine, &LastJson { last, warnings }))?);
     }
     if !header {
         output::line("")?;
     }
     output::lines(text::table(&estimated, &run.settings, run.truth.as_ref()).trim_end())?;
     Ok(output::line(text::counts_line(&run.settings, run.duration_s(), &outcome))?)
+}
+
+/// The last line of a run.
+#[derive(Serialize)]
+pub struct LastJson {
+    #[serde(flatten)]
+    pub last: EstimateJson,
+    pub warnings: Vec<WarningJson>,
+}
+
+/// What is wrong with the samples, where the event says it.
+pub fn warning(machine: Machine, t_s: f64, event: &EstimatorEvent) -> Option<WarningJson> {
+    match event {
+        EstimatorEvent::Warned(warning) => Some(WarningJson::new(t_s, warning, machine)),
+        _ => None,
+    }
 }
 
 /// What is no estimate: every one in JSON; a person sees the changes, and the scatter of the reversals as an interval.
@@ -109,6 +129,16 @@ pub fn tell(machine: Machine, t_s: f64, event: &EstimatorEvent, json: bool, head
         EstimatorEvent::Changed(change) => {
             head(machine, header)?;
             output::line(format!("{t_s:>9.2}  {}", change_words(machine, change)))?;
+        }
+        EstimatorEvent::Warned(warning) if json => {
+            output::line(machine_json_line(
+                machine,
+                &EventJson::new(Some(t_s), warning.index, &EventKind::Warned(*warning), machine),
+            ))?;
+        }
+        EstimatorEvent::Warned(warning) => {
+            head(machine, header)?;
+            output::line(format!("{t_s:>9.2}  {}", warning_words(machine, warning.kind)))?;
         }
         EstimatorEvent::Reversal(_) | EstimatorEvent::Estimate(..) => {}
     }

@@ -12,7 +12,7 @@ use inerter_wire::EstimatorEvent;
 
 use super::{
     args::{FileSettingsArgs, LinkArgs},
-    replay::tell,
+    replay::{LastJson, tell, warning},
     terminal::{Progress, catch_interrupts, interrupted, note},
 };
 use crate::Error;
@@ -45,6 +45,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let mut device = args.link.device()?;
     let mut progress = Progress::new("sending", run.samples.len() as u64);
     let started = std::time::Instant::now();
+    let mut warnings = Vec::new();
     let publish = |t_s: f64, event: &EstimatorEvent| -> Result<(), Error> {
         match event {
             EstimatorEvent::Estimate(estimated) if args.json => {
@@ -55,7 +56,10 @@ pub fn run(args: &Args) -> Result<(), Error> {
             }
             EstimatorEvent::Estimate(..) => {}
             // No rows come, so none needs a head.
-            _ => tell(run.settings.machine, t_s, event, args.json, &mut false)?,
+            _ => {
+                warnings.extend(warning(run.settings.machine, t_s, event));
+                tell(run.settings.machine, t_s, event, args.json, &mut false)?;
+            }
         }
         Ok(())
     };
@@ -68,7 +72,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     progress.done();
     if args.json {
         let last = EstimateJson::last(injected.t_s, &injected.estimated, &run.settings, None);
-        return Ok(output::line(machine_json_line(run.settings.machine, &last))?);
+        return Ok(output::line(machine_json_line(run.settings.machine, &LastJson { last, warnings }))?);
     }
     output::lines(text::table(&injected.estimated, &run.settings, run.truth.as_ref()).trim_end())?;
     output::line(format!(

@@ -277,7 +277,7 @@ impl Feed {
                 show(Item::Reversal { t_s: self.time_of(reversal.index), reversal });
             }
             // An event of the device like others.
-            EstimatorEvent::Changed(_) => {}
+            EstimatorEvent::Changed(_) | EstimatorEvent::Warned(_) => {}
         }
     }
 

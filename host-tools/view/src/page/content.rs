@@ -5,7 +5,7 @@ use inerter_analysis::{
     fit::{Products, directions},
     response::{self, ModelParameters, Response},
 };
-use inerter_core::{Change, Detail, Estimate, Reversal, Settings};
+use inerter_core::{Change, Detail, Estimate, Reversal, Settings, Warning};
 use inerter_data::{
     replay::{Outcome, replay_all},
     run::Run,
@@ -46,6 +46,8 @@ pub struct Content {
     pub reversals: Vec<(f64, Reversal)>,
     /// Changes of the device with their times \[s\].
     pub changes: Vec<(f64, Change)>,
+    /// What was wrong with samples, and when \[s\].
+    pub warnings: Vec<(f64, Warning)>,
     /// The law that is drawn: the fit to all motion since the last change.
     pub law: Law,
     /// Force and law over the whole run, or since the last change.
@@ -63,13 +65,15 @@ pub struct Content {
 impl Content {
     /// Takes a run through the estimator; `progress` is handed the part that is done.
     pub fn of(mut run: Run, mut progress: impl FnMut(f64)) -> Result<Self, SettingsInputError> {
-        let (mut moments, mut reversals, mut changes) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut moments, mut reversals) = (Vec::new(), Vec::new());
+        let (mut changes, mut warnings) = (Vec::new(), Vec::new());
         let duration_s = run.duration_s();
         let start_s = run.start_s;
         let outcome = replay_all(&run, |t_s, event| -> Result<(), SettingsInputError> {
             match *event {
                 EstimatorEvent::Reversal(reversal) => reversals.push((t_s, reversal)),
                 EstimatorEvent::Changed(change) => changes.push((t_s, change)),
+                EstimatorEvent::Warned(warning) => warnings.push((t_s, warning)),
                 EstimatorEvent::Estimate(Estimated { estimate, detail, .. }) => {
                     moments.push(Moment { t_s, estimate, detail });
                     progress(0.5 * (t_s - start_s) / duration_s.max(1e-9));
@@ -103,6 +107,7 @@ impl Content {
             moments,
             reversals,
             changes,
+            warnings,
             law,
             rows,
             close,

@@ -1,6 +1,6 @@
 //! The page itself: one file, nothing to load, light and dark, and on paper.
 
-use inerter_core::{Machine, Regime, Settings, Status};
+use inerter_core::{LawStatus, Machine, Regime, Settings, Status};
 use inerter_data::{
     json::bank_word,
     names::description,
@@ -86,10 +86,11 @@ fn header(content: &Content) -> Markup {
 }
 
 /// A cell's text and its class.
-fn status(word: Status) -> (&'static str, &'static str) {
+fn status(word: Status, law: LawStatus) -> (&'static str, &'static str) {
     match word {
         Status::Ok => ("ok", "ok"),
         Status::Held => ("held: at rest at the end", "held"),
+        Status::NotIdentifiable if law == LawStatus::Broken => ("the law is broken", "none"),
         Status::NotIdentifiable => ("this motion does not show it", "none"),
     }
 }
@@ -107,6 +108,7 @@ fn results(content: &Content) -> Markup {
         let later = content.later_truth(name).map(|(_, value)| format!(", then {}", digits(value * factor)));
         first + &later.unwrap_or_default()
     };
+    let law = content.outcome.law.status;
     let machine = content.run.settings.machine;
     let pairs = catalogue::parameters(machine, &estimate.recent)
         .zip(catalogue::parameters(machine, &estimate.whole_run))
@@ -125,7 +127,7 @@ fn results(content: &Content) -> Markup {
                 } }
                 tbody {
                     @for (((field, recent), (_, whole)), linear) in pairs {
-                        @let (word, class) = status(recent.status());
+                        @let (word, class) = status(recent.status(), law);
                         tr {
                             th scope="row" { (field.label) @if !field.symbol.is_empty() { " " i { (field.symbol) } } }
                             td { (field.unit) }
@@ -162,6 +164,9 @@ fn notes(content: &Content) -> Markup {
         .changes
         .iter()
         .map(|(t_s, change)| format!("At {t_s:.2} s {}.", text::change_words(content.run.settings.machine, change)));
+    let warnings = content.warnings.iter().map(|(t_s, warning)| {
+        format!("At {t_s:.2} s {}.", text::warning_words(content.run.settings.machine, warning.kind))
+    });
     let friction = match content.outcome.detail.friction.regime {
         Regime::Presliding | Regime::Stribeck => {
             Some("Friction near rest does not follow the law; the intervals are wider for it.".to_string())
@@ -172,7 +177,8 @@ fn notes(content: &Content) -> Markup {
         let why = "The contact stiffness is not set: without it the force alone shows no backlash";
         format!("{} (setting stiffness_n_per_m).", description(content.run.settings.machine, why))
     });
-    let all: Vec<String> = content.run.notes.iter().cloned().chain(changes).chain(friction).chain(contact).collect();
+    let all: Vec<String> =
+        content.run.notes.iter().cloned().chain(changes).chain(warnings).chain(friction).chain(contact).collect();
     markup! {
         section #notes {
             h2 { "Notes" }
