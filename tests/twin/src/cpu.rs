@@ -29,6 +29,8 @@ const EXCEPTION_CYCLES: Cycles = 12;
 /// CONTROL: the process stack is in use; the floating point unit is in use.
 const SPSEL: u32 = 1 << 1;
 const FPCA: u32 = 1 << 2;
+/// XPSR: how the next instructions depend on conditions.
+const IT: u64 = 0x0600_fc00;
 /// Unicorn's numbers of exceptions (QEMU, target/arm/cpu.h).
 const EXCP_SWI: u32 = 2;
 const EXCP_BKPT: u32 = 7;
@@ -299,9 +301,8 @@ impl Core {
     }
 
     /// Cycles that the core was awake since [`Cpu::count_cycles`].
-    pub fn cycles(&mut self) -> Option<Range> {
-        self.model(|model, core| model.transfers(core.chip.transfers));
-        self.model.as_ref().map(|model| model.total())
+    pub fn cycles(&self) -> Option<Range> {
+        self.model.as_ref().map(|model| model.total(self.chip.transfers))
     }
 
     /// What a block of code is, looked up by its address.
@@ -404,15 +405,15 @@ impl Cpu {
     /// From now on counts cycles too, which takes about twice the computer's time ([`Core::cycles`]).
     pub fn count_cycles(&mut self) -> Result<(), Stop> {
         let core = self.core_mut();
-        let mut model = Box::new(Model::default());
-        model.skip_transfers(core.chip.transfers);
-        core.model = Some(model);
+        core.model = Some(Box::new(Model::new(core.chip.transfers)));
         let seen = |uc: &mut Unicorn<Core>, _: MemType, address: u64, len: usize, _: i64| {
             uc.get_data_mut().model(|model, core| model.data(address as u32, len, &core.chip.flash.access()));
-            true
+            // Before a hook unicorn puts back the state of IT, which its code then leaves for the next block to see.
+            let status = uc.reg_read(R::XPSR).unwrap_or(0);
+            status & IT == 0 || uc.reg_write(R::XPSR, status & !IT).is_ok()
         };
-        let memories = u64::from(flash::START)..=u64::from(RAM_START) + RAM_LEN as u64 - 1;
-        self.uc.add_mem_hook(HookType::MEM_VALID, *memories.start(), *memories.end(), seen).map_err(emulator)?;
+        let (accesses, end) = (HookType::MEM_READ | HookType::MEM_WRITE, RAM_START + RAM_LEN as u32 - 1);
+        self.uc.add_mem_hook(accesses, flash::START.into(), end.into(), seen).map_err(emulator)?;
         // What is translated already calls no hook.
         self.forget_code()
     }

@@ -57,7 +57,7 @@ fn cycles_are_counted_beside_the_clock_while_awake() {
     let mut cpu = core(COUNT, &[]);
     cpu.count_cycles().expect("hooks");
     assert_eq!(cpu.run(100_000), Ok(None));
-    let core = cpu.core_mut();
+    let core = cpu.core();
     assert_eq!((core.instructions, core.slept), (202, 100_000 - 202), "time is as ever");
     // 99 of 100 branches are taken; without wait states the pessimist waits for three further reads of the line.
     assert_eq!(core.cycles(), Some(Range::new(202 + 99, 202 + 3 * 99 + 3)));
@@ -69,7 +69,7 @@ fn what_is_done_on_the_bus_is_in_the_count() {
         let mut cpu = core(program, &[]);
         cpu.count_cycles().expect("hooks");
         assert_eq!(cpu.run(1000), Ok(None));
-        cpu.core_mut().cycles().expect("asked for")
+        cpu.core().cycles().expect("asked for")
     };
     let nothing = counted(NO_ACCESS);
     let more = |program: &str| {
