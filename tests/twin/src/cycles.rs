@@ -25,8 +25,9 @@
 
 pub mod timing;
 
-use crate::chip::flash;
+use crate::chip::flash::{self, Access};
 use std::collections::HashMap;
+pub use timing::Range;
 
 /// Peripherals of the chip, which lie behind buses of their own.
 const REGISTERS: std::ops::Range<u32> = 0x4000_0000..0x6000_0000;
@@ -45,58 +46,10 @@ const TAIL_CHAIN: u64 = 6;
 /// What the core fetches ahead, in bytes.
 const FETCHED_AHEAD: u32 = 12;
 
-/// Cycles between two bounds.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Range {
-    /// Optimistic.
-    pub least: u64,
-    /// Pessimistic.
-    pub most: u64,
-}
-
-impl Range {
-    /// Both bounds.
-    pub const fn new(least: u64, most: u64) -> Self {
-        Self { least, most }
-    }
-
-    /// The same in both.
-    pub const fn exactly(cycles: u64) -> Self {
-        Self::new(cycles, cycles)
-    }
-
-    /// What came after an earlier moment.
-    pub fn since(self, earlier: Self) -> Self {
-        Self::new(self.least - earlier.least, self.most - earlier.most)
-    }
-}
-
-impl std::ops::AddAssign for Range {
-    fn add_assign(&mut self, other: Self) {
-        self.least += other.least;
-        self.most += other.most;
-    }
-}
-
-/// How flash is set.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Access {
-    /// FLASH_ACR.LATENCY.
-    pub wait_states: u64,
-    /// Bytes of one read: 8 with two banks, 16 with one.
-    pub width: u32,
-    /// FLASH_ACR.ICEN.
-    pub instruction_cache: bool,
-    /// FLASH_ACR.DCEN.
-    pub data_cache: bool,
-}
-
-impl Access {
-    /// The core waits for a whole line; without a cache for one read.
-    fn line_stall(&self, cached: bool) -> u64 {
-        let reads = if cached { u64::from(LINE / self.width) } else { 1 };
-        reads * (self.wait_states + 1) - 1
-    }
+/// The core waits for a whole line; without a cache for one read.
+fn line_stall(access: &Access, cached: bool) -> u64 {
+    let reads = if cached { u64::from(LINE / access.width) } else { 1 };
+    reads * (access.wait_states + 1) - 1
 }
 
 /// Lines of flash, the most recently used last.
@@ -234,11 +187,11 @@ impl Model {
     fn wait_for_lines(&mut self, code: std::ops::Range<u32>, access: &Access) -> u64 {
         if !access.instruction_cache {
             let reads = (code.end - 1) / access.width - code.start / access.width + 1;
-            return u64::from(reads) * access.line_stall(false);
+            return u64::from(reads) * line_stall(access, false);
         }
         let lines = code.start / LINE..=(code.end - 1) / LINE;
         let missed = lines.filter(|line| !self.most.instructions.hit(line * LINE)).count();
-        missed as u64 * access.line_stall(true)
+        missed as u64 * line_stall(access, true)
     }
 
     /// The program reads or writes memory.
@@ -253,7 +206,7 @@ impl Model {
             self.total.least += access.wait_states;
         }
         let hit = self.most.data.hit(address) && access.data_cache;
-        self.total.most += 1 + if hit { 0 } else { access.line_stall(access.data_cache) };
+        self.total.most += 1 + if hit { 0 } else { line_stall(access, access.data_cache) };
     }
 
     /// The program reads or writes a register. The core's own answer at once.
@@ -265,7 +218,7 @@ impl Model {
 
     /// An exception is taken.
     pub fn enter(&mut self, access: &Access) {
-        self.total.most += ENTRY.most + access.line_stall(true);
+        self.total.most += ENTRY.most + line_stall(access, true);
         if self.before == Before::Return {
             self.total.least -= RETURN.least - TAIL_CHAIN;
         } else {

@@ -14,7 +14,6 @@
 use crate::{
     Cycles, Registers, Storage, Unknown, Width,
     chip::{clocks::Clocks, errata::Errata, ram::Ram, rules::Rules},
-    cycles::Access,
 };
 use std::collections::BTreeSet;
 
@@ -26,6 +25,19 @@ pub const LEN: usize = 512 << 10;
 pub const BANK: usize = LEN / 2;
 /// Bytes in a page.
 pub const PAGE: usize = 2048;
+
+/// How the core reads flash.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Access {
+    /// FLASH_ACR.LATENCY.
+    pub wait_states: u64,
+    /// Bytes of one read: 8 with two banks, 16 with one.
+    pub width: u32,
+    /// FLASH_ACR.ICEN.
+    pub instruction_cache: bool,
+    /// FLASH_ACR.DCEN.
+    pub data_cache: bool,
+}
 
 const PROGRAM_S: f64 = 85e-6;
 const ERASE_S: f64 = 22e-3;
