@@ -284,6 +284,8 @@ pub struct Chip {
     pub dma2: dma::Dma,
     /// DMA request multiplexer.
     pub dmamux: dmamux::Dmamux,
+    /// Transfers by DMA since power-on.
+    pub transfers: u64,
     /// ADC1 to ADC5 and their common registers.
     pub adc: adc::Adcs,
     /// The sampling clock.
@@ -337,6 +339,7 @@ impl Chip {
             dma1: dma::Dma::new(),
             dma2: dma::Dma::new(),
             dmamux: Default::default(),
+            transfers: 0,
             adc: Default::default(),
             tim6: Default::default(),
             spi2: Default::default(),

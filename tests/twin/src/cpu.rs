@@ -14,11 +14,12 @@
 //!
 //! Interrupts are taken between blocks only, so up to some ten instructions later than on the chip. Not modelled: lazy
 //! stacking as such, tail chaining (return and entry cost their 12 cycles each), wait states of
-//! flash.
+//! flash. [`Cpu::count_cycles`] counts what these cost beside the clock.
 
 use crate::{
     Cycles, Width,
     chip::{BadAccess, CCM_LEN, CCM_START, Chip, RAM_LEN, RAM_START, flash, rcc::Reset, rom},
+    cycles::{Model, Range},
     nvic::{HARD_FAULT, Masks, NMI, Nvic, Region, SV_CALL},
 };
 use unicorn_engine::{Arch, ArmCpuModel, HookType, MemType, Mode, Prot, RegisterARM as R, UcHookId, Unicorn, uc_error};
@@ -28,6 +29,8 @@ const EXCEPTION_CYCLES: Cycles = 12;
 /// CONTROL: the process stack is in use; the floating point unit is in use.
 const SPSEL: u32 = 1 << 1;
 const FPCA: u32 = 1 << 2;
+/// XPSR: how the next instructions depend on conditions.
+const IT: u64 = 0x0600_fc00;
 /// Unicorn's numbers of exceptions (QEMU, target/arm/cpu.h).
 const EXCP_SWI: u32 = 2;
 const EXCP_BKPT: u32 = 7;
@@ -188,6 +191,8 @@ pub struct Core {
     pub taken: [u64; 128],
     /// Most exceptions that were active at once.
     pub deepest: usize,
+    /// The count of cycles, where asked for.
+    model: Option<Box<Model>>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -246,6 +251,7 @@ impl Core {
             self.fail(bad);
             0
         });
+        self.model(|model, _| model.register(address));
         self.after_access();
         value
     }
@@ -263,6 +269,7 @@ impl Core {
         if let Err(bad) = outcome {
             self.fail(bad);
         }
+        self.model(|model, _| model.register(address));
         self.after_access();
         if changes_regions {
             self.deadline = 0;
@@ -283,6 +290,19 @@ impl Core {
 
     fn code(&self, address: u32, len: u32) -> Option<&[u8]> {
         self.chip.bytes(address, len as usize)
+    }
+
+    /// What the model of cycles makes of something, where there is one.
+    fn model(&mut self, tell: impl FnOnce(&mut Model, &Self)) {
+        if let Some(mut model) = self.model.take() {
+            tell(&mut model, self);
+            self.model = Some(model);
+        }
+    }
+
+    /// Cycles that the core was awake since [`Cpu::count_cycles`].
+    pub fn cycles(&self) -> Option<Range> {
+        self.model.as_ref().map(|model| model.total(self.chip.transfers))
     }
 
     /// What a block of code is, looked up by its address.
@@ -368,6 +388,7 @@ impl Cpu {
             slept: 0,
             taken: [0; 128],
             deepest: 0,
+            model: None,
         };
         let mut uc = Unicorn::new_with_data(Arch::ARM, Mode::THUMB | Mode::MCLASS, core).map_err(emulator)?;
         uc.ctl_set_cpu_model(ArmCpuModel::CORTEX_M4 as i32).map_err(emulator)?;
@@ -379,6 +400,22 @@ impl Cpu {
     /// What happens at a fault of the program from now on.
     pub fn set_faults(&mut self, faults: Faults) {
         self.faults = faults;
+    }
+
+    /// From now on counts cycles too, which takes about twice the computer's time ([`Core::cycles`]).
+    pub fn count_cycles(&mut self) -> Result<(), Stop> {
+        let core = self.core_mut();
+        core.model = Some(Box::new(Model::new(core.chip.transfers)));
+        let seen = |uc: &mut Unicorn<Core>, _: MemType, address: u64, len: usize, _: i64| {
+            uc.get_data_mut().model(|model, core| model.data(address as u32, len, &core.chip.flash.access()));
+            // Before a hook unicorn puts back the state of IT, which its code then leaves for the next block to see.
+            let status = uc.reg_read(R::XPSR).unwrap_or(0);
+            status & IT == 0 || uc.reg_write(R::XPSR, status & !IT).is_ok()
+        };
+        let (accesses, end) = (HookType::MEM_READ | HookType::MEM_WRITE, RAM_START + RAM_LEN as u32 - 1);
+        self.uc.add_mem_hook(accesses, flash::START.into(), end.into(), seen).map_err(emulator)?;
+        // What is translated already calls no hook.
+        self.forget_code()
     }
 
     /// The core's registers and the chip.
@@ -505,7 +542,9 @@ impl Cpu {
 
     /// The program in flash was changed.
     pub fn forget_code(&mut self) -> Result<(), Stop> {
-        self.core_mut().blocks.fill(Block::default());
+        let core = self.core_mut();
+        core.blocks.fill(Block::default());
+        core.model(|model, _| model.forget_code());
         self.uc.ctl_flush_tb().map_err(emulator)
     }
 
@@ -700,6 +739,7 @@ impl Cpu {
         let core = self.core_mut();
         let vector = core.nvic.enter(exception);
         core.now += EXCEPTION_CYCLES;
+        core.model(|model, core| model.enter(&core.chip.flash.access()));
         if let Some(count) = core.taken.get_mut(exception) {
             *count += 1;
         }
@@ -715,6 +755,7 @@ impl Cpu {
         let core = self.core_mut();
         let Some(ended) = core.nvic.leave() else { return Err(Stop::Return(exc_return)) };
         core.now += EXCEPTION_CYCLES;
+        core.model(|model, _| model.leave());
         let floats = exc_return & 0x10 == 0;
         let process = exc_return & 0xf == 0xd;
         let to_thread = exc_return & 0x8 != 0;
@@ -821,6 +862,11 @@ fn before_block(uc: &mut Unicorn<Core>, address: u64, bytes: u32) {
     core.block = address;
     core.now += Cycles::from(block.instructions);
     core.instructions += u64::from(block.instructions);
+    core.model(|model, core| {
+        if let Some(code) = core.code(address, bytes) {
+            model.block(address, code, &core.chip.flash.access());
+        }
+    });
     if block.sends_event {
         core.nvic.set_event();
     }

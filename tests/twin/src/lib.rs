@@ -7,7 +7,7 @@
 //!
 //! Glossary:
 //! - *cycle*: one period of the core's clock HCLK. One instruction counts as one cycle, an exception entry or return
-//!   as 12.
+//!   as 12; [`cycles`] has bounds of what they cost on the chip.
 //! - *now*: cycles since power was first applied, the only clock there is; [`chip::clocks::Clocks`] turns it into
 //!   seconds.
 //! - *line*: the level of an interrupt request between a peripheral and the interrupt controller.
@@ -23,6 +23,7 @@ pub mod board;
 pub mod boot_rom;
 pub mod chip;
 pub mod cpu;
+pub mod cycles;
 pub mod elf;
 pub mod machine;
 #[cfg(test)]

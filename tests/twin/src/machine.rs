@@ -25,6 +25,7 @@ use crate::{
         rules::Rules,
     },
     cpu::{Cpu, Faults, Place, Stop},
+    cycles::Range,
     elf::{Elf, ElfError},
 };
 use std::path::PathBuf;
@@ -87,6 +88,8 @@ pub struct Usage {
     pub slept: Cycles,
     /// Instructions executed.
     pub instructions: u64,
+    /// Cycles awake by the model of the chip ([`crate::cycles`]), where they are counted.
+    pub awake: Option<Range>,
 }
 
 impl Usage {
@@ -100,6 +103,12 @@ impl Usage {
         self.instructions as f64 / self.time_s
     }
 
+    /// Part of the time that the core is awake on the chip.
+    pub fn load_on_the_chip(&self) -> Option<[f64; 2]> {
+        let awake = self.awake?;
+        Some([awake.least, awake.most].map(|cycles| cycles as f64 / self.cycles.max(1) as f64))
+    }
+
     /// What came after an earlier moment.
     pub fn since(&self, earlier: &Self) -> Self {
         Self {
@@ -107,6 +116,7 @@ impl Usage {
             cycles: self.cycles - earlier.cycles,
             slept: self.slept - earlier.slept,
             instructions: self.instructions - earlier.instructions,
+            awake: self.awake.zip(earlier.awake).map(|(now, earlier)| now.since(earlier)),
         }
     }
 }
@@ -378,7 +388,13 @@ impl Machine {
     /// What the core did since power was first applied.
     pub fn usage(&self) -> Usage {
         let core = self.cpu.core();
-        Usage { time_s: self.time_s(), cycles: self.now(), slept: core.slept, instructions: core.instructions }
+        Usage {
+            time_s: self.time_s(),
+            cycles: self.now(),
+            slept: core.slept,
+            instructions: core.instructions,
+            awake: core.cycles(),
+        }
     }
 
     /// Instructions executed since power was first applied.

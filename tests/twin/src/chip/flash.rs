@@ -26,6 +26,19 @@ pub const BANK: usize = LEN / 2;
 /// Bytes in a page.
 pub const PAGE: usize = 2048;
 
+/// How the core reads flash.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Access {
+    /// FLASH_ACR.LATENCY.
+    pub wait_states: u64,
+    /// Bytes of one read: 8 with two banks, 16 with one.
+    pub width: u32,
+    /// FLASH_ACR.ICEN.
+    pub instruction_cache: bool,
+    /// FLASH_ACR.DCEN.
+    pub data_cache: bool,
+}
+
 const PROGRAM_S: f64 = 85e-6;
 const ERASE_S: f64 = 22e-3;
 
@@ -40,7 +53,10 @@ const OPTR: u32 = 0x20;
 const KEYS: [u32; 2] = [0x4567_0123, 0xcdef_89ab];
 const OPTION_KEYS: [u32; 2] = [0x0819_2a3b, 0x4c5d_6e7f];
 
-/// ACR: data cache enable and reset.
+/// OPTR: two banks.
+const DBANK: u32 = 1 << 22;
+/// ACR: instruction cache enable, data cache enable and reset.
+const ICEN: u32 = 1 << 9;
 const DCEN: u32 = 1 << 10;
 const DCRST: u32 = 1 << 12;
 const EOP: u32 = 1 << 0;
@@ -291,6 +307,17 @@ impl Flash {
     /// Wait states that are set.
     pub fn wait_states(&self) -> u32 {
         self.storage.get(ACR) & 0xf
+    }
+
+    /// How the core reads it: with two banks 64 bits at a time, with one 128 (RM0440, 3.3.3).
+    pub fn access(&self) -> Access {
+        let (acr, two_banks) = (self.storage.get(ACR), self.options() & DBANK != 0);
+        Access {
+            wait_states: u64::from(self.wait_states()),
+            width: if two_banks { 8 } else { 16 },
+            instruction_cache: acr & ICEN != 0,
+            data_cache: acr & DCEN != 0,
+        }
     }
 
     /// Option bytes in use.
@@ -896,6 +923,15 @@ mod tests {
     }
 
     #[test]
+    fn the_core_reads_as_the_registers_say() {
+        let mut flash = Flash::default();
+        let reset = Access { wait_states: 0, width: 8, instruction_cache: true, data_cache: true };
+        assert_eq!(flash.access(), reset);
+        write(&mut flash, ACR, 0x4_0004, 0);
+        assert_eq!(flash.access(), Access { wait_states: 4, instruction_cache: false, data_cache: false, ..reset });
+    }
+
+    #[test]
     fn contents_outlive_the_chip() {
         let mut flash = unlocked();
         program(&mut flash, SETTINGS, [1, 2], 0);
@@ -910,7 +946,8 @@ mod tests {
     fn fields_are_metapacs() {
         use crate::metapac::fields_agree;
 
-        fields_agree("FLASH", "ACR", &[("DCEN", DCEN), ("DCRST", DCRST)]);
+        fields_agree("FLASH", "ACR", &[("ICEN", ICEN), ("DCEN", DCEN), ("DCRST", DCRST)]);
+        fields_agree("FLASH", "OPTR", &[("DBANK", DBANK)]);
         fields_agree(
             "FLASH",
             "SR",

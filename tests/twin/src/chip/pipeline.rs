@@ -269,6 +269,7 @@ impl Chip {
         if request == Request::Tim6Update {
             self.tim6.dma_acknowledge();
         }
+        self.transfers += 1;
         let lap_ended = self.dma_mut(channel).complete(channel % CHANNELS);
         let unit = Unit::ALL.into_iter().find(|unit| unit.request() == request);
         if let Some(unit) = unit.filter(|_| lap_ended) {

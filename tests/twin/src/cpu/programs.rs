@@ -8,6 +8,34 @@ pub const COUNT: &str = "
     bf30      | 2: wfi
     e7fd      | b 2
 ";
+/// An address in SRAM and nothing done with it.
+pub const NO_ACCESS: &str = "
+    f04f 5000 | mov.w r0, #0x20000000
+    2100      | movs r1, #0
+    bf30      | 2: wfi
+    e7fd      | b 2
+";
+/// The same with a word read from there.
+pub const READ_ALIGNED: &str = "
+    f04f 5000 | mov.w r0, #0x20000000
+    6841      | ldr r1, [r0, #4]
+    bf30      | 2: wfi
+    e7fd      | b 2
+";
+/// The same across two words.
+pub const READ_UNALIGNED: &str = "
+    f04f 5000 | mov.w r0, #0x20000000
+    f8d0 1002 | ldr.w r1, [r0, #2]
+    bf30      | 2: wfi
+    e7fd      | b 2
+";
+/// The same from flash.
+pub const READ_FLASH: &str = "
+    f04f 6000 | mov.w r0, #0x08000000
+    6841      | ldr r1, [r0, #4]
+    bf30      | 2: wfi
+    e7fd      | b 2
+";
 /// Interrupt 5 with priority 0x80, 6 with 0x40; pends 5, then notes the 5 that is still in r3.
 pub const NEST: &str = "
     f24e 4000 | movw r0, #0xe400

@@ -53,6 +53,36 @@ fn an_instruction_is_a_cycle_and_sleep_is_free() {
 }
 
 #[test]
+fn cycles_are_counted_beside_the_clock_while_awake() {
+    let mut cpu = core(COUNT, &[]);
+    cpu.count_cycles().expect("hooks");
+    assert_eq!(cpu.run(100_000), Ok(None));
+    let core = cpu.core();
+    assert_eq!((core.instructions, core.slept), (202, 100_000 - 202), "time is as ever");
+    // 99 of 100 branches are taken; without wait states the pessimist waits for three further reads of the line.
+    assert_eq!(core.cycles(), Some(Range::new(202 + 99, 202 + 3 * 99 + 3)));
+}
+
+#[test]
+fn what_is_done_on_the_bus_is_in_the_count() {
+    let counted = |program: &str| {
+        let mut cpu = core(program, &[]);
+        cpu.count_cycles().expect("hooks");
+        assert_eq!(cpu.run(1000), Ok(None));
+        cpu.core().cycles().expect("asked for")
+    };
+    let nothing = counted(NO_ACCESS);
+    let more = |program: &str| {
+        let cycles = counted(program);
+        (cycles.least - nothing.least, cycles.most - nothing.most)
+    };
+    assert_eq!(more(READ_ALIGNED), (1, 2), "a load instead of a move, its address just written");
+    assert_eq!(more(READ_UNALIGNED), (2, 4));
+    // Without wait states: contention, and three further reads of another line.
+    assert_eq!(more(READ_FLASH), (1, 6));
+}
+
+#[test]
 fn the_run_stops_between_blocks_and_goes_on_as_if_it_had_not() {
     let whole = |slice: Cycles| {
         let mut cpu = core(NEST, &[(21, NEST_LOW), (22, NEST_HIGH)]);

@@ -1,0 +1,354 @@
+//! How many cycles a program takes: two bounds, kept beside the twin's own time.
+//!
+//! The twin's clock counts one cycle an instruction. Where asked for ([`crate::cpu::Cpu::count_cycles`]), this model adds up
+//! what the same blocks of instructions cost on the chip while the core is awake. What no document tells is taken both
+//! ways, so the answer is a range.
+//!
+//! | what | optimistic | pessimistic | source |
+//! |---|---|---|---|
+//! | instructions | [`timing`] | [`timing`] | DDI 0439, 3.3 |
+//! | refill after a taken branch | 1 | 3 | DDI 0439, 3.3.1: "P is between 1 and 3" |
+//! | flash read | wait states + 1 for each 64 bits (128 with one bank) | the same | RM0440, 3.3.3 and 3.3.4 |
+//! | instruction cache | 1 KB, 32 bytes a line, least recently used | the same | RM0440, 3.3.5 |
+//! | miss | wait states for the first double word; further ones are read while the core executes | the core waits for the whole line | not documented |
+//! | fetching ahead | nothing in vain | three words behind each block | DDI 0439, 3.1 (three words); what follows is ours |
+//! | data from flash | cache of 256 bytes, else wait states | the same with whole lines, and a cycle of contention | RM0440, 3.3.5; DDI 0439, 3.3.3 |
+//! | unaligned access | 1 more | 2 more | not documented |
+//! | peripheral access | 0 more | 8 more | not documented |
+//! | transfer by DMA | no delay | 2 cycles of delay | AN4031, 2.1: round robin, so one access of the other's at read and write |
+//! | exception: entry | 12, after another one 6 in all | 29 and a line of flash for the vector | DDI 0439, 3.9 |
+//! | exception: return | 10 | 29 | as above, with the floating point frame |
+//!
+//! SRAM and CCM SRAM have no wait states (RM0440, 2.4). Not modelled: the prefetch of the flash interface
+//! (FLASH_ACR.PRFTEN), which our image leaves off; flash of bank 2 while it is busy, which the twin counts by itself.
+//! Order and time of interrupts are the twin's.
+
+pub mod timing;
+
+use crate::chip::flash::{self, Access};
+use std::collections::HashMap;
+pub use timing::Range;
+
+/// Peripherals of the chip, which lie behind buses of their own.
+const REGISTERS: std::ops::Range<u32> = 0x4000_0000..0x6000_0000;
+/// Bytes of a cache line, in flash's two organisations alike.
+const LINE: u32 = 32;
+const INSTRUCTION_LINES: usize = 32;
+const DATA_LINES: usize = 8;
+const REFILL: Range = Range { least: 1, most: 3 };
+const UNALIGNED: Range = Range { least: 1, most: 2 };
+const PERIPHERAL: Range = Range { least: 0, most: 8 };
+const TRANSFER: Range = Range { least: 0, most: 2 };
+const ENTRY: Range = Range { least: 12, most: 29 };
+const RETURN: Range = Range { least: 10, most: 29 };
+/// Return and entry of exceptions that follow each other at once.
+const TAIL_CHAIN: u64 = 6;
+/// What the core fetches ahead, in bytes.
+const FETCHED_AHEAD: u32 = 12;
+
+/// The core waits for a whole line; without a cache for one read.
+fn line_stall(access: &Access, cached: bool) -> u64 {
+    let reads = if cached { u64::from(LINE / access.width) } else { 1 };
+    reads * (access.wait_states + 1) - 1
+}
+
+/// Lines of flash, the most recently used last.
+#[derive(Clone, Debug)]
+struct Cache {
+    lines: Vec<u32>,
+    capacity: usize,
+}
+
+impl Cache {
+    fn new(capacity: usize) -> Self {
+        Self { lines: Vec::with_capacity(capacity), capacity }
+    }
+
+    /// Uses the line of this address; says whether it was there.
+    fn hit(&mut self, address: u32) -> bool {
+        let line = address / LINE;
+        // Mostly the one used last.
+        let found = self.lines.iter().rposition(|&held| held == line);
+        match found {
+            Some(at) => self.lines[at..].rotate_left(1),
+            None => {
+                if self.lines.len() == self.capacity {
+                    self.lines.remove(0);
+                }
+                self.lines.push(line);
+            }
+        }
+        found.is_some()
+    }
+}
+
+/// Caches as one of the bounds sees them.
+#[derive(Clone, Debug)]
+struct Caches {
+    instructions: Cache,
+    data: Cache,
+}
+
+impl Caches {
+    fn new() -> Self {
+        Self { instructions: Cache::new(INSTRUCTION_LINES), data: Cache::new(DATA_LINES) }
+    }
+}
+
+/// What was before the block that comes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Before {
+    /// A block that ends here.
+    Block(u32),
+    /// A return from an exception.
+    Return,
+    /// The entry of one, or nothing.
+    Entry,
+}
+
+/// The count.
+#[derive(Clone, Debug)]
+pub struct Model {
+    total: Range,
+    least: Caches,
+    most: Caches,
+    before: Before,
+    /// Transfers by DMA before the count.
+    transfers: u64,
+    costs: HashMap<(u32, u32), Range>,
+}
+
+fn in_flash(address: u32) -> bool {
+    (flash::START..flash::START + flash::LEN as u32).contains(&address)
+}
+
+impl Model {
+    /// Nothing yet, with empty caches, after so many transfers by DMA.
+    pub fn new(transfers: u64) -> Self {
+        Self {
+            total: Range::default(),
+            least: Caches::new(),
+            most: Caches::new(),
+            before: Before::Entry,
+            transfers,
+            costs: HashMap::new(),
+        }
+    }
+
+    /// Cycles so far, after so many transfers by DMA in all.
+    pub fn total(&self, transfers: u64) -> Range {
+        let new = transfers - self.transfers;
+        let mut total = self.total;
+        total += Range::new(TRANSFER.least * new, TRANSFER.most * new);
+        total
+    }
+
+    /// The program changed.
+    pub fn forget_code(&mut self) {
+        self.costs.clear();
+    }
+
+    /// A block of instructions is executed.
+    pub fn block(&mut self, address: u32, code: &[u8], access: &Access) {
+        let end = address + code.len() as u32;
+        let execution = *self.costs.entry((address, end)).or_insert_with(|| timing::cost(code));
+        let follows = self.before == Before::Block(address);
+        if !follows && matches!(self.before, Before::Block(_)) {
+            self.total += REFILL;
+        }
+        self.before = Before::Block(end);
+        if in_flash(address) {
+            self.total.least += self.fetch(address..end, execution.least, follows, access);
+            self.total.most += execution.most + self.wait_for_lines(address..end + FETCHED_AHEAD, access);
+        } else {
+            self.total += execution;
+        }
+    }
+
+    /// Cycles of a block whose missing double words are read while it executes; only the first one after a branch
+    /// cannot be read before.
+    fn fetch(&mut self, code: std::ops::Range<u32>, execution: u64, follows: bool, access: &Access) -> u64 {
+        let (mut missing, mut held) = (0, None);
+        for read in code.start / access.width..=(code.end - 1) / access.width {
+            let address = read * access.width;
+            let line = address / LINE;
+            // A line is looked up once a block: its parts come one after the other.
+            let is_held = match held {
+                Some((known, is_held)) if known == line => is_held,
+                _ => self.least.instructions.hit(address) && access.instruction_cache,
+            };
+            held = Some((line, is_held));
+            missing += u64::from(!is_held);
+        }
+        let unhidden = if follows || missing == 0 { 0 } else { access.wait_states };
+        (execution + unhidden).max(missing * (access.wait_states + 1))
+    }
+
+    fn wait_for_lines(&mut self, code: std::ops::Range<u32>, access: &Access) -> u64 {
+        if !access.instruction_cache {
+            let reads = (code.end - 1) / access.width - code.start / access.width + 1;
+            return u64::from(reads) * line_stall(access, false);
+        }
+        let lines = code.start / LINE..=(code.end - 1) / LINE;
+        let missed = lines.filter(|line| !self.most.instructions.hit(line * LINE)).count();
+        missed as u64 * line_stall(access, true)
+    }
+
+    /// The program reads or writes memory.
+    pub fn data(&mut self, address: u32, len: usize, access: &Access) {
+        if !(address as usize).is_multiple_of(len.clamp(1, 4)) {
+            self.total += UNALIGNED;
+        }
+        if !in_flash(address) {
+            return;
+        }
+        if !self.least.data.hit(address) || !access.data_cache {
+            self.total.least += access.wait_states;
+        }
+        let hit = self.most.data.hit(address) && access.data_cache;
+        self.total.most += 1 + if hit { 0 } else { line_stall(access, access.data_cache) };
+    }
+
+    /// The program reads or writes a register. The core's own answer at once.
+    pub fn register(&mut self, address: u32) {
+        if REGISTERS.contains(&address) {
+            self.total += PERIPHERAL;
+        }
+    }
+
+    /// An exception is taken.
+    pub fn enter(&mut self, access: &Access) {
+        self.total.most += ENTRY.most + line_stall(access, true);
+        if self.before == Before::Return {
+            self.total.least -= RETURN.least - TAIL_CHAIN;
+        } else {
+            self.total.least += ENTRY.least;
+        }
+        self.before = Before::Entry;
+    }
+
+    /// The program returns from an exception.
+    pub fn leave(&mut self) {
+        self.total += RETURN;
+        self.before = Before::Return;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TWO_BANKS: Access = Access { wait_states: 4, width: 8, instruction_cache: true, data_cache: true };
+    const ONE_BANK: Access = Access { width: 16, ..TWO_BANKS };
+    const NOP: [u8; 2] = [0x00, 0xbf];
+
+    /// Cycles of blocks of this many NOPs at these addresses.
+    fn cycles(access: &Access, blocks: &[(u32, usize)]) -> Range {
+        let mut model = Model::new(0);
+        for &(address, instructions) in blocks {
+            model.block(address, &NOP.repeat(instructions), access);
+        }
+        model.total(0)
+    }
+
+    #[test]
+    fn the_least_recently_used_line_goes() {
+        let mut cache = Cache::new(3);
+        for line in [1, 2, 3] {
+            assert!(!cache.hit(line * LINE));
+        }
+        assert!(cache.hit(LINE + 31), "the same line");
+        assert!(!cache.hit(4 * LINE));
+        assert!(cache.hit(LINE), "used after the second");
+        assert!(!cache.hit(2 * LINE));
+    }
+
+    #[test]
+    fn a_loop_of_1_kb_stays_in_the_cache_and_a_longer_one_does_not() {
+        let laps = |bytes: u32| {
+            let blocks: Vec<(u32, usize)> =
+                (0..2).flat_map(|_| (0..bytes / LINE).map(|line| (flash::START + line * LINE, 10))).collect();
+            let mut model = Model::new(0);
+            let mut after = Vec::new();
+            for (address, instructions) in blocks {
+                model.block(address, &NOP.repeat(instructions), &TWO_BANKS);
+                after.push(model.total(0));
+            }
+            after[after.len() - 1].since(after[after.len() / 2])
+        };
+        // 31 blocks of 10 and the refills between them.
+        assert_eq!(laps(1024), Range::new(31 * 11, 31 * 13));
+        // Each line is gone before it is used again.
+        let long = laps(1056);
+        assert_eq!((long.least, long.most), (32 * (1 + 15), 32 * (10 + 3 + 19)));
+    }
+
+    #[test]
+    fn straight_code_is_bound_by_the_width_of_flash() {
+        // Sixteen instructions of two bytes, then what is fetched ahead: four reads of 64 bits or two of 128.
+        assert_eq!(cycles(&TWO_BANKS, &[(flash::START, 16)]), Range::new(20, 16 + 19 + 19));
+        assert_eq!(cycles(&ONE_BANK, &[(flash::START, 16)]), Range::new(20, 16 + 9 + 9));
+        let slow = Access { wait_states: 8, ..ONE_BANK };
+        assert_eq!(cycles(&slow, &[(flash::START, 16)]).least, 24);
+        let slow = Access { wait_states: 8, ..TWO_BANKS };
+        assert_eq!(cycles(&slow, &[(flash::START, 16)]).least, 36);
+        let none = Access { wait_states: 0, ..TWO_BANKS };
+        assert_eq!(cycles(&none, &[(flash::START, 16)]).least, 16);
+    }
+
+    #[test]
+    fn only_a_taken_branch_refills_the_pipeline() {
+        let ram = 0x2000_0000;
+        assert_eq!(cycles(&TWO_BANKS, &[(ram, 4), (ram + 8, 4)]), Range::exactly(8));
+        assert_eq!(cycles(&TWO_BANKS, &[(ram, 4), (ram + 10, 4)]), Range::new(9, 11));
+    }
+
+    #[test]
+    fn ccm_has_neither_wait_states_nor_misses() {
+        assert_eq!(cycles(&TWO_BANKS, &[(0x1000_0000, 500)]), Range::exactly(500));
+    }
+
+    #[test]
+    fn data_from_flash_is_cached() {
+        let read = |addresses: &[u32], access: &Access| {
+            let mut model = Model::new(0);
+            for &address in addresses {
+                model.data(address, 4, access);
+            }
+            model.total(0)
+        };
+        let start = flash::START;
+        assert_eq!(read(&[start, start + 28, start], &TWO_BANKS), Range::new(4, 20 + 1 + 1));
+        let off = Access { data_cache: false, ..TWO_BANKS };
+        assert_eq!(read(&[start, start], &off), Range::new(8, 10));
+        let nine: Vec<u32> = (0..9).chain([0]).map(|line| start + line * LINE).collect();
+        assert_eq!(read(&nine, &TWO_BANKS).least, 40, "the first of nine lines is gone");
+        assert_eq!(read(&[0x2000_0000], &TWO_BANKS), Range::default());
+        assert_eq!(read(&[0x2000_0002], &TWO_BANKS), UNALIGNED);
+    }
+
+    #[test]
+    fn exceptions_cost_their_frames_and_chain() {
+        let mut model = Model::new(0);
+        model.enter(&TWO_BANKS);
+        assert_eq!(model.total(0), Range::new(12, 48));
+        model.leave();
+        assert_eq!(model.total(0), Range::new(22, 77));
+        model.enter(&TWO_BANKS);
+        assert_eq!(model.total(0), Range::new(18, 125), "6 for return and entry");
+    }
+
+    #[test]
+    fn only_the_chips_registers_may_be_slow() {
+        let mut model = Model::new(0);
+        model.register(0xe000_e100);
+        assert_eq!(model.total(0), Range::default());
+        model.register(0x4000_6000);
+        assert_eq!(model.total(0), PERIPHERAL);
+    }
+
+    #[test]
+    fn transfers_since_the_start_may_delay_the_core() {
+        assert_eq!(Model::new(10).total(13), Range::new(0, 6));
+    }
+}

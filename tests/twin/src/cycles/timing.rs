@@ -1,0 +1,300 @@
+//! What instructions cost by themselves (ARM DDI 0439, 3.3 and 7.2.3), without fetching them.
+//!
+//! Where the manual gives a range or leaves a stall to circumstances, the bounds are its ends: a division takes 2 to 12
+//! cycles, a store 1 or 2 (its buffer is full), an `IT` 0 or 1, a division or root of the floating point unit 1 (others
+//! go on meanwhile) to 14. A load takes 2 cycles, 1 behind another load whose result is not its address; the pessimistic
+//! bound knows no such pairs, and adds 1 where the instruction before wrote the address. An instruction under an `IT`
+//! may be skipped for 1 cycle.
+
+/// Cycles between two bounds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Range {
+    /// Optimistic.
+    pub least: u64,
+    /// Pessimistic.
+    pub most: u64,
+}
+
+impl Range {
+    /// Both bounds.
+    pub const fn new(least: u64, most: u64) -> Self {
+        Self { least, most }
+    }
+
+    /// The same in both.
+    pub const fn exactly(cycles: u64) -> Self {
+        Self::new(cycles, cycles)
+    }
+
+    /// What came after an earlier moment.
+    pub fn since(self, earlier: Self) -> Self {
+        Self::new(self.least - earlier.least, self.most - earlier.most)
+    }
+}
+
+impl std::ops::AddAssign for Range {
+    fn add_assign(&mut self, other: Self) {
+        self.least += other.least;
+        self.most += other.most;
+    }
+}
+
+/// What matters of an instruction to itself and the next one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Instruction {
+    kind: Kind,
+    /// Registers written, as bits.
+    writes: u16,
+    /// Registers that an address is made of.
+    address: u16,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kind {
+    /// Whatever takes so long.
+    Plain(Range),
+    Load,
+    Store,
+    /// Makes the next ones conditional.
+    IfThen(u32),
+}
+
+const ONE: Kind = Kind::Plain(Range::exactly(1));
+
+impl Instruction {
+    const fn plain(least: u64, most: u64) -> Self {
+        Self { kind: Kind::Plain(Range::new(least, most)), writes: 0, address: 0 }
+    }
+
+    const fn one(register: u16) -> Self {
+        Self { kind: ONE, writes: 1 << register, address: 0 }
+    }
+
+    const fn access(load: bool, register: u16, address: u16) -> Self {
+        match load {
+            true => Self { kind: Kind::Load, writes: 1 << register, address },
+            false => Self { kind: Kind::Store, writes: 0, address },
+        }
+    }
+
+    /// Several words at once: one cycle and one for each.
+    fn several(words: u32, base: u16) -> Self {
+        Self { kind: Kind::Plain(Range::exactly(1 + u64::from(words))), writes: 0, address: 1 << base }
+    }
+}
+
+const SP: u16 = 13;
+const PC: u16 = 15;
+
+fn narrow(half: u16) -> Instruction {
+    let low = |at: u32| half >> at & 7;
+    match half >> 12 {
+        0x2 | 0x3 | 0xa => Instruction::one(low(8)),
+        0x4 if half & 0x0800 != 0 => Instruction::access(true, low(8), 0),
+        0x4 if half & 0x0400 != 0 => Instruction::one(half >> 4 & 8 | low(0)),
+        0x5 => Instruction::access(half >> 9 & 7 >= 3, low(0), 1 << low(3) | 1 << low(6)),
+        0x6..=0x8 => Instruction::access(half & 0x0800 != 0, low(0), 1 << low(3)),
+        0x9 => Instruction::access(half & 0x0800 != 0, low(8), 1 << SP),
+        0xb => match half & 0x0f00 {
+            0x0000 => Instruction::one(SP),
+            0x0400 | 0x0500 | 0x0c00 | 0x0d00 => Instruction::several((half & 0x1ff).count_ones(), SP),
+            0x0600 => Instruction::plain(1, 2),
+            0x0f00 if half & 0xf != 0 => {
+                Instruction { kind: Kind::IfThen(4 - (half & 0xf).trailing_zeros()), ..Instruction::plain(0, 1) }
+            }
+            0x0200 | 0x0a00 => Instruction::one(low(0)),
+            _ => Instruction::plain(1, 1),
+        },
+        0xc => Instruction::several((half & 0xff).count_ones(), low(8)),
+        0xd | 0xe => Instruction::plain(1, 1),
+        _ => Instruction::one(low(0)),
+    }
+}
+
+fn wide(first: u16, second: u16) -> Instruction {
+    let (base, destination, target) = (first & 0xf, second >> 8 & 0xf, second >> 12);
+    match first >> 8 & 0x1f {
+        0x08 | 0x09 if first & 0x40 == 0 => Instruction::several(second.count_ones(), base),
+        // TBB and TBH: "at least six", of which the refill's least is counted with the branch.
+        0x08 if first & 0xfff0 == 0xe8d0 && second & 0xffe0 == 0xf000 => Instruction::plain(5, 5),
+        // Exclusive.
+        0x08 if first & 0x01e0 == 0x0040 || first & 0xffe0 == 0xe8c0 => {
+            Instruction { address: 1 << base, ..Instruction::plain(2, 2) }
+        }
+        0x08 | 0x09 => Instruction::several(2, base),
+        0x0c..=0x0f | 0x1c..=0x1f => floating(first, second),
+        0x10..=0x17 if second & 0x8000 == 0 => Instruction::one(destination),
+        0x10..=0x17 if second & 0xd000 == 0x8000 && first & 0x0380 == 0x0380 => match first & 0xfff0 {
+            // DSB, DMB, ISB: until writes are done or the pipeline is filled again.
+            0xf3b0 => Instruction::plain(1, 5),
+            0xf3a0 => Instruction::plain(1, 1),
+            _ => Instruction::plain(1, 2),
+        },
+        0x10..=0x17 => Instruction::plain(1, 1),
+        0x18 | 0x19 => {
+            let load = first & 0x10 != 0;
+            let index = if first & 0x80 == 0 && second & 0x0fc0 == 0 { 1 << (second & 0xf) } else { 0 };
+            let address = if base == PC { 0 } else { 1 << base };
+            match (load && target == PC, first >> 5 & 3) {
+                // A load of the program counter: "at least five", as above.
+                (true, 2) => Instruction { address: address | index, ..Instruction::plain(4, 4) },
+                // A hint to load soon.
+                (true, _) => Instruction::plain(1, 1),
+                (false, _) => Instruction::access(load, target, address | index),
+            }
+        }
+        0x1b if first & 0x00d0 == 0x0090 => Instruction { writes: 1 << destination, ..Instruction::plain(2, 12) },
+        0x1b if first & 0x0080 != 0 => {
+            Instruction { writes: 1 << destination | 1 << target, ..Instruction::plain(1, 1) }
+        }
+        _ => Instruction::one(destination),
+    }
+}
+
+fn floating(first: u16, second: u16) -> Instruction {
+    let base = first & 0xf;
+    if first & 0xffe0 == 0xec40 {
+        return Instruction::plain(2, 2);
+    }
+    if first & 0xfe00 == 0xec00 {
+        let words = match first & 0x0120 {
+            0x0100 => 1 + u32::from(second >> 8 & 1),
+            _ => u32::from(second & 0xff),
+        };
+        return Instruction::several(words, base);
+    }
+    if second & 0x10 != 0 {
+        return Instruction::plain(1, 2);
+    }
+    // The next one may wait a cycle for the result.
+    match first >> 4 & 0xb {
+        0x0 | 0x1 | 0x9 | 0xa => Instruction::plain(3, 4),
+        0x8 => Instruction::plain(1, 14),
+        0xb if base == 1 && second >> 6 & 3 == 3 => Instruction::plain(1, 14),
+        _ => Instruction::plain(1, 2),
+    }
+}
+
+/// Cycles of a block of instructions.
+pub fn cost(code: &[u8]) -> Range {
+    let mut total = Range::default();
+    let mut before: Option<Instruction> = None;
+    let mut conditional = 0;
+    let mut halves = code.chunks_exact(2).map(|half| u16::from_le_bytes([half[0], half[1]]));
+    while let Some(half) = halves.next() {
+        // Halfwords from 0xe800 on begin an instruction of two (DDI 0403, A5.1).
+        let instruction = if half < 0xe800 { narrow(half) } else { wide(half, halves.next().unwrap_or(0)) };
+        let depends = before.is_some_and(|before| before.writes & instruction.address != 0);
+        let paired = before.is_some_and(|before| before.kind == Kind::Load) && !depends;
+        let mut range = match instruction.kind {
+            Kind::Plain(range) => range,
+            Kind::Load => Range::new(if paired { 1 } else { 2 }, 2),
+            Kind::Store => Range::new(1, 2),
+            Kind::IfThen(_) => Range::new(0, 1),
+        };
+        range.most += u64::from(depends);
+        if conditional > 0 {
+            conditional -= 1;
+            range.least = range.least.min(1);
+        }
+        if let Kind::IfThen(instructions) = instruction.kind {
+            conditional = instructions;
+        }
+        total += range;
+        before = Some(instruction);
+    }
+    total
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(halves: &[u16]) -> (u64, u64) {
+        let code: Vec<u8> = halves.iter().flat_map(|half| half.to_le_bytes()).collect();
+        let Range { least, most } = cost(&code);
+        (least, most)
+    }
+
+    #[test]
+    fn single_instructions_take_what_the_manual_says() {
+        let table: [(&str, &[u16], (u64, u64)); 33] = [
+            ("adds r0, r1, r2", &[0x1888], (1, 1)),
+            ("movs r0, #1", &[0x2001], (1, 1)),
+            ("muls r0, r1", &[0x4348], (1, 1)),
+            ("mov r8, r0", &[0x4680], (1, 1)),
+            ("bx lr", &[0x4770], (1, 1)),
+            ("ldr r0, [pc, #4]", &[0x4801], (2, 2)),
+            ("ldr r0, [r1, r2]", &[0x5888], (2, 2)),
+            ("str r0, [r1]", &[0x6008], (1, 2)),
+            ("push {r4-r6, lr}", &[0xb570], (5, 5)),
+            ("pop {r4-r6, pc}", &[0xbd70], (5, 5)),
+            ("ldmia r0!, {r1-r3}", &[0xc80e], (4, 4)),
+            ("cpsid i", &[0xb672], (1, 2)),
+            ("nop", &[0xbf00], (1, 1)),
+            ("beq", &[0xd000], (1, 1)),
+            ("bl", &[0xf000, 0xf800], (1, 1)),
+            ("smull r0, r1, r2, r3", &[0xfb82, 0x0103], (1, 1)),
+            ("umlal r0, r1, r2, r3", &[0xfbe2, 0x0103], (1, 1)),
+            ("mla r0, r1, r2, r3", &[0xfb01, 0x3002], (1, 1)),
+            ("sdiv r0, r1, r2", &[0xfb91, 0xf0f2], (2, 12)),
+            ("udiv r0, r1, r2", &[0xfbb1, 0xf0f2], (2, 12)),
+            ("ldrd r0, r1, [r2]", &[0xe9d2, 0x0100], (3, 3)),
+            ("stmdb sp!, {r4-r8, lr}", &[0xe92d, 0x41f0], (7, 7)),
+            ("tbb [pc, r0]", &[0xe8df, 0xf000], (5, 5)),
+            ("ldr pc, [r0]", &[0xf8d0, 0xf000], (4, 4)),
+            ("ldrex r0, [r1]", &[0xe851, 0x0f00], (2, 2)),
+            ("dsb", &[0xf3bf, 0x8f4f], (1, 5)),
+            ("mrs r0, primask", &[0xf3ef, 0x8010], (1, 2)),
+            ("add.w r0, r1, r2", &[0xeb01, 0x0002], (1, 1)),
+            ("vadd.f32 s0, s0, s1", &[0xee30, 0x0a20], (1, 2)),
+            ("vfma.f32 s0, s1, s2", &[0xeea0, 0x0a81], (3, 4)),
+            ("vdiv.f32 s0, s1, s2", &[0xee80, 0x0a81], (1, 14)),
+            ("vldr s0, [r0]", &[0xed90, 0x0a00], (2, 2)),
+            ("vpush {d8-d9}", &[0xed2d, 0x8b04], (5, 5)),
+        ];
+        for (name, halves, expected) in table {
+            assert_eq!(of(halves), expected, "{name}");
+        }
+    }
+
+    #[test]
+    fn loads_follow_each_other_in_a_cycle_unless_one_is_the_others_address() {
+        // ldr r0, [r1]; ldr r2, [r3]
+        assert_eq!(of(&[0x6808, 0x681a]), (3, 4));
+        // ldr r0, [r1]; ldr r2, [r0]
+        assert_eq!(of(&[0x6808, 0x6802]), (4, 5));
+        // str r0, [r1]; ldr r2, [r3]: nothing is paired behind a store
+        assert_eq!(of(&[0x6008, 0x681a]), (3, 4));
+        // adds r1, #4; ldr r0, [r1]
+        assert_eq!(of(&[0x3104, 0x6808]), (3, 4));
+        // adds r2, #4; ldr r0, [r1]
+        assert_eq!(of(&[0x3204, 0x6808]), (3, 3));
+    }
+
+    /// DDI 0439, 3.3.3: "normally three cycles total" each; a branch's refill, 1 to 3, is counted apart.
+    #[test]
+    fn what_arm_publishes_lies_within_the_bounds() {
+        let published: [(&str, &[u16], u64); 5] = [
+            ("ldr r0, [r1]; ldr r1, [r2]", &[0x6808, 0x6811], 3),
+            ("ldr r0, [r1, r2]; str r0, [r3, #20]", &[0x5888, 0x6158], 3),
+            ("ldr r0, [r1, r2]; str r1, [r3, r2]", &[0x5888, 0x5099], 3),
+            ("ldr pc, [r0]", &[0xf8d0, 0xf000], 5),
+            ("tbb [pc, r0]", &[0xe8df, 0xf000], 6),
+        ];
+        for (name, halves, cycles) in published {
+            let (mut least, mut most) = of(halves);
+            if halves[0] >= 0xe800 {
+                (least, most) = (least + 1, most + 3);
+            }
+            assert_eq!(least, cycles, "{name}");
+            assert!(most <= cycles + 2, "{name}: {most}");
+        }
+    }
+
+    #[test]
+    fn what_stands_under_it_may_be_skipped() {
+        // itt eq; ldreq r0, [r1]; pusheq {r4-r6, lr}; nop
+        assert_eq!(of(&[0xbf04, 0x6808, 0xb570, 0xbf00]), (3, 9));
+    }
+}
