@@ -42,12 +42,18 @@ struct Extreme {
     greatest: i32,
     near: u32,
     wide: u32,
-    /// The least code that is clipped.
-    rail: i32,
+    /// The greatest code of all less the least one that is clipped here; 0 where none is.
+    room: i32,
 }
 
 impl Extreme {
-    const NONE: Self = Self { greatest: i32::MIN, near: 0, wide: 0, rail: i32::MAX };
+    /// All zeros, as every part of the state: see `change`.
+    const NONE: Self = Self { greatest: 0, near: 0, wide: 0, room: 0 };
+
+    /// The least code that is clipped.
+    fn rail(&self) -> i32 {
+        i32::MAX - self.room
+    }
 
     /// Takes a code; true when those at this extreme have piled up now.
     fn push(&mut self, code: i32, resolution: i32) -> bool {
@@ -66,9 +72,9 @@ impl Extreme {
         self.wide = self.wide.saturating_add(1);
         self.near = self.near.saturating_add(u32::from(below < resolution));
         let piled = self.near >= FEWEST && self.near.saturating_mul(PILED_PART) > self.wide;
-        let newly = piled && self.rail == i32::MAX;
+        let newly = piled && self.room == 0;
         if newly {
-            self.rail = self.greatest - (resolution - 1);
+            self.room = i32::MAX - (self.greatest - (resolution - 1)).max(1);
         }
         newly
     }
@@ -77,11 +83,11 @@ impl Extreme {
 /// What the gates remember.
 #[derive(Clone, Debug)]
 pub(crate) struct Plausible {
-    /// The last two positions, and how many of them are known.
+    /// The last two positions, and how many in a row there are since they were lost, up to three.
     positions: [i32; 2],
     known: u8,
-    /// Bend of the position by steps alone, and per force code; none before the inertance is known.
-    bend: Option<(u32, Term)>,
+    /// Bend of the position by steps alone, 0 before the inertance is known, and per force code.
+    bend: (u32, Term),
     /// Greatest force since the last estimate, and between the two before.
     strongest: [u32; 2],
     high: Extreme,
@@ -94,7 +100,8 @@ pub(crate) struct Plausible {
     reversals: u8,
     sign: i32,
     quiet: [u8; 4],
-    pending: Option<WarningKind>,
+    /// What is to be told, if anything is.
+    pending: (bool, WarningKind),
 }
 
 /// What is wrong with a sample.
@@ -114,7 +121,7 @@ impl Plausible {
         Self {
             positions: [0; 2],
             known: 0,
-            bend: None,
+            bend: (0, Term { coefficient: 0, shift: 0 }),
             strongest: [0; 2],
             high: Extreme::NONE,
             low: Extreme::NONE,
@@ -125,7 +132,7 @@ impl Plausible {
             reversals: 0,
             sign: 0,
             quiet: [0; 4],
-            pending: None,
+            pending: (false, WarningKind::WrongSign),
         }
     }
 
@@ -140,16 +147,12 @@ impl Plausible {
             self.strongest[0] = self.strongest[0].max(force.unsigned_abs());
         }
         // A force that stands still may be none.
-        if let Some((steps, per_code)) = self.bend.filter(|_| self.known == 2 && self.still_samples < STILL_SAMPLES) {
-            let bent = position.wrapping_sub(last).wrapping_sub(last.wrapping_sub(before)).unsigned_abs();
-            if bent > steps {
-                let strongest = i64::from(self.strongest[0].max(self.strongest[1]));
-                doubt.slipped = i64::from(bent) > i64::from(steps) + per_code.of(strongest);
-            }
-        }
+        let bent = position.wrapping_sub(last).wrapping_sub(last.wrapping_sub(before)).unsigned_abs();
         self.positions = [position, last];
-        self.known = if doubt.slipped { 0 } else { (self.known + 1).min(2) };
-        if doubt.slipped {
+        self.known = (self.known + 1).min(3);
+        if bent > self.bend.0 && self.known == 3 && self.still_samples < STILL_SAMPLES && self.slips(bent) {
+            doubt.slipped = true;
+            self.known = 0;
             self.warn(WarningKind::CountSlip);
         }
         let Some(force) = force else { return doubt };
@@ -158,12 +161,20 @@ impl Plausible {
             (self.still_at, self.still_samples, self.reversals) = (force, 0, 0);
         }
         self.until_look = self.until_look.wrapping_sub(1);
-        if self.until_look % LOOK == 0 && self.resolution > 0 {
+        if self.until_look.is_multiple_of(LOOK) && self.resolution > 0 {
             doubt.since_a_while = self.is_clipped_now(force);
         }
-        let clipped = force >= self.high.rail || force.saturating_neg() >= self.low.rail;
+        let clipped = force >= self.high.rail() || force.saturating_neg() >= self.low.rail();
         doubt.no_force = clipped || self.reversals >= REVERSALS;
         doubt
+    }
+
+    /// Whether the position bends by more than the force can do.
+    #[inline(never)]
+    fn slips(&self, bent: u32) -> bool {
+        let (steps, per_code) = self.bend;
+        let strongest = i64::from(self.strongest[0].max(self.strongest[1]));
+        steps > 0 && i64::from(bent) > i64::from(steps) + per_code.of(strongest)
     }
 
     /// Takes a force into its extremes; true when it has become clear that it is clipped.
@@ -204,7 +215,7 @@ impl Plausible {
 
     /// After an estimate: what bends the position, and the force's noise [codes, rms].
     pub fn learn(&mut self, bend: Option<(u32, Term)>, noise: Option<f32>) {
-        self.bend = bend;
+        self.bend = bend.unwrap_or_default();
         self.strongest = [0, self.strongest[0]];
         let resolution = match noise {
             Some(rms) => ((0.5 * rms) as i32).max(1),
@@ -225,7 +236,7 @@ impl Plausible {
     fn warn(&mut self, kind: WarningKind) {
         if let Some(quiet) = self.quiet.get_mut(kind as usize) {
             if *quiet == 0 {
-                self.pending = Some(kind);
+                self.pending = (true, kind);
             }
             *quiet = QUIET;
         }
@@ -233,7 +244,9 @@ impl Plausible {
 
     /// What is to be told with this sample.
     pub fn take(&mut self, index: u32) -> Option<Warning> {
-        self.pending.take().map(|kind| Warning { index, kind })
+        let (is_due, kind) = self.pending;
+        self.pending.0 = false;
+        is_due.then_some(Warning { index, kind })
     }
 }
 

@@ -32,8 +32,9 @@ pub fn refuse_saturated(outcome: &Outcome, run: &Run) -> Result<(), CalibrateErr
 pub fn direction(run: &Run, outcome: &Outcome, known: Known) -> Result<Finding, CalibrateError> {
     refuse_saturated(outcome, run)?;
     let inertance = outcome.estimate.whole_run.inertance_kg;
-    let clear = |found: &Interval| found.value.is_finite() && found.value.abs() > found.u95;
-    let Some(Interval { value, u95 }) = inertance.ok().filter(clear) else {
+    // Whatever its status: the estimator refuses what is negative.
+    let clear = |found: &Interval| found.value.is_finite() && found.value.abs() > 2.0 * found.u95;
+    let Some(Interval { value, u95 }) = Some(inertance.fitted()).filter(clear) else {
         return Err(CalibrateError::NoMotion);
     };
     let (value, u95) = (f64::from(value), f64::from(u95));
