@@ -2,7 +2,7 @@
 
 use inerter_core::{LawStatus, Published, Regime, Settings, State, Status};
 use inerter_plant::{Excitation, Inerter, Plant, Sensors, Simulation};
-use inerter_tests::grid::{MOTIONS, calibrated, raw, three, truth};
+use inerter_tests::grid::{self, MOTIONS, RIGS, calibrated, raw, three, truth};
 
 /// What is published, and what is said of friction with it.
 struct Said {
@@ -102,6 +102,25 @@ fn a_law_that_holds_is_not_called_broken() {
         }
     }
     assert!(all > 10_000 && broken < all / 1000, "{broken} of {all}");
+}
+
+/// At 4 kHz some runs begin so: with the seeds of the grid in 4 of 192.
+#[test]
+fn a_reversal_placed_too_early_does_not_break_the_law() {
+    let device = Inerter::paper();
+    for motion in MOTIONS.iter().filter(|motion| ["multi", "random"].contains(&motion.name)) {
+        for seed in [1, 13, 18, 19].into_iter().chain(101..=140) {
+            let last = grid::run(&device, motion, &RIGS[2], seed).unwrap().last;
+            for parameters in [last.recent, last.whole_run] {
+                let found = three(&parameters);
+                let are_right = found.iter().zip(truth(&device)).all(|(found, truth)| {
+                    found.status() == Status::Ok
+                        && (f64::from(found.fitted().value) - truth).abs() < f64::from(found.u95())
+                });
+                assert!(are_right, "{}, {seed}: {found:?}", motion.name);
+            }
+        }
+    }
 }
 
 #[test]

@@ -6,15 +6,19 @@
 
 use crate::active::{Active, Signal};
 use crate::backlash::flanks::Newest;
-use crate::detail::Change;
+use crate::detail::{Change, LawStatus, Regime};
 use crate::estimate::Bank;
 use crate::gate::BLOCKS;
-use crate::output::Output;
+use crate::output::{Output, Published};
 use crate::plausible::Doubt;
 use crate::qformat::shift_right;
 use crate::sample::RawSample;
 use crate::sign;
-use crate::state::State;
+use crate::state::{State, Trial};
+
+/// Updates after which the law is judged to begin anew or not: 1.6 s in the fast bank. A steady tone of 15.9 Hz hides
+/// friction from 1.2 s on.
+const JUDGED_UPDATES: u32 = 200;
 
 impl Active {
     /// Takes one sample; gives what is due with it.
@@ -52,6 +56,7 @@ impl Active {
             state.plausible.backwards();
         }
         state.plausible.learn(self.bend(&published.estimate.recent), self.noise_beside_clipped(&state.noise));
+        state.judge(signal, &published);
         Output { published: Some(published), reversal, warning: state.plausible.take(sample.index), change }
     }
 
@@ -117,6 +122,25 @@ impl State {
             good: !saturated,
             broken,
             offset: self.feedback.offset_code,
+        }
+    }
+
+    /// Until friction is known a reversal may have been placed where it was not. Where the first judgement is that the law
+    /// is broken, that may be why, and the memories begin anew; unless the motion hides friction from then on.
+    #[cold]
+    fn judge(&mut self, signal: &Signal, Published { estimate, detail, law }: &Published) {
+        match self.trial {
+            Trial::Ahead if estimate.updates < JUDGED_UPDATES => {}
+            Trial::Ahead
+                if law.status == LawStatus::Broken
+                    && detail.friction.regime != Regime::Unknown
+                    && !estimate.recent.are_backwards() =>
+            {
+                self.trial = Trial::Open;
+                self.begin_anew(signal.delay);
+            }
+            Trial::Open if law.misfit.is_none() => {}
+            Trial::Ahead | Trial::Open | Trial::Over => self.trial = Trial::Over,
         }
     }
 

@@ -25,12 +25,12 @@ const WIDE: i32 = 16;
 /// Piled-up codes that tell something, and the part of the others that they must be.
 const FEWEST: u32 = 64;
 const PILED_PART: u32 = 2;
-/// Every so many samples the extremes are looked at.
+/// Every so many samples the force is looked at.
 const LOOK: u8 = 4;
 /// Codes within which a force stands still.
 const STILL: u32 = 2;
-/// Samples after which it does.
-const STILL_SAMPLES: u8 = 4;
+/// Looks after which it does.
+const STILL_LOOKS: u8 = 2;
 /// Reversals of the screw that no force leaves without a trace.
 const REVERSALS: u8 = 6;
 /// Estimates without the same cause until it is told again.
@@ -96,10 +96,12 @@ pub(crate) struct Plausible {
     resolution: i32,
     until_look: u8,
     still_at: i32,
-    still_samples: u8,
+    still_looks: u8,
     reversals: u8,
     sign: i32,
     quiet: [u8; 4],
+    /// Estimates; each time that it comes round, half of what lies near the extremes is forgotten.
+    estimates: u8,
     /// What is to be told, if anything is.
     pending: (bool, WarningKind),
 }
@@ -128,10 +130,11 @@ impl Plausible {
             resolution: 0,
             until_look: 0,
             still_at: 0,
-            still_samples: 0,
+            still_looks: 0,
             reversals: 0,
             sign: 0,
             quiet: [0; 4],
+            estimates: 0,
             pending: (false, WarningKind::WrongSign),
         }
     }
@@ -140,33 +143,37 @@ impl Plausible {
     pub fn push(&mut self, position: i32, force: Option<i32>, broken: bool) -> Doubt {
         let mut doubt = Doubt::default();
         let [last, before] = self.positions;
-        if broken {
-            self.known = 0;
-        }
-        if let Some(force) = force {
-            self.strongest[0] = self.strongest[0].max(force.unsigned_abs());
-        }
-        // A force that stands still may be none.
         let bent = position.wrapping_sub(last).wrapping_sub(last.wrapping_sub(before)).unsigned_abs();
         self.positions = [position, last];
-        self.known = (self.known + 1).min(3);
-        if bent > self.bend.0 && self.known == 3 && self.still_samples < STILL_SAMPLES && self.slips(bent) {
+        self.known = if broken { 1 } else { (self.known + 1).min(3) };
+        // A force that stands still may be none.
+        if bent > self.bend.0 && self.known == 3 && self.still_looks < STILL_LOOKS && self.slips(bent) {
             doubt.slipped = true;
             self.known = 0;
             self.warn(WarningKind::CountSlip);
         }
         let Some(force) = force else { return doubt };
-        self.still_samples = self.still_samples.saturating_add(1);
-        if force.abs_diff(self.still_at) > STILL {
-            (self.still_at, self.still_samples, self.reversals) = (force, 0, 0);
-        }
         self.until_look = self.until_look.wrapping_sub(1);
-        if self.until_look.is_multiple_of(LOOK) && self.resolution > 0 {
-            doubt.since_a_while = self.is_clipped_now(force);
+        if self.until_look.is_multiple_of(LOOK) {
+            doubt.since_a_while = self.look(force);
         }
-        let clipped = force >= self.high.rail() || force.saturating_neg() >= self.low.rail();
-        doubt.no_force = clipped || self.reversals >= REVERSALS;
+        doubt.no_force = self.reversals >= REVERSALS || self.high.room | self.low.room != 0 && self.is_clipped(force);
         doubt
+    }
+
+    /// Looks at a force; true when it has become clear that it is clipped.
+    #[inline(never)]
+    fn look(&mut self, force: i32) -> bool {
+        self.strongest[0] = self.strongest[0].max(force.unsigned_abs());
+        self.still_looks = self.still_looks.saturating_add(1);
+        if force.abs_diff(self.still_at) > STILL {
+            (self.still_at, self.still_looks, self.reversals) = (force, 0, 0);
+        }
+        self.resolution > 0 && self.is_clipped_now(force)
+    }
+
+    fn is_clipped(&self, force: i32) -> bool {
+        force >= self.high.rail() || force.saturating_neg() >= self.low.rail()
     }
 
     /// Whether the position bends by more than the force can do.
@@ -178,7 +185,6 @@ impl Plausible {
     }
 
     /// Takes a force into its extremes; true when it has become clear that it is clipped.
-    #[inline(never)]
     fn is_clipped_now(&mut self, force: i32) -> bool {
         let resolution = self.resolution;
         if self.high.push(force, resolution) | self.low.push(force.saturating_neg(), resolution) {
@@ -227,6 +233,12 @@ impl Plausible {
                 (extreme.near, extreme.wide) = (0, 0);
             }
             self.resolution = resolution;
+        }
+        self.estimates = self.estimates.wrapping_add(1);
+        if self.estimates == 0 {
+            for extreme in [&mut self.high, &mut self.low] {
+                (extreme.near, extreme.wide) = (extreme.near / 2, extreme.wide / 2);
+            }
         }
         self.quiet.iter_mut().for_each(|quiet| *quiet = quiet.saturating_sub(1));
     }
@@ -316,14 +328,20 @@ mod tests {
         // A code bends it by 0.01 of a step.
         plausible.learn(Some((3, crate::math::term(0.01))), None);
         let doubts = (0..300)
-            .filter(|n| plausible.push(bend(n % 100) + 3 * (n % 2), Some(100 + 9 * (n % 2)), *n == 0).slipped)
+            .filter(|n| {
+                plausible.push(bend(n % 100) + 3 * (n % 2), Some(100 + 9 * (n / i32::from(LOOK) % 2)), *n == 0).slipped
+            })
             .count();
         assert!(doubts > 0, "by 6 steps at each sample");
         let mut plausible = Plausible::new();
         plausible.learn(Some((3, crate::math::term(0.01))), None);
-        assert!(!(0..300).any(|n| plausible.push(bend(n), Some(100 + 9 * (n % 2)), n == 0).slipped));
+        assert!(!(0..300).any(|n| plausible.push(bend(n), Some(100 + 9 * (n / i32::from(LOOK) % 2)), n == 0).slipped));
         let slips: Vec<i32> = (300..400)
-            .filter(|n| plausible.push(bend(*n) + 7 * i32::from(*n > 350), Some(100 + 9 * (n % 2)), false).slipped)
+            .filter(|n| {
+                plausible
+                    .push(bend(*n) + 7 * i32::from(*n > 350), Some(100 + 9 * (n / i32::from(LOOK) % 2)), false)
+                    .slipped
+            })
             .collect();
         assert_eq!(slips, [351]);
         assert_eq!(plausible.take(7), Some(Warning { index: 7, kind: WarningKind::CountSlip }));
@@ -335,7 +353,8 @@ mod tests {
         let mut plausible = Plausible::new();
         let mut dead = |codes: &[i32]| {
             let each = codes.iter().map(|code| {
-                let told = plausible.push(0, Some(*code), false).no_force;
+                let told =
+                    [(); LOOK as usize].map(|()| plausible.push(0, Some(*code), false).no_force)[LOOK as usize - 1];
                 plausible.goes(-plausible.sign.signum() * ONE + ONE * i32::from(plausible.sign == 0));
                 told
             });

@@ -18,7 +18,7 @@ use crate::output::Published;
 use crate::plausible;
 use crate::qformat::Term;
 use crate::regime::{self, Assessment};
-use crate::state::State;
+use crate::state::{State, Trial};
 
 // Single precision, as everything here.
 const COVERAGE: f32 = constants::COVERAGE as f32;
@@ -67,7 +67,12 @@ impl Active {
         }
         let feedback = self.feedback(&parameters, state.feedback);
         regime::withdraw(&law, &fit, &mut parameters);
-        let law = if parameters.refuse_backwards() { Law { status: LawStatus::Broken, ..law } } else { law };
+        let suspected = state.trial == Trial::Open && law.misfit.is_none();
+        let is_broken = suspected || parameters.are_backwards();
+        let law = if is_broken { Law { status: LawStatus::Broken, ..law } } else { law };
+        if is_broken {
+            parameters.refuse();
+        }
         let (whole_bank, whole) = self.choose(state, Knowledge::whole_run);
         let scales = &self.bank(state, whole_bank).0.scales;
         let (mut whole_run, whole_fit) = self.solve_for(&whole, scales);
@@ -75,7 +80,9 @@ impl Active {
         let explained = self.explained(&state.noise, &whole_fit, scales);
         let whole_law = regime::law(&whole_fit, explained, state.noise.differences(), contact);
         regime::withdraw(&whole_law, &whole_fit, &mut whole_run);
-        whole_run.refuse_backwards();
+        if suspected || whole_run.are_backwards() {
+            whole_run.refuse();
+        }
         let index = state.last_index();
         let estimate = Estimate {
             index,
@@ -271,17 +278,12 @@ impl Parameters {
         value < 0.0 && u95 < -WIDEST_INTERVAL * value
     }
 
-    /// Then nothing of it is true.
-    fn refuse_backwards(&mut self) -> bool {
-        let are_backwards = self.are_backwards();
-        if are_backwards {
-            for parameter in
-                [&mut self.inertance_kg, &mut self.viscous_n_s_per_m, &mut self.coulomb_n, &mut self.offset_n]
-            {
-                *parameter = Parameter::new(parameter.fitted(), Status::NotIdentifiable);
-            }
+    /// Nothing of it is true, or may be.
+    fn refuse(&mut self) {
+        for parameter in [&mut self.inertance_kg, &mut self.viscous_n_s_per_m, &mut self.coulomb_n, &mut self.offset_n]
+        {
+            *parameter = Parameter::new(parameter.fitted(), Status::NotIdentifiable);
         }
-        are_backwards
     }
 
     fn hold(&mut self) {

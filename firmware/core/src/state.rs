@@ -27,6 +27,17 @@ pub struct Counters {
     pub saturated: u32,
 }
 
+/// Whether the law is judged by what was seen before friction was known.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Trial {
+    /// By that too.
+    Ahead,
+    /// That is forgotten, as the law seemed broken, and there is too little else yet.
+    Open,
+    /// It is over.
+    Over,
+}
+
 /// All that changes from sample to sample.
 #[derive(Clone, Debug)]
 pub struct State {
@@ -47,6 +58,8 @@ pub struct State {
     pub(crate) watch: Watch,
     /// Bank of the last estimate.
     pub(crate) published: Bank,
+    /// How far the law has been judged.
+    pub(crate) trial: Trial,
     pub(crate) until_publish: u32,
 }
 
@@ -77,6 +90,7 @@ impl State {
             backlash: BacklashState::new(),
             watch: Watch::new(),
             published: Bank::Fast,
+            trial: Trial::Ahead,
             until_publish: 0,
         }
     }
@@ -106,6 +120,7 @@ impl State {
             backlash,
             watch,
             published,
+            trial,
             until_publish,
         } = self;
         *counters = Counters::default();
@@ -123,6 +138,7 @@ impl State {
         backlash.reset();
         *watch = Watch::new();
         *published = Bank::Fast;
+        *trial = Trial::Ahead;
         *until_publish = active.signal.publish_samples;
     }
 
