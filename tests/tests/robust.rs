@@ -175,7 +175,11 @@ fn saturated_peaks_are_left_out() {
     // Where nobody states them, they are found.
     let ignorant = run(&settings(&sensors()), &samples);
     finds_inertance(&ignorant, 2e-3);
-    assert!(ignorant.warnings.iter().all(|warning| warning.kind == WarningKind::ClippedForce));
+    assert!(
+        ignorant.warnings.iter().all(|warning| warning.kind == WarningKind::ClippedForce),
+        "{:?}",
+        ignorant.warnings
+    );
     assert!(!ignorant.warnings.is_empty());
 }
 

@@ -118,7 +118,10 @@ impl Boxcar {
     }
 
     fn begin_window(&mut self, samples_later: u32) {
-        *self = Self::starting_at(self.window, self.index.wrapping_add(samples_later));
+        self.index = self.index.wrapping_add(samples_later);
+        (self.passed, self.incomplete) = (0, false);
+        (self.position, self.force, self.terminal) = (0, 0, 0);
+        (self.least, self.greatest) = (u16::MAX, 0);
     }
 
     /// Adds slices of one length; a loop for each, so that each is a few instructions per entry.

@@ -120,7 +120,9 @@ impl Estimating<'_> {
             if let Some(published) = published {
                 self.due.publish(published);
             }
-            self.due.reversal = *reversal;
+            if reversal.is_some() {
+                self.due.reversal = *reversal;
+            }
         }
         self.until_sums = self.until_sums.saturating_sub(1);
         if self.until_sums == 0 {

@@ -174,7 +174,7 @@ impl State {
     /// Gives the sample half a kernel ago its sign, and the reversal half a long kernel ago its place.
     fn locate_sign(&mut self, signal: &Signal) {
         let m = signal.sign_half_width;
-        let feedback = self.feedback;
+        let feedback = &self.feedback;
         let line = &mut self.line;
         let plain = line.smooth_velocity(0, m);
         let before = core::mem::replace(&mut line.plain_velocity, plain);
@@ -182,7 +182,7 @@ impl State {
         line.ago(m).passes_zero = (plain ^ before) < 0 && before != 0 && plain != 0;
         // The correction is worth its cost only where the velocity could reach zero within the kernel.
         let near = plain.unsigned_abs() <= plain.abs_diff(before).saturating_mul(u32::from(m));
-        let lost = if feedback.coulomb_like && near { line.smoothed_away(0, m, &feedback) } else { 0 };
+        let lost = if feedback.coulomb_like && near { line.smoothed_away(0, m, feedback) } else { 0 };
         // Until friction is known, what hardly moves may stick or creep, and its sign is unreliable.
         let slow = |velocity: i32| velocity.unsigned_abs() <= signal.creep_limit;
         let creeps = feedback.weak_force_code == 0 && slow(plain) && slow(line.smooth_velocity(m, m));
@@ -198,11 +198,11 @@ impl State {
         if line.ago(2 * m).passes_zero && line.whole > 4 * m {
             let narrow = line.smooth_velocity(m, m);
             let wide = line.smooth_velocity(0, 2 * m) >> 2;
-            let predicted = line.smoothed_away(m, m, &feedback) - (line.smoothed_away(0, 2 * m, &feedback) >> 2);
+            let predicted = line.smoothed_away(m, m, feedback) - (line.smoothed_away(0, 2 * m, feedback) >> 2);
             self.velocity_reversals.compare(predicted, wide - narrow);
         }
         if feedback.coulomb_like && feedback.friction_known {
-            line.relocate(m, signal.reversal_half_width, signal.reversal_reach, &feedback);
+            line.relocate(m, signal.reversal_half_width, signal.reversal_reach, feedback);
         }
     }
 
@@ -215,11 +215,11 @@ impl State {
 
     /// Moves the oldest waiting sample into the cascades.
     fn enter_cascades(&mut self, signal: &Signal) {
-        let line = &mut self.line;
+        let line = &self.line;
         let known_rest = line.resting > 0;
         let full = line.filled > u16::from(signal.delay);
-        let before = *line.ago(signal.delay.wrapping_add(1));
-        let sample = *line.ago(signal.delay);
+        let before = line.at(signal.delay.wrapping_add(1));
+        let sample = line.at(signal.delay);
         let travel = i64::from(sample.position.wrapping_sub(before.position));
         // Signs are averages around the samples, travel is between them. Half of each sign's time lies in between, and
         // outside of a reversal's sample both are one.

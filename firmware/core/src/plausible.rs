@@ -88,8 +88,8 @@ pub(crate) struct Plausible {
     known: u8,
     /// Bend of the position by steps alone, 0 before the inertance is known, and per force code.
     bend: (u32, Term),
-    /// Greatest force since the last estimate, and between the two before.
-    strongest: [u32; 2],
+    /// Greatest force, which is forgotten by a sixteenth with each estimate.
+    strongest: u32,
     high: Extreme,
     low: Extreme,
     /// Half of the force's noise [codes]; 0 where it is not known, or too little.
@@ -124,7 +124,7 @@ impl Plausible {
             positions: [0; 2],
             known: 0,
             bend: (0, Term { coefficient: 0, shift: 0 }),
-            strongest: [0; 2],
+            strongest: 0,
             high: Extreme::NONE,
             low: Extreme::NONE,
             resolution: 0,
@@ -146,25 +146,31 @@ impl Plausible {
         let bent = position.wrapping_sub(last).wrapping_sub(last.wrapping_sub(before)).unsigned_abs();
         self.positions = [position, last];
         self.known = if broken { 1 } else { (self.known + 1).min(3) };
-        // A force that stands still may be none.
-        if bent > self.bend.0 && self.known == 3 && self.still_looks < STILL_LOOKS && self.slips(bent) {
-            doubt.slipped = true;
-            self.known = 0;
-            self.warn(WarningKind::CountSlip);
-        }
         let Some(force) = force else { return doubt };
         self.until_look = self.until_look.wrapping_sub(1);
         if self.until_look.is_multiple_of(LOOK) {
             doubt.since_a_while = self.look(force);
         }
-        doubt.no_force = self.reversals >= REVERSALS || self.high.room | self.low.room != 0 && self.is_clipped(force);
+        let is_clipped = self.high.room | self.low.room != 0 && self.is_clipped(force);
+        doubt.no_force = is_clipped || self.reversals >= REVERSALS;
+        // A force that stands still may be none.
+        if bent > self.bend.0
+            && self.known == 3
+            && !is_clipped
+            && self.still_looks < STILL_LOOKS
+            && self.slips(bent, force)
+        {
+            doubt.slipped = true;
+            self.known = 0;
+            self.warn(WarningKind::CountSlip);
+        }
         doubt
     }
 
     /// Looks at a force; true when it has become clear that it is clipped.
     #[inline(never)]
     fn look(&mut self, force: i32) -> bool {
-        self.strongest[0] = self.strongest[0].max(force.unsigned_abs());
+        self.strongest = self.strongest.max(force.unsigned_abs());
         self.still_looks = self.still_looks.saturating_add(1);
         if force.abs_diff(self.still_at) > STILL {
             (self.still_at, self.still_looks, self.reversals) = (force, 0, 0);
@@ -178,9 +184,9 @@ impl Plausible {
 
     /// Whether the position bends by more than the force can do.
     #[inline(never)]
-    fn slips(&self, bent: u32) -> bool {
+    fn slips(&self, bent: u32, force: i32) -> bool {
         let (steps, per_code) = self.bend;
-        let strongest = i64::from(self.strongest[0].max(self.strongest[1]));
+        let strongest = i64::from(self.strongest.max(force.unsigned_abs()));
         steps > 0 && i64::from(bent) > i64::from(steps) + per_code.of(strongest)
     }
 
@@ -222,7 +228,7 @@ impl Plausible {
     /// After an estimate: what bends the position, and the force's noise [codes, rms].
     pub fn learn(&mut self, bend: Option<(u32, Term)>, noise: Option<f32>) {
         self.bend = bend.unwrap_or_default();
-        self.strongest = [0, self.strongest[0]];
+        self.strongest -= self.strongest.div_ceil(16);
         let resolution = match noise {
             Some(rms) => ((0.5 * rms) as i32).max(1),
             None => 0,
