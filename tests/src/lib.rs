@@ -7,6 +7,7 @@ use std::process::ExitCode;
 pub mod backlash;
 pub mod bound;
 pub mod data;
+pub mod diagnose;
 pub mod fuzz;
 pub mod grid;
 pub mod identify;

@@ -295,7 +295,7 @@ impl Products {
     fn fitted<const N: usize>(&self, regressors: [usize; N], settings: &Settings) -> Result<Solution<N>, FitError> {
         let mut solution = self.solve(regressors)?;
         let [inertance_kg, ..] = solution.values.as_slice() else { return Ok(solution) };
-        let steps = inertance_kg.powi(2) * Systematic { products: self, settings }.steps();
+        let steps = inertance_kg.powi(2) * Systematic::of(self, settings).steps();
         let code_n = settings.newtons_per_code.abs();
         let codes = BOXES_VARIANCE / (self.box_s(settings) * settings.sample_rate_hz) * ROUNDING * code_n.powi(2);
         if solution.residual_square < EXACT * (codes + steps / settings.oversampling) {
@@ -330,18 +330,28 @@ fn solved<const N: usize>(lower: &[[f64; N]; N], right: [f64; N]) -> [f64; N] {
 }
 
 /// What the settings say that no averaging removes.
-struct Systematic<'a> {
-    products: &'a Products,
-    settings: &'a Settings,
+pub(crate) struct Systematic<'a> {
+    /// Mean square of the acceleration \[m^2/s^4\].
+    pub acceleration: f64,
+    /// Of the velocity \[m^2/s^2\].
+    pub velocity: f64,
+    /// Length of the kernel's box \[s\].
+    pub box_s: f64,
+    pub settings: &'a Settings,
 }
 
-impl Systematic<'_> {
-    fn inertance(&self, value: f64, error: f64) -> Parameter {
+impl<'a> Systematic<'a> {
+    fn of(products: &Products, settings: &'a Settings) -> Self {
+        let [acceleration, velocity] = [ACCELERATION, VELOCITY].map(|regressor| products.mean_square(regressor));
+        Self { acceleration, velocity, box_s: products.box_s(settings), settings }
+    }
+
+    pub fn inertance(&self, value: f64, error: f64) -> Parameter {
         let Settings { structure_mass_kg, structure_mass_u95_kg, .. } = *self.settings;
         let Settings { force_gain_u95, lead_u95, timebase_u95, .. } = *self.settings;
         let relative = hypot(&[force_gain_u95, lead_u95, 2.0 * timebase_u95]);
         let structure = hypot(&[structure_mass_u95_kg, STRUCTURE_MODEL_U95 * structure_mass_kg]);
-        let steps = value * self.steps() / self.products.mean_square(ACCELERATION);
+        let steps = value * self.steps() / self.acceleration;
         let systematic = hypot(&[value * relative, structure, steps]);
         judged(value - structure_mass_kg, error, systematic, true)
     }
@@ -349,24 +359,24 @@ impl Systematic<'_> {
     /// Mean square of the encoder's steps in the acceleration \[m^2/s^4\].
     fn steps(&self) -> f64 {
         let Settings { metres_per_count, sample_rate_hz, .. } = *self.settings;
-        let length = self.products.box_s(self.settings);
+        let length = self.box_s;
         metres_per_count.powi(2) / 12.0 * (8.0 / 3.0) / sample_rate_hz / length.powi(5)
     }
 
-    fn viscous(&self, value: f64, error: f64, inertance_kg: f64) -> Parameter {
+    pub fn viscous(&self, value: f64, error: f64, inertance_kg: f64) -> Parameter {
         let Settings { force_gain_u95, lead_u95, timebase_u95, skew_u95_s, .. } = *self.settings;
         let relative = hypot(&[force_gain_u95, lead_u95, timebase_u95]);
-        let rate_square = self.products.mean_square(ACCELERATION) / self.products.mean_square(VELOCITY);
+        let rate_square = self.acceleration / self.velocity;
         let false_damper = SKEW_FACTOR * inertance_kg * rate_square * skew_u95_s;
         judged(value, error, hypot(&[value * relative, false_damper]), true)
     }
 
-    fn coulomb(&self, value: f64, error: f64) -> Parameter {
+    pub fn coulomb(&self, value: f64, error: f64) -> Parameter {
         let relative = hypot(&[self.settings.force_gain_u95, COULOMB_MODEL_U95]);
         judged(value, error, value * relative, true)
     }
 
-    fn offset(&self, value: f64, error: f64) -> Parameter {
+    pub fn offset(&self, value: f64, error: f64) -> Parameter {
         judged(value, error, value * self.settings.force_gain_u95, false)
     }
 }
@@ -406,7 +416,7 @@ pub struct Directions {
 
 /// Friction by direction; `offset_n` is the force offset where it is known.
 pub fn directions(products: &Products, settings: &Settings, offset_n: Option<f64>) -> Result<Directions, FitError> {
-    let systematic = Systematic { products, settings };
+    let systematic = Systematic::of(products, settings);
     let plain = products.fitted([ACCELERATION, VELOCITY, SIGN, ONE], settings)?;
     let full = products.fitted([ACCELERATION, VELOCITY, SIGN, ONE, SPEED], settings)?;
     let (mass, mass_error) = full.combined([1.0, 0.0, 0.0, 0.0, 0.0]);
@@ -512,8 +522,9 @@ pub fn skew(products: &Products, settings: &Settings, backlash: &Backlash) -> Re
         };
         return Err(FitError::TooWide { u95_s, doubt });
     }
-    let viscous =
-        |settings: &Settings, (value, error): (f64, f64)| Systematic { products, settings }.viscous(value, error, mass);
+    let viscous = |settings: &Settings, (value, error): (f64, f64)| {
+        Systematic::of(products, settings).viscous(value, error, mass)
+    };
     Ok(Skew {
         left_s,
         u95_s,

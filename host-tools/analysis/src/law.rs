@@ -38,13 +38,27 @@ pub struct Row {
 
 /// The kernels of one bank, as taps that lie around a sample.
 pub struct Kernels {
-    force: Vec<f64>,
-    rate: Vec<f64>,
-    second: Vec<f64>,
+    pub(crate) force: Vec<f64>,
+    pub(crate) rate: Vec<f64>,
+    pub(crate) second: Vec<f64>,
     third: Vec<f64>,
-    sign: Vec<f64>,
-    box_samples: usize,
+    pub(crate) sign: Vec<f64>,
+    pub(crate) box_samples: usize,
     period_s: f64,
+}
+
+/// What the kernels make of the samples around one.
+pub(crate) struct Measured {
+    /// Force \[N\], the skew taken out.
+    pub force_n: f64,
+    /// Velocity \[m/s\].
+    pub velocity: f64,
+    /// Acceleration \[m/s^2\].
+    pub acceleration: f64,
+    /// By how much the terminal's acceleration is greater \[m/s^2\].
+    pub stretch: f64,
+    /// The screw moves.
+    pub moves: bool,
 }
 
 impl Kernels {
@@ -75,7 +89,7 @@ impl Kernels {
     }
 
     /// Half of the longest kernel \[samples\].
-    fn reach(&self) -> usize {
+    pub(crate) fn reach(&self) -> usize {
         [&self.force, &self.rate, &self.second, &self.third, &self.sign]
             .map(|taps| taps.len() / 2)
             .into_iter()
@@ -116,29 +130,38 @@ impl Kernels {
         rows
     }
 
-    fn row(&self, piece: &Stretch, signs: &[f64], settings: &Settings, law: &Law, middle: usize) -> Row {
-        let Settings { structure_mass_kg: mr, stiffness_n_per_m: ks, contact_damping_n_s_per_m: cs, skew_s, .. } =
-            *settings;
+    /// What is measured around a sample.
+    pub(crate) fn measured(&self, piece: &Stretch, settings: &Settings, middle: usize) -> Measured {
+        let Settings { stiffness_n_per_m: ks, contact_damping_n_s_per_m: cs, skew_s, .. } = *settings;
         let of = |taps: &[f64], data: &[f64]| around(taps, data, middle);
         let force = &piece.force_n;
         let (rate, second) = (of(&self.rate, force), of(&self.second, force));
-        let (velocity, acceleration) = (of(&self.rate, &piece.position_m), of(&self.second, &piece.position_m));
-        let stretch = if ks > 0.0 { (second - cs / ks * of(&self.third, force)) / ks } else { 0.0 };
-        let law_n = law.inertance_kg * acceleration
-            + law.viscous_n_s_per_m * velocity
-            + law.coulomb_n * of(&self.sign, signs)
-            + law.offset_n
-            + mr * (acceleration + stretch);
         let half = (REST_WINDOW_S / 2.0 / self.period_s).ceil() as usize;
         let near = piece.position_m.get(middle.saturating_sub(half)..middle + half + 1).unwrap_or(&piece.position_m);
         let (low, high) =
             near.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(*x), high.max(*x)));
         let still_m = (REST_COUNTS * settings.metres_per_count.abs()).max(settings.stuck_displacement_m);
+        Measured {
+            force_n: of(&self.force, force) + skew_s * rate + skew_s * skew_s / 2.0 * second,
+            velocity: of(&self.rate, &piece.position_m),
+            acceleration: of(&self.second, &piece.position_m),
+            stretch: if ks > 0.0 { (second - cs / ks * of(&self.third, force)) / ks } else { 0.0 },
+            moves: high - low > still_m * (1.0 + 1e-6),
+        }
+    }
+
+    fn row(&self, piece: &Stretch, signs: &[f64], settings: &Settings, law: &Law, middle: usize) -> Row {
+        let Measured { force_n, velocity, acceleration, stretch, moves, .. } = self.measured(piece, settings, middle);
+        let law_n = law.inertance_kg * acceleration
+            + law.viscous_n_s_per_m * velocity
+            + law.coulomb_n * around(&self.sign, signs, middle)
+            + law.offset_n
+            + settings.structure_mass_kg * (acceleration + stretch);
         Row {
             t_s: piece.start_s + middle as f64 * self.period_s,
-            position_m: of(&self.force, &piece.position_m),
-            force_n: of(&self.force, force) + skew_s * rate + skew_s * skew_s / 2.0 * second,
-            law_n: if high - low > still_m * (1.0 + 1e-6) { law_n } else { f64::NAN },
+            position_m: around(&self.force, &piece.position_m, middle),
+            force_n,
+            law_n: if moves { law_n } else { f64::NAN },
         }
     }
 }
@@ -154,14 +177,26 @@ fn convolved(a: &[f64], b: &[f64]) -> Vec<f64> {
 }
 
 /// Taps laid with their middle over one sample. All kernels are of odd length.
-fn around(taps: &[f64], data: &[f64], middle: usize) -> f64 {
+pub(crate) fn around(taps: &[f64], data: &[f64], middle: usize) -> f64 {
     let first = middle.saturating_sub(taps.len() / 2);
     taps.iter().zip(data.iter().skip(first)).map(|(tap, value)| tap * value).sum()
 }
 
-/// Mean sign of the velocity over each sample's own period: by straight lines through velocities halfway between samples, from
-/// which what Coulomb friction itself makes of a short kernel is taken.
-fn signs(piece: &Stretch, period_s: f64, law: &Law) -> Vec<f64> {
+/// Mean sign of the velocity over each sample's own period: by straight lines through velocities halfway between samples.
+pub(crate) fn signs(piece: &Stretch, period_s: f64, law: &Law) -> Vec<f64> {
+    let mean = |(before, after): (f64, f64)| match (before.is_nan(), after.is_nan()) {
+        (true, true) => 0.0,
+        (true, false) => after.signum(),
+        (false, true) => before.signum(),
+        (false, false) if before * after >= 0.0 => (before + after).signum(),
+        (false, false) => (after.abs() - before.abs()) / (after.abs() + before.abs()) * after.signum(),
+    };
+    velocities(piece, period_s, law).map(mean).collect()
+}
+
+/// Velocities half a sample before and after each \[m/s\], from which what Coulomb friction itself makes of a short kernel is
+/// taken; NaN where there are too few samples around.
+pub(crate) fn velocities(piece: &Stretch, period_s: f64, law: &Law) -> impl Iterator<Item = (f64, f64)> {
     let m = (SIGN_KERNEL_S / period_s).round().max(1.0) as usize;
     let triangle = convolved(&vec![1.0; m], &vec![1.0; m]);
     let sum: f64 = triangle.iter().sum();
@@ -172,18 +207,10 @@ fn signs(piece: &Stretch, period_s: f64, law: &Law) -> Vec<f64> {
         let force = piece.force_n.iter().skip(at).take(2).sum::<f64>() - 2.0 * law.offset_n;
         around(&triangle, &steps, at) / sum / period_s + kink * force.signum()
     };
-    let velocities: Vec<f64> =
-        (0..steps.len()).map(|at| if at + 1 < m || at + m > steps.len() { f64::NAN } else { velocity(at) }).collect();
-    let before = std::iter::once(&f64::NAN).chain(&velocities);
-    let pairs = before.zip(velocities.iter().chain(std::iter::once(&f64::NAN)));
-    let mean = |(before, after): (&f64, &f64)| match (before.is_nan(), after.is_nan()) {
-        (true, true) => 0.0,
-        (true, false) => after.signum(),
-        (false, true) => before.signum(),
-        (false, false) if before * after >= 0.0 => (before + after).signum(),
-        (false, false) => (after.abs() - before.abs()) / (after.abs() + before.abs()) * after.signum(),
-    };
-    pairs.map(mean).collect()
+    let known = (0..steps.len()).map(|at| if at + 1 < m || at + m > steps.len() { f64::NAN } else { velocity(at) });
+    let velocities: Vec<f64> = std::iter::once(f64::NAN).chain(known).chain(std::iter::once(f64::NAN)).collect();
+    let after = velocities.clone().into_iter().skip(1);
+    velocities.into_iter().zip(after)
 }
 
 #[cfg(test)]

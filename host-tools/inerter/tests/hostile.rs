@@ -136,7 +136,7 @@ fn no_file_writes_to_the_terminal_what_it_likes() {
     let mut said = String::new();
     for cell in cells {
         fs::write(folder.join(&csv), cell).unwrap();
-        for command in ["replay", "info", "fit", "identify", "report"] {
+        for command in ["replay", "info", "fit", "diagnose", "identify", "report"] {
             let out: &[&str] = if command == "report" { &["-o", "page.html", "--force"] } else { &[] };
             said += &check(folder, &[&[command, &csv, "--metres-per-count", "1e-6"], out].concat());
         }
@@ -148,6 +148,8 @@ fn no_file_writes_to_the_terminal_what_it_likes() {
         &["replay", &recording],
         &["replay", &recording, "--json"],
         &["fit", &recording],
+        &["diagnose", &recording],
+        &["diagnose", &recording, "--json"],
         &["identify", &recording, "--no-profiles"],
         &["report", &recording, "-o", "page.html", "--force"],
         &["export", &recording, "--csv", "out.csv", "--estimates", "--force"],

@@ -71,6 +71,8 @@ enum Command {
     Changes(accuracy::Options),
     /// Errors and coverage under what goes wrong in real rigs, against docs/tables/robustness.md
     Robustness(accuracy::Options),
+    /// How often the cause that breaks the law is named and sized right, against docs/tables/diagnose.md
+    Diagnose(accuracy::Options),
     /// Errors and coverage of the complete model on hidden devices, against docs/tables/identify.md
     Identify(accuracy::Options),
     /// Time of `inerter identify` beside scipy's least_squares around solve_ivp, on the same data from the same start
@@ -105,6 +107,7 @@ fn main() -> ExitCode {
         Command::Accuracy(options) => accuracy::table("accuracy", &options),
         Command::Changes(options) => accuracy::table("changes", &options),
         Command::Robustness(options) => accuracy::table("robustness", &options),
+        Command::Diagnose(options) => accuracy::table("diagnose", &options),
         Command::Identify(options) => accuracy::table("identify", &options),
         Command::BenchIdentify => bench::identify(),
         Command::Longrun(arguments) => accuracy::with_arguments("longrun", &arguments),

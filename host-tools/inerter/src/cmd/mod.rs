@@ -4,6 +4,7 @@ pub mod calibrate;
 pub mod completions;
 pub mod config;
 pub mod cut;
+pub mod diagnose;
 pub mod doctor;
 pub mod export;
 pub mod fit;

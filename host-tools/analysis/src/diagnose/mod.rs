@@ -1,0 +1,233 @@
+//! Which cause breaks the law: regressors added to it, one at a time, the one that explains most first.
+//!
+//! Rows are what the estimator's kernels make of force and motion, as on the device. What could be added is in `columns`: a
+//! cause is named where its F statistic is beyond what clean runs reach ([`LIMIT`], docs/THEORY.md), and the parameters are
+//! given again with all causes beside them.
+
+mod columns;
+mod kind;
+mod selection;
+
+use inerter_core::{Parameter, Parameters, Settings, constants};
+use inerter_data::{replay::Outcome, series::Series};
+use nalgebra::{DMatrix, DVector};
+
+use crate::{
+    fit::{FitError, Systematic},
+    law::{Kernels, Law},
+};
+use columns::{Candidate, Rows, Term};
+pub use kind::{Kind, LIMIT, LIMIT_AT_REVERSALS};
+use selection::{Group, Selection};
+
+/// Causes that are looked for at most.
+const MOST: usize = 4;
+/// Part of a cause's statistic that another has which explains as much.
+const RIVAL: f64 = 0.9;
+/// Steps by which a length or a velocity is made more exact, on either side.
+const FINER: [f64; 2] = [1.5, 1.15];
+/// Steps of one size at most: the next of the values that are tried is nearer.
+const MOST_STEPS: usize = 3;
+/// Independent observations under which nothing is said.
+const LEAST_OBSERVATIONS: f64 = 30.0;
+
+/// One cause.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cause {
+    /// What it is.
+    pub kind: Kind,
+    /// Its size in [`unit`](Self::unit).
+    pub value: f64,
+    /// Half width of its 95 % interval.
+    pub u95: f64,
+    /// Unit of both, of a machine with linear motion.
+    pub unit: &'static str,
+    /// F statistic with which it was chosen.
+    pub f: f64,
+    /// Length of a turn \[m\], where it repeats with it.
+    pub period_m: Option<f64>,
+    /// What explains as much.
+    pub rival: Option<Kind>,
+}
+
+/// What a run shows.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Diagnosis {
+    /// In the order of their weight.
+    pub causes: Vec<Cause>,
+    /// The parameters with the causes included; none where the motion cannot tell them apart.
+    pub corrected: Option<Parameters>,
+    /// Greatest F statistic of what was not named, in parts of its limit.
+    pub greatest_left: f64,
+}
+
+/// Tests a run that went through the estimator; `counts_per_turn` of the encoder, where they are known, else those that are usual
+/// are tried.
+pub fn diagnose(
+    series: &Series,
+    settings: &Settings,
+    outcome: &Outcome,
+    counts_per_turn: Option<f64>,
+) -> Result<Diagnosis, FitError> {
+    let kernels = Kernels::new(outcome.estimate.bank, series.period_s);
+    let box_s = kernels.box_samples as f64 * series.period_s;
+    let found = outcome.estimate.whole_run;
+    let value = |parameter: Parameter| f64::from(parameter.fitted().value);
+    let law = Law {
+        inertance_kg: value(found.inertance_kg) + settings.structure_mass_kg,
+        viscous_n_s_per_m: value(found.viscous_n_s_per_m),
+        coulomb_n: value(found.coulomb_n),
+        offset_n: value(found.offset_n),
+    };
+    let rows = Rows::of(series, settings, kernels, law, constants::CORRELATION_BOXES);
+    let observations = rows.force.len() as f64 / rows.per_observation;
+    if observations < LEAST_OBSERVATIONS {
+        return Err(FitError::TooShort { observations });
+    }
+    let mut search = Search::of(&rows, Candidate::all(&rows.span, settings, counts_per_turn));
+    let mut chosen = Vec::new();
+    let greatest_left = loop {
+        let Some(next) = search.next() else { break 0.0 };
+        if next.strength() < 1.0 || chosen.len() == MOST {
+            break next.strength();
+        }
+        chosen.push(search.choose(next));
+    };
+    let (causes, corrected) = fitted(&rows, settings, box_s, &chosen);
+    Ok(Diagnosis { causes, corrected, greatest_left })
+}
+
+/// A candidate that was chosen.
+struct Chosen {
+    candidate: Candidate,
+    f: f64,
+    rival: Option<Kind>,
+}
+
+impl Chosen {
+    /// F statistic in parts of its limit.
+    fn strength(&self) -> f64 {
+        self.f / self.candidate.kind.limit()
+    }
+}
+
+/// The search under way.
+struct Search<'a> {
+    rows: &'a Rows<'a>,
+    groups: Vec<(Candidate, Group)>,
+    selection: Selection,
+    directions: Vec<Vec<f64>>,
+}
+
+impl<'a> Search<'a> {
+    fn of(rows: &'a Rows<'a>, candidates: Vec<Candidate>) -> Self {
+        let mut selection = Selection::new(&rows.force, rows.per_observation);
+        let directions = selection.take(&Group::new(rows.base.to_vec(), f64::NEG_INFINITY..f64::INFINITY, 0.0));
+        let mut search = Self { rows, groups: Vec::new(), selection, directions };
+        search.groups = candidates.into_iter().map(|candidate| (candidate, search.group(candidate))).collect();
+        search
+    }
+
+    fn group(&self, candidate: Candidate) -> Group {
+        let mut group =
+            Group::new(self.rows.columns(candidate.term), candidate.sizes(&self.rows.law), candidate.least());
+        self.directions.iter().for_each(|direction| group.leave_out(direction));
+        group
+    }
+
+    /// What explains most of the residual.
+    fn next(&self) -> Option<Chosen> {
+        let with_f = self.groups.iter().map(|(candidate, group)| (*candidate, self.selection.statistic(group)));
+        let all: Vec<(Candidate, f64)> = with_f.collect();
+        let (best, f) = all.iter().copied().max_by(|(_, a), (_, b)| a.total_cmp(b))?;
+        let others = all.iter().filter(|(candidate, other)| candidate.kind != best.kind && *other > RIVAL * f);
+        let rival = others.max_by(|(_, a), (_, b)| a.total_cmp(b)).map(|(candidate, _)| candidate.kind);
+        Some(Chosen { candidate: best, f, rival })
+    }
+
+    /// Takes it in, at the length or velocity at which it explains most.
+    fn choose(&mut self, mut chosen: Chosen) -> Chosen {
+        for step in FINER {
+            for _ in 0..MOST_STEPS {
+                let finer = [step, step.recip()].into_iter().filter_map(|factor| chosen.candidate.scaled(factor));
+                let better = finer
+                    .map(|candidate| (candidate, self.selection.statistic(&self.group(candidate))))
+                    .filter(|(_, f)| *f > chosen.f)
+                    .max_by(|(_, a), (_, b)| a.total_cmp(b));
+                let Some((candidate, f)) = better else { break };
+                (chosen.candidate, chosen.f) = (candidate, f);
+            }
+        }
+        let new = self.selection.take(&self.group(chosen.candidate));
+        for (_, group) in &mut self.groups {
+            new.iter().for_each(|direction| group.leave_out(direction));
+        }
+        self.directions.extend(new);
+        self.groups.retain(|(candidate, _)| candidate.kind != chosen.candidate.kind);
+        chosen
+    }
+}
+
+/// Least squares with all that was chosen.
+fn fitted(rows: &Rows, settings: &Settings, box_s: f64, chosen: &[Chosen]) -> (Vec<Cause>, Option<Parameters>) {
+    let groups: Vec<Vec<Vec<f64>>> = chosen.iter().map(|one| rows.columns(one.candidate.term)).collect();
+    let columns: Vec<&Vec<f64>> = rows.base.iter().chain(groups.iter().flatten()).collect();
+    let scales: Vec<f64> =
+        columns.iter().map(|column| column.iter().map(|value| value * value).sum::<f64>().sqrt().recip()).collect();
+    let count = columns.len();
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let gram = DMatrix::from_fn(count, count, |i, j| dot(columns[i], columns[j]) * scales[i] * scales[j]);
+    let right = DVector::from_fn(count, |i, _| dot(columns[i], &rows.force) * scales[i]);
+    let Some(factors) = gram.cholesky() else { return (Vec::new(), None) };
+    let (solution, inverse) = (factors.solve(&right), factors.inverse());
+    let left = dot(&rows.force, &rows.force) - solution.dot(&right);
+    let freedom = rows.force.len() as f64 / rows.per_observation - count as f64;
+    let square = left.max(0.0) / freedom.max(1.0);
+    let value = |i: usize| solution[i] * scales[i];
+    let covariance = |i: usize, j: usize| inverse[(i, j)] * scales[i] * scales[j] * square;
+    let error = |i: usize| covariance(i, i).max(0.0).sqrt();
+    let mut at = rows.base.len();
+    let causes = chosen.iter().map(|one| {
+        let first = at;
+        let width = Rows::width(one.candidate.term);
+        at += width;
+        let (size, size_error) = if width == 2 {
+            let (a, b) = (value(first), value(first + 1));
+            let length = a.hypot(b);
+            let variance = a * a * covariance(first, first)
+                + 2.0 * a * b * covariance(first, first + 1)
+                + b * b * covariance(first + 1, first + 1);
+            (length, variance.max(0.0).sqrt() / length)
+        } else {
+            (value(first), error(first))
+        };
+        cause(one, size, constants::COVERAGE * size_error)
+    });
+    let causes: Vec<Cause> = causes.collect();
+    let mean_square = |column: &[f64]| dot(column, column) / column.len() as f64;
+    let [acceleration, velocity, ..] = &rows.base;
+    let systematic =
+        Systematic { acceleration: mean_square(acceleration), velocity: mean_square(velocity), box_s, settings };
+    let parameters = Parameters {
+        inertance_kg: systematic.inertance(value(0), error(0)),
+        viscous_n_s_per_m: systematic.viscous(value(1), error(1), value(0)),
+        coulomb_n: systematic.coulomb(value(2), error(2)),
+        offset_n: systematic.offset(value(3), error(3)),
+    };
+    (causes, Some(parameters))
+}
+
+fn cause(chosen: &Chosen, size: f64, u95: f64) -> Cause {
+    let Candidate { kind, term } = chosen.candidate;
+    let (value, u95, unit, period_m) = match term {
+        Term::Load => (size, u95, "1", None),
+        Term::Ripple(period_m) | Term::Uneven(period_m) => (size, u95, "N", Some(period_m)),
+        Term::Wobble(period_m) => (size, u95, "m", Some(period_m)),
+        Term::Falling(_) | Term::Bell(_) | Term::Drift | Term::Warming => (size, u95, "N", None),
+        // What the distance is uncertain by is the last step by which it was sought.
+        Term::Turning(distance) => (distance, (FINER[1] - 1.0) * distance, "m", None),
+        Term::Thinning | Term::Speed => (size, u95, "N s/m", None),
+        Term::Skew => (size, u95, "s", None),
+    };
+    Cause { kind, value, u95, unit, f: chosen.f, period_m, rival: chosen.rival }
+}

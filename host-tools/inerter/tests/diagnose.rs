@@ -1,0 +1,86 @@
+//! What breaks the law, as a person and a program are told it.
+
+mod common;
+
+use common::{done, fails, last};
+
+#[test]
+fn a_cause_is_named_with_its_size_and_what_to_do() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    done(at, &["simulate", "-o", "run.mcap", "--preset", "presliding", "--excite", "mid@20s"]);
+    let found = last(&done(at, &["diagnose", "run.mcap", "--json"]));
+    assert_eq!(found["kind"], "diagnosis");
+    assert_eq!(found["law"]["status"], "broken");
+    let cause = &found["causes"][0];
+    assert_eq!((cause["name"].as_str(), cause["unit"].as_str()), (Some("presliding"), Some("m")));
+    assert!((cause["value"].as_f64().unwrap() - 50e-6).abs() < 15e-6, "{cause}");
+    assert!(cause["u95"].as_f64().unwrap() > 0.0 && cause["f"].as_f64().unwrap() > 1000.0, "{cause}");
+    let inertance = &found["corrected"]["inertance_kg"];
+    let (value, u95) = (inertance["value"].as_f64().unwrap(), inertance["u95"].as_f64().unwrap());
+    assert!((value - 299.5).abs() < u95 && u95 < 2.0, "{inertance}");
+
+    let words = done(at, &["diagnose", "run.mcap"]);
+    assert!(words.contains("The law is broken") && words.contains("friction turns over"), "{words}");
+    assert!(words.contains("use strokes that are much longer"), "{words}");
+}
+
+#[test]
+fn where_nothing_is_wrong_nothing_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    done(at, &["simulate", "-o", "run.csv", "--excite", "random@20s"]);
+    let known = ["diagnose", "run.csv", "--settings", "run.settings.toml"];
+    let found = last(&done(at, &[&known[..], &["--json"]].concat()));
+    assert_eq!((&found["causes"], &found["law"]["status"]), (&serde_json::json!([]), &"holds".into()));
+    assert!(done(at, &known).contains("The law holds"));
+    assert!(fails(at, &[&known[..], &["--counts-per-turn", "none"]].concat(), 2).contains("number of counts"));
+    // The turns of the screw where no usual encoder has them.
+    let given = last(&done(at, &[&known[..], &["--counts-per-turn", "777.5", "--json"]].concat()));
+    assert_eq!(given["causes"], serde_json::json!([]));
+}
+
+#[test]
+fn the_names_of_a_rotary_machine_are_its_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    done(at, &["simulate", "-o", "run.mcap", "--preset", "presliding", "--excite", "mid@20s"]);
+    let found = last(&done(at, &["diagnose", "run.mcap", "--set", "machine=1", "--json"]));
+    assert_eq!(found["causes"][0]["unit"], "rad");
+    assert!(found["causes"][0]["period_rad"].is_null() && found["corrected"]["inertance_kg"].is_null(), "{found}");
+    assert!(found["corrected"].as_object().unwrap().keys().any(|key| key.contains("kg_m2")), "{found}");
+}
+
+#[test]
+fn a_slip_of_the_counts_comes_first() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    done(at, &["simulate", "-o", "run.csv", "--excite", "random@20s"]);
+    let path = at.join("run.csv");
+    let text = std::fs::read_to_string(&path).unwrap();
+    let column = text.lines().find(|line| line.contains("encoder_count")).unwrap();
+    let place = column.split(',').position(|name| name == "encoder_count").unwrap();
+    let slipped = text.lines().enumerate().map(|(number, line)| {
+        let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
+        if number > 12_000
+            && let Some(Ok(count)) = cells.get(place).map(|cell| cell.parse::<i64>())
+        {
+            cells[place] = (count + 400).to_string();
+        }
+        cells.join(",") + "\n"
+    });
+    let slipped: String = slipped.collect();
+    std::fs::write(&path, slipped).unwrap();
+    let found = last(&done(at, &["diagnose", "run.csv", "--settings", "run.settings.toml", "--json"]));
+    let first = &found["causes"][0];
+    assert_eq!((first["name"].as_str(), first["value"].as_f64()), (Some("count_slip"), Some(1.0)), "{found}");
+    assert!(first["f"].is_null());
+}
+
+#[test]
+fn a_run_that_hardly_moves_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    done(at, &["simulate", "-o", "run.mcap", "--excite", "hold@5s"]);
+    assert!(fails(at, &["diagnose", "run.mcap"], 9).contains("too little motion"));
+}

@@ -1,0 +1,122 @@
+//! Runs that break the law in one known way, and what the diagnosis makes of them.
+
+use crate::grid::{Error, Motion, calibrated, raw};
+use inerter_analysis::diagnose::{Diagnosis, Kind, diagnose};
+use inerter_core::Settings;
+use inerter_data::{replay::replay_all, run::Run, series::Series, settings::SettingsInputError};
+use inerter_plant::{Excitation, Inerter, Plant, Sensors, Simulation};
+use std::f64::consts::TAU;
+
+/// What is added to the measured force, which a terminal that is moved from outside feels beside the law's.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Added {
+    /// Friction per force.
+    pub load: f64,
+    /// Amplitude once a turn \[N\].
+    pub ripple_n: f64,
+    /// Change of Coulomb friction over the run \[N\].
+    pub warming_n: f64,
+    /// Change of the offset over the run \[N\].
+    pub drift_n: f64,
+    /// The force comes late by so much \[s\].
+    pub delay_s: f64,
+}
+
+/// One way to break the law.
+#[derive(Clone, Copy, Debug)]
+pub struct Case {
+    /// What is wrong.
+    pub name: &'static str,
+    /// What should be named; nothing in a run without a fault.
+    pub kind: Option<Kind>,
+    /// Its size in the cause's unit.
+    pub size: f64,
+    /// The device.
+    pub device: Inerter,
+    /// The instruments.
+    pub sensors: Sensors,
+    /// The rest.
+    pub added: Added,
+}
+
+/// The rig of the grid: 1 kHz, 1 N of noise, 2.44 um per count, an offset of 3 N.
+fn clean(name: &'static str) -> Case {
+    let sensors = Sensors { force_noise_n: 1.0, force_offset_n: 3.0, ..Sensors::default() };
+    Case { name, kind: None, size: 0.0, device: Inerter::paper(), sensors, added: Added::default() }
+}
+
+/// Cases with one fault each.
+pub fn cases() -> Vec<Case> {
+    let paper = Inerter::paper();
+    let added = |name, kind, size, added| Case { kind: Some(kind), size, added, ..clean(name) };
+    let device = |name, kind, size, device| Case { kind: Some(kind), size, device, ..clean(name) };
+    let none = Added::default();
+    let stribeck = |mm_per_s: f64| Inerter { stribeck_velocity_m_per_s: mm_per_s * 1e-3, ..Inerter::stribeck() };
+    let presliding = |um: f64| Inerter { presliding_m: um * 1e-6, ..paper };
+    let rise = Inerter::stribeck().stribeck_ratio * paper.coulomb_n - paper.coulomb_n;
+    let uneven = 0.4 * paper.viscous_n_s_per_m;
+    vec![
+        added("friction of 2 % of the load", Kind::LoadDependent, 0.02, Added { load: 0.02, ..none }),
+        added("friction of 4 % of the load", Kind::LoadDependent, 0.04, Added { load: 0.04, ..none }),
+        added("ripple of 3 N", Kind::PositionPeriodic, 3.0, Added { ripple_n: 3.0, ..none }),
+        added("ripple of 10 N", Kind::PositionPeriodic, 10.0, Added { ripple_n: 10.0, ..none }),
+        added("friction falls by 15 N", Kind::Drift, -15.0, Added { warming_n: -15.0, ..none }),
+        added("offset drifts by 5 N", Kind::Drift, 5.0, Added { drift_n: 5.0, ..none }),
+        added("force 1 ms late", Kind::Skew, 1e-3, Added { delay_s: 1e-3, ..none }),
+        added("force 3 ms late", Kind::Skew, 3e-3, Added { delay_s: 3e-3, ..none }),
+        Case {
+            kind: Some(Kind::EncoderError),
+            size: 10e-6,
+            sensors: Sensors { encoder_eccentricity_m: 10e-6, ..clean("").sensors },
+            ..clean("eccentricity 10 um")
+        },
+        device("Stribeck 1.3, 5 mm/s", Kind::Stribeck, rise, stribeck(5.0)),
+        device("Stribeck 1.3, 10 mm/s", Kind::Stribeck, rise, stribeck(10.0)),
+        device("presliding 50 um", Kind::Presliding, 50e-6, presliding(50.0)),
+        device("presliding 200 um", Kind::Presliding, 200e-6, presliding(200.0)),
+        device("cf uneven by 40 %", Kind::Direction, uneven, Inerter { viscous_asymmetry: 0.4, ..paper }),
+    ]
+}
+
+/// The clean case, with another noise and rate.
+pub fn clean_case(force_noise_n: f64, sample_rate_hz: f64) -> Case {
+    let case = clean("nothing");
+    Case { sensors: Sensors { force_noise_n, sample_rate_hz, ..case.sensors }, ..case }
+}
+
+impl Case {
+    /// One run through the estimator and the tests.
+    pub fn diagnosed(&self, motion: &Motion, seed: u64) -> Result<Diagnosis, Error> {
+        let sensors = Sensors { encoder_phase_count: (seed as f64 * 0.618) % 1.0, seed, ..self.sensors };
+        let settings = Settings {
+            force_gain_u95: 0.0,
+            lead_u95: 0.0,
+            timebase_u95: 0.0,
+            skew_s: 0.0,
+            ..calibrated(&self.device, &sensors)
+        };
+        let plant = Plant::new(self.device, Excitation::parse(motion.name, seed)?)?;
+        let code_n = settings.newtons_per_code;
+        let Added { load, ripple_n, warming_n, drift_n, delay_s } = self.added;
+        let mut samples = Vec::new();
+        for sample in Simulation::of(plant, sensors)?.lasting(motion.duration_s) {
+            let mut raw = raw(&sample);
+            let truth = &sample.truth;
+            let sign = truth.v2_m_per_s.signum() * f64::from(truth.motion != inerter_plant::Motion::Stuck);
+            let force = f64::from(raw.force_code) * code_n - sensors.force_offset_n;
+            let time = truth.t_s / motion.duration_s - 0.5;
+            let extra = load * force.abs() * sign / (1.0 - load * sign * force.signum())
+                + ripple_n * (TAU * truth.x2_m / sensors.lead_m + 0.7).sin()
+                + warming_n * time * sign
+                + drift_n * time;
+            raw.force_code += (extra / code_n).round() as i32;
+            samples.push(raw);
+        }
+        let late = (delay_s * settings.sample_rate_hz).round() as usize;
+        let forces: Vec<i32> = samples.iter().map(|sample| sample.force_code).collect();
+        samples.iter_mut().skip(late).zip(forces).for_each(|(sample, force)| sample.force_code = force);
+        let run = Run { settings, samples, ..Run::default() };
+        let outcome = replay_all(&run, |_, _| Ok::<(), SettingsInputError>(()))?;
+        Ok(diagnose(&Series::of(&run), &settings, &outcome, None)?)
+    }
+}
