@@ -30,7 +30,7 @@ fn parameters_are_right_again_with_the_cause_included() {
         assert!((f64::from(inertance) - case.device.inertance_kg).abs() < 0.3, "{}: {corrected:?}", case.name);
         let viscous = corrected.viscous_n_s_per_m.fitted();
         let off = (f64::from(viscous.value) - case.device.viscous_n_s_per_m).abs();
-        assert!(off < f64::from(viscous.u95) && viscous.u95 < 40.0, "{}: {corrected:?}", case.name);
+        assert!(off < f64::from(viscous.u95) && viscous.u95 < 60.0, "{}: {corrected:?}", case.name);
     }
 }
 

@@ -20,6 +20,8 @@ use columns::{Candidate, Rows, Term};
 pub use kind::{Kind, LIMIT, LIMIT_AT_REVERSALS};
 use selection::{Group, Selection};
 
+/// What friction at the reversals makes of a skew \[s\], at most (docs/THEORY.md, 10).
+const SKEW_MODEL_U95_S: f64 = 13e-6;
 /// Causes that are looked for at most.
 const MOST: usize = 4;
 /// Part of a cause's statistic that another has which explains as much.
@@ -63,11 +65,57 @@ pub struct Diagnosis {
 
 /// Tests a run that went through the estimator; `counts_per_turn` of the encoder, where they are known, else those that are usual
 /// are tried.
+///
+/// A skew is undone, by whole samples and then by what the law takes out of the force, before the rest is looked at.
 pub fn diagnose(
     series: &Series,
     settings: &Settings,
     outcome: &Outcome,
     counts_per_turn: Option<f64>,
+) -> Result<Diagnosis, FitError> {
+    let first = searched(series, settings, outcome, counts_per_turn, None)?;
+    let Some(place) = first.causes.iter().position(|cause| cause.kind == Kind::Skew) else { return Ok(first) };
+    let Some(skew) = first.causes.get(place).copied() else { return Ok(first) };
+    let samples = (skew.value / series.period_s).round();
+    let rest_s = skew.value - samples * series.period_s;
+    let skew_u95_s = settings.skew_u95_s.hypot(SKEW_MODEL_U95_S);
+    let undone = Settings { skew_s: settings.skew_s + rest_s, skew_u95_s, ..*settings };
+    let left = Candidate { kind: Kind::Skew, term: Term::Skew };
+    let mut found = searched(&advanced(series, samples as isize), &undone, outcome, counts_per_turn, Some(left))?;
+    // What is left of the skew was taken in before all others.
+    if !found.causes.is_empty() {
+        let left = found.causes.remove(0);
+        let whole = Cause { value: skew.value + left.value, u95: left.u95.hypot(SKEW_MODEL_U95_S), ..skew };
+        found.causes.insert(place.min(found.causes.len()), whole);
+    }
+    Ok(found)
+}
+
+/// The same run with the force so many samples earlier.
+fn advanced(series: &Series, samples: isize) -> Series {
+    let by = samples.unsigned_abs();
+    let stretches = series.stretches.iter().filter(|stretch| stretch.force_n.len() > by).map(|stretch| {
+        let mut stretch = stretch.clone();
+        let (late, early) = if samples > 0 {
+            (&mut stretch.force_n, &mut stretch.position_m)
+        } else {
+            (&mut stretch.position_m, &mut stretch.force_n)
+        };
+        late.drain(..by);
+        early.truncate(late.len());
+        stretch.terminal_m.clear();
+        stretch
+    });
+    Series { period_s: series.period_s, stretches: stretches.collect() }
+}
+
+/// One search; `known` is taken in before it begins.
+fn searched(
+    series: &Series,
+    settings: &Settings,
+    outcome: &Outcome,
+    counts_per_turn: Option<f64>,
+    known: Option<Candidate>,
 ) -> Result<Diagnosis, FitError> {
     let kernels = Kernels::new(outcome.estimate.bank, series.period_s);
     let box_s = kernels.box_samples as f64 * series.period_s;
@@ -85,7 +133,8 @@ pub fn diagnose(
         return Err(FitError::TooShort { observations });
     }
     let mut search = Search::of(&rows, Candidate::all(&rows.span, settings, counts_per_turn));
-    let mut chosen = Vec::new();
+    let mut chosen: Vec<Chosen> =
+        known.into_iter().map(|candidate| search.choose(Chosen { candidate, f: 0.0, rival: None })).collect();
     let greatest_left = loop {
         let Some(next) = search.next() else { break 0.0 };
         if next.strength() < 1.0 || chosen.len() == MOST {
