@@ -18,8 +18,6 @@ pub struct Added {
     pub warming_n: f64,
     /// Change of the offset over the run \[N\].
     pub drift_n: f64,
-    /// The force comes late by so much \[s\].
-    pub delay_s: f64,
 }
 
 /// One way to break the law.
@@ -50,6 +48,12 @@ pub fn cases() -> Vec<Case> {
     let paper = Inerter::paper();
     let added = |name, kind, size, added| Case { kind: Some(kind), size, added, ..clean(name) };
     let device = |name, kind, size, device| Case { kind: Some(kind), size, device, ..clean(name) };
+    let late = |name, delay_s| Case {
+        kind: Some(Kind::Skew),
+        size: delay_s,
+        sensors: Sensors { delay_s, ..clean(name).sensors },
+        ..clean(name)
+    };
     let none = Added::default();
     let stribeck = |mm_per_s: f64| Inerter { stribeck_velocity_m_per_s: mm_per_s * 1e-3, ..Inerter::stribeck() };
     let presliding = |um: f64| Inerter { presliding_m: um * 1e-6, ..paper };
@@ -62,8 +66,8 @@ pub fn cases() -> Vec<Case> {
         added("ripple of 10 N", Kind::PositionPeriodic, 10.0, Added { ripple_n: 10.0, ..none }),
         added("friction falls by 15 N", Kind::Drift, -15.0, Added { warming_n: -15.0, ..none }),
         added("offset drifts by 5 N", Kind::Drift, 5.0, Added { drift_n: 5.0, ..none }),
-        added("force 1 ms late", Kind::Skew, 1e-3, Added { delay_s: 1e-3, ..none }),
-        added("force 3 ms late", Kind::Skew, 3e-3, Added { delay_s: 3e-3, ..none }),
+        late("force 1 ms late", 1e-3),
+        late("force 3 ms late", 3e-3),
         Case {
             kind: Some(Kind::EncoderError),
             size: 10e-6,
@@ -87,7 +91,12 @@ pub fn clean_case(force_noise_n: f64, sample_rate_hz: f64) -> Case {
 impl Case {
     /// One run through the estimator and the tests.
     pub fn diagnosed(&self, motion: &Motion, seed: u64) -> Result<Diagnosis, Error> {
-        let sensors = Sensors { encoder_phase_count: (seed as f64 * 0.618) % 1.0, seed, ..self.sensors };
+        let sensors = Sensors {
+            encoder_phase_count: (seed as f64 * 0.618) % 1.0,
+            seed,
+            force_drift_n_per_s: self.added.drift_n / motion.duration_s,
+            ..self.sensors
+        };
         let settings = Settings {
             force_gain_u95: 0.0,
             lead_u95: 0.0,
@@ -97,7 +106,7 @@ impl Case {
         };
         let plant = Plant::new(self.device, Excitation::parse(motion.name, seed)?)?;
         let code_n = settings.newtons_per_code;
-        let Added { load, ripple_n, warming_n, drift_n, delay_s } = self.added;
+        let Added { load, ripple_n, warming_n, .. } = self.added;
         let mut samples = Vec::new();
         for sample in Simulation::of(plant, sensors)?.lasting(motion.duration_s) {
             let mut raw = raw(&sample);
@@ -107,14 +116,10 @@ impl Case {
             let time = truth.t_s / motion.duration_s - 0.5;
             let extra = load * force.abs() * sign / (1.0 - load * sign * force.signum())
                 + ripple_n * (TAU * truth.x2_m / sensors.lead_m + 0.7).sin()
-                + warming_n * time * sign
-                + drift_n * time;
+                + warming_n * time * sign;
             raw.force_code += (extra / code_n).round() as i32;
             samples.push(raw);
         }
-        let late = (delay_s * settings.sample_rate_hz).round() as usize;
-        let forces: Vec<i32> = samples.iter().map(|sample| sample.force_code).collect();
-        samples.iter_mut().skip(late).zip(forces).for_each(|(sample, force)| sample.force_code = force);
         let run = Run { settings, samples, ..Run::default() };
         let outcome = replay_all(&run, |_, _| Ok::<(), SettingsInputError>(()))?;
         Ok(diagnose(&Series::of(&run), &settings, &outcome, None)?)

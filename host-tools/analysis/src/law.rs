@@ -57,8 +57,6 @@ pub(crate) struct Measured {
     pub acceleration: f64,
     /// By how much the terminal's acceleration is greater \[m/s^2\].
     pub stretch: f64,
-    /// The screw moves.
-    pub moves: bool,
 }
 
 impl Kernels {
@@ -136,34 +134,38 @@ impl Kernels {
         let of = |taps: &[f64], data: &[f64]| around(taps, data, middle);
         let force = &piece.force_n;
         let (rate, second) = (of(&self.rate, force), of(&self.second, force));
-        let half = (REST_WINDOW_S / 2.0 / self.period_s).ceil() as usize;
-        let near = piece.position_m.get(middle.saturating_sub(half)..middle + half + 1).unwrap_or(&piece.position_m);
-        let (low, high) =
-            near.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(*x), high.max(*x)));
-        let still_m = (REST_COUNTS * settings.metres_per_count.abs()).max(settings.stuck_displacement_m);
         Measured {
             force_n: of(&self.force, force) + skew_s * rate + skew_s * skew_s / 2.0 * second,
             velocity: of(&self.rate, &piece.position_m),
             acceleration: of(&self.second, &piece.position_m),
             stretch: if ks > 0.0 { (second - cs / ks * of(&self.third, force)) / ks } else { 0.0 },
-            moves: high - low > still_m * (1.0 + 1e-6),
         }
     }
 
     fn row(&self, piece: &Stretch, signs: &[f64], settings: &Settings, law: &Law, middle: usize) -> Row {
-        let Measured { force_n, velocity, acceleration, stretch, moves, .. } = self.measured(piece, settings, middle);
+        let Measured { force_n, velocity, acceleration, stretch } = self.measured(piece, settings, middle);
         let law_n = law.inertance_kg * acceleration
             + law.viscous_n_s_per_m * velocity
             + law.coulomb_n * around(&self.sign, signs, middle)
             + law.offset_n
             + settings.structure_mass_kg * (acceleration + stretch);
+        let half = (REST_WINDOW_S / 2.0 / self.period_s).ceil() as usize;
+        let near = piece.position_m.get(middle.saturating_sub(half)..middle + half + 1).unwrap_or(&piece.position_m);
         Row {
             t_s: piece.start_s + middle as f64 * self.period_s,
             position_m: around(&self.force, &piece.position_m, middle),
             force_n,
-            law_n: if moves { law_n } else { f64::NAN },
+            law_n: if stands(near, settings) { f64::NAN } else { law_n },
         }
     }
+}
+
+/// Whether the screw stands while it goes through these positions \[m\].
+pub(crate) fn stands(positions: &[f64], settings: &Settings) -> bool {
+    let (low, high) =
+        positions.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(*x), high.max(*x)));
+    let still_m = (REST_COUNTS * settings.metres_per_count.abs()).max(settings.stuck_displacement_m);
+    high - low <= still_m * (1.0 + 1e-6)
 }
 
 fn convolved(a: &[f64], b: &[f64]) -> Vec<f64> {

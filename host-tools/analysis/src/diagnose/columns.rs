@@ -1,15 +1,15 @@
 //! What could be added to the law: signals, sample by sample, brought through the estimator's kernels.
 
-use std::{f64::consts::TAU, ops::Range};
+use std::f64::consts::TAU;
 
 use inerter_core::{
     Settings,
-    constants::{REST_COUNTS, REST_WINDOW_S},
+    constants::{CORRELATION_BOXES, REST_WINDOW_S},
 };
 use inerter_data::series::{Series, Stretch};
 
 use super::kind::Kind;
-use crate::law::{Kernels, Law, around, signs, velocities};
+use crate::law::{Kernels, Law, around, signs, stands, velocities};
 
 /// Encoder counts per turn that are in use; each has its own lead.
 const COUNTS_PER_TURN: [f64; 22] = [
@@ -88,20 +88,18 @@ impl Candidate {
         Some(Self { term, ..self })
     }
 
-    /// What its size can be in a machine, in the term's own unit.
-    pub fn sizes(self, law: &Law) -> Range<f64> {
+    /// Whether its size can be that of a machine, in the term's own unit.
+    pub fn can_be(self, size: f64, law: &Law) -> bool {
+        let coulomb_n = law.coulomb_n.abs();
         match self.term {
-            Term::Load => 0.0..MOST_LOAD,
-            Term::Falling(_) | Term::Bell(_) => 0.0..MOST_SURPLUS * law.coulomb_n.abs(),
+            Term::Load => (0.0..MOST_LOAD).contains(&size),
+            Term::Falling(_) | Term::Bell(_) => (0.0..MOST_SURPLUS * coulomb_n).contains(&size),
             // Friction comes late.
-            Term::Turning(_) => -MOST_TURN * law.coulomb_n.abs()..0.0,
-            _ => f64::NEG_INFINITY..f64::INFINITY,
+            Term::Turning(_) => (-MOST_TURN * coulomb_n..0.0).contains(&size),
+            // Friction at the reversals looks like a skew of some microseconds (docs/THEORY.md, 7).
+            Term::Skew => size.abs() >= LEAST_SKEW_S,
+            _ => true,
         }
-    }
-
-    /// What it must be at least: friction at the reversals looks like a skew of some microseconds (docs/THEORY.md, 7).
-    pub fn least(self) -> f64 {
-        if self.term == Term::Skew { LEAST_SKEW_S } else { 0.0 }
     }
 
     /// Everything that is tried in this run.
@@ -167,7 +165,7 @@ pub(super) struct Rows<'a> {
 
 impl<'a> Rows<'a> {
     /// Of all samples in motion, with signs placed by this law.
-    pub fn of(series: &'a Series, settings: &Settings, kernels: Kernels, law: Law, correlation_boxes: f64) -> Self {
+    pub fn of(series: &'a Series, settings: &Settings, kernels: Kernels, law: Law) -> Self {
         let period_s = series.period_s;
         let reach = kernels.reach() + kernels.box_samples;
         let spacing = (kernels.box_samples / PER_BOX).max(1).max(series.len() / MOST_ROWS);
@@ -200,7 +198,7 @@ impl<'a> Rows<'a> {
         let to_s = series.stretches.last().map_or(from_s, end);
         let span =
             Span { from_s, duration_s: to_s - from_s, stroke_m: (high - low).max(0.0), velocity_rms: square.sqrt() };
-        let per_observation = (correlation_boxes * kernels.box_samples as f64 / spacing as f64).max(1.0);
+        let per_observation = (CORRELATION_BOXES * kernels.box_samples as f64 / spacing as f64).max(1.0);
         Self { kernels, law, period_s, pieces, span, force, base, per_observation }
     }
 
@@ -312,13 +310,11 @@ impl<'a> Rows<'a> {
 /// Where the screw stands, or turns so gently that friction may hold it, as the device leaves it out.
 fn still(stretch: &Stretch, signs: &[f64], period_s: f64, settings: &Settings, law: &Law) -> Vec<bool> {
     let count_m = settings.metres_per_count.abs();
-    let rest_m = (REST_COUNTS * count_m).max(settings.stuck_displacement_m) * (1.0 + 1e-6);
     let window = (REST_WINDOW_S / period_s).ceil() as usize;
     let positions = &stretch.position_m;
     let mut still = vec![false; positions.len()];
     for (at, seen) in positions.windows(window + 1).enumerate() {
-        let (low, high) = seen.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(*x), h.max(*x)));
-        if high - low <= rest_m {
+        if stands(seen, settings) {
             still.iter_mut().skip(at.saturating_sub(window / 2)).take(2 * window).for_each(|still| *still = true);
         }
         let travel = seen.last().zip(seen.first()).map_or(0.0, |(last, first)| (last - first).abs());

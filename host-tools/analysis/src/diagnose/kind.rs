@@ -1,6 +1,6 @@
 //! What may break the law, and how strong its evidence must be.
 
-/// F statistic that a clean run does not reach, about twice the greatest of 90 with the seeds 1 to 3.
+/// F statistic that a run without a fault does not reach (docs/tables/diagnose.md).
 pub const LIMIT: f64 = 150.0;
 /// The same of what acts at the reversals, which a sign that is placed a part of a sample too early or late looks like.
 pub const LIMIT_AT_REVERSALS: f64 = 1000.0;

@@ -18,7 +18,7 @@ use crate::{
 };
 use columns::{Candidate, Rows, Term};
 pub use kind::{Kind, LIMIT, LIMIT_AT_REVERSALS};
-use selection::{Group, Selection};
+use selection::{Group, Selection, dot};
 
 /// What friction at the reversals makes of a skew \[s\], at most (docs/THEORY.md, 10).
 const SKEW_MODEL_U95_S: f64 = 13e-6;
@@ -127,7 +127,7 @@ fn searched(
         coulomb_n: value(found.coulomb_n),
         offset_n: value(found.offset_n),
     };
-    let rows = Rows::of(series, settings, kernels, law, constants::CORRELATION_BOXES);
+    let rows = Rows::of(series, settings, kernels, law);
     let observations = rows.force.len() as f64 / rows.per_observation;
     if observations < LEAST_OBSERVATIONS {
         return Err(FitError::TooShort { observations });
@@ -171,22 +171,25 @@ struct Search<'a> {
 impl<'a> Search<'a> {
     fn of(rows: &'a Rows<'a>, candidates: Vec<Candidate>) -> Self {
         let mut selection = Selection::new(&rows.force, rows.per_observation);
-        let directions = selection.take(&Group::new(rows.base.to_vec(), f64::NEG_INFINITY..f64::INFINITY, 0.0));
+        let directions = selection.take(&Group::new(rows.base.to_vec()));
         let mut search = Self { rows, groups: Vec::new(), selection, directions };
         search.groups = candidates.into_iter().map(|candidate| (candidate, search.group(candidate))).collect();
         search
     }
 
     fn group(&self, candidate: Candidate) -> Group {
-        let mut group =
-            Group::new(self.rows.columns(candidate.term), candidate.sizes(&self.rows.law), candidate.least());
+        let mut group = Group::new(self.rows.columns(candidate.term));
         self.directions.iter().for_each(|direction| group.leave_out(direction));
         group
     }
 
+    fn statistic(&self, candidate: Candidate, group: &Group) -> f64 {
+        self.selection.statistic(group, |size| candidate.can_be(size, &self.rows.law))
+    }
+
     /// What explains most of the residual.
     fn next(&self) -> Option<Chosen> {
-        let with_f = self.groups.iter().map(|(candidate, group)| (*candidate, self.selection.statistic(group)));
+        let with_f = self.groups.iter().map(|(candidate, group)| (*candidate, self.statistic(*candidate, group)));
         let all: Vec<(Candidate, f64)> = with_f.collect();
         let (best, f) = all.iter().copied().max_by(|(_, a), (_, b)| a.total_cmp(b))?;
         let others = all.iter().filter(|(candidate, other)| candidate.kind != best.kind && *other > RIVAL * f);
@@ -200,7 +203,7 @@ impl<'a> Search<'a> {
             for _ in 0..MOST_STEPS {
                 let finer = [step, step.recip()].into_iter().filter_map(|factor| chosen.candidate.scaled(factor));
                 let better = finer
-                    .map(|candidate| (candidate, self.selection.statistic(&self.group(candidate))))
+                    .map(|candidate| (candidate, self.statistic(candidate, &self.group(candidate))))
                     .filter(|(_, f)| *f > chosen.f)
                     .max_by(|(_, a), (_, b)| a.total_cmp(b));
                 let Some((candidate, f)) = better else { break };
@@ -221,10 +224,8 @@ impl<'a> Search<'a> {
 fn fitted(rows: &Rows, settings: &Settings, box_s: f64, chosen: &[Chosen]) -> (Vec<Cause>, Option<Parameters>) {
     let groups: Vec<Vec<Vec<f64>>> = chosen.iter().map(|one| rows.columns(one.candidate.term)).collect();
     let columns: Vec<&Vec<f64>> = rows.base.iter().chain(groups.iter().flatten()).collect();
-    let scales: Vec<f64> =
-        columns.iter().map(|column| column.iter().map(|value| value * value).sum::<f64>().sqrt().recip()).collect();
+    let scales: Vec<f64> = columns.iter().map(|column| dot(column, column).sqrt().recip()).collect();
     let count = columns.len();
-    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
     let gram = DMatrix::from_fn(count, count, |i, j| dot(columns[i], columns[j]) * scales[i] * scales[j]);
     let right = DVector::from_fn(count, |i, _| dot(columns[i], &rows.force) * scales[i]);
     let Some(factors) = gram.cholesky() else { return (Vec::new(), None) };

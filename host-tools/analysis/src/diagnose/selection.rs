@@ -1,7 +1,5 @@
 //! Forward selection: which columns explain most of what the law leaves over.
 
-use std::ops::Range;
-
 /// Part of a column's square that the law and what has been added must leave over.
 const LEAST_LEFT: f64 = 0.005;
 /// Parts of a run, of which all but one must agree.
@@ -20,16 +18,12 @@ pub(super) struct Selection {
 pub(super) struct Group {
     columns: Vec<Vec<f64>>,
     squares: Vec<f64>,
-    /// What the size of a single column can be.
-    sizes: Range<f64>,
-    /// And must be.
-    least: f64,
 }
 
 impl Group {
-    pub fn new(columns: Vec<Vec<f64>>, sizes: Range<f64>, least: f64) -> Self {
+    pub fn new(columns: Vec<Vec<f64>>) -> Self {
         let squares = columns.iter().map(|column| dot(column, column)).collect();
-        Self { columns, squares, sizes, least }
+        Self { columns, squares }
     }
 
     pub fn len(&self) -> usize {
@@ -69,16 +63,16 @@ impl Selection {
     }
 
     /// F statistic of a group: the square that each of its directions explains, over what is left for each free observation.
-    /// Neighbouring rows agree, in the residual as in the columns, so one row is a part of an observation in both.
-    pub fn statistic(&self, group: &Group) -> f64 {
+    /// Neighbouring rows agree, in the residual as in the columns, so one row is a part of an observation in both;
+    /// 0 where the size of a single column cannot be.
+    pub fn statistic(&self, group: &Group, can_be: impl Fn(f64) -> bool) -> f64 {
         let Some(directions) = group.directions(LEAST_LEFT) else { return 0.0 };
         let parts: Vec<f64> = directions.iter().map(|direction| dot(direction, &self.residual)).collect();
         let explained: f64 = parts.iter().map(|part| part * part).sum();
-        if let ([direction], [column]) = (directions.as_slice(), group.columns.as_slice()) {
-            let size = dot(direction, &self.residual) / dot(direction, column);
-            if !group.sizes.contains(&size) || size.abs() < group.least {
-                return 0.0;
-            }
+        if let ([direction], [column]) = (directions.as_slice(), group.columns.as_slice())
+            && !can_be(dot(direction, &self.residual) / dot(direction, column))
+        {
+            return 0.0;
         }
         let freedom = self.observations() - (self.taken + group.len()) as f64;
         let left = (dot(&self.residual, &self.residual) - explained).max(f64::MIN_POSITIVE);
@@ -111,7 +105,7 @@ impl Selection {
     }
 }
 
-fn dot(a: &[f64], b: &[f64]) -> f64 {
+pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
