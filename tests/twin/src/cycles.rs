@@ -151,7 +151,7 @@ impl Model {
     /// A block of instructions is executed.
     pub fn block(&mut self, address: u32, code: &[u8], access: &Access) {
         let end = address + code.len() as u32;
-        let execution = *self.costs.entry((address, end)).or_insert_with(|| timing::cost(code));
+        let execution = *self.costs.entry((address, end)).or_insert_with(|| timing::cost(address, code));
         let follows = self.before == Before::Block(address);
         if !follows && matches!(self.before, Before::Block(_)) {
             self.total += REFILL;
