@@ -90,9 +90,9 @@ fn one_percent_of_the_samples_lost() {
     assert!((0.2..0.8).contains(&(f64::from(outcome.last.updates) / f64::from(whole.last.updates))));
 }
 
-/// Reversals around a gap were once compared across it, which made their ratio anything from 0.13 to -43.
+/// Reversals around lost samples were once compared across them, which made their ratio anything from 0.13 to -43.
 #[test]
-fn a_gap_anywhere_moves_neither_the_reversal_ratio_nor_the_inertance() {
+fn samples_lost_anywhere_move_neither_the_reversal_ratio_nor_the_inertance() {
     let sensors = Sensors { force_noise_n: 1.0, seed: 3, ..Sensors::default() };
     let active = settings(&sensors).validate().unwrap();
     let mut beyond = Vec::new();

@@ -6,6 +6,7 @@ use crate::estimate::Estimate;
 /// What [`Active::step`](crate::Active::step) has to say; most samples bring nothing.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Output {
     /// The estimate with its detail, at the publish rate.
@@ -27,6 +28,7 @@ impl Output {
 
 /// An estimate with what goes with it, all of the same sample.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Published {
     /// The parameters.

@@ -11,7 +11,7 @@ use inerter_core::Settings;
 use inerter_data::settings::Overrides;
 use inerter_plant::Inerter;
 use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
-use inerter_wire::{Capabilities, Record, SettingValue, SettingsValues};
+use inerter_wire::{Capabilities, Event, EventKind, Record, SettingValue, SettingsValues};
 use serde_json::Value;
 
 /// These settings, without those from number `end` on, and with `more`.
@@ -50,13 +50,14 @@ fn newer(record: &Record) -> Vec<Vec<u8>> {
 /// Number of the setting `front_end`, of which later firmware may know more.
 const FRONT_END: u8 = 22;
 
-/// Number of the first setting that the older firmware does not have.
-const OLDER_SETTINGS: usize = Settings::COUNT - 5;
+/// How many settings the first firmware had.
+const OLDER_SETTINGS: usize = 21;
 
 /// Sends only what the first firmware did.
 fn older(record: &Record) -> Vec<Vec<u8>> {
     match record {
-        Record::Detail(_) | Record::MoreSums(_) | Record::Reversal(_) => Vec::new(),
+        Record::Detail(_) | Record::MoreSums(_) | Record::Reversal(_) | Record::Law(_) => Vec::new(),
+        Record::Event(Event { kind: EventKind::Changed(_) | EventKind::Warned(_), .. }) => Vec::new(),
         Record::Settings(values) => vec![firmware::payload(&settings(values, OLDER_SETTINGS, &[]))],
         _ => vec![firmware::payload(record)],
     }
