@@ -134,3 +134,19 @@ fn fit_and_identify_of_a_rotary_machine_have_its_names() {
         assert!(!words.contains(text), "{text}\n{words}");
     }
 }
+
+#[test]
+fn what_calibrate_finds_of_a_rotary_machine_has_its_names() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let machine = ["--set", "machine=1", "--set", "terminal_sensor=1", "--terminal-noise-m", "1e-6"];
+    simulate(folder, "run.mcap", &machine);
+    let skew = last(&done(folder, &["calibrate", "skew", "run.mcap", "--json"]));
+    assert!(skew["viscous_after_n_m_s"].is_object() && skew["skew_s"].is_number(), "{skew}");
+    let stiffness = last(&done(folder, &["calibrate", "stiffness", "run.mcap", "--json"]));
+    assert!(stiffness["backlash_rad"].is_object(), "{stiffness}");
+    assert!(stiffness["found_stiffness_n_m_per_rad"].is_object(), "{stiffness}");
+    assert!(stiffness["stiffness_n_m_per_rad"].is_number(), "{stiffness}");
+    let direction = last(&done(folder, &["calibrate", "direction", "run.mcap", "--json"]));
+    assert!(direction["measured"]["inertia_kg_m2"].is_number(), "{direction}");
+}

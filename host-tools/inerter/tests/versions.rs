@@ -7,7 +7,6 @@ mod firmware;
 use std::path::Path;
 
 use common::{done, estimate_of, inerter, json_lines, last, run, text};
-use inerter_core::Settings;
 use inerter_data::settings::Overrides;
 use inerter_plant::Inerter;
 use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};

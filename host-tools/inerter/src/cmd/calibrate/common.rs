@@ -3,7 +3,8 @@
 use std::{path::PathBuf, time::Duration};
 
 use inerter_analysis::calibrate::{CalibrateError, Finding};
-use inerter_data::{json::json_line, output, run::Run, settings::SettingsInputError};
+use inerter_core::Machine;
+use inerter_data::{json::machine_json_line, output, run::Run, settings::SettingsInputError};
 use inerter_device::{Device, DeviceError};
 use inerter_wire::Refusal;
 use serde_json::{Value, json};
@@ -100,7 +101,7 @@ pub fn at_device(
             finding.adopted_by(device.settings()).map_err(|source| SettingsInputError::Refused { source })?;
         wizard::write(&mut device, &settings)?;
     }
-    report(&finding, device.name(), args.json, written)?;
+    report(&finding, device.name(), settings.machine, args.json, written)?;
     if !written && finding.is_good() && finding.has_settings() && !args.json {
         terminal::say("nothing was changed; --write puts it in use and saves it");
     }
@@ -108,7 +109,7 @@ pub fn at_device(
 }
 
 /// Tells what was found; a finding that is bad ends with an error.
-pub fn report(finding: &Finding, source: &str, json: bool, written: bool) -> Result<(), Error> {
+pub fn report(finding: &Finding, source: &str, machine: Machine, json: bool, written: bool) -> Result<(), Error> {
     if json {
         let mut object = json!({ "kind": "calibration", "source": source });
         if let (Value::Object(object), Ok(Value::Object(found))) = (&mut object, serde_json::to_value(finding)) {
@@ -116,7 +117,7 @@ pub fn report(finding: &Finding, source: &str, json: bool, written: bool) -> Res
             object.insert("accepted".into(), finding.is_good().into());
             object.insert("written".into(), written.into());
         }
-        output::line(json_line(&object))?;
+        output::line(machine_json_line(machine, &object))?;
     } else {
         finding.text.iter().try_for_each(output::line)?;
         for remark in &finding.remarks {

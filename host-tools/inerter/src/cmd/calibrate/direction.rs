@@ -41,7 +41,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     match args.source.run()? {
         Some(run) => {
             let outcome = replay(&run, |_, _| Ok::<(), Error>(()))?;
-            report(&direction(&run, &outcome, known)?, &run.name, args.step.json, false)
+            report(&direction(&run, &outcome, known)?, &run.name, run.settings.machine, args.step.json, false)
         }
         None => at_device(&args.step, |rig| rig.direction(args.duration.as_secs_f64(), known)),
     }

@@ -133,6 +133,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
         settings.get_or_insert(run.settings);
         readings.push((load, level));
     }
-    let finding = force(&readings, loads_u95, &settings.unwrap_or_default())?;
-    report(&finding, "recordings", args.step.json, false)
+    let settings = settings.unwrap_or_default();
+    let finding = force(&readings, loads_u95, &settings)?;
+    report(&finding, "recordings", settings.machine, args.step.json, false)
 }

@@ -27,7 +27,13 @@ pub struct Args {
 
 pub fn run(args: &Args) -> Result<(), Error> {
     match args.source.run()? {
-        Some(run) => report(&judge(&diagnose(&run, None)?, &run.settings), &run.name, args.step.json, false),
+        Some(run) => report(
+            &judge(&diagnose(&run, None)?, &run.settings),
+            &run.name,
+            run.settings.machine,
+            args.step.json,
+            false,
+        ),
         None => at_device(&args.step, |rig| rig.load_cell(args.duration.as_secs_f64())),
     }
 }

@@ -3,7 +3,8 @@
 use std::{collections::BTreeMap, time::Duration};
 
 use inerter_analysis::calibrate::refuse_saturated;
-use inerter_data::{json::json_line, output, replay::Outcome, run::Run, settings::SettingsInputError};
+use inerter_core::Machine;
+use inerter_data::{json::machine_json_line, output, replay::Outcome, run::Run, settings::SettingsInputError};
 use serde::Serialize;
 
 use super::{
@@ -78,19 +79,25 @@ pub fn run<J: Serialize>(
     if let (Some(device), true) = (&mut device, written) {
         wizard::write(device, &settings)?;
     }
-    report(&shown, &run.name, args.step.json, written)?;
+    report(&shown, &run.name, run.settings.machine, args.step.json, written)?;
     if device.is_some() && shown.better && !written && !args.step.json {
         terminal::say("nothing was changed; --write puts it in use and saves it");
     }
     Ok(())
 }
 
-fn report<J: Serialize>(shown: &Shown<J>, source: &str, json: bool, written: bool) -> Result<(), Error> {
+fn report<J: Serialize>(
+    shown: &Shown<J>,
+    source: &str,
+    machine: Machine,
+    json: bool,
+    written: bool,
+) -> Result<(), Error> {
     let Shown { what, words, values, better, json: found } = shown;
     if json {
         let values = values.iter().copied().collect();
         let line = ShownJson { kind: what, source, found, values, better: *better, written };
-        return Ok(output::line(json_line(&line))?);
+        return Ok(output::line(machine_json_line(machine, &line))?);
     }
     for (number, words) in words.iter().enumerate() {
         output::line(if number == 0 { format!("{source}: {words}") } else { words.clone() })?;

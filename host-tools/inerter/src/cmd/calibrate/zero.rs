@@ -29,7 +29,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     match args.source.run()? {
         Some(run) => {
             let level = rest::level(&run.samples, &run.settings, seconds, "")?;
-            report(&rest::zero(&level, &run.settings), &run.name, args.step.json, false)
+            report(&rest::zero(&level, &run.settings), &run.name, run.settings.machine, args.step.json, false)
         }
         None => at_device(&args.step, |rig| rig.zero(seconds)),
     }
