@@ -1,9 +1,14 @@
 //! Runs that break the law in one known way, and what the diagnosis makes of them.
 
 use crate::grid::{Error, Motion, calibrated, raw};
-use inerter_analysis::diagnose::{Diagnosis, Kind, diagnose};
+use inerter_analysis::diagnose::{Cause, Diagnosis, Kind, diagnose, suspected};
 use inerter_core::Settings;
-use inerter_data::{replay::replay_all, run::Run, series::Series, settings::SettingsInputError};
+use inerter_data::{
+    replay::{Outcome, replay_all},
+    run::Run,
+    series::Series,
+    settings::SettingsInputError,
+};
 use inerter_plant::{Excitation, Inerter, Plant, Sensors, Simulation};
 use std::f64::consts::TAU;
 
@@ -88,21 +93,41 @@ pub fn clean_case(force_noise_n: f64, sample_rate_hz: f64) -> Case {
     Case { sensors: Sensors { force_noise_n, sample_rate_hz, ..case.sensors }, ..case }
 }
 
+/// The clean case with so much backlash \[m\], whose flanks part.
+pub fn parting(backlash_m: f64) -> Case {
+    Case { device: Inerter { backlash_m, ..Inerter::paper() }, ..clean("flanks that part") }
+}
+
 impl Case {
     /// One run through the estimator and the tests.
     pub fn diagnosed(&self, motion: &Motion, seed: u64) -> Result<Diagnosis, Error> {
+        let (run, outcome) = self.run(motion, seed, true)?;
+        Ok(diagnose(&Series::of(&run), &run.settings, &outcome.estimate, None)?)
+    }
+
+    /// What is told of one run unasked, with the contact's stiffness stated or not.
+    pub fn told(&self, motion: &Motion, seed: u64, with_stiffness: bool) -> Result<Vec<Cause>, Error> {
+        let (run, outcome) = self.run(motion, seed, with_stiffness)?;
+        Ok(suspected(&Series::of(&run), &run.settings, &outcome.estimate, &outcome.law))
+    }
+
+    fn run(&self, motion: &Motion, seed: u64, with_stiffness: bool) -> Result<(Run, Outcome), Error> {
         let sensors = Sensors {
             encoder_phase_count: (seed as f64 * 0.618) % 1.0,
             seed,
             force_drift_n_per_s: self.added.drift_n / motion.duration_s,
             ..self.sensors
         };
+        let calibrated = calibrated(&self.device, &sensors);
+        let stated = f64::from(u8::from(with_stiffness));
         let settings = Settings {
+            stiffness_n_per_m: stated * calibrated.stiffness_n_per_m,
+            contact_damping_n_s_per_m: stated * calibrated.contact_damping_n_s_per_m,
             force_gain_u95: 0.0,
             lead_u95: 0.0,
             timebase_u95: 0.0,
             skew_s: 0.0,
-            ..calibrated(&self.device, &sensors)
+            ..calibrated
         };
         let plant = Plant::new(self.device, Excitation::parse(motion.name, seed)?)?;
         let code_n = settings.newtons_per_code;
@@ -122,6 +147,6 @@ impl Case {
         }
         let run = Run { settings, samples, ..Run::default() };
         let outcome = replay_all(&run, |_, _| Ok::<(), SettingsInputError>(()))?;
-        Ok(diagnose(&Series::of(&run), &settings, &outcome, None)?)
+        Ok((run, outcome))
     }
 }

@@ -272,6 +272,12 @@ pub struct ChangeJson {
 }
 
 impl EventJson {
+    /// A cause that this program found, by its name and in words, in the samples until `index`.
+    pub fn cause(t_s: f64, index: u32, name: &str, words: String) -> Self {
+        let (t_s, code) = (Some(rounded_s(t_s)), format!("cause.{name}"));
+        Self { kind: "event", t_s, index, code, event: words, change: None }
+    }
+
     /// An event; `t_s` is its time, where that is known.
     pub fn new(t_s: Option<f64>, index: u32, kind: &EventKind, machine: Machine) -> Self {
         let finite = |value: f32| Some(value).filter(|value| value.is_finite());

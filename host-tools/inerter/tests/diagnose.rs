@@ -2,7 +2,10 @@
 
 mod common;
 
-use common::{done, fails, last};
+use common::{done, fails, json_lines, last, run, text};
+use inerter_data::settings::Overrides;
+use inerter_plant::{Inerter, Sensors};
+use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
 
 #[test]
 fn a_cause_is_named_with_its_size_and_what_to_do() {
@@ -83,4 +86,53 @@ fn a_run_that_hardly_moves_is_refused() {
     let at = folder.path();
     done(at, &["simulate", "-o", "run.mcap", "--excite", "hold@5s"]);
     assert!(fails(at, &["diagnose", "run.mcap"], 9).contains("too little motion"));
+}
+
+#[test]
+fn a_replay_and_a_report_name_it_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    done(at, &["simulate", "-o", "run.mcap", "--excite", "random@20s", "--delay-s", "0.001", "--set", "skew_s=0"]);
+    let warnings = last(&done(at, &["replay", "run.mcap", "--json"]))["warnings"].take();
+    assert_eq!((&warnings[0]["code"], &warnings[0]["t_s"]), (&"skew".into(), &19.999.into()), "{warnings}");
+    let what_to_do = "ms apart in time: `inerter calibrate skew`, or skew_s";
+    assert!(warnings[0]["text"].as_str().unwrap().ends_with(what_to_do), "{warnings}");
+    assert!(done(at, &["replay", "run.mcap"]).ends_with(&format!("{what_to_do}\n")));
+    done(at, &["report", "run.mcap", "-o", "page.html"]);
+    let page = std::fs::read_to_string(at.join("page.html")).unwrap();
+    assert!(page.contains("The law does not hold: force and position are 1.00"), "{page}");
+
+    done(at, &["simulate", "-o", "clean.mcap", "--excite", "random@20s"]);
+    assert_eq!(last(&done(at, &["replay", "clean.mcap", "--json"]))["warnings"], serde_json::json!([]));
+    done(at, &["report", "clean.mcap", "-o", "clean.html"]);
+    assert!(!std::fs::read_to_string(at.join("clean.html")).unwrap().contains("does not hold"));
+}
+
+/// A device whose force is late by so much, untold, five times as fast as a real one.
+fn late(delay_s: f64) -> VirtualDevice {
+    let sensors = Sensors { delay_s, ..bench_sensors() };
+    let untold = Overrides::from_inputs(None, &["skew_s=0".into()]).unwrap();
+    let setup = Setup::new(Inerter::paper(), sensors, "random", None, &untold).unwrap();
+    VirtualDevice::start(&setup, &Endpoint::Tcp("127.0.0.1:0".into()), 5.0).unwrap()
+}
+
+#[test]
+fn a_monitor_names_it_while_it_goes_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let device = late(0.001);
+    let link = ["--connect", device.name(), "--duration", "6"];
+    let lines = json_lines(&done(at, &[&["monitor", "--json"], &link[..]].concat()));
+    let causes: Vec<_> = lines.iter().filter(|line| line["code"] == "cause.skew").collect();
+    assert_eq!(causes.len(), 1, "told once: {causes:?}");
+    assert!(causes[0]["event"].as_str().unwrap().contains("1.00"), "{causes:?}");
+    assert!(causes[0]["t_s"].as_f64().unwrap() >= 10.0 && causes[0]["index"].is_u64(), "{causes:?}");
+    let plain = run(at, &[&["monitor", "--plain"], &link[..]].concat());
+    assert!(text(&plain.stderr).contains("the law does not hold: force and position are"), "{}", text(&plain.stderr));
+
+    let device = late(0.0);
+    let link = ["--connect", device.name(), "--duration", "4"];
+    let lines = json_lines(&done(at, &[&["monitor", "--json"], &link[..]].concat()));
+    assert!(lines.iter().any(|line| line["kind"] == "estimate" && line["t_s"].as_f64() > Some(12.0)), "long enough");
+    assert!(lines.iter().all(|line| !line["code"].as_str().unwrap_or_default().starts_with("cause")));
 }

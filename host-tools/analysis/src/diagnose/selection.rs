@@ -62,6 +62,11 @@ impl Selection {
         self.residual.len() as f64 / self.per_observation
     }
 
+    /// Root mean square of what is left over.
+    pub fn residual_rms(&self) -> f64 {
+        (dot(&self.residual, &self.residual) / self.residual.len() as f64).sqrt()
+    }
+
     /// F statistic of a group: the square that each of its directions explains, over what is left for each free observation.
     /// Neighbouring rows agree, in the residual as in the columns, so one row is a part of an observation in both;
     /// 0 where the size of a single column cannot be.

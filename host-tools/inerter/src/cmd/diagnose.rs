@@ -9,13 +9,12 @@ use inerter_analysis::{
 use inerter_core::{LawStatus, Machine, WarningKind};
 use inerter_data::{
     json::{LawJson, ParametersJson, machine_json_line},
-    names::description,
     output,
     replay::{Outcome, replay_all},
     run::Run,
     series::Series,
     text::{value_text, warning_code, warning_words},
-    words::{interval_text, plural},
+    words::plural,
 };
 use inerter_wire::{EstimatorEvent, catalogue};
 use serde::Serialize;
@@ -79,7 +78,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
         note(format!("the device changed at {since_s:.1} s: only the motion since is looked at"));
         series.cut_before(since_s);
     }
-    let found = match diagnose(&series, &run.settings, &outcome, args.counts_per_turn) {
+    let found = match diagnose(&series, &run.settings, &outcome.estimate, args.counts_per_turn) {
         Ok(found) => found,
         Err(error) => {
             refuse_saturated(&outcome, &run)?;
@@ -98,8 +97,9 @@ struct DiagnosisJson {
     corrected: Option<ParametersJson>,
 }
 
+/// A cause in JSON.
 #[derive(Serialize)]
-struct CauseJson {
+pub struct CauseJson {
     name: &'static str,
     value: f64,
     u95: Option<f64>,
@@ -107,6 +107,21 @@ struct CauseJson {
     f: Option<f64>,
     period_m: Option<f64>,
     rival: Option<&'static str>,
+}
+
+impl CauseJson {
+    /// One that was found.
+    pub fn new(machine: Machine, cause: &Cause) -> Self {
+        Self {
+            name: cause.kind.name(),
+            value: cause.value,
+            u95: Some(cause.u95).filter(|u95| u95.is_finite()),
+            unit: cause.unit(machine),
+            f: Some(cause.f),
+            period_m: cause.period_m,
+            rival: cause.rival.map(Kind::name),
+        }
+    }
 }
 
 fn json(run: &Run, outcome: &Outcome, gates: &[Gate], found: &Diagnosis) -> Result<(), Error> {
@@ -120,15 +135,7 @@ fn json(run: &Run, outcome: &Outcome, gates: &[Gate], found: &Diagnosis) -> Resu
         period_m: None,
         rival: None,
     });
-    let causes = found.causes.iter().map(|cause| CauseJson {
-        name: name(cause.kind),
-        value: cause.value,
-        u95: Some(cause.u95).filter(|u95| u95.is_finite()),
-        unit: unit(machine, cause.unit),
-        f: Some(cause.f),
-        period_m: cause.period_m,
-        rival: cause.rival.map(name),
-    });
+    let causes = found.causes.iter().map(|cause| CauseJson::new(machine, cause));
     let line = DiagnosisJson {
         kind: "diagnosis",
         law: outcome.law.into(),
@@ -149,7 +156,7 @@ fn text(run: &Run, outcome: &Outcome, gates: &[Gate], found: &Diagnosis) -> Resu
         output::line(format!("- {}: {}", plural(u64::from(*times), "time"), warning_words(machine, *kind)))?;
     }
     for cause in &found.causes {
-        output::line(format!("- {}", sentence(machine, cause)))?;
+        output::line(format!("- {}", cause.sentence(machine)))?;
     }
     if found.causes.is_empty() {
         let more = if outcome.law.status == LawStatus::Broken { " that is known here" } else { "" };
@@ -165,69 +172,4 @@ fn text(run: &Run, outcome: &Outcome, gates: &[Gate], found: &Diagnosis) -> Resu
         }
     }
     Ok(())
-}
-
-/// The unit on this machine.
-fn unit(machine: Machine, unit: &'static str) -> &'static str {
-    match (machine, unit) {
-        (Machine::Rotary, "N") => "N m",
-        (Machine::Rotary, "m") => "rad",
-        (Machine::Rotary, "N s/m") => "N m s/rad",
-        _ => unit,
-    }
-}
-
-/// The cause's name for programs.
-fn name(kind: Kind) -> &'static str {
-    match kind {
-        Kind::LoadDependent => "load_dependent",
-        Kind::PositionPeriodic => "position_periodic",
-        Kind::Stribeck => "stribeck",
-        Kind::Presliding => "presliding",
-        Kind::Drift => "drift",
-        Kind::Skew => "skew",
-        Kind::EncoderError => "encoder_error",
-        Kind::Direction => "direction",
-    }
-}
-
-/// What it is, how large, and what to do.
-fn sentence(machine: Machine, cause: &Cause) -> String {
-    let sized = |factor: f64, unit: &str| format!("{} {unit}", interval_text(factor * cause.value, factor * cause.u95));
-    let in_unit = || sized(1.0, unit(machine, cause.unit));
-    let period = cause.period_m.map(|period| format!("{:.4} {}", period, unit(machine, "m"))).unwrap_or_default();
-    let words = match cause.kind {
-        Kind::LoadDependent => format!(
-            "friction grows with the load, by {} of the force: look at the alignment, the nut's preload and its lubrication",
-            sized(100.0, "%")
-        ),
-        Kind::PositionPeriodic => format!(
-            "force or friction repeats every {period}, by {}: look for a bent screw, a coupling out of line or an uneven flywheel",
-            in_unit()
-        ),
-        Kind::Stribeck => format!(
-            "friction is greater at low speed, by {}: move faster, or read fc as that of fast motion",
-            in_unit()
-        ),
-        Kind::Presliding => format!(
-            "friction turns over {} after a reversal, as of a spring: use strokes that are much longer",
-            if machine == Machine::Rotary { in_unit() } else { sized(1e6, "um") }
-        ),
-        Kind::Drift => format!(
-            "offset or friction changed by {} over the run: warm the machine and the amplifier up, and tare again",
-            in_unit()
-        ),
-        Kind::Skew => {
-            format!("force and position are {} apart in time: `inerter calibrate skew`, or skew_s", sized(1e3, "ms"))
-        }
-        Kind::EncoderError => format!(
-            "the encoder errs every {period}, by {}: look how it is centred on its shaft",
-            if machine == Machine::Rotary { in_unit() } else { sized(1e6, "um") }
-        ),
-        Kind::Direction => {
-            format!("viscous friction differs by direction, by {} either way: see `inerter fit`", in_unit())
-        }
-    };
-    let rival = cause.rival.map(|rival| format!(" (or, as likely: {})", name(rival))).unwrap_or_default();
-    description(machine, &(words + &rival))
 }

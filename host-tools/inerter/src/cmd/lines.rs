@@ -14,6 +14,7 @@ use super::terminal::{self, note};
 use crate::{
     Error,
     monitor::{
+        causes,
         feed::Item,
         hub::Viewer,
         losses::{Losses, UNKNOWN_FRAMES},
@@ -60,6 +61,9 @@ impl Viewer for Json {
             Item::Event { t_s, event, .. } => {
                 let machine = self.settings.machine;
                 machine_json_line(machine, &EventJson::new(*t_s, event.index, &event.kind, machine))
+            }
+            Item::Cause { t_s, index, cause, .. } => {
+                json_line(&EventJson::cause(*t_s, *index, cause.kind.name(), cause.sentence(self.settings.machine)))
             }
             Item::LostFrames(count) => json_line(&json!({ "kind": "link", "lost_frames": count })),
             Item::UnknownFrames(count) => json_line(&json!({ "kind": "link", "unknown_frames": count })),
@@ -109,6 +113,7 @@ impl Viewer for Lines {
                 self.losses.unknown_frames = *count;
             }
             Item::Event { event, .. } => note(event_words(self.machine, &event.kind)),
+            Item::Cause { cause, .. } => note(causes::words(self.machine, cause)),
             Item::Marker { text, .. } => note(format!("marker: {text}")),
             Item::Away { reason: words } | Item::Refused { words } => note(words),
             Item::Back { port } => note(back(port)),

@@ -36,7 +36,7 @@ const SHARE: &str = "127.0.0.1:7878";
 /// Otherwise, or with --plain, one line per estimate is printed. With --json one object a line:
 /// {"kind":"device",..} at the beginning and after each reconnection, {"kind":"estimate",..} as `inerter replay --json`
 /// prints it, {"kind":"reversal",..} for each reversal of the flanks, {"kind":"health",..} once a second,
-/// {"kind":"event","code":..,"event":..}, {"kind":"link","lost_frames":..} when frames were lost,
+/// {"kind":"event","code":..,"event":..}, with a code like cause.skew for what breaks the law, {"kind":"link","lost_frames":..} when frames were lost,
 /// {"kind":"marker","text":..}, {"kind":"view","view":..,"address":..} for each of --web, --teleplot, --plotjuggler, --foxglove, --share.
 #[derive(clap::Args)]
 pub struct Args {
@@ -83,13 +83,9 @@ pub struct Args {
 }
 
 impl Args {
-    fn streams(&self, has_screen: bool) -> Streams {
-        let Self { record, share, web, teleplot, plotjuggler, foxglove, .. } = self;
-        if record.is_some() || share.is_some() {
-            return Streams::ALL;
-        }
-        let samples = has_screen || *web || [teleplot, plotjuggler, foxglove].into_iter().any(Option::is_some);
-        Streams { samples, estimates: true, sums: false, health: true }
+    /// Without samples no cause is found.
+    fn streams(&self) -> Streams {
+        Streams { sums: self.record.is_some() || self.share.is_some(), ..Streams::ALL }
     }
 }
 
@@ -99,7 +95,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     }
     let has_screen = !args.json && !args.plain && io::stdout().is_terminal() && io::stdin().is_terminal();
     terminal::catch_interrupts();
-    let live = args.link.live(args.streams(has_screen), args.time.wait)?;
+    let live = args.link.live(args.streams(), args.time.wait)?;
     let recording = args.record.as_ref().map(|file| file.display().to_string());
     let mut hub = Hub::new(live, args.time.wait.as_secs_f64());
     let views = views(args, &mut hub, recording.clone())?;

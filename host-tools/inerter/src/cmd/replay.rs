@@ -1,11 +1,12 @@
 //! `inerter replay`: a recording or CSV through the estimator.
 
-use std::path::PathBuf;
+use std::{cell::RefCell, path::PathBuf};
 
+use inerter_analysis::diagnose::Latest;
 use inerter_core::Machine;
 use inerter_data::{
     export::Source,
-    json::{EstimateJson, EventJson, ReversalJson, WarningJson, machine_json_line},
+    json::{EstimateJson, EventJson, ReversalJson, WarningJson, machine_json_line, rounded_s},
     output,
     replay::replay_samples,
     text::{self, change_words, warning_words},
@@ -33,7 +34,8 @@ const ROWS: f64 = 20.0;
 /// With --json one object a line: {"kind":"estimate","t_s":..,"whole_run":{..},"inertance_kg":{"value":..,"u95":..,
 /// "status":"ok"},..,"backlash_m":{..},..}, the last with "final":true; {"kind":"reversal",..} for each reversal of the flanks
 /// and {"kind":"event","code":"changed",..} for each change of the device, "warned.clipped_force" and its like for samples that no
-/// device can be blamed for. docs/CLI.md describes them.
+/// device can be blamed for. Where the law leaves more over than chance would, what is found in the last minute is told at the end,
+/// as by `inerter diagnose`. docs/CLI.md describes them.
 #[derive(clap::Args)]
 #[command(after_long_help = inerter_data::settings::help_table())]
 pub struct Args {
@@ -59,12 +61,18 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let half_s = 0.5 / run.settings.publish_rate_hz;
     let (mut next_s, mut taken, mut header) = (run.start_s + every_s, 0u64, true);
     let mut warnings = Vec::new();
+    let latest = RefCell::new(Latest::new(&run.settings));
     let outcome = replay_samples(
         &run.settings,
         run.start_s,
-        run.samples()?.map(|sample| sample.map_err(Error::from)),
+        run.samples()?.map(|sample| sample.map_err(Error::from)).inspect(|sample| {
+            sample.iter().for_each(|sample| latest.borrow_mut().push(*sample));
+        }),
         |t_s, event: &EstimatorEvent| -> Result<(), Error> {
             let EstimatorEvent::Estimate(estimated) = event else {
+                if matches!(event, EstimatorEvent::Changed(_)) {
+                    latest.borrow_mut().forget();
+                }
                 warnings.extend(warning(run.settings.machine, t_s, event));
                 return tell(run.settings.machine, t_s, event, args.json, &mut header);
             };
@@ -87,7 +95,10 @@ pub fn run(args: &Args) -> Result<(), Error> {
     )?;
     progress.done();
     let estimated = outcome.estimated();
+    let causes = latest.into_inner().suspected(&outcome.estimate, &outcome.law);
+    let causes = causes.iter().map(|cause| (cause.kind.name(), cause.sentence(run.settings.machine)));
     if args.json {
+        warnings.extend(causes.map(|(code, text)| WarningJson { code, t_s: rounded_s(outcome.t_s), text }));
         let last = EstimateJson::last(outcome.t_s, &estimated, &run.settings, Some(outcome.counters));
         return Ok(output::line(machine_json_line(run.settings.machine, &LastJson { last, warnings }))?);
     }
@@ -95,7 +106,8 @@ pub fn run(args: &Args) -> Result<(), Error> {
         output::line("")?;
     }
     output::lines(text::table(&estimated, &run.settings, run.truth.as_ref()).trim_end())?;
-    Ok(output::line(text::counts_line(&run.settings, run.duration_s(), &outcome))?)
+    output::line(text::counts_line(&run.settings, run.duration_s(), &outcome))?;
+    Ok(causes.map(|(_, words)| words).try_for_each(output::line)?)
 }
 
 /// The last line of a run.

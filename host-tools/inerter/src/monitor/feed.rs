@@ -1,5 +1,6 @@
 //! From frames to what can be shown: samples in SI units, estimates with what goes with them, and when each was.
 
+use inerter_analysis::diagnose::Cause;
 use inerter_core::{Reversal, Settings};
 use inerter_data::{series::Converter, text};
 use inerter_device::{Device, Received};
@@ -79,6 +80,17 @@ pub enum Item {
         t_s: Option<f64>,
         /// What.
         event: Event,
+    },
+    /// What breaks the law, found by this program.
+    Cause {
+        /// When.
+        at: Moment,
+        /// Time since the estimator began \[s\].
+        t_s: f64,
+        /// Index of the sample until which was looked.
+        index: u32,
+        /// What.
+        cause: Cause,
     },
     /// Frames lost on the way so far.
     LostFrames(u64),

@@ -10,7 +10,10 @@ use inerter_device::{
 use inerter_simulate::share::Share;
 use inerter_wire::{Command, DELIMITER, Frame, Record, Reply};
 
-use super::feed::{Feed, Item};
+use super::{
+    causes::Causes,
+    feed::{Feed, Item},
+};
 use crate::Error;
 
 /// Who looks on. What cannot be shown ends the monitor only where it is an error.
@@ -37,6 +40,7 @@ pub enum Wish {
 pub struct Hub {
     live: Live,
     feed: Feed,
+    causes: Causes,
     recorder: Option<Recorder>,
     share: Option<Share>,
     /// Number of the last reset that was asked for, until its reply has come.
@@ -50,7 +54,17 @@ impl Hub {
     /// For a device that is connected.
     pub fn new(live: Live, wait_s: f64) -> Self {
         let (recorder, share, viewers) = (None, None, Vec::new());
-        Self { live, feed: Feed::default(), recorder, share, asked: None, viewers, wishes: channel(), wait_s }
+        Self {
+            live,
+            feed: Feed::default(),
+            causes: Causes::default(),
+            recorder,
+            share,
+            asked: None,
+            viewers,
+            wishes: channel(),
+            wait_s,
+        }
     }
 
     /// Where wishes go.
@@ -102,6 +116,11 @@ impl Hub {
                     }
                     let mut items: Vec<Item> = self.refused(&received).into_iter().collect();
                     self.feed.received(&received, self.live.lost_frames(), |item| items.push(item));
+                    if let Frame::Message { message: Record::Samples(batch), .. } = &received.frame
+                        && batch.check().is_ok()
+                    {
+                        batch.iter().flatten().for_each(|sample| self.causes.sample(sample));
+                    }
                     self.show(items)?;
                 }
                 LinkEvent::Quiet => {
@@ -174,7 +193,8 @@ impl Hub {
     }
 
     fn show(&mut self, items: Vec<Item>) -> Result<(), Error> {
-        for item in &items {
+        let found: Vec<Item> = items.iter().flat_map(|item| self.causes.look(item)).collect();
+        for item in items.iter().chain(&found) {
             self.viewers.iter_mut().try_for_each(|viewer| viewer.show(item))?;
         }
         Ok(())

@@ -8,6 +8,7 @@ use inerter_wire::{Estimated, EventKind, Hello};
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 
 use super::{
+    causes,
     feed::Item,
     history::{Entry, History},
     losses::{Losses, UNKNOWN_FRAMES},
@@ -249,6 +250,9 @@ impl State {
                 }
                 let kind = if is_trouble(&event.kind) { LineKind::Trouble } else { LineKind::Plain };
                 self.line(at.run_s, event_words(self.settings.machine, &event.kind), kind);
+            }
+            Item::Cause { at, cause, .. } => {
+                self.line(at.run_s, causes::words(self.settings.machine, cause), LineKind::Trouble);
             }
             Item::LostFrames(count) => {
                 self.values.losses.lost_frames = *count;

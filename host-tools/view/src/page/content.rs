@@ -2,6 +2,7 @@
 
 use inerter_analysis::law::{Kernels, Law, Row};
 use inerter_analysis::{
+    diagnose::{Cause, suspected},
     fit::{Products, directions},
     response::{self, ModelParameters, Response},
 };
@@ -48,6 +49,8 @@ pub struct Content {
     pub changes: Vec<(f64, Change)>,
     /// What was wrong with samples, and when \[s\].
     pub warnings: Vec<(f64, Warning)>,
+    /// What breaks the law, where more is left over than chance leaves.
+    pub causes: Vec<Cause>,
     /// The law that is drawn: the fit to all motion since the last change.
     pub law: Law,
     /// Force and law over the whole run, or since the last change.
@@ -87,6 +90,7 @@ impl Content {
         // Before the last change it was another device.
         let since_s = changes.last().map_or(start_s, |(t_s, _)| *t_s);
         series.cut_before(since_s);
+        let causes = suspected(&series, &settings, &outcome.estimate, &outcome.law);
         let law = drawn_law(&outcome, &settings);
         let kernels = Kernels::new(outcome.estimate.bank, series.period_s);
         let all = (f64::NEG_INFINITY, f64::INFINITY);
@@ -108,6 +112,7 @@ impl Content {
             reversals,
             changes,
             warnings,
+            causes,
             law,
             rows,
             close,

@@ -167,6 +167,10 @@ fn notes(content: &Content) -> Markup {
     let warnings = content.warnings.iter().map(|(t_s, warning)| {
         format!("At {t_s:.2} s {}.", text::warning_words(content.run.settings.machine, warning.kind))
     });
+    let causes = content.causes.iter().map(|cause| {
+        let sentence = cause.sentence(content.run.settings.machine);
+        format!("The law does not hold: {sentence}.")
+    });
     let friction = match content.outcome.detail.friction.regime {
         Regime::Presliding | Regime::Stribeck => {
             Some("Friction near rest does not follow the law; the intervals are wider for it.".to_string())
@@ -177,8 +181,17 @@ fn notes(content: &Content) -> Markup {
         let why = "The contact stiffness is not set: without it the force alone shows no backlash";
         format!("{} (setting stiffness_n_per_m).", description(content.run.settings.machine, why))
     });
-    let all: Vec<String> =
-        content.run.notes.iter().cloned().chain(changes).chain(warnings).chain(friction).chain(contact).collect();
+    let all: Vec<String> = content
+        .run
+        .notes
+        .iter()
+        .cloned()
+        .chain(changes)
+        .chain(warnings)
+        .chain(causes)
+        .chain(friction)
+        .chain(contact)
+        .collect();
     markup! {
         section #notes {
             h2 { "Notes" }

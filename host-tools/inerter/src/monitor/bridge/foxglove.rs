@@ -389,6 +389,9 @@ impl Viewer for Foxglove {
                     machine_json_line(machine, &EventJson::new(*t_s, event.index, &event.kind, machine))
                 });
             }
+            Item::Cause { at, t_s, index, cause } => self.send(Topic::Event, *at, || {
+                json_line(&EventJson::cause(*t_s, *index, cause.kind.name(), cause.sentence(self.settings.machine)))
+            }),
             Item::Marker { at, text, .. } => {
                 self.send(Topic::Marker, *at, || json_line(&json!({ "kind": "marker", "text": text })));
             }

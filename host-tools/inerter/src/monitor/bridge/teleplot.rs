@@ -97,6 +97,7 @@ impl Viewer for Teleplot {
                 self.series("law_ratio", "", ratio.into_iter());
             }
             Item::Event { at, event, .. } => self.log(*at, &event_words(self.machine, &event.kind)),
+            Item::Cause { at, cause, .. } => self.log(*at, &cause.sentence(self.machine)),
             Item::Marker { at, text, .. } => self.log(*at, text),
             _ => {}
         }

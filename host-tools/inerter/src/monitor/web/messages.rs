@@ -9,6 +9,7 @@ use inerter_wire::catalogue::{self, Field, Group};
 use serde_json::{Value, json};
 
 use crate::monitor::{
+    causes,
     feed::Item,
     history::{Entry, QUANTITIES},
     state::{Event, LineKind, State},
@@ -46,6 +47,9 @@ impl Messages {
             Item::Health(_) | Item::LostFrames(_) | Item::UnknownFrames(_) => self.health().into_iter().collect(),
             Item::Event { at, event, .. } => {
                 vec![line(at.run_s, &event_words(self.state.settings.machine, &event.kind), is_trouble(&event.kind))]
+            }
+            Item::Cause { at, cause, .. } => {
+                vec![line(at.run_s, &causes::words(self.state.settings.machine, cause), true)]
             }
             Item::Refused { words } => vec![line(self.state.now_s, words, true)],
             Item::Marker { at, text, .. } => vec![mark(at.run_s, text)],

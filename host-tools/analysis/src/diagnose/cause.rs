@@ -1,0 +1,103 @@
+//! A cause, and what a person is told of it.
+
+use inerter_core::Machine;
+use inerter_data::{names::description, words::interval_text};
+
+use super::kind::Kind;
+
+/// One cause.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cause {
+    /// What it is.
+    pub kind: Kind,
+    /// Its size in [`unit`](Self::unit).
+    pub value: f64,
+    /// Half width of its 95 % interval.
+    pub u95: f64,
+    /// Unit of both, of a machine with linear motion.
+    pub unit: &'static str,
+    /// F statistic with which it was chosen.
+    pub f: f64,
+    /// Length of a turn \[m\], where it repeats with it.
+    pub period_m: Option<f64>,
+    /// What explains as much.
+    pub rival: Option<Kind>,
+}
+
+/// A unit on this machine.
+fn unit(machine: Machine, unit: &'static str) -> &'static str {
+    match (machine, unit) {
+        (Machine::Rotary, "N") => "N m",
+        (Machine::Rotary, "m") => "rad",
+        (Machine::Rotary, "N s/m") => "N m s/rad",
+        _ => unit,
+    }
+}
+
+impl Kind {
+    /// Its name for programs.
+    pub fn name(self) -> &'static str {
+        match self {
+            Kind::LoadDependent => "load_dependent",
+            Kind::PositionPeriodic => "position_periodic",
+            Kind::Stribeck => "stribeck",
+            Kind::Presliding => "presliding",
+            Kind::Drift => "drift",
+            Kind::Skew => "skew",
+            Kind::EncoderError => "encoder_error",
+            Kind::Direction => "direction",
+        }
+    }
+}
+
+impl Cause {
+    /// The unit of its size.
+    pub fn unit(&self, machine: Machine) -> &'static str {
+        unit(machine, self.unit)
+    }
+
+    /// What it is, how large, and what to do.
+    pub fn sentence(&self, machine: Machine) -> String {
+        let sized =
+            |factor: f64, unit: &str| format!("{} {unit}", interval_text(factor * self.value, factor * self.u95));
+        let in_unit = || sized(1.0, unit(machine, self.unit));
+        let period = self.period_m.map(|period| format!("{:.4} {}", period, unit(machine, "m"))).unwrap_or_default();
+        let words = match self.kind {
+            Kind::LoadDependent => format!(
+                "friction grows with the load, by {} of the force: look at the alignment, the nut's preload and its lubrication",
+                sized(100.0, "%")
+            ),
+            Kind::PositionPeriodic => format!(
+                "force or friction repeats every {period}, by {}: look for a bent screw, a coupling out of line or an uneven flywheel",
+                in_unit()
+            ),
+            Kind::Stribeck => format!(
+                "friction is greater at low speed, by {}: move faster, or read fc as that of fast motion",
+                in_unit()
+            ),
+            Kind::Presliding => format!(
+                "friction turns over {} after a reversal, as of a spring: use strokes that are much longer",
+                if machine == Machine::Rotary { in_unit() } else { sized(1e6, "um") }
+            ),
+            Kind::Drift => format!(
+                "offset or friction changed by {} over the run: warm the machine and the amplifier up, and tare again",
+                in_unit()
+            ),
+            Kind::Skew => {
+                format!(
+                    "force and position are {} apart in time: `inerter calibrate skew`, or skew_s",
+                    sized(1e3, "ms")
+                )
+            }
+            Kind::EncoderError => format!(
+                "the encoder errs every {period}, by {}: look how it is centred on its shaft",
+                if machine == Machine::Rotary { in_unit() } else { sized(1e6, "um") }
+            ),
+            Kind::Direction => {
+                format!("viscous friction differs by direction, by {} either way: see `inerter fit`", in_unit())
+            }
+        };
+        let rival = self.rival.map(|rival| format!(" (or, as likely: {})", rival.name())).unwrap_or_default();
+        description(machine, &(words + &rival))
+    }
+}

@@ -1,0 +1,57 @@
+//! The latest samples of a run that is too long to be kept, or goes on.
+
+use std::collections::VecDeque;
+
+use inerter_core::{Estimate, Law, RawSample, Settings};
+use inerter_data::{run::Run, series::Series};
+
+use super::{
+    cause::Cause,
+    search::{is_suspect, suspected},
+};
+
+/// How much is kept \[s\].
+const KEPT_S: f64 = 60.0;
+
+/// The latest samples, kept so that a cause can be sought in them.
+#[derive(Clone, Debug)]
+pub struct Latest {
+    settings: Settings,
+    samples: VecDeque<RawSample>,
+    most: usize,
+}
+
+impl Latest {
+    /// Nothing yet, of a device with these settings.
+    pub fn new(settings: &Settings) -> Self {
+        let most = (KEPT_S * settings.sample_rate_hz) as usize;
+        Self { settings: *settings, samples: VecDeque::new(), most }
+    }
+
+    /// Takes the next sample.
+    pub fn push(&mut self, sample: RawSample) {
+        if self.samples.len() >= self.most {
+            self.samples.pop_front();
+        }
+        self.samples.push_back(sample);
+    }
+
+    /// What comes is of another device.
+    pub fn forget(&mut self) {
+        self.samples.clear();
+    }
+
+    /// How long it would take to measure as much \[s\].
+    pub fn duration_s(&self) -> f64 {
+        self.samples.len() as f64 / self.settings.sample_rate_hz
+    }
+
+    /// What breaks the law in them, as far as a person should be told; the estimator said this in the end.
+    pub fn suspected(self, estimate: &Estimate, law: &Law) -> Vec<Cause> {
+        if !is_suspect(law) {
+            return Vec::new();
+        }
+        let run = Run { settings: self.settings, samples: self.samples.into(), ..Run::default() };
+        suspected(&Series::of(&run), &run.settings, estimate, law)
+    }
+}
