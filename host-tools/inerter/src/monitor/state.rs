@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 
+use inerter_analysis::diagnose::{Cause, is_suspect};
 use inerter_core::Settings;
 use inerter_data::text::{event_words, is_trouble};
 use inerter_wire::{Estimated, EventKind, Hello};
@@ -104,6 +105,8 @@ pub struct Present {
 pub struct Values {
     /// Time since the estimator began \[s\], and the estimate.
     pub estimate: Option<(f64, Estimated)>,
+    /// What breaks the law most, while it does not hold.
+    pub cause: Option<Cause>,
     /// Losses and health.
     pub losses: Losses,
 }
@@ -239,6 +242,7 @@ impl State {
             Item::Estimate { at, t_s, estimated } => {
                 self.now_s = self.now_s.max(at.run_s);
                 self.values.estimate = Some((*t_s, *estimated));
+                self.values.cause.take_if(|_| !is_suspect(&estimated.law.unwrap_or_default()));
                 self.history.push(Entry::new(at.run_s, estimated));
             }
             // The backlash itself comes with the estimates.
@@ -252,6 +256,9 @@ impl State {
                 self.line(at.run_s, event_words(self.settings.machine, &event.kind), kind);
             }
             Item::Cause { at, cause, .. } => {
+                if self.values.cause.is_none_or(|before| cause.f > before.f) {
+                    self.values.cause = Some(*cause);
+                }
                 self.line(at.run_s, causes::words(self.settings.machine, cause), LineKind::Trouble);
             }
             Item::LostFrames(count) => {

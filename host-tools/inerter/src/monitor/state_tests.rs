@@ -1,4 +1,5 @@
-use inerter_core::Estimate;
+use inerter_analysis::diagnose::Kind;
+use inerter_core::{Estimate, Law, LawStatus};
 
 use super::*;
 use crate::monitor::feed::{Moment, Sample};
@@ -164,4 +165,21 @@ fn a_device_that_goes_away_is_told_of_until_it_is_back() {
     assert_eq!(state.away, None);
     let words: Vec<&str> = state.lines.iter().map(|line| line.words.as_str()).collect();
     assert_eq!(words, ["unplugged", "the device is back at COM3"]);
+}
+
+#[test]
+fn the_strongest_cause_is_shown_while_the_law_does_not_hold() {
+    let mut state = State::default();
+    let show = |state: &mut State, item: Item| state.update(Event::Item(&item));
+    let cause = |kind, f| Cause { kind, value: 1e-3, u95: 1e-5, unit: "s", f, period_m: None, rival: None };
+    for (kind, f) in [(Kind::Skew, 900.0), (Kind::Drift, 200.0)] {
+        show(&mut state, Item::Cause { at: Moment::default(), t_s: 10.0, index: 10_000, cause: cause(kind, f) });
+    }
+    assert_eq!(state.values.cause.map(|cause| cause.kind), Some(Kind::Skew));
+    assert!(state.lines.iter().all(|line| line.kind == LineKind::Trouble) && state.lines.len() == 2);
+    for (status, is_shown) in [(LawStatus::Broken, true), (LawStatus::Holds, false)] {
+        let estimated = Estimated { law: Some(Law { status, ..Law::default() }), ..Estimated::default() };
+        show(&mut state, Item::Estimate { at: Moment::default(), t_s: 11.0, estimated });
+        assert_eq!(state.values.cause.is_some(), is_shown);
+    }
 }

@@ -17,6 +17,7 @@ use ratatui::{
 
 use super::{Theme, charts};
 use crate::monitor::{
+    causes,
     state::{LineKind, State, Values},
     trace::Signal,
 };
@@ -30,7 +31,10 @@ pub fn overview(frame: &mut Frame<'_>, area: Rect, state: &State, theme: Theme) 
     let height = rows.len() as u16 + 3;
     let words = words(state, theme);
     // Where there is no room for all, the table comes first.
-    let word_rows = area.height.saturating_sub(height).min(3 + state.elsewhere.len() as u16);
+    let word_rows = area
+        .height
+        .saturating_sub(height)
+        .min(3 + 2 * u16::from(state.shown().cause.is_some()) + state.elsewhere.len() as u16);
     let [top, middle, bottom] =
         Layout::vertical([Constraint::Max(height), Constraint::Length(word_rows), Constraint::Fill(1)]).areas(area);
     let title = match state.shown().estimate {
@@ -122,10 +126,12 @@ fn status(parameter: &Parameter, theme: Theme) -> Span<'static> {
 
 /// What was lost, how the device behaves, and where else it is shown.
 fn words(state: &State, theme: Theme) -> Vec<Line<'static>> {
-    let Values { estimate, losses } = state.shown();
+    let Values { estimate, cause, losses } = state.shown();
+    let machine = state.settings.machine;
     let style = if losses.is_clean() { theme.good() } else { theme.bad() };
     let mut lines = vec![Line::styled(losses.line(), style)];
-    lines.extend(estimate.map(|(_, estimated)| Line::raw(text::line(state.settings.machine, &estimated))));
+    lines.extend(estimate.map(|(_, estimated)| Line::raw(text::line(machine, &estimated))));
+    lines.extend(cause.iter().map(|cause| Line::styled(causes::words(machine, cause), theme.bad())));
     lines.extend(state.elsewhere.iter().map(|place| Line::styled(place.clone(), theme.quiet())));
     lines
 }
