@@ -12,7 +12,12 @@ mod monitor;
 
 use error::{Error, Shown};
 
-use std::{ffi::OsString, io::IsTerminal, path::PathBuf, process::ExitCode};
+use std::{
+    ffi::OsString,
+    io::{self, IsTerminal, Write},
+    path::PathBuf,
+    process::ExitCode,
+};
 
 use clap::{CommandFactory, Parser, Subcommand};
 use cmd::config::{self, ConfigError};
@@ -81,7 +86,9 @@ fn main() -> ExitCode {
         Err(error) if error.is_broken_pipe() => ExitCode::from(exit::OK),
         Err(error) => {
             let code = exit::code(&error);
-            eprintln!("{}", format!("{:?}", miette::Report::new(Shown(error))).trim_end());
+            // Nobody reads it where standard error is closed.
+            let report = format!("{:?}", miette::Report::new(Shown(error)));
+            writeln!(io::stderr(), "{}", report.trim_end()).ok();
             ExitCode::from(code)
         }
     }

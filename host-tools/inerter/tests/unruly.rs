@@ -14,6 +14,9 @@ use std::{
 
 use common::{all_are_tried, done, inerter};
 use inerter_core::{RawSample, Settings};
+use inerter_data::settings::Overrides;
+use inerter_plant::Inerter;
+use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
 use inerter_wire::{
     Capabilities, ClockSource, Command, DELIMITER, Done, Frame, FrameReader, Hello, MAX_FRAME, Record, Reply, Request,
     Samples, SequenceCounter, SettingsValues, encode_record,
@@ -212,6 +215,39 @@ fn every_command_ends_soon_after_a_signal_whatever_the_device_does() {
             assert!(status.is_some(), "{command:?} at a device that is {manner:?} goes on after {signal:?}");
         }
     });
+}
+
+/// The library that reads the keys goes on for ever at a terminal that is gone.
+#[test]
+fn the_screen_ends_with_its_terminal() {
+    use rustix::{fs, io, pty, termios};
+    let folder = tempfile::tempdir().unwrap();
+    let master = pty::openpt(pty::OpenptFlags::RDWR | pty::OpenptFlags::NOCTTY).unwrap();
+    io::fcntl_setfd(&master, io::FdFlags::CLOEXEC).unwrap();
+    pty::grantpt(&master).unwrap();
+    pty::unlockpt(&master).unwrap();
+    let name = pty::ptsname(&master, Vec::new()).unwrap();
+    let open = || fs::open(name.as_c_str(), fs::OFlags::RDWR | fs::OFlags::NOCTTY, fs::Mode::empty()).unwrap();
+    let terminal = open();
+    termios::tcsetwinsize(&terminal, termios::Winsize { ws_row: 40, ws_col: 100, ws_xpixel: 0, ws_ypixel: 0 }).unwrap();
+    let setup = Setup::new(Inerter::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
+    let device = VirtualDevice::start(&setup, &Endpoint::Tcp("127.0.0.1:0".into()), 1.0).unwrap();
+    let mut command = inerter(folder.path(), &["monitor", "--connect", device.name()]);
+    let mut child = command.env("TERM", "xterm").stdin(terminal).stdout(open()).stderr(open()).spawn().unwrap();
+    drop(command);
+    let mut screen = std::fs::File::from(master);
+    let mut shown = Vec::new();
+    let mut some = [0; 4096];
+    while !String::from_utf8_lossy(&shown).contains("Overview") {
+        let length = screen.read(&mut some).unwrap();
+        shown.extend_from_slice(&some[..length]);
+    }
+    kill_process(Pid::from_child(&child), Signal::HUP).unwrap();
+    drop(screen);
+    // The system sends another where the terminal is its own.
+    kill_process(Pid::from_child(&child), Signal::HUP).ok();
+    let status = ended(&mut child, Duration::from_secs(5)).expect("it goes on without its terminal");
+    assert!(matches!(status.code(), Some(0..=9 | 130)), "{status}");
 }
 
 #[test]

@@ -6,6 +6,7 @@ use std::{
     sync::{
         Arc, Mutex, MutexGuard, PoisonError,
         atomic::{AtomicBool, Ordering},
+        mpsc::{Receiver, RecvTimeoutError, channel},
     },
     thread,
     time::{Duration, Instant},
@@ -59,7 +60,8 @@ struct Restore;
 impl Drop for Restore {
     fn drop(&mut self) {
         terminal::has_screen(false);
-        ratatui::restore();
+        // A terminal that is gone cannot be given back, and cannot be told so either.
+        ratatui::try_restore().ok();
     }
 }
 
@@ -91,6 +93,10 @@ pub fn run(
         Action::Quit => quit.store(true, Ordering::Relaxed),
     });
     quit.store(true, Ordering::Relaxed);
+    // It would show the cursor once more by itself, and panic where nobody can be told that it cannot.
+    if drawn.show_cursor().is_err() {
+        std::mem::forget(drawn);
+    }
     // The recording is closed before the terminal is given back.
     let measured = device.join();
     drop(restore);
@@ -98,6 +104,21 @@ pub fn run(
         Ok(result) => result.and(shown.map_err(|source| MonitorError::Terminal { source }.into())),
         Err(panic) => std::panic::resume_unwind(panic),
     }
+}
+
+/// What is pressed, by a thread of its own: at a terminal that is gone the library reads for ever.
+fn keys() -> io::Result<Receiver<io::Result<event::Event>>> {
+    let (sender, keys) = channel();
+    let read = move || {
+        let mut is_there = true;
+        while is_there {
+            let event = event::read();
+            is_there = event.is_ok();
+            is_there &= sender.send(event).is_ok();
+        }
+    };
+    thread::Builder::new().name("keys".into()).spawn(read)?;
+    Ok(keys)
 }
 
 /// Keys in, pictures out, until the device's thread has ended.
@@ -108,11 +129,12 @@ fn pictures(
     ended: &dyn Fn() -> bool,
     act: &dyn Fn(Action),
 ) -> io::Result<()> {
+    let keys = keys()?;
     let mut drawn = Instant::now().checked_sub(FRAME).unwrap_or_else(Instant::now);
     while !ended() {
         let rest = FRAME.saturating_sub(drawn.elapsed());
-        if event::poll(rest.max(Duration::from_millis(1)))? {
-            match event::read()? {
+        match keys.recv_timeout(rest.max(Duration::from_millis(1))) {
+            Ok(event) => match event? {
                 event::Event::Key(key) if key.kind != KeyEventKind::Release => {
                     if let Some(action) = shared.state().update(Event::Key(key)) {
                         act(action);
@@ -121,7 +143,9 @@ fn pictures(
                 }
                 event::Event::Resize(..) => shared.changed.store(true, Ordering::Relaxed),
                 _ => {}
-            }
+            },
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => thread::sleep(rest),
         }
         if drawn.elapsed() < FRAME || !shared.changed.swap(false, Ordering::Relaxed) {
             continue;

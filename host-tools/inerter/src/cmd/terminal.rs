@@ -21,7 +21,8 @@ static HAS_SCREEN: AtomicBool = AtomicBool::new(false);
 /// Ends the program at once, the terminal given back, nothing half written left behind.
 fn end() -> ! {
     if HAS_SCREEN.load(Ordering::Relaxed) {
-        ratatui::restore();
+        // A terminal that is gone cannot be given back, nor told so.
+        ratatui::try_restore().ok();
     }
     output::remove_unfinished();
     std::process::exit(exit::INTERRUPTED.into());
