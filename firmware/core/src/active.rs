@@ -51,6 +51,8 @@ impl Active {
 pub(crate) struct Signal {
     pub position_reversed: bool,
     pub force_reversed: bool,
+    /// Samples by which the force is behind the position.
+    pub force_late: i8,
     pub force_zero_code: i32,
     pub force_min_code: i32,
     pub force_max_code: i32,
@@ -194,6 +196,7 @@ impl Settings {
             .max(reversal_reach + 1.0);
         Signal {
             position_reversed: self.metres_per_count < 0.0,
+            force_late: self.skew_parts().0 as i8,
             force_reversed: self.newtons_per_code < 0.0,
             force_zero_code: self.force_zero_code as i32,
             force_min_code: self.force_min_code as i32,
@@ -268,13 +271,13 @@ impl Settings {
         let jerk_shift = fit(jerk * self.full_scale_acceleration_m_per_s2 * steepest);
         let down = |shift: i8| power_of_two(-i32::from(shift));
 
-        // Skew: F(t + skew) to second order. Structure mass: see docs/THEORY.md.
+        // What is left of the skew: F(t + skew) to second order. Structure mass: see docs/THEORY.md.
         let (compliance, lag) = if self.stiffness_n_per_m > 0.0 {
             (self.structure_mass_kg / self.stiffness_n_per_m, self.contact_damping_n_s_per_m / self.stiffness_n_per_m)
         } else {
             (0.0, 0.0)
         };
-        let skew = self.skew_s;
+        let (_, skew) = self.skew_parts();
         let force_down = 12.0 * down(force_shift);
         let force_terms = [
             term(skew * force_down / 24.0 * rate),

@@ -28,7 +28,7 @@ impl Active {
         let signal = &self.signal;
         let newest = state.receive(signal, sample);
         let reversal = state.backlash.push(&self.backlash, &newest);
-        state.gate(signal, sample);
+        state.gate(signal, newest.position);
         state.locate_sign(signal);
         state.enter_cascades(signal);
         for (bank, config) in [(&mut state.fast, &self.fast), (&mut state.slow, &self.slow)] {
@@ -101,28 +101,31 @@ impl State {
         if since_a_while {
             self.begin_anew(signal.delay);
         }
+        let force = if signal.force_reversed { force.saturating_neg() } else { force };
+        let position =
+            if signal.position_reversed { sample.position_count.wrapping_neg() } else { sample.position_count };
+        let mut newest = Newest {
+            index: sample.index,
+            position,
+            force,
+            terminal: sample.terminal_code,
+            good: !(saturated || no_force),
+            broken: broken || slipped,
+            offset: self.feedback.offset_code,
+        };
+        if signal.force_late != 0 {
+            newest = self.alignment.align(signal.force_late, newest);
+        }
         let line = &mut self.line;
-        let (broken, saturated) = (broken || slipped, saturated || no_force);
-        if broken {
+        if newest.broken {
             // Signs up to half a kernel before the discontinuity would be located with positions from behind it.
             line.spoil(signal.sign_half_width);
             line.tainted = signal.sign_half_width + 1;
             line.whole = 0;
             self.rest.reset();
         }
-        let force = if signal.force_reversed { force.saturating_neg() } else { force };
-        let position =
-            if signal.position_reversed { sample.position_count.wrapping_neg() } else { sample.position_count };
-        line.push(position, force, saturated);
-        Newest {
-            index: sample.index,
-            position,
-            force,
-            terminal: sample.terminal_code,
-            good: !saturated,
-            broken,
-            offset: self.feedback.offset_code,
-        }
+        line.push(newest.position, newest.force, !newest.good);
+        newest
     }
 
     /// Until friction is known a reversal may have been placed where it was not. Where the first judgement is that the law
@@ -154,10 +157,10 @@ impl State {
     }
 
     /// Marks windows of rest and grazing reversals.
-    fn gate(&mut self, signal: &Signal, sample: &RawSample) {
+    fn gate(&mut self, signal: &Signal, position: i32) {
         let line = &mut self.line;
         let window = signal.rest_block as u8 * BLOCKS as u8;
-        if self.rest.push(sample.position_count, signal.rest_block, signal.rest_limit) {
+        if self.rest.push(position, signal.rest_block, signal.rest_limit) {
             // The window and a block on either side of it.
             line.resting = u16::from(signal.delay) + signal.rest_block;
         }

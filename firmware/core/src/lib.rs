@@ -6,6 +6,7 @@
 extern crate std;
 
 mod active;
+mod alignment;
 mod backlash;
 mod bank;
 mod change;

@@ -271,6 +271,14 @@ settings! {
 }
 
 impl Settings {
+    /// The skew in whole samples, by which force and position are shifted against each other, and what is left of it \[s\].
+    pub fn skew_parts(&self) -> (i32, f64) {
+        let samples = self.skew_s * self.sample_rate_hz;
+        let half = if samples < 0.0 { -0.5 } else { 0.5 };
+        let whole = (samples + half) as i32;
+        (whole, self.skew_s - f64::from(whole) / self.sample_rate_hz)
+    }
+
     /// Every setting with its text.
     pub fn described() -> impl Iterator<Item = (&'static SettingInfo, &'static SettingText)> {
         Self::TABLE.iter().zip(Self::TEXTS)

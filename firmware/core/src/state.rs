@@ -1,6 +1,7 @@
 //! All that changes from sample to sample.
 
 use crate::active::{Active, BankActive};
+use crate::alignment::Alignment;
 use crate::backlash::state::BacklashState;
 use crate::bank::BankState;
 use crate::change::Watch;
@@ -43,6 +44,7 @@ pub(crate) enum Trial {
 pub struct State {
     pub(crate) counters: Counters,
     pub(crate) plausible: Plausible,
+    pub(crate) alignment: Alignment,
     pub(crate) line: DelayLine,
     pub(crate) rest: Rest,
     pub(crate) sign: Sign,
@@ -77,6 +79,7 @@ impl State {
         Self {
             counters: Counters { samples: 0, discontinuities: 0, lost_samples: 0, saturated: 0 },
             plausible: Plausible::new(),
+            alignment: Alignment::new(),
             line: DelayLine::new(),
             rest: Rest::new(),
             sign: Sign::new(),
@@ -107,6 +110,7 @@ impl State {
         let Self {
             counters,
             plausible,
+            alignment,
             line,
             rest,
             sign,
@@ -125,6 +129,7 @@ impl State {
         } = self;
         *counters = Counters::default();
         *plausible = Plausible::new();
+        alignment.reset();
         line.reset();
         *rest = Rest::new();
         *sign = Sign::new();

@@ -2,7 +2,7 @@
 //!
 //! The kernels are core's (docs/THEORY.md, 1) in f64, centred instead of late: what is shown is what the estimator has
 //! compared. The structure mass adds `mr x1''` to the law, with `x1'' = a + F''/ks - cs F'''/ks^2`; the skew is
-//! taken out of the force as `F + tau F' + tau^2 F''/2`.
+//! taken out by whole samples, and what is left of it out of the force as `F + tau F' + tau^2 F''/2`.
 
 use inerter_core::constants::{
     FORCE_TAPS, LONGEST_SPACING, RATE_TAPS, REST_COUNTS, REST_WINDOW_S, SIGN_KERNEL_S, SIGN_TAPS,
@@ -106,7 +106,7 @@ impl Kernels {
     ) -> Vec<Row> {
         let spacing = (self.box_samples / per_box).max(1);
         let mut rows = Vec::new();
-        for stretch in &series.stretches {
+        for stretch in &series.aligned(settings).stretches {
             let margin_s = (self.reach() + 2) as f64 * self.period_s;
             let first = ((from_s - stretch.start_s - margin_s) / self.period_s).floor().max(0.0) as usize;
             let last = ((to_s - stretch.start_s + margin_s) / self.period_s).ceil().max(0.0) as usize;
@@ -128,9 +128,10 @@ impl Kernels {
         rows
     }
 
-    /// What is measured around a sample.
+    /// What is measured around a sample of an aligned series.
     pub(crate) fn measured(&self, piece: &Stretch, settings: &Settings, middle: usize) -> Measured {
-        let Settings { stiffness_n_per_m: ks, contact_damping_n_s_per_m: cs, skew_s, .. } = *settings;
+        let Settings { stiffness_n_per_m: ks, contact_damping_n_s_per_m: cs, .. } = *settings;
+        let (_, skew_s) = settings.skew_parts();
         let of = |taps: &[f64], data: &[f64]| around(taps, data, middle);
         let force = &piece.force_n;
         let (rate, second) = (of(&self.rate, force), of(&self.second, force));

@@ -1,5 +1,7 @@
 //! Raw samples in SI units: one by one, or a whole run in stretches without a discontinuity.
 
+use std::borrow::Cow;
+
 use inerter_core::{RawSample, Settings};
 use inerter_wire::step;
 
@@ -123,6 +125,34 @@ impl Series {
         self.stretches.retain(|stretch| !stretch.force_n.is_empty());
     }
 
+    /// Force and position of the same moment beside each other, by whole samples of the skew; what is left of it stays
+    /// ([`Settings::skew_parts`]).
+    pub fn aligned(&self, settings: &Settings) -> Cow<'_, Self> {
+        let (late, _) = settings.skew_parts();
+        let by = late.unsigned_abs() as usize;
+        if by == 0 {
+            return Cow::Borrowed(self);
+        }
+        let stretches = self.stretches.iter().filter(|stretch| stretch.force_n.len() > by).map(|stretch| {
+            let mut stretch = stretch.clone();
+            let left = stretch.force_n.len() - by;
+            for (column, is_force) in
+                [(&mut stretch.force_n, true), (&mut stretch.position_m, false), (&mut stretch.terminal_m, false)]
+            {
+                if is_force == (late > 0) {
+                    column.drain(..by.min(column.len()));
+                } else {
+                    column.truncate(left);
+                }
+            }
+            if late < 0 {
+                stretch.start_s += by as f64 * self.period_s;
+            }
+            stretch
+        });
+        Cow::Owned(Self { period_s: self.period_s, stretches: stretches.collect() })
+    }
+
     /// Samples in all stretches.
     pub fn len(&self) -> usize {
         self.stretches.iter().map(|stretch| stretch.force_n.len()).sum()
@@ -172,5 +202,23 @@ mod tests {
         assert_eq!((later.len(), later.stretches[0].start_s, &later.stretches[0].force_n), (3, 2.001, &vec![2.0]));
         later.cut_before(2.005);
         assert_eq!(later.stretches, series.stretches[2..]);
+    }
+
+    #[test]
+    fn what_is_of_one_moment_is_aligned() {
+        let of = |late: i32| {
+            let moments = |from: i32| (from..from + 10).map(f64::from).collect::<Vec<_>>();
+            let stretch =
+                Stretch { start_s: 1.0, position_m: moments(0), force_n: moments(-late), terminal_m: moments(0) };
+            let series = Series { period_s: 0.1, stretches: vec![stretch] };
+            let settings = Settings { sample_rate_hz: 1000.0, skew_s: f64::from(late) * 1e-3, ..Settings::default() };
+            series.aligned(&settings).into_owned().stretches.remove(0)
+        };
+        for (late, start_s) in [(-3, 1.3), (0, 1.0), (1, 1.0), (4, 1.0)] {
+            let Stretch { start_s: found_s, position_m, force_n, terminal_m } = of(late);
+            assert!((found_s - start_s).abs() < 1e-9, "{late}: {found_s}");
+            assert_eq!(force_n.len(), 10 - late.unsigned_abs() as usize);
+            assert!(force_n == position_m && force_n == terminal_m, "{late}: {force_n:?} {position_m:?}");
+        }
     }
 }

@@ -91,7 +91,7 @@ impl Settings {
         let known = stiffness > 0.0;
         let compliance = if known { 1.0 / stiffness } else { 0.0 };
         let lag = single(self.contact_damping_n_s_per_m) * compliance;
-        let skew = single(self.skew_s);
+        let skew = single(self.skew_parts().1);
         let guard_s = (rate * GUARD_S + 0.5) as u32;
         let settled = rate * lag * GUARD_LAGS + 0.5;
         let guard = guard_s.max(settled as u32).clamp(2, LONGEST_GUARD);

@@ -66,7 +66,7 @@ pub fn suspected(series: &Series, settings: &Settings, estimate: &Estimate, law:
 /// Tests a run of which the estimator said this in the end; `counts_per_turn` of the encoder, where they are known, else those that are usual
 /// are tried.
 ///
-/// A skew is undone, by whole samples and then by what the law takes out of the force, before the rest is looked at.
+/// A skew is undone before the rest is looked at.
 pub fn diagnose(
     series: &Series,
     settings: &Settings,
@@ -76,12 +76,10 @@ pub fn diagnose(
     let first = searched(series, settings, estimate, counts_per_turn, None)?;
     let Some(place) = first.causes.iter().position(|cause| cause.kind == Kind::Skew) else { return Ok(first) };
     let Some(skew) = first.causes.get(place).copied() else { return Ok(first) };
-    let samples = (skew.value / series.period_s).round();
-    let rest_s = skew.value - samples * series.period_s;
     let skew_u95_s = settings.skew_u95_s.hypot(SKEW_MODEL_U95_S);
-    let undone = Settings { skew_s: settings.skew_s + rest_s, skew_u95_s, ..*settings };
+    let undone = Settings { skew_s: settings.skew_s + skew.value, skew_u95_s, ..*settings };
     let left = Candidate { kind: Kind::Skew, term: Term::Skew };
-    let mut found = searched(&advanced(series, samples as isize), &undone, estimate, counts_per_turn, Some(left))?;
+    let mut found = searched(series, &undone, estimate, counts_per_turn, Some(left))?;
     found.residual_rms_n[0] = first.residual_rms_n[0];
     // What is left of the skew was taken in before all others.
     if !found.causes.is_empty() {
@@ -90,24 +88,6 @@ pub fn diagnose(
         found.causes.insert(place.min(found.causes.len()), whole);
     }
     Ok(found)
-}
-
-/// The same run with the force so many samples earlier.
-fn advanced(series: &Series, samples: isize) -> Series {
-    let by = samples.unsigned_abs();
-    let stretches = series.stretches.iter().filter(|stretch| stretch.force_n.len() > by).map(|stretch| {
-        let mut stretch = stretch.clone();
-        let (late, early) = if samples > 0 {
-            (&mut stretch.force_n, &mut stretch.position_m)
-        } else {
-            (&mut stretch.position_m, &mut stretch.force_n)
-        };
-        late.drain(..by);
-        early.truncate(late.len());
-        stretch.terminal_m.clear();
-        stretch
-    });
-    Series { period_s: series.period_s, stretches: stretches.collect() }
 }
 
 /// One search; `known` is taken in before it begins.
@@ -128,7 +108,8 @@ fn searched(
         coulomb_n: value(found.coulomb_n),
         offset_n: value(found.offset_n),
     };
-    let rows = Rows::of(series, settings, kernels, law);
+    let aligned = series.aligned(settings);
+    let rows = Rows::of(&aligned, settings, kernels, law);
     let observations = rows.force.len() as f64 / rows.per_observation;
     if observations < LEAST_OBSERVATIONS {
         return Err(FitError::TooShort { observations });

@@ -1,0 +1,91 @@
+//! Brings force and position of the same moment together by whole samples; what is left of the skew is the kernels' (docs/THEORY.md, 7).
+
+use crate::backlash::flanks::Newest;
+
+/// Samples by which one may be behind the other: 5 ms at 5 kHz, and a power of two beyond.
+const LONGEST: usize = 32;
+
+/// What comes early waits here for the other: position and terminal, or the force and whether it may be used.
+#[derive(Clone, Debug)]
+pub(crate) struct Alignment {
+    waiting: [(i32, i32); LONGEST],
+    head: usize,
+    /// Samples from now on whose other half is from before a discontinuity.
+    unpaired: u8,
+}
+
+impl Alignment {
+    pub const fn new() -> Self {
+        Self { waiting: [(0, 0); LONGEST], head: 0, unpaired: 0 }
+    }
+
+    pub fn reset(&mut self) {
+        let Self { waiting, head, unpaired } = self;
+        waiting.fill((0, 0));
+        (*head, *unpaired) = (0, 0);
+    }
+
+    /// Gives a sample the position of so many samples ago, as the force is late by them; of a negative number the force.
+    #[cold]
+    #[inline(never)]
+    pub fn align(&mut self, late: i8, mut newest: Newest) -> Newest {
+        let samples = late.unsigned_abs();
+        let slot = self.head % LONGEST;
+        let before = self.head.wrapping_sub(usize::from(samples)) % LONGEST;
+        self.head = self.head.wrapping_add(1);
+        if late > 0 {
+            self.waiting[slot] = (newest.position, newest.terminal);
+            (newest.position, newest.terminal) = self.waiting[before];
+        } else {
+            self.waiting[slot] = (newest.force, i32::from(newest.good));
+            let (force, good) = self.waiting[before];
+            (newest.force, newest.good) = (force, good != 0);
+        }
+        // The last of them is the one at which the half that waited jumps.
+        if newest.broken {
+            self.unpaired = samples + 1;
+        }
+        newest.broken = self.unpaired > 0;
+        self.unpaired = self.unpaired.saturating_sub(1);
+        newest
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    extern crate std;
+    use std::vec::Vec;
+
+    fn aligned(late: i8, jump_at: i32) -> Vec<(i32, i32, bool)> {
+        let mut alignment = Alignment::new();
+        let sample = |n: i32| {
+            let moment = if n < jump_at { n } else { n + 1000 };
+            let newest = Newest {
+                index: moment as u32,
+                position: moment,
+                force: moment - i32::from(late),
+                terminal: moment,
+                good: true,
+                broken: n == 0 || n == jump_at,
+                offset: 0,
+            };
+            let newest = alignment.align(late, newest);
+            (newest.position, newest.force, newest.broken)
+        };
+        (0..40).map(sample).collect()
+    }
+
+    #[test]
+    fn what_is_of_one_moment_comes_together_and_nothing_is_paired_across_a_jump() {
+        for late in [-24, -3, -1, 1, 2, 24] {
+            let samples = aligned(late, 30);
+            let width = usize::from(late.unsigned_abs());
+            let broken = |n: usize| n <= width || (30..=30 + width).contains(&n);
+            for (n, (position, force, is_broken)) in samples.into_iter().enumerate() {
+                assert_eq!(is_broken, broken(n), "{late}, {n}");
+                assert!(is_broken || position == force, "{late}, {n}: {position} {force}");
+            }
+        }
+    }
+}
