@@ -104,6 +104,15 @@ mod tests {
     use super::*;
 
     #[test]
+    fn a_duration_is_rounded_before_it_is_parted() {
+        for (seconds, text) in
+            [(119.94, "119.9 s"), (120.0, "2 min 0 s"), (1199.7, "20 min 0 s"), (3605.4, "60 min 5 s")]
+        {
+            assert_eq!(duration_text(seconds), text);
+        }
+    }
+
+    #[test]
     fn what_nobody_sees_is_escaped_and_what_is_written_anywhere_is_not() {
         let seen = "Prüfstand 3 µm ± 2 °C, \"a\\b\", ひずみ, e\u{301}, 🛠";
         assert_eq!(printable(seen), seen);

@@ -21,6 +21,7 @@ use std::{
 
 use clap::{CommandFactory, Parser, Subcommand};
 use cmd::config::{self, ConfigError};
+use inerter_data::words::printable;
 
 /// Reads the effective inertance, friction and backlash of an inerter while it moves.
 #[derive(Parser)]
@@ -129,7 +130,14 @@ fn parse() -> Result<Cli, ConfigError> {
         Some(file) => config::apply(&Cli::command(), &file, &typed)?,
         None => typed,
     };
-    Ok(Cli::parse_from(words))
+    Ok(Cli::try_parse_from(&words).unwrap_or_else(|error| refuse(&words, error)))
+}
+
+/// Ends with what clap has to say of these words, which it repeats: they are made printable first, as a file name may hold
+/// anything.
+fn refuse(words: &[OsString], error: clap::Error) -> ! {
+    let shown: Vec<String> = words.iter().map(|word| printable(&word.to_string_lossy()).into_owned()).collect();
+    Cli::try_parse_from(shown).err().unwrap_or(error).exit()
 }
 
 #[cfg(test)]
