@@ -133,8 +133,8 @@ fn parse() -> Result<Cli, ConfigError> {
     Ok(Cli::try_parse_from(&words).unwrap_or_else(|error| refuse(&words, error)))
 }
 
-/// Ends with what clap has to say of these words, which it repeats: they are made printable first, as a file name may hold
-/// anything.
+/// Prints clap's error, or the help that was asked for, and ends. Clap repeats the words, and a file name may hold anything, so
+/// they are made printable and parsed once more.
 fn refuse(words: &[OsString], error: clap::Error) -> ! {
     let shown: Vec<String> = words.iter().map(|word| printable(&word.to_string_lossy()).into_owned()).collect();
     Cli::try_parse_from(shown).err().unwrap_or(error).exit()
