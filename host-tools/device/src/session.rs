@@ -126,22 +126,26 @@ impl Device {
     }
 
     /// Connects to a device that is just starting, for up to `patience`, and gives it these settings; `alive` fails when
-    /// waiting is of no use any more.
+    /// waiting is of no use any more, and an interruption ends it.
     pub fn connect_starting<E: From<DeviceError>>(
         target: &Target,
         patience: Duration,
         settings: &Settings,
+        interrupted: Interrupted,
         mut alive: impl FnMut() -> Result<(), E>,
     ) -> Result<Self, E> {
         let started = Instant::now();
         loop {
-            match Self::connect(target, Clock::new()) {
+            match Self::connect_until(target, Clock::new(), interrupted) {
                 Ok(mut device) => {
                     device.write_settings(settings)?;
                     return Ok(device);
                 }
                 Err(error) => {
                     alive()?;
+                    if interrupted() {
+                        return Err(DeviceError::Interrupted.into());
+                    }
                     // A pseudo-terminal goes with the program that made it, which may not have ended yet.
                     let may_come = matches!(
                         error,

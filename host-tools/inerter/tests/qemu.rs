@@ -28,10 +28,10 @@ fn image() -> Option<std::path::PathBuf> {
 
 /// The image with the settings of the simulated device, at rest.
 fn booted(setup: &Setup, image: &std::path::Path) -> Qemu {
-    let mut qemu = Qemu::boot(image, &Endpoint::Tcp("127.0.0.1:0".into())).unwrap();
+    let mut qemu = Qemu::boot(image, &Endpoint::Tcp("127.0.0.1:0".into()), || false).unwrap();
     let target = Target::Tcp { address: qemu.name().into() };
     let alive = || Ok::<(), Box<dyn std::error::Error>>(qemu.check()?);
-    Device::connect_starting(&target, START_TIME, &setup.settings, alive).unwrap();
+    Device::connect_starting(&target, START_TIME, &setup.settings, || false, alive).unwrap();
     qemu
 }
 
@@ -119,5 +119,31 @@ fn an_image_that_does_not_run_is_told_in_qemus_words() {
     for endpoint in [&["--pty"][..], &["--tcp", "127.0.0.1:0"]] {
         let words = fails(folder.path(), &[&["simulate", "--qemu", "--image", "zeros.bin"], endpoint].concat(), 5);
         assert!(words.contains("QEMU ended on its own") && words.contains("qemu: fatal: Lockup"), "{words}");
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn an_image_that_never_answers_is_left_soon_after_a_signal() {
+    use rustix::process::{Pid, Signal, kill_process};
+    if image().is_none() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    // Stack, reset vector and a branch to itself.
+    let words = [0x2000_1000_u32, 0x0000_0009, 0xE7FE_E7FE].map(u32::to_le_bytes);
+    std::fs::write(folder.path().join("silent.bin"), words.concat()).unwrap();
+    for endpoint in [&["--pty"][..], &["--tcp", "127.0.0.1:0"]] {
+        for signal in [Signal::TERM, Signal::INT] {
+            let arguments = [&["simulate", "--qemu", "--image", "silent.bin"], endpoint].concat();
+            let mut child = inerter(folder.path(), &arguments).spawn().unwrap();
+            // It would wait for ten.
+            std::thread::sleep(Duration::from_secs(2));
+            let told = std::time::Instant::now();
+            kill_process(Pid::from_child(&child), signal).unwrap();
+            let status = child.wait().unwrap();
+            assert_eq!(status.code(), Some(130), "{endpoint:?}, {signal:?}: {status}");
+            assert!(told.elapsed() < Duration::from_secs(5), "{endpoint:?}, {signal:?}: {:?}", told.elapsed());
+        }
     }
 }

@@ -12,7 +12,7 @@ use std::{
     sync::{
         Arc,
         atomic::{AtomicBool, AtomicU32, Ordering},
-        mpsc,
+        mpsc::{self, RecvTimeoutError},
     },
     thread::{self, JoinHandle},
     time::{Duration, Instant},
@@ -36,6 +36,8 @@ const IMAGE_VARIABLE: &str = "INERTER_QEMU_IMAGE";
 const IMAGE_PATH: &str = "target/thumbv7em-none-eabihf/firmware/inerter-qemu";
 /// Time for QEMU to start and the image to answer.
 pub const START_TIME: Duration = Duration::from_secs(10);
+/// How often it is looked whether the work goes on.
+const LOOK: Duration = Duration::from_millis(100);
 /// How often samples are appended.
 const FEED_EVERY: Duration = Duration::from_millis(5);
 
@@ -75,7 +77,7 @@ impl Qemu {
     ///
     /// A host that connects now, writes the set-up's settings, starts the sampler and only then lets the plant
     /// [`play`](Self::play) misses no sample. The image answers within [`START_TIME`].
-    pub fn boot(image: &Path, endpoint: &Endpoint) -> Result<Self, SimulateError> {
+    pub fn boot(image: &Path, endpoint: &Endpoint, interrupted: fn() -> bool) -> Result<Self, SimulateError> {
         let failed = |what: &str| {
             let what = what.to_string();
             move |source| SimulateError::Endpoint { what, source }
@@ -105,7 +107,7 @@ impl Qemu {
         let mut qemu = Self { child, name: String::new(), last_words, stop, feeder: None, file: Some(file), samples };
         qemu.name = match serial.1 {
             Some(address) => address,
-            None => qemu.pty_name(&names)?,
+            None => qemu.pty_name(&names, interrupted)?,
         };
         Ok(qemu)
     }
@@ -148,13 +150,20 @@ impl Qemu {
     }
 
     /// QEMU says on one of its outputs which pseudo-terminal it made.
-    fn pty_name(&mut self, names: &mpsc::Receiver<String>) -> Result<String, SimulateError> {
-        names.recv_timeout(START_TIME).map_err(|_| match self.check() {
-            Err(ended) => ended,
-            Ok(()) => {
-                SimulateError::QemuEnded { status: "still running".into(), message: "it made no terminal".into() }
+    fn pty_name(&mut self, names: &mpsc::Receiver<String>, interrupted: fn() -> bool) -> Result<String, SimulateError> {
+        let started = Instant::now();
+        loop {
+            match names.recv_timeout(LOOK) {
+                Ok(name) => return Ok(name),
+                Err(_) if interrupted() => return Err(inerter_data::Error::Interrupted.into()),
+                Err(RecvTimeoutError::Timeout) if started.elapsed() < START_TIME => {}
+                Err(_) => {
+                    self.check()?;
+                    let message = "it made no terminal".into();
+                    return Err(SimulateError::QemuEnded { status: "still running".into(), message });
+                }
             }
-        })
+        }
     }
 }
 

@@ -110,10 +110,10 @@ fn shake(test: &Test, device: Inerter, speed: f64, image: &Path, folder: &Path) 
     let speed = test.speed * speed;
     // Cut off in full motion: a stop would tell more about the inertance than the slow motion does.
     let setup = Setup::new(device, bench_sensors(), test.motion, Some(test.seconds), &Overrides::default())?;
-    let mut qemu = Qemu::boot(image, &Endpoint::Tcp("127.0.0.1:0".into()))?;
+    let mut qemu = Qemu::boot(image, &Endpoint::Tcp("127.0.0.1:0".into()), || false)?;
     let target = inerter_device::Target::Tcp { address: qemu.name().to_owned() };
     let alive = || Ok::<(), Error>(qemu.check()?);
-    drop(inerter_device::Device::connect_starting(&target, START_TIME, &setup.settings, alive)?);
+    drop(inerter_device::Device::connect_starting(&target, START_TIME, &setup.settings, || false, alive)?);
     let mut live = Live::connect(target, Streams::ALL, Duration::ZERO)?;
 
     let recording = folder.join(test.name).with_extension("mcap");

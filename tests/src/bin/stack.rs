@@ -35,10 +35,10 @@ fn main() -> ExitCode {
 fn measure() -> Result<u32, Box<dyn Error>> {
     let setup = Setup::new(Inerter::paper(), bench_sensors(), MOTION, None, &Overrides::default())?;
     let image = find_image(None)?;
-    let mut qemu = Qemu::boot(&image, &Endpoint::Tcp("127.0.0.1:0".into()))?;
+    let mut qemu = Qemu::boot(&image, &Endpoint::Tcp("127.0.0.1:0".into()), || false)?;
     let target = Target::Tcp { address: qemu.name().to_owned() };
     let alive = || Ok::<(), Box<dyn Error>>(qemu.check()?);
-    let mut device = Device::connect_starting(&target, START_TIME, &setup.settings, alive)?;
+    let mut device = Device::connect_starting(&target, START_TIME, &setup.settings, || false, alive)?;
     device.start_sampler()?;
     qemu.play(&setup, SPEED)?;
     device.stream(Streams::ALL)?;

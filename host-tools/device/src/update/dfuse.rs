@@ -17,6 +17,7 @@ use dfu_core::{DfuIo, DfuProtocol, State, Status};
 use super::error::UpdateError;
 use crate::{
     board::{CODE, FLASH_KB, PAGE},
+    error::DeviceError,
     image::Image,
 };
 
@@ -47,6 +48,8 @@ const FIRST_BLOCK: u16 = 2;
 const PATIENCE: Duration = Duration::from_secs(5);
 /// Wait between two looks where the ROM says 0, so that a stuck one is noticed in time.
 const LEAST_WAIT: Duration = Duration::from_millis(1);
+/// Wait after which an interruption is asked for.
+const SLICE: Duration = Duration::from_millis(200);
 /// Attempts to reach the idle state from any other.
 const ATTEMPTS: usize = 10;
 
@@ -62,7 +65,9 @@ pub enum Stage {
 /// A ROM in update mode.
 pub struct Rom<'a, Io> {
     io: &'a Io,
-    sleep: &'a mut dyn FnMut(Duration),
+    sleep: &'a mut dyn FnMut(Duration) -> Going,
+    /// The vectors were erased and are not back: no whole firmware is there.
+    broken: bool,
 }
 
 /// An answer to GETSTATUS.
@@ -73,9 +78,9 @@ struct Answer {
 }
 
 impl<'a, Io: DfuIo<Read = usize, Write = usize, Error: Display>> Rom<'a, Io> {
-    /// The ROM behind `io`; `sleep` waits as long as the ROM asks for.
-    pub fn new(io: &'a Io, sleep: &'a mut dyn FnMut(Duration)) -> Self {
-        Self { io, sleep }
+    /// The ROM behind `io`; `sleep` waits as long as it is told to, and says whether the work goes on.
+    pub fn new(io: &'a Io, sleep: &'a mut dyn FnMut(Duration) -> Going) -> Self {
+        Self { io, sleep, broken: false }
     }
 
     /// Writes the image, reads it back, and starts it. `progress` hears the pages done of all; what it answers counts
@@ -114,6 +119,7 @@ impl<'a, Io: DfuIo<Read = usize, Write = usize, Error: Display>> Rom<'a, Io> {
                 self.check(*address, bytes)?;
             }
         }
+        self.broken = false;
         let _ = progress(Stage::Checking, all, all);
         self.leave()
     }
@@ -164,6 +170,7 @@ impl<'a, Io: DfuIo<Read = usize, Write = usize, Error: Display>> Rom<'a, Io> {
     }
 
     fn erase(&mut self, address: u32) -> Result<(), UpdateError> {
+        self.broken = true;
         self.command(ERASE, address, &format!("erasing 0x{address:08X}"))
     }
 
@@ -235,10 +242,22 @@ impl<'a, Io: DfuIo<Read = usize, Write = usize, Error: Display>> Rom<'a, Io> {
             if waited >= PATIENCE || !matches!(answer.state, State::DfuDnbusy | State::DfuDnloadSync) {
                 return Err(stuck(action, answer.state));
             }
-            let wait = answer.wait.clamp(LEAST_WAIT, PATIENCE);
-            (self.sleep)(wait);
-            waited += wait;
+            waited += self.wait(answer.wait)?;
         }
+    }
+
+    /// Gives the ROM the time that it asks for, within limits, or less where the user wants to end; says how much.
+    fn wait(&mut self, asked: Duration) -> Result<Duration, UpdateError> {
+        let all = asked.clamp(LEAST_WAIT, PATIENCE);
+        let mut left = all;
+        while !left.is_zero() {
+            let slice = left.min(SLICE);
+            if (self.sleep)(slice) == Going::Stop {
+                return Err(if self.broken { UpdateError::Interrupted } else { DeviceError::Interrupted.into() });
+            }
+            left -= slice;
+        }
+        Ok(all)
     }
 
     /// Brings the ROM into the idle state, whatever it was left in.
@@ -251,7 +270,7 @@ impl<'a, Io: DfuIo<Read = usize, Write = usize, Error: Display>> Rom<'a, Io> {
                 State::DfuIdle => return Ok(()),
                 State::DfuError => self.out(CLRSTATUS, 0, &[], action)?,
                 State::DfuDnbusy | State::DfuDnloadSync | State::DfuManifestSync | State::DfuManifest => {
-                    (self.sleep)(answer.wait.clamp(LEAST_WAIT, PATIENCE));
+                    self.wait(answer.wait)?;
                 }
                 _ => self.out(ABORT, 0, &[], action)?,
             }

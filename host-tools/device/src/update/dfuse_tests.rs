@@ -17,7 +17,11 @@ fn program_over(
     io: &MockIo,
     progress: &mut dyn FnMut(Stage, usize, usize) -> Going,
 ) -> Result<(), UpdateError> {
-    let mut sleep = |time| chip.borrow_mut().clock += time;
+    let mut sleep = |time| {
+        let mut chip = chip.borrow_mut();
+        chip.clock += time;
+        if chip.clock < chip.interrupted_at { Going::On } else { Going::Stop }
+    };
     Rom::new(io, &mut sleep).program(image, progress)
 }
 
@@ -177,6 +181,25 @@ fn a_rom_that_hangs_is_given_up_after_a_while() {
     assert!(matches!(error, UpdateError::Stuck { .. }), "{error}");
     let waited = chip.borrow().clock;
     assert!(waited >= PATIENCE && waited < PATIENCE * 2, "{waited:?}");
+}
+
+#[test]
+fn ctrl_c_ends_the_wait_for_a_rom_that_hangs() {
+    let chip = Chip::new();
+    let image = sample(3000, "inerter 0.1.0");
+    let told = Duration::from_millis(900);
+    chip.borrow_mut().hangs = true;
+    chip.borrow_mut().busy = Duration::from_secs(60);
+    chip.borrow_mut().interrupted_at = told;
+    let error = program(&chip, &image).unwrap_err();
+    assert!(matches!(error, UpdateError::Interrupted), "{error}");
+    let clock = chip.borrow().clock;
+    assert!(clock >= told && clock < told + SLICE * 2, "{clock:?}");
+    // This time it hangs before anything is erased, and nothing is said of the firmware.
+    chip.borrow_mut().interrupted_at = clock + told;
+    let error = program(&chip, &image).unwrap_err();
+    assert!(matches!(error, UpdateError::Device(DeviceError::Interrupted)), "{error}");
+    assert!(chip.borrow().clock < clock + told + SLICE * 2);
 }
 
 #[test]

@@ -41,6 +41,8 @@ pub struct Chip {
     pub left: bool,
     /// Time that has passed.
     pub clock: Duration,
+    /// Time at which the user wants to end.
+    pub interrupted_at: Duration,
     /// Time that erasing takes; all else takes a tenth.
     pub busy: Duration,
     /// Transfers until the cable is pulled.
@@ -69,6 +71,7 @@ impl Chip {
             erased: Vec::new(),
             left: false,
             clock: Duration::ZERO,
+            interrupted_at: Duration::MAX,
             busy: Duration::from_millis(22),
             transfers_left: usize::MAX,
             protected: 0..0,

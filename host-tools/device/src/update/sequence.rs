@@ -68,7 +68,10 @@ pub fn update<M: Machine>(
     };
     let _ = tell(UpdateEvent::InDfu(&device));
     let io = open(machine, &device)?;
-    let mut sleep = |time| machine.sleep(time);
+    let mut sleep = |time| {
+        machine.sleep(time);
+        if machine.check_interrupted().is_ok() { Going::On } else { Going::Stop }
+    };
     let mut progress = |stage, done, all| tell(UpdateEvent::Pages(stage, done, all));
     dfuse::Rom::new(&io, &mut sleep).program(image, &mut progress)?;
     drop(io);
@@ -80,7 +83,10 @@ pub fn update<M: Machine>(
 fn open<M: Machine>(machine: &mut M, device: &DfuDevice) -> Result<M::Io, UpdateError> {
     for _ in 0..PERMISSION_LOOKS {
         match machine.open(device) {
-            Err(UpdateError::Permission { .. }) => machine.sleep(LOOK),
+            Err(UpdateError::Permission { .. }) => {
+                machine.check_interrupted()?;
+                machine.sleep(LOOK);
+            }
             result => return result,
         }
     }

@@ -26,6 +26,7 @@ struct FakeMachine {
     /// Looks until the firmware answers after its start.
     answers_after: u32,
     slept: Duration,
+    interrupted_at: Duration,
 }
 
 fn hello(serial: &str, firmware: &str) -> Hello {
@@ -51,6 +52,7 @@ fn bench(running: Option<Hello>, in_dfu: &[&str]) -> FakeMachine {
         forbidden: 2,
         answers_after: 4,
         slept: Duration::ZERO,
+        interrupted_at: Duration::MAX,
     }
 }
 
@@ -108,6 +110,10 @@ impl Machine for FakeMachine {
     fn sleep(&mut self, time: Duration) {
         self.slept += time;
         self.chip.borrow_mut().clock += time;
+    }
+
+    fn check_interrupted(&self) -> Result<(), UpdateError> {
+        if self.slept < self.interrupted_at { Ok(()) } else { Err(DeviceError::Interrupted.into()) }
     }
 }
 
@@ -241,4 +247,24 @@ fn a_device_that_may_not_be_opened_is_untouched_and_the_user_told_how_to_allow_i
     assert_eq!(bench.slept, Duration::from_secs(2));
     let help = miette::Diagnostic::help(&error).unwrap().to_string();
     assert!(!cfg!(target_os = "linux") || help.contains("/etc/udev/rules.d/70-inerter.rules"), "{help}");
+}
+
+#[test]
+fn ctrl_c_ends_every_wait_of_an_update() {
+    type HoldUp = fn(&mut FakeMachine);
+    let told = Duration::from_secs(2);
+    let waits: [(&str, HoldUp); 4] = [
+        ("for update mode", |bench| bench.appears_after = Some(u32::MAX)),
+        ("to be let in", |bench| bench.forbidden = u32::MAX),
+        ("for the ROM", |bench| bench.chip.borrow_mut().hangs = true),
+        ("for the firmware", |bench| bench.answers_after = u32::MAX),
+    ];
+    for (what, hold_up) in waits {
+        let mut bench = bench(Some(hello(SERIAL, OLD)), &[]);
+        hold_up(&mut bench);
+        bench.interrupted_at = told;
+        let error = failure(&mut bench, None);
+        let interrupted = matches!(error, UpdateError::Interrupted | UpdateError::Device(DeviceError::Interrupted));
+        assert!(interrupted && bench.slept < told + Duration::from_secs(1), "{what}: {error}, {:?}", bench.slept);
+    }
 }

@@ -290,14 +290,14 @@ enum Running {
 
 /// The image in QEMU with the settings of the simulated device, its sampler running: a device in a rig.
 fn in_qemu(setup: &Setup, image: &Path, endpoint: &Endpoint) -> Result<Qemu, Error> {
-    let mut qemu = Qemu::boot(image, endpoint)?;
+    let mut qemu = Qemu::boot(image, endpoint, terminal::interrupted)?;
     let name = qemu.name().to_string();
     let target = match endpoint {
         Endpoint::Tcp(_) => Target::Tcp { address: name },
         Endpoint::Pty => Target::Port { port: name, baud: DEFAULT_BAUD },
     };
     let alive = || qemu.check().map_err(Error::from);
-    Device::connect_starting(&target, START_TIME, &setup.settings, alive)?.start_sampler()?;
+    Device::connect_starting(&target, START_TIME, &setup.settings, terminal::interrupted, alive)?.start_sampler()?;
     Ok(qemu)
 }
 
