@@ -1,6 +1,8 @@
 //! Text that others wrote, on its way to a terminal: names of devices and files, panics, markers, cells.
 
 mod common;
+#[path = "../../device/src/image/elf_file.rs"]
+mod elf_file;
 #[path = "common/firmware.rs"]
 mod firmware;
 
@@ -61,6 +63,7 @@ fn no_device_writes_to_the_terminal_what_it_likes() {
     let folder = folder.path();
     let device = device();
     let address = firmware::before(device.name(), hostile);
+    fs::write(folder.join("image.elf"), elf_file::image(5000, "inerter 0.1.0", "c8a2d5a")).unwrap();
     let mut said = String::new();
     let commands = [
         &["monitor", "--plain", "--duration", "1"][..],
@@ -76,7 +79,7 @@ fn no_device_writes_to_the_terminal_what_it_likes() {
         &["calibrate", "load-cell", "--duration", "4"],
         &["calibrate", "zero", "--duration", "1"],
         &["calibrate", "force", "--mass", "1"],
-        &["calibrate", "encoder", "--revolutions", "1"],
+        &["calibrate", "encoder", "--revolutions", "1", "--lead", "0.01"],
         &["calibrate", "direction", "--duration", "1"],
         &["calibrate", "skew", "--duration", "1"],
         &["calibrate", "stiffness", "--duration", "1"],
@@ -86,11 +89,15 @@ fn no_device_writes_to_the_terminal_what_it_likes() {
         &["doctor"],
         &["settings", "diff", "device", "kept.toml"],
         &["send", "run.mcap"],
-        &["update", "kept.toml"],
+        &["update", "image.elf"],
+        &["update", "image.elf", "--force"],
     ];
     all_are_tried(&commands, |help| help.contains("--connect <HOST:PORT>"));
     for command in commands {
-        said += &check(folder, &[command, &["--connect", &address]].concat());
+        let words = check(folder, &[command, &["--connect", &address]].concat());
+        // It is spoken to before it is refused.
+        assert!(command != ["update", "image.elf"] || words.contains(r"\u001b]52;c;aGk="), "{words}");
+        said += &words;
     }
     // It was shown, as what it is.
     assert!(said.contains(r"\u001b]52;c;aGk=\u0007\nforged\u202e"), "{said}");
@@ -147,9 +154,29 @@ fn no_file_writes_to_the_terminal_what_it_likes() {
     let mut said = String::new();
     for cell in cells {
         fs::write(folder.join(&csv), cell).unwrap();
-        for command in ["replay", "info", "fit", "diagnose", "identify", "report"] {
-            let out: &[&str] = if command == "report" { &["-o", "page.html", "--force"] } else { &[] };
-            said += &check(folder, &[&[command, &csv, "--metres-per-count", "1e-6"], out].concat());
+        let loaded = format!("1={csv}");
+        let commands = [
+            &["replay", &csv][..],
+            &["info", &csv],
+            &["fit", &csv],
+            &["diagnose", &csv],
+            &["identify", &csv],
+            &["report", &csv, "-o", "page.html", "--force"],
+            &["export", &csv, "--csv", "out.csv", "--force"],
+            &["plot", &csv, "--figure", "force", "-o", "force.svg", "--force"],
+            &["send", &csv, "--connect", device.name()],
+            &["calibrate", "load-cell", &csv],
+            &["calibrate", "zero", &csv],
+            &["calibrate", "force", "--mass", &loaded],
+            &["calibrate", "direction", &csv],
+            &["calibrate", "skew", &csv],
+            &["calibrate", "stiffness", &csv],
+        ];
+        // Those that read a CSV; `simulate` writes one.
+        let reads = |help: &str| help.contains("--metres-per-count") && !help.contains("Usage: inerter simulate ");
+        all_are_tried(&commands, reads);
+        for command in commands {
+            said += &check(folder, &[command, &["--metres-per-count", "1e-6"]].concat());
         }
     }
     fs::write(folder.join(&toml), format!("memory_s = 1.0\n\"{}\" = 2\n", r"\u001b[2J\nforged")).unwrap();

@@ -2,12 +2,19 @@
 #![cfg(unix)]
 
 mod common;
+#[path = "../../device/src/image/elf_file.rs"]
+mod elf_file;
 
 use std::{
     io::{Read, Write},
     net::{TcpListener, TcpStream},
+    os::fd::OwnedFd,
     path::Path,
-    process::{Child, ExitStatus},
+    process::{Child, ExitStatus, Stdio},
+    sync::{
+        Arc,
+        atomic::{AtomicUsize, Ordering},
+    },
     thread,
     time::{Duration, Instant},
 };
@@ -40,16 +47,19 @@ enum Manner {
 
 const MANNERS: [Manner; 5] = [Manner::Silent, Manner::Noise, Manner::Samples, Manner::Introduced, Manner::Mute];
 
-/// Its address.
-fn device(manner: Manner) -> String {
+/// Its address, and how many have connected to it.
+fn device(manner: Manner) -> (String, Arc<AtomicUsize>) {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap().to_string();
+    let guests = Arc::new(AtomicUsize::new(0));
+    let count = guests.clone();
     thread::spawn(move || {
         for host in listener.incoming() {
+            count.fetch_add(1, Ordering::Relaxed);
             thread::spawn(move || behave(manner, host.unwrap()));
         }
     });
-    address
+    (address, guests)
 }
 
 fn behave(manner: Manner, mut host: TcpStream) -> Option<()> {
@@ -116,7 +126,7 @@ fn introduce(host: &mut TcpStream, frame: &mut impl FnMut(&Record) -> Vec<u8>) -
 const COMMANDS: &[&[&str]] = &[
     &["monitor", "--json"],
     &["monitor", "--plain", "--wait", "60"],
-    &["monitor", "--plain", "--share", "127.0.0.1:0", "--web", "127.0.0.1:0"],
+    &["monitor", "--plain", "--share", "127.0.0.1:0", "--web", "--bind", "127.0.0.1:0"],
     &["record", "-o", "run.mcap", "--force", "--wait", "60"],
     &["send", "sent.mcap"],
     &["doctor"],
@@ -132,20 +142,44 @@ const COMMANDS: &[&[&str]] = &[
     &["calibrate", "load-cell", "--duration", "60"],
     &["calibrate", "zero", "--duration", "60"],
     &["calibrate", "force", "--mass", "1"],
-    &["calibrate", "encoder", "--revolutions", "1"],
+    &["calibrate", "encoder", "--revolutions", "1", "--lead", "0.01"],
     &["calibrate", "direction", "--duration", "60"],
     &["calibrate", "skew", "--duration", "60"],
     &["calibrate", "stiffness", "--duration", "60"],
     &["calibrate", "timebase", "--duration", "60"],
-    &["update", "image.elf"],
+    &["update", "image.elf", "--force"],
 ];
 
+/// The command at this device; the wizard has somebody before it who presses Enter at whatever he is asked.
 fn start(folder: &Path, command: &[&str], address: &str) -> Child {
-    inerter(folder, &[command, &["--connect", address]].concat())
-        .stdout(std::process::Stdio::null())
-        .stderr(std::process::Stdio::null())
-        .spawn()
-        .unwrap()
+    let mut program = inerter(folder, &[command, &["--connect", address]].concat());
+    program.stdout(Stdio::null()).stderr(Stdio::null());
+    if command == ["calibrate"] {
+        let (person, terminal) = terminal();
+        program.stdin(terminal.try_clone().unwrap()).stderr(terminal);
+        let reader = person.try_clone().unwrap();
+        // Both end with the program.
+        thread::spawn(move || while rustix::io::read(&reader, &mut [0; 4096]).is_ok() {});
+        thread::spawn(move || {
+            while rustix::io::write(&person, b"\n").is_ok() {
+                thread::sleep(Duration::from_millis(100));
+            }
+        });
+    }
+    program.spawn().unwrap()
+}
+
+/// A terminal: what is typed and read there, and what the program sees of it.
+fn terminal() -> (OwnedFd, OwnedFd) {
+    use rustix::{fs, io, pty};
+    let master = pty::openpt(pty::OpenptFlags::RDWR | pty::OpenptFlags::NOCTTY).unwrap();
+    io::fcntl_setfd(&master, io::FdFlags::CLOEXEC).unwrap();
+    pty::grantpt(&master).unwrap();
+    pty::unlockpt(&master).unwrap();
+    let name = pty::ptsname(&master, Vec::new()).unwrap();
+    let flags = fs::OFlags::RDWR | fs::OFlags::NOCTTY | fs::OFlags::CLOEXEC;
+    let terminal = fs::open(name.as_c_str(), flags, fs::Mode::empty()).unwrap();
+    (master, terminal)
 }
 
 /// How it ends, if it does; meanwhile it must not take more and more memory.
@@ -181,6 +215,7 @@ fn prepared() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     done(folder.path(), &["simulate", "-o", "sent.mcap", "--duration", "5"]);
     std::fs::write(folder.path().join("before.toml"), "memory_s = 5.0\n").unwrap();
+    std::fs::write(folder.path().join("image.elf"), elf_file::image(5000, "inerter 0.1.0", "c8a2d5a")).unwrap();
     folder
 }
 
@@ -200,7 +235,7 @@ fn each(act: impl Fn(&Path, &[&str], Manner) + Sync) {
 #[test]
 fn every_command_ends_soon_after_a_signal_whatever_the_device_does() {
     each(|folder, command, manner| {
-        let address = device(manner);
+        let (address, guests) = device(manner);
         // The system ends those without a handler by either; in the background some shells have it ignore SIGINT.
         let signals = if command[0] == "settings" { &[Signal::TERM][..] } else { &[Signal::TERM, Signal::INT] };
         for &signal in signals {
@@ -214,27 +249,23 @@ fn every_command_ends_soon_after_a_signal_whatever_the_device_does() {
             let status = ended(&mut child, Duration::from_secs(5));
             assert!(status.is_some(), "{command:?} at a device that is {manner:?} goes on after {signal:?}");
         }
+        assert_ne!(guests.load(Ordering::Relaxed), 0, "{command:?} never came to its device");
     });
 }
 
 /// The library that reads the keys goes on for ever at a terminal that is gone.
 #[test]
 fn the_screen_ends_with_its_terminal() {
-    use rustix::{fs, io, pty, termios};
+    use rustix::termios;
     let folder = tempfile::tempdir().unwrap();
-    let master = pty::openpt(pty::OpenptFlags::RDWR | pty::OpenptFlags::NOCTTY).unwrap();
-    io::fcntl_setfd(&master, io::FdFlags::CLOEXEC).unwrap();
-    pty::grantpt(&master).unwrap();
-    pty::unlockpt(&master).unwrap();
-    let name = pty::ptsname(&master, Vec::new()).unwrap();
-    let open = || fs::open(name.as_c_str(), fs::OFlags::RDWR | fs::OFlags::NOCTTY, fs::Mode::empty()).unwrap();
-    let terminal = open();
+    let (master, terminal) = terminal();
+    let again = || terminal.try_clone().unwrap();
     termios::tcsetwinsize(&terminal, termios::Winsize { ws_row: 40, ws_col: 100, ws_xpixel: 0, ws_ypixel: 0 }).unwrap();
     let setup = Setup::new(Inerter::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
     let device = VirtualDevice::start(&setup, &Endpoint::Tcp("127.0.0.1:0".into()), 1.0).unwrap();
     let mut command = inerter(folder.path(), &["monitor", "--connect", device.name()]);
-    let mut child = command.env("TERM", "xterm").stdin(terminal).stdout(open()).stderr(open()).spawn().unwrap();
-    drop(command);
+    let mut child = command.env("TERM", "xterm").stdin(again()).stdout(again()).stderr(again()).spawn().unwrap();
+    drop((command, terminal));
     let mut screen = std::fs::File::from(master);
     let mut shown = Vec::new();
     let mut some = [0; 4096];
@@ -257,9 +288,11 @@ fn no_request_waits_for_ever() {
         if ["monitor", "record"].contains(&command[0]) && manner == Manner::Noise {
             return;
         }
-        let mut child = start(folder, command, &device(manner));
+        let (address, guests) = device(manner);
+        let mut child = start(folder, command, &address);
         let status = ended(&mut child, Duration::from_secs(60));
         let code = status.and_then(|status| status.code());
         assert!(matches!(code, Some(0..=9)), "{command:?} at a device that is {manner:?}: {code:?}");
+        assert_ne!(guests.load(Ordering::Relaxed), 0, "{command:?} never came to its device");
     });
 }

@@ -12,7 +12,10 @@ use inerter_data::{
 use serde_json::{Map, Value, json};
 
 use super::{
-    super::{args::LinkArgs, terminal::say},
+    super::{
+        args::LinkArgs,
+        terminal::{say, tidy_at_interrupts},
+    },
     Common, finish,
 };
 use crate::Error;
@@ -77,6 +80,7 @@ pub fn backup(args: &BackupArgs) -> Result<(), Error> {
     if !args.force {
         output::refuse_existing(&args.file)?;
     }
+    tidy_at_interrupts();
     let device = args.common.link.device()?;
     backup::write(&args.file, args.force, device.hello(), device.settings())?;
     let (file, serial) = (args.file.display().to_string(), device.hello().serial.as_str());

@@ -116,8 +116,17 @@ mod tests {
 
     #[test]
     fn what_a_device_says_stays_text() {
-        assert_eq!(line("a panic | of\ntwo lines"), "a panic   of two lines");
-        let hostile = line("\u{1b}]52;c;aGVsbG8=\u{7}\r\u{202e}");
+        let listener = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
+        listener.set_read_timeout(Some(std::time::Duration::from_secs(5))).unwrap();
+        let teleplot = Teleplot::new(&listener.local_addr().unwrap().to_string()).unwrap();
+        let sent = |words: &str| {
+            teleplot.log(Moment { run_s: 1.0, unix_ns: 2_000_000 }, words);
+            let mut datagram = [0; MOST];
+            let length = listener.recv(&mut datagram).unwrap();
+            String::from_utf8(datagram[..length].to_vec()).unwrap()
+        };
+        assert_eq!(sent("a panic | of\ntwo lines"), ">2:a panic   of two lines");
+        let hostile = sent("\u{1b}]52;c;aGVsbG8=\u{7}\r\u{202e}");
         assert!(!hostile.contains(|letter: char| letter.is_control() || letter == '\u{202e}'), "{hostile:?}");
         assert!(hostile.contains("52;c;"), "{hostile:?}");
     }
