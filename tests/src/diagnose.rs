@@ -1,6 +1,9 @@
 //! Runs that break the law in one known way, and what the diagnosis makes of them.
 
-use crate::grid::{Error, Motion, calibrated, raw};
+use crate::{
+    coverage::stated_true,
+    grid::{Error, Motion, calibrated, raw},
+};
 use inerter_analysis::diagnose::{Cause, Diagnosis, Kind, diagnose, suspected};
 use inerter_core::Settings;
 use inerter_data::{
@@ -102,13 +105,20 @@ impl Case {
     /// One run through the estimator and the tests.
     pub fn diagnosed(&self, motion: &Motion, seed: u64) -> Result<Diagnosis, Error> {
         let (run, outcome) = self.run(motion, seed, true)?;
-        Ok(diagnose(&Series::of(&run), &run.settings, &outcome.estimate, None)?)
+        Ok(diagnose(&Series::of(&run), &run.settings, &outcome.published(), None)?)
     }
 
     /// What is told of one run unasked, with the contact's stiffness stated or not.
     pub fn told(&self, motion: &Motion, seed: u64, with_stiffness: bool) -> Result<Vec<Cause>, Error> {
         let (run, outcome) = self.run(motion, seed, with_stiffness)?;
-        Ok(suspected(&Series::of(&run), &run.settings, &outcome.estimate, &outcome.law))
+        Ok(suspected(&Series::of(&run), &run.settings, &outcome.published()))
+    }
+
+    /// One run, and the causes that are told of it unasked.
+    pub fn replayed(&self, motion: &Motion, seed: u64) -> Result<(Outcome, Vec<Cause>), Error> {
+        let (run, outcome) = self.run(motion, seed, true)?;
+        let causes = suspected(&Series::of(&run), &run.settings, &outcome.published());
+        Ok((outcome, causes))
     }
 
     fn run(&self, motion: &Motion, seed: u64, with_stiffness: bool) -> Result<(Run, Outcome), Error> {
@@ -123,11 +133,8 @@ impl Case {
         let settings = Settings {
             stiffness_n_per_m: stated * calibrated.stiffness_n_per_m,
             contact_damping_n_s_per_m: stated * calibrated.contact_damping_n_s_per_m,
-            force_gain_u95: 0.0,
-            lead_u95: 0.0,
-            timebase_u95: 0.0,
             skew_s: 0.0,
-            ..calibrated
+            ..stated_true(calibrated)
         };
         let plant = Plant::new(self.device, Excitation::parse(motion.name, seed)?)?;
         let code_n = settings.newtons_per_code;

@@ -142,7 +142,7 @@ pub fn instruments(rig: &Instruments, seed: u64) -> Sensors {
 }
 
 /// The motion as this rig's instruments see it.
-pub(crate) fn simulation(device: &Inerter, motion: &Motion, rig: &Instruments, seed: u64) -> Result<Simulation, Error> {
+pub fn simulation(device: &Inerter, motion: &Motion, rig: &Instruments, seed: u64) -> Result<Simulation, Error> {
     Ok(Simulation::new(*device, Excitation::parse(motion.name, seed)?, instruments(rig, seed))?)
 }
 

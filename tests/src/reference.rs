@@ -71,8 +71,10 @@ impl Memory {
     }
 
     /// `[mt with the structure, cf, fc, F0]`.
-    fn solve(matrix: &Matrix) -> Option<[f64; 4]> {
-        let inner: [[f64; 4]; 4] = std::array::from_fn(|row| std::array::from_fn(|column| matrix[row][column]));
+    /// With so much of the acceleration's square taken for the encoder's steps.
+    fn solve(matrix: &Matrix, steps: f64) -> Option<[f64; 4]> {
+        let mut inner: [[f64; 4]; 4] = std::array::from_fn(|row| std::array::from_fn(|column| matrix[row][column]));
+        inner[0][0] -= steps;
         let right = std::array::from_fn(|row| matrix[row][4]);
         Some(Cholesky::of(&inner, 1e-13)?.solve(&right))
     }
@@ -131,8 +133,12 @@ impl Pair {
     fn chosen(&self, matrix: impl Fn(&Memory) -> (Matrix, f64)) -> Option<[f64; 4]> {
         let (fast, count) = matrix(&self.fast);
         let clear = fast[0][0] / count.max(1.0) > 2000.0 * self.fast.steps;
-        let matrix = if clear || self.slow.updates == 0 { fast } else { matrix(&self.slow).0 };
-        Memory::solve(&matrix)
+        let memory = if clear || self.slow.updates == 0 { &self.fast } else { &self.slow };
+        let (matrix, count) = matrix(memory);
+        let [none, all] = [0.0, memory.steps * count].map(|steps| Memory::solve(&matrix, steps));
+        // Sums of readings share between none and all of the steps' error.
+        let part = 0.5 * (1.0 + 1.0 / self.active.settings().oversampling);
+        none.zip(all).map(|(none, all)| std::array::from_fn(|i| none[i] + part * (all[i] - none[i])))
     }
 
     fn note(&mut self, found: &Parameters, reference: Option<[f64; 4]>) {

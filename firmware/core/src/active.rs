@@ -2,8 +2,7 @@
 
 use crate::backlash::active::BacklashActive;
 use crate::constants::{
-    BOXES_VARIANCE, FAST_BOX_S, LONGEST_SPACING, REST_COUNTS, REST_WINDOW_S, SIGN_KERNEL_S, SLOW_BOX_S,
-    STRUCTURE_MODEL_U95, UPDATES_PER_BOX,
+    BOXES_VARIANCE, FAST_BOX_S, LONGEST_SPACING, REST_COUNTS, REST_WINDOW_S, SIGN_KERNEL_S, SLOW_BOX_S, UPDATES_PER_BOX,
 };
 use crate::gate::BLOCKS;
 use crate::kernel::{MORE_REGRESSORS, Normaliser, REGRESSORS};
@@ -12,6 +11,7 @@ use crate::line::VELOCITY_BITS;
 use crate::math::{exponent, power_of_two, term};
 use crate::plausible::{SLIP_COUNTS, SLIP_FACTOR};
 use crate::settings::{Settings, SettingsError};
+use crate::systematic::Systematic;
 
 /// Encoder travel in one sample at full scale [counts / oversampling]: keeps the comb of the velocity within 64 bits.
 const GREATEST_TRAVEL: f64 = 64e6;
@@ -20,9 +20,6 @@ const GREATEST_TRAVEL: f64 = 64e6;
 const REVERSAL_KERNEL_S: f64 = 0.015;
 /// How far the zero may lie from where the short kernel saw it [s]: other reversals come as close as twice that.
 const REVERSAL_REACH_S: f64 = 0.002;
-/// Model error of the structure mass where the contact's stiffness is not known: at the device's own frequency the terminal stands while the screw
-/// moves, and from there on moves against it. 1.5 holds up to 1.2 times that frequency.
-const LOOSE_STRUCTURE_U95: f64 = 1.5;
 /// Encoder counts across the window under which a weak reversal is grazing.
 const GRAZING_COUNTS: f64 = 4.0;
 
@@ -65,6 +62,8 @@ pub(crate) struct Signal {
     pub rest_block: u16,
     pub rest_limit: u32,
     pub grazing_limit: u32,
+    /// Position codes of a count.
+    pub codes_per_count: u32,
     /// The velocity of that, through the sign's kernel.
     pub creep_limit: u32,
     /// Samples that wait until the gate knows their fate.
@@ -101,8 +100,10 @@ pub(crate) struct Scales {
     pub force_per: [f32; UNKNOWNS],
     /// The force's unit [N].
     pub force: f32,
-    /// Acceleration's unit over velocity's, squared [s^-2].
-    pub rate_squared: f32,
+    /// The unit of the force's rate over the force's [s^-1].
+    pub rate_per_force: f32,
+    /// Length of the kernel's box, squared [s^2].
+    pub box_squared: f32,
     /// Mean square of the encoder's quantisation noise in the acceleration [regressor units^2].
     pub quantisation: f32,
     /// Variance of white noise in the force through the kernel, over that in a sample [N^2 per code^2].
@@ -115,21 +116,6 @@ pub(crate) struct Scales {
     pub jerk: f32,
     /// Mean square of the encoder's quantisation noise in the jerk [regressor units^2].
     pub jerk_quantisation: f32,
-}
-
-/// What no averaging removes, from the settings: squares, ready to be added.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Systematic {
-    /// Relative, of the inertance.
-    pub inertance: f32,
-    /// Of the structure mass [kg^2].
-    pub structure_mass: f32,
-    /// Relative, of viscous friction.
-    pub viscous: f32,
-    /// Relative, of forces.
-    pub force: f32,
-    /// 95 % uncertainty of the skew [s].
-    pub skew_s: f32,
 }
 
 impl Settings {
@@ -176,7 +162,7 @@ impl Settings {
             signal: self.signal(),
             fast: self.bank(FAST_BOX_S),
             slow: self.bank(SLOW_BOX_S),
-            systematic: self.systematic(),
+            systematic: Systematic::of(self),
             backlash: self.backlash(),
             sign_effects: self.sign_effects(),
         })
@@ -207,6 +193,7 @@ impl Settings {
             rest_block: rest_block as u16,
             rest_limit: (REST_COUNTS * self.oversampling).max(self.stuck_displacement_m * per_metre) as u32,
             grazing_limit: (GRAZING_COUNTS * self.oversampling) as u32,
+            codes_per_count: self.oversampling as u32,
             creep_limit: (GRAZING_COUNTS * self.oversampling / (rest_block * BLOCKS as f64)
                 * sign_half_width
                 * sign_half_width
@@ -218,21 +205,6 @@ impl Settings {
                 (SLIP_COUNTS * self.oversampling) as u32,
                 SLIP_FACTOR * magnitude(self.newtons_per_code) * per_metre / (rate * rate),
             ),
-        }
-    }
-
-    fn systematic(&self) -> Systematic {
-        let square = |value: f64| (value * value) as f32;
-        let gain = square(self.force_gain_u95);
-        let lead = square(self.lead_u95);
-        let timebase = square(self.timebase_u95);
-        let structure = if self.stiffness_n_per_m > 0.0 { STRUCTURE_MODEL_U95 } else { LOOSE_STRUCTURE_U95 };
-        Systematic {
-            inertance: gain + lead + 4.0 * timebase,
-            structure_mass: square(self.structure_mass_u95_kg) + square(structure * self.structure_mass_kg),
-            viscous: gain + lead + timebase,
-            force: gain,
-            skew_s: self.skew_u95_s as f32,
         }
     }
 
@@ -318,6 +290,8 @@ impl Settings {
             memory,
             hold_samples: 24 * length as u32,
             scales: Scales {
+                box_squared: (length * period * length * period) as f32,
+                rate_per_force: (regressor_per_newton / (force_rate * down(force_rate_shift))) as f32,
                 more_units: [1.0 / (velocity * down(velocity_shift)), 1.0 / (force_rate * down(force_rate_shift))],
                 jerk: (1.0 / (jerk * down(jerk_shift))) as f32,
                 jerk_quantisation: jerk_quantisation as f32,
@@ -354,14 +328,14 @@ impl Settings {
 /// From the regressors' units per SI unit.
 fn scales(per_si: [f64; REGRESSORS], quantisation: f64) -> Scales {
     let units = per_si.map(|per_si| 1.0 / per_si);
-    let [acceleration, velocity, _, _, force] = units;
+    let [.., force] = units;
     let [a, v, s, one, _] = per_si;
-    let rate = acceleration / velocity;
     Scales {
         units,
         force_per: [a, v, s, one].map(|per_si| (force * per_si) as f32),
         force: force as f32,
-        rate_squared: (rate * rate) as f32,
+        rate_per_force: 0.0,
+        box_squared: 0.0,
         quantisation: quantisation as f32,
         more_units: [0.0; MORE_REGRESSORS],
         noise: 0.0,

@@ -2,8 +2,9 @@
 
 use crate::active::BankActive;
 use crate::kernel::{Cascades, Comb, Update};
+use crate::ldl::UNKNOWNS;
 use crate::near_rest::NearRest;
-use crate::rls::{MORE_PRODUCTS, Moments, Totals, approach, more_products, products};
+use crate::rls::{MORE_PRODUCTS, Moments, RATE, Totals, approach, more_products, products};
 
 /// One bank's comb and memories.
 #[derive(Clone, Debug)]
@@ -14,6 +15,8 @@ pub(crate) struct BankState {
     pub near_rest: NearRest,
     /// Mean square of the jerk over the recent memory [regressor units^2].
     pub jerk: i64,
+    /// Products of the force's rate with acceleration, velocity, sign and one, averaged over the recent memory.
+    pub rate: [i64; UNKNOWNS],
     pub whole: Totals,
     pub more: Totals<MORE_PRODUCTS>,
     /// Samples since the last update.
@@ -29,6 +32,7 @@ impl BankState {
             recent: Moments::new(),
             near_rest: NearRest::new(),
             jerk: 0,
+            rate: [0; UNKNOWNS],
             whole: Totals::new(),
             more: Totals::new(),
             idle_samples: 0,
@@ -40,6 +44,7 @@ impl BankState {
         self.recent = Moments::new();
         self.near_rest = NearRest::new();
         self.jerk = 0;
+        self.rate = [0; UNKNOWNS];
         self.whole = Totals::new();
         self.more = Totals::new();
     }
@@ -69,9 +74,12 @@ impl BankState {
         let products = products(&regressors);
         self.recent.update(&products, config.memory);
         self.near_rest.update(&products, &self.recent, config.memory);
-        approach(&mut self.jerk, i64::from(jerk) * i64::from(jerk), self.recent.gain(config.memory));
+        let gain = self.recent.gain(config.memory);
+        approach(&mut self.jerk, i64::from(jerk) * i64::from(jerk), gain);
         self.whole.update(&products);
-        self.more.update(&more_products(&regressors, &more));
+        let more = more_products(&regressors, &more);
+        self.rate.iter_mut().zip(&more[RATE]).for_each(|(average, product)| approach(average, *product, gain));
+        self.more.update(&more);
         self.idle_samples = 0;
         true
     }

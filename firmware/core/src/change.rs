@@ -189,9 +189,7 @@ impl Watch {
         let least = BLOCK_BOXES * UPDATES_PER_BOX;
         self.next_look += least;
         let knowledge = Knowledge::between(&self.sums, memories.whole.sums(), length);
-        let mut block = fit(&knowledge, scales)?;
-        // The encoder's steps pass for acceleration, and take their part from the inertance.
-        block.errors[0] += magnitude(block.values[0]) * scales.quantisation / knowledge.mean_square(0);
+        let block = fit(&knowledge, scales)?;
         // A block that lies across the change has a great residual, and ends all the same.
         let usual = self.references[LAG - 1].variance.min(block.variance);
         let part = if usual > 0.0 { sqrt(usual / block.variance) } else { 1.0 };

@@ -1,8 +1,9 @@
 //! Constants of the method that a host's own fits and figures share with the estimator: see docs/THEORY.md.
 
-/// Standard errors in the interval: 1.96 would do for white noise alone.
+/// Standard errors in the interval of a backlash, of a complete model's parameters and of a cause's size: 1.96 would do for
+/// white noise alone. The parameters of an estimate have a budget (`budget.rs`).
 pub const COVERAGE: f64 = 3.0;
-/// A parameter whose interval is wider than this part of its value is not identifiable.
+/// What the estimator itself goes on with has no wider interval than this part of its value.
 pub const WIDEST_INTERVAL: f64 = 0.5;
 /// Part of the variance that rounding to force codes and encoder counts leaves in a residual, under which a fit is exact:
 /// every motion of the grid leaves more than 0.64 of it.
@@ -11,8 +12,6 @@ pub const EXACT: f64 = 0.25;
 pub const ROUNDING: f64 = 1.0 / 12.0;
 /// Variance of white noise through four boxes, times their length: the cubic B-spline's autocorrelation at 0.
 pub const BOXES_VARIANCE: f64 = 151.0 / 315.0;
-/// Model error of dry friction: real friction is never exactly Coulomb's.
-pub const COULOMB_MODEL_U95: f64 = 0.05;
 /// Model error of the structure mass: across a backlash its motion does not follow from the force. 0.1 mm takes up to 4.8 %
 /// of it from the inertance (docs/tables/accuracy.md, `worn`).
 pub const STRUCTURE_MODEL_U95: f64 = 0.05;
@@ -20,8 +19,6 @@ pub const STRUCTURE_MODEL_U95: f64 = 0.05;
 pub const UNSTATED_STIFFNESS_U95: f64 = 0.01;
 /// Regressors of which the others leave less than `2^-PIVOT_BITS` of their square cannot be told apart.
 pub const PIVOT_BITS: u32 = 20;
-/// The skew's false damper, with room for what correlated regressors make of it.
-pub const SKEW_FACTOR: f64 = 2.0;
 
 /// Length of the fast bank's box \[s\]: the encoder's steps in the acceleration fall with its 2.5th power, and at 16 Hz
 /// the kernel still passes 64 %. 12 ms doubles the scatter of viscous friction at 3.2 Hz; 20 ms takes a tenth to a fifth

@@ -148,6 +148,13 @@ pub enum Contact {
     Bouncing,
 }
 
+impl Contact {
+    /// Whether the flanks may part, as far as is known.
+    pub const fn may_part(self) -> bool {
+        !matches!(self, Self::Closed | Self::OneSided)
+    }
+}
+
 /// How friction behaves at a reversal.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]

@@ -6,7 +6,7 @@
 
 use crate::active::{Active, Signal};
 use crate::backlash::flanks::Newest;
-use crate::detail::{Change, LawStatus, Regime};
+use crate::detail::{Change, Regime};
 use crate::estimate::Bank;
 use crate::gate::BLOCKS;
 use crate::output::{Output, Published};
@@ -135,7 +135,8 @@ impl State {
         match self.trial {
             Trial::Ahead if estimate.updates < JUDGED_UPDATES => {}
             Trial::Ahead
-                if law.status == LawStatus::Broken
+                if law.misfit.is_some_and(|misfit| misfit.ratio > misfit.limit)
+                    && !detail.contact.may_part()
                     && detail.friction.regime != Regime::Unknown
                     && !estimate.recent.are_backwards() =>
             {
@@ -199,14 +200,26 @@ impl State {
         }
         // Across lost or saturated samples neither velocity nor prediction is one.
         if line.ago(2 * m).passes_zero && line.whole > 4 * m {
-            let narrow = line.smooth_velocity(m, m);
-            let wide = line.smooth_velocity(0, 2 * m) >> 2;
-            let predicted = line.smoothed_away(m, m, feedback) - (line.smoothed_away(0, 2 * m, feedback) >> 2);
-            self.velocity_reversals.compare(predicted, wide - narrow);
+            self.pass_zero(signal, m);
         }
-        if feedback.coulomb_like && feedback.friction_known {
-            line.relocate(m, signal.reversal_half_width, signal.reversal_reach, feedback);
+        if self.feedback.coulomb_like && self.feedback.friction_known {
+            self.line.relocate(m, signal.reversal_half_width, signal.reversal_reach, &self.feedback);
         }
+    }
+
+    /// Learns from a reversal, a long kernel's half after it: whether friction is what turned the screw, and whether the stroke
+    /// before has come again.
+    #[cold]
+    #[inline(never)]
+    fn pass_zero(&mut self, signal: &Signal, m: u8) {
+        let (line, feedback) = (&self.line, &self.feedback);
+        let narrow = line.smooth_velocity(m, m);
+        let wide = line.smooth_velocity(0, 2 * m) >> 2;
+        let predicted = line.smoothed_away(m, m, feedback) - (line.smoothed_away(0, 2 * m, feedback) >> 2);
+        self.velocity_reversals.compare(predicted, wide - narrow);
+        let place = line.last_index.wrapping_sub(2 * u32::from(m));
+        let here = line.at(2 * m);
+        self.repeats.push(place, here.position, here.position_sum, signal.codes_per_count);
     }
 
     /// Takes the force's noise from the samples that have just left: under an update all are good.

@@ -4,19 +4,21 @@
 
 use crate::active::Scales;
 use crate::bank::BankState;
+use crate::budget::NORMAL_COVERAGE;
 use crate::constants::{self, UPDATES_PER_BOX};
 use crate::ldl::{FACTOR_BITS, MATRIX_BITS, UNKNOWNS, solve};
-use crate::math::{greater, magnitude, power, sqrt};
+use crate::math::{greater, magnitude, power, single, sqrt};
 use crate::near_rest::WEIGHT;
-use crate::rls::{PRODUCTS, place, scaled};
-use crate::solution::{pivot, standard_errors};
+use crate::rls::{PRODUCTS, RATE, place, scaled};
+use crate::solution::{Inverse, pivot};
 
 const CORRELATION_BOXES: f32 = constants::CORRELATION_BOXES as f32;
-const COVERAGE: f32 = constants::COVERAGE as f32;
 const EXACT: f32 = constants::EXACT as f32;
 const ROUNDING: f32 = constants::ROUNDING as f32;
 /// Greatest error of a rounding over its rms.
 const ROOT_3: f32 = 1.732_050_8;
+/// Part of what the other regressors leave of the acceleration that may be the encoder's steps.
+const MOST_STEPS: f32 = 0.5;
 /// Independent observations under which nothing is said: twice the unknowns, so that a residual is left.
 const LEAST_OBSERVATIONS: f32 = 8.0;
 
@@ -27,15 +29,40 @@ pub(crate) struct Fit {
     pub values: [f32; UNKNOWNS],
     /// Standard error of each; infinite where the motion cannot show it.
     pub errors: [f32; UNKNOWNS],
+    /// What a force that is late by a second more takes from each [its unit per second].
+    pub per_skew: [f32; UNKNOWNS],
+    /// How far what is known of the encoder's steps leaves each undecided.
+    pub steps: [f32; UNKNOWNS],
     /// Variance of the residual [N^2].
     pub variance: f32,
+    /// Square of the motion's frequency, weighted by the squared velocity, times that of the kernel's box.
+    pub frequency_squared: f32,
     /// Independent observations.
     pub observations: f32,
+    /// Nothing scatters but by rounding, which does not average out.
+    pub is_exact: bool,
 }
 
 impl Fit {
-    /// From nothing.
-    pub const NONE: Self = Self { values: [0.0; UNKNOWNS], errors: [0.0; UNKNOWNS], variance: 0.0, observations: 0.0 };
+    /// Nothing is known.
+    pub const UNKNOWN: Self = Self { errors: [f32::INFINITY; UNKNOWNS], ..Self::NONE };
+
+    /// Zeros.
+    pub const NONE: Self = Self {
+        values: [0.0; UNKNOWNS],
+        errors: [0.0; UNKNOWNS],
+        per_skew: [0.0; UNKNOWNS],
+        steps: [0.0; UNKNOWNS],
+        variance: 0.0,
+        frequency_squared: 0.0,
+        observations: 0.0,
+        is_exact: false,
+    };
+
+    /// Degrees of freedom of the residual.
+    pub fn freedom(&self) -> f32 {
+        self.observations - UNKNOWNS as f32
+    }
 }
 
 /// What one bank's memory knows.
@@ -45,6 +72,8 @@ pub(crate) struct Knowledge {
     per_unit: f32,
     /// Equally weighted updates that would know as much.
     updates: f32,
+    /// Average products of the force's rate with the unknowns' regressors, where they are wanted.
+    rate: Option<[f32; UNKNOWNS]>,
 }
 
 impl Knowledge {
@@ -52,7 +81,12 @@ impl Knowledge {
     pub fn recent(bank: &BankState) -> Self {
         let weight = bank.recent.weight() as f32;
         let updates = if weight > 0.0 { power(MATRIX_BITS as i32) / weight } else { 0.0 };
-        Self { matrix: *bank.recent.averages(), per_unit: 1.0, updates }
+        Self {
+            matrix: *bank.recent.averages(),
+            per_unit: 1.0,
+            updates,
+            rate: Some(bank.rate.map(|product| product as f32)),
+        }
     }
 
     /// The recent memory without the updates near rest.
@@ -60,12 +94,17 @@ impl Knowledge {
         let recent = Self::recent(bank);
         let matrix = bank.near_rest.away(&bank.recent);
         let part = matrix[WEIGHT] as f32 / recent.matrix[WEIGHT] as f32;
-        Self { matrix, per_unit: recent.per_unit / part, updates: recent.updates * part }
+        Self { matrix, per_unit: recent.per_unit / part, updates: recent.updates * part, rate: None }
     }
 
     /// All since the reset.
     pub fn whole_run(bank: &BankState) -> Self {
-        Self::summed(bank.whole.sums(), bank.whole.updates())
+        let whole = Self::summed(bank.whole.sums(), bank.whole.updates());
+        let mut rate = [0.0; UNKNOWNS];
+        for (average, sum) in rate.iter_mut().zip(&bank.more.sums()[RATE]) {
+            *average = single(*sum) / whole.updates.max(1.0);
+        }
+        Self { rate: Some(rate), ..whole }
     }
 
     /// What was learnt between two readings of the exact sums, `updates` apart.
@@ -80,7 +119,12 @@ impl Knowledge {
     fn summed(sums: &[i128; PRODUCTS], updates: u32) -> Self {
         let (matrix, shift) = scaled(sums);
         let updates = updates as f32;
-        Self { matrix, per_unit: power(shift as i32) / updates.max(1.0), updates }
+        Self { matrix, per_unit: power(shift as i32) / updates.max(1.0), updates, rate: None }
+    }
+
+    /// Equally weighted updates that would know as much.
+    pub fn updates(&self) -> f32 {
+        self.updates
     }
 
     /// Mean square of a regressor.
@@ -101,7 +145,11 @@ pub(crate) fn fit(knowledge: &Knowledge, scales: &Scales) -> Option<Fit> {
     // The matrix in Q62 is of regressors in Q31.
     let force_unit = scales.force * power(31 - force_shift);
     let variance = residual_variance * knowledge.per_unit * force_unit * force_unit;
-    let mut fit = Fit { variance, observations, ..Fit::NONE };
+    let acceleration = greater(knowledge.mean_square(0) - scales.quantisation, 0.0);
+    let [per_acceleration, per_velocity, ..] = scales.force_per;
+    let rate = per_velocity / per_acceleration;
+    let frequency_squared = acceleration / knowledge.mean_square(1) * rate * rate * scales.box_squared;
+    let mut fit = Fit { variance, frequency_squared, observations, ..Fit::NONE };
     let to_si: [f32; UNKNOWNS] =
         core::array::from_fn(|i| scales.force_per[i] * power(i32::from(solution.shifts[i]) - force_shift));
     for (i, value) in fit.values.iter_mut().enumerate() {
@@ -111,15 +159,49 @@ pub(crate) fn fit(knowledge: &Knowledge, scales: &Scales) -> Option<Fit> {
     if let Some(least) = rounding(&fit, scales) {
         let least = least * least / (knowledge.per_unit * force_unit * force_unit);
         error_variance = greater(error_variance, least);
+        fit.is_exact = true;
     }
-    let errors = standard_errors(&solution, error_variance);
-    for (i, error) in fit.errors.iter_mut().enumerate() {
-        *error = errors[i].map_or(f32::INFINITY, |error| error * to_si[i]);
+    let inverse = Inverse::of(&solution);
+    for ((error, found), to_si) in fit.errors.iter_mut().zip(inverse.errors(error_variance)).zip(to_si) {
+        *error = found.map_or(f32::INFINITY, |found| found * to_si);
     }
+    // Average products in the matrix' own equilibrated units.
+    let equilibrated = |i: usize, product: f32| {
+        product / knowledge.per_unit * power(i32::from(solution.shifts[i]) + force_shift - MATRIX_BITS as i32)
+    };
+    if let Some(rate) = knowledge.rate {
+        let moved = inverse.times(core::array::from_fn(|i| equilibrated(i, rate[i])));
+        for ((per_skew, moved), to_si) in fit.per_skew.iter_mut().zip(moved).zip(to_si) {
+            *per_skew = moved * to_si * scales.rate_per_force;
+        }
+    }
+    let steps = equilibrated(0, scales.quantisation / scales.force_per[0]);
+    let per_inertance = inverse.column(0);
+    fit.correct_for_steps(core::array::from_fn(|i| steps * per_inertance[i] * to_si[i]), scales.quantisation_kept);
     Some(fit)
 }
 
-/// Error of the force that no averaging removes where a fit is exact, over [`COVERAGE`] \[N\]; nothing where it is not.
+impl Fit {
+    /// Gives back what the encoder's steps take, as noise in a regressor does: `taken` by each unit of inertance, to first
+    /// order. The readings that one sample sums share between `kept` and all of their error; and steps in a slow motion are not
+    /// as white as noise: half of it is uncertain.
+    fn correct_for_steps(&mut self, taken: [f32; UNKNOWNS], kept: f32) {
+        let [inertance, ..] = self.values;
+        let [of_itself, ..] = taken;
+        if of_itself > MOST_STEPS {
+            // What is seen of the acceleration is the encoder's.
+            self.errors[0] = f32::INFINITY;
+            return;
+        }
+        for ((value, steps), taken) in self.values.iter_mut().zip(&mut self.steps).zip(taken) {
+            let all = inertance * taken / (1.0 - of_itself);
+            *value += all * 0.5 * (1.0 + kept);
+            *steps = magnitude(all) * 0.5;
+        }
+    }
+}
+
+/// Standard error of the force that no averaging removes where a fit is exact \[N\]; nothing where it is not.
 ///
 /// A residual under what rounding leaves of itself shows that the roundings follow the motion or stand still: then they add
 /// up. They are at most half a code, the encoder's steps as one, and half a unit of each regressor.
@@ -137,5 +219,5 @@ fn rounding(fit: &Fit, scales: &Scales) -> Option<f32> {
     for (value, force_per) in fit.values.iter().zip(scales.force_per) {
         units += magnitude(value / force_per);
     }
-    Some((scales.half_code + ROOT_3 * sqrt(steps) + 0.5 * units * scales.force) / COVERAGE)
+    Some((scales.half_code + ROOT_3 * sqrt(steps) + 0.5 * units * scales.force) / NORMAL_COVERAGE)
 }

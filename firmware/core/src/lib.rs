@@ -9,6 +9,7 @@ mod active;
 mod alignment;
 mod backlash;
 mod bank;
+mod budget;
 mod change;
 pub mod constants;
 mod detail;
@@ -27,6 +28,7 @@ mod output;
 mod plausible;
 mod qformat;
 mod regime;
+mod repeats;
 mod report;
 #[cfg(not(feature = "bench"))]
 mod rls;
@@ -38,8 +40,10 @@ mod sign;
 mod solution;
 mod state;
 mod sums;
+mod systematic;
 
 pub use active::Active;
+pub use budget::{Budget, Budgets, NORMAL_COVERAGE, Source};
 pub use detail::{
     Backlash, BacklashSize, BacklashStatus, Band, Change, Changed, Contact, Detail, Friction, Law, LawStatus, Misfit,
     Reason, Regime, Reversal, Route, Warning, WarningKind,
@@ -50,3 +54,4 @@ pub use sample::RawSample;
 pub use settings::{FrontEnd, Kind, Machine, SettingInfo, SettingText, Settings, SettingsError};
 pub use state::{Counters, State};
 pub use sums::{MoreSums, Sums};
+pub use systematic::{Found, Motion, Scatter, Spread, Systematic};

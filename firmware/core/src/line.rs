@@ -140,6 +140,7 @@ impl DelayLine {
     /// sides, and gives the samples up to `reach` around it their signs by that.
     ///
     /// Three times the length is a fifth of the noise. The first, short kernel finds reversals that lie close together.
+    #[inline]
     pub fn relocate(&mut self, ago: u8, m: u8, reach: u8, feedback: &Feedback) {
         let middle = ago + m;
         let [after, here, before] = [middle - 1, middle, middle + 1].map(|ago| self.at(ago).sign);
@@ -147,6 +148,14 @@ impl DelayLine {
         if here == before || before.abs() != ONE || after != direction * ONE {
             return;
         }
+        self.relocate_in(direction, ago, m, reach, feedback);
+    }
+
+    /// The same where there is a reversal into this direction.
+    #[cold]
+    #[inline(never)]
+    fn relocate_in(&mut self, direction: i32, ago: u8, m: u8, reach: u8, feedback: &Feedback) {
+        let middle = ago + m;
         if self.direction(middle, feedback) != direction {
             return;
         }

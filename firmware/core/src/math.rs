@@ -27,6 +27,13 @@ pub fn square(value: f32) -> f32 {
     value * value
 }
 
+/// `value` as it is, nearly.
+pub fn single(value: i128) -> f32 {
+    let magnitude = value.unsigned_abs();
+    let unsigned = (magnitude >> 64) as u64 as f32 * power(64) + magnitude as u64 as f32;
+    if value < 0 { -unsigned } else { unsigned }
+}
+
 /// The greater of two.
 pub fn greater(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }

@@ -14,8 +14,9 @@
 //! part, it is their impacts, which repeat with a periodic motion, and so does the error that they make. Where it is not
 //! known whether they part, it may be either.
 
+use crate::budget::{Budget, Source};
 use crate::detail::{Contact, Law, LawStatus, Misfit, Regime};
-use crate::estimate::{Interval, Parameter, Parameters, Status};
+use crate::estimate::Interval;
 use crate::fit::Fit;
 use crate::ldl::UNKNOWNS;
 use crate::math::{magnitude, sqrt};
@@ -25,19 +26,23 @@ const RATIO: f32 = 1.5;
 /// Ratio of the residual's variance over what is explained that noise and steps do not reach, 1.4 in the grid; 2.3 and
 /// more with presliding at 15.9 Hz.
 const UNEXPLAINED: f32 = 1.7;
-/// The same where flanks part.
+/// The same where flanks may part, and it is not known that they do.
 const UNEXPLAINED_IMPACTS: f32 = 1.4;
 /// Standard deviations of either ratio by chance alone, on top.
 const CHANCE: f32 = 3.0;
 /// Variance of the noise's variance by the quartile of its differences, times their number: `4 p (1 - p) / (q f(q))^2` with
 /// `p` = 1/4, the quartile `q` of a normal magnitude and the density `f` there.
 const QUARTILE_CHANCE: f32 = 12.8;
+/// Part of Coulomb friction that it may be wrong by before anything is known of how friction behaves.
+const UNJUDGED: f32 = 0.05;
 /// Observations away from rest under which nothing is said: twice those of a fit, as two residuals are compared.
 const LEAST_OBSERVATIONS: f32 = 16.0;
 /// Least part of the error that counts as alike to a regressor, and its growth with the error's share in friction.
 const ALIKE: (f32, f32) = (0.35, 1.3);
 /// Part of the error by which Stribeck's friction moves twice Coulomb's: 0.15 to 1.6 are seen, 0.06 with presliding.
 const STRIBECK: f32 = 0.1;
+/// Times that a parameter moves by between both fits beyond chance, which it may be wrong by.
+const MOVED: f32 = 1.4;
 /// Coulomb friction per residual beyond which an unlawful friction could hide in the others: 28 at 15.9 Hz, where a
 /// steady tone tells Coulomb from viscous friction by its beginning only, and over 6 from 1.2 s on; under 5 for the
 /// other motions of the grid.
@@ -56,23 +61,30 @@ const IMPACTS: f32 = 0.4;
 pub(crate) struct Assessment {
     pub regime: Regime,
     pub errors: [f32; 3],
-    /// Impacts have a part in the errors.
-    pub impacts: bool,
+    /// Enough was seen to say how friction behaves.
+    pub judged: bool,
 }
 
 impl Assessment {
     /// From the fits to all updates and to those away from rest, the rms of acceleration \[m/s^2\] and velocity \[m/s\],
     /// viscous friction as it would be published, the residual's variance that noise and steps explain \[N^2\], and
-    /// how the flanks behave, which counts only where that is too little.
-    pub fn of(all: &Fit, away: &Fit, rms: [f32; 2], viscous: Interval, explained: f32, contact: Contact) -> Self {
+    /// how the flanks behave; `scatter` is the variance of what is published over that of white noise.
+    pub fn of(
+        all: &Fit,
+        away: &Fit,
+        rms: [f32; 2],
+        viscous: Interval,
+        explained: f32,
+        contact: Contact,
+        scatter: f32,
+    ) -> Self {
         let ratio = all.variance / explained;
-        let beyond = ratio - CHANCE * sqrt(2.0 / freedom(all));
-        let contact = if beyond > UNEXPLAINED_IMPACTS { contact } else { Contact::Closed };
-        let known = matches!(contact, Contact::Backlash | Contact::Bouncing);
-        let beside = (beyond > UNEXPLAINED && !known).then_some(ratio);
-        let mut assessment = Self::of_friction(all, away, rms, viscous, beside);
-        assessment.impacts = !matches!(contact, Contact::Closed | Contact::OneSided);
-        if assessment.impacts {
+        let beyond = ratio - CHANCE * sqrt(2.0 / all.freedom());
+        let parts = matches!(contact, Contact::Backlash | Contact::Bouncing);
+        let beside = (beyond > UNEXPLAINED && !parts).then_some(ratio);
+        let mut assessment = Self::of_friction(all, away, rms, viscous, beside, scatter);
+        // Where flanks are known to part, whatever is not explained may be their impacts.
+        if parts && ratio > 1.0 || contact.may_part() && beyond > UNEXPLAINED_IMPACTS {
             let per_error = IMPACTS * error_per_standard_error(all, ratio);
             for (error, standard) in assessment.errors.iter_mut().zip(all.errors) {
                 *error = length(*error, per_error * standard);
@@ -88,33 +100,30 @@ impl Assessment {
         [acceleration, velocity]: [f32; 2],
         viscous: Interval,
         unexplained: Option<f32>,
+        scatter: f32,
     ) -> Self {
         let ([mt, cf, fc, _], [mt_away, cf_away, fc_away, _]) = (all.values, away.values);
         let ([mt_error, cf_error, fc_error, _], [_, _, fc_away_error, _]) = (all.errors, away.errors);
         let enough = away.observations >= LEAST_OBSERVATIONS && away.variance > 0.0;
         if !enough || !fc_error.is_finite() || !fc_away_error.is_finite() {
-            return Self::default();
+            return Self { errors: [0.0, 0.0, UNJUDGED * magnitude(fc)], ..Self::default() };
         }
         let (mt_moved, cf_moved, fc_moved) = (2.0 * (mt - mt_away), 2.0 * (cf - cf_away), 2.0 * (fc - fc_away));
         if fc > 0.0 && viscous.value + viscous.u95 < 0.0 {
             // What falls with the velocity may as well be taken for inertance.
             let inertance = length(mt_moved, viscous.value * velocity / acceleration);
-            return Self {
-                regime: Regime::Stribeck,
-                errors: [inertance, f32::INFINITY, f32::INFINITY],
-                impacts: false,
-            };
+            return Self { regime: Regime::Stribeck, errors: [inertance, f32::INFINITY, f32::INFINITY], judged: true };
         }
         let near_rest = all.variance / away.variance;
-        let chance = 2.0 / freedom(away) - 2.0 / freedom(all);
+        let chance = 2.0 / away.freedom() - 2.0 / all.freedom();
         let lawful = near_rest <= RATIO + CHANCE * sqrt(if chance > 0.0 { chance } else { 0.0 });
         let hidden = fc_error * fc_error * all.observations > HIDDEN * HIDDEN * all.variance;
         let unlawful = if lawful { unexplained.filter(|_| hidden) } else { Some(near_rest) };
         let Some(ratio) = unlawful else {
             return Self {
                 regime: if hidden { Regime::Unknown } else { Regime::Coulomb },
-                errors: [0.0; 3],
-                impacts: false,
+                errors: if hidden { [0.0; 3] } else { beyond_chance(all, away, scatter) },
+                judged: true,
             };
         };
         let per_error = error_per_standard_error(all, ratio);
@@ -132,21 +141,16 @@ impl Assessment {
             () => (Regime::Presliding, spring),
         };
         let viscous = length(cf_moved, alike * cf_error * per_error);
-        Self { regime, errors: [length(mt_moved, spring), viscous, length(fc_moved, alike * fc_alike)], impacts: false }
+        let errors = [length(mt_moved, spring), viscous, length(fc_moved, alike * fc_alike)];
+        Self { regime, errors, judged: true }
     }
 
-    /// Widens the intervals; a parameter that is no longer known is not identifiable. Impacts that add to a value must not
-    /// be what makes it known, so it counts without them.
-    pub fn widen(&self, parameters: &mut Parameters, widest: f32) {
-        let Parameters { inertance_kg, viscous_n_s_per_m, coulomb_n, .. } = parameters;
-        for (parameter, error) in [inertance_kg, viscous_n_s_per_m, coulomb_n].into_iter().zip(self.errors) {
-            let Some(Interval { value, u95 }) = parameter.known().filter(|_| error != 0.0) else { continue };
-            let u95 = length(u95, error);
-            let known_without = magnitude(value) - if self.impacts { error } else { 0.0 };
-            let too_wide = u95 > widest * known_without;
-            let status = if too_wide { Status::NotIdentifiable } else { parameter.status() };
-            *parameter = Parameter::new(Interval { value, u95 }, status);
+    /// The budgets with what this makes uncertain.
+    pub fn widen(&self, mut budgets: [Budget; UNKNOWNS]) -> [Budget; UNKNOWNS] {
+        for (budget, error) in budgets.iter_mut().zip(self.errors) {
+            *budget = budget.and(Source::Model, error);
         }
+        budgets
     }
 }
 
@@ -157,7 +161,7 @@ pub(crate) fn law(fit: &Fit, explained: f32, differences: u32, contact: Contact)
     if !known {
         return Law::default();
     }
-    let chance = sqrt(2.0 / freedom(fit) + QUARTILE_CHANCE / differences as f32);
+    let chance = sqrt(2.0 / fit.freedom() + QUARTILE_CHANCE / differences as f32);
     let (ratio, limit) = (fit.variance / explained, UNEXPLAINED + CHANCE * chance);
     let status = match contact {
         _ if ratio <= limit => LawStatus::Holds,
@@ -167,21 +171,24 @@ pub(crate) fn law(fit: &Fit, explained: f32, differences: u32, contact: Contact)
     Law { status, misfit: Some(Misfit { ratio: sqrt(ratio), limit: sqrt(limit) }), ..Law::default() }
 }
 
-/// Where the law is broken, refuses each parameter that what breaks it may have moved beyond its interval.
-pub(crate) fn withdraw(law: &Law, fit: &Fit, parameters: &mut Parameters) {
-    let Some(Misfit { ratio, .. }) = law.misfit.filter(|_| law.status == LawStatus::Broken) else { return };
-    let reach = REACH * error_per_standard_error(fit, ratio * ratio);
-    let Parameters { inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n } = parameters;
-    for (parameter, error) in [inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n].into_iter().zip(fit.errors) {
-        if let Some(interval) = parameter.known().filter(|interval| reach * error > interval.u95) {
-            *parameter = Parameter::new(interval, Status::NotIdentifiable);
-        }
-    }
+/// What the parameters move by between both fits beyond what they would by chance, where the law is true: the fit to a part
+/// of the data scatters around the fit to all by the difference of their variances (Hausman).
+fn beyond_chance(all: &Fit, away: &Fit, scatter: f32) -> [f32; 3] {
+    core::array::from_fn(|i| {
+        let moved = all.values[i] - away.values[i];
+        let chance = away.errors[i] * away.errors[i] - all.errors[i] * all.errors[i];
+        MOVED * sqrt(moved * moved - scatter * chance)
+    })
 }
 
-/// Degrees of freedom of the residual.
-fn freedom(fit: &Fit) -> f32 {
-    fit.observations - UNKNOWNS as f32
+/// How far what breaks the law may have moved each parameter \[standard errors\]; 0 where it is not broken.
+pub(crate) fn reach(law: &Law, fit: &Fit) -> f32 {
+    match law.misfit {
+        Some(Misfit { ratio, .. }) if law.status == LawStatus::Broken => {
+            REACH * error_per_standard_error(fit, ratio * ratio)
+        }
+        _ => 0.0,
+    }
 }
 
 /// What a parameter is wrong by when all of the unlawful part of the residual is alike to its regressor, per standard
@@ -207,6 +214,7 @@ mod tests {
             errors: [0.17 * error, 28.0 * error, 2.6 * error, error],
             variance: residual * residual,
             observations,
+            ..Fit::NONE
         }
     }
 
@@ -217,14 +225,14 @@ mod tests {
     /// With this much of the residual's variance explained \[N^2\].
     fn assessed_beside(all: Fit, away: Fit, explained: f32, contact: Contact) -> Assessment {
         let viscous = Interval { value: all.values[1], u95: 3.0 * all.errors[1] };
-        Assessment::of(&all, &away, [5.0, 0.02], viscous, explained, contact)
+        Assessment::of(&all, &away, [5.0, 0.02], viscous, explained, contact, 1.0)
     }
 
     #[test]
     fn friction_is_called_by_its_residual_and_by_what_moves() {
         let away = |residual| fit([0.0; 3], residual, 370.0);
         let coulomb = assessed(fit([0.0, 0.1, -0.02], 0.39, 600.0), away(0.38));
-        assert_eq!(coulomb, Assessment { regime: Regime::Coulomb, errors: [0.0; 3], impacts: false });
+        assert_eq!(coulomb, Assessment { regime: Regime::Coulomb, errors: [0.0; 3], judged: true });
         let presliding = assessed(fit([-0.3, 7.8, -0.9], 6.46, 600.0), away(3.07));
         assert_eq!(presliding.regime, Regime::Presliding);
         let stribeck = assessed(fit([0.003, -5.9, 0.6], 0.66, 600.0), away(0.39));
@@ -234,7 +242,8 @@ mod tests {
         assert_eq!((falling.regime, falling.errors[2]), (Regime::Stribeck, f32::INFINITY));
         // The same ratio by chance, of few observations.
         assert_eq!(assessed(fit([0.0; 3], 0.5, 32.0), fit([0.0; 3], 0.38, 22.0)).regime, Regime::Coulomb);
-        assert_eq!(assessed(fit([0.0; 3], 5.0, 50.0), fit([0.0; 3], 0.4, 15.0)), Assessment::default());
+        let early = assessed(fit([0.0; 3], 5.0, 50.0), fit([0.0; 3], 0.4, 15.0));
+        assert_eq!(early, Assessment { errors: [0.0, 0.0, UNJUDGED * 50.0], ..Assessment::default() });
         let mut tone = fit([0.0; 3], 0.39, 600.0);
         tone.errors[2] *= 10.0;
         assert_eq!(assessed(tone, away(0.38)).regime, Regime::Unknown);
@@ -250,7 +259,7 @@ mod tests {
             tone.errors[2] *= 11.0;
             tone
         };
-        let unknown = Assessment::default();
+        let unknown = Assessment { judged: true, ..Assessment::default() };
         assert_eq!(assessed_beside(tone(0.45), away(0.45), explained, Contact::Closed), unknown);
         // Presliding over 50 um at 15.9 Hz takes 0.68 kg, gives 25 N s/m and takes 5 N.
         let hidden = assessed_beside(tone(0.76), away(0.76), explained, Contact::Closed);
@@ -266,7 +275,7 @@ mod tests {
             assert_eq!(both, length(hidden, parts));
         }
         // Where friction cannot hide, only flanks count, by 0.17, 28 and 2.6 of a newton, times the part that is alike.
-        let lawful = Assessment { regime: Regime::Coulomb, ..Assessment::default() };
+        let lawful = Assessment { regime: Regime::Coulomb, judged: true, ..Assessment::default() };
         let random = |contact| assessed_beside(fit([0.0; 3], 1.7, 600.0), away(1.7), explained, contact);
         assert_eq!(random(Contact::Closed), lawful);
         for (error, per_newton) in random(Contact::Backlash).errors.into_iter().zip([0.17, 28.0, 2.6]) {
@@ -275,30 +284,26 @@ mod tests {
     }
 
     #[test]
-    fn intervals_only_grow_and_give_up_past_the_widest() {
-        let known = |value, u95| Parameter::Ok(Interval { value, u95 });
-        let before = Parameters {
-            inertance_kg: known(300.0, 0.3),
-            viscous_n_s_per_m: known(31.4, 4.0),
-            coulomb_n: known(50.0, 2.5),
-            offset_n: known(3.0, 0.1),
-        };
-        let mut same = before;
-        Assessment::default().widen(&mut same, 0.5);
-        assert_eq!(same, before);
-        let mut wide = before;
-        let errors = [0.4, 20.0, f32::INFINITY];
-        Assessment { regime: Regime::Stribeck, errors, impacts: false }.widen(&mut wide, 0.5);
-        assert_eq!(wide.inertance_kg, known(300.0, 0.5));
-        assert!((wide.viscous_n_s_per_m.u95() - 20.396).abs() < 1e-3);
-        assert_eq!(wide.viscous_n_s_per_m.status(), Status::NotIdentifiable);
-        assert_eq!(wide.coulomb_n, Parameter::default());
-        assert_eq!(wide.offset_n, before.offset_n);
-        // 12 of 31.4 is known, but not when 12 of that may be impacts.
-        for (impacts, status) in [(false, Status::Ok), (true, Status::NotIdentifiable)] {
-            let mut struck = before;
-            Assessment { regime: Regime::Coulomb, errors: [0.0, 12.0, 0.0], impacts }.widen(&mut struck, 0.5);
-            assert_eq!((struck.viscous_n_s_per_m.status(), struck.coulomb_n), (status, before.coulomb_n));
+    fn budgets_only_grow() {
+        let before = [0.15, 2.0, 1.2, 0.05].map(|error| Budget::of_scatter(error, 600.0));
+        assert_eq!(Assessment::default().widen(before), before);
+        let assessment = Assessment { regime: Regime::Stribeck, errors: [0.4, 20.0, f32::INFINITY], judged: true };
+        let wide = assessment.widen(before).map(|budget| budget.u95());
+        for (wide, (before, error)) in wide.into_iter().zip(before.into_iter().zip([0.4, 20.0])) {
+            assert!((wide / length(before.u95(), error) - 1.0).abs() < 2e-3, "{wide}");
         }
+        assert_eq!((wide[2], wide[3]), (f32::INFINITY, before[3].u95()));
+    }
+
+    /// Friction that moves both fits apart by what they scatter by says nothing; by more, it counts.
+    #[test]
+    fn what_moves_beyond_chance_counts() {
+        let away = fit([0.0; 3], 0.39, 400.0);
+        // The standard deviation of what moves, were the law true.
+        let all = fit([0.0; 3], 0.39, 600.0);
+        let usual = sqrt(away.errors[2] * away.errors[2] - all.errors[2] * all.errors[2]);
+        let errors = |moved: f32| assessed(fit([0.0, 0.0, moved], 0.39, 600.0), away).errors;
+        assert_eq!(errors(0.9 * usual), [0.0; 3]);
+        assert!((errors(3.0 * usual)[2] / (MOVED * sqrt(8.0) * usual) - 1.0).abs() < 0.01);
     }
 }

@@ -6,11 +6,13 @@
 use crate::active::{Active, Scales};
 use crate::backlash::report::Found as Backlash;
 use crate::bank::BankState;
+use crate::budget::{Budget, Budgets, Source};
 use crate::constants;
 use crate::detail::{Band, Contact, Detail, Friction, Law, LawStatus};
 use crate::estimate::{Bank, Estimate, Interval, Parameter, Parameters, Status};
 use crate::feedback::Feedback;
 use crate::fit::{Fit, Knowledge, fit};
+use crate::ldl::UNKNOWNS;
 use crate::line::VELOCITY_BITS;
 use crate::math::{magnitude, sqrt, term};
 use crate::noise::Noise;
@@ -19,12 +21,10 @@ use crate::plausible;
 use crate::qformat::Term;
 use crate::regime::{self, Assessment};
 use crate::state::{State, Trial};
+use crate::systematic::{Found, Motion, Scatter};
 
 // Single precision, as everything here.
-const COVERAGE: f32 = constants::COVERAGE as f32;
 const WIDEST_INTERVAL: f32 = constants::WIDEST_INTERVAL as f32;
-const COULOMB_MODEL_U95: f32 = constants::COULOMB_MODEL_U95 as f32;
-const SKEW_FACTOR: f32 = constants::SKEW_FACTOR as f32;
 /// Acceleration's mean square over that of the encoder's steps above which the fast bank is used.
 const CLEAR_OF_STEPS: f32 = 2000.0;
 /// Quartile of the force's fourth differences, per rms of its noise: 0.3186 by normal noise, times the root of 70.
@@ -36,15 +36,20 @@ const STEPS: f32 = constants::ROUNDING as f32;
 /// Part of Coulomb friction within which its interval must lie before reversals are placed by it.
 const FRICTION_KNOWN: f32 = 0.1;
 
+/// What one memory says.
+struct Told {
+    fit: Fit,
+    /// By everything but what breaks the law.
+    budgets: [Budget; UNKNOWNS],
+    law: Law,
+}
+
 /// What the recent memory of the published bank says.
 struct Recent {
     bank: Bank,
-    knowledge: Knowledge,
-    parameters: Parameters,
-    fit: Fit,
+    told: Told,
     assessment: Assessment,
-    residual_rms_n: f32,
-    law: Law,
+    band: Band,
 }
 
 impl Active {
@@ -53,36 +58,49 @@ impl Active {
         self.publish_and_feed_back(state).0
     }
 
+    /// What the intervals of [`Self::publish`] are made of.
+    pub fn budgets(&self, state: &State) -> Budgets {
+        let Backlash { contact, .. } = self.backlash.found(&state.backlash);
+        let recent = self.recent(state, contact);
+        let whole_run = self.whole_run(state, contact, &recent);
+        Budgets { recent: recent.told.all_budgets(), whole_run: whole_run.all_budgets() }
+    }
+
     /// The same with what the next samples are told. That rests on the fit whether the law holds or not: what it takes away
     /// with friction that is nearly right is more than what it adds.
     pub(crate) fn publish_and_feed_back(&self, state: &State) -> (Published, Feedback) {
         let Backlash { backlash, contact, stiffness, damping } = self.backlash.found(&state.backlash);
         let recent = self.recent(state, contact);
-        let band = self.band(state, &recent);
-        let Recent { bank, knowledge: _, mut parameters, fit, assessment, residual_rms_n, law } = recent;
+        let whole_run = self.whole_run(state, contact, &recent);
+        let Recent { bank, assessment, band, told, .. } = recent;
         let (config, bank_state) = self.bank(state, bank);
         let moving = bank_state.idle_samples < config.hold_samples && bank_state.recent.updates() > 0;
+        let fitted = self.parameters(&told.fit, &told.budgets);
+        let feedback = if moving { self.feedback(&fitted, state.feedback) } else { state.feedback };
+        let suspected = state.trial == Trial::Open && told.law.misfit.is_none();
+        let published = |told: &Told, fitted: Parameters| {
+            let mut parameters = match told.broken_by() {
+                Some(budgets) => self.parameters(&told.fit, &budgets),
+                None => fitted,
+            };
+            if suspected || fitted.are_backwards() {
+                parameters.refuse();
+            } else if told.law.status == LawStatus::Broken || !assessment.judged {
+                parameters.refuse_what_is_wide();
+            }
+            parameters
+        };
+        let mut parameters = published(&told, fitted);
         if !moving {
             parameters.hold();
         }
-        let feedback = self.feedback(&parameters, state.feedback);
-        regime::withdraw(&law, &fit, &mut parameters);
-        let suspected = state.trial == Trial::Open && law.misfit.is_none();
-        let is_broken = suspected || parameters.are_backwards();
-        let law = if is_broken { Law { status: LawStatus::Broken, ..law } } else { law };
-        if is_broken {
-            parameters.refuse();
-        }
-        let (whole_bank, whole) = self.choose(state, Knowledge::whole_run);
-        let scales = &self.bank(state, whole_bank).0.scales;
-        let (mut whole_run, whole_fit) = self.solve_for(&whole, scales);
-        assessment.widen(&mut whole_run, WIDEST_INTERVAL);
-        let explained = self.explained(&state.noise, &whole_fit, scales);
-        let whole_law = regime::law(&whole_fit, explained, state.noise.differences(), contact);
-        regime::withdraw(&whole_law, &whole_fit, &mut whole_run);
-        if suspected || whole_run.are_backwards() {
-            whole_run.refuse();
-        }
+        let status = match told.law.status {
+            _ if fitted.are_backwards() => LawStatus::Broken,
+            // A reversal that was placed before friction was known may look like it.
+            LawStatus::Broken if state.trial != Trial::Over => LawStatus::Unknown,
+            status => status,
+        };
+        let law = Law { status, ..told.law };
         let index = state.last_index();
         let estimate = Estimate {
             index,
@@ -90,8 +108,8 @@ impl Active {
             bank,
             moving,
             recent: parameters,
-            whole_run,
-            residual_rms_n,
+            whole_run: published(&whole_run, self.parameters(&whole_run.fit, &whole_run.budgets)),
+            residual_rms_n: sqrt(told.fit.variance),
             updates: bank_state.whole.updates(),
         };
         let detail = Detail {
@@ -126,44 +144,58 @@ impl Active {
         // Steps that swallow the noise are noise of their own.
         let variance = if rms * rms > STEPS { rms * rms } else { STEPS };
         let [inertance, ..] = fit.values;
+        variance * scales.noise + self.steps_variance(inertance, scales)
+    }
+
+    /// Variance that the encoder's steps leave in the residual \[N^2\].
+    fn steps_variance(&self, inertance_kg: f32, scales: &Scales) -> f32 {
         let [acceleration, ..] = scales.units;
-        let per_unit = inertance * acceleration as f32;
-        variance * scales.noise + per_unit * per_unit * scales.quantisation
+        let per_unit = inertance_kg * acceleration as f32;
+        per_unit * per_unit * scales.quantisation
     }
 
     /// What the recent memory of the bank that is published knows, and how far its law can be trusted.
     fn recent(&self, state: &State, contact: Contact) -> Recent {
         let (bank, knowledge) = self.choose(state, Knowledge::recent);
         let (config, bank_state) = self.bank(state, bank);
-        let (mut parameters, all) = self.solve_for(&knowledge, &config.scales);
-        let away = fit(&Knowledge::away(bank_state), &config.scales);
-        let [a, v, ..] = config.scales.units;
+        let scales = &config.scales;
+        let [a, v, ..] = scales.units;
+        let mean_square = |averages: f32, steps: f32, unit: f32| (averages - steps) * unit * unit;
+        let acceleration = mean_square(knowledge.mean_square(0), scales.quantisation, a as f32);
+        let jerk = mean_square(bank_state.jerk as f32, scales.jerk_quantisation, scales.jerk);
+        let velocity = mean_square(knowledge.mean_square(1), 0.0, v as f32);
+        let band = band(velocity, acceleration, jerk);
+        let fitted = fit(&knowledge, scales).unwrap_or(Fit::UNKNOWN);
+        let away = fit(&Knowledge::away(bank_state), scales).unwrap_or(Fit::UNKNOWN);
+        let explained = self.explained(&state.noise, &fitted, scales);
         let rms = [sqrt(knowledge.mean_square(0)) * a as f32, sqrt(knowledge.mean_square(1)) * v as f32];
-        let away = away.unwrap_or(Fit::NONE);
-        let explained = self.explained(&state.noise, &all, &config.scales);
-        let assessment = Assessment::of(&all, &away, rms, parameters.viscous_n_s_per_m.fitted(), explained, contact);
-        assessment.widen(&mut parameters, WIDEST_INTERVAL);
-        let law = regime::law(&all, explained, state.noise.differences(), contact);
-        Recent { bank, knowledge, parameters, fit: all, assessment, residual_rms_n: sqrt(all.variance), law }
+        // Of the strokes of the whole run the memory holds a part.
+        let held = knowledge.updates() / bank_state.whole.updates().max(1) as f32;
+        let repeats = 1.0 + (state.repeats() - 1.0) * if held < 1.0 { held } else { 1.0 };
+        let budgets = self.budgets_of(&fitted, &Motion::within(&band, contact, repeats), scales);
+        let viscous = Interval { value: fitted.values[1], u95: budgets[1].u95() };
+        let scatter = budgets[2].fit_square() / (fitted.errors[2] * fitted.errors[2]);
+        let assessment = Assessment::of(&fitted, &away, rms, viscous, explained, contact, scatter);
+        let told = Told {
+            fit: fitted,
+            budgets: assessment.widen(budgets),
+            law: regime::law(&fitted, explained, state.noise.differences(), contact),
+        };
+        Recent { bank, told, assessment, band }
     }
 
-    /// Frequencies at which the recent memory of the bank that is published saw the inertance.
-    fn band(&self, state: &State, recent: &Recent) -> Band {
-        let (config, bank_state) = self.bank(state, recent.bank);
-        let knowledge = &recent.knowledge;
-        let scales = &config.scales;
-        let [a, v, _, _, _] = scales.units.map(|unit| unit as f32);
-        let mean_square = |averages: f32, steps: f32, unit: f32| (averages - steps) * unit * unit;
-        let acceleration = mean_square(knowledge.mean_square(0), scales.quantisation, a);
-        let jerk = mean_square(bank_state.jerk as f32, scales.jerk_quantisation, scales.jerk);
-        let velocity = mean_square(knowledge.mean_square(1), 0.0, v);
-        if acceleration <= 0.0 || velocity <= 0.0 {
-            return Band::default();
+    /// The same of all since the reset, with what the recent memory says of friction.
+    fn whole_run(&self, state: &State, contact: Contact, recent: &Recent) -> Told {
+        let (bank, knowledge) = self.choose(state, Knowledge::whole_run);
+        let scales = &self.bank(state, bank).0.scales;
+        let fit = fit(&knowledge, scales).unwrap_or(Fit::UNKNOWN);
+        let explained = self.explained(&state.noise, &fit, scales);
+        let motion = Motion::within(&recent.band, contact, state.repeats());
+        Told {
+            fit,
+            budgets: recent.assessment.widen(self.budgets_of(&fit, &motion, scales)),
+            law: regime::law(&fit, explained, state.noise.differences(), contact),
         }
-        let low_hz = sqrt(acceleration / velocity) / core::f32::consts::TAU;
-        // Where the encoder's steps drown the third derivative, its remainder may be less than any motion's.
-        let high_hz = sqrt(jerk / acceleration) / core::f32::consts::TAU;
-        Band { low_hz, high_hz: if high_hz > low_hz { high_hz } else { low_hz } }
     }
 
     /// The fast bank when its acceleration stands clear of the encoder's steps, else the slow one.
@@ -181,8 +213,10 @@ impl Active {
         let Parameters { inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n } = *parameters;
         let codes = |newtons: f32| (newtons / self.signal.newtons_per_code) as i32;
         let mut feedback = before;
-        let [inertance, viscous, coulomb, offset] =
-            [inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n].map(|parameter| parameter.ok());
+        // An offset near zero is as good a finding as any other.
+        let offset = offset_n.ok();
+        let [inertance, viscous, coulomb] = [inertance_kg, viscous_n_s_per_m, coulomb_n]
+            .map(|parameter| parameter.ok().filter(|found| found.u95 < WIDEST_INTERVAL * magnitude(found.value)));
         let Some(coulomb) = coulomb else { return feedback };
         if let Some(inertance) = inertance {
             let (kink, per_force, per_viscous) = self.sign_effects;
@@ -202,39 +236,81 @@ impl Active {
         feedback
     }
 
-    fn solve_for(&self, knowledge: &Knowledge, scales: &Scales) -> (Parameters, Fit) {
-        match fit(knowledge, scales) {
-            Some(fit) => (self.with_systematic(&fit, knowledge, scales), fit),
-            None => (Parameters::default(), Fit::NONE),
-        }
+    /// What no averaging removes beside what the scatter says.
+    fn budgets_of(&self, fit: &Fit, motion: &Motion, scales: &Scales) -> [Budget; UNKNOWNS] {
+        let [inertance, ..] = fit.values;
+        let steps = self.steps_variance(inertance, scales);
+        let share = if steps < fit.variance { steps / fit.variance } else { 1.0 };
+        let scatter = if fit.is_exact {
+            Scatter::white(fit.freedom())
+        } else {
+            Scatter {
+                freedom: fit.freedom(),
+                steps_share: [share, share * scales.quantisation_kept],
+                frequency_squared: fit.frequency_squared,
+            }
+        };
+        let found = |i: usize| Found {
+            value: fit.values[i],
+            error: fit.errors[i],
+            per_skew: fit.per_skew[i],
+            steps: fit.steps[i],
+        };
+        let (systematic, spread) = (&self.systematic, scatter.in_motion(motion));
+        [
+            systematic.inertance(&found(0), &spread, motion),
+            systematic.viscous(&found(1), &spread),
+            systematic.force(&found(2), &spread),
+            systematic.force(&found(3), &spread),
+        ]
     }
 
-    /// Adds what no averaging removes, and gives each parameter its interval.
-    fn with_systematic(&self, fit: &Fit, knowledge: &Knowledge, scales: &Scales) -> Parameters {
-        let systematic = &self.systematic;
-        let found = |i: usize| Found { value: fit.values[i], error: fit.errors[i] };
-        let [inertance, viscous, coulomb, offset] = [found(0), found(1), found(2), found(3)];
-        let square = |value: f32| value * value;
-        // Divisions by zero give what nothing is known of: an infinite interval.
-        let acceleration = knowledge.mean_square(0);
-        let velocity = knowledge.mean_square(1);
-        let per_skew = SKEW_FACTOR * inertance.value * (acceleration / velocity) * scales.rate_squared;
-        let steps = inertance.value * (scales.quantisation / acceleration);
-        let without_structure = inertance.value - self.settings.structure_mass_kg as f32;
-        let relative = |found: &Found, part: f32| square(found.value) * part;
-        let inertance_u95 =
-            inertance.u95(relative(&inertance, systematic.inertance) + systematic.structure_mass + square(steps));
-        let viscous_u95 = viscous.u95(relative(&viscous, systematic.viscous) + square(per_skew * systematic.skew_s));
-        let coulomb_u95 = coulomb.u95(relative(&coulomb, systematic.force + square(COULOMB_MODEL_U95)));
-        let offset_u95 = offset.u95(relative(&offset, systematic.force));
-        Parameters {
-            inertance_kg: parameter(without_structure, inertance_u95, true),
-            viscous_n_s_per_m: parameter(viscous.value, viscous_u95, true),
-            coulomb_n: parameter(coulomb.value, coulomb_u95, true),
-            // An offset near zero is as good a finding as any other.
-            offset_n: parameter(offset.value, offset_u95, false),
-        }
+    fn parameters(&self, fit: &Fit, budgets: &[Budget; UNKNOWNS]) -> Parameters {
+        let [inertance, viscous, coulomb, offset] = fit.values;
+        let without_structure = inertance - self.settings.structure_mass_kg as f32;
+        let mut values = [without_structure, viscous, coulomb, offset].into_iter().zip(budgets);
+        let mut next = || {
+            let (value, budget) = values.next()?;
+            Some(Parameter::new(Interval { value, u95: budget.u95() }, Status::Ok))
+        };
+        let mut next = || next().unwrap_or_default();
+        Parameters { inertance_kg: next(), viscous_n_s_per_m: next(), coulomb_n: next(), offset_n: next() }
     }
+}
+
+impl Told {
+    /// With how far what breaks the law may have moved each.
+    fn all_budgets(&self) -> [Budget; UNKNOWNS] {
+        self.broken_by().unwrap_or(self.budgets)
+    }
+
+    /// The same; nothing where the law is not broken.
+    fn broken_by(&self) -> Option<[Budget; UNKNOWNS]> {
+        let reach = regime::reach(&self.law, &self.fit);
+        let with = |(budget, error): (&Budget, f32)| budget.and(Source::Model, reach * error);
+        let mut all = self.budgets.iter().zip(self.fit.errors).map(with);
+        (reach > 0.0).then(|| core::array::from_fn(|_| all.next().unwrap_or(Budget::UNKNOWN)))
+    }
+}
+
+impl State {
+    /// How often each stroke of the motion has come again sample by sample, on average over all strokes: 1 where none did. The
+    /// variance of what they share is so many times what it would be.
+    pub fn repeats(&self) -> f32 {
+        let (strokes, squares) = self.repeats.strokes_and_squares();
+        if strokes == 0 { 1.0 } else { squares as f32 / strokes as f32 }
+    }
+}
+
+/// Frequencies at which a motion of these mean squares of velocity, acceleration and jerk saw the inertance.
+fn band(velocity: f32, acceleration: f32, jerk: f32) -> Band {
+    if acceleration <= 0.0 || velocity <= 0.0 {
+        return Band::default();
+    }
+    let low_hz = sqrt(acceleration / velocity) / core::f32::consts::TAU;
+    // Where the encoder's steps drown the third derivative, its remainder may be less than any motion's.
+    let high_hz = sqrt(jerk / acceleration) / core::f32::consts::TAU;
+    Band { low_hz, high_hz: if high_hz > low_hz { high_hz } else { low_hz } }
 }
 
 /// The force's noise [codes, rms] by a quantile of its differences, where it is known.
@@ -251,26 +327,6 @@ impl State {
     }
 }
 
-/// One unknown in SI with its standard error; infinite where the motion cannot show it.
-struct Found {
-    value: f32,
-    error: f32,
-}
-
-impl Found {
-    /// Half width of the 95 % interval with the square of what no averaging removes.
-    fn u95(&self, systematic_squared: f32) -> f32 {
-        let random = COVERAGE * self.error;
-        sqrt(random * random + systematic_squared)
-    }
-}
-
-/// With `relative`, refuses what is known to less than the widest interval.
-fn parameter(value: f32, u95: f32, relative: bool) -> Parameter {
-    let too_wide = relative && u95 > WIDEST_INTERVAL * magnitude(value);
-    Parameter::new(Interval { value, u95 }, if too_wide { Status::NotIdentifiable } else { Status::Ok })
-}
-
 impl Parameters {
     /// Whether the inertance is negative beyond its interval, whatever its status.
     pub(crate) fn are_backwards(&self) -> bool {
@@ -278,17 +334,29 @@ impl Parameters {
         value < 0.0 && u95 < -WIDEST_INTERVAL * value
     }
 
+    fn each(&mut self) -> [&mut Parameter; UNKNOWNS] {
+        [&mut self.inertance_kg, &mut self.viscous_n_s_per_m, &mut self.coulomb_n, &mut self.offset_n]
+    }
+
     /// Nothing of it is true, or may be.
     fn refuse(&mut self) {
-        for parameter in [&mut self.inertance_kg, &mut self.viscous_n_s_per_m, &mut self.coulomb_n, &mut self.offset_n]
-        {
+        for parameter in self.each() {
             *parameter = Parameter::new(parameter.fitted(), Status::NotIdentifiable);
         }
     }
 
+    /// Nothing is left of what is known to less than half of it.
+    fn refuse_what_is_wide(&mut self) {
+        for parameter in self.each() {
+            let Interval { value, u95 } = parameter.fitted();
+            if u95 > WIDEST_INTERVAL * magnitude(value) {
+                *parameter = Parameter::new(parameter.fitted(), Status::NotIdentifiable);
+            }
+        }
+    }
+
     fn hold(&mut self) {
-        for parameter in [&mut self.inertance_kg, &mut self.viscous_n_s_per_m, &mut self.coulomb_n, &mut self.offset_n]
-        {
+        for parameter in self.each() {
             if let Parameter::Ok(interval) = *parameter {
                 *parameter = Parameter::Held(interval);
             }

@@ -14,6 +14,9 @@ pub const PRODUCTS: usize = REGRESSORS * (REGRESSORS + 1) / 2;
 /// Distinct products with the regressors that only the whole run's sums hold: the next rows of the triangle.
 pub const MORE_PRODUCTS: usize = (REGRESSORS + MORE_REGRESSORS) * (REGRESSORS + MORE_REGRESSORS + 1) / 2 - PRODUCTS;
 
+/// Products of the force's rate with acceleration, velocity, sign and one, among those.
+pub const RATE: core::ops::Range<usize> = 6..10;
+
 /// Place of product `(row, column)` with `column <= row`.
 pub const fn place(row: usize, column: usize) -> usize {
     row * (row + 1) / 2 + column

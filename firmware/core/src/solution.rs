@@ -11,31 +11,65 @@ pub(crate) fn pivot(solution: &Solution, i: usize) -> f32 {
     solution.pivots[i] as f32 * power(-(MATRIX_BITS as i32))
 }
 
-/// Standard error of each unknown in equilibrated units for a residual variance per observation of `variance`;
-/// nothing where an unobservable direction has a part in it.
-pub(crate) fn standard_errors(solution: &Solution, variance: f32) -> [Option<f32>; UNKNOWNS] {
-    let factor = |row: usize, column: usize| solution.factors[row][column] as f32 * power(-(FACTOR_BITS as i32));
-    let mut errors = [Some(0.0_f32); UNKNOWNS];
-    // Row by row of the inverse of the unit lower factor; each is the direction that its pivot measures.
-    let mut inverse = [[0.0_f32; UNKNOWNS]; UNKNOWNS];
-    for row in 0..UNKNOWNS {
-        let mut direction = [0.0_f32; UNKNOWNS];
-        direction[row] = 1.0;
-        for (earlier, parts) in inverse.iter().enumerate().take(row) {
-            let factor = factor(row, earlier);
-            for (sum, part) in direction.iter_mut().zip(parts) {
-                *sum -= factor * part;
+/// The inverse of the unknowns' own matrix, in equilibrated units: `sum of direction direction' / pivot`.
+pub(crate) struct Inverse {
+    /// Row by row of the inverse of the unit lower factor; each is the direction that its pivot measures.
+    directions: [[f32; UNKNOWNS]; UNKNOWNS],
+    pivots: [f32; UNKNOWNS],
+}
+
+impl Inverse {
+    /// From the factorisation.
+    pub fn of(solution: &Solution) -> Self {
+        let factor = |row: usize, column: usize| solution.factors[row][column] as f32 * power(-(FACTOR_BITS as i32));
+        let mut directions = [[0.0_f32; UNKNOWNS]; UNKNOWNS];
+        for row in 0..UNKNOWNS {
+            let mut direction = [0.0_f32; UNKNOWNS];
+            direction[row] = 1.0;
+            for (earlier, parts) in directions.iter().enumerate().take(row) {
+                let factor = factor(row, earlier);
+                for (sum, part) in direction.iter_mut().zip(parts) {
+                    *sum -= factor * part;
+                }
             }
+            directions[row] = direction;
         }
-        inverse[row] = direction;
-        let pivot = pivot(solution, row);
-        for (error, part) in errors.iter_mut().zip(direction) {
-            if pivot > 0.0 {
-                *error = error.map(|sum| sum + part * part / pivot);
-            } else if !(-TOUCHED..=TOUCHED).contains(&part) {
-                *error = None;
-            }
-        }
+        Self { directions, pivots: core::array::from_fn(|row| pivot(solution, row)) }
     }
-    errors.map(|sum| sum.map(|sum| sqrt(sum * variance)))
+
+    /// Standard errors for a residual variance per observation of `variance`; nothing where an unobservable
+    /// direction has a part in the unknown.
+    pub fn errors(&self, variance: f32) -> [Option<f32>; UNKNOWNS] {
+        let mut diagonal = [Some(0.0_f32); UNKNOWNS];
+        for (direction, pivot) in self.directions.iter().zip(self.pivots) {
+            for (sum, part) in diagonal.iter_mut().zip(direction) {
+                if pivot > 0.0 {
+                    *sum = sum.map(|sum| sum + part * part / pivot);
+                } else if !(-TOUCHED..=TOUCHED).contains(part) {
+                    *sum = None;
+                }
+            }
+        }
+        diagonal.map(|square| square.map(|square| sqrt(square * variance)))
+    }
+
+    /// One column of it, without the directions that are unobservable.
+    pub fn column(&self, i: usize) -> [f32; UNKNOWNS] {
+        let mut column = [0.0; UNKNOWNS];
+        for (direction, pivot) in self.directions.iter().zip(self.pivots).filter(|(_, pivot)| *pivot > 0.0) {
+            let along = direction[i] / pivot;
+            column.iter_mut().zip(direction).for_each(|(sum, part)| *sum += part * along);
+        }
+        column
+    }
+
+    /// Times a right-hand side, without the directions that are unobservable.
+    pub fn times(&self, right: [f32; UNKNOWNS]) -> [f32; UNKNOWNS] {
+        let mut product = [0.0; UNKNOWNS];
+        for (direction, pivot) in self.directions.iter().zip(self.pivots).filter(|(_, pivot)| *pivot > 0.0) {
+            let along = direction.iter().zip(right).map(|(part, right)| part * right).sum::<f32>() / pivot;
+            product.iter_mut().zip(direction).for_each(|(sum, part)| *sum += part * along);
+        }
+        product
+    }
 }

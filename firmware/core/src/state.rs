@@ -12,6 +12,7 @@ use crate::kernel::Cascades;
 use crate::line::DelayLine;
 use crate::noise::Noise;
 use crate::plausible::Plausible;
+use crate::repeats::Repeats;
 use crate::sign::{Sign, VelocityReversals};
 
 /// What has been counted since the reset.
@@ -63,6 +64,7 @@ pub struct State {
     /// How far the law has been judged.
     pub(crate) trial: Trial,
     pub(crate) until_publish: u32,
+    pub(crate) repeats: Repeats,
 }
 
 impl Default for State {
@@ -84,6 +86,7 @@ impl State {
             rest: Rest::new(),
             sign: Sign::new(),
             velocity_reversals: VelocityReversals::new(),
+            repeats: Repeats::new(),
             cascades: Cascades::new(),
             good_samples: 0,
             noise: Noise::new(),
@@ -115,6 +118,7 @@ impl State {
             rest,
             sign,
             velocity_reversals,
+            repeats,
             cascades,
             good_samples,
             noise,
@@ -134,6 +138,7 @@ impl State {
         *rest = Rest::new();
         *sign = Sign::new();
         *velocity_reversals = VelocityReversals::new();
+        repeats.reset();
         *cascades = Cascades::new();
         *good_samples = 0;
         *noise = Noise::new();

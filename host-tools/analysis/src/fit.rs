@@ -5,14 +5,17 @@
 //!   that is not known cannot be told from a difference of `fc+` and `fc-`: both are a constant force.
 //! - *skew*: a force that is late by `tau` is `F - tau F'`, so the coefficient of `-F'` is the delay that is left.
 //!
-//! Uncertainty as in core (docs/THEORY.md 6): `U95 = sqrt((3 se)^2 + B^2)` with `se^2 = s^2 (2.09 M / D) inv(A)`.
+//! Uncertainty as in core (docs/THEORY.md 6), whose budgets these are.
 //! f64 throughout; sums of a day keep 1e-9 of their value.
 
 use inerter_core::constants::{
-    BOXES_VARIANCE, CORRELATION_BOXES, COULOMB_MODEL_U95, COVERAGE, EXACT, PIVOT_BITS, ROUNDING, SKEW_FACTOR,
-    STRUCTURE_MODEL_U95, UPDATES_PER_BOX, WIDEST_INTERVAL,
+    BOXES_VARIANCE, CORRELATION_BOXES, COVERAGE, EXACT, PIVOT_BITS, ROUNDING, UPDATES_PER_BOX,
 };
-use inerter_core::{Backlash, Bank, Interval, MoreSums, Parameter, Parameters, Settings, Status, Sums};
+use inerter_core::{
+    Backlash, Bank, Found, Interval, MoreSums, Motion, NORMAL_COVERAGE, Parameter, Parameters, Scatter, Settings,
+    Source, Status, Sums, Systematic,
+};
+use inerter_data::replay::Outcome;
 use miette::Diagnostic;
 
 /// Regressors, the force among them.
@@ -29,6 +32,8 @@ const FORCE_RATE: usize = 6;
 const UPDATES_PER_OBSERVATION: f64 = CORRELATION_BOXES * UPDATES_PER_BOX as f64;
 /// Independent observations under which nothing is said: more than on the device, as up to seven unknowns are fitted at once.
 const LEAST_OBSERVATIONS: f64 = 20.0;
+/// Part of what the others leave of the acceleration that may be the encoder's steps.
+const MOST_STEPS: f64 = 0.5;
 /// Part of a regressor's square that the others must leave over.
 const LEAST_PIVOT: f64 = 1.0 / (1u32 << PIVOT_BITS) as f64;
 
@@ -169,6 +174,11 @@ pub struct Products {
 /// Least squares of the force on some of the regressors.
 struct Solution<const N: usize> {
     values: [f64; N],
+    /// What a force that is late by a second more takes from them.
+    per_skew: [f64; N],
+    /// How far what is known of the encoder's steps leaves them undecided.
+    steps: [f64; N],
+    scatter: Scatter,
     /// Inverse of the regressors' sums.
     inverse: [[f64; N]; N],
     /// What makes squares and products of the standard errors of it \[N^2\].
@@ -180,11 +190,16 @@ struct Solution<const N: usize> {
 }
 
 impl<const N: usize> Solution<N> {
-    /// Value and standard error of a weighted sum of the coefficients.
-    fn combined(&self, weights: [f64; N]) -> (f64, f64) {
+    /// A weighted sum of the coefficients.
+    fn combined(&self, weights: [f64; N]) -> Found {
         let dot = |row: &[f64; N]| row.iter().zip(weights).map(|(value, weight)| value * weight).sum::<f64>();
         let variance: f64 = self.inverse.iter().zip(weights).map(|(row, weight)| weight * dot(row)).sum();
-        (dot(&self.values), (variance * self.error_square).max(0.0).sqrt())
+        Found {
+            value: dot(&self.values) as f32,
+            error: (variance * self.error_square).max(0.0).sqrt() as f32,
+            per_skew: dot(&self.per_skew) as f32,
+            steps: dot(&self.steps).abs() as f32,
+        }
     }
 }
 
@@ -274,13 +289,19 @@ impl Products {
             std::array::from_fn(|column| solved[column] * scale[column])
         });
         let right = regressors.map(|place| self.sums[place][FORCE]);
-        let values: [f64; N] =
-            std::array::from_fn(|row| inverse[row].iter().zip(right).map(|(part, right)| part * right).sum());
+        let times = |right: [f64; N]| -> [f64; N] {
+            std::array::from_fn(|row| inverse[row].iter().zip(right).map(|(part, right)| part * right).sum())
+        };
+        let values = times(right);
         let explained: f64 = values.iter().zip(right).map(|(value, right)| value * right).sum();
         let left_over = (self.sums[FORCE][FORCE] - explained).max(0.0) / self.updates;
-        let residual_square = left_over * observations / (observations - N as f64);
+        let freedom = observations - N as f64;
+        let residual_square = left_over * observations / freedom;
         Ok(Solution {
             values,
+            per_skew: times(regressors.map(|place| self.sums[place][FORCE_RATE])),
+            steps: [0.0; N],
+            scatter: Scatter::white(freedom as f32),
             inverse,
             error_square: residual_square * UPDATES_PER_OBSERVATION,
             residual_square,
@@ -290,21 +311,46 @@ impl Products {
         })
     }
 
-    /// The same by instruments that round. As in core: where less is left over than rounding leaves of itself, the roundings
-    /// follow the motion or stand still, and no averaging removes them.
+    /// The same by instruments that round, the acceleration first. As in core: the encoder's steps weaken the acceleration; and where
+    /// less is left over than rounding leaves of itself, the roundings follow the motion or stand still, and no averaging
+    /// removes them.
     fn fitted<const N: usize>(&self, regressors: [usize; N], settings: &Settings) -> Result<Solution<N>, FitError> {
         let mut solution = self.solve(regressors)?;
         let [inertance_kg, ..] = solution.values.as_slice() else { return Ok(solution) };
-        let steps = inertance_kg.powi(2) * Systematic::of(self, settings).steps();
+        let steps_square = self.steps_square(settings);
+        let steps = inertance_kg.powi(2) * steps_square;
+        let kept = settings.oversampling.recip();
         let code_n = settings.newtons_per_code.abs();
         let codes = BOXES_VARIANCE / (self.box_s(settings) * settings.sample_rate_hz) * ROUNDING * code_n.powi(2);
-        if solution.residual_square < EXACT * (codes + steps / settings.oversampling) {
+        if solution.residual_square < EXACT * (codes + steps * kept) {
             let units: f64 =
                 regressors.iter().zip(solution.values).map(|(place, value)| self.units[*place] * value.abs()).sum();
             let greatest_n = 0.5 * code_n + (3.0 * steps).sqrt() + 0.5 * (self.units[FORCE] + units);
-            solution.error_square = solution.error_square.max((greatest_n / COVERAGE).powi(2) * self.updates);
+            solution.error_square =
+                solution.error_square.max((greatest_n / f64::from(NORMAL_COVERAGE)).powi(2) * self.updates);
+        } else {
+            let share = (steps / solution.residual_square).min(1.0);
+            let rate_square = (self.mean_square(ACCELERATION) - steps_square).max(0.0) / self.mean_square(VELOCITY);
+            solution.scatter.steps_share = [share as f32, (share * kept) as f32];
+            solution.scatter.frequency_squared = (rate_square * self.box_s(settings).powi(2)) as f32;
+        }
+        let taken = solution.inverse.map(|row| row.first().map_or(0.0, |part| part * steps_square * self.updates));
+        let of_itself = taken.first().copied().unwrap_or_default();
+        if of_itself > MOST_STEPS {
+            return Err(FitError::Motion);
+        }
+        let all = taken.map(|taken| inertance_kg * taken / (1.0 - of_itself));
+        for ((value, steps), all) in solution.values.iter_mut().zip(&mut solution.steps).zip(all) {
+            *value += all * 0.5 * (1.0 + kept);
+            *steps = all * 0.5;
         }
         Ok(solution)
+    }
+
+    /// Mean square of the encoder's steps in the acceleration \[m^2/s^4\].
+    fn steps_square(&self, settings: &Settings) -> f64 {
+        let Settings { metres_per_count, sample_rate_hz, .. } = *settings;
+        metres_per_count.powi(2) / 12.0 * (8.0 / 3.0) / sample_rate_hz / self.box_s(settings).powi(5)
     }
 
     /// Length of the kernel's box \[s\].
@@ -329,68 +375,72 @@ fn solved<const N: usize>(lower: &[[f64; N]; N], right: [f64; N]) -> [f64; N] {
     x
 }
 
-/// What the settings say that no averaging removes.
-pub(crate) struct Systematic<'a> {
-    /// Mean square of the acceleration \[m^2/s^4\].
-    pub acceleration: f64,
-    /// Of the velocity \[m^2/s^2\].
-    pub velocity: f64,
-    /// Length of the kernel's box \[s\].
-    pub box_s: f64,
-    pub settings: &'a Settings,
-}
-
-impl<'a> Systematic<'a> {
-    fn of(products: &Products, settings: &'a Settings) -> Self {
-        let [acceleration, velocity] = [ACCELERATION, VELOCITY].map(|regressor| products.mean_square(regressor));
-        Self { acceleration, velocity, box_s: products.box_s(settings), settings }
-    }
-
-    pub fn inertance(&self, value: f64, error: f64) -> Parameter {
-        let Settings { structure_mass_kg, structure_mass_u95_kg, .. } = *self.settings;
-        let Settings { force_gain_u95, lead_u95, timebase_u95, .. } = *self.settings;
-        let relative = hypot(&[force_gain_u95, lead_u95, 2.0 * timebase_u95]);
-        let structure = hypot(&[structure_mass_u95_kg, STRUCTURE_MODEL_U95 * structure_mass_kg]);
-        let steps = value * self.steps() / self.acceleration;
-        let systematic = hypot(&[value * relative, structure, steps]);
-        judged(value - structure_mass_kg, error, systematic, true)
-    }
-
-    /// Mean square of the encoder's steps in the acceleration \[m^2/s^4\].
-    fn steps(&self) -> f64 {
-        let Settings { metres_per_count, sample_rate_hz, .. } = *self.settings;
-        let length = self.box_s;
-        metres_per_count.powi(2) / 12.0 * (8.0 / 3.0) / sample_rate_hz / length.powi(5)
-    }
-
-    pub fn viscous(&self, value: f64, error: f64, inertance_kg: f64) -> Parameter {
-        let Settings { force_gain_u95, lead_u95, timebase_u95, skew_u95_s, .. } = *self.settings;
-        let relative = hypot(&[force_gain_u95, lead_u95, timebase_u95]);
-        let rate_square = self.acceleration / self.velocity;
-        let false_damper = SKEW_FACTOR * inertance_kg * rate_square * skew_u95_s;
-        judged(value, error, hypot(&[value * relative, false_damper]), true)
-    }
-
-    pub fn coulomb(&self, value: f64, error: f64) -> Parameter {
-        let relative = hypot(&[self.settings.force_gain_u95, COULOMB_MODEL_U95]);
-        judged(value, error, value * relative, true)
-    }
-
-    pub fn offset(&self, value: f64, error: f64) -> Parameter {
-        judged(value, error, value * self.settings.force_gain_u95, false)
-    }
-}
-
 fn hypot(parts: &[f64]) -> f64 {
     parts.iter().map(|part| part * part).sum::<f64>().sqrt()
 }
 
-/// A parameter with its interval; `needs_size` where a value within twice its interval says nothing.
-fn judged(value: f64, error: f64, systematic: f64, needs_size: bool) -> Parameter {
-    let u95 = hypot(&[COVERAGE * error, systematic]);
-    let known = u95.is_finite() && !(needs_size && u95 > WIDEST_INTERVAL * value.abs());
-    let status = if known { Status::Ok } else { Status::NotIdentifiable };
-    Parameter::new(Interval { value: value as f32, u95: u95 as f32 }, status)
+/// The parameters by what was found, with their intervals.
+pub(crate) struct Judge<'a> {
+    pub settings: &'a Settings,
+    pub beside: &'a Beside,
+    pub scatter: Scatter,
+}
+
+impl Judge<'_> {
+    fn parameter(&self, i: usize, found: &Found, value: f32) -> Parameter {
+        let systematic = Systematic::of(self.settings);
+        let Beside { motion, model_u95 } = self.beside;
+        let spread = self.scatter.in_motion(motion);
+        let budget = match i {
+            ACCELERATION => systematic.inertance(found, &spread, motion),
+            VELOCITY => systematic.viscous(found, &spread),
+            _ => systematic.force(found, &spread),
+        };
+        let model_u95 = model_u95.get(i).copied().unwrap_or_default();
+        Parameter::new(Interval { value, u95: budget.and(Source::Model, model_u95).u95() }, Status::Ok)
+    }
+
+    /// The four together, the inertance still with the structure's mass.
+    pub fn four(&self, [inertance, viscous, coulomb, offset]: [Found; 4]) -> Parameters {
+        let screw_kg = inertance.value - self.settings.structure_mass_kg as f32;
+        Parameters {
+            inertance_kg: self.parameter(ACCELERATION, &inertance, screw_kg),
+            viscous_n_s_per_m: self.viscous(&viscous),
+            coulomb_n: self.coulomb(&coulomb),
+            offset_n: self.offset(&offset),
+        }
+    }
+
+    fn viscous(&self, found: &Found) -> Parameter {
+        self.parameter(VELOCITY, found, found.value)
+    }
+
+    fn coulomb(&self, found: &Found) -> Parameter {
+        self.parameter(SIGN, found, found.value)
+    }
+
+    fn offset(&self, found: &Found) -> Parameter {
+        self.parameter(ONE, found, found.value)
+    }
+}
+
+/// What a run says of a fit beside its sums.
+#[derive(Clone, Copy, Debug)]
+pub struct Beside {
+    /// What is known of the motion.
+    pub motion: Motion,
+    /// How far the law may be wrong in each of the four parameters, as the half width of a 95 % interval.
+    pub model_u95: [f32; 4],
+}
+
+impl Beside {
+    /// As the estimator has it in the end.
+    pub fn of(outcome: &Outcome) -> Self {
+        Self {
+            motion: outcome.motion,
+            model_u95: outcome.budgets.whole_run.map(|budget| budget.given_u95(Source::Model)),
+        }
+    }
 }
 
 /// Friction in both directions alike and by direction.
@@ -415,43 +465,37 @@ pub struct Directions {
 }
 
 /// Friction by direction; `offset_n` is the force offset where it is known.
-pub fn directions(products: &Products, settings: &Settings, offset_n: Option<f64>) -> Result<Directions, FitError> {
-    let systematic = Systematic::of(products, settings);
+pub fn directions(
+    products: &Products,
+    settings: &Settings,
+    beside: &Beside,
+    offset_n: Option<f64>,
+) -> Result<Directions, FitError> {
     let plain = products.fitted([ACCELERATION, VELOCITY, SIGN, ONE], settings)?;
     let full = products.fitted([ACCELERATION, VELOCITY, SIGN, ONE, SPEED], settings)?;
-    let (mass, mass_error) = full.combined([1.0, 0.0, 0.0, 0.0, 0.0]);
-    let viscous = |side: f64| {
-        let (value, error) = full.combined([0.0, 1.0, 0.0, 0.0, side]);
-        systematic.viscous(value, error, mass)
-    };
+    let judge = |scatter| Judge { settings, beside, scatter };
+    let (alike, by_direction) = (judge(plain.scatter), judge(full.scatter));
+    let viscous = |side: f64| by_direction.viscous(&full.combined([0.0, 1.0, 0.0, 0.0, side]));
     let coulomb = |side: f64, offset_n: f64| {
-        let (value, error) = full.combined([0.0, 0.0, 1.0, side, 0.0]);
-        systematic.coulomb(value - side * offset_n, error)
+        let found = full.combined([0.0, 0.0, 1.0, side, 0.0]);
+        by_direction.coulomb(&Found { value: found.value - (side * offset_n) as f32, ..found })
     };
-    let (difference, difference_error) = full.combined([0.0, 0.0, 0.0, 2.0, 0.0]);
+    let each = [ACCELERATION, VELOCITY, SIGN, ONE];
     Ok(Directions {
-        symmetric: symmetric(&plain, &systematic),
+        symmetric: alike.four(each.map(|place| plain.combined(unit_of(place)))),
         symmetric_residual_rms_n: plain.residual_square.sqrt(),
-        inertance_kg: systematic.inertance(mass, mass_error),
+        inertance_kg: by_direction.four(each.map(|place| full.combined(unit_of(place)))).inertance_kg,
         viscous_n_s_per_m: [viscous(1.0), viscous(-1.0)],
         coulomb_n: coulomb(0.0, 0.0),
-        difference_n: systematic.offset(difference, difference_error),
+        difference_n: by_direction.offset(&full.combined([0.0, 0.0, 0.0, 2.0, 0.0])),
         coulomb_by_direction_n: offset_n.map(|offset_n| [coulomb(1.0, offset_n), coulomb(-1.0, offset_n)]),
         residual_rms_n: full.residual_square.sqrt(),
     })
 }
 
-fn symmetric(plain: &Solution<4>, systematic: &Systematic) -> Parameters {
-    let (mass, mass_error) = plain.combined([1.0, 0.0, 0.0, 0.0]);
-    let (viscous, viscous_error) = plain.combined([0.0, 1.0, 0.0, 0.0]);
-    let (coulomb, coulomb_error) = plain.combined([0.0, 0.0, 1.0, 0.0]);
-    let (offset, offset_error) = plain.combined([0.0, 0.0, 0.0, 1.0]);
-    Parameters {
-        inertance_kg: systematic.inertance(mass, mass_error),
-        viscous_n_s_per_m: systematic.viscous(viscous, viscous_error, mass),
-        coulomb_n: systematic.coulomb(coulomb, coulomb_error),
-        offset_n: systematic.offset(offset, offset_error),
-    }
+/// Weights that pick one coefficient.
+fn unit_of<const N: usize>(place: usize) -> [f64; N] {
+    std::array::from_fn(|other| f64::from(u8::from(other == place)))
 }
 
 /// The delay that is left, and what it had made of viscous friction.
@@ -475,7 +519,7 @@ impl Skew {
 }
 
 /// The skew by the force's rate as a fifth regressor. The backlash, where it is known, makes it less certain.
-pub fn skew(products: &Products, settings: &Settings, backlash: &Backlash) -> Result<Skew, FitError> {
+pub fn skew(products: &Products, settings: &Settings, backlash: &Backlash, beside: &Beside) -> Result<Skew, FitError> {
     let plain = products.fitted([ACCELERATION, VELOCITY, SIGN, ONE], settings)?;
     let full =
         products.fitted([ACCELERATION, VELOCITY, SIGN, ONE, FORCE_RATE], settings).map_err(|error| match error {
@@ -499,7 +543,8 @@ pub fn skew(products: &Products, settings: &Settings, backlash: &Backlash) -> Re
     if noise > MOST_NOISE {
         return Err(FitError::TooNoisy { noise });
     }
-    let (left_s, error) = full.combined([0.0, 0.0, 0.0, 0.0, -1.0]);
+    let found = full.combined([0.0, 0.0, 0.0, 0.0, -1.0]);
+    let (left_s, error) = (f64::from(found.value), f64::from(found.error));
     // Noise in a regressor takes that part of its coefficient.
     let backlash_m = greatest_backlash_m(backlash);
     let impacts = SKEW_PER_BACKLASH * backlash_m / settings.sample_rate_hz;
@@ -522,15 +567,14 @@ pub fn skew(products: &Products, settings: &Settings, backlash: &Backlash) -> Re
         };
         return Err(FitError::TooWide { u95_s, doubt });
     }
-    let viscous = |settings: &Settings, (value, error): (f64, f64)| {
-        Systematic::of(products, settings).viscous(value, error, mass)
-    };
+    let without_skew = Settings { skew_u95_s: 0.0, ..*settings };
+    let judge = |settings, scatter| Judge { settings, beside, scatter };
     Ok(Skew {
         left_s,
         u95_s,
-        viscous_before: viscous(settings, plain.combined([0.0, 1.0, 0.0, 0.0])),
+        viscous_before: judge(settings, plain.scatter).viscous(&plain.combined(unit_of(VELOCITY))),
         // The interval of the skew is in the fit's own error already.
-        viscous_after: viscous(&Settings { skew_u95_s: 0.0, ..*settings }, full.combined([0.0, 1.0, 0.0, 0.0, 0.0])),
+        viscous_after: judge(&without_skew, full.scatter).viscous(&full.combined(unit_of(VELOCITY))),
     })
 }
 

@@ -8,6 +8,10 @@ use inerter_simulate::{Setup, bench_sensors, raw};
 
 use super::*;
 
+/// Flanks that touch, and no stroke that comes again.
+const BESIDE: Beside =
+    Beside { motion: Motion { repeats: 1.0, flanks_part: false, frequency_squared: 0.0 }, model_u95: [0.0; 4] };
+
 /// A unit of each regressor, so fine that its rounding does not matter.
 const UNITS: [f64; COUNT] = [1e-9, 1e-11, 1e-10, 1e-10, 1e-8, 1e-11, 1e-6];
 
@@ -92,7 +96,7 @@ fn near(parameter: Parameter, truth: f64) {
 #[test]
 fn friction_by_direction_is_told_apart() {
     let all = products(shaken(TWO_TONES, [[30.0, 40.0], [80.0, 60.0]], 0.0, 0.0, 1e-3));
-    let fit = directions(&all, &ideal(), Some(0.0)).unwrap();
+    let fit = directions(&all, &ideal(), &BESIDE, Some(0.0)).unwrap();
     near(fit.inertance_kg, 300.0);
     fit.viscous_n_s_per_m.into_iter().zip([30.0, 80.0]).for_each(|(found, truth)| near(found, truth));
     fit.coulomb_by_direction_n.unwrap().into_iter().zip([40.0, 60.0]).for_each(|(found, truth)| near(found, truth));
@@ -112,16 +116,16 @@ fn an_offset_is_a_difference_of_coulomb_frictions_unless_it_is_known() {
     for (all, offset_n, truth) in
         [(&offset, 5.0, [50.0, 50.0]), (&difference, 0.0, [55.0, 45.0]), (&difference, 5.0, [50.0, 50.0])]
     {
-        let unknown = directions(all, &ideal(), None).unwrap();
+        let unknown = directions(all, &ideal(), &BESIDE, None).unwrap();
         assert!(unknown.coulomb_by_direction_n.is_none());
         near(unknown.difference_n, 10.0);
-        let known = directions(all, &ideal(), Some(offset_n)).unwrap().coulomb_by_direction_n.unwrap();
+        let known = directions(all, &ideal(), &BESIDE, Some(offset_n)).unwrap().coulomb_by_direction_n.unwrap();
         known.into_iter().zip(truth).for_each(|(found, truth)| near(found, truth));
     }
 }
 
 #[test]
-fn intervals_are_three_errors_of_updates_that_are_correlated() {
+fn errors_are_those_of_updates_that_are_correlated() {
     let mut noise = Noise(1);
     let (mut square, mut error_square) = (0.0, 0.0);
     for _ in 0..300 {
@@ -129,9 +133,9 @@ fn intervals_are_three_errors_of_updates_that_are_correlated() {
             let [a, v] = [noise.next(), 0.1 * noise.next()];
             [a, v, v.signum(), 1.0, 300.0 * a + 30.0 * v + 50.0 * v.signum() + 2.0 * noise.next(), v.abs(), 0.0]
         }));
-        let found = directions(&all, &ideal(), None).unwrap().viscous_n_s_per_m[0];
+        let found = directions(&all, &ideal(), &BESIDE, None).unwrap().viscous_n_s_per_m[0];
         square += (f64::from(found.fitted().value) - 30.0).powi(2);
-        error_square += (f64::from(found.u95()) / COVERAGE).powi(2);
+        error_square += (f64::from(found.u95() / NORMAL_COVERAGE)).powi(2);
     }
     // These updates are not correlated, so the errors are too large by just that.
     let ratio = error_square / square / UPDATES_PER_OBSERVATION;
@@ -150,7 +154,7 @@ fn an_exact_fit_has_the_interval_of_what_its_instruments_round() {
                 let [a, v, s, one, _, speed, rate] = row;
                 [sign * a, sign * v, sign * s, one, sign * force(row), speed, sign * rate]
             }));
-            (directions(&all, &settings, None).unwrap().symmetric, all.correlation().unwrap())
+            (directions(&all, &settings, &BESIDE, None).unwrap().symmetric, all.correlation().unwrap())
         };
         let ((here, correlation), (there, _)) = (law(1.0), law(-1.0));
         for (i, (here, there)) in pairs(&here).into_iter().zip(pairs(&there)).enumerate() {
@@ -172,7 +176,8 @@ fn systematic_parts_are_those_of_the_estimator() {
     let setup = setup("random", 0.0, 1);
     let outcome = replayed(&setup);
     let (sums, more) = outcome.sums();
-    let fit = directions(&Products::of(sums, more).unwrap(), &setup.settings, None).unwrap().symmetric;
+    let fit =
+        directions(&Products::of(sums, more).unwrap(), &setup.settings, &Beside::of(&outcome), None).unwrap().symmetric;
     let pairs = |found: &Found| [found.inertance_kg, found.viscous_n_s_per_m, found.coulomb_n, found.offset_n];
     for (here, core) in pairs(&fit).into_iter().zip(pairs(&outcome.estimate.whole_run)) {
         assert_eq!(here.status(), core.status());
@@ -186,12 +191,12 @@ fn systematic_parts_are_those_of_the_estimator() {
 fn what_cannot_be_fitted_says_why() {
     let rows = shaken(TWO_TONES, ALIKE, 0.0, 0.0, 1.0);
     let few = products(rows.iter().copied().take(60));
-    assert!(matches!(directions(&few, &ideal(), None), Err(FitError::TooShort { .. })));
+    assert!(matches!(directions(&few, &ideal(), &BESIDE, None), Err(FitError::TooShort { .. })));
     let standing = products((0..500).map(|_| [0.0, 0.0, 0.0, 1.0, 5.0, 0.0, 0.0]));
-    assert_eq!(directions(&standing, &ideal(), None).unwrap_err(), FitError::Motion);
-    assert!(skew(&standing, &ideal(), &Backlash::default()).is_err());
+    assert_eq!(directions(&standing, &ideal(), &BESIDE, None).unwrap_err(), FitError::Motion);
+    assert!(skew(&standing, &ideal(), &Backlash::default(), &BESIDE).is_err());
     let one_way = products(rows.iter().copied().filter(|row| row[VELOCITY] > 0.0));
-    assert_eq!(directions(&one_way, &ideal(), None).unwrap_err(), FitError::Motion);
+    assert_eq!(directions(&one_way, &ideal(), &BESIDE, None).unwrap_err(), FitError::Motion);
     let (sums, more) = summed(rows);
     assert_eq!(Products::of(&sums, &MoreSums { index: 20_001, ..more }).unwrap_err(), FitError::Torn);
     assert_eq!(Products::of(&sums, &MoreSums { bank: Bank::Slow, ..more }).unwrap_err(), FitError::Torn);
@@ -201,12 +206,13 @@ fn what_cannot_be_fitted_says_why() {
 fn a_delay_is_the_coefficient_of_the_force_rate() {
     for tau_s in [0.0, 5e-5, -2e-5] {
         let found =
-            skew(&products(shaken(TWO_TONES, ALIKE, 0.0, tau_s, 0.01)), &ideal(), &Backlash::default()).unwrap();
+            skew(&products(shaken(TWO_TONES, ALIKE, 0.0, tau_s, 0.01)), &ideal(), &Backlash::default(), &BESIDE)
+                .unwrap();
         assert!((found.left_s - tau_s).abs() < 1e-7, "{} against {tau_s}", found.left_s);
         assert!((f64::from(found.viscous_after.fitted().value) - 30.0).abs() < 0.1, "{:?}", found.viscous_after);
         // A late force is a false damper of mt w^2 tau, and somewhat more where the sign goes with the velocity.
         let false_damper = f64::from(found.viscous_before.fitted().value) - 30.0;
-        let range = if tau_s == 0.0 { -0.1..0.1 } else { 1.0..SKEW_FACTOR };
+        let range = if tau_s == 0.0 { -0.1..0.1 } else { 1.0..2.0 };
         let scale = if tau_s == 0.0 { 1.0 } else { 300.0 * 645.0 * tau_s };
         assert!(range.contains(&(false_damper / scale)), "{false_damper} at {tau_s}");
     }
@@ -215,7 +221,7 @@ fn a_delay_is_the_coefficient_of_the_force_rate() {
 #[test]
 fn a_motion_that_cannot_show_a_delay_is_refused() {
     let none = Backlash::default();
-    let refused = |rows| skew(&products(rows), &ideal(), &none).unwrap_err();
+    let refused = |rows| skew(&products(rows), &ideal(), &none, &BESIDE).unwrap_err();
     assert!(matches!(refused(shaken(ONE_TONE, ALIKE, 0.0, 1e-5, 0.1)), FitError::SingleTone { .. }));
     let slow = shaken(TWO_TONES, ALIKE, 0.0, 0.0, 0.1).into_iter().map(|[a, v, s, one, force, speed, rate]| {
         // The same, but that friction makes most of the rate.
@@ -228,11 +234,11 @@ fn a_motion_that_cannot_show_a_delay_is_refused() {
     // A worn screw's impacts are not resolved; at four times the rate they are.
     let worn = Backlash { size: BacklashSize::Ok(Interval { value: 1e-4, u95: 2e-6 }), ..none };
     let clear = products(shaken(TWO_TONES, ALIKE, 0.0, 0.0, 0.1));
-    let refused = skew(&clear, &ideal(), &worn).unwrap_err();
+    let refused = skew(&clear, &ideal(), &worn, &BESIDE).unwrap_err();
     assert!(matches!(refused, FitError::TooWide { doubt: Doubt::Impacts { .. }, .. }), "{refused:?}");
-    assert!(skew(&clear, &Settings { sample_rate_hz: 4000.0, ..ideal() }, &worn).is_ok());
+    assert!(skew(&clear, &Settings { sample_rate_hz: 4000.0, ..ideal() }, &worn, &BESIDE).is_ok());
     let unknown = Backlash { size: BacklashSize::NotIdentifiable(Reason::Scattered), ..worn };
-    assert!(skew(&clear, &ideal(), &unknown).is_ok());
+    assert!(skew(&clear, &ideal(), &unknown, &BESIDE).is_ok());
 }
 
 /// The reference device with a load cell that is late, under settings that do not know of it.
@@ -252,7 +258,7 @@ fn replayed(setup: &Setup) -> Outcome {
 fn skew_of(setup: &Setup) -> Result<Skew, FitError> {
     let outcome = replayed(setup);
     let (sums, more) = &outcome.fast;
-    skew(&Products::of(sums, more)?, &setup.settings, &outcome.detail.backlash)
+    skew(&Products::of(sums, more)?, &setup.settings, &outcome.detail.backlash, &Beside::of(&outcome))
 }
 
 #[test]

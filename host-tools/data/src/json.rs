@@ -4,10 +4,13 @@
 //! or an infinity. What is not known is `null`.
 
 use inerter_core::{
-    Backlash, BacklashSize, Band, Bank, Contact, Counters, Detail, Law, LawStatus, Machine, Parameter, Parameters,
-    Reason, Regime, Reversal, Route, Settings, Status, Warning,
+    Backlash, BacklashSize, Band, Bank, Contact, Counters, Detail, Interval, Law, LawStatus, Machine, Parameter,
+    Parameters, Reason, Regime, Reversal, Route, Settings, Status, Warning,
 };
-use inerter_wire::{Estimated, EventKind, Health, catalogue};
+use inerter_wire::{
+    Estimated, EventKind, Health,
+    catalogue::{self, Field},
+};
 use serde::Serialize;
 use serde_json::Value;
 
@@ -23,16 +26,27 @@ pub struct ParameterJson {
     pub value: Option<f32>,
     /// Half width of the 95 % interval; `null` when there is no finite one.
     pub u95: Option<f32>,
-    /// `ok`, `held` or `not_identifiable`.
+    /// `ok`, `below_u95`, `held` or `not_identifiable`.
     pub status: &'static str,
 }
 
 impl From<Parameter> for ParameterJson {
     fn from(parameter: Parameter) -> Self {
+        Self::of(&parameter, Shown::of_size(&parameter))
+    }
+}
+
+impl ParameterJson {
+    /// Of an offset, of which none at all is as good a finding as any other.
+    pub fn offset(parameter: Parameter) -> Self {
+        Self::of(&parameter, Shown::of_offset(&parameter))
+    }
+
+    fn of(parameter: &Parameter, shown: Shown) -> Self {
         Self {
             value: parameter.value().filter(|value| value.is_finite()),
             u95: Some(parameter.u95()).filter(|u95| u95.is_finite()),
-            status: status_word(shown_status(&parameter)),
+            status: shown.word(),
         }
     }
 }
@@ -53,7 +67,7 @@ impl From<&Parameters> for ParametersJson {
             inertance_kg: parameters.inertance_kg.into(),
             viscous_n_s_per_m: parameters.viscous_n_s_per_m.into(),
             coulomb_n: parameters.coulomb_n.into(),
-            offset_n: parameters.offset_n.into(),
+            offset_n: ParameterJson::offset(parameters.offset_n),
         }
     }
 }
@@ -379,20 +393,50 @@ pub fn health_json(health: &Health) -> serde_json::Value {
     object.into()
 }
 
-/// The status to show: a device may say `Ok` of a value that is no number.
-pub fn shown_status(parameter: &Parameter) -> Status {
-    match parameter.value() {
-        Some(value) if value.is_finite() => parameter.status(),
-        _ => Status::NotIdentifiable,
-    }
+/// What a parameter's status is called where it is shown.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Shown {
+    /// Value and interval hold.
+    Ok,
+    /// The same, and the value is smaller than the interval: there may be none.
+    BelowU95,
+    /// Nothing moves.
+    Held,
+    /// There is no value.
+    NotIdentifiable,
 }
 
-/// `ok`, `held` or `not_identifiable`.
-pub fn status_word(status: Status) -> &'static str {
-    match status {
-        Status::Ok => "ok",
-        Status::Held => "held",
-        Status::NotIdentifiable => "not_identifiable",
+impl Shown {
+    /// Of a parameter of the catalogue.
+    pub fn of(field: &Field, parameter: &Parameter) -> Self {
+        if field.path.starts_with("offset_") { Self::of_offset(parameter) } else { Self::of_size(parameter) }
+    }
+
+    /// Of what is there in some size.
+    pub fn of_size(parameter: &Parameter) -> Self {
+        match (Self::of_offset(parameter), parameter.fitted()) {
+            (Self::Ok, Interval { value, u95 }) if value.abs() <= u95 => Self::BelowU95,
+            (shown, _) => shown,
+        }
+    }
+
+    /// Of what may as well be none. A device may say `Ok` of a value that is no number.
+    pub fn of_offset(parameter: &Parameter) -> Self {
+        match (parameter.value(), parameter.status()) {
+            (Some(value), Status::Ok) if value.is_finite() => Self::Ok,
+            (Some(value), Status::Held) if value.is_finite() => Self::Held,
+            _ => Self::NotIdentifiable,
+        }
+    }
+
+    /// `ok`, `below_u95`, `held` or `not_identifiable`.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Ok => "ok",
+            Self::BelowU95 => "below_u95",
+            Self::Held => "held",
+            Self::NotIdentifiable => "not_identifiable",
+        }
     }
 }
 

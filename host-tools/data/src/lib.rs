@@ -21,6 +21,7 @@ pub mod run;
 pub mod series;
 pub mod settings;
 pub mod text;
+pub mod uncertainty;
 pub mod words;
 
 pub use error::Error;

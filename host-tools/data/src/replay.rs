@@ -1,7 +1,8 @@
 //! A run through the estimator, as the device would have done it.
 
 use inerter_core::{
-    Active, Bank, Counters, Detail, Estimate, Law, MoreSums, Output, Published, RawSample, Settings, State, Sums,
+    Active, Bank, Budgets, Counters, Detail, Estimate, Law, MoreSums, Motion, Output, Published, RawSample, Settings,
+    State, Sums,
 };
 use inerter_wire::{Estimated, EstimatorEvent, step};
 
@@ -64,6 +65,8 @@ impl Replay {
             law,
             detail,
             counters: self.counters(),
+            motion: Motion::of(&detail, self.state.repeats()),
+            budgets: self.active.budgets(&self.state),
             fast: self.sums(Bank::Fast),
             slow: self.sums(Bank::Slow),
         }
@@ -88,6 +91,10 @@ pub struct Outcome {
     pub detail: Detail,
     /// Samples, discontinuities and saturation.
     pub counters: Counters,
+    /// What is known of the motion beside the sums.
+    pub motion: Motion,
+    /// What the intervals are made of.
+    pub budgets: Budgets,
     /// The sums of the fast bank, since the start or the last change.
     pub fast: (Sums, MoreSums),
     /// Those of the slow bank.
@@ -97,7 +104,12 @@ pub struct Outcome {
 impl Outcome {
     /// The estimate with all that goes with it.
     pub fn estimated(&self) -> Estimated {
-        Published { estimate: self.estimate, law: self.law, detail: self.detail }.into()
+        self.published().into()
+    }
+
+    /// The same as the estimator gives it.
+    pub fn published(&self) -> Published {
+        Published { estimate: self.estimate, law: self.law, detail: self.detail }
     }
 
     /// The sums of the bank that the estimate comes from.

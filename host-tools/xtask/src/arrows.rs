@@ -141,6 +141,7 @@ const SIGNAL_PATH: &[&str] = &[
     "line.rs",
     "kernel.rs",
     "sign.rs",
+    "repeats.rs",
     "gate.rs",
     "noise.rs",
     "rls.rs",

@@ -8,7 +8,7 @@ use crate::detail::{Reason, Reversal, Route};
 use crate::ldl::{FACTOR_BITS, UNKNOWNS, solve};
 use crate::math::{greater, power, sqrt, square};
 use crate::rls::{place, scaled};
-use crate::solution::{pivot, standard_errors};
+use crate::solution::{Inverse, pivot};
 
 /// The same of a single reversal with the sensor, as a standard error: a fifth of the steps' own rms on either
 /// flank.
@@ -73,7 +73,7 @@ impl Solved {
         let freedom = terminal.totals.updates().saturating_sub(UNKNOWNS as u32).max(1) as f32;
         let last = i32::from(solution.shifts[UNKNOWNS]);
         let left = pivot(&solution, UNKNOWNS) / freedom;
-        let errors = standard_errors(&solution, left);
+        let errors = Inverse::of(&solution).errors(left);
         let unit = |i: usize| power(i32::from(solution.shifts[i]) - last);
         Self {
             unknowns: core::array::from_fn(|i| solution.unknowns[i] as f32 * power(-(FACTOR_BITS as i32)) * unit(i)),

@@ -7,7 +7,7 @@ use crate::backlash::terminal::ONE;
 use crate::constants;
 use crate::detail::{Backlash, BacklashSize, Contact, Reason, Route};
 use crate::estimate::{Interval, Parameter, Unresolved};
-use crate::math::{greater, power, sqrt, square};
+use crate::math::{greater, single, sqrt, square};
 use crate::rls::place;
 
 const COVERAGE: f32 = constants::COVERAGE as f32;
@@ -86,13 +86,6 @@ impl BacklashState {
             BacklashSize::NotIdentifiable(_) => Contact::Unknown,
         }
     }
-}
-
-/// `value` as it is, nearly.
-fn single(value: i128) -> f32 {
-    let magnitude = value.unsigned_abs();
-    let unsigned = (magnitude >> 64) as u64 as f32 * power(64) + magnitude as u64 as f32;
-    if value < 0 { -unsigned } else { unsigned }
 }
 
 impl BacklashActive {

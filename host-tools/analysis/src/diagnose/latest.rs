@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use inerter_core::{Estimate, Law, RawSample, Settings};
+use inerter_core::{Published, RawSample, Settings};
 use inerter_data::{run::Run, series::Series};
 
 use super::{
@@ -47,11 +47,11 @@ impl Latest {
     }
 
     /// What breaks the law in them, as far as a person should be told; the estimator said this in the end.
-    pub fn suspected(self, estimate: &Estimate, law: &Law) -> Vec<Cause> {
-        if !is_suspect(law) {
+    pub fn suspected(self, published: &Published) -> Vec<Cause> {
+        if !is_suspect(&published.law) {
             return Vec::new();
         }
         let run = Run { settings: self.settings, samples: self.samples.into(), ..Run::default() };
-        suspected(&Series::of(&run), &run.settings, estimate, law)
+        suspected(&Series::of(&run), &run.settings, published)
     }
 }

@@ -1,6 +1,6 @@
 //! The search: what explains most is added first.
 
-use inerter_core::{Estimate, Law, LawStatus, Parameter, Parameters, Settings, constants};
+use inerter_core::{Found, Law, LawStatus, Motion, Parameter, Parameters, Published, Scatter, Settings, constants};
 use inerter_data::series::Series;
 use nalgebra::{DMatrix, DVector};
 
@@ -11,7 +11,7 @@ use super::{
     selection::{Group, Selection, dot},
 };
 use crate::{
-    fit::{FitError, Systematic},
+    fit::{Beside, FitError, Judge},
     law::{self, Kernels},
 };
 
@@ -51,16 +51,17 @@ pub fn is_suspect(law: &Law) -> bool {
 /// What a person should be told of a run who has not asked for it: nothing where the law holds, and all where it is broken. Where
 /// flanks may part, their impacts can look like a cause; then what was found must be most of what is left over. Nothing is told
 /// either where too little of the run can be looked at.
-pub fn suspected(series: &Series, settings: &Settings, estimate: &Estimate, law: &Law) -> Vec<Cause> {
-    if !is_suspect(law) {
+pub fn suspected(series: &Series, settings: &Settings, published: &Published) -> Vec<Cause> {
+    if !is_suspect(&published.law) {
         return Vec::new();
     }
-    let Ok(Diagnosis { causes, residual_rms_n: [alone, with_causes], .. }) = diagnose(series, settings, estimate, None)
+    let Ok(Diagnosis { causes, residual_rms_n: [alone, with_causes], .. }) =
+        diagnose(series, settings, published, None)
     else {
         return Vec::new();
     };
     let is_most = with_causes < MOST_LEFT * alone;
-    if law.status == LawStatus::Broken || is_most { causes } else { Vec::new() }
+    if published.law.status == LawStatus::Broken || is_most { causes } else { Vec::new() }
 }
 
 /// Tests a run of which the estimator said this in the end; `counts_per_turn` of the encoder, where they are known, else those that are usual
@@ -70,16 +71,16 @@ pub fn suspected(series: &Series, settings: &Settings, estimate: &Estimate, law:
 pub fn diagnose(
     series: &Series,
     settings: &Settings,
-    estimate: &Estimate,
+    published: &Published,
     counts_per_turn: Option<f64>,
 ) -> Result<Diagnosis, FitError> {
-    let first = searched(series, settings, estimate, counts_per_turn, None)?;
+    let first = searched(series, settings, published, counts_per_turn, None)?;
     let Some(place) = first.causes.iter().position(|cause| cause.kind == Kind::Skew) else { return Ok(first) };
     let Some(skew) = first.causes.get(place).copied() else { return Ok(first) };
     let skew_u95_s = settings.skew_u95_s.hypot(SKEW_MODEL_U95_S);
     let undone = Settings { skew_s: settings.skew_s + skew.value, skew_u95_s, ..*settings };
     let left = Candidate { kind: Kind::Skew, term: Term::Skew };
-    let mut found = searched(series, &undone, estimate, counts_per_turn, Some(left))?;
+    let mut found = searched(series, &undone, published, counts_per_turn, Some(left))?;
     found.residual_rms_n[0] = first.residual_rms_n[0];
     // What is left of the skew was taken in before all others.
     if !found.causes.is_empty() {
@@ -94,13 +95,12 @@ pub fn diagnose(
 fn searched(
     series: &Series,
     settings: &Settings,
-    estimate: &Estimate,
+    published: &Published,
     counts_per_turn: Option<f64>,
     known: Option<Candidate>,
 ) -> Result<Diagnosis, FitError> {
-    let kernels = Kernels::new(estimate.bank, series.period_s);
-    let box_s = kernels.box_samples as f64 * series.period_s;
-    let found = estimate.whole_run;
+    let kernels = Kernels::new(published.estimate.bank, series.period_s);
+    let found = published.estimate.whole_run;
     let value = |parameter: Parameter| f64::from(parameter.fitted().value);
     let law = law::Law {
         inertance_kg: value(found.inertance_kg) + settings.structure_mass_kg,
@@ -125,7 +125,9 @@ fn searched(
         }
         chosen.push(search.choose(next));
     };
-    let Some(Fitted { causes, corrected, residual_rms_n }) = fitted(&rows, settings, box_s, &chosen) else {
+    let Some(Fitted { causes, corrected, residual_rms_n }) =
+        fitted(&rows, settings, &Motion::of(&published.detail, 1.0), &chosen)
+    else {
         return Ok(Diagnosis { causes: Vec::new(), corrected: None, greatest_left, residual_rms_n: [alone_n; 2] });
     };
     let residual_rms_n = [alone_n, residual_rms_n];
@@ -214,7 +216,7 @@ struct Fitted {
 }
 
 /// Fits them; nothing where the motion cannot tell them apart.
-fn fitted(rows: &Rows, settings: &Settings, box_s: f64, chosen: &[Chosen]) -> Option<Fitted> {
+fn fitted(rows: &Rows, settings: &Settings, motion: &Motion, chosen: &[Chosen]) -> Option<Fitted> {
     let groups: Vec<Vec<Vec<f64>>> = chosen.iter().map(|one| rows.columns(one.candidate.term)).collect();
     let columns: Vec<&Vec<f64>> = rows.base.iter().chain(groups.iter().flatten()).collect();
     let scales: Vec<f64> = columns.iter().map(|column| dot(column, column).sqrt().recip()).collect();
@@ -247,16 +249,21 @@ fn fitted(rows: &Rows, settings: &Settings, box_s: f64, chosen: &[Chosen]) -> Op
         cause(one, size, constants::COVERAGE * size_error)
     });
     let causes: Vec<Cause> = causes.collect();
-    let mean_square = |column: &[f64]| dot(column, column) / column.len() as f64;
-    let [acceleration, velocity, ..] = &rows.base;
-    let systematic =
-        Systematic { acceleration: mean_square(acceleration), velocity: mean_square(velocity), box_s, settings };
-    let parameters = Parameters {
-        inertance_kg: systematic.inertance(value(0), error(0)),
-        viscous_n_s_per_m: systematic.viscous(value(1), error(1), value(0)),
-        coulomb_n: systematic.coulomb(value(2), error(2)),
-        offset_n: systematic.offset(value(3), error(3)),
-    };
+    // What a skew that is left unseen moves, a skew that was found beside the law or not.
+    let late = rows.columns(Term::Skew);
+    let [late] = late.as_slice() else { return None };
+    let law = rows.base.len();
+    let own = DMatrix::from_fn(law, law, |i, j| dot(&rows.base[i], &rows.base[j]) * scales[i] * scales[j]);
+    let moved = own.cholesky()?.solve(&DVector::from_fn(law, |i, _| dot(&rows.base[i], late) * scales[i]));
+    let found = [0, 1, 2, 3].map(|i| Found {
+        value: value(i) as f32,
+        error: error(i) as f32,
+        per_skew: (moved[i] * scales[i]) as f32,
+        steps: 0.0,
+    });
+    // What breaks the law is in the fit.
+    let beside = Beside { motion: *motion, model_u95: [0.0; 4] };
+    let parameters = Judge { settings, beside: &beside, scatter: Scatter::white(freedom as f32) }.four(found);
     let residual_rms_n = (left.max(0.0) / rows.force.len() as f64).sqrt();
     Some(Fitted { causes, corrected: parameters, residual_rms_n })
 }

@@ -5,13 +5,14 @@
 
 use inerter_core::{Bank, MoreSums, Sums};
 use inerter_data::{
+    json::ParameterJson,
     replay::{Outcome, Replay},
     run::Run,
     settings::SettingsInputError,
 };
 
 use super::result::{SegmentFit, SegmentParameters};
-use crate::fit::{Directions, FitError, Products, directions};
+use crate::fit::{Beside, Directions, FitError, Products, directions};
 
 /// Sums of both banks at one time.
 #[derive(Clone, Copy)]
@@ -85,7 +86,8 @@ pub fn linear(run: &Run, segment_s: Option<f64>, fitted: f64) -> Result<Linear, 
         .iter()
         .zip(marks.iter().skip(1))
         .map(|(from, to)| {
-            let fit = products(from, to).and_then(|products| directions(&products, &run.settings, None));
+            let fit = products(from, to)
+                .and_then(|products| directions(&products, &run.settings, &Beside::of(&outcome), None));
             let (from_s, to_s) = (from.t_s, to.t_s);
             match fit {
                 Ok(fit) => SegmentFit { from_s, to_s, fit: Some(by_segment(&fit)), reason: None },
@@ -119,7 +121,7 @@ fn by_segment(fit: &Directions) -> SegmentParameters {
         offset_n: fit.symmetric.offset_n.into(),
         viscous_positive_n_s_per_m: positive.into(),
         viscous_negative_n_s_per_m: negative.into(),
-        difference_and_twice_offset_n: fit.difference_n.into(),
+        difference_and_twice_offset_n: ParameterJson::offset(fit.difference_n),
         residual_rms_n: fit.symmetric_residual_rms_n,
         residual_by_direction_rms_n: fit.residual_rms_n,
     }

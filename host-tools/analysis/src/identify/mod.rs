@@ -43,7 +43,7 @@ use uncertainty::Errors;
 use validation::{judged, over_noise};
 use whiteness::whiteness;
 
-use crate::fit::{FitError, directions};
+use crate::fit::{Beside, FitError, Products, directions};
 
 /// Shortest stretch that the complete model is fitted to \[s\].
 const SHORTEST_S: f64 = 2.0;
@@ -352,16 +352,16 @@ fn validated(stretches: &[Prepared], task: &Task, best: &State, tick: &mut dyn F
 /// The result where only encoder and force are known.
 fn linear_only(runs: &[Run], lines: Vec<Linear>, notes: Vec<String>) -> Result<Identified, IdentifyError> {
     let settings = runs.first().map(|run| run.settings).unwrap_or_default();
-    let mut whole = None;
+    let mut whole: Option<(Products, Beside)> = None;
     for line in &lines {
         let products = line.whole?;
         whole = Some(match whole {
-            None => products,
-            Some(before) => products.and(&before),
+            None => (products, Beside::of(&line.outcome)),
+            Some((before, beside)) => (products.and(&before), beside),
         });
     }
-    let Some(whole) = whole else { return Err(FitError::TooShort { observations: 0.0 }.into()) };
-    let law = directions(&whole, &settings, None)?.symmetric;
+    let Some((whole, beside)) = whole else { return Err(FitError::TooShort { observations: 0.0 }.into()) };
+    let law = directions(&whole, &settings, &beside, None)?.symmetric;
     let found = |parameter: Parameter, symbol: &str| match parameter.known() {
         None => Found::unknown(format!("this motion hardly depends on {symbol}")),
         Some(Interval { value, u95 }) => Found::known(value.into(), u95.into()),

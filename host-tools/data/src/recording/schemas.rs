@@ -73,7 +73,7 @@ fn parameters<'a>(fields: impl Iterator<Item = &'a Field>) -> Map<String, Value>
         json!({"type": "object", "description": described(field), "properties": {
             "value": number(format!("{}; null when not identifiable", described(field))),
             "u95": number(INTERVAL),
-            "status": text("ok, held or not_identifiable"),
+            "status": text("ok, below_u95, held or not_identifiable"),
         }})
     };
     fields.map(|field| (field.path.to_string(), parameter(field))).collect()

@@ -10,7 +10,7 @@ use inerter_analysis::{
         rest::{self, Of, Standing, Watch},
         rounded_up, timebase,
     },
-    fit::{Products, Skew, skew},
+    fit::{Beside, Products, Skew, skew},
 };
 use inerter_core::Settings;
 use inerter_data::{json::rounded_s, replay::replay, run::Run, text::value_text};
@@ -274,7 +274,7 @@ fn skew_of(run: &Run) -> Result<Finding, Error> {
     let outcome = replay(run, |_, _| Ok::<(), Error>(()))?;
     refuse_saturated(&outcome, run)?;
     let (sums, more) = &outcome.fast;
-    let found = skew(&Products::of(sums, more)?, &run.settings, &outcome.detail.backlash)?;
+    let found = skew(&Products::of(sums, more)?, &run.settings, &outcome.detail.backlash, &Beside::of(&outcome))?;
     let mut finding = Finding::new(Step::Skew);
     let skew_s = rounded_s(run.settings.skew_s + found.left_s);
     finding.measure("left_s", found.left_s);

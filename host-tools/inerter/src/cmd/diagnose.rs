@@ -78,7 +78,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
         note(format!("the device changed at {since_s:.1} s: only the motion since is looked at"));
         series.cut_before(since_s);
     }
-    let found = match diagnose(&series, &run.settings, &outcome.estimate, args.counts_per_turn) {
+    let found = match diagnose(&series, &run.settings, &outcome.published(), args.counts_per_turn) {
         Ok(found) => found,
         Err(error) => {
             refuse_saturated(&outcome, &run)?;

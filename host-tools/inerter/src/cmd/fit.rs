@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use inerter_analysis::{
     calibrate::refuse_saturated,
-    fit::{Directions, Products, directions},
+    fit::{Beside, Directions, Products, directions},
 };
 use inerter_core::{Machine, Parameter};
 use inerter_data::{
@@ -49,7 +49,8 @@ pub fn run(args: &Args) -> Result<(), Error> {
     run.notes.iter().for_each(note);
     let outcome = replayed(&run)?;
     let (sums, more) = outcome.sums();
-    let fit = Products::of(sums, more).and_then(|products| directions(&products, &run.settings, args.offset_n));
+    let fit = Products::of(sums, more)
+        .and_then(|products| directions(&products, &run.settings, &Beside::of(&outcome), args.offset_n));
     let fit = match fit {
         Ok(fit) => fit,
         Err(error) => {
@@ -112,7 +113,7 @@ fn json(args: &Args, machine: Machine, outcome: &Outcome, fit: &Directions) -> R
         coulomb_positive_n: coulomb.map(|[positive, _]| positive.into()),
         coulomb_negative_n: coulomb.map(|[_, negative]| negative.into()),
         offset_n: args.offset_n,
-        difference_and_twice_offset_n: fit.difference_n.into(),
+        difference_and_twice_offset_n: ParameterJson::offset(fit.difference_n),
     };
     let line = FitJson {
         kind: "fit",

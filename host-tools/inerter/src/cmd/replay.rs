@@ -2,14 +2,15 @@
 
 use std::{cell::RefCell, path::PathBuf};
 
-use inerter_analysis::diagnose::Latest;
+use inerter_analysis::{diagnose::Latest, fit::Products};
 use inerter_core::Machine;
 use inerter_data::{
     export::Source,
     json::{EstimateJson, EventJson, ReversalJson, WarningJson, machine_json_line, rounded_s},
     output,
-    replay::replay_samples,
+    replay::{Outcome, replay_samples},
     text::{self, change_words, warning_words},
+    uncertainty::UncertaintyJson,
 };
 use inerter_wire::{EstimatorEvent, EventKind};
 use serde::Serialize;
@@ -95,12 +96,15 @@ pub fn run(args: &Args) -> Result<(), Error> {
     )?;
     progress.done();
     let estimated = outcome.estimated();
-    let causes = latest.into_inner().suspected(&outcome.estimate, &outcome.law);
+    let causes = latest.into_inner().suspected(&outcome.published());
     let causes = causes.iter().map(|cause| (cause.kind.name(), cause.sentence(run.settings.machine)));
     if args.json {
         warnings.extend(causes.map(|(code, text)| WarningJson { code, t_s: rounded_s(outcome.t_s), text }));
         let last = EstimateJson::last(outcome.t_s, &estimated, &run.settings, Some(outcome.counters));
-        return Ok(output::line(machine_json_line(run.settings.machine, &LastJson { last, warnings }))?);
+        return Ok(output::line(machine_json_line(
+            run.settings.machine,
+            &LastJson { last, uncertainty: Some(uncertainty(&outcome)), warnings },
+        ))?);
     }
     if !header {
         output::line("")?;
@@ -115,7 +119,17 @@ pub fn run(args: &Args) -> Result<(), Error> {
 pub struct LastJson {
     #[serde(flatten)]
     pub last: EstimateJson,
+    /// Of the whole run, where it was computed here.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub uncertainty: Option<UncertaintyJson>,
     pub warnings: Vec<WarningJson>,
+}
+
+/// What the intervals of the whole run are made of.
+fn uncertainty(outcome: &Outcome) -> UncertaintyJson {
+    let (sums, more) = outcome.sums();
+    let correlation = Products::of(sums, more).and_then(|products| products.correlation()).ok();
+    UncertaintyJson::new(&outcome.budgets.whole_run, correlation)
 }
 
 /// What is wrong with the samples, where the event says it.

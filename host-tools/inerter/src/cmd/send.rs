@@ -72,7 +72,10 @@ pub fn run(args: &Args) -> Result<(), Error> {
     progress.done();
     if args.json {
         let last = EstimateJson::last(injected.t_s, &injected.estimated, &run.settings, None);
-        return Ok(output::line(machine_json_line(run.settings.machine, &LastJson { last, warnings }))?);
+        return Ok(output::line(machine_json_line(
+            run.settings.machine,
+            &LastJson { last, uncertainty: None, warnings },
+        ))?);
     }
     output::lines(text::table(&injected.estimated, &run.settings, run.truth.as_ref()).trim_end())?;
     output::line(format!(

@@ -3,7 +3,7 @@
 use std::thread::{self, JoinHandle};
 
 use inerter_analysis::diagnose::{Cause, Kind, Latest, is_suspect};
-use inerter_core::{Law, Machine, RawSample, Settings};
+use inerter_core::{Law, Machine, Published, RawSample, Settings};
 use inerter_wire::EventKind;
 
 use super::feed::Item;
@@ -59,8 +59,9 @@ impl Causes {
                 let new = new.collect();
                 let may = self.search.is_none() && at.run_s >= self.next_s && self.latest.duration_s() >= LEAST_S;
                 if may && is_suspect(&law) {
-                    let (latest, estimate) = (self.latest.clone(), estimated.estimate);
-                    let causes = move || latest.suspected(&estimate, &law);
+                    let (estimate, detail) = (estimated.estimate, estimated.detail.unwrap_or_default());
+                    let latest = self.latest.clone();
+                    let causes = move || latest.suspected(&Published { estimate, detail, law });
                     self.search = thread::Builder::new().name("causes".into()).spawn(causes).ok();
                     self.next_s = at.run_s + LEAST_S;
                 }

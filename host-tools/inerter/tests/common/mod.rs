@@ -55,7 +55,7 @@ pub fn last(text: &str) -> Value {
 /// What an estimate says, without what only a replay adds.
 pub fn estimate_of(value: &Value) -> Value {
     let mut object = value.as_object().unwrap().clone();
-    for key in ["final", "samples", "discontinuities", "lost_samples", "saturated", "warnings"] {
+    for key in ["final", "samples", "discontinuities", "lost_samples", "saturated", "uncertainty", "warnings"] {
         object.remove(key);
     }
     object.into()

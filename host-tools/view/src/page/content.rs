@@ -3,7 +3,7 @@
 use inerter_analysis::law::{Kernels, Law, Row};
 use inerter_analysis::{
     diagnose::{Cause, suspected},
-    fit::{Products, directions},
+    fit::{Beside, Products, directions},
     response::{self, ModelParameters, Response},
 };
 use inerter_core::{Change, Detail, Estimate, Reversal, Settings, Warning};
@@ -90,7 +90,7 @@ impl Content {
         // Before the last change it was another device.
         let since_s = changes.last().map_or(start_s, |(t_s, _)| *t_s);
         series.cut_before(since_s);
-        let causes = suspected(&series, &settings, &outcome.estimate, &outcome.law);
+        let causes = suspected(&series, &settings, &outcome.published());
         let law = drawn_law(&outcome, &settings);
         let kernels = Kernels::new(outcome.estimate.bank, series.period_s);
         let all = (f64::NEG_INFINITY, f64::INFINITY);
@@ -153,7 +153,8 @@ impl Content {
 /// The fit to all motion since the last change: its values belong together, also those that no interval holds for by itself.
 fn drawn_law(outcome: &Outcome, settings: &Settings) -> Law {
     let (sums, more) = outcome.sums();
-    let fitted = Products::of(sums, more).and_then(|products| directions(&products, settings, None));
+    let fitted =
+        Products::of(sums, more).and_then(|products| directions(&products, settings, &Beside::of(outcome), None));
     let parameters = fitted.map_or(outcome.estimate.whole_run, |fit| fit.symmetric);
     let value = |parameter: inerter_core::Parameter| {
         Some(f64::from(parameter.fitted().value)).filter(|value| value.is_finite()).unwrap_or(0.0)

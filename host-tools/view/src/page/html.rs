@@ -1,11 +1,12 @@
 //! The page itself: one file, nothing to load, light and dark, and on paper.
 
-use inerter_core::{LawStatus, Machine, Regime, Settings, Status};
+use inerter_core::{Budget, LawStatus, Machine, Regime, Settings, Source};
 use inerter_data::{
-    json::bank_word,
+    json::{Shown, bank_word},
     names::description,
     text::{self, value_text},
-    words::{duration_text, plural, utc},
+    uncertainty::{parts, source_word},
+    words::{duration_text, plural, rounded_text, utc},
 };
 use inerter_wire::{
     Hello, WIRE_VERSION,
@@ -50,6 +51,7 @@ pub fn html(content: &Content) -> (String, Vec<Figure>) {
                 main {
                     (results(content))
                     (notes(content))
+                    (budgets(content))
                     @for (kind, figure) in &all { (section(content.run.settings.machine, *kind, figure)) }
                     (conditions(content))
                     (settings(&content.run.settings))
@@ -86,12 +88,13 @@ fn header(content: &Content) -> Markup {
 }
 
 /// A cell's text and its class.
-fn status(word: Status, law: LawStatus) -> (&'static str, &'static str) {
-    match word {
-        Status::Ok => ("ok", "ok"),
-        Status::Held => ("held: at rest at the end", "held"),
-        Status::NotIdentifiable if law == LawStatus::Broken => ("the law is broken", "none"),
-        Status::NotIdentifiable => ("this motion does not show it", "none"),
+fn status(shown: Shown, law: LawStatus) -> (&'static str, &'static str) {
+    match shown {
+        Shown::Ok => ("ok", "ok"),
+        Shown::BelowU95 => ("smaller than its interval: there may be none", "held"),
+        Shown::Held => ("held: at rest at the end", "held"),
+        Shown::NotIdentifiable if law == LawStatus::Broken => ("the law is broken", "none"),
+        Shown::NotIdentifiable => ("this motion does not show it", "none"),
     }
 }
 
@@ -127,7 +130,7 @@ fn results(content: &Content) -> Markup {
                 } }
                 tbody {
                     @for (((field, recent), (_, whole)), linear) in pairs {
-                        @let (word, class) = status(recent.status(), law);
+                        @let (word, class) = status(Shown::of(field, &recent), law);
                         tr {
                             th scope="row" { (field.label) @if !field.symbol.is_empty() { " " i { (field.symbol) } } }
                             td { (field.unit) }
@@ -152,11 +155,56 @@ fn results(content: &Content) -> Markup {
                 }
             }
             p.small {
-                "Values with the half width of their 95 % interval, which includes noise, model and the stated uncertainty of the calibration. "
-                "Where the motion cannot show a parameter there is no number."
+                "Values with the half width of their 95 % interval. Where the motion cannot show a parameter there is no number."
             }
         }
     }
+}
+
+/// What the intervals of the whole run are made of.
+fn budgets(content: &Content) -> Markup {
+    let machine = content.run.settings.machine;
+    let budgets = &content.outcome.budgets.whole_run;
+    let has_part = |source: &Source| budgets.iter().any(|budget| parts(budget).any(|(other, _)| other == *source));
+    let sources: Vec<Source> = Source::ALL.into_iter().filter(has_part).collect();
+    let part = |budget: &Budget, source: Source| {
+        parts(budget).find(|(other, _)| *other == source).map(|(_, u95)| two_digits(u95)).unwrap_or_default()
+    };
+    let rows = catalogue::fields(machine, Group::Parameter).zip(budgets).filter(|(_, budget)| budget.u95().is_finite());
+    markup! {
+        section #budget {
+            h2 { "What the intervals are made of" }
+            table {
+                thead { tr {
+                    th scope="col" { "Parameter" }
+                    th scope="col" { "Unit" }
+                    @for source in &sources { th.number scope="col" { (source_word(*source)) } }
+                    th.number scope="col" { "all" }
+                    th.number scope="col" { "on one rig" }
+                } }
+                tbody {
+                    @for (field, budget) in rows {
+                        tr {
+                            th scope="row" { (field.label) }
+                            td { (field.unit) }
+                            @for source in &sources { td.number { (part(budget, *source)) } }
+                            td.number { (two_digits(budget.u95())) }
+                            td.number { (two_digits(budget.same_rig_u95())) }
+                        }
+                    }
+                }
+            }
+            p.small {
+                "Parts of the 95 % interval of the whole run; their squares add up to its square. Noise is the scatter of this run. Gain, lead, timebase, "
+                "skew, structure and stiffness are as uncertain as the settings say. Model is how far the law may be wrong, by what this run shows of it. "
+                "Two runs on one rig may be compared by the last column, which leaves out what they share: gain, lead and timebase."
+            }
+        }
+    }
+}
+
+fn two_digits(u95: f32) -> String {
+    rounded_text(u95.into(), u95.into())
 }
 
 fn notes(content: &Content) -> Markup {
@@ -333,8 +381,8 @@ fn method(machine: Machine) -> Markup {
                 i { "mt" } ", " i { "cf" } ", " i { "fc" } " and " i { "F0" } " of "
                 i { "F = mt a + cf v + fc sgn(v) + F0" } ", in contact and out of it; what stands still is left out. "
                 "The estimates are those of the device, to the bit. An interval is "
-                i { "U95" } " = √((3 " i { "se" } ")² + " i { "B" } "²) with the systematic part " i { "B" }
-                (words(" of force gain, lead, timebase, skew and structure mass as stated in the settings."))
+                i { "U95" } " = " i { "k" } " √(" i { "u" } "a² + Σ " i { "u" } "i²) after JCGM 100, with Student's factor "
+                i { "k" } " by the degrees of freedom of all parts together (Welch and Satterthwaite)."
             }
         }
     }

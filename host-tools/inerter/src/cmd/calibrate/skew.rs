@@ -1,6 +1,6 @@
 //! `inerter calibrate skew`: the delay of the force behind the position.
 
-use inerter_analysis::fit::{Products, skew};
+use inerter_analysis::fit::{Beside, Products, skew};
 use inerter_data::{
     json::{ParameterJson, rounded_s},
     replay::Outcome,
@@ -43,7 +43,7 @@ struct SkewJson {
 
 fn shown(run: &Run, outcome: &Outcome) -> Result<Shown<SkewJson>, Error> {
     let (sums, more) = &outcome.fast;
-    let found = skew(&Products::of(sums, more)?, &run.settings, &outcome.detail.backlash)?;
+    let found = skew(&Products::of(sums, more)?, &run.settings, &outcome.detail.backlash, &Beside::of(outcome))?;
     // To the nanosecond: more digits would be noise.
     let (skew_s, skew_u95_s) = (rounded_s(run.settings.skew_s + found.left_s), rounded_s(found.u95_s));
     Ok(Shown {

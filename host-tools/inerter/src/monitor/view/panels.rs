@@ -1,8 +1,8 @@
 //! Panes of text: the table with its status words, losses and health, what happened.
 
-use inerter_core::{Parameter, Status};
+use inerter_core::Parameter;
 use inerter_data::{
-    json::{BacklashJson, law_word, shown_status, status_word},
+    json::{BacklashJson, Shown, law_word},
     text::{self, value_text},
     words::duration_text,
 };
@@ -80,7 +80,7 @@ fn rows(state: &State, theme: Theme) -> Vec<Row<'static>> {
     let mut rows: Vec<Row<'static>> = catalogue::parameters(state.settings.machine, &estimate.recent)
         .zip(whole)
         .map(|((field, recent), (_, whole))| {
-            row(field.label, field.unit, number(&recent), status(&recent, theme), number(&whole))
+            row(field.label, field.unit, number(&recent), status(Shown::of(field, &recent), theme), number(&whole))
         })
         .collect();
     let Some(detail) = detail else { return rows };
@@ -96,7 +96,7 @@ fn rows(state: &State, theme: Theme) -> Vec<Row<'static>> {
     rows.push(row("Backlash", catalogue::unit(state.settings.machine, "µm"), reason, Span::styled(word, style), value));
     if state.settings.terminal_sensor {
         rows.extend(catalogue::contact(state.settings.machine, detail).map(|(field, parameter)| {
-            row(field.label, field.unit, String::new(), status(&parameter, theme), number(&parameter))
+            row(field.label, field.unit, String::new(), status(Shown::of_size(&parameter), theme), number(&parameter))
         }));
     }
     rows
@@ -108,20 +108,20 @@ fn row(label: &'static str, unit: &'static str, recent: String, status: Span<'st
 
 /// Value ± U95; the status stands in its own column.
 fn number(parameter: &Parameter) -> String {
-    match shown_status(parameter) {
-        Status::NotIdentifiable => "-".into(),
-        Status::Held | Status::Ok => value_text(parameter).replace(" (held)", ""),
+    match Shown::of_offset(parameter) {
+        Shown::NotIdentifiable => "-".into(),
+        _ => value_text(parameter).replace(" (held)", ""),
     }
 }
 
-fn status(parameter: &Parameter, theme: Theme) -> Span<'static> {
-    let shown = shown_status(parameter);
-    let style = match shown {
-        Status::Ok => theme.good(),
-        Status::Held => theme.doubtful(),
-        Status::NotIdentifiable => theme.quiet(),
+fn status(shown: Shown, theme: Theme) -> Span<'static> {
+    let (word, style) = match shown {
+        Shown::Ok => ("ok", theme.good()),
+        Shown::BelowU95 => ("maybe none", theme.doubtful()),
+        Shown::Held => ("held", theme.doubtful()),
+        Shown::NotIdentifiable => ("not identifiable", theme.quiet()),
     };
-    Span::styled(status_word(shown).replace('_', " "), style)
+    Span::styled(word, style)
 }
 
 /// What was lost, how the device behaves, and where else it is shown.

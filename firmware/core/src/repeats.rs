@@ -1,0 +1,118 @@
+//! Whether the motion repeats itself sample by sample: then the encoder's steps repeat with it, and no average removes them.
+//!
+//! Each stroke from one reversal to the next has a fingerprint: its samples, and the sum of its positions from where it began.
+//! Strokes of which more than one sample in [`FLIPS`] lies in another count differ in it; a screw that is shaken by
+//! another clock, or by anything that is not perfect, makes no two alike. Integers, once per reversal.
+
+/// Fingerprints that are kept, each in its own place.
+const PLACES: usize = 128;
+/// Travel from reversal to reversal under which a stroke is a flicker [counts].
+const LEAST_TRAVEL: u32 = 8;
+/// Samples of a stroke to one that may lie in another count, where it is the same stroke again.
+const FLIPS: u32 = 16;
+
+/// Counts strokes that come again.
+#[derive(Clone, Debug)]
+pub(crate) struct Repeats {
+    kept: [Kept; PLACES],
+    strokes: u32,
+    /// Sum over all fingerprints of the square of how often each has come.
+    squares: u64,
+    /// Where the stroke began: index, position and the running sum of positions.
+    begin: [i32; 3],
+}
+
+/// A fingerprint, and how often it has come.
+#[derive(Clone, Copy, Debug)]
+struct Kept {
+    print: u32,
+    times: u32,
+}
+
+impl Repeats {
+    /// Nothing seen.
+    pub const fn new() -> Self {
+        Self { kept: [Kept { print: 0, times: 0 }; PLACES], strokes: 0, squares: 0, begin: [0; 3] }
+    }
+
+    /// Forgets everything, in place.
+    pub fn reset(&mut self) {
+        self.kept.fill(Kept { print: 0, times: 0 });
+        (self.strokes, self.squares, self.begin) = (0, 0, [0; 3]);
+    }
+
+    /// Takes a reversal at this sample; a count is `codes` of the position.
+    pub fn push(&mut self, index: u32, position: i32, position_sum: i32, codes: u32) {
+        let [before, start, sum] = core::mem::replace(&mut self.begin, [index as i32, position, position_sum]);
+        let samples = (index as i32).wrapping_sub(before);
+        let travel = position.wrapping_sub(start);
+        if travel.unsigned_abs() < LEAST_TRAVEL * codes {
+            return;
+        }
+        let area = position_sum.wrapping_sub(sum).wrapping_sub(samples.wrapping_mul(start));
+        if self.strokes == u32::MAX {
+            return;
+        }
+        self.strokes += 1;
+        // Areas are compared in cells of that width, and with the nearer one of the neighbouring cells.
+        let width = (1 + samples.unsigned_abs() / FLIPS).saturating_mul(codes).clamp(1, 1 << 30) as i32;
+        let (cell, within) = (area.div_euclid(width), area.rem_euclid(width));
+        let other = if within < width / 2 { cell.wrapping_sub(1) } else { cell.wrapping_add(1) };
+        let [here, beside] = [cell, other].map(|cell| print(samples, cell));
+        let is_beside = self.kept[place(beside)].print == beside;
+        let print = if is_beside { beside } else { here };
+        let kept = &mut self.kept[place(print)];
+        if kept.print != print {
+            *kept = Kept { print, times: 0 };
+        }
+        self.squares += 2 * u64::from(kept.times) + 1;
+        kept.times += 1;
+    }
+
+    /// All strokes, and the sum over all fingerprints of the square of how often each has come.
+    pub fn strokes_and_squares(&self) -> (u32, u64) {
+        (self.strokes, self.squares)
+    }
+}
+
+/// Of so many samples and this cell; never 0.
+fn print(samples: i32, cell: i32) -> u32 {
+    // Odd constants of the golden ratio and of the square root of two spread what differs over all bits.
+    ((samples as u32).wrapping_mul(0x9e37_79b1) ^ (cell as u32).wrapping_mul(0xb504_f335)).max(1)
+}
+
+fn place(print: u32) -> usize {
+    (print >> 25) as usize
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CODES: u32 = 64;
+
+    /// How often a stroke comes on average in so many turns of a period in samples.
+    fn times(turns: u32, period: f64) -> f64 {
+        let (mut repeats, mut sum, mut reversal) = (Repeats::new(), 0_i32, period / 4.0);
+        for index in 0..(f64::from(turns) * period) as u32 {
+            let angle = core::f64::consts::TAU * f64::from(index) / period;
+            let position = (400.3 * angle.sin()).floor() as i32 * CODES as i32;
+            sum = sum.wrapping_add(position);
+            if f64::from(index) >= reversal {
+                reversal += period / 2.0;
+                repeats.push(index, position, sum, CODES);
+            }
+        }
+        let (strokes, squares) = repeats.strokes_and_squares();
+        assert!(strokes.abs_diff(2 * turns) <= 2, "{strokes} strokes in {turns} turns");
+        squares as f64 / f64::from(strokes)
+    }
+
+    #[test]
+    fn strokes_of_one_clock_come_again_and_those_of_two_do_not() {
+        // Up and down once a turn each.
+        assert!((times(40, 97.0) - 40.0).abs() < 2.0, "{}", times(40, 97.0));
+        let golden = (1.0 + 5_f64.sqrt()) / 2.0;
+        assert!(times(40, 96.0 + golden) < 4.0, "{}", times(40, 96.0 + golden));
+    }
+}

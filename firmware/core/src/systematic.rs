@@ -1,0 +1,176 @@
+//! What no averaging removes of each parameter: by what the settings state, and by what the motion makes of it.
+
+use crate::budget::{Budget, Source};
+use crate::constants;
+use crate::detail::{Band, Contact, Detail};
+use crate::math::{magnitude, sqrt, square};
+use crate::settings::Settings;
+
+const STRUCTURE_MODEL_U95: f32 = constants::STRUCTURE_MODEL_U95 as f32;
+/// Model error of the structure mass where the contact's stiffness is not known: at the device's own frequency the terminal stands while the screw
+/// moves, and from there on moves against it. 1.5 holds up to 1.2 times that frequency.
+const LOOSE_STRUCTURE_U95: f32 = 1.5;
+/// Part of their share in the scatter that the encoder's steps have in a parameter, by the harmonics of a stroke. They are
+/// noise in the position, and in the acceleration they have most of it beyond the motion's own frequencies.
+const STEPS: f32 = 0.25;
+/// The same by the motion's own frequency `w`, per `(w L)^4`: the spectrum of a second difference over a box `L` against a flat
+/// one of the same variance and correlation length.
+const STEPS_AT_FREQUENCY: f32 = 3.0 / 8.0 / 2.09;
+/// Times that a pattern of steps adds up at most: one that stays for longer differs from stroke to stroke in what it does.
+const MOST_REPEATS: f32 = 8.0;
+
+/// What the settings state, each as the half width of its 95 % interval.
+#[derive(Clone, Copy, Debug)]
+pub struct Systematic {
+    /// Relative, of forces.
+    gain: f32,
+    /// Relative, of travel.
+    lead: f32,
+    /// Relative, of time.
+    timebase: f32,
+    /// Of the skew \[s\].
+    skew_s: f32,
+    /// Structure mass \[kg\].
+    structure_mass_kg: f32,
+    /// Of the structure mass \[kg\].
+    structure_u95_kg: f32,
+    /// Of the contact's compliance \[m/N\]; infinite where its stiffness is not known.
+    compliance_m_per_n: f32,
+}
+
+/// A parameter as a fit gives it, before what no averaging removes.
+#[derive(Clone, Copy, Debug)]
+pub struct Found {
+    /// Value.
+    pub value: f32,
+    /// Standard error, were the residual white before the kernel.
+    pub error: f32,
+    /// What a force that is late by a second more takes from it.
+    pub per_skew: f32,
+    /// How far what is known of the encoder's steps leaves it undecided.
+    pub steps: f32,
+}
+
+/// What a fit's parameters have in common.
+#[derive(Clone, Copy, Debug)]
+pub struct Scatter {
+    /// Degrees of freedom of the residual.
+    pub freedom: f32,
+    /// Part of the residual's variance that the encoder's steps explain, and the part that sums of independent readings
+    /// keep of it.
+    pub steps_share: [f32; 2],
+    /// Square of the motion's frequency, weighted by the squared velocity, times that of the kernel's box.
+    pub frequency_squared: f32,
+}
+
+/// What is known of a run beside the sums that a fit rests on.
+#[derive(Clone, Copy, Debug)]
+pub struct Motion {
+    /// How often each stroke has come, sample by sample: 1 where none came again.
+    pub repeats: f32,
+    /// Flanks may part, and the structure with them.
+    pub flanks_part: bool,
+    /// Mean square of the motion's frequency, weighted by the squared acceleration \[rad^2/s^2\].
+    pub frequency_squared: f32,
+}
+
+impl Scatter {
+    /// Of residuals that are taken for white, whatever the motion.
+    pub const fn white(freedom: f32) -> Self {
+        Self { freedom, steps_share: [0.0; 2], frequency_squared: 0.0 }
+    }
+
+    /// What it makes of every parameter's error in this motion.
+    pub fn in_motion(&self, motion: &Motion) -> Spread {
+        // The kernel at the motion's frequency, squared: (sin x / x)^8 with x = w L / 2, from above.
+        let root = 1.0 + self.frequency_squared / 12.0;
+        let kernel = 1.0 / square(square(root));
+        let of_steps = STEPS + STEPS_AT_FREQUENCY * square(self.frequency_squared) * kernel;
+        let of_steps = if of_steps < 1.0 { of_steps } else { 1.0 };
+        let [share, kept] = self.steps_share;
+        let noise = kernel * (1.0 - kept) + of_steps * kept;
+        let repeats = if motion.repeats < MOST_REPEATS { motion.repeats } else { MOST_REPEATS };
+        Spread { freedom: self.freedom, noise: sqrt(noise), pattern: sqrt(of_steps * share * (repeats - 1.0)) }
+    }
+}
+
+/// What scatters in a motion, per standard error of a parameter.
+#[derive(Clone, Copy, Debug)]
+pub struct Spread {
+    /// Degrees of freedom of the residual.
+    freedom: f32,
+    /// By what scatters.
+    noise: f32,
+    /// By the encoder's steps where strokes come again and they with them.
+    pattern: f32,
+}
+
+impl Motion {
+    /// Of a run whose detail and repeats the estimator tells so.
+    pub fn of(detail: &Detail, repeats: f32) -> Self {
+        Self::within(&detail.band, detail.contact, repeats)
+    }
+
+    pub(crate) fn within(band: &Band, contact: Contact, repeats: f32) -> Self {
+        let frequency = core::f32::consts::TAU * band.high_hz;
+        Self { repeats, flanks_part: contact.may_part(), frequency_squared: frequency * frequency }
+    }
+}
+
+impl Systematic {
+    /// Of these settings.
+    pub fn of(settings: &Settings) -> Self {
+        let stiffness = settings.stiffness_n_per_m;
+        let stiffness_u95 = match settings.stiffness_u95_n_per_m {
+            0.0 => constants::UNSTATED_STIFFNESS_U95 * stiffness,
+            stated => stated,
+        };
+        Self {
+            gain: settings.force_gain_u95 as f32,
+            lead: settings.lead_u95 as f32,
+            timebase: settings.timebase_u95 as f32,
+            skew_s: settings.skew_u95_s as f32,
+            structure_mass_kg: settings.structure_mass_kg as f32,
+            structure_u95_kg: settings.structure_mass_u95_kg as f32,
+            compliance_m_per_n: if stiffness > 0.0 {
+                (stiffness_u95 / stiffness / stiffness) as f32
+            } else {
+                f32::INFINITY
+            },
+        }
+    }
+
+    /// Of the inertance, which still holds the structure's mass \[kg\].
+    pub fn inertance(&self, found: &Found, spread: &Spread, motion: &Motion) -> Budget {
+        let mass = self.structure_mass_kg;
+        let loose = LOOSE_STRUCTURE_U95 * mass;
+        // The structure moves as the screw does, but for what the force bends the contact.
+        let bent = mass * magnitude(found.value) * motion.frequency_squared * self.compliance_m_per_n;
+        let flanks = if motion.flanks_part { STRUCTURE_MODEL_U95 * mass } else { 0.0 };
+        self.common(found, spread)
+            .and(Source::Lead, found.value * self.lead)
+            .and(Source::Timebase, 2.0 * found.value * self.timebase)
+            .and(Source::Structure, self.structure_u95_kg)
+            .and(Source::Structure, flanks)
+            .and(Source::Stiffness, if bent < loose { bent } else { loose })
+    }
+
+    /// Of viscous friction \[N s/m\].
+    pub fn viscous(&self, found: &Found, spread: &Spread) -> Budget {
+        let Found { value, .. } = *found;
+        self.common(found, spread).and(Source::Lead, value * self.lead).and(Source::Timebase, value * self.timebase)
+    }
+
+    /// Of Coulomb friction or the offset \[N\].
+    pub fn force(&self, found: &Found, spread: &Spread) -> Budget {
+        self.common(found, spread)
+    }
+
+    fn common(&self, found: &Found, spread: &Spread) -> Budget {
+        Budget::of_scatter(spread.noise * found.error, spread.freedom)
+            .and_standard(Source::Encoder, spread.pattern * found.error)
+            .and(Source::Encoder, found.steps)
+            .and(Source::Skew, found.per_skew * self.skew_s)
+            .and(Source::Gain, found.value * self.gain)
+    }
+}

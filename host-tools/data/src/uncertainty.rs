@@ -1,0 +1,107 @@
+//! What the intervals of a run are made of, for programs and for people.
+
+use inerter_core::{Budget, Source};
+use serde::Serialize;
+
+/// One part of an interval.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct PartJson {
+    /// Where it comes from.
+    pub source: &'static str,
+    /// Half width in the unit of the parameter: the squares of all add up to that of the whole.
+    pub u95: f32,
+}
+
+/// The uncertainty of one parameter; numbers that are not finite are `null`.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct BudgetJson {
+    /// Half width of the 95 % interval.
+    pub u95: Option<f32>,
+    /// The same for comparing runs on one rig: without force gain, lead and clock.
+    pub same_rig_u95: Option<f32>,
+    /// Standard uncertainty by the scatter of the run.
+    pub u_a: Option<f32>,
+    /// Degrees of freedom of the scatter.
+    pub scatter_degrees_of_freedom: f32,
+    /// Degrees of freedom of all together, after Welch and Satterthwaite.
+    pub degrees_of_freedom: Option<f32>,
+    /// What it is made of, without what has no part in it.
+    pub budget: Vec<PartJson>,
+}
+
+impl From<&Budget> for BudgetJson {
+    fn from(budget: &Budget) -> Self {
+        let finite = |value: f32| Some(value).filter(|value| value.is_finite());
+        Self {
+            u95: finite(budget.u95()),
+            same_rig_u95: finite(budget.same_rig_u95()),
+            u_a: finite(budget.standard_error()),
+            scatter_degrees_of_freedom: budget.scatter_freedom(),
+            degrees_of_freedom: finite(budget.freedom()),
+            budget: parts(budget).map(|(source, u95)| PartJson { source: source_word(source), u95 }).collect(),
+        }
+    }
+}
+
+/// The uncertainty of the four parameters over a whole run.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[allow(missing_docs, reason = "documented where they are estimated")]
+pub struct UncertaintyJson {
+    pub inertance_kg: BudgetJson,
+    pub viscous_n_s_per_m: BudgetJson,
+    pub coulomb_n: BudgetJson,
+    pub offset_n: BudgetJson,
+    /// How their errors hang together, in this order: 1 where one follows the other; `null` where the motion does not tell.
+    pub correlation: Option<[[f64; 4]; 4]>,
+}
+
+impl UncertaintyJson {
+    /// Of these budgets, in the order of the parameters.
+    pub fn new([inertance, viscous, coulomb, offset]: &[Budget; 4], correlation: Option<[[f64; 4]; 4]>) -> Self {
+        Self {
+            inertance_kg: inertance.into(),
+            viscous_n_s_per_m: viscous.into(),
+            coulomb_n: coulomb.into(),
+            offset_n: offset.into(),
+            correlation: correlation.filter(|all| all.iter().flatten().all(|part| part.is_finite())),
+        }
+    }
+}
+
+/// What an interval is made of, without what has no part in it.
+pub fn parts(budget: &Budget) -> impl Iterator<Item = (Source, f32)> {
+    budget.parts().into_iter().filter(|(_, u95)| u95.is_finite() && *u95 > 0.0)
+}
+
+/// `noise`, `encoder`, `skew`, `gain`, `lead`, `timebase`, `structure`, `stiffness` or `model`.
+pub fn source_word(source: Source) -> &'static str {
+    match source {
+        Source::Noise => "noise",
+        Source::Encoder => "encoder",
+        Source::Skew => "skew",
+        Source::Gain => "gain",
+        Source::Lead => "lead",
+        Source::Timebase => "timebase",
+        Source::Structure => "structure",
+        Source::Stiffness => "stiffness",
+        Source::Model => "model",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_not_known_is_null_and_what_has_no_part_is_left_out() {
+        let json = |budget: &Budget| serde_json::to_value(BudgetJson::from(budget)).unwrap();
+        let unknown = json(&Budget::UNKNOWN);
+        assert!(["u95", "same_rig_u95", "u_a"].iter().all(|key| unknown[key].is_null()), "{unknown}");
+        assert_eq!(unknown["budget"].as_array().map(Vec::len), Some(0));
+        let known = json(&Budget::of_scatter(1.0, 50.0).and(Source::Gain, 2.0));
+        let sources: Vec<&str> =
+            known["budget"].as_array().unwrap().iter().filter_map(|part| part["source"].as_str()).collect();
+        assert_eq!(sources, ["noise", "gain"]);
+        assert!(known["same_rig_u95"].as_f64() < known["u95"].as_f64());
+    }
+}
