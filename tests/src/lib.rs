@@ -6,6 +6,7 @@ use std::process::ExitCode;
 
 pub mod backlash;
 pub mod bound;
+pub mod coverage;
 pub mod data;
 pub mod diagnose;
 pub mod fuzz;

@@ -71,6 +71,8 @@ enum Command {
     Changes(accuracy::Options),
     /// Errors and coverage under what goes wrong in real rigs, against docs/tables/robustness.md
     Robustness(accuracy::Options),
+    /// How sharp the intervals are where everything stated is true, and how often they hold, against docs/tables/coverage.md
+    Coverage(accuracy::Options),
     /// How often the cause that breaks the law is named and sized right, against docs/tables/diagnose.md
     Diagnose(accuracy::Options),
     /// Errors and coverage of the complete model on hidden devices, against docs/tables/identify.md
@@ -107,6 +109,7 @@ fn main() -> ExitCode {
         Command::Accuracy(options) => accuracy::table("accuracy", &options),
         Command::Changes(options) => accuracy::table("changes", &options),
         Command::Robustness(options) => accuracy::table("robustness", &options),
+        Command::Coverage(options) => accuracy::table("coverage", &options),
         Command::Diagnose(options) => accuracy::table("diagnose", &options),
         Command::Identify(options) => accuracy::table("identify", &options),
         Command::BenchIdentify => bench::identify(),

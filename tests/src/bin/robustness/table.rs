@@ -1,12 +1,10 @@
 //! The sheet as Markdown, and what differs between two of them.
 
+use inerter_tests::coverage;
 use inerter_tests::grid::NAMES;
 use inerter_tests::robustness::{Cell, LOUD};
 use inerter_tests::sheet::{TOLERANCE, line, mean, significant};
 use std::fmt::Write;
-
-/// Least part of the published values that an honest interval covers.
-const LEAST_COVERAGE: f64 = 0.95;
 
 /// One case with one motion.
 pub struct Row {
@@ -28,8 +26,8 @@ impl Row {
         if flags.is_empty() { "-".into() } else { flags.join(", ") }
     }
 
-    fn is_wrong(&self, i: usize) -> bool {
-        self.cell.coverage[i].is_some_and(|part| part < LEAST_COVERAGE)
+    fn is_wrong(&self, i: usize, seeds: u64) -> bool {
+        self.cell.coverage[i].is_some_and(|part| coverage::is_low(part, seeds))
     }
 
     fn cells(&self, i: usize, seeds: u64) -> Vec<String> {
@@ -43,7 +41,7 @@ impl Row {
             bias,
             significant(cell.sigma[i]),
             significant(cell.u95[i]),
-            if self.is_wrong(i) { format!("**{coverage}**") } else { coverage },
+            if self.is_wrong(i, seeds) { format!("**{coverage}**") } else { coverage },
             cell.given[i].to_string(),
             significant(cell.residual_n),
             self.flags(i, seeds),
@@ -64,8 +62,8 @@ Written by `cargo xtask robustness --update`; `cargo xtask robustness` measures 
 table by more than {} %, either way, or where another flag shows.
 
 - *bias*, *sigma*, *U95*: mean error, its standard deviation and the mean interval of the whole run's values at its end.
-- *covered*: part of all published values, live and whole run, ten a second, whose interval covers the truth; bold under
-  {} %. Until a second of motion has been seen, nothing is known of how friction behaves.
+- *covered*: part of all published values, live and whole run, ten a second, whose interval covers the truth; bold where that is less than
+  95 % beyond chance. Until a second of motion has been seen, nothing is known of how friction behaves.
 - *runs*: how many ended with a value. *residual*: rms of what the law leaves open \\[N\\].
 - *flagged by*: what the device itself says in at least half of the runs: its counters of discontinuities and saturated samples,
   what it makes of friction, a parameter that is not identifiable; *residual* where that is {LOUD} times that of the
@@ -74,8 +72,7 @@ table by more than {} %, either way, or where another flag shows.
 | wrong | motion | parameter | bias | sigma | U95 | covered | runs | residual | flagged by |
 |---|---|---|--:|--:|--:|--:|--:|--:|---|
 ",
-        TOLERANCE * 100.0,
-        LEAST_COVERAGE * 100.0
+        TOLERANCE * 100.0
     );
     for row in rows {
         for i in 0..NAMES.len() {
@@ -85,7 +82,7 @@ table by more than {} %, either way, or where another flag shows.
     text.push_str("\n## Wrong and not flagged\n\n");
     let mut none = true;
     for row in rows {
-        for i in (0..NAMES.len()).filter(|i| row.is_wrong(*i) && row.flags(*i, seeds) == "-") {
+        for i in (0..NAMES.len()).filter(|i| row.is_wrong(*i, seeds) && row.flags(*i, seeds) == "-") {
             none = false;
             let [bias, u95] = [row.cell.bias[i], row.cell.u95[i]].map(significant);
             // Writing to a String cannot fail.

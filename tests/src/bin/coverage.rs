@@ -1,0 +1,184 @@
+//! `cargo xtask coverage`: how sharp the intervals are where the law is true, how often they hold, and how often where it is nearly true.
+#![forbid(unsafe_code)]
+
+use inerter_core::{LawStatus, Regime};
+use inerter_plant::{Inerter, Sensors};
+use inerter_tests::{
+    coverage::{Bench, Cell, Outcome, RIGHT, cells, errors},
+    diagnose::{Added, Case, clean_case},
+    grid::{Error, MOTIONS, Motion, NAMES, each_seed},
+    sheet::{self, significant},
+};
+use std::process::ExitCode;
+
+/// First seed and number of the runs that judge; those from 1 to 100 on the first bench have set the part of the encoder's steps.
+const SEEDS: (u64, u64) = (1001, 400);
+/// The same for a law that is nearly true.
+const NEARLY: (u64, u64) = (2001, 40);
+
+fn main() -> ExitCode {
+    inerter_tests::exit_code(run())
+}
+
+/// The benches: that of the grid, and others.
+fn benches() -> Vec<Bench> {
+    let sensors = Sensors { force_noise_n: 1.0, force_offset_n: 3.0, ..Sensors::default() };
+    let paper = Inerter::paper();
+    let light = Inerter { inertance_kg: 95.0, viscous_n_s_per_m: 80.0, coulomb_n: 12.0, ..paper };
+    let bench = |name, device, sensors| Bench { name, device, sensors };
+    vec![
+        bench("1 kHz, 1 N, 2.44 um", paper, sensors),
+        bench(
+            "the same, its clock 10 ppm faster than the shaker's",
+            paper,
+            Sensors { sample_rate_hz: 1000.01, ..sensors },
+        ),
+        bench("5 N", paper, Sensors { force_noise_n: 5.0, ..sensors }),
+        bench("4 kHz", paper, Sensors { sample_rate_hz: 4000.0, ..sensors }),
+        bench("0.5 um", paper, Sensors { metres_per_count: 0.5e-6, ..sensors }),
+        bench("20 um", paper, Sensors { metres_per_count: 20e-6, ..sensors }),
+        bench("95 kg, 80 N s/m, 12 N", light, sensors),
+    ]
+}
+
+/// A violation of the law in sizes of which each is thrice the one before, and what the whole run says of it.
+struct Violation {
+    name: &'static str,
+    unit: &'static str,
+    sizes: [f64; 5],
+    case: fn(Case, f64) -> Case,
+}
+
+const VIOLATIONS: [Violation; 4] = [
+    Violation {
+        name: "friction that grows with the load",
+        unit: "of the load",
+        sizes: [0.0003, 0.001, 0.003, 0.01, 0.03],
+        case: |case, load| Case { added: Added { load, ..case.added }, ..case },
+    },
+    Violation {
+        name: "force once a turn",
+        unit: "N",
+        sizes: [0.1, 0.3, 1.0, 3.0, 10.0],
+        case: |case, ripple_n| Case { added: Added { ripple_n, ..case.added }, ..case },
+    },
+    Violation {
+        name: "friction that rises towards rest (Stribeck, 5 mm/s)",
+        unit: "of fc",
+        sizes: [0.01, 0.03, 0.1, 0.3, 1.0],
+        case: |case, part| {
+            let device = Inerter { stribeck_ratio: 1.0 + part, stribeck_velocity_m_per_s: 5e-3, ..case.device };
+            Case { device, ..case }
+        },
+    },
+    Violation {
+        name: "friction that turns over a distance (presliding)",
+        unit: "um",
+        sizes: [1.0, 3.0, 10.0, 30.0, 100.0],
+        case: |case, um| Case { device: Inerter { presliding_m: um * 1e-6, ..case.device }, ..case },
+    },
+];
+
+fn run() -> Result<bool, Error> {
+    let update = sheet::update_asked("coverage")?;
+    let (first, seeds) = SEEDS;
+    let mut text = format!(
+        "# Coverage
+
+`cargo xtask coverage --update` writes this table. What `U95` over the whole run is worth where all that the settings state is true to the last digit: {seeds} runs of each motion of
+[accuracy](accuracy.md), seeds from {first} on.
+
+- *rms*: root mean square of the error over `U95`. An interval that is right has 0.51; {} to {} is wanted. *covered*: runs whose interval holds the truth.
+- A cell is bold where less than 95 % are covered beyond chance, or the rms lies outside beyond chance. *broken*: runs in which the law is called broken in the end.
+",
+        RIGHT.start(),
+        RIGHT.end()
+    );
+    let (mut right, mut blunt, mut all) = (0, 0, 0);
+    for bench in benches() {
+        text += &format!(
+            "\n## {}\n\n| motion | parameter | U95 | rms | covered % | broken |\n|---|---|--:|--:|--:|--:|\n",
+            bench.name
+        );
+        for motion in MOTIONS.iter().filter(|motion| motion.name != "slow" || bench.sensors.sample_rate_hz < 2000.0) {
+            eprintln!("{}: {}", bench.name, motion.name);
+            let runs = bench.runs(motion, first, seeds)?;
+            let broken = runs.iter().filter(|(_, broken)| *broken).count();
+            for (cell, name) in cells(&runs).into_iter().zip(NAMES) {
+                all += 1;
+                right += usize::from(!cell.is_wrong());
+                blunt += usize::from(cell.is_blunt());
+                text += &row(motion, name, &cell, broken);
+            }
+        }
+    }
+    text += &format!("\n{right} of {all} cells are right. In {blunt} more than 95 % are covered beyond chance.\n");
+    text += &nearly()?;
+    print!("{text}");
+    sheet::conclude("coverage", &text, 2, update)
+}
+
+fn row(motion: &Motion, name: &str, cell: &Cell, broken: usize) -> String {
+    let bold = |text: String| if cell.is_wrong() { format!("**{text}**") } else { text };
+    sheet::line(&[
+        motion.name.into(),
+        name.into(),
+        significant(cell.u95),
+        bold(format!("{:.2}", cell.rms)),
+        bold(format!("{:.1}", 100.0 * cell.covered as f64 / cell.given as f64)),
+        broken.to_string(),
+    ])
+}
+
+/// A law that is nearly true.
+fn nearly() -> Result<String, Error> {
+    let (first, seeds) = NEARLY;
+    let mut text = format!(
+        "
+## A law that is nearly true
+
+The first bench with one violation of the law in five sizes, {seeds} runs each, seeds from {first} on. *told*: runs in which the law is called broken, or a cause is named unasked, or friction is
+called presliding or Stribeck's. The others are silent; of their values that part is covered which stands under each parameter, and below the size the mean error over `U95`.
+"
+    );
+    for violation in &VIOLATIONS {
+        text += &format!(
+            "\n### {}\n\n| motion | size {} | told % | mt covered % | cf | fc | error/U95 |\n|---|--:|--:|--:|--:|--:|---|\n",
+            violation.name, violation.unit
+        );
+        for motion in MOTIONS.iter().filter(|motion| motion.name != "slow") {
+            for size in violation.sizes {
+                let case = (violation.case)(clean_case(1.0, 1000.0), size);
+                let runs = each_seed(seeds, |seed| silent(&case, motion, first + seed - 1))?;
+                let told = runs.iter().filter(|(_, told)| *told).count();
+                let found = cells(&runs);
+                let part = |cell: &Cell| match cell.given {
+                    0 => "-".to_string(),
+                    given => format!("{:.0}", 100.0 * cell.covered as f64 / given as f64),
+                };
+                let [mt, cf, fc] = found.each_ref().map(part);
+                let ratios =
+                    found.each_ref().map(|cell| if cell.given == 0 { "-".into() } else { format!("{:.1}", cell.rms) });
+                text += &sheet::line(&[
+                    motion.name.into(),
+                    size.to_string(),
+                    format!("{:.0}", 100.0 * told as f64 / seeds as f64),
+                    mt,
+                    cf,
+                    fc,
+                    ratios.join(", "),
+                ]);
+            }
+        }
+    }
+    Ok(text)
+}
+
+/// What a run says of the parameters, and whether a person is told that something is wrong.
+fn silent(case: &Case, motion: &Motion, seed: u64) -> Result<Outcome, Error> {
+    let (outcome, causes) = case.replayed(motion, seed)?;
+    let told = !causes.is_empty()
+        || outcome.law.status == LawStatus::Broken
+        || matches!(outcome.detail.friction.regime, Regime::Presliding | Regime::Stribeck);
+    Ok((errors(&outcome.estimate.whole_run, &case.device), told))
+}

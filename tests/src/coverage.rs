@@ -1,0 +1,162 @@
+//! How sharp the intervals are where everything that is stated is true, and how often they hold.
+
+use crate::grid::{Error, Motion, calibrated, each_seed, raw, three, truth};
+use inerter_core::{LawStatus, Parameters, Settings, State};
+use inerter_plant::{Excitation, Inerter, Plant, Sensors, Simulation};
+
+/// Part of the runs that a 95 % interval should hold.
+const COVERED: f64 = 0.95;
+/// Chance under which a cell is called wrong, or that of another table's: of hundreds none should be.
+const CHANCE: f64 = 1e-4;
+/// Values of a run of 20 s that know nothing of each other: it holds so many memories of 5 s.
+const VALUES_OF_A_RUN: f64 = 4.0;
+/// Root mean square of the error over the interval that is neither too sharp nor blunt; 0.51 is exact.
+pub const RIGHT: std::ops::RangeInclusive<f64> = 0.25..=0.6;
+
+/// A device on a rig whose settings are true to the last digit, and say so.
+#[derive(Clone, Copy, Debug)]
+pub struct Bench {
+    /// Name in the table.
+    pub name: &'static str,
+    /// The device.
+    pub device: Inerter,
+    /// The instruments.
+    pub sensors: Sensors,
+}
+
+/// One parameter in the runs of one motion.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Cell {
+    /// Runs with a value, none of which the law was called broken in.
+    pub given: u64,
+    /// Those whose interval holds the truth.
+    pub covered: u64,
+    /// Root mean square of the error over the half width of the interval.
+    pub rms: f64,
+    /// Mean half width.
+    pub u95: f64,
+}
+
+impl Cell {
+    /// Of errors and half widths.
+    pub fn of(found: &[(f64, f64)]) -> Self {
+        let count = found.len() as f64;
+        Self {
+            given: found.len() as u64,
+            covered: found.iter().filter(|(error, u95)| error.abs() <= *u95).count() as u64,
+            rms: (found.iter().map(|(error, u95)| (error / u95).powi(2)).sum::<f64>() / count).sqrt(),
+            u95: found.iter().map(|(_, u95)| u95).sum::<f64>() / count,
+        }
+    }
+
+    /// Whether more than 95 % are covered beyond chance.
+    pub fn is_blunt(&self) -> bool {
+        // At least so many are covered where at most so few are not.
+        self.given > 0 && 1.0 - at_most(self.covered.saturating_sub(1), self.given) < CHANCE
+    }
+
+    /// Whether the coverage is less than 95 % beyond chance, or the rms not within [`RIGHT`] beyond chance.
+    pub fn is_wrong(&self) -> bool {
+        // What the square of a normal error scatters by, four standard deviations.
+        let scatter = 1.0 + 4.0 / (2.0 * self.given as f64).sqrt();
+        at_most(self.covered, self.given) < CHANCE
+            || self.rms * scatter < *RIGHT.start()
+            || self.rms / scatter > *RIGHT.end()
+    }
+}
+
+/// Whether this part of the values of so many runs is less than 95 % beyond chance.
+pub fn is_low(part: f64, runs: u64) -> bool {
+    let all = VALUES_OF_A_RUN * runs as f64;
+    at_most((part * all).round() as u64, all as u64) < CHANCE
+}
+
+/// Probability that of `all` runs at most `covered` hold, were each held with 95 %.
+fn at_most(covered: u64, all: u64) -> f64 {
+    let odds: f64 = COVERED / (1.0 - COVERED);
+    // From none on: the binomial's own terms, in logarithms.
+    let mut logarithm = all as f64 * (1.0 - COVERED).ln();
+    let mut sum = logarithm.exp();
+    for k in 1..=covered.min(all) {
+        logarithm += odds.ln() + ((all - k + 1) as f64 / k as f64).ln();
+        sum += logarithm.exp();
+    }
+    sum.min(1.0)
+}
+
+/// Errors and half widths of the three parameters in one run, where they are given, and whether the law is called broken.
+pub type Outcome = ([Option<(f64, f64)>; 3], bool);
+
+/// What the parameters of a whole run are wrong by, with their half widths.
+pub fn errors(parameters: &Parameters, device: &Inerter) -> [Option<(f64, f64)>; 3] {
+    let mut pairs = three(parameters).into_iter().zip(truth(device));
+    std::array::from_fn(|_| {
+        let (parameter, truth) = pairs.next()?;
+        parameter.known().map(|found| (f64::from(found.value) - truth, f64::from(found.u95)))
+    })
+}
+
+impl Bench {
+    /// All runs of a motion, with the seeds from `first` on.
+    pub fn runs(&self, motion: &Motion, first: u64, seeds: u64) -> Result<Vec<Outcome>, Error> {
+        each_seed(seeds, |seed| self.run(motion, first + seed - 1))
+    }
+
+    fn run(&self, motion: &Motion, seed: u64) -> Result<Outcome, Error> {
+        let sensors = Sensors { encoder_phase_count: (seed as f64 * 0.618) % 1.0, seed, ..self.sensors };
+        let settings = stated_true(calibrated(&self.device, &sensors));
+        let active = settings.validate()?;
+        let mut state = Box::new(State::new(&active));
+        let plant = Plant::new(self.device, Excitation::parse(motion.name, seed)?)?;
+        for sample in Simulation::of(plant, sensors)?.lasting(motion.duration_s) {
+            active.step(&mut state, &raw(&sample));
+        }
+        let published = active.publish(&state);
+        let found = errors(&published.estimate.whole_run, &self.device);
+        Ok((found, published.law.status == LawStatus::Broken))
+    }
+}
+
+/// The same settings, known without error.
+pub fn stated_true(settings: Settings) -> Settings {
+    Settings {
+        force_gain_u95: 0.0,
+        lead_u95: 0.0,
+        timebase_u95: 0.0,
+        skew_u95_s: 0.0,
+        structure_mass_u95_kg: 0.0,
+        // 0 would be taken for 1 %.
+        stiffness_u95_n_per_m: 1e-6 * settings.stiffness_n_per_m,
+        ..settings
+    }
+}
+
+/// The cells of the three parameters.
+pub fn cells(runs: &[Outcome]) -> [Cell; 3] {
+    std::array::from_fn(|i| {
+        let given = runs.iter().filter(|(_, broken)| !broken);
+        let found: Vec<(f64, f64)> = given.filter_map(|(found, _)| found.get(i).copied().flatten()).collect();
+        Cell::of(&found)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_binomial_is_that_of_the_tables() {
+        assert!((at_most(400, 400) - 1.0).abs() < 1e-9);
+        assert!((at_most(379, 400) - 0.44089).abs() < 1e-5, "{}", at_most(379, 400));
+        assert!((at_most(18, 20) - 0.2642).abs() < 1e-4, "{}", at_most(18, 20));
+    }
+
+    #[test]
+    fn a_cell_is_wrong_where_it_is_too_sharp_or_blunt() {
+        let cell = |covered, rms| Cell { given: 400, covered, rms, u95: 1.0 };
+        assert!(!cell(380, 0.51).is_wrong() && !cell(400, 0.26).is_wrong() && !cell(400, 0.24).is_wrong());
+        assert!(cell(400, 0.3).is_blunt() && !cell(390, 0.5).is_blunt());
+        assert!(is_low(0.7, 8) && !is_low(0.9, 8) && is_low(0.85, 32) && !is_low(0.9, 32));
+        assert!(cell(350, 0.55).is_wrong() && cell(400, 0.2).is_wrong() && cell(380, 0.8).is_wrong());
+    }
+}
