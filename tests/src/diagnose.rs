@@ -4,7 +4,7 @@ use crate::{
     coverage::stated_true,
     grid::{Error, Motion, calibrated, raw},
 };
-use inerter_analysis::diagnose::{Cause, Diagnosis, Kind, diagnose, suspected};
+use inerter_analysis::diagnose::{Cause, Diagnosis, Judged, Kind, diagnose, judged, suspected};
 use inerter_core::Settings;
 use inerter_data::{
     replay::{Outcome, replay_all},
@@ -101,6 +101,16 @@ pub fn parting(backlash_m: f64) -> Case {
     Case { device: Inerter { backlash_m, ..Inerter::paper() }, ..clean("flanks that part") }
 }
 
+/// What `inerter replay` says of a run.
+pub struct Replayed {
+    /// What the estimator came to.
+    pub outcome: Outcome,
+    /// What is told unasked.
+    pub causes: Vec<Cause>,
+    /// The parameters with what the samples tell beside.
+    pub judged: [Judged; 4],
+}
+
 impl Case {
     /// One run through the estimator and the tests.
     pub fn diagnosed(&self, motion: &Motion, seed: u64) -> Result<Diagnosis, Error> {
@@ -114,11 +124,13 @@ impl Case {
         Ok(suspected(&Series::of(&run), &run.settings, &outcome.published()))
     }
 
-    /// One run, and the causes that are told of it unasked.
-    pub fn replayed(&self, motion: &Motion, seed: u64) -> Result<(Outcome, Vec<Cause>), Error> {
+    /// One run, the causes that are told of it unasked, and its parameters by the samples.
+    pub fn replayed(&self, motion: &Motion, seed: u64) -> Result<Replayed, Error> {
         let (run, outcome) = self.run(motion, seed, true)?;
-        let causes = suspected(&Series::of(&run), &run.settings, &outcome.published());
-        Ok((outcome, causes))
+        let series = Series::of(&run);
+        let causes = suspected(&series, &run.settings, &outcome.published());
+        let judged = judged(&series, &run.settings, &outcome);
+        Ok(Replayed { outcome, causes, judged })
     }
 
     fn run(&self, motion: &Motion, seed: u64, with_stiffness: bool) -> Result<(Run, Outcome), Error> {

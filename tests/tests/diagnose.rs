@@ -1,7 +1,8 @@
 //! Causes that break the law are named and sized, and none where there is none; `cargo xtask diagnose` counts over many more runs.
 
+use inerter_analysis::diagnose::Kind;
 use inerter_tests::{
-    diagnose::{cases, clean_case},
+    diagnose::{Added, Case, Replayed, cases, clean_case},
     grid::MOTIONS,
 };
 
@@ -42,4 +43,42 @@ fn runs_without_a_fault_have_no_cause() {
             assert_eq!(found.causes, [], "{}, {noise_n} N: {found:?}", motion.name);
         }
     }
+}
+
+/// A force of 0.3 N once a turn is too small to be named and moves the inertance by more than the device can know of.
+#[test]
+fn what_is_too_small_to_be_named_widens_the_interval_by_the_samples() {
+    let motion = MOTIONS.iter().find(|motion| motion.name == "random").unwrap();
+    let clean = clean_case(1.0, 1000.0);
+    let rippled = Case { added: Added { ripple_n: 0.3, ..clean.added }, ..clean_case(1.0, 1000.0) };
+    let [mut by_device, mut by_samples] = [0; 2];
+    for seed in 41..=46 {
+        let Replayed { outcome, causes, judged } = rippled.replayed(motion, seed).unwrap();
+        assert_eq!(causes, []);
+        let found = outcome.estimate.whole_run.inertance_kg.fitted();
+        let off = (f64::from(found.value) - rippled.device.inertance_kg).abs();
+        by_device += usize::from(off <= f64::from(found.u95));
+        by_samples += usize::from(off <= f64::from(judged[0].budget.u95()));
+        assert!(judged[0].moved_by.is_some(), "{:?}", judged[0]);
+        // Where nothing is wrong the samples say what the device says, but of the offset, which friction by direction is like.
+        let Replayed { outcome, judged, .. } = clean.replayed(motion, seed).unwrap();
+        for (budget, judged) in outcome.budgets.whole_run.iter().zip(&judged).take(3) {
+            assert!(judged.budget.u95() < 1.3 * budget.u95(), "{judged:?}");
+        }
+    }
+    assert!(by_samples >= 5 && by_device <= 3, "{by_device} of 6 by the device, {by_samples} by the samples");
+}
+
+#[test]
+fn what_a_motion_cannot_tell_is_named_as_an_assumption() {
+    let assumed = |name: &str| {
+        let motion = MOTIONS.iter().find(|motion| motion.name == name).unwrap();
+        let [inertance, viscous, ..] = clean_case(1.0, 1000.0).replayed(motion, 51).unwrap().judged;
+        (inertance.assumes, viscous.assumes)
+    };
+    let (_, of_a_tone) = assumed("fast");
+    assert!(of_a_tone.contains(&Kind::LoadDependent) && of_a_tone.contains(&Kind::Skew), "{of_a_tone:?}");
+    let (of_inertance, of_viscous) = assumed("random");
+    assert!(of_viscous.contains(&Kind::LoadDependent) && !of_viscous.contains(&Kind::Skew), "{of_viscous:?}");
+    assert!(!of_inertance.contains(&Kind::LoadDependent) && !of_inertance.contains(&Kind::Skew), "{of_inertance:?}");
 }

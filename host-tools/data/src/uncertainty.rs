@@ -27,10 +27,16 @@ pub struct BudgetJson {
     pub degrees_of_freedom: Option<f32>,
     /// What it is made of, without what has no part in it.
     pub budget: Vec<PartJson>,
+    /// What is too small to be named and moves it most by what the samples show.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub moved_by: Option<&'static str>,
+    /// What this motion does not tell from it: it is right if there is none.
+    pub assumes: Vec<&'static str>,
 }
 
-impl From<&Budget> for BudgetJson {
-    fn from(budget: &Budget) -> Self {
+impl BudgetJson {
+    /// Of a budget, and the names of what may have moved it and of what the motion hides in it.
+    pub fn new(budget: &Budget, moved_by: Option<&'static str>, assumes: Vec<&'static str>) -> Self {
         let finite = |value: f32| Some(value).filter(|value| value.is_finite());
         Self {
             u95: finite(budget.u95()),
@@ -39,6 +45,8 @@ impl From<&Budget> for BudgetJson {
             scatter_degrees_of_freedom: budget.scatter_freedom(),
             degrees_of_freedom: finite(budget.freedom()),
             budget: parts(budget).map(|(source, u95)| PartJson { source: source_word(source), u95 }).collect(),
+            moved_by,
+            assumes,
         }
     }
 }
@@ -57,12 +65,15 @@ pub struct UncertaintyJson {
 
 impl UncertaintyJson {
     /// Of these budgets, in the order of the parameters.
-    pub fn new([inertance, viscous, coulomb, offset]: &[Budget; 4], correlation: Option<[[f64; 4]; 4]>) -> Self {
+    pub fn new(
+        [inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n]: [BudgetJson; 4],
+        correlation: Option<[[f64; 4]; 4]>,
+    ) -> Self {
         Self {
-            inertance_kg: inertance.into(),
-            viscous_n_s_per_m: viscous.into(),
-            coulomb_n: coulomb.into(),
-            offset_n: offset.into(),
+            inertance_kg,
+            viscous_n_s_per_m,
+            coulomb_n,
+            offset_n,
             correlation: correlation.filter(|all| all.iter().flatten().all(|part| part.is_finite())),
         }
     }
@@ -94,7 +105,7 @@ mod tests {
 
     #[test]
     fn what_is_not_known_is_null_and_what_has_no_part_is_left_out() {
-        let json = |budget: &Budget| serde_json::to_value(BudgetJson::from(budget)).unwrap();
+        let json = |budget: &Budget| serde_json::to_value(BudgetJson::new(budget, None, Vec::new())).unwrap();
         let unknown = json(&Budget::UNKNOWN);
         assert!(["u95", "same_rig_u95", "u_a"].iter().all(|key| unknown[key].is_null()), "{unknown}");
         assert_eq!(unknown["budget"].as_array().map(Vec::len), Some(0));

@@ -5,6 +5,7 @@ mod common;
 use std::{fs, path::Path, sync::OnceLock};
 
 use common::{done, fails, json_lines, last, run, text};
+use inerter_analysis::diagnose::Kind;
 use inerter_core::Settings;
 use inerter_data::{
     json::{EstimateJson, json_line},
@@ -26,7 +27,7 @@ fn check_parameters(of: &Value) {
         let parameter = of.get(name).unwrap().as_object().unwrap();
         assert_eq!(parameter.keys().collect::<Vec<_>>(), ["value", "u95", "status"], "{name}");
         let status = parameter.get("status").unwrap().as_str().unwrap();
-        assert!(["ok", "held", "not_identifiable"].contains(&status));
+        assert!(["ok", "below_u95", "held", "not_identifiable"].contains(&status));
         assert_eq!(parameter.get("value").unwrap().is_null(), status == "not_identifiable", "{name}");
         assert!(parameter.get("u95").unwrap().is_number() || status == "not_identifiable");
     }
@@ -49,6 +50,32 @@ fn check_detail(of: &Value) {
         assert!(0.0 < low.as_f64().unwrap() && low.as_f64() <= high.as_f64(), "{of}");
     }
     assert_eq!(of.get("stiffness_n_per_m"), None, "no sensor, no word of it");
+}
+
+#[test]
+fn what_the_intervals_are_made_of_adds_up() {
+    let folder = tempfile::tempdir().unwrap();
+    simulate(folder.path(), &["--excite", "fast", "--duration", "10", "--force-noise-n", "1"]);
+    let line = last(&done(folder.path(), &["replay", "run.mcap", "--json"]));
+    let number = |of: &Value, key: &str| of.get(key).and_then(Value::as_f64).unwrap_or_else(|| panic!("{key}: {of}"));
+    let names: Vec<&str> = Kind::ALL.iter().map(|kind| kind.name()).collect();
+    for name in PARAMETERS {
+        let of = line.pointer(&format!("/uncertainty/{name}")).unwrap();
+        let whole = line.pointer(&format!("/whole_run/{name}")).unwrap();
+        let parts = of.get("budget").unwrap().as_array().unwrap();
+        let sum: f64 = parts.iter().map(|part| number(part, "u95").powi(2)).sum();
+        assert!((sum.sqrt() / number(of, "u95") - 1.0).abs() < 1e-5, "{name}: {of}");
+        // The samples can only add to what the device says.
+        assert!(number(of, "u95") >= number(whole, "u95") * (1.0 - 1e-6), "{name}: {of}, {whole}");
+        assert!(number(of, "same_rig_u95") <= number(of, "u95") && number(of, "u_a") > 0.0, "{name}: {of}");
+        let assumes = of.get("assumes").unwrap().as_array().unwrap();
+        assert!(assumes.iter().all(|one| names.contains(&one.as_str().unwrap())), "{name}: {of}");
+    }
+    let of_a_tone = line.pointer("/uncertainty/viscous_n_s_per_m/assumes").unwrap().as_array().unwrap();
+    assert!(of_a_tone.contains(&"load_dependent".into()), "{of_a_tone:?}");
+    for (i, row) in line.pointer("/uncertainty/correlation").unwrap().as_array().unwrap().iter().enumerate() {
+        assert!((row.get(i).unwrap().as_f64().unwrap() - 1.0).abs() < 1e-9, "{row}");
+    }
 }
 
 #[test]

@@ -48,6 +48,20 @@ impl Kind {
             Kind::Direction => "direction",
         }
     }
+
+    /// The same in words.
+    pub fn words(self) -> &'static str {
+        match self {
+            Kind::LoadDependent => "friction that grows with the load",
+            Kind::PositionPeriodic => "force or friction that repeats with the turns",
+            Kind::Stribeck => "friction that is greater at low speed",
+            Kind::Presliding => "friction that turns over a distance",
+            Kind::Drift => "a drift",
+            Kind::Skew => "a delay of the force",
+            Kind::EncoderError => "an error of the encoder",
+            Kind::Direction => "viscous friction that differs by direction",
+        }
+    }
 }
 
 impl Cause {

@@ -102,6 +102,15 @@ impl Candidate {
         }
     }
 
+    /// Everything that is tried in this run, and a force once a turn where the screw makes too small a part of one for that.
+    pub fn all_for(span: &Span, settings: &Settings) -> Vec<Self> {
+        let mut all = Self::all(span, settings, None);
+        let leads = COUNTS_PER_TURN.iter().map(|counts| counts * settings.metres_per_count.abs());
+        let hidden = leads.filter(|lead| span.stroke_m <= LEAST_TURNS * lead).min_by(f64::total_cmp);
+        all.extend(hidden.map(|lead_m| Self { kind: Kind::PositionPeriodic, term: Term::Ripple(lead_m) }));
+        all
+    }
+
     /// Everything that is tried in this run.
     pub fn all(span: &Span, settings: &Settings, counts_per_turn: Option<f64>) -> Vec<Self> {
         let one = |kind, term| Self { kind, term };

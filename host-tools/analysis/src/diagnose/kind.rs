@@ -27,6 +27,18 @@ pub enum Kind {
 }
 
 impl Kind {
+    /// All of them.
+    pub const ALL: [Self; 8] = [
+        Self::LoadDependent,
+        Self::PositionPeriodic,
+        Self::Stribeck,
+        Self::Presliding,
+        Self::Drift,
+        Self::Skew,
+        Self::EncoderError,
+        Self::Direction,
+    ];
+
     /// F statistic from which on it is named.
     pub fn limit(self) -> f64 {
         if matches!(self, Self::Stribeck | Self::Presliding) { LIMIT_AT_REVERSALS } else { LIMIT }

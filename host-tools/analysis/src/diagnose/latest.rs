@@ -46,12 +46,17 @@ impl Latest {
         self.samples.len() as f64 / self.settings.sample_rate_hz
     }
 
+    /// What they say.
+    pub fn series(self) -> Series {
+        Series::of(&Run { settings: self.settings, samples: self.samples.into(), ..Run::default() })
+    }
+
     /// What breaks the law in them, as far as a person should be told; the estimator said this in the end.
     pub fn suspected(self, published: &Published) -> Vec<Cause> {
         if !is_suspect(&published.law) {
             return Vec::new();
         }
-        let run = Run { settings: self.settings, samples: self.samples.into(), ..Run::default() };
-        suspected(&Series::of(&run), &run.settings, published)
+        let settings = self.settings;
+        suspected(&self.series(), &settings, published)
     }
 }

@@ -6,12 +6,14 @@
 
 mod cause;
 mod columns;
+mod hidden;
 mod kind;
 mod latest;
 mod search;
 mod selection;
 
 pub use cause::Cause;
+pub use hidden::{Judged, judged};
 pub use kind::{Kind, LIMIT, LIMIT_AT_REVERSALS};
 pub use latest::Latest;
 pub use search::{Diagnosis, diagnose, is_suspect, suspected};

@@ -99,21 +99,8 @@ fn searched(
     counts_per_turn: Option<f64>,
     known: Option<Candidate>,
 ) -> Result<Diagnosis, FitError> {
-    let kernels = Kernels::new(published.estimate.bank, series.period_s);
-    let found = published.estimate.whole_run;
-    let value = |parameter: Parameter| f64::from(parameter.fitted().value);
-    let law = law::Law {
-        inertance_kg: value(found.inertance_kg) + settings.structure_mass_kg,
-        viscous_n_s_per_m: value(found.viscous_n_s_per_m),
-        coulomb_n: value(found.coulomb_n),
-        offset_n: value(found.offset_n),
-    };
     let aligned = series.aligned(settings);
-    let rows = Rows::of(&aligned, settings, kernels, law);
-    let observations = rows.force.len() as f64 / rows.per_observation;
-    if observations < LEAST_OBSERVATIONS {
-        return Err(FitError::TooShort { observations });
-    }
+    let rows = rows_of(&aligned, settings, published)?;
     let mut search = Search::of(&rows, Candidate::all(&rows.span, settings, counts_per_turn));
     let alone_n = search.selection.residual_rms();
     let mut chosen: Vec<Chosen> =
@@ -132,6 +119,26 @@ fn searched(
     };
     let residual_rms_n = [alone_n, residual_rms_n];
     Ok(Diagnosis { causes, corrected: Some(corrected), greatest_left, residual_rms_n })
+}
+
+/// The rows of a run, with signs placed by what the estimator said of the whole of it.
+pub(super) fn rows_of<'a>(
+    aligned: &'a Series,
+    settings: &Settings,
+    published: &Published,
+) -> Result<Rows<'a>, FitError> {
+    let kernels = Kernels::new(published.estimate.bank, aligned.period_s);
+    let found = published.estimate.whole_run;
+    let value = |parameter: Parameter| f64::from(parameter.fitted().value);
+    let law = law::Law {
+        inertance_kg: value(found.inertance_kg) + settings.structure_mass_kg,
+        viscous_n_s_per_m: value(found.viscous_n_s_per_m),
+        coulomb_n: value(found.coulomb_n),
+        offset_n: value(found.offset_n),
+    };
+    let rows = Rows::of(aligned, settings, kernels, law);
+    let observations = rows.force.len() as f64 / rows.per_observation;
+    if observations < LEAST_OBSERVATIONS { Err(FitError::TooShort { observations }) } else { Ok(rows) }
 }
 
 /// A candidate that was chosen.

@@ -2,17 +2,22 @@
 
 use std::{cell::RefCell, path::PathBuf};
 
-use inerter_analysis::{diagnose::Latest, fit::Products};
-use inerter_core::Machine;
+use inerter_analysis::{
+    diagnose::{Judged, Latest, judged, suspected},
+    fit::Products,
+};
+use inerter_core::{Interval, Machine, Settings};
 use inerter_data::{
     export::Source,
     json::{EstimateJson, EventJson, ReversalJson, WarningJson, machine_json_line, rounded_s},
+    names::description,
     output,
     replay::{Outcome, replay_samples},
     text::{self, change_words, warning_words},
-    uncertainty::UncertaintyJson,
+    uncertainty::{BudgetJson, UncertaintyJson},
+    words::rounded_text,
 };
-use inerter_wire::{EstimatorEvent, EventKind};
+use inerter_wire::{EstimatorEvent, EventKind, catalogue};
 use serde::Serialize;
 
 use super::{
@@ -23,6 +28,8 @@ use crate::Error;
 
 /// Rows of the table that a person sees when nothing else is asked for.
 const ROWS: f64 = 20.0;
+/// Interval by the samples over that of the device which a person is told of.
+const WORTH_A_LINE: f32 = 1.5;
 
 /// Run the estimator over a recording or a CSV file.
 ///
@@ -96,14 +103,16 @@ pub fn run(args: &Args) -> Result<(), Error> {
     )?;
     progress.done();
     let estimated = outcome.estimated();
-    let causes = latest.into_inner().suspected(&outcome.published());
+    let series = latest.into_inner().series();
+    let causes = suspected(&series, &run.settings, &outcome.published());
+    let judged = judged(&series, &run.settings, &outcome);
     let causes = causes.iter().map(|cause| (cause.kind.name(), cause.sentence(run.settings.machine)));
     if args.json {
         warnings.extend(causes.map(|(code, text)| WarningJson { code, t_s: rounded_s(outcome.t_s), text }));
         let last = EstimateJson::last(outcome.t_s, &estimated, &run.settings, Some(outcome.counters));
         return Ok(output::line(machine_json_line(
             run.settings.machine,
-            &LastJson { last, uncertainty: Some(uncertainty(&outcome)), warnings },
+            &LastJson { last, uncertainty: Some(uncertainty(&outcome, judged)), warnings },
         ))?);
     }
     if !header {
@@ -111,7 +120,28 @@ pub fn run(args: &Args) -> Result<(), Error> {
     }
     output::lines(text::table(&estimated, &run.settings, run.truth.as_ref()).trim_end())?;
     output::line(text::counts_line(&run.settings, run.duration_s(), &outcome))?;
-    Ok(causes.map(|(_, words)| words).try_for_each(output::line)?)
+    causes.map(|(_, words)| words).try_for_each(output::line)?;
+    Ok(moved(&judged, &outcome, &run.settings).into_iter().try_for_each(output::line)?)
+}
+
+/// What may have moved a parameter farther than the device's interval holds.
+fn moved(judged: &[Judged; 4], outcome: &Outcome, settings: &Settings) -> Vec<String> {
+    let parameters = catalogue::parameters(settings.machine, &outcome.estimate.whole_run);
+    let lines = parameters.zip(judged).filter_map(|((field, parameter), judged)| {
+        let (kind, Interval { u95, .. }) = (judged.moved_by?, parameter.known()?);
+        let wider = judged.budget.u95();
+        (wider > WORTH_A_LINE * u95).then(|| {
+            format!(
+                "{}: by the samples +- {} {} instead of {}, as what looks like {} is too small to be named",
+                field.label,
+                rounded_text(wider.into(), wider.into()),
+                field.unit,
+                rounded_text(u95.into(), u95.into()),
+                description(settings.machine, kind.words())
+            )
+        })
+    });
+    lines.collect()
 }
 
 /// The last line of a run.
@@ -126,10 +156,14 @@ pub struct LastJson {
 }
 
 /// What the intervals of the whole run are made of.
-fn uncertainty(outcome: &Outcome) -> UncertaintyJson {
+fn uncertainty(outcome: &Outcome, judged: [Judged; 4]) -> UncertaintyJson {
     let (sums, more) = outcome.sums();
     let correlation = Products::of(sums, more).and_then(|products| products.correlation()).ok();
-    UncertaintyJson::new(&outcome.budgets.whole_run, correlation)
+    let budgets = judged.map(|Judged { budget, moved_by, assumes }| {
+        let assumes = assumes.into_iter().map(|kind| kind.name()).collect();
+        BudgetJson::new(&budget, moved_by.map(|kind| kind.name()), assumes)
+    });
+    UncertaintyJson::new(budgets, correlation)
 }
 
 /// What is wrong with the samples, where the event says it.

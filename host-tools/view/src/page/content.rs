@@ -2,7 +2,7 @@
 
 use inerter_analysis::law::{Kernels, Law, Row};
 use inerter_analysis::{
-    diagnose::{Cause, suspected},
+    diagnose::{Cause, Judged, judged, suspected},
     fit::{Beside, Products, directions},
     response::{self, ModelParameters, Response},
 };
@@ -51,6 +51,8 @@ pub struct Content {
     pub warnings: Vec<(f64, Warning)>,
     /// What breaks the law, where more is left over than chance leaves.
     pub causes: Vec<Cause>,
+    /// The parameters of the whole run with what the samples tell of a law that is nearly true.
+    pub judged: [Judged; 4],
     /// The law that is drawn: the fit to all motion since the last change.
     pub law: Law,
     /// Force and law over the whole run, or since the last change.
@@ -91,6 +93,7 @@ impl Content {
         let since_s = changes.last().map_or(start_s, |(t_s, _)| *t_s);
         series.cut_before(since_s);
         let causes = suspected(&series, &settings, &outcome.published());
+        let judged = judged(&series, &settings, &outcome);
         let law = drawn_law(&outcome, &settings);
         let kernels = Kernels::new(outcome.estimate.bank, series.period_s);
         let all = (f64::NEG_INFINITY, f64::INFINITY);
@@ -113,6 +116,7 @@ impl Content {
             changes,
             warnings,
             causes,
+            judged,
             law,
             rows,
             close,

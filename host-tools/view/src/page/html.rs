@@ -1,5 +1,6 @@
 //! The page itself: one file, nothing to load, light and dark, and on paper.
 
+use inerter_analysis::diagnose::Judged;
 use inerter_core::{Budget, LawStatus, Machine, Regime, Settings, Source};
 use inerter_data::{
     json::{Shown, bank_word},
@@ -164,13 +165,24 @@ fn results(content: &Content) -> Markup {
 /// What the intervals of the whole run are made of.
 fn budgets(content: &Content) -> Markup {
     let machine = content.run.settings.machine;
-    let budgets = &content.outcome.budgets.whole_run;
-    let has_part = |source: &Source| budgets.iter().any(|budget| parts(budget).any(|(other, _)| other == *source));
+    let judged = &content.judged;
+    let has_part = |source: &Source| judged.iter().any(|one| parts(&one.budget).any(|(other, _)| other == *source));
     let sources: Vec<Source> = Source::ALL.into_iter().filter(has_part).collect();
     let part = |budget: &Budget, source: Source| {
         parts(budget).find(|(other, _)| *other == source).map(|(_, u95)| two_digits(u95)).unwrap_or_default()
     };
-    let rows = catalogue::fields(machine, Group::Parameter).zip(budgets).filter(|(_, budget)| budget.u95().is_finite());
+    let rows: Vec<_> = catalogue::fields(machine, Group::Parameter)
+        .zip(judged)
+        .filter(|(_, one)| one.budget.u95().is_finite())
+        .collect();
+    let hidden: Vec<String> = rows
+        .iter()
+        .filter(|(_, one)| !one.assumes.is_empty())
+        .map(|(field, one)| {
+            let words: Vec<&str> = one.assumes.iter().map(|kind| kind.words()).collect();
+            format!("{}: {}.", field.label, description(machine, &words.join(", ")))
+        })
+        .collect();
     markup! {
         section #budget {
             h2 { "What the intervals are made of" }
@@ -183,7 +195,7 @@ fn budgets(content: &Content) -> Markup {
                     th.number scope="col" { "on one rig" }
                 } }
                 tbody {
-                    @for (field, budget) in rows {
+                    @for (field, Judged { budget, .. }) in &rows {
                         tr {
                             th scope="row" { (field.label) }
                             td { (field.unit) }
@@ -196,8 +208,14 @@ fn budgets(content: &Content) -> Markup {
             }
             p.small {
                 "Parts of the 95 % interval of the whole run; their squares add up to its square. Noise is the scatter of this run. Gain, lead, timebase, "
-                "skew, structure and stiffness are as uncertain as the settings say. Model is how far the law may be wrong, by what this run shows of it. "
+                "skew, structure and stiffness are as uncertain as the settings say. Model is how far the law may be wrong, by what the samples of this run "
+                "show of it; the device does not see all of that, so its own interval may be narrower. "
                 "Two runs on one rig may be compared by the last column, which leaves out what they share: gain, lead and timebase."
+            }
+            @if !hidden.is_empty() {
+                p.small {
+                    "This motion does not tell some causes from a parameter, which is right where there are none. " (hidden.join(" "))
+                }
             }
         }
     }

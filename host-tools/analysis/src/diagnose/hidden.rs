@@ -1,0 +1,162 @@
+//! What is too small to be named, and may have moved the parameters all the same.
+//!
+//! A cause that is taken in beside the law moves each parameter, by chance alone as the standard error then grows (Hausman). What
+//! it moves it by beyond chance is how far it may have moved it while it was left out.
+
+use inerter_core::{Budget, Settings, Source};
+use inerter_data::{replay::Outcome, series::Series};
+use nalgebra::{DMatrix, DVector};
+
+use super::{
+    columns::{Candidate, Rows},
+    kind::Kind,
+    search::rows_of,
+    selection::dot,
+};
+use crate::fit::FitError;
+
+/// Part of a column's square that the law must leave over, for the run to tell of it.
+const LEAST_LEFT: f64 = 0.05;
+/// Standard deviations by which a parameter moves by chance when one of all that are tried is taken in.
+const CHANCE: f64 = 2.0;
+/// What is beyond that, as the half width of an interval.
+const MOVED: f64 = 1.4;
+/// Times that a standard error must grow when something is taken in of which the run tells nothing, for the parameter to rest
+/// on its being absent.
+const RESTS: f64 = 2.0;
+
+/// A parameter of the whole run, by what the samples show beside the estimator's sums.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Judged {
+    /// What its interval is made of.
+    pub budget: Budget,
+    /// What may have moved it most, too small to be named.
+    pub moved_by: Option<Kind>,
+    /// What this motion hides in it: the value is right if there is none.
+    pub assumes: Vec<Kind>,
+}
+
+/// The parameters of the whole run with what the samples tell of a law that is nearly true; of a run too short for that, as the
+/// estimator has them.
+pub fn judged(series: &Series, settings: &Settings, outcome: &Outcome) -> [Judged; 4] {
+    let mut all = outcome.budgets.whole_run.map(|budget| Judged { budget, moved_by: None, assumes: Vec::new() });
+    // Too short: nothing more is known.
+    let _ = regard(series, settings, outcome, &mut all);
+    all
+}
+
+fn regard(series: &Series, settings: &Settings, outcome: &Outcome, all: &mut [Judged; 4]) -> Result<(), FitError> {
+    let aligned = series.aligned(settings);
+    let rows = rows_of(&aligned, settings, &outcome.published())?;
+    let Some(law) = Law::of(&rows) else { return Ok(()) };
+    // Steps that repeat with the motion make more of it alike than the rows tell.
+    let repeats = outcome.budgets.whole_run.map(|budget| {
+        let parts = [Source::Noise, Source::Encoder].map(|source| f64::from(budget.given_u95(source)).powi(2));
+        1.0 + parts[1] / parts[0]
+    });
+    let mut reaches = [0.0; 4];
+    for candidate in Candidate::all_for(&rows.span, settings) {
+        let Some(moves) = law.with(&rows, candidate) else { continue };
+        for (i, one) in all.iter_mut().enumerate() {
+            let Some(Move { moved, square, grows }) = moves.of(i) else { continue };
+            if !moves.are_told {
+                if grows > RESTS && !one.assumes.contains(&candidate.kind) {
+                    one.assumes.push(candidate.kind);
+                }
+            } else if is_regarded(candidate.kind) {
+                let beyond = moved * moved - CHANCE * CHANCE * square * repeats[i];
+                let reach = MOVED * beyond.max(0.0).sqrt();
+                if reach > reaches[i] {
+                    (reaches[i], one.moved_by) = (reach, Some(candidate.kind));
+                }
+            }
+        }
+    }
+    for (one, reach) in all.iter_mut().zip(reaches) {
+        one.budget = one.budget.and(Source::Model, reach as f32);
+    }
+    Ok(())
+}
+
+/// A skew has a stated uncertainty of its own, and what acts at the reversals shows near rest (docs/THEORY.md, 6).
+fn is_regarded(kind: Kind) -> bool {
+    !matches!(kind, Kind::Skew | Kind::Stribeck | Kind::Presliding)
+}
+
+/// The law fitted to the rows.
+struct Law {
+    inverse: DMatrix<f64>,
+    residual: Vec<f64>,
+    /// Variance of a row's residual, times the rows of an independent observation.
+    error_square: f64,
+}
+
+/// What taking something in does to the parameters.
+struct Moves {
+    moved: DVector<f64>,
+    /// Squares of what they move by by chance.
+    squares: DVector<f64>,
+    /// Squares of their standard errors without it.
+    before: Vec<f64>,
+    /// The law leaves enough of it.
+    are_told: bool,
+}
+
+/// The same for one of them.
+struct Move {
+    moved: f64,
+    square: f64,
+    /// Standard error with it over that without.
+    grows: f64,
+}
+
+impl Moves {
+    fn of(&self, i: usize) -> Option<Move> {
+        let (moved, square, before) = (*self.moved.get(i)?, *self.squares.get(i)?, *self.before.get(i)?);
+        Some(Move { moved, square, grows: (1.0 + square / before).sqrt() })
+    }
+}
+
+impl Law {
+    fn of(rows: &Rows) -> Option<Self> {
+        let scales: Vec<f64> = rows.base.iter().map(|column| dot(column, column).sqrt().recip()).collect();
+        let scale = |i: usize| scales.get(i).copied().unwrap_or_default();
+        let count = rows.base.len();
+        let gram = DMatrix::from_fn(count, count, |i, j| dot(&rows.base[i], &rows.base[j]) * scale(i) * scale(j));
+        let unit = gram.cholesky()?.inverse();
+        let inverse = DMatrix::from_fn(count, count, |i, j| unit[(i, j)] * scale(i) * scale(j));
+        let values = &inverse * DVector::from_fn(count, |i, _| dot(&rows.base[i], &rows.force));
+        let residual = less(&rows.force, &rows.base, values.as_slice());
+        let freedom = rows.force.len() as f64 / rows.per_observation - count as f64;
+        let error_square = dot(&residual, &residual) / freedom.max(1.0);
+        Some(Self { inverse, residual, error_square })
+    }
+
+    /// With a candidate beside it; nothing where it cannot be of the size that is found, or is nothing but the law.
+    fn with(&self, rows: &Rows, candidate: Candidate) -> Option<Moves> {
+        let columns = rows.columns(candidate.term);
+        let (count, width) = (rows.base.len(), columns.len());
+        let along = &self.inverse * DMatrix::from_fn(count, width, |i, k| dot(&rows.base[i], &columns[k]));
+        let left: Vec<Vec<f64>> =
+            columns.iter().enumerate().map(|(k, all)| less(all, &rows.base, along.column(k).as_slice())).collect();
+        let are_told = left.iter().zip(&columns).all(|(left, all)| dot(left, left) > LEAST_LEFT * dot(all, all));
+        let gram = DMatrix::from_fn(width, width, |i, j| dot(&left[i], &left[j]));
+        let inverse = gram.cholesky()?.inverse();
+        let sizes = &inverse * DVector::from_fn(width, |k, _| dot(&left[k], &self.residual));
+        if are_told && width == 1 && !candidate.can_be(sizes[0], &rows.law) {
+            return None;
+        }
+        let squares = (&along * inverse * along.transpose()).diagonal() * self.error_square;
+        let before = self.inverse.diagonal().iter().map(|part| part * self.error_square).collect();
+        Some(Moves { moved: &along * sizes, squares, before, are_told })
+    }
+}
+
+/// What is left of a column without these parts of others.
+fn less(column: &[f64], others: &[Vec<f64>], parts: &[f64]) -> Vec<f64> {
+    let mut left = column.to_vec();
+    for (other, part) in others.iter().zip(parts) {
+        left.iter_mut().zip(other).for_each(|(left, other)| *left -= part * other);
+    }
+    left
+}
