@@ -1,8 +1,10 @@
 //! How sharp the intervals are where everything that is stated is true, and how often they hold.
 
 use crate::grid::{Error, Motion, calibrated, each_seed, raw, three, truth};
-use inerter_core::{LawStatus, Parameters, Settings, State};
+use inerter_core::{LawStatus, NORMAL_COVERAGE, Parameters, Settings, Source, State};
 use inerter_plant::{Excitation, Inerter, Plant, Sensors, Simulation};
+use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+use rand_distr::{Distribution, StandardNormal};
 
 /// Part of the runs that a 95 % interval should hold.
 const COVERED: f64 = 0.95;
@@ -22,7 +24,13 @@ pub struct Bench {
     pub device: Inerter,
     /// The instruments.
     pub sensors: Sensors,
+    /// What the settings state with an uncertainty, which is wrong by it in each run; the rest is true to the last digit.
+    pub wrong: &'static [Source],
 }
+
+/// What can be stated in the settings.
+pub const STATED: [Source; 6] =
+    [Source::Gain, Source::Lead, Source::Timebase, Source::Skew, Source::Structure, Source::Stiffness];
 
 /// One parameter in the runs of one motion.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -55,13 +63,16 @@ impl Cell {
         self.given > 0 && 1.0 - at_most(self.covered.saturating_sub(1), self.given) < CHANCE
     }
 
+    /// Whether less than 95 % are covered beyond chance.
+    pub fn is_low(&self) -> bool {
+        at_most(self.covered, self.given) < CHANCE
+    }
+
     /// Whether the coverage is less than 95 % beyond chance, or the rms not within [`RIGHT`] beyond chance.
     pub fn is_wrong(&self) -> bool {
         // What the square of a normal error scatters by, four standard deviations.
         let scatter = 1.0 + 4.0 / (2.0 * self.given as f64).sqrt();
-        at_most(self.covered, self.given) < CHANCE
-            || self.rms * scatter < *RIGHT.start()
-            || self.rms / scatter > *RIGHT.end()
+        self.is_low() || self.rms * scatter < *RIGHT.start() || self.rms / scatter > *RIGHT.end()
     }
 }
 
@@ -104,7 +115,7 @@ impl Bench {
 
     fn run(&self, motion: &Motion, seed: u64) -> Result<Outcome, Error> {
         let sensors = Sensors { encoder_phase_count: (seed as f64 * 0.618) % 1.0, seed, ..self.sensors };
-        let settings = stated_true(calibrated(&self.device, &sensors));
+        let settings = stated(calibrated(&self.device, &sensors), self.wrong, seed);
         let active = settings.validate()?;
         let mut state = Box::new(State::new(&active));
         let plant = Plant::new(self.device, Excitation::parse(motion.name, seed)?)?;
@@ -129,6 +140,46 @@ pub fn stated_true(settings: Settings) -> Settings {
         stiffness_u95_n_per_m: 1e-6 * settings.stiffness_n_per_m,
         ..settings
     }
+}
+
+/// The same, but for these sources: stated with an uncertainty, and wrong by a normal error of that size (JCGM 101).
+fn stated(settings: Settings, wrong: &[Source], seed: u64) -> Settings {
+    let mut random = ChaCha8Rng::seed_from_u64(0x0101_0000 + seed);
+    // Each source has its own errors, whatever others there are.
+    let errors: [f64; STATED.len()] = std::array::from_fn(|_| StandardNormal.sample(&mut random));
+    let mut settings = stated_true(settings);
+    for (source, error) in STATED.into_iter().zip(errors).filter(|(source, _)| wrong.contains(source)) {
+        let off = |u95: f64| error * u95 / f64::from(NORMAL_COVERAGE);
+        match source {
+            Source::Gain => {
+                settings.force_gain_u95 = 0.005;
+                settings.newtons_per_code *= 1.0 + off(0.005);
+            }
+            Source::Lead => {
+                settings.lead_u95 = 0.002;
+                settings.metres_per_count *= 1.0 + off(0.002);
+            }
+            Source::Timebase => {
+                settings.timebase_u95 = 0.001;
+                settings.sample_rate_hz *= 1.0 + off(0.001);
+            }
+            Source::Skew => {
+                settings.skew_u95_s = 20e-6;
+                settings.skew_s += off(20e-6);
+            }
+            Source::Structure => {
+                settings.structure_mass_u95_kg = 0.1;
+                settings.structure_mass_kg += off(0.1);
+            }
+            Source::Stiffness => {
+                let u95 = 0.2 * settings.stiffness_n_per_m;
+                settings.stiffness_u95_n_per_m = u95;
+                settings.stiffness_n_per_m += off(u95);
+            }
+            Source::Noise | Source::Encoder | Source::Model => {}
+        }
+    }
+    settings
 }
 
 /// The cells of the three parameters.

@@ -242,9 +242,10 @@ impl Active {
         let steps = self.steps_variance(inertance, scales);
         let share = if steps < fit.variance { steps / fit.variance } else { 1.0 };
         let scatter = if fit.is_exact {
-            Scatter::white(fit.freedom())
+            Scatter::white(inertance, fit.freedom())
         } else {
             Scatter {
+                inertance_kg: inertance,
                 freedom: fit.freedom(),
                 steps_share: [share, share * scales.quantisation_kept],
                 frequency_squared: fit.frequency_squared,
@@ -259,7 +260,7 @@ impl Active {
         let (systematic, spread) = (&self.systematic, scatter.in_motion(motion));
         [
             systematic.inertance(&found(0), &spread, motion),
-            systematic.viscous(&found(1), &spread),
+            systematic.viscous(&found(1), &spread, motion),
             systematic.force(&found(2), &spread),
             systematic.force(&found(3), &spread),
         ]

@@ -34,8 +34,12 @@ pub struct Systematic {
     structure_mass_kg: f32,
     /// Of the structure mass \[kg\].
     structure_u95_kg: f32,
-    /// Of the contact's compliance \[m/N\]; infinite where its stiffness is not known.
+    /// The contact's compliance \[m/N\]; 0 where its stiffness is not known.
     compliance_m_per_n: f32,
+    /// Of it \[m/N\]; infinite where its stiffness is not known.
+    compliance_u95_m_per_n: f32,
+    /// Damping of the contact \[N s/m\].
+    damping_n_s_per_m: f32,
 }
 
 /// A parameter as a fit gives it, before what no averaging removes.
@@ -54,6 +58,8 @@ pub struct Found {
 /// What a fit's parameters have in common.
 #[derive(Clone, Copy, Debug)]
 pub struct Scatter {
+    /// The inertance of the fit, with the structure's mass \[kg\].
+    pub inertance_kg: f32,
     /// Degrees of freedom of the residual.
     pub freedom: f32,
     /// Part of the residual's variance that the encoder's steps explain, and the part that sums of independent readings
@@ -72,12 +78,14 @@ pub struct Motion {
     pub flanks_part: bool,
     /// Mean square of the motion's frequency, weighted by the squared acceleration \[rad^2/s^2\].
     pub frequency_squared: f32,
+    /// The same, weighted by the squared velocity.
+    pub low_squared: f32,
 }
 
 impl Scatter {
     /// Of residuals that are taken for white, whatever the motion.
-    pub const fn white(freedom: f32) -> Self {
-        Self { freedom, steps_share: [0.0; 2], frequency_squared: 0.0 }
+    pub const fn white(inertance_kg: f32, freedom: f32) -> Self {
+        Self { inertance_kg, freedom, steps_share: [0.0; 2], frequency_squared: 0.0 }
     }
 
     /// What it makes of every parameter's error in this motion.
@@ -90,13 +98,20 @@ impl Scatter {
         let [share, kept] = self.steps_share;
         let noise = kernel * (1.0 - kept) + of_steps * kept;
         let repeats = if motion.repeats < MOST_REPEATS { motion.repeats } else { MOST_REPEATS };
-        Spread { freedom: self.freedom, noise: sqrt(noise), pattern: sqrt(of_steps * share * (repeats - 1.0)) }
+        Spread {
+            inertance_kg: self.inertance_kg,
+            freedom: self.freedom,
+            noise: sqrt(noise),
+            pattern: sqrt(of_steps * share * (repeats - 1.0)),
+        }
     }
 }
 
 /// What scatters in a motion, per standard error of a parameter.
 #[derive(Clone, Copy, Debug)]
 pub struct Spread {
+    /// The inertance of the fit, with the structure's mass \[kg\].
+    inertance_kg: f32,
     /// Degrees of freedom of the residual.
     freedom: f32,
     /// By what scatters.
@@ -112,8 +127,8 @@ impl Motion {
     }
 
     pub(crate) fn within(band: &Band, contact: Contact, repeats: f32) -> Self {
-        let frequency = core::f32::consts::TAU * band.high_hz;
-        Self { repeats, flanks_part: contact.may_part(), frequency_squared: frequency * frequency }
+        let [low, high] = [band.low_hz, band.high_hz].map(|hz| core::f32::consts::TAU * hz);
+        Self { repeats, flanks_part: contact.may_part(), frequency_squared: square(high), low_squared: square(low) }
     }
 }
 
@@ -132,11 +147,13 @@ impl Systematic {
             skew_s: settings.skew_u95_s as f32,
             structure_mass_kg: settings.structure_mass_kg as f32,
             structure_u95_kg: settings.structure_mass_u95_kg as f32,
-            compliance_m_per_n: if stiffness > 0.0 {
+            compliance_m_per_n: if stiffness > 0.0 { (1.0 / stiffness) as f32 } else { 0.0 },
+            compliance_u95_m_per_n: if stiffness > 0.0 {
                 (stiffness_u95 / stiffness / stiffness) as f32
             } else {
                 f32::INFINITY
             },
+            damping_n_s_per_m: settings.contact_damping_n_s_per_m as f32,
         }
     }
 
@@ -145,20 +162,32 @@ impl Systematic {
         let mass = self.structure_mass_kg;
         let loose = LOOSE_STRUCTURE_U95 * mass;
         // The structure moves as the screw does, but for what the force bends the contact.
-        let bent = mass * magnitude(found.value) * motion.frequency_squared * self.compliance_m_per_n;
+        let stretch = magnitude(found.value) * motion.frequency_squared;
+        let bent = mass * stretch * self.compliance_u95_m_per_n;
+        let follows = magnitude(1.0 - stretch * self.compliance_m_per_n);
         let flanks = if motion.flanks_part { STRUCTURE_MODEL_U95 * mass } else { 0.0 };
         self.common(found, spread)
             .and(Source::Lead, found.value * self.lead)
             .and(Source::Timebase, 2.0 * found.value * self.timebase)
-            .and(Source::Structure, self.structure_u95_kg)
+            .and(Source::Structure, follows * self.structure_u95_kg)
             .and(Source::Structure, flanks)
             .and(Source::Stiffness, if bent < loose { bent } else { loose })
     }
 
     /// Of viscous friction \[N s/m\].
-    pub fn viscous(&self, found: &Found, spread: &Spread) -> Budget {
+    pub fn viscous(&self, found: &Found, spread: &Spread, motion: &Motion) -> Budget {
         let Found { value, .. } = *found;
-        self.common(found, spread).and(Source::Lead, value * self.lead).and(Source::Timebase, value * self.timebase)
+        // What the contact's damping takes from the structure's motion, by the compliance squared.
+        let damped = self.structure_mass_kg * magnitude(spread.inertance_kg) * self.damping_n_s_per_m;
+        let per_compliance = 2.0 * damped * self.compliance_m_per_n * motion.frequency_squared * motion.low_squared;
+        let budget = self.common(found, spread).and(Source::Lead, value * self.lead);
+        let budget = budget.and(Source::Timebase, value * self.timebase);
+        // A product with nothing is nothing, however little is known of the other.
+        if per_compliance > 0.0 {
+            budget.and(Source::Stiffness, per_compliance * self.compliance_u95_m_per_n)
+        } else {
+            budget
+        }
     }
 
     /// Of Coulomb friction or the offset \[N\].

@@ -301,7 +301,7 @@ impl Products {
             values,
             per_skew: times(regressors.map(|place| self.sums[place][FORCE_RATE])),
             steps: [0.0; N],
-            scatter: Scatter::white(freedom as f32),
+            scatter: Scatter::white(values.first().copied().unwrap_or_default() as f32, freedom as f32),
             inverse,
             error_square: residual_square * UPDATES_PER_OBSERVATION,
             residual_square,
@@ -393,7 +393,7 @@ impl Judge<'_> {
         let spread = self.scatter.in_motion(motion);
         let budget = match i {
             ACCELERATION => systematic.inertance(found, &spread, motion),
-            VELOCITY => systematic.viscous(found, &spread),
+            VELOCITY => systematic.viscous(found, &spread, motion),
             _ => systematic.force(found, &spread),
         };
         let model_u95 = model_u95.get(i).copied().unwrap_or_default();

@@ -9,8 +9,10 @@ use inerter_simulate::{Setup, bench_sensors, raw};
 use super::*;
 
 /// Flanks that touch, and no stroke that comes again.
-const BESIDE: Beside =
-    Beside { motion: Motion { repeats: 1.0, flanks_part: false, frequency_squared: 0.0 }, model_u95: [0.0; 4] };
+const BESIDE: Beside = Beside {
+    motion: Motion { repeats: 1.0, flanks_part: false, frequency_squared: 0.0, low_squared: 0.0 },
+    model_u95: [0.0; 4],
+};
 
 /// A unit of each regressor, so fine that its rounding does not matter.
 const UNITS: [f64; COUNT] = [1e-9, 1e-11, 1e-10, 1e-10, 1e-8, 1e-11, 1e-6];

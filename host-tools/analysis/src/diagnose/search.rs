@@ -270,7 +270,8 @@ fn fitted(rows: &Rows, settings: &Settings, motion: &Motion, chosen: &[Chosen]) 
     });
     // What breaks the law is in the fit.
     let beside = Beside { motion: *motion, model_u95: [0.0; 4] };
-    let parameters = Judge { settings, beside: &beside, scatter: Scatter::white(freedom as f32) }.four(found);
+    let parameters =
+        Judge { settings, beside: &beside, scatter: Scatter::white(value(0) as f32, freedom as f32) }.four(found);
     let residual_rms_n = (left.max(0.0) / rows.force.len() as f64).sqrt();
     Some(Fitted { causes, corrected: parameters, residual_rms_n })
 }
