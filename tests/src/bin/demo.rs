@@ -198,11 +198,14 @@ fn truth(device: &Inerter) -> [f64; 4] {
     [device.inertance_kg, device.viscous_n_s_per_m, device.coulomb_n, 0.0]
 }
 
-/// What the interval is worth, now that the truth is known.
+/// What the interval is worth, now that the truth is known: one in twenty lies just beside it.
 fn verdict(parameter: &Parameter, truth: f64) -> &'static str {
     match parameter.known() {
         None => "this motion cannot show it",
         Some(Interval { value, u95 }) if (f64::from(value) - truth).abs() <= f64::from(u95) => "holds the truth",
+        Some(Interval { value, u95 }) if (f64::from(value) - truth).abs() <= 2.0 * f64::from(u95) => {
+            "just beside the truth"
+        }
         Some(_) => "MISSES THE TRUTH",
     }
 }

@@ -322,6 +322,9 @@ fn the_device_is_for_one(linux: &mut Linux) {
     assert!(ended.errors.contains("another client has the device"), "{}", ended.errors);
 }
 
+/// Intervals that a value may lie from the truth: one in twenty lies outside of its own, and each run here takes its own time.
+const INTERVALS: f64 = 2.0;
+
 /// The last estimate is right by its own interval.
 fn is_right(estimate: &Value) {
     let rig = rig();
@@ -335,7 +338,7 @@ fn is_right(estimate: &Value) {
         assert_eq!(parameter["status"], "ok", "{name}: {parameter}");
         let (value, u95) =
             (parameter["value"].as_f64().expect("a value"), parameter["u95"].as_f64().expect("an interval"));
-        assert!((value - truth).abs() <= u95, "{name} is {truth}, measured {value} +- {u95}");
+        assert!((value - truth).abs() <= INTERVALS * u95, "{name} is {truth}, measured {value} +- {u95}");
         assert!(u95 > 0.0);
     }
     let inertance = &estimate["whole_run"]["inertance_kg"];
@@ -380,11 +383,11 @@ fn a_recording_comes_home(linux: &mut Linux, folder: &Path) {
     let replayed = inerter("replay");
     let replayed = &replayed[replayed.len() - 1];
     is_right(replayed);
-    // The device has seen more of the motion than the recording holds, so the two are equal within their intervals only.
+    // The device has seen more of the motion than the recording holds.
     let inertance =
         |estimate: &Value, part: &str| estimate["whole_run"]["inertance_kg"][part].as_f64().expect("a number");
     let difference = inertance(replayed, "value") - inertance(&info["estimate"], "value");
-    assert!(difference.abs() <= inertance(replayed, "u95"), "{difference} kg between device and replay");
+    assert!(difference.abs() <= INTERVALS * inertance(replayed, "u95"), "{difference} kg between device and replay");
 }
 
 /// The program as it is in the guest, which was packed with this machine's libraries.
