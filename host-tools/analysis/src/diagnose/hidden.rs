@@ -1,7 +1,7 @@
 //! What is too small to be named, and may have moved the parameters all the same.
 //!
-//! A cause that is taken in beside the law moves each parameter, by chance alone as the standard error then grows (Hausman). What
-//! it moves it by beyond chance is how far it may have moved it while it was left out.
+//! Taking a cause in beside the law moves each parameter. Chance alone moves it by as much as its standard error then grows
+//! (Hausman). The movement beyond that is how far the cause may have moved the parameter while it was left out.
 
 use inerter_core::{Budget, Settings, Source};
 use inerter_data::{replay::Outcome, series::Series};
@@ -13,7 +13,6 @@ use super::{
     search::rows_of,
     selection::dot,
 };
-use crate::fit::FitError;
 
 /// Part of a column's square that the law must leave over, for the run to tell of it.
 const LEAST_LEFT: f64 = 0.05;
@@ -21,8 +20,8 @@ const LEAST_LEFT: f64 = 0.05;
 const CHANCE: f64 = 2.0;
 /// What is beyond that, as the half width of an interval.
 const MOVED: f64 = 1.4;
-/// Times that a standard error must grow when something is taken in of which the run tells nothing, for the parameter to rest
-/// on its being absent.
+/// A parameter rests on the absence of a cause that the run cannot show, where its standard error would grow by this factor
+/// with the cause taken in.
 const RESTS: f64 = 2.0;
 
 /// A parameter of the whole run, by what the samples show beside the estimator's sums.
@@ -40,15 +39,9 @@ pub struct Judged {
 /// estimator has them.
 pub fn judged(series: &Series, settings: &Settings, outcome: &Outcome) -> [Judged; 4] {
     let mut all = outcome.budgets.whole_run.map(|budget| Judged { budget, moved_by: None, assumes: Vec::new() });
-    // Too short: nothing more is known.
-    let _ = regard(series, settings, outcome, &mut all);
-    all
-}
-
-fn regard(series: &Series, settings: &Settings, outcome: &Outcome, all: &mut [Judged; 4]) -> Result<(), FitError> {
     let aligned = series.aligned(settings);
-    let rows = rows_of(&aligned, settings, &outcome.published())?;
-    let Some(law) = Law::of(&rows) else { return Ok(()) };
+    let Ok(rows) = rows_of(&aligned, settings, &outcome.published()) else { return all };
+    let Some(law) = Law::of(&rows) else { return all };
     // Steps that repeat with the motion make more of it alike than the rows tell.
     let repeats = outcome.budgets.whole_run.map(|budget| {
         let parts = [Source::Noise, Source::Encoder].map(|source| f64::from(budget.given_u95(source)).powi(2));
@@ -75,7 +68,7 @@ fn regard(series: &Series, settings: &Settings, outcome: &Outcome, all: &mut [Ju
     for (one, reach) in all.iter_mut().zip(reaches) {
         one.budget = one.budget.and(Source::Model, reach as f32);
     }
-    Ok(())
+    all
 }
 
 /// A skew has a stated uncertainty of its own, and what acts at the reversals shows near rest (docs/THEORY.md, 6).
