@@ -344,7 +344,8 @@ mod tests {
     fn the_verdict_knows_the_truth() {
         let parameter = Parameter::Ok(Interval { value: 100.0, u95: 1.0 });
         assert_eq!(verdict(&parameter, 100.9), "holds the truth");
-        assert_eq!(verdict(&parameter, 101.1), "MISSES THE TRUTH");
+        assert_eq!(verdict(&parameter, 101.1), "just beside the truth");
+        assert_eq!(verdict(&parameter, 102.1), "MISSES THE TRUTH");
         assert_eq!(verdict(&Parameter::default(), 1.0), "this motion cannot show it");
     }
 
