@@ -31,9 +31,9 @@ use crate::monitor::server::loopback;
 /// Name of the file in the current folder.
 const FILE: &str = "inerter.toml";
 
-/// Flags that let a command replace or erase something, on a disk or a device, or name what it writes or what is run, or let
-/// others in.
-const GRAVE: [&str; 14] = [
+/// Flags that let a command replace or erase something, on a disk or a device, or name what it writes, what is run or which chip
+/// it is for, or let others in.
+const GRAVE: [&str; 16] = [
     "force",
     "yes",
     "save",
@@ -46,6 +46,8 @@ const GRAVE: [&str; 14] = [
     "mcap",
     "png",
     "image",
+    "qemu",
+    "chip",
     "allow-remote",
     "foxglove-origin",
 ];
@@ -442,6 +444,18 @@ mod tests {
                 read_file(&format!("connect = \"{place}\"\n"), &["-o", "x"], false).unwrap();
             assert_eq!(connect.as_deref(), Some(place));
         }
+    }
+
+    #[test]
+    fn a_file_that_was_only_found_runs_no_image() {
+        let (command, folder) = (crate::Cli::command(), tempfile::tempdir().unwrap());
+        let path = folder.path().join("inerter.toml");
+        std::fs::write(&path, "[simulate]\nqemu = true\n").unwrap();
+        let file = |is_named| FlagsFile { path: path.clone(), is_named };
+        let typed = ["inerter", "simulate", "--tcp", "127.0.0.1:0"].map(OsString::from);
+        let refused = apply(&command, &file(false), &typed).unwrap_err().to_string();
+        assert!(refused.contains("it may not set `simulate.qemu`"), "{refused}");
+        assert!(apply(&command, &file(true), &typed).unwrap().contains(&"--qemu".into()));
     }
 
     #[test]

@@ -23,7 +23,7 @@ pub enum ConfigError {
     #[diagnostic(
         code(inerter::config::found),
         help(
-            "a file that lies in the folder sets no outputs, no --force and no addresses of other machines: type the flag, or \
+            "a file that lies in the folder sets no outputs, no images to run, no --force and no addresses of other machines: type the flag, or \
              name the file with --config or {VARIABLE}"
         )
     )]
