@@ -4,11 +4,12 @@
 mod common;
 #[path = "../../device/src/image/elf_file.rs"]
 mod elf_file;
+#[path = "common/terminal.rs"]
+mod terminal;
 
 use std::{
     io::{Read, Write},
     net::{TcpListener, TcpStream},
-    os::fd::OwnedFd,
     path::Path,
     process::{Child, ExitStatus, Stdio},
     sync::{
@@ -29,6 +30,7 @@ use inerter_wire::{
     Samples, SequenceCounter, SettingsValues, encode_record,
 };
 use rustix::process::{Pid, Signal, kill_process};
+use terminal::{patient, terminal};
 
 /// What a device does once somebody has connected.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,9 +45,12 @@ enum Manner {
     Introduced,
     /// The same without the samples.
     Mute,
+    /// Answers everything, and sends the same sample again and again.
+    Repeating,
 }
 
-const MANNERS: [Manner; 5] = [Manner::Silent, Manner::Noise, Manner::Samples, Manner::Introduced, Manner::Mute];
+const MANNERS: [Manner; 6] =
+    [Manner::Silent, Manner::Noise, Manner::Samples, Manner::Introduced, Manner::Mute, Manner::Repeating];
 
 /// Its address, and how many have connected to it.
 fn device(manner: Manner) -> (String, Arc<AtomicUsize>) {
@@ -69,9 +74,11 @@ fn behave(manner: Manner, mut host: TcpStream) -> Option<()> {
         let length = encode_record(record, sequence.take(), &mut out).unwrap();
         out.get(..length).unwrap().to_vec()
     };
-    if matches!(manner, Manner::Introduced | Manner::Mute) {
-        introduce(&mut host, &mut frame)?;
-    }
+    let mut requests = FrameReader::<Request>::new();
+    host.write_all(&[DELIMITER]).ok()?;
+    while matches!(manner, Manner::Introduced | Manner::Mute)
+        && !answer(&mut host, &mut requests, &mut frame)?.contains(&Command::ReadSettings)
+    {}
     let raw = RawSample { index: 7, position_count: 100, force_code: 100, terminal_code: 0 };
     loop {
         let bytes = match manner {
@@ -81,7 +88,11 @@ fn behave(manner: Manner, mut host: TcpStream) -> Option<()> {
                 continue;
             }
             Manner::Noise => (0..=255).cycle().skip(1).take(4096).collect(),
-            Manner::Samples | Manner::Introduced => {
+            Manner::Samples | Manner::Introduced | Manner::Repeating => {
+                if manner == Manner::Repeating {
+                    host.set_read_timeout(Some(Duration::from_millis(1))).ok()?;
+                    answer(&mut host, &mut requests, &mut frame)?;
+                }
                 let batch = Record::Samples(Samples::from_slice(&[raw; 1]).0);
                 (0..64).flat_map(|_| frame(&batch)).collect::<Vec<u8>>()
             }
@@ -90,36 +101,43 @@ fn behave(manner: Manner, mut host: TcpStream) -> Option<()> {
     }
 }
 
-/// Answers until the settings have been read.
-fn introduce(host: &mut TcpStream, frame: &mut impl FnMut(&Record) -> Vec<u8>) -> Option<()> {
-    let mut reader = FrameReader::<Request>::new();
+/// Answers what is asked in one portion; gives it.
+fn answer(
+    host: &mut TcpStream,
+    requests: &mut FrameReader<Request>,
+    frame: &mut impl FnMut(&Record) -> Vec<u8>,
+) -> Option<Vec<Command>> {
     let mut portion = [0; 512];
-    host.write_all(&[DELIMITER]).ok()?;
-    loop {
-        let count = host.read(&mut portion).ok().filter(|count| *count > 0)?;
-        let mut input = portion.get(..count)?;
-        while let Some(found) = reader.read(&mut input) {
-            let Frame::Message { message: Request { id, command }, .. } = found else { continue };
-            let content = match command {
-                Command::Hello => Record::Hello(Hello {
-                    wire_version: inerter_wire::WIRE_VERSION,
-                    firmware: Hello::text("unruly 1"),
-                    git: Hello::text(""),
-                    board: Hello::text("unruly"),
-                    serial: Hello::text("1"),
-                    sample_rate_hz: 1000.0,
-                    clock: ClockSource::Crystal,
-                    capabilities: Capabilities(u32::MAX),
-                }),
-                _ => Record::Settings(SettingsValues::from(&Settings::default())),
-            };
-            host.write_all(&frame(&content)).ok()?;
-            host.write_all(&frame(&Record::Reply(Reply { id, result: Ok(Done::Plain) }))).ok()?;
-            if command == Command::ReadSettings {
-                return Some(());
-            }
+    let count = match host.read(&mut portion) {
+        Ok(0) => return None,
+        Ok(count) => count,
+        Err(error) if error.kind() == std::io::ErrorKind::WouldBlock => 0,
+        Err(_) => return None,
+    };
+    let mut input = portion.get(..count)?;
+    let mut asked = Vec::new();
+    while let Some(found) = requests.read(&mut input) {
+        let Frame::Message { message: Request { id, command }, .. } = found else { continue };
+        let content = match command {
+            Command::Hello => Some(Record::Hello(Hello {
+                wire_version: inerter_wire::WIRE_VERSION,
+                firmware: Hello::text("unruly 1"),
+                git: Hello::text(""),
+                board: Hello::text("unruly"),
+                serial: Hello::text("1"),
+                sample_rate_hz: 1000.0,
+                clock: ClockSource::Crystal,
+                capabilities: Capabilities(u32::MAX),
+            })),
+            Command::ReadSettings => Some(Record::Settings(SettingsValues::from(&Settings::default()))),
+            _ => None,
+        };
+        for record in content.into_iter().chain([Record::Reply(Reply { id, result: Ok(Done::Plain) })]) {
+            host.write_all(&frame(&record)).ok()?;
         }
+        asked.push(command);
     }
+    Some(asked)
 }
 
 /// Every command that talks to a device, without its link.
@@ -155,31 +173,10 @@ fn start(folder: &Path, command: &[&str], address: &str) -> Child {
     let mut program = inerter(folder, &[command, &["--connect", address]].concat());
     program.stdout(Stdio::null()).stderr(Stdio::null());
     if command == ["calibrate"] {
-        let (person, terminal) = terminal();
+        let (terminal, _) = patient();
         program.stdin(terminal.try_clone().unwrap()).stderr(terminal);
-        let reader = person.try_clone().unwrap();
-        // Both end with the program.
-        thread::spawn(move || while rustix::io::read(&reader, &mut [0; 4096]).is_ok() {});
-        thread::spawn(move || {
-            while rustix::io::write(&person, b"\n").is_ok() {
-                thread::sleep(Duration::from_millis(100));
-            }
-        });
     }
     program.spawn().unwrap()
-}
-
-/// A terminal: what is typed and read there, and what the program sees of it.
-fn terminal() -> (OwnedFd, OwnedFd) {
-    use rustix::{fs, io, pty};
-    let master = pty::openpt(pty::OpenptFlags::RDWR | pty::OpenptFlags::NOCTTY).unwrap();
-    io::fcntl_setfd(&master, io::FdFlags::CLOEXEC).unwrap();
-    pty::grantpt(&master).unwrap();
-    pty::unlockpt(&master).unwrap();
-    let name = pty::ptsname(&master, Vec::new()).unwrap();
-    let flags = fs::OFlags::RDWR | fs::OFlags::NOCTTY | fs::OFlags::CLOEXEC;
-    let terminal = fs::open(name.as_c_str(), flags, fs::Mode::empty()).unwrap();
-    (master, terminal)
 }
 
 /// How it ends, if it does; meanwhile it must not take more and more memory.
@@ -285,7 +282,7 @@ fn the_screen_ends_with_its_terminal() {
 fn no_request_waits_for_ever() {
     each(|folder, command, manner| {
         // These go on at a device that speaks; how they end is the other test's.
-        if ["monitor", "record"].contains(&command[0]) && manner == Manner::Noise {
+        if ["monitor", "record"].contains(&command[0]) && matches!(manner, Manner::Noise | Manner::Repeating) {
             return;
         }
         let (address, guests) = device(manner);

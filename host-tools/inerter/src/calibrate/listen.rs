@@ -10,7 +10,7 @@ use inerter_wire::{EventKind, Frame, Record, Streams, step};
 
 use crate::error::Error;
 
-/// A sampling device sends something within this.
+/// A sampling device sends a new sample within this.
 const SILENCE: Duration = Duration::from_secs(5);
 
 /// What a device has sent.
@@ -43,7 +43,7 @@ fn batches(
     device.start_sampler()?;
     // What was under way belongs to the time before.
     while device.pending().is_some() {}
-    let mut heard = Instant::now();
+    let (mut heard, mut last) = (Instant::now(), None);
     loop {
         let mut samples = Vec::new();
         let mut time_ns = 0;
@@ -51,8 +51,12 @@ fn batches(
             time_ns = received.time_ns;
             match received.frame {
                 Frame::Message { message: Record::Samples(batch), .. } if batch.check().is_ok() => {
-                    samples.extend(batch.iter().flatten());
-                    heard = Instant::now();
+                    // A device that repeats itself says nothing new.
+                    let is_new = |sample: &RawSample| last.replace(sample.index) != Some(sample.index);
+                    samples.extend(batch.iter().flatten().filter(is_new));
+                    if !samples.is_empty() {
+                        heard = Instant::now();
+                    }
                 }
                 Frame::Message { message: Record::Event(event), .. } if event.kind == EventKind::SourceEnded => {
                     return Ok(());

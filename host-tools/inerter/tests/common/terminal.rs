@@ -1,0 +1,41 @@
+//! A terminal, and somebody before it who presses Enter at whatever he is asked.
+
+use std::{
+    os::fd::OwnedFd,
+    sync::{Arc, Mutex},
+    thread,
+    time::Duration,
+};
+
+use rustix::{fs, io, pty};
+
+/// A terminal: what is typed and read there, and what a program sees of it.
+pub fn terminal() -> (OwnedFd, OwnedFd) {
+    let master = pty::openpt(pty::OpenptFlags::RDWR | pty::OpenptFlags::NOCTTY).unwrap();
+    io::fcntl_setfd(&master, io::FdFlags::CLOEXEC).unwrap();
+    pty::grantpt(&master).unwrap();
+    pty::unlockpt(&master).unwrap();
+    let name = pty::ptsname(&master, Vec::new()).unwrap();
+    let flags = fs::OFlags::RDWR | fs::OFlags::NOCTTY | fs::OFlags::CLOEXEC;
+    let terminal = fs::open(name.as_c_str(), flags, fs::Mode::empty()).unwrap();
+    (master, terminal)
+}
+
+/// The terminal of such a person, and what has been shown there so far. He goes with the last program that has the terminal.
+pub fn patient() -> (OwnedFd, Arc<Mutex<Vec<u8>>>) {
+    let (person, terminal) = terminal();
+    let (reader, shown) = (person.try_clone().unwrap(), Arc::new(Mutex::new(Vec::new())));
+    let all = shown.clone();
+    thread::spawn(move || {
+        let mut some = [0; 4096];
+        while let Ok(count) = io::read(&reader, &mut some) {
+            all.lock().unwrap().extend_from_slice(&some[..count]);
+        }
+    });
+    thread::spawn(move || {
+        while io::write(&person, b"\n").is_ok() {
+            thread::sleep(Duration::from_millis(100));
+        }
+    });
+    (terminal, shown)
+}
