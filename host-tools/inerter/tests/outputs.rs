@@ -3,7 +3,13 @@
 
 mod common;
 
-use std::{fs, os::unix::fs::symlink, path::Path, process::Child};
+use std::{
+    fs,
+    os::unix::fs::symlink,
+    path::Path,
+    process::Child,
+    time::{Duration, Instant},
+};
 
 use common::{done, fails, inerter, run, text, until};
 use inerter_data::settings::Overrides;
@@ -133,6 +139,48 @@ fn a_program_that_is_ended_while_it_writes_leaves_nothing_behind() {
         let child = inerter(folder.path(), &[&["export", "run.mcap"], &outputs[..]].concat()).spawn().unwrap();
         end_while_it_writes(folder.path(), child, &before, signals);
     }
+}
+
+/// Signals a child once it waits; it must end within 5 s.
+fn ends_soon(mut child: Child, what: &str) {
+    std::thread::sleep(Duration::from_secs(3));
+    assert!(child.try_wait().unwrap().is_none(), "{what} has ended by itself");
+    kill_process(Pid::from_child(&child), Signal::TERM).unwrap();
+    let told = Instant::now();
+    while child.try_wait().unwrap().is_none() {
+        if told.elapsed() > Duration::from_secs(5) {
+            child.kill().ok();
+            panic!("{what} goes on");
+        }
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    assert_eq!(child.wait().unwrap().code(), Some(130), "{what}");
+}
+
+/// What waits for a pipe that nobody reads or fills does not see the signal.
+#[test]
+fn a_program_that_waits_for_a_pipe_ends_soon_after_a_signal() {
+    let (folder, device) = (tempfile::tempdir().unwrap(), device());
+    let pipes = ["pipe0", "pipe1", "pipe2", "pipe3"];
+    for pipe in pipes {
+        let mode = rustix::fs::Mode::RUSR | rustix::fs::Mode::WUSR;
+        rustix::fs::mkfifoat(rustix::fs::CWD, folder.path().join(pipe), mode).unwrap();
+    }
+    let link = ["--connect", device.name()];
+    let commands: [&[&str]; 4] = [
+        // Nobody reads its standard output.
+        &["monitor", "--json", link[0], link[1]],
+        &["record", "-o", "pipe0", link[0], link[1]],
+        &["cut", "pipe1", "-o", "part.mcap"],
+        &["merge", "pipe2", "pipe3", "-o", "both.mcap"],
+    ];
+    std::thread::scope(|scope| {
+        for command in commands {
+            let child = inerter(folder.path(), command).spawn().unwrap();
+            scope.spawn(move || ends_soon(child, command[0]));
+        }
+    });
+    assert_eq!(names(folder.path()), pipes);
 }
 
 #[test]

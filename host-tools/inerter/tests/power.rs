@@ -189,3 +189,35 @@ fn what_takes_its_name_at_the_end_is_on_the_disk_by_then() {
         desk.forget();
     }
 }
+
+/// The disk takes its time just when everything is written, and the user loses patience.
+#[test]
+fn what_is_ended_before_it_has_its_name_leaves_nothing_behind() {
+    use rustix::process::{Pid, Signal, kill_process};
+    let Some(desk) = Desk::new() else { return };
+    let device = device(1.0);
+    done(&desk.here(), &["simulate", "--duration", "2", "-o", "run.mcap"]);
+    done(&desk.here(), &["cut", "run.mcap", "--to", "1", "-o", "first.mcap"]);
+    done(&desk.here(), &["cut", "run.mcap", "--from", "1", "-o", "second.mcap"]);
+    let names = || {
+        let mut names: Vec<_> = fs::read_dir(desk.here()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+        names.sort();
+        names
+    };
+    let before = names();
+    fs::write(desk.kept().join("stuck"), "").unwrap();
+    let commands: [&[&str]; 5] = [
+        &["settings", "backup", "board.toml", "--connect", device.name()],
+        &["cut", "run.mcap", "-o", "cut.mcap"],
+        &["merge", "first.mcap", "second.mcap", "-o", "both.mcap"],
+        &["plot", "run.mcap", "--figure", "loop", "-o", "loop.png"],
+        &["report", "run.mcap", "-o", "page.html"],
+    ];
+    for command in commands {
+        let mut child = desk.inerter(command).spawn().unwrap();
+        until("nothing is written", || names() != before);
+        kill_process(Pid::from_child(&child), Signal::TERM).unwrap();
+        assert_eq!(child.wait().unwrap().code(), Some(130), "{command:?}");
+        assert_eq!(names(), before, "{command:?}");
+    }
+}

@@ -122,6 +122,35 @@ fn an_image_that_does_not_run_is_told_in_qemus_words() {
     }
 }
 
+/// QEMU has a process group of its own, and would go on at the port.
+#[cfg(unix)]
+#[test]
+fn a_second_signal_ends_qemu_too() {
+    use rustix::process::{Pid, Signal, kill_process};
+    if image().is_none() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("silent.bin"), silent_image()).unwrap();
+    let address = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string();
+    let arguments = ["simulate", "--qemu", "--image", "silent.bin", "--tcp", &address];
+    let mut command = inerter(folder.path(), &arguments);
+    let mut child = command.env("TMPDIR", folder.path()).spawn().unwrap();
+    common::until("QEMU does not start", || std::net::TcpListener::bind(&address).is_err());
+    for _ in 0..2 {
+        kill_process(Pid::from_child(&child), Signal::TERM).ok();
+    }
+    assert_eq!(child.wait().unwrap().code(), Some(130));
+    common::until("QEMU goes on", || std::net::TcpListener::bind(&address).is_ok());
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "its samples are left");
+}
+
+/// Stack, reset vector and a branch to itself.
+#[cfg(unix)]
+fn silent_image() -> Vec<u8> {
+    [0x2000_1000_u32, 0x0000_0009, 0xE7FE_E7FE].map(u32::to_le_bytes).concat()
+}
+
 #[cfg(unix)]
 #[test]
 fn an_image_that_never_answers_is_left_soon_after_a_signal() {
@@ -130,9 +159,7 @@ fn an_image_that_never_answers_is_left_soon_after_a_signal() {
         return;
     }
     let folder = tempfile::tempdir().unwrap();
-    // Stack, reset vector and a branch to itself.
-    let words = [0x2000_1000_u32, 0x0000_0009, 0xE7FE_E7FE].map(u32::to_le_bytes);
-    std::fs::write(folder.path().join("silent.bin"), words.concat()).unwrap();
+    std::fs::write(folder.path().join("silent.bin"), silent_image()).unwrap();
     for endpoint in [&["--pty"][..], &["--tcp", "127.0.0.1:0"]] {
         for signal in [Signal::TERM, Signal::INT] {
             let arguments = [&["simulate", "--qemu", "--image", "silent.bin"], endpoint].concat();

@@ -21,5 +21,5 @@ pub mod share;
 pub use device::{Endpoint, VirtualDevice};
 pub use error::SimulateError;
 pub use operator::Operator;
-pub use qemu::{END_OF_SAMPLES, Qemu, START_TIME, find_image, qemu_version, sample_bytes};
+pub use qemu::{END_OF_SAMPLES, Qemu, START_TIME, end_qemu, find_image, qemu_version, sample_bytes};
 pub use setup::{Samples, Setup, bench_sensors, calibrated, raw};

@@ -10,8 +10,8 @@ use std::{
     path::{Path, PathBuf},
     process::{Child, Command, Stdio},
     sync::{
-        Arc,
-        atomic::{AtomicBool, AtomicU32, Ordering},
+        Arc, Mutex, PoisonError,
+        atomic::{AtomicBool, Ordering},
         mpsc::{self, RecvTimeoutError},
     },
     thread::{self, JoinHandle},
@@ -20,6 +20,7 @@ use std::{
 
 use inerter_core::RawSample;
 use inerter_plant::Sample;
+use tempfile::TempPath;
 
 use crate::{
     device::Endpoint,
@@ -59,9 +60,24 @@ pub fn qemu_version() -> Option<String> {
     String::from_utf8_lossy(&output.stdout).lines().next().map(str::to_string)
 }
 
+/// A QEMU that runs, and its file of samples.
+type Running = Arc<Mutex<(Child, TempPath)>>;
+
+/// All that run.
+static RUNNING: Mutex<Vec<Running>> = Mutex::new(Vec::new());
+
+/// Ends every QEMU, for a program that ends at once.
+pub fn end_qemu() {
+    for running in RUNNING.lock().unwrap_or_else(PoisonError::into_inner).drain(..) {
+        let mut running = running.lock().unwrap_or_else(PoisonError::into_inner);
+        running.0.kill().ok();
+        std::fs::remove_file(&running.1).ok();
+    }
+}
+
 /// QEMU with the image, until it is dropped.
 pub struct Qemu {
-    child: Child,
+    running: Running,
     name: String,
     /// Ends with its standard error, and gives what was written there last.
     last_words: Option<JoinHandle<String>>,
@@ -69,7 +85,6 @@ pub struct Qemu {
     feeder: Option<JoinHandle<io::Result<()>>>,
     /// The file of samples, until the plant begins.
     file: Option<File>,
-    samples: PathBuf,
 }
 
 impl Qemu {
@@ -82,8 +97,8 @@ impl Qemu {
             let what = what.to_string();
             move |source| SimulateError::Endpoint { what, source }
         };
-        let samples = samples_file();
-        let file = File::create(&samples).map_err(failed("the file of samples"))?;
+        let samples = tempfile::Builder::new().prefix("inerter-samples-").tempfile();
+        let (file, samples) = samples.map_err(failed("the file of samples"))?.into_parts();
         let serial = match endpoint {
             Endpoint::Tcp(address) => {
                 let address = free_port(address).map_err(failed(&format!("the TCP port {address}")))?;
@@ -103,8 +118,10 @@ impl Qemu {
         let (sender, names) = mpsc::channel();
         listen(child.stdout.take(), sender.clone());
         let last_words = listen(child.stderr.take(), sender);
+        let running = Arc::new(Mutex::new((child, samples)));
+        RUNNING.lock().unwrap_or_else(PoisonError::into_inner).push(running.clone());
         let stop = Arc::new(AtomicBool::new(false));
-        let mut qemu = Self { child, name: String::new(), last_words, stop, feeder: None, file: Some(file), samples };
+        let mut qemu = Self { running, name: String::new(), last_words, stop, feeder: None, file: Some(file) };
         qemu.name = match serial.1 {
             Some(address) => address,
             None => qemu.pty_name(&names, interrupted)?,
@@ -139,7 +156,8 @@ impl Qemu {
 
     /// An error once QEMU has ended.
     pub fn check(&mut self) -> Result<(), SimulateError> {
-        match self.child.try_wait() {
+        let status = self.running.lock().unwrap_or_else(PoisonError::into_inner).0.try_wait();
+        match status {
             Ok(Some(status)) => {
                 let words = self.last_words.take().and_then(|listener| listener.join().ok());
                 let message = words.filter(|words| !words.is_empty()).unwrap_or_else(|| "it said nothing".into());
@@ -170,20 +188,18 @@ impl Qemu {
 impl Drop for Qemu {
     fn drop(&mut self) {
         self.stop.store(true, Ordering::Relaxed);
-        self.child.kill().ok();
-        self.child.wait().ok();
+        {
+            let (child, _) = &mut *self.running.lock().unwrap_or_else(PoisonError::into_inner);
+            child.kill().ok();
+            child.wait().ok();
+        }
+        let mut all = RUNNING.lock().unwrap_or_else(PoisonError::into_inner);
+        all.retain(|running| !Arc::ptr_eq(running, &self.running));
+        drop(all);
         if let Some(feeder) = self.feeder.take() {
             feeder.join().ok();
         }
-        std::fs::remove_file(&self.samples).ok();
     }
-}
-
-/// A name of our own for the file of samples.
-fn samples_file() -> PathBuf {
-    static COUNT: AtomicU32 = AtomicU32::new(0);
-    let count = COUNT.fetch_add(1, Ordering::Relaxed);
-    std::env::temp_dir().join(format!("inerter-samples-{}-{count}.bin", std::process::id()))
 }
 
 /// The address with a port number that is free at the moment where it says 0.

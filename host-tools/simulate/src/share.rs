@@ -23,7 +23,8 @@ use inerter_wire::{
     SequenceCounter, SettingsValues, Streams, encode_record, encode_request, renumber,
 };
 
-/// Readers at a time; further ones are turned away by closing their connection.
+/// Readers at a time. A further one takes the place of the oldest that has not spoken, else it is turned away by closing its
+/// connection.
 pub const MOST_READERS: usize = 16;
 /// Bytes that wait for a reader among several: ten seconds at 4 kHz and more.
 const MOST_WAITING: usize = 1 << 20;
@@ -112,8 +113,15 @@ impl Share {
         }
         self.readers.iter_mut().for_each(Reader::flush);
         self.dismiss();
-        while let Ok((stream, _)) = self.listener.accept() {
+        // Whoever connects again and again must not keep the device waiting.
+        for _ in 0..MOST_READERS {
+            let Ok((stream, _)) = self.listener.accept() else { break };
             let ready = stream.set_nonblocking(true).and_then(|()| stream.set_nodelay(true));
+            if self.readers.len() == MOST_READERS
+                && let Some(mute) = self.readers.iter().position(|reader| !reader.has_spoken)
+            {
+                self.readers.remove(mute);
+            }
             if self.readers.len() < MOST_READERS && ready.is_ok() {
                 self.readers.push(Reader::new(self.next_number, stream));
                 self.next_number += 1;

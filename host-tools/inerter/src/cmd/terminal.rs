@@ -16,15 +16,28 @@ use inerter_data::{output, words::printable};
 use crate::exit;
 
 static INTERRUPTED: AtomicBool = AtomicBool::new(false);
+/// The work has seen that it is interrupted.
+static HEEDED: AtomicBool = AtomicBool::new(false);
 static HAS_SCREEN: AtomicBool = AtomicBool::new(false);
+
+/// Work that has not seen by then that it is interrupted waits for a reader or a file that may never come.
+const HEED_TIME: Duration = Duration::from_secs(3);
+/// Time for a terminal to be given back: one that is stopped takes nothing.
+const RESTORE_TIME: Duration = Duration::from_millis(500);
 
 /// Ends the program at once, the terminal given back, nothing half written left behind.
 fn end() -> ! {
     if HAS_SCREEN.load(Ordering::Relaxed) {
-        // A terminal that is gone cannot be given back, nor told so.
-        ratatui::try_restore().ok();
+        let (done, restored) = mpsc::channel();
+        std::thread::spawn(move || {
+            // A terminal that is gone cannot be given back, nor told so.
+            ratatui::try_restore().ok();
+            done.send(()).ok();
+        });
+        restored.recv_timeout(RESTORE_TIME).ok();
     }
     output::remove_unfinished();
+    inerter_simulate::end_qemu();
     std::process::exit(exit::INTERRUPTED.into());
 }
 
@@ -34,12 +47,19 @@ pub fn tidy_at_interrupts() {
     ctrlc::set_handler(|| end()).ok();
 }
 
-/// From now on Ctrl-C ends the work in good order; a second one ends the program at once.
+/// From now on Ctrl-C ends the work in good order; a second one ends the program at once, and so does work that does not look
+/// whether it is interrupted.
 pub fn catch_interrupts() {
     let handler = || {
         if INTERRUPTED.swap(true, Ordering::Relaxed) {
             end();
         }
+        std::thread::spawn(|| {
+            std::thread::sleep(HEED_TIME);
+            if !HEEDED.load(Ordering::Relaxed) {
+                end();
+            }
+        });
     };
     // Fails only when a handler is there already.
     ctrlc::set_handler(handler).ok();
@@ -52,7 +72,11 @@ pub fn has_screen(yes: bool) {
 
 /// Whether the user has pressed Ctrl-C.
 pub fn interrupted() -> bool {
-    INTERRUPTED.load(Ordering::Relaxed)
+    let interrupted = INTERRUPTED.load(Ordering::Relaxed);
+    if interrupted {
+        HEEDED.store(true, Ordering::Relaxed);
+    }
+    interrupted
 }
 
 /// A note to the user, apart from the results: one line.

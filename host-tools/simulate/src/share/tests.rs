@@ -277,9 +277,25 @@ fn readers_wait_for_a_device_that_is_away_and_too_many_are_turned_away() {
     let mut share = Share::watched("127.0.0.1:0").unwrap();
     let mut board = Board::default();
     board.start(&mut share);
-    let mut hosts: Vec<Host> = (0..=MOST_READERS).map(|_| Host::connect(&share)).collect();
     let ended = |host: &mut Host| matches!(host.stream.read(&mut [0; 16]), Ok(0));
-    let mut last = hosts.pop().unwrap();
+    let spoken = |share: &mut Share| {
+        let mut host = Host::connect(share);
+        host.ask(1, Command::Streams(Streams::NONE));
+        assert_eq!(host.until_reply(share, 1).1, Ok(Done::Plain));
+        host
+    };
+    // Those that say nothing make room, the oldest first.
+    let mut mute: Vec<Host> = (0..MOST_READERS).map(|_| Host::connect(&share)).collect();
+    let mut hosts = vec![spoken(&mut share)];
+    while !ended(&mut mute[0]) {
+        share.turn();
+    }
+    assert!(!mute[1..].iter_mut().any(ended));
+    hosts.extend((1..MOST_READERS).map(|_| spoken(&mut share)));
+    while !mute.iter_mut().all(ended) {
+        share.turn();
+    }
+    let mut last = Host::connect(&share);
     while !ended(&mut last) {
         share.turn();
     }
