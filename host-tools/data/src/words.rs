@@ -28,9 +28,14 @@ pub fn printable(text: &str) -> Cow<'_, str> {
     out.into()
 }
 
-/// The beginning of a text that may be of any length, for a message.
+/// The beginning of a text that may be of any length, for a part of a message.
 pub fn shortened(text: &str) -> Cow<'_, str> {
-    match text.char_indices().nth(200) {
+    shortened_to(200, text)
+}
+
+/// So many letters of a text that may be of any length.
+pub fn shortened_to(letters: usize, text: &str) -> Cow<'_, str> {
+    match text.char_indices().nth(letters) {
         Some((end, _)) => format!("{}...", text.get(..end).unwrap_or_default()).into(),
         None => text.into(),
     }

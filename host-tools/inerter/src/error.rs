@@ -10,7 +10,7 @@ use inerter_data::{
     output::OutputError,
     recording::RecordingError,
     settings::SettingsInputError,
-    words::{plural, printable},
+    words::{plural, printable, shortened_to},
 };
 use inerter_device::{DeviceError, flash::FlashError, image::ImageError, update::UpdateError};
 use inerter_simulate::SimulateError;
@@ -145,13 +145,16 @@ macro_rules! from_data {
 
 from_data!(CsvError, RecordingError, SettingsInputError, OutputError);
 
+/// Letters of a message: it may repeat a name from a file, which may be of any length.
+const MOST_LETTERS: usize = 2000;
+
 /// A failure as a terminal shows it: its words hold what files and devices say.
 #[derive(Debug)]
 pub struct Shown<E>(pub E);
 
 impl<E: Diagnostic> std::fmt::Display for Shown<E> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(&printable(&self.0.to_string()))
+        f.write_str(&printable(&shortened_to(MOST_LETTERS, &self.0.to_string())))
     }
 }
 
@@ -163,7 +166,8 @@ impl<E: Diagnostic> Diagnostic for Shown<E> {
     }
 
     fn help<'a>(&'a self) -> Option<Box<dyn std::fmt::Display + 'a>> {
-        self.0.help().map(|help| Box::new(printable(&help.to_string()).into_owned()) as Box<dyn std::fmt::Display>)
+        let shown = |help: String| printable(&shortened_to(MOST_LETTERS, &help)).into_owned();
+        self.0.help().map(|help| Box::new(shown(help.to_string())) as Box<dyn std::fmt::Display>)
     }
 
     fn source_code(&self) -> Option<&dyn SourceCode> {

@@ -5,6 +5,9 @@ mod common;
 mod elf_file;
 #[path = "common/firmware.rs"]
 mod firmware;
+#[cfg(unix)]
+#[path = "common/terminal.rs"]
+mod terminal;
 
 use std::{fs, path::Path};
 
@@ -37,7 +40,13 @@ fn hostile(record: &Record) -> Vec<Vec<u8>> {
 fn check(folder: &Path, arguments: &[&str]) -> String {
     let output = inerter(folder, arguments).output().unwrap();
     let (out, errors) = (text(&output.stdout), text(&output.stderr));
-    for (stream, words) in [("standard output", &out), ("standard error", &errors)] {
+    check_words(arguments, &[("standard output", &out), ("standard error", &errors)]);
+    assert!(output.status.code().is_some_and(|code| code < 10), "{arguments:?}: {errors}");
+    out + &errors
+}
+
+fn check_words(arguments: &[&str], streams: &[(&str, &str)]) {
+    for (stream, words) in streams {
         let bad = |letter: char| {
             (letter.is_control() && letter != '\n')
                 || ('\u{200b}'..='\u{200f}').contains(&letter)
@@ -48,8 +57,28 @@ fn check(folder: &Path, arguments: &[&str]) -> String {
         assert!(!words.contains(bad), "{arguments:?}, {stream}: {words:?}");
         assert!(!words.lines().any(|line| line.starts_with("forged")), "{arguments:?}, {stream}: {words}");
     }
-    assert!(output.status.code().is_some_and(|code| code < 10), "{arguments:?}: {errors}");
-    out + &errors
+}
+
+/// The same of a command that talks to a person at a terminal, until these words were shown.
+#[cfg(unix)]
+fn check_at_terminal(folder: &Path, arguments: &[&str], awaited: &str) -> String {
+    let (screen, shown) = terminal::patient();
+    let mut command = inerter(folder, arguments);
+    command.stdin(screen.try_clone().unwrap()).stdout(screen.try_clone().unwrap()).stderr(screen);
+    let mut child = command.spawn().unwrap();
+    drop(command);
+    common::until(awaited, || text(&shown.lock().unwrap()).contains(awaited));
+    rustix::process::kill_process(rustix::process::Pid::from_child(&child), rustix::process::Signal::INT).unwrap();
+    let code = child.wait().unwrap().code();
+    let shown = text(&shown.lock().unwrap());
+    // What the program itself does to its line, and the system's line ends.
+    let mut words = shown.replace("\r\n", "\n").replace('\r', "\n");
+    for own in ["\u{1b}[2K", "\u{1b}[K", "\u{1b}[1A", "\u{1b}[?25h", "\u{1b}[?25l"] {
+        words = words.replace(own, "");
+    }
+    check_words(arguments, &[("terminal", &words)]);
+    assert_eq!(code, Some(130), "{arguments:?}: {words}");
+    words
 }
 
 fn device() -> VirtualDevice {
@@ -93,10 +122,17 @@ fn no_device_writes_to_the_terminal_what_it_likes() {
         &["update", "image.elf", "--force"],
     ];
     all_are_tried(&commands, |help| help.contains("--connect <HOST:PORT>"));
+    let shown = r"\u001b]52;c;aGk=";
     for command in commands {
-        let words = check(folder, &[command, &["--connect", &address]].concat());
+        let all = [command, &["--connect", &address]].concat();
+        #[cfg(unix)]
+        if command == ["calibrate"] {
+            said += &check_at_terminal(folder, &all, shown);
+            continue;
+        }
+        let words = check(folder, &all);
         // It is spoken to before it is refused.
-        assert!(command != ["update", "image.elf"] || words.contains(r"\u001b]52;c;aGk="), "{words}");
+        assert!(command != ["update", "image.elf"] || words.contains(shown), "{words}");
         said += &words;
     }
     // It was shown, as what it is.
@@ -114,6 +150,21 @@ fn no_argument_writes_to_the_terminal_what_it_likes() {
         [&[WORDS], &["info", "run.mcap", WORDS], &["info", "--nothing", WORDS], &["simulate", "--duration", WORDS]];
     for arguments in refused {
         assert!(check(folder.path(), arguments).contains("try '--help'"), "{arguments:?}");
+    }
+}
+
+/// An error repeats what it could not read, and not all of it.
+#[test]
+fn no_file_fills_the_terminal() {
+    let folder = tempfile::tempdir().unwrap();
+    let long = "x".repeat(1 << 19);
+    fs::write(folder.path().join("run.csv"), "t_s,encoder_count,force_n\n0,1,2\n1,2,2\n").unwrap();
+    fs::write(folder.path().join("long.toml"), format!("{long} = 1\n")).unwrap();
+    fs::write(folder.path().join("flags.toml"), format!("{long} = 1\n")).unwrap();
+    let common = ["replay", "run.csv", "--metres-per-count", "1e-6"];
+    for arguments in [["--settings", "long.toml"], ["--config", "flags.toml"]] {
+        let words = check(folder.path(), &[&common[..], &arguments].concat());
+        assert!(words.contains("xxx") && words.len() < 10_000, "{} bytes", words.len());
     }
 }
 

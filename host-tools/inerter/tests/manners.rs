@@ -60,6 +60,8 @@ fn a_mistake_in_the_file_of_flags_is_named_before_anything_is_done() {
 fn every_command_has_a_manual_page_and_every_shell_its_completions() {
     let folder = tempfile::tempdir().unwrap();
     done(folder.path(), &["man", "-o", "man"]);
+    assert!(fails(folder.path(), &["man", "-o", "man"], 8).contains("exists already"));
+    done(folder.path(), &["man", "-o", "man", "--force"]);
     let help = done(folder.path(), &["--help"]);
     let commands = help.lines().skip_while(|line| *line != "Commands:").skip(1).take_while(|line| !line.is_empty());
     for command in commands.filter_map(command_of).filter(|name| *name != "help") {

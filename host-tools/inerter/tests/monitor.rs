@@ -346,6 +346,29 @@ fn foxglove_is_served_to_known_pages_only() {
     }
 }
 
+/// A frame that says it is large is refused before it is there.
+#[test]
+fn nobody_may_fill_the_memory_with_a_frame() {
+    let folder = tempfile::tempdir().unwrap();
+    let device = device();
+    let mut monitor = Monitor::start(folder.path(), device.name(), &["--web", "--foxglove", "127.0.0.1:0"]);
+    for _ in 0..2 {
+        let view = monitor.next("view");
+        let address = view["address"].as_str().unwrap();
+        let (url, protocol) = match address.strip_prefix("http://") {
+            Some(page) => (format!("ws://{}live", page), None),
+            None => (format!("{address}/"), Some("foxglove.sdk.v1")),
+        };
+        let mut socket = connect(&url, None, protocol).unwrap();
+        // Final, binary, masked, with a length of 8 MiB.
+        let head = [&[0x82, 0xff][..], &(8_u64 << 20).to_be_bytes(), &[0; 4], &[0; 100]].concat();
+        socket.get_mut().write_all(&head).unwrap();
+        let error = (0..300).find_map(|_| socket.read().err()).expect("what comes is not read");
+        let waits = matches!(&error, tungstenite::Error::Io(error) if error.kind() == std::io::ErrorKind::WouldBlock);
+        assert!(!waits, "{address} waits for the rest");
+    }
+}
+
 #[test]
 fn foxglove_finds_channels_with_schemas_and_their_messages() {
     let folder = tempfile::tempdir().unwrap();

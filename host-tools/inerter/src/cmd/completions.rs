@@ -1,6 +1,6 @@
 //! `inerter completions` and `inerter man`: what a shell and a manual reader want to know.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Command;
 use clap_complete::Shell;
@@ -26,6 +26,9 @@ pub struct ManArgs {
     /// Folder to write them to; it is made when it does not exist
     #[arg(short, long, value_name = "FOLDER")]
     output: PathBuf,
+    /// Replace pages that are there
+    #[arg(long)]
+    force: bool,
 }
 
 pub fn run(args: &Args, mut command: Command) -> Result<(), Error> {
@@ -38,7 +41,26 @@ pub fn man(args: &ManArgs, command: Command) -> Result<(), Error> {
     let failed = |source| output::OutputError::Create { path: args.output.clone(), source };
     std::fs::create_dir_all(&args.output).map_err(failed)?;
     // Pages that name each other need the whole tree built first.
-    clap_mangen::generate_to(command, &args.output).map_err(failed)?;
+    let mut command = command.disable_help_subcommand(true);
+    command.build();
+    let mut pages = Vec::new();
+    render(&command, &args.output, &mut pages).map_err(failed)?;
+    if !args.force {
+        pages.iter().try_for_each(|(page, _)| output::refuse_existing(page))?;
+    }
+    pages.iter().try_for_each(|(page, text)| output::write(page, args.force, text))?;
     say(format!("manual pages written to {}", args.output.display()));
+    Ok(())
+}
+
+/// The pages of a command and of those below it.
+fn render(command: &Command, folder: &Path, pages: &mut Vec<(PathBuf, Vec<u8>)>) -> std::io::Result<()> {
+    for below in command.get_subcommands().filter(|below| !below.is_hide_set()) {
+        render(below, folder, pages)?;
+    }
+    let page = clap_mangen::Man::new(command.clone());
+    let mut text = Vec::new();
+    page.render(&mut text)?;
+    pages.push((folder.join(page.get_filename()), text));
     Ok(())
 }

@@ -16,7 +16,7 @@ use std::{
 
 use axum::{
     Extension, Router,
-    extract::ws::{Message, WebSocket},
+    extract::ws::{Message, WebSocket, WebSocketUpgrade},
     http::{HeaderMap, HeaderName, header},
 };
 use hyper::server::conn::http1;
@@ -134,6 +134,12 @@ fn most_connections(open_files: Option<u64>) -> usize {
 /// Sends a message; `None` where the other end is gone or does not take it.
 pub async fn send(socket: &mut WebSocket, message: Message) -> Option<()> {
     timeout(SEND_TIME, socket.send(message)).await.ok()?.ok()
+}
+
+/// Nothing larger than this many bytes is kept of what the other end sends.
+pub fn limited(upgrade: WebSocketUpgrade, bytes: usize) -> WebSocketUpgrade {
+    // One frame of a message has a limit of its own, which is checked first.
+    upgrade.max_message_size(bytes).max_frame_size(bytes)
 }
 
 /// A header that is there once at most; an error where it is there twice or is no text.

@@ -27,7 +27,7 @@ use super::{
     bridge::resolve,
     feed::Item,
     hub::{Viewer, Wish},
-    server::{Place, Server, local_host, send, single},
+    server::{Place, Server, limited, local_host, send, single},
 };
 use crate::Error;
 use messages::Messages;
@@ -173,7 +173,7 @@ async fn live(
     Extension(place): Extension<Place>,
     upgrade: WebSocketUpgrade,
 ) -> Response {
-    upgrade.max_message_size(MOST_FROM_PAGE).on_upgrade(move |socket| talk(socket, shared, place))
+    limited(upgrade, MOST_FROM_PAGE).on_upgrade(move |socket| talk(socket, shared, place))
 }
 
 /// Tells a page everything so far, then whatever comes, and takes what it asks for.

@@ -1,6 +1,6 @@
 //! Where plotting programs listen.
 
-use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs, UdpSocket};
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs, UdpSocket};
 
 use crate::monitor::MonitorError;
 
@@ -40,10 +40,15 @@ pub struct Datagrams {
 impl Datagrams {
     pub fn new(option: &'static str, address: &str, example: &'static str) -> Result<Self, MonitorError> {
         let to = resolve(option, address, example)?;
-        let any: SocketAddr =
-            if to.is_ipv4() { (Ipv4Addr::UNSPECIFIED, 0).into() } else { (Ipv6Addr::UNSPECIFIED, 0).into() };
+        // Where all stays on this machine, nobody else reaches the socket either.
+        let from = match to {
+            SocketAddr::V4(to) if to.ip().is_loopback() => Ipv4Addr::LOCALHOST.into(),
+            SocketAddr::V4(_) => IpAddr::from(Ipv4Addr::UNSPECIFIED),
+            SocketAddr::V6(to) if to.ip().is_loopback() => Ipv6Addr::LOCALHOST.into(),
+            SocketAddr::V6(_) => Ipv6Addr::UNSPECIFIED.into(),
+        };
         let failed = |source| MonitorError::Address { option, address: address.into(), example, source };
-        let socket = UdpSocket::bind(any).map_err(failed)?;
+        let socket = UdpSocket::bind((from, 0)).map_err(failed)?;
         // A full buffer loses a datagram rather than a sample: what is measured must not wait for a plot.
         socket.set_nonblocking(true).map_err(failed)?;
         Ok(Self { socket, to })

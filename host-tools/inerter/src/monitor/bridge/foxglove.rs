@@ -32,7 +32,7 @@ use crate::{
         MonitorError,
         feed::{Item, Moment},
         hub::Viewer,
-        server::{Place, Server, local_host, loopback, send, single},
+        server::{Place, Server, limited, local_host, loopback, send, single},
     },
 };
 
@@ -221,7 +221,7 @@ async fn live(
     if let Some(words) = refusal(&headers, &shared) {
         return (StatusCode::FORBIDDEN, words).into_response();
     }
-    let upgrade = upgrade.protocols(PROTOCOLS).max_message_size(MOST_FROM_CLIENT);
+    let upgrade = limited(upgrade.protocols(PROTOCOLS), MOST_FROM_CLIENT);
     if upgrade.selected_protocol().is_none() {
         return (StatusCode::BAD_REQUEST, "the WebSocket subprotocol foxglove.sdk.v1 is needed\n").into_response();
     }
