@@ -52,6 +52,7 @@ fn what_is_too_small_to_be_named_widens_the_interval_by_the_samples() {
     let clean = clean_case(1.0, 1000.0);
     let rippled = Case { added: Added { ripple_n: 0.3, ..clean.added }, ..clean_case(1.0, 1000.0) };
     let [mut by_device, mut by_samples] = [0; 2];
+    let mut wider = [0.0; 3];
     for seed in 41..=46 {
         let Replayed { outcome, causes, judged } = rippled.replayed(motion, seed).unwrap();
         assert_eq!(causes, []);
@@ -60,12 +61,13 @@ fn what_is_too_small_to_be_named_widens_the_interval_by_the_samples() {
         by_device += usize::from(off <= f64::from(found.u95));
         by_samples += usize::from(off <= f64::from(judged[0].budget.u95()));
         assert!(judged[0].moved_by.is_some(), "{:?}", judged[0]);
-        // Where nothing is wrong the samples say what the device says, but of the offset, which friction by direction is like.
+        // Where nothing is wrong the intervals grow as far as the run cannot tell that nothing is.
         let Replayed { outcome, judged, .. } = clean.replayed(motion, seed).unwrap();
-        for (budget, judged) in outcome.budgets.whole_run.iter().zip(&judged).take(3) {
-            assert!(judged.budget.u95() < 1.3 * budget.u95(), "{judged:?}");
+        for ((budget, judged), wider) in outcome.budgets.whole_run.iter().zip(&judged).zip(&mut wider) {
+            *wider += judged.budget.u95() / budget.u95() / 6.0;
         }
     }
+    assert!(wider.iter().all(|wider| (1.0..1.8).contains(wider)), "{wider:?}");
     assert!(by_samples >= 5 && by_device <= 3, "{by_device} of 6 by the device, {by_samples} by the samples");
 }
 
@@ -80,5 +82,8 @@ fn what_a_motion_cannot_tell_is_named_as_an_assumption() {
     assert!(of_a_tone.contains(&Kind::LoadDependent) && of_a_tone.contains(&Kind::Skew), "{of_a_tone:?}");
     let (of_inertance, of_viscous) = assumed("random");
     assert!(of_viscous.contains(&Kind::LoadDependent) && !of_viscous.contains(&Kind::Skew), "{of_viscous:?}");
-    assert!(!of_inertance.contains(&Kind::LoadDependent) && !of_inertance.contains(&Kind::Skew), "{of_inertance:?}");
+    assert!(
+        of_inertance.contains(&Kind::LoadDependent) && !of_inertance.contains(&Kind::Direction),
+        "{of_inertance:?}"
+    );
 }

@@ -16,10 +16,15 @@ struct Said {
 }
 
 fn run(device: Inerter, motion: &str, seed: u64, memory_s: f64, noise_n: f64) -> Said {
+    run_with(device, motion, seed, noise_n, |settings| Settings { memory_s, ..settings })
+}
+
+/// The same with settings that say something else.
+fn run_with(device: Inerter, motion: &str, seed: u64, noise_n: f64, stated: impl Fn(Settings) -> Settings) -> Said {
     let encoder_phase_count = (seed as f64 * 0.618) % 1.0;
     let sensors =
         Sensors { force_noise_n: noise_n, force_offset_n: 3.0, encoder_phase_count, seed, ..Sensors::default() };
-    let settings = Settings { memory_s, publish_rate_hz: 10.0, ..calibrated(&device, &sensors) };
+    let settings = stated(Settings { publish_rate_hz: 10.0, ..calibrated(&device, &sensors) });
     let active = settings.validate().unwrap();
     let mut state = Box::new(State::new(&active));
     let (mut regimes, mut laws) = (Vec::new(), Vec::new());
@@ -84,6 +89,22 @@ fn noise_and_steps_explain_the_residual() {
     let creeping = run(creeping, "fast", 7, 100.0, 1.0);
     assert!((1.7..2.5).contains(&creeping.unexplained), "{}", creeping.unexplained);
     assert_eq!(creeping.law, LawStatus::Broken);
+}
+
+/// A skew leaves a residual, which is no fault of the law as long as it is no greater than the settings state.
+#[test]
+fn a_skew_that_is_stated_breaks_no_law() {
+    let said = |skew_u95_s: f64, off_s: f64| {
+        let stated = |settings: Settings| Settings { skew_u95_s, skew_s: settings.skew_s + off_s, ..settings };
+        run_with(Inerter::paper(), "random", 7, 1.0, stated)
+    };
+    for off_s in [-15e-6, 15e-6] {
+        let stated = said(20e-6, off_s);
+        assert_eq!(stated.law, LawStatus::Holds, "{}", stated.unexplained);
+        assert!(wrong(&Inerter::paper(), &stated).is_empty());
+        assert_eq!(said(1e-6, off_s).law, LawStatus::Broken);
+        assert_eq!(said(20e-6, 4.0 * off_s).law, LawStatus::Broken);
+    }
 }
 
 /// At any moment of any motion, with a memory of any length.

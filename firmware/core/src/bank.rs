@@ -4,7 +4,7 @@ use crate::active::BankActive;
 use crate::kernel::{Cascades, Comb, Update};
 use crate::ldl::UNKNOWNS;
 use crate::near_rest::NearRest;
-use crate::rls::{MORE_PRODUCTS, Moments, RATE, Totals, approach, more_products, products};
+use crate::rls::{MORE_PRODUCTS, Moments, RATE, RATE_SQUARE, Totals, approach, more_products, products};
 
 /// One bank's comb and memories.
 #[derive(Clone, Debug)]
@@ -17,6 +17,8 @@ pub(crate) struct BankState {
     pub jerk: i64,
     /// Products of the force's rate with acceleration, velocity, sign and one, averaged over the recent memory.
     pub rate: [i64; UNKNOWNS],
+    /// Mean square of the force's rate, likewise.
+    pub rate_square: i64,
     pub whole: Totals,
     pub more: Totals<MORE_PRODUCTS>,
     /// Samples since the last update.
@@ -33,6 +35,7 @@ impl BankState {
             near_rest: NearRest::new(),
             jerk: 0,
             rate: [0; UNKNOWNS],
+            rate_square: 0,
             whole: Totals::new(),
             more: Totals::new(),
             idle_samples: 0,
@@ -44,7 +47,7 @@ impl BankState {
         self.recent = Moments::new();
         self.near_rest = NearRest::new();
         self.jerk = 0;
-        self.rate = [0; UNKNOWNS];
+        (self.rate, self.rate_square) = ([0; UNKNOWNS], 0);
         self.whole = Totals::new();
         self.more = Totals::new();
     }
@@ -79,6 +82,7 @@ impl BankState {
         self.whole.update(&products);
         let more = more_products(&regressors, &more);
         self.rate.iter_mut().zip(&more[RATE]).for_each(|(average, product)| approach(average, *product, gain));
+        approach(&mut self.rate_square, more[RATE_SQUARE], gain);
         self.more.update(&more);
         self.idle_samples = 0;
         true

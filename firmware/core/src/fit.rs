@@ -9,7 +9,7 @@ use crate::constants::{self, UPDATES_PER_BOX};
 use crate::ldl::{FACTOR_BITS, MATRIX_BITS, UNKNOWNS, solve};
 use crate::math::{greater, magnitude, power, single, sqrt};
 use crate::near_rest::WEIGHT;
-use crate::rls::{PRODUCTS, RATE, place, scaled};
+use crate::rls::{PRODUCTS, RATE, RATE_SQUARE, place, scaled};
 use crate::solution::{Inverse, pivot};
 
 const CORRELATION_BOXES: f32 = constants::CORRELATION_BOXES as f32;
@@ -31,6 +31,8 @@ pub(crate) struct Fit {
     pub errors: [f32; UNKNOWNS],
     /// What a force that is late by a second more takes from each [its unit per second].
     pub per_skew: [f32; UNKNOWNS],
+    /// Mean square of the force's rate that the law leaves over [N^2/s^2]: what a skew of a second would add to the residual's.
+    pub late: f32,
     /// How far what is known of the encoder's steps leaves each undecided.
     pub steps: [f32; UNKNOWNS],
     /// Variance of the residual [N^2].
@@ -52,6 +54,7 @@ impl Fit {
         values: [0.0; UNKNOWNS],
         errors: [0.0; UNKNOWNS],
         per_skew: [0.0; UNKNOWNS],
+        late: 0.0,
         steps: [0.0; UNKNOWNS],
         variance: 0.0,
         frequency_squared: 0.0,
@@ -72,8 +75,14 @@ pub(crate) struct Knowledge {
     per_unit: f32,
     /// Equally weighted updates that would know as much.
     updates: f32,
-    /// Average products of the force's rate with the unknowns' regressors, where they are wanted.
-    rate: Option<[f32; UNKNOWNS]>,
+    /// Average products of the force's rate, where they are wanted.
+    rate: Option<Rate>,
+}
+
+/// Average products of the force's rate with the unknowns' regressors, and its mean square.
+struct Rate {
+    products: [f32; UNKNOWNS],
+    square: f32,
 }
 
 impl Knowledge {
@@ -85,7 +94,7 @@ impl Knowledge {
             matrix: *bank.recent.averages(),
             per_unit: 1.0,
             updates,
-            rate: Some(bank.rate.map(|product| product as f32)),
+            rate: Some(Rate { products: bank.rate.map(|product| product as f32), square: bank.rate_square as f32 }),
         }
     }
 
@@ -100,11 +109,12 @@ impl Knowledge {
     /// All since the reset.
     pub fn whole_run(bank: &BankState) -> Self {
         let whole = Self::summed(bank.whole.sums(), bank.whole.updates());
-        let mut rate = [0.0; UNKNOWNS];
-        for (average, sum) in rate.iter_mut().zip(&bank.more.sums()[RATE]) {
-            *average = single(*sum) / whole.updates.max(1.0);
+        let (updates, sums) = (whole.updates.max(1.0), bank.more.sums());
+        let mut products = [0.0; UNKNOWNS];
+        for (average, sum) in products.iter_mut().zip(&sums[RATE]) {
+            *average = single(*sum) / updates;
         }
-        Self { rate: Some(rate), ..whole }
+        Self { rate: Some(Rate { products, square: single(sums[RATE_SQUARE]) / updates }), ..whole }
     }
 
     /// What was learnt between two readings of the exact sums, `updates` apart.
@@ -169,8 +179,15 @@ pub(crate) fn fit(knowledge: &Knowledge, scales: &Scales) -> Option<Fit> {
     let equilibrated = |i: usize, product: f32| {
         product / knowledge.per_unit * power(i32::from(solution.shifts[i]) + force_shift - MATRIX_BITS as i32)
     };
-    if let Some(rate) = knowledge.rate {
-        let moved = inverse.times(core::array::from_fn(|i| equilibrated(i, rate[i])));
+    if let Some(rate) = &knowledge.rate {
+        let right = core::array::from_fn(|i| equilibrated(i, rate.products[i]));
+        let moved = inverse.times(right);
+        let mut left = equilibrated(UNKNOWNS, rate.square);
+        for (moved, right) in moved.iter().zip(right) {
+            left -= moved * right;
+        }
+        let unit = force_unit * scales.rate_per_force;
+        fit.late = greater(left, 0.0) * knowledge.per_unit * unit * unit;
         for ((per_skew, moved), to_si) in fit.per_skew.iter_mut().zip(moved).zip(to_si) {
             *per_skew = moved * to_si * scales.rate_per_force;
         }

@@ -68,7 +68,7 @@ pub(crate) struct Assessment {
 impl Assessment {
     /// From the fits to all updates and to those away from rest, the rms of acceleration \[m/s^2\] and velocity \[m/s\],
     /// viscous friction as it would be published, the residual's variance that noise and steps explain \[N^2\], and
-    /// how the flanks behave; `scatter` is the variance of what is published over that of white noise.
+    /// how the flanks behave; `scatter` is the variance of what moves over that of white noise.
     pub fn of(
         all: &Fit,
         away: &Fit,

@@ -21,7 +21,7 @@ use crate::plausible;
 use crate::qformat::Term;
 use crate::regime::{self, Assessment};
 use crate::state::{State, Trial};
-use crate::systematic::{Found, Motion, Scatter};
+use crate::systematic::{Found, Motion, Scatter, Spread};
 
 // Single precision, as everything here.
 const WIDEST_INTERVAL: f32 = constants::WIDEST_INTERVAL as f32;
@@ -35,6 +35,24 @@ const QUARTILES: [(u32, f32); 3] = [(1, QUARTILE), (2, 5.643), (3, 9.624)];
 const STEPS: f32 = constants::ROUNDING as f32;
 /// Part of Coulomb friction within which its interval must lie before reversals are placed by it.
 const FRICTION_KNOWN: f32 = 0.1;
+
+/// The force's noise.
+struct Heard {
+    /// Its variance [codes^2]; infinite before it is known.
+    variance: f32,
+    /// Differences that it was found from.
+    differences: u32,
+}
+
+impl Heard {
+    fn of(noise: &Noise) -> Self {
+        let variance = noise_by(noise, 1, QUARTILE).map_or(f32::INFINITY, |rms| {
+            // Steps that swallow the noise are noise of their own.
+            if rms * rms > STEPS { rms * rms } else { STEPS }
+        });
+        Self { variance, differences: noise.differences() }
+    }
+}
 
 /// What one memory says.
 struct Told {
@@ -61,8 +79,9 @@ impl Active {
     /// What the intervals of [`Self::publish`] are made of.
     pub fn budgets(&self, state: &State) -> Budgets {
         let Backlash { contact, .. } = self.backlash.found(&state.backlash);
-        let recent = self.recent(state, contact);
-        let whole_run = self.whole_run(state, contact, &recent);
+        let noise = Heard::of(&state.noise);
+        let recent = self.recent(state, contact, &noise);
+        let whole_run = self.whole_run(state, contact, &noise, &recent);
         Budgets { recent: recent.told.all_budgets(), whole_run: whole_run.all_budgets() }
     }
 
@@ -70,8 +89,9 @@ impl Active {
     /// with friction that is nearly right is more than what it adds.
     pub(crate) fn publish_and_feed_back(&self, state: &State) -> (Published, Feedback) {
         let Backlash { backlash, contact, stiffness, damping } = self.backlash.found(&state.backlash);
-        let recent = self.recent(state, contact);
-        let whole_run = self.whole_run(state, contact, &recent);
+        let noise = Heard::of(&state.noise);
+        let recent = self.recent(state, contact, &noise);
+        let whole_run = self.whole_run(state, contact, &noise, &recent);
         let Recent { bank, assessment, band, told, .. } = recent;
         let (config, bank_state) = self.bank(state, bank);
         let moving = bank_state.idle_samples < config.hold_samples && bank_state.recent.updates() > 0;
@@ -138,13 +158,12 @@ impl Active {
         QUARTILES.into_iter().filter_map(rms).find(|rms| *rms >= plausible::LEAST_NOISE)
     }
 
-    /// Variance of the residual that force noise and encoder steps explain [N^2]; infinite before they are known.
-    fn explained(&self, noise: &Noise, fit: &Fit, scales: &Scales) -> f32 {
-        let Some(rms) = noise_by(noise, 1, QUARTILE) else { return f32::INFINITY };
-        // Steps that swallow the noise are noise of their own.
-        let variance = if rms * rms > STEPS { rms * rms } else { STEPS };
+    /// Variance of the residual that force noise, encoder steps and a skew within its interval explain [N^2]; infinite before
+    /// they are known.
+    fn explained(&self, noise: &Heard, fit: &Fit, scales: &Scales) -> f32 {
         let [inertance, ..] = fit.values;
-        variance * scales.noise + self.steps_variance(inertance, scales)
+        let skew_s = self.systematic.skew_u95_s();
+        noise.variance * scales.noise + self.steps_variance(inertance, scales) + skew_s * skew_s * fit.late
     }
 
     /// Variance that the encoder's steps leave in the residual \[N^2\].
@@ -155,7 +174,7 @@ impl Active {
     }
 
     /// What the recent memory of the bank that is published knows, and how far its law can be trusted.
-    fn recent(&self, state: &State, contact: Contact) -> Recent {
+    fn recent(&self, state: &State, contact: Contact, noise: &Heard) -> Recent {
         let (bank, knowledge) = self.choose(state, Knowledge::recent);
         let (config, bank_state) = self.bank(state, bank);
         let scales = &config.scales;
@@ -167,34 +186,37 @@ impl Active {
         let band = band(velocity, acceleration, jerk);
         let fitted = fit(&knowledge, scales).unwrap_or(Fit::UNKNOWN);
         let away = fit(&Knowledge::away(bank_state), scales).unwrap_or(Fit::UNKNOWN);
-        let explained = self.explained(&state.noise, &fitted, scales);
+        let explained = self.explained(noise, &fitted, scales);
         let rms = [sqrt(knowledge.mean_square(0)) * a as f32, sqrt(knowledge.mean_square(1)) * v as f32];
         // Of the strokes of the whole run the memory holds a part.
         let held = knowledge.updates() / bank_state.whole.updates().max(1) as f32;
         let repeats = 1.0 + (state.repeats() - 1.0) * if held < 1.0 { held } else { 1.0 };
-        let budgets = self.budgets_of(&fitted, &Motion::within(&band, contact, repeats), scales);
+        let motion = Motion::within(&band, contact, repeats);
+        let spread = self.scatter(&fitted, scales).in_motion(&motion);
+        let budgets = self.budgets_of(&fitted, &spread, &motion);
         let viscous = Interval { value: fitted.values[1], u95: budgets[1].u95() };
-        let scatter = budgets[2].fit_square() / (fitted.errors[2] * fitted.errors[2]);
-        let assessment = Assessment::of(&fitted, &away, rms, viscous, explained, contact, scatter);
+        let moved = spread.moved(&motion);
+        let assessment = Assessment::of(&fitted, &away, rms, viscous, explained, contact, moved);
         let told = Told {
             fit: fitted,
             budgets: assessment.widen(budgets),
-            law: regime::law(&fitted, explained, state.noise.differences(), contact),
+            law: regime::law(&fitted, explained, noise.differences, contact),
         };
         Recent { bank, told, assessment, band }
     }
 
     /// The same of all since the reset, with what the recent memory says of friction.
-    fn whole_run(&self, state: &State, contact: Contact, recent: &Recent) -> Told {
+    fn whole_run(&self, state: &State, contact: Contact, noise: &Heard, recent: &Recent) -> Told {
         let (bank, knowledge) = self.choose(state, Knowledge::whole_run);
         let scales = &self.bank(state, bank).0.scales;
         let fit = fit(&knowledge, scales).unwrap_or(Fit::UNKNOWN);
-        let explained = self.explained(&state.noise, &fit, scales);
+        let explained = self.explained(noise, &fit, scales);
         let motion = Motion::within(&recent.band, contact, state.repeats());
+        let spread = self.scatter(&fit, scales).in_motion(&motion);
         Told {
             fit,
-            budgets: recent.assessment.widen(self.budgets_of(&fit, &motion, scales)),
-            law: regime::law(&fit, explained, state.noise.differences(), contact),
+            budgets: recent.assessment.widen(self.budgets_of(&fit, &spread, &motion)),
+            law: regime::law(&fit, explained, noise.differences, contact),
         }
     }
 
@@ -236,33 +258,36 @@ impl Active {
         feedback
     }
 
-    /// What no averaging removes beside what the scatter says.
-    fn budgets_of(&self, fit: &Fit, motion: &Motion, scales: &Scales) -> [Budget; UNKNOWNS] {
+    /// What scatters in a fit.
+    fn scatter(&self, fit: &Fit, scales: &Scales) -> Scatter {
         let [inertance, ..] = fit.values;
+        if fit.is_exact {
+            return Scatter::white(inertance, fit.freedom());
+        }
         let steps = self.steps_variance(inertance, scales);
         let share = if steps < fit.variance { steps / fit.variance } else { 1.0 };
-        let scatter = if fit.is_exact {
-            Scatter::white(inertance, fit.freedom())
-        } else {
-            Scatter {
-                inertance_kg: inertance,
-                freedom: fit.freedom(),
-                steps_share: [share, share * scales.quantisation_kept],
-                frequency_squared: fit.frequency_squared,
-            }
-        };
+        Scatter {
+            inertance_kg: inertance,
+            freedom: fit.freedom(),
+            steps_share: [share, share * scales.quantisation_kept],
+            frequency_squared: fit.frequency_squared,
+        }
+    }
+
+    /// What no averaging removes beside what the scatter says.
+    fn budgets_of(&self, fit: &Fit, spread: &Spread, motion: &Motion) -> [Budget; UNKNOWNS] {
         let found = |i: usize| Found {
             value: fit.values[i],
             error: fit.errors[i],
             per_skew: fit.per_skew[i],
             steps: fit.steps[i],
         };
-        let (systematic, spread) = (&self.systematic, scatter.in_motion(motion));
+        let systematic = &self.systematic;
         [
-            systematic.inertance(&found(0), &spread, motion),
-            systematic.viscous(&found(1), &spread, motion),
-            systematic.force(&found(2), &spread),
-            systematic.force(&found(3), &spread),
+            systematic.inertance(&found(0), spread, motion),
+            systematic.viscous(&found(1), spread, motion),
+            systematic.force(&found(2), spread),
+            systematic.force(&found(3), spread),
         ]
     }
 

@@ -16,6 +16,8 @@ pub const MORE_PRODUCTS: usize = (REGRESSORS + MORE_REGRESSORS) * (REGRESSORS + 
 
 /// Products of the force's rate with acceleration, velocity, sign and one, among those.
 pub const RATE: core::ops::Range<usize> = 6..10;
+/// Its product with itself.
+pub const RATE_SQUARE: usize = 12;
 
 /// Place of product `(row, column)` with `column <= row`.
 pub const fn place(row: usize, column: usize) -> usize {

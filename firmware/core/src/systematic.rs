@@ -97,12 +97,13 @@ impl Scatter {
         let of_steps = if of_steps < 1.0 { of_steps } else { 1.0 };
         let [share, kept] = self.steps_share;
         let noise = kernel * (1.0 - kept) + of_steps * kept;
-        let repeats = if motion.repeats < MOST_REPEATS { motion.repeats } else { MOST_REPEATS };
+        let steps = of_steps * share;
         Spread {
             inertance_kg: self.inertance_kg,
             freedom: self.freedom,
             noise: sqrt(noise),
-            pattern: sqrt(of_steps * share * (repeats - 1.0)),
+            pattern: sqrt(steps * (motion.held_repeats() - 1.0)),
+            steps,
         }
     }
 }
@@ -118,12 +119,34 @@ pub struct Spread {
     noise: f32,
     /// By the encoder's steps where strokes come again and they with them.
     pattern: f32,
+    /// Variance by steps that do not come again.
+    steps: f32,
+}
+
+impl Spread {
+    /// Variance of what a parameter moves by between the fit to a part and the fit to all, per difference of their squared
+    /// standard errors: steps near rest, by which they differ, are the same whenever a stroke comes again.
+    pub(crate) fn moved(&self, motion: &Motion) -> f32 {
+        square(self.noise) + self.steps * (motion.repeats - 1.0)
+    }
 }
 
 impl Motion {
     /// Of a run whose detail and repeats the estimator tells so.
     pub fn of(detail: &Detail, repeats: f32) -> Self {
         Self::within(&detail.band, detail.contact, repeats)
+    }
+
+    /// Times that a pattern of steps adds up in a parameter.
+    fn held_repeats(&self) -> f32 {
+        if self.repeats < MOST_REPEATS { self.repeats } else { MOST_REPEATS }
+    }
+
+    /// Variance that steps have at most in what moves between two fits, over what they have in a parameter
+    /// ([`Source::Encoder`]): of some regressor all of them pass the kernel, and add up as often as they come again.
+    pub fn pattern_in_differences(&self) -> f32 {
+        let further = if self.repeats > MOST_REPEATS { (self.repeats - 1.0) / (MOST_REPEATS - 1.0) } else { 1.0 };
+        further / STEPS
     }
 
     pub(crate) fn within(band: &Band, contact: Contact, repeats: f32) -> Self {
@@ -155,6 +178,11 @@ impl Systematic {
             },
             damping_n_s_per_m: settings.contact_damping_n_s_per_m as f32,
         }
+    }
+
+    /// Of the skew \[s\].
+    pub(crate) fn skew_u95_s(&self) -> f32 {
+        self.skew_s
     }
 
     /// Of the inertance, which still holds the structure's mass \[kg\].

@@ -1,9 +1,11 @@
 //! What is too small to be named, and may have moved the parameters all the same.
 //!
-//! Taking a cause in beside the law moves each parameter. Chance alone moves it by as much as its standard error then grows
-//! (Hausman). The movement beyond that is how far the cause may have moved the parameter while it was left out.
+//! Taking a cause in beside the law moves each parameter, by chance alone by as much as its standard error then grows
+//! (Hausman). So much it may have been moved by while the cause was left out. Where the standard error would grow beyond
+//! [`TOLD`], an interval that holds that as well would say little where there is no such cause: then the parameter rests
+//! on its absence, as it does where the run does not tell it at all.
 
-use inerter_core::{Budget, Settings, Source};
+use inerter_core::{Budget, NORMAL_COVERAGE, Settings, Source};
 use inerter_data::{replay::Outcome, series::Series};
 use nalgebra::{DMatrix, DVector};
 
@@ -16,13 +18,15 @@ use super::{
 
 /// Part of a column's square that the law must leave over, for the run to tell of it.
 const LEAST_LEFT: f64 = 0.05;
-/// Standard deviations by which a parameter moves by chance when one of all that are tried is taken in.
+/// What a parameter is moved by, and what it would be moved by by chance, as parts of the half width of an interval: of every size of a
+/// cause that the law leaves out, 90 % of such intervals hold the truth (docs/THEORY.md, 14).
+const MOVED: [f64; 2] = [1.6, 1.2];
+/// Growth of the standard error up to which the run tells of a cause for certain.
+pub const TOLD: f64 = 1.8;
+/// Standard deviations beyond which what moves counts although the run does not tell for certain.
 const CHANCE: f64 = 2.0;
-/// What is beyond that, as the half width of an interval.
-const MOVED: f64 = 1.4;
-/// A parameter rests on the absence of a cause that the run cannot show, where its standard error would grow by this factor
-/// with the cause taken in.
-const RESTS: f64 = 2.0;
+/// Standard deviations of a cause's size under which it is not named.
+const NAMED: f64 = 12.0;
 
 /// A parameter of the whole run, by what the samples show beside the estimator's sums.
 #[derive(Clone, Debug, PartialEq)]
@@ -42,25 +46,37 @@ pub fn judged(series: &Series, settings: &Settings, outcome: &Outcome) -> [Judge
     let aligned = series.aligned(settings);
     let Ok(rows) = rows_of(&aligned, settings, &outcome.published()) else { return all };
     let Some(law) = Law::of(&rows) else { return all };
-    // Steps that repeat with the motion make more of it alike than the rows tell.
-    let repeats = outcome.budgets.whole_run.map(|budget| {
-        let parts = [Source::Noise, Source::Encoder].map(|source| f64::from(budget.given_u95(source)).powi(2));
-        1.0 + parts[1] / parts[0]
+    // By the estimator's own scatter, which knows what the rows do not: the spectrum of steps, and how often they repeat.
+    let pattern = f64::from(outcome.motion.pattern_in_differences());
+    let squares = outcome.budgets.whole_run.map(|budget| {
+        let part = |source| (f64::from(budget.given_u95(source)) / f64::from(NORMAL_COVERAGE)).powi(2);
+        let (noise, steps) = (part(Source::Noise), part(Source::Encoder));
+        [noise + steps, noise + pattern * steps]
     });
+    let half_widths = outcome.budgets.whole_run.map(|budget| f64::from(budget.u95()));
     let mut reaches = [0.0; 4];
     for candidate in Candidate::all_for(&rows.span, settings) {
         let Some(moves) = law.with(&rows, candidate) else { continue };
         for (i, one) in all.iter_mut().enumerate() {
-            let Some(Move { moved, square, grows }) = moves.of(i) else { continue };
-            if !moves.are_told {
-                if grows > RESTS && !one.assumes.contains(&candidate.kind) {
-                    one.assumes.push(candidate.kind);
-                }
-            } else if is_regarded(candidate.kind) {
-                let beyond = moved * moved - CHANCE * CHANCE * square * repeats[i];
-                let reach = MOVED * beyond.max(0.0).sqrt();
+            let Some(Move { moved, grows }) = moves.of(i) else { continue };
+            let [own, of_differences] = squares[i];
+            let chance = ((grows * grows - 1.0) * of_differences).sqrt();
+            let is_told = moves.are_told && own + chance * chance <= TOLD * TOLD * own;
+            if !is_told && NAMED * chance > half_widths[i] && !one.assumes.contains(&candidate.kind) {
+                one.assumes.push(candidate.kind);
+            }
+            if moves.are_told && is_regarded(candidate.kind) {
+                let is_moved = moved.abs() > CHANCE * chance;
+                let reach = match is_told {
+                    true => reach(moved, chance),
+                    false if is_moved => reach((moved * moved - (CHANCE * chance).powi(2)).sqrt(), 0.0),
+                    false => 0.0,
+                };
                 if reach > reaches[i] {
-                    (reaches[i], one.moved_by) = (reach, Some(candidate.kind));
+                    reaches[i] = reach;
+                    if is_moved {
+                        one.moved_by = Some(candidate.kind);
+                    }
                 }
             }
         }
@@ -69,6 +85,13 @@ pub fn judged(series: &Series, settings: &Settings, outcome: &Outcome) -> [Judge
         one.budget = one.budget.and(Source::Model, reach as f32);
     }
     all
+}
+
+/// Half width of what a cause that was left out may have moved a parameter by, where taking it in moves it by so much, and by
+/// `chance` (a standard deviation) without any such cause.
+pub fn reach(moved: f64, chance: f64) -> f64 {
+    let [times, at_least] = MOVED;
+    (times * moved).hypot(at_least * chance)
 }
 
 /// A skew has a stated uncertainty of its own, and what acts at the reversals shows near rest (docs/THEORY.md, 6).
@@ -98,7 +121,6 @@ struct Moves {
 /// The same for one of them.
 struct Move {
     moved: f64,
-    square: f64,
     /// Standard error with it over that without.
     grows: f64,
 }
@@ -106,7 +128,7 @@ struct Move {
 impl Moves {
     fn of(&self, i: usize) -> Option<Move> {
         let (moved, square, before) = (*self.moved.get(i)?, *self.squares.get(i)?, *self.before.get(i)?);
-        Some(Move { moved, square, grows: (1.0 + square / before).sqrt() })
+        Some(Move { moved, grows: (1.0 + square / before).sqrt() })
     }
 }
 

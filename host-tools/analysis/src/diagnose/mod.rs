@@ -13,7 +13,7 @@ mod search;
 mod selection;
 
 pub use cause::Cause;
-pub use hidden::{Judged, judged};
+pub use hidden::{Judged, TOLD, judged, reach};
 pub use kind::{Kind, LIMIT, LIMIT_AT_REVERSALS};
 pub use latest::Latest;
 pub use search::{Diagnosis, diagnose, is_suspect, suspected};
