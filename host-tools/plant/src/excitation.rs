@@ -3,9 +3,11 @@
 //! A motion is a row of segments. Within each the displacement is `w(t) (u(t) - u(0))`: `u` a sum of tones or a chirp,
 //! `w` a window that leads in from rest and out to rest with three continuous derivatives. So the device starts, and
 //! passes from segment to segment, without a blow. Before the start and after the end the terminal rests at zero.
+//! A motion that is given point by point leads in and out by itself.
 
 pub(crate) mod nodes;
 mod parse;
+mod table;
 
 use std::f64::consts::{PI, SQRT_2, TAU};
 
@@ -13,6 +15,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{RngCore, SeedableRng};
 
 use crate::PlantError;
+use table::Table;
 
 /// Time to lead in from rest when nothing is said \[s\]: shorter than the fastest convergence that is measured.
 const RAMP_S: f64 = 0.2;
@@ -92,6 +95,8 @@ enum Shape {
         growth_per_s: f64,
         velocity_m_per_s: f64,
     },
+    /// Point by point, without a window.
+    Table(Table),
 }
 
 impl Shape {
@@ -116,12 +121,14 @@ impl Shape {
                     a_m_per_s2: v * (k * k * sin / w - w * sin - k * cos),
                 }
             }
+            Self::Table(table) => table.at(t_s),
         }
     }
 
     fn highest_rad_per_s(&self, duration_s: f64) -> f64 {
         match self {
             Self::Hold => 0.0,
+            Self::Table(table) => PI / table.period_s(),
             Self::Tones(tones) => tones.iter().fold(0.0, |top, tone| f64::max(top, TAU * tone.frequency_hz)),
             Self::Chirp { low_rad_per_s, growth_per_s, .. } => low_rad_per_s * (growth_per_s * duration_s).exp(),
         }
@@ -159,6 +166,9 @@ impl Segment {
 
     /// Puts the window on what the shape does at `local_s` after the segment's start.
     fn windowed(&self, local_s: f64, shape: Point) -> Point {
+        if matches!(self.shape, Shape::Table(_)) {
+            return shape;
+        }
         let ramp = self.ramp_length_s();
         let left = self.duration_s - local_s;
         let (sign, z) = if left < ramp { (-1.0, left / ramp) } else { (1.0, local_s / ramp) };
@@ -178,7 +188,8 @@ impl Segment {
         }
         check("ramp_s", self.ramp_s, RAMP_RANGE_S)?;
         match &self.shape {
-            Shape::Hold => Ok(()),
+            // A table is checked when it is made.
+            Shape::Hold | Shape::Table(_) => Ok(()),
             Shape::Tones(tones) => tones.iter().try_for_each(|tone| {
                 check("frequency_hz", tone.frequency_hz, FREQUENCY_HZ)?;
                 check("amplitude_m", tone.amplitude_m, AMPLITUDE_M)?;
@@ -298,6 +309,30 @@ impl Excitation {
         Self::single(shape, duration_s)
     }
 
+    /// The curve through displacements \[m\] that lie so far apart in time \[s\], as a shaker is given them; it ends with the last.
+    ///
+    /// The terminal rests before and after, so the last displacement must be the first.
+    pub fn table(period_s: f64, displacements_m: &[f64]) -> Result<Self, PlantError> {
+        let table = Table::new(period_s, displacements_m)?;
+        let duration_s = table.duration_s();
+        Ok(Self { segments: vec![Segment::new(Shape::Table(table), duration_s)] })
+    }
+
+    /// The same motion with so many times the displacement.
+    #[must_use]
+    pub fn scaled(mut self, factor: f64) -> Self {
+        for segment in &mut self.segments {
+            segment.origin_m *= factor;
+            match &mut segment.shape {
+                Shape::Hold => {}
+                Shape::Tones(tones) => tones.iter_mut().for_each(|tone| tone.amplitude_m *= factor),
+                Shape::Chirp { velocity_m_per_s, .. } => *velocity_m_per_s *= factor,
+                Shape::Table(table) => table.scale(factor),
+            }
+        }
+        self
+    }
+
     /// One motion after the other; each but the last should have an end ([`lasting`](Self::lasting)), or none follows.
     pub fn sequence(parts: impl IntoIterator<Item = Self>) -> Self {
         let mut segments: Vec<Segment> = Vec::new();
@@ -361,10 +396,16 @@ impl Excitation {
     }
 
     /// Longest step over which a quintic follows the motion within 1e-11 of it \[s\]: a tenth of a radian of the highest
-    /// frequency, a hundredth of the shortest lead-in.
+    /// frequency, a hundredth of the shortest lead-in; from point to point where those are given.
     pub(crate) fn longest_step_s(&self) -> f64 {
-        let ramp_s = self.segments.iter().map(Segment::ramp_length_s).fold(f64::INFINITY, f64::min);
-        (0.1 / (TAU * self.highest_hz())).min(0.01 * ramp_s)
+        let longest_s = |segment: &Segment| match &segment.shape {
+            Shape::Table(table) => table.period_s(),
+            shape => {
+                let highest_hz = shape.highest_rad_per_s(segment.duration_s) / TAU;
+                (0.1 / (TAU * highest_hz)).min(0.01 * segment.ramp_length_s())
+            }
+        };
+        self.segments.iter().map(longest_s).fold(f64::INFINITY, f64::min)
     }
 
     /// Checks every frequency, amplitude and time.
@@ -438,6 +479,19 @@ mod tests {
             let make = |seed| Excitation::preset(name, seed).unwrap();
             assert_eq!(make(1), make(1));
             assert_eq!(make(1) == make(2), !["multi", "random"].contains(name), "{name}");
+        }
+    }
+
+    #[test]
+    fn a_scaled_motion_is_so_many_times_as_large() {
+        let table = Excitation::table(0.01, &[0.0, 1e-3, -2e-3, 0.0]).unwrap();
+        for motion in all().into_iter().chain([table]) {
+            let scaled = motion.clone().scaled(0.3);
+            for t in [0.001, 0.0123, 0.7, 2.31, 6.0] {
+                let (one, other) = (motion.at(t), scaled.at(t));
+                assert!((0.3 * one.x_m - other.x_m).abs() < 1e-12, "{t}: {one:?} {other:?}");
+                assert!((0.3 * one.a_m_per_s2 - other.a_m_per_s2).abs() < 1e-9, "{t}: {one:?} {other:?}");
+            }
         }
     }
 
