@@ -26,6 +26,8 @@ pub const PIVOT_BITS: u32 = 20;
 pub const FAST_BOX_S: f64 = 0.016;
 /// Length of the slow bank's box \[s\]: four of them are lost around each rest, so no longer than the steps ask for.
 pub const SLOW_BOX_S: f64 = 0.064;
+/// Acceleration's mean square over that of the encoder's steps above which the fast bank is published.
+pub const CLEAR_OF_STEPS: f64 = 2000.0;
 /// Updates in one box: two, as the kernel leaves nothing above the half of that rate.
 pub const UPDATES_PER_BOX: u32 = 2;
 /// Sum of the cubic B-spline's autocorrelation over its value at 0, in boxes: updates within it are one observation.

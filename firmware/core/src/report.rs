@@ -25,8 +25,7 @@ use crate::systematic::{Found, Motion, Scatter, Spread};
 
 // Single precision, as everything here.
 const WIDEST_INTERVAL: f32 = constants::WIDEST_INTERVAL as f32;
-/// Acceleration's mean square over that of the encoder's steps above which the fast bank is used.
-const CLEAR_OF_STEPS: f32 = 2000.0;
+const CLEAR_OF_STEPS: f32 = constants::CLEAR_OF_STEPS as f32;
 /// Quartile of the force's fourth differences, per rms of its noise: 0.3186 by normal noise, times the root of 70.
 const QUARTILE: f32 = 2.666;
 /// The same of the median and the upper quartile: 0.6745 and 1.1503 times the root of 70.

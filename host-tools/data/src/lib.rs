@@ -2,7 +2,8 @@
 //!
 //! [`open`] reads a [`run::Run`] from a [`recording`] or a [`csv`] file; [`replay`] takes it through the estimator; [`series`]
 //! brings its samples into SI units. [`json`], [`text`] and [`words`] write down what comes out, for programs and for people;
-//! [`mod@export`] writes samples and estimates for other tools. [`settings`] and [`backup`] keep settings in files.
+//! [`mod@export`] writes samples and estimates for other tools. [`settings`] and [`backup`] keep settings in files;
+//! [`wants`] reads what is wanted of a motion, [`wav`] writes one.
 //!
 //! Every error names the file, field or line; its help says what to do next.
 #![forbid(unsafe_code)]
@@ -22,6 +23,8 @@ pub mod series;
 pub mod settings;
 pub mod text;
 pub mod uncertainty;
+pub mod wants;
+pub mod wav;
 pub mod words;
 
 pub use error::Error;

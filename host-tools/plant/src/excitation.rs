@@ -7,6 +7,7 @@
 
 pub(crate) mod nodes;
 mod parse;
+mod point;
 mod table;
 
 use std::f64::consts::{PI, SQRT_2, TAU};
@@ -15,6 +16,8 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{RngCore, SeedableRng};
 
 use crate::PlantError;
+pub use point::Point;
+use point::check;
 use table::Table;
 
 /// Time to lead in from rest when nothing is said \[s\]: shorter than the fastest convergence that is measured.
@@ -29,17 +32,6 @@ const AMPLITUDE_M: (f64, f64) = (0.0, 10.0);
 const VELOCITY_M_PER_S: (f64, f64) = (0.0, 10.0);
 const DURATION_S: (f64, f64) = (0.01, 1e7);
 const RAMP_RANGE_S: (f64, f64) = (1e-3, 1e3);
-
-/// Displacement, velocity and acceleration at one time.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Point {
-    /// Displacement \[m\].
-    pub x_m: f64,
-    /// Velocity \[m/s\].
-    pub v_m_per_s: f64,
-    /// Acceleration \[m/s^2\].
-    pub a_m_per_s2: f64,
-}
 
 /// One tone: `amplitude * sin(2 pi frequency t + phase)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -209,16 +201,6 @@ impl Segment {
             }
         }
     }
-}
-
-fn check(field: &'static str, value: f64, (min, max): (f64, f64)) -> Result<(), PlantError> {
-    if !value.is_finite() {
-        return Err(PlantError::NotFinite { field });
-    }
-    if !(min..=max).contains(&value) {
-        return Err(PlantError::OutOfRange { field, value, min, max });
-    }
-    Ok(())
 }
 
 /// Uniform in 0 to 1, both ends left out.

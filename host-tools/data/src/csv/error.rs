@@ -19,11 +19,9 @@ pub enum CsvError {
     #[error("{file} is empty")]
     #[diagnostic(
         code(inerter::input::empty),
-        help(
-            "a CSV has a header line `t_s,encoder_count,force_n` and one line per sample; was the recording stopped at once?"
-        )
+        help("a CSV has a header line `{header}` and one line per sample; was the recording stopped at once?")
     )]
-    Empty { file: String },
+    Empty { file: String, header: &'static str },
 
     /// Not a text file at all.
     #[error("{file} is neither a recording nor a CSV file: it looks like {kind}")]
@@ -40,10 +38,11 @@ pub enum CsvError {
 
     /// The first line holds numbers.
     #[error("{file}, line {line}: the header is missing: the first line holds numbers")]
-    #[diagnostic(code(inerter::csv::header), help("put the column names above the numbers: t_s,encoder_count,force_n"))]
+    #[diagnostic(code(inerter::csv::header), help("put the column names above the numbers: {header}"))]
     NoHeader {
         file: String,
         line: usize,
+        header: &'static str,
         #[source_code]
         text: Arc<Excerpt>,
         #[label("names are expected here")]
@@ -163,6 +162,14 @@ pub enum CsvError {
         )
     )]
     Irregular { file: String, percent: f64, median_s: f64 },
+
+    /// A motion is not given at every point.
+    #[error("{file}, column t_s: the points of a motion are not evenly spaced, or some are missing")]
+    #[diagnostic(
+        code(inerter::csv::uneven),
+        help("write the displacement at every point, at one rate from the first to the last")
+    )]
+    Uneven { file: String },
 
     /// The rate lies outside what can be processed.
     #[error("{file}, column t_s: {} samples per second is outside {min_hz} to {max_hz}", rounded(*rate_hz))]

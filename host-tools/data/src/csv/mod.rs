@@ -4,10 +4,13 @@
 //! Columns come in any order, other columns are left alone, blank lines and lines that begin with `#` or `%` are skipped.
 //! [`read`] checks every cell, [`timebase`] finds the sample rate and missing samples, and [`to_run`] quantises what a board would
 //! have delivered. [`export`](crate::export) writes such files.
+//! [`motion`] reads and writes what a shaker is told.
 
 mod dialect;
 mod error;
 mod excerpt;
+mod lines;
+pub mod motion;
 mod read;
 mod samples;
 pub mod timebase;

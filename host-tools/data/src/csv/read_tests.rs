@@ -1,4 +1,6 @@
-use super::*;
+use std::io::{self, Read};
+
+use super::{super::lines::as_far_as_needed, *};
 
 fn error(text: &str) -> String {
     parse("run.csv", text.as_bytes()).unwrap_err().to_string()

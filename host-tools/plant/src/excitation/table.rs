@@ -5,7 +5,7 @@
 
 use std::sync::Arc;
 
-use super::Point;
+use super::point::{Point, check};
 use crate::PlantError;
 
 /// Fewest points: those of two intervals.
@@ -29,10 +29,10 @@ pub(crate) struct Table {
 impl Table {
     /// The curve through these displacements \[m\].
     pub fn new(period_s: f64, displacements_m: &[f64]) -> Result<Self, PlantError> {
-        super::check("period_s", period_s, PERIOD_S)?;
-        super::check("points", displacements_m.len() as f64, (FEWEST as f64, MOST as f64))?;
+        check("period_s", period_s, PERIOD_S)?;
+        check("points", displacements_m.len() as f64, (FEWEST as f64, MOST as f64))?;
         for x_m in displacements_m {
-            super::check("displacement_m", *x_m, (-DISPLACEMENT_M, DISPLACEMENT_M))?;
+            check("displacement_m", *x_m, (-DISPLACEMENT_M, DISPLACEMENT_M))?;
         }
         let velocities = slopes(displacements_m).into_iter().map(|slope| slope / period_s);
         let points = displacements_m.iter().copied().zip(velocities).collect();
