@@ -13,6 +13,7 @@ pub mod fuzz;
 pub mod grid;
 pub mod identify;
 pub mod linear;
+pub mod plan;
 pub mod qemu;
 pub mod reference;
 pub mod robustness;

@@ -104,6 +104,11 @@ impl Budget {
         NORMAL_COVERAGE * sqrt(self.squares[source as usize])
     }
 
+    /// Variance by what differs from sample to sample, whether it averages out or not.
+    pub fn fit_square(&self) -> f32 {
+        self.squares[Source::Noise as usize] + self.squares[Source::Encoder as usize]
+    }
+
     /// Degrees of freedom of the scatter.
     pub fn scatter_freedom(&self) -> f32 {
         self.freedom

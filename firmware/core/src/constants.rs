@@ -12,6 +12,8 @@ pub const EXACT: f64 = 0.25;
 pub const ROUNDING: f64 = 1.0 / 12.0;
 /// Variance of white noise through four boxes, times their length: the cubic B-spline's autocorrelation at 0.
 pub const BOXES_VARIANCE: f64 = 151.0 / 315.0;
+/// Times that a parameter moves by beyond chance between the fit to all and the one away from rest, which it may be wrong by.
+pub const MOVED: f64 = 1.4;
 /// Model error of the structure mass: across a backlash its motion does not follow from the force. 0.1 mm takes up to 4.8 %
 /// of it from the inertance (docs/tables/accuracy.md, `worn`).
 pub const STRUCTURE_MODEL_U95: f64 = 0.05;

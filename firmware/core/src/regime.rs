@@ -15,6 +15,7 @@
 //! known whether they part, it may be either.
 
 use crate::budget::{Budget, Source};
+use crate::constants;
 use crate::detail::{Contact, Law, LawStatus, Misfit, Regime};
 use crate::estimate::Interval;
 use crate::fit::Fit;
@@ -41,8 +42,7 @@ const LEAST_OBSERVATIONS: f32 = 16.0;
 const ALIKE: (f32, f32) = (0.35, 1.3);
 /// Part of the error by which Stribeck's friction moves twice Coulomb's: 0.15 to 1.6 are seen, 0.06 with presliding.
 const STRIBECK: f32 = 0.1;
-/// Times that a parameter moves by between both fits beyond chance, which it may be wrong by.
-const MOVED: f32 = 1.4;
+const MOVED: f32 = constants::MOVED as f32;
 /// Coulomb friction per residual beyond which an unlawful friction could hide in the others: 28 at 15.9 Hz, where a
 /// steady tone tells Coulomb from viscous friction by its beginning only, and over 6 from 1.2 s on; under 5 for the
 /// other motions of the grid.

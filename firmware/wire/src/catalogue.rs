@@ -65,6 +65,7 @@ macro_rules! fields {
 pub const ROTARY_UNITS: &[(&str, &str)] = &[
     ("N s/m", "N m s"),
     ("N/m", "N m/rad"),
+    ("m/s", "rad/s"),
     ("kN/m", "kN m/rad"),
     ("kg", "kg m²"),
     ("N", "N m"),

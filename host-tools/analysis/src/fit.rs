@@ -8,6 +8,8 @@
 //! Uncertainty as in core (docs/THEORY.md 6), whose budgets these are.
 //! f64 throughout; sums of a day keep 1e-9 of their value.
 
+mod expected;
+
 use inerter_core::constants::{
     BOXES_VARIANCE, CORRELATION_BOXES, COVERAGE, EXACT, PIVOT_BITS, ROUNDING, UPDATES_PER_BOX,
 };
@@ -172,24 +174,35 @@ pub struct Products {
 }
 
 /// Least squares of the force on some of the regressors.
-struct Solution<const N: usize> {
-    values: [f64; N],
+pub(crate) struct Solution<const N: usize> {
+    pub values: [f64; N],
     /// What a force that is late by a second more takes from them.
-    per_skew: [f64; N],
+    pub per_skew: [f64; N],
     /// How far what is known of the encoder's steps leaves them undecided.
-    steps: [f64; N],
-    scatter: Scatter,
+    pub steps: [f64; N],
+    pub scatter: Scatter,
     /// Inverse of the regressors' sums.
-    inverse: [[f64; N]; N],
+    pub inverse: [[f64; N]; N],
     /// What makes squares and products of the standard errors of it \[N^2\].
     error_square: f64,
     /// Mean square of what is left unexplained \[N^2\].
-    residual_square: f64,
+    pub residual_square: f64,
     /// Part of each regressor's square that the others leave over.
     left: [f64; N],
 }
 
 impl<const N: usize> Solution<N> {
+    /// With so much left unexplained \[N^2\].
+    fn rest_on(&mut self, residual_square: f64) {
+        self.residual_square = residual_square;
+        self.error_square = residual_square * UPDATES_PER_OBSERVATION;
+    }
+
+    /// The coefficients one by one.
+    pub fn each(&self) -> [Found; N] {
+        std::array::from_fn(|place| self.combined(unit_of(place)))
+    }
+
     /// A weighted sum of the coefficients.
     fn combined(&self, weights: [f64; N]) -> Found {
         let dot = |row: &[f64; N]| row.iter().zip(weights).map(|(value, weight)| value * weight).sum::<f64>();
@@ -262,7 +275,7 @@ impl Products {
     }
 
     /// Least squares by Cholesky's factors of the matrix scaled to a unit diagonal.
-    fn solve<const N: usize>(&self, regressors: [usize; N]) -> Result<Solution<N>, FitError> {
+    pub(crate) fn solve<const N: usize>(&self, regressors: [usize; N]) -> Result<Solution<N>, FitError> {
         let observations = self.updates / UPDATES_PER_OBSERVATION;
         if observations < LEAST_OBSERVATIONS {
             return Err(FitError::TooShort { observations });
@@ -296,19 +309,20 @@ impl Products {
         let explained: f64 = values.iter().zip(right).map(|(value, right)| value * right).sum();
         let left_over = (self.sums[FORCE][FORCE] - explained).max(0.0) / self.updates;
         let freedom = observations - N as f64;
-        let residual_square = left_over * observations / freedom;
-        Ok(Solution {
+        let mut solution = Solution {
             values,
             per_skew: times(regressors.map(|place| self.sums[place][FORCE_RATE])),
             steps: [0.0; N],
             scatter: Scatter::white(values.first().copied().unwrap_or_default() as f32, freedom as f32),
             inverse,
-            error_square: residual_square * UPDATES_PER_OBSERVATION,
-            residual_square,
+            error_square: 0.0,
+            residual_square: 0.0,
             left: std::array::from_fn(|place| {
                 (inverse[place][place] * self.sums[regressors[place]][regressors[place]]).recip()
             }),
-        })
+        };
+        solution.rest_on(left_over * observations / freedom);
+        Ok(solution)
     }
 
     /// The same by instruments that round, the acceleration first. As in core: the encoder's steps weaken the acceleration; and where
@@ -317,8 +331,8 @@ impl Products {
     fn fitted<const N: usize>(&self, regressors: [usize; N], settings: &Settings) -> Result<Solution<N>, FitError> {
         let mut solution = self.solve(regressors)?;
         let [inertance_kg, ..] = solution.values.as_slice() else { return Ok(solution) };
-        let steps_square = self.steps_square(settings);
-        let steps = inertance_kg.powi(2) * steps_square;
+        let inertance_kg = *inertance_kg;
+        let steps = inertance_kg.powi(2) * self.steps_square(settings);
         let kept = settings.oversampling.recip();
         let code_n = settings.newtons_per_code.abs();
         let codes = BOXES_VARIANCE / (self.box_s(settings) * settings.sample_rate_hz) * ROUNDING * code_n.powi(2);
@@ -329,11 +343,29 @@ impl Products {
             solution.error_square =
                 solution.error_square.max((greatest_n / f64::from(NORMAL_COVERAGE)).powi(2) * self.updates);
         } else {
-            let share = (steps / solution.residual_square).min(1.0);
-            let rate_square = (self.mean_square(ACCELERATION) - steps_square).max(0.0) / self.mean_square(VELOCITY);
-            solution.scatter.steps_share = [share as f32, (share * kept) as f32];
-            solution.scatter.frequency_squared = (rate_square * self.box_s(settings).powi(2)) as f32;
+            self.weigh_steps(&mut solution, inertance_kg, settings);
         }
+        self.correct_for_steps(&mut solution, inertance_kg, settings)?;
+        Ok(solution)
+    }
+
+    /// What part the encoder's steps have in what scatters.
+    fn weigh_steps<const N: usize>(&self, solution: &mut Solution<N>, inertance_kg: f64, settings: &Settings) {
+        let steps_square = self.steps_square(settings);
+        let share = (inertance_kg.powi(2) * steps_square / solution.residual_square).min(1.0);
+        let rate_square = (self.mean_square(ACCELERATION) - steps_square).max(0.0) / self.mean_square(VELOCITY);
+        solution.scatter.steps_share = [share as f32, (share * settings.oversampling.recip()) as f32];
+        solution.scatter.frequency_squared = (rate_square * self.box_s(settings).powi(2)) as f32;
+    }
+
+    /// Gives back what the encoder's steps take; fails where they are most of the acceleration.
+    fn correct_for_steps<const N: usize>(
+        &self,
+        solution: &mut Solution<N>,
+        inertance_kg: f64,
+        settings: &Settings,
+    ) -> Result<(), FitError> {
+        let steps_square = self.steps_square(settings);
         let taken = solution.inverse.map(|row| row.first().map_or(0.0, |part| part * steps_square * self.updates));
         let of_itself = taken.first().copied().unwrap_or_default();
         if of_itself > MOST_STEPS {
@@ -341,14 +373,14 @@ impl Products {
         }
         let all = taken.map(|taken| inertance_kg * taken / (1.0 - of_itself));
         for ((value, steps), all) in solution.values.iter_mut().zip(&mut solution.steps).zip(all) {
-            *value += all * 0.5 * (1.0 + kept);
+            *value += all * 0.5 * (1.0 + settings.oversampling.recip());
             *steps = all * 0.5;
         }
-        Ok(solution)
+        Ok(())
     }
 
     /// Mean square of the encoder's steps in the acceleration \[m^2/s^4\].
-    fn steps_square(&self, settings: &Settings) -> f64 {
+    pub(crate) fn steps_square(&self, settings: &Settings) -> f64 {
         let Settings { metres_per_count, sample_rate_hz, .. } = *settings;
         metres_per_count.powi(2) / 12.0 * (8.0 / 3.0) / sample_rate_hz / self.box_s(settings).powi(5)
     }

@@ -3,14 +3,14 @@
 use std::{borrow::Cow, io};
 
 use inerter_core::Machine;
-use inerter_wire::catalogue::{ROTARY_UNITS, ROTARY_WORDS};
+use inerter_wire::catalogue::{self, Field, Group, ROTARY_UNITS, ROTARY_WORDS};
 use serde_json::ser::{CompactFormatter, Formatter};
 
 /// Objects whose keys are settings, or the words of a simulated device: those have one name for all machines.
-const VERBATIM: [&str; 5] = ["settings", "truth", "values", "u95", "differences"];
+const VERBATIM: [&str; 6] = ["settings", "truth", "expected", "values", "u95", "differences"];
 
 /// Keys whose values are names.
-const HOLD_NAMES: [&str; 2] = ["parameter", "names"];
+const HOLD_NAMES: [&str; 4] = ["parameter", "names", "lacking", "told"];
 
 /// The end of a name in this unit: `n_s_per_m`.
 pub(crate) fn unit_suffix(unit: &str) -> String {
@@ -30,6 +30,16 @@ pub fn name(machine: Machine, linear: &str) -> Cow<'_, str> {
     let word = |part| ROTARY_WORDS.iter().find(|(of_linear, _)| *of_linear == part).map_or(part, |(_, rotary)| *rotary);
     let stem = stem.split('_').map(word).collect::<Vec<_>>().join("_");
     format!("{stem}_{suffix}").into()
+}
+
+/// The unit that this machine has in the place of a linear one's.
+pub fn unit(machine: Machine, linear: &'static str) -> &'static str {
+    catalogue::unit(machine, linear)
+}
+
+/// Label, symbol and unit of inertance, viscous and Coulomb friction and offset, or of one of them.
+pub fn parameter(machine: Machine, place: usize) -> &'static Field {
+    catalogue::fields(machine, Group::Parameter).nth(place).unwrap_or(&catalogue::FIELDS[0])
 }
 
 /// A description in the words and units of this machine: `mean torque [N m]` for `mean force [N]`.

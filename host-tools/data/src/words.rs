@@ -68,6 +68,26 @@ pub fn rounded_text(value: f64, u95: f64) -> String {
     format!("{value:.decimals$}")
 }
 
+/// A number with three digits, as small or large as it may be: `0.00207`, `12.3`, `3.14e-7`.
+pub fn three_digits(value: f64) -> String {
+    if !value.is_finite() || value == 0.0 {
+        return format!("{value}");
+    }
+    match value.abs().log10().floor() {
+        exponent if (-4.0..6.0).contains(&exponent) => format!("{value:.*}", (2.0 - exponent).max(0.0) as usize),
+        _ => format!("{value:.2e}"),
+    }
+}
+
+/// Words in a row: `mt, cf and fc`.
+pub fn listed(words: &[String]) -> String {
+    match words {
+        [] => String::new(),
+        [only] => only.clone(),
+        [first @ .., last] => format!("{} and {last}", first.join(", ")),
+    }
+}
+
 /// Number of things with the right ending.
 pub fn plural(count: u64, thing: &str) -> String {
     format!("{count} {thing}{}", if count == 1 { "" } else { "s" })
@@ -107,6 +127,22 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+
+    #[test]
+    fn three_digits_of_any_size() {
+        let cases = [
+            (0.0, "0"),
+            (0.00207, "0.00207"),
+            (12.345, "12.3"),
+            (-299.4906, "-299"),
+            (1234.5, "1234"),
+            (3.14e-7, "3.14e-7"),
+        ];
+        for (value, text) in cases.into_iter().chain([(f64::INFINITY, "inf"), (9.999, "10.00")]) {
+            assert_eq!(three_digits(value), text);
+        }
+        assert_eq!(listed(&["a", "b", "c"].map(str::to_string)), "a, b and c");
+    }
 
     #[test]
     fn a_duration_is_rounded_before_it_is_parted() {

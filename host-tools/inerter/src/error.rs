@@ -3,13 +3,16 @@
 //! One enum per boundary, each beside its reader or writer; this one only joins them. Every message names the
 //! file, field, line, port or version, and its help says what to do next.
 
-use inerter_analysis::{calibrate::CalibrateError, contact::ContactError, fit::FitError, identify::IdentifyError};
+use inerter_analysis::{
+    calibrate::CalibrateError, contact::ContactError, fit::FitError, identify::IdentifyError, plan::PlanError,
+};
 use inerter_data::{
     backup::BackupError,
     csv::CsvError,
     output::OutputError,
     recording::RecordingError,
     settings::SettingsInputError,
+    wants::WantError,
     words::{plural, printable, shortened_to},
 };
 use inerter_device::{DeviceError, flash::FlashError, image::ImageError, update::UpdateError};
@@ -77,6 +80,14 @@ pub enum Error {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Identify(#[from] IdentifyError),
+    /// No motion can be planned, or none that tells what is wanted.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Plan(#[from] PlanError),
+    /// What is wanted of a motion is not written as it must be.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Want(#[from] WantError),
     /// A file is no firmware for the board.
     #[error(transparent)]
     #[diagnostic(transparent)]

@@ -1,6 +1,6 @@
 //! Exit codes, a public contract described in `docs/CLI.md`, and which one each failure ends with.
 
-use inerter_analysis::{calibrate::CalibrateError, fit::FitError, identify::IdentifyError};
+use inerter_analysis::{calibrate::CalibrateError, fit::FitError, identify::IdentifyError, plan::PlanError};
 use inerter_data::recording::RecordingError;
 use inerter_device::{DeviceError, flash::FlashError, update::UpdateError};
 use inerter_simulate::SimulateError;
@@ -72,6 +72,16 @@ pub fn code(error: &Error) -> u8 {
             IdentifyError::Terminal | IdentifyError::Diverged => NOT_SHOWN,
             IdentifyError::Fit(error) => fit(error),
             IdentifyError::Settings(_) => SETTINGS,
+        },
+        Error::Want(_) => SETTINGS,
+        Error::Plan(error) => match error {
+            PlanError::Unstated { .. } => USAGE,
+            PlanError::Device(_)
+            | PlanError::Settings(_)
+            | PlanError::Limit { .. }
+            | PlanError::Conflict { .. }
+            | PlanError::Rate { .. } => SETTINGS,
+            PlanError::Nothing { .. } | PlanError::Run { .. } | PlanError::Missed { .. } => NOT_SHOWN,
         },
         Error::Monitor(error) => match error {
             MonitorError::NotLoopback { .. } | MonitorError::Exposed { .. } | MonitorError::Address { .. } => USAGE,

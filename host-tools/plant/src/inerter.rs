@@ -48,7 +48,7 @@ pub struct Inerter {
 }
 
 field_table! { Inerter {
-    inertance_kg, "kg", 299.4906, 1e-3, 1e7, Real, "Effective inertance";
+    inertance_kg, "kg", 299.4906, 1e-9, 1e7, Real, "Effective inertance";
     viscous_n_s_per_m, "N s/m", 31.4, 0.0, 1e7, Real, "Viscous friction on the screw";
     coulomb_n, "N", 50.0, 0.0, 1e6, Real, "Coulomb friction on the screw";
     stiffness_n_per_m, "N/m", 2.1e6, 1.0, 1e12, Real, "Contact stiffness between terminal and screw";

@@ -41,11 +41,22 @@ impl Setup {
         overrides: &Overrides,
     ) -> Result<Self, SimulateError> {
         let excitation = Excitation::parse(excite, sensors.seed).map_err(SimulateError::from)?;
+        Self::moved(parameters, sensors, excite.into(), excitation, duration_s, overrides)
+    }
+
+    /// The same with a motion that is there already; `excite` is what it is called.
+    pub fn moved(
+        parameters: Inerter,
+        sensors: Sensors,
+        excite: String,
+        excitation: Excitation,
+        duration_s: Option<f64>,
+        overrides: &Overrides,
+    ) -> Result<Self, SimulateError> {
         let own = Some(excitation.duration_s()).filter(|duration| duration.is_finite());
         let mut settings = calibrated(&parameters, &sensors)?;
         overrides.apply(&mut settings)?;
         validate(&settings)?;
-        let excite = excite.into();
         let duration_s = duration_s.or(own);
         let setup = Self { parameters, sensors, excite, excitation, later: None, load_n: 0.0, duration_s, settings };
         // Built once for its checks.

@@ -75,6 +75,8 @@ enum Command {
     Coverage(accuracy::Options),
     /// How often the cause that breaks the law is named and sized right, against docs/tables/diagnose.md
     Diagnose(accuracy::Options),
+    /// Whether motions tell what was predicted of them, and what designing them is worth, against docs/tables/plan.md
+    Plan(accuracy::Options),
     /// Errors and coverage of the complete model on hidden devices, against docs/tables/identify.md
     Identify(accuracy::Options),
     /// Time of `inerter identify` beside scipy's least_squares around solve_ivp, on the same data from the same start
@@ -111,6 +113,7 @@ fn main() -> ExitCode {
         Command::Robustness(options) => accuracy::table("robustness", &options),
         Command::Coverage(options) => accuracy::table("coverage", &options),
         Command::Diagnose(options) => accuracy::table("diagnose", &options),
+        Command::Plan(options) => accuracy::table("plan", &options),
         Command::Identify(options) => accuracy::table("identify", &options),
         Command::BenchIdentify => bench::identify(),
         Command::Longrun(arguments) => accuracy::with_arguments("longrun", &arguments),

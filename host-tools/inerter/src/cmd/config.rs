@@ -33,7 +33,7 @@ const FILE: &str = "inerter.toml";
 
 /// Flags that let a command replace or erase something, on a disk or a device, or name what it writes, what is run or which chip
 /// it is for, or let others in.
-const GRAVE: [&str; 16] = [
+const GRAVE: [&str; 17] = [
     "force",
     "yes",
     "save",
@@ -45,6 +45,7 @@ const GRAVE: [&str; 16] = [
     "mat",
     "mcap",
     "png",
+    "wav",
     "image",
     "qemu",
     "chip",

@@ -13,6 +13,7 @@ pub mod identify;
 pub mod info;
 pub mod merge;
 pub mod monitor;
+pub mod plan;
 pub mod plot;
 pub mod ports;
 pub mod record;
@@ -26,5 +27,6 @@ pub mod update;
 
 mod args;
 mod lines;
+mod plant;
 mod screen;
 mod terminal;

@@ -5,12 +5,13 @@ use std::{cell::RefCell, path::PathBuf};
 use inerter_analysis::{
     diagnose::{Judged, Latest, judged, suspected},
     fit::Products,
+    plan::{Advice, Reach, advice, duration_s},
 };
 use inerter_core::{Interval, Machine, Settings};
 use inerter_data::{
     export::Source,
     json::{EstimateJson, EventJson, ReversalJson, WarningJson, machine_json_line, rounded_s},
-    names::description,
+    names::{description, parameter},
     output,
     replay::{Outcome, replay_samples},
     text::{self, change_words, warning_words},
@@ -19,9 +20,11 @@ use inerter_data::{
 };
 use inerter_wire::{EstimatorEvent, EventKind, catalogue};
 use serde::Serialize;
+use serde_json::{Map, Value, json};
 
 use super::{
     args::FileSettingsArgs,
+    plan::part_json,
     terminal::{Progress, note},
 };
 use crate::Error;
@@ -43,7 +46,8 @@ const WORTH_A_LINE: f32 = 1.5;
 /// "status":"ok"},..,"backlash_m":{..},..}, the last with "final":true; {"kind":"reversal",..} for each reversal of the flanks
 /// and {"kind":"event","code":"changed",..} for each change of the device, "warned.clipped_force" and its like for samples that no
 /// device can be blamed for. Where the law leaves more over than chance would, what is found in the last minute is told at the end,
-/// as by `inerter diagnose`. docs/CLI.md describes them.
+/// as by `inerter diagnose`. What the motion could not show is told last, with one that would have, as by `inerter plan`. docs/CLI.md
+/// describes them.
 #[derive(clap::Args)]
 #[command(after_long_help = inerter_data::settings::help_table())]
 pub struct Args {
@@ -70,11 +74,15 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let (mut next_s, mut taken, mut header) = (run.start_s + every_s, 0u64, true);
     let mut warnings = Vec::new();
     let latest = RefCell::new(Latest::new(&run.settings));
+    let mut reach = Reach::new(&run.settings);
     let outcome = replay_samples(
         &run.settings,
         run.start_s,
         run.samples()?.map(|sample| sample.map_err(Error::from)).inspect(|sample| {
-            sample.iter().for_each(|sample| latest.borrow_mut().push(*sample));
+            sample.iter().for_each(|sample| {
+                latest.borrow_mut().push(*sample);
+                reach.push(sample);
+            });
         }),
         |t_s, event: &EstimatorEvent| -> Result<(), Error> {
             let EstimatorEvent::Estimate(estimated) = event else {
@@ -106,13 +114,19 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let series = latest.into_inner().series();
     let causes = suspected(&series, &run.settings, &outcome.published());
     let judged = judged(&series, &run.settings, &outcome);
+    let advice = advice(&outcome, &run.settings, &reach);
     let causes = causes.iter().map(|cause| (cause.kind.name(), cause.sentence(run.settings.machine)));
     if args.json {
         warnings.extend(causes.map(|(code, text)| WarningJson { code, t_s: rounded_s(outcome.t_s), text }));
         let last = EstimateJson::last(outcome.t_s, &estimated, &run.settings, Some(outcome.counters));
         return Ok(output::line(machine_json_line(
             run.settings.machine,
-            &LastJson { last, uncertainty: Some(uncertainty(&outcome, judged)), warnings },
+            &LastJson {
+                last,
+                uncertainty: Some(uncertainty(&outcome, judged)),
+                warnings,
+                advice: advice.as_ref().map(|advice| AdviceJson::new(advice, run.settings.machine)),
+            },
         ))?);
     }
     if !header {
@@ -121,7 +135,8 @@ pub fn run(args: &Args) -> Result<(), Error> {
     output::lines(text::table(&estimated, &run.settings, run.truth.as_ref()).trim_end())?;
     output::line(text::counts_line(&run.settings, run.duration_s(), &outcome))?;
     causes.map(|(_, words)| words).try_for_each(output::line)?;
-    Ok(moved(&judged, &outcome, &run.settings).into_iter().try_for_each(output::line)?)
+    moved(&judged, &outcome, &run.settings).into_iter().try_for_each(output::line)?;
+    Ok(advice.iter().map(|advice| advice.sentence(run.settings.machine)).try_for_each(output::line)?)
 }
 
 /// What may have moved a parameter farther than the device's interval holds.
@@ -153,6 +168,42 @@ pub struct LastJson {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub uncertainty: Option<UncertaintyJson>,
     pub warnings: Vec<WarningJson>,
+    /// Which motion would have shown what this one could not.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub advice: Option<AdviceJson>,
+}
+
+/// What to do about what a run could not show.
+#[derive(Serialize)]
+pub struct AdviceJson {
+    /// Names of what it could not show.
+    lacking: Vec<&'static str>,
+    /// Names of those that the motion would tell clearly better.
+    told: Vec<&'static str>,
+    duration_s: Option<f64>,
+    parts: Vec<Value>,
+    /// What the motion would tell each to, as half widths.
+    predicted: Map<String, Value>,
+    text: String,
+}
+
+impl AdviceJson {
+    fn new(advice: &Advice, machine: Machine) -> Self {
+        let name = |place: &usize| parameter(Machine::Linear, *place).path;
+        let sketch = advice.motion.as_ref().map(|(sketch, _)| sketch);
+        let u95 = |(place, u95): (usize, &f64)| {
+            let known = Some(*u95).filter(|u95| u95.is_finite());
+            (name(&place).to_string(), json!({ "u95": known }))
+        };
+        Self {
+            lacking: advice.lacking.iter().map(name).collect(),
+            told: advice.told.iter().map(name).collect(),
+            duration_s: sketch.map(|sketch| duration_s(&sketch.parts)),
+            parts: sketch.iter().flat_map(|sketch| &sketch.parts).map(part_json).collect(),
+            predicted: sketch.iter().flat_map(|sketch| sketch.u95.iter().enumerate()).map(u95).collect(),
+            text: advice.sentence(machine),
+        }
+    }
 }
 
 /// What the intervals of the whole run are made of.

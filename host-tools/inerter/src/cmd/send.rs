@@ -74,7 +74,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
         let last = EstimateJson::last(injected.t_s, &injected.estimated, &run.settings, None);
         return Ok(output::line(machine_json_line(
             run.settings.machine,
-            &LastJson { last, uncertainty: None, warnings },
+            &LastJson { last, uncertainty: None, warnings, advice: None },
         ))?);
     }
     output::lines(text::table(&injected.estimated, &run.settings, run.truth.as_ref()).trim_end())?;

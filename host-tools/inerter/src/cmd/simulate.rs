@@ -6,8 +6,8 @@ use std::{
     time::Duration,
 };
 
-use clap::{ArgMatches, Command, FromArgMatches};
 use inerter_data::{
+    csv::motion::{self, Displacements},
     json::json_line,
     output, settings,
     words::{duration_text, plural},
@@ -22,6 +22,7 @@ use serde_json::json;
 
 use super::{
     args::{SettingsArgs, note_exposed},
+    plant::{SimulatedArgs, preset},
     terminal::{self, Progress},
 };
 use crate::{Error, monitor::bridge::check_exposed};
@@ -83,8 +84,11 @@ pub struct Args {
     #[arg(long, value_name = "NAME", default_value = "paper")]
     preset: String,
     /// Motion of the terminal
-    #[arg(long, value_name = "MOTION", default_value = "random")]
+    #[arg(long, value_name = "MOTION", default_value = "random", conflicts_with = "motion")]
     excite: String,
+    /// Motion of the terminal point by point: a CSV with t_s and terminal_m, as `inerter plan -o` writes it
+    #[arg(long, value_name = "FILE.csv")]
+    motion: Option<PathBuf>,
     /// Seed of motion and noise
     #[arg(long, value_name = "NUMBER", default_value_t = 1)]
     seed: u64,
@@ -100,7 +104,7 @@ pub struct Args {
     #[command(flatten)]
     settings: SettingsArgs,
     #[command(flatten)]
-    plant: PlantArgs,
+    plant: SimulatedArgs,
 }
 
 fn speed(text: &str) -> Result<f64, String> {
@@ -108,69 +112,11 @@ fn speed(text: &str) -> Result<f64, String> {
     if (0.01..=1000.0).contains(&value) { Ok(value) } else { Err("the factor must lie between 0.01 and 1000".into()) }
 }
 
-/// One flag per parameter of the device and the instruments, from the plant's own tables.
-struct PlantArgs {
-    given: Vec<(&'static str, f64)>,
-}
-
-impl PlantArgs {
-    fn fields() -> impl Iterator<Item = (&'static str, &'static inerter_plant::FieldInfo)> {
-        let device = Inerter::TABLE.iter().map(|field| ("Simulated device", field));
-        device.chain(Sensors::TABLE.iter().map(|field| ("Simulated instruments", field)))
-    }
-
-    fn default_of(field: &inerter_plant::FieldInfo) -> f64 {
-        bench_sensors().get(field.name).unwrap_or(field.default)
-    }
-}
-
-impl clap::Args for PlantArgs {
-    fn augment_args(command: Command) -> Command {
-        Self::fields().fold(command, |command, (heading, field)| {
-            let unit = if field.unit.is_empty() { "NUMBER" } else { field.unit };
-            command.arg(
-                clap::Arg::new(field.name)
-                    .long(field.name.replace('_', "-"))
-                    .value_name(unit)
-                    .value_parser(clap::value_parser!(f64))
-                    .allow_hyphen_values(true)
-                    .help_heading(heading)
-                    .help(format!("{} [{:?}]", field.help, Self::default_of(field)))
-                    .hide_short_help(heading.ends_with("instruments")),
-            )
-        })
-    }
-
-    fn augment_args_for_update(command: Command) -> Command {
-        Self::augment_args(command)
-    }
-}
-
-impl FromArgMatches for PlantArgs {
-    fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
-        let value = |name: &'static str| matches.get_one::<f64>(name).map(|value| (name, *value));
-        Ok(Self { given: Self::fields().filter_map(|(_, field)| value(field.name)).collect() })
-    }
-
-    fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
-        *self = Self::from_arg_matches(matches)?;
-        Ok(())
-    }
-}
-
 fn setup(args: &Args) -> Result<Setup, Error> {
-    let mut parameters = Inerter::preset(&args.preset)
-        .ok_or_else(|| SimulateError::Preset { name: args.preset.clone(), known: Inerter::PRESETS.join(", ") })?;
+    let mut parameters = preset(&args.preset)?;
     let mut sensors = Sensors { seed: args.seed, ..bench_sensors() };
-    let given = |name: &str| args.plant.given.iter().any(|(given, _)| *given == name);
-    for (name, value) in &args.plant.given {
-        let known = if Inerter::TABLE.iter().any(|field| field.name == *name) {
-            parameters.set(name, *value)
-        } else {
-            sensors.set(name, *value)
-        };
-        known.map_err(SimulateError::from)?;
-    }
+    let given = |name: &str| args.plant.get(name).is_some();
+    args.plant.put(&mut parameters, &mut sensors)?;
     let overrides = args.settings.overrides()?;
     if let Some(set_hz) = overrides.get("sample_rate_hz") {
         let rate_hz = sensors.sample_rate_hz;
@@ -190,15 +136,23 @@ fn setup(args: &Args) -> Result<Setup, Error> {
             *limit = (*limit / sensors.oversampling).trunc();
         }
     }
+    let (excite, excitation) = match &args.motion {
+        None => (args.excite.clone(), Excitation::parse(&args.excite, args.seed)),
+        Some(path) => {
+            let Displacements { period_s, terminal_m } = motion::read(path)?;
+            (format!("points of {}", path.display()), Excitation::table(period_s, &terminal_m))
+        }
+    };
+    let excitation = excitation.map_err(SimulateError::from)?;
     let duration_s = args.duration.map(|duration| duration.as_secs_f64());
     let duration_s = match (&args.output, duration_s) {
         (Some(_), None) => {
-            let own = Excitation::parse(&args.excite, args.seed).map_err(SimulateError::from)?.duration_s();
+            let own = excitation.duration_s();
             Some(if own.is_finite() { own } else { FILE_S })
         }
         (_, given) => given,
     };
-    let setup = Setup::new(parameters, sensors, &args.excite, duration_s, &overrides)?;
+    let setup = Setup::moved(parameters, sensors, excite, excitation, duration_s, &overrides)?;
     let setup = Setup { load_n: args.load, ..setup };
     let Some(at_s) = args.change_at else { return Ok(setup) };
     let mut after = parameters;

@@ -1,0 +1,94 @@
+//! Which motion would have shown what a run could not.
+
+use inerter_core::{Interval, LawStatus, Machine, Parameter, Parameters, Settings};
+use inerter_data::{
+    names::parameter,
+    replay::Outcome,
+    words::{duration_text, listed},
+};
+
+use super::{
+    design::{Sketch, sketch},
+    limits::Limits,
+    observed::{Reach, observed},
+    words::{interval_of, limits_text, part_text},
+};
+
+/// Part of a run's interval that another motion must come under to be worth it.
+const WORTH_IT: f64 = 0.7;
+
+/// What a run could not show, and the motion that would have.
+#[derive(Clone, Debug)]
+pub struct Advice {
+    /// Places in `[mt, cf, fc]` of what was not identifiable or smaller than its interval.
+    pub lacking: Vec<usize>,
+    /// The motion, and the limits that the run itself kept to; none where the run says too little of the device.
+    pub motion: Option<(Sketch, Limits)>,
+    /// Those of what was lacking that it would tell clearly better.
+    pub told: Vec<usize>,
+}
+
+/// What to do about what a run could not show; nothing where it showed all, or where the law is broken and no motion helps.
+pub fn advice(outcome: &Outcome, settings: &Settings, reach: &Reach) -> Option<Advice> {
+    let Parameters { inertance_kg, viscous_n_s_per_m, coulomb_n, .. } = &outcome.estimate.whole_run;
+    let three = [inertance_kg, viscous_n_s_per_m, coulomb_n];
+    let lacks = |parameter: &Parameter| parameter.known().is_none_or(|Interval { value, u95 }| value.abs() < u95);
+    let lacking: Vec<usize> =
+        three.iter().enumerate().filter(|(_, parameter)| lacks(parameter)).map(|(place, _)| place).collect();
+    if lacking.is_empty() || outcome.law.status == LawStatus::Broken {
+        return None;
+    }
+    let planned = observed(outcome, settings, reach)
+        .and_then(|(expected, limits)| Ok((sketch(&expected, limits)?, limits.checked(&expected)?)));
+    let motion = planned.ok();
+    let is_told = |place: &usize| {
+        let before = three.get(*place).map_or(f64::INFINITY, |parameter| f64::from(parameter.u95()));
+        motion.as_ref().is_some_and(|(sketch, _)| sketch.u95.get(*place).is_some_and(|u95| *u95 < WORTH_IT * before))
+    };
+    let told = lacking.iter().copied().filter(is_told).collect();
+    Some(Advice { lacking, motion, told })
+}
+
+impl Advice {
+    /// One or two sentences for a person.
+    pub fn sentence(&self, machine: Machine) -> String {
+        let symbols: Vec<String> =
+            self.lacking.iter().map(|place| parameter(machine, *place).symbol.to_string()).collect();
+        let beginning = format!("This motion does not show {}.", listed(&symbols));
+        let Some((sketch, limits)) = &self.motion else {
+            return format!(
+                "{beginning} It says too little of the device to plan another by it: state what you expect, `inerter plan --help`"
+            );
+        };
+        let reach = limits_text(machine, limits);
+        let time = duration_text(limits.duration_s);
+        let of = |places: &[usize]| {
+            let each = places.iter().map(|place| {
+                let u95 = sketch.u95.get(*place).copied().unwrap_or(f64::INFINITY);
+                if u95.is_finite() {
+                    interval_of(machine, *place, u95)
+                } else {
+                    format!("{} not at all", parameter(machine, *place).symbol)
+                }
+            });
+            listed(&each.collect::<Vec<_>>())
+        };
+        if self.told.is_empty() {
+            return format!(
+                "{beginning} Nor does another one within the same {reach} in {time}, which tells {}: allow it a longer stroke, a higher \
+                 speed, a larger force or more time, `inerter plan`",
+                of(&self.lacking)
+            );
+        }
+        let parts: Vec<String> = sketch
+            .parts
+            .iter()
+            .map(|part| format!("{} of {}", duration_text(part.duration_s), part_text(machine, part)))
+            .collect();
+        format!(
+            "{beginning} Within the same {reach}, {time} would: {}, for {}; `inerter plan` with this file designs and writes such a motion",
+            parts.join(", then "),
+            of(&self.told)
+        )
+    }
+}

@@ -1,0 +1,224 @@
+//! Motions of which a plan chooses: tones and multisines, each as large as the limits allow, and what each tells in a second.
+
+use std::f64::consts::TAU;
+
+use inerter_plant::{Excitation, Tone};
+
+use super::{
+    error::PlanError,
+    expected::{Expected, Look},
+    information::Information,
+    limits::Limits,
+    peaks::Peaks,
+};
+
+/// Part of a sample by which a period misses whole samples: strokes that never come again average the encoder's steps out.
+const GOLDEN: f64 = 0.618_033_988_749_895;
+/// Amplitudes of a tone beside the greatest one.
+const LOWER: [f64; 1] = [0.4];
+/// Tones of a multisine.
+const TONES: u32 = 8;
+/// Phases that are tried for a multisine, for the least peaks.
+const PHASES: u32 = 40;
+/// Time until the estimator has learnt friction \[s\], and least time in which a motion is looked at.
+const LEARNT_S: f64 = 2.0;
+const SEEN_S: f64 = 4.0;
+/// Periods of the lowest tone in which a motion is looked at.
+const PERIODS: f64 = 2.5;
+/// Attempts to come within the limits, and how near is near enough.
+const ATTEMPTS: usize = 6;
+const NEAR: f64 = 0.97;
+/// Seed of the noise in which motions are looked at.
+const SEED: u64 = 1;
+
+/// How thoroughly motions are sought.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Effort {
+    /// Frequencies of tones.
+    pub frequencies: u32,
+    /// Whether there are smaller tones and multisines as well.
+    pub varied: bool,
+}
+
+/// One motion to choose.
+#[derive(Clone, Debug)]
+pub(super) struct Candidate {
+    /// Its tones, all zero together at the start.
+    pub tones: Vec<Tone>,
+    /// What it tells in a second.
+    pub information: Information,
+    /// What it takes of the limits.
+    pub peaks: Peaks,
+}
+
+/// Lead-in and lead-out of a motion \[s\]: at least a quarter of the lowest tone's period, or they would be faster than the motion.
+pub(super) fn fade_s(tones: &[Tone], limits: &Limits) -> f64 {
+    limits.fade_s.max(0.25 / lowest_hz(tones))
+}
+
+/// The lowest frequency \[Hz\].
+pub(super) fn lowest_hz(tones: &[Tone]) -> f64 {
+    tones.iter().map(|tone| tone.frequency_hz).fold(f64::INFINITY, f64::min)
+}
+
+/// All of them that tell anything; the last error where none can be simulated.
+pub(super) fn candidates(
+    expected: &Expected,
+    limits: &Limits,
+    effort: Effort,
+    mut progress: impl FnMut(f64),
+) -> Result<Vec<Candidate>, PlanError> {
+    let shapes = shapes(expected, limits, effort);
+    let (mut found, count) = (Vec::new(), shapes.len() as f64);
+    for (number, tones) in shapes.into_iter().enumerate() {
+        progress(number as f64 / count);
+        let Some(largest) = enlarged(expected, limits, tones)? else { continue };
+        if effort.varied && largest.tones.len() == 1 {
+            for part in LOWER {
+                found.extend(seen(expected, limits, scaled(&largest.tones, part))?);
+            }
+        }
+        found.push(largest);
+    }
+    Ok(found)
+}
+
+/// Tones evenly spread in the logarithm of the frequency, and multisines of bands, of no amplitude yet.
+fn shapes(expected: &Expected, limits: &Limits, effort: Effort) -> Vec<Vec<Tone>> {
+    let rate_hz = expected.settings.sample_rate_hz;
+    let spread = |low_hz: f64, high_hz: f64, count: u32| {
+        let step = if count > 1 { (high_hz / low_hz).ln() / f64::from(count - 1) } else { 0.0 };
+        (0..count).map(move |k| incommensurate(low_hz * (step * f64::from(k)).exp(), rate_hz))
+    };
+    let tones = spread(limits.lowest_hz, limits.highest_hz, effort.frequencies).map(|hz| vec![Tone::new(hz, 0.0)]);
+    let mut shapes: Vec<Vec<Tone>> = tones.collect();
+    let middle_hz = (limits.lowest_hz * limits.highest_hz).sqrt();
+    let bands = [(limits.lowest_hz, limits.highest_hz), (middle_hz, limits.highest_hz)];
+    if effort.varied && limits.highest_hz > 2.0 * limits.lowest_hz {
+        shapes.extend(bands.map(|(low_hz, high_hz)| multisine(spread(low_hz, high_hz, TONES))));
+    }
+    shapes
+}
+
+/// A frequency near by whose period is no whole number of samples.
+fn incommensurate(frequency_hz: f64, rate_hz: f64) -> f64 {
+    rate_hz / ((rate_hz / frequency_hz).floor() + GOLDEN)
+}
+
+/// Tones of equal velocity at these frequencies, with the phases that leave the least peak of displacement and velocity, of 1 m/s in the
+/// sum's velocity; zero at the start.
+fn multisine(frequencies: impl Iterator<Item = f64>) -> Vec<Tone> {
+    let frequencies: Vec<f64> = frequencies.collect();
+    let velocity = (frequencies.len() as f64).sqrt().recip();
+    let with = |turn: u32| -> Vec<Tone> {
+        let phase =
+            |place: usize| TAU * (f64::from(turn) * (place as f64 + 1.0) * GOLDEN * (place as f64 + 0.5)).fract();
+        let tone =
+            |(place, hz): (usize, &f64)| Tone { phase_rad: phase(place), ..Tone::new(*hz, velocity / (TAU * hz)) };
+        frequencies.iter().enumerate().map(tone).collect()
+    };
+    let best = (0..PHASES).map(with).map(|tones| (crest(&tones), tones)).min_by(|a, b| a.0.total_cmp(&b.0));
+    best.map(|(_, tones)| from_zero(tones)).unwrap_or_default()
+}
+
+/// Displacement and velocity of a sum of tones at a time.
+fn at(tones: &[Tone], t_s: f64) -> (f64, f64) {
+    tones.iter().fold((0.0, 0.0), |(x, v), tone| {
+        let w = TAU * tone.frequency_hz;
+        let (sin, cos) = (w * t_s + tone.phase_rad).sin_cos();
+        (x + tone.amplitude_m * sin, v + tone.amplitude_m * w * cos)
+    })
+}
+
+/// Times of a sum of tones: ten periods of the lowest, ten points in each of the highest.
+fn times(tones: &[Tone]) -> impl Iterator<Item = f64> + use<> {
+    let highest_hz = tones.iter().map(|tone| tone.frequency_hz).fold(0.0, f64::max);
+    let count = (100.0 * highest_hz / lowest_hz(tones)).min(20_000.0) as u32;
+    (0..count).map(move |k| f64::from(k) / (10.0 * highest_hz))
+}
+
+/// Peaks of displacement and velocity over their roots of mean squares, multiplied.
+fn crest(tones: &[Tone]) -> f64 {
+    let (mut peaks, mut squares, mut count) = ([0.0f64; 2], [0.0; 2], 0.0);
+    for (x, v) in times(tones).map(|t_s| at(tones, t_s)) {
+        count += 1.0;
+        for (value, (peak, square)) in [x, v].into_iter().zip(peaks.iter_mut().zip(&mut squares)) {
+            *peak = peak.max(value.abs());
+            *square += value * value;
+        }
+    }
+    peaks.iter().zip(squares).map(|(peak, square)| peak / (square / f64::max(count, 1.0)).sqrt()).product()
+}
+
+/// The same tones from a time on at which their sum is zero: a motion from rest is then not off its middle.
+fn from_zero(tones: Vec<Tone>) -> Vec<Tone> {
+    let mut passes =
+        times(&tones).zip(times(&tones).skip(1)).filter(|(a, b)| at(&tones, *a).0 * at(&tones, *b).0 <= 0.0);
+    let Some((mut low, mut high)) = passes.next() else { return tones };
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if at(&tones, low).0 * at(&tones, middle).0 <= 0.0 { high = middle } else { low = middle }
+    }
+    let turned = |tone: Tone| Tone { phase_rad: (tone.phase_rad + TAU * tone.frequency_hz * low) % TAU, ..tone };
+    tones.into_iter().map(turned).collect()
+}
+
+/// So many times the amplitudes.
+fn scaled(tones: &[Tone], factor: f64) -> Vec<Tone> {
+    tones.iter().map(|tone| Tone { amplitude_m: factor * tone.amplitude_m, ..*tone }).collect()
+}
+
+/// As large as the limits allow: by the terminal's motion alone first, then by the force that the device makes of it.
+fn enlarged(expected: &Expected, limits: &Limits, tones: Vec<Tone>) -> Result<Option<Candidate>, PlanError> {
+    let unit = if tones.len() == 1 { scaled_to_unit(tones) } else { tones };
+    let mut kinematic = Peaks::default();
+    for (x, v) in times(&unit).map(|t_s| at(&unit, t_s)) {
+        kinematic = kinematic.and(Peaks { stroke_m: x.abs(), speed_m_per_s: v.abs(), ..Peaks::default() });
+    }
+    // The force by a rigid contact, which a resonance exceeds.
+    let [mass_kg, viscous, ..] = expected.law();
+    let acceleration: f64 = unit.iter().map(|tone| tone.amplitude_m * (TAU * tone.frequency_hz).powi(2)).sum();
+    let per_size = mass_kg * acceleration + viscous * kinematic.speed_m_per_s;
+    let free_n = limits.force_n - expected.device.coulomb_n;
+    let mut size =
+        limits.room(&kinematic).min(free_n / per_size).min(limits.acceleration_m_per_s2 / acceleration) * NEAR;
+    let mut best: Option<Candidate> = None;
+    for _ in 0..ATTEMPTS {
+        let tones = scaled(&unit, size);
+        let Some(found) = seen(expected, limits, tones)? else {
+            // What does not break free may be too small a motion.
+            size *= 1.5;
+            if size > limits.room(&kinematic) {
+                return Ok(best);
+            }
+            continue;
+        };
+        let room = limits.room(&found.peaks);
+        if room >= 1.0 {
+            best = Some(found);
+        }
+        if (1.0..1.0 / NEAR / NEAR).contains(&room) {
+            break;
+        }
+        size = (size * (1.0 + (room - 1.0) * 0.9) * if room < 1.0 { NEAR } else { 1.0 })
+            .min(limits.room(&kinematic) * NEAR);
+    }
+    Ok(best)
+}
+
+fn scaled_to_unit(tones: Vec<Tone>) -> Vec<Tone> {
+    tones.into_iter().map(|tone| Tone { amplitude_m: (TAU * tone.frequency_hz).recip(), ..tone }).collect()
+}
+
+/// What tones of this size tell; nothing where the estimator takes in nothing of them.
+fn seen(expected: &Expected, limits: &Limits, tones: Vec<Tone>) -> Result<Option<Candidate>, PlanError> {
+    let fade_s = fade_s(&tones, limits);
+    let from_s = fade_s + LEARNT_S;
+    let seconds = SEEN_S.max(PERIODS / lowest_hz(&tones));
+    let motion = Excitation::tones(tones.clone()).with_ramp(fade_s);
+    let look = Look { seed: SEED, from_s, sums_readings: false, by_speed: true };
+    let seen = expected.see(&motion, from_s + seconds, look)?;
+    let peaks = seen.peaks;
+    let information = Information::of(seen, seconds);
+    Ok(information.is_something().then_some(Candidate { tones, information, peaks }))
+}

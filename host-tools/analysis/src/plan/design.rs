@@ -1,0 +1,388 @@
+//! The motion itself: parts with their shares of the time, as long as what is wanted takes.
+
+use inerter_core::{Bank, Found, Motion, NORMAL_COVERAGE, Scatter, Source, Systematic};
+use inerter_data::wants::Want;
+use inerter_plant::Excitation;
+
+use super::{
+    candidates::{Candidate, Effort, candidates, fade_s, lowest_hz},
+    error::PlanError,
+    expected::{Expected, Look},
+    information::{Together, Told},
+    limits::Limits,
+    part::{Part, duration_s, in_a_row},
+    predict::{Predicted, Prediction, predict},
+    search::{Choice, times, together},
+};
+
+/// Effort of a design that is rehearsed, and of one that is not.
+const THOROUGH: Effort = Effort { frequencies: 12, varied: true };
+const QUICK: Effort = Effort { frequencies: 6, varied: false };
+/// Shortest motion \[s\]: the estimator judges no law before 200 updates.
+const SHORTEST_S: f64 = 5.0;
+/// What is kept clear of what is wanted before a motion was rehearsed.
+const MARGIN: f64 = 1.05;
+/// Attempts to find how long a motion must last.
+const ATTEMPTS: usize = 3;
+/// Interval over what is wanted that is near enough from below, so that no shorter motion is sought.
+const NEAR: f64 = 0.85;
+/// Periods of the lowest tone that a part lasts at least, beside its lead-in and lead-out.
+const PERIODS: f64 = 1.5;
+/// Attempts to bring a part within the limits, and what is kept clear of them.
+const TRIMS: usize = 4;
+const CLEAR: f64 = 0.995;
+/// Weight of the determinant beside the widest interval over what is wanted: it decides where that is alike.
+const TIE: f64 = 1e-3;
+/// Rehearsed interval over that of the theory from which on the motion is not what the theory took it for, and 95 % of the scatter
+/// over the interval.
+const ASTRAY: f64 = 2.0;
+const SCATTERS: f64 = 1.2;
+
+/// By what a motion was chosen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Criterion {
+    /// Least determinant of the covariance of inertance, viscous and Coulomb friction.
+    DOptimal,
+    /// Least time for what is wanted.
+    Wanted,
+}
+
+/// A designed motion.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// What it is made of.
+    pub parts: Vec<Part>,
+    /// What it will tell.
+    pub prediction: Prediction,
+    /// By what it was chosen.
+    pub criterion: Criterion,
+    /// What was wanted.
+    pub wants: Vec<Want>,
+    /// The limits that it keeps to.
+    pub limits: Limits,
+    /// What chance alone adds to the interval of each by the theory, as the half width of a part.
+    chance: [f64; 4],
+}
+
+impl Plan {
+    /// The motion.
+    pub fn motion(&self) -> Excitation {
+        in_a_row(&self.parts)
+    }
+
+    /// Its length \[s\].
+    pub fn duration_s(&self) -> f64 {
+        duration_s(&self.parts)
+    }
+
+    /// The interval that will be had of what is wanted, or the scatter where it is wider; infinite where there will be none.
+    pub fn reached(&self, want: &Want) -> f64 {
+        self.of(want).map_or(f64::INFINITY, Predicted::half_width)
+    }
+
+    /// The same if the motion went on for ever: what no time takes away.
+    pub fn floor(&self, want: &Want) -> f64 {
+        let Some(predicted) = self.of(want) else { return f64::INFINITY };
+        let u95 = predicted.half_width();
+        let part = |source| {
+            let parts = predicted.budget.parts().into_iter();
+            parts.filter(|(of, _)| *of == source).map(|(_, part)| f64::from(part)).sum::<f64>()
+        };
+        let chance = self.chance.get(want.place).copied().unwrap_or_default();
+        let averaged = part(Source::Noise).powi(2) + part(Source::Model).min(chance).powi(2);
+        (u95 * u95 - averaged).max(0.0).sqrt()
+    }
+
+    /// How long the same motion would have to last for this \[s\]; none where no time is enough.
+    pub fn enough_s(&self, want: &Want) -> Option<f64> {
+        let (reached, floor) = (self.reached(want), self.floor(want));
+        let (of_time, left) = (reached * reached - floor * floor, want.u95 * want.u95 - floor * floor);
+        (reached.is_finite() && left > 0.0).then(|| self.duration_s() * of_time / left)
+    }
+
+    fn of(&self, want: &Want) -> Option<&Predicted> {
+        self.prediction.parameters.get(want.place)
+    }
+}
+
+/// A motion that was not rehearsed.
+#[derive(Clone, Debug)]
+pub struct Sketch {
+    /// What it is made of.
+    pub parts: Vec<Part>,
+    /// The interval that each of the four parameters will have by the theory; infinite where there will be none.
+    pub u95: [f64; 4],
+}
+
+/// What a design is sought by.
+struct Search<'a> {
+    expected: &'a Expected,
+    limits: &'a Limits,
+    wants: &'a [Want],
+    found: &'a [Candidate],
+}
+
+/// One way to seek it: by which criterion, for which bank where it is not left open, and up to which part of the highest frequency.
+#[derive(Clone, Copy)]
+struct Way {
+    criterion: Criterion,
+    bank: Option<Bank>,
+    highest: f64,
+}
+
+impl Search<'_> {
+    fn score(&self, told: &Told, way: Way) -> f64 {
+        match way.criterion {
+            Criterion::DOptimal => told.log_det,
+            Criterion::Wanted => widest(told, self.wants).ln() + TIE * told.log_det,
+        }
+    }
+
+    /// The first way to seek it, one for where that does not reach what is wanted, and those for where it leads astray.
+    fn ways(&self) -> (Way, Option<Way>, [Way; 3]) {
+        let criterion = if self.wants.is_empty() { Criterion::DOptimal } else { Criterion::Wanted };
+        let any = Way { criterion, bank: None, highest: 1.0 };
+        let d_optimal = Way { criterion: Criterion::DOptimal, ..any };
+        let [fast, slow] = [Bank::Fast, Bank::Slow].map(|bank| Way { bank: Some(bank), ..any });
+        let slower = Way { highest: 0.5, ..any };
+        (any, (criterion == Criterion::Wanted).then_some(d_optimal), [slower, fast, slow])
+    }
+
+    fn choices(&self) -> Vec<Choice<'_>> {
+        self.found.iter().map(|one| choice(one, self.limits)).collect()
+    }
+
+    /// How long each candidate lasts so that all together fill so many seconds, and what they tell.
+    fn lasting(&self, seconds: f64, way: Way) -> Option<(Vec<f64>, Told)> {
+        let told = |all: &Together| match way.bank {
+            None => all.told(self.expected),
+            Some(bank) => all.told_for_certain_by(bank, self.expected),
+        };
+        let mut choices = self.choices();
+        let highest_hz = way.highest * self.limits.highest_hz;
+        for (choice, one) in choices.iter_mut().zip(self.found) {
+            if one.tones.iter().any(|tone| tone.frequency_hz > 1.01 * highest_hz) {
+                // None of it has room.
+                choice.shortest_s = f64::INFINITY;
+            }
+        }
+        let score = |all: &Together| told(all).map_or(f64::INFINITY, |told| self.score(&told, way));
+        let (lasting, _) = times(&choices, seconds, score)?;
+        let told = together(&choices, &lasting).and_then(|all| told(&all))?;
+        Some((lasting, told))
+    }
+
+    /// The same for the least time that is enough for what is wanted, at most that of the limits.
+    fn shortest(&self, way: Way) -> f64 {
+        if self.wants.is_empty() {
+            return self.limits.duration_s;
+        }
+        let is_enough = |seconds: f64| {
+            self.lasting(seconds, way).is_some_and(|(_, told)| MARGIN * widest(&told, self.wants) <= 1.0)
+        };
+        least(SHORTEST_S, self.limits.duration_s, is_enough)
+    }
+
+    /// The parts that last so long each \[s\], the one with the largest force first: from it the estimator learns friction soonest.
+    /// Each by itself is within the limits, lead-in and lead-out included.
+    fn parts(&self, lasting: &[f64]) -> Result<Vec<Part>, PlanError> {
+        let mut chosen: Vec<(&Candidate, f64)> =
+            self.found.iter().zip(lasting).filter(|(_, time)| **time > 0.0).map(|(one, time)| (one, *time)).collect();
+        chosen.sort_by(|a, b| b.0.peaks.force_n.total_cmp(&a.0.peaks.force_n));
+        let part = |(one, duration_s): (&Candidate, f64)| {
+            let fade_s = fade_s(&one.tones, self.limits);
+            let mut part = Part { tones: one.tones.clone(), duration_s, fade_s };
+            for _ in 0..TRIMS {
+                let look = Look { seed: 1, from_s: 0.0, sums_readings: false, by_speed: false };
+                let room = self.limits.room(&self.expected.see(&part.motion(), duration_s, look)?.peaks);
+                if room >= 1.0 {
+                    break;
+                }
+                part.scale(CLEAR * room);
+            }
+            Ok(part)
+        };
+        chosen.into_iter().map(part).collect()
+    }
+
+    /// The plan for so many seconds, rehearsed, and made smaller where its parts together exceed a limit.
+    fn rehearsed(&self, seconds: f64, way: Way) -> Result<Option<(Plan, Told)>, PlanError> {
+        let Some((lasting, told)) = self.lasting(seconds, way) else { return Ok(None) };
+        let mut parts = self.parts(&lasting)?;
+        let mut prediction = predict(self.expected, &in_a_row(&parts), duration_s(&parts))?;
+        for _ in 0..TRIMS {
+            let room = self.limits.room(&prediction.peaks);
+            if room >= 1.0 {
+                break;
+            }
+            parts.iter_mut().for_each(|part| part.scale(CLEAR * room));
+            prediction = predict(self.expected, &in_a_row(&parts), duration_s(&parts))?;
+        }
+        let chance = told.budgets.map(|budget| f64::from(budget.given_u95(Source::Model)));
+        let (wants, limits) = (self.wants.to_vec(), *self.limits);
+        Ok(Some((Plan { parts, prediction, criterion: way.criterion, wants, limits, chance }, told)))
+    }
+
+    /// The better one of a plan and of what this way leads to, and whether rehearsals show something else there than the theory.
+    fn sought(
+        &self,
+        mut best: Option<Plan>,
+        way: Way,
+        progress: &mut impl FnMut(f64),
+    ) -> Result<(Option<Plan>, bool), PlanError> {
+        let (mut seconds, mut is_astray) = (self.shortest(way), false);
+        for attempt in 0..ATTEMPTS {
+            progress(0.5 + 0.5 * attempt as f64 / ATTEMPTS as f64);
+            let Some((plan, told)) = self.rehearsed(seconds, way)? else { break };
+            let pairs = plan.prediction.parameters.iter().zip(&told.budgets).take(3);
+            is_astray = pairs.into_iter().any(|(predicted, told)| {
+                !predicted.is_given()
+                    || predicted.u95() > ASTRAY * f64::from(told.u95())
+                    || same_rig_half_width(predicted) > SCATTERS * predicted.same_rig_u95()
+            });
+            let (worst, length_s) = (self.worst(&plan), plan.duration_s());
+            if best.as_ref().is_none_or(|best| self.is_better(&plan, best)) {
+                best = Some(plan);
+            }
+            let is_near = (NEAR..=1.0).contains(&worst) || (worst < NEAR && length_s <= 1.05 * SHORTEST_S);
+            if self.wants.is_empty() || is_near || (worst > 1.0 && seconds >= self.limits.duration_s) {
+                break;
+            }
+            let longer = if worst.is_finite() { worst * worst * MARGIN } else { 2.0 };
+            seconds = (seconds * longer).clamp(SHORTEST_S, self.limits.duration_s);
+        }
+        Ok((best, is_astray))
+    }
+
+    /// One that reaches all is better the shorter it is; of those that do not, the one that comes nearest.
+    fn is_better(&self, plan: &Plan, than: &Plan) -> bool {
+        match (self.worst(than) <= 1.0, self.worst(plan) <= 1.0) {
+            (true, true) if !self.wants.is_empty() => plan.duration_s() < than.duration_s(),
+            (false, true) => true,
+            (true, false) => false,
+            _ => self.rank(plan) < self.rank(than),
+        }
+    }
+
+    /// How good a rehearsed motion is: less is better.
+    fn rank(&self, plan: &Plan) -> f64 {
+        if self.wants.is_empty() {
+            plan.prediction.parameters.iter().take(3).map(|predicted| same_rig_half_width(predicted).ln()).sum()
+        } else {
+            self.worst(plan).ln()
+        }
+    }
+
+    /// The widest interval over what is wanted; 0 where nothing is.
+    fn worst(&self, plan: &Plan) -> f64 {
+        self.wants.iter().map(|want| plan.reached(want) / want.u95).fold(0.0, f64::max)
+    }
+}
+
+/// Designs the motion of an expected device within the limits: D-optimal over the whole duration, or, where something is
+/// wanted, the shortest one that reaches it. `progress` is handed the part that is done.
+pub fn design(
+    expected: &Expected,
+    limits: Limits,
+    wants: &[Want],
+    mut progress: impl FnMut(f64),
+) -> Result<Plan, PlanError> {
+    let limits = limits.checked(expected)?;
+    let found = candidates(expected, &limits, THOROUGH, |part| progress(0.4 * part))?;
+    let possible: Vec<Want> = wants.iter().copied().filter(|want| calibration(expected, want) < want.u95).collect();
+    let search = Search { expected, limits: &limits, wants: &possible, found: &found };
+    let (first, next, others) = search.ways();
+    let (mut best, mut is_astray) = search.sought(None, first, &mut progress)?;
+    if let Some(next) = next.filter(|_| best.as_ref().is_none_or(|best| search.worst(best) > 1.0)) {
+        let astray;
+        (best, astray) = search.sought(best, next, &mut progress)?;
+        is_astray |= astray;
+    }
+    if is_astray || best.is_none() {
+        for other in others {
+            (best, _) = search.sought(best, other, &mut progress)?;
+        }
+    }
+    progress(1.0);
+    let best = best.ok_or_else(|| nothing(expected, &limits, &found))?;
+    Ok(Plan { wants: wants.to_vec(), ..best })
+}
+
+/// Half width without what two runs share, or the scatter where it is wider.
+fn same_rig_half_width(predicted: &Predicted) -> f64 {
+    predicted.same_rig_u95().max(f64::from(NORMAL_COVERAGE) * predicted.scatter)
+}
+
+/// The interval that gain, lead and timebase alone leave of what is wanted, whatever the motion.
+fn calibration(expected: &Expected, want: &Want) -> f64 {
+    let value = expected.law().get(want.place).copied().unwrap_or_default();
+    let found = Found { value: value as f32, error: 0.0, per_skew: 0.0, steps: 0.0 };
+    let scatter = Scatter::white(value as f32, f32::INFINITY);
+    let motion = Motion { repeats: 1.0, flanks_part: false, frequency_squared: 0.0, low_squared: 0.0 };
+    let (systematic, spread) = (Systematic::of(&expected.settings), scatter.in_motion(&motion));
+    let budget = match want.place {
+        0 => systematic.inertance(&found, &spread, &motion),
+        1 => systematic.viscous(&found, &spread, &motion),
+        _ => systematic.force(&found, &spread),
+    };
+    let shared = [Source::Gain, Source::Lead, Source::Timebase].map(|source| f64::from(budget.given_u95(source)));
+    shared.iter().map(|u95| u95 * u95).sum::<f64>().sqrt()
+}
+
+/// The same without rehearsals and with fewer candidates: what a motion of this length could tell, in a moment.
+pub fn sketch(expected: &Expected, limits: Limits) -> Result<Sketch, PlanError> {
+    let limits = limits.checked(expected)?;
+    let found = candidates(expected, &limits, QUICK, |_| ())?;
+    let search = Search { expected, limits: &limits, wants: &[], found: &found };
+    let Some((lasting, told)) =
+        search.lasting(limits.duration_s, Way { criterion: Criterion::DOptimal, bank: None, highest: 1.0 })
+    else {
+        return Err(nothing(expected, &limits, &found));
+    };
+    Ok(Sketch { parts: search.parts(&lasting)?, u95: told.budgets.map(|budget| f64::from(budget.u95())) })
+}
+
+/// A candidate as the search has it.
+pub(super) fn choice<'a>(one: &'a Candidate, limits: &Limits) -> Choice<'a> {
+    let fade_s = fade_s(&one.tones, limits);
+    let shortest_s = 2.0 * fade_s + PERIODS / lowest_hz(&one.tones);
+    // Lead-in and lead-out tell about half as much.
+    Choice { information: &one.information, shortest_s, lost_s: fade_s }
+}
+
+/// The widest interval over what is wanted.
+fn widest(told: &Told, wants: &[Want]) -> f64 {
+    let u95 = |want: &Want| told.budgets.get(want.place).map_or(f64::INFINITY, |budget| f64::from(budget.u95()));
+    wants.iter().map(|want| u95(want) / want.u95).fold(0.0, f64::max)
+}
+
+/// The least time for which it is enough, within two percent; the longest where none is.
+fn least(shortest_s: f64, longest_s: f64, is_enough: impl Fn(f64) -> bool) -> f64 {
+    if longest_s <= shortest_s || !is_enough(longest_s) {
+        return longest_s;
+    }
+    if is_enough(shortest_s) {
+        return shortest_s;
+    }
+    let (mut low, mut high) = (shortest_s, longest_s);
+    while high > 1.02 * low {
+        let middle = (low * high).sqrt();
+        if is_enough(middle) { high = middle } else { low = middle }
+    }
+    high
+}
+
+/// Why nothing can be told.
+fn nothing(expected: &Expected, limits: &Limits, found: &[Candidate]) -> PlanError {
+    let why = match found.iter().map(|one| one.peaks.stroke_m).reduce(f64::max) {
+        None => format!(
+            "from {:.3} to {:.3} Hz the estimator takes in nothing, as the screw sticks or moves by less than 2 encoder counts in 24 ms",
+            limits.lowest_hz, limits.highest_hz
+        ),
+        Some(stroke_m) => format!(
+            "strokes of {:.0} encoder counts at most leave no more of the acceleration than the encoder's steps",
+            stroke_m / expected.settings.metres_per_count.abs()
+        ),
+    };
+    PlanError::Nothing { why }
+}

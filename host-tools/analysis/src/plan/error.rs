@@ -1,0 +1,64 @@
+//! Why no motion can be planned, always with what to do.
+
+use inerter_data::settings::SettingsInputError;
+use inerter_plant::PlantError;
+use miette::Diagnostic;
+
+/// Why no motion can be planned.
+#[derive(Debug, thiserror::Error, Diagnostic)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
+pub enum PlanError {
+    /// The expected device or its motion cannot be.
+    #[error("the expected device cannot be simulated: {0}")]
+    #[diagnostic(code(inerter::plan::device), help("`inerter plan --help` lists every parameter of the device"))]
+    Device(#[from] PlantError),
+
+    /// The settings cannot be.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Settings(#[from] SettingsInputError),
+
+    /// Nothing says what to expect, or what the rig can do.
+    #[error("{missing} is missing: a motion is planned for a device that is expected, on a rig whose limits are known")]
+    #[diagnostic(code(inerter::plan::unstated), help("{help}"))]
+    Unstated { missing: &'static str, help: &'static str },
+
+    /// The rate of a file that is written is none.
+    #[error("--rate-hz: {rate_hz} {problem}")]
+    #[diagnostic(
+        code(inerter::plan::rate),
+        help("from 100 to 192000 Hz, for a WAV a whole number; without it the setting sample_rate_hz")
+    )]
+    Rate { rate_hz: f64, problem: &'static str },
+
+    /// A limit is no limit.
+    #[error("{name}: {value} is not {wanted}")]
+    #[diagnostic(code(inerter::plan::limit), help("{help}"))]
+    Limit { name: &'static str, value: f64, wanted: &'static str, help: &'static str },
+
+    /// Two limits leave nothing between them.
+    #[error("{one} and {other} contradict each other: {why}")]
+    #[diagnostic(code(inerter::plan::conflict), help("{help}"))]
+    Conflict { one: &'static str, other: &'static str, why: String, help: &'static str },
+
+    /// Nothing within the limits shows anything.
+    #[error("no motion within these limits shows inertance and friction: {why}")]
+    #[diagnostic(
+        code(inerter::plan::nothing),
+        help("allow a longer stroke, a higher speed or frequency, or a larger force")
+    )]
+    Nothing { why: String },
+
+    /// A run says too little of the device to plan another one.
+    #[error("this run says too little of the device to plan by it: {why}")]
+    #[diagnostic(
+        code(inerter::plan::run),
+        help("state the expected device: --inertance-kg, --viscous-n-s-per-m and --coulomb-n")
+    )]
+    Run { why: &'static str },
+
+    /// What is wanted is more than can be had.
+    #[error("{what}")]
+    #[diagnostic(code(inerter::plan::missed), help("{help}"))]
+    Missed { what: String, help: String },
+}

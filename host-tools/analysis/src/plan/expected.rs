@@ -1,0 +1,152 @@
+//! The device that is expected, and what the estimator would see of it in a motion on this rig.
+
+use inerter_core::{Bank, RawSample, Settings};
+use inerter_data::replay::{Outcome, Replay};
+use inerter_plant::{Excitation, Inerter, Sample, Sensors, Simulation};
+
+use super::{error::PlanError, peaks::Peaks, speeds::Speeds};
+use crate::fit::Products;
+
+/// Part of a turn of the golden ratio: phases that are so far apart fill a count evenly.
+const GOLDEN: f64 = 0.618_033_988_749_895;
+
+/// A device that is expected, on a rig whose settings and noise are known.
+#[derive(Clone, Copy, Debug)]
+pub struct Expected {
+    /// The device.
+    pub device: Inerter,
+    /// Settings of the estimator: scales, rate and what is uncertain of them.
+    pub settings: Settings,
+    /// White noise of the force in one sample, rms \[N\].
+    pub force_noise_n: f64,
+}
+
+/// How a motion is looked at.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Look {
+    /// Seed of the noise, and of the encoder's place in a count.
+    pub seed: u64,
+    /// Time from which on the sums count \[s\].
+    pub from_s: f64,
+    /// With the readings that one sample sums, instead of their mean at once.
+    pub sums_readings: bool,
+    /// With the sums by speed.
+    pub by_speed: bool,
+}
+
+/// What the estimator made of a motion.
+#[derive(Clone, Debug)]
+pub(super) struct Seen {
+    /// Its sums since [`Look::from_s`], of the fast and of the slow bank.
+    pub products: [Products; 2],
+    /// The same by speed, where that was asked for.
+    pub speeds: [Speeds; 2],
+    /// All that it came to.
+    pub outcome: Outcome,
+    /// How far, how fast and how hard the rig moved.
+    pub peaks: Peaks,
+}
+
+impl Expected {
+    /// Inertance with the structure \[kg\], viscous friction \[N s/m\], Coulomb friction and offset \[N\]: what the law holds.
+    pub fn law(&self) -> [f64; 4] {
+        let Inerter { inertance_kg, viscous_n_s_per_m, coulomb_n, constant_force_n, .. } = self.device;
+        [inertance_kg + self.settings.structure_mass_kg, viscous_n_s_per_m, coulomb_n, 0.0 - constant_force_n]
+    }
+
+    /// The three parameters of the device.
+    pub fn three(&self) -> [f64; 3] {
+        [self.device.inertance_kg, self.device.viscous_n_s_per_m, self.device.coulomb_n]
+    }
+
+    /// The rig's instruments with their noise; each seed has its own, and its own place within an encoder count.
+    pub fn sensors(&self, seed: u64) -> Sensors {
+        let Settings { oversampling, .. } = self.settings;
+        let code = |code: f64| (code / oversampling).trunc();
+        Sensors {
+            sample_rate_hz: self.settings.sample_rate_hz,
+            oversampling,
+            metres_per_count: self.settings.metres_per_count,
+            encoder_phase_count: (seed as f64 * GOLDEN).fract(),
+            newtons_per_code: self.settings.newtons_per_code * oversampling,
+            force_zero_code: code(self.settings.force_zero_code),
+            force_min_code: code(self.settings.force_min_code),
+            force_max_code: code(self.settings.force_max_code),
+            force_noise_n: self.force_noise_n,
+            delay_s: self.settings.skew_s,
+            metres_per_terminal_code: self.settings.metres_per_terminal_code,
+            seed,
+            ..Sensors::default()
+        }
+    }
+
+    /// The same with one reading a sample: what many readings are, but for their rounding.
+    fn at_once(&self) -> Self {
+        let Settings { oversampling, .. } = self.settings;
+        let code = |code: f64| (code / oversampling).trunc();
+        let settings = Settings {
+            oversampling: 1.0,
+            newtons_per_code: self.settings.newtons_per_code * oversampling,
+            force_zero_code: code(self.settings.force_zero_code),
+            force_min_code: code(self.settings.force_min_code),
+            force_max_code: code(self.settings.force_max_code),
+            ..self.settings
+        };
+        Self { settings, ..*self }
+    }
+
+    /// Shakes the expected device for so long \[s\] and listens.
+    pub(super) fn see(&self, motion: &Excitation, duration_s: f64, look: Look) -> Result<Seen, PlanError> {
+        if !look.sums_readings && self.settings.oversampling > 1.0 {
+            return self.at_once().see(motion, duration_s, look);
+        }
+        let simulation = Simulation::new(self.device, motion.clone(), self.sensors(look.seed))?;
+        let mut replay = Replay::new(&self.settings, 0.0)?;
+        let (mut before, mut peaks, mut speeds) = (None, Peaks::default(), [Speeds::default(), Speeds::default()]);
+        let mut last = [None; 2];
+        for sample in simulation.lasting(duration_s) {
+            if before.is_none() && sample.t_s >= look.from_s {
+                before = Some(products(&replay));
+            }
+            peaks.take(&sample.truth, self.device.structure_mass_kg);
+            replay.step(&raw(&sample)).for_each(drop);
+            if look.by_speed && before.is_some() {
+                for ((last, now), speeds) in last.iter_mut().zip(products(&replay)).zip(&mut speeds) {
+                    let update = now.zip(*last).map(|(now, last): (Products, Products)| now.since(&last));
+                    update.filter(|update| update.updates() == 1.0).iter().for_each(|update| speeds.push(update));
+                    *last = now;
+                }
+            }
+        }
+        let after = products(&replay);
+        let since = |bank: usize| match (after.get(bank).copied().flatten(), before.as_ref()) {
+            (Some(after), Some(before)) => Some(match before.get(bank).copied().flatten() {
+                Some(before) => after.since(&before),
+                None => after,
+            }),
+            _ => None,
+        };
+        let [Some(fast), Some(slow)] = [since(0), since(1)] else {
+            return Err(PlanError::Nothing { why: "the motion is too short".into() });
+        };
+        Ok(Seen { products: [fast, slow], speeds, outcome: replay.outcome(), peaks })
+    }
+}
+
+/// Sums of both banks as they stand, the fast one first.
+fn products(replay: &Replay) -> [Option<Products>; 2] {
+    [Bank::Fast, Bank::Slow].map(|bank| {
+        let (sums, more) = replay.sums(bank);
+        Products::of(&sums, &more).ok()
+    })
+}
+
+/// The sample as a board hands it over.
+fn raw(sample: &Sample) -> RawSample {
+    RawSample {
+        index: sample.index,
+        position_count: sample.position_count,
+        force_code: sample.force_code,
+        terminal_code: sample.terminal_code,
+    }
+}

@@ -1,0 +1,208 @@
+//! What sums of the regressors tell of the device, by the estimator's own theory (docs/THEORY.md, 6).
+
+use inerter_core::constants::{CLEAR_OF_STEPS, MOVED};
+use inerter_core::{Bank, Budget, Found, Motion, Source, Systematic};
+
+use super::{
+    expected::{Expected, Seen},
+    speeds::Speeds,
+};
+use crate::fit::{Products, Solution};
+
+/// Mean square by which a normal deviation exceeds its own variance, where it does: `E max(0, z^2 - 1)`.
+const BEYOND_CHANCE: f64 = 0.484;
+/// Times by which the acceleration must be clear of the bound between the banks.
+const CERTAIN: f64 = 1.25;
+/// Half of the velocity's rms: what is slower is near rest.
+const NEAR_REST: f64 = 0.5;
+
+/// What a motion adds in a second.
+#[derive(Clone, Debug)]
+pub(super) struct Information {
+    all: Together,
+    /// Sums by speed, of the fast and of the slow bank.
+    speeds: [Speeds; 2],
+}
+
+/// Sums over motions, and what else the intervals rest on.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Together {
+    /// Of the fast and of the slow bank.
+    products: [Products; 2],
+    /// Those away from rest.
+    away: [Option<Products>; 2],
+    /// Flanks may part.
+    flanks_part: bool,
+    /// How often each stroke came.
+    repeats: f64,
+    /// Mean squares of the motion's frequency, weighted by the squared acceleration and velocity \[rad^2/s^2\].
+    squares: [f64; 2],
+}
+
+/// What they tell.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Told {
+    /// Of the four parameters.
+    pub budgets: [Budget; 4],
+    /// Logarithm of the determinant of the covariance of inertance, viscous and Coulomb friction, without what no motion can change:
+    /// gain, lead and timebase.
+    pub log_det: f64,
+}
+
+impl Information {
+    /// All that was seen in so many seconds of samples.
+    pub fn of(seen: Seen, seconds: f64) -> Self {
+        let all = Together { repeats: 1.0, ..Together::of(&seen) }.times(1.0 / seconds);
+        Self { all, speeds: seen.speeds.map(|speeds| speeds.times(1.0 / seconds).accumulated()) }
+    }
+
+    /// Whether either bank took in anything.
+    pub fn is_something(&self) -> bool {
+        self.all.products.iter().any(|products| products.updates() > 0.0)
+    }
+}
+
+impl Together {
+    /// All that was seen.
+    pub fn of(seen: &Seen) -> Self {
+        let Motion { repeats, flanks_part, frequency_squared, low_squared } = seen.outcome.motion;
+        Self {
+            products: seen.products,
+            away: [None; 2],
+            flanks_part,
+            repeats: repeats.into(),
+            squares: [frequency_squared.into(), low_squared.into()],
+        }
+    }
+
+    /// So many seconds of each; nothing of none.
+    pub fn lasting<'a>(parts: impl Iterator<Item = (f64, &'a Information)> + Clone) -> Option<Self> {
+        let mut all = parts.clone().map(|(seconds, part)| part.all.times(seconds)).reduce(|all, one| all.and(&one))?;
+        for (bank, (away, products)) in all.away.iter_mut().zip(&all.products).enumerate() {
+            let [_, velocity_square] = products.mean_squares();
+            let slowest = NEAR_REST * velocity_square.max(0.0).sqrt();
+            let faster =
+                parts.clone().filter_map(|(seconds, part)| Some(part.speeds.get(bank)?.above(slowest)?.times(seconds)));
+            *away = faster.reduce(|all, one| all.and(&one));
+        }
+        Some(all)
+    }
+
+    /// So many times as much of the same.
+    pub fn times(mut self, factor: f64) -> Self {
+        self.products = self.products.map(|products| products.times(factor));
+        self.away = self.away.map(|away| away.map(|products| products.times(factor)));
+        self
+    }
+
+    fn and(&self, other: &Self) -> Self {
+        let [mine, others] = [self, other].map(|each| each.products[0]);
+        // Sums, not mean squares: each counts by its length.
+        let weights = |products: Products| products.mean_squares().map(|square| (square * products.updates()).max(0.0));
+        let (of_mine, of_others) = (weights(mine), weights(others));
+        let mean = |i: usize| {
+            let (a, b) = (of_mine[i], of_others[i]);
+            if a + b > 0.0 { (a * self.squares[i] + b * other.squares[i]) / (a + b) } else { self.squares[i] }
+        };
+        let (a, b) = (mine.updates(), others.updates());
+        Self {
+            products: std::array::from_fn(|bank| self.products[bank].and(&other.products[bank])),
+            away: [None; 2],
+            flanks_part: self.flanks_part || other.flanks_part,
+            repeats: if a + b > 0.0 { (a * self.repeats + b * other.repeats) / (a + b) } else { 1.0 },
+            squares: [mean(0), mean(1)],
+        }
+    }
+
+    /// Mean square that the law has left in one bank over what noise and steps explain of it.
+    pub fn beyond_explained(&self, bank: Bank, expected: &Expected) -> Option<f64> {
+        let products = &self.products[usize::from(bank == Bank::Slow)];
+        let [inertance_kg, ..] = expected.law();
+        products.beyond_explained(inertance_kg, expected.force_noise_n, &expected.settings).ok()
+    }
+
+    /// What they tell of the expected device; nothing where they leave a direction open. Where it is not certain which bank the
+    /// estimator will take, the one that tells less counts.
+    pub fn told(&self, expected: &Expected) -> Option<Told> {
+        let fast = || self.told_by(Bank::Fast, expected, 1.0);
+        let slow = || self.told_by(Bank::Slow, expected, 1.0);
+        let clear = self.clear_of_steps(expected);
+        if clear > CERTAIN {
+            return fast();
+        }
+        if clear < 1.0 / CERTAIN {
+            return slow();
+        }
+        let (fast, slow) = (fast()?, slow()?);
+        Some(if fast.log_det > slow.log_det { fast } else { slow })
+    }
+
+    /// The same where it is certain that the estimator will take this bank.
+    pub fn told_for_certain_by(&self, bank: Bank, expected: &Expected) -> Option<Told> {
+        let is_certain = match bank {
+            Bank::Fast => self.clear_of_steps(expected) > CERTAIN,
+            Bank::Slow => self.clear_of_steps(expected) < 1.0 / CERTAIN,
+        };
+        is_certain.then(|| self.told_by(bank, expected, 1.0)).flatten()
+    }
+
+    /// Acceleration over that from which on the estimator takes the fast bank, squared.
+    fn clear_of_steps(&self, expected: &Expected) -> f64 {
+        let [fast, _] = &self.products;
+        let [acceleration, _] = fast.mean_squares();
+        acceleration / (CLEAR_OF_STEPS * fast.steps_square(&expected.settings))
+    }
+
+    /// The same by one bank, where the law leaves so many times the mean square that noise and steps explain.
+    pub fn told_by(&self, bank: Bank, expected: &Expected, times: f64) -> Option<Told> {
+        let settings = &expected.settings;
+        let place = usize::from(bank == Bank::Slow);
+        let noise_n = expected.force_noise_n;
+        let solved = |products: &Products| products.expected(expected.law(), noise_n, times, settings).ok();
+        let solution = solved(&self.products[place])?;
+        let motion = Motion {
+            repeats: self.repeats as f32,
+            flanks_part: self.flanks_part,
+            frequency_squared: self.squares[0] as f32,
+            low_squared: self.squares[1] as f32,
+        };
+        let spread = solution.scatter.in_motion(&motion);
+        let systematic = Systematic::of(settings);
+        let each: [Found; 4] = solution.each();
+        let [inertance, viscous, coulomb, offset] = &each;
+        let mut budgets = [
+            systematic.inertance(inertance, &spread, &motion),
+            systematic.viscous(viscous, &spread, &motion),
+            systematic.force(coulomb, &spread),
+            systematic.force(offset, &spread),
+        ];
+        if let Some(away) = self.away[place].as_ref().and_then(solved) {
+            let moved = moved_by_chance(&solution, &away, coulomb, &budgets[2]);
+            for (budget, moved) in budgets.iter_mut().zip(moved) {
+                *budget = budget.and(Source::Model, moved);
+            }
+        }
+        let by_motion = |i: usize| f64::from(budgets[i].same_rig_u95());
+        let part =
+            |i: usize, j: usize| solution.inverse[i][j] / (solution.inverse[i][i] * solution.inverse[j][j]).sqrt();
+        let (a, b, c) = (part(0, 1), part(0, 2), part(1, 2));
+        let correlated = 1.0 + 2.0 * a * b * c - a * a - b * b - c * c;
+        let log_det = correlated.ln() + 2.0 * (0..3).map(|i| by_motion(i).ln()).sum::<f64>();
+        log_det.is_finite().then_some(Told { budgets, log_det })
+    }
+}
+
+/// What inertance, viscous and Coulomb friction will move by between the fits to all and away from rest, by chance alone, as the half width that
+/// the estimator makes of it.
+fn moved_by_chance(all: &Solution<4>, away: &Solution<4>, coulomb: &Found, budget: &Budget) -> [f32; 3] {
+    let scatter = f64::from(budget.fit_square()) / f64::from(coulomb.error).powi(2);
+    let per_square = MOVED.powi(2) * BEYOND_CHANCE * scatter;
+    let (of_all, of_away): ([Found; 4], [Found; 4]) = (all.each(), away.each());
+    let mut pairs = of_all.into_iter().zip(of_away);
+    std::array::from_fn(|_| {
+        pairs.next().map_or(0.0, |(all, away)| {
+            let grown = f64::from(away.error).powi(2) - f64::from(all.error).powi(2);
+            (per_square * grown).max(0.0).sqrt() as f32
+        })
+    })
+}

@@ -1,0 +1,158 @@
+//! What the rig can do at most.
+
+use inerter_core::Settings;
+use inerter_data::{names::unit, words::three_digits};
+
+use super::{error::PlanError, expected::Expected, peaks::Peaks};
+
+/// Shortest and longest motion that is planned \[s\]: longer ones tell by the root of the time more.
+const DURATION_S: (f64, f64) = (2.0, 600.0);
+/// Lowest frequency \[Hz\].
+const LOWEST_HZ: f64 = 0.01;
+/// Highest frequency \[Hz\]: the fast bank's kernel still passes a quarter.
+const HIGHEST_HZ: f64 = 25.0;
+/// What to do about a stroke.
+const STROKE: &str = "state how far the terminal may move to either side of its middle";
+/// Part of a range of the instruments that a motion may take.
+const CLEAR: f64 = 0.9;
+/// Encoder counts of a stroke, end to end, under which nothing is seen of it.
+const FEWEST_COUNTS: f64 = 20.0;
+
+/// What the rig can do at most.
+#[derive(Clone, Copy, Debug)]
+pub struct Limits {
+    /// Displacement to either side of the middle \[m\].
+    pub stroke_m: f64,
+    /// Speed of the terminal \[m/s\]; infinite where none is stated.
+    pub speed_m_per_s: f64,
+    /// Force on the load cell \[N\]; infinite where none is stated, and the force channel's rails count in any case.
+    pub force_n: f64,
+    /// Acceleration of the screw \[m/s^2\]; that of the estimator's full scale counts in any case.
+    pub acceleration_m_per_s2: f64,
+    /// Length of the motion \[s\].
+    pub duration_s: f64,
+    /// Lowest frequency \[Hz\].
+    pub lowest_hz: f64,
+    /// Highest frequency \[Hz\].
+    pub highest_hz: f64,
+    /// Time in which the motion comes up from rest and goes down to it \[s\].
+    pub fade_s: f64,
+}
+
+impl Default for Limits {
+    /// None but those of time and frequency: 20 s, four periods of the lowest frequency, the highest one that the grid of
+    /// motions holds (docs/tables/accuracy.md).
+    fn default() -> Self {
+        Self {
+            stroke_m: f64::INFINITY,
+            speed_m_per_s: f64::INFINITY,
+            force_n: f64::INFINITY,
+            acceleration_m_per_s2: f64::INFINITY,
+            duration_s: 20.0,
+            lowest_hz: 0.0,
+            highest_hz: 16.0,
+            fade_s: 0.5,
+        }
+    }
+}
+
+impl Limits {
+    /// With the ranges of the instruments, and checked against the expected device.
+    pub fn checked(self, expected: &Expected) -> Result<Self, PlanError> {
+        let positive = [
+            ("--stroke-m", self.stroke_m, STROKE),
+            ("--speed-m-per-s", self.speed_m_per_s, "leave it out where only stroke and force are limited"),
+            ("--force-n", self.force_n, "leave it out where only the load cell's range is a limit"),
+        ];
+        for (name, value, help) in positive {
+            if !(value > 0.0) {
+                return Err(PlanError::Limit { name, value, wanted: "more than 0", help });
+            }
+        }
+        if self.stroke_m.is_infinite() {
+            return Err(PlanError::Unstated { missing: "--stroke-m", help: STROKE });
+        }
+        let within = |name, value: f64, (min, max): (f64, f64), wanted, help| match (min..=max).contains(&value) {
+            true => Ok(()),
+            false => Err(PlanError::Limit { name, value, wanted, help }),
+        };
+        let help = "accuracy grows with the root of the time only";
+        within("--duration", self.duration_s, DURATION_S, "from 2 to 600 s", help)?;
+        within(
+            "--fade-s",
+            self.fade_s,
+            (0.05, 0.25 * self.duration_s),
+            "from 0.05 s to a quarter of the duration",
+            help,
+        )?;
+        let help = "the estimator's band ends at 25 Hz; without it the frequencies go up to 16 Hz";
+        within("--highest-hz", self.highest_hz, (LOWEST_HZ, HIGHEST_HZ), "from 0.01 to 25 Hz", help)?;
+        let lowest_hz =
+            if self.lowest_hz == 0.0 { (4.0 / self.duration_s).min(self.highest_hz) } else { self.lowest_hz };
+        within("--lowest-hz", lowest_hz, (LOWEST_HZ, HIGHEST_HZ), "from 0.01 to 25 Hz", "leave it out")?;
+        if lowest_hz > self.highest_hz {
+            return Err(PlanError::Conflict {
+                one: "--lowest-hz",
+                other: "--highest-hz",
+                why: format!("{lowest_hz} Hz is above {} Hz", self.highest_hz),
+                help: "exchange them",
+            });
+        }
+        if 2.0 / lowest_hz > self.duration_s {
+            return Err(PlanError::Conflict {
+                one: "--lowest-hz",
+                other: "--duration",
+                why: format!("two periods of {lowest_hz} Hz take {} s", 2.0 / lowest_hz),
+                help: "allow more time, or a higher lowest frequency",
+            });
+        }
+        let Settings { metres_per_count, .. } = expected.settings;
+        let counts = 2.0 * self.stroke_m / metres_per_count.abs();
+        if counts < FEWEST_COUNTS {
+            return Err(PlanError::Conflict {
+                one: "--stroke-m",
+                other: "metres_per_count",
+                why: format!("the whole stroke is {counts:.1} encoder counts"),
+                help: "allow a longer stroke, or measure with a finer encoder",
+            });
+        }
+        let newton = unit(expected.settings.machine, "N");
+        let force_n = self.force_n.min(CLEAR * rails_n(&expected.settings));
+        let breakaway_n =
+            expected.device.coulomb_n * expected.device.stribeck_ratio + expected.device.constant_force_n.abs();
+        if force_n <= 1.02 * breakaway_n {
+            return Err(PlanError::Conflict {
+                one: if force_n < self.force_n { "the force channel's range" } else { "--force-n" },
+                other: "--coulomb-n",
+                why: format!(
+                    "{} {newton} do not move a screw that {} {newton} of friction hold",
+                    three_digits(force_n),
+                    three_digits(breakaway_n)
+                ),
+                help: "allow a larger force, or expect less friction",
+            });
+        }
+        let Settings { full_scale_velocity_m_per_s, full_scale_acceleration_m_per_s2, .. } = expected.settings;
+        Ok(Self {
+            force_n,
+            lowest_hz,
+            speed_m_per_s: self.speed_m_per_s.min(CLEAR * full_scale_velocity_m_per_s),
+            acceleration_m_per_s2: self.acceleration_m_per_s2.min(CLEAR * full_scale_acceleration_m_per_s2),
+            ..self
+        })
+    }
+
+    /// How many times a motion with these peaks may be enlarged; under 1 where it is too large.
+    pub fn room(&self, peaks: &Peaks) -> f64 {
+        let each =
+            [self.stroke_m / peaks.stroke_m, self.speed_m_per_s / peaks.speed_m_per_s, self.force_n / peaks.force_n];
+        each.into_iter().fold(f64::INFINITY, f64::min)
+    }
+}
+
+/// Greatest force either way that the channel shows \[N\].
+fn rails_n(settings: &Settings) -> f64 {
+    let up = settings.force_max_code - settings.force_zero_code;
+    let down = settings.force_zero_code - settings.force_min_code;
+    up.min(down) * settings.newtons_per_code.abs()
+}

@@ -1,0 +1,36 @@
+//! What a motion is made of: tones that come up from rest together and go down to it.
+
+use inerter_plant::{Excitation, Tone};
+
+/// One stretch of a motion.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Part {
+    /// Its tones.
+    pub tones: Vec<Tone>,
+    /// Its length \[s\].
+    pub duration_s: f64,
+    /// Length of its lead-in and of its lead-out \[s\].
+    pub fade_s: f64,
+}
+
+impl Part {
+    /// Its motion.
+    pub fn motion(&self) -> Excitation {
+        Excitation::tones(self.tones.clone()).with_ramp(self.fade_s).lasting(self.duration_s)
+    }
+
+    /// With so many times the amplitudes.
+    pub(super) fn scale(&mut self, factor: f64) {
+        self.tones.iter_mut().for_each(|tone| tone.amplitude_m *= factor);
+    }
+}
+
+/// Parts in a row.
+pub fn in_a_row(parts: &[Part]) -> Excitation {
+    Excitation::sequence(parts.iter().map(Part::motion))
+}
+
+/// How long parts in a row last \[s\].
+pub fn duration_s(parts: &[Part]) -> f64 {
+    parts.iter().map(|part| part.duration_s).sum()
+}

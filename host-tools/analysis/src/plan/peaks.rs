@@ -1,0 +1,36 @@
+//! How much of the rig a motion takes.
+
+use inerter_plant::Truth;
+
+/// How far, how fast and how hard the rig moved.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Peaks {
+    /// Displacement of the terminal \[m\].
+    pub stroke_m: f64,
+    /// Speed of the terminal \[m/s\].
+    pub speed_m_per_s: f64,
+    /// Force on the load cell \[N\].
+    pub force_n: f64,
+    /// Acceleration of the screw \[m/s^2\].
+    pub acceleration_m_per_s2: f64,
+}
+
+impl Peaks {
+    /// With one more state, of a device with this structure mass \[kg\].
+    pub(super) fn take(&mut self, truth: &Truth, structure_mass_kg: f64) {
+        self.stroke_m = self.stroke_m.max(truth.x1_m.abs());
+        self.speed_m_per_s = self.speed_m_per_s.max(truth.v1_m_per_s.abs());
+        self.force_n = self.force_n.max((truth.force_n + structure_mass_kg * truth.a1_m_per_s2).abs());
+        self.acceleration_m_per_s2 = self.acceleration_m_per_s2.max(truth.a2_m_per_s2.abs());
+    }
+
+    /// The greater of both.
+    pub(super) fn and(self, other: Self) -> Self {
+        Self {
+            stroke_m: self.stroke_m.max(other.stroke_m),
+            speed_m_per_s: self.speed_m_per_s.max(other.speed_m_per_s),
+            force_n: self.force_n.max(other.force_n),
+            acceleration_m_per_s2: self.acceleration_m_per_s2.max(other.acceleration_m_per_s2),
+        }
+    }
+}

@@ -1,0 +1,182 @@
+//! What a motion will tell of the expected device: the estimator's theory on its sums, and rehearsals for what has no formula.
+//!
+//! A rehearsal is a simulated run of the whole motion with the rig's noise through the estimator itself. Its sums are what the
+//! theory is applied to: `u_a`, the encoder's part and all that the settings state follow from them (docs/THEORY.md, 6). Rehearsals
+//! tell what has no formula: by how much the residual exceeds what noise and steps explain, what is added for a law that may not hold, how far
+//! values scatter where steps repeat or reversals are misplaced, and whether a value is given at all.
+
+use std::thread;
+
+use inerter_core::{
+    Backlash, Bank, Budget, Detail, Interval, LawStatus, NORMAL_COVERAGE, Parameter, Parameters, Source,
+};
+use inerter_plant::Excitation;
+
+use super::{
+    error::PlanError,
+    expected::{Expected, Look, Seen},
+    information::{Together, Told},
+    peaks::Peaks,
+};
+
+/// Rehearsals of a prediction: their scatter is known to a tenth.
+pub const REHEARSALS: u64 = 48;
+/// Seed before the first.
+const BEFORE_FIRST: u64 = 900;
+
+/// What a motion will tell of one parameter.
+#[derive(Clone, Copy, Debug)]
+pub struct Predicted {
+    /// What is expected.
+    pub value: f64,
+    /// What its interval will be made of.
+    pub budget: Budget,
+    /// Standard uncertainty by scatter where noise and steps explain the residual: by the theory alone.
+    pub theory_u_a: f64,
+    /// How far values will scatter from run to run, as a standard deviation.
+    pub scatter: f64,
+    /// Part of the rehearsals that gave a value.
+    pub given: f64,
+}
+
+impl Predicted {
+    /// Half width of the 95 % interval that will be stated; infinite where most rehearsals gave none.
+    pub fn u95(&self) -> f64 {
+        if self.is_given() { f64::from(self.budget.u95()) } else { f64::INFINITY }
+    }
+
+    /// The same without what two runs on one rig share.
+    pub fn same_rig_u95(&self) -> f64 {
+        if self.is_given() { f64::from(self.budget.same_rig_u95()) } else { f64::INFINITY }
+    }
+
+    /// Standard uncertainty by the scatter of a run alone, which the estimator will state.
+    pub fn u_a(&self) -> f64 {
+        f64::from(self.budget.standard_error())
+    }
+
+    /// Half width that holds what it states and 95 % of the scatter.
+    pub fn half_width(&self) -> f64 {
+        self.u95().max(f64::from(NORMAL_COVERAGE) * self.scatter)
+    }
+
+    /// Whether there will be a value.
+    pub fn is_given(&self) -> bool {
+        self.given >= 0.5 && self.budget.u95().is_finite()
+    }
+
+    /// Whether the value will be greater than its interval.
+    pub fn is_shown(&self) -> bool {
+        self.u95() < self.value.abs()
+    }
+
+    /// The source that its interval comes from most.
+    pub fn most(&self) -> Source {
+        let parts = self.budget.parts().into_iter();
+        parts.max_by(|a, b| a.1.total_cmp(&b.1)).map_or(Source::Noise, |(source, _)| source)
+    }
+}
+
+/// What a motion will tell.
+#[derive(Clone, Debug)]
+pub struct Prediction {
+    /// Of inertance, viscous and Coulomb friction and offset.
+    pub parameters: [Predicted; 4],
+    /// Of the backlash, by the first rehearsal.
+    pub backlash: Backlash,
+    /// What it takes of the rig.
+    pub peaks: Peaks,
+    /// Bank that the estimate will come from.
+    pub bank: Bank,
+    /// Frequencies that the inertance will be seen at \[Hz\].
+    pub band_hz: [f64; 2],
+    /// Part of the rehearsals in which the law was called broken.
+    pub broken: f64,
+}
+
+/// What one motion will tell of the expected device in so long \[s\].
+pub fn predict(expected: &Expected, motion: &Excitation, duration_s: f64) -> Result<Prediction, PlanError> {
+    let seen = rehearsed(expected, motion, duration_s)?;
+    let count = seen.len() as f64;
+    let in_fast = seen.iter().filter(|seen| seen.outcome.estimate.bank == Bank::Fast).count() as f64;
+    let bank = if in_fast >= 0.5 * count { Bank::Fast } else { Bank::Slow };
+    // A memory that begins anew on the way is no average of others: the middle one stands for all.
+    let sums: Vec<Together> = seen.iter().map(Together::of).collect();
+    let beyond = median(sums.iter().filter_map(|sums| sums.beyond_explained(bank, expected)).collect());
+    let told = |times: f64| {
+        let mut each: Vec<Told> = sums.iter().filter_map(|sums| sums.told_by(bank, expected, times)).collect();
+        each.sort_by(|a, b| a.log_det.total_cmp(&b.log_det));
+        each.get(each.len() / 2).copied()
+    };
+    let (theory, told) = (told(1.0), told(beyond));
+    let [mt, cf, fc, offset] = expected.law();
+    let values = [mt - expected.settings.structure_mass_kg, cf, fc, offset];
+    let predicted = |place: usize| {
+        let [alone, stated] = [&theory, &told].map(|told| told.map_or(Budget::UNKNOWN, |told| told.budgets[place]));
+        let value = values[place];
+        let model = mean_square(seen.iter().map(|seen| model_u95(seen, place)));
+        let errors = seen.iter().filter_map(|seen| parameter(seen, place).known());
+        let errors = errors.map(|Interval { value: found, .. }| f64::from(found) - value);
+        let given = seen.iter().filter(|seen| parameter(seen, place).known().is_some()).count() as f64 / count;
+        Predicted {
+            value,
+            budget: stated.and(Source::Model, model.sqrt() as f32),
+            theory_u_a: f64::from(alone.standard_error()),
+            scatter: mean_square(errors).sqrt(),
+            given,
+        }
+    };
+    let first = seen.first().ok_or_else(|| PlanError::Nothing { why: "nothing was rehearsed".into() })?;
+    let Detail { band, backlash, .. } = first.outcome.detail;
+    Ok(Prediction {
+        parameters: std::array::from_fn(predicted),
+        backlash,
+        peaks: seen.iter().map(|seen| seen.peaks).fold(Peaks::default(), Peaks::and),
+        bank,
+        band_hz: [band.low_hz.into(), band.high_hz.into()],
+        broken: seen.iter().filter(|seen| seen.outcome.law.status == LawStatus::Broken).count() as f64 / count,
+    })
+}
+
+/// All rehearsals, on as many cores as there are.
+fn rehearsed(expected: &Expected, motion: &Excitation, duration_s: f64) -> Result<Vec<Seen>, PlanError> {
+    let cores = thread::available_parallelism().map_or(1, |cores| cores.get()) as u64;
+    let run = |number: u64| {
+        let look = Look { seed: BEFORE_FIRST + number, from_s: 0.0, sums_readings: true, by_speed: false };
+        expected.see(motion, duration_s, look).map(|seen| (number, seen))
+    };
+    let part = |first: u64| (first..=REHEARSALS).step_by(cores as usize).map(run).collect::<Result<Vec<_>, _>>();
+    let mut seen = thread::scope(|scope| {
+        let others: Vec<_> = (2..=cores.min(REHEARSALS)).map(|first| scope.spawn(move || part(first))).collect();
+        let mut seen = part(1)?;
+        for other in others {
+            seen.extend(other.join().map_err(|_| PlanError::Nothing { why: "a rehearsal failed".into() })??);
+        }
+        Ok::<_, PlanError>(seen)
+    })?;
+    seen.sort_by_key(|(number, _)| *number);
+    Ok(seen.into_iter().map(|(_, seen)| seen).collect())
+}
+
+fn parameter(seen: &Seen, place: usize) -> Parameter {
+    let Parameters { inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n } = seen.outcome.estimate.whole_run;
+    [inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n].get(place).copied().unwrap_or_default()
+}
+
+/// What a rehearsal says of a law that may not hold, where it gave a value.
+fn model_u95(seen: &Seen, place: usize) -> f64 {
+    let budget = seen.outcome.budgets.whole_run.get(place);
+    budget.map_or(0.0, |budget| f64::from(budget.given_u95(Source::Model)))
+}
+
+/// The middle one; 1 of none.
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(1.0)
+}
+
+/// Mean square of those that are finite; 0 of none.
+fn mean_square(values: impl Iterator<Item = f64>) -> f64 {
+    let squares: Vec<f64> = values.filter(|value| value.is_finite()).map(|value| value * value).collect();
+    if squares.is_empty() { 0.0 } else { squares.iter().sum::<f64>() / squares.len() as f64 }
+}

@@ -1,0 +1,366 @@
+//! What was planned, for a person and for a program.
+
+use inerter_analysis::plan::{
+    Criterion, Expected, Limits, Part, Peaks, Plan, Predicted, Prediction, interval_of, limits_text, part_text,
+    peaks_text, source_words,
+};
+use inerter_core::{Backlash, Machine, Source};
+use inerter_data::{
+    json::{BacklashJson, machine_json_line},
+    names::{description, parameter, unit},
+    output,
+    text::backlash_text,
+    uncertainty::{PartJson, source_word},
+    wants::Want,
+    words::{duration_text, plural, rounded_text, three_digits},
+};
+use inerter_plant::{Excitation, Inerter};
+use serde::Serialize;
+use serde_json::{Map, Value, json};
+
+use super::files::Written;
+use crate::Error;
+
+/// Scatter over that which the interval stands for from which on a person is told.
+const SCATTERS: f64 = 1.3;
+/// Part of the rehearsals with a broken law from which on a person is told.
+const BREAKS: f64 = 0.1;
+
+/// A motion and what it will tell.
+pub struct Planned {
+    plan: Option<Plan>,
+    /// What the motion is called where it was given.
+    given: Option<String>,
+    motion: Excitation,
+    duration_s: f64,
+    prediction: Prediction,
+    limits: Limits,
+    /// Those that were stated, which a motion that is given may exceed.
+    stated: Limits,
+}
+
+impl Planned {
+    /// One that was designed.
+    pub fn of(plan: Plan) -> Self {
+        Self {
+            motion: plan.motion(),
+            duration_s: plan.duration_s(),
+            prediction: plan.prediction.clone(),
+            limits: plan.limits,
+            stated: plan.limits,
+            given: None,
+            plan: Some(plan),
+        }
+    }
+
+    /// One that was given.
+    pub fn given(
+        text: &str,
+        motion: Excitation,
+        duration_s: f64,
+        prediction: Prediction,
+        limits: Limits,
+        stated: Limits,
+    ) -> Self {
+        Self { plan: None, given: Some(text.into()), motion, duration_s, prediction, limits, stated }
+    }
+
+    /// The motion.
+    pub fn motion(&self) -> &Excitation {
+        &self.motion
+    }
+
+    /// Its length \[s\].
+    pub fn duration_s(&self) -> f64 {
+        self.duration_s
+    }
+
+    /// What it takes of the rig.
+    pub fn peaks(&self) -> Peaks {
+        self.prediction.peaks
+    }
+
+    /// The stroke of the rig, or that of the motion where none was stated \[m\].
+    pub fn stroke_m(&self) -> f64 {
+        let stroke_m = self.stated.stroke_m;
+        if stroke_m.is_finite() { stroke_m.max(self.peaks().stroke_m) } else { self.peaks().stroke_m }
+    }
+
+    /// What is wanted and will not be had; nothing where all will.
+    pub fn missed(&self) -> Option<Vec<Want>> {
+        let wants = self.plan.iter().flat_map(|plan| &plan.wants);
+        let missed: Vec<Want> = wants.copied().filter(|want| self.reached(want) > want.u95).collect();
+        (!missed.is_empty()).then_some(missed)
+    }
+
+    /// The interval that will be had of what is wanted.
+    pub fn reached(&self, want: &Want) -> f64 {
+        self.plan.as_ref().map_or(f64::INFINITY, |plan| plan.reached(want))
+    }
+
+    /// What no time takes away of it.
+    pub fn floor(&self, want: &Want) -> f64 {
+        self.plan.as_ref().map_or(f64::INFINITY, |plan| plan.floor(want))
+    }
+
+    /// How long the motion would have to last for it \[s\].
+    pub fn enough_s(&self, want: &Want) -> Option<f64> {
+        self.plan.as_ref().and_then(|plan| plan.enough_s(want))
+    }
+
+    /// The source that its interval comes from most; where no time is enough, of what does not average out.
+    pub fn most(&self, want: &Want) -> Option<Source> {
+        let predicted = self.prediction.parameters.get(want.place)?;
+        if self.enough_s(want).is_some() {
+            return Some(predicted.most());
+        }
+        let parts = predicted.budget.parts().into_iter().filter(|(source, _)| *source != Source::Noise);
+        parts.max_by(|a, b| a.1.total_cmp(&b.1)).map(|(source, _)| source)
+    }
+
+    /// What a person should know beside the numbers.
+    pub fn remarks(&self, expected: &Expected) -> Vec<String> {
+        let machine = expected.settings.machine;
+        let Prediction { parameters, peaks, broken, .. } = &self.prediction;
+        let mut remarks = Vec::new();
+        if self.given.is_some() && self.limits.room(peaks) < 1.0 {
+            let limits = limits_text(machine, &self.stated);
+            remarks
+                .push(format!("this motion is beyond the limits of {limits}: it takes {}", peaks_text(machine, peaks)));
+        }
+        if *broken > BREAKS {
+            let part = 100.0 * broken;
+            remarks.push(format!(
+                "in {part:.0} % of the rehearsals the law is called broken: expect wider intervals, or none"
+            ));
+        }
+        for (place, predicted) in parameters.iter().enumerate().take(3) {
+            let stands_for = predicted.same_rig_u95() / 1.96;
+            if predicted.is_given() && predicted.scatter > SCATTERS * stands_for {
+                remarks.push(format!(
+                    "{} will scatter by {} {}, more than its interval stands for: the encoder's steps are a large part of this motion",
+                    parameter(machine, place).symbol,
+                    three_digits(predicted.scatter),
+                    parameter(machine, place).unit
+                ));
+            }
+        }
+        if self.duration_s > expected.settings.memory_s {
+            remarks.push(format!(
+                "the law is judged over the last memory_s = {} s only: with {:.0} intervals of the whole run may be narrower",
+                expected.settings.memory_s,
+                self.duration_s.ceil()
+            ));
+        }
+        remarks
+    }
+
+    /// What stands above the points of a file.
+    pub fn comments(&self, machine: Machine) -> Vec<String> {
+        let mut comments = vec![format!("inerter plan {}: {}", env!("CARGO_PKG_VERSION"), self.heading(machine))];
+        comments.extend(self.lines(machine));
+        comments
+    }
+
+    fn heading(&self, machine: Machine) -> String {
+        let time = duration_text(self.duration_s);
+        let why = match (&self.given, self.plan.as_ref().map(|plan| plan.criterion)) {
+            (Some(text), _) => return format!("motion `{text}` of {time}"),
+            (None, Some(Criterion::Wanted)) => "as short as what is wanted allows",
+            (None, _) => "D-optimal for mt, cf and fc",
+        };
+        format!("motion of {time} within {}, {why}", limits_text(machine, &self.limits))
+    }
+
+    fn lines(&self, machine: Machine) -> Vec<String> {
+        let parts = self.plan.iter().flat_map(|plan| &plan.parts);
+        let line = |part: &Part| {
+            let fade = three_digits(part.fade_s);
+            format!("{:>8} of {}, up and down in {fade} s", duration_text(part.duration_s), part_text(machine, part))
+        };
+        parts.map(line).collect()
+    }
+
+    /// For a person.
+    pub fn text(&self, expected: &Expected, written: &[Written]) -> Result<(), Error> {
+        let machine = expected.settings.machine;
+        output::line(self.heading(machine))?;
+        for line in self.lines(machine) {
+            output::line(format!("  {}", line))?;
+        }
+        output::line(format!("it takes {} of the rig", peaks_text(machine, &self.peaks())))?;
+        output::line("")?;
+        output::line(format!(
+            "{:<20} {:<6} {:<10} {:<10} {:<10} {:<10} {}",
+            "", "", "expected", "U95", "same rig", "scatter", "most of it is"
+        ))?;
+        for (place, predicted) in self.prediction.parameters.iter().enumerate() {
+            output::line(row(machine, place, predicted))?;
+        }
+        let backlash = expected.device.backlash_m * 1e6;
+        output::line(format!(
+            "{:<20} {:<6} {:<10} {}",
+            parameter_label(machine),
+            unit(machine, "µm"),
+            three_digits(backlash),
+            backlash_words(&self.prediction.backlash)
+        ))?;
+        for want in self.plan.iter().flat_map(|plan| &plan.wants) {
+            let reached = self.reached(want);
+            let verdict = match (reached <= want.u95, reached.is_finite()) {
+                (true, _) => format!("reached, ± {}", rounded_text(reached, reached)),
+                (false, true) => format!("not reached, ± {}", rounded_text(reached, reached)),
+                (false, false) => "not reached, no value".into(),
+            };
+            output::line(format!("wanted: {}: {verdict}", interval_of(machine, want.place, want.u95)))?;
+        }
+        for file in written {
+            output::line(file.text(machine))?;
+        }
+        Ok(())
+    }
+
+    /// For a program.
+    pub fn json(&self, expected: &Expected, written: &[Written]) -> Result<(), Error> {
+        let machine = expected.settings.machine;
+        let finite = |value: f64| Some(value).filter(|value| value.is_finite());
+        let Limits { stroke_m, speed_m_per_s, force_n, duration_s, lowest_hz, highest_hz, .. } = self.stated;
+        let Prediction { parameters, backlash, band_hz, bank, broken, .. } = &self.prediction;
+        let name = |place: usize| parameter(Machine::Linear, place).path;
+        let predicted: Map<String, Value> = parameters
+            .iter()
+            .enumerate()
+            .map(|(place, predicted)| {
+                Ok((name(place).to_string(), serde_json::to_value(PredictedJson::of(place, predicted))?))
+            })
+            .collect::<Result<_, serde_json::Error>>()
+            .unwrap_or_default();
+        let wants: Vec<Value> = self
+            .plan
+            .iter()
+            .flat_map(|plan| &plan.wants)
+            .map(|want| {
+                json!({
+                    "parameter": name(want.place), "wanted": want.u95, "reached": finite(self.reached(want)),
+                    "is_reached": self.reached(want) <= want.u95, "floor": finite(self.floor(want)), "enough_s": self.enough_s(want),
+                })
+            })
+            .collect();
+        let device: Map<String, Value> = Inerter::TABLE
+            .iter()
+            .zip(expected.device.values())
+            .map(|(field, value)| (field.name.to_string(), value.into()))
+            .collect();
+        let Peaks { stroke_m: peak_m, speed_m_per_s: peak_m_per_s, force_n: peak_n, .. } = self.peaks();
+        let line = json!({
+            "kind": "plan",
+            "criterion": match (&self.given, self.plan.as_ref().map(|plan| plan.criterion)) {
+                (Some(_), _) => "given",
+                (None, Some(Criterion::Wanted)) => "wanted",
+                (None, _) => "d_optimal",
+            },
+            "duration_s": self.duration_s,
+            "motion": self.given,
+            "parts": self.plan.iter().flat_map(|plan| &plan.parts).map(part_json).collect::<Vec<_>>(),
+            "limits": {
+                "stroke_m": finite(stroke_m), "speed_m_per_s": finite(speed_m_per_s), "force_n": finite(force_n),
+                "duration_s": duration_s, "lowest_hz": lowest_hz, "highest_hz": highest_hz,
+            },
+            "peaks": { "stroke_m": peak_m, "speed_m_per_s": peak_m_per_s, "force_n": peak_n },
+            "expected": device,
+            "force_noise_n": expected.force_noise_n,
+            "predicted": predicted,
+            "backlash_m": BacklashJson::from(*backlash),
+            "bank": format!("{bank:?}").to_lowercase(),
+            "band_hz": band_hz,
+            "broken": broken,
+            "wants": wants,
+            "files": written,
+        });
+        Ok(output::line(machine_json_line(machine, &line))?)
+    }
+}
+
+/// A part of a motion in JSON.
+pub fn part_json(part: &Part) -> Value {
+    let tones = part.tones.iter().map(
+        |tone| json!({ "frequency_hz": tone.frequency_hz, "amplitude_m": tone.amplitude_m, "phase_rad": tone.phase_rad }),
+    );
+    json!({ "duration_s": part.duration_s, "fade_s": part.fade_s, "tones": tones.collect::<Vec<_>>() })
+}
+
+/// What will be told of a parameter, in JSON.
+#[derive(Serialize)]
+struct PredictedJson {
+    value: f64,
+    u95: Option<f64>,
+    same_rig_u95: Option<f64>,
+    u_a: Option<f64>,
+    scatter: Option<f64>,
+    given: f64,
+    status: &'static str,
+    most: Option<&'static str>,
+    budget: Vec<PartJson>,
+}
+
+impl PredictedJson {
+    fn of(place: usize, predicted: &Predicted) -> Self {
+        let known = |value: f64| Some(value).filter(|value| value.is_finite() && predicted.is_given());
+        Self {
+            value: predicted.value,
+            u95: known(predicted.u95()),
+            same_rig_u95: known(predicted.same_rig_u95()),
+            u_a: known(predicted.u_a()),
+            scatter: known(predicted.scatter),
+            given: predicted.given,
+            status: match (predicted.is_given(), predicted.is_shown()) {
+                (false, _) => "not_identifiable",
+                // Of an offset none is as good a finding as any other.
+                (true, false) if place < 3 => "below_u95",
+                (true, _) => "ok",
+            },
+            most: predicted.is_given().then(|| source_word(predicted.most())),
+            budget: inerter_data::uncertainty::parts(&predicted.budget)
+                .map(|(source, u95)| PartJson { source: source_word(source), u95 })
+                .collect(),
+        }
+    }
+}
+
+/// A row of the table for a person.
+fn row(machine: Machine, place: usize, predicted: &Predicted) -> String {
+    let field = parameter(machine, place);
+    let expected = match predicted.value.abs() {
+        0.0 => "0".into(),
+        value if value < 1e-2 => format!("{:.3e}", predicted.value),
+        // Four digits.
+        value => rounded_text(predicted.value, 0.01 * value),
+    };
+    let begin = format!("{:<20} {:<6} {expected:<10}", field.label, field.unit);
+    if !predicted.is_given() {
+        let times = plural((predicted.given * 100.0).round() as u64, "percent");
+        return format!("{begin} not identifiable: a value in {times} of the rehearsals");
+    }
+    let digits = |value: f64| if value < 1e-4 { format!("{value:.1e}") } else { rounded_text(value, value) };
+    let below = if place < 3 && !predicted.is_shown() { " (may be none)" } else { "" };
+    let source = source_words(machine, predicted.most());
+    let source = source.split_once(':').map_or(source.as_str(), |(what, _)| what).to_string();
+    format!(
+        "{begin} {:<10} {:<10} {:<10} {source}{below}",
+        format!("± {}", digits(predicted.u95())),
+        format!("± {}", digits(predicted.same_rig_u95())),
+        digits(predicted.scatter),
+    )
+}
+
+fn parameter_label(machine: Machine) -> String {
+    description(machine, "Backlash")
+}
+
+/// What will be told of the backlash: its interval, or why there is none.
+fn backlash_words(backlash: &Backlash) -> String {
+    match backlash.known() {
+        Some(known) => format!("± {}", rounded_text(f64::from(known.u95) * 1e6, f64::from(known.u95) * 1e6)),
+        None => backlash_text(backlash),
+    }
+}

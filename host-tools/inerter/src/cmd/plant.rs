@@ -1,0 +1,83 @@
+//! Flags for the parameters of a device, and of its instruments where they are simulated too.
+
+use clap::{ArgMatches, Command, FromArgMatches};
+use inerter_plant::{Inerter, Sensors};
+use inerter_simulate::{SimulateError, bench_sensors};
+
+/// The preset of this name.
+pub fn preset(name: &str) -> Result<Inerter, SimulateError> {
+    Inerter::preset(name).ok_or_else(|| SimulateError::Preset { name: name.into(), known: Inerter::PRESETS.join(", ") })
+}
+
+/// One flag per parameter of the device, and of the instruments where they are simulated too, from the plant's own tables.
+pub struct PlantArgs<const SIMULATED: bool> {
+    given: Vec<(&'static str, f64)>,
+}
+
+/// Of a device and its instruments.
+pub type SimulatedArgs = PlantArgs<true>;
+/// Of a device that is expected.
+pub type ExpectedArgs = PlantArgs<false>;
+
+impl<const SIMULATED: bool> PlantArgs<SIMULATED> {
+    /// What was given for this parameter.
+    pub fn get(&self, name: &str) -> Option<f64> {
+        self.given.iter().find(|(given, _)| *given == name).map(|(_, value)| *value)
+    }
+
+    /// Puts what was given over a device and its instruments.
+    pub fn put(&self, device: &mut Inerter, sensors: &mut Sensors) -> Result<(), SimulateError> {
+        self.given.iter().try_for_each(|(name, value)| {
+            let is_of_device = Inerter::TABLE.iter().any(|field| field.name == *name);
+            Ok(if is_of_device { device.set(name, *value) } else { sensors.set(name, *value) }?)
+        })
+    }
+}
+
+impl<const SIMULATED: bool> PlantArgs<SIMULATED> {
+    fn fields() -> impl Iterator<Item = (&'static str, &'static inerter_plant::FieldInfo)> {
+        let heading = if SIMULATED { "Simulated device" } else { "Expected device" };
+        let device = Inerter::TABLE.iter().map(move |field| (heading, field));
+        let instruments = Sensors::TABLE.iter().filter(|_| SIMULATED);
+        device.chain(instruments.map(|field| ("Simulated instruments", field)))
+    }
+
+    fn default_of(field: &inerter_plant::FieldInfo) -> f64 {
+        bench_sensors().get(field.name).unwrap_or(field.default)
+    }
+}
+
+impl<const SIMULATED: bool> clap::Args for PlantArgs<SIMULATED> {
+    fn augment_args(command: Command) -> Command {
+        Self::fields().fold(command, |command, (heading, field)| {
+            let default = if SIMULATED { format!(" [{:?}]", Self::default_of(field)) } else { String::new() };
+            let unit = if field.unit.is_empty() { "NUMBER" } else { field.unit };
+            command.arg(
+                clap::Arg::new(field.name)
+                    .long(field.name.replace('_', "-"))
+                    .value_name(unit)
+                    .value_parser(clap::value_parser!(f64))
+                    .allow_hyphen_values(true)
+                    .help_heading(heading)
+                    .help(format!("{}{default}", field.help))
+                    .hide_short_help(heading.ends_with("instruments")),
+            )
+        })
+    }
+
+    fn augment_args_for_update(command: Command) -> Command {
+        Self::augment_args(command)
+    }
+}
+
+impl<const SIMULATED: bool> FromArgMatches for PlantArgs<SIMULATED> {
+    fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
+        let value = |name: &'static str| matches.get_one::<f64>(name).map(|value| (name, *value));
+        Ok(Self { given: Self::fields().filter_map(|(_, field)| value(field.name)).collect() })
+    }
+
+    fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
+        *self = Self::from_arg_matches(matches)?;
+        Ok(())
+    }
+}

@@ -1,0 +1,139 @@
+//! What motions were predicted to tell, and what runs of them then told.
+
+use crate::{
+    coverage::stated_true,
+    grid::{Error, calibrated, each_seed, raw, three, truth},
+};
+use inerter_analysis::plan::{Expected, Limits, Peaks};
+use inerter_core::{Interval, Machine, Settings};
+use inerter_data::{csv::motion, replay::Replay};
+use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
+
+/// Part by which what is reached may differ from what was predicted.
+pub const WITHIN: f64 = 0.3;
+/// Halvings of the size of a motion that is brought to the limits.
+const HALVINGS: u32 = 12;
+
+/// A device on a rig that is perfect but for noise and encoder steps, and says so.
+#[derive(Clone, Copy, Debug)]
+pub struct Bench {
+    /// Name in the table.
+    pub name: &'static str,
+    /// The device.
+    pub device: Inerter,
+    /// The instruments; noise and place in a count are those of each run.
+    pub sensors: Sensors,
+    /// Times the settings' full scales of velocity and acceleration.
+    pub full_scale: f64,
+    /// Kind of machine, for its units.
+    pub machine: Machine,
+}
+
+/// What the runs of one motion told of one parameter.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Reached {
+    /// Mean standard uncertainty by scatter, as it was stated.
+    pub u_a: f64,
+    /// Mean half width of the 95 % interval.
+    pub u95: f64,
+    /// Root mean square of the error.
+    pub scatter: f64,
+    /// Runs with a value.
+    pub given: usize,
+    /// Those whose interval holds the truth.
+    pub covered: usize,
+}
+
+impl Bench {
+    /// What is told of it beforehand: the truth.
+    pub fn expected(&self) -> Expected {
+        let settings = stated_true(calibrated(&self.device, &self.sensors));
+        let settings = Settings {
+            machine: self.machine,
+            full_scale_velocity_m_per_s: self.full_scale * settings.full_scale_velocity_m_per_s,
+            full_scale_acceleration_m_per_s2: self.full_scale * settings.full_scale_acceleration_m_per_s2,
+            ..settings
+        };
+        Expected { device: self.device, settings, force_noise_n: self.sensors.force_noise_n }
+    }
+
+    /// What the runs with the seeds from `first` on tell of inertance, viscous and Coulomb friction.
+    pub fn reached(&self, motion: &Excitation, duration_s: f64, first: u64, seeds: u64) -> Result<[Reached; 3], Error> {
+        let settings = self.expected().settings;
+        let runs = each_seed(seeds, |number| {
+            let seed = first + number - 1;
+            let phase = (seed as f64 * 0.618) % 1.0;
+            let sensors = Sensors {
+                encoder_phase_count: phase,
+                force_offset_n: 0.02 * self.device.coulomb_n,
+                seed,
+                ..self.sensors
+            };
+            let mut replay = Replay::new(&settings, 0.0)?;
+            for sample in Simulation::new(self.device, motion.clone(), sensors)?.lasting(duration_s) {
+                replay.step(&raw(&sample)).for_each(drop);
+            }
+            Ok(replay.outcome())
+        })?;
+        let truth = truth(&self.device);
+        Ok(std::array::from_fn(|place| {
+            let mut found = Reached::default();
+            for run in &runs {
+                let Some(Interval { value, u95 }) = three(&run.estimate.whole_run)[place].known() else { continue };
+                let error = f64::from(value) - truth[place];
+                found.given += 1;
+                found.covered += usize::from(error.abs() <= f64::from(u95));
+                found.u95 += f64::from(u95);
+                found.u_a += f64::from(run.budgets.whole_run[place].standard_error());
+                found.scatter += error * error;
+            }
+            let count = found.given as f64;
+            let scatter = (found.scatter / count).sqrt();
+            Reached { u_a: found.u_a / count, u95: found.u95 / count, scatter, ..found }
+        }))
+    }
+
+    /// A motion as large as the limits allow.
+    pub fn enlarged(&self, motion: &Excitation, limits: &Limits) -> Result<Excitation, Error> {
+        let limits = limits.checked(&self.expected())?;
+        let is_within = |factor: f64| -> Result<bool, Error> {
+            Ok(limits.room(&self.peaks(&motion.clone().scaled(factor), limits.duration_s)?) >= 1.0)
+        };
+        let (mut low, mut high) = (0.0, 1.0);
+        while is_within(high)? && high < 1e3 {
+            (low, high) = (high, 2.0 * high);
+        }
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (low + high);
+            if is_within(middle)? { low = middle } else { high = middle }
+        }
+        Ok(motion.clone().scaled(low))
+    }
+
+    /// What a motion takes of the rig.
+    pub fn peaks(&self, motion: &Excitation, duration_s: f64) -> Result<Peaks, Error> {
+        let mut peaks = Peaks::default();
+        for sample in Simulation::new(self.device, motion.clone(), self.sensors)?.lasting(duration_s) {
+            let truth = sample.truth;
+            let force_n = truth.force_n + self.device.structure_mass_kg * truth.a1_m_per_s2;
+            peaks.stroke_m = peaks.stroke_m.max(truth.x1_m.abs());
+            peaks.speed_m_per_s = peaks.speed_m_per_s.max(truth.v1_m_per_s.abs());
+            peaks.force_n = peaks.force_n.max(force_n.abs());
+            peaks.acceleration_m_per_s2 = peaks.acceleration_m_per_s2.max(truth.a2_m_per_s2.abs());
+        }
+        Ok(peaks)
+    }
+}
+
+/// A motion as a shaker gets it: written as a CSV at this rate, and read again.
+pub fn as_written(planned: &Excitation, rate_hz: f64) -> Result<Excitation, Error> {
+    let count = (planned.duration_s() * rate_hz).ceil() as u64;
+    let points = (0..=count).map(|k| {
+        let t_s = k as f64 / rate_hz;
+        let at = planned.at(t_s);
+        motion::Point { t_s, terminal_m: at.x_m, velocity_m_per_s: at.v_m_per_s, acceleration_m_per_s2: at.a_m_per_s2 }
+    });
+    let text = motion::text(Machine::Linear, &[], points);
+    let read = motion::parse("the planned motion", text.as_bytes())?;
+    Ok(Excitation::table(read.period_s, &read.terminal_m)?)
+}
