@@ -65,7 +65,7 @@ impl Limits {
             ("--force-n", self.force_n, "leave it out where only the load cell's range is a limit"),
         ];
         for (name, value, help) in positive {
-            if !(value > 0.0) {
+            if value <= 0.0 || value.is_nan() {
                 return Err(PlanError::Limit { name, value, wanted: "more than 0", help });
             }
         }

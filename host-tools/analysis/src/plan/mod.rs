@@ -1,7 +1,7 @@
 //! Which motion tells most of an expected device within a rig's limits, and what it will tell.
 //!
-//! Tones and multisines are made as large as the limits allow ([`candidates`]) and shown to the estimator itself, on the simulated
-//! device that is expected. Their sums of regressors add up, so shares of the time are sought that together tell most ([`search`]):
+//! Tones and multisines are made as large as the limits allow (`candidates`) and shown to the estimator itself, on the simulated
+//! device that is expected. Their sums of regressors add up, so shares of the time are sought that together tell most (`search`):
 //! D-optimal, or the narrowest intervals beside what is wanted. What the whole motion will tell is then predicted ([`predict()`]).
 //!
 //! Glossary: a *part* is one tone or multisine with its own lead-in and lead-out; a *motion* is its parts in a row; a *want* is the

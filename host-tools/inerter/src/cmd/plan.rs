@@ -2,6 +2,7 @@
 
 mod files;
 mod result;
+mod written;
 
 use std::path::PathBuf;
 

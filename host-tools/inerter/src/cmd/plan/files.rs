@@ -3,7 +3,6 @@
 use std::path::{Path, PathBuf};
 
 use inerter_analysis::plan::{Expected, PlanError};
-use inerter_core::Machine;
 use inerter_data::{
     csv::motion::{self, Point},
     names::unit,
@@ -11,9 +10,8 @@ use inerter_data::{
     wav,
     words::three_digits,
 };
-use serde::Serialize;
 
-use super::result::Planned;
+use super::{result::Planned, written::Written};
 use crate::Error;
 
 /// Rates of a file \[Hz\].
@@ -37,27 +35,6 @@ pub struct FileArgs {
     /// Replace files that exist
     #[arg(long, help_heading = "Files")]
     force: bool,
-}
-
-/// A file that was written.
-#[derive(Debug, Serialize)]
-pub struct Written {
-    format: &'static str,
-    file: String,
-    rate_hz: f64,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    full_scale_m: Option<f64>,
-}
-
-impl Written {
-    /// One line for a person.
-    pub fn text(&self, machine: Machine) -> String {
-        let Self { file, rate_hz, .. } = self;
-        match self.full_scale_m {
-            Some(metres) => format!("{file}: {rate_hz} Hz, 24 bits, full scale is {metres:?} {}", unit(machine, "m")),
-            None => format!("{file}: {rate_hz} points a second; `inerter simulate --motion` tries it out"),
-        }
-    }
 }
 
 impl FileArgs {

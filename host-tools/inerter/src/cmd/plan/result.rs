@@ -18,7 +18,7 @@ use inerter_plant::{Excitation, Inerter};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
-use super::files::Written;
+use super::written::Written;
 use crate::Error;
 
 /// Scatter over that which the interval stands for from which on a person is told.
