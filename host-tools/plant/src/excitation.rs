@@ -1,14 +1,17 @@
 //! The rig's motion of terminal 1, in closed form at any time.
 //!
-//! A motion is a row of segments. Within each the displacement is `w(t) (u(t) - u(0))`: `u` a sum of tones or a chirp,
+//! A motion is a row of segments. Within each the displacement is `w(t) (u(t) - u(0))`: `u` a sum of tones, a chirp or moves,
 //! `w` a window that leads in from rest and out to rest with three continuous derivatives. So the device starts, and
 //! passes from segment to segment, without a blow. Before the start and after the end the terminal rests at zero.
 //! A motion that is given point by point leads in and out by itself.
 
+mod moves;
 pub(crate) mod nodes;
 mod parse;
 mod point;
 mod table;
+
+pub use moves::Moves;
 
 use std::f64::consts::{PI, SQRT_2, TAU};
 
@@ -28,8 +31,10 @@ const RANDOM_TONES: u32 = 60;
 const MULTISINE_TONES: u32 = 64;
 
 const FREQUENCY_HZ: (f64, f64) = (1e-4, 1000.0);
-const AMPLITUDE_M: (f64, f64) = (0.0, 10.0);
-const VELOCITY_M_PER_S: (f64, f64) = (0.0, 10.0);
+// Of a rotary machine these are radians: 160 turns, and 95 000 rpm.
+const AMPLITUDE_M: (f64, f64) = (0.0, 1e3);
+const VELOCITY_M_PER_S: (f64, f64) = (0.0, 1e4);
+const ACCELERATION_M_PER_S2: (f64, f64) = (1e-6, 1e6);
 const DURATION_S: (f64, f64) = (0.01, 1e7);
 const RAMP_RANGE_S: (f64, f64) = (1e-3, 1e3);
 
@@ -38,7 +43,7 @@ const RAMP_RANGE_S: (f64, f64) = (1e-3, 1e3);
 pub struct Tone {
     /// Frequency \[Hz\], 1e-4 to 1000.
     pub frequency_hz: f64,
-    /// Amplitude \[m\], at most 10.
+    /// Amplitude \[m\], at most 1000.
     pub amplitude_m: f64,
     /// Phase at the start \[rad\].
     pub phase_rad: f64,
@@ -89,6 +94,7 @@ enum Shape {
     },
     /// Point by point, without a window.
     Table(Table),
+    Moves(Moves),
 }
 
 impl Shape {
@@ -103,6 +109,10 @@ impl Shape {
                     a_m_per_s2: sum.a_m_per_s2 + p.a_m_per_s2,
                 }
             }),
+            Self::Moves(moves) => {
+                let [x_m, v_m_per_s, a_m_per_s2] = moves.at(t_s);
+                Point { x_m, v_m_per_s, a_m_per_s2 }
+            }
             &Self::Chirp { low_rad_per_s, growth_per_s: k, velocity_m_per_s: v } => {
                 // x = v sin(phi) / w with w = phi' and w' = k w.
                 let w = low_rad_per_s * (k * t_s).exp();
@@ -123,6 +133,7 @@ impl Shape {
             Self::Table(table) => PI / table.period_s(),
             Self::Tones(tones) => tones.iter().fold(0.0, |top, tone| f64::max(top, TAU * tone.frequency_hz)),
             Self::Chirp { low_rad_per_s, growth_per_s, .. } => low_rad_per_s * (growth_per_s * duration_s).exp(),
+            Self::Moves(moves) => moves.highest_rad_per_s(),
         }
     }
 }
@@ -198,6 +209,12 @@ impl Segment {
                 }
                 check("high_hz", self.shape.highest_rad_per_s(self.duration_s) / TAU, (FREQUENCY_HZ.0, 1.001e3))?;
                 check("velocity_m_per_s", *velocity_m_per_s, VELOCITY_M_PER_S)
+            }
+            Shape::Moves(moves) => {
+                check("stroke_m", moves.stroke_m, (1e-9, AMPLITUDE_M.1))?;
+                check("velocity_m_per_s", moves.velocity_m_per_s, (1e-9, VELOCITY_M_PER_S.1))?;
+                check("acceleration_m_per_s2", moves.acceleration_m_per_s2, ACCELERATION_M_PER_S2)?;
+                check("rest_s", moves.rest_s, (0.0, DURATION_S.1))
             }
         }
     }
@@ -291,6 +308,11 @@ impl Excitation {
         Self::single(shape, duration_s)
     }
 
+    /// Point-to-point moves, to a place and back.
+    pub fn moves(moves: Moves) -> Self {
+        Self::single(Shape::Moves(moves), f64::INFINITY)
+    }
+
     /// The curve through displacements \[m\] that lie so far apart in time \[s\], as a shaker is given them; it ends with the last.
     ///
     /// The terminal rests before and after, so the last displacement must be the first.
@@ -310,6 +332,7 @@ impl Excitation {
                 Shape::Tones(tones) => tones.iter_mut().for_each(|tone| tone.amplitude_m *= factor),
                 Shape::Chirp { velocity_m_per_s, .. } => *velocity_m_per_s *= factor,
                 Shape::Table(table) => table.scale(factor),
+                Shape::Moves(moves) => moves.scale(factor),
             }
         }
         self

@@ -51,15 +51,15 @@ field_table! { Inerter {
     inertance_kg, "kg", 299.4906, 1e-9, 1e7, Real, "Effective inertance";
     viscous_n_s_per_m, "N s/m", 31.4, 0.0, 1e7, Real, "Viscous friction on the screw";
     coulomb_n, "N", 50.0, 0.0, 1e6, Real, "Coulomb friction on the screw";
-    stiffness_n_per_m, "N/m", 2.1e6, 1.0, 1e12, Real, "Contact stiffness between terminal and screw";
+    stiffness_n_per_m, "N/m", 2.1e6, 1e-6, 1e12, Real, "Contact stiffness between terminal and screw";
     contact_damping_n_s_per_m, "N s/m", 1200.0, 0.0, 1e9, Real, "Contact damping between terminal and screw";
-    backlash_m, "m", 0.0, 0.0, 0.1, Real, "Total backlash between the flanks";
+    backlash_m, "m", 0.0, 0.0, 1.0, Real, "Total backlash between the flanks";
     structure_mass_kg, "kg", 1.515, 0.0, 1e4, Real, "Mass on the measured terminal beside the screw";
     coulomb_asymmetry, "", 0.0, -1.0, 1.0, Real, "Part by which Coulomb friction is greater forward, less backward";
     viscous_asymmetry, "", 0.0, -1.0, 1.0, Real, "Part by which viscous friction is greater forward, less backward";
     stribeck_ratio, "", 1.0, 1.0, 10.0, Real, "Friction at rest over that of fast sliding";
-    stribeck_velocity_m_per_s, "m/s", 0.002, 1e-5, 10.0, Real, "Velocity at which the surplus at rest has fallen to 1/e";
-    presliding_m, "m", 0.0, 0.0, 1e-2, Real, "Travel in which friction turns by 1 - 1/e; 0 turns at once";
+    stribeck_velocity_m_per_s, "m/s", 0.002, 1e-6, 1e3, Real, "Velocity at which the surplus at rest has fallen to 1/e";
+    presliding_m, "m", 0.0, 0.0, 1.0, Real, "Travel in which friction turns by 1 - 1/e; 0 turns at once";
     unilateral, "", 0.0, 0.0, 1.0, Whole, "1 where the flanks can only push";
     constant_force_n, "N", 0.0, -1e6, 1e6, Real, "Force on the screw, e.g. a weight; positive pushes forward";
 } }

@@ -72,11 +72,11 @@ pub struct Sensors {
 field_table! { Sensors {
     sample_rate_hz, "Hz", 1000.0, 10.0, 64000.0, Real, "Samples per second";
     oversampling, "", 1.0, 1.0, 64.0, Whole, "Sub-samples summed into one sample";
-    metres_per_count, "m", 2.44140625e-6, -1e-2, 1e-2, Real, "Displacement per encoder count";
+    metres_per_count, "m", 2.44140625e-6, -1e-1, 1e-1, Real, "Displacement per encoder count";
     encoder_phase_count, "", 0.0, -1e6, 1e6, Real, "Where in a count the encoder stands at the start";
-    encoder_eccentricity_m, "m", 0.0, 0.0, 1e-2, Real, "Amplitude of the once-per-turn error";
+    encoder_eccentricity_m, "m", 0.0, 0.0, 1e-1, Real, "Amplitude of the once-per-turn error";
     encoder_eccentricity_phase_rad, "rad", 0.0, -10.0, 10.0, Real, "Phase of the once-per-turn error";
-    lead_m, "m", 0.010, 1e-5, 1.0, Real, "Travel per turn";
+    lead_m, "m", 0.010, 1e-5, 1e2, Real, "Travel per turn";
     newtons_per_code, "N", 0.002, -1e3, 1e3, Real, "Force per code";
     force_zero_code, "", 0.0, -8388608.0, 8388607.0, Whole, "Code at no force";
     force_min_code, "", -8388608.0, -8388608.0, 8388607.0, Whole, "Least code of the converter";
@@ -91,8 +91,8 @@ field_table! { Sensors {
     knock_n, "N", 0.0, -1e6, 1e6, Real, "Height of a knock on the load cell";
     knock_at_s, "s", 5.0, 0.0, 1e9, Real, "Start of the knock";
     knock_s, "s", 0.004, 1e-5, 10.0, Real, "Length of the knock, half a sine";
-    metres_per_terminal_code, "m", 1e-7, -1e-2, 1e-2, Real, "Displacement per code of the terminal sensor";
-    terminal_noise_m, "m", 0.0, 0.0, 1e-2, Real, "White noise of the terminal sensor, rms";
+    metres_per_terminal_code, "m", 1e-7, -1e-1, 1e-1, Real, "Displacement per code of the terminal sensor";
+    terminal_noise_m, "m", 0.0, 0.0, 1e-1, Real, "White noise of the terminal sensor, rms";
     lost_probability, "", 0.0, 0.0, 0.99, Real, "Probability that a sample is lost";
 } }
 

@@ -1,6 +1,6 @@
 //! Motions written as text.
 
-use super::{Excitation, Tone, radians};
+use super::{Excitation, Moves, Tone, radians};
 use crate::PlantError;
 
 const SEQUENCE: &str = "mid@20s;hold@5s;random@20s";
@@ -9,12 +9,26 @@ const TONES: &str = "tones:0.8Hz:8mm,6.4Hz:0.8mm";
 const MULTI: &str = "multi:0.5-15Hz:20mm/s";
 const RANDOM: &str = "random:0.5-15Hz:20mm/s";
 const CHIRP: &str = "chirp:0.1-20Hz:5mm/s:60s";
+const MOVES: &str = "moves:0.25m:0.3m/s:2m/s2:0.2s";
 
 const FREQUENCY: &[(&str, f64)] = &[("Hz", 1.0), ("mHz", 1e-3)];
-const LENGTH: &[(&str, f64)] = &[("mm", 1e-3), ("um", 1e-6), ("µm", 1e-6), ("m", 1.0)];
-const SPEED: &[(&str, f64)] = &[("mm/s", 1e-3), ("um/s", 1e-6), ("µm/s", 1e-6), ("m/s", 1.0)];
+const LENGTH: &[(&str, f64)] =
+    &[("mm", 1e-3), ("um", 1e-6), ("µm", 1e-6), ("m", 1.0), ("rad", 1.0), ("mrad", 1e-3), ("deg", DEGREE)];
+const SPEED: &[(&str, f64)] = &[
+    ("mm/s", 1e-3),
+    ("um/s", 1e-6),
+    ("µm/s", 1e-6),
+    ("m/s", 1.0),
+    ("rad/s", 1.0),
+    ("mrad/s", 1e-3),
+    ("deg/s", DEGREE),
+    ("rpm", 6.0 * DEGREE),
+];
+const ACCELERATION: &[(&str, f64)] = &[("m/s2", 1.0), ("mm/s2", 1e-3), ("rad/s2", 1.0), ("deg/s2", DEGREE)];
 const TIME: &[(&str, f64)] = &[("ms", 1e-3), ("min", 60.0), ("s", 1.0)];
 const ANGLE: &[(&str, f64)] = &[("deg", 1.0)];
+/// One degree \[rad\].
+const DEGREE: f64 = std::f64::consts::PI / 180.0;
 
 fn wrong<T>(part: &str, problem: impl Into<String>, example: &'static str) -> Result<T, PlantError> {
     Err(PlantError::Motion { part: part.to_owned(), problem: problem.into(), example })
@@ -24,7 +38,8 @@ impl Excitation {
     /// Understands a preset's name, a motion such as `sine:3.2Hz:4.16mm`, or a sequence such as `mid@20s;hold@5s;random`.
     ///
     /// Motions: `sine:F:A`, `tones:F:A,F:A,...`, `multi:LOW-HIGHHz:V`, `random:LOW-HIGHHz:V`, `chirp:LOW-HIGHHz:V:T`,
-    /// `hold`. Frequencies in Hz, amplitudes in m, mm or um, rms velocities in m/s, mm/s or um/s, times in s, ms or min.
+    /// `moves:STROKE:V:ACCELERATION:REST`, `hold`. Frequencies in Hz, amplitudes in m, mm, um, rad or deg, rms velocities in
+    /// m/s, mm/s, um/s, rad/s or rpm, accelerations in m/s2 or rad/s2, times in s, ms or min.
     /// A sequence is separated by `;` or `+`; each of its parts but the last needs a duration `@T` (a chirp has one).
     /// `seed` is as for [`preset`](Self::preset); each part of a sequence draws its own tones from it.
     pub fn parse(text: &str, seed: u64) -> Result<Self, PlantError> {
@@ -111,13 +126,23 @@ fn single(text: &str, seed: u64) -> Result<Excitation, PlantError> {
             checked(text, Excitation::chirp(low, high, rms, duration), CHIRP)
         }
         ("chirp", _) => wrong(text, "a chirp takes a band, an rms velocity and a duration", CHIRP),
+        ("moves", [stroke, velocity, acceleration, rest]) => {
+            let moves = Moves {
+                stroke_m: quantity(stroke, LENGTH, "a stroke", MOVES)?,
+                velocity_m_per_s: quantity(velocity, SPEED, "a velocity", MOVES)?,
+                acceleration_m_per_s2: quantity(acceleration, ACCELERATION, "an acceleration", MOVES)?,
+                rest_s: quantity(rest, TIME, "a time", MOVES)?,
+            };
+            checked(text, Excitation::moves(moves), MOVES)
+        }
+        ("moves", _) => wrong(text, "moves take a stroke, a velocity, an acceleration and a rest", MOVES),
         (name, _) => unknown(name),
     }
 }
 
 fn unknown(name: &str) -> Result<Excitation, PlantError> {
     let known = Excitation::PRESETS.join(", ");
-    wrong(name, format!("no motion has this name; known: {known}, sine, tones, chirp, hold"), SEQUENCE)
+    wrong(name, format!("no motion has this name; known: {known}, sine, tones, chirp, moves, hold"), SEQUENCE)
 }
 
 fn tones(text: &str) -> Result<Excitation, PlantError> {
@@ -191,7 +216,7 @@ mod tests {
 
     #[test]
     fn what_the_manual_shows_is_understood() {
-        for text in [SEQUENCE, SINE, TONES, MULTI, RANDOM, CHIRP, "hold", "slow", "tones:1Hz:1mm:90deg"] {
+        for text in [SEQUENCE, SINE, TONES, MULTI, RANDOM, CHIRP, MOVES, "hold", "slow", "tones:1Hz:1mm:90deg"] {
             Excitation::parse(text, 0).unwrap();
         }
         assert_eq!(Excitation::parse("sine: 3.2 Hz : 4160um", 0), Ok(Excitation::sine(3.2, 4160.0 * 1e-6)));
@@ -200,6 +225,10 @@ mod tests {
         let row = Excitation::parse("mid@20s+hold@500ms;chirp:0.1-20Hz:5mm/s:60s;random@1min", 0).unwrap();
         assert_eq!(row.starts_s().collect::<Vec<_>>(), [0.0, 20.0, 20.5, 80.5]);
         assert_eq!(row.duration_s(), 140.5);
+        assert_eq!(Excitation::parse("sine:1Hz:180deg", 0), Excitation::parse("sine:1Hz:3.141592653589793rad", 0));
+        let speed = |text| Excitation::parse(text, 4).unwrap().at(0.7).v_m_per_s;
+        let (turns, radians) = (speed("multi:1-9Hz:60rpm"), speed("multi:1-9Hz:6.283185307rad/s"));
+        assert!((turns - radians).abs() < 1e-8, "{turns} {radians}");
         assert_eq!(Excitation::parse("sine:1e+0Hz:1mm", 0), Ok(Excitation::sine(1.0, 1e-3)));
     }
 
@@ -226,6 +255,9 @@ mod tests {
             ("mid@20s;;slow", "\"\"", "missing"),
             ("", "\"\"", "missing"),
             ("hold:3s", "hold:3s", "hold@5s"),
+            ("moves:1m:1m/s:1m/s2", "moves:1m", "a rest"),
+            ("moves:1m:1m/s:1m/s:1s", "\"1m/s\"", "an acceleration"),
+            ("moves:0m:1m/s:1m/s2:1s", "moves:0m", "stroke_m"),
         ] {
             let error = Excitation::parse(text, 0).unwrap_err().to_string();
             assert!(error.contains(part) && error.contains(says) && error.contains("for example"), "{text}: {error}");
