@@ -243,7 +243,7 @@ impl Settings {
         let jerk_shift = fit(jerk * self.full_scale_acceleration_m_per_s2 * steepest);
         let down = |shift: i8| power_of_two(-i32::from(shift));
 
-        // What is left of the skew: F(t + skew) to second order. Structure mass: see docs/THEORY.md.
+        // What is left of the skew: F(t + skew) by its series. Structure mass: see docs/THEORY.md.
         let (compliance, lag) = if self.stiffness_n_per_m > 0.0 {
             (self.structure_mass_kg / self.stiffness_n_per_m, self.contact_damping_n_s_per_m / self.stiffness_n_per_m)
         } else {
@@ -251,17 +251,19 @@ impl Settings {
         };
         let (_, skew) = self.skew_parts();
         let force_down = 12.0 * down(force_shift);
+        let second = 0.5 * skew * skew - compliance;
+        let third = compliance * (lag - skew) + skew * skew * skew / 6.0;
+        let fourth =
+            compliance * (compliance - lag * lag + lag * skew - 0.5 * skew * skew) + skew * skew * skew * skew / 24.0;
         let force_terms = [
             term(skew * force_down / 24.0 * rate),
-            term((0.5 * skew * skew - compliance) * force_down * rate * rate),
-            term(compliance * lag * force_down / 2.0 * rate * rate * rate),
-            term((compliance * compliance - compliance * lag * lag) * force_down * rate * rate * rate * rate),
+            term(second * force_down * rate * rate),
+            term(third * force_down / 2.0 * rate * rate * rate),
+            term(fourth * force_down * rate * rate * rate * rate),
         ];
         let force_rate_down = 24.0 * down(force_rate_shift);
-        let force_rate_terms = [
-            term(skew * force_rate_down * rate),
-            term((0.5 * skew * skew - compliance) * force_rate_down / 2.0 * rate * rate),
-        ];
+        let force_rate_terms =
+            [term(skew * force_rate_down * rate), term(second * force_rate_down / 2.0 * rate * rate)];
         let regressor_per_newton = force * down(force_shift);
         let snap_per_code = rate * rate * rate * rate / (gain * self.codes_per_metre());
         let snap_term = term(self.structure_mass_kg * compliance * regressor_per_newton * snap_per_code);

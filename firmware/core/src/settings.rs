@@ -243,13 +243,13 @@ macro_rules! settings {
 
 settings! {
     sample_rate_hz: f64, "Hz", 1000.0, 50.0, 5000.0, Real, "Samples per second of the device's clock";
-    metres_per_count: f64, "m", 2.44140625e-6, -1e-2, 1e-2, NonZero, "Terminal displacement per encoder count: lead / counts per revolution; negative turns the direction";
+    metres_per_count: f64, "m", 2.44140625e-6, -1e-1, 1e-1, NonZero, "Terminal displacement per encoder count: lead / counts per revolution; negative turns the direction";
     oversampling: f64, "", 1.0, 1.0, 64.0, Whole, "Encoder counts summed into one sample's position";
     newtons_per_code: f64, "N", 0.002, -1e3, 1e3, NonZero, "Force per force code; negative turns the direction";
     force_zero_code: f64, "", 0.0, -8388608.0, 8388607.0, Whole, "Force code at no force (tare)";
     force_min_code: f64, "", -8388608.0, -8388608.0, 8388607.0, Whole, "Force code at or below which the channel is saturated";
     force_max_code: f64, "", 8388607.0, -8388608.0, 8388607.0, Whole, "Force code at or above which the channel is saturated";
-    metres_per_terminal_code: f64, "m", 1e-7, -1e-2, 1e-2, NonZero, "Terminal displacement per code of its own sensor";
+    metres_per_terminal_code: f64, "m", 1e-7, -1e-1, 1e-1, NonZero, "Terminal displacement per code of its own sensor";
     structure_mass_kg: f64, "kg", 0.0, 0.0, 1e4, Real, "Mass that hangs on the measured terminal beside the screw";
     structure_mass_u95_kg: f64, "kg", 0.0, 0.0, 1e4, Real, "95 % uncertainty of the structure mass";
     stiffness_n_per_m: f64, "N/m", 0.0, 0.0, 1e12, Real, "Contact stiffness between terminal and screw; 0 when unknown";
@@ -260,10 +260,10 @@ settings! {
     lead_u95: f64, "", 0.001, 0.0, 1.0, Real, "95 % relative uncertainty of metres per count";
     timebase_u95: f64, "", 5e-5, 0.0, 1.0, Real, "95 % relative uncertainty of the sample clock";
     memory_s: f64, "s", 30.0, 0.5, 3600.0, Real, "Averaging time of the live estimate";
-    stuck_displacement_m: f64, "m", 0.0, 0.0, 1e-2, Real, "Motion within 24 ms that still counts as standing still, where 2 encoder counts are less";
+    stuck_displacement_m: f64, "m", 0.0, 0.0, 1.0, Real, "Motion within 24 ms that still counts as standing still, where 2 encoder counts are less";
     publish_rate_hz: f64, "Hz", 5.0, 0.1, 10.0, Real, "Estimates per second";
-    full_scale_velocity_m_per_s: f64, "m/s", 2.0, 1e-3, 1e3, Real, "Velocity beyond which samples are left out as saturated";
-    full_scale_acceleration_m_per_s2: f64, "m/s^2", 200.0, 1e-2, 1e5, Real, "Acceleration beyond which samples are left out as saturated";
+    full_scale_velocity_m_per_s: f64, "m/s", 2.0, 1e-3, 1e5, Real, "Velocity beyond which samples are left out as saturated";
+    full_scale_acceleration_m_per_s2: f64, "m/s^2", 200.0, 1e-2, 1e7, Real, "Acceleration beyond which samples are left out as saturated";
     front_end: FrontEnd, "", 0.0, 0.0, 1.0, Whole, "Force front end: 0 analogue, 1 ADS131M04";
     stiffness_u95_n_per_m: f64, "N/m", 0.0, 0.0, 1e12, Real, "95 % uncertainty of the contact stiffness; 0 takes 1 % of it";
     terminal_sensor: bool, "", 0.0, 0.0, 1.0, Whole, "Terminal displacement sensor: 0 none, 1 on the third channel";

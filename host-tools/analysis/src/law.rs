@@ -2,7 +2,7 @@
 //!
 //! The kernels are core's (docs/THEORY.md, 1) in f64, centred instead of late: what is shown is what the estimator has
 //! compared. The structure mass adds `mr x1''` to the law, with `x1'' = a + F''/ks - cs F'''/ks^2`; the skew is
-//! taken out by whole samples, and what is left of it out of the force as `F + tau F' + tau^2 F''/2`.
+//! taken out by whole samples, and what is left of it out of the force by its series.
 
 use inerter_core::constants::{
     FORCE_TAPS, LONGEST_SPACING, RATE_TAPS, REST_COUNTS, REST_WINDOW_S, SIGN_KERNEL_S, SIGN_TAPS,
@@ -57,6 +57,13 @@ pub(crate) struct Measured {
     pub acceleration: f64,
     /// By how much the terminal's acceleration is greater \[m/s^2\].
     pub stretch: f64,
+}
+
+impl Measured {
+    /// Force that acts on the screw \[N\]: without what the structure takes more of than it would if it moved with the screw.
+    pub(crate) fn on_screw_n(&self, settings: &Settings) -> f64 {
+        self.force_n - settings.structure_mass_kg * self.stretch
+    }
 }
 
 impl Kernels {
@@ -134,12 +141,12 @@ impl Kernels {
         let (_, skew_s) = settings.skew_parts();
         let of = |taps: &[f64], data: &[f64]| around(taps, data, middle);
         let force = &piece.force_n;
-        let (rate, second) = (of(&self.rate, force), of(&self.second, force));
+        let [rate, second, third] = [&self.rate, &self.second, &self.third].map(|taps| of(taps, force));
         Measured {
-            force_n: of(&self.force, force) + skew_s * rate + skew_s * skew_s / 2.0 * second,
+            force_n: of(&self.force, force) + skew_s * (rate + skew_s / 2.0 * (second + skew_s / 3.0 * third)),
             velocity: of(&self.rate, &piece.position_m),
             acceleration: of(&self.second, &piece.position_m),
-            stretch: if ks > 0.0 { (second - cs / ks * of(&self.third, force)) / ks } else { 0.0 },
+            stretch: if ks > 0.0 { (second + (skew_s - cs / ks) * third) / ks } else { 0.0 },
         }
     }
 
@@ -169,7 +176,7 @@ pub(crate) fn stands(positions: &[f64], settings: &Settings) -> bool {
     high - low <= still_m * (1.0 + 1e-6)
 }
 
-fn convolved(a: &[f64], b: &[f64]) -> Vec<f64> {
+pub(crate) fn convolved(a: &[f64], b: &[f64]) -> Vec<f64> {
     let mut taps = vec![0.0; a.len() + b.len() - 1];
     for (at, left) in a.iter().enumerate() {
         for (tap, right) in taps.iter_mut().skip(at).zip(b) {
