@@ -1,7 +1,7 @@
 use super::*;
 use crate::{
     text::{is_trouble, value_text},
-    words::{interval_text, rounded_text},
+    words::{amount_text, interval_text, rounded_text},
 };
 use inerter_core::{Estimate, Interval, Misfit};
 
@@ -67,6 +67,15 @@ fn digits_follow_the_interval() {
     assert_eq!(interval_text(2_100_034.0, 10_753.0), "2100000 ± 11000");
     assert_eq!(interval_text(-1_249.0, 99.6), "-1249 ± 100");
     assert_eq!(rounded_text(1.013_5e-3, 4.2e-5), "0.001014");
+    // A small axis.
+    assert_eq!(interval_text(2.000_24e-4, 1.04e-6), "(2.000 ± 0.010)e-4");
+    assert_eq!(interval_text(-3.1e-9, 6.6e-9), "(-3.1 ± 6.6)e-9");
+    assert_eq!(interval_text(0.0, 2e-12), "(0.0 ± 2.0)e-12");
+    assert_eq!([rounded_text(2.000_24e-4, 1.04e-6), rounded_text(1.04e-6, 1.04e-6)], ["2.000e-4", "1.0e-6"]);
+    assert_eq!(
+        [1.823, 0.3845, 0.0312, 7.3e-5, 6.2e-7, 0.0].map(|value| amount_text(value, 2)),
+        ["1.82", "0.38", "0.031", "0.000073", "6.2e-7", "0.00"]
+    );
 }
 
 #[test]

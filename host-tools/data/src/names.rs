@@ -54,11 +54,17 @@ pub fn description(machine: Machine, linear: &str) -> String {
         }
         None => (linear, String::new()),
     };
-    let words = ROTARY_WORDS.iter().chain(&[("displacement", "angle")]);
-    let text = words.fold(text.to_string(), |text, (of_linear, rotary)| {
-        text.replace(of_linear, rotary).replace(&capital(of_linear), &capital(rotary))
-    });
-    text + &unit
+    let words = || ROTARY_WORDS.iter().chain(&[("displacement", "angle")]);
+    let told = |word: &str| {
+        // A setting has one name for all machines.
+        if word.contains('_') {
+            return word.to_string();
+        }
+        words().fold(word.to_string(), |word, (of_linear, rotary)| {
+            word.replace(of_linear, rotary).replace(&capital(of_linear), &capital(rotary))
+        })
+    };
+    text.split_inclusive(' ').map(told).collect::<String>() + &unit
 }
 
 fn capital(word: &str) -> String {
@@ -150,6 +156,7 @@ mod tests {
             assert_eq!(description(Machine::Linear, linear), linear);
         }
         assert_eq!(description(Machine::Rotary, "Processor load [1/1000]"), "Processor load [1/1000]");
+        assert_eq!(description(Machine::Rotary, "the force, or force_min_code"), "the torque, or force_min_code");
     }
 
     #[test]

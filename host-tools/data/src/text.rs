@@ -14,7 +14,7 @@ use inerter_wire::{
 use crate::{
     names::description,
     replay::Outcome,
-    words::{duration_text, interval_text, plural},
+    words::{amount_text, duration_text, interval_text, plural},
 };
 
 /// Value and interval to the digits that the interval bears: `95.11 ± 0.48`.
@@ -70,7 +70,10 @@ pub fn table(estimated: &Estimated, settings: &Settings, truth: Option<&BTreeMap
 
 /// What is true, `factor` bringing it to the unit shown; of a device that was changed on the way both values.
 fn true_text(truth: &BTreeMap<String, String>, name: &str, factor: f64) -> String {
-    let digits = |value: f64| format!("{:?}", (value * factor * 1e9).round() / 1e9);
+    // Nine digits: more would be the arithmetic's.
+    let digits = |value: f64| {
+        format!("{:.8e}", value * factor).parse().map_or_else(|_| String::new(), |value: f64| format!("{value:?}"))
+    };
     let number = |name: &str| truth.get(name)?.parse().ok().map(digits);
     match (number(name), number(&format!("changed_{name}"))) {
         (Some(first), Some(changed)) => format!("{first}, then {changed}"),
@@ -103,7 +106,12 @@ pub fn residual_text(machine: Machine, estimate: &Estimate) -> String {
     if !estimate.residual_rms_n.is_finite() {
         return "unknown".into();
     }
-    format!("{:.2} {} rms", estimate.residual_rms_n, catalogue::unit(machine, "N"))
+    force_text(machine, estimate.residual_rms_n.into()) + " rms"
+}
+
+/// A force with its unit, for a person: `1.82 N`, `0.00031 N m`.
+pub fn force_text(machine: Machine, force_n: f64) -> String {
+    format!("{} {}", amount_text(force_n, 2), catalogue::unit(machine, "N"))
 }
 
 /// Heads the lines of [`row`].
@@ -195,8 +203,11 @@ pub fn changed_field(machine: Machine, change: &Change) -> &'static Field {
 /// A change for a person.
 pub fn change_words(machine: Machine, change: &Change) -> String {
     let Field { label, unit, .. } = changed_field(machine, change);
-    let digits =
-        |value: f32| format!("{:.4}", f64::from(value)).trim_end_matches('0').trim_end_matches('.').to_string();
+    let digits = |value: f32| {
+        let text = amount_text(value.into(), 4);
+        // Of an exponent no nought may go.
+        if text.contains('e') { text } else { text.trim_end_matches('0').trim_end_matches('.').to_string() }
+    };
     let (before, after) = (digits(change.before), digits(change.after));
     format!(
         "the device has changed: {} from {before} to {after} {unit}; the estimator begins anew",

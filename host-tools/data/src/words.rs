@@ -50,17 +50,30 @@ fn is_unprintable(letter: char) -> bool {
     ['a', letter].iter().collect::<String>().escape_debug().count() > 2
 }
 
+/// Below it a number is written with an exponent.
+const TINY: f64 = 1e-5;
+
 /// A value with its interval, both with the digits that the interval bears.
 pub fn interval_text(value: f64, u95: f64) -> String {
     if !(u95.is_finite() && u95 > 0.0) {
-        return format!("{value:.4}");
+        return amount_text(value, 4);
     }
-    format!("{} ± {}", rounded_text(value, u95), rounded_text(u95, u95))
+    if u95 >= TINY || !value.is_finite() {
+        return format!("{} ± {}", rounded_text(value, u95), rounded_text(u95, u95));
+    }
+    let exponent = value.abs().max(u95).log10().floor();
+    let parts = [value, u95].map(|part| rounded_text(part / 10f64.powf(exponent), u95 / 10f64.powf(exponent)));
+    format!("({})e{exponent}", parts.join(" ± "))
 }
 
 /// A number with the digits that an interval bears, which is above 0: two of its own.
 pub fn rounded_text(value: f64, u95: f64) -> String {
-    let digits = (1.0 - u95.log10().floor()).min(9.0);
+    let digits = 1.0 - u95.log10().floor();
+    if u95 < TINY && value.is_finite() {
+        let more = if value == 0.0 { 0.0 } else { value.abs().log10().floor() + digits };
+        return format!("{value:.*e}", more.clamp(1.0, 9.0) as usize);
+    }
+    let digits = digits.min(9.0);
     let unit = 10f64.powf(-digits);
     let decimals = digits.max(0.0) as usize;
     // What is left of the point is rounded too.
@@ -86,6 +99,19 @@ pub fn listed(words: &[String]) -> String {
         [only] => only.clone(),
         [first @ .., last] => format!("{} and {last}", first.join(", ")),
     }
+}
+
+/// A number with so many decimals, and with as many more as its first two digits need: machines of 2e-4 kg m² have forces of
+/// 0.03 N m.
+pub fn amount_text(value: f64, decimals: usize) -> String {
+    if value == 0.0 || !value.is_finite() {
+        return format!("{value:.decimals$}");
+    }
+    if value.abs() < TINY {
+        return format!("{value:.1e}");
+    }
+    let needed = 1.0 - value.abs().log10().floor();
+    format!("{value:.*}", (needed as usize).max(decimals))
 }
 
 /// Number of things with the right ending.

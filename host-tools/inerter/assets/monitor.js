@@ -51,8 +51,19 @@
   const interval = (value, u95) => {
     if (value === null || value === undefined) return "–";
     if (!(u95 > 0)) return value.toFixed(4);
+    if (u95 < 1e-5) {
+      const exponent = Math.floor(Math.log10(Math.max(Math.abs(value), u95)));
+      const [part, parts] = [value, u95].map((number) => number / 10 ** exponent);
+      return `(${part.toFixed(decimals(parts))} ± ${parts.toFixed(decimals(parts))})e${exponent}`;
+    }
     const digits = decimals(u95);
     return `${value.toFixed(digits)} ± ${u95.toFixed(digits)}`;
+  };
+  // With two decimals, or two digits.
+  const amount = (value) => {
+    if (value === 0) return "0.00";
+    if (Math.abs(value) < 1e-5) return value.toExponential(1);
+    return value.toFixed(Math.max(2, 1 - Math.floor(Math.log10(Math.abs(value)))));
   };
   const words = (status) => (status === "below_u95" ? "maybe none" : status.replaceAll("_", " "));
   const duration = (s) => (s < 120 ? `${s.toFixed(1)} s` : `${Math.floor(s / 60)} min ${Math.floor(s % 60)} s`);
@@ -208,7 +219,7 @@
       if (estimate[key]) rows.push(row(label, unit, "", estimate[key].status, show(estimate[key])));
     }
     byId("table").replaceChildren(...rows);
-    const residual = estimate.residual_rms_n === null ? "" : `, residual ${estimate.residual_rms_n.toFixed(2)} ${device.force_unit}`;
+    const residual = estimate.residual_rms_n === null ? "" : `, residual ${amount(estimate.residual_rms_n)} ${device.force_unit}`;
     byId("state").textContent = `${duration(estimate.t_s)}, ${estimate.moving ? "moving" : "at rest"}${residual}. ${estimate.state ?? ""}`;
   };
 

@@ -56,6 +56,7 @@ pub fn code(error: &Error) -> u8 {
             CalibrateError::TooFewPoints { .. } | CalibrateError::Missing(..) => USAGE,
             CalibrateError::TooShort { .. }
             | CalibrateError::Saturated { .. }
+            | CalibrateError::FullScale { .. }
             | CalibrateError::Unsteady { .. }
             | CalibrateError::Moving { .. }
             | CalibrateError::Unchanged { .. }

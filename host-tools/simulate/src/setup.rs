@@ -3,10 +3,19 @@
 use std::collections::BTreeMap;
 
 use inerter_core::{RawSample, Settings};
-use inerter_data::settings::{Overrides, SettingsInputError, validate};
+use inerter_data::{
+    full_scale::Peaks,
+    settings::{Overrides, SettingsInputError, validate},
+};
 use inerter_plant::{Excitation, Hands, Inerter, Plant, Sample, Sensors, Simulation};
 
 use crate::error::SimulateError;
+
+/// Part of a motion that is looked at for its speed \[s\], and looks at most.
+const LOOKED_AT_S: f64 = 100.0;
+const MOST_LOOKS: f64 = 20_000.0;
+/// Times that the device may be faster than its terminal.
+const SWINGS: f64 = 3.0;
 
 /// Everything that defines a simulated run.
 #[derive(Clone, Debug)]
@@ -55,6 +64,7 @@ impl Setup {
     ) -> Result<Self, SimulateError> {
         let own = Some(excitation.duration_s()).filter(|duration| duration.is_finite());
         let mut settings = calibrated(&parameters, &sensors)?;
+        peaks(&excitation).hold(&mut settings, overrides)?;
         overrides.apply(&mut settings)?;
         validate(&settings)?;
         let duration_s = duration_s.or(own);
@@ -146,6 +156,20 @@ pub fn raw(sample: &Sample) -> RawSample {
         force_code: sample.force_code,
         terminal_code: sample.terminal_code,
     }
+}
+
+/// How fast a motion is, with room for a device that swings farther than its terminal.
+fn peaks(excitation: &Excitation) -> Peaks {
+    let duration_s = excitation.duration_s().min(LOOKED_AT_S);
+    // Eight looks at each period of the highest tone.
+    let step_s = (0.125 / excitation.highest_hz().max(1.0)).max(duration_s / MOST_LOOKS);
+    let mut peaks = Peaks::default();
+    for look in 0..(duration_s / step_s) as u32 {
+        let point = excitation.at(f64::from(look) * step_s);
+        peaks.velocity = peaks.velocity.max(SWINGS * point.v_m_per_s.abs());
+        peaks.acceleration = peaks.acceleration.max(SWINGS * point.a_m_per_s2.abs());
+    }
+    peaks
 }
 
 /// Settings of a device that was calibrated without error.

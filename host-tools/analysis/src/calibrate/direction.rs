@@ -3,7 +3,7 @@
 //! A reversed one of them makes the inertance negative, which nothing else does.
 
 use inerter_core::Interval;
-use inerter_data::{replay::Outcome, run::Run};
+use inerter_data::{full_scale::Peaks, names::unit, replay::Outcome, run::Run, series::Series, words::interval_text};
 
 use super::{CalibrateError, Finding, Step, finding::Level};
 
@@ -19,13 +19,17 @@ pub struct Known {
 /// Share of saturated samples beyond which a motion shows nothing: each takes its surroundings with it.
 const MOST_SATURATED: f64 = 0.1;
 
-/// Refuses a motion during which the force was mostly at its limit.
+/// Refuses a motion during which the force was mostly at its limit, or that was mostly beyond full scale.
 pub fn refuse_saturated(outcome: &Outcome, run: &Run) -> Result<(), CalibrateError> {
     let share = f64::from(outcome.counters.saturated) / run.samples.len().max(1) as f64;
-    if share > MOST_SATURATED {
-        return Err(CalibrateError::Saturated { at: " during this motion".into(), share: 100.0 * share });
+    if share <= MOST_SATURATED {
+        return Ok(());
     }
-    Ok(())
+    let (share, peaks) = (100.0 * share, Peaks::of(&Series::of(run)));
+    Err(match peaks.beyond(&run.settings, &outcome.counters) {
+        Some(words) => CalibrateError::FullScale { share, words },
+        None => CalibrateError::Saturated { at: " during this motion".into(), share },
+    })
 }
 
 /// Looks at a short motion and what the estimator made of it.
@@ -41,7 +45,8 @@ pub fn direction(run: &Run, outcome: &Outcome, known: Known) -> Result<Finding, 
     let mut finding = Finding::new(Step::Direction);
     finding.measure("inertance_kg", value);
     finding.measure("inertance_u95_kg", u95);
-    finding.say(format!("inertance by this motion {value:.1} ± {u95:.1} kg"));
+    let unit = unit(run.settings.machine, "kg");
+    finding.say(format!("inertance by this motion {} {unit}", interval_text(value, u95)));
     if value > 0.0 {
         finding.say("force and position have the same positive direction");
         return Ok(finding);

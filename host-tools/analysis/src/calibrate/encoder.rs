@@ -1,6 +1,7 @@
 //! Scale of the position: counts per revolution by turning, metres per count by a measured displacement.
 
 use inerter_core::Settings;
+use inerter_data::names::unit;
 
 use super::{
     CalibrateError, Finding, Step,
@@ -167,7 +168,7 @@ fn scale(finding: &mut Finding, metres_per_count: f64, u95: f64, settings: &Sett
     finding.set_with("metres_per_count", metres_per_count, u95 * metres_per_count.abs());
     finding.set("lead_u95", rounded_up(u95).min(1.0));
     finding.measure("change_of_scale", metres_per_count / settings.metres_per_count - 1.0);
-    finding.say(format!("{metres_per_count:.6e} m per count ± {:.3} %", 100.0 * u95));
+    finding.say(format!("{metres_per_count:.6e} {} per count ± {:.3} %", unit(settings.machine, "m"), 100.0 * u95));
     if metres_per_count * settings.metres_per_count < 0.0 {
         let text = "the direction turns against before: A and B are swapped, or the other direction is positive now; \
         the sign of the \

@@ -1,5 +1,6 @@
 //! Why a calibration says nothing, and what to do about it.
 
+use inerter_data::words::amount_text;
 use miette::Diagnostic;
 
 /// Samples, loads or displacements from which no setting follows.
@@ -25,8 +26,17 @@ pub enum CalibrateError {
     )]
     Saturated { at: String, share: f64 },
 
+    /// Faster than the estimator was set to expect.
+    #[error("{share:.0} % of the samples are left out: {words}")]
+    #[diagnostic(code(inerter::calibrate::full_scale), help("set what the machine reaches, with room, and try again"))]
+    FullScale { share: f64, words: String },
+
     /// Not at rest.
-    #[error("the force does not come to rest{at}: it wanders by {wander:.3} {unit}, {allowed:.3} {unit} are allowed")]
+    #[error(
+        "the force does not come to rest{at}: it wanders by {} {unit}, {} {unit} are allowed",
+        amount_text(*wander, 3),
+        amount_text(*allowed, 3)
+    )]
     #[diagnostic(
         code(inerter::calibrate::unsteady),
         help(

@@ -6,6 +6,7 @@
 //! what is not known of the loads themselves: masses and gravity.
 
 use inerter_core::Settings;
+use inerter_data::names::unit;
 
 use super::{
     CalibrateError, Finding, Step,
@@ -124,7 +125,8 @@ pub fn force(readings: &[(Load, rest::Level)], loads_u95: f64, settings: &Settin
         finding.measure(name, value);
     }
     finding.say(format!(
-        "{newtons_per_code:.6e} N per code ± {:.2} %, code at no force {:.0}",
+        "{newtons_per_code:.6e} {} per code ± {:.2} %, code at no force {:.0}",
+        unit(settings.machine, "N"),
         100.0 * u95,
         line.at_zero
     ));

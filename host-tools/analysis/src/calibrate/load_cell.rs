@@ -5,7 +5,7 @@
 //! that floor.
 
 use inerter_core::Settings;
-use inerter_data::run::Run;
+use inerter_data::{names::unit, run::Run, words::amount_text};
 use rustfft::{FftPlanner, num_complex::Complex};
 
 use super::{
@@ -218,20 +218,23 @@ pub fn judge(diagnosis: &Diagnosis, settings: &Settings) -> Finding {
     finding.measure("peak_to_peak_of_range", diagnosis.peak_to_peak_code / range_code);
     let rate = rate_hz.map_or_else(String::new, |rate| format!(", {rate:.1} by this computer's clock"));
     finding.say(format!("{:.0} samples a second stated{rate}; {} lost", settings.sample_rate_hz, diagnosis.lost));
+    let unit = unit(settings.machine, "N");
+    let amount = |code: f64, decimals| amount_text(code * newtons, decimals);
     finding.say(format!(
-        "noise {:.4} N rms per sample ({noise:.2} codes), drift {:+.4} ± {:.4} N/s, range ±{:.0} N",
-        noise * newtons,
-        drift * newtons,
-        drift_u95 * newtons,
-        0.5 * range_code * newtons
+        "noise {} {unit} rms per sample ({noise:.2} codes), drift {}{} ± {} {unit}/s, range ±{} {unit}",
+        amount(noise, 4),
+        if drift < 0.0 { "" } else { "+" },
+        amount(drift, 4),
+        amount(drift_u95, 4),
+        amount(0.5 * range_code, 0)
     ));
     finding.say(if mains > 0.0 {
-        let each = diagnosis.mains.amplitudes_code.iter().map(|code| format!("{:.3}", code * newtons));
+        let each = diagnosis.mains.amplitudes_code.iter().map(|code| amount(*code, 3));
         let each: Vec<String> = each.collect();
         let frequency = diagnosis.mains.frequency_hz;
         format!(
-            "mains {:.4} N in amplitude at {frequency:.0} Hz and harmonics ({} N)",
-            mains * newtons,
+            "mains {} {unit} in amplitude at {frequency:.0} Hz and harmonics ({} {unit})",
+            amount(mains, 4),
             each.join(", ")
         )
     } else {
@@ -278,7 +281,9 @@ fn remarks(finding: &mut Finding, diagnosis: &Diagnosis, settings: &Settings, ro
     }
     if noise < STEPS * settings.oversampling.sqrt() {
         let text = format!(
-            "noise is under a step of the converter ({newtons:.4} N): the gain is too low, steps limit what can be seen"
+            "noise is under a step of the converter ({} {}): the gain is too low, steps limit what can be seen",
+            amount_text(newtons, 4),
+            unit(settings.machine, "N")
         );
         finding.remark(Level::Doubtful, "gain", text);
     }

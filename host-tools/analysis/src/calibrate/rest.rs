@@ -7,6 +7,7 @@
 use std::collections::VecDeque;
 
 use inerter_core::{RawSample, Settings};
+use inerter_data::{names::unit, words::amount_text};
 
 use super::{
     CalibrateError, Finding, Step,
@@ -209,7 +210,7 @@ impl Standing {
                 at,
                 wander: wander_code * newtons,
                 allowed: allowed_code * newtons,
-                unit: "N",
+                unit: unit(settings.machine, "N"),
             },
         }
     }
@@ -230,9 +231,10 @@ pub fn zero(level: &Level, settings: &Settings) -> Finding {
     finding.measure("noise_code", level.noise_code);
     finding.say(format!("code at no force {zero:.0} ± {u95:.1}, over {:.1} s", level.seconds));
     finding.say(format!(
-        "that is {:.4} N beside the zero in use, ± {:.4} N by the force scale in use",
-        shift * settings.newtons_per_code,
-        u95 * newtons
+        "that is {} {unit} beside the zero in use, ± {} {unit} by the force scale in use",
+        amount_text(shift * settings.newtons_per_code, 4),
+        amount_text(u95 * newtons, 4),
+        unit = unit(settings.machine, "N")
     ));
     let (least, most) = (settings.force_min_code, settings.force_max_code);
     let room = (zero - least).min(most - zero) / (most - least);

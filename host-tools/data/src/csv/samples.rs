@@ -10,7 +10,7 @@ use super::{
     read::{Table, column_names},
     timebase::{self, Timebase},
 };
-use crate::{error::Error, run::Run, settings::Overrides, words::plural};
+use crate::{error::Error, full_scale::Peaks, run::Run, series::Series, settings::Overrides, words::plural};
 
 /// Largest code that `max |F| * 1.25` may reach.
 const FULL_SCALE_CODE: f64 = 4_194_304.0;
@@ -68,7 +68,9 @@ pub fn to_run(mut table: Table, overrides: &Overrides) -> Result<Run, Error> {
     if samples.len() < 2 {
         return Err(CsvError::TooFew { file, samples: samples.len() }.into());
     }
-    Ok(Run { name: file, settings, samples, start_s, notes, ..Run::default() })
+    let mut run = Run { name: file, settings, samples, start_s, notes, ..Run::default() };
+    Peaks::of(&Series::of(&run)).hold(&mut run.settings, overrides)?;
+    Ok(run)
 }
 
 fn timebase_notes(file: &str, timebase: &Timebase) -> Vec<String> {

@@ -10,10 +10,12 @@ use inerter_core::{Machine, Parameter};
 use inerter_data::{
     json::bank_word,
     json::{ParameterJson, ParametersJson, machine_json_line},
+    names::description,
     output,
     replay::{Outcome, replay_all},
     run::Run,
     text::{self, value_text, warning_words},
+    words::amount_text,
 };
 use inerter_wire::{EstimatorEvent, catalogue};
 use serde::Serialize;
@@ -154,15 +156,16 @@ fn text(args: &Args, run: &Run, outcome: &Outcome, fit: &Directions) -> Result<(
     {
         line(field.label, field.unit, [cell(&alike), positive, negative])?;
     }
-    let residual = |rms_n: f64| format!("{rms_n:.3}");
+    let residual = |rms_n: f64| amount_text(rms_n, 3);
     let unit = catalogue::unit(run.settings.machine, "N");
     line("Residual, rms", unit, [residual(fit.symmetric_residual_rms_n), residual(fit.residual_rms_n), String::new()])?;
     output::line("")?;
     if args.offset_n.is_none() {
         output::lines(format!(
-            "fc+ - fc- + 2 F0 is {} {unit}: a force offset cannot be told from a Coulomb friction that differs by direction;\n\
+            "fc+ - fc- + 2 F0 is {} {unit}: a {} offset cannot be told from a Coulomb friction that differs by direction;\n\
              give the offset with --offset-n (0 after a tare without load) to tell fc+ and fc- apart",
-            cell(&fit.difference_n)
+            cell(&fit.difference_n),
+            description(run.settings.machine, "force")
         ))?;
     }
     Ok(output::line(text::counts_line(&run.settings, run.duration_s(), outcome))?)

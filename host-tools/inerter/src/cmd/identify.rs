@@ -13,7 +13,7 @@ use inerter_data::{
     output,
     run::Run,
     series::Series,
-    words::{interval_text, rounded_text},
+    words::{amount_text, interval_text, rounded_text},
 };
 use inerter_plant::Excitation;
 use inerter_simulate::SimulateError;
@@ -201,7 +201,7 @@ fn text(args: &Args, runs: &[Run], found: &Identified) -> Result<(), Error> {
         let line = format!("{label:<20} {unit:<6} {:<26} {truth}", cell(parameter, micro));
         output::line(line.trim_end())?;
         if let Some(reason) = &parameter.reason {
-            output::line(format!("{:28}{reason}", ""))?;
+            output::line(format!("{:28}{}", "", description(machine, reason)))?;
         }
         if let (Some(ends), Some(u95)) = (parameter.profile, parameter.u95.filter(|u95| *u95 > 0.0)) {
             let [low, high] = ends.map(|end| rounded_text(end * micro, u95 * micro));
@@ -209,9 +209,9 @@ fn text(args: &Args, runs: &[Run], found: &Identified) -> Result<(), Error> {
         }
     }
     output::line("")?;
-    output::line(format!("{:<20} {:<6} {:.3}", "Residual, rms", newton, found.residual_rms_n))?;
+    output::line(format!("{:<20} {:<6} {}", "Residual, rms", newton, amount_text(found.residual_rms_n, 3)))?;
     if let Some(metres) = found.residual_rms_m {
-        output::line(format!("{:<20} {:<6} {:.3}", "of the encoder", metre, metres * 1e6))?;
+        output::line(format!("{:<20} {:<6} {}", "of the encoder", metre, amount_text(metres * 1e6, 3)))?;
     }
     if let Some(ratio) = found.residual_over_noise {
         output::line(format!("{:<27} {ratio:.2} times what the sensors' noise explains", "Residual"))?;
@@ -229,9 +229,9 @@ fn text(args: &Args, runs: &[Run], found: &Identified) -> Result<(), Error> {
             fitted => format!("the last {:.0} %, fitted to the rest", 100.0 * (1.0 - fitted)),
         };
         output::line(format!(
-            "{:<27} {:.3} {newton} unexplained, {:.4} % explained, on {what}",
+            "{:<27} {} {newton} unexplained, {:.4} % explained, on {what}",
             "Validation",
-            validation.residual_rms_n,
+            amount_text(validation.residual_rms_n, 3),
             100.0 * validation.explained
         ))?;
     }
@@ -267,7 +267,10 @@ fn segment_line(segment: &SegmentFit) -> Result<(), Error> {
         &fit.viscous_negative_n_s_per_m,
     ]
     .map(cell);
-    Ok(output::line(format!("{times} {mt:<16} {cf:<16} {fc:<16} {plus:<16} {minus:<16} {:.3}", fit.residual_rms_n))?)
+    Ok(output::line(format!(
+        "{times} {mt:<16} {cf:<16} {fc:<16} {plus:<16} {minus:<16} {}",
+        amount_text(fit.residual_rms_n, 3)
+    ))?)
 }
 
 fn cell(parameter: &Found, micro: f64) -> String {

@@ -10,6 +10,7 @@ use inerter_analysis::{
 use inerter_core::{Interval, Machine, Settings};
 use inerter_data::{
     export::Source,
+    full_scale::Peaks,
     json::{EstimateJson, EventJson, ReversalJson, WarningJson, machine_json_line, rounded_s},
     names::{description, parameter},
     output,
@@ -114,8 +115,9 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let series = latest.into_inner().series();
     let causes = suspected(&series, &run.settings, &outcome.published());
     let judged = judged(&series, &run.settings, &outcome);
+    let beyond = Peaks::of(&series).beyond(&run.settings, &outcome.counters).map(|words| ("full_scale", words));
     let advice = advice(&outcome, &run.settings, &reach);
-    let causes = causes.iter().map(|cause| (cause.kind.name(), cause.sentence(run.settings.machine)));
+    let causes = causes.iter().map(|cause| (cause.kind.name(), cause.sentence(run.settings.machine))).chain(beyond);
     if args.json {
         warnings.extend(causes.map(|(code, text)| WarningJson { code, t_s: rounded_s(outcome.t_s), text }));
         let last = EstimateJson::last(outcome.t_s, &estimated, &run.settings, Some(outcome.counters));

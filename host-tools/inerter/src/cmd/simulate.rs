@@ -38,8 +38,9 @@ const FILE_S: f64 = 20.0;
 /// a rig: begin with --excite hold. The device's settings are those of a perfect calibration; --set changes them.
 ///
 /// Motions for --excite: slow, mid, fast (the paper's tests), multi, random, two; sine:3.2Hz:4.16mm,
-/// tones:0.8Hz:8mm,6.4Hz:0.8mm, multi:0.5-15Hz:20mm/s, random:0.5-15Hz:20mm/s, chirp:0.1-20Hz:5mm/s:60s, hold;
-/// and sequences such as mid@20s;hold@5s;random@20s.
+/// tones:0.8Hz:8mm,6.4Hz:0.8mm, multi:0.5-15Hz:20mm/s, random:0.5-15Hz:20mm/s, chirp:0.1-20Hz:5mm/s:60s,
+/// moves:0.25m:0.3m/s:2m/s2:0.2s (there and back, with a rest before each), hold; and sequences such as
+/// mid@20s;hold@5s;random@20s. Of a rotary machine rad, deg, rad/s, rpm and rad/s2 will do.
 #[derive(clap::Args)]
 #[command(group = clap::ArgGroup::new("where").required(true).multiple(false))]
 pub struct Args {

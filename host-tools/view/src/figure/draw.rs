@@ -27,6 +27,8 @@ const LEGEND_PX: f64 = 22.0;
 const TEXT_PX: f64 = 12.0;
 /// Plotters' size of a text over the size of its letters' square.
 const TEXT_SIZE: f64 = 1.24;
+/// Letters of a label that fit beside the name of the axis.
+const SHORT_LABEL: usize = 7;
 /// Pixels for each label of an axis, across and upwards.
 const LABEL_PX: [u32; 2] = [80, 36];
 
@@ -81,9 +83,12 @@ pub fn draw<DB: DrawingBackend>(
         head.draw_text(&figure.title, &pen.text(14.0), (pen.units(12.0) as i32, pen.units(9.0) as i32))?;
         rest = below;
     }
+    // The same for all panels, so that their axes stand below each other.
+    let is_long = figure.panels.iter().any(|panel| axes(panel)[1].longest_label() > SHORT_LABEL);
+    let left_px = if is_long { 84.0 } else { 68.0 };
     for panel in &figure.panels {
         let (area, below) = rest.split_vertically(pen.units(panel.height_px.into()));
-        Drawing { root, pen }.panel(panel, &area)?;
+        Drawing { root, pen, left_px }.panel(panel, &area)?;
         rest = below;
     }
     Ok(())
@@ -93,16 +98,22 @@ struct Drawing<'a, DB: DrawingBackend> {
     /// Everything, for what is placed by the canvas's own units.
     root: &'a DrawingArea<DB, Shift>,
     pen: Pen,
+    /// Room for labels and name of the axis on the left.
+    left_px: f64,
+}
+
+/// The axes of a panel, across and upwards.
+fn axes(panel: &Panel) -> [Coordinate; 2] {
+    let [across, upwards] = ranges(panel);
+    let [x, y] = [WIDTH_PX / LABEL_PX[0], panel.height_px.saturating_sub(60) / LABEL_PX[1]].map(|count| count.max(3));
+    [Coordinate::new(panel.x.scale, across, x as usize), Coordinate::new(panel.y.scale, upwards, y as usize)]
 }
 
 impl<DB: DrawingBackend> Drawing<'_, DB> {
     fn panel(&self, panel: &Panel, area: &DrawingArea<DB, Shift>) -> Result<(), Failure<DB>> {
         let pen = self.pen;
         let [across, upwards] = ranges(panel);
-        let labels =
-            [WIDTH_PX / LABEL_PX[0], panel.height_px.saturating_sub(60) / LABEL_PX[1]].map(|count| count.max(3));
-        let x = Coordinate::new(panel.x.scale, across, labels[0] as usize);
-        let y = Coordinate::new(panel.y.scale, upwards, labels[1] as usize);
+        let [x, y] = axes(panel);
         let (legend, body) = area.split_vertically(pen.units(LEGEND_PX));
         self.legend(panel, &legend)?;
         let mut chart = ChartBuilder::on(&body)
@@ -110,7 +121,7 @@ impl<DB: DrawingBackend> Drawing<'_, DB> {
             .margin_top(pen.units(4.0))
             .margin_left(pen.units(8.0))
             .x_label_area_size(pen.units(40.0))
-            .y_label_area_size(pen.units(68.0))
+            .y_label_area_size(pen.units(self.left_px))
             .build_cartesian_2d(x.clone(), y.clone())?;
         chart
             .configure_mesh()

@@ -7,6 +7,9 @@ use plotters::coord::{
     types::RangedCoordf64,
 };
 
+/// Decimals of a label at most; with more it is a power of ten.
+const MOST_DECIMALS: usize = 4;
+
 /// Linear or logarithmic.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scale {
@@ -60,6 +63,11 @@ impl Coordinate {
         Self { scale, range: low..high, laid_out, ticks, minor }
     }
 
+    /// Letters of the longest label.
+    pub fn longest_label(&self) -> usize {
+        self.ticks.iter().map(|tick| self.label(*tick).chars().count()).max().unwrap_or(0)
+    }
+
     /// Label of a tick: plain digits with a true minus, powers of ten where there would be many zeros.
     pub fn label(&self, value: f64) -> String {
         let text = match self.scale {
@@ -68,14 +76,21 @@ impl Coordinate {
                 let steps = self.ticks.windows(2).map(|pair| pair.iter().fold(0.0, |last, tick| tick - last).abs());
                 let step = steps.fold(f64::INFINITY, f64::min);
                 // The least number of decimals that tells neighbours apart; 1e-9 forgives rounding of 0.2 as 0.19999.
-                let decimals = (0..9).find(|decimals| {
+                let decimals = (0..15).find(|decimals| {
                     let scaled = step * 10f64.powi(*decimals);
                     (scaled - scaled.round()).abs() < 1e-6 * scaled && scaled >= 1.0 - 1e-9
                 });
                 let decimals = decimals.unwrap_or(2) as usize;
                 // No minus before a zero.
                 let value = if value.abs() < 1e-9 * step { 0.0 } else { value };
-                format!("{value:.decimals$}")
+                let greatest = self.ticks.iter().fold(0.0_f64, |most, tick| most.max(tick.abs()));
+                let exponent = (greatest.log10() + 1e-9).floor();
+                if decimals <= MOST_DECIMALS || value == 0.0 || !exponent.is_finite() {
+                    format!("{value:.*}", if value == 0.0 && decimals > MOST_DECIMALS { 0 } else { decimals })
+                } else {
+                    let decimals = (decimals as f64 + exponent).max(0.0) as usize;
+                    format!("{:.decimals$}·10{}", value / 10f64.powf(exponent), raised(exponent as i32))
+                }
             }
         };
         text.replace('-', "\u{2212}")
@@ -106,8 +121,12 @@ fn log_label(value: f64) -> String {
         return format!("{value:.decimals$}");
     }
     let digit = (value / 10f64.powi(exponent)).round() as i32;
-    let power: String = exponent.to_string().chars().map(superscript).collect();
+    let power = raised(exponent);
     if digit == 1 { format!("10{power}") } else { format!("{digit}·10{power}") }
+}
+
+fn raised(exponent: i32) -> String {
+    exponent.to_string().chars().map(superscript).collect()
 }
 
 fn superscript(letter: char) -> char {
@@ -143,7 +162,7 @@ pub fn around(scale: Scale, values: impl Iterator<Item = f64>) -> (f64, f64) {
     let (low, high) = match scale {
         _ if low > high => (0.0, 1.0),
         Scale::Linear if high - low <= 1e-9 * high.abs().max(low.abs()).max(1e-12) => {
-            let room = (0.1 * high.abs()).max(1e-3);
+            let room = if high == 0.0 { 1e-3 } else { 0.1 * high.abs() };
             (low - room, high + room)
         }
         Scale::Log if high - low < 0.02 => (low - 0.1, high + 0.1),

@@ -72,7 +72,12 @@ fn ticks_are_round_and_their_labels_short() {
     assert_eq!(labels(Scale::Linear, 299.1, 299.9, 4), ["299.2", "299.4", "299.6", "299.8"]);
     assert_eq!(labels(Scale::Log, 0.01, 1e6, 9), ["0.01", "0.1", "1", "10", "100", "1000", "10000", "10⁵", "10⁶"]);
     assert_eq!(labels(Scale::Log, 0.9, 11.0, 5), ["1", "2", "5", "10"]);
+    // A small axis.
+    assert_eq!(labels(Scale::Linear, 1.98e-4, 2.02e-4, 4), ["1.98·10⁻⁴", "2.00·10⁻⁴", "2.02·10⁻⁴"]);
+    assert_eq!(labels(Scale::Linear, -1.1e-7, 1.1e-7, 4), ["−1·10⁻⁷", "0", "1·10⁻⁷"]);
     assert_eq!(around(Scale::Linear, [3.0, 3.0].into_iter()), (2.7, 3.3));
+    let (low, high) = around(Scale::Linear, [2e-4, 2e-4].into_iter());
+    assert!((low - 1.8e-4).abs() < 1e-12 && (high - 2.2e-4).abs() < 1e-12, "{low} {high}");
 }
 
 #[test]

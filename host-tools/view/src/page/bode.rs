@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use inerter_analysis::response::{self, Complex, Input, Method, ModelParameters, ideal, model};
-use inerter_data::words::plural;
+use inerter_data::words::{amount_text, plural};
 
 use super::{
     Content,
@@ -142,7 +142,8 @@ pub(super) fn bode(content: &Content) -> Made {
     };
     let friction = match content.equivalent_viscous {
         Some(c) if has_friction => format!(
-            " Dry friction is not linear; at this motion's speed it acts like {c:.1} {} more of viscous friction.",
+            " Dry friction is not linear; at this motion's speed it acts like {} {} more of viscous friction.",
+            amount_text(c, 1),
             catalogue::unit(content.run.settings.machine, "N s/m")
         ),
         _ => String::new(),

@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use inerter_core::{Interval, Machine, Parameter};
 use inerter_data::{
     names::description,
-    text::{backlash_text, value_text},
+    text::{backlash_text, force_text, value_text},
     words::{interval_text, plural},
 };
 use inerter_wire::catalogue::{self, Group};
@@ -144,14 +144,14 @@ fn force(content: &Content) -> Made {
 fn left_over(content: &Content) -> String {
     match content.residual() {
         Some((rms_n, explained)) => format!(
-            "Over {} {rms_n:.2} {} rms are left over, {:.2} % of the force's. \
+            "Over {} {} rms are left over, {:.2} % of the force's. \
              Where the screw stands there is no law: friction at rest takes any value.",
             if content.changes.is_empty() {
                 "the whole run"
             } else {
                 "all that came after the last change of the device"
             },
-            catalogue::unit(content.run.settings.machine, "N"),
+            force_text(content.run.settings.machine, rms_n),
             100.0 * (1.0 - explained).max(0.0).sqrt()
         ),
         None => "Nothing moves: there is no law to compare with.".into(),

@@ -301,7 +301,7 @@ fn conditions(content: &Content) -> Markup {
     };
     let residual = content.residual().map_or_else(
         || "nothing moved".to_string(),
-        |(rms_n, _)| format!("{rms_n:.2} {} rms", catalogue::unit(content.run.settings.machine, "N")),
+        |(rms_n, _)| text::force_text(content.run.settings.machine, rms_n) + " rms",
     );
     let seen_at = description(content.run.settings.machine, "Inertance was seen at");
     let recorded = content.run.recorded_ns.map(|time_ns| ("Recorded", utc(time_ns)));

@@ -4,7 +4,7 @@ use std::{path::PathBuf, time::Duration};
 
 use inerter_analysis::calibrate::{CalibrateError, Finding};
 use inerter_core::Machine;
-use inerter_data::{json::machine_json_line, output, run::Run, settings::SettingsInputError};
+use inerter_data::{json::machine_json_line, names::description, output, run::Run, settings::SettingsInputError};
 use inerter_device::{Device, DeviceError};
 use inerter_wire::Refusal;
 use serde_json::{Value, json};
@@ -119,11 +119,11 @@ pub fn report(finding: &Finding, source: &str, machine: Machine, json: bool, wri
         }
         output::line(machine_json_line(machine, &object))?;
     } else {
-        finding.text.iter().try_for_each(output::line)?;
+        finding.text.iter().try_for_each(|text| output::line(description(machine, text)))?;
         for remark in &finding.remarks {
             let level = serde_json::to_value(remark.level).ok();
             let level = level.as_ref().and_then(Value::as_str).unwrap_or_default();
-            output::line(format!("{level}: {}", remark.text))?;
+            output::line(format!("{level}: {}", description(machine, &remark.text)))?;
         }
         if finding.has_settings() && finding.is_good() {
             let set: Vec<String> = finding.values.iter().map(|(name, value)| format!("{name}={value}")).collect();

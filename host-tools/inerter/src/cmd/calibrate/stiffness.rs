@@ -3,6 +3,7 @@
 use inerter_analysis::contact::ContactLaw;
 use inerter_data::{
     json::{BacklashJson, ParameterJson},
+    names::unit,
     replay::Outcome,
     run::Run,
     text::value_text,
@@ -49,9 +50,11 @@ fn shown(run: &Run, outcome: &Outcome) -> Result<Shown<StiffnessJson>, Error> {
     Ok(Shown {
         what: "stiffness",
         words: vec![format!(
-            "contact stiffness {} N/m, contact damping {} N s/m",
+            "contact stiffness {} {}, contact damping {} {}",
             value_text(&stiffness),
-            value_text(&damping)
+            unit(run.settings.machine, "N/m"),
+            value_text(&damping),
+            unit(run.settings.machine, "N s/m")
         )],
         values: vec![
             ("stiffness_n_per_m", settings.stiffness_n_per_m),

@@ -162,7 +162,7 @@ fn bounds(values: impl Iterator<Item = f64>) -> [f64; 2] {
     if low > high {
         return [-1.0, 1.0];
     }
-    let extent = (high - low).max(high.abs().max(low.abs()) * 1e-6).max(1e-9);
+    let extent = (high - low).max(high.abs().max(low.abs()) * 1e-6).max(1e-12);
     let decade = 10f64.powf((extent / 2.0).log10().floor());
     let step = if extent / decade > 8.0 { decade } else { decade / 2.0 };
     let (low, high) = ((low / step).floor() * step, (high / step).ceil() * step);
@@ -171,7 +171,12 @@ fn bounds(values: impl Iterator<Item = f64>) -> [f64; 2] {
 
 /// A label with the digits that tell it from its neighbours.
 fn number(value: f64, extent: f64) -> String {
-    let decimals = (1.0 - extent.max(1e-9).log10().floor()).clamp(0.0, 6.0) as usize;
+    let decimals = (1.0 - extent.max(1e-12).log10().floor()).max(0.0) as usize;
+    if decimals > 6 && value != 0.0 {
+        let exponent = value.abs().log10().floor() as i32;
+        return format!("{value:>7.*e}", (decimals as i32 + exponent).max(0) as usize);
+    }
+    let decimals = decimals.min(6);
     // No "-0.0".
     let text = format!("{value:>7.decimals$}");
     if text.contains(|letter: char| ('1'..='9').contains(&letter)) { text } else { text.replace('-', " ") }
@@ -190,6 +195,10 @@ mod tests {
             let [low, high] = bounds([value].into_iter());
             assert!(low <= value && value <= high && low < high, "{low} {high}");
         }
+        assert_eq!(
+            [number(2e-4, 4e-7), number(-2e-7, 1e-6), number(0.0, 1e-9)].map(|text| text.trim().to_string()),
+            ["2.0000e-4", "-2e-7", "0.000000"]
+        );
         assert_eq!([number(-0.0, 5.0), number(-12.34, 5.0)].map(|text| text.trim().to_string()), ["0.0", "-12.3"]);
     }
 }
