@@ -18,6 +18,7 @@ pub mod qemu;
 pub mod reference;
 pub mod robustness;
 pub mod sheet;
+pub mod skew;
 pub mod sums;
 
 /// The end of a program that found what it looked at good or not, or could not look; the reason goes to standard error.

@@ -2,6 +2,7 @@
 //!
 //! Limits are two-sided where a figure could come out right by having stopped being measured.
 
+use inerter_analysis::skew::skew;
 use inerter_core::{Bank, Parameter, Parameters, RawSample, Settings, State, Status};
 use inerter_data::replay::Outcome;
 use inerter_tests::data::{Recording, replayed};
@@ -59,6 +60,29 @@ fn lodz_inerters() {
         // 2 s of a rig with unsynchronised clocks and friction that creeps: percents, not parts of a thousand.
         assert!((0.002..0.15).contains(&(f64::from(found.u95()) / inertance)), "{} kg", found.u95());
     }
+}
+
+/// Motor current and motion of EMPS are of one clock; those of Lodz were aligned by hand.
+#[test]
+fn skews() {
+    let of = |recording: Recording| {
+        let mut run = recording.run(1)?.unwrap();
+        let before = replayed(&run).unwrap();
+        let found = skew(&run, &before).unwrap();
+        (run.settings.skew_s, run.settings.skew_u95_s) = (found.skew_s, found.u95_s);
+        let after = replayed(&run).unwrap().estimate;
+        Some((found, found.is_better_than(&Settings { skew_s: 0.0, ..run.settings }), after))
+    };
+    let Some((emps, is_better, _)) = of(Recording::Emps) else { return };
+    assert!(emps.skew_s.abs() < emps.u95_s && (5e-5..4e-4).contains(&emps.u95_s) && !is_better, "{emps:?}");
+    // 2 s with two beats of it, and friction that turns over millimetres.
+    let Some((symmetric, is_better, _)) = of(Recording::LodzSymmetric) else { return };
+    assert!(symmetric.skew_s.abs() < symmetric.u95_s && symmetric.u95_s < 4e-3 && !is_better, "{symmetric:?}");
+    let Some((late, is_better, after)) = of(Recording::LodzAsymmetric) else { return };
+    assert!((1e-3..4e-3).contains(&late.skew_s) && late.u95_s < 1e-3 && is_better, "{late:?}");
+    let [was, is] = late.residual_rms_n;
+    assert!(is < 0.7 * was && (3.0..9.0).contains(&is), "{was} N, then {is} N");
+    assert!(off(&after.whole_run.inertance_kg, 32.7) < 0.01, "{:?}", after.whole_run.inertance_kg);
 }
 
 /// 10 minutes of standstill after a run: the encoder flickers by a count, the force rests on `force_code` with noise.

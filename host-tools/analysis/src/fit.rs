@@ -1,21 +1,18 @@
-//! Fits to the whole run's exact sums: friction by direction, and the skew that is left.
+//! Fits to the whole run's exact sums: friction by direction.
 //!
 //! Regressors: acceleration `a`, velocity `v`, its sign `s`, one, force `F`, speed `|v|`, force rate `F'`, all of one kernel.
-//! - *by direction*: `F = mt a + cf v + dc |v| + fc s + o`, `cf+- = cf +- dc` and `fc+- = fc +- (o - F0)`. An offset `F0`
-//!   that is not known cannot be told from a difference of `fc+` and `fc-`: both are a constant force.
-//! - *skew*: a force that is late by `tau` is `F - tau F'`, so the coefficient of `-F'` is the delay that is left.
+//! `F = mt a + cf v + dc |v| + fc s + o`, `cf+- = cf +- dc` and `fc+- = fc +- (o - F0)`. An offset `F0` that is not known
+//! cannot be told from a difference of `fc+` and `fc-`: both are a constant force.
 //!
 //! Uncertainty as in core (docs/THEORY.md 6), whose budgets these are.
 //! f64 throughout; sums of a day keep 1e-9 of their value.
 
 mod expected;
 
-use inerter_core::constants::{
-    BOXES_VARIANCE, CORRELATION_BOXES, COVERAGE, EXACT, PIVOT_BITS, ROUNDING, UPDATES_PER_BOX,
-};
+use inerter_core::constants::{BOXES_VARIANCE, CORRELATION_BOXES, EXACT, PIVOT_BITS, ROUNDING, UPDATES_PER_BOX};
 use inerter_core::{
-    Backlash, Bank, Found, Interval, MoreSums, Motion, NORMAL_COVERAGE, Parameter, Parameters, Scatter, Settings,
-    Source, Status, Sums, Systematic,
+    Bank, Found, Interval, MoreSums, Motion, NORMAL_COVERAGE, Parameter, Parameters, Scatter, Settings, Source, Status,
+    Sums, Systematic,
 };
 use inerter_data::replay::Outcome;
 use miette::Diagnostic;
@@ -39,28 +36,6 @@ const MOST_STEPS: f64 = 0.5;
 /// Part of a regressor's square that the others must leave over.
 const LEAST_PIVOT: f64 = 1.0 / (1u32 << PIVOT_BITS) as f64;
 
-/// Part of the force rate's square that the others must leave over: a tone of 15.9 Hz leaves 0.0005, a random motion 0.04
-/// and more.
-const LEAST_RATE_LEFT: f64 = 0.02;
-/// Part of the force rate's square that must come from the inertance.
-const LEAST_INERTIAL: f64 = 0.25;
-/// Part of what is left of the force rate that may be noise.
-const MOST_NOISE: f64 = 0.1;
-/// What no averaging removes of the skew \[s\] (test `a_skew_is_found_and_covered`).
-const SKEW_MODEL_U95_S: f64 = 1e-6;
-/// Error of the skew \[s\] by what the sign leaves out of friction at a reversal, to be multiplied with the square of
-/// Coulomb friction over the inertance's force and divided by the root of what is left of the force rate: the paper's device
-/// errs by up to 13 us in a tone of 3.2 Hz, 4.2 us in two tones, 1 us in random motion.
-const SKEW_PER_FRICTION_S: f64 = 150e-6;
-/// Error of the skew by the impacts of a worn screw, which the samples do not resolve \[sample periods per metre of
-/// backlash\]: 0.1 mm shifts it by up to 12 us at 1 kHz, by 5 us at 4 kHz.
-const SKEW_PER_BACKLASH: f64 = 200.0;
-/// Interval of a skew that is of no use \[s\]: a tone of 3.2 Hz, which only its friction's harmonics save from being
-/// collinear, has 10 us and more, and errs by as much.
-const WIDEST_SKEW_S: f64 = 9e-6;
-/// Motion that is advised \[s\].
-const ENOUGH_S: f64 = 20.0;
-
 /// Why a fit says nothing.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error, Diagnostic)]
 pub enum FitError {
@@ -75,84 +50,10 @@ pub enum FitError {
     #[error("the motion cannot tell inertance and friction apart")]
     #[diagnostic(code(inerter::fit::motion), help("move in both directions, fast enough that inertance matters"))]
     Motion,
-    /// The force rate follows the velocity.
-    #[error(
-        "this motion cannot show a skew: the force changes in step with the velocity (only {:.1} % of its rate is left \
-         over), as in a single tone, where a delay and viscous friction are one",
-        left * 100.0
-    )]
-    #[diagnostic(
-        code(inerter::fit::tone),
-        help("shake with several frequencies at once: two tones or a random motion, up to 10 Hz or more")
-    )]
-    SingleTone {
-        /// Part of the force rate's square that the other regressors leave over.
-        left: f64,
-    },
-    /// The force changes by friction.
-    #[error("this motion cannot show a skew: it is friction that changes the force, not the inertance")]
-    #[diagnostic(code(inerter::fit::slow), help("shake faster: two tones or a random motion, up to 10 Hz or more"))]
-    TooSlow,
-    /// The force rate is noise.
-    #[error("this motion cannot show a skew: {:.0} % of what tells it is noise of the force", noise * 100.0)]
-    #[diagnostic(code(inerter::fit::noise), help("shake harder or faster, or quieten the force channel"))]
-    TooNoisy {
-        /// Part of what is left of the force rate that is noise.
-        noise: f64,
-    },
-    /// The interval is of no use.
-    #[error("this motion hardly shows a skew: it would be uncertain by {:.0} µs: {doubt}", u95_s * 1e6)]
-    #[diagnostic(code(inerter::fit::wide), help("{}", doubt.help()))]
-    TooWide {
-        /// Half width of the interval \[s\].
-        u95_s: f64,
-        /// What makes it so wide.
-        doubt: Doubt,
-    },
     /// The sums do not belong together.
     #[error("the two halves of the sums are not of the same moment")]
     #[diagnostic(code(inerter::fit::torn), help("frames were lost on the way: try again"))]
     Torn,
-}
-
-/// What most of a skew's interval comes from.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-pub enum Doubt {
-    /// The fit's own error, in a short motion.
-    #[error("there is only {seconds:.1} s of motion")]
-    Short {
-        /// Time that something moved \[s\].
-        seconds: f64,
-    },
-    /// The fit's own error, and the noise in the force's rate.
-    #[error("what tells a delay from friction is small beside {residual_rms_n:.2} N rms of noise")]
-    Noise {
-        /// What is left unexplained \[N\].
-        residual_rms_n: f64,
-    },
-    /// Impacts of a worn screw.
-    #[error("the impacts of a screw with up to {:.0} µm of backlash shift it", backlash_m * 1e6)]
-    Impacts {
-        /// Backlash that there may be \[m\].
-        backlash_m: f64,
-    },
-    /// What the sign leaves out of friction.
-    #[error("friction at the reversals hides it")]
-    Friction,
-}
-
-impl Doubt {
-    fn help(self) -> &'static str {
-        match self {
-            Self::Short { .. } => "keep shaking while it is recorded or listened to: 20 s are enough",
-            Self::Noise { .. } => {
-                "shake with several frequencies at once, up to 10 Hz or more, and harder: in a single tone a delay and \
-                 viscous friction are nearly one. `inerter calibrate load-cell` says what quietens the force"
-            }
-            Self::Impacts { .. } => "raise sample_rate_hz, so that the impacts are resolved, or take the play away",
-            Self::Friction => "shake harder or faster, so that the inertance's force outweighs friction",
-        }
-    }
 }
 
 fn short_help(observations: f64) -> &'static str {
@@ -187,8 +88,6 @@ pub(crate) struct Solution<const N: usize> {
     error_square: f64,
     /// Mean square of what is left unexplained \[N^2\].
     pub residual_square: f64,
-    /// Part of each regressor's square that the others leave over.
-    left: [f64; N],
 }
 
 impl<const N: usize> Solution<N> {
@@ -317,9 +216,6 @@ impl Products {
             inverse,
             error_square: 0.0,
             residual_square: 0.0,
-            left: std::array::from_fn(|place| {
-                (inverse[place][place] * self.sums[regressors[place]][regressors[place]]).recip()
-            }),
         };
         solution.rest_on(left_over * observations / freedom);
         Ok(solution)
@@ -405,10 +301,6 @@ fn solved<const N: usize>(lower: &[[f64; N]; N], right: [f64; N]) -> [f64; N] {
         x[row] = (x[row] - known) / lower[row][row];
     }
     x
-}
-
-fn hypot(parts: &[f64]) -> f64 {
-    parts.iter().map(|part| part * part).sum::<f64>().sqrt()
 }
 
 /// The parameters by what was found, with their intervals.
@@ -528,91 +420,6 @@ pub fn directions(
 /// Weights that pick one coefficient.
 fn unit_of<const N: usize>(place: usize) -> [f64; N] {
     std::array::from_fn(|other| f64::from(u8::from(other == place)))
-}
-
-/// The delay that is left, and what it had made of viscous friction.
-#[derive(Clone, Copy, Debug)]
-pub struct Skew {
-    /// Delay of the force beyond the skew in use \[s\].
-    pub left_s: f64,
-    /// Half width of its 95 % interval \[s\].
-    pub u95_s: f64,
-    /// Viscous friction with the skew in use \[N s/m\].
-    pub viscous_before: Parameter,
-    /// Viscous friction without the delay that is left \[N s/m\].
-    pub viscous_after: Parameter,
-}
-
-impl Skew {
-    /// Whether it says more than the skew in use: a delay is left beyond its interval, or the interval is the smaller one.
-    pub fn is_better_than(&self, settings: &Settings) -> bool {
-        self.left_s.abs() > self.u95_s || self.u95_s < settings.skew_u95_s
-    }
-}
-
-/// The skew by the force's rate as a fifth regressor. The backlash, where it is known, makes it less certain.
-pub fn skew(products: &Products, settings: &Settings, backlash: &Backlash, beside: &Beside) -> Result<Skew, FitError> {
-    let plain = products.fitted([ACCELERATION, VELOCITY, SIGN, ONE], settings)?;
-    let full =
-        products.fitted([ACCELERATION, VELOCITY, SIGN, ONE, FORCE_RATE], settings).map_err(|error| match error {
-            FitError::Motion => FitError::SingleTone { left: 0.0 },
-            other => other,
-        })?;
-    let mass = full.values[0];
-    // By Cauchy and Schwarz at least this much of the rate's square is the inertance's.
-    let inertial = (mass * products.mean_square(ACCELERATION)).powi(2) / products.mean_square(VELOCITY);
-    let rate_square = products.mean_square(FORCE_RATE);
-    if inertial < LEAST_INERTIAL * rate_square {
-        return Err(FitError::TooSlow);
-    }
-    let [.., left] = full.left;
-    if left < LEAST_RATE_LEFT {
-        return Err(FitError::SingleTone { left });
-    }
-    // A cubic B-spline passes white noise with 151/315 of its box's rate and differentiated with 2/3 of it.
-    let noise_rate_square = full.residual_square * (2.0 / 3.0) / BOXES_VARIANCE / products.box_s(settings).powi(2);
-    let noise = noise_rate_square / (left * rate_square);
-    if noise > MOST_NOISE {
-        return Err(FitError::TooNoisy { noise });
-    }
-    let found = full.combined([0.0, 0.0, 0.0, 0.0, -1.0]);
-    let (left_s, error) = (f64::from(found.value), f64::from(found.error));
-    // Noise in a regressor takes that part of its coefficient.
-    let backlash_m = greatest_backlash_m(backlash);
-    let impacts = SKEW_PER_BACKLASH * backlash_m / settings.sample_rate_hz;
-    let friction_share = (full.values[2] / mass).powi(2) / products.mean_square(ACCELERATION);
-    let reversals = SKEW_PER_FRICTION_S * friction_share / left.sqrt();
-    let scatter = hypot(&[COVERAGE * error, noise * left_s]);
-    let u95_s = hypot(&[scatter, SKEW_MODEL_U95_S, impacts, reversals]);
-    if u95_s > WIDEST_SKEW_S {
-        // Two updates to a box.
-        let seconds = products.updates * products.box_s(settings) / 2.0;
-        let longer = hypot(&[scatter * (seconds / ENOUGH_S).min(1.0).sqrt(), reversals]);
-        let doubt = if impacts >= scatter.max(reversals) {
-            Doubt::Impacts { backlash_m }
-        } else if longer < WIDEST_SKEW_S {
-            Doubt::Short { seconds }
-        } else if reversals >= scatter {
-            Doubt::Friction
-        } else {
-            Doubt::Noise { residual_rms_n: full.residual_square.sqrt() }
-        };
-        return Err(FitError::TooWide { u95_s, doubt });
-    }
-    let without_skew = Settings { skew_u95_s: 0.0, ..*settings };
-    let judge = |settings, scatter| Judge { settings, beside, scatter };
-    Ok(Skew {
-        left_s,
-        u95_s,
-        viscous_before: judge(settings, plain.scatter).viscous(&plain.combined(unit_of(VELOCITY))),
-        // The interval of the skew is in the fit's own error already.
-        viscous_after: judge(&without_skew, full.scatter).viscous(&full.combined(unit_of(VELOCITY))),
-    })
-}
-
-/// The backlash that there may be \[m\]; 0 where nothing is known.
-fn greatest_backlash_m(backlash: &Backlash) -> f64 {
-    backlash.known().map_or(0.0, |Interval { value, u95 }| f64::from(value.abs() + u95))
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-use inerter_core::{BacklashSize, Parameters as Found, Reason};
+use inerter_core::Parameters as Found;
 use inerter_data::{
     replay::{Outcome, Replay},
     settings::Overrides,
@@ -67,8 +67,8 @@ impl Noise {
     }
 }
 
-/// A device of 300 kg on tones \[m, rad/s\], its force late by `tau_s`: `[law for the velocity's side]`.
-fn shaken(tones: &[(f64, f64)], sides: [[f64; 2]; 2], offset_n: f64, tau_s: f64, noise_n: f64) -> Vec<[f64; COUNT]> {
+/// A device of 300 kg on tones \[m, rad/s\]: `[law for the velocity's side]`.
+fn shaken(tones: &[(f64, f64)], sides: [[f64; 2]; 2], offset_n: f64, noise_n: f64) -> Vec<[f64; COUNT]> {
     let mut noise = Noise(7);
     let motion = |t: f64, derivative: u32| {
         let turn = f64::from(derivative) * std::f64::consts::FRAC_PI_2;
@@ -79,13 +79,12 @@ fn shaken(tones: &[(f64, f64)], sides: [[f64; 2]; 2], offset_n: f64, tau_s: f64,
         let [viscous, coulomb] = sides[usize::from(v < 0.0)];
         let rate = 300.0 * jerk + viscous * a;
         let force = 300.0 * a + viscous * v + coulomb * v.signum() + offset_n;
-        [a, v, v.signum(), 1.0, force - tau_s * rate + noise_n * noise.next(), v.abs(), rate]
+        [a, v, v.signum(), 1.0, force + noise_n * noise.next(), v.abs(), rate]
     };
     (0..2_500).map(|update| row(f64::from(update) * 0.008, &mut noise)).collect()
 }
 
 const TWO_TONES: &[(f64, f64)] = &[(8e-3, 5.03), (8e-4, 40.2)];
-const ONE_TONE: &[(f64, f64)] = &[(8e-4, 99.9)];
 const ALIKE: [[f64; 2]; 2] = [[30.0, 20.0]; 2];
 
 #[track_caller]
@@ -97,7 +96,7 @@ fn near(parameter: Parameter, truth: f64) {
 
 #[test]
 fn friction_by_direction_is_told_apart() {
-    let all = products(shaken(TWO_TONES, [[30.0, 40.0], [80.0, 60.0]], 0.0, 0.0, 1e-3));
+    let all = products(shaken(TWO_TONES, [[30.0, 40.0], [80.0, 60.0]], 0.0, 1e-3));
     let fit = directions(&all, &ideal(), &BESIDE, Some(0.0)).unwrap();
     near(fit.inertance_kg, 300.0);
     fit.viscous_n_s_per_m.into_iter().zip([30.0, 80.0]).for_each(|(found, truth)| near(found, truth));
@@ -113,8 +112,8 @@ fn friction_by_direction_is_told_apart() {
 #[test]
 fn an_offset_is_a_difference_of_coulomb_frictions_unless_it_is_known() {
     // 5 N of offset and no difference, or no offset and 10 N of difference: the same force.
-    let offset = products(shaken(TWO_TONES, [[30.0, 50.0]; 2], 5.0, 0.0, 1e-3));
-    let difference = products(shaken(TWO_TONES, [[30.0, 55.0], [30.0, 45.0]], 0.0, 0.0, 1e-3));
+    let offset = products(shaken(TWO_TONES, [[30.0, 50.0]; 2], 5.0, 1e-3));
+    let difference = products(shaken(TWO_TONES, [[30.0, 55.0], [30.0, 45.0]], 0.0, 1e-3));
     for (all, offset_n, truth) in
         [(&offset, 5.0, [50.0, 50.0]), (&difference, 0.0, [55.0, 45.0]), (&difference, 5.0, [50.0, 50.0])]
     {
@@ -151,7 +150,7 @@ fn an_exact_fit_has_the_interval_of_what_its_instruments_round() {
     // The law itself, and a force that stands still.
     for force in [|row: [f64; COUNT]| row[FORCE], |_: [f64; COUNT]| -30.01] {
         let law = |sign: f64| {
-            let rows = shaken(TWO_TONES, ALIKE, 5.0, 0.0, 0.0);
+            let rows = shaken(TWO_TONES, ALIKE, 5.0, 0.0);
             let all = products(rows.into_iter().map(|row| {
                 let [a, v, s, one, _, speed, rate] = row;
                 [sign * a, sign * v, sign * s, one, sign * force(row), speed, sign * rate]
@@ -175,7 +174,7 @@ fn an_exact_fit_has_the_interval_of_what_its_instruments_round() {
 
 #[test]
 fn systematic_parts_are_those_of_the_estimator() {
-    let setup = setup("random", 0.0, 1);
+    let setup = setup("random", 1);
     let outcome = replayed(&setup);
     let (sums, more) = outcome.sums();
     let fit =
@@ -191,12 +190,11 @@ fn systematic_parts_are_those_of_the_estimator() {
 
 #[test]
 fn what_cannot_be_fitted_says_why() {
-    let rows = shaken(TWO_TONES, ALIKE, 0.0, 0.0, 1.0);
+    let rows = shaken(TWO_TONES, ALIKE, 0.0, 1.0);
     let few = products(rows.iter().copied().take(60));
     assert!(matches!(directions(&few, &ideal(), &BESIDE, None), Err(FitError::TooShort { .. })));
     let standing = products((0..500).map(|_| [0.0, 0.0, 0.0, 1.0, 5.0, 0.0, 0.0]));
     assert_eq!(directions(&standing, &ideal(), &BESIDE, None).unwrap_err(), FitError::Motion);
-    assert!(skew(&standing, &ideal(), &Backlash::default(), &BESIDE).is_err());
     let one_way = products(rows.iter().copied().filter(|row| row[VELOCITY] > 0.0));
     assert_eq!(directions(&one_way, &ideal(), &BESIDE, None).unwrap_err(), FitError::Motion);
     let (sums, more) = summed(rows);
@@ -204,97 +202,14 @@ fn what_cannot_be_fitted_says_why() {
     assert_eq!(Products::of(&sums, &MoreSums { bank: Bank::Slow, ..more }).unwrap_err(), FitError::Torn);
 }
 
-#[test]
-fn a_delay_is_the_coefficient_of_the_force_rate() {
-    for tau_s in [0.0, 5e-5, -2e-5] {
-        let found =
-            skew(&products(shaken(TWO_TONES, ALIKE, 0.0, tau_s, 0.01)), &ideal(), &Backlash::default(), &BESIDE)
-                .unwrap();
-        assert!((found.left_s - tau_s).abs() < 1e-7, "{} against {tau_s}", found.left_s);
-        assert!((f64::from(found.viscous_after.fitted().value) - 30.0).abs() < 0.1, "{:?}", found.viscous_after);
-        // A late force is a false damper of mt w^2 tau, and somewhat more where the sign goes with the velocity.
-        let false_damper = f64::from(found.viscous_before.fitted().value) - 30.0;
-        let range = if tau_s == 0.0 { -0.1..0.1 } else { 1.0..2.0 };
-        let scale = if tau_s == 0.0 { 1.0 } else { 300.0 * 645.0 * tau_s };
-        assert!(range.contains(&(false_damper / scale)), "{false_damper} at {tau_s}");
-    }
-}
-
-#[test]
-fn a_motion_that_cannot_show_a_delay_is_refused() {
-    let none = Backlash::default();
-    let refused = |rows| skew(&products(rows), &ideal(), &none, &BESIDE).unwrap_err();
-    assert!(matches!(refused(shaken(ONE_TONE, ALIKE, 0.0, 1e-5, 0.1)), FitError::SingleTone { .. }));
-    let slow = shaken(TWO_TONES, ALIKE, 0.0, 0.0, 0.1).into_iter().map(|[a, v, s, one, force, speed, rate]| {
-        // The same, but that friction makes most of the rate.
-        [a, v, s, one, force, speed, rate + 2e4 * (v * 1e4).sin()]
-    });
-    assert_eq!(refused(slow.collect()), FitError::TooSlow);
-    assert!(matches!(refused(shaken(TWO_TONES, ALIKE, 0.0, 0.0, 60.0)), FitError::TooNoisy { .. }));
-    let noisy = refused(shaken(TWO_TONES, ALIKE, 0.0, 0.0, 8.0));
-    assert!(matches!(noisy, FitError::TooWide { doubt: Doubt::Noise { .. }, .. }), "{noisy:?}");
-    // A worn screw's impacts are not resolved; at four times the rate they are.
-    let worn = Backlash { size: BacklashSize::Ok(Interval { value: 1e-4, u95: 2e-6 }), ..none };
-    let clear = products(shaken(TWO_TONES, ALIKE, 0.0, 0.0, 0.1));
-    let refused = skew(&clear, &ideal(), &worn, &BESIDE).unwrap_err();
-    assert!(matches!(refused, FitError::TooWide { doubt: Doubt::Impacts { .. }, .. }), "{refused:?}");
-    assert!(skew(&clear, &Settings { sample_rate_hz: 4000.0, ..ideal() }, &worn, &BESIDE).is_ok());
-    let unknown = Backlash { size: BacklashSize::NotIdentifiable(Reason::Scattered), ..worn };
-    assert!(skew(&clear, &ideal(), &unknown, &BESIDE).is_ok());
-}
-
-/// The reference device with a load cell that is late, under settings that do not know of it.
-fn setup(motion: &str, delay_s: f64, seed: u64) -> Setup {
-    let sensors = Sensors { delay_s, seed, ..bench_sensors() };
-    let mut setup = Setup::new(Inerter::paper(), sensors, motion, Some(20.0), &Overrides::default()).unwrap();
-    setup.settings.skew_s = 0.0;
-    setup
+/// The reference device.
+fn setup(motion: &str, seed: u64) -> Setup {
+    let sensors = Sensors { seed, ..bench_sensors() };
+    Setup::new(Inerter::paper(), sensors, motion, Some(20.0), &Overrides::default()).unwrap()
 }
 
 fn replayed(setup: &Setup) -> Outcome {
     let mut replay = Replay::new(&setup.settings, 0.0).unwrap();
     setup.samples().unwrap().for_each(|sample| replay.step(&raw(&sample)).for_each(drop));
     replay.outcome()
-}
-
-fn skew_of(setup: &Setup) -> Result<Skew, FitError> {
-    let outcome = replayed(setup);
-    let (sums, more) = &outcome.fast;
-    skew(&Products::of(sums, more)?, &setup.settings, &outcome.detail.backlash, &Beside::of(&outcome))
-}
-
-#[test]
-fn a_skew_is_found_and_covered() {
-    for motion in ["multi", "random", "two"] {
-        for (delay_s, seed) in [(0.0, 1), (5e-5, 2), (-2e-5, 3)] {
-            let setup = setup(motion, delay_s, seed);
-            let found = skew_of(&setup).unwrap();
-            let error_s = found.left_s - delay_s;
-            assert!(error_s.abs() <= found.u95_s, "{motion}: {error_s} beyond {}", found.u95_s);
-            assert!(error_s.abs() < 5e-6 && found.u95_s < 7.5e-6, "{motion}: {error_s} {}", found.u95_s);
-            // The delay's sign is that of the setting: with it nothing is left, and friction is right.
-            let mut corrected = setup;
-            corrected.settings.skew_s += found.left_s;
-            let again = skew_of(&corrected).unwrap();
-            assert!(again.left_s.abs() < 1e-6, "{motion}: {}", again.left_s);
-            let viscous = f64::from(again.viscous_before.fitted().value);
-            assert!((viscous - 31.4).abs() < 6.0, "{motion}: {viscous}");
-        }
-    }
-}
-
-#[test]
-fn single_tones_and_slow_motion_show_no_skew() {
-    assert!(matches!(skew_of(&setup("fast", 5e-5, 1)), Err(FitError::SingleTone { .. })));
-    let tone = skew_of(&setup("mid", 5e-5, 1)).unwrap_err();
-    assert!(matches!(tone, FitError::TooWide { doubt: Doubt::Noise { .. }, .. }), "{tone:?}");
-    let mut brief = setup("random@2s;hold", 5e-5, 1);
-    brief.sensors.force_noise_n = 10.0;
-    let brief = skew_of(&brief).unwrap_err();
-    assert!(matches!(brief, FitError::TooWide { doubt: Doubt::Short { .. }, .. }), "{brief:?}");
-    let mut gentle = setup("random:0.5-15Hz:5mm/s", 5e-5, 1);
-    gentle.sensors.force_noise_n = 0.0;
-    let gentle = skew_of(&gentle).unwrap_err();
-    assert!(matches!(gentle, FitError::TooWide { doubt: Doubt::Friction, .. }), "{gentle:?}");
-    assert!(matches!(skew_of(&setup("slow", 5e-5, 1)), Err(FitError::TooSlow | FitError::TooShort { .. })));
 }

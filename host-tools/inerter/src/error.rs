@@ -5,6 +5,7 @@
 
 use inerter_analysis::{
     calibrate::CalibrateError, contact::ContactError, fit::FitError, identify::IdentifyError, plan::PlanError,
+    skew::SkewError,
 };
 use inerter_data::{
     backup::BackupError,
@@ -56,6 +57,10 @@ pub enum Error {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Fit(#[from] FitError),
+    /// A motion shows no skew.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Skew(#[from] SkewError),
     /// There is no stiffness to be had.
     #[error(transparent)]
     #[diagnostic(transparent)]

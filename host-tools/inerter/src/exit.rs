@@ -1,6 +1,6 @@
 //! Exit codes, a public contract described in `docs/CLI.md`, and which one each failure ends with.
 
-use inerter_analysis::{calibrate::CalibrateError, fit::FitError, identify::IdentifyError, plan::PlanError};
+use inerter_analysis::{calibrate::CalibrateError, fit::FitError, identify::IdentifyError, plan::PlanError, skew::SkewError};
 use inerter_data::recording::RecordingError;
 use inerter_device::{DeviceError, flash::FlashError, update::UpdateError};
 use inerter_simulate::SimulateError;
@@ -48,6 +48,7 @@ pub fn code(error: &Error) -> u8 {
         Error::Backup(_) => SETTINGS,
         Error::Contact(_) => NOT_SHOWN,
         Error::Fit(error) => fit(error),
+        Error::Skew(error) => skew(error),
         Error::Page(PageError::NotShown { .. }) => NOT_SHOWN,
         Error::Page(PageError::Format { .. }) => USAGE,
         Error::Device(error) => device(error),
@@ -137,12 +138,18 @@ fn recording(error: &RecordingError) -> u8 {
 fn fit(error: &FitError) -> u8 {
     match error {
         FitError::Torn => DEVICE_LOST,
-        FitError::TooShort { .. }
-        | FitError::Motion
-        | FitError::SingleTone { .. }
-        | FitError::TooSlow
-        | FitError::TooNoisy { .. }
-        | FitError::TooWide { .. } => NOT_SHOWN,
+        FitError::TooShort { .. } | FitError::Motion => NOT_SHOWN,
+    }
+}
+
+fn skew(error: &SkewError) -> u8 {
+    match error {
+        SkewError::Fit(error) => fit(error),
+        SkewError::Settings(_) => SETTINGS,
+        SkewError::SingleTone { .. }
+        | SkewError::TooNoisy { .. }
+        | SkewError::Beyond { .. }
+        | SkewError::Backwards { .. } => NOT_SHOWN,
     }
 }
 

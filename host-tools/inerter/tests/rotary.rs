@@ -150,3 +150,106 @@ fn what_calibrate_finds_of_a_rotary_machine_has_its_names() {
     let direction = last(&done(folder, &["calibrate", "direction", "run.mcap", "--json"]));
     assert!(direction["measured"]["inertia_kg_m2"].is_number(), "{direction}");
 }
+
+/// 2e-4 kg m^2, torques below 0.3 N m, 30 rad/s, the torque 1.75 ms late.
+fn axis(folder: &Path, file: &str, more: &[&str]) {
+    let device = [
+        "--set=machine=1",
+        "--set=terminal_sensor=1",
+        "--inertance-kg=2e-4",
+        "--viscous-n-s-per-m=1e-4",
+        "--coulomb-n=0.01",
+        "--stiffness-n-per-m=200",
+        "--contact-damping-n-s-per-m=0.01",
+        "--structure-mass-kg=0",
+        "--metres-per-count=5.99211e-6",
+        "--newtons-per-code=1e-6",
+        "--force-noise-n=2e-4",
+        "--terminal-noise-m=1e-5",
+        "--delay-s=1.75e-3",
+    ];
+    done(folder, &[&["simulate", "-o", file, "--force", "--duration", "12"], &device[..], more].concat());
+}
+
+#[test]
+fn a_small_axis_is_served_by_every_command() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let multi = "--excite=multi:0.5-15Hz:30rad/s";
+    axis(folder, "late.csv", &[multi, "--set=skew_s=0"]);
+
+    // With nothing but the scale of the encoder: the motion is 15 times beyond the full scale of an inerter.
+    let count = "--metres-per-count=5.99211e-6";
+    let skew = last(&done(folder, &["calibrate", "skew", "late.csv", count, "--json"]));
+    let of = |object: &serde_json::Value, path: &str| object.pointer(path).and_then(serde_json::Value::as_f64).unwrap();
+    let (skew_s, u95_s) = (of(&skew, "/skew_s"), of(&skew, "/skew_u95_s"));
+    assert!((skew_s - 1.75e-3).abs() <= 1.5 * u95_s && u95_s < 1e-5, "{skew}");
+    let [torque, before, after] =
+        ["/torque_rms_n_m", "/residual_before_rms_n_m", "/residual_after_rms_n_m"].map(|path| of(&skew, path));
+    assert!(before > 0.05 * torque && after < 1e-3 * torque, "{skew}");
+    let words = done(folder, &["calibrate", "skew", "late.csv", count]);
+    assert!(words.contains("the torque is late by another 17") && words.contains("e-4 N m s without"), "{words}");
+    assert!(words.contains("of a torque of 0.2") && !words.contains("force"), "{words}");
+
+    let undone = [format!("--set=skew_s={skew_s}"), format!("--set=skew_u95_s={u95_s}")];
+    let with = |arguments: &[&'static str]| -> String {
+        let mut all = arguments.to_vec();
+        all.extend(undone.iter().map(String::as_str));
+        all.extend(["--settings", "late.settings.toml"]);
+        done(folder, &all)
+    };
+    let found = last(&with(&["replay", "late.csv", "--json"]));
+    let near = |object: &serde_json::Value, path: &str, truth: f64, widest: f64| {
+        let (value, u95) = (of(object, &format!("{path}/value")), of(object, &format!("{path}/u95")));
+        assert!((value - truth).abs() <= u95 && u95 < widest * truth, "{path}: {value} +- {u95}");
+    };
+    near(&found, "/whole_run/inertia_kg_m2", 2e-4, 0.01);
+    near(&found, "/whole_run/viscous_n_m_s", 1e-4, 0.1);
+    near(&found, "/whole_run/coulomb_n_m", 0.01, 0.03);
+    assert_eq!(found["law"]["status"], "holds", "{found}");
+    let words = with(&["replay", "late.csv"]);
+    for text in ["e-4 ", "none saturated", "residual 0.0000", " N m rms"] {
+        assert!(words.contains(text), "{text}\n{words}");
+    }
+    assert!(!words.contains(" 0.0000 ±") && !words.contains("0.00 N m rms"), "{words}");
+    let fit = with(&["fit", "late.csv"]);
+    assert!(fit.contains("(2.00") && fit.contains("Residual, rms        N m    0.0000"), "{fit}");
+    let diagnosis = with(&["diagnose", "late.csv"]);
+    assert!(diagnosis.contains("The law holds"), "{diagnosis}");
+    let identified = last(&with(&["identify", "late.csv", "--no-profiles", "--json"]));
+    near(&identified, "/parameters/inertia_kg_m2", 2e-4, 0.02);
+    let direction = with(&["calibrate", "direction", "late.csv"]);
+    assert!(direction.contains("inertia by this motion (2.00") && direction.contains("e-4 kg m²"), "{direction}");
+    let stiffness = with(&["calibrate", "stiffness", "late.csv"]);
+    assert!(stiffness.contains("N m/rad, contact damping"), "{stiffness}");
+    with(&["report", "late.csv", "-o", "page.html"]);
+    let page = fs::read_to_string(folder.join("page.html")).unwrap();
+    assert!(page.contains("e-4") && page.contains("N m rms are left over") && !page.contains(">0.00 N m rms"), "page");
+
+    axis(folder, "rest.mcap", &["--excite=hold"]);
+    let cell = done(folder, &["calibrate", "load-cell", "rest.mcap"]);
+    assert!(cell.contains("noise 0.00020 N m rms") && cell.contains("N m/s, range ±8.4 N m"), "{cell}");
+    let zero = done(folder, &["calibrate", "zero", "rest.mcap"]);
+    assert!(zero.contains("code at no torque") && zero.contains("e-6 N m beside the zero"), "{zero}");
+}
+
+#[test]
+fn a_motion_beyond_full_scale_is_said_to_be_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let narrow =
+        ["--set=full_scale_velocity_m_per_s=2", "--set=full_scale_acceleration_m_per_s2=200", "--set=skew_s=0"];
+    axis(folder, "fast.csv", &[&["--excite=multi:0.5-15Hz:30rad/s"], &narrow[..]].concat());
+    let file = ["fast.csv", "--settings", "fast.settings.toml"];
+    let found = last(&done(folder, &[&["replay"], &file[..], &["--json"]].concat()));
+    let warning = found["warnings"].as_array().unwrap().iter().find(|one| one["code"] == "full_scale").unwrap();
+    let words = warning["text"].as_str().unwrap();
+    assert!(words.contains("rad/s and") && words.contains("--set full_scale_velocity_m_per_s=128"), "{words}");
+    let refused = fails(folder, &[&["calibrate", "skew"], &file[..]].concat(), 9);
+    assert!(refused.contains("are left out: the motion reaches"), "{refused}");
+    let words = done(folder, &[&["replay"], &file[..], &["--set", "full_scale_velocity_m_per_s=128"]].concat());
+    assert!(
+        words.contains("--set full_scale_acceleration_m_per_s2=") && !words.contains("velocity_m_per_s="),
+        "{words}"
+    );
+}

@@ -77,6 +77,8 @@ enum Command {
     Diagnose(accuracy::Options),
     /// Whether motions tell what was predicted of them, and what designing them is worth, against docs/tables/plan.md
     Plan(accuracy::Options),
+    /// How often the interval of a skew holds it, for machines of any size, against docs/tables/skew.md
+    Skew(accuracy::Options),
     /// Errors and coverage of the complete model on hidden devices, against docs/tables/identify.md
     Identify(accuracy::Options),
     /// Time of `inerter identify` beside scipy's least_squares around solve_ivp, on the same data from the same start
@@ -114,6 +116,7 @@ fn main() -> ExitCode {
         Command::Coverage(options) => accuracy::table("coverage", &options),
         Command::Diagnose(options) => accuracy::table("diagnose", &options),
         Command::Plan(options) => accuracy::table("plan", &options),
+        Command::Skew(options) => accuracy::table("skew", &options),
         Command::Identify(options) => accuracy::table("identify", &options),
         Command::BenchIdentify => bench::identify(),
         Command::Longrun(arguments) => accuracy::with_arguments("longrun", &arguments),

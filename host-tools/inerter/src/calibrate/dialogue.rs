@@ -46,6 +46,8 @@ pub type Units = &'static [(&'static str, f64)];
 pub const KILOGRAMS: Units = &[("kg", 1.0), ("g", 1e-3)];
 /// Forces in newtons.
 pub const NEWTONS: Units = &[("N", 1.0), ("kN", 1e3), ("mN", 1e-3)];
+/// Torques in newton metres.
+pub const NEWTON_METRES: Units = &[("Nm", 1.0), ("mNm", 1e-3), ("N", 1.0)];
 /// Lengths in metres.
 pub const METRES: Units = &[("m", 1.0), ("mm", 1e-3), ("um", 1e-6), ("µm", 1e-6)];
 /// Lengths in millimetres.

@@ -10,11 +10,19 @@ use inerter_analysis::{
         rest::{self, Of, Standing, Watch},
         rounded_up, timebase,
     },
-    fit::{Beside, Products, Skew, skew},
+    skew::{Skew, skew},
 };
-use inerter_core::Settings;
-use inerter_data::{json::rounded_s, replay::replay, run::Run, text::value_text};
+use inerter_core::{Machine, Settings};
+use inerter_data::{
+    json::rounded_s,
+    names::description,
+    replay::replay,
+    run::Run,
+    text::{force_text, value_text},
+    words::interval_text,
+};
 use inerter_device::Device;
+use inerter_wire::catalogue;
 use miette::Diagnostic;
 
 use super::{
@@ -128,10 +136,10 @@ impl<D: Dialogue + ?Sized> Station<'_, D> {
             let (level, _) = self.settle(Of::Force, seconds, None, &at)?;
             let newtons = self.settings.newtons_per_code.abs();
             self.dialogue.say(&format!(
-                "  code {:.1} ± {:.1} (± {:.3} N by the scale in use)",
+                "  code {:.1} ± {:.1} (± {} by the scale in use)",
                 level.code.value,
                 level.code.u95,
-                level.code.u95 * newtons
+                force_text(self.settings.machine, level.code.u95 * newtons)
             ));
             readings.push((load.clone(), level));
         }
@@ -258,29 +266,37 @@ impl EncoderPlan {
 }
 
 /// What a skew is, for a person.
-pub fn skew_words(found: &Skew) -> [String; 2] {
-    [
-        format!("the force is late by another {:.1} ± {:.1} µs", 1e6 * found.left_s, 1e6 * found.u95_s),
+pub fn skew_words(found: &Skew, machine: Machine) -> [String; 3] {
+    let [before_n, after_n] = found.residual_rms_n;
+    let force = |force_n| force_text(machine, force_n);
+    let words = [
+        format!("the force is late by another {} µs", interval_text(1e6 * found.left_s, 1e6 * found.u95_s)),
         format!(
-            "viscous friction: {} N s/m as it is, {} N s/m without that delay",
+            "viscous friction: {1} {0} as it is, {2} {0} without that delay",
+            catalogue::unit(machine, "N s/m"),
             value_text(&found.viscous_before),
             value_text(&found.viscous_after)
         ),
-    ]
+        format!(
+            "of a force of {} rms the law leaves {} over as it is, {} without that delay",
+            force(found.force_rms_n),
+            force(before_n),
+            force(after_n)
+        ),
+    ];
+    words.map(|words| description(machine, &words))
 }
 
 /// The delay of the force that is left in a run, as a finding.
 fn skew_of(run: &Run) -> Result<Finding, Error> {
     let outcome = replay(run, |_, _| Ok::<(), Error>(()))?;
     refuse_saturated(&outcome, run)?;
-    let (sums, more) = &outcome.fast;
-    let found = skew(&Products::of(sums, more)?, &run.settings, &outcome.detail.backlash, &Beside::of(&outcome))?;
+    let found = skew(run, &outcome)?;
     let mut finding = Finding::new(Step::Skew);
-    let skew_s = rounded_s(run.settings.skew_s + found.left_s);
     finding.measure("left_s", found.left_s);
-    skew_words(&found).into_iter().for_each(|words| finding.say(words));
+    skew_words(&found, run.settings.machine).into_iter().for_each(|words| finding.say(words));
     if found.is_better_than(&run.settings) {
-        finding.set_with("skew_s", skew_s, found.u95_s);
+        finding.set_with("skew_s", rounded_s(found.skew_s), found.u95_s);
         finding.set("skew_u95_s", rounded_s(rounded_up(found.u95_s)));
     } else {
         let text = "nothing to change: the skew in use is known as well as this motion shows it";

@@ -3,7 +3,7 @@
 //! Each shows what it has found and asks whether to take it, to repeat it, or to go on without. Under the settings that were
 //! accepted so far the next step is evaluated, here; the device itself stays as it is until the last question.
 
-use std::path::PathBuf;
+use std::{f64::consts::TAU, path::PathBuf};
 
 use inerter_analysis::calibrate::{
     Finding, Level,
@@ -11,16 +11,19 @@ use inerter_analysis::calibrate::{
     force::{Gravity, Load},
     timebase::HOST_PPM,
 };
-use inerter_core::Settings;
+use inerter_core::{Machine, Settings};
 use inerter_data::{
     backup::{self, changes},
+    names::description,
     output::refuse_existing,
 };
 use inerter_device::Device;
 use miette::Diagnostic;
 
 use super::{
-    dialogue::{DEGREES, Dialogue, KILOGRAMS, MICROMETRES, MILLIMETRES, NEWTONS, PERCENT, PLAIN, PPM, number},
+    dialogue::{
+        DEGREES, Dialogue, KILOGRAMS, MICROMETRES, MILLIMETRES, NEWTON_METRES, NEWTONS, PERCENT, PLAIN, PPM, number,
+    },
     steps::{EncoderPlan, Station},
 };
 use crate::error::Error;
@@ -78,12 +81,12 @@ impl<'a, D: Dialogue + ?Sized> Wizard<'a, D> {
         })?;
         self.known.force = self.step(
             "3. Force",
-            "Known masses or forces on the load cell, in both directions where that can be. Lock the screw first.",
+            "Known masses or forces (torques) on the load cell, in both directions where that can be. Lock the screw first.",
             loads,
         )?;
         self.known.position = self.step(
             "4. Encoder",
-            "The screw is turned by hand, then moved along a gauge, or its lead is taken from the data sheet.",
+            "The screw is turned by hand, then moved along a gauge, or its lead is taken from the data sheet. An axis is only turned.",
             encoder,
         )?;
         let known = self.known;
@@ -100,9 +103,12 @@ impl<'a, D: Dialogue + ?Sized> Wizard<'a, D> {
         )?;
         self.step(
             "6. Skew",
-            "The rig shakes with several frequencies, up to 10 Hz or more: the delay of the force behind the position.",
+            "The rig moves with several frequencies or from point to point: the delay of the force behind the position.",
             |rig| {
-                rig.dialogue.ask("start two tones or a random motion; press Enter while it moves", "")?;
+                rig.dialogue.ask(
+                    "start two tones, a random motion or moves from point to point; press Enter while it moves",
+                    "",
+                )?;
                 rig.skew(SKEW_S)
             },
         )?;
@@ -147,7 +153,7 @@ impl<'a, D: Dialogue + ?Sized> Wizard<'a, D> {
                     }
                 }
                 // What is wrong with the measurement, not with the link or the program.
-                Err(error @ (Error::Calibrate(_) | Error::Fit(_))) => {
+                Err(error @ (Error::Calibrate(_) | Error::Fit(_) | Error::Skew(_))) => {
                     self.say(&error.to_string());
                     if let Some(help) = error.help() {
                         self.say(&format!("  {help}"));
@@ -168,7 +174,7 @@ impl<'a, D: Dialogue + ?Sized> Wizard<'a, D> {
     }
 
     fn judge(&mut self, finding: &Finding) -> Result<Verdict, Error> {
-        show(self.rig.dialogue, finding);
+        show(self.rig.dialogue, finding, self.rig.settings.machine);
         if !finding.is_good() {
             return self.retry();
         }
@@ -235,9 +241,9 @@ impl<'a, D: Dialogue + ?Sized> Wizard<'a, D> {
 }
 
 /// Shows a finding to a person.
-pub fn show(dialogue: &mut (impl Dialogue + ?Sized), finding: &Finding) {
+pub fn show(dialogue: &mut (impl Dialogue + ?Sized), finding: &Finding, machine: Machine) {
     for line in &finding.text {
-        dialogue.say(&format!("  {line}"));
+        dialogue.say(&format!("  {}", description(machine, line)));
     }
     for remark in &finding.remarks {
         let mark = match remark.level {
@@ -245,7 +251,7 @@ pub fn show(dialogue: &mut (impl Dialogue + ?Sized), finding: &Finding) {
             Level::Doubtful => "doubtful",
             Level::Bad => "BAD",
         };
-        dialogue.say(&format!("  {mark}: {}", remark.text));
+        dialogue.say(&format!("  {mark}: {}", description(machine, &remark.text)));
     }
 }
 
@@ -262,10 +268,14 @@ pub fn write(device: &mut Device, settings: &Settings) -> Result<(), Error> {
 }
 
 fn loads<D: Dialogue + ?Sized>(rig: &mut Station<'_, D>) -> Result<Finding, Error> {
+    let machine = rig.settings.machine;
     let sizes = loop {
-        let question = "masses in kg (or forces: 50 N), smallest first, for example: 5 10";
+        let question = match machine {
+            Machine::Linear => "masses in kg (or forces: 50 N), smallest first, for example: 5 10",
+            Machine::Rotary => "torques in N m, smallest first, for example: 0.02 0.05",
+        };
         let answer = rig.dialogue.ask(question, "")?;
-        match sizes(&answer) {
+        match sizes(&answer, machine) {
             Ok(sizes) if !sizes.is_empty() => break sizes,
             Ok(_) => rig.dialogue.say("at least one is needed"),
             Err(error) => rig.dialogue.say(&error.to_string()),
@@ -280,7 +290,7 @@ fn loads<D: Dialogue + ?Sized>(rig: &mut Station<'_, D>) -> Result<Finding, Erro
     };
     let percent = rig
         .dialogue
-        .ask_number("how well are these masses or forces known, in percent", "0.1", PERCENT)?
+        .ask_number(&description(machine, "how well are these loads known, in percent"), "0.1", PERCENT)?
         .unwrap_or(0.1)
         .abs();
     let mut loads = vec![Load::mass(0.0, &gravity)];
@@ -295,8 +305,8 @@ fn loads<D: Dialogue + ?Sized>(rig: &mut Station<'_, D>) -> Result<Finding, Erro
     rig.force(&loads, (percent / 100.0).hypot(gravity.u95), LOAD_S)
 }
 
-/// Sizes as typed: `5 10 kg`, `50 N 100 N`; with whether each is a mass.
-fn sizes(text: &str) -> Result<Vec<(f64, bool)>, Error> {
+/// Sizes as typed: `5 10 kg`, `50 N 100 N`, of a rotary machine `0.02 0.05 Nm`; with whether each is a mass.
+fn sizes(text: &str, machine: Machine) -> Result<Vec<(f64, bool)>, Error> {
     let mut words: Vec<String> = Vec::new();
     for word in text.replace(';', " ").split_whitespace() {
         match words.last_mut() {
@@ -306,8 +316,12 @@ fn sizes(text: &str) -> Result<Vec<(f64, bool)>, Error> {
         }
     }
     let each = words.iter().map(|word| {
-        let is_mass = !word.ends_with('N');
-        Ok((number(word, if is_mass { KILOGRAMS } else { NEWTONS })?.abs(), is_mass))
+        let (units, is_mass) = match machine {
+            Machine::Rotary => (NEWTON_METRES, false),
+            Machine::Linear if word.ends_with('N') => (NEWTONS, false),
+            Machine::Linear => (KILOGRAMS, true),
+        };
+        Ok((number(word, units)?.abs(), is_mass))
     });
     let mut sizes = each.collect::<Result<Vec<_>, Error>>()?;
     sizes.retain(|(size, _)| *size > 0.0);
@@ -316,10 +330,20 @@ fn sizes(text: &str) -> Result<Vec<(f64, bool)>, Error> {
 }
 
 fn encoder<D: Dialogue + ?Sized>(rig: &mut Station<'_, D>) -> Result<Finding, Error> {
+    let is_rotary = rig.settings.machine == Machine::Rotary;
     let dialogue = &mut *rig.dialogue;
     let lines = dialogue.ask_number("lines per revolution by the encoder's label (empty: unknown)", "", PLAIN)?;
     let revolutions =
         dialogue.ask_number("revolutions to turn by hand", "10", PLAIN)?.filter(|turns| turns.abs() >= 0.5);
+    if is_rotary {
+        // A turn is a turn: nothing is uncertain in it.
+        return rig.encoder(&EncoderPlan {
+            revolutions: revolutions.or(Some(10.0)),
+            lines: lines.filter(|lines| *lines > 0.0),
+            lead_m: Some(TAU),
+            ..EncoderPlan::default()
+        });
+    }
     let lead_mm = dialogue.ask_number("lead of the screw in mm by its data sheet (empty: unknown)", "", MILLIMETRES)?;
     let gauge_mm =
         dialogue.ask_number("displacement to move along a gauge, in mm (empty: no gauge)", "", MILLIMETRES)?;

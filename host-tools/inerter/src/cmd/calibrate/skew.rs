@@ -1,6 +1,6 @@
 //! `inerter calibrate skew`: the delay of the force behind the position.
 
-use inerter_analysis::fit::{Beside, Products, skew};
+use inerter_analysis::skew::skew;
 use inerter_data::{
     json::{ParameterJson, rounded_s},
     replay::Outcome,
@@ -13,9 +13,10 @@ use crate::{Error, calibrate::steps::skew_words};
 
 /// Find the delay of the force behind the position.
 ///
-/// Shake the inerter with several frequencies at once (two tones or a random motion, up to 10 Hz or more) for 20 s: in a
-/// single tone a delay and viscous friction are one, and the command says so instead of a number. A delay is a false damper of
-/// mt w^2 tau: 3 N s/m per microsecond at 15.9 Hz for 300 kg.
+/// Move the machine for 20 s with several frequencies at once (two tones or a random motion, as high as it goes) or from point to
+/// point: in a single tone a delay and viscous friction are one, and the command says so instead of a number. Delays of up to
+/// 5 ms either way are found, of machines of any size. A delay is a false damper of mt w^2 tau: 3 N s/m per microsecond at
+/// 15.9 Hz for 300 kg.
 ///
 /// FILE is a recording (.mcap) or a CSV; without it a device is listened to for --duration. --write puts skew_s and
 /// skew_u95_s in use on the device and saves them, when they are better than those in use: when a delay is left beyond its
@@ -39,16 +40,18 @@ struct SkewJson {
     u95_s: f64,
     viscous_before_n_s_per_m: ParameterJson,
     viscous_after_n_s_per_m: ParameterJson,
+    force_rms_n: f64,
+    residual_before_rms_n: f64,
+    residual_after_rms_n: f64,
 }
 
 fn shown(run: &Run, outcome: &Outcome) -> Result<Shown<SkewJson>, Error> {
-    let (sums, more) = &outcome.fast;
-    let found = skew(&Products::of(sums, more)?, &run.settings, &outcome.detail.backlash, &Beside::of(outcome))?;
+    let found = skew(run, outcome)?;
     // To the nanosecond: more digits would be noise.
-    let (skew_s, skew_u95_s) = (rounded_s(run.settings.skew_s + found.left_s), rounded_s(found.u95_s));
+    let (skew_s, skew_u95_s) = (rounded_s(found.skew_s), rounded_s(found.u95_s));
     Ok(Shown {
         what: "skew",
-        words: skew_words(&found).to_vec(),
+        words: skew_words(&found, run.settings.machine).to_vec(),
         values: vec![("skew_s", skew_s), ("skew_u95_s", skew_u95_s)],
         better: found.is_better_than(&run.settings),
         json: SkewJson {
@@ -56,6 +59,9 @@ fn shown(run: &Run, outcome: &Outcome) -> Result<Shown<SkewJson>, Error> {
             u95_s: skew_u95_s,
             viscous_before_n_s_per_m: found.viscous_before.into(),
             viscous_after_n_s_per_m: found.viscous_after.into(),
+            force_rms_n: found.force_rms_n,
+            residual_before_rms_n: found.residual_rms_n[0],
+            residual_after_rms_n: found.residual_rms_n[1],
         },
     })
 }

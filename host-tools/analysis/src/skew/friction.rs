@@ -1,0 +1,119 @@
+//! Friction that is not the law's, as far as a run shows it: taken in beside the law, or what it may have moved.
+
+use super::{
+    rows::{Friction, Rows},
+    squares::Squares,
+};
+
+/// F statistic from which on friction is taken in. Of some twenty that are tried none reaches the first by chance, but friction
+/// of another shape may, which the interval of what acts at the reversals holds, and that of the others does not.
+const LIMIT_AT_REVERSALS: f64 = 30.0;
+const LIMIT: f64 = 150.0;
+/// Part of a column's square that the others must leave over, for the run to tell of it.
+const LEAST_LEFT: f64 = 0.05;
+/// Friction per force beyond which a screw locks itself.
+const MOST_LOAD: f64 = 0.5;
+/// Velocities over which friction falls, in parts of the motion's rms.
+const FALLS: [f64; 7] = [0.03, 0.06, 0.12, 0.25, 0.5, 1.0, 2.0];
+/// Distances over which friction turns, in parts of the motion's stroke.
+const TURNS: [f64; 8] = [0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1];
+/// Steps by which a velocity or a distance is made more exact, on either side, and how many of them.
+const FINER: [f64; 2] = [1.5, 1.15];
+const MOST_STEPS: usize = 3;
+/// Standard deviations by which a parameter moves by chance when one of all that are tried is taken in.
+const CHANCE: f64 = 2.0;
+/// What is beyond that, as the half width of an interval.
+const MOVED: f64 = 1.4;
+
+impl Friction {
+    /// All that is tried.
+    fn all(rows: &Rows) -> Vec<Self> {
+        let falls = FALLS.map(|part| Self::Falling(part * rows.velocity_rms()));
+        let turns = TURNS.map(|part| Self::Turning(part * rows.stroke_m));
+        [Self::Load, Self::Direction].into_iter().chain(falls).chain(turns).collect()
+    }
+
+    /// Whether two are of one kind.
+    fn is_like(self, other: Self) -> bool {
+        std::mem::discriminant(&self) == std::mem::discriminant(&other)
+    }
+
+    /// Whether it acts at the reversals, by a shape that is only near to the machine's.
+    pub fn is_shaped(&self) -> bool {
+        matches!(self, Self::Falling(_) | Self::Turning(_))
+    }
+
+    /// F statistic from which on it is taken in.
+    fn limit(self) -> f64 {
+        if self.is_shaped() { LIMIT_AT_REVERSALS } else { LIMIT }
+    }
+
+    /// Whether its size can be that of a machine: it grows with the load, is greater at low speed, and comes late.
+    fn can_be(self, size: f64) -> bool {
+        match self {
+            Self::Load => (0.0..MOST_LOAD).contains(&size),
+            Self::Falling(_) => size > 0.0,
+            Self::Turning(_) => size < 0.0,
+            Self::Direction => true,
+        }
+    }
+
+    fn scaled(self, factor: f64) -> Option<Self> {
+        match self {
+            Self::Falling(velocity) => Some(Self::Falling(velocity * factor)),
+            Self::Turning(distance) => Some(Self::Turning(distance * factor)),
+            Self::Load | Self::Direction => None,
+        }
+    }
+}
+
+/// Takes friction in beside columns, the strongest first.
+pub(super) fn taken(rows: &Rows, columns: &[Vec<f64>]) -> Option<Vec<Friction>> {
+    let all = Friction::all(rows);
+    let mut taken: Vec<Friction> = Vec::new();
+    let mut columns = columns.to_vec();
+    loop {
+        let squares = Squares::of(&rows.force, columns.clone())?;
+        let freedom = rows.observations() - columns.len() as f64 - 1.0;
+        let strength = |friction: Friction| {
+            let more = squares.with(&rows.friction(friction));
+            let left = squares.square() * rows.force.len() as f64 - more.explained;
+            let is_told = more.left > LEAST_LEFT && friction.can_be(more.size) && freedom > 1.0;
+            if is_told { more.explained / left.max(f64::MIN_POSITIVE) * freedom } else { 0.0 }
+        };
+        let others = all.iter().copied().filter(|one| !taken.iter().any(|other| one.is_like(*other)));
+        let best = others.map(|one| (one, strength(one))).max_by(|(_, a), (_, b)| a.total_cmp(b));
+        let Some((mut best, mut most)) = best.filter(|(best, most)| *most > best.limit()) else { return Some(taken) };
+        for step in FINER {
+            for _ in 0..MOST_STEPS {
+                let finer = [step, step.recip()].into_iter().filter_map(|factor| best.scaled(factor));
+                let better = finer.map(|one| (one, strength(one))).max_by(|(_, a), (_, b)| a.total_cmp(b));
+                let Some(better) = better.filter(|(_, strength)| *strength > most) else { break };
+                (best, most) = better;
+            }
+        }
+        taken.push(best);
+        columns.push(rows.friction(best));
+    }
+}
+
+/// How far what was not taken in may have moved the coefficient at a place, as the half width of an interval: the most that any
+/// moves it by beyond chance. `again` is the square of what a residual that repeats makes more of chance.
+pub(super) fn reach(rows: &Rows, squares: &Squares, place: usize, taken: &[Friction], again: f64) -> f64 {
+    let error_square = squares.square() * rows.per_observation;
+    let of = |friction: Friction| {
+        let more = squares.with(&rows.friction(friction));
+        let (moved, chance) = more.moves(place);
+        // Friction that would drive the screw is none.
+        let drives = |at: usize| {
+            let (moved, chance) = more.moves(at);
+            let error = (error_square * (squares.inverse[(at, at)] + chance)).sqrt();
+            squares.values[at] + moved < -CHANCE * error
+        };
+        let is_told = more.left > LEAST_LEFT && friction.can_be(more.size) && !drives(1) && !drives(2);
+        let beyond = moved * moved - CHANCE * CHANCE * chance * error_square * again;
+        if is_told { MOVED * beyond.max(0.0).sqrt() } else { 0.0 }
+    };
+    let others = Friction::all(rows).into_iter().filter(|one| !taken.iter().any(|other| one.is_like(*other)));
+    others.map(of).fold(0.0, f64::max)
+}

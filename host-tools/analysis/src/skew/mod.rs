@@ -1,0 +1,210 @@
+//! The skew of a run: how late the force is behind the position, with what is known of it.
+//!
+//! Whole samples are found by what the law leaves over (`delay`), the rest by the coefficient of the force's rate beside the law
+//! and all friction that is not the law's (`round`), again and again until nothing is left: then neither the error of the
+//! series by which it is undone nor noise in that rate matter.
+
+mod delay;
+mod friction;
+mod round;
+mod rows;
+mod signs;
+mod squares;
+
+use inerter_core::{Machine, Parameter, Settings};
+use inerter_data::{
+    names::description,
+    replay::{Outcome, replay},
+    run::Run,
+    series::Series,
+    settings::SettingsInputError,
+    text::force_text,
+};
+use miette::Diagnostic;
+
+use self::{
+    delay::{MOST_S, delay_s},
+    round::Round,
+};
+use crate::fit::FitError;
+
+/// Part of the square of the force's rate that all else must leave over, for a delay to be told from viscous friction: a tone of
+/// 15.9 Hz leaves 0.0004, two tones that are a tenth apart 0.005, a random motion 0.06 and more.
+const LEAST_LEFT: f64 = 0.002;
+/// Part of that which may be noise of the force.
+const MOST_NOISE: f64 = 0.5;
+/// Widest interval, in radians of the force's own frequency: beyond it a tenth of the inertance's force could be friction.
+const WIDEST_RAD: f64 = 0.1;
+/// Part of the interval that may be left to undo, and rounds until it is.
+const SETTLED: f64 = 0.02;
+const MOST_ROUNDS: usize = 8;
+
+/// Why a motion shows no skew.
+#[derive(Debug, thiserror::Error, Diagnostic)]
+pub enum SkewError {
+    /// Too little can be looked at.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Fit(#[from] FitError),
+    /// The force rate follows the velocity.
+    #[error(
+        "{}",
+        description(*machine, &format!(
+            "this motion cannot show a skew: the force changes in step with the velocity (only {:.2} % of the square of its \
+             rate is left over), as in a single tone, where a delay and viscous friction are one",
+            left * 100.0
+        ))
+    )]
+    #[diagnostic(
+        code(inerter::skew::tone),
+        help("move with several frequencies at once: two tones, a random motion, or moves from point to point")
+    )]
+    SingleTone {
+        /// Kind of the machine.
+        machine: Machine,
+        /// Part of the force rate's square that the other regressors leave over.
+        left: f64,
+    },
+    /// Noise hides it.
+    #[error(
+        "{}",
+        description(*machine, &format!(
+            "this motion cannot show a skew for noise: of a force of {} rms the law leaves {} over, and the skew would be \
+             uncertain by {:.2} ms",
+            force_text(*machine, *force_rms_n),
+            force_text(*machine, *residual_rms_n),
+            u95_s * 1e3
+        ))
+    )]
+    #[diagnostic(
+        code(inerter::skew::noise),
+        help("move harder, faster or for longer; `inerter calibrate load-cell` says what quietens the force")
+    )]
+    TooNoisy {
+        /// Kind of the machine.
+        machine: Machine,
+        /// Force, without its mean \[N\].
+        force_rms_n: f64,
+        /// What is left unexplained \[N\].
+        residual_rms_n: f64,
+        /// Half width that the interval would have \[s\].
+        u95_s: f64,
+    },
+    /// The residual still falls at the end of what can be undone.
+    #[error(
+        "{}",
+        description(*machine, &format!(
+            "force and position are more than {:.0} ms apart, which is more than the setting skew_s undoes",
+            MOST_S * 1e3
+        ))
+    )]
+    #[diagnostic(
+        code(inerter::skew::beyond),
+        help(
+            "look for a filter or a buffer in one of the channels, or for two clocks; shift a CSV by whole samples first"
+        )
+    )]
+    Beyond {
+        /// Kind of the machine.
+        machine: Machine,
+    },
+    /// The force pushes the wrong way, however late it is.
+    #[error(
+        "{}",
+        description(*machine, "no skew gives a positive inertance: the force pushes the wrong way")
+    )]
+    #[diagnostic(
+        code(inerter::skew::backwards),
+        help("turn newtons_per_code or metres_per_count: `inerter calibrate direction`")
+    )]
+    Backwards {
+        /// Kind of the machine.
+        machine: Machine,
+    },
+    /// The settings cannot be used.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Settings(#[from] SettingsInputError),
+}
+
+/// The skew of a run, and what it had made of the fit.
+#[derive(Clone, Copy, Debug)]
+pub struct Skew {
+    /// Delay of the force behind the position, in all \[s\].
+    pub skew_s: f64,
+    /// Delay beyond the skew in use \[s\].
+    pub left_s: f64,
+    /// Half width of its 95 % interval \[s\].
+    pub u95_s: f64,
+    /// Viscous friction with the skew in use \[N s/m\], of the whole run.
+    pub viscous_before: Parameter,
+    /// Viscous friction with that skew undone \[N s/m\].
+    pub viscous_after: Parameter,
+    /// What the law leaves over with the skew in use, and with that skew undone, rms \[N\].
+    pub residual_rms_n: [f64; 2],
+    /// Force without its mean, rms \[N\].
+    pub force_rms_n: f64,
+}
+
+impl Skew {
+    /// Whether it says more than the skew in use: a delay is left beyond its interval, or the interval is the smaller one.
+    pub fn is_better_than(&self, settings: &Settings) -> bool {
+        self.left_s.abs() > self.u95_s || self.u95_s < settings.skew_u95_s
+    }
+}
+
+/// Finds the skew of a run of which the estimator came to this.
+pub fn skew(run: &Run, outcome: &Outcome) -> Result<Skew, SkewError> {
+    let series = Series::of(run);
+    let settings = &run.settings;
+    let machine = settings.machine;
+    let skew_s = delay_s(&series, settings, outcome.estimate.bank);
+    let mut run = Run { settings: Settings { skew_s: skew_s.unwrap_or(settings.skew_s), ..*settings }, ..run.clone() };
+    let (mut rounds, mut found) = (0, Round::of(&replayed(&run)?, &series, &run.settings)?);
+    while found.left_s.abs() > SETTLED * found.u95_s && rounds < MOST_ROUNDS {
+        let skew_s = (run.settings.skew_s + found.left_s).clamp(-MOST_S, MOST_S);
+        if skew_s == run.settings.skew_s {
+            break;
+        }
+        run.settings.skew_s = skew_s;
+        (rounds, found) = (rounds + 1, Round::of(&replayed(&run)?, &series, &run.settings)?);
+    }
+    check(&found, machine)?;
+    if skew_s.is_none() {
+        return Err(SkewError::Backwards { machine });
+    }
+    if found.left_s.abs() > found.u95_s {
+        return Err(SkewError::Beyond { machine });
+    }
+    // What could not be undone, at the end of the range.
+    found.u95_s += found.left_s.abs();
+    let skew_s = run.settings.skew_s;
+    run.settings.skew_u95_s = found.u95_s;
+    let after = replayed(&run)?;
+    Ok(Skew {
+        skew_s,
+        left_s: skew_s - settings.skew_s,
+        u95_s: found.u95_s,
+        viscous_before: outcome.estimate.whole_run.viscous_n_s_per_m,
+        viscous_after: after.estimate.whole_run.viscous_n_s_per_m,
+        residual_rms_n: [outcome, &after].map(|outcome| f64::from(outcome.estimate.residual_rms_n)),
+        force_rms_n: found.force_rms_n,
+    })
+}
+
+fn replayed(run: &Run) -> Result<Outcome, SkewError> {
+    replay(run, |_, _| Ok(()))
+}
+
+/// Refuses what a motion cannot show.
+fn check(found: &Round, machine: Machine) -> Result<(), SkewError> {
+    let Round { u95_s, left, noise, residual_rms_n, force_rms_n, frequency, .. } = *found;
+    let is_wide = u95_s * frequency > WIDEST_RAD || u95_s > MOST_S;
+    if noise > MOST_NOISE || is_wide && left > LEAST_LEFT {
+        return Err(SkewError::TooNoisy { machine, force_rms_n, residual_rms_n, u95_s });
+    }
+    if left < LEAST_LEFT {
+        return Err(SkewError::SingleTone { machine, left });
+    }
+    Ok(())
+}

@@ -1,0 +1,50 @@
+//! Where the screw reverses, by what is known of it: the sign of each sample, and its velocity.
+
+use inerter_core::{Settings, constants::SIGN_KERNEL_S};
+use inerter_data::series::Stretch;
+
+use crate::law::{Law, around, convolved};
+
+/// Mean sign of the velocity over a sample's own period, by a straight line through velocities half a sample before and after.
+pub(super) fn sign((before, after): (f64, f64)) -> f64 {
+    match (before.is_nan(), after.is_nan()) {
+        (true, true) => 0.0,
+        (true, false) => after.signum(),
+        (false, true) => before.signum(),
+        (false, false) if before * after >= 0.0 => (before + after).signum(),
+        (false, false) => (after.abs() - before.abs()) / (after.abs() + before.abs()) * after.signum(),
+    }
+}
+
+/// Velocities half a sample before and after each \[m/s\] through the estimator's short kernel, with what it takes from them given
+/// back: what Coulomb friction makes of it at a reversal, and what a changing force bends (docs/THEORY.md, 2); nothing of both
+/// without an inertance. The force is that of an aligned series. NaN where there are too few samples around.
+pub(super) fn velocities(piece: &Stretch, period_s: f64, law: &Law, settings: &Settings) -> Vec<(f64, f64)> {
+    let m = (SIGN_KERNEL_S / period_s).round().max(1.0) as usize;
+    let triangle = convolved(&vec![1.0; m], &vec![1.0; m]);
+    let sum: f64 = triangle.iter().sum();
+    let moment: f64 = triangle.iter().enumerate().map(|(at, tap)| tap * (at as f64 - (m - 1) as f64).abs()).sum();
+    let per_force = if law.inertance_kg > 0.0 { period_s / law.inertance_kg } else { 0.0 };
+    let kink = per_force * moment / sum * law.coulomb_n;
+    let steps: Vec<f64> = piece.position_m.iter().zip(piece.position_m.iter().skip(1)).map(|(a, b)| b - a).collect();
+    // Of the force's integral: all samples beyond `i` from the middle see their difference.
+    let weights: Vec<f64> = (1..m).map(|i| ((m - i) * (m - i + 1)) as f64 / 2.0 / sum).collect();
+    let lost = |at: usize| -> f64 {
+        let (later, earlier) = (piece.force_n.iter().skip(at + 1), piece.force_n.iter().take(at + 1).rev());
+        weights.iter().zip(later.zip(earlier)).map(|(weight, (later, earlier))| weight * (earlier - later)).sum()
+    };
+    // What whole samples leave of the skew moves it.
+    let late = settings.skew_parts().1 / period_s;
+    let bend = |at: usize| lost(at) + late * 0.5 * (lost(at + 1) - lost(at.saturating_sub(1)));
+    let velocity = |at: usize| {
+        let plain = around(&triangle, &steps, at) / sum / period_s;
+        if per_force == 0.0 {
+            return plain;
+        }
+        let force = piece.force_n.iter().skip(at).take(2).sum::<f64>() - 2.0 * law.offset_n;
+        plain + kink * force.signum() + per_force * bend(at)
+    };
+    let known = (0..steps.len()).map(|at| if at + 1 < m || at + m > steps.len() { f64::NAN } else { velocity(at) });
+    let between: Vec<f64> = std::iter::once(f64::NAN).chain(known).chain(std::iter::once(f64::NAN)).collect();
+    between.iter().copied().zip(between.iter().copied().skip(1)).collect()
+}
