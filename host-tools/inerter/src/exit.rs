@@ -1,6 +1,8 @@
 //! Exit codes, a public contract described in `docs/CLI.md`, and which one each failure ends with.
 
-use inerter_analysis::{calibrate::CalibrateError, fit::FitError, identify::IdentifyError, plan::PlanError, skew::SkewError};
+use inerter_analysis::{
+    calibrate::CalibrateError, fit::FitError, identify::IdentifyError, plan::PlanError, skew::SkewError,
+};
 use inerter_data::recording::RecordingError;
 use inerter_device::{DeviceError, flash::FlashError, update::UpdateError};
 use inerter_simulate::SimulateError;
