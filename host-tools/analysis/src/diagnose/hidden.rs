@@ -22,7 +22,7 @@ const LEAST_LEFT: f64 = 0.05;
 /// cause that the law leaves out, 90 % of such intervals hold the truth (docs/THEORY.md, 14).
 const MOVED: [f64; 2] = [1.6, 1.2];
 /// Growth of the standard error up to which the run tells of a cause for certain.
-pub const TOLD: f64 = 1.8;
+pub const TOLD: f64 = 1.6;
 /// Standard deviations beyond which what moves counts although the run does not tell for certain.
 const CHANCE: f64 = 2.0;
 /// Standard deviations of a cause's size under which it is not named.
