@@ -26,6 +26,10 @@ use crate::systematic::{Found, Motion, Scatter, Spread};
 // Single precision, as everything here.
 const WIDEST_INTERVAL: f32 = constants::WIDEST_INTERVAL as f32;
 const CLEAR_OF_STEPS: f32 = constants::CLEAR_OF_STEPS as f32;
+/// The same where the slow bank's kernel smooths away all but [`SMOOTHED`] of the acceleration's mean square, as of moves that are
+/// shorter than it. At 145 one value of the reference device in three lies beyond its interval, at 210 the friction of an axis.
+const AMONG_STEPS: f32 = 500.0;
+const SMOOTHED: f32 = 0.1;
 /// Quartile of the force's fourth differences, per rms of its noise: 0.3186 by normal noise, times the root of 70.
 const QUARTILE: f32 = 2.666;
 /// The same of the median and the upper quartile: 0.6745 and 1.1503 times the root of 70.
@@ -219,13 +223,22 @@ impl Active {
         }
     }
 
-    /// The fast bank when its acceleration stands clear of the encoder's steps, else the slow one.
+    /// The fast bank when its acceleration stands clear of the encoder's steps, or of what the slow one sees; else the slow one.
     fn choose(&self, state: &State, knowledge: impl Fn(&BankState) -> Knowledge) -> (Bank, Knowledge) {
         let fast = knowledge(&state.fast);
-        if fast.mean_square(0) > CLEAR_OF_STEPS * self.fast.scales.quantisation || state.slow.whole.updates() == 0 {
+        let clear = fast.mean_square(0) / self.fast.scales.quantisation;
+        if clear > CLEAR_OF_STEPS || state.slow.whole.updates() == 0 {
+            return (Bank::Fast, fast);
+        }
+        let slow = knowledge(&state.slow);
+        let seen = |knowledge: &Knowledge, scales: &Scales| {
+            let unit = scales.units[0] as f32;
+            knowledge.mean_square(0) * unit * unit
+        };
+        if clear > AMONG_STEPS && seen(&slow, &self.slow.scales) < SMOOTHED * seen(&fast, &self.fast.scales) {
             (Bank::Fast, fast)
         } else {
-            (Bank::Slow, knowledge(&state.slow))
+            (Bank::Slow, slow)
         }
     }
 
