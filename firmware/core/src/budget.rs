@@ -84,13 +84,13 @@ impl Budget {
     /// With an uncertainty more, given as the half width of its 95 % interval.
     #[must_use]
     pub fn and(self, source: Source, u95: f32) -> Self {
-        self.and_standard(source, u95 / NORMAL_COVERAGE)
+        self.and_variance(source, square(u95 / NORMAL_COVERAGE))
     }
 
-    /// The same, given as a standard uncertainty.
+    /// The same, given as a variance.
     #[must_use]
-    pub fn and_standard(mut self, source: Source, uncertainty: f32) -> Self {
-        self.squares[source as usize] += square(uncertainty);
+    pub fn and_variance(mut self, source: Source, variance: f32) -> Self {
+        self.squares[source as usize] += variance;
         self
     }
 

@@ -181,7 +181,11 @@ impl State {
         let feedback = &self.feedback;
         let line = &mut self.line;
         let plain = line.smooth_velocity(0, m);
-        let before = core::mem::replace(&mut line.plain_velocity, plain);
+        let before = line.plain_velocity;
+        // A slow stroke stands within one count before it turns.
+        if plain != 0 {
+            line.plain_velocity = plain;
+        }
         // What is compared must not depend on what has been concluded.
         line.ago(m).passes_zero = (plain ^ before) < 0 && before != 0 && plain != 0;
         // The correction is worth its cost only where the velocity could reach zero within the kernel.
@@ -213,10 +217,13 @@ impl State {
     #[inline(never)]
     fn pass_zero(&mut self, signal: &Signal, m: u8) {
         let (line, feedback) = (&self.line, &self.feedback);
-        let narrow = line.smooth_velocity(m, m);
-        let wide = line.smooth_velocity(0, 2 * m) >> 2;
-        let predicted = line.smoothed_away(m, m, feedback) - (line.smoothed_away(0, 2 * m, feedback) >> 2);
-        self.velocity_reversals.compare(predicted, wide - narrow);
+        // A screw that stood is no blow to the velocity.
+        if line.smooth_velocity(m + 1, m) != 0 {
+            let narrow = line.smooth_velocity(m, m);
+            let wide = line.smooth_velocity(0, 2 * m) >> 2;
+            let predicted = line.smoothed_away(m, m, feedback) - (line.smoothed_away(0, 2 * m, feedback) >> 2);
+            self.velocity_reversals.compare(predicted, wide - narrow);
+        }
         let place = line.last_index.wrapping_sub(2 * u32::from(m));
         let here = line.at(2 * m);
         self.repeats.push(place, here.position, here.position_sum, signal.codes_per_count);

@@ -36,7 +36,7 @@ pub(crate) struct DelayLine {
     pub filled: u16,
     pub last_index: u32,
     position_sum: i32,
-    /// The last velocity by the sign's kernel alone.
+    /// The last velocity by the sign's kernel alone that was not 0.
     pub plain_velocity: i32,
     /// How many samples from now on still have a velocity across a discontinuity.
     pub tainted: u8,

@@ -226,19 +226,16 @@ impl Active {
     /// The fast bank when its acceleration stands clear of the encoder's steps, or of what the slow one sees; else the slow one.
     fn choose(&self, state: &State, knowledge: impl Fn(&BankState) -> Knowledge) -> (Bank, Knowledge) {
         let fast = knowledge(&state.fast);
-        let clear = fast.mean_square(0) / self.fast.scales.quantisation;
-        if clear > CLEAR_OF_STEPS || state.slow.whole.updates() == 0 {
-            return (Bank::Fast, fast);
-        }
-        let slow = knowledge(&state.slow);
+        let times = |least: f32| fast.mean_square(0) > least * self.fast.scales.quantisation;
         let seen = |knowledge: &Knowledge, scales: &Scales| {
             let unit = scales.units[0] as f32;
             knowledge.mean_square(0) * unit * unit
         };
-        if clear > AMONG_STEPS && seen(&slow, &self.slow.scales) < SMOOTHED * seen(&fast, &self.fast.scales) {
+        let smoothed = || seen(&knowledge(&state.slow), &self.slow.scales) < SMOOTHED * seen(&fast, &self.fast.scales);
+        if times(CLEAR_OF_STEPS) || state.slow.whole.updates() == 0 || (times(AMONG_STEPS) && smoothed()) {
             (Bank::Fast, fast)
         } else {
-            (Bank::Slow, slow)
+            (Bank::Slow, knowledge(&state.slow))
         }
     }
 
@@ -298,8 +295,8 @@ impl Active {
         [
             systematic.inertance(&found(0), spread, motion),
             systematic.viscous(&found(1), spread, motion),
-            systematic.force(&found(2), spread),
-            systematic.force(&found(3), spread),
+            systematic.coulomb(&found(2), spread),
+            systematic.offset(&found(3), spread),
         ]
     }
 

@@ -3,7 +3,8 @@
 use crate::budget::{Budget, Source};
 use crate::constants;
 use crate::detail::{Band, Contact, Detail};
-use crate::math::{magnitude, sqrt, square};
+use crate::ldl::UNKNOWNS;
+use crate::math::{greater, magnitude, sqrt, square};
 use crate::settings::Settings;
 
 const STRUCTURE_MODEL_U95: f32 = constants::STRUCTURE_MODEL_U95 as f32;
@@ -16,7 +17,8 @@ const STEPS: f32 = 0.25;
 /// The same by the motion's own frequency `w`, per `(w L)^4`: the spectrum of a second difference over a box `L` against a flat
 /// one of the same variance and correlation length.
 const STEPS_AT_FREQUENCY: f32 = 3.0 / 8.0 / 2.09;
-/// Times that a pattern of steps adds up at most: one that stays for longer differs from stroke to stroke in what it does.
+/// Times that a pattern of steps adds up at most, but for what a tone's harmonics tell: one that stays for longer differs from stroke
+/// to stroke in what it does.
 const MOST_REPEATS: f32 = 8.0;
 
 /// What the settings state, each as the half width of its 95 % interval.
@@ -98,11 +100,14 @@ impl Scatter {
         let [share, kept] = self.steps_share;
         let noise = kernel * (1.0 - kept) + of_steps * kept;
         let steps = of_steps * share;
+        let pattern = steps * (motion.held_repeats() - 1.0);
+        let tone = motion.steps_in_harmonics(self.frequency_squared) * share * (motion.repeats - 1.0);
         Spread {
             inertance_kg: self.inertance_kg,
             freedom: self.freedom,
             noise: sqrt(noise),
-            pattern: sqrt(steps * (motion.held_repeats() - 1.0)),
+            pattern,
+            tone: greater(tone, pattern),
             steps,
         }
     }
@@ -117,8 +122,10 @@ pub struct Spread {
     freedom: f32,
     /// By what scatters.
     noise: f32,
-    /// By the encoder's steps where strokes come again and they with them.
+    /// Variance by the encoder's steps where strokes come again and they with them.
     pattern: f32,
+    /// The same of friction, which the harmonics of a single tone tell.
+    tone: f32,
     /// Variance by steps that do not come again.
     steps: f32,
 }
@@ -142,11 +149,25 @@ impl Motion {
         if self.repeats < MOST_REPEATS { self.repeats } else { MOST_REPEATS }
     }
 
-    /// Variance that steps have at most in what moves between two fits, over what they have in a parameter
-    /// ([`Source::Encoder`]): of some regressor all of them pass the kernel, and add up as often as they come again.
-    pub fn pattern_in_differences(&self) -> f32 {
+    /// Part of their share in the scatter that steps have in Coulomb's and in viscous friction by a single tone, of which both move the
+    /// same force at its own frequency: only the harmonics, `1/n` of the first, tell one from the other. For a tone `w` and a box `L`
+    /// that is the mean of the steps' spectrum (above) over them, weighted by the kernel and `1/n^2`, within a fourth from
+    /// `w L` 0.1 to 1. 0 of a motion of several frequencies.
+    fn steps_in_harmonics(&self, frequency_squared: f32) -> f32 {
+        let alike = if self.frequency_squared > 0.0 { self.low_squared / self.frequency_squared } else { 0.0 };
+        let passed = square(square(square(frequency_squared)));
+        let of_tone = 0.02 + 1.9 * frequency_squared / (1.0 + 0.5 * frequency_squared + 2.0 * passed);
+        of_tone * square(square(alike))
+    }
+
+    /// Variance that steps have at most in what moves between two fits, over what they have in each parameter
+    /// ([`Source::Encoder`]): of some regressor all of them pass the kernel, whose box is given, and add up as often as they come again.
+    pub fn pattern_in_differences(&self, box_s: f32) -> [f32; UNKNOWNS] {
         let further = if self.repeats > MOST_REPEATS { (self.repeats - 1.0) / (MOST_REPEATS - 1.0) } else { 1.0 };
-        further / STEPS
+        let any = further / STEPS;
+        let by_tone = 1.0 / self.steps_in_harmonics(self.low_squared * box_s * box_s);
+        let friction = if by_tone < any { by_tone } else { any };
+        [any, friction, friction, any]
     }
 
     pub(crate) fn within(band: &Band, contact: Contact, repeats: f32) -> Self {
@@ -194,7 +215,7 @@ impl Systematic {
         let bent = mass * stretch * self.compliance_u95_m_per_n;
         let follows = magnitude(1.0 - stretch * self.compliance_m_per_n);
         let flanks = if motion.flanks_part { STRUCTURE_MODEL_U95 * mass } else { 0.0 };
-        self.common(found, spread)
+        self.common(found, spread, spread.pattern)
             .and(Source::Lead, found.value * self.lead)
             .and(Source::Timebase, 2.0 * found.value * self.timebase)
             .and(Source::Structure, follows * self.structure_u95_kg)
@@ -208,7 +229,7 @@ impl Systematic {
         // What the contact's damping takes from the structure's motion, by the compliance squared.
         let damped = self.structure_mass_kg * magnitude(spread.inertance_kg) * self.damping_n_s_per_m;
         let per_compliance = 2.0 * damped * self.compliance_m_per_n * motion.frequency_squared * motion.low_squared;
-        let budget = self.common(found, spread).and(Source::Lead, value * self.lead);
+        let budget = self.common(found, spread, spread.tone).and(Source::Lead, value * self.lead);
         let budget = budget.and(Source::Timebase, value * self.timebase);
         // A product with nothing is nothing, however little is known of the other.
         if per_compliance > 0.0 {
@@ -218,14 +239,19 @@ impl Systematic {
         }
     }
 
-    /// Of Coulomb friction or the offset \[N\].
-    pub fn force(&self, found: &Found, spread: &Spread) -> Budget {
-        self.common(found, spread)
+    /// Of Coulomb friction \[N\].
+    pub fn coulomb(&self, found: &Found, spread: &Spread) -> Budget {
+        self.common(found, spread, spread.tone)
     }
 
-    fn common(&self, found: &Found, spread: &Spread) -> Budget {
+    /// Of the offset \[N\].
+    pub fn offset(&self, found: &Found, spread: &Spread) -> Budget {
+        self.common(found, spread, spread.pattern)
+    }
+
+    fn common(&self, found: &Found, spread: &Spread, pattern: f32) -> Budget {
         Budget::of_scatter(spread.noise * found.error, spread.freedom)
-            .and_standard(Source::Encoder, spread.pattern * found.error)
+            .and_variance(Source::Encoder, pattern * square(found.error))
             .and(Source::Encoder, found.steps)
             .and(Source::Skew, found.per_skew * self.skew_s)
             .and(Source::Gain, found.value * self.gain)

@@ -318,7 +318,8 @@ impl Judge<'_> {
         let budget = match i {
             ACCELERATION => systematic.inertance(found, &spread, motion),
             VELOCITY => systematic.viscous(found, &spread, motion),
-            _ => systematic.force(found, &spread),
+            SIGN => systematic.coulomb(found, &spread),
+            _ => systematic.offset(found, &spread),
         };
         let model_u95 = model_u95.get(i).copied().unwrap_or_default();
         Parameter::new(Interval { value, u95: budget.and(Source::Model, model_u95).u95() }, Status::Ok)

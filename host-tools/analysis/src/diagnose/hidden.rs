@@ -47,11 +47,11 @@ pub fn judged(series: &Series, settings: &Settings, outcome: &Outcome) -> [Judge
     let Ok(rows) = rows_of(&aligned, settings, &outcome.published()) else { return all };
     let Some(law) = Law::of(&rows) else { return all };
     // By the estimator's own scatter, which knows what the rows do not: the spectrum of steps, and how often they repeat.
-    let pattern = f64::from(outcome.motion.pattern_in_differences());
+    let mut patterns = outcome.motion.pattern_in_differences(outcome.estimate.bank.box_s() as f32).into_iter();
     let squares = outcome.budgets.whole_run.map(|budget| {
         let part = |source| (f64::from(budget.given_u95(source)) / f64::from(NORMAL_COVERAGE)).powi(2);
         let (noise, steps) = (part(Source::Noise), part(Source::Encoder));
-        [noise + steps, noise + pattern * steps]
+        [noise + steps, noise + f64::from(patterns.next().unwrap_or(1.0)) * steps]
     });
     let half_widths = outcome.budgets.whole_run.map(|budget| f64::from(budget.u95()));
     let mut reaches = [0.0; 4];

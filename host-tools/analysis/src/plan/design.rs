@@ -323,7 +323,8 @@ fn calibration(expected: &Expected, want: &Want) -> f64 {
     let budget = match want.place {
         0 => systematic.inertance(&found, &spread, &motion),
         1 => systematic.viscous(&found, &spread, &motion),
-        _ => systematic.force(&found, &spread),
+        2 => systematic.coulomb(&found, &spread),
+        _ => systematic.offset(&found, &spread),
     };
     let shared = [Source::Gain, Source::Lead, Source::Timebase].map(|source| f64::from(budget.given_u95(source)));
     shared.iter().map(|u95| u95 * u95).sum::<f64>().sqrt()

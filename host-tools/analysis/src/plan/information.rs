@@ -173,8 +173,8 @@ impl Together {
         let mut budgets = [
             systematic.inertance(inertance, &spread, &motion),
             systematic.viscous(viscous, &spread, &motion),
-            systematic.force(coulomb, &spread),
-            systematic.force(offset, &spread),
+            systematic.coulomb(coulomb, &spread),
+            systematic.offset(offset, &spread),
         ];
         if let Some(away) = self.away[place].as_ref().and_then(solved) {
             let moved = moved_by_chance(&solution, &away, coulomb, &budgets[2]);
