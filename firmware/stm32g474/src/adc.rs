@@ -3,12 +3,22 @@
 use crate::boards::clock::CORE_PER_US;
 use embassy_stm32::pac::adc::Adc;
 use embassy_stm32::pac::adc::vals::Adcaldif;
+use embassy_stm32::pac::adccommon::AdcCommon;
+use embassy_stm32::pac::adccommon::vals::{Ckmode, Presc};
 
 /// Start-up time of the voltage regulator, in us (DS12288, table 66).
 const REGULATOR_US: u32 = 20;
 
 /// Looks at the converter, of at least 10 cycles each: the calibration takes 500 cycles.
 const POLLS: u32 = 500;
+
+/// Chooses the clock of a block of converters: [`ADC_HZ`](crate::boards::clock::ADC_HZ), undivided. None of them may be on.
+pub fn choose_clock(block: AdcCommon) {
+    block.ccr().modify(|w| {
+        w.set_ckmode(Ckmode::ASYNCHRONOUS);
+        w.set_presc(Presc::DIV1);
+    });
+}
 
 /// Regulator, calibration for single-ended inputs, on (RM0440, 21.4.6 to 21.4.9). Takes 25 us. Says whether the converter
 /// is ready.

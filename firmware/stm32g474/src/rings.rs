@@ -23,7 +23,6 @@ use embassy_stm32::gpio::Pull;
 use embassy_stm32::interrupt::typelevel::{DMA1_CHANNEL3, Handler, Interrupt};
 use embassy_stm32::pac::adc::Adc;
 use embassy_stm32::pac::adc::vals::{Adstp, Dmacfg, Dmaen, Exten, Ovrmod, SampleTime};
-use embassy_stm32::pac::adccommon::vals::Ckmode;
 use embassy_stm32::pac::bdma::vals::{Dir, Pl, Size};
 use embassy_stm32::pac::timer::vals::{CcmrInputCcs, FilterValue, Mms, Sms, Urs};
 use embassy_stm32::pac::{ADC1, ADC2, ADC12_COMMON, DMA1, DMAMUX1, RCC, TIM2, TIM6};
@@ -178,9 +177,9 @@ impl Rings {
             RCC.ahb2enr().modify(|w| w.set_adc12en(true));
             RCC.apb1enr1().modify(|w| w.set_tim6en(true));
         });
-        // 42 MHz, from the timer's clock. 2625 ticks are no multiple of 4, so the delay from the event goes round four phases
-        // of the converters' clock: 18 ns at most, the same for both.
-        ADC12_COMMON.ccr().modify(|w| w.set_ckmode(Ckmode::SYNC_DIV4));
+        // The clock is not the timer's, though of the same PLL. A trigger waits for it: 1.5 to 2.5 of its periods, which go
+        // round four phases, as 2625 ticks are no multiple of 4; the same for both converters.
+        adc::choose_clock(ADC12_COMMON);
         let ready = convert(ADC1, force.channel) & convert(ADC2, terminal.channel);
         TIM6.cr1().write(|w| w.set_urs(Urs::COUNTER_ONLY));
         TIM6.cr2().write(|w| w.set_mms(Mms::UPDATE));

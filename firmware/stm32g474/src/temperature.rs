@@ -9,14 +9,13 @@ use crate::boards::clock::CORE_PER_US;
 use crate::{adc, rings};
 use core::ptr;
 use embassy_stm32::pac::adc::vals::SampleTime;
-use embassy_stm32::pac::adccommon::vals::Ckmode;
 use embassy_stm32::pac::{ADC5, ADC345_COMMON, RCC};
 
 /// Channel of the sensor.
 const CHANNEL: u8 = 4;
 /// Looks at the converter, of at least 10 cycles each: a conversion takes 1000.
 const POLLS: u32 = 1_000;
-/// Core clocks of a conversion: (247.5 + 12.5) at a quarter of the clock, and one until it starts.
+/// Core clocks of a conversion: (247.5 + 12.5) of the converter's, a quarter of the core's, and two until it starts.
 const CONVERSION: u16 = 7 * CORE_PER_US as u16;
 const CALIBRATION_30: *const u16 = 0x1FFF_75A8 as *const u16;
 const CALIBRATION_130: *const u16 = 0x1FFF_75CA as *const u16;
@@ -36,10 +35,8 @@ impl Sensor {
     /// Switches the sensor on.
     pub fn new() -> Self {
         critical_section::with(|_| RCC.ahb2enr().modify(|w| w.set_adc345en(true)));
-        ADC345_COMMON.ccr().modify(|w| {
-            w.set_ckmode(Ckmode::SYNC_DIV4);
-            w.set_vsenseen(true);
-        });
+        adc::choose_clock(ADC345_COMMON);
+        ADC345_COMMON.ccr().modify(|w| w.set_vsenseen(true));
         let ready = adc::switch_on(ADC5);
         ADC5.sqr1().write(|w| w.set_sq(0, CHANNEL));
         // 5.9 us at 42 MHz; the sensor wants 5.

@@ -17,9 +17,9 @@ use inerter_plant::{Excitation, Inerter, Plant, PlantError, Segment, Sensors, Tr
 use crate::World;
 use crate::chip::adc::{CODES, Quality, REFERENCE_V};
 
-/// From the event of the sampling clock to the aperture of the converters \[s\]: a trigger's latency of 2.125 and 24.5
+/// From the event of the sampling clock to the aperture of the converters \[s\]: a trigger's latency of 1.5 to 2.5 and 24.5
 /// clocks of sampling at 42 MHz (DS12288, tLATR; firmware/stm32g474, SMP).
-pub const APERTURE_S: f64 = (2.125 + 24.5) / 42e6;
+pub const APERTURE_S: f64 = (2.0 + 24.5) / 42e6;
 /// Conversions per second that the samples are summed from \[Hz\].
 pub const TRIGGER_HZ: f64 = 64e3;
 /// Clock of the digital front end \[Hz\].

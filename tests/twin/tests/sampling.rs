@@ -558,6 +558,22 @@ fn no_sample_after_a_start_holds_anything_else() -> Outcome {
 }
 
 #[test]
+fn the_two_converters_do_not_disturb_each_other() -> Outcome {
+    let Some(image) = shipping_image() else { return Ok(()) };
+    // At rest, where both codes are known.
+    let rig = Rig::new(Excitation::preset("mid", 0).expect("a preset"), 100.0);
+    let settings = rig.settings(4000.0);
+    let mut lab = Lab::new(&image, rig, settings, |machine| machine.chip_mut().adc.set_quality(Quality::IDEAL))?;
+    let run = lab.run(1.0, |_| {})?;
+    assert!(run.samples.len() > 1000, "{} samples", run.samples.len());
+    for sample in &run.samples {
+        let codes = [sample.force_code, sample.terminal_code].map(f64::from);
+        assert!(codes.iter().all(|code| (code - settings.force_zero_code).abs() < 500.0), "{sample:?}");
+    }
+    Ok(())
+}
+
+#[test]
 fn converting_the_temperature_disturbs_no_sample() -> Outcome {
     let Some(image) = shipping_image() else { return Ok(()) };
     // At rest; the temperature is converted once a second.

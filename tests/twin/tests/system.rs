@@ -7,7 +7,7 @@ use inerter_core::{Settings, Status};
 use inerter_plant::Excitation;
 use inerter_twin::{
     Board,
-    bench::{Bench, Rig},
+    bench::{APERTURE_S, Bench, Rig},
     chip::adc::{Broken, Unit},
     chip::flash::{Contents, Torn},
     chip::rcc::Reset,
@@ -150,6 +150,16 @@ fn the_first_write_to_each_memory_may_be_lost() {
     run(&mut link.machine, 0.3);
     assert_eq!(link.machine.resets().len(), 3);
     assert_eq!(link.machine.cpu().core().lost_writes, [], "each in the place of one that changes nothing");
+}
+
+#[test]
+fn the_default_skew_is_what_the_board_takes() {
+    let Some(mut link) = board(Still) else { return };
+    greet(&mut link);
+    // The encoder's filter: 6 samples of 84 MHz, 5 clocks of 168 MHz, less 8 until the fetch (firmware/stm32g474/src/defaults.rs).
+    let filter_s = 6.0 / 84e6 + (5.0 - 8.0) / 168e6;
+    let off_s = settings(&mut link).skew_s + APERTURE_S + filter_s;
+    assert!(off_s.abs() < 1e-9, "{off_s} s");
 }
 
 #[test]

@@ -8,6 +8,10 @@ use embassy_stm32::rcc;
 pub const CORE_HZ: u32 = 168_000_000;
 /// The same, in a microsecond.
 pub const CORE_PER_US: u32 = CORE_HZ / 1_000_000;
+/// Clock of all converters, in Hz: the PLL's own output for them, which nothing divides further. ES0430 2.7.11: converters
+/// that work at the same time disturb each other, unless their clock is of one source and divided by 1, or the triggers'
+/// period is a multiple of what it is divided by, and 2625 is a multiple of nothing that would do.
+pub const ADC_HZ: u32 = 2 * CORE_HZ / 8;
 
 /// The RTC has no clock: ES0430, "unstable LSI when it clocks RTC", and the watchdog counts the LSI, which its own start
 /// switches on.
@@ -19,7 +23,7 @@ pub struct Oscillator {
     pub crystal: Option<rcc::Hse>,
     /// Divides the oscillator before the PLL.
     pub divider: rcc::PllPreDiv,
-    /// Multiplies, to 336 MHz; half of that is the core's clock.
+    /// Multiplies, to 336 MHz; half of that is the core's clock, an eighth the converters'.
     pub multiplier: rcc::PllMul,
 }
 
@@ -37,7 +41,7 @@ impl Oscillator {
             source: if self.crystal.is_some() { rcc::PllSource::HSE } else { rcc::PllSource::HSI },
             prediv: self.divider,
             mul: self.multiplier,
-            divp: None,
+            divp: Some(rcc::PllPDiv::DIV8),
             divq: None,
             divr: Some(rcc::PllRDiv::DIV2),
         });
@@ -46,6 +50,8 @@ impl Oscillator {
         // Above 150 MHz (RM0440, 6.1.5).
         config.boost = true;
         config.mux.clk48sel = rcc::mux::Clk48sel::HSI48;
+        config.mux.adc12sel = rcc::mux::Adcsel::PLL1_P;
+        config.mux.adc345sel = rcc::mux::Adcsel::PLL1_P;
         config.ls = NO_RTC;
         config
     }

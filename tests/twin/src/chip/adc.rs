@@ -8,6 +8,7 @@
 //! Glossary:
 //! - *trigger*: the event that starts a sequence; *aperture*: the moment at which the voltage is held, which is the
 //!   trigger plus its latency plus the sampling time; the result comes 12.5 clocks of the converter later.
+//! - *phase*: of a trigger within a clock of the converter, where that is made of the core's by division.
 //! - *overrun*: a result came before the last one was read; DMA requests then cease until the flag is cleared.
 //!
 //! Not modelled, and refused: injected conversions, dual modes, the oversampler, offsets, analogue watchdogs,
@@ -59,7 +60,7 @@ const READY_CLOCKS: f64 = 15.0;
 /// here \[V\].
 const PAUSE_S: f64 = 1e-3;
 const AFTER_PAUSE_V: f64 = 0.4;
-/// What is wrong with a conversion during which another converter starts \[V\] (ES0430 2.7.11).
+/// What is wrong with a conversion that another converter disturbs \[V\] (ES0430 2.7.11).
 const DISTURBED_V: f64 = 0.4;
 /// Clocks of a conversion of 12 bits after its sampling.
 const CONVERSION_CLOCKS: f64 = 12.5;
@@ -339,10 +340,32 @@ impl Analogue {
 struct Conversion {
     rank: usize,
     start: Cycles,
-    /// Another converter has started meanwhile.
+    /// Another converter disturbs it.
     disturbed: bool,
     aperture: Cycles,
     end: Cycles,
+}
+
+/// The clock of the converters of a block.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Timing {
+    /// Cycles of the core in one of it.
+    cycles: f64,
+    /// From a trigger to the start, in clocks (DS12288, tLATR); nothing where the clock is not made of the core's: then it is
+    /// from 1.5 to 2.5, as far as the second edge, which is taken to be at a whole multiple of the clock.
+    latency: Option<f64>,
+    /// By more than 1, from the core's clock or from the source's.
+    divided: bool,
+}
+
+impl Timing {
+    /// From a trigger at this moment to the start, in clocks.
+    fn latency_at(&self, now: Cycles) -> f64 {
+        self.latency.unwrap_or_else(|| {
+            let at = now as f64 / self.cycles;
+            (at + 1.5).ceil() - at
+        })
+    }
 }
 
 /// A channel of the sequence.
@@ -377,6 +400,8 @@ struct Converter {
     ended: Option<Cycles>,
     /// Conversions were stopped by software and none has been made since.
     stopped: bool,
+    /// Phase of the first trigger since the start.
+    phase: Option<Cycles>,
 }
 
 impl Converter {
@@ -399,6 +424,7 @@ impl Converter {
             dma_ended: false,
             ended: None,
             stopped: false,
+            phase: None,
         }
     }
 
@@ -465,7 +491,8 @@ pub struct Adcs {
     /// Common control of ADC1 and 2, of ADC3 to 5.
     common: [u32; 2],
     hclk_hz: f64,
-    kernel_hz: f64,
+    /// Of both blocks.
+    kernel_hz: [f64; 2],
     analogue: Analogue,
     /// When the next conversion ends.
     due: Option<(Cycles, Unit)>,
@@ -487,7 +514,7 @@ impl Adcs {
             units: std::array::from_fn(|_| Converter::new()),
             common: [0; 2],
             hclk_hz: Clocks::POWER_ON.hclk_hz,
-            kernel_hz: 0.0,
+            kernel_hz: [0.0; 2],
             analogue: Analogue::new(Quality::default()),
             due: None,
             errata: Errata::NONE,
@@ -529,8 +556,8 @@ impl Adcs {
         &mut self.units[unit.index()]
     }
 
-    /// Cycles of the core per clock of the converters of a block, and the latency of a trigger in clocks.
-    fn timing(&self, common: usize) -> Result<(f64, f64), Unknown> {
+    /// The clock of the converters of a block.
+    fn timing(&self, common: usize) -> Result<Timing, Unknown> {
         let ccr = self.common[common];
         let prescaler = match ccr >> 18 & 0xF {
             0 => 1.0,
@@ -538,22 +565,29 @@ impl Adcs {
             n @ 7..=11 => f64::from(1 << (n - 3)),
             _ => return Err(Unknown { what: "ADC_CCR.PRESC: reserved" }),
         };
-        // Latencies of DS12288, tLATR.
-        let (cycles, latency) = match ccr >> 16 & 3 {
-            0 if self.kernel_hz > 0.0 => (self.hclk_hz / self.kernel_hz * prescaler, 2.0),
+        let kernel_hz = self.kernel_hz[common];
+        let timing = match ccr >> 16 & 3 {
+            0 if kernel_hz > 0.0 => {
+                Timing { cycles: self.hclk_hz / kernel_hz * prescaler, latency: None, divided: prescaler > 1.0 }
+            }
             0 => return Err(Unknown { what: "the ADC has no clock: ADCxSEL in RCC_CCIPR, or CKMODE" }),
-            1 => (1.0, 2.0),
-            2 => (2.0, 2.25),
-            _ => (4.0, 2.125),
+            1 => Timing { cycles: 1.0, latency: Some(2.0), divided: false },
+            2 => Timing { cycles: 2.0, latency: Some(2.25), divided: true },
+            _ => Timing { cycles: 4.0, latency: Some(2.125), divided: true },
         };
-        if self.hclk_hz / cycles > 60e6 {
+        if self.hclk_hz / timing.cycles > 60e6 {
             return Err(Unknown { what: "the ADC's clock is above 60 MHz" });
         }
-        Ok((cycles, latency))
+        Ok(timing)
     }
 
     fn clocks(&self, unit: Unit, clocks: f64) -> Result<Cycles, Unknown> {
-        Ok((clocks * self.timing(unit.common())?.0).round() as Cycles)
+        Ok((clocks * self.timing(unit.common())?.cycles).round() as Cycles)
+    }
+
+    /// Whether the converters of a block have a clock, which may stop while they wait.
+    fn is_clocked(&self, common: usize) -> bool {
+        self.common[common] >> 16 & 3 != 0 || self.kernel_hz[common] > 0.0
     }
 
     /// A trigger output rose at `now`: sequences that wait for it begin. One that is under way goes on.
@@ -562,9 +596,11 @@ impl Adcs {
             let it = self.unit(unit);
             let waits = it.is_started() && it.conversion.is_none();
             // Rising edges are those of EXTEN 1 and 3.
-            if waits && it.edges() & 1 != 0 && it.cfgr >> 5 & 0x1F == number {
-                let latency = self.timing(unit.common())?.1;
-                self.begin(unit, 0, now, latency)?;
+            if waits && it.edges() & 1 != 0 && it.cfgr >> 5 & 0x1F == number && self.is_clocked(unit.common()) {
+                let timing = self.timing(unit.common())?;
+                let phase = now % (timing.cycles.round() as Cycles).max(1);
+                self.unit_mut(unit).phase.get_or_insert(phase);
+                self.begin(unit, 0, now, timing.latency_at(now))?;
             }
         }
         Ok(())
@@ -574,14 +610,36 @@ impl Adcs {
         let sampling = self.unit(unit).sequence.get(rank).map_or(0.0, |rank| rank.sampling_clocks);
         let aperture = now + self.clocks(unit, latency + sampling)?;
         let end = now + self.clocks(unit, latency + sampling + CONVERSION_CLOCKS)?;
-        if self.errata.adc_start_disturbs {
-            for other in self.units.iter_mut().filter_map(|other| other.conversion.as_mut()) {
-                other.disturbed |= other.start < now && now < other.end;
-            }
-        }
-        self.unit_mut(unit).conversion = Some(Conversion { rank, start: now, disturbed: false, aperture, end });
+        let disturbed = self.errata.adc_concurrent && self.disturbs_others(unit, now)?;
+        self.unit_mut(unit).conversion = Some(Conversion { rank, start: now, disturbed, aperture, end });
         self.update_due();
         Ok(())
+    }
+
+    /// Lets a conversion that begins disturb those under way; says whether they disturb it.
+    ///
+    /// Those that began at the same moment leave each other alone where their clocks are the same and are divided by 1, or
+    /// the triggers' period is a multiple of what they are divided by.
+    fn disturbs_others(&mut self, unit: Unit, now: Cycles) -> Result<bool, Unknown> {
+        let clock_of = |this: &Self, unit: Unit| {
+            let common = unit.common();
+            let timing = this.timing(common)?;
+            let phase = now % (timing.cycles.round() as Cycles).max(1);
+            let steady = !timing.divided || this.unit(unit).phase.is_none_or(|first| first == phase);
+            Ok((timing, this.common[common] >> 16 & 3, steady))
+        };
+        let own = clock_of(self, unit)?;
+        let mut disturbed = false;
+        for other in Unit::ALL.into_iter().filter(|other| *other != unit) {
+            let Some(conversion) = self.unit(other).conversion.filter(|it| now < it.end) else { continue };
+            let others = clock_of(self, other)?;
+            let together = conversion.start == now;
+            if !together || own != others || !own.2 {
+                disturbed |= together;
+                self.unit_mut(other).conversion = Some(Conversion { disturbed: true, ..conversion });
+            }
+        }
+        Ok(disturbed)
     }
 
     fn update_due(&mut self) {
@@ -748,6 +806,7 @@ impl Adcs {
                 return refuse("ADC_CR: ADSTART before the ADC is ready");
             }
             it.cr |= cr::ADSTART;
+            it.phase = None;
             it.load_sequence()?;
             if it.edges() == 0 {
                 self.begin(unit, 0, now, 0.0)?;
@@ -903,7 +962,7 @@ impl Registers for Adcs {
     }
 
     fn set_clocks(&mut self, clocks: &Clocks) {
-        (self.hclk_hz, self.kernel_hz) = (clocks.hclk_hz, clocks.adc12_hz);
+        (self.hclk_hz, self.kernel_hz) = (clocks.hclk_hz, [clocks.adc12_hz, clocks.adc345_hz]);
     }
 
     fn unwritten_reads(&self) -> Vec<u32> {
@@ -1028,6 +1087,106 @@ mod tests {
         assert_eq!(adc.read(offset::DR, Width::Half, 30_157), Ok(2048));
         assert_eq!(read(&mut adc, ISR, 30_157) & isr::EOC, 0);
         assert_ne!(read(&mut adc, CR, 30_157) & cr::ADSTART, 0, "waits for the next trigger");
+    }
+
+    /// Codes of ADC1 and ADC2, which both look at 0 V, at these triggers.
+    fn codes(ccr: u32, triggers: &[Cycles], errata: Errata) -> Vec<[u16; 2]> {
+        let mut adc = Adcs::new();
+        adc.set_quality(Quality::IDEAL);
+        adc.set_errata(errata);
+        adc.set_clocks(&Clocks { hclk_hz: HCLK_HZ, adc12_hz: HCLK_HZ / 4.0, ..Clocks::POWER_ON });
+        write(&mut adc, CCR12, ccr, 0);
+        for base in [0, 0x100] {
+            for (at, control) in [(0, 0), (0, cr::ADVREGEN), (SETTLED, cr::ADVREGEN | cr::ADEN)] {
+                write(&mut adc, base + CR, control, at);
+            }
+            write(&mut adc, base + offset::SMPR1, 3 << 3 | 3 << 6, SETTLED);
+            write(&mut adc, base + offset::SQR1, 1 << 6, SETTLED);
+            write(&mut adc, base + CFGR, TRIGGERED, SETTLED);
+            write(&mut adc, base + CR, cr::ADVREGEN | cr::ADEN | cr::ADSTART, 10_000);
+        }
+        let mut convert = |at: &Cycles| {
+            adc.trigger(TRIGGER_TIM6, *at).unwrap();
+            while let Some((_, unit)) = adc.due() {
+                adc.finish(unit, 0.0).unwrap();
+            }
+            [offset::DR, 0x100 + offset::DR].map(|place| read(&mut adc, place, at + 1000) as u16)
+        };
+        triggers.iter().map(&mut convert).collect()
+    }
+
+    #[test]
+    fn converters_of_a_divided_clock_disturb_each_other_where_triggers_go_round_its_phases() {
+        let only = Errata { adc_concurrent: true, ..Errata::NONE };
+        let every = |period: Cycles| (0..8).map(|n| 20_000 + n * period).collect::<Vec<_>>();
+        let disturbed = |ccr: u32, period: Cycles, errata: Errata| {
+            let codes = codes(ccr, &every(period), errata);
+            assert!(codes.iter().all(|[one, two]| one == two));
+            codes.iter().filter(|[one, _]| *one != 0).count()
+        };
+        // HCLK / 4, the PLL's clock, and that divided by 2.
+        for (ccr, round, steady) in [(3 << 16, 6, 0), (0, 0, 0), (1 << 18, 7, 0)] {
+            assert_eq!(disturbed(ccr, 2625, only), round, "{ccr:#x}");
+            assert_eq!(disturbed(ccr, 2624, only), steady, "{ccr:#x}");
+            assert_eq!(disturbed(ccr, 2625, Errata::NONE), 0, "{ccr:#x}");
+        }
+    }
+
+    #[test]
+    fn a_converter_disturbs_those_that_started_before_it() {
+        for (errata, expected) in [(Errata { adc_concurrent: true, ..Errata::NONE }, 496), (Errata::NONE, 0)] {
+            let mut adc = ready(TRIGGERED);
+            adc.set_errata(errata);
+            for (at, control) in [(10_000, 0), (10_000, cr::ADVREGEN), (20_000, cr::ADVREGEN | cr::ADEN)] {
+                write(&mut adc, 0x100 + CR, control, at);
+            }
+            start(&mut adc, 30_000);
+            adc.trigger(TRIGGER_TIM6, 30_000).unwrap();
+            // The other one, by software.
+            write(&mut adc, 0x100 + offset::SQR1, 1 << 6, 30_050);
+            write(&mut adc, 0x100 + CR, cr::ADVREGEN | cr::ADEN | cr::ADSTART, 30_050);
+            for unit in [Unit::One, Unit::Two] {
+                adc.finish(unit, 0.0).unwrap();
+            }
+            let codes = [offset::DR, 0x100 + offset::DR].map(|place| read(&mut adc, place, 40_000));
+            assert_eq!(codes, [expected, 0]);
+        }
+    }
+
+    #[test]
+    fn a_clock_of_its_own_takes_a_trigger_at_its_second_edge() {
+        let aperture = |at: Cycles| {
+            let mut adc = powered();
+            write(&mut adc, CCR12, 0, 0);
+            adc.set_clocks(&Clocks { hclk_hz: HCLK_HZ, adc12_hz: HCLK_HZ / 4.0, ..Clocks::POWER_ON });
+            write(&mut adc, CR, cr::ADVREGEN | cr::ADEN, SETTLED);
+            write(&mut adc, offset::SMPR1, 3 << 3, SETTLED);
+            write(&mut adc, offset::SQR1, 1 << 6, SETTLED);
+            write(&mut adc, CFGR, TRIGGERED, SETTLED);
+            assert_eq!(read(&mut adc, ISR, 10_000), isr::ADRDY);
+            start(&mut adc, 10_000);
+            adc.trigger(TRIGGER_TIM6, at).unwrap();
+            adc.looks_at(Unit::One).unwrap().1 - at
+        };
+        // From 1.5 to 2.5 clocks of four cycles, and 24.5 of sampling.
+        assert_eq!([20_000, 20_001, 20_002, 20_003, 20_004].map(aperture), [106, 105, 104, 107, 106]);
+    }
+
+    #[test]
+    fn a_converter_whose_clock_has_stopped_misses_the_trigger() {
+        let mut adc = ready(TRIGGERED);
+        write(&mut adc, CR, cr::ADVREGEN | cr::ADDIS, 10_000);
+        write(&mut adc, CCR12, 0, 10_000);
+        let clocks = Clocks { hclk_hz: HCLK_HZ, adc12_hz: HCLK_HZ / 4.0, ..Clocks::POWER_ON };
+        adc.set_clocks(&clocks);
+        write(&mut adc, CR, cr::ADVREGEN | cr::ADEN, 10_000);
+        start(&mut adc, 20_000);
+        adc.set_clocks(&Clocks { adc12_hz: 0.0, ..clocks });
+        adc.trigger(TRIGGER_TIM6, 30_000).unwrap();
+        assert_eq!(adc.due(), None);
+        adc.set_clocks(&clocks);
+        adc.trigger(TRIGGER_TIM6, 40_000).unwrap();
+        assert!(adc.due().is_some());
     }
 
     #[test]

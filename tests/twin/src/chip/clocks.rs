@@ -26,6 +26,8 @@ pub struct Clocks {
     pub lpuart1_hz: f64,
     /// ADC1 and ADC2 kernel clock where it is not derived from HCLK \[Hz\], 0 while it is off.
     pub adc12_hz: f64,
+    /// The same of ADC3 to ADC5.
+    pub adc345_hz: f64,
 }
 
 impl Clocks {
@@ -41,6 +43,7 @@ impl Clocks {
         usb_hz: 0.0,
         lpuart1_hz: 16e6,
         adc12_hz: 0.0,
+        adc345_hz: 0.0,
     };
 
     /// Seconds since power was first applied, at a moment not before [`Self::since`].

@@ -20,9 +20,15 @@ pub struct Errata {
     /// 2.7.10, as cited; no public words found. The first conversion after ADSTP may be of channel 0; ST's motor control
     /// library and QMK convert once for nothing. Here: always, and channel 0 gives code 0.
     pub adc_after_stop: bool,
-    /// 2.7.11, as cited; no public words found. The start of a converter may disturb a conversion of another one. Here:
-    /// always, 0.4 V too much, where the two have not started at the same moment.
-    pub adc_start_disturbs: bool,
+    /// 2.7.11 (2.7.9 in revision 8). ADC1 and ADC2 in a dual mode "do not impact one another whatever the clock source"; all others
+    /// that convert at the same time need one source divided by 1, or else "trigger them with the same timer using the same
+    /// clock prescaler division ratio (or its integer multiple) as the ADC prescaler": so a public review of a motor board with
+    /// this chip quotes revision 8 (round4_c_mcu.md, R4C-03). Others agree: "must use PLL instead of ADC prescaler to avoid
+    /// performance degradation" (a motor controller's board_hw.h); "the same resolution, clock source and prescaler 1"
+    /// (Embedbits/Bsp-Mcal-Adc, README); "ADC1/2 results can be corrupted" at some phases of the divided clocks (moteus,
+    /// fw/stm32g4_adc.cc). Here: always, 0.4 V too much, where two have not started at the same moment, where their clocks
+    /// differ, or where they are divided and the trigger has another phase than the first one had.
+    pub adc_concurrent: bool,
     /// 2.18.1, as cited; no public words found. The busy flag may stay set. Here: after every frame, until SPE is cleared.
     pub spi_busy_stays: bool,
     /// Of the DMA, as cited without its number; no public words found. An error that comes as CGIF is written does not stop
@@ -40,7 +46,7 @@ impl Errata {
         eccr_after_cut: true,
         adc_after_pause: true,
         adc_after_stop: true,
-        adc_start_disturbs: true,
+        adc_concurrent: true,
         spi_busy_stays: true,
         dma_global_clear: true,
         lsi_with_rtc: true,
@@ -51,7 +57,7 @@ impl Errata {
         eccr_after_cut: false,
         adc_after_pause: false,
         adc_after_stop: false,
-        adc_start_disturbs: false,
+        adc_concurrent: false,
         spi_busy_stays: false,
         dma_global_clear: false,
         lsi_with_rtc: false,

@@ -369,7 +369,8 @@ mod tests {
         chip.write(address, value, Width::Word, now).unwrap();
     }
 
-    /// Rings, converters and clock set up as the firmware does, everything but the last write.
+    /// Rings, converters and clock set up as the firmware does, everything but the last write. Only the converters' clock is
+    /// the core's divided by four, as a trigger's latency is the same at each of its phases then.
     fn chip() -> Chip {
         let mut chip = Chip::new(Board::NUCLEO, Box::new(Ramp));
         let clocks =

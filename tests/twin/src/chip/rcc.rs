@@ -352,7 +352,7 @@ impl Rcc {
             2 => HSI_HZ,
             _ => 0.0,
         };
-        let adc12_hz = match ccipr >> 28 & 3 {
+        let adc_hz = |shift: u32| match ccipr >> shift & 3 {
             1 => p,
             2 => sysclk_hz,
             _ => 0.0,
@@ -367,7 +367,8 @@ impl Rcc {
             timer2_hz: timer2 * pclk2_hz,
             usb_hz,
             lpuart1_hz,
-            adc12_hz,
+            adc12_hz: adc_hz(28),
+            adc345_hz: adc_hz(30),
         }
     }
 
