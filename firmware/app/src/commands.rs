@@ -182,6 +182,13 @@ impl<K: Store> Commands<'_, K> {
                 let defaults = self.in_use.defaults;
                 self.adopt(&defaults).await?;
             }
+            Command::ReadSaved => {
+                self.require(Capabilities::STORE)?;
+                let values = self.store.load().await.map_err(|_| Refusal::SavedUnreadable)?;
+                let values = values.ok_or(Refusal::NothingSaved)?;
+                let saved = values.read(&self.in_use.defaults).settings;
+                self.app.urgent.send(Outgoing::Saved(saved)).await;
+            }
             Command::EnterDfu | Command::Reboot => return Err(Refusal::Unsupported),
         }
         Ok(Done::Plain)

@@ -54,6 +54,7 @@ pub(crate) enum Outgoing {
     Event(Event),
     Reply(Reply),
     Settings(Settings),
+    Saved(Settings),
     Sums(Sums),
     MoreSums(MoreSums),
     /// All that a host must know of the start has gone before this, from [`EventKind::Started`] on.

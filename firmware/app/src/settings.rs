@@ -54,7 +54,7 @@ pub async fn load_settings(
 /// `defaults`, whatever is saved: a device that ends at its start again and again may do so because of it.
 pub fn leave_settings_alone(defaults: &Settings) -> Result<(InUse, Active), SettingsError> {
     log!(warn, "the device did not start with the saved settings, defaults in use");
-    let in_use = InUse { settings: *defaults, defaults: *defaults, fault: Some(Fault::SavedSettings) };
+    let in_use = InUse { settings: *defaults, defaults: *defaults, fault: Some(Fault::SettingsLeft) };
     Ok((in_use, defaults.validate()?))
 }
 

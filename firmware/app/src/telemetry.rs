@@ -69,6 +69,7 @@ pub async fn telemetry(app: &App, link: impl Write) -> Restart {
                 Outgoing::Event(event) => Record::Event(event),
                 Outgoing::Reply(reply) => Record::Reply(reply),
                 Outgoing::Settings(settings) => Record::Settings(SettingsValues::from(&settings)),
+                Outgoing::Saved(settings) => Record::Saved(SettingsValues::from(&settings)),
                 Outgoing::Sums(sums) => Record::Sums(sums),
                 Outgoing::MoreSums(sums) => Record::MoreSums(sums),
                 Outgoing::Greeted => {

@@ -151,6 +151,26 @@ fn saved_settings_that_the_board_does_not_offer_are_left() {
 }
 
 #[test]
+fn what_is_saved_can_be_looked_at_without_its_use() {
+    let store = MemoryStore::default();
+    let mut rig = TestDevice::with(with_store(&store));
+    assert_eq!(rig.ask(Command::ReadSaved), (vec![], Err(Refusal::NothingSaved), vec![]));
+    let kept = Settings { newtons_per_code: 0.004, skew_s: 1e-5, ..Settings::default() };
+    *store.saved.borrow_mut() = Some(SettingsValues::from(&kept));
+    assert_eq!(rig.tell(Command::ReadSaved), [Record::Saved(SettingsValues::from(&kept))]);
+    assert_eq!(rig.settings(), Settings::default(), "not in use");
+    assert_eq!(*store.saved.borrow(), Some(SettingsValues::from(&kept)));
+    for error in [StoreError::Newer, StoreError::Foreign, StoreError::Unreadable] {
+        *store.error.borrow_mut() = Some(error);
+        assert_eq!(rig.ask(Command::ReadSaved), (vec![], Err(Refusal::SavedUnreadable), vec![]));
+    }
+    drop(rig);
+    let without = Identity { capabilities: Capabilities::NONE, ..IDENTITY };
+    let mut rig = TestDevice::with(Options { identity: without, ..Options::default() });
+    assert_eq!(rig.ask(Command::ReadSaved), (vec![], Err(Refusal::Unsupported), vec![]));
+}
+
+#[test]
 fn a_factory_reset_forgets_what_was_saved_and_uses_the_boards_defaults() {
     let store = MemoryStore::default();
     let defaults = Settings { newtons_per_code: 0.004, ..Settings::default() };

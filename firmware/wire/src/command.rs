@@ -31,6 +31,7 @@ messages! {
         11 EnterDfu "Restart into the chip's firmware update mode.";
         12 Reboot "Restart.";
         13 FactoryReset "Erase the settings store and put the board's defaults in use.";
+        14 ReadSaved "Send the Saved record with the settings that are kept over a restart.";
     }
 }
 

@@ -23,6 +23,7 @@ messages! {
         9 Detail(#[serde(with = "forms::Detail")] Detail) "Band, backlash, contact, regime of friction and changes; after each Estimate, the last of what goes with it.";
         10 MoreSums(MoreSums) "Whole-run sums of abs(v) and dF/dt of one bank; after its Sums.";
         11 Law(#[serde(with = "forms::Law")] Law) "Whether the law holds, and how much of the residual noise and steps explain; between an Estimate and its Detail.";
+        12 Saved(SettingsValues) "The settings that are kept over a restart, on Command::ReadSaved; they need not be those in use.";
     }
 }
 
@@ -258,6 +259,8 @@ pub enum Fault {
     ForeignSettings,
     /// The sampler's channels ran apart and were set right; samples were lost.
     SamplerMisaligned,
+    /// The firmware failed to start three times in a row; the saved settings are kept and not used, in case they are why.
+    SettingsLeft,
 }
 
 impl fmt::Display for Fault {
@@ -279,6 +282,11 @@ impl fmt::Display for Fault {
                  replace it"
             }
             Self::SamplerMisaligned => "the sampler's channels ran apart and were set right: please report it",
+            Self::SettingsLeft => {
+                "the firmware failed to start three times in a row: the saved settings were left alone in case they are \
+                 why, and the defaults are in use. `inerter settings backup --saved FILE.toml` writes the saved ones to a \
+                 file; a restart takes them again, `inerter settings save` replaces them"
+            }
         })
     }
 }

@@ -35,6 +35,10 @@ pub enum Refusal {
     NoSamples,
     /// The sampler does not come up with these settings.
     Source,
+    /// No settings are saved.
+    NothingSaved,
+    /// What is saved cannot be read: damaged, another program's, or a newer firmware's.
+    SavedUnreadable,
 }
 
 /// What is wrong with a setting's value.
@@ -127,6 +131,10 @@ impl fmt::Display for Refusal {
             }
             Self::NoSamples => f.write_str("no samples come in: start the sampler first"),
             Self::Source => f.write_str("the sampler does not come up: check the front end and its wiring"),
+            Self::NothingSaved => f.write_str("the device has saved no settings: save those in use first"),
+            Self::SavedUnreadable => f.write_str(
+                "the device cannot read what it has saved: update its firmware, or save settings to replace it",
+            ),
         }
     }
 }

@@ -87,6 +87,7 @@ fn events_have_a_code_for_programs_and_words_for_people() {
         (EventKind::Fault(Fault::NewerSettings), "fault.newer_settings", "from a newer firmware", true),
         (EventKind::Fault(Fault::ForeignSettings), "fault.foreign_settings", "another program's", true),
         (EventKind::Fault(Fault::SamplerMisaligned), "fault.sampler_misaligned", "ran apart", true),
+        (EventKind::Fault(Fault::SettingsLeft), "fault.settings_left", "left alone", true),
         (EventKind::ResetBy(ResetCause::PowerOn), "reset_by.power_on", "started by power", false),
         (EventKind::ResetBy(ResetCause::Pin), "reset_by.pin", "the reset pin", false),
         (EventKind::ResetBy(ResetCause::WindowWatchdog), "reset_by.window_watchdog", "the window watchdog", true),

@@ -170,5 +170,7 @@ fn refusal_help(refusal: &Refusal) -> &'static str {
         Refusal::Store => "the settings hold until the device restarts; if it stays so, the board is damaged",
         Refusal::NotInjecting | Refusal::NoSamples => "start again from the beginning",
         Refusal::Source => "choose the front end that is wired with --set front_end, or check its wiring",
+        Refusal::NothingSaved => "`inerter settings backup FILE.toml`, without --saved, writes those in use",
+        Refusal::SavedUnreadable => "`inerter settings factory-reset` erases it",
     }
 }

@@ -315,6 +315,15 @@ impl Device {
         Ok(())
     }
 
+    /// What the device keeps over a restart, in use or not; what it does not know is as in `Settings::default`.
+    pub fn saved_settings(&mut self) -> Result<Settings, DeviceError> {
+        let before = self.talk.queue.len();
+        self.request("to read what it has saved", Command::ReadSaved)?;
+        let values = self.talk.queue.range(before..).rev().find_map(|received| message(received, as_saved));
+        let values = values.ok_or_else(|| self.silent(REPLY_TIME))?;
+        Ok(values.read(&Settings::default()).settings)
+    }
+
     /// Takes the present force as zero.
     pub fn tare(&mut self) -> Result<(), DeviceError> {
         self.request("to take the present force as zero", Command::Tare)?;
@@ -418,4 +427,8 @@ fn as_hello(record: &Record) -> Option<Hello> {
 
 fn as_settings(record: &Record) -> Option<inerter_wire::SettingsValues> {
     if let Record::Settings(values) = record { Some(values.clone()) } else { None }
+}
+
+fn as_saved(record: &Record) -> Option<inerter_wire::SettingsValues> {
+    if let Record::Saved(values) = record { Some(values.clone()) } else { None }
 }

@@ -221,8 +221,19 @@ fn settings_are_backed_up_compared_and_restored() {
     assert!(said.contains("memory_s = 30.0   # was 12.0") && said.contains("skew_s = 0.0"), "{said}");
     assert_eq!(go(&["settings", "diff", "device", "a.toml"]), "");
 
+    // What is kept need not be what is in use.
+    go(&["settings", "set", "memory_s=12", "--save"]);
+    go(&["settings", "set", "memory_s=14"]);
+    let kept = last(&go(&["settings", "backup", "kept.toml", "--saved", "--json"]));
+    assert_eq!(kept["saved"], serde_json::json!(true));
+    let found = last(&go(&["settings", "diff", "kept.toml", "device", "--json"]));
+    assert_eq!(found["differences"], serde_json::json!({ "memory_s": { "a": 12.0, "b": 14.0 } }));
+    assert!(go(&["settings", "get", "memory_s"]).contains("14.0"), "a look puts nothing in use");
+
     // Another device, and a file that belongs to nobody.
     let (other, _) = device(Sensors { seed: 9, ..bench_sensors() }, 10.0);
+    let words = fails(folder.path(), &["settings", "backup", "none.toml", "--saved", "--connect", other.name()], 4);
+    assert!(words.contains("has saved no settings") && !folder.path().join("none.toml").exists(), "{words}");
     let restore = ["settings", "restore", "a.toml", "--connect", other.name()];
     let words = fails(folder.path(), &restore, 4);
     assert!(

@@ -188,7 +188,9 @@ fn requests(add: Add) {
             Command::Hello,
             Command::ReadSettings,
             set(&[("memory_s", 10.0), ("sample_rate_hz", 2_000.0)]),
+            Command::ReadSaved,
             Command::SaveSettings,
+            Command::ReadSaved,
             Command::Streams(Streams::ALL),
             Command::ResetEstimator,
             Command::Stop,
@@ -211,7 +213,7 @@ fn requests(add: Add) {
         stream.request(5, Command::InjectEnd).request(6, Command::Tare);
     });
     add("unknown-commands", &|stream| {
-        for number in [14u32, 20, 127, 128, 1_000, u32::MAX] {
+        for number in [15u32, 20, 127, 128, 1_000, u32::MAX] {
             let bytes = [&[7][..], &varint(number)].concat();
             stream.payload(&bytes).payload(&[&bytes[..], &[1, 2, 3, 4]].concat());
         }

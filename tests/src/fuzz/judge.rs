@@ -54,6 +54,8 @@ impl Model {
                 self.saved = Some(SettingsValues::from(&self.settings));
                 plain
             }
+            Command::ReadSaved if self.saved.is_none() => *result == Err(Refusal::NothingSaved),
+            Command::ReadSaved => plain,
             Command::FactoryReset => {
                 (self.settings, self.saved) = (defaults(), None);
                 plain
@@ -122,6 +124,9 @@ pub fn judge(stream: &[u8], conditions: &Conditions, played: &Played) -> Vec<Str
     for record in &played.records {
         match record {
             Record::Settings(values) => told = Some(values),
+            Record::Saved(values) if model.saved.as_ref() != Some(values) => {
+                findings.push(format!("it says that {values:?} is saved"));
+            }
             Record::Reply(Reply { id, result }) => {
                 let Some((expected, command)) = due.next() else {
                     findings.push(format!("a reply to {id} that nobody waits for: {result:?}"));

@@ -248,7 +248,8 @@ fn batch(noise: &mut Noise) -> Samples {
 fn command(noise: &mut Noise) -> Command {
     match noise.below(40) {
         0..2 => Command::Hello,
-        2..4 => Command::ReadSettings,
+        2 => Command::ReadSettings,
+        3 => Command::ReadSaved,
         4..14 => Command::WriteSettings(settings(noise)),
         14..17 => Command::SaveSettings,
         17 => Command::Tare,

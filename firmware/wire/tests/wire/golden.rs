@@ -163,6 +163,7 @@ fn numbers_are_pinned() {
             Record::Detail(_) => (9, "Detail"),
             Record::MoreSums(_) => (10, "MoreSums"),
             Record::Law(_) => (11, "Law"),
+            Record::Saved(_) => (12, "Saved"),
         };
         assert_eq!((record.number(), record.name()), (number, name));
         let mut payload = [0; MAX_PAYLOAD];
@@ -184,6 +185,7 @@ fn numbers_are_pinned() {
             Command::EnterDfu => (11, "EnterDfu"),
             Command::Reboot => (12, "Reboot"),
             Command::FactoryReset => (13, "FactoryReset"),
+            Command::ReadSaved => (14, "ReadSaved"),
         };
         assert_eq!((request.command.number(), request.command.name()), (number, name));
         let mut payload = [0; MAX_PAYLOAD];
@@ -237,6 +239,7 @@ fn nested_variants_are_covered() {
                     Fault::NewerSettings => "newer settings",
                     Fault::ForeignSettings => "foreign settings",
                     Fault::SamplerMisaligned => "sampler misaligned",
+                    Fault::SettingsLeft => "settings left",
                 },
                 EventKind::Panicked(_) => "panicked",
                 EventKind::ResetBy(cause) => match cause {
@@ -274,6 +277,8 @@ fn nested_variants_are_covered() {
                 Err(Refusal::Store) => "store refused",
                 Err(Refusal::NoSamples) => "no samples",
                 Err(Refusal::Source) => "no source",
+                Err(Refusal::NothingSaved) => "nothing saved",
+                Err(Refusal::SavedUnreadable) => "saved unreadable",
                 Err(Refusal::BadSetting { fault, .. }) => match fault {
                     SettingFault::Unknown => "unknown",
                     SettingFault::NotFinite => "not finite",
@@ -328,11 +333,13 @@ fn nested_variants_are_covered() {
                 LawStatus::Holds => "law holds",
                 LawStatus::Broken => "law broken",
             },
-            Record::Samples(_) | Record::Estimate(_) | Record::Health(_) | Record::Settings(_) => "plain data",
+            Record::Samples(_) | Record::Estimate(_) | Record::Health(_) | Record::Settings(_) | Record::Saved(_) => {
+                "plain data"
+            }
         };
         seen.insert(kind);
     }
-    assert_eq!(seen.len(), 4 + 4 + 3 + 8 + 1 + 9 + 4 + 4 + 2 + 8 + 8 + 2 + 2 + 2 + 5 + 4 + 7 + 3 + 1);
+    assert_eq!(seen.len(), 4 + 4 + 3 + 9 + 1 + 11 + 4 + 4 + 2 + 8 + 8 + 2 + 2 + 2 + 5 + 4 + 7 + 3 + 1);
 }
 
 /// A frame taken apart by hand, so that the goldens do not only agree with themselves.
@@ -411,6 +418,7 @@ fn the_longest_fit() {
         Record::Hello(hello),
         Record::Samples(longest_samples()),
         Record::Settings(most_settings()),
+        Record::Saved(most_settings()),
         Record::Sums(longest_sums()),
         Record::MoreSums(longest_more_sums()),
         Record::Detail(longest_detail()),

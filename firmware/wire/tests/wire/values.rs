@@ -242,6 +242,7 @@ pub fn records() -> Vec<(&'static str, Record)> {
         ("Event.Fault.NewerSettings", event(EventKind::Fault(Fault::NewerSettings))),
         ("Event.Fault.ForeignSettings", event(EventKind::Fault(Fault::ForeignSettings))),
         ("Event.Fault.SamplerMisaligned", event(EventKind::Fault(Fault::SamplerMisaligned))),
+        ("Event.Fault.SettingsLeft", event(EventKind::Fault(Fault::SettingsLeft))),
         ("Event.Panicked", event(EventKind::Panicked(Hello::text("at src/main.rs:1")))),
         ("Event.ResetBy.PowerOn", event(EventKind::ResetBy(ResetCause::PowerOn))),
         ("Event.ResetBy.Pin", event(EventKind::ResetBy(ResetCause::Pin))),
@@ -278,7 +279,10 @@ pub fn records() -> Vec<(&'static str, Record)> {
         ("Reply.Store", reply(Err(Refusal::Store))),
         ("Reply.NoSamples", reply(Err(Refusal::NoSamples))),
         ("Reply.Source", reply(Err(Refusal::Source))),
+        ("Reply.NothingSaved", reply(Err(Refusal::NothingSaved))),
+        ("Reply.SavedUnreadable", reply(Err(Refusal::SavedUnreadable))),
         ("Settings", Record::Settings(few_settings())),
+        ("Saved", Record::Saved(few_settings())),
         ("Sums", Record::Sums(sums())),
         ("Sums.slow", Record::Sums(Sums { bank: Bank::Slow, ..sums() })),
         ("Sums.empty", Record::Sums(Sums { updates: 0, units: [1.0; 5], sums: [0; 15], ..sums() })),
@@ -337,6 +341,7 @@ pub fn requests() -> Vec<(&'static str, Request)> {
         ("EnterDfu", Command::EnterDfu),
         ("Reboot", Command::Reboot),
         ("FactoryReset", Command::FactoryReset),
+        ("ReadSaved", Command::ReadSaved),
     ]
     .into_iter()
     .map(|(name, command)| (name, Request { id: 513, command }))

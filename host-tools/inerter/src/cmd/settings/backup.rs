@@ -23,10 +23,10 @@ use crate::Error;
 /// Name that stands for the device in `diff`.
 const DEVICE: &str = "device";
 
-/// Write all settings in use to a file.
+/// Write all settings in use, or those that are saved, to a file.
 ///
 /// The file is TOML with one setting a line, unit and meaning beside it, and the device it belongs to in comments. With --json
-/// one object: {"kind":"settings_backup","file":..,"serial":..,"settings":..}.
+/// one object: {"kind":"settings_backup","file":..,"serial":..,"settings":..,"saved":false}.
 #[derive(clap::Args)]
 pub struct BackupArgs {
     /// File to write
@@ -35,6 +35,9 @@ pub struct BackupArgs {
     /// Replace the file when it exists
     #[arg(long)]
     force: bool,
+    /// Write what the device keeps over a restart, in use or not: also after failed starts, when it leaves them alone
+    #[arg(long)]
+    saved: bool,
     #[command(flatten)]
     common: Common,
 }
@@ -81,14 +84,16 @@ pub fn backup(args: &BackupArgs) -> Result<(), Error> {
         output::refuse_existing(&args.file)?;
     }
     tidy_at_interrupts();
-    let device = args.common.link.device()?;
-    backup::write(&args.file, args.force, device.hello(), device.settings())?;
+    let mut device = args.common.link.device()?;
+    let settings = if args.saved { device.saved_settings()? } else { *device.settings() };
+    backup::write(&args.file, args.force, device.hello(), &settings)?;
     let (file, serial) = (args.file.display().to_string(), device.hello().serial.as_str());
     if args.common.json {
-        let line = json!({ "kind": "settings_backup", "file": file, "serial": serial, "settings": Settings::COUNT });
+        let line = json!({ "kind": "settings_backup", "file": file, "serial": serial, "settings": Settings::COUNT, "saved": args.saved });
         return Ok(output::line(json_line(&line))?);
     }
-    say(format!("{} settings of {} (serial {serial}) are in {file}", Settings::COUNT, device.hello().board));
+    let which = if args.saved { "saved settings" } else { "settings" };
+    say(format!("{} {which} of {} (serial {serial}) are in {file}", Settings::COUNT, device.hello().board));
     Ok(())
 }
 
