@@ -17,6 +17,11 @@ pub const FLASH_KB_ADDRESS: u64 = 0x1FFF_75E0;
 /// Address of the option bytes in use, FLASH_OPTR (RM0440 3.7.8).
 pub const OPTIONS_ADDRESS: u64 = 0x4002_2020;
 
+/// Address of the option bytes as they are kept: FLASH_OPTR's word, then its inverse (RM0440 3.4.1).
+pub const OPTION_BYTES: u32 = 0x1FFF_7800;
+/// Two banks, in FLASH_OPTR (RM0440 3.7.8).
+pub const DBANK: u32 = 1 << 22;
+
 /// A page of flash, the least that can be erased, while there are two banks (RM0440 3.3.1) (bytes).
 pub const PAGE: u32 = 2048;
 /// Bank 1, where the image lies (`memory.x`).

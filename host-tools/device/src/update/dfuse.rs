@@ -16,7 +16,7 @@ use dfu_core::{DfuIo, DfuProtocol, State, Status};
 
 use super::error::UpdateError;
 use crate::{
-    board::{CODE, FLASH_KB, PAGE},
+    board::{CODE, DBANK, FLASH_KB, FLASH_KB_ADDRESS, OPTION_BYTES, PAGE},
     error::DeviceError,
     image::Image,
 };
@@ -92,6 +92,7 @@ impl<'a, Io: DfuIo<Read = usize, Write = usize, Error: Display>> Rom<'a, Io> {
     ) -> Result<(), UpdateError> {
         self.check_flash(image)?;
         self.idle("preparing")?;
+        self.check_chip()?;
         let all = image.page_count();
         let mut going = |stage, done| match progress(stage, done, all) {
             Going::On => Ok(()),
@@ -151,6 +152,44 @@ impl<'a, Io: DfuIo<Read = usize, Write = usize, Error: Display>> Rom<'a, Io> {
             page_start = page_start.saturating_add(self.page_size(&mut sizes, page_start, kb)?);
         }
         if kb < FLASH_KB.into() { Err(UpdateError::SmallFlash { kb }) } else { Ok(()) }
+    }
+
+    /// Compares what the chip says of itself with what the image needs, where the ROM lets it be read.
+    ///
+    /// The ROM's description of the flash may be of the die, and not of this chip.
+    fn check_chip(&mut self) -> Result<(), UpdateError> {
+        let action = "looking at the chip";
+        if let Some([low, high, ..]) = self.peek(FLASH_KB_ADDRESS as u32, action)? {
+            let kb = u16::from_le_bytes([low, high]);
+            // A place that is not there reads as zeros or ones.
+            if (1..FLASH_KB).contains(&kb) {
+                return Err(UpdateError::SmallFlash { kb: kb.into() });
+            }
+        }
+        if let Some([a, b, c, d, inverse @ ..]) = self.peek(OPTION_BYTES, action)? {
+            let options = u32::from_le_bytes([a, b, c, d]);
+            if options == !u32::from_le_bytes(inverse) && options & DBANK == 0 {
+                return Err(UpdateError::SingleBank { address: CODE.start, size: 2 * PAGE });
+            }
+        }
+        Ok(())
+    }
+
+    /// The double word at an address, or nothing where the ROM does not read there.
+    fn peek(&mut self, address: u32, action: &str) -> Result<Option<[u8; 8]>, UpdateError> {
+        if !self.io.functional_descriptor().can_upload {
+            return Ok(None);
+        }
+        match self.command(SET_ADDRESS, address, action) {
+            Err(UpdateError::Refused { .. }) => return self.idle(action).map(|()| None),
+            result => result?,
+        }
+        self.idle(action)?;
+        let mut bytes = [0; 8];
+        let read = self.io.read_control(IN, UPLOAD, FIRST_BLOCK, &mut bytes);
+        // Where it has gone, this says so.
+        self.idle(action)?;
+        Ok(read.ok().filter(|count| *count == bytes.len()).map(|_| bytes))
     }
 
     fn page_size<'s>(

@@ -57,6 +57,36 @@ fn the_image_arrives_bit_for_bit_and_only_its_pages_are_erased() {
 }
 
 #[test]
+fn what_the_chip_says_of_itself_counts_more_than_what_the_rom_says_of_the_die() {
+    let image = sample(20_000, "inerter 0.1.0");
+    let outcome = |told: Option<(u16, u32)>, can_upload: bool| {
+        let chip = Chip::new();
+        chip.borrow_mut().told = told;
+        // The layout is that of 512 KB in two banks, whatever the chip is.
+        let mut io = MockIo::new(&chip, LAYOUT);
+        io.descriptor.can_upload = can_upload;
+        let result = program_over(&chip, &image, &io, &mut |_, _, _| Going::On);
+        let untouched = chip.borrow().erased.is_empty() && rest_untouched(&chip.borrow(), &image);
+        (result, untouched)
+    };
+    let delivered = 0xFFEF_F8AA;
+    for kb in [128, 256] {
+        let (result, untouched) = outcome(Some((kb, delivered)), true);
+        let found = matches!(result, Err(UpdateError::SmallFlash { kb: said }) if said == u32::from(kb));
+        assert!(found && untouched, "{result:?}");
+    }
+    let (result, untouched) = outcome(Some((512, delivered & !(1 << 22))), true);
+    assert!(matches!(result, Err(UpdateError::SingleBank { .. })) && untouched, "{result:?}");
+    // What cannot be read, or is no answer, rests on the layout.
+    let any = (0xFFFF, delivered);
+    for (told, can_upload) in [(Some((512, delivered)), true), (None, true), (Some(any), true), (Some((128, 0)), false)]
+    {
+        let (result, _) = outcome(told, can_upload);
+        assert!(result.is_ok(), "{told:?}, {can_upload}: {result:?}");
+    }
+}
+
+#[test]
 fn the_rom_is_given_the_time_that_it_asks_for() {
     let chip = Chip::new();
     let image = sample(20_000, "inerter 0.1.0");
@@ -191,7 +221,10 @@ fn ctrl_c_ends_the_wait_for_a_rom_that_hangs() {
     chip.borrow_mut().hangs = true;
     chip.borrow_mut().busy = Duration::from_secs(60);
     chip.borrow_mut().interrupted_at = told;
-    let error = program(&chip, &image).unwrap_err();
+    // Where nothing can be read, erasing is the first thing that it hangs at.
+    let mut io = MockIo::new(&chip, LAYOUT);
+    io.descriptor.can_upload = false;
+    let error = program_over(&chip, &image, &io, &mut |_, _, _| Going::On).unwrap_err();
     assert!(matches!(error, UpdateError::Interrupted), "{error}");
     let clock = chip.borrow().clock;
     assert!(clock >= told && clock < told + SLICE * 2, "{clock:?}");

@@ -4,6 +4,8 @@ use std::{cell::RefCell, ops::Range, rc::Rc, time::Duration};
 
 use dfu_core::{DfuIo, DfuProtocol, functional_descriptor::FunctionalDescriptor, memory_layout::MemoryLayout};
 
+use crate::board::{FLASH_KB_ADDRESS, OPTION_BYTES};
+
 /// What the ROM of the board's chip calls its flash.
 pub const LAYOUT: &str = "@Internal Flash   /0x08000000/256*02Kg";
 const FLASH: u32 = 0x0800_0000;
@@ -47,6 +49,8 @@ pub struct Chip {
     pub busy: Duration,
     /// Transfers until the cable is pulled.
     pub transfers_left: usize,
+    /// What system memory says of the size of flash (KB), and the option bytes; nothing where the ROM does not read there.
+    pub told: Option<(u16, u32)>,
     /// Where flash is write-protected.
     pub protected: Range<u32>,
     /// A cell that keeps a bit at 0.
@@ -74,6 +78,7 @@ impl Chip {
             interrupted_at: Duration::MAX,
             busy: Duration::from_millis(22),
             transfers_left: usize::MAX,
+            told: Some((512, 0xFFEF_F8AA)),
             protected: 0..0,
             worn: None,
             hangs: false,
@@ -166,7 +171,7 @@ impl Chip {
         match job {
             Job::SetAddress(address) => {
                 self.pointer = address;
-                if inside(address, 1).is_some() { 0 } else { ERR_TARGET }
+                if inside(address, 1).is_some() || self.system_memory(address).is_some() { 0 } else { ERR_TARGET }
             }
             Job::Erase(address) => {
                 let page = address - address % 2048;
@@ -202,8 +207,22 @@ impl Chip {
             return Err(self.stall());
         }
         self.state = State::UploadIdle;
-        into.copy_from_slice(self.bytes(self.block_address(block), into.len()));
+        let address = self.block_address(block);
+        match self.system_memory(address) {
+            Some(bytes) => into.copy_from_slice(&bytes),
+            None => into.copy_from_slice(self.bytes(address, into.len())),
+        }
         Ok(into.len())
+    }
+
+    /// The double word at an address of system memory, where the ROM reads there.
+    fn system_memory(&self, address: u32) -> Option<[u8; 8]> {
+        let (kb, options) = self.told?;
+        match u64::from(address) {
+            FLASH_KB_ADDRESS => Some((0xFFFF_FFFF_FFFF_0000 | u64::from(kb)).to_le_bytes()),
+            _ if address == OPTION_BYTES => Some((u64::from(!options) << 32 | u64::from(options)).to_le_bytes()),
+            _ => None,
+        }
     }
 }
 
