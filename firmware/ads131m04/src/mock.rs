@@ -4,8 +4,8 @@
 //! [`Chip::convert`] whenever [`Chip::period_clkin`] CLKIN periods have passed. Used by this crate's tests and as the
 //! twin's ADS131M04. It proves agreement with our reading of the data sheet, not with silicon. What the data sheet
 //! leaves open and the model decides: a conversion without free room in the two-deep buffer pushes the oldest out; a
-//! frame without a new conversion repeats the last; REG_MAP is set at once; STATUS flags clear when a whole STATUS word
-//! has been shifted out.
+//! frame without a new conversion repeats the last; REG_MAP is set at once; of the STATUS flags those clear
+//! that a STATUS word has told, when all of it has been shifted out.
 //!
 //! Source: SBAS890, "Programming" and "Register Map".
 
@@ -25,6 +25,8 @@ pub struct Chip {
     registers: [u16; REGISTERS],
     /// Flags of STATUS that are events.
     events: u16,
+    /// Those that the frame on the wire tells.
+    told: u16,
     locked: bool,
     standby: bool,
     /// Response that the frame now on the wire, or the next one, begins with; `None` is STATUS.
@@ -66,6 +68,7 @@ impl Chip {
         Self {
             registers,
             events: 0,
+            told: 0,
             locked: false,
             standby: false,
             response: Some(word::RESET_DONE | CHANNELS as u16),
@@ -226,6 +229,7 @@ impl Chip {
                 end += WORD_BYTES;
             }
         };
+        self.told = if self.response.is_none() { self.events } else { 0 };
         put(padded(self.response.unwrap_or(self.status().0)));
         if let Some((address, number)) = self.listing {
             for offset in 0..number {
@@ -252,9 +256,7 @@ impl Chip {
         if self.shifted < WORD_BYTES {
             return;
         }
-        if self.response.is_none() {
-            self.events = 0;
-        }
+        self.events &= !self.told;
         if self.listing.is_none() && self.shifted >= FRAME_BYTES && self.waiting > 0 {
             self.fifo.rotate_left(1);
             self.waiting -= 1;

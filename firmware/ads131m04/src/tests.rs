@@ -374,6 +374,23 @@ fn a_changed_register_is_noticed() {
 }
 
 #[test]
+fn a_register_that_changes_while_a_frame_is_on_the_wire_is_told_by_the_next() {
+    let (bus, mut adc) = running();
+    bus.with(|wires| {
+        wires.chip.cs(true);
+        for (place, byte) in crate::frame::Command::Null.frame().into_iter().enumerate() {
+            if place == FRAME_BYTES / 2 {
+                wires.chip.disturb_register(0x04, 0);
+            }
+            let _ = wires.chip.shift(byte);
+        }
+        wires.chip.cs(false);
+    });
+    let (_, result) = next(&bus, &mut adc);
+    assert!(matches!(result, Err(Error::SetupChanged { .. })), "{result:?}");
+}
+
+#[test]
 fn a_lost_lock_is_noticed() {
     let (bus, mut adc) = running();
     bus.with(|wires| {
