@@ -27,6 +27,8 @@ pub fn stop() {
 }
 
 /// Starts all clocks and says what they run from.
+///
+/// embassy-stm32 waits for oscillators and PLL without a bound of its own; the watchdog runs by then, and ends that.
 pub fn start() -> (ClockSource, Peripherals) {
     RCC.cr().modify(|w| w.set_hseon(true));
     let crystal_runs = (0..POLLS).any(|_| RCC.cr().read().hserdy());
@@ -57,7 +59,11 @@ pub fn start() -> (ClockSource, Peripherals) {
 fn full_speed() {
     cortex_m::asm::delay(CORE_PER_US);
     FLASH.acr().modify(|w| w.set_latency(Latency::WS4));
-    while FLASH.acr().read().latency() != Latency::WS4 {}
+    // Else the core would read wrong instructions.
+    assert!(
+        (0..POLLS).any(|_| FLASH.acr().read().latency() == Latency::WS4),
+        "the flash does not take its wait states"
+    );
     critical_section::with(|_| {
         RCC.cfgr().modify(|w| w.set_hpre(Hpre::DIV1));
         TIM15.psc().write_value((CORE_HZ / TICK_HZ as u32 - 1) as u16);

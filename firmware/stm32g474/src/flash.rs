@@ -46,6 +46,8 @@ const LIMIT: Duration = Duration::from_millis(100);
 static READING: AtomicBool = AtomicBool::new(false);
 /// A double error was met since this was last cleared.
 static DAMAGED: AtomicBool = AtomicBool::new(false);
+/// Its flag was found before its NMI had come.
+static LATE: AtomicBool = AtomicBool::new(false);
 
 /// The pages cannot be read or written there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -128,7 +130,7 @@ async fn wait(poll: Duration) -> Result<(), Failed> {
 }
 
 /// Clears the errors of operations, by writing 1 to each; returns them.
-fn clear_errors() -> Sr {
+pub fn clear_errors() -> Sr {
     let now = FLASH.sr().read();
     let mut errors = Sr(0);
     errors.set_operr(now.operr());
@@ -186,8 +188,12 @@ impl ReadNorFlash for Pages {
             // SAFETY: within the settings' pages, as checked, which are nothing else's.
             *byte = unsafe { ptr::read_volatile(start.wrapping_add(place)) };
         }
-        // NMI has come by now, if it comes.
+        // NMI has come by now, or the flag says why it will come.
         dsb();
+        if clear_double_error() {
+            LATE.store(true, Ordering::SeqCst);
+            DAMAGED.store(true, Ordering::SeqCst);
+        }
         READING.store(false, Ordering::SeqCst);
         FLASH.acr().modify(|w| w.set_dcen(cached));
         if DAMAGED.load(Ordering::SeqCst) { Err(Failed::Content) } else { Ok(()) }
@@ -240,6 +246,16 @@ impl NorFlash for Pages {
     }
 }
 
+/// Whether a double error was found; forgets it. Written as 1 the flag is cleared, set or not.
+fn clear_double_error() -> bool {
+    let ecc = FLASH.eccr().read();
+    let mut clear = ecc;
+    clear.set_eccc(false);
+    clear.set_eccd(true);
+    FLASH.eccr().write_value(clear);
+    ecc.eccd()
+}
+
 /// The crystal's end, or a double error in flash.
 #[exception]
 unsafe fn NonMaskableInt() {
@@ -247,16 +263,14 @@ unsafe fn NonMaskableInt() {
         RCC.cicr().write(|w| w.set_cssc(true));
         panic!("the crystal has stopped");
     }
-    let ecc = FLASH.eccr().read();
-    // Clears the flag, by writing 1, and nothing else.
-    let mut clear = ecc;
-    clear.set_eccc(false);
-    FLASH.eccr().write_value(clear);
-    if READING.load(Ordering::SeqCst) {
+    let address = FLASH.eccr().read().addr_ecc();
+    let found = clear_double_error();
+    if !found {
+        // Whoever read the settings has seen to the flag.
+        assert!(LATE.swap(false, Ordering::SeqCst), "NMI without a cause");
+    } else if READING.load(Ordering::SeqCst) {
         DAMAGED.store(true, Ordering::SeqCst);
-    } else if ecc.eccd() {
-        panic!("the program in flash is damaged at {:x}", ecc.addr_ecc());
     } else {
-        panic!("NMI without a cause");
+        panic!("the program in flash is damaged at {address:x}");
     }
 }

@@ -22,7 +22,7 @@ const DIVIDER: u32 = ((256 * CORE_HZ as u64 + BAUD as u64 / 2) / BAUD as u64) as
 /// 11 ms of bytes.
 const RECEIVED_LENGTH: usize = 1024;
 const SENT_LENGTH: usize = 512;
-/// Bytes that the transmitter takes at once when it is empty.
+/// Bytes of the receiver's FIFO, and of the transmitter's.
 const FIFO: usize = 8;
 /// Longest wait for the last byte to go out, in milliseconds.
 const DRAIN_MS: u64 = 50;
@@ -35,7 +35,11 @@ pub struct UartHandler;
 
 impl Handler<LpuartInterrupt> for UartHandler {
     unsafe fn on_interrupt() {
-        while LPUART1.isr().read().rxne() {
+        // What comes while the FIFO is emptied raises the interrupt anew.
+        for _ in 0..FIFO {
+            if !LPUART1.isr().read().rxne() {
+                break;
+            }
             let byte = LPUART1.rdr().read().0 as u8;
             let _ = RECEIVED.try_write(&[byte]);
         }

@@ -3,7 +3,7 @@
 //! Boards come with any of them (`docs/HARDWARE.md`). nSWBOOT0 stays: it says whether a pin can lead into update mode, and
 //! not every board leaves that pin free. DBANK stays: in the other mode the program would lie elsewhere.
 
-use core::arch::asm;
+use crate::flash;
 use embassy_stm32::pac::FLASH;
 use embassy_stm32::pac::flash::regs::Optr;
 use inerter_wire::ResetCause;
@@ -14,6 +14,12 @@ const BROWN_OUT_LEVEL: u8 = 4;
 /// Keys (RM0440, 3.3.5 and 3.4.2).
 const KEYS: [u32; 2] = [0x4567_0123, 0xCDEF_89AB];
 const OPTION_KEYS: [u32; 2] = [0x0819_2A3B, 0x4C5D_6E7F];
+
+/// Looks at the flash, for 50 ms: at least 8 cycles each of the 16 MHz that the core runs from here. Option bytes take 22 ms
+/// for the erase and 82 us for each double word (DS12288, table 50).
+const POLLS: u32 = 100_000;
+/// For 1 ms.
+const LAUNCH_CYCLES: u32 = 16_000;
 
 /// Whether a reset leads into the ROM, whatever the boot pin: nBOOT0 counts in its place and says so, or the ROM is to
 /// choose between the banks (RM0440 2.6).
@@ -42,7 +48,11 @@ pub fn check(cause: ResetCause) {
     if wanted(now) == now || matches!(cause, ResetCause::OptionBytes | ResetCause::Watchdog) {
         return;
     }
-    while FLASH.sr().read().bsy() {}
+    if !is_idle() {
+        return;
+    }
+    // An error of before would keep the operation from starting.
+    flash::clear_errors();
     // The ROM may have left both unlocked, and a key for what is open is a bus fault.
     if FLASH.cr().read().lock() {
         for key in KEYS {
@@ -56,8 +66,15 @@ pub fn check(cause: ResetCause) {
     }
     FLASH.optr().write_value(wanted(now));
     FLASH.cr().modify(|w| w.set_optstrt(true));
-    while FLASH.sr().read().bsy() {}
+    if !is_idle() {
+        return;
+    }
     FLASH.cr().modify(|w| w.set_obl_launch(true));
-    // SAFETY: stands still, as the reset takes a moment.
-    unsafe { asm!("b .", options(noreturn)) }
+    // The reset comes meanwhile; where it does not, the options count from the next one on.
+    cortex_m::asm::delay(LAUNCH_CYCLES);
+}
+
+/// Whether the flash is idle, or becomes so in time.
+fn is_idle() -> bool {
+    (0..POLLS).any(|_| !FLASH.sr().read().bsy())
 }

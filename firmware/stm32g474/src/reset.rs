@@ -3,7 +3,8 @@
 //! - Two presses of the reset button within half a second, or a command, lead into the ROM's update mode (DFU).
 //! - The ROM's update mode starts the new firmware by a jump; a reset then gives it the chip as it expects it, unless the
 //!   option bytes lead every reset into the ROM: then they are changed first (`options.rs`), and where that was tried or
-//!   the watchdog bit, what the ROM left is set back by hand until the next start. AN2606 says
+//!   the watchdog bit, what the ROM left is set back by hand until the next start. So it is where a reset was tried and the
+//!   start still looks like a jump: no state of the chip makes a row of resets. AN2606 says
 //!   that the ROM restores no register before, AN3155 that it does, so nothing is taken for granted: a jump leaves the
 //!   vectors, address 0, the protection unit or the clocks other than a reset does, or exactly as a reset does.
 //! - A firmware that ends at its start again and again leaves the saved settings alone, and at last goes into update mode.
@@ -61,9 +62,43 @@ global_asm!(
     "str r1, [r0]",
     "ands r2, r2, #7",
     "bne 2f",
+    // What the ROM may have left of the core: interrupts enabled and pending, SysTick, masks, its stack. As after a reset.
     "4:",
-    // The first write to each SRAM may be lost (ES0430 2.2.7): SRAM1 and SRAM2, with what is there anyway.
+    "movs r1, #0",
+    "ldr r0, =0xE000E010",
+    "str r1, [r0]",
+    "mvn r2, r1",
+    "ldr r0, =0xE000E180",
+    "str r2, [r0]",
+    "str r2, [r0, #4]",
+    "str r2, [r0, #8]",
+    "str r2, [r0, #12]",
+    "ldr r0, =0xE000E280",
+    "str r2, [r0]",
+    "str r2, [r0, #4]",
+    "str r2, [r0, #8]",
+    "str r2, [r0, #12]",
+    // ICSR: PENDSVCLR and PENDSTCLR.
+    "ldr r0, =0xE000ED04",
+    "ldr r2, =0x0A000000",
+    "str r2, [r0]",
+    "dsb",
+    "msr basepri, r1",
+    "msr control, r1",
+    "isb",
+    "cpsie f",
+    "cpsie i",
+    // The first write to each cut of SRAM1 and SRAM2 may be lost (ES0430 2.2.7). The first has parity, where the option bytes
+    // say so, and may not be read before it was written: twice, as start-up fills this place later. The others keep what
+    // they hold.
     "ldr r0, =0x20000000",
+    "str r1, [r0]",
+    "dsb",
+    "str r1, [r0]",
+    "ldr r0, =0x20008000",
+    "ldr r1, [r0]",
+    "str r1, [r0]",
+    "ldr r0, =0x20010000",
     "ldr r1, [r0]",
     "str r1, [r0]",
     "ldr r0, =0x20014000",
@@ -71,20 +106,23 @@ global_asm!(
     "str r1, [r0]",
     "dsb",
     "bx lr",
-    // A jump. FLASH_OPTR: does a reset lead back to the ROM? BFB2, or nSWBOOT0 and nBOOT0 both 0.
+    // A jump. RCC_CSR.SFTRSTF: has a reset been tried already, and this is what it left?
     "2:",
+    "ldr r0, =0x40021094",
+    "ldr r1, [r0]",
+    "tst r1, #0x10000000",
+    "bne 5f",
+    // FLASH_OPTR: does a reset lead back to the ROM? BFB2, or nSWBOOT0 and nBOOT0 both 0.
     "ldr r0, =0x40022020",
     "ldr r1, [r0]",
     "tst r1, #0x00100000",
     "bne 5f",
     "tst r1, #0x0C000000",
     "bne 6f",
-    // It does: by hand. Protection unit, SysTick and all interrupts off, address 0 and vectors in flash.
+    // It does: by hand. Protection unit off, address 0 and vectors in flash.
     "5:",
     "movs r1, #0",
     "ldr r0, =0xE000ED94",
-    "str r1, [r0]",
-    "ldr r0, =0xE000E010",
     "str r1, [r0]",
     "ldr r0, =0x40021060",
     "ldr r2, [r0]",
@@ -95,12 +133,6 @@ global_asm!(
     "str r1, [r0]",
     "ldr r0, =0xE000ED08",
     "str r1, [r0]",
-    "mvn r1, r1",
-    "ldr r0, =0xE000E180",
-    "str r1, [r0]",
-    "str r1, [r0, #4]",
-    "str r1, [r0, #8]",
-    "str r1, [r0, #12]",
     "dsb",
     "isb",
     "b 4b",
@@ -175,7 +207,7 @@ fn note_is(note: Note) -> bool {
 pub fn begin() -> Started {
     if RCC.cfgr().read().sws() != Sw::HSI || RCC.crrcr().read().hsi48on() {
         // Started by a jump (see `__pre_init`), and the clocks are the ROM's.
-        if !options::start_in_rom() {
+        if !options::start_in_rom() && !RCC.csr().read().sftrstf() {
             SCB::sys_reset();
         }
         clocks::stop();

@@ -10,11 +10,12 @@ use core::task::Poll;
 use embassy_stm32::gpio::{AfType, Flex, Output, OutputType, Pull, Speed};
 use embassy_stm32::interrupt::typelevel::{DMA1_CHANNEL5, Handler, Interrupt};
 use embassy_stm32::pac::bdma::vals::{Dir, Size};
-use embassy_stm32::pac::spi::vals::{Br, Cpha, Ds, Frlvl, Frxth, Mstr};
+use embassy_stm32::pac::spi::vals::{Br, Cpha, Ds, Frlvl, Frxth, Ftlvl, Mstr};
 use embassy_stm32::pac::{DMA1, DMAMUX1, RCC, SPI2};
 use embassy_stm32::spi::{MisoPin, MosiPin, SckPin};
 use embassy_stm32::{Peri, peripherals};
 use embassy_sync::waitqueue::AtomicWaker;
+use embassy_time::{Duration, with_timeout};
 use embedded_hal_async::spi::{ErrorKind, ErrorType, Operation, SpiDevice};
 
 /// DMA channels, counted from 0 as the registers are.
@@ -24,6 +25,10 @@ const REQUEST_SENT: u8 = 13;
 const REQUEST_RECEIVED: u8 = 12;
 /// Bytes at once; a frame has 18.
 const LENGTH: usize = 32;
+/// Bytes of the bus's own receive buffer.
+const FIFO: usize = 4;
+/// Longest wait for a transfer; 32 bytes take 25 us.
+const LIMIT: Duration = Duration::from_millis(5);
 /// Looks at the bus, of at least 10 cycles each: four bytes take 512.
 const BUSY_POLLS: usize = 100;
 
@@ -118,7 +123,7 @@ impl<'a> Selected<'a> {
         prepare(SENT, Dir::FROM_MEMORY, count);
         SPI2.cr2().modify(|w| w.set_txdmaen(true));
         SPI2.cr1().modify(|w| w.set_spe(true));
-        let result = poll_fn(|context| {
+        let ended = poll_fn(|context| {
             DONE.register(context.waker());
             let flags = DMA1.isr().read();
             if flags.teif(RECEIVED) || flags.teif(SENT) {
@@ -131,8 +136,8 @@ impl<'a> Selected<'a> {
             // SAFETY: the interrupt's handler only masks it again and wakes.
             unsafe { DMA1_CHANNEL5::enable() };
             Poll::Pending
-        })
-        .await;
+        });
+        let result = with_timeout(LIMIT, ended).await.unwrap_or(Err(Failed));
         stop();
         result
     }
@@ -165,15 +170,22 @@ fn prepare(channel: usize, dir: Dir, count: usize) {
 /// Stops wherever it is; nothing happens where it has ended.
 fn stop() {
     DMA1.ch(SENT).cr().write(|_| ());
-    // Where all has come back, nothing is on its way. Else that ends within a byte or four, and the flag may stay all the
-    // same (ES0430 2.18.1).
+    // Where all has come back, nothing is on its way. Else that ends within a byte or four. What is switched off before may say
+    // for ever that it is busy (ES0430 2.18.1), so nobody asks it afterwards.
     if DMA1.ch(RECEIVED).ndtr().read().ndt() != 0 {
-        let _ = (0..BUSY_POLLS).any(|_| !SPI2.sr().read().bsy());
+        let is_idle = || {
+            let status = SPI2.sr().read();
+            status.ftlvl() == Ftlvl::EMPTY && !status.bsy()
+        };
+        let _ = (0..BUSY_POLLS).any(|_| is_idle());
     }
     DMA1.ch(RECEIVED).cr().write(|_| ());
     SPI2.cr1().modify(|w| w.set_spe(false));
     // Of a transfer that was cut off, bytes may be left.
-    while SPI2.sr().read().frlvl() != Frlvl::EMPTY {
+    for _ in 0..FIFO {
+        if SPI2.sr().read().frlvl() == Frlvl::EMPTY {
+            break;
+        }
         let _ = SPI2.dr8().read();
     }
     SPI2.cr2().modify(|w| {

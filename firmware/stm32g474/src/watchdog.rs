@@ -8,6 +8,8 @@ use inerter_app::App;
 /// Time without a sign of life: 2000 periods of 32 kHz / 64, 4 s. The oscillator is good for 5 % or so (DS12288,
 /// table 46).
 const PERIODS: u16 = 2_000;
+/// Longest wait for the watchdog to take its registers over, which takes 5 periods of 32 kHz / 64, 10 ms.
+const TAKEN_OVER_MS: u32 = 50;
 const CHECK_PERIOD: Duration = Duration::from_millis(500);
 
 /// Starts the watchdog, before anything is waited for: a start that does not end has failed.
@@ -27,7 +29,10 @@ pub async fn watch(app: &App) -> ! {
     IWDG.pr().write(|w| w.set_pr(Pr::DIVIDE_BY64));
     IWDG.rlr().write(|w| w.set_rl(PERIODS));
     // Until the registers are taken over and loaded, the limit is the longest there is.
-    while IWDG.sr().read().0 != 0 {
+    for _ in 0..TAKEN_OVER_MS {
+        if IWDG.sr().read().0 == 0 {
+            break;
+        }
         Timer::after_millis(1).await;
     }
     IWDG.kr().write(|w| w.set_key(Key::RESET));

@@ -37,8 +37,10 @@ const EXCP_BKPT: u32 = 7;
 const EXCP_EXCEPTION_EXIT: u32 = 8;
 /// Addresses from here on are no code but the end of an exception.
 const EXC_RETURN: u32 = 0xffff_ff00;
-/// The second SRAM, behind the first (RM0440 2.4).
-const SRAM2: std::ops::Range<u32> = 0x2001_4000..0x2001_8000;
+/// Where the parts of SRAM1 and SRAM2 begin: SRAM1 is three of them (ES0430 2.2.7, as public firmware has it; RM0440 2.4).
+pub const SRAM_CUTS: [u32; 4] = [0x2000_0000, 0x2000_8000, 0x2001_0000, 0x2001_4000];
+/// Behind the last one.
+const SRAM_END: u32 = 0x2001_8000;
 /// What an access is called that fetches an instruction.
 const EXECUTION: &str = "execution at";
 const WFE: u16 = 0xbf20;
@@ -177,12 +179,14 @@ pub struct Core {
     /// Access that nobody answered, until the fault is dealt with.
     unmapped: Option<(&'static str, u32)>,
     blocks: Vec<Block>,
-    /// Which of SRAM1 and SRAM2 have not been written since the reset, if the first write is to be lost.
-    untouched: [bool; 2],
+    /// Which parts of SRAM1 and SRAM2 have not been written since the reset, if the first write is to be lost.
+    untouched: [bool; SRAM_CUTS.len()],
     /// Writes that are about to be lost: where, and what stays.
     losing: Vec<(u32, Vec<u8>)>,
     /// Writes lost since power-on that would have changed something: where.
     pub lost_writes: Vec<u32>,
+    /// Addresses of all of them.
+    pub first_writes: Vec<u32>,
     /// Instructions executed since power-on.
     pub instructions: u64,
     /// Cycles asleep since power-on.
@@ -381,7 +385,8 @@ impl Cpu {
             failed: None,
             unmapped: None,
             blocks: vec![Block::default(); flash::BANK / 2],
-            untouched: [false; 2],
+            untouched: [false; SRAM_CUTS.len()],
+            first_writes: Vec::new(),
             losing: Vec::new(),
             lost_writes: Vec::new(),
             instructions: 0,
@@ -468,13 +473,14 @@ impl Cpu {
         if !self.core().chip.errata().first_write_lost {
             return Ok(());
         }
-        self.core_mut().untouched = [true; 2];
+        self.core_mut().untouched = [true; SRAM_CUTS.len()];
         if self.writes.is_none() {
-            let end = u64::from(SRAM2.end) - 1;
+            let end = u64::from(SRAM_END) - 1;
             let hook = |uc: &mut Unicorn<Core>, _: MemType, address: u64, len: usize, _: i64| {
                 let (core, address) = (uc.get_data_mut(), address as u32);
-                let which = usize::from(SRAM2.contains(&address));
+                let which = SRAM_CUTS.partition_point(|start| *start <= address) - 1;
                 if std::mem::take(&mut core.untouched[which]) {
+                    core.first_writes.push(address);
                     // The write comes after this; it is undone before the next block.
                     core.losing.extend(core.chip.bytes(address, len).map(|old| (address, old.to_vec())));
                     core.deadline = 0;
@@ -498,7 +504,7 @@ impl Cpu {
                 core.lost_writes.push(address);
             }
         }
-        if core.untouched == [false; 2]
+        if core.untouched == [false; SRAM_CUTS.len()]
             && let Some(hook) = self.writes.take()
         {
             self.uc.remove_hook(hook).map_err(emulator)?;

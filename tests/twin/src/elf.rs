@@ -71,6 +71,14 @@ impl Elf {
         self.sections.get(name).copied()
     }
 
+    /// The code of the function that begins at an address.
+    pub fn function(&self, address: u32) -> Option<&[u8]> {
+        let &(start, end, _) = self.functions.iter().find(|function| function.0 == address & !1)?;
+        let within = |(segment, bytes): &(u32, Vec<u8>)| (*segment..*segment + bytes.len() as u32).contains(&start);
+        let (segment, bytes) = self.segments.iter().find(|segment| within(segment))?;
+        bytes.get((start - segment) as usize..(end - segment) as usize)
+    }
+
     /// The name of the function at an address, as it is in the source.
     pub fn function_at(&self, address: u32) -> Option<String> {
         let behind = self.functions.partition_point(|&(start, ..)| start <= address);

@@ -197,6 +197,7 @@ impl Machine {
         let mut cpu = Cpu::new(chip)?;
         cpu.set_faults(options.faults);
         cpu.set_flash_kb(options.flash_kb)?;
+        cpu.core_mut().chip.flash.set_size_kb(options.flash_kb);
         let mut machine =
             Self { cpu, elf, seed: options.seed, resets: Vec::new(), boot0: false, serves: None, rom: None };
         machine.power_cut()?;
@@ -368,6 +369,10 @@ impl Machine {
                 _ => core.chip.write(address, value, Width::Word, now).is_ok(),
             };
             assert!(written, "the ROM knows its registers: {address:#010x}");
+        }
+        if left.is_masked() {
+            self.cpu.set(RegisterARM::PRIMASK, 1)?;
+            self.cpu.set(RegisterARM::CONTROL, 2)?;
         }
         self.cpu.jump(flash::START)
     }

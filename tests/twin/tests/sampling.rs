@@ -493,6 +493,60 @@ fn a_converter_that_forgets_is_set_up_again() -> Outcome {
 }
 
 #[test]
+fn a_bus_whose_transfers_do_not_end_is_told() -> Outcome {
+    let Some(image) = shipping_image() else { return Ok(()) };
+    // Channels of DMA1 that send to the converter and receive from it.
+    for channel in [3, 4] {
+        let mut done = false;
+        // Longer than the watchdog waits.
+        let run = short_digital(&image, mid_rig(), |machine| {
+            if !done && machine.time_s() > MOTION_S + 1.0 {
+                done = true;
+                let now = machine.now();
+                machine.chip_mut().dma1.stall(channel, now + 168_000_000 * 60);
+            }
+        })?;
+        assert!(run.events.contains(&EventKind::Fault(Broken::SourceUnreadable)), "{channel}: {:?}", run.events);
+        let restarted = |event: &EventKind| matches!(event, EventKind::Started | EventKind::ResetBy(_));
+        assert!(!run.events.iter().any(restarted), "{channel}: {:?}", run.events);
+    }
+    Ok(())
+}
+
+#[test]
+fn a_transfer_that_is_cut_off_ends_before_the_bus_is_switched_off() -> Outcome {
+    let Some(image) = shipping_image() else { return Ok(()) };
+    let settings = Settings { memory_s: 100.0, ..mid_rig().digital_settings(Osr::X4096, Gain::X64) };
+    let fit = |machine: &mut Machine| machine.chip_mut().ads131m04 = Some(Ads131m04::new([0.0; 4], 3));
+    let mut lab = Lab::new(&image, mid_rig(), settings, fit)?;
+    lab.order(Command::Start)?;
+    lab.link.listen(0.1)?;
+    for sent in [1, 3, 6] {
+        let machine = &mut lab.link.socket;
+        // In the middle of a frame, with more in the bus's buffer.
+        let limit_s = machine.time_s() + 0.1;
+        let left = |machine: &mut Machine| {
+            let now = machine.now();
+            machine.chip_mut().dma1.read(0x0C + 0x14 * 4, Width::Word, now).expect("CNDTR5")
+        };
+        while left(machine) != 18 - sent || machine.chip().spi2.frame().is_none() {
+            assert!(machine.time_s() < limit_s, "no transfer");
+            machine.run_for(0.2e-6)?;
+        }
+        // Receiving has failed: the bus is left at once.
+        machine.chip_mut().dma1.fail(4);
+        machine.run_for(1e-3)?;
+        assert!(!machine.chip().spi2.busy_stays(), "{sent} bytes received");
+        lab.link.listen(0.5)?;
+    }
+    let samples = |record: &Record| matches!(record, Record::Samples(_));
+    lab.link.records();
+    lab.link.listen(0.5)?;
+    assert!(lab.link.records().iter().any(samples), "it goes on");
+    Ok(())
+}
+
+#[test]
 fn a_bridge_without_excitation_is_no_measurement() -> Outcome {
     let Some(image) = shipping_image() else { return Ok(()) };
     let off = Fault::Unplugged { sensor: Sensor::Force, from_s: MOTION_S + 3.0, until_s: MOTION_S + 5.0 };

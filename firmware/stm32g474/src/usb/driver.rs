@@ -33,6 +33,8 @@ type Inner = usb::Driver<'static, peripherals::USB>;
 
 /// Endpoints that the peripheral has.
 const ENDPOINTS: usize = 8;
+/// To drop a packet: the host takes it at the first of them, or the second one drops it.
+const ATTEMPTS: u32 = 4;
 /// Time for which VBUS must be there before the device shows itself, in milliseconds: contacts bounce.
 const STEADY_MS: u64 = 100;
 /// Direction bit of a request's first byte: to the host.
@@ -246,8 +248,11 @@ pub fn is_sending() -> bool {
 /// Drops the packet that waits for the host, if any.
 pub fn drop_sent() {
     let register = USB.epr(sending());
-    // The host may fetch it at this moment.
-    while is_sending() {
+    // The host may fetch it at this moment; then there is nothing left to drop.
+    for _ in 0..ATTEMPTS {
+        if !is_sending() {
+            return;
+        }
         let mut change = register.read();
         change.set_ctr_rx(true);
         change.set_ctr_tx(true);

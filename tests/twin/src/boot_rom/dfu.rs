@@ -1,7 +1,7 @@
 //! DfuSe: what the boot loader makes of its class requests (AN3156; UM0424; USB DFU 1.1).
 //!
-//! A command or block is carried out when the host asks for the status after it. Not modelled: the option bytes, one-time
-//! memory, mass erasure and read protection.
+//! A command or block is carried out when the host asks for the status after it. System memory and option bytes are read
+//! only. Not modelled: writing option bytes, one-time memory, mass erasure and read protection.
 
 use crate::Cycles;
 use crate::chip::flash::{self, Flash, PAGE};
@@ -151,9 +151,8 @@ impl Dfu {
         if block == 0 {
             return Ok(COMMANDS.to_vec());
         }
-        let start = (block >= FIRST_BLOCK).then(|| self.block_address(block).wrapping_sub(flash::START) as usize);
-        let bytes = start.and_then(|start| flash.bytes().get(start..start.checked_add(length)?)).map(<[u8]>::to_vec);
-        match bytes {
+        let address = (block >= FIRST_BLOCK).then(|| self.block_address(block));
+        match address.and_then(|address| flash.rom_read(address, length)) {
             Some(bytes) => {
                 self.state = State::UploadIdle;
                 Ok(bytes)
@@ -181,7 +180,7 @@ impl Dfu {
     fn begin(&mut self, flash: &mut Flash, now: Cycles) {
         match self.job.take() {
             None => {}
-            Some(Job::Point(address)) if flash.holds(address, 1) => self.pointer = address,
+            Some(Job::Point(address)) if flash.rom_read(address, 1).is_some() => self.pointer = address,
             Some(Job::Erase(address)) if flash.holds(address, 1) => {
                 flash.rom_erase((address - flash::START) as usize / PAGE, now);
             }

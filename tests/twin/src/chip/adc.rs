@@ -398,7 +398,7 @@ struct Converter {
     dma_ended: bool,
     /// End of the last conversion.
     ended: Option<Cycles>,
-    /// Conversions were stopped by software and none has been made since.
+    /// Conversions were stopped by software, or the last transfer of a one-shot DMA was made, and none has been made since.
     stopped: bool,
     /// Phase of the first trigger since the start.
     phase: Option<Cycles>,
@@ -721,7 +721,9 @@ impl Adcs {
     /// DMA has had the last transfer of a lap.
     pub fn dma_end(&mut self, unit: Unit) {
         let it = self.unit_mut(unit);
-        it.dma_ended |= it.cfgr & cfgr::DMACFG == 0;
+        let one_shot = it.cfgr & cfgr::DMACFG == 0;
+        it.dma_ended |= one_shot;
+        it.stopped |= one_shot;
     }
 
     /// Whether the converter has a result that may raise an interrupt: then each conversion is an event of its own.
@@ -1150,6 +1152,47 @@ mod tests {
             }
             let codes = [offset::DR, 0x100 + offset::DR].map(|place| read(&mut adc, place, 40_000));
             assert_eq!(codes, [expected, 0]);
+        }
+    }
+
+    #[test]
+    fn the_first_conversion_after_a_pause_is_wrong_by_an_erratum_only() {
+        for (errata, off) in [(Errata { adc_after_pause: true, ..Errata::NONE }, 496), (Errata::NONE, 0)] {
+            let mut adc = ready(0);
+            adc.set_errata(errata);
+            let mut convert = |at: Cycles| {
+                start(&mut adc, at);
+                adc.finish(Unit::One, 0.0).unwrap();
+                read(&mut adc, offset::DR, at + 1000)
+            };
+            // The first of all, at once after it, and 1.1 ms later.
+            assert_eq!([20_000, 30_000, 214_800].map(&mut convert), [off, 0, off]);
+        }
+    }
+
+    #[test]
+    fn the_first_conversion_after_a_stop_is_of_channel_0_by_an_erratum_only() {
+        let volts = 100.0 / CODES * REFERENCE_V;
+        for (errata, first) in [(Errata { adc_after_stop: true, ..Errata::NONE }, 0), (Errata::NONE, 100)] {
+            // Stopped by software; stopped as the last transfer of a one-shot DMA was made.
+            for by_dma in [false, true] {
+                let mut adc = ready(TRIGGERED | if by_dma { cfgr::DMAEN } else { 0 });
+                adc.set_errata(errata);
+                let mut convert = |adc: &mut Adcs, at: Cycles| {
+                    adc.trigger(TRIGGER_TIM6, at).unwrap();
+                    adc.finish(Unit::One, volts).unwrap();
+                    read(adc, offset::DR, at + 1000)
+                };
+                start(&mut adc, 20_000);
+                assert_eq!(convert(&mut adc, 30_000), 100);
+                if by_dma {
+                    adc.dma_end(Unit::One);
+                } else {
+                    write(&mut adc, CR, cr::ADVREGEN | cr::ADEN | cr::ADSTP, 40_000);
+                    start(&mut adc, 40_000);
+                }
+                assert_eq!([50_000, 60_000].map(|at| convert(&mut adc, at)), [first, 100], "{by_dma}");
+            }
         }
     }
 

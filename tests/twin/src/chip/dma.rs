@@ -367,6 +367,9 @@ mod tests {
         dma.fail(CHANNEL);
         assert_eq!(dma.write(IFCR, flag::GLOBAL << 4, Width::Word, 0), Ok(()));
         assert_eq!(read(&mut dma, ISR), 0);
+        // On the chip of the manual always.
+        let mut dma = ring(2, HALVES);
+        assert_eq!(dma.write(IFCR, flag::GLOBAL << 4, Width::Word, 0), Ok(()));
     }
 
     #[test]

@@ -11,6 +11,7 @@
 //!
 //! Not modelled: fast programming, mass erasure, write and read protection, single-bank mode, secured areas.
 
+use super::rom;
 use crate::{
     Cycles, Registers, Storage, Unknown, Width,
     chip::{clocks::Clocks, errata::Errata, ram::Ram, rules::Rules},
@@ -177,6 +178,15 @@ pub struct Flash {
     status: u32,
     control: u32,
     ecc: u32,
+    /// What the chip says of its flash.
+    size_kb: u16,
+    /// Operations do not end.
+    hangs: bool,
+    /// From a double error to its interrupt, where that comes late.
+    nmi_delay: Cycles,
+    nmi_due: Option<Cycles>,
+    /// A late one holds the line.
+    nmi_late: bool,
     keys: usize,
     option_keys: usize,
     /// A wrong key was written: closed until the next reset.
@@ -217,6 +227,11 @@ impl Default for Flash {
             status: 0,
             control: LOCK | OPTLOCK,
             ecc: 0,
+            size_kb: rom::FLASH_KB,
+            hangs: false,
+            nmi_delay: 0,
+            nmi_due: None,
+            nmi_late: false,
             keys: 0,
             option_keys: 0,
             shut: false,
@@ -281,6 +296,11 @@ impl Flash {
     /// Ends the run in the middle of an operation: the one after `operations` more that end well.
     pub fn cut_power_after(&mut self, operations: u32, torn: Torn) {
         self.cut = Some(Cut { left: operations, torn });
+    }
+
+    /// Operations that begin from now on do not end.
+    pub fn hang(&mut self) {
+        self.hangs = true;
     }
 
     /// No cut any more.
@@ -378,6 +398,30 @@ impl Flash {
         erased
     }
 
+    /// What the ROM reads at an address: flash, the chip's data in system memory, option bytes (their word, then its inverse).
+    pub fn rom_read(&self, address: u32, length: usize) -> Option<Vec<u8>> {
+        const OPTION_BYTES: u32 = 0x1fff_7800;
+        if self.holds(address, length) {
+            let start = (address - START) as usize;
+            return self.bytes().get(start..start + length).map(<[u8]>::to_vec);
+        }
+        let within = |start: u32, bytes: &[u8]| {
+            let start = address.checked_sub(start)? as usize;
+            bytes.get(start..start.checked_add(length)?).map(<[u8]>::to_vec)
+        };
+        let options = self.options();
+        let option_bytes = [options.to_le_bytes(), (!options).to_le_bytes()].concat();
+        let mut system = rom::bytes();
+        let size = (rom::FLASH_KB_AT - rom::START) as usize;
+        system[size..size + 2].copy_from_slice(&self.size_kb.to_le_bytes());
+        within(OPTION_BYTES, &option_bytes).or_else(|| within(rom::START, &system))
+    }
+
+    /// What the chip says of its flash \[KB\].
+    pub fn set_size_kb(&mut self, kb: u16) {
+        self.size_kb = kb;
+    }
+
     /// Power has gone: what was under way is torn.
     pub fn lose_power(&mut self) {
         let torn = match (self.cut_at.take(), self.cut.take()) {
@@ -456,13 +500,24 @@ impl Flash {
         }
     }
 
+    /// A bank is written while the core reads the other one.
+    fn check_cache(&self) -> Result<(), Unknown> {
+        if self.errata.data_cache && self.storage.get(ACR) & DCEN != 0 {
+            return Err(Unknown {
+                what: "flash is written while the data cache is on, which may corrupt it (ES0430 2.2.2)",
+            });
+        }
+        Ok(())
+    }
+
     fn begin(&mut self, action: Action, now: Cycles) {
         let length_s = match action {
             Action::Program { .. } => PROGRAM_S,
             Action::Erase { .. } => ERASE_S,
             Action::Options => ERASE_S + PROGRAM_S,
         };
-        let length = (length_s * self.hclk_hz) as Cycles;
+        // A year, where it does not end.
+        let length = (if self.hangs { 3e7 } else { length_s } * self.hclk_hz) as Cycles;
         self.operation = Some(Operation { action, end: now + length });
         self.stale |= self.storage.get(ACR) & DCEN != 0;
         match &mut self.cut {
@@ -510,7 +565,13 @@ impl Flash {
 
     /// An error that could not be corrected holds the line of the non-maskable interrupt.
     pub fn nmi(&self) -> bool {
-        self.ecc & ECCD != 0
+        if self.nmi_delay == 0 { self.ecc & ECCD != 0 } else { self.nmi_late }
+    }
+
+    /// Lets the interrupt of a double error come so many cycles after it, whether its flag still stands or not: nothing that we
+    /// read says how soon it comes.
+    pub fn delay_nmi(&mut self, cycles: Cycles) {
+        self.nmi_delay = cycles;
     }
 
     /// The core reads memory of bank 2.
@@ -533,6 +594,7 @@ impl Flash {
             let place = bank | ((at % BANK) & !7) as u32;
             let told = if self.errata.eccr_after_cut { !place & ECC_PLACE } else { place };
             self.ecc = self.ecc & ECCIE | ECCD | told;
+            self.nmi_due = Some(now + self.nmi_delay).filter(|_| self.nmi_delay > 0);
         }
         Ok(value)
     }
@@ -563,6 +625,7 @@ impl Flash {
                 if self.double_word(first) != u64::MAX && data != 0 {
                     self.fail(PROGERR);
                 } else {
+                    self.check_cache()?;
                     self.begin(Action::Program { at: first, data }, now);
                 }
             }
@@ -621,6 +684,7 @@ impl Flash {
                 return Err(Unknown { what: "bank 1, from which the code runs, is erased" });
             } else {
                 let page = (BANK / PAGE) + (word >> 3 & 0x7f) as usize;
+                self.check_cache()?;
                 self.begin(Action::Erase { page }, now);
             }
         }
@@ -668,6 +732,7 @@ impl Registers for Flash {
             CR => self.write_control(width.replace(self.control, offset, value), now)?,
             ECCR => {
                 self.ecc &= !(word & ECCD);
+                self.nmi_late &= word & ECCD == 0;
                 self.ecc = self.ecc & !ECCIE | word & ECCIE;
             }
             ACR => {
@@ -697,10 +762,14 @@ impl Registers for Flash {
 
     fn next_event(&self) -> Option<Cycles> {
         let end = self.operation.filter(|_| self.control & EOPIE != 0).map(|operation| operation.end);
-        end.into_iter().chain(self.cut_at).min()
+        end.into_iter().chain(self.cut_at).chain(self.nmi_due).min()
     }
 
     fn advance(&mut self, now: Cycles) {
+        if self.nmi_due.is_some_and(|due| due <= now) {
+            self.nmi_due = None;
+            self.nmi_late = true;
+        }
         match self.operation {
             Some(Operation { action, end }) if end <= now => {
                 self.operation = None;
@@ -872,6 +941,46 @@ mod tests {
                     assert!(!flash.nmi());
                 }
             }
+        }
+    }
+
+    #[test]
+    fn what_eccr_tells_of_a_torn_double_word_is_wrong_by_an_erratum_only() {
+        for (errata, told) in [
+            (Errata { eccr_after_cut: true, ..Errata::NONE }, !(BK_ECC | 0x3_c008) & ECC_PLACE),
+            (Errata::NONE, BK_ECC | 0x3_c008),
+        ] {
+            let mut flash = unlocked();
+            flash.set_errata(errata);
+            flash.cut_power_after(0, Torn::Between);
+            program(&mut flash, SETTINGS + 8, [1, 2], 0);
+            flash.lose_power();
+            word(&mut flash, SETTINGS + 8, PROGRAM);
+            assert_eq!(read(&mut flash, ECCR, PROGRAM), ECCD | told);
+        }
+    }
+
+    #[test]
+    fn a_write_with_the_data_cache_on_is_an_erratum() {
+        for (errata, is_refused) in [(Errata { data_cache: true, ..Errata::NONE }, true), (Errata::NONE, false)] {
+            let mut flash = unlocked();
+            flash.set_errata(errata);
+            let write_word = |flash: &mut Flash| {
+                write(flash, CR, PG, 0);
+                let low = flash.write_memory(SETTINGS, 1, Width::Word, 0);
+                low.and(flash.write_memory(SETTINGS + 4, 2, Width::Word, 0))
+            };
+            write(&mut flash, ACR, 0x600, 0);
+            assert_eq!(write_word(&mut flash).is_err(), is_refused);
+            let mut flash = unlocked();
+            flash.set_errata(errata);
+            write(&mut flash, ACR, 0x200, 0);
+            assert_eq!(write_word(&mut flash), Ok(()));
+            let erase = PER | BKER | 120 << 3 | STRT;
+            let mut flash = unlocked();
+            flash.set_errata(errata);
+            write(&mut flash, ACR, 0x600, 0);
+            assert_eq!(flash.write(CR, erase, Width::Word, 0).is_err(), is_refused);
         }
     }
 

@@ -619,6 +619,16 @@ mod tests {
     }
 
     #[test]
+    fn the_rtc_takes_the_lsi_from_the_watchdog_by_an_erratum_only() {
+        for (errata, is_refused) in [(Errata { lsi_with_rtc: true, ..Errata::NONE }, true), (Errata::NONE, false)] {
+            let mut rcc = Rcc::new(24e6);
+            rcc.set_errata(errata);
+            assert_eq!(rcc.write(BDCR, RTC_ON_LSI, Width::Word, 0).is_err(), is_refused);
+            assert_eq!(rcc.write(BDCR, 2 << 8, Width::Word, 0), Ok(()), "chosen, and off");
+        }
+    }
+
+    #[test]
     fn causes_of_reset_gather_until_they_are_cleared() {
         let mut rcc = Rcc::new(24e6);
         assert_eq!(read(&mut rcc, CSR, 0), 0x0c00_0000);

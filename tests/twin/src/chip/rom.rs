@@ -48,13 +48,29 @@ pub enum Left {
     Mapped,
     /// Everything as after a reset.
     Restored,
+    /// The same, but for the protection unit: older firmware entered the ROM with its guard on, which nothing but a reset
+    /// removes. The guard lies where its stack ended.
+    Guarded,
+    /// The same as `Restored`, but for the core's interrupts: masked, one enabled and pending, and its stack is the other one.
+    Masked,
 }
 
 impl Left {
     /// All of them.
-    pub const ALL: [Self; 6] = [Self::Running, Self::Unlocked, Self::Fast, Self::Slow, Self::Mapped, Self::Restored];
+    pub const ALL: [Self; 8] = [
+        Self::Running,
+        Self::Unlocked,
+        Self::Fast,
+        Self::Slow,
+        Self::Mapped,
+        Self::Restored,
+        Self::Guarded,
+        Self::Masked,
+    ];
 
     /// Registers that are not as found: address and value, in their order.
+    ///
+    /// Those of [`Left::Masked`] that have no address are set beside them ([`Left::is_masked`]).
     pub fn writes(self) -> &'static [(u32, u32)] {
         const SYSCFG_ON: (u32, u32) = (0x4002_1060, 1);
         const ROM_AT_0: (u32, u32) = (0x4001_0000, 1);
@@ -89,7 +105,36 @@ impl Left {
             Self::Slow => &[SYSCFG_ON, ROM_AT_0, ROM_VECTORS],
             Self::Mapped => &[SYSCFG_ON, ROM_AT_0, FIRST_VECTORS, (0x4002_1060, 0)],
             Self::Restored => &[SYSCFG_ON, FLASH_AT_0, FIRST_VECTORS, (0x4002_1060, 0)],
+            // MPU_RNR, RBAR, RASR (no access to 1 KB), CTRL (on, with the usual map elsewhere).
+            Self::Guarded => &[
+                SYSCFG_ON,
+                FLASH_AT_0,
+                FIRST_VECTORS,
+                (0x4002_1060, 0),
+                (0xe000_ed98, 0),
+                (0xe000_ed9c, 0x2000_c000),
+                (0xe000_eda0, 1 << 28 | 9 << 1 | 1),
+                (0xe000_ed94, 1 << 2 | 1),
+            ],
+            // Interrupt 0, and SysTick.
+            Self::Masked => &[
+                SYSCFG_ON,
+                FLASH_AT_0,
+                FIRST_VECTORS,
+                (0x4002_1060, 0),
+                (0xe000_e014, 0xff_ffff),
+                (0xe000_e010, 7),
+                (0xe000_e100, 1),
+                (0xe000_e200, 1),
+            ],
         }
+    }
+}
+
+impl Left {
+    /// PRIMASK and CONTROL.SPSEL are 1.
+    pub fn is_masked(self) -> bool {
+        self == Self::Masked
     }
 }
 

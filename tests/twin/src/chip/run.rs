@@ -63,8 +63,12 @@ impl Chip {
     /// Starts anew for this reason. RAM is kept; losing power is [`Self::lose_power`] before.
     pub fn reset(&mut self, cause: Reset, now: Cycles) {
         self.advance(now);
+        let mem_mode = self.syscfg.mem_mode();
         for block in &BLOCKS {
             self.model(block.peripheral).reset(now);
+        }
+        if cause == Reset::Software {
+            self.syscfg.restore(mem_mode);
         }
         self.rcc.set_cause(cause);
         self.path_fault = None;

@@ -69,7 +69,7 @@ pub struct Spi {
     transmit: VecDeque<u8>,
     receive: VecDeque<u8>,
     frame: Option<Frame>,
-    /// A frame has ended since the SPI was switched on, and the busy flag stays because of it.
+    /// It was switched off with something to send, and the busy flag stays because of it (ES0430 2.18.1).
     busy_stays: bool,
     errata: Errata,
     /// Cycles of the core per clock of the bus the peripheral is on.
@@ -190,7 +190,6 @@ impl Spi {
             // The first byte read is the low one (39.5.9).
             self.receive.extend(answer.to_le_bytes().into_iter().take(bytes));
         }
-        self.busy_stays = self.errata.spi_busy_stays;
         self.start(frame.end);
     }
 
@@ -226,6 +225,11 @@ impl Spi {
         self.cr2 & (cr2::TXEIE | cr2::RXNEIE | cr2::ERRIE) != 0
     }
 
+    /// The busy flag stays by an erratum, until the peripheral is reset.
+    pub fn busy_stays(&self) -> bool {
+        self.busy_stays
+    }
+
     fn write_control(&mut self, value: u32, now: Cycles) -> Result<(), Unknown> {
         if value & cr1::SPE != 0 {
             if self.is_enabled() && (self.cr1 ^ value) & !(cr1::SPE | cr1::SSI) != 0 {
@@ -238,8 +242,9 @@ impl Spi {
                 return Err(Unknown { what: "SPI_CR1: only the software's select (SSM, SSI) has a model" });
             }
         }
+        let was_sending = self.is_enabled() && (self.frame.is_some() || !self.transmit.is_empty());
         self.cr1 = value & 0xFFFF;
-        self.busy_stays &= self.is_enabled();
+        self.busy_stays |= was_sending && !self.is_enabled() && self.errata.spi_busy_stays;
         self.start(now);
         Ok(())
     }
@@ -359,6 +364,26 @@ mod tests {
     fn levels(spi: &mut Spi) -> (u32, u32) {
         let status = read(spi, 0x08, Width::Word);
         (status >> 9 & 3, status >> 11 & 3)
+    }
+
+    #[test]
+    fn the_busy_flag_stays_where_it_was_switched_off_with_something_to_send() {
+        let busy = |errata: Errata, frames: usize, ended: usize| {
+            let mut spi = master();
+            spi.set_errata(errata);
+            (0..frames).for_each(|_| write(&mut spi, DR, 0x11, Width::Byte));
+            (0..ended).for_each(|_| spi.finish(0));
+            let cr1 = read(&mut spi, 0, Width::Word);
+            write(&mut spi, 0, cr1 & !cr1::SPE, Width::Word);
+            let stays = spi.busy_stays();
+            spi.reset(0);
+            assert!(!spi.busy_stays());
+            stays
+        };
+        let only = Errata { spi_busy_stays: true, ..Errata::NONE };
+        assert!(busy(only, 2, 0) && busy(only, 2, 1));
+        assert!(!busy(only, 2, 2) && !busy(only, 0, 0), "all was sent");
+        assert!(!busy(Errata::NONE, 2, 0) && !busy(Errata::NONE, 2, 1));
     }
 
     #[test]

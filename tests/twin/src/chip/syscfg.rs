@@ -7,25 +7,52 @@ const EXTICR1: u32 = 0x08;
 
 /// The registers.
 #[derive(Clone, Debug)]
-pub struct Syscfg(Storage);
+pub struct Syscfg(Storage, Kept);
+
+/// Whether MEM_MODE outlives a reset by software: nothing that we read says that it does, and firmware must not go in circles
+/// where it does.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Kept {
+    /// It is gone.
+    #[default]
+    Nothing,
+    /// It stays.
+    MemMode,
+}
 
 impl Default for Syscfg {
     fn default() -> Self {
         // MEMRMP, CFGR1, EXTICR1..4, CFGR2.
         let plain = |offset, writable| (offset, 0, writable);
-        Self(Storage::new(&[
-            plain(MEMRMP, 7),
-            (0x04, 0x7c00_0001, 0xfcff_0300),
-            plain(0x08, 0xffff),
-            plain(0x0c, 0xffff),
-            plain(0x10, 0xffff),
-            plain(0x14, 0xffff),
-            plain(0x1c, 0xf),
-        ]))
+        Self(
+            Storage::new(&[
+                plain(MEMRMP, 7),
+                (0x04, 0x7c00_0001, 0xfcff_0300),
+                plain(0x08, 0xffff),
+                plain(0x0c, 0xffff),
+                plain(0x10, 0xffff),
+                plain(0x14, 0xffff),
+                plain(0x1c, 0xf),
+            ]),
+            Kept::default(),
+        )
     }
 }
 
 impl Syscfg {
+    /// What outlives a reset by software from now on.
+    pub fn keep(&mut self, kept: Kept) {
+        self.1 = kept;
+    }
+
+    /// After a reset by software, puts back what outlives it: MEM_MODE as it was before.
+    pub fn restore(&mut self, mem_mode: u32) {
+        if self.1 == Kept::MemMode {
+            // A mode that was in use is one that it knows.
+            let _ = self.0.write(MEMRMP, mem_mode, Width::Word);
+        }
+    }
+
     /// What lies at address 0: 0 is flash, 1 the ROM.
     pub fn mem_mode(&self) -> u32 {
         self.0.get(MEMRMP) & 7

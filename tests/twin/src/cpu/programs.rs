@@ -8,6 +8,17 @@ pub const COUNT: &str = "
     bf30      | 2: wfi
     e7fd      | b 2
 ";
+/// Two words to the second part of SRAM1, in blocks of their own.
+pub const STORE_TWICE: &str = "
+    f248 1000 | movw r0, #0x8100
+    f2c2 0000 | movt r0, #0x2000
+    2155      | movs r1, #0x55
+    6001      | str r1, [r0]
+    e7ff      | b the next
+    6041      | str r1, [r0, #4]
+    e7fe      | b .
+";
+
 /// An address in SRAM and nothing done with it.
 pub const NO_ACCESS: &str = "
     f04f 5000 | mov.w r0, #0x20000000

@@ -1,7 +1,7 @@
 //! The core by itself: small programs instead of the firmware.
 
 use super::{programs::*, *};
-use crate::{Board, world::Still};
+use crate::{Board, chip::errata::Errata, world::Still};
 
 /// First instruction of the program behind the vectors.
 const CODE: u32 = flash::START + 0x200;
@@ -50,6 +50,19 @@ fn an_instruction_is_a_cycle_and_sleep_is_free() {
     assert_eq!(cpu.run(100_000), Ok(None));
     let core = cpu.core();
     assert_eq!((core.instructions, core.now, core.slept), (1 + 2 * 100 + 1, 100_000, 100_000 - 202));
+}
+
+#[test]
+fn the_first_write_to_a_part_of_memory_is_lost_by_an_erratum_only() {
+    for (errata, first) in [(Errata { first_write_lost: true, ..Errata::NONE }, 0), (Errata::NONE, 0x55)] {
+        let mut cpu = core(STORE_TWICE, &[]);
+        cpu.core_mut().chip.set_errata(errata);
+        cpu.reset().expect("starts");
+        assert_eq!(cpu.run(1_000), Ok(None));
+        assert_eq!([word(&cpu, 0x2000_8100), word(&cpu, 0x2000_8104)], [first, 0x55]);
+        let lost: &[u32] = if first == 0 { &[0x2000_8100] } else { &[] };
+        assert_eq!((&cpu.core().lost_writes[..], &cpu.core().first_writes[..]), (lost, lost));
+    }
 }
 
 #[test]
