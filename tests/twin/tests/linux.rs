@@ -17,7 +17,7 @@ use inerter_twin::bench::{Bench, Rig};
 use inerter_twin::chip::flash;
 use inerter_twin::chip::rom::{Left, UID};
 use inerter_twin::elf::Elf;
-use inerter_twin::machine::{Machine, shipping_image};
+use inerter_twin::machine::{Machine, Options, image as image_of, shipping_image};
 use inerter_twin::usb_link::UsbLink;
 use inerter_twin::usbip::Server;
 use inerter_twin::world::Still;
@@ -266,8 +266,14 @@ fn a_real_kernel_and_the_real_program_measure_with_the_shipping_binary() {
     watch.lap("dfu-util");
     an_update_that_is_cut_is_completed_by_the_next(&mut linux, &twin, &firmware);
     watch.lap("three updates that are cut");
+    a_dfu_util_that_is_cut_has_written_the_vectors_first(&mut linux, &twin, &firmware);
+    watch.lap("dfu-util that is cut");
+    a_really_different_build_goes_there_and_back(&mut linux, &firmware);
+    watch.lap("another build, and back");
     // Somebody may still be plugging it in.
     twin.end();
+    a_chip_that_is_too_small_is_refused_whatever_the_rom_describes(&mut linux, &firmware);
+    watch.lap("small chips");
     programs_of_others_are_served(&mut linux);
     watch.lap("programs of others");
 
@@ -502,16 +508,23 @@ fn the_program_brings_another_firmware(linux: &mut Linux, firmware: &[u8]) {
     unplug_no_more(linux);
 }
 
-fn dfu_util_brings_another_firmware(linux: &mut Linux, twin: &Twin, firmware: &[u8]) {
-    let elf = Elf::parse(&another(firmware, b'9')).expect("an ELF");
+/// As docs/HARDWARE.md has it.
+const DFU_UTIL: &str = "dfu-util -d 0483:df11 -a 0 -s 0x08000000:leave -D /tmp/new.bin";
+
+/// The plain bytes of an image, as they lie in flash.
+fn plain(image: &[u8]) -> Vec<u8> {
+    let elf = Elf::parse(image).expect("an ELF");
     let mut bytes = Vec::new();
     for (address, segment) in elf.segments() {
         let start = (address - flash::START) as usize;
         bytes.resize(bytes.len().max(start + segment.len()), 0xFF);
         bytes[start..start + segment.len()].copy_from_slice(segment);
     }
-    give(linux, bytes, "/tmp/new.bin");
-    // The button, twice.
+    bytes
+}
+
+/// The button, twice: the device is in update mode.
+fn press_twice(linux: &mut Linux, twin: &Twin) {
     twin.order(|server| {
         for pause_s in [0.1, 0.1] {
             server.socket.reset().expect("starts");
@@ -522,32 +535,78 @@ fn dfu_util_brings_another_firmware(linux: &mut Linux, twin: &Twin, firmware: &[
     });
     stay_plugged_in(linux);
     linux.until("dfu-util -l | grep -q 'Internal Flash'");
-    let command = "dfu-util -d 0483:df11 -a 0 -s 0x08000000:leave -D /tmp/new.bin";
-    let ended = linux.run_within(command, Duration::from_secs(120));
+}
+
+/// dfu-util writes in the order of the addresses: what it leaves behind has vectors, and half of another program behind them.
+fn a_dfu_util_that_is_cut_has_written_the_vectors_first(linux: &mut Linux, twin: &Twin, firmware: &[u8]) {
+    let new = another(firmware, b'6');
+    give(linux, plain(&new), "/tmp/new.bin");
+    give(linux, new, "/tmp/new.elf");
+    press_twice(linux, twin);
+    linux.run(&format!("rm -f /tmp/ended; ({DFU_UTIL} >/tmp/said 2>&1; echo $? >/tmp/ended) >/dev/null 2>&1 &"));
+    let before = twin.order(|server| server.socket.chip().flash.erased);
+    let has_vectors = loop {
+        let is_cut = twin.order(move |server| {
+            let flash = &server.socket.chip().flash;
+            if flash.erased - before < 40 {
+                return None;
+            }
+            let has_vectors = flash.bytes()[..flash::PAGE].iter().any(|byte| *byte != 0xFF);
+            server.socket.set_boot0(true);
+            server.socket.power_cut().expect("starts again");
+            server.socket.set_boot0(false);
+            server.unplug();
+            Some(has_vectors)
+        });
+        if let Some(has_vectors) = is_cut {
+            break has_vectors;
+        }
+        assert!(linux.run("cat /tmp/ended 2>/dev/null || true").is_empty(), "{}", linux.run("cat /tmp/said"));
+    };
+    assert!(has_vectors, "docs/HARDWARE.md says so");
+    linux.until("[ -s /tmp/ended ]");
+    linux.until("dfu-util -l | grep -q 'Internal Flash'");
+    let ended = linux.run_within("inerter update /tmp/new.elf", Duration::from_secs(120));
+    assert_eq!(ended.code, 0, "{}{}", ended.text(), ended.errors);
+    measures_as(linux, "inerter 6.");
+    unplug_no_more(linux);
+}
+
+fn dfu_util_brings_another_firmware(linux: &mut Linux, twin: &Twin, firmware: &[u8]) {
+    give(linux, plain(&another(firmware, b'9')), "/tmp/new.bin");
+    press_twice(linux, twin);
+    let ended = linux.run_within(DFU_UTIL, Duration::from_secs(120));
     let said = ended.text() + &ended.errors;
     assert!(said.contains("File downloaded successfully"), "{said}");
     measures_as(linux, "inerter 9.");
     unplug_no_more(linux);
 }
 
-/// Power fails once the vectors are erased, in the middle, and when all but the vectors is written.
+/// Power fails when the page of the vectors is erased and no other, in the middle, and when all pages are erased and all but the
+/// vectors written.
 fn an_update_that_is_cut_is_completed_by_the_next(linux: &mut Linux, twin: &Twin, firmware: &[u8]) {
+    let mut stages = Vec::new();
     for (part, digit) in [(0.0, b'6'), (0.5, b'7'), (1.0, b'8')] {
         let new = another(firmware, digit);
         let written = pages(&new);
-        let watched = written.get(((written.len() - 1) as f64 * part) as usize).copied().expect("a page");
+        let wanted = 1 + ((written.len() - 1) as f64 * part) as u64;
+        let last = *written.last().expect("a page");
         give(linux, new, "/tmp/new.elf");
         stay_plugged_in(linux);
         linux.until("ls /dev/ttyACM*");
         linux.run(
             "rm -f /tmp/ended; (inerter update /tmp/new.elf >/tmp/said 2>&1; echo $? >/tmp/ended) >/dev/null 2>&1 &",
         );
+        let before = twin.order(|server| server.socket.chip().flash.erased);
         loop {
             let is_cut = twin.order(move |server| {
-                let flash = server.socket.chip().flash.bytes();
+                let flash = &server.socket.chip().flash;
                 let is_erased =
-                    |page: usize| flash[page * flash::PAGE..][..flash::PAGE].iter().all(|byte| *byte == 0xFF);
-                let is_now = server.socket.is_in_rom() && is_erased(0) && (watched == 0 || !is_erased(watched));
+                    |page: usize| flash.bytes()[page * flash::PAGE..][..flash::PAGE].iter().all(|byte| *byte == 0xFF);
+                let done = flash.erased - before;
+                // At the last stage the last page is written, and the vectors are not.
+                let is_now =
+                    server.socket.is_in_rom() && done >= wanted && is_erased(0) && (part < 1.0 || !is_erased(last));
                 if is_now {
                     // There are no vectors to start from: the boot pin leads back.
                     server.socket.set_boot0(true);
@@ -555,9 +614,10 @@ fn an_update_that_is_cut_is_completed_by_the_next(linux: &mut Linux, twin: &Twin
                     server.socket.set_boot0(false);
                     server.unplug();
                 }
-                is_now
+                is_now.then_some(done)
             });
-            if is_cut {
+            if let Some(done) = is_cut {
+                stages.push((done, wanted, written.len() as u64));
                 break;
             }
             assert!(linux.run("cat /tmp/ended 2>/dev/null || true").is_empty(), "{}", linux.run("cat /tmp/said"));
@@ -570,6 +630,10 @@ fn an_update_that_is_cut_is_completed_by_the_next(linux: &mut Linux, twin: &Twin
         measures_as(linux, &format!("inerter {}.", char::from(digit)));
         unplug_no_more(linux);
     }
+    println!("         cut when so many pages were erased of all: {stages:?}");
+    // Three stages, and not the same one three times: the twin looks often enough for a few pages' tolerance.
+    let near = |(done, wanted, all): &(u64, u64, u64)| done - wanted <= all / 5;
+    assert!(stages.iter().all(near), "{stages:?}");
 }
 
 /// Pages of flash that the image lies in, in their order.
@@ -578,6 +642,64 @@ fn pages(image: &[u8]) -> Vec<usize> {
     let page = |address: usize| (address - flash::START as usize) / flash::PAGE;
     let of = |(start, bytes): &(u32, Vec<u8>)| page(*start as usize)..=page(*start as usize + bytes.len() - 1);
     elf.segments().iter().flat_map(of).collect::<BTreeSet<usize>>().into_iter().collect()
+}
+
+/// The image whose task hangs after five seconds: other code at other places, under the same name.
+fn a_really_different_build_goes_there_and_back(linux: &mut Linux, firmware: &[u8]) {
+    let Some(other) = image_of("INERTER_STM32_HANG_ELF", "release/inerter-stm32g474-hang") else { return };
+    let differing = pages(firmware).len().abs_diff(pages(&other).len());
+    assert!(differing > 0 || code(firmware) != code(&other), "another layout");
+    for (build, name) in [(&other[..], "hang"), (firmware, "back")] {
+        give(linux, build.to_vec(), "/tmp/new.elf");
+        stay_plugged_in(linux);
+        linux.until("ls /dev/ttyACM*");
+        // The other build is restarted by its watchdog each ten seconds.
+        let ended = linux.run_within(
+            "for n in 1 2 3 4 5; do inerter update /tmp/new.elf && exit 0; sleep 1; done; exit 1",
+            Duration::from_secs(240),
+        );
+        assert_eq!(ended.code, 0, "{name}: {}{}", ended.text(), ended.errors);
+        unplug_no_more(linux);
+    }
+    stay_plugged_in(linux);
+    measures_as(linux, "inerter 0.");
+    unplug_no_more(linux);
+}
+
+/// All of an image's bytes, one segment behind the other.
+fn code(image: &[u8]) -> Vec<u8> {
+    let elf = Elf::parse(image).expect("an ELF");
+    elf.segments().iter().flat_map(|(_, bytes)| bytes.clone()).collect()
+}
+
+/// The ROM tells the layout of the die, which has 512 KB in two banks; what the chip says of itself counts.
+fn a_chip_that_is_too_small_is_refused_whatever_the_rom_describes(linux: &mut Linux, firmware: &[u8]) {
+    const DBANK: u32 = 1 << 22;
+    give(linux, firmware.to_vec(), "/tmp/new.elf");
+    for (flash_kb, one_bank, said) in [(128, false, "128 KB"), (512, true, "single bank")] {
+        let firmware = firmware.to_vec();
+        let twin = Twin::serve(move || {
+            let options = Options { flash_kb, ..Options::default() };
+            let mut machine = Machine::with(&firmware, options, Box::new(Still)).expect("the binary");
+            machine.serve_rom(Left::Running);
+            if one_bank {
+                let options = machine.chip().flash.options();
+                machine.chip_mut().flash.set_options(options & !DBANK);
+            }
+            machine.set_boot0(true);
+            machine.power_cut().expect("starts");
+            machine
+        });
+        linux.run(&format!("inerter-guest attach 10.0.2.2:{}", twin.address.port()));
+        linux.until("dfu-util -l | grep -q 'Internal Flash'");
+        let ended = linux.run_within("inerter update /tmp/new.elf", SOON);
+        assert_ne!(ended.code, 0);
+        assert!(ended.errors.contains(said), "{}", ended.errors);
+        assert_eq!(twin.order(|server| server.socket.chip().flash.erased), 0);
+        twin.order(Server::unplug);
+        linux.until("! [ -d /sys/bus/usb/devices/1-1 ]");
+        twin.end();
+    }
 }
 
 /// Echoes whose drivers are not ours, one in capitals and one a letter higher, at a host that is not ours either.

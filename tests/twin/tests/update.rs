@@ -7,7 +7,7 @@ use inerter_twin::bench::{Bench, Rig};
 use inerter_twin::chip::flash::{PAGE, START, Torn};
 use inerter_twin::chip::rom::{Left, UID};
 use inerter_twin::elf::Elf;
-use inerter_twin::machine::{Machine, shipping_image};
+use inerter_twin::machine::{Machine, image, shipping_image};
 use inerter_twin::usb_host::{Setup, UsbError, UsbHost};
 use inerter_twin::usb_link::UsbLink;
 use inerter_wire::{Command, Record, Streams};
@@ -170,6 +170,31 @@ fn another_firmware_measures_after_its_update_with_the_settings_kept() {
         assert!(!machine.is_in_rom());
         measures(machine, &format!("{left:?}"));
     }
+}
+
+/// Not the same bytes under another name, but another program: that whose task hangs five seconds after its start.
+#[test]
+fn a_really_different_build_goes_there_and_back() {
+    let (Some(ours), Some(other)) =
+        (shipping_image(), image("INERTER_STM32_HANG_ELF", "release/inerter-stm32g474-hang"))
+    else {
+        return;
+    };
+    let differing = pages(&ours).iter().filter(|(address, page)| pages(&other).get(address) != Some(page)).count();
+    assert!(differing > pages(&ours).len() / 2, "{differing} pages differ");
+    let mut machine = in_update_mode(&ours, Left::Running);
+    Loader::connect(&mut machine).update(&other).unwrap_or_else(|error| panic!("there: {error}"));
+    machine.run_for(0.5).unwrap_or_else(|ended| panic!("{ended}"));
+    let mut link = UsbLink::new(machine);
+    assert!(firmware(&mut link).starts_with("inerter 0."));
+    let _ = link.request(Command::EnterDfu, 0.2);
+    link.unplug();
+    let mut machine = link.socket;
+    machine.run_for(0.2).unwrap_or_else(|ended| panic!("{ended}"));
+    assert!(machine.is_in_rom());
+    Loader::connect(&mut machine).update(&another(&ours)).unwrap_or_else(|error| panic!("back: {error}"));
+    machine.run_for(0.5).unwrap_or_else(|ended| panic!("{ended}"));
+    measures(machine, "there and back");
 }
 
 #[test]
