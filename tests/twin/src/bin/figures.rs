@@ -1,12 +1,15 @@
 //! What the shipping image costs while it serves: prints one line of JSON.
 //!
 //! On the twin the board measures a random motion at 1, 2 and 4 kHz with every stream on, over USB, while settings are
-//! written and saved, the estimator is reset and a tare is asked for. `loads` has for each rate \[Hz\] what the core
-//! executes in the steady part \[instructions/s\], and the bounds of the time that it is awake on the chip
+//! written and saved, the estimator is reset and a tare is asked for; at 4 kHz also with the terminal's displacement, and
+//! through the digital front end. `loads` has for each case (`with`, and the rate \[Hz\]) what the core executes in the steady part \[instructions/s\], and the bounds of the time that it is awake on the chip
 //! ([`inerter_twin::cycles`]); `stack_bytes` is the deepest stack of the whole run. `cargo xtask size` runs this.
 
+use ads131m04::{Gain, Osr};
+use inerter_core::Settings;
 use inerter_plant::Excitation;
 use inerter_twin::bench::{Bench, Rig};
+use inerter_twin::chip::ads131m04::Ads131m04;
 use inerter_twin::machine::{Machine, shipping_image};
 use inerter_twin::usb_link::{LinkError, UsbLink};
 use inerter_wire::{Command, Record, SettingsValues, Streams};
@@ -37,8 +40,19 @@ fn main() -> ExitCode {
 fn measure() -> Result<String, Box<dyn Error>> {
     let image = shipping_image().ok_or("no image to measure")?;
     let rig = Rig::new(Excitation::random(0.5, 15.0, 0.02, 1), START_S);
-    let settings = [1_000.0, 2_000.0, 4_000.0].map(|rate_hz| rig.settings(rate_hz));
+    let (analogue, digital) = (|rate_hz| rig.settings(rate_hz), |osr| rig.digital_settings(osr, Gain::X64));
+    let terminal = |settings| Settings { terminal_sensor: true, ..settings };
+    let cases = [
+        ("", analogue(1_000.0)),
+        ("", analogue(2_000.0)),
+        ("", analogue(4_000.0)),
+        ("terminal sensor", terminal(analogue(4_000.0))),
+        ("ADS131M04", digital(Osr::X2048)),
+        ("ADS131M04", digital(Osr::X1024)),
+        ("ADS131M04, terminal sensor", terminal(digital(Osr::X1024))),
+    ];
     let mut machine = Machine::new(&image, Box::new(Bench::new(rig)?))?;
+    machine.chip_mut().ads131m04 = Some(Ads131m04::new([0.4e-6, 3e-6, 3e-6, 0.0], 3));
     machine.run_for(START_S)?;
     machine.cpu_mut().count_cycles()?;
     let mut link = UsbLink::new(machine);
@@ -47,7 +61,7 @@ fn measure() -> Result<String, Box<dyn Error>> {
     ask(&mut link, Command::Hello)?;
     ask(&mut link, Command::Streams(Streams::ALL))?;
     let mut loads = Vec::new();
-    for settings in &settings {
+    for (with, settings) in &cases {
         ask(&mut link, Command::WriteSettings(SettingsValues::from(settings)))?;
         ask(&mut link, Command::SaveSettings)?;
         ask(&mut link, Command::Tare)?;
@@ -60,7 +74,7 @@ fn measure() -> Result<String, Box<dyn Error>> {
         let usage = link.socket.usage().since(&before);
         let [least, most] = usage.load_on_the_chip().ok_or("cycles are not counted")?;
         loads.push(format!(
-            r#"{{"rate_hz":{},"instructions_per_s":{:.0},"least":{least:.4},"most":{most:.4}}}"#,
+            r#"{{"with":"{with}","rate_hz":{},"instructions_per_s":{:.0},"least":{least:.4},"most":{most:.4}}}"#,
             settings.sample_rate_hz,
             usage.instructions_per_s()
         ));
