@@ -169,6 +169,10 @@ fn table(rate_hz: f64, motion: &str) -> [[f64; 2]; 3] {
     })
 }
 
+/// An interval holds what may hide in the noise, so it scatters itself: the greatest of 16 runs without a chip by up to 1.81 over
+/// the least (friction of `slow`, seeds 100 to 115; `mid` 1.21, `random` 1.23). The tests' seed is another.
+const SCATTER: std::ops::Range<f32> = 0.55..1.81;
+
 /// One run of a preset motion, held against the table and against core.
 #[track_caller]
 fn accurate(motion: &str, rate_hz: f64, duration_s: f64) -> Outcome {
@@ -208,7 +212,7 @@ fn accurate(motion: &str, rate_hz: f64, duration_s: f64) -> Outcome {
         println!("  {}: error {error:.5}, without a chip {without_chip:.5}, sigma {sigma}, interval {ratio}", NAMES[i]);
         assert!(error.abs() < goal.max(sigma) + 4.0 * sigma, "{motion}, {}: {error}", NAMES[i]);
         assert!((error - without_chip).abs() < 6.0 * sigma, "{motion}, {}: {error} and {without_chip}", NAMES[i]);
-        assert!((0.8..1.25).contains(&ratio), "{motion}, {}: an interval {ratio} times that without a chip", NAMES[i]);
+        assert!(SCATTER.contains(&ratio), "{motion}, {}: an interval {ratio} times that without a chip", NAMES[i]);
     }
     Ok(())
 }
