@@ -74,6 +74,15 @@ impl Elf {
     /// The code of the function that begins at an address.
     pub fn function(&self, address: u32) -> Option<&[u8]> {
         let &(start, end, _) = self.functions.iter().find(|function| function.0 == address & !1)?;
+        self.code(start, end)
+    }
+
+    /// The code of each function, by its name in the file.
+    pub fn functions(&self) -> impl Iterator<Item = (&str, &[u8])> {
+        self.functions.iter().filter_map(|(start, end, name)| Some((name.as_str(), self.code(*start, *end)?)))
+    }
+
+    fn code(&self, start: u32, end: u32) -> Option<&[u8]> {
         let within = |(segment, bytes): &(u32, Vec<u8>)| (*segment..*segment + bytes.len() as u32).contains(&start);
         let (segment, bytes) = self.segments.iter().find(|segment| within(segment))?;
         bytes.get((start - segment) as usize..(end - segment) as usize)

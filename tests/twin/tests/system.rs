@@ -466,6 +466,34 @@ fn a_firmware_that_cannot_start_leaves_the_settings_alone_and_then_wants_another
 }
 
 #[test]
+fn starts_that_the_watchdog_ends_have_failed() {
+    /// CPSID i; 1: WFE; B 1b.
+    const HANG: [u16; 3] = [0xb672, 0xbf20, 0xe7fd];
+    const HANG_AT: u32 = 0x0803_f000;
+    let Some(mut link) = board(Still) else { return };
+    greet(&mut link);
+    write(&mut link, &numbered(1));
+    save(&mut link).expect("saved");
+    let code: Vec<u8> = HANG.into_iter().flat_map(u16::to_le_bytes).collect();
+    assert!(link.machine.chip_mut().flash.load(HANG_AT, &code));
+    let hang = |link: &mut SerialLink| link.machine.cpu_mut().set(RegisterARM::PC, HANG_AT | 1).expect("a register");
+    for bites in 1..6 {
+        hang(&mut link);
+        run(&mut link.machine, 5.0);
+        assert_eq!(link.machine.resets().iter().filter(|reset| reset.1 == Reset::Watchdog).count(), bites);
+        link.talk = Default::default();
+        let (_, events) = greet(&mut link);
+        assert_eq!(cause(&events), ResetCause::Watchdog);
+        let left = bites >= 3;
+        assert_eq!(events.contains(&EventKind::Fault(Fault::SettingsLeft)), left, "{bites}: {events:?}");
+        assert_eq!(settings(&mut link) == numbered(1), !left);
+    }
+    hang(&mut link);
+    let ended = link.machine.run_for(5.0).expect_err("the boot loader");
+    assert_eq!(ended.stop, Stop::Bootloader, "{ended}");
+}
+
+#[test]
 fn resets_by_a_probe_are_no_failed_starts() {
     let Some(mut link) = board(Still) else { return };
     greet(&mut link);
@@ -860,6 +888,8 @@ fn every_handler_ends_with_a_barrier() {
     for place in (EXCEPTIONS..EXCEPTIONS + 102).filter(|place| vector(*place) | 1 != unused) {
         let Some(code) = elf.function(vector(place)) else { continue };
         handlers += 1;
+        // More than two instructions before the return, or a division may be lost (erratum 776924).
+        assert!(code.len() > 2 * 4 + 2, "{:?}", elf.function_at(vector(place)));
         // It may be followed by the registers' return and constants.
         if !code.windows(4).any(|bytes| bytes == BARRIER) {
             without.extend(elf.function_at(vector(place)));
@@ -868,6 +898,37 @@ fn every_handler_ends_with_a_barrier() {
     assert!(handlers >= 8, "{handlers} handlers");
     // That of embassy-time, which nobody else can bind.
     assert_eq!(without, ["TIM1_BRK_TIM15"]);
+}
+
+/// A load to it that is interrupted may come out wrong (erratum 752770).
+#[test]
+fn nothing_loads_the_stack_pointer_from_memory() {
+    let Some(image) = shipping_image() else { return };
+    let elf = Elf::parse(&image).expect("an ELF");
+    let mut functions = 0;
+    for (name, code) in elf.functions() {
+        functions += 1;
+        let halves: Vec<u16> = code.chunks_exact(2).map(|pair| u16::from_le_bytes([pair[0], pair[1]])).collect();
+        assert!(!loads_the_stack_pointer(&halves), "{name}");
+    }
+    assert!(functions > 300, "{functions}");
+    // LDR SP, [R0]; NOP, LDR SP, [R0], #4. Not LDR R12, [R0] and STR SP, [R0].
+    assert!(loads_the_stack_pointer(&[0xf8d0, 0xd000]) && loads_the_stack_pointer(&[0xbf00, 0xf850, 0xdb04]));
+    assert!(!loads_the_stack_pointer(&[0xf8d0, 0xc000]) && !loads_the_stack_pointer(&[0xf8c0, 0xd000]));
+}
+
+/// LDR.W to R13, in any form; other loads cannot reach it.
+fn loads_the_stack_pointer(halves: &[u16]) -> bool {
+    let mut at = 0;
+    while let Some(&first) = halves.get(at) {
+        // Wide where it begins with 0b11101, 0b11110 or 0b11111.
+        let wide = first >> 11 > 0b11100;
+        if wide && first & 0xff70 == 0xf850 && halves.get(at + 1).is_some_and(|second| second >> 12 == 13) {
+            return true;
+        }
+        at += if wide { 2 } else { 1 };
+    }
+    false
 }
 
 /// What the core does that vectors to the wrong interrupt: the handler of another one is run.

@@ -43,8 +43,8 @@ pub struct Errata {
     /// master transmit mode and the TXE flag is low"; "disable the SPI when TXE=1 and BSY=0". Here: where it is switched
     /// off with anything left to send, until the peripheral is reset.
     pub spi_busy_stays: bool,
-    /// Of the DMA, as cited without its number; no public words found. An error that comes as CGIF is written does not stop
-    /// the channel. Here: CGIF to an enabled channel ends the run.
+    /// "DMA disable failure and error flag omission upon simultaneous transfer error and global flag clear" (a driver for the
+    /// STM32G0, whose DMA is of the same kind, of ES0548, 2.4.1). Here: CGIF to an enabled channel ends the run.
     pub dma_global_clear: bool,
     /// "Unstable LSI when it clocks RTC or CSS on LSE" (ES0431, the sheet of the STM32G431, revision 7, 2.2.3). Here: ends
     /// the run.

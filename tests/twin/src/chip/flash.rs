@@ -438,7 +438,7 @@ impl Flash {
                     self.tear_erased(at);
                 }
             }
-            // The controller writes them to a second place before it forgets the first.
+            // The old ones stay: an assumption, as nothing that we read says how the controller keeps option bytes.
             (Torn::Between, Action::Options) => {}
         }
     }
