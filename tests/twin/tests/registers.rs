@@ -71,6 +71,116 @@ const OTHER_FIELDS: &[(&str, &str)] = &[
 ];
 const DIFSEL: &str = "19 channels; metapac has 18";
 
+/// Fields of metapac that a write does not change, by what is alike (see [`alike`]). Writes that end the run are no such thing.
+const DROPPED: &[(&str, &str)] = &[
+    ("ADCx.cr: 0x00000012", ONCE),
+    ("ADCx.difsel: 0x00000001", "channel 0 is single-ended (RM0440 21.7.24)"),
+    ("ADCx.isr: 0x000007ff", FLAGS),
+    ("CRS.icr: 0x0000000f", ONCE),
+    ("DBGMCU.idcode: 0xffffffff", READ_ONLY),
+    ("DMAMUX1.ccrx: 0x00000080", "7 bits (RM0440 13.6.1); metapac has 8"),
+    ("EXTI.pr0: 0xffffffff", FLAGS),
+    ("EXTI.swier0: 0xffffffff", "an event by software has no model: no line that it raises is one of ours"),
+    ("FLASH.acr: 0x00040000", "DBG_SWEN is the debugger's"),
+    ("FLASH.cr: 0x0c010000", "STRT and OBL_LAUNCH act once; RDERRIE belongs to read protection, which has no model"),
+    ("FLASH.eccr: 0xf067ffff", FLAGS),
+    ("FLASH.sr: 0x0001c3fb", FLAGS),
+    ("GPIOx.bsrr: 0xffffffff", ONCE),
+    ("IWDG.kr: 0x0000ffff", ONCE),
+    ("IWDG.pr: 0x00000007", LATER),
+    ("IWDG.rlr: 0x00000fff", LATER),
+    ("IWDG.winr: 0x00000fff", LATER),
+    ("LPUART1.icr: 0x00121b5f", ONCE),
+    ("LPUART1.rqr: 0x00000018", ONCE),
+    ("LPUART1.tdr: 0x00000100", "characters have 8 bits"),
+    ("PWR.cr2: 0x0000000f", "the voltage detector has no model"),
+    ("PWR.cr3: 0x00002000", "the USB-C controller has no model"),
+    ("PWR.cr5: 0x00000001", "metapac's R1MODE, which is bit 8"),
+    ("PWR.scr: 0x0000011f", ONCE),
+    ("PWR.sr1: 0x0000811f", READ_ONLY),
+    ("PWR.sr2: 0x0000ff00", READ_ONLY),
+    ("RCC.bdcr: 0x00000002", READ_ONLY),
+    ("RCC.cfgr: 0x0000000c", READ_ONLY),
+    ("RCC.cicr: 0x0000073b", ONCE),
+    ("RCC.cr: 0x02020400", READ_ONLY),
+    ("RCC.crrcr: 0x0000ff82", READ_ONLY),
+    ("RCC.csr: 0xfe800002", "flags of resets, LSIRDY; RMVF acts once"),
+    ("RCC.icscr: 0x00ff0000", READ_ONLY),
+    ("SPI2.rxcrcr: 0x0000ffff", READ_ONLY),
+    ("SPI2.sr: 0x00001fff", FLAGS),
+    ("SPI2.txcrcr: 0x0000ffff", READ_ONLY),
+    ("SYSCFG.cfgr2: 0x00000100", FLAGS),
+    ("SYSCFG.memrmp: 0x00000100", "FB_MODE: banks that change places have no model"),
+    ("TIM1, TIM8.af1: 0x0003fff0", BREAKS),
+    ("TIM1, TIM8.af2: 0x00073ff0", BREAKS),
+    ("TIM1, TIM8.arr: 0x000f0000", DITHER),
+    ("TIM1, TIM8.ccr1: 0x000f0000", DITHER),
+    ("TIM1, TIM8.ccr: 0x000f0000", DITHER),
+    ("TIM1, TIM8.cnt: 0x80000000", READ_ONLY),
+    ("TIM1, TIM8.dier: 0x00f020a0", SIGNALS),
+    ("TIM1, TIM8.egr: 0x00000001", ONCE),
+    ("TIM1, TIM8.rcr: 0x0000ffff", REPETITION),
+    ("TIM1, TIM8.sr: 0x00f33fff", FLAGS),
+    ("TIM1, TIM8.tisel: 0x0f0f0f0f", INPUT),
+    ("TIM15.af1: 0x00003ff0", BREAKS),
+    ("TIM15.af2: 0x00070000", BREAKS),
+    ("TIM15.arr: 0x000f0000", DITHER),
+    ("TIM15.ccr1: 0x000f0000", DITHER),
+    ("TIM15.ccr: 0x000f0000", DITHER),
+    ("TIM15.cnt: 0x80000000", READ_ONLY),
+    ("TIM15.dier: 0x000020a0", SIGNALS),
+    ("TIM15.egr: 0x00000001", ONCE),
+    ("TIM15.rcr: 0x000000ff", REPETITION),
+    ("TIM15.sr: 0x000006e7", FLAGS),
+    ("TIM15.tisel: 0x00000f0f", INPUT),
+    ("TIM16, TIM17.af1: 0x00003ff0", BREAKS),
+    ("TIM16, TIM17.af2: 0x00070000", BREAKS),
+    ("TIM16, TIM17.arr: 0x000f0000", DITHER),
+    ("TIM16, TIM17.ccr: 0x000f0000", DITHER),
+    ("TIM16, TIM17.cnt: 0x80000000", READ_ONLY),
+    ("TIM16, TIM17.dier: 0x000000a0", SIGNALS),
+    ("TIM16, TIM17.egr: 0x00000001", ONCE),
+    ("TIM16, TIM17.rcr: 0x000000ff", REPETITION),
+    ("TIM16, TIM17.sr: 0x000002a3", FLAGS),
+    ("TIM16, TIM17.tisel: 0x0000000f", INPUT),
+    ("TIM2, TIM5.af1: 0x0003c000", BREAKS),
+    ("TIM2, TIM5.af2: 0x00070000", BREAKS),
+    ("TIM2, TIM5.dier: 0x00f00000", SIGNALS),
+    ("TIM2, TIM5.egr: 0x00000001", ONCE),
+    ("TIM2, TIM5.sr: 0x00f01e5f", FLAGS),
+    ("TIM2, TIM5.tisel: 0x0f0f0f0f", INPUT),
+    ("TIM3, TIM4.af1: 0x0003c000", BREAKS),
+    ("TIM3, TIM4.af2: 0x00070000", BREAKS),
+    ("TIM3, TIM4.arr: 0x000f0000", DITHER),
+    ("TIM3, TIM4.ccr1: 0x000f0000", DITHER),
+    ("TIM3, TIM4.ccr2: 0x000f0000", DITHER),
+    ("TIM3, TIM4.ccr3: 0x000f0000", DITHER),
+    ("TIM3, TIM4.ccr: 0x000f0000", DITHER),
+    ("TIM3, TIM4.cnt: 0x80000000", READ_ONLY),
+    ("TIM3, TIM4.dier: 0x00f00000", SIGNALS),
+    ("TIM3, TIM4.egr: 0x00000001", ONCE),
+    ("TIM3, TIM4.sr: 0x00f01e5f", FLAGS),
+    ("TIM3, TIM4.tisel: 0x0f0f0f0f", INPUT),
+    ("TIM6.arr: 0x000f0000", DITHER),
+    ("TIM6.cnt: 0x80000000", READ_ONLY),
+    ("TIM6.cr2: 0x02000000", "a basic timer's MMS has 3 bits (RM0440 31.4.2); metapac has 4"),
+    ("TIM6.egr: 0x00000001", ONCE),
+    ("TIM6.sr: 0x00000001", FLAGS),
+    ("USB.bcdr: 0x000000f0", READ_ONLY),
+    ("USB.eprx: 0x00008880", FLAGS),
+    ("USB.istr: 0x0000ff9f", FLAGS),
+    ("USB.lpmcsr: 0x000000f8", READ_ONLY),
+];
+const ONCE: &str = "acts once, and reads as 0";
+const FLAGS: &str = "flags, cleared by a write and set by none";
+const READ_ONLY: &str = "is only read";
+const LATER: &str = "taken over after some periods of the oscillator";
+const BREAKS: &str = "break and clear inputs from elsewhere than the pin have no model";
+const DITHER: &str = "dithering has no model";
+const SIGNALS: &str = "signals of encoder, break and commutation have no model, so none comes";
+const REPETITION: &str = "the repetition counter has no model";
+const INPUT: &str = "inputs from elsewhere than the pin have no model";
+
 /// Registers of stm32g4 that the twin has not, or cannot read: touching one ends the run.
 const NOT_MODELLED: &[(&str, &str)] = &[
     ("ADC12_COMMON: cdr", UNUSED),
@@ -245,14 +355,69 @@ fn modelled() -> BTreeSet<u32> {
     addresses.filter(|&address| read(&mut chip, address).is_some()).collect()
 }
 
-/// Whether a bit reads as written: one in the place of zero, or zero in the place of one.
-fn keeps(address: u32, bit: u32) -> bool {
+/// Every gate and every lock open.
+fn unlocked() -> Chip {
     let mut chip = awake();
-    // PWR_CR1.DBP opens the backup domain.
-    chip.write(peripheral("PWR").address as u32, 0x300, Width::Word, 0).expect("PWR_CR1");
-    let Some(Ok(before)) = read(&mut chip, address) else { return false };
-    let written = chip.write(address, before ^ bit, Width::Word, 0);
-    written.is_ok() && matches!(read(&mut chip, address), Some(Ok(after)) if (after ^ before) & bit != 0)
+    let base = |name: &str| peripheral(name).address as u32;
+    for (address, value) in [
+        // PWR_CR1.DBP opens the backup domain.
+        (base("PWR"), 0x300),
+        // FLASH_KEYR, FLASH_OPTKEYR.
+        (base("FLASH") + 0x08, 0x4567_0123),
+        (base("FLASH") + 0x08, 0xCDEF_89AB),
+        (base("FLASH") + 0x0c, 0x0819_2A3B),
+        (base("FLASH") + 0x0c, 0x4C5D_6E7F),
+        // IWDG_KR.
+        (base("IWDG"), 0x5555),
+    ] {
+        chip.write(address, value, Width::Word, 0).unwrap_or_else(|bad| panic!("{address:#010x}: {bad:?}"));
+    }
+    chip
+}
+
+/// What becomes of a bit that is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Fate {
+    /// It reads as written: one in the place of zero, or zero in the place of one.
+    Kept,
+    /// The run ends, as the model does not know what would follow.
+    Refused,
+    /// It is taken, and reads as before.
+    Dropped,
+}
+
+fn fate(address: u32, bit: u32) -> Fate {
+    let mut chip = unlocked();
+    let Some(Ok(before)) = read(&mut chip, address) else { return Fate::Refused };
+    match chip.write(address, before ^ bit, Width::Word, 0) {
+        Err(_) => Fate::Refused,
+        Ok(()) if matches!(read(&mut chip, address), Some(Ok(after)) if (after ^ before) & bit != 0) => Fate::Kept,
+        Ok(()) => Fate::Dropped,
+    }
+}
+
+/// One name for registers of which there are several alike.
+fn alike(name: &str) -> String {
+    let (peripheral, register) = name.split_once('.').expect("a register's name");
+    let peripheral = match peripheral {
+        "ADC1" | "ADC2" | "ADC3" | "ADC4" | "ADC5" => "ADCx",
+        "TIM1" | "TIM8" => "TIM1, TIM8",
+        "TIM2" | "TIM5" => "TIM2, TIM5",
+        "TIM3" | "TIM4" => "TIM3, TIM4",
+        "TIM16" | "TIM17" => "TIM16, TIM17",
+        port if port.starts_with("GPIO") => "GPIOx",
+        other => other,
+    };
+    let numbered = matches!(
+        (peripheral, register.trim_end_matches(|c: char| c.is_ascii_digit())),
+        ("DMAMUX1", "ccr") | ("USB", "epr")
+    );
+    let register = if numbered {
+        format!("{}x", register.trim_end_matches(|c: char| c.is_ascii_digit()))
+    } else {
+        register.to_owned()
+    };
+    format!("{peripheral}.{register}")
 }
 
 /// Compares what differs with what is known to.
@@ -276,14 +441,38 @@ fn a_register_keeps_no_bit_that_metapac_does_not_know() {
     let mut differences = BTreeSet::new();
     for address in modelled() {
         let Some(register) = metapac.get(&address) else { continue };
-        let kept =
-            (0..32).map(|bit| 1 << bit).filter(|bit| register.fields & bit == 0).filter(|bit| keeps(address, *bit));
+        let kept = (0..32)
+            .map(|bit| 1 << bit)
+            .filter(|bit| register.fields & bit == 0)
+            .filter(|bit| fate(address, *bit) == Fate::Kept);
         let kept: u32 = kept.sum();
         if kept != 0 {
             differences.insert(format!("{}: {kept:#010x}", register.name));
         }
     }
     compare(differences, OTHER_FIELDS);
+}
+
+#[test]
+fn a_field_that_metapac_knows_is_kept_or_explained() {
+    let metapac = metapac::registers();
+    let mut dropped = BTreeSet::new();
+    let mut kept = 0;
+    for address in modelled() {
+        let Some(register) = metapac.get(&address) else { continue };
+        let fates: Vec<_> = (0..32)
+            .map(|bit| 1 << bit)
+            .filter(|bit| register.fields & bit != 0)
+            .map(|bit| (bit, fate(address, bit)))
+            .collect();
+        kept += fates.iter().filter(|(_, fate)| *fate == Fate::Kept).count();
+        let bits: u32 = fates.iter().filter(|(_, fate)| *fate == Fate::Dropped).map(|(bit, _)| bit).sum();
+        if bits != 0 {
+            dropped.insert(format!("{}: {bits:#010x}", alike(&register.name)));
+        }
+    }
+    assert!(kept > 9_000, "{kept} bits are kept");
+    compare(dropped, DROPPED);
 }
 
 #[test]

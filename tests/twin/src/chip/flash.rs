@@ -50,6 +50,8 @@ const SR: u32 = 0x10;
 const CR: u32 = 0x14;
 const ECCR: u32 = 0x18;
 const OPTR: u32 = 0x20;
+/// OPTR: bits without a meaning, which stay as they were delivered.
+const OPTR_RESERVED: u32 = 0x8020_8800;
 
 const KEYS: [u32; 2] = [0x4567_0123, 0xcdef_89ab];
 const OPTION_KEYS: [u32; 2] = [0x0819_2a3b, 0x4c5d_6e7f];
@@ -223,7 +225,7 @@ impl Default for Flash {
             memory: Ram::new(LEN, 0xff),
             torn: BTreeSet::new(),
             options: OPTIONS_DELIVERED,
-            storage: Storage::new(&[(ACR, 0x4_0600, 0x7f0f), (OPTR, OPTIONS_DELIVERED, u32::MAX)]),
+            storage: Storage::new(&[(ACR, 0x4_0600, 0x7f0f), (OPTR, OPTIONS_DELIVERED, !OPTR_RESERVED)]),
             status: 0,
             control: LOCK | OPTLOCK,
             ecc: 0,

@@ -101,4 +101,13 @@ mod tests {
         assert_eq!((syscfg.exti_port(10), syscfg.exti_port(9)), (1, 0));
         assert!(syscfg.write(MEMRMP, 3, Width::Word, 0).is_err(), "RAM at address 0");
     }
+
+    #[test]
+    fn fields_are_metapacs() {
+        use crate::metapac::fields_agree;
+
+        fields_agree("SYSCFG", "MEMRMP", &[("MEM_MODE", 7u32)]);
+        // Four lines a register, four bits each.
+        fields_agree("SYSCFG", "EXTICR", &[("EXTI", 0xfu32)]);
+    }
 }
