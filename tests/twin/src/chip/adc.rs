@@ -1178,7 +1178,7 @@ mod tests {
             for by_dma in [false, true] {
                 let mut adc = ready(TRIGGERED | if by_dma { cfgr::DMAEN } else { 0 });
                 adc.set_errata(errata);
-                let mut convert = |adc: &mut Adcs, at: Cycles| {
+                let convert = |adc: &mut Adcs, at: Cycles| {
                     adc.trigger(TRIGGER_TIM6, at).unwrap();
                     adc.finish(Unit::One, volts).unwrap();
                     read(adc, offset::DR, at + 1000)

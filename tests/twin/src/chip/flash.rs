@@ -691,7 +691,12 @@ impl Flash {
             }
         }
         if word & OPTSTRT != 0 {
-            self.begin(Action::Options, now);
+            // As for writes and erases; the manual does not say.
+            if self.status & ERRORS != 0 {
+                self.fail(PGSERR);
+            } else {
+                self.begin(Action::Options, now);
+            }
         }
         self.launch |= word & OBL_LAUNCH != 0;
         if word & LOCK != 0 {

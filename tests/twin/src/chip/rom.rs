@@ -38,7 +38,7 @@ pub fn noise() -> Vec<u8> {
 pub enum Left {
     /// HSI48 on, the ROM at address 0 and its vectors in use (candleLight 319 quotes AN3156 rev. 18 for this).
     Running,
-    /// The same, and flash and option bytes unlocked, as it writes both.
+    /// The same, and flash and option bytes unlocked, as it writes both, with the flag of an error.
     Unlocked,
     /// As `Running`, and the core at 72 MHz by the PLL.
     Fast,
@@ -80,7 +80,7 @@ impl Left {
         match self {
             // HSI48 on.
             Self::Running => &[SYSCFG_ON, ROM_AT_0, ROM_VECTORS, (0x4002_1098, 1)],
-            // The keys of FLASH_KEYR and FLASH_OPTKEYR.
+            // The keys of FLASH_KEYR and FLASH_OPTKEYR; FLASH_CR.STRT without anything to start: PGSERR.
             Self::Unlocked => &[
                 SYSCFG_ON,
                 ROM_AT_0,
@@ -90,6 +90,7 @@ impl Left {
                 (0x4002_2008, 0xcdef_89ab),
                 (0x4002_200c, 0x0819_2a3b),
                 (0x4002_200c, 0x4c5d_6e7f),
+                (0x4002_2014, 1 << 16),
             ],
             // Two wait states; HSI / 4 * 36 / 2; the PLL on, and in use.
             Self::Fast => &[
