@@ -4,16 +4,25 @@ use crate::{
     coverage::stated_true,
     grid::{Error, Motion, calibrated, raw},
 };
-use inerter_analysis::diagnose::{Cause, Diagnosis, Judged, Kind, diagnose, judged, suspected};
-use inerter_core::Settings;
+use inerter_analysis::diagnose::{Cause, Diagnosis, Encoder, Judged, Kind, diagnose, judged, suspected};
+use inerter_core::{Machine, Settings};
 use inerter_data::{
     replay::{Outcome, replay_all},
     run::Run,
     series::Series,
     settings::SettingsInputError,
 };
-use inerter_plant::{Excitation, Inerter, Plant, Sensors, Simulation};
+use inerter_plant::{Excitation, Inerter, Motion as Screw, Plant, Sensors, Simulation, Truth};
 use std::f64::consts::TAU;
+
+/// Moments in a sample over which force is averaged, the same on either side of its middle: no load cell follows a jump at once.
+pub const WITHIN: usize = 15;
+
+/// Mean of some values.
+pub fn mean(values: impl ExactSizeIterator<Item = f64>) -> f64 {
+    let count = values.len() as f64;
+    values.sum::<f64>() / count
+}
 
 /// What is added to the measured force, which a terminal that is moved from outside feels beside the law's.
 #[derive(Clone, Copy, Debug, Default)]
@@ -26,6 +35,17 @@ pub struct Added {
     pub warming_n: f64,
     /// Change of the offset over the run \[N\].
     pub drift_n: f64,
+}
+
+impl Added {
+    /// What comes to a force of the law, but for the offset's drift \[N\]; `time` is that of the run, -0.5 to 0.5.
+    pub fn at_n(&self, force_n: f64, truth: &Truth, time: f64, lead_m: f64) -> f64 {
+        let Self { load, ripple_n, warming_n, .. } = *self;
+        let sign = truth.v2_m_per_s.signum() * f64::from(u8::from(truth.motion != Screw::Stuck));
+        load * force_n.abs() * sign / (1.0 - load * sign * force_n.signum())
+            + ripple_n * (TAU * truth.x2_m / lead_m + 0.7).sin()
+            + warming_n * time * sign
+    }
 }
 
 /// One way to break the law.
@@ -43,18 +63,22 @@ pub struct Case {
     pub sensors: Sensors,
     /// The rest.
     pub added: Added,
+    /// The settings are those of a rotary machine of 2e-4 kg m^2 that the instruments may as well be at.
+    pub is_rotary: bool,
 }
 
 /// The rig of the grid: 1 kHz, 1 N of noise, 2.44 um per count, an offset of 3 N.
 fn clean(name: &'static str) -> Case {
     let sensors = Sensors { force_noise_n: 1.0, force_offset_n: 3.0, ..Sensors::default() };
-    Case { name, kind: None, size: 0.0, device: Inerter::paper(), sensors, added: Added::default() }
+    Case { name, kind: None, size: 0.0, device: Inerter::paper(), sensors, added: Added::default(), is_rotary: false }
 }
 
 /// Cases with one fault each.
 pub fn cases() -> Vec<Case> {
     let paper = Inerter::paper();
-    let added = |name, kind, size, added| Case { kind: Some(kind), size, added, ..clean(name) };
+    // What is added to the measured force does not bend the contact: without a structure mass it need not.
+    let rigid = Inerter { structure_mass_kg: 0.0, ..paper };
+    let added = |name, kind, size, added| Case { kind: Some(kind), size, added, device: rigid, ..clean(name) };
     let device = |name, kind, size, device| Case { kind: Some(kind), size, device, ..clean(name) };
     let late = |name, delay_s| Case {
         kind: Some(Kind::Skew),
@@ -96,9 +120,45 @@ pub fn clean_case(force_noise_n: f64, sample_rate_hz: f64) -> Case {
     Case { sensors: Sensors { force_noise_n, sample_rate_hz, ..case.sensors }, ..case }
 }
 
+/// Noises \[N\] and rates \[Hz\] of runs without a fault, and counts \[m\].
+const NOISES_AND_RATES: [(f64, f64); 6] =
+    [(0.2, 1000.0), (1.0, 1000.0), (5.0, 1000.0), (20.0, 1000.0), (1.0, 2000.0), (1.0, 4000.0)];
+const COUNTS_M: [f64; 4] = [0.5e-6, 5e-6, 10e-6, 20e-6];
+
+/// Runs without a fault: several noises, rates and encoders, a lighter device, a preloaded one, and a rotary one.
+pub fn clean_cases() -> Vec<Case> {
+    let case = clean("nothing");
+    let noises = NOISES_AND_RATES.map(|(noise_n, rate_hz)| clean_case(noise_n, rate_hz));
+    let counts =
+        COUNTS_M.map(|metres_per_count| Case { sensors: Sensors { metres_per_count, ..case.sensors }, ..case });
+    let light = Inerter { inertance_kg: 95.0, viscous_n_s_per_m: 200.0, coulomb_n: 20.0, ..Inerter::paper() };
+    let devices = [light, Inerter::preloaded()].map(|device| Case { device, ..case });
+    let rotary = Case { is_rotary: true, ..case };
+    noises.into_iter().chain(counts).chain(devices).chain([rotary]).collect()
+}
+
 /// The clean case with so much backlash \[m\], whose flanks part.
 pub fn parting(backlash_m: f64) -> Case {
     Case { device: Inerter { backlash_m, ..Inerter::paper() }, ..clean("flanks that part") }
+}
+
+/// Radians of the rotary machine for a metre of a linear one, and its moment of inertia \[kg m^2\].
+const RADIANS_PER_M: f64 = 100.0;
+const INERTIA: f64 = 2e-4;
+
+/// The settings with which a linear machine of this inertance is a rotary one.
+fn rotary(linear: Settings, inertance_kg: f64) -> Settings {
+    let torque = INERTIA / inertance_kg * RADIANS_PER_M;
+    let stiff = torque / RADIANS_PER_M;
+    Settings {
+        machine: Machine::Rotary,
+        metres_per_count: linear.metres_per_count * RADIANS_PER_M,
+        newtons_per_code: linear.newtons_per_code * torque,
+        structure_mass_kg: linear.structure_mass_kg * stiff,
+        stiffness_n_per_m: linear.stiffness_n_per_m * stiff,
+        contact_damping_n_s_per_m: linear.contact_damping_n_s_per_m * stiff,
+        ..linear
+    }
 }
 
 /// What `inerter replay` says of a run.
@@ -115,7 +175,7 @@ impl Case {
     /// One run through the estimator and the tests.
     pub fn diagnosed(&self, motion: &Motion, seed: u64) -> Result<Diagnosis, Error> {
         let (run, outcome) = self.run(motion, seed, true)?;
-        Ok(diagnose(&Series::of(&run), &run.settings, &outcome.published(), None)?)
+        Ok(diagnose(&Series::of(&run), &run.settings, &outcome.published(), Encoder::default())?)
     }
 
     /// What is told of one run unasked, with the contact's stiffness stated or not.
@@ -134,6 +194,21 @@ impl Case {
     }
 
     fn run(&self, motion: &Motion, seed: u64, with_stiffness: bool) -> Result<(Run, Outcome), Error> {
+        let run = self.recorded(motion, seed, with_stiffness)?;
+        let outcome = replay_all(&run, |_, _| Ok::<(), SettingsInputError>(()))?;
+        Ok((run, outcome))
+    }
+
+    /// The plant's truth, [`WITHIN`] times in a sample.
+    pub fn truths(&self, motion: &Motion, seed: u64) -> Result<Vec<Truth>, Error> {
+        let plant = Plant::new(self.device, Excitation::parse(motion.name, seed)?)?;
+        let sample_rate_hz = self.sensors.sample_rate_hz * WITHIN as f64;
+        let sensors = Sensors { sample_rate_hz, delay_s: 0.0, ..self.sensors };
+        Ok(Simulation::of(plant, sensors)?.lasting(motion.duration_s).map(|sample| sample.truth).collect())
+    }
+
+    /// What the instruments make of one run, with the contact's stiffness stated or not.
+    pub fn recorded(&self, motion: &Motion, seed: u64, with_stiffness: bool) -> Result<Run, Error> {
         let sensors = Sensors {
             encoder_phase_count: (seed as f64 * 0.618) % 1.0,
             seed,
@@ -150,22 +225,19 @@ impl Case {
         };
         let plant = Plant::new(self.device, Excitation::parse(motion.name, seed)?)?;
         let code_n = settings.newtons_per_code;
-        let Added { load, ripple_n, warming_n, .. } = self.added;
+        let truths = self.truths(motion, seed)?;
         let mut samples = Vec::new();
-        for sample in Simulation::of(plant, sensors)?.lasting(motion.duration_s) {
+        for (n, sample) in Simulation::of(plant, sensors)?.lasting(motion.duration_s).enumerate() {
             let mut raw = raw(&sample);
-            let truth = &sample.truth;
-            let sign = truth.v2_m_per_s.signum() * f64::from(truth.motion != inerter_plant::Motion::Stuck);
-            let force = f64::from(raw.force_code) * code_n - sensors.force_offset_n;
-            let time = truth.t_s / motion.duration_s - 0.5;
-            let extra = load * force.abs() * sign / (1.0 - load * sign * force.signum())
-                + ripple_n * (TAU * truth.x2_m / sensors.lead_m + 0.7).sin()
-                + warming_n * time * sign;
-            raw.force_code += (extra / code_n).round() as i32;
+            let force_n = f64::from(raw.force_code) * code_n - sensors.force_offset_n;
+            let time = sample.truth.t_s / motion.duration_s - 0.5;
+            let first = (n * WITHIN).saturating_sub(WITHIN / 2);
+            let around = truths.iter().skip(first).take(WITHIN);
+            let added_n = mean(around.map(|truth| self.added.at_n(force_n, truth, time, sensors.lead_m)));
+            raw.force_code += (added_n / code_n).round() as i32;
             samples.push(raw);
         }
-        let run = Run { settings, samples, ..Run::default() };
-        let outcome = replay_all(&run, |_, _| Ok::<(), SettingsInputError>(()))?;
-        Ok((run, outcome))
+        let settings = if self.is_rotary { rotary(settings, self.device.inertance_kg) } else { settings };
+        Ok(Run { settings, samples, ..Run::default() })
     }
 }

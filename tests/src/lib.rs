@@ -11,6 +11,7 @@ pub mod data;
 pub mod diagnose;
 pub mod fuzz;
 pub mod grid;
+pub mod identified;
 pub mod identify;
 pub mod linear;
 pub mod plan;

@@ -1,6 +1,7 @@
 //! Causes that break the law are named and sized, and none where there is none; `cargo xtask diagnose` counts over many more runs.
 
-use inerter_analysis::diagnose::Kind;
+use inerter_analysis::diagnose::{Encoder, Kind, diagnose};
+use inerter_data::{replay::replay_all, series::Series, settings::SettingsInputError};
 use inerter_tests::{
     diagnose::{Added, Case, Replayed, cases, clean_case},
     grid::MOTIONS,
@@ -9,14 +10,13 @@ use inerter_tests::{
 #[test]
 fn the_cause_is_named_first_and_its_size_is_right() {
     let motions: Vec<_> = MOTIONS.iter().filter(|motion| ["multi", "random"].contains(&motion.name)).collect();
-    for case in cases().iter().filter(|case| !case.name.starts_with("Stribeck") && !case.name.starts_with("presliding"))
-    {
+    // Of the rest there is a part of the runs that tell it (docs/tables/diagnose.md).
+    for case in cases().iter().filter(|case| case.kind != Some(Kind::Stribeck)) {
         for motion in &motions {
             let found = case.diagnosed(motion, 31).unwrap();
             let cause = found.causes.first().unwrap_or_else(|| panic!("{}, {}: nothing", case.name, motion.name));
             assert_eq!(Some(cause.kind), case.kind, "{}, {}: {cause:?}", case.name, motion.name);
-            // Friction by direction hardly shows.
-            assert!((cause.value / case.size - 1.0).abs() < 0.25, "{}, {}: {cause:?}", case.name, motion.name);
+            assert!((cause.value / case.size - 1.0).abs() < 0.1, "{}, {}: {cause:?}", case.name, motion.name);
             assert!(cause.u95 > 0.0 && cause.f > 1.0, "{cause:?}");
         }
     }
@@ -33,6 +33,27 @@ fn parameters_are_right_again_with_the_cause_included() {
         let off = (f64::from(viscous.value) - case.device.viscous_n_s_per_m).abs();
         assert!(off < f64::from(viscous.u95) && viscous.u95 < 60.0, "{}: {corrected:?}", case.name);
     }
+}
+
+/// Encoders of 2000 and 2048 counts make turns that 20 s of this tone tell apart as little as those of 8000 and 8192.
+#[test]
+fn a_turn_that_nobody_gave_widens_what_rests_on_it() {
+    let motion = MOTIONS.iter().find(|motion| motion.name == "mid").unwrap();
+    let case = cases().into_iter().find(|case| case.name == "ripple of 10 N").unwrap();
+    let run = case.recorded(motion, 2, true).unwrap();
+    let outcome = replay_all(&run, |_, _| Ok::<(), SettingsInputError>(())).unwrap();
+    let told = |counts_per_turn| {
+        let encoder = Encoder { counts_per_turn, ..Encoder::default() };
+        let found = diagnose(&Series::of(&run), &run.settings, &outcome.published(), encoder).unwrap();
+        let cause = found.causes.first().copied().unwrap();
+        assert_eq!(cause.kind, Kind::PositionPeriodic);
+        let inertance = found.corrected.unwrap().inertance_kg.fitted();
+        let off = f64::from(inertance.value) - case.device.inertance_kg;
+        assert!((cause.value - case.size).abs() < cause.u95 && off.abs() < f64::from(inertance.u95), "{found:?}");
+        [cause.u95, f64::from(inertance.u95)]
+    };
+    let (sought, given) = (told(None), told(Some(case.sensors.lead_m / case.sensors.metres_per_count)));
+    assert!(sought.iter().zip(given).all(|(sought, given)| *sought > 2.0 * given), "{sought:?} {given:?}");
 }
 
 #[test]

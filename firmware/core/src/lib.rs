@@ -50,6 +50,7 @@ pub use detail::{
 };
 pub use estimate::{Bank, Estimate, Interval, Parameter, Parameters, Status, Unresolved};
 pub use output::{Output, Published};
+pub use repeats::Repeats;
 pub use sample::RawSample;
 pub use settings::{FrontEnd, Kind, Machine, SettingInfo, SettingText, Settings, SettingsError};
 pub use state::{Counters, State};

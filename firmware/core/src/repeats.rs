@@ -13,7 +13,7 @@ const FLIPS: u32 = 16;
 
 /// Counts strokes that come again.
 #[derive(Clone, Debug)]
-pub(crate) struct Repeats {
+pub struct Repeats {
     kept: [Kept; PLACES],
     strokes: u32,
     /// Sum over all fingerprints of the square of how often each has come.
@@ -27,6 +27,12 @@ pub(crate) struct Repeats {
 struct Kept {
     print: u32,
     times: u32,
+}
+
+impl Default for Repeats {
+    fn default() -> Self {
+        Self::new()
+    }
 }
 
 impl Repeats {

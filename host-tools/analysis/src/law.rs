@@ -4,11 +4,9 @@
 //! compared. The structure mass adds `mr x1''` to the law, with `x1'' = a + F''/ks - cs F'''/ks^2`; the skew is
 //! taken out by whole samples, and what is left of it out of the force by its series.
 
-use inerter_core::constants::{
-    FORCE_TAPS, LONGEST_SPACING, RATE_TAPS, REST_COUNTS, REST_WINDOW_S, SIGN_KERNEL_S, SIGN_TAPS,
-};
+use inerter_core::constants::{FORCE_TAPS, LONGEST_SPACING, RATE_TAPS, REST_COUNTS, SIGN_TAPS};
 use inerter_core::{Bank, Settings};
-use inerter_data::series::{Series, Stretch};
+use inerter_data::series::Stretch;
 
 /// Values of the law.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -23,19 +21,6 @@ pub struct Law {
     pub offset_n: f64,
 }
 
-/// Measured force and law at one time.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Row {
-    /// Time \[s\].
-    pub t_s: f64,
-    /// Displacement of the screw \[m\].
-    pub position_m: f64,
-    /// Measured force \[N\].
-    pub force_n: f64,
-    /// Force by the law \[N\]; NaN where the screw stands, as friction at rest follows no law.
-    pub law_n: f64,
-}
-
 /// The kernels of one bank, as taps that lie around a sample.
 pub struct Kernels {
     pub(crate) force: Vec<f64>,
@@ -44,7 +29,7 @@ pub struct Kernels {
     third: Vec<f64>,
     pub(crate) sign: Vec<f64>,
     pub(crate) box_samples: usize,
-    period_s: f64,
+    pub(crate) period_s: f64,
 }
 
 /// What the kernels make of the samples around one.
@@ -69,7 +54,11 @@ impl Measured {
 impl Kernels {
     /// Those of a bank at a sample rate.
     pub fn new(bank: Bank, period_s: f64) -> Self {
-        let box_s = bank.box_s();
+        Self::of_box(bank.box_s(), period_s)
+    }
+
+    /// Those of a box of this length \[s\] at a sample rate.
+    pub(crate) fn of_box(box_s: f64, period_s: f64) -> Self {
         let m = 2 * ((box_s / period_s / 2.0).round().clamp(1.0, LONGEST_SPACING) as usize);
         let (length, t) = (m as f64, period_s);
         let smooth = vec![1.0 / length; m];
@@ -102,39 +91,6 @@ impl Kernels {
             .unwrap_or(0)
     }
 
-    /// Rows of all stretches between two times \[s\], so many in a box.
-    pub fn rows(
-        &self,
-        series: &Series,
-        settings: &Settings,
-        law: &Law,
-        (from_s, to_s): (f64, f64),
-        per_box: usize,
-    ) -> Vec<Row> {
-        let spacing = (self.box_samples / per_box).max(1);
-        let mut rows = Vec::new();
-        for stretch in &series.aligned(settings).stretches {
-            let margin_s = (self.reach() + 2) as f64 * self.period_s;
-            let first = ((from_s - stretch.start_s - margin_s) / self.period_s).floor().max(0.0) as usize;
-            let last = ((to_s - stretch.start_s + margin_s) / self.period_s).ceil().max(0.0) as usize;
-            let last = last.min(stretch.force_n.len());
-            let (Some(position), Some(force)) = (stretch.position_m.get(first..last), stretch.force_n.get(first..last))
-            else {
-                continue;
-            };
-            let start_s = stretch.start_s + first as f64 * self.period_s;
-            let piece =
-                Stretch { start_s, position_m: position.to_vec(), force_n: force.to_vec(), terminal_m: Vec::new() };
-            let signs = signs(&piece, self.period_s, law);
-            let middles = (self.reach()..piece.force_n.len().saturating_sub(self.reach())).step_by(spacing);
-            let new = middles.map(|middle| self.row(&piece, &signs, settings, law, middle));
-            rows.extend(new.filter(|row| (from_s..=to_s).contains(&row.t_s)));
-            // A line across missing samples would show what was not measured.
-            rows.push(Row { t_s: f64::NAN, position_m: f64::NAN, force_n: f64::NAN, law_n: f64::NAN });
-        }
-        rows
-    }
-
     /// What is measured around a sample of an aligned series.
     pub(crate) fn measured(&self, piece: &Stretch, settings: &Settings, middle: usize) -> Measured {
         let Settings { stiffness_n_per_m: ks, contact_damping_n_s_per_m: cs, .. } = *settings;
@@ -147,23 +103,6 @@ impl Kernels {
             velocity: of(&self.rate, &piece.position_m),
             acceleration: of(&self.second, &piece.position_m),
             stretch: if ks > 0.0 { (second + (skew_s - cs / ks) * third) / ks } else { 0.0 },
-        }
-    }
-
-    fn row(&self, piece: &Stretch, signs: &[f64], settings: &Settings, law: &Law, middle: usize) -> Row {
-        let Measured { force_n, velocity, acceleration, stretch } = self.measured(piece, settings, middle);
-        let law_n = law.inertance_kg * acceleration
-            + law.viscous_n_s_per_m * velocity
-            + law.coulomb_n * around(&self.sign, signs, middle)
-            + law.offset_n
-            + settings.structure_mass_kg * (acceleration + stretch);
-        let half = (REST_WINDOW_S / 2.0 / self.period_s).ceil() as usize;
-        let near = piece.position_m.get(middle.saturating_sub(half)..middle + half + 1).unwrap_or(&piece.position_m);
-        Row {
-            t_s: piece.start_s + middle as f64 * self.period_s,
-            position_m: around(&self.force, &piece.position_m, middle),
-            force_n,
-            law_n: if stands(near, settings) { f64::NAN } else { law_n },
         }
     }
 }
@@ -188,39 +127,23 @@ pub(crate) fn convolved(a: &[f64], b: &[f64]) -> Vec<f64> {
 
 /// Taps laid with their middle over one sample. All kernels are of odd length.
 pub(crate) fn around(taps: &[f64], data: &[f64], middle: usize) -> f64 {
-    let first = middle.saturating_sub(taps.len() / 2);
-    taps.iter().zip(data.iter().skip(first)).map(|(tap, value)| tap * value).sum()
+    let first = middle.saturating_sub(taps.len() / 2).min(data.len());
+    dot(taps, data.get(first..).unwrap_or_default())
 }
 
-/// Mean sign of the velocity over each sample's own period: by straight lines through velocities halfway between samples.
-pub(crate) fn signs(piece: &Stretch, period_s: f64, law: &Law) -> Vec<f64> {
-    let mean = |(before, after): (f64, f64)| match (before.is_nan(), after.is_nan()) {
-        (true, true) => 0.0,
-        (true, false) => after.signum(),
-        (false, true) => before.signum(),
-        (false, false) if before * after >= 0.0 => (before + after).signum(),
-        (false, false) => (after.abs() - before.abs()) / (after.abs() + before.abs()) * after.signum(),
-    };
-    velocities(piece, period_s, law).map(mean).collect()
-}
-
-/// Velocities half a sample before and after each \[m/s\], from which what Coulomb friction itself makes of a short kernel is
-/// taken; NaN where there are too few samples around.
-pub(crate) fn velocities(piece: &Stretch, period_s: f64, law: &Law) -> impl Iterator<Item = (f64, f64)> {
-    let m = (SIGN_KERNEL_S / period_s).round().max(1.0) as usize;
-    let triangle = convolved(&vec![1.0; m], &vec![1.0; m]);
-    let sum: f64 = triangle.iter().sum();
-    let moment: f64 = triangle.iter().enumerate().map(|(at, tap)| tap * (at as f64 - (m - 1) as f64).abs()).sum();
-    let kink = if law.inertance_kg > 0.0 { moment / sum * period_s * law.coulomb_n / law.inertance_kg } else { 0.0 };
-    let steps: Vec<f64> = piece.position_m.iter().zip(piece.position_m.iter().skip(1)).map(|(a, b)| b - a).collect();
-    let velocity = |at: usize| {
-        let force = piece.force_n.iter().skip(at).take(2).sum::<f64>() - 2.0 * law.offset_n;
-        around(&triangle, &steps, at) / sum / period_s + kink * force.signum()
-    };
-    let known = (0..steps.len()).map(|at| if at + 1 < m || at + m > steps.len() { f64::NAN } else { velocity(at) });
-    let velocities: Vec<f64> = std::iter::once(f64::NAN).chain(known).chain(std::iter::once(f64::NAN)).collect();
-    let after = velocities.clone().into_iter().skip(1);
-    velocities.into_iter().zip(after)
+/// Sum of the products of two columns, as far as both go. Eight sums side by side, which the processor adds at once.
+pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
+    const SIDE: usize = 8;
+    let both = a.len().min(b.len());
+    let [a, b] = [a, b].map(|column| column.get(..both).unwrap_or_default());
+    let (a, b) = (a.chunks_exact(SIDE), b.chunks_exact(SIDE));
+    let rest = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let left = rest(a.remainder(), b.remainder());
+    let mut sums = [0.0; SIDE];
+    for (a, b) in a.zip(b) {
+        sums.iter_mut().zip(a.iter().zip(b)).for_each(|(sum, (a, b))| *sum += a * b);
+    }
+    left + sums.iter().sum::<f64>()
 }
 
 #[cfg(test)]

@@ -15,8 +15,9 @@ use serde::Serialize;
 use serde_json::Value;
 
 use crate::{
+    causes::{Cause, warning_words},
     names::Names,
-    text::{changed_field, event_words, seen, warning_code, warning_words},
+    text::{changed_field, event_words, seen},
 };
 
 /// One parameter in JSON.
@@ -320,7 +321,11 @@ pub struct WarningJson {
 impl WarningJson {
     /// A warning at this time of the run \[s\].
     pub fn new(t_s: f64, warning: &Warning, machine: Machine) -> Self {
-        Self { code: warning_code(warning.kind), t_s: rounded_s(t_s), text: warning_words(machine, warning.kind) }
+        Self {
+            code: Cause::Samples(warning.kind).name(),
+            t_s: rounded_s(t_s),
+            text: warning_words(machine, warning.kind),
+        }
     }
 }
 
@@ -328,7 +333,7 @@ impl WarningJson {
 /// to the words.
 pub fn event_code(kind: &EventKind) -> String {
     if let EventKind::Warned(warning) = kind {
-        return format!("warned.{}", warning_code(warning.kind));
+        return format!("warned.{}", Cause::Samples(warning.kind).name());
     }
     match serde_json::to_value(kind) {
         Ok(Value::String(name)) => snake_case(&name),

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use inerter_core::{
     Backlash, BacklashSize, Band, Change, Changed, Contact, Detail, Estimate, Interval, Law, LawStatus, Machine,
-    Misfit, Parameter, Reason, Regime, Route, Settings, Status, WarningKind,
+    Misfit, Parameter, Reason, Regime, Route, Settings, Status,
 };
 use inerter_wire::{
     Estimated, EventKind, Reading, ResetCause,
@@ -12,6 +12,7 @@ use inerter_wire::{
 };
 
 use crate::{
+    causes::warning_words,
     names::description,
     replay::Outcome,
     words::{amount_text, duration_text, interval_text, plural},
@@ -213,39 +214,6 @@ pub fn change_words(machine: Machine, change: &Change) -> String {
         "the device has changed: {} from {before} to {after} {unit}; the estimator begins anew",
         label.to_lowercase()
     )
-}
-
-/// What is wrong with the samples and what to do, for a person.
-pub fn warning_words(machine: Machine, kind: WarningKind) -> String {
-    let words = match kind {
-        WarningKind::WrongSign => {
-            "the inertance is negative beyond its interval: the force or the position has the wrong sign, or nothing there has \
-             inertia; look at the signs of newtons_per_code and metres_per_count"
-        }
-        WarningKind::CountSlip => {
-            "the position jumped as no force could move it, and what rests on it is left out: the encoder loses counts; look at \
-             its cable, its supply and its highest rate"
-        }
-        WarningKind::ClippedForce => {
-            "the force is clipped below its stated limits: clipped samples are left out, and the estimator begins anew; lower \
-             the amplifier's gain or the motion, or state force_min_code and force_max_code"
-        }
-        WarningKind::DeadForce => {
-            "the force stands still while the screw goes to and fro: such samples are left out, and the estimator begins anew; \
-             look at the load cell's cable and its supply"
-        }
-    };
-    description(machine, words)
-}
-
-/// A warning for a program.
-pub fn warning_code(kind: WarningKind) -> &'static str {
-    match kind {
-        WarningKind::WrongSign => "wrong_sign",
-        WarningKind::CountSlip => "count_slip",
-        WarningKind::ClippedForce => "clipped_force",
-        WarningKind::DeadForce => "dead_force",
-    }
 }
 
 /// Whether the law holds, for a person: `holds`, `broken (the residual is 5.3 times what noise and steps explain)`.

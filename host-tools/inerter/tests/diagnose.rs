@@ -43,6 +43,33 @@ fn where_nothing_is_wrong_nothing_is_named() {
     assert_eq!(given["causes"], serde_json::json!([]));
 }
 
+/// Friction that falls within 2 mm/s shows within milliseconds of each reversal, where the estimator's longer kernels see nothing.
+#[test]
+fn samples_show_more_than_the_estimator_sees() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    done(
+        at,
+        &[
+            "simulate",
+            "-o",
+            "run.mcap",
+            "--preset",
+            "stribeck",
+            "--excite",
+            "random@60s",
+            "--set",
+            "sample_rate_hz=4000",
+        ],
+    );
+    let found = last(&done(at, &["diagnose", "run.mcap", "--json"]));
+    let cause = &found["causes"][0];
+    assert_eq!((&found["law"]["status"], &cause["name"]), (&"holds".into(), &"stribeck".into()), "{found}");
+    let [value, u95] = ["value", "u95"].map(|key| cause[key].as_f64().unwrap());
+    assert!((value - 15.0).abs() < u95 && u95 < 5.0, "{cause}");
+    assert!(done(at, &["diagnose", "run.mcap"]).contains("The law holds as far as the estimator sees."));
+}
+
 #[test]
 fn the_names_of_a_rotary_machine_are_its_own() {
     let folder = tempfile::tempdir().unwrap();

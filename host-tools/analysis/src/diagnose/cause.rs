@@ -20,6 +20,8 @@ pub struct Cause {
     pub f: f64,
     /// Length of a turn \[m\], where it repeats with it.
     pub period_m: Option<f64>,
+    /// The motion covers less than a period, which nobody gave: another is as likely, and the size goes with it.
+    pub is_part_of_a_turn: bool,
     /// What explains as much.
     pub rival: Option<Kind>,
 }
@@ -31,36 +33,6 @@ fn unit(machine: Machine, unit: &'static str) -> &'static str {
         (Machine::Rotary, "m") => "rad",
         (Machine::Rotary, "N s/m") => "N m s/rad",
         _ => unit,
-    }
-}
-
-impl Kind {
-    /// Its name for programs.
-    pub fn name(self) -> &'static str {
-        match self {
-            Kind::LoadDependent => "load_dependent",
-            Kind::PositionPeriodic => "position_periodic",
-            Kind::Stribeck => "stribeck",
-            Kind::Presliding => "presliding",
-            Kind::Drift => "drift",
-            Kind::Skew => "skew",
-            Kind::EncoderError => "encoder_error",
-            Kind::Direction => "direction",
-        }
-    }
-
-    /// The same in words.
-    pub fn words(self) -> &'static str {
-        match self {
-            Kind::LoadDependent => "friction that grows with the load",
-            Kind::PositionPeriodic => "force or friction that repeats with the turns",
-            Kind::Stribeck => "friction that is greater at low speed",
-            Kind::Presliding => "friction that turns over a distance",
-            Kind::Drift => "a drift",
-            Kind::Skew => "a delay of the force",
-            Kind::EncoderError => "an error of the encoder",
-            Kind::Direction => "viscous friction that differs by direction",
-        }
     }
 }
 
@@ -111,7 +83,12 @@ impl Cause {
                 format!("viscous friction differs by direction, by {} either way: see `inerter fit`", in_unit())
             }
         };
+        let turn = if self.is_part_of_a_turn {
+            "; the motion covers less than a period, so that it may be another, and the size with it: give it to `inerter diagnose` as --counts-per-turn"
+        } else {
+            ""
+        };
         let rival = self.rival.map(|rival| format!(" (or, as likely: {})", rival.name())).unwrap_or_default();
-        description(machine, &(words + &rival))
+        description(machine, &(words + turn + &rival))
     }
 }

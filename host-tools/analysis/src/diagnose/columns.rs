@@ -1,165 +1,52 @@
-//! What could be added to the law: signals, sample by sample, brought through the estimator's kernels.
+//! The rows of a run: force, law and what could be added to it, brought through the same kernels.
 
 use std::f64::consts::TAU;
 
 use inerter_core::{
-    Settings,
-    constants::{CORRELATION_BOXES, REST_WINDOW_S},
+    Repeats, Settings,
+    constants::{CORRELATION_BOXES, FAST_BOX_S, REST_WINDOW_S},
 };
 use inerter_data::series::{Series, Stretch};
 
-use super::kind::Kind;
-use crate::law::{Kernels, Law, around, signs, stands, velocities};
+pub(super) use super::candidate::{Candidate, Span, Term};
+use super::filter::Filter;
+use crate::{
+    law::{Kernels, Law, around, stands},
+    reversals::{Moment, Reversal, Turns, velocity_noise},
+};
 
-/// Encoder counts per turn that are in use; each has its own lead.
-const COUNTS_PER_TURN: [f64; 22] = [
-    400.0, 800.0, 1000.0, 1024.0, 1440.0, 1600.0, 2000.0, 2048.0, 2400.0, 4000.0, 4096.0, 5000.0, 7200.0, 8000.0,
-    8192.0, 10_000.0, 14_400.0, 16_384.0, 20_000.0, 32_768.0, 65_536.0, 131_072.0,
-];
-/// Turns that the screw must make at least.
-const LEAST_TURNS: f64 = 0.3;
-/// Counts in a period of the encoder's lines.
-const COUNTS_PER_LINE: f64 = 4.0;
-/// Velocities over which friction falls, in parts of the motion's rms.
-const FALLS: [f64; 7] = [0.03, 0.06, 0.12, 0.25, 0.5, 1.0, 2.0];
-/// Distances over which friction turns, in parts of the motion's stroke.
-const TURNS: [f64; 8] = [0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1];
-/// Friction per force beyond which a screw locks itself.
-const MOST_LOAD: f64 = 0.5;
 /// Travel across a window \[counts\] and force per Coulomb friction under which a reversal is grazing.
 const GRAZING_COUNTS: f64 = 4.0;
 const WEAK: f64 = 3.0;
-/// Friction at rest beyond that in motion, in parts of it.
-const MOST_SURPLUS: f64 = 2.0;
-/// What friction changes by at a reversal, in parts of what the law found of it, which may be little.
-const MOST_TURN: f64 = 8.0;
-/// Skew that is worth a word \[s\].
-const LEAST_SKEW_S: f64 = 20e-6;
+/// Velocity that is none, in standard deviations of its noise.
+const SLOW: f64 = 3.0;
 /// Rows at most: further ones are taken from evenly spaced places.
 const MOST_ROWS: usize = 20_000;
-/// Rows of a box.
-const PER_BOX: usize = 2;
-
-/// A group of columns that come together.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Candidate {
-    pub kind: Kind,
-    pub term: Term,
-}
-
-/// What is added to the law.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Term {
-    /// `|F - F0| s`.
-    Load,
-    /// `sin, cos 2 pi x / L`.
-    Ripple(f64),
-    /// The same times `s`.
-    Uneven(f64),
-    /// A position that is wrong by `sin, cos 2 pi x / L`.
-    Wobble(f64),
-    /// `s exp(-|v| / v0)`.
-    Falling(f64),
-    /// `s exp(-(v / v0)^2)`.
-    Bell(f64),
-    /// `s exp(-|x - x at the last reversal| / x0)`.
-    Turning(f64),
-    /// `t` over the run.
-    Drift,
-    /// `s t`, likewise.
-    Warming,
-    /// `v t`, likewise.
-    Thinning,
-    /// `-F'`.
-    Skew,
-    /// `|v|`.
-    Speed,
-}
-
-impl Candidate {
-    /// The same with another length or velocity.
-    pub fn scaled(self, factor: f64) -> Option<Self> {
-        let term = match self.term {
-            Term::Falling(velocity) => Term::Falling(velocity * factor),
-            Term::Bell(velocity) => Term::Bell(velocity * factor),
-            Term::Turning(distance) => Term::Turning(distance * factor),
-            _ => return None,
-        };
-        Some(Self { term, ..self })
-    }
-
-    /// Whether its size can be that of a machine, in the term's own unit.
-    pub fn can_be(self, size: f64, law: &Law) -> bool {
-        let coulomb_n = law.coulomb_n.abs();
-        match self.term {
-            Term::Load => (0.0..MOST_LOAD).contains(&size),
-            Term::Falling(_) | Term::Bell(_) => (0.0..MOST_SURPLUS * coulomb_n).contains(&size),
-            // Friction comes late.
-            Term::Turning(_) => (-MOST_TURN * coulomb_n..0.0).contains(&size),
-            // Friction at the reversals looks like a skew of some microseconds (docs/THEORY.md, 7).
-            Term::Skew => size.abs() >= LEAST_SKEW_S,
-            _ => true,
-        }
-    }
-
-    /// Everything that is tried in this run, and a force once a turn where the screw makes too small a part of one for that.
-    pub fn all_for(span: &Span, settings: &Settings) -> Vec<Self> {
-        let mut all = Self::all(span, settings, None);
-        let leads = COUNTS_PER_TURN.iter().map(|counts| counts * settings.metres_per_count.abs());
-        let hidden = leads.filter(|lead| span.stroke_m <= LEAST_TURNS * lead).min_by(f64::total_cmp);
-        all.extend(hidden.map(|lead_m| Self { kind: Kind::PositionPeriodic, term: Term::Ripple(lead_m) }));
-        all
-    }
-
-    /// Everything that is tried in this run.
-    pub fn all(span: &Span, settings: &Settings, counts_per_turn: Option<f64>) -> Vec<Self> {
-        let one = |kind, term| Self { kind, term };
-        let mut all = vec![
-            one(Kind::LoadDependent, Term::Load),
-            one(Kind::Drift, Term::Drift),
-            one(Kind::Drift, Term::Warming),
-            one(Kind::Drift, Term::Thinning),
-            one(Kind::Skew, Term::Skew),
-            one(Kind::Direction, Term::Speed),
-        ];
-        let count_m = settings.metres_per_count.abs();
-        let known = counts_per_turn.as_ref().map_or(&COUNTS_PER_TURN[..], std::slice::from_ref);
-        for lead_m in known.iter().map(|counts| counts * count_m).filter(|lead| span.stroke_m > LEAST_TURNS * lead) {
-            all.push(one(Kind::PositionPeriodic, Term::Ripple(lead_m)));
-            all.push(one(Kind::PositionPeriodic, Term::Uneven(lead_m)));
-            all.push(one(Kind::EncoderError, Term::Wobble(lead_m)));
-        }
-        all.push(one(Kind::EncoderError, Term::Wobble(COUNTS_PER_LINE * count_m)));
-        for velocity in FALLS.map(|part| part * span.velocity_rms) {
-            all.push(one(Kind::Stribeck, Term::Falling(velocity)));
-            all.push(one(Kind::Stribeck, Term::Bell(velocity)));
-        }
-        all.extend(TURNS.map(|part| one(Kind::Presliding, Term::Turning(part * span.stroke_m))));
-        all
-    }
-}
-
-/// What the whole run covers.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Span {
-    pub from_s: f64,
-    pub duration_s: f64,
-    pub stroke_m: f64,
-    pub velocity_rms: f64,
-}
 
 /// A stretch with what is needed of it for every term.
 struct Piece<'a> {
     stretch: &'a Stretch,
-    signs: Vec<f64>,
-    /// Samples in the middle of the rows.
-    middles: Vec<usize>,
+    turns: Turns,
+    /// Samples in the middle of what the kernels lie over, evenly spaced.
+    grid: Vec<usize>,
+    /// Those of the grid that are rows.
+    rows: Vec<usize>,
 }
+
+impl Piece<'_> {
+    /// Samples in the middle of the rows.
+    fn middles(&self) -> impl Iterator<Item = usize> {
+        self.rows.iter().filter_map(|row| self.grid.get(*row).copied())
+    }
+}
+
+/// What was found beside the law, of this size.
+pub(super) type Known = (Term, [f64; 2]);
 
 /// The rows of a run.
 pub(super) struct Rows<'a> {
-    kernels: Kernels,
-    /// The law that signs are placed by.
+    pub filter: Filter,
+    /// The law that reversals are located by.
     pub law: Law,
     period_s: f64,
     pieces: Vec<Piece<'a>>,
@@ -170,192 +57,310 @@ pub(super) struct Rows<'a> {
     pub base: [Vec<f64>; 4],
     /// Rows that one independent observation has.
     pub per_observation: f64,
+    /// Part of the rows that rests have left.
+    pub kept: f64,
 }
 
-impl<'a> Rows<'a> {
-    /// Of all samples in motion, with signs placed by this law.
-    pub fn of(series: &'a Series, settings: &Settings, kernels: Kernels, law: Law) -> Self {
+/// A run whose reversals are located.
+pub(super) struct Located<'a> {
+    series: &'a Series,
+    law: Law,
+    span: Span,
+    /// Friction that may hold the screw \[N\].
+    rest_n: f64,
+    pieces: Vec<(&'a Stretch, Turns)>,
+}
+
+impl<'a> Located<'a> {
+    /// By this law and what is known beside it.
+    pub fn of(series: &'a Series, law: Law, known: &[Known]) -> Self {
         let period_s = series.period_s;
-        let reach = kernels.reach() + kernels.box_samples;
-        let spacing = (kernels.box_samples / PER_BOX).max(1).max(series.len() / MOST_ROWS);
-        let (mut force, mut base) = (Vec::new(), [const { Vec::new() }; 4]);
-        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-        let mut pieces = Vec::new();
-        for stretch in &series.stretches {
-            let signs = signs(stretch, period_s, &law);
-            let still = still(stretch, &signs, period_s, settings, &law);
-            let mut middles = Vec::new();
-            for middle in (reach..stretch.force_n.len().saturating_sub(reach)).step_by(spacing) {
-                if still.iter().skip(middle - reach).take(2 * reach).any(|still| *still) {
-                    continue;
-                }
-                let measured = kernels.measured(stretch, settings, middle);
-                let sign = around(&kernels.sign, &signs, middle);
-                middles.push(middle);
-                force.push(measured.force_n - settings.structure_mass_kg * measured.stretch);
-                let row = [measured.acceleration, measured.velocity, sign, 1.0];
-                base.iter_mut().zip(row).for_each(|(column, value)| column.push(value));
-                let position = stretch.position_m.get(middle).copied().unwrap_or(0.0);
-                (low, high) = (low.min(position), high.max(position));
-            }
-            pieces.push(Piece { stretch, signs, middles });
-        }
-        let [_, velocity, ..] = &base;
-        let square = velocity.iter().map(|v| v * v).sum::<f64>() / velocity.len().max(1) as f64;
         let from_s = series.stretches.first().map_or(0.0, |stretch| stretch.start_s);
         let end = |stretch: &Stretch| stretch.start_s + stretch.force_n.len() as f64 * period_s;
         let to_s = series.stretches.last().map_or(from_s, end);
-        let span =
-            Span { from_s, duration_s: to_s - from_s, stroke_m: (high - low).max(0.0), velocity_rms: square.sqrt() };
-        let per_observation = (CORRELATION_BOXES * kernels.box_samples as f64 / spacing as f64).max(1.0);
-        Self { kernels, law, period_s, pieces, span, force, base, per_observation }
+        let span = Span { from_s, duration_s: to_s - from_s, stroke_m: 0.0, velocity_rms: 0.0 };
+        let pieces = series.stretches.iter().map(|stretch| {
+            let friction = |moment: &Moment| {
+                let time = span.time(stretch.start_s + moment.at * period_s);
+                let beside = known.iter().map(|(term, sizes)| {
+                    let [first, second] = term.at(moment, &law, time, -moment.sign);
+                    sizes[0] * first + sizes[1] * second
+                });
+                law.coulomb_n * moment.sign + beside.sum::<f64>()
+            };
+            (stretch, Turns::with(stretch, period_s, &law, &friction))
+        });
+        let surplus = known.iter().filter(|(term, _)| matches!(term, Term::Falling(_) | Term::Bell(_)));
+        let rest_n = (law.coulomb_n + surplus.map(|(_, sizes)| sizes[0]).sum::<f64>()).abs();
+        Self { series, law, span, rest_n, pieces: pieces.collect() }
     }
 
-    /// Columns that a term has.
-    pub fn width(term: Term) -> usize {
-        if matches!(term, Term::Ripple(_) | Term::Uneven(_) | Term::Wobble(_)) { 2 } else { 1 }
+    /// How often each stroke has come again, sample by sample, as the device counts it.
+    pub fn repeats(&self, settings: &Settings) -> f64 {
+        let code_m = settings.metres_per_count / settings.oversampling;
+        let codes_of = |position_m: f64| (position_m / code_m).round() as i64 as i32;
+        let mut repeats = Repeats::new();
+        for (stretch, turns) in &self.pieces {
+            let mut next = turns.reversals.iter().map(|reversal| reversal.at.round() as usize).peekable();
+            let mut sum = 0_i32;
+            for (n, position) in stretch.position_m.iter().enumerate() {
+                let codes = codes_of(*position);
+                sum = sum.wrapping_add(codes);
+                if next.next_if_eq(&n).is_some() {
+                    repeats.push(n as u32, codes, sum, settings.oversampling as u32);
+                }
+            }
+        }
+        let (strokes, squares) = repeats.strokes_and_squares();
+        if strokes == 0 { 1.0 } else { squares as f64 / f64::from(strokes) }
+    }
+}
+
+impl<'a> Rows<'a> {
+    /// Of all samples in motion, through the kernels of a bank, with signs placed by this law.
+    pub fn of(series: &'a Series, settings: &Settings, kernels: Kernels, law: Law) -> Self {
+        let box_samples = kernels.box_samples;
+        let spacing = (box_samples / 2).max(1).max(series.len() / MOST_ROWS);
+        Self::through(Located::of(series, law, &[]), settings, Filter::plain(kernels, spacing))
+    }
+
+    /// Of all samples in motion, through this filter.
+    pub fn through(located: Located<'a>, settings: &Settings, filter: Filter) -> Self {
+        let Located { series, law, mut span, rest_n, pieces } = located;
+        let period_s = series.period_s;
+        let kernels = &filter.kernels;
+        let middle_reach = kernels.reach() + kernels.box_samples;
+        let wide = filter.whitening.len() / 2;
+        let reach = middle_reach + wide * filter.spacing;
+        let thinned = series.len().div_ceil(filter.spacing * MOST_ROWS).max(1);
+        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+        let (mut square, mut could, mut count) = (0.0, 0, 0);
+        let pieces = pieces.into_iter().map(|(stretch, turns)| {
+            let mut still = still(stretch, &turns, period_s, settings, law.offset_n, rest_n);
+            if kernels.box_samples as f64 * period_s > FAST_BOX_S {
+                keep_step(stretch, kernels.box_samples, settings.metres_per_count.abs(), &mut still);
+            }
+            // Samples at rest up to each.
+            let mut rests = Vec::with_capacity(still.len() + 1);
+            rests.push(0_usize);
+            rests.extend(still.iter().scan(0, |sum, still| {
+                *sum += usize::from(*still);
+                Some(*sum)
+            }));
+            let length = stretch.force_n.len();
+            let grid: Vec<usize> =
+                (middle_reach..length.saturating_sub(middle_reach)).step_by(filter.spacing).collect();
+            let mut rows = Vec::new();
+            for place in (wide..grid.len().saturating_sub(wide)).step_by(thinned) {
+                let Some(&middle) = grid.get(place) else { break };
+                could += 1;
+                let ends = [middle.saturating_sub(reach), (middle + reach).min(length)].map(|end| rests.get(end));
+                if ends[0] != ends[1] {
+                    continue;
+                }
+                rows.push(place);
+                if let Some(moment) = turns.moments.get(middle) {
+                    (low, high) = (low.min(moment.position_m), high.max(moment.position_m));
+                    square += moment.velocity * moment.velocity;
+                    count += 1;
+                }
+            }
+            Piece { stretch, turns, grid, rows }
+        });
+        let pieces: Vec<Piece> = pieces.collect();
+        span.stroke_m = (high - low).max(0.0);
+        span.velocity_rms = (square / f64::from(count.max(1))).sqrt();
+        let rows_apart = (filter.spacing * thinned) as f64;
+        let per_observation = (CORRELATION_BOXES * kernels.box_samples as f64 / rows_apart).max(1.0);
+        let kept = f64::from(count) / f64::from(could.max(1));
+        let empty = [const { Vec::new() }; 4];
+        let mut rows =
+            Self { filter, law, period_s, pieces, span, force: Vec::new(), base: empty, per_observation, kept };
+        let kernels = &rows.filter.kernels;
+        let force = rows.filtered(|_, piece, middle| {
+            let measured = kernels.measured(piece.stretch, settings, middle);
+            measured.force_n - settings.structure_mass_kg * measured.stretch
+        });
+        let position = |taps| rows.filtered(|_, piece, middle| around(taps, &piece.stretch.position_m, middle));
+        let (acceleration, velocity) = (position(&kernels.second), position(&kernels.rate));
+        let sign = rows.filtered(|_, piece, middle| around(&kernels.sign, &piece.turns.signs, middle));
+        let one = vec![1.0; force.len()];
+        rows.force = force;
+        rows.base = [acceleration, velocity, sign, one];
+        rows
+    }
+
+    /// What the whitening makes of a value at each place of the grid, one for each row; pieces are numbered.
+    fn filtered(&self, at: impl Fn(usize, &Piece, usize) -> f64) -> Vec<f64> {
+        let whitening = &self.filter.whitening;
+        let mut column = Vec::new();
+        for (number, piece) in self.pieces.iter().enumerate() {
+            if whitening.len() == 1 {
+                column.extend(piece.middles().map(|middle| at(number, piece, middle)));
+            } else {
+                let along: Vec<f64> = piece.grid.iter().map(|middle| at(number, piece, *middle)).collect();
+                column.extend(piece.rows.iter().map(|row| around(whitening, &along, *row)));
+            }
+        }
+        column
+    }
+
+    /// Mean square of noise in a column of this term.
+    pub fn noise_square(&self, term: Term) -> f64 {
+        match term {
+            Term::Load => self.filter.noise_square,
+            Term::Skew => self.filter.rate_square,
+            _ => 0.0,
+        }
     }
 
     /// The columns of a term, one value a row.
     pub fn columns(&self, term: Term) -> Vec<Vec<f64>> {
-        let law = &self.law;
-        let Span { from_s, duration_s, .. } = self.span;
+        let Law { inertance_kg, viscous_n_s_per_m, .. } = self.law;
+        let kernels = &self.filter.kernels;
         match term {
-            Term::Ripple(lead_m) => self.both(lead_m, |kernels, wave, _, middle| around(&kernels.force, wave, middle)),
-            Term::Uneven(lead_m) => self.both(lead_m, |kernels, wave, signs, middle| {
-                let product: Vec<f64> = taken(&kernels.sign, wave, middle)
-                    .zip(taken(&kernels.sign, signs, middle))
-                    .map(|(wave, sign)| wave * sign)
-                    .collect();
-                kernels.sign.iter().zip(product).map(|(tap, value)| tap * value).sum()
+            Term::Ripple(lead_m) => self.waves(lead_m, |wave, middle| around(&kernels.force, wave, middle)),
+            Term::Wobble(lead_m) => self.waves(lead_m, |wave, middle| {
+                let inertia = inertance_kg * around(&kernels.second, wave, middle);
+                -inertia - viscous_n_s_per_m * around(&kernels.rate, wave, middle)
             }),
-            Term::Wobble(lead_m) => self.both(lead_m, |kernels, wave, _, middle| {
-                let inertia = law.inertance_kg * around(&kernels.second, wave, middle);
-                -inertia - law.viscous_n_s_per_m * around(&kernels.rate, wave, middle)
-            }),
-            Term::Load => {
-                let offset_n = self.law.offset_n;
-                self.signed(|piece| piece.stretch.force_n.iter().map(|force| (force - offset_n).abs()).collect())
+            Term::Uneven(lead_m) => {
+                let wave = |function: fn(f64) -> f64| {
+                    self.signal(|piece| {
+                        let waves = piece.stretch.position_m.iter().map(|x| function(TAU * x / lead_m));
+                        waves.zip(&piece.turns.signs).map(|(wave, sign)| wave * sign).collect()
+                    })
+                };
+                vec![wave(f64::sin), wave(f64::cos)]
             }
-            Term::Falling(velocity) => self.by_speed(|speed| (-speed / velocity).exp()),
-            Term::Bell(velocity) => self.by_speed(|speed| (-(speed / velocity).powi(2)).exp()),
-            Term::Turning(distance) => self.signed(|piece| turned(piece, distance)),
-            Term::Drift => self.one(|_, t_s, _| (t_s - from_s) / duration_s - 0.5),
-            Term::Warming => self.one(|[_, _, sign], t_s, _| sign * ((t_s - from_s) / duration_s - 0.5)),
-            Term::Thinning => self.one(|[_, velocity, _], t_s, _| velocity * ((t_s - from_s) / duration_s - 0.5)),
+            Term::Load | Term::Falling(_) | Term::Bell(_) => {
+                vec![self.signal(|piece| piece.turns.means(|moment| term.at(moment, &self.law, 0.0, 0.0)[0]))]
+            }
+            Term::Turning(_) | Term::Bending(_) => vec![self.signal(|piece| {
+                let turned = turned(&piece.turns.reversals, term);
+                piece.turns.means(|moment| {
+                    let turned = turned.get(moment.stroke).copied().unwrap_or(moment.sign);
+                    term.at(moment, &self.law, 0.0, turned)[0]
+                })
+            })],
+            Term::Drift => vec![self.timed(&self.base[3])],
+            Term::Warming => vec![self.timed(&self.base[2])],
+            Term::Thinning => vec![self.timed(&self.base[1])],
             Term::Skew => {
-                self.one(|_, _, (kernels, piece, middle)| -around(&kernels.rate, &piece.stretch.force_n, middle))
+                vec![self.filtered(|_, piece, middle| -around(&kernels.rate, &piece.stretch.force_n, middle))]
             }
-            Term::Speed => {
-                let path = |piece: &Piece| {
+            Term::Speed => vec![self.through_kernel(
+                |piece| {
                     let positions = &piece.stretch.position_m;
-                    let mut path = 0.0;
-                    let steps = positions.iter().zip(positions.iter().skip(1)).zip(&piece.signs);
-                    let further = steps.map(|((a, b), sign)| {
-                        path += (b - a) * sign;
-                        path
+                    let steps = positions.iter().zip(positions.iter().skip(1)).zip(piece.turns.signs.windows(2));
+                    let further = steps.scan(0.0, |path, ((a, b), signs)| {
+                        *path += (b - a) * 0.5 * signs.iter().sum::<f64>();
+                        Some(*path)
                     });
                     std::iter::once(0.0).chain(further).collect()
-                };
-                vec![self.through(path, |kernels, path, _, middle| around(&kernels.rate, path, middle))]
-            }
+                },
+                |path, middle| around(&kernels.rate, path, middle),
+            )],
         }
     }
 
     /// A signal of each stretch through a kernel.
-    fn through(
-        &self,
-        signal: impl Fn(&Piece) -> Vec<f64>,
-        kernel: impl Fn(&Kernels, &[f64], &[f64], usize) -> f64,
-    ) -> Vec<f64> {
-        let each = self.pieces.iter().flat_map(|piece| {
-            let signal = signal(piece);
-            let rows: Vec<f64> =
-                piece.middles.iter().map(|middle| kernel(&self.kernels, &signal, &piece.signs, *middle)).collect();
-            rows
-        });
-        each.collect()
+    fn through_kernel(&self, signal: impl Fn(&Piece) -> Vec<f64>, kernel: impl Fn(&[f64], usize) -> f64) -> Vec<f64> {
+        let signals: Vec<Vec<f64>> = self.pieces.iter().map(signal).collect();
+        self.filtered(|number, _, middle| signals.get(number).map_or(0.0, |signal| kernel(signal, middle)))
     }
 
-    /// What has the sign of the velocity.
-    fn signed(&self, size: impl Fn(&Piece) -> Vec<f64>) -> Vec<Vec<f64>> {
-        let signal = |piece: &Piece| size(piece).iter().zip(&piece.signs).map(|(size, sign)| size * sign).collect();
-        vec![self.through(signal, |kernels, signal, _, middle| around(&kernels.sign, signal, middle))]
-    }
-
-    /// What has the sign of the velocity and depends on the speed.
-    fn by_speed(&self, size: impl Fn(f64) -> f64) -> Vec<Vec<f64>> {
-        self.signed(|piece| {
-            let mean = |(before, after): (f64, f64)| size(0.5 * (before + after).abs());
-            let sizes = velocities(piece.stretch, self.period_s, &self.law).map(mean);
-            sizes.map(|size| if size.is_nan() { 0.0 } else { size }).collect()
-        })
+    /// A signal that is a mean over each sample, as the sign is.
+    fn signal(&self, signal: impl Fn(&Piece) -> Vec<f64>) -> Vec<f64> {
+        let kernels = &self.filter.kernels;
+        self.through_kernel(signal, |signal, middle| around(&kernels.sign, signal, middle))
     }
 
     /// Sine and cosine of the position.
-    fn both(&self, lead_m: f64, kernel: impl Fn(&Kernels, &[f64], &[f64], usize) -> f64 + Copy) -> Vec<Vec<f64>> {
+    fn waves(&self, lead_m: f64, kernel: impl Fn(&[f64], usize) -> f64 + Copy) -> Vec<Vec<f64>> {
         let wave = |function: fn(f64) -> f64| {
             move |piece: &Piece| piece.stretch.position_m.iter().map(|x| function(TAU * x / lead_m)).collect()
         };
-        vec![self.through(wave(f64::sin), kernel), self.through(wave(f64::cos), kernel)]
+        vec![self.through_kernel(wave(f64::sin), kernel), self.through_kernel(wave(f64::cos), kernel)]
     }
 
-    /// By acceleration, velocity and sign, and time.
-    fn one(&self, value: impl Fn([f64; 3], f64, (&Kernels, &Piece, usize)) -> f64) -> Vec<Vec<f64>> {
-        let [acceleration, velocity, sign, _] = &self.base;
-        let mut base = acceleration.iter().zip(velocity).zip(sign);
-        let mut column = Vec::with_capacity(self.force.len());
-        for piece in &self.pieces {
-            for middle in &piece.middles {
-                let Some(((a, v), s)) = base.next() else { break };
-                let t_s = piece.stretch.start_s + *middle as f64 * self.period_s;
-                column.push(value([*a, *v, *s], t_s, (&self.kernels, piece, *middle)));
-            }
-        }
-        vec![column]
+    /// A column times the time of each row in the run.
+    fn timed(&self, column: &[f64]) -> Vec<f64> {
+        let middles = self
+            .pieces
+            .iter()
+            .flat_map(|piece| piece.middles().map(|middle| piece.stretch.start_s + middle as f64 * self.period_s));
+        column.iter().zip(middles).map(|(value, t_s)| value * self.span.time(t_s)).collect()
     }
 }
 
-/// Where the screw stands, or turns so gently that friction may hold it, as the device leaves it out.
-fn still(stretch: &Stretch, signs: &[f64], period_s: f64, settings: &Settings, law: &Law) -> Vec<bool> {
+/// What has turned of a friction when each stroke begins.
+fn turned(reversals: &[Reversal], term: Term) -> Vec<f64> {
+    let Some(first) = reversals.first() else { return Vec::new() };
+    let mut turned = vec![-first.sign];
+    let mut now = -first.sign;
+    for (place, reversal) in reversals.iter().enumerate() {
+        if let Some(before) = place.checked_sub(1).and_then(|before| reversals.get(before)) {
+            now = term.turned(before.sign, now, (reversal.position_m - before.position_m).abs());
+        }
+        turned.push(now);
+    }
+    turned
+}
+
+/// Where the screw stands, or turns so gently that friction of this size at rest \[N\] may hold it, or at a moment that is not
+/// known: left out, as by the device.
+fn still(
+    stretch: &Stretch,
+    turns: &Turns,
+    period_s: f64,
+    settings: &Settings,
+    offset_n: f64,
+    rest_n: f64,
+) -> Vec<bool> {
     let count_m = settings.metres_per_count.abs();
     let window = (REST_WINDOW_S / period_s).ceil() as usize;
     let positions = &stretch.position_m;
     let mut still = vec![false; positions.len()];
-    for (at, seen) in positions.windows(window + 1).enumerate() {
+    // What has held the screw can do so again.
+    let mut rest_n = rest_n;
+    for (at, (seen, force)) in positions.windows(window + 1).zip(stretch.force_n.windows(window + 1)).enumerate() {
         if stands(seen, settings) {
             still.iter_mut().skip(at.saturating_sub(window / 2)).take(2 * window).for_each(|still| *still = true);
+            rest_n = rest_n.max((force.iter().sum::<f64>() / force.len() as f64 - offset_n).abs());
         }
+    }
+    for (at, seen) in positions.windows(window + 1).enumerate() {
         let travel = seen.last().zip(seen.first()).map_or(0.0, |(last, first)| (last - first).abs());
         let middle = at + window / 2;
-        let force = stretch.force_n.get(middle).map_or(0.0, |force| (force - law.offset_n).abs());
-        if travel <= GRAZING_COUNTS * count_m && force < WEAK * law.coulomb_n.abs() {
+        let force = stretch.force_n.get(middle).map_or(0.0, |force| (force - offset_n).abs());
+        if travel <= GRAZING_COUNTS * count_m && force < WEAK * rest_n {
             still.iter_mut().skip(middle).take(1).for_each(|still| *still = true);
         }
     }
-    // A reversal that friction can hold is one that may have stuck for a moment.
-    for ((still, sign), force) in still.iter_mut().zip(signs).zip(&stretch.force_n) {
-        *still |= sign.abs() < 1.0 && (force - law.offset_n).abs() < 0.5 * WEAK * law.coulomb_n.abs();
+    // Where friction can hold a screw that reverses, or hardly moves, it may have stuck for a moment.
+    let slow = SLOW * velocity_noise(count_m, period_s);
+    for ((still, sign), moment) in still.iter_mut().zip(&turns.signs).zip(&turns.moments) {
+        let may_stick = sign.abs() < 1.0 || moment.velocity.abs() < slow;
+        *still |= may_stick && (moment.force_n - offset_n).abs() < 0.5 * WEAK * rest_n;
+    }
+    for reversal in turns.reversals.iter().filter(|reversal| !reversal.is_located) {
+        let first = reversal.at.floor().max(0.0) as usize;
+        still.iter_mut().skip(first).take(2).for_each(|still| *still = true);
     }
     still
 }
 
-/// The samples that taps lie over.
-fn taken<'a>(taps: &[f64], data: &'a [f64], middle: usize) -> impl Iterator<Item = f64> + use<'a> {
-    data.iter().skip(middle.saturating_sub(taps.len() / 2)).take(taps.len()).copied()
-}
-
-/// How much of the way since the last reversal is still to go, as an exponential.
-fn turned(piece: &Piece, distance_m: f64) -> Vec<f64> {
-    let (mut from, mut last) = (f64::NAN, 0.0_f64);
-    let each = piece.stretch.position_m.iter().zip(&piece.signs).map(|(position, sign)| {
-        if sign * last < 0.0 {
-            from = *position;
+/// Where the screw goes a whole number of counts in each sample for a box, 1 or more: there the encoder's error stands still as at
+/// rest, and is no noise. In faster motion than the slow bank's no velocity lasts so long.
+fn keep_step(stretch: &Stretch, box_samples: usize, count_m: f64, still: &mut [bool]) {
+    for (at, seen) in stretch.position_m.windows(box_samples + 1).enumerate() {
+        let Some((first, last)) = seen.first().zip(seen.last()) else { continue };
+        let each = ((last - first) / (count_m * box_samples as f64)).round();
+        let off = |(n, position): (usize, &f64)| (position - first) / count_m - each * n as f64;
+        let is_near = |off: f64| off.abs() < 1.5;
+        if each != 0.0 && is_near(off((box_samples, last))) && seen.iter().enumerate().map(off).all(is_near) {
+            still.iter_mut().skip(at).take(box_samples).for_each(|still| *still = true);
         }
-        if *sign != 0.0 {
-            last = *sign;
-        }
-        if from.is_nan() { 0.0 } else { (-(position - from).abs() / distance_m).exp() }
-    });
-    each.collect()
+    }
 }

@@ -1,34 +1,47 @@
-//! The search: what explains most is added first.
+//! The search: what explains most is added first, and judged again beside all that came after it.
 
-use inerter_core::{Found, Law, LawStatus, Motion, Parameter, Parameters, Published, Scatter, Settings, constants};
+use inerter_core::{Law as LawState, LawStatus, Parameter, Parameters, Published, Settings};
 use inerter_data::series::Series;
-use nalgebra::{DMatrix, DVector};
 
 use super::{
+    candidate::Encoder,
     cause::Cause,
-    columns::{Candidate, Rows, Term},
-    kind::Kind,
-    selection::{Group, Selection, dot},
+    columns::{Candidate, Known, Located, Rows, Term},
+    filter::{Filter, Sight, force_noise_n},
+    fitted::{Fitted, fitted},
+    found::{Found, known, model, refine, strongest, taken},
+    kind::{Kind, LIMIT},
+    selection::{Evidence, Model},
 };
 use crate::{
-    fit::{Beside, FitError, Judge},
-    law::{self, Kernels},
+    fit::FitError,
+    law::{Kernels, Law},
 };
 
-/// What friction at the reversals makes of a skew \[s\], at most (docs/THEORY.md, 10).
-const SKEW_MODEL_U95_S: f64 = 13e-6;
 /// Causes that are looked for at most.
 const MOST: usize = 4;
-/// Part of a cause's statistic that another has which explains as much.
+/// Part of the strongest evidence from which on another is tried with reversals located by it, and how many at most.
+const CLOSE: f64 = 0.5;
+const MOST_CLOSE: usize = 3;
+/// What a size more must explain, in squares of noise, to be preferred.
+const WORTH: f64 = 8.0;
+/// Part of a cause's evidence that another has which explains as much.
 const RIVAL: f64 = 0.9;
-/// Steps by which a length or a velocity is made more exact, on either side.
-const FINER: [f64; 2] = [1.5, 1.15];
-/// Steps of one size at most: the next of the values that are tried is nearer.
-const MOST_STEPS: usize = 3;
+/// Rounds in which reversals are located and sizes fitted, at most, and part of a size by which the last one may change it.
+const ROUNDS: usize = 6;
+const ALIKE: f64 = 0.01;
+/// Times that a skew is undone at most; what may be left of it \[s\], also as a part of it.
+const MOST_UNDONE: usize = 6;
+const UNDONE_S: f64 = 2e-6;
+const UNDONE: f64 = 0.02;
 /// Residual, as a part of what the law alone leaves over, above which a cause is not most of what breaks it.
-const MOST_LEFT: f64 = 0.7;
+const MOST_LEFT: f64 = 0.5;
 /// Independent observations under which nothing is said.
 const LEAST_OBSERVATIONS: f64 = 30.0;
+/// Part of the rows that rests must leave, and part of the acceleration that the encoder's steps may be, else the run is looked at
+/// through other kernels.
+const LEAST_KEPT: f64 = 0.4;
+const MOST_STEPS: f64 = 0.15;
 
 /// What a run shows.
 #[derive(Clone, Debug, PartialEq)]
@@ -37,14 +50,14 @@ pub struct Diagnosis {
     pub causes: Vec<Cause>,
     /// The parameters with the causes included; none where the motion cannot tell them apart.
     pub corrected: Option<Parameters>,
-    /// Greatest F statistic of what was not named, in parts of its limit.
+    /// Greatest evidence of what was not named, in parts of its limit.
     pub greatest_left: f64,
     /// Root mean square of what the law leaves over by itself, and with the causes beside it \[N\].
     pub residual_rms_n: [f64; 2],
 }
 
 /// Whether a cause should be sought: more is left over than chance leaves, whatever the flanks may have to do with it.
-pub fn is_suspect(law: &Law) -> bool {
+pub fn is_suspect(law: &LawState) -> bool {
     law.status == LawStatus::Broken || law.misfit.is_some_and(|misfit| misfit.ratio > misfit.limit)
 }
 
@@ -56,7 +69,7 @@ pub fn suspected(series: &Series, settings: &Settings, published: &Published) ->
         return Vec::new();
     }
     let Ok(Diagnosis { causes, residual_rms_n: [alone, with_causes], .. }) =
-        diagnose(series, settings, published, None)
+        diagnose(series, settings, published, Encoder::default())
     else {
         return Vec::new();
     };
@@ -64,61 +77,75 @@ pub fn suspected(series: &Series, settings: &Settings, published: &Published) ->
     if published.law.status == LawStatus::Broken || is_most { causes } else { Vec::new() }
 }
 
-/// Tests a run of which the estimator said this in the end; `counts_per_turn` of the encoder, where they are known, else those that are usual
-/// are tried.
+/// Tests a run of which the estimator said this in the end.
 ///
-/// A skew is undone before the rest is looked at.
+/// What is found is taken in as it is found; then all of it is fitted together, and each is held against all that could stand in its
+/// place. A skew is undone, whereupon the search goes on.
 pub fn diagnose(
     series: &Series,
     settings: &Settings,
     published: &Published,
-    counts_per_turn: Option<f64>,
+    encoder: Encoder,
 ) -> Result<Diagnosis, FitError> {
-    let first = searched(series, settings, published, counts_per_turn, None)?;
-    let Some(place) = first.causes.iter().position(|cause| cause.kind == Kind::Skew) else { return Ok(first) };
-    let Some(skew) = first.causes.get(place).copied() else { return Ok(first) };
-    let skew_u95_s = settings.skew_u95_s.hypot(SKEW_MODEL_U95_S);
-    let undone = Settings { skew_s: settings.skew_s + skew.value, skew_u95_s, ..*settings };
-    let left = Candidate { kind: Kind::Skew, term: Term::Skew };
-    let mut found = searched(series, &undone, published, counts_per_turn, Some(left))?;
-    found.residual_rms_n[0] = first.residual_rms_n[0];
-    // What is left of the skew was taken in before all others.
-    if !found.causes.is_empty() {
-        let left = found.causes.remove(0);
-        let whole = Cause { value: skew.value + left.value, u95: left.u95.hypot(SKEW_MODEL_U95_S), ..skew };
-        found.causes.insert(place.min(found.causes.len()), whole);
+    let all = Kind::ALL.to_vec();
+    let found = searched(series, settings, published, encoder, &all)?;
+    // What others explain as well, once they were found, was no skew.
+    let is_weak = |cause: &Cause| cause.kind == Kind::Skew && cause.f < LIMIT;
+    if found.causes.iter().any(is_weak) {
+        let others: Vec<Kind> = all.into_iter().filter(|kind| *kind != Kind::Skew).collect();
+        return searched(series, settings, published, encoder, &others);
     }
     Ok(found)
 }
 
-/// One search; `known` is taken in before it begins.
+/// The same among these kinds.
 fn searched(
     series: &Series,
     settings: &Settings,
     published: &Published,
-    counts_per_turn: Option<f64>,
-    known: Option<Candidate>,
+    encoder: Encoder,
+    kinds: &[Kind],
 ) -> Result<Diagnosis, FitError> {
-    let aligned = series.aligned(settings);
-    let rows = rows_of(&aligned, settings, published)?;
-    let mut search = Search::of(&rows, Candidate::all(&rows.span, settings, counts_per_turn));
-    let alone_n = search.selection.residual_rms();
-    let mut chosen: Vec<Chosen> =
-        known.into_iter().map(|candidate| search.choose(Chosen { candidate, f: 0.0, rival: None })).collect();
-    let greatest_left = loop {
-        let Some(next) = search.next() else { break 0.0 };
-        if next.strength() < 1.0 || chosen.len() == MOST {
-            break next.strength();
+    let mut search = Search {
+        published,
+        encoder,
+        kinds,
+        sights: Sight::all(published.estimate.bank),
+        settings: *settings,
+        noise_n: force_noise_n(series, settings),
+        law: law_of(settings, published),
+        found: Vec::new(),
+        greatest_left: 0.0,
+    };
+    let unsearched = search.clone();
+    for _ in 0..MOST_UNDONE {
+        search.seek(&series.aligned(&search.settings.clone()))?;
+        let left_s = search.skew_s();
+        if left_s.abs() <= UNDONE_S.max(UNDONE * (search.settings.skew_s - settings.skew_s).abs()) {
+            break;
         }
-        chosen.push(search.choose(next));
-    };
-    let Some(Fitted { causes, corrected, residual_rms_n }) =
-        fitted(&rows, settings, &Motion::of(&published.detail, 1.0), &chosen)
-    else {
-        return Ok(Diagnosis { causes: Vec::new(), corrected: None, greatest_left, residual_rms_n: [alone_n; 2] });
-    };
-    let residual_rms_n = [alone_n, residual_rms_n];
-    Ok(Diagnosis { causes, corrected: Some(corrected), greatest_left, residual_rms_n })
+        search.settings.skew_s += left_s;
+    }
+    // The law alone, seen as all of it is.
+    let mut alone = Search { sights: search.sights, ..unsearched };
+    let aligned = series.aligned(settings);
+    let rows = alone.rows(&aligned)?;
+    alone.settle(&rows)?;
+    let rows = alone.rows(&aligned)?;
+    let alone_n = alone.settle(&rows)?.residual_rms();
+    search.told(&series.aligned(&search.settings.clone()), settings, alone_n)
+}
+
+/// What the estimator said of the whole run.
+fn law_of(settings: &Settings, published: &Published) -> Law {
+    let found = published.estimate.whole_run;
+    let value = |parameter: Parameter| f64::from(parameter.fitted().value);
+    Law {
+        inertance_kg: value(found.inertance_kg) + settings.structure_mass_kg,
+        viscous_n_s_per_m: value(found.viscous_n_s_per_m),
+        coulomb_n: value(found.coulomb_n),
+        offset_n: value(found.offset_n),
+    }
 }
 
 /// The rows of a run, with signs placed by what the estimator said of the whole of it.
@@ -128,165 +155,253 @@ pub(super) fn rows_of<'a>(
     published: &Published,
 ) -> Result<Rows<'a>, FitError> {
     let kernels = Kernels::new(published.estimate.bank, aligned.period_s);
-    let found = published.estimate.whole_run;
-    let value = |parameter: Parameter| f64::from(parameter.fitted().value);
-    let law = law::Law {
-        inertance_kg: value(found.inertance_kg) + settings.structure_mass_kg,
-        viscous_n_s_per_m: value(found.viscous_n_s_per_m),
-        coulomb_n: value(found.coulomb_n),
-        offset_n: value(found.offset_n),
-    };
-    let rows = Rows::of(aligned, settings, kernels, law);
+    enough(Rows::of(aligned, settings, kernels, law_of(settings, published)))
+}
+
+fn enough(rows: Rows) -> Result<Rows, FitError> {
     let observations = rows.force.len() as f64 / rows.per_observation;
     if observations < LEAST_OBSERVATIONS { Err(FitError::TooShort { observations }) } else { Ok(rows) }
 }
 
-/// A candidate that was chosen.
-struct Chosen {
-    candidate: Candidate,
-    f: f64,
-    rival: Option<Kind>,
-}
-
-impl Chosen {
-    /// F statistic in parts of its limit.
-    fn strength(&self) -> f64 {
-        self.f / self.candidate.kind.limit()
-    }
-}
-
 /// The search under way.
+#[derive(Clone)]
 struct Search<'a> {
-    rows: &'a Rows<'a>,
-    groups: Vec<(Candidate, Group)>,
-    selection: Selection,
-    directions: Vec<Vec<f64>>,
+    published: &'a Published,
+    encoder: Encoder,
+    kinds: &'a [Kind],
+    /// How the run may be looked at; what was no use is gone.
+    sights: &'static [Sight],
+    /// With the skew that was found undone.
+    settings: Settings,
+    noise_n: f64,
+    law: Law,
+    found: Vec<Found>,
+    greatest_left: f64,
 }
 
-impl<'a> Search<'a> {
-    fn of(rows: &'a Rows<'a>, candidates: Vec<Candidate>) -> Self {
-        let mut selection = Selection::new(&rows.force, rows.per_observation);
-        let directions = selection.take(&Group::new(rows.base.to_vec()));
-        let mut search = Self { rows, groups: Vec::new(), selection, directions };
-        search.groups = candidates.into_iter().map(|candidate| (candidate, search.group(candidate))).collect();
-        search
+/// All candidates of a run with their columns.
+type Columns = Vec<(Candidate, Vec<Vec<f64>>)>;
+
+impl Search<'_> {
+    /// The rows by what is known so far, looked at as tells most.
+    fn rows<'a>(&mut self, aligned: &'a Series) -> Result<Rows<'a>, FitError> {
+        loop {
+            let located = Located::of(aligned, self.law, &known(&self.found));
+            let repeats = located.repeats(&self.settings);
+            let (sight, worse) = match self.sights {
+                [sight, worse @ ..] => (*sight, worse),
+                [] => return Err(FitError::Motion),
+            };
+            let filter = Filter::of(sight, aligned.period_s, &self.settings, &self.law, self.noise_n, repeats);
+            let rows = Rows::through(located, &self.settings, filter);
+            let is_fit = || rows.kept >= LEAST_KEPT && Model::new(&rows, []).is_some_and(|law| law.steps <= MOST_STEPS);
+            if worse.is_empty() || is_fit() {
+                return enough(rows);
+            }
+            self.sights = worse;
+        }
     }
 
-    fn group(&self, candidate: Candidate) -> Group {
-        let mut group = Group::new(self.rows.columns(candidate.term));
-        self.directions.iter().for_each(|direction| group.leave_out(direction));
-        group
-    }
-
-    fn statistic(&self, candidate: Candidate, group: &Group) -> f64 {
-        self.selection.statistic(group, |size| candidate.can_be(size, &self.rows.law))
-    }
-
-    /// What explains most of the residual.
-    fn next(&self) -> Option<Chosen> {
-        let with_f = self.groups.iter().map(|(candidate, group)| (*candidate, self.statistic(*candidate, group)));
-        let all: Vec<(Candidate, f64)> = with_f.collect();
-        let (best, f) = all.iter().copied().max_by(|(_, a), (_, b)| a.total_cmp(b))?;
-        let others = all.iter().filter(|(candidate, other)| candidate.kind != best.kind && *other > RIVAL * f);
-        let rival = others.max_by(|(_, a), (_, b)| a.total_cmp(b)).map(|(candidate, _)| candidate.kind);
-        Some(Chosen { candidate: best, f, rival })
-    }
-
-    /// Takes it in, at the length or velocity at which it explains most.
-    fn choose(&mut self, mut chosen: Chosen) -> Chosen {
-        for step in FINER {
-            for _ in 0..MOST_STEPS {
-                let finer = [step, step.recip()].into_iter().filter_map(|factor| chosen.candidate.scaled(factor));
-                let better = finer
-                    .map(|candidate| (candidate, self.statistic(candidate, &self.group(candidate))))
-                    .filter(|(_, f)| *f > chosen.f)
-                    .max_by(|(_, a), (_, b)| a.total_cmp(b));
-                let Some((candidate, f)) = better else { break };
-                (chosen.candidate, chosen.f) = (candidate, f);
+    /// Fits what was found, in rows of which the reversals are located by it; the weakest is dropped where the motion cannot tell
+    /// all of it apart.
+    fn settle<'a>(&mut self, rows: &'a Rows<'a>) -> Result<Model<'a>, FitError> {
+        loop {
+            if let Some(model) = model(rows, &self.found) {
+                self.law = taken(&model, &mut self.found);
+                return Ok(model);
+            }
+            if !self.drop_weakest() {
+                return Err(FitError::Motion);
             }
         }
-        let new = self.selection.take(&self.group(chosen.candidate));
-        for (_, group) in &mut self.groups {
-            new.iter().for_each(|direction| group.leave_out(direction));
+    }
+
+    /// Whether there was one.
+    fn drop_weakest(&mut self) -> bool {
+        let all = self.found.iter().enumerate();
+        let weakest = all.min_by(|(_, a), (_, b)| a.strength.total_cmp(&b.strength)).map(|(place, _)| place);
+        weakest.map(|place| self.found.remove(place)).is_some()
+    }
+
+    /// What is left of a skew that was found \[s\].
+    fn skew_s(&self) -> f64 {
+        self.found.iter().find(|one| one.candidate.kind == Kind::Skew).map_or(0.0, |one| one.sizes[0])
+    }
+
+    /// Finds causes, until a skew is found, which is to be undone first.
+    fn seek(&mut self, aligned: &Series) -> Result<(), FitError> {
+        // Once with the law that the estimator has, which a fault may have spoiled, to fit a better one.
+        let rows = self.rows(aligned)?;
+        self.settle(&rows)?;
+        let had_skew = self.found.iter().any(|one| one.candidate.kind == Kind::Skew);
+        while self.found.len() < MOST {
+            let rows = self.rows(aligned)?;
+            let model = self.settle(&rows)?;
+            let best = self.best(&rows, &model, &self.columns(&rows), &self.found);
+            self.greatest_left = best.iter().map(Found::f).fold(0.0, f64::max) / LIMIT;
+            let named: Vec<Found> = best.into_iter().filter(|one| one.f() >= LIMIT).collect();
+            let Some(first) = named.first() else { break };
+            let close = named.iter().filter(|one| one.strength > CLOSE * first.strength).take(MOST_CLOSE);
+            let close: Vec<Found> = close.copied().collect();
+            if let [only] = close.as_slice() {
+                self.found.push(*only);
+            } else {
+                let square = model.square();
+                let tried = close.into_iter().filter_map(|one| self.tried(aligned, one, square));
+                let Some((_, best)) = tried.min_by(|(a, _), (b, _)| a.total_cmp(b)) else { break };
+                *self = best;
+            }
+            if !had_skew && self.found.iter().any(|one| one.candidate.kind == Kind::Skew) {
+                let rows = self.rows(aligned)?;
+                self.settle(&rows)?;
+                return Ok(());
+            }
         }
-        self.directions.extend(new);
-        self.groups.retain(|(candidate, _)| candidate.kind != chosen.candidate.kind);
-        chosen
+        self.polish(aligned)
+    }
+
+    /// With one cause more, by which the reversals are located; and what that leaves over, in squares of noise, with what its sizes
+    /// are worth.
+    fn tried(&self, aligned: &Series, one: Found, square: f64) -> Option<(f64, Self)> {
+        let mut with = self.clone();
+        with.found.push(one);
+        let left = with.converge(aligned).ok()?;
+        let sizes = one.candidate.term.width() + usize::from(one.candidate.term.scale().is_some());
+        Some((left / square + WORTH * sizes as f64, with))
+    }
+
+    /// Locates reversals by what was found and fits it in turn, until neither changes; gives what is left over.
+    fn converge(&mut self, aligned: &Series) -> Result<f64, FitError> {
+        let mut left = f64::INFINITY;
+        for _ in 0..ROUNDS {
+            let before = known(&self.found);
+            let rows = self.rows(aligned)?;
+            refine(&rows, &mut self.found);
+            left = self.settle(&rows)?.left();
+            if are_alike(&before, &known(&self.found)) {
+                break;
+            }
+        }
+        Ok(left)
+    }
+
+    /// All candidates with their columns.
+    fn columns(&self, rows: &Rows) -> Columns {
+        let all = Candidate::all(&rows.span, &self.settings, self.encoder);
+        let sought = all.into_iter().filter(|candidate| self.kinds.contains(&candidate.kind));
+        sought.map(|candidate| (candidate, rows.columns(candidate.term))).collect()
+    }
+
+    /// Of each kind that is not among the others what explains most beside them, the strongest first.
+    fn best(&self, rows: &Rows, model: &Model, columns: &Columns, others: &[Found]) -> Vec<Found> {
+        let evidence = |candidate: Candidate, columns: &[Vec<f64>]| {
+            let can_be = |size, coulomb_n| candidate.can_be(size, &Law { coulomb_n, ..self.law });
+            model.evidence(columns, rows.noise_square(candidate.term), can_be)
+        };
+        let strength = |evidence: &Option<Evidence>| evidence.map_or(0.0, |evidence| evidence.strength);
+        let kinds = Kind::ALL.into_iter().filter(|kind| others.iter().all(|one| one.candidate.kind != *kind));
+        let of_kind = |kind: Kind| {
+            let all = columns.iter().filter(|(candidate, _)| candidate.kind == kind);
+            let told = all.map(|(candidate, columns)| (*candidate, strength(&evidence(*candidate, columns))));
+            let (best, most) = told.max_by(|(_, a), (_, b)| a.total_cmp(b))?;
+            let of = |candidate: Candidate| evidence(candidate, &rows.columns(candidate.term));
+            // Where there is nothing, nothing is sought further.
+            let best = if most > 0.1 * LIMIT { strongest(best, |candidate| strength(&of(candidate))) } else { best };
+            let Evidence { strength, sizes } = of(best)?;
+            Some(Found::new(best, sizes, strength))
+        };
+        let mut all: Vec<Found> = kinds.filter_map(of_kind).collect();
+        all.sort_by(|a, b| b.strength.total_cmp(&a.strength));
+        all
+    }
+
+    /// Fits all that was found, and holds each against what could stand in its place.
+    fn polish(&mut self, aligned: &Series) -> Result<(), FitError> {
+        for _ in 0..ROUNDS {
+            if self.found.is_empty() {
+                break;
+            }
+            self.converge(aligned)?;
+            let rows = self.rows(aligned)?;
+            self.settle(&rows)?;
+            if !self.weigh(&rows) {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// Each by what it explains beside the others: what is too weak is dropped, what another explains better is replaced. Whether
+    /// anything was.
+    fn weigh(&mut self, rows: &Rows) -> bool {
+        let columns = self.columns(rows);
+        let mut weighed: Vec<Found> = Vec::new();
+        let mut has_changed = false;
+        for (place, one) in self.found.clone().into_iter().enumerate() {
+            // What is undone shows no more.
+            if one.candidate.kind == Kind::Skew {
+                weighed.push(one);
+                continue;
+            }
+            let later = self.found.iter().skip(place + 1).copied();
+            let others: Vec<Found> = weighed.iter().copied().chain(later).collect();
+            let Some(model) = model(rows, &others) else { return false };
+            let can_be = one.is_whole || one.candidate.can_be(one.sizes[0], &self.law);
+            let own = model.evidence(&rows.columns(one.candidate.term), 0.0, |_, _| can_be);
+            let own = Found { strength: own.map_or(0.0, |own| own.strength), ..one };
+            let all = self.best(rows, &model, &columns, &others);
+            let rival = all.into_iter().find(|other| other.candidate.kind != one.candidate.kind);
+            let equals = |weaker: &Found, stronger: &Found| {
+                (weaker.strength > RIVAL * stronger.strength).then_some(weaker.candidate.kind)
+            };
+            match rival {
+                Some(better) if better.strength > own.strength && better.f() >= LIMIT => {
+                    weighed.push(Found { rival: equals(&own, &better), ..better });
+                    has_changed = true;
+                }
+                _ if own.f() < LIMIT => {
+                    self.greatest_left = self.greatest_left.max(own.f() / LIMIT);
+                    has_changed = true;
+                }
+                _ => weighed.push(Found { rival: rival.and_then(|rival| equals(&rival, &own)), ..own }),
+            }
+        }
+        self.found = weighed;
+        has_changed
+    }
+
+    /// What there is to tell, where the law alone leaves so much over.
+    fn told(&mut self, aligned: &Series, settings: &Settings, alone_n: f64) -> Result<Diagnosis, FitError> {
+        let rows = self.rows(aligned)?;
+        let undone_s = self.settings.skew_s - settings.skew_s;
+        let fitted = loop {
+            if self.found.is_empty() {
+                break None;
+            }
+            let fitted = fitted(&rows, &self.settings, &self.published.detail, &self.found, undone_s, self.encoder);
+            if fitted.is_some() {
+                break fitted;
+            }
+            self.drop_weakest();
+        };
+        let (causes, corrected, with_causes_n) = match fitted {
+            Some(Fitted { causes, corrected, residual_rms_n }) => (causes, Some(corrected), residual_rms_n),
+            None => (Vec::new(), None, alone_n),
+        };
+        Ok(Diagnosis { causes, corrected, greatest_left: self.greatest_left, residual_rms_n: [alone_n, with_causes_n] })
     }
 }
 
-/// Least squares with all that was chosen.
-struct Fitted {
-    causes: Vec<Cause>,
-    corrected: Parameters,
-    residual_rms_n: f64,
-}
-
-/// Fits them; nothing where the motion cannot tell them apart.
-fn fitted(rows: &Rows, settings: &Settings, motion: &Motion, chosen: &[Chosen]) -> Option<Fitted> {
-    let groups: Vec<Vec<Vec<f64>>> = chosen.iter().map(|one| rows.columns(one.candidate.term)).collect();
-    let columns: Vec<&Vec<f64>> = rows.base.iter().chain(groups.iter().flatten()).collect();
-    let scales: Vec<f64> = columns.iter().map(|column| dot(column, column).sqrt().recip()).collect();
-    let count = columns.len();
-    let gram = DMatrix::from_fn(count, count, |i, j| dot(columns[i], columns[j]) * scales[i] * scales[j]);
-    let right = DVector::from_fn(count, |i, _| dot(columns[i], &rows.force) * scales[i]);
-    let factors = gram.cholesky()?;
-    let (solution, inverse) = (factors.solve(&right), factors.inverse());
-    let left = dot(&rows.force, &rows.force) - solution.dot(&right);
-    let freedom = rows.force.len() as f64 / rows.per_observation - count as f64;
-    let square = left.max(0.0) / freedom.max(1.0);
-    let value = |i: usize| solution[i] * scales[i];
-    let covariance = |i: usize, j: usize| inverse[(i, j)] * scales[i] * scales[j] * square;
-    let error = |i: usize| covariance(i, i).max(0.0).sqrt();
-    let mut at = rows.base.len();
-    let causes = chosen.iter().map(|one| {
-        let first = at;
-        let width = Rows::width(one.candidate.term);
-        at += width;
-        let (size, size_error) = if width == 2 {
-            let (a, b) = (value(first), value(first + 1));
-            let length = a.hypot(b);
-            let variance = a * a * covariance(first, first)
-                + 2.0 * a * b * covariance(first, first + 1)
-                + b * b * covariance(first + 1, first + 1);
-            (length, variance.max(0.0).sqrt() / length)
-        } else {
-            (value(first), error(first))
-        };
-        cause(one, size, constants::COVERAGE * size_error)
-    });
-    let causes: Vec<Cause> = causes.collect();
-    // What a skew that is left unseen moves, a skew that was found beside the law or not.
-    let late = rows.columns(Term::Skew);
-    let [late] = late.as_slice() else { return None };
-    let law = rows.base.len();
-    let own = DMatrix::from_fn(law, law, |i, j| dot(&rows.base[i], &rows.base[j]) * scales[i] * scales[j]);
-    let moved = own.cholesky()?.solve(&DVector::from_fn(law, |i, _| dot(&rows.base[i], late) * scales[i]));
-    let found = [0, 1, 2, 3].map(|i| Found {
-        value: value(i) as f32,
-        error: error(i) as f32,
-        per_skew: (moved[i] * scales[i]) as f32,
-        steps: 0.0,
-    });
-    // What breaks the law is in the fit.
-    let beside = Beside { motion: *motion, model_u95: [0.0; 4] };
-    let parameters =
-        Judge { settings, beside: &beside, scatter: Scatter::white(value(0) as f32, freedom as f32) }.four(found);
-    let residual_rms_n = (left.max(0.0) / rows.force.len() as f64).sqrt();
-    Some(Fitted { causes, corrected: parameters, residual_rms_n })
-}
-
-fn cause(chosen: &Chosen, size: f64, u95: f64) -> Cause {
-    let Candidate { kind, term } = chosen.candidate;
-    let (value, u95, unit, period_m) = match term {
-        Term::Load => (size, u95, "1", None),
-        Term::Ripple(period_m) | Term::Uneven(period_m) => (size, u95, "N", Some(period_m)),
-        Term::Wobble(period_m) => (size, u95, "m", Some(period_m)),
-        Term::Falling(_) | Term::Bell(_) | Term::Drift | Term::Warming => (size, u95, "N", None),
-        // What the distance is uncertain by is the last step by which it was sought.
-        Term::Turning(distance) => (distance, (FINER[1] - 1.0) * distance, "m", None),
-        Term::Thinning | Term::Speed => (size, u95, "N s/m", None),
-        Term::Skew => (size, u95, "s", None),
+/// Whether sizes, velocities and distances are the same but for a small part of them.
+fn are_alike(before: &[Known], now: &[Known]) -> bool {
+    let is_near = |a: f64, b: f64, of: f64| (a - b).abs() <= ALIKE * of;
+    let is_one = |((before, was), (now, is)): (&Known, &Known)| {
+        let size = is[0].hypot(is[1]);
+        let scale = |term: &Term| term.scale().unwrap_or(1.0);
+        is_near(was[0], is[0], size)
+            && is_near(was[1], is[1], size)
+            && is_near(scale(before), scale(now), scale(now))
+            && std::mem::discriminant(before) == std::mem::discriminant(now)
     };
-    Cause { kind, value, u95, unit, f: chosen.f, period_m, rival: chosen.rival }
+    before.len() == now.len() && before.iter().zip(now).all(is_one)
 }

@@ -1,65 +1,123 @@
-//! Forward selection: which columns explain most of what the law leaves over.
+//! Least squares of the force on the law and what was found beside it, and how much a group of columns would explain of the rest.
 
+use nalgebra::{DMatrix, DVector};
+
+use super::columns::Rows;
+pub(super) use crate::law::dot;
+
+/// Place of the sign among the columns.
+pub(super) const SIGN: usize = 2;
 /// Part of a column's square that the law and what has been added must leave over.
-const LEAST_LEFT: f64 = 0.005;
-/// Parts of a run, of which all but one must agree.
-const PARTS: usize = 10;
+const LEAST_LEFT: f64 = 1e-4;
+/// Parts of a run, of which all but two neighbours must agree.
+const PARTS: usize = 40;
+/// What the encoder's steps take from the acceleration, in parts of what white noise of their size would: it is known to a half
+/// (docs/THEORY.md, 6).
+const TAKEN: [f64; 3] = [0.0, 1.0, 1.5];
+/// Part of what the others leave of the acceleration that they may be.
+const MOST_TAKEN: f64 = 0.5;
+/// Strength that is worth a closer look.
+const WORTH_A_LOOK: f64 = 10.0;
+/// Square of what is left of a column over that of the noise in it, at least.
+const LEAST_OVER_NOISE: f64 = 25.0;
 
-/// Columns by which a residual is explained, made orthogonal to all that has been.
-pub(super) struct Selection {
-    residual: Vec<f64>,
-    /// Regressors so far.
-    taken: usize,
-    per_observation: f64,
-}
-
-/// A group of columns, and what their squares were at first.
-#[derive(Clone)]
-pub(super) struct Group {
+/// A fit to all rows.
+pub(super) struct Model<'a> {
+    rows: &'a Rows<'a>,
     columns: Vec<Vec<f64>>,
-    squares: Vec<f64>,
+    gram: DMatrix<f64>,
+    right: DVector<f64>,
+    /// What the steps may take from the acceleration's square.
+    taken: Vec<f64>,
+    /// Part that they are of what the others leave of the acceleration, as white noise.
+    pub steps: f64,
+    /// Coefficients of all columns.
+    values: DVector<f64>,
+    /// What is left of the force in each row \[N\].
+    residual: Vec<f64>,
 }
 
-impl Group {
-    pub fn new(columns: Vec<Vec<f64>>) -> Self {
-        let squares = columns.iter().map(|column| dot(column, column)).collect();
-        Self { columns, squares }
+/// Covariance of all coefficients.
+pub(super) struct Covariance {
+    by_noise: DMatrix<f64>,
+    by_scatter: DMatrix<f64>,
+}
+
+impl Covariance {
+    /// Variance of a weighted sum of coefficients, each given by its place.
+    pub fn of(&self, sum: &[(usize, f64)]) -> f64 {
+        let variance = |matrix: &DMatrix<f64>| {
+            let pairs = sum.iter().flat_map(|(i, a)| sum.iter().map(move |(j, b)| (*i, *j, a * b)));
+            pairs.map(|(i, j, weight)| matrix.get((i, j)).map_or(f64::INFINITY, |value| weight * value)).sum::<f64>()
+        };
+        variance(&self.by_noise).max(variance(&self.by_scatter)).max(0.0)
+    }
+}
+
+/// What a group would explain.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Evidence {
+    /// Square that it explains, over that of noise in one observation.
+    pub strength: f64,
+    /// Its size, or sizes.
+    pub sizes: [f64; 2],
+}
+
+impl<'a> Model<'a> {
+    /// The law, and these columns beside it; nothing where they cannot be told apart.
+    pub fn new(rows: &'a Rows<'a>, others: impl IntoIterator<Item = Vec<f64>>) -> Option<Self> {
+        Self::of(rows, rows.base.iter().cloned().chain(others).collect())
     }
 
-    pub fn len(&self) -> usize {
-        self.columns.len()
-    }
-
-    /// Takes a direction out of the columns.
-    pub fn leave_out(&mut self, direction: &[f64]) {
-        self.columns.iter_mut().for_each(|column| subtract(column, direction));
-    }
-
-    /// Directions that the group adds; none where less than this part of one is left over.
-    fn directions(&self, least_left: f64) -> Option<Vec<Vec<f64>>> {
-        let mut directions: Vec<Vec<f64>> = Vec::new();
-        for (column, square) in self.columns.iter().zip(&self.squares) {
-            let mut left = column.clone();
-            directions.iter().for_each(|direction| subtract(&mut left, direction));
-            let length = dot(&left, &left);
-            if length.is_nan() || length <= least_left * square {
-                return None;
-            }
-            left.iter_mut().for_each(|value| *value /= length.sqrt());
-            directions.push(left);
+    /// Of all these columns, the first of which is the acceleration.
+    pub fn of(rows: &'a Rows<'a>, columns: Vec<Vec<f64>>) -> Option<Self> {
+        let count = columns.len();
+        let gram = DMatrix::from_fn(count, count, |i, j| {
+            if i < j { 0.0 } else { columns.get(i).zip(columns.get(j)).map_or(0.0, |(a, b)| dot(a, b)) }
+        });
+        let gram = DMatrix::from_fn(count, count, |i, j| gram[(i.max(j), i.min(j))]);
+        let right = DVector::from_fn(count, |i, _| columns.get(i).map_or(0.0, |column| dot(column, &rows.force)));
+        let values = solved(&gram, &right)?;
+        let mut residual = rows.force.clone();
+        for (column, value) in columns.iter().zip(values.iter()) {
+            residual.iter_mut().zip(column).for_each(|(left, term)| *left -= value * term);
         }
-        Some(directions)
+        let unit = DVector::from_fn(count, |i, _| f64::from(u8::from(i == 0)));
+        let acceleration_left = solved(&gram, &unit)?.iter().next()?.recip();
+        let steps = rows.filter.acceleration_square * rows.force.len() as f64;
+        // Where they are more of what is left of it, nothing is known.
+        let taken = TAKEN.map(|part| part * steps).into_iter().filter(|taken| *taken <= MOST_TAKEN * acceleration_left);
+        let taken = taken.collect();
+        Some(Self { rows, columns, gram, right, taken, steps: steps / acceleration_left, values, residual })
     }
-}
 
-impl Selection {
-    pub fn new(force: &[f64], per_observation: f64) -> Self {
-        Self { residual: force.to_vec(), taken: 0, per_observation }
+    /// How many coefficients there are.
+    pub fn count(&self) -> usize {
+        self.values.len()
     }
 
-    /// Independent observations.
-    fn observations(&self) -> f64 {
-        self.residual.len() as f64 / self.per_observation
+    /// A coefficient by its place.
+    pub fn value(&self, place: usize) -> f64 {
+        self.values.get(place).copied().unwrap_or_default()
+    }
+
+    /// What the encoder's steps, as white noise, take from each coefficient; nothing where they may take all.
+    pub fn taken_by_steps(&self) -> Option<DVector<f64>> {
+        let mut gram = self.gram.clone();
+        let own = gram.get_mut((0, 0))?;
+        *own -= self.rows.filter.acceleration_square * self.residual.len() as f64;
+        Some(solved(&gram, &self.right)? - &self.values)
+    }
+
+    /// The same with more columns.
+    pub fn beside(&self, more: impl IntoIterator<Item = Vec<f64>>) -> Option<Self> {
+        Self::of(self.rows, self.columns.iter().cloned().chain(more).collect())
+    }
+
+    /// How much of each column there is in this one.
+    pub fn along(&self, column: &[f64]) -> Option<DVector<f64>> {
+        let right = DVector::from_iterator(self.columns.len(), self.columns.iter().map(|own| dot(own, column)));
+        solved(&self.gram, &right)
     }
 
     /// Root mean square of what is left over.
@@ -67,54 +125,175 @@ impl Selection {
         (dot(&self.residual, &self.residual) / self.residual.len() as f64).sqrt()
     }
 
-    /// F statistic of a group: the square that each of its directions explains, over what is left for each free observation.
-    /// Neighbouring rows agree, in the residual as in the columns, so one row is a part of an observation in both;
-    /// 0 where the size of a single column cannot be.
-    pub fn statistic(&self, group: &Group, can_be: impl Fn(f64) -> bool) -> f64 {
-        let Some(directions) = group.directions(LEAST_LEFT) else { return 0.0 };
-        let parts: Vec<f64> = directions.iter().map(|direction| dot(direction, &self.residual)).collect();
-        let explained: f64 = parts.iter().map(|part| part * part).sum();
-        if let ([direction], [column]) = (directions.as_slice(), group.columns.as_slice())
-            && !can_be(dot(direction, &self.residual) / dot(direction, column))
-        {
-            return 0.0;
-        }
-        let freedom = self.observations() - (self.taken + group.len()) as f64;
-        let left = (dot(&self.residual, &self.residual) - explained).max(f64::MIN_POSITIVE);
-        if freedom < 1.0 {
-            return 0.0;
-        }
-        // What happened once is no cause: the part of the run that says most is left out.
-        let length = self.residual.len().div_ceil(PARTS).max(1);
-        let of_part = |place: usize| {
-            let within = place * length..((place + 1) * length).min(self.residual.len());
-            let said = |(direction, part): (&Vec<f64>, &f64)| {
-                part * dot(
-                    direction.get(within.clone()).unwrap_or_default(),
-                    self.residual.get(within.clone()).unwrap_or_default(),
-                )
-            };
-            directions.iter().zip(&parts).map(said).sum::<f64>()
+    /// Observations that are free, with so many columns more.
+    pub fn freedom(&self, more: usize) -> f64 {
+        self.residual.len() as f64 / self.rows.per_observation - (self.columns.len() + more) as f64
+    }
+
+    /// Sum of the squares of what is left over.
+    pub fn left(&self) -> f64 {
+        dot(&self.residual, &self.residual)
+    }
+
+    /// The same if a column came to it: by itself, or added to the sign's.
+    pub fn left_with(&self, new: &[f64], to_sign: bool) -> Option<f64> {
+        let count = self.columns.len();
+        let across = DVector::from_iterator(count, self.columns.iter().map(|own| dot(own, new)));
+        let (own, right) = (dot(new, new), dot(new, &self.rows.force));
+        let (gram, right) = if to_sign {
+            let (mut gram, mut rights) = (self.gram.clone(), self.right.clone());
+            for i in 0..count {
+                gram[(i, SIGN)] += across[i];
+                gram[(SIGN, i)] += across[i];
+            }
+            gram[(SIGN, SIGN)] += own;
+            rights[SIGN] += right;
+            (gram, rights)
+        } else {
+            let gram = self.gram.clone().resize(count + 1, count + 1, own);
+            let gram = DMatrix::from_fn(count + 1, count + 1, |i, j| match (i < count, j < count) {
+                (true, false) => across[i],
+                (false, true) => across[j],
+                _ => gram[(i, j)],
+            });
+            (gram, self.right.clone().push(right))
         };
-        let most = (0..PARTS).map(of_part).fold(0.0, f64::max);
-        let agreed = ((explained - most).max(0.0) * PARTS as f64 / (PARTS - 1) as f64).min(explained);
-        agreed / group.len() as f64 / (left / freedom)
+        let values = solved(&gram, &right)?;
+        Some(dot(&self.rows.force, &self.rows.force) - values.dot(&right))
     }
 
-    /// Takes a group in; gives its directions.
-    pub fn take(&mut self, group: &Group) -> Vec<Vec<f64>> {
-        let directions = group.directions(0.0).unwrap_or_default();
-        directions.iter().for_each(|direction| subtract(&mut self.residual, direction));
-        self.taken += directions.len();
-        directions
+    /// Variance of the noise of an observation, of which the part that repeats counts as what it is.
+    pub fn square(&self) -> f64 {
+        self.left() / self.freedom(0).max(1.0) * self.rows.filter.inflation()
+    }
+
+    /// Covariance of the coefficients: by the noise of an observation, of which the part that repeats counts as what it is, or by how
+    /// the parts of the run differ, whichever makes the sum of so many coefficients less certain.
+    pub fn covariance(&self) -> Option<Covariance> {
+        let unit = scales(&self.gram);
+        let inverse = scaled(&self.gram, &unit).cholesky()?.inverse();
+        let inverse = DMatrix::from_fn(unit.len(), unit.len(), |i, j| inverse[(i, j)] * unit[i] * unit[j]);
+        let scatter = &inverse * self.scatter(&self.columns, &self.residual) * &inverse;
+        Some(Covariance { by_noise: inverse * self.square(), by_scatter: scatter })
+    }
+
+    /// How the parts of the run differ in what these columns say of a residual: the sum of the squares of their products.
+    fn scatter(&self, columns: &[Vec<f64>], residual: &[f64]) -> DMatrix<f64> {
+        let scores = self.scores(columns, residual);
+        let all = scores
+            .iter()
+            .fold(DMatrix::zeros(columns.len(), columns.len()), |sum, score| sum + score * score.transpose());
+        let known = self.columns.len().min(PARTS - 1);
+        all * (PARTS as f64 / (PARTS - known) as f64)
+    }
+
+    /// Products of columns with a residual in each part of the run.
+    fn scores(&self, columns: &[Vec<f64>], residual: &[f64]) -> Vec<DVector<f64>> {
+        let length = residual.len().div_ceil(PARTS).max(1);
+        let of_part = |part: usize| {
+            let within = (part * length).min(residual.len())..((part + 1) * length).min(residual.len());
+            let left = residual.get(within.clone()).unwrap_or_default();
+            let products = columns.iter().map(|column| dot(column.get(within.clone()).unwrap_or_default(), left));
+            DVector::from_iterator(columns.len(), products)
+        };
+        (0..PARTS).map(of_part).collect()
+    }
+
+    /// What a group of one or two columns would explain; `noise_square` is the mean square of noise in each of its columns.
+    /// Nothing where too little of it is left over, or where its size cannot be beside what is then Coulomb's friction \[N\].
+    pub fn evidence(
+        &self,
+        group: &[Vec<f64>],
+        noise_square: f64,
+        can_be: impl Fn(f64, f64) -> bool,
+    ) -> Option<Evidence> {
+        let (count, width) = (self.columns.len(), group.len());
+        let rows = self.residual.len() as f64;
+        let across = DMatrix::from_fn(count, width, |i, k| {
+            self.columns.get(i).zip(group.get(k)).map_or(0.0, |(column, new)| dot(column, new))
+        });
+        let own = DMatrix::from_fn(width, width, |k, l| group.get(k).zip(group.get(l)).map_or(0.0, |(a, b)| dot(a, b)));
+        let right = DVector::from_fn(width, |k, _| group.get(k).map_or(0.0, |new| dot(new, &self.rows.force)));
+        let mut least: Option<(f64, DVector<f64>, DMatrix<f64>)> = None;
+        for taken in &self.taken {
+            let mut gram = self.gram.clone();
+            gram[(0, 0)] -= taken;
+            let along = part_of(&gram, &across)?;
+            let left = &own - across.transpose() * &along;
+            let least_left = |k: usize| (LEAST_LEFT * own[(k, k)]).max(LEAST_OVER_NOISE * noise_square * rows);
+            if (0..width).any(|k| left[(k, k)] <= least_left(k)) {
+                return None;
+            }
+            let of_residual = &right - along.transpose() * &self.right;
+            let sizes = solved(&left, &of_residual)?;
+            let explained = sizes.dot(&of_residual);
+            if least.as_ref().is_none_or(|(before, ..)| explained < *before) {
+                least = Some((explained, sizes, along));
+            }
+        }
+        let (explained, sizes, along) = least?;
+        let beside = |place: usize| self.values[place] - (along.row(place) * &sizes)[0];
+        if width == 1 && !can_be(sizes[0], beside(SIGN)) {
+            return None;
+        }
+        let square = (self.left() - explained).max(f64::MIN_POSITIVE) / self.freedom(width).max(1.0);
+        let strength = explained / (square * self.rows.filter.inflation());
+        let strength = if strength < WORTH_A_LOOK { strength } else { self.agreed(group, &along, &sizes, strength) };
+        Some(Evidence { strength, sizes: [sizes[0], sizes.get(1).copied().unwrap_or(0.0)] })
+    }
+
+    /// The part of a strength on which the parts of the run agree: what happened once is no cause, and what is left over scatters
+    /// between the parts by more than white noise where something else is wrong.
+    fn agreed(&self, group: &[Vec<f64>], along: &DMatrix<f64>, sizes: &DVector<f64>, strength: f64) -> f64 {
+        let width = group.len();
+        // What the others leave of the columns, and what these leave of the force.
+        let mut own = group.to_vec();
+        for (k, new) in own.iter_mut().enumerate() {
+            for (i, column) in self.columns.iter().enumerate() {
+                add(new, column, -along[(i, k)]);
+            }
+        }
+        let mut after = self.residual.clone();
+        own.iter().zip(sizes.iter()).for_each(|(new, size)| add(&mut after, new, -size));
+        let said: Vec<f64> = self.scores(&own, &self.residual).iter().map(|score| score.dot(sizes)).collect();
+        let explained: f64 = said.iter().sum();
+        let most = said.windows(2).map(|pair| pair.iter().sum::<f64>()).fold(0.0, f64::max);
+        let lasting = ((explained - most).max(0.0) / explained * PARTS as f64 / (PARTS - 2) as f64).min(1.0);
+        let scatter = self.scatter(&own, &after);
+        let left = DMatrix::from_fn(width, width, |k, l| own.get(k).zip(own.get(l)).map_or(0.0, |(a, b)| dot(a, b)));
+        let against = &left * sizes;
+        let by_scatter = part_of(&scatter, &DMatrix::from_column_slice(width, 1, against.as_slice()))
+            .map_or(0.0, |part| part.column(0).dot(&against));
+        lasting * strength.min(by_scatter)
     }
 }
 
-pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
+/// Adds a part of a column to another.
+fn add(column: &mut [f64], other: &[f64], part: f64) {
+    column.iter_mut().zip(other).for_each(|(value, other)| *value += part * other);
 }
 
-fn subtract(column: &mut [f64], direction: &[f64]) {
-    let part = dot(column, direction);
-    column.iter_mut().zip(direction).for_each(|(value, unit)| *value -= part * unit);
+/// What makes the diagonal one.
+fn scales(gram: &DMatrix<f64>) -> Vec<f64> {
+    gram.diagonal().iter().map(|square| square.sqrt().recip()).collect()
+}
+
+fn scaled(gram: &DMatrix<f64>, unit: &[f64]) -> DMatrix<f64> {
+    DMatrix::from_fn(unit.len(), unit.len(), |i, j| gram[(i, j)] * unit[i] * unit[j])
+}
+
+/// Least squares by their normal equations.
+fn solved(gram: &DMatrix<f64>, right: &DVector<f64>) -> Option<DVector<f64>> {
+    let part = part_of(gram, &DMatrix::from_column_slice(right.len(), 1, right.as_slice()))?;
+    Some(part.column(0).into_owned())
+}
+
+/// The same of several right sides.
+fn part_of(gram: &DMatrix<f64>, right: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let unit = scales(gram);
+    let right = DMatrix::from_fn(right.nrows(), right.ncols(), |i, j| right[(i, j)] * unit[i]);
+    let part = scaled(gram, &unit).cholesky()?.solve(&right);
+    part.iter()
+        .all(|value| value.is_finite())
+        .then(|| DMatrix::from_fn(part.nrows(), part.ncols(), |i, j| part[(i, j)] * unit[i]))
 }

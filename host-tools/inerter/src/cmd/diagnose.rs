@@ -4,16 +4,17 @@ use std::path::PathBuf;
 
 use inerter_analysis::{
     calibrate::refuse_saturated,
-    diagnose::{Cause, Diagnosis, Kind, diagnose},
+    diagnose::{Cause, Diagnosis, Encoder, Kind, diagnose},
 };
 use inerter_core::{LawStatus, Machine, WarningKind};
 use inerter_data::{
+    causes::{self, warning_words},
     json::{LawJson, ParametersJson, machine_json_line},
     output,
     replay::{Outcome, replay_all},
     run::Run,
     series::Series,
-    text::{value_text, warning_code, warning_words},
+    text::value_text,
     words::plural,
 };
 use inerter_wire::{EstimatorEvent, catalogue};
@@ -30,7 +31,8 @@ use crate::Error;
 /// explains most first, as long as it explains more than noise and steps ever do. The parameters are given again with all of them
 /// included. Samples that no device can be blamed for are named as well: lost counts, a clipped or dead force, a wrong sign.
 ///
-/// What repeats with the turns of the screw is sought at the usual counts per turn; --counts-per-turn says what they are.
+/// What repeats with the turns of the screw is sought at the usual counts per turn, and intervals hold all that are possible;
+/// --counts-per-turn says what they are.
 ///
 /// With --json one object: {"kind":"diagnosis","law":{..},"causes":[{"name":..}],"corrected":{..}}. docs/CLI.md describes it.
 #[derive(clap::Args)]
@@ -41,6 +43,9 @@ pub struct Args {
     /// Encoder counts in a turn of the screw
     #[arg(long, value_name = "COUNTS", value_parser = counts)]
     counts_per_turn: Option<f64>,
+    /// Encoder counts in a period of its lines [default: 4]
+    #[arg(long, value_name = "COUNTS", value_parser = counts)]
+    counts_per_line: Option<f64>,
     #[command(flatten)]
     settings: FileSettingsArgs,
     /// Print JSON
@@ -78,7 +83,12 @@ pub fn run(args: &Args) -> Result<(), Error> {
         note(format!("the device changed at {since_s:.1} s: only the motion since is looked at"));
         series.cut_before(since_s);
     }
-    let found = match diagnose(&series, &run.settings, &outcome.published(), args.counts_per_turn) {
+    let found = match diagnose(
+        &series,
+        &run.settings,
+        &outcome.published(),
+        Encoder { counts_per_turn: args.counts_per_turn, counts_per_line: args.counts_per_line },
+    ) {
         Ok(found) => found,
         Err(error) => {
             refuse_saturated(&outcome, &run)?;
@@ -127,7 +137,7 @@ impl CauseJson {
 fn json(run: &Run, outcome: &Outcome, gates: &[Gate], found: &Diagnosis) -> Result<(), Error> {
     let machine = run.settings.machine;
     let gates = gates.iter().map(|(kind, times)| CauseJson {
-        name: warning_code(*kind),
+        name: causes::Cause::Samples(*kind).name(),
         value: f64::from(*times),
         u95: None,
         unit: "times",
@@ -148,6 +158,9 @@ fn json(run: &Run, outcome: &Outcome, gates: &[Gate], found: &Diagnosis) -> Resu
 fn text(run: &Run, outcome: &Outcome, gates: &[Gate], found: &Diagnosis) -> Result<(), Error> {
     let machine = run.settings.machine;
     output::line(match outcome.law.status {
+        LawStatus::Holds if !found.causes.is_empty() => {
+            "The law holds as far as the estimator sees. Near the reversals, or over the whole run, the samples show more:"
+        }
         LawStatus::Holds => "The law holds: force noise and encoder steps explain what it leaves over.",
         LawStatus::Broken => "The law is broken: it leaves more over than force noise and encoder steps explain.",
         LawStatus::Unknown => "Whether the law holds is not known: too little was seen, or the flanks may part.",

@@ -8,13 +8,14 @@ use inerter_analysis::{
 };
 use inerter_core::{Machine, Parameter};
 use inerter_data::{
+    causes::warning_words,
     json::bank_word,
     json::{ParameterJson, ParametersJson, machine_json_line},
     names::description,
     output,
     replay::{Outcome, replay_all},
     run::Run,
-    text::{self, value_text, warning_words},
+    text::{self, value_text},
     words::amount_text,
 };
 use inerter_wire::{EstimatorEvent, catalogue};

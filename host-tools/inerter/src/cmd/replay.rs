@@ -9,13 +9,14 @@ use inerter_analysis::{
 };
 use inerter_core::{Interval, Machine, Settings};
 use inerter_data::{
+    causes::warning_words,
     export::Source,
     full_scale::Peaks,
     json::{EstimateJson, EventJson, ReversalJson, WarningJson, machine_json_line, rounded_s},
     names::{description, parameter},
     output,
     replay::{Outcome, replay_samples},
-    text::{self, change_words, warning_words},
+    text::{self, change_words},
     uncertainty::{BudgetJson, UncertaintyJson},
     words::rounded_text,
 };

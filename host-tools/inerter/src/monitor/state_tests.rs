@@ -171,7 +171,16 @@ fn a_device_that_goes_away_is_told_of_until_it_is_back() {
 fn the_strongest_cause_is_shown_while_the_law_does_not_hold() {
     let mut state = State::default();
     let show = |state: &mut State, item: Item| state.update(Event::Item(&item));
-    let cause = |kind, f| Cause { kind, value: 1e-3, u95: 1e-5, unit: "s", f, period_m: None, rival: None };
+    let cause = |kind, f| Cause {
+        kind,
+        value: 1e-3,
+        u95: 1e-5,
+        unit: "s",
+        f,
+        period_m: None,
+        is_part_of_a_turn: false,
+        rival: None,
+    };
     for (kind, f) in [(Kind::Skew, 900.0), (Kind::Drift, 200.0)] {
         show(&mut state, Item::Cause { at: Moment::default(), t_s: 10.0, index: 10_000, cause: cause(kind, f) });
     }

@@ -1,6 +1,7 @@
 //! What the page of a run holds.
 
-use inerter_analysis::law::{Kernels, Law, Row};
+use inerter_analysis::compared::Row;
+use inerter_analysis::law::{Kernels, Law};
 use inerter_analysis::{
     diagnose::{Cause, Judged, judged, suspected},
     fit::{Beside, Products, directions},

@@ -3,6 +3,7 @@
 use inerter_analysis::diagnose::Judged;
 use inerter_core::{Budget, LawStatus, Machine, Regime, Settings, Source};
 use inerter_data::{
+    causes,
     json::{Shown, bank_word},
     names::description,
     text::{self, value_text},
@@ -231,7 +232,7 @@ fn notes(content: &Content) -> Markup {
         .iter()
         .map(|(t_s, change)| format!("At {t_s:.2} s {}.", text::change_words(content.run.settings.machine, change)));
     let warnings = content.warnings.iter().map(|(t_s, warning)| {
-        format!("At {t_s:.2} s {}.", text::warning_words(content.run.settings.machine, warning.kind))
+        format!("At {t_s:.2} s {}.", causes::warning_words(content.run.settings.machine, warning.kind))
     });
     let causes = content.causes.iter().map(|cause| {
         let sentence = cause.sentence(content.run.settings.machine);

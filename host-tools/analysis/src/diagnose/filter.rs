@@ -1,0 +1,163 @@
+//! What rows are made with: kernels, and what makes their noise white.
+//!
+//! The residual is the force's noise, white, and the encoder's steps, whose acceleration grows with the square of the frequency:
+//! `S = s_F^2 + r (mt w^2)^2 q^2 / 12`, `r` times as often as the motion repeats them. Short boxes keep what friction does near
+//! a reversal and in fast motion; a filter of `1 / sqrt(S)` behind them weighs each frequency by what it can tell.
+
+use std::f64::consts::{PI, TAU};
+
+use inerter_core::{
+    Bank, Settings,
+    constants::{FAST_BOX_S, ROUNDING, SLOW_BOX_S},
+};
+use inerter_data::series::Series;
+
+use crate::law::{Kernels, Law};
+
+/// Box of the rows in which causes are sought \[s\].
+const BOX_S: f64 = 0.004;
+/// Least half width of the whitening \[s\], and what it is of a period of the frequency at which noise and steps are alike.
+const NARROWEST_S: f64 = 0.02;
+const PERIODS: f64 = 0.5;
+/// Frequencies over which the whitening is integrated.
+const FREQUENCIES: usize = 2000;
+/// Median of the fourth differences of white noise of unit variance: `0.6745 sqrt(70)`.
+const MEDIAN_DIFFERENCE: f64 = 5.643;
+
+/// How a run is looked at.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Sight {
+    /// Through short boxes and a whitening of this half width at most \[s\].
+    White(f64),
+    /// Through boxes of this length \[s\].
+    Box(f64),
+}
+
+impl Sight {
+    /// From the one that tells most to the one that leaves out least, and takes least from the acceleration.
+    pub fn all(bank: Bank) -> &'static [Self] {
+        match bank {
+            Bank::Fast => &[Self::White(0.08), Self::White(0.04), Self::White(NARROWEST_S), Self::Box(FAST_BOX_S)],
+            Bank::Slow => &[Self::Box(0.024), Self::Box(0.032), Self::Box(0.048), Self::Box(SLOW_BOX_S)],
+        }
+    }
+}
+
+/// Kernels and whitening.
+pub(super) struct Filter {
+    pub kernels: Kernels,
+    /// Samples between two places of the grid.
+    pub spacing: usize,
+    /// Taps over the grid, of odd number, which sum to 1.
+    pub whitening: Vec<f64>,
+    /// Mean squares that the force's noise and the encoder's steps, as white noise, leave in a row \[N^2\].
+    pub noise_square: f64,
+    pub steps_square: f64,
+    /// Mean square that the force's noise leaves in a row's rate of the force \[N^2/s^2\].
+    pub rate_square: f64,
+    /// Mean square that the steps leave in a row's acceleration.
+    pub acceleration_square: f64,
+    /// How often each stroke comes.
+    pub repeats: f64,
+}
+
+impl Filter {
+    /// Kernels alone.
+    pub fn plain(kernels: Kernels, spacing: usize) -> Self {
+        Self {
+            kernels,
+            spacing,
+            whitening: vec![1.0],
+            noise_square: 0.0,
+            steps_square: 0.0,
+            rate_square: 0.0,
+            acceleration_square: 0.0,
+            repeats: 1.0,
+        }
+    }
+
+    /// Through short boxes and what makes their noise white, or through long boxes alone.
+    pub fn of(sight: Sight, period_s: f64, settings: &Settings, law: &Law, noise_n: f64, repeats: f64) -> Self {
+        let kernels = Kernels::of_box(
+            match sight {
+                Sight::White(_) => BOX_S,
+                Sight::Box(box_s) => box_s,
+            },
+            period_s,
+        );
+        let spacing = (kernels.box_samples / 2).max(1);
+        let whitening = match sight {
+            Sight::White(widest_s) => {
+                let step_n = law.inertance_kg.abs() * settings.metres_per_count.abs() * (ROUNDING * repeats).sqrt();
+                whitening((noise_n / step_n).sqrt() / TAU, spacing as f64 * period_s, widest_s)
+            }
+            Sight::Box(_) => vec![1.0],
+        };
+        // The whole of either kernel, tap by tap.
+        let square = |taps: &[f64]| {
+            let mut whole = vec![0.0; taps.len() + (whitening.len() - 1) * spacing];
+            for (place, weight) in whitening.iter().enumerate() {
+                for (slot, tap) in whole.iter_mut().skip(place * spacing).zip(taps) {
+                    *slot += weight * tap;
+                }
+            }
+            whole.iter().map(|tap| tap * tap).sum::<f64>()
+        };
+        let acceleration_square = ROUNDING * settings.metres_per_count.powi(2) * square(&kernels.second);
+        Self {
+            noise_square: noise_n * noise_n * square(&kernels.force),
+            rate_square: noise_n * noise_n * square(&kernels.rate),
+            steps_square: law.inertance_kg.powi(2) * acceleration_square,
+            acceleration_square,
+            kernels,
+            spacing,
+            whitening,
+            repeats,
+        }
+    }
+
+    /// Variance of a regular motion's noise over that of white noise: what repeats is not averaged.
+    pub fn inflation(&self) -> f64 {
+        let share = self.steps_square / (self.steps_square + self.noise_square).max(f64::MIN_POSITIVE);
+        1.0 + share * (self.repeats - 1.0)
+    }
+}
+
+/// Taps of `1 / sqrt(1 + (f / f0)^4)` at this spacing \[s\].
+fn whitening(alike_hz: f64, spacing_s: f64, widest_s: f64) -> Vec<f64> {
+    let half_s = (PERIODS / alike_hz).clamp(NARROWEST_S.min(widest_s), widest_s);
+    let half = (half_s / spacing_s).round() as i32;
+    let top_hz = 0.5 / spacing_s;
+    let frequencies = (0..FREQUENCIES).map(|k| (k as f64 + 0.5) * top_hz / FREQUENCIES as f64);
+    let gains: Vec<(f64, f64)> = frequencies.map(|f| (f, 1.0 / (1.0 + (f / alike_hz).powi(4)).sqrt())).collect();
+    let taps = (-half..=half).map(|place| {
+        let t = f64::from(place) * spacing_s;
+        let window = 0.5 * (1.0 + (PI * f64::from(place) / f64::from(half + 1)).cos());
+        window * gains.iter().map(|(f, gain)| gain * (TAU * f * t).cos()).sum::<f64>()
+    });
+    let taps: Vec<f64> = taps.collect();
+    let sum: f64 = taps.iter().sum();
+    taps.into_iter().map(|tap| tap / sum).collect()
+}
+
+/// Noise of the force \[N\], by its fourth differences, which no motion moves much; not less than its codes round.
+pub(super) fn force_noise_n(series: &Series, settings: &Settings) -> f64 {
+    let mut differences: Vec<f64> = Vec::new();
+    for stretch in &series.stretches {
+        differences.extend(stretch.force_n.windows(5).filter_map(|five| match five {
+            [a, b, c, d, e] => Some((a - 4.0 * b + 6.0 * c - 4.0 * d + e).abs()),
+            _ => None,
+        }));
+    }
+    let middle = differences.len() / 2;
+    let least = settings.newtons_per_code.abs() * ROUNDING.sqrt();
+    if differences.is_empty() {
+        return least;
+    }
+    let (_, median, _) = differences.select_nth_unstable_by(middle, f64::total_cmp);
+    (*median / MEDIAN_DIFFERENCE).max(least)
+}
+
+#[cfg(test)]
+#[path = "filter_tests.rs"]
+mod tests;

@@ -1,0 +1,51 @@
+use super::*;
+use crate::law::{around, dot};
+use inerter_data::series::Stretch;
+
+/// Noise that looks white: a generator of 64 bits, twelve of its values at a time.
+fn noise(samples: usize) -> Vec<f64> {
+    let mut state = 0x9e37_79b9_7f4a_7c15_u64;
+    let mut uniform = move || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 11) as f64 / (1_u64 << 53) as f64
+    };
+    (0..samples).map(|_| (0..12).map(|_| uniform()).sum::<f64>() - 6.0).collect()
+}
+
+#[test]
+fn the_noise_is_read_off_the_force_whatever_the_motion() {
+    let settings = Settings::default();
+    let force_n =
+        noise(20_000).iter().zip(0..).map(|(noise, n)| 2.0 * noise + 500.0 * (0.1 * f64::from(n)).sin()).collect();
+    let series = Series { period_s: 1e-3, stretches: vec![Stretch { force_n, ..Stretch::default() }] };
+    let found = force_noise_n(&series, &settings);
+    assert!((found / 2.0 - 1.0).abs() < 0.05, "{found}");
+    // Not less than the codes round.
+    let still = Series { period_s: 1e-3, stretches: vec![Stretch { force_n: vec![0.0; 100], ..Stretch::default() }] };
+    assert!(force_noise_n(&still, &settings) > 0.0);
+}
+
+/// Noise of the force and of the encoder, as the rows have them: as large as is reckoned, and white beyond a box.
+#[test]
+fn noise_and_steps_are_white_behind_the_filter() {
+    let law = Law { inertance_kg: 300.0, ..Law::default() };
+    let settings = Settings { metres_per_count: 2.44e-6, ..Settings::default() };
+    let filter = Filter::of(Sight::White(0.08), 1e-3, &settings, &law, 1.0, 1.0);
+    let (force, steps) = (noise(60_000), noise(120_000).split_off(60_000));
+    let step_m = settings.metres_per_count * ROUNDING.sqrt();
+    let Filter { kernels, whitening, spacing, .. } = &filter;
+    let along: Vec<f64> = (100..59_900)
+        .step_by(*spacing)
+        .map(|middle| around(&kernels.force, &force, middle) - 300.0 * step_m * around(&kernels.second, &steps, middle))
+        .collect();
+    let half = whitening.len() / 2;
+    let rows: Vec<f64> = (half..along.len() - half).map(|row| around(whitening, &along, row)).collect();
+    let lag = |apart: usize| dot(&rows, &rows[apart..]) / rows.len() as f64;
+    assert!((lag(0) / (filter.noise_square + filter.steps_square) - 1.0).abs() < 0.1, "{}", lag(0));
+    for apart in [4, 6, 10, 20, 40] {
+        assert!((lag(apart) / lag(0)).abs() < 0.15, "{apart}: {}", lag(apart) / lag(0));
+    }
+    // Steps that come four times are half again as much of it, or more.
+    let repeated = Filter::of(Sight::White(0.08), 1e-3, &settings, &law, 1.0, 4.0);
+    assert!(filter.inflation() == 1.0 && repeated.inflation() > 1.5 && repeated.steps_square < filter.steps_square);
+}

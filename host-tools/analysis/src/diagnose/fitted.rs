@@ -1,0 +1,166 @@
+//! The law and what was found, fitted together at last: sizes and parameters with their intervals.
+
+use inerter_core::{Detail, Found as Estimated, Motion, NORMAL_COVERAGE, Parameters, Scatter, Settings, constants};
+
+use super::{
+    candidate::Encoder,
+    cause::Cause,
+    columns::{Candidate, Rows, Term},
+    found::{Found, model},
+    kind::Kind,
+    selection::{Model, SIGN},
+};
+use crate::fit::{Beside, Judge};
+
+/// What friction at the reversals makes of a skew \[s\], at most (docs/THEORY.md, 10).
+const SKEW_MODEL_U95_S: f64 = 13e-6;
+/// What another length of a turn may leave over beyond the one that leaves least, in squares of noise, to be possible: it is less
+/// likely by a factor of 150.
+const POSSIBLE: f64 = 10.0;
+/// Part by which a velocity or distance is moved to see what that does.
+const STEP: f64 = 0.02;
+
+/// All of it.
+pub(super) struct Fitted {
+    pub causes: Vec<Cause>,
+    pub corrected: Parameters,
+    pub residual_rms_n: f64,
+}
+
+/// Fits what was found; `undone_s` of a skew is undone in the rows. Nothing where the motion cannot tell all apart.
+pub(super) fn fitted(
+    rows: &Rows,
+    settings: &Settings,
+    detail: &Detail,
+    found: &[Found],
+    undone_s: f64,
+    encoder: Encoder,
+) -> Option<Fitted> {
+    let law = model(rows, found)?;
+    // What moving a velocity or distance does is a column more.
+    let slopes: Vec<Option<Vec<f64>>> = found.iter().map(|one| slope(rows, one)).collect();
+    let with_slopes = law.beside(slopes.iter().flatten().cloned());
+    let covariance = with_slopes.as_ref().unwrap_or(&law).covariance()?;
+    let others = other_turns(rows, settings, &law, found, encoder);
+    // By how much one of them may differ from what is told.
+    let off = |of: &dyn Fn(&Model) -> f64| others.iter().map(|other| (of(other) - of(&law)).abs()).fold(0.0, f64::max);
+    let (mut at, mut slope_at) = (rows.base.len(), law.count());
+    let mut causes: Vec<Cause> = Vec::new();
+    for (one, slope) in found.iter().zip(&slopes) {
+        let width = if one.is_whole { 0 } else { one.candidate.term.width() };
+        let first = if one.is_whole { SIGN } else { at };
+        let size_by = |model: &Model| match width {
+            2 => model.value(first).hypot(model.value(first + 1)),
+            _ => model.value(first),
+        };
+        let size = size_by(&law);
+        let variance = match width {
+            2 => covariance.of(&[(first, law.value(first) / size), (first + 1, law.value(first + 1) / size)]),
+            _ => covariance.of(&[(first, 1.0)]),
+        };
+        let is_sought = slope.is_some() && with_slopes.is_some();
+        let scale_variance = if is_sought { covariance.of(&[(slope_at, 1.0)]) } else { f64::INFINITY };
+        let u95 = |variance: f64| constants::COVERAGE * variance.max(0.0).sqrt();
+        let mut told = cause(one, size, u95(variance) + off(&size_by), u95(scale_variance));
+        let is_part = told.period_m.is_some_and(|period_m| period_m > rows.span.stroke_m);
+        told.is_part_of_a_turn = is_part && encoder.counts_per_turn.is_none();
+        // What is undone shows no more, and counts as what it was.
+        if one.candidate.kind == Kind::Skew {
+            let whole_s = undone_s + size;
+            told = Cause {
+                value: whole_s,
+                u95: told.u95.hypot(SKEW_MODEL_U95_S),
+                f: whole_s * whole_s / variance,
+                ..told
+            };
+        }
+        causes.push(told);
+        at += width;
+        slope_at += usize::from(slope.is_some());
+    }
+    causes.sort_by(|a, b| b.f.total_cmp(&a.f));
+    let skew_u95_s = causes.iter().find(|cause| cause.kind == Kind::Skew).map_or(settings.skew_u95_s, |skew| skew.u95);
+    let settings = Settings { skew_u95_s, ..*settings };
+    let errors = [0, 1, 2, 3].map(|i| {
+        let off = off(&|model: &Model| model.value(i));
+        covariance.of(&[(i, 1.0)]).sqrt() + off / f64::from(NORMAL_COVERAGE)
+    });
+    let corrected = corrected(rows, &settings, detail, &law, errors)?;
+    Some(Fitted { causes, corrected, residual_rms_n: law.residual_rms() })
+}
+
+/// What a velocity or distance that is greater by a part of itself adds to the force, per part.
+fn slope(rows: &Rows, one: &Found) -> Option<Vec<f64>> {
+    let scale = one.candidate.term.scale()?;
+    let column = |factor: f64| rows.columns(one.candidate.term.with_scale(scale * factor)).into_iter().next();
+    let (less, more) = (column(1.0 - STEP)?, column(1.0 + STEP)?);
+    Some(more.iter().zip(&less).map(|(more, less)| one.sizes[0] * (more - less) / (2.0 * STEP)).collect())
+}
+
+/// The same fits with other lengths of a turn, which nobody gave, that are possible.
+fn other_turns<'a>(
+    rows: &'a Rows<'a>,
+    settings: &Settings,
+    law: &Model,
+    found: &[Found],
+    encoder: Encoder,
+) -> Vec<Model<'a>> {
+    if encoder.counts_per_turn.is_some() {
+        return Vec::new();
+    }
+    let all = Candidate::all(&rows.span, settings, encoder);
+    let most = law.left() + POSSIBLE * law.square();
+    let mut others = Vec::new();
+    for (place, one) in found.iter().enumerate() {
+        let own = one.candidate.term;
+        let is_other = |term: Term| term != own && std::mem::discriminant(&term) == std::mem::discriminant(&own);
+        for candidate in all.iter().filter(|other| other.term.period_m().is_some() && is_other(other.term)) {
+            let mut with = found.to_vec();
+            with.iter_mut().skip(place).take(1).for_each(|one| one.candidate = *candidate);
+            others.extend(model(rows, &with).filter(|other| other.left() <= most));
+        }
+    }
+    others
+}
+
+/// The parameters by this fit.
+fn corrected(rows: &Rows, settings: &Settings, detail: &Detail, law: &Model, errors: [f64; 4]) -> Option<Parameters> {
+    // What a skew that is left unseen moves, a skew that was found beside the law or not.
+    let late = rows.columns(Term::Skew);
+    let moved = Model::new(rows, [])?.along(late.first()?)?;
+    // They are not given back, as it is known to a half only.
+    let steps = law.taken_by_steps()?;
+    let found = [0, 1, 2, 3].map(|i| Estimated {
+        value: law.value(i) as f32,
+        error: errors[i] as f32,
+        per_skew: moved.get(i).copied().unwrap_or_default() as f32,
+        steps: steps.get(i).copied().unwrap_or_default().abs() as f32,
+    });
+    // What breaks the law is in the fit, and steps that repeat are in its errors.
+    let beside = Beside { motion: Motion::of(detail, 1.0), model_u95: [0.0; 4] };
+    let scatter = Scatter::white(law.value(0) as f32, law.freedom(0) as f32);
+    Some(Judge { settings, beside: &beside, scatter }.four(found))
+}
+
+fn cause(found: &Found, size: f64, u95: f64, scale_u95: f64) -> Cause {
+    let Candidate { kind, term } = found.candidate;
+    let (value, u95, unit) = match term {
+        Term::Load => (size, u95, "1"),
+        Term::Wobble(_) => (size, u95, "m"),
+        Term::Ripple(_) | Term::Uneven(_) => (size, u95, "N"),
+        Term::Falling(_) | Term::Bell(_) | Term::Drift | Term::Warming => (size, u95, "N"),
+        Term::Turning(distance) | Term::Bending(distance) => (distance, scale_u95 * distance, "m"),
+        Term::Thinning | Term::Speed => (size, u95, "N s/m"),
+        Term::Skew => (size, u95, "s"),
+    };
+    Cause {
+        kind,
+        value,
+        u95,
+        unit,
+        f: found.f(),
+        period_m: term.period_m(),
+        is_part_of_a_turn: false,
+        rival: found.rival,
+    }
+}

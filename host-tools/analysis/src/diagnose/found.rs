@@ -1,0 +1,151 @@
+//! What was found: fitted together, its velocities and distances sought beside all the rest.
+
+use super::{
+    columns::{Candidate, Known, Rows, Term},
+    kind::{Kind, LIMIT},
+    selection::{Model, SIGN},
+};
+use crate::law::Law;
+
+/// Factor by which a velocity or distance is sought to either side of the nearest that was tried.
+const WIDE: f64 = 2.5;
+/// The same once it was sought before.
+const NARROW: f64 = 1.4;
+/// Steps of the search, each of which leaves 0.62 of the range.
+const STEPS: usize = 12;
+/// Part of a whole in the golden section.
+const GOLDEN: f64 = 0.618_033_988_75;
+
+/// One cause that was found.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Found {
+    pub candidate: Candidate,
+    pub sizes: [f64; 2],
+    /// Square that it explains beside all others, over that of the noise in one observation.
+    pub strength: f64,
+    /// What explains as much.
+    pub rival: Option<Kind>,
+    /// All of Coulomb friction turns, and it has no size of its own.
+    pub is_whole: bool,
+}
+
+impl Found {
+    /// F statistic: what it explains for each of its columns.
+    pub fn f(&self) -> f64 {
+        self.strength / self.candidate.term.width() as f64
+    }
+
+    /// A candidate of this evidence.
+    pub fn new(candidate: Candidate, sizes: [f64; 2], strength: f64) -> Self {
+        Self { candidate, sizes, strength, rival: None, is_whole: false }
+    }
+}
+
+/// The law with all that was found beside it; nothing where the motion cannot tell them apart.
+pub(super) fn model<'a>(rows: &'a Rows<'a>, found: &[Found]) -> Option<Model<'a>> {
+    let mut columns: Vec<Vec<f64>> = rows.base.to_vec();
+    for one in found {
+        let new = rows.columns(one.candidate.term);
+        match (one.is_whole, new.as_slice(), columns.get_mut(SIGN)) {
+            (true, [turned], Some(sign)) => sign.iter_mut().zip(turned).for_each(|(sign, turned)| *sign += turned),
+            _ => columns.extend(new),
+        }
+    }
+    Model::of(rows, columns)
+}
+
+/// The law's values and the sizes by this model.
+pub(super) fn taken(model: &Model, found: &mut [Found]) -> Law {
+    let value = |place: usize| model.value(place);
+    let mut place = 4;
+    for one in found {
+        if one.is_whole {
+            one.sizes = [value(SIGN), 0.0];
+            continue;
+        }
+        let width = one.candidate.term.width();
+        one.sizes = [value(place), if width == 2 { value(place + 1) } else { 0.0 }];
+        place += width;
+    }
+    Law { inertance_kg: value(0), viscous_n_s_per_m: value(1), coulomb_n: value(2), offset_n: value(3) }
+}
+
+/// What is known by it.
+pub(super) fn known(found: &[Found]) -> Vec<Known> {
+    found.iter().map(|one| (one.candidate.term, one.sizes)).collect()
+}
+
+/// Seeks velocities and distances anew, each beside all others, by either law that it may go by.
+pub(super) fn refine(rows: &Rows, found: &mut [Found]) {
+    for place in 0..found.len() {
+        let Some(Found { candidate: Candidate { term, .. }, .. }) = found.get(place).copied() else { continue };
+        if term.scale().is_none() {
+            continue;
+        }
+        let others = found.iter().enumerate().filter(|(other, _)| *other != place).map(|(_, one)| *one);
+        let Some(law) = model(rows, &others.collect::<Vec<Found>>()) else { continue };
+        // Friction of which all turns has a size less.
+        let of_a_size = LIMIT * law.square();
+        let ways: &[bool] = if matches!(term, Term::Turning(_) | Term::Bending(_)) { &[false, true] } else { &[false] };
+        let mut best: Option<(f64, Term, bool)> = None;
+        for term in [Some(term), term.other_shape()].into_iter().flatten() {
+            for &is_whole in ways {
+                let left = |term: Term| {
+                    let columns = rows.columns(term);
+                    columns.first().and_then(|column| law.left_with(column, is_whole)).unwrap_or(f64::INFINITY)
+                };
+                let (scale, least) = sought(term.scale().unwrap_or(1.0), NARROW, |scale| left(term.with_scale(scale)));
+                let least = if is_whole { least } else { least + of_a_size };
+                if best.is_none_or(|(before, ..)| least < before) {
+                    best = Some((least, term.with_scale(scale), is_whole));
+                }
+            }
+        }
+        if let (Some((_, term, is_whole)), Some(one)) = (best, found.get_mut(place)) {
+            (one.candidate.term, one.is_whole) = (term, is_whole);
+        }
+    }
+}
+
+/// Where a function is least around a scale, and what it is there.
+fn sought(scale: f64, wide: f64, function: impl Fn(f64) -> f64) -> (f64, f64) {
+    let at = |log: f64| function(log.exp());
+    let (mut low, mut high) = ((scale / wide).ln(), (scale * wide).ln());
+    let mut inner = [high - GOLDEN * (high - low), low + GOLDEN * (high - low)];
+    let mut values = inner.map(at);
+    for _ in 0..STEPS {
+        if values[0] < values[1] {
+            high = inner[1];
+            inner = [high - GOLDEN * (high - low), inner[0]];
+            values = [at(inner[0]), values[0]];
+        } else {
+            low = inner[0];
+            inner = [inner[1], low + GOLDEN * (high - low)];
+            values = [values[1], at(inner[1])];
+        }
+    }
+    let [first, second] = [0, 1].map(|place| (inner[place], values[place]));
+    let (log, value) = if second.1 < first.1 { second } else { first };
+    (log.exp(), value)
+}
+
+/// The most that a candidate explains at any velocity or distance around its own, by this strength.
+pub(super) fn strongest(candidate: Candidate, strength: impl Fn(Candidate) -> f64) -> Candidate {
+    let Some(scale) = candidate.term.scale() else { return candidate };
+    let with = |scale: f64| Candidate { term: candidate.term.with_scale(scale), ..candidate };
+    let (sought, _) = sought(scale, WIDE, |scale| -strength(with(scale)));
+    with(sought)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_scale_is_found_around_the_nearest_that_was_tried() {
+        for least in [1.4, 2.0, 2.9] {
+            let (scale, value) = sought(2.0, WIDE, |scale| (scale / least).ln().powi(2) - 1.0);
+            assert!((scale / least - 1.0).abs() < 0.01 && (value + 1.0).abs() < 1e-4, "{scale} {least}");
+        }
+    }
+}

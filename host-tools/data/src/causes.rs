@@ -1,0 +1,147 @@
+//! What may be wrong with a run: with its samples, by the estimator, or with the law, by a diagnosis. One list of names for
+//! programs, and words for people.
+
+use inerter_core::{Machine, WarningKind};
+
+use crate::names::description;
+
+/// What may break the law.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Kind {
+    /// Friction grows with the force.
+    LoadDependent,
+    /// Force or friction repeats with the turns of the screw.
+    PositionPeriodic,
+    /// Friction falls with the velocity.
+    Stribeck,
+    /// Friction turns over a distance.
+    Presliding,
+    /// Offset or friction changes with time.
+    Drift,
+    /// Force and position are not of the same moment.
+    Skew,
+    /// The position is wrong once a turn, or within a line.
+    EncoderError,
+    /// Friction differs by direction.
+    Direction,
+}
+
+/// Anything that may be wrong.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Cause {
+    /// With samples, which are left out.
+    Samples(WarningKind),
+    /// With the law.
+    Law(Kind),
+}
+
+impl Cause {
+    /// All of them: first what is wrong with samples.
+    pub const ALL: [Self; 12] = [
+        Self::Samples(WarningKind::WrongSign),
+        Self::Samples(WarningKind::CountSlip),
+        Self::Samples(WarningKind::ClippedForce),
+        Self::Samples(WarningKind::DeadForce),
+        Self::Law(Kind::LoadDependent),
+        Self::Law(Kind::PositionPeriodic),
+        Self::Law(Kind::Stribeck),
+        Self::Law(Kind::Presliding),
+        Self::Law(Kind::Drift),
+        Self::Law(Kind::Skew),
+        Self::Law(Kind::EncoderError),
+        Self::Law(Kind::Direction),
+    ];
+
+    /// Its name for programs.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Samples(WarningKind::WrongSign) => "wrong_sign",
+            Self::Samples(WarningKind::CountSlip) => "count_slip",
+            Self::Samples(WarningKind::ClippedForce) => "clipped_force",
+            Self::Samples(WarningKind::DeadForce) => "dead_force",
+            Self::Law(Kind::LoadDependent) => "load_dependent",
+            Self::Law(Kind::PositionPeriodic) => "position_periodic",
+            Self::Law(Kind::Stribeck) => "stribeck",
+            Self::Law(Kind::Presliding) => "presliding",
+            Self::Law(Kind::Drift) => "drift",
+            Self::Law(Kind::Skew) => "skew",
+            Self::Law(Kind::EncoderError) => "encoder_error",
+            Self::Law(Kind::Direction) => "direction",
+        }
+    }
+
+    /// The same for a person: what is wrong with samples with what to do, what may break the law as a few words.
+    pub const fn words(self) -> &'static str {
+        match self {
+            Self::Samples(WarningKind::WrongSign) => {
+                "the inertance is negative beyond its interval: the force or the position has the wrong sign, or nothing there has \
+                 inertia; look at the signs of newtons_per_code and metres_per_count"
+            }
+            Self::Samples(WarningKind::CountSlip) => {
+                "the position jumped as no force could move it, and what rests on it is left out: the encoder loses counts; look at \
+                 its cable, its supply and its highest rate"
+            }
+            Self::Samples(WarningKind::ClippedForce) => {
+                "the force is clipped below its stated limits: clipped samples are left out, and the estimator begins anew; lower \
+                 the amplifier's gain or the motion, or state force_min_code and force_max_code"
+            }
+            Self::Samples(WarningKind::DeadForce) => {
+                "the force stands still while the screw goes to and fro: such samples are left out, and the estimator begins anew; \
+                 look at the load cell's cable and its supply"
+            }
+            Self::Law(Kind::LoadDependent) => "friction that grows with the load",
+            Self::Law(Kind::PositionPeriodic) => "force or friction that repeats with the turns",
+            Self::Law(Kind::Stribeck) => "friction that is greater at low speed",
+            Self::Law(Kind::Presliding) => "friction that turns over a distance",
+            Self::Law(Kind::Drift) => "a drift",
+            Self::Law(Kind::Skew) => "a delay of the force",
+            Self::Law(Kind::EncoderError) => "an error of the encoder",
+            Self::Law(Kind::Direction) => "viscous friction that differs by direction",
+        }
+    }
+}
+
+impl Kind {
+    /// All of them.
+    pub const ALL: [Self; 8] = [
+        Self::LoadDependent,
+        Self::PositionPeriodic,
+        Self::Stribeck,
+        Self::Presliding,
+        Self::Drift,
+        Self::Skew,
+        Self::EncoderError,
+        Self::Direction,
+    ];
+
+    /// Its name for programs.
+    pub const fn name(self) -> &'static str {
+        Cause::Law(self).name()
+    }
+
+    /// The same in words.
+    pub const fn words(self) -> &'static str {
+        Cause::Law(self).words()
+    }
+}
+
+/// What is wrong with the samples and what to do, for a person.
+pub fn warning_words(machine: Machine, kind: WarningKind) -> String {
+    description(machine, Cause::Samples(kind).words())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A public contract: docs/CLI.md.
+    #[test]
+    fn every_cause_has_a_name_of_its_own() {
+        let names = Cause::ALL.map(Cause::name);
+        let all = "wrong_sign count_slip clipped_force dead_force load_dependent position_periodic stribeck presliding drift \
+                   skew encoder_error direction";
+        assert_eq!(names.join(" "), all);
+        let of_law: Vec<&str> = Kind::ALL.into_iter().map(Kind::name).collect();
+        assert_eq!(of_law, names[4..]);
+    }
+}

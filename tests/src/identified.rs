@@ -1,0 +1,185 @@
+//! Whether a motion tells of a fault at all, by the plant's truth: nothing that seeks causes has a part in it.
+//!
+//! What a fault adds to the force is known, and so are the regressors of the law. Least squares tell which part of its square they
+//! leave over, where the screw moves. Behind a filter that makes the force's noise and the encoder's steps white together, the
+//! same tells how many standard deviations its size would stand above zero for somebody who knew everything but that size.
+
+use inerter_analysis::diagnose::Kind;
+use inerter_core::constants::REST_WINDOW_S;
+use inerter_plant::{Motion as Screw, Sensors, Truth};
+use std::f64::consts::TAU;
+
+use crate::{
+    diagnose::{Case, WITHIN, mean},
+    grid::{Error, Motion},
+    linear::Cholesky,
+};
+
+/// Time after rest in which the filter still knows of it \[s\].
+const MEMORY_S: f64 = 0.1;
+/// Part of what a fault adds that the law must leave over.
+const LEAST_LEFT: f64 = 0.005;
+/// Standard deviations of a size that can be told to 10 % in 95 % of the runs.
+const LEAST_SIGMAS: f64 = 19.6;
+
+/// What a motion tells of a fault.
+#[derive(Clone, Copy, Debug)]
+pub struct Told {
+    /// Part of its square that the law leaves over.
+    pub left: f64,
+    /// Its size in standard deviations of the best estimate.
+    pub sigmas: f64,
+}
+
+impl Told {
+    /// Whether its size can be told to 10 %.
+    pub fn is_enough(&self) -> bool {
+        self.left >= LEAST_LEFT && self.sigmas >= LEAST_SIGMAS
+    }
+}
+
+impl Case {
+    /// What a motion tells of this fault, whose encoder's steps come so often.
+    pub fn told_by(&self, motion: &Motion, seed: u64, repeats: f64) -> Result<Told, Error> {
+        let rate_hz = self.sensors.sample_rate_hz;
+        let truths = self.truths(motion, seed)?;
+        let means = |values: Vec<f64>| -> Vec<f64> {
+            values.chunks(WITHIN).map(|within| mean(within.iter().copied())).collect()
+        };
+        let of = |value: fn(&Truth) -> f64| means(truths.iter().map(value).collect());
+        let mut columns = [
+            of(|truth| truth.a2_m_per_s2),
+            of(|truth| truth.v2_m_per_s),
+            of(|truth| truth.v2_m_per_s.signum()),
+            of(|_| 1.0),
+            means(self.adds(&truths, rate_hz * WITHIN as f64, motion.duration_s)),
+        ];
+        let stands = of(|truth| f64::from(u8::from(truth.motion == Screw::Stuck)));
+        let (left, all) = left_over(&columns, &moving(&stands, REST_WINDOW_S * rate_hz));
+        let step_n = self.device.inertance_kg * self.sensors.metres_per_count / 12_f64.sqrt() * repeats.sqrt();
+        let alike_hz = (self.sensors.force_noise_n / step_n).sqrt() / TAU;
+        columns.iter_mut().for_each(|column| whiten(column, alike_hz / rate_hz));
+        let (told, _) = left_over(&columns, &moving(&stands, MEMORY_S * rate_hz));
+        Ok(Told { left: left / all, sigmas: told.sqrt() / self.sensors.force_noise_n })
+    }
+
+    /// What the fault adds to the force that the law gives \[N\].
+    fn adds(&self, truths: &[Truth], rate_hz: f64, duration_s: f64) -> Vec<f64> {
+        let device = &self.device;
+        let cell_n = |truth: &Truth| truth.force_n + device.structure_mass_kg * truth.a1_m_per_s2;
+        let each = |value: &dyn Fn(&Truth) -> f64| truths.iter().map(value).collect();
+        match self.kind {
+            Some(Kind::Skew) => {
+                let late = (self.sensors.delay_s * rate_hz).round() as usize;
+                let before = truths.iter().cycle().skip(truths.len() - late.min(truths.len()));
+                truths.iter().zip(before).map(|(now, before)| cell_n(before) - cell_n(now)).collect()
+            }
+            Some(Kind::EncoderError) => {
+                let Sensors { encoder_eccentricity_m, encoder_eccentricity_phase_rad: phase, lead_m, .. } =
+                    self.sensors;
+                let wobble = |truth: &Truth| encoder_eccentricity_m * (TAU * truth.x2_m / lead_m + phase).sin();
+                let off: Vec<f64> = truths.iter().map(wobble).collect();
+                let mut adds: Vec<f64> = off
+                    .windows(3)
+                    .map(|three| match three {
+                        [before, now, after] => {
+                            let rate = (after - before) / 2.0 * rate_hz;
+                            let second = (after - 2.0 * now + before) * rate_hz * rate_hz;
+                            let mass_kg = device.inertance_kg + device.structure_mass_kg;
+                            -mass_kg * second - device.viscous_n_s_per_m * rate
+                        }
+                        _ => 0.0,
+                    })
+                    .collect();
+                adds.insert(0, 0.0);
+                adds.push(0.0);
+                adds
+            }
+            Some(Kind::Stribeck | Kind::Presliding) => {
+                each(&|truth| truth.friction_n - device.coulomb_n * truth.v2_m_per_s.signum())
+            }
+            Some(Kind::Direction) => {
+                each(&|truth| device.viscous_asymmetry * device.viscous_n_s_per_m * truth.v2_m_per_s.abs())
+            }
+            _ => each(&|truth| {
+                let time = truth.t_s / duration_s - 0.5;
+                self.added.at_n(cell_n(truth), truth, time, self.sensors.lead_m) + self.added.drift_n * time
+            }),
+        }
+    }
+}
+
+/// Samples that lie farther from rest than this \[samples\].
+fn moving(stands: &[f64], clearance: f64) -> Vec<bool> {
+    let clearance = clearance.ceil() as usize;
+    let mut moving = vec![true; stands.len()];
+    for (at, _) in stands.iter().enumerate().filter(|(_, stands)| **stands > 0.0) {
+        moving.iter_mut().skip(at.saturating_sub(clearance)).take(2 * clearance + 1).for_each(|moves| *moves = false);
+    }
+    // A filter begins with nothing.
+    moving.iter_mut().take(clearance).for_each(|moves| *moves = false);
+    moving
+}
+
+/// Sum of the squares of what the first four columns leave of the fifth, and of all of it.
+fn left_over(columns: &[Vec<f64>; 5], counts: &[bool]) -> (f64, f64) {
+    let rows = || (0..counts.len()).filter(|row| counts[*row]).map(|row| columns.each_ref().map(|column| column[row]));
+    let mut gram = [[0.0; 4]; 4];
+    let mut right = [0.0; 4];
+    let mut all = 0.0;
+    for [a, b, c, d, added] in rows() {
+        let row = [a, b, c, d];
+        for (i, x) in row.iter().enumerate() {
+            row.iter().enumerate().for_each(|(j, y)| gram[i][j] += x * y);
+            right[i] += x * added;
+        }
+        all += added * added;
+    }
+    let Some(factors) = Cholesky::of(&gram, 1e-12) else { return (0.0, all) };
+    let values = factors.solve(&right);
+    let left = rows().map(|[a, b, c, d, added]| {
+        let law: f64 = [a, b, c, d].iter().zip(values).map(|(x, value)| x * value).sum();
+        (added - law).powi(2)
+    });
+    (left.sum(), all)
+}
+
+/// Butterworth's low-pass of second order, whose gain is `1 / sqrt(1 + (f / f0)^4)`: its phase is the same for all columns.
+fn whiten(column: &mut [f64], alike: f64) {
+    let w = (std::f64::consts::PI * alike).tan();
+    let norm = 1.0 / (1.0 + std::f64::consts::SQRT_2 * w + w * w);
+    let (b, a1, a2) = (w * w * norm, 2.0 * (w * w - 1.0) * norm, (1.0 - std::f64::consts::SQRT_2 * w + w * w) * norm);
+    let (mut x, mut y) = ([0.0; 2], [0.0; 2]);
+    for value in column {
+        let now = b * (*value + 2.0 * x[0] + x[1]) - a1 * y[0] - a2 * y[1];
+        (x, y) = ([*value, x[0]], [now, y[0]]);
+        *value = now;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::{diagnose::cases, grid::MOTIONS};
+
+    /// By hand: in a tone of which the law takes all but the harmonics, a force once a turn of twice the stroke, a late force, and
+    /// a load that is nothing but friction.
+    #[test]
+    fn a_motion_tells_what_it_tells() {
+        let told = |fault: &str, motion: &str| {
+            let case = cases().into_iter().find(|case| case.name == fault).unwrap();
+            let motion = MOTIONS.iter().find(|one| one.name == motion).unwrap();
+            case.told_by(motion, 1, 1.0).unwrap()
+        };
+        assert!(told("friction of 4 % of the load", "slow").left < 1e-4);
+        assert!(told("force 3 ms late", "fast").left < 1e-3);
+        let drift = told("offset drifts by 5 N", "random");
+        // A slope of 5 N over 20 s of 1 N of noise at 1 kHz.
+        let exact = 5.0 * (20_000.0_f64 / 12.0).sqrt();
+        assert!(drift.left > 0.99 && (drift.sigmas / exact - 1.0).abs() < 0.05, "{drift:?} {exact}");
+        assert!(told("ripple of 10 N", "two").is_enough() && !told("cf uneven by 40 %", "slow").is_enough());
+        // Steps that come again and again are not averaged.
+        let once = told("cf uneven by 40 %", "mid").sigmas;
+        let case = cases().into_iter().find(|case| case.name == "cf uneven by 40 %").unwrap();
+        assert!(case.told_by(&MOTIONS[1], 1, 32.0).unwrap().sigmas < 0.7 * once);
+    }
+}
