@@ -129,11 +129,16 @@ impl Pair {
         self.note(&estimate.whole_run, whole);
     }
 
-    /// The solution of the bank that the acceleration's mean square speaks for.
+    /// The solution of the bank that the acceleration's mean square speaks for: in both, where it is neither clear of the steps nor
+    /// among them.
     fn chosen(&self, matrix: impl Fn(&Memory) -> (Matrix, f64)) -> Option<[f64; 4]> {
-        let (fast, count) = matrix(&self.fast);
-        let clear = fast[0][0] / count.max(1.0) > 2000.0 * self.fast.steps;
-        let memory = if clear || self.slow.updates == 0 { &self.fast } else { &self.slow };
+        let [fast, slow] = [&self.fast, &self.slow].map(|memory| {
+            let (matrix, count) = matrix(memory);
+            matrix[0][0] / count.max(1.0)
+        });
+        let clear = fast / self.fast.steps;
+        let is_fast = clear > 2000.0 || clear > 500.0 && slow < 0.1 * fast || self.slow.updates == 0;
+        let memory = if is_fast { &self.fast } else { &self.slow };
         let (matrix, count) = matrix(memory);
         let [none, all] = [0.0, memory.steps * count].map(|steps| Memory::solve(&matrix, steps));
         // Sums of readings share between none and all of the steps' error.

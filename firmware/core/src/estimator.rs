@@ -120,8 +120,8 @@ impl State {
         if newest.broken {
             // Signs up to half a kernel before the discontinuity would be located with positions from behind it.
             line.spoil(signal.sign_half_width);
+            line.break_off(newest.position);
             line.tainted = signal.sign_half_width + 1;
-            line.whole = 0;
             self.rest.reset();
         }
         line.push(newest.position, newest.force, !newest.good);
@@ -183,11 +183,9 @@ impl State {
         let plain = line.smooth_velocity(0, m);
         let before = line.plain_velocity;
         // A slow stroke stands within one count before it turns.
-        if plain != 0 {
-            line.plain_velocity = plain;
-        }
+        line.plain_velocity = if plain == 0 { before } else { plain };
         // What is compared must not depend on what has been concluded.
-        line.ago(m).passes_zero = (plain ^ before) < 0 && before != 0 && plain != 0;
+        let passes_zero = i64::from(line.plain_velocity) * i64::from(before) < 0;
         // The correction is worth its cost only where the velocity could reach zero within the kernel.
         let near = plain.unsigned_abs() <= plain.abs_diff(before).saturating_mul(u32::from(m));
         let lost = if feedback.coulomb_like && near { line.smoothed_away(0, m, feedback) } else { 0 };
@@ -195,6 +193,7 @@ impl State {
         let slow = |velocity: i32| velocity.unsigned_abs() <= signal.creep_limit;
         let creeps = feedback.weak_force_code == 0 && slow(plain) && slow(line.smooth_velocity(m, m));
         let middle = line.ago(m);
+        middle.passes_zero = passes_zero;
         middle.sign = self.sign.push(plain.saturating_add(lost));
         middle.bad |= creeps;
         // A reversal that friction can hold is one that may have stuck for a moment.

@@ -90,6 +90,18 @@ impl DelayLine {
         *self.ago(0) = Waiting { position, position_sum: self.position_sum, force, sign: 0, passes_zero: false, bad };
     }
 
+    /// Takes the screw to have stood here, where positions before say nothing of how it came: a jump would be a velocity.
+    #[cold]
+    #[inline(never)]
+    pub fn break_off(&mut self, position: i32) {
+        (self.whole, self.plain_velocity) = (0, 0);
+        let mut sum = self.position_sum;
+        for ago in 0..=u8::MAX {
+            self.ago(ago).position_sum = sum;
+            sum = sum.wrapping_sub(position);
+        }
+    }
+
     /// Leaves the newest samples out.
     #[inline(never)]
     pub fn spoil(&mut self, samples: u8) {

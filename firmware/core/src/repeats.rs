@@ -18,8 +18,8 @@ pub struct Repeats {
     strokes: u32,
     /// Sum over all fingerprints of the square of how often each has come.
     squares: u64,
-    /// Where the stroke began: index, position and the running sum of positions.
-    begin: [i32; 3],
+    /// Where the stroke began: index, position and the running sum of positions; nothing before the first reversal.
+    begin: Option<[i32; 3]>,
 }
 
 /// A fingerprint, and how often it has come.
@@ -38,18 +38,18 @@ impl Default for Repeats {
 impl Repeats {
     /// Nothing seen.
     pub const fn new() -> Self {
-        Self { kept: [Kept { print: 0, times: 0 }; PLACES], strokes: 0, squares: 0, begin: [0; 3] }
+        Self { kept: [Kept { print: 0, times: 0 }; PLACES], strokes: 0, squares: 0, begin: None }
     }
 
     /// Forgets everything, in place.
     pub fn reset(&mut self) {
         self.kept.fill(Kept { print: 0, times: 0 });
-        (self.strokes, self.squares, self.begin) = (0, 0, [0; 3]);
+        (self.strokes, self.squares, self.begin) = (0, 0, None);
     }
 
     /// Takes a reversal at this sample; a count is `codes` of the position.
     pub fn push(&mut self, index: u32, position: i32, position_sum: i32, codes: u32) {
-        let [before, start, sum] = core::mem::replace(&mut self.begin, [index as i32, position, position_sum]);
+        let Some([before, start, sum]) = self.begin.replace([index as i32, position, position_sum]) else { return };
         let samples = (index as i32).wrapping_sub(before);
         let travel = position.wrapping_sub(start);
         if travel.unsigned_abs() < LEAST_TRAVEL * codes {
