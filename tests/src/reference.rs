@@ -123,21 +123,21 @@ impl Pair {
     }
 
     fn compare(&mut self, estimate: &Estimate) {
-        let recent = self.chosen(|memory| (memory.average, 1.0));
-        let whole = self.chosen(|memory| (memory.sum, f64::from(memory.updates)));
+        let recent = self.chosen(|memory| (memory.average, 1.0), 2000.0);
+        let whole = self.chosen(|memory| (memory.sum, f64::from(memory.updates)), 500.0);
         self.note(&estimate.recent, recent);
         self.note(&estimate.whole_run, whole);
     }
 
     /// The solution of the bank that the acceleration's mean square speaks for: in both, where it is neither clear of the steps nor
-    /// among them.
-    fn chosen(&self, matrix: impl Fn(&Memory) -> (Matrix, f64)) -> Option<[f64; 4]> {
+    /// among them, where what counts as among them is given.
+    fn chosen(&self, matrix: impl Fn(&Memory) -> (Matrix, f64), among: f64) -> Option<[f64; 4]> {
         let [fast, slow] = [&self.fast, &self.slow].map(|memory| {
             let (matrix, count) = matrix(memory);
             matrix[0][0] / count.max(1.0)
         });
         let clear = fast / self.fast.steps;
-        let is_fast = clear > 2000.0 || clear > 500.0 && slow < 0.1 * fast || self.slow.updates == 0;
+        let is_fast = clear > 2000.0 || clear > among && slow < 0.1 * fast || self.slow.updates == 0;
         let memory = if is_fast { &self.fast } else { &self.slow };
         let (matrix, count) = matrix(memory);
         let [none, all] = [0.0, memory.steps * count].map(|steps| Memory::solve(&matrix, steps));

@@ -28,6 +28,7 @@ const WIDEST_INTERVAL: f32 = constants::WIDEST_INTERVAL as f32;
 const CLEAR_OF_STEPS: f32 = constants::CLEAR_OF_STEPS as f32;
 /// The same where the slow bank's kernel smooths away all but [`SMOOTHED`] of the acceleration's mean square, as of moves that are
 /// shorter than it. At 145 one value of the reference device in three lies beyond its interval, at 210 the friction of an axis.
+/// Of the whole run only: changes are judged by one bank, and a live estimate that turns from one to the other shows them later.
 const AMONG_STEPS: f32 = 500.0;
 const SMOOTHED: f32 = 0.1;
 /// Quartile of the force's fourth differences, per rms of its noise: 0.3186 by normal noise, times the root of 70.
@@ -178,7 +179,7 @@ impl Active {
 
     /// What the recent memory of the bank that is published knows, and how far its law can be trusted.
     fn recent(&self, state: &State, contact: Contact, noise: &Heard) -> Recent {
-        let (bank, knowledge) = self.choose(state, Knowledge::recent);
+        let (bank, knowledge) = self.choose(state, Knowledge::recent, CLEAR_OF_STEPS);
         let (config, bank_state) = self.bank(state, bank);
         let scales = &config.scales;
         let [a, v, ..] = scales.units;
@@ -210,7 +211,7 @@ impl Active {
 
     /// The same of all since the reset, with what the recent memory says of friction.
     fn whole_run(&self, state: &State, contact: Contact, noise: &Heard, recent: &Recent) -> Told {
-        let (bank, knowledge) = self.choose(state, Knowledge::whole_run);
+        let (bank, knowledge) = self.choose(state, Knowledge::whole_run, AMONG_STEPS);
         let scales = &self.bank(state, bank).0.scales;
         let fit = fit(&knowledge, scales).unwrap_or(Fit::UNKNOWN);
         let explained = self.explained(noise, &fit, scales);
@@ -223,8 +224,9 @@ impl Active {
         }
     }
 
-    /// The fast bank when its acceleration stands clear of the encoder's steps, or of what the slow one sees; else the slow one.
-    fn choose(&self, state: &State, knowledge: impl Fn(&BankState) -> Knowledge) -> (Bank, Knowledge) {
+    /// The fast bank when its acceleration stands clear of the encoder's steps, or by so many times of them and clear of what the slow
+    /// one sees; else the slow one.
+    fn choose(&self, state: &State, knowledge: impl Fn(&BankState) -> Knowledge, among: f32) -> (Bank, Knowledge) {
         let fast = knowledge(&state.fast);
         let times = |least: f32| fast.mean_square(0) > least * self.fast.scales.quantisation;
         let seen = |knowledge: &Knowledge, scales: &Scales| {
@@ -232,7 +234,7 @@ impl Active {
             knowledge.mean_square(0) * unit * unit
         };
         let smoothed = || seen(&knowledge(&state.slow), &self.slow.scales) < SMOOTHED * seen(&fast, &self.fast.scales);
-        if times(CLEAR_OF_STEPS) || state.slow.whole.updates() == 0 || (times(AMONG_STEPS) && smoothed()) {
+        if times(CLEAR_OF_STEPS) || state.slow.whole.updates() == 0 || (times(among) && smoothed()) {
             (Bank::Fast, fast)
         } else {
             (Bank::Slow, knowledge(&state.slow))
