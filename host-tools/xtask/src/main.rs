@@ -79,6 +79,8 @@ enum Command {
     Plan(accuracy::Options),
     /// How often the interval of a skew holds it, for machines of any size, against docs/tables/skew.md
     Skew(accuracy::Options),
+    /// How often a realistic defect makes a value wrong without a word, against docs/tables/defects.md
+    Defects(accuracy::Options),
     /// Errors and coverage of the complete model on hidden devices, against docs/tables/identify.md
     Identify(accuracy::Options),
     /// Time of `inerter identify` beside scipy's least_squares around solve_ivp, on the same data from the same start
@@ -117,6 +119,7 @@ fn main() -> ExitCode {
         Command::Diagnose(options) => accuracy::table("diagnose", &options),
         Command::Plan(options) => accuracy::table("plan", &options),
         Command::Skew(options) => accuracy::table("skew", &options),
+        Command::Defects(options) => accuracy::table("defects", &options),
         Command::Identify(options) => accuracy::table("identify", &options),
         Command::BenchIdentify => bench::identify(),
         Command::Longrun(arguments) => accuracy::with_arguments("longrun", &arguments),

@@ -1,0 +1,17 @@
+//! The kinds of defects, by where they are: in the device, the force's channel, the encoder's, the sampling, the settings.
+
+mod device;
+mod encoder;
+mod force;
+mod kind;
+mod sampling;
+mod settings;
+
+pub use kind::{Group, Kind, Place};
+
+/// All kinds.
+pub fn all() -> Vec<&'static Kind> {
+    let parts: [&'static [Kind]; 5] =
+        [&device::KINDS, &force::KINDS, &encoder::KINDS, &sampling::KINDS, &settings::KINDS];
+    parts.into_iter().flatten().collect()
+}

@@ -1,0 +1,120 @@
+//! Defects of the encoder and of what carries it.
+
+use super::kind::{Kind, kind};
+use crate::defects::{draw::Draw, scene::Scene};
+use crate::defects::{instruments::play, plant::Trace};
+use inerter_core::RawSample;
+use std::f64::consts::TAU;
+
+/// On the position that the encoder feels, with the count's length \[m\].
+fn on_shaft(scene: &mut Scene, change: impl Fn(&mut Trace, f64) + 'static) {
+    let count_m = scene.instruments.sensors.metres_per_count;
+    scene.instruments.on_trace.push(Box::new(move |trace: &mut Trace| change(trace, count_m)));
+}
+
+/// Adds to the count from a place on what the function gives at each sample.
+fn on_counts(scene: &mut Scene, change: impl Fn(&RawSample, &RawSample, &mut Draw) -> i32 + 'static) {
+    scene.instruments.on_samples.push(Box::new(move |samples: &mut Vec<RawSample>, draw: &mut Draw| {
+        let mut lost = 0_i32;
+        for n in 1..samples.len() {
+            let (before, here) = (samples[n - 1], samples[n]);
+            // What is true of both, without what was lost before.
+            let before = RawSample { position_count: before.position_count - lost, ..before };
+            lost += change(&before, &here, draw);
+            samples[n].position_count += lost;
+        }
+    }));
+}
+
+/// Counts of a turn.
+fn turn_counts(scene: &Scene, draw: &mut Draw) -> f64 {
+    let count_m = scene.instruments.sensors.metres_per_count;
+    let counts = [2000.0, 2048.0, 3600.0, 4000.0, 4096.0, 5000.0, 8192.0, 10_000.0, 20_000.0];
+    let fitting: Vec<f64> = counts.into_iter().filter(|n| (4e-3..40e-3).contains(&(n * count_m))).collect();
+    if fitting.is_empty() { 4096.0 } else { draw.one_of(&fitting) }
+}
+
+pub const KINDS: [Kind; 12] = [
+    kind("encoder inverted", &["wrong_sign"], |scene, _| {
+        scene.instruments.on_samples.push(Box::new(|samples: &mut Vec<RawSample>, _: &mut Draw| {
+            samples.iter_mut().for_each(|sample| sample.position_count = -sample.position_count);
+        }));
+    }),
+    kind("an encoder off its centre", &["encoder_error"], |scene, draw| {
+        let (off_m, counts, phase) = (draw.between(2e-6, 50e-6), turn_counts(scene, draw), draw.within(0.0, TAU));
+        on_shaft(scene, move |trace, count_m| {
+            let turn_m = counts * count_m;
+            trace.position_m.iter_mut().for_each(|x| *x += off_m * (TAU * *x / turn_m + phase).sin());
+        });
+    }),
+    kind("an error within the encoder's lines", &["encoder_error"], |scene, draw| {
+        let part = draw.between(0.3, 2.0);
+        on_shaft(scene, move |trace, count_m| {
+            trace.position_m.iter_mut().for_each(|x| *x += part * count_m * (TAU * *x / (4.0 * count_m)).sin());
+        });
+    }),
+    kind("a line that is missing", &["encoder_error", "count_slip"], |scene, draw| {
+        let (counts, place) = (turn_counts(scene, draw), draw.unit());
+        on_shaft(scene, move |trace, count_m| {
+            // One line is four counts, which are not there each time that it goes by, either way.
+            trace.position_m.iter_mut().for_each(|x| *x -= 4.0 * count_m * (*x / (counts * count_m) + place).floor());
+        });
+    }),
+    kind("counts that slip once", &["count_slip"], |scene, draw| {
+        let (place, by) = (draw.within(0.2, 0.8), (draw.sign() * draw.between(5.0, 500.0)) as i32);
+        scene.instruments.on_samples.push(Box::new(move |samples: &mut Vec<RawSample>, _: &mut Draw| {
+            let from = (place * samples.len() as f64) as usize;
+            samples.iter_mut().skip(from).for_each(|sample| sample.position_count += by);
+        }));
+    }),
+    kind("counts that slip again and again", &["count_slip"], |scene, draw| {
+        let (by, often) = (draw.between(3.0, 200.0), draw.between(0.3, 5.0) / scene.instruments.sensors.sample_rate_hz);
+        on_counts(scene, move |_, _, draw| if draw.happens(often) { (draw.sign() * by) as i32 } else { 0 });
+    }),
+    kind("counts that are lost at speed", &["count_slip"], |scene, draw| {
+        let sensors = &scene.instruments.sensors;
+        let fastest = scene.seen.speed_m_per_s / sensors.metres_per_count / sensors.sample_rate_hz;
+        let (from, part) = (draw.within(0.6, 0.9) * fastest, draw.between(0.02, 0.3));
+        on_counts(scene, move |before, here, draw| {
+            let moved = here.position_count - before.position_count;
+            let is_fast = f64::from(moved.abs()) > from;
+            if is_fast { -(part * f64::from(moved) + draw.unit() - 0.5).round() as i32 } else { 0 }
+        });
+    }),
+    kind("an encoder whose lowest bits stand still", &[], |scene, draw| {
+        let step = draw.one_of(&[2, 4, 8]);
+        scene.instruments.on_samples.push(Box::new(move |samples: &mut Vec<RawSample>, _: &mut Draw| {
+            samples.iter_mut().for_each(|sample| sample.position_count = sample.position_count.div_euclid(step) * step);
+        }));
+    }),
+    kind("positions that are wrong for one sample", &["count_slip"], |scene, draw| {
+        let (by, often) =
+            (draw.between(5.0, 2000.0), draw.between(0.1, 10.0) / scene.instruments.sensors.sample_rate_hz);
+        scene.instruments.on_samples.push(Box::new(move |samples: &mut Vec<RawSample>, draw: &mut Draw| {
+            for sample in samples {
+                if draw.happens(often) {
+                    sample.position_count += (draw.sign() * by) as i32;
+                }
+            }
+        }));
+    }),
+    kind("play between screw and encoder", &["encoder_error"], |scene, draw| {
+        let width_m = draw.between(5e-6, 100e-6);
+        on_shaft(scene, move |trace, _| play(&mut trace.position_m, width_m));
+    }),
+    kind("an encoder on a frame that bends", &["compliance"], |scene, draw| {
+        let stiffness = draw.between(3.0, 100.0) * scene.device.stiffness_n_per_m;
+        on_shaft(scene, move |trace, _| {
+            let bent = trace.position_m.iter().zip(&trace.force_n).map(|(x, force)| x + force / stiffness).collect();
+            trace.position_m = bent;
+        });
+    }),
+    kind("an encoder that flickers", &[], |scene, draw| {
+        let most = draw.between(1.0, 6.0);
+        scene.instruments.on_samples.push(Box::new(move |samples: &mut Vec<RawSample>, draw: &mut Draw| {
+            for sample in samples {
+                sample.position_count += (most * draw.within(-1.0, 1.0)).round() as i32;
+            }
+        }));
+    }),
+];

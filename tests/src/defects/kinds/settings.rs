@@ -1,0 +1,39 @@
+//! Scales that are wrong: a group apart, as every sample is what another device's would be.
+
+use super::kind::{Group, Kind, Place};
+use crate::defects::{draw::Draw, scene::Scene};
+use crate::defects::{instruments::creep, plant::Trace};
+
+const fn kind(name: &'static str, make: fn(&mut Scene, &mut Draw)) -> Kind {
+    Kind { name, place: Place::Rig, group: Group::Scale, names: &[], make }
+}
+
+pub const KINDS: [Kind; 7] = [
+    kind("force gain wrong", |scene, draw| {
+        scene.settings.newtons_per_code *= 1.0 + draw.sign() * draw.between(0.01, 0.2);
+    }),
+    kind("metres per count wrong by a factor of 4", |scene, draw| {
+        scene.settings.metres_per_count *= draw.one_of(&[0.25, 4.0]);
+    }),
+    kind("lead wrong", |scene, draw| {
+        scene.settings.metres_per_count *= 1.0 + draw.sign() * draw.between(0.01, 0.1);
+    }),
+    kind("clock off", |scene, draw| {
+        scene.settings.sample_rate_hz *= 1.0 + draw.sign() * draw.between(0.003, 0.05);
+    }),
+    kind("structure mass wrong", |scene, draw| {
+        scene.settings.structure_mass_kg += draw.between(0.005, 0.03) * scene.device.inertance_kg;
+    }),
+    // Beyond its time constant creep is a gain: the scale of a weight is not that of a motion.
+    kind("creep of the load cell", |scene, draw| {
+        let (part, time_s) = (draw.between(0.005, 0.05), draw.between(0.5, 10.0));
+        scene
+            .instruments
+            .on_trace
+            .push(Box::new(move |trace: &mut Trace| creep(&mut trace.force_n, trace.step_s, part, time_s)));
+    }),
+    kind("stiffness wrong", |scene, draw| {
+        scene.settings.stiffness_n_per_m *= draw.one_of(&[0.3, 0.5, 2.0, 3.0]);
+        scene.settings.stiffness_u95_n_per_m = 1e-6 * scene.settings.stiffness_n_per_m;
+    }),
+];

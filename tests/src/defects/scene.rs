@@ -1,0 +1,65 @@
+//! A run of the defects before it is made: a device and a rig, and what a defect can be put into.
+
+use super::{
+    instruments::Instruments,
+    plant::{Body, Trace},
+};
+use inerter_core::Settings;
+use inerter_plant::Inerter;
+
+/// What is true of one parameter: one value, or all that the device has in the run.
+pub type Range = (f64, f64);
+
+/// What a clean run of the same device shows: sizes of defects are parts of it.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Seen {
+    /// Greatest displacement either way \[m\].
+    pub stroke_m: f64,
+    /// Greatest velocity \[m/s\], and its root mean square.
+    pub speed_m_per_s: f64,
+    /// See `speed_m_per_s`.
+    pub speed_rms_m_per_s: f64,
+    /// Greatest force \[N\], and its root mean square.
+    pub peak_n: f64,
+    /// See `peak_n`.
+    pub force_rms_n: f64,
+    /// Length of the run \[s\].
+    pub duration_s: f64,
+}
+
+impl Seen {
+    /// Of a clean run.
+    pub fn of(trace: &Trace, duration_s: f64) -> Self {
+        let from = (1.0 / trace.step_s) as usize;
+        let velocities = trace.position_m.windows(2).skip(from).map(|pair| (pair[1] - pair[0]) / trace.step_s);
+        let velocities: Vec<f64> = velocities.collect();
+        let rms = |all: &[f64]| (all.iter().map(|x| x * x).sum::<f64>() / all.len().max(1) as f64).sqrt();
+        let peak = |all: &[f64]| all.iter().fold(0.0, |peak, x| f64::max(peak, x.abs()));
+        Self {
+            stroke_m: peak(trace.position_m.get(from..).unwrap_or_default()),
+            speed_m_per_s: peak(&velocities),
+            speed_rms_m_per_s: rms(&velocities),
+            peak_n: trace.peak_n(),
+            force_rms_n: rms(trace.force_n.get(from..).unwrap_or_default()),
+            duration_s,
+        }
+    }
+}
+
+/// One run before it is made.
+pub struct Scene {
+    /// The device.
+    pub device: Inerter,
+    /// What acts on its screw beside the law.
+    pub body: Body,
+    /// The rig.
+    pub instruments: Instruments,
+    /// What the settings say of it: the truth to the last digit, without what is wrong.
+    pub settings: Settings,
+    /// What is true of mt, cf and fc.
+    pub truth: [Range; 3],
+    /// What a clean run of it shows.
+    pub seen: Seen,
+    /// Whether only the second plant can do this.
+    pub needs_second: bool,
+}

@@ -1,0 +1,62 @@
+//! Counts of verdicts over runs.
+
+use super::judge::{Said, Verdict, is_harmful, verdict};
+
+/// Counts of runs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Tally {
+    /// All of them.
+    pub runs: u32,
+    /// Those whose defect moves a parameter by more than twice the interval of the same run without it.
+    pub harmful: u32,
+    /// Wrong without a word by the device alone.
+    pub device: u32,
+    /// Wrong, and told so by `replay`.
+    pub told: u32,
+    /// Wrong, and said to rest on what is not there.
+    pub assumed: u32,
+    /// Wrong without a word.
+    pub silent: u32,
+    /// The same beyond twice the interval, by the device alone.
+    pub device_twice: u32,
+    /// The same by `replay`.
+    pub silent_twice: u32,
+}
+
+impl Tally {
+    /// One run, with the same run without a defect.
+    pub fn of(said: &Said, clean: &Said) -> Self {
+        let [device, replay] = [&said.device, &said.replay];
+        let is = |values, intervals, wanted| u32::from(verdict(values, intervals) == wanted);
+        Self {
+            runs: 1,
+            harmful: u32::from(is_harmful(said, clean)),
+            device: is(device, 1.0, Verdict::Silent),
+            told: is(replay, 1.0, Verdict::Told),
+            assumed: is(replay, 1.0, Verdict::Assumed),
+            silent: is(replay, 1.0, Verdict::Silent),
+            device_twice: is(device, 2.0, Verdict::Silent),
+            silent_twice: is(replay, 2.0, Verdict::Silent),
+        }
+    }
+
+    /// Part of the runs in percent.
+    pub fn percent(&self, part: u32) -> f64 {
+        100.0 * f64::from(part) / f64::from(self.runs.max(1))
+    }
+}
+
+impl std::iter::Sum for Tally {
+    fn sum<I: Iterator<Item = Self>>(all: I) -> Self {
+        all.fold(Self::default(), |a, b| Self {
+            runs: a.runs + b.runs,
+            harmful: a.harmful + b.harmful,
+            device: a.device + b.device,
+            told: a.told + b.told,
+            assumed: a.assumed + b.assumed,
+            silent: a.silent + b.silent,
+            device_twice: a.device_twice + b.device_twice,
+            silent_twice: a.silent_twice + b.silent_twice,
+        })
+    }
+}
