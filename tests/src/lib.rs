@@ -23,6 +23,7 @@ pub mod roc;
 pub mod sheet;
 pub mod skew;
 pub mod sums;
+pub mod updates;
 
 /// The end of a program that found what it looked at good or not, or could not look; the reason goes to standard error.
 pub fn exit_code(outcome: Result<bool, grid::Error>) -> ExitCode {

@@ -28,6 +28,7 @@ mod suite;
 mod table;
 mod toolchain;
 mod tree;
+mod validation;
 mod workspace;
 
 use clap::{Parser, Subcommand};
@@ -81,6 +82,8 @@ enum Command {
     Skew(accuracy::Options),
     /// How often a realistic defect makes a value wrong without a word, against docs/tables/defects.md
     Defects(accuracy::Options),
+    /// Recordings of real machines and other methods beside ours, against docs/tables/validation.md
+    Validation(accuracy::Options),
     /// Errors and coverage of the complete model on hidden devices, against docs/tables/identify.md
     Identify(accuracy::Options),
     /// Time of `inerter identify` beside scipy's least_squares around solve_ivp, on the same data from the same start
@@ -120,6 +123,7 @@ fn main() -> ExitCode {
         Command::Plan(options) => accuracy::table("plan", &options),
         Command::Skew(options) => accuracy::table("skew", &options),
         Command::Defects(options) => accuracy::table("defects", &options),
+        Command::Validation(options) => validation::run(&options),
         Command::Identify(options) => accuracy::table("identify", &options),
         Command::BenchIdentify => bench::identify(),
         Command::Longrun(arguments) => accuracy::with_arguments("longrun", &arguments),

@@ -1,0 +1,315 @@
+//! `cargo xtask validation`: what a reviewer asks of the intervals, on recordings of real machines and beside other methods.
+//!
+//! Usage: validation --data FOLDER | validation --rivals FOLDER [--update]
+//! The first writes the data of the comparison, the second the table.
+#![forbid(unsafe_code)]
+
+use inerter_core::{Bank, Parameter, Settings, Source};
+use inerter_data::{
+    replay::{Outcome, replay_all},
+    run::Run,
+    settings::SettingsInputError,
+};
+use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
+use inerter_tests::{
+    coverage::stated_true,
+    data::Recording,
+    defects::draw::Draw,
+    grid::{Error, calibrated, raw, three, truth},
+    sheet::{self, line, significant},
+    updates::{fit, left, rms, rows},
+};
+use serde_json::{Value, json};
+use std::{fs, path::Path, process::ExitCode};
+
+/// Seed of the simulated data: no other test has it.
+const SEED: u64 = 5001;
+/// Resamplings of the bootstrap.
+const RESAMPLED: usize = 2000;
+/// Lengths of its blocks \[s\].
+const BLOCKS_S: [f64; 3] = [0.5, 1.0, 2.0];
+/// Parts of a recording of the Lodz inerters.
+const PARTS: usize = 3;
+/// What is published of the EMPS record by its own authors' zero-phase least squares: mt, cf, fc.
+const EMPS: [f64; 3] = [95.1089, 203.5034, 20.3935];
+
+fn main() -> ExitCode {
+    inerter_tests::exit_code(run())
+}
+
+fn run() -> Result<bool, Error> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    match arguments.iter().map(String::as_str).collect::<Vec<_>>().as_slice() {
+        ["--data", folder] => write_data(Path::new(folder)).map(|()| true),
+        ["--rivals", folder] => table(Path::new(folder), false),
+        ["--rivals", folder, "--update"] => table(Path::new(folder), true),
+        _ => Err("usage: validation --data FOLDER | validation --rivals FOLDER [--update]".into()),
+    }
+}
+
+/// One run that all methods are given.
+struct Data {
+    name: &'static str,
+    run: Run,
+    truth: [f64; 3],
+    noise_n: f64,
+}
+
+/// The simulated runs, and the EMPS record where it is there.
+fn data() -> Result<Vec<Data>, Error> {
+    // A structure is no matter of the other methods.
+    let device = Inerter { structure_mass_kg: 0.0, ..Inerter::paper() };
+    let mut all = Vec::new();
+    for name in ["mid", "random", "two"] {
+        let sensors = Sensors {
+            force_noise_n: 1.0,
+            force_offset_n: 3.0,
+            encoder_phase_count: 0.4,
+            seed: SEED,
+            ..Sensors::default()
+        };
+        let settings = stated_true(calibrated(&device, &sensors));
+        let simulated = Simulation::new(device, Excitation::parse(name, SEED)?, sensors)?;
+        let samples = simulated.lasting(20.0).map(|sample| raw(&sample)).collect();
+        let run = Run { settings, samples, ..Run::default() };
+        all.push(Data { name, run, truth: truth(&device), noise_n: sensors.force_noise_n });
+    }
+    if let Some(run) = Recording::Emps.run(1) {
+        // Its force's noise, as the fourth differences tell it.
+        all.push(Data { name: "EMPS", run: run?, truth: EMPS, noise_n: 1.0 });
+    }
+    Ok(all)
+}
+
+fn write_data(folder: &Path) -> Result<(), Error> {
+    let mut list = Vec::new();
+    for Data { name, run, noise_n, .. } in data()? {
+        let settings = &run.settings;
+        let mut text = String::from("t_s,position_m,force_n\n");
+        for (elapsed, sample) in run.elapsed() {
+            let t_s = elapsed as f64 / settings.sample_rate_hz;
+            let position_m = f64::from(sample.position_count) * settings.metres_per_count;
+            let force_n = (f64::from(sample.force_code) - settings.force_zero_code) * settings.newtons_per_code;
+            text += &format!("{t_s:.6},{position_m:.10e},{force_n:.10e}\n");
+        }
+        let file = format!("{}.csv", name.to_lowercase());
+        fs::write(folder.join(&file), text)?;
+        list.push(json!({"name": name, "file": file, "count_m": settings.metres_per_count, "noise_n": noise_n}));
+    }
+    Ok(fs::write(folder.join("data.json"), serde_json::to_string(&list)?)?)
+}
+
+fn replayed(run: &Run) -> Result<Outcome, Error> {
+    Ok(replay_all(run, |_, _| Ok::<(), SettingsInputError>(()))?)
+}
+
+/// A part of a run by its samples.
+fn part(run: &Run, from: usize, to: usize) -> Run {
+    Run { samples: run.samples.get(from..to).unwrap_or_default().to_vec(), ..run.clone() }
+}
+
+fn value(parameter: &Parameter) -> f64 {
+    f64::from(parameter.fitted().value)
+}
+
+fn values(outcome: &Outcome, settings: &Settings) -> [f64; 4] {
+    let found = &outcome.estimate.whole_run;
+    let [mt, cf, fc] = three(found).map(|parameter| value(&parameter));
+    [mt + settings.structure_mass_kg, cf, fc, value(&found.offset_n)]
+}
+
+fn interval(parameter: &Parameter) -> String {
+    match parameter.known() {
+        Some(found) => format!("{} +- {}", significant(f64::from(found.value)), significant(f64::from(found.u95))),
+        None => "not given".into(),
+    }
+}
+
+fn table(folder: &Path, update: bool) -> Result<bool, Error> {
+    let mut text = String::from(
+        "# Validation
+
+`cargo xtask validation --update` writes this table; [VALIDATION](../VALIDATION.md) says what it is for.
+",
+    );
+    text += &methods(folder)?;
+    if let Some(run) = Recording::Emps.run(1) {
+        let run = run?;
+        text += &prediction(&run)?;
+        text += &bootstrap(&run)?;
+    }
+    text += &scatter()?;
+    print!("{text}");
+    sheet::conclude("validation", &text, 2, update)
+}
+
+/// The same data through other methods.
+fn methods(folder: &Path) -> Result<String, Error> {
+    let path = folder.join("rivals.json");
+    let found = fs::read_to_string(&path).map_err(|error| format!("cannot read {}: {error}", path.display()))?;
+    let rivals: Vec<Value> = serde_json::from_str(&found)?;
+    let mut text = String::from(
+        "
+## Identical data through other methods
+
+Value +- half width of the 95 % interval that each method states itself. *off*: distance from the truth (of EMPS, from the published fit) in parts of that interval, mt, cf, fc.
+
+| data | method | mt kg | cf N s/m | fc N | off |
+|---|---|--:|--:|--:|--:|
+",
+    );
+    for Data { name, run, truth, .. } in data()? {
+        let outcome = replayed(&run)?;
+        let found = three(&outcome.estimate.whole_run);
+        let pairs = found.map(|parameter| Some((value(&parameter), f64::from(parameter.u95()))));
+        let mut row = |method: &str, pairs: [Option<(f64, f64)>; 3]| {
+            let shown = pairs.map(|pair| match pair {
+                Some((value, u95)) => format!("{} +- {}", sheet::mean(value, u95), significant(u95)),
+                None => "-".into(),
+            });
+            let off = pairs.iter().zip(truth).map(|(pair, truth)| match pair {
+                Some((value, u95)) => format!("{:.1}", (value - truth).abs() / u95),
+                None => "-".into(),
+            });
+            let off = off.collect::<Vec<_>>().join(", ");
+            let cells = [name.into(), method.into()].into_iter().chain(shown);
+            text += &line(&cells.chain([off]).collect::<Vec<_>>());
+        };
+        row("`inerter replay`", pairs);
+        for rival in rivals.iter().filter(|rival| rival["name"] == name) {
+            let of = |key: &str, i: usize| rival[key][i].as_f64();
+            let pairs = std::array::from_fn(|i| of("values", i).zip(of("u95", i)));
+            row(rival["method"].as_str().unwrap_or("?"), pairs);
+        }
+    }
+    Ok(text)
+}
+
+/// The force of one half of the EMPS record by what the other half says.
+fn prediction(run: &Run) -> Result<String, Error> {
+    let mut text = String::from(
+        "
+## Half of the EMPS record by the other half
+
+*predicted*: rms of the force of this half less what the parameters of the other half make of its motion; *own*: the same by its own least squares; *force*: rms of the force itself. Through the
+estimator's kernels, all updates. *apart*: distance between the halves' parameters over both intervals together, mt, cf, fc: 1 holds 95 %.
+
+| half | mt kg | cf N s/m | fc N | predicted N | own N | force N | apart |
+|---|--:|--:|--:|--:|--:|--:|--:|
+",
+    );
+    let middle = run.samples.len() / 2;
+    let halves = [part(run, 0, middle), part(run, middle, run.samples.len())];
+    let outcomes = [replayed(&halves[0])?, replayed(&halves[1])?];
+    let found = outcomes.each_ref().map(|outcome| three(&outcome.estimate.whole_run));
+    let apart = (0..3).map(|i| {
+        let both = f64::from(found[0][i].u95()).hypot(f64::from(found[1][i].u95()));
+        format!("{:.1}", (value(&found[0][i]) - value(&found[1][i])).abs() / both)
+    });
+    let apart = apart.collect::<Vec<_>>().join(", ");
+    for (place, (half, name)) in halves.iter().zip(["first", "second"]).enumerate() {
+        let rows = rows(&half.settings, &half.samples, Bank::Fast)?;
+        let own = fit(rows.iter()).ok_or("a half that shows nothing")?;
+        let other = values(&outcomes[1 - place], &half.settings);
+        let of = |values: &[f64; 4]| significant(rms(rows.iter().map(|row| left(values, row))));
+        let shown = found[place].map(|parameter| interval(&parameter));
+        let figures = [of(&other), of(&own), significant(rms(rows.iter().map(|row| row[4]))), apart.clone()];
+        text += &line(&[name.to_string()].into_iter().chain(shown).chain(figures).collect::<Vec<_>>());
+    }
+    Ok(text)
+}
+
+/// The scatter of the EMPS parameters by resampled residuals.
+fn bootstrap(run: &Run) -> Result<String, Error> {
+    let outcome = replayed(run)?;
+    let rows = rows(&run.settings, &run.samples, Bank::Fast)?;
+    let values = fit(rows.iter()).ok_or("a record that shows nothing")?;
+    let residuals: Vec<f64> = rows.iter().map(|row| left(&values, row)).collect();
+    let budgets = outcome.budgets.whole_run;
+    let mut text = format!(
+        "
+## Block bootstrap of the EMPS residuals
+
+Half widths of 95 %: of {RESAMPLED} fits to the fitted force with residuals drawn in blocks of neighbours (circular; {} updates), beside what the estimator says of their scatter (`noise` and `encoder`
+of its budget), and with the law's misfit, and altogether.
+
+| by | mt kg | cf N s/m | fc N |
+|---|--:|--:|--:|
+",
+        rows.len()
+    );
+    let mut random = Draw::new(SEED, 1);
+    for block_s in BLOCKS_S {
+        // Two updates in a box of 16 ms.
+        let block = (block_s / 0.008) as usize;
+        let mut fits: Vec<[f64; 4]> = Vec::new();
+        for _ in 0..RESAMPLED {
+            let mut resampled = rows.clone();
+            let mut place = 0;
+            while place < rows.len() {
+                let from = (random.unit() * rows.len() as f64) as usize;
+                for k in 0..block.min(rows.len() - place) {
+                    let row = &rows[place + k];
+                    resampled[place + k][4] = row[4] - residuals[place + k] + residuals[(from + k) % rows.len()];
+                }
+                place += block;
+            }
+            fits.extend(fit(resampled.iter()));
+        }
+        let widths = (0..3).map(|i| {
+            let mut all: Vec<f64> = fits.iter().map(|values| values[i]).collect();
+            all.sort_by(f64::total_cmp);
+            let at = |part: f64| all[(part * all.len() as f64) as usize];
+            significant(0.5 * (at(0.975) - at(0.025)))
+        });
+        text += &line(&[format!("blocks of {block_s} s")].into_iter().chain(widths).collect::<Vec<_>>());
+    }
+    for (name, sources) in [
+        ("estimator, scatter", &[Source::Noise, Source::Encoder][..]),
+        ("estimator, scatter and law", &[Source::Noise, Source::Encoder, Source::Model]),
+        ("estimator, altogether", &Source::ALL),
+    ] {
+        let widths = budgets.iter().take(3).map(|budget| {
+            let parts = sources.iter().map(|source| f64::from(budget.given_u95(*source)).powi(2));
+            significant(parts.sum::<f64>().sqrt())
+        });
+        text += &line(&[name.to_string()].into_iter().chain(widths).collect::<Vec<_>>());
+    }
+    Ok(text)
+}
+
+/// Parts of the Lodz recordings beside their intervals.
+fn scatter() -> Result<String, Error> {
+    let mut text = format!(
+        "
+## Scatter of the Lodz recordings
+
+Each recording in {PARTS} parts of the same length, one after the other; each part is an estimate of its own. *off*: distance of its value from the whole recording's over its interval.
+
+| recording | part | mt kg | cf N s/m | fc N | off: mt | cf | fc |
+|---|---|--:|--:|--:|--:|--:|--:|
+"
+    );
+    for (recording, name) in [(Recording::LodzSymmetric, "r0"), (Recording::LodzAsymmetric, "r16")] {
+        let Some(run) = recording.run(1) else { continue };
+        let run = run?;
+        let whole = three(&replayed(&run)?.estimate.whole_run);
+        let length = run.samples.len() / PARTS;
+        let parts = (0..PARTS).map(|place| part(&run, place * length, (place + 1) * length));
+        let mut rows = vec![("whole".to_string(), whole)];
+        for (place, part) in parts.enumerate() {
+            rows.push(((place + 1).to_string(), three(&replayed(&part)?.estimate.whole_run)));
+        }
+        for (place, found) in rows {
+            let shown = found.map(|parameter| interval(&parameter));
+            let off = found.iter().zip(&whole).map(|(found, whole)| match found.known() {
+                Some(interval) if place != "whole" => {
+                    format!("{:.2}", (f64::from(interval.value) - value(whole)).abs() / f64::from(interval.u95))
+                }
+                _ => "-".into(),
+            });
+            text += &line(&[name.to_string(), place.clone()].into_iter().chain(shown).chain(off).collect::<Vec<_>>());
+        }
+    }
+    Ok(text)
+}

@@ -1,0 +1,76 @@
+//! What the estimator has taken in, update by update, read back from the exact sums that core publishes.
+
+use crate::{grid::Error, linear::Cholesky};
+use inerter_core::{Bank, RawSample, Settings, State};
+
+/// Acceleration \[m/s^2\], velocity \[m/s\], sign, one, force \[N\].
+pub type Row = [f64; 5];
+
+/// The rows of all updates of one bank since its memory last began anew.
+pub fn rows(settings: &Settings, samples: &[RawSample], bank: Bank) -> Result<Vec<Row>, Error> {
+    let active = settings.validate()?;
+    let mut state = Box::new(State::new(&active));
+    let (mut rows, mut column) = (Vec::new(), [0_i128; 5]);
+    for sample in samples {
+        active.step(&mut state, sample);
+        let sums = active.sums(&state, bank);
+        if (sums.updates as usize) < rows.len() {
+            (rows, column) = (Vec::new(), [0; 5]);
+        }
+        if sums.updates as usize > rows.len() {
+            // What the products with the constant grew by.
+            let now = [6, 7, 8, 9, 13].map(|place: usize| sums.sums[place]);
+            let constant = 2_f64.powi(30);
+            rows.push(std::array::from_fn(|i| (now[i] - column[i]) as f64 / constant * sums.units[i]));
+            column = now;
+        }
+    }
+    Ok(rows)
+}
+
+/// Least squares over rows: mt with the structure \[kg\], cf \[N s/m\], fc \[N\], F0 \[N\].
+pub fn fit<'a>(rows: impl Iterator<Item = &'a Row>) -> Option<[f64; 4]> {
+    let (mut gram, mut right) = ([[0.0; 4]; 4], [0.0; 4]);
+    for row in rows {
+        for (i, line) in gram.iter_mut().enumerate() {
+            for (k, sum) in line.iter_mut().enumerate() {
+                *sum += row[i] * row[k];
+            }
+            right[i] += row[i] * row[4];
+        }
+    }
+    Some(Cholesky::of(&gram, 1e-13)?.solve(&right))
+}
+
+/// What these parameters leave of a row's force \[N\].
+pub fn left(values: &[f64; 4], row: &Row) -> f64 {
+    row[4] - values.iter().zip(row).map(|(value, regressor)| value * regressor).sum::<f64>()
+}
+
+/// Root mean square.
+pub fn rms(all: impl Iterator<Item = f64>) -> f64 {
+    let (sum, count) = all.fold((0.0, 0.0), |(sum, count), value| (sum + value * value, count + 1.0));
+    (sum / count).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::grid::{MOTIONS, RIGS, calibrated, raw, simulation};
+    use inerter_plant::Inerter;
+
+    /// The fit to the rows is the fit of core, but for what it gives back of the encoder's steps.
+    #[test]
+    fn the_rows_are_those_of_the_estimate() {
+        let (device, motion) = (Inerter::paper(), &MOTIONS[4]);
+        let simulated = simulation(&device, motion, &RIGS[0], 3).unwrap();
+        let settings = calibrated(&device, simulated.sensors());
+        let samples: Vec<RawSample> = simulated.lasting(8.0).map(|sample| raw(&sample)).collect();
+        let rows = rows(&settings, &samples, Bank::Fast).unwrap();
+        assert!((900..1000).contains(&rows.len()), "{}", rows.len());
+        let values = fit(rows.iter()).unwrap();
+        assert!((values[0] - device.inertance_kg - device.structure_mass_kg).abs() < 0.02, "{values:?}");
+        assert!((values[2] - device.coulomb_n).abs() < 0.2, "{values:?}");
+        assert!((0.3..0.6).contains(&rms(rows.iter().map(|row| left(&values, row)))));
+    }
+}
