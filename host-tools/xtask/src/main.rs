@@ -5,6 +5,7 @@
 
 #![forbid(unsafe_code)]
 
+mod ablation;
 mod accuracy;
 mod arrows;
 mod bench;
@@ -82,6 +83,8 @@ enum Command {
     Skew(accuracy::Options),
     /// How often a realistic defect makes a value wrong without a word, against docs/tables/defects.md
     Defects(accuracy::Options),
+    /// What each part of the estimator buys, against docs/tables/ablation.md
+    Ablation(accuracy::Options),
     /// Recordings of real machines and other methods beside ours, against docs/tables/validation.md
     Validation(accuracy::Options),
     /// Errors and coverage of the complete model on hidden devices, against docs/tables/identify.md
@@ -123,6 +126,7 @@ fn main() -> ExitCode {
         Command::Plan(options) => accuracy::table("plan", &options),
         Command::Skew(options) => accuracy::table("skew", &options),
         Command::Defects(options) => accuracy::table("defects", &options),
+        Command::Ablation(options) => ablation::run(&options),
         Command::Validation(options) => validation::run(&options),
         Command::Identify(options) => accuracy::table("identify", &options),
         Command::BenchIdentify => bench::identify(),

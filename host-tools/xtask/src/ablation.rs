@@ -1,0 +1,318 @@
+//! What each part of the estimator buys: a copy of core without it beside core itself, on the same runs.
+//!
+//! The copies lie in target/ablation and are built with a small program of the tests that uses nothing else, so that the firmware's source
+//! has no switch in it and the image not an instruction more.
+
+mod heuristics;
+
+use crate::{accuracy::Options, process, tree, workspace::Workspace};
+use anyhow::{Context, Result, bail};
+use heuristics::{HEURISTICS, Heuristic};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process::Command,
+};
+
+/// Part of the interval under which an error is not told from another: three seeds.
+const FLOOR: f64 = 0.1;
+/// A cell whose error grows by this factor shows what the part is for, and so do all together by the second.
+const WORSE: (f64, f64) = (1.25, 1.02);
+
+/// One cell and parameter of the program's output.
+#[derive(Clone, Debug, PartialEq)]
+struct Cell {
+    group: String,
+    name: String,
+    rms: f64,
+    u95: f64,
+    given: u32,
+    silent: u32,
+    broken: u32,
+    is_inertance: bool,
+}
+
+/// One row of the table.
+#[derive(Clone, Debug, PartialEq)]
+struct Row {
+    name: &'static str,
+    /// Errors over those of the whole, all cells together, and the cell that is worst with its factor.
+    error: f64,
+    worst: (String, f64),
+    u95: f64,
+    silent: (u32, u32),
+    given: (u32, u32),
+    broken: (u32, u32),
+}
+
+/// Builds and runs all, then writes or compares the table.
+pub fn run(options: &Options) -> Result<()> {
+    let folder = Workspace::read(&tree::root())?.target.join("ablation");
+    let whole = measured(&folder, &[])?;
+    let mut rows = Vec::new();
+    for Heuristic { name, edits } in HEURISTICS {
+        let without = measured(&folder, edits).with_context(|| format!("without \"{name}\""))?;
+        let row = compared(name, &whole, &without)?;
+        println!("{}", row.line());
+        rows.push(row);
+    }
+    settle(&markdown(&rows), options.update)
+}
+
+/// What the program says with this core.
+fn measured(folder: &Path, edits: &[(&str, &str, &str)]) -> Result<Vec<Cell>> {
+    let root = tree::root();
+    for (from, to) in [("firmware/core", "core"), ("host-tools/plant", "plant")] {
+        copied(&root.join(from), &folder.join(to))?;
+    }
+    for (file, text, instead) in edits {
+        let path = folder.join("core/src").join(file);
+        let source = fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
+        let found = source.matches(text).count();
+        if found != 1 {
+            bail!(
+                "`{text}` stands {found} times in firmware/core/src/{file}; host-tools/xtask/src/ablation/heuristics.rs must follow"
+            );
+        }
+        fs::write(&path, source.replace(text, instead))?;
+    }
+    let program = folder.join("program");
+    fs::create_dir_all(program.join("src"))?;
+    written(&program.join("src/main.rs"), &fs::read_to_string(root.join("tests/src/bin/ablation.rs"))?)?;
+    written(&program.join("Cargo.toml"), PROGRAM)?;
+    written(&folder.join("Cargo.toml"), &workspace(&fs::read_to_string(root.join("Cargo.toml"))?)?)?;
+    fs::copy(root.join("Cargo.lock"), folder.join("Cargo.lock"))?;
+    let mut cargo = process::cargo();
+    cargo.current_dir(folder).args([
+        "build",
+        "--release",
+        "--quiet",
+        "--package",
+        "ablation",
+        "--target-dir",
+        "target",
+    ]);
+    cargo.env("RUSTFLAGS", "-A warnings");
+    process::run(&mut cargo)?;
+    cells(&process::output(&mut Command::new(folder.join("target/release/ablation")))?)
+}
+
+/// Manifest of the program.
+const PROGRAM: &str = "[package]\nname = \"ablation\"\nversion = \"0.0.0\"\nedition = \"2024\"\npublish = false\n\n\
+                       [dependencies]\ninerter-core = { path = \"../core\" }\ninerter-plant = { path = \"../plant\" }\n";
+
+/// Manifest of a workspace of core, plant and the program, with what they inherit from ours.
+fn workspace(ours: &str) -> Result<String> {
+    let (_, inherited) = ours.split_once("[workspace.package]").context("no [workspace.package] in Cargo.toml")?;
+    let inherited = inherited
+        .replace("path = \"firmware/core\"", "path = \"core\"")
+        .replace("path = \"host-tools/plant\"", "path = \"plant\"");
+    Ok(format!(
+        "[workspace]\nresolver = \"2\"\nmembers = [\"core\", \"plant\", \"program\"]\n\n[workspace.package]{inherited}"
+    ))
+}
+
+/// Copies a crate; files that are the same stay as old as they are, so that cargo does not build them again.
+fn copied(from: &Path, to: &Path) -> Result<()> {
+    fs::create_dir_all(to)?;
+    let mut kept: Vec<PathBuf> = Vec::new();
+    for entry in fs::read_dir(from).with_context(|| format!("cannot read {}", from.display()))? {
+        let path = entry?.path();
+        let Some(name) = path.file_name() else { continue };
+        let other = to.join(name);
+        if path.is_dir() {
+            copied(&path, &other)?;
+        } else if let Ok(text) = fs::read_to_string(&path) {
+            written(&other, &text)?;
+        }
+        kept.push(other);
+    }
+    for entry in fs::read_dir(to)? {
+        let path = entry?.path();
+        if path.is_file() && !kept.contains(&path) {
+            fs::remove_file(path)?;
+        }
+    }
+    Ok(())
+}
+
+/// Writes what is not there already.
+fn written(path: &Path, text: &str) -> Result<()> {
+    if fs::read_to_string(path).is_ok_and(|before| before == text) {
+        return Ok(());
+    }
+    fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
+}
+
+fn cells(output: &str) -> Result<Vec<Cell>> {
+    let each = output.lines().map(|line| {
+        let fields: Vec<&str> = line.split('\t').collect();
+        let [group, cell, parameter, rms, u95, given, silent, broken, _runs] = fields.as_slice() else {
+            bail!("`{line}` is no line of the program");
+        };
+        Ok(Cell {
+            group: (*group).to_owned(),
+            name: format!("{cell}, {parameter}"),
+            rms: rms.parse()?,
+            u95: u95.parse()?,
+            given: given.parse()?,
+            silent: silent.parse()?,
+            broken: broken.parse()?,
+            is_inertance: *parameter == "mt",
+        })
+    });
+    each.collect()
+}
+
+fn compared(name: &'static str, whole: &[Cell], without: &[Cell]) -> Result<Row> {
+    if whole.iter().map(|cell| &cell.name).ne(without.iter().map(|cell| &cell.name)) {
+        bail!("the runs are not the same");
+    }
+    let (mut logarithms, mut widths, mut count) = (0.0, 0.0, 0.0);
+    let mut worst = (String::new(), 1.0);
+    for (before, after) in whole.iter().zip(without).filter(|(before, after)| before.given > 0 && after.given > 0) {
+        let floor = FLOOR * before.u95;
+        let factor = (after.rms + floor) / (before.rms + floor);
+        let width = after.u95 / before.u95;
+        if !(factor.is_finite() && width.is_finite() && factor > 0.0 && width > 0.0) {
+            continue;
+        }
+        logarithms += factor.ln();
+        widths += width.ln();
+        count += 1.0;
+        if factor > worst.1 {
+            worst = (before.name.clone(), factor);
+        }
+    }
+    let both = |of: &dyn Fn(&Cell) -> u32| (whole.iter().map(of).sum(), without.iter().map(of).sum());
+    Ok(Row {
+        name,
+        error: f64::exp(logarithms / f64::max(count, 1.0)),
+        worst,
+        u95: f64::exp(widths / f64::max(count, 1.0)),
+        silent: both(&|cell| cell.silent),
+        given: both(&|cell| cell.given),
+        // Each run is told once a parameter.
+        broken: both(&|cell| if cell.group == "clean" && cell.is_inertance { cell.broken } else { 0 }),
+    })
+}
+
+impl Row {
+    /// What is lost without it.
+    fn buys(&self) -> String {
+        let mut all = Vec::new();
+        if self.worst.1 >= WORSE.0 || self.error >= WORSE.1 {
+            all.push("accuracy");
+        }
+        if self.silent.1 > self.silent.0 {
+            all.push("honesty");
+        }
+        if self.u95 >= WORSE.1 {
+            all.push("sharpness");
+        }
+        if self.given.1 < self.given.0 {
+            all.push("values");
+        }
+        if self.broken.1 > self.broken.0 {
+            all.push("clean runs not called broken");
+        }
+        if all.is_empty() { "**nothing here**".into() } else { all.join(", ") }
+    }
+
+    fn line(&self) -> String {
+        let pair = |(before, after): (u32, u32)| format!("{before} to {after}");
+        let (cell, factor) = &self.worst;
+        let worst = if cell.is_empty() { "-".into() } else { format!("{factor:.2} ({cell})") };
+        format!(
+            "| {} | {:.2} | {worst} | {:.2} | {} | {} | {} | {} |",
+            self.name,
+            self.error,
+            self.u95,
+            pair(self.silent),
+            pair(self.given),
+            pair(self.broken),
+            self.buys()
+        )
+    }
+}
+
+fn markdown(rows: &[Row]) -> String {
+    let mut text = String::from(
+        "# Ablation
+
+`cargo xtask ablation --update` writes this table: the estimator without one part of it at a time, on the same runs as with it (`tests/src/bin/ablation.rs`: clean runs and
+rigs, friction, samples, contacts and changes, three seeds that no other table has). A copy of core is edited and built (`host-tools/xtask/src/ablation/heuristics.rs`); the source of the firmware has no switch.
+
+- *error*: root mean square errors without the part over those with it, geometric mean over all cells and parameters with a value; *worst*: the cell in which they grow most.
+- *U95*: the same of the intervals. *silent*: values that are off by more than twice their interval with nothing said. *given*: values that are given. *broken*: clean runs whose law is called broken.
+- *buys*: what is lost without it. Where that is nothing here, the part is a candidate to be left out, or these runs lack what it is for.
+
+| without | error | worst | U95 | silent | given | broken | buys |
+|---|--:|---|--:|--:|--:|--:|---|
+",
+    );
+    for row in rows {
+        text += &row.line();
+        text.push('\n');
+    }
+    text
+}
+
+fn settle(text: &str, update: bool) -> Result<()> {
+    let path = tree::root().join("docs/tables/ablation.md");
+    if update {
+        fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
+        println!("ablation: written {}", path.display());
+        return Ok(());
+    }
+    let committed = fs::read_to_string(&path)
+        .with_context(|| format!("cannot read {}; make it by `cargo xtask ablation --update`", path.display()))?;
+    let moved: Vec<&str> = text.lines().filter(|line| !committed.lines().any(|other| other == *line)).collect();
+    if moved.is_empty() {
+        println!("ablation: as in docs/tables/ablation.md");
+        return Ok(());
+    }
+    bail!(
+        "not in docs/tables/ablation.md:\n{}\nWhen the change is meant, run `cargo xtask ablation --update`",
+        moved.join("\n")
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_text_is_found_once() {
+        for Heuristic { name, edits } in HEURISTICS {
+            for (file, text, instead) in *edits {
+                let source = fs::read_to_string(tree::root().join("firmware/core/src").join(file)).unwrap();
+                assert_eq!(source.matches(text).count(), 1, "{name}: `{text}` in {file}");
+                assert_ne!(text, instead, "{name}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_lost_is_named() {
+        let line = |rms: f64, u95: f64, given: u32, silent: u32, broken: u32| {
+            format!("clean\treference, mid\tmt\t{rms}\t{u95}\t{given}\t{silent}\t{broken}\t3\n")
+        };
+        let whole = cells(&line(0.5, 1.0, 3, 0, 0)).unwrap();
+        let row = |other: String| compared("x", &whole, &cells(&other).unwrap()).unwrap();
+        assert_eq!(row(line(0.5, 1.0, 3, 0, 0)).buys(), "**nothing here**");
+        let worse = row(line(1.1, 1.5, 2, 1, 2));
+        assert_eq!(worse.buys(), "accuracy, honesty, sharpness, values, clean runs not called broken");
+        assert!(worse.line().contains("2.00 (reference, mid, mt)"), "{}", worse.line());
+        assert!(cells("a\tb\n").is_err());
+    }
+
+    #[test]
+    fn the_workspace_holds_core_and_plant() {
+        let ours = fs::read_to_string(tree::root().join("Cargo.toml")).unwrap();
+        let theirs = workspace(&ours).unwrap();
+        assert!(
+            theirs.contains("path = \"core\"") && theirs.contains("path = \"plant\"") && theirs.contains("heapless")
+        );
+    }
+}

@@ -1,0 +1,167 @@
+//! What is taken out of the estimator, one at a time: a text of its source and what stands there instead.
+//!
+//! The source itself knows nothing of it. A text that is not found exactly once has moved, and the list must follow.
+
+/// One part of the estimator that could be left out.
+pub struct Heuristic {
+    /// What it does, with its section of docs/THEORY.md.
+    pub name: &'static str,
+    /// File below firmware/core/src, text, and what stands there instead.
+    pub edits: &'static [(&'static str, &'static str, &'static str)],
+}
+
+const fn one(name: &'static str, edits: &'static [(&'static str, &'static str, &'static str)]) -> Heuristic {
+    Heuristic { name, edits }
+}
+
+/// In the order of the theory.
+pub const HEURISTICS: &[Heuristic] = &[
+    one(
+        "2: kink and bend taken out of the sign's velocity",
+        &[("estimator.rs", "let lost = if feedback.coulomb_like && near {", "let lost = if false && near {")],
+    ),
+    one(
+        "2: reversals are tested for Coulomb's friction",
+        &[(
+            "estimator.rs",
+            "state.feedback.coulomb_like = state.velocity_reversals.coulomb_like();",
+            "state.feedback.coulomb_like = true;",
+        )],
+    ),
+    one(
+        "2: reversals are located anew by force and friction",
+        &[("estimator.rs", "if self.feedback.coulomb_like && self.feedback.friction_known {", "if false {")],
+    ),
+    one(
+        "2: what creeps is left out before friction is known",
+        &[("estimator.rs", "middle.bad |= creeps;", "let _ = creeps;")],
+    ),
+    one(
+        "3: windows of rest are left out",
+        &[(
+            "estimator.rs",
+            "if self.rest.push(position, signal.rest_block, signal.rest_limit) {",
+            "if self.rest.push(position, signal.rest_block, signal.rest_limit) && false {",
+        )],
+    ),
+    one(
+        "3: grazing reversals are left out",
+        &[(
+            "estimator.rs",
+            "if force.unsigned_abs() < self.feedback.weak_force_code {",
+            "if false && force.unsigned_abs() < self.feedback.weak_force_code {",
+        )],
+    ),
+    one(
+        "3: reversals that may have stuck are left out",
+        &[("estimator.rs", "middle.bad |= force <= feedback.weak_force_code >> 1;", "let _ = force;")],
+    ),
+    one(
+        "1: slow motion is fitted in the slow bank",
+        &[(
+            "report.rs",
+            "const CLEAR_OF_STEPS: f32 = constants::CLEAR_OF_STEPS as f32;",
+            "const CLEAR_OF_STEPS: f32 = 0.0;",
+        )],
+    ),
+    one(
+        "1: coarse motion that the slow bank smooths away is fitted in the fast one",
+        &[("report.rs", "(times(among) && smoothed())", "(among.is_nan() && smoothed())")],
+    ),
+    one(
+        "6: the encoder's attenuation is given back",
+        &[("fit.rs", "*value += all * 0.5 * (1.0 + kept);", "let _ = (&value, kept);")],
+    ),
+    one("6: half of the attenuation stays uncertain", &[("fit.rs", "*steps = magnitude(all) * 0.5;", "*steps = 0.0;")]),
+    one(
+        "6: inertance refused where steps are most of the acceleration",
+        &[("fit.rs", "if of_itself > MOST_STEPS {", "if false && of_itself > MOST_STEPS {")],
+    ),
+    one(
+        "6: noise weighed by the kernel at the motion's frequency",
+        &[("systematic.rs", "let kernel = 1.0 / square(square(root));", "let kernel = 1.0 + 0.0 * root;")],
+    ),
+    one(
+        "6: steps have a quarter of their share in the scatter",
+        &[("systematic.rs", "const STEPS: f32 = 0.25;", "const STEPS: f32 = 1.0;")],
+    ),
+    one(
+        "6: steps that repeat with the motion",
+        &[("systematic.rs", "const MOST_REPEATS: f32 = 8.0;", "const MOST_REPEATS: f32 = 1.0;")],
+    ),
+    one("6: an exact fit is uncertain by its rounding", &[("fit.rs", "if !is_exact {", "if !is_exact || true {")]),
+    one(
+        "6: friction near rest is told from friction away from it",
+        &[("regime.rs", "const RATIO: f32 = 1.5;", "const RATIO: f32 = 1e9;")],
+    ),
+    one(
+        "6: what friction near rest moves beyond chance widens the interval",
+        &[("regime.rs", "const MOVED: f32 = constants::MOVED as f32;", "const MOVED: f32 = 0.0;")],
+    ),
+    one(
+        "6: 5 % of Coulomb friction until it is known",
+        &[("regime.rs", "const UNJUDGED: f32 = 0.05;", "const UNJUDGED: f32 = 0.0;")],
+    ),
+    one(
+        "6: friction that hides in a tone widens the interval",
+        &[("regime.rs", "const HIDDEN: f32 = 6.0;", "const HIDDEN: f32 = 1e9;")],
+    ),
+    one("6: a creeping screw is a spring", &[("regime.rs", "const SPRING: f32 = 0.6;", "const SPRING: f32 = 0.0;")]),
+    one(
+        "6: Stribeck where the viscous friction is negative",
+        &[("regime.rs", "if fc > 0.0 && viscous.value + viscous.u95 < 0.0 {", "if false && viscous.u95 < 0.0 {")],
+    ),
+    one(
+        "6: impacts of the flanks widen the interval",
+        &[("regime.rs", "const IMPACTS: f32 = 0.4;", "const IMPACTS: f32 = 0.0;")],
+    ),
+    one("6: a broken law widens and withholds", &[("regime.rs", "const REACH: f32 = 3.1;", "const REACH: f32 = 0.0;")]),
+    one(
+        "6: the first judgement may begin anew",
+        &[("estimator.rs", "const JUDGED_UPDATES: u32 = 200;", "const JUDGED_UPDATES: u32 = u32::MAX;")],
+    ),
+    one(
+        "6: slipped counts are left out",
+        &[("plausible.rs", "&& self.slips(bent, force)", "&& false && self.slips(bent, force)")],
+    ),
+    one(
+        "6: a clipped force is left out",
+        &[("plausible.rs", "self.resolution > 0 && self.is_clipped_now(force)", "false && self.is_clipped_now(force)")],
+    ),
+    one(
+        "6: a dead force is left out",
+        &[("plausible.rs", "let dead = self.reversals == REVERSALS;", "let dead = false; self.reversals = 0;")],
+    ),
+    one(
+        "6: a negative inertance is a wrong sign",
+        &[("report.rs", "value < 0.0 && u95 < -WIDEST_INTERVAL * value", "value.is_nan() && u95 < 0.0")],
+    ),
+    one(
+        "6: 5 % of the structure where flanks may part",
+        &[("constants.rs", "pub const STRUCTURE_MODEL_U95: f64 = 0.05;", "pub const STRUCTURE_MODEL_U95: f64 = 0.0;")],
+    ),
+    one(
+        "7: a skew is undone by whole samples first",
+        &[("settings.rs", "let whole = (samples + half) as i32;", "let whole = (0.0 * (samples + half)) as i32;")],
+    ),
+    one(
+        "8: samples beside a change of the flanks are left out",
+        &[("backlash/active.rs", "const GUARD_S: f32 = 0.004;", "const GUARD_S: f32 = 0.0;")],
+    ),
+    one(
+        "8: a pattern of steps is held to be worth 16",
+        &[("backlash/report.rs", "const PATTERNS: f32 = 16.0;", "const PATTERNS: f32 = 1e9;")],
+    ),
+    one(
+        "8: reversals far from the median are left out",
+        &[("backlash/pool.rs", "const OUTLIER: u64 = 35;", "const OUTLIER: u64 = 35_000_000;")],
+    ),
+    one(
+        "8: half a count stays uncertain",
+        &[("backlash/report.rs", "const COUNT_PART: f32 = 0.5;", "const COUNT_PART: f32 = 0.0;")],
+    ),
+    one(
+        "9: a change of the device begins anew",
+        &[("change.rs", "self.begins_anew = true;", "self.begins_anew = false;")],
+    ),
+];

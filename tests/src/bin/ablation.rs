@@ -1,0 +1,260 @@
+//! What the estimator that this program was built with makes of a set of runs, for `cargo xtask ablation`.
+//!
+//! It uses nothing but core and plant, so that it builds quickly beside a core of which one part was taken out. One line a cell and
+//! parameter: group, cell, parameter, rms of the error, mean half width, runs with a value, runs whose value is off by more than twice its
+//! interval without a word, runs whose law is called broken, runs.
+#![forbid(unsafe_code)]
+
+use inerter_core::{BacklashSize, LawStatus, Parameter, RawSample, Regime, Settings, State, Status};
+use inerter_plant::{Excitation, Inerter, Plant, PlantError, Sensors, Simulation};
+use std::process::ExitCode;
+
+/// Seeds from here on: no table has them.
+const FIRST: u64 = 9001;
+const SEEDS: u64 = 3;
+
+/// What is done to the samples after the converter.
+#[derive(Clone, Copy)]
+enum Done {
+    Nothing,
+    /// Counts jump by a hundred every 3.1 s.
+    Slips,
+    /// From half of the run on the force stands still.
+    Dead,
+    /// The force is held within this part of its greatest after the first 2 s.
+    Clipped(f64),
+    Inverted,
+    /// So much is lost every 2.3 s \[s\].
+    Gaps(f64),
+}
+
+/// Runs that share a device, a rig and what goes wrong.
+struct Case {
+    group: &'static str,
+    name: &'static str,
+    motions: &'static [&'static str],
+    device: Inerter,
+    sensors: Sensors,
+    done: Done,
+    /// The device from half of the run on.
+    later: Option<Inerter>,
+}
+
+/// The rig of the grid.
+fn rig() -> Sensors {
+    Sensors { force_noise_n: 1.0, force_offset_n: 3.0, ..Sensors::default() }
+}
+
+fn cases() -> Vec<Case> {
+    const ALL: &[&str] = &["slow", "mid", "fast", "multi", "random", "two"];
+    const TWO: &[&str] = &["mid", "random"];
+    const MORE: &[&str] = &["mid", "fast", "multi", "random"];
+    let paper = Inerter::paper();
+    let case = |group, name, motions| Case {
+        group,
+        name,
+        motions,
+        device: paper,
+        sensors: rig(),
+        done: Done::Nothing,
+        later: None,
+    };
+    let device = |group, name, motions, device| Case { device, ..case(group, name, motions) };
+    let rigged = |name, motions, sensors| Case { sensors, ..case("rig", name, motions) };
+    let done = |name, motions, done| Case { done, ..case("samples", name, motions) };
+    let light = Inerter { inertance_kg: 95.0, viscous_n_s_per_m: 80.0, coulomb_n: 12.0, ..paper };
+    let rests = &["mid@5s;hold@5s;mid@5s;hold@5s;mid@5s;hold@5s", "two@5s;hold@5s;two@5s;hold@5s;two@5s"];
+    vec![
+        case("clean", "reference", ALL),
+        device("clean", "95 kg", TWO, light),
+        device("clean", "150 N of friction", &["mid", "random", "two"], Inerter::preloaded()),
+        case("clean", "with rests", rests),
+        rigged("20 um", &["slow", "mid", "random", "two"], Sensors { metres_per_count: 20e-6, ..rig() }),
+        rigged("sums of 16 readings", MORE, Sensors { oversampling: 16.0, newtons_per_code: 0.032, ..rig() }),
+        rigged("no noise", TWO, Sensors { force_noise_n: 0.0, ..rig() }),
+        rigged("20 N of noise", TWO, Sensors { force_noise_n: 20.0, ..rig() }),
+        rigged("force 3.3 ms late, stated", MORE, Sensors { delay_s: 3.3e-3, ..rig() }),
+        rigged("eccentric by 10 um", MORE, Sensors { encoder_eccentricity_m: 10e-6, ..rig() }),
+        rigged("knock of 200 N", TWO, Sensors { knock_n: 200.0, ..rig() }),
+        rigged("1 % lost", TWO, Sensors { lost_probability: 0.01, ..rig() }),
+        device("friction", "presliding 20 um", MORE, Inerter { presliding_m: 20e-6, ..paper }),
+        device("friction", "presliding 100 um", MORE, Inerter { presliding_m: 100e-6, ..paper }),
+        device("friction", "Stribeck 5 mm/s", MORE, Inerter { stribeck_velocity_m_per_s: 5e-3, ..Inerter::stribeck() }),
+        device("friction", "uneven by 40 %", TWO, Inerter { coulomb_asymmetry: 0.4, viscous_asymmetry: 0.4, ..paper }),
+        done("slipped counts", TWO, Done::Slips),
+        done("dead force", TWO, Done::Dead),
+        done("clipped at 80 %", &["mid", "fast"], Done::Clipped(0.8)),
+        done("inverted", TWO, Done::Inverted),
+        done("gaps of 200 ms", TWO, Done::Gaps(0.2)),
+        device("contact", "backlash 0.1 mm", MORE, Inerter::worn()),
+        device("contact", "backlash 0.3 mm", MORE, Inerter { backlash_m: 3e-4, ..paper }),
+        device("contact", "structure of 10 kg", MORE, Inerter { structure_mass_kg: 10.0, ..paper }),
+        Case {
+            later: Some(Inerter { inertance_kg: 200.0, ..paper }),
+            ..case("change", "inertance falls by a third", &["mid", "random"])
+        },
+        Case {
+            later: Some(Inerter { coulomb_n: 80.0, ..paper }),
+            ..case("change", "friction grows by 60 %", &["mid", "random"])
+        },
+    ]
+}
+
+/// One parameter at the end of a run: error, half width, whether it is given and whether it is wrong without a word.
+#[derive(Clone, Copy, Default)]
+struct Found {
+    error: f64,
+    u95: f64,
+    given: bool,
+    silent: bool,
+}
+
+/// What one run says: mt, cf, fc, backlash.
+struct Said {
+    found: [Found; 4],
+    broken: bool,
+}
+
+fn main() -> ExitCode {
+    match cases().iter().try_for_each(show) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn show(case: &Case) -> Result<(), PlantError> {
+    for motion in case.motions {
+        let runs: Vec<Said> = (FIRST..FIRST + SEEDS).map(|seed| run(case, motion, seed)).collect::<Result<_, _>>()?;
+        let broken = runs.iter().filter(|said| said.broken).count();
+        for (i, parameter) in ["mt", "cf", "fc", "backlash"].into_iter().enumerate() {
+            let given: Vec<Found> = runs.iter().map(|said| said.found[i]).filter(|found| found.given).collect();
+            let count = given.len() as f64;
+            let rms = (given.iter().map(|found| found.error.powi(2)).sum::<f64>() / count).sqrt();
+            let u95 = given.iter().map(|found| found.u95).sum::<f64>() / count;
+            let silent = given.iter().filter(|found| found.silent).count();
+            let motion = motion.split('@').next().unwrap_or(motion);
+            println!(
+                "{}\t{}, {motion}\t{parameter}\t{rms}\t{u95}\t{}\t{silent}\t{broken}\t{}",
+                case.group,
+                case.name,
+                given.len(),
+                runs.len()
+            );
+        }
+    }
+    Ok(())
+}
+
+/// Settings that state this device and rig without any uncertainty.
+fn settings(device: &Inerter, sensors: &Sensors) -> Settings {
+    Settings {
+        sample_rate_hz: sensors.sample_rate_hz,
+        metres_per_count: sensors.metres_per_count,
+        oversampling: sensors.oversampling,
+        newtons_per_code: sensors.newtons_per_sample_code(),
+        structure_mass_kg: device.structure_mass_kg,
+        structure_mass_u95_kg: 0.0,
+        stiffness_n_per_m: device.stiffness_n_per_m,
+        stiffness_u95_n_per_m: 1e-6 * device.stiffness_n_per_m,
+        contact_damping_n_s_per_m: device.contact_damping_n_s_per_m,
+        skew_s: sensors.delay_s,
+        skew_u95_s: 0.0,
+        force_gain_u95: 0.0,
+        lead_u95: 0.0,
+        timebase_u95: 0.0,
+        ..Settings::default()
+    }
+}
+
+fn samples(case: &Case, motion: &str, seed: u64) -> Result<Vec<RawSample>, PlantError> {
+    let sensors = Sensors { encoder_phase_count: (seed as f64 * 0.618) % 1.0, seed, ..case.sensors };
+    let mut simulation = Simulation::new(case.device, Excitation::parse(motion, seed)?, sensors)?;
+    let duration_s = if motion == "slow" {
+        60.0
+    } else if motion.contains("hold") {
+        25.0
+    } else {
+        15.0
+    };
+    let count = (duration_s * sensors.sample_rate_hz) as usize;
+    let raw = |sample: inerter_plant::Sample| RawSample {
+        index: sample.index,
+        position_count: sample.position_count,
+        force_code: sample.force_code,
+        terminal_code: 0,
+    };
+    let mut samples: Vec<RawSample> = simulation.by_ref().take(count).map(raw).collect();
+    if let Some(later) = case.later {
+        let stood = samples.last().map_or(0, |sample| sample.position_count);
+        simulation.replace(Plant::new(later, Excitation::parse(motion, seed)?)?);
+        samples.extend(simulation.take(count).map(|sample| {
+            let sample = raw(sample);
+            RawSample { position_count: sample.position_count + stood, ..sample }
+        }));
+    }
+    let rate = sensors.sample_rate_hz;
+    // The rise from rest rings.
+    let steady = samples.iter().skip((2.0 * rate) as usize);
+    let greatest = steady.map(|sample| sample.force_code.unsigned_abs()).max().unwrap_or(0);
+    match case.done {
+        Done::Nothing => {}
+        Done::Slips => samples.iter_mut().enumerate().for_each(|(n, sample)| {
+            sample.position_count += 100 * (n as f64 / rate / 3.1) as i32;
+        }),
+        Done::Dead => {
+            let held = samples.get(samples.len() / 2).map_or(0, |sample| sample.force_code);
+            let half = samples.len() / 2;
+            samples.iter_mut().skip(half).for_each(|sample| sample.force_code = held);
+        }
+        Done::Clipped(part) => {
+            let most = (part * f64::from(greatest)) as i32;
+            samples.iter_mut().for_each(|sample| sample.force_code = sample.force_code.clamp(-most, most));
+        }
+        Done::Inverted => samples.iter_mut().for_each(|sample| sample.force_code = -sample.force_code),
+        Done::Gaps(length_s) => samples.retain(|sample| f64::from(sample.index) / rate % 2.3 > length_s),
+    }
+    Ok(samples)
+}
+
+fn run(case: &Case, motion: &str, seed: u64) -> Result<Said, PlantError> {
+    let samples = samples(case, motion, seed)?;
+    let active = settings(&case.device, &case.sensors).validate().expect("a rig within the settings' ranges");
+    let mut state = Box::new(State::new(&active));
+    let mut warned = false;
+    for sample in &samples {
+        warned |= active.step(&mut state, sample).warning.is_some();
+    }
+    let published = active.publish(&state);
+    let whole = published.estimate.whole_run;
+    let device = case.later.unwrap_or(case.device);
+    let broken = published.law.status == LawStatus::Broken;
+    let friction = matches!(published.detail.friction.regime, Regime::Presliding | Regime::Stribeck);
+    let found = |parameter: &Parameter, truth: f64, told: bool| {
+        let fitted = parameter.fitted();
+        let error = f64::from(fitted.value) - truth;
+        let given = parameter.status() != Status::NotIdentifiable;
+        Found {
+            error,
+            u95: f64::from(fitted.u95),
+            given,
+            silent: given && error.abs() > 2.0 * f64::from(fitted.u95) && !(told || broken || warned),
+        }
+    };
+    let backlash = match published.detail.backlash.size {
+        BacklashSize::Ok(size) | BacklashSize::BelowU95(size) => {
+            let (error, u95) = (f64::from(size.value) - device.backlash_m, f64::from(size.u95));
+            Found { error, u95, given: true, silent: error.abs() > 2.0 * u95 }
+        }
+        BacklashSize::NotIdentifiable(_) => Found::default(),
+    };
+    let found = [
+        found(&whole.inertance_kg, device.inertance_kg, false),
+        found(&whole.viscous_n_s_per_m, device.viscous_n_s_per_m, friction),
+        found(&whole.coulomb_n, device.coulomb_n, friction),
+        backlash,
+    ];
+    Ok(Said { found, broken })
+}
