@@ -224,8 +224,8 @@ impl Active {
         }
     }
 
-    /// The fast bank when its acceleration stands clear of the encoder's steps, or by so many times of them and clear of what the slow
-    /// one sees; else the slow one.
+    /// The fast bank when its acceleration stands clear of the encoder's steps, or is `among` times them and the slow bank's kernel
+    /// smooths nearly all of it away; else the slow bank.
     fn choose(&self, state: &State, knowledge: impl Fn(&BankState) -> Knowledge, among: f32) -> (Bank, Knowledge) {
         let fast = knowledge(&state.fast);
         let times = |least: f32| fast.mean_square(0) > least * self.fast.scales.quantisation;
