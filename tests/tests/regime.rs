@@ -88,7 +88,8 @@ fn noise_and_steps_explain_the_residual() {
     let creeping = Inerter { presliding_m: 50e-6, ..Inerter::paper() };
     let creeping = run(creeping, "fast", 7, 100.0, 1.0);
     assert!((1.7..2.5).contains(&creeping.unexplained), "{}", creeping.unexplained);
-    assert_eq!(creeping.law, LawStatus::Broken);
+    // Only its beginning shows it, where reversals were placed before friction was known, too.
+    assert_eq!(creeping.law, LawStatus::Unknown);
 }
 
 /// A skew leaves a residual, which is no fault of the law as long as it is no greater than the settings state.

@@ -8,7 +8,7 @@ use crate::active::{Active, Signal};
 use crate::backlash::flanks::Newest;
 use crate::detail::{Change, Regime};
 use crate::estimate::Bank;
-use crate::gate::BLOCKS;
+use crate::gate::{BLOCKS, Block};
 use crate::output::{Output, Published};
 use crate::plausible::Doubt;
 use crate::qformat::shift_right;
@@ -19,6 +19,8 @@ use crate::state::{State, Trial};
 /// Updates after which the law is judged to begin anew or not: 1.6 s in the fast bank. A steady tone of 15.9 Hz hides
 /// friction from 1.2 s on.
 const JUDGED_UPDATES: u32 = 200;
+/// Growth of a residual's sum beyond which it goes on: what the beginning alone has left stays as it is.
+const GROWS: f32 = 1.5;
 
 impl Active {
     /// Takes one sample; gives what is due with it.
@@ -129,23 +131,26 @@ impl State {
     }
 
     /// Until friction is known a reversal may have been placed where it was not. Where the first judgement is that the law
-    /// is broken, that may be why, and the memories begin anew; unless the motion hides friction from then on.
+    /// is broken, that may be why, and the memories begin anew. Where the motion hides friction they cannot, as its beginning is
+    /// all that tells of it: then nothing is known of the law while the residual may be of the beginning alone.
     #[cold]
     fn judge(&mut self, signal: &Signal, Published { estimate, detail, law }: &Published) {
-        match self.trial {
-            Trial::Ahead if estimate.updates < JUDGED_UPDATES => {}
-            Trial::Ahead
-                if law.misfit.is_some_and(|misfit| misfit.ratio > misfit.limit)
-                    && !detail.contact.may_part()
-                    && detail.friction.regime != Regime::Unknown
-                    && !estimate.recent.are_backwards() =>
-            {
-                self.trial = Trial::Open;
-                self.begin_anew(signal.delay);
+        let Some(misfit) = law.misfit else { return };
+        let excess = (misfit.ratio * misfit.ratio - 1.0) * estimate.updates as f32;
+        self.trial = match self.trial {
+            Trial::Ahead if estimate.updates < JUDGED_UPDATES => return,
+            Trial::Ahead | Trial::Hidden { .. } if misfit.ratio <= misfit.limit || estimate.recent.are_backwards() => {
+                Trial::Over
             }
-            Trial::Open if law.misfit.is_none() => {}
-            Trial::Ahead | Trial::Open | Trial::Over => self.trial = Trial::Over,
-        }
+            Trial::Ahead | Trial::Hidden { .. } if detail.contact.may_part() => Trial::Over,
+            Trial::Ahead | Trial::Hidden { .. } if detail.friction.regime != Regime::Unknown => {
+                self.begin_anew(signal.delay);
+                Trial::Open
+            }
+            Trial::Ahead => Trial::Hidden { excess },
+            Trial::Hidden { excess: before } if excess < GROWS * before => return,
+            Trial::Hidden { .. } | Trial::Open | Trial::Over => Trial::Over,
+        };
     }
 
     /// What was learnt is not of the device, and neither is what waits.
@@ -157,13 +162,19 @@ impl State {
         self.watch.forget();
     }
 
-    /// Marks windows of rest and grazing reversals.
+    /// Marks windows of rest, stops and grazing reversals.
     fn gate(&mut self, signal: &Signal, position: i32) {
         let line = &mut self.line;
         let window = signal.rest_block as u8 * BLOCKS as u8;
-        if self.rest.push(position, signal.rest_block, signal.rest_limit) {
-            // The window and a block on either side of it.
-            line.resting = u16::from(signal.delay) + signal.rest_block;
+        match self.rest.push(position, signal.rest_block, signal.rest_limit) {
+            Some(Block::AtRest) => {
+                // The window and a block on either side of it.
+                line.resting = u16::from(signal.delay) + signal.rest_block;
+            }
+            Some(Block::Moving) if self.feedback.coulomb_like && self.velocity_reversals.have_told() => {
+                line.hold(signal.sign_half_width, &self.feedback);
+            }
+            Some(Block::Moving) | None => {}
         }
         let travel = line.ago(0).position.wrapping_sub(line.ago(window).position);
         if travel.unsigned_abs() <= signal.grazing_limit {
@@ -198,8 +209,7 @@ impl State {
         middle.bad |= creeps;
         // A reversal that friction can hold is one that may have stuck for a moment.
         if feedback.coulomb_like && middle.reverses() {
-            let force = middle.force.saturating_sub(feedback.offset_code).unsigned_abs();
-            middle.bad |= force <= feedback.weak_force_code >> 1;
+            middle.bad |= middle.may_be_held(feedback);
         }
         // Across lost or saturated samples neither velocity nor prediction is one.
         if line.ago(2 * m).passes_zero && line.whole > 4 * m {

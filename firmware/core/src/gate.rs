@@ -21,6 +21,15 @@ impl Span {
     }
 }
 
+/// How the window stands that a block closes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Block {
+    /// Nothing moved in it.
+    AtRest,
+    /// Something did, or it is too short to tell.
+    Moving,
+}
+
 /// Finds windows in which nothing moved.
 #[derive(Clone, Debug)]
 pub struct Rest {
@@ -42,10 +51,10 @@ impl Rest {
         *self = Self::new();
     }
 
-    /// Takes a position; true when a block ends here and the window that it closes was at rest.
+    /// Takes a position; tells of the window that it closes where a block ends here.
     ///
     /// `block` is the block length in samples, `limit` the span [counts / oversampling] that still is rest.
-    pub fn push(&mut self, position_count: i32, block: u16, limit: u32) -> bool {
+    pub fn push(&mut self, position_count: i32, block: u16, limit: u32) -> Option<Block> {
         if self.filled == 0 && self.blocks.is_empty() {
             self.origin = position_count;
         }
@@ -55,13 +64,13 @@ impl Rest {
         self.filled = self.filled.saturating_add(1);
         if self.filled < block {
             self.current = Some(span);
-            return false;
+            return None;
         }
         self.filled = 0;
         self.current = None;
         self.blocks.write(span);
         if self.blocks.len() < BLOCKS {
-            return false;
+            return Some(Block::Moving);
         }
         let whole = self.blocks.as_slice().iter().copied().reduce(Span::join).unwrap_or(span);
         let at_rest = whole.greatest.abs_diff(whole.least) <= limit;
@@ -69,7 +78,7 @@ impl Rest {
         if here.unsigned_abs() > 1 << 30 {
             self.reset();
         }
-        at_rest
+        Some(if at_rest { Block::AtRest } else { Block::Moving })
     }
 }
 
@@ -79,7 +88,7 @@ mod tests {
 
     fn rest_ends(positions: impl Iterator<Item = i32>, block: u16, limit: u32) -> usize {
         let mut rest = Rest::new();
-        positions.filter(|&position| rest.push(position, block, limit)).count()
+        positions.filter(|&position| rest.push(position, block, limit) == Some(Block::AtRest)).count()
     }
 
     #[test]

@@ -13,6 +13,8 @@ pub(crate) const VELOCITY_BITS: u32 = 8;
 const VELOCITY_LIMIT: i32 = 1 << 21;
 /// Greatest correction of it.
 const VELOCITY_CLAMP: i64 = 1 << 27;
+/// Velocity from which a stop is one, and no roundings of a slow motion [counts in half a kernel].
+const STOP_COUNTS: u32 = 3;
 /// Samples around a reversal whose signs are its own.
 const OWN_SAMPLES: u8 = 3;
 
@@ -52,6 +54,11 @@ impl Waiting {
     /// Whether the velocity goes through zero within this sample.
     pub fn reverses(&self) -> bool {
         self.sign.abs() < ONE
+    }
+
+    /// Whether friction can hold the screw against this force.
+    pub fn may_be_held(&self, feedback: &Feedback) -> bool {
+        self.force.saturating_sub(feedback.offset_code).unsigned_abs() <= feedback.weak_force_code >> 1
     }
 }
 
@@ -106,6 +113,23 @@ impl DelayLine {
     #[inline(never)]
     pub fn spoil(&mut self, samples: u8) {
         (0..=samples).for_each(|ago| self.ago(ago).bad = true);
+    }
+
+    /// Leaves out what lies within `m` samples of one where the screw comes to a stop that friction can hold: it may stick there for
+    /// less than rest is seen in, and go on the same way.
+    #[cold]
+    #[inline(never)]
+    pub fn hold(&mut self, m: u8, feedback: &Feedback) {
+        if !self.at(m).may_be_held(feedback) {
+            return;
+        }
+        let [velocity, earlier] = [0, m].map(|ago| self.smooth_velocity(ago, m));
+        // As fast again, and it stands within the kernel; by one count in `m` samples velocities may be wrong.
+        if velocity.unsigned_abs() <= velocity.abs_diff(earlier)
+            && earlier.unsigned_abs() > STOP_COUNTS * u32::from(m) << VELOCITY_BITS
+        {
+            self.spoil(2 * m);
+        }
     }
 
     pub fn ago(&mut self, samples: u8) -> &mut Waiting {

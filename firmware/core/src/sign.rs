@@ -113,7 +113,12 @@ impl VelocityReversals {
 
     /// What has been seen and what has been predicted, in one unit; nothing before the first reversal.
     pub fn seen_and_predicted(&self) -> Option<(i64, i64)> {
-        (self.count > 0).then_some((self.predicted_seen, self.predicted_squared))
+        self.have_told().then_some((self.predicted_seen, self.predicted_squared))
+    }
+
+    /// Whether any reversal has told.
+    pub fn have_told(&self) -> bool {
+        self.count > 0
     }
 
     /// Whether at least half of the prediction has been seen; taken for granted until a reversal says otherwise.

@@ -30,12 +30,14 @@ pub struct Counters {
 }
 
 /// Whether the law is judged by what was seen before friction was known.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Trial {
     /// By that too.
     Ahead,
     /// That is forgotten, as the law seemed broken, and there is too little else yet.
     Open,
+    /// The law seemed broken, by so much in all, and the motion hides friction but in its beginning.
+    Hidden { excess: f32 },
     /// It is over.
     Over,
 }
