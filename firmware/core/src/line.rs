@@ -126,7 +126,7 @@ impl DelayLine {
         let [velocity, earlier] = [0, m].map(|ago| self.smooth_velocity(ago, m));
         // As fast again, and it stands within the kernel; by one count in `m` samples velocities may be wrong.
         if velocity.unsigned_abs() <= velocity.abs_diff(earlier)
-            && earlier.unsigned_abs() > STOP_COUNTS * u32::from(m) << VELOCITY_BITS
+            && earlier.unsigned_abs() > (STOP_COUNTS * u32::from(m)) << VELOCITY_BITS
         {
             self.spoil(2 * m);
         }

@@ -38,11 +38,7 @@ pub const HEURISTICS: &[Heuristic] = &[
     ),
     one(
         "3: windows of rest are left out",
-        &[(
-            "estimator.rs",
-            "if self.rest.push(position, signal.rest_block, signal.rest_limit) {",
-            "if self.rest.push(position, signal.rest_block, signal.rest_limit) && false {",
-        )],
+        &[("estimator.rs", "line.resting = u16::from(signal.delay) + signal.rest_block;", "line.resting = 0;")],
     ),
     one(
         "3: grazing reversals are left out",
@@ -54,7 +50,7 @@ pub const HEURISTICS: &[Heuristic] = &[
     ),
     one(
         "3: reversals that may have stuck are left out",
-        &[("estimator.rs", "middle.bad |= force <= feedback.weak_force_code >> 1;", "let _ = force;")],
+        &[("estimator.rs", "middle.bad |= middle.may_be_held(feedback);", "")],
     ),
     one(
         "1: slow motion is fitted in the slow bank",
