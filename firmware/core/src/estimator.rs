@@ -6,21 +6,15 @@
 
 use crate::active::{Active, Signal};
 use crate::backlash::flanks::Newest;
-use crate::detail::{Change, Regime};
+use crate::detail::Change;
 use crate::estimate::Bank;
 use crate::gate::{BLOCKS, Block};
-use crate::output::{Output, Published};
+use crate::output::Output;
 use crate::plausible::Doubt;
 use crate::qformat::shift_right;
 use crate::sample::RawSample;
 use crate::sign;
-use crate::state::{State, Trial};
-
-/// Updates after which the law is judged to begin anew or not: 1.6 s in the fast bank. A steady tone of 15.9 Hz hides
-/// friction from 1.2 s on.
-const JUDGED_UPDATES: u32 = 200;
-/// Growth of a residual's sum beyond which it goes on: what the beginning alone has left stays as it is.
-const GROWS: f32 = 1.5;
+use crate::state::State;
 
 impl Active {
     /// Takes one sample; gives what is due with it.
@@ -58,7 +52,9 @@ impl Active {
             state.plausible.backwards();
         }
         state.plausible.learn(self.bend(&published.estimate.recent), self.noise_beside_clipped(&state.noise));
-        state.judge(signal, &published);
+        if state.trial.judge(&published) {
+            state.begin_anew(signal.delay);
+        }
         Output { published: Some(published), reversal, warning: state.plausible.take(sample.index), change }
     }
 
@@ -128,29 +124,6 @@ impl State {
         }
         line.push(newest.position, newest.force, !newest.good);
         newest
-    }
-
-    /// Until friction is known a reversal may have been placed where it was not. Where the first judgement is that the law
-    /// is broken, that may be why, and the memories begin anew. Where the motion hides friction they cannot, as its beginning is
-    /// all that tells of it: then nothing is known of the law while the residual may be of the beginning alone.
-    #[cold]
-    fn judge(&mut self, signal: &Signal, Published { estimate, detail, law }: &Published) {
-        let Some(misfit) = law.misfit else { return };
-        let excess = (misfit.ratio * misfit.ratio - 1.0) * estimate.updates as f32;
-        self.trial = match self.trial {
-            Trial::Ahead if estimate.updates < JUDGED_UPDATES => return,
-            Trial::Ahead | Trial::Hidden { .. } if misfit.ratio <= misfit.limit || estimate.recent.are_backwards() => {
-                Trial::Over
-            }
-            Trial::Ahead | Trial::Hidden { .. } if detail.contact.may_part() => Trial::Over,
-            Trial::Ahead | Trial::Hidden { .. } if detail.friction.regime != Regime::Unknown => {
-                self.begin_anew(signal.delay);
-                Trial::Open
-            }
-            Trial::Ahead => Trial::Hidden { excess },
-            Trial::Hidden { excess: before } if excess < GROWS * before => return,
-            Trial::Hidden { .. } | Trial::Open | Trial::Over => Trial::Over,
-        };
     }
 
     /// What was learnt is not of the device, and neither is what waits.

@@ -41,6 +41,7 @@ mod solution;
 mod state;
 mod sums;
 mod systematic;
+mod trial;
 
 pub use active::Active;
 pub use budget::{Budget, Budgets, NORMAL_COVERAGE, Source};

@@ -20,8 +20,9 @@ use crate::output::Published;
 use crate::plausible;
 use crate::qformat::Term;
 use crate::regime::{self, Assessment};
-use crate::state::{State, Trial};
+use crate::state::State;
 use crate::systematic::{Found, Motion, Scatter, Spread};
+use crate::trial::Trial;
 
 // Single precision, as everything here.
 const WIDEST_INTERVAL: f32 = constants::WIDEST_INTERVAL as f32;

@@ -14,6 +14,7 @@ use crate::noise::Noise;
 use crate::plausible::Plausible;
 use crate::repeats::Repeats;
 use crate::sign::{Sign, VelocityReversals};
+use crate::trial::Trial;
 
 /// What has been counted since the reset.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -27,19 +28,6 @@ pub struct Counters {
     pub lost_samples: u64,
     /// Samples with a saturated force, and kernel outputs beyond full scale.
     pub saturated: u32,
-}
-
-/// Whether the law is judged by what was seen before friction was known.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Trial {
-    /// By that too.
-    Ahead,
-    /// That is forgotten, as the law seemed broken, and there is too little else yet.
-    Open,
-    /// The law seemed broken, by so much in all, and the motion hides friction but in its beginning.
-    Hidden { excess: f32 },
-    /// It is over.
-    Over,
 }
 
 /// All that changes from sample to sample.

@@ -114,7 +114,7 @@ pub const HEURISTICS: &[Heuristic] = &[
     one("6: a broken law widens and withholds", &[("regime.rs", "const REACH: f32 = 3.1;", "const REACH: f32 = 0.0;")]),
     one(
         "6: the first judgement may begin anew",
-        &[("estimator.rs", "const JUDGED_UPDATES: u32 = 200;", "const JUDGED_UPDATES: u32 = u32::MAX;")],
+        &[("trial.rs", "const JUDGED_UPDATES: u32 = 200;", "const JUDGED_UPDATES: u32 = u32::MAX;")],
     ),
     one(
         "6: slipped counts are left out",
