@@ -35,16 +35,25 @@ pub struct Added {
     pub warming_n: f64,
     /// Change of the offset over the run \[N\].
     pub drift_n: f64,
+    /// A spring beside the screw \[N/m\].
+    pub spring_n_per_m: f64,
+    /// Friction by the square of the velocity \[N s2/m2\].
+    pub quadratic: f64,
+    /// What is told too much of a force, by its cube \[1/N2\].
+    pub cube: f64,
 }
 
 impl Added {
     /// What comes to a force of the law, but for the offset's drift \[N\]; `time` is that of the run, -0.5 to 0.5.
     pub fn at_n(&self, force_n: f64, truth: &Truth, time: f64, lead_m: f64) -> f64 {
-        let Self { load, ripple_n, warming_n, .. } = *self;
+        let Self { load, ripple_n, warming_n, spring_n_per_m, quadratic, cube, .. } = *self;
         let sign = truth.v2_m_per_s.signum() * f64::from(u8::from(truth.motion != Screw::Stuck));
         load * force_n.abs() * sign / (1.0 - load * sign * force_n.signum())
             + ripple_n * (TAU * truth.x2_m / lead_m + 0.7).sin()
             + warming_n * time * sign
+            + spring_n_per_m * truth.x2_m
+            + quadratic * truth.v2_m_per_s * truth.v2_m_per_s.abs()
+            + cube * force_n.powi(3)
     }
 }
 
@@ -111,6 +120,19 @@ pub fn cases() -> Vec<Case> {
         device("presliding 50 um", Kind::Presliding, 50e-6, presliding(50.0)),
         device("presliding 200 um", Kind::Presliding, 200e-6, presliding(200.0)),
         device("cf uneven by 40 %", Kind::Direction, uneven, Inerter { viscous_asymmetry: 0.4, ..paper }),
+    ]
+}
+
+/// What else may be wrong, of the reference device without a structure mass.
+pub fn others() -> [Case; 3] {
+    let none = Added::default();
+    let device = Inerter { structure_mass_kg: 0.0, ..Inerter::paper() };
+    let added = |name, kind, size, added| Case { kind: Some(kind), size, added, device, ..clean(name) };
+    [
+        added("a spring", Kind::Spring, 5e3, Added { spring_n_per_m: 5e3, ..none }),
+        added("friction by the square", Kind::QuadraticFriction, 400.0, Added { quadratic: 400.0, ..none }),
+        // Its size is told in parts of the greatest force, which is the run's.
+        added("a cell that saturates", Kind::ForceNonlinear, f64::NAN, Added { cube: -3e-10, ..none }),
     ]
 }
 

@@ -3,7 +3,7 @@
 use inerter_analysis::diagnose::{Encoder, Kind, diagnose};
 use inerter_data::{replay::replay_all, series::Series, settings::SettingsInputError};
 use inerter_tests::{
-    diagnose::{Added, Case, Replayed, cases, clean_case},
+    diagnose::{Added, Case, Replayed, cases, clean_case, others},
     grid::MOTIONS,
 };
 
@@ -107,4 +107,32 @@ fn what_a_motion_cannot_tell_is_named_as_an_assumption() {
         of_inertance.contains(&Kind::LoadDependent) && !of_inertance.contains(&Kind::Direction),
         "{of_inertance:?}"
     );
+}
+
+#[test]
+fn what_is_beside_the_screw_or_in_the_cell_is_named() {
+    for name in ["multi", "random"] {
+        let motion = MOTIONS.iter().find(|motion| motion.name == name).unwrap();
+        for case in others() {
+            let found = case.diagnosed(motion, 34).unwrap();
+            let first = found.causes.first().unwrap_or_else(|| panic!("{name}, {}: nothing", case.name));
+            assert_eq!(Some(first.kind), case.kind, "{name}, {}: {found:?}", case.name);
+            let is_sized = (first.value / case.size - 1.0).abs() < 0.1;
+            assert!(case.size.is_nan() || is_sized, "{name}, {}: {first:?}", case.name);
+            let inertance = found.corrected.unwrap().inertance_kg.fitted();
+            let off = (f64::from(inertance.value) - case.device.inertance_kg).abs() / case.device.inertance_kg;
+            assert!(off < 1e-3, "{name}, {}: {inertance:?}", case.name);
+        }
+    }
+}
+
+/// In a tone a force that goes with the position is inertance, to the last digit.
+#[test]
+fn in_a_tone_inertance_rests_on_the_absence_of_a_spring() {
+    let motion = MOTIONS.iter().find(|motion| motion.name == "mid").unwrap();
+    let [spring, ..] = others();
+    let Replayed { outcome, judged: [inertance, ..], .. } = spring.replayed(motion, 35).unwrap();
+    let wrong = f64::from(outcome.estimate.whole_run.inertance_kg.fitted().value) - spring.device.inertance_kg;
+    assert!(wrong.abs() > 2.0 * f64::from(inertance.budget.u95()), "{wrong}: {inertance:?}");
+    assert!(inertance.assumes.contains(&Kind::Spring), "{inertance:?}");
 }

@@ -24,6 +24,14 @@ pub enum Kind {
     EncoderError,
     /// Friction differs by direction.
     Direction,
+    /// Friction grows with the square of the velocity.
+    QuadraticFriction,
+    /// Something pulls by the position.
+    Spring,
+    /// The position gives way with the force.
+    Compliance,
+    /// The force that is measured is not in proportion to what acts.
+    ForceNonlinear,
 }
 
 /// Anything that may be wrong.
@@ -37,7 +45,7 @@ pub enum Cause {
 
 impl Cause {
     /// All of them: first what is wrong with samples.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 16] = [
         Self::Samples(WarningKind::WrongSign),
         Self::Samples(WarningKind::CountSlip),
         Self::Samples(WarningKind::ClippedForce),
@@ -50,6 +58,10 @@ impl Cause {
         Self::Law(Kind::Skew),
         Self::Law(Kind::EncoderError),
         Self::Law(Kind::Direction),
+        Self::Law(Kind::QuadraticFriction),
+        Self::Law(Kind::Spring),
+        Self::Law(Kind::Compliance),
+        Self::Law(Kind::ForceNonlinear),
     ];
 
     /// Its name for programs.
@@ -67,6 +79,10 @@ impl Cause {
             Self::Law(Kind::Skew) => "skew",
             Self::Law(Kind::EncoderError) => "encoder_error",
             Self::Law(Kind::Direction) => "direction",
+            Self::Law(Kind::QuadraticFriction) => "quadratic_friction",
+            Self::Law(Kind::Spring) => "spring",
+            Self::Law(Kind::Compliance) => "compliance",
+            Self::Law(Kind::ForceNonlinear) => "force_nonlinear",
         }
     }
 
@@ -97,13 +113,17 @@ impl Cause {
             Self::Law(Kind::Skew) => "a delay of the force",
             Self::Law(Kind::EncoderError) => "an error of the encoder",
             Self::Law(Kind::Direction) => "viscous friction that differs by direction",
+            Self::Law(Kind::QuadraticFriction) => "friction by the square of the velocity",
+            Self::Law(Kind::Spring) => "a force that goes with the position",
+            Self::Law(Kind::Compliance) => "a position that gives way with the force",
+            Self::Law(Kind::ForceNonlinear) => "a force that is not measured in proportion",
         }
     }
 }
 
 impl Kind {
     /// All of them.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 12] = [
         Self::LoadDependent,
         Self::PositionPeriodic,
         Self::Stribeck,
@@ -112,6 +132,10 @@ impl Kind {
         Self::Skew,
         Self::EncoderError,
         Self::Direction,
+        Self::QuadraticFriction,
+        Self::Spring,
+        Self::Compliance,
+        Self::ForceNonlinear,
     ];
 
     /// Its name for programs.
@@ -139,7 +163,7 @@ mod tests {
     fn every_cause_has_a_name_of_its_own() {
         let names = Cause::ALL.map(Cause::name);
         let all = "wrong_sign count_slip clipped_force dead_force load_dependent position_periodic stribeck presliding drift \
-                   skew encoder_error direction";
+                   skew encoder_error direction quadratic_friction spring compliance force_nonlinear";
         assert_eq!(names.join(" "), all);
         let of_law: Vec<&str> = Kind::ALL.into_iter().map(Kind::name).collect();
         assert_eq!(of_law, names[4..]);

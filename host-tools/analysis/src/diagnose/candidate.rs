@@ -26,6 +26,18 @@ const MOST_LOAD: f64 = 0.5;
 const MOST_SURPLUS: f64 = 2.0;
 /// What turns over a distance, in parts of what the law found of Coulomb friction, which may be little.
 const MOST_TURN: f64 = 4.0;
+/// Times in which a force lets go, in parts of the one that the motion needs for its stroke.
+const RELAXES: [f64; 3] = [0.1, 0.3, 1.0];
+/// Force over which a loose cell turns, and width of a hysteresis, in parts of the greatest.
+const DEAD: f64 = 0.02;
+pub(super) const HYSTERESIS: f64 = 0.02;
+/// Forces from which on an amplifier may have another range, likewise.
+const RANGES: [f64; 3] = [0.35, 0.5, 0.7];
+/// Part by which a force may be told wrong: what is nearly the force itself would explain all.
+const MOST_WRONG: f64 = 0.25;
+/// Counts by which the greatest force must bend a position to be worth a word: reversals that are placed some milliseconds wrong look
+/// like less.
+const LEAST_BENT_COUNTS: f64 = 1.0;
 /// Skew that is worth a word \[s\].
 const LEAST_SKEW_S: f64 = 20e-6;
 
@@ -74,6 +86,31 @@ pub(super) enum Term {
     Skew,
     /// `|v|`.
     Speed,
+    /// `v |v|`.
+    Square,
+    /// `x` from this place on.
+    Spring(f64),
+    /// The same where it lets go with this time \[s\], as a damper behind a spring.
+    Relaxing(f64),
+    /// A position that is too far by the force, if by so much per force at least \[m/N\].
+    Bent(f64),
+    /// What a force of this size at most \[N\] is told wrong by, of unit size at most.
+    Told(Shape, f64),
+}
+
+/// How a force is told wrong.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Shape {
+    /// By its square.
+    Bow,
+    /// By its third power, as where it saturates.
+    Cube,
+    /// By as much either way, as of a cell that sits loose.
+    Dead,
+    /// In proportion from this part of the greatest on, as of an amplifier that switches its range.
+    Range(f64),
+    /// By which way it goes.
+    Hysteresis,
 }
 
 impl Term {
@@ -96,7 +133,11 @@ impl Term {
             Self::Warming => [sign * time, 0.0],
             Self::Thinning => [velocity * time, 0.0],
             Self::Speed => [velocity.abs(), 0.0],
-            Self::Skew | Self::Wobble(_) => [0.0; 2],
+            Self::Square => [velocity * velocity.abs(), 0.0],
+            Self::Spring(middle_m) => [position_m - middle_m, 0.0],
+            Self::Told(shape, most_n) => [most_n * shape.of((force_n - law.offset_n) / most_n), 0.0],
+            // What lets go depends on all that was before.
+            Self::Skew | Self::Wobble(_) | Self::Bent(_) | Self::Relaxing(_) => [0.0; 2],
         }
     }
 
@@ -156,6 +197,20 @@ impl Term {
     }
 }
 
+impl Shape {
+    /// What is told too much, of a force of unit size at most.
+    pub fn of(self, force: f64) -> f64 {
+        match self {
+            Self::Bow => force * force,
+            Self::Cube => force.powi(3),
+            Self::Dead => (force / DEAD).clamp(-1.0, 1.0),
+            Self::Range(from) if force.abs() > from => force,
+            // Which way it goes is not told by one moment.
+            Self::Range(_) | Self::Hysteresis => 0.0,
+        }
+    }
+}
+
 impl Candidate {
     /// Whether its size can be that of a machine, in the term's own unit.
     pub fn can_be(self, size: f64, law: &Law) -> bool {
@@ -164,6 +219,9 @@ impl Candidate {
             Term::Load => (0.0..MOST_LOAD).contains(&size),
             Term::Falling(_) | Term::Bell(_) => (0.0..MOST_SURPLUS * coulomb_n).contains(&size),
             Term::Turning(_) | Term::Bending(_) => (0.0..MOST_TURN * coulomb_n).contains(&size),
+            Term::Square => size > 0.0,
+            Term::Bent(least) => size > least,
+            Term::Told(..) => size.abs() < MOST_WRONG,
             // Friction at the reversals looks like a skew of some microseconds (docs/THEORY.md, 7).
             Term::Skew => size.abs() >= LEAST_SKEW_S,
             _ => true,
@@ -176,6 +234,12 @@ impl Candidate {
         let leads = COUNTS_PER_TURN.iter().map(|counts| counts * settings.metres_per_count.abs());
         let hidden = leads.filter(|lead| span.stroke_m <= LEAST_TURNS * lead).min_by(f64::total_cmp);
         all.extend(hidden.map(|lead_m| Self { kind: Kind::PositionPeriodic, term: Term::Ripple(lead_m) }));
+        // What is too small for a word may have moved a parameter all the same.
+        for Self { term, .. } in &mut all {
+            if let Term::Bent(least) = term {
+                *least = 0.0;
+            }
+        }
         all
     }
 
@@ -207,17 +271,30 @@ impl Candidate {
             all.push(one(Kind::Presliding, Term::Turning(distance)));
             all.push(one(Kind::Presliding, Term::Bending(distance)));
         }
+        all.extend([
+            one(Kind::QuadraticFriction, Term::Square),
+            one(Kind::Spring, Term::Spring(span.middle_m)),
+            one(Kind::Compliance, Term::Bent(LEAST_BENT_COUNTS * count_m / span.force_n)),
+        ]);
+        let relaxes = RELAXES.map(|part| Term::Relaxing(part * span.stroke_m / span.velocity_rms));
+        all.extend(relaxes.map(|term| one(Kind::Spring, term)));
+        let told =
+            [Shape::Bow, Shape::Cube, Shape::Dead, Shape::Hysteresis].into_iter().chain(RANGES.map(Shape::Range));
+        all.extend(told.map(|shape| one(Kind::ForceNonlinear, Term::Told(shape, span.force_n))));
         all
     }
 }
 
 /// What the whole run covers.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Span {
     pub from_s: f64,
     pub duration_s: f64,
     pub stroke_m: f64,
+    pub middle_m: f64,
     pub velocity_rms: f64,
+    /// The greatest, from the offset on.
+    pub force_n: f64,
 }
 
 impl Span {
@@ -258,7 +335,7 @@ mod tests {
     /// Turns of which the motion makes too small a part are not sought, and one that is given is the only one.
     #[test]
     fn a_turn_is_sought_where_the_motion_makes_enough_of_it() {
-        let span = Span { from_s: 0.0, duration_s: 20.0, stroke_m: 4e-3, velocity_rms: 0.05 };
+        let span = Span { duration_s: 20.0, stroke_m: 4e-3, velocity_rms: 0.05, ..Span::default() };
         let settings = Settings { metres_per_count: 2.5e-6, ..Settings::default() };
         let leads = |encoder| -> Vec<f64> {
             let all = Candidate::all(&span, &settings, encoder);

@@ -32,6 +32,9 @@ fn unit(machine: Machine, unit: &'static str) -> &'static str {
         (Machine::Rotary, "N") => "N m",
         (Machine::Rotary, "m") => "rad",
         (Machine::Rotary, "N s/m") => "N m s/rad",
+        (Machine::Rotary, "N s2/m2") => "N m s2/rad2",
+        (Machine::Rotary, "N/m") => "N m/rad",
+        (Machine::Rotary, "m/N") => "rad/(N m)",
         _ => unit,
     }
 }
@@ -82,6 +85,22 @@ impl Cause {
             Kind::Direction => {
                 format!("viscous friction differs by direction, by {} either way: see `inerter fit`", in_unit())
             }
+            Kind::QuadraticFriction => format!(
+                "friction grows with the square of the velocity, by {}: look for air or oil that is driven, or move slower",
+                in_unit()
+            ),
+            Kind::Spring => format!(
+                "a force goes with the position, by {}: look for a spring, a hose or a cable beside the screw, and for crosstalk in the force's amplifier",
+                in_unit()
+            ),
+            Kind::Compliance => format!(
+                "the position gives way with the force, by {}: look how stiff the encoder's mount is, and whether the encoder is on the screw",
+                in_unit()
+            ),
+            Kind::ForceNonlinear => format!(
+                "the measured force is not in proportion to what acts, by {} of the greatest: look whether the load cell sits firmly, its screws and its amplifier's range",
+                sized(100.0, "%")
+            ),
         };
         let turn = if self.is_part_of_a_turn {
             "; the motion covers less than a period, so that it may be another, and the size with it: give it to `inerter diagnose` as --counts-per-turn"

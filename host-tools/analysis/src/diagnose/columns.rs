@@ -9,6 +9,7 @@ use inerter_core::{
 use inerter_data::series::{Series, Stretch};
 
 pub(super) use super::candidate::{Candidate, Span, Term};
+use super::candidate::{HYSTERESIS, Shape};
 use super::filter::Filter;
 use crate::{
     law::{Kernels, Law, around, stands},
@@ -78,7 +79,7 @@ impl<'a> Located<'a> {
         let from_s = series.stretches.first().map_or(0.0, |stretch| stretch.start_s);
         let end = |stretch: &Stretch| stretch.start_s + stretch.force_n.len() as f64 * period_s;
         let to_s = series.stretches.last().map_or(from_s, end);
-        let span = Span { from_s, duration_s: to_s - from_s, stroke_m: 0.0, velocity_rms: 0.0 };
+        let span = Span { from_s, duration_s: to_s - from_s, ..Span::default() };
         let pieces = series.stretches.iter().map(|stretch| {
             let friction = |moment: &Moment| {
                 let time = span.time(stretch.start_s + moment.at * period_s);
@@ -118,10 +119,10 @@ impl<'a> Located<'a> {
 
 impl<'a> Rows<'a> {
     /// Of all samples in motion, through the kernels of a bank, with signs placed by this law.
-    pub fn of(series: &'a Series, settings: &Settings, kernels: Kernels, law: Law) -> Self {
+    pub fn of(series: &'a Series, settings: &Settings, kernels: Kernels, law: Law, noise_n: f64) -> Self {
         let box_samples = kernels.box_samples;
         let spacing = (box_samples / 2).max(1).max(series.len() / MOST_ROWS);
-        Self::through(Located::of(series, law, &[]), settings, Filter::plain(kernels, spacing))
+        Self::through(Located::of(series, law, &[]), settings, Filter::plain(kernels, spacing, settings, &law, noise_n))
     }
 
     /// Of all samples in motion, through this filter.
@@ -163,12 +164,14 @@ impl<'a> Rows<'a> {
                     (low, high) = (low.min(moment.position_m), high.max(moment.position_m));
                     square += moment.velocity * moment.velocity;
                     count += 1;
+                    span.force_n = span.force_n.max((moment.force_n - law.offset_n).abs());
                 }
             }
             Piece { stretch, turns, grid, rows }
         });
         let pieces: Vec<Piece> = pieces.collect();
         span.stroke_m = (high - low).max(0.0);
+        span.middle_m = 0.5 * (high + low);
         span.velocity_rms = (square / f64::from(count.max(1))).sqrt();
         let rows_apart = (filter.spacing * thinned) as f64;
         let per_observation = (CORRELATION_BOXES * kernels.box_samples as f64 / rows_apart).max(1.0);
@@ -205,13 +208,33 @@ impl<'a> Rows<'a> {
         column
     }
 
-    /// Mean square of noise in a column of this term.
-    pub fn noise_square(&self, term: Term) -> f64 {
+    /// Mean square of noise in a column of this term, and its mean product with that of the row's force.
+    pub fn noise(&self, term: Term) -> [f64; 2] {
+        let inertance_kg = self.law.inertance_kg;
         match term {
-            Term::Load => self.filter.noise_square,
-            Term::Skew => self.filter.rate_square,
-            _ => 0.0,
+            Term::Load => [self.filter.noise_square, 0.0],
+            Term::Skew => [self.filter.rate_square, 0.0],
+            Term::Bent(_) => {
+                [inertance_kg.powi(2) * self.filter.bend_square, -inertance_kg * self.filter.bend_with_force]
+            }
+            Term::Told(shape, most_n) => [self.filter.noise_square * self.slope_square(shape, most_n), 0.0],
+            _ => [0.0; 2],
         }
+    }
+
+    /// Mean square of what a force's noise is multiplied by where it is told wrong.
+    fn slope_square(&self, shape: Shape, most_n: f64) -> f64 {
+        if shape == Shape::Hysteresis {
+            return HYSTERESIS.powi(-2);
+        }
+        let part = self.filter.noise_n / most_n;
+        let squares = self.pieces.iter().flat_map(|piece| {
+            piece.middles().filter_map(|middle| {
+                let force = (piece.stretch.force_n.get(middle)? - self.law.offset_n) / most_n;
+                Some(((shape.of(force + part) - shape.of(force - part)) / (2.0 * part)).powi(2))
+            })
+        });
+        squares.sum::<f64>() / self.force.len().max(1) as f64
     }
 
     /// The columns of a term, one value a row.
@@ -233,7 +256,31 @@ impl<'a> Rows<'a> {
                 };
                 vec![wave(f64::sin), wave(f64::cos)]
             }
-            Term::Load | Term::Falling(_) | Term::Bell(_) => {
+            Term::Bent(_) => vec![self.filtered(|_, piece, middle| {
+                let force = &piece.stretch.force_n;
+                let inertia = inertance_kg * around(&kernels.second, force, middle);
+                -inertia - viscous_n_s_per_m * around(&kernels.rate, force, middle)
+            })],
+            Term::Spring(middle_m) => vec![self.through_kernel(
+                |piece| piece.stretch.position_m.iter().map(|x| x - middle_m).collect(),
+                |position, middle| around(&kernels.force, position, middle),
+            )],
+            Term::Relaxing(time_s) => vec![self.through_kernel(
+                |piece| relaxing(&piece.stretch.position_m, time_s / self.period_s).collect(),
+                |position, middle| around(&kernels.force, position, middle),
+            )],
+            Term::Told(Shape::Hysteresis, most_n) => vec![self.through_kernel(
+                |piece| lagging(&piece.stretch.force_n, HYSTERESIS * most_n).map(|lag| lag / HYSTERESIS).collect(),
+                |lag, middle| around(&kernels.force, lag, middle),
+            )],
+            Term::Told(shape, most_n) => vec![self.through_kernel(
+                |piece| {
+                    let part = |force: &f64| (force - self.law.offset_n) / most_n;
+                    piece.stretch.force_n.iter().map(|force| most_n * shape.of(part(force))).collect()
+                },
+                |told, middle| around(&kernels.force, told, middle),
+            )],
+            Term::Load | Term::Falling(_) | Term::Bell(_) | Term::Square => {
                 vec![self.signal(|piece| piece.turns.means(|moment| term.at(moment, &self.law, 0.0, 0.0)[0]))]
             }
             Term::Turning(_) | Term::Bending(_) => vec![self.signal(|piece| {
@@ -292,6 +339,26 @@ impl<'a> Rows<'a> {
             .flat_map(|piece| piece.middles().map(|middle| piece.stretch.start_s + middle as f64 * self.period_s));
         column.iter().zip(middles).map(|(value, t_s)| value * self.span.time(t_s)).collect()
     }
+}
+
+/// What is left of a signal's way that lets go with this time \[samples\].
+fn relaxing(signal: &[f64], time: f64) -> impl Iterator<Item = f64> {
+    let kept = (-1.0 / time).exp();
+    let steps = signal.iter().zip(signal.iter().take(1).chain(signal));
+    steps.scan(0.0, move |left, (now, before)| {
+        *left = kept * *left + time * (1.0 - kept) * (now - before);
+        Some(*left)
+    })
+}
+
+/// What a signal is ahead of one that follows it with this play.
+fn lagging(signal: &[f64], play: f64) -> impl Iterator<Item = f64> {
+    let follows = move |at: &mut Option<f64>, now: &f64| {
+        let follower = at.unwrap_or(*now).clamp(now - 0.5 * play, now + 0.5 * play);
+        *at = Some(follower);
+        Some(now - follower)
+    };
+    signal.iter().scan(None, follows)
 }
 
 /// What has turned of a friction when each stroke begins.

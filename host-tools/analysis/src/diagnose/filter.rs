@@ -50,11 +50,16 @@ pub(super) struct Filter {
     pub spacing: usize,
     /// Taps over the grid, of odd number, which sum to 1.
     pub whitening: Vec<f64>,
+    /// Noise of the force \[N\].
+    pub noise_n: f64,
     /// Mean squares that the force's noise and the encoder's steps, as white noise, leave in a row \[N^2\].
     pub noise_square: f64,
     pub steps_square: f64,
     /// Mean square that the force's noise leaves in a row's rate of the force \[N^2/s^2\].
     pub rate_square: f64,
+    /// The same in its curvature \[N^2/s^4\], and the mean product of that with the row's force \[N^2/s^2\].
+    pub bend_square: f64,
+    pub bend_with_force: f64,
     /// Mean square that the steps leave in a row's acceleration.
     pub acceleration_square: f64,
     /// How often each stroke comes.
@@ -63,17 +68,8 @@ pub(super) struct Filter {
 
 impl Filter {
     /// Kernels alone.
-    pub fn plain(kernels: Kernels, spacing: usize) -> Self {
-        Self {
-            kernels,
-            spacing,
-            whitening: vec![1.0],
-            noise_square: 0.0,
-            steps_square: 0.0,
-            rate_square: 0.0,
-            acceleration_square: 0.0,
-            repeats: 1.0,
-        }
+    pub fn plain(kernels: Kernels, spacing: usize, settings: &Settings, law: &Law, noise_n: f64) -> Self {
+        Self::with(kernels, spacing, vec![1.0], settings, law, noise_n)
     }
 
     /// Through short boxes and what makes their noise white, or through long boxes alone.
@@ -93,26 +89,42 @@ impl Filter {
             }
             Sight::Box(_) => vec![1.0],
         };
+        Self { repeats, ..Self::with(kernels, spacing, whitening, settings, law, noise_n) }
+    }
+
+    fn with(
+        kernels: Kernels,
+        spacing: usize,
+        whitening: Vec<f64>,
+        settings: &Settings,
+        law: &Law,
+        noise_n: f64,
+    ) -> Self {
         // The whole of either kernel, tap by tap.
-        let square = |taps: &[f64]| {
+        let whole = |taps: &[f64]| {
             let mut whole = vec![0.0; taps.len() + (whitening.len() - 1) * spacing];
             for (place, weight) in whitening.iter().enumerate() {
                 for (slot, tap) in whole.iter_mut().skip(place * spacing).zip(taps) {
                     *slot += weight * tap;
                 }
             }
-            whole.iter().map(|tap| tap * tap).sum::<f64>()
+            whole
         };
+        let product = |a: &[f64], b: &[f64]| whole(a).iter().zip(whole(b)).map(|(a, b)| a * b).sum::<f64>();
+        let square = |taps: &[f64]| product(taps, taps);
         let acceleration_square = ROUNDING * settings.metres_per_count.powi(2) * square(&kernels.second);
         Self {
+            noise_n,
             noise_square: noise_n * noise_n * square(&kernels.force),
             rate_square: noise_n * noise_n * square(&kernels.rate),
+            bend_square: noise_n * noise_n * square(&kernels.second),
+            bend_with_force: noise_n * noise_n * product(&kernels.second, &kernels.force),
             steps_square: law.inertance_kg.powi(2) * acceleration_square,
             acceleration_square,
             kernels,
             spacing,
             whitening,
-            repeats,
+            repeats: 1.0,
         }
     }
 

@@ -5,8 +5,12 @@
 //! [`TOLD`], an interval that holds that as well would say little where there is no such cause: then the parameter rests
 //! on its absence, as it does where the run does not tell it at all.
 
-use inerter_core::{Budget, NORMAL_COVERAGE, Settings, Source};
-use inerter_data::{replay::Outcome, series::Series};
+use inerter_core::{Budget, Machine, NORMAL_COVERAGE, Settings, Source};
+use inerter_data::{
+    names::{description, parameter},
+    replay::Outcome,
+    series::Series,
+};
 use nalgebra::{DMatrix, DVector};
 
 use super::{
@@ -37,6 +41,18 @@ pub struct Judged {
     pub moved_by: Option<Kind>,
     /// What this motion hides in it: the value is right if there is none.
     pub assumes: Vec<Kind>,
+}
+
+/// What a person is told of the causes that a motion does not tell from the parameters; nothing where it tells all.
+pub fn assumptions(machine: Machine, all: &[Judged; 4]) -> Option<String> {
+    let told = all.iter().enumerate().filter(|(_, one)| one.budget.u95().is_finite() && !one.assumes.is_empty());
+    let told = told.map(|(place, one)| {
+        let words: Vec<&str> = one.assumes.iter().map(|kind| kind.words()).collect();
+        format!(" {}: {}.", parameter(machine, place).label, description(machine, &words.join(", ")))
+    });
+    let told: String = told.collect();
+    let head = "This motion does not tell some causes from a parameter, which is right where there are none.";
+    (!told.is_empty()).then(|| format!("{head}{told}"))
 }
 
 /// The parameters of the whole run with what the samples tell of a law that is nearly true; of a run too short for that, as the
@@ -154,10 +170,14 @@ impl Law {
         let along = &self.inverse * DMatrix::from_fn(count, width, |i, k| dot(&rows.base[i], &columns[k]));
         let left: Vec<Vec<f64>> =
             columns.iter().enumerate().map(|(k, all)| less(all, &rows.base, along.column(k).as_slice())).collect();
-        let are_told = left.iter().zip(&columns).all(|(left, all)| dot(left, left) > LEAST_LEFT * dot(all, all));
-        let gram = DMatrix::from_fn(width, width, |i, j| dot(&left[i], &left[j]));
+        let [of_noise, with_force] = rows.noise(candidate.term).map(|mean| mean * rows.force.len() as f64);
+        let are_told = left.iter().zip(&columns).all(|(left, all)| {
+            let told = dot(left, left) - of_noise;
+            told > of_noise && told > LEAST_LEFT * (dot(all, all) - of_noise)
+        });
+        let gram = DMatrix::from_fn(width, width, |i, j| dot(&left[i], &left[j]) - if i == j { of_noise } else { 0.0 });
         let inverse = gram.cholesky()?.inverse();
-        let sizes = &inverse * DVector::from_fn(width, |k, _| dot(&left[k], &self.residual));
+        let sizes = &inverse * DVector::from_fn(width, |k, _| dot(&left[k], &self.residual) - with_force);
         if are_told && width == 1 && !candidate.can_be(sizes[0], &rows.law) {
             return None;
         }

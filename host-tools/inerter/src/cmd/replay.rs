@@ -3,7 +3,7 @@
 use std::{cell::RefCell, path::PathBuf};
 
 use inerter_analysis::{
-    diagnose::{Judged, Latest, judged, suspected},
+    diagnose::{Judged, Latest, assumptions, judged, suspected},
     fit::Products,
     plan::{Advice, Reach, advice, duration_s},
 };
@@ -139,6 +139,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     output::line(text::counts_line(&run.settings, run.duration_s(), &outcome))?;
     causes.map(|(_, words)| words).try_for_each(output::line)?;
     moved(&judged, &outcome, &run.settings).into_iter().try_for_each(output::line)?;
+    assumptions(run.settings.machine, &judged).map_or(Ok(()), output::line)?;
     Ok(advice.iter().map(|advice| advice.sentence(run.settings.machine)).try_for_each(output::line)?)
 }
 

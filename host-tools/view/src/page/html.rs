@@ -1,6 +1,6 @@
 //! The page itself: one file, nothing to load, light and dark, and on paper.
 
-use inerter_analysis::diagnose::Judged;
+use inerter_analysis::diagnose::{Judged, assumptions};
 use inerter_core::{Budget, LawStatus, Machine, Regime, Settings, Source};
 use inerter_data::{
     causes,
@@ -176,14 +176,6 @@ fn budgets(content: &Content) -> Markup {
         .zip(judged)
         .filter(|(_, one)| one.budget.u95().is_finite())
         .collect();
-    let hidden: Vec<String> = rows
-        .iter()
-        .filter(|(_, one)| !one.assumes.is_empty())
-        .map(|(field, one)| {
-            let words: Vec<&str> = one.assumes.iter().map(|kind| kind.words()).collect();
-            format!("{}: {}.", field.label, description(machine, &words.join(", ")))
-        })
-        .collect();
     markup! {
         section #budget {
             h2 { "What the intervals are made of" }
@@ -213,10 +205,8 @@ fn budgets(content: &Content) -> Markup {
                 "show of it; the device does not see all of that, so its own interval may be narrower. "
                 "Two runs on one rig may be compared by the last column, which leaves out what they share: gain, lead and timebase."
             }
-            @if !hidden.is_empty() {
-                p.small {
-                    "This motion does not tell some causes from a parameter, which is right where there are none. " (hidden.join(" "))
-                }
+            @if let Some(words) = assumptions(machine, judged) {
+                p.small { (words) }
             }
         }
     }
