@@ -137,9 +137,9 @@ pub fn run(args: &Args) -> Result<(), Error> {
     }
     output::lines(text::table(&estimated, &run.settings, run.truth.as_ref()).trim_end())?;
     output::line(text::counts_line(&run.settings, run.duration_s(), &outcome))?;
+    assumptions(run.settings.machine, &judged).map_or(Ok(()), output::line)?;
     causes.map(|(_, words)| words).try_for_each(output::line)?;
     moved(&judged, &outcome, &run.settings).into_iter().try_for_each(output::line)?;
-    assumptions(run.settings.machine, &judged).map_or(Ok(()), output::line)?;
     Ok(advice.iter().map(|advice| advice.sentence(run.settings.machine)).try_for_each(output::line)?)
 }
 
