@@ -9,7 +9,7 @@ use crate::backlash::flanks::Newest;
 use crate::detail::Change;
 use crate::estimate::Bank;
 use crate::gate::{BLOCKS, Block};
-use crate::output::Output;
+use crate::output::{Output, Published};
 use crate::plausible::Doubt;
 use crate::qformat::shift_right;
 use crate::sample::RawSample;
@@ -52,9 +52,7 @@ impl Active {
             state.plausible.backwards();
         }
         state.plausible.learn(self.bend(&published.estimate.recent), self.noise_beside_clipped(&state.noise));
-        if state.trial.judge(&published) {
-            state.begin_anew(signal.delay);
-        }
+        state.judge(signal, &published);
         Output { published: Some(published), reversal, warning: state.plausible.take(sample.index), change }
     }
 
@@ -124,6 +122,13 @@ impl State {
         }
         line.push(newest.position, newest.force, !newest.good);
         newest
+    }
+
+    #[cold]
+    fn judge(&mut self, signal: &Signal, published: &Published) {
+        if self.trial.judge(published) {
+            self.begin_anew(signal.delay);
+        }
     }
 
     /// What was learnt is not of the device, and neither is what waits.

@@ -30,7 +30,7 @@ impl Trial {
     /// Until friction is known a reversal may have been placed where it was not. Where the first judgement is that the law
     /// is broken, that may be why, and the memories begin anew. Where the motion hides friction they cannot, as its beginning is
     /// all that tells of it: then nothing is known of the law while the residual may be of the beginning alone.
-    #[cold]
+    #[inline]
     pub(crate) fn judge(&mut self, Published { estimate, detail, law }: &Published) -> bool {
         let Some(misfit) = law.misfit else { return false };
         let excess = (misfit.ratio * misfit.ratio - 1.0) * estimate.updates as f32;
