@@ -89,8 +89,8 @@ pub(super) enum Term {
     Spring(f64),
     /// The same where it lets go with this time \[s\], as a damper behind a spring.
     Relaxing(f64),
-    /// A position that is too far by the force, if by so much per force at least \[m/N\].
-    Bent(f64),
+    /// A position that is too far by the force.
+    Bent,
     /// What a force of this size at most \[N\] is told wrong by, of unit size at most.
     Told(Shape, f64),
 }
@@ -134,7 +134,7 @@ impl Term {
             Self::Spring(middle_m) => [position_m - middle_m, 0.0],
             Self::Told(shape, most_n) => [most_n * shape.of((force_n - law.offset_n) / most_n), 0.0],
             // What lets go depends on all that was before.
-            Self::Skew | Self::Wobble(_) | Self::Bent(_) | Self::Relaxing(_) => [0.0; 2],
+            Self::Skew | Self::Wobble(_) | Self::Bent | Self::Relaxing(_) => [0.0; 2],
         }
     }
 
@@ -216,8 +216,7 @@ impl Candidate {
             Term::Load => (0.0..MOST_LOAD).contains(&size),
             Term::Falling(_) | Term::Bell(_) => (0.0..MOST_SURPLUS * coulomb_n).contains(&size),
             Term::Turning(_) | Term::Bending(_) => (0.0..MOST_TURN * coulomb_n).contains(&size),
-            Term::Square => size > 0.0,
-            Term::Bent(least) => size > least,
+            Term::Square | Term::Bent => size > 0.0,
             Term::Told(..) => size.abs() < MOST_WRONG,
             // Friction at the reversals looks like a skew of some microseconds (docs/THEORY.md, 7).
             Term::Skew => size.abs() >= LEAST_SKEW_S,
@@ -231,8 +230,8 @@ impl Candidate {
         let leads = COUNTS_PER_TURN.iter().map(|counts| counts * settings.metres_per_count.abs());
         let hidden = leads.filter(|lead| span.stroke_m <= LEAST_TURNS * lead).min_by(f64::total_cmp);
         all.extend(hidden.map(|lead_m| Self { kind: Kind::PositionPeriodic, term: Term::Ripple(lead_m) }));
-        // Not sought to be named: 1.7 s of a real machine are explained by it (docs/THEORY.md, 14).
-        all.push(Self { kind: Kind::Compliance, term: Term::Bent(0.0) });
+        // Not sought to be named: it explains too much of a short run (docs/THEORY.md, 14).
+        all.push(Self { kind: Kind::Compliance, term: Term::Bent });
         all
     }
 

@@ -214,9 +214,7 @@ impl<'a> Rows<'a> {
         match term {
             Term::Load => [self.filter.noise_square, 0.0],
             Term::Skew => [self.filter.rate_square, 0.0],
-            Term::Bent(_) => {
-                [inertance_kg.powi(2) * self.filter.bend_square, -inertance_kg * self.filter.bend_with_force]
-            }
+            Term::Bent => [inertance_kg.powi(2) * self.filter.bend_square, -inertance_kg * self.filter.bend_with_force],
             Term::Told(shape, most_n) => [self.filter.noise_square * self.slope_square(shape, most_n), 0.0],
             _ => [0.0; 2],
         }
@@ -256,7 +254,7 @@ impl<'a> Rows<'a> {
                 };
                 vec![wave(f64::sin), wave(f64::cos)]
             }
-            Term::Bent(_) => vec![self.filtered(|_, piece, middle| {
+            Term::Bent => vec![self.filtered(|_, piece, middle| {
                 let force = &piece.stretch.force_n;
                 let inertia = inertance_kg * around(&kernels.second, force, middle);
                 -inertia - viscous_n_s_per_m * around(&kernels.rate, force, middle)

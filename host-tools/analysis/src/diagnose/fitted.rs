@@ -148,7 +148,7 @@ fn cause(found: &Found, size: f64, u95: f64, scale_u95: f64) -> Cause {
         Term::Load | Term::Told(..) => (size, u95, "1"),
         Term::Square => (size, u95, "N s2/m2"),
         Term::Spring(_) | Term::Relaxing(_) => (size, u95, "N/m"),
-        Term::Bent(_) => (size, u95, "m/N"),
+        Term::Bent => (size, u95, "m/N"),
         Term::Wobble(_) => (size, u95, "m"),
         Term::Ripple(_) | Term::Uneven(_) => (size, u95, "N"),
         Term::Falling(_) | Term::Bell(_) | Term::Drift | Term::Warming => (size, u95, "N"),

@@ -297,7 +297,7 @@ impl Search<'_> {
     fn best(&self, rows: &Rows, model: &Model, columns: &Columns, others: &[Found]) -> Vec<Found> {
         let evidence = |candidate: Candidate, columns: &[Vec<f64>]| {
             let can_be = |size, coulomb_n| candidate.can_be(size, &Law { coulomb_n, ..self.law });
-            model.evidence(columns, rows.noise(candidate.term), can_be)
+            model.evidence(columns, rows.noise(candidate.term)[0], can_be)
         };
         let strength = |evidence: &Option<Evidence>| evidence.map_or(0.0, |evidence| evidence.strength);
         let kinds = Kind::ALL.into_iter().filter(|kind| others.iter().all(|one| one.candidate.kind != *kind));
@@ -348,7 +348,7 @@ impl Search<'_> {
             let others: Vec<Found> = weighed.iter().copied().chain(later).collect();
             let Some(model) = model(rows, &others) else { return false };
             let can_be = one.is_whole || one.candidate.can_be(one.sizes[0], &self.law);
-            let own = model.evidence(&rows.columns(one.candidate.term), [0.0; 2], |_, _| can_be);
+            let own = model.evidence(&rows.columns(one.candidate.term), 0.0, |_, _| can_be);
             let own = Found { strength: own.map_or(0.0, |own| own.strength), ..one };
             let all = self.best(rows, &model, &columns, &others);
             let rival = all.into_iter().find(|other| other.candidate.kind != one.candidate.kind);

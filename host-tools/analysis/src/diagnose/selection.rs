@@ -199,25 +199,28 @@ impl<'a> Model<'a> {
         (0..PARTS).map(of_part).collect()
     }
 
-    /// What a group of one or two columns would explain; `noise` is in each of its columns, as a mean square and as a mean product with
-    /// that of the force.
+    /// What a group of one or two columns would explain; `noise_square` is the mean square of noise in each of its columns.
     /// Nothing where too little of it is left over, or where its size cannot be beside what is then Coulomb's friction \[N\].
-    pub fn evidence(&self, group: &[Vec<f64>], noise: [f64; 2], can_be: impl Fn(f64, f64) -> bool) -> Option<Evidence> {
+    pub fn evidence(
+        &self,
+        group: &[Vec<f64>],
+        noise_square: f64,
+        can_be: impl Fn(f64, f64) -> bool,
+    ) -> Option<Evidence> {
         let (count, width) = (self.columns.len(), group.len());
-        let [noise_square, with_force] = noise.map(|mean| mean * self.residual.len() as f64);
+        let rows = self.residual.len() as f64;
         let across = DMatrix::from_fn(count, width, |i, k| {
             self.columns.get(i).zip(group.get(k)).map_or(0.0, |(column, new)| dot(column, new))
         });
         let own = DMatrix::from_fn(width, width, |k, l| group.get(k).zip(group.get(l)).map_or(0.0, |(a, b)| dot(a, b)));
-        let right =
-            DVector::from_fn(width, |k, _| group.get(k).map_or(0.0, |new| dot(new, &self.rows.force) - with_force));
+        let right = DVector::from_fn(width, |k, _| group.get(k).map_or(0.0, |new| dot(new, &self.rows.force)));
         let mut least: Option<(f64, DVector<f64>, DMatrix<f64>)> = None;
         for taken in &self.taken {
             let mut gram = self.gram.clone();
             gram[(0, 0)] -= taken;
             let along = part_of(&gram, &across)?;
             let left = &own - across.transpose() * &along;
-            let least_left = |k: usize| (LEAST_LEFT * own[(k, k)]).max(LEAST_OVER_NOISE * noise_square);
+            let least_left = |k: usize| (LEAST_LEFT * own[(k, k)]).max(LEAST_OVER_NOISE * noise_square * rows);
             if (0..width).any(|k| left[(k, k)] <= least_left(k)) {
                 return None;
             }
