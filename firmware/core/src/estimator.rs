@@ -209,7 +209,11 @@ impl State {
             let narrow = line.smooth_velocity(m, m);
             let wide = line.smooth_velocity(0, 2 * m) >> 2;
             let predicted = line.smoothed_away(m, m, feedback) - (line.smoothed_away(0, 2 * m, feedback) >> 2);
-            self.velocity_reversals.compare(predicted, wide - narrow);
+            // Where the force jumps with the friction, as under a shaker that keeps its path, most of the kink is not there, and
+            // what is predicted is the force's noise.
+            if 2 * u64::from(predicted.unsigned_abs()) >= feedback.kink(m).unsigned_abs() {
+                self.velocity_reversals.compare(predicted, wide - narrow, line.at(2 * m).may_be_held(feedback));
+            }
         }
         let place = line.last_index.wrapping_sub(2 * u32::from(m));
         let here = line.at(2 * m);

@@ -31,4 +31,10 @@ impl Feedback {
         friction_known: false,
         coulomb_like: false,
     };
+
+    /// Kink of the sign's velocity at a reversal through boxes of `m` samples [2^-VELOCITY_BITS counts per sample, times m^2].
+    #[inline]
+    pub fn kink(&self, m: u8) -> i64 {
+        self.kink.of(i64::from(m) * i64::from(m) * i64::from(m))
+    }
 }

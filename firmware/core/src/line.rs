@@ -234,8 +234,7 @@ fn difference(weight: i32, one: i32, other: i32) -> i64 {
 
 /// The velocity that a kernel of `m` took away, from its weighted sum of the force and the kink of one reversal.
 fn smoothed_away(lost: i64, m: u8, direction: i32, feedback: &Feedback) -> i32 {
-    let cube = i64::from(m) * i64::from(m) * i64::from(m);
-    let kink = feedback.kink.of(cube) * i64::from(direction);
+    let kink = feedback.kink(m) * i64::from(direction);
     feedback.velocity_per_force.of(lost).saturating_add(kink).clamp(-VELOCITY_CLAMP, VELOCITY_CLAMP) as i32
 }
 

@@ -80,6 +80,8 @@ pub fn zero(earlier: i32, later: i32, direction: i32, reach: u8) -> Option<i32> 
 #[derive(Clone, Copy, Debug, Default)]
 pub struct VelocityReversals {
     count: u16,
+    /// How many of them are of reversals that friction could not hold: none or all.
+    free: u16,
     predicted_squared: i64,
     predicted_seen: i64,
 }
@@ -87,7 +89,7 @@ pub struct VelocityReversals {
 impl VelocityReversals {
     /// No evidence.
     pub const fn new() -> Self {
-        Self { count: 0, predicted_squared: 0, predicted_seen: 0 }
+        Self { count: 0, free: 0, predicted_squared: 0, predicted_seen: 0 }
     }
 
     /// Reversals after which the old ones count half.
@@ -95,17 +97,24 @@ impl VelocityReversals {
     /// 256 squares of it fit.
     const GREATEST: i32 = 1 << 27;
 
-    /// Takes what the two kernels should differ by and what they differ by, in any one unit up to 2^27.
-    pub fn compare(&mut self, predicted: i32, seen: i32) {
-        if predicted == 0 {
+    /// Takes what the two kernels should differ by and what they differ by, in any one unit up to 2^27, of a reversal at
+    /// which friction may hold the screw or not: one that sticks for a moment has no kink, so those that cannot are
+    /// all that counts where there are any.
+    pub fn compare(&mut self, predicted: i32, seen: i32, may_be_held: bool) {
+        if predicted == 0 || may_be_held && self.free > 0 {
             return;
+        }
+        if !may_be_held && self.free == 0 {
+            *self = Self::new();
         }
         let [predicted, seen] = [predicted, seen].map(|value| i64::from(value.clamp(-Self::GREATEST, Self::GREATEST)));
         self.count += 1;
+        self.free += u16::from(!may_be_held);
         self.predicted_squared += predicted * predicted;
         self.predicted_seen += predicted * seen;
         if self.count >= Self::MANY {
             self.count /= 2;
+            self.free /= 2;
             self.predicted_squared /= 2;
             self.predicted_seen /= 2;
         }
@@ -173,6 +182,22 @@ mod tests {
                 None => prop_assert!(exact.abs() > 0.999 * f64::from(reach)),
             }
         }
+    }
+
+    /// A screw that sticks where it turns has no kink. It counts only until one turns that friction could not hold.
+    #[test]
+    fn a_reversal_that_may_have_stuck_counts_where_there_is_no_other() {
+        let mut reversals = VelocityReversals::new();
+        (0..300).for_each(|_| reversals.compare(100, 20, true));
+        assert!(!reversals.coulomb_like());
+        reversals.compare(100, 95, false);
+        assert_eq!(reversals.seen_and_predicted(), Some((9500, 10_000)));
+        (0..300).for_each(|_| reversals.compare(100, 20, true));
+        assert!(reversals.coulomb_like());
+        // For good, however many are forgotten.
+        (0..600).for_each(|_| reversals.compare(100, 40, false));
+        reversals.compare(100, 95, true);
+        assert!(!reversals.coulomb_like());
     }
 
     #[test]

@@ -28,6 +28,7 @@ struct Cell {
     u95: f64,
     given: u32,
     silent: u32,
+    beyond: u32,
     broken: u32,
     is_inertance: bool,
 }
@@ -41,6 +42,7 @@ struct Row {
     worst: (String, f64),
     u95: f64,
     silent: (u32, u32),
+    beyond: (u32, u32),
     given: (u32, u32),
     broken: (u32, u32),
 }
@@ -50,7 +52,7 @@ pub fn run(options: &Options) -> Result<()> {
     let folder = Workspace::read(&tree::root())?.target.join("ablation");
     let whole = measured(&folder, &[])?;
     let mut rows = Vec::new();
-    for Heuristic { name, edits } in HEURISTICS {
+    for Heuristic { name, edits } in HEURISTICS.iter().filter(|h| std::env::var("ONLY").is_ok_and(|o| o.split('|').any(|o| h.name.contains(o)))) {
         let without = measured(&folder, edits).with_context(|| format!("without \"{name}\""))?;
         let row = compared(name, &whole, &without)?;
         println!("{}", row.line());
@@ -147,7 +149,7 @@ fn written(path: &Path, text: &str) -> Result<()> {
 fn cells(output: &str) -> Result<Vec<Cell>> {
     let each = output.lines().map(|line| {
         let fields: Vec<&str> = line.split('\t').collect();
-        let [group, cell, parameter, rms, u95, given, silent, broken, _runs] = fields.as_slice() else {
+        let [group, cell, parameter, rms, u95, given, silent, beyond, broken, _runs] = fields.as_slice() else {
             bail!("`{line}` is no line of the program");
         };
         Ok(Cell {
@@ -157,6 +159,7 @@ fn cells(output: &str) -> Result<Vec<Cell>> {
             u95: u95.parse()?,
             given: given.parse()?,
             silent: silent.parse()?,
+            beyond: beyond.parse()?,
             broken: broken.parse()?,
             is_inertance: *parameter == "mt",
         })
@@ -191,6 +194,7 @@ fn compared(name: &'static str, whole: &[Cell], without: &[Cell]) -> Result<Row>
         worst,
         u95: f64::exp(widths / f64::max(count, 1.0)),
         silent: both(&|cell| cell.silent),
+        beyond: both(&|cell| cell.beyond),
         given: both(&|cell| cell.given),
         // Each run is told once a parameter.
         broken: both(&|cell| if cell.group == "clean" && cell.is_inertance { cell.broken } else { 0 }),
@@ -204,7 +208,7 @@ impl Row {
         if self.worst.1 >= WORSE.0 || self.error >= WORSE.1 {
             all.push("accuracy");
         }
-        if self.silent.1 > self.silent.0 {
+        if self.silent.1 > self.silent.0 || self.beyond.1 > self.beyond.0 {
             all.push("honesty");
         }
         if self.u95 >= WORSE.1 {
@@ -224,11 +228,12 @@ impl Row {
         let (cell, factor) = &self.worst;
         let worst = if cell.is_empty() { "-".into() } else { format!("{factor:.2} ({cell})") };
         format!(
-            "| {} | {:.2} | {worst} | {:.2} | {} | {} | {} | {} |",
+            "| {} | {:.2} | {worst} | {:.2} | {} | {} | {} | {} | {} |",
             self.name,
             self.error,
             self.u95,
             pair(self.silent),
+            pair(self.beyond),
             pair(self.given),
             pair(self.broken),
             self.buys()
@@ -244,11 +249,11 @@ fn markdown(rows: &[Row]) -> String {
 rigs, friction, samples, contacts and changes, three seeds that no other table has). A copy of core is edited and built (`host-tools/xtask/src/ablation/heuristics.rs`); the source of the firmware has no switch.
 
 - *error*: root mean square errors without the part over those with it, geometric mean over all cells and parameters with a value; *worst*: the cell in which they grow most.
-- *U95*: the same of the intervals. *silent*: values that are off by more than twice their interval with nothing said. *given*: values that are given. *broken*: clean runs whose law is called broken.
+- *U95*: the same of the intervals. *silent*: values that are off by more than twice their interval with nothing said; *beyond*: the same, whatever is said. *given*: values that are given. *broken*: clean runs whose law is called broken.
 - *buys*: what is lost without it. Where that is nothing here, the part is a candidate to be left out, or these runs lack what it is for.
 
-| without | error | worst | U95 | silent | given | broken | buys |
-|---|--:|---|--:|--:|--:|--:|---|
+| without | error | worst | U95 | silent | beyond | given | broken | buys |
+|---|--:|---|--:|--:|--:|--:|--:|---|
 ",
     );
     for row in rows {
@@ -296,7 +301,7 @@ mod tests {
     #[test]
     fn what_is_lost_is_named() {
         let line = |rms: f64, u95: f64, given: u32, silent: u32, broken: u32| {
-            format!("clean\treference, mid\tmt\t{rms}\t{u95}\t{given}\t{silent}\t{broken}\t3\n")
+            format!("clean\treference, mid\tmt\t{rms}\t{u95}\t{given}\t{silent}\t{silent}\t{broken}\t3\n")
         };
         let whole = cells(&line(0.5, 1.0, 3, 0, 0)).unwrap();
         let row = |other: String| compared("x", &whole, &cells(&other).unwrap()).unwrap();

@@ -2,7 +2,7 @@
 //!
 //! It uses nothing but core and plant, so that it builds quickly beside a core of which one part was taken out. One line a cell and
 //! parameter: group, cell, parameter, rms of the error, mean half width, runs with a value, runs whose value is off by more than twice its
-//! interval without a word, runs whose law is called broken, runs.
+//! interval without a word, the same with or without one, runs whose law is called broken, runs.
 #![forbid(unsafe_code)]
 
 use inerter_core::{BacklashSize, LawStatus, Parameter, RawSample, Regime, Settings, State, Status};
@@ -26,6 +26,8 @@ enum Done {
     Inverted,
     /// So much is lost every 2.3 s \[s\].
     Gaps(f64),
+    /// The run ends after so long \[s\].
+    Ends(f64),
 }
 
 /// Runs that share a device, a rig and what goes wrong.
@@ -49,6 +51,8 @@ fn cases() -> Vec<Case> {
     const ALL: &[&str] = &["slow", "mid", "fast", "multi", "random", "two"];
     const TWO: &[&str] = &["mid", "random"];
     const MORE: &[&str] = &["mid", "fast", "multi", "random"];
+    // Friction holds all of it or nearly.
+    const CREEPS: &[&str] = &["sine:2Hz:0.05mm", "sine:4Hz:0.05mm", "sine:2Hz:0.2mm"];
     let paper = Inerter::paper();
     let case = |group, name, motions| Case {
         group,
@@ -69,9 +73,13 @@ fn cases() -> Vec<Case> {
         device("clean", "95 kg", TWO, light),
         device("clean", "150 N of friction", &["mid", "random", "two"], Inerter::preloaded()),
         case("clean", "with rests", rests),
+        device("clean", "no Coulomb friction", TWO, Inerter { coulomb_n: 0.0, ..paper }),
+        done("1 s", MORE, Done::Ends(1.0)),
         rigged("20 um", &["slow", "mid", "random", "two"], Sensors { metres_per_count: 20e-6, ..rig() }),
+        rigged("40 um", ALL, Sensors { metres_per_count: 40e-6, ..rig() }),
         rigged("sums of 16 readings", MORE, Sensors { oversampling: 16.0, newtons_per_code: 0.032, ..rig() }),
         rigged("no noise", TWO, Sensors { force_noise_n: 0.0, ..rig() }),
+        rigged("1 nm and no noise", TWO, Sensors { force_noise_n: 0.0, metres_per_count: 1e-9, ..rig() }),
         rigged("20 N of noise", TWO, Sensors { force_noise_n: 20.0, ..rig() }),
         rigged("force 3.3 ms late, stated", MORE, Sensors { delay_s: 3.3e-3, ..rig() }),
         rigged("eccentric by 10 um", MORE, Sensors { encoder_eccentricity_m: 10e-6, ..rig() }),
@@ -80,6 +88,13 @@ fn cases() -> Vec<Case> {
         device("friction", "presliding 20 um", MORE, Inerter { presliding_m: 20e-6, ..paper }),
         device("friction", "presliding 100 um", MORE, Inerter { presliding_m: 100e-6, ..paper }),
         device("friction", "Stribeck 5 mm/s", MORE, Inerter { stribeck_velocity_m_per_s: 5e-3, ..Inerter::stribeck() }),
+        device(
+            "friction",
+            "falls with the velocity",
+            MORE,
+            Inerter { stribeck_velocity_m_per_s: 50e-3, viscous_n_s_per_m: 5.0, ..Inerter::stribeck() },
+        ),
+        device("friction", "creeps", CREEPS, Inerter { presliding_m: 100e-6, ..Inerter::preloaded() }),
         device("friction", "uneven by 40 %", TWO, Inerter { coulomb_asymmetry: 0.4, viscous_asymmetry: 0.4, ..paper }),
         done("slipped counts", TWO, Done::Slips),
         done("dead force", TWO, Done::Dead),
@@ -89,6 +104,12 @@ fn cases() -> Vec<Case> {
         device("contact", "backlash 0.1 mm", MORE, Inerter::worn()),
         device("contact", "backlash 0.3 mm", MORE, Inerter { backlash_m: 3e-4, ..paper }),
         device("contact", "structure of 10 kg", MORE, Inerter { structure_mass_kg: 10.0, ..paper }),
+        device(
+            "contact",
+            "structure of 10 kg, backlash 0.1 mm",
+            MORE,
+            Inerter { structure_mass_kg: 10.0, ..Inerter::worn() },
+        ),
         Case {
             later: Some(Inerter { inertance_kg: 200.0, ..paper }),
             ..case("change", "inertance falls by a third", &["mid", "random"])
@@ -100,12 +121,13 @@ fn cases() -> Vec<Case> {
     ]
 }
 
-/// One parameter at the end of a run: error, half width, whether it is given and whether it is wrong without a word.
+/// One parameter at the end of a run: error, half width, whether it is given, whether it is wrong and whether without a word.
 #[derive(Clone, Copy, Default)]
 struct Found {
     error: f64,
     u95: f64,
     given: bool,
+    beyond: bool,
     silent: bool,
 }
 
@@ -134,10 +156,11 @@ fn show(case: &Case) -> Result<(), PlantError> {
             let count = given.len() as f64;
             let rms = (given.iter().map(|found| found.error.powi(2)).sum::<f64>() / count).sqrt();
             let u95 = given.iter().map(|found| found.u95).sum::<f64>() / count;
-            let silent = given.iter().filter(|found| found.silent).count();
+            let [beyond, silent] = [|found: &&Found| found.beyond, |found: &&Found| found.silent]
+                .map(|is| given.iter().filter(is).count());
             let motion = motion.split('@').next().unwrap_or(motion);
             println!(
-                "{}\t{}, {motion}\t{parameter}\t{rms}\t{u95}\t{}\t{silent}\t{broken}\t{}",
+                "{}\t{}, {motion}\t{parameter}\t{rms}\t{u95}\t{}\t{silent}\t{beyond}\t{broken}\t{}",
                 case.group,
                 case.name,
                 given.len(),
@@ -214,6 +237,7 @@ fn samples(case: &Case, motion: &str, seed: u64) -> Result<Vec<RawSample>, Plant
             samples.iter_mut().for_each(|sample| sample.force_code = sample.force_code.clamp(-most, most));
         }
         Done::Inverted => samples.iter_mut().for_each(|sample| sample.force_code = -sample.force_code),
+        Done::Ends(after_s) => samples.truncate((after_s * rate) as usize),
         Done::Gaps(length_s) => samples.retain(|sample| f64::from(sample.index) / rate % 2.3 > length_s),
     }
     Ok(samples)
@@ -236,17 +260,14 @@ fn run(case: &Case, motion: &str, seed: u64) -> Result<Said, PlantError> {
         let fitted = parameter.fitted();
         let error = f64::from(fitted.value) - truth;
         let given = parameter.status() != Status::NotIdentifiable;
-        Found {
-            error,
-            u95: f64::from(fitted.u95),
-            given,
-            silent: given && error.abs() > 2.0 * f64::from(fitted.u95) && !(told || broken || warned),
-        }
+        let beyond = given && error.abs() > 2.0 * f64::from(fitted.u95);
+        Found { error, u95: f64::from(fitted.u95), given, beyond, silent: beyond && !(told || broken || warned) }
     };
     let backlash = match published.detail.backlash.size {
         BacklashSize::Ok(size) | BacklashSize::BelowU95(size) => {
             let (error, u95) = (f64::from(size.value) - device.backlash_m, f64::from(size.u95));
-            Found { error, u95, given: true, silent: error.abs() > 2.0 * u95 }
+            let beyond = error.abs() > 2.0 * u95;
+            Found { error, u95, given: true, beyond, silent: beyond }
         }
         BacklashSize::NotIdentifiable(_) => Found::default(),
     };
