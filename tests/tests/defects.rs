@@ -45,11 +45,13 @@ fn loud_defects_are_told() {
 }
 
 /// Motions that graze rest without turning stick there for moments, which fine counts show as motion, and what was placed before friction
-/// was known stays in the memory of a steady tone: neither breaks the law.
+/// was known stays in the memory of a steady tone, and in any where it is known late whether flanks part. A reversal that sticks, and the
+/// noise of a force that takes the kink away, do not speak against Coulomb's friction either. None of it breaks the law.
 #[test]
 fn a_clean_run_is_not_called_broken() {
-    for (name, seeds) in [("two tones", [27, 30, 36]), ("fast tone", [370, 465, 598])] {
-        for seed in seeds {
+    let two_tones: &[u64] = &[27, 30, 36, 556, 566];
+    for (name, seeds) in [("two tones", two_tones), ("fast tone", &[370, 465, 598]), ("tone", &[432, 443])] {
+        for &seed in seeds {
             let said = run(None, motion(name), seed).unwrap();
             assert!(!said.broken, "{name}, seed {seed}: {said:?}");
             assert_eq!(verdict(&said.replay, 1.0), Verdict::Right, "{name}, seed {seed}: {said:?}");

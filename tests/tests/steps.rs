@@ -5,6 +5,7 @@ use inerter_data::{run::Run, settings::Overrides};
 use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
 use inerter_simulate::{Setup, bench_sensors};
 use inerter_tests::bound;
+use inerter_tests::coverage::stated_true;
 use inerter_tests::data::replayed;
 use inerter_tests::grid::{self, Instruments, MOTIONS, Motion, RIGS, TWO_CLOCKS, calibrated, instruments, raw};
 
@@ -133,4 +134,24 @@ fn a_tone_of_the_same_clock_has_friction_within_its_intervals() {
     }
     let (part, rms) = (within / all, (squares / all).sqrt());
     assert!(part > 0.92 && (0.25..0.6).contains(&rms), "{part} within, rms {rms}");
+}
+
+/// Of 20 um in slow motion steps are not as white as noise: a quarter too much is given back, which the interval knows.
+#[test]
+fn what_slow_steps_take_is_known_to_a_half() {
+    let device = Inerter::paper();
+    let off = grid::each_seed(8, |seed| {
+        let sensors = Sensors { metres_per_count: 20e-6, ..instruments(&RIGS[0], seed) };
+        let active = stated_true(calibrated(&device, &sensors)).validate()?;
+        let mut state = Box::new(State::new(&active));
+        let slow = motion("slow");
+        for sample in Simulation::new(device, Excitation::parse(slow.name, seed)?, sensors)?.lasting(slow.duration_s) {
+            active.step(&mut state, &raw(&sample));
+        }
+        let [inertance, ..] = grid::three(&active.publish(&state).estimate.whole_run);
+        Ok((f64::from(inertance.fitted().value) - device.inertance_kg) / f64::from(inertance.u95()))
+    })
+    .unwrap();
+    let rms = (off.iter().map(|off| off * off).sum::<f64>() / off.len() as f64).sqrt();
+    assert!((0.25..0.7).contains(&rms), "{rms}: {off:?}");
 }

@@ -34,8 +34,6 @@ const CHANCE: f32 = 3.0;
 /// Variance of the noise's variance by the quartile of its differences, times their number: `4 p (1 - p) / (q f(q))^2` with
 /// `p` = 1/4, the quartile `q` of a normal magnitude and the density `f` there.
 const QUARTILE_CHANCE: f32 = 12.8;
-/// Part of Coulomb friction that it may be wrong by before anything is known of how friction behaves.
-const UNJUDGED: f32 = 0.05;
 /// Observations away from rest under which nothing is said: twice those of a fit, as two residuals are compared.
 const LEAST_OBSERVATIONS: f32 = 16.0;
 /// Least part of the error that counts as alike to a regressor, and its growth with the error's share in friction.
@@ -106,7 +104,7 @@ impl Assessment {
         let ([mt_error, cf_error, fc_error, _], [_, _, fc_away_error, _]) = (all.errors, away.errors);
         let enough = away.observations >= LEAST_OBSERVATIONS && away.variance > 0.0;
         if !enough || !fc_error.is_finite() || !fc_away_error.is_finite() {
-            return Self { errors: [0.0, 0.0, UNJUDGED * magnitude(fc)], ..Self::default() };
+            return Self::default();
         }
         let (mt_moved, cf_moved, fc_moved) = (2.0 * (mt - mt_away), 2.0 * (cf - cf_away), 2.0 * (fc - fc_away));
         if fc > 0.0 && viscous.value + viscous.u95 < 0.0 {
@@ -243,7 +241,7 @@ mod tests {
         // The same ratio by chance, of few observations.
         assert_eq!(assessed(fit([0.0; 3], 0.5, 32.0), fit([0.0; 3], 0.38, 22.0)).regime, Regime::Coulomb);
         let early = assessed(fit([0.0; 3], 5.0, 50.0), fit([0.0; 3], 0.4, 15.0));
-        assert_eq!(early, Assessment { errors: [0.0, 0.0, UNJUDGED * 50.0], ..Assessment::default() });
+        assert_eq!(early, Assessment::default());
         let mut tone = fit([0.0; 3], 0.39, 600.0);
         tone.errors[2] *= 10.0;
         assert_eq!(assessed(tone, away(0.38)).regime, Regime::Unknown);

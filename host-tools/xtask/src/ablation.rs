@@ -19,6 +19,9 @@ const FLOOR: f64 = 0.1;
 /// A cell whose error grows by this factor shows what the part is for, and so do all together by the second.
 const WORSE: (f64, f64) = (1.25, 1.02);
 
+/// Values more outside of their intervals that say nothing.
+const BY_CHANCE: u32 = 1;
+
 /// One cell and parameter of the program's output.
 #[derive(Clone, Debug, PartialEq)]
 struct Cell {
@@ -28,8 +31,9 @@ struct Cell {
     u95: f64,
     given: u32,
     silent: u32,
-    beyond: u32,
+    outside: u32,
     broken: u32,
+    named: u32,
     is_inertance: bool,
 }
 
@@ -42,9 +46,12 @@ struct Row {
     worst: (String, f64),
     u95: f64,
     silent: (u32, u32),
-    beyond: (u32, u32),
+    outside: (u32, u32),
     given: (u32, u32),
     broken: (u32, u32),
+    named: (u32, u32),
+    /// The test that fails without it.
+    test: Option<&'static str>,
 }
 
 /// Builds and runs all, then writes or compares the table.
@@ -52,9 +59,9 @@ pub fn run(options: &Options) -> Result<()> {
     let folder = Workspace::read(&tree::root())?.target.join("ablation");
     let whole = measured(&folder, &[])?;
     let mut rows = Vec::new();
-    for Heuristic { name, edits } in HEURISTICS.iter().filter(|h| std::env::var("ONLY").is_ok_and(|o| o.split('|').any(|o| h.name.contains(o)))) {
+    for Heuristic { name, edits, test } in HEURISTICS {
         let without = measured(&folder, edits).with_context(|| format!("without \"{name}\""))?;
-        let row = compared(name, &whole, &without)?;
+        let row = Row { test: *test, ..compared(name, &whole, &without)? };
         println!("{}", row.line());
         rows.push(row);
     }
@@ -149,7 +156,7 @@ fn written(path: &Path, text: &str) -> Result<()> {
 fn cells(output: &str) -> Result<Vec<Cell>> {
     let each = output.lines().map(|line| {
         let fields: Vec<&str> = line.split('\t').collect();
-        let [group, cell, parameter, rms, u95, given, silent, beyond, broken, _runs] = fields.as_slice() else {
+        let [group, cell, parameter, rms, u95, given, silent, outside, broken, named, _runs] = fields.as_slice() else {
             bail!("`{line}` is no line of the program");
         };
         Ok(Cell {
@@ -159,8 +166,9 @@ fn cells(output: &str) -> Result<Vec<Cell>> {
             u95: u95.parse()?,
             given: given.parse()?,
             silent: silent.parse()?,
-            beyond: beyond.parse()?,
+            outside: outside.parse()?,
             broken: broken.parse()?,
+            named: named.parse()?,
             is_inertance: *parameter == "mt",
         })
     });
@@ -194,10 +202,14 @@ fn compared(name: &'static str, whole: &[Cell], without: &[Cell]) -> Result<Row>
         worst,
         u95: f64::exp(widths / f64::max(count, 1.0)),
         silent: both(&|cell| cell.silent),
-        beyond: both(&|cell| cell.beyond),
+        outside: both(&|cell| cell.outside),
         given: both(&|cell| cell.given),
         // Each run is told once a parameter.
         broken: both(&|cell| if cell.group == "clean" && cell.is_inertance { cell.broken } else { 0 }),
+        named: both(&|cell| {
+            if ["friction", "samples"].contains(&&*cell.group) && cell.is_inertance { cell.named } else { 0 }
+        }),
+        test: None,
     })
 }
 
@@ -208,7 +220,7 @@ impl Row {
         if self.worst.1 >= WORSE.0 || self.error >= WORSE.1 {
             all.push("accuracy");
         }
-        if self.silent.1 > self.silent.0 || self.beyond.1 > self.beyond.0 {
+        if self.silent.1 > self.silent.0 || self.outside.1 > self.outside.0 + BY_CHANCE {
             all.push("honesty");
         }
         if self.u95 >= WORSE.1 {
@@ -220,7 +232,14 @@ impl Row {
         if self.broken.1 > self.broken.0 {
             all.push("clean runs not called broken");
         }
-        if all.is_empty() { "**nothing here**".into() } else { all.join(", ") }
+        if self.named.1 < self.named.0 {
+            all.push("names");
+        }
+        match self.test {
+            _ if !all.is_empty() => all.join(", "),
+            Some(test) => format!("nothing here; the test `{test}` fails without it"),
+            None => "**nothing here**".into(),
+        }
     }
 
     fn line(&self) -> String {
@@ -228,14 +247,15 @@ impl Row {
         let (cell, factor) = &self.worst;
         let worst = if cell.is_empty() { "-".into() } else { format!("{factor:.2} ({cell})") };
         format!(
-            "| {} | {:.2} | {worst} | {:.2} | {} | {} | {} | {} | {} |",
+            "| {} | {:.2} | {worst} | {:.2} | {} | {} | {} | {} | {} | {} |",
             self.name,
             self.error,
             self.u95,
             pair(self.silent),
-            pair(self.beyond),
+            pair(self.outside),
             pair(self.given),
             pair(self.broken),
+            pair(self.named),
             self.buys()
         )
     }
@@ -249,11 +269,12 @@ fn markdown(rows: &[Row]) -> String {
 rigs, friction, samples, contacts and changes, three seeds that no other table has). A copy of core is edited and built (`host-tools/xtask/src/ablation/heuristics.rs`); the source of the firmware has no switch.
 
 - *error*: root mean square errors without the part over those with it, geometric mean over all cells and parameters with a value; *worst*: the cell in which they grow most.
-- *U95*: the same of the intervals. *silent*: values that are off by more than twice their interval with nothing said; *beyond*: the same, whatever is said. *given*: values that are given. *broken*: clean runs whose law is called broken.
+- *U95*: the same of the intervals. *silent*: values that are off by more than twice their interval with nothing said; *outside*: values that lie outside of their interval, whatever is said. *given*: values that are given. *broken*: clean runs whose law is called broken;
+  *named*: runs of other friction or wrong samples of which that is said.
 - *buys*: what is lost without it. Where that is nothing here, the part is a candidate to be left out, or these runs lack what it is for.
 
-| without | error | worst | U95 | silent | beyond | given | broken | buys |
-|---|--:|---|--:|--:|--:|--:|--:|---|
+| without | error | worst | U95 | silent | outside | given | broken | named | buys |
+|---|--:|---|--:|--:|--:|--:|--:|--:|---|
 ",
     );
     for row in rows {
@@ -289,19 +310,26 @@ mod tests {
 
     #[test]
     fn each_text_is_found_once() {
-        for Heuristic { name, edits } in HEURISTICS {
+        for Heuristic { name, edits, test } in HEURISTICS {
             for (file, text, instead) in *edits {
                 let source = fs::read_to_string(tree::root().join("firmware/core/src").join(file)).unwrap();
                 assert_eq!(source.matches(text).count(), 1, "{name}: `{text}` in {file}");
                 assert_ne!(text, instead, "{name}");
             }
+            let is_written = |test: &str| {
+                let tests = ["backlash", "defects", "recordings", "robust", "steps"]
+                    .map(|name| format!("tests/tests/{name}.rs"));
+                let mut files = tests.iter().map(String::as_str).chain(["firmware/core/src/sign.rs"]);
+                files.any(|file| fs::read_to_string(tree::root().join(file)).unwrap().contains(&format!("fn {test}(")))
+            };
+            assert!(test.is_none_or(is_written), "{name}: no test {test:?}");
         }
     }
 
     #[test]
     fn what_is_lost_is_named() {
         let line = |rms: f64, u95: f64, given: u32, silent: u32, broken: u32| {
-            format!("clean\treference, mid\tmt\t{rms}\t{u95}\t{given}\t{silent}\t{silent}\t{broken}\t3\n")
+            format!("clean\treference, mid\tmt\t{rms}\t{u95}\t{given}\t{silent}\t{silent}\t{broken}\t0\t3\n")
         };
         let whole = cells(&line(0.5, 1.0, 3, 0, 0)).unwrap();
         let row = |other: String| compared("x", &whole, &cells(&other).unwrap()).unwrap();
