@@ -1,7 +1,8 @@
 //! Causes that break the law are named and sized, and none where there is none; `cargo xtask diagnose` counts over many more runs.
 
-use inerter_analysis::diagnose::{Encoder, Kind, diagnose};
-use inerter_data::{replay::replay_all, series::Series, settings::SettingsInputError};
+use inerter_analysis::diagnose::{Encoder, Kind, diagnose, widened};
+use inerter_core::Machine;
+use inerter_data::{replay::replay_all, series::Series, settings::SettingsInputError, words::rounded_text};
 use inerter_tests::{
     diagnose::{Added, Case, Replayed, cases, clean_case, others},
     grid::MOTIONS,
@@ -82,6 +83,10 @@ fn what_is_too_small_to_be_named_widens_the_interval_by_the_samples() {
         by_device += usize::from(off <= f64::from(found.u95));
         by_samples += usize::from(off <= f64::from(judged[0].budget.u95()));
         assert!(judged[0].moved_by.is_some(), "{:?}", judged[0]);
+        let words = widened(Machine::Linear, &outcome.estimate.whole_run, &judged).unwrap();
+        let u95 = f64::from(judged[0].budget.u95());
+        let inertance = format!(" Effective inertance: {} kg", rounded_text(u95, u95));
+        assert!(words.contains(&inertance) && words.contains("is too small to be named"), "{words}");
         // Where nothing is wrong the intervals grow as far as the run cannot tell that nothing is.
         let Replayed { outcome, judged, .. } = clean.replayed(motion, seed).unwrap();
         for ((budget, judged), wider) in outcome.budgets.whole_run.iter().zip(&judged).zip(&mut wider) {

@@ -4,8 +4,8 @@
 //! or an infinity. What is not known is `null`.
 
 use inerter_core::{
-    Backlash, BacklashSize, Band, Bank, Contact, Counters, Detail, Interval, Law, LawStatus, Machine, Parameter,
-    Parameters, Reason, Regime, Reversal, Route, Settings, Status, Warning,
+    Backlash, BacklashSize, Band, Bank, Contact, Counters, Detail, Interval, Law, Machine, Parameter, Parameters,
+    Reason, Regime, Reversal, Route, Settings, Status, Warning,
 };
 use inerter_wire::{
     Estimated, EventKind, Health,
@@ -17,7 +17,7 @@ use serde_json::Value;
 use crate::{
     causes::{Cause, warning_words},
     names::Names,
-    text::{changed_field, event_words, seen},
+    text::{changed_field, event_words, law_word, seen},
 };
 
 /// One parameter in JSON.
@@ -450,15 +450,6 @@ pub fn bank_word(bank: Bank) -> &'static str {
     match bank {
         Bank::Fast => "fast",
         Bank::Slow => "slow",
-    }
-}
-
-/// `holds`, `broken` or `unknown`.
-pub fn law_word(status: LawStatus) -> &'static str {
-    match status {
-        LawStatus::Unknown => "unknown",
-        LawStatus::Holds => "holds",
-        LawStatus::Broken => "broken",
     }
 }
 

@@ -3,7 +3,7 @@ use crate::{
     text::{is_trouble, value_text},
     words::{amount_text, interval_text, rounded_text},
 };
-use inerter_core::{Estimate, Interval, Misfit};
+use inerter_core::{Estimate, Interval, LawStatus, Misfit};
 
 fn estimate() -> Estimated {
     let parameter = |value, u95, status| Parameter::new(Interval { value, u95 }, status);

@@ -216,16 +216,23 @@ pub fn change_words(machine: Machine, change: &Change) -> String {
     )
 }
 
-/// Whether the law holds, for a person: `holds`, `broken (the residual is 5.3 times what noise and steps explain)`.
+/// `holds`, `broken` or `unknown`.
+pub fn law_word(status: LawStatus) -> &'static str {
+    match status {
+        LawStatus::Unknown => "unknown",
+        LawStatus::Holds => "holds",
+        LawStatus::Broken => "broken",
+    }
+}
+
+/// Whether the law holds, for a person: `holds (the residual is 1.0 times what noise and steps explain)`.
 pub fn law_text(law: &Law) -> String {
     let residual =
         |Misfit { ratio, .. }: Misfit| format!("the residual is {ratio:.1} times what noise and steps explain");
     match (law.status, law.misfit.map(residual)) {
-        (LawStatus::Holds, _) => "holds".into(),
-        (LawStatus::Broken, None) => "broken".into(),
-        (LawStatus::Broken, Some(residual)) => format!("broken ({residual})"),
-        (LawStatus::Unknown, None) => "unknown".into(),
         (LawStatus::Unknown, Some(residual)) => format!("unknown ({residual}; the flanks may part)"),
+        (status, Some(residual)) => format!("{} ({residual})", law_word(status)),
+        (status, None) => law_word(status).into(),
     }
 }
 

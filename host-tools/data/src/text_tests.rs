@@ -129,7 +129,8 @@ fn a_person_sees_it_at_a_glance() {
     assert!(row.ends_with("the flanks bounce, creeps before it slips (presliding), law broken"), "{row}");
     let words = "; law: broken (the residual is 5.2 times what noise and steps explain)";
     assert!(line(Machine::Linear, &odd).ends_with(words), "{}", line(Machine::Linear, &odd));
-    assert_eq!(law_text(&law(LawStatus::Holds, misfit)), "holds");
+    let words = "holds (the residual is 5.2 times what noise and steps explain)";
+    assert_eq!(law_text(&law(LawStatus::Holds, misfit)), words);
     assert_eq!(law_text(&Law::default()), "unknown");
     let words = "unknown (the residual is 5.2 times what noise and steps explain; the flanks may part)";
     assert_eq!(law_text(&law(LawStatus::Unknown, misfit)), words);

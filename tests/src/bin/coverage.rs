@@ -245,7 +245,7 @@ fn nearly() -> Result<String, Error> {
 ## A law that is nearly true
 
 The first bench with one violation of the law in five sizes, {seeds} runs each, seeds from {first} on. *told*: runs in which the law is called broken, or a cause is named unasked, or friction is
-called presliding or Stribeck's. The others are silent; of their values that part is covered which stands under each parameter: by the device's interval, and by that of `replay`, which looks at the samples as well
+called presliding or Stribeck's. The others are silent. Of these, each cell gives two percentages: truths that the device's interval holds, and truths that the interval of `replay` holds, which looks at the samples as well
 (`uncertainty`, [THEORY](../THEORY.md), 14). An asterisk: the motion does not tell the violation from the parameter, and `replay` says that the parameter rests on its absence (`assumes`).
 *error/U95*: root mean square, by `replay`'s interval.
 "

@@ -117,7 +117,7 @@ fn head(kinds: usize) -> String {
 
 `cargo xtask defects --update` writes this table and [roc.svg](../roc.svg). {kinds} kinds of realistic defects of device, force, encoder and sampling, in {} motions of {SEEDS} seeds
 each, from {} on. Device, motion, rig and the size of the defect are drawn anew in each run; half of the runs that both can make come from a second plant (`tests/src/defects`).
-None of it has set a constant of the estimator. What `replay` looks for in the samples has the shapes of these kinds, and their sizes were looked at on seed 1 ([THEORY](../THEORY.md), 17). Seeds 1 to {DEVELOPMENT} were looked at while defects and judge were written. The settings state the rig without any uncertainty, and nothing of what is wrong.
+Its clean runs of other seeds have set three rules about reversals and stops; else none of it has set a constant of the estimator. What `replay` looks for in the samples has the shapes of these kinds, and their sizes were looked at on seed 1 ([THEORY](../THEORY.md), 17). Seeds 1 to {DEVELOPMENT} were looked at while defects and judge were written. The settings state the rig without any uncertainty, and nothing of what is wrong.
 
 - *wrong*: a value of mt, cf or fc over the whole run is given whose interval, by `inerter replay`, does not hold the truth. Where the defect makes a parameter differ within the run, all that it is in it is the truth.
 - *told*: there is a word about each wrong parameter: the law is called broken; friction presliding or Stribeck's, or a cause is named, that moves this parameter; a warning names the defect

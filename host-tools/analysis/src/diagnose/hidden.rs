@@ -5,11 +5,12 @@
 //! [`TOLD`], an interval that holds that as well would say little where there is no such cause: then the parameter rests
 //! on its absence, as it does where the run does not tell it at all.
 
-use inerter_core::{Budget, Machine, NORMAL_COVERAGE, Settings, Source};
+use inerter_core::{Budget, Machine, NORMAL_COVERAGE, Parameters, Settings, Source};
 use inerter_data::{
     names::{description, parameter},
     replay::Outcome,
     series::Series,
+    words::rounded_text,
 };
 use nalgebra::{DMatrix, DVector};
 
@@ -29,8 +30,11 @@ const MOVED: [f64; 2] = [1.6, 1.2];
 pub const TOLD: f64 = 1.6;
 /// Standard deviations beyond which what moves counts although the run does not tell for certain.
 const CHANCE: f64 = 2.0;
-/// Standard deviations of a cause's size under which it is not named.
+/// Standard deviations of a cause's size under which it may not be named.
 const NAMED: f64 = 12.0;
+
+/// Interval by the samples over that of the device from which on a person is told of it.
+const WORTH_A_WORD: f32 = 1.05;
 
 /// A parameter of the whole run, by what the samples show beside the estimator's sums.
 #[derive(Clone, Debug, PartialEq)]
@@ -53,6 +57,27 @@ pub fn assumptions(machine: Machine, all: &[Judged; 4]) -> Option<String> {
     let told: String = told.collect();
     let head = "This motion does not tell some causes from a parameter, which is right where there are none.";
     (!told.is_empty()).then(|| format!("{head}{told}"))
+}
+
+/// What a person is told of the intervals that the samples make wider than the device has them; nothing where they make none.
+pub fn widened(machine: Machine, whole_run: &Parameters, all: &[Judged; 4]) -> Option<String> {
+    let Parameters { inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n } = whole_run;
+    let own = [inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n].into_iter();
+    let told = own.zip(all).enumerate().filter_map(|(place, (parameter_found, judged))| {
+        let (u95, wider) = (parameter_found.known()?.u95, judged.budget.u95());
+        if wider.is_nan() || wider <= WORTH_A_WORD * u95 {
+            return None;
+        }
+        let field = parameter(machine, place);
+        let [u95, wider] = [u95, wider].map(|u95| rounded_text(u95.into(), u95.into()));
+        let why = judged.moved_by.map_or_else(String::new, |kind| {
+            format!(" (what looks like {} is too small to be named)", description(machine, kind.words()))
+        });
+        Some(format!(" {}: {wider} {}, not {u95}{why}.", field.label, field.unit))
+    });
+    let told: String = told.collect();
+    (!told.is_empty())
+        .then(|| format!("By the samples 95 % intervals are wider, as the law may be true only nearly.{told}"))
 }
 
 /// The parameters of the whole run with what the samples tell of a law that is nearly true; of a run too short for that, as the

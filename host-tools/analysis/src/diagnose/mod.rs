@@ -19,7 +19,7 @@ mod selection;
 
 pub use candidate::Encoder;
 pub use cause::Cause;
-pub use hidden::{Judged, TOLD, assumptions, judged, reach};
+pub use hidden::{Judged, TOLD, assumptions, judged, reach, widened};
 pub use kind::{Kind, LIMIT};
 pub use latest::Latest;
 pub use search::{Diagnosis, diagnose, is_suspect, suspected};

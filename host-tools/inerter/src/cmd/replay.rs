@@ -3,24 +3,23 @@
 use std::{cell::RefCell, path::PathBuf};
 
 use inerter_analysis::{
-    diagnose::{Judged, Latest, assumptions, judged, suspected},
+    diagnose::{Judged, Latest, assumptions, judged, suspected, widened},
     fit::Products,
     plan::{Advice, Reach, advice, duration_s},
 };
-use inerter_core::{Interval, Machine, Settings};
+use inerter_core::Machine;
 use inerter_data::{
     causes::warning_words,
     export::Source,
     full_scale::Peaks,
     json::{EstimateJson, EventJson, ReversalJson, WarningJson, machine_json_line, rounded_s},
-    names::{description, parameter},
+    names::parameter,
     output,
     replay::{Outcome, replay_samples},
     text::{self, change_words},
     uncertainty::{BudgetJson, UncertaintyJson},
-    words::rounded_text,
 };
-use inerter_wire::{EstimatorEvent, EventKind, catalogue};
+use inerter_wire::{EstimatorEvent, EventKind};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
@@ -33,8 +32,6 @@ use crate::Error;
 
 /// Rows of the table that a person sees when nothing else is asked for.
 const ROWS: f64 = 20.0;
-/// Interval by the samples over that of the device which a person is told of.
-const WORTH_A_LINE: f32 = 1.5;
 
 /// Run the estimator over a recording or a CSV file.
 ///
@@ -137,30 +134,10 @@ pub fn run(args: &Args) -> Result<(), Error> {
     }
     output::lines(text::table(&estimated, &run.settings, run.truth.as_ref()).trim_end())?;
     output::line(text::counts_line(&run.settings, run.duration_s(), &outcome))?;
+    widened(run.settings.machine, &outcome.estimate.whole_run, &judged).map_or(Ok(()), output::line)?;
     assumptions(run.settings.machine, &judged).map_or(Ok(()), output::line)?;
     causes.map(|(_, words)| words).try_for_each(output::line)?;
-    moved(&judged, &outcome, &run.settings).into_iter().try_for_each(output::line)?;
     Ok(advice.iter().map(|advice| advice.sentence(run.settings.machine)).try_for_each(output::line)?)
-}
-
-/// What may have moved a parameter farther than the device's interval holds.
-fn moved(judged: &[Judged; 4], outcome: &Outcome, settings: &Settings) -> Vec<String> {
-    let parameters = catalogue::parameters(settings.machine, &outcome.estimate.whole_run);
-    let lines = parameters.zip(judged).filter_map(|((field, parameter), judged)| {
-        let (kind, Interval { u95, .. }) = (judged.moved_by?, parameter.known()?);
-        let wider = judged.budget.u95();
-        (wider > WORTH_A_LINE * u95).then(|| {
-            format!(
-                "{}: by the samples +- {} {} instead of {}, as what looks like {} is too small to be named",
-                field.label,
-                rounded_text(wider.into(), wider.into()),
-                field.unit,
-                rounded_text(u95.into(), u95.into()),
-                description(settings.machine, kind.words())
-            )
-        })
-    });
-    lines.collect()
 }
 
 /// The last line of a run.

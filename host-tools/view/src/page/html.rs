@@ -1,6 +1,6 @@
 //! The page itself: one file, nothing to load, light and dark, and on paper.
 
-use inerter_analysis::diagnose::{Judged, assumptions};
+use inerter_analysis::diagnose::{Judged, assumptions, widened};
 use inerter_core::{Budget, LawStatus, Machine, Regime, Settings, Source};
 use inerter_data::{
     causes,
@@ -204,6 +204,9 @@ fn budgets(content: &Content) -> Markup {
                 "skew, structure and stiffness are as uncertain as the settings say. Model is how far the law may be wrong, by what the samples of this run "
                 "show of it; the device does not see all of that, so its own interval may be narrower. "
                 "Two runs on one rig may be compared by the last column, which leaves out what they share: gain, lead and timebase."
+            }
+            @if let Some(words) = widened(machine, &content.outcome.estimate.whole_run, judged) {
+                p.small { (words) }
             }
             @if let Some(words) = assumptions(machine, judged) {
                 p.small { (words) }

@@ -2,7 +2,7 @@
 
 use inerter_core::Parameter;
 use inerter_data::{
-    json::{BacklashJson, Shown, law_word},
+    json::{BacklashJson, Shown},
     text::{self, value_text},
     words::duration_text,
 };
@@ -41,7 +41,11 @@ pub fn overview(frame: &mut Frame<'_>, area: Rect, state: &State, theme: Theme) 
         Some((t_s, Estimated { estimate, law, .. })) => {
             let motion = if estimate.moving { "moving" } else { "at rest" };
             let residual = text::residual_text(state.settings.machine, &estimate);
-            let law = law.map(|law| format!(", law {}", law_word(law.status))).unwrap_or_default();
+            let law = law.map(|law| {
+                let ratio = law.misfit.map(|misfit| format!(" ({:.1} times explained)", misfit.ratio));
+                format!(", law {}{}", text::law_word(law.status), ratio.unwrap_or_default())
+            });
+            let law = law.unwrap_or_default();
             format!(" {}, {motion}, residual {residual}{law} ", duration_text(t_s))
         }
         None => " waiting for the first estimate ".into(),
