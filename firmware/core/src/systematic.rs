@@ -19,7 +19,7 @@ const STEPS: f32 = 0.25;
 const STEPS_AT_FREQUENCY: f32 = 3.0 / 8.0 / 2.09;
 /// Times that a pattern of steps adds up at most, but for what a tone's harmonics tell: one that stays for longer differs from stroke
 /// to stroke in what it does.
-const MOST_REPEATS: f32 = 8.0;
+pub const MOST_REPEATS: f32 = 8.0;
 
 /// What the settings state, each as the half width of its 95 % interval.
 #[derive(Clone, Copy, Debug)]

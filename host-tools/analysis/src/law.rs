@@ -8,6 +8,9 @@ use inerter_core::constants::{FORCE_TAPS, LONGEST_SPACING, RATE_TAPS, REST_COUNT
 use inerter_core::{Bank, Settings};
 use inerter_data::series::Stretch;
 
+/// Independent observations under which nothing is said of what may stand beside the law.
+pub(crate) const LEAST_OBSERVATIONS: f64 = 30.0;
+
 /// Values of the law.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Law {

@@ -15,7 +15,7 @@ use super::{
 };
 use crate::{
     fit::FitError,
-    law::{Kernels, Law},
+    law::{Kernels, LEAST_OBSERVATIONS, Law},
 };
 
 /// Causes that are looked for at most.
@@ -36,8 +36,6 @@ const UNDONE_S: f64 = 2e-6;
 const UNDONE: f64 = 0.02;
 /// Residual, as a part of what the law alone leaves over, above which a cause is not most of what breaks it.
 const MOST_LEFT: f64 = 0.5;
-/// Independent observations under which nothing is said.
-const LEAST_OBSERVATIONS: f64 = 30.0;
 /// Part of the rows that rests must leave, and part of the acceleration that the encoder's steps may be, else the run is looked at
 /// through other kernels.
 const LEAST_KEPT: f64 = 0.4;

@@ -7,7 +7,7 @@
 //! - what neither noise and steps nor friction explain;
 //! - the sampling.
 
-use inerter_core::{Parameter, Settings, constants};
+use inerter_core::{MOST_REPEATS, Parameter, Settings, constants};
 use inerter_data::{replay::Outcome, series::Series};
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
@@ -16,7 +16,10 @@ use super::{
     rows::{Friction, Rows},
     squares::{Squares, dot},
 };
-use crate::{fit::FitError, law::Law};
+use crate::{
+    fit::FitError,
+    law::{LEAST_OBSERVATIONS, Law},
+};
 
 /// Part of what neither noise and steps nor friction explain that may be alike to the force's rate: 0.17 is seen with impacts of a
 /// worn screw.
@@ -28,10 +31,6 @@ const LONG_STRETCHES: usize = 20;
 const SHORT_OBSERVATIONS: f64 = 3.0;
 /// Part of what the others leave of the acceleration that may be the encoder's steps.
 const MOST_STEPS: f64 = 0.5;
-/// A pattern of the encoder's steps adds up so many times at most, as in core.
-const MOST_REPEATS: f64 = 8.0;
-/// Independent observations under which nothing is said.
-const LEAST_OBSERVATIONS: f64 = 30.0;
 
 /// What is left with a skew undone.
 #[derive(Clone, Copy, Debug)]
@@ -105,7 +104,7 @@ impl Round {
         let alike_s = ALIKE * (unexplained * residual_square * count / alone).sqrt();
         let steps = (inertance_kg.powi(2) * steps_square * kept / residual_square).min(1.0);
         let repeats = f64::from(outcome.motion.repeats);
-        let again = 1.0 + steps * (repeats.min(MOST_REPEATS) - 1.0) + unexplained * (repeats - 1.0);
+        let again = 1.0 + steps * (repeats.min(MOST_REPEATS.into()) - 1.0) + unexplained * (repeats - 1.0);
 
         let weights = squares.weights(place);
         let says: Vec<f64> = weights.iter().zip(&squares.residual).map(|(weight, left)| weight * left).collect();
