@@ -100,7 +100,7 @@ fn run() -> Result<bool, Error> {
 [accuracy](accuracy.md), seeds from {first} on.
 
 - *rms*: root mean square of the error over `U95`. An interval that is right has 0.51; {} to {} is wanted. *covered*: runs whose interval holds the truth.
-- A cell is bold where less than 95 % are covered beyond chance, or the rms lies outside beyond chance. *broken*: runs in which the law is called broken in the end.
+- A cell is bold where less than 95 % are covered beyond chance (1 in 10 000), or the rms lies outside beyond chance. *broken*: runs in which the law is called broken in the end.
 ",
         RIGHT.start(),
         RIGHT.end()
