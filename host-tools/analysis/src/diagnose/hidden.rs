@@ -65,7 +65,7 @@ pub fn widened(machine: Machine, whole_run: &Parameters, all: &[Judged; 4]) -> O
     let own = [inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n].into_iter();
     let told = own.zip(all).enumerate().filter_map(|(place, (parameter_found, judged))| {
         let (u95, wider) = (parameter_found.known()?.u95, judged.budget.u95());
-        if wider.is_nan() || wider <= WORTH_A_WORD * u95 {
+        if !wider.is_finite() || wider <= WORTH_A_WORD * u95 {
             return None;
         }
         let field = parameter(machine, place);
