@@ -1,5 +1,7 @@
 //! How fast a motion is, and whether the settings of full scale hold it: axes turn at tens of rad/s, inerters move at tenths of m/s.
 
+use std::iter::successors;
+
 use inerter_core::{Counters, Machine, Settings};
 
 use crate::{
@@ -39,7 +41,8 @@ impl Peaks {
         peaks
     }
 
-    /// Raises the settings of full scale that nobody has given to what holds these, in powers of two.
+    /// Raises the settings of full scale that nobody has given to what holds these, in powers of two, as far as the other settings
+    /// allow: a count that leaps is no motion, and what is beyond is left out.
     pub fn hold(&self, settings: &mut Settings, given: &Overrides) -> Result<(), SettingsInputError> {
         for (name, peak) in self.named() {
             let is_held = settings.get(name).is_none_or(|scale| ROOM * peak <= scale);
@@ -49,6 +52,15 @@ impl Peaks {
             let most =
                 Settings::find(name).and_then(|number| Settings::TABLE.get(number)).map_or(f64::MAX, |info| info.max);
             let scale = (ROOM * peak).log2().ceil().exp2().min(most);
+            let is_usable = |scale: &f64| {
+                let mut tried = *settings;
+                tried.set_by_name(name, *scale).is_ok() && tried.validate().is_ok()
+            };
+            let smaller = successors(Some(scale), |scale| Some(0.5 * scale));
+            let mut above = smaller.take_while(|scale| settings.get(name).is_some_and(|before| *scale > before));
+            let Some(scale) = above.find(|scale| settings.validate().is_err() || is_usable(scale)) else {
+                continue;
+            };
             settings
                 .set_by_name(name, scale)
                 .map_err(|source| SettingsInputError::Value { origin: "the motion".into(), source })?;
@@ -107,6 +119,11 @@ mod tests {
         let mut settings = Settings::default();
         series(0.02).hold(&mut settings, &Overrides::default()).unwrap();
         assert_eq!(settings, Settings::default());
+        // A leap of 112 m in a sample: as far as a sample's counts allow, not as far as it goes.
+        let leap = Peaks { velocity: 1.4e4, acceleration: 3e6 };
+        let mut leaping = Settings { sample_rate_hz: 234.0, metres_per_count: 1e-6, ..Settings::default() };
+        leap.hold(&mut leaping, &Overrides::default()).unwrap();
+        assert!(leaping.validate().is_ok() && leaping.full_scale_velocity_m_per_s == 8192.0, "{leaping:?}");
         let mut given = Overrides::default();
         given.set("full_scale_velocity_m_per_s", 3.0, "a test").unwrap();
         let mut kept = Settings { full_scale_velocity_m_per_s: 3.0, ..settings };

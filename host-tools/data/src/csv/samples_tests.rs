@@ -104,6 +104,16 @@ fn a_force_that_does_not_fit_names_its_line() {
     assert!(error.to_string().starts_with("run.csv, line 3, column force_n: 9.98"), "{error}");
 }
 
+/// A leap of 112 m between two samples asks for more full scale than a sample's counts allow.
+#[test]
+fn a_count_that_leaps_is_replayed() {
+    let mut leaping = table(234.0, 8);
+    leaping.encoder_count[6] = -112_122_260;
+    let run = to_run(leaping, &overrides(&["metres_per_count=1e-6"])).unwrap();
+    assert!(run.settings.full_scale_velocity_m_per_s > 1000.0, "{:?}", run.settings);
+    crate::replay::replay(&run, |_, _| Ok::<(), crate::Error>(())).unwrap();
+}
+
 proptest::proptest! {
     #[test]
     fn no_table_panics(rows in proptest::collection::vec((0.0f64..1e3, -(1i64 << 53)..(1i64 << 53), proptest::num::f64::NORMAL), 0..40), fine in 1e-6f64..1e-2) {
