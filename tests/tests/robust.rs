@@ -439,6 +439,28 @@ fn a_structure_without_a_stiffness_widens_the_interval() {
     }
 }
 
+/// Stated to 20 %: what that leaves in the residual is no broken law, and what friction takes of it is in its interval.
+#[test]
+fn a_stiffness_as_wrong_as_it_is_stated_breaks_no_law_and_is_in_the_friction() {
+    let sensors = Sensors { force_noise_n: 0.3, metres_per_count: 0.5e-6, ..sensors() };
+    let stated = settings(&sensors);
+    for part in [-0.18, 0.18] {
+        let wrong = Settings {
+            stiffness_n_per_m: (1.0 + part) * stated.stiffness_n_per_m,
+            stiffness_u95_n_per_m: 0.2 * stated.stiffness_n_per_m,
+            ..stated
+        };
+        for motion in ["random@20s", "fast@20s"] {
+            let samples = samples(sensors, motion);
+            let Outcome { last, law, .. } = run(&wrong, &samples);
+            assert_eq!(law.status, LawStatus::Holds, "{motion} {part}: {law:?}");
+            let found = last.whole_run.coulomb_n.known().unwrap();
+            let off = (f64::from(found.value) - Inerter::paper().coulomb_n).abs();
+            assert!(off < f64::from(found.u95), "{motion} {part}: {found:?}");
+        }
+    }
+}
+
 /// Instruments without any uncertainty of their own.
 fn perfect() -> Settings {
     Settings {

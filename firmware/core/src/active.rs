@@ -102,6 +102,8 @@ pub(crate) struct Scales {
     pub force: f32,
     /// The unit of the force's rate over the force's [s^-1].
     pub rate_per_force: f32,
+    /// The unit of the force's second derivative over the force's [s^-2].
+    pub curvature_per_force: f32,
     /// Length of the kernel's box, squared [s^2].
     pub box_squared: f32,
     /// Mean square of the encoder's quantisation noise in the acceleration [regressor units^2].
@@ -227,6 +229,7 @@ impl Settings {
         let sign = 24.0 * gain * f64::from(crate::sign::ONE);
         let force = 12.0 * gain / newtons_per_code;
         let force_rate = 24.0 * gain * period / newtons_per_code;
+        let curvature = gain * period * period / newtons_per_code;
         let jerk = 2.0 * gain * period * period * period * self.codes_per_metre();
         let greatest_code =
             (self.force_max_code - self.force_zero_code).max(self.force_zero_code - self.force_min_code);
@@ -240,6 +243,7 @@ impl Settings {
         // What goes through a box has a derivative of twice its greatest value over the box at most.
         let steepest = 2.0 / (length * period);
         let force_rate_shift = fit(force_rate * newtons_per_code * greatest_code * steepest * 2.0);
+        let curvature_shift = fit(curvature * newtons_per_code * greatest_code * steepest * steepest);
         let jerk_shift = fit(jerk * self.full_scale_acceleration_m_per_s2 * steepest);
         let down = |shift: i8| power_of_two(-i32::from(shift));
 
@@ -284,6 +288,7 @@ impl Settings {
                 sign_shift,
                 force_shift,
                 force_rate_shift,
+                curvature_shift,
                 jerk_shift,
                 force_terms,
                 force_rate_terms,
@@ -294,6 +299,7 @@ impl Settings {
             scales: Scales {
                 box_squared: (length * period * length * period) as f32,
                 rate_per_force: (regressor_per_newton / (force_rate * down(force_rate_shift))) as f32,
+                curvature_per_force: (regressor_per_newton / (curvature * down(curvature_shift))) as f32,
                 more_units: [1.0 / (velocity * down(velocity_shift)), 1.0 / (force_rate * down(force_rate_shift))],
                 jerk: (1.0 / (jerk * down(jerk_shift))) as f32,
                 jerk_quantisation: jerk_quantisation as f32,
@@ -337,6 +343,7 @@ fn scales(per_si: [f64; REGRESSORS], quantisation: f64) -> Scales {
         force_per: [a, v, s, one].map(|per_si| (force * per_si) as f32),
         force: force as f32,
         rate_per_force: 0.0,
+        curvature_per_force: 0.0,
         box_squared: 0.0,
         quantisation: quantisation as f32,
         more_units: [0.0; MORE_REGRESSORS],

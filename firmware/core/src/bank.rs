@@ -1,28 +1,51 @@
 //! One kernel bank: its comb, and the memories of what went through it.
 
 use crate::active::BankActive;
-use crate::kernel::{Cascades, Comb, Update};
+use crate::kernel::{Cascades, Comb, REGRESSORS, Update};
 use crate::ldl::UNKNOWNS;
 use crate::near_rest::NearRest;
-use crate::rls::{MORE_PRODUCTS, Moments, RATE, RATE_SQUARE, Totals, approach, more_products, products};
+use crate::qformat::Regressor;
+use crate::rls::{MORE_PRODUCTS, Moments, Totals, approach, more_products, products};
+
+/// Averages over the recent memory of what the law has no parameter for.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Aside {
+    /// Its products with acceleration, velocity, sign and one.
+    pub products: [i64; UNKNOWNS],
+    /// Its mean square.
+    pub square: i64,
+}
+
+impl Aside {
+    pub const NONE: Self = Self { products: [0; UNKNOWNS], square: 0 };
+
+    /// Takes its value beside the regressors' at the gain of their averages.
+    #[inline]
+    pub fn update(&mut self, value: Regressor, regressors: &[Regressor; REGRESSORS], gain: u32) {
+        let value = i64::from(value);
+        for (average, regressor) in self.products.iter_mut().zip(regressors) {
+            approach(average, value * i64::from(*regressor), gain);
+        }
+        approach(&mut self.square, value * value, gain);
+    }
+}
 
 /// One bank's comb and memories.
 #[derive(Clone, Debug)]
 pub(crate) struct BankState {
-    comb: Comb,
     until_update: u32,
+    /// Samples since the last update.
+    pub idle_samples: u32,
     pub recent: Moments,
     pub near_rest: NearRest,
     /// Mean square of the jerk over the recent memory [regressor units^2].
     pub jerk: i64,
-    /// Products of the force's rate with acceleration, velocity, sign and one, averaged over the recent memory.
-    pub rate: [i64; UNKNOWNS],
-    /// Mean square of the force's rate, likewise.
-    pub rate_square: i64,
+    /// The force's rate and its second derivative over the recent memory.
+    pub rate: Aside,
+    pub curvature: Aside,
     pub whole: Totals,
     pub more: Totals<MORE_PRODUCTS>,
-    /// Samples since the last update.
-    pub idle_samples: u32,
+    comb: Comb,
 }
 
 impl BankState {
@@ -34,8 +57,8 @@ impl BankState {
             recent: Moments::new(),
             near_rest: NearRest::new(),
             jerk: 0,
-            rate: [0; UNKNOWNS],
-            rate_square: 0,
+            rate: Aside::NONE,
+            curvature: Aside::NONE,
             whole: Totals::new(),
             more: Totals::new(),
             idle_samples: 0,
@@ -47,7 +70,7 @@ impl BankState {
         self.recent = Moments::new();
         self.near_rest = NearRest::new();
         self.jerk = 0;
-        (self.rate, self.rate_square) = ([0; UNKNOWNS], 0);
+        (self.rate, self.curvature) = (Aside::NONE, Aside::NONE);
         self.whole = Totals::new();
         self.more = Totals::new();
     }
@@ -60,6 +83,7 @@ impl BankState {
     }
 
     /// Takes the cascades after a sample; false where an output is beyond full scale.
+    #[inline]
     pub fn advance(&mut self, config: &BankActive, cascades: &Cascades, good_samples: u32) -> bool {
         self.idle_samples = self.idle_samples.saturating_add(1);
         if self.until_update > 1 {
@@ -67,11 +91,16 @@ impl BankState {
             return true;
         }
         self.until_update = config.spacing;
+        self.take(config, cascades, good_samples)
+    }
+
+    #[inline(never)]
+    fn take(&mut self, config: &BankActive, cascades: &Cascades, good_samples: u32) -> bool {
         let output = self.comb.push(cascades);
         if good_samples < config.support {
             return true;
         }
-        let Some(Update { regressors, more, jerk }) = config.normaliser.update(&output) else {
+        let Some(Update { regressors, more, jerk, curvature }) = config.normaliser.update(&output) else {
             return false;
         };
         let products = products(&regressors);
@@ -80,10 +109,10 @@ impl BankState {
         let gain = self.recent.gain(config.memory);
         approach(&mut self.jerk, i64::from(jerk) * i64::from(jerk), gain);
         self.whole.update(&products);
-        let more = more_products(&regressors, &more);
-        self.rate.iter_mut().zip(&more[RATE]).for_each(|(average, product)| approach(average, *product, gain));
-        approach(&mut self.rate_square, more[RATE_SQUARE], gain);
-        self.more.update(&more);
+        let [.., rate] = more;
+        self.rate.update(rate, &regressors, gain);
+        self.curvature.update(curvature, &regressors, gain);
+        self.more.update(&more_products(&regressors, &more));
         self.idle_samples = 0;
         true
     }

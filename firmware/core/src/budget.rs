@@ -94,6 +94,12 @@ impl Budget {
         self
     }
 
+    /// The same in a unit of which one of this is so many.
+    #[must_use]
+    pub fn times(self, unit: f32) -> Self {
+        Self { squares: self.squares.map(|variance| variance * square(unit)), ..self }
+    }
+
     /// Standard uncertainty by the scatter of the run alone, `u_a`.
     pub fn standard_error(&self) -> f32 {
         sqrt(self.squares[Source::Noise as usize])
@@ -116,17 +122,18 @@ impl Budget {
 
     /// Degrees of freedom of all together: infinite where nothing scatters.
     pub fn freedom(&self) -> f32 {
-        self.freedom_of(self.square_without(|_| false))
+        self.freedom_of(self.square())
     }
 
     /// Half width of the 95 % interval.
     pub fn u95(&self) -> f32 {
-        self.u95_without(|_| false)
+        self.u95_of(self.square())
     }
 
     /// The same without what two runs on one rig share (force gain, lead and clock): for comparing them.
     pub fn same_rig_u95(&self) -> f32 {
-        self.u95_without(Source::is_shared)
+        let own = Source::ALL.into_iter().zip(self.squares).filter(|(source, _)| !source.is_shared());
+        self.u95_of(own.map(|(_, square)| square).sum())
     }
 
     /// Part of the half width by each source: their squares add up to that of [`Self::u95`].
@@ -135,9 +142,9 @@ impl Budget {
         core::array::from_fn(|i| (Source::ALL[i], factor * sqrt(self.squares[i])))
     }
 
-    fn square_without(&self, left_out: impl Fn(Source) -> bool) -> f32 {
-        let all = Source::ALL.into_iter().zip(self.squares);
-        all.filter(|(source, _)| !left_out(*source)).map(|(_, square)| square).sum()
+    /// Square of the standard uncertainty by all together.
+    fn square(&self) -> f32 {
+        self.squares.iter().sum()
     }
 
     /// Degrees of freedom where the squares add up to `all`.
@@ -147,8 +154,8 @@ impl Budget {
         if share > 0.0 { self.freedom / square(share) } else { f32::INFINITY }
     }
 
-    fn u95_without(&self, left_out: impl Fn(Source) -> bool) -> f32 {
-        let all = self.square_without(left_out);
+    /// Half width where the squares add up to `all`.
+    fn u95_of(&self, all: f32) -> f32 {
         if all.is_finite() { student(self.freedom_of(all)) * sqrt(all) } else { f32::INFINITY }
     }
 }
@@ -160,7 +167,7 @@ fn student(freedom: f32) -> f32 {
     NORMAL_COVERAGE + part * (2.3723 + part * (2.8225 + part * (2.5558 + part * 1.5895)))
 }
 
-/// Budgets of the four parameters of an estimate, in their order.
+/// Budgets of the four parameters of an estimate, in their order, and of the contact.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Budgets {
@@ -168,6 +175,18 @@ pub struct Budgets {
     pub recent: [Budget; UNKNOWNS],
     /// From all motion since the reset.
     pub whole_run: [Budget; UNKNOWNS],
+    /// Of the contact, likewise.
+    pub contact: ContactBudgets,
+}
+
+/// Budgets of the contact, where something is told of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[allow(missing_docs, reason = "documented where they are estimated")]
+pub struct ContactBudgets {
+    pub backlash_m: Option<Budget>,
+    pub stiffness_n_per_m: Option<Budget>,
+    pub damping_n_s_per_m: Option<Budget>,
 }
 
 #[cfg(test)]

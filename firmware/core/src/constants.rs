@@ -1,7 +1,7 @@
 //! Constants of the method that a host's own fits and figures share with the estimator: see docs/THEORY.md.
 
-/// Standard errors in the interval of a backlash, of a complete model's parameters and of a cause's size: 1.96 would do for
-/// white noise alone. The parameters of an estimate have a budget (`budget.rs`).
+/// Standard errors in the interval of a complete model's parameters and of a cause's size: 1.96 would do for
+/// white noise alone. What the device tells has a budget (`budget.rs`).
 pub const COVERAGE: f64 = 3.0;
 /// What the estimator itself goes on with has no wider interval than this part of its value.
 pub const WIDEST_INTERVAL: f64 = 0.5;

@@ -3,7 +3,7 @@
 //! Floats are allowed here, as everything is basic arithmetic that gives the same bits on every machine.
 
 use crate::active::Scales;
-use crate::bank::BankState;
+use crate::bank::{Aside, BankState};
 use crate::budget::NORMAL_COVERAGE;
 use crate::constants::{self, UPDATES_PER_BOX};
 use crate::ldl::{FACTOR_BITS, MATRIX_BITS, UNKNOWNS, solve};
@@ -33,6 +33,10 @@ pub(crate) struct Fit {
     pub per_skew: [f32; UNKNOWNS],
     /// Mean square of the force's rate that the law leaves over [N^2/s^2]: what a skew of a second would add to the residual's.
     pub late: f32,
+    /// Viscous and Coulomb friction that the force's second derivative is taken for [N s/m and N, per N/s^2].
+    pub friction_in_curvature: [f32; 2],
+    /// Mean square of it that the law leaves over [N^2/s^4].
+    pub curved: f32,
     /// How far what is known of the encoder's steps leaves each undecided.
     pub steps: [f32; UNKNOWNS],
     /// Variance of the residual [N^2].
@@ -55,6 +59,8 @@ impl Fit {
         errors: [0.0; UNKNOWNS],
         per_skew: [0.0; UNKNOWNS],
         late: 0.0,
+        friction_in_curvature: [0.0; 2],
+        curved: 0.0,
         steps: [0.0; UNKNOWNS],
         variance: 0.0,
         frequency_squared: 0.0,
@@ -75,14 +81,21 @@ pub(crate) struct Knowledge {
     per_unit: f32,
     /// Equally weighted updates that would know as much.
     updates: f32,
-    /// Average products of the force's rate, where they are wanted.
-    rate: Option<Rate>,
+    /// Of the force's rate and its second derivative, where they are wanted.
+    rate: Option<Beside>,
+    curvature: Option<Beside>,
 }
 
-/// Average products of the force's rate with the unknowns' regressors, and its mean square.
-struct Rate {
+/// Average products of what the law has no parameter for with the unknowns' regressors, and its mean square.
+struct Beside {
     products: [f32; UNKNOWNS],
     square: f32,
+}
+
+impl Beside {
+    fn of(aside: &Aside) -> Self {
+        Self { products: aside.products.map(|product| product as f32), square: aside.square as f32 }
+    }
 }
 
 impl Knowledge {
@@ -94,7 +107,8 @@ impl Knowledge {
             matrix: *bank.recent.averages(),
             per_unit: 1.0,
             updates,
-            rate: Some(Rate { products: bank.rate.map(|product| product as f32), square: bank.rate_square as f32 }),
+            rate: Some(Beside::of(&bank.rate)),
+            curvature: Some(Beside::of(&bank.curvature)),
         }
     }
 
@@ -103,7 +117,7 @@ impl Knowledge {
         let recent = Self::recent(bank);
         let matrix = bank.near_rest.away(&bank.recent);
         let part = matrix[WEIGHT] as f32 / recent.matrix[WEIGHT] as f32;
-        Self { matrix, per_unit: recent.per_unit / part, updates: recent.updates * part, rate: None }
+        Self { matrix, per_unit: recent.per_unit / part, updates: recent.updates * part, rate: None, curvature: None }
     }
 
     /// All since the reset.
@@ -114,7 +128,7 @@ impl Knowledge {
         for (average, sum) in products.iter_mut().zip(&sums[RATE]) {
             *average = single(*sum) / updates;
         }
-        Self { rate: Some(Rate { products, square: single(sums[RATE_SQUARE]) / updates }), ..whole }
+        Self { rate: Some(Beside { products, square: single(sums[RATE_SQUARE]) / updates }), ..whole }
     }
 
     /// What was learnt between two readings of the exact sums, `updates` apart.
@@ -129,7 +143,7 @@ impl Knowledge {
     fn summed(sums: &[i128; PRODUCTS], updates: u32) -> Self {
         let (matrix, shift) = scaled(sums);
         let updates = updates as f32;
-        Self { matrix, per_unit: power(shift as i32) / updates.max(1.0), updates, rate: None }
+        Self { matrix, per_unit: power(shift as i32) / updates.max(1.0), updates, rate: None, curvature: None }
     }
 
     /// Equally weighted updates that would know as much.
@@ -160,8 +174,9 @@ pub(crate) fn fit(knowledge: &Knowledge, scales: &Scales) -> Option<Fit> {
     let rate = per_velocity / per_acceleration;
     let frequency_squared = acceleration / knowledge.mean_square(1) * rate * rate * scales.box_squared;
     let mut fit = Fit { variance, frequency_squared, observations, ..Fit::NONE };
-    let to_si: [f32; UNKNOWNS] =
-        core::array::from_fn(|i| scales.force_per[i] * power(i32::from(solution.shifts[i]) - force_shift));
+    let equilibrating = solution.shifts.map(|shift| power(i32::from(shift)));
+    let of_force = power(-force_shift);
+    let to_si: [f32; UNKNOWNS] = core::array::from_fn(|i| scales.force_per[i] * equilibrating[i] * of_force);
     for (i, value) in fit.values.iter_mut().enumerate() {
         *value = solution.unknowns[i] as f32 * power(-(FACTOR_BITS as i32)) * to_si[i];
     }
@@ -176,21 +191,28 @@ pub(crate) fn fit(knowledge: &Knowledge, scales: &Scales) -> Option<Fit> {
         *error = found.map_or(f32::INFINITY, |found| found * to_si);
     }
     // Average products in the matrix' own equilibrated units.
-    let equilibrated = |i: usize, product: f32| {
-        product / knowledge.per_unit * power(i32::from(solution.shifts[i]) + force_shift - MATRIX_BITS as i32)
+    let per_unit = power(force_shift - MATRIX_BITS as i32) / knowledge.per_unit;
+    let equilibrated = |i: usize, product: f32| product * per_unit * equilibrating[i];
+    // What each parameter takes of it, and the mean square that is left.
+    let taken = |beside: &Beside, per_force: f32| {
+        let right = core::array::from_fn(|i| equilibrated(i, beside.products[i]));
+        let (moved, explained) = inverse.times(right);
+        let left = greater(equilibrated(UNKNOWNS, beside.square) - explained, 0.0);
+        let unit = force_unit * per_force;
+        (moved, left * knowledge.per_unit * unit * unit)
     };
     if let Some(rate) = &knowledge.rate {
-        let right = core::array::from_fn(|i| equilibrated(i, rate.products[i]));
-        let moved = inverse.times(right);
-        let mut left = equilibrated(UNKNOWNS, rate.square);
-        for (moved, right) in moved.iter().zip(right) {
-            left -= moved * right;
-        }
-        let unit = force_unit * scales.rate_per_force;
-        fit.late = greater(left, 0.0) * knowledge.per_unit * unit * unit;
+        let (moved, left) = taken(rate, scales.rate_per_force);
+        fit.late = left;
         for ((per_skew, moved), to_si) in fit.per_skew.iter_mut().zip(moved).zip(to_si) {
             *per_skew = moved * to_si * scales.rate_per_force;
         }
+    }
+    if let Some(curvature) = &knowledge.curvature {
+        let ([_, viscous, coulomb, _], left) = taken(curvature, scales.curvature_per_force);
+        fit.friction_in_curvature =
+            [viscous * to_si[1] * scales.curvature_per_force, coulomb * to_si[2] * scales.curvature_per_force];
+        fit.curved = left;
     }
     let steps = equilibrated(0, scales.quantisation / scales.force_per[0]);
     let per_inertance = inverse.column(0);

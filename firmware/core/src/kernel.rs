@@ -225,6 +225,8 @@ pub struct Normaliser {
     pub force_shift: i8,
     /// Right shift of the force's rate.
     pub force_rate_shift: i8,
+    /// Right shift of the force's second derivative.
+    pub curvature_shift: i8,
     /// Right shift of the third derivative.
     pub jerk_shift: i8,
     /// Skew and structure mass: multiples of the force's first to fourth derivative, in regressor units.
@@ -252,6 +254,8 @@ pub struct Update {
     pub more: [Regressor; MORE_REGRESSORS],
     /// Third derivative of the position; at its full scale when it is beyond.
     pub jerk: Regressor,
+    /// Second derivative of the force, likewise.
+    pub curvature: Regressor,
 }
 
 impl Normaliser {
@@ -262,7 +266,6 @@ impl Normaliser {
         let force = corrected(force, self.force_shift, &self.force_terms, &derivatives);
         let force = force.wrapping_add(self.snap_term.of(output.snap));
         let rate = corrected(rate, self.force_rate_shift, &self.force_rate_terms, &higher);
-        let jerk = shift_right(output.jerk, self.jerk_shift);
         Some(Update {
             regressors: [
                 to_regressor(output.acceleration, self.acceleration_shift)?,
@@ -272,9 +275,15 @@ impl Normaliser {
                 to_regressor(force, 0)?,
             ],
             more: [to_regressor(output.speed, self.velocity_shift)?, to_regressor(rate, 0)?],
-            jerk: jerk.clamp(-i64::from(Regressor::MAX), i64::from(Regressor::MAX)) as Regressor,
+            jerk: held(output.jerk, self.jerk_shift),
+            curvature: held(output.force[2], self.curvature_shift),
         })
     }
+}
+
+/// The regressor of a kernel output; at its full scale when it is beyond.
+fn held(value: i64, shift: i8) -> Regressor {
+    shift_right(value, shift).clamp(-i64::from(Regressor::MAX), i64::from(Regressor::MAX)) as Regressor
 }
 
 /// A derivative of the force with what the higher ones add to it.

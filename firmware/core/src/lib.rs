@@ -44,7 +44,7 @@ mod systematic;
 mod trial;
 
 pub use active::Active;
-pub use budget::{Budget, Budgets, NORMAL_COVERAGE, Source};
+pub use budget::{Budget, Budgets, ContactBudgets, NORMAL_COVERAGE, Source};
 pub use detail::{
     Backlash, BacklashSize, BacklashStatus, Band, Change, Changed, Contact, Detail, Friction, Law, LawStatus, Misfit,
     Reason, Regime, Reversal, Route, Warning, WarningKind,

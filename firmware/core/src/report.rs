@@ -83,17 +83,28 @@ impl Active {
 
     /// What the intervals of [`Self::publish`] are made of.
     pub fn budgets(&self, state: &State) -> Budgets {
-        let Backlash { contact, .. } = self.backlash.found(&state.backlash);
+        let Backlash { contact, .. } = self.backlash.found(&state.backlash, state.repeats());
         let noise = Heard::of(&state.noise);
         let recent = self.recent(state, contact, &noise);
         let whole_run = self.whole_run(state, contact, &noise, &recent);
-        Budgets { recent: recent.told.all_budgets(), whole_run: whole_run.all_budgets() }
+        Budgets {
+            recent: recent.told.all_budgets(),
+            whole_run: whole_run.all_budgets(),
+            contact: self.backlash.budgets(&state.backlash, state.repeats()),
+        }
+    }
+
+    /// What the intervals of the whole run know of its motion.
+    pub fn motion(&self, state: &State) -> Motion {
+        let Backlash { contact, .. } = self.backlash.found(&state.backlash, state.repeats());
+        let Recent { band, told, .. } = self.recent(state, contact, &Heard::of(&state.noise));
+        Motion::within(&band, contact, state.repeats(), told.fit.friction_in_curvature)
     }
 
     /// The same with what the next samples are told. That rests on the fit whether the law holds or not: what it takes away
     /// with friction that is nearly right is more than what it adds.
     pub(crate) fn publish_and_feed_back(&self, state: &State) -> (Published, Feedback) {
-        let Backlash { backlash, contact, stiffness, damping } = self.backlash.found(&state.backlash);
+        let Backlash { backlash, contact, stiffness, damping } = self.backlash.found(&state.backlash, state.repeats());
         let noise = Heard::of(&state.noise);
         let recent = self.recent(state, contact, &noise);
         let whole_run = self.whole_run(state, contact, &noise, &recent);
@@ -163,12 +174,13 @@ impl Active {
         QUARTILES.into_iter().filter_map(rms).find(|rms| *rms >= plausible::LEAST_NOISE)
     }
 
-    /// Variance of the residual that force noise, encoder steps and a skew within its interval explain [N^2]; infinite before
+    /// Variance of the residual that force noise, encoder steps, a skew and a stiffness within their intervals explain [N^2]; infinite before
     /// they are known.
     fn explained(&self, noise: &Heard, fit: &Fit, scales: &Scales) -> f32 {
         let [inertance, ..] = fit.values;
-        let skew_s = self.systematic.skew_u95_s();
-        noise.variance * scales.noise + self.steps_variance(inertance, scales) + skew_s * skew_s * fit.late
+        noise.variance * scales.noise
+            + self.steps_variance(inertance, scales)
+            + self.systematic.forgiven(fit.late, fit.curved)
     }
 
     /// Variance that the encoder's steps leave in the residual \[N^2\].
@@ -196,7 +208,7 @@ impl Active {
         // Of the strokes of the whole run the memory holds a part.
         let held = knowledge.updates() / bank_state.whole.updates().max(1) as f32;
         let repeats = 1.0 + (state.repeats() - 1.0) * if held < 1.0 { held } else { 1.0 };
-        let motion = Motion::within(&band, contact, repeats);
+        let motion = Motion::within(&band, contact, repeats, fitted.friction_in_curvature);
         let spread = self.scatter(&fitted, scales).in_motion(&motion);
         let budgets = self.budgets_of(&fitted, &spread, &motion);
         let viscous = Interval { value: fitted.values[1], u95: budgets[1].u95() };
@@ -215,8 +227,11 @@ impl Active {
         let (bank, knowledge) = self.choose(state, Knowledge::whole_run, AMONG_STEPS);
         let scales = &self.bank(state, bank).0.scales;
         let fit = fit(&knowledge, scales).unwrap_or(Fit::UNKNOWN);
+        // Known of the recent memory only.
+        let Fit { friction_in_curvature, curved, .. } = recent.told.fit;
+        let fit = Fit { friction_in_curvature, curved, ..fit };
         let explained = self.explained(noise, &fit, scales);
-        let motion = Motion::within(&recent.band, contact, state.repeats());
+        let motion = Motion::within(&recent.band, contact, state.repeats(), friction_in_curvature);
         let spread = self.scatter(&fit, scales).in_motion(&motion);
         Told {
             fit,
@@ -298,7 +313,7 @@ impl Active {
         [
             systematic.inertance(&found(0), spread, motion),
             systematic.viscous(&found(1), spread, motion),
-            systematic.coulomb(&found(2), spread),
+            systematic.coulomb(&found(2), spread, motion),
             systematic.offset(&found(3), spread),
         ]
     }

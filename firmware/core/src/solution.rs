@@ -40,17 +40,17 @@ impl Inverse {
     /// Standard errors for a residual variance per observation of `variance`; nothing where an unobservable
     /// direction has a part in the unknown.
     pub fn errors(&self, variance: f32) -> [Option<f32>; UNKNOWNS] {
-        let mut diagonal = [Some(0.0_f32); UNKNOWNS];
+        let mut diagonal = [0.0_f32; UNKNOWNS];
         for (direction, pivot) in self.directions.iter().zip(self.pivots) {
             for (sum, part) in diagonal.iter_mut().zip(direction) {
                 if pivot > 0.0 {
-                    *sum = sum.map(|sum| sum + part * part / pivot);
+                    *sum += part * part / pivot;
                 } else if !(-TOUCHED..=TOUCHED).contains(part) {
-                    *sum = None;
+                    *sum = f32::INFINITY;
                 }
             }
         }
-        diagonal.map(|square| square.map(|square| sqrt(square * variance)))
+        diagonal.map(|square| square.is_finite().then(|| sqrt(square * variance)))
     }
 
     /// One column of it, without the directions that are unobservable.
@@ -63,13 +63,15 @@ impl Inverse {
         column
     }
 
-    /// Times a right-hand side, without the directions that are unobservable.
-    pub fn times(&self, right: [f32; UNKNOWNS]) -> [f32; UNKNOWNS] {
-        let mut product = [0.0; UNKNOWNS];
+    /// Times a right-hand side, without the directions that are unobservable; and that product times the right-hand side.
+    pub fn times(&self, right: [f32; UNKNOWNS]) -> ([f32; UNKNOWNS], f32) {
+        let (mut product, mut square) = ([0.0; UNKNOWNS], 0.0);
         for (direction, pivot) in self.directions.iter().zip(self.pivots).filter(|(_, pivot)| *pivot > 0.0) {
-            let along = direction.iter().zip(right).map(|(part, right)| part * right).sum::<f32>() / pivot;
+            let all = direction.iter().zip(right).map(|(part, right)| part * right).sum::<f32>();
+            let along = all / pivot;
+            square += all * along;
             product.iter_mut().zip(direction).for_each(|(sum, part)| *sum += part * along);
         }
-        product
+        (product, square)
     }
 }

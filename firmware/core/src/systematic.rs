@@ -82,6 +82,9 @@ pub struct Motion {
     pub frequency_squared: f32,
     /// The same, weighted by the squared velocity.
     pub low_squared: f32,
+    /// Viscous and Coulomb friction that the second derivative of the force is taken for [N s/m and N, per N/s^2]; 0 where it was not
+    /// measured.
+    pub friction_in_curvature: [f32; 2],
 }
 
 impl Scatter {
@@ -139,9 +142,9 @@ impl Spread {
 }
 
 impl Motion {
-    /// Of a run whose detail and repeats the estimator tells so.
+    /// Of a run whose detail and repeats the estimator tells so; what the force's second derivative does is not among them.
     pub fn of(detail: &Detail, repeats: f32) -> Self {
-        Self::within(&detail.band, detail.contact, repeats)
+        Self::within(&detail.band, detail.contact, repeats, [0.0; 2])
     }
 
     /// Times that a pattern of steps adds up in a parameter.
@@ -170,9 +173,20 @@ impl Motion {
         [any, friction, friction, any]
     }
 
-    pub(crate) fn within(band: &Band, contact: Contact, repeats: f32) -> Self {
+    /// What the force of so much inertance bends each unit of the contact's compliance by, over the screw's own motion.
+    fn stretch_per_compliance(&self, inertance_kg: f32) -> f32 {
+        magnitude(inertance_kg) * self.frequency_squared
+    }
+
+    pub(crate) fn within(band: &Band, contact: Contact, repeats: f32, friction_in_curvature: [f32; 2]) -> Self {
         let [low, high] = [band.low_hz, band.high_hz].map(|hz| core::f32::consts::TAU * hz);
-        Self { repeats, flanks_part: contact.may_part(), frequency_squared: square(high), low_squared: square(low) }
+        Self {
+            repeats,
+            flanks_part: contact.may_part(),
+            frequency_squared: square(high),
+            low_squared: square(low),
+            friction_in_curvature,
+        }
     }
 }
 
@@ -201,9 +215,11 @@ impl Systematic {
         }
     }
 
-    /// Of the skew \[s\].
-    pub(crate) fn skew_u95_s(&self) -> f32 {
-        self.skew_s
+    /// Variance that a skew and a stiffness within their intervals leave in the residual of a fit \[N^2\]; none by a stiffness that is
+    /// not stated at all; `late` and `curved` are the mean squares that the law leaves of the force's rate and of its second derivative.
+    pub(crate) fn forgiven(&self, late: f32, curved: f32) -> f32 {
+        let bent = self.structure_mass_kg * self.compliance_u95_m_per_n;
+        square(self.skew_s) * late + if bent.is_finite() { square(bent) * curved } else { 0.0 }
     }
 
     /// Of the inertance, which still holds the structure's mass \[kg\].
@@ -211,7 +227,7 @@ impl Systematic {
         let mass = self.structure_mass_kg;
         let loose = LOOSE_STRUCTURE_U95 * mass;
         // The structure moves as the screw does, but for what the force bends the contact.
-        let stretch = magnitude(found.value) * motion.frequency_squared;
+        let stretch = motion.stretch_per_compliance(found.value);
         let bent = mass * stretch * self.compliance_u95_m_per_n;
         let follows = magnitude(1.0 - stretch * self.compliance_m_per_n);
         let flanks = if motion.flanks_part { STRUCTURE_MODEL_U95 * mass } else { 0.0 };
@@ -225,23 +241,30 @@ impl Systematic {
 
     /// Of viscous friction \[N s/m\].
     pub fn viscous(&self, found: &Found, spread: &Spread, motion: &Motion) -> Budget {
-        let Found { value, .. } = *found;
-        // What the contact's damping takes from the structure's motion, by the compliance squared.
-        let damped = self.structure_mass_kg * magnitude(spread.inertance_kg) * self.damping_n_s_per_m;
-        let per_compliance = 2.0 * damped * self.compliance_m_per_n * motion.frequency_squared * motion.low_squared;
-        let budget = self.common(found, spread, spread.tone).and(Source::Lead, value * self.lead);
-        let budget = budget.and(Source::Timebase, value * self.timebase);
-        // A product with nothing is nothing, however little is known of the other.
-        if per_compliance > 0.0 {
-            budget.and(Source::Stiffness, per_compliance * self.compliance_u95_m_per_n)
-        } else {
-            budget
-        }
+        let [in_curvature, _] = motion.friction_in_curvature;
+        let budget = self.common(found, spread, spread.tone).and(Source::Lead, found.value * self.lead);
+        self.bent(budget.and(Source::Timebase, found.value * self.timebase), in_curvature, found, spread, motion)
     }
 
     /// Of Coulomb friction \[N\].
-    pub fn coulomb(&self, found: &Found, spread: &Spread) -> Budget {
-        self.common(found, spread, spread.tone)
+    pub fn coulomb(&self, found: &Found, spread: &Spread, motion: &Motion) -> Budget {
+        let [_, in_curvature] = motion.friction_in_curvature;
+        self.bent(self.common(found, spread, spread.tone), in_curvature, found, spread, motion)
+    }
+
+    /// With what a wrong compliance takes, as the structure moves with the force's second derivative, and by the contact's damping with
+    /// its third, which is the first times the motion's frequency squared.
+    fn bent(&self, budget: Budget, in_curvature: f32, found: &Found, spread: &Spread, motion: &Motion) -> Budget {
+        let lag = self.damping_n_s_per_m * self.compliance_m_per_n;
+        let per_compliance =
+            self.structure_mass_kg * (in_curvature + 2.0 * lag * motion.frequency_squared * found.per_skew);
+        // A product with nothing is nothing, however little is known of the other.
+        if per_compliance == 0.0 {
+            return budget;
+        }
+        let loosest = LOOSE_STRUCTURE_U95 / motion.stretch_per_compliance(spread.inertance_kg);
+        let known = self.compliance_u95_m_per_n;
+        budget.and(Source::Stiffness, per_compliance * if known < loosest { known } else { loosest })
     }
 
     /// Of the offset \[N\].

@@ -318,7 +318,7 @@ impl Judge<'_> {
         let budget = match i {
             ACCELERATION => systematic.inertance(found, &spread, motion),
             VELOCITY => systematic.viscous(found, &spread, motion),
-            SIGN => systematic.coulomb(found, &spread),
+            SIGN => systematic.coulomb(found, &spread, motion),
             _ => systematic.offset(found, &spread),
         };
         let model_u95 = model_u95.get(i).copied().unwrap_or_default();

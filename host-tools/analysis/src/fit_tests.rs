@@ -10,7 +10,13 @@ use super::*;
 
 /// Flanks that touch, and no stroke that comes again.
 const BESIDE: Beside = Beside {
-    motion: Motion { repeats: 1.0, flanks_part: false, frequency_squared: 0.0, low_squared: 0.0 },
+    motion: Motion {
+        repeats: 1.0,
+        flanks_part: false,
+        frequency_squared: 0.0,
+        low_squared: 0.0,
+        friction_in_curvature: [0.0; 2],
+    },
     model_u95: [0.0; 4],
 };
 

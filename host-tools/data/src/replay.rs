@@ -65,7 +65,7 @@ impl Replay {
             law,
             detail,
             counters: self.counters(),
-            motion: Motion::of(&detail, self.state.repeats()),
+            motion: self.active.motion(&self.state),
             budgets: self.active.budgets(&self.state),
             fast: self.sums(Bank::Fast),
             slow: self.sums(Bank::Slow),

@@ -1,6 +1,6 @@
 //! What the intervals of a run are made of, for programs and for people.
 
-use inerter_core::{Budget, Source};
+use inerter_core::{Budget, ContactBudgets, Source};
 use serde::Serialize;
 
 /// One part of an interval.
@@ -51,7 +51,7 @@ impl BudgetJson {
     }
 }
 
-/// The uncertainty of the four parameters over a whole run.
+/// The uncertainty of the parameters over a whole run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[allow(missing_docs, reason = "documented where they are estimated")]
 pub struct UncertaintyJson {
@@ -59,17 +59,28 @@ pub struct UncertaintyJson {
     pub viscous_n_s_per_m: BudgetJson,
     pub coulomb_n: BudgetJson,
     pub offset_n: BudgetJson,
-    /// How their errors hang together, in this order: 1 where one follows the other; `null` where the motion does not tell.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub backlash_m: Option<BudgetJson>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stiffness_n_per_m: Option<BudgetJson>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub contact_damping_n_s_per_m: Option<BudgetJson>,
+    /// How the errors of the first four hang together, in this order: 1 where one follows the other; `null` where the motion does not tell.
     pub correlation: Option<[[f64; 4]; 4]>,
 }
 
 impl UncertaintyJson {
-    /// Of these budgets, in the order of the parameters.
+    /// Of these budgets, in the order of the parameters; those of the contact only as far as it is told.
     pub fn new(
         [inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n]: [BudgetJson; 4],
+        contact: &ContactBudgets,
         correlation: Option<[[f64; 4]; 4]>,
     ) -> Self {
+        let told = |budget: &Option<Budget>| budget.map(|budget| BudgetJson::new(&budget, None, Vec::new()));
         Self {
+            backlash_m: told(&contact.backlash_m),
+            stiffness_n_per_m: told(&contact.stiffness_n_per_m),
+            contact_damping_n_s_per_m: told(&contact.damping_n_s_per_m),
             inertance_kg,
             viscous_n_s_per_m,
             coulomb_n,

@@ -56,11 +56,10 @@ pub(crate) struct BacklashScales {
     pub block: f32,
     /// Stretch in the memory [units].
     pub stretch: f32,
-    /// Squares of relative 95 % uncertainties: of the stretch by stiffness and force gain, and of the encoder's scale.
-    pub compliance: f32,
-    pub lead: f32,
-    /// Of the force's gain.
-    pub gain: f32,
+    /// Relative 95 % uncertainties: of the stiffness, of the encoder's scale and of the force's.
+    pub stiffness_u95: f32,
+    pub lead_u95: f32,
+    pub gain_u95: f32,
     /// Rms of the force's noise [codes] by its mean bend as the flanks keep it.
     pub noise: f32,
     /// Stiffness [N/m] and damping [N s/m] by a unit of the terminal's least squares.
@@ -105,9 +104,7 @@ impl Settings {
 
         let block_s = block as f32 / rate;
         let structure = single(self.structure_mass_kg) * unit_m / (block_s * block_s * newtons);
-        let square = |value: f32| value * value;
         let stiffness_u95 = single(self.stiffness_u95_n_per_m) * compliance;
-        let gain = square(single(self.force_gain_u95));
         BacklashActive {
             flanks: FlankActive {
                 kept: real(kept),
@@ -136,10 +133,9 @@ impl Settings {
             scales: BacklashScales {
                 block: block as f32,
                 stretch: power(i32::from(stretch_shift)),
-                compliance: square(if stiffness_u95 > 0.0 { stiffness_u95 } else { UNSTATED_STIFFNESS_U95 as f32 })
-                    + gain,
-                lead: square(single(self.lead_u95)),
-                gain,
+                stiffness_u95: if stiffness_u95 > 0.0 { stiffness_u95 } else { UNSTATED_STIFFNESS_U95 as f32 },
+                lead_u95: single(self.lead_u95),
+                gain_u95: single(self.force_gain_u95),
                 noise: power(-(FlankActive::FORCE_BITS as i32)) / MEAN_BEND,
                 stiffness: newtons / unit_m,
                 damping: newtons / unit_m * (block - 1) as f32 / (block as f32 * rate),

@@ -2,32 +2,32 @@
 
 use crate::backlash::active::BacklashActive;
 use crate::backlash::law::{Freed, Solved};
+use crate::backlash::pool::Sums;
 use crate::backlash::state::BacklashState;
 use crate::backlash::terminal::ONE;
-use crate::constants;
+use crate::budget::{Budget, ContactBudgets, Source};
 use crate::detail::{Backlash, BacklashSize, Contact, Reason, Route};
-use crate::estimate::{Interval, Parameter, Unresolved};
+use crate::estimate::{Interval, Parameter};
+use crate::ldl::UNKNOWNS;
 use crate::math::{greater, single, sqrt, square};
 use crate::rls::place;
 
-const COVERAGE: f32 = constants::COVERAGE as f32;
-const WIDEST_INTERVAL: f32 = constants::WIDEST_INTERVAL as f32;
 /// Fewest reversals that a scatter is read from.
 const FEWEST: u32 = 5;
 /// The same in reversals of equal weight.
 const LEAST_EQUAL: f32 = 3.0;
 /// Part of an encoder count that stays however many reversals there are: the encoder's steps along a flank are not
 /// white.
-const COUNT_PART: f32 = 0.5;
-/// The same of the backlash with the sensor, where whole flanks are averaged.
-const SENSED_COUNT_PART: f32 = 0.25;
-/// Part of an encoder count that correlates with the stretch, and with its rate.
-const STIFFNESS_COUNT_PART: f32 = 0.06;
-const DAMPING_COUNT_PART: f32 = 0.03;
+const COUNT_PART: f32 = 0.4;
+/// Parts of an encoder count by one pattern of its steps: of the backlash with the sensor, where whole flanks are averaged, and of what
+/// correlates with the stretch, and with its rate.
+const SENSED_COUNT_PART: f32 = 0.3;
+const STIFFNESS_COUNT_PART: f32 = 0.07;
+const DAMPING_COUNT_PART: f32 = 0.07;
 /// The stretch's rate is the difference of a block's ends: 0.25 % at 16 Hz.
 const DAMPING_MODEL_U95: f32 = 0.005;
-/// Patterns of the encoder's steps that a motion is taken to have at most.
-const PATTERNS: f32 = 16.0;
+/// Patterns of the encoder's steps that flanks with the sensor are taken to have at most.
+const PATTERNS: f32 = 8.0;
 /// Variance over that of the flanks' own noise beyond which reversals contradict each other.
 const CONTRADICTION: f32 = 25.0;
 
@@ -41,21 +41,72 @@ pub(crate) struct Found {
     pub damping: Parameter,
 }
 
+/// A value and what is uncertain of it.
+type Budgeted = (f32, Budget);
+
 impl BacklashActive {
-    /// Backlash and contact as they stand.
-    pub fn found(&self, state: &BacklashState) -> Found {
-        let by_force = self.by_force(state);
-        let sensed = if self.terminal.present { self.by_terminal(state) } else { Sensed::default() };
-        let narrower = match (by_force.known(), sensed.backlash.known()) {
+    /// Backlash and contact as they stand, where each stroke has come so often sample by sample.
+    pub fn found(&self, state: &BacklashState, repeats: f32) -> Found {
+        let by_force = match self.unable() {
+            Some(reason) => Backlash::none(reason, Route::Force, 0),
+            None => {
+                let sums = state.pool.sums();
+                Backlash::of(self.by_force(state, &sums, repeats).as_ref(), Route::Force, sums.accepted)
+            }
+        };
+        if !self.terminal.present {
+            let contact = state.contact(self, &by_force);
+            return Found {
+                backlash: by_force,
+                contact,
+                stiffness: Parameter::default(),
+                damping: Parameter::default(),
+            };
+        }
+        let sensed = self.by_terminal(state, repeats);
+        let by_terminal = sensed.as_ref().map(|sensed| &sensed.backlash);
+        let by_terminal = Backlash::of(by_terminal, Route::Terminal, state.counts.reversals);
+        let narrower = match (by_force.known(), by_terminal.known()) {
             (_, None) => false,
             (None, Some(_)) => true,
-            (Some(by_force), Some(sensed)) => sensed.u95 <= by_force.u95,
+            (Some(by_force), Some(by_terminal)) => by_terminal.u95 <= by_force.u95,
         };
         // Where the force alone cannot, the sensor's own reason counts.
-        let only = self.terminal.present && !self.stiffness_known;
-        let backlash = if narrower || only { sensed.backlash } else { by_force };
-        let Sensed { stiffness, damping, .. } = sensed;
-        Found { backlash, contact: state.contact(self, &backlash), stiffness, damping }
+        let backlash = if narrower || !self.stiffness_known { by_terminal } else { by_force };
+        Found {
+            backlash,
+            contact: state.contact(self, &backlash),
+            stiffness: sensed.as_ref().map_or_else(|_| Parameter::default(), |sensed| parameter(&sensed.stiffness)),
+            damping: sensed.ok().and_then(|sensed| sensed.damping).as_ref().map_or_else(Parameter::default, parameter),
+        }
+    }
+
+    /// What their intervals are made of.
+    pub fn budgets(&self, state: &BacklashState, repeats: f32) -> ContactBudgets {
+        let found = self.found(state, repeats);
+        let sensed = if self.terminal.present { self.by_terminal(state, repeats).ok() } else { None };
+        let of_backlash = match found.backlash.route {
+            Route::Force if self.unable().is_none() => self.by_force(state, &state.pool.sums(), repeats).ok(),
+            Route::Force => None,
+            Route::Terminal => sensed.map(|sensed| sensed.backlash),
+        };
+        let told =
+            |of: Option<Budgeted>, value: Option<Interval>| of.filter(|_| value.is_some()).map(|(_, budget)| budget);
+        ContactBudgets {
+            backlash_m: told(of_backlash, found.backlash.known()),
+            stiffness_n_per_m: told(sensed.map(|sensed| sensed.stiffness), found.stiffness.known()),
+            damping_n_s_per_m: told(sensed.and_then(|sensed| sensed.damping), found.damping.known()),
+        }
+    }
+}
+
+/// Refuses what no spring or damper is: less than nothing.
+fn parameter((value, budget): &Budgeted) -> Parameter {
+    let interval = Interval { value: *value, u95: budget.u95() };
+    if interval.u95.is_finite() && interval.value >= -interval.u95 {
+        Parameter::Ok(interval)
+    } else {
+        Parameter::default()
     }
 }
 
@@ -65,7 +116,11 @@ impl Backlash {
     }
 
     /// Refuses what is no backlash: an interval without end, or one wholly below zero.
-    fn of(value: f32, u95: f32, route: Route, reversals: u32) -> Self {
+    fn of(found: Result<&Budgeted, &Reason>, route: Route, reversals: u32) -> Self {
+        let (value, u95) = match found {
+            Ok((value, budget)) => (*value, budget.u95()),
+            Err(reason) => return Self::none(*reason, route, reversals),
+        };
         if !(u95.is_finite() && value.is_finite()) || value < -u95 {
             return Self::none(Reason::Scattered, route, reversals);
         }
@@ -89,24 +144,25 @@ impl BacklashState {
 }
 
 impl BacklashActive {
-    fn by_force(&self, state: &BacklashState) -> Backlash {
+    /// Why the settings leave no route by the force.
+    fn unable(&self) -> Option<Reason> {
+        match () {
+            () if !self.stiffness_known => Some(Reason::StiffnessUnknown),
+            () if !self.lag_fits => Some(Reason::FlankTooShort),
+            () => None,
+        }
+    }
+
+    /// Value \[m\] and what is uncertain of it.
+    fn by_force(&self, state: &BacklashState, sums: &Sums, repeats: f32) -> Result<Budgeted, Reason> {
         let counts = &state.counts;
-        let sums = state.pool.sums();
-        let route = Route::Force;
-        let none = |reason| Backlash::none(reason, route, sums.accepted);
-        if !self.stiffness_known {
-            return none(Reason::StiffnessUnknown);
-        }
-        if !self.lag_fits {
-            return none(Reason::FlankTooShort);
-        }
         if sums.accepted < FEWEST {
-            return match () {
-                () if state.one_sided(self) => none(Reason::ForceNeverReverses),
-                () if counts.short >= FEWEST => none(Reason::FlankTooShort),
-                () if counts.bouncing >= FEWEST || sums.rejected >= FEWEST => none(Reason::Scattered),
-                () => none(Reason::TooFewReversals),
-            };
+            return Err(match () {
+                () if state.one_sided(self) => Reason::ForceNeverReverses,
+                () if counts.short >= FEWEST => Reason::FlankTooShort,
+                () if counts.bouncing >= FEWEST || sums.rejected >= FEWEST => Reason::Scattered,
+                () => Reason::TooFewReversals,
+            });
         }
         let [weight, sums_of @ ..] = sums.weighted.map(single);
         let [equal, from_origin, square, change, change_square, by_stretch, own_noise] =
@@ -115,110 +171,97 @@ impl BacklashActive {
         let value = sums.origin as f32 + from_origin;
         let variance = greater(square - from_origin * from_origin, 0.0);
         if variance > CONTRADICTION * own_noise || 2 * sums.rejected > sums.accepted {
-            return none(Reason::Scattered);
+            return Err(Reason::Scattered);
         }
         if equal < LEAST_EQUAL {
-            return none(Reason::TooFewReversals);
+            return Err(Reason::TooFewReversals);
         }
-        // Of few, the scatter is itself uncertain.
-        let coverage = COVERAGE * (1.0 + 2.0 / (equal - 1.0));
-        let spread = coverage * coverage * variance / (equal - 1.0);
         // What the check would change is known with its own scatter.
         let change_noise = greater(change_square - change * change, 0.0) / equal;
         let truncation = greater(change * change - change_noise, 0.0);
-        // A periodic motion repeats the encoder's steps, and their error does not average. What the values scatter
-        // less than by the noise of their own flanks is shared by all; and no motion is trusted to have more than 16
-        // patterns.
-        let count = sums.accepted as f32;
-        let few = if count < PATTERNS { count } else { PATTERNS };
-        let pattern = greater(own_noise / few, own_noise - variance * (1.0 + sqrt(2.0 / count)));
+        // A periodic motion repeats the encoder's steps, and their error averages only as far as strokes have not come again.
+        let share = (repeats - 1.0) / sums.accepted as f32;
+        let pattern = own_noise * if share < 1.0 { share } else { 1.0 };
         let by_stretch = by_stretch * self.scales.stretch;
         let by_position = value - by_stretch;
-        let scale = by_stretch * by_stretch * self.scales.compliance + by_position * by_position * self.scales.lead;
-        let count = COUNT_PART * self.count_units as f32;
-        let u95 = sqrt(spread + truncation + 4.0 * pattern + scale + count * count);
-        Backlash::of(value * self.unit_m, u95 * self.unit_m, route, sums.accepted)
+        let budget = Budget::of_scatter(sqrt(variance / (equal - 1.0)), equal - 1.0)
+            .and_variance(Source::Encoder, pattern)
+            .and(Source::Encoder, COUNT_PART * self.count_units as f32)
+            .and(Source::Model, sqrt(truncation))
+            .and(Source::Stiffness, by_stretch * self.scales.stiffness_u95)
+            .and(Source::Gain, by_stretch * self.scales.gain_u95)
+            .and(Source::Lead, by_position * self.scales.lead_u95);
+        Ok((value * self.unit_m, budget.times(self.unit_m)))
     }
 }
 
-/// What the terminal's sensor shows.
-#[derive(Clone, Copy, Default)]
+/// What the terminal's sensor shows: backlash \[m\], stiffness \[N/m\] and, where the noise leaves any, damping \[N s/m\].
+#[derive(Clone, Copy)]
 struct Sensed {
-    backlash: Backlash,
-    stiffness: Parameter,
-    damping: Parameter,
+    backlash: Budgeted,
+    stiffness: Budgeted,
+    damping: Option<Budgeted>,
 }
 
 impl BacklashActive {
-    fn by_terminal(&self, state: &BacklashState) -> Sensed {
+    fn by_terminal(&self, state: &BacklashState, repeats: f32) -> Result<Sensed, Reason> {
         let terminal = &state.terminal;
         let blocks = terminal.totals.updates();
         let reversals = state.counts.reversals;
-        let none =
-            |reason| Sensed { backlash: Backlash::none(reason, Route::Terminal, reversals), ..Sensed::default() };
         let Freed { solved, noise, most, own_rate, own_stretch, damping_drowned } =
-            match self.solved(&state.terminal, state.flanks.noise) {
-                Ok(freed) => freed,
-                Err(reason) => return none(reason),
-            };
+            self.solved(&state.terminal, state.flanks.noise)?;
         let block = self.scales.block;
         let [more_damping, more_stiffness, more_side, _] = Solved::of(terminal, most, false).unknowns;
         let [damping, stiffness, side, _] = solved.unknowns;
         let [Some(damping_error), Some(stiffness_error), Some(side_error), _] = solved.errors else {
-            return none(Reason::FlankTooShort);
+            return Err(Reason::FlankTooShort);
         };
+        let freedom = blocks as f32 - UNKNOWNS as f32;
         // A wrong scale of one displacement against the other is a false stretch.
-        let lead = sqrt(self.scales.lead) * stiffness;
+        let lead = self.scales.lead_u95 * stiffness;
         let [false_damping, false_stiffness, false_side, _] =
-            Solved::of(terminal, noise, true).unknowns.map(|unknown| square(lead * unknown));
-        // The encoder's steps are one as well, against the regressor's own rms.
-        let by_count =
-            |own: f32, part: f32| square(stiffness * block * part * self.count_units as f32) * (blocks as f32 / own);
+            Solved::of(terminal, noise, true).unknowns.map(|unknown| lead * unknown);
+        // The encoder's steps are one as well, against the regressor's own rms, as far as their patterns do not average.
+        let patterns = (reversals as f32).clamp(1.0, PATTERNS);
+        let share = greater((repeats - 1.0) / reversals as f32, 1.0 / patterns);
+        let count = sqrt(if share < 1.0 { share } else { 1.0 }) * self.count_units as f32;
+        let by_count = |own: f32, part: f32| stiffness * block * part * count * sqrt(blocks as f32 / own);
         let stiffness_by_count = by_count(own_stretch, STIFFNESS_COUNT_PART);
-        let damping_u95_squared = square(COVERAGE * damping_error)
-            + square(more_damping - damping)
-            + false_damping
-            + by_count(own_rate, DAMPING_COUNT_PART);
-        let stiffness_u95_squared = square(COVERAGE * stiffness_error)
-            + square(more_stiffness - stiffness)
-            + false_stiffness
-            + stiffness_by_count;
-        let side_u95_squared = square(COVERAGE * side_error) + square(more_side - side) + false_side;
+        let gain = self.scales.gain_u95;
+        let of_stiffness = Budget::of_scatter(stiffness_error, freedom)
+            .and(Source::Encoder, stiffness_by_count)
+            .and(Source::Encoder, more_stiffness - stiffness)
+            .and(Source::Lead, false_stiffness)
+            .and(Source::Gain, stiffness * gain);
+        let of_damping = Budget::of_scatter(damping_error, freedom)
+            .and(Source::Encoder, by_count(own_rate, DAMPING_COUNT_PART))
+            .and(Source::Encoder, more_damping - damping)
+            .and(Source::Lead, false_damping)
+            .and(Source::Gain, damping * gain)
+            .and(Source::Model, damping * DAMPING_MODEL_U95);
 
-        let backlash = -2.0 * side * ONE as f32 / (stiffness * block);
         let per_side = 2.0 * ONE as f32 / (stiffness * block);
-        let relative = square(COVERAGE * stiffness_error / stiffness * backlash);
+        let backlash = -side * per_side;
         // A stiffness that is wrong moves each flank by its mean stretch.
         let mean = |row: usize, column: usize| {
             terminal.totals.sums().get(place(row, column)).map_or(0.0, |sum| single(*sum) / blocks as f32)
         };
         let apart = (mean(2, 1) - mean(3, 1) * (mean(3, 2) / mean(3, 3))) / ONE as f32 - 0.5 * backlash * block;
-        let by_stiffness = square(2.0 * apart / (block * stiffness)) * stiffness_by_count;
-        let count = SENSED_COUNT_PART * self.count_units as f32;
-        let backlash_u95 = sqrt(square(per_side) * side_u95_squared + relative + by_stiffness + count * count);
-        let stiffness_si = stiffness * self.scales.stiffness;
-        let gain = square(stiffness) * self.scales.gain;
-        let stiffness_u95 = self.scales.stiffness * sqrt(stiffness_u95_squared + gain);
-        let gain = square(damping) * (self.scales.gain + square(DAMPING_MODEL_U95));
-        let damping_u95 = self.scales.damping * sqrt(damping_u95_squared + gain);
-        let skew_u95 = stiffness_si * self.scales.skew_u95_s;
-        Sensed {
-            backlash: Backlash::of(backlash * self.unit_m, backlash_u95 * self.unit_m, Route::Terminal, reversals),
-            stiffness: parameter(stiffness_si, stiffness_u95),
-            damping: if damping_drowned {
-                Parameter::NotIdentifiable(Unresolved::NOTHING)
-            } else {
-                let skewed = stiffness_si * self.scales.skew_s;
-                parameter(damping * self.scales.damping + skewed, sqrt(square(damping_u95) + square(skew_u95)))
-            },
-        }
-    }
-}
+        let scatter = square(per_side * side_error) + square(stiffness_error / stiffness * backlash);
+        let of_backlash = Budget::of_scatter(sqrt(scatter), freedom)
+            .and(Source::Encoder, per_side * (more_side - side))
+            .and(Source::Encoder, 2.0 * apart / (block * stiffness) * stiffness_by_count)
+            .and(Source::Encoder, SENSED_COUNT_PART * count)
+            .and(Source::Lead, per_side * false_side);
 
-fn parameter(value: f32, u95: f32) -> Parameter {
-    // Not a number is not within.
-    if u95 <= WIDEST_INTERVAL * value {
-        return Parameter::Ok(Interval { value, u95 });
+        let stiffness_si = stiffness * self.scales.stiffness;
+        let damping_si = damping * self.scales.damping + stiffness_si * self.scales.skew_s;
+        let of_damping = of_damping.times(self.scales.damping);
+        let of_damping = of_damping.and(Source::Skew, stiffness_si * self.scales.skew_u95_s);
+        Ok(Sensed {
+            backlash: (backlash * self.unit_m, of_backlash.times(self.unit_m)),
+            stiffness: (stiffness_si, of_stiffness.times(self.scales.stiffness)),
+            damping: (!damping_drowned).then_some((damping_si, of_damping)),
+        })
     }
-    Parameter::NotIdentifiable(Unresolved::NOTHING)
 }

@@ -269,7 +269,7 @@ mod tests {
                     };
                     state.push(&active.backlash, &newest);
                 }
-                active.backlash.found(&state);
+                active.backlash.found(&state, 1.0);
             }
         }
     }

@@ -208,6 +208,11 @@ impl<'a> Rows<'a> {
         column
     }
 
+    /// The force's second derivative.
+    pub fn curvature(&self) -> Vec<f64> {
+        self.filtered(|_, piece, middle| around(&self.filter.kernels.second, &piece.stretch.force_n, middle))
+    }
+
     /// Mean square of noise in a column of this term, and its mean product with that of the row's force.
     pub fn noise(&self, term: Term) -> [f64; 2] {
         let inertance_kg = self.law.inertance_kg;

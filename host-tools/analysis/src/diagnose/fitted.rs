@@ -127,7 +127,9 @@ fn other_turns<'a>(
 fn corrected(rows: &Rows, settings: &Settings, detail: &Detail, law: &Model, errors: [f64; 4]) -> Option<Parameters> {
     // What a skew that is left unseen moves, a skew that was found beside the law or not.
     let late = rows.columns(Term::Skew);
-    let moved = Model::new(rows, [])?.along(late.first()?)?;
+    let alone = Model::new(rows, [])?;
+    let moved = alone.along(late.first()?)?;
+    let of_curvature = alone.along(&rows.curvature())?;
     // They are not given back, as it is known to a half only.
     let steps = law.taken_by_steps()?;
     let found = [0, 1, 2, 3].map(|i| Estimated {
@@ -137,7 +139,8 @@ fn corrected(rows: &Rows, settings: &Settings, detail: &Detail, law: &Model, err
         steps: steps.get(i).copied().unwrap_or_default().abs() as f32,
     });
     // What breaks the law is in the fit, and steps that repeat are in its errors.
-    let beside = Beside { motion: Motion::of(detail, 1.0), model_u95: [0.0; 4] };
+    let friction_in_curvature = [1, 2].map(|i| of_curvature.get(i).copied().unwrap_or_default() as f32);
+    let beside = Beside { motion: Motion { friction_in_curvature, ..Motion::of(detail, 1.0) }, model_u95: [0.0; 4] };
     let scatter = Scatter::white(law.value(0) as f32, law.freedom(0) as f32);
     Some(Judge { settings, beside: &beside, scatter }.four(found))
 }

@@ -318,12 +318,18 @@ fn calibration(expected: &Expected, want: &Want) -> f64 {
     let value = expected.law().get(want.place).copied().unwrap_or_default();
     let found = Found { value: value as f32, error: 0.0, per_skew: 0.0, steps: 0.0 };
     let scatter = Scatter::white(value as f32, f32::INFINITY);
-    let motion = Motion { repeats: 1.0, flanks_part: false, frequency_squared: 0.0, low_squared: 0.0 };
+    let motion = Motion {
+        repeats: 1.0,
+        flanks_part: false,
+        frequency_squared: 0.0,
+        low_squared: 0.0,
+        friction_in_curvature: [0.0; 2],
+    };
     let (systematic, spread) = (Systematic::of(&expected.settings), scatter.in_motion(&motion));
     let budget = match want.place {
         0 => systematic.inertance(&found, &spread, &motion),
         1 => systematic.viscous(&found, &spread, &motion),
-        2 => systematic.coulomb(&found, &spread),
+        2 => systematic.coulomb(&found, &spread, &motion),
         _ => systematic.offset(&found, &spread),
     };
     let shared = [Source::Gain, Source::Lead, Source::Timebase].map(|source| f64::from(budget.given_u95(source)));

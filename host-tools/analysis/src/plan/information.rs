@@ -37,6 +37,8 @@ pub(super) struct Together {
     repeats: f64,
     /// Mean squares of the motion's frequency, weighted by the squared acceleration and velocity \[rad^2/s^2\].
     squares: [f64; 2],
+    /// Viscous and Coulomb friction that the second derivative of the force is taken for \[N s/m and N, per N/s^2\].
+    friction_in_curvature: [f64; 2],
 }
 
 /// What they tell.
@@ -65,13 +67,15 @@ impl Information {
 impl Together {
     /// All that was seen.
     pub fn of(seen: &Seen) -> Self {
-        let Motion { repeats, flanks_part, frequency_squared, low_squared } = seen.outcome.motion;
+        let Motion { repeats, flanks_part, frequency_squared, low_squared, friction_in_curvature } =
+            seen.outcome.motion;
         Self {
             products: seen.products,
             away: [None; 2],
             flanks_part,
             repeats: repeats.into(),
             squares: [frequency_squared.into(), low_squared.into()],
+            friction_in_curvature: friction_in_curvature.map(f64::from),
         }
     }
 
@@ -105,12 +109,17 @@ impl Together {
             if a + b > 0.0 { (a * self.squares[i] + b * other.squares[i]) / (a + b) } else { self.squares[i] }
         };
         let (a, b) = (mine.updates(), others.updates());
+        let by_length = |mine: f64, others: f64, of_none: f64| {
+            if a + b > 0.0 { (a * mine + b * others) / (a + b) } else { of_none }
+        };
         Self {
             products: std::array::from_fn(|bank| self.products[bank].and(&other.products[bank])),
             away: [None; 2],
             flanks_part: self.flanks_part || other.flanks_part,
-            repeats: if a + b > 0.0 { (a * self.repeats + b * other.repeats) / (a + b) } else { 1.0 },
+            repeats: by_length(self.repeats, other.repeats, 1.0),
             squares: [mean(0), mean(1)],
+            friction_in_curvature: [0, 1]
+                .map(|i| by_length(self.friction_in_curvature[i], other.friction_in_curvature[i], 0.0)),
         }
     }
 
@@ -165,6 +174,7 @@ impl Together {
             flanks_part: self.flanks_part,
             frequency_squared: self.squares[0] as f32,
             low_squared: self.squares[1] as f32,
+            friction_in_curvature: self.friction_in_curvature.map(|taken| taken as f32),
         };
         let spread = solution.scatter.in_motion(&motion);
         let systematic = Systematic::of(settings);
@@ -173,7 +183,7 @@ impl Together {
         let mut budgets = [
             systematic.inertance(inertance, &spread, &motion),
             systematic.viscous(viscous, &spread, &motion),
-            systematic.coulomb(coulomb, &spread),
+            systematic.coulomb(coulomb, &spread, &motion),
             systematic.offset(offset, &spread),
         ];
         if let Some(away) = self.away[place].as_ref().and_then(solved) {

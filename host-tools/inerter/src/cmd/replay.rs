@@ -195,7 +195,7 @@ fn uncertainty(outcome: &Outcome, judged: [Judged; 4]) -> UncertaintyJson {
         let assumes = assumes.into_iter().map(|kind| kind.name()).collect();
         BudgetJson::new(&budget, moved_by.map(|kind| kind.name()), assumes)
     });
-    UncertaintyJson::new(budgets, correlation)
+    UncertaintyJson::new(budgets, &outcome.budgets.contact, correlation)
 }
 
 /// What is wrong with the samples, where the event says it.

@@ -1,7 +1,7 @@
 //! The page itself: one file, nothing to load, light and dark, and on paper.
 
-use inerter_analysis::diagnose::{Judged, assumptions, widened};
-use inerter_core::{Budget, LawStatus, Machine, Regime, Settings, Source};
+use inerter_analysis::diagnose::{assumptions, widened};
+use inerter_core::{Budget, ContactBudgets, LawStatus, Machine, Regime, Settings, Source};
 use inerter_data::{
     causes,
     json::{Shown, bank_word},
@@ -12,7 +12,7 @@ use inerter_data::{
 };
 use inerter_wire::{
     Hello, WIRE_VERSION,
-    catalogue::{self, Group},
+    catalogue::{self, Field, Group, fields},
 };
 use maud::{DOCTYPE, Markup, PreEscaped, html as markup};
 
@@ -167,15 +167,19 @@ fn results(content: &Content) -> Markup {
 fn budgets(content: &Content) -> Markup {
     let machine = content.run.settings.machine;
     let judged = &content.judged;
-    let has_part = |source: &Source| judged.iter().any(|one| parts(&one.budget).any(|(other, _)| other == *source));
+    let ContactBudgets { backlash_m, stiffness_n_per_m, damping_n_s_per_m } = content.outcome.budgets.contact;
+    let of_contact = fields(machine, Group::Detail).filter(|field| matches!(field.symbol, "eps" | "ks" | "cs"));
+    let rows: Vec<(&Field, Budget)> = fields(machine, Group::Parameter)
+        .zip(judged.iter().map(|one| Some(one.budget)))
+        .chain(of_contact.zip([backlash_m, stiffness_n_per_m, damping_n_s_per_m]))
+        .filter_map(|(field, budget)| Some((field, budget?)))
+        .filter(|(_, budget)| budget.u95().is_finite())
+        .collect();
+    let has_part = |source: &Source| rows.iter().any(|(_, budget)| parts(budget).any(|(other, _)| other == *source));
     let sources: Vec<Source> = Source::ALL.into_iter().filter(has_part).collect();
     let part = |budget: &Budget, source: Source| {
         parts(budget).find(|(other, _)| *other == source).map(|(_, u95)| two_digits(u95)).unwrap_or_default()
     };
-    let rows: Vec<_> = catalogue::fields(machine, Group::Parameter)
-        .zip(judged)
-        .filter(|(_, one)| one.budget.u95().is_finite())
-        .collect();
     markup! {
         section #budget {
             h2 { "What the intervals are made of" }
@@ -188,7 +192,7 @@ fn budgets(content: &Content) -> Markup {
                     th.number scope="col" { "on one rig" }
                 } }
                 tbody {
-                    @for (field, Judged { budget, .. }) in &rows {
+                    @for (field, budget) in &rows {
                         tr {
                             th scope="row" { (field.label) }
                             td { (field.unit) }

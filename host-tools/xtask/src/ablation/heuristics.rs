@@ -174,6 +174,16 @@ pub const HEURISTICS: &[Heuristic] = &[
         "6: 5 % of the structure where flanks may part",
         &[("constants.rs", "pub const STRUCTURE_MODEL_U95: f64 = 0.05;", "pub const STRUCTURE_MODEL_U95: f64 = 0.0;")],
     ),
+    tested(
+        "a_stiffness_as_wrong_as_it_is_stated_breaks_no_law_and_is_in_the_friction",
+        "6: a stiffness within its interval explains a residual",
+        &[("systematic.rs", "if bent.is_finite() {", "if bent.is_nan() {")],
+    ),
+    tested(
+        "a_stiffness_as_wrong_as_it_is_stated_breaks_no_law_and_is_in_the_friction",
+        "6: and is in Coulomb friction",
+        &[("systematic.rs", "if per_compliance == 0.0 {", "if per_compliance < f32::INFINITY {")],
+    ),
     one(
         "7: a skew is undone by whole samples first",
         &[("settings.rs", "let whole = (samples + half) as i32;", "let whole = (0.0 * (samples + half)) as i32;")],
@@ -184,16 +194,24 @@ pub const HEURISTICS: &[Heuristic] = &[
         &[("backlash/active.rs", "const GUARD_S: f32 = 0.004;", "const GUARD_S: f32 = 0.0;")],
     ),
     one(
-        "8: a pattern of steps is held to be worth 16",
-        &[("backlash/report.rs", "const PATTERNS: f32 = 16.0;", "const PATTERNS: f32 = 1e9;")],
+        "8: strokes that come again repeat the encoder's steps in the backlash",
+        &[("backlash/report.rs", "let share = (repeats - 1.0) / sums.accepted as f32;", "let share: f32 = 0.0;")],
+    ),
+    one(
+        "8: the same with the sensor, and 8 patterns at most",
+        &[(
+            "backlash/report.rs",
+            "let share = greater((repeats - 1.0) / reversals as f32, 1.0 / patterns);",
+            "let share = 0.0 * patterns;",
+        )],
     ),
     one(
         "8: reversals far from the median are left out",
         &[("backlash/pool.rs", "const OUTLIER: u64 = 35;", "const OUTLIER: u64 = 35_000_000;")],
     ),
     one(
-        "8: half a count stays uncertain",
-        &[("backlash/report.rs", "const COUNT_PART: f32 = 0.5;", "const COUNT_PART: f32 = 0.0;")],
+        "8: a part of a count stays uncertain",
+        &[("backlash/report.rs", "const COUNT_PART: f32 = 0.4;", "const COUNT_PART: f32 = 0.0;")],
     ),
     one(
         "9: a change of the device begins anew",
