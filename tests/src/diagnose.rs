@@ -206,6 +206,11 @@ impl Case {
         Ok(suspected(&Series::of(&run), &run.settings, &outcome.published()))
     }
 
+    /// What the estimator comes to in one run.
+    pub fn estimated(&self, motion: &Motion, seed: u64) -> Result<Outcome, Error> {
+        Ok(self.run(motion, seed, true)?.1)
+    }
+
     /// One run, the causes that are told of it unasked, and its parameters by the samples.
     pub fn replayed(&self, motion: &Motion, seed: u64) -> Result<Replayed, Error> {
         let (run, outcome) = self.run(motion, seed, true)?;

@@ -15,6 +15,7 @@ pub mod grid;
 pub mod identified;
 pub mod identify;
 pub mod linear;
+pub mod nearly;
 pub mod plan;
 pub mod qemu;
 pub mod reference;
