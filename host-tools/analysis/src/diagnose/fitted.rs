@@ -12,7 +12,7 @@ use super::{
 };
 use crate::fit::{Beside, Judge};
 
-/// What friction at the reversals makes of a skew \[s\], at most (docs/THEORY.md, 10).
+/// What friction at the reversals makes of a skew \[s\], at most (docs/THEORY.md, 14).
 const SKEW_MODEL_U95_S: f64 = 13e-6;
 /// What another length of a turn may leave over beyond the one that leaves least, in squares of noise, to be possible: it is less
 /// likely by a factor of 150.

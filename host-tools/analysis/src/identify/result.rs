@@ -66,7 +66,7 @@ impl From<&Parameters> for ModelParameters {
 pub enum FoundStatus {
     /// Value and interval hold.
     Ok,
-    /// Backlash: value and interval hold, and there may be none.
+    /// Value and interval hold, and there may be none.
     BelowU95,
     /// As the settings say: the data add little or nothing.
     Given,
