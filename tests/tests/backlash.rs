@@ -366,13 +366,13 @@ fn a_wrong_damping_moves_little() {
     }
 }
 
-/// A gap that nothing tells of, as the stiffness is not known, moves no friction beyond its interval more often than chance does.
+/// A gap that nothing tells of, as the stiffness is not known, moves no parameter beyond its interval in more than 3 of 8 runs of a motion.
 #[test]
 fn a_gap_that_is_not_seen_is_within_the_intervals() {
     // A load cell that bears no structure: without a stiffness the structure has an interval of its own.
     let device = Inerter { structure_mass_kg: 0.0, ..worn(10e-6) };
-    let (mut given, mut held) = (0, 0);
     for motion in MOTIONS.iter().filter(|motion| motion.name != "slow") {
+        let mut beyond = [0; 3];
         for seed in 1..=8 {
             let sensors = Sensors { force_noise_n: 1.0, ..instruments(&RIG, seed) };
             let unknown = Settings { stiffness_n_per_m: 0.0, ..stated_true(settings(&device, &sensors)) };
@@ -383,14 +383,14 @@ fn a_gap_that_is_not_seen_is_within_the_intervals() {
             }
             let published = active.publish(&state);
             assert_eq!(published.detail.contact, Contact::Unknown);
-            for (found, truth) in three(&published.estimate.whole_run).into_iter().zip(truth(&device)) {
-                let Some(Interval { value, u95 }) = found.known() else { continue };
-                given += 1;
-                held += u32::from((f64::from(value) - truth).abs() <= f64::from(u95));
+            let found = three(&published.estimate.whole_run).into_iter().zip(truth(&device));
+            for ((found, truth), beyond) in found.zip(&mut beyond) {
+                let Interval { value, u95 } = found.known().unwrap();
+                *beyond += u32::from((f64::from(value) - truth).abs() > f64::from(u95));
             }
         }
+        assert!(beyond.iter().all(|runs| *runs <= 3), "{}: {beyond:?}", motion.name);
     }
-    assert!(given > 100 && 100 * held >= 93 * given, "{held} of {given}");
 }
 
 /// A stiffness that is wrong by its uncertainty moves the backlash by no more than the interval says.

@@ -55,9 +55,9 @@ impl Peaks {
                 tried.set_by_name(name, scale).is_ok() && tried.validate().is_ok()
             };
             // Settings that are wrong already are told of as they are.
-            let any = settings.validate().is_err();
+            let is_wrong_already = settings.validate().is_err();
             let is_raised = |scale: f64| settings.get(name).is_some_and(|before| scale > before);
-            while is_raised(scale) && !any && !is_usable(scale) {
+            while is_raised(scale) && !is_wrong_already && !is_usable(scale) {
                 scale *= 0.5;
             }
             if is_raised(scale) {

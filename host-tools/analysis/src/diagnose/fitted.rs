@@ -135,7 +135,8 @@ fn corrected(rows: &Rows, settings: &Settings, detail: &Detail, law: &Model, err
     let found = [0, 1, 2, 3].map(|i| Estimated {
         value: law.value(i) as f32,
         error: errors[i] as f32,
-        per_skew: moved.get(i).copied().unwrap_or_default() as f32,
+        // The column is that of a force that is late.
+        per_skew: -moved.get(i).copied().unwrap_or_default() as f32,
         steps: steps.get(i).copied().unwrap_or_default().abs() as f32,
     });
     // What breaks the law is in the fit, and steps that repeat are in its errors.

@@ -77,7 +77,7 @@ pub fn widened(machine: Machine, whole_run: &Parameters, all: &[Judged; 4]) -> O
     });
     let told: String = told.collect();
     (!told.is_empty())
-        .then(|| format!("The samples show causes that are too small to be named; for what these may do, 95 % intervals are wider.{told}"))
+        .then(|| format!("The samples cannot rule out causes that are too small to be named; 95 % intervals are wider for them.{told}"))
 }
 
 /// The parameters of the whole run with what the samples tell of a law that is nearly true; of a run too short for that, as the

@@ -105,6 +105,12 @@ impl Found {
     pub fn known(value: f64, u95: f64) -> Self {
         Self { value: Some(value), u95: Some(u95), profile: None, status: FoundStatus::Ok, reason: None }
     }
+
+    /// The same, a bound where it is smaller than its interval.
+    pub(super) fn bounded(self) -> Self {
+        let is_below = self.value.zip(self.u95).is_some_and(|(value, u95)| value.abs() < u95);
+        Self { status: if is_below { FoundStatus::BelowU95 } else { self.status }, ..self }
+    }
 }
 
 /// All parameters, named as in [`Parameters`].

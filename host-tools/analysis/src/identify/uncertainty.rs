@@ -211,7 +211,7 @@ impl Errors {
                 }
                 Some(_) => found,
                 None if name == Name::Skew && u95 > 20e-6 => cannot(),
-                None => self.bound(name, found, u95, cannot),
+                None => self.bound(name, found, cannot),
             },
             Name::Backlash => {
                 let steps = stretches.iter().fold(0.0, |most: f64, prepared| most.max(prepared.step_m));
@@ -227,18 +227,14 @@ impl Errors {
                     () => found,
                 }
             }
-            _ => self.bound(name, found, u95, cannot),
+            _ => self.bound(name, found, cannot),
         }
     }
 
     /// What is smaller than its interval is a bound, but where another parameter may stand for it.
-    fn bound(&self, name: Name, found: Found, u95: f64, cannot: impl Fn() -> Found) -> Found {
-        let is_below = found.value.is_none_or(|value| value.abs() < u95);
-        match self.partner(name) {
-            Some(_) if is_below => cannot(),
-            None if is_below => Found { status: FoundStatus::BelowU95, ..found },
-            Some(_) | None => found,
-        }
+    fn bound(&self, name: Name, found: Found, cannot: impl Fn() -> Found) -> Found {
+        let found = found.bounded();
+        if found.status == FoundStatus::BelowU95 && self.partner(name).is_some() { cannot() } else { found }
     }
 
     /// Parameters whose parabola may not do, weakest first.
