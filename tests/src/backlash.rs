@@ -1,5 +1,6 @@
 //! Backlash on the accuracy grid: every width, by the force alone and with the terminal's own sensor.
 
+use crate::coverage::stated_true;
 use crate::grid::{self, Error, Instruments, calibrated, raw};
 use inerter_core::{Detail, Interval, Reversal, Settings, State};
 use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
@@ -44,13 +45,7 @@ pub fn instruments(rig: &Instruments, seed: u64) -> Sensors {
 
 /// Settings of a device calibrated against these instruments, its stiffness known to 0.1 %.
 pub fn settings(device: &Inerter, sensors: &Sensors) -> Settings {
-    Settings {
-        force_gain_u95: 0.0,
-        lead_u95: 0.0,
-        timebase_u95: 0.0,
-        stiffness_u95_n_per_m: 1e-3 * device.stiffness_n_per_m,
-        ..calibrated(device, sensors)
-    }
+    Settings { stiffness_u95_n_per_m: 1e-3 * device.stiffness_n_per_m, ..stated_true(calibrated(device, sensors)) }
 }
 
 /// Shakes a device with and without its sensor.

@@ -91,19 +91,19 @@ pub fn sections(first: u64, seeds: u64) -> Result<(String, Figure), Error> {
     let mut panels = Vec::new();
     for violation in &VIOLATIONS {
         text += &format!(
-            "\n### {}\n\n| motion | size in U95 | size {} | told % | mt covered % | cf | fc | error/U95 |\n|---|--:|--:|--:|--:|--:|--:|---|\n",
+            "\n### {}\n\n| motion | size | in U95 | {} | told % | mt covered % | cf | fc | error/U95 |\n|---|--:|--:|--:|--:|--:|--:|--:|---|\n",
             violation.name, violation.unit
         );
         let mut layers = vec![Layer::unnamed(Colour::Grid, Shape::Level(WANTED, Stroke::Dashed))];
         for (motion, colour) in MOTIONS.iter().zip(COLOURS) {
             eprintln!("{}: {}", violation.name, motion.name);
             let mut points = Vec::new();
-            for (in_u95, size) in violation.sizes(motion, first)? {
+            for (wanted, in_u95, size) in violation.sizes(motion, first)? {
                 let case = (violation.case)(clean_case(1.0, 1000.0), size);
                 let runs = each_seed(seeds, |seed| told(violation.kind, &case, motion, first + seed - 1))?;
                 let row = Row::of(&runs, &mut count);
                 points.extend(row.least_held.map(|held| (in_u95, held)));
-                text += &row.line(motion.name, in_u95, size);
+                text += &row.line(motion.name, wanted, in_u95, size);
             }
             layers.push(Layer::new(motion.name, colour, Shape::Line(points, Stroke::Solid)));
         }
@@ -129,8 +129,8 @@ pub fn sections(first: u64, seeds: u64) -> Result<(String, Figure), Error> {
 }
 
 impl Violation {
-    /// Sizes that move the parameter that is moved most by [`SIZES`], with what they move it by, as far as there are such sizes.
-    fn sizes(&self, motion: &Motion, first: u64) -> Result<Vec<(f64, f64)>, Error> {
+    /// [`SIZES`], what was reached of each, and the size that does it, as far as there are such sizes.
+    fn sizes(&self, motion: &Motion, first: u64) -> Result<Vec<(f64, f64, f64)>, Error> {
         let clean = clean_case(1.0, 1000.0);
         let without = each_seed(PAIRS, |seed| Ok(clean.estimated(motion, first + seed - 1)?.estimate.whole_run))?;
         let moved = |size: f64| -> Result<f64, Error> {
@@ -151,7 +151,7 @@ impl Violation {
                 size = (size * wanted / is).clamp(least, most);
                 is = moved(size)?;
             }
-            found.push((is, size));
+            found.push((wanted, is, size));
             if size >= most {
                 break;
             }
@@ -163,7 +163,8 @@ impl Violation {
 /// Most that one of the three is moved by, in half widths of its interval without.
 fn moved_most(with: &Parameters, without: &Parameters) -> f64 {
     let pairs = three(with).into_iter().zip(three(without));
-    let moved = pairs.map(|(with, without)| (with.fitted().value - without.fitted().value).abs() / without.u95());
+    let told = pairs.filter(|(with, without)| with.u95().is_finite() && without.u95().is_finite());
+    let moved = told.map(|(with, without)| (with.fitted().value - without.fitted().value).abs() / without.u95());
     f64::from(moved.fold(0.0, f32::max))
 }
 
@@ -216,10 +217,11 @@ impl Row {
         Self { told_percent, parts, ratios: ratios.join(", "), least_held }
     }
 
-    fn line(&self, motion: &str, in_u95: f64, size: f64) -> String {
+    fn line(&self, motion: &str, wanted: f64, in_u95: f64, size: f64) -> String {
         let [mt, cf, fc] = &self.parts;
         sheet::line(&[
             motion.into(),
+            wanted.to_string(),
             format!("{in_u95:.1}"),
             significant(size),
             format!("{:.0}", self.told_percent),
@@ -241,9 +243,9 @@ mod tests {
         let motion = MOTIONS.iter().find(|motion| motion.name == "random").unwrap();
         let sizes = load.sizes(motion, 1).unwrap();
         assert_eq!(sizes.len(), SIZES.len());
-        for ((is, _), wanted) in sizes.iter().zip(SIZES) {
+        for (wanted, is, _) in &sizes {
             assert!((is / wanted - 1.0).abs() < 0.2, "{sizes:?}");
         }
-        assert!(sizes.windows(2).all(|pair| pair[0].1 < pair[1].1), "{sizes:?}");
+        assert!(sizes.windows(2).all(|pair| pair[0].2 < pair[1].2), "{sizes:?}");
     }
 }

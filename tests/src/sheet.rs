@@ -105,7 +105,7 @@ pub fn differences(committed: &str, now: &str, keys: usize) -> Vec<String> {
 fn rows(markdown: &str, keys: usize) -> Vec<Row> {
     let (mut section, mut head, mut rows) = ("", Vec::new(), Vec::new());
     for line in markdown.lines() {
-        if let Some(title) = line.strip_prefix("## ") {
+        if let Some(title) = line.strip_prefix("## ").or_else(|| line.strip_prefix("### ")) {
             (section, head) = (title, Vec::new());
         }
         let Some(line) = line.strip_prefix('|').and_then(|line| line.strip_suffix('|')) else {

@@ -436,6 +436,14 @@ fn a_structure_without_a_stiffness_widens_the_interval() {
         assert!((least_kg..=f64::from(found.u95())).contains(&off), "{motion}: {off} beyond {}", found.u95());
         let known = run(&exact, &samples).last.whole_run.inertance_kg;
         assert!(known.u95() < 0.2 * found.u95(), "{motion}: {known:?}");
+        // Friction takes its part of the structure's motion, and stays a value.
+        let Estimate { whole_run, .. } = run(&without, &samples).last;
+        let Inerter { viscous_n_s_per_m, coulomb_n, .. } = Inerter::paper();
+        for (found, truth) in [(whole_run.viscous_n_s_per_m, viscous_n_s_per_m), (whole_run.coulomb_n, coulomb_n)] {
+            let found = found.known().unwrap();
+            assert!((f64::from(found.value) - truth).abs() < f64::from(found.u95), "{motion}: {found:?}");
+        }
+        assert!(whole_run.coulomb_n.u95() < 10.0, "{motion}: {whole_run:?}");
     }
 }
 
@@ -454,9 +462,13 @@ fn a_stiffness_as_wrong_as_it_is_stated_breaks_no_law_and_is_in_the_friction() {
             let samples = samples(sensors, motion);
             let Outcome { last, law, .. } = run(&wrong, &samples);
             assert_eq!(law.status, LawStatus::Holds, "{motion} {part}: {law:?}");
-            let found = last.whole_run.coulomb_n.known().unwrap();
-            let off = (f64::from(found.value) - Inerter::paper().coulomb_n).abs();
-            assert!(off < f64::from(found.u95), "{motion} {part}: {found:?}");
+            let Inerter { viscous_n_s_per_m, coulomb_n, .. } = Inerter::paper();
+            let friction =
+                [(last.whole_run.viscous_n_s_per_m, viscous_n_s_per_m), (last.whole_run.coulomb_n, coulomb_n)];
+            for (found, truth) in friction {
+                let found = found.known().unwrap();
+                assert!((f64::from(found.value) - truth).abs() < f64::from(found.u95), "{motion} {part}: {found:?}");
+            }
         }
     }
 }

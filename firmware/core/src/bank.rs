@@ -94,6 +94,7 @@ impl BankState {
         self.take(config, cascades, good_samples)
     }
 
+    /// By itself, so that the samples between updates, which are most, do not pay for its registers.
     #[inline(never)]
     fn take(&mut self, config: &BankActive, cascades: &Cascades, good_samples: u32) -> bool {
         let output = self.comb.push(cascades);

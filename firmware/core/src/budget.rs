@@ -31,7 +31,8 @@ pub enum Source {
     Structure,
     /// The contact's stiffness, by which the structure's motion follows from the screw's.
     Stiffness,
-    /// A law that may not hold, by this run's own evidence.
+    /// A law that may not hold, by this run's own evidence. Of the contact: what higher degrees of the fit would change, and how far the noise of
+    /// the displacements weakens what it is multiplied by.
     Model,
 }
 

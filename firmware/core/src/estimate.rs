@@ -1,6 +1,7 @@
 //! What the estimator says, in SI units, and when it declines to.
 
-use crate::constants::{FAST_BOX_S, SLOW_BOX_S};
+use crate::constants::{self, FAST_BOX_S, SLOW_BOX_S};
+use crate::math::magnitude;
 
 /// Whether a parameter's value can be used.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -93,6 +94,11 @@ impl Parameter {
             Self::NotIdentifiable(_) | Self::Held(_) => None,
             Self::Ok(interval) => Some(interval),
         }
+    }
+
+    /// Value and interval where the latter is less than half of the former: what others may go on with.
+    pub fn usable(&self) -> Option<Interval> {
+        self.known().filter(|Interval { value, u95 }| *u95 < constants::WIDEST_INTERVAL as f32 * magnitude(*value))
     }
 
     /// Value, of now or of the last motion; none when not identifiable.

@@ -11,6 +11,9 @@ const STRUCTURE_MODEL_U95: f32 = constants::STRUCTURE_MODEL_U95 as f32;
 /// Model error of the structure mass where the contact's stiffness is not known: at the device's own frequency the terminal stands while the screw
 /// moves, and from there on moves against it. 1.5 holds up to 1.2 times that frequency.
 const LOOSE_STRUCTURE_U95: f32 = 1.5;
+/// Square of the frequency under which no device has its own [rad^2/s^2]: 5 Hz. Of a contact whose stiffness is not set it says how soft it is
+/// at most where the motion is slower.
+const LEAST_OWN_FREQUENCY_SQUARED: f32 = 987.0;
 /// Part of their share in the scatter that the encoder's steps have in a parameter, by the harmonics of a stroke. They are
 /// noise in the position, and in the acceleration they have most of it beyond the motion's own frequencies.
 const STEPS: f32 = 0.25;
@@ -173,7 +176,7 @@ impl Motion {
         [any, friction, friction, any]
     }
 
-    /// What the force of so much inertance bends each unit of the contact's compliance by, over the screw's own motion.
+    /// What the force of so much inertance stretches the contact by, over the screw's own motion, per unit of compliance [N/m].
     fn stretch_per_compliance(&self, inertance_kg: f32) -> f32 {
         magnitude(inertance_kg) * self.frequency_squared
     }
@@ -215,8 +218,8 @@ impl Systematic {
         }
     }
 
-    /// Variance that a skew and a stiffness within their intervals leave in the residual of a fit \[N^2\]; none by a stiffness that is
-    /// not stated at all; `late` and `curved` are the mean squares that the law leaves of the force's rate and of its second derivative.
+    /// Variance that a skew and a stiffness within their intervals leave in the residual of a fit \[N^2\]; none where no stiffness is
+    /// set; `late` and `curved` are the mean squares that the law leaves of the force's rate and of its second derivative.
     pub(crate) fn forgiven(&self, late: f32, curved: f32) -> f32 {
         let bent = self.structure_mass_kg * self.compliance_u95_m_per_n;
         square(self.skew_s) * late + if bent.is_finite() { square(bent) * curved } else { 0.0 }
@@ -252,8 +255,8 @@ impl Systematic {
         self.bent(self.common(found, spread, spread.tone), in_curvature, found, spread, motion)
     }
 
-    /// With what a wrong compliance takes, as the structure moves with the force's second derivative, and by the contact's damping with
-    /// its third, which is the first times the motion's frequency squared.
+    /// With what a wrong compliance takes: the structure moves with the force's second derivative and, by the contact's damping, against its
+    /// third, which is minus the first times the motion's frequency squared.
     fn bent(&self, budget: Budget, in_curvature: f32, found: &Found, spread: &Spread, motion: &Motion) -> Budget {
         let lag = self.damping_n_s_per_m * self.compliance_m_per_n;
         let per_compliance =
@@ -262,7 +265,8 @@ impl Systematic {
         if per_compliance == 0.0 {
             return budget;
         }
-        let loosest = LOOSE_STRUCTURE_U95 / motion.stretch_per_compliance(spread.inertance_kg);
+        let own = magnitude(spread.inertance_kg) * greater(motion.frequency_squared, LEAST_OWN_FREQUENCY_SQUARED);
+        let loosest = LOOSE_STRUCTURE_U95 / own;
         let known = self.compliance_u95_m_per_n;
         budget.and(Source::Stiffness, per_compliance * if known < loosest { known } else { loosest })
     }

@@ -54,7 +54,7 @@ impl ContactLaw {
             return Err(ContactError::NoSensor);
         }
         let (stiffness, damping) = (detail.stiffness_n_per_m, detail.contact_damping_n_s_per_m);
-        if stiffness.known().is_none() {
+        if stiffness.usable().is_none() {
             let reason = match detail.backlash.size {
                 BacklashSize::NotIdentifiable(reason) if detail.backlash.route == Route::Terminal => Some(reason),
                 _ => None,
@@ -79,7 +79,7 @@ impl ContactLaw {
     pub fn adopted_by(&self, settings: &Settings) -> Settings {
         let Interval { value, u95 } = self.stiffness.fitted();
         let (stiffness_n_per_m, stiffness_u95_n_per_m) = (borne(u95, value), borne(u95, u95));
-        let contact_damping_n_s_per_m = match self.damping.known() {
+        let contact_damping_n_s_per_m = match self.damping.usable() {
             None => settings.contact_damping_n_s_per_m,
             Some(Interval { value, u95 }) => borne(u95, value),
         };

@@ -1,7 +1,5 @@
 //! How fast a motion is, and whether the settings of full scale hold it: axes turn at tens of rad/s, inerters move at tenths of m/s.
 
-use std::iter::successors;
-
 use inerter_core::{Counters, Machine, Settings};
 
 use crate::{
@@ -51,19 +49,22 @@ impl Peaks {
             }
             let most =
                 Settings::find(name).and_then(|number| Settings::TABLE.get(number)).map_or(f64::MAX, |info| info.max);
-            let scale = (ROOM * peak).log2().ceil().exp2().min(most);
-            let is_usable = |scale: &f64| {
+            let mut scale = (ROOM * peak).log2().ceil().exp2().min(most);
+            let is_usable = |scale: f64| {
                 let mut tried = *settings;
-                tried.set_by_name(name, *scale).is_ok() && tried.validate().is_ok()
+                tried.set_by_name(name, scale).is_ok() && tried.validate().is_ok()
             };
-            let smaller = successors(Some(scale), |scale| Some(0.5 * scale));
-            let mut above = smaller.take_while(|scale| settings.get(name).is_some_and(|before| *scale > before));
-            let Some(scale) = above.find(|scale| settings.validate().is_err() || is_usable(scale)) else {
-                continue;
-            };
-            settings
-                .set_by_name(name, scale)
-                .map_err(|source| SettingsInputError::Value { origin: "the motion".into(), source })?;
+            // Settings that are wrong already are told of as they are.
+            let is_wrong_already = settings.validate().is_err();
+            let is_raised = |scale: f64| settings.get(name).is_some_and(|before| scale > before);
+            while is_raised(scale) && !is_wrong_already && !is_usable(scale) {
+                scale *= 0.5;
+            }
+            if is_raised(scale) {
+                settings
+                    .set_by_name(name, scale)
+                    .map_err(|source| SettingsInputError::Value { origin: "the motion".into(), source })?;
+            }
         }
         Ok(())
     }

@@ -93,21 +93,22 @@ fn run() -> Result<bool, Error> {
     sheet::conclude("coverage", &text, 2, update)
 }
 
-/// Backlash, stiffness and damping of the contact, known without error.
+/// Backlash, stiffness and damping of the contact, on a rig whose settings are true.
 fn contacts() -> Result<String, Error> {
     let (first, seeds) = CONTACT;
     let mut text = format!(
         "
 ## Contact
 
-Backlash by the force alone, and with the terminal's sensor together with stiffness and damping: {seeds} runs of each motion, seeds from {first} on, the rest as above but a stiffness known to 0.1 %. U95 in um and in per cent.
-A structure of 1.5 kg. Refused runs are not counted.
-
-| rig | motion | backlash um | by force: U95 | rms | covered % | with sensor: U95 | rms | covered % | stiffness: U95 % | rms | covered % | damping: U95 % | rms | covered % |
-|---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|
+Backlash by the force alone, with a stiffness that is known to 0.1 %; and by the terminal's sensor, with stiffness and damping: {seeds} runs of each motion, seeds from {first} on, all else that the settings state true to the last
+digit. U95 of a backlash in um, the others in per cent. Runs that refuse are not counted.
 "
     );
     for rig in [&RIGS[0], &RIGS[RIGS.len() - 1]] {
+        text += &format!(
+            "\n### Contact, {}\n\n| motion | backlash um | by force: U95 | rms | covered % | by sensor: U95 | rms | covered % | stiffness: U95 % | rms | covered % | damping: U95 % | rms | covered % |\n|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|\n",
+            rig.name
+        );
         for motion in &MOTIONS {
             for backlash_m in [0.0, 20e-6, 100e-6] {
                 eprintln!("contact: {} {} {:.0} um", rig.name, motion.name, backlash_m * 1e6);
@@ -135,7 +136,7 @@ A structure of 1.5 kg. Refused runs are not counted.
                     of(contact(|detail| detail.stiffness_n_per_m), stiffness, 100.0 / stiffness),
                     of(contact(|detail| detail.contact_damping_n_s_per_m), damping, 100.0 / damping),
                 ];
-                let head = [rig.name.to_string(), motion.name.into(), format!("{:.0}", backlash_m * 1e6)];
+                let head = [motion.name.to_string(), format!("{:.0}", backlash_m * 1e6)];
                 text += &sheet::line(&head.into_iter().chain(figures.into_iter().flatten()).collect::<Vec<_>>());
             }
         }
@@ -253,8 +254,8 @@ fn nearly(update: bool) -> Result<String, Error> {
         "
 ## A law that is nearly true
 
-The first bench with one violation of the law, {seeds} runs of each size, seeds from {first} on; [a figure](../coverage.svg). *size in U95*: what it moves the parameter that it moves most by, over the half width of that one's interval
-without the violation. Where the greatest size that is sought moves less, it is the last. *told*: runs in which the law is called broken, or a cause is named unasked, or friction is
+The first bench with one violation of the law, {seeds} runs of each size, seeds from {first} on; [a figure](../coverage.svg). *size*: what it is to move the parameter that it moves most by, in half widths of that one's interval
+without the violation; *in U95*: what the size in the next column does move it by. Where the greatest that is sought moves it by less, it is the last. *told*: runs in which the law is called broken, or a cause is named unasked, or friction is
 called presliding or Stribeck's. The others are silent. Of these, each cell gives two percentages: truths that the device's interval holds, and truths that the interval of `replay` holds, which looks at the samples as well
 (`uncertainty`, [THEORY](../THEORY.md), 14). An asterisk: the motion does not tell the violation from the parameter, and `replay` says that the parameter rests on its absence (`assumes`).
 *error/U95*: root mean square, by `replay`'s interval. A skew as large as it is stated is among the settings that are wrong, above.

@@ -3,7 +3,7 @@
 use crate::backlash::active::BacklashActive;
 use crate::backlash::step::Fit;
 use crate::backlash::terminal::{Crossing, Terminal};
-use crate::constants;
+use crate::budget::NORMAL_COVERAGE;
 use crate::detail::{Reason, Reversal, Route};
 use crate::ldl::{FACTOR_BITS, UNKNOWNS, solve};
 use crate::math::{greater, power, sqrt, square};
@@ -21,7 +21,6 @@ const DROWNED: f32 = 0.5;
 const FEWEST_BLOCKS: u32 = 16;
 /// Part of the blocks by which they grow until the contact's law is solved anew.
 const LAW_GROWTH: u32 = 4;
-const COVERAGE: f32 = constants::COVERAGE as f32;
 
 /// What the contact's stretch and force have to do with each other, by the terminal's sensor, in its least squares' units.
 #[derive(Clone, Copy, Debug)]
@@ -104,7 +103,7 @@ impl Freed {
         let variance = self.solved.residual * square(compliance);
         // The noise of the stretch weakens the stiffness by its part of what the stretch says for itself.
         let ([_, least], [_, most]) = (self.noise, self.most);
-        let weakened = (most - least) / (COVERAGE * self.own_stretch);
+        let weakened = (most - least) / (NORMAL_COVERAGE * self.own_stretch);
         let error = self.solved.errors[1].map_or(0.0, |error| error * compliance);
         let relative = square(error) + square(weakened);
         Law { lag: damping * compliance, compliance, variance, relative, ..Law::UNKNOWN }

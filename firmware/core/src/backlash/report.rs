@@ -230,12 +230,12 @@ impl BacklashActive {
         let gain = self.scales.gain_u95;
         let of_stiffness = Budget::of_scatter(stiffness_error, freedom)
             .and(Source::Encoder, stiffness_by_count)
-            .and(Source::Encoder, more_stiffness - stiffness)
+            .and(Source::Model, more_stiffness - stiffness)
             .and(Source::Lead, false_stiffness)
             .and(Source::Gain, stiffness * gain);
         let of_damping = Budget::of_scatter(damping_error, freedom)
             .and(Source::Encoder, by_count(own_rate, DAMPING_COUNT_PART))
-            .and(Source::Encoder, more_damping - damping)
+            .and(Source::Model, more_damping - damping)
             .and(Source::Lead, false_damping)
             .and(Source::Gain, damping * gain)
             .and(Source::Model, damping * DAMPING_MODEL_U95);
@@ -249,7 +249,7 @@ impl BacklashActive {
         let apart = (mean(2, 1) - mean(3, 1) * (mean(3, 2) / mean(3, 3))) / ONE as f32 - 0.5 * backlash * block;
         let scatter = square(per_side * side_error) + square(stiffness_error / stiffness * backlash);
         let of_backlash = Budget::of_scatter(sqrt(scatter), freedom)
-            .and(Source::Encoder, per_side * (more_side - side))
+            .and(Source::Model, per_side * (more_side - side))
             .and(Source::Encoder, 2.0 * apart / (block * stiffness) * stiffness_by_count)
             .and(Source::Encoder, SENSED_COUNT_PART * count)
             .and(Source::Lead, per_side * false_side);

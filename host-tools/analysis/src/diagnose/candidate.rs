@@ -218,7 +218,7 @@ impl Candidate {
             Term::Turning(_) | Term::Bending(_) => (0.0..MOST_TURN * coulomb_n).contains(&size),
             Term::Square | Term::Bent => size > 0.0,
             Term::Told(..) => size.abs() < MOST_WRONG,
-            // Friction at the reversals looks like a skew of some microseconds (docs/THEORY.md, 7).
+            // Friction at the reversals looks like a skew of some microseconds (docs/THEORY.md, 14).
             Term::Skew => size.abs() >= LEAST_SKEW_S,
             _ => true,
         }

@@ -12,7 +12,7 @@ use super::{
 };
 use crate::fit::{Beside, Judge};
 
-/// What friction at the reversals makes of a skew \[s\], at most (docs/THEORY.md, 10).
+/// What friction at the reversals makes of a skew \[s\], at most (docs/THEORY.md, 14).
 const SKEW_MODEL_U95_S: f64 = 13e-6;
 /// What another length of a turn may leave over beyond the one that leaves least, in squares of noise, to be possible: it is less
 /// likely by a factor of 150.
@@ -135,7 +135,8 @@ fn corrected(rows: &Rows, settings: &Settings, detail: &Detail, law: &Model, err
     let found = [0, 1, 2, 3].map(|i| Estimated {
         value: law.value(i) as f32,
         error: errors[i] as f32,
-        per_skew: moved.get(i).copied().unwrap_or_default() as f32,
+        // The column is that of a force that is late.
+        per_skew: -moved.get(i).copied().unwrap_or_default() as f32,
         steps: steps.get(i).copied().unwrap_or_default().abs() as f32,
     });
     // What breaks the law is in the fit, and steps that repeat are in its errors.

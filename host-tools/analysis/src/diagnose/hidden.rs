@@ -77,7 +77,7 @@ pub fn widened(machine: Machine, whole_run: &Parameters, all: &[Judged; 4]) -> O
     });
     let told: String = told.collect();
     (!told.is_empty())
-        .then(|| format!("By the samples 95 % intervals are wider, as the law may be true only nearly.{told}"))
+        .then(|| format!("The samples cannot rule out causes that are too small to be named; 95 % intervals are wider for them.{told}"))
 }
 
 /// The parameters of the whole run with what the samples tell of a law that is nearly true; of a run too short for that, as the

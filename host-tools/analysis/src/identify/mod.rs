@@ -258,32 +258,33 @@ fn task(runs: &[Run], options: &Options) -> Task {
 
 /// Where to begin: what the estimator says of the files, each parameter from the file that knows it best.
 fn start(runs: &[Run], lines: &[Linear]) -> Parameters {
-    let best = |of: &dyn Fn(&Linear) -> Parameter| -> Option<f64> {
-        let known = lines.iter().filter_map(|line| of(line).known()).filter(|known| known.value.is_finite());
+    let best = |of: &dyn Fn(&Linear) -> Option<Interval>| -> Option<f64> {
+        let known = lines.iter().filter_map(of).filter(|known| known.value.is_finite());
         known.min_by(|a, b| (a.u95 / a.value.abs()).total_cmp(&(b.u95 / b.value.abs()))).map(|p| f64::from(p.value))
     };
     let settings = runs.first().map(|run| run.settings).unwrap_or_default();
     let set = |value: f64| Some(value).filter(|value| *value > 0.0);
     let backlash =
         lines.iter().filter_map(|line| line.outcome.detail.backlash.known()).min_by(|a, b| a.u95.total_cmp(&b.u95));
-    let inertance = best(&|line| line.outcome.estimate.whole_run.inertance_kg)
+    let inertance = best(&|line| line.outcome.estimate.whole_run.inertance_kg.known())
         .filter(|mass| *mass > 0.0)
         .or_else(|| runs.iter().find_map(rough_inertance_kg))
         .unwrap_or(1.0);
-    let stiffness = best(&|line| line.outcome.detail.stiffness_n_per_m).or_else(|| set(settings.stiffness_n_per_m));
+    let stiffness =
+        best(&|line| line.outcome.detail.stiffness_n_per_m.usable()).or_else(|| set(settings.stiffness_n_per_m));
     let stiffness = stiffness.filter(|stiffness| *stiffness > 0.0).unwrap_or(0.0);
-    let damping = best(&|line| line.outcome.detail.contact_damping_n_s_per_m).filter(|damping| *damping > 0.0);
+    let damping = best(&|line| line.outcome.detail.contact_damping_n_s_per_m.usable()).filter(|damping| *damping > 0.0);
     Parameters {
         inertance_kg: inertance,
-        viscous_n_s_per_m: best(&|line| line.outcome.estimate.whole_run.viscous_n_s_per_m).unwrap_or(0.0),
-        coulomb_n: best(&|line| line.outcome.estimate.whole_run.coulomb_n).unwrap_or(0.0).max(0.0),
+        viscous_n_s_per_m: best(&|line| line.outcome.estimate.whole_run.viscous_n_s_per_m.known()).unwrap_or(0.0),
+        coulomb_n: best(&|line| line.outcome.estimate.whole_run.coulomb_n.known()).unwrap_or(0.0).max(0.0),
         stiffness_n_per_m: stiffness,
         contact_damping_n_s_per_m: damping
             .or_else(|| set(settings.contact_damping_n_s_per_m))
             .unwrap_or_else(|| light_damping(stiffness, inertance)),
         backlash_m: backlash.map_or(0.0, |known| f64::from(known.value)).max(0.0),
         structure_mass_kg: settings.structure_mass_kg,
-        offset_n: best(&|line| line.outcome.estimate.whole_run.offset_n).unwrap_or(0.0),
+        offset_n: best(&|line| line.outcome.estimate.whole_run.offset_n.known()).unwrap_or(0.0),
         skew_s: settings.skew_s,
     }
 }
@@ -393,9 +394,9 @@ fn linear_only(runs: &[Run], lines: Vec<Linear>, notes: Vec<String>) -> Result<I
         _ => None,
     };
     let parameters = FoundParameters {
-        inertance_kg: found(law.inertance_kg, "inertance"),
-        viscous_n_s_per_m: found(law.viscous_n_s_per_m, "viscous friction"),
-        coulomb_n: found(law.coulomb_n, "Coulomb friction"),
+        inertance_kg: found(law.inertance_kg, "inertance").bounded(),
+        viscous_n_s_per_m: found(law.viscous_n_s_per_m, "viscous friction").bounded(),
+        coulomb_n: found(law.coulomb_n, "Coulomb friction").bounded(),
         stiffness_n_per_m: no_terminal(),
         contact_damping_n_s_per_m: no_terminal(),
         backlash_m: backlash,

@@ -66,7 +66,7 @@ impl From<&Parameters> for ModelParameters {
 pub enum FoundStatus {
     /// Value and interval hold.
     Ok,
-    /// Backlash: value and interval hold, and there may be none.
+    /// Value and interval hold, and there may be none.
     BelowU95,
     /// As the settings say: the data add little or nothing.
     Given,
@@ -104,6 +104,12 @@ impl Found {
     /// One with an interval.
     pub fn known(value: f64, u95: f64) -> Self {
         Self { value: Some(value), u95: Some(u95), profile: None, status: FoundStatus::Ok, reason: None }
+    }
+
+    /// The same, a bound where it is smaller than its interval.
+    pub(super) fn bounded(self) -> Self {
+        let is_below = self.value.zip(self.u95).is_some_and(|(value, u95)| value.abs() < u95);
+        Self { status: if is_below { FoundStatus::BelowU95 } else { self.status }, ..self }
     }
 }
 

@@ -9,7 +9,7 @@
 //! the parameters scatter when the steps are those of an encoder elsewhere in its count.
 
 use inerter_core::Settings;
-use inerter_core::constants::{COVERAGE, WIDEST_INTERVAL};
+use inerter_core::constants::COVERAGE;
 use nalgebra::{DMatrix, DVector};
 
 use super::{
@@ -210,9 +210,8 @@ impl Errors {
                     Found { status: FoundStatus::Given, ..found }
                 }
                 Some(_) => found,
-                None if name == Name::Structure && u95 > WIDEST_INTERVAL * value.abs() => cannot(),
                 None if name == Name::Skew && u95 > 20e-6 => cannot(),
-                None => found,
+                None => self.bound(name, found, cannot),
             },
             Name::Backlash => {
                 let steps = stretches.iter().fold(0.0, |most: f64, prepared| most.max(prepared.step_m));
@@ -223,14 +222,19 @@ impl Errors {
                 let stretch = (span.1 - span.0) / fitted.state.parameters.stiffness_n_per_m;
                 match () {
                     () if !reverses => Found::unknown("the force never changes its sign: one flank carries it all"),
-                    () if u95 > 0.5 * stretch && u95 > WIDEST_INTERVAL * value => cannot(),
+                    () if u95 > 0.5 * stretch && u95 > value => cannot(),
                     () if value < u95 => Found { status: FoundStatus::BelowU95, ..found },
                     () => found,
                 }
             }
-            _ if u95 > WIDEST_INTERVAL * value.abs() => cannot(),
-            _ => found,
+            _ => self.bound(name, found, cannot),
         }
+    }
+
+    /// What is smaller than its interval is a bound, but where another parameter may stand for it.
+    fn bound(&self, name: Name, found: Found, cannot: impl Fn() -> Found) -> Found {
+        let found = found.bounded();
+        if found.status == FoundStatus::BelowU95 && self.partner(name).is_some() { cannot() } else { found }
     }
 
     /// Parameters whose parabola may not do, weakest first.

@@ -160,7 +160,7 @@ pub fn observed(outcome: &Outcome, settings: &Settings, reach: &Reach) -> Result
         structure_mass_kg: settings.structure_mass_kg,
         ..Inerter::paper()
     };
-    let seen = outcome.detail.stiffness_n_per_m.known().map(|found| f64::from(found.value));
+    let seen = outcome.detail.stiffness_n_per_m.usable().map(|found| f64::from(found.value));
     let stiffness = Some(settings.stiffness_n_per_m).filter(|stiffness| *stiffness > 0.0).or(seen);
     let device = with_contact(device, stiffness, Some(settings.contact_damping_n_s_per_m));
     let force_noise_n = reach.noise_n();

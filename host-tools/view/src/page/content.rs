@@ -181,7 +181,7 @@ fn close_s(outcome: &Outcome, duration_s: f64) -> f64 {
 
 fn model(outcome: &Outcome, settings: &Settings, law: &Law) -> ModelParameters {
     let contact = |measured: inerter_core::Parameter, set: f64| {
-        measured.value().filter(|value| *value > 0.0).map_or(set, f64::from)
+        measured.usable().filter(|found| found.value > 0.0).map_or(set, |found| f64::from(found.value))
     };
     ModelParameters {
         inertance_kg: law.inertance_kg,
