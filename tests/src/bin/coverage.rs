@@ -255,7 +255,7 @@ fn nearly(update: bool) -> Result<String, Error> {
 ## A law that is nearly true
 
 The first bench with one violation of the law, {seeds} runs of each size, seeds from {first} on; [a figure](../coverage.svg). *size*: what it is to move the parameter that it moves most by, in half widths of that one's interval
-without the violation; *in U95*: what the size in the next column does move it by. Where the greatest that is sought moves it by less, it is the last. *told*: runs in which the law is called broken, or a cause is named unasked, or friction is
+without the violation; *in U95*: what the size in the next column does move it by. A row is missing where no size does so much, within a third; where the greatest that is sought does less, it is the last. *told*: runs in which the law is called broken, or a cause is named unasked, or friction is
 called presliding or Stribeck's. The others are silent. Of these, each cell gives two percentages: truths that the device's interval holds, and truths that the interval of `replay` holds, which looks at the samples as well
 (`uncertainty`, [THEORY](../THEORY.md), 14). An asterisk: the motion does not tell the violation from the parameter, and `replay` says that the parameter rests on its absence (`assumes`).
 *error/U95*: root mean square, by `replay`'s interval. A skew as large as it is stated is among the settings that are wrong, above.

@@ -23,6 +23,8 @@ use super::{
 
 /// Part of a column's square that the law must leave over, for the run to tell of it.
 const LEAST_LEFT: f64 = 0.05;
+/// The same under which nothing is known of it.
+const LEAST_KNOWN: f64 = 1e-9;
 /// What a parameter is moved by, and what it would be moved by by chance, as parts of the half width of an interval: of every size of a
 /// cause that the law leaves out, 90 % of such intervals hold the truth (docs/THEORY.md, 14).
 const MOVED: [f64; 2] = [1.6, 1.2];
@@ -201,7 +203,12 @@ impl Law {
             told > of_noise && told > LEAST_LEFT * (dot(all, all) - of_noise)
         });
         let gram = DMatrix::from_fn(width, width, |i, j| dot(&left[i], &left[j]) - if i == j { of_noise } else { 0.0 });
-        let inverse = gram.cholesky()?.inverse();
+        // What noise may hide as a whole is not told at all: the run knows of no more than noise would leave.
+        let unknown = || {
+            let least = columns.iter().map(|all| of_noise.max(LEAST_KNOWN * dot(all, all)).recip());
+            DMatrix::from_diagonal(&DVector::from_iterator(width, least))
+        };
+        let inverse = gram.cholesky().map_or_else(unknown, |gram| gram.inverse());
         let sizes = &inverse * DVector::from_fn(width, |k, _| dot(&left[k], &self.residual) - with_force);
         if are_told && width == 1 && !candidate.can_be(sizes[0], &rows.law) {
             return None;
