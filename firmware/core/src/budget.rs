@@ -183,10 +183,12 @@ pub struct Budgets {
 /// Budgets of the contact, where something is told of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[allow(missing_docs, reason = "documented where they are estimated")]
 pub struct ContactBudgets {
+    /// Of the backlash \[m\], by the route that it is told by.
     pub backlash_m: Option<Budget>,
+    /// Of the stiffness \[N/m\], by the terminal's sensor.
     pub stiffness_n_per_m: Option<Budget>,
+    /// Of the damping \[N s/m\], likewise.
     pub damping_n_s_per_m: Option<Budget>,
 }
 

@@ -11,8 +11,7 @@ const STRUCTURE_MODEL_U95: f32 = constants::STRUCTURE_MODEL_U95 as f32;
 /// Model error of the structure mass where the contact's stiffness is not known: at the device's own frequency the terminal stands while the screw
 /// moves, and from there on moves against it. 1.5 holds up to 1.2 times that frequency.
 const LOOSE_STRUCTURE_U95: f32 = 1.5;
-/// Square of the frequency under which no device has its own [rad^2/s^2]: 5 Hz. Of a contact whose stiffness is not set it says how soft it is
-/// at most where the motion is slower.
+/// A contact whose stiffness is not set is taken to give the device an own frequency of 5 Hz at least; its square [rad^2/s^2].
 const LEAST_OWN_FREQUENCY_SQUARED: f32 = 987.0;
 /// Part of their share in the scatter that the encoder's steps have in a parameter, by the harmonics of a stroke. They are
 /// noise in the position, and in the acceleration they have most of it beyond the motion's own frequencies.
@@ -255,8 +254,8 @@ impl Systematic {
         self.bent(self.common(found, spread, spread.tone), in_curvature, found, spread, motion)
     }
 
-    /// With what a wrong compliance takes: the structure moves with the force's second derivative and, by the contact's damping, against its
-    /// third, which is minus the first times the motion's frequency squared.
+    /// With what a wrong compliance takes. The structure moves with the force's second derivative, and the contact's damping takes from that
+    /// in proportion to the third, which is the first times minus the square of the motion's frequency.
     fn bent(&self, budget: Budget, in_curvature: f32, found: &Found, spread: &Spread, motion: &Motion) -> Budget {
         let lag = self.damping_n_s_per_m * self.compliance_m_per_n;
         let per_compliance =

@@ -135,7 +135,7 @@ fn corrected(rows: &Rows, settings: &Settings, detail: &Detail, law: &Model, err
     let found = [0, 1, 2, 3].map(|i| Estimated {
         value: law.value(i) as f32,
         error: errors[i] as f32,
-        // The column is that of a force that is late.
+        // The column of a skew is the force's rate turned round.
         per_skew: -moved.get(i).copied().unwrap_or_default() as f32,
         steps: steps.get(i).copied().unwrap_or_default().abs() as f32,
     });

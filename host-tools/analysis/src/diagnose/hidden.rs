@@ -23,7 +23,7 @@ use super::{
 
 /// Part of a column's square that the law must leave over, for the run to tell of it.
 const LEAST_LEFT: f64 = 0.05;
-/// The same under which nothing is known of it.
+/// The least part, where there is no noise.
 const LEAST_KNOWN: f64 = 1e-9;
 /// What a parameter is moved by, and what it would be moved by by chance, as parts of the half width of an interval: of every size of a
 /// cause that the law leaves out, 90 % of such intervals hold the truth (docs/THEORY.md, 14).
@@ -78,8 +78,9 @@ pub fn widened(machine: Machine, whole_run: &Parameters, all: &[Judged; 4]) -> O
         Some(format!(" {}: {wider} {}, not {u95}{why}.", field.label, field.unit))
     });
     let told: String = told.collect();
-    (!told.is_empty())
-        .then(|| format!("The samples cannot rule out causes that are too small to be named; 95 % intervals are wider for them.{told}"))
+    let head =
+        "The samples cannot rule out causes that are too small to be named. For these, 95 % intervals are wider.";
+    (!told.is_empty()).then(|| format!("{head}{told}"))
 }
 
 /// The parameters of the whole run with what the samples tell of a law that is nearly true; of a run too short for that, as the
@@ -203,7 +204,7 @@ impl Law {
             told > of_noise && told > LEAST_LEFT * (dot(all, all) - of_noise)
         });
         let gram = DMatrix::from_fn(width, width, |i, j| dot(&left[i], &left[j]) - if i == j { of_noise } else { 0.0 });
-        // What noise may hide as a whole is not told at all: the run knows of no more than noise would leave.
+        // Noise may hide all of it: then the run tells no more of it than so much noise would.
         let unknown = || {
             let least = columns.iter().map(|all| of_noise.max(LEAST_KNOWN * dot(all, all)).recip());
             DMatrix::from_diagonal(&DVector::from_iterator(width, least))

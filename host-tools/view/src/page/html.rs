@@ -168,7 +168,8 @@ fn budgets(content: &Content) -> Markup {
     let machine = content.run.settings.machine;
     let judged = &content.judged;
     let ContactBudgets { backlash_m, stiffness_n_per_m, damping_n_s_per_m } = content.outcome.budgets.contact;
-    let of_contact = fields(machine, Group::Detail).filter(|field| matches!(field.symbol, "eps" | "ks" | "cs"));
+    let of_backlash = catalogue::find(machine, Group::Detail, "backlash_m").into_iter();
+    let of_contact = of_backlash.chain(catalogue::contact_fields(machine));
     let rows: Vec<(&Field, Budget)> = fields(machine, Group::Parameter)
         .zip(judged.iter().map(|one| Some(one.budget)))
         .chain(of_contact.zip([backlash_m, stiffness_n_per_m, damping_n_s_per_m]))

@@ -3,10 +3,13 @@
 use inerter_plant::Inerter;
 use inerter_tests::{
     backlash::{self, BACKLASHES_M, Cell, Column, goal, sensed_goal},
+    coverage,
     grid::{self, Error, Instruments, MOTIONS, Motion},
     sheet::{line, mean, significant},
 };
 
+/// Part of all values of a rig whose interval may miss the truth; of a single cell by chance more may.
+const MOST_WRONG: f64 = 0.05;
 /// Greatest error of the stiffness above 0.5 Hz, relative.
 const STIFFNESS_GOAL: f64 = 3e-3;
 const MICRO: f64 = 1e6;
@@ -58,12 +61,17 @@ pub fn section(rig: &Instruments, seeds: u64) -> Result<Section, Error> {
         .iter()
         .flat_map(|row| [row.cell.force, row.cell.sensed])
         .fold((0, 0), |(given, wrong), c| (given + c.given, wrong + c.wrong));
+    let part_wrong = wrong as f64 / given.max(1) as f64;
     text += &format!(
-        "\nOf {given} values that were given, {wrong} lie farther from the truth than their interval: {:.2} %; at most 5 % is wanted.\n",
-        100.0 * wrong as f64 / given.max(1) as f64
+        "\nOf {given} values that were given, {wrong} lie farther from the truth than their interval: {:.2} %; at most {} % is wanted.\n",
+        100.0 * part_wrong,
+        100.0 * MOST_WRONG
     );
     let mut misses = Vec::new();
-    let mut holds = true;
+    let mut holds = part_wrong <= MOST_WRONG;
+    if !holds {
+        eprintln!("{}, backlash: {wrong} of {given} values outside of their interval", rig.name);
+    }
     for row in &rows {
         for (route, column, goal) in
             [("force", &row.cell.force, row.goal()), ("sensor", &row.cell.sensed, row.sensed_goal())]
@@ -72,7 +80,7 @@ pub fn section(rig: &Instruments, seeds: u64) -> Result<Section, Error> {
                 format!("{}, {}, backlash {} um by the {route}", rig.name, row.motion.name, row.backlash_m * MICRO);
             misses.extend(missed(column, goal).map(|what| format!("{name}: {what}")));
             let (given, covered) = (column.given as u64, (column.given - column.wrong) as u64);
-            if (inerter_tests::coverage::Cell { given, covered, ..Default::default() }).is_low() {
+            if (coverage::Cell { given, covered, ..Default::default() }).is_low() {
                 eprintln!("{name}: {} of {} values outside of their interval", column.wrong, column.given);
                 holds = false;
             }
