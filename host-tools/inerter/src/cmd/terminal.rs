@@ -26,7 +26,7 @@ const HEED_TIME: Duration = Duration::from_secs(3);
 const RESTORE_TIME: Duration = Duration::from_millis(500);
 
 /// Ends the program at once, the terminal given back, nothing half written left behind.
-fn end() -> ! {
+pub fn end() -> ! {
     if HAS_SCREEN.load(Ordering::Relaxed) {
         let (done, restored) = mpsc::channel();
         std::thread::spawn(move || {
