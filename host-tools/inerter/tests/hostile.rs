@@ -11,7 +11,7 @@ mod terminal;
 
 use std::{fs, path::Path};
 
-use common::{all_are_tried, done, inerter, json_lines, last, text};
+use common::{all_are_tried, done, foreign_words, inerter, json_lines, last, text};
 use inerter_data::{
     recording::{End, Recorder},
     settings::Overrides,
@@ -47,15 +47,8 @@ fn check(folder: &Path, arguments: &[&str]) -> String {
 
 fn check_words(arguments: &[&str], streams: &[(&str, &str)]) {
     for (stream, words) in streams {
-        let bad = |letter: char| {
-            (letter.is_control() && letter != '\n')
-                || ('\u{200b}'..='\u{200f}').contains(&letter)
-                || ('\u{2028}'..='\u{202e}').contains(&letter)
-                || ('\u{e0000}'..='\u{e007f}').contains(&letter)
-                || letter == '\u{fffd}'
-        };
-        assert!(!words.contains(bad), "{arguments:?}, {stream}: {words:?}");
-        assert!(!words.lines().any(|line| line.starts_with("forged")), "{arguments:?}, {stream}: {words}");
+        let foreign = foreign_words(words);
+        assert!(foreign.is_none(), "{arguments:?}, {stream}: {foreign:?}");
     }
 }
 
@@ -70,12 +63,7 @@ fn check_at_terminal(folder: &Path, arguments: &[&str], awaited: &str) -> String
     common::until(awaited, || text(&shown.lock().unwrap()).contains(awaited));
     rustix::process::kill_process(rustix::process::Pid::from_child(&child), rustix::process::Signal::INT).unwrap();
     let code = child.wait().unwrap().code();
-    let shown = text(&shown.lock().unwrap());
-    // What the program itself does to its line, and the system's line ends.
-    let mut words = shown.replace("\r\n", "\n").replace('\r', "\n");
-    for own in ["\u{1b}[2K", "\u{1b}[K", "\u{1b}[1A", "\u{1b}[?25h", "\u{1b}[?25l"] {
-        words = words.replace(own, "");
-    }
+    let words = terminal::spoken(&text(&shown.lock().unwrap()));
     check_words(arguments, &[("terminal", &words)]);
     assert_eq!(code, Some(130), "{arguments:?}: {words}");
     words
