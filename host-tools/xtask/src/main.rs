@@ -9,6 +9,7 @@ mod ablation;
 mod accuracy;
 mod arrows;
 mod bench;
+mod chaos;
 mod data;
 mod demo;
 mod files;
@@ -97,6 +98,8 @@ enum Command {
     Endurance(accuracy::Arguments),
     /// Processor, memory and losses of the monitor at 4 kHz, into docs/tables/monitor-load.md
     MonitorLoad(monitor_load::Options),
+    /// What must never happen: kills, full disks, hostile devices, slow readers, a clock that is set
+    Chaos(chaos::Options),
     /// Time and errors beside other recursive least squares, into docs/tables/bench.md
     Bench(bench::Options),
     /// Speed and memory of exporting an hour at 4 kHz, beside a plain Python reader, into docs/tables/files.md
@@ -133,6 +136,7 @@ fn main() -> ExitCode {
         Command::Longrun(arguments) => accuracy::with_arguments("longrun", &arguments),
         Command::Endurance(arguments) => accuracy::tested("endurance", &arguments.as_given()),
         Command::MonitorLoad(options) => monitor_load::run(&options),
+        Command::Chaos(options) => chaos::run(&options),
         Command::Bench(options) => bench::run(&options),
         Command::BenchFiles(options) => files::run(&options),
         Command::Python => python::run(),
