@@ -503,7 +503,7 @@ impl Talk {
             }
             Manner::ExtremeSamples => {
                 let extreme = |index: u32| {
-                    let far = if index % 2 == 0 { i32::MIN } else { i32::MAX };
+                    let far = if index.is_multiple_of(2) { i32::MIN } else { i32::MAX };
                     RawSample { index, position_count: far, force_code: far, terminal_code: !far }
                 };
                 let batch: Vec<RawSample> = (0..16).map(|place| extreme(turn * 16 + place)).collect();
