@@ -25,6 +25,7 @@ mod process;
 mod python;
 mod setup;
 mod size;
+mod soak;
 mod source;
 mod suite;
 mod table;
@@ -100,6 +101,8 @@ enum Command {
     MonitorLoad(monitor_load::Options),
     /// What must never happen: kills, full disks, hostile devices, slow readers, a clock that is set
     Chaos(chaos::Options),
+    /// The virtual device at 4 kHz with recordings, page and bridges, and the image in QEMU, for hours: nothing lost, nothing grows
+    Soak(soak::Options),
     /// Time and errors beside other recursive least squares, into docs/tables/bench.md
     Bench(bench::Options),
     /// Speed and memory of exporting an hour at 4 kHz, beside a plain Python reader, into docs/tables/files.md
@@ -137,6 +140,7 @@ fn main() -> ExitCode {
         Command::Endurance(arguments) => accuracy::tested("endurance", &arguments.as_given()),
         Command::MonitorLoad(options) => monitor_load::run(&options),
         Command::Chaos(options) => chaos::run(&options),
+        Command::Soak(options) => soak::run(&options),
         Command::Bench(options) => bench::run(&options),
         Command::BenchFiles(options) => files::run(&options),
         Command::Python => python::run(),
