@@ -97,6 +97,38 @@ fn the_screen_ends_with_its_terminal() {
     assert!(matches!(status.code(), Some(0..=9 | 130)), "{status}");
 }
 
+/// As after Ctrl-S, or where the window hangs.
+#[test]
+fn a_terminal_that_takes_nothing_holds_up_neither_a_recording_nor_the_end() {
+    use rustix::{io, termios};
+    let setup = Setup::new(Inerter::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
+    let device = VirtualDevice::start(&setup, &Endpoint::Tcp("127.0.0.1:0".into()), 5.0).unwrap();
+    // The screen fills the terminal by itself, a line of progress would take minutes.
+    for (command, is_full) in [(["monitor", "--record"], false), (["record", "-o"], true)] {
+        let folder = tempfile::tempdir().unwrap();
+        let (_nobody, terminal) = terminal();
+        termios::tcsetwinsize(&terminal, termios::Winsize { ws_row: 40, ws_col: 120, ws_xpixel: 0, ws_ypixel: 0 })
+            .unwrap();
+        let again = || terminal.try_clone().unwrap();
+        let mut program = inerter(folder.path(), &[&command[..], &["run.mcap", "--connect", device.name()]].concat());
+        let mut child = program.env("TERM", "xterm").stdin(again()).stdout(again()).stderr(again()).spawn().unwrap();
+        let length = || folder.path().join("run.mcap").metadata().map_or(0, |metadata| metadata.len());
+        common::until("nothing is recorded", || length() > 20_000);
+        if is_full {
+            io::ioctl_fionbio(&terminal, true).unwrap();
+            while io::write(&terminal, &[b'x'; 512]).is_ok() {}
+            io::ioctl_fionbio(&terminal, false).unwrap();
+        }
+        // Half a minute of the device.
+        common::until("the recording waits", || length() > 700_000);
+        kill_process(Pid::from_child(&child), Signal::TERM).unwrap();
+        let status = unruly::ended(&mut child, Duration::from_secs(5));
+        assert!(status.is_some(), "{command:?} goes on");
+        let info = common::last(&common::done(folder.path(), &["info", "run.mcap", "--json"]));
+        assert_eq!((&info["ending"], &info["lost_samples"]), (&"closed".into(), &0.into()), "{command:?}: {info}");
+    }
+}
+
 #[test]
 fn no_request_waits_for_ever() {
     each(3, |folder, command, manner| {
