@@ -64,6 +64,20 @@ impl Watched {
     }
 }
 
+/// The simulator of the image, which ends its QEMU itself when it is asked to end.
+struct Simulator(Running);
+
+impl Drop for Simulator {
+    fn drop(&mut self) {
+        // It may have ended by itself; one that does not heed is killed a moment later.
+        let _ = Command::new("kill").arg(self.0.0.id().to_string()).status();
+        let asked = Instant::now();
+        while matches!(self.0.0.try_wait(), Ok(None)) && asked.elapsed() < Duration::from_secs(5) {
+            thread::sleep(Duration::from_millis(20));
+        }
+    }
+}
+
 /// What views were given.
 #[derive(Clone, Default)]
 struct Seen {
@@ -164,8 +178,10 @@ fn soak(program: &Path, image: Option<&Path>, folder: &Path, seconds: f64) -> Re
     if let Some(image) = image {
         let image = image.to_string_lossy();
         let (simulator, address) = simulated(program, &["--qemu", "--image", &image])?;
-        watched.push(Watched::new("simulator of the image", simulator.0.id()));
-        if let Some(child) = child_of(simulator.0.id()) {
+        let pid = simulator.0.id();
+        let simulator = Simulator(simulator);
+        watched.push(Watched::new("simulator of the image", pid));
+        if let Some(child) = child_of(pid) {
             watched.push(Watched::new("QEMU", child));
         }
         let mut command = Command::new(program);
