@@ -15,6 +15,7 @@ mod demo;
 mod files;
 mod firmware;
 mod foreign;
+mod fuzz;
 mod guest;
 mod icount;
 mod imports;
@@ -107,6 +108,8 @@ enum Command {
     Bench(bench::Options),
     /// Speed and memory of exporting an hour at 4 kHz, beside a plain Python reader, into docs/tables/files.md
     BenchFiles(files::Options),
+    /// Search for inputs that break what must hold, guided by coverage, from the corpora in tests/fuzz/corpus
+    Fuzz(fuzz::Options),
     /// Run the snippets of docs/PYTHON.md against a fresh recording
     Python,
 }
@@ -143,6 +146,7 @@ fn main() -> ExitCode {
         Command::Soak(options) => soak::run(&options),
         Command::Bench(options) => bench::run(&options),
         Command::BenchFiles(options) => files::run(&options),
+        Command::Fuzz(options) => fuzz::run(&options),
         Command::Python => python::run(),
     };
     match result {

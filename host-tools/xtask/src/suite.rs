@@ -1,7 +1,7 @@
 //! Everything that continuous integration asks for, in order, with a summary at the end.
 
 use crate::{
-    accuracy, arrows, firmware, foreign, guest, icount, panics, process, python, setup, size, table,
+    accuracy, arrows, firmware, foreign, fuzz, guest, icount, panics, process, python, setup, size, table,
     toolchain::Toolchain,
     tree,
     workspace::{Part, Workspace},
@@ -128,6 +128,13 @@ const STEPS: &[Step] = &[
         needed: false,
         long: false,
         run: || accuracy::tested("endurance", &["20000000"]),
+    },
+    Step {
+        name: "fuzzing",
+        alone: "cargo xtask fuzz --seconds 2",
+        needed: false,
+        long: true,
+        run: || fuzz::run(&fuzz::Options::of(2)),
     },
     Step {
         name: "no panic in the estimator",
