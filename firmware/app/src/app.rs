@@ -5,6 +5,7 @@ use crate::board::SourceError;
 use crate::links::LinkState;
 use crate::messages::{Batched, Control, ControlDone, Outgoing};
 use crate::queue::{QUEUE, SampleQueue};
+use crate::wear::Allowance;
 use core::cell::{Cell, RefCell};
 use core::future::poll_fn;
 use core::pin::pin;
@@ -13,6 +14,7 @@ use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::{Channel, TrySendError};
 use embassy_sync::signal::Signal;
+use embassy_time::Instant;
 use inerter_core::Settings;
 use inerter_wire::{Event, EventKind, Health, Samples, Source, Streams};
 
@@ -42,6 +44,7 @@ pub struct App {
     streams: Mutex<CriticalSectionRawMutex, Cell<Streams>>,
     health: Mutex<CriticalSectionRawMutex, RefCell<Health>>,
     sampler_waits: Mutex<CriticalSectionRawMutex, Cell<bool>>,
+    saves: Mutex<CriticalSectionRawMutex, Cell<Allowance>>,
 }
 
 impl App {
@@ -78,6 +81,7 @@ impl App {
                 temperature_c: None,
             })),
             sampler_waits: Mutex::new(Cell::new(false)),
+            saves: Mutex::new(Cell::new(Allowance::FULL)),
         }
     }
 
@@ -92,6 +96,25 @@ impl App {
     /// does not read; sampling does not while samples are due and none come.
     pub fn alive(&self) -> bool {
         self.heartbeats.all_since_last()
+    }
+
+    /// Saves that the flash may still take now, for [`Start::saves_left`](crate::Start::saves_left) of the run that follows.
+    pub fn saves_left(&self) -> u8 {
+        self.saves.lock(Cell::get).left(Instant::now())
+    }
+
+    pub(crate) fn set_saves_left(&self, left: u8) {
+        self.saves.lock(|cell| cell.set(Allowance::with_left(left, Instant::now())));
+    }
+
+    /// Takes so many saves, or tells in how many seconds they may be made.
+    pub(crate) fn take_saves(&self, saves: u8) -> Result<(), u16> {
+        self.saves.lock(|cell| {
+            let mut allowance = cell.get();
+            let taken = allowance.take(saves, Instant::now());
+            cell.set(allowance);
+            taken
+        })
     }
 
     pub(crate) fn streams(&self) -> Streams {

@@ -1,5 +1,6 @@
 //! What a board must offer.
 
+use crate::wear::SAVES;
 use embedded_io_async::{Read, Write};
 use inerter_core::{RawSample, Settings, SettingsError};
 use inerter_wire::{Capabilities, ClockSource, ResetCause, SettingsValues};
@@ -139,13 +140,16 @@ pub struct Start<'a> {
     pub cause: ResetCause,
     /// The message of the panic that ended it, if one did.
     pub panic: Option<&'a str>,
+    /// Saves that it left for this one ([`App::saves_left`](crate::App::saves_left)), where a host wanted the restart;
+    /// otherwise [`SAVES`].
+    pub saves_left: u8,
 }
 
 impl Start<'_> {
     /// Power came.
-    pub const POWER_ON: Self = Self { cause: ResetCause::PowerOn, panic: None };
+    pub const POWER_ON: Self = Self { cause: ResetCause::PowerOn, panic: None, saves_left: SAVES };
     /// The firmware restarted itself, as asked.
-    pub const SOFTWARE: Self = Self { cause: ResetCause::Software, panic: None };
+    pub const SOFTWARE: Self = Self { cause: ResetCause::Software, panic: None, saves_left: SAVES };
 }
 
 /// For a board that can do whatever [`Settings::validate`] lets pass.

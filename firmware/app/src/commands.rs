@@ -7,6 +7,7 @@ use crate::messages::{Control, ControlDone, Outgoing, Restart};
 use crate::queue::BATCH;
 use crate::settings::{InUse, concerns_source, needs_reset};
 use crate::tare::Tare;
+use crate::wear::FACTORY_RESET;
 use core::future::pending;
 use embassy_time::{Duration, Timer, with_timeout};
 use embedded_io_async::Read;
@@ -47,6 +48,7 @@ pub async fn commands(
     in_use: &mut InUse,
     autostart: bool,
 ) -> ! {
+    app.set_saves_left(identity.start.saves_left);
     let mut commands = Commands { app, store, identity, in_use, accepted: 0, injected: false };
     let _ = commands.configure(&commands.in_use.settings).await;
     if !app.link.is_mute() {
@@ -153,6 +155,7 @@ impl<K: Store> Commands<'_, K> {
             }
             Command::SaveSettings => {
                 self.require(Capabilities::STORE)?;
+                self.app.take_saves(1).map_err(|wait_s| Refusal::Worn { wait_s })?;
                 let values = SettingsValues::from(&self.in_use.settings);
                 self.store.save(&values).await.map_err(|_| Refusal::Store)?;
             }
@@ -178,6 +181,7 @@ impl<K: Store> Commands<'_, K> {
             // Served where they are known by their effect after the reply.
             Command::FactoryReset => {
                 self.require(Capabilities::STORE)?;
+                self.app.take_saves(FACTORY_RESET).map_err(|wait_s| Refusal::Worn { wait_s })?;
                 self.store.erase().await.map_err(|_| Refusal::Store)?;
                 let defaults = self.in_use.defaults;
                 self.adopt(&defaults).await?;

@@ -41,6 +41,7 @@ mod settings;
 pub mod store;
 mod tare;
 mod telemetry;
+pub mod wear;
 
 pub use app::App;
 pub use board::{

@@ -2,7 +2,7 @@
 
 mod rig;
 
-use inerter_app::{Pace, Restart, SourceError, StoreError};
+use inerter_app::{Pace, Restart, SourceError, Start, StoreError, wear::SAVES};
 use inerter_core::{Bank, Published, RawSample, Settings, State, Status};
 use inerter_wire::{
     Capabilities, ClockSource, Command, Done, Event, EventKind, Fault, Frame, Record, Refusal, Reply, ResetCause,
@@ -586,6 +586,28 @@ fn settings_outlive_a_restart() {
     assert_eq!(rig.settings(), Settings { newtons_per_code: -0.01, ..Settings::default() });
     *store.error.borrow_mut() = Some(StoreError::Unreadable);
     assert_eq!(rig.result(Command::SaveSettings), Err(Refusal::Store));
+}
+
+#[test]
+fn a_flood_of_saves_is_refused_and_a_restart_does_not_help() {
+    let mut rig = TestDevice::new();
+    for nth in 0..SAVES {
+        assert_eq!(rig.result(Command::SaveSettings), Ok(Done::Plain), "save {nth}");
+    }
+    let saved = rig.store.saved.borrow().clone();
+    rig.tell(write(&[("memory_s", 12.0)]));
+    assert_eq!(rig.result(Command::SaveSettings), Err(Refusal::Worn { wait_s: 120 }));
+    assert_eq!(rig.result(Command::FactoryReset), Err(Refusal::Worn { wait_s: 14 * 120 }));
+    assert_eq!(*rig.store.saved.borrow(), saved, "nothing was written");
+    assert_eq!(rig.settings().memory_s, 12.0, "nothing was changed");
+    rig.pass(120_000);
+    assert_eq!(rig.result(Command::SaveSettings), Ok(Done::Plain));
+    assert_eq!(rig.result(Command::Reboot), Ok(Done::Plain));
+    let start = Start { saves_left: rig.app.saves_left(), ..Start::SOFTWARE };
+    drop(rig);
+    let identity = inerter_app::Identity { start, ..IDENTITY };
+    let mut rig = TestDevice::with(Options { identity, ..Options::default() });
+    assert_eq!(rig.result(Command::SaveSettings), Err(Refusal::Worn { wait_s: 120 }));
 }
 
 #[test]

@@ -187,7 +187,8 @@ fn a_factory_reset_forgets_what_was_saved_and_uses_the_boards_defaults() {
     *store.error.borrow_mut() = Some(StoreError::Foreign);
     assert_eq!(events(&rig.tell(Command::FactoryReset)), [EventKind::SettingsChanged]);
     assert_eq!(*store.error.borrow(), None);
-    // A store that cannot be erased: nothing has changed.
+    // A store that cannot be erased: nothing has changed. Meanwhile the flash may be written again.
+    rig.pass(600_000);
     rig.tell(Command::WriteSettings(SettingsValues::from(&Settings { skew_s: 2e-5, ..defaults })));
     *store.error.borrow_mut() = Some(StoreError::Unreadable);
     assert_eq!(rig.ask(Command::FactoryReset), (vec![], Err(Refusal::Store), vec![]));
@@ -204,7 +205,7 @@ fn what_ended_the_run_before_is_told() {
         assert_eq!(kinds.remove(0), EventKind::Started);
         kinds
     };
-    let cause = |cause| Start { cause, panic: None };
+    let cause = |cause| Start { cause, ..Start::POWER_ON };
     assert_eq!(told(cause(ResetCause::Pin)), [EventKind::ResetBy(ResetCause::Pin)]);
     assert_eq!(
         told(cause(ResetCause::Watchdog)),
@@ -212,7 +213,7 @@ fn what_ended_the_run_before_is_told() {
     );
     let long =
         "at src/main.rs:12: a message that is longer than what fits, far beyond the 96 bytes that a text may have";
-    let kinds = told(Start { cause: ResetCause::Panic, panic: Some(long) });
+    let kinds = told(Start { cause: ResetCause::Panic, panic: Some(long), ..Start::POWER_ON });
     let [EventKind::ResetBy(ResetCause::Panic), EventKind::Panicked(text)] = kinds.as_slice() else {
         panic!("{kinds:?}")
     };
@@ -221,7 +222,7 @@ fn what_ended_the_run_before_is_told() {
 
 /// A device that has crashed, with USB and a UART.
 fn crashed() -> Options {
-    let start = Start { cause: ResetCause::Panic, panic: Some("at src/main.rs:1") };
+    let start = Start { cause: ResetCause::Panic, panic: Some("at src/main.rs:1"), ..Start::POWER_ON };
     let identity = Identity { start, ..IDENTITY };
     let store = MemoryStore::default();
     *store.error.borrow_mut() = Some(StoreError::Newer);

@@ -215,7 +215,9 @@ impl State {
                 self.velocity_reversals.compare(predicted, wide - narrow, line.at(2 * m).may_be_held(feedback));
             }
         }
-        let place = line.last_index.wrapping_sub(2 * u32::from(m));
+        // Samples that are there, as the sum of positions has them: with the index a stroke with lost ones would change with the
+        // count at which it begins.
+        let place = (self.counters.samples as u32).wrapping_sub(2 * u32::from(m));
         let here = line.at(2 * m);
         self.repeats.push(place, here.position, here.position_sum, signal.codes_per_count);
     }
@@ -249,5 +251,34 @@ impl State {
             self.begin_anew(signal.delay);
         }
         self.good_samples = if good { self.good_samples.saturating_add(1) } else { 0 };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::{RawSample, Settings, State};
+    use std::boxed::Box;
+
+    /// Strokes and their squares in a motion that begins at a position and nearly repeats, with a sample lost now and then.
+    fn strokes(start: i32) -> (u32, u64) {
+        let active = Settings::default().validate().unwrap();
+        let mut state = Box::new(State::new(&active));
+        for index in (0..20_000_u32).filter(|index| index % 73 != 45) {
+            let phase = core::f64::consts::TAU * f64::from(index) / 100.0;
+            let flicker = (index.wrapping_mul(0x9E37_79B9) >> 31) as i32;
+            let position_count = start + (3_000.0 * phase.sin()) as i32 + flicker;
+            let force_code = (50_000.0 * phase.cos() - 80_000.0 * phase.sin()) as i32;
+            active.step(&mut state, &RawSample { index, position_count, force_code, terminal_code: 0 });
+        }
+        state.repeats.strokes_and_squares()
+    }
+
+    #[test]
+    fn strokes_with_lost_samples_are_the_same_wherever_they_lie() {
+        let (all, squares) = strokes(0);
+        assert!(all > 100 && squares > u64::from(all), "{squares} in {all} strokes");
+        for start in [1, -77_777, 1 << 30] {
+            assert_eq!(strokes(start), (all, squares), "from {start}");
+        }
     }
 }

@@ -72,8 +72,8 @@ async fn telemetry(app: &'static App, link: &'static mut Transmitter) {
     // The reply shall arrive.
     join(usb::drain(), lpuart::drain()).await;
     match restart {
-        Restart::Reboot => reset::restart(),
-        Restart::Dfu => reset::update(),
+        Restart::Reboot => reset::restart(app.saves_left()),
+        Restart::Dfu => reset::update(app.saves_left()),
     }
 }
 
@@ -107,7 +107,7 @@ async fn hang() {
 /// Sets everything up. Apart from [`run`], whose stack stays.
 #[inline(never)]
 fn set_up(spawner: Spawner, started: Started) {
-    let mut start = Start { cause: started.cause, panic: panic::take() };
+    let mut start = Start { cause: started.cause, panic: panic::take(), saves_left: started.saves_left };
     if start.panic.is_some() && start.cause == ResetCause::Software {
         start.cause = ResetCause::Panic;
     }

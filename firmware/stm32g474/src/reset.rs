@@ -20,6 +20,7 @@ use cortex_m::peripheral::SCB;
 use embassy_stm32::pac::rcc::vals::Sw;
 use embassy_stm32::pac::{RCC, SYSCFG};
 use embassy_time::{Instant, Timer};
+use inerter_app::wear::SAVES;
 use inerter_wire::ResetCause;
 
 /// Vector table of the ROM (RM0440, table 4).
@@ -168,6 +169,23 @@ static mut NOTE: MaybeUninit<u32> = MaybeUninit::uninit();
 static mut STARTS: MaybeUninit<u32> = MaybeUninit::uninit();
 const STARTS_MAGIC: u32 = 0x5354_5200;
 
+/// [`SAVES_MAGIC`] and, in the low byte, how many saves a run has left; not touched by start-up.
+#[unsafe(link_section = ".uninit.saves")]
+static mut SAVES_LEFT: MaybeUninit<u32> = MaybeUninit::uninit();
+const SAVES_MAGIC: u32 = 0x5341_5600;
+
+fn set_saves_left(number: u8) {
+    // SAFETY: one word, written whole, from thread mode only.
+    unsafe { ptr::write_volatile(ptr::addr_of_mut!(SAVES_LEFT).cast(), SAVES_MAGIC | u32::from(number)) };
+}
+
+/// What the run before left, where it ended by a request.
+fn saves_left(cause: ResetCause) -> u8 {
+    // SAFETY: one word of RAM, for which every content is valid; volatile, as the run before wrote it.
+    let word = unsafe { ptr::read_volatile(ptr::addr_of!(SAVES_LEFT).cast::<u32>()) };
+    if cause == ResetCause::Software && word & !0xFF == SAVES_MAGIC { (word & 0xFF) as u8 } else { SAVES }
+}
+
 fn set_failed_starts(number: u32) {
     // SAFETY: one word, written whole, from thread mode, or where nothing else runs any more.
     unsafe { ptr::write_volatile(ptr::addr_of_mut!(STARTS).cast(), STARTS_MAGIC | number.min(0xFF)) };
@@ -191,6 +209,8 @@ pub struct Started {
     pub cause: ResetCause,
     /// The runs before ended so early, and so often, that the saved settings may be why.
     pub suspects_settings: bool,
+    /// Saves that the flash may take now.
+    pub saves_left: u8,
 }
 
 fn set_note(note: Note) {
@@ -250,7 +270,7 @@ pub fn begin() -> Started {
         set_failed_starts(0);
         enter_rom();
     }
-    Started { cause, suspects_settings: failed >= SUSPECTS_SETTINGS }
+    Started { cause, suspects_settings: failed >= SUSPECTS_SETTINGS, saves_left: saves_left(cause) }
 }
 
 /// Forgets the press of the button in time, and failed starts after a good run.
@@ -263,15 +283,17 @@ pub async fn forget() {
     set_failed_starts(0);
 }
 
-/// Restarts.
-pub fn restart() -> ! {
+/// Restarts, with so many saves left.
+pub fn restart(saves_left: u8) -> ! {
+    set_saves_left(saves_left);
     set_note(Note::Nothing);
     set_failed_starts(0);
     SCB::sys_reset()
 }
 
 /// Restarts into the ROM's update mode.
-pub fn update() -> ! {
+pub fn update(saves_left: u8) -> ! {
+    set_saves_left(saves_left);
     set_note(Note::Update);
     set_failed_starts(0);
     SCB::sys_reset()

@@ -39,6 +39,11 @@ pub enum Refusal {
     NothingSaved,
     /// What is saved cannot be read: damaged, another program's, or a newer firmware's.
     SavedUnreadable,
+    /// The flash was written so often lately that it would not last.
+    Worn {
+        /// Time in which it may be written again, in seconds.
+        wait_s: u16,
+    },
 }
 
 /// What is wrong with a setting's value.
@@ -134,6 +139,10 @@ impl fmt::Display for Refusal {
             Self::NothingSaved => f.write_str("the device has saved no settings: save those in use first"),
             Self::SavedUnreadable => f.write_str(
                 "the device cannot read what it has saved: update its firmware, or save settings to replace it",
+            ),
+            Self::Worn { wait_s } => write!(
+                f,
+                "the device has saved so often lately that its flash would not last: save again in {wait_s} s"
             ),
         }
     }

@@ -11,7 +11,7 @@ mod terminal;
 
 use std::{fs, path::Path};
 
-use common::{all_are_tried, done, inerter, json_lines, last, text};
+use common::{all_are_tried, done, foreign_words, inerter, json_lines, last, text};
 use inerter_data::{
     recording::{End, Recorder},
     settings::Overrides,
@@ -47,15 +47,8 @@ fn check(folder: &Path, arguments: &[&str]) -> String {
 
 fn check_words(arguments: &[&str], streams: &[(&str, &str)]) {
     for (stream, words) in streams {
-        let bad = |letter: char| {
-            (letter.is_control() && letter != '\n')
-                || ('\u{200b}'..='\u{200f}').contains(&letter)
-                || ('\u{2028}'..='\u{202e}').contains(&letter)
-                || ('\u{e0000}'..='\u{e007f}').contains(&letter)
-                || letter == '\u{fffd}'
-        };
-        assert!(!words.contains(bad), "{arguments:?}, {stream}: {words:?}");
-        assert!(!words.lines().any(|line| line.starts_with("forged")), "{arguments:?}, {stream}: {words}");
+        let foreign = foreign_words(words);
+        assert!(foreign.is_none(), "{arguments:?}, {stream}: {foreign:?}");
     }
 }
 
@@ -70,12 +63,7 @@ fn check_at_terminal(folder: &Path, arguments: &[&str], awaited: &str) -> String
     common::until(awaited, || text(&shown.lock().unwrap()).contains(awaited));
     rustix::process::kill_process(rustix::process::Pid::from_child(&child), rustix::process::Signal::INT).unwrap();
     let code = child.wait().unwrap().code();
-    let shown = text(&shown.lock().unwrap());
-    // What the program itself does to its line, and the system's line ends.
-    let mut words = shown.replace("\r\n", "\n").replace('\r', "\n");
-    for own in ["\u{1b}[2K", "\u{1b}[K", "\u{1b}[1A", "\u{1b}[?25h", "\u{1b}[?25l"] {
-        words = words.replace(own, "");
-    }
+    let words = terminal::spoken(&text(&shown.lock().unwrap()));
     check_words(arguments, &[("terminal", &words)]);
     assert_eq!(code, Some(130), "{arguments:?}: {words}");
     words
@@ -191,7 +179,7 @@ fn no_file_writes_to_the_terminal_what_it_likes() {
         recorder.frame(sequence as u64 * 1_000_000, frame.get(..length - 1).unwrap()).unwrap();
     }
     recorder.marker(5, WORDS).unwrap();
-    recorder.metadata("truth", [("inertance_kg".to_string(), WORDS.to_string())].into()).unwrap();
+    recorder.metadata("inerter.truth", [("inertance_kg".to_string(), WORDS.to_string())].into()).unwrap();
     recorder.close(&End { reason: WORDS.into(), lost_frames: 0 }).unwrap();
 
     let header = "t_s,encoder_count,force_n\n";
@@ -278,4 +266,84 @@ fn no_file_writes_to_the_terminal_what_it_likes() {
     assert!(said.contains(r"\u001b]52;c;aGk=\u0007\nforged\u202e\u009b31m\u200b\udb40\udc41"), "{said}");
     let lines = json_lines(&done(folder, &["info", &recording, "--json"]));
     assert_eq!(lines[0].pointer("/markers/0/text").unwrap(), WORDS);
+}
+
+/// Names of outputs, addresses and the file of flags, what is typed, and what an image or a recording says of itself.
+#[test]
+fn nothing_else_from_outside_writes_to_the_terminal_what_it_likes() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let name = |ending: &str| format!("{}{ending}", WORDS.replace('/', ""));
+    done(folder, &["simulate", "-o", "run.mcap", "--duration", "5"]);
+    fs::write(folder.join("flags.toml"), "[record]\n\"\\u001b[2J\\nforged\" = \"\\u009b31m\"\n").unwrap();
+    fs::write(folder.join("image.elf"), elf_file::image(5000, WORDS, WORDS)).unwrap();
+    // Metadata as no recorder of ours writes them.
+    let run = inerter_data::open(&folder.join("run.mcap"), &Overrides::default()).unwrap();
+    let mut recorder = Recorder::create(&folder.join("metadata.mcap"), false).unwrap();
+    for metadata in ["inerter.hello", "inerter.settings", "inerter.truth", "inerter.end", WORDS] {
+        let keys = ["wire_version", "board", "serial", "firmware", "memory_s", "reason", WORDS];
+        let map = keys.into_iter().map(|key| (key.to_string(), WORDS.to_string())).collect();
+        recorder.metadata(metadata, map).unwrap();
+    }
+    for (sequence, part) in run.samples.chunks(8).enumerate() {
+        let mut frame = [0; inerter_wire::MAX_FRAME];
+        let samples = Record::Samples(inerter_wire::Samples::from_slice(part).0);
+        let length = inerter_wire::encode_record(&samples, sequence as u16, &mut frame).unwrap();
+        recorder.frame(sequence as u64 * 8_000_000, frame.get(..length - 1).unwrap()).unwrap();
+    }
+    recorder.close(&End { reason: WORDS.into(), lost_frames: 0 }).unwrap();
+
+    let (address, toml, folder_name) = (format!("{WORDS}:1"), name(".toml"), name("folder"));
+    let [mcap, csv, wav, svg, html] = [".mcap", ".csv", ".wav", ".svg", ".html"].map(name);
+    let [cut, exported, parquet, mat] = ["c.mcap", "e.mcap", ".parquet", ".mat"].map(name);
+    let commands = [
+        &["--config", &toml, "info", "run.mcap"][..],
+        &["--config", "flags.toml", "record", "-o", "x.mcap", "--connect", "127.0.0.1:1"],
+        &["settings", "get", "--connect", &address],
+        &["settings", "get", "--port", WORDS],
+        &["settings", "get", "--serial", WORDS],
+        &["doctor", "--connect", &address],
+        &["simulate", "--tcp", &address],
+        &["simulate", "--excite", WORDS, "-o", "x.mcap"],
+        &["simulate", "--qemu", "--image", WORDS, "--tcp", "127.0.0.1:0"],
+        &["simulate", "--duration", "1", "-o", &mcap],
+        &["simulate", "--duration", "1", "-o", &csv],
+        &["cut", "run.mcap", "-o", &cut],
+        &["merge", "run.mcap", &cut, "-o", &mcap, "--force"],
+        &["export", "run.mcap", "--csv", &csv, "--parquet", &parquet, "--mat", &mat, "--mcap", &exported, "--force"],
+        &["plot", "run.mcap", "--figure", "force", "-o", &svg],
+        &["report", "run.mcap", "-o", &html, "--png", &folder_name],
+        &["plan", "run.mcap", "-o", &csv, "--wav", &wav, "--force"],
+        &["man", "-o", &folder_name],
+        &["update", "image.elf", "--dry-run"],
+        &["update", "image.elf", "--dry-run", "--json"],
+        &["info", "metadata.mcap"],
+        &["info", "metadata.mcap", "--json"],
+        &["replay", "metadata.mcap", "--json"],
+        &["export", "metadata.mcap", "--mcap", "m.mcap"],
+        &["cut", "metadata.mcap", "-o", "n.mcap"],
+        &["merge", "metadata.mcap", "run.mcap", "-o", "o.mcap"],
+        &["report", "metadata.mcap", "-o", "page.html"],
+        &["settings", "diff", "metadata.mcap", "run.mcap"],
+    ];
+    let said: String = commands.iter().map(|command| check(folder, command)).collect();
+    assert!(said.contains(r"\u001b]52;c;aGk=\u0007\nforged\u202e"), "{said}");
+}
+
+/// What is typed at the hands' prompt of a simulated device comes back in a note.
+#[cfg(unix)]
+#[test]
+fn no_hand_writes_to_the_terminal_what_it_likes() {
+    let folder = tempfile::tempdir().unwrap();
+    let typed = folder.path().join("typed");
+    fs::write(&typed, [format!("mass {WORDS}\n").as_bytes(), b"load \x1b[2J\n\xff\n"].concat()).unwrap();
+    let mut command = inerter(folder.path(), &["simulate", "--tcp", "127.0.0.1:0", "--bench"]);
+    let said = fs::File::create(folder.path().join("said")).unwrap();
+    command.stdin(fs::File::open(typed).unwrap()).stdout(said.try_clone().unwrap()).stderr(said);
+    let mut child = command.spawn().unwrap();
+    let words = || text(&fs::read(folder.path().join("said")).unwrap());
+    common::until("nothing is said", || words().contains("load \\u001b[2J"));
+    child.kill().unwrap();
+    child.wait().unwrap();
+    check_words(&["simulate", "--bench"], &[("both streams", &words())]);
 }

@@ -11,7 +11,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use common::{done, fails, inerter, run, text, until};
+use common::{done, fails, inerter, json_lines, run, text, until};
 use inerter_data::settings::Overrides;
 use inerter_plant::Inerter;
 use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
@@ -182,6 +182,27 @@ fn a_program_that_waits_for_a_pipe_ends_soon_after_a_signal() {
         }
     });
     assert_eq!(names(folder.path()), pipes);
+}
+
+/// A pipe holds 64 KB, which are less than a second of this device.
+#[test]
+fn whoever_does_not_read_the_lines_holds_up_no_recording() {
+    let (folder, device) = (tempfile::tempdir().unwrap(), device());
+    let command = ["monitor", "--json", "--record", "run.mcap", "--connect", device.name()];
+    let mut child = inerter(folder.path(), &command).spawn().unwrap();
+    let file = folder.path().join("run.mcap");
+    // Over a minute of its samples.
+    until("the recording waits", || file.metadata().is_ok_and(|metadata| metadata.len() > 4_000_000));
+    assert!(child.try_wait().unwrap().is_none());
+    // What is read late is there, with the count of what is not.
+    let lines = child.stdout.take().unwrap();
+    let reader = std::thread::spawn(move || std::io::read_to_string(lines).unwrap());
+    kill_process(Pid::from_child(&child), Signal::TERM).unwrap();
+    assert_eq!(child.wait().unwrap().code(), Some(0));
+    let said = reader.join().unwrap();
+    assert!(said.lines().count() > 100 && said.ends_with("}\n"), "{said}");
+    let info = json_lines(&done(folder.path(), &["info", "run.mcap", "--json"])).remove(0);
+    assert_eq!((&info["lost_samples"], &info["ending"]), (&0.into(), &"closed".into()), "{info}");
 }
 
 #[test]

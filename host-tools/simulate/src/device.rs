@@ -124,7 +124,7 @@ impl VirtualDevice {
                     autostart,
                 };
                 run_until(&flag, || port.borrow_mut().turn(), inerter_app::run(&app, &mut state, board));
-                start = Start::SOFTWARE;
+                start = Start { saves_left: app.saves_left(), ..Start::SOFTWARE };
             }
         });
         let thread = thread.map_err(|source| SimulateError::Endpoint { what: "a thread".into(), source })?;

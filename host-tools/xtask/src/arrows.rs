@@ -60,8 +60,8 @@ const SCREEN: &[&str] = &["ratatui", "crossterm", "axum", "indicatif"];
 /// What writes Parquet and MATLAB files.
 const TABLES: &[&str] = &["parquet", "hdf5-pure"];
 
-/// The law. Nothing may use a program: the images, the host's, `xtask`, `inerter-tests`, `inerter-bench`, `inerter-twin` and the
-/// programs of others stand on no right-hand side; the twin above all, as its emulator is GPL.
+/// The law. Nothing may use a program: the images, the host's, `xtask`, `inerter-bench`, `inerter-twin` and the programs of others
+/// stand on no right-hand side; the twin above all, as its emulator is GPL. `inerter-tests` is for `inerter-fuzz` alone.
 const LAWS: &[Law] = &[
     Law::of("inerter-core"),
     Law::of("inerter-wire").may_use(&["inerter-core"]),
@@ -117,6 +117,11 @@ const LAWS: &[Law] = &[
         ])
         .never(&[COMMAND_LINE, SCREEN]),
     Law::of("inerter-bench").may_use(&["inerter-core", "inerter-plant"]),
+    // libFuzzer's entry is a function without a mangled name.
+    Law::of("inerter-fuzz")
+        .may_use(&["inerter-core", "inerter-wire", "inerter-plant", "inerter-data", "inerter-device", "inerter-tests"])
+        .never(&[COMMAND_LINE, SCREEN])
+        .with_unsafe(),
     Law::of("inerter-guest"),
     Law::of("inerter-twin")
         .may_use(&[
@@ -162,7 +167,7 @@ const SIGNAL_PATH: &[&str] = &[
 pub fn run() -> Result<()> {
     let root = tree::root();
     let mut workspace = Workspace::read(&root)?;
-    for folder in [Part::Bench.folder(), Part::Twin.folder(), foreign::folder()] {
+    for folder in [Part::Bench.folder(), Part::Fuzz.folder(), Part::Twin.folder(), foreign::folder()] {
         workspace.members.extend(Workspace::read(&folder)?.members);
     }
     let mut faults = arrow_faults(&workspace);
@@ -475,8 +480,11 @@ mod tests {
     #[test]
     fn nobody_is_allowed_a_program() {
         for law in LAWS {
-            for program in ["inerter-qemu", "inerter", "xtask", "inerter-tests", "inerter-bench", "inerter-twin"] {
-                assert!(!law.may_use.contains(&program) && !law.tests_may_use.contains(&program), "{}", law.member);
+            for program in
+                ["inerter-qemu", "inerter", "xtask", "inerter-tests", "inerter-bench", "inerter-fuzz", "inerter-twin"]
+            {
+                let uses = law.may_use.contains(&program) || law.tests_may_use.contains(&program);
+                assert!(!uses || (law.member, program) == ("inerter-fuzz", "inerter-tests"), "{}", law.member);
             }
         }
     }

@@ -9,11 +9,13 @@ mod ablation;
 mod accuracy;
 mod arrows;
 mod bench;
+mod chaos;
 mod data;
 mod demo;
 mod files;
 mod firmware;
 mod foreign;
+mod fuzz;
 mod guest;
 mod icount;
 mod imports;
@@ -24,6 +26,7 @@ mod process;
 mod python;
 mod setup;
 mod size;
+mod soak;
 mod source;
 mod suite;
 mod table;
@@ -97,10 +100,16 @@ enum Command {
     Endurance(accuracy::Arguments),
     /// Processor, memory and losses of the monitor at 4 kHz, into docs/tables/monitor-load.md
     MonitorLoad(monitor_load::Options),
+    /// What must never happen: kills, full disks, hostile devices, slow readers, a clock that is set
+    Chaos(chaos::Options),
+    /// The virtual device at 4 kHz with recordings, page and bridges, and the image in QEMU, for hours: nothing lost, nothing grows
+    Soak(soak::Options),
     /// Time and errors beside other recursive least squares, into docs/tables/bench.md
     Bench(bench::Options),
     /// Speed and memory of exporting an hour at 4 kHz, beside a plain Python reader, into docs/tables/files.md
     BenchFiles(files::Options),
+    /// Search for inputs that break what must hold, guided by coverage, from the corpora in tests/fuzz/corpus
+    Fuzz(fuzz::Options),
     /// Run the snippets of docs/PYTHON.md against a fresh recording
     Python,
 }
@@ -133,8 +142,11 @@ fn main() -> ExitCode {
         Command::Longrun(arguments) => accuracy::with_arguments("longrun", &arguments),
         Command::Endurance(arguments) => accuracy::tested("endurance", &arguments.as_given()),
         Command::MonitorLoad(options) => monitor_load::run(&options),
+        Command::Chaos(options) => chaos::run(&options),
+        Command::Soak(options) => soak::run(&options),
         Command::Bench(options) => bench::run(&options),
         Command::BenchFiles(options) => files::run(&options),
+        Command::Fuzz(options) => fuzz::run(&options),
         Command::Python => python::run(),
     };
     match result {

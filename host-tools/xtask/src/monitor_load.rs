@@ -19,9 +19,9 @@ use std::{
 };
 
 /// Samples per second of the device.
-const RATE_HZ: f64 = 4000.0;
+pub const RATE_HZ: f64 = 4000.0;
 /// Time after which memory is taken as grown up: buffers have been filled once \[s\].
-const SETTLED_S: f64 = 60.0;
+pub const SETTLED_S: f64 = 60.0;
 /// Clock ticks per second in `/proc`, on every Linux that runs here.
 const TICKS_HZ: f64 = 100.0;
 /// Bytes of a page in `/proc/PID/statm`, on x86-64 and most others.
@@ -38,7 +38,7 @@ pub struct Options {
 }
 
 /// A program that ends with this one.
-struct Running(Child);
+pub struct Running(pub Child);
 
 impl Drop for Running {
     fn drop(&mut self) {
@@ -50,10 +50,10 @@ impl Drop for Running {
 
 /// One look at a process.
 #[derive(Clone, Copy, Debug)]
-struct Look {
-    at_s: f64,
-    processor_s: f64,
-    memory_mb: f64,
+pub struct Look {
+    pub at_s: f64,
+    pub processor_s: f64,
+    pub memory_mb: f64,
 }
 
 pub fn run(options: &Options) -> Result<()> {
@@ -101,16 +101,21 @@ pub fn run(options: &Options) -> Result<()> {
 
 /// A virtual device in motion, and where it is.
 fn device(program: &Path) -> Result<(Running, String)> {
-    let mut command = Command::new(program);
     let rate = RATE_HZ.to_string();
-    command.args(["simulate", "--tcp", "127.0.0.1:0", "--json", "--sample-rate-hz", &rate, "--backlash-m", "5e-5"]);
+    simulated(program, &["--sample-rate-hz", &rate, "--backlash-m", "5e-5"])
+}
+
+/// A simulated device with these options, and where it is.
+pub fn simulated(program: &Path, options: &[&str]) -> Result<(Running, String)> {
+    let mut command = Command::new(program);
+    command.args(["simulate", "--tcp", "127.0.0.1:0", "--json"]).args(options);
     let mut child =
-        command.stdin(Stdio::null()).stdout(Stdio::piped()).spawn().context("cannot start the virtual device")?;
-    let output = child.stdout.take().context("no pipe to the virtual device")?;
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).spawn().context("cannot start the simulated device")?;
+    let output = child.stdout.take().context("no pipe to the simulated device")?;
     let running = Running(child);
     let mut line = String::new();
-    BufReader::new(output).read_line(&mut line).context("the virtual device says nothing")?;
-    let ready: Value = serde_json::from_str(&line).with_context(|| format!("the virtual device said: {line}"))?;
+    BufReader::new(output).read_line(&mut line).context("the simulated device says nothing")?;
+    let ready: Value = serde_json::from_str(&line).with_context(|| format!("the simulated device said: {line}"))?;
     let address = ready["address"].as_str().with_context(|| format!("no address in: {line}"))?.to_owned();
     Ok((running, address))
 }
@@ -162,7 +167,7 @@ fn watch(program: &Path, address: &str, folder: &Path, recording: &Path, seconds
 }
 
 /// Processor time and resident memory of a process; `None` once it has ended.
-fn look(process: &Path, started: Instant) -> Option<Look> {
+pub fn look(process: &Path, started: Instant) -> Option<Look> {
     let stat = fs::read_to_string(process.join("stat")).ok()?;
     let memory = fs::read_to_string(process.join("statm")).ok()?;
     let (ticks, pages) = (ticks(&stat)?, memory.split_whitespace().nth(1)?.parse::<f64>().ok()?);

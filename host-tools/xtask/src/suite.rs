@@ -1,7 +1,7 @@
 //! Everything that continuous integration asks for, in order, with a summary at the end.
 
 use crate::{
-    accuracy, arrows, firmware, foreign, guest, icount, panics, process, python, setup, size, table,
+    accuracy, arrows, chaos, firmware, foreign, fuzz, guest, icount, panics, process, python, setup, size, soak, table,
     toolchain::Toolchain,
     tree,
     workspace::{Part, Workspace},
@@ -20,6 +20,9 @@ pub struct Options {
     /// Leave out the steps that take longest; the summary names them
     #[arg(long)]
     pub quick: bool,
+    /// Run the campaigns as well, which take most of an hour
+    #[arg(long, conflicts_with = "quick")]
+    pub full: bool,
     /// Stop at the first step that fails
     #[arg(long)]
     pub fail_fast: bool,
@@ -33,6 +36,16 @@ enum Outcome {
     Skipped(&'static str),
 }
 
+/// In which forms of the suite a step runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum When {
+    Always,
+    /// Left out by `--quick`.
+    NotQuick,
+    /// With `--full` only.
+    Full,
+}
+
 /// One step of the suite.
 struct Step {
     name: &'static str,
@@ -40,8 +53,7 @@ struct Step {
     alone: &'static str,
     /// Without it nothing after it makes sense.
     needed: bool,
-    /// Left out by `--quick`.
-    long: bool,
+    when: When,
     run: fn() -> Result<()>,
 }
 
@@ -55,14 +67,14 @@ const STEPS: &[Step] = &[
         name: "set-up",
         alone: "cargo xtask setup",
         needed: true,
-        long: false,
+        when: When::Always,
         run: || setup::ensure(setup::ALL, false),
     },
     Step {
         name: "lock files",
         alone: "cargo metadata --locked",
         needed: true,
-        long: false,
+        when: When::Always,
         run: || {
             Part::each(|part| {
                 process::output(part.cargo().args(["metadata", "--format-version", "1", "--locked"])).map(drop)
@@ -73,103 +85,130 @@ const STEPS: &[Step] = &[
         name: "formatting",
         alone: "cargo fmt --all --check",
         needed: false,
-        long: false,
+        when: When::Always,
         run: || Part::each(|part| process::run(part.cargo().args(["fmt", "--all", "--check"]))),
     },
-    Step { name: "arrows", alone: "cargo xtask check-arrows", needed: false, long: false, run: arrows::run },
+    Step { name: "arrows", alone: "cargo xtask check-arrows", needed: false, when: When::Always, run: arrows::run },
     Step {
         name: "lints, host",
         alone: "cargo clippy --workspace --all-targets -- -D warnings",
         needed: false,
-        long: false,
+        when: When::Always,
         run: lint_host,
     },
     Step {
         name: "lints, firmware",
         alone: "cargo clippy -p inerter-qemu -p inerter-stm32g474 --target thumbv7em-none-eabihf -- -D warnings",
         needed: false,
-        long: false,
+        when: When::Always,
         run: lint_firmware,
     },
     Step {
         name: "lints, probe",
         alone: "cargo clippy -p inerter --features probe --all-targets -- -D warnings",
         needed: false,
-        long: true,
+        when: When::NotQuick,
         run: lint_probe,
     },
     Step {
         name: "documentation",
         alone: "RUSTDOCFLAGS='-D warnings' cargo doc --workspace --no-deps",
         needed: false,
-        long: true,
+        when: When::NotQuick,
         run: document,
     },
-    Step { name: "firmware", alone: "cargo xtask build-firmware", needed: true, long: false, run: firmware::run_build },
+    Step {
+        name: "firmware",
+        alone: "cargo xtask build-firmware",
+        needed: true,
+        when: When::Always,
+        run: firmware::run_build,
+    },
     Step {
         name: "tests, compiled",
         alone: "cargo test --no-run --workspace",
         needed: true,
-        long: false,
+        when: When::Always,
         run: || Part::each(|part| process::run(part.all("test").arg("--no-run"))),
     },
     Step {
         name: "Linux guest",
         alone: "cargo xtask guest",
         needed: false,
-        long: false,
+        when: When::Always,
         run: || guest::run(&guest::Options::default()),
     },
-    Step { name: "tests", alone: "cargo test --workspace", needed: false, long: false, run: test },
-    Step { name: "Python", alone: "cargo xtask python", needed: false, long: false, run: python::run },
+    Step { name: "tests", alone: "cargo test --workspace", needed: false, when: When::Always, run: test },
+    Step { name: "Python", alone: "cargo xtask python", needed: false, when: When::Always, run: python::run },
     Step {
         name: "endurance",
         alone: "cargo xtask endurance 20000000",
         needed: false,
-        long: false,
+        when: When::Always,
         run: || accuracy::tested("endurance", &["20000000"]),
     },
     Step {
         name: "no panic in the estimator",
         alone: "cargo xtask check-panics",
         needed: false,
-        long: false,
+        when: When::Always,
         run: panics::run,
     },
     Step {
         name: "table of sizes",
         alone: "cargo xtask size",
         needed: false,
-        long: false,
+        when: When::Always,
         run: || size::run(&table::Options::default()),
     },
     Step {
         name: "table of instructions",
         alone: "cargo xtask icount",
         needed: false,
-        long: false,
+        when: When::Always,
         run: || icount::run(&table::Options::default()),
     },
     Step {
         name: "table of accuracy",
         alone: "cargo xtask accuracy",
         needed: false,
-        long: true,
+        when: When::NotQuick,
         run: || accuracy::table("accuracy", &accuracy::Options::default()),
     },
     Step {
         name: "table of changes",
         alone: "cargo xtask changes",
         needed: false,
-        long: true,
+        when: When::NotQuick,
         run: || accuracy::table("changes", &accuracy::Options::default()),
     },
     Step {
         name: "table of robustness",
         alone: "cargo xtask robustness",
         needed: false,
-        long: true,
+        when: When::NotQuick,
         run: || accuracy::table("robustness", &accuracy::Options::default()),
+    },
+    Step {
+        name: "fuzzing",
+        alone: "cargo xtask fuzz",
+        needed: false,
+        when: When::Full,
+        run: || fuzz::run(&fuzz::Options::of(30)),
+    },
+    Step {
+        name: "chaos",
+        alone: "cargo xtask chaos",
+        needed: false,
+        when: When::Full,
+        run: || chaos::run(&chaos::Options { campaign: None, kills: 100, cycles: 5_000, seed: 1 }),
+    },
+    Step {
+        name: "soak",
+        alone: "cargo xtask soak",
+        needed: false,
+        when: When::Full,
+        run: || soak::run(&soak::Options { hours: 0.05, no_qemu: false }),
     },
 ];
 
@@ -197,8 +236,10 @@ fn run_steps(steps: &[Step], options: &Options) -> Vec<Outcome> {
     for step in steps {
         let outcome = if stopped {
             Outcome::Skipped("an earlier step failed")
-        } else if options.quick && step.long {
+        } else if options.quick && step.when != When::Always {
             Outcome::Skipped("left out by --quick")
+        } else if !options.full && step.when == When::Full {
+            Outcome::Skipped("with --full only")
         } else {
             heading(step.name);
             let start = Instant::now();
@@ -336,16 +377,16 @@ fn skips(skipped: &BTreeSet<String>) -> String {
 mod tests {
     use super::*;
 
-    fn step(name: &'static str, needed: bool, long: bool, run: fn() -> Result<()>) -> Step {
-        Step { name, alone: "", needed, long, run }
+    fn step(name: &'static str, needed: bool, when: When, run: fn() -> Result<()>) -> Step {
+        Step { name, alone: "", needed, when, run }
     }
 
     #[test]
     fn a_failing_step_is_named_and_the_others_still_run() {
         let steps = [
-            step("one", false, false, || bail!("broken\nin detail")),
-            step("two", true, false, || bail!("needed")),
-            step("three", false, false, || Ok(())),
+            step("one", false, When::Always, || bail!("broken\nin detail")),
+            step("two", true, When::Always, || bail!("needed")),
+            step("three", false, When::Always, || Ok(())),
         ];
         let outcomes = run_steps(&steps, &Options::default());
         assert!(matches!(outcomes[0], Outcome::Failed(..)) && matches!(outcomes[1], Outcome::Failed(..)));
@@ -355,10 +396,15 @@ mod tests {
     }
 
     #[test]
-    fn quick_says_what_it_leaves_out() {
-        let steps = [step("long one", false, true, || bail!("must not run"))];
-        let outcomes = run_steps(&steps, &Options { quick: true, ..Options::default() });
-        assert_eq!(summary(&steps, &outcomes).trim(), "skipped long one                 left out by --quick");
+    fn what_is_left_out_is_named() {
+        let long = [step("long one", false, When::NotQuick, || bail!("must not run"))];
+        let outcomes = run_steps(&long, &Options { quick: true, ..Options::default() });
+        assert_eq!(summary(&long, &outcomes).trim(), "skipped long one                 left out by --quick");
+        let campaign = [step("campaign", false, When::Full, || bail!("lost a sample"))];
+        let outcomes = run_steps(&campaign, &Options::default());
+        assert_eq!(summary(&campaign, &outcomes).trim(), "skipped campaign                 with --full only");
+        let outcomes = run_steps(&campaign, &Options { full: true, ..Options::default() });
+        assert!(matches!(outcomes[0], Outcome::Failed(..)), "{outcomes:?}");
     }
 
     #[test]
@@ -377,7 +423,7 @@ mod tests {
 
     #[test]
     fn fail_fast_stops() {
-        let steps = [step("one", false, false, || bail!("broken")), step("two", false, false, || Ok(()))];
+        let steps = [step("one", false, When::Always, || bail!("broken")), step("two", false, When::Always, || Ok(()))];
         let outcomes = run_steps(&steps, &Options { fail_fast: true, ..Options::default() });
         assert!(matches!(outcomes[1], Outcome::Skipped(_)));
     }

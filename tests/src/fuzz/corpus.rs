@@ -233,7 +233,7 @@ fn requests(add: Add) {
         })
     });
     add("flood-of-saves", &|stream| {
-        for id in 0..40 {
+        for id in 0..50 {
             stream
                 .request(2 * id, set(&[("memory_s", 10.0 + f64::from(id))]))
                 .request(2 * id + 1, Command::SaveSettings);

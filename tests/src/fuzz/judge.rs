@@ -1,5 +1,6 @@
 //! What a device must have done.
 
+use inerter_app::wear::{FACTORY_RESET, SAVES};
 use inerter_core::Settings;
 use inerter_wire::{Command, Done, Record, Refusal, Reply, SettingsValues, Source};
 
@@ -14,6 +15,7 @@ pub fn outcome(result: &Result<Done, Refusal>) -> String {
         Ok(Done::Plain) => "done".into(),
         Ok(Done::Injected { .. }) => "injected".into(),
         Err(Refusal::QueueFull { .. }) => "refused QueueFull".into(),
+        Err(Refusal::Worn { .. }) => "refused Worn".into(),
         Err(refusal) => format!("refused {refusal:?}"),
     }
 }
@@ -23,6 +25,8 @@ struct Model {
     settings: Settings,
     saved: Option<SettingsValues>,
     source: Source,
+    /// What was taken of the saves that the device takes at once.
+    saves: u32,
 }
 
 impl Model {
@@ -35,7 +39,12 @@ impl Model {
         told: Option<&SettingsValues>,
     ) -> bool {
         let Some(command) = command else { return *result == Err(Refusal::Unsupported) };
+        if let (Err(Refusal::Worn { .. }), Command::SaveSettings | Command::FactoryReset) = (result, command) {
+            // Time gives saves back, and is not known here.
+            return self.saves + saves_of(command) > u32::from(SAVES);
+        }
         let plain = *result == Ok(Done::Plain);
+        self.saves += saves_of(command);
         match command {
             Command::Hello
             | Command::ReadSettings
@@ -102,6 +111,15 @@ impl Model {
     }
 }
 
+/// What a command costs of the saves that a device takes at once.
+fn saves_of(command: &Command) -> u32 {
+    match command {
+        Command::SaveSettings => 1,
+        Command::FactoryReset => u32::from(FACTORY_RESET),
+        _ => 0,
+    }
+}
+
 /// Whether a command that was done tells the settings.
 fn tells(command: &Command) -> bool {
     matches!(command, Command::ReadSettings | Command::WriteSettings(_) | Command::Tare | Command::FactoryReset)
@@ -117,7 +135,7 @@ pub fn judge(stream: &[u8], conditions: &Conditions, played: &Played) -> Vec<Str
         return findings;
     }
     let source = if conditions.sampling { Source::Sampler } else { Source::Stopped };
-    let mut model = Model { settings: defaults(), saved: None, source };
+    let mut model = Model { settings: defaults(), saved: None, source, saves: 0 };
     let mut due = requests.intact.iter();
     let mut told: Option<&SettingsValues> = None;
     let mut restarted = false;

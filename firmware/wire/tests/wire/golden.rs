@@ -279,6 +279,7 @@ fn nested_variants_are_covered() {
                 Err(Refusal::Source) => "no source",
                 Err(Refusal::NothingSaved) => "nothing saved",
                 Err(Refusal::SavedUnreadable) => "saved unreadable",
+                Err(Refusal::Worn { .. }) => "worn",
                 Err(Refusal::BadSetting { fault, .. }) => match fault {
                     SettingFault::Unknown => "unknown",
                     SettingFault::NotFinite => "not finite",
@@ -339,7 +340,7 @@ fn nested_variants_are_covered() {
         };
         seen.insert(kind);
     }
-    assert_eq!(seen.len(), 4 + 4 + 3 + 9 + 1 + 11 + 4 + 4 + 2 + 8 + 8 + 2 + 2 + 2 + 5 + 4 + 7 + 3 + 1);
+    assert_eq!(seen.len(), 4 + 4 + 3 + 9 + 1 + 12 + 4 + 4 + 2 + 8 + 8 + 2 + 2 + 2 + 5 + 4 + 7 + 3 + 1);
 }
 
 /// A frame taken apart by hand, so that the goldens do not only agree with themselves.

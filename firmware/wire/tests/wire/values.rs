@@ -281,6 +281,7 @@ pub fn records() -> Vec<(&'static str, Record)> {
         ("Reply.Source", reply(Err(Refusal::Source))),
         ("Reply.NothingSaved", reply(Err(Refusal::NothingSaved))),
         ("Reply.SavedUnreadable", reply(Err(Refusal::SavedUnreadable))),
+        ("Reply.Worn", reply(Err(Refusal::Worn { wait_s: 119 }))),
         ("Settings", Record::Settings(few_settings())),
         ("Saved", Record::Saved(few_settings())),
         ("Sums", Record::Sums(sums())),

@@ -163,6 +163,11 @@ pub enum CsvError {
     )]
     Irregular { file: String, percent: f64, median_s: f64 },
 
+    /// More is missing than a sample counter of 32 bits can tell from a restart.
+    #[error("{file}, column t_s: there is nothing for {gap_s:.3e} s, while the samples are {median_s:.6} s apart")]
+    #[diagnostic(code(inerter::csv::gap), help("check the times there; a file with two recordings must be split"))]
+    Gap { file: String, gap_s: f64, median_s: f64 },
+
     /// A motion is not given at every point.
     #[error("{file}, column t_s: the points of a motion are not evenly spaced, or some are missing")]
     #[diagnostic(

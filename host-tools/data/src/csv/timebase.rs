@@ -10,6 +10,8 @@ use super::error::CsvError;
 const TOLERANCE: f64 = 0.2;
 /// Share of irregular intervals beyond which there is no rate to speak of.
 const MOST: f64 = 0.5;
+/// Periods that may be missing in a row: a counter of 32 bits that goes on by more has gone back.
+const LONGEST_GAP: f64 = (1_u32 << 31) as f64;
 /// Part of the deviation by which the grid follows the times.
 const FOLLOW: f64 = 0.1;
 
@@ -49,6 +51,10 @@ pub fn find(file: &str, t_s: &[f64], decimals: u32) -> Result<Timebase, CsvError
     let share = irregular as f64 / intervals.len() as f64;
     if share > MOST {
         return Err(irregular_error(share));
+    }
+    let gap_s = intervals.iter().copied().fold(0.0, f64::max);
+    if gap_s / median >= LONGEST_GAP {
+        return Err(CsvError::Gap { file: file.into(), gap_s, median_s: median });
     }
     let mut period = span / intervals.iter().map(|d| periods(*d, median)).sum::<f64>();
     let mut index = number(t_s, period);
@@ -150,6 +156,17 @@ mod tests {
         assert!(matches!(find("f", &[0.0, 1.0], 6), Err(CsvError::TooFew { .. })));
         let huge = [-1e308, -1e307, 0.0, 1e3, 1e4, 1e5, 1e307, 1e308];
         assert!(matches!(find("f", &huge, 6), Err(CsvError::Irregular { .. })));
+    }
+
+    /// Their numbers went beyond 64 bits, where two samples had the same one.
+    #[test]
+    fn a_gap_beyond_any_sample_counter_is_refused() {
+        let with = |gap_s: f64| (0..8).map(f64::from).chain([7.0 + gap_s, 7.0 + 2.0 * gap_s]).collect::<Vec<_>>();
+        for gap_s in [1e30, 2_147_483_648.0] {
+            let error = find("f", &with(gap_s), 0).unwrap_err();
+            assert!(matches!(error, CsvError::Gap { gap_s: told, .. } if told == gap_s), "{error}");
+        }
+        assert_eq!(find("f", &with(1e9), 0).unwrap().missing, 2 * (1_000_000_000 - 1));
     }
 
     proptest::proptest! {

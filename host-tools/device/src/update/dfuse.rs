@@ -4,8 +4,8 @@
 //!   address pointer + (n - 2) x transfer size, and n = 0 carries a command.
 //! - A command or block is carried out when the host asks for the status after it; the answer says how long to wait.
 //!
-//! The first page holds the vectors. It is erased before all others and written after them, so that no half of an image
-//! ever runs, and the same order begins anew after whatever broke it off.
+//! The first page holds the vectors. It is erased before all others and written after them, the vectors last of all, so
+//! that no half of an image ever runs, and the same order begins anew after whatever broke it off.
 //! Sources: USB DFU 1.1; UM0424 (DfuSe); AN3156 (the protocol of the ROM).
 //!
 //! [`FunctionalDescriptor::transfer_size`]: dfu_core::functional_descriptor::FunctionalDescriptor::transfer_size
@@ -217,7 +217,9 @@ impl<'a, Io: DfuIo<Read = usize, Write = usize, Error: Display>> Rom<'a, Io> {
         let action = format!("writing 0x{address:08X}");
         self.command(SET_ADDRESS, address, &action)?;
         let size = usize::from(self.io.functional_descriptor().transfer_size);
-        for (block, portion) in (FIRST_BLOCK..).zip(bytes.chunks(size)) {
+        let blocks: Vec<_> = (FIRST_BLOCK..).zip(bytes.chunks(size)).collect();
+        // The last one first: of the first page the vectors, without which nothing runs, are the end.
+        for (block, portion) in blocks.into_iter().rev() {
             self.out(DNLOAD, block, portion, &action)?;
             self.finish(State::DfuDnloadIdle, &action)?;
         }

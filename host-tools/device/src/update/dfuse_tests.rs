@@ -138,6 +138,27 @@ fn an_update_that_is_cut_off_anywhere_never_leaves_half_an_image_and_is_complete
     }
 }
 
+/// A ROM that takes less than a page at once.
+#[test]
+fn an_update_that_is_cut_off_within_the_first_page_leaves_no_half_an_image() {
+    let image = sample(2048, "inerter 0.1.0");
+    let chip_of = |transfers_left: usize| {
+        let chip = Chip::new();
+        (chip.borrow_mut().transfer_size, chip.borrow_mut().transfers_left) = (256, transfers_left);
+        chip
+    };
+    let chip = chip_of(100_000);
+    program(&chip, &image).unwrap();
+    let all = 100_000 - chip.borrow().transfers_left;
+    for transfers in 0..all {
+        let chip = chip_of(transfers);
+        let _ = program(&chip, &image);
+        let chip = chip.borrow();
+        let blank = chip.bytes(CODE.start, 8) == [0xFF; 8];
+        assert!(blank || chip.erased.is_empty() || holds(&chip, &image), "after {transfers} of {all} transfers");
+    }
+}
+
 #[test]
 fn ctrl_c_ends_between_two_pages_and_the_next_run_completes() {
     let chip = Chip::new();

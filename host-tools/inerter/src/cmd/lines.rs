@@ -1,10 +1,20 @@
 //! `inerter monitor` without a screen: a line per estimate, or JSON.
 
+use std::{
+    sync::{
+        Arc,
+        atomic::{AtomicU64, Ordering},
+        mpsc::{Receiver, SyncSender, TrySendError, sync_channel},
+    },
+    thread::{self, JoinHandle},
+    time::{Duration, Instant},
+};
+
 use inerter_core::{Machine, Settings};
 use inerter_data::{
     json::rounded_s,
     json::{EstimateJson, EventJson, ReversalJson, health_json, json_line, machine_json_line},
-    output,
+    output::{self, OutputError},
     text::{self, event_words},
     words::plural,
 };
@@ -20,6 +30,82 @@ use crate::{
         losses::{Losses, UNKNOWN_FRAMES},
     },
 };
+
+/// What may wait for whoever reads standard output: minutes of a device.
+const WAITING: usize = 4096;
+/// Time for the last words once the work is interrupted.
+const LAST_WORDS: Duration = Duration::from_secs(1);
+
+/// Prints in a thread of its own: whoever takes his time to read holds up neither the device nor the recording. What does not
+/// fit is left out and counted.
+pub struct Printer {
+    items: Option<SyncSender<Item>>,
+    left_out: Arc<AtomicU64>,
+    thread: Option<JoinHandle<Result<(), Error>>>,
+}
+
+/// A view on standard output.
+pub trait Printed: Viewer + Send + 'static {
+    /// Says how many were left out so far.
+    fn left_out(&mut self, count: u64) -> Result<(), Error>;
+}
+
+impl Printer {
+    pub fn new(view: impl Printed) -> Result<Self, Error> {
+        let (items, waiting) = sync_channel(WAITING);
+        let left_out = Arc::new(AtomicU64::new(0));
+        let counted = left_out.clone();
+        let thread = thread::Builder::new().name("printer".into()).spawn(move || print(view, &waiting, &counted));
+        let thread = thread.map_err(|source| OutputError::write("standard output", source))?;
+        Ok(Self { items: Some(items), left_out, thread: Some(thread) })
+    }
+}
+
+fn print(mut view: impl Printed, items: &Receiver<Item>, left_out: &AtomicU64) -> Result<(), Error> {
+    let mut told = 0;
+    for item in items {
+        view.show(&item)?;
+        let count = left_out.load(Ordering::Relaxed);
+        if count != told {
+            told = count;
+            view.left_out(count)?;
+        }
+    }
+    Ok(())
+}
+
+impl Viewer for Printer {
+    fn show(&mut self, item: &Item) -> Result<(), Error> {
+        let Some(items) = self.items.as_ref().filter(|_| !matches!(item, Item::Samples(_))) else { return Ok(()) };
+        match items.try_send(item.clone()) {
+            Ok(()) => Ok(()),
+            Err(TrySendError::Full(_)) => {
+                self.left_out.fetch_add(1, Ordering::Relaxed);
+                Ok(())
+            }
+            Err(TrySendError::Disconnected(_)) => self.end(),
+        }
+    }
+
+    fn pause(&mut self) -> Result<(), Error> {
+        // It ends early only when it fails.
+        if self.thread.as_ref().is_some_and(JoinHandle::is_finished) { self.end() } else { Ok(()) }
+    }
+
+    fn end(&mut self) -> Result<(), Error> {
+        self.items = None;
+        let Some(thread) = self.thread.take() else { return Ok(()) };
+        let mut told: Option<Instant> = None;
+        while !thread.is_finished() {
+            if terminal::interrupted() && told.get_or_insert_with(Instant::now).elapsed() > LAST_WORDS {
+                // It waits in the midst of a line, and would for ever.
+                terminal::end();
+            }
+            thread::sleep(Duration::from_millis(2));
+        }
+        thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+    }
+}
 
 /// One object a line.
 #[derive(Default)]
@@ -76,6 +162,13 @@ impl Viewer for Json {
     }
 }
 
+impl Printed for Json {
+    fn left_out(&mut self, count: u64) -> Result<(), Error> {
+        output::line(json_line(&json!({ "kind": "link", "left_out_lines": count })))?;
+        Ok(output::flush()?)
+    }
+}
+
 /// A line per estimate; all else as notes.
 #[derive(Default)]
 pub struct Lines {
@@ -120,6 +213,13 @@ impl Viewer for Lines {
             Item::Settings(settings) => self.machine = settings.machine,
             Item::Samples(_) | Item::Reversal { .. } => {}
         }
+        Ok(())
+    }
+}
+
+impl Printed for Lines {
+    fn left_out(&mut self, count: u64) -> Result<(), Error> {
+        note(format!("{} left out so far: they were not read in time", plural(count, "line")));
         Ok(())
     }
 }

@@ -13,7 +13,7 @@ use serde_json::json;
 
 use super::{
     args::{LinkArgs, TimeArgs, note_exposed},
-    lines::{Json, Lines},
+    lines::{Json, Lines, Printer},
     screen,
     terminal::{self, say},
 };
@@ -37,6 +37,7 @@ const SHARE: &str = "127.0.0.1:7878";
 /// {"kind":"device",..} at the beginning and after each reconnection, {"kind":"estimate",..} as `inerter replay --json`
 /// prints it, {"kind":"reversal",..} for each reversal of the flanks, {"kind":"health",..} once a second,
 /// {"kind":"event","code":..,"event":..}, with a code like cause.skew for what breaks the law, {"kind":"link","lost_frames":..} when frames were lost,
+/// {"kind":"link","left_out_lines":..} when lines were not read in time,
 /// {"kind":"marker","text":..}, {"kind":"view","view":..,"address":..} for each of --web, --teleplot, --plotjuggler, --foxglove, --share.
 #[derive(clap::Args)]
 pub struct Args {
@@ -119,9 +120,9 @@ pub fn run(args: &Args) -> Result<(), Error> {
         return screen::run(hub, recording, elsewhere, over);
     }
     if args.json {
-        hub.add(Json::default());
+        hub.add(Printer::new(Json::default())?);
     } else {
-        hub.add(Lines::default());
+        hub.add(Printer::new(Lines::default())?);
     }
     hub.run(over)
 }

@@ -16,7 +16,7 @@ use serde_json::json;
 
 use super::{
     args::{LinkArgs, OutputArgs, TimeArgs},
-    terminal::{self, Progress, note},
+    terminal::{self, Progress, Told, note},
 };
 use crate::Error;
 
@@ -56,10 +56,10 @@ pub fn run(args: &Args) -> Result<(), Error> {
         recorder.describe(device.hello(), device.settings())?;
         begin(args, device)?;
     }
-    let mut progress = match args.time.duration {
+    let progress = Told::new(match args.time.duration {
         Some(duration) => Progress::new("recording", duration.as_millis() as u64),
         None => Progress::endless("recording"),
-    };
+    });
     let machine = live.device().map_or(Machine::Linear, |device| device.settings().machine);
     let started = Instant::now();
     let (mut reported, mut ended) = (Instant::now(), false);
@@ -110,10 +110,12 @@ pub fn run(args: &Args) -> Result<(), Error> {
             }
         }
     };
-    progress.done();
     let (duration_s, frames) = (recorder.duration_s(), recorder.frames());
     let reason = failure.as_ref().map_or_else(|| "finished".to_string(), ToString::to_string);
-    recorder.close(&End { reason: reason.clone(), lost_frames: live.lost_frames() })?;
+    let closed = recorder.close(&End { reason: reason.clone(), lost_frames: live.lost_frames() });
+    terminal::last_words();
+    progress.done();
+    closed?;
     match failure {
         None => end(args, duration_s, frames, live.lost_frames()),
         Some(error) => Err(kept(error, &args.output.display().to_string(), duration_s).into()),

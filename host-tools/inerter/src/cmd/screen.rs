@@ -83,8 +83,11 @@ pub fn run(
     let restore = Restore;
     let mut drawn = ratatui::try_init().map_err(|source| MonitorError::Terminal { source })?;
     let stop = quit.clone();
-    let device =
-        thread::Builder::new().name("device".into()).spawn(move || hub.run(|| stop.load(Ordering::Relaxed) || over()));
+    let device = thread::Builder::new().name("device".into()).spawn(move || {
+        let measured = hub.run(|| stop.load(Ordering::Relaxed) || over());
+        terminal::last_words();
+        measured
+    });
     let device = device.map_err(|source| MonitorError::Terminal { source })?;
     let shown = pictures(&mut drawn, &shared, theme, &|| device.is_finished(), &|action| match action {
         // The hub has ended when nobody takes the wish.

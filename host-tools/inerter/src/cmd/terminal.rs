@@ -22,11 +22,15 @@ static HAS_SCREEN: AtomicBool = AtomicBool::new(false);
 
 /// Work that has not seen by then that it is interrupted waits for a reader or a file that may never come.
 const HEED_TIME: Duration = Duration::from_secs(3);
+/// Time for what is told at the end.
+const LAST_WORDS: Duration = Duration::from_secs(1);
+/// Words that may wait for a terminal.
+const WAITING: usize = 256;
 /// Time for a terminal to be given back: one that is stopped takes nothing.
 const RESTORE_TIME: Duration = Duration::from_millis(500);
 
 /// Ends the program at once, the terminal given back, nothing half written left behind.
-fn end() -> ! {
+pub fn end() -> ! {
     if HAS_SCREEN.load(Ordering::Relaxed) {
         let (done, restored) = mpsc::channel();
         std::thread::spawn(move || {
@@ -63,6 +67,17 @@ pub fn catch_interrupts() {
     };
     // Fails only when a handler is there already.
     ctrlc::set_handler(handler).ok();
+}
+
+/// What is left to do is to tell a person, and a terminal may take nothing: where the work was interrupted, the program ends in
+/// a moment whatever becomes of that.
+pub fn last_words() {
+    if interrupted() {
+        std::thread::spawn(|| {
+            std::thread::sleep(LAST_WORDS);
+            end();
+        });
+    }
 }
 
 /// Whether the terminal must be given back before the program ends.
@@ -207,5 +222,61 @@ impl Progress {
         if let Some(bar) = self.bar {
             bar.finish_and_clear();
         }
+    }
+}
+
+/// A [`Progress`] that is shown by a thread of its own: a terminal that takes nothing holds up nobody. Words that it does not
+/// take are left out.
+pub struct Told {
+    words: Option<mpsc::SyncSender<Word>>,
+    thread: Option<std::thread::JoinHandle<()>>,
+}
+
+enum Word {
+    Set(u64),
+    Say(String),
+    Note(String),
+}
+
+impl Told {
+    pub fn new(mut progress: Progress) -> Self {
+        let (words, waiting) = mpsc::sync_channel(WAITING);
+        let thread = std::thread::Builder::new().name("teller".into()).spawn(move || {
+            for word in waiting {
+                match word {
+                    Word::Set(position) => progress.set(position),
+                    Word::Say(text) => progress.say(text),
+                    Word::Note(text) => progress.note(text),
+                }
+            }
+            progress.done();
+        });
+        // Without a thread nothing is told.
+        Self { words: Some(words), thread: thread.ok() }
+    }
+
+    fn tell(&self, word: Word) {
+        self.words.as_ref().map(|words| words.try_send(word));
+    }
+
+    /// So much is done.
+    pub fn set(&self, position: u64) {
+        self.tell(Word::Set(position));
+    }
+
+    /// What is said beside the label of endless work.
+    pub fn say(&self, text: String) {
+        self.tell(Word::Say(text));
+    }
+
+    /// A note above the bar.
+    pub fn note(&self, text: impl Into<String>) {
+        self.tell(Word::Note(text.into()));
+    }
+
+    /// Waits until all is told.
+    pub fn done(mut self) {
+        self.words = None;
+        self.thread.take().map(std::thread::JoinHandle::join);
     }
 }

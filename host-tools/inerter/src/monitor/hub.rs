@@ -25,6 +25,11 @@ pub trait Viewer {
     fn pause(&mut self) -> Result<(), Error> {
         Ok(())
     }
+
+    /// Nothing will come any more: what waits is shown.
+    fn end(&mut self) -> Result<(), Error> {
+        Ok(())
+    }
 }
 
 /// What those who look on may ask for.
@@ -91,10 +96,11 @@ impl Hub {
     pub fn run(mut self, stop: impl Fn() -> bool) -> Result<(), Error> {
         let result = self.turn_by_turn(stop);
         let lost_frames = self.live.lost_frames();
-        let Some(recorder) = self.recorder else { return result };
         let reason = result.as_ref().err().map_or_else(|| "finished".into(), ToString::to_string);
-        let closed = recorder.close(&End { reason, lost_frames });
-        result.and_then(|()| Ok(closed?))
+        let closed = self.recorder.map_or(Ok(()), |recorder| recorder.close(&End { reason, lost_frames }));
+        // After the recording is safe.
+        let shown = self.viewers.iter_mut().try_for_each(|viewer| viewer.end());
+        result.and_then(|()| Ok(closed?)).and(shown)
     }
 
     fn turn_by_turn(&mut self, stop: impl Fn() -> bool) -> Result<(), Error> {

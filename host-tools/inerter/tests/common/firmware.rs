@@ -1,5 +1,7 @@
 //! Firmware that is older or newer than the program: what a device says, changed on its way.
 
+#![allow(dead_code, reason = "each test file uses its part")]
+
 use std::{
     io::{Read, Write},
     net::{TcpListener, TcpStream},
@@ -52,7 +54,7 @@ fn answers(mut device: TcpStream, mut host: TcpStream, change: Change) {
 }
 
 /// A frame around any payload, with its delimiter.
-fn framed(payload: &[u8], sequence: u16) -> Vec<u8> {
+pub fn framed(payload: &[u8], sequence: u16) -> Vec<u8> {
     let mut body = [payload, &sequence.to_le_bytes()].concat();
     body.extend(Crc32::of(&body).to_le_bytes());
     let mut frame = vec![0; cobs::max_encoding_length(body.len())];

@@ -1,5 +1,7 @@
 //! A terminal, and somebody before it who presses Enter at whatever he is asked.
 
+#![allow(dead_code, reason = "each test file uses its part")]
+
 use std::{
     os::fd::OwnedFd,
     sync::{Arc, Mutex},
@@ -38,4 +40,13 @@ pub fn patient() -> (OwnedFd, Arc<Mutex<Vec<u8>>>) {
         }
     });
     (terminal, shown)
+}
+
+/// What was shown, without what the program itself does to its line, and the system's line ends.
+pub fn spoken(shown: &str) -> String {
+    let mut words = shown.replace("\r\n", "\n").replace('\r', "\n");
+    for own in ["\u{1b}[2K", "\u{1b}[K", "\u{1b}[1A", "\u{1b}[?25h", "\u{1b}[?25l"] {
+        words = words.replace(own, "");
+    }
+    words
 }

@@ -1,0 +1,279 @@
+//! Every command at every device that does what none of ours does.
+
+use std::{
+    collections::BTreeMap,
+    io::Write,
+    sync::{
+        Mutex,
+        atomic::{AtomicU64, AtomicUsize, Ordering},
+    },
+    thread,
+    time::{Duration, Instant},
+};
+
+use inerter_core::Settings;
+use inerter_wire::{Command, Done, FrameReader, Record, Reply, Request, SettingsValues};
+use rustix::process::{Pid, Signal, kill_process};
+
+use crate::{
+    firmware::{framed, payload},
+    scenario::{AT_ONCE, MOST_KB, Scenario, each},
+    unruly::{COMMANDS, MANNERS, Manner, Unruly, Visit, hello, prepared, requests},
+};
+
+/// Time to end after a signal or the device's going.
+const END_TIME: Duration = Duration::from_secs(5);
+
+/// The worst that was seen, and where.
+#[derive(Default)]
+struct Worst(Mutex<BTreeMap<&'static str, (u64, String)>>);
+
+impl Worst {
+    fn see(&self, of: &'static str, value: u64, what: &str) {
+        let mut all = self.0.lock().unwrap();
+        let worst = all.entry(of).or_default();
+        if value > worst.0 {
+            *worst = (value, what.into());
+        }
+    }
+
+    fn words(self) -> String {
+        let all = self.0.into_inner().unwrap();
+        let words: Vec<String> = all.iter().map(|(of, (value, what))| format!("{of} {value} ({what})")).collect();
+        words.join(", ")
+    }
+}
+
+/// The system ends it by the signal.
+fn has_no_handler(command: &[&str]) -> bool {
+    ["settings", "doctor"].contains(&command[0])
+}
+
+/// Each pair twice: a signal comes, and the device goes. The command then ends, with a code of ours, little memory, and no word
+/// of the device's that a terminal would obey.
+#[test]
+#[ignore = "cargo xtask chaos"]
+fn unruly() {
+    let scenario = Scenario::start(2400);
+    let mut pairs: Vec<_> =
+        MANNERS.iter().flat_map(|manner| COMMANDS.iter().map(move |command| (*manner, *command))).collect();
+    let mut random = scenario.random("order");
+    for place in (1..pairs.len()).rev() {
+        pairs.swap(place, random.below(place as u64 + 1) as usize);
+    }
+    let visits: Vec<_> =
+        pairs.into_iter().flat_map(|(manner, command)| [(manner, command, false), (manner, command, true)]).collect();
+    let (seen, again) = (Seen::default(), Mutex::new(Vec::new()));
+    each(&visits, AT_ONCE, |visit| {
+        if meet(&scenario, *visit, &seen).is_err() {
+            again.lock().unwrap().push(*visit);
+        }
+    });
+    // A machine that has much other work may keep a program from its time: what happens once more, with nothing beside it, counts.
+    let again = again.into_inner().unwrap();
+    let faults: Vec<String> = again.iter().filter_map(|visit| meet(&scenario, *visit, &seen).err()).collect();
+    assert!(faults.is_empty(), "{} faults:\n{}", faults.len(), faults.join("\n"));
+    scenario.passed(&format!(
+        "{} behaviours x {} commands, {} ended by themselves, {} looked at twice; most: {}",
+        MANNERS.len(),
+        COMMANDS.len(),
+        seen.by_itself.into_inner(),
+        again.len(),
+        seen.worst.words()
+    ));
+}
+
+/// What all visits came to.
+#[derive(Default)]
+struct Seen {
+    worst: Worst,
+    by_itself: AtomicUsize,
+}
+
+/// One command at one device, which then goes, or else a signal comes. What was wrong is the error.
+fn meet(
+    scenario: &Scenario,
+    (manner, command, goes): (Manner, &'static [&'static str], bool),
+    seen: &Seen,
+) -> Result<(), String> {
+    let folder = prepared();
+    let what = format!("{} at {manner:?}", command.join(" "));
+    let mut random = scenario.random(&format!("{what}, {goes}"));
+    let device = Unruly::start(manner, scenario.seed);
+    // Waiting for a device that comes back is no hanging.
+    let at_once = |word: &&'static str| if goes && *word == "60" && command.contains(&"--wait") { "0" } else { *word };
+    let command: Vec<&str> = command.iter().map(at_once).collect();
+    let mut visit = Visit::start(folder.path(), &command, &device.address);
+    let started = Instant::now();
+    while device.guests() == 0 && started.elapsed() < Duration::from_secs(30) && visit.goes_on(Duration::ZERO) {
+        thread::sleep(Duration::from_millis(2));
+    }
+    let is_running = visit.goes_on(Duration::from_millis(random.below(1500)));
+    let mut within = END_TIME;
+    let how = match (is_running, goes) {
+        (false, _) => "by itself",
+        (true, true) => {
+            device.go();
+            // `monitor` waits 10 s where nothing else is said.
+            if command.contains(&"monitor") && !command.contains(&"--wait") {
+                within += Duration::from_secs(10);
+            }
+            "after the device went"
+        }
+        (true, false) => {
+            let signal = [Signal::TERM, Signal::INT, Signal::HUP][random.below(3) as usize];
+            let signal = if has_no_handler(&command) { Signal::TERM } else { signal };
+            kill_process(Pid::from_child(&visit.child), signal).unwrap();
+            "after a signal"
+        }
+    };
+    let told = Instant::now();
+    let status = visit.ended(within);
+    let took_ms = told.elapsed().as_millis() as u64;
+    let (most_kb, foreign) = visit.end();
+    let by_system = how == "after a signal" && has_no_handler(&command);
+    let ended_well = status.is_some_and(|status| match status.code() {
+        Some(code) => matches!(code, 0..=9 | 130),
+        None => by_system,
+    });
+    let mut faults = Vec::new();
+    if !ended_well {
+        faults.push(status.map_or("goes on".into(), |status| status.to_string()));
+    }
+    if most_kb > MOST_KB {
+        faults.push(format!("{most_kb} kB"));
+    }
+    faults.extend(foreign.map(|foreign| format!("said {foreign:?}")));
+    if device.guests() == 0 {
+        faults.push("never came".into());
+    }
+    if !faults.is_empty() {
+        return Err(format!("{what} {how}: {}", faults.join(", ")));
+    }
+    seen.by_itself.fetch_add(usize::from(!is_running), Ordering::Relaxed);
+    seen.worst.see("kB", most_kb, &what);
+    match how {
+        "after a signal" => seen.worst.see("ms after a signal", took_ms, &what),
+        "after the device went" => seen.worst.see("ms after its going", took_ms, &what),
+        _ => {}
+    }
+    Ok(())
+}
+
+/// Memory does not grow with what a device says without an end.
+#[test]
+#[ignore = "cargo xtask chaos"]
+fn floods() {
+    let scenario = Scenario::start(600);
+    let floods = [
+        Manner::Noise,
+        Manner::Samples,
+        Manner::Introduced,
+        Manner::Repeating,
+        Manner::EndlessFrame,
+        Manner::ReplyFlood,
+        Manner::HelloFlood,
+        Manner::RestartFlood,
+        Manner::HealthFlood,
+        Manner::EventFlood,
+        Manner::UnknownRecords,
+        Manner::RandomRecords,
+        Manner::Mutated,
+        Manner::LongestFrames,
+        Manner::IndexCircle,
+        Manner::IndexLeaps,
+        Manner::EstimatesNan,
+    ];
+    let commands: [&[&str]; 6] = [
+        &["monitor", "--json", "--record", "run.mcap", "--force"],
+        &["monitor", "--plain", "--share", "127.0.0.1:0", "--web", "--bind", "127.0.0.1:0"],
+        &["record", "-o", "run.mcap", "--force"],
+        &["send", "sent.mcap"],
+        &["calibrate", "zero", "--duration", "3600"],
+        &["calibrate", "timebase", "--duration", "3600"],
+    ];
+    let pairs: Vec<_> =
+        floods.iter().flat_map(|manner| commands.iter().map(move |command| (*manner, *command))).collect();
+    let worst = Worst::default();
+    each(&pairs, AT_ONCE, |(manner, command)| {
+        let (folder, device) = (prepared(), Unruly::start(*manner, scenario.seed));
+        let mut visit = Visit::start(folder.path(), command, &device.address);
+        let what = format!("{} at {manner:?}", command.join(" "));
+        let is_running = visit.goes_on(Duration::from_secs(8));
+        if is_running {
+            kill_process(Pid::from_child(&visit.child), Signal::TERM).unwrap();
+        }
+        let status = visit.ended(END_TIME).unwrap_or_else(|| panic!("{what} goes on"));
+        assert!(matches!(status.code(), Some(0..=9 | 130)), "{what}: {status}");
+        let (most_kb, foreign) = visit.end();
+        assert_eq!(foreign, None, "{what}");
+        worst.see("kB", most_kb, &what);
+        assert!(most_kb < MOST_KB, "{what}: {most_kb} kB");
+    });
+    scenario.passed(&format!("{} floods x {} commands for 8 s; most: {}", floods.len(), commands.len(), worst.words()));
+}
+
+/// The connection closes after each count of bytes of a conversation.
+#[test]
+#[ignore = "cargo xtask chaos"]
+fn cut_off() {
+    let scenario = Scenario::start(900);
+    let folder = prepared();
+    let commands: [&[&str]; 4] = [
+        &["settings", "get"],
+        &["settings", "set", "memory_s=12"],
+        &["settings", "tare"],
+        &["settings", "backup", "k.toml", "--force"],
+    ];
+    let (runs, longest) = (AtomicU64::new(0), AtomicUsize::new(0));
+    for command in commands {
+        let (next, complete) = (AtomicUsize::new(0), AtomicUsize::new(0));
+        thread::scope(|scope| {
+            for _ in 0..4 {
+                scope.spawn(|| {
+                    loop {
+                        let count = next.fetch_add(1, Ordering::Relaxed);
+                        // The whole conversation has been had.
+                        if complete.load(Ordering::Relaxed) > 0 || count > 4000 {
+                            break;
+                        }
+                        let device = Unruly::behaving(move |host, _| {
+                            terse(host, count);
+                        });
+                        let mut visit = Visit::start(folder.path(), command, &device.address);
+                        let status = visit.ended(END_TIME);
+                        let (_, foreign) = visit.end();
+                        let code = status.and_then(|status| status.code());
+                        assert!(matches!(code, Some(0..=9)), "{command:?} cut off after {count} bytes: {code:?}");
+                        assert_eq!(foreign, None, "{command:?} cut off after {count} bytes");
+                        complete.fetch_add(usize::from(code == Some(0)), Ordering::Relaxed);
+                        longest.fetch_max(count, Ordering::Relaxed);
+                        runs.fetch_add(1, Ordering::Relaxed);
+                    }
+                });
+            }
+        });
+        assert!(complete.into_inner() > 0, "{command:?} was never done");
+    }
+    scenario.passed(&format!("{} cuts, after 0 to {} bytes", runs.into_inner(), longest.into_inner()));
+}
+
+/// Answers everything, and closes the connection after so many bytes.
+fn terse(mut host: std::net::TcpStream, mut count: usize) -> Option<()> {
+    let (mut reader, mut sequence) = (FrameReader::<Request>::new(), 0);
+    loop {
+        for Request { id, command } in requests(&mut host, &mut reader)? {
+            let content = match command {
+                Command::Hello => Some(Record::Hello(hello())),
+                Command::ReadSettings => Some(Record::Settings(SettingsValues::from(&Settings::default()))),
+                _ => None,
+            };
+            for record in content.into_iter().chain([Record::Reply(Reply { id, result: Ok(Done::Plain) })]) {
+                let bytes = framed(&payload(&record), sequence);
+                sequence += 1;
+                host.write_all(bytes.get(..count).unwrap_or(&bytes)).ok()?;
+                count = count.checked_sub(bytes.len())?;
+            }
+        }
+    }
+}

@@ -1,0 +1,127 @@
+//! Every command that writes files which take their names when they are complete.
+
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::Path,
+    process::Command,
+    time::{Duration, Instant},
+};
+
+use crate::common::{all_are_tried, done, inerter, text};
+
+/// A command, and how dear it is.
+pub struct Writer {
+    pub command: &'static [&'static str],
+    /// At a device, whose address is added.
+    has_device: bool,
+    /// One of its runs takes as long as so many of the others.
+    pub cost: u64,
+}
+
+const fn writer(command: &'static [&'static str]) -> Writer {
+    Writer { command, has_device: false, cost: 1 }
+}
+
+pub const WRITERS: &[Writer] = &[
+    Writer { cost: 20, ..writer(&["reproduce-paper", "-o", "."]) },
+    Writer { cost: 5, ..writer(&["report", "run.mcap", "-o", "page.html", "--png", "."]) },
+    Writer { cost: 2, ..writer(&["plan", "run.mcap", "-o", "plan.csv", "--wav", "plan.wav"]) },
+    writer(&["simulate", "--duration", "20", "-o", "sim.mcap"]),
+    writer(&["simulate", "--duration", "20", "-o", "sim.csv"]),
+    writer(&["export", "run.mcap", "--csv", "e.csv", "--estimates"]),
+    writer(&["export", "run.mcap", "--parquet", "e.parquet"]),
+    writer(&["export", "run.mcap", "--mat", "e.mat"]),
+    writer(&["export", "run.mcap", "--mcap", "e.mcap"]),
+    writer(&["cut", "run.mcap", "-o", "cut.mcap"]),
+    writer(&["merge", "first.mcap", "second.mcap", "-o", "both.mcap"]),
+    writer(&["plot", "run.mcap", "--figure", "force", "-o", "force.svg"]),
+    writer(&["plot", "run.mcap", "--figure", "loop", "-o", "loop.png"]),
+    writer(&["man", "-o", "."]),
+    Writer { has_device: true, ..writer(&["settings", "backup", "board.toml"]) },
+];
+
+/// What a writer leaves when nobody disturbs it.
+pub struct Whole {
+    pub files: BTreeMap<String, Vec<u8>>,
+    pub took: Duration,
+}
+
+/// What stands under the names before, where something does.
+pub const EARLIER: &[u8] = b"earlier";
+
+impl Writer {
+    /// As it is run, with what it is told besides.
+    pub fn run(&self, folder: &Path, device: &str, more: &[&str]) -> Command {
+        let link: &[&str] = if self.has_device { &["--connect", device] } else { &[] };
+        inerter(folder, &[self.command, link, more].concat())
+    }
+
+    /// Lets it end, twice: what it writes must be the same.
+    pub fn whole(&self, folder: &Path, device: &str) -> Whole {
+        let before = names(folder);
+        let mut all = [(); 2].map(|()| {
+            let started = Instant::now();
+            let output = self.run(folder, device, &[]).output().unwrap();
+            assert!(output.status.success(), "{:?}: {}", self.command, text(&output.stderr));
+            let took = started.elapsed();
+            let files = names(folder).into_iter().filter(|name| !before.contains(name));
+            let files: BTreeMap<String, Vec<u8>> =
+                files.map(|name| (name.clone(), fs::read(folder.join(name)).unwrap())).collect();
+            files.keys().for_each(|name| fs::remove_file(folder.join(name)).unwrap());
+            Whole { files, took }
+        });
+        assert!(all[0].files == all[1].files, "{:?} writes other bytes each time", self.command);
+        all[1].took = all[1].took.max(all[0].took);
+        let [_, whole] = all;
+        whole
+    }
+}
+
+impl Whole {
+    /// Puts something under each of the names.
+    pub fn earlier(&self, folder: &Path) {
+        self.files.keys().for_each(|name| fs::write(folder.join(name), EARLIER).unwrap());
+    }
+
+    /// Each of the files is whole, or what was there before. `parts`: unfinished files may lie there. Gives how many are whole,
+    /// and removes everything.
+    pub fn check(&self, folder: &Path, before: &[String], was_there: bool, parts: bool, what: &str) -> usize {
+        let mut whole = 0;
+        let mut seen = 0;
+        for name in names(folder).into_iter().filter(|name| !before.contains(name)) {
+            let bytes = fs::read(folder.join(&name)).unwrap();
+            match self.files.get(&name) {
+                Some(expected) if *expected == bytes => (whole, seen) = (whole + 1, seen + 1),
+                Some(_) if was_there && bytes == EARLIER => seen += 1,
+                Some(_) => panic!("{what}: {} bytes under the name {name}", bytes.len()),
+                None => assert!(parts && name.starts_with('.') && name.ends_with(".part"), "{what}: {name} is left"),
+            }
+            fs::remove_file(folder.join(name)).unwrap();
+        }
+        assert!(!was_there || seen == self.files.len(), "{what}: an earlier file is gone");
+        whole
+    }
+}
+
+/// What the commands read.
+pub fn prepare(folder: &Path) {
+    done(folder, &["simulate", "--duration", "10", "-o", "run.mcap"]);
+    done(folder, &["cut", "run.mcap", "--to", "5", "-o", "first.mcap"]);
+    done(folder, &["cut", "run.mcap", "--from", "5", "-o", "second.mcap"]);
+}
+
+/// Files of a folder, in order.
+pub fn names(folder: &Path) -> Vec<String> {
+    let entries = fs::read_dir(folder).unwrap();
+    let mut names: Vec<String> = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn every_command_that_writes_files_is_tried() {
+    let recorders: [&[&str]; 2] = [&["record"], &["monitor"]];
+    let tried: Vec<&[&str]> = WRITERS.iter().map(|writer| writer.command).chain(recorders).collect();
+    all_are_tried(&tried, |help| help.contains("  Replace "));
+}

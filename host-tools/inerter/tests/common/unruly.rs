@@ -1,0 +1,775 @@
+//! Devices that do what no device of ours does, the commands that meet them, and what a command must keep to there.
+#![allow(dead_code, reason = "each test file uses its part")]
+
+use std::{
+    io::{BufRead, BufReader, ErrorKind, Read, Write},
+    net::{Shutdown, TcpListener, TcpStream},
+    path::Path,
+    process::{Child, ExitStatus},
+    sync::{
+        Arc, Mutex, OnceLock,
+        atomic::{AtomicBool, AtomicUsize, Ordering},
+    },
+    thread::{self, JoinHandle},
+    time::{Duration, Instant},
+};
+
+use inerter_core::{Change, RawSample, Settings, Warning, WarningKind};
+use inerter_data::recording::{Item, read};
+use inerter_wire::{
+    Capabilities, ClockSource, Command, DELIMITER, Done, Event, EventKind, Fault, Frame, FrameReader, Health, Hello,
+    MAX_FRAME, MAX_PAYLOAD, Record, Refusal, Reply, Request, ResetCause, Samples, SettingFault, SettingValue,
+    SettingsValues, Source, encode_request,
+};
+
+use crate::{
+    common::{Random, done, foreign_words, inerter, text},
+    elf_file,
+    firmware::{framed, payload},
+    terminal::{patient, spoken},
+};
+
+macro_rules! manners {
+    ($($(#[doc = $doc:literal])+ $name:ident,)+) => {
+        /// What a device does once somebody has connected.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub enum Manner {
+            $($(#[doc = $doc])+ $name,)+
+        }
+
+        /// All of them.
+        pub const MANNERS: &[Manner] = &[$(Manner::$name,)+];
+    };
+}
+
+manners! {
+    /// Nothing.
+    Silent,
+    /// Bytes without meaning.
+    Noise,
+    /// Samples, and no answer at all.
+    Samples,
+    /// Answers who it is, then samples and no other answer.
+    Introduced,
+    /// The same without the samples.
+    Mute,
+    /// The same, and takes no more either.
+    Deaf,
+    /// Answers everything, and sends the same sample again and again.
+    Repeating,
+    /// One frame that never ends.
+    EndlessFrame,
+    /// Ends of frames, and nothing between them.
+    Delimiters,
+    /// What it was sent.
+    Echo,
+    /// The bytes of its Hello, two a second.
+    Trickle,
+    /// Closes the connection at once.
+    GoneAtOnce,
+    /// Closes the connection after so many bytes, each time after others.
+    ClosesAfter,
+    /// Closes the connection with requests unread, which resets it.
+    Resets,
+    /// Says no more after the settings, and goes on listening.
+    HalfClosed,
+    /// Each answer takes 2 s.
+    Late,
+    /// Each answer comes after nobody waits for it any more.
+    TooLate,
+    /// Answers another request.
+    OtherId,
+    /// Everything twice.
+    Twice,
+    /// Answers, and has nothing to tell.
+    Empty,
+    /// Refuses what goes beyond its settings.
+    Refusing,
+    /// Refuses everything.
+    RefusingAll,
+    /// Refuses because of settings that do not exist.
+    RefusingSettings,
+    /// Answers to all numbers, without an end.
+    ReplyFlood,
+    /// Speaks another wire version.
+    OtherVersion,
+    /// The same, a moment later.
+    LaterVersion,
+    /// Says who it is without an end.
+    HelloFlood,
+    /// Starts anew without an end.
+    RestartFlood,
+    /// Names with control characters.
+    ControlText,
+    /// Names that are no UTF-8.
+    TornText,
+    /// Can do nothing.
+    NoCapabilities,
+    /// No samples per second.
+    RateZero,
+    /// Negative ones.
+    RateNegative,
+    /// More than there are.
+    RateHuge,
+    /// As many as nobody can say.
+    RateNan,
+    /// Every setting is NaN.
+    SettingsNan,
+    /// Every setting is infinite.
+    SettingsInfinite,
+    /// Every setting as small as it may be.
+    SettingsLeast,
+    /// Every setting as large as it may be.
+    SettingsGreatest,
+    /// More settings than a message holds.
+    SettingsTooMany,
+    /// Settings that nobody knows.
+    SettingsUnknown,
+    /// One setting, many times.
+    SettingsRepeated,
+    /// Frames of the greatest length.
+    LongestFrames,
+    /// Longer ones.
+    TooLongFrames,
+    /// Frames whose sum is wrong.
+    BadCrc,
+    /// Byte by byte.
+    ByteByByte,
+    /// Frames numbered backwards.
+    SequenceBack,
+    /// Frames with the same number.
+    SequenceStands,
+    /// Frames with any number.
+    SequenceRandom,
+    /// Samples counted backwards.
+    IndexBack,
+    /// The same few samples in a circle.
+    IndexCircle,
+    /// Samples whose counter wraps.
+    IndexWraps,
+    /// Samples with gaps of years.
+    IndexLeaps,
+    /// Counts and codes from one end of the range to the other.
+    ExtremeSamples,
+    /// Batches that break off.
+    TornSamples,
+    /// Estimates that are no numbers.
+    EstimatesNan,
+    /// Its state without an end, all counters full.
+    HealthFlood,
+    /// Events without an end.
+    EventFlood,
+    /// Records that nobody knows.
+    UnknownRecords,
+    /// Known records, any content.
+    RandomRecords,
+    /// What a device says, with bits that are wrong and sums that fit them.
+    Mutated,
+}
+
+/// A device at an address of this machine, until it is dropped.
+pub struct Unruly {
+    pub address: String,
+    shared: Arc<Met>,
+}
+
+#[derive(Default)]
+struct Met {
+    guests: AtomicUsize,
+    gone: AtomicBool,
+    connections: Mutex<Vec<TcpStream>>,
+}
+
+impl Unruly {
+    pub fn start(manner: Manner, seed: u64) -> Self {
+        Self::behaving(move |host, guest| {
+            behave(manner, host, guest, seed);
+        })
+    }
+
+    /// A device that does this with each connection, the first of which is number 0.
+    pub fn behaving(act: impl Fn(TcpStream, usize) + Send + Sync + 'static) -> Self {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = listener.local_addr().unwrap().to_string();
+        let (shared, act) = (Arc::new(Met::default()), Arc::new(act));
+        let met = shared.clone();
+        thread::spawn(move || {
+            for host in listener.incoming().map_while(Result::ok) {
+                if met.gone.load(Ordering::SeqCst) {
+                    break;
+                }
+                let mut connections = met.connections.lock().unwrap();
+                // Those before have been closed by their ends, or are few.
+                connections.retain(|connection| connection.peer_addr().is_ok());
+                connections.push(host.try_clone().unwrap());
+                drop(connections);
+                let (guest, act) = (met.guests.fetch_add(1, Ordering::SeqCst), act.clone());
+                thread::spawn(move || {
+                    let all = host.try_clone();
+                    act(host, guest);
+                    all.map(|all| all.shutdown(Shutdown::Both)).ok();
+                });
+            }
+        });
+        Self { address, shared }
+    }
+
+    /// How many have connected to it.
+    pub fn guests(&self) -> usize {
+        self.shared.guests.load(Ordering::SeqCst)
+    }
+
+    /// The device goes, and does not come back.
+    pub fn go(&self) {
+        if !self.shared.gone.swap(true, Ordering::SeqCst) {
+            // The listener ends with the next one that comes.
+            TcpStream::connect(&self.address).ok();
+        }
+        for connection in self.shared.connections.lock().unwrap().drain(..) {
+            connection.shutdown(Shutdown::Both).ok();
+        }
+    }
+}
+
+impl Drop for Unruly {
+    fn drop(&mut self) {
+        self.go();
+    }
+}
+
+/// What a device of ours says in 10 s, without its answers.
+fn usual() -> &'static [Vec<u8>] {
+    static USUAL: OnceLock<Vec<Vec<u8>>> = OnceLock::new();
+    USUAL.get_or_init(|| {
+        let folder = tempfile::tempdir().unwrap();
+        done(folder.path(), &["simulate", "-o", "usual.mcap", "--duration", "10"]);
+        let mut payloads = Vec::new();
+        read(&folder.path().join("usual.mcap"), |incoming| {
+            if let Item::Frame(Frame::Message { message, .. }) = incoming.item {
+                payloads.push(payload(&message));
+            }
+        })
+        .unwrap();
+        assert!(payloads.len() > 300, "{}", payloads.len());
+        payloads
+    })
+}
+
+const WORDS: &str = "\u{1b}]52;c;aGk=\u{7}\nforged\u{202e}\u{9b}31m\u{200b}";
+
+/// One conversation with a host.
+struct Talk {
+    manner: Manner,
+    host: TcpStream,
+    requests: FrameReader<Request>,
+    sequence: u16,
+    random: Random,
+    /// The settings have been asked for.
+    introduced: bool,
+    /// Frames or batches that were sent unasked.
+    sent: usize,
+    /// Samples that were taken.
+    taken: u32,
+    /// Bytes that may be sent yet.
+    bytes: usize,
+}
+
+fn behave(manner: Manner, host: TcpStream, guest: usize, seed: u64) -> Option<()> {
+    host.set_nodelay(true).ok()?;
+    let bytes = if manner == Manner::ClosesAfter { guest * 97 % 4096 } else { usize::MAX };
+    let random = Random(seed ^ guest as u64);
+    let requests = FrameReader::new();
+    let mut talk = Talk { manner, host, requests, sequence: 0, random, introduced: false, sent: 0, taken: 0, bytes };
+    match manner {
+        Manner::Silent => talk.listen(),
+        Manner::GoneAtOnce => None,
+        Manner::Echo => loop {
+            let mut some = [0; 512];
+            let count = talk.host.read(&mut some).ok().filter(|count| *count > 0)?;
+            talk.raw(&some[..count])?;
+        },
+        Manner::Trickle => {
+            for byte in framed(&payload(&Record::Hello(hello())), 0) {
+                talk.raw(&[byte])?;
+                thread::sleep(Duration::from_millis(500));
+            }
+            talk.listen()
+        }
+        Manner::Noise => talk.forever(&(0..=255).cycle().skip(1).take(4096).collect::<Vec<u8>>()),
+        Manner::EndlessFrame => talk.forever(&[0x55; 4096]),
+        Manner::Delimiters => talk.forever(&[DELIMITER; 4096]),
+        _ => {
+            talk.raw(&[DELIMITER])?;
+            loop {
+                talk.turn()?;
+            }
+        }
+    }
+}
+
+pub fn hello() -> Hello {
+    Hello {
+        wire_version: inerter_wire::WIRE_VERSION,
+        firmware: Hello::text("unruly 1"),
+        git: Hello::text(""),
+        board: Hello::text("unruly"),
+        serial: Hello::text("1"),
+        sample_rate_hz: 1000.0,
+        clock: ClockSource::Crystal,
+        capabilities: Capabilities(u32::MAX),
+    }
+}
+
+impl Talk {
+    /// Reads until the host has gone.
+    fn listen(&mut self) -> Option<()> {
+        self.host.set_read_timeout(None).ok()?;
+        while self.host.read(&mut [0; 512]).ok()? > 0 {}
+        None
+    }
+
+    fn forever(&mut self, bytes: &[u8]) -> Option<()> {
+        loop {
+            self.raw(bytes)?;
+        }
+    }
+
+    fn raw(&mut self, bytes: &[u8]) -> Option<()> {
+        let count = bytes.len().min(self.bytes);
+        self.bytes -= count;
+        self.host.write_all(&bytes[..count]).ok().filter(|()| count == bytes.len())
+    }
+
+    fn frame(&mut self, payload: &[u8]) -> Option<()> {
+        let mut bytes = framed(payload, self.sequence);
+        match self.manner {
+            Manner::SequenceStands => {}
+            Manner::SequenceBack => self.sequence = self.sequence.wrapping_sub(1),
+            Manner::SequenceRandom => self.sequence = self.random.next() as u16,
+            _ => self.sequence = self.sequence.wrapping_add(1),
+        }
+        match self.manner {
+            Manner::BadCrc => {
+                let place = bytes.len() - 2;
+                // No byte of a frame is zero, and none may become it.
+                bytes[place] = if bytes[place] == 1 { 2 } else { 1 };
+                self.raw(&bytes)
+            }
+            Manner::ByteByByte => bytes.iter().try_for_each(|byte| self.raw(&[*byte])),
+            Manner::Twice => {
+                bytes.extend_from_within(..);
+                self.raw(&bytes)
+            }
+            _ => self.raw(&bytes),
+        }
+    }
+
+    fn say(&mut self, record: &Record) -> Option<()> {
+        self.frame(&payload(record))
+    }
+
+    /// Takes what has come, answers it, and says a little.
+    fn turn(&mut self) -> Option<()> {
+        if self.introduced {
+            match self.manner {
+                Manner::Mute => return self.listen(),
+                // As long as it is connected.
+                Manner::Deaf => loop {
+                    self.raw(&[DELIMITER])?;
+                    thread::sleep(Duration::from_millis(200));
+                },
+                Manner::Resets => {
+                    thread::sleep(Duration::from_millis(100));
+                    return None;
+                }
+                Manner::HalfClosed => {
+                    self.host.shutdown(Shutdown::Write).ok()?;
+                    return self.listen();
+                }
+                Manner::Introduced => return self.stream(),
+                _ => {}
+            }
+        }
+        if self.manner != Manner::Samples {
+            for request in requests(&mut self.host, &mut self.requests)? {
+                self.answer(request)?;
+            }
+        }
+        self.stream()
+    }
+
+    fn answer(&mut self, Request { id, command }: Request) -> Option<()> {
+        match self.manner {
+            Manner::Late => thread::sleep(Duration::from_secs(2)),
+            Manner::TooLate => thread::sleep(Duration::from_millis(3500)),
+            _ => {}
+        }
+        self.introduced |= command == Command::ReadSettings;
+        let mut done = Done::Plain;
+        let content = match &command {
+            Command::Hello => Some(self.hello()),
+            Command::ReadSettings => Some(self.settings()),
+            Command::ReadSaved => Some(payload(&Record::Saved(SettingsValues::from(&Settings::default())))),
+            Command::Inject(samples) if self.manner != Manner::Repeating => {
+                self.taken = self.taken.wrapping_add(samples.len() as u32);
+                done = Done::Injected { accepted: self.taken, free: 64 };
+                None
+            }
+            _ => None,
+        };
+        let basic = matches!(command, Command::Hello | Command::ReadSettings);
+        let refused = |refusal| (content.clone().filter(|_| basic), if basic { Ok(done) } else { Err(refusal) });
+        let (content, result) = match self.manner {
+            Manner::Empty => (None, Ok(Done::Plain)),
+            Manner::RefusingAll => (None, Err(Refusal::Busy)),
+            Manner::Refusing => refused(Refusal::Unsupported),
+            Manner::RefusingSettings => {
+                refused(Refusal::BadSetting { number: 255, fault: SettingFault::Conflict(255) })
+            }
+            _ => (content, Ok(done)),
+        };
+        if let Some(content) = content {
+            self.frame(&content)?;
+        }
+        let id = if self.manner == Manner::OtherId { id.wrapping_add(1) } else { id };
+        self.say(&Record::Reply(Reply { id, result }))
+    }
+
+    fn hello(&self) -> Vec<u8> {
+        let mut hello = hello();
+        match self.manner {
+            Manner::OtherVersion => hello.wire_version = 7,
+            Manner::ControlText => {
+                (hello.firmware, hello.git, hello.board) = (Hello::text(WORDS), Hello::text(WORDS), Hello::text(WORDS));
+                hello.serial = Hello::text(WORDS);
+            }
+            Manner::NoCapabilities => hello.capabilities = Capabilities::NONE,
+            Manner::RateZero => hello.sample_rate_hz = 0.0,
+            Manner::RateNegative => hello.sample_rate_hz = -1000.0,
+            Manner::RateHuge => hello.sample_rate_hz = f64::MAX,
+            Manner::RateNan => hello.sample_rate_hz = f64::NAN,
+            _ => {}
+        }
+        let mut bytes = payload(&Record::Hello(hello));
+        if self.manner == Manner::TornText {
+            // The first letter of the firmware's name: kind, version and length stand before it.
+            bytes[3] = 0xFF;
+        }
+        bytes
+    }
+
+    fn settings(&self) -> Vec<u8> {
+        let mut values = SettingsValues::from(&Settings::default());
+        let all = |value: &dyn Fn(usize) -> f64| {
+            let mut values = SettingsValues::default();
+            for number in 0..Settings::COUNT {
+                values.0.push(SettingValue { number: number as u8, value: value(number) }).unwrap();
+            }
+            values
+        };
+        match self.manner {
+            Manner::SettingsNan => values = all(&|_| f64::NAN),
+            Manner::SettingsInfinite => values = all(&|_| f64::INFINITY),
+            Manner::SettingsLeast => values = all(&|number| Settings::TABLE[number].min),
+            Manner::SettingsGreatest => values = all(&|number| Settings::TABLE[number].max),
+            Manner::SettingsUnknown => values.0.iter_mut().for_each(|entry| entry.number += 200),
+            Manner::SettingsRepeated => values.0.iter_mut().for_each(|entry| entry.number = 0),
+            Manner::SettingsTooMany => {
+                // Kind, count, and 50 numbers with their values.
+                return [6, 50].into_iter().chain([0, 0, 0, 0, 0, 0, 0, 0, 0x40].repeat(50)).collect();
+            }
+            _ => {}
+        }
+        payload(&Record::Settings(values))
+    }
+
+    /// What is said unasked.
+    fn stream(&mut self) -> Option<()> {
+        let turn = self.sent as u32;
+        self.sent += 1;
+        if !self.introduced && self.manner != Manner::Samples && self.manner != Manner::HelloFlood {
+            return Some(());
+        }
+        match self.manner {
+            Manner::Samples | Manner::Introduced | Manner::Repeating => {
+                let batch = samples([7]);
+                (0..64).try_for_each(|_| self.frame(&batch))
+            }
+            Manner::IndexBack => self.frame(&samples((0..16).map(|place| u32::MAX - turn * 16 - place))),
+            Manner::IndexCircle => (0..16).try_for_each(|_| self.frame(&samples([7, 8, 9, 7, 8, 9]))),
+            Manner::IndexWraps => self.frame(&samples((0..16).map(|place| (turn * 16 + place).wrapping_sub(4000)))),
+            Manner::IndexLeaps => {
+                self.frame(&samples((0..4).map(|place| (turn * 4 + place).wrapping_mul(0x7FFF_FFFF))))
+            }
+            Manner::ExtremeSamples => {
+                let extreme = |index: u32| {
+                    let far = if index.is_multiple_of(2) { i32::MIN } else { i32::MAX };
+                    RawSample { index, position_count: far, force_code: far, terminal_code: !far }
+                };
+                let batch: Vec<RawSample> = (0..16).map(|place| extreme(turn * 16 + place)).collect();
+                self.say(&Record::Samples(Samples::from_slice(&batch).0))
+            }
+            // Kind, count, length, and too few bytes for so many.
+            Manner::TornSamples => self.frame(&[1, 200, 3, 0x80, 0x80, 0x80]),
+            Manner::EstimatesNan => {
+                let mut bytes = vec![2, (turn & 0x7F) as u8, 100, 0, 1];
+                for number in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX] {
+                    for half in [f32::NAN, -1.0] {
+                        bytes.extend(number.to_le_bytes());
+                        bytes.extend(half.to_le_bytes());
+                        bytes.push(2);
+                    }
+                }
+                bytes.extend(f32::NAN.to_le_bytes());
+                bytes.push(1);
+                self.frame(&bytes)?;
+                self.usual(4, |_, _| {})
+            }
+            Manner::HealthFlood => {
+                let health = Health {
+                    index: turn,
+                    uptime_s: u32::MAX,
+                    dropped_frames: u32::MAX,
+                    bad_frames: u32::MAX,
+                    lost_samples: u64::MAX,
+                    discontinuities: u32::MAX,
+                    overruns: u32::MAX,
+                    saturated: u32::MAX,
+                    cpu_load_permille: Some(u16::MAX),
+                    stack_free_bytes: Some(u32::MAX),
+                    temperature_c: Some([f32::NAN, f32::INFINITY, f32::MAX][self.sent % 3]),
+                };
+                let bytes = payload(&Record::Health(health));
+                (0..64).try_for_each(|_| self.frame(&bytes))
+            }
+            Manner::EventFlood => {
+                let kinds = [
+                    EventKind::Panicked(Hello::text(WORDS)),
+                    EventKind::Fault(Fault::SamplerOverrun),
+                    EventKind::ResetBy(ResetCause::Unknown),
+                    EventKind::Changed(Change::default()),
+                    EventKind::Warned(Warning { index: turn, kind: WarningKind::DeadForce }),
+                    EventKind::SettingsChanged,
+                    EventKind::SourceChanged(Source::Stopped),
+                    EventKind::EstimatorReset,
+                ];
+                kinds.into_iter().try_for_each(|kind| self.say(&Record::Event(Event { index: turn, kind })))
+            }
+            Manner::HelloFlood => {
+                let bytes = self.hello();
+                (0..64).try_for_each(|_| {
+                    self.sequence = 0;
+                    self.frame(&bytes)
+                })
+            }
+            Manner::RestartFlood => {
+                self.sequence = 0;
+                self.say(&Record::Event(Event { index: 0, kind: EventKind::Started }))?;
+                let bytes = self.hello();
+                self.frame(&bytes)
+            }
+            Manner::LaterVersion if turn > 20 => {
+                self.frame(&payload(&Record::Hello(Hello { wire_version: 7, ..hello() })))
+            }
+            Manner::ReplyFlood => (0..64).try_for_each(|_| {
+                let id = self.random.next() as u16;
+                self.say(&Record::Reply(Reply { id, result: Ok(Done::Plain) }))
+            }),
+            Manner::UnknownRecords => {
+                (13..77).try_for_each(|kind| self.frame(&[kind, 1, 2, 3, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0x0F]))
+            }
+            Manner::LongestFrames => self.frame(&[&[100][..], &[0xA5; MAX_PAYLOAD - 1]].concat()),
+            Manner::TooLongFrames => self.frame(&[&[1][..], &[0xA5; 5000]].concat()),
+            Manner::RandomRecords => {
+                let length = 1 + self.random.next() as usize % 300;
+                let mut bytes: Vec<u8> = (0..length).map(|_| self.random.next() as u8).collect();
+                bytes[0] %= 13;
+                self.frame(&bytes)
+            }
+            Manner::Mutated => self.usual(4, |bytes, random| {
+                for _ in 0..random.next() % 4 {
+                    let place = random.next() as usize % bytes.len();
+                    bytes[place] ^= 1 << (random.next() % 8);
+                }
+            }),
+            Manner::Empty | Manner::RefusingAll => Some(()),
+            _ => self.usual(4, |_, _| {}),
+        }
+    }
+
+    /// Some more of what a device of ours says, from the beginning when it ends.
+    fn usual(&mut self, frames: usize, mut change: impl FnMut(&mut Vec<u8>, &mut Random)) -> Option<()> {
+        let all = usual();
+        let from = self.sent * frames;
+        (from..from + frames).try_for_each(|place| {
+            let mut bytes = all[place % all.len()].clone();
+            change(&mut bytes, &mut self.random);
+            self.frame(&bytes)
+        })
+    }
+}
+
+/// What a host has asked within a millisecond; nothing once it has gone.
+pub fn requests(host: &mut TcpStream, reader: &mut FrameReader<Request>) -> Option<Vec<Request>> {
+    host.set_read_timeout(Some(Duration::from_millis(1))).ok()?;
+    let mut portion = [0; 512];
+    let count = match host.read(&mut portion) {
+        Ok(0) => return None,
+        Ok(count) => count,
+        Err(error) if [ErrorKind::WouldBlock, ErrorKind::TimedOut].contains(&error.kind()) => 0,
+        Err(_) => return None,
+    };
+    let (mut input, mut asked) = (&portion[..count], Vec::new());
+    while let Some(found) = reader.read(&mut input) {
+        if let Frame::Message { message, .. } = found {
+            asked.push(message);
+        }
+    }
+    Some(asked)
+}
+
+/// A batch of samples with these numbers.
+fn samples(indices: impl IntoIterator<Item = u32>) -> Vec<u8> {
+    let raw = |index| RawSample { index, position_count: 100, force_code: 100, terminal_code: 0 };
+    let all: Vec<RawSample> = indices.into_iter().map(raw).collect();
+    payload(&Record::Samples(Samples::from_slice(&all).0))
+}
+
+/// Every command that talks to a device, without its link.
+pub const COMMANDS: &[&[&str]] = &[
+    &["monitor", "--json"],
+    &["monitor", "--plain", "--wait", "60"],
+    &["monitor", "--plain", "--share", "127.0.0.1:0", "--web", "--bind", "127.0.0.1:0"],
+    &["record", "-o", "run.mcap", "--force", "--wait", "60"],
+    &["send", "sent.mcap"],
+    &["doctor"],
+    &["settings", "get"],
+    &["settings", "set", "memory_s=12"],
+    &["settings", "tare"],
+    &["settings", "save"],
+    &["settings", "factory-reset", "--yes"],
+    &["settings", "backup", "kept.toml", "--force"],
+    &["settings", "restore", "before.toml"],
+    &["settings", "diff", "device", "before.toml"],
+    &["calibrate"],
+    &["calibrate", "load-cell", "--duration", "60"],
+    &["calibrate", "zero", "--duration", "60"],
+    &["calibrate", "force", "--mass", "1"],
+    &["calibrate", "encoder", "--revolutions", "1", "--lead", "0.01"],
+    &["calibrate", "direction", "--duration", "60"],
+    &["calibrate", "skew", "--duration", "60"],
+    &["calibrate", "stiffness", "--duration", "60"],
+    &["calibrate", "timebase", "--duration", "60"],
+    &["update", "image.elf", "--force"],
+];
+
+/// A folder with what the commands need.
+pub fn prepared() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    done(folder.path(), &["simulate", "-o", "sent.mcap", "--duration", "5"]);
+    std::fs::write(folder.path().join("before.toml"), "memory_s = 5.0\n").unwrap();
+    std::fs::write(folder.path().join("image.elf"), elf_file::image(5000, "inerter 0.1.0", "c8a2d5a")).unwrap();
+    folder
+}
+
+/// A command at a device, whose words are read and judged meanwhile.
+pub struct Visit {
+    pub child: Child,
+    readers: Vec<JoinHandle<Option<String>>>,
+    shown: Option<Arc<Mutex<Vec<u8>>>>,
+    most_kb: u64,
+}
+
+impl Visit {
+    /// The command at this device; the wizard has somebody before it who presses Enter at whatever he is asked.
+    pub fn start(folder: &Path, command: &[&str], address: &str) -> Self {
+        let mut program = inerter(folder, &[command, &["--connect", address]].concat());
+        let mut shown = None;
+        if command == ["calibrate"] {
+            let (terminal, all) = patient();
+            program.stdin(terminal.try_clone().unwrap()).stderr(terminal);
+            shown = Some(all);
+        }
+        let mut child = program.spawn().unwrap();
+        let out = child.stdout.take().map(|pipe| thread::spawn(|| foreign_line(pipe)));
+        let errors = child.stderr.take().map(|pipe| thread::spawn(|| foreign_line(pipe)));
+        Self { child, readers: out.into_iter().chain(errors).collect(), shown, most_kb: 0 }
+    }
+
+    /// How it ends, if it does; otherwise it is killed.
+    pub fn ended(&mut self, within: Duration) -> Option<ExitStatus> {
+        if self.goes_on(within) {
+            self.child.kill().ok();
+            self.child.wait().ok();
+            return None;
+        }
+        self.child.try_wait().unwrap()
+    }
+
+    /// Whether it goes on after so long.
+    pub fn goes_on(&mut self, after: Duration) -> bool {
+        let started = Instant::now();
+        loop {
+            self.most_kb = self.most_kb.max(most_memory_kb(&self.child).unwrap_or(0));
+            if self.child.try_wait().unwrap().is_some() {
+                return false;
+            }
+            if started.elapsed() > after {
+                return true;
+            }
+            thread::sleep(Duration::from_millis(10));
+        }
+    }
+
+    /// The most memory that it held, and the first line of what it said that no device may write to a terminal.
+    pub fn end(self) -> (u64, Option<String>) {
+        let mut foreign: Option<String> = None;
+        for reader in self.readers {
+            foreign = foreign.or(reader.join().unwrap());
+        }
+        let shown = self.shown.map(|shown| spoken(&text(&shown.lock().unwrap())));
+        (self.most_kb, foreign.or(shown.and_then(|words| foreign_words(&words))))
+    }
+}
+
+/// How a program ends, if it does; otherwise it is killed.
+pub fn ended(child: &mut Child, within: Duration) -> Option<ExitStatus> {
+    let started = Instant::now();
+    while started.elapsed() < within {
+        if let Some(status) = child.try_wait().unwrap() {
+            return Some(status);
+        }
+        thread::sleep(Duration::from_millis(5));
+    }
+    child.kill().ok();
+    child.wait().ok();
+    None
+}
+
+/// Reads to the end; gives the first line with letters that no device may write to a terminal.
+fn foreign_line(pipe: impl Read) -> Option<String> {
+    let (mut pipe, mut line, mut foreign) = (BufReader::new(pipe), Vec::new(), None);
+    while pipe.read_until(b'\n', &mut line).unwrap() > 0 {
+        foreign = foreign.or_else(|| foreign_words(&text(&line)));
+        line.clear();
+    }
+    foreign
+}
+
+/// The most memory that a process has held, where the system tells; a process that has ended holds none.
+pub fn most_memory_kb(child: &Child) -> Option<u64> {
+    memory_kb(child.id(), "VmHWM:")
+}
+
+/// One of the figures of `/proc/PID/status`.
+pub fn memory_kb(pid: u32, name: &str) -> Option<u64> {
+    let status = std::fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
+    status.lines().find_map(|line| line.strip_prefix(name)?.trim().strip_suffix(" kB")?.parse().ok())
+}
+
+/// The bytes of a request.
+pub fn request(id: u16, command: Command) -> Vec<u8> {
+    let mut out = [0; MAX_FRAME];
+    let length = encode_request(&Request { id, command }, 0, &mut out).unwrap();
+    out[..length].to_vec()
+}

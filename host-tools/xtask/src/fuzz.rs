@@ -1,0 +1,342 @@
+//! Fuzzing guided by coverage: libFuzzer on the targets of `tests/fuzz`.
+//!
+//! Terms:
+//! - *corpus*: inputs of a target that together reach all that was ever reached, packed into `tests/fuzz/corpus/TARGET`.
+//! - *edges*: jumps of the compiled code that inputs have taken.
+//! - *finding*: an input at which a target panics, hangs or takes too much memory.
+//!
+//! A packed corpus is, for each input, its length (u32, little-endian) and its bytes. What a run finds stays in
+//! `target/fuzz/TARGET`, where the next one goes on.
+
+use crate::{
+    process, tree,
+    workspace::{Part, Workspace},
+};
+use anyhow::{Context, Result, bail, ensure};
+use std::{
+    fs,
+    io::{BufRead, BufReader, Read},
+    path::{Path, PathBuf},
+    process::{Command, Stdio},
+    time::{Duration, Instant},
+};
+
+#[derive(clap::Args, Clone, Debug)]
+pub struct Options {
+    /// Run this target alone: wire, estimator, mcap, csv, settings, image, commands or dfuse
+    target: Option<String>,
+    /// Time for each target [s]
+    #[arg(long, default_value_t = 30)]
+    seconds: u32,
+    /// Merge what was found, and the seeds, into the committed corpus
+    #[arg(long)]
+    keep: bool,
+    /// Run the target on this input alone, as after a finding
+    #[arg(long, value_name = "FILE", requires = "target")]
+    input: Option<PathBuf>,
+}
+
+impl Options {
+    /// The committed corpora, and so much time for each target \[s\].
+    pub fn of(seconds: u32) -> Self {
+        Self { target: None, seconds, keep: false, input: None }
+    }
+}
+
+/// A program of `tests/fuzz`.
+struct Target {
+    name: &'static str,
+    /// Longest input \[bytes\].
+    longest: usize,
+}
+
+const TARGETS: &[Target] = &[
+    Target { name: "wire", longest: 2_048 },
+    Target { name: "estimator", longest: 256 },
+    Target { name: "mcap", longest: 8_192 },
+    Target { name: "csv", longest: 2_048 },
+    Target { name: "settings", longest: 8_192 },
+    Target { name: "image", longest: 1_024 },
+    Target { name: "commands", longest: 2_048 },
+    Target { name: "dfuse", longest: 512 },
+];
+
+/// What counts coverage for libFuzzer and lets it see what is compared; `cargo fuzz` passes the same.
+const FLAGS: &[&str] = &[
+    "-Cpasses=sancov-module",
+    "-Cllvm-args=-sanitizer-coverage-level=4",
+    "-Cllvm-args=-sanitizer-coverage-inline-8bit-counters",
+    "-Cllvm-args=-sanitizer-coverage-pc-table",
+    "-Cllvm-args=-sanitizer-coverage-trace-compares",
+    "--cfg=fuzzing",
+];
+
+/// Longest time for one input \[s\], and most memory \[MB\].
+const LIMITS: [&str; 2] = ["-timeout=20", "-rss_limit_mb=2048"];
+
+/// Tells a target to write its seeds, as `tests/fuzz/src/lib.rs` has it.
+const SEEDS: &str = "INERTER_FUZZ_SEEDS";
+
+/// Runs the targets; fails where one has found something.
+pub fn run(options: &Options) -> Result<()> {
+    let chosen: Vec<&Target> = match &options.target {
+        None => TARGETS.iter().collect(),
+        Some(name) => vec![TARGETS.iter().find(|target| target.name == name).with_context(|| {
+            let names: Vec<_> = TARGETS.iter().map(|target| target.name).collect();
+            format!("there is no target `{name}`, but {}", names.join(", "))
+        })?],
+    };
+    let programs = build(&chosen)?;
+    let folder = Workspace::read(&tree::root())?.target.join("fuzz");
+    if let (Some(input), [target]) = (&options.input, &chosen[..]) {
+        return process::run(Command::new(programs.join(target.name)).args(LIMITS).arg(input));
+    }
+    let mut rows = Vec::new();
+    for target in chosen {
+        let place = Place::new(target, programs.join(target.name), folder.join(target.name));
+        let session = place.fuzz(options.seconds, options.keep)?;
+        if options.keep && session.finding.is_none() {
+            place.keep()?;
+        }
+        rows.push((target.name, session));
+    }
+    println!("\n{}", table(&rows));
+    let findings: Vec<_> = rows.iter().filter_map(|(name, session)| Some((name, session.finding.as_ref()?))).collect();
+    for (name, finding) in &findings {
+        println!("finding in {name}: {}\n  again: cargo xtask fuzz {name} --input {0}", finding.display());
+    }
+    ensure!(findings.is_empty(), "{} of {} targets found something", findings.len(), rows.len());
+    Ok(())
+}
+
+/// Compiles the targets with counters; gives the folder of the programs. With a target named, build scripts stay without.
+fn build(targets: &[&Target]) -> Result<PathBuf> {
+    let host = process::output(process::rustc().args(["--print", "host-tuple"]))?.trim().to_owned();
+    let mut command = Part::Fuzz.cargo();
+    command.args(["build", "--release", "--locked", "--target", &host]);
+    command.args(targets.iter().flat_map(|target| ["--bin", target.name]));
+    process::run(command.env("CARGO_ENCODED_RUSTFLAGS", FLAGS.join("\x1f")))?;
+    Ok(Workspace::read(&Part::Fuzz.folder())?.target.join(host).join("release"))
+}
+
+/// What a run came to.
+#[derive(Clone, Debug, Default, PartialEq)]
+struct Session {
+    inputs: u64,
+    seconds: f64,
+    /// Edges after half of the time and at the end.
+    edges: [u64; 2],
+    /// Samples that the target says it has taken.
+    samples: Option<u64>,
+    finding: Option<PathBuf>,
+}
+
+impl Session {
+    /// Takes a line of libFuzzer's output, `half` after half of the time.
+    fn take(&mut self, line: &str, half: bool) {
+        let number = |after: &str| -> Option<u64> {
+            let (_, rest) = line.split_once(after)?;
+            rest.split_whitespace().next()?.parse().ok()
+        };
+        if let Some(edges) = number(" cov: ") {
+            self.edges = if half { [self.edges[0], edges] } else { [edges; 2] };
+        }
+        self.inputs = number("stat::number_of_executed_units:").unwrap_or(self.inputs);
+        self.samples = number("samples:").or(self.samples);
+        if let Some((_, path)) = line.split_once("Test unit written to ") {
+            self.finding = Some(path.trim().into());
+        }
+    }
+}
+
+/// Where the files of a target are.
+struct Place {
+    program: PathBuf,
+    longest: String,
+    /// The committed corpus, packed.
+    packed: PathBuf,
+    /// The same as files, written anew for each run.
+    corpus: PathBuf,
+    seeds: PathBuf,
+    found: PathBuf,
+    merged: PathBuf,
+    findings: PathBuf,
+}
+
+impl Place {
+    fn new(target: &Target, program: PathBuf, folder: PathBuf) -> Self {
+        Self {
+            program,
+            longest: format!("-max_len={}", target.longest),
+            packed: Part::Fuzz.folder().join("corpus").join(target.name),
+            corpus: folder.join("corpus"),
+            seeds: folder.join("seeds"),
+            found: folder.join("found"),
+            merged: folder.join("merged"),
+            findings: folder.join("findings"),
+        }
+    }
+
+    fn command(&self) -> Command {
+        let mut command = Command::new(&self.program);
+        command.args(LIMITS).arg(&self.longest);
+        command
+    }
+
+    /// Fuzzes from the committed corpus, what earlier runs found, and the seeds where these are wanted or there is no corpus.
+    fn fuzz(&self, seconds: u32, with_seeds: bool) -> Result<Session> {
+        for folder in [&self.corpus, &self.seeds, &self.merged] {
+            empty(folder)?;
+        }
+        for folder in [&self.found, &self.findings] {
+            fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+        }
+        if self.packed.exists() {
+            let packed = fs::read(&self.packed).with_context(|| format!("cannot read {}", self.packed.display()))?;
+            for (number, input) in unpack(&packed)?.iter().enumerate() {
+                fs::write(self.corpus.join(format!("{number:04}")), input)?;
+            }
+        }
+        if with_seeds || !self.packed.exists() {
+            process::run(self.command().env(SEEDS, &self.seeds).stderr(Stdio::null()))?;
+        }
+        let mut command = self.command();
+        command.args([&self.found, &self.corpus, &self.seeds]);
+        // A limit of 0 is none: then the corpus alone is run.
+        command.arg(if seconds == 0 { "-runs=0".into() } else { format!("-max_total_time={seconds}") });
+        command.arg(format!("-artifact_prefix={}/", self.findings.display())).arg("-print_final_stats=1");
+        println!("{}", process::shown(&command));
+        self.watch(&mut command, Duration::from_secs(seconds.into()))
+    }
+
+    /// Runs it to the end, reading what it says.
+    fn watch(&self, command: &mut Command, time: Duration) -> Result<Session> {
+        let start = Instant::now();
+        let mut child = command.stdin(Stdio::null()).stderr(Stdio::piped()).spawn()?;
+        let (mut session, mut said) = (Session::default(), Vec::new());
+        for line in lines(child.stderr.take().context("no pipe from the target")?) {
+            session.take(&line, 2 * start.elapsed() > time);
+            said.push(line);
+        }
+        let status = child.wait()?;
+        session.seconds = start.elapsed().as_secs_f64();
+        if !status.success() {
+            // From the panic on.
+            let panic =
+                said.iter().position(|line| line.contains("panicked at")).unwrap_or(said.len().saturating_sub(20));
+            said.iter().skip(panic).take(20).for_each(|line| println!("  {line}"));
+            ensure!(session.finding.is_some(), "`{}` failed ({status})", process::shown(command));
+        }
+        Ok(session)
+    }
+
+    /// Makes the committed corpus anew: few inputs that reach as much as all of them.
+    fn keep(&self) -> Result<()> {
+        let mut command = self.command();
+        command.args(["-merge=1", "-use_counters=0"]);
+        command.args([&self.merged, &self.corpus, &self.seeds, &self.found]).stderr(Stdio::null());
+        process::run(&mut command)?;
+        let mut inputs = Vec::new();
+        for entry in fs::read_dir(&self.merged)? {
+            inputs.push(fs::read(entry?.path())?);
+        }
+        inputs.sort_by(|one, other| one.len().cmp(&other.len()).then(one.cmp(other)));
+        let packed = pack(&inputs);
+        fs::create_dir_all(self.packed.parent().context("a folder")?)?;
+        fs::write(&self.packed, &packed).with_context(|| format!("cannot write {}", self.packed.display()))?;
+        println!("{}: {} inputs, {} bytes", self.packed.display(), inputs.len(), packed.len());
+        // They are in it now, as far as they reach anything.
+        empty(&self.found)
+    }
+}
+
+fn empty(folder: &Path) -> Result<()> {
+    if folder.exists() {
+        fs::remove_dir_all(folder).with_context(|| format!("cannot empty {}", folder.display()))?;
+    }
+    fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))
+}
+
+/// Lines of any bytes: a panic may show what is no text.
+fn lines(source: impl Read) -> impl Iterator<Item = String> {
+    let bytes = BufReader::new(source).split(b'\n').map_while(|line| line.ok());
+    bytes.map(|line| String::from_utf8_lossy(&line).into_owned())
+}
+
+fn pack(inputs: &[Vec<u8>]) -> Vec<u8> {
+    let mut packed = Vec::new();
+    for input in inputs {
+        packed.extend((input.len() as u32).to_le_bytes());
+        packed.extend(input);
+    }
+    packed
+}
+
+fn unpack(packed: &[u8]) -> Result<Vec<&[u8]>> {
+    let (mut inputs, mut rest) = (Vec::new(), packed);
+    while let Some((length, behind)) = rest.split_first_chunk() {
+        let Some((input, next)) = behind.split_at_checked(u32::from_le_bytes(*length) as usize) else {
+            bail!("the packed corpus breaks off after {} inputs", inputs.len());
+        };
+        inputs.push(input);
+        rest = next;
+    }
+    ensure!(rest.is_empty(), "the packed corpus breaks off after {} inputs", inputs.len());
+    Ok(inputs)
+}
+
+fn table(rows: &[(&str, Session)]) -> String {
+    let mut lines = vec![
+        "| target | inputs | inputs/s | edges at half time | at the end | new | findings |".to_string(),
+        "|---|--:|--:|--:|--:|--:|--:|".to_string(),
+    ];
+    for (name, session) in rows {
+        let Session { inputs, seconds, edges: [half, end], samples, finding } = session;
+        let (rate, new, findings) = (*inputs as f64 / seconds.max(1e-3), end - half, u8::from(finding.is_some()));
+        let samples = samples.map(|samples| format!(", {samples} samples")).unwrap_or_default();
+        lines.push(format!("| {name} | {inputs}{samples} | {rate:.0} | {half} | {end} | {new} | {findings} |"));
+    }
+    lines.join("\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_packed_corpus_is_unpacked_to_the_same() {
+        let inputs = [vec![], vec![1, 2, 3], vec![0; 300]];
+        let packed = pack(&inputs);
+        assert_eq!(unpack(&packed).unwrap(), inputs);
+        assert!(unpack(&packed[..packed.len() - 1]).unwrap_err().to_string().contains("after 2 inputs"));
+        assert!(unpack(&[1, 0]).is_err() && unpack(&[]).unwrap().is_empty());
+    }
+
+    #[test]
+    fn what_libfuzzer_says_becomes_a_row() {
+        let mut session = Session::default();
+        session.take("#2\tINITED cov: 100 ft: 101 corp: 1/1b exec/s: 0 rss: 30Mb", false);
+        session.take("#900\tNEW    cov: 120 ft: 140 corp: 3/9b lim: 4 exec/s: 300 rss: 31Mb L: 4/4 MS: 1", true);
+        session.take("samples: 1048600", true);
+        session.take("stat::number_of_executed_units: 5000", true);
+        session.take("artifact_prefix='f/'; Test unit written to f/crash-00", true);
+        session.seconds = 2.0;
+        let found = Some("f/crash-00".into());
+        let expected =
+            Session { inputs: 5000, seconds: 2.0, edges: [100, 120], samples: Some(1_048_600), finding: found };
+        assert_eq!(session, expected);
+        let table = table(&[("wire", session)]);
+        assert!(table.ends_with("| wire | 5000, 1048600 samples | 2500 | 100 | 120 | 20 | 1 |"), "{table}");
+    }
+
+    #[test]
+    fn each_target_is_a_program_with_a_corpus() {
+        for target in TARGETS {
+            let folder = Part::Fuzz.folder();
+            assert!(folder.join("src/bin").join(target.name).with_extension("rs").is_file(), "{}", target.name);
+            let packed = fs::read(folder.join("corpus").join(target.name)).unwrap();
+            let inputs = unpack(&packed).unwrap();
+            assert!(!inputs.is_empty() && inputs.iter().all(|input| input.len() <= target.longest), "{}", target.name);
+        }
+    }
+}

@@ -1,0 +1,438 @@
+//! The live programs for hours: a virtual device at 4 kHz with two recordings, the page and all bridges, and the image in QEMU
+//! with a recording of its own.
+//!
+//! Nothing may be lost, no process may grow, samples and the host's clock must agree, and what was recorded must give the same
+//! digits in a replay as in a device. `target/soak/progress.tsv` has a line for each look, so that a run that was ended early
+//! shows what it had reached. The twin is left out: it takes many times as long as the time that it simulates.
+
+use crate::{
+    firmware::{self, Image},
+    monitor_load::{Look, RATE_HZ, Running, SETTLED_S, look, simulated},
+    process, setup,
+    table::Row,
+    tree,
+    workspace::{self, Workspace},
+};
+use anyhow::{Context, Result, bail};
+use serde_json::Value;
+use std::{
+    fs::{self, File},
+    io::{BufRead, BufReader, Read, Write},
+    net::{TcpStream, UdpSocket},
+    path::{Path, PathBuf},
+    process::{Child, ChildStdout, Command, Stdio},
+    sync::{
+        Arc,
+        atomic::{AtomicU64, Ordering},
+        mpsc::{Sender, channel},
+    },
+    thread,
+    time::{Duration, Instant},
+};
+
+/// Samples per second of the image in QEMU.
+const QEMU_RATE_HZ: f64 = 1000.0;
+/// How much a process may grow after the first minute \[%\].
+const GROWTH: f64 = 5.0;
+/// How far samples and the host's clock may be apart at the end \[s\]: batches and a busy machine make a recording begin and end late.
+const APART_S: f64 = 0.25;
+/// The same for each second: both count the same oscillator \[s/s\].
+const DRIFT: f64 = 20e-6;
+/// The last part of a recording, which goes through a device once more \[s\].
+const REPLAYED_S: f64 = 300.0;
+
+#[derive(clap::Args, Clone, Copy, Debug)]
+pub struct Options {
+    /// How long; 3 minutes by default
+    #[arg(long, default_value_t = 0.05)]
+    pub hours: f64,
+    /// Leave out the image in QEMU
+    #[arg(long)]
+    pub no_qemu: bool,
+}
+
+/// A process that is watched.
+struct Watched {
+    name: &'static str,
+    process: PathBuf,
+    looks: Vec<Look>,
+}
+
+impl Watched {
+    fn new(name: &'static str, pid: u32) -> Self {
+        Self { name, process: PathBuf::from(format!("/proc/{pid}")), looks: Vec::new() }
+    }
+}
+
+/// The simulator of the image, which ends its QEMU itself when it is asked to end.
+struct Simulator(Running);
+
+impl Drop for Simulator {
+    fn drop(&mut self) {
+        // It may have ended by itself; one that does not heed is killed a moment later.
+        let _ = Command::new("kill").arg(self.0.0.id().to_string()).status();
+        let asked = Instant::now();
+        while matches!(self.0.0.try_wait(), Ok(None)) && asked.elapsed() < Duration::from_secs(5) {
+            thread::sleep(Duration::from_millis(20));
+        }
+    }
+}
+
+/// What views were given.
+#[derive(Clone, Default)]
+struct Seen {
+    page: Arc<AtomicU64>,
+    datagrams: Arc<AtomicU64>,
+    lines: Arc<AtomicU64>,
+    /// Lines that tell of a loss.
+    losses: Arc<AtomicU64>,
+}
+
+pub fn run(options: &Options) -> Result<()> {
+    if !cfg!(target_os = "linux") {
+        bail!("this reads /proc: it runs on Linux only");
+    }
+    let seconds = options.hours * 3600.0;
+    if seconds < 20.0 {
+        bail!("--hours {}: 20 s at least", options.hours);
+    }
+    let image = if options.no_qemu { None } else { Some(image()?) };
+    let program = workspace::installed()?;
+    let folder = Workspace::read(&tree::root())?.target.join("soak");
+    fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
+    let rows = soak(&program, image.as_deref(), &folder, seconds)?;
+    let missed: Vec<&str> = rows
+        .iter()
+        // What is no number is no figure that holds.
+        .filter(|row| row.goal.is_some_and(|goal| row.value.is_nan() || row.value > goal))
+        .map(|row| row.name.as_str())
+        .collect();
+    for row in &rows {
+        let goal = row.goal.map(|goal| format!("at most {goal}")).unwrap_or_default();
+        println!("  {:<52} {:>14.3} {:<3} {goal}", row.name, row.value, row.unit);
+    }
+    if options.no_qemu {
+        println!("  left out by --no-qemu: the image in QEMU");
+    }
+    println!("  left out: the twin, which does not run in real time");
+    if !missed.is_empty() {
+        bail!("goals missed: {}; the looks are in {}", missed.join(", "), folder.join("progress.tsv").display());
+    }
+    Ok(())
+}
+
+fn image() -> Result<PathBuf> {
+    setup::ensure(&[setup::Need::Firmware, setup::Need::Qemu], false)?;
+    firmware::build(Image::Qemu)
+}
+
+fn soak(program: &Path, image: Option<&Path>, folder: &Path, seconds: f64) -> Result<Vec<Row>> {
+    let started = Instant::now();
+    let rate = RATE_HZ.to_string();
+    let (device, address) = simulated(program, &["--sample-rate-hz", &rate, "--backlash-m", "5e-5"])?;
+    let mut watched = vec![Watched::new("virtual device", device.0.id())];
+
+    let seen = Seen::default();
+    let (teleplot, plotjuggler) = (datagrams(&seen)?, datagrams(&seen)?);
+    let duration = seconds.to_string();
+    let mut command = Command::new(program);
+    command.args(["monitor", "--json", "--connect", &address, "--record", "monitor.mcap", "--force"]);
+    command.args(["--web", "--bind", "127.0.0.1:0", "--share", "127.0.0.1:0", "--foxglove", "127.0.0.1:0"]);
+    command.args(["--teleplot", &teleplot, "--plotjuggler", &plotjuggler, "--duration", &duration]);
+    let mut monitor = spawn(&mut command, folder)?;
+    watched.push(Watched::new("monitor", monitor.0.id()));
+    let output = monitor.0.stdout.take().context("no pipe to the monitor")?;
+    let (sender, views) = channel();
+    let counted = seen.clone();
+    thread::spawn(move || listen(output, &sender, &counted));
+    let (mut page, mut shared) = (None, None);
+    while page.is_none() || shared.is_none() {
+        let (view, place) =
+            views.recv_timeout(Duration::from_secs(20)).context("the monitor does not say where its views are")?;
+        match view.as_str() {
+            "page" => page = Some(place),
+            "shared device" => shared = Some(place),
+            _ => {}
+        }
+    }
+    look_on(&page.unwrap_or_default(), &seen)?;
+
+    // What looks on begins later and ends earlier.
+    let beside = (seconds - 10.0).to_string();
+    let mut command = Command::new(program);
+    command.args([
+        "record",
+        "-o",
+        "beside.mcap",
+        "--force",
+        "--connect",
+        &shared.unwrap_or_default(),
+        "--duration",
+        &beside,
+    ]);
+    let recorder = spawn(&mut command, folder)?;
+    watched.push(Watched::new("recorder beside", recorder.0.id()));
+
+    let mut recorders = vec![("monitor", monitor), ("recorder beside", recorder)];
+    let mut qemu = None;
+    if let Some(image) = image {
+        let image = image.to_string_lossy();
+        let (simulator, address) = simulated(program, &["--qemu", "--image", &image])?;
+        let pid = simulator.0.id();
+        let simulator = Simulator(simulator);
+        watched.push(Watched::new("simulator of the image", pid));
+        if let Some(child) = child_of(pid) {
+            watched.push(Watched::new("QEMU", child));
+        }
+        let mut command = Command::new(program);
+        let duration = (seconds - started.elapsed().as_secs_f64()).max(5.0).to_string();
+        command.args(["record", "-o", "qemu.mcap", "--force", "--connect", &address, "--duration", &duration]);
+        let recorder = spawn(&mut command, folder)?;
+        watched.push(Watched::new("recorder of the image", recorder.0.id()));
+        recorders.push(("recorder of the image", recorder));
+        qemu = Some(simulator);
+    }
+    watch(&mut watched, &mut recorders, &seen, folder, started, seconds)?;
+    drop(qemu);
+
+    let mut rows: Vec<Row> = watched.iter().flat_map(memory).collect();
+    let count = |name: &str, count: &AtomicU64| Row::new(name, count.load(Ordering::Relaxed) as f64, "");
+    rows.push(count("lines of the monitor", &seen.lines));
+    rows.push(count("lines of the monitor that tell of a loss", &seen.losses).at_most(0.0));
+    rows.push(count("bytes that the page was sent", &seen.page));
+    rows.push(count("datagrams to Teleplot and PlotJuggler", &seen.datagrams));
+    for views in [&seen.page, &seen.datagrams, &seen.lines] {
+        if views.load(Ordering::Relaxed) == 0 {
+            bail!("one of the views was given nothing");
+        }
+    }
+    let recordings = [("monitor.mcap", RATE_HZ), ("beside.mcap", RATE_HZ)]
+        .into_iter()
+        .chain(image.map(|_| ("qemu.mcap", QEMU_RATE_HZ)));
+    for (name, rate_hz) in recordings {
+        rows.extend(recorded(program, folder, name, rate_hz)?);
+        rows.push(replayed(program, folder, name, &address)?);
+    }
+    Ok(rows)
+}
+
+fn spawn(command: &mut Command, folder: &Path) -> Result<Running> {
+    let words = folder.join("words.txt");
+    let words = File::options()
+        .create(true)
+        .append(true)
+        .open(&words)
+        .with_context(|| format!("cannot write {}", words.display()))?;
+    command.current_dir(folder).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(words);
+    let child = command.spawn().with_context(|| format!("cannot start `{}`", process::shown(command)))?;
+    Ok(Running(child))
+}
+
+/// The first child of a process.
+fn child_of(pid: u32) -> Option<u32> {
+    fs::read_to_string(format!("/proc/{pid}/task/{pid}/children")).ok()?.split_whitespace().next()?.parse().ok()
+}
+
+/// Counts lines until the end; hands on where the views are.
+fn listen(output: ChildStdout, views: &Sender<(String, String)>, seen: &Seen) {
+    for line in BufReader::new(output).lines().map_while(Result::ok) {
+        seen.lines.fetch_add(1, Ordering::Relaxed);
+        let Ok(line) = serde_json::from_str::<Value>(&line) else { continue };
+        match (line["kind"].as_str(), line["view"].as_str(), line["address"].as_str()) {
+            (Some("view"), Some(view), Some(address)) => {
+                // Nobody asks for it any more.
+                let _ = views.send((view.to_owned(), address.to_owned()));
+            }
+            (Some("link"), ..) => {
+                seen.losses.fetch_add(1, Ordering::Relaxed);
+            }
+            _ => {}
+        }
+    }
+}
+
+/// An address whose datagrams are counted.
+fn datagrams(seen: &Seen) -> Result<String> {
+    let socket = UdpSocket::bind("127.0.0.1:0").context("no UDP port")?;
+    let address = socket.local_addr().context("no UDP port")?.to_string();
+    let count = seen.datagrams.clone();
+    thread::spawn(move || {
+        let mut some = [0; 65536];
+        while socket.recv(&mut some).is_ok() {
+            count.fetch_add(1, Ordering::Relaxed);
+        }
+    });
+    Ok(address)
+}
+
+/// Opens the page's stream, as a browser does, and counts what comes.
+fn look_on(page: &str, seen: &Seen) -> Result<()> {
+    let (host, path) = page
+        .strip_prefix("http://")
+        .and_then(|rest| rest.split_once('/'))
+        .with_context(|| format!("no address of a page: {page}"))?;
+    let mut stream = TcpStream::connect(host).with_context(|| format!("the page at {page} cannot be reached"))?;
+    write!(
+        stream,
+        "GET /{path}live HTTP/1.1\r\nHost: {host}\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n\
+         Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n"
+    )?;
+    let mut head = [0; 12];
+    stream.read_exact(&mut head)?;
+    if !head.ends_with(b"101") {
+        bail!("the page refuses: {}", String::from_utf8_lossy(&head));
+    }
+    let count = seen.page.clone();
+    thread::spawn(move || {
+        let mut some = [0; 65536];
+        while let Ok(length @ 1..) = stream.read(&mut some) {
+            count.fetch_add(length as u64, Ordering::Relaxed);
+        }
+    });
+    Ok(())
+}
+
+/// Looks at all processes until the recorders are done, and writes each look down.
+fn watch(
+    watched: &mut [Watched],
+    recorders: &mut [(&str, Running)],
+    seen: &Seen,
+    folder: &Path,
+    started: Instant,
+    seconds: f64,
+) -> Result<()> {
+    let path = folder.join("progress.tsv");
+    let mut progress = File::create(&path).with_context(|| format!("cannot write {}", path.display()))?;
+    let names: Vec<&str> = watched.iter().map(|watched| watched.name).collect();
+    writeln!(progress, "seconds\tlines\tlosses\t{}", names.join(" [MB]\t") + " [MB]")?;
+    println!("soaking for {seconds:.0} s; each look goes to {}", path.display());
+    let every = Duration::from_secs_f64((seconds / 100.0).clamp(1.0, 60.0));
+    let mut open: Vec<usize> = (0..recorders.len()).collect();
+    while !open.is_empty() {
+        thread::sleep(every);
+        let mut line = format!("{:.0}", started.elapsed().as_secs_f64());
+        for count in [&seen.lines, &seen.losses] {
+            line += &format!("\t{}", count.load(Ordering::Relaxed));
+        }
+        for watched in &mut *watched {
+            let found = look(&watched.process, started);
+            line += &found.map_or("\t-".to_owned(), |look| format!("\t{:.2}", look.memory_mb));
+            watched.looks.extend(found);
+        }
+        writeln!(progress, "{line}")?;
+        let mut still = Vec::new();
+        for place in open {
+            let Some((name, running)) = recorders.get_mut(place) else { continue };
+            if !has_ended(name, &mut running.0)? {
+                still.push(place);
+            }
+        }
+        open = still;
+        if started.elapsed().as_secs_f64() > seconds + 120.0 {
+            bail!("some of the programs were still running two minutes after their end");
+        }
+    }
+    Ok(())
+}
+
+fn has_ended(name: &str, child: &mut Child) -> Result<bool> {
+    match child.try_wait().with_context(|| format!("waiting for the {name}"))? {
+        None => Ok(false),
+        Some(status) if status.success() => Ok(true),
+        Some(status) => bail!("the {name} failed ({status}); what it said is in target/soak/words.txt"),
+    }
+}
+
+/// What a process held, and how much it has grown since the first minute: the most in the second half of that time against the
+/// most in the first one, as a search for causes takes much every few seconds and gives it back.
+fn memory(watched: &Watched) -> Vec<Row> {
+    let looks = &watched.looks;
+    let last_s = looks.last().map_or(0.0, |look| look.at_s);
+    let settled_s = SETTLED_S.min(last_s / 2.0);
+    let middle_s = (settled_s + last_s) / 2.0;
+    let most = |from_s: f64, to_s: f64| {
+        let there = looks.iter().filter(|look| (from_s..=to_s).contains(&look.at_s));
+        there.map(|look| look.memory_mb).reduce(f64::max).unwrap_or(f64::NAN)
+    };
+    let grown = (most(middle_s, last_s) / most(settled_s, middle_s) - 1.0) * 100.0;
+    vec![
+        Row::new(&format!("{}: memory, most", watched.name), most(0.0, last_s), "MB"),
+        Row::new(&format!("{}: grown after the first minute", watched.name), grown, "%").at_most(GROWTH),
+    ]
+}
+
+/// What a recording lacks, and how far its samples and the host's clock are apart.
+fn recorded(program: &Path, folder: &Path, name: &str, rate_hz: f64) -> Result<Vec<Row>> {
+    let info = process::output(Command::new(program).current_dir(folder).args(["info", name, "--json"]))?;
+    let info: Value = serde_json::from_str(info.trim()).context("`inerter info --json` printed no JSON")?;
+    let number = |key: &str| {
+        info[key].as_f64().with_context(|| format!("no number `{key}` in what `inerter info` says of {name}"))
+    };
+    let (samples, duration_s) = (number("samples")?, number("duration_s")?);
+    let row = |what: &str, value: f64, unit| Row::new(&format!("{name}: {what}"), value, unit);
+    Ok(vec![
+        row("samples", samples, ""),
+        row("samples lost", number("lost_samples")?, "").at_most(0.0),
+        row("discontinuities", number("discontinuities")?, "").at_most(0.0),
+        row("frames lost", number("lost_frames")?, "").at_most(0.0),
+        row("samples and the host's clock apart", (samples / rate_hz - duration_s).abs(), "s")
+            .at_most(APART_S + DRIFT * duration_s),
+    ])
+}
+
+/// How many lines differ between a replay of the recording's last part and a device that is sent it.
+fn replayed(program: &Path, folder: &Path, name: &str, device: &str) -> Result<Row> {
+    let info = process::output(Command::new(program).current_dir(folder).args(["info", name, "--json"]))?;
+    let info: Value = serde_json::from_str(info.trim()).context("`inerter info --json` printed no JSON")?;
+    let from_s = (info["duration_s"].as_f64().unwrap_or(0.0) - REPLAYED_S).max(0.0).to_string();
+    let said = |arguments: &[&str]| {
+        let text = process::output(Command::new(program).current_dir(folder).args(arguments))?;
+        text.lines().map(plain).collect::<Result<Vec<Value>>>()
+    };
+    said(&["cut", name, "--from", &from_s, "-o", "part.mcap", "--force"])?;
+    let replayed = said(&["replay", "part.mcap", "--json"])?;
+    let sent = said(&["send", "part.mcap", "--json", "--connect", device])?;
+    if replayed.len() < 10 {
+        bail!("{name}: the replay says no more than {} lines", replayed.len());
+    }
+    let same = replayed.iter().zip(&sent).filter(|(one, other)| one == other).count();
+    let differ = replayed.len().max(sent.len()) - same;
+    Ok(Row::new(&format!("{name}: of {} replayed lines, others than a device's", replayed.len()), differ as f64, "")
+        .at_most(0.0))
+}
+
+/// A line without what only a replay adds.
+fn plain(line: &str) -> Result<Value> {
+    let mut value: Value = serde_json::from_str(line).with_context(|| format!("no JSON: {line}"))?;
+    if let Some(object) = value.as_object_mut() {
+        for key in ["final", "samples", "discontinuities", "lost_samples", "saturated", "uncertainty", "warnings"] {
+            object.remove(key);
+        }
+    }
+    Ok(value)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn growth_counts_from_the_first_minute() {
+        let mut watched = Watched::new("device", 1);
+        let memory_mb = |at_s: f64| if at_s < 60.0 { 5.0 } else { 10.0 + at_s * 0.01 };
+        let look = |at_s: f64| Look { at_s, processor_s: 0.0, memory_mb: memory_mb(at_s) };
+        watched.looks = (0..40).map(|place| look(f64::from(place) * 5.0)).collect();
+        let rows = memory(&watched);
+        assert!((rows[0].value - 11.95).abs() < 1e-9 && (rows[1].value - 6.222).abs() < 0.01, "{rows:?}");
+        // Without a look nothing is shown to hold.
+        watched.looks.clear();
+        assert!(memory(&watched)[1].value.is_nan());
+    }
+
+    #[test]
+    fn a_replay_and_a_device_are_compared_without_what_one_adds() {
+        let replayed = plain(r#"{"kind":"estimate","final":true,"t_s":1.0,"samples":7,"uncertainty":{}}"#).unwrap();
+        assert_eq!(replayed, plain(r#"{"kind":"estimate","t_s":1.0}"#).unwrap());
+        assert!(plain("half a li").is_err());
+    }
+}

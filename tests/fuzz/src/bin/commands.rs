@@ -1,0 +1,4 @@
+//! libFuzzer on the device's commands.
+#![no_main]
+
+inerter_fuzz::target!(commands);

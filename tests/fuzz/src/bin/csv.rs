@@ -1,0 +1,4 @@
+//! libFuzzer on CSV files.
+#![no_main]
+
+inerter_fuzz::target!(csv);

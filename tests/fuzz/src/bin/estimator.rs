@@ -1,0 +1,4 @@
+//! libFuzzer on the estimator.
+#![no_main]
+
+inerter_fuzz::target!(estimator);

@@ -1,0 +1,4 @@
+//! libFuzzer on firmware images.
+#![no_main]
+
+inerter_fuzz::target!(image);

@@ -1,0 +1,4 @@
+//! libFuzzer on recordings.
+#![no_main]
+
+inerter_fuzz::target!(mcap);

@@ -1,0 +1,4 @@
+//! libFuzzer on settings files.
+#![no_main]
+
+inerter_fuzz::target!(settings);

@@ -1,0 +1,4 @@
+//! libFuzzer on the frames of the wire.
+#![no_main]
+
+inerter_fuzz::target!(wire);

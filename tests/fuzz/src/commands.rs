@@ -1,0 +1,40 @@
+//! What a host sends to a device, by [`inerter_tests::fuzz`].
+//!
+//! Input: two bytes (the conditions, and in the first one's bit 7 whether payloads follow instead of a stream), then the
+//! stream, or payloads as in [`wire`](crate::wire).
+//!
+//! Holds: everything that [`inerter_tests::fuzz::judge`] asks for.
+
+use inerter_tests::fuzz::{Conditions, Link, corpus, findings, stream};
+use inerter_wire::Request;
+
+use crate::{input::Input, wire};
+
+const PAYLOADS: u8 = 0x80;
+
+/// Checks an input.
+pub fn check(input: &[u8]) {
+    let mut input = Input(input);
+    let (kind, portion) = (input.byte(), input.byte());
+    let conditions = Conditions {
+        portion: [64, 1, 3, 17, 200, 4_096, 1 + usize::from(portion)][usize::from(portion) % 7],
+        sampling: kind & 1 == 0,
+        link: [Link::First, Link::Second, Link::Single, Link::First][usize::from(kind >> 1 & 3)],
+        deaf: kind & 8 != 0,
+    };
+    let bytes = if kind & PAYLOADS == 0 { input.rest().to_vec() } else { wire::framed::<Request>(input) };
+    let findings = findings(&bytes, &conditions);
+    assert!(findings.is_empty(), "{conditions:?}: {findings:#?}");
+}
+
+/// The corpus of the tests, and streams of fixed seeds.
+pub fn seeds() -> Vec<Vec<u8>> {
+    let mut seeds = Vec::new();
+    let streams = corpus().expect("tests/corpus").into_iter().map(|item| item.bytes);
+    let streams = streams.chain((0..40).map(|seed| stream(seed).bytes)).filter(|stream| stream.len() < 3_000);
+    for (number, stream) in (0u8..).zip(streams) {
+        seeds.push([&[number & 0x0F, number][..], &stream].concat());
+        seeds.push([&[PAYLOADS | number & 0x0F, number][..], &wire::payloads(&stream)].concat());
+    }
+    seeds
+}

@@ -1,0 +1,450 @@
+//! The estimator.
+//!
+//! Input: a byte (the property), a byte (the base of the settings), a number of settings (u8) and for each its number
+//! and how far through its range it goes, then what the samples do, each step an operation (u8) with its arguments.
+//!
+//! Holds, whatever the samples and the valid settings: nothing panics; every value that is given is finite and its
+//! interval is not negative; the sums are those of a Gram matrix; a state that was reset is as good as a new one; wiring
+//! that is turned and said to be turned, and counters that begin elsewhere, change not a bit; and the mirrored motion
+//! gives the mirrored device, within the intervals.
+
+use std::sync::{
+    OnceLock,
+    atomic::{AtomicU64, Ordering},
+};
+
+use inerter_core::{
+    Active, Bank, Estimate, Kind, Output, Parameter, Parameters, Published, RawSample, Settings, State, Status,
+};
+use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
+use inerter_tests::grid;
+use inerter_wire::{Health, Record, Samples};
+
+use crate::input::Input;
+
+/// Samples of an input at most.
+const MOST: usize = 6_000;
+/// Samples of a motion of the plant.
+const MOTION: usize = 4_096;
+/// Settings that differ from the base at most.
+const MOST_SETTINGS: u8 = 12;
+/// Samples after which their number is told.
+const TELL: u64 = 1 << 20;
+
+/// Motions of the plant at 1 kHz; the last are of a device with backlash and a sensor at the terminal.
+const MOTIONS: [(&str, f64, f64); 8] = [
+    ("slow", 1.0, 0.0),
+    ("mid", 1.0, 0.0),
+    ("fast", 1.0, 0.0),
+    ("multi", 0.3, 0.0),
+    ("random", 3.0, 0.0),
+    ("two", 0.0, 0.0),
+    ("mid", 1.0, 50e-6),
+    ("random", 0.3, 20e-6),
+];
+
+/// Checks an input.
+pub fn check(input: &[u8]) {
+    let mut input = Input(input);
+    let property = input.byte();
+    let settings = settings(&mut input);
+    let samples = samples(&mut input, &settings);
+    let all = run(&settings, &samples);
+    let [turn, position, force] = [0, 1, 2].map(|bit| property >> bit & 1 == 1);
+    match (turn, position || force) {
+        (false, false) => check_again(&settings, &samples, &all),
+        (false, true) => check_elsewhere(&settings, &samples, &all, u32::from(property)),
+        (true, true) => check_turned(&settings, &samples, &all, position, force),
+        (true, false) => check_mirrored(&settings, &samples, &all),
+    }
+}
+
+/// What came of samples.
+struct Run {
+    outputs: Vec<Output>,
+    last: Published,
+    state: Box<State>,
+    active: Active,
+}
+
+fn run(settings: &Settings, samples: &[RawSample]) -> Run {
+    let active = settings.validate().expect("settings that are valid");
+    let mut state = Box::new(State::new(&active));
+    let outputs = steps(&active, &mut state, samples);
+    let last = active.publish(&state);
+    check_published(&last);
+    assert_eq!(state.counters().samples, samples.len() as u64);
+    for bank in [Bank::Fast, Bank::Slow] {
+        check_sums(&active, &state, bank);
+    }
+    Run { outputs, last, state, active }
+}
+
+/// The outputs that say something.
+fn steps(active: &Active, state: &mut State, samples: &[RawSample]) -> Vec<Output> {
+    let mut outputs = Vec::new();
+    for sample in samples {
+        let output = active.step(state, sample);
+        if output != Output::default() {
+            check_output(&output);
+            outputs.push(output);
+        }
+    }
+    tell(samples.len() as u64);
+    outputs
+}
+
+/// Says now and then how many samples have been taken.
+fn tell(samples: u64) {
+    static TAKEN: AtomicU64 = AtomicU64::new(0);
+    let before = TAKEN.fetch_add(samples, Ordering::Relaxed);
+    if before / TELL < (before + samples) / TELL {
+        eprintln!("samples: {}", before + samples);
+    }
+}
+
+fn check_output(output: &Output) {
+    output.published.iter().for_each(check_published);
+    if let Some(reversal) = output.reversal {
+        assert!(
+            reversal.value_m.is_finite() && reversal.error_m.is_finite() && reversal.error_m >= 0.0,
+            "{reversal:?}"
+        );
+    }
+    if let Some(change) = output.change {
+        assert!(change.before.is_finite() && change.after.is_finite(), "{change:?}");
+    }
+}
+
+fn check_published(published: &Published) {
+    let Published { estimate, detail, law } = published;
+    let contact = [detail.stiffness_n_per_m, detail.contact_damping_n_s_per_m];
+    for parameter in four(&estimate.recent).into_iter().chain(four(&estimate.whole_run)).chain(contact) {
+        let fitted = parameter.fitted();
+        assert!(fitted.value.is_finite() && fitted.u95 >= 0.0, "{parameter:?}");
+        assert!(fitted.u95.is_finite() || parameter.status() == Status::NotIdentifiable, "{parameter:?}");
+    }
+    assert!(four(&estimate.whole_run).iter().all(|parameter| parameter.status() != Status::Held));
+    if let Some(backlash) = detail.backlash.known() {
+        assert!(backlash.value.is_finite() && backlash.u95.is_finite() && backlash.u95 >= 0.0, "{backlash:?}");
+    }
+    assert!(estimate.residual_rms_n >= 0.0 && estimate.residual_rms_n.is_finite(), "{estimate:?}");
+    let band = detail.band;
+    assert!(0.0 <= band.low_hz && band.low_hz <= band.high_hz * 1.000_1 && band.high_hz.is_finite(), "{band:?}");
+    assert!(detail.friction.reversal_ratio.is_none_or(f32::is_finite), "{detail:?}");
+    if let Some(misfit) = law.misfit {
+        assert!(misfit.ratio >= 0.0 && misfit.ratio.is_finite() && misfit.limit >= 0.0, "{law:?}");
+    }
+}
+
+fn four(parameters: &Parameters) -> [Parameter; 4] {
+    let Parameters { inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n } = *parameters;
+    [inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n]
+}
+
+fn check_sums(active: &Active, state: &State, bank: Bank) {
+    let (sums, more) = (active.sums(state, bank), active.more_sums(state, bank));
+    assert_eq!(sums.updates, more.updates);
+    let all: Vec<i128> = sums.sums.into_iter().chain(more.sums).collect();
+    let at = |row: usize, column: usize| all[row * (row + 1) / 2 + column] as f64;
+    let rows = (0..).take_while(|row| row * (row + 1) / 2 < all.len()).count();
+    for row in 0..rows {
+        for column in 0..=row {
+            let (square, product) = (at(row, column).powi(2), at(row, row) * at(column, column));
+            assert!(at(row, row) >= 0.0 && square <= product * (1.0 + 1e-9), "{bank:?}, {row}, {column}: {all:?}");
+        }
+    }
+    let ones = at(3, 3) * sums.units[3].powi(2);
+    assert!((ones - f64::from(sums.updates)).abs() <= 1e-9 * ones, "{ones} of {}", sums.updates);
+}
+
+/// A state that is used again is as good as a new one.
+fn check_again(settings: &Settings, samples: &[RawSample], all: &Run) {
+    let mut state = all.state.clone();
+    state.reset(&all.active);
+    assert_eq!(steps(&all.active, &mut state, samples), all.outputs, "{settings:?}");
+    assert_eq!(all.active.publish(&state), all.last);
+}
+
+/// The estimates are the same to the bit, wherever they stand.
+fn compare(one: &Run, other: &Run, settings: &Settings) {
+    let estimates = |run: &Run| -> Vec<Estimate> {
+        run.outputs.iter().filter_map(Output::estimate).map(|estimate| Estimate { index: 0, ..estimate }).collect()
+    };
+    let (one, other) = (estimates(one), estimates(other));
+    assert_eq!(one.len(), other.len());
+    if let Some((one, other)) = one.iter().zip(&other).find(|(one, other)| one != other) {
+        panic!("{one:#?}\ninstead of\n{other:#?}\nwith {settings:?}");
+    }
+}
+
+/// Counters that begin elsewhere change nothing but the index.
+fn check_elsewhere(settings: &Settings, samples: &[RawSample], all: &Run, seed: u32) {
+    let (index, position) = (seed.wrapping_mul(0x9E37_79B9), seed.wrapping_mul(0x85EB_CA6B) as i32);
+    let moved: Vec<RawSample> = samples
+        .iter()
+        .map(|sample| RawSample {
+            index: sample.index.wrapping_add(index),
+            position_count: sample.position_count.wrapping_add(position),
+            ..*sample
+        })
+        .collect();
+    let moved = run(settings, &moved);
+    compare(&moved, all, settings);
+    assert_eq!(moved.state.counters(), all.state.counters());
+}
+
+/// The force code on the other side of zero, and the settings that go with it; none where there is no such code.
+fn turned_force(settings: &Settings) -> Option<(Settings, impl Fn(i32) -> i32)> {
+    let zero = settings.force_zero_code as i64;
+    let turned = |code: f64| 2.0 * settings.force_zero_code - code;
+    let turned_settings = Settings {
+        force_min_code: turned(settings.force_max_code),
+        force_max_code: turned(settings.force_min_code),
+        ..*settings
+    };
+    turned_settings.validate().ok()?;
+    // Beyond 32 bits it is saturated on both sides.
+    let turn = move |code: i32| (2 * zero - i64::from(code)).clamp(i32::MIN.into(), i32::MAX.into()) as i32;
+    Some((turned_settings, turn))
+}
+
+/// Wiring that is turned, and settings that say so.
+fn check_turned(settings: &Settings, samples: &[RawSample], all: &Run, position: bool, force: bool) {
+    let Some((turned, code)) = turned_force(settings) else { return };
+    let mut other = if force { turned } else { *settings };
+    if position {
+        other.metres_per_count = -other.metres_per_count;
+    }
+    if force {
+        other.newtons_per_code = -other.newtons_per_code;
+    }
+    let turn = |sample: &RawSample| RawSample {
+        position_count: if position { sample.position_count.wrapping_neg() } else { sample.position_count },
+        force_code: if force { code(sample.force_code) } else { sample.force_code },
+        ..*sample
+    };
+    let turned = run(&other, &samples.iter().map(turn).collect::<Vec<_>>());
+    compare(&turned, all, settings);
+}
+
+/// The same device moved the other way.
+fn check_mirrored(settings: &Settings, samples: &[RawSample], all: &Run) {
+    let Some((settings, code)) = turned_force(settings) else { return };
+    let turn = |sample: &RawSample| RawSample {
+        position_count: sample.position_count.wrapping_neg(),
+        force_code: code(sample.force_code),
+        terminal_code: sample.terminal_code.wrapping_neg(),
+        ..*sample
+    };
+    let turned = run(&settings, &samples.iter().map(turn).collect::<Vec<_>>());
+    let (here, there) = (all.last.estimate, turned.last.estimate);
+    for (here, there) in [(here.recent, there.recent), (here.whole_run, there.whole_run)] {
+        for (place, sign) in [1.0, 1.0, 1.0, -1.0].into_iter().enumerate() {
+            let (here, there) = (four(&here)[place], four(&there)[place]);
+            if let (Some(one), Some(other)) = (here.ok(), there.ok()) {
+                let difference = (one.value - sign * other.value).abs();
+                assert!(difference <= one.u95.max(other.u95), "{place}: {one:?} and {other:?}");
+            }
+        }
+    }
+}
+
+fn settings(input: &mut Input) -> Settings {
+    let base = input.byte();
+    let mut settings = if base & 1 == 0 { calibrated() } else { Settings::default() };
+    for _ in 0..input.byte() % (MOST_SETTINGS + 1) {
+        let (number, way, share) = (usize::from(input.byte()) % Settings::COUNT, input.byte(), input.half());
+        let info = Settings::TABLE[number];
+        let share = f64::from(share) / f64::from(u16::MAX);
+        let value = match way % 6 {
+            0 => info.default,
+            1 => info.min,
+            2 => info.max,
+            3 => info.min + share * (info.max - info.min),
+            // Over decades.
+            4 => info.max * 10_f64.powf(-12.0 * share),
+            _ => info.min * 10_f64.powf(-12.0 * share),
+        };
+        let value = if info.kind == Kind::Whole { value.round() } else { value };
+        let before = settings;
+        // What contradicts the others stays as it was.
+        if settings.set(number, value).and_then(|()| settings.validate()).is_err() {
+            settings = before;
+        }
+    }
+    settings
+}
+
+fn sensors(backlash_m: f64) -> Sensors {
+    Sensors {
+        force_noise_n: 1.0,
+        force_offset_n: 5.0,
+        encoder_phase_count: 0.3,
+        seed: 11 + (backlash_m * 1e6) as u64,
+        ..Sensors::default()
+    }
+}
+
+fn calibrated() -> Settings {
+    grid::calibrated(&Inerter::paper(), &sensors(0.0))
+}
+
+fn motions() -> &'static [Vec<RawSample>] {
+    static MADE: OnceLock<Vec<Vec<RawSample>>> = OnceLock::new();
+    MADE.get_or_init(|| {
+        let made = MOTIONS.iter().map(|&(name, start_s, backlash_m)| {
+            let device = Inerter { backlash_m, ..Inerter::paper() };
+            let excitation = Excitation::preset(name, 3).expect("a motion of the plant");
+            let simulation = Simulation::new(device, excitation, sensors(backlash_m)).expect("a plant");
+            let skipped = (start_s * 1e3) as usize;
+            simulation.skip(skipped).take(MOTION).map(|sample| grid::raw(&sample)).collect()
+        });
+        made.collect()
+    })
+}
+
+/// The samples of an input.
+fn samples(input: &mut Input, settings: &Settings) -> Vec<RawSample> {
+    let mut samples: Vec<RawSample> = Vec::new();
+    let mut last = RawSample::default();
+    while !input.is_empty() && samples.len() < MOST {
+        let operation = input.byte();
+        let from = samples.len();
+        match operation & 7 {
+            // The plant: which motion, from where, how long, how often; changes go on from the sample before.
+            0 | 1 => {
+                let motion = &motions()[usize::from(operation >> 3) % MOTIONS.len()];
+                let (start, length) = (usize::from(input.byte()) * 16, 64 + usize::from(input.byte()) * 16);
+                let motion = motion.get(start..).unwrap_or_default();
+                let mut before = motion.first().copied().unwrap_or_default();
+                for here in motion.iter().take(length) {
+                    last = RawSample {
+                        index: last.index.wrapping_add(1),
+                        position_count: last.position_count.wrapping_add(here.position_count - before.position_count),
+                        force_code: here.force_code.saturating_add(settings.force_zero_code as i32),
+                        terminal_code: here.terminal_code,
+                    };
+                    before = *here;
+                    samples.push(last);
+                }
+            }
+            // Even steps.
+            2 => {
+                let [position, force, terminal] = [0; 3].map(|_| i32::from(input.half() as i16));
+                for _ in 0..=input.byte() {
+                    last.index = last.index.wrapping_add(1);
+                    last.position_count = last.position_count.wrapping_add(position);
+                    last.force_code = last.force_code.wrapping_add(force);
+                    last.terminal_code = last.terminal_code.wrapping_add(terminal);
+                    samples.push(last);
+                }
+            }
+            // Anything, once.
+            3 => {
+                last.index = last.index.wrapping_add(input.word());
+                last.position_count = input.word() as i32;
+                last.force_code = input.word() as i32;
+                last.terminal_code = input.word() as i32;
+                samples.push(last);
+            }
+            // A tone with a force that goes with its acceleration, velocity and sign.
+            4 | 5 => {
+                let (amplitude, period) = (f64::from(input.half()), 4.0 + f64::from(input.byte()) * 4.0);
+                let [inertia, viscous, coulomb] = [0; 3].map(|_| f64::from(input.half() as i16));
+                let (start, force) = (last.position_count, last.force_code);
+                for n in 0..64 * (1 + u32::from(operation >> 3)) {
+                    let (sine, cosine) = (f64::from(n) * std::f64::consts::TAU / period).sin_cos();
+                    let code = -inertia * sine + viscous * cosine + coulomb * cosine.signum();
+                    last.index = last.index.wrapping_add(1);
+                    last.position_count = start.wrapping_add((amplitude * sine) as i32);
+                    last.force_code = force.saturating_add(code as i32);
+                    samples.push(last);
+                }
+            }
+            // The last samples again, scaled, or with their index as it was.
+            6 => {
+                let (count, scale) = (4 * (1 + usize::from(input.byte())), i32::from(input.byte() as i8));
+                let again: Vec<RawSample> = samples[samples.len().saturating_sub(count)..].to_vec();
+                let first = again.first().copied().unwrap_or_default();
+                let start = last;
+                for (n, here) in (1..).zip(again) {
+                    let moved = here.position_count.wrapping_sub(first.position_count).wrapping_mul(scale);
+                    last = RawSample {
+                        index: if operation & 8 == 0 { start.index.wrapping_add(n) } else { here.index },
+                        position_count: start.position_count.wrapping_add(moved >> 3),
+                        force_code: here.force_code.wrapping_mul(scale),
+                        terminal_code: here.terminal_code.wrapping_mul(scale),
+                    };
+                    samples.push(last);
+                }
+            }
+            // A force at its limits, a code that stands, or lost samples.
+            _ => {
+                let (count, lost) = (1 + u32::from(input.byte()), u32::from(input.byte()));
+                for _ in 0..count {
+                    last.index = last.index.wrapping_add(1);
+                    last.force_code = match operation >> 3 & 3 {
+                        0 => settings.force_min_code as i32,
+                        1 => settings.force_max_code as i32,
+                        2 => settings.force_zero_code as i32,
+                        _ => last.force_code,
+                    };
+                    samples.push(last);
+                }
+                last.index = last.index.wrapping_add(lost);
+            }
+        }
+        debug_assert!(samples.len() > from || operation & 7 <= 1 || operation & 7 == 6);
+    }
+    samples.truncate(MOST);
+    samples
+}
+
+/// What a device of the plant says.
+pub fn records() -> Vec<Record> {
+    let settings = calibrated();
+    let samples = &motions()[4];
+    let Run { outputs, last, state, active } = run(&settings, samples);
+    let mut records: Vec<Record> =
+        samples.chunks(32).step_by(40).map(|samples| Record::Samples(Samples::from_slice(samples).0)).collect();
+    for Published { estimate, law, detail } in
+        outputs.iter().filter_map(|output| output.published).take(2).chain([last])
+    {
+        records.extend([Record::Estimate(estimate), Record::Law(law), Record::Detail(detail)]);
+    }
+    records.extend(outputs.iter().filter_map(|output| output.reversal).take(2).map(Record::Reversal));
+    for bank in [Bank::Fast, Bank::Slow] {
+        records.extend([Record::Sums(active.sums(&state, bank)), Record::MoreSums(active.more_sums(&state, bank))]);
+    }
+    records.push(Record::Health(Health { index: state.last_index(), ..Health::default() }));
+    records
+}
+
+/// Motions of the plant, each with each property, and what rigs do to them.
+pub fn seeds() -> Vec<Vec<u8>> {
+    let mut seeds = Vec::new();
+    for motion in 0..MOTIONS.len() as u8 {
+        for property in [0, 1, 2, 3, 5, 7] {
+            seeds.push(vec![property, 0, 0, motion << 3, 20, 100]);
+        }
+        // A sensor at the terminal, a fast publication, a short memory.
+        let sensor = [24, 2, 0, 0, 19, 2, 0, 0, 17, 1, 0, 0];
+        seeds.push([&[motion, 0, 3][..], &sensor, &[motion << 3, 0, 200]].concat());
+        // Lost samples, saturation, a jump, the same again.
+        let rig = [motion << 3, 0, 100, 7, 3, 9, motion << 3, 20, 60, 15, 2, 0, 6, 100, 8, 0, 9, 100];
+        seeds.push([&[motion, 0, 0][..], &rig].concat());
+    }
+    for (number, info) in (0u8..).zip(Settings::TABLE) {
+        for way in [1, 2, 4] {
+            let share = if info.kind == Kind::Whole { 0 } else { 5 };
+            seeds.push(vec![number, 0, 1, number, way, 0, share, 32, 20, 150]);
+        }
+    }
+    for property in [0, 1, 3, 7] {
+        let tone = [4 | 31 << 3, 0, 100, 50, 0, 20, 0, 4, 0, 1];
+        seeds.push([&[property, 1, 0][..], &tone].concat());
+        seeds.push([&[property, 0, 0][..], &[2, 9, 0, 3, 0, 0, 0, 255, 3, 1, 0, 0, 0, 7, 7, 7, 7], &tone].concat());
+    }
+    seeds
+}

@@ -1,0 +1,70 @@
+//! What must hold for any bytes from outside, in a form that libFuzzer can search.
+//!
+//! Each module is a target: `check` takes an input and panics where something does not hold, `seeds` gives inputs made of
+//! real things to begin with. `cargo xtask fuzz` compiles the programs in `src/bin` with counters of coverage and runs
+//! them; `cargo test` checks the seeds.
+//!
+//! ```text
+//! seeds -> corpus/TARGET (packed, committed) -> libFuzzer -> inputs of new coverage -> corpus (`--keep`)
+//!                                                        '-> findings (target/fuzz/TARGET)
+//! ```
+
+#![forbid(unsafe_code)]
+
+pub mod commands;
+pub mod csv;
+pub mod dfuse;
+pub mod estimator;
+pub mod image;
+mod input;
+pub mod mcap;
+mod scratch;
+pub mod settings;
+pub mod wire;
+
+// What the parts of inerter-device's tests that are shared here name.
+use inerter_device::board;
+
+use std::{env, fs, path::PathBuf, process::exit};
+
+/// Where this names a folder, a target writes its seeds there and ends.
+pub const SEEDS: &str = "INERTER_FUZZ_SEEDS";
+
+/// Makes a program of libFuzzer from the module of this name.
+#[macro_export]
+macro_rules! target {
+    ($name:ident) => {
+        libfuzzer_sys::fuzz_target!(init: $crate::write_seeds($crate::$name::seeds), |input: &[u8]| {
+            $crate::$name::check(input)
+        });
+    };
+}
+
+/// Writes the seeds and ends the program, where that is asked for.
+pub fn write_seeds(seeds: fn() -> Vec<Vec<u8>>) {
+    let Some(folder) = env::var_os(SEEDS).map(PathBuf::from) else { return };
+    for (number, seed) in seeds().iter().enumerate() {
+        if let Err(error) = fs::write(folder.join(format!("seed-{number:03}")), seed) {
+            eprintln!("{}: {error}", folder.display());
+            exit(1);
+        }
+    }
+    exit(0);
+}
+
+#[cfg(test)]
+mod tests {
+    macro_rules! seeds_hold {
+        ($($name:ident)+) => {$(
+            #[test]
+            fn $name() {
+                let seeds = crate::$name::seeds();
+                assert!(seeds.len() > 3);
+                seeds.iter().for_each(|seed| crate::$name::check(seed));
+                crate::$name::check(&[]);
+            }
+        )+};
+    }
+
+    seeds_hold!(commands csv dfuse estimator image mcap settings wire);
+}

@@ -1,0 +1,121 @@
+//! Settings as people write them: TOML files, assignments, backups, and what is wanted of a motion.
+//!
+//! Input: a byte (what it is), then the text.
+//!
+//! Holds: what is understood is valid setting by setting, and is written down again as the same values; the owner of a
+//! backup is read back, whatever a device calls itself; an error can be shown.
+
+use inerter_core::{Machine, Settings};
+use inerter_data::{
+    backup,
+    settings::{Overrides, SettingsInputError, to_toml},
+    wants,
+};
+use inerter_wire::{Capabilities, ClockSource, Hello};
+
+use crate::{csv::show, input::Input, scratch::Scratch};
+
+/// Checks an input.
+pub fn check(input: &[u8]) {
+    let mut input = Input(input);
+    match input.byte() % 4 {
+        0 => check_file(input.rest()),
+        1 => {
+            let lines = String::from_utf8_lossy(input.rest());
+            check_values(Overrides::from_inputs(None, &lines.lines().map(str::to_string).collect::<Vec<_>>()));
+        }
+        2 => {
+            let machine = if input.byte() & 1 == 0 { Machine::Linear } else { Machine::Rotary };
+            check_wants(&String::from_utf8_lossy(input.rest()), machine);
+        }
+        _ => check_backup(&mut input),
+    }
+}
+
+fn check_file(text: &[u8]) {
+    let file = Scratch::of(text);
+    let read = Overrides::from_inputs(Some(file.path()), &[]);
+    assert_eq!(backup::read(file.path()).is_ok(), read.is_ok(), "a backup is a file of settings");
+    check_values(read);
+}
+
+fn check_values(read: Result<Overrides, SettingsInputError>) {
+    let overrides = match read {
+        Ok(overrides) => overrides,
+        Err(error) => return show(&error),
+    };
+    let mut settings = Settings::default();
+    overrides.apply(&mut settings).expect("each value was checked");
+    for info in Settings::TABLE {
+        let value = settings.get(info.name).expect("a setting of the table");
+        assert!(info.check(value).is_ok() && overrides.get(info.name).is_none_or(|given| given == value), "{info:?}");
+    }
+    assert_eq!(read_back(&to_toml(&settings)), settings);
+}
+
+fn read_back(text: &str) -> Settings {
+    let (file, mut settings) = (Scratch::of(text.as_bytes()), Settings::default());
+    let overrides = Overrides::from_inputs(Some(file.path()), &[]).expect("what was written is read");
+    overrides.apply(&mut settings).expect("what was written is valid");
+    settings
+}
+
+fn check_wants(text: &str, machine: Machine) {
+    match wants::parse(text, machine, [300.0, 30.0, 50.0, 0.0]) {
+        Ok(wants) => {
+            assert!(wants.iter().all(|want| want.place < 4 && want.u95 > 0.0 && want.u95.is_finite()), "{wants:?}")
+        }
+        Err(error) => show(&error),
+    }
+}
+
+fn check_backup(input: &mut Input) {
+    let mut text = || String::from_utf8_lossy(input.counted()).into_owned();
+    let hello = Hello {
+        wire_version: 1,
+        firmware: Hello::text(&text()),
+        git: Hello::text(&text()),
+        board: Hello::text(&text()),
+        serial: Hello::text(&text()),
+        sample_rate_hz: 1_000.0,
+        clock: ClockSource::Crystal,
+        capabilities: Capabilities::NONE,
+    };
+    let settings = Settings { memory_s: 7.0, ..Settings::default() };
+    let text = backup::text(&hello, &settings);
+    let file = Scratch::of(text.as_bytes());
+    let read = backup::read(file.path()).expect("what was written is read");
+    assert!(read.check_owner(file.path(), &hello).is_ok(), "{:?} of {text}", read.owner);
+    assert_eq!(read_back(&text), settings);
+}
+
+/// Files that the program writes, and what people get wrong.
+pub fn seeds() -> Vec<Vec<u8>> {
+    let whole = to_toml(&Settings { stiffness_n_per_m: 2.1e6, ..Settings::default() });
+    let short: String = whole.lines().filter(|line| !line.starts_with('#')).map(|line| format!("{line}\n")).collect();
+    let mut seeds = vec![[&[0], whole.as_bytes()].concat(), [&[0], short.as_bytes()].concat()];
+    for text in [
+        "memory_s = 20\nskew_s = -1e-4\n",
+        "# board: nucleo-g474re\n# serial: \"F-1\"\n\nmemory_s = 2_0\nmachine = 1 # rotary\n",
+        "memory_s = 0x1F\nskew_s = +inf\n",
+        "[settings]\nmemory_s.value = 20\n",
+        "memory_s = \"20\"\n",
+        "memory_s 20\n",
+        "\"memory_s\" = 1979-05-27\r\n",
+    ] {
+        seeds.push([&[0], text.as_bytes()].concat());
+    }
+    for line in short.lines() {
+        seeds.push([&[1], line.as_bytes()].concat());
+    }
+    seeds.push([&[1], short.as_bytes()].concat());
+    for text in
+        ["fc to 0.3 N, mt to 0.1 %", "Coulomb friction to 3e-1 N;cf to 2 N s/m", "mt to 1e-6 kg m2", "fd to zero"]
+    {
+        seeds.extend([0, 1].map(|machine| [&[2, machine], text.as_bytes()].concat()));
+    }
+    for texts in [["inerter 0.1.0", "c8a2d5a", "nucleo-g474re", "205735883537"], ["", " ", "\"", "\n\u{1b}é"]] {
+        seeds.push([vec![3], texts.map(|text| crate::input::counted(text.as_bytes())).concat()].concat());
+    }
+    seeds
+}

@@ -1,0 +1,230 @@
+//! Frames of records and requests.
+//!
+//! Input: a byte (bit 0: requests instead of records; bit 1: payloads to be framed instead of a stream; the rest: how the
+//! stream is cut), then the stream, or payloads: a step of the sequence number (i8), a length (u16), the payload.
+//!
+//! Holds: the portions in which a stream arrives do not matter; what is decoded is encoded and decoded again to the same
+//! bytes; samples and settings of a record survive being taken apart and put together.
+
+use std::fmt::Debug;
+
+use inerter_core::{RawSample, Settings};
+use inerter_tests::fuzz::{Stream, corpus};
+use inerter_wire::{
+    Command, Counts, DELIMITER, Done, Event, EventKind, Fault, Frame, FrameReader, Health, MAX_FRAME, MAX_PAYLOAD,
+    Message, Record, Refusal, Reply, Request, Samples, SequenceCounter, SettingsValues, encode, encode_record,
+    renumber,
+};
+
+use crate::{
+    estimator,
+    input::{Input, counted},
+};
+
+const REQUESTS: u8 = 1;
+const PAYLOADS: u8 = 2;
+
+/// Checks an input.
+pub fn check(input: &[u8]) {
+    let mut input = Input(input);
+    let kind = input.byte();
+    match (kind & REQUESTS != 0, kind & PAYLOADS != 0) {
+        (false, false) => check_stream::<Record>(input.rest(), kind >> 2, check_record),
+        (false, true) => check_stream::<Record>(&framed::<Record>(input), kind >> 2, check_record),
+        (true, false) => check_stream::<Request>(input.rest(), kind >> 2, check_request),
+        (true, true) => check_stream::<Request>(&framed::<Request>(input), kind >> 2, check_request),
+    }
+}
+
+/// Intact frames of the payloads in an input.
+pub fn framed<T: Message>(mut input: Input) -> Vec<u8> {
+    let (mut stream, mut sequence) = (Vec::new(), 0u16);
+    while !input.is_empty() {
+        sequence = sequence.wrapping_add_signed(i16::from(input.byte() as i8));
+        let payload = input.counted();
+        stream.extend(frame::<T>(&payload[..payload.len().min(MAX_PAYLOAD)], sequence));
+    }
+    stream
+}
+
+/// An intact frame of any payload.
+pub fn frame<T: Message>(payload: &[u8], sequence: u16) -> Vec<u8> {
+    // Number and CRC are made by `renumber`.
+    let body = [payload, &[0; 6]].concat();
+    let mut stuffed = vec![0; cobs::max_encoding_length(body.len())];
+    let length = cobs::encode(&body, &mut stuffed);
+    let mut out = [0; MAX_FRAME];
+    let length = renumber::<T>(&stuffed[..length], sequence, &mut out).expect("a payload that fits");
+    out[..length].to_vec()
+}
+
+/// A finding in a form that NaN does not keep from being compared.
+#[derive(Debug, PartialEq)]
+struct Found {
+    what: Frame<()>,
+    message: Vec<u8>,
+    frame: Vec<u8>,
+}
+
+fn read<'a, T: Message>(
+    portions: impl IntoIterator<Item = &'a [u8]>,
+    mut each: impl FnMut(&T),
+) -> (Vec<Found>, Counts) {
+    let (mut reader, mut found) = (FrameReader::<T>::new(), Vec::new());
+    for mut input in portions {
+        while let Some(frame) = reader.read(&mut input) {
+            let (what, message) = match frame {
+                Frame::Message { sequence, message } => {
+                    each(&message);
+                    (Frame::Message { sequence, message: () }, encoded(&message, sequence))
+                }
+                Frame::Lost { frames } => (Frame::Lost { frames }, Vec::new()),
+                Frame::Restarted => (Frame::Restarted, Vec::new()),
+                Frame::Corrupt(corruption) => (Frame::Corrupt(corruption), Vec::new()),
+                Frame::Unknown { sequence, number, request } => {
+                    (Frame::Unknown { sequence, number, request }, Vec::new())
+                }
+                Frame::ForeignVersion { sequence, wire_version } => {
+                    (Frame::ForeignVersion { sequence, wire_version }, Vec::new())
+                }
+            };
+            found.push(Found { what, message, frame: reader.frame_bytes().to_vec() });
+        }
+        assert!(input.is_empty(), "bytes left over");
+    }
+    assert!(reader.unfinished() < MAX_FRAME);
+    (found, *reader.counts())
+}
+
+fn encoded<T: Message>(message: &T, sequence: u16) -> Vec<u8> {
+    let mut out = [0; MAX_FRAME];
+    let length = encode(message, sequence, &mut out).expect("what was decoded fits a frame");
+    out[..length].to_vec()
+}
+
+fn check_stream<T: Message + Debug>(stream: &[u8], portions: u8, each: impl Fn(&T)) {
+    let whole = read([stream], &each);
+    let size = 1 + usize::from(portions);
+    assert_eq!(read::<T>(stream.chunks(size), |_| ()), whole, "in portions of {size}");
+    let (head, tail) = stream.split_at(stream.len() * size / 64);
+    assert_eq!(read::<T>([head, &[], tail], |_| ()), whole, "cut at {}", head.len());
+    let (found, counts) = whole;
+    let count = |is: fn(&Frame<()>) -> bool| found.iter().filter(|found| is(&found.what)).count() as u32;
+    assert_eq!(counts.messages, count(|frame| matches!(frame, Frame::Message { .. })));
+    assert_eq!(counts.corrupt(), count(|frame| matches!(frame, Frame::Corrupt(_))));
+    for Found { what, message, .. } in &found {
+        let Frame::Message { sequence, .. } = *what else { continue };
+        let (again, _) = read::<T>([&message[..]], |_| ());
+        let [Found { what, message: twice, frame }] = &again[..] else { panic!("{again:?}") };
+        assert_eq!((what, twice), (&Frame::Message { sequence, message: () }, message), "written and read back");
+        assert_eq!(message.strip_suffix(&[DELIMITER]), Some(&frame[..]));
+    }
+}
+
+fn check_record(record: &Record) {
+    match record {
+        Record::Samples(samples) => check_samples(samples),
+        Record::Settings(values) | Record::Saved(values) => check_settings(values),
+        Record::Event(Event { kind: EventKind::Fault(fault), .. }) => drop(fault.to_string()),
+        _ => {}
+    }
+}
+
+fn check_request(request: &Request) {
+    match &request.command {
+        Command::Inject(samples) => check_samples(samples),
+        Command::WriteSettings(values) => check_settings(values),
+        _ => {}
+    }
+}
+
+fn check_samples(samples: &Samples) {
+    let read: Result<Vec<RawSample>, _> = samples.iter().collect();
+    assert_eq!(read.is_ok(), samples.check().is_ok());
+    if let Ok(read) = read {
+        assert_eq!(read.len(), samples.len());
+        let (again, taken) = Samples::from_slice(&read);
+        assert_eq!(taken, read.len(), "no more bytes than before");
+        assert!(again.iter().flatten().eq(read));
+    }
+}
+
+fn check_settings(values: &SettingsValues) {
+    let base = Settings::default();
+    let reading = values.read(&base);
+    let again = SettingsValues::from(&reading.settings).read(&base);
+    assert_eq!((again.settings, again.unknown, again.impossible, again.missing), (reading.settings, 0, 0, 0));
+    if let Ok(written) = values.write(&base) {
+        assert_eq!((written, reading.unknown, reading.impossible), (reading.settings, 0, 0));
+    }
+    if let Ok(written) = SettingsValues::difference(&reading.settings, &base).write(&base) {
+        assert_eq!(written, reading.settings);
+    }
+}
+
+/// Records of all kinds that a device of the plant sends.
+pub fn records() -> Vec<Record> {
+    let mut records = estimator::records();
+    records.push(Record::Settings(SettingsValues::from(&Settings::default())));
+    records.push(Record::Saved(SettingsValues::default()));
+    records.push(Record::Health(Health {
+        cpu_load_permille: Some(311),
+        temperature_c: Some(36.5),
+        ..Health::default()
+    }));
+    for kind in [EventKind::Started, EventKind::SourceEnded, EventKind::Fault(Fault::Store)] {
+        records.push(Record::Event(Event { index: 9, kind }));
+    }
+    for (id, result) in
+        [(1, Ok(Done::Plain)), (2, Ok(Done::Injected { accepted: 7, free: 3 })), (3, Err(Refusal::Busy))]
+    {
+        records.push(Record::Reply(Reply { id, result }));
+    }
+    records
+}
+
+/// Frames of [`records`], numbered.
+pub fn frames() -> Vec<Vec<u8>> {
+    let mut sequence = SequenceCounter::new();
+    let frame = |record: &Record| {
+        let mut out = [0; MAX_FRAME];
+        let length = encode_record(record, sequence.take(), &mut out).expect("a record fits");
+        out[..length].to_vec()
+    };
+    records().iter().map(frame).collect()
+}
+
+/// The payloads in a stream, each with its length and a step of one.
+pub fn payloads(stream: &[u8]) -> Vec<u8> {
+    let mut input = Vec::new();
+    for frame in stream.split(|&byte| byte == DELIMITER) {
+        let mut body = vec![0; frame.len()];
+        let length = cobs::decode(frame, &mut body).unwrap_or(0);
+        if let Some((payload, _)) = body[..length].split_last_chunk::<6>() {
+            input.push(1);
+            input.extend(counted(payload));
+        }
+    }
+    input
+}
+
+/// Frames of a device of the plant, and what others have sent to one.
+pub fn seeds() -> Vec<Vec<u8>> {
+    let mut seeds = Vec::new();
+    let mut add = |requests: u8, stream: &[u8]| {
+        seeds.push([&[requests | 20 << 2][..], stream].concat());
+        seeds.push([&[requests | PAYLOADS][..], &payloads(stream)].concat());
+    };
+    let frames = frames();
+    add(0, &frames.concat());
+    frames.iter().for_each(|frame| add(0, frame));
+    for item in corpus().expect("tests/corpus") {
+        if item.bytes.len() < 2_000 {
+            add(REQUESTS, &item.bytes);
+        }
+    }
+    for command in [Command::Hello, Command::ReadSaved, Command::Tare, Command::InjectEnd, Command::EnterDfu] {
+        add(REQUESTS, &Stream::default().request(7, command).bytes);
+    }
+    seeds
+}
