@@ -4,7 +4,7 @@
 //! figures; a table stands at the end.
 
 use crate::{
-    process, suite, tree,
+    process, tree,
     workspace::{Part, Workspace},
 };
 use anyhow::{Context, Result, bail};
@@ -51,7 +51,7 @@ pub fn run(options: &Options) -> Result<()> {
     }
     println!("seed {}; each line also goes to {}", options.seed, report.display());
     for test in chosen {
-        suite::heading(short(test));
+        process::heading(short(test));
         let mut command = tests();
         command.args(["--exact", test, "--nocapture"]);
         for (variable, value) in [("SEED", options.seed), ("KILLS", options.kills), ("CYCLES", options.cycles)] {

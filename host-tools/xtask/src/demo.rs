@@ -2,7 +2,7 @@
 
 use crate::{
     firmware::{self, Image},
-    process, setup, suite,
+    process, setup,
 };
 use anyhow::{Context, Result};
 
@@ -16,11 +16,11 @@ pub struct Options {
 
 /// Sets up what is missing, builds the image and the programs, and hands over to the demo.
 pub fn run(options: &Options) -> Result<()> {
-    suite::heading("set-up");
+    process::heading("set-up");
     setup::ensure(&[setup::Need::Firmware, setup::Need::Qemu], false)?;
-    suite::heading("building the firmware");
+    process::heading("building the firmware");
     let image = firmware::build(Image::Qemu)?;
-    suite::heading("building the programs");
+    process::heading("building the programs");
     process::run(process::cargo().args(["build", "--package", "inerter", "--package", "inerter-tests"]))?;
     let mut command = process::cargo();
     command.args(["run", "--quiet", "--package", "inerter-tests", "--bin", "demo", "--"]);

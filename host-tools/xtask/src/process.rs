@@ -97,6 +97,11 @@ pub fn output_within(command: &mut Command, limit: Duration) -> Result<String> {
     Ok(String::from_utf8_lossy(&bytes).into_owned())
 }
 
+/// A line above a step's own output.
+pub fn heading(name: &str) {
+    println!("\n== {name} {}", "=".repeat(76_usize.saturating_sub(name.len())));
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -241,7 +241,7 @@ fn run_steps(steps: &[Step], options: &Options) -> Vec<Outcome> {
         } else if !options.full && step.when == When::Full {
             Outcome::Skipped("with --full only")
         } else {
-            heading(step.name);
+            process::heading(step.name);
             let start = Instant::now();
             match (step.run)() {
                 Ok(()) => Outcome::Passed(start.elapsed()),
@@ -255,11 +255,6 @@ fn run_steps(steps: &[Step], options: &Options) -> Vec<Outcome> {
         outcomes.push(outcome);
     }
     outcomes
-}
-
-/// A line above a step's own output.
-pub fn heading(name: &str) {
-    println!("\n== {name} {}", "=".repeat(76_usize.saturating_sub(name.len())));
 }
 
 fn summary(steps: &[Step], outcomes: &[Outcome]) -> String {
