@@ -79,7 +79,7 @@ const STEPS: &[Step] = &[
     Step { name: "arrows", alone: "cargo xtask check-arrows", needed: false, long: false, run: arrows::run },
     Step {
         name: "lints, host",
-        alone: "cargo clippy --workspace --all-targets -- -D warnings",
+        alone: "cargo clippy-lean --all-targets -- -D warnings",
         needed: false,
         long: false,
         run: lint_host,
@@ -93,14 +93,14 @@ const STEPS: &[Step] = &[
     },
     Step {
         name: "lints, probe",
-        alone: "cargo clippy -p inerter --features probe --all-targets -- -D warnings",
+        alone: "cargo clippy -p inerter --all-targets -- -D warnings, and the same with --no-default-features",
         needed: false,
         long: true,
         run: lint_probe,
     },
     Step {
         name: "documentation",
-        alone: "RUSTDOCFLAGS='-D warnings' cargo doc --workspace --no-deps",
+        alone: "RUSTDOCFLAGS='-D warnings' cargo doc-lean --no-deps",
         needed: false,
         long: true,
         run: document,
@@ -108,7 +108,7 @@ const STEPS: &[Step] = &[
     Step { name: "firmware", alone: "cargo xtask build-firmware", needed: true, long: false, run: firmware::run_build },
     Step {
         name: "tests, compiled",
-        alone: "cargo test --no-run --workspace",
+        alone: "cargo test-lean --no-run",
         needed: true,
         long: false,
         run: || Part::each(|part| process::run(part.all("test").arg("--no-run"))),
@@ -120,7 +120,7 @@ const STEPS: &[Step] = &[
         long: false,
         run: || guest::run(&guest::Options::default()),
     },
-    Step { name: "tests", alone: "cargo test --workspace", needed: false, long: false, run: test },
+    Step { name: "tests", alone: "cargo test-lean", needed: false, long: false, run: test },
     Step { name: "Python", alone: "cargo xtask python", needed: false, long: false, run: python::run },
     Step {
         name: "endurance",
@@ -274,13 +274,14 @@ fn lint_firmware() -> Result<()> {
     Ok(())
 }
 
-/// The program with the library that drives a probe, which takes long to compile and is left out by default.
+/// The program with the library that drives a probe, as it is installed and released, and the smallest one.
 fn lint_probe() -> Result<()> {
-    let mut command = process::cargo();
-    command.args(["clippy", "--package", "inerter", "--features", "probe", "--all-targets", "--locked"]);
-    process::run(command.args(["--", "--deny", "warnings"]))?;
-    let reason =
-        "linted only: probe-rs takes minutes to compile; `cargo test -p inerter -p inerter-device --features probe`";
+    for features in [&[][..], &["--no-default-features"]] {
+        let mut command = process::cargo();
+        command.args(["clippy", "--package", "inerter", "--all-targets", "--locked"]).args(features);
+        process::run(command.args(["--", "--deny", "warnings"]))?;
+    }
+    let reason = "linted only: probe-rs takes minutes to compile; `cargo test -p inerter -p inerter-device --features inerter/probe`";
     inerter_needs::list(&skipped_list()?, "tests behind the feature `probe`", reason)
         .context("the list of skipped tests")
 }
