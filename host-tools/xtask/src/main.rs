@@ -26,7 +26,9 @@ mod setup;
 mod size;
 mod source;
 mod suite;
+mod supply;
 mod table;
+mod tool;
 mod toolchain;
 mod tree;
 mod validation;
@@ -63,6 +65,8 @@ enum Command {
     CheckPanics,
     /// Compile the host program for Windows and macOS, without running it
     CheckPlatforms,
+    /// Fail where a licence, a package or its source is not one of those that deny.toml allows
+    CheckSupply(supply::Options),
     /// Flash, RAM and worst stack of the image, against docs/tables/size.md
     Size(table::Options),
     /// Instructions per sample and per solve on the Cortex-M4F, against docs/tables/icount.md
@@ -116,6 +120,7 @@ fn main() -> ExitCode {
         Command::CheckArrows => arrows::run(),
         Command::CheckPanics => panics::run(),
         Command::CheckPlatforms => platforms::run(),
+        Command::CheckSupply(options) => supply::run(&options),
         Command::Size(options) => size::run(&options),
         Command::Icount(options) => icount::run(&options),
         Command::Accuracy(options) => accuracy::table("accuracy", &options),

@@ -1,7 +1,7 @@
 //! Everything that continuous integration asks for, in order, with a summary at the end.
 
 use crate::{
-    accuracy, arrows, firmware, foreign, guest, icount, panics, process, python, setup, size, table,
+    accuracy, arrows, firmware, foreign, guest, icount, panics, process, python, setup, size, supply, table,
     toolchain::Toolchain,
     tree,
     workspace::{Part, Workspace},
@@ -77,6 +77,13 @@ const STEPS: &[Step] = &[
         run: || Part::each(|part| process::run(part.cargo().args(["fmt", "--all", "--check"]))),
     },
     Step { name: "arrows", alone: "cargo xtask check-arrows", needed: false, long: false, run: arrows::run },
+    Step {
+        name: "supply",
+        alone: "cargo xtask check-supply",
+        needed: false,
+        long: false,
+        run: || supply::run(&supply::Options::default()),
+    },
     Step {
         name: "lints, host",
         alone: "cargo clippy-lean --all-targets -- -D warnings",
@@ -281,7 +288,7 @@ fn lint_probe() -> Result<()> {
         command.args(["clippy", "--package", "inerter", "--all-targets", "--locked"]).args(features);
         process::run(command.args(["--", "--deny", "warnings"]))?;
     }
-    let reason = "linted only: probe-rs takes minutes to compile; `cargo test -p inerter -p inerter-device --features inerter/probe`";
+    let reason = "linted only: probe-rs takes minutes to compile; `cargo test -p inerter -p inerter-device`";
     inerter_needs::list(&skipped_list()?, "tests behind the feature `probe`", reason)
         .context("the list of skipped tests")
 }
