@@ -16,13 +16,16 @@ mod firmware;
 mod foreign;
 mod guest;
 mod icount;
+mod images;
 mod imports;
 mod monitor_load;
 mod panics;
 mod platforms;
 mod process;
 mod python;
+mod release;
 mod setup;
+mod sha256;
 mod size;
 mod source;
 mod suite;
@@ -67,6 +70,8 @@ enum Command {
     CheckPlatforms,
     /// Fail where a licence, a package or its source is not one of those that deny.toml allows
     CheckSupply(supply::Options),
+    /// Make the files of a release that this computer can make, in target/release-files
+    Release(release::Options),
     /// Flash, RAM and worst stack of the image, against docs/tables/size.md
     Size(table::Options),
     /// Instructions per sample and per solve on the Cortex-M4F, against docs/tables/icount.md
@@ -121,6 +126,7 @@ fn main() -> ExitCode {
         Command::CheckPanics => panics::run(),
         Command::CheckPlatforms => platforms::run(),
         Command::CheckSupply(options) => supply::run(&options),
+        Command::Release(options) => release::run(&options),
         Command::Size(options) => size::run(&options),
         Command::Icount(options) => icount::run(&options),
         Command::Accuracy(options) => accuracy::table("accuracy", &options),
