@@ -88,7 +88,10 @@ pub fn code(error: &Error) -> u8 {
             PlanError::Nothing { .. } | PlanError::Run { .. } | PlanError::Missed { .. } => NOT_SHOWN,
         },
         Error::Monitor(error) => match error {
-            MonitorError::NotLoopback { .. } | MonitorError::Exposed { .. } | MonitorError::Address { .. } => USAGE,
+            MonitorError::BuiltWithout { .. }
+            | MonitorError::NotLoopback { .. }
+            | MonitorError::Exposed { .. }
+            | MonitorError::Address { .. } => USAGE,
             MonitorError::Listen { .. } | MonitorError::Terminal { .. } => OUTPUT,
             MonitorError::Random { .. } => OTHER,
         },

@@ -1,11 +1,16 @@
 //! What a person sees: every `.trycmd` file in `tests/cmd` is a session whose output must stay as it is written there.
-//! `TRYCMD=overwrite cargo test -p inerter --test transcripts` writes them anew.
+//! `TRYCMD=overwrite cargo test-lean --test transcripts` writes them anew.
 
 #[test]
 fn transcripts() {
     let cases = trycmd::TestCases::new();
     cases.case("tests/cmd/*.trycmd");
-    if cfg!(feature = "probe") {
-        cases.skip("tests/cmd/*.without-probe.trycmd");
+    for (built_in, without) in [
+        (cfg!(feature = "probe"), "tests/cmd/*.without-probe.trycmd"),
+        (cfg!(feature = "bridges"), "tests/cmd/*.without-bridges.trycmd"),
+    ] {
+        if built_in {
+            cases.skip(without);
+        }
     }
 }

@@ -47,5 +47,7 @@ pub fn tested(name: &str, arguments: &[&str]) -> Result<()> {
 
 /// Runs one of them built for speed, without checks of overflow.
 pub fn program(part: Part, name: &str, arguments: &[&str]) -> Result<()> {
-    process::run(part.cargo().args(["run", "--release", "--quiet", "--bin", name, "--"]).args(arguments))
+    let mut command = part.cargo();
+    command.args(["run", "--release", "--quiet"]).args(part.features()).args(["--bin", name, "--"]);
+    process::run(command.args(arguments))
 }

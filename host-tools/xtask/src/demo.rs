@@ -2,7 +2,7 @@
 
 use crate::{
     firmware::{self, Image},
-    process, setup,
+    process, setup, workspace,
 };
 use anyhow::{Context, Result};
 
@@ -21,7 +21,7 @@ pub fn run(options: &Options) -> Result<()> {
     process::heading("building the firmware");
     let image = firmware::build(Image::Qemu)?;
     process::heading("building the programs");
-    process::run(process::cargo().args(["build", "--package", "inerter", "--package", "inerter-tests"]))?;
+    process::run(workspace::host("build").args(["--package", "inerter-tests"]))?;
     let mut command = process::cargo();
     command.args(["run", "--quiet", "--package", "inerter-tests", "--bin", "demo", "--"]);
     command.args(&options.arguments).env(Image::Qemu.variable(), &image);

@@ -18,18 +18,23 @@ mod foreign;
 mod fuzz;
 mod guest;
 mod icount;
+mod images;
 mod imports;
 mod monitor_load;
 mod panics;
 mod platforms;
 mod process;
 mod python;
+mod release;
 mod setup;
+mod sha256;
 mod size;
 mod soak;
 mod source;
 mod suite;
+mod supply;
 mod table;
+mod tool;
 mod toolchain;
 mod tree;
 mod validation;
@@ -66,6 +71,10 @@ enum Command {
     CheckPanics,
     /// Compile the host program for Windows and macOS, without running it
     CheckPlatforms,
+    /// Fail where a licence, a package or its source is not one of those that deny.toml allows
+    CheckSupply(supply::Options),
+    /// Make the files of a release that this computer can make, in target/release-files
+    Release(release::Options),
     /// Flash, RAM and worst stack of the image, against docs/tables/size.md
     Size(table::Options),
     /// Instructions per sample and per solve on the Cortex-M4F, against docs/tables/icount.md
@@ -125,6 +134,8 @@ fn main() -> ExitCode {
         Command::CheckArrows => arrows::run(),
         Command::CheckPanics => panics::run(),
         Command::CheckPlatforms => platforms::run(),
+        Command::CheckSupply(options) => supply::run(&options),
+        Command::Release(options) => release::run(&options),
         Command::Size(options) => size::run(&options),
         Command::Icount(options) => icount::run(&options),
         Command::Accuracy(options) => accuracy::table("accuracy", &options),

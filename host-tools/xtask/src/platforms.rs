@@ -3,7 +3,7 @@
 use crate::{process, setup};
 use anyhow::{Result, bail};
 
-/// One for each system; neither needs a linker or a C compiler to be checked.
+/// One for each system; neither needs a linker or a C compiler to be checked, with all features either.
 const TARGETS: [&str; 2] = ["x86_64-pc-windows-gnu", "aarch64-apple-darwin"];
 
 /// Checks the host program for each of them.

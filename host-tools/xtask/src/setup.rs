@@ -1,12 +1,12 @@
 //! What a fresh machine needs, found or installed.
 //!
-//! Everything is printed before it is installed, and installed only by the machine's own means: rustup, apt-get.
+//! Everything is printed before it is installed, and installed only by the machine's own means: rustup, cargo, pip, apt-get.
 //! Where that is not possible the exact command to type is printed and the set-up fails.
 //!
 //! The firmware's compiler is the first of: this Rust with the target that rustup adds; this Rust with `rust-src`, which
 //! compiles the core library itself; Debian's `rustc-web` with `rust-web-src` and `lld`, where there is no rustup.
 
-use crate::{process, toolchain::Toolchain, tree::FIRMWARE_TARGET};
+use crate::{process, tool::Tool, toolchain::Toolchain, tree::FIRMWARE_TARGET};
 use anyhow::{Context, Result, bail};
 use std::{
     fs,
@@ -43,12 +43,14 @@ pub enum Need {
     Qemu,
     /// CMake and libclang, with which the twin's emulator is compiled.
     Twin,
+    /// `cargo deny`, which checks licences and sources.
+    Deny,
     /// `qemu-system-x86_64`, in which a real Linux meets the device.
     Guest,
 }
 
 /// Everything that `cargo xtask test` uses.
-pub const ALL: &[Need] = &[Need::Firmware, Need::Rustfmt, Need::Clippy, Need::Qemu, Need::Twin];
+pub const ALL: &[Need] = &[Need::Firmware, Need::Rustfmt, Need::Clippy, Need::Deny, Need::Qemu, Need::Twin];
 
 /// Finds or installs everything.
 pub fn run(options: &Options) -> Result<()> {
@@ -96,6 +98,7 @@ impl Need {
             Self::Clippy => "clippy",
             Self::Qemu => QEMU,
             Self::Twin => "CMake and libclang",
+            Self::Deny => Tool::Deny.name(),
             Self::Guest => GUEST_QEMU,
         }
     }
@@ -117,6 +120,7 @@ impl Need {
             }
             Self::Qemu => qemu_found(QEMU),
             Self::Twin => twin_tools(),
+            Self::Deny => Tool::Deny.found().map(|(_, version)| version),
             Self::Guest => qemu_found(GUEST_QEMU),
         }
     }
@@ -128,6 +132,7 @@ impl Need {
             Self::Clippy => rustup(&["component", "add", "clippy"]),
             Self::Qemu => apt(&["qemu-system-arm"]),
             Self::Twin => apt(&["cmake", "make", "gcc", "libc6-dev", "libclang-dev"]),
+            Self::Deny => Tool::Deny.install(),
             Self::Guest => apt(&["qemu-system-x86"]),
         }
     }
@@ -143,6 +148,7 @@ impl Need {
             Self::Clippy => "`rustup component add clippy`, or your distribution's clippy".into(),
             Self::Qemu => format!("{} (version {QEMU_LEAST} or newer)", advice(&ARM_QEMU_PACKAGES, &os_release())),
             Self::Twin => advice(&TWIN_PACKAGES, &os_release()),
+            Self::Deny => Tool::Deny.advice(),
             Self::Guest => advice(&GUEST_PACKAGES, &os_release()),
         }
     }

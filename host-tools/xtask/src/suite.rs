@@ -1,7 +1,8 @@
 //! Everything that continuous integration asks for, in order, with a summary at the end.
 
 use crate::{
-    accuracy, arrows, chaos, firmware, foreign, fuzz, guest, icount, panics, process, python, setup, size, soak, table,
+    accuracy, arrows, chaos, firmware, foreign, fuzz, guest, icount, panics, process, python, setup, size, soak,
+    supply, table,
     toolchain::Toolchain,
     tree,
     workspace::{Part, Workspace},
@@ -90,8 +91,15 @@ const STEPS: &[Step] = &[
     },
     Step { name: "arrows", alone: "cargo xtask check-arrows", needed: false, when: When::Always, run: arrows::run },
     Step {
+        name: "supply",
+        alone: "cargo xtask check-supply",
+        needed: false,
+        when: When::Always,
+        run: || supply::run(&supply::Options::default()),
+    },
+    Step {
         name: "lints, host",
-        alone: "cargo clippy --workspace --all-targets -- -D warnings",
+        alone: "cargo clippy-lean --all-targets -- -D warnings",
         needed: false,
         when: When::Always,
         run: lint_host,
@@ -105,14 +113,14 @@ const STEPS: &[Step] = &[
     },
     Step {
         name: "lints, probe",
-        alone: "cargo clippy -p inerter --features probe --all-targets -- -D warnings",
+        alone: "cargo clippy -p inerter --all-targets -- -D warnings, and the same with --no-default-features",
         needed: false,
         when: When::NotQuick,
         run: lint_probe,
     },
     Step {
         name: "documentation",
-        alone: "RUSTDOCFLAGS='-D warnings' cargo doc --workspace --no-deps",
+        alone: "RUSTDOCFLAGS='-D warnings' cargo doc-lean --no-deps",
         needed: false,
         when: When::NotQuick,
         run: document,
@@ -126,7 +134,7 @@ const STEPS: &[Step] = &[
     },
     Step {
         name: "tests, compiled",
-        alone: "cargo test --no-run --workspace",
+        alone: "cargo test-lean --no-run",
         needed: true,
         when: When::Always,
         run: || Part::each(|part| process::run(part.all("test").arg("--no-run"))),
@@ -138,7 +146,7 @@ const STEPS: &[Step] = &[
         when: When::Always,
         run: || guest::run(&guest::Options::default()),
     },
-    Step { name: "tests", alone: "cargo test --workspace", needed: false, when: When::Always, run: test },
+    Step { name: "tests", alone: "cargo test-lean", needed: false, when: When::Always, run: test },
     Step { name: "Python", alone: "cargo xtask python", needed: false, when: When::Always, run: python::run },
     Step {
         name: "endurance",
@@ -310,15 +318,26 @@ fn lint_firmware() -> Result<()> {
     Ok(())
 }
 
-/// The program with the library that drives a probe, which takes long to compile and is left out by default.
+/// The program with the library that drives a probe, as it is installed and released, and the smallest one.
 fn lint_probe() -> Result<()> {
-    let mut command = process::cargo();
-    command.args(["clippy", "--package", "inerter", "--features", "probe", "--all-targets", "--locked"]);
-    process::run(command.args(["--", "--deny", "warnings"]))?;
-    let reason =
-        "linted only: probe-rs takes minutes to compile; `cargo test -p inerter -p inerter-device --features probe`";
-    inerter_needs::list(&skipped_list()?, "tests behind the feature `probe`", reason)
-        .context("the list of skipped tests")
+    for features in [&[][..], &["--no-default-features"]] {
+        let mut command = process::cargo();
+        command.args(["clippy", "--package", "inerter", "--all-targets", "--locked"]).args(features);
+        process::run(command.args(["--", "--deny", "warnings"]))?;
+    }
+    for (tests, reason) in [
+        (
+            "tests behind the feature `probe`",
+            "linted only: probe-rs takes minutes to compile; `cargo test -p inerter -p inerter-device`",
+        ),
+        (
+            "transcript without the feature `bridges`",
+            "linted only: it needs another build; `cargo test -p inerter --no-default-features --test transcripts`",
+        ),
+    ] {
+        inerter_needs::list(&skipped_list()?, tests, reason).context("the list of skipped tests")?;
+    }
+    Ok(())
 }
 
 fn document() -> Result<()> {

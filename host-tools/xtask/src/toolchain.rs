@@ -97,7 +97,7 @@ fn foreign_linker(sysroot: &Path) -> Option<bool> {
 }
 
 /// Whether the version in `rustc 1.95.0 (...)` is at least `least`.
-fn at_least(line: &str, least: &str) -> bool {
+pub fn at_least(line: &str, least: &str) -> bool {
     let numbers = |text: &str| -> Vec<u32> { text.split(['.', '-']).map_while(|part| part.parse().ok()).collect() };
     let version = line.split_whitespace().nth(1).map(numbers).unwrap_or_default();
     !version.is_empty() && version >= numbers(least)

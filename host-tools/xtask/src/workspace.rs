@@ -8,6 +8,10 @@ use std::{
     process::Command,
 };
 
+/// The default features of all members but `inerter/probe`: probe-rs takes as long to compile as all the rest, and only
+/// `inerter flash` needs it.
+const LEAN: &[&str] = &["--no-default-features", "--features", "inerter/bridges,inerter-stm32g474/board-nucleo"];
+
 /// The workspaces. All build into one folder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
@@ -45,8 +49,16 @@ impl Part {
     /// `cargo COMMAND` for all its members, on this machine.
     pub fn all(self, command: &str) -> Command {
         let mut cargo = self.cargo();
-        cargo.args([command, "--workspace", "--locked"]);
+        cargo.args([command, "--workspace", "--locked"]).args(self.features());
         cargo
+    }
+
+    /// The features that all of its members are built with.
+    pub fn features(self) -> &'static [&'static str] {
+        match self {
+            Self::Main => LEAN,
+            Self::Bench | Self::Fuzz | Self::Twin => &[],
+        }
     }
 
     /// Does the same in each, and goes on after a failure.
@@ -152,10 +164,17 @@ pub fn tested(part: Part, name: &str) -> Result<PathBuf> {
     program(name, "debug")
 }
 
-/// The host program as a user installs it.
+/// The host program as a user installs it, but for the feature `probe`.
 pub fn installed() -> Result<PathBuf> {
-    process::run(process::cargo().args(["build", "--quiet", "--package", "inerter", "--bin", "inerter", "--release"]))?;
+    process::run(host("build").args(["--quiet", "--bin", "inerter", "--release"]))?;
     program("inerter", "release")
+}
+
+/// `cargo COMMAND` for the host program; others may be added with `--package`.
+pub fn host(command: &str) -> Command {
+    let mut cargo = process::cargo();
+    cargo.args([command, "--package", "inerter", "--no-default-features", "--features", "inerter/bridges"]);
+    cargo
 }
 
 /// Where cargo leaves a program.
@@ -167,6 +186,15 @@ fn program(name: &str, folder: &str) -> Result<PathBuf> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_person_has_the_same_features_by_an_alias() {
+        let config = std::fs::read_to_string(tree::root().join(".cargo/config.toml")).unwrap();
+        for command in ["build", "clippy", "doc", "test"] {
+            let alias = format!("{command}-lean = \"{command} --workspace {}\"\n", LEAN.join(" "));
+            assert!(config.contains(&alias), "{alias}");
+        }
+    }
 
     #[test]
     fn a_field_that_is_missing_is_named() {

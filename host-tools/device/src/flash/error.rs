@@ -12,12 +12,12 @@ use crate::{
 #[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum FlashError {
     /// The program cannot speak to probes.
-    #[error("this `inerter` was built without support for debug probes")]
+    #[error("this `inerter` was built without its feature `probe`, which `inerter flash` needs")]
     #[diagnostic(
         code(inerter::flash::built_without),
         help(
-            "build it with `cargo install --path host-tools/inerter --features probe`; or use `cargo run --release` in \
-             firmware/stm32g474; or, without a probe, `inerter update`"
+            "build it with `cargo install --path host-tools/inerter`, or add `--features probe` to your own choice; or use \
+             `cargo run --release` in firmware/stm32g474; or, without a probe, `inerter update`"
         )
     )]
     BuiltWithout,

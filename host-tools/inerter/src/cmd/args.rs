@@ -14,7 +14,7 @@ use inerter_device::{Clock, DEFAULT_BAUD, Device, Target, live::Live};
 use inerter_wire::Streams;
 
 use super::terminal::{interrupted, note};
-use crate::{Error, monitor::bridge::exposed};
+use crate::{Error, monitor::address::exposed};
 
 /// Settings over the run's own.
 #[derive(clap::Args)]

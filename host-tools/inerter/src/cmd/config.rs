@@ -26,7 +26,7 @@ use inerter_data::{settings::text_of, words::nearest};
 use toml::{Table, Value};
 
 use super::terminal::note;
-use crate::monitor::server::loopback;
+use crate::monitor::address::loopback;
 
 /// Name of the file in the current folder.
 const FILE: &str = "inerter.toml";

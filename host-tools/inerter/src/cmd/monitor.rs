@@ -21,9 +21,9 @@ use crate::{
     Error,
     monitor::{
         MonitorError,
-        bridge::{self, Foxglove, PlotJuggler, Teleplot, check_exposed},
+        address::check_exposed,
         hub::Hub,
-        web::{self, Web},
+        others::{Place, Wanted},
     },
 };
 
@@ -57,24 +57,8 @@ pub struct Args {
     /// Replace the recording when it exists
     #[arg(long, requires = "record")]
     force: bool,
-    /// Show a page to browsers on this machine, at the address that is printed
-    #[arg(long, help_heading = "Other views")]
-    web: bool,
-    /// Loopback address of the page; port 0 takes any free one
-    #[arg(long, value_name = "HOST:PORT", default_value = web::BIND, requires = "web", help_heading = "Other views")]
-    bind: String,
-    /// Send samples and estimates to Teleplot (UDP)
-    #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = bridge::TELEPLOT, help_heading = "Other views")]
-    teleplot: Option<String>,
-    /// Send samples and estimates to PlotJuggler (UDP server, protocol JSON)
-    #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = bridge::PLOTJUGGLER, help_heading = "Other views")]
-    plotjuggler: Option<String>,
-    /// Serve samples and estimates to Foxglove (WebSocket)
-    #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = bridge::FOXGLOVE, help_heading = "Other views")]
-    foxglove: Option<String>,
-    /// Let pages of this origin connect too (--foxglove), e.g. `https://plots.example`; may be given several times
-    #[arg(long, value_name = "ORIGIN", requires = "foxglove", help_heading = "Other views")]
-    foxglove_origin: Vec<String>,
+    #[command(flatten)]
+    others: Wanted,
     /// Let other programs look on as at a device: `monitor` or `record` with --connect HOST:PORT. This one controls it
     #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = SHARE, help_heading = "Other views")]
     share: Option<String>,
@@ -91,6 +75,7 @@ impl Args {
 }
 
 pub fn run(args: &Args) -> Result<(), Error> {
+    args.others.check()?;
     if let Some(file) = args.record.as_ref().filter(|_| !args.force) {
         output::refuse_existing(file)?;
     }
@@ -128,23 +113,14 @@ pub fn run(args: &Args) -> Result<(), Error> {
 }
 
 /// Adds all that was asked for; gives what each is called and where it is.
-fn views(args: &Args, hub: &mut Hub, recording: Option<String>) -> Result<Vec<(&'static str, String)>, Error> {
-    let mut views = Vec::new();
-    if args.web {
-        let web = Web::start(&args.bind, hub.wishes(), recording)?;
-        views.push(("page", web.url().to_string()));
-        hub.add(web);
+fn views(args: &Args, hub: &mut Hub, recording: Option<String>) -> Result<Vec<Place>, Error> {
+    let foxglove = args.others.foxglove.as_deref();
+    for (option, address) in [("--foxglove", foxglove), ("--share", args.share.as_deref())] {
+        address.map_or(Ok(()), |address| check_exposed(option, address, args.allow_remote))?;
     }
-    if let Some(address) = &args.teleplot {
-        hub.add(Teleplot::new(address)?);
-        views.push(("Teleplot", format!("udp://{address}")));
-    }
-    if let Some(address) = &args.plotjuggler {
-        hub.add(PlotJuggler::new(address)?);
-        views.push(("PlotJuggler", format!("udp://{address}")));
-    }
+    let mut views = args.others.open(hub, recording)?;
+    foxglove.into_iter().for_each(note_exposed);
     if let Some(address) = &args.share {
-        check_exposed("--share", address, args.allow_remote)?;
         let failed = |error: io::Error| {
             let (what, option, reason) = ("the shared device", "--share", error.to_string());
             MonitorError::Listen { what, option, address: address.clone(), example: SHARE, reason }
@@ -153,13 +129,6 @@ fn views(args: &Args, hub: &mut Hub, recording: Option<String>) -> Result<Vec<(&
         note_exposed(address);
         views.push(("shared device", share.address().map_err(failed)?.to_string()));
         hub.share(share);
-    }
-    if let Some(address) = &args.foxglove {
-        check_exposed("--foxglove", address, args.allow_remote)?;
-        let foxglove = Foxglove::new(address, &args.foxglove_origin)?;
-        note_exposed(address);
-        views.push(("Foxglove", foxglove.address().to_string()));
-        hub.add(foxglove);
     }
     Ok(views)
 }

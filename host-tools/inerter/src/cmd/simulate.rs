@@ -25,7 +25,7 @@ use super::{
     plant::{SimulatedArgs, preset},
     terminal::{self, Progress},
 };
-use crate::{Error, monitor::bridge::check_exposed};
+use crate::{Error, monitor::address::check_exposed};
 
 /// Duration of a file when neither --duration nor the motion says one \[s\].
 const FILE_S: f64 = 20.0;

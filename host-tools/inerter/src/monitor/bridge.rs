@@ -3,12 +3,11 @@
 //! A program that does not listen is no error: it may be started later. Times are those of the host, so that the curves
 //! stand beside others.
 
-mod address;
+mod datagrams;
 mod foxglove;
 mod plotjuggler;
 mod teleplot;
 
-pub use address::{FOXGLOVE, PLOTJUGGLER, TELEPLOT, check_exposed, exposed, resolve};
 pub use foxglove::Foxglove;
 pub use plotjuggler::PlotJuggler;
 pub use teleplot::Teleplot;

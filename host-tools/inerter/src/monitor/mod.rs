@@ -2,21 +2,26 @@
 //!
 //! [`hub`] takes what comes to all who look on; [`feed`] makes items in SI units on one time line of it, [`causes`] finds
 //! what breaks the law, and the rest shows them:
-//! [`state`] and [`view`] on a terminal, [`web`] on a page, [`bridge`] in Teleplot, PlotJuggler and Foxglove; [`server`] is HTTP for the
-//! page and Foxglove.
+//! [`state`] and [`view`] on a terminal; [`others`] opens what needs the feature `bridges`: `web` on a page, `bridge` in Teleplot,
+//! PlotJuggler and Foxglove, with `server` as HTTP for the page and Foxglove.
 //! All that is kept to be shown is bounded ([`trace`], [`history`]), however long it goes on.
 
-pub mod bridge;
+pub mod address;
+#[cfg(feature = "bridges")]
+mod bridge;
 pub mod causes;
 mod error;
 pub mod feed;
 pub mod history;
 pub mod hub;
 pub mod losses;
-pub mod server;
+pub mod others;
+#[cfg(feature = "bridges")]
+mod server;
 pub mod state;
 pub mod trace;
 pub mod view;
-pub mod web;
+#[cfg(feature = "bridges")]
+mod web;
 
 pub use error::MonitorError;

@@ -5,14 +5,7 @@
 //! new one. Where few files may be open there are fewer connections, so that the device can be opened again whatever
 //! others do.
 
-use std::{
-    collections::VecDeque,
-    io,
-    net::{IpAddr, SocketAddr},
-    sync::Arc,
-    thread::JoinHandle,
-    time::Duration,
-};
+use std::{collections::VecDeque, io, net::SocketAddr, sync::Arc, thread::JoinHandle, time::Duration};
 
 use axum::{
     Extension, Router,
@@ -27,6 +20,8 @@ use tokio::{
     task::JoinHandle as Task,
     time::{sleep, timeout},
 };
+
+use super::address::loopback;
 
 /// Time for requests and their answers.
 const REQUEST_TIME: Duration = Duration::from_secs(5);
@@ -156,24 +151,6 @@ pub fn local_host(headers: &HeaderMap) -> Option<String> {
     loopback(single(headers, header::HOST).ok()??)
 }
 
-/// `HOST:PORT`, as in a Host header, when it names this machine, written anew from what it means; the port may differ where it
-/// is forwarded, or be missing.
-pub fn loopback(host: &str) -> Option<String> {
-    if let Ok(address) = host.parse::<SocketAddr>() {
-        return address.ip().is_loopback().then(|| address.to_string());
-    }
-    let (name, port) = match host.rsplit_once(':').filter(|_| !host.ends_with(']')) {
-        Some((name, port)) => (name, format!(":{}", port.parse::<u16>().ok()?)),
-        None => (host, String::new()),
-    };
-    let bare = name.strip_prefix('[').and_then(|name| name.strip_suffix(']')).filter(|bare| bare.contains(':'));
-    match bare.unwrap_or(name).parse::<IpAddr>() {
-        Ok(IpAddr::V6(_)) if bare.is_none() => None,
-        Ok(address) => address.is_loopback().then(|| format!("{name}{port}")),
-        Err(_) => name.eq_ignore_ascii_case("localhost").then(|| format!("localhost{port}")),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use std::{
@@ -183,39 +160,6 @@ mod tests {
     };
 
     use super::*;
-
-    #[test]
-    fn a_host_is_this_machine_or_none() {
-        for (host, same) in [
-            ("127.0.0.1:80", "127.0.0.1:80"),
-            ("localhost:8080", "localhost:8080"),
-            ("LOCALHOST", "localhost"),
-            ("[::1]:5", "[::1]:5"),
-            ("127.0.0.1", "127.0.0.1"),
-            ("[::1]", "[::1]"),
-        ] {
-            assert_eq!(loopback(host).as_deref(), Some(same), "{host}");
-        }
-        for host in [
-            "evil.example:80",
-            "127.0.0.1.evil.example",
-            "localhost.evil.example:1",
-            "10.0.0.1:80",
-            "",
-            "0.0.0.0:1",
-            "localhost:1; script-src *",
-            "localhost:*",
-            "localhost:",
-            "localhost:65536",
-            "localhost:+1:",
-            "::1",
-            "[127.0.0.1]",
-            "[[::1]]",
-            "[::1",
-        ] {
-            assert_eq!(loopback(host), None, "{host}");
-        }
-    }
 
     /// Requests under way, and the most that there were.
     #[derive(Default)]

@@ -24,7 +24,7 @@ use tokio::sync::broadcast;
 
 use super::{
     MonitorError,
-    bridge::resolve,
+    address::{PAGE, resolve},
     feed::Item,
     hub::{Viewer, Wish},
     server::{Place, Server, limited, local_host, send, single},
@@ -32,8 +32,6 @@ use super::{
 use crate::Error;
 use messages::Messages;
 
-/// Where the page is when nothing else is said: any free port.
-pub const BIND: &str = "127.0.0.1:0";
 /// Messages that wait for a slow page before it is told everything anew: some 20 s.
 const BACKLOG: usize = 256;
 /// Bytes of the longest message that a page may send.
@@ -72,7 +70,7 @@ pub struct Web {
 impl Web {
     /// Serves at a loopback address.
     pub fn start(bind: &str, wishes: Sender<Wish>, recording: Option<String>) -> Result<Self, MonitorError> {
-        let address = resolve("--bind", bind, BIND)?;
+        let address = resolve("--bind", bind, PAGE)?;
         if !address.ip().is_loopback() {
             return Err(MonitorError::NotLoopback { address: bind.into(), resolved: address });
         }
@@ -82,7 +80,7 @@ impl Web {
             Arc::new(Shared { messages: Mutex::new(Messages::new(recording)), sender, wishes: Mutex::new(wishes) });
         let server = Server::start("page", address, router(&token, shared.clone())).map_err(|error| {
             let (what, option, reason) = ("the page", "--bind", error.to_string());
-            MonitorError::Listen { what, option, address: bind.into(), example: BIND, reason }
+            MonitorError::Listen { what, option, address: bind.into(), example: PAGE, reason }
         })?;
         Ok(Self { shared, url: format!("http://{}/{token}/", server.address()), _server: server })
     }

@@ -25,14 +25,14 @@ use serde::Deserialize;
 use serde_json::{Map, Value, json};
 use tokio::sync::broadcast;
 
-use super::address::{FOXGLOVE, resolve};
 use crate::{
     Error,
     monitor::{
         MonitorError,
+        address::{FOXGLOVE, loopback, resolve},
         feed::{Item, Moment},
         hub::Viewer,
-        server::{Place, Server, limited, local_host, loopback, send, single},
+        server::{Place, Server, limited, local_host, send, single},
     },
 };
 

@@ -4,11 +4,12 @@ use inerter_core::Settings;
 use inerter_data::json::{EstimateJson, machine_json_line};
 use serde_json::{Map, Value, json};
 
-use super::address::{Datagrams, PLOTJUGGLER};
+use super::datagrams::Datagrams;
 use crate::{
     Error,
     monitor::{
         MonitorError,
+        address::PLOTJUGGLER,
         feed::{Item, Moment},
         hub::Viewer,
     },

@@ -7,11 +7,12 @@ use inerter_core::Machine;
 use inerter_data::{names::name, text::event_words, words::printable};
 use inerter_wire::catalogue::{self, Group};
 
-use super::address::{Datagrams, TELEPLOT};
+use super::datagrams::Datagrams;
 use crate::{
     Error,
     monitor::{
         MonitorError,
+        address::TELEPLOT,
         feed::{Item, Moment, Sample},
         history::Entry,
         hub::Viewer,

@@ -1,0 +1,89 @@
+//! Views in other programs: the page in a browser, Teleplot, PlotJuggler and Foxglove.
+//!
+//! The options are always there. A program that was built without the feature `bridges` refuses them ([`Wanted::check`]).
+
+use super::{
+    MonitorError,
+    address::{FOXGLOVE, PAGE, PLOTJUGGLER, TELEPLOT},
+    hub::Hub,
+};
+use crate::Error;
+
+/// What is to be opened.
+#[derive(clap::Args)]
+pub struct Wanted {
+    /// Show a page to browsers on this machine, at the address that is printed
+    #[arg(long, help_heading = "Other views")]
+    web: bool,
+    /// Loopback address of the page; port 0 takes any free one
+    #[arg(long, value_name = "HOST:PORT", default_value = PAGE, requires = "web", help_heading = "Other views")]
+    bind: String,
+    /// Send samples and estimates to Teleplot (UDP)
+    #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = TELEPLOT, help_heading = "Other views")]
+    teleplot: Option<String>,
+    /// Send samples and estimates to PlotJuggler (UDP server, protocol JSON)
+    #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = PLOTJUGGLER, help_heading = "Other views")]
+    plotjuggler: Option<String>,
+    /// Serve samples and estimates to Foxglove (WebSocket)
+    #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = FOXGLOVE, help_heading = "Other views")]
+    pub foxglove: Option<String>,
+    /// Let pages of this origin connect too (--foxglove), e.g. `https://plots.example`; may be given several times
+    #[arg(long, value_name = "ORIGIN", requires = "foxglove", help_heading = "Other views")]
+    foxglove_origin: Vec<String>,
+}
+
+/// What a view is called, and where it is.
+pub type Place = (&'static str, String);
+
+impl Wanted {
+    /// Fails where something is wanted that is not built in.
+    pub fn check(&self) -> Result<(), MonitorError> {
+        let wanted = [
+            (self.web, "--web"),
+            (self.teleplot.is_some(), "--teleplot"),
+            (self.plotjuggler.is_some(), "--plotjuggler"),
+            (self.foxglove.is_some(), "--foxglove"),
+        ];
+        match wanted.into_iter().find(|(wanted, _)| *wanted && !cfg!(feature = "bridges")) {
+            Some((_, option)) => Err(MonitorError::BuiltWithout { option }),
+            None => Ok(()),
+        }
+    }
+
+    /// Opens what is wanted and adds it to those who look on.
+    #[cfg(feature = "bridges")]
+    pub fn open(&self, hub: &mut Hub, recording: Option<String>) -> Result<Vec<Place>, Error> {
+        use super::{
+            bridge::{Foxglove, PlotJuggler, Teleplot},
+            web::Web,
+        };
+
+        let mut places = Vec::new();
+        if self.web {
+            let web = Web::start(&self.bind, hub.wishes(), recording)?;
+            places.push(("page", web.url().to_string()));
+            hub.add(web);
+        }
+        if let Some(address) = &self.teleplot {
+            hub.add(Teleplot::new(address)?);
+            places.push(("Teleplot", format!("udp://{address}")));
+        }
+        if let Some(address) = &self.plotjuggler {
+            hub.add(PlotJuggler::new(address)?);
+            places.push(("PlotJuggler", format!("udp://{address}")));
+        }
+        if let Some(address) = &self.foxglove {
+            let foxglove = Foxglove::new(address, &self.foxglove_origin)?;
+            places.push(("Foxglove", foxglove.address().to_string()));
+            hub.add(foxglove);
+        }
+        Ok(places)
+    }
+
+    /// Nothing is left to open: [`Self::check`] has refused it.
+    #[cfg(not(feature = "bridges"))]
+    pub fn open(&self, _: &mut Hub, _: Option<String>) -> Result<Vec<Place>, Error> {
+        self.check()?;
+        Ok(Vec::new())
+    }
+}

@@ -1,0 +1,194 @@
+//! Forms of a firmware image for the tools of others: Intel HEX and DfuSe.
+//!
+//! *Part*: bytes that stand one after another in flash, with their address. Sources: Intel, Hexadecimal Object File Format
+//! Specification, revision A (1988); ST UM0391, DfuSe file format; USB DFU 1.1, appendix B, for its suffix.
+
+use anyhow::{Context, Result, bail};
+use object::{
+    Endianness,
+    elf::{FileHeader32, PT_LOAD},
+    read::elf::{FileHeader, ProgramHeader},
+};
+
+/// Bytes of a page of flash, which is erased as a whole.
+const PAGE: u64 = 2048;
+/// What an erased byte reads.
+const ERASED: u8 = 0xFF;
+/// Bytes in a line of Intel HEX.
+const LINE: usize = 16;
+/// The chip's update mode: vendor, product, and the release that stands for any.
+const DFU_DEVICE: [u16; 3] = [0xFFFF, 0xDF11, 0x0483];
+/// The version of DfuSe in the suffix.
+const DFUSE: u16 = 0x011A;
+/// Bytes of a target's name.
+const NAME: usize = 255;
+
+/// Bytes for one place in flash.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Part {
+    /// Address of the first.
+    pub address: u32,
+    /// All of them.
+    pub bytes: Vec<u8>,
+}
+
+/// What an ELF file brings to flash.
+pub fn parts(elf: &[u8]) -> Result<Vec<Part>> {
+    let header = FileHeader32::<Endianness>::parse(elf).context("the image is no ELF file of 32 bits")?;
+    let endian = header.endian().context("the image has no byte order")?;
+    let mut found = Vec::new();
+    for segment in header.program_headers(endian, elf).context("the image has no segments")? {
+        let bytes = segment.data(endian, elf).map_err(|()| anyhow::anyhow!("a segment lies outside the image"))?;
+        if segment.p_type(endian) == PT_LOAD && !bytes.is_empty() {
+            found.push(Part { address: segment.p_paddr(endian), bytes: bytes.to_vec() });
+        }
+    }
+    joined(found)
+}
+
+/// By address; what lies in the same page is one part, as a tool may erase the pages of each part before it writes it.
+fn joined(mut found: Vec<Part>) -> Result<Vec<Part>> {
+    found.sort_by_key(|part| part.address);
+    let mut joined: Vec<Part> = Vec::new();
+    for part in found {
+        let start = u64::from(part.address);
+        match joined.last_mut() {
+            Some(last) if end(last) > start => bail!("segments of the image overlap at 0x{start:08X}"),
+            Some(last) if (end(last) - 1) / PAGE == start / PAGE || end(last) == start => {
+                last.bytes.resize((start - u64::from(last.address)) as usize, ERASED);
+                last.bytes.extend(part.bytes);
+            }
+            _ => joined.push(part),
+        }
+    }
+    if joined.is_empty() {
+        bail!("the image brings nothing to flash");
+    }
+    Ok(joined)
+}
+
+fn end(part: &Part) -> u64 {
+    u64::from(part.address) + part.bytes.len() as u64
+}
+
+/// Intel HEX: 16 bytes a line, the upper half of the address on lines of its own.
+pub fn hex(parts: &[Part]) -> String {
+    let mut text = String::new();
+    let mut upper = None;
+    for part in parts {
+        let (mut address, mut rest) = (part.address, part.bytes.as_slice());
+        while !rest.is_empty() {
+            if upper != Some(address >> 16) {
+                upper = Some(address >> 16);
+                line(&mut text, 0, 4, &((address >> 16) as u16).to_be_bytes());
+            }
+            // No line goes over the end of what its upper half reaches.
+            let room = 0x1_0000 - (address & 0xFFFF) as usize;
+            let (now, later) = rest.split_at(rest.len().min(LINE).min(room));
+            line(&mut text, address as u16, 0, now);
+            address = address.wrapping_add(now.len() as u32);
+            rest = later;
+        }
+    }
+    line(&mut text, 0, 1, &[]);
+    text
+}
+
+/// Length, address, kind and bytes, which sum up to 0 with the last one.
+fn line(text: &mut String, address: u16, kind: u8, bytes: &[u8]) {
+    let [high, low] = address.to_be_bytes();
+    let mut all = vec![bytes.len() as u8, high, low, kind];
+    all.extend(bytes);
+    all.push(all.iter().fold(0_u8, |sum, byte| sum.wrapping_sub(*byte)));
+    text.push(':');
+    all.iter().for_each(|byte| text.push_str(&format!("{byte:02X}")));
+    text.push('\n');
+}
+
+/// DfuSe: one target, the chip's flash, with an element for each part; the suffix of DFU ends it.
+pub fn dfuse(parts: &[Part], name: &str) -> Result<Vec<u8>> {
+    let mut elements = Vec::new();
+    for part in parts {
+        elements.extend(part.address.to_le_bytes());
+        elements.extend(u32::try_from(part.bytes.len())?.to_le_bytes());
+        elements.extend(&part.bytes);
+    }
+    let mut named = [0; NAME];
+    // The last byte stays 0.
+    named.iter_mut().take(NAME - 1).zip(name.bytes()).for_each(|(byte, letter)| *byte = letter);
+    // Alternate setting 0 is the flash; 1: the target has a name.
+    let mut target = [&b"Target"[..], &[0], &1_u32.to_le_bytes(), &named].concat();
+    target.extend(u32::try_from(elements.len())?.to_le_bytes());
+    target.extend(u32::try_from(parts.len())?.to_le_bytes());
+    target.extend(elements);
+    const PREFIX: usize = 11;
+    let mut file = [&b"DfuSe"[..], &[1], &u32::try_from(PREFIX + target.len())?.to_le_bytes(), &[1]].concat();
+    file.extend(target);
+    DFU_DEVICE.into_iter().chain([DFUSE]).for_each(|word| file.extend(word.to_le_bytes()));
+    file.extend(b"UFD\x10");
+    file.extend(crc(&file).to_le_bytes());
+    Ok(file)
+}
+
+/// CRC-32 of Ethernet, without its last inversion.
+fn crc(bytes: &[u8]) -> u32 {
+    bytes.iter().fold(u32::MAX, |crc, byte| {
+        (0..8).fold(crc ^ u32::from(*byte), |crc, _| if crc & 1 == 1 { crc >> 1 ^ 0xEDB8_8320 } else { crc >> 1 })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn hex_has_the_lines_of_its_specification() {
+        let part = Part { address: 0x0800_FFF8, bytes: (0..20).collect() };
+        let lines = [
+            ":020000040800F2",
+            ":08FFF8000001020304050607E5",
+            ":020000040801F1",
+            ":0C00000008090A0B0C0D0E0F1011121352",
+            ":00000001FF",
+        ];
+        assert_eq!(hex(&[part]).lines().collect::<Vec<_>>(), lines);
+    }
+
+    #[test]
+    fn a_dfuse_file_says_its_own_lengths() {
+        let parts =
+            [Part { address: 0x0800_0000, bytes: vec![1; 5] }, Part { address: 0x0802_0000, bytes: vec![2; 3] }];
+        let file = dfuse(&parts, "a board").unwrap();
+        let word = |at: usize| u32::from_le_bytes(file[at..at + 4].try_into().unwrap()) as usize;
+        assert_eq!(&file[..6], b"DfuSe\x01");
+        assert_eq!((word(6), file[10]), (file.len() - 16, 1));
+        assert_eq!((&file[11..17], file[17], word(18), &file[22..30]), (&b"Target"[..], 0, 1, &b"a board\0"[..]));
+        // Size and number of the elements.
+        assert_eq!((word(277), word(281)), (8 + 5 + 8 + 3, 2));
+        assert_eq!((word(285), word(289), file[293]), (0x0800_0000, 5, 1));
+        let suffix = &file[file.len() - 16..];
+        assert_eq!(suffix[..12], *b"\xFF\xFF\x11\xDF\x83\x04\x1A\x01UFD\x10");
+        // Over all bytes, its own too, the CRC is the one remainder of every good file.
+        assert_eq!(crc(&file), 0);
+    }
+
+    #[test]
+    fn the_crc_is_the_known_one() {
+        assert_eq!(!crc(b"123456789"), 0xCBF4_3926);
+    }
+
+    #[test]
+    fn no_page_lies_in_two_parts() {
+        let part = |address, length| Part { address, bytes: vec![1; length] };
+        let parts = joined(vec![part(0x0802_0000, 1), part(0x0800_0004, 4), part(0x0800_0000, 2)]).unwrap();
+        assert_eq!(parts[0], Part { address: 0x0800_0000, bytes: vec![1, 1, ERASED, ERASED, 1, 1, 1, 1] });
+        assert_eq!(parts[1..], [part(0x0802_0000, 1)]);
+        assert!(joined(vec![part(0x0800_0000, 5), part(0x0800_0004, 4)]).is_err());
+    }
+
+    #[test]
+    fn what_is_no_image_is_refused() {
+        assert!(parts(b"no ELF").is_err());
+        assert!(joined(Vec::new()).is_err());
+    }
+}

@@ -1,0 +1,208 @@
+//! The files of a release that this computer can make, below `target/release-files`.
+//!
+//! | file | what it is |
+//! |---|---|
+//! | `inerter-VERSION-TRIPLE` | the program with its default features, without line tables |
+//! | `inerter-VERSION-TRIPLE.cdx.json` | what is linked into it, in the form of CycloneDX |
+//! | `inerter-firmware-VERSION-BOARD.elf`, `.hex`, `.dfu` | a board's image, for `inerter`, for STM32CubeProgrammer, for `dfu-util` |
+//! | `inerter-firmware-VERSION.cdx.json` | what is linked into the images |
+//! | `SHA256SUMS` | the sums of them all |
+//!
+//! `.github/workflows/release.yml` calls this on each system and puts the files together.
+
+use crate::{
+    firmware::{self, Image},
+    images, process, sha256,
+    tool::Tool,
+    tree::{self, FIRMWARE_TARGET},
+    workspace::Workspace,
+};
+use anyhow::{Context, Result, bail};
+use serde_json::Value;
+use std::{
+    collections::BTreeSet,
+    fs,
+    path::{Path, PathBuf},
+};
+
+#[derive(clap::Args, Clone, Debug, Default)]
+pub struct Options {
+    /// Fail unless this is the tag of the version, such as v0.1.0
+    #[arg(long)]
+    pub tag: Option<String>,
+    /// Leave the boards' images out: of several computers that release together only one makes them
+    #[arg(long)]
+    pub program_only: bool,
+}
+
+/// Each board's image, by the name that the image has for its board.
+const BOARDS: [(Image, &str); 2] = [(Image::Weact, "weact-g474"), (Image::Board, "nucleo-g474re")];
+/// Name under which the tool leaves its files in the folders of all packages.
+const LEFT: &str = "inerter-release.cdx";
+
+/// Makes them all anew and prints their names and sizes.
+pub fn run(options: &Options) -> Result<()> {
+    let (version, host) = (env!("CARGO_PKG_VERSION"), host()?);
+    if let Some(tag) = options.tag.as_ref().filter(|tag| **tag != format!("v{version}")) {
+        bail!("the tag {tag} is not that of version {version} (Cargo.toml), which would be v{version}");
+    }
+    let workspace = Workspace::read(&tree::root())?;
+    let folder = workspace.target.join("release-files");
+    if folder.exists() {
+        fs::remove_dir_all(&folder).with_context(|| format!("cannot remove {}", folder.display()))?;
+    }
+    fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
+    let keep = |name: String, bytes: &[u8]| {
+        let path = folder.join(name);
+        fs::write(&path, bytes).with_context(|| format!("cannot write {}", path.display()))
+    };
+
+    let program = program(&workspace)?;
+    let named = folder.join(format!("inerter-{version}-{host}{}", std::env::consts::EXE_SUFFIX));
+    fs::copy(&program, &named).with_context(|| format!("cannot copy {}", program.display()))?;
+    keep(format!("inerter-{version}-{host}.cdx.json"), &materials(&workspace, "inerter", &host)?)?;
+    if !options.program_only {
+        for (image, board) in BOARDS {
+            let path = firmware::build(image)?;
+            let elf = fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
+            let parts = images::parts(&elf).with_context(|| path.display().to_string())?;
+            let name = format!("inerter-firmware-{version}-{board}");
+            keep(format!("{name}.elf"), &elf)?;
+            keep(format!("{name}.hex"), images::hex(&parts).as_bytes())?;
+            keep(format!("{name}.dfu"), &images::dfuse(&parts, board)?)?;
+        }
+        let materials = materials(&workspace, "inerter-stm32g474", FIRMWARE_TARGET)?;
+        keep(format!("inerter-firmware-{version}.cdx.json"), &materials)?;
+    }
+    let sums = sums(&folder)?;
+    keep("SHA256SUMS".into(), sums.as_bytes())
+}
+
+/// The system that this compiler compiles for.
+fn host() -> Result<String> {
+    let told = process::output(process::rustc().arg("-vV"))?;
+    let host = told.lines().find_map(|line| line.strip_prefix("host: "));
+    Ok(host.context("`rustc -vV` names no host")?.to_owned())
+}
+
+/// Builds the program as `cargo install` does, but for its line tables, which are four fifths of the file; returns where it lies.
+fn program(workspace: &Workspace) -> Result<PathBuf> {
+    let mut command = process::cargo();
+    command.args(["rustc", "--release", "--locked", "--package", "inerter", "--bin", "inerter"]);
+    // Told to the last compiler alone, so that nothing below is compiled once more.
+    process::run(command.args(["--", "-C", "strip=debuginfo"]))?;
+    Ok(workspace.target.join("release").join(format!("inerter{}", std::env::consts::EXE_SUFFIX)))
+}
+
+/// The bill of materials of a package: all that cargo links into it or runs to build it, and nothing else.
+fn materials(workspace: &Workspace, package: &str, target: &str) -> Result<Vec<u8>> {
+    let member = workspace.member(package).with_context(|| format!("no package {package}"))?;
+    let mut command = Tool::CycloneDx.command()?;
+    command.args(["--quiet", "--format", "json", "--spec-version", "1.5", "--target", target]);
+    command.args(["--override-filename", LEFT, "--manifest-path"]).arg(member.folder.join("Cargo.toml"));
+    let done = process::run(&mut command);
+    let left = |folder: &Path| folder.join(format!("{LEFT}.json"));
+    let text = fs::read_to_string(left(&member.folder));
+    for member in &workspace.members {
+        // It is there for each member that the tool came to.
+        fs::remove_file(left(&member.folder)).ok();
+    }
+    done?;
+    let text = text.with_context(|| format!("{} wrote nothing for {package}", Tool::CycloneDx.name()))?;
+    let linked = linked(&process::output(process::cargo().args([
+        "tree",
+        "--locked",
+        "--package",
+        package,
+        "--target",
+        target,
+        "--edges",
+        "normal,build",
+        "--prefix",
+        "none",
+        "--format",
+        "{p}",
+    ]))?);
+    let root = tree::root().display().to_string().replace('\\', "/");
+    let bill = narrowed(&text.replace(root.trim_start_matches('/'), "inerter"), package, &linked)?;
+    let mut bytes = serde_json::to_vec_pretty(&bill)?;
+    bytes.push(b'\n');
+    Ok(bytes)
+}
+
+/// Name and version of each line of `cargo tree`.
+fn linked(printed: &str) -> BTreeSet<(String, String)> {
+    let words = printed.lines().map(str::split_whitespace);
+    words.filter_map(|mut words| Some((words.next()?.into(), words.next()?.strip_prefix('v')?.into()))).collect()
+}
+
+/// The tool takes the lock file's word, which knows more packages than are linked: those are taken out. One that is missing
+/// is a fault.
+fn narrowed(text: &str, package: &str, linked: &BTreeSet<(String, String)>) -> Result<Value> {
+    let mut bill: Value = serde_json::from_str(text).context("the bill of materials is no JSON")?;
+    let is_linked = |value: &Value| {
+        let pair = value["name"].as_str().zip(value["version"].as_str());
+        pair.is_some_and(|(name, version)| linked.contains(&(name.into(), version.into())))
+    };
+    let components = bill["components"].as_array_mut().context("the bill of materials has no components")?;
+    components.retain(is_linked);
+    let listed: BTreeSet<_> =
+        components.iter().filter_map(|one| Some((one["name"].as_str()?, one["version"].as_str()?))).collect();
+    let missing = linked.iter().filter(|(name, version)| name != package && !listed.contains(&(name, version)));
+    let missing: Vec<_> = missing.map(|(name, version)| format!("{name} {version}")).collect();
+    if !missing.is_empty() {
+        bail!("the bill of materials of {package} lacks {}", missing.join(", "));
+    }
+    let known: BTreeSet<String> = [&bill["metadata"]["component"]]
+        .into_iter()
+        .chain(bill["components"].as_array().into_iter().flatten())
+        .filter_map(|one| one["bom-ref"].as_str().map(str::to_owned))
+        .collect();
+    let is_known = |value: &Value| value.as_str().is_some_and(|name| known.contains(name));
+    if let Some(dependencies) = bill["dependencies"].as_array_mut() {
+        dependencies.retain(|one| is_known(&one["ref"]));
+        let lists = dependencies.iter_mut().filter_map(|one| one.get_mut("dependsOn")?.as_array_mut());
+        lists.for_each(|list| list.retain(is_known));
+    }
+    Ok(bill)
+}
+
+/// A line for each file, as `sha256sum --check` reads it.
+fn sums(folder: &Path) -> Result<String> {
+    let mut text = String::new();
+    let mut paths = fs::read_dir(folder)?.map(|entry| Ok(entry?.path())).collect::<Result<Vec<_>>>()?;
+    paths.sort();
+    for path in paths {
+        let bytes = fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        println!("  {:>9.1} KB  {name}", bytes.len() as f64 / 1e3);
+        text += &format!("{}  {name}\n", sha256::sum(&bytes));
+    }
+    Ok(text)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const BILL: &str = r#"{
+        "metadata": {"component": {"bom-ref": "p", "name": "p", "version": "0.1.0"}},
+        "components": [
+            {"bom-ref": "a", "name": "a", "version": "1.0.0"}, {"bom-ref": "b", "name": "b", "version": "2.0.0"}
+        ],
+        "dependencies": [{"ref": "p", "dependsOn": ["a", "b"]}, {"ref": "a"}, {"ref": "b", "dependsOn": ["a"]}]
+    }"#;
+
+    #[test]
+    fn only_what_is_linked_is_listed() {
+        let bill = narrowed(BILL, "p", &linked("p v0.1.0 (/w/p)\na v1.0.0\na v1.0.0 (*)\n\n")).unwrap();
+        assert_eq!(bill["components"].as_array().unwrap().len(), 1);
+        assert_eq!(bill["dependencies"], serde_json::json!([{"ref": "p", "dependsOn": ["a"]}, {"ref": "a"}]));
+    }
+
+    #[test]
+    fn what_is_linked_and_not_listed_is_named() {
+        let error = narrowed(BILL, "p", &linked("p v0.1.0\na v1.0.0\nb v3.0.0\n")).unwrap_err();
+        assert!(error.to_string().contains("lacks b 3.0.0"), "{error}");
+    }
+}

@@ -1,0 +1,68 @@
+//! What is linked, against deny.toml: licences, packages that must not come in, where packages come from, duplicates.
+//!
+//! Nothing is asked over the network but what the lock files name and this machine lacks. Advisories need a list that changes
+//! every day, so they are an option, which `.github/workflows/advisories.yml` uses.
+
+use crate::{foreign, process, tool::Tool, tree, workspace::Part};
+use anyhow::{Result, bail};
+use std::path::Path;
+
+#[derive(clap::Args, Clone, Copy, Debug, Default)]
+pub struct Options {
+    /// Fetch the list of known weak points from github.com, and look for each package in it
+    #[arg(long)]
+    pub advisories: bool,
+}
+
+/// What is asked.
+const CHECKS: [&str; 3] = ["bans", "licenses", "sources"];
+
+/// A line of deny.toml that no longer applies, in the workspace that ships.
+const SHIPS: &[&str] = &[
+    "--deny=unmatched-skip",
+    "--deny=unnecessary-skip",
+    "--deny=license-not-encountered",
+    // Of the twin.
+    "--allow=unused-wrapper",
+    "--allow=license-exception-not-encountered",
+];
+
+/// Tests of their own link each only a part of what deny.toml knows, and duplicates cost nobody anything there.
+const TESTS: &[&str] = &[
+    "--allow=duplicate",
+    "--allow=unmatched-skip",
+    "--allow=unnecessary-skip",
+    "--allow=license-not-encountered",
+    "--allow=unused-wrapper",
+    "--allow=license-exception-not-encountered",
+    // unicorn-engine says `GPL-2.0`, an old name.
+    "--allow=parse-error",
+];
+
+/// Checks all workspaces, and goes on after a failure.
+pub fn run(options: &Options) -> Result<()> {
+    let mut failed = Vec::new();
+    let parts = Part::ALL.map(|part| (part.folder(), if part == Part::Main { SHIPS } else { TESTS }));
+    for (folder, lints) in parts.into_iter().chain([(foreign::folder(), TESTS)]) {
+        let name = folder.strip_prefix(tree::root()).unwrap_or(&folder).display().to_string();
+        let name = if name.is_empty() { ".".to_owned() } else { name };
+        println!("{name}:");
+        if let Err(error) = check(&folder, lints, options) {
+            failed.push(format!("{name} ({error:#})"));
+        }
+    }
+    if !failed.is_empty() {
+        bail!("deny.toml does not hold in {}", failed.join(", "));
+    }
+    Ok(())
+}
+
+/// Checks one of them. Licences are read from the packages, so these must be here.
+fn check(folder: &Path, lints: &[&str], options: &Options) -> Result<()> {
+    process::run(process::cargo().current_dir(folder).args(["fetch", "--locked", "--quiet"]))?;
+    let mut command = Tool::Deny.command()?;
+    command.current_dir(folder).args(["--locked", "--config"]).arg(tree::root().join("deny.toml"));
+    command.args((!options.advisories).then_some("--offline"));
+    command.args(["check", "--hide-inclusion-graph"]).args(lints).args(CHECKS);
+    process::run(command.args(options.advisories.then_some("advisories")))
+}

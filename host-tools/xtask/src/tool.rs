@@ -1,0 +1,135 @@
+//! Cargo's subcommands by others that look at what is linked: found on this machine, or installed below `target/tools`.
+
+use crate::{process, toolchain::at_least, tree, workspace::Workspace};
+use anyhow::{Context, Result, bail};
+use std::{
+    path::{Path, PathBuf},
+    process::Command,
+};
+
+/// One of them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Tool {
+    /// Licences, bans, sources and advisories of packages.
+    Deny,
+    /// A bill of materials in the form of CycloneDX.
+    CycloneDx,
+}
+
+impl Tool {
+    /// Name of its package and of its program.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Deny => "cargo-deny",
+            Self::CycloneDx => "cargo-cyclonedx",
+        }
+    }
+
+    /// The subcommand of cargo that it is.
+    const fn subcommand(self) -> &'static str {
+        match self {
+            Self::Deny => "deny",
+            Self::CycloneDx => "cyclonedx",
+        }
+    }
+
+    /// The version that is installed.
+    const fn version(self) -> &'static str {
+        match self {
+            Self::Deny => "0.20.2",
+            Self::CycloneDx => "0.5.9",
+        }
+    }
+
+    /// The oldest version that will do.
+    const fn least(self) -> &'static str {
+        match self {
+            Self::Deny => "0.18.4",
+            Self::CycloneDx => "0.5.7",
+        }
+    }
+
+    /// What a person types where it cannot be installed from here.
+    pub fn advice(self) -> String {
+        format!("`cargo install {} --locked --version {}`", self.name(), self.version())
+    }
+
+    /// The tool as cargo's own subcommand, ready for arguments; installed where it is missing.
+    pub fn command(self) -> Result<Command> {
+        let program = match self.found() {
+            Ok((program, _)) => program,
+            Err(reason) => {
+                println!("{}: {reason}", self.name());
+                self.install().with_context(|| format!("it can be installed by {}", self.advice()))?;
+                self.found().map_err(anyhow::Error::msg)?.0
+            }
+        };
+        let mut command = Command::new(program);
+        command.arg(self.subcommand()).current_dir(tree::root());
+        Ok(command)
+    }
+
+    /// Its program and what it says of its version; or why there is none that will do.
+    pub fn found(self) -> Result<(PathBuf, String), String> {
+        let file = format!("{}{}", self.name(), std::env::consts::EXE_SUFFIX);
+        let folder = folder().map_err(|error| format!("{error:#}"))?;
+        let installed = ["bin", "python/bin"].map(|below| folder.join(below).join(&file));
+        let mut reason = "not there".to_owned();
+        for program in [PathBuf::from(&file)].into_iter().chain(installed) {
+            let Some(line) = process::first_line(Command::new(&program).args([self.subcommand(), "--version"])) else {
+                continue;
+            };
+            match at_least(&line, self.least()) {
+                true => return Ok((program, line)),
+                false => reason = format!("{line} is older than {}", self.least()),
+            }
+        }
+        Err(reason)
+    }
+
+    /// Installs the pinned version below `target/tools`: a compiled one by the sum of its file, where there is one for this
+    /// machine, else from its sources.
+    pub fn install(self) -> Result<()> {
+        let folder = folder()?;
+        if self == Self::Deny && cfg!(all(target_os = "linux", target_arch = "x86_64")) {
+            match install_compiled(&folder) {
+                Ok(()) => return Ok(()),
+                Err(error) => println!("  {error:#}; compiling it instead"),
+            }
+        }
+        let mut command = process::cargo();
+        command.args(["install", self.name(), "--locked", "--version", self.version(), "--root"]).arg(&folder);
+        println!("  $ {} (takes minutes, once)", process::shown(&command));
+        process::run(&mut command)
+    }
+}
+
+/// Where they are installed.
+fn folder() -> Result<PathBuf> {
+    Ok(Workspace::read(&tree::root())?.target.join("tools"))
+}
+
+/// From the Python Package Index, which also holds programs; pip compares the sum of the file with ours.
+fn install_compiled(folder: &Path) -> Result<()> {
+    if process::first_line(Command::new("python3").args(["-m", "pip", "--version"])).is_none() {
+        bail!("no pip on this machine");
+    }
+    let mut command = Command::new("python3");
+    command.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--root-user-action", "ignore"]);
+    command.args(["--no-deps", "--only-binary", ":all:", "--require-hashes", "--upgrade", "--target"]);
+    command.arg(folder.join("python")).arg("--requirement");
+    command.arg(tree::root().join("host-tools/xtask/deny-requirements.txt"));
+    println!("  $ {}", process::shown(&command));
+    process::run(&mut command)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_compiled_tool_has_the_pinned_version() {
+        let requirements = include_str!("../deny-requirements.txt");
+        assert!(requirements.contains(&format!("cargo-deny=={} --hash=sha256:", Tool::Deny.version())));
+    }
+}
