@@ -288,9 +288,19 @@ fn lint_probe() -> Result<()> {
         command.args(["clippy", "--package", "inerter", "--all-targets", "--locked"]).args(features);
         process::run(command.args(["--", "--deny", "warnings"]))?;
     }
-    let reason = "linted only: probe-rs takes minutes to compile; `cargo test -p inerter -p inerter-device`";
-    inerter_needs::list(&skipped_list()?, "tests behind the feature `probe`", reason)
-        .context("the list of skipped tests")
+    for (tests, reason) in [
+        (
+            "tests behind the feature `probe`",
+            "linted only: probe-rs takes minutes to compile; `cargo test -p inerter -p inerter-device`",
+        ),
+        (
+            "transcript without the feature `bridges`",
+            "linted only: it needs another build; `cargo test -p inerter --no-default-features --test transcripts`",
+        ),
+    ] {
+        inerter_needs::list(&skipped_list()?, tests, reason).context("the list of skipped tests")?;
+    }
+    Ok(())
 }
 
 fn document() -> Result<()> {
