@@ -25,7 +25,7 @@ use std::{
 pub struct Options {
     /// Run this target alone: wire, estimator, mcap, csv, settings, image, commands or dfuse
     target: Option<String>,
-    /// Time for each target [s]
+    /// Time for each target, in seconds
     #[arg(long, default_value_t = 30)]
     seconds: u32,
     /// Merge what was found, and the seeds, into the committed corpus
