@@ -1,6 +1,6 @@
 //! How often a host may have the flash written: a flood of saves must not end its life.
 //!
-//! A device that was left alone takes [`SAVES`] at once, afterwards one every [`EACH`]. A factory reset costs as much as
+//! A device that was left alone takes [`SAVES`] at once, afterwards one every two minutes. A factory reset costs as much as
 //! [`FACTORY_RESET`] saves, since it erases a whole ring of pages where a save erases one page in seven times
 //! ([`store`](crate::store)). So whatever hosts ask for, the flash's 280 000 saves last longer than a year. Restarts
 //! that a host asks for refill nothing; other starts do, which no host can cause.

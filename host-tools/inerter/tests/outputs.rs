@@ -133,7 +133,7 @@ fn a_program_that_is_ended_while_it_writes_leaves_nothing_behind() {
         let child = inerter(folder.path(), &["simulate", "--duration", "50000", "-o", "long.mcap"]).spawn().unwrap();
         end_while_it_writes(folder.path(), child, &before, signals);
     }
-    done(folder.path(), &["simulate", "--duration", "100", "--sample-rate-hz", "4000", "-o", "run.mcap"]);
+    done(folder.path(), &["simulate", "--duration", "300", "--sample-rate-hz", "4000", "-o", "run.mcap"]);
     let before = names(folder.path());
     let outputs = ["--csv", "o.csv", "--parquet", "o.parquet", "--mat", "o.mat", "--mcap", "o.mcap"];
     for signals in [&[Signal::TERM][..], &[Signal::TERM, Signal::TERM]] {

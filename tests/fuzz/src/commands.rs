@@ -1,7 +1,7 @@
 //! What a host sends to a device, by [`inerter_tests::fuzz`].
 //!
 //! Input: two bytes (the conditions, and in the first one's bit 7 whether payloads follow instead of a stream), then the
-//! stream, or payloads as in [`wire`](crate::wire).
+//! stream, or payloads as in [`wire`].
 //!
 //! Holds: everything that [`inerter_tests::fuzz::judge`] asks for.
 
