@@ -43,6 +43,8 @@ pub enum Need {
     Qemu,
     /// CMake and libclang, with which the twin's emulator is compiled.
     Twin,
+    /// A C++ compiler, for libFuzzer.
+    Cxx,
     /// `cargo deny`, which checks licences and sources.
     Deny,
     /// `qemu-system-x86_64`, in which a real Linux meets the device.
@@ -50,7 +52,7 @@ pub enum Need {
 }
 
 /// Everything that `cargo xtask test` uses.
-pub const ALL: &[Need] = &[Need::Firmware, Need::Rustfmt, Need::Clippy, Need::Deny, Need::Qemu, Need::Twin];
+pub const ALL: &[Need] = &[Need::Firmware, Need::Rustfmt, Need::Clippy, Need::Deny, Need::Qemu, Need::Twin, Need::Cxx];
 
 /// Finds or installs everything.
 pub fn run(options: &Options) -> Result<()> {
@@ -99,6 +101,7 @@ impl Need {
             Self::Qemu => QEMU,
             Self::Twin => "CMake and libclang",
             Self::Deny => Tool::Deny.name(),
+            Self::Cxx => "C++",
             Self::Guest => GUEST_QEMU,
         }
     }
@@ -120,6 +123,7 @@ impl Need {
             }
             Self::Qemu => qemu_found(QEMU),
             Self::Twin => twin_tools(),
+            Self::Cxx => process::first_line(Command::new("c++").arg("--version")).ok_or_else(|| "no c++".into()),
             Self::Deny => Tool::Deny.found().map(|(_, version)| version),
             Self::Guest => qemu_found(GUEST_QEMU),
         }
@@ -132,6 +136,7 @@ impl Need {
             Self::Clippy => rustup(&["component", "add", "clippy"]),
             Self::Qemu => apt(&["qemu-system-arm"]),
             Self::Twin => apt(&["cmake", "make", "gcc", "libc6-dev", "libclang-dev"]),
+            Self::Cxx => apt(&["g++"]),
             Self::Deny => Tool::Deny.install(),
             Self::Guest => apt(&["qemu-system-x86"]),
         }
@@ -148,6 +153,7 @@ impl Need {
             Self::Clippy => "`rustup component add clippy`, or your distribution's clippy".into(),
             Self::Qemu => format!("{} (version {QEMU_LEAST} or newer)", advice(&ARM_QEMU_PACKAGES, &os_release())),
             Self::Twin => advice(&TWIN_PACKAGES, &os_release()),
+            Self::Cxx => advice(&CXX_PACKAGES, &os_release()),
             Self::Deny => Tool::Deny.advice(),
             Self::Guest => advice(&GUEST_PACKAGES, &os_release()),
         }
@@ -291,6 +297,17 @@ const GUEST_PACKAGES: Packages = Packages {
     brew: "qemu",
     winget: "SoftwareFreedomConservancy.QEMU",
     otherwise: "install QEMU with its x86 system emulator, so that `qemu-system-x86_64` is on PATH",
+};
+
+const CXX_PACKAGES: Packages = Packages {
+    apt: "g++",
+    dnf: "gcc-c++",
+    pacman: "gcc",
+    apk: "g++",
+    zypper: "gcc-c++",
+    brew: "gcc",
+    winget: "LLVM.LLVM",
+    otherwise: "install a C++ compiler, so that `c++` is on PATH",
 };
 
 const TWIN_PACKAGES: Packages = Packages {
