@@ -2,8 +2,8 @@
 //!
 //! A device that was left alone takes [`SAVES`] at once, afterwards one every two minutes. A factory reset costs as much as
 //! [`FACTORY_RESET`] saves, since it erases a whole ring of pages where a save erases one page in seven times
-//! ([`store`](crate::store)). So whatever hosts ask for, the flash's 280 000 saves last longer than a year. Restarts
-//! that a host asks for refill nothing; other starts do, which no host can cause.
+//! ([`store`](crate::store)). So a flood of requests takes longer than a year to use up the flash's 280 000 saves. A
+//! restart by command refills nothing; other starts do, among them one out of update mode, whose ROM keeps no memory.
 
 use embassy_time::{Duration, Instant};
 

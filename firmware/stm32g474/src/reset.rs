@@ -179,10 +179,13 @@ fn set_saves_left(number: u8) {
     unsafe { ptr::write_volatile(ptr::addr_of_mut!(SAVES_LEFT).cast(), SAVES_MAGIC | u32::from(number)) };
 }
 
-/// What the run before left, where it ended by a request.
-fn saves_left(cause: ResetCause) -> u8 {
-    // SAFETY: one word of RAM, for which every content is valid; volatile, as the run before wrote it.
-    let word = unsafe { ptr::read_volatile(ptr::addr_of!(SAVES_LEFT).cast::<u32>()) };
+/// What the run before left, where it ended by a request; told once.
+fn take_saves_left(cause: ResetCause) -> u8 {
+    let place = ptr::addr_of_mut!(SAVES_LEFT).cast::<u32>();
+    // SAFETY: one word of RAM, for which every content is valid; volatile, as the run before wrote it. From thread mode only.
+    let word = unsafe { ptr::read_volatile(place) };
+    // SAFETY: as above. What is left is not of a later start that nobody asked for.
+    unsafe { ptr::write_volatile(place, 0) };
     if cause == ResetCause::Software && word & !0xFF == SAVES_MAGIC { (word & 0xFF) as u8 } else { SAVES }
 }
 
@@ -270,7 +273,7 @@ pub fn begin() -> Started {
         set_failed_starts(0);
         enter_rom();
     }
-    Started { cause, suspects_settings: failed >= SUSPECTS_SETTINGS, saves_left: saves_left(cause) }
+    Started { cause, suspects_settings: failed >= SUSPECTS_SETTINGS, saves_left: take_saves_left(cause) }
 }
 
 /// Forgets the press of the button in time, and failed starts after a good run.

@@ -142,7 +142,7 @@ impl fmt::Display for Refusal {
             ),
             Self::Worn { wait_s } => write!(
                 f,
-                "the device has saved so often lately that its flash would not last: save again in {wait_s} s"
+                "the device's flash was written so often lately that it would not last: try again in {wait_s} s"
             ),
         }
     }
