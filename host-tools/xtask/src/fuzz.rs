@@ -204,7 +204,9 @@ impl Place {
         command.args([&self.found, &self.corpus, &self.seeds]);
         // A limit of 0 is none: then the corpus alone is run.
         command.arg(if seconds == 0 { "-runs=0".into() } else { format!("-max_total_time={seconds}") });
-        command.arg(format!("-artifact_prefix={}/", self.findings.display())).arg("-print_final_stats=1");
+        command
+            .arg(format!("-artifact_prefix={}/", self.findings.display()))
+            .args(["-print_final_stats=1", "-report_slow_units=60"]);
         println!("{}", process::shown(&command));
         self.watch(&mut command, Duration::from_secs(seconds.into()))
     }
@@ -227,6 +229,8 @@ impl Place {
             said.iter().skip(panic).take(20).for_each(|line| println!("  {line}"));
             ensure!(session.finding.is_some(), "`{}` failed ({status})", process::shown(command));
         }
+        let ran = session.inputs > 0 && session.edges[1] > 0;
+        ensure!(ran || session.finding.is_some(), "`{}` ran no input", process::shown(command));
         Ok(session)
     }
 

@@ -181,9 +181,7 @@ fn soak(program: &Path, image: Option<&Path>, folder: &Path, seconds: f64) -> Re
         let pid = simulator.0.id();
         let simulator = Simulator(simulator);
         watched.push(Watched::new("simulator of the image", pid));
-        if let Some(child) = child_of(pid) {
-            watched.push(Watched::new("QEMU", child));
-        }
+        watched.push(Watched::new("QEMU", child_of(pid).context("QEMU is not to be found beside its simulator")?));
         let mut command = Command::new(program);
         let duration = (seconds - started.elapsed().as_secs_f64()).max(5.0).to_string();
         command.args(["record", "-o", "qemu.mcap", "--force", "--connect", &address, "--duration", &duration]);

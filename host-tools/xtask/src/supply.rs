@@ -9,7 +9,7 @@ use std::path::Path;
 
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
 pub struct Options {
-    /// Fetch the list of known weak points from github.com, and look for each package in it
+    /// Fetch the list of known vulnerabilities from github.com, and look for each package in it
     #[arg(long)]
     pub advisories: bool,
 }

@@ -162,13 +162,15 @@ fn killed_settings() {
         ["settings", "set", &memory, &rate, link[0], link[1]].map(str::to_string)
     };
     let start = |value: u64| inerter(folder.path(), &command(value).each_ref().map(String::as_str)).spawn().unwrap();
+    let begun = Instant::now();
     assert!(start(0).wait().unwrap().success());
+    let longest = begun.elapsed().as_millis() as u64 * 5 / 4 + 2;
     let mut random = scenario.random("settings");
     let mut written = 0;
     for kill in 0..kills {
         let wanted = 1 + kill % 4;
         let mut child = start(wanted);
-        thread::sleep(Duration::from_millis(random.below(30)));
+        thread::sleep(Duration::from_millis(random.below(longest)));
         child.kill().unwrap();
         child.wait().unwrap();
         let settings = last(&done(folder.path(), &["settings", "get", "--json", link[0], link[1]]));
@@ -176,5 +178,6 @@ fn killed_settings() {
         assert_eq!(value("memory_s") - 10.0, value("publish_rate_hz") - 1.0, "kill {kill}: half of the settings");
         written += usize::from(value("memory_s") == (10 + wanted) as f64);
     }
+    assert!(written > 0, "every kill came before the write");
     scenario.passed(&format!("{kills} kills of `settings set`; {written} times both settings were new, else both old"));
 }

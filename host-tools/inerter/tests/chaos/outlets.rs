@@ -158,7 +158,7 @@ fn lost_terminals() {
     let times = scenario.kills().div_ceil(25);
     if Command::new("setsid").arg("--version").output().is_err() {
         inerter_needs::skip("a terminal of one's own needs `setsid` (util-linux)");
-        return scenario.passed("SKIPPED: no setsid");
+        return scenario.skipped("no setsid");
     }
     let device = device();
     let commands: [&[&str]; 7] = [

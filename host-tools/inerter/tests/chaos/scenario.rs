@@ -75,6 +75,12 @@ impl Scenario {
         self.line("passed", figures);
     }
 
+    /// Notes that this machine lacks what is needed.
+    pub fn skipped(mut self, reason: &str) {
+        self.passed = true;
+        self.line("skipped", reason);
+    }
+
     fn line(&self, outcome: &str, words: &str) {
         let line = format!("{}\t{outcome}\t{:.0}\t{words}\n", self.name, self.started.elapsed().as_secs_f64());
         // Not `print`: the harness swallows what a passing test prints.
