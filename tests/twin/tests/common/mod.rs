@@ -128,6 +128,7 @@ pub fn outcome(result: &Result<Done, Refusal>) -> String {
         Ok(Done::Plain) => "done".into(),
         Ok(Done::Injected { .. }) => "injected".into(),
         Err(Refusal::QueueFull { .. }) => "refused QueueFull".into(),
+        Err(Refusal::Worn { .. }) => "refused Worn".into(),
         Err(refusal) => format!("refused {refusal:?}"),
     }
 }
