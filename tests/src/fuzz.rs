@@ -19,13 +19,15 @@ mod corpus;
 mod device;
 mod judge;
 mod make;
+mod outcome;
 mod requests;
 mod shrink;
 
 pub use corpus::{Expected, Item, corpus, made as made_corpus, write as write_corpus};
 pub use device::{Conditions, End, Link, Played, play, with_probe};
-pub use judge::{judge, outcome};
+pub use judge::judge;
 pub use make::{Noise, Stream, stream};
+pub use outcome::outcome;
 pub use requests::Requests;
 pub use shrink::shrink;
 

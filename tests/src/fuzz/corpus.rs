@@ -16,8 +16,9 @@ use std::{fs, io, path::PathBuf};
 
 use super::{
     device::{Conditions, play, with_probe},
-    judge::{judge, outcome},
+    judge::judge,
     make::{Noise, Stream, frame, payload, records, samples, stream, stuffed, varint},
+    outcome::outcome,
     requests::Requests,
 };
 

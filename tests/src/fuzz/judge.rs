@@ -9,17 +9,6 @@ use super::{
     requests::{Requests, restarts},
 };
 
-/// A reply in words that do not depend on time.
-pub fn outcome(result: &Result<Done, Refusal>) -> String {
-    match result {
-        Ok(Done::Plain) => "done".into(),
-        Ok(Done::Injected { .. }) => "injected".into(),
-        Err(Refusal::QueueFull { .. }) => "refused QueueFull".into(),
-        Err(Refusal::Worn { .. }) => "refused Worn".into(),
-        Err(refusal) => format!("refused {refusal:?}"),
-    }
-}
-
 /// What the device should be, by the requests that were done.
 struct Model {
     settings: Settings,

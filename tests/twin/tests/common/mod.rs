@@ -7,8 +7,12 @@ use inerter_twin::chip::{errata::Errata, rules::Rules};
 use inerter_twin::machine::{Machine, Options, image_in, shipping_image};
 use inerter_twin::talk::Talk;
 use inerter_twin::usb_link::UsbLink;
-use inerter_wire::{Command, DELIMITER, Done, Frame, FrameReader, Refusal, Request};
+use inerter_wire::{Command, DELIMITER, Frame, FrameReader, Request};
 use std::path::Path;
+
+#[path = "../../../src/fuzz/outcome.rs"]
+mod outcome;
+pub use outcome::outcome;
 
 /// From power-on until the firmware runs.
 const START_S: f64 = 0.3;
@@ -120,15 +124,4 @@ pub fn corpus() -> Vec<Item> {
     }
     items.sort_by(|one, other| one.name.cmp(&other.name));
     items
-}
-
-/// A reply in the words of the corpus.
-pub fn outcome(result: &Result<Done, Refusal>) -> String {
-    match result {
-        Ok(Done::Plain) => "done".into(),
-        Ok(Done::Injected { .. }) => "injected".into(),
-        Err(Refusal::QueueFull { .. }) => "refused QueueFull".into(),
-        Err(Refusal::Worn { .. }) => "refused Worn".into(),
-        Err(refusal) => format!("refused {refusal:?}"),
-    }
 }
