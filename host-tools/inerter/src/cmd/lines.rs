@@ -7,7 +7,6 @@ use std::{
         mpsc::{Receiver, SyncSender, TrySendError, sync_channel},
     },
     thread::{self, JoinHandle},
-    time::{Duration, Instant},
 };
 
 use inerter_core::{Machine, Settings};
@@ -33,8 +32,6 @@ use crate::{
 
 /// What may wait for whoever reads standard output: minutes of a device.
 const WAITING: usize = 4096;
-/// Time for the last words once the work is interrupted.
-const LAST_WORDS: Duration = Duration::from_secs(1);
 
 /// Prints in a thread of its own: whoever takes his time to read holds up neither the device nor the recording. What does not
 /// fit is left out and counted.
@@ -95,14 +92,8 @@ impl Viewer for Printer {
     fn end(&mut self) -> Result<(), Error> {
         self.items = None;
         let Some(thread) = self.thread.take() else { return Ok(()) };
-        let mut told: Option<Instant> = None;
-        while !thread.is_finished() {
-            if terminal::interrupted() && told.get_or_insert_with(Instant::now).elapsed() > LAST_WORDS {
-                // It waits in the midst of a line, and would for ever.
-                terminal::end();
-            }
-            thread::sleep(Duration::from_millis(2));
-        }
+        // It may wait in the midst of a line for a reader who never comes.
+        terminal::last_words();
         thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
     }
 }

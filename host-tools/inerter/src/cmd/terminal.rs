@@ -30,7 +30,7 @@ const WAITING: usize = 256;
 const RESTORE_TIME: Duration = Duration::from_millis(500);
 
 /// Ends the program at once, the terminal given back, nothing half written left behind.
-pub fn end() -> ! {
+fn end() -> ! {
     if HAS_SCREEN.load(Ordering::Relaxed) {
         let (done, restored) = mpsc::channel();
         std::thread::spawn(move || {
