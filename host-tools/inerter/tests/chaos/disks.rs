@@ -3,7 +3,6 @@
 use std::{
     fs,
     os::unix::{fs::PermissionsExt, process::CommandExt},
-    path::Path,
     process::{Command, Output, Stdio},
     sync::atomic::{AtomicUsize, Ordering},
     thread,
@@ -12,18 +11,9 @@ use std::{
 
 use crate::{
     common::{done, inerter, text},
-    scenario::{Scenario, device, each},
-    writers::{WRITERS, Whole, Writer, names, prepare},
+    scenario::{Scenario, device},
+    writers::{each_writer, names},
 };
-
-/// Each writer in a folder of its own, with what it writes.
-fn each_writer(device: &str, act: impl Fn(&Writer, &Path, &Whole) + Sync) {
-    each(WRITERS, 3, |writer| {
-        let folder = tempfile::tempdir().unwrap();
-        prepare(folder.path());
-        act(writer, folder.path(), &writer.whole(folder.path(), device));
-    });
-}
 
 /// Runs it from a shell that sets something up first.
 fn in_shell(command: &Command, before: &str, shell: &[&str]) -> Output {

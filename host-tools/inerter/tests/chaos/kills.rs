@@ -16,11 +16,8 @@ use serde_json::Value;
 use crate::{
     common::{done, inerter, last},
     scenario::{Scenario, device, each},
-    writers::{WRITERS, names, prepare},
+    writers::{WRITERS, each_writer, names},
 };
-
-/// Kills under way at once: each has a processor's attention.
-const AT_ONCE: usize = 3;
 
 /// No half file under a final name, and what stood there before is whole.
 #[test]
@@ -30,12 +27,8 @@ fn kills() {
     let kills = scenario.kills();
     let device = device();
     let (count, whole, early) = (AtomicU64::new(0), AtomicUsize::new(0), AtomicUsize::new(0));
-    each(WRITERS, AT_ONCE, |writer| {
-        let folder = tempfile::tempdir().unwrap();
-        let folder = folder.path();
-        prepare(folder);
+    each_writer(device.name(), |writer, folder, result| {
         let before = names(folder);
-        let result = writer.whole(folder, device.name());
         let mut random = scenario.random(&writer.command.join(" "));
         for kill in 0..kills.div_ceil(writer.cost) {
             let was_there = kill % 2 == 1;

@@ -8,7 +8,13 @@ use std::{
     time::{Duration, Instant},
 };
 
-use crate::common::{all_are_tried, done, inerter, text};
+use crate::{
+    common::{all_are_tried, done, inerter, text},
+    scenario::each,
+};
+
+/// Writers at once: each has a processor's attention.
+const AT_ONCE: usize = 3;
 
 /// A command, and how dear it is.
 pub struct Writer {
@@ -58,7 +64,7 @@ impl Writer {
     }
 
     /// Lets it end, twice: what it writes must be the same.
-    pub fn whole(&self, folder: &Path, device: &str) -> Whole {
+    fn whole(&self, folder: &Path, device: &str) -> Whole {
         let before = names(folder);
         let mut all = [(); 2].map(|()| {
             let started = Instant::now();
@@ -105,10 +111,19 @@ impl Whole {
 }
 
 /// What the commands read.
-pub fn prepare(folder: &Path) {
+fn prepare(folder: &Path) {
     done(folder, &["simulate", "--duration", "10", "-o", "run.mcap"]);
     done(folder, &["cut", "run.mcap", "--to", "5", "-o", "first.mcap"]);
     done(folder, &["cut", "run.mcap", "--from", "5", "-o", "second.mcap"]);
+}
+
+/// Each writer in a folder of its own, with what it writes.
+pub fn each_writer(device: &str, act: impl Fn(&Writer, &Path, &Whole) + Sync) {
+    each(WRITERS, AT_ONCE, |writer| {
+        let folder = tempfile::tempdir().unwrap();
+        prepare(folder.path());
+        act(writer, folder.path(), &writer.whole(folder.path(), device));
+    });
 }
 
 /// Files of a folder, in order.
