@@ -15,14 +15,19 @@ pub struct Options {
     /// One campaign; without it all of them, one after another
     pub campaign: Option<String>,
     /// How often each program is killed; other disturbances are as many, or a part of it
-    #[arg(long, default_value_t = 100)]
+    #[arg(long, default_value_t = Self::USUAL.kills)]
     pub kills: u64,
     /// How many hosts come and go
-    #[arg(long, default_value_t = 5000)]
+    #[arg(long, default_value_t = Self::USUAL.cycles)]
     pub cycles: u64,
     /// What all draws come from
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = Self::USUAL.seed)]
     pub seed: u64,
+}
+
+impl Options {
+    /// All campaigns at their usual size.
+    pub const USUAL: Self = Self { campaign: None, kills: 100, cycles: 5_000, seed: 1 };
 }
 
 /// How a campaign ended.

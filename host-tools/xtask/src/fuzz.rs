@@ -26,7 +26,7 @@ pub struct Options {
     /// Run this target alone: wire, estimator, mcap, csv, settings, image, commands or dfuse
     target: Option<String>,
     /// Time for each target, in seconds
-    #[arg(long, default_value_t = 30)]
+    #[arg(long, default_value_t = Self::USUAL.seconds)]
     seconds: u32,
     /// Merge what was found, and the seeds, into the committed corpus
     #[arg(long)]
@@ -37,10 +37,8 @@ pub struct Options {
 }
 
 impl Options {
-    /// The committed corpora, and so much time for each target \[s\].
-    pub fn of(seconds: u32) -> Self {
-        Self { target: None, seconds, keep: false, input: None }
-    }
+    /// All targets from the committed corpora.
+    pub const USUAL: Self = Self { target: None, seconds: 30, keep: false, input: None };
 }
 
 /// A program of `tests/fuzz`.

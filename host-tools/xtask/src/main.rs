@@ -27,7 +27,6 @@ mod process;
 mod python;
 mod release;
 mod setup;
-mod sha256;
 mod size;
 mod soak;
 mod source;

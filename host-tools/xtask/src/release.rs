@@ -12,13 +12,14 @@
 
 use crate::{
     firmware::{self, Image},
-    images, process, sha256,
+    images, process,
     tool::Tool,
     tree::{self, FIRMWARE_TARGET},
     workspace::Workspace,
 };
 use anyhow::{Context, Result, bail};
 use serde_json::Value;
+use sha2::{Digest, Sha256};
 use std::{
     collections::BTreeSet,
     fs,
@@ -176,7 +177,7 @@ fn sums(folder: &Path) -> Result<String> {
         let bytes = fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         println!("  {:>9.1} KB  {name}", bytes.len() as f64 / 1e3);
-        text += &format!("{}  {name}\n", sha256::sum(&bytes));
+        text += &format!("{:x}  {name}\n", Sha256::digest(&bytes));
     }
     Ok(text)
 }

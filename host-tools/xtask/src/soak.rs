@@ -41,14 +41,22 @@ const DRIFT: f64 = 20e-6;
 /// The last part of a recording, which goes through a device once more \[s\].
 const REPLAYED_S: f64 = 300.0;
 
+/// What the programs say on standard error.
+const WORDS: &str = "words.txt";
+
 #[derive(clap::Args, Clone, Copy, Debug)]
 pub struct Options {
     /// How long; 3 minutes by default
-    #[arg(long, default_value_t = 0.05)]
+    #[arg(long, default_value_t = Self::USUAL.hours)]
     pub hours: f64,
     /// Leave out the image in QEMU
     #[arg(long)]
     pub no_qemu: bool,
+}
+
+impl Options {
+    /// Three minutes of everything.
+    pub const USUAL: Self = Self { hours: 0.05, no_qemu: false };
 }
 
 /// A process that is watched.
@@ -100,6 +108,8 @@ pub fn run(options: &Options) -> Result<()> {
     let program = workspace::installed()?;
     let folder = Workspace::read(&tree::root())?.target.join("soak");
     fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
+    // Each run begins its own.
+    File::create(folder.join(WORDS)).with_context(|| format!("cannot write {WORDS} in {}", folder.display()))?;
     let rows = soak(&program, image.as_deref(), &folder, seconds)?;
     let missed: Vec<&str> = rows
         .iter()
@@ -208,14 +218,15 @@ fn soak(program: &Path, image: Option<&Path>, folder: &Path, seconds: f64) -> Re
         .into_iter()
         .chain(image.map(|_| ("qemu.mcap", QEMU_RATE_HZ)));
     for (name, rate_hz) in recordings {
-        rows.extend(recorded(program, folder, name, rate_hz)?);
-        rows.push(replayed(program, folder, name, &address)?);
+        let info = info(program, folder, name)?;
+        rows.extend(recorded(&info, name, rate_hz)?);
+        rows.push(replayed(program, folder, name, &info, &address)?);
     }
     Ok(rows)
 }
 
 fn spawn(command: &mut Command, folder: &Path) -> Result<Running> {
-    let words = folder.join("words.txt");
+    let words = folder.join(WORDS);
     let words = File::options()
         .create(true)
         .append(true)
@@ -337,7 +348,7 @@ fn has_ended(name: &str, child: &mut Child) -> Result<bool> {
     match child.try_wait().with_context(|| format!("waiting for the {name}"))? {
         None => Ok(false),
         Some(status) if status.success() => Ok(true),
-        Some(status) => bail!("the {name} failed ({status}); what it said is in target/soak/words.txt"),
+        Some(status) => bail!("the {name} failed ({status}); what it said is in target/soak/{WORDS}"),
     }
 }
 
@@ -359,10 +370,14 @@ fn memory(watched: &Watched) -> Vec<Row> {
     ]
 }
 
-/// What a recording lacks, and how far its samples and the host's clock are apart.
-fn recorded(program: &Path, folder: &Path, name: &str, rate_hz: f64) -> Result<Vec<Row>> {
+/// What the program says of a recording.
+fn info(program: &Path, folder: &Path, name: &str) -> Result<Value> {
     let info = process::output(Command::new(program).current_dir(folder).args(["info", name, "--json"]))?;
-    let info: Value = serde_json::from_str(info.trim()).context("`inerter info --json` printed no JSON")?;
+    serde_json::from_str(info.trim()).context("`inerter info --json` printed no JSON")
+}
+
+/// What a recording lacks, and how far its samples and the host's clock are apart.
+fn recorded(info: &Value, name: &str, rate_hz: f64) -> Result<Vec<Row>> {
     let number = |key: &str| {
         info[key].as_f64().with_context(|| format!("no number `{key}` in what `inerter info` says of {name}"))
     };
@@ -379,9 +394,7 @@ fn recorded(program: &Path, folder: &Path, name: &str, rate_hz: f64) -> Result<V
 }
 
 /// How many lines differ between a replay of the recording's last part and a device that is sent it.
-fn replayed(program: &Path, folder: &Path, name: &str, device: &str) -> Result<Row> {
-    let info = process::output(Command::new(program).current_dir(folder).args(["info", name, "--json"]))?;
-    let info: Value = serde_json::from_str(info.trim()).context("`inerter info --json` printed no JSON")?;
+fn replayed(program: &Path, folder: &Path, name: &str, info: &Value, device: &str) -> Result<Row> {
     let from_s = (info["duration_s"].as_f64().unwrap_or(0.0) - REPLAYED_S).max(0.0).to_string();
     let said = |arguments: &[&str]| {
         let text = process::output(Command::new(program).current_dir(folder).args(arguments))?;

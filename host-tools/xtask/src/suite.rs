@@ -202,21 +202,21 @@ const STEPS: &[Step] = &[
         alone: "cargo xtask fuzz",
         needed: false,
         when: When::Full,
-        run: || fuzz::run(&fuzz::Options::of(30)),
+        run: || fuzz::run(&fuzz::Options::USUAL),
     },
     Step {
         name: "chaos",
         alone: "cargo xtask chaos",
         needed: false,
         when: When::Full,
-        run: || chaos::run(&chaos::Options { campaign: None, kills: 100, cycles: 5_000, seed: 1 }),
+        run: || chaos::run(&chaos::Options::USUAL),
     },
     Step {
         name: "soak",
         alone: "cargo xtask soak",
         needed: false,
         when: When::Full,
-        run: || soak::run(&soak::Options { hours: 0.05, no_qemu: false }),
+        run: || soak::run(&soak::Options::USUAL),
     },
 ];
 
