@@ -3,8 +3,10 @@
 //! The host is [`UsbHost`](inerter_twin::usb_host::UsbHost), in the device's time; a real kernel meets the device in `linux.rs`.
 
 mod common;
+#[path = "../../src/fuzz/outcome.rs"]
+mod outcome;
 
-use common::{Item, board, corpus, outcome};
+use common::{Item, board, corpus};
 use inerter_core::Settings;
 use inerter_plant::Excitation;
 use inerter_twin::bench::{Bench, Rig};
@@ -16,6 +18,7 @@ use inerter_twin::usb_host::{EndpointKind, Setup, Socket, Transfer, UsbError};
 use inerter_twin::usb_link::{LinkError, UsbLink};
 use inerter_twin::world::Still;
 use inerter_wire::{Command, Done, Event, EventKind, Hello, Record, Reply, SettingsValues, Streams};
+use outcome::outcome;
 
 /// Time for a reply.
 const REPLY_S: f64 = 0.5;

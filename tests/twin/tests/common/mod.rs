@@ -10,10 +10,6 @@ use inerter_twin::usb_link::UsbLink;
 use inerter_wire::{Command, DELIMITER, Frame, FrameReader, Request};
 use std::path::Path;
 
-#[path = "../../../src/fuzz/outcome.rs"]
-mod outcome;
-pub use outcome::outcome;
-
 /// From power-on until the firmware runs.
 const START_S: f64 = 0.3;
 
