@@ -175,9 +175,10 @@ impl BacklashState {
     fn land(&mut self, active: &BacklashActive, side: i8) {
         if self.side == -side {
             self.counts.reversals = self.counts.reversals.saturating_add(1);
-            // Three fifths of the way to the reversals on either side: a sine's turning points stay outside, and with
-            // them what the polynomial cannot follow.
-            let last = (self.length.saturating_add(self.flight).min(1 << 24) * 3 / 5).min(self.length);
+            // From the middle of the flight three fifths of the way to the reversals on either side, which is six tenths of
+            // a period: beyond it lies what the polynomial cannot follow.
+            let half = self.length.saturating_add(self.flight).min(1 << 24) * 3 / 5;
+            let last = half.saturating_sub(self.flight / 2).min(self.length);
             if self.landings > 1 {
                 self.counts.bouncing = self.counts.bouncing.saturating_add(1);
             } else if last < active.least_flank || !active.stiffness_known {
