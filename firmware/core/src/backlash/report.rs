@@ -31,6 +31,10 @@ const PATTERNS: f32 = 8.0;
 /// Variance over that of the flanks' own noise beyond which reversals contradict each other.
 const CONTRADICTION: f32 = 25.0;
 
+/// Half widths by which a value lies below zero by chance: further away is one in 2000 without backlash. Refusing every
+/// interval below zero would hide those that miss, and would take the flanks of a sound device for ones that may part.
+const BY_CHANCE: f32 = 1.7;
+
 /// What is published of the contact.
 pub(crate) struct Found {
     pub backlash: Backlash,
@@ -115,13 +119,13 @@ impl Backlash {
         Self { size: BacklashSize::NotIdentifiable(reason), route, reversals }
     }
 
-    /// Refuses what is no backlash: an interval without end, or one wholly below zero.
+    /// Refuses what is no backlash: an interval without end, or one further below zero than chance takes it.
     fn of(found: Result<&Budgeted, &Reason>, route: Route, reversals: u32) -> Self {
         let (value, u95) = match found {
             Ok((value, budget)) => (*value, budget.u95()),
             Err(reason) => return Self::none(*reason, route, reversals),
         };
-        if !(u95.is_finite() && value.is_finite()) || value < -u95 {
+        if !(u95.is_finite() && value.is_finite()) || value < -BY_CHANCE * u95 {
             return Self::none(Reason::Scattered, route, reversals);
         }
         let interval = Interval { value, u95 };
