@@ -1,6 +1,7 @@
 //! The boot loader in ROM takes another firmware over USB, and starts it.
 //!
-//! The host here sends what `inerter update` and dfu-util send: the page of the vectors is erased first and written last.
+//! The host here sends what `inerter update` sends: the page of the vectors is erased first and written last, the vectors
+//! by themselves behind the rest of it.
 
 use inerter_plant::Excitation;
 use inerter_twin::bench::{Bench, Rig};
@@ -93,7 +94,7 @@ impl<'a> Loader<'a> {
         self.carry_out(2, page)?;
         self.command(0x21, address)?;
         self.out(ABORT, 0, &[])?;
-        assert_eq!(self.back(UPLOAD, 2, PAGE as u16)?, page, "read back at {address:#x}");
+        assert_eq!(self.back(UPLOAD, 2, page.len() as u16)?, page, "read back at {address:#x}");
         self.out(ABORT, 0, &[])
     }
 
@@ -104,7 +105,9 @@ impl<'a> Loader<'a> {
             self.command(0x41, *address)?;
             self.write(*address, page)?;
         }
-        self.write(START, &pages[&START])?;
+        let (vectors, code) = pages[&START].split_at(8);
+        self.write(START + 8, code)?;
+        self.write(START, vectors)?;
         self.command(0x21, START)?;
         self.out(DNLOAD, 0, &[])?;
         // It may be gone before it can answer.
@@ -211,6 +214,10 @@ fn an_update_whose_power_fails_at_any_stage_is_completed_by_the_next() {
         let result = Loader::connect(&mut machine).update(&new);
         let Err(UsbError::Stopped(why)) = result else { panic!("cut after {cut}: {result:?}") };
         assert!(why.contains("the supply failed"), "{why}");
+        if (1..operations - 1).contains(&cut) {
+            let vectors = machine.chip_mut().flash.rom_read(START, 8);
+            assert_eq!(vectors, Some(vec![0xff; 8]), "cut after {cut} half an image would run");
+        }
         // There are no vectors to start from: the boot pin leads back.
         machine.set_boot0(true);
         machine.power_cut().expect("starts");

@@ -4,8 +4,9 @@
 //!   address pointer + (n - 2) x transfer size, and n = 0 carries a command.
 //! - A command or block is carried out when the host asks for the status after it; the answer says how long to wait.
 //!
-//! The first page holds the vectors. It is erased before all others and written after them, the vectors last of all, so
-//! that no half of an image ever runs, and the same order begins anew after whatever broke it off.
+//! The first page holds the vectors. It is erased before all others and written after them, and the vectors by a transfer
+//! of their own last of all, so that no half of an image ever runs, wherever power is lost. The same order begins anew
+//! after whatever broke it off.
 //! Sources: USB DFU 1.1; UM0424 (DfuSe); AN3156 (the protocol of the ROM).
 //!
 //! [`FunctionalDescriptor::transfer_size`]: dfu_core::functional_descriptor::FunctionalDescriptor::transfer_size
@@ -42,6 +43,9 @@ const ABORT: u8 = 6;
 /// Commands in block 0 (AN3156, 5).
 const SET_ADDRESS: u8 = 0x21;
 const ERASE: u8 = 0x41;
+/// Bytes without which nothing runs: initial stack and reset vector, one double word, which is programmed whole or not at
+/// all (RM0440 3.3.7).
+const VECTORS: usize = 8;
 /// Number of the block that goes to the address pointer itself.
 const FIRST_BLOCK: u16 = 2;
 /// Longest time for one page: the data sheet allows 25 ms to erase or to program one.
@@ -113,9 +117,10 @@ impl<'a, Io: DfuIo<Read = usize, Write = usize, Error: Display>> Rom<'a, Io> {
                 self.check(*address, bytes)?;
             }
         }
-        // From here on the image runs after whatever happens.
         for (address, bytes) in &first {
-            self.write(*address, bytes)?;
+            let (vectors, code) = bytes.split_at(VECTORS);
+            self.write(*address + VECTORS as u32, code)?;
+            self.write(*address, vectors)?;
             if self.io.functional_descriptor().can_upload {
                 self.check(*address, bytes)?;
             }
@@ -217,9 +222,7 @@ impl<'a, Io: DfuIo<Read = usize, Write = usize, Error: Display>> Rom<'a, Io> {
         let action = format!("writing 0x{address:08X}");
         self.command(SET_ADDRESS, address, &action)?;
         let size = usize::from(self.io.functional_descriptor().transfer_size);
-        let blocks: Vec<_> = (FIRST_BLOCK..).zip(bytes.chunks(size)).collect();
-        // The last one first: of the first page the vectors, without which nothing runs, are the end.
-        for (block, portion) in blocks.into_iter().rev() {
+        for (block, portion) in (FIRST_BLOCK..).zip(bytes.chunks(size)) {
             self.out(DNLOAD, block, portion, &action)?;
             self.finish(State::DfuDnloadIdle, &action)?;
         }

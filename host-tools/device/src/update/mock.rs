@@ -49,6 +49,8 @@ pub struct Chip {
     pub busy: Duration,
     /// Transfers until the cable is pulled.
     pub transfers_left: usize,
+    /// Double words until power fails.
+    pub words_left: usize,
     /// What system memory says of the size of flash (KB), and the option bytes; nothing where the ROM does not read there.
     pub told: Option<(u16, u32)>,
     /// Where flash is write-protected.
@@ -78,6 +80,7 @@ impl Chip {
             interrupted_at: Duration::MAX,
             busy: Duration::from_millis(22),
             transfers_left: usize::MAX,
+            words_left: usize::MAX,
             told: Some((512, 0xFFEF_F8AA)),
             protected: 0..0,
             worn: None,
@@ -100,7 +103,7 @@ impl Chip {
     /// A restart into the ROM: flash stays.
     pub fn restart(&mut self) {
         (self.state, self.status, self.job, self.pointer) = (State::Idle, 0, None, 0);
-        (self.left, self.transfers_left) = (false, usize::MAX);
+        (self.left, self.transfers_left, self.words_left) = (false, usize::MAX, usize::MAX);
         self.erased.clear();
     }
 
@@ -193,7 +196,12 @@ impl Chip {
                 if address % 8 != 0 || bytes.len() % 8 != 0 || place.iter().any(|byte| *byte != 0xFF) {
                     return ERR_PROG;
                 }
-                place.copy_from_slice(&bytes);
+                let written = self.words_left.min(bytes.len() / 8);
+                place.iter_mut().zip(&bytes).take(8 * written).for_each(|(place, byte)| *place = *byte);
+                self.words_left -= written;
+                if 8 * written < bytes.len() {
+                    self.transfers_left = 0;
+                }
                 if let Some(worn) = self.worn.and_then(|worn| self.flash.get_mut((worn - FLASH) as usize)) {
                     *worn &= 0xFE;
                 }
