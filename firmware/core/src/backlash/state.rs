@@ -175,9 +175,9 @@ impl BacklashState {
     fn land(&mut self, active: &BacklashActive, side: i8) {
         if self.side == -side {
             self.counts.reversals = self.counts.reversals.saturating_add(1);
-            // From the middle of the flight three fifths of the way to the reversals on either side, which is six tenths of
-            // a period: beyond it lies what the polynomial cannot follow.
-            let half = self.length.saturating_add(self.flight).min(1 << 24) * 3 / 5;
+            // From the middle of the flight two thirds of the way to the reversals on either side, which is two thirds of a
+            // period: beyond it lies what the polynomial cannot follow.
+            let half = self.length.saturating_add(self.flight).min(1 << 24) * 2 / 3;
             let last = half.saturating_sub(self.flight / 2).min(self.length);
             if self.landings > 1 {
                 self.counts.bouncing = self.counts.bouncing.saturating_add(1);

@@ -1,8 +1,8 @@
 //! The backlash of one reversal: the step that is left when a polynomial has been taken out.
 //!
 //! Discrete orthogonal polynomials over the firm entries by the three-term recurrence, normalised in Q30; reach and
-//! side are freed of each in turn. Degree 7 follows a sine over six tenths of its period so well that the step is
-//! wrong by 4e-5 of the amplitude at most. Degree 9 is the check: where it explains more than noise, the window is too
+//! side are freed of each in turn. Degree 7 follows a sine over two thirds of its period so well that the step is
+//! wrong by 1e-4 of the amplitude at most. Degree 9 is the check: where it explains more than noise, the window is too
 //! long and there is no value. Choosing the degree by the data would bias the value, as it picks the noise that hides
 //! what is missing.
 //! Source: G. E. Forsythe, "Generation and use of orthogonal polynomials for data-fitting", 1957.
@@ -272,7 +272,7 @@ mod tests {
 
     proptest! {
         /// A polynomial of degree 7 with a step in it gives the step, whatever the flight between. Its parts fall off
-        /// as those of a motion over six tenths of its period do.
+        /// as those of a motion over two thirds of its period do.
         #[test]
         fn a_step_on_a_polynomial_is_found(
             parts in prop::array::uniform8(-1.0_f64..1.0),
@@ -313,13 +313,14 @@ mod tests {
         }
     }
 
-    /// Six tenths of a sine's period with a flight in the middle: the step is wrong by at most 4e-5 of the amplitude.
+    /// Two thirds of a sine's period with a flight in the middle, which friction shifts by up to 0.4 of a radian from
+    /// the middle of the stroke: the step is wrong by at most 1e-4 of the amplitude.
     #[test]
-    fn six_tenths_of_a_sine_leave_little() {
-        for phase in 0..12 {
+    fn two_thirds_of_a_sine_leave_little() {
+        for phase in -4..5 {
             let mut points = Points::new();
             for place in 0..60_i32 {
-                let angle = (f64::from(place) / 60.0 - 0.5) * 0.6 * core::f64::consts::TAU + f64::from(phase) * 0.5;
+                let angle = (f64::from(place) / 60.0 - 0.5) / 1.5 * core::f64::consts::TAU + f64::from(phase) * 0.1;
                 let side = match place {
                     ..25 => -1,
                     25..35 => 0,
@@ -328,7 +329,7 @@ mod tests {
                 points.push((angle.sin() * 1e6) as i32, 0, side);
             }
             let found = fit(&points, 256, 0).unwrap();
-            assert!(found.value.abs() <= 40, "{phase}: {found:?}");
+            assert!(found.value.abs() <= 100, "{phase}: {found:?}");
         }
     }
 
