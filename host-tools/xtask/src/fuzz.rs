@@ -18,7 +18,7 @@ use std::{
     io::{BufRead, BufReader, Read},
     path::{Path, PathBuf},
     process::{Command, Stdio},
-    time::{Duration, Instant},
+    time::{Duration, Instant, SystemTime, UNIX_EPOCH},
 };
 
 #[derive(clap::Args, Clone, Debug)]
@@ -28,6 +28,9 @@ pub struct Options {
     /// Time for each target, in seconds
     #[arg(long, default_value_t = Self::USUAL.seconds)]
     seconds: u32,
+    /// Seed of libFuzzer's random numbers; a new one each time where it is not given, which the printed command names
+    #[arg(long, value_name = "N")]
+    seed: Option<u32>,
     /// Merge what was found, and the seeds, into the committed corpus
     #[arg(long)]
     keep: bool,
@@ -38,7 +41,7 @@ pub struct Options {
 
 impl Options {
     /// All targets from the committed corpora.
-    pub const USUAL: Self = Self { target: None, seconds: 30, keep: false, input: None };
+    pub const USUAL: Self = Self { target: None, seconds: 30, seed: None, keep: false, input: None };
 }
 
 /// A program of `tests/fuzz`.
@@ -92,7 +95,7 @@ pub fn run(options: &Options) -> Result<()> {
     let mut rows = Vec::new();
     for target in chosen {
         let place = Place::new(target, programs.join(target.name), folder.join(target.name));
-        let session = place.fuzz(options.seconds, options.keep)?;
+        let session = place.fuzz(options)?;
         if options.keep && session.finding.is_none() {
             place.keep()?;
         }
@@ -182,7 +185,8 @@ impl Place {
     }
 
     /// Fuzzes from the committed corpus, what earlier runs found, and the seeds where these are wanted or there is no corpus.
-    fn fuzz(&self, seconds: u32, with_seeds: bool) -> Result<Session> {
+    fn fuzz(&self, options: &Options) -> Result<Session> {
+        let Options { seconds, seed, keep: with_seeds, .. } = *options;
         for folder in [&self.corpus, &self.seeds, &self.merged] {
             empty(folder)?;
         }
@@ -203,6 +207,7 @@ impl Place {
         // A limit of 0 is none: then the corpus alone is run.
         command.arg(if seconds == 0 { "-runs=0".into() } else { format!("-max_total_time={seconds}") });
         command
+            .arg(format!("-seed={}", seed.unwrap_or_else(new_seed)))
             .arg(format!("-artifact_prefix={}/", self.findings.display()))
             .args(["-print_final_stats=1", "-report_slow_units=60"]);
         println!("{}", process::shown(&command));
@@ -250,6 +255,11 @@ impl Place {
         // They are in it now, as far as they reach anything.
         empty(&self.found)
     }
+}
+
+/// From the clock; not 0, which has libFuzzer choose one without a word.
+fn new_seed() -> u32 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(1, |time| time.subsec_nanos().max(1))
 }
 
 fn empty(folder: &Path) -> Result<()> {

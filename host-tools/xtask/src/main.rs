@@ -21,6 +21,7 @@ mod icount;
 mod images;
 mod imports;
 mod monitor_load;
+mod mutants;
 mod panics;
 mod platforms;
 mod process;
@@ -118,6 +119,8 @@ enum Command {
     BenchFiles(files::Options),
     /// Search for inputs that break what must hold, guided by coverage, from the corpora in tests/fuzz/corpus
     Fuzz(fuzz::Options),
+    /// Change core, wire and app in one place at a time, and list what no test notices in tests/mutants
+    Mutants(mutants::Options),
     /// Run the snippets of docs/PYTHON.md against a fresh recording
     Python,
 }
@@ -157,6 +160,7 @@ fn main() -> ExitCode {
         Command::Bench(options) => bench::run(&options),
         Command::BenchFiles(options) => files::run(&options),
         Command::Fuzz(options) => fuzz::run(&options),
+        Command::Mutants(options) => mutants::run(&options),
         Command::Python => python::run(),
     };
     match result {

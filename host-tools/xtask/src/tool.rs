@@ -1,4 +1,4 @@
-//! Cargo's subcommands by others that look at what is linked: found on this machine, or installed below `target/tools`.
+//! Cargo's subcommands by others: found on this machine, or installed below `target/tools`.
 
 use crate::{process, toolchain::at_least, tree, workspace::Workspace};
 use anyhow::{Context, Result, bail};
@@ -14,6 +14,8 @@ pub enum Tool {
     Deny,
     /// A bill of materials in the form of CycloneDX.
     CycloneDx,
+    /// Tests of the tests.
+    Mutants,
 }
 
 impl Tool {
@@ -22,6 +24,7 @@ impl Tool {
         match self {
             Self::Deny => "cargo-deny",
             Self::CycloneDx => "cargo-cyclonedx",
+            Self::Mutants => "cargo-mutants",
         }
     }
 
@@ -30,6 +33,7 @@ impl Tool {
         match self {
             Self::Deny => "deny",
             Self::CycloneDx => "cyclonedx",
+            Self::Mutants => "mutants",
         }
     }
 
@@ -38,6 +42,7 @@ impl Tool {
         match self {
             Self::Deny => "0.20.2",
             Self::CycloneDx => "0.5.9",
+            Self::Mutants => "27.1.0",
         }
     }
 
@@ -46,6 +51,7 @@ impl Tool {
         match self {
             Self::Deny => "0.18.4",
             Self::CycloneDx => "0.5.7",
+            Self::Mutants => "25.0.0",
         }
     }
 

@@ -2,7 +2,7 @@
 //!
 //! Each module is a target: `check` takes an input and panics where something does not hold, `seeds` gives inputs made of
 //! real things to begin with. `cargo xtask fuzz` compiles the programs in `src/bin` with counters of coverage and runs
-//! them; `cargo test` checks the seeds.
+//! them; `cargo test` checks the seeds and the committed corpora.
 //!
 //! ```text
 //! seeds -> corpus/TARGET (packed, committed) -> libFuzzer -> inputs of new coverage -> corpus (`--keep`)
@@ -54,17 +54,29 @@ pub fn write_seeds(seeds: fn() -> Vec<Vec<u8>>) {
 
 #[cfg(test)]
 mod tests {
-    macro_rules! seeds_hold {
+    /// Inputs of a packed corpus: each has its length (u32, little-endian) before it.
+    fn unpacked(mut packed: &[u8]) -> Vec<&[u8]> {
+        let mut inputs = Vec::new();
+        while let Some((length, rest)) = packed.split_first_chunk() {
+            let (input, rest) = rest.split_at(u32::from_le_bytes(*length) as usize);
+            inputs.push(input);
+            packed = rest;
+        }
+        inputs
+    }
+
+    macro_rules! seeds_and_corpora_hold {
         ($($name:ident)+) => {$(
             #[test]
             fn $name() {
                 let seeds = crate::$name::seeds();
-                assert!(seeds.len() > 3);
-                seeds.iter().for_each(|seed| crate::$name::check(seed));
+                let corpus = unpacked(include_bytes!(concat!("../corpus/", stringify!($name))));
+                assert!(seeds.len() > 3 && corpus.len() > 3);
+                seeds.iter().map(Vec::as_slice).chain(corpus).for_each(crate::$name::check);
                 crate::$name::check(&[]);
             }
         )+};
     }
 
-    seeds_hold!(commands csv dfuse estimator image mcap settings wire);
+    seeds_and_corpora_hold!(commands csv dfuse estimator image mcap settings wire);
 }

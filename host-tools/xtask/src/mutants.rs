@@ -1,0 +1,443 @@
+//! Mutation testing: which faults in core, wire and app their own tests would miss.
+//!
+//! `cargo-mutants` changes the source in one place at a time and runs the package's tests. A change that no test notices is a
+//! *survivor*. One that only a golden notices is listed apart: a golden says that something has changed, not that it is wrong.
+//! Nothing is left out, so what `#[mutants::skip]` would hide counts.
+//!
+//! The work goes on file by file: `tests/mutants/PACKAGE.md` has a row for each source file that was tested, with the sum of its
+//! contents. A run takes the files that have no row, or have changed since, and writes the table after each, so it can be
+//! ended at any time. Reasons that a person wrote beside a survivor are kept.
+
+use crate::{process, tool::Tool, tree, workspace::Workspace};
+use anyhow::{Context, Result, bail, ensure};
+use sha2::{Digest, Sha256};
+use std::{
+    cell::Cell,
+    collections::{BTreeMap, BTreeSet, VecDeque},
+    fmt::Write,
+    fs,
+    path::{Path, PathBuf},
+    time::{Duration, Instant},
+};
+
+#[derive(clap::Args, Clone, Debug)]
+pub struct Options {
+    /// Test this package alone: core, wire or app
+    package: Option<String>,
+    /// Begin no further file after so many minutes
+    #[arg(long, value_name = "N")]
+    minutes: Option<u64>,
+    /// Test this file alone, changed or not
+    #[arg(long, value_name = "FILE", requires = "package")]
+    file: Option<String>,
+    /// Print what is left to do, and test nothing
+    #[arg(long)]
+    status: bool,
+}
+
+/// A package and its tests.
+struct Package {
+    name: &'static str,
+    /// Folder of its sources, from the root.
+    sources: &'static str,
+    /// Part of the names of its goldens.
+    goldens: Option<&'static str>,
+    /// Whether its tests have passed without a change.
+    is_sound: Cell<bool>,
+}
+
+impl Package {
+    const fn new(name: &'static str, sources: &'static str, goldens: Option<&'static str>) -> Self {
+        Self { name, sources, goldens, is_sound: Cell::new(false) }
+    }
+}
+
+fn packages() -> [Package; 3] {
+    [
+        Package::new("core", "firmware/core/src", None),
+        Package::new("wire", "firmware/wire/src", Some("golden")),
+        Package::new("app", "firmware/app/src", None),
+    ]
+}
+
+/// Longest time to compile or to test one mutant \[s\]; one that takes longer counts as caught: what the compiler
+/// computes may have no end, too.
+const TIMEOUT_S: &str = "120";
+
+/// Share of the mutants that tests are to catch \[%\].
+const GOAL: f64 = 95.0;
+/// Stands where nobody has written why a survivor may live.
+const NO_REASON: &str = "no reason yet";
+
+/// What became of the mutants of one file.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+struct Tested {
+    /// Sum of the source when it was tested.
+    sum: String,
+    caught: usize,
+    /// Caught by a golden and by nothing else.
+    golden: usize,
+    survived: usize,
+}
+
+/// What is committed of a package.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+struct Record {
+    files: BTreeMap<String, Tested>,
+    /// Survivors by file, each with its reason; and what only a golden catches.
+    survivors: BTreeMap<String, Vec<(String, String)>>,
+    golden: BTreeMap<String, Vec<String>>,
+}
+
+/// Tests what is left, and fails where a package that is done misses the goal.
+pub fn run(options: &Options) -> Result<()> {
+    let is_chosen = |package: &Package| options.package.as_ref().is_none_or(|name| name == package.name);
+    let chosen: Vec<Package> = packages().into_iter().filter(is_chosen).collect();
+    ensure!(!chosen.is_empty(), "the packages are {}", packages().map(|package| package.name).join(", "));
+    let started = Instant::now();
+    let limit = options.minutes.map(|minutes| Duration::from_secs(60 * minutes));
+    let mut missed = Vec::new();
+    for package in chosen {
+        let mut record = Record::read(&package.table())?;
+        let files = package.files()?;
+        record.forget_all_but(&files);
+        let mut left = package.left(&record, &files, options.file.as_deref())?;
+        println!("{}: {} of {} files to test", package.name, left.len(), files.len());
+        if options.status {
+            continue;
+        }
+        while let Some(file) = left.pop_front() {
+            if limit.is_some_and(|limit| started.elapsed() > limit) {
+                left.push_front(file);
+                break;
+            }
+            package.test(&file, &mut record)?;
+            fs::create_dir_all(tree::root().join("tests/mutants"))?;
+            fs::write(package.table(), record.markdown(&package))?;
+        }
+        println!("{}: {}", package.name, record.summary());
+        if left.is_empty() && record.caught_percent() < GOAL {
+            missed.push(format!("{} ({:.1} %)", package.name, record.caught_percent()));
+        }
+    }
+    if !missed.is_empty() {
+        bail!("fewer than {GOAL} % are caught: {}", missed.join(", "));
+    }
+    Ok(())
+}
+
+impl Package {
+    fn table(&self) -> PathBuf {
+        tree::root().join("tests/mutants").join(format!("{}.md", self.name))
+    }
+
+    /// Its source files with the sums of their contents, tests in files of their own left out.
+    fn files(&self) -> Result<BTreeMap<String, String>> {
+        let mut files = BTreeMap::new();
+        let mut folders = vec![tree::root().join(self.sources)];
+        while let Some(folder) = folders.pop() {
+            for entry in fs::read_dir(&folder).with_context(|| format!("cannot read {}", folder.display()))? {
+                let path = entry?.path();
+                let is_source = path.extension().is_some_and(|extension| extension == "rs");
+                if path.is_dir() {
+                    folders.push(path);
+                } else if is_source && !path.file_stem().is_some_and(|stem| stem.to_string_lossy().ends_with("tests")) {
+                    files.insert(from_root(&path), sum(&fs::read(&path)?));
+                }
+            }
+        }
+        Ok(files)
+    }
+
+    /// Files that were not tested as they are.
+    fn left(&self, record: &Record, files: &BTreeMap<String, String>, only: Option<&str>) -> Result<VecDeque<String>> {
+        if let Some(only) = only {
+            let known = files.keys().find(|file| file.as_str() == only || file.ends_with(&format!("/{only}")));
+            let file = known.with_context(|| format!("there is no {only} in {}", self.sources))?;
+            return Ok([file.clone()].into());
+        }
+        let is_new = |file: &String, sum: &String| record.files.get(file).is_none_or(|tested| tested.sum != *sum);
+        Ok(files.iter().filter(|(file, sum)| is_new(file, sum)).map(|(file, _)| file.clone()).collect())
+    }
+
+    /// Tests the mutants of a file.
+    fn test(&self, file: &str, record: &mut Record) -> Result<()> {
+        let folder = Workspace::read(&tree::root())?.target.join("mutants");
+        let started = Instant::now();
+        fs::create_dir_all(folder.join(self.name))?;
+        let first = self.pass(file, &folder, self.goldens)?;
+        let last = match (self.goldens, first.missed.is_empty()) {
+            (Some(_), false) => self.pass(file, &folder, None)?.missed,
+            _ => first.missed.clone(),
+        };
+        let mut golden = first.missed.clone();
+        for mutant in &last {
+            if let Some(place) = golden.iter().position(|other| other == mutant) {
+                golden.remove(place);
+            }
+        }
+        let tested = Tested {
+            sum: sum(&fs::read(tree::root().join(file))?),
+            caught: first.caught,
+            golden: golden.len(),
+            survived: last.len(),
+        };
+        println!(
+            "{file}: {} caught, {} by a golden only, {} survived, in {:.0} s",
+            tested.caught,
+            tested.golden,
+            tested.survived,
+            started.elapsed().as_secs_f64()
+        );
+        record.take(file, tested, last, golden);
+        Ok(())
+    }
+
+    /// Tests them once, with or without the tests whose names hold a word.
+    fn pass(&self, file: &str, folder: &Path, without: Option<&str>) -> Result<Outcomes> {
+        let mut command = Tool::Mutants.command()?;
+        command.args(["--package", &format!("inerter-{}", self.name), "--file", file, "--no-shuffle"]);
+        command.args([
+            "--timeout",
+            TIMEOUT_S,
+            "--build-timeout",
+            TIMEOUT_S,
+            "--baseline",
+            if self.is_sound.get() { "skip" } else { "run" },
+        ]);
+        command
+            .args(["--cap-lints", "true", "--no-times", "--output"])
+            .arg(folder.join(self.name))
+            .args(["--", "--locked"]);
+        // Packages by others are compiled once.
+        command.env("CARGO_TARGET_DIR", folder.join("build"));
+        if let Some(word) = without {
+            command.args(["--", "--skip", word]);
+        }
+        let status = command.status().with_context(|| format!("cannot start `{}`", process::shown(&command)))?;
+        // 2: some were missed, 3: some took too long.
+        if !matches!(status.code(), Some(0 | 2 | 3)) {
+            bail!("`{}` failed ({status})", process::shown(&command));
+        }
+        self.is_sound.set(true);
+        Outcomes::read(&folder.join(self.name).join("mutants.out"))
+    }
+}
+
+/// What `cargo-mutants` found.
+struct Outcomes {
+    /// Number caught, by a test that failed or ran without end.
+    caught: usize,
+    /// What was changed where nothing failed, without line numbers.
+    missed: Vec<String>,
+}
+
+impl Outcomes {
+    fn read(folder: &Path) -> Result<Self> {
+        let lines = |name: &str| -> Result<Vec<String>> {
+            let path = folder.join(name);
+            let text = fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
+            Ok(text.lines().map(str::to_owned).collect())
+        };
+        let caught = lines("caught.txt")?.len() + lines("timeout.txt")?.len();
+        Ok(Self { caught, missed: lines("missed.txt")?.iter().map(|line| without_place(line).to_owned()).collect() })
+    }
+}
+
+/// What was changed, without the file and the place in it, which move.
+fn without_place(line: &str) -> &str {
+    line.split_once(": ").map_or(line, |(_, change)| change)
+}
+
+fn sum(bytes: &[u8]) -> String {
+    Sha256::digest(bytes).iter().take(6).fold(String::new(), |mut text, byte| {
+        // Writing to a String cannot fail.
+        let _ = write!(text, "{byte:02x}");
+        text
+    })
+}
+
+fn from_root(path: &Path) -> String {
+    let path = path.strip_prefix(tree::root()).unwrap_or(path);
+    path.components().map(|part| part.as_os_str().to_string_lossy()).collect::<Vec<_>>().join("/")
+}
+
+impl Record {
+    fn read(path: &Path) -> Result<Self> {
+        match fs::read_to_string(path) {
+            Ok(text) => Ok(Self::parse(&text)),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(Self::default()),
+            Err(error) => Err(error).with_context(|| format!("cannot read {}", path.display())),
+        }
+    }
+
+    /// Reads what [`markdown`](Self::markdown) writes.
+    fn parse(text: &str) -> Self {
+        let mut record = Self::default();
+        let (mut survivors, mut file) = (true, String::new());
+        for line in text.lines() {
+            if let Some(title) = line.strip_prefix("## ") {
+                survivors = title == SURVIVORS;
+            } else if let Some(name) = line.strip_prefix("### ") {
+                file = name.trim_matches('`').to_owned();
+            } else if let Some(change) = line.strip_prefix("- `") {
+                let (change, rest) = change.split_once('`').unwrap_or((change, ""));
+                if survivors {
+                    let reason = rest.strip_prefix(": ").unwrap_or(NO_REASON);
+                    record.survivors.entry(file.clone()).or_default().push((change.to_owned(), reason.to_owned()));
+                } else {
+                    record.golden.entry(file.clone()).or_default().push(change.to_owned());
+                }
+            } else if let [_, name, caught, golden, survived, sum, _] = line.split('|').collect::<Vec<_>>()[..]
+                && let [Ok(caught), Ok(golden), Ok(survived)] =
+                    [caught, golden, survived].map(|cell| cell.trim().parse())
+            {
+                let tested = Tested { sum: sum.trim().to_owned(), caught, golden, survived };
+                record.files.insert(name.trim().trim_matches('`').to_owned(), tested);
+            }
+        }
+        record
+    }
+
+    fn markdown(&self, package: &Package) -> String {
+        let mut text = format!(
+            "# Mutants of inerter-{}\n\nWritten by `cargo xtask mutants {0}`, which goes on with the files that have no row here or have changed \
+             since. {}.\n\n| file | caught | by a golden only | survived | sum |\n|---|--:|--:|--:|---|\n",
+            package.name,
+            self.summary()
+        );
+        // Writing to a String cannot fail.
+        for (file, Tested { sum, caught, golden, survived }) in &self.files {
+            let _ = writeln!(text, "| `{file}` | {caught} | {golden} | {survived} | {sum} |");
+        }
+        let _ = writeln!(text, "\n## {SURVIVORS}");
+        for (file, mutants) in &self.survivors {
+            let _ = writeln!(text, "\n### `{file}`\n");
+            for (change, reason) in mutants {
+                let _ = writeln!(text, "- `{change}`: {reason}");
+            }
+        }
+        if !self.golden.is_empty() {
+            let _ = writeln!(text, "\n## {GOLDEN}");
+            for (file, mutants) in &self.golden {
+                let _ = writeln!(text, "\n### `{file}`\n");
+                for change in mutants {
+                    let _ = writeln!(text, "- `{change}`");
+                }
+            }
+        }
+        text
+    }
+
+    /// Takes what became of a file's mutants. Reasons stay with what has the same change.
+    fn take(&mut self, file: &str, tested: Tested, survived: Vec<String>, golden: Vec<String>) {
+        let mut known = self.survivors.remove(file).unwrap_or_default();
+        let mut reason = |change: &String| {
+            let place = known.iter().position(|(other, _)| other == change)?;
+            Some(known.remove(place).1)
+        };
+        let survivors: Vec<_> = survived
+            .into_iter()
+            .map(|change| {
+                let reason = reason(&change).unwrap_or_else(|| NO_REASON.to_owned());
+                (change, reason)
+            })
+            .collect();
+        if !survivors.is_empty() {
+            self.survivors.insert(file.to_owned(), survivors);
+        }
+        self.golden.remove(file);
+        if !golden.is_empty() {
+            self.golden.insert(file.to_owned(), golden);
+        }
+        self.files.insert(file.to_owned(), tested);
+    }
+
+    /// Files that are gone take their rows with them.
+    fn forget_all_but(&mut self, files: &BTreeMap<String, String>) {
+        let gone: BTreeSet<String> = self.files.keys().filter(|file| !files.contains_key(*file)).cloned().collect();
+        for file in gone {
+            self.files.remove(&file);
+            self.survivors.remove(&file);
+            self.golden.remove(&file);
+        }
+    }
+
+    /// Part of all mutants that compile which tests catch \[%\].
+    fn caught_percent(&self) -> f64 {
+        let sum = |of: fn(&Tested) -> usize| self.files.values().map(of).sum::<usize>() as f64;
+        let caught = sum(|tested| tested.caught + tested.golden);
+        let all = caught + sum(|tested| tested.survived);
+        if all > 0.0 { 100.0 * caught / all } else { 100.0 }
+    }
+
+    fn summary(&self) -> String {
+        let sum = |of: fn(&Tested) -> usize| self.files.values().map(of).sum::<usize>();
+        let (caught, golden, survived) =
+            (sum(|tested| tested.caught), sum(|tested| tested.golden), sum(|tested| tested.survived));
+        let reasons = self.survivors.values().flatten().filter(|(_, reason)| reason != NO_REASON).count();
+        format!(
+            "{} files: {} of {} mutants are caught ({:.1} %, goal {GOAL} %), {golden} of them by a golden only; of {survived} survivors {reasons} have a \
+             reason",
+            self.files.len(),
+            caught + golden,
+            caught + golden + survived,
+            self.caught_percent()
+        )
+    }
+}
+
+const SURVIVORS: &str = "Survivors";
+const GOLDEN: &str = "Caught by a golden only";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn record() -> Record {
+        let mut record = Record::default();
+        let tested = |sum: &str, survived| Tested { sum: sum.into(), caught: 7, golden: 1, survived };
+        let change = "replace < with <= in Crc::table";
+        record.take(
+            "a/src/crc.rs",
+            tested("0123", 2),
+            vec![change.into(), change.into()],
+            vec!["replace f -> u8 with 0".into()],
+        );
+        record.take("a/src/lib.rs", tested("4567", 0), Vec::new(), Vec::new());
+        record.survivors.get_mut("a/src/crc.rs").unwrap()[0].1 = "the table ends there: nothing differs".into();
+        record
+    }
+
+    #[test]
+    fn what_is_written_is_read_back() {
+        assert_eq!(Record::parse(&record().markdown(&packages()[1])), record());
+    }
+
+    #[test]
+    fn reasons_stay_with_their_mutants_and_files_that_are_gone_go() {
+        let mut record = record();
+        let changes = vec!["replace a with b in new".to_owned(), "replace < with <= in Crc::table".to_owned()];
+        record.take("a/src/crc.rs", Tested::default(), changes, Vec::new());
+        let reasons: Vec<&str> = record.survivors["a/src/crc.rs"].iter().map(|(_, reason)| reason.as_str()).collect();
+        assert_eq!(reasons, [NO_REASON, "the table ends there: nothing differs"]);
+        record.forget_all_but(&[("a/src/lib.rs".to_owned(), String::new())].into());
+        assert_eq!(record.files.len(), 1);
+        assert!(record.survivors.is_empty());
+    }
+
+    #[test]
+    fn the_summary_counts_what_survives() {
+        let summary = record().summary();
+        assert!(summary.contains("16 of 18 mutants are caught (88.9 %"), "{summary}");
+        assert!(summary.contains("of 2 survivors 1 have a reason"), "{summary}");
+    }
+
+    #[test]
+    fn places_move_and_are_left_out() {
+        assert_eq!(
+            without_place("firmware/wire/src/crc.rs:14:17: replace < with == in table"),
+            "replace < with == in table"
+        );
+    }
+}
