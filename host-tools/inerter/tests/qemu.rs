@@ -84,11 +84,12 @@ fn the_image_on_a_pseudo_terminal_takes_what_is_sent_to_it() {
     let port = ready.get("port").unwrap().as_str().unwrap();
     let sent = done(folder.path(), &["send", "run.mcap", "--json", "--port", port]);
     let replayed = done(folder.path(), &["replay", "run.mcap", "--json"]);
-    let lines = |text: &str| json_lines(text).iter().map(estimate_of).collect::<Vec<_>>();
-    assert!(lines(&sent) == lines(&replayed), "{sent}\n{replayed}");
     let process = rustix::process::Pid::from_child(&child);
     rustix::process::kill_process(process, rustix::process::Signal::INT).unwrap();
     assert!(child.wait().unwrap().success());
+    // Last, as a failure would leave QEMU running.
+    let lines = |text: &str| json_lines(text).iter().map(estimate_of).collect::<Vec<_>>();
+    assert!(lines(&sent) == lines(&replayed), "{sent}\n{replayed}");
 }
 
 #[test]
