@@ -1,14 +1,15 @@
 //! Campaigns for what must never happen: kills, full disks, hostile devices, slow readers, a clock that is set.
 //!
 //! Each campaign is a test of `host-tools/inerter/tests/chaos` that runs only when it is asked for. It leaves one line with its
-//! figures; a table stands at the end.
+//! figures; a table stands at the end. With `--keep` each line also goes into `docs/tables/chaos.md`, and what stands there
+//! is not run again: so a long campaign, which is many seeds, can be ended at any time and goes on where it was.
 
 use crate::{
     process, tree,
     workspace::{Part, Workspace},
 };
 use anyhow::{Context, Result, bail};
-use std::{fs, path::Path, process::Command};
+use std::{collections::BTreeMap, fs, io::ErrorKind, path::Path, process::Command};
 
 #[derive(clap::Args, Clone, Debug)]
 pub struct Options {
@@ -23,11 +24,17 @@ pub struct Options {
     /// What all draws come from
     #[arg(long, default_value_t = Self::USUAL.seed)]
     pub seed: u64,
+    /// So many seeds, one after another
+    #[arg(long, value_name = "N", default_value_t = Self::USUAL.seeds)]
+    pub seeds: u64,
+    /// Write what passed into docs/tables/chaos.md, and leave out what stands there
+    #[arg(long)]
+    pub keep: bool,
 }
 
 impl Options {
     /// All campaigns at their usual size.
-    pub const USUAL: Self = Self { campaign: None, kills: 100, cycles: 5_000, seed: 1 };
+    pub const USUAL: Self = Self { campaign: None, kills: 100, cycles: 5_000, seed: 1, seeds: 1, keep: false };
 }
 
 /// How a campaign ended.
@@ -54,21 +61,21 @@ pub fn run(options: &Options) -> Result<()> {
         let names: Vec<&str> = all.iter().map(|test| short(test)).collect();
         bail!("no campaign of this name; there are: {}", names.join(", "));
     }
-    println!("seed {}; each line also goes to {}", options.seed, report.display());
-    for test in chosen {
-        process::heading(short(test));
-        let mut command = tests();
-        command.args(["--exact", test, "--nocapture"]);
-        for (variable, value) in [("SEED", options.seed), ("KILLS", options.kills), ("CYCLES", options.cycles)] {
-            command.env(format!("INERTER_CHAOS_{variable}"), value.to_string());
-        }
-        let ended = process::run(command.env("INERTER_CHAOS_REPORT", &report));
-        let told: Vec<Line> = lines(&read(&report)?).into_iter().filter(|line| line.name == short(test)).collect();
-        let failed = told.iter().any(|line| line.outcome == "FAILED");
-        // Neither silence nor a failure after the line passes.
-        if told.len() != 1 || ended.is_err() && !failed {
-            let line = format!("{}\tFAILED\t?\tended before it could say how\n", short(test));
-            fs::write(&report, read(&report)? + &line).with_context(|| format!("cannot write {}", report.display()))?;
+    println!("each line also goes to {}", report.display());
+    let mut kept = Kept::read()?;
+    for seed in options.seed..options.seed.saturating_add(options.seeds) {
+        for test in &chosen {
+            let key = Key { name: short(test).to_owned(), seed, kills: options.kills, cycles: options.cycles };
+            if options.keep && kept.rows.contains_key(&key) {
+                println!("{} with seed {seed} stands in {TABLE}", key.name);
+                continue;
+            }
+            process::heading(&format!("{}, seed {seed}", key.name));
+            let line = campaign(test, &key, &report)?;
+            if options.keep && line.outcome == "passed" {
+                kept.rows.insert(key, line);
+                kept.write()?;
+            }
         }
     }
     let lines = lines(&read(&report)?);
@@ -79,6 +86,88 @@ pub fn run(options: &Options) -> Result<()> {
         bail!("failed: {}", failed.join(", "));
     }
     Ok(())
+}
+
+/// Runs one, and gives its line.
+fn campaign(test: &str, key: &Key, report: &Path) -> Result<Line> {
+    let before = lines(&read(report)?).len();
+    let mut command = tests();
+    command.args(["--exact", test, "--nocapture"]);
+    for (variable, value) in [("SEED", key.seed), ("KILLS", key.kills), ("CYCLES", key.cycles)] {
+        command.env(format!("INERTER_CHAOS_{variable}"), value.to_string());
+    }
+    let ended = process::run(command.env("INERTER_CHAOS_REPORT", report));
+    let told: Vec<Line> = lines(&read(report)?).into_iter().skip(before).filter(|line| line.name == key.name).collect();
+    // Neither silence nor a failure after the line passes.
+    match &told[..] {
+        [line] if ended.is_ok() || line.outcome == "FAILED" => Ok(line.clone()),
+        _ => {
+            let line = format!("{}\tFAILED\t?\tended before it could say how\n", key.name);
+            fs::write(report, read(report)? + &line).with_context(|| format!("cannot write {}", report.display()))?;
+            lines(&line).pop().context("a line")
+        }
+    }
+}
+
+/// The committed table, from the root.
+const TABLE: &str = "docs/tables/chaos.md";
+
+/// What makes a run the same again.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Key {
+    name: String,
+    seed: u64,
+    kills: u64,
+    cycles: u64,
+}
+
+/// Runs that passed, as they stand in the table.
+#[derive(Debug, Default, PartialEq, Eq)]
+struct Kept {
+    rows: BTreeMap<Key, Line>,
+}
+
+impl Kept {
+    fn read() -> Result<Self> {
+        match fs::read_to_string(tree::root().join(TABLE)) {
+            Ok(text) => Ok(Self::parse(&text)),
+            Err(error) if error.kind() == ErrorKind::NotFound => Ok(Self::default()),
+            Err(error) => Err(error).with_context(|| format!("cannot read {TABLE}")),
+        }
+    }
+
+    fn write(&self) -> Result<()> {
+        fs::write(tree::root().join(TABLE), self.markdown()).with_context(|| format!("cannot write {TABLE}"))
+    }
+
+    fn parse(text: &str) -> Self {
+        let row = |line: &str| {
+            let [_, name, seed, kills, cycles, seconds, figures, _] =
+                line.split('|').map(str::trim).collect::<Vec<_>>()[..]
+            else {
+                return None;
+            };
+            let [Ok(seed), Ok(kills), Ok(cycles)] = [seed, kills, cycles].map(str::parse) else { return None };
+            let key = Key { name: name.to_owned(), seed, kills, cycles };
+            let [outcome, seconds, figures] = ["passed", seconds, figures].map(str::to_owned);
+            Some((key, Line { name: name.to_owned(), outcome, seconds, figures }))
+        };
+        Self { rows: text.lines().filter_map(row).collect() }
+    }
+
+    fn markdown(&self) -> String {
+        let mut text = "# Campaigns that passed\n\nWritten by `cargo xtask chaos --keep`, which leaves out what stands here. To have one run again, \
+                        take its row out. *kills* and *cycles* are the sizes that were asked for.\n\n\
+                        | campaign | seed | kills | cycles | time s | figures |\n|---|--:|--:|--:|--:|---|\n"
+            .to_owned();
+        for (Key { name, seed, kills, cycles }, Line { seconds, figures, .. }) in &self.rows {
+            text.push_str(&format!(
+                "| {name} | {seed} | {kills} | {cycles} | {seconds} | {} |\n",
+                figures.replace('|', "/")
+            ));
+        }
+        text
+    }
 }
 
 /// The tests that are campaigns, without their arguments.
@@ -119,6 +208,19 @@ fn table(lines: &[Line]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_kept_is_read_back() {
+        let key = |seed| Key { name: "kills".into(), seed, kills: 100, cycles: 5000 };
+        let line = |figures: &str| Line {
+            name: "kills".into(),
+            outcome: "passed".into(),
+            seconds: "41".into(),
+            figures: figures.into(),
+        };
+        let kept = Kept { rows: [(key(1), line("255 kills; none lost")), (key(2), line("254 kills"))].into() };
+        assert_eq!(Kept::parse(&kept.markdown()), kept);
+    }
 
     #[test]
     fn campaigns_are_found_and_told_in_a_table() {
