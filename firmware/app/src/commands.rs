@@ -193,7 +193,7 @@ impl<K: Store> Commands<'_, K> {
                 let saved = values.read(&self.in_use.defaults).settings;
                 self.app.urgent.send(Outgoing::Saved(saved)).await;
             }
-            Command::EnterDfu | Command::Reboot => return Err(Refusal::Unsupported),
+            Command::EnterDfu | Command::Reboot | Command::Measure(_) => return Err(Refusal::Unsupported),
         }
         Ok(Done::Plain)
     }

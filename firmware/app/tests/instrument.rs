@@ -5,8 +5,8 @@ mod rig;
 use inerter_app::{Pace, Restart, SourceError, Start, StoreError, wear::SAVES};
 use inerter_core::{Bank, Published, RawSample, Settings, State, Status};
 use inerter_wire::{
-    Capabilities, ClockSource, Command, Done, Event, EventKind, Fault, Frame, Record, Refusal, Reply, ResetCause,
-    Samples, SettingFault, SettingValue, SettingsValues, Source, Streams, WIRE_VERSION,
+    Capabilities, ClockSource, Command, Done, Event, EventKind, Fault, Frame, Measure, Record, Refusal, Reply,
+    ResetCause, Samples, SettingFault, SettingValue, SettingsValues, Source, Streams, WIRE_VERSION,
 };
 use rig::{IDENTITY, MemoryStore, Options, TestDevice, by_core, estimates, events, lighter, raw_samples, shaken};
 
@@ -618,6 +618,8 @@ fn what_the_board_cannot_do_is_refused() {
     for command in [
         Command::EnterDfu,
         Command::Reboot,
+        Command::Measure(Measure::Chip),
+        Command::Measure(Measure::Hang),
         Command::SaveSettings,
         Command::FactoryReset,
         Command::Start,

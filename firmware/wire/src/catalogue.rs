@@ -5,7 +5,7 @@
 //!
 //! [`Settings::TABLE`]: inerter_core::Settings::TABLE
 
-use crate::Health;
+use crate::{Health, Measured};
 use inerter_core::{Detail, Estimate, Machine, Parameter, Parameters, RawSample};
 
 /// Where a field belongs.
@@ -23,6 +23,8 @@ pub enum Group {
     Signal,
     /// The device's health.
     Health,
+    /// What a board measures of itself: raw numbers, each at the place of its [`Quantity`](crate::Quantity).
+    Measured,
 }
 
 /// One quantity.
@@ -125,6 +127,37 @@ fields! {
     Health "cpu_load_permille", "Processor load", "", "1/1000";
     Health "stack_free_bytes", "Stack never used", "", "bytes";
     Health "temperature_c", "Chip temperature", "", "°C";
+    Measured "device_id", "Device and revision", "", "";
+    Measured "flash_kb", "Flash", "", "KB";
+    Measured "package", "Package", "", "";
+    Measured "option_bytes", "Option bytes", "", "";
+    Measured "option_bytes_wanted", "Option bytes wanted", "", "";
+    Measured "reset_flags", "Reset flags at the start", "", "";
+    Measured "stack_bytes", "Stack", "", "bytes";
+    Measured "stack_free_bytes", "Stack never used", "", "bytes";
+    Measured "saves_left", "Saves left", "", "";
+    Measured "core_hz", "Clock of the core, as built", "", "Hz";
+    Measured "usb_frames", "USB frames", "", "";
+    Measured "usb_frames_cycles", "Core's clock in these USB frames", "", "cycles";
+    Measured "lsi_periods", "Periods of the 32 kHz oscillator", "", "";
+    Measured "lsi_periods_cycles", "Core's clock in these 32 kHz periods", "", "cycles";
+    Measured "clock_us", "Time by the firmware's clock", "", "µs";
+    Measured "clock_us_cycles", "Core's clock in that time", "", "cycles";
+    Measured "clock_control", "Oscillators, RCC_CR", "", "";
+    Measured "recovery_status", "Clock recovery, CRS_ISR", "", "";
+    Measured "reference_code", "Voltage reference", "", "";
+    Measured "reference_factory_code", "Voltage reference at the factory", "", "";
+    Measured "temperature_code", "Temperature sensor", "", "";
+    Measured "temperature_factory_30_code", "Temperature sensor at 30 °C, factory", "", "";
+    Measured "temperature_factory_130_code", "Temperature sensor at 130 °C, factory", "", "";
+    Measured "work_us", "Time in which work was counted", "", "µs";
+    Measured "idle_us", "Time with nothing to do", "", "µs";
+    Measured "sampling_cycles", "Work: sampling", "", "cycles";
+    Measured "estimating_cycles", "Work: estimating", "", "cycles";
+    Measured "telemetry_cycles", "Work: telemetry", "", "cycles";
+    Measured "commands_cycles", "Work: commands", "", "cycles";
+    Measured "usb_cycles", "Work: USB", "", "cycles";
+    Measured "supervising_cycles", "Work: health, lamp, watchdog", "", "cycles";
 }
 
 /// The fields of one group as this machine has them, in the order of its type.
@@ -183,6 +216,15 @@ pub fn sample(sample: &RawSample) -> impl Iterator<Item = (&'static Field, f64)>
         f64::from(force_code),
         f64::from(terminal_code),
     ])
+}
+
+/// The figures that a board measured with their fields; those of a newer board, which this table does not have, are left
+/// out.
+pub fn measured(measured: &Measured) -> impl Iterator<Item = (&'static Field, u32)> {
+    measured.figures.iter().filter_map(|figure| {
+        let field = fields(Machine::Linear, Group::Measured).nth(usize::from(figure.quantity))?;
+        Some((field, figure.value))
+    })
 }
 
 /// The device's health with its fields; `None` where the device does not know.

@@ -8,6 +8,7 @@
 //! - [`FrameReader`]: bytes in any portions to values, losses and faults; finds its footing again after anything.
 //! - [`Samples`], [`SamplesBuilder`]: batches of raw samples in few bytes.
 //! - [`SettingsValues`]: settings as numbered values, so that old and new ends understand each other.
+//! - [`Measured`]: what a board measured of itself, as numbered figures.
 //! - [`Crc32`]: the checksum of frames, also for what a device keeps.
 //! - [`EstimatorEvent`]: an event of an estimator, in a replay or in a device; [`Pairing`] makes events from records.
 //! - [`catalogue`]: name, label, symbol and unit of every number that a view can show.
@@ -23,6 +24,7 @@ mod crc;
 mod event;
 mod forms;
 mod frame;
+mod measured;
 mod messages;
 pub mod protocol;
 mod record;
@@ -37,6 +39,7 @@ pub use frame::{
     Corruption, Counts, DELIMITER, EncodeError, Frame, FrameReader, MAX_FRAME, MAX_PAYLOAD, Message, Peek,
     SequenceCounter, encode, encode_record, encode_request, renumber,
 };
+pub use measured::{Figure, MAX_FIGURES, Measure, Measured, Quantity};
 pub use messages::{VersionAdvice, WIRE_VERSION};
 pub use record::{
     Capabilities, ClockSource, Done, Event, EventKind, Fault, Health, Hello, Record, Reply, ResetCause, Source, Text,

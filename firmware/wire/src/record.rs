@@ -2,7 +2,7 @@
 
 use crate::forms;
 use crate::messages::messages;
-use crate::{Refusal, Samples, SettingsValues};
+use crate::{Measured, Refusal, Samples, SettingsValues};
 use core::fmt;
 use inerter_core::{Change, Detail, Estimate, Law, MoreSums, Reversal, Sums, Warning};
 use serde::{Deserialize, Serialize};
@@ -24,6 +24,7 @@ messages! {
         10 MoreSums(MoreSums) "Whole-run sums of abs(v) and dF/dt of one bank; after its Sums.";
         11 Law(#[serde(with = "forms::Law")] Law) "Whether the law holds, and how much of the residual noise and steps explain; between an Estimate and its Detail.";
         12 Saved(SettingsValues) "The settings that are kept over a restart, on Command::ReadSaved; they need not be those in use.";
+        13 Measured(Measured) "What the board measured of itself, on Command::Measure; raw numbers.";
     }
 }
 
@@ -104,6 +105,8 @@ impl Capabilities {
     pub const REBOOT: Self = Self(1 << 5);
     /// Streams the estimator's sums.
     pub const SUMS: Self = Self(1 << 6);
+    /// Measures the board itself on command (`Measure`).
+    pub const MEASURE: Self = Self(1 << 7);
 
     /// This set, and so much flash (KB).
     pub const fn with_flash_kb(self, kb: u16) -> Self {

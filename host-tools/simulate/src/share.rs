@@ -370,7 +370,12 @@ fn wants(streams: Streams, record: &Record) -> bool {
         Record::Estimate(_) | Record::Law(_) | Record::Detail(_) | Record::Reversal(_) => streams.estimates,
         Record::Sums(_) | Record::MoreSums(_) => streams.sums,
         Record::Health(_) => streams.health,
-        Record::Hello(_) | Record::Event(_) | Record::Reply(_) | Record::Settings(_) | Record::Saved(_) => true,
+        Record::Hello(_)
+        | Record::Event(_)
+        | Record::Reply(_)
+        | Record::Settings(_)
+        | Record::Saved(_)
+        | Record::Measured(_) => true,
     }
 }
 

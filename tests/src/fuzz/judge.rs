@@ -54,6 +54,8 @@ impl Model {
             }
             Command::ReadSaved if self.saved.is_none() => *result == Err(Refusal::NothingSaved),
             Command::ReadSaved => plain,
+            // Neither device can.
+            Command::Measure(_) => *result == Err(Refusal::Unsupported),
             Command::FactoryReset => {
                 (self.settings, self.saved) = (defaults(), None);
                 plain

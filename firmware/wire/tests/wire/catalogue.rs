@@ -4,7 +4,7 @@ use crate::specification::fields_of;
 use crate::values::{detail, estimate, health};
 use inerter_core::{Detail, Estimate, Machine, Parameters, RawSample, Settings};
 use inerter_wire::catalogue::{FIELDS, Field, Group, fields, find};
-use inerter_wire::{Health, catalogue};
+use inerter_wire::{Figure, Health, MAX_FIGURES, Measure, Measured, Quantity, catalogue};
 use std::collections::BTreeSet;
 
 fn paths(group: Group) -> Vec<&'static str> {
@@ -46,6 +46,9 @@ fn words_are_fit_to_show() {
             "s" => "_s",
             "1/1000" => "_permille",
             "bytes" => "_bytes",
+            "KB" => "_kb",
+            "cycles" => "_cycles",
+            "µs" => "_us",
             "°C" => "_c",
             "" => "",
             other => panic!("{path}: unit {other}"),
@@ -115,4 +118,62 @@ fn values_stand_beside_their_fields() {
         ]
     );
     assert!(catalogue::health(&Health::default()).skip(8).all(|(_, value)| value.is_none()));
+}
+
+/// Each quantity stands at the place of its number, under its own name.
+#[test]
+fn figures_stand_beside_their_fields() {
+    let snake = |quantity: Quantity| {
+        let mut path = String::new();
+        for letter in format!("{quantity:?}").chars() {
+            let begins = letter.is_uppercase() || letter.is_ascii_digit() && path.ends_with(char::is_alphabetic);
+            path.extend((begins && !path.is_empty()).then_some('_'));
+            path.extend(letter.to_lowercase());
+        }
+        path
+    };
+    let all = [
+        Quantity::DeviceId,
+        Quantity::FlashKb,
+        Quantity::Package,
+        Quantity::OptionBytes,
+        Quantity::OptionBytesWanted,
+        Quantity::ResetFlags,
+        Quantity::StackBytes,
+        Quantity::StackFreeBytes,
+        Quantity::SavesLeft,
+        Quantity::CoreHz,
+        Quantity::UsbFrames,
+        Quantity::UsbFramesCycles,
+        Quantity::LsiPeriods,
+        Quantity::LsiPeriodsCycles,
+        Quantity::ClockUs,
+        Quantity::ClockUsCycles,
+        Quantity::ClockControl,
+        Quantity::RecoveryStatus,
+        Quantity::ReferenceCode,
+        Quantity::ReferenceFactoryCode,
+        Quantity::TemperatureCode,
+        Quantity::TemperatureFactory30Code,
+        Quantity::TemperatureFactory130Code,
+        Quantity::WorkUs,
+        Quantity::IdleUs,
+        Quantity::SamplingCycles,
+        Quantity::EstimatingCycles,
+        Quantity::TelemetryCycles,
+        Quantity::CommandsCycles,
+        Quantity::UsbCycles,
+        Quantity::SupervisingCycles,
+    ];
+    assert_eq!(all.map(snake).to_vec(), paths(Group::Measured));
+    let mut measured = Measured::new(Measure::Chip);
+    measured.push(Quantity::FlashKb, 512);
+    let _ = measured.figures.push(Figure { quantity: u8::MAX, value: 7 });
+    let shown: Vec<_> = catalogue::measured(&measured).map(|(field, value)| (field.path, value)).collect();
+    assert_eq!(shown, [("flash_kb", 512)]);
+    assert_eq!((measured.get(Quantity::FlashKb), measured.get(Quantity::Package)), (Some(512), None));
+    measured.push(Quantity::FlashKb, 512);
+    assert_eq!(measured.get(Quantity::FlashKb), None, "two figures of one quantity say nothing");
+    (0..2 * MAX_FIGURES).for_each(|_| measured.push(Quantity::Package, 1));
+    assert_eq!(measured.figures.len(), MAX_FIGURES);
 }

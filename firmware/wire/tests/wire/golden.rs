@@ -5,7 +5,8 @@
 
 use crate::reference;
 use crate::values::{
-    longest_detail, longest_more_sums, longest_samples, longest_sums, most_settings, records, requests,
+    longest_detail, longest_measured, longest_more_sums, longest_samples, longest_sums, most_settings, records,
+    requests,
 };
 use inerter_core::{
     Backlash, BacklashSize, BacklashStatus, Bank, Changed, Contact, Detail, Estimate, Interval, Law, LawStatus, Misfit,
@@ -164,6 +165,7 @@ fn numbers_are_pinned() {
             Record::MoreSums(_) => (10, "MoreSums"),
             Record::Law(_) => (11, "Law"),
             Record::Saved(_) => (12, "Saved"),
+            Record::Measured(_) => (13, "Measured"),
         };
         assert_eq!((record.number(), record.name()), (number, name));
         let mut payload = [0; MAX_PAYLOAD];
@@ -186,6 +188,7 @@ fn numbers_are_pinned() {
             Command::Reboot => (12, "Reboot"),
             Command::FactoryReset => (13, "FactoryReset"),
             Command::ReadSaved => (14, "ReadSaved"),
+            Command::Measure(_) => (15, "Measure"),
         };
         assert_eq!((request.command.number(), request.command.name()), (number, name));
         let mut payload = [0; MAX_PAYLOAD];
@@ -199,12 +202,13 @@ fn numbers_are_pinned() {
         Capabilities::DFU,
         Capabilities::REBOOT,
         Capabilities::SUMS,
+        Capabilities::MEASURE,
     ];
-    assert_eq!(bits.map(|bit| bit.0), [1, 2, 4, 8, 16, 32, 64]);
+    assert_eq!(bits.map(|bit| bit.0), [1, 2, 4, 8, 16, 32, 64, 128]);
     let sized = Capabilities::DFU.with_flash_kb(128).with_flash_kb(512);
     assert_eq!((sized.0, sized.flash_kb()), (512 << 16 | 16, Some(512)));
     assert!(sized.contains(Capabilities::DFU) && !sized.contains(Capabilities::REBOOT));
-    assert_eq!(bits.map(Capabilities::flash_kb), [None; 7], "older firmware does not tell");
+    assert_eq!(bits.map(Capabilities::flash_kb), [None; 8], "older firmware does not tell");
     assert_eq!(WIRE_VERSION, 1);
 }
 
@@ -334,13 +338,20 @@ fn nested_variants_are_covered() {
                 LawStatus::Holds => "law holds",
                 LawStatus::Broken => "law broken",
             },
+            Record::Measured(measured) => match measured.what {
+                Measure::Chip => "measured chip",
+                Measure::Clocks => "measured clocks",
+                Measure::Supply => "measured supply",
+                Measure::Work => "measured work",
+                Measure::Hang => "measured nothing",
+            },
             Record::Samples(_) | Record::Estimate(_) | Record::Health(_) | Record::Settings(_) | Record::Saved(_) => {
                 "plain data"
             }
         };
         seen.insert(kind);
     }
-    assert_eq!(seen.len(), 4 + 4 + 3 + 9 + 1 + 12 + 4 + 4 + 2 + 8 + 8 + 2 + 2 + 2 + 5 + 4 + 7 + 3 + 1);
+    assert_eq!(seen.len(), 4 + 4 + 3 + 9 + 1 + 12 + 4 + 4 + 2 + 8 + 8 + 2 + 2 + 2 + 5 + 4 + 7 + 3 + 5 + 1);
 }
 
 /// A frame taken apart by hand, so that the goldens do not only agree with themselves.
@@ -423,6 +434,7 @@ fn the_longest_fit() {
         Record::Sums(longest_sums()),
         Record::MoreSums(longest_more_sums()),
         Record::Detail(longest_detail()),
+        Record::Measured(longest_measured()),
         Record::Event(Event { index: u32::MAX, kind: EventKind::Panicked(Hello::text(&text)) }),
     ] {
         let length = encode_record(&record, u16::MAX, &mut out).unwrap();

@@ -3,9 +3,10 @@
 use crate::reference;
 use crate::values::{detail, estimate, few_samples, law, reversal};
 use inerter_core::{
-    BacklashSize, BacklashStatus, Bank, Changed, Contact, LawStatus, Parameter, Reason, Regime, Route, Status,
+    BacklashSize, BacklashStatus, Bank, Changed, Contact, LawStatus, Machine, Parameter, Reason, Regime, Route, Status,
     WarningKind,
 };
+use inerter_wire::catalogue::{Field, Group, fields};
 use inerter_wire::protocol::{COMMANDS, Entry, RECORDS};
 use inerter_wire::*;
 use serde::de::DeserializeOwned;
@@ -38,6 +39,7 @@ fn registry() -> Registry {
     tracer.trace_type::<EventKind>(&traces).unwrap();
     tracer.trace_type::<SettingFault>(&traces).unwrap();
     tracer.trace_type::<Refusal>(&traces).unwrap();
+    tracer.trace_type::<Measure>(&traces).unwrap();
     tracer.trace_type::<Done>(&traces).unwrap();
     tracer.trace_type::<Result<Done, Refusal>>(&traces).unwrap();
     tracer.trace_type::<Command>(&traces).unwrap();
@@ -207,6 +209,12 @@ fn generated() -> String {
         layout(&mut out, &registry, name, &mut done);
     }
     assert_eq!(done.len(), registry.len(), "every type is described");
+    out.push_str("### Figures that a board measures\n\n| quantity | name | meaning | unit |\n|---|---|---|---|\n");
+    for (number, field) in fields(Machine::Linear, Group::Measured).enumerate() {
+        let Field { path, label, unit, .. } = field;
+        writeln!(out, "| {number} | {path} | {label} | {unit} |").unwrap();
+    }
+    out.push('\n');
     out.push_str("### Worked examples\n\n");
     let request = Request { id: 1, command: Command::Hello };
     example(&mut out, "The host's first frame, `Request { id: 1, command: Hello }`, sequence 0:", &request, 0);

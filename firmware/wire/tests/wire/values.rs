@@ -203,6 +203,19 @@ fn few_settings() -> SettingsValues {
     values
 }
 
+pub fn measured(what: Measure) -> Measured {
+    let mut measured = Measured::new(what);
+    measured.push(Quantity::DeviceId, 0x2003_6469);
+    measured.push(Quantity::FlashKb, 512);
+    measured
+}
+
+/// Figures that no others are longer than.
+pub fn longest_measured() -> Measured {
+    let figure = Figure { quantity: u8::MAX, value: u32::MAX };
+    Measured { what: Measure::Work, figures: std::iter::repeat_n(figure, MAX_FIGURES).collect() }
+}
+
 fn event(kind: EventKind) -> Record {
     Record::Event(Event { index: 300, kind })
 }
@@ -284,6 +297,12 @@ pub fn records() -> Vec<(&'static str, Record)> {
         ("Reply.Worn", reply(Err(Refusal::Worn { wait_s: 119 }))),
         ("Settings", Record::Settings(few_settings())),
         ("Saved", Record::Saved(few_settings())),
+        ("Measured", Record::Measured(measured(Measure::Chip))),
+        ("Measured.clocks", Record::Measured(measured(Measure::Clocks))),
+        ("Measured.supply", Record::Measured(measured(Measure::Supply))),
+        ("Measured.work", Record::Measured(measured(Measure::Work))),
+        ("Measured.nothing", Record::Measured(Measured::new(Measure::Hang))),
+        ("Measured.longest", Record::Measured(longest_measured())),
         ("Sums", Record::Sums(sums())),
         ("Sums.slow", Record::Sums(Sums { bank: Bank::Slow, ..sums() })),
         ("Sums.empty", Record::Sums(Sums { updates: 0, units: [1.0; 5], sums: [0; 15], ..sums() })),
@@ -343,6 +362,11 @@ pub fn requests() -> Vec<(&'static str, Request)> {
         ("Reboot", Command::Reboot),
         ("FactoryReset", Command::FactoryReset),
         ("ReadSaved", Command::ReadSaved),
+        ("Measure.chip", Command::Measure(Measure::Chip)),
+        ("Measure.clocks", Command::Measure(Measure::Clocks)),
+        ("Measure.supply", Command::Measure(Measure::Supply)),
+        ("Measure.work", Command::Measure(Measure::Work)),
+        ("Measure.hang", Command::Measure(Measure::Hang)),
     ]
     .into_iter()
     .map(|(name, command)| (name, Request { id: 513, command }))
