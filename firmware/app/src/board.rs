@@ -3,7 +3,7 @@
 use crate::wear::SAVES;
 use embedded_io_async::{Read, Write};
 use inerter_core::{RawSample, Settings, SettingsError};
-use inerter_wire::{Capabilities, ClockSource, ResetCause, SettingsValues};
+use inerter_wire::{Capabilities, ClockSource, Play, Refusal, ResetCause, SettingsValues};
 
 /// Whether a source of samples can wait.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -157,6 +157,11 @@ pub fn accept_all(_settings: &Settings) -> Result<(), SettingsError> {
     Ok(())
 }
 
+/// For a board that has no player.
+pub fn play_nothing(_play: &Play) -> Result<(u32, u16), Refusal> {
+    Err(Refusal::Unsupported)
+}
+
 /// Who the device is; the sample rate of its Hello comes from the settings.
 #[derive(Clone, Copy, Debug)]
 pub struct Identity<'a> {
@@ -174,6 +179,9 @@ pub struct Identity<'a> {
     pub capabilities: Capabilities,
     /// Whether the board can do what is asked of it, beyond [`Settings::validate`]; asked before anything changes.
     pub accepts: fn(&Settings) -> Result<(), SettingsError>,
+    /// Plays at the board's own inputs; asked for only where the capabilities have [`Capabilities::PLAYER`]. Gives the answer
+    /// of [`Done::Played`](inerter_wire::Done::Played) and the room for knots.
+    pub play: fn(&Play) -> Result<(u32, u16), Refusal>,
     /// What ended the run before this one, told to the first host.
     pub start: Start<'a>,
 }

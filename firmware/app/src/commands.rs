@@ -193,6 +193,11 @@ impl<K: Store> Commands<'_, K> {
                 let saved = values.read(&self.in_use.defaults).settings;
                 self.app.urgent.send(Outgoing::Saved(saved)).await;
             }
+            Command::Play(play) => {
+                self.require(Capabilities::PLAYER)?;
+                let (answer, free) = (self.identity.play)(play)?;
+                return Ok(Done::Played { answer, free });
+            }
             Command::EnterDfu | Command::Reboot | Command::Measure(_) => return Err(Refusal::Unsupported),
         }
         Ok(Done::Plain)

@@ -34,6 +34,7 @@ mod health;
 pub mod links;
 mod logging;
 mod messages;
+pub mod player;
 mod queue;
 mod run;
 mod sampling;
@@ -46,7 +47,7 @@ pub mod wear;
 pub use app::App;
 pub use board::{
     Board, Figures, Identity, Load, NoStore, Pace, Platform, SampleSource, SourceError, Start, Store, StoreError,
-    accept_all,
+    accept_all, play_nothing,
 };
 pub use commands::commands;
 pub use estimating::estimating;

@@ -4,7 +4,7 @@ use crate::source::{self, FileSource};
 use crate::{clock, executor, icount, semihosting, stack, usart};
 use cortex_m_rt::{ExceptionFrame, entry, exception};
 use embassy_time::Instant;
-use inerter_app::{App, Figures, Identity, InUse, Load, NoStore, Platform, Restart, Start, accept_all};
+use inerter_app::{App, Figures, Identity, InUse, Load, NoStore, Platform, Restart, Start, accept_all, play_nothing};
 use inerter_core::{Active, Settings, State};
 use inerter_wire::{Capabilities, ClockSource};
 use static_cell::ConstStaticCell;
@@ -24,6 +24,7 @@ const IDENTITY: Identity<'static> = Identity {
     clock: ClockSource::Simulated,
     capabilities: Capabilities::SAMPLER.with(Capabilities::INJECT).with(Capabilities::REBOOT),
     accepts: accept_all,
+    play: play_nothing,
     start: Start::POWER_ON,
 };
 

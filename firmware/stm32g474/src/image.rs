@@ -7,7 +7,7 @@ use crate::platform::Platform;
 use crate::reset::Started;
 use crate::source::{self, Source};
 use crate::temperature::Sensor;
-use crate::{clocks, defaults, identity, led, lpuart, options, panic, reset, stack, usb, watchdog};
+use crate::{clocks, defaults, identity, led, lpuart, options, panic, player, reset, stack, usb, watchdog};
 use defmt_rtt as _;
 use embassy_executor::Spawner;
 use embassy_futures::block_on;
@@ -114,7 +114,8 @@ fn set_up(spawner: Spawner, started: Started) {
     watchdog::start();
     options::check(start.cause);
     let (clock, peripherals) = clocks::start();
-    let Parts { led, usb, vbus, uart, source } = boards::wire(peripherals);
+    let Parts { led, usb, vbus, uart, source, player } = boards::wire(peripherals);
+    player::start(player);
     let app: &'static App = APP.init_with(App::new);
     let identity: &Identity = IDENTITY.init(Identity {
         firmware: identity::firmware(),
@@ -128,8 +129,10 @@ fn set_up(spawner: Spawner, started: Started) {
             .with(if flash::is_there() { Capabilities::STORE } else { Capabilities::NONE })
             .with(Capabilities::DFU)
             .with(Capabilities::REBOOT)
+            .with(Capabilities::PLAYER)
             .with_flash_kb(flash::size_kb()),
         accepts: source::accepts,
+        play: player::play,
         start,
     });
     let Identity { firmware, git, board, serial, .. } = *identity;

@@ -1,6 +1,6 @@
 //! Which interrupt runs which handler.
 
-use crate::{executor, lpuart, ready, rings, spi, usb};
+use crate::{executor, lpuart, player, ready, rings, spi, usb};
 use embassy_stm32::interrupt::typelevel::{Handler, Interrupt};
 use embassy_stm32::{bind_interrupts, exti, interrupt, peripherals};
 
@@ -20,6 +20,7 @@ bind_interrupts!(pub struct Interrupts {
     EXTI9_5 => exti::InterruptHandler<interrupt::typelevel::EXTI9_5>, Barrier;
     DMA1_CHANNEL3 => rings::HalfHandler, Barrier;
     DMA1_CHANNEL5 => spi::DoneHandler, Barrier;
+    DMA2_CHANNEL1 => player::HalfHandler, Barrier;
     TIM2 => ready::LatchHandler, Barrier;
     UART4 => executor::SamplingHandler, Barrier;
 });

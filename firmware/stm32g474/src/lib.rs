@@ -33,6 +33,7 @@ mod lpuart;
 mod options;
 mod panic;
 mod platform;
+mod player;
 mod ready;
 mod reset;
 mod rings;

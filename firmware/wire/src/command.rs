@@ -1,7 +1,7 @@
 //! What a host asks of a device.
 
 use crate::messages::messages;
-use crate::{Measure, Samples, SettingsValues};
+use crate::{Measure, Play, Samples, SettingsValues};
 use serde::{Deserialize, Serialize};
 
 /// A command with the number that its reply will carry.
@@ -33,6 +33,7 @@ messages! {
         13 FactoryReset "Erase the settings store and put the board's defaults in use.";
         14 ReadSaved "Send the Saved record with the settings that are kept over a restart.";
         15 Measure(Measure) "Measure something of the board itself, and send the Measured record. The reply comes when it is done.";
+        16 Play(Play) "Put signals out at pins that jumpers lead to the inputs; Capabilities::PLAYER.";
     }
 }
 

@@ -26,6 +26,7 @@ mod forms;
 mod frame;
 mod measured;
 mod messages;
+mod play;
 pub mod protocol;
 mod record;
 mod refusal;
@@ -41,6 +42,7 @@ pub use frame::{
 };
 pub use measured::{Figure, MAX_FIGURES, Measure, Measured, Quantity};
 pub use messages::{VersionAdvice, WIRE_VERSION};
+pub use play::{Knot, Play};
 pub use record::{
     Capabilities, ClockSource, Done, Event, EventKind, Fault, Health, Hello, Record, Reply, ResetCause, Source, Text,
 };

@@ -107,6 +107,8 @@ impl Capabilities {
     pub const SUMS: Self = Self(1 << 6);
     /// Measures the board itself on command (`Measure`).
     pub const MEASURE: Self = Self(1 << 7);
+    /// Puts out signals for its own inputs (`Play`).
+    pub const PLAYER: Self = Self(1 << 8);
 
     /// This set, and so much flash (KB).
     pub const fn with_flash_kb(self, kb: u16) -> Self {
@@ -313,6 +315,13 @@ pub enum Done {
         /// Samples taken since the first `Inject`, wrapping at 2^32.
         accepted: u32,
         /// Samples that can be sent at once now without being refused.
+        free: u16,
+    },
+    /// The player does so.
+    Played {
+        /// What [`Play`](crate::Play) says of each.
+        answer: u32,
+        /// Knots that find room now.
         free: u16,
     },
 }

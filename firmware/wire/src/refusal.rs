@@ -44,6 +44,8 @@ pub enum Refusal {
         /// Time in which it may be written again, in seconds.
         wait_s: u16,
     },
+    /// Nothing is played: the player was not begun, or has let go as nothing came for long.
+    NotPlaying,
 }
 
 /// What is wrong with a setting's value.
@@ -144,6 +146,7 @@ impl fmt::Display for Refusal {
                 f,
                 "the device's flash was written so often lately that it would not last: try again in {wait_s} s"
             ),
+            Self::NotPlaying => f.write_str("the device plays nothing: begin first, and send in time"),
         }
     }
 }

@@ -172,6 +172,7 @@ fn refusal_help(refusal: &Refusal) -> &'static str {
         Refusal::Source => "choose the front end that is wired with --set front_end, or check its wiring",
         Refusal::NothingSaved => "`inerter settings backup FILE.toml`, without --saved, writes those in use",
         Refusal::SavedUnreadable => "`inerter settings factory-reset` erases it",
+        Refusal::NotPlaying => "let nothing else take the computer's time, and start again",
         Refusal::Worn { .. } => "nothing was written; a script should save once, when all settings are made",
     }
 }

@@ -19,6 +19,7 @@ use embassy_time::{Instant, Timer};
 use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 use inerter_app::{
     App, Board, Figures, Identity, Pace, Platform, SampleSource, SourceError, Start, Store, StoreError, accept_all,
+    play_nothing,
 };
 use inerter_core::{RawSample, Settings, State};
 use inerter_plant::Sample;
@@ -118,6 +119,7 @@ impl VirtualDevice {
                             .with(Capabilities::STORE)
                             .with(Capabilities::REBOOT),
                         accepts: accept_all,
+                        play: play_nothing,
                         start,
                     },
                     defaults: settings,

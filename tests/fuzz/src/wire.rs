@@ -12,7 +12,7 @@ use inerter_core::{RawSample, Settings};
 use inerter_tests::fuzz::{Stream, corpus};
 use inerter_wire::{
     Command, Counts, DELIMITER, Done, Event, EventKind, Fault, Frame, FrameReader, Health, MAX_FRAME, MAX_PAYLOAD,
-    Message, Record, Refusal, Reply, Request, Samples, SequenceCounter, SettingsValues, encode, encode_record,
+    Message, Play, Record, Refusal, Reply, Request, Samples, SequenceCounter, SettingsValues, encode, encode_record,
     renumber,
 };
 
@@ -223,7 +223,7 @@ pub fn seeds() -> Vec<Vec<u8>> {
             add(REQUESTS, &item.bytes);
         }
     }
-    for command in [Command::Hello, Command::ReadSaved, Command::Tare, Command::InjectEnd, Command::EnterDfu] {
+    for command in [Command::Hello, Command::ReadSaved, Command::Tare, Command::InjectEnd, Command::EnterDfu, Command::Play(Play::End)] {
         add(REQUESTS, &Stream::default().request(7, command).bytes);
     }
     seeds

@@ -80,6 +80,8 @@ impl Model {
                 matches!(result, Ok(Done::Injected { .. }) | Err(Refusal::QueueFull { .. }))
             }
             Command::InjectEnd if self.source != Source::Link => *result == Err(Refusal::NotInjecting),
+            // The virtual device has no player.
+            Command::Play(_) => *result == Err(Refusal::Unsupported),
             Command::InjectEnd => {
                 self.source = Source::Stopped;
                 matches!(result, Ok(Done::Injected { .. }))

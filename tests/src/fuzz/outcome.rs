@@ -7,6 +7,7 @@ pub fn outcome(result: &Result<Done, Refusal>) -> String {
     match result {
         Ok(Done::Plain) => "done".into(),
         Ok(Done::Injected { .. }) => "injected".into(),
+        Ok(Done::Played { .. }) => "played".into(),
         Err(Refusal::QueueFull { .. }) => "refused QueueFull".into(),
         Err(Refusal::Worn { .. }) => "refused Worn".into(),
         Err(refusal) => format!("refused {refusal:?}"),

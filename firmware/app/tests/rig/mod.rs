@@ -5,7 +5,7 @@ use embassy_time::{Duration, MockDriver};
 use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 use inerter_app::{
     App, Board, Figures, Identity, Pace, Platform, Restart, SampleSource, SourceError, Start, Store, StoreError,
-    accept_all, run,
+    accept_all, play_nothing, run,
 };
 use inerter_core::{Estimate, FrontEnd, RawSample, Settings, SettingsError, State};
 use inerter_wire::{
@@ -305,6 +305,7 @@ pub const IDENTITY: Identity<'static> = Identity {
     clock: ClockSource::Simulated,
     capabilities: Capabilities::SAMPLER.with(Capabilities::INJECT).with(Capabilities::STORE).with(Capabilities::REBOOT),
     accepts: accept_all,
+    play: play_nothing,
     start: Start::POWER_ON,
 };
 

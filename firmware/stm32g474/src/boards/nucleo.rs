@@ -9,7 +9,7 @@ use crate::ready::Ready;
 use crate::rings::{self, Rings};
 use crate::sampler::Sampler;
 use crate::source::Source;
-use crate::{lpuart, spi, usb};
+use crate::{lpuart, player, spi, usb};
 use embassy_stm32::exti::ExtiInput;
 use embassy_stm32::gpio::{Level, Output, Pull, Speed};
 use embassy_stm32::time::Hertz;
@@ -39,6 +39,8 @@ pub const fn crystal() -> Oscillator {
 /// | PA11, PA12 | USB D-, D+ |
 /// | PA8 | converter's CLKIN, 8 MHz: TIM1_CH1 |
 /// | PA15, PB3 | encoder A, B: TIM2_CH1, TIM2_CH2 (PB3 is SWO too, an input of the ST-Link) |
+/// | PA4, PA6 | self-test: volts for PA0 and PA1, DAC1_OUT1, DAC2_OUT1 |
+/// | PB1, PB2 | self-test: A and B for PA15 and PB3 |
 /// | PB10 | converter's DRDY: TIM2_CH3 |
 /// | PB11 | converter's SYNC/RESET |
 /// | PB12, PB13, PB14, PB15 | converter's CS, SCLK, DOUT, DIN: SPI2 |
@@ -60,5 +62,6 @@ pub fn wire(p: Peripherals) -> Parts {
         vbus: Some(ExtiInput::new(p.PA9, p.EXTI9, Pull::Down, Interrupts)),
         uart: lpuart::start(p.LPUART1, p.PA3, p.PA2),
         source: Source::new(sampler, converter),
+        player: player::wires(p.TIM7, (p.DAC1, p.PA4), (p.DAC2, p.PA6), p.PB1, p.PB2),
     }
 }

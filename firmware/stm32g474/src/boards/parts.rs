@@ -1,7 +1,7 @@
 //! What every board offers.
 
 use crate::source::Source;
-use crate::{lpuart, usb};
+use crate::{lpuart, player, usb};
 use embassy_stm32::exti::ExtiInput;
 use embassy_stm32::gpio::Output;
 use embassy_stm32::mode::Async;
@@ -18,4 +18,6 @@ pub struct Parts {
     pub uart: lpuart::Uart,
     /// Encoder and both front ends.
     pub source: Source,
+    /// What leads back to them by jumpers, for the self-test.
+    pub player: player::Wires,
 }

@@ -189,6 +189,7 @@ fn numbers_are_pinned() {
             Command::FactoryReset => (13, "FactoryReset"),
             Command::ReadSaved => (14, "ReadSaved"),
             Command::Measure(_) => (15, "Measure"),
+            Command::Play(_) => (16, "Play"),
         };
         assert_eq!((request.command.number(), request.command.name()), (number, name));
         let mut payload = [0; MAX_PAYLOAD];
@@ -203,12 +204,13 @@ fn numbers_are_pinned() {
         Capabilities::REBOOT,
         Capabilities::SUMS,
         Capabilities::MEASURE,
+        Capabilities::PLAYER,
     ];
-    assert_eq!(bits.map(|bit| bit.0), [1, 2, 4, 8, 16, 32, 64, 128]);
+    assert_eq!(bits.map(|bit| bit.0), [1, 2, 4, 8, 16, 32, 64, 128, 256]);
     let sized = Capabilities::DFU.with_flash_kb(128).with_flash_kb(512);
     assert_eq!((sized.0, sized.flash_kb()), (512 << 16 | 16, Some(512)));
     assert!(sized.contains(Capabilities::DFU) && !sized.contains(Capabilities::REBOOT));
-    assert_eq!(bits.map(Capabilities::flash_kb), [None; 8], "older firmware does not tell");
+    assert_eq!(bits.map(Capabilities::flash_kb), [None; 9], "older firmware does not tell");
     assert_eq!(WIRE_VERSION, 1);
 }
 
@@ -273,6 +275,7 @@ fn nested_variants_are_covered() {
             Record::Reply(reply) => match reply.result {
                 Ok(Done::Plain) => "plain",
                 Ok(Done::Injected { .. }) => "injected",
+                Ok(Done::Played { .. }) => "played",
                 Err(Refusal::Unsupported) => "unsupported",
                 Err(Refusal::Busy) => "busy",
                 Err(Refusal::QueueFull { .. }) => "queue full",
@@ -284,6 +287,7 @@ fn nested_variants_are_covered() {
                 Err(Refusal::NothingSaved) => "nothing saved",
                 Err(Refusal::SavedUnreadable) => "saved unreadable",
                 Err(Refusal::Worn { .. }) => "worn",
+                Err(Refusal::NotPlaying) => "not playing",
                 Err(Refusal::BadSetting { fault, .. }) => match fault {
                     SettingFault::Unknown => "unknown",
                     SettingFault::NotFinite => "not finite",
@@ -351,7 +355,7 @@ fn nested_variants_are_covered() {
         };
         seen.insert(kind);
     }
-    assert_eq!(seen.len(), 4 + 4 + 3 + 9 + 1 + 12 + 4 + 4 + 2 + 8 + 8 + 2 + 2 + 2 + 5 + 4 + 7 + 3 + 5 + 1);
+    assert_eq!(seen.len(), 4 + 4 + 3 + 9 + 1 + 12 + 4 + 4 + 3 + 9 + 8 + 2 + 2 + 2 + 5 + 4 + 7 + 3 + 5 + 1);
 }
 
 /// A frame taken apart by hand, so that the goldens do not only agree with themselves.
@@ -441,7 +445,10 @@ fn the_longest_fit() {
         let message = Frame::Message { sequence: u16::MAX, message: record };
         assert_eq!(read_all(&out[..length]), [message]);
     }
-    for command in [Command::Inject(longest_samples()), Command::WriteSettings(most_settings())] {
+    let longest_play = requests().into_iter().find(|(name, _)| *name == "Play.Knots.longest").map(|(_, it)| it.command);
+    for command in
+        [Command::Inject(longest_samples()), Command::WriteSettings(most_settings())].into_iter().chain(longest_play)
+    {
         let request = Request { id: u16::MAX, command };
         let length = encode_request(&request, u16::MAX, &mut out).unwrap();
         assert_eq!(read_all(&out[..length]), [Frame::Message { sequence: u16::MAX, message: request }]);

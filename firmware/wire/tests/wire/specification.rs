@@ -40,6 +40,7 @@ fn registry() -> Registry {
     tracer.trace_type::<SettingFault>(&traces).unwrap();
     tracer.trace_type::<Refusal>(&traces).unwrap();
     tracer.trace_type::<Measure>(&traces).unwrap();
+    tracer.trace_type::<Play>(&traces).unwrap();
     tracer.trace_type::<Done>(&traces).unwrap();
     tracer.trace_type::<Result<Done, Refusal>>(&traces).unwrap();
     tracer.trace_type::<Command>(&traces).unwrap();
@@ -74,6 +75,7 @@ fn form(format: &Format) -> String {
         Format::U16 => "u16".into(),
         Format::U32 => "u32".into(),
         Format::U64 => "u64".into(),
+        Format::I16 => "i16".into(),
         Format::I32 => "i32".into(),
         Format::I64 => "i64".into(),
         Format::I128 => "i128".into(),

@@ -276,6 +276,7 @@ pub fn records() -> Vec<(&'static str, Record)> {
         ("Event.Warned.DeadForce", warned(WarningKind::DeadForce)),
         ("Reply.Plain", reply(Ok(Done::Plain))),
         ("Reply.Injected", reply(Ok(Done::Injected { accepted: 320, free: 96 }))),
+        ("Reply.Played", reply(Ok(Done::Played { answer: 128_000, free: 208 }))),
         ("Reply.Unsupported", reply(Err(Refusal::Unsupported))),
         ("Reply.Busy", reply(Err(Refusal::Busy))),
         ("Reply.QueueFull", reply(Err(Refusal::QueueFull { accepted: 320, free: 0 }))),
@@ -295,6 +296,7 @@ pub fn records() -> Vec<(&'static str, Record)> {
         ("Reply.NothingSaved", reply(Err(Refusal::NothingSaved))),
         ("Reply.SavedUnreadable", reply(Err(Refusal::SavedUnreadable))),
         ("Reply.Worn", reply(Err(Refusal::Worn { wait_s: 119 }))),
+        ("Reply.NotPlaying", reply(Err(Refusal::NotPlaying))),
         ("Settings", Record::Settings(few_settings())),
         ("Saved", Record::Saved(few_settings())),
         ("Measured", Record::Measured(measured(Measure::Chip))),
@@ -340,6 +342,12 @@ pub fn records() -> Vec<(&'static str, Record)> {
     ]
 }
 
+/// As many as one command holds, the longest first.
+fn knots() -> heapless::Vec<Knot, { Knot::MAX_KNOTS }> {
+    let longest = Knot { force: u16::MAX, terminal: u16::MAX - 1, advance: -Knot::MAX_ADVANCE };
+    (0..Knot::MAX_KNOTS).map(|place| Knot { force: longest.force - place as u16, ..longest }).collect()
+}
+
 /// Names and requests for the goldens.
 pub fn requests() -> Vec<(&'static str, Request)> {
     let streams = |samples, estimates, sums, health| Command::Streams(Streams { samples, estimates, sums, health });
@@ -367,6 +375,12 @@ pub fn requests() -> Vec<(&'static str, Request)> {
         ("Measure.supply", Command::Measure(Measure::Supply)),
         ("Measure.work", Command::Measure(Measure::Work)),
         ("Measure.hang", Command::Measure(Measure::Hang)),
+        ("Play.Begin", Command::Play(Play::Begin { phase_ticks: 1312 })),
+        ("Play.Knots", Command::Play(Play::Knots(knots().iter().take(3).copied().collect()))),
+        ("Play.Knots.longest", Command::Play(Play::Knots(knots()))),
+        ("Play.Burst", Command::Play(Play::Burst { edge_ticks: 28, blocks: 1000 })),
+        ("Play.End", Command::Play(Play::End)),
+        ("Play.Progress", Command::Play(Play::Progress)),
     ]
     .into_iter()
     .map(|(name, command)| (name, Request { id: 513, command }))
