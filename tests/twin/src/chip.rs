@@ -9,6 +9,7 @@ pub mod adc;
 pub mod ads131m04;
 pub mod clocks;
 pub mod crs;
+pub mod dac;
 pub mod dbgmcu;
 pub mod dma;
 pub mod dmamux;
@@ -17,6 +18,7 @@ pub mod exti;
 pub mod flash;
 pub mod gpio;
 pub mod iwdg;
+pub mod jumpers;
 pub mod lpuart;
 mod pin;
 mod pipeline;
@@ -82,6 +84,7 @@ enum Peripheral {
     Tim4,
     Tim5,
     Tim6,
+    Tim7,
     Crs,
     Tamp,
     Iwdg,
@@ -103,6 +106,8 @@ enum Peripheral {
     Flash,
     Gpio(usize),
     Adc,
+    Dac1,
+    Dac2,
     Dbgmcu,
 }
 
@@ -120,12 +125,13 @@ const fn block(start: u32, len: u32, name: &'static str, peripheral: Peripheral,
 }
 
 /// By rising address. Where there is no gate the clock is always on.
-const BLOCKS: [Block; 33] = [
+const BLOCKS: [Block; 36] = [
     block(0x4000_0000, 0x400, "TIM2", Peripheral::Tim2, Some(Gate::apb1(0))),
     block(0x4000_0400, 0x400, "TIM3", Peripheral::Tim3, Some(Gate::apb1(1))),
     block(0x4000_0800, 0x400, "TIM4", Peripheral::Tim4, Some(Gate::apb1(2))),
     block(0x4000_0c00, 0x400, "TIM5", Peripheral::Tim5, Some(Gate::apb1(3))),
     block(0x4000_1000, 0x400, "TIM6", Peripheral::Tim6, Some(Gate::apb1(4))),
+    block(0x4000_1400, 0x400, "TIM7", Peripheral::Tim7, Some(Gate::apb1(5))),
     block(0x4000_2000, 0x400, "CRS", Peripheral::Crs, Some(Gate::apb1(8))),
     block(0x4000_2400, 0x400, "TAMP", Peripheral::Tamp, Some(Gate::apb1(10))),
     block(0x4000_3000, 0x400, "IWDG", Peripheral::Iwdg, None),
@@ -155,6 +161,8 @@ const BLOCKS: [Block; 33] = [
     block(0x4800_1800, 0x400, "GPIOG", Peripheral::Gpio(6), Some(Gate::ahb2(6))),
     // ADC1, ADC2 and their common registers; ADC3 to ADC5 behind them have a gate of their own.
     block(0x5000_0000, 0x800, "ADC", Peripheral::Adc, Some(Gate::ahb2(13))),
+    block(0x5000_0800, 0x400, "DAC1", Peripheral::Dac1, Some(Gate::ahb2(16))),
+    block(0x5000_0c00, 0x400, "DAC2", Peripheral::Dac2, Some(Gate::ahb2(17))),
     block(0xe004_2000, 0x400, "DBGMCU", Peripheral::Dbgmcu, None),
 ];
 /// ADC3, ADC4, ADC5.
@@ -202,6 +210,7 @@ mod irq {
     pub const ADC3: u32 = 47;
     pub const TIM5: u32 = 50;
     pub const TIM6_DAC: u32 = 54;
+    pub const TIM7_DAC: u32 = 55;
     pub const ADC4: u32 = 61;
     pub const ADC5: u32 = 62;
     pub const CRS: u32 = 75;
@@ -290,6 +299,17 @@ pub struct Chip {
     pub adc: adc::Adcs,
     /// The sampling clock.
     pub tim6: tim6::Tim6,
+    /// The player's clock.
+    pub tim7: tim6::Tim6,
+    /// DAC1 and DAC2.
+    pub dac: [dac::Dac; 2],
+    /// Wires from outputs to inputs, in place of the world.
+    pub jumpers: Option<jumpers::Jumpers>,
+    /// What is wrong on purpose.
+    pub planted: jumpers::Planted,
+    wired: jumpers::Wired,
+    /// Converters that a late trigger starts, and when.
+    late: std::collections::VecDeque<(Cycles, adc::Unit)>,
     /// Bus of the digital front end.
     pub spi2: spi::Spi,
     /// The digital front end, where one is connected.
@@ -342,6 +362,12 @@ impl Chip {
             transfers: 0,
             adc: Default::default(),
             tim6: Default::default(),
+            tim7: Default::default(),
+            dac: Default::default(),
+            jumpers: None,
+            planted: Default::default(),
+            wired: Default::default(),
+            late: Default::default(),
             spi2: Default::default(),
             ads131m04: None,
             usb: Default::default(),
@@ -361,6 +387,7 @@ impl Chip {
             Peripheral::Tim4 => &mut self.tim4,
             Peripheral::Tim5 => &mut self.tim5,
             Peripheral::Tim6 => &mut self.tim6,
+            Peripheral::Tim7 => &mut self.tim7,
             Peripheral::Tim8 => &mut self.tim8,
             Peripheral::Tim15 => &mut self.tim15,
             Peripheral::Tim16 => &mut self.tim16,
@@ -381,6 +408,8 @@ impl Chip {
             Peripheral::Flash => &mut self.flash,
             Peripheral::Gpio(port) => &mut self.gpio[port],
             Peripheral::Adc => &mut self.adc,
+            Peripheral::Dac1 => &mut self.dac[0],
+            Peripheral::Dac2 => &mut self.dac[1],
             Peripheral::Dbgmcu => &mut self.dbgmcu,
         }
     }
@@ -506,6 +535,7 @@ impl Chip {
                 let before = self.gpio[port].pins();
                 self.gpio[port].write(offset, value, width, now)?;
                 self.pins_changed(port, before, now);
+                self.follow_jumpers();
                 Ok(())
             }
             Peripheral::Tim2 => {
@@ -646,7 +676,7 @@ impl Chip {
     fn latch_encoder(&mut self, now: Cycles) {
         if self.encoder_is_wired() {
             let time_s = self.seconds(now);
-            let count = self.world.encoder(time_s);
+            let count = self.encoder_count(time_s);
             self.tim2.set_encoder(count);
         }
     }
@@ -700,7 +730,8 @@ impl Chip {
             (self.tim8.irq_update(), irq::TIM8_UP),
             (self.tim8.irq_compare(), irq::TIM8_CC),
             (self.tim5.irq(), irq::TIM5),
-            (self.tim6.irq(), irq::TIM6_DAC),
+            (self.tim6.irq() || self.dac[0].irq(), irq::TIM6_DAC),
+            (self.tim7.irq() || self.dac[1].irq(), irq::TIM7_DAC),
             (self.adc.irq(Unit::Three), irq::ADC3),
             (self.adc.irq(Unit::Four), irq::ADC4),
             (self.adc.irq(Unit::Five), irq::ADC5),
@@ -978,6 +1009,7 @@ mod tests {
             ("ADC3", irq::ADC3),
             ("TIM5", irq::TIM5),
             ("TIM6_DAC", irq::TIM6_DAC),
+            ("TIM7_DAC", irq::TIM7_DAC),
             ("ADC4", irq::ADC4),
             ("ADC5", irq::ADC5),
             ("CRS", irq::CRS),

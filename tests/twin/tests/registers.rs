@@ -77,6 +77,8 @@ const DROPPED: &[(&str, &str)] = &[
     ("ADCx.difsel: 0x00000001", "channel 0 is single-ended (RM0440 21.7.24)"),
     ("ADCx.isr: 0x000007ff", FLAGS),
     ("CRS.icr: 0x0000000f", ONCE),
+    ("DAC1, DAC2.dhr12r0: 0x0fff0000", "the second code of two at once, which have no model"),
+    ("DAC1, DAC2.sr: 0xf800f800", FLAGS),
     ("DBGMCU.idcode: 0xffffffff", READ_ONLY),
     ("DMAMUX1.ccrx: 0x00000080", "7 bits (RM0440 13.6.1); metapac has 8"),
     ("EXTI.pr0: 0xffffffff", FLAGS),
@@ -161,11 +163,11 @@ const DROPPED: &[(&str, &str)] = &[
     ("TIM3, TIM4.egr: 0x00000001", ONCE),
     ("TIM3, TIM4.sr: 0x00f01e5f", FLAGS),
     ("TIM3, TIM4.tisel: 0x0f0f0f0f", INPUT),
-    ("TIM6.arr: 0x000f0000", DITHER),
-    ("TIM6.cnt: 0x80000000", READ_ONLY),
-    ("TIM6.cr2: 0x02000000", "a basic timer's MMS has 3 bits (RM0440 31.4.2); metapac has 4"),
-    ("TIM6.egr: 0x00000001", ONCE),
-    ("TIM6.sr: 0x00000001", FLAGS),
+    ("TIM6, TIM7.arr: 0x000f0000", DITHER),
+    ("TIM6, TIM7.cnt: 0x80000000", READ_ONLY),
+    ("TIM6, TIM7.cr2: 0x02000000", "a basic timer's MMS has 3 bits (RM0440 31.4.2); metapac has 4"),
+    ("TIM6, TIM7.egr: 0x00000001", ONCE),
+    ("TIM6, TIM7.sr: 0x00000001", FLAGS),
     ("USB.bcdr: 0x000000f0", READ_ONLY),
     ("USB.eprx: 0x00008880", FLAGS),
     ("USB.istr: 0x0000ff9f", FLAGS),
@@ -185,6 +187,14 @@ const INPUT: &str = "inputs from elsewhere than the pin have no model";
 const NOT_MODELLED: &[(&str, &str)] = &[
     ("ADC12_COMMON: cdr", UNUSED),
     ("ADC345_COMMON: cdr", UNUSED),
+    (
+        "DAC1: swtrgr dhr12r1 dhr12l0 dhr12l1 dhr8r0 dhr8r1 dhr12rd dhr12ld dhr8rd dor1 ccr shsr0 shsr1 shhr shrr str0 str1 stmodr",
+        UNUSED,
+    ),
+    (
+        "DAC2: swtrgr dhr12r1 dhr12l0 dhr12l1 dhr8r0 dhr8r1 dhr12rd dhr12ld dhr8rd dor1 ccr shsr0 shsr1 shhr shrr str0 str1 stmodr",
+        UNUSED,
+    ),
     ("DMA1: ifcr", WRITTEN),
     ("DMA2: ifcr", WRITTEN),
     ("DMAMUX: cfr rgcfr", UNUSED),
@@ -264,6 +274,7 @@ fn svd() -> Vec<Described> {
         TIM5: cr1 cr2 smcr dier sr egr ccmr1_output ccmr2_output ccer cnt psc arr rcr ccr1 ccr2 ccr3 ccr4 bdtr
     ccr5 ccr6 ccmr3_output dtr2 ecr tisel af1 af2 dcr dmar;
         TIM6: cr1 cr2 dier sr egr cnt psc arr;
+        TIM7: cr1 cr2 dier sr egr cnt psc arr;
         TIM8: cr1 cr2 smcr dier sr egr ccmr1_output ccmr2_output ccer cnt psc arr rcr ccr1 ccr2 ccr3 ccr4 bdtr
     ccr5 ccr6 ccmr3_output dtr2 ecr tisel af1 af2 dcr dmar;
         TIM15: cr1 cr2 smcr dier sr egr ccmr1_output ccer cnt psc arr rcr ccr1 ccr2 bdtr dtr2 tisel af1 af2
@@ -272,6 +283,10 @@ fn svd() -> Vec<Described> {
     dmar;
         TIM17: cr1 cr2 dier sr egr ccmr1_output ccer cnt psc arr rcr ccr1 bdtr dtr2 tisel af1 af2 or1 dcr
     dmar;
+        DAC1: cr swtrgr dhr12r(0) dhr12r(1) dhr12l(0) dhr12l(1) dhr8r(0) dhr8r(1) dhr12rd dhr12ld dhr8rd dor(0) dor(1)
+    sr ccr mcr shsr(0) shsr(1) shhr shrr str(0) str(1) stmodr;
+        DAC2: cr swtrgr dhr12r(0) dhr12r(1) dhr12l(0) dhr12l(1) dhr8r(0) dhr8r(1) dhr12rd dhr12ld dhr8rd dor(0) dor(1)
+    sr ccr mcr shsr(0) shsr(1) shhr shrr str(0) str(1) stmodr;
         CRS: cr cfgr isr icr;
         TAMP: cr1 cr2 fltcr ier sr misr scr bkp0r bkp1r bkp2r bkp3r bkp4r bkp5r bkp6r bkp7r bkp8r bkp9r bkp10r
     bkp11r bkp12r bkp13r bkp14r bkp15r bkp16r bkp17r bkp18r bkp19r bkp20r bkp21r bkp22r bkp23r bkp24r bkp25r
@@ -405,6 +420,8 @@ fn alike(name: &str) -> String {
         "TIM2" | "TIM5" => "TIM2, TIM5",
         "TIM3" | "TIM4" => "TIM3, TIM4",
         "TIM16" | "TIM17" => "TIM16, TIM17",
+        "TIM6" | "TIM7" => "TIM6, TIM7",
+        "DAC1" | "DAC2" => "DAC1, DAC2",
         port if port.starts_with("GPIO") => "GPIOx",
         other => other,
     };
@@ -544,6 +561,9 @@ fn dma_requests_have_metapacs_numbers() {
             Request::Adc4 => ("ADC4", "ADC4"),
             Request::Adc5 => ("ADC5", "ADC5"),
             Request::Tim6Update => ("TIM6", "UP"),
+            Request::Tim7Update => ("TIM7", "UP"),
+            Request::Dac1 => ("DAC1", "CH1"),
+            Request::Dac2 => ("DAC2", "CH1"),
             Request::Spi2Receive => ("SPI2", "RX"),
             Request::Spi2Transmit => ("SPI2", "TX"),
         };
@@ -570,7 +590,7 @@ fn inputs_of_the_encoders_counter_are_metapacs() {
 fn timers_raise_metapacs_interrupts() {
     let word =
         |chip: &mut Chip, address: u32, value: u32| chip.write(address, value, Width::Word, 0).expect("a timer's");
-    for name in ["TIM1", "TIM2", "TIM3", "TIM4", "TIM5", "TIM6", "TIM8", "TIM15", "TIM16", "TIM17"] {
+    for name in ["TIM1", "TIM2", "TIM3", "TIM4", "TIM5", "TIM6", "TIM7", "TIM8", "TIM15", "TIM16", "TIM17"] {
         let timer = peripheral(name);
         let base = timer.address as u32;
         let line = |signal: &str| {
@@ -582,7 +602,7 @@ fn timers_raise_metapacs_interrupts() {
         word(&mut chip, base + 0x0c, 1);
         word(&mut chip, base + 0x14, 1);
         assert_eq!(chip.irq_lines(), 1 << line("UP"), "{name}: update");
-        if name == "TIM6" {
+        if matches!(name, "TIM6" | "TIM7") {
             continue;
         }
         word(&mut chip, base + 0x10, 0);

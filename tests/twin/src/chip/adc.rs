@@ -592,16 +592,19 @@ impl Adcs {
 
     /// A trigger output rose at `now`: sequences that wait for it begin. One that is under way goes on.
     pub fn trigger(&mut self, number: u32, now: Cycles) -> Result<(), Unknown> {
-        for unit in Unit::ALL {
-            let it = self.unit(unit);
-            let waits = it.is_started() && it.conversion.is_none();
-            // Rising edges are those of EXTEN 1 and 3.
-            if waits && it.edges() & 1 != 0 && it.cfgr >> 5 & 0x1F == number && self.is_clocked(unit.common()) {
-                let timing = self.timing(unit.common())?;
-                let phase = now % (timing.cycles.round() as Cycles).max(1);
-                self.unit_mut(unit).phase.get_or_insert(phase);
-                self.begin(unit, 0, now, timing.latency_at(now))?;
-            }
+        Unit::ALL.into_iter().try_for_each(|unit| self.trigger_one(unit, number, now))
+    }
+
+    /// The same for one of them.
+    pub fn trigger_one(&mut self, unit: Unit, number: u32, now: Cycles) -> Result<(), Unknown> {
+        let it = self.unit(unit);
+        let waits = it.is_started() && it.conversion.is_none();
+        // Rising edges are those of EXTEN 1 and 3.
+        if waits && it.edges() & 1 != 0 && it.cfgr >> 5 & 0x1F == number && self.is_clocked(unit.common()) {
+            let timing = self.timing(unit.common())?;
+            let phase = now % (timing.cycles.round() as Cycles).max(1);
+            self.unit_mut(unit).phase.get_or_insert(phase);
+            self.begin(unit, 0, now, timing.latency_at(now))?;
         }
         Ok(())
     }

@@ -16,8 +16,12 @@ pub const CHANNELS: usize = 16;
 pub enum Request {
     /// ADC1 has a result.
     Adc1 = 5,
+    /// DAC1 wants a code.
+    Dac1 = 6,
     /// TIM6 was updated.
     Tim6Update = 8,
+    /// TIM7 was updated.
+    Tim7Update = 9,
     /// SPI2 has received.
     Spi2Receive = 12,
     /// SPI2 has room to send.
@@ -30,11 +34,13 @@ pub enum Request {
     Adc4 = 38,
     /// ADC5 has a result.
     Adc5 = 39,
+    /// DAC2 wants a code.
+    Dac2 = 41,
 }
 
 impl Request {
     /// All of them.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 11] = [
         Self::Adc1,
         Self::Tim6Update,
         Self::Spi2Receive,
@@ -43,6 +49,9 @@ impl Request {
         Self::Adc3,
         Self::Adc4,
         Self::Adc5,
+        Self::Tim7Update,
+        Self::Dac1,
+        Self::Dac2,
     ];
 
     /// The request of this number; none when nothing here raises it.

@@ -11,6 +11,7 @@
 
 use super::adc::{self, Signal, TRIGGER_TIM6, Unit};
 use super::ads131m04::{CLKIN, CS, DRDY, Inputs, RESET};
+use super::dac::TRIGGER_TIM7;
 use super::dma::{CHANNELS, Direction, Dma, Transfer};
 use super::dmamux::Request;
 use super::gpio::Mode;
@@ -69,7 +70,7 @@ impl Chip {
         if self.path_fault.is_some() {
             return None;
         }
-        let own = [self.tim6.next_event(), self.adc.next_event(), self.spi2.next_event()];
+        let own = [self.tim6.next_event(), self.tim7.next_event(), self.adc.next_event(), self.spi2.next_event()];
         let edges = self.ads131m04.as_ref().and_then(|ads| ads.due());
         let stalls = [self.dma1.next_event(), self.dma2.next_event(), edges];
         let converters = Unit::ALL.into_iter().filter(|unit| self.adc.interrupts_each(*unit));
@@ -97,6 +98,10 @@ impl Chip {
         };
         match request {
             Request::Tim6Update => self.tim6.next_update().map(clock),
+            // The converters' requests come with the same timer's trigger.
+            Request::Tim7Update | Request::Dac1 | Request::Dac2 => {
+                self.tim7.next_update().map(|first| Pace::every(self.tim7.period(), first))
+            }
             Request::Adc1 => of_unit(Unit::One),
             Request::Adc2 => of_unit(Unit::Two),
             Request::Adc3 => of_unit(Unit::Three),
@@ -112,6 +117,8 @@ impl Chip {
     fn next_step(&self) -> Option<Cycles> {
         let sources = [
             self.tim6.next_update(),
+            self.tim7.next_update(),
+            self.late.front().map(|(at, _)| *at),
             self.adc.due().map(|(end, _)| end),
             self.spi2.due(),
             self.ads131m04.as_ref().and_then(|ads| ads.due()),
@@ -129,7 +136,17 @@ impl Chip {
             // Reading TIM2 for it brings the count to this moment.
             self.serve_dma(at);
             if trigger {
-                self.adc.trigger(TRIGGER_TIM6, at)?;
+                self.start_conversions(at)?;
+            }
+        }
+        while let Some((_, unit)) = self.late.pop_front_if(|(due, _)| *due <= at) {
+            self.adc.trigger_one(unit, TRIGGER_TIM6, at)?;
+        }
+        if self.tim7.next_update() == Some(at) {
+            let trigger = self.tim7.update().trigger;
+            self.serve_dma(at);
+            if trigger {
+                self.dac.iter_mut().for_each(|dac| dac.trigger(TRIGGER_TIM7, at));
             }
         }
         while let Some((_, unit)) = self.adc.due().filter(|(end, _)| *end <= at) {
@@ -144,6 +161,22 @@ impl Chip {
         }
         self.convert(at)?;
         self.serve_dma(at);
+        Ok(())
+    }
+
+    /// The sampling clock's trigger reaches the converters, each when it is planted to.
+    fn start_conversions(&mut self, at: Cycles) -> Result<(), Unknown> {
+        if self.planted.late == [0; 2] {
+            return self.adc.trigger(TRIGGER_TIM6, at);
+        }
+        let mut starts: Vec<_> = [Unit::One, Unit::Two].into_iter().zip(self.planted.late).collect();
+        starts.sort_by_key(|(_, late)| *late);
+        for (unit, late) in starts {
+            match late {
+                0 => self.adc.trigger_one(unit, TRIGGER_TIM6, at)?,
+                _ => self.late.push_back((at + late, unit)),
+            }
+        }
         Ok(())
     }
 
@@ -210,12 +243,8 @@ impl Chip {
         };
         if self.pin_mode(pin) != Mode::Analog {
             Err(Unknown { what: "a conversion of a pin that is not in analogue mode" })
-        } else if pin == self.board.force {
-            Ok(self.world.force_volts(time_s))
-        } else if pin == self.board.terminal {
-            Ok(self.world.terminal_volts(time_s))
         } else {
-            Err(Unknown { what: "a conversion of a pin to which nothing is connected" })
+            self.input_volts(pin, at, time_s)
         }
     }
 
@@ -233,6 +262,9 @@ impl Chip {
     fn is_requested(&self, request: Request) -> bool {
         match request {
             Request::Tim6Update => self.tim6.dma_request(),
+            Request::Tim7Update => self.tim7.dma_request(),
+            Request::Dac1 => self.dac[0].dma_request(),
+            Request::Dac2 => self.dac[1].dma_request(),
             Request::Adc1 => self.adc.dma_request(Unit::One),
             Request::Adc2 => self.adc.dma_request(Unit::Two),
             Request::Adc3 => self.adc.dma_request(Unit::Three),
@@ -247,6 +279,10 @@ impl Chip {
     fn serve(&mut self, request: Request, now: Cycles) -> bool {
         if !self.is_requested(request) {
             return false;
+        }
+        if self.loses(request, now) {
+            self.forget(request);
+            return true;
         }
         for channel in 0..2 * CHANNELS {
             if self.dmamux.request(channel) != request as u8 {
@@ -265,10 +301,19 @@ impl Chip {
         false
     }
 
-    fn acknowledge(&mut self, request: Request, channel: usize) {
-        if request == Request::Tim6Update {
-            self.tim6.dma_acknowledge();
+    /// The request is served. Those of the converters to codes go with their results.
+    fn forget(&mut self, request: Request) {
+        match request {
+            Request::Tim6Update => self.tim6.dma_acknowledge(),
+            Request::Tim7Update => self.tim7.dma_acknowledge(),
+            Request::Dac1 => self.dac[0].dma_acknowledge(),
+            Request::Dac2 => self.dac[1].dma_acknowledge(),
+            _ => {}
         }
+    }
+
+    fn acknowledge(&mut self, request: Request, channel: usize) {
+        self.forget(request);
         self.transfers += 1;
         let lap_ended = self.dma_mut(channel).complete(channel % CHANNELS);
         let unit = Unit::ALL.into_iter().find(|unit| unit.request() == request);

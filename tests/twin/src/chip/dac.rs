@@ -1,0 +1,285 @@
+//! The digital-to-analogue converters DAC1 and DAC2, channel 1 of each, and what their output does to a voltage.
+//!
+//! A write to the holding register reaches the output at once, or with the chosen trigger; each trigger asks for the next
+//! code by DMA. The voltage then settles like a low pass of first order ([`Quality`]).
+//! Not modelled, and refused: the second channel, wave generation, sample and hold, two codes at once, calibration.
+//!
+//! Sources: RM0440 chapter 22 (registers 22.7.1 to 22.7.16; DMA underrun 22.4.8; triggers, table 187); settling, gain and
+//! offset from DS12288, DAC characteristics.
+
+use super::adc::{CODES, REFERENCE_V};
+use super::clocks::Clocks;
+use crate::{Cycles, Registers, Unknown, Width};
+use std::collections::VecDeque;
+
+/// Number of TIM7_TRGO in TSEL.
+pub const TRIGGER_TIM7: u32 = 2;
+/// The bus clock over which HFSEL must be 2 \[Hz\].
+const FAST_HZ: f64 = 160e6;
+/// How near the rails the output comes with its buffer \[V\] (DS12288, VDAC_OUT).
+const FROM_RAIL_V: f64 = 0.2;
+/// Changes of the output that are remembered: a converter looks back less than one step.
+const REMEMBERED: usize = 4;
+
+mod cr {
+    pub const EN: u32 = 1 << 0;
+    pub const TEN: u32 = 1 << 1;
+    pub const TSEL: u32 = 0xF << 2;
+    pub const DMAEN: u32 = 1 << 12;
+    pub const DMAUDRIE: u32 = 1 << 13;
+    pub const KNOWN: u32 = EN | TEN | TSEL | DMAEN | DMAUDRIE;
+}
+
+mod sr {
+    pub const DACRDY: u32 = 1 << 11;
+    pub const DMAUDR: u32 = 1 << 13;
+}
+
+/// HFSEL in MCR.
+const HFSEL: u32 = 3 << 14;
+
+/// How good the output is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Quality {
+    /// Volts over what they should be.
+    pub gain: f64,
+    /// Volts at code 0 \[V\].
+    pub offset_v: f64,
+    /// Time constant of settling \[s\].
+    pub settling_s: f64,
+}
+
+impl Default for Quality {
+    /// Half of the gain and the offset that DS12288 allows, and 1.7 us to half a code (its typical settling time) from end
+    /// to end.
+    fn default() -> Self {
+        Self { gain: 1.0025, offset_v: 5e-3, settling_s: 0.19e-6 }
+    }
+}
+
+/// One change of the output.
+#[derive(Clone, Copy, Debug)]
+struct Change {
+    at: Cycles,
+    from_v: f64,
+    to_v: f64,
+}
+
+/// One converter.
+#[derive(Clone, Debug, Default)]
+pub struct Dac {
+    cr: u32,
+    mcr: u32,
+    holding: u32,
+    output: u32,
+    underrun: bool,
+    request: bool,
+    hclk_hz: f64,
+    quality: Quality,
+    changes: VecDeque<Change>,
+}
+
+impl Dac {
+    /// How good it is from now on.
+    pub fn set_quality(&mut self, quality: Quality) {
+        self.quality = quality;
+    }
+
+    /// A timer's trigger.
+    pub fn trigger(&mut self, number: u32, now: Cycles) {
+        if self.cr & (cr::EN | cr::TEN) != cr::EN | cr::TEN || (self.cr & cr::TSEL) >> 2 != number {
+            return;
+        }
+        self.put_out(now);
+        if self.cr & cr::DMAEN != 0 && !self.underrun {
+            // The one before was not served: no further ones until the flag is cleared.
+            self.underrun = self.request;
+            self.request = !self.underrun;
+        }
+    }
+
+    /// Whether a code is asked for by DMA.
+    pub fn dma_request(&self) -> bool {
+        self.request
+    }
+
+    /// The transfer was done.
+    pub fn dma_acknowledge(&mut self) {
+        self.request = false;
+    }
+
+    /// Level of the interrupt line.
+    pub fn irq(&self) -> bool {
+        self.underrun && self.cr & cr::DMAUDRIE != 0
+    }
+
+    /// Voltage at the pin, not far back; nothing where the output is off \[V\].
+    pub fn volts(&self, at: Cycles) -> Option<f64> {
+        if self.cr & cr::EN == 0 {
+            return None;
+        }
+        let change = self.changes.iter().rev().find(|change| change.at <= at).or(self.changes.front())?;
+        let passed_s = at.saturating_sub(change.at) as f64 / self.hclk_hz;
+        Some(change.to_v + (change.from_v - change.to_v) * (-passed_s / self.quality.settling_s).exp())
+    }
+
+    fn put_out(&mut self, now: Cycles) {
+        self.output = self.holding;
+        let Quality { gain, offset_v, .. } = self.quality;
+        let ideal_v = offset_v + gain * f64::from(self.output) / CODES * REFERENCE_V;
+        let to_v = ideal_v.clamp(FROM_RAIL_V, REFERENCE_V - FROM_RAIL_V);
+        let from_v = self.volts(now).unwrap_or(0.0);
+        self.changes.push_back(Change { at: now, from_v, to_v });
+        if self.changes.len() > REMEMBERED {
+            self.changes.pop_front();
+        }
+    }
+}
+
+impl Registers for Dac {
+    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
+        let word = match offset & !3 {
+            0x00 => self.cr,
+            0x08 => self.holding,
+            0x2C => self.output,
+            0x34 => {
+                let ready = if self.cr & cr::EN != 0 { sr::DACRDY } else { 0 };
+                ready | if self.underrun { sr::DMAUDR } else { 0 }
+            }
+            0x3C => self.mcr,
+            _ => return Err(Unknown::REGISTER),
+        };
+        Ok(width.part(word, offset))
+    }
+
+    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+        if width != Width::Word {
+            return Err(Unknown::WIDTH);
+        }
+        match offset {
+            0x00 if value & !cr::KNOWN != 0 => {
+                return Err(Unknown { what: "DAC_CR: one channel, without waves and calibration, is modelled" });
+            }
+            0x00 => {
+                if value & cr::EN != 0 && self.hclk_hz > FAST_HZ && self.mcr & HFSEL != 2 << 14 {
+                    return Err(Unknown { what: "DAC_MCR.HFSEL: the bus clock is over 160 MHz" });
+                }
+                let starts = value & !self.cr & cr::EN != 0;
+                self.cr = value;
+                if value & (cr::EN | cr::DMAEN) != cr::EN | cr::DMAEN {
+                    self.request = false;
+                }
+                if starts {
+                    self.changes.clear();
+                    self.put_out(now);
+                }
+            }
+            0x08 => {
+                self.holding = value & 0xFFF;
+                if self.cr & (cr::EN | cr::TEN) == cr::EN {
+                    self.put_out(now);
+                }
+            }
+            0x34 => self.underrun &= value & sr::DMAUDR == 0,
+            0x3C if value & !HFSEL != 0 => {
+                return Err(Unknown { what: "DAC_MCR: the normal mode with the buffer is modelled" });
+            }
+            0x3C => self.mcr = value,
+            _ => return Err(Unknown::REGISTER),
+        }
+        Ok(())
+    }
+
+    fn reset(&mut self, _: Cycles) {
+        *self = Self { hclk_hz: self.hclk_hz, quality: self.quality, ..Self::default() };
+    }
+
+    fn set_clocks(&mut self, clocks: &Clocks) {
+        self.hclk_hz = clocks.hclk_hz;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HCLK_HZ: f64 = 168e6;
+
+    fn write(dac: &mut Dac, offset: u32, value: u32, now: Cycles) {
+        dac.write(offset, value, Width::Word, now).expect("known");
+    }
+
+    fn dac(control: u32) -> Dac {
+        let mut dac = Dac::default();
+        dac.set_clocks(&Clocks { hclk_hz: HCLK_HZ, ..Clocks::POWER_ON });
+        dac.set_quality(Quality { gain: 1.0, offset_v: 0.0, settling_s: 1e-6 });
+        write(&mut dac, 0x3C, 2 << 14, 0);
+        write(&mut dac, 0x08, 2048, 0);
+        write(&mut dac, 0x00, control, 0);
+        dac
+    }
+
+    #[test]
+    fn without_a_trigger_a_code_is_put_out_at_once_and_settles() {
+        let mut dac = dac(cr::EN);
+        assert_eq!(dac.volts(168_000), Some(1.65));
+        write(&mut dac, 0x08, 1024, 168_000);
+        // One time constant.
+        let after = dac.volts(168_000 + 168).expect("on");
+        assert!((after - (0.825 + 0.825 * (-1f64).exp())).abs() < 1e-12, "{after}");
+        assert_eq!(dac.volts(167_000), Some(1.65), "looking back");
+        assert_eq!(dac.read(0x2C, Width::Word, 168_200), Ok(1024));
+        write(&mut dac, 0x00, 0, 200_000);
+        assert_eq!(dac.volts(200_001), None);
+    }
+
+    #[test]
+    fn the_buffer_does_not_reach_the_rails() {
+        let mut dac = dac(cr::EN);
+        for (code, volts) in [(0, 0.2), (4095, 3.1)] {
+            write(&mut dac, 0x08, code, 168_000);
+            assert!((dac.volts(1_000_000).expect("on") - volts).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn its_own_trigger_puts_out_and_asks_for_more() {
+        let mut dac = dac(cr::EN | cr::TEN | TRIGGER_TIM7 << 2 | cr::DMAEN | cr::DMAUDRIE);
+        write(&mut dac, 0x08, 100, 10);
+        dac.trigger(TRIGGER_TIM7 + 1, 20);
+        assert_eq!((dac.output, dac.dma_request()), (2048, false));
+        dac.trigger(TRIGGER_TIM7, 30);
+        assert_eq!((dac.output, dac.dma_request()), (100, true));
+        dac.dma_acknowledge();
+        dac.trigger(TRIGGER_TIM7, 40);
+        assert!(dac.dma_request() && !dac.irq());
+        // The transfer does not come.
+        dac.trigger(TRIGGER_TIM7, 50);
+        assert!(dac.irq() && !dac.dma_request());
+        write(&mut dac, 0x34, sr::DMAUDR, 60);
+        assert!(!dac.irq());
+    }
+
+    #[test]
+    fn what_is_not_modelled_is_refused() {
+        let mut fast = Dac::default();
+        fast.set_clocks(&Clocks { hclk_hz: HCLK_HZ, ..Clocks::POWER_ON });
+        assert!(fast.write(0x00, cr::EN, Width::Word, 0).is_err(), "HFSEL");
+        let mut dac = dac(cr::EN);
+        for (offset, value) in [(0x00, 1 << 16), (0x00, 1 << 6), (0x3C, 1), (0x20, 0)] {
+            assert!(dac.write(offset, value, Width::Word, 0).is_err(), "{offset:#x}");
+        }
+        assert!(dac.write(0x08, 1, Width::Half, 0).is_err());
+    }
+
+    #[test]
+    fn fields_are_metapacs() {
+        use crate::metapac::fields_agree;
+
+        let fields =
+            [("EN", cr::EN), ("TEN", cr::TEN), ("TSEL", cr::TSEL), ("DMAEN", cr::DMAEN), ("DMAUDRIE", cr::DMAUDRIE)];
+        fields_agree("DAC1", "CR", &fields);
+        fields_agree("DAC1", "SR", &[("DACRDY", sr::DACRDY), ("DMAUDR", sr::DMAUDR)]);
+        fields_agree("DAC1", "MCR", &[("HFSEL", HFSEL)]);
+    }
+}
