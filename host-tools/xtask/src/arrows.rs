@@ -70,6 +70,12 @@ const LAWS: &[Law] = &[
     Law::of("inerter-qemu").may_use(&["inerter-core", "inerter-wire", "inerter-app"]).with_unsafe(),
     Law::of("inerter-stm32g474").may_use(&["inerter-core", "inerter-wire", "inerter-app", "ads131m04"]).with_unsafe(),
     Law::of("inerter-plant"),
+    Law::of("inerter-jumpers").may_use(&["inerter-core", "inerter-wire", "inerter-app", "inerter-plant"]).never(&[
+        COMMAND_LINE,
+        USB,
+        SCREEN,
+        TABLES,
+    ]),
     Law::of("inerter-data")
         .may_use(&["inerter-core", "inerter-wire"])
         .tests_may_use(&["inerter-plant", "inerter-simulate"])
@@ -92,6 +98,7 @@ const LAWS: &[Law] = &[
             "inerter-wire",
             "inerter-app",
             "inerter-plant",
+            "inerter-jumpers",
             "inerter-data",
             "inerter-analysis",
             "inerter-device",
@@ -131,6 +138,7 @@ const LAWS: &[Law] = &[
             "inerter-wire",
             "inerter-app",
             "inerter-plant",
+            "inerter-jumpers",
             "ads131m04",
         ])
         .with_unsafe(),

@@ -1,0 +1,49 @@
+//! The board at the other end, whatever the way there.
+
+use inerter_wire::{Command, Done, Record, Refusal};
+
+/// A board to which somebody else keeps the link.
+pub trait Board {
+    /// Sends a command and waits for its reply; what comes meanwhile is kept for [`records`](Self::records).
+    fn request(&mut self, command: Command) -> Result<Done, JumperError>;
+
+    /// Listens for so long \[s\].
+    fn listen(&mut self, for_s: f64) -> Result<(), JumperError>;
+
+    /// Takes the records that came since the last call, each with the host's time when it had come \[s\].
+    fn records(&mut self) -> Vec<(f64, Record)>;
+}
+
+/// Why the test could not be done. That is not the board's failing it.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum JumperError {
+    /// The link failed.
+    #[error("{0}")]
+    Link(String),
+    /// The board said no.
+    #[error("the device refused to {doing}: {why}")]
+    Refused {
+        /// What was asked.
+        doing: &'static str,
+        /// Its reason.
+        why: Refusal,
+    },
+    /// The board's player stood as no knots had come.
+    #[error("this computer sent too late, {0} times: end other programs, and start again")]
+    TooLate(u32),
+    /// No samples came.
+    #[error("the device sends no samples: check the cable, and start again")]
+    NoSamples,
+    /// The settings could not be read.
+    #[error("the device does not tell its settings: update its firmware")]
+    NoSettings,
+}
+
+impl JumperError {
+    pub(crate) fn refused(doing: &'static str) -> impl Fn(Self) -> Self {
+        move |error| match error {
+            Self::Refused { why, .. } => Self::Refused { doing, why },
+            other => other,
+        }
+    }
+}

@@ -1,0 +1,118 @@
+//! A tape played, and what the board sent meanwhile.
+
+use crate::board::{Board, JumperError};
+use crate::tape::Tape;
+use inerter_core::Estimate;
+use inerter_core::RawSample;
+use inerter_wire::{Command, Done, EstimatorEvent, Event, EventKind, Fault, Knot, Pairing, Play, Record};
+
+/// Time for what is still on its way, after the knots, after a burst, and after the end \[s\].
+pub const TAIL_S: f64 = 0.06;
+/// Knots that the board shall hold at least before it is listened to at leisure.
+const AHEAD: u16 = 96;
+
+/// What the board sent while a tape was played.
+#[derive(Clone, Debug, Default)]
+pub struct Recording {
+    /// Its samples, without the time between others.
+    pub samples: Vec<RawSample>,
+    /// For each sample, when it had come \[s\].
+    pub came_s: Vec<f64>,
+    /// Its last estimate.
+    pub estimate: Option<Estimate>,
+    /// What it said is wrong.
+    pub faults: Vec<Fault>,
+    /// The phase, as it came to be \[ticks\].
+    pub phase_ticks: u32,
+    /// Edges of the burst.
+    pub edges: u32,
+}
+
+impl Recording {
+    /// Samples that are missing between the others.
+    pub fn lost(&self) -> u64 {
+        let gaps = self.samples.windows(2).map(|pair| u64::from(pair[1].index.wrapping_sub(pair[0].index)) - 1);
+        gaps.filter(|gap| *gap < 1 << 31).sum()
+    }
+
+    fn take(&mut self, board: &mut impl Board, pairing: &mut Pairing) {
+        for (came_s, record) in board.records() {
+            for event in pairing.take(&record) {
+                if let EstimatorEvent::Estimate(estimated) = event {
+                    self.estimate = Some(estimated.estimate);
+                }
+            }
+            match record {
+                Record::Samples(batch) => {
+                    for sample in batch.iter().flatten() {
+                        self.samples.push(sample);
+                        self.came_s.push(came_s);
+                    }
+                }
+                Record::Event(Event { kind: EventKind::Fault(fault), .. }) => self.faults.push(fault),
+                _ => {}
+            }
+        }
+    }
+}
+
+/// Asks something of the player; gives its answer and the room for knots.
+pub fn ask(board: &mut impl Board, doing: &'static str, play: Play) -> Result<(u32, u16), JumperError> {
+    match board.request(Command::Play(play)).map_err(JumperError::refused(doing))? {
+        Done::Played { answer, free } => Ok((answer, free)),
+        other => Err(JumperError::Link(format!("the device answers {other:?} to a request to {doing}"))),
+    }
+}
+
+/// Plays a tape, and where it is wanted a burst after it, from the last knot on.
+pub fn record(
+    board: &mut impl Board,
+    tape: &Tape,
+    phase_ticks: u16,
+    burst: Option<(u16, u16)>,
+) -> Result<Recording, JumperError> {
+    board.records();
+    let mut recording = Recording::default();
+    let mut pairing = Pairing::new();
+    let (found, mut free) = ask(board, "play", Play::Begin { phase_ticks })?;
+    recording.phase_ticks = found;
+    let full = free;
+    let mut rest = tape.knots();
+    while !rest.is_empty() {
+        let count = rest.len().min(Knot::MAX_KNOTS);
+        if usize::from(free) < count {
+            // A knot takes a millisecond.
+            let waiting = full.saturating_sub(free);
+            board.listen(f64::from(waiting.saturating_sub(AHEAD).max(count as u16 - free).min(48)) * 1e-3)?;
+            recording.take(board, &mut pairing);
+        }
+        let (batch, later) = rest.split_at(count);
+        let knots = batch.iter().copied().collect();
+        match ask(board, "take what it is to play", Play::Knots(knots)) {
+            Ok((_, room)) => {
+                free = room;
+                rest = later;
+            }
+            Err(JumperError::Refused { why: inerter_wire::Refusal::QueueFull { free: room, .. }, .. }) => free = room,
+            Err(error) => return Err(error),
+        }
+        recording.take(board, &mut pairing);
+    }
+    board.listen(f64::from(full - free) * 1e-3 + TAIL_S)?;
+    if let Some((edge_ticks, blocks)) = burst {
+        ask(board, "play a burst", Play::Burst { edge_ticks, blocks })?;
+        board.listen(f64::from(blocks) * 256.0 * f64::from(edge_ticks) / 168e6 * 1.5 + TAIL_S)?;
+        (recording.edges, _) = ask(board, "tell how far it is", Play::Progress)?;
+        board.listen(TAIL_S)?;
+    }
+    let (stood, _) = ask(board, "stop playing", Play::End)?;
+    board.listen(TAIL_S)?;
+    recording.take(board, &mut pairing);
+    if stood > 0 {
+        return Err(JumperError::TooLate(stood));
+    }
+    if recording.samples.len() < 2 {
+        return Err(JumperError::NoSamples);
+    }
+    Ok(recording)
+}

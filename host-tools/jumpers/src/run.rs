@@ -1,0 +1,138 @@
+//! The whole test, in its order.
+
+use crate::align::{ENTRIES, positions};
+use crate::board::{Board, JumperError};
+use crate::check::{Check, Measured, Report};
+use crate::motion;
+use crate::recording::{TAIL_S, record};
+use crate::sweep::sweep;
+use crate::tape::Tape;
+use crate::wires::{Chain, Levels, SETTLED_TICKS, chain, encoder, sampling};
+use inerter_core::Settings;
+use inerter_wire::{Capabilities, Command, Record, Refusal, SettingsValues, Streams};
+
+/// Ticks from edge to edge of the burst: 6 million counts a second, 1.5 MHz on each line.
+const EDGE_TICKS: u16 = 28;
+/// Edges of the burst, in units of 256.
+const BLOCKS: u16 = 500;
+/// Time for the settings to come \[s\].
+const REPLY_S: f64 = 0.1;
+
+/// Plays, measures and judges; ends with the first check that fails.
+///
+/// The pins are driven: whoever calls has made sure that no rig is connected. The settings in use are put back at the end,
+/// whatever happened; what is saved is not touched.
+///
+/// # Errors
+/// Where the test could not be done, which says nothing of the board.
+pub fn run(board: &mut impl Board) -> Result<Report, JumperError> {
+    let before = settings_in_use(board)?;
+    let outcome = measure(board);
+    let restored = [Command::WriteSettings(before), Command::ResetEstimator]
+        .into_iter()
+        .try_for_each(|command| board.request(command).map(|_| ()));
+    let report = outcome?;
+    restored.map_err(JumperError::refused("take its settings back"))?;
+    Ok(report)
+}
+
+fn settings_in_use(board: &mut impl Board) -> Result<SettingsValues, JumperError> {
+    board.records();
+    board.request(Command::Hello)?;
+    board.request(Command::ReadSettings)?;
+    board.listen(REPLY_S)?;
+    let (mut hello, mut settings) = (None, None);
+    for (_, record) in board.records() {
+        match record {
+            Record::Hello(record) => hello = Some(record),
+            Record::Settings(values) => settings = Some(values),
+            _ => {}
+        }
+    }
+    if !hello.is_some_and(|hello| hello.capabilities.contains(Capabilities::PLAYER)) {
+        return Err(JumperError::Refused { doing: "play", why: Refusal::Unsupported });
+    }
+    settings.ok_or(JumperError::NoSettings)
+}
+
+fn set_up(board: &mut impl Board, settings: &Settings) -> Result<(), JumperError> {
+    let streams = Streams { samples: true, estimates: true, ..Streams::NONE };
+    let values = SettingsValues::from(settings);
+    for (doing, command) in [
+        ("take the test's settings", Command::WriteSettings(values)),
+        ("send samples", Command::Streams(streams)),
+        ("start sampling", Command::Start),
+    ] {
+        board.request(command).map_err(JumperError::refused(doing))?;
+    }
+    board.listen(REPLY_S)
+}
+
+fn measure(board: &mut impl Board) -> Result<Report, JumperError> {
+    let mut report = Report::default();
+    set_up(board, &motion::settings(0.0))?;
+    let Some(chain) = wires(board, &mut report)? else { return Ok(report) };
+    let Some((skew_s, skew_u95_s)) = sweep(board, &mut report)? else { return Ok(report) };
+    if !burst(board, &mut report)? {
+        return Ok(report);
+    }
+    set_up(board, &motion::settings(skew_s))?;
+    board.request(Command::ResetEstimator)?;
+    let recording = record(board, &motion::tape(&chain)?, SETTLED_TICKS, None)?;
+    if report.take(sampling(&recording))
+        && report.take(motion::timebase(&recording))
+        && motion::estimates(&recording.estimate.unwrap_or_default(), &mut report)
+    {
+        report.measured = Some(Measured { skew_s, skew_u95_s, noise_lsb: chain.noise_lsb });
+    }
+    Ok(report)
+}
+
+fn wires(board: &mut impl Board, report: &mut Report) -> Result<Option<Chain>, JumperError> {
+    let levels = Levels::new();
+    let recording = match record(board, &levels.tape, SETTLED_TICKS, None) {
+        Err(JumperError::NoSamples | JumperError::Refused { why: Refusal::NoSamples, .. }) => {
+            let cause = "the converters give nothing that belongs to the sampling clock's events: another trigger starts \
+                         them, or none, or one of them is broken";
+            report.take(Check::new("sampling", "samples", "none", Some(cause.to_owned())));
+            return Ok(None);
+        }
+        other => other?,
+    };
+    if !report.take(sampling(&recording)) {
+        return Ok(None);
+    }
+    let (check, aligned) = encoder(&levels.tape, &recording);
+    if !report.take(check) {
+        return Ok(None);
+    }
+    Ok(aligned.and_then(|aligned| chain(&levels, &recording, &aligned, report)))
+}
+
+/// Whether no edge is lost as fast as they may come.
+fn burst(board: &mut impl Board, report: &mut Report) -> Result<bool, JumperError> {
+    let tape = Tape::new();
+    let recording = record(board, &tape, SETTLED_TICKS, Some((EDGE_TICKS, BLOCKS)))?;
+    let (wired, aligned) = encoder(&tape, &recording);
+    for check in [sampling(&recording), wired] {
+        if !check.passed() {
+            return Ok(report.take(check));
+        }
+    }
+    let positions = positions(&recording);
+    // Before the burst, where the tape ends; and after it, before the pins were let go.
+    let ended = aligned.map_or(0, |aligned| (tape.steps().len() as i64 - aligned.lag) / ENTRIES as i64) - 1;
+    let before = positions.get(ended.max(0) as usize).copied().unwrap_or(0.0);
+    let after = positions.iter().rev().nth((1.25 * TAIL_S * 1e3) as usize).copied().unwrap_or(0.0);
+    let counted = (after - before).round();
+    let played = f64::from(recording.edges);
+    let (wanted, lost) = (f64::from(BLOCKS) * 256.0, played - counted);
+    let cause = if played != wanted {
+        Some("the burst was not put out whole: please send this page to us".to_owned())
+    } else {
+        (lost != 0.0).then(|| "edges are lost at the highest rate: shorten the wires to A and B".to_owned())
+    };
+    let rate = 168.0 / f64::from(EDGE_TICKS);
+    let expected = format!("{wanted} counts at {rate} million a second");
+    Ok(report.take(Check::new("fast edges", expected, format!("{counted} counts of {played} edges"), cause)))
+}

@@ -1,0 +1,242 @@
+//! When the converters look: voltages change at one phase after another, and what a converter makes of a change tells how
+//! long before its look it came.
+//!
+//! A converter that looks `u` after a change sees `1 - exp(-u / tau)` of it. Over all phases that gives the settling time
+//! `tau` and the moment of the look apart from each other, each relative to the count's latch.
+
+use crate::align::{Aligned, Sums};
+use crate::board::{Board, JumperError};
+use crate::check::{Check, Report};
+use crate::recording::{Recording, record};
+use crate::tape::Tape;
+use crate::wires::{encoder, sampling};
+use inerter_core::RawSample;
+
+/// Ticks of the core's clock in a step, and in a microsecond.
+const TICKS: f64 = 2625.0;
+const TICKS_PER_US: f64 = 168.0;
+/// Phases \[ticks\]: close to each other where a sound board's converters look.
+const PHASES: [u16; 16] = [40, 60, 80, 95, 110, 140, 200, 300, 450, 700, 1312, 1968, 2125, 2375, 2525, 2585];
+/// Voltages between which both go to and fro \[sixteenths of a code\].
+const ENDS: [u16; 2] = [1000 * 16, 3000 * 16];
+/// To and fro.
+const ROUNDS: usize = 12;
+/// From the event to the aperture: 1.5 to 2.5 clocks of the trigger's latency and 24.5 of sampling, of 42 MHz \[us\].
+const LOOK_US: f64 = 0.631;
+/// How far from it a look may be \[us\].
+const NEAR_US: f64 = 0.5;
+/// Settling that a sound output stays under \[us\]: 3 us to half a code from end to end (DS12288) are a third of that.
+const SETTLING_US: f64 = 1.0;
+/// 95 % uncertainty of the look: the latencies of both DMA controllers, the phase as set, the settling's shape \[us\].
+const U95_US: f64 = 0.15;
+
+fn tape() -> Tape {
+    let mut tape = Tape::new();
+    for _ in 0..ROUNDS {
+        tape.go(ENDS[1], ENDS[0], 1);
+        tape.go(ENDS[0], ENDS[1], 1);
+    }
+    tape.hold(4);
+    tape
+}
+
+/// How many steps a channel is behind the count, as the tape has them, at one phase.
+fn behind(tape: &Tape, recording: &Recording, aligned: &Aligned, terminal: bool) -> f64 {
+    let played =
+        Sums::new(tape.steps().iter().map(|step| f64::from(if terminal { step.terminal } else { step.force })));
+    let code = |sample: &RawSample| if terminal { sample.terminal_code } else { sample.force_code };
+    // After the marker and before the end.
+    let inside = |place: usize| {
+        let steps = aligned.steps(place);
+        steps.start > 64 && steps.end < tape.steps().len() as i64 - 64
+    };
+    let seen: Vec<(usize, f64)> = recording
+        .samples
+        .iter()
+        .enumerate()
+        .filter(|(place, _)| inside(*place))
+        .map(|(place, sample)| (place, f64::from(code(sample)) / 64.0))
+        .collect();
+    let shifted = |place: usize, by: i64| {
+        let steps = aligned.steps(place);
+        played.mean(steps.start - by..steps.end - by)
+    };
+    (-2..2)
+        .map(|by| {
+            // A look between two steps' levels: (1 - part) of the one, part of the one before.
+            let rows = seen.iter().map(|(place, code)| ([1.0, shifted(*place, by), shifted(*place, by + 1)], *code));
+            let rows: Vec<_> = rows.collect();
+            let [_, later, earlier] = solve(&rows);
+            let part = earlier / (later + earlier);
+            (by as f64 + part, (part - 0.5).abs())
+        })
+        .min_by(|one, other| one.1.total_cmp(&other.1))
+        .map_or(0.0, |(behind, _)| behind)
+}
+
+/// Least squares of three unknowns, by elimination.
+fn solve(rows: &[([f64; 3], f64)]) -> [f64; 3] {
+    let mut matrix = [[0.0; 4]; 3];
+    for (row, value) in rows {
+        for i in 0..3 {
+            for j in 0..3 {
+                matrix[i][j] += row[i] * row[j];
+            }
+            matrix[i][3] += row[i] * value;
+        }
+    }
+    for i in 0..3 {
+        let best = (i..3).max_by(|&a, &b| matrix[a][i].abs().total_cmp(&matrix[b][i].abs())).unwrap_or(i);
+        matrix.swap(i, best);
+        for other in 0..3 {
+            if other != i && matrix[i][i] != 0.0 {
+                let factor = matrix[other][i] / matrix[i][i];
+                for column in i..4 {
+                    matrix[other][column] -= factor * matrix[i][column];
+                }
+            }
+        }
+    }
+    std::array::from_fn(|i| if matrix[i][i] == 0.0 { 0.0 } else { matrix[i][3] / matrix[i][i] })
+}
+
+/// When a converter looks, and how its wire settles.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Look {
+    /// From the count's latch \[us\].
+    pub at_us: f64,
+    /// Time constant \[us\].
+    pub settling_us: f64,
+}
+
+impl Look {
+    /// Steps by which it is behind the count at a phase.
+    fn behind(&self, phase_us: f64) -> f64 {
+        let period_us = TICKS / TICKS_PER_US;
+        let since_us = (self.at_us - phase_us).rem_euclid(period_us);
+        (-since_us / self.settling_us).exp() - if phase_us < self.at_us { 1.0 } else { 0.0 }
+    }
+
+    /// The one that agrees best with what was found at each phase \[us, steps\].
+    pub fn fit(found: &[(f64, f64)]) -> Self {
+        let misfit =
+            |look: &Self| found.iter().map(|(phase, behind)| (look.behind(*phase) - behind).powi(2)).sum::<f64>();
+        let grid = |at: (f64, f64), settling: (f64, f64), count: usize| {
+            let part = move |(low, high): (f64, f64), place: usize| low + (high - low) * place as f64 / count as f64;
+            (0..=count * count).map(move |place| Self {
+                at_us: part(at, place % count),
+                // Evenly in its logarithm.
+                settling_us: part((settling.0.ln(), settling.1.ln()), place / count).exp(),
+            })
+        };
+        let best = |of: &mut dyn Iterator<Item = Self>| {
+            of.min_by(|one, other| misfit(one).total_cmp(&misfit(other)))
+                .unwrap_or(Self { at_us: 0.0, settling_us: 1.0 })
+        };
+        let mut look = best(&mut grid((0.0, TICKS / TICKS_PER_US), (0.02, 4.0), 300));
+        for width in [0.1, 0.01] {
+            let (at, settling) = (look.at_us, look.settling_us);
+            look = best(&mut grid((at - width, at + width), (settling * (1.0 - width), settling * (1.0 + width)), 60));
+        }
+        look
+    }
+}
+
+/// Plays the tape at each phase and judges; gives the force's skew and its uncertainty, or nothing where a check fails \[s\].
+pub fn sweep(board: &mut impl Board, report: &mut Report) -> Result<Option<(f64, f64)>, JumperError> {
+    let tape = tape();
+    let mut found = [Vec::new(), Vec::new()];
+    for phase in PHASES {
+        let recording = record(board, &tape, phase, None)?;
+        let (check, aligned) = encoder(&tape, &recording);
+        for check in [sampling(&recording), check] {
+            if !check.passed() {
+                report.take(check);
+                return Ok(None);
+            }
+        }
+        let Some(aligned) = aligned else { return Ok(None) };
+        let phase_us = f64::from(recording.phase_ticks) / TICKS_PER_US;
+        for (list, terminal) in found.iter_mut().zip([false, true]) {
+            list.push((phase_us, behind(&tape, &recording, &aligned, terminal)));
+        }
+    }
+    let looks = found.map(|found| Look::fit(&found));
+    Ok(judge(looks, report).then_some((-looks[0].at_us * 1e-6, U95_US * 1e-6)))
+}
+
+/// Whether both converters look when they should.
+fn judge(looks: [Look; 2], report: &mut Report) -> bool {
+    let [force, terminal] = looks.map(|look| look.at_us - LOOK_US);
+    let [force_is_off, terminal_is_off] = [force, terminal].map(|off| off.abs() > NEAR_US);
+    let late = |converter: &str, off: f64| {
+        let word = if off > 0.0 { "late" } else { "early" };
+        format!("{converter} looks {:.1} us too {word}: force and position do not belong together", off.abs())
+    };
+    let cause = match (force_is_off, terminal_is_off) {
+        (false, false) => None,
+        (true, true) if (force - terminal).abs() < NEAR_US => Some(format!(
+            "both converters look {:.1} us off: they are started by another trigger than the sampling clock's",
+            force
+        )),
+        (true, _) => Some(late("the force's converter", force)),
+        (false, true) => Some(late("the terminal's converter", terminal)),
+    };
+    let expected = format!("{LOOK_US} us after the count, within {NEAR_US} us");
+    let found = format!("force {:.2} us, terminal {:.2} us", looks[0].at_us, looks[1].at_us);
+    let timed = report.take(Check::new("timing", expected, found, cause));
+    let slow = looks.iter().any(|look| look.settling_us > SETTLING_US);
+    let cause =
+        slow.then(|| "an output settles too slowly: take everything but the jumpers off PA4, PA6, PA0 and PA1".into());
+    let found = format!("{:.2} us and {:.2} us", looks[0].settling_us, looks[1].settling_us);
+    timed && report.take(Check::new("settling", format!("under {SETTLING_US} us"), found, cause))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn phases() -> impl Iterator<Item = f64> {
+        PHASES.iter().map(|ticks| f64::from(*ticks) / TICKS_PER_US)
+    }
+
+    #[test]
+    fn look_and_settling_are_found_apart() {
+        for at_us in [0.4, 0.631, 0.9, 2.631] {
+            for settling_us in [0.05, 0.19, 0.6] {
+                let look = Look { at_us, settling_us };
+                let found: Vec<_> = phases().map(|phase| (phase, look.behind(phase))).collect();
+                let fitted = Look::fit(&found);
+                assert!((fitted.at_us - at_us).abs() < 0.06, "{look:?}: {fitted:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_off_is_named() {
+        let judged = |force: f64, terminal: f64| {
+            let mut report = Report::default();
+            judge([force, terminal].map(|at_us| Look { at_us, settling_us: 0.2 }), &mut report);
+            report.checks.iter().find_map(|check| check.cause.clone())
+        };
+        assert_eq!(judged(0.63, 0.7), None);
+        assert!(judged(8.4, 8.4).is_some_and(|cause| cause.contains("another trigger")));
+        assert!(judged(2.6, 0.63).is_some_and(|cause| cause.contains("force's converter looks 2.0 us too late")));
+        assert!(judged(0.63, 2.6).is_some_and(|cause| cause.contains("terminal's converter")));
+        let mut report = Report::default();
+        assert!(!judge([Look { at_us: 0.63, settling_us: 3.0 }; 2], &mut report));
+    }
+
+    #[test]
+    fn three_unknowns_are_solved() {
+        let rows: Vec<_> = (0..9)
+            .map(|n| {
+                let n = f64::from(n);
+                ([1.0, n, n * n], 3.0 - 2.0 * n + 0.5 * n * n)
+            })
+            .collect();
+        for (got, wanted) in solve(&rows).iter().zip([3.0, -2.0, 0.5]) {
+            assert!((got - wanted).abs() < 1e-9);
+        }
+    }
+}

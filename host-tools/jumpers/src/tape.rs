@@ -1,0 +1,74 @@
+//! What is to be played, and what the outputs will be.
+
+use inerter_app::player::{Player, Step};
+use inerter_wire::Knot;
+
+/// Counts that the marker goes up and back, and the knots that it takes for each.
+const MARKER: (i32, usize) = (400, 20);
+
+/// Knots, and the steps that they become.
+#[derive(Clone, Debug)]
+pub struct Tape {
+    knots: Vec<Knot>,
+    steps: Vec<Step>,
+    player: Player,
+    last: Knot,
+}
+
+impl Tape {
+    /// Begins at rest, with a marker of the encoder's by which its samples are found.
+    pub fn new() -> Self {
+        let mut tape = Self {
+            knots: Vec::new(),
+            steps: Vec::new(),
+            player: Player::new(),
+            last: Knot { force: Knot::MIDDLE, terminal: Knot::MIDDLE, advance: 0 },
+        };
+        let (counts, knots) = MARKER;
+        let advance = (counts * 256 / knots as i32) as i16;
+        tape.hold(20);
+        tape.turn(advance, knots);
+        tape.hold(10);
+        tape.turn(-advance, knots);
+        tape.hold(10);
+        tape
+    }
+
+    /// One knot more.
+    pub fn push(&mut self, knot: Knot) {
+        self.player.head_for(&knot);
+        self.steps.extend((0..Knot::STEPS).map(|_| self.player.step()));
+        self.knots.push(knot);
+        self.last = knot;
+    }
+
+    /// Stands for so many knots; gives them.
+    pub fn hold(&mut self, knots: usize) -> std::ops::Range<usize> {
+        self.turn(0, knots)
+    }
+
+    /// Turns evenly.
+    pub fn turn(&mut self, advance: i16, knots: usize) -> std::ops::Range<usize> {
+        let first = self.knots.len();
+        for _ in 0..knots {
+            self.push(Knot { advance, ..self.last });
+        }
+        first..self.knots.len()
+    }
+
+    /// Goes to these voltages in one knot, and holds them; gives the knots that are held \[sixteenths of a code\].
+    pub fn go(&mut self, force: u16, terminal: u16, knots: usize) -> std::ops::Range<usize> {
+        self.push(Knot { force, terminal, advance: 0 });
+        self.hold(knots)
+    }
+
+    /// The knots.
+    pub fn knots(&self) -> &[Knot] {
+        &self.knots
+    }
+
+    /// What the outputs are, step by step.
+    pub fn steps(&self) -> &[Step] {
+        &self.steps
+    }
+}

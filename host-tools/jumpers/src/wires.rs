@@ -1,0 +1,194 @@
+//! The first tape: whether the wires are there, what the converters make of each other's codes, and the noise.
+
+use crate::align::{Aligned, ENTRIES, Line, align, positions};
+use crate::check::{Check, Report};
+use crate::recording::Recording;
+use crate::tape::Tape;
+use inerter_core::RawSample;
+use inerter_wire::{Fault, Knot};
+use std::ops::Range;
+
+/// Half a period after the sampling clock's event: all has settled when the converters look.
+pub const SETTLED_TICKS: u16 = 1312;
+/// Codes at which the voltages are held.
+const LEVELS: [u16; 5] = [600, 1300, 2048, 2800, 3500];
+/// Knots for which each is held.
+const HELD: usize = 24;
+/// Knots in which the noise is measured.
+const QUIET: usize = 400;
+/// Gain of converter to converter: DS12288 allows 0.5 % to one and 0.4 % to the other.
+const GAIN: Range<f64> = 0.97..1.03;
+/// Offset of both \[codes\].
+const OFFSET: f64 = 40.0;
+/// Deviation from a straight line of both \[codes\].
+const STRAIGHT: f64 = 8.0;
+/// Noise of a conversion, rms \[codes\]: 0.7 is typical (66 dB, DS12288).
+const NOISE: f64 = 2.5;
+
+/// The tape, and what it holds when.
+pub struct Levels {
+    /// What is played.
+    pub tape: Tape,
+    force: Vec<(u16, Range<usize>)>,
+    terminal: Vec<(u16, Range<usize>)>,
+    quiet: Range<usize>,
+}
+
+impl Levels {
+    /// Each voltage by itself at its levels, then rest.
+    pub fn new() -> Self {
+        let mut tape = Tape::new();
+        let force = LEVELS.map(|code| (code, tape.go(code * 16, Knot::MIDDLE, HELD))).to_vec();
+        let terminal = LEVELS.map(|code| (code, tape.go(Knot::MIDDLE, code * 16, HELD))).to_vec();
+        let quiet = tape.go(Knot::MIDDLE, Knot::MIDDLE, QUIET);
+        Self { tape, force, terminal, quiet }
+    }
+}
+
+/// What the converters make of what is put out.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Chain {
+    /// Code of the force's input by the code put out.
+    pub force: Line,
+    /// The same of the terminal's.
+    pub terminal: Line,
+    /// Noise of a force conversion, rms \[codes\].
+    pub noise_lsb: f64,
+}
+
+/// Whether the board lost nothing meanwhile; for any recording, before anything else is made of it.
+pub fn sampling(recording: &Recording) -> Check {
+    let (lost, faults) = (recording.lost(), &recording.faults);
+    let cause = if faults.contains(&Fault::SamplerMisaligned) {
+        Some("a transfer by DMA was lost, so that force, terminal and count no longer belonged together".to_owned())
+    } else if faults.contains(&Fault::SamplerOverrun) {
+        Some("a conversion was not fetched by DMA in time".to_owned())
+    } else if let Some(fault) = faults.first() {
+        Some(fault.to_string())
+    } else {
+        (lost > 0).then(|| "samples were lost on the way: check the cable, or end other programs".to_owned())
+    };
+    let said: Vec<String> = faults.iter().map(|fault| format!("{fault:?}")).collect();
+    Check::new("sampling", "no sample lost, no fault", format!("{lost} samples lost, faults: {said:?}"), cause)
+}
+
+/// Whether each edge that is played is counted, in its direction.
+pub fn encoder(tape: &Tape, recording: &Recording) -> (Check, Option<Aligned>) {
+    const NAME: &str = "encoder wires";
+    let expected = "1 count for each edge, upwards";
+    let Some(aligned) = align(tape, recording) else {
+        let positions = positions(recording);
+        let mut sorted = positions.clone();
+        sorted.sort_by(f64::total_cmp);
+        let base = sorted[sorted.len() / 2];
+        // Only one line moves: it goes back and forth by a count, upwards first where A stands high, as its pull-up has it.
+        let mean = positions.iter().map(|count| count - base).filter(|count| count.abs() < 1.5).sum::<f64>();
+        let cause = match mean / 10.0 {
+            1.0.. => "the wire to A (PB1 to PA15) is missing",
+            ..=-1.0 => "the wire to B (PB2 to PB3) is missing",
+            _ => "the wires to A (PB1 to PA15) and B (PB2 to PB3) are missing",
+        };
+        return (Check::new(NAME, expected, "no count that lasts", Some(cause.to_owned())), None);
+    };
+    let Aligned { ratio, residual_counts, .. } = aligned;
+    let cause = match ratio {
+        -1.05..-0.95 => Some("the wires to A and B are swapped: PB1 goes to PA15, PB2 to PB3"),
+        0.45..0.55 => Some("every other edge is counted: the counter takes the edges of one line only"),
+        0.99..1.01 if residual_counts < 0.5 => None,
+        _ => Some("edges are lost, or noise is counted: check the wires to A and B and the ground"),
+    };
+    let found = format!("{ratio:.4} counts, {residual_counts:.3} left");
+    (Check::new(NAME, expected, found, cause.map(str::to_owned)), Some(aligned))
+}
+
+/// Mean and deviation of a channel while knots are held; without the first two, as the voltage still moves.
+fn held(recording: &Recording, aligned: &Aligned, knots: &Range<usize>, code: fn(&RawSample) -> i32) -> (f64, f64) {
+    let steps = ((knots.start + 2) * ENTRIES) as i64..(knots.end * ENTRIES) as i64 - 2;
+    let inside = recording.samples.iter().enumerate().filter(|(place, _)| {
+        let of = aligned.steps(*place);
+        steps.start <= of.start && of.end <= steps.end
+    });
+    let codes: Vec<f64> = inside.map(|(_, sample)| f64::from(code(sample)) / ENTRIES as f64).collect();
+    let count = codes.len().max(1) as f64;
+    let mean = codes.iter().sum::<f64>() / count;
+    (mean, (codes.iter().map(|code| (code - mean).powi(2)).sum::<f64>() / count).sqrt())
+}
+
+struct Channel {
+    wire: &'static str,
+    gain: &'static str,
+    pins: &'static str,
+    swapped: &'static str,
+    code: fn(&RawSample) -> i32,
+}
+
+const FORCE: Channel = Channel {
+    wire: "force wire",
+    gain: "force gain",
+    pins: "PA4 to PA0",
+    swapped: "the wires to force and terminal are swapped: PA4 goes to PA0, PA6 to PA1",
+    code: |sample| sample.force_code,
+};
+const TERMINAL: Channel = Channel {
+    wire: "terminal wire",
+    gain: "terminal gain",
+    pins: "PA6 to PA1",
+    code: |sample| sample.terminal_code,
+    ..FORCE
+};
+
+impl Channel {
+    /// Its line by its own output, after the checks of it; nothing where one fails.
+    fn judge(
+        &self,
+        (levels, own, other): (&Levels, &[(u16, Range<usize>)], &[(u16, Range<usize>)]),
+        recording: &Recording,
+        aligned: &Aligned,
+        report: &mut Report,
+    ) -> Option<(Line, f64)> {
+        let by = |of: &[(u16, Range<usize>)]| {
+            Line::fit(of.iter().map(|(code, knots)| (f64::from(*code), held(recording, aligned, knots, self.code).0)))
+        };
+        let (own, other) = (by(own), by(other));
+        let cause = match (own.slope, other.slope) {
+            (0.5.., -0.05..0.05) => None,
+            (-0.05..0.05, 0.5..) => Some(self.swapped.to_owned()),
+            (-0.05..0.05, -0.05..0.05) => Some(format!("the wire {} is missing", self.pins)),
+            _ => Some(format!("the wire {} does not lead there alone", self.pins)),
+        };
+        let found = format!("{:.3} of its own output, {:.3} of the other", own.slope, other.slope);
+        if !report.take(Check::new(self.wire, "follows its own output alone", found, cause)) {
+            return None;
+        }
+        let good = GAIN.contains(&own.slope) && own.offset.abs() < OFFSET && own.worst < STRAIGHT;
+        let cause = (!good).then(|| {
+            format!("the wire {} is loaded, or a converter is damaged: take everything else off both pins", self.pins)
+        });
+        let expected = format!("{} to {}, offset under {OFFSET}, straight to {STRAIGHT} codes", GAIN.start, GAIN.end);
+        let found = format!("{:.4}, offset {:.1}, straight to {:.1} codes", own.slope, own.offset, own.worst);
+        if !report.take(Check::new(self.gain, expected, found, cause)) {
+            return None;
+        }
+        // Of one conversion: a sample is the mean of so many here.
+        let noise = held(recording, aligned, &levels.quiet, self.code).1 * (ENTRIES as f64).sqrt();
+        Some((own, noise))
+    }
+}
+
+/// The chain, after all checks of this tape; nothing where one fails.
+pub fn chain(levels: &Levels, recording: &Recording, aligned: &Aligned, report: &mut Report) -> Option<Chain> {
+    let force = FORCE.judge((levels, &levels.force, &levels.terminal), recording, aligned, report)?;
+    let terminal = TERMINAL.judge((levels, &levels.terminal, &levels.force), recording, aligned, report)?;
+    let noise = [force.1, terminal.1];
+    let cause = match noise.map(|noise| noise < NOISE) {
+        [true, true] => None,
+        [false, false] => {
+            Some("noise on the supply or the ground: shorten the wires, and feed the board from another port")
+        }
+        [false, true] => Some("noise on the force's wire: shorten it, and keep it from the encoder's"),
+        [true, false] => Some("noise on the terminal's wire: shorten it, and keep it from the encoder's"),
+    };
+    let found = format!("force {:.2}, terminal {:.2} codes rms", noise[0], noise[1]);
+    let check = Check::new("noise", format!("under {NOISE} codes rms"), found, cause.map(str::to_owned));
+    report.take(check).then_some(Chain { force: force.0, terminal: terminal.0, noise_lsb: noise[0] })
+}

@@ -1,0 +1,204 @@
+//! The self-test with jumpers, against the shipping image: it passes where all is well, and names each planted fault.
+
+mod common;
+
+use inerter_jumpers::{Board as Keeper, JumperError, Report, run};
+use inerter_twin::Board;
+use inerter_twin::chip::Pin;
+use inerter_twin::chip::adc::Quality;
+use inerter_twin::chip::dmamux::Request;
+use inerter_twin::chip::errata::Errata;
+use inerter_twin::chip::gpio::Mode;
+use inerter_twin::chip::jumpers::{Jumpers, Planted};
+use inerter_twin::machine::{Machine, Options, shipping_image};
+use inerter_twin::usb_link::UsbLink;
+use inerter_twin::world::Still;
+use inerter_wire::{Command, Done, Record, SettingsValues};
+
+/// The firmware has started by then \[s\].
+const STARTED_S: f64 = 0.3;
+/// Time for a reply \[s\].
+const REPLY_S: f64 = 1.0;
+
+/// A board with jumpers, at a host that keeps the time of each record.
+struct Lab {
+    link: UsbLink<Machine>,
+    records: Vec<(f64, Record)>,
+}
+
+impl Lab {
+    /// The settings in use, as far as they were sent.
+    fn settings(&mut self) -> Option<SettingsValues> {
+        self.request(Command::ReadSettings).expect("a reply");
+        self.listen(0.05).expect("listens");
+        let last = self.records().into_iter().rev();
+        last.filter_map(|(_, record)| if let Record::Settings(values) = record { Some(values) } else { None }).next()
+    }
+
+    /// The whole test; then nothing is as it was not before.
+    fn run(&mut self) -> Result<Report, JumperError> {
+        let before = self.settings();
+        assert!(before.is_some());
+        let outcome = run(self);
+        assert_eq!(self.settings(), before, "the settings in use");
+        for pin in [('A', 4), ('A', 6), ('B', 1), ('B', 2)] {
+            assert_eq!(self.link.socket.chip().pin_mode(Pin::new(pin.0, pin.1)), Mode::Analog, "{pin:?} is let go");
+        }
+        outcome
+    }
+
+    fn keep(&mut self) {
+        let now_s = self.link.socket.time_s();
+        self.records.extend(self.link.records().into_iter().map(|record| (now_s, record)));
+    }
+}
+
+impl Keeper for Lab {
+    fn request(&mut self, command: Command) -> Result<Done, JumperError> {
+        let reply = self.link.request(command, REPLY_S).map_err(|error| JumperError::Link(error.to_string()))?;
+        self.keep();
+        reply.result.map_err(|why| JumperError::Refused { doing: "do", why })
+    }
+
+    fn listen(&mut self, for_s: f64) -> Result<(), JumperError> {
+        let end_s = self.link.socket.time_s() + for_s;
+        while self.link.socket.time_s() < end_s {
+            self.link.listen(2e-3).map_err(|error| JumperError::Link(error.to_string()))?;
+            self.keep();
+        }
+        Ok(())
+    }
+
+    fn records(&mut self) -> Vec<(f64, Record)> {
+        std::mem::take(&mut self.records)
+    }
+}
+
+/// A board with jumpers and what is wrong with it; nothing where there is no image, after saying so.
+fn lab(board: Board, prepare: impl FnOnce(&mut Machine)) -> Option<Lab> {
+    // Converters that do not start together disturb each other, which would hide that one is late.
+    let options = Options { board, errata: Errata { adc_concurrent: false, ..Errata::ALL }, ..Options::default() };
+    let mut machine = Machine::with(&shipping_image()?, options, Box::new(Still)).expect("the image");
+    machine.chip_mut().jumpers = Some(Jumpers::RIGHT);
+    prepare(&mut machine);
+    machine.run_for(STARTED_S).unwrap_or_else(|ended| panic!("{ended}"));
+    let mut link = UsbLink::new(machine);
+    link.connect().expect("enumerates");
+    link.open().expect("opens");
+    Some(Lab { link, records: Vec::new() })
+}
+
+fn print(report: &Report) {
+    for check in &report.checks {
+        let verdict = check.cause.as_deref().unwrap_or("ok");
+        println!("{:18} {:50} {:50} {verdict}", check.name, check.expected, check.found);
+    }
+}
+
+#[test]
+fn a_sound_board_passes() {
+    let Some(mut lab) = lab(Board::NUCLEO, |_| {}) else { return };
+    let report = lab.run().expect("a test");
+    print(&report);
+    println!("{:?}", report.measured);
+    assert!(report.passed());
+}
+
+/// What is planted, and words of the cause that must be named.
+struct Case {
+    name: &'static str,
+    board: Board,
+    plant: fn(&mut Machine),
+    check: &'static str,
+    cause: &'static str,
+}
+
+const fn case(name: &'static str, check: &'static str, cause: &'static str, plant: fn(&mut Machine)) -> Case {
+    Case { name, board: Board::NUCLEO, plant, check, cause }
+}
+
+fn wires(machine: &mut Machine, change: impl FnOnce(&mut Jumpers)) {
+    let mut jumpers = Jumpers::RIGHT;
+    change(&mut jumpers);
+    machine.chip_mut().jumpers = Some(jumpers);
+}
+
+/// A microsecond and half a period of the sampling clock \[cycles\].
+const US: u64 = 168;
+const HALF: u64 = 2625 / 2;
+
+const CASES: &[Case] = &[
+    case("encoder pins swapped", "encoder wires", "A and B are swapped", |machine| {
+        wires(machine, |jumpers| std::mem::swap(&mut jumpers.a, &mut jumpers.b));
+    }),
+    case("analogue pins swapped", "force wire", "force and terminal are swapped", |machine| {
+        wires(machine, |jumpers| std::mem::swap(&mut jumpers.force, &mut jumpers.terminal));
+    }),
+    case("wrong trigger, half a period late", "sampling", "another trigger", |machine| {
+        machine.chip_mut().planted = Planted { late: [HALF; 2], ..Planted::default() };
+    }),
+    case("wrong trigger, 1.2 us late", "timing", "another trigger", |machine| {
+        machine.chip_mut().planted = Planted { late: [6 * US / 5; 2], ..Planted::default() };
+    }),
+    case("ADC1 2 us late", "timing", "the force's converter looks 2.0 us too late", |machine| {
+        machine.chip_mut().planted = Planted { late: [2 * US, 0], ..Planted::default() };
+    }),
+    case("ADC2 2 us late", "timing", "the terminal's converter looks 2.0 us too late", |machine| {
+        machine.chip_mut().planted = Planted { late: [0, 2 * US], ..Planted::default() };
+    }),
+    case("a lost DMA request", "sampling", "a transfer by DMA was lost", |machine| {
+        machine.chip_mut().planted = Planted { lost: Some((Request::Tim6Update, 1.0)), ..Planted::default() };
+    }),
+    case("half the count rate", "encoder wires", "every other edge", |machine| {
+        machine.chip_mut().planted = Planted { half_counts: true, ..Planted::default() };
+    }),
+    Case {
+        // A crystal 2 % below that of the firmware's board.
+        board: Board { hse_hz: 0.98 * Board::NUCLEO.hse_hz, ..Board::NUCLEO },
+        ..case("wrong clock", "clock", "2.0 % too slow", |_| {})
+    },
+    case("force wire missing", "force wire", "PA4 to PA0 is missing", |machine| {
+        wires(machine, |jumpers| jumpers.force = None);
+    }),
+    case("terminal wire missing", "terminal wire", "PA6 to PA1 is missing", |machine| {
+        wires(machine, |jumpers| jumpers.terminal = None);
+    }),
+    case("A missing", "encoder wires", "A (PB1 to PA15) is missing", |machine| {
+        wires(machine, |jumpers| jumpers.a = None);
+    }),
+    case("B missing", "encoder wires", "B (PB2 to PB3) is missing", |machine| {
+        wires(machine, |jumpers| jumpers.b = None);
+    }),
+    case("A and B missing", "encoder wires", "A (PB1 to PA15) and B (PB2 to PB3) are missing", |machine| {
+        wires(machine, |jumpers| (jumpers.a, jumpers.b) = (None, None));
+    }),
+    case("noise too high", "noise", "noise on the supply", |machine| {
+        machine.chip_mut().adc.set_quality(Quality { noise_lsb: 4.0, ..Quality::default() });
+    }),
+];
+
+/// The first check that fails is the fault's own, and it names the cause.
+#[test]
+fn each_planted_fault_is_named() {
+    let mut wrong = Vec::new();
+    for Case { name, board, plant, check, cause } in CASES {
+        let Some(mut lab) = lab(*board, plant) else { return };
+        let report = match lab.run() {
+            Ok(report) => report,
+            Err(error) => {
+                wrong.push(format!("{name}: {error}"));
+                continue;
+            }
+        };
+        let failed = report.checks.iter().find(|check| !check.passed());
+        let named = failed.is_some_and(|failed| {
+            failed.name == *check && failed.cause.as_deref().is_some_and(|found| found.contains(cause))
+        });
+        if !named || report.passed() {
+            println!("{name}");
+            print(&report);
+            wrong.push(format!("{name}: {failed:?}"));
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
