@@ -88,13 +88,10 @@ fn solve(rows: &[([f64; 3], f64)]) -> [f64; 3] {
     for i in 0..3 {
         let best = (i..3).max_by(|&a, &b| matrix[a][i].abs().total_cmp(&matrix[b][i].abs())).unwrap_or(i);
         matrix.swap(i, best);
-        for other in 0..3 {
-            if other != i && matrix[i][i] != 0.0 {
-                let factor = matrix[other][i] / matrix[i][i];
-                for column in i..4 {
-                    matrix[other][column] -= factor * matrix[i][column];
-                }
-            }
+        let pivot = matrix[i];
+        for (_, row) in matrix.iter_mut().enumerate().filter(|(other, _)| *other != i && pivot[i] != 0.0) {
+            let factor = row[i] / pivot[i];
+            row.iter_mut().zip(pivot).for_each(|(entry, above)| *entry -= factor * above);
         }
     }
     std::array::from_fn(|i| if matrix[i][i] == 0.0 { 0.0 } else { matrix[i][3] / matrix[i][i] })

@@ -25,12 +25,15 @@ const STRAIGHT: f64 = 8.0;
 /// Noise of a conversion, rms \[codes\]: 0.7 is typical (66 dB, DS12288).
 const NOISE: f64 = 2.5;
 
+/// A code, and the knots that hold it.
+type Level = (u16, Range<usize>);
+
 /// The tape, and what it holds when.
 pub struct Levels {
     /// What is played.
     pub tape: Tape,
-    force: Vec<(u16, Range<usize>)>,
-    terminal: Vec<(u16, Range<usize>)>,
+    force: Vec<Level>,
+    terminal: Vec<Level>,
     quiet: Range<usize>,
 }
 
@@ -141,12 +144,12 @@ impl Channel {
     /// Its line by its own output, after the checks of it; nothing where one fails.
     fn judge(
         &self,
-        (levels, own, other): (&Levels, &[(u16, Range<usize>)], &[(u16, Range<usize>)]),
+        (levels, own, other): (&Levels, &[Level], &[Level]),
         recording: &Recording,
         aligned: &Aligned,
         report: &mut Report,
     ) -> Option<(Line, f64)> {
-        let by = |of: &[(u16, Range<usize>)]| {
+        let by = |of: &[Level]| {
             Line::fit(of.iter().map(|(code, knots)| (f64::from(*code), held(recording, aligned, knots, self.code).0)))
         };
         let (own, other) = (by(own), by(other));

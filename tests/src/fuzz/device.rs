@@ -167,6 +167,7 @@ fn identity() -> Identity<'static> {
             .with(Capabilities::DFU)
             .with(Capabilities::REBOOT),
         accepts,
+        play: inerter_app::play_nothing,
         start: Start::POWER_ON,
     }
 }
