@@ -672,6 +672,21 @@ impl Chip {
         leads_to(self.board.encoder_a, 1) && leads_to(self.board.encoder_b, 2)
     }
 
+    /// The wires lead what the outputs do now to the encoder's inputs.
+    fn follow_jumpers(&mut self) {
+        let Some(jumpers) = self.jumpers else { return };
+        // The inputs are pulled up.
+        let level = |pin: Option<Pin>| pin.is_none_or(|pin| self.pin_mode(pin) != Mode::Output || self.pin_output(pin));
+        let levels = (level(jumpers.a), level(jumpers.b));
+        self.wired.follow(levels);
+    }
+
+    /// Where the encoder is, whether it is the world's or made of wires.
+    fn encoder_count(&mut self, time_s: f64) -> u32 {
+        let count = if self.jumpers.is_some() { self.wired.count } else { self.world.encoder(time_s) };
+        if self.planted.half_counts { (count as i32 >> 1) as u32 } else { count }
+    }
+
     /// Brings TIM2's count to where the encoder is, if its pins lead there.
     fn latch_encoder(&mut self, now: Cycles) {
         if self.encoder_is_wired() {

@@ -15,6 +15,7 @@ use super::dac::TRIGGER_TIM7;
 use super::dma::{CHANNELS, Direction, Dma, Transfer};
 use super::dmamux::Request;
 use super::gpio::Mode;
+use super::jumpers::{FLOATING_V, Output};
 use super::pin::Pin;
 use super::spi::Frame;
 use super::{BadAccess, Chip};
@@ -139,7 +140,8 @@ impl Chip {
                 self.start_conversions(at)?;
             }
         }
-        while let Some((_, unit)) = self.late.pop_front_if(|(due, _)| *due <= at) {
+        while let Some((_, unit)) = self.late.front().copied().filter(|(due, _)| *due <= at) {
+            self.late.pop_front();
             self.adc.trigger_one(unit, TRIGGER_TIM6, at)?;
         }
         if self.tim7.next_update() == Some(at) {
@@ -246,6 +248,32 @@ impl Chip {
         } else {
             self.input_volts(pin, at, time_s)
         }
+    }
+
+    /// Voltage at the force's or the terminal's pin \[V\].
+    fn input_volts(&mut self, pin: Pin, at: Cycles, time_s: f64) -> Result<f64, Unknown> {
+        let (is_force, is_terminal) = (pin == self.board.force, pin == self.board.terminal);
+        match (self.jumpers, is_force, is_terminal) {
+            (Some(jumpers), true, _) => Ok(self.wire_volts(jumpers.force, at)),
+            (Some(jumpers), _, true) => Ok(self.wire_volts(jumpers.terminal, at)),
+            (None, true, _) => Ok(self.world.force_volts(time_s)),
+            (None, _, true) => Ok(self.world.terminal_volts(time_s)),
+            _ => Err(Unknown { what: "a conversion of a pin to which nothing is connected" }),
+        }
+    }
+
+    fn wire_volts(&self, from: Option<Output>, at: Cycles) -> f64 {
+        let dac = from.map(|output| &self.dac[output as usize]);
+        dac.and_then(|dac| dac.volts(at)).unwrap_or(FLOATING_V)
+    }
+
+    /// Whether this request is the one that is to come to nothing.
+    fn loses(&mut self, request: Request, now: Cycles) -> bool {
+        let lost = self.planted.lost.is_some_and(|(which, after_s)| which == request && self.seconds(now) >= after_s);
+        if lost {
+            self.planted.lost = None;
+        }
+        lost
     }
 
     /// Does the transfers that are asked for until none is, and passes on triggers that a write has caused.
