@@ -13,7 +13,7 @@ use inerter_twin::chip::jumpers::{Jumpers, Planted};
 use inerter_twin::machine::{Machine, Options, shipping_image};
 use inerter_twin::usb_link::UsbLink;
 use inerter_twin::world::Still;
-use inerter_wire::{Command, Done, Record, SettingsValues};
+use inerter_wire::{Command, Done, Knot, Play, Record, Refusal, SettingsValues};
 
 /// The firmware has started by then \[s\].
 const STARTED_S: f64 = 0.3;
@@ -201,4 +201,36 @@ fn each_planted_fault_is_named() {
         }
     }
     assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+/// What is not possible is refused, and a host that falls silent leaves no pin driven.
+#[test]
+fn the_outputs_are_let_go_and_nonsense_is_refused() {
+    let Some(mut lab) = lab(Board::NUCLEO, |_| {}) else { return };
+    let mut play = |play: Play| match lab.request(Command::Play(play)) {
+        Ok(Done::Played { .. }) => None,
+        Err(JumperError::Refused { why, .. }) => Some(why),
+        other => panic!("{other:?}"),
+    };
+    let knots = |advance| Play::Knots([Knot { advance, ..Knot::default() }].into_iter().collect());
+    let burst = |edge_ticks| Play::Burst { edge_ticks, blocks: 1 };
+    assert_eq!(play(knots(0)), Some(Refusal::NotPlaying));
+    assert_eq!(play(Play::Progress), Some(Refusal::NotPlaying));
+    assert_eq!(play(burst(28)), Some(Refusal::NotPlaying));
+    assert_eq!(play(Play::Begin { phase_ticks: 2625 }), Some(Refusal::BadSamples));
+    assert_eq!(play(Play::Begin { phase_ticks: 0 }), None);
+    assert_eq!(play(knots(Knot::MAX_ADVANCE + 1)), Some(Refusal::BadSamples));
+    assert_eq!(play(knots(i16::MIN)), Some(Refusal::BadSamples));
+    for edge_ticks in [0, 1, 23, u16::MAX] {
+        assert_eq!(play(burst(edge_ticks)), Some(Refusal::BadSamples), "{edge_ticks}");
+    }
+    let driven = |lab: &Lab| lab.link.socket.chip().pin_mode(Pin::new('B', 1)) == Mode::Output;
+    assert!(driven(&lab));
+    lab.listen(0.9).expect("listens");
+    assert!(driven(&lab));
+    lab.listen(0.2).expect("listens");
+    assert!(!driven(&lab), "after a second of silence");
+    lab.request(Command::Stop).expect("stops");
+    let refused = lab.request(Command::Play(Play::Begin { phase_ticks: 0 }));
+    assert!(matches!(refused, Err(JumperError::Refused { why: Refusal::NoSamples, .. })), "{refused:?}");
 }
