@@ -16,7 +16,7 @@ use embassy_sync::channel::{Channel, TrySendError};
 use embassy_sync::signal::Signal;
 use embassy_time::Instant;
 use inerter_core::Settings;
-use inerter_wire::{Event, EventKind, Health, Samples, Source, Streams};
+use inerter_wire::{Event, EventKind, Health, Measure, Samples, Source, Streams};
 
 /// Replies, events, estimates and sums that can wait for the link.
 const URGENT: usize = 8;
@@ -35,6 +35,9 @@ pub struct App {
     /// What the sampler is to take over; answered by `configured`.
     pub(crate) configure: Signal<CriticalSectionRawMutex, Settings>,
     pub(crate) configured: Signal<CriticalSectionRawMutex, Result<(), SourceError>>,
+    /// What the board is to measure of itself; answered by `measured`.
+    pub(crate) measure: Signal<CriticalSectionRawMutex, Measure>,
+    pub(crate) measured: Signal<CriticalSectionRawMutex, ()>,
     /// The sampler has taken over the settings in use and has not failed since.
     source_ready: AtomicBool,
     /// A host knows how this run began.
@@ -62,6 +65,8 @@ impl App {
             batches_sent: Signal::new(),
             configure: Signal::new(),
             configured: Signal::new(),
+            measure: Signal::new(),
+            measured: Signal::new(),
             source_ready: AtomicBool::new(false),
             greeted: AtomicBool::new(false),
             link: LinkState::new(),

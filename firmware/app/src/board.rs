@@ -3,7 +3,7 @@
 use crate::wear::SAVES;
 use embedded_io_async::{Read, Write};
 use inerter_core::{RawSample, Settings, SettingsError};
-use inerter_wire::{Capabilities, ClockSource, Play, Refusal, ResetCause, SettingsValues};
+use inerter_wire::{Capabilities, ClockSource, Measure, Measured, Play, Refusal, ResetCause, SettingsValues};
 
 /// Whether a source of samples can wait.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -216,9 +216,15 @@ impl Load {
 }
 
 /// The board's own figures.
+#[allow(async_fn_in_trait, reason = "used generically only, and never sent to another thread")]
 pub trait Platform {
     /// Measures them; called once a second.
     fn figures(&mut self) -> Figures;
+
+    /// Measures what a host asks for; called where the board has [`Capabilities::MEASURE`]. Must end within 2 s.
+    async fn measure(&mut self, what: Measure) -> Measured {
+        Measured::new(what)
+    }
 }
 
 /// A board, in parts: each goes to the task that uses it.

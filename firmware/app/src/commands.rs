@@ -13,7 +13,7 @@ use embassy_time::{Duration, Timer, with_timeout};
 use embedded_io_async::Read;
 use inerter_core::{RawSample, Settings};
 use inerter_wire::{
-    Capabilities, Command, Done, Event, EventKind, Fault, Frame, FrameReader, Hello, Refusal, Reply, Request,
+    Capabilities, Command, Done, Event, EventKind, Fault, Frame, FrameReader, Hello, Measure, Refusal, Reply, Request,
     ResetCause, Samples, SettingsValues, Source, WIRE_VERSION,
 };
 
@@ -118,6 +118,7 @@ impl<K: Store> Commands<'_, K> {
         let restart = match command {
             Command::EnterDfu => Some((Restart::Dfu, Capabilities::DFU)),
             Command::Reboot => Some((Restart::Reboot, Capabilities::REBOOT)),
+            Command::Measure(Measure::Hang) => Some((Restart::Hang, Capabilities::MEASURE)),
             _ => None,
         };
         let result = match &restart {
@@ -198,7 +199,14 @@ impl<K: Store> Commands<'_, K> {
                 let (answer, free) = (self.identity.play)(play)?;
                 return Ok(Done::Played { answer, free });
             }
-            Command::EnterDfu | Command::Reboot | Command::Measure(_) => return Err(Refusal::Unsupported),
+            Command::Measure(what) => {
+                self.require(Capabilities::MEASURE)?;
+                // The task that has what it takes sends the record, before it says that it is done.
+                self.app.measured.reset();
+                self.app.measure.signal(*what);
+                self.app.measured.wait().await;
+            }
+            Command::EnterDfu | Command::Reboot => return Err(Refusal::Unsupported),
         }
         Ok(Done::Plain)
     }

@@ -2,7 +2,7 @@
 
 use crate::tare::Tare;
 use inerter_core::{Active, Detail, Estimate, Law, MoreSums, Reversal, Settings, Sums};
-use inerter_wire::{Event, Health, Hello, Reply, Samples};
+use inerter_wire::{Event, Health, Hello, Measured, Reply, Samples};
 
 /// What the commands ask of the estimator. It is done between two batches, and answered by a [`ControlDone`].
 #[allow(clippy::large_enum_variant, reason = "only one exists at a time")]
@@ -41,6 +41,8 @@ pub enum Restart {
     Reboot,
     /// Restart into the chip's firmware update mode.
     Dfu,
+    /// Do nothing more, until the watchdog bites.
+    Hang,
 }
 
 /// What goes before raw samples: small forms of the records, as many of them wait in a queue.
@@ -55,6 +57,7 @@ pub(crate) enum Outgoing {
     Reply(Reply),
     Settings(Settings),
     Saved(Settings),
+    Measured(Measured),
     Sums(Sums),
     MoreSums(MoreSums),
     /// All that a host must know of the start has gone before this, from [`EventKind::Started`] on.

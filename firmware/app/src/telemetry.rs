@@ -70,6 +70,7 @@ pub async fn telemetry(app: &App, link: impl Write) -> Restart {
                 Outgoing::Reply(reply) => Record::Reply(reply),
                 Outgoing::Settings(settings) => Record::Settings(SettingsValues::from(&settings)),
                 Outgoing::Saved(settings) => Record::Saved(SettingsValues::from(&settings)),
+                Outgoing::Measured(measured) => Record::Measured(measured),
                 Outgoing::Sums(sums) => Record::Sums(sums),
                 Outgoing::MoreSums(sums) => Record::MoreSums(sums),
                 Outgoing::Greeted => {

@@ -5,8 +5,8 @@ mod rig;
 use inerter_app::{Pace, Restart, SourceError, Start, StoreError, wear::SAVES};
 use inerter_core::{Bank, Published, RawSample, Settings, State, Status};
 use inerter_wire::{
-    Capabilities, ClockSource, Command, Done, Event, EventKind, Fault, Frame, Measure, Record, Refusal, Reply,
-    ResetCause, Samples, SettingFault, SettingValue, SettingsValues, Source, Streams, WIRE_VERSION,
+    Capabilities, ClockSource, Command, Done, Event, EventKind, Fault, Frame, Measure, Measured, Quantity, Record,
+    Refusal, Reply, ResetCause, Samples, SettingFault, SettingValue, SettingsValues, Source, Streams, WIRE_VERSION,
 };
 use rig::{IDENTITY, MemoryStore, Options, TestDevice, by_core, estimates, events, lighter, raw_samples, shaken};
 
@@ -754,4 +754,19 @@ fn invalid_default_settings_are_the_programmers_mistake_and_named() {
     rig.settle();
     let ended = rig.ended.take().unwrap().unwrap_err();
     assert!(ended.to_string().starts_with("sample_rate_hz"), "{ended}");
+}
+
+#[test]
+fn what_the_board_measures_comes_before_the_reply() {
+    let capabilities = IDENTITY.capabilities.with(Capabilities::MEASURE);
+    let identity = inerter_app::Identity { capabilities, ..IDENTITY };
+    let mut rig = TestDevice::with(Options { identity, ..Options::default() });
+    let id = rig.send(Command::Measure(Measure::Chip));
+    let mut measured = Measured::new(Measure::Chip);
+    measured.push(Quantity::FlashKb, 512);
+    measured.push(Quantity::SavesLeft, u32::from(inerter_app::wear::SAVES));
+    let reply = Record::Reply(Reply { id, result: Ok(Done::Plain) });
+    assert_eq!(rig.records(), [Record::Measured(measured), reply]);
+    assert_eq!(rig.result(Command::Measure(Measure::Hang)), Ok(Done::Plain));
+    assert_eq!(rig.ended, Some(Ok(Restart::Hang)));
 }

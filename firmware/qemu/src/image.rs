@@ -70,7 +70,7 @@ async fn health() {
 #[embassy_executor::task]
 async fn telemetry(link: usart::Transmitter) {
     match inerter_app::telemetry(&APP, link).await {
-        Restart::Reboot | Restart::Dfu => {
+        Restart::Reboot | Restart::Dfu | Restart::Hang => {
             let (free, total) = (stack::free_bytes(), stack::total_bytes());
             let used = total - free;
             semihosting::print(format_args!(r#"{{"kind":"exit","stack_used_bytes":{used},"stack_bytes":{total}}}"#));

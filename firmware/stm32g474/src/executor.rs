@@ -3,6 +3,7 @@
 //! That of thread mode sleeps when there is nothing to do, and counts for how long. That of sampling runs in an interrupt,
 //! above thread mode and below every peripheral.
 
+use crate::work;
 use core::cell::Cell;
 use cortex_m::peripheral::SCB;
 use critical_section::Mutex;
@@ -66,7 +67,7 @@ pub struct SamplingHandler;
 impl typelevel::Handler<typelevel::UART4> for SamplingHandler {
     unsafe fn on_interrupt() {
         // SAFETY: the interrupt is enabled by the executor's start.
-        unsafe { SAMPLING.on_interrupt() }
+        work::counted_sampling(|| unsafe { SAMPLING.on_interrupt() });
     }
 }
 

@@ -7,7 +7,9 @@ use crate::platform::Platform;
 use crate::reset::Started;
 use crate::source::{self, Source};
 use crate::temperature::Sensor;
+use crate::work::{self, Task};
 use crate::{clocks, defaults, identity, led, lpuart, options, panic, player, reset, stack, usb, watchdog};
+use core::pin::pin;
 use defmt_rtt as _;
 use embassy_executor::Spawner;
 use embassy_futures::block_on;
@@ -52,7 +54,7 @@ async fn sampling(app: &'static App, source: &'static mut Source) -> ! {
 
 #[embassy_executor::task]
 async fn estimating(app: &'static App, state: &'static mut State, active: &'static mut Active) -> ! {
-    inerter_app::estimating(app, state, active).await
+    work::counted(Task::Estimating, pin!(inerter_app::estimating(app, state, active))).await
 }
 
 #[embassy_executor::task]
@@ -63,35 +65,36 @@ async fn commands(
     identity: &'static Identity<'static>,
     in_use: &'static mut InUse,
 ) -> ! {
-    inerter_app::commands(app, link, store, identity, in_use, true).await
+    work::counted(Task::Commands, pin!(inerter_app::commands(app, link, store, identity, in_use, true))).await
 }
 
 #[embassy_executor::task]
 async fn telemetry(app: &'static App, link: &'static mut Transmitter) {
-    let restart = inerter_app::telemetry(app, link).await;
+    let restart = work::counted(Task::Telemetry, pin!(inerter_app::telemetry(app, link))).await;
     // The reply shall arrive.
     join(usb::drain(), lpuart::drain()).await;
     match restart {
         Restart::Reboot => reset::restart(app.saves_left()),
         Restart::Dfu => reset::update(app.saves_left()),
+        Restart::Hang => reset::hang(app.saves_left()),
     }
 }
 
 #[embassy_executor::task]
 async fn usb_device(app: &'static App, device: usb::Device) -> ! {
-    device.run(|open| app.link_state().set_open(open)).await
+    work::counted(Task::Usb, pin!(device.run(|open| app.link_state().set_open(open)))).await
 }
 
 /// Health figures, LED, watchdog, and the reset button's memory.
 #[embassy_executor::task]
 async fn supervise(app: &'static App, platform: Platform, led: Output<'static>, clock: ClockSource) {
-    join4(
+    let all = join4(
         inerter_app::health_reports(app, platform),
         led::show(led, clock, app),
         watchdog::watch(app),
         reset::forget(),
-    )
-    .await;
+    );
+    work::counted(Task::Supervising, pin!(all)).await;
 }
 
 /// Takes thread mode for itself after a while, so that the watchdog has something to do.
@@ -130,6 +133,7 @@ fn set_up(spawner: Spawner, started: Started) {
             .with(Capabilities::DFU)
             .with(Capabilities::REBOOT)
             .with(Capabilities::PLAYER)
+            .with(Capabilities::MEASURE)
             .with_flash_kb(flash::size_kb()),
         accepts: source::accepts,
         play: player::play,
@@ -166,6 +170,7 @@ pub fn run() -> ! {
     let Some(mut core) = cortex_m::Peripherals::take() else { panic!("the instrument starts once") };
     let started = reset::begin();
     stack::guard(&mut core.MPU);
+    work::start(&mut core.DCB, &mut core.DWT);
     let executor = Executor::new(&core.SCB);
     set_up(executor.spawner(), started);
     executor.run()

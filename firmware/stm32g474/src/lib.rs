@@ -12,6 +12,7 @@
 //!   `converter.rs`. The setting `front_end` chooses.
 //! - *Links*: USB CDC-ACM while its port is open, else LPUART1 (the ST-Link's serial port), the same protocol on both.
 //! - *Executors*: sampling runs in an interrupt above everything that may take its time; all else in thread mode.
+//! - *Measurements of the board itself*, when a host asks: `measure.rs`, with the counters of `work.rs`.
 //! - *Memory*: static only. Settings lie in the last 16 KB of the second flash bank; what must outlive a reset
 //!   (panic message, wish for an update) in RAM that start-up does not touch.
 #![cfg(target_os = "none")]
@@ -30,6 +31,7 @@ mod image;
 mod interrupts;
 mod led;
 mod lpuart;
+mod measure;
 mod options;
 mod panic;
 mod platform;
@@ -44,5 +46,6 @@ mod stack;
 mod temperature;
 mod usb;
 mod watchdog;
+mod work;
 
 pub use image::run;

@@ -28,6 +28,12 @@ pub fn start_in_rom() -> bool {
     options.bfb2() || !options.n_swboot0() && !options.n_boot0()
 }
 
+/// As in use, and as they should be.
+pub fn in_use_and_wanted() -> (u32, u32) {
+    let options = FLASH.optr().read();
+    (options.0, wanted(options).0)
+}
+
 /// As they should be; the brown-out level may be higher.
 fn wanted(mut options: Optr) -> Optr {
     options.set_bor_lev(options.bor_lev().max(BROWN_OUT_LEVEL));

@@ -1,9 +1,10 @@
-//! What the board measures of itself, once a second.
+//! What the board measures of itself, once a second and when asked.
 
 use crate::temperature::Sensor;
-use crate::{executor, stack};
+use crate::{executor, measure, stack};
 use embassy_time::Instant;
 use inerter_app::{Figures, Load};
+use inerter_wire::{Measure, Measured};
 
 /// The board's own figures.
 pub struct Platform {
@@ -25,5 +26,9 @@ impl inerter_app::Platform for Platform {
             stack_free_bytes: Some(stack::free_bytes()),
             temperature_c: self.sensor.read_c(),
         }
+    }
+
+    async fn measure(&mut self, what: Measure) -> Measured {
+        measure::measure(what, &mut self.sensor).await
     }
 }

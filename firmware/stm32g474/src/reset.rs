@@ -16,6 +16,7 @@ use crate::{clocks, options};
 use core::arch::global_asm;
 use core::mem::MaybeUninit;
 use core::ptr;
+use core::sync::atomic::{AtomicU32, Ordering};
 use cortex_m::peripheral::SCB;
 use embassy_stm32::pac::rcc::vals::Sw;
 use embassy_stm32::pac::{RCC, SYSCFG};
@@ -149,6 +150,14 @@ global_asm!(
     ".size __pre_init, . - __pre_init",
 );
 
+/// RCC_CSR as this start found it.
+static FLAGS: AtomicU32 = AtomicU32::new(0);
+
+/// RCC_CSR as this start found it.
+pub fn flags() -> u32 {
+    FLAGS.load(Ordering::Relaxed)
+}
+
 /// What a run leaves behind for the next one.
 #[derive(Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
@@ -186,7 +195,8 @@ fn take_saves_left(cause: ResetCause) -> u8 {
     let word = unsafe { ptr::read_volatile(place) };
     // SAFETY: as above. What is left is not of a later start that nobody asked for.
     unsafe { ptr::write_volatile(place, 0) };
-    if cause == ResetCause::Software && word & !0xFF == SAVES_MAGIC { (word & 0xFF) as u8 } else { SAVES }
+    let asked = matches!(cause, ResetCause::Software | ResetCause::Watchdog);
+    if asked && word & !0xFF == SAVES_MAGIC { (word & 0xFF) as u8 } else { SAVES }
 }
 
 fn set_failed_starts(number: u32) {
@@ -237,6 +247,7 @@ pub fn begin() -> Started {
     }
     let flags = RCC.csr().read();
     RCC.csr().modify(|w| w.set_rmvf(true));
+    FLAGS.store(flags.0, Ordering::Relaxed);
     // The pin's flag is set with each of the others, as the chip pulls it down itself.
     let cause = if flags.borrstf() {
         ResetCause::PowerOn
@@ -292,6 +303,16 @@ pub fn restart(saves_left: u8) -> ! {
     set_note(Note::Nothing);
     set_failed_starts(0);
     SCB::sys_reset()
+}
+
+/// Does nothing more, with so many saves left: the watchdog bites. For the test of the watchdog, so it is no failed start.
+pub fn hang(saves_left: u8) -> ! {
+    set_saves_left(saves_left);
+    set_note(Note::Nothing);
+    set_failed_starts(0);
+    loop {
+        cortex_m::asm::nop();
+    }
 }
 
 /// Restarts into the ROM's update mode.

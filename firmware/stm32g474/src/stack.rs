@@ -38,6 +38,11 @@ fn guard_start() -> u32 {
     (ptr::addr_of!(_stack_end) as u32).next_multiple_of(GUARD)
 }
 
+/// The whole stack, in bytes.
+pub fn bytes() -> u32 {
+    ptr::addr_of!(_stack_start) as u32 - (guard_start() + GUARD)
+}
+
 /// Stack never used so far, in bytes.
 pub fn free_bytes() -> u32 {
     let mut word = (guard_start() + GUARD) as *const u32;

@@ -117,6 +117,7 @@ impl Measured {
     }
 
     /// Adds a figure; one too many is left out.
+    #[inline(never)]
     pub fn push(&mut self, quantity: Quantity, value: u32) {
         let _ = self.figures.push(Figure { quantity: quantity as u8, value });
     }

@@ -21,6 +21,7 @@ pub mod output;
 pub mod recording;
 pub mod replay;
 pub mod run;
+pub mod selftest;
 pub mod series;
 pub mod settings;
 pub mod text;

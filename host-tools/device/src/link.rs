@@ -42,6 +42,21 @@ pub enum Target {
     },
 }
 
+impl Target {
+    /// Where a device with this serial number is found again, whatever port it then gets: over USB by that number, also where it
+    /// was given by its port.
+    pub fn known(self, serial: &str) -> Self {
+        match self {
+            Self::Usb { serial: None } => Self::Usb { serial: Some(serial.to_string()) },
+            Self::Port { port, baud } => match ports::serial_of(&port) {
+                Some(serial) => Self::Usb { serial: Some(serial) },
+                None => Self::Port { port, baud },
+            },
+            target => target,
+        }
+    }
+}
+
 impl std::fmt::Display for Target {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {

@@ -7,7 +7,6 @@ use inerter_wire::{Refusal, Streams};
 use crate::{
     error::DeviceError,
     link::Target,
-    ports::serial_of,
     session::{Clock, Device, Interrupted, Received},
 };
 
@@ -67,7 +66,7 @@ impl Live {
         let clock = Clock::new();
         let (device, controls) = open(&target, streams, clock, interrupted)?;
         let device = Box::new(device);
-        let (target, state) = (known(target, &device), State::Here { device, heard: Instant::now() });
+        let (target, state) = (target.known(&device.hello().serial), State::Here { device, heard: Instant::now() });
         Ok(Self { target, streams, wait, clock, interrupted, state, looks_on: !controls, lost_before: 0 })
     }
 
@@ -167,18 +166,6 @@ fn open(
         Err(DeviceError::Refused { refusal: Refusal::Busy, .. }) => Ok((device, false)),
         Err(error) => Err(error),
         Ok(()) => Ok((device, true)),
-    }
-}
-
-/// A USB device is found again by its serial number, whatever port it then gets; also one that was given by its port.
-fn known(target: Target, device: &Device) -> Target {
-    match target {
-        Target::Usb { serial: None } => Target::Usb { serial: Some(device.hello().serial.to_string()) },
-        Target::Port { port, baud } => match serial_of(&port) {
-            Some(serial) => Target::Usb { serial: Some(serial) },
-            None => Target::Port { port, baud },
-        },
-        target => target,
     }
 }
 

@@ -8,8 +8,8 @@ use std::{
 
 use inerter_core::Settings;
 use inerter_wire::{
-    Capabilities, Command, Counts, DELIMITER, Done, Frame, FrameReader, Hello, MAX_FRAME, Reading, Record, Request,
-    SequenceCounter, Streams, encode_request,
+    Capabilities, Command, Counts, DELIMITER, Done, Frame, FrameReader, Hello, MAX_FRAME, Measure, Measured, Reading,
+    Record, Request, SequenceCounter, Streams, encode_request,
 };
 
 use crate::{
@@ -25,6 +25,8 @@ const HELLO_TIME: Duration = Duration::from_millis(500);
 pub(crate) const REPLY_TIME: Duration = Duration::from_secs(3);
 /// Time for a reply when flash is erased.
 const ERASE_TIME: Duration = Duration::from_secs(6);
+/// Time for a reply when the board measures itself, which takes it a second.
+const MEASURE_TIME: Duration = Duration::from_secs(6);
 /// Time for all that is put in order at a device once the work was interrupted.
 const CLEAN_UP_TIME: Duration = Duration::from_secs(3);
 /// Frames that may wait in line. A device sends some hundreds a second, and nobody waits longer than seconds.
@@ -324,6 +326,14 @@ impl Device {
         Ok(values.read(&Settings::default()).settings)
     }
 
+    /// Lets the board measure something of itself; nothing where it said nothing, or something else.
+    pub fn measure(&mut self, what: Measure) -> Result<Option<Measured>, DeviceError> {
+        let before = self.talk.queue.len();
+        self.request_within("to measure itself", Command::Measure(what), MEASURE_TIME)?;
+        let measured = self.talk.queue.range(before..).rev().find_map(|received| message(received, as_measured));
+        Ok(measured.filter(|measured| measured.what == what))
+    }
+
     /// Takes the present force as zero.
     pub fn tare(&mut self) -> Result<(), DeviceError> {
         self.request("to take the present force as zero", Command::Tare)?;
@@ -427,6 +437,10 @@ fn as_hello(record: &Record) -> Option<Hello> {
 
 fn as_settings(record: &Record) -> Option<inerter_wire::SettingsValues> {
     if let Record::Settings(values) = record { Some(values.clone()) } else { None }
+}
+
+fn as_measured(record: &Record) -> Option<Measured> {
+    if let Record::Measured(measured) = record { Some(measured.clone()) } else { None }
 }
 
 fn as_saved(record: &Record) -> Option<inerter_wire::SettingsValues> {

@@ -105,10 +105,42 @@ pub enum Error {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Update(#[from] UpdateError),
+    /// A board's self-test failed.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    SelfTest(#[from] SelfTestError),
     /// Programming through a probe failed.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Flash(#[from] FlashError),
+}
+
+/// A self-test that was not passed.
+#[derive(Debug, PartialEq, thiserror::Error, Diagnostic)]
+pub enum SelfTestError {
+    /// Nothing to measure, or an older firmware.
+    #[error("{name} ({firmware}) does not measure itself")]
+    #[diagnostic(
+        code(inerter::selftest::unsupported),
+        help("update the firmware of a board with `inerter update`; a simulated device has nothing to measure")
+    )]
+    CannotMeasure {
+        /// Port or address.
+        name: String,
+        /// What it runs.
+        firmware: String,
+    },
+
+    /// The board is not as it should be.
+    #[error("the board did not pass: {failed}")]
+    #[diagnostic(
+        code(inerter::selftest::failed),
+        help("each line above that says FAIL names the likely cause; `-o PAGE.html` writes it all down to send on")
+    )]
+    Failed {
+        /// The checks that failed.
+        failed: String,
+    },
 }
 
 /// A question that is not answered.

@@ -8,7 +8,11 @@ use inerter_device::{DeviceError, flash::FlashError, update::UpdateError};
 use inerter_simulate::SimulateError;
 use inerter_view::page::PageError;
 
-use crate::{cmd::config::ConfigError, error::Error, monitor::MonitorError};
+use crate::{
+    cmd::config::ConfigError,
+    error::{Error, SelfTestError},
+    monitor::MonitorError,
+};
 
 /// All that was asked has been done.
 pub const OK: u8 = 0;
@@ -30,6 +34,8 @@ pub const WIRE_VERSION: u8 = 7;
 pub const OUTPUT: u8 = 8;
 /// The motion cannot show what was asked for.
 pub const NOT_SHOWN: u8 = 9;
+/// The board did not pass its self-test.
+pub const SELF_TEST: u8 = 10;
 /// Ctrl-C, as shells count it.
 pub const INTERRUPTED: u8 = 130;
 
@@ -46,6 +52,8 @@ pub fn code(error: &Error) -> u8 {
         Error::Data(error) => data(error),
         Error::Image(_) => INPUT,
         Error::Doctor { .. } => NO_DEVICE,
+        Error::SelfTest(SelfTestError::CannotMeasure { .. }) => DEVICE_LOST,
+        Error::SelfTest(SelfTestError::Failed { .. }) => SELF_TEST,
         Error::Dialogue(_) | Error::StandardOutput => USAGE,
         Error::Backup(_) => SETTINGS,
         Error::Contact(_) => NOT_SHOWN,

@@ -42,7 +42,8 @@ Try it without hardware:
   inerter monitor --connect 127.0.0.1:7878
 
 Exit codes: 0 done, 1 other failure, 2 wrong command line, 3 input file, 4 settings or parameters,
-5 device or probe not found or not opened, 6 device went away or refused, 7 wire version, 8 output not written, 9 the motion cannot show it, 130 interrupted.";
+5 device or probe not found or not opened, 6 device went away or refused, 7 wire version, 8 output not written, 9 the motion cannot show it,
+10 the board did not pass its self-test, 130 interrupted.";
 
 #[derive(Subcommand)]
 enum Command {
@@ -66,6 +67,7 @@ enum Command {
     Ports(cmd::ports::Args),
     Doctor(cmd::doctor::Args),
     Settings(cmd::settings::Args),
+    Selftest(cmd::selftest::Args),
     Update(cmd::update::Args),
     Flash(cmd::flash::Args),
     Completions(cmd::completions::Args),
@@ -118,6 +120,7 @@ fn run() -> Result<(), Error> {
         Command::Ports(args) => cmd::ports::run(&args),
         Command::Doctor(args) => cmd::doctor::run(&args),
         Command::Settings(args) => cmd::settings::run(&args),
+        Command::Selftest(args) => cmd::selftest::run(&args),
         Command::Update(args) => cmd::update::run(&args),
         Command::Flash(args) => cmd::flash::run(&args),
         Command::Completions(args) => cmd::completions::run(&args, Cli::command()),

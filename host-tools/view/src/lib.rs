@@ -1,8 +1,9 @@
 //! Figures and pages of runs of an instrumented inerter.
 //!
-//! [`figure`] draws as SVG and PNG, [`page`] makes a run into one page, [`paper`] shows the paper's experiment done again.
+//! [`selftest`] shows a board's self-test. [`figure`] draws as SVG and PNG, [`page`] makes a run into one page, [`paper`] shows the paper's experiment done again.
 #![forbid(unsafe_code)]
 
 pub mod figure;
 pub mod page;
 pub mod paper;
+pub mod selftest;

@@ -351,7 +351,7 @@ impl Chip {
             tim2: Tim::new(Kind::Wide),
             tim3: Tim::new(Kind::General),
             tim4: Tim::new(Kind::General),
-            tim5: Tim::new(Kind::Wide),
+            tim5: Tim::new(Kind::Wide).with_lsi(),
             tim8: Tim::new(Kind::Advanced),
             tim15: Tim::new(Kind::Small),
             tim16: Tim::new(Kind::Single),

@@ -9,8 +9,8 @@ use inerter_app::{
 };
 use inerter_core::{Estimate, FrontEnd, RawSample, Settings, SettingsError, State};
 use inerter_wire::{
-    Capabilities, ClockSource, Command, Done, Event, EventKind, Frame, FrameReader, Health, MAX_FRAME, Record, Refusal,
-    Reply, Request, Samples, SequenceCounter, SettingsValues, encode_request,
+    Capabilities, ClockSource, Command, Done, Event, EventKind, Frame, FrameReader, Health, MAX_FRAME, Measure,
+    Measured, Quantity, Record, Refusal, Reply, Request, Samples, SequenceCounter, SettingsValues, encode_request,
 };
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -285,6 +285,12 @@ struct FixedFigures;
 impl Platform for FixedFigures {
     fn figures(&mut self) -> Figures {
         Figures { cpu_load_permille: Some(123), stack_free_bytes: Some(4567), temperature_c: Some(30.5) }
+    }
+
+    async fn measure(&mut self, what: Measure) -> Measured {
+        let mut measured = Measured::new(what);
+        measured.push(Quantity::FlashKb, 512);
+        measured
     }
 }
 

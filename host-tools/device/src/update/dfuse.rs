@@ -252,6 +252,12 @@ impl<'a, Io: DfuIo<Read = usize, Write = usize, Error: Display>> Rom<'a, Io> {
         self.idle(&action)
     }
 
+    /// Starts what is in flash, without writing anything.
+    pub fn start(&mut self) -> Result<(), UpdateError> {
+        self.idle("preparing")?;
+        self.leave()
+    }
+
     /// Lets the ROM start what is in flash. It may be gone before it can answer, which is no fault.
     fn leave(&mut self) -> Result<(), UpdateError> {
         let action = "starting the firmware";

@@ -14,6 +14,7 @@ use crate::{
     image::{Identity, Image},
     session::REPLY_TIME,
 };
+use inerter_wire::Hello;
 
 /// Longest time for a device to come back as another one: Windows takes seconds the first time (s).
 const RETURN_S: u64 = 15;
@@ -77,6 +78,24 @@ pub fn update<M: Machine>(
     drop(io);
     let _ = tell(UpdateEvent::Returning);
     confirm(machine, &image.identity, &device.serial)
+}
+
+/// Into update mode and back, without writing anything. `enter` tells the device to go there; else somebody leads it there by
+/// hand, and it is waited for.
+pub fn visit<M: Machine>(machine: &mut M, running: &Hello, enter: bool) -> Result<Back, UpdateError> {
+    if enter {
+        machine.running()?;
+        machine.enter_dfu()?;
+    }
+    let device = wait_for_dfu(machine, &running.serial)?;
+    let io = open(machine, &device)?;
+    let mut sleep = |time| {
+        machine.sleep(time);
+        Going::On
+    };
+    dfuse::Rom::new(&io, &mut sleep).start()?;
+    drop(io);
+    confirm(machine, &Identity::from(running), &device.serial)
 }
 
 /// Opens a device that may have appeared a moment ago, which belongs to root until udev has seen it.

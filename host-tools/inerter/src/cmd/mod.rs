@@ -20,6 +20,7 @@ pub mod record;
 pub mod replay;
 pub mod report;
 pub mod reproduce_paper;
+pub mod selftest;
 pub mod send;
 pub mod settings;
 pub mod simulate;

@@ -25,6 +25,9 @@ pub const FLASH_KB_AT: u32 = 0x1fff_75e0;
 /// Kilobytes of flash of the chip of both boards.
 pub const FLASH_KB: u16 = 512;
 
+/// Package register: LQFP64 (RM0440 48.3).
+const PACKAGE: (u32, u32) = (0x1fff_7500, 0);
+
 /// RAM that the boot loader works in (AN2606, STM32G47xxx: 16 KB from 0x2000_0000).
 const WORK: usize = 16 << 10;
 
@@ -157,6 +160,7 @@ pub fn bytes() -> Vec<u8> {
     put(0x1fff_75aa, &VREFINT_CAL.to_le_bytes());
     put(0x1fff_75ca, &TS_CAL2.to_le_bytes());
     put(FLASH_KB_AT, &FLASH_KB.to_le_bytes());
+    put(PACKAGE.0, &PACKAGE.1.to_le_bytes());
     bytes
 }
 

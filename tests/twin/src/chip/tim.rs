@@ -1,11 +1,12 @@
 //! Timers with capture and compare: TIM1 to TIM5, TIM8, TIM15 to TIM17 (RM0440 sections 28 to 30).
 //!
 //! Modelled: up-counting with prescaler and preload, compare flags, update flag and its sources, encoder modes, input
-//! capture, PWM as far as frequency and duty can be asked for. Counting down or centre-aligned, slave modes other than
+//! capture, that of the 32 kHz oscillator by TIM5 with its prescaler, PWM as far as frequency and duty can be asked for. Counting down or centre-aligned, slave modes other than
 //! the encoder's, one-pulse mode and DMA are unknown.
 //!
 //! Glossary: *tick*: the counter's clock after the prescaler; *update*: the counter starts anew.
 
+use super::rcc::LSI_HZ;
 use crate::{Cycles, Registers, Storage, Unknown, Width, chip::clocks::Clocks};
 
 const CR1: u32 = 0x00;
@@ -29,6 +30,9 @@ const BDTR: u32 = 0x44;
 const TISEL: u32 = 0x5c;
 const AF1: u32 = 0x60;
 const AF2: u32 = 0x64;
+
+/// TISEL of TIM5: the 32 kHz oscillator.
+const LSI: u32 = 1;
 
 const CEN: u32 = 1 << 0;
 const UDIS: u32 = 1 << 1;
@@ -100,6 +104,12 @@ pub struct Tim {
     remainder: u64,
     /// Where the encoder stood when its edges were last counted.
     encoder: u32,
+    /// Its first input can be the 32 kHz oscillator: TIM5 (RM0440 table 294).
+    takes_lsi: bool,
+    hclk_hz: f64,
+    /// The oscillator's next edge \[cycles\], and its edges since the last that was latched.
+    lsi_edge: f64,
+    lsi_edges: u32,
 }
 
 impl Tim {
@@ -122,8 +132,8 @@ impl Tim {
             (PSC, 0, 0xffff),
             (ARR, mask, mask),
             (CCR1, 0, mask),
-            // TISEL: no other inputs than the pins.
-            (TISEL, 0, 0),
+            // TISEL: no other inputs than the pins, and what `write` lets pass.
+            (TISEL, 0, if kind == Kind::Wide { 0xf } else { 0 }),
         ];
         if kind != Kind::Single {
             registers.extend([(SMCR, 0, smcr), (CCR2, 0, mask)]);
@@ -152,7 +162,60 @@ impl Tim {
             since: 0,
             remainder: 0,
             encoder: 0,
+            takes_lsi: false,
+            hclk_hz: 16e6,
+            lsi_edge: 0.0,
+            lsi_edges: 0,
         }
+    }
+
+    /// The same with the 32 kHz oscillator at hand for its first input.
+    pub fn with_lsi(self) -> Self {
+        Self { takes_lsi: true, ..self }
+    }
+
+    /// Latches the edges of the 32 kHz oscillator up to `now`, one of as many as the prescaler says.
+    fn capture_lsi(&mut self, now: Cycles) {
+        let enabled = self.storage.get(CCER) & 1 != 0 && self.channel_mode(1) & 3 == 1;
+        if self.storage.get(TISEL) & 0xf != LSI || !enabled {
+            return;
+        }
+        while self.lsi_edge <= now as f64 {
+            let at = self.lsi_edge.ceil() as Cycles;
+            self.lsi_edge += self.hclk_hz / LSI_HZ;
+            self.lsi_edges += 1;
+            if self.lsi_edges >= 1 << (self.channel_mode(1) >> 2 & 3) {
+                self.lsi_edges = 0;
+                self.count_to(at);
+                self.edge(1, true);
+            }
+        }
+    }
+
+    /// Brings the counter to this moment.
+    fn count_to(&mut self, now: Cycles) {
+        let elapsed = now.saturating_sub(self.since) + self.remainder;
+        self.since = self.since.max(now);
+        if !self.counting() {
+            self.remainder = 0;
+            return;
+        }
+        let mut ticks = elapsed / self.cycles_per_tick();
+        self.remainder = elapsed % self.cycles_per_tick();
+        // Up to the next update, after which prescaler and period may be others; then all the rest.
+        let until_update = self.round().saturating_sub(u64::from(self.count)).max(1);
+        if ticks >= until_update {
+            self.pass(until_update);
+            ticks -= until_update;
+            if self.storage.get(CR1) & UDIS == 0 {
+                let left = ticks * self.cycles_per_tick() + self.remainder;
+                self.update();
+                self.flags |= UIF;
+                ticks = left / self.cycles_per_tick();
+                self.remainder = left % self.cycles_per_tick();
+            }
+        }
+        self.pass(ticks);
     }
 
     fn mask(&self) -> u32 {
@@ -381,8 +444,15 @@ impl Registers for Tim {
                 }
                 self.storage.write(offset, value, width)?;
             }
+            TISEL if value != 0 && (!self.takes_lsi || value != LSI) => {
+                return Err(Unknown { what: "of the other inputs only TIM5's 32 kHz oscillator is modelled" });
+            }
             register => {
                 self.storage.write(offset, value, width)?;
+                if register == CCER {
+                    self.lsi_edge = now as f64 + self.hclk_hz / LSI_HZ;
+                    self.lsi_edges = 0;
+                }
                 if register == ARR && self.storage.get(CR1) & ARPE == 0 {
                     self.period = self.storage.get(ARR);
                 }
@@ -405,40 +475,22 @@ impl Registers for Tim {
     }
 
     fn advance(&mut self, now: Cycles) {
-        let elapsed = now.saturating_sub(self.since) + self.remainder;
-        self.since = self.since.max(now);
-        if !self.counting() {
-            self.remainder = 0;
-            return;
-        }
-        let mut ticks = elapsed / self.cycles_per_tick();
-        self.remainder = elapsed % self.cycles_per_tick();
-        // Up to the next update, after which prescaler and period may be others; then all the rest.
-        let until_update = self.round().saturating_sub(u64::from(self.count)).max(1);
-        if ticks >= until_update {
-            self.pass(until_update);
-            ticks -= until_update;
-            if self.storage.get(CR1) & UDIS == 0 {
-                let left = ticks * self.cycles_per_tick() + self.remainder;
-                self.update();
-                self.flags |= UIF;
-                ticks = left / self.cycles_per_tick();
-                self.remainder = left % self.cycles_per_tick();
-            }
-        }
-        self.pass(ticks);
+        self.capture_lsi(now);
+        self.count_to(now);
     }
 
     fn reset(&mut self, now: Cycles) {
         let encoder = self.encoder;
         let clocks = (self.cycles_per_clock, self.clock_hz);
+        let (takes_lsi, hclk_hz) = (self.takes_lsi, self.hclk_hz);
         let mut storage = self.storage.clone();
         storage.reset();
-        *self = Self { storage, since: now, encoder, ..Self::new(self.kind) };
+        *self = Self { storage, since: now, encoder, takes_lsi, hclk_hz, ..Self::new(self.kind) };
         (self.cycles_per_clock, self.clock_hz) = clocks;
     }
 
     fn set_clocks(&mut self, clocks: &Clocks) {
+        self.hclk_hz = clocks.hclk_hz;
         self.clock_hz = if self.kind.has_break() { clocks.timer2_hz } else { clocks.timer1_hz };
         self.cycles_per_clock = (clocks.hclk_hz / self.clock_hz).round().max(1.0) as u64;
     }
@@ -514,6 +566,28 @@ mod tests {
             many.advance(now);
         }
         assert_eq!((one.count, one.flags, one.remainder), (many.count, many.flags, many.remainder));
+    }
+
+    #[test]
+    fn tim5_times_the_32_khz_oscillator() {
+        let mut tim = Tim::new(Kind::Wide).with_lsi();
+        tim.set_clocks(&Clocks { hclk_hz: 168e6, timer1_hz: 168e6, ..Clocks::POWER_ON });
+        write(&mut tim, TISEL, LSI, 0);
+        // From the input, one edge in eight.
+        write(&mut tim, CCMR1, 1 | 3 << 2, 0);
+        write(&mut tim, CCER, 1, 0);
+        write(&mut tim, CR1, CEN, 0);
+        let eight = 8 * 5250;
+        assert_eq!(read(&mut tim, SR, eight - 1) & 2, 0);
+        assert_eq!(read(&mut tim, SR, eight + 3) & 0x202, 2);
+        assert_eq!(read(&mut tim, CCR1, eight + 90), eight as u32);
+        assert_eq!(read(&mut tim, SR, eight + 91) & 2, 0);
+        assert_eq!(read(&mut tim, SR, 3 * eight + 9) & 0x202, 0x202, "one was missed");
+        assert_eq!(read(&mut tim, CCR1, 3 * eight + 10), 3 * eight as u32);
+        for mut tim in [tim.clone(), Tim::new(Kind::Wide)] {
+            assert!(tim.write(TISEL, 2, Width::Word, 0).is_err());
+        }
+        assert!(Tim::new(Kind::Wide).write(TISEL, LSI, Width::Word, 0).is_err());
     }
 
     #[test]

@@ -1,0 +1,70 @@
+//! Cycles that each task takes, by the core's cycle counter (DWT_CYCCNT; ARMv7-M, C1.8).
+//!
+//! Always counted: a poll costs two looks at the counter and an addition. All numbers wrap; a difference over less than 25 s
+//! is right. The counter may stand while the core sleeps, which no task does.
+
+use core::future::poll_fn;
+use core::pin::Pin;
+use core::sync::atomic::{AtomicU32, Ordering};
+use cortex_m::peripheral::{DCB, DWT};
+
+/// The tasks of thread mode.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Task {
+    Estimating,
+    Telemetry,
+    Commands,
+    Usb,
+    Supervising,
+}
+
+/// How many there are.
+const TASKS: usize = 5;
+
+static TAKEN: [AtomicU32; TASKS] = [const { AtomicU32::new(0) }; TASKS];
+static SAMPLING: AtomicU32 = AtomicU32::new(0);
+
+/// Lets the counter run.
+pub fn start(dcb: &mut DCB, dwt: &mut DWT) {
+    dcb.enable_trace();
+    dwt.enable_cycle_counter();
+}
+
+/// There is one writer of each, so that no read and write in one is needed.
+fn add(to: &AtomicU32, cycles: u32) {
+    to.store(to.load(Ordering::Relaxed).wrapping_add(cycles), Ordering::Relaxed);
+}
+
+/// Counts what the interrupt of sampling does, with what interrupts it.
+pub fn counted_sampling(work: impl FnOnce()) {
+    let begin = DWT::cycle_count();
+    work();
+    add(&SAMPLING, DWT::cycle_count().wrapping_sub(begin));
+}
+
+/// A clock that stands while samples are taken.
+fn thread_cycles() -> u32 {
+    DWT::cycle_count().wrapping_sub(SAMPLING.load(Ordering::Relaxed))
+}
+
+/// Counts what a task does.
+pub async fn counted<F: Future>(task: Task, mut future: Pin<&mut F>) -> F::Output {
+    poll_fn(|context| {
+        let begin = thread_cycles();
+        let polled = future.as_mut().poll(context);
+        if let Some(taken) = TAKEN.get(task as usize) {
+            add(taken, thread_cycles().wrapping_sub(begin));
+        }
+        polled
+    })
+    .await
+}
+
+/// Cycles so far: sampling, then the tasks in their order.
+pub fn cycles() -> [u32; 1 + TASKS] {
+    let mut all = [SAMPLING.load(Ordering::Relaxed); 1 + TASKS];
+    for (place, taken) in all.iter_mut().skip(1).zip(&TAKEN) {
+        *place = taken.load(Ordering::Relaxed);
+    }
+    all
+}

@@ -1,0 +1,331 @@
+//! What raw figures and samples of a board mean.
+//!
+//! Each judgement takes what the board told, and gives its checks in a fixed order. A figure that is missing fails its check,
+//! unless there is a plain reason for it.
+
+use inerter_core::RawSample;
+use inerter_wire::{ClockSource, Hello, Measured, Quantity, ResetCause};
+
+use super::Check;
+
+/// Device of category 3 of the STM32G4: DBGMCU_IDCODE.DEV_ID (RM0440 47.6.1).
+const DEVICE: u32 = 0x469;
+/// Flash that the firmware needs (KB).
+const FLASH_KB: f64 = 512.0;
+/// RCC_CSR (RM0440 7.4.30).
+const SOFTWARE_RESET: u32 = 1 << 28;
+const WATCHDOG_RESET: u32 = 1 << 29;
+/// RCC_CR (RM0440 7.4.1).
+const CRYSTAL_READY: u32 = 1 << 17;
+const PLL_READY: u32 = 1 << 25;
+/// CRS_ISR (RM0440 8.7.3): the sum of errors, and trimming at its end.
+const TRIM_ENDED: u32 = 1 << 10;
+/// Supply at which the chip's factory values were taken (V).
+const FACTORY_V: f64 = 3.0;
+/// Conversions that a sample is worth, and the codes of one.
+const WEIGHT: f64 = 64.0;
+const RAIL: f64 = 64.0 * 4095.0;
+/// Clock of the triggers (Hz).
+const TRIGGER_HZ: f64 = 64e3;
+
+/// Share of the stack that must never have been used.
+const FREE_STACK: f64 = 0.25;
+/// What a quartz and the USB's clock may differ by: 500 ppm by USB 2.0 7.1.11, 100 ppm for the quartz.
+const CRYSTAL_PPM: f64 = 600.0;
+/// What the chip's own oscillator may be off by besides (DS12288, table 43).
+const INTERNAL_PPM: f64 = 20_000.0;
+/// Noise of one conversion, rms: 66 dB of signal to noise are 0.7 codes (DS12288, table 67), an amplifier may double it.
+const NOISE_CODES: f64 = 2.0;
+/// A converter that converts is never quieter (codes).
+const LEAST_NOISE_CODES: f64 = 0.05;
+/// What the first sample after a start may lie beside the others, in their scatter.
+const FIRST_SIGMA: f64 = 8.0;
+
+fn ratio(above: Option<u32>, below: Option<u32>) -> Option<f64> {
+    let (above, below) = above.zip(below).filter(|(_, below)| *below != 0)?;
+    Some(f64::from(above) / f64::from(below))
+}
+
+/// Letter of a revision: DBGMCU_IDCODE.REV_ID (RM0440 47.6.1).
+fn revision(id: u32) -> String {
+    match id >> 16 {
+        0x1000 => "A".into(),
+        0x2000 => "B".into(),
+        0x2001 => "Z".into(),
+        0x2002 => "Y".into(),
+        0x2003 => "X".into(),
+        other => format!("0x{other:04X}"),
+    }
+}
+
+/// The chip: identity, flash, option bytes, stack.
+pub fn chip(measured: &Measured, hello: &Hello) -> Vec<Check> {
+    let get = |quantity| measured.get(quantity);
+    let id = get(Quantity::DeviceId);
+    let device = Check::words(
+        "chip",
+        "Chip",
+        "an STM32G471/473/474/483/484 (0x469)",
+        id.map_or("nothing".into(), |id| format!("0x{:03X}, revision {}", id & 0xFFF, revision(id))),
+        id.is_none_or(|id| id & 0xFFF != DEVICE).then(|| "another chip, or a clone: its errata are not known".into()),
+    );
+    let told_kb = hello.capabilities.flash_kb().map(f64::from);
+    let kb = get(Quantity::FlashKb).map(f64::from);
+    let flash = Check::range("flash", "Flash", "KB", FLASH_KB..=f64::INFINITY, kb, |_| {
+        "the settings lie in the last of 512 KB: this chip has less".into()
+    });
+    let agree = Check::words(
+        "flash_told",
+        "Flash as told in Hello",
+        kb.map_or("nothing".into(), |kb| kb.to_string()),
+        told_kb.map_or("nothing".into(), |kb| kb.to_string()),
+        (kb.is_none() || kb != told_kb).then(|| "the firmware contradicts itself".into()),
+    );
+    let (options, wanted) = (get(Quantity::OptionBytes), get(Quantity::OptionBytesWanted));
+    let hex = |value: Option<u32>| value.map_or("nothing".into(), |value| format!("0x{value:08X}"));
+    let options = Check::words(
+        "option_bytes",
+        "Option bytes",
+        hex(wanted),
+        hex(options),
+        (options.is_none() || options != wanted)
+            .then(|| "they could not be set: a restart tries again, and they may be protected".into()),
+    );
+    let stack = get(Quantity::StackBytes).filter(|bytes| *bytes > 0).map(f64::from);
+    let free = ratio(get(Quantity::StackFreeBytes), get(Quantity::StackBytes)).map(|part| part * 100.0);
+    let range = FREE_STACK * 100.0..=100.0;
+    let stack = Check::range("stack", "Stack never used", "%", range, free.filter(|_| stack.is_some()), |_| {
+        "the stack has been nearly full: please report it".into()
+    });
+    vec![device, flash, agree, options, stack]
+}
+
+/// How a start must have come about: as the device tells, and by the chip's own flags.
+pub fn restart(
+    name: &'static str,
+    label: &'static str,
+    expected: ResetCause,
+    told: Option<ResetCause>,
+    flags: Option<u32>,
+) -> Check {
+    let wanted = match expected {
+        ResetCause::Software => SOFTWARE_RESET,
+        ResetCause::Watchdog => WATCHDOG_RESET,
+        _ => 0,
+    };
+    let found = told.map_or("nothing was told".into(), |told| told.to_string());
+    let flags_words = flags.map_or("no flags".into(), |flags| format!("flags 0x{flags:08X}"));
+    let cause = if told.is_none() {
+        Some("the device did not say why it started".to_string())
+    } else if told != Some(expected) {
+        Some("it started for another reason: look at its supply and its reset pin".into())
+    } else if flags.is_none_or(|flags| flags & wanted != wanted) {
+        Some("the chip's reset flags say otherwise".into())
+    } else {
+        None
+    };
+    Check::words(name, label, expected.to_string(), format!("{found}, {flags_words}"), cause)
+}
+
+/// The clocks against each other and against the host's USB.
+pub fn clocks(measured: &Measured, hello: &Hello) -> Vec<Check> {
+    let get = |quantity| measured.get(quantity);
+    let core_hz = get(Quantity::CoreHz).filter(|hz| *hz > 0);
+    let ppm = |cycles_per_s: Option<f64>| Some((cycles_per_s? / f64::from(core_hz?) - 1.0) * 1e6);
+    let crystal = hello.clock == ClockSource::Crystal;
+    let control = get(Quantity::ClockControl);
+    let runs = |bit: u32| control.is_some_and(|control| control & bit != 0);
+    let source = Check::words(
+        "crystal",
+        "Clock's source",
+        "the crystal, and the PLL locked to it",
+        match (runs(CRYSTAL_READY), runs(PLL_READY)) {
+            (true, true) => "crystal and PLL run",
+            (false, true) => "the PLL runs, the crystal does not",
+            _ => "the PLL does not run, or nothing was told",
+        },
+        (!(crystal && runs(CRYSTAL_READY) && runs(PLL_READY)))
+            .then(|| "the crystal does not run: the chip's own oscillator is good for 1 % only".into()),
+    );
+    let allowed = if crystal { CRYSTAL_PPM } else { INTERNAL_PPM };
+    let per_frame = ratio(get(Quantity::UsbFramesCycles), get(Quantity::UsbFrames).filter(|frames| *frames >= 100));
+    let usb = match get(Quantity::UsbFrames) {
+        None => Check::skipped("clock_usb", "Core's clock against USB", "no USB frames: connect over the board's USB"),
+        Some(_) => {
+            let found = ppm(per_frame.map(|cycles| cycles * 1e3));
+            Check::range("clock_usb", "Core's clock against USB", "ppm", -allowed..=allowed, found, |ppm| {
+                let fast = if ppm > 0.0 { "fast" } else { "slow" };
+                format!(
+                    "the core's clock is {:.2} % {fast}: its crystal is not the one that the firmware was built for, or is off",
+                    ppm.abs() / 1e4
+                )
+            })
+        }
+    };
+    let clock = ppm(ratio(get(Quantity::ClockUsCycles), get(Quantity::ClockUs)).map(|cycles| cycles * 1e6));
+    let own = Check::range("clock_own", "Core's clock against the firmware's time", "ppm", -10.0..=10.0, clock, |_| {
+        "the timer of the firmware's time has a wrong prescaler".into()
+    });
+    let cycles_per_period = ratio(get(Quantity::LsiPeriodsCycles), get(Quantity::LsiPeriods));
+    let lsi = core_hz.zip(cycles_per_period).map(|(hz, cycles)| f64::from(hz) / cycles / 1e3);
+    // DS12288, table 46.
+    let lsi = Check::range("clock_lsi", "Watchdog's oscillator", "kHz", 29.5..=34.0, lsi, |_| {
+        "the watchdog's oscillator is off: its time limit is too".into()
+    });
+    let recovery = match (get(Quantity::UsbFrames), get(Quantity::RecoveryStatus)) {
+        (None, _) => Check::skipped("clock_recovery", "USB's oscillator", "no USB frames to follow"),
+        (Some(_), status) => {
+            // FECAP: the count at the last frame, of 48000.
+            let off = status.map(|status| f64::from(status >> 16) / 48e3 * 100.0);
+            let ended = status.is_some_and(|status| status & TRIM_ENDED != 0);
+            let found = if ended { Some(100.0) } else { off };
+            Check::range("clock_recovery", "USB's oscillator off the frames", "%", 0.0..=0.25, found, |_| {
+                "the 48 MHz oscillator does not follow the host's frames".into()
+            })
+        }
+    };
+    vec![source, usb, own, lsi, recovery]
+}
+
+/// Supply and temperature by the chip's own references.
+pub fn supply(measured: &Measured) -> Vec<Check> {
+    let get = |quantity| measured.get(quantity).filter(|code| (1..4095).contains(code)).map(f64::from);
+    let factory = get(Quantity::ReferenceFactoryCode);
+    // 1.182 to 1.232 V (DS12288, table 20) of 3.0 V.
+    let range = 1600.0..=1700.0;
+    let reference = Check::range("reference", "Voltage reference at the factory", "codes", range, factory, |_| {
+        "the chip's factory values are missing or not credible".into()
+    });
+    let supply = factory.zip(get(Quantity::ReferenceCode)).map(|(at_factory, code)| FACTORY_V * at_factory / code);
+    let volts = Check::range("supply", "Analogue supply", "V", 3.13..=3.47, supply, |volts| {
+        let low = if volts < 3.3 { "low" } else { "high" };
+        format!("the supply is too {low}: USB cable, regulator, jumpers of VDDA")
+    });
+    let (at_30, at_130) = (get(Quantity::TemperatureFactory30Code), get(Quantity::TemperatureFactory130Code));
+    let slope = at_30.zip(at_130).map(|(cold, hot)| (hot - cold) / 100.0).filter(|slope| *slope > 0.0);
+    let code = get(Quantity::TemperatureCode).zip(supply).map(|(code, volts)| code * volts / FACTORY_V);
+    let celsius = code.zip(at_30).zip(slope).map(|((code, cold), slope)| 30.0 + (code - cold) / slope);
+    let warm = Check::range("temperature", "Chip's temperature", "°C", 5.0..=70.0, celsius, |_| {
+        "the chip is too hot or too cold, or its sensor is not right".into()
+    });
+    vec![reference, volts, warm]
+}
+
+/// Cycles that a task takes in a second.
+struct Prediction {
+    quantity: Quantity,
+    name: &'static str,
+    label: &'static str,
+    /// Instructions on the twin in the same second: the least that it takes.
+    instructions: f64,
+}
+
+/// What the twin took, sampling at 1 kHz with every stream on and nothing in motion (docs/TESTING.md).
+const PREDICTIONS: [Prediction; 6] = [
+    predicted(Quantity::SamplingCycles, "work_sampling", "Cycles of sampling", 1.3e6),
+    predicted(Quantity::EstimatingCycles, "work_estimating", "Cycles of estimating", 3.0e6),
+    predicted(Quantity::TelemetryCycles, "work_telemetry", "Cycles of sending", 1.0e6),
+    predicted(Quantity::CommandsCycles, "work_commands", "Cycles of requests", 0.0),
+    predicted(Quantity::UsbCycles, "work_usb", "Cycles of the USB", 0.0),
+    predicted(Quantity::SupervisingCycles, "work_supervising", "Cycles of health, lamp and watchdog", 0.02e6),
+];
+
+const fn predicted(quantity: Quantity, name: &'static str, label: &'static str, instructions: f64) -> Prediction {
+    Prediction { quantity, name, label, instructions }
+}
+
+/// Cycles of the chip for an instruction at most, by the pessimistic bound of the twin's model and half as much again.
+const MOST_PER_INSTRUCTION: f64 = 4.5;
+/// Part of the twin's instructions that must be taken: motion and streams differ.
+const LEAST_PER_INSTRUCTION: f64 = 0.4;
+/// What any task may take besides (cycles/s).
+const SPARE: f64 = 1e6;
+
+/// Cycles of each task beside those that the twin predicts, and the load.
+pub fn work(measured: &Measured) -> Vec<Check> {
+    let get = |quantity| measured.get(quantity);
+    let window_s = get(Quantity::WorkUs).filter(|us| *us >= 100_000).map(|us| f64::from(us) / 1e6);
+    let mut checks: Vec<Check> = PREDICTIONS
+        .iter()
+        .map(|Prediction { quantity, name, label, instructions }| {
+            let per_s = get(*quantity).zip(window_s).map(|(cycles, s)| f64::from(cycles) / s / 1e6);
+            let least = (instructions * LEAST_PER_INSTRUCTION) / 1e6;
+            let most = (instructions * MOST_PER_INSTRUCTION + SPARE) / 1e6;
+            Check::range(name, label, "million/s", least..=most, per_s, |found| {
+                if found < least {
+                    "less than the twin needs for the same: it did not do its work, or the counter stands".into()
+                } else {
+                    "more than the model of the chip allows: wait states, caches, or the build".into()
+                }
+            })
+        })
+        .collect();
+    let idle = ratio(get(Quantity::IdleUs), get(Quantity::WorkUs).filter(|us| *us >= 100_000));
+    let load = idle.filter(|idle| *idle <= 1.0).map(|idle| (1.0 - idle) * 100.0);
+    checks.push(Check::range("load", "Processor load at 1 kHz", "%", 0.5..=35.0, load, |_| {
+        "the processor is busier or idler than its tasks make it".into()
+    }));
+    checks
+}
+
+/// Which input.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Input {
+    /// The force.
+    Force,
+    /// The terminal's displacement.
+    Terminal,
+}
+
+impl Input {
+    fn code(self, sample: &RawSample) -> f64 {
+        f64::from(match self {
+            Self::Force => sample.force_code,
+            Self::Terminal => sample.terminal_code,
+        })
+    }
+
+    fn names(self) -> [(&'static str, &'static str); 2] {
+        match self {
+            Self::Force => [("noise_force", "Noise of the force input"), ("first_force", "First force sample")],
+            Self::Terminal => {
+                [("noise_terminal", "Noise of the terminal input"), ("first_terminal", "First terminal sample")]
+            }
+        }
+    }
+}
+
+/// Noise floor of an input at rest, in codes of one conversion, and whether the first sample after a start is like the others.
+///
+/// By the differences of neighbours, which a slow drift does not enter. An input at its rail shows no noise.
+pub fn noise(input: Input, samples: &[RawSample], sample_rate_hz: f64) -> Vec<Check> {
+    let [(noise, noise_label), (first, first_label)] = input.names();
+    let codes: Vec<f64> = samples.iter().map(|sample| input.code(sample)).collect();
+    let Some((first_code, rest)) = codes.split_first().filter(|(_, rest)| rest.len() >= 100) else {
+        return vec![Check::range(noise, noise_label, "codes", 0.0..=NOISE_CODES, None, |_| String::new())];
+    };
+    let at_rail = rest.iter().filter(|code| **code <= 0.0 || **code >= RAIL).count();
+    if at_rail * 2 > rest.len() {
+        let reason = "the input rests at the end of its range: nothing is connected, or its sensor is off";
+        return vec![Check::skipped(noise, noise_label, reason), Check::skipped(first, first_label, reason)];
+    }
+    let squares: f64 = rest.windows(2).map(|pair| (pair[1] - pair[0]).powi(2)).sum();
+    let sample_codes = (squares / 2.0 / (rest.len() - 1) as f64).sqrt();
+    // A sample is worth 64 conversions, whatever it is the sum of: their noise grows by the root of how many there are.
+    let summed = TRIGGER_HZ / sample_rate_hz;
+    let found = sample_codes / WEIGHT * summed.sqrt();
+    let floor = Check::range(noise, noise_label, "codes", LEAST_NOISE_CODES..=NOISE_CODES, Some(found), |found| {
+        if found > NOISE_CODES {
+            "the noise is too high: supply, ground, or an amplifier that is not quiet".into()
+        } else {
+            "the input does not move at all: its converter may not convert".into()
+        }
+    });
+    let mean = rest.iter().sum::<f64>() / rest.len() as f64;
+    let sigma = (rest.iter().map(|code| (code - mean).powi(2)).sum::<f64>() / rest.len() as f64).sqrt();
+    let off = (first_code - mean).abs() / sigma.max(1.0);
+    let first = Check::range(first, first_label, "standard deviations off", 0.0..=FIRST_SIGMA, Some(off), |_| {
+        "the first conversions after a start are wrong".into()
+    });
+    vec![floor, first]
+}

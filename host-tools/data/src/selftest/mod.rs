@@ -1,0 +1,177 @@
+//! The self-test of a board: what was expected, what was found, and what that means.
+//!
+//! - *check*: one thing that the board must show, with the range it must lie in.
+//! - *verdict*: [`Verdict::Pass`], [`Verdict::Fail`] with the likely cause, or [`Verdict::Skipped`] with the reason.
+//!
+//! [`judge`] judges raw figures and samples, without a device. Numbers from a device may be anything: what is missing or makes no sense
+//! fails, and never passes.
+
+pub mod judge;
+
+use inerter_core::Machine;
+use inerter_wire::{
+    Figure, Hello, Measured,
+    catalogue::{Field, Group, fields},
+};
+use serde::Serialize;
+use serde_json::{Value, json};
+
+use crate::words::three_digits;
+
+/// What a check has come to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// As it should be.
+    Pass,
+    /// Not as it should be.
+    Fail,
+    /// Not looked at.
+    Skipped,
+}
+
+impl Verdict {
+    /// For a person.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Pass => "pass",
+            Self::Fail => "FAIL",
+            Self::Skipped => "skipped",
+        }
+    }
+}
+
+/// One thing that the board must show.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Check {
+    /// Name for programs; stays.
+    pub name: &'static str,
+    /// Name for a person.
+    pub label: &'static str,
+    /// What was expected.
+    pub expected: String,
+    /// What was found; nothing where it was not looked at.
+    pub found: Option<String>,
+    /// Unit of both; empty for words.
+    pub unit: &'static str,
+    /// What that means.
+    pub verdict: Verdict,
+    /// The likely cause of a failure, or why it was skipped.
+    pub reason: Option<String>,
+}
+
+impl Check {
+    /// A number that must lie in a range; one that is none fails.
+    pub fn range(
+        name: &'static str,
+        label: &'static str,
+        unit: &'static str,
+        range: std::ops::RangeInclusive<f64>,
+        found: Option<f64>,
+        cause: impl FnOnce(f64) -> String,
+    ) -> Self {
+        let ends = |end: f64| three_digits(end);
+        let expected = match (*range.start(), *range.end()) {
+            (least, most) if least == most => ends(least),
+            (f64::NEG_INFINITY, most) => format!("at most {}", ends(most)),
+            (least, f64::INFINITY) => format!("at least {}", ends(least)),
+            (least, most) => format!("{} to {}", ends(least), ends(most)),
+        };
+        let Some(value) = found.filter(|value| value.is_finite()) else {
+            let reason = Some("the board did not tell".into());
+            return Self { name, label, expected, found: None, unit, verdict: Verdict::Fail, reason };
+        };
+        let passes = range.contains(&value);
+        let verdict = if passes { Verdict::Pass } else { Verdict::Fail };
+        let reason = (!passes).then(|| cause(value));
+        Self { name, label, expected, found: Some(three_digits(value)), unit, verdict, reason }
+    }
+
+    /// Something that must be as expected, in words.
+    pub fn words(
+        name: &'static str,
+        label: &'static str,
+        expected: impl Into<String>,
+        found: impl Into<String>,
+        cause: Option<String>,
+    ) -> Self {
+        let verdict = if cause.is_some() { Verdict::Fail } else { Verdict::Pass };
+        let (expected, found) = (expected.into(), Some(found.into()));
+        Self { name, label, expected, found, unit: "", verdict, reason: cause }
+    }
+
+    /// Something that was not looked at.
+    pub fn skipped(name: &'static str, label: &'static str, reason: impl Into<String>) -> Self {
+        let (expected, reason) = (String::new(), Some(reason.into()));
+        Self { name, label, expected, found: None, unit: "", verdict: Verdict::Skipped, reason }
+    }
+
+    /// One line for a person.
+    pub fn line(&self) -> String {
+        let verdict = self.verdict.word();
+        let unit = if self.unit.is_empty() { String::new() } else { format!(" {}", self.unit) };
+        let reason = self.reason.as_ref().map(|reason| format!("; {reason}")).unwrap_or_default();
+        match &self.found {
+            Some(found) => format!("{verdict:<7} {}: {found}{unit} ({}{unit}){reason}", self.label, self.expected),
+            None => format!("{verdict:<7} {}{reason}", self.label),
+        }
+    }
+}
+
+/// A self-test with all that it found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SelfTest {
+    /// Whose.
+    pub hello: Hello,
+    /// Port or address.
+    pub port: String,
+    /// When it began, host time in nanoseconds since 1970.
+    pub begun_ns: u64,
+    /// What was looked at, in this order.
+    pub checks: Vec<Check>,
+    /// All that the board measured of itself, in this order.
+    pub measured: Vec<Measured>,
+}
+
+impl SelfTest {
+    /// How many checks have come to this.
+    pub fn count(&self, verdict: Verdict) -> usize {
+        self.checks.iter().filter(|check| check.verdict == verdict).count()
+    }
+
+    /// Labels of what failed.
+    pub fn failed(&self) -> Vec<&'static str> {
+        let failed = self.checks.iter().filter(|check| check.verdict == Verdict::Fail);
+        failed.map(|check| check.label).collect()
+    }
+
+    /// The raw figures with their fields; of a quantity that this program does not know the number.
+    pub fn figures(&self) -> impl Iterator<Item = (Result<&'static Field, u8>, u32)> {
+        self.measured.iter().flat_map(|measured| &measured.figures).map(|Figure { quantity, value }| {
+            let field = fields(Machine::Linear, Group::Measured).nth(usize::from(*quantity));
+            (field.ok_or(*quantity), *value)
+        })
+    }
+
+    /// The whole of it for programs: `docs/CLI.md`.
+    pub fn json(&self) -> Value {
+        let Hello { wire_version, firmware, git, board, serial, clock, .. } = &self.hello;
+        let figures: Vec<Value> = self
+            .figures()
+            .map(|(field, value)| match field {
+                Ok(field) => json!({ "quantity": field.path, "value": value, "unit": field.unit }),
+                Err(number) => json!({ "quantity": number, "value": value, "unit": "" }),
+            })
+            .collect();
+        json!({
+            "kind": "selftest", "board": board.as_str(), "serial": serial.as_str(), "firmware": firmware.as_str(),
+            "git": git.as_str(), "wire_version": wire_version, "clock": format!("{clock:?}").to_lowercase(),
+            "port": self.port, "begun_ns": self.begun_ns, "program": concat!("inerter ", env!("CARGO_PKG_VERSION")),
+            "passed": self.count(Verdict::Pass), "failed": self.count(Verdict::Fail),
+            "skipped": self.count(Verdict::Skipped), "checks": self.checks, "figures": figures,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,240 @@
+use super::{
+    judge::{Input, chip, clocks, noise, restart, supply, work},
+    *,
+};
+use inerter_core::RawSample;
+use inerter_wire::{Capabilities, ClockSource, MAX_FIGURES, Measure, Quantity, ResetCause, WIRE_VERSION};
+use proptest::prelude::*;
+
+fn hello() -> Hello {
+    Hello {
+        wire_version: WIRE_VERSION,
+        firmware: Hello::text("inerter 0.1.0"),
+        git: Hello::text("0123abcd"),
+        board: Hello::text("nucleo-g474re"),
+        serial: Hello::text("205735883537"),
+        sample_rate_hz: 1000.0,
+        clock: ClockSource::Crystal,
+        capabilities: Capabilities::MEASURE.with_flash_kb(512),
+    }
+}
+
+fn measured(what: Measure, figures: &[(Quantity, u32)]) -> Measured {
+    let mut measured = Measured::new(what);
+    figures.iter().for_each(|(quantity, value)| measured.push(*quantity, *value));
+    measured
+}
+
+fn good_chip() -> Measured {
+    measured(
+        Measure::Chip,
+        &[
+            (Quantity::DeviceId, 0x2003_6469),
+            (Quantity::FlashKb, 512),
+            (Quantity::OptionBytes, 0xFFEF_FCAA),
+            (Quantity::OptionBytesWanted, 0xFFEF_FCAA),
+            (Quantity::StackBytes, 50_000),
+            (Quantity::StackFreeBytes, 40_000),
+        ],
+    )
+}
+
+/// A core clock that is off by so much, and everything else right.
+fn clocks_off(ppm: f64) -> Measured {
+    let cycles = |nominal: f64| (nominal * (1.0 + ppm * 1e-6)).round() as u32;
+    measured(
+        Measure::Clocks,
+        &[
+            (Quantity::CoreHz, 168_000_000),
+            (Quantity::UsbFrames, 1001),
+            (Quantity::UsbFramesCycles, cycles(168_168_000.0)),
+            (Quantity::LsiPeriods, 128),
+            (Quantity::LsiPeriodsCycles, cycles(672_000.0)),
+            (Quantity::ClockUs, 1_001_000),
+            (Quantity::ClockUsCycles, 168_168_000),
+            (Quantity::ClockControl, 1 << 17 | 1 << 25),
+            (Quantity::RecoveryStatus, 30 << 16 | 1),
+        ],
+    )
+}
+
+fn good_supply() -> Measured {
+    measured(
+        Measure::Supply,
+        &[
+            (Quantity::ReferenceCode, 1504),
+            (Quantity::ReferenceFactoryCode, 1655),
+            (Quantity::TemperatureCode, 939),
+            (Quantity::TemperatureFactory30Code, 1037),
+            (Quantity::TemperatureFactory130Code, 1378),
+        ],
+    )
+}
+
+fn good_work() -> Measured {
+    measured(
+        Measure::Work,
+        &[
+            (Quantity::WorkUs, 1_000_100),
+            (Quantity::IdleUs, 880_000),
+            (Quantity::SamplingCycles, 3_000_000),
+            (Quantity::EstimatingCycles, 7_000_000),
+            (Quantity::TelemetryCycles, 2_500_000),
+            (Quantity::CommandsCycles, 3_000),
+            (Quantity::UsbCycles, 20_000),
+            (Quantity::SupervisingCycles, 90_000),
+        ],
+    )
+}
+
+/// Names of what failed.
+fn failed(checks: &[Check]) -> Vec<&'static str> {
+    checks.iter().filter(|check| check.verdict == Verdict::Fail).map(|check| check.name).collect()
+}
+
+fn all(hello: &Hello, figures: &Measured) -> Vec<Check> {
+    [chip(figures, hello), clocks(figures, hello), supply(figures), work(figures)].concat()
+}
+
+#[test]
+fn a_good_board_passes() {
+    let hello = hello();
+    let checks =
+        [chip(&good_chip(), &hello), clocks(&clocks_off(20.0), &hello), supply(&good_supply()), work(&good_work())];
+    for checks in &checks {
+        assert!(checks.iter().all(|check| check.verdict == Verdict::Pass), "{checks:#?}");
+    }
+}
+
+#[test]
+fn a_clock_that_is_off_is_named() {
+    for (ppm, fails) in [(0.0, false), (590.0, false), (-590.0, false), (610.0, true), (-10_000.0, true)] {
+        let checks = clocks(&clocks_off(ppm), &hello());
+        assert_eq!(failed(&checks), if fails { vec!["clock_usb"] } else { vec![] }, "{ppm}");
+    }
+    let checks = clocks(&clocks_off(10_000.0), &hello());
+    let reason = checks[1].reason.as_deref().unwrap_or_default();
+    assert!(reason.starts_with("the core's clock is 1.00 % fast: its crystal"), "{reason}");
+    // Without USB nothing is said of it.
+    let mut no_usb = clocks_off(10_000.0);
+    no_usb.figures.retain(|figure| !(10..=11).contains(&figure.quantity));
+    assert_eq!(clocks(&no_usb, &hello()).iter().filter(|check| check.verdict == Verdict::Skipped).count(), 2);
+    // The chip's own oscillator may be off, and fails as what it is.
+    let internal = Hello { clock: ClockSource::Internal, ..hello() };
+    assert_eq!(failed(&clocks(&clocks_off(10_000.0), &internal)), ["crystal"]);
+}
+
+#[test]
+fn each_fault_of_a_chip_is_named() {
+    let with = |quantity: Quantity, value: u32| {
+        let mut measured = good_chip();
+        measured.figures.iter_mut().filter(|figure| figure.quantity == quantity as u8).for_each(|f| f.value = value);
+        failed(&chip(&measured, &hello()))
+    };
+    assert_eq!(with(Quantity::DeviceId, 0x2003_6468), ["chip"]);
+    assert_eq!(with(Quantity::FlashKb, 128), ["flash", "flash_told"]);
+    assert_eq!(with(Quantity::OptionBytes, 0xFFEF_F8AA), ["option_bytes"]);
+    assert_eq!(with(Quantity::StackFreeBytes, 1000), ["stack"]);
+    assert_eq!(with(Quantity::StackFreeBytes, 60_000), ["stack"]);
+    assert_eq!(with(Quantity::StackBytes, 0), ["stack"]);
+}
+
+#[test]
+fn supply_and_work_have_two_sides() {
+    let with = |good: Measured, quantity: Quantity, value: u32| {
+        let mut measured = good;
+        measured.figures.iter_mut().filter(|figure| figure.quantity == quantity as u8).for_each(|f| f.value = value);
+        measured
+    };
+    for code in [1300, 1700] {
+        assert!(failed(&supply(&with(good_supply(), Quantity::ReferenceCode, code))).contains(&"supply"), "{code}");
+    }
+    assert_eq!(failed(&supply(&with(good_supply(), Quantity::TemperatureCode, 1400))), ["temperature"]);
+    for cycles in [0, 100_000_000] {
+        assert_eq!(failed(&work(&with(good_work(), Quantity::EstimatingCycles, cycles))), ["work_estimating"]);
+    }
+    assert_eq!(failed(&work(&with(good_work(), Quantity::IdleUs, 500_000))), ["load"]);
+    assert_eq!(failed(&work(&with(good_work(), Quantity::WorkUs, 0))).len(), 7);
+}
+
+#[test]
+fn a_restart_is_what_was_asked_for() {
+    let judged = |told, flags| restart("reboot", "Restart", ResetCause::Software, told, flags).verdict;
+    assert_eq!(judged(Some(ResetCause::Software), Some(1 << 28 | 1 << 26)), Verdict::Pass);
+    for (told, flags) in [
+        (Some(ResetCause::Software), Some(1 << 26)),
+        (Some(ResetCause::Software), None),
+        (Some(ResetCause::Watchdog), Some(u32::MAX)),
+        (None, Some(u32::MAX)),
+    ] {
+        assert_eq!(judged(told, flags), Verdict::Fail, "{told:?} {flags:?}");
+    }
+}
+
+/// Samples around the middle with this much noise in each conversion, of a sum of `summed` of them.
+fn noisy(codes: f64, summed: f64) -> Vec<RawSample> {
+    let mut state = 1u64;
+    let mut uniform = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
+    };
+    (0..2000)
+        .map(|index| {
+            // Twelve of them have a variance of one.
+            let normal: f64 = (0..12).map(|_| uniform()).sum();
+            let force_code = (131_040.0 + codes * 64.0 / summed.sqrt() * normal + f64::from(index) * 0.5) as i32;
+            RawSample { index, force_code, ..RawSample::default() }
+        })
+        .collect()
+}
+
+#[test]
+fn noise_is_that_of_a_conversion_at_any_rate() {
+    for (rate_hz, summed) in [(1000.0, 64.0), (4000.0, 16.0)] {
+        let found = |codes| {
+            let checks = noise(Input::Force, &noisy(codes, summed), rate_hz);
+            (failed(&checks), checks[0].found.as_deref().and_then(|found| found.parse::<f64>().ok()))
+        };
+        let (none, measured) = found(0.7);
+        assert_eq!(none, [""; 0]);
+        assert!(measured.is_some_and(|codes| (codes - 0.7).abs() < 0.05), "{measured:?}");
+        assert_eq!(found(5.0).0, ["noise_force"]);
+        assert_eq!(found(0.0).0, ["noise_force"], "nothing converts");
+    }
+    let mut first = noisy(0.7, 64.0);
+    first[0].force_code += 3000;
+    assert_eq!(failed(&noise(Input::Force, &first, 1000.0)), ["first_force"]);
+    // The terminal's codes are all zero here: at the rail.
+    let checks = noise(Input::Terminal, &first, 1000.0);
+    assert!(checks.iter().all(|check| check.verdict == Verdict::Skipped), "{checks:?}");
+    assert_eq!(failed(&noise(Input::Force, &first[..50], 1000.0)), ["noise_force"], "too few to say");
+}
+
+#[test]
+fn a_board_that_tells_nothing_fails_everything_it_can() {
+    let checks = all(&hello(), &Measured::new(Measure::Chip));
+    assert!(checks.iter().all(|check| check.verdict != Verdict::Pass), "{checks:#?}");
+}
+
+proptest! {
+    /// Nonsense neither panics nor passes for a good board.
+    #[test]
+    fn nonsense_does_not_pass(figures in prop::collection::vec((any::<u8>(), any::<u32>()), 0..=MAX_FIGURES)) {
+        let figures = figures.iter().map(|&(quantity, value)| Figure { quantity: quantity % 40, value }).collect();
+        let measured = Measured { what: Measure::Work, figures };
+        let hello = hello();
+        for checks in [chip(&measured, &hello), clocks(&measured, &hello), supply(&measured), work(&measured)] {
+            prop_assert!(!failed(&checks).is_empty());
+        }
+        let test = SelfTest { hello, port: "p".into(), begun_ns: 0, checks: vec![], measured: vec![measured] };
+        prop_assert!(!test.json().to_string().contains("NaN"));
+    }
+
+    #[test]
+    fn samples_of_any_kind_are_judged(codes in prop::collection::vec(any::<i32>(), 0..300), rate_hz in any::<f64>()) {
+        let samples: Vec<RawSample> =
+            codes.iter().map(|&force_code| RawSample { force_code, ..RawSample::default() }).collect();
+        let checks = noise(Input::Force, &samples, rate_hz);
+        prop_assert!(checks[0].verdict != Verdict::Pass);
+    }
+}

@@ -1,0 +1,458 @@
+//! `inerter selftest`: what the owner's board proves of itself, written down.
+
+use std::{
+    io::{self, IsTerminal},
+    path::{Path, PathBuf},
+    thread,
+    time::{Duration, Instant},
+};
+
+use inerter_core::{FrontEnd, RawSample, Settings};
+use inerter_data::{
+    backup,
+    json::json_line,
+    output,
+    selftest::{Check, SelfTest, Verdict, judge},
+};
+use inerter_device::{
+    Clock, Device, DeviceError, Target,
+    update::{ThisMachine, visit},
+};
+use inerter_view::selftest::html;
+use inerter_wire::{
+    Capabilities, Command, EventKind, Frame, Health, Measure, Quantity, Record, Refusal, ResetCause, Streams,
+};
+use serde_json::json;
+
+use super::{
+    args::LinkArgs,
+    terminal::{self, interrupted, note, say},
+};
+use crate::{Error, error::SelfTestError};
+
+/// Time for a board to come back: a watchdog bites after 4 s, and Windows takes seconds for a new port.
+const RETURN: Duration = Duration::from_secs(25);
+/// Pause between two attempts to reach it.
+const RETRY: Duration = Duration::from_millis(300);
+/// Rate of samples for noise and work (Hz), and the highest.
+const QUIET_HZ: f64 = 1000.0;
+const FULL_HZ: f64 = 4000.0;
+/// How long samples are listened to (s of the device's clock), and how much longer they may take.
+const LISTEN_S: f64 = 2.0;
+const PATIENCE: u32 = 6;
+
+/// Prove a board: chip, clocks, supply, noise, flash, watchdog, restart, update mode, and write it all down.
+///
+/// Nothing needs to be wired. The board's settings are backed up first and put back at the end, also after Ctrl-C and after an
+/// error. The board restarts three times; over its own USB connector it also goes into update mode and back, without being
+/// written to. Each line is a check with what was found and what was expected; where one fails, with its likely cause.
+///
+/// -o writes the same as a page, and beside it a JSON file and a backup of the settings: made to be sent on.
+/// With --json one object a check and one at the end: docs/CLI.md describes them. Exit code 10 when a check fails.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Page to write; beside it a file .json with the same, and a backup of the settings (.settings.toml)
+    #[arg(short, long, value_name = "PAGE.html")]
+    output: Option<PathBuf>,
+    /// Replace files that exist
+    #[arg(long)]
+    force: bool,
+    /// Leave out what needs jumpers
+    #[arg(long)]
+    without_jumpers: bool,
+    /// Leave update mode out
+    #[arg(long)]
+    without_dfu: bool,
+    #[command(flatten)]
+    link: LinkArgs,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// The files beside the page.
+struct Files<'a> {
+    page: &'a Path,
+    json: PathBuf,
+    settings: PathBuf,
+}
+
+impl<'a> Files<'a> {
+    fn of(page: &'a Path) -> Self {
+        Self { page, json: page.with_extension("json"), settings: page.with_extension("settings.toml") }
+    }
+}
+
+pub fn run(args: &Args) -> Result<(), Error> {
+    let files = args.output.as_deref().map(Files::of);
+    if let Some(Files { page, json, settings }) = files.as_ref().filter(|_| !args.force) {
+        [*page, json.as_path(), settings.as_path()].into_iter().try_for_each(output::refuse_existing)?;
+    }
+    terminal::catch_interrupts();
+    let mut device = args.link.device()?;
+    if !device.hello().capabilities.contains(Capabilities::MEASURE) {
+        let (name, firmware) = (device.name().into(), device.hello().firmware.to_string());
+        return Err(SelfTestError::CannotMeasure { name, firmware }.into());
+    }
+    let before = *device.settings();
+    let saved = match device.keeps_settings().then(|| device.saved_settings()).transpose() {
+        Ok(saved) => saved,
+        Err(DeviceError::Refused { refusal: Refusal::NothingSaved | Refusal::SavedUnreadable, .. }) => None,
+        Err(error) => return Err(error.into()),
+    };
+    if let Some(files) = &files {
+        backup::write(&files.settings, args.force, device.hello(), saved.as_ref().unwrap_or(&before))?;
+    }
+    let test = SelfTest {
+        hello: device.hello().clone(),
+        port: device.name().into(),
+        begun_ns: Clock::new().now_ns(),
+        checks: Vec::new(),
+        measured: Vec::new(),
+    };
+    let target = args.link.target().known(&test.hello.serial);
+    let mut bench = Bench { target, device: Some(device), test, json: args.json, before, saved, has_saved: false };
+    let outcome = bench.all(args);
+    let restored = bench.restore();
+    if let (Err(_), Some(files)) = (&restored, &files) {
+        note(format!(
+            "the settings were not put back: `inerter settings restore --save {}` does",
+            files.settings.display()
+        ));
+    }
+    match outcome {
+        // A board that does not answer any more has failed, and what it showed before counts.
+        Err(Error::Device(error)) if !matches!(error, DeviceError::Interrupted) => {
+            let check = Check::words("whole", "Test carried out", "to its end", "broken off", Some(error.to_string()));
+            bench.add([check])?;
+        }
+        outcome => outcome?,
+    }
+    let cause = restored.as_ref().err().map(ToString::to_string);
+    let found = if cause.is_none() { "as before" } else { "others" };
+    bench.add([Check::words("restored", "Settings put back", "as before", found, cause)])?;
+    let test = bench.test;
+    if let Some(files) = &files {
+        output::write(files.page, args.force, html(&test))?;
+        output::write(&files.json, args.force, json_line(&test.json()) + "\n")?;
+        say(format!("{} and {}", files.page.display(), files.json.display()));
+    }
+    if args.json {
+        output::line(json_line(&test.json()))?;
+    } else {
+        let [passed, failed, skipped] =
+            [Verdict::Pass, Verdict::Fail, Verdict::Skipped].map(|verdict| test.count(verdict));
+        output::line(format!("{passed} passed, {failed} failed, {skipped} skipped"))?;
+    }
+    let failed = test.failed();
+    if failed.is_empty() { Ok(()) } else { Err(SelfTestError::Failed { failed: failed.join(", ") }.into()) }
+}
+
+/// The board on the bench.
+struct Bench {
+    target: Target,
+    /// Nothing while it restarts.
+    device: Option<Device>,
+    test: SelfTest,
+    json: bool,
+    /// Settings in use and saved at the beginning.
+    before: Settings,
+    saved: Option<Settings>,
+    /// Others were saved since.
+    has_saved: bool,
+}
+
+/// What came within a time.
+#[derive(Default)]
+struct Heard {
+    samples: Vec<RawSample>,
+    bytes: usize,
+    /// The last one.
+    health: Option<Health>,
+    /// Batches of samples that cannot be read.
+    unreadable: usize,
+}
+
+impl Bench {
+    fn all(&mut self, args: &Args) -> Result<(), Error> {
+        self.chip()?;
+        self.noise()?;
+        self.work()?;
+        self.throughput()?;
+        let kept = self.keep()?;
+        self.restart(kept)?;
+        self.watchdog()?;
+        self.update_mode(args)?;
+        if !args.without_jumpers {
+            let reason = "this program and this firmware cannot play signals through jumpers yet";
+            self.add([Check::skipped("jumpers", "Signals through jumpers", reason)])?;
+        }
+        Ok(())
+    }
+
+    /// Takes the checks down and shows them.
+    fn add(&mut self, checks: impl IntoIterator<Item = Check>) -> Result<(), Error> {
+        for check in checks {
+            if self.json {
+                let mut line = json!({ "kind": "selftest_check" });
+                if let (Some(line), Ok(serde_json::Value::Object(fields))) =
+                    (line.as_object_mut(), serde_json::to_value(&check))
+                {
+                    line.extend(fields);
+                }
+                output::line(json_line(&line))?;
+            } else {
+                output::line(check.line())?;
+            }
+            self.test.checks.push(check);
+        }
+        Ok(output::flush()?)
+    }
+
+    /// The board, reached again where it has restarted.
+    fn device(&mut self) -> Result<&mut Device, DeviceError> {
+        if self.device.is_none() {
+            self.device = Some(reached(&self.target, &self.test.hello.serial)?);
+        }
+        match &mut self.device {
+            Some(device) => Ok(device),
+            None => Err(DeviceError::Interrupted),
+        }
+    }
+
+    /// Lets the board measure, and keeps it. A board that says nothing has no figures.
+    fn measure(&mut self, what: Measure) -> Result<inerter_wire::Measured, DeviceError> {
+        let measured = self.device()?.measure(what)?.unwrap_or(inerter_wire::Measured::new(what));
+        self.test.measured.push(measured.clone());
+        Ok(measured)
+    }
+
+    fn chip(&mut self) -> Result<(), Error> {
+        let hello = self.test.hello.clone();
+        let chip = self.measure(Measure::Chip)?;
+        self.add(judge::chip(&chip, &hello))?;
+        let clocks = self.measure(Measure::Clocks)?;
+        self.add(judge::clocks(&clocks, &hello))?;
+        let supply = self.measure(Measure::Supply)?;
+        self.add(judge::supply(&supply))
+    }
+
+    /// Settings for the test at this rate: the analogue front end, all else as it was.
+    fn settings(&self, sample_rate_hz: f64) -> Settings {
+        Settings { sample_rate_hz, front_end: FrontEnd::Analogue, ..self.before }
+    }
+
+    /// Lets the sampler start anew at this rate, and listens.
+    fn listen(&mut self, streams: Streams, sample_rate_hz: f64) -> Result<Heard, DeviceError> {
+        let settings = self.settings(sample_rate_hz);
+        let device = self.device()?;
+        device.write_settings(&settings)?;
+        device.stream(streams)?;
+        device.request("to halt its sampler", Command::Stop)?;
+        while device.receive()?.is_some() {}
+        device.start_sampler()?;
+        let wanted = (LISTEN_S * sample_rate_hz) as usize;
+        let (mut heard, begun) = (Heard::default(), Instant::now());
+        while heard.samples.len() < wanted && begun.elapsed() < Duration::from_secs_f64(LISTEN_S) * PATIENCE {
+            device.check_interrupted()?;
+            let Some(received) = device.receive()? else { continue };
+            heard.bytes += received.bytes.len() + 1;
+            match received.frame {
+                Frame::Message { message: Record::Samples(samples), .. } => {
+                    heard.unreadable += usize::from(samples.check().is_err());
+                    heard.samples.extend(samples.iter().flatten());
+                }
+                Frame::Message { message: Record::Health(health), .. } => heard.health = Some(health),
+                _ => {}
+            }
+        }
+        Ok(heard)
+    }
+
+    fn noise(&mut self) -> Result<(), Error> {
+        let heard = self.listen(Streams { samples: true, ..Streams::NONE }, QUIET_HZ)?;
+        for input in [judge::Input::Force, judge::Input::Terminal] {
+            self.add(judge::noise(input, &heard.samples, QUIET_HZ))?;
+        }
+        Ok(())
+    }
+
+    fn work(&mut self) -> Result<(), Error> {
+        let settings = self.settings(QUIET_HZ);
+        let device = self.device()?;
+        device.write_settings(&settings)?;
+        device.stream(Streams::ALL)?;
+        let work = self.measure(Measure::Work)?;
+        self.add(judge::work(&work))
+    }
+
+    /// Everything at the highest rate.
+    fn throughput(&mut self) -> Result<(), Error> {
+        let lost = u64::from(self.device()?.counts().lost);
+        let damaged = self.device()?.counts().corrupt();
+        let heard = self.listen(Streams::ALL, FULL_HZ)?;
+        let counts = self.device()?.counts();
+        let bad = u64::from(counts.lost) - lost + u64::from(counts.corrupt() - damaged) + heard.unreadable as u64;
+        let steps = heard.samples.windows(2).map(|pair| pair[1].index.wrapping_sub(pair[0].index));
+        let missing: u64 = steps.map(|step| u64::from(step.saturating_sub(1))).sum();
+        let span_s = heard.samples.len() as f64 / FULL_HZ;
+        let rate = (heard.samples.len() > 1000).then(|| heard.bytes as f64 / span_s / 1e3);
+        let overruns = heard.health.map(|health| f64::from(health.overruns));
+        self.add([
+            Check::range("frames_lost", "Frames lost or damaged at 4 kHz", "", 0.0..=0.0, Some(bad as f64), |_| {
+                "the link or the host does not keep up: another port, cable or hub".into()
+            }),
+            Check::range("samples_lost", "Samples lost at 4 kHz", "", 0.0..=0.0, Some(missing as f64), |_| {
+                "the sampler or the link does not keep up".into()
+            }),
+            Check::range("overruns", "Sampler overruns since the start", "", 0.0..=0.0, overruns, |_| {
+                "the sampler was overtaken by its hardware: please report it".into()
+            }),
+            Check::range("throughput", "Stream at 4 kHz, a second of the device", "KB", 10.0..=1000.0, rate, |_| {
+                "fewer or more bytes come than 4000 samples a second make".into()
+            }),
+        ])
+    }
+
+    /// Saves other settings and reads them back; gives what must hold after a restart.
+    fn keep(&mut self) -> Result<Option<Settings>, Error> {
+        const NAME: (&str, &str) = ("save", "Settings saved and read back");
+        if !self.device()?.keeps_settings() {
+            self.add([Check::skipped(NAME.0, NAME.1, "the board keeps no settings")])?;
+            return Ok(None);
+        }
+        let publish_rate_hz = if self.before.publish_rate_hz == 4.0 { 5.0 } else { 4.0 };
+        let other = Settings { publish_rate_hz, ..self.settings(QUIET_HZ) };
+        self.device()?.write_settings(&other)?;
+        // From here on what is kept must be put back, whatever is said.
+        self.has_saved = true;
+        match self.device()?.save_settings() {
+            Err(DeviceError::Refused { refusal: Refusal::Worn { wait_s }, .. }) => {
+                self.has_saved = false;
+                let reason = format!("the flash was written often lately: again in {wait_s} s");
+                self.add([Check::skipped(NAME.0, NAME.1, reason)])?;
+                return Ok(None);
+            }
+            result => result?,
+        }
+        let found = self.device()?.saved_settings()?;
+        let differ = backup::changes(&other, &found).len();
+        let cause = (differ > 0).then(|| format!("{differ} settings are others than were saved"));
+        self.add([Check::words(
+            NAME.0,
+            NAME.1,
+            "as written",
+            if differ == 0 { "as written" } else { "others" },
+            cause,
+        )])?;
+        Ok(Some(other))
+    }
+
+    /// Sends the board into a restart and learns what it says of it.
+    fn comes_back(&mut self, what: &'static str, command: Command) -> Result<(Option<ResetCause>, Option<u32>), Error> {
+        self.device()?.request(what, command)?;
+        self.device = None;
+        thread::sleep(RETRY);
+        let device = self.device()?;
+        let mut told = None;
+        while let Some(received) = device.pending() {
+            if let Frame::Message { message: Record::Event(event), .. } = received.frame
+                && let EventKind::ResetBy(cause) = event.kind
+            {
+                told = Some(cause);
+            }
+        }
+        let chip = self.measure(Measure::Chip)?;
+        Ok((told, chip.get(Quantity::ResetFlags)))
+    }
+
+    fn restart(&mut self, kept: Option<Settings>) -> Result<(), Error> {
+        say("restarting the board");
+        let (told, flags) = self.comes_back("to restart", Command::Reboot)?;
+        self.add([judge::restart("restart", "Restart by command", ResetCause::Software, told, flags)])?;
+        if let Some(kept) = kept {
+            let differ = backup::changes(&kept, self.device()?.settings()).len();
+            let cause = (differ > 0).then(|| format!("{differ} settings are others than were saved"));
+            let found = if differ == 0 { "as saved" } else { "others" };
+            self.add([Check::words("kept", "Settings after the restart", "as saved", found, cause)])?;
+        }
+        Ok(())
+    }
+
+    fn watchdog(&mut self) -> Result<(), Error> {
+        say("letting the board hang until its watchdog bites: 4 s");
+        let (told, flags) = self.comes_back("to hang", Command::Measure(Measure::Hang))?;
+        self.add([judge::restart("watchdog", "Watchdog's bite", ResetCause::Watchdog, told, flags)])
+    }
+
+    fn update_mode(&mut self, args: &Args) -> Result<(), Error> {
+        const DFU: (&str, &str) = ("dfu", "Update mode and back");
+        const DOUBLE: (&str, &str) = ("double_reset", "Two presses of the reset button");
+        let skip = if args.without_dfu {
+            Some("left out by --without-dfu")
+        } else if !matches!(self.target, Target::Usb { .. }) {
+            Some("only over the board's own USB connector")
+        } else if !self.test.hello.capabilities.contains(Capabilities::DFU) {
+            Some("the board cannot enter it on command")
+        } else {
+            None
+        };
+        if let Some(reason) = skip {
+            return self.add([DFU, DOUBLE].map(|(name, label)| Check::skipped(name, label, reason)));
+        }
+        say("into update mode and back");
+        let check = self.visits(DFU, true)?;
+        self.add([check])?;
+        if !(io::stdin().is_terminal() && io::stderr().is_terminal()) {
+            return self.add([Check::skipped(DOUBLE.0, DOUBLE.1, "no terminal to ask for it at")]);
+        }
+        say("press the board's reset button twice within half a second, in the next 15 s");
+        let check = self.visits(DOUBLE, false)?;
+        self.add([check])
+    }
+
+    fn visits(&mut self, (name, label): (&'static str, &'static str), enter: bool) -> Result<Check, Error> {
+        self.device = None;
+        let mut machine = ThisMachine::new(self.target.clone(), interrupted);
+        let visited = visit(&mut machine, &self.test.hello, enter);
+        if interrupted() {
+            return Err(DeviceError::Interrupted.into());
+        }
+        let found = if visited.is_ok() { "there and back" } else { "not back as before" };
+        Ok(Check::words(name, label, "there and back", found, visited.err().map(|error| error.to_string())))
+    }
+
+    /// Puts back what was in use and what was kept.
+    fn restore(&mut self) -> Result<(), DeviceError> {
+        let (before, saved, has_saved) = (self.before, self.saved, self.has_saved);
+        if self.device.is_none() {
+            // One attempt, which an interruption does not end.
+            self.device = Some(Device::connect(&self.target, Clock::new())?);
+        }
+        let Some(device) = &mut self.device else { return Ok(()) };
+        if has_saved {
+            device.write_settings(saved.as_ref().unwrap_or(&before))?;
+            device.save_settings()?;
+            if saved.is_none() {
+                note("nothing was saved before: the settings that were in use are now");
+            }
+        }
+        device.write_settings(&before)
+    }
+}
+
+/// Reaches the board that restarts, whatever port it then has.
+fn reached(target: &Target, serial: &str) -> Result<Device, DeviceError> {
+    let begun = Instant::now();
+    loop {
+        match Device::connect_until(target, Clock::new(), interrupted) {
+            Ok(device) if device.hello().serial == serial => return Ok(device),
+            Ok(device) if begun.elapsed() > RETURN => {
+                let reason = format!("another device (serial {}) answers", device.hello().serial);
+                return Err(DeviceError::Vanished { name: device.name().into(), reason, kept: String::new() });
+            }
+            Err(error) if !error.may_come_back() || begun.elapsed() > RETURN => return Err(error),
+            Ok(_) | Err(_) => thread::sleep(RETRY),
+        }
+    }
+}

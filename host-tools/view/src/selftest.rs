@@ -1,0 +1,133 @@
+//! The page of a board's self-test: one file, to be sent on.
+
+use inerter_data::{
+    selftest::{Check, SelfTest, Verdict},
+    words::{plural, utc},
+};
+use maud::{DOCTYPE, Markup, PreEscaped, html as markup};
+
+use crate::page::page_css;
+
+/// The whole page.
+pub fn html(test: &SelfTest) -> String {
+    let hello = &test.hello;
+    let failed = test.failed();
+    markup! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width, initial-scale=1";
+                meta name="generator" content=(concat!("inerter ", env!("CARGO_PKG_VERSION")));
+                title { "Inerter: self-test of " (hello.serial) }
+                style { (PreEscaped(page_css())) }
+            }
+            body {
+                header {
+                    p.kind { "Instrumented inerter: self-test of a board" }
+                    h1 { (hello.board) ", serial " (hello.serial) }
+                    p.meta { (utc(test.begun_ns)) " · " (hello.firmware) ", commit " (hello.git) " · at " (test.port) }
+                }
+                main {
+                    section #result {
+                        h2 { "Result" }
+                        p {
+                            @if failed.is_empty() { span.ok { "Passed" } } @else { span.none { "Failed" } }
+                            ": " (plural(test.count(Verdict::Pass) as u64, "check")) " passed, "
+                            (failed.len()) " failed, " (test.count(Verdict::Skipped)) " skipped."
+                        }
+                    }
+                    (checks(&test.checks))
+                    (figures(test))
+                }
+            }
+        }
+    }
+    .into_string()
+}
+
+fn checks(checks: &[Check]) -> Markup {
+    markup! {
+        section #checks {
+            h2 { "Checks" }
+            table {
+                thead { tr {
+                    th scope="col" { "Check" } th scope="col" { "Verdict" } th scope="col" { "Found" }
+                    th scope="col" { "Expected" } th scope="col" { "Unit" } th scope="col" { "Cause or reason" }
+                } }
+                tbody { @for check in checks { (row(check)) } }
+            }
+        }
+    }
+}
+
+fn row(check: &Check) -> Markup {
+    let class = match check.verdict {
+        Verdict::Pass => "ok",
+        Verdict::Fail => "none",
+        Verdict::Skipped => "held",
+    };
+    markup! {
+        tr {
+            th scope="row" { (check.label) }
+            td class=(class) { (check.verdict.word()) }
+            td { (check.found.as_deref().unwrap_or_default()) }
+            td { (check.expected) }
+            td { (check.unit) }
+            td { (check.reason.as_deref().unwrap_or_default()) }
+        }
+    }
+}
+
+fn figures(test: &SelfTest) -> Markup {
+    markup! {
+        section #figures {
+            h2 { "What the board measured of itself" }
+            table {
+                thead { tr { th scope="col" { "Quantity" } th.number scope="col" { "Value" } th scope="col" { "Unit" } } }
+                tbody {
+                    @for (field, value) in test.figures() {
+                        tr {
+                            @match field {
+                                Ok(field) => { th scope="row" { (field.label) } td.number { (value) } td { (field.unit) } }
+                                Err(number) => { th scope="row" { "quantity " (number) } td.number { (value) } td {} }
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use inerter_wire::{Capabilities, ClockSource, Hello, Measure, Measured, Quantity, WIRE_VERSION};
+
+    use super::*;
+
+    #[test]
+    fn the_page_tells_what_failed_and_why_and_nothing_in_it_is_markup() {
+        let hello = Hello {
+            wire_version: WIRE_VERSION,
+            firmware: Hello::text("<script>"),
+            git: Hello::text("0123abcd"),
+            board: Hello::text("nucleo-g474re"),
+            serial: Hello::text("1"),
+            sample_rate_hz: 1000.0,
+            clock: ClockSource::Crystal,
+            capabilities: Capabilities::NONE,
+        };
+        let mut measured = Measured::new(Measure::Chip);
+        measured.push(Quantity::FlashKb, 128);
+        let few = Check::range("flash", "Flash", "KB", 512.0..=f64::INFINITY, Some(128.0), |_| "too <little>".into());
+        let skipped = Check::skipped("dfu", "Update mode", "not over USB");
+        let checks = vec![few, skipped];
+        let test = SelfTest { hello, port: "p".into(), begun_ns: 0, checks, measured: vec![measured] };
+        let page = html(&test);
+        for wanted in ["too &lt;little&gt;", "&lt;script&gt;", "at least 512", "not over USB", ">128<", "Failed"] {
+            assert!(page.contains(wanted), "{wanted}");
+        }
+        assert!(!page.contains("<script"));
+    }
+}

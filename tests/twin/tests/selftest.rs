@@ -1,0 +1,208 @@
+//! `inerter selftest`, the program itself, on a board of the twin: it passes on a sound one, and names the cause on others.
+//!
+//! The board hangs on a USB cable; what goes over its serial port goes over TCP to the program, in step with the clock on the
+//! wall. A restart ends the connection, as it takes a port away.
+//!
+//! Slow, about a minute each. Skipped where image or program are missing.
+
+mod common;
+
+use inerter_twin::Board;
+use inerter_twin::chip::adc::Quality;
+use inerter_twin::machine::{Machine, Options, shipping_image};
+use inerter_twin::usb_link::UsbLink;
+use inerter_twin::world::Still;
+use serde_json::Value;
+use std::io::{ErrorKind, Read, Write};
+use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::path::PathBuf;
+use std::process::Command;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// What the device's time advances at once \[s\].
+const STEP_S: f64 = 1e-3;
+/// From power-on until the firmware runs \[s\].
+const START_S: f64 = 0.5;
+/// Being further behind the wall's clock than this is not made up for.
+const BEHIND: Duration = Duration::from_millis(50);
+
+/// The program; nothing where it is not built, after saying so.
+fn program() -> Option<PathBuf> {
+    let path = std::env::var_os("INERTER_PROGRAM").map_or_else(
+        || PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../target/debug/inerter"),
+        PathBuf::from,
+    );
+    let found = path.is_file().then_some(path.clone());
+    inerter_needs::or_skip(found.ok_or_else(|| format!("{}: `cargo build-lean -p inerter` makes it", path.display())))
+}
+
+/// A board whose serial port is reached over TCP.
+struct Served {
+    address: SocketAddr,
+    over: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Served {
+    fn new(machine: impl FnOnce() -> Machine + Send + 'static) -> Self {
+        let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
+        listener.set_nonblocking(true).expect("can be");
+        let address = listener.local_addr().expect("bound");
+        let over = Arc::new(AtomicBool::new(false));
+        let ends = over.clone();
+        let thread = std::thread::spawn(move || serve(machine(), &listener, &ends));
+        Self { address, over, thread: Some(thread) }
+    }
+}
+
+impl Drop for Served {
+    fn drop(&mut self) {
+        self.over.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take()
+            && thread.join().is_err()
+            && !std::thread::panicking()
+        {
+            panic!("the board stopped");
+        }
+    }
+}
+
+fn serve(mut machine: Machine, listener: &TcpListener, over: &AtomicBool) {
+    machine.run_for(START_S).expect("starts");
+    let mut link = UsbLink::new(machine);
+    let mut client: Option<TcpStream> = None;
+    let mut begun = (Instant::now(), link.socket.time_s());
+    while !over.load(Ordering::Relaxed) {
+        client = match client.take() {
+            Some(stream) => turn(&mut link, stream),
+            None => accept(&mut link, listener),
+        };
+        if client.is_none() {
+            link.unplug();
+            link.socket.run_for(STEP_S).unwrap_or_else(|ended| panic!("{ended}"));
+        }
+        let lived = Duration::from_secs_f64(link.socket.time_s() - begun.1);
+        let passed = begun.0.elapsed();
+        match lived.checked_sub(passed) {
+            Some(ahead) => std::thread::sleep(ahead),
+            None if passed > lived + BEHIND => begun = (Instant::now(), link.socket.time_s()),
+            None => {}
+        }
+    }
+}
+
+/// A client gets the board once that has a port.
+fn accept(link: &mut UsbLink<Machine>, listener: &TcpListener) -> Option<TcpStream> {
+    let (stream, _) = listener.accept().ok()?;
+    stream.set_nonblocking(true).expect("can be");
+    link.connect().ok()?;
+    link.open().ok()?;
+    Some(stream)
+}
+
+/// Both directions for a moment; nothing where either end has gone.
+fn turn(link: &mut UsbLink<Machine>, mut stream: TcpStream) -> Option<TcpStream> {
+    let mut portion = [0; 4096];
+    match stream.read(&mut portion) {
+        Ok(0) => return None,
+        Ok(count) => {
+            link.send(&portion[..count], 0.1).ok()?;
+        }
+        Err(error) if error.kind() == ErrorKind::WouldBlock => {}
+        Err(_) => return None,
+    }
+    let bytes = link.receive(STEP_S).ok()?;
+    let mut rest = &bytes[..];
+    while !rest.is_empty() {
+        match stream.write(rest) {
+            Ok(count) => rest = &rest[count..],
+            Err(error) if error.kind() == ErrorKind::WouldBlock => std::thread::sleep(Duration::from_millis(1)),
+            Err(_) => return None,
+        }
+    }
+    Some(stream)
+}
+
+/// What the program made of a board.
+struct Outcome {
+    code: Option<i32>,
+    /// The JSON file.
+    json: Value,
+    page: String,
+    errors: String,
+}
+
+impl Outcome {
+    fn names(&self, verdict: &str) -> Vec<&str> {
+        let checks = self.json["checks"].as_array().expect("checks");
+        checks.iter().filter(|check| check["verdict"] == verdict).map(|check| check["name"].as_str().expect("a name")).collect()
+    }
+
+    fn reason(&self, name: &str) -> &str {
+        let checks = self.json["checks"].as_array().expect("checks");
+        let check = checks.iter().find(|check| check["name"] == name).expect("the check");
+        check["reason"].as_str().unwrap_or_default()
+    }
+}
+
+fn selftest(name: &str, machine: impl FnOnce(&[u8]) -> Machine + Send + 'static) -> Option<Outcome> {
+    let (image, program) = (shipping_image()?, program()?);
+    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name);
+    std::fs::create_dir_all(&folder).expect("a folder");
+    let served = Served::new(move || machine(&image));
+    let page = folder.join("page.html");
+    let output = Command::new(program)
+        .current_dir(&folder)
+        .args(["selftest", "--force", "--json", "--without-jumpers", "--connect", &served.address.to_string(), "-o"])
+        .arg(&page)
+        .output()
+        .expect("the program");
+    let errors = String::from_utf8_lossy(&output.stderr).into_owned();
+    let text = String::from_utf8(output.stdout).expect("UTF-8");
+    println!("{text}{errors}");
+    let lines: Vec<Value> = text.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
+    let json = serde_json::from_str(&std::fs::read_to_string(page.with_extension("json")).expect("the file")).expect("JSON");
+    assert_eq!(lines.last(), Some(&json), "the file holds what the last line does");
+    let page = std::fs::read_to_string(page).expect("the page");
+    Some(Outcome { code: output.status.code(), json, page, errors })
+}
+
+#[test]
+fn a_sound_board_passes() {
+    let Some(outcome) = selftest("sound", |image| Machine::new(image, Box::new(Still)).expect("the image")) else { return };
+    assert_eq!(outcome.names("fail"), [""; 0], "{}", outcome.errors);
+    assert_eq!(outcome.names("skipped"), ["dfu", "double_reset"]);
+    assert_eq!(outcome.code, Some(0), "{}", outcome.errors);
+    assert!(outcome.page.contains("Passed"));
+    assert!(outcome.names("pass").len() >= 30, "{:?}", outcome.names("pass"));
+}
+
+#[test]
+fn a_wrong_clock_is_named() {
+    let board = Board { hse_hz: 24.24e6, ..Board::NUCLEO };
+    let machine = move |image: &[u8]| {
+        let options = Options { board, ..Options::default() };
+        Machine::with(image, options, Box::new(Still)).expect("the image")
+    };
+    let Some(outcome) = selftest("clock", machine) else { return };
+    assert_eq!(outcome.names("fail"), ["clock_usb"], "{}", outcome.errors);
+    assert!(outcome.reason("clock_usb").contains("1.00 % fast: its crystal"), "{}", outcome.reason("clock_usb"));
+    assert_eq!(outcome.code, Some(10));
+    assert!(outcome.page.contains("its crystal is not the one"));
+}
+
+#[test]
+fn noise_that_is_too_high_is_named() {
+    let machine = |image: &[u8]| {
+        let mut machine = Machine::new(image, Box::new(Still)).expect("the image");
+        machine.chip_mut().adc.set_quality(Quality { noise_lsb: 6.0, ..Quality::default() });
+        machine
+    };
+    let Some(outcome) = selftest("noise", machine) else { return };
+    assert_eq!(outcome.names("fail"), ["noise_force", "noise_terminal"], "{}", outcome.errors);
+    assert!(outcome.reason("noise_force").starts_with("the noise is too high"));
+    assert_eq!(outcome.code, Some(10));
+}
