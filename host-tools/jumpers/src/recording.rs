@@ -4,12 +4,15 @@ use crate::board::{Board, JumperError};
 use crate::tape::Tape;
 use inerter_core::Estimate;
 use inerter_core::RawSample;
-use inerter_wire::{Command, Done, EstimatorEvent, Event, EventKind, Fault, Knot, Pairing, Play, Record};
+use inerter_wire::{Command, Done, EstimatorEvent, Event, EventKind, Fault, Knot, Pairing, Play, Record, Refusal};
 
 /// Time for what is still on its way, after the knots, after a burst, and after the end \[s\].
 pub const TAIL_S: f64 = 0.06;
 /// Knots that the board shall hold at least before it is listened to at leisure.
 const AHEAD: u16 = 96;
+
+/// Times that a board may say in a row that it has no room, after which it never will have any.
+const MOST_REFUSED: u32 = 100;
 
 /// What the board sent while a tape was played.
 #[derive(Clone, Debug, Default)]
@@ -31,8 +34,8 @@ pub struct Recording {
 impl Recording {
     /// Samples that are missing between the others.
     pub fn lost(&self) -> u64 {
-        let gaps = self.samples.windows(2).map(|pair| u64::from(pair[1].index.wrapping_sub(pair[0].index)) - 1);
-        gaps.filter(|gap| *gap < 1 << 31).sum()
+        let gaps = self.samples.windows(2).map(|pair| u64::from(pair[1].index.wrapping_sub(pair[0].index)));
+        gaps.filter(|gap| *gap < 1 << 31).map(|gap| gap.saturating_sub(1)).sum()
     }
 
     fn take(&mut self, board: &mut impl Board, pairing: &mut Pairing) {
@@ -77,7 +80,7 @@ pub fn record(
     let (found, mut free) = ask(board, "play", Play::Begin { phase_ticks })?;
     recording.phase_ticks = found;
     let full = free;
-    let mut rest = tape.knots();
+    let (mut rest, mut refused) = (tape.knots(), 0);
     while !rest.is_empty() {
         let count = rest.len().min(Knot::MAX_KNOTS);
         if usize::from(free) < count {
@@ -92,13 +95,17 @@ pub fn record(
             Ok((_, room)) => {
                 free = room;
                 rest = later;
+                refused = 0;
             }
-            Err(JumperError::Refused { why: inerter_wire::Refusal::QueueFull { free: room, .. }, .. }) => free = room,
+            Err(JumperError::Refused { why: Refusal::QueueFull { free: room, .. }, .. }) if refused < MOST_REFUSED => {
+                free = room;
+                refused += 1;
+            }
             Err(error) => return Err(error),
         }
         recording.take(board, &mut pairing);
     }
-    board.listen(f64::from(full - free) * 1e-3 + TAIL_S)?;
+    board.listen(f64::from(full.saturating_sub(free)) * 1e-3 + TAIL_S)?;
     if let Some((edge_ticks, blocks)) = burst {
         ask(board, "play a burst", Play::Burst { edge_ticks, blocks })?;
         board.listen(f64::from(blocks) * 256.0 * f64::from(edge_ticks) / 168e6 * 1.5 + TAIL_S)?;

@@ -251,7 +251,7 @@ pub fn work(measured: &Measured) -> Vec<Check> {
             let per_s = get(*quantity).zip(window_s).map(|(cycles, s)| f64::from(cycles) / s / 1e6);
             let least = (instructions * LEAST_PER_INSTRUCTION) / 1e6;
             let most = (instructions * MOST_PER_INSTRUCTION + SPARE) / 1e6;
-            Check::range(name, label, "million/s", least..=most, per_s, |found| {
+            Check::range(*name, label, "million/s", least..=most, per_s, |found| {
                 if found < least {
                     "less than the twin needs for the same: it did not do its work, or the counter stands".into()
                 } else {

@@ -8,6 +8,8 @@
 
 pub mod judge;
 
+use std::borrow::Cow;
+
 use inerter_core::Machine;
 use inerter_wire::{
     Figure, Hello, Measured,
@@ -45,7 +47,7 @@ impl Verdict {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Check {
     /// Name for programs; stays.
-    pub name: &'static str,
+    pub name: Cow<'static, str>,
     /// Name for a person.
     pub label: &'static str,
     /// What was expected.
@@ -63,7 +65,7 @@ pub struct Check {
 impl Check {
     /// A number that must lie in a range; one that is none fails.
     pub fn range(
-        name: &'static str,
+        name: impl Into<Cow<'static, str>>,
         label: &'static str,
         unit: &'static str,
         range: std::ops::RangeInclusive<f64>,
@@ -71,6 +73,7 @@ impl Check {
         cause: impl FnOnce(f64) -> String,
     ) -> Self {
         let ends = |end: f64| three_digits(end);
+        let name = name.into();
         let expected = match (*range.start(), *range.end()) {
             (least, most) if least == most => ends(least),
             (f64::NEG_INFINITY, most) => format!("at most {}", ends(most)),
@@ -89,7 +92,7 @@ impl Check {
 
     /// Something that must be as expected, in words.
     pub fn words(
-        name: &'static str,
+        name: impl Into<Cow<'static, str>>,
         label: &'static str,
         expected: impl Into<String>,
         found: impl Into<String>,
@@ -97,13 +100,13 @@ impl Check {
     ) -> Self {
         let verdict = if cause.is_some() { Verdict::Fail } else { Verdict::Pass };
         let (expected, found) = (expected.into(), Some(found.into()));
-        Self { name, label, expected, found, unit: "", verdict, reason: cause }
+        Self { name: name.into(), label, expected, found, unit: "", verdict, reason: cause }
     }
 
     /// Something that was not looked at.
-    pub fn skipped(name: &'static str, label: &'static str, reason: impl Into<String>) -> Self {
+    pub fn skipped(name: impl Into<Cow<'static, str>>, label: &'static str, reason: impl Into<String>) -> Self {
         let (expected, reason) = (String::new(), Some(reason.into()));
-        Self { name, label, expected, found: None, unit: "", verdict: Verdict::Skipped, reason }
+        Self { name: name.into(), label, expected, found: None, unit: "", verdict: Verdict::Skipped, reason }
     }
 
     /// One line for a person.

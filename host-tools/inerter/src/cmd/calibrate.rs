@@ -9,7 +9,7 @@ mod encoder;
 mod force;
 mod load_cell;
 mod motion;
-mod person;
+pub mod person;
 mod skew;
 mod stiffness;
 mod timebase;

@@ -1,5 +1,7 @@
 //! `inerter selftest`: what the owner's board proves of itself, written down.
 
+mod jumpers;
+
 use std::{
     io::{self, IsTerminal},
     path::{Path, PathBuf},
@@ -18,6 +20,7 @@ use inerter_device::{
     Clock, Device, DeviceError, Target,
     update::{ThisMachine, visit},
 };
+use inerter_jumpers::Measured;
 use inerter_view::selftest::html;
 use inerter_wire::{
     Capabilities, Command, EventKind, Frame, Health, Measure, Quantity, Record, Refusal, ResetCause, Streams,
@@ -43,7 +46,9 @@ const PATIENCE: u32 = 6;
 
 /// Prove a board: chip, clocks, supply, noise, flash, watchdog, restart, update mode, and write it all down.
 ///
-/// Nothing needs to be wired. The board's settings are backed up first and put back at the end, also after Ctrl-C and after an
+/// Most of it needs no wires. With four jumpers between the board's outputs and inputs (docs/HARDWARE.md) it also plays a
+/// simulated inerter to itself and measures it, with nothing else connected: --rig-unplugged says so, or the answer to a question.
+/// The board's settings are backed up first and put back at the end, also after Ctrl-C and after an
 /// error. The board restarts three times; over its own USB connector it also goes into update mode and back, without being
 /// written to. Each line is a check with what was found and what was expected; where one fails, with its likely cause.
 ///
@@ -60,6 +65,12 @@ pub struct Args {
     /// Leave out what needs jumpers
     #[arg(long)]
     without_jumpers: bool,
+    /// No rig is connected and the four wires are in place: the board may drive its outputs
+    #[arg(long, conflicts_with = "without_jumpers")]
+    rig_unplugged: bool,
+    /// Save the delay of the force that the jumpers show, with its uncertainty, as skew_s and skew_u95_s
+    #[arg(long, conflicts_with = "without_jumpers")]
+    write: bool,
     /// Leave update mode out
     #[arg(long)]
     without_dfu: bool,
@@ -183,11 +194,7 @@ impl Bench {
         self.restart(kept)?;
         self.watchdog()?;
         self.update_mode(args)?;
-        if !args.without_jumpers {
-            let reason = "this program and this firmware cannot play signals through jumpers yet";
-            self.add([Check::skipped("jumpers", "Signals through jumpers", reason)])?;
-        }
-        Ok(())
+        if args.without_jumpers { Ok(()) } else { self.jumpers(args) }
     }
 
     /// Takes the checks down and shows them.
@@ -409,6 +416,36 @@ impl Bench {
         say("press the board's reset button twice within half a second, in the next 15 s");
         let check = self.visits(DOUBLE, false)?;
         self.add([check])
+    }
+
+    /// Plays through the jumpers, where nothing else is at the pins.
+    fn jumpers(&mut self, args: &Args) -> Result<(), Error> {
+        let (name, label) = jumpers::CHECK;
+        let reason = if !self.test.hello.capabilities.contains(Capabilities::PLAYER) {
+            Some("the firmware cannot play: update it")
+        } else if !(args.rig_unplugged || jumpers::may_drive()?) {
+            Some("a rig may be connected: unplug it, wire the jumpers, and give --rig-unplugged")
+        } else {
+            None
+        };
+        if let Some(reason) = reason {
+            return self.add([Check::skipped(name, label, reason)]);
+        }
+        say("playing a simulated inerter through the jumpers: about a minute");
+        let played = jumpers::play(self.device()?);
+        // It puts the settings back itself where it can; what the board has now is asked anew.
+        self.device = None;
+        let (checks, measured) = played?;
+        self.add(checks)?;
+        let Some(Measured { skew_s, skew_u95_s, .. }) = measured.filter(|_| args.write) else { return Ok(()) };
+        let with = |settings: &Settings| Settings { skew_s, skew_u95_s, ..*settings };
+        self.before = with(&self.before);
+        self.saved = Some(with(self.saved.as_ref().unwrap_or(&self.before)));
+        self.has_saved = self.device()?.keeps_settings();
+        say(format!(
+            "skew_s = {skew_s:.3e}, skew_u95_s = {skew_u95_s:.1e}: the board's alone; an amplifier's or a filter's delay comes on top"
+        ));
+        Ok(())
     }
 
     fn visits(&mut self, (name, label): (&'static str, &'static str), enter: bool) -> Result<Check, Error> {
