@@ -106,6 +106,7 @@ fn no_device_writes_to_the_terminal_what_it_likes() {
         &["doctor"],
         &["settings", "diff", "device", "kept.toml"],
         &["send", "run.mcap"],
+        &["selftest", "-o", "board.html"],
         &["update", "image.elf"],
         &["update", "image.elf", "--force"],
     ];

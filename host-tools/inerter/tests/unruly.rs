@@ -94,7 +94,7 @@ fn the_screen_ends_with_its_terminal() {
     // The system sends another where the terminal is its own.
     kill_process(Pid::from_child(&child), Signal::HUP).ok();
     let status = unruly::ended(&mut child, Duration::from_secs(5)).expect("it goes on without its terminal");
-    assert!(matches!(status.code(), Some(0..=9 | 130)), "{status}");
+    assert!(matches!(status.code(), Some(0..=10 | 130)), "{status}");
 }
 
 /// As after Ctrl-S, or where the window hangs.
@@ -141,7 +141,9 @@ fn no_request_waits_for_ever() {
         let device = Unruly::start(manner, 1);
         let mut visit = Visit::start(folder, command, &device.address);
         let code = visit.ended(Duration::from_secs(60)).and_then(|status| status.code());
-        assert!(matches!(code, Some(0..=9)), "{command:?} at a device that is {manner:?}: {code:?}");
+        assert!(matches!(code, Some(0..=10)), "{command:?} at a device that is {manner:?}: {code:?}");
+        // What any of them says of itself is nonsense.
+        assert!(command[0] != "selftest" || code != Some(0), "a device that is {manner:?} passed");
         assert_ne!(device.guests(), 0, "{command:?} never came to its device");
     });
 }

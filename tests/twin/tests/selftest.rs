@@ -31,10 +31,8 @@ const BEHIND: Duration = Duration::from_millis(50);
 
 /// The program; nothing where it is not built, after saying so.
 fn program() -> Option<PathBuf> {
-    let path = std::env::var_os("INERTER_PROGRAM").map_or_else(
-        || PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../target/debug/inerter"),
-        PathBuf::from,
-    );
+    let path = std::env::var_os("INERTER_PROGRAM")
+        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../target/debug/inerter"), PathBuf::from);
     let found = path.is_file().then_some(path.clone());
     inerter_needs::or_skip(found.ok_or_else(|| format!("{}: `cargo build-lean -p inerter` makes it", path.display())))
 }
@@ -138,13 +136,20 @@ struct Outcome {
 impl Outcome {
     fn names(&self, verdict: &str) -> Vec<&str> {
         let checks = self.json["checks"].as_array().expect("checks");
-        checks.iter().filter(|check| check["verdict"] == verdict).map(|check| check["name"].as_str().expect("a name")).collect()
+        checks
+            .iter()
+            .filter(|check| check["verdict"] == verdict)
+            .map(|check| check["name"].as_str().expect("a name"))
+            .collect()
+    }
+
+    fn check(&self, name: &str) -> &Value {
+        let checks = self.json["checks"].as_array().expect("checks");
+        checks.iter().find(|check| check["name"] == name).expect("the check")
     }
 
     fn reason(&self, name: &str) -> &str {
-        let checks = self.json["checks"].as_array().expect("checks");
-        let check = checks.iter().find(|check| check["name"] == name).expect("the check");
-        check["reason"].as_str().unwrap_or_default()
+        self.check(name)["reason"].as_str().unwrap_or_default()
     }
 }
 
@@ -164,7 +169,8 @@ fn selftest(name: &str, machine: impl FnOnce(&[u8]) -> Machine + Send + 'static)
     let text = String::from_utf8(output.stdout).expect("UTF-8");
     println!("{text}{errors}");
     let lines: Vec<Value> = text.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
-    let json = serde_json::from_str(&std::fs::read_to_string(page.with_extension("json")).expect("the file")).expect("JSON");
+    let json =
+        serde_json::from_str(&std::fs::read_to_string(page.with_extension("json")).expect("the file")).expect("JSON");
     assert_eq!(lines.last(), Some(&json), "the file holds what the last line does");
     let page = std::fs::read_to_string(page).expect("the page");
     Some(Outcome { code: output.status.code(), json, page, errors })
@@ -172,11 +178,21 @@ fn selftest(name: &str, machine: impl FnOnce(&[u8]) -> Machine + Send + 'static)
 
 #[test]
 fn a_sound_board_passes() {
-    let Some(outcome) = selftest("sound", |image| Machine::new(image, Box::new(Still)).expect("the image")) else { return };
+    let Some(outcome) = selftest("sound", |image| Machine::new(image, Box::new(Still)).expect("the image")) else {
+        return;
+    };
     assert_eq!(outcome.names("fail"), [""; 0], "{}", outcome.errors);
     assert_eq!(outcome.names("skipped"), ["dfu", "double_reset"]);
     assert_eq!(outcome.code, Some(0), "{}", outcome.errors);
     assert!(outcome.page.contains("Passed"));
+    // The table of what the twin takes is what it takes: its lower bound is 0.4 times that.
+    for name in ["work_sampling", "work_estimating", "work_telemetry", "work_supervising"] {
+        let check = outcome.check(name);
+        let number = |text: &Value| text.as_str().and_then(|text| text.split(' ').next()?.parse::<f64>().ok());
+        let (found, least) = (number(&check["found"]), number(&check["expected"]));
+        let ratio = found.zip(least).map(|(found, least)| found / least * 0.4).expect("numbers");
+        assert!((0.8..1.25).contains(&ratio), "{name}: {ratio} times what the table says");
+    }
     assert!(outcome.names("pass").len() >= 30, "{:?}", outcome.names("pass"));
 }
 

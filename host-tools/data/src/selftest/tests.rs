@@ -161,11 +161,13 @@ fn supply_and_work_have_two_sides() {
 fn a_restart_is_what_was_asked_for() {
     let judged = |told, flags| restart("reboot", "Restart", ResetCause::Software, told, flags).verdict;
     assert_eq!(judged(Some(ResetCause::Software), Some(1 << 28 | 1 << 26)), Verdict::Pass);
+    assert_eq!(judged(None, Some(1 << 28)), Verdict::Pass, "told a connection that came to nothing");
     for (told, flags) in [
         (Some(ResetCause::Software), Some(1 << 26)),
         (Some(ResetCause::Software), None),
         (Some(ResetCause::Watchdog), Some(u32::MAX)),
-        (None, Some(u32::MAX)),
+        (None, Some(1 << 29)),
+        (None, None),
     ] {
         assert_eq!(judged(told, flags), Verdict::Fail, "{told:?} {flags:?}");
     }

@@ -23,7 +23,7 @@ use inerter_device::{
 use inerter_jumpers::Measured;
 use inerter_view::selftest::html;
 use inerter_wire::{
-    Capabilities, Command, EventKind, Frame, Health, Measure, Quantity, Record, Refusal, ResetCause, Streams,
+    Capabilities, Command, EventKind, Frame, Health, Measure, Quantity, Record, Refusal, ResetCause, Samples, Streams,
 };
 use serde_json::json;
 
@@ -43,6 +43,8 @@ const FULL_HZ: f64 = 4000.0;
 /// How long samples are listened to (s of the device's clock), and how much longer they may take.
 const LISTEN_S: f64 = 2.0;
 const PATIENCE: u32 = 6;
+/// What a halted sampler has left comes in this time.
+const HALT: Duration = Duration::from_secs(1);
 
 /// Prove a board: chip, clocks, supply, noise, flash, watchdog, restart, update mode, and write it all down.
 ///
@@ -256,7 +258,10 @@ impl Bench {
         device.write_settings(&settings)?;
         device.stream(streams)?;
         device.request("to halt its sampler", Command::Stop)?;
-        while device.receive()?.is_some() {}
+        let halted = Instant::now();
+        while device.receive()?.is_some() && halted.elapsed() < HALT {
+            device.check_interrupted()?;
+        }
         device.start_sampler()?;
         let wanted = (LISTEN_S * sample_rate_hz) as usize;
         let (mut heard, begun) = (Heard::default(), Instant::now());
@@ -272,6 +277,12 @@ impl Bench {
                 Frame::Message { message: Record::Health(health), .. } => heard.health = Some(health),
                 _ => {}
             }
+        }
+        // A batch that was not full at the halt comes first, and the sample counter jumps behind it.
+        let first = heard.samples.windows(2).take(2 * Samples::MAX_SAMPLES);
+        let jump = first.enumerate().rfind(|(_, pair)| pair[1].index.wrapping_sub(pair[0].index) != 1);
+        if let Some((place, _)) = jump {
+            heard.samples.drain(..=place);
         }
         Ok(heard)
     }

@@ -17,9 +17,9 @@ use std::{
 use inerter_core::{Change, RawSample, Settings, Warning, WarningKind};
 use inerter_data::recording::{Item, read};
 use inerter_wire::{
-    Capabilities, ClockSource, Command, DELIMITER, Done, Event, EventKind, Fault, Frame, FrameReader, Health, Hello,
-    MAX_FRAME, MAX_PAYLOAD, Record, Refusal, Reply, Request, ResetCause, Samples, SettingFault, SettingValue,
-    SettingsValues, Source, encode_request,
+    Capabilities, ClockSource, Command, DELIMITER, Done, Event, EventKind, Fault, Figure, Frame, FrameReader, Health,
+    Hello, MAX_FIGURES, MAX_FRAME, MAX_PAYLOAD, Measure, Measured, Record, Refusal, Reply, Request, ResetCause,
+    Samples, SettingFault, SettingValue, SettingsValues, Source, encode_request,
 };
 
 use crate::{
@@ -410,6 +410,7 @@ impl Talk {
             Command::Hello => Some(self.hello()),
             Command::ReadSettings => Some(self.settings()),
             Command::ReadSaved => Some(payload(&Record::Saved(SettingsValues::from(&Settings::default())))),
+            Command::Measure(what) => Some(payload(&Record::Measured(nonsense(*what)))),
             Command::Inject(samples) if self.manner != Manner::Repeating => {
                 self.taken = self.taken.wrapping_add(samples.len() as u32);
                 done = Done::Injected { accepted: self.taken, free: 64 };
@@ -667,8 +668,15 @@ pub const COMMANDS: &[&[&str]] = &[
     &["calibrate", "skew", "--duration", "60"],
     &["calibrate", "stiffness", "--duration", "60"],
     &["calibrate", "timebase", "--duration", "60"],
+    &["selftest", "-o", "board.html", "--force"],
     &["update", "image.elf", "--force"],
 ];
+
+/// As many figures as there may be, each as large as it may be.
+fn nonsense(what: Measure) -> Measured {
+    let figures = (0..MAX_FIGURES).map(|number| Figure { quantity: 3 * number as u8, value: u32::MAX - number as u32 });
+    Measured { what, figures: figures.collect() }
+}
 
 /// A folder with what the commands need.
 pub fn prepared() -> tempfile::TempDir {
