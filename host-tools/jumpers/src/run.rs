@@ -7,7 +7,7 @@ use crate::motion;
 use crate::recording::{TAIL_S, record};
 use crate::sweep::sweep;
 use crate::tape::Tape;
-use crate::wires::{Chain, Levels, SETTLED_TICKS, chain, encoder, sampling};
+use crate::wires::{Chain, Levels, NOT_IN_STEP, SETTLED_TICKS, chain, encoder, sampling};
 use inerter_core::Settings;
 use inerter_wire::{Capabilities, Command, Record, Refusal, SettingsValues, Streams};
 
@@ -92,9 +92,7 @@ fn wires(board: &mut impl Board, report: &mut Report) -> Result<Option<Chain>, J
     let levels = Levels::new();
     let recording = match record(board, &levels.tape, SETTLED_TICKS, None) {
         Err(JumperError::NoSamples | JumperError::Refused { why: Refusal::NoSamples, .. }) => {
-            let cause = "the converters give nothing that belongs to the sampling clock's events: another trigger starts \
-                         them, or none, or one of them is broken";
-            report.take(Check::new("sampling", "samples", "none", Some(cause.to_owned())));
+            report.take(Check::new("sampling", "samples", "none", Some(NOT_IN_STEP.to_owned())));
             return Ok(None);
         }
         other => other?,

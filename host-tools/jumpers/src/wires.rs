@@ -59,10 +59,18 @@ pub struct Chain {
     pub noise_lsb: f64,
 }
 
+/// What it means where the converters give nothing, or lose samples again and again.
+pub const NOT_IN_STEP: &str = "what the converters give does not belong to the sampling clock's events: another trigger starts \
+                               them, or none, or one of them is broken";
+/// Part of the samples that a single disturbance takes at most.
+const ONCE: f64 = 0.05;
+
 /// Whether the board lost nothing meanwhile; for any recording, before anything else is made of it.
 pub fn sampling(recording: &Recording) -> Check {
     let (lost, faults) = (recording.lost(), &recording.faults);
-    let cause = if faults.contains(&Fault::SamplerMisaligned) {
+    let cause = if lost as f64 > ONCE * recording.samples.len() as f64 {
+        Some(NOT_IN_STEP.to_owned())
+    } else if faults.contains(&Fault::SamplerMisaligned) {
         Some("a transfer by DMA was lost, so that force, terminal and count no longer belonged together".to_owned())
     } else if faults.contains(&Fault::SamplerOverrun) {
         Some("a conversion was not fetched by DMA in time".to_owned())
