@@ -123,7 +123,6 @@ const DROPPED: &[(&str, &str)] = &[
     ("TIM1, TIM8.egr: 0x00000001", ONCE),
     ("TIM1, TIM8.rcr: 0x0000ffff", REPETITION),
     ("TIM1, TIM8.sr: 0x00f33fff", FLAGS),
-    ("TIM1, TIM8.tisel: 0x0f0f0f0f", INPUT),
     ("TIM15.af1: 0x00003ff0", BREAKS),
     ("TIM15.af2: 0x00070000", BREAKS),
     ("TIM15.arr: 0x000f0000", DITHER),
@@ -134,7 +133,6 @@ const DROPPED: &[(&str, &str)] = &[
     ("TIM15.egr: 0x00000001", ONCE),
     ("TIM15.rcr: 0x000000ff", REPETITION),
     ("TIM15.sr: 0x000006e7", FLAGS),
-    ("TIM15.tisel: 0x00000f0f", INPUT),
     ("TIM16, TIM17.af1: 0x00003ff0", BREAKS),
     ("TIM16, TIM17.af2: 0x00070000", BREAKS),
     ("TIM16, TIM17.arr: 0x000f0000", DITHER),
@@ -144,13 +142,11 @@ const DROPPED: &[(&str, &str)] = &[
     ("TIM16, TIM17.egr: 0x00000001", ONCE),
     ("TIM16, TIM17.rcr: 0x000000ff", REPETITION),
     ("TIM16, TIM17.sr: 0x000002a3", FLAGS),
-    ("TIM16, TIM17.tisel: 0x0000000f", INPUT),
     ("TIM2, TIM5.af1: 0x0003c000", BREAKS),
     ("TIM2, TIM5.af2: 0x00070000", BREAKS),
     ("TIM2, TIM5.dier: 0x00f00000", SIGNALS),
     ("TIM2, TIM5.egr: 0x00000001", ONCE),
     ("TIM2, TIM5.sr: 0x00f01e5f", FLAGS),
-    ("TIM2, TIM5.tisel: 0x0f0f0f0f", INPUT),
     ("TIM3, TIM4.af1: 0x0003c000", BREAKS),
     ("TIM3, TIM4.af2: 0x00070000", BREAKS),
     ("TIM3, TIM4.arr: 0x000f0000", DITHER),
@@ -162,7 +158,6 @@ const DROPPED: &[(&str, &str)] = &[
     ("TIM3, TIM4.dier: 0x00f00000", SIGNALS),
     ("TIM3, TIM4.egr: 0x00000001", ONCE),
     ("TIM3, TIM4.sr: 0x00f01e5f", FLAGS),
-    ("TIM3, TIM4.tisel: 0x0f0f0f0f", INPUT),
     ("TIM6, TIM7.arr: 0x000f0000", DITHER),
     ("TIM6, TIM7.cnt: 0x80000000", READ_ONLY),
     ("TIM6, TIM7.cr2: 0x02000000", "a basic timer's MMS has 3 bits (RM0440 31.4.2); metapac has 4"),
@@ -181,7 +176,6 @@ const BREAKS: &str = "break and clear inputs from elsewhere than the pin have no
 const DITHER: &str = "dithering has no model";
 const SIGNALS: &str = "signals of encoder, break and commutation have no model, so none comes";
 const REPETITION: &str = "the repetition counter has no model";
-const INPUT: &str = "inputs from elsewhere than the pin have no model";
 
 /// Registers of stm32g4 that the twin has not, or cannot read: touching one ends the run.
 const NOT_MODELLED: &[(&str, &str)] = &[
