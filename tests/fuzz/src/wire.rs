@@ -223,7 +223,14 @@ pub fn seeds() -> Vec<Vec<u8>> {
             add(REQUESTS, &item.bytes);
         }
     }
-    for command in [Command::Hello, Command::ReadSaved, Command::Tare, Command::InjectEnd, Command::EnterDfu, Command::Play(Play::End)] {
+    for command in [
+        Command::Hello,
+        Command::ReadSaved,
+        Command::Tare,
+        Command::InjectEnd,
+        Command::EnterDfu,
+        Command::Play(Play::End),
+    ] {
         add(REQUESTS, &Stream::default().request(7, command).bytes);
     }
     seeds
