@@ -148,6 +148,24 @@ fn a_running_device_is_updated_and_says_so_under_its_new_port() {
 }
 
 #[test]
+fn a_visit_to_update_mode_writes_nothing_and_comes_back() {
+    let mut bench = bench(Some(hello(SERIAL, OLD)), &[]);
+    run(&mut bench, None, &mut Vec::new()).unwrap();
+    let flash = bench.chip.borrow().flash.clone();
+    bench.chip.borrow_mut().restart();
+    bench.in_dfu.clear();
+    (bench.running, bench.answers_after) = (Some(hello(SERIAL, NEW)), 4);
+    let back = visit(&mut bench, &hello(SERIAL, NEW), true).unwrap();
+    assert_eq!((back.serial.as_str(), back.identity.firmware.as_str()), (SERIAL, NEW));
+    assert!(bench.chip.borrow().left && bench.chip.borrow().erased.is_empty());
+    assert!(bench.chip.borrow().flash == flash);
+    // By hand: nobody tells it to go there.
+    bench.appears_after = None;
+    let never = visit(&mut bench, &hello("1", NEW), false);
+    assert!(matches!(never, Err(UpdateError::DidNotAppear { .. })), "{never:?}");
+}
+
+#[test]
 fn a_device_in_update_mode_needs_no_first_step() {
     let mut bench = bench(None, &[SERIAL]);
     let mut told = Vec::new();
