@@ -187,7 +187,7 @@ fn noisy(codes: f64, summed: f64) -> Vec<RawSample> {
         .map(|index| {
             // Twelve of them have a variance of one.
             let normal: f64 = (0..12).map(|_| uniform()).sum();
-            let force_code = (131_040.0 + codes * 64.0 / summed.sqrt() * normal + f64::from(index) * 0.5) as i32;
+            let force_code = (131_040.0 + codes * 64.0 / summed.sqrt() * normal + f64::from(index) * 0.05) as i32;
             RawSample { index, force_code, ..RawSample::default() }
         })
         .collect()
