@@ -9,7 +9,7 @@ use crate::sweep::sweep;
 use crate::tape::Tape;
 use crate::wires::{Chain, Levels, NOT_IN_STEP, SETTLED_TICKS, chain, encoder, sampling};
 use inerter_core::Settings;
-use inerter_wire::{Capabilities, Command, Record, Refusal, SettingsValues, Streams};
+use inerter_wire::{Capabilities, Command, Play, Record, Refusal, SettingsValues, Streams};
 
 /// Ticks from edge to edge of the burst: 6 million counts a second, 1.5 MHz on each line.
 const EDGE_TICKS: u16 = 28;
@@ -28,6 +28,8 @@ const REPLY_S: f64 = 0.1;
 pub fn run(board: &mut impl Board) -> Result<Report, JumperError> {
     let before = settings_in_use(board)?;
     let outcome = measure(board);
+    // Wherever it broke off, nothing is driven any longer; a board that is gone lets go by itself.
+    let _ = board.request(Command::Play(Play::End));
     let restored = [Command::WriteSettings(before), Command::ResetEstimator]
         .into_iter()
         .try_for_each(|command| board.request(command).map(|_| ()));

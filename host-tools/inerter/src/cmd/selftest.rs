@@ -17,7 +17,7 @@ use inerter_data::{
     selftest::{Check, SelfTest, Verdict, judge},
 };
 use inerter_device::{
-    Clock, Device, DeviceError, Target,
+    Clock, Device, DeviceError, Interrupted, Target,
     update::{ThisMachine, visit},
 };
 use inerter_jumpers::Measured;
@@ -141,7 +141,11 @@ pub fn run(args: &Args) -> Result<(), Error> {
         }
         outcome => outcome?,
     }
-    let cause = restored.as_ref().err().map(ToString::to_string);
+    let cause = match &restored {
+        Ok(true) => None,
+        Ok(false) => Some("the board took them, and has others now".to_owned()),
+        Err(error) => Some(error.to_string()),
+    };
     let found = if cause.is_none() { "as before" } else { "others" };
     bench.add([Check::words("restored", "Settings put back", "as before", found, cause)])?;
     let test = bench.test;
@@ -221,7 +225,7 @@ impl Bench {
     /// The board, reached again where it has restarted.
     fn device(&mut self) -> Result<&mut Device, DeviceError> {
         if self.device.is_none() {
-            self.device = Some(reached(&self.target, &self.test.hello.serial)?);
+            self.device = Some(reached(&self.target, &self.test.hello.serial, interrupted)?);
         }
         match &mut self.device {
             Some(device) => Ok(device),
@@ -337,6 +341,12 @@ impl Bench {
         const NAME: (&str, &str) = ("save", "Settings saved and read back");
         if !self.device()?.keeps_settings() {
             self.add([Check::skipped(NAME.0, NAME.1, "the board keeps no settings")])?;
+            return Ok(None);
+        }
+        // One to save, and one to put back.
+        let saves_left = self.test.measured.iter().rev().find_map(|measured| measured.get(Quantity::SavesLeft));
+        if saves_left.is_some_and(|left| left < 2) {
+            self.add([Check::skipped(NAME.0, NAME.1, "the flash was written often lately: again in some minutes")])?;
             return Ok(None);
         }
         let publish_rate_hz = if self.before.publish_rate_hz == 4.0 { 5.0 } else { 4.0 };
@@ -470,27 +480,32 @@ impl Bench {
         Ok(Check::words(name, label, "there and back", found, visited.err().map(|error| error.to_string())))
     }
 
-    /// Puts back what was in use and what was kept.
-    fn restore(&mut self) -> Result<(), DeviceError> {
+    /// Puts back what was in use and what was kept; whether the board then has it. Ctrl-C does not end this, and a board that is
+    /// restarting is waited for.
+    fn restore(&mut self) -> Result<bool, DeviceError> {
         let (before, saved, has_saved) = (self.before, self.saved, self.has_saved);
-        if self.device.is_none() {
-            // One attempt, which an interruption does not end.
-            self.device = Some(Device::connect(&self.target, Clock::new())?);
+        let serial = self.test.hello.serial.clone();
+        // Reached anew, so that what it has in use is asked and not remembered.
+        self.device = None;
+        let mut device = reached(&self.target, &serial, || false)?;
+        device.stream(Streams::NONE)?;
+        let kept = saved.unwrap_or(before);
+        let saving =
+            if has_saved { device.write_settings(&kept).and_then(|()| device.save_settings()) } else { Ok(()) };
+        device.write_settings(&before)?;
+        saving?;
+        if has_saved && saved.is_none() {
+            note("nothing was saved before: the settings that were in use are now");
         }
-        let Some(device) = &mut self.device else { return Ok(()) };
-        if has_saved {
-            device.write_settings(saved.as_ref().unwrap_or(&before))?;
-            device.save_settings()?;
-            if saved.is_none() {
-                note("nothing was saved before: the settings that were in use are now");
-            }
-        }
-        device.write_settings(&before)
+        drop(device);
+        let mut device = reached(&self.target, &serial, || false)?;
+        let is_kept = !has_saved || backup::changes(&kept, &device.saved_settings()?).is_empty();
+        Ok(is_kept && backup::changes(&before, device.settings()).is_empty())
     }
 }
 
 /// Reaches the board that restarts, whatever port it then has.
-fn reached(target: &Target, serial: &str) -> Result<Device, DeviceError> {
+fn reached(target: &Target, serial: &str, interrupted: Interrupted) -> Result<Device, DeviceError> {
     let begun = Instant::now();
     loop {
         match Device::connect_until(target, Clock::new(), interrupted) {
