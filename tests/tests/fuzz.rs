@@ -72,7 +72,10 @@ fn the_streams_go_everywhere() {
             }
         }
     }
-    assert_eq!(done.len(), Command::TABLE.len(), "{done:?}");
+    // Only a board can measure itself, and play: the twin's tests ask for that.
+    for command in Command::TABLE.iter().filter(|command| !["Measure", "Play"].contains(&command.name)) {
+        assert!(done.contains(command.name), "{} is not among {done:?}", command.name);
+    }
     for wanted in [
         "Unsupported",
         "Busy",

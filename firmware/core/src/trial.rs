@@ -9,7 +9,7 @@ use crate::output::Published;
 /// friction from 1.2 s on.
 const JUDGED_UPDATES: u32 = 200;
 /// The same until which that waits for whether flanks part: later there is too much to be forgotten.
-const WAITED_UPDATES: u32 = 500;
+const WAITED_UPDATES: u32 = 800;
 /// Growth of a residual's sum beyond which it goes on: what the beginning alone has left stays as it is.
 const GROWS: f32 = 1.5;
 
