@@ -486,8 +486,13 @@ impl Bench {
         let (before, saved, has_saved) = (self.before, self.saved, self.has_saved);
         let serial = self.test.hello.serial.clone();
         // Reached anew, so that what it has in use is asked and not remembered.
-        self.device = None;
-        let mut device = reached(&self.target, &serial, || false)?;
+        let mut device = match self.device.take() {
+            Some(device) => {
+                drop(device);
+                Device::connect(&self.target, Clock::new())?
+            }
+            None => reached(&self.target, &serial, || false)?,
+        };
         device.stream(Streams::NONE)?;
         let kept = saved.unwrap_or(before);
         let saving =
@@ -498,7 +503,7 @@ impl Bench {
             note("nothing was saved before: the settings that were in use are now");
         }
         drop(device);
-        let mut device = reached(&self.target, &serial, || false)?;
+        let mut device = Device::connect(&self.target, Clock::new())?;
         let is_kept = !has_saved || backup::changes(&kept, &device.saved_settings()?).is_empty();
         Ok(is_kept && backup::changes(&before, device.settings()).is_empty())
     }
