@@ -3,7 +3,7 @@
 //! A device that was left alone takes [`SAVES`] at once, afterwards one every two minutes. A factory reset costs as much as
 //! [`FACTORY_RESET`] saves, since it erases a whole ring of pages where a save erases one page in seven times
 //! ([`store`](crate::store)). So a flood of requests takes longer than a year to use up the flash's 280 000 saves. A
-//! restart by command refills nothing; other starts do, among them one out of update mode, whose ROM keeps no memory.
+//! restart by command or by a watchdog that was asked for refills nothing; other starts do, also one out of update mode.
 
 use embassy_time::{Duration, Instant};
 

@@ -1,7 +1,7 @@
 //! What the board measures of itself when a host asks: raw numbers, which the host judges.
 //!
 //! All of it in thread mode. Where it waits for hardware it looks a bounded number of times, and holds up the other tasks of
-//! thread mode for 10 ms at most; sampling goes on above it. What does not come in that time is left out.
+//! thread mode for tens of ms where nothing comes; sampling goes on above it. What does not come is left out.
 //!
 //! TIM5 counts the core's clock meanwhile: the cycle counter may stand while the core sleeps. Its first input latches the
 //! edges of the 32 kHz oscillator (RM0440 29.4.25, TI1SEL), one in eight.
