@@ -152,7 +152,7 @@ pub const HEURISTICS: &[Heuristic] = &[
     tested(
         "a_clean_run_is_not_called_broken",
         "6: it waits for whether flanks part",
-        &[("trial.rs", "const WAITED_UPDATES: u32 = 500;", "const WAITED_UPDATES: u32 = 0;")],
+        &[("trial.rs", "const WAITED_UPDATES: u32 = 800;", "const WAITED_UPDATES: u32 = 0;")],
     ),
     one(
         "6: slipped counts are left out",
