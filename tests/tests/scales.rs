@@ -31,8 +31,9 @@ fn published(samples: &[RawSample], settings: &Settings, metre: f64, newton: f64
 
 /// Part of its interval by which a value may differ: scales are rounded to powers of two.
 const APART: f64 = 0.02;
-/// The same of a backlash: one reversal of some 300, as far from the median as may be, is in or out by that.
-const REVERSAL_APART: f64 = 0.1;
+/// The same of a backlash of which up to one reversal in a hundred more counts in one unit than in another: a
+/// reversal three standard deviations off moves a mean of n by 1.5 / sqrt(n) of its interval, 0.09 where n = 288.
+const REVERSALS_APART: f64 = 0.1;
 
 #[track_caller]
 fn alike(here: Interval, there: Interval, unit: f64, most: f64, what: &str) {
@@ -78,12 +79,17 @@ fn the_same_counts_and_codes_mean_the_same_whatever_their_units() {
                 assert_eq!(here.law.status, there.law.status, "{what}");
                 assert_eq!(here.detail.contact, there.detail.contact, "{what}");
                 assert_eq!(here.detail.friction.regime, there.detail.friction.regime, "{what}");
+                let [few, many] = {
+                    let mut counted = [here, there].map(|published| published.detail.backlash.reversals);
+                    counted.sort_unstable();
+                    counted
+                };
+                assert!(100 * (many - few) <= many, "{what}: {few} and {many} reversals");
+                let most = if few == many { APART } else { REVERSALS_APART };
                 let sizes = [here, there].map(|published| published.detail.backlash.size);
                 match sizes {
                     [BacklashSize::Ok(a), BacklashSize::Ok(b)]
-                    | [BacklashSize::BelowU95(a), BacklashSize::BelowU95(b)] => {
-                        alike(a, b, metre, REVERSAL_APART, &what)
-                    }
+                    | [BacklashSize::BelowU95(a), BacklashSize::BelowU95(b)] => alike(a, b, metre, most, &what),
                     [a, b] => assert_eq!(a, b, "{what}"),
                 }
                 for (a, b) in [
