@@ -110,16 +110,17 @@ pub fn errors(parameters: &Parameters, device: &Inerter) -> [Option<(f64, f64)>;
 impl Bench {
     /// All runs of a motion, with the seeds from `first` on.
     pub fn runs(&self, motion: &Motion, first: u64, seeds: u64) -> Result<Vec<Outcome>, Error> {
-        each_seed(seeds, |seed| self.run(motion, first + seed - 1))
+        each_seed(seeds, |seed| self.run(motion.name, motion.duration_s, first + seed - 1))
     }
 
-    fn run(&self, motion: &Motion, seed: u64) -> Result<Outcome, Error> {
+    /// One run of a motion, as the plant writes it \[s\].
+    pub fn run(&self, motion: &str, duration_s: f64, seed: u64) -> Result<Outcome, Error> {
         let sensors = Sensors { encoder_phase_count: (seed as f64 * 0.618) % 1.0, seed, ..self.sensors };
         let settings = stated(calibrated(&self.device, &sensors), self.wrong, seed);
         let active = settings.validate()?;
         let mut state = Box::new(State::new(&active));
-        let plant = Plant::new(self.device, Excitation::parse(motion.name, seed)?)?;
-        for sample in Simulation::of(plant, sensors)?.lasting(motion.duration_s) {
+        let plant = Plant::new(self.device, Excitation::parse(motion, seed)?)?;
+        for sample in Simulation::of(plant, sensors)?.lasting(duration_s) {
             active.step(&mut state, &raw(&sample));
         }
         let published = active.publish(&state);

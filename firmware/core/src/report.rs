@@ -73,6 +73,8 @@ struct Recent {
     told: Told,
     assessment: Assessment,
     band: Band,
+    /// Mean square of the acceleration [m^2/s^4].
+    acceleration: f32,
 }
 
 impl Active {
@@ -97,8 +99,9 @@ impl Active {
     /// What the intervals of the whole run know of its motion.
     pub fn motion(&self, state: &State) -> Motion {
         let Backlash { contact, .. } = self.backlash.found(&state.backlash, state.repeats());
-        let Recent { band, told, .. } = self.recent(state, contact, &Heard::of(&state.noise));
-        Motion::within(&band, contact, state.repeats(), told.fit.friction_in_curvature)
+        let recent = self.recent(state, contact, &Heard::of(&state.noise));
+        let (bank, knowledge) = self.choose(state, Knowledge::whole_run, AMONG_STEPS);
+        self.motion_of_all(state, contact, &recent, self.readings(bank, knowledge.updates()))
     }
 
     /// The same with what the next samples are told. That rests on the fit whether the law holds or not: what it takes away
@@ -208,7 +211,11 @@ impl Active {
         // Of the strokes of the whole run the memory holds a part.
         let held = knowledge.updates() / bank_state.whole.updates().max(1) as f32;
         let repeats = 1.0 + (state.repeats() - 1.0) * if held < 1.0 { held } else { 1.0 };
-        let motion = Motion::within(&band, contact, repeats, fitted.friction_in_curvature);
+        let motion = Motion {
+            acceleration_squared: acceleration,
+            own_readings: self.readings(bank, knowledge.updates()) / repeats,
+            ..Motion::within(&band, contact, repeats, fitted.friction_in_curvature)
+        };
         let spread = self.scatter(&fitted, scales).in_motion(&motion);
         let budgets = self.budgets_of(&fitted, &spread, &motion);
         let viscous = Interval { value: fitted.values[1], u95: budgets[1].u95() };
@@ -219,7 +226,7 @@ impl Active {
             budgets: assessment.widen(budgets),
             law: regime::law(&fitted, explained, noise.differences, contact),
         };
-        Recent { bank, told, assessment, band }
+        Recent { bank, told, assessment, band, acceleration }
     }
 
     /// The same of all since the reset, with what the recent memory says of friction.
@@ -231,13 +238,31 @@ impl Active {
         let Fit { friction_in_curvature, curved, .. } = recent.told.fit;
         let fit = Fit { friction_in_curvature, curved, ..fit };
         let explained = self.explained(noise, &fit, scales);
-        let motion = Motion::within(&recent.band, contact, state.repeats(), friction_in_curvature);
+        let motion = self.motion_of_all(state, contact, recent, self.readings(bank, knowledge.updates()));
         let spread = self.scatter(&fit, scales).in_motion(&motion);
         Told {
             fit,
             budgets: recent.assessment.widen(self.budgets_of(&fit, &spread, &motion)),
             law: regime::law(&fit, explained, noise.differences, contact),
         }
+    }
+
+    /// What so many readings of the whole run have seen of its motion; what is known of the recent memory only is taken from there.
+    fn motion_of_all(&self, state: &State, contact: Contact, recent: &Recent, readings: f32) -> Motion {
+        Motion {
+            acceleration_squared: recent.acceleration,
+            own_readings: readings / state.repeats(),
+            ..Motion::within(&recent.band, contact, state.repeats(), recent.told.fit.friction_in_curvature)
+        }
+    }
+
+    /// Readings of the position in so many of a bank's updates.
+    fn readings(&self, bank: Bank, updates: f32) -> f32 {
+        let spacing = match bank {
+            Bank::Fast => self.fast.spacing,
+            Bank::Slow => self.slow.spacing,
+        };
+        updates * spacing as f32 * self.settings.oversampling as f32
     }
 
     /// The fast bank when its acceleration stands clear of the encoder's steps, or is `among` times them and the slow bank's kernel

@@ -22,6 +22,9 @@ const STEPS_AT_FREQUENCY: f32 = 3.0 / 8.0 / 2.09;
 /// Times that a pattern of steps adds up at most, but for what a tone's harmonics tell: one that stays for longer differs from stroke
 /// to stroke in what it does.
 pub const MOST_REPEATS: f32 = 8.0;
+/// Variance of the amplitude of a tone that is read in counts, over `(count / amplitude)^3` and the amplitude's square, wherever among the
+/// counts it stands: `zeta(3) / pi^4`, by the first harmonic of a sawtooth of a sine.
+const AMPLITUDE: f32 = 0.01234;
 
 /// What the settings state, each as the half width of its 95 % interval.
 #[derive(Clone, Copy, Debug)]
@@ -44,6 +47,8 @@ pub struct Systematic {
     compliance_u95_m_per_n: f32,
     /// Damping of the contact \[N s/m\].
     damping_n_s_per_m: f32,
+    /// The encoder's count \[m\].
+    count_m: f32,
 }
 
 /// A parameter as a fit gives it, before what no averaging removes.
@@ -84,6 +89,10 @@ pub struct Motion {
     pub frequency_squared: f32,
     /// The same, weighted by the squared velocity.
     pub low_squared: f32,
+    /// Mean square of the acceleration \[m^2/s^4\]; infinite where counts do not matter.
+    pub acceleration_squared: f32,
+    /// Readings of the position that no stroke repeats; infinite where that is not known.
+    pub own_readings: f32,
     /// Viscous and Coulomb friction that the second derivative of the force is taken for [N s/m and N, per N/s^2]; 0 where it was not
     /// measured.
     pub friction_in_curvature: [f32; 2],
@@ -114,6 +123,7 @@ impl Scatter {
             pattern,
             tone: greater(tone, pattern),
             steps,
+            kernel,
         }
     }
 }
@@ -133,6 +143,8 @@ pub struct Spread {
     tone: f32,
     /// Variance by steps that do not come again.
     steps: f32,
+    /// What the kernel leaves of the motion's square.
+    kernel: f32,
 }
 
 impl Spread {
@@ -144,7 +156,8 @@ impl Spread {
 }
 
 impl Motion {
-    /// Of a run whose detail and repeats the estimator tells so; what the force's second derivative does is not among them.
+    /// Of a run whose detail and repeats the estimator tells so. Neither the count nor what the force's second derivative does is
+    /// among them.
     pub fn of(detail: &Detail, repeats: f32) -> Self {
         Self::within(&detail.band, detail.contact, repeats, [0.0; 2])
     }
@@ -159,10 +172,30 @@ impl Motion {
     /// that is the mean of the steps' spectrum (above) over them, weighted by the kernel and `1/n^2`, within a fourth from
     /// `w L` 0.1 to 1. 0 of a motion of several frequencies.
     fn steps_in_harmonics(&self, frequency_squared: f32) -> f32 {
-        let alike = if self.frequency_squared > 0.0 { self.low_squared / self.frequency_squared } else { 0.0 };
         let passed = square(square(square(frequency_squared)));
         let of_tone = 0.02 + 1.9 * frequency_squared / (1.0 + 0.5 * frequency_squared + 2.0 * passed);
-        of_tone * square(square(alike))
+        of_tone * self.of_one_tone()
+    }
+
+    /// 1 of a single tone, 0 of a motion of several frequencies.
+    fn of_one_tone(&self) -> f32 {
+        let alike = if self.frequency_squared > 0.0 { self.low_squared / self.frequency_squared } else { 0.0 };
+        square(square(alike))
+    }
+
+    /// Variance of a tone's amplitude by the count that it is read in, over its square. So many readings as differ scatter by a count's
+    /// part each; and however many there are, a tone that keeps its amplitude and its place among the counts is read too large or too small.
+    /// `kernel` is what it leaves of the tone's square.
+    fn amplitude_by_counts(&self, count_m: f32, kernel: f32) -> f32 {
+        let count_over_amplitude_squared =
+            square(count_m * self.frequency_squared) * kernel / (2.0 * self.acceleration_squared);
+        if count_over_amplitude_squared > 0.0 {
+            let by_readings = 1.0 / (6.0 * self.own_readings);
+            let by_place = AMPLITUDE * sqrt(count_over_amplitude_squared);
+            count_over_amplitude_squared * (by_readings + by_place) * self.of_one_tone()
+        } else {
+            0.0
+        }
     }
 
     /// Variance that steps have at most in what moves between two fits, over what they have in each parameter
@@ -187,6 +220,8 @@ impl Motion {
             flanks_part: contact.may_part(),
             frequency_squared: square(high),
             low_squared: square(low),
+            acceleration_squared: f32::INFINITY,
+            own_readings: f32::INFINITY,
             friction_in_curvature,
         }
     }
@@ -214,6 +249,7 @@ impl Systematic {
                 f32::INFINITY
             },
             damping_n_s_per_m: settings.contact_damping_n_s_per_m as f32,
+            count_m: settings.metres_per_count as f32,
         }
     }
 
@@ -233,7 +269,8 @@ impl Systematic {
         let bent = mass * stretch * self.compliance_u95_m_per_n;
         let follows = magnitude(1.0 - stretch * self.compliance_m_per_n);
         let flanks = if motion.flanks_part { STRUCTURE_MODEL_U95 * mass } else { 0.0 };
-        self.common(found, spread, spread.pattern)
+        let of_tone = square(found.value) * motion.amplitude_by_counts(self.count_m, spread.kernel);
+        self.common(found, spread, greater(spread.pattern * square(found.error), of_tone))
             .and(Source::Lead, found.value * self.lead)
             .and(Source::Timebase, 2.0 * found.value * self.timebase)
             .and(Source::Structure, follows * self.structure_u95_kg)
@@ -244,14 +281,15 @@ impl Systematic {
     /// Of viscous friction \[N s/m\].
     pub fn viscous(&self, found: &Found, spread: &Spread, motion: &Motion) -> Budget {
         let [in_curvature, _] = motion.friction_in_curvature;
-        let budget = self.common(found, spread, spread.tone).and(Source::Lead, found.value * self.lead);
+        let budget =
+            self.common(found, spread, spread.tone * square(found.error)).and(Source::Lead, found.value * self.lead);
         self.bent(budget.and(Source::Timebase, found.value * self.timebase), in_curvature, found, spread, motion)
     }
 
     /// Of Coulomb friction \[N\].
     pub fn coulomb(&self, found: &Found, spread: &Spread, motion: &Motion) -> Budget {
         let [_, in_curvature] = motion.friction_in_curvature;
-        self.bent(self.common(found, spread, spread.tone), in_curvature, found, spread, motion)
+        self.bent(self.common(found, spread, spread.tone * square(found.error)), in_curvature, found, spread, motion)
     }
 
     /// With what a wrong compliance takes. The structure moves with the force's second derivative, and the contact's damping takes from that
@@ -272,12 +310,13 @@ impl Systematic {
 
     /// Of the offset \[N\].
     pub fn offset(&self, found: &Found, spread: &Spread) -> Budget {
-        self.common(found, spread, spread.pattern)
+        self.common(found, spread, spread.pattern * square(found.error))
     }
 
-    fn common(&self, found: &Found, spread: &Spread, pattern: f32) -> Budget {
+    /// With the variance that steps have where they come again.
+    fn common(&self, found: &Found, spread: &Spread, repeated: f32) -> Budget {
         Budget::of_scatter(spread.noise * found.error, spread.freedom)
-            .and_variance(Source::Encoder, pattern * square(found.error))
+            .and_variance(Source::Encoder, repeated)
             .and(Source::Encoder, found.steps)
             .and(Source::Skew, found.per_skew * self.skew_s)
             .and(Source::Gain, found.value * self.gain)

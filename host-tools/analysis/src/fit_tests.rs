@@ -15,6 +15,8 @@ const BESIDE: Beside = Beside {
         flanks_part: false,
         frequency_squared: 0.0,
         low_squared: 0.0,
+        acceleration_squared: f32::INFINITY,
+        own_readings: f32::INFINITY,
         friction_in_curvature: [0.0; 2],
     },
     model_u95: [0.0; 4],

@@ -21,6 +21,8 @@ use std::{path::PathBuf, process::ExitCode};
 const SEEDS: (u64, u64) = (1001, 400);
 /// The same for a law that is nearly true.
 const NEARLY: (u64, u64) = (2001, 40);
+/// The same for tones of a whole number of samples.
+const TONES: (u64, u64) = (4001, 200);
 /// The same for the contact.
 const CONTACT: (u64, u64) = (3001, 60);
 /// Draws of the frontier.
@@ -85,12 +87,53 @@ fn run() -> Result<bool, Error> {
         }
     }
     text += &format!("\n{right} of {all} cells are right. In {blunt} more than 95 % are covered beyond chance.\n");
+    text += &tones()?;
     text += &contacts()?;
     text += &stated()?;
     text += &frontier();
     text += &nearly(update)?;
     print!("{text}");
     sheet::conclude("coverage", &text, 2, update)
+}
+
+/// Tones whose period is a whole number of samples, or nearly.
+fn tones() -> Result<String, Error> {
+    let (first, seeds) = TONES;
+    let mut text = format!(
+        "
+## Tones of a whole number of samples
+
+The first bench, {seeds} runs of each tone with amplitudes within 15 % of one another, seeds from {first} on. The shaker's clock is the instrument's own, so that each period reads the same counts, or 10 ppm faster. *rms* is
+that of the error over `U95`, *%* the runs whose interval holds the truth.
+
+| Hz | mm/s | clock | mt: U95 kg | rms | % | cf: U95 N s/m | rms | % | fc: U95 N | rms | % |
+|--:|--:|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|
+"
+    );
+    let sensors = Sensors { force_noise_n: 1.0, force_offset_n: 3.0, ..Sensors::default() };
+    for hz in [2.0, 5.0, 8.0, 10.0, 12.5] {
+        for mm_per_s in [30.0, 80.0] {
+            for (clock, ppm) in [("its own", 0.0), ("10 ppm", 10.0)] {
+                eprintln!("tone: {hz} Hz, {mm_per_s} mm/s, {clock}");
+                let sample_rate_hz = sensors.sample_rate_hz * (1.0 + 1e-6 * ppm);
+                let sensors = Sensors { sample_rate_hz, ..sensors };
+                let bench = Bench { name: "tones", device: Inerter::paper(), sensors, wrong: &[] };
+                let runs = each_seed(seeds, |seed| {
+                    let part = 0.85 + 0.3 * ((seed as f64 * 0.7549) % 1.0);
+                    let motion = format!("sine:{hz}Hz:{}mm", part * mm_per_s / (std::f64::consts::TAU * hz));
+                    bench.run(&motion, 20.0, first + seed - 1)
+                })?;
+                let figures = cells(&runs).into_iter().flat_map(|cell| {
+                    let covered = format!("{:.0}", 100.0 * cell.covered as f64 / cell.given as f64);
+                    let bold = if cell.is_low() { format!("**{covered}**") } else { covered };
+                    [significant(cell.u95), format!("{:.2}", cell.rms), bold]
+                });
+                let head = [hz.to_string(), mm_per_s.to_string(), clock.to_string()];
+                text += &sheet::line(&head.into_iter().chain(figures).collect::<Vec<String>>());
+            }
+        }
+    }
+    Ok(text)
 }
 
 /// Backlash, stiffness and damping of the contact, on a rig whose settings are true.

@@ -26,6 +26,11 @@ impl Products {
         self.updates
     }
 
+    /// Readings of the position in them.
+    pub(crate) fn readings(&self, settings: &Settings) -> f64 {
+        self.updates * self.box_s(settings) / 2.0 * settings.sample_rate_hz * settings.oversampling
+    }
+
     /// Nothing, of the same bank.
     pub(crate) fn none(&self) -> Self {
         self.times(0.0)

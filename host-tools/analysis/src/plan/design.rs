@@ -323,6 +323,8 @@ fn calibration(expected: &Expected, want: &Want) -> f64 {
         flanks_part: false,
         frequency_squared: 0.0,
         low_squared: 0.0,
+        acceleration_squared: f32::INFINITY,
+        own_readings: f32::INFINITY,
         friction_in_curvature: [0.0; 2],
     };
     let (systematic, spread) = (Systematic::of(&expected.settings), scatter.in_motion(&motion));

@@ -67,7 +67,8 @@ impl Information {
 impl Together {
     /// All that was seen.
     pub fn of(seen: &Seen) -> Self {
-        let Motion { repeats, flanks_part, frequency_squared, low_squared, friction_in_curvature } =
+        // The acceleration is among the products.
+        let Motion { repeats, flanks_part, frequency_squared, low_squared, friction_in_curvature, .. } =
             seen.outcome.motion;
         Self {
             products: seen.products,
@@ -174,6 +175,8 @@ impl Together {
             flanks_part: self.flanks_part,
             frequency_squared: self.squares[0] as f32,
             low_squared: self.squares[1] as f32,
+            acceleration_squared: self.products[place].mean_squares()[0] as f32,
+            own_readings: (self.products[place].readings(settings) / self.repeats) as f32,
             friction_in_curvature: self.friction_in_curvature.map(|taken| taken as f32),
         };
         let spread = solution.scatter.in_motion(&motion);
