@@ -17,11 +17,12 @@ use inerter_data::{
     words::{plural, printable, shortened_to},
 };
 use inerter_device::{DeviceError, flash::FlashError, image::ImageError, update::UpdateError};
+use inerter_flags::ConfigError;
 use inerter_simulate::SimulateError;
 use inerter_view::page::PageError;
 use miette::{Diagnostic, LabeledSpan, SourceCode};
 
-use crate::{cmd::config::ConfigError, monitor::MonitorError};
+use crate::monitor::MonitorError;
 
 /// Any failure, with help for a person.
 #[derive(Debug, thiserror::Error, Diagnostic)]

@@ -5,11 +5,11 @@ use inerter_analysis::{
 };
 use inerter_data::recording::RecordingError;
 use inerter_device::{DeviceError, flash::FlashError, update::UpdateError};
+use inerter_flags::ConfigError;
 use inerter_simulate::SimulateError;
 use inerter_view::page::PageError;
 
 use crate::{
-    cmd::config::ConfigError,
     error::{Error, SelfTestError},
     monitor::MonitorError,
 };

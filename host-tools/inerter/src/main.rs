@@ -20,8 +20,9 @@ use std::{
 };
 
 use clap::{CommandFactory, Parser, Subcommand};
-use cmd::config::{self, ConfigError};
+use cmd::config;
 use inerter_data::words::printable;
+use inerter_flags::ConfigError;
 
 /// Reads the effective inertance, friction and backlash of an inerter while it moves.
 #[derive(Parser)]
@@ -131,7 +132,7 @@ fn run() -> Result<(), Error> {
 /// The command line, with what `inerter.toml` says where nothing was typed.
 fn parse() -> Result<Cli, ConfigError> {
     let typed: Vec<OsString> = std::env::args_os().collect();
-    let words = match config::file(&typed).filter(|_| !config::is_about_the_program(&typed)) {
+    let words = match inerter_flags::file(&typed).filter(|_| !inerter_flags::is_about_the_program(&typed)) {
         Some(file) => config::apply(&Cli::command(), &file, &typed)?,
         None => typed,
     };

@@ -70,6 +70,8 @@ const LAWS: &[Law] = &[
     Law::of("inerter-qemu").may_use(&["inerter-core", "inerter-wire", "inerter-app"]).with_unsafe(),
     Law::of("inerter-stm32g474").may_use(&["inerter-core", "inerter-wire", "inerter-app", "ads131m04"]).with_unsafe(),
     Law::of("inerter-plant"),
+    Law::of("inerter-serve").never(&[COMMAND_LINE, USB, SCREEN, TABLES]),
+    Law::of("inerter-flags").may_use(&["inerter-core", "inerter-wire", "inerter-data"]).never(&[USB, SCREEN, TABLES]),
     Law::of("inerter-jumpers").may_use(&["inerter-core", "inerter-wire", "inerter-app", "inerter-plant"]).never(&[
         COMMAND_LINE,
         USB,
@@ -104,6 +106,8 @@ const LAWS: &[Law] = &[
             "inerter-device",
             "inerter-simulate",
             "inerter-view",
+            "inerter-serve",
+            "inerter-flags",
         ])
         .tests_may_use(&["inerter-needs"]),
     Law::of("inerter-needs"),
@@ -126,8 +130,16 @@ const LAWS: &[Law] = &[
     Law::of("inerter-bench").may_use(&["inerter-core", "inerter-plant"]),
     // libFuzzer's entry is a function without a mangled name.
     Law::of("inerter-fuzz")
-        .may_use(&["inerter-core", "inerter-wire", "inerter-plant", "inerter-data", "inerter-device", "inerter-tests"])
-        .never(&[COMMAND_LINE, SCREEN])
+        .may_use(&[
+            "inerter-core",
+            "inerter-wire",
+            "inerter-plant",
+            "inerter-data",
+            "inerter-device",
+            "inerter-serve",
+            "inerter-flags",
+            "inerter-tests",
+        ])
         .with_unsafe(),
     Law::of("inerter-guest"),
     Law::of("inerter-twin")

@@ -23,7 +23,7 @@ use std::{
 
 #[derive(clap::Args, Clone, Debug)]
 pub struct Options {
-    /// Run this target alone: wire, estimator, mcap, csv, settings, image, commands or dfuse
+    /// Run this target alone: wire, estimator, mcap, csv, settings, image, commands, dfuse, requests or flags
     target: Option<String>,
     /// Time for each target, in seconds
     #[arg(long, default_value_t = Self::USUAL.seconds)]
@@ -60,6 +60,8 @@ const TARGETS: &[Target] = &[
     Target { name: "image", longest: 1_024 },
     Target { name: "commands", longest: 2_048 },
     Target { name: "dfuse", longest: 512 },
+    Target { name: "requests", longest: 1_024 },
+    Target { name: "flags", longest: 1_024 },
 ];
 
 /// What counts coverage for libFuzzer and lets it see what is compared; `cargo fuzz` passes the same.

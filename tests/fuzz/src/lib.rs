@@ -15,9 +15,11 @@ pub mod commands;
 pub mod csv;
 pub mod dfuse;
 pub mod estimator;
+pub mod flags;
 pub mod image;
 mod input;
 pub mod mcap;
+pub mod requests;
 mod scratch;
 pub mod settings;
 pub mod wire;
@@ -78,5 +80,5 @@ mod tests {
         )+};
     }
 
-    seeds_and_corpora_hold!(commands csv dfuse estimator image mcap settings wire);
+    seeds_and_corpora_hold!(commands csv dfuse estimator flags image mcap requests settings wire);
 }

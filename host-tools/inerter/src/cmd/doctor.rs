@@ -4,7 +4,7 @@ use inerter_data::{json::json_line, output};
 use inerter_device::udev;
 use serde::Serialize;
 
-use super::{args::LinkArgs, config, terminal::note};
+use super::{args::LinkArgs, terminal::note};
 use crate::{
     Error,
     doctor::{Check, Condition, examine},
@@ -41,7 +41,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let target = args.link.is_given().then(|| args.link.target());
     let mut checks = examine(target.as_ref());
     let typed: Vec<_> = std::env::args_os().collect();
-    if let Some(file) = config::file(&typed) {
+    if let Some(file) = inerter_flags::file(&typed) {
         checks.push(Check::good("flags", format!("taken from {}", file.path.display())));
     }
     for check in &checks {

@@ -3,7 +3,7 @@
 //! [`hub`] takes what comes to all who look on; [`feed`] makes items in SI units on one time line of it, [`causes`] finds
 //! what breaks the law, and the rest shows them:
 //! [`state`] and [`view`] on a terminal; [`others`] opens what needs the feature `bridges`: `web` on a page, `bridge` in Teleplot,
-//! PlotJuggler and Foxglove, with `server` as HTTP for the page and Foxglove.
+//! PlotJuggler and Foxglove.
 //! All that is kept to be shown is bounded ([`trace`], [`history`]), however long it goes on.
 
 pub mod address;
@@ -16,8 +16,6 @@ pub mod history;
 pub mod hub;
 pub mod losses;
 pub mod others;
-#[cfg(feature = "bridges")]
-mod server;
 pub mod state;
 pub mod trace;
 pub mod view;

@@ -11,14 +11,14 @@ use std::sync::{Arc, Mutex, PoisonError, mpsc::Sender};
 use axum::{
     Extension, Router,
     extract::{
-        Request, State,
+        State,
         ws::{Message, Utf8Bytes, WebSocket, WebSocketUpgrade},
     },
     http::{HeaderMap, HeaderValue, StatusCode, header},
-    middleware::{self, Next},
     response::{Html, IntoResponse, Response},
     routing::get,
 };
+use inerter_serve::{Place, Server, guarded, limited, local_host, send};
 use serde::Deserialize;
 use tokio::sync::broadcast;
 
@@ -27,7 +27,6 @@ use super::{
     address::{PAGE, resolve},
     feed::Item,
     hub::{Viewer, Wish},
-    server::{Place, Server, limited, local_host, send, single},
 };
 use crate::Error;
 use messages::Messages;
@@ -110,44 +109,14 @@ fn token() -> Result<String, MonitorError> {
 }
 
 fn router(token: &str, shared: Arc<Shared>) -> Router {
-    Router::new()
+    let pages = Router::new()
         .route(&format!("/{token}/"), get(page))
         .route(&format!("/{token}/live"), get(live))
         .fallback(|| async {
             (StatusCode::FORBIDDEN, "the address is incomplete: open the one that `inerter monitor --web` printed\n")
         })
-        .layer(middleware::from_fn(guard))
-        .with_state(shared)
-}
-
-/// Lets in only what names this machine, and comes from nowhere else; says to the browser what the page may not do.
-async fn guard(request: Request, next: Next) -> Response {
-    if !from_here(request.headers()) {
-        return (StatusCode::FORBIDDEN, "only pages of this machine may ask\n").into_response();
-    }
-    let mut response = next.run(request).await;
-    let headers = response.headers_mut();
-    for (name, value) in [
-        (header::REFERRER_POLICY, "no-referrer"),
-        (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
-        (header::X_FRAME_OPTIONS, "DENY"),
-        (header::CACHE_CONTROL, "no-store"),
-    ] {
-        headers.insert(name, HeaderValue::from_static(value));
-    }
-    response
-}
-
-fn from_here(headers: &HeaderMap) -> bool {
-    if local_host(headers).is_none() {
-        return false;
-    }
-    let host = single(headers, header::HOST).ok().flatten().unwrap_or_default();
-    // Browsers name the origin wherever it matters; curl does not.
-    match single(headers, header::ORIGIN) {
-        Ok(origin) => origin.is_none_or(|origin| origin == format!("http://{host}")),
-        Err(()) => false,
-    }
+        .with_state(shared);
+    guarded(pages)
 }
 
 async fn page(headers: HeaderMap) -> Response {
@@ -234,30 +203,6 @@ fn asked(text: &str, shared: &Shared) {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn only_this_machine_is_let_in() {
-        let headers = |list: &[(header::HeaderName, &str)]| {
-            let pair =
-                |(name, value): &(header::HeaderName, &str)| (name.clone(), HeaderValue::from_str(value).unwrap());
-            let mut map = HeaderMap::new();
-            list.iter().map(pair).for_each(|(name, value)| {
-                map.append(name, value);
-            });
-            map
-        };
-        let host = (header::HOST, "127.0.0.1:9");
-        assert!(from_here(&headers(std::slice::from_ref(&host))));
-        assert!(from_here(&headers(&[host.clone(), (header::ORIGIN, "http://127.0.0.1:9")])));
-        for other in [host.clone(), (header::HOST, "evil.example")] {
-            assert!(!from_here(&headers(&[host.clone(), other])), "two hosts");
-        }
-        for origin in ["http://evil.example", "null", "https://127.0.0.1:9", "http://127.0.0.1:10"] {
-            assert!(!from_here(&headers(&[host.clone(), (header::ORIGIN, origin)])), "{origin}");
-        }
-        assert!(!from_here(&headers(&[])));
-        assert!(!from_here(&headers(&[(header::HOST, "evil.example")])));
-    }
 
     #[test]
     fn other_machines_are_refused_and_so_are_names_that_are_none() {

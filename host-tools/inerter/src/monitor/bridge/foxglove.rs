@@ -15,11 +15,12 @@ use axum::{
         State,
         ws::{Message, Utf8Bytes, WebSocket, WebSocketUpgrade},
     },
-    http::{HeaderMap, StatusCode, header},
+    http::{HeaderMap, StatusCode},
     response::{IntoResponse, Response},
 };
 use inerter_core::{Machine, Settings};
 use inerter_data::json::{EstimateJson, EventJson, ReversalJson, health_json, json_line, machine_json_line};
+use inerter_serve::{Place, Server, comes_from, limited, local_host, loopback, send};
 use inerter_wire::catalogue::{self, Field, Group};
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
@@ -29,10 +30,9 @@ use crate::{
     Error,
     monitor::{
         MonitorError,
-        address::{FOXGLOVE, loopback, resolve},
+        address::{FOXGLOVE, resolve},
         feed::{Item, Moment},
         hub::Viewer,
-        server::{Place, Server, limited, local_host, send, single},
     },
 };
 
@@ -206,10 +206,9 @@ fn refusal(headers: &HeaderMap, shared: &Shared) -> Option<&'static str> {
     if shared.is_local && local_host(headers).is_none() {
         return Some("only this machine may ask, by its own name\n");
     }
-    match single(headers, header::ORIGIN) {
-        Ok(origin) if origin.is_none_or(|origin| may_ask(origin, &shared.origins)) => None,
-        _ => Some("pages of this origin may not ask: allow it by `inerter monitor --foxglove-origin ORIGIN`\n"),
-    }
+    let is_allowed = comes_from(headers, |origin| may_ask(origin, &shared.origins));
+    (!is_allowed)
+        .then_some("pages of this origin may not ask: allow it by `inerter monitor --foxglove-origin ORIGIN`\n")
 }
 
 async fn live(
@@ -407,6 +406,8 @@ impl Viewer for Foxglove {
 
 #[cfg(test)]
 mod tests {
+    use axum::http::header;
+
     use super::*;
 
     #[test]

@@ -10,15 +10,30 @@ pub const VARIABLE: &str = "INERTER_CONFIG";
 /// Why the file cannot be used.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 pub enum ConfigError {
+    /// It cannot be read.
     #[error("the flags' file {path} cannot be read: {source}", path = path.display())]
     #[diagnostic(code(inerter::config::file), help("check the name after --config, or the variable {VARIABLE}"))]
-    File { path: PathBuf, source: std::io::Error },
+    File {
+        /// Its name.
+        path: PathBuf,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+    /// It is no TOML.
     #[error("the flags' file {path}, line {line}: {message}", path = path.display())]
     #[diagnostic(
         code(inerter::config::toml),
         help("flags are lines like `duration = 60`, for one command below a line like `[record]`")
     )]
-    Toml { path: PathBuf, line: usize, message: String },
+    Toml {
+        /// The file.
+        path: PathBuf,
+        /// Line, from 1 on.
+        line: usize,
+        /// The parser's reason.
+        message: String,
+    },
+    /// It was only found, and sets what only a named one may.
     #[error("the flags' file {path} was not named, so it may not set `{key}`", path = path.display())]
     #[diagnostic(
         code(inerter::config::found),
@@ -27,11 +42,36 @@ pub enum ConfigError {
              name the file with --config or {VARIABLE}"
         )
     )]
-    Found { path: PathBuf, key: String },
+    Found {
+        /// The file.
+        path: PathBuf,
+        /// What it may not set.
+        key: String,
+    },
+    /// It names what there is not.
     #[error("the flags' file {path}: there is no {what} `{name}`", path = path.display())]
     #[diagnostic(code(inerter::config::unknown), help("{help}"))]
-    Unknown { path: PathBuf, what: String, name: String, help: String },
+    Unknown {
+        /// The file.
+        path: PathBuf,
+        /// What there is not: a flag, a command, a flag of a command.
+        what: String,
+        /// Its name in the file.
+        name: String,
+        /// The next step.
+        help: String,
+    },
+    /// It gives a value that the flag does not take.
     #[error("the flags' file {path}: {key}: {message}", path = path.display())]
     #[diagnostic(code(inerter::config::value), help("{help}"))]
-    Value { path: PathBuf, key: String, message: String, help: String },
+    Value {
+        /// The file.
+        path: PathBuf,
+        /// The key, with its tables.
+        key: String,
+        /// Why it is no value of that flag.
+        message: String,
+        /// The next step.
+        help: String,
+    },
 }

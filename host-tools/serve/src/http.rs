@@ -9,19 +9,25 @@ use std::{collections::VecDeque, io, net::SocketAddr, sync::Arc, thread::JoinHan
 
 use axum::{
     Extension, Router,
-    extract::ws::{Message, WebSocket, WebSocketUpgrade},
-    http::{HeaderMap, HeaderName, header},
+    extract::{
+        Request,
+        ws::{Message, WebSocket, WebSocketUpgrade},
+    },
+    http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header},
+    middleware::{self, Next},
+    response::{IntoResponse, Response},
 };
 use hyper::server::conn::http1;
 use hyper_util::{rt::TokioIo, service::TowerToHyperService};
 use tokio::{
+    io::{AsyncRead, AsyncWrite},
     net::TcpListener,
     sync::{OwnedSemaphorePermit, Semaphore, oneshot},
     task::JoinHandle as Task,
     time::{sleep, timeout},
 };
 
-use super::address::loopback;
+use crate::host::loopback;
 
 /// Time for requests and their answers.
 const REQUEST_TIME: Duration = Duration::from_secs(5);
@@ -103,11 +109,16 @@ async fn serve(listener: &TcpListener, router: &Router) {
         // None is free where all are WebSockets.
         let Ok(place) = places.clone().try_acquire_owned() else { continue };
         let router = router.clone().layer(Extension(Place { _permit: Arc::new(place) }));
-        let connection = http1::Builder::new()
-            .serve_connection(TokioIo::new(stream), TowerToHyperService::new(router))
-            .with_upgrades();
-        requests.push_back(tokio::spawn(timeout(REQUEST_TIME, connection)));
+        requests.push_back(tokio::spawn(serve_connection(stream, router)));
     }
+}
+
+/// Answers what comes by one connection, for [`REQUEST_TIME`] at most.
+pub async fn serve_connection(stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static, router: Router) {
+    let connection =
+        http1::Builder::new().serve_connection(TokioIo::new(stream), TowerToHyperService::new(router)).with_upgrades();
+    // Why a connection ended is of no use to anybody here.
+    drop(timeout(REQUEST_TIME, connection).await);
 }
 
 /// Files that this program may have open.
@@ -138,7 +149,7 @@ pub fn limited(upgrade: WebSocketUpgrade, bytes: usize) -> WebSocketUpgrade {
 }
 
 /// A header that is there once at most; an error where it is there twice or is no text.
-pub fn single(headers: &HeaderMap, name: HeaderName) -> Result<Option<&str>, ()> {
+fn single(headers: &HeaderMap, name: HeaderName) -> Result<Option<&str>, ()> {
     let mut values = headers.get_all(name).iter();
     match (values.next(), values.next()) {
         (Some(_), Some(_)) => Err(()),
@@ -149,6 +160,41 @@ pub fn single(headers: &HeaderMap, name: HeaderName) -> Result<Option<&str>, ()>
 /// The only `Host` of a request, when it names this machine.
 pub fn local_host(headers: &HeaderMap) -> Option<String> {
     loopback(single(headers, header::HOST).ok()??)
+}
+
+/// Lets through only requests that name this machine and come from no page of elsewhere, and says to browsers what the answer may not do.
+pub fn guarded(router: Router) -> Router {
+    router.layer(middleware::from_fn(guard))
+}
+
+async fn guard(request: Request, next: Next) -> Response {
+    if !from_here(request.headers()) {
+        return (StatusCode::FORBIDDEN, "only pages of this machine may ask\n").into_response();
+    }
+    let mut response = next.run(request).await;
+    let headers = response.headers_mut();
+    for (name, value) in [
+        (header::REFERRER_POLICY, "no-referrer"),
+        (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
+        (header::X_FRAME_OPTIONS, "DENY"),
+        (header::CACHE_CONTROL, "no-store"),
+    ] {
+        headers.insert(name, HeaderValue::from_static(value));
+    }
+    response
+}
+
+fn from_here(headers: &HeaderMap) -> bool {
+    if local_host(headers).is_none() {
+        return false;
+    }
+    let host = single(headers, header::HOST).ok().flatten().unwrap_or_default();
+    comes_from(headers, |origin| origin == format!("http://{host}"))
+}
+
+/// Whether a request names no origin, or only one that is allowed. Browsers name it wherever it matters; curl does not.
+pub fn comes_from(headers: &HeaderMap, is_allowed: impl Fn(&str) -> bool) -> bool {
+    single(headers, header::ORIGIN).is_ok_and(|origin| origin.is_none_or(is_allowed))
 }
 
 #[cfg(test)]
@@ -206,6 +252,30 @@ mod tests {
         for stream in streams.iter_mut().take(8) {
             assert!(matches!(stream.read(&mut [0; 1]), Ok(0) | Err(_)));
         }
+    }
+
+    #[test]
+    fn only_this_machine_is_let_in() {
+        let headers = |list: &[(header::HeaderName, &str)]| {
+            let pair =
+                |(name, value): &(header::HeaderName, &str)| (name.clone(), HeaderValue::from_str(value).unwrap());
+            let mut map = HeaderMap::new();
+            list.iter().map(pair).for_each(|(name, value)| {
+                map.append(name, value);
+            });
+            map
+        };
+        let host = (header::HOST, "127.0.0.1:9");
+        assert!(from_here(&headers(std::slice::from_ref(&host))));
+        assert!(from_here(&headers(&[host.clone(), (header::ORIGIN, "http://127.0.0.1:9")])));
+        for other in [host.clone(), (header::HOST, "evil.example")] {
+            assert!(!from_here(&headers(&[host.clone(), other])), "two hosts");
+        }
+        for origin in ["http://evil.example", "null", "https://127.0.0.1:9", "http://127.0.0.1:10"] {
+            assert!(!from_here(&headers(&[host.clone(), (header::ORIGIN, origin)])), "{origin}");
+        }
+        assert!(!from_here(&headers(&[])));
+        assert!(!from_here(&headers(&[(header::HOST, "evil.example")])));
     }
 
     #[test]

@@ -1,0 +1,105 @@
+//! Flags from a TOML file, which may lie in any folder: `inerter.toml`.
+//!
+//! Input: a byte (whether the file was named, and how many words are typed), the words, each of one byte of a list, then the text.
+//!
+//! Holds: what is typed stays, in its order; a file that was only found sets no flag that is kept from it and no address of another
+//! machine; the line can be read or refused in words; an error can be shown.
+
+use std::ffi::OsString;
+
+use clap::{Arg, ArgAction, Command, value_parser};
+use inerter_flags::{FlagsFile, Rules, apply};
+use inerter_serve::loopback;
+
+use crate::{csv::show, input::Input, scratch::Scratch};
+
+/// What a file that was only found may not set here.
+const GRAVE: [&str; 2] = ["force", "output"];
+/// What may be typed.
+const WORDS: [&str; 12] = [
+    "record",
+    "calibrate",
+    "skew",
+    "--duration=5",
+    "--port",
+    "COM5",
+    "--connect=127.0.0.1:9",
+    "-o",
+    "x.mcap",
+    "--set",
+    "a=1",
+    "--config",
+];
+
+/// A command line with every kind of flag.
+fn command() -> Command {
+    let value = |name: &'static str| Arg::new(name).long(name);
+    let rig = || {
+        [
+            value("port").conflicts_with("connect"),
+            value("connect").value_name("HOST:PORT"),
+            value("duration").value_parser(value_parser!(f64)),
+            value("set").action(ArgAction::Append),
+            value("force").action(ArgAction::SetTrue),
+        ]
+    };
+    let output = value("output").short('o').value_parser(value_parser!(std::path::PathBuf));
+    Command::new("inerter")
+        .arg(value("config").global(true))
+        .subcommand(Command::new("record").args(rig()).arg(output))
+        .subcommand(Command::new("calibrate").subcommand(Command::new("skew").args(rig())))
+}
+
+/// Checks an input.
+pub fn check(input: &[u8]) {
+    let mut input = Input(input);
+    let first = input.byte();
+    let (is_named, count) = (first & 1 == 1, usize::from(first >> 1) % 8);
+    let words = input.take(count).iter().filter_map(|byte| WORDS.get(usize::from(*byte) % WORDS.len()));
+    let typed: Vec<OsString> = ["inerter"].iter().chain(words).map(OsString::from).collect();
+    let scratch = Scratch::of(input.rest());
+    let file = FlagsFile { path: scratch.path().into(), is_named };
+    let rules = Rules { grave: &GRAVE, is_here: |place| loopback(place).is_some() };
+    let applied = match apply(&command(), &file, &typed, &rules) {
+        Ok(applied) => applied,
+        Err(error) => return show(&error),
+    };
+    assert_eq!(applied.line.len(), typed.len() + applied.flags.len());
+    let mut line = applied.line.iter();
+    assert!(typed.iter().all(|word| line.any(|other| other == word)), "{typed:?} in {:?}", applied.line);
+    for flag in &applied.flags {
+        let flag = flag.to_str().expect("it comes from a text");
+        let (name, value) = flag.split_once('=').unwrap_or((flag, ""));
+        let name = name.strip_prefix("--").expect("each is written in its long form");
+        assert!(is_named || !GRAVE.contains(&name), "{flag} was set by a file that was only found");
+        assert!(is_named || name != "connect" || loopback(value).is_some(), "{flag} is elsewhere");
+    }
+    if let Err(error) = command().try_get_matches_from(&applied.line) {
+        assert!(!error.to_string().is_empty());
+    }
+}
+
+/// Files that people write, rightly and wrongly.
+pub fn seeds() -> Vec<Vec<u8>> {
+    let texts = [
+        "port = \"COM5\"\n[record]\nduration = 60\nforce = true\noutput = \"run.mcap\"\nset = [\"a=1\", \"b=2\"]\n",
+        "connect = \"127.0.0.1:7878\"\n[calibrate.skew]\nduration = 30\n",
+        "connect = [\"localhost:1\", \"10.0.0.1:7878\"]\n",
+        "[calibrate]\nskew = { duration = 1e300, set = [[\"a\"], [1, 2.5, true]] }\n",
+        "prot = 1\n",
+        "[record]\nduration = \"long\"\n[recrod]\n",
+        "duration = 1979-05-27\n",
+        "[record\n",
+        "duration = nan\nforce = false\n",
+    ];
+    let mut seeds = Vec::new();
+    for text in texts {
+        for words in [&[][..], &[0], &[0, 3, 7, 8], &[1, 2, 4, 5], &[0, 6, 9, 10, 11]] {
+            for is_named in [0, 1] {
+                let first = (words.len() as u8) << 1 | is_named;
+                seeds.push([&[first], words, text.as_bytes()].concat());
+            }
+        }
+    }
+    seeds
+}

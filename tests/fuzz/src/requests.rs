@@ -1,0 +1,126 @@
+//! HTTP and WebSocket requests, as the page and the bridge to Foxglove take them from whoever connects.
+//!
+//! Input: what comes by one connection, in pieces: a length (u16) and so many bytes, again and again.
+//!
+//! Holds: the connection ends when its other end is closed, with no answer or an answer in HTTP; no request is let through that names
+//! another machine or comes from a page of elsewhere; a name that is let through is of letters that may stand in a header.
+
+use std::time::Duration;
+
+use axum::{
+    Router,
+    extract::ws::{Message, WebSocket, WebSocketUpgrade},
+    http::{HeaderMap, StatusCode, header},
+    response::{IntoResponse, Response},
+    routing::get,
+};
+use inerter_serve::{guarded, limited, local_host, loopback, send, serve_connection};
+use tokio::{
+    io::{AsyncReadExt, AsyncWriteExt, duplex},
+    time::timeout,
+};
+
+use crate::input::{Input, counted};
+
+/// Bytes of the longest message of a WebSocket.
+const MOST: usize = 64;
+/// Time after which a connection whose other end is closed hangs, which is twice what the server allows it.
+const HANGS: Duration = Duration::from_secs(10);
+
+/// Checks an input.
+pub fn check(input: &[u8]) {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build().expect("a runtime");
+    let answer = runtime.block_on(async {
+        let (mut ours, theirs) = duplex(4096);
+        let server = tokio::spawn(serve_connection(theirs, router()));
+        let (mut reader, mut writer) = tokio::io::split(&mut ours);
+        let ask = async {
+            let mut input = Input(input);
+            while !input.is_empty() {
+                // Fails once the server has had enough.
+                if writer.write_all(input.counted()).await.is_err() {
+                    break;
+                }
+            }
+            writer.shutdown().await.ok();
+        };
+        let mut answer = Vec::new();
+        let hear = async { reader.read_to_end(&mut answer).await.ok() };
+        timeout(HANGS, async { tokio::join!(ask, hear) })
+            .await
+            .expect("a connection ends when its other end is closed");
+        timeout(HANGS, server).await.expect("it ends").expect("it does not panic");
+        answer
+    });
+    assert!(answer.is_empty() || answer.starts_with(b"HTTP/1."), "{:?}", String::from_utf8_lossy(&answer));
+}
+
+fn router() -> Router {
+    guarded(Router::new().route("/", get(page)).route("/live", get(live)))
+}
+
+async fn page(headers: HeaderMap) -> Response {
+    assert_is_of_here(&headers);
+    StatusCode::OK.into_response()
+}
+
+async fn live(headers: HeaderMap, upgrade: WebSocketUpgrade) -> Response {
+    assert_is_of_here(&headers);
+    limited(upgrade, MOST).on_upgrade(talk)
+}
+
+/// Sends back what comes.
+async fn talk(mut socket: WebSocket) {
+    while let Some(Ok(message)) = socket.recv().await {
+        if let Message::Text(text) = &message {
+            assert!(text.len() <= MOST, "{} bytes were kept", text.len());
+        }
+        if send(&mut socket, message).await.is_none() {
+            return;
+        }
+    }
+}
+
+fn assert_is_of_here(headers: &HeaderMap) {
+    let host = local_host(headers).expect("the guard has seen to that");
+    let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || b".:[]".contains(&byte);
+    assert!(host.bytes().all(is_plain), "{host:?} is to stand in a header");
+    assert_eq!(loopback(&host).as_deref(), Some(host.as_str()), "what is let in is let in again");
+    for origin in headers.get_all(header::ORIGIN) {
+        let place = origin.to_str().ok().and_then(|origin| origin.strip_prefix("http://"));
+        assert!(place.is_some_and(|place| loopback(place).is_some()), "a page of {origin:?} was let in");
+    }
+}
+
+/// Requests of browsers and programs, and of others.
+pub fn seeds() -> Vec<Vec<u8>> {
+    let upgrade = "GET /live HTTP/1.1\r\nHost: localhost:9\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n\
+                   Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n";
+    let texts = [
+        "GET / HTTP/1.1\r\nHost: 127.0.0.1:9\r\n\r\n".to_string(),
+        "GET / HTTP/1.1\r\nHost: [::1]:9\r\nOrigin: http://[::1]:9\r\n\r\n".into(),
+        "GET / HTTP/1.1\r\nHost: evil.example\r\n\r\n".into(),
+        "GET / HTTP/1.1\r\nHost: LOCALHOST:09; x\r\nHost: localhost\r\nOrigin: null\r\n\r\n".into(),
+        "GET / HTTP/1.0\r\n\r\nGET /live HTTP/1.1\r\nHost: localhost\r\n\r\n".into(),
+        "POST / HTTP/1.1\r\nHost: localhost\r\nContent-Length: 9\r\n\r\n12345".into(),
+        "POST / HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n5\r\n12345\r\n0\r\n\r\n".into(),
+        format!("{upgrade}\r\n"),
+        format!("{upgrade}Origin: http://localhost:9\r\n\r\n"),
+        format!("{upgrade}Origin: http://evil.example\r\n\r\n"),
+    ];
+    // A text, a ping, a fragment without its end, a frame that is too long, a close; masked with zeros.
+    let frames: [&[u8]; 5] = [
+        b"\x81\x82\0\0\0\0hi",
+        b"\x89\x80\0\0\0\0",
+        b"\x01\x81\0\0\0\0a",
+        b"\x82\xff\0\0\0\0\x7f\xff\xff\xff\0\0\0\0",
+        b"\x88\x82\0\0\0\0\x03\xe8",
+    ];
+    let mut seeds: Vec<Vec<u8>> = texts.iter().map(|text| counted(text.as_bytes())).collect();
+    for frame in frames {
+        seeds.push([counted(format!("{upgrade}\r\n").as_bytes()), counted(frame)].concat());
+    }
+    let (begin, end) = texts[0].split_at(20);
+    seeds.push([counted(begin.as_bytes()), counted(end.as_bytes())].concat());
+    seeds
+}
