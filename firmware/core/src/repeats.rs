@@ -2,7 +2,8 @@
 //!
 //! Each stroke from one reversal to the next has a fingerprint: its samples, and the sum of its positions from where it began.
 //! Strokes of which more than one sample in [`FLIPS`] lies in another count differ in it; a screw that is shaken by
-//! another clock, or by anything that is not perfect, makes no two alike. Integers, once per reversal.
+//! another clock, or by anything that is not perfect, makes no two alike. A tone has strokes of one length whatever the clock: these are
+//! counted, too. Integers, once per reversal.
 
 /// Fingerprints that are kept, each in its own place.
 const PLACES: usize = 128;
@@ -10,6 +11,8 @@ const PLACES: usize = 128;
 const LEAST_TRAVEL: u32 = 8;
 /// Samples of a stroke to one that may lie in another count, where it is the same stroke again.
 const FLIPS: u32 = 16;
+/// Counts by which two strokes of a steady tone differ in length at most: each end is a count.
+const LENGTHS_APART: u32 = 2;
 
 /// Counts strokes that come again.
 #[derive(Clone, Debug)]
@@ -18,6 +21,9 @@ pub struct Repeats {
     strokes: u32,
     /// Sum over all fingerprints of the square of how often each has come.
     squares: u64,
+    /// Length of the last stroke \[codes\], and how many were as long as the one before.
+    length: u32,
+    steady: u32,
     /// Where the stroke began: index, position and the running sum of positions; nothing before the first reversal.
     begin: Option<[i32; 3]>,
 }
@@ -38,13 +44,14 @@ impl Default for Repeats {
 impl Repeats {
     /// Nothing seen.
     pub const fn new() -> Self {
-        Self { kept: [Kept { print: 0, times: 0 }; PLACES], strokes: 0, squares: 0, begin: None }
+        Self { kept: [Kept { print: 0, times: 0 }; PLACES], strokes: 0, squares: 0, length: 0, steady: 0, begin: None }
     }
 
     /// Forgets everything, in place.
     pub fn reset(&mut self) {
         self.kept.fill(Kept { print: 0, times: 0 });
         (self.strokes, self.squares, self.begin) = (0, 0, None);
+        (self.length, self.steady) = (0, 0);
     }
 
     /// Takes a reversal at this sample; a count is `codes` of the position.
@@ -60,6 +67,8 @@ impl Repeats {
             return;
         }
         self.strokes += 1;
+        let before = core::mem::replace(&mut self.length, travel.unsigned_abs());
+        self.steady += u32::from(before.abs_diff(self.length) <= LENGTHS_APART * codes);
         // Areas are compared in cells of that width, and with the nearer one of the neighbouring cells.
         let width = (1 + samples.unsigned_abs() / FLIPS).saturating_mul(codes).clamp(1, 1 << 30) as i32;
         let (cell, within) = (area.div_euclid(width), area.rem_euclid(width));
@@ -78,6 +87,11 @@ impl Repeats {
     /// All strokes, and the sum over all fingerprints of the square of how often each has come.
     pub fn strokes_and_squares(&self) -> (u32, u64) {
         (self.strokes, self.squares)
+    }
+
+    /// Strokes that were as long as the one before.
+    pub fn steady(&self) -> u32 {
+        self.steady
     }
 }
 
@@ -99,19 +113,25 @@ mod tests {
 
     /// How often a stroke comes on average in so many turns of a period in samples.
     fn times(turns: u32, period: f64) -> f64 {
+        let strokes = shaken(turns, period, |_| 400.3);
+        let (count, squares) = strokes.strokes_and_squares();
+        assert!(count.abs_diff(2 * turns) <= 2, "{count} strokes in {turns} turns");
+        squares as f64 / f64::from(count)
+    }
+
+    /// So many turns of a period in samples, with an amplitude in counts that is asked for by the sample.
+    fn shaken(turns: u32, period: f64, amplitude: impl Fn(u32) -> f64) -> Repeats {
         let (mut repeats, mut sum, mut reversal) = (Repeats::new(), 0_i32, period / 4.0);
         for index in 0..(f64::from(turns) * period) as u32 {
             let angle = core::f64::consts::TAU * f64::from(index) / period;
-            let position = (400.3 * angle.sin()).floor() as i32 * CODES as i32;
+            let position = (amplitude(index) * angle.sin()).floor() as i32 * CODES as i32;
             sum = sum.wrapping_add(position);
             if f64::from(index) >= reversal {
                 reversal += period / 2.0;
                 repeats.push(index, position, sum, CODES);
             }
         }
-        let (strokes, squares) = repeats.strokes_and_squares();
-        assert!(strokes.abs_diff(2 * turns) <= 2, "{strokes} strokes in {turns} turns");
-        squares as f64 / f64::from(strokes)
+        repeats
     }
 
     #[test]
@@ -120,5 +140,15 @@ mod tests {
         assert!((times(40, 97.0) - 40.0).abs() < 2.0, "{}", times(40, 97.0));
         let golden = (1.0 + 5_f64.sqrt()) / 2.0;
         assert!(times(40, 96.0 + golden) < 4.0, "{}", times(40, 96.0 + golden));
+    }
+    #[test]
+    fn strokes_of_a_steady_tone_are_of_one_length_whatever_the_clock() {
+        let part = |strokes: Repeats| f64::from(strokes.steady()) / f64::from(strokes.strokes_and_squares().0);
+        let golden = (1.0 + 5_f64.sqrt()) / 2.0;
+        for period in [97.0, 96.0 + golden] {
+            assert!(part(shaken(40, period, |_| 400.3)) > 0.95);
+            let swelling = |index: u32| 400.3 * (1.0 + 0.3 * (f64::from(index) / 173.0).sin());
+            assert!(part(shaken(40, period, swelling)) < 0.2, "{}", part(shaken(40, period, swelling)));
+        }
     }
 }

@@ -213,7 +213,8 @@ impl Active {
         let repeats = 1.0 + (state.repeats() - 1.0) * if held < 1.0 { held } else { 1.0 };
         let motion = Motion {
             acceleration_squared: acceleration,
-            own_readings: self.readings(bank, knowledge.updates()) / repeats,
+            readings: self.readings(bank, knowledge.updates()),
+            steady: state.steadiness(),
             ..Motion::within(&band, contact, repeats, fitted.friction_in_curvature)
         };
         let spread = self.scatter(&fitted, scales).in_motion(&motion);
@@ -251,7 +252,8 @@ impl Active {
     fn motion_of_all(&self, state: &State, contact: Contact, recent: &Recent, readings: f32) -> Motion {
         Motion {
             acceleration_squared: recent.acceleration,
-            own_readings: readings / state.repeats(),
+            readings,
+            steady: state.steadiness(),
             ..Motion::within(&recent.band, contact, state.repeats(), recent.told.fit.friction_in_curvature)
         }
     }
@@ -377,6 +379,12 @@ impl State {
     pub fn repeats(&self) -> f32 {
         let (strokes, squares) = self.repeats.strokes_and_squares();
         if strokes == 0 { 1.0 } else { squares as f32 / strokes as f32 }
+    }
+
+    /// Part of the strokes that were as long as the one before.
+    fn steadiness(&self) -> f32 {
+        let (strokes, _) = self.repeats.strokes_and_squares();
+        self.repeats.steady() as f32 / strokes.max(1) as f32
     }
 }
 

@@ -91,8 +91,10 @@ pub struct Motion {
     pub low_squared: f32,
     /// Mean square of the acceleration \[m^2/s^4\]; infinite where counts do not matter.
     pub acceleration_squared: f32,
-    /// Readings of the position that no stroke repeats; infinite where that is not known.
-    pub own_readings: f32,
+    /// Readings of the position; infinite where that is not known.
+    pub readings: f32,
+    /// Part of the strokes that were as long as the one before: nearly 1 of a tone that keeps its amplitude, nearly 0 of other motions.
+    pub steady: f32,
     /// Viscous and Coulomb friction that the second derivative of the force is taken for [N s/m and N, per N/s^2]; 0 where it was not
     /// measured.
     pub friction_in_curvature: [f32; 2],
@@ -172,27 +174,22 @@ impl Motion {
     /// that is the mean of the steps' spectrum (above) over them, weighted by the kernel and `1/n^2`, within a fourth from
     /// `w L` 0.1 to 1. 0 of a motion of several frequencies.
     fn steps_in_harmonics(&self, frequency_squared: f32) -> f32 {
+        let alike = if self.frequency_squared > 0.0 { self.low_squared / self.frequency_squared } else { 0.0 };
         let passed = square(square(square(frequency_squared)));
         let of_tone = 0.02 + 1.9 * frequency_squared / (1.0 + 0.5 * frequency_squared + 2.0 * passed);
-        of_tone * self.of_one_tone()
+        of_tone * square(square(alike))
     }
 
-    /// 1 of a single tone, 0 of a motion of several frequencies.
-    fn of_one_tone(&self) -> f32 {
-        let alike = if self.frequency_squared > 0.0 { self.low_squared / self.frequency_squared } else { 0.0 };
-        square(square(alike))
-    }
-
-    /// Variance of a tone's amplitude by the count that it is read in, over its square. So many readings as differ scatter by a count's
-    /// part each; and however many there are, a tone that keeps its amplitude and its place among the counts is read too large or too small.
-    /// `kernel` is what it leaves of the tone's square.
+    /// Variance of a tone's amplitude by the count that it is read in, over its square, beside what scatters. Readings that come again
+    /// stand a count's part off each time; and however many differ, a tone that keeps its amplitude and its place among the counts is
+    /// read too large or too small. `kernel` is what it leaves of the tone's square.
     fn amplitude_by_counts(&self, count_m: f32, kernel: f32) -> f32 {
         let count_over_amplitude_squared =
             square(count_m * self.frequency_squared) * kernel / (2.0 * self.acceleration_squared);
         if count_over_amplitude_squared > 0.0 {
-            let by_readings = 1.0 / (6.0 * self.own_readings);
+            let by_readings = (self.repeats - 1.0) / (6.0 * self.readings);
             let by_place = AMPLITUDE * sqrt(count_over_amplitude_squared);
-            count_over_amplitude_squared * (by_readings + by_place) * self.of_one_tone()
+            count_over_amplitude_squared * (by_readings + by_place) * square(self.steady)
         } else {
             0.0
         }
@@ -221,7 +218,8 @@ impl Motion {
             frequency_squared: square(high),
             low_squared: square(low),
             acceleration_squared: f32::INFINITY,
-            own_readings: f32::INFINITY,
+            readings: f32::INFINITY,
+            steady: 0.0,
             friction_in_curvature,
         }
     }

@@ -141,11 +141,7 @@ fn corrected(rows: &Rows, settings: &Settings, detail: &Detail, law: &Model, err
     });
     // What breaks the law is in the fit, and steps that repeat are in its errors.
     let friction_in_curvature = [1, 2].map(|i| of_curvature.get(i).copied().unwrap_or_default() as f32);
-    let [acceleration, ..] = &rows.base;
-    let acceleration_squared = acceleration.iter().map(|a| a * a).sum::<f64>() / acceleration.len() as f64;
-    let motion =
-        Motion { friction_in_curvature, acceleration_squared: acceleration_squared as f32, ..Motion::of(detail, 1.0) };
-    let beside = Beside { motion, model_u95: [0.0; 4] };
+    let beside = Beside { motion: Motion { friction_in_curvature, ..Motion::of(detail, 1.0) }, model_u95: [0.0; 4] };
     let scatter = Scatter::white(law.value(0) as f32, law.freedom(0) as f32);
     Some(Judge { settings, beside: &beside, scatter }.four(found))
 }

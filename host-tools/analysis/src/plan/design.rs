@@ -324,7 +324,8 @@ fn calibration(expected: &Expected, want: &Want) -> f64 {
         frequency_squared: 0.0,
         low_squared: 0.0,
         acceleration_squared: f32::INFINITY,
-        own_readings: f32::INFINITY,
+        readings: f32::INFINITY,
+        steady: 0.0,
         friction_in_curvature: [0.0; 2],
     };
     let (systematic, spread) = (Systematic::of(&expected.settings), scatter.in_motion(&motion));

@@ -35,6 +35,8 @@ pub(super) struct Together {
     flanks_part: bool,
     /// How often each stroke came.
     repeats: f64,
+    /// Part of the strokes that are as long as the one before.
+    steady: f64,
     /// Mean squares of the motion's frequency, weighted by the squared acceleration and velocity \[rad^2/s^2\].
     squares: [f64; 2],
     /// Viscous and Coulomb friction that the second derivative of the force is taken for \[N s/m and N, per N/s^2\].
@@ -68,13 +70,14 @@ impl Together {
     /// All that was seen.
     pub fn of(seen: &Seen) -> Self {
         // The acceleration is among the products.
-        let Motion { repeats, flanks_part, frequency_squared, low_squared, friction_in_curvature, .. } =
+        let Motion { repeats, flanks_part, frequency_squared, low_squared, friction_in_curvature, steady, .. } =
             seen.outcome.motion;
         Self {
             products: seen.products,
             away: [None; 2],
             flanks_part,
             repeats: repeats.into(),
+            steady: steady.into(),
             squares: [frequency_squared.into(), low_squared.into()],
             friction_in_curvature: friction_in_curvature.map(f64::from),
         }
@@ -118,6 +121,7 @@ impl Together {
             away: [None; 2],
             flanks_part: self.flanks_part || other.flanks_part,
             repeats: by_length(self.repeats, other.repeats, 1.0),
+            steady: by_length(self.steady, other.steady, 0.0),
             squares: [mean(0), mean(1)],
             friction_in_curvature: [0, 1]
                 .map(|i| by_length(self.friction_in_curvature[i], other.friction_in_curvature[i], 0.0)),
@@ -176,7 +180,8 @@ impl Together {
             frequency_squared: self.squares[0] as f32,
             low_squared: self.squares[1] as f32,
             acceleration_squared: self.products[place].mean_squares()[0] as f32,
-            own_readings: (self.products[place].readings(settings) / self.repeats) as f32,
+            readings: self.products[place].readings(settings) as f32,
+            steady: self.steady as f32,
             friction_in_curvature: self.friction_in_curvature.map(|taken| taken as f32),
         };
         let spread = solution.scatter.in_motion(&motion);
