@@ -220,6 +220,7 @@ fn update(error: &UpdateError) -> u8 {
         | UpdateError::Stuck { .. }
         | UpdateError::Verify { .. }
         | UpdateError::NotBack { .. }
+        | UpdateError::StaysInDfu { .. }
         | UpdateError::OtherVersion { .. } => DEVICE_LOST,
         UpdateError::OtherBoard { .. } => INPUT,
         UpdateError::Interrupted => INTERRUPTED,
