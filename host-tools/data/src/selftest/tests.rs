@@ -1,5 +1,5 @@
 use super::{
-    judge::{Input, chip, clocks, noise, restart, supply, work},
+    judge::{Input, Start, chip, clocks, noise, restart, supply, work},
     *,
 };
 use inerter_core::RawSample;
@@ -162,9 +162,11 @@ fn supply_and_work_have_two_sides() {
 
 #[test]
 fn a_restart_is_what_was_asked_for() {
-    let judged = |told, flags| restart("reboot", "Restart", ResetCause::Software, told, flags).verdict;
-    assert_eq!(judged(Some(ResetCause::Software), Some(1 << 28 | 1 << 26)), Verdict::Pass);
-    assert_eq!(judged(None, Some(1 << 28)), Verdict::Pass, "told a connection that came to nothing");
+    let judged = |told, flags, uptime_s| {
+        restart("reboot", "Restart", ResetCause::Software, &Start { told, flags, uptime_s }).verdict
+    };
+    let flags = Some(1 << 28 | 1 << 26);
+    assert_eq!(judged(Some(ResetCause::Software), flags, None), Verdict::Pass);
     for (told, flags) in [
         (Some(ResetCause::Software), Some(1 << 26)),
         (Some(ResetCause::Software), None),
@@ -172,7 +174,16 @@ fn a_restart_is_what_was_asked_for() {
         (None, Some(1 << 29)),
         (None, None),
     ] {
-        assert_eq!(judged(told, flags), Verdict::Fail, "{told:?} {flags:?}");
+        assert_eq!(judged(told, flags, Some((1, 20.0))), Verdict::Fail, "{told:?} {flags:?}");
+    }
+    // Told a connection that came to nothing: the time since the start shows it.
+    assert_eq!(judged(None, flags, Some((1, 20.0))), Verdict::Pass);
+    // A board that never restarted still has the flags of its last start.
+    for uptime_s in [None, Some((19, 20.0)), Some((20, 20.0)), Some((u32::MAX, 20.0)), Some((0, f64::NAN))] {
+        let start = Start { told: None, flags, uptime_s };
+        let check = restart("reboot", "Restart", ResetCause::Software, &start);
+        assert_eq!(check.verdict, Verdict::Fail, "{uptime_s:?}");
+        assert!(check.reason.is_some_and(|reason| reason.contains("an earlier start")), "{uptime_s:?}");
     }
 }
 

@@ -45,6 +45,8 @@ const LISTEN_S: f64 = 2.0;
 const PATIENCE: u32 = 6;
 /// What a halted sampler has left comes in this time.
 const HALT: Duration = Duration::from_secs(1);
+/// Time for a board to say how it is doing, which it does once a second.
+const HEALTH: Duration = Duration::from_secs(2);
 
 /// Prove a board: chip, clocks, supply, noise, flash, watchdog, restart, update mode, and write it all down.
 ///
@@ -376,8 +378,27 @@ impl Bench {
         Ok(Some(other))
     }
 
+    /// Time since the board's start \[s\], and when it said so; nothing where it does not say.
+    fn uptime(&mut self) -> Result<Option<(u32, Instant)>, DeviceError> {
+        let device = self.device()?;
+        device.stream(Streams { health: true, ..Streams::NONE })?;
+        // What is in line is of some time ago.
+        while device.pending().is_some() {}
+        let begun = Instant::now();
+        while begun.elapsed() < HEALTH {
+            device.check_interrupted()?;
+            if let Some(received) = device.receive()?
+                && let Frame::Message { message: Record::Health(health), .. } = received.frame
+            {
+                return Ok(Some((health.uptime_s, Instant::now())));
+            }
+        }
+        Ok(None)
+    }
+
     /// Sends the board into a restart and learns what it says of it.
-    fn comes_back(&mut self, what: &'static str, command: Command) -> Result<(Option<ResetCause>, Option<u32>), Error> {
+    fn comes_back(&mut self, what: &'static str, command: Command) -> Result<judge::Start, Error> {
+        let before = self.uptime()?;
         self.device()?.request(what, command)?;
         self.device = None;
         thread::sleep(RETRY);
@@ -390,14 +411,21 @@ impl Bench {
                 told = Some(cause);
             }
         }
+        let uptime_s = match before.filter(|_| told.is_none()) {
+            Some((before_s, then)) => self.uptime()?.map(|(now_s, now)| {
+                let passed = now.duration_since(then);
+                (now_s, f64::from(before_s) + passed.as_secs_f64())
+            }),
+            None => None,
+        };
         let chip = self.measure(Measure::Chip)?;
-        Ok((told, chip.get(Quantity::ResetFlags)))
+        Ok(judge::Start { told, flags: chip.get(Quantity::ResetFlags), uptime_s })
     }
 
     fn restart(&mut self, kept: Option<Settings>) -> Result<(), Error> {
         say("restarting the board");
-        let (told, flags) = self.comes_back("to restart", Command::Reboot)?;
-        self.add([judge::restart("restart", "Restart by command", ResetCause::Software, told, flags)])?;
+        let start = self.comes_back("to restart", Command::Reboot)?;
+        self.add([judge::restart("restart", "Restart by command", ResetCause::Software, &start)])?;
         if let Some(kept) = kept {
             let differ = backup::changes(&kept, self.device()?.settings()).len();
             let cause = (differ > 0).then(|| format!("{differ} settings are others than were saved"));
@@ -409,8 +437,8 @@ impl Bench {
 
     fn watchdog(&mut self) -> Result<(), Error> {
         say("letting the board hang until its watchdog bites: 4 s");
-        let (told, flags) = self.comes_back("to hang", Command::Measure(Measure::Hang))?;
-        self.add([judge::restart("watchdog", "Watchdog's bite", ResetCause::Watchdog, told, flags)])
+        let start = self.comes_back("to hang", Command::Measure(Measure::Hang))?;
+        self.add([judge::restart("watchdog", "Watchdog's bite", ResetCause::Watchdog, &start)])
     }
 
     fn update_mode(&mut self, args: &Args) -> Result<(), Error> {
