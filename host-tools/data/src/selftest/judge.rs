@@ -252,13 +252,15 @@ const fn predicted(quantity: Quantity, name: &'static str, label: &'static str, 
 const MOST_PER_INSTRUCTION: f64 = 4.5;
 /// Part of the twin's instructions that must be taken: motion and streams differ.
 const LEAST_PER_INSTRUCTION: f64 = 0.4;
+/// Times over which cycles are counted (us): a board measures for a second, and its counts are right for less than 25 s.
+const WORK_US: std::ops::RangeInclusive<u32> = 100_000..=20_000_000;
 /// What any task may take besides (cycles/s).
 const SPARE: f64 = 1e6;
 
 /// Cycles of each task beside those that the twin predicts, and the load.
 pub fn work(measured: &Measured) -> Vec<Check> {
     let get = |quantity| measured.get(quantity);
-    let window_s = get(Quantity::WorkUs).filter(|us| *us >= 100_000).map(|us| f64::from(us) / 1e6);
+    let window_s = get(Quantity::WorkUs).filter(|us| WORK_US.contains(us)).map(|us| f64::from(us) / 1e6);
     let mut checks: Vec<Check> = PREDICTIONS
         .iter()
         .map(|Prediction { quantity, name, label, instructions }| {
@@ -274,7 +276,7 @@ pub fn work(measured: &Measured) -> Vec<Check> {
             })
         })
         .collect();
-    let idle = ratio(get(Quantity::IdleUs), get(Quantity::WorkUs).filter(|us| *us >= 100_000));
+    let idle = ratio(get(Quantity::IdleUs), get(Quantity::WorkUs).filter(|us| WORK_US.contains(us)));
     let load = idle.filter(|idle| *idle <= 1.0).map(|idle| (1.0 - idle) * 100.0);
     checks.push(Check::range("load", "Processor load at 1 kHz", "%", 0.5..=35.0, load, |_| {
         "the processor is busier or idler than its tasks make it".into()

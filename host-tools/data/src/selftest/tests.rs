@@ -157,7 +157,12 @@ fn supply_and_work_have_two_sides() {
         assert_eq!(failed(&work(&with(good_work(), Quantity::EstimatingCycles, cycles))), ["work_estimating"]);
     }
     assert_eq!(failed(&work(&with(good_work(), Quantity::IdleUs, 500_000))), ["load"]);
-    assert_eq!(failed(&work(&with(good_work(), Quantity::WorkUs, 0))).len(), 7);
+    // Over no time, or over one in which the counts may have wrapped.
+    for us in [0, 26_000_000, u32::MAX] {
+        assert_eq!(failed(&work(&with(good_work(), Quantity::WorkUs, us))).len(), 7, "{us}");
+    }
+    // Less than nothing.
+    assert_eq!(failed(&work(&with(good_work(), Quantity::UsbCycles, u32::MAX - 40))), ["work_usb"]);
 }
 
 #[test]
