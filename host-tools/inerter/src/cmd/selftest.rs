@@ -11,7 +11,7 @@ use std::{
 
 use inerter_core::{FrontEnd, RawSample, Settings};
 use inerter_data::{
-    backup,
+    backup::{self, Kept},
     json::json_line,
     output,
     selftest::{Check, SelfTest, Verdict, judge},
@@ -23,7 +23,8 @@ use inerter_device::{
 use inerter_jumpers::Measured;
 use inerter_view::selftest::html;
 use inerter_wire::{
-    Capabilities, Command, EventKind, Frame, Health, Measure, Quantity, Record, Refusal, ResetCause, Samples, Streams,
+    Capabilities, Command, EventKind, Frame, Health, Hello, Measure, Quantity, Record, Refusal, ResetCause, Samples,
+    Streams,
 };
 use serde_json::json;
 
@@ -33,6 +34,11 @@ use super::{
 };
 use crate::{Error, error::SelfTestError};
 
+/// Name of the backups where no page is written.
+const NO_PAGE: &str = "selftest";
+/// Endings of the backups: of what is saved, and of what is in use where that is something else.
+const SAVED: &str = "settings.toml";
+const IN_USE: &str = "in-use.toml";
 /// Time for a board to come back: a watchdog bites after 4 s, and Windows takes seconds for a new port.
 const RETURN: Duration = Duration::from_secs(25);
 /// Pause between two attempts to reach it.
@@ -52,18 +58,19 @@ const HEALTH: Duration = Duration::from_secs(2);
 ///
 /// Most of it needs no wires. With four jumpers between the board's outputs and inputs (docs/HARDWARE.md) it also plays a
 /// simulated inerter to itself and measures it, with nothing else connected: --rig-unplugged says so, or the answer to a question.
-/// The board's settings are backed up first and put back at the end, also after Ctrl-C and after an
+/// The board's settings are backed up to a file first and put back at the end, also after Ctrl-C and after an
 /// error. The board restarts three times; over its own USB connector it also goes into update mode and back, without being
 /// written to. Each line is a check with what was found and what was expected; where one fails, with its likely cause.
 ///
-/// -o writes the same as a page, and beside it a JSON file and a backup of the settings: made to be sent on.
+/// -o writes the same as a page, and beside it a JSON file and the backup: made to be sent on. Without it the backup is
+/// selftest.settings.toml in the current folder. An earlier backup is never replaced: the next one is named .settings.2.toml.
 /// With --json one object a check and one at the end: docs/CLI.md describes them. Exit code 10 when a check fails.
 #[derive(clap::Args)]
 pub struct Args {
     /// Page to write; beside it a file .json with the same, and a backup of the settings (.settings.toml)
     #[arg(short, long, value_name = "PAGE.html")]
     output: Option<PathBuf>,
-    /// Replace files that exist
+    /// Replace a page and JSON file that exist
     #[arg(long)]
     force: bool,
     /// Leave out what needs jumpers
@@ -85,23 +92,55 @@ pub struct Args {
     json: bool,
 }
 
-/// The files beside the page.
+/// The page, and what is written beside it.
+#[derive(Debug)]
 struct Files<'a> {
     page: &'a Path,
     json: PathBuf,
-    settings: PathBuf,
 }
 
 impl<'a> Files<'a> {
-    fn of(page: &'a Path) -> Self {
-        Self { page, json: page.with_extension("json"), settings: page.with_extension("settings.toml") }
+    fn of(page: &'a Path) -> Result<Self, SelfTestError> {
+        let json = page.with_extension("json");
+        // Some file systems do not tell large letters from small ones.
+        let folded = |path: &Path| path.to_string_lossy().to_lowercase();
+        if folded(page) == folded(&json) {
+            return Err(SelfTestError::SameName { page: page.into(), json });
+        }
+        Ok(Self { page, json })
     }
 }
 
+/// Name of a backup. No page and no JSON file has it, as it has one dot more than they.
+fn backup_of(page: Option<&Path>, ending: &str) -> PathBuf {
+    page.unwrap_or(Path::new(NO_PAGE)).with_extension(ending)
+}
+
+/// Writes the backups and says where they are; gives the commands that put them back.
+fn back_up(page: Option<&Path>, hello: &Hello, saved: Option<&Settings>, in_use: &Settings) -> Result<String, Error> {
+    let write = |ending, settings| {
+        let Kept { path, others } = backup::write_beside(&backup_of(page, ending), hello, settings)?;
+        say(format!("settings backed up to {}", path.display()));
+        if others > 0 {
+            note(
+                "other backups are beside it: after a self-test of this board that was cut off, that test's is the right one",
+            );
+        }
+        Ok::<_, Error>(path)
+    };
+    let mut commands =
+        format!("`inerter settings restore --save {}`", write(SAVED, saved.unwrap_or(in_use))?.display());
+    if saved.is_some_and(|saved| !backup::changes(saved, in_use).is_empty()) {
+        commands += &format!(", then `inerter settings restore {}`", write(IN_USE, in_use)?.display());
+    }
+    Ok(commands)
+}
+
 pub fn run(args: &Args) -> Result<(), Error> {
-    let files = args.output.as_deref().map(Files::of);
-    if let Some(Files { page, json, settings }) = files.as_ref().filter(|_| !args.force) {
-        [*page, json.as_path(), settings.as_path()].into_iter().try_for_each(output::refuse_existing)?;
+    let page = args.output.as_deref();
+    let files = page.map(Files::of).transpose()?;
+    if let Some(Files { page, json }) = files.as_ref().filter(|_| !args.force) {
+        [*page, json.as_path()].into_iter().try_for_each(output::refuse_existing)?;
     }
     terminal::catch_interrupts();
     let mut device = args.link.device()?;
@@ -115,9 +154,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
         Err(DeviceError::Refused { refusal: Refusal::NothingSaved | Refusal::SavedUnreadable, .. }) => None,
         Err(error) => return Err(error.into()),
     };
-    if let Some(files) = &files {
-        backup::write(&files.settings, args.force, device.hello(), saved.as_ref().unwrap_or(&before))?;
-    }
+    let commands = back_up(page, device.hello(), saved.as_ref(), &before)?;
     let test = SelfTest {
         hello: device.hello().clone(),
         port: device.name().into(),
@@ -129,11 +166,8 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let mut bench = Bench { target, device: Some(device), test, json: args.json, before, saved, has_saved: false };
     let outcome = bench.all(args);
     let restored = bench.restore();
-    if let (Err(_), Some(files)) = (&restored, &files) {
-        note(format!(
-            "the settings were not put back: `inerter settings restore --save {}` does",
-            files.settings.display()
-        ));
+    if !matches!(restored, Ok(true)) {
+        note(format!("the settings were not put back: do it by {commands}"));
     }
     match outcome {
         // A board that does not answer any more has failed, and what it showed before counts.
