@@ -18,7 +18,7 @@ use inerter_data::{
 };
 use inerter_device::{
     Clock, Device, DeviceError, Interrupted, Target,
-    update::{ThisMachine, visit},
+    update::{Back, ThisMachine, UpdateError, visit},
 };
 use inerter_jumpers::Measured;
 use inerter_view::selftest::html;
@@ -26,6 +26,7 @@ use inerter_wire::{
     Capabilities, Command, EventKind, Frame, Health, Hello, Measure, Quantity, Record, Refusal, ResetCause, Samples,
     Streams,
 };
+use miette::Diagnostic;
 use serde_json::json;
 
 use super::{
@@ -261,7 +262,7 @@ impl Bench {
     /// The board, reached again where it has restarted.
     fn device(&mut self) -> Result<&mut Device, DeviceError> {
         if self.device.is_none() {
-            self.device = Some(reached(&self.target, &self.test.hello.serial, interrupted)?);
+            self.device = Some(self.reached(RETURN, interrupted)?);
         }
         match &mut self.device {
             Some(device) => Ok(device),
@@ -476,8 +477,6 @@ impl Bench {
     }
 
     fn update_mode(&mut self, args: &Args) -> Result<(), Error> {
-        const DFU: (&str, &str) = ("dfu", "Update mode and back");
-        const DOUBLE: (&str, &str) = ("double_reset", "Two presses of the reset button");
         let skip = if args.without_dfu {
             Some("left out by --without-dfu")
         } else if !matches!(self.target, Target::Usb { .. }) {
@@ -490,15 +489,15 @@ impl Bench {
         if let Some(reason) = skip {
             return self.add([DFU, DOUBLE].map(|(name, label)| Check::skipped(name, label, reason)));
         }
-        say("into update mode and back");
-        let check = self.visits(DFU, true)?;
-        self.add([check])?;
+        say("into update mode and back: Ctrl-C ends the test when the board is back");
+        let visited = self.visit(true)?;
+        self.add([there_and_back(DFU, visited)])?;
         if !(io::stdin().is_terminal() && io::stderr().is_terminal()) {
             return self.add([Check::skipped(DOUBLE.0, DOUBLE.1, "no terminal to ask for it at")]);
         }
         say("press the board's reset button twice within half a second, in the next 15 s");
-        let check = self.visits(DOUBLE, false)?;
-        self.add([check])
+        let visited = self.visit(false)?;
+        self.add([pressed(visited)])
     }
 
     /// Plays through the jumpers, where nothing else is at the pins.
@@ -531,30 +530,29 @@ impl Bench {
         Ok(())
     }
 
-    fn visits(&mut self, (name, label): (&'static str, &'static str), enter: bool) -> Result<Check, Error> {
+    /// Into update mode and back; an error ends the test only where somebody interrupts it.
+    fn visit(&mut self, enter: bool) -> Result<Result<Back, UpdateError>, Error> {
         self.device = None;
         let mut machine = ThisMachine::new(self.target.clone(), interrupted);
         let visited = visit(&mut machine, &self.test.hello, enter);
         if interrupted() {
+            if let Err(error @ UpdateError::StaysInDfu { .. }) = &visited {
+                note(with_help(error));
+            }
             return Err(DeviceError::Interrupted.into());
         }
-        let found = if visited.is_ok() { "there and back" } else { "not back as before" };
-        Ok(Check::words(name, label, "there and back", found, visited.err().map(|error| error.to_string())))
+        Ok(visited)
     }
 
-    /// Puts back what was in use and what was kept; whether the board then has it. Ctrl-C does not end this, and a board that is
-    /// restarting is waited for.
+    /// Puts back what was in use and what was kept; whether the board then has it. Ctrl-C does not end this.
+    ///
+    /// Streams stay off. The board does not tell which were on, it has restarted since, and every host chooses its own.
     fn restore(&mut self) -> Result<bool, DeviceError> {
         let (before, saved, has_saved) = (self.before, self.saved, self.has_saved);
-        let serial = self.test.hello.serial.clone();
+        // A board that is restarting is waited for; one that has fallen silent would only hold up the end.
+        let patience = if self.device.take().is_some() { Duration::ZERO } else { RETURN };
         // Reached anew, so that what it has in use is asked and not remembered.
-        let mut device = match self.device.take() {
-            Some(device) => {
-                drop(device);
-                Device::connect(&self.target, Clock::new())?
-            }
-            None => reached(&self.target, &serial, || false)?,
-        };
+        let mut device = self.reached(patience, || false)?;
         device.stream(Streams::NONE)?;
         let kept = saved.unwrap_or(before);
         let saving =
@@ -565,24 +563,93 @@ impl Bench {
             note("nothing was saved before: the settings that were in use are now");
         }
         drop(device);
-        let mut device = Device::connect(&self.target, Clock::new())?;
+        let mut device = self.reached(Duration::ZERO, || false)?;
         let is_kept = !has_saved || backup::changes(&kept, &device.saved_settings()?).is_empty();
         Ok(is_kept && backup::changes(&before, device.settings()).is_empty())
     }
+
+    /// Reaches the board and no other, whatever port it then has; tries for so long, and once at least.
+    fn reached(&self, patience: Duration, interrupted: Interrupted) -> Result<Device, DeviceError> {
+        let begun = Instant::now();
+        loop {
+            match Device::connect_until(&self.target, Clock::new(), interrupted) {
+                Ok(device) if device.hello().serial == self.test.hello.serial => return Ok(device),
+                Ok(device) if begun.elapsed() > patience => {
+                    let reason = format!("another device (serial {}) answers", device.hello().serial);
+                    return Err(DeviceError::Vanished { name: device.name().into(), reason, kept: String::new() });
+                }
+                Err(error) if !error.may_come_back() || begun.elapsed() > patience => return Err(error),
+                Ok(_) | Err(_) => thread::sleep(RETRY),
+            }
+        }
+    }
 }
 
-/// Reaches the board that restarts, whatever port it then has.
-fn reached(target: &Target, serial: &str, interrupted: Interrupted) -> Result<Device, DeviceError> {
-    let begun = Instant::now();
-    loop {
-        match Device::connect_until(target, Clock::new(), interrupted) {
-            Ok(device) if device.hello().serial == serial => return Ok(device),
-            Ok(device) if begun.elapsed() > RETURN => {
-                let reason = format!("another device (serial {}) answers", device.hello().serial);
-                return Err(DeviceError::Vanished { name: device.name().into(), reason, kept: String::new() });
-            }
-            Err(error) if !error.may_come_back() || begun.elapsed() > RETURN => return Err(error),
-            Ok(_) | Err(_) => thread::sleep(RETRY),
+/// Names and labels of the visits to update mode.
+const DFU: (&str, &str) = ("dfu", "Update mode and back");
+const DOUBLE: (&str, &str) = ("double_reset", "Two presses of the reset button");
+
+fn there_and_back((name, label): (&'static str, &'static str), visited: Result<Back, UpdateError>) -> Check {
+    let found = if visited.is_ok() { "there and back" } else { "not back as before" };
+    Check::words(name, label, "there and back", found, visited.err().as_ref().map(with_help))
+}
+
+/// What two presses of the button led to. That nobody presses it says nothing of the board.
+fn pressed(visited: Result<Back, UpdateError>) -> Check {
+    match visited {
+        Err(UpdateError::DidNotAppear { seconds, .. }) => {
+            let reason =
+                format!("the button was not pressed twice within {seconds} s, or too slowly: start again to test it");
+            Check::skipped(DOUBLE.0, DOUBLE.1, reason)
         }
+        visited => there_and_back(DOUBLE, visited),
+    }
+}
+
+/// The error with what to do about it.
+fn with_help(error: &UpdateError) -> String {
+    error.help().map_or_else(|| error.to_string(), |help| format!("{error}; {help}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_two_files_of_a_run_have_the_same_name() {
+        for page in ["x.json", "X.JSON", "a/b.Json", "./x.json"] {
+            let refused = Files::of(Path::new(page));
+            assert!(matches!(refused, Err(SelfTestError::SameName { .. })), "{page}: {refused:?}");
+        }
+        for page in
+            ["x.html", "x", "x.toml", "x.settings.toml", "x.settings.2.toml", "x.json.html", "selftest.html", ".json"]
+        {
+            let page = Path::new(page);
+            let files = Files::of(page).unwrap();
+            let backups = [SAVED, IN_USE].map(|ending| backup_of(Some(page), ending));
+            let numbered = backups.each_ref().map(|path| path.with_extension("2.toml"));
+            let names = [&[page.to_owned(), files.json][..], &backups, &numbered].concat();
+            for (place, name) in names.iter().enumerate() {
+                assert!(!names[..place].contains(name), "{names:?}");
+            }
+        }
+        assert_eq!(backup_of(Some(Path::new("a/board.html")), SAVED), Path::new("a/board.settings.toml"));
+        assert_eq!(backup_of(None, IN_USE), Path::new("selftest.in-use.toml"));
+    }
+
+    #[test]
+    fn a_button_that_nobody_presses_is_not_tested() {
+        let unpressed = UpdateError::DidNotAppear { serial: "1".into(), seconds: 15, others: vec!["2".into()] };
+        let check = pressed(Err(unpressed));
+        assert_eq!(check.verdict, Verdict::Skipped);
+        assert!(check.reason.is_some_and(|reason| reason.contains("not pressed twice within 15 s")));
+        let stays = || UpdateError::StaysInDfu { serial: "1".into(), reason: "the cable".into() };
+        for check in [pressed(Err(stays())), there_and_back(DFU, Err(stays()))] {
+            assert_eq!(check.verdict, Verdict::Fail);
+            assert!(check.reason.is_some_and(|reason| reason.contains("press the board's reset button once")));
+        }
+        // A board that was told to go there and did not has failed.
+        let silent = UpdateError::DidNotAppear { serial: "1".into(), seconds: 15, others: Vec::new() };
+        assert_eq!(there_and_back(DFU, Err(silent)).verdict, Verdict::Fail);
     }
 }
