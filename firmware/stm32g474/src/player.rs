@@ -9,9 +9,10 @@
 //! TIM7 has the clock and the period of TIM6, which samples, and stays behind it by as many ticks as the host wants: so the
 //! host can look at a change of the outputs before, at and after the converters' aperture. Nothing of this runs, and no
 //! pin is driven, but from `Begin` to `End`. A converter puts out with an event what the DMA brought after the one before;
-//! the pins, which need no trigger, wait for a step, so that all three change together.
+//! the pins, which need no trigger, wait for a step, so that all three change together. A transfer that fails ends it all
+//! as `End` does, and `End` then says so.
 //!
-//! Sources: RM0440 22 (DAC; trigger 2 is TIM7_TRGO), 13 table 91 (DMAMUX), 33 (TIM7), 9.4.7 (BSRR).
+//! Sources: RM0440 12.4.6 (errors of the DMA), 22 (DAC; trigger 2 is TIM7_TRGO), 13 table 91 (DMAMUX), 33 (TIM7), 9.4.7 (BSRR).
 
 use crate::boards::clock::{CORE_HZ, CORE_PER_US};
 use crate::rings::ENTRIES_PER_S;
@@ -347,11 +348,16 @@ impl Outputs {
     /// A half has been put out.
     fn refill(&mut self) {
         let flags = DMA2.isr().read();
+        if [PINS, FORCES, TERMINALS].into_iter().any(|channel| flags.teif(channel)) {
+            // The channel stands for ever, and with the pins' no interrupt comes that would let go later.
+            self.end();
+            self.stood = Play::TRANSFER_FAILED;
+            return;
+        }
         let (first, second) = (flags.htif(PINS), flags.tcif(PINS));
         DMA2.ifcr().write(|w| {
             w.set_htif(PINS, first);
             w.set_tcif(PINS, second);
-            w.set_teif(PINS, true);
         });
         match self.state {
             State::Burst(_) if second => {
@@ -469,6 +475,7 @@ fn prepare(channel: usize, request: u8, to: u32, from: u32, size: Size, circular
         w.set_pl(Pl::HIGH);
         w.set_htie(interrupts && circular);
         w.set_tcie(interrupts);
+        w.set_teie(interrupts);
         w.set_en(true);
     });
 }

@@ -5,7 +5,7 @@
 
 use core::future::poll_fn;
 use core::pin::Pin;
-use core::sync::atomic::{AtomicU32, Ordering};
+use core::sync::atomic::{AtomicU32, Ordering, compiler_fence};
 use cortex_m::peripheral::{DCB, DWT};
 
 /// The tasks of thread mode.
@@ -42,9 +42,18 @@ pub fn counted_sampling(work: impl FnOnce()) {
     add(&SAMPLING, DWT::cycle_count().wrapping_sub(begin));
 }
 
-/// A clock that stands while samples are taken.
+/// A clock that stands while samples are taken, and never goes back: where sampling came between the two looks, a task that
+/// takes next to nothing would be given a number less than 0, which is one near 2^32.
 fn thread_cycles() -> u32 {
-    DWT::cycle_count().wrapping_sub(SAMPLING.load(Ordering::Relaxed))
+    loop {
+        let sampling = SAMPLING.load(Ordering::Relaxed);
+        compiler_fence(Ordering::SeqCst);
+        let now = DWT::cycle_count();
+        compiler_fence(Ordering::SeqCst);
+        if SAMPLING.load(Ordering::Relaxed) == sampling {
+            return now.wrapping_sub(sampling);
+        }
+    }
 }
 
 /// Counts what a task does.

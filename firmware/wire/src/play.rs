@@ -15,7 +15,8 @@ pub enum Play {
     /// Drive the outputs from now on: whoever sends this has made sure that no rig is connected. Both voltages begin at half
     /// the range, at the count 0.
     ///
-    /// The outputs are let go by `End`, by a restart, and when no `Play` has come for a second.
+    /// The outputs are let go by `End`, by a restart, when no `Play` has come for a second, and when a transfer by DMA
+    /// fails.
     Begin {
         /// From the sampling clock's event to a change of the outputs (ticks of the core's clock). The answer is what it came
         /// to be.
@@ -30,10 +31,16 @@ pub enum Play {
         /// Edges to put out, in units of 256.
         blocks: u16,
     },
-    /// Let the outputs go. The answer is how often knots came too late, so that the outputs stood meanwhile.
+    /// Let the outputs go. The answer is how often knots came too late, so that the outputs stood meanwhile; or
+    /// [`Play::TRANSFER_FAILED`].
     End,
     /// The answer is the number of edges of the burst so far; all, where it has not grown.
     Progress,
+}
+
+impl Play {
+    /// Answer to [`Play::End`]: a transfer by DMA failed, and the outputs were let go at once.
+    pub const TRANSFER_FAILED: u32 = u32::MAX;
 }
 
 /// Where the outputs are to be 64 steps later.

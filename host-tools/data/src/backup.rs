@@ -112,6 +112,36 @@ pub fn write(path: &Path, replace: bool, hello: &Hello, settings: &Settings) -> 
     output::write(path, replace, text(hello, settings))
 }
 
+/// A backup, and where it is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Kept {
+    /// The file.
+    pub path: PathBuf,
+    /// Others of such a name, which hold something else.
+    pub others: usize,
+}
+
+/// Writes a backup beside those that are there: `NAME.toml`, or `NAME.2.toml` and so on where that is taken. One that holds the
+/// same already is as good. No file is replaced: it may be the only one with settings that a device has lost since.
+pub fn write_beside(path: &Path, hello: &Hello, settings: &Settings) -> Result<Kept, OutputError> {
+    let text = text(hello, settings);
+    let mut others = 0;
+    loop {
+        let path = if others == 0 { path.into() } else { path.with_extension(format!("{}.toml", others + 1)) };
+        // A pipe is no backup, nor is a link that leads nowhere. What has no name is refused.
+        if path.file_name().is_none() || path.symlink_metadata().is_err() {
+            match output::write(&path, false, &text) {
+                // Another program was first.
+                Err(OutputError::Exists { .. }) => {}
+                result => return result.map(|()| Kept { path, others }),
+            }
+        } else if path.is_file() && std::fs::read(&path).is_ok_and(|there| there == text.as_bytes()) {
+            return Ok(Kept { path, others });
+        }
+        others += 1;
+    }
+}
+
 /// Reads a backup, or any file of settings.
 pub fn read(path: &Path) -> Result<Backup, SettingsInputError> {
     let values = Overrides::from_inputs(Some(path), &[])?;
@@ -196,6 +226,42 @@ mod tests {
         let differences = changes(&Settings::default(), &settings);
         let names: Vec<_> = differences.iter().map(|(name, ..)| *name).collect();
         assert_eq!(names, ["newtons_per_code", "skew_s"]);
+    }
+
+    #[test]
+    fn a_backup_never_takes_the_place_of_another() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("board.settings.toml");
+        let with = |skew_s| Settings { skew_s, ..Settings::default() };
+        let kept = |settings| write_beside(&path, &hello("1"), &settings).unwrap();
+        let named = |name: &str, others| Kept { path: folder.path().join(name), others };
+        assert_eq!(kept(with(1e-6)), named("board.settings.toml", 0));
+        let first = std::fs::read(&path).unwrap();
+        // A test that was cut off leaves other settings, and the next one finds them.
+        assert_eq!(kept(with(2e-6)), named("board.settings.2.toml", 1));
+        assert_eq!(kept(with(3e-6)), named("board.settings.3.toml", 2));
+        assert_eq!(std::fs::read(&path).unwrap(), first);
+        // What is there already need not be there twice.
+        assert_eq!(kept(with(1e-6)), named("board.settings.toml", 0));
+        assert_eq!(kept(with(3e-6)), named("board.settings.3.toml", 2));
+        assert_eq!(write_beside(&path, &hello("2"), &with(1e-6)).unwrap(), named("board.settings.4.toml", 3));
+        assert_eq!(folder.path().read_dir().unwrap().count(), 4);
+        let nowhere = folder.path().join("none/board.settings.toml");
+        let no_name = folder.path().join("..");
+        assert!(matches!(write_beside(&no_name, &hello("1"), &with(0.0)), Err(OutputError::Create { .. })));
+        assert!(matches!(write_beside(&nowhere, &hello("1"), &with(0.0)), Err(OutputError::Create { .. })));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_backup_is_a_file_of_its_own() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("board.settings.toml");
+        std::os::unix::fs::symlink("/dev/null", &path).unwrap();
+        std::fs::create_dir(folder.path().join("board.settings.2.toml")).unwrap();
+        let kept = write_beside(&path, &hello("1"), &Settings::default()).unwrap();
+        assert_eq!(kept, Kept { path: folder.path().join("board.settings.3.toml"), others: 2 });
+        assert!(read(&kept.path).unwrap().check_owner(&kept.path, &hello("1")).is_ok());
     }
 
     /// Any text, and often one that means something in TOML, in JSON, in a comment or to a terminal.

@@ -3,6 +3,8 @@
 //! One enum per boundary, each beside its reader or writer; this one only joins them. Every message names the
 //! file, field, line, port or version, and its help says what to do next.
 
+use std::path::PathBuf;
+
 use inerter_analysis::{
     calibrate::CalibrateError, contact::ContactError, fit::FitError, identify::IdentifyError, plan::PlanError,
     skew::SkewError,
@@ -130,6 +132,16 @@ pub enum SelfTestError {
         name: String,
         /// What it runs.
         firmware: String,
+    },
+
+    /// Two results in one file.
+    #[error("the page {page} would be the JSON file {json} too", page = page.display(), json = json.display())]
+    #[diagnostic(code(inerter::selftest::same_name), help("give the page another ending, such as .html"))]
+    SameName {
+        /// The page.
+        page: PathBuf,
+        /// The JSON file beside it.
+        json: PathBuf,
     },
 
     /// The board is not as it should be.

@@ -54,7 +54,7 @@ pub fn code(error: &Error) -> u8 {
         Error::Doctor { .. } => NO_DEVICE,
         Error::SelfTest(SelfTestError::CannotMeasure { .. }) => DEVICE_LOST,
         Error::SelfTest(SelfTestError::Failed { .. }) => SELF_TEST,
-        Error::Dialogue(_) | Error::StandardOutput => USAGE,
+        Error::SelfTest(SelfTestError::SameName { .. }) | Error::Dialogue(_) | Error::StandardOutput => USAGE,
         Error::Backup(_) => SETTINGS,
         Error::Contact(_) => NOT_SHOWN,
         Error::Fit(error) => fit(error),
@@ -220,6 +220,7 @@ fn update(error: &UpdateError) -> u8 {
         | UpdateError::Stuck { .. }
         | UpdateError::Verify { .. }
         | UpdateError::NotBack { .. }
+        | UpdateError::StaysInDfu { .. }
         | UpdateError::OtherVersion { .. } => DEVICE_LOST,
         UpdateError::OtherBoard { .. } => INPUT,
         UpdateError::Interrupted => INTERRUPTED,

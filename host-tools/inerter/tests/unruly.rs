@@ -129,6 +129,31 @@ fn a_terminal_that_takes_nothing_holds_up_neither_a_recording_nor_the_end() {
     }
 }
 
+/// A run that is cut off leaves the only copy of the board's settings in its backup.
+#[test]
+fn a_self_test_backs_settings_up_before_it_begins_and_replaces_no_backup() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let device = Unruly::start(Manner::Repeating, 1);
+    let runs: [(&[&str], &str); 2] =
+        [(&["selftest"], "selftest"), (&["selftest", "-o", "board.html", "--force"], "board")];
+    for (command, stem) in runs {
+        let first = path(&format!("{stem}.settings.toml"));
+        std::fs::write(&first, "# of an earlier run\n").unwrap();
+        let second = path(&format!("{stem}.settings.2.toml"));
+        let mut visit = Visit::start(folder.path(), command, &device.address);
+        common::until("no backup is written", || second.exists());
+        kill_process(Pid::from_child(&visit.child), Signal::TERM).unwrap();
+        visit.ended(Duration::from_secs(10)).expect("it goes on");
+        visit.end();
+        assert_eq!(std::fs::read_to_string(first).unwrap(), "# of an earlier run\n");
+        assert!(inerter_data::backup::read(&second).unwrap().owner.serial.is_some());
+    }
+    let words = common::fails(folder.path(), &["selftest", "-o", "board.json", "--connect", &device.address], 2);
+    assert!(words.contains("give the page another ending"), "{words}");
+    assert!(!path("board.json").exists());
+}
+
 #[test]
 fn no_request_waits_for_ever() {
     each(3, |folder, command, manner| {

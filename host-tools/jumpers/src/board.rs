@@ -31,6 +31,12 @@ pub enum JumperError {
     /// The board's player stood as no knots had come.
     #[error("this computer sent too late, {0} times: end other programs, and start again")]
     TooLate(u32),
+    /// The board let go of its outputs by itself.
+    #[error(
+        "a transfer by DMA to the board's outputs failed, and it let go of them: restart it and start again; \
+         where it stays so, please report it"
+    )]
+    TransferFailed,
     /// No samples came.
     #[error("the device sends no samples: check the cable, and start again")]
     NoSamples,

@@ -74,6 +74,22 @@ pub fn record(
     phase_ticks: u16,
     burst: Option<(u16, u16)>,
 ) -> Result<Recording, JumperError> {
+    match play(board, tape, phase_ticks, burst) {
+        // A board that has let go by itself says why when it is told to.
+        Err(refused @ JumperError::Refused { why: Refusal::NotPlaying, .. }) => {
+            let (stood, _) = ask(board, "stop playing", Play::End)?;
+            Err(if stood == Play::TRANSFER_FAILED { JumperError::TransferFailed } else { refused })
+        }
+        other => other,
+    }
+}
+
+fn play(
+    board: &mut impl Board,
+    tape: &Tape,
+    phase_ticks: u16,
+    burst: Option<(u16, u16)>,
+) -> Result<Recording, JumperError> {
     board.records();
     let mut recording = Recording::default();
     let mut pairing = Pairing::new();
@@ -115,6 +131,9 @@ pub fn record(
     let (stood, _) = ask(board, "stop playing", Play::End)?;
     board.listen(TAIL_S)?;
     recording.take(board, &mut pairing);
+    if stood == Play::TRANSFER_FAILED {
+        return Err(JumperError::TransferFailed);
+    }
     if stood > 0 {
         return Err(JumperError::TooLate(stood));
     }
@@ -122,4 +141,55 @@ pub fn record(
         return Err(JumperError::NoSamples);
     }
     Ok(recording)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A player whose outputs fail after so many requests.
+    struct Failing {
+        requests_left: usize,
+        /// What it answers to `End`.
+        stood: u32,
+        heard: Vec<(f64, Record)>,
+    }
+
+    impl Board for Failing {
+        fn request(&mut self, command: Command) -> Result<Done, JumperError> {
+            let refused = JumperError::Refused { doing: "do", why: Refusal::NotPlaying };
+            let stands = self.requests_left == 0;
+            self.requests_left = self.requests_left.saturating_sub(1);
+            match command {
+                Command::Play(Play::End) => Ok(Done::Played { answer: self.stood, free: 256 }),
+                Command::Play(_) if stands => Err(refused),
+                Command::Play(_) => Ok(Done::Played { answer: 0, free: 256 }),
+                other => panic!("{other:?}"),
+            }
+        }
+
+        fn listen(&mut self, _: f64) -> Result<(), JumperError> {
+            Ok(())
+        }
+
+        fn records(&mut self) -> Vec<(f64, Record)> {
+            std::mem::take(&mut self.heard)
+        }
+    }
+
+    #[test]
+    fn outputs_that_failed_are_told_apart_from_a_computer_that_was_late() {
+        let outcome = |requests_left, stood| {
+            let mut board = Failing { requests_left, stood, heard: Vec::new() };
+            record(&mut board, &Tape::new(), 0, None).map(|_| ())
+        };
+        // While knots are sent, and after the last one.
+        for requests_left in [1, usize::MAX] {
+            assert_eq!(outcome(requests_left, Play::TRANSFER_FAILED), Err(JumperError::TransferFailed));
+        }
+        // The board's patience was at its end.
+        assert!(matches!(outcome(1, 3), Err(JumperError::Refused { why: Refusal::NotPlaying, .. })));
+        assert_eq!(outcome(usize::MAX, 3), Err(JumperError::TooLate(3)));
+        assert_eq!(outcome(usize::MAX, 0), Err(JumperError::NoSamples));
+    }
 }

@@ -37,6 +37,16 @@ impl Options {
     pub const USUAL: Self = Self { campaign: None, kills: 100, cycles: 5_000, seed: 1, seeds: 1, keep: false };
 }
 
+/// What stands in the place of a commit that is not known.
+const UNKNOWN: &str = "unknown";
+
+/// The commit that is tried, and whether the tree differs from it.
+fn commit() -> String {
+    let mut git = Command::new("git");
+    git.args(["describe", "--always", "--dirty", "--exclude", "*"]).current_dir(tree::root());
+    process::first_line(&mut git).unwrap_or_else(|| UNKNOWN.to_owned())
+}
+
 /// How a campaign ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Line {
@@ -63,6 +73,8 @@ pub fn run(options: &Options) -> Result<()> {
     }
     println!("each line also goes to {}", report.display());
     let mut kept = Kept::read()?;
+    // Before the table is written, which would count as a difference.
+    let commit = commit();
     for seed in options.seed..options.seed.saturating_add(options.seeds) {
         for test in &chosen {
             let key = Key { name: short(test).to_owned(), seed, kills: options.kills, cycles: options.cycles };
@@ -73,7 +85,7 @@ pub fn run(options: &Options) -> Result<()> {
             process::heading(&format!("{}, seed {seed}", key.name));
             let line = campaign(test, &key, &report)?;
             if options.keep && line.outcome == "passed" {
-                kept.rows.insert(key, line);
+                kept.rows.insert(key, Row { commit: commit.clone(), seconds: line.seconds, figures: line.figures });
                 kept.write()?;
             }
         }
@@ -121,10 +133,19 @@ struct Key {
     cycles: u64,
 }
 
+/// What a run that passed came to.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Row {
+    /// Of the tree that it tried.
+    commit: String,
+    seconds: String,
+    figures: String,
+}
+
 /// Runs that passed, as they stand in the table.
 #[derive(Debug, Default, PartialEq, Eq)]
 struct Kept {
-    rows: BTreeMap<Key, Line>,
+    rows: BTreeMap<Key, Row>,
 }
 
 impl Kept {
@@ -142,27 +163,30 @@ impl Kept {
 
     fn parse(text: &str) -> Self {
         let row = |line: &str| {
-            let [_, name, seed, kills, cycles, seconds, figures, _] =
-                line.split('|').map(str::trim).collect::<Vec<_>>()[..]
-            else {
-                return None;
+            let cells: Vec<&str> = line.split('|').map(str::trim).collect();
+            let [_, name, seed, kills, cycles, rest @ .., _] = &cells[..] else { return None };
+            let [Ok(seed), Ok(kills), Ok(cycles)] = [*seed, *kills, *cycles].map(str::parse) else { return None };
+            let (commit, seconds, figures) = match *rest {
+                [commit, seconds, figures] => (commit, seconds, figures),
+                // A row of an earlier program, which kept no commit.
+                [seconds, figures] => (UNKNOWN, seconds, figures),
+                _ => return None,
             };
-            let [Ok(seed), Ok(kills), Ok(cycles)] = [seed, kills, cycles].map(str::parse) else { return None };
-            let key = Key { name: name.to_owned(), seed, kills, cycles };
-            let [outcome, seconds, figures] = ["passed", seconds, figures].map(str::to_owned);
-            Some((key, Line { name: name.to_owned(), outcome, seconds, figures }))
+            let [commit, seconds, figures] = [commit, seconds, figures].map(str::to_owned);
+            Some((Key { name: name.to_string(), seed, kills, cycles }, Row { commit, seconds, figures }))
         };
         Self { rows: text.lines().filter_map(row).collect() }
     }
 
     fn markdown(&self) -> String {
         let mut text = "# Campaigns that passed\n\nWritten by `cargo xtask chaos --keep`, which leaves out what stands here. To have one run again, \
-                        take its row out. *kills* and *cycles* are the sizes that were asked for.\n\n\
-                        | campaign | seed | kills | cycles | time s | figures |\n|---|--:|--:|--:|--:|---|\n"
+                        take its row out. *kills* and *cycles* are the sizes that were asked for, *commit* is the tree that was tried; with \
+                        `-dirty` it had changes besides.\n\n\
+                        | campaign | seed | kills | cycles | commit | time s | figures |\n|---|--:|--:|--:|---|--:|---|\n"
             .to_owned();
-        for (Key { name, seed, kills, cycles }, Line { seconds, figures, .. }) in &self.rows {
+        for (Key { name, seed, kills, cycles }, Row { commit, seconds, figures }) in &self.rows {
             text.push_str(&format!(
-                "| {name} | {seed} | {kills} | {cycles} | {seconds} | {} |\n",
+                "| {name} | {seed} | {kills} | {cycles} | {commit} | {seconds} | {} |\n",
                 figures.replace('|', "/")
             ));
         }
@@ -212,13 +236,25 @@ mod tests {
     #[test]
     fn what_is_kept_is_read_back() {
         let key = |seed| Key { name: "kills".into(), seed, kills: 100, cycles: 5000 };
-        let line = |figures: &str| Line {
-            name: "kills".into(),
-            outcome: "passed".into(),
-            seconds: "41".into(),
-            figures: figures.into(),
-        };
-        let kept = Kept { rows: [(key(1), line("255 kills; none lost")), (key(2), line("254 kills"))].into() };
+        let row =
+            |commit: &str, figures: &str| Row { commit: commit.into(), seconds: "41".into(), figures: figures.into() };
+        let rows = [
+            (key(1), row("ac2bb3a", "255 kills; none lost")),
+            (key(2), row("ac2bb3a-dirty", "254 kills")),
+            (key(3), row(UNKNOWN, "253 kills")),
+        ];
+        let kept = Kept { rows: rows.into() };
+        assert_eq!(Kept::parse(&kept.markdown()), kept);
+    }
+
+    #[test]
+    fn a_row_without_a_commit_is_kept() {
+        let old = "| campaign | seed | kills | cycles | time s | figures |\n|---|--:|--:|--:|--:|---|\n\
+                   | kills | 7 | 100 | 5000 | 41 | 255 kills |\n| half a row | 7 |\n";
+        let kept = Kept::parse(old);
+        let key = Key { name: "kills".into(), seed: 7, kills: 100, cycles: 5000 };
+        let row = Row { commit: UNKNOWN.into(), seconds: "41".into(), figures: "255 kills".into() };
+        assert_eq!(kept.rows, [(key, row)].into());
         assert_eq!(Kept::parse(&kept.markdown()), kept);
     }
 

@@ -100,30 +100,45 @@ pub fn chip(measured: &Measured, hello: &Hello) -> Vec<Check> {
     vec![device, flash, agree, options, stack]
 }
 
-/// How a start must have come about: as the device tells, and by the chip's own flags.
-pub fn restart(
-    name: &'static str,
-    label: &'static str,
-    expected: ResetCause,
-    told: Option<ResetCause>,
-    flags: Option<u32>,
-) -> Check {
+/// By how much the time since the start must fall short of what it would be without a start (s): it comes in whole seconds,
+/// and late.
+const YOUNGER_S: f64 = 2.0;
+
+/// What a board shows of its start, after it was told to restart.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Start {
+    /// What it tells; it tells once, and may have told a connection that came to nothing.
+    pub told: Option<ResetCause>,
+    /// The chip's flags, which stay until the next start: so do those of an earlier one.
+    pub flags: Option<u32>,
+    /// Time since its start, and what that would be if it had not restarted (s).
+    pub uptime_s: Option<(u32, f64)>,
+}
+
+/// How a start must have come about: as the device tells, or else a start by its time since then, and by the chip's own flags.
+pub fn restart(name: &'static str, label: &'static str, expected: ResetCause, start: &Start) -> Check {
+    let Start { told, flags, uptime_s } = *start;
     let wanted = match expected {
         ResetCause::Software => SOFTWARE_RESET,
         ResetCause::Watchdog => WATCHDOG_RESET,
         _ => 0,
     };
-    // It tells once, and may have told a connection that came to nothing: the flags stay.
-    let found = told.map_or("not told".into(), |told| told.to_string());
     let flags_words = flags.map_or("no flags".into(), |flags| format!("flags 0x{flags:08X}"));
+    let mut found = format!("{}, {flags_words}", told.map_or("not told".into(), |told| told.to_string()));
+    if told.is_none() {
+        found += &uptime_s.map_or(", up for an unknown time".into(), |(up_s, _)| format!(", up for {up_s} s"));
+    }
+    let is_younger = uptime_s.is_some_and(|(up_s, without_s)| f64::from(up_s) + YOUNGER_S <= without_s);
     let cause = if told.is_some_and(|told| told != expected) {
-        Some("it started for another reason: look at its supply and its reset pin".to_string())
+        Some("it started for another reason: look at its supply and its reset pin")
     } else if flags.is_none_or(|flags| flags & wanted != wanted) {
-        Some("the chip's reset flags say otherwise".into())
+        Some("the chip's reset flags say otherwise")
+    } else if told.is_none() && !is_younger {
+        Some("nothing shows that it restarted: its flags may be of an earlier start")
     } else {
         None
     };
-    Check::words(name, label, expected.to_string(), format!("{found}, {flags_words}"), cause)
+    Check::words(name, label, expected.to_string(), found, cause.map(str::to_owned))
 }
 
 /// The clocks against each other and against the host's USB.
@@ -237,13 +252,15 @@ const fn predicted(quantity: Quantity, name: &'static str, label: &'static str, 
 const MOST_PER_INSTRUCTION: f64 = 4.5;
 /// Part of the twin's instructions that must be taken: motion and streams differ.
 const LEAST_PER_INSTRUCTION: f64 = 0.4;
+/// Times over which cycles are counted (us): a board measures for a second, and its counts are right for less than 25 s.
+const WORK_US: std::ops::RangeInclusive<u32> = 100_000..=20_000_000;
 /// What any task may take besides (cycles/s).
 const SPARE: f64 = 1e6;
 
 /// Cycles of each task beside those that the twin predicts, and the load.
 pub fn work(measured: &Measured) -> Vec<Check> {
     let get = |quantity| measured.get(quantity);
-    let window_s = get(Quantity::WorkUs).filter(|us| *us >= 100_000).map(|us| f64::from(us) / 1e6);
+    let window_s = get(Quantity::WorkUs).filter(|us| WORK_US.contains(us)).map(|us| f64::from(us) / 1e6);
     let mut checks: Vec<Check> = PREDICTIONS
         .iter()
         .map(|Prediction { quantity, name, label, instructions }| {
@@ -259,7 +276,7 @@ pub fn work(measured: &Measured) -> Vec<Check> {
             })
         })
         .collect();
-    let idle = ratio(get(Quantity::IdleUs), get(Quantity::WorkUs).filter(|us| *us >= 100_000));
+    let idle = ratio(get(Quantity::IdleUs), get(Quantity::WorkUs).filter(|us| WORK_US.contains(us)));
     let load = idle.filter(|idle| *idle <= 1.0).map(|idle| (1.0 - idle) * 100.0);
     checks.push(Check::range("load", "Processor load at 1 kHz", "%", 0.5..=35.0, load, |_| {
         "the processor is busier or idler than its tasks make it".into()

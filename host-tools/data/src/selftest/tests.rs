@@ -1,5 +1,5 @@
 use super::{
-    judge::{Input, chip, clocks, noise, restart, supply, work},
+    judge::{Input, Start, chip, clocks, noise, restart, supply, work},
     *,
 };
 use inerter_core::RawSample;
@@ -157,14 +157,21 @@ fn supply_and_work_have_two_sides() {
         assert_eq!(failed(&work(&with(good_work(), Quantity::EstimatingCycles, cycles))), ["work_estimating"]);
     }
     assert_eq!(failed(&work(&with(good_work(), Quantity::IdleUs, 500_000))), ["load"]);
-    assert_eq!(failed(&work(&with(good_work(), Quantity::WorkUs, 0))).len(), 7);
+    // Over no time, or over one in which the counts may have wrapped.
+    for us in [0, 26_000_000, u32::MAX] {
+        assert_eq!(failed(&work(&with(good_work(), Quantity::WorkUs, us))).len(), 7, "{us}");
+    }
+    // Less than nothing.
+    assert_eq!(failed(&work(&with(good_work(), Quantity::UsbCycles, u32::MAX - 40))), ["work_usb"]);
 }
 
 #[test]
 fn a_restart_is_what_was_asked_for() {
-    let judged = |told, flags| restart("reboot", "Restart", ResetCause::Software, told, flags).verdict;
-    assert_eq!(judged(Some(ResetCause::Software), Some(1 << 28 | 1 << 26)), Verdict::Pass);
-    assert_eq!(judged(None, Some(1 << 28)), Verdict::Pass, "told a connection that came to nothing");
+    let judged = |told, flags, uptime_s| {
+        restart("reboot", "Restart", ResetCause::Software, &Start { told, flags, uptime_s }).verdict
+    };
+    let flags = Some(1 << 28 | 1 << 26);
+    assert_eq!(judged(Some(ResetCause::Software), flags, None), Verdict::Pass);
     for (told, flags) in [
         (Some(ResetCause::Software), Some(1 << 26)),
         (Some(ResetCause::Software), None),
@@ -172,7 +179,16 @@ fn a_restart_is_what_was_asked_for() {
         (None, Some(1 << 29)),
         (None, None),
     ] {
-        assert_eq!(judged(told, flags), Verdict::Fail, "{told:?} {flags:?}");
+        assert_eq!(judged(told, flags, Some((1, 20.0))), Verdict::Fail, "{told:?} {flags:?}");
+    }
+    // Told a connection that came to nothing: the time since the start shows it.
+    assert_eq!(judged(None, flags, Some((1, 20.0))), Verdict::Pass);
+    // A board that never restarted still has the flags of its last start.
+    for uptime_s in [None, Some((19, 20.0)), Some((20, 20.0)), Some((u32::MAX, 20.0)), Some((0, f64::NAN))] {
+        let start = Start { told: None, flags, uptime_s };
+        let check = restart("reboot", "Restart", ResetCause::Software, &start);
+        assert_eq!(check.verdict, Verdict::Fail, "{uptime_s:?}");
+        assert!(check.reason.is_some_and(|reason| reason.contains("an earlier start")), "{uptime_s:?}");
     }
 }
 

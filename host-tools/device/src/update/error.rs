@@ -125,6 +125,17 @@ pub enum UpdateError {
     )]
     NotBack { written: String, serial: String, seconds: u64, reason: String },
 
+    /// A visit that wrote nothing did not lead back.
+    #[error("the device (serial {serial}) may have stayed in update mode: {reason}")]
+    #[diagnostic(
+        code(inerter::update::stays),
+        help(
+            "nothing was written: press the board's reset button once, or unplug it and plug it in again, and its \
+             firmware runs as before"
+        )
+    )]
+    StaysInDfu { serial: String, reason: String },
+
     /// Something else runs on it.
     #[error("the device runs {running}, not {written}, which was written")]
     #[diagnostic(

@@ -20,6 +20,8 @@ use inerter_wire::Hello;
 const RETURN_S: u64 = 15;
 /// Time between two looks for it.
 const LOOK: Duration = Duration::from_millis(250);
+/// Attempts to lead a device out of update mode.
+const ATTEMPTS: usize = 3;
 /// Looks until a missing permission is believed: 2 s.
 const PERMISSION_LOOKS: usize = 8;
 
@@ -63,12 +65,12 @@ pub fn update<M: Machine>(
             }
             let _ = tell(UpdateEvent::Entering);
             machine.enter_dfu()?;
-            wait_for_dfu(machine, &running.hello.serial)?
+            wait_for_dfu(machine, &running.hello.serial, Heeds::Interruptions)?
         }
         None => only_one(machine.in_dfu()?, serial)?,
     };
     let _ = tell(UpdateEvent::InDfu(&device));
-    let io = open(machine, &device)?;
+    let io = open(machine, &device, Heeds::Interruptions)?;
     let mut sleep = |time| {
         machine.sleep(time);
         if machine.check_interrupted().is_ok() { Going::On } else { Going::Stop }
@@ -82,28 +84,79 @@ pub fn update<M: Machine>(
 
 /// Into update mode and back, without writing anything. `enter` tells the device to go there; else somebody leads it there by
 /// hand, and it is waited for.
+///
+/// An interruption ends the wait for somebody's hand. It does not end anything else before the device was told to leave, or
+/// it would stay there.
 pub fn visit<M: Machine>(machine: &mut M, running: &Hello, enter: bool) -> Result<Back, UpdateError> {
+    let stays =
+        |error: UpdateError| UpdateError::StaysInDfu { serial: running.serial.to_string(), reason: error.to_string() };
     if enter {
         machine.running()?;
-        machine.enter_dfu()?;
+        match machine.enter_dfu() {
+            // It may have gone there already.
+            Ok(()) | Err(UpdateError::Device(DeviceError::Interrupted)) => {}
+            Err(error) => return Err(error),
+        }
     }
-    let device = wait_for_dfu(machine, &running.serial)?;
-    let io = open(machine, &device)?;
-    let mut sleep = |time| {
-        machine.sleep(time);
-        Going::On
+    let heeds = if enter { Heeds::Nothing } else { Heeds::Interruptions };
+    let device = wait_for_dfu(machine, &running.serial, heeds);
+    let device = if enter { device.map_err(stays)? } else { device? };
+    lead_back(machine, &device).map_err(stays)?;
+    match confirm(machine, &Identity::from(running), &device.serial) {
+        Err(UpdateError::NotBack { serial, seconds, reason, .. }) => {
+            let reason = format!("it did not come back within {seconds} s: {reason}");
+            Err(UpdateError::StaysInDfu { serial, reason })
+        }
+        result => result,
+    }
+}
+
+/// Lets a device in update mode start its firmware. What fails is tried again while the device is there.
+fn lead_back<M: Machine>(machine: &mut M, device: &DfuDevice) -> Result<(), UpdateError> {
+    let once = |machine: &mut M| {
+        let io = open(machine, device, Heeds::Nothing)?;
+        let mut sleep = |time| {
+            machine.sleep(time);
+            Heeds::Nothing.check(machine).map_or(Going::Stop, |()| Going::On)
+        };
+        dfuse::Rom::new(&io, &mut sleep).start()
     };
-    dfuse::Rom::new(&io, &mut sleep).start()?;
-    drop(io);
-    confirm(machine, &Identity::from(running), &device.serial)
+    let mut result = once(machine);
+    for _ in 1..ATTEMPTS {
+        if result.is_ok() {
+            break;
+        }
+        machine.sleep(LOOK);
+        if !machine.in_dfu()?.contains(device) {
+            // It has gone, and where to shows when it is asked who it is.
+            return Ok(());
+        }
+        result = once(machine);
+    }
+    result
+}
+
+/// What ends a wait besides its end.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Heeds {
+    Interruptions,
+    Nothing,
+}
+
+impl Heeds {
+    fn check<M: Machine>(self, machine: &M) -> Result<(), UpdateError> {
+        // Asked in any case: a program ends at once whose work does not ask.
+        let going = machine.check_interrupted();
+        if self == Self::Interruptions { going } else { Ok(()) }
+    }
 }
 
 /// Opens a device that may have appeared a moment ago, which belongs to root until udev has seen it.
-fn open<M: Machine>(machine: &mut M, device: &DfuDevice) -> Result<M::Io, UpdateError> {
+fn open<M: Machine>(machine: &mut M, device: &DfuDevice, heeds: Heeds) -> Result<M::Io, UpdateError> {
     for _ in 0..PERMISSION_LOOKS {
         match machine.open(device) {
             Err(UpdateError::Permission { .. }) => {
-                machine.check_interrupted()?;
+                heeds.check(machine)?;
                 machine.sleep(LOOK);
             }
             result => return result,
@@ -147,10 +200,10 @@ fn looks() -> u64 {
     RETURN_S * 1000 / LOOK.as_millis() as u64
 }
 
-fn wait_for_dfu<M: Machine>(machine: &mut M, serial: &str) -> Result<DfuDevice, UpdateError> {
+fn wait_for_dfu<M: Machine>(machine: &mut M, serial: &str, heeds: Heeds) -> Result<DfuDevice, UpdateError> {
     let mut others = Vec::new();
     for _ in 0..looks() {
-        machine.check_interrupted()?;
+        heeds.check(machine)?;
         machine.sleep(LOOK);
         let devices = machine.in_dfu()?;
         if let Some(device) = devices.iter().find(|device| device.serial == serial) {

@@ -23,6 +23,8 @@ struct FakeMachine {
     entering: Option<u32>,
     /// Attempts to open it that are refused at first.
     forbidden: u32,
+    /// Attempts that fail after that.
+    occupied: u32,
     /// Looks until the firmware answers after its start.
     answers_after: u32,
     slept: Duration,
@@ -50,6 +52,7 @@ fn bench(running: Option<Hello>, in_dfu: &[&str]) -> FakeMachine {
         appears_after: Some(3),
         entering: None,
         forbidden: 2,
+        occupied: 0,
         answers_after: 4,
         slept: Duration::ZERO,
         interrupted_at: Duration::MAX,
@@ -87,6 +90,10 @@ impl Machine for FakeMachine {
         if self.forbidden > 0 {
             self.forbidden -= 1;
             return Err(UpdateError::Permission { serial: device.serial.clone() });
+        }
+        if self.occupied > 0 {
+            self.occupied -= 1;
+            return Err(UpdateError::Open { serial: device.serial.clone(), reason: "busy".into() });
         }
         assert!(self.in_dfu.contains(&device.serial));
         self.in_dfu.retain(|serial| *serial != device.serial);
@@ -163,6 +170,56 @@ fn a_visit_to_update_mode_writes_nothing_and_comes_back() {
     bench.appears_after = None;
     let never = visit(&mut bench, &hello("1", NEW), false);
     assert!(matches!(never, Err(UpdateError::DidNotAppear { .. })), "{never:?}");
+}
+
+/// A bench whose device runs what its flash says, for a visit.
+fn before_visit() -> FakeMachine {
+    let mut bench = bench(Some(hello(SERIAL, OLD)), &[]);
+    run(&mut bench, None, &mut Vec::new()).unwrap();
+    bench.chip.borrow_mut().restart();
+    bench.in_dfu.clear();
+    (bench.running, bench.answers_after, bench.forbidden) = (Some(hello(SERIAL, NEW)), 4, 2);
+    bench
+}
+
+#[test]
+fn an_interrupted_visit_leads_the_device_back() {
+    let mut bench = before_visit();
+    bench.interrupted_at = Duration::ZERO;
+    let visited = visit(&mut bench, &hello(SERIAL, NEW), true);
+    assert!(matches!(visited, Err(UpdateError::Device(DeviceError::Interrupted))), "{visited:?}");
+    assert!(bench.chip.borrow().left);
+    // Before anybody has led it there by hand there is nothing to lead back.
+    let mut bench = before_visit();
+    (bench.interrupted_at, bench.appears_after) = (bench.slept, None);
+    let visited = visit(&mut bench, &hello(SERIAL, NEW), false);
+    assert!(matches!(visited, Err(UpdateError::Device(DeviceError::Interrupted))), "{visited:?}");
+    assert!(!bench.chip.borrow().left);
+}
+
+#[test]
+fn a_device_that_stays_in_update_mode_after_a_visit_is_told_of() {
+    // Another program has it for a moment.
+    let mut bench = before_visit();
+    bench.occupied = 2;
+    visit(&mut bench, &hello(SERIAL, NEW), true).unwrap();
+    assert!(bench.chip.borrow().left);
+    let failing: [fn(&mut FakeMachine); 4] = [
+        |bench| bench.occupied = u32::MAX,
+        |bench| bench.forbidden = u32::MAX,
+        |bench| bench.appears_after = None,
+        |bench| bench.chip.borrow_mut().transfers_left = 1,
+    ];
+    for fail in failing {
+        let mut bench = before_visit();
+        bench.answers_after = u32::MAX;
+        fail(&mut bench);
+        let error = visit(&mut bench, &hello(SERIAL, NEW), true).unwrap_err();
+        assert!(matches!(error, UpdateError::StaysInDfu { .. }), "{error:?}");
+        let help = miette::Diagnostic::help(&error).unwrap().to_string();
+        assert!(help.contains("press the board's reset button once"), "{help}");
+        assert!(!error.to_string().contains("is written"), "{error}");
+    }
 }
 
 #[test]

@@ -11,20 +11,22 @@ use std::{
 
 use inerter_core::{FrontEnd, RawSample, Settings};
 use inerter_data::{
-    backup,
+    backup::{self, Kept},
     json::json_line,
     output,
     selftest::{Check, SelfTest, Verdict, judge},
 };
 use inerter_device::{
     Clock, Device, DeviceError, Interrupted, Target,
-    update::{ThisMachine, visit},
+    update::{Back, ThisMachine, UpdateError, visit},
 };
 use inerter_jumpers::Measured;
 use inerter_view::selftest::html;
 use inerter_wire::{
-    Capabilities, Command, EventKind, Frame, Health, Measure, Quantity, Record, Refusal, ResetCause, Samples, Streams,
+    Capabilities, Command, EventKind, Frame, Health, Hello, Measure, Quantity, Record, Refusal, ResetCause, Samples,
+    Streams,
 };
+use miette::Diagnostic;
 use serde_json::json;
 
 use super::{
@@ -33,6 +35,11 @@ use super::{
 };
 use crate::{Error, error::SelfTestError};
 
+/// Name of the backups where no page is written.
+const NO_PAGE: &str = "selftest";
+/// Endings of the backups: of what is saved, and of what is in use where that is something else.
+const SAVED: &str = "settings.toml";
+const IN_USE: &str = "in-use.toml";
 /// Time for a board to come back: a watchdog bites after 4 s, and Windows takes seconds for a new port.
 const RETURN: Duration = Duration::from_secs(25);
 /// Pause between two attempts to reach it.
@@ -45,23 +52,26 @@ const LISTEN_S: f64 = 2.0;
 const PATIENCE: u32 = 6;
 /// What a halted sampler has left comes in this time.
 const HALT: Duration = Duration::from_secs(1);
+/// Time for a board to say how it is doing, which it does once a second.
+const HEALTH: Duration = Duration::from_secs(2);
 
 /// Prove a board: chip, clocks, supply, noise, flash, watchdog, restart, update mode, and write it all down.
 ///
 /// Most of it needs no wires. With four jumpers between the board's outputs and inputs (docs/HARDWARE.md) it also plays a
 /// simulated inerter to itself and measures it, with nothing else connected: --rig-unplugged says so, or the answer to a question.
-/// The board's settings are backed up first and put back at the end, also after Ctrl-C and after an
+/// The board's settings are backed up to a file first and put back at the end, also after Ctrl-C and after an
 /// error. The board restarts three times; over its own USB connector it also goes into update mode and back, without being
 /// written to. Each line is a check with what was found and what was expected; where one fails, with its likely cause.
 ///
-/// -o writes the same as a page, and beside it a JSON file and a backup of the settings: made to be sent on.
+/// -o writes the same as a page, and beside it a JSON file and the backup: made to be sent on. Without it the backup is
+/// selftest.settings.toml in the current folder. An earlier backup is never replaced: the next one is named .settings.2.toml.
 /// With --json one object a check and one at the end: docs/CLI.md describes them. Exit code 10 when a check fails.
 #[derive(clap::Args)]
 pub struct Args {
     /// Page to write; beside it a file .json with the same, and a backup of the settings (.settings.toml)
     #[arg(short, long, value_name = "PAGE.html")]
     output: Option<PathBuf>,
-    /// Replace files that exist
+    /// Replace a page and JSON file that exist
     #[arg(long)]
     force: bool,
     /// Leave out what needs jumpers
@@ -83,23 +93,55 @@ pub struct Args {
     json: bool,
 }
 
-/// The files beside the page.
+/// The page, and what is written beside it.
+#[derive(Debug)]
 struct Files<'a> {
     page: &'a Path,
     json: PathBuf,
-    settings: PathBuf,
 }
 
 impl<'a> Files<'a> {
-    fn of(page: &'a Path) -> Self {
-        Self { page, json: page.with_extension("json"), settings: page.with_extension("settings.toml") }
+    fn of(page: &'a Path) -> Result<Self, SelfTestError> {
+        let json = page.with_extension("json");
+        // Some file systems do not tell large letters from small ones.
+        let folded = |path: &Path| path.to_string_lossy().to_lowercase();
+        if folded(page) == folded(&json) {
+            return Err(SelfTestError::SameName { page: page.into(), json });
+        }
+        Ok(Self { page, json })
     }
 }
 
+/// Name of a backup. No page and no JSON file has it, as it has one dot more than they.
+fn backup_of(page: Option<&Path>, ending: &str) -> PathBuf {
+    page.unwrap_or(Path::new(NO_PAGE)).with_extension(ending)
+}
+
+/// Writes the backups and says where they are; gives the commands that put them back.
+fn back_up(page: Option<&Path>, hello: &Hello, saved: Option<&Settings>, in_use: &Settings) -> Result<String, Error> {
+    let write = |ending, settings| {
+        let Kept { path, others } = backup::write_beside(&backup_of(page, ending), hello, settings)?;
+        say(format!("settings backed up to {}", path.display()));
+        if others > 0 {
+            note(
+                "other backups are beside it: after a self-test of this board that was cut off, that test's is the right one",
+            );
+        }
+        Ok::<_, Error>(path)
+    };
+    let mut commands =
+        format!("`inerter settings restore --save {}`", write(SAVED, saved.unwrap_or(in_use))?.display());
+    if saved.is_some_and(|saved| !backup::changes(saved, in_use).is_empty()) {
+        commands += &format!(", then `inerter settings restore {}`", write(IN_USE, in_use)?.display());
+    }
+    Ok(commands)
+}
+
 pub fn run(args: &Args) -> Result<(), Error> {
-    let files = args.output.as_deref().map(Files::of);
-    if let Some(Files { page, json, settings }) = files.as_ref().filter(|_| !args.force) {
-        [*page, json.as_path(), settings.as_path()].into_iter().try_for_each(output::refuse_existing)?;
+    let page = args.output.as_deref();
+    let files = page.map(Files::of).transpose()?;
+    if let Some(Files { page, json }) = files.as_ref().filter(|_| !args.force) {
+        [*page, json.as_path()].into_iter().try_for_each(output::refuse_existing)?;
     }
     terminal::catch_interrupts();
     let mut device = args.link.device()?;
@@ -113,9 +155,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
         Err(DeviceError::Refused { refusal: Refusal::NothingSaved | Refusal::SavedUnreadable, .. }) => None,
         Err(error) => return Err(error.into()),
     };
-    if let Some(files) = &files {
-        backup::write(&files.settings, args.force, device.hello(), saved.as_ref().unwrap_or(&before))?;
-    }
+    let commands = back_up(page, device.hello(), saved.as_ref(), &before)?;
     let test = SelfTest {
         hello: device.hello().clone(),
         port: device.name().into(),
@@ -127,11 +167,8 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let mut bench = Bench { target, device: Some(device), test, json: args.json, before, saved, has_saved: false };
     let outcome = bench.all(args);
     let restored = bench.restore();
-    if let (Err(_), Some(files)) = (&restored, &files) {
-        note(format!(
-            "the settings were not put back: `inerter settings restore --save {}` does",
-            files.settings.display()
-        ));
+    if !matches!(restored, Ok(true)) {
+        note(format!("the settings were not put back: do it by {commands}"));
     }
     match outcome {
         // A board that does not answer any more has failed, and what it showed before counts.
@@ -225,7 +262,7 @@ impl Bench {
     /// The board, reached again where it has restarted.
     fn device(&mut self) -> Result<&mut Device, DeviceError> {
         if self.device.is_none() {
-            self.device = Some(reached(&self.target, &self.test.hello.serial, interrupted)?);
+            self.device = Some(self.reached(RETURN, interrupted)?);
         }
         match &mut self.device {
             Some(device) => Ok(device),
@@ -376,8 +413,27 @@ impl Bench {
         Ok(Some(other))
     }
 
+    /// Time since the board's start \[s\], and when it said so; nothing where it does not say.
+    fn uptime(&mut self) -> Result<Option<(u32, Instant)>, DeviceError> {
+        let device = self.device()?;
+        device.stream(Streams { health: true, ..Streams::NONE })?;
+        // What is in line is of some time ago.
+        while device.pending().is_some() {}
+        let begun = Instant::now();
+        while begun.elapsed() < HEALTH {
+            device.check_interrupted()?;
+            if let Some(received) = device.receive()?
+                && let Frame::Message { message: Record::Health(health), .. } = received.frame
+            {
+                return Ok(Some((health.uptime_s, Instant::now())));
+            }
+        }
+        Ok(None)
+    }
+
     /// Sends the board into a restart and learns what it says of it.
-    fn comes_back(&mut self, what: &'static str, command: Command) -> Result<(Option<ResetCause>, Option<u32>), Error> {
+    fn comes_back(&mut self, what: &'static str, command: Command) -> Result<judge::Start, Error> {
+        let before = self.uptime()?;
         self.device()?.request(what, command)?;
         self.device = None;
         thread::sleep(RETRY);
@@ -390,14 +446,21 @@ impl Bench {
                 told = Some(cause);
             }
         }
+        let uptime_s = match before.filter(|_| told.is_none()) {
+            Some((before_s, then)) => self.uptime()?.map(|(now_s, now)| {
+                let passed = now.duration_since(then);
+                (now_s, f64::from(before_s) + passed.as_secs_f64())
+            }),
+            None => None,
+        };
         let chip = self.measure(Measure::Chip)?;
-        Ok((told, chip.get(Quantity::ResetFlags)))
+        Ok(judge::Start { told, flags: chip.get(Quantity::ResetFlags), uptime_s })
     }
 
     fn restart(&mut self, kept: Option<Settings>) -> Result<(), Error> {
         say("restarting the board");
-        let (told, flags) = self.comes_back("to restart", Command::Reboot)?;
-        self.add([judge::restart("restart", "Restart by command", ResetCause::Software, told, flags)])?;
+        let start = self.comes_back("to restart", Command::Reboot)?;
+        self.add([judge::restart("restart", "Restart by command", ResetCause::Software, &start)])?;
         if let Some(kept) = kept {
             let differ = backup::changes(&kept, self.device()?.settings()).len();
             let cause = (differ > 0).then(|| format!("{differ} settings are others than were saved"));
@@ -409,13 +472,11 @@ impl Bench {
 
     fn watchdog(&mut self) -> Result<(), Error> {
         say("letting the board hang until its watchdog bites: 4 s");
-        let (told, flags) = self.comes_back("to hang", Command::Measure(Measure::Hang))?;
-        self.add([judge::restart("watchdog", "Watchdog's bite", ResetCause::Watchdog, told, flags)])
+        let start = self.comes_back("to hang", Command::Measure(Measure::Hang))?;
+        self.add([judge::restart("watchdog", "Watchdog's bite", ResetCause::Watchdog, &start)])
     }
 
     fn update_mode(&mut self, args: &Args) -> Result<(), Error> {
-        const DFU: (&str, &str) = ("dfu", "Update mode and back");
-        const DOUBLE: (&str, &str) = ("double_reset", "Two presses of the reset button");
         let skip = if args.without_dfu {
             Some("left out by --without-dfu")
         } else if !matches!(self.target, Target::Usb { .. }) {
@@ -428,15 +489,15 @@ impl Bench {
         if let Some(reason) = skip {
             return self.add([DFU, DOUBLE].map(|(name, label)| Check::skipped(name, label, reason)));
         }
-        say("into update mode and back");
-        let check = self.visits(DFU, true)?;
-        self.add([check])?;
+        say("into update mode and back: Ctrl-C ends the test when the board is back");
+        let visited = self.visit(true)?;
+        self.add([there_and_back(DFU, visited)])?;
         if !(io::stdin().is_terminal() && io::stderr().is_terminal()) {
             return self.add([Check::skipped(DOUBLE.0, DOUBLE.1, "no terminal to ask for it at")]);
         }
         say("press the board's reset button twice within half a second, in the next 15 s");
-        let check = self.visits(DOUBLE, false)?;
-        self.add([check])
+        let visited = self.visit(false)?;
+        self.add([pressed(visited)])
     }
 
     /// Plays through the jumpers, where nothing else is at the pins.
@@ -469,30 +530,29 @@ impl Bench {
         Ok(())
     }
 
-    fn visits(&mut self, (name, label): (&'static str, &'static str), enter: bool) -> Result<Check, Error> {
+    /// Into update mode and back; an error ends the test only where somebody interrupts it.
+    fn visit(&mut self, enter: bool) -> Result<Result<Back, UpdateError>, Error> {
         self.device = None;
         let mut machine = ThisMachine::new(self.target.clone(), interrupted);
         let visited = visit(&mut machine, &self.test.hello, enter);
         if interrupted() {
+            if let Err(error @ UpdateError::StaysInDfu { .. }) = &visited {
+                note(with_help(error));
+            }
             return Err(DeviceError::Interrupted.into());
         }
-        let found = if visited.is_ok() { "there and back" } else { "not back as before" };
-        Ok(Check::words(name, label, "there and back", found, visited.err().map(|error| error.to_string())))
+        Ok(visited)
     }
 
-    /// Puts back what was in use and what was kept; whether the board then has it. Ctrl-C does not end this, and a board that is
-    /// restarting is waited for.
+    /// Puts back what was in use and what was kept; whether the board then has it. Ctrl-C does not end this.
+    ///
+    /// Streams stay off. The board does not tell which were on, it has restarted since, and every host chooses its own.
     fn restore(&mut self) -> Result<bool, DeviceError> {
         let (before, saved, has_saved) = (self.before, self.saved, self.has_saved);
-        let serial = self.test.hello.serial.clone();
+        // A board that is restarting is waited for; one that has fallen silent would only hold up the end.
+        let patience = if self.device.take().is_some() { Duration::ZERO } else { RETURN };
         // Reached anew, so that what it has in use is asked and not remembered.
-        let mut device = match self.device.take() {
-            Some(device) => {
-                drop(device);
-                Device::connect(&self.target, Clock::new())?
-            }
-            None => reached(&self.target, &serial, || false)?,
-        };
+        let mut device = self.reached(patience, || false)?;
         device.stream(Streams::NONE)?;
         let kept = saved.unwrap_or(before);
         let saving =
@@ -503,24 +563,93 @@ impl Bench {
             note("nothing was saved before: the settings that were in use are now");
         }
         drop(device);
-        let mut device = Device::connect(&self.target, Clock::new())?;
+        let mut device = self.reached(Duration::ZERO, || false)?;
         let is_kept = !has_saved || backup::changes(&kept, &device.saved_settings()?).is_empty();
         Ok(is_kept && backup::changes(&before, device.settings()).is_empty())
     }
+
+    /// Reaches the board and no other, whatever port it then has; tries for so long, and once at least.
+    fn reached(&self, patience: Duration, interrupted: Interrupted) -> Result<Device, DeviceError> {
+        let begun = Instant::now();
+        loop {
+            match Device::connect_until(&self.target, Clock::new(), interrupted) {
+                Ok(device) if device.hello().serial == self.test.hello.serial => return Ok(device),
+                Ok(device) if begun.elapsed() > patience => {
+                    let reason = format!("another device (serial {}) answers", device.hello().serial);
+                    return Err(DeviceError::Vanished { name: device.name().into(), reason, kept: String::new() });
+                }
+                Err(error) if !error.may_come_back() || begun.elapsed() > patience => return Err(error),
+                Ok(_) | Err(_) => thread::sleep(RETRY),
+            }
+        }
+    }
 }
 
-/// Reaches the board that restarts, whatever port it then has.
-fn reached(target: &Target, serial: &str, interrupted: Interrupted) -> Result<Device, DeviceError> {
-    let begun = Instant::now();
-    loop {
-        match Device::connect_until(target, Clock::new(), interrupted) {
-            Ok(device) if device.hello().serial == serial => return Ok(device),
-            Ok(device) if begun.elapsed() > RETURN => {
-                let reason = format!("another device (serial {}) answers", device.hello().serial);
-                return Err(DeviceError::Vanished { name: device.name().into(), reason, kept: String::new() });
-            }
-            Err(error) if !error.may_come_back() || begun.elapsed() > RETURN => return Err(error),
-            Ok(_) | Err(_) => thread::sleep(RETRY),
+/// Names and labels of the visits to update mode.
+const DFU: (&str, &str) = ("dfu", "Update mode and back");
+const DOUBLE: (&str, &str) = ("double_reset", "Two presses of the reset button");
+
+fn there_and_back((name, label): (&'static str, &'static str), visited: Result<Back, UpdateError>) -> Check {
+    let found = if visited.is_ok() { "there and back" } else { "not back as before" };
+    Check::words(name, label, "there and back", found, visited.err().as_ref().map(with_help))
+}
+
+/// What two presses of the button led to. That nobody presses it says nothing of the board.
+fn pressed(visited: Result<Back, UpdateError>) -> Check {
+    match visited {
+        Err(UpdateError::DidNotAppear { seconds, .. }) => {
+            let reason =
+                format!("the button was not pressed twice within {seconds} s, or too slowly: start again to test it");
+            Check::skipped(DOUBLE.0, DOUBLE.1, reason)
         }
+        visited => there_and_back(DOUBLE, visited),
+    }
+}
+
+/// The error with what to do about it.
+fn with_help(error: &UpdateError) -> String {
+    error.help().map_or_else(|| error.to_string(), |help| format!("{error}; {help}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_two_files_of_a_run_have_the_same_name() {
+        for page in ["x.json", "X.JSON", "a/b.Json", "./x.json"] {
+            let refused = Files::of(Path::new(page));
+            assert!(matches!(refused, Err(SelfTestError::SameName { .. })), "{page}: {refused:?}");
+        }
+        for page in
+            ["x.html", "x", "x.toml", "x.settings.toml", "x.settings.2.toml", "x.json.html", "selftest.html", ".json"]
+        {
+            let page = Path::new(page);
+            let files = Files::of(page).unwrap();
+            let backups = [SAVED, IN_USE].map(|ending| backup_of(Some(page), ending));
+            let numbered = backups.each_ref().map(|path| path.with_extension("2.toml"));
+            let names = [&[page.to_owned(), files.json][..], &backups, &numbered].concat();
+            for (place, name) in names.iter().enumerate() {
+                assert!(!names[..place].contains(name), "{names:?}");
+            }
+        }
+        assert_eq!(backup_of(Some(Path::new("a/board.html")), SAVED), Path::new("a/board.settings.toml"));
+        assert_eq!(backup_of(None, IN_USE), Path::new("selftest.in-use.toml"));
+    }
+
+    #[test]
+    fn a_button_that_nobody_presses_is_not_tested() {
+        let unpressed = UpdateError::DidNotAppear { serial: "1".into(), seconds: 15, others: vec!["2".into()] };
+        let check = pressed(Err(unpressed));
+        assert_eq!(check.verdict, Verdict::Skipped);
+        assert!(check.reason.is_some_and(|reason| reason.contains("not pressed twice within 15 s")));
+        let stays = || UpdateError::StaysInDfu { serial: "1".into(), reason: "the cable".into() };
+        for check in [pressed(Err(stays())), there_and_back(DFU, Err(stays()))] {
+            assert_eq!(check.verdict, Verdict::Fail);
+            assert!(check.reason.is_some_and(|reason| reason.contains("press the board's reset button once")));
+        }
+        // A board that was told to go there and did not has failed.
+        let silent = UpdateError::DidNotAppear { serial: "1".into(), seconds: 15, others: Vec::new() };
+        assert_eq!(there_and_back(DFU, Err(silent)).verdict, Verdict::Fail);
     }
 }
