@@ -14,7 +14,7 @@ use crate::feedback::Feedback;
 use crate::fit::{Fit, Knowledge, fit};
 use crate::ldl::UNKNOWNS;
 use crate::line::VELOCITY_BITS;
-use crate::math::{magnitude, sqrt, term};
+use crate::math::{magnitude, sqrt, square, term};
 use crate::noise::Noise;
 use crate::output::Published;
 use crate::plausible;
@@ -73,8 +73,6 @@ struct Recent {
     told: Told,
     assessment: Assessment,
     band: Band,
-    /// Mean square of the acceleration [m^2/s^4].
-    acceleration: f32,
 }
 
 impl Active {
@@ -101,7 +99,7 @@ impl Active {
         let Backlash { contact, .. } = self.backlash.found(&state.backlash, state.repeats());
         let recent = self.recent(state, contact, &Heard::of(&state.noise));
         let (bank, knowledge) = self.choose(state, Knowledge::whole_run, AMONG_STEPS);
-        self.motion_of_all(state, contact, &recent, self.readings(bank, knowledge.updates()))
+        self.motion_of_all(state, contact, &recent, bank, &knowledge)
     }
 
     /// The same with what the next samples are told. That rests on the fit whether the law holds or not: what it takes away
@@ -200,7 +198,7 @@ impl Active {
         let scales = &config.scales;
         let [a, v, ..] = scales.units;
         let mean_square = |averages: f32, steps: f32, unit: f32| (averages - steps) * unit * unit;
-        let acceleration = mean_square(knowledge.mean_square(0), scales.quantisation, a as f32);
+        let acceleration = mean_square_acceleration(&knowledge, scales);
         let jerk = mean_square(bank_state.jerk as f32, scales.jerk_quantisation, scales.jerk);
         let velocity = mean_square(knowledge.mean_square(1), 0.0, v as f32);
         let band = band(velocity, acceleration, jerk);
@@ -227,7 +225,7 @@ impl Active {
             budgets: assessment.widen(budgets),
             law: regime::law(&fitted, explained, noise.differences, contact),
         };
-        Recent { bank, told, assessment, band, acceleration }
+        Recent { bank, told, assessment, band }
     }
 
     /// The same of all since the reset, with what the recent memory says of friction.
@@ -239,7 +237,7 @@ impl Active {
         let Fit { friction_in_curvature, curved, .. } = recent.told.fit;
         let fit = Fit { friction_in_curvature, curved, ..fit };
         let explained = self.explained(noise, &fit, scales);
-        let motion = self.motion_of_all(state, contact, recent, self.readings(bank, knowledge.updates()));
+        let motion = self.motion_of_all(state, contact, recent, bank, &knowledge);
         let spread = self.scatter(&fit, scales).in_motion(&motion);
         Told {
             fit,
@@ -248,11 +246,18 @@ impl Active {
         }
     }
 
-    /// What so many readings of the whole run have seen of its motion; what is known of the recent memory only is taken from there.
-    fn motion_of_all(&self, state: &State, contact: Contact, recent: &Recent, readings: f32) -> Motion {
+    /// What a bank has seen of the whole run's motion; what is known of the recent memory only is taken from there.
+    fn motion_of_all(
+        &self,
+        state: &State,
+        contact: Contact,
+        recent: &Recent,
+        bank: Bank,
+        knowledge: &Knowledge,
+    ) -> Motion {
         Motion {
-            acceleration_squared: recent.acceleration,
-            readings,
+            acceleration_squared: mean_square_acceleration(knowledge, &self.bank(state, bank).0.scales),
+            readings: self.readings(bank, knowledge.updates()),
             steady: state.steadiness(),
             ..Motion::within(&recent.band, contact, state.repeats(), recent.told.fit.friction_in_curvature)
         }
@@ -386,6 +391,11 @@ impl State {
         let (strokes, _) = self.repeats.strokes_and_squares();
         self.repeats.steady() as f32 / strokes.max(1) as f32
     }
+}
+
+/// Mean square of the acceleration without what the encoder's steps have in it [m^2/s^4].
+fn mean_square_acceleration(knowledge: &Knowledge, scales: &Scales) -> f32 {
+    (knowledge.mean_square(0) - scales.quantisation) * square(scales.units[0] as f32)
 }
 
 /// Frequencies at which a motion of these mean squares of velocity, acceleration and jerk saw the inertance.

@@ -174,12 +174,13 @@ impl Together {
         let noise_n = expected.force_noise_n;
         let solved = |products: &Products| products.expected(expected.law(), noise_n, times, settings).ok();
         let solution = solved(&self.products[place])?;
+        let [acceleration, _] = self.products[place].mean_squares();
         let motion = Motion {
             repeats: self.repeats as f32,
             flanks_part: self.flanks_part,
             frequency_squared: self.squares[0] as f32,
             low_squared: self.squares[1] as f32,
-            acceleration_squared: self.products[place].mean_squares()[0] as f32,
+            acceleration_squared: (acceleration - self.products[place].steps_square(settings)) as f32,
             readings: self.products[place].readings(settings) as f32,
             steady: self.steady as f32,
             friction_in_curvature: self.friction_in_curvature.map(|taken| taken as f32),
