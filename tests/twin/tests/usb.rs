@@ -655,7 +655,8 @@ fn other_starts_begin_with_all_saves() {
     link.connect().expect("enumeration");
     link.open().expect("opens");
     let all = u32::from(SAVES);
-    let starts: [(&str, fn(&mut Machine)); 3] = [
+    type Start = fn(&mut Machine);
+    let starts: [(&str, Start); 3] = [
         ("power", |machine| machine.power_cut().expect("starts")),
         ("button", |machine| machine.reset().expect("starts")),
         ("probe", |machine| machine.reset_by(Reset::Software).expect("starts")),
