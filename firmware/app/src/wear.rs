@@ -3,7 +3,8 @@
 //! A device that was left alone takes [`SAVES`] at once, afterwards one every two minutes. A factory reset costs as much as
 //! [`FACTORY_RESET`] saves, since it erases a whole ring of pages where a save erases one page in seven times
 //! ([`store`](crate::store)). So a flood of requests takes longer than a year to use up the flash's 280 000 saves. A
-//! restart by command or by a watchdog that was asked for refills nothing; other starts do, also one out of update mode.
+//! restart by command or by a watchdog that was asked for refills nothing, nor does a visit to update mode by command, as far
+//! as the ROM leaves the place alone where the number stands. Other starts do.
 
 use embassy_time::{Duration, Instant};
 

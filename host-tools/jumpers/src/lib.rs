@@ -29,5 +29,5 @@ mod wires;
 
 pub use board::{Board, JumperError};
 pub use check::{Check, Measured, Report};
-pub use motion::truth;
+pub use motion::{truth, worn};
 pub use run::run;

@@ -1,4 +1,4 @@
-//! The motion: a simulated inerter played at the inputs, and its parameters as the board finds them.
+//! The motion: a simulated inerter played at the inputs, and its parameters and its backlash as the board finds them.
 
 use crate::align::Line;
 use crate::board::JumperError;
@@ -6,11 +6,13 @@ use crate::check::{Check, Report};
 use crate::recording::Recording;
 use crate::tape::Tape;
 use crate::wires::Chain;
-use inerter_core::{Estimate, Parameter, Settings};
+use inerter_core::{Detail, Estimate, Interval, Route, Settings};
 use inerter_plant::{Excitation, Inerter, Plant};
 use inerter_wire::Knot;
 
-/// Of the preset motion, so that neither voltages nor counts come near what the outputs can do.
+/// It ends at rest before the knots do: a force that stands at what moved the device a moment ago is no device's.
+const MOTION: &str = "multi@7.8s";
+/// Of that motion, so that neither voltages nor counts come near what the outputs can do.
 const SCALE: f64 = 0.35;
 /// Length of the motion \[knots\]: 8 s.
 const KNOTS: usize = 8_000;
@@ -26,16 +28,20 @@ const OVERSAMPLING: f64 = 64.0;
 const ZERO: f64 = 2048.0;
 /// By how much the board's clock and this computer's may differ: a crystal is 1000 times better, and a packet is late.
 const TIMEBASE: f64 = 5e-3;
-/// Part of a parameter by which it may be off beyond its interval: what straight lines between knots leave.
-const BEYOND: [f64; 3] = [0.001, 0.1, 0.02];
 
-/// The device that is played.
+/// The device that is played for its parameters: without backlash, as impacts would widen the intervals of friction
+/// fivefold.
 pub fn truth() -> Inerter {
     Inerter::paper()
 }
 
-/// Settings that the board needs for the test.
-pub fn settings(skew_s: f64) -> Settings {
+/// The same after wear, which is played for its backlash.
+pub fn worn() -> Inerter {
+    Inerter::worn()
+}
+
+/// Settings that the board needs for the test, where the backlash is to come this way.
+pub fn settings(skew_s: f64, route: Route) -> Settings {
     let device = truth();
     Settings {
         sample_rate_hz: 1_000.0,
@@ -54,6 +60,7 @@ pub fn settings(skew_s: f64) -> Settings {
         lead_u95: 0.0,
         timebase_u95: 0.0,
         memory_s: 100.0,
+        terminal_sensor: route == Route::Terminal,
         ..Settings::default()
     }
 }
@@ -63,14 +70,13 @@ fn through(line: &Line, seen: f64) -> u16 {
     ((seen - line.offset) / line.slope * 16.0).round().clamp(0.0, 65_535.0) as u16
 }
 
-/// The motion of the device as the outputs give it, each put out so that the converters see what the sensors would.
-pub fn tape(chain: &Chain) -> Result<Tape, JumperError> {
+/// The motion of a device as the outputs give it, each put out so that the converters see what the sensors would.
+pub fn tape(device: Inerter, chain: &Chain) -> Result<Tape, JumperError> {
     let broken = |error: inerter_plant::PlantError| JumperError::Link(error.to_string());
-    let motion = Excitation::parse("multi", 11).map_err(broken)?.scaled(SCALE);
-    let mut plant = Plant::new(truth(), motion).map_err(broken)?;
+    let motion = Excitation::parse(MOTION, 11).map_err(broken)?.scaled(SCALE);
+    let mut plant = Plant::new(device, motion).map_err(broken)?;
     let mut segment = plant.next_segment();
-    let mut tape = Tape::new();
-    tape.go(through(&chain.force, ZERO), through(&chain.terminal, ZERO), 10);
+    let mut tape = Tape::from_rest(through(&chain.force, ZERO), through(&chain.terminal, ZERO));
     let mut played = 0;
     for knot in 0..KNOTS {
         let t_s = knot as f64 * 1e-3;
@@ -78,7 +84,7 @@ pub fn tape(chain: &Chain) -> Result<Tape, JumperError> {
             segment = plant.next_segment();
         }
         let now = segment.at(t_s);
-        let force_n = now.force_n + truth().structure_mass_kg * now.a1_m_per_s2;
+        let force_n = now.force_n + device.structure_mass_kg * now.a1_m_per_s2;
         // 256ths of a count; what rounding leaves comes with the next knot.
         let place = (now.x2_m / METRES_PER_COUNT * 256.0).round() as i32;
         let advance = (place - played).clamp(-i32::from(Knot::MAX_ADVANCE), i32::from(Knot::MAX_ADVANCE));
@@ -114,48 +120,78 @@ pub fn timebase(recording: &Recording) -> Check {
     )
 }
 
-/// Widest interval that tells anything, as a part of the truth: some five times what a sound chain has.
-const WIDEST: [f64; 3] = [0.002, 0.6, 0.01];
+/// Of what is judged: name, unit and truth.
+struct Wanted {
+    name: &'static str,
+    unit: &'static str,
+    truth: f64,
+    /// Part of the truth by which it may be off beyond its interval: what straight lines between knots leave.
+    beyond: f64,
+    /// Widest interval that tells anything, as a part of the truth: some five times what a sound chain has.
+    widest: f64,
+}
 
-/// The estimates against the truth.
-pub fn estimates(estimate: &Estimate, report: &mut Report) -> bool {
-    let device = truth();
-    let found = &estimate.whole_run;
-    let wanted: [(&'static str, &str, Parameter, f64); 3] = [
-        ("inertance", "kg", found.inertance_kg, device.inertance_kg),
-        ("viscous friction", "N s/m", found.viscous_n_s_per_m, device.viscous_n_s_per_m),
-        ("Coulomb friction", "N", found.coulomb_n, device.coulomb_n),
-    ];
-    let mut passed = true;
-    for ((name, unit, parameter, truth), (beyond, widest)) in wanted.into_iter().zip(BEYOND.into_iter().zip(WIDEST)) {
-        let (value, u95) = parameter
-            .known()
-            .map_or((f64::NAN, f64::NAN), |interval| (f64::from(interval.value), f64::from(interval.u95)));
-        let good = (value - truth).abs() <= u95 + beyond * truth && u95 <= widest * truth;
+impl Wanted {
+    fn judge(&self, found: Option<Interval>) -> Check {
+        let Self { name, unit, truth, beyond, widest } = *self;
+        let good = found.is_some_and(|Interval { value, u95 }| {
+            let (value, u95) = (f64::from(value), f64::from(u95));
+            (value - truth).abs() <= u95 + beyond * truth && u95 <= widest * truth
+        });
         let cause = (!good).then(|| {
             "every part is sound, and what the board makes of them is not: please send this page to us".to_owned()
         });
         let expected = format!("{truth} {unit}, within the interval and {} %", beyond * 100.0);
-        passed &= report.take(Check::new(name, expected, format!("{value:.2} +- {u95:.2} {unit}"), cause));
+        let found = found.map_or("no value".into(), |Interval { value, u95 }| format!("{value:.2} +- {u95:.2} {unit}"));
+        Check::new(name, expected, found, cause)
     }
+}
+
+/// The parameters of [`truth`] against it.
+pub fn parameters(estimate: &Estimate, report: &mut Report) -> bool {
+    let (device, found) = (truth(), &estimate.whole_run);
+    let inertance = Wanted { name: "inertance", unit: "kg", truth: device.inertance_kg, beyond: 0.001, widest: 0.002 };
+    let viscous =
+        Wanted { name: "viscous friction", unit: "N s/m", truth: device.viscous_n_s_per_m, beyond: 0.1, widest: 0.6 };
+    let coulomb = Wanted { name: "Coulomb friction", unit: "N", truth: device.coulomb_n, beyond: 0.02, widest: 0.01 };
+    let checks = [
+        inertance.judge(found.inertance_kg.known()),
+        viscous.judge(found.viscous_n_s_per_m.known()),
+        coulomb.judge(found.coulomb_n.known()),
+    ];
+    let passed = checks.iter().all(Check::passed);
+    report.checks.extend(checks);
     passed
+}
+
+/// The backlash of [`worn`] by one way against it.
+pub fn backlash(detail: &Detail, route: Route, report: &mut Report) -> bool {
+    const UM: f64 = 1e6;
+    let (name, widest) = match route {
+        Route::Force => ("backlash by the force", 0.08),
+        Route::Terminal => ("backlash by the terminal", 0.02),
+    };
+    let wanted = Wanted { name, unit: "um", truth: worn().backlash_m * UM, beyond: 0.005, widest };
+    let found = &detail.backlash;
+    let in_um = |of: Interval| Interval { value: of.value * UM as f32, u95: of.u95 * UM as f32 };
+    // One that comes the other way tells nothing of this one.
+    report.take(wanted.judge(found.known().filter(|_| found.route == route).map(in_um)))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use inerter_core::{Active, RawSample, State};
+    use inerter_core::{Active, Backlash, BacklashSize, Published, RawSample, State};
 
-    /// The estimator alone, on what the tape's steps are: what the wires and the converters can at best give.
-    #[test]
-    fn the_tape_alone_gives_the_truth() {
+    /// What wires and converters can at best give: codes as they were put out.
+    fn at_best(device: Inerter) -> Tape {
         let line = Line { slope: 1.0, offset: 0.0, ..Line::default() };
-        let tape = tape(&Chain { force: line, terminal: line, noise_lsb: 0.0 }).unwrap();
-        let all =
-            |of: fn(&inerter_app::player::Step) -> u16| tape.steps().iter().all(|step| (300..3800).contains(&of(step)));
-        assert!(all(|step| step.force) && all(|step| step.terminal), "the outputs do not reach the rails");
-        assert!(tape.knots().iter().all(|knot| knot.advance.abs() < Knot::MAX_ADVANCE), "too fast for the outputs");
-        let active: Active = settings(0.0).validate().unwrap();
+        tape(device, &Chain { force: line, terminal: line, noise_lsb: 0.0 }).unwrap()
+    }
+
+    /// The estimator alone, on what the tape's steps are.
+    fn published(tape: &Tape, route: Route) -> Published {
+        let active: Active = settings(0.0, route).validate().unwrap();
         let mut state = Box::new(State::new(&active));
         for (index, steps) in tape.steps().chunks_exact(64).enumerate() {
             let sum = |of: fn(&inerter_app::player::Step) -> i32| steps.iter().map(of).sum();
@@ -169,11 +205,62 @@ mod tests {
                 },
             );
         }
-        let mut report = Report::default();
-        let passed = estimates(&active.publish(&state).estimate, &mut report);
+        active.publish(&state)
+    }
+
+    fn print(report: &Report) {
         for check in &report.checks {
             println!("{} {} {}", check.name, check.expected, check.found);
         }
-        assert!(passed);
+    }
+
+    fn failed(report: &Report) -> Vec<&'static str> {
+        report.checks.iter().filter(|check| !check.passed()).map(|check| check.name).collect()
+    }
+
+    /// Both backlashes, judged.
+    fn backlashes(tape: &Tape) -> Report {
+        let mut report = Report::default();
+        for route in [Route::Force, Route::Terminal] {
+            backlash(&published(tape, route).detail, route, &mut report);
+        }
+        print(&report);
+        report
+    }
+
+    #[test]
+    fn the_tape_alone_gives_the_truth() {
+        for device in [truth(), worn()] {
+            let tape = at_best(device);
+            let all = |of: fn(&inerter_app::player::Step) -> u16| {
+                tape.steps().iter().all(|step| (300..3800).contains(&of(step)))
+            };
+            assert!(all(|step| step.force) && all(|step| step.terminal), "the outputs do not reach the rails");
+            assert!(tape.knots().iter().all(|knot| knot.advance.abs() < Knot::MAX_ADVANCE), "too fast for the outputs");
+        }
+        let mut report = Report::default();
+        parameters(&published(&at_best(truth()), Route::Force).estimate, &mut report);
+        print(&report);
+        assert_eq!((report.checks.len(), failed(&report)), (3, vec![]));
+        let report = backlashes(&at_best(worn()));
+        assert_eq!((report.checks.len(), failed(&report)), (2, vec![]));
+    }
+
+    #[test]
+    fn another_backlash_is_told_by_either_way() {
+        for backlash_m in [0.0, 0.95e-4, 1.05e-4] {
+            let report = backlashes(&at_best(Inerter { backlash_m, ..worn() }));
+            assert_eq!(failed(&report), ["backlash by the force", "backlash by the terminal"], "{backlash_m} m");
+        }
+    }
+
+    #[test]
+    fn a_backlash_by_the_other_way_or_none_does_not_pass() {
+        let mut report = Report::default();
+        let size = BacklashSize::Ok(Interval { value: 1e-4, u95: 1e-6 });
+        let by_force = Detail { backlash: Backlash { size, ..Backlash::default() }, ..Detail::default() };
+        assert!(backlash(&by_force, Route::Force, &mut report));
+        assert!(!backlash(&by_force, Route::Terminal, &mut report));
+        assert!(!backlash(&Detail::default(), Route::Force, &mut report));
     }
 }

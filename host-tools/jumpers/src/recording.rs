@@ -1,13 +1,14 @@
 //! A tape played, and what the board sent meanwhile.
 
 use crate::board::{Board, JumperError};
-use crate::tape::Tape;
-use inerter_core::Estimate;
-use inerter_core::RawSample;
+use crate::tape::{REST, Tape};
+use inerter_core::{Detail, Estimate, RawSample};
 use inerter_wire::{Command, Done, EstimatorEvent, Event, EventKind, Fault, Knot, Pairing, Play, Record, Refusal};
 
 /// Time for what is still on its way, after the knots, after a burst, and after the end \[s\].
 pub const TAIL_S: f64 = 0.06;
+/// Until only the rest is seen: what the board adds up comes 4 ms later. Half of the rest is then still to come \[s\].
+const AT_REST_S: f64 = 0.05;
 /// Knots that the board shall hold at least before it is listened to at leisure.
 const AHEAD: u16 = 96;
 
@@ -21,8 +22,10 @@ pub struct Recording {
     pub samples: Vec<RawSample>,
     /// For each sample, when it had come \[s\].
     pub came_s: Vec<f64>,
-    /// Its last estimate.
+    /// Its last estimate while the outputs were driven.
     pub estimate: Option<Estimate>,
+    /// The last that came with an estimate: backlash and contact.
+    pub detail: Option<Detail>,
     /// What it said is wrong.
     pub faults: Vec<Fault>,
     /// The phase, as it came to be \[ticks\].
@@ -43,6 +46,7 @@ impl Recording {
             for event in pairing.take(&record) {
                 if let EstimatorEvent::Estimate(estimated) = event {
                     self.estimate = Some(estimated.estimate);
+                    self.detail = estimated.detail.or(self.detail);
                 }
             }
             match record {
@@ -74,8 +78,13 @@ pub fn record(
     phase_ticks: u16,
     burst: Option<(u16, u16)>,
 ) -> Result<Recording, JumperError> {
-    match play(board, tape, phase_ticks, burst) {
-        // A board that has let go by itself says why when it is told to.
+    let played = played(board, tape, phase_ticks, burst);
+    because(board, played)
+}
+
+/// A board that has let go of its outputs by itself says why when it is told to.
+fn because(board: &mut impl Board, played: Result<Recording, JumperError>) -> Result<Recording, JumperError> {
+    match played {
         Err(refused @ JumperError::Refused { why: Refusal::NotPlaying, .. }) => {
             let (stood, _) = ask(board, "stop playing", Play::End)?;
             Err(if stood == Play::TRANSFER_FAILED { JumperError::TransferFailed } else { refused })
@@ -84,63 +93,120 @@ pub fn record(
     }
 }
 
-fn play(
+fn played(
     board: &mut impl Board,
     tape: &Tape,
     phase_ticks: u16,
     burst: Option<(u16, u16)>,
 ) -> Result<Recording, JumperError> {
-    board.records();
-    let mut recording = Recording::default();
-    let mut pairing = Pairing::new();
-    let (found, mut free) = ask(board, "play", Play::Begin { phase_ticks })?;
-    recording.phase_ticks = found;
-    let full = free;
-    let (mut rest, mut refused) = (tape.knots(), 0);
-    while !rest.is_empty() {
-        let count = rest.len().min(Knot::MAX_KNOTS);
-        if usize::from(free) < count {
-            // A knot takes a millisecond.
-            let waiting = full.saturating_sub(free);
-            board.listen(f64::from(waiting.saturating_sub(AHEAD).max(count as u16 - free).min(48)) * 1e-3)?;
-            recording.take(board, &mut pairing);
-        }
-        let (batch, later) = rest.split_at(count);
-        let knots = batch.iter().copied().collect();
-        match ask(board, "take what it is to play", Play::Knots(knots)) {
-            Ok((_, room)) => {
-                free = room;
-                rest = later;
-                refused = 0;
-            }
-            Err(JumperError::Refused { why: Refusal::QueueFull { free: room, .. }, .. }) if refused < MOST_REFUSED => {
-                free = room;
-                refused += 1;
-            }
-            Err(error) => return Err(error),
-        }
-        recording.take(board, &mut pairing);
-    }
-    board.listen(f64::from(full.saturating_sub(free)) * 1e-3 + TAIL_S)?;
+    let mut playing = Playing::begin(board, phase_ticks)?;
+    playing.put(board, tape.knots())?;
+    playing.play_out(board)?;
     if let Some((edge_ticks, blocks)) = burst {
         ask(board, "play a burst", Play::Burst { edge_ticks, blocks })?;
         board.listen(f64::from(blocks) * 256.0 * f64::from(edge_ticks) / 168e6 * 1.5 + TAIL_S)?;
-        (recording.edges, _) = ask(board, "tell how far it is", Play::Progress)?;
+        (playing.recording.edges, _) = ask(board, "tell how far it is", Play::Progress)?;
         board.listen(TAIL_S)?;
     }
-    let (stood, _) = ask(board, "stop playing", Play::End)?;
-    board.listen(TAIL_S)?;
-    recording.take(board, &mut pairing);
-    if stood == Play::TRANSFER_FAILED {
-        return Err(JumperError::TransferFailed);
+    playing.end(board)
+}
+
+/// Plays a tape that begins at rest, to an estimator that knows nothing before that rest: the inputs float until the outputs
+/// are driven, which would be a force and a displacement of no device. With them the terminal's stiffness came out a 16th of
+/// what it is, and gave no backlash.
+pub fn record_from_rest(board: &mut impl Board, tape: &Tape, phase_ticks: u16) -> Result<Recording, JumperError> {
+    let played = played_from_rest(board, tape, phase_ticks);
+    because(board, played)
+}
+
+fn played_from_rest(board: &mut impl Board, tape: &Tape, phase_ticks: u16) -> Result<Recording, JumperError> {
+    let mut playing = Playing::begin(board, phase_ticks)?;
+    let (rest, motion) = tape.knots().split_at(REST);
+    playing.put(board, rest)?;
+    board.listen(AT_REST_S)?;
+    board.request(Command::ResetEstimator)?;
+    playing.put(board, motion)?;
+    playing.play_out(board)?;
+    playing.end(board)
+}
+
+/// A board that plays.
+struct Playing {
+    recording: Recording,
+    pairing: Pairing,
+    /// Room for knots: all, and now.
+    full: u16,
+    free: u16,
+}
+
+impl Playing {
+    /// Drives the outputs, which then stand.
+    fn begin(board: &mut impl Board, phase_ticks: u16) -> Result<Self, JumperError> {
+        board.records();
+        let (phase_ticks, free) = ask(board, "play", Play::Begin { phase_ticks })?;
+        let recording = Recording { phase_ticks, ..Recording::default() };
+        Ok(Self { recording, pairing: Pairing::new(), full: free, free })
     }
-    if stood > 0 {
-        return Err(JumperError::TooLate(stood));
+
+    fn take(&mut self, board: &mut impl Board) {
+        self.recording.take(board, &mut self.pairing);
     }
-    if recording.samples.len() < 2 {
-        return Err(JumperError::NoSamples);
+
+    /// Hands knots over as they find room.
+    fn put(&mut self, board: &mut impl Board, knots: &[Knot]) -> Result<(), JumperError> {
+        let (mut rest, mut refused) = (knots, 0);
+        while !rest.is_empty() {
+            let count = rest.len().min(Knot::MAX_KNOTS);
+            if usize::from(self.free) < count {
+                // A knot takes a millisecond.
+                let waiting = self.full.saturating_sub(self.free);
+                board.listen(f64::from(waiting.saturating_sub(AHEAD).max(count as u16 - self.free).min(48)) * 1e-3)?;
+                self.take(board);
+            }
+            let (batch, later) = rest.split_at(count);
+            let knots = batch.iter().copied().collect();
+            match ask(board, "take what it is to play", Play::Knots(knots)) {
+                Ok((_, room)) => {
+                    self.free = room;
+                    rest = later;
+                    refused = 0;
+                }
+                Err(JumperError::Refused { why: Refusal::QueueFull { free: room, .. }, .. })
+                    if refused < MOST_REFUSED =>
+                {
+                    self.free = room;
+                    refused += 1;
+                }
+                Err(error) => return Err(error),
+            }
+            self.take(board);
+        }
+        Ok(())
     }
-    Ok(recording)
+
+    /// Waits for the last knot.
+    fn play_out(&self, board: &mut impl Board) -> Result<(), JumperError> {
+        board.listen(f64::from(self.full.saturating_sub(self.free)) * 1e-3 + TAIL_S)
+    }
+
+    fn end(mut self, board: &mut impl Board) -> Result<Recording, JumperError> {
+        self.take(board);
+        // Afterwards the inputs float again.
+        let Recording { estimate, detail, .. } = self.recording;
+        let (stood, _) = ask(board, "stop playing", Play::End)?;
+        board.listen(TAIL_S)?;
+        self.take(board);
+        if stood == Play::TRANSFER_FAILED {
+            return Err(JumperError::TransferFailed);
+        }
+        if stood > 0 {
+            return Err(JumperError::TooLate(stood));
+        }
+        if self.recording.samples.len() < 2 {
+            return Err(JumperError::NoSamples);
+        }
+        Ok(Recording { estimate, detail, ..self.recording })
+    }
 }
 
 #[cfg(test)]

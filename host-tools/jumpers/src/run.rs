@@ -4,11 +4,11 @@ use crate::align::{ENTRIES, positions};
 use crate::board::{Board, JumperError};
 use crate::check::{Check, Measured, Report};
 use crate::motion;
-use crate::recording::{TAIL_S, record};
+use crate::recording::{TAIL_S, record, record_from_rest};
 use crate::sweep::sweep;
 use crate::tape::Tape;
 use crate::wires::{Chain, Levels, NOT_IN_STEP, SETTLED_TICKS, chain, encoder, sampling};
-use inerter_core::Settings;
+use inerter_core::{Route, Settings};
 use inerter_wire::{Capabilities, Command, Play, Record, Refusal, SettingsValues, Streams};
 
 /// Ticks from edge to edge of the burst: 6 million counts a second, 1.5 MHz on each line.
@@ -72,22 +72,44 @@ fn set_up(board: &mut impl Board, settings: &Settings) -> Result<(), JumperError
 
 fn measure(board: &mut impl Board) -> Result<Report, JumperError> {
     let mut report = Report::default();
-    set_up(board, &motion::settings(0.0))?;
+    set_up(board, &motion::settings(0.0, Route::Force))?;
     let Some(chain) = wires(board, &mut report)? else { return Ok(report) };
     let Some((skew_s, skew_u95_s)) = sweep(board, &mut report)? else { return Ok(report) };
     if !burst(board, &mut report)? {
         return Ok(report);
     }
-    set_up(board, &motion::settings(skew_s))?;
-    board.request(Command::ResetEstimator)?;
-    let recording = record(board, &motion::tape(&chain)?, SETTLED_TICKS, None)?;
-    if report.take(sampling(&recording))
-        && report.take(motion::timebase(&recording))
-        && motion::estimates(&recording.estimate.unwrap_or_default(), &mut report)
-    {
+    if motions(board, &chain, skew_s, &mut report)? {
         report.measured = Some(Measured { skew_s, skew_u95_s, noise_lsb: chain.noise_lsb });
     }
     Ok(report)
+}
+
+/// The motion of a device for its parameters, and of a worn one for its backlash, once for each way to that, which the
+/// settings choose. Whether all is as it is played.
+fn motions(board: &mut impl Board, chain: &Chain, skew_s: f64, report: &mut Report) -> Result<bool, JumperError> {
+    let mut play = |tape: &Tape, route| {
+        set_up(board, &motion::settings(skew_s, route))?;
+        record_from_rest(board, tape, SETTLED_TICKS)
+    };
+    let sound = play(&motion::tape(motion::truth(), chain)?, Route::Force)?;
+    let passed = report.take(sampling(&sound))
+        && report.take(motion::timebase(&sound))
+        && motion::parameters(&sound.estimate.unwrap_or_default(), report);
+    if !passed {
+        return Ok(false);
+    }
+    let worn = motion::tape(motion::worn(), chain)?;
+    for route in [Route::Force, Route::Terminal] {
+        let recording = play(&worn, route)?;
+        let sampled = sampling(&recording);
+        if !sampled.passed() {
+            return Ok(report.take(sampled));
+        }
+        if !motion::backlash(&recording.detail.unwrap_or_default(), route, report) {
+            return Ok(false);
+        }
+    }
+    Ok(true)
 }
 
 fn wires(board: &mut impl Board, report: &mut Report) -> Result<Option<Chain>, JumperError> {

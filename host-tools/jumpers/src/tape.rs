@@ -6,6 +6,9 @@ use inerter_wire::Knot;
 /// Counts that the marker goes up and back, and the knots that it takes for each.
 const MARKER: (i32, usize) = (400, 20);
 
+/// Knots of rest at the beginning of a tape that has no marker.
+pub const REST: usize = 192;
+
 /// Knots, and the steps that they become.
 #[derive(Clone, Debug)]
 pub struct Tape {
@@ -18,12 +21,7 @@ pub struct Tape {
 impl Tape {
     /// Begins at rest, with a marker of the encoder's by which its samples are found.
     pub fn new() -> Self {
-        let mut tape = Self {
-            knots: Vec::new(),
-            steps: Vec::new(),
-            player: Player::new(),
-            last: Knot { force: Knot::MIDDLE, terminal: Knot::MIDDLE, advance: 0 },
-        };
+        let mut tape = Self::empty();
         let (counts, knots) = MARKER;
         let advance = (counts * 256 / knots as i32) as i16;
         tape.hold(20);
@@ -32,6 +30,22 @@ impl Tape {
         tape.turn(-advance, knots);
         tape.hold(10);
         tape
+    }
+
+    /// Begins with [`REST`] knots at these voltages, without a marker \[sixteenths of a code\].
+    pub fn from_rest(force: u16, terminal: u16) -> Self {
+        let mut tape = Self::empty();
+        tape.go(force, terminal, REST - 1);
+        tape
+    }
+
+    fn empty() -> Self {
+        Self {
+            knots: Vec::new(),
+            steps: Vec::new(),
+            player: Player::new(),
+            last: Knot { force: Knot::MIDDLE, terminal: Knot::MIDDLE, advance: 0 },
+        }
     }
 
     /// One knot more.

@@ -68,7 +68,9 @@ const ONCE: f64 = 0.05;
 /// Whether the board lost nothing meanwhile; for any recording, before anything else is made of it.
 pub fn sampling(recording: &Recording) -> Check {
     let (lost, faults) = (recording.lost(), &recording.faults);
-    let cause = if lost as f64 > ONCE * recording.samples.len() as f64 {
+    // The sampler has given up: then none is lost, as none comes.
+    let ended = faults.contains(&Fault::SourceUnreadable);
+    let cause = if ended || lost as f64 > ONCE * recording.samples.len() as f64 {
         Some(NOT_IN_STEP.to_owned())
     } else if faults.contains(&Fault::SamplerMisaligned) {
         Some("a transfer by DMA was lost, so that force, terminal and count no longer belonged together".to_owned())

@@ -102,6 +102,10 @@ fn a_sound_board_passes() {
     print(&report);
     println!("{:?}", report.measured);
     assert!(report.passed());
+    let judged: Vec<_> = report.checks.iter().map(|check| check.name).collect();
+    let by_motion =
+        ["inertance", "viscous friction", "Coulomb friction", "backlash by the force", "backlash by the terminal"];
+    assert!(judged.ends_with(&by_motion), "{judged:?}");
 }
 
 /// What is planted, and words of the cause that must be named.

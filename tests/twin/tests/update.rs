@@ -3,16 +3,21 @@
 //! The host here sends what `inerter update` sends: the page of the vectors is erased first and written last, the vectors
 //! by themselves behind the rest of it.
 
+use inerter_app::wear::SAVES;
 use inerter_plant::Excitation;
+use inerter_twin::Width;
 use inerter_twin::bench::{Bench, Rig};
 use inerter_twin::chip::flash::{PAGE, START, Torn};
 use inerter_twin::chip::rom::{Left, UID};
+use inerter_twin::cpu::Stop;
 use inerter_twin::elf::Elf;
 use inerter_twin::machine::{Machine, image, shipping_image};
 use inerter_twin::usb_host::{Setup, UsbError, UsbHost};
 use inerter_twin::usb_link::UsbLink;
-use inerter_wire::{Command, Record, Streams};
+use inerter_twin::world::Still;
+use inerter_wire::{Command, Measure, Quantity, Record, SettingsValues, Streams};
 use std::collections::BTreeMap;
+use unicorn_engine::RegisterARM;
 
 const NAME: &[u8] = b"inerter 0.";
 const DNLOAD: u8 = 1;
@@ -98,6 +103,16 @@ impl<'a> Loader<'a> {
         self.out(ABORT, 0, &[])
     }
 
+    /// Starts what is in flash, without writing anything.
+    fn leave(&mut self) -> Result<(), UsbError> {
+        self.command(0x21, START)?;
+        self.out(DNLOAD, 0, &[])?;
+        // It may be gone before it can answer.
+        let _ = self.back(GETSTATUS, 0, 6);
+        self.host.unplug(self.machine);
+        Ok(())
+    }
+
     fn update(&mut self, image: &[u8]) -> Result<(), UsbError> {
         let pages = pages(image);
         self.command(0x41, START)?;
@@ -108,12 +123,7 @@ impl<'a> Loader<'a> {
         let (vectors, code) = pages[&START].split_at(8);
         self.write(START + 8, code)?;
         self.write(START, vectors)?;
-        self.command(0x21, START)?;
-        self.out(DNLOAD, 0, &[])?;
-        // It may be gone before it can answer.
-        let _ = self.back(GETSTATUS, 0, 6);
-        self.host.unplug(self.machine);
-        Ok(())
+        self.leave()
     }
 }
 
@@ -227,5 +237,194 @@ fn an_update_whose_power_fails_at_any_stage_is_completed_by_the_next() {
         Loader::connect(&mut machine).update(&new).unwrap_or_else(|error| panic!("after a cut at {cut}: {error}"));
         machine.run_for(0.5).unwrap_or_else(|ended| panic!("{ended}"));
         measures(machine, &format!("cut after {cut}"));
+    }
+}
+
+/// What the settings in use are, and how many saves the flash may still take.
+fn settings_and_saves(link: &mut UsbLink<Machine>) -> (SettingsValues, u32) {
+    for command in [Command::ReadSettings, Command::Measure(Measure::Chip)] {
+        link.request(command, 1.0).expect("a reply").result.expect("done");
+    }
+    link.listen(0.05).expect("listens");
+    let (mut settings, mut saves) = (None, None);
+    for record in link.records() {
+        match record {
+            Record::Settings(values) => settings = Some(values),
+            Record::Measured(measured) => saves = measured.get(Quantity::SavesLeft),
+            _ => {}
+        }
+    }
+    (settings.expect("settings"), saves.expect("a number of saves"))
+}
+
+/// The ways into update mode from a running device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Way {
+    Command,
+    TwoPresses,
+}
+
+/// Goes there; the cable is out afterwards.
+fn go(link: &mut UsbLink<Machine>, way: Way) {
+    match way {
+        Way::Command => {
+            // It may be gone before its reply is out.
+            let _ = link.request(Command::EnterDfu, 0.2);
+            link.unplug();
+        }
+        Way::TwoPresses => {
+            link.unplug();
+            link.socket.reset().expect("starts");
+            link.socket.run_for(0.2).unwrap_or_else(|ended| panic!("{ended}"));
+            assert!(!link.socket.is_in_rom(), "one press");
+            link.socket.reset().expect("starts");
+        }
+    }
+    link.socket.run_for(0.2).unwrap_or_else(|ended| panic!("{ended}"));
+    assert!(link.socket.is_in_rom(), "{way:?}");
+}
+
+/// As `inerter selftest` visits it: by the command or by hand, and back without anything written.
+#[test]
+fn a_visit_to_update_mode_leaves_flash_and_settings_alone() {
+    let Some(image) = shipping_image() else { return };
+    let rig = Rig::new(Excitation::random(0.5, 15.0, 0.02, 1), 0.5);
+    let settings = rig.settings(1000.0);
+    for (left, way) in Left::ALL.into_iter().flat_map(|left| [(left, Way::Command), (left, Way::TwoPresses)]) {
+        let mut machine = Machine::new(&image, Box::new(Still)).expect("the image");
+        machine.serve_rom(left);
+        machine.run_for(0.5).unwrap_or_else(|ended| panic!("{ended}"));
+        let mut link = UsbLink::new(machine);
+        link.set_up(&settings).expect("takes its settings");
+        let running = firmware(&mut link);
+        let (before, saves_before) = settings_and_saves(&mut link);
+        let flash = link.socket.flash();
+        go(&mut link, way);
+        Loader::connect(&mut link.socket).leave().unwrap_or_else(|error| panic!("{left:?}, {way:?}: {error}"));
+        link.socket.run_for(0.5).unwrap_or_else(|ended| panic!("{left:?}, {way:?}: {ended}"));
+        assert!(!link.socket.is_in_rom(), "{left:?}, {way:?}");
+        assert_eq!(firmware(&mut link), running, "{left:?}, {way:?}");
+        let (after, saves) = settings_and_saves(&mut link);
+        assert_eq!(after, before, "{left:?}, {way:?}");
+        // By the command a host could do so again and again.
+        let expected = if way == Way::Command { saves_before } else { SAVES.into() };
+        assert_eq!(saves, expected, "{left:?}, {way:?}");
+        assert!(link.socket.flash() == flash, "{left:?}, {way:?}: flash was written");
+    }
+}
+
+/// RCC: clocks of APB2. SYSCFG: what is at address 0.
+const APB2ENR: u32 = 0x4002_1060;
+const MEMRMP: u32 = 0x4001_0000;
+
+/// Registers whose value the ROM may rely on: clocks, what is fed with them, the core's interrupts, the protection unit,
+/// the vectors and the flash interface.
+const FOUND_BY_ROM: &[u32] = &[
+    // RCC: CR, CFGR, PLLCFGR, CIER, AHB1 to APB2 enable, CCIPR, CRRCR, CCIPR2.
+    0x4002_1000,
+    0x4002_1008,
+    0x4002_100c,
+    0x4002_1018,
+    0x4002_1048,
+    0x4002_104c,
+    0x4002_1050,
+    0x4002_1058,
+    0x4002_105c,
+    0x4002_1060,
+    0x4002_1088,
+    0x4002_1098,
+    0x4002_109c,
+    // FLASH: ACR, CR.
+    0x4002_2000,
+    0x4002_2014,
+    // SysTick; NVIC enabled and pending; ICSR, VTOR, SCR, MPU_CTRL.
+    0xe000_e010,
+    0xe000_e100,
+    0xe000_e104,
+    0xe000_e108,
+    0xe000_e10c,
+    0xe000_e200,
+    0xe000_e204,
+    0xe000_e208,
+    0xe000_e20c,
+    0xe000_ed04,
+    0xe000_ed08,
+    0xe000_ed10,
+    0xe000_ed94,
+];
+
+/// What the ROM finds: those registers, and those of the core.
+fn found_by_rom(machine: &mut Machine) -> Vec<(String, u32)> {
+    let now = machine.now();
+    let mut found: Vec<(String, u32)> = FOUND_BY_ROM
+        .iter()
+        .map(|&address| {
+            let value = match address {
+                0xe000_0000.. => machine.cpu_mut().core_mut().nvic.read(address, Width::Word, now).ok(),
+                _ => machine.chip_mut().read(address, Width::Word, now).ok(),
+            };
+            (format!("{address:#010x}"), value.expect("a register"))
+        })
+        .collect();
+    use RegisterARM as R;
+    for (name, register) in [
+        ("PC", R::PC),
+        ("SP", R::SP),
+        ("PRIMASK", R::PRIMASK),
+        ("BASEPRI", R::BASEPRI),
+        ("FAULTMASK", R::FAULTMASK),
+        ("CONTROL", R::CONTROL),
+    ] {
+        found.push((name.to_owned(), machine.register(register)));
+    }
+    found
+}
+
+/// Started by the program, the ROM finds what it finds when the boot pin starts it.
+#[test]
+fn the_rom_finds_the_chip_as_after_a_start_by_the_boot_pin() {
+    let Some(image) = shipping_image() else { return };
+    let in_rom = |way: Option<Way>| {
+        let mut machine = Machine::new(&image, Box::new(Still)).expect("the image");
+        machine.run_for(0.5).unwrap_or_else(|ended| panic!("{ended}"));
+        let mut link = UsbLink::new(machine);
+        link.connect().expect("enumerates");
+        link.open().expect("opens");
+        link.request(Command::Streams(Streams::ALL), 1.0).expect("a reply");
+        let mut machine = match way {
+            Some(Way::Command) => {
+                let _ = link.request(Command::EnterDfu, 0.2);
+                link.socket
+            }
+            Some(Way::TwoPresses) => {
+                link.socket.reset().expect("starts");
+                link.socket.run_for(0.2).unwrap_or_else(|ended| panic!("{ended}"));
+                link.socket.reset().expect("starts");
+                link.socket
+            }
+            None => {
+                link.socket.set_boot0(true);
+                link.socket.reset().expect("starts");
+                link.socket
+            }
+        };
+        let ended = machine.run_for(1.0).expect_err("the boot loader");
+        assert_eq!(ended.stop, Stop::Bootloader, "{way:?}: {ended}");
+        assert_eq!(machine.chip().iwdg.timeout_s(), None, "{way:?}: nobody would feed the watchdog");
+        assert!(!machine.chip().usb.attached(), "{way:?}: the host still sees the device that was");
+        assert_eq!(machine.clock_hz(), 16e6, "{way:?}");
+        if way.is_some() {
+            let now = machine.now();
+            assert_eq!(machine.chip_mut().read(MEMRMP, Width::Word, now).map(|value| value & 7), Ok(1), "{way:?}");
+        }
+        found_by_rom(&mut machine)
+    };
+    let mut expected = in_rom(None);
+    // But for the clock of SYSCFG, by which the program has put the ROM at address 0.
+    for (_, value) in expected.iter_mut().filter(|(name, _)| *name == format!("{APB2ENR:#010x}")) {
+        *value |= 1;
+    }
+    for way in [Way::Command, Way::TwoPresses] {
+        assert_eq!(in_rom(Some(way)), expected, "{way:?}");
     }
 }

@@ -7,9 +7,11 @@ mod common;
 mod outcome;
 
 use common::{Item, board, corpus};
+use inerter_app::wear::SAVES;
 use inerter_core::Settings;
 use inerter_plant::Excitation;
 use inerter_twin::bench::{Bench, Rig};
+use inerter_twin::chip::rcc::Reset;
 use inerter_twin::chip::rom::UID;
 use inerter_twin::machine::{Machine, shipping_image};
 use inerter_twin::talk::Talk;
@@ -17,7 +19,7 @@ use inerter_twin::usb_host::serial::{line_coding, set_control_lines, set_line_co
 use inerter_twin::usb_host::{EndpointKind, Setup, Socket, Transfer, UsbError};
 use inerter_twin::usb_link::{LinkError, UsbLink};
 use inerter_twin::world::Still;
-use inerter_wire::{Command, Done, Event, EventKind, Hello, Record, Reply, SettingsValues, Streams};
+use inerter_wire::{Command, Done, Event, EventKind, Hello, Measure, Record, Refusal, Reply, SettingsValues, Streams};
 use outcome::outcome;
 
 /// Time for a reply.
@@ -581,4 +583,92 @@ fn settings_written_over_usb_hold() {
     done(&mut link, Command::WriteSettings(SettingsValues::difference(&wanted, &before)));
     assert_eq!(settings(&mut link), wanted);
     assert_eq!(link.request(Command::Hello, 0.0), Err(LinkError::NoReply(0.0)), "no reply takes no time");
+}
+
+/// From a reset until the firmware has a port again, also after the watchdog's four seconds.
+const BACK_S: f64 = 6.0;
+
+/// Saves settings that differ each time, until the device refuses; gives how many it took and the time to wait \[s\].
+fn flood(link: &mut UsbLink<Machine>) -> (u32, u16) {
+    let before = settings(link);
+    for taken in 0..=2 * u32::from(SAVES) {
+        let wanted = Settings { memory_s: 10.0 + f64::from(taken % 2), ..before };
+        done(link, Command::WriteSettings(SettingsValues::difference(&wanted, &before)));
+        match link.request(Command::SaveSettings, 2.0).expect("a reply").result {
+            Ok(Done::Plain) => {}
+            Err(Refusal::Worn { wait_s }) => return (taken, wait_s),
+            other => panic!("save {taken}: {other:?}"),
+        }
+    }
+    panic!("a flood is not refused");
+}
+
+/// The host finds the device again after it went by `go`.
+fn after(link: &mut UsbLink<Machine>, go: impl FnOnce(&mut UsbLink<Machine>)) {
+    go(link);
+    link.unplug();
+    link.socket.run_for(BACK_S).unwrap_or_else(|ended| panic!("{ended}"));
+    link.connect().expect("enumeration");
+    link.open().expect("opens");
+}
+
+fn last_reset(link: &UsbLink<Machine>) -> Reset {
+    link.socket.resets().last().expect("power-on").1
+}
+
+/// By the device's own commands a host can restart it as often as it likes.
+#[test]
+fn a_flood_of_saves_is_refused_and_no_restart_that_a_host_orders_helps() {
+    let all = u32::from(SAVES);
+    let Some(mut link) = board(Still) else { return };
+    link.connect().expect("enumeration");
+    link.open().expect("opens");
+    let (taken, wait_s) = flood(&mut link);
+    assert!((all..all + 2).contains(&taken) && (60..=120).contains(&wait_s), "{taken} saves, {wait_s} s to wait");
+    let kept = link.socket.flash();
+    for (command, cause) in [
+        (Command::Reboot, Reset::Software),
+        (Command::Reboot, Reset::Software),
+        (Command::Measure(Measure::Hang), Reset::Watchdog),
+    ] {
+        after(&mut link, |link| {
+            // It may be gone before its reply is out.
+            let _ = link.request(command.clone(), 0.2);
+        });
+        assert_eq!(last_reset(&link), cause, "{command:?}");
+        let (taken, wait_s) = flood(&mut link);
+        assert!(taken == 0 && (100..=120).contains(&wait_s), "{command:?}: {taken} saves, {wait_s} s to wait");
+    }
+    assert!(link.socket.flash() == kept, "nothing was written meanwhile");
+    // One more each two minutes, also of a run that began with none.
+    done(&mut link, Command::Stop);
+    let (_, wait_s) = flood(&mut link);
+    link.listen(f64::from(wait_s)).expect("the port is open");
+    let (taken, wait_s) = flood(&mut link);
+    assert!(taken == 1 && wait_s > 100, "{taken} saves, {wait_s} s to wait");
+}
+
+/// Power, the button and a probe's reset begin with all saves: nobody does those by the hundred.
+#[test]
+fn other_starts_begin_with_all_saves() {
+    let Some(mut link) = board(Still) else { return };
+    link.connect().expect("enumeration");
+    link.open().expect("opens");
+    let all = u32::from(SAVES);
+    type Start = fn(&mut Machine);
+    let starts: [(&str, Start); 3] = [
+        ("power", |machine| machine.power_cut().expect("starts")),
+        ("button", |machine| machine.reset().expect("starts")),
+        ("probe", |machine| machine.reset_by(Reset::Software).expect("starts")),
+    ];
+    for (name, start) in starts {
+        let (taken, _) = flood(&mut link);
+        assert!((all..all + 2).contains(&taken), "before {name}: {taken} saves");
+        after(&mut link, |link| {
+            link.unplug();
+            start(&mut link.socket);
+        });
+    }
+    let (taken, _) = flood(&mut link);
+    assert!((all..all + 2).contains(&taken), "{taken} saves");
 }
