@@ -31,8 +31,8 @@ fn published(samples: &[RawSample], settings: &Settings, metre: f64, newton: f64
 
 /// Part of its interval by which a value may differ: scales are rounded to powers of two.
 const APART: f64 = 0.02;
-/// The same of a backlash of which up to one reversal in a hundred more counts in one unit than in another: a
-/// reversal three standard deviations off moves a mean of n by 1.5 / sqrt(n) of its interval, 0.09 where n = 288.
+/// The same of a backlash of which up to one reversal in a hundred more counts in one unit than in another: one that is
+/// a standard deviation off moves a mean of n by 0.5 / sqrt(n) of its interval, 0.03 where n = 288.
 const REVERSALS_APART: f64 = 0.1;
 
 #[track_caller]

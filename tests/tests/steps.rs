@@ -141,8 +141,7 @@ fn a_tone_of_the_same_clock_has_friction_within_its_intervals() {
     assert!(part > 0.92 && (0.25..0.6).contains(&rms), "{part} within, rms {rms}");
 }
 
-/// A tone in coarse counts is read too large or too small by its place among them, whatever the rate: before that was known, the
-/// interval of the inertance held 3 of 4 at 1 kHz and half at 4 kHz.
+/// A tone in coarse counts is read too large or too small by its place among them, whatever the rate.
 #[test]
 fn a_tone_in_coarse_counts_has_its_inertance_within_its_interval() {
     for sample_rate_hz in [1000.0, 4000.0] {

@@ -6,16 +6,21 @@ use std::net::{IpAddr, SocketAddr};
 /// is forwarded, or be missing.
 pub fn loopback(host: &str) -> Option<String> {
     if let Ok(address) = host.parse::<SocketAddr>() {
-        return address.ip().is_loopback().then(|| address.to_string());
+        // Without a scope, which has no place in a header.
+        return address.ip().is_loopback().then(|| SocketAddr::new(address.ip(), address.port()).to_string());
     }
     let (name, port) = match host.rsplit_once(':').filter(|_| !host.ends_with(']')) {
-        Some((name, port)) => (name, format!(":{}", port.parse::<u16>().ok()?)),
+        Some((name, port)) if port.bytes().all(|byte| byte.is_ascii_digit()) => {
+            (name, format!(":{}", port.parse::<u16>().ok()?))
+        }
+        Some(_) => return None,
         None => (host, String::new()),
     };
     let bare = name.strip_prefix('[').and_then(|name| name.strip_suffix(']')).filter(|bare| bare.contains(':'));
     match bare.unwrap_or(name).parse::<IpAddr>() {
         Ok(IpAddr::V6(_)) if bare.is_none() => None,
-        Ok(address) => address.is_loopback().then(|| format!("{name}{port}")),
+        Ok(IpAddr::V6(address)) => address.is_loopback().then(|| format!("[{address}]{port}")),
+        Ok(IpAddr::V4(address)) => address.is_loopback().then(|| format!("{address}{port}")),
         Err(_) => name.eq_ignore_ascii_case("localhost").then(|| format!("localhost{port}")),
     }
 }
@@ -33,6 +38,8 @@ mod tests {
             ("[::1]:5", "[::1]:5"),
             ("127.0.0.1", "127.0.0.1"),
             ("[::1]", "[::1]"),
+            ("[0::1]", "[::1]"),
+            ("[::1%1]:9", "[::1]:9"),
         ] {
             assert_eq!(loopback(host).as_deref(), Some(same), "{host}");
         }
@@ -48,6 +55,8 @@ mod tests {
             "localhost:",
             "localhost:65536",
             "localhost:+1:",
+            "localhost:+1",
+            "[0::1]:+5",
             "::1",
             "[127.0.0.1]",
             "[[::1]]",

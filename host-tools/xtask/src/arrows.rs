@@ -140,6 +140,7 @@ const LAWS: &[Law] = &[
             "inerter-flags",
             "inerter-tests",
         ])
+        .never(&[&["ratatui", "crossterm", "indicatif"]])
         .with_unsafe(),
     Law::of("inerter-guest"),
     Law::of("inerter-twin")

@@ -103,7 +103,7 @@ fn tones() -> Result<String, Error> {
         "
 ## Tones of a whole number of samples
 
-The first bench, {seeds} runs of each tone with amplitudes within 15 % of one another, seeds from {first} on. The shaker's clock is the instrument's own, so that each period reads the same counts, or 10 ppm faster. *rms* is
+The first bench, {seeds} runs of each tone with amplitudes within 15 % of the speed's, seeds from {first} on. The shaker's clock is the instrument's own, so that each period reads the same counts, or the instrument's is 10 ppm faster. *rms* is
 that of the error over `U95`, *%* the runs whose interval holds the truth.
 
 | Hz | mm/s | clock | mt: U95 kg | rms | % | cf: U95 N s/m | rms | % | fc: U95 N | rms | % |

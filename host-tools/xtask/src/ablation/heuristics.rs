@@ -150,6 +150,11 @@ pub const HEURISTICS: &[Heuristic] = &[
         &[("trial.rs", "const JUDGED_UPDATES: u32 = 200;", "const JUDGED_UPDATES: u32 = u32::MAX;")],
     ),
     tested(
+        "a_tone_in_coarse_counts_has_its_inertance_within_its_interval",
+        "6: a tone is read too large or too small by its place among the counts",
+        &[("systematic.rs", "const AMPLITUDE: f32 = 0.01234;", "const AMPLITUDE: f32 = 0.0;")],
+    ),
+    tested(
         "a_clean_run_is_not_called_broken",
         "6: it waits for whether flanks part",
         &[("trial.rs", "const WAITED_UPDATES: u32 = 800;", "const WAITED_UPDATES: u32 = 0;")],
