@@ -44,7 +44,10 @@ const _: () = assert!(TICKS * ENTRIES_PER_S == CORE_HZ && TICKS <= 0x1_0000);
 /// Timer ticks from an event until its codes are in the rings for certain: 0.95 us for the conversion, as much again
 /// for the transfers.
 const SETTLED: u16 = 2 * CORE_PER_US as u16;
-/// Looks at the rings, some 20 ticks each, until one falls between two events: more than [`SETTLED`].
+/// The same where it is judged whether the rings are at one entry: a converter that looks some microseconds late still
+/// belongs to its event, and restarts would hide how late it is, which the test with jumpers tells.
+const ALIGNED: u16 = 5 * CORE_PER_US as u16;
+/// Looks at the rings, some 20 ticks each, until one falls between two events: more than [`ALIGNED`].
 const POLLS: usize = 64;
 /// Looks at a converter until it has converted for nothing or stopped, of at least 10 cycles each: it takes 150.
 const DISCARD_POLLS: usize = 100;
@@ -321,7 +324,7 @@ fn are_aligned() -> bool {
         let before = tick();
         let positions = [COUNTS, FORCES, TERMINALS].map(position);
         // No event between the two: the timer begins anew at each.
-        if before >= SETTLED && tick() >= before {
+        if before >= ALIGNED && tick() >= before {
             return positions == [positions[COUNTS]; 3];
         }
     }
