@@ -274,13 +274,16 @@ fn the_count_may_wrap_and_so_may_the_sum() -> Outcome {
         let run = moved_by(counts)?;
         let sign = |sample: &RawSample| sample.position_count.signum();
         assert!(run.samples.iter().any(|sample| sign(sample) > 0) && run.samples.iter().any(|sample| sign(sample) < 0));
-        // Sample for sample the same but for the offset, and so are the estimates, to the bit.
+        // Sample for sample the same but for the offset, and so are the estimates, to the bit. A run may end a half of the rings earlier, as
+        // numbers of other sizes take other times to send.
         let mut back = run.samples.clone();
         back.iter_mut().for_each(|sample| {
             sample.position_count = sample.position_count.wrapping_sub(counts.wrapping_mul(64) as i32)
         });
-        assert_eq!(back, plain.samples, "{counts:#x}");
-        assert!(run.estimates.iter().map(bytes).eq(plain.estimates.iter().map(bytes)), "{counts:#x}");
+        assert!(back.len().abs_diff(plain.samples.len()) <= 16, "{counts:#x}");
+        assert!(back.iter().zip(&plain.samples).all(|(one, other)| one == other), "{counts:#x}");
+        let mut estimates = run.estimates.iter().zip(&plain.estimates);
+        assert!(estimates.len() > 30 && estimates.all(|(one, other)| bytes(one) == bytes(other)), "{counts:#x}");
         run.agrees_with_core();
     }
     Ok(())
