@@ -185,7 +185,7 @@ impl Motion {
     /// read too large or too small. `kernel` is what it leaves of the tone's square.
     fn amplitude_by_counts(&self, count_m: f32, kernel: f32) -> f32 {
         let count_over_amplitude_squared =
-            square(count_m * self.frequency_squared) * kernel / (2.0 * self.acceleration_squared);
+            square(count_m * self.low_squared) * kernel / (2.0 * self.acceleration_squared);
         if count_over_amplitude_squared > 0.0 {
             let by_readings = (self.repeats - 1.0) / (6.0 * self.readings);
             let by_place = AMPLITUDE * sqrt(count_over_amplitude_squared);
