@@ -113,7 +113,7 @@ async fn serve(listener: &TcpListener, router: &Router) {
     }
 }
 
-/// Answers what comes by one connection, for [`REQUEST_TIME`] at most.
+/// Answers what comes by one connection, for five seconds at most.
 pub async fn serve_connection(stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static, router: Router) {
     let connection =
         http1::Builder::new().serve_connection(TokioIo::new(stream), TowerToHyperService::new(router)).with_upgrades();
