@@ -21,8 +21,9 @@ pub struct Repeats {
     strokes: u32,
     /// Sum over all fingerprints of the square of how often each has come.
     squares: u64,
-    /// Length of the last stroke \[codes\], and how many were as long as the one before.
+    /// Length of the last stroke \[codes\].
     length: u32,
+    /// Strokes that were as long as the one before.
     steady: u32,
     /// Where the stroke began: index, position and the running sum of positions; nothing before the first reversal.
     begin: Option<[i32; 3]>,
@@ -141,6 +142,7 @@ mod tests {
         let golden = (1.0 + 5_f64.sqrt()) / 2.0;
         assert!(times(40, 96.0 + golden) < 4.0, "{}", times(40, 96.0 + golden));
     }
+
     #[test]
     fn strokes_of_a_steady_tone_are_of_one_length_whatever_the_clock() {
         let part = |strokes: Repeats| f64::from(strokes.steady()) / f64::from(strokes.strokes_and_squares().0);
