@@ -4,8 +4,9 @@ use inerter_core::{
     BacklashSize, Contact, Detail, Interval, RawSample, Reason, Reversal, Route, Settings, State, Status,
 };
 use inerter_plant::{Excitation, Flank, Inerter, Sensors, Simulation};
+use inerter_simulate::bench_sensors;
 use inerter_tests::backlash::{Run, cell, goal, instruments, run, sensed_goal, settings};
-use inerter_tests::coverage::stated_true;
+use inerter_tests::coverage::{Bench, stated_true};
 use inerter_tests::grid::{Instruments, MOTIONS, RIGS, raw, three, truth};
 
 const RIG: Instruments = RIGS[0];
@@ -312,6 +313,23 @@ fn bounces_are_those_of_the_plant() {
 }
 
 /// A heavy structure on the load cell does not pass for a flank while the terminal flies.
+/// Across a gap the structure is half of it ahead of the screw and then half of it behind: up to 0.24 kg at 0.3 mm.
+#[test]
+fn a_wide_gap_is_in_the_interval_of_the_inertance() {
+    for (backlash_m, structure_mass_kg) in [(2e-5, 4.0), (2e-4, 1.515), (3e-4, 1.515), (2e-4, 4.0)] {
+        let device = Inerter { backlash_m, structure_mass_kg, ..Inerter::paper() };
+        for motion in MOTIONS.iter().filter(|motion| motion.name != "slow") {
+            let bench = Bench { name: "gaps", device, sensors: bench_sensors(), wrong: &[] };
+            for seed in 31..34 {
+                let (errors, _) = bench.run(motion.name, motion.duration_s, seed).unwrap();
+                let [Some((error, u95)), ..] = errors else { panic!("{}: no inertance", motion.name) };
+                let what = format!("{backlash_m} m, {structure_mass_kg} kg, {}, {seed}: {error} +- {u95}", motion.name);
+                assert!(error.abs() < u95, "{what}");
+            }
+        }
+    }
+}
+
 #[test]
 fn a_heavy_structure_is_no_flank() {
     for part in [0.1, 0.2, 0.3] {

@@ -153,6 +153,15 @@ impl Contact {
     pub const fn may_part(self) -> bool {
         !matches!(self, Self::Closed | Self::OneSided)
     }
+
+    /// Gap that the flanks cross, at most \[m\]: 0 where they do not part, infinite where it is not known how far.
+    pub fn gap_m(self, backlash: &Backlash) -> f32 {
+        match backlash.size {
+            _ if !self.may_part() => 0.0,
+            BacklashSize::NotIdentifiable(_) => f32::INFINITY,
+            BacklashSize::Ok(Interval { value, u95 }) | BacklashSize::BelowU95(Interval { value, u95 }) => value + u95,
+        }
+    }
 }
 
 /// How friction behaves at a reversal.

@@ -7,7 +7,7 @@ use crate::bank::{Aside, BankState};
 use crate::budget::NORMAL_COVERAGE;
 use crate::constants::{self, UPDATES_PER_BOX};
 use crate::ldl::{FACTOR_BITS, MATRIX_BITS, UNKNOWNS, solve};
-use crate::math::{greater, magnitude, power, single, sqrt};
+use crate::math::{greater, magnitude, power, single, single_of_wide, sqrt};
 use crate::near_rest::WEIGHT;
 use crate::rls::{PRODUCTS, RATE, RATE_SQUARE, place, scaled};
 use crate::solution::{Inverse, pivot};
@@ -94,14 +94,14 @@ struct Beside {
 
 impl Beside {
     fn of(aside: &Aside) -> Self {
-        Self { products: aside.products.map(|product| product as f32), square: aside.square as f32 }
+        Self { products: aside.products.map(single), square: single(aside.square) }
     }
 }
 
 impl Knowledge {
     /// The recent memory.
     pub fn recent(bank: &BankState) -> Self {
-        let weight = bank.recent.weight() as f32;
+        let weight = single(bank.recent.weight());
         let updates = if weight > 0.0 { power(MATRIX_BITS as i32) / weight } else { 0.0 };
         Self {
             matrix: *bank.recent.averages(),
@@ -116,7 +116,7 @@ impl Knowledge {
     pub fn away(bank: &BankState) -> Self {
         let recent = Self::recent(bank);
         let matrix = bank.near_rest.away(&bank.recent);
-        let part = matrix[WEIGHT] as f32 / recent.matrix[WEIGHT] as f32;
+        let part = single(matrix[WEIGHT]) / single(recent.matrix[WEIGHT]);
         Self { matrix, per_unit: recent.per_unit / part, updates: recent.updates * part, rate: None, curvature: None }
     }
 
@@ -126,9 +126,9 @@ impl Knowledge {
         let (updates, sums) = (whole.updates.max(1.0), bank.more.sums());
         let mut products = [0.0; UNKNOWNS];
         for (average, sum) in products.iter_mut().zip(&sums[RATE]) {
-            *average = single(*sum) / updates;
+            *average = single_of_wide(*sum) / updates;
         }
-        Self { rate: Some(Beside { products, square: single(sums[RATE_SQUARE]) / updates }), ..whole }
+        Self { rate: Some(Beside { products, square: single_of_wide(sums[RATE_SQUARE]) / updates }), ..whole }
     }
 
     /// What was learnt between two readings of the exact sums, `updates` apart.
@@ -153,7 +153,7 @@ impl Knowledge {
 
     /// Mean square of a regressor.
     pub fn mean_square(&self, i: usize) -> f32 {
-        self.matrix[place(i, i)] as f32 * self.per_unit
+        single(self.matrix[place(i, i)]) * self.per_unit
     }
 }
 
@@ -178,7 +178,7 @@ pub(crate) fn fit(knowledge: &Knowledge, scales: &Scales) -> Option<Fit> {
     let of_force = power(-force_shift);
     let to_si: [f32; UNKNOWNS] = core::array::from_fn(|i| scales.force_per[i] * equilibrating[i] * of_force);
     for (i, value) in fit.values.iter_mut().enumerate() {
-        *value = solution.unknowns[i] as f32 * power(-(FACTOR_BITS as i32)) * to_si[i];
+        *value = single(solution.unknowns[i]) * power(-(FACTOR_BITS as i32)) * to_si[i];
     }
     let mut error_variance = residual_variance / observations;
     if let Some(least) = rounding(&fit, scales) {

@@ -54,6 +54,14 @@ const REACH: f32 = 3.1;
 /// friction scatters by 0.17 of all, at 1 and at 4 kHz; in a random one by 0.06, which the interval holds anyway.
 const IMPACTS: f32 = 0.4;
 
+/// What the force's noise, the encoder's steps and the settings' intervals explain of a residual.
+pub(crate) struct Explained {
+    /// Variance [N^2]; infinite before they are known.
+    pub variance: f32,
+    /// Variance of the residual's own variance over that of a motion that never comes again: steps come again with it.
+    pub scatter: f32,
+}
+
 /// What friction looks like, and the systematic error of inertance, viscous and Coulomb friction by it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Assessment {
@@ -64,23 +72,23 @@ pub(crate) struct Assessment {
 }
 
 impl Assessment {
-    /// From the fits to all updates and to those away from rest, the rms of acceleration \[m/s^2\] and velocity \[m/s\],
-    /// viscous friction as it would be published, the residual's variance that noise and steps explain \[N^2\], and
+    /// From the fits to all updates and to those away from rest, the mean squares of acceleration \[m^2/s^4\] and velocity \[m^2/s^2\],
+    /// viscous friction as it would be published, what noise and steps explain of the residual, and
     /// how the flanks behave; `scatter` is the variance of what moves over that of white noise.
     pub fn of(
         all: &Fit,
         away: &Fit,
-        rms: [f32; 2],
+        squares: [f32; 2],
         viscous: Interval,
-        explained: f32,
+        explained: &Explained,
         contact: Contact,
         scatter: f32,
     ) -> Self {
-        let ratio = all.variance / explained;
-        let beyond = ratio - CHANCE * sqrt(2.0 / all.freedom());
+        let ratio = all.variance / explained.variance;
+        let beyond = ratio - CHANCE * sqrt(2.0 * explained.scatter / all.freedom());
         let parts = matches!(contact, Contact::Backlash | Contact::Bouncing);
         let beside = (beyond > UNEXPLAINED && !parts).then_some(ratio);
-        let mut assessment = Self::of_friction(all, away, rms, viscous, beside, scatter);
+        let mut assessment = Self::of_friction(all, away, squares, viscous, beside, scatter);
         // Where flanks are known to part, whatever is not explained may be their impacts.
         if parts && ratio > 1.0 || contact.may_part() && beyond > UNEXPLAINED_IMPACTS {
             let per_error = IMPACTS * error_per_standard_error(all, ratio);
@@ -109,7 +117,7 @@ impl Assessment {
         let (mt_moved, cf_moved, fc_moved) = (2.0 * (mt - mt_away), 2.0 * (cf - cf_away), 2.0 * (fc - fc_away));
         if fc > 0.0 && viscous.value + viscous.u95 < 0.0 {
             // What falls with the velocity may as well be taken for inertance.
-            let inertance = length(mt_moved, viscous.value * velocity / acceleration);
+            let inertance = length(mt_moved, viscous.value * sqrt(velocity / acceleration));
             return Self { regime: Regime::Stribeck, errors: [inertance, f32::INFINITY, f32::INFINITY], judged: true };
         }
         let near_rest = all.variance / away.variance;
@@ -131,7 +139,7 @@ impl Assessment {
         // Friction that falls with the velocity is alike to more of Coulomb's; friction that comes late is not, and its
         // spring takes from the inertance.
         let falls = fc_moved > STRIBECK * fc_alike && mt_moved > -2.0 * STRIBECK * mt_error * per_error;
-        let spring = SPRING * share * friction_n / acceleration;
+        let spring = SPRING * share * friction_n / sqrt(acceleration);
         let (regime, spring) = match () {
             // Something is wrong, and what cannot be told.
             () if lawful => (Regime::Unknown, spring),
@@ -152,15 +160,16 @@ impl Assessment {
     }
 }
 
-/// Whether the law holds, by the residual's variance that noise and steps explain \[N^2\], the number of differences that the
+/// Whether the law holds, by what noise and steps explain of the residual, the number of differences that the
 /// noise was found from, and how the flanks behave.
-pub(crate) fn law(fit: &Fit, explained: f32, differences: u32, contact: Contact) -> Law {
-    let known = fit.observations >= LEAST_OBSERVATIONS && explained.is_finite() && explained > 0.0;
+pub(crate) fn law(fit: &Fit, explained: &Explained, differences: u32, contact: Contact) -> Law {
+    let Explained { variance, scatter } = *explained;
+    let known = fit.observations >= LEAST_OBSERVATIONS && variance.is_finite() && variance > 0.0;
     if !known {
         return Law::default();
     }
-    let chance = sqrt(2.0 / fit.freedom() + QUARTILE_CHANCE / differences as f32);
-    let (ratio, limit) = (fit.variance / explained, UNEXPLAINED + CHANCE * chance);
+    let chance = sqrt(2.0 * scatter / fit.freedom() + QUARTILE_CHANCE / differences as f32);
+    let (ratio, limit) = (fit.variance / variance, UNEXPLAINED + CHANCE * chance);
     let status = match contact {
         _ if ratio <= limit => LawStatus::Holds,
         Contact::Closed | Contact::OneSided => LawStatus::Broken,
@@ -223,7 +232,8 @@ mod tests {
     /// With this much of the residual's variance explained \[N^2\].
     fn assessed_beside(all: Fit, away: Fit, explained: f32, contact: Contact) -> Assessment {
         let viscous = Interval { value: all.values[1], u95: 3.0 * all.errors[1] };
-        Assessment::of(&all, &away, [5.0, 0.02], viscous, explained, contact, 1.0)
+        let explained = Explained { variance: explained, scatter: 1.0 };
+        Assessment::of(&all, &away, [25.0, 4e-4], viscous, &explained, contact, 1.0)
     }
 
     #[test]

@@ -8,18 +8,18 @@ use crate::backlash::report::Found as Backlash;
 use crate::bank::BankState;
 use crate::budget::{Budget, Budgets, Source};
 use crate::constants;
-use crate::detail::{Band, Contact, Detail, Friction, Law, LawStatus};
+use crate::detail::{Band, Detail, Friction, Law, LawStatus};
 use crate::estimate::{Bank, Estimate, Interval, Parameter, Parameters, Status};
 use crate::feedback::Feedback;
 use crate::fit::{Fit, Knowledge, fit};
 use crate::ldl::UNKNOWNS;
 use crate::line::VELOCITY_BITS;
-use crate::math::{magnitude, sqrt, square, term};
+use crate::math::{magnitude, single, sqrt, square, term};
 use crate::noise::Noise;
 use crate::output::Published;
 use crate::plausible;
 use crate::qformat::Term;
-use crate::regime::{self, Assessment};
+use crate::regime::{self, Assessment, Explained};
 use crate::state::State;
 use crate::systematic::{Found, Motion, Scatter, Spread};
 use crate::trial::Trial;
@@ -83,10 +83,10 @@ impl Active {
 
     /// What the intervals of [`Self::publish`] are made of.
     pub fn budgets(&self, state: &State) -> Budgets {
-        let Backlash { contact, .. } = self.backlash.found(&state.backlash, state.repeats());
+        let found = self.backlash.found(&state.backlash, state.repeats());
         let noise = Heard::of(&state.noise);
-        let recent = self.recent(state, contact, &noise);
-        let whole_run = self.whole_run(state, contact, &noise, &recent);
+        let recent = self.recent(state, &found, &noise);
+        let whole_run = self.whole_run(state, &found, &noise, &recent);
         Budgets {
             recent: recent.told.all_budgets(),
             whole_run: whole_run.all_budgets(),
@@ -96,19 +96,19 @@ impl Active {
 
     /// What the intervals of the whole run know of its motion.
     pub fn motion(&self, state: &State) -> Motion {
-        let Backlash { contact, .. } = self.backlash.found(&state.backlash, state.repeats());
-        let recent = self.recent(state, contact, &Heard::of(&state.noise));
+        let found = self.backlash.found(&state.backlash, state.repeats());
+        let recent = self.recent(state, &found, &Heard::of(&state.noise));
         let (bank, knowledge) = self.choose(state, Knowledge::whole_run, AMONG_STEPS);
-        self.motion_of_all(state, contact, &recent, bank, &knowledge)
+        self.motion_of_all(state, &found, &recent, bank, &knowledge)
     }
 
     /// The same with what the next samples are told. That rests on the fit whether the law holds or not: what it takes away
     /// with friction that is nearly right is more than what it adds.
     pub(crate) fn publish_and_feed_back(&self, state: &State) -> (Published, Feedback) {
-        let Backlash { backlash, contact, stiffness, damping } = self.backlash.found(&state.backlash, state.repeats());
+        let found = self.backlash.found(&state.backlash, state.repeats());
         let noise = Heard::of(&state.noise);
-        let recent = self.recent(state, contact, &noise);
-        let whole_run = self.whole_run(state, contact, &noise, &recent);
+        let recent = self.recent(state, &found, &noise);
+        let whole_run = self.whole_run(state, &found, &noise, &recent);
         let Recent { bank, assessment, band, told, .. } = recent;
         let (config, bank_state) = self.bank(state, bank);
         let moving = bank_state.idle_samples < config.hold_samples && bank_state.recent.updates() > 0;
@@ -152,10 +152,10 @@ impl Active {
         let detail = Detail {
             index,
             band,
-            backlash,
-            contact,
-            stiffness_n_per_m: stiffness,
-            contact_damping_n_s_per_m: damping,
+            backlash: found.backlash,
+            contact: found.contact,
+            stiffness_n_per_m: found.stiffness,
+            contact_damping_n_s_per_m: found.damping,
             friction: Friction { reversal_ratio: state.reversal_ratio(), regime: assessment.regime },
             changes: state.watch.count,
         };
@@ -175,13 +175,12 @@ impl Active {
         QUARTILES.into_iter().filter_map(rms).find(|rms| *rms >= plausible::LEAST_NOISE)
     }
 
-    /// Variance of the residual that force noise, encoder steps, a skew and a stiffness within their intervals explain [N^2]; infinite before
-    /// they are known.
-    fn explained(&self, noise: &Heard, fit: &Fit, scales: &Scales) -> f32 {
+    /// What force noise, encoder steps, a skew and a stiffness within their intervals explain of the residual.
+    fn explained(&self, noise: &Heard, fit: &Fit, scales: &Scales, repeats: f32) -> Explained {
         let [inertance, ..] = fit.values;
-        noise.variance * scales.noise
-            + self.steps_variance(inertance, scales)
-            + self.systematic.forgiven(fit.late, fit.curved)
+        let steps = self.steps_variance(inertance, scales);
+        let variance = noise.variance * scales.noise + steps + self.systematic.forgiven(fit.late, fit.curved);
+        Explained { variance, scatter: 1.0 + square(steps / variance) * (repeats - 1.0) }
     }
 
     /// Variance that the encoder's steps leave in the residual \[N^2\].
@@ -192,65 +191,62 @@ impl Active {
     }
 
     /// What the recent memory of the bank that is published knows, and how far its law can be trusted.
-    fn recent(&self, state: &State, contact: Contact, noise: &Heard) -> Recent {
+    fn recent(&self, state: &State, found: &Backlash, noise: &Heard) -> Recent {
         let (bank, knowledge) = self.choose(state, Knowledge::recent, CLEAR_OF_STEPS);
         let (config, bank_state) = self.bank(state, bank);
         let scales = &config.scales;
         let [a, v, ..] = scales.units;
         let mean_square = |averages: f32, steps: f32, unit: f32| (averages - steps) * unit * unit;
         let acceleration = mean_square_acceleration(&knowledge, scales);
-        let jerk = mean_square(bank_state.jerk as f32, scales.jerk_quantisation, scales.jerk);
+        let jerk = mean_square(single(bank_state.jerk), scales.jerk_quantisation, scales.jerk);
         let velocity = mean_square(knowledge.mean_square(1), 0.0, v as f32);
+        let squares = [mean_square(knowledge.mean_square(0), 0.0, a as f32), velocity];
         let band = band(velocity, acceleration, jerk);
         let fitted = fit(&knowledge, scales).unwrap_or(Fit::UNKNOWN);
         let away = fit(&Knowledge::away(bank_state), scales).unwrap_or(Fit::UNKNOWN);
-        let explained = self.explained(noise, &fitted, scales);
-        let rms = [sqrt(knowledge.mean_square(0)) * a as f32, sqrt(knowledge.mean_square(1)) * v as f32];
         // Of the strokes of the whole run the memory holds a part.
         let held = knowledge.updates() / bank_state.whole.updates().max(1) as f32;
-        let repeats = 1.0 + (state.repeats() - 1.0) * if held < 1.0 { held } else { 1.0 };
+        let held = if held < 1.0 { held } else { 1.0 };
+        let repeats = 1.0 + (state.repeats() - 1.0) * held;
         let motion = Motion {
             acceleration_squared: acceleration,
             readings: self.readings(bank, knowledge.updates()),
             steady: state.steadiness(),
-            ..Motion::within(&band, contact, repeats, fitted.friction_in_curvature)
+            reversals_again: state.reversals_again() * square(held),
+            ..Motion::within(&band, found.gap_m(), repeats, fitted.friction_in_curvature)
         };
+        let explained = self.explained(noise, &fitted, scales, repeats);
         let spread = self.scatter(&fitted, scales).in_motion(&motion);
         let budgets = self.budgets_of(&fitted, &spread, &motion);
         let viscous = Interval { value: fitted.values[1], u95: budgets[1].u95() };
         let moved = spread.moved(&motion);
-        let assessment = Assessment::of(&fitted, &away, rms, viscous, explained, contact, moved);
-        let told = Told {
-            fit: fitted,
-            budgets: assessment.widen(budgets),
-            law: regime::law(&fitted, explained, noise.differences, contact),
-        };
+        let assessment = Assessment::of(&fitted, &away, squares, viscous, &explained, found.contact, moved);
+        let law = regime::law(&fitted, &explained, noise.differences, found.contact);
+        let told = Told { fit: fitted, budgets: assessment.widen(budgets), law };
         Recent { bank, told, assessment, band }
     }
 
     /// The same of all since the reset, with what the recent memory says of friction.
-    fn whole_run(&self, state: &State, contact: Contact, noise: &Heard, recent: &Recent) -> Told {
+    fn whole_run(&self, state: &State, found: &Backlash, noise: &Heard, recent: &Recent) -> Told {
         let (bank, knowledge) = self.choose(state, Knowledge::whole_run, AMONG_STEPS);
         let scales = &self.bank(state, bank).0.scales;
         let fit = fit(&knowledge, scales).unwrap_or(Fit::UNKNOWN);
         // Known of the recent memory only.
         let Fit { friction_in_curvature, curved, .. } = recent.told.fit;
         let fit = Fit { friction_in_curvature, curved, ..fit };
-        let explained = self.explained(noise, &fit, scales);
-        let motion = self.motion_of_all(state, contact, recent, bank, &knowledge);
+        let explained = self.explained(noise, &fit, scales, state.repeats());
+        let motion = self.motion_of_all(state, found, recent, bank, &knowledge);
         let spread = self.scatter(&fit, scales).in_motion(&motion);
-        Told {
-            fit,
-            budgets: recent.assessment.widen(self.budgets_of(&fit, &spread, &motion)),
-            law: regime::law(&fit, explained, noise.differences, contact),
-        }
+        let budgets = recent.assessment.widen(self.budgets_of(&fit, &spread, &motion));
+        let law = regime::law(&fit, &explained, noise.differences, found.contact);
+        Told { fit, budgets, law }
     }
 
     /// What a bank has seen of the whole run's motion; what is known of the recent memory only is taken from there.
     fn motion_of_all(
         &self,
         state: &State,
-        contact: Contact,
+        found: &Backlash,
         recent: &Recent,
         bank: Bank,
         knowledge: &Knowledge,
@@ -259,7 +255,8 @@ impl Active {
             acceleration_squared: mean_square_acceleration(knowledge, &self.bank(state, bank).0.scales),
             readings: self.readings(bank, knowledge.updates()),
             steady: state.steadiness(),
-            ..Motion::within(&recent.band, contact, state.repeats(), recent.told.fit.friction_in_curvature)
+            reversals_again: state.reversals_again(),
+            ..Motion::within(&recent.band, found.gap_m(), state.repeats(), recent.told.fit.friction_in_curvature)
         }
     }
 
@@ -330,6 +327,7 @@ impl Active {
             freedom: fit.freedom(),
             steps_share: [share, share * scales.quantisation_kept],
             frequency_squared: fit.frequency_squared,
+            places: scales.places.map(|place| place * square(fit.errors[0] * fit.values[2] / fit.variance)),
         }
     }
 
@@ -384,6 +382,12 @@ impl State {
     pub fn repeats(&self) -> f32 {
         let (strokes, squares) = self.repeats.strokes_and_squares();
         if strokes == 0 { 1.0 } else { squares as f32 / strokes as f32 }
+    }
+
+    /// Reversals, each as often as its stroke has come again.
+    fn reversals_again(&self) -> f32 {
+        let (strokes, squares) = self.repeats.strokes_and_squares();
+        (squares - u64::from(strokes)) as f32
     }
 
     /// Part of the strokes that were as long as the one before.

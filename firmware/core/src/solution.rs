@@ -1,14 +1,14 @@
 //! What a factorisation says in real numbers: pivots and standard errors, in its equilibrated units.
 
 use crate::ldl::{FACTOR_BITS, MATRIX_BITS, Solution, UNKNOWNS};
-use crate::math::{power, sqrt};
+use crate::math::{power, single, sqrt};
 
 /// Component of an unobservable direction that makes a parameter unobservable.
 const TOUCHED: f32 = 0.02;
 
 /// What is left of an unknown's own variance, or of the force's, once those before it are out.
 pub(crate) fn pivot(solution: &Solution, i: usize) -> f32 {
-    solution.pivots[i] as f32 * power(-(MATRIX_BITS as i32))
+    single(solution.pivots[i]) * power(-(MATRIX_BITS as i32))
 }
 
 /// The inverse of the unknowns' own matrix, in equilibrated units: `sum of direction direction' / pivot`.
@@ -21,7 +21,7 @@ pub(crate) struct Inverse {
 impl Inverse {
     /// From the factorisation.
     pub fn of(solution: &Solution) -> Self {
-        let factor = |row: usize, column: usize| solution.factors[row][column] as f32 * power(-(FACTOR_BITS as i32));
+        let factor = |row: usize, column: usize| single(solution.factors[row][column]) * power(-(FACTOR_BITS as i32));
         let mut directions = [[0.0_f32; UNKNOWNS]; UNKNOWNS];
         for row in 0..UNKNOWNS {
             let mut direction = [0.0_f32; UNKNOWNS];

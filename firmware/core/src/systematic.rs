@@ -2,9 +2,9 @@
 
 use crate::budget::{Budget, Source};
 use crate::constants;
-use crate::detail::{Band, Contact, Detail};
+use crate::detail::{Band, Detail};
 use crate::ldl::UNKNOWNS;
-use crate::math::{greater, magnitude, sqrt, square};
+use crate::math::{greater, lesser, magnitude, sqrt, square};
 use crate::settings::Settings;
 
 const STRUCTURE_MODEL_U95: f32 = constants::STRUCTURE_MODEL_U95 as f32;
@@ -25,6 +25,10 @@ pub const MOST_REPEATS: f32 = 8.0;
 /// Variance of the amplitude of a tone that is read in counts, over `(count / amplitude)^3` and the amplitude's square, wherever among the
 /// counts it stands: `zeta(3) / pi^4`, by the first harmonic of a sawtooth of a sine.
 const AMPLITUDE: f32 = 0.01234;
+
+/// Part of the acceleration that a jump of a gap `g` takes whenever it turns, over `g w^2 / a`: `2 / (sqrt(2) pi)` of a tone, 0.40 of a
+/// normal random motion, `w` weighted by the squared acceleration and `a` its rms.
+const GAP: f32 = 0.45;
 
 /// What the settings state, each as the half width of its 95 % interval.
 #[derive(Clone, Copy, Debug)]
@@ -76,6 +80,9 @@ pub struct Scatter {
     pub steps_share: [f32; 2],
     /// Square of the motion's frequency, weighted by the squared velocity, times that of the kernel's box.
     pub frequency_squared: f32,
+    /// Variance of a parameter by the places of the reversals, per squared standard error and per reversal that comes again: by the
+    /// counts that place them, and at most, per mean square of the acceleration.
+    pub places: [f32; 2],
 }
 
 /// What is known of a run beside the sums that a fit rests on.
@@ -83,8 +90,8 @@ pub struct Scatter {
 pub struct Motion {
     /// How often each stroke has come, sample by sample: 1 where none came again.
     pub repeats: f32,
-    /// Flanks may part, and the structure with them.
-    pub flanks_part: bool,
+    /// Gap that the flanks cross, and the structure with them \[m\]; infinite where it is not known.
+    pub gap_m: f32,
     /// Mean square of the motion's frequency, weighted by the squared acceleration \[rad^2/s^2\].
     pub frequency_squared: f32,
     /// The same, weighted by the squared velocity.
@@ -95,6 +102,8 @@ pub struct Motion {
     pub readings: f32,
     /// Part of the strokes that were as long as the one before: nearly 1 of a tone that keeps its amplitude, nearly 0 of other motions.
     pub steady: f32,
+    /// Reversals, each as often as its stroke has come again.
+    pub reversals_again: f32,
     /// Viscous and Coulomb friction that the second derivative of the force is taken for [N s/m and N, per N/s^2]; 0 where it was not
     /// measured.
     pub friction_in_curvature: [f32; 2],
@@ -103,7 +112,7 @@ pub struct Motion {
 impl Scatter {
     /// Of residuals that are taken for white, whatever the motion.
     pub const fn white(inertance_kg: f32, freedom: f32) -> Self {
-        Self { inertance_kg, freedom, steps_share: [0.0; 2], frequency_squared: 0.0 }
+        Self { inertance_kg, freedom, steps_share: [0.0; 2], frequency_squared: 0.0, places: [0.0; 2] }
     }
 
     /// What it makes of every parameter's error in this motion.
@@ -112,18 +121,21 @@ impl Scatter {
         let root = 1.0 + self.frequency_squared / 12.0;
         let kernel = 1.0 / square(square(root));
         let of_steps = STEPS + STEPS_AT_FREQUENCY * square(self.frequency_squared) * kernel;
-        let of_steps = if of_steps < 1.0 { of_steps } else { 1.0 };
+        let of_steps = lesser(1.0, of_steps);
         let [share, kept] = self.steps_share;
         let noise = kernel * (1.0 - kept) + of_steps * kept;
         let steps = of_steps * share;
         let pattern = steps * (motion.held_repeats() - 1.0);
         let tone = motion.steps_in_harmonics(self.frequency_squared) * share * (motion.repeats - 1.0);
+        let [by_counts, at_most] = self.places;
+        let places = greater(lesser(by_counts, at_most * motion.acceleration_squared), 0.0) * motion.reversals_again;
         Spread {
             inertance_kg: self.inertance_kg,
             freedom: self.freedom,
             noise: sqrt(noise),
-            pattern,
-            tone: greater(tone, pattern),
+            pattern: together(pattern, places),
+            tone: together(greater(tone, pattern), places),
+            places,
             steps,
             kernel,
         }
@@ -143,6 +155,8 @@ pub struct Spread {
     pattern: f32,
     /// The same of friction, which the harmonics of a single tone tell.
     tone: f32,
+    /// The same of every parameter: reversals that come again are placed by the same counts.
+    places: f32,
     /// Variance by steps that do not come again.
     steps: f32,
     /// What the kernel leaves of the motion's square.
@@ -161,7 +175,7 @@ impl Motion {
     /// Of a run whose detail and repeats the estimator tells so. Neither the count nor what the force's second derivative does is
     /// among them.
     pub fn of(detail: &Detail, repeats: f32) -> Self {
-        Self::within(&detail.band, detail.contact, repeats, [0.0; 2])
+        Self::within(&detail.band, detail.contact.gap_m(&detail.backlash), repeats, [0.0; 2])
     }
 
     /// Times that a pattern of steps adds up in a parameter.
@@ -201,8 +215,22 @@ impl Motion {
         let further = if self.repeats > MOST_REPEATS { (self.repeats - 1.0) / (MOST_REPEATS - 1.0) } else { 1.0 };
         let any = further / STEPS;
         let by_tone = 1.0 / self.steps_in_harmonics(self.low_squared * box_s * box_s);
-        let friction = if by_tone < any { by_tone } else { any };
+        let friction = lesser(any, by_tone);
         [any, friction, friction, any]
+    }
+
+    /// Part of the structure's mass that its motion across the gap leaves out at most: it is there at once whenever the force turns, half
+    /// a gap ahead of the screw and then half a gap behind it.
+    fn apart(&self) -> f32 {
+        if self.gap_m == 0.0 {
+            return 0.0;
+        }
+        let part = GAP * self.gap_m * self.frequency_squared / sqrt(self.acceleration_squared);
+        match part {
+            0.0..1.0 if self.acceleration_squared.is_finite() => part,
+            1.0.. if self.gap_m.is_finite() => 1.0,
+            _ => STRUCTURE_MODEL_U95,
+        }
     }
 
     /// What the force of so much inertance stretches the contact by, over the screw's own motion, per unit of compliance [N/m].
@@ -210,16 +238,17 @@ impl Motion {
         magnitude(inertance_kg) * self.frequency_squared
     }
 
-    pub(crate) fn within(band: &Band, contact: Contact, repeats: f32, friction_in_curvature: [f32; 2]) -> Self {
+    pub(crate) fn within(band: &Band, gap_m: f32, repeats: f32, friction_in_curvature: [f32; 2]) -> Self {
         let [low, high] = [band.low_hz, band.high_hz].map(|hz| core::f32::consts::TAU * hz);
         Self {
             repeats,
-            flanks_part: contact.may_part(),
+            gap_m,
             frequency_squared: square(high),
             low_squared: square(low),
             acceleration_squared: f32::INFINITY,
             readings: f32::INFINITY,
             steady: 0.0,
+            reversals_again: 0.0,
             friction_in_curvature,
         }
     }
@@ -266,9 +295,11 @@ impl Systematic {
         let stretch = motion.stretch_per_compliance(found.value);
         let bent = mass * stretch * self.compliance_u95_m_per_n;
         let follows = magnitude(1.0 - stretch * self.compliance_m_per_n);
-        let flanks = if motion.flanks_part { STRUCTURE_MODEL_U95 * mass } else { 0.0 };
+        let flanks = motion.apart() * mass;
         let of_tone = square(found.value) * motion.amplitude_by_counts(self.count_m, spread.kernel);
-        self.common(found, spread, greater(spread.pattern * square(found.error), of_tone))
+        let error_squared = square(found.error);
+        let of_tone = together(of_tone, spread.places * error_squared);
+        self.common(found, spread, greater(spread.pattern * error_squared, of_tone))
             .and(Source::Lead, found.value * self.lead)
             .and(Source::Timebase, 2.0 * found.value * self.timebase)
             .and(Source::Structure, follows * self.structure_u95_kg)
@@ -319,4 +350,9 @@ impl Systematic {
             .and(Source::Skew, found.per_skew * self.skew_s)
             .and(Source::Gain, found.value * self.gain)
     }
+}
+
+/// Variance of the sum of what the same counts make, of these variances.
+fn together(one: f32, other: f32) -> f32 {
+    one + other + 2.0 * sqrt(one * other)
 }

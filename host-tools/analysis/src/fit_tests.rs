@@ -12,12 +12,13 @@ use super::*;
 const BESIDE: Beside = Beside {
     motion: Motion {
         repeats: 1.0,
-        flanks_part: false,
+        gap_m: 0.0,
         frequency_squared: 0.0,
         low_squared: 0.0,
         acceleration_squared: f32::INFINITY,
         readings: f32::INFINITY,
         steady: 0.0,
+        reversals_again: 0.0,
         friction_in_curvature: [0.0; 2],
     },
     model_u95: [0.0; 4],

@@ -9,7 +9,7 @@ use crate::budget::{Budget, ContactBudgets, Source};
 use crate::detail::{Backlash, BacklashSize, Contact, Reason, Route};
 use crate::estimate::{Interval, Parameter};
 use crate::ldl::UNKNOWNS;
-use crate::math::{greater, single, sqrt, square};
+use crate::math::{greater, single_of_wide, sqrt, square};
 use crate::rls::place;
 
 /// Fewest reversals that a scatter is read from.
@@ -43,6 +43,13 @@ pub(crate) struct Found {
     /// Stiffness \[N/m\] and damping \[N s/m\] by the terminal's sensor.
     pub stiffness: Parameter,
     pub damping: Parameter,
+}
+
+impl Found {
+    /// Gap that the flanks cross, as [`Contact::gap_m`].
+    pub fn gap_m(&self) -> f32 {
+        self.contact.gap_m(&self.backlash)
+    }
 }
 
 /// A value and what is uncertain of it.
@@ -168,7 +175,7 @@ impl BacklashActive {
                 () => Reason::TooFewReversals,
             });
         }
-        let [weight, sums_of @ ..] = sums.weighted.map(single);
+        let [weight, sums_of @ ..] = sums.weighted.map(single_of_wide);
         let [equal, from_origin, square, change, change_square, by_stretch, own_noise] =
             sums_of.map(|sum| sum / weight);
         let equal = weight / equal;
@@ -248,7 +255,7 @@ impl BacklashActive {
         let backlash = -side * per_side;
         // A stiffness that is wrong moves each flank by its mean stretch.
         let mean = |row: usize, column: usize| {
-            terminal.totals.sums().get(place(row, column)).map_or(0.0, |sum| single(*sum) / blocks as f32)
+            terminal.totals.sums().get(place(row, column)).map_or(0.0, |sum| single_of_wide(*sum) / blocks as f32)
         };
         let apart = (mean(2, 1) - mean(3, 1) * (mean(3, 2) / mean(3, 3))) / ONE as f32 - 0.5 * backlash * block;
         let scatter = square(per_side * side_error) + square(stiffness_error / stiffness * backlash);

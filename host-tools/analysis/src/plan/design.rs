@@ -320,12 +320,13 @@ fn calibration(expected: &Expected, want: &Want) -> f64 {
     let scatter = Scatter::white(value as f32, f32::INFINITY);
     let motion = Motion {
         repeats: 1.0,
-        flanks_part: false,
+        gap_m: 0.0,
         frequency_squared: 0.0,
         low_squared: 0.0,
         acceleration_squared: f32::INFINITY,
         readings: f32::INFINITY,
         steady: 0.0,
+        reversals_again: 0.0,
         friction_in_curvature: [0.0; 2],
     };
     let (systematic, spread) = (Systematic::of(&expected.settings), scatter.in_motion(&motion));

@@ -31,8 +31,8 @@ pub(super) struct Together {
     products: [Products; 2],
     /// Those away from rest.
     away: [Option<Products>; 2],
-    /// Flanks may part.
-    flanks_part: bool,
+    /// Gap that the flanks cross \[m\]; infinite where it is not known.
+    gap_m: f64,
     /// How often each stroke came.
     repeats: f64,
     /// Part of the strokes that are as long as the one before.
@@ -70,12 +70,12 @@ impl Together {
     /// All that was seen.
     pub fn of(seen: &Seen) -> Self {
         // The acceleration is among the products.
-        let Motion { repeats, flanks_part, frequency_squared, low_squared, friction_in_curvature, steady, .. } =
+        let Motion { repeats, gap_m, frequency_squared, low_squared, friction_in_curvature, steady, .. } =
             seen.outcome.motion;
         Self {
             products: seen.products,
             away: [None; 2],
-            flanks_part,
+            gap_m: gap_m.into(),
             repeats: repeats.into(),
             steady: steady.into(),
             squares: [frequency_squared.into(), low_squared.into()],
@@ -119,7 +119,7 @@ impl Together {
         Self {
             products: std::array::from_fn(|bank| self.products[bank].and(&other.products[bank])),
             away: [None; 2],
-            flanks_part: self.flanks_part || other.flanks_part,
+            gap_m: self.gap_m.max(other.gap_m),
             repeats: by_length(self.repeats, other.repeats, 1.0),
             steady: by_length(self.steady, other.steady, 0.0),
             squares: [mean(0), mean(1)],
@@ -177,12 +177,13 @@ impl Together {
         let [acceleration, _] = self.products[place].mean_squares();
         let motion = Motion {
             repeats: self.repeats as f32,
-            flanks_part: self.flanks_part,
+            gap_m: self.gap_m as f32,
             frequency_squared: self.squares[0] as f32,
             low_squared: self.squares[1] as f32,
             acceleration_squared: (acceleration - self.products[place].steps_square(settings)) as f32,
             readings: self.products[place].readings(settings) as f32,
             steady: self.steady as f32,
+            reversals_again: 0.0,
             friction_in_curvature: self.friction_in_curvature.map(|taken| taken as f32),
         };
         let spread = solution.scatter.in_motion(&motion);
