@@ -21,7 +21,9 @@ const NEAR: f64 = 0.1;
 /// How near it is at least in the table: a motion may jump over a size, or none may do so much.
 const REACHED: f64 = 0.35;
 /// What is wanted to be held \[%\].
-const WANTED: f64 = 90.0;
+pub const WANTED: f64 = 90.0;
+/// Part of a violation's regressor that the law must leave over where that much is wanted \[%\].
+const LEAST_LEFT: f64 = 5.0;
 /// One for each motion.
 const COLOURS: [Colour; 6] =
     [Colour::Ink, Colour::Blue, Colour::Vermilion, Colour::Green, Colour::Purple, Colour::Orange];
@@ -78,22 +80,37 @@ struct Told {
     assumed: [bool; 3],
 }
 
-/// Cells with silent runs.
-#[derive(Default)]
-struct Count {
-    all: usize,
-    held: usize,
-    assumed: usize,
+/// A cell with silent runs.
+struct Silent {
+    violation: &'static str,
+    motion: &'static str,
+    parameter: &'static str,
+    /// Truths that the samples' intervals hold \[%\].
+    held: f64,
+    /// The parameter is said to rest on the absence of the violation.
+    rests: bool,
+    /// What the law leaves over of the violation's regressor \[%\].
+    left: f64,
+}
+
+impl Silent {
+    fn is_held(&self) -> bool {
+        self.held >= WANTED
+    }
+
+    fn place(&self) -> String {
+        format!("{}, `{}` ({:.2} %), `{}`", self.violation, self.motion, self.left, self.parameter)
+    }
 }
 
 /// The sections of the table, and the same as a figure.
 pub fn sections(first: u64, seeds: u64) -> Result<(String, Figure), Error> {
     let mut text = String::new();
-    let mut count = Count::default();
+    let mut silent = Vec::new();
     let mut panels = Vec::new();
     for violation in &VIOLATIONS {
         text += &format!(
-            "\n### {}\n\n| motion | size | in U95 | {} | told % | mt covered % | cf | fc | error/U95 |\n|---|--:|--:|--:|--:|--:|--:|--:|---|\n",
+            "\n### {}\n\n| motion | size | in U95 | {} | left % | told % | mt covered % | cf | fc | error/U95 |\n|---|--:|--:|--:|--:|--:|--:|--:|--:|---|\n",
             violation.name, violation.unit
         );
         let mut layers = vec![Layer::unnamed(Colour::Grid, Shape::Level(WANTED, Stroke::Dashed))];
@@ -103,9 +120,11 @@ pub fn sections(first: u64, seeds: u64) -> Result<(String, Figure), Error> {
             for (wanted, in_u95, size) in violation.sizes(motion, first)? {
                 let case = (violation.case)(clean_case(1.0, 1000.0), size);
                 let runs = each_seed(seeds, |seed| told(violation.kind, &case, motion, first + seed - 1))?;
-                let row = Row::of(&runs, &mut count);
-                points.extend(row.least_held.map(|held| (in_u95, held)));
+                let left_percent = 100.0 * violation.left(&case, motion, first)?;
+                let row = Row::of(&runs, left_percent);
+                points.extend(row.least_held().map(|held| (in_u95, held)));
                 text += &row.line(motion.name, wanted, in_u95, size);
+                silent.extend(row.silent(violation.name, motion.name));
             }
             layers.push(Layer::new(motion.name, colour, Shape::Line(points, Stroke::Solid)));
         }
@@ -116,10 +135,7 @@ pub fn sections(first: u64, seeds: u64) -> Result<(String, Figure), Error> {
             layers,
         });
     }
-    let Count { all, held, assumed } = count;
-    text += &format!(
-        "\nOf {all} cells with silent runs, {held} are covered in {WANTED:.0} % of them or more; {assumed} of the others name the violation as what they rest on.\n"
-    );
+    text += &summary(&silent);
     let figure = Figure {
         name: "coverage",
         title: "A law that is nearly true".into(),
@@ -130,7 +146,45 @@ pub fn sections(first: u64, seeds: u64) -> Result<(String, Figure), Error> {
     Ok((text, figure))
 }
 
+/// What all cells with silent runs come to, in words.
+fn summary(cells: &[Silent]) -> String {
+    let count = |which: &dyn Fn(&Silent) -> bool| cells.iter().filter(|cell| which(cell)).count();
+    let all = cells.len();
+    let held = count(&|cell| cell.is_held());
+    let least = cells.iter().map(|cell| cell.held).fold(f64::INFINITY, f64::min);
+    let worst = count(&|cell| cell.held <= least);
+    let mut places: Vec<&Silent> = cells.iter().filter(|cell| cell.held <= least).collect();
+    // Of several sizes, one.
+    places.sort_by_key(|cell| (cell.violation, cell.motion, cell.parameter));
+    places.dedup_by_key(|cell| (cell.violation, cell.motion, cell.parameter));
+    let places: Vec<String> = places.iter().map(|cell| cell.place()).collect();
+    let seen = count(&|cell| cell.left >= LEAST_LEFT);
+    format!(
+        "
+### All cells
+
+Of {all} cells with silent runs, {held} are covered in {WANTED:.0} % of them or more, and {} are not. Where the law leaves at least {LEAST_LEFT:.0} % of the violation's regressor, {} of {seen} are.
+
+The worst hold {least:.0} %. These are {worst} cells, by violation, motion (what is left over) and parameter: {}.
+
+{} cells name the violation as what they rest on: {} of those that are not covered, and {} of those that are. Not covered and without that word: {}.
+",
+        all - held,
+        count(&|cell| cell.left >= LEAST_LEFT && cell.is_held()),
+        places.join("; "),
+        count(&|cell| cell.rests),
+        count(&|cell| cell.rests && !cell.is_held()),
+        count(&|cell| cell.rests && cell.is_held()),
+        count(&|cell| !cell.rests && !cell.is_held()),
+    )
+}
+
 impl Violation {
+    /// Part of the square of what the violation adds to the force that the law leaves over, by the plant's truth.
+    fn left(&self, case: &Case, motion: &Motion, seed: u64) -> Result<f64, Error> {
+        Ok(Case { kind: Some(self.kind), ..*case }.told_by(motion, seed, 1.0)?.left)
+    }
+
     /// [`SIZES`], what was reached of each, and the size that does it, as far as there are such sizes.
     fn sizes(&self, motion: &Motion, first: u64) -> Result<Vec<(f64, f64, f64)>, Error> {
         let clean = clean_case(1.0, 1000.0);
@@ -190,48 +244,61 @@ fn told(kind: Kind, case: &Case, motion: &Motion, seed: u64) -> Result<Told, Err
 /// One size in one motion.
 struct Row {
     told_percent: f64,
-    /// Of the three parameters: held by the device and by the samples, and what it rests on.
-    parts: [String; 3],
+    left_percent: f64,
+    /// Of the three parameters, where any run is silent: held by the device and by the samples \[%\], and whether it rests on the
+    /// absence of the violation.
+    parts: [Option<([f64; 2], bool)>; 3],
     ratios: String,
-    /// Least that the samples' intervals hold of the three \[%\].
-    least_held: Option<f64>,
 }
 
 impl Row {
-    fn of(runs: &[Told], count: &mut Count) -> Self {
+    fn of(runs: &[Told], left_percent: f64) -> Self {
         let device = cells(&runs.iter().map(|run| run.device).collect::<Vec<_>>());
         let samples = cells(&runs.iter().map(|run| run.samples).collect::<Vec<_>>());
         let silent: Vec<&Told> = runs.iter().filter(|run| !run.device.1).collect();
-        let mut least_held: Option<f64> = None;
         let parts = std::array::from_fn(|i| {
-            if samples[i].given == 0 {
-                return "-".to_string();
-            }
-            let [by_device, by_samples] =
-                [device[i], samples[i]].map(|cell| 100.0 * cell.covered as f64 / samples[i].given as f64);
+            let given = samples[i].given;
+            let held = [device[i], samples[i]].map(|cell| 100.0 * cell.covered as f64 / given as f64);
             let rests = 2 * silent.iter().filter(|run| run.assumed[i]).count() > silent.len();
-            count.all += 1;
-            count.held += usize::from(by_samples >= WANTED);
-            count.assumed += usize::from(by_samples < WANTED && rests);
-            least_held = Some(least_held.map_or(by_samples, |least| least.min(by_samples)));
-            format!("{by_device:.0} {by_samples:.0}{}", if rests { "*" } else { "" })
+            (given > 0).then_some((held, rests))
         });
         let ratios = samples.map(|cell| if cell.given == 0 { "-".into() } else { format!("{:.1}", cell.rms) });
         let told_percent = 100.0 * (runs.len() - silent.len()) as f64 / runs.len() as f64;
-        Self { told_percent, parts, ratios: ratios.join(", "), least_held }
+        Self { told_percent, left_percent, parts, ratios: ratios.join(", ") }
+    }
+
+    /// Least that the samples' intervals hold of the three \[%\].
+    fn least_held(&self) -> Option<f64> {
+        self.parts.iter().flatten().map(|([_, held], _)| *held).reduce(f64::min)
+    }
+
+    /// Its cells with silent runs.
+    fn silent(&self, violation: &'static str, motion: &'static str) -> impl Iterator<Item = Silent> {
+        let Self { left_percent: left, parts, .. } = *self;
+        let named = ["mt", "cf", "fc"].into_iter().zip(parts);
+        named.filter_map(move |(parameter, part)| {
+            let ([_, held], rests) = part?;
+            Some(Silent { violation, motion, parameter, held, rests, left })
+        })
     }
 
     fn line(&self, motion: &str, wanted: f64, in_u95: f64, size: f64) -> String {
-        let [mt, cf, fc] = &self.parts;
+        let [mt, cf, fc] = self.parts.map(|part| match part {
+            Some(([by_device, by_samples], rests)) => {
+                format!("{by_device:.0} {by_samples:.0}{}", if rests { "*" } else { "" })
+            }
+            None => "-".into(),
+        });
         sheet::line(&[
             motion.into(),
             wanted.to_string(),
             format!("{in_u95:.1}"),
             significant(size),
+            format!("{:.2}", self.left_percent),
             format!("{:.0}", self.told_percent),
-            mt.clone(),
-            cf.clone(),
-            fc.clone(),
+            mt,
+            cf,
+            fc,
             self.ratios.clone(),
         ])
     }
@@ -240,6 +307,26 @@ impl Row {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_summary_says_where_intervals_hold_least_and_what_is_not_named() {
+        let cell = |motion, held, rests, left| Silent { violation: "load", motion, parameter: "cf", held, rests, left };
+        let cells = [
+            cell("random", 0.0, true, 36.6),
+            cell("random", 0.0, true, 36.6),
+            cell("slow", 50.0, false, 0.0),
+            cell("two", 90.0, true, 18.8),
+        ];
+        let text = summary(&cells);
+        for said in [
+            "Of 4 cells with silent runs, 1 are covered in 90 % of them or more, and 3 are not.",
+            "at least 5 % of the violation's regressor, 1 of 3 are.",
+            "The worst hold 0 %. These are 2 cells, by violation, motion (what is left over) and parameter: load, `random` (36.60 %), `cf`.",
+            "3 cells name the violation as what they rest on: 2 of those that are not covered, and 1 of those that are. Not covered and without that word: 1.",
+        ] {
+            assert!(text.contains(said), "{said}\n{text}");
+        }
+    }
 
     #[test]
     fn sizes_move_a_parameter_by_so_much() {

@@ -60,6 +60,7 @@ pub fn run(options: &table::Options) -> Result<()> {
                 its two routes beside that. A reversal is all that the force's route spends on an accepted one. A \
                 publication solves three times, for the recent memory, its part away from rest and the whole run, gives each \
                 parameter its interval, and adds what goes with them; a solve is a third of it. \
+                The goals are read as those of the means: the most that a sample or a solve takes has none. \
                 They guard against growth; they are not cycles of a real core."
             .into(),
         rows: rows(&report),

@@ -51,7 +51,10 @@ pub fn run(options: &table::Options) -> Result<()> {
     rows[5] = rows[5].clone().at_most(RAM_GOAL);
     let figures = twin(&board)?;
     let figure = |name: &str| figures[name].as_f64().with_context(|| format!("no number `{name}` in {figures}"));
-    rows.push(table::Row::new("board, RAM: worst stack", figure("stack_bytes")?, "bytes").within(STACK_TOLERANCE));
+    let (without, stack) = (rows[5].value, figure("stack_bytes")?);
+    for (name, bytes) in [("board, RAM: worst stack", stack), ("board, RAM with the worst stack", without + stack)] {
+        rows.push(table::Row::new(name, bytes, "bytes").within(STACK_TOLERANCE));
+    }
     rows.extend(loads(&figures)?);
     let qemu = firmware::build(Image::Qemu)?;
     rows.extend(self::rows("qemu", &measure(&qemu)?));
@@ -67,7 +70,9 @@ pub fn run(options: &table::Options) -> Result<()> {
                 overwritten of the painted stack after the image has served with every stream on, on the twin and in QEMU; \
                 the load counts instructions on the twin in the same time, of 168 million cycles a second, and bounds of the cycles \
                 that they take on the chip (docs/ARCHITECTURE.md, The twin). \
-                The estimator's share counts functions of `inerter-core` that were not inlined elsewhere."
+                The estimator's share counts functions of `inerter-core` that were not inlined elsewhere. \
+                The goal of 56 KB is read as RAM without stack. What the image takes with the worst stack stands in a row of its \
+                own, without a goal, of the 96 KB that it is linked for."
             .into(),
         rows,
         repeats: true,

@@ -9,13 +9,13 @@ use inerter_tests::{
     backlash,
     coverage::{Bench, Cell, RIGHT, STATED, cells},
     grid::{Error, MOTIONS, Motion, NAMES, RIGS, each_seed},
-    nearly::sections,
+    nearly::{WANTED, sections},
     sheet::{self, significant},
 };
-use inerter_view::figure::svg;
+use inerter_view::figure::{Axis, Colour, Figure, Layer, Panel, Shape, Stroke, svg};
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
-use std::{path::PathBuf, process::ExitCode};
+use std::{ops::RangeInclusive, path::PathBuf, process::ExitCode};
 
 /// First seed and number of the runs that judge; those from 1 to 100 on the first bench have set the part of the encoder's steps.
 const SEEDS: (u64, u64) = (1001, 400);
@@ -25,8 +25,12 @@ const NEARLY: (u64, u64) = (2001, 40);
 const TONES: (u64, u64) = (4001, 200);
 /// The same for the contact.
 const CONTACT: (u64, u64) = (3001, 60);
+/// What settings that are wrong by what they state are to leave covered \[%\].
+const HELD: RangeInclusive<f64> = 93.0..=97.0;
 /// Draws of the frontier.
 const DRAWN: usize = 20_000;
+/// Standard errors in the half width of a normal interval.
+const K: f64 = NORMAL_COVERAGE as f64;
 
 fn main() -> ExitCode {
     inerter_tests::exit_code(run())
@@ -90,7 +94,7 @@ fn run() -> Result<bool, Error> {
     text += &tones()?;
     text += &contacts()?;
     text += &stated()?;
-    text += &frontier();
+    text += &frontier(update)?;
     text += &nearly(update)?;
     print!("{text}");
     sheet::conclude("coverage", &text, 2, update)
@@ -124,7 +128,7 @@ that of the error over `U95`, *%* the runs whose interval holds the truth.
                     bench.run(&motion, 20.0, first + seed - 1)
                 })?;
                 let figures = cells(&runs).into_iter().flat_map(|cell| {
-                    let covered = format!("{:.0}", 100.0 * cell.covered as f64 / cell.given as f64);
+                    let covered = format!("{:.0}", covered_percent(&cell));
                     let bold = if cell.is_low() { format!("**{covered}**") } else { covered };
                     [significant(cell.u95), format!("{:.2}", cell.rms), bold]
                 });
@@ -147,6 +151,7 @@ Backlash by the force alone, with a stiffness that is known to 0.1 %; and by the
 digit. U95 of a backlash in um, the others in per cent. Runs that refuse are not counted.
 "
     );
+    let mut all: Vec<Cell> = Vec::new();
     for rig in [&RIGS[0], &RIGS[RIGS.len() - 1]] {
         text += &format!(
             "\n### Contact, {}\n\n| motion | backlash um | by force: U95 | rms | covered % | by sensor: U95 | rms | covered % | stiffness: U95 % | rms | covered % | damping: U95 % | rms | covered % |\n|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|\n",
@@ -159,15 +164,15 @@ digit. U95 of a backlash in um, the others in per cent. Runs that refuse are not
                 let shaken = |seed| backlash::run(&device, motion.name, motion.duration_s, rig, first + seed - 1);
                 let runs = each_seed(seeds, shaken)?;
                 let known = |detail: &Detail| detail.backlash.known();
-                let of = |found: Vec<Interval>, truth: f64, unit: f64| {
+                let mut of = |found: Vec<Interval>, truth: f64, unit: f64| {
                     let errors: Vec<(f64, f64)> =
                         found.iter().map(|found| (f64::from(found.value) - truth, f64::from(found.u95))).collect();
                     if errors.is_empty() {
                         return ["-".to_string(), "-".into(), "-".into()];
                     }
                     let cell = Cell::of(&errors);
-                    let covered = 100.0 * cell.covered as f64 / cell.given as f64;
-                    [significant(cell.u95 * unit), format!("{:.2}", cell.rms), format!("{covered:.1}")]
+                    all.push(cell);
+                    [significant(cell.u95 * unit), format!("{:.2}", cell.rms), format!("{:.1}", covered_percent(&cell))]
                 };
                 let contact = |read: fn(&Detail) -> Parameter| {
                     runs.iter().filter_map(|run| read(&run.sensed).known()).collect::<Vec<Interval>>()
@@ -184,6 +189,16 @@ digit. U95 of a backlash in um, the others in per cent. Runs that refuse are not
             }
         }
     }
+    let count = |which: &dyn Fn(&Cell) -> bool| all.iter().filter(|cell| which(cell)).count();
+    text += &format!(
+        "\nIn {} cells at least {:.1} % are covered. The rms is over {} in {} of them, and under {} in {}.\n",
+        all.len(),
+        all.iter().map(covered_percent).fold(f64::INFINITY, f64::min),
+        RIGHT.end(),
+        count(&|cell| cell.rms > *RIGHT.end()),
+        RIGHT.start(),
+        count(&|cell| cell.rms < *RIGHT.start()),
+    );
     Ok(text)
 }
 
@@ -205,6 +220,7 @@ the force's gain, 0.2 % of the lead, 0.1 % of the timebase, 20 us of skew, 0.1 k
         95.0 - chance,
         95.0 + chance
     );
+    let (mut by_one, mut by_all) = (Vec::new(), Vec::new());
     let alone = STATED.iter().map(|source| (source_word(*source), std::slice::from_ref(source)));
     for (name, wrong) in alone.chain([("all", &STATED[..])]) {
         let bench = Bench { name, device: Inerter::paper(), sensors, wrong };
@@ -212,9 +228,11 @@ the force's gain, 0.2 % of the lead, 0.1 % of the timebase, 20 us of skew, 0.1 k
             eprintln!("{name}: {}", motion.name);
             let runs = bench.runs(motion, first, seeds)?;
             let found = cells(&runs);
+            let covered = if wrong.len() == 1 { &mut by_one } else { &mut by_all };
+            covered.extend(found.iter().map(covered_percent));
             let broken = runs.iter().filter(|(_, broken)| *broken).count().to_string();
             let figures = found.iter().flat_map(|cell| {
-                let covered = format!("{:.1}", 100.0 * cell.covered as f64 / cell.given as f64);
+                let covered = format!("{:.1}", covered_percent(cell));
                 let bold = if cell.is_low() { format!("**{covered}**") } else { covered };
                 [significant(cell.u95), format!("{:.2}", cell.rms), bold]
             });
@@ -223,7 +241,26 @@ the force's gain, 0.2 % of the lead, 0.1 % of the timebase, 20 us of skew, 0.1 k
             );
         }
     }
+    for (wrong, covered) in [("By single sources", by_one), ("With all together", by_all)] {
+        let extremes =
+            covered.iter().fold((100.0_f64, 0.0_f64), |(least, most), one| (least.min(*one), most.max(*one)));
+        text += &format!(
+            "\n{wrong} {} of {} cells are within {} to {} %, {} under and {} over it: {:.1} to {:.1} %.\n",
+            covered.iter().filter(|one| HELD.contains(one)).count(),
+            covered.len(),
+            HELD.start(),
+            HELD.end(),
+            covered.iter().filter(|one| *one < HELD.start()).count(),
+            covered.iter().filter(|one| *one > HELD.end()).count(),
+            extremes.0,
+            extremes.1,
+        );
+    }
     Ok(text)
+}
+
+fn covered_percent(cell: &Cell) -> f64 {
+    100.0 * cell.covered as f64 / cell.given as f64
 }
 
 fn row(motion: &Motion, name: &str, cell: &Cell, broken: usize) -> String {
@@ -233,19 +270,57 @@ fn row(motion: &Motion, name: &str, cell: &Cell, broken: usize) -> String {
         name.into(),
         significant(cell.u95),
         bold(format!("{:.2}", cell.rms)),
-        bold(format!("{:.1}", 100.0 * cell.covered as f64 / cell.given as f64)),
+        bold(format!("{:.1}", covered_percent(cell))),
         broken.to_string(),
     ])
 }
 
+/// Normal errors of two kinds, of standard deviation 1: the law's own, and that of what the run shows of a cause.
+struct Draws(Vec<[f64; 2]>);
+
+impl Draws {
+    fn new() -> Self {
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        Self((0..DRAWN).map(|_| [(); 2].map(|()| StandardNormal.sample(&mut random))).collect())
+    }
+
+    /// Least part of the truths that an interval holds over all sizes of a cause that shows within `chance`; of errors and a size
+    /// the interval is a deviation and a half width \[%\].
+    fn least_held(&self, chance: f64, by: &dyn Fn([f64; 2], f64) -> (f64, f64)) -> f64 {
+        let held = |size: f64| {
+            let within = self.0.iter().filter(|draw| {
+                let (error, half_width) = by(**draw, size);
+                error.abs() <= half_width
+            });
+            100.0 * within.count() as f64 / DRAWN as f64
+        };
+        (0..=60).map(|step| held(f64::from(step) * chance.max(1.0) * 0.25)).fold(100.0, f64::min)
+    }
+
+    /// What `replay` holds and the mean width of its interval over that of the law's own, with its part for a cause taken so
+    /// many times.
+    fn replay(&self, chance: f64, times: f64) -> (f64, f64) {
+        let half_width = |other: f64, size: f64| K.hypot(times * reach(size + chance * other, chance));
+        let held = self.least_held(chance, &|[own, other], size| (own + size, half_width(other, size)));
+        let width = self.0.iter().map(|[_, other]| half_width(*other, 0.0)).sum::<f64>() / DRAWN as f64 / K;
+        (held, width)
+    }
+}
+
+/// By how much a cause scatters beside a law whose standard error grows so much with it.
+fn chance(grows: f64) -> f64 {
+    (grows * grows - 1.0).sqrt()
+}
+
 /// What it costs to hold a cause of any size that is left out, by how much the standard error grows with it beside the law. A
 /// standard error is 1, and so is the step of the sizes.
-fn frontier() -> String {
+fn frontier(update: bool) -> Result<String, Error> {
+    let draws = Draws::new();
     let mut text = format!(
         "
 ## Frontier
 
-What is left out beside the law moves a parameter by any size; the run shows by how much, but for chance. Errors are normal, {DRAWN} draws a size. *held*: least part of the truths that the
+What is left out beside the law moves a parameter by any size; the run shows by how much, but for chance. Errors are normal, {DRAWN} draws a size; [a figure](frontier.svg). *held*: least part of the truths that the
 interval holds, over all sizes; *width*: its mean where there is no such cause, over that of the law's own. *replay*: the interval of `replay`; *beside*: the law fitted with the cause beside it, which is unbiased.
 
 | the standard error grows by | law alone: held % | replay: held % | width | beside: held % | width |
@@ -253,26 +328,10 @@ interval holds, over all sizes; *width*: its mean where there is no such cause, 
 "
     );
     for grows in [1.05_f64, 1.1, 1.25, 1.5, TOLD, 2.5, 4.0] {
-        let chance = (grows * grows - 1.0).sqrt();
-        let mut random = ChaCha8Rng::seed_from_u64(1);
-        let draws: Vec<[f64; 2]> = (0..DRAWN).map(|_| [(); 2].map(|()| StandardNormal.sample(&mut random))).collect();
-        let k = f64::from(NORMAL_COVERAGE);
-        let held = |by: &dyn Fn([f64; 2]) -> (f64, f64)| {
-            let within = draws.iter().filter(|draw| {
-                let (error, half_width) = by(**draw);
-                error.abs() <= half_width
-            });
-            100.0 * within.count() as f64 / DRAWN as f64
-        };
-        let sizes = (0..=60).map(|step| f64::from(step) * chance.max(1.0) * 0.25);
-        let (mut alone, mut ours, mut beside) = (100.0_f64, 100.0_f64, 100.0_f64);
-        for size in sizes {
-            alone = alone.min(held(&|[own, _]| (own + size, k)));
-            ours = ours.min(held(&|[own, other]| (own + size, k.hypot(reach(size + chance * other, chance)))));
-            beside = beside.min(held(&|[own, other]| (own - chance * other, k * grows)));
-        }
-        let width =
-            draws.iter().map(|[_, other]| k.hypot(reach(chance * other, chance))).sum::<f64>() / DRAWN as f64 / k;
+        let chance = chance(grows);
+        let alone = draws.least_held(chance, &|[own, _], size| (own + size, K));
+        let (ours, width) = draws.replay(chance, 1.0);
+        let beside = draws.least_held(chance, &|[own, other], _| (own - chance * other, K * grows));
         text += &sheet::line(&[
             grows.to_string(),
             format!("{alone:.0}"),
@@ -282,7 +341,47 @@ interval holds, over all sizes; *width*: its mean where there is no such cause, 
             format!("{grows:.2}"),
         ]);
     }
-    text
+    if update {
+        draw("tables/frontier.svg", &frontier_figure(&draws))?;
+    }
+    Ok(text)
+}
+
+/// Safety over sharpness: what `replay` holds at the worst size over the width of its interval, as its part for a cause grows.
+fn frontier_figure(draws: &Draws) -> Figure {
+    let at = |grows: f64, times: f64| {
+        let (held, width) = draws.replay(chance(grows), times);
+        (width, held)
+    };
+    let mut layers = vec![Layer::unnamed(Colour::Grid, Shape::Level(WANTED, Stroke::Dashed))];
+    let curves = [1.1, 1.25, TOLD, 2.5, 4.0];
+    let colours = [Colour::Blue, Colour::Green, Colour::Ink, Colour::Purple, Colour::Vermilion];
+    for (grows, colour) in curves.into_iter().zip(colours) {
+        let line = (0..=30).map(|step| at(grows, 0.05 * f64::from(step))).collect();
+        layers.push(Layer::new(format!("{grows} times"), colour, Shape::Line(line, Stroke::Solid)));
+        let (width, held) = at(grows, 1.0);
+        layers.push(Layer::unnamed(colour, Shape::Points(vec![(width, held, held, held)])));
+    }
+    Figure {
+        name: "frontier",
+        title: "Sharpness against safety, by how much the standard error grows".into(),
+        caption: format!(
+            "One line for each growth of the standard error with the cause beside the law; along it, the interval's part for the cause \
+             grows from none to one and a half times that of replay, which is the point. Beyond {TOLD} times replay names the cause instead"
+        ),
+        panels: vec![Panel {
+            x: Axis::log("width without the cause, of the law's own").within(0.97, 6.5),
+            y: Axis::new("held at the worst size [%]").within(0.0, 101.0),
+            height_px: 320,
+            layers,
+        }],
+    }
+}
+
+/// Writes a figure below `docs`.
+fn draw(path: &str, figure: &Figure) -> Result<(), Error> {
+    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../docs").join(path);
+    std::fs::write(&path, svg(figure)).map_err(|error| format!("cannot write {}: {error}", path.display()).into())
 }
 
 /// What is told of a law that is nearly true, and what the figure shows of it.
@@ -290,18 +389,36 @@ fn nearly(update: bool) -> Result<String, Error> {
     let (first, seeds) = NEARLY;
     let (sections, figure) = sections(first, seeds)?;
     if update {
-        let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../docs/coverage.svg");
-        std::fs::write(path, svg(&figure))?;
+        draw("coverage.svg", &figure)?;
     }
     Ok(format!(
         "
 ## A law that is nearly true
 
 The first bench with one violation of the law, {seeds} runs of each size, seeds from {first} on; [a figure](../coverage.svg). *size*: what it is to move the parameter that it moves most by, in half widths of that one's interval
-without the violation; *in U95*: what the size in the next column does move it by. A row is missing where no size does so much, within a third; where the greatest that is sought does less, it is the last. *told*: runs in which the law is called broken, or a cause is named unasked, or friction is
+without the violation; *in U95*: what the size in the next column does move it by. A row is missing where no size does so much, within a third; where the greatest that is sought does less, it is the last. *left*: part of the square of what the violation adds to the force that the law's four regressors leave over, by the plant's truth, as in
+[causes](diagnose.md). *told*: runs in which the law is called broken, or a cause is named unasked, or friction is
 called presliding or Stribeck's. The others are silent. Of these, each cell gives two percentages: truths that the device's interval holds, and truths that the interval of `replay` holds, which looks at the samples as well
 (`uncertainty`, [THEORY](../THEORY.md), 14). An asterisk: the motion does not tell the violation from the parameter, and `replay` says that the parameter rests on its absence (`assumes`).
 *error/U95*: root mean square, by `replay`'s interval. A skew as large as it is stated is among the settings that are wrong, above.
 {sections}"
     ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The factors are the least with which 90 % are held at any size, and the growth is as far as they do it.
+    #[test]
+    fn the_point_on_the_frontier_is_where_90_percent_are_held() {
+        let draws = Draws::new();
+        let (held, width) = draws.replay(chance(TOLD), 1.0);
+        assert!((WANTED - 0.5..WANTED + 1.0).contains(&held) && width < TOLD, "{held} {width}");
+        // Less of either is not safe, and no cause is held for nothing.
+        let (held, _) = draws.replay(chance(TOLD), 0.8);
+        assert!(held < WANTED - 3.0, "{held}");
+        let (held, width) = draws.replay(chance(4.0), 1.0);
+        assert!(held < WANTED - 3.0 && width > 3.0, "{held} {width}");
+    }
 }

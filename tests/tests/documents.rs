@@ -1,0 +1,143 @@
+//! Figures that a document quotes are those of the table that it quotes.
+
+use std::{fs, path::Path};
+
+/// A document, what stands in a table with its figures named, and what the document makes of them.
+struct Quote {
+    document: &'static str,
+    table: &'static str,
+    stands: &'static str,
+    quoted: &'static str,
+}
+
+const fn validation(table: &'static str, stands: &'static str, quoted: &'static str) -> Quote {
+    Quote { document: "VALIDATION", table, stands, quoted }
+}
+
+const QUOTES: [Quote; 19] = [
+    validation(
+        "coverage",
+        "{right} of {all} cells are right. In {wide} more than 95 % are covered beyond chance.",
+        "Of {all} cells on seven benches {right} are right; in {wide} the interval holds more than 95 % beyond chance",
+    ),
+    validation(
+        "coverage",
+        "In {all} cells at least {least} % are covered. The rms is over 0.6 in {over} of them, and under 0.25 in {under}.",
+        "in {all} cells at least {least} % are held. The rms is over 0.6 in {over} of them and under 0.25 in {under}",
+    ),
+    validation(
+        "coverage",
+        "With all together {within} of {all} cells are within 93 to 97 %",
+        "With all together {within} of {all} cells are within it",
+    ),
+    validation(
+        "coverage",
+        "By single sources {within} of {all} cells are within 93 to 97 %, {under} under and {over} over it",
+        "By single sources {under} of {all} cells are under 93 %; {over} are over 97 %",
+    ),
+    validation(
+        "coverage",
+        "Where the law leaves at least 5 % of the violation's regressor, {held} of {all} are.",
+        "of {all} such cells {held} hold as many",
+    ),
+    validation(
+        "coverage",
+        "Of {all} cells with silent runs, {held} are covered in 90 % of them or more, and {other} are not.",
+        "of all {all} cells {held} ([all cells](tables/coverage.md#all-cells))",
+    ),
+    validation("coverage", "The worst hold {least} %. These", "The worst hold {least} %. Friction"),
+    validation(
+        "coverage",
+        "{named} cells name the violation as what they rest on: {not} of those that are not covered, and {held} of those that are. Not covered and without that word: 0.",
+        "In all {not} cells that do not hold `replay` says",
+    ),
+    validation(
+        "coverage",
+        "{named} cells name the violation as what they rest on: {not} of those that are not covered, and {held} of those that are.",
+        "it stands in {named} of the 180 cells, {held} of which hold",
+    ),
+    validation("diagnose", "| all | {runs} | {first} | {sized} |", "Over all runs it is {sized} %"),
+    validation(
+        "diagnose",
+        "| of which the motion tells enough | {runs} | {first} | {sized} |",
+        "of the fault it is {sized} %",
+    ),
+    validation("plan", "| fixed motions | {within} of {all} (", "in {within} of {all} cells of the grid's motions"),
+    validation("plan", "| designed motions | {within} of {all} (", "{within} of {all} of the designed ones"),
+    validation("plan", "| fixed motions | {within} of {all} (farthest {far})", "0.5 um: {far} of what is predicted"),
+    validation(
+        "defects",
+        "| defects | {runs} | {harmful} | {told} | {assumed} | {silent} | {part} | {device} | {twice} |",
+        "it is reached by `replay`: {part} % of {runs} runs, {twice} % where the value is off by more than twice",
+    ),
+    validation(
+        "defects",
+        "| defects | {runs} | {harmful} | {told} | {assumed} | {silent} | {part} | {device} | {twice} |",
+        "Of {assumed} further runs it is only said",
+    ),
+    validation(
+        "defects",
+        "| defects | {runs} | {harmful} | {told} | {assumed} | {silent} | {part} | {device} | {twice} |",
+        "The device alone, without the samples, is silent in {device} %.",
+    ),
+    validation(
+        "defects",
+        "| clean | {runs} | {harmful} | {told} | {assumed} | {silent} | {part} | {device} | {twice} |",
+        "Clean runs are silent in {part} % and {twice} %.",
+    ),
+    validation(
+        "defects",
+        "| any word | |---|--:|--:| | {runs} | {broken} | {word} |",
+        "and are {broken} of {runs}, both of two tones",
+    ),
+];
+
+/// A document below `docs`, its white space made alike.
+fn document(name: &str) -> String {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs").join(name).with_extension("md");
+    let text = fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+/// The names in a template and the figures that stand there in a text.
+fn figures<'a>(text: &str, template: &'a str) -> Option<Vec<(&'a str, String)>> {
+    let (begin, names) = template.split_once('{')?;
+    text.match_indices(begin).find_map(|(at, _)| {
+        let mut rest = text.get(at + begin.len()..)?;
+        let mut found = Vec::new();
+        for part in names.split('{') {
+            let (name, then) = part.split_once('}')?;
+            let end = rest.find(|c: char| !c.is_ascii_digit() && c != '.').unwrap_or(rest.len());
+            // A full stop belongs to the sentence.
+            let figure = rest.get(..end)?.trim_end_matches('.');
+            rest = rest.get(figure.len()..)?.strip_prefix(then)?;
+            found.push((name, figure.to_string()));
+        }
+        Some(found)
+    })
+}
+
+#[test]
+fn quoted_figures_stand_in_their_tables() {
+    let wrong: Vec<String> = QUOTES
+        .iter()
+        .filter_map(|Quote { document: name, table, stands, quoted }| {
+            let Some(figures) = figures(&document(&format!("tables/{table}")), stands) else {
+                return Some(format!("tables/{table} lacks: {stands}"));
+            };
+            let sentence = figures
+                .iter()
+                .fold((*quoted).to_string(), |text, (name, figure)| text.replace(&format!("{{{name}}}"), figure));
+            (!document(name).contains(&sentence)).then(|| format!("{name} lacks: {sentence}"))
+        })
+        .collect();
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+#[test]
+fn figures_are_found_where_all_around_them_stands() {
+    let text = "1 of 3 runs. In 12.5 % of 7 runs, of which 4.";
+    let found = figures(text, "In {part} % of {all} runs").unwrap();
+    assert_eq!(found, [("part", "12.5".to_string()), ("all", "7".to_string())]);
+    assert_eq!(figures(text, "In {part} % of {all} cells"), None);
+}
