@@ -141,8 +141,7 @@ fn a_tone_of_the_same_clock_has_friction_within_its_intervals() {
     assert!(part > 0.92 && (0.25..0.6).contains(&rms), "{part} within, rms {rms}");
 }
 
-/// The same counts place its reversals, too: of 5 Hz at 30 mm/s one in eight was called broken, and the interval held 63 % of the
-/// inertances.
+/// The same counts place its reversals, too, and its residual scatters by one pattern.
 #[test]
 fn a_slow_tone_of_the_same_clock_breaks_no_law_and_is_within_its_intervals() {
     let bench = Bench { name: "tones", device: Inerter::paper(), sensors: bench_sensors(), wrong: &[] };

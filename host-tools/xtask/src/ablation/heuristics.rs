@@ -155,6 +155,16 @@ pub const HEURISTICS: &[Heuristic] = &[
         &[("systematic.rs", "const AMPLITUDE: f32 = 0.01234;", "const AMPLITUDE: f32 = 0.0;")],
     ),
     tested(
+        "a_slow_tone_of_the_same_clock_breaks_no_law_and_is_within_its_intervals",
+        "6: reversals that come again are placed by the same counts",
+        &[("systematic.rs", "* motion.reversals_again;", "* 0.0;")],
+    ),
+    tested(
+        "a_slow_tone_of_the_same_clock_breaks_no_law_and_is_within_its_intervals",
+        "6: a residual of steps that come again scatters more",
+        &[("report.rs", "* (repeats - 1.0) }", "* 0.0 * repeats }")],
+    ),
+    tested(
         "a_clean_run_is_not_called_broken",
         "6: it waits for whether flanks part",
         &[("trial.rs", "const WAITED_UPDATES: u32 = 800;", "const WAITED_UPDATES: u32 = 0;")],
@@ -175,9 +185,10 @@ pub const HEURISTICS: &[Heuristic] = &[
         "6: a negative inertance is a wrong sign",
         &[("report.rs", "value < 0.0 && u95 < -WIDEST_INTERVAL * value", "value.is_nan() && u95 < 0.0")],
     ),
-    one(
-        "6: 5 % of the structure where flanks may part",
-        &[("constants.rs", "pub const STRUCTURE_MODEL_U95: f64 = 0.05;", "pub const STRUCTURE_MODEL_U95: f64 = 0.0;")],
+    tested(
+        "a_wide_gap_is_in_the_interval_of_the_inertance",
+        "6: a structure is half a gap ahead, then half a gap behind",
+        &[("systematic.rs", "const GAP: f32 = 0.45;", "const GAP: f32 = 0.0;")],
     ),
     tested(
         "a_stiffness_as_wrong_as_it_is_stated_breaks_no_law_and_is_in_the_friction",
