@@ -208,6 +208,61 @@ fn a_dead_force_leaves_what_was_before_it() {
     }
 }
 
+/// The run with no more known of it than a count, its diagnosis and what a replay warns of.
+fn unstated(at: &Path) -> (serde_json::Value, Vec<String>) {
+    let known = ["run.csv", "--metres-per-count", "2.44140625e-6", "--json"];
+    let found = last(&done(at, &[&["diagnose"], &known[..]].concat()));
+    let warnings = last(&done(at, &[&["replay"], &known[..]].concat()))["warnings"].take();
+    let codes = warnings.as_array().unwrap().iter().map(|warning| warning["code"].as_str().unwrap().to_string());
+    (found, codes.collect())
+}
+
+/// The reference device has a structure of 1.515 kg on a contact of 2.1 MN/m: 0.72e-6 s^2.
+#[test]
+fn a_structure_that_nobody_stated_is_no_spring_and_no_skew() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    for motion in MOTIONS {
+        spoiled(at, motion, |_, force| force);
+        let (found, warned) = unstated(at);
+        let causes = found["causes"].as_array().unwrap();
+        for cause in causes {
+            assert_eq!((&cause["name"], &cause["unit"]), (&"structure".into(), &"s2".into()), "{motion}: {found}");
+            assert!((cause["value"].as_f64().unwrap() / 0.7214e-6 - 1.0).abs() < 0.1, "{motion}: {cause}");
+        }
+        assert_eq!(causes.is_empty(), motion == "mid", "{motion}: {found}");
+        assert_eq!(!warned.is_empty(), ["random", "multi"].contains(&motion), "{motion}: {warned:?}");
+        assert!(warned.iter().all(|code| code == "structure"), "{motion}: {warned:?}");
+        assert!(is_right(&found), "{motion}: {found}");
+    }
+}
+
+/// A force that drifts by 5 N, with no stiffness stated.
+#[test]
+fn a_cause_is_told_unasked_where_flanks_may_part() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    for motion in MOTIONS {
+        spoiled(at, motion, |t_s, force| force + 0.25 * t_s);
+        let (found, warned) = unstated(at);
+        assert_eq!((&found["law"]["status"], warned.first().map(String::as_str)), (&"unknown".into(), Some("drift")));
+        assert!(warned.iter().skip(1).all(|code| code == "structure"), "{motion}: {warned:?}");
+    }
+}
+
+/// Of impacts a mass on the terminal is told at most, and there is one.
+#[test]
+fn impacts_of_worn_flanks_are_no_cause() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    for motion in MOTIONS {
+        let worn = ["--backlash-m", "1e-4", "--excite", &format!("{motion}@20s")];
+        done(at, &[&["simulate", "-o", "run.csv", "--force"], &worn[..]].concat());
+        let (_, warned) = unstated(at);
+        assert!(warned.iter().all(|code| code == "structure"), "{motion}: {warned:?}");
+    }
+}
+
 #[test]
 fn a_run_that_hardly_moves_is_refused() {
     let folder = tempfile::tempdir().unwrap();

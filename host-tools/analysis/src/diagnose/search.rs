@@ -34,8 +34,10 @@ const ALIKE: f64 = 0.01;
 const MOST_UNDONE: usize = 6;
 const UNDONE_S: f64 = 2e-6;
 const UNDONE: f64 = 0.02;
-/// Residual, as a part of what the law alone leaves over, above which a cause is not most of what breaks it.
-const MOST_LEFT: f64 = 0.5;
+/// Part of the law's residual beyond noise and steps that may be left with a cause, in squares, for it to be most of what breaks it.
+const MOST_LEFT: f64 = 0.25;
+/// F statistic from which on a cause is told unasked where flanks may part.
+const LIMIT_PARTING: f64 = 1000.0;
 /// Part of the rows that rests must leave, and part of the acceleration that the encoder's steps may be, else the run is looked at
 /// through other kernels.
 const LEAST_KEPT: f64 = 0.4;
@@ -60,6 +62,12 @@ pub struct Diagnosis {
 }
 
 impl Diagnosis {
+    /// Whether the causes are most of what noise and the encoder's steps do not explain.
+    fn is_most(&self) -> bool {
+        let [alone, with_causes] = self.residual_rms_n.map(|rms| rms * rms - self.noise_rms_n * self.noise_rms_n);
+        with_causes < MOST_LEFT * alone
+    }
+
     /// Whether noise and the encoder's steps explain what is left over with the causes included.
     pub fn is_explained(&self) -> bool {
         let [_, with_causes] = self.residual_rms_n;
@@ -79,19 +87,19 @@ pub fn is_reversed(published: &Published) -> bool {
 }
 
 /// What a person should be told of a run who has not asked for it: nothing where the law holds, and all where it is broken. Where
-/// flanks may part, their impacts can look like a cause; then what was found must be most of what is left over. Nothing is told
-/// either where too little of the run can be looked at.
+/// flanks may part, their impacts can look like a cause; then what was found must be most of what is left over, each of it clear,
+/// and no mass on the terminal as well. Nothing is told either where too little of the run can be looked at.
 pub fn suspected(gated: &Gated, settings: &Settings, published: &Published) -> Vec<Cause> {
     if !is_suspect(&published.law) || is_reversed(published) {
         return Vec::new();
     }
-    let Ok(Diagnosis { causes, residual_rms_n: [alone, with_causes], .. }) =
-        diagnose(&gated.series, settings, published, Encoder::default())
-    else {
-        return Vec::new();
-    };
-    let is_most = with_causes < MOST_LEFT * alone;
-    if published.law.status == LawStatus::Broken || is_most { causes } else { Vec::new() }
+    let Ok(found) = diagnose(&gated.series, settings, published, Encoder::default()) else { return Vec::new() };
+    if published.law.status == LawStatus::Broken {
+        return found.causes;
+    }
+    let is_most = found.is_most();
+    let is_clear = |cause: &Cause| cause.f >= LIMIT_PARTING && cause.rival != Some(Kind::Structure);
+    found.causes.into_iter().filter(|cause| is_most && is_clear(cause)).collect()
 }
 
 /// Tests a run of which the estimator said this in the end.
