@@ -7,6 +7,7 @@ use crate::{
 use inerter_analysis::diagnose::{Cause, Diagnosis, Encoder, Judged, Kind, diagnose, judged, suspected};
 use inerter_core::{Machine, Settings};
 use inerter_data::{
+    gated::Gated,
     replay::{Outcome, replay_all},
     run::Run,
     series::Series,
@@ -203,7 +204,7 @@ impl Case {
     /// What is told of one run unasked, with the contact's stiffness stated or not.
     pub fn told(&self, motion: &Motion, seed: u64, with_stiffness: bool) -> Result<Vec<Cause>, Error> {
         let (run, outcome) = self.run(motion, seed, with_stiffness)?;
-        Ok(suspected(&Series::of(&run), &run.settings, &outcome.published()))
+        Ok(suspected(&Gated::of(&run, &[]), &run.settings, &outcome.published()))
     }
 
     /// What the estimator comes to in one run.
@@ -214,9 +215,9 @@ impl Case {
     /// One run, the causes that are told of it unasked, and its parameters by the samples.
     pub fn replayed(&self, motion: &Motion, seed: u64) -> Result<Replayed, Error> {
         let (run, outcome) = self.run(motion, seed, true)?;
-        let series = Series::of(&run);
-        let causes = suspected(&series, &run.settings, &outcome.published());
-        let judged = judged(&series, &run.settings, &outcome);
+        let gated = Gated::of(&run, &[]);
+        let causes = suspected(&gated, &run.settings, &outcome.published());
+        let judged = judged(&gated.series, &run.settings, &outcome);
         Ok(Replayed { outcome, causes, judged })
     }
 

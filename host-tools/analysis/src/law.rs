@@ -29,7 +29,7 @@ pub struct Kernels {
     pub(crate) force: Vec<f64>,
     pub(crate) rate: Vec<f64>,
     pub(crate) second: Vec<f64>,
-    third: Vec<f64>,
+    pub(crate) third: Vec<f64>,
     pub(crate) sign: Vec<f64>,
     pub(crate) box_samples: usize,
     pub(crate) period_s: f64,

@@ -32,6 +32,8 @@ pub enum Kind {
     Compliance,
     /// The force that is measured is not in proportion to what acts.
     ForceNonlinear,
+    /// A mass on the terminal moves otherwise than the screw.
+    Structure,
 }
 
 /// Anything that may be wrong.
@@ -45,7 +47,7 @@ pub enum Cause {
 
 impl Cause {
     /// All of them: first what is wrong with samples.
-    pub const ALL: [Self; 16] = [
+    pub const ALL: [Self; 17] = [
         Self::Samples(WarningKind::WrongSign),
         Self::Samples(WarningKind::CountSlip),
         Self::Samples(WarningKind::ClippedForce),
@@ -62,6 +64,7 @@ impl Cause {
         Self::Law(Kind::Spring),
         Self::Law(Kind::Compliance),
         Self::Law(Kind::ForceNonlinear),
+        Self::Law(Kind::Structure),
     ];
 
     /// Its name for programs.
@@ -83,6 +86,7 @@ impl Cause {
             Self::Law(Kind::Spring) => "spring",
             Self::Law(Kind::Compliance) => "compliance",
             Self::Law(Kind::ForceNonlinear) => "force_nonlinear",
+            Self::Law(Kind::Structure) => "structure",
         }
     }
 
@@ -117,13 +121,14 @@ impl Cause {
             Self::Law(Kind::Spring) => "a force that goes with the position",
             Self::Law(Kind::Compliance) => "a position that gives way with the force",
             Self::Law(Kind::ForceNonlinear) => "a force that is not measured in proportion",
+            Self::Law(Kind::Structure) => "a mass on the terminal that moves otherwise than the screw",
         }
     }
 }
 
 impl Kind {
     /// All of them.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 13] = [
         Self::LoadDependent,
         Self::PositionPeriodic,
         Self::Stribeck,
@@ -136,6 +141,7 @@ impl Kind {
         Self::Spring,
         Self::Compliance,
         Self::ForceNonlinear,
+        Self::Structure,
     ];
 
     /// Its name for programs.
@@ -163,7 +169,7 @@ mod tests {
     fn every_cause_has_a_name_of_its_own() {
         let names = Cause::ALL.map(Cause::name);
         let all = "wrong_sign count_slip clipped_force dead_force load_dependent position_periodic stribeck presliding drift \
-                   skew encoder_error direction quadratic_friction spring compliance force_nonlinear";
+                   skew encoder_error direction quadratic_friction spring compliance force_nonlinear structure";
         assert_eq!(names.join(" "), all);
         let of_law: Vec<&str> = Kind::ALL.into_iter().map(Kind::name).collect();
         assert_eq!(of_law, names[4..]);

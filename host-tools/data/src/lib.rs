@@ -14,6 +14,7 @@ pub mod csv;
 mod error;
 pub mod export;
 pub mod full_scale;
+pub mod gated;
 pub mod json;
 pub mod names;
 mod open;

@@ -64,7 +64,7 @@ impl Converter {
     }
 }
 
-/// Samples in a row, none missing and none saturated; all columns are of one length.
+/// Samples in a row, none missing and none left out; all columns are of one length.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Stretch {
     /// Time of the first sample \[s\].
@@ -82,23 +82,32 @@ pub struct Stretch {
 pub struct Series {
     /// Time from sample to sample \[s\].
     pub period_s: f64,
-    /// In order of time; split at discontinuities and at saturated samples, which are left out.
+    /// In order of time; split at discontinuities and at samples that are left out, as saturated ones are.
     pub stretches: Vec<Stretch>,
 }
 
 impl Series {
     /// All of a run.
     pub fn of(run: &Run) -> Self {
+        Self::without(run, |_, _| false, |_| false)
+    }
+
+    /// A run without some of its samples, and parted before others; both are told by their place.
+    pub(crate) fn without(
+        run: &Run,
+        is_left_out: impl Fn(usize, &RawSample) -> bool,
+        is_parted: impl Fn(usize) -> bool,
+    ) -> Self {
         let period_s = 1.0 / run.settings.sample_rate_hz;
         let mut converter = Converter::new(&run.settings);
         let (mut stretches, mut next): (Vec<Stretch>, _) = (Vec::new(), None);
-        for sample in &run.samples {
+        for (n, sample) in run.samples.iter().enumerate() {
             let point = converter.point(sample);
-            if point.saturated {
+            if point.saturated || is_left_out(n, sample) {
                 next = None;
                 continue;
             }
-            if next != Some(point.elapsed) {
+            if next != Some(point.elapsed) || is_parted(n) {
                 let start_s = run.start_s + point.elapsed as f64 * period_s;
                 stretches.push(Stretch { start_s, ..Stretch::default() });
             }

@@ -1,7 +1,7 @@
 //! `cargo xtask diagnose`: how often the cause that breaks the law is named first and sized right, and how often one that is none.
 #![forbid(unsafe_code)]
 
-use inerter_analysis::diagnose::{Diagnosis, LIMIT};
+use inerter_analysis::diagnose::{Cause, Diagnosis, Kind, LIMIT};
 use inerter_core::{Interval, Parameters};
 use inerter_data::{replay::replay_all, settings::SettingsInputError};
 use inerter_plant::Inerter;
@@ -164,7 +164,9 @@ fn with_flanks_that_part() -> Result<[usize; 2], Error> {
             for with_stiffness in [true, false] {
                 let causes = each_of(&SEEDS, |seed| parting(backlash_m).told(motion, seed, with_stiffness))?;
                 runs += causes.len();
-                told += causes.iter().filter(|causes| !causes.is_empty()).count();
+                // The device has a mass on the terminal.
+                let is_wrong = |causes: &&Vec<Cause>| causes.iter().any(|cause| cause.kind != Kind::Structure);
+                told += causes.iter().filter(is_wrong).count();
             }
         }
     }

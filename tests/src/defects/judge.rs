@@ -146,7 +146,10 @@ pub fn run(kind: Option<&Kind>, motion: usize, seed: u64) -> Result<Said, Error>
     let mut since = 0;
     let outcome = replay_samples(&run.settings, run.start_s, samples, |_, event| {
         match event {
-            EstimatorEvent::Warned(warning) => warnings.push(Suspect::Samples(warning.kind).name()),
+            EstimatorEvent::Warned(warning) => {
+                warnings.push(Suspect::Samples(warning.kind).name());
+                latest.warn(*warning);
+            }
             EstimatorEvent::Changed(change) => {
                 changed = true;
                 since = run.samples.partition_point(|sample| sample.index <= change.index);
@@ -156,9 +159,10 @@ pub fn run(kind: Option<&Kind>, motion: usize, seed: u64) -> Result<Said, Error>
         Ok(())
     })?;
     run.samples.iter().skip(since).for_each(|sample| latest.push(*sample));
-    let series = latest.series();
-    let causes = suspected(&series, &run.settings, &outcome.published());
-    let judged = judged(&series, &run.settings, &outcome);
+    let gated = latest.gated();
+    let causes = suspected(&gated, &run.settings, &outcome.published());
+    let judged = judged(&gated.series, &run.settings, &outcome);
+    warnings.extend(gated.left_out.iter().map(|kind| Suspect::Samples(*kind).name()));
     warnings.sort_unstable();
     warnings.dedup();
     let causes: Vec<&'static str> = causes.iter().map(|cause| cause.kind.name()).collect();

@@ -35,6 +35,10 @@ pub(super) const HYSTERESIS: f64 = 0.02;
 const RANGES: [f64; 3] = [0.35, 0.5, 0.7];
 /// Part by which a force may be told wrong: what is nearly the force itself would explain all.
 const MOST_WRONG: f64 = 0.25;
+/// A mass on the terminal and the contact that it hangs on resonate at this frequency at least \[Hz\].
+const LEAST_RESONANCE_HZ: f64 = 30.0;
+/// Times of the contact: its damping over its stiffness \[s\].
+const LETS_GO_S: [f64; 3] = [1e-4, 5e-4, 2e-3];
 /// Skew that is worth a word \[s\].
 const LEAST_SKEW_S: f64 = 20e-6;
 
@@ -91,6 +95,8 @@ pub(super) enum Term {
     Relaxing(f64),
     /// A position that is too far by the force.
     Bent,
+    /// `F'' - t0 F'''`: what a mass on the terminal takes more than on the screw, as the contact gives way with this time \[s\].
+    Structure(f64),
     /// What a force of this size at most \[N\] is told wrong by, of unit size at most.
     Told(Shape, f64),
 }
@@ -134,7 +140,7 @@ impl Term {
             Self::Spring(middle_m) => [position_m - middle_m, 0.0],
             Self::Told(shape, most_n) => [most_n * shape.of((force_n - law.offset_n) / most_n), 0.0],
             // What lets go depends on all that was before.
-            Self::Skew | Self::Wobble(_) | Self::Bent | Self::Relaxing(_) => [0.0; 2],
+            Self::Skew | Self::Wobble(_) | Self::Bent | Self::Structure(_) | Self::Relaxing(_) => [0.0; 2],
         }
     }
 
@@ -167,6 +173,7 @@ impl Term {
     pub fn scale(self) -> Option<f64> {
         match self {
             Self::Falling(scale) | Self::Bell(scale) | Self::Turning(scale) | Self::Bending(scale) => Some(scale),
+            Self::Structure(time_s) => Some(time_s),
             _ => None,
         }
     }
@@ -178,6 +185,7 @@ impl Term {
             Self::Bell(_) => Self::Bell(scale),
             Self::Turning(_) => Self::Turning(scale),
             Self::Bending(_) => Self::Bending(scale),
+            Self::Structure(_) => Self::Structure(scale),
             other => other,
         }
     }
@@ -217,6 +225,7 @@ impl Candidate {
             Term::Falling(_) | Term::Bell(_) => (0.0..MOST_SURPLUS * coulomb_n).contains(&size),
             Term::Turning(_) | Term::Bending(_) => (0.0..MOST_TURN * coulomb_n).contains(&size),
             Term::Square | Term::Bent => size > 0.0,
+            Term::Structure(_) => (0.0..(TAU * LEAST_RESONANCE_HZ).powi(-2)).contains(&size),
             Term::Told(..) => size.abs() < MOST_WRONG,
             // Friction at the reversals looks like a skew of some microseconds (docs/THEORY.md, 14).
             Term::Skew => size.abs() >= LEAST_SKEW_S,
@@ -227,6 +236,8 @@ impl Candidate {
     /// Everything that is tried in this run, and a force once a turn where the screw makes too small a part of one for that.
     pub fn all_for(span: &Span, settings: &Settings) -> Vec<Self> {
         let mut all = Self::all(span, settings, Encoder::default());
+        // The budget has a part for it.
+        all.retain(|candidate| candidate.kind != Kind::Structure);
         let leads = COUNTS_PER_TURN.iter().map(|counts| counts * settings.metres_per_count.abs());
         let hidden = leads.filter(|lead| span.stroke_m <= LEAST_TURNS * lead).min_by(f64::total_cmp);
         all.extend(hidden.map(|lead_m| Self { kind: Kind::PositionPeriodic, term: Term::Ripple(lead_m) }));
@@ -269,6 +280,10 @@ impl Candidate {
         let told =
             [Shape::Bow, Shape::Cube, Shape::Dead, Shape::Hysteresis].into_iter().chain(RANGES.map(Shape::Range));
         all.extend(told.map(|shape| one(Kind::ForceNonlinear, Term::Told(shape, span.force_n))));
+        // With the stiffness it is known how it moves.
+        if settings.stiffness_n_per_m == 0.0 {
+            all.extend(LETS_GO_S.map(|time_s| one(Kind::Structure, Term::Structure(time_s))));
+        }
         all
     }
 }

@@ -1,5 +1,7 @@
 //! A cause, and what a person is told of it.
 
+use std::f64::consts::TAU;
+
 use inerter_core::Machine;
 use inerter_data::{names::description, words::interval_text};
 
@@ -100,6 +102,10 @@ impl Cause {
             Kind::ForceNonlinear => format!(
                 "the measured force is not in proportion to what acts, by {} of the greatest: look whether the load cell sits firmly, its screws and its amplifier's range",
                 sized(100.0, "%")
+            ),
+            Kind::Structure => format!(
+                "a mass on the terminal moves otherwise than the screw, as one that resonates on the contact at {:.0} Hz: set structure_mass_kg and stiffness_n_per_m, which `inerter calibrate stiffness` finds",
+                1.0 / (TAU * self.value.max(f64::MIN_POSITIVE).sqrt())
             ),
         };
         let turn = if self.is_part_of_a_turn {

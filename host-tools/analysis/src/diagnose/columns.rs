@@ -220,6 +220,10 @@ impl<'a> Rows<'a> {
             Term::Load => [self.filter.noise_square, 0.0],
             Term::Skew => [self.filter.rate_square, 0.0],
             Term::Bent => [inertance_kg.powi(2) * self.filter.bend_square, -inertance_kg * self.filter.bend_with_force],
+            Term::Structure(time_s) => {
+                let Filter { bend_square, third_square, bend_with_force, .. } = self.filter;
+                [bend_square + time_s * time_s * third_square, bend_with_force]
+            }
             Term::Told(shape, most_n) => [self.filter.noise_square * self.slope_square(shape, most_n), 0.0],
             _ => [0.0; 2],
         }
@@ -264,6 +268,11 @@ impl<'a> Rows<'a> {
                 let inertia = inertance_kg * around(&kernels.second, force, middle);
                 -inertia - viscous_n_s_per_m * around(&kernels.rate, force, middle)
             })],
+            Term::Structure(time_s) => {
+                let third = self.filtered(|_, piece, middle| around(&kernels.third, &piece.stretch.force_n, middle));
+                let column = self.curvature().into_iter().zip(third).map(|(second, third)| second - time_s * third);
+                vec![column.collect()]
+            }
             Term::Spring(middle_m) => vec![self.through_kernel(
                 |piece| piece.stretch.position_m.iter().map(|x| x - middle_m).collect(),
                 |position, middle| around(&kernels.force, position, middle),

@@ -60,6 +60,8 @@ pub(super) struct Filter {
     /// The same in its curvature \[N^2/s^4\], and the mean product of that with the row's force \[N^2/s^2\].
     pub bend_square: f64,
     pub bend_with_force: f64,
+    /// Mean square that the force's noise leaves in its third derivative \[N^2/s^6\].
+    pub third_square: f64,
     /// Mean square that the steps leave in a row's acceleration.
     pub acceleration_square: f64,
     /// How often each stroke comes.
@@ -119,6 +121,7 @@ impl Filter {
             rate_square: noise_n * noise_n * square(&kernels.rate),
             bend_square: noise_n * noise_n * square(&kernels.second),
             bend_with_force: noise_n * noise_n * product(&kernels.second, &kernels.force),
+            third_square: noise_n * noise_n * square(&kernels.third),
             steps_square: law.inertance_kg.powi(2) * acceleration_square,
             acceleration_square,
             kernels,

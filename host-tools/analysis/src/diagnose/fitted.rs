@@ -153,6 +153,7 @@ fn cause(found: &Found, size: f64, u95: f64, scale_u95: f64) -> Cause {
         Term::Square => (size, u95, "N s2/m2"),
         Term::Spring(_) | Term::Relaxing(_) => (size, u95, "N/m"),
         Term::Bent => (size, u95, "m/N"),
+        Term::Structure(_) => (size, u95, "s2"),
         Term::Wobble(_) => (size, u95, "m"),
         Term::Ripple(_) | Term::Uneven(_) => (size, u95, "N"),
         Term::Falling(_) | Term::Bell(_) | Term::Drift | Term::Warming => (size, u95, "N"),

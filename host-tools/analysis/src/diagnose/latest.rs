@@ -2,8 +2,8 @@
 
 use std::collections::VecDeque;
 
-use inerter_core::{Published, RawSample, Settings};
-use inerter_data::{run::Run, series::Series};
+use inerter_core::{Published, RawSample, Settings, Warning};
+use inerter_data::{gated::Gated, run::Run};
 
 use super::{
     cause::Cause,
@@ -18,6 +18,7 @@ const KEPT_S: f64 = 60.0;
 pub struct Latest {
     settings: Settings,
     samples: VecDeque<RawSample>,
+    warnings: Vec<Warning>,
     most: usize,
 }
 
@@ -25,7 +26,7 @@ impl Latest {
     /// Nothing yet, of a device with these settings.
     pub fn new(settings: &Settings) -> Self {
         let most = (KEPT_S * settings.sample_rate_hz) as usize;
-        Self { settings: *settings, samples: VecDeque::new(), most }
+        Self { settings: *settings, samples: VecDeque::new(), warnings: Vec::new(), most }
     }
 
     /// Takes the next sample.
@@ -36,9 +37,15 @@ impl Latest {
         self.samples.push_back(sample);
     }
 
+    /// The estimator said this of a sample.
+    pub fn warn(&mut self, warning: Warning) {
+        self.warnings.push(warning);
+    }
+
     /// What comes is of another device.
     pub fn forget(&mut self) {
         self.samples.clear();
+        self.warnings.clear();
     }
 
     /// How long it would take to measure as much \[s\].
@@ -46,9 +53,10 @@ impl Latest {
         self.samples.len() as f64 / self.settings.sample_rate_hz
     }
 
-    /// What they say.
-    pub fn series(self) -> Series {
-        Series::of(&Run { settings: self.settings, samples: self.samples.into(), ..Run::default() })
+    /// What they say, without what tells nothing.
+    pub fn gated(self) -> Gated {
+        let run = Run { settings: self.settings, samples: self.samples.into(), ..Run::default() };
+        Gated::of(&run, &self.warnings)
     }
 
     /// What breaks the law in them, as far as a person should be told; the estimator said this in the end.
@@ -57,6 +65,6 @@ impl Latest {
             return Vec::new();
         }
         let settings = self.settings;
-        suspected(&self.series(), &settings, published)
+        suspected(&self.gated(), &settings, published)
     }
 }

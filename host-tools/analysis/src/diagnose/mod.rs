@@ -22,4 +22,4 @@ pub use cause::Cause;
 pub use hidden::{Judged, TOLD, assumptions, judged, reach, widened};
 pub use kind::{Kind, LIMIT};
 pub use latest::Latest;
-pub use search::{Diagnosis, diagnose, is_suspect, suspected};
+pub use search::{Diagnosis, diagnose, is_reversed, is_suspect, suspected};

@@ -1,7 +1,7 @@
 //! The search: what explains most is added first, and judged again beside all that came after it.
 
 use inerter_core::{Law as LawState, LawStatus, Parameter, Parameters, Published, Settings};
-use inerter_data::series::Series;
+use inerter_data::{gated::Gated, series::Series};
 
 use super::{
     candidate::Encoder,
@@ -34,24 +34,45 @@ const ALIKE: f64 = 0.01;
 const MOST_UNDONE: usize = 6;
 const UNDONE_S: f64 = 2e-6;
 const UNDONE: f64 = 0.02;
-/// Residual, as a part of what the law alone leaves over, above which a cause is not most of what breaks it.
-const MOST_LEFT: f64 = 0.5;
+/// Part of the law's residual beyond noise and steps that may be left with a cause, in squares, for it to be most of what breaks it.
+const MOST_LEFT: f64 = 0.25;
+/// F statistic from which on a cause is told unasked where flanks may part.
+const LIMIT_PARTING: f64 = 1000.0;
 /// Part of the rows that rests must leave, and part of the acceleration that the encoder's steps may be, else the run is looked at
 /// through other kernels.
 const LEAST_KEPT: f64 = 0.4;
 const MOST_STEPS: f64 = 0.15;
+
+/// What is left over, as a part of what noise and steps leave, up to which they explain it.
+const EXPLAINED: f64 = 1.4;
 
 /// What a run shows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Diagnosis {
     /// In the order of their weight.
     pub causes: Vec<Cause>,
-    /// The parameters with the causes included; none where the motion cannot tell them apart.
+    /// The parameters with the causes included, if any were found; none where the motion cannot tell them apart.
     pub corrected: Option<Parameters>,
     /// Greatest evidence of what was not named, in parts of its limit.
     pub greatest_left: f64,
     /// Root mean square of what the law leaves over by itself, and with the causes beside it \[N\].
     pub residual_rms_n: [f64; 2],
+    /// The same that noise and the encoder's steps leave in these rows \[N\].
+    pub noise_rms_n: f64,
+}
+
+impl Diagnosis {
+    /// Whether the causes are most of what noise and the encoder's steps do not explain.
+    fn is_most(&self) -> bool {
+        let [alone, with_causes] = self.residual_rms_n.map(|rms| rms * rms - self.noise_rms_n * self.noise_rms_n);
+        with_causes < MOST_LEFT * alone
+    }
+
+    /// Whether noise and the encoder's steps explain what is left over with the causes included.
+    pub fn is_explained(&self) -> bool {
+        let [_, with_causes] = self.residual_rms_n;
+        with_causes <= EXPLAINED * self.noise_rms_n
+    }
 }
 
 /// Whether a cause should be sought: more is left over than chance leaves, whatever the flanks may have to do with it.
@@ -59,20 +80,26 @@ pub fn is_suspect(law: &LawState) -> bool {
     law.status == LawStatus::Broken || law.misfit.is_some_and(|misfit| misfit.ratio > misfit.limit)
 }
 
+/// Whether the force pushes the screw the wrong way: then no law is to be added to.
+pub fn is_reversed(published: &Published) -> bool {
+    let inertance = published.estimate.whole_run.inertance_kg.fitted();
+    inertance.value + inertance.u95 < 0.0
+}
+
 /// What a person should be told of a run who has not asked for it: nothing where the law holds, and all where it is broken. Where
-/// flanks may part, their impacts can look like a cause; then what was found must be most of what is left over. Nothing is told
-/// either where too little of the run can be looked at.
-pub fn suspected(series: &Series, settings: &Settings, published: &Published) -> Vec<Cause> {
-    if !is_suspect(&published.law) {
+/// flanks may part, their impacts can look like a cause; then what was found must be most of what is left over, each of it clear,
+/// and no mass on the terminal as well. Nothing is told either where too little of the run can be looked at.
+pub fn suspected(gated: &Gated, settings: &Settings, published: &Published) -> Vec<Cause> {
+    if !is_suspect(&published.law) || is_reversed(published) {
         return Vec::new();
     }
-    let Ok(Diagnosis { causes, residual_rms_n: [alone, with_causes], .. }) =
-        diagnose(series, settings, published, Encoder::default())
-    else {
-        return Vec::new();
-    };
-    let is_most = with_causes < MOST_LEFT * alone;
-    if published.law.status == LawStatus::Broken || is_most { causes } else { Vec::new() }
+    let Ok(found) = diagnose(&gated.series, settings, published, Encoder::default()) else { return Vec::new() };
+    if published.law.status == LawStatus::Broken {
+        return found.causes;
+    }
+    let is_most = found.is_most();
+    let is_clear = |cause: &Cause| cause.f >= LIMIT_PARTING && cause.rival != Some(Kind::Structure);
+    found.causes.into_iter().filter(|cause| is_most && is_clear(cause)).collect()
 }
 
 /// Tests a run of which the estimator said this in the end.
@@ -374,20 +401,23 @@ impl Search<'_> {
         let rows = self.rows(aligned)?;
         let undone_s = self.settings.skew_s - settings.skew_s;
         let fitted = loop {
-            if self.found.is_empty() {
-                break None;
-            }
             let fitted = fitted(&rows, &self.settings, &self.published.detail, &self.found, undone_s, self.encoder);
-            if fitted.is_some() {
+            if fitted.is_some() || !self.drop_weakest() {
                 break fitted;
             }
-            self.drop_weakest();
         };
         let (causes, corrected, with_causes_n) = match fitted {
             Some(Fitted { causes, corrected, residual_rms_n }) => (causes, Some(corrected), residual_rms_n),
             None => (Vec::new(), None, alone_n),
         };
-        Ok(Diagnosis { causes, corrected, greatest_left: self.greatest_left, residual_rms_n: [alone_n, with_causes_n] })
+        let noise_rms_n = (rows.filter.noise_square + rows.filter.steps_square).sqrt();
+        Ok(Diagnosis {
+            causes,
+            corrected,
+            greatest_left: self.greatest_left,
+            residual_rms_n: [alone_n, with_causes_n],
+            noise_rms_n,
+        })
     }
 }
 

@@ -9,7 +9,7 @@ use inerter_analysis::{
 };
 use inerter_core::Machine;
 use inerter_data::{
-    causes::warning_words,
+    causes::{Cause as Suspect, warning_words},
     export::Source,
     full_scale::Peaks,
     json::{EstimateJson, EventJson, ReversalJson, WarningJson, machine_json_line, rounded_s},
@@ -71,7 +71,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let every_s = args.every.map_or(run.duration_s() / ROWS, |every| every.as_secs_f64());
     let half_s = 0.5 / run.settings.publish_rate_hz;
     let (mut next_s, mut taken, mut header) = (run.start_s + every_s, 0u64, true);
-    let mut warnings = Vec::new();
+    let (mut warnings, mut told) = (Vec::new(), Vec::new());
     let latest = RefCell::new(Latest::new(&run.settings));
     let mut reach = Reach::new(&run.settings);
     let outcome = replay_samples(
@@ -85,8 +85,13 @@ pub fn run(args: &Args) -> Result<(), Error> {
         }),
         |t_s, event: &EstimatorEvent| -> Result<(), Error> {
             let EstimatorEvent::Estimate(estimated) = event else {
-                if matches!(event, EstimatorEvent::Changed(_)) {
-                    latest.borrow_mut().forget();
+                match event {
+                    EstimatorEvent::Changed(_) => latest.borrow_mut().forget(),
+                    EstimatorEvent::Warned(warning) => {
+                        latest.borrow_mut().warn(*warning);
+                        told.push(warning.kind);
+                    }
+                    EstimatorEvent::Reversal(_) | EstimatorEvent::Estimate(_) => {}
                 }
                 warnings.extend(warning(run.settings.machine, t_s, event));
                 return tell(run.settings.machine, t_s, event, args.json, &mut header);
@@ -110,12 +115,16 @@ pub fn run(args: &Args) -> Result<(), Error> {
     )?;
     progress.done();
     let estimated = outcome.estimated();
-    let series = latest.into_inner().series();
-    let causes = suspected(&series, &run.settings, &outcome.published());
-    let judged = judged(&series, &run.settings, &outcome);
-    let beyond = Peaks::of(&series).beyond(&run.settings, &outcome.counters).map(|words| ("full_scale", words));
+    let gated = latest.into_inner().gated();
+    let causes = suspected(&gated, &run.settings, &outcome.published());
+    let judged = judged(&gated.series, &run.settings, &outcome);
+    let beyond = Peaks::of(&gated.series).beyond(&run.settings, &outcome.counters).map(|words| ("full_scale", words));
     let advice = advice(&outcome, &run.settings, &reach);
-    let causes = causes.iter().map(|cause| (cause.kind.name(), cause.sentence(run.settings.machine))).chain(beyond);
+    // What the estimator had no time to see.
+    let unseen = gated.left_out.iter().filter(|kind| !told.contains(kind));
+    let unseen = unseen.map(|kind| (Suspect::Samples(*kind).name(), warning_words(run.settings.machine, *kind)));
+    let causes = causes.iter().map(|cause| (cause.kind.name(), cause.sentence(run.settings.machine)));
+    let causes = unseen.chain(causes).chain(beyond);
     if args.json {
         warnings.extend(causes.map(|(code, text)| WarningJson { code, t_s: rounded_s(outcome.t_s), text }));
         let last = EstimateJson::last(outcome.t_s, &estimated, &run.settings, Some(outcome.counters));

@@ -51,6 +51,9 @@ impl Causes {
                     self.latest.forget();
                     (self.search, self.told) = (None, Vec::new());
                 }
+                if let EventKind::Warned(warning) = event.kind {
+                    self.latest.warn(warning);
+                }
             }
             Item::Estimate { at, t_s, estimated } => {
                 let law = estimated.law.unwrap_or_default();

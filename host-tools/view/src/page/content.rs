@@ -9,6 +9,7 @@ use inerter_analysis::{
 };
 use inerter_core::{Change, Detail, Estimate, Reversal, Settings, Warning};
 use inerter_data::{
+    gated::Gated,
     replay::{Outcome, replay_all},
     run::Run,
     series::Series,
@@ -89,12 +90,19 @@ impl Content {
         })?;
         let settings = run.settings;
         let mut series = Series::of(&run);
+        let told: Vec<Warning> = warnings.iter().map(|(_, warning)| *warning).collect();
+        let mut gated = Gated::of(&run, &told);
+        // What the estimator had no time to see.
+        let unseen = gated.left_out.iter().filter(|kind| told.iter().all(|warning| warning.kind != **kind));
+        let index = run.samples.last().map_or(0, |sample| sample.index);
+        warnings.extend(unseen.map(|kind| (start_s + duration_s, Warning { index, kind: *kind })));
         run.samples = Vec::new();
         // Before the last change it was another device.
         let since_s = changes.last().map_or(start_s, |(t_s, _)| *t_s);
         series.cut_before(since_s);
-        let causes = suspected(&series, &settings, &outcome.published());
-        let judged = judged(&series, &settings, &outcome);
+        gated.series.cut_before(since_s);
+        let causes = suspected(&gated, &settings, &outcome.published());
+        let judged = judged(&gated.series, &settings, &outcome);
         let law = drawn_law(&outcome, &settings);
         let kernels = Kernels::new(outcome.estimate.bank, series.period_s);
         let all = (f64::NEG_INFINITY, f64::INFINITY);

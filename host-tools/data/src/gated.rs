@@ -1,0 +1,187 @@
+//! A run without the samples that tell nothing of the device, as the estimator's gates leave them out.
+//!
+//! The estimator sees a sample once, and says with which one it knew. Here the whole run is at hand, so that the same is found from
+//! its first sample on, by the same rules:
+//! - *Clipped force*: codes pile up at an extreme below the rails. What lies so near that noise is cut off on one side goes too.
+//! - *Dead force*: the code stands still while the screw goes to and fro. Then it is none wherever it stands still.
+//! - *Slipped counts*: the position bends by as much as where the estimator said so. No sample is lost; the stretch ends there.
+
+use inerter_core::{RawSample, Warning, WarningKind};
+
+use crate::{run::Run, series::Series};
+
+/// Quarters of the fourth differences that are tried, and what they are of white noise, per its rms.
+const QUARTILES: [(usize, f64); 3] = [(1, 2.666), (2, 5.643), (3, 9.624)];
+/// Least noise whose absence can be told from the rounding \[codes, rms\].
+const LEAST_NOISE: f64 = 0.7;
+/// Codes within half the noise's rms of the extreme have piled up where they are so many, and more than half of those that are
+/// within so many times as much.
+const FEWEST: usize = 16;
+const WIDE: i64 = 16;
+/// Noise by which a clipped force is left out below the extreme, in rms: of what lies nearer, one side is cut off.
+const CUT_OFF: f64 = 3.0;
+/// Codes within which a force stands still, and reversals of the screw that no force leaves without a trace.
+const STILL: u32 = 2;
+const REVERSALS: usize = 6;
+/// Counts that the screw must go to have reversed.
+const REVERSED_COUNTS: f64 = 4.0;
+/// Time for which no live force stands still in motion \[s\].
+const STILL_S: f64 = 0.1;
+
+/// A run without what tells nothing.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Gated {
+    /// The rest.
+    pub series: Series,
+    /// What was left out, or parted.
+    pub left_out: Vec<WarningKind>,
+    /// What the estimator said of samples that are not found here: it may be anywhere.
+    pub not_found: Vec<WarningKind>,
+}
+
+impl Gated {
+    /// Whether samples were left out in which the force is none.
+    pub fn has_no_force(&self) -> bool {
+        self.left_out.iter().any(|kind| matches!(kind, WarningKind::ClippedForce | WarningKind::DeadForce))
+    }
+
+    /// A run of which the estimator said this.
+    pub fn of(run: &Run, told: &[Warning]) -> Self {
+        let is_in = |warning: &&Warning| {
+            run.samples.first().is_none_or(|first| warning.index.wrapping_sub(first.index) < 1 << 31)
+        };
+        let told: Vec<Warning> = told.iter().filter(is_in).copied().collect();
+        let is_told = |kind: WarningKind| told.iter().any(|warning| warning.kind == kind);
+        let is_clipped = clipped(run);
+        let dead = dead(run, is_told(WarningKind::DeadForce));
+        let jumps = jumps(run, &told);
+        let found = [
+            (WarningKind::ClippedForce, is_clipped.is_some()),
+            (WarningKind::DeadForce, dead.contains(&true)),
+            (WarningKind::CountSlip, !jumps.is_empty()),
+        ];
+        let left_out = found.iter().filter(|(_, found)| *found).map(|(kind, _)| *kind).collect();
+        let not_found = found.iter().filter(|(kind, found)| !found && is_told(*kind)).map(|(kind, _)| *kind).collect();
+        let is_left_out = |n: usize, sample: &RawSample| {
+            dead.get(n).copied().unwrap_or(false) || is_clipped.is_some_and(|within| !within.holds(sample))
+        };
+        let series = Series::without(run, is_left_out, |n| jumps.binary_search(&n).is_ok());
+        Self { series, left_out, not_found }
+    }
+}
+
+/// Codes of a force that is not clipped.
+#[derive(Clone, Copy, Debug)]
+struct Within {
+    above: f64,
+    below: f64,
+}
+
+impl Within {
+    fn holds(self, sample: &RawSample) -> bool {
+        let code = f64::from(sample.force_code);
+        code > self.above && code < self.below
+    }
+}
+
+/// What of the force is not clipped, where it is.
+fn clipped(run: &Run) -> Option<Within> {
+    let settings = &run.settings;
+    let is_within = |code: f64| code > settings.force_min_code && code < settings.force_max_code;
+    let codes: Vec<i64> = run
+        .samples
+        .iter()
+        .filter(|sample| is_within(sample.force_code.into()))
+        .map(|sample| sample.force_code.into())
+        .collect();
+    let noise = noise(&codes)?;
+    let resolution = ((0.5 * noise) as i64).max(1);
+    let (greatest, least) = (codes.iter().max()?, codes.iter().min()?);
+    // A force that hardly changes has no extremes.
+    if greatest - least <= 2 * WIDE * resolution {
+        return None;
+    }
+    let piled = |below: &dyn Fn(i64) -> i64| {
+        let within = |width: i64| codes.iter().filter(|code| below(**code) < width).count();
+        let near = within(resolution);
+        near >= FEWEST && 2 * near > within(WIDE * resolution)
+    };
+    let [high, low] = [piled(&|code| greatest - code), piled(&|code| code - least)];
+    let below = if high { *greatest as f64 - CUT_OFF * noise } else { f64::INFINITY };
+    let above = if low { *least as f64 + CUT_OFF * noise } else { f64::NEG_INFINITY };
+    (high || low).then_some(Within { above, below })
+}
+
+/// Noise of the force beside what is clipped \[codes, rms\], by the fourth differences; nothing where it is too little.
+fn noise(codes: &[i64]) -> Option<f64> {
+    let differences = codes.windows(5).filter_map(|five| match five {
+        [a, b, c, d, e] => Some((a - 4 * b + 6 * c - 4 * d + e).abs()),
+        _ => None,
+    });
+    let mut differences: Vec<i64> = differences.collect();
+    differences.sort_unstable();
+    let rms = |(quarters, per_rms): (usize, f64)| {
+        differences.get(differences.len() * quarters / 4).map(|magnitude| *magnitude as f64 / per_rms)
+    };
+    QUARTILES.into_iter().filter_map(rms).find(|rms| *rms >= LEAST_NOISE)
+}
+
+/// In which samples the force is dead; none where it nowhere is, unless the estimator said so.
+fn dead(run: &Run, is_told: bool) -> Vec<bool> {
+    let settings = &run.settings;
+    let longest = (STILL_S * settings.sample_rate_hz) as usize;
+    let reversed = (REVERSED_COUNTS * settings.oversampling) as i32;
+    let samples = &run.samples;
+    let (mut dead, mut is_dead, mut from) = (vec![false; samples.len()], is_told, 0);
+    while let Some(first) = samples.get(from) {
+        let rest = samples.get(from..).unwrap_or_default();
+        let still = rest.iter().take_while(|sample| sample.force_code.abs_diff(first.force_code) <= STILL);
+        let length = still.clone().count();
+        if length >= longest {
+            is_dead |= reversals(still, reversed) >= REVERSALS;
+            dead.iter_mut().skip(from).take(length).for_each(|dead| *dead = true);
+        }
+        from += length.max(1);
+    }
+    if is_dead { dead } else { vec![false; samples.len()] }
+}
+
+/// How often the screw turns round and goes so far.
+fn reversals<'a>(samples: impl Iterator<Item = &'a RawSample>, far: i32) -> usize {
+    let (mut extreme, mut way, mut times) = (None, 0, 0);
+    for sample in samples {
+        let position = sample.position_count;
+        let from = *extreme.get_or_insert(position);
+        let gone = position.wrapping_sub(from);
+        if gone.signum() == way {
+            extreme = Some(position);
+        } else if gone.unsigned_abs() >= far.unsigned_abs() {
+            times += usize::from(way != 0);
+            (extreme, way) = (Some(position), gone.signum());
+        }
+    }
+    times
+}
+
+/// Samples before which the counts slipped, in order: wherever the position bends by as much as in one of which the estimator said so.
+fn jumps(run: &Run, told: &[Warning]) -> Vec<usize> {
+    let bend = |three: &[RawSample]| match three {
+        [a, b, c] => {
+            let (first, second) =
+                (b.position_count.wrapping_sub(a.position_count), c.position_count.wrapping_sub(b.position_count));
+            second.wrapping_sub(first).unsigned_abs()
+        }
+        _ => 0,
+    };
+    let bends = || run.samples.windows(3).enumerate().map(|(n, three)| (n + 2, bend(three)));
+    let is_told = |n: usize| {
+        let index = run.samples.get(n).map(|sample| sample.index);
+        told.iter().any(|warning| warning.kind == WarningKind::CountSlip && Some(warning.index) == index)
+    };
+    let Some(least) = bends().filter(|(n, _)| is_told(*n)).map(|(_, bend)| bend).min() else { return Vec::new() };
+    bends().filter(|(_, bend)| *bend >= least).map(|(n, _)| n).collect()
+}
+
+#[cfg(test)]
+#[path = "gated_tests.rs"]
+mod tests;
