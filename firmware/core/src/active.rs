@@ -2,8 +2,7 @@
 
 use crate::backlash::active::BacklashActive;
 use crate::constants::{
-    BOXES_VARIANCE, CORRELATION_BOXES, FAST_BOX_S, LONGEST_SPACING, REST_COUNTS, REST_WINDOW_S, SIGN_KERNEL_S,
-    SLOW_BOX_S, UPDATES_PER_BOX,
+    BOXES_VARIANCE, FAST_BOX_S, LONGEST_SPACING, REST_COUNTS, REST_WINDOW_S, SIGN_KERNEL_S, SLOW_BOX_S, UPDATES_PER_BOX,
 };
 use crate::gate::BLOCKS;
 use crate::kernel::{MORE_REGRESSORS, Normaliser, REGRESSORS};
@@ -115,10 +114,6 @@ pub(crate) struct Scales {
     pub half_code: f32,
     /// The part of that quantisation which sums of independent readings keep.
     pub quantisation_kept: f32,
-    /// Variance by the place of a reversal, of a parameter over its squared standard error, per square of friction and of the
-    /// inertance's standard error over the residual's variance: by the counts that place it, and at most, per mean square of the
-    /// acceleration.
-    pub places: [f32; 2],
     /// Unit of the jerk [m/s^3].
     pub jerk: f32,
     /// Mean square of the encoder's quantisation noise in the jerk [regressor units^2].
@@ -175,7 +170,7 @@ impl Settings {
         })
     }
 
-    fn signal(&self) -> Signal {
+    pub(crate) fn signal(&self) -> Signal {
         let rate = self.sample_rate_hz;
         let per_metre = self.codes_per_metre();
         let rest_block = rounded(rate * REST_WINDOW_S / BLOCKS as f64).max(1.0);
@@ -277,14 +272,6 @@ impl Settings {
         let snap_per_code = rate * rate * rate * rate / (gain * self.codes_per_metre());
         let snap_term = term(self.structure_mass_kg * compliance * regressor_per_newton * snap_per_code);
 
-        // Variance of a reversal's velocity by the counts that two boxes of the long kernel read.
-        let Signal { reversal_half_width, reversal_reach, .. } = self.signal();
-        let [kernel_s, reach_s] = [reversal_half_width, reversal_reach].map(|samples| f64::from(samples) * period);
-        let by_counts = self.metres_per_count * self.metres_per_count * period / (6.0 * kernel_s * kernel_s * kernel_s);
-        // A zero is moved by no more than its reach, anywhere in it: of a tone, twice the mean square of the acceleration.
-        let by_reach = 2.0 / 3.0 * reach_s * reach_s;
-        let correlated_s = CORRELATION_BOXES * length * period;
-        let places = [by_counts, by_reach].map(|square| (4.0 * square / (correlated_s * correlated_s)) as f32);
         let memory = rounded(self.memory_s * rate / spacing).max(1.0) as u32;
         // A sum over `length` triangles twice differenced: 8/3 M^3 of the single sample's variance.
         let step = self.oversampling * down(acceleration_shift);
@@ -319,7 +306,6 @@ impl Settings {
                 noise: (BOXES_VARIANCE / length * newtons_per_code * newtons_per_code) as f32,
                 half_code: (0.5 * newtons_per_code) as f32,
                 quantisation_kept: (1.0 / self.oversampling) as f32,
-                places,
                 ..scales(
                     [
                         acceleration * down(acceleration_shift),
@@ -364,7 +350,6 @@ fn scales(per_si: [f64; REGRESSORS], quantisation: f64) -> Scales {
         noise: 0.0,
         half_code: 0.0,
         quantisation_kept: 1.0,
-        places: [0.0; 2],
         jerk: 0.0,
         jerk_quantisation: 0.0,
     }

@@ -1,6 +1,7 @@
 //! What goes with an estimate: the band it holds for, backlash and contact, how friction behaves, what has changed.
 
 use crate::estimate::{Interval, Parameter};
+use crate::math::greater;
 
 /// Published beside each [`Estimate`](crate::Estimate), of the same sample.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -159,7 +160,9 @@ impl Contact {
         match backlash.size {
             _ if !self.may_part() => 0.0,
             BacklashSize::NotIdentifiable(_) => f32::INFINITY,
-            BacklashSize::Ok(Interval { value, u95 }) | BacklashSize::BelowU95(Interval { value, u95 }) => value + u95,
+            BacklashSize::Ok(Interval { value, u95 }) | BacklashSize::BelowU95(Interval { value, u95 }) => {
+                greater(value + u95, 0.0)
+            }
         }
     }
 }

@@ -29,6 +29,8 @@ pub(crate) struct Fit {
     pub values: [f32; UNKNOWNS],
     /// Standard error of each; infinite where the motion cannot show it.
     pub errors: [f32; UNKNOWNS],
+    /// That of the inertance, however much of the acceleration is the encoder's steps.
+    pub inertance_error: f32,
     /// What a force that is late by a second more takes from each [its unit per second].
     pub per_skew: [f32; UNKNOWNS],
     /// Mean square of the force's rate that the law leaves over [N^2/s^2]: what a skew of a second would add to the residual's.
@@ -57,6 +59,7 @@ impl Fit {
     pub const NONE: Self = Self {
         values: [0.0; UNKNOWNS],
         errors: [0.0; UNKNOWNS],
+        inertance_error: 0.0,
         per_skew: [0.0; UNKNOWNS],
         late: 0.0,
         friction_in_curvature: [0.0; 2],
@@ -190,6 +193,7 @@ pub(crate) fn fit(knowledge: &Knowledge, scales: &Scales) -> Option<Fit> {
     for ((error, found), to_si) in fit.errors.iter_mut().zip(inverse.errors(error_variance)).zip(to_si) {
         *error = found.map_or(f32::INFINITY, |found| found * to_si);
     }
+    [fit.inertance_error, ..] = fit.errors;
     // Average products in the matrix' own equilibrated units.
     let per_unit = power(force_shift - MATRIX_BITS as i32) / knowledge.per_unit;
     let equilibrated = |i: usize, product: f32| product * per_unit * equilibrating[i];

@@ -56,4 +56,4 @@ pub use sample::RawSample;
 pub use settings::{FrontEnd, Kind, Machine, SettingInfo, SettingText, Settings, SettingsError};
 pub use state::{Counters, State};
 pub use sums::{MoreSums, Sums};
-pub use systematic::{Found, MOST_REPEATS, Motion, Scatter, Spread, Systematic};
+pub use systematic::{Found, MOST_REPEATS, Motion, Scatter, Spread, Systematic, apart};

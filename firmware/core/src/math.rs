@@ -4,7 +4,7 @@
 
 use crate::qformat::Term;
 
-/// Square root, within two units in the last place; 0 for what has none.
+/// Square root of a normal number, within two units in the last place; 0 for what has none.
 pub fn sqrt(value: f32) -> f32 {
     if value > 0.0 {
         if value == f32::INFINITY {

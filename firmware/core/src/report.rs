@@ -14,14 +14,14 @@ use crate::feedback::Feedback;
 use crate::fit::{Fit, Knowledge, fit};
 use crate::ldl::UNKNOWNS;
 use crate::line::VELOCITY_BITS;
-use crate::math::{magnitude, single, sqrt, square, term};
+use crate::math::{greater, magnitude, single, sqrt, square, term};
 use crate::noise::Noise;
 use crate::output::Published;
 use crate::plausible;
 use crate::qformat::Term;
 use crate::regime::{self, Assessment, Explained};
 use crate::state::State;
-use crate::systematic::{Found, Motion, Scatter, Spread};
+use crate::systematic::{Found, Motion, Scatter, Spread, apart};
 use crate::trial::Trial;
 
 // Single precision, as everything here.
@@ -208,15 +208,17 @@ impl Active {
         let held = knowledge.updates() / bank_state.whole.updates().max(1) as f32;
         let held = if held < 1.0 { held } else { 1.0 };
         let repeats = 1.0 + (state.repeats() - 1.0) * held;
+        let within = Motion::within(&band, repeats, fitted.friction_in_curvature);
         let motion = Motion {
+            apart: apart(found.gap_m(), within.frequency_squared, acceleration),
             acceleration_squared: acceleration,
             readings: self.readings(bank, knowledge.updates()),
             steady: state.steadiness(),
             reversals_again: state.reversals_again() * square(held),
-            ..Motion::within(&band, found.gap_m(), repeats, fitted.friction_in_curvature)
+            ..within
         };
         let explained = self.explained(noise, &fitted, scales, repeats);
-        let spread = self.scatter(&fitted, scales).in_motion(&motion);
+        let spread = self.scatter(&fitted, scales, &motion).in_motion(&motion);
         let budgets = self.budgets_of(&fitted, &spread, &motion);
         let viscous = Interval { value: fitted.values[1], u95: budgets[1].u95() };
         let moved = spread.moved(&motion);
@@ -236,7 +238,7 @@ impl Active {
         let fit = Fit { friction_in_curvature, curved, ..fit };
         let explained = self.explained(noise, &fit, scales, state.repeats());
         let motion = self.motion_of_all(state, found, recent, bank, &knowledge);
-        let spread = self.scatter(&fit, scales).in_motion(&motion);
+        let spread = self.scatter(&fit, scales, &motion).in_motion(&motion);
         let budgets = recent.assessment.widen(self.budgets_of(&fit, &spread, &motion));
         let law = regime::law(&fit, &explained, noise.differences, found.contact);
         Told { fit, budgets, law }
@@ -251,12 +253,19 @@ impl Active {
         bank: Bank,
         knowledge: &Knowledge,
     ) -> Motion {
+        let scales = &self.bank(state, bank).0.scales;
+        let acceleration = mean_square_acceleration(knowledge, scales);
+        let [_, v, ..] = scales.units;
+        let own = acceleration / (knowledge.mean_square(1) * square(v as f32));
+        let within = Motion::within(&recent.band, state.repeats(), recent.told.fit.friction_in_curvature);
         Motion {
-            acceleration_squared: mean_square_acceleration(knowledge, &self.bank(state, bank).0.scales),
+            // Of the band only the recent one is known.
+            apart: apart(found.gap_m(), greater(own, within.frequency_squared), acceleration),
+            acceleration_squared: acceleration,
             readings: self.readings(bank, knowledge.updates()),
             steady: state.steadiness(),
             reversals_again: state.reversals_again(),
-            ..Motion::within(&recent.band, found.gap_m(), state.repeats(), recent.told.fit.friction_in_curvature)
+            ..within
         }
     }
 
@@ -315,19 +324,27 @@ impl Active {
     }
 
     /// What scatters in a fit.
-    fn scatter(&self, fit: &Fit, scales: &Scales) -> Scatter {
+    fn scatter(&self, fit: &Fit, scales: &Scales, motion: &Motion) -> Scatter {
         let [inertance, ..] = fit.values;
         if fit.is_exact {
             return Scatter::white(inertance, fit.freedom());
         }
         let steps = self.steps_variance(inertance, scales);
         let share = if steps < fit.variance { steps / fit.variance } else { 1.0 };
+        let [_, _, coulomb, _] = fit.values;
+        let places = self.systematic.places(
+            [inertance, coulomb],
+            fit.inertance_error,
+            fit.variance,
+            scales.box_squared,
+            motion.acceleration_squared,
+        );
         Scatter {
             inertance_kg: inertance,
             freedom: fit.freedom(),
             steps_share: [share, share * scales.quantisation_kept],
             frequency_squared: fit.frequency_squared,
-            places: scales.places.map(|place| place * square(fit.errors[0] * fit.values[2] / fit.variance)),
+            places,
         }
     }
 

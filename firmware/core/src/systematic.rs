@@ -1,5 +1,6 @@
 //! What no averaging removes of each parameter: by what the settings state, and by what the motion makes of it.
 
+use crate::active::Signal;
 use crate::budget::{Budget, Source};
 use crate::constants;
 use crate::detail::{Band, Detail};
@@ -29,6 +30,9 @@ const AMPLITUDE: f32 = 0.01234;
 /// Part of the acceleration that a jump of a gap `g` takes whenever it turns, over `g w^2 / a`: `2 / (sqrt(2) pi)` of a tone, 0.40 of a
 /// normal random motion, `w` weighted by the squared acceleration and `a` its rms.
 const GAP: f32 = 0.45;
+/// Force over Coulomb friction under which a reversal is left out, as friction may hold the screw there.
+const MAY_HOLD: f32 = 1.5;
+const CORRELATION_BOXES: f32 = constants::CORRELATION_BOXES as f32;
 
 /// What the settings state, each as the half width of its 95 % interval.
 #[derive(Clone, Copy, Debug)]
@@ -53,6 +57,10 @@ pub struct Systematic {
     damping_n_s_per_m: f32,
     /// The encoder's count \[m\].
     count_m: f32,
+    /// Variance of a reversal's velocity by the counts that the long kernel reads, and the short one \[m^2/s^2\].
+    velocity_squares: [f32; 2],
+    /// How far the long kernel moves a reversal \[s\].
+    reach_s: f32,
 }
 
 /// A parameter as a fit gives it, before what no averaging removes.
@@ -80,9 +88,9 @@ pub struct Scatter {
     pub steps_share: [f32; 2],
     /// Square of the motion's frequency, weighted by the squared velocity, times that of the kernel's box.
     pub frequency_squared: f32,
-    /// Variance of a parameter by the places of the reversals, per squared standard error and per reversal that comes again: by the
-    /// counts that place them, and at most, per mean square of the acceleration.
-    pub places: [f32; 2],
+    /// Variance of a parameter by the places of the reversals, per squared standard error and per reversal that comes again
+    /// ([`Systematic::places`]).
+    pub places: f32,
 }
 
 /// What is known of a run beside the sums that a fit rests on.
@@ -90,8 +98,8 @@ pub struct Scatter {
 pub struct Motion {
     /// How often each stroke has come, sample by sample: 1 where none came again.
     pub repeats: f32,
-    /// Gap that the flanks cross, and the structure with them \[m\]; infinite where it is not known.
-    pub gap_m: f32,
+    /// Part of the structure's mass that its motion across the gap leaves out ([`apart`]).
+    pub apart: f32,
     /// Mean square of the motion's frequency, weighted by the squared acceleration \[rad^2/s^2\].
     pub frequency_squared: f32,
     /// The same, weighted by the squared velocity.
@@ -112,7 +120,7 @@ pub struct Motion {
 impl Scatter {
     /// Of residuals that are taken for white, whatever the motion.
     pub const fn white(inertance_kg: f32, freedom: f32) -> Self {
-        Self { inertance_kg, freedom, steps_share: [0.0; 2], frequency_squared: 0.0, places: [0.0; 2] }
+        Self { inertance_kg, freedom, steps_share: [0.0; 2], frequency_squared: 0.0, places: 0.0 }
     }
 
     /// What it makes of every parameter's error in this motion.
@@ -127,8 +135,7 @@ impl Scatter {
         let steps = of_steps * share;
         let pattern = steps * (motion.held_repeats() - 1.0);
         let tone = motion.steps_in_harmonics(self.frequency_squared) * share * (motion.repeats - 1.0);
-        let [by_counts, at_most] = self.places;
-        let places = greater(lesser(by_counts, at_most * motion.acceleration_squared), 0.0) * motion.reversals_again;
+        let places = self.places * motion.reversals_again;
         Spread {
             inertance_kg: self.inertance_kg,
             freedom: self.freedom,
@@ -175,7 +182,9 @@ impl Motion {
     /// Of a run whose detail and repeats the estimator tells so. Neither the count nor what the force's second derivative does is
     /// among them.
     pub fn of(detail: &Detail, repeats: f32) -> Self {
-        Self::within(&detail.band, detail.contact.gap_m(&detail.backlash), repeats, [0.0; 2])
+        let within = Self::within(&detail.band, repeats, [0.0; 2]);
+        let gap_m = detail.contact.gap_m(&detail.backlash);
+        Self { apart: apart(gap_m, within.frequency_squared, f32::INFINITY), ..within }
     }
 
     /// Times that a pattern of steps adds up in a parameter.
@@ -219,30 +228,16 @@ impl Motion {
         [any, friction, friction, any]
     }
 
-    /// Part of the structure's mass that its motion across the gap leaves out at most: it is there at once whenever the force turns, half
-    /// a gap ahead of the screw and then half a gap behind it.
-    fn apart(&self) -> f32 {
-        if self.gap_m == 0.0 {
-            return 0.0;
-        }
-        let part = GAP * self.gap_m * self.frequency_squared / sqrt(self.acceleration_squared);
-        match part {
-            0.0..1.0 if self.acceleration_squared.is_finite() => part,
-            1.0.. if self.gap_m.is_finite() => 1.0,
-            _ => STRUCTURE_MODEL_U95,
-        }
-    }
-
     /// What the force of so much inertance stretches the contact by, over the screw's own motion, per unit of compliance [N/m].
     fn stretch_per_compliance(&self, inertance_kg: f32) -> f32 {
         magnitude(inertance_kg) * self.frequency_squared
     }
 
-    pub(crate) fn within(band: &Band, gap_m: f32, repeats: f32, friction_in_curvature: [f32; 2]) -> Self {
+    pub(crate) fn within(band: &Band, repeats: f32, friction_in_curvature: [f32; 2]) -> Self {
         let [low, high] = [band.low_hz, band.high_hz].map(|hz| core::f32::consts::TAU * hz);
         Self {
             repeats,
-            gap_m,
+            apart: 0.0,
             frequency_squared: square(high),
             low_squared: square(low),
             acceleration_squared: f32::INFINITY,
@@ -262,6 +257,8 @@ impl Systematic {
             0.0 => constants::UNSTATED_STIFFNESS_U95 * stiffness,
             stated => stated,
         };
+        let Signal { reversal_half_width, sign_half_width, reversal_reach, .. } = settings.signal();
+        let velocity = settings.metres_per_count * settings.sample_rate_hz;
         Self {
             gain: settings.force_gain_u95 as f32,
             lead: settings.lead_u95 as f32,
@@ -277,6 +274,12 @@ impl Systematic {
             },
             damping_n_s_per_m: settings.contact_damping_n_s_per_m as f32,
             count_m: settings.metres_per_count as f32,
+            velocity_squares: [reversal_half_width, sign_half_width].map(|samples| {
+                // The mean of so many velocities less that of as many: readings anywhere within a count each.
+                let samples = f64::from(samples);
+                (velocity * velocity / (6.0 * samples * samples * samples)) as f32
+            }),
+            reach_s: (f64::from(reversal_reach) / settings.sample_rate_hz) as f32,
         }
     }
 
@@ -287,6 +290,28 @@ impl Systematic {
         square(self.skew_s) * late + if bent.is_finite() { square(bent) * curved } else { 0.0 }
     }
 
+    /// Variance of each parameter over its squared standard error by the place of one reversal: friction is wrong by twice itself from
+    /// there to where the screw turns, in which the acceleration is at its greatest. The inertance's standard error is by so much
+    /// variance of the residual in a box of this square length.
+    pub fn places(
+        &self,
+        [inertance, coulomb]: [f32; 2],
+        inertance_error: f32,
+        variance: f32,
+        box_squared: f32,
+        acceleration_squared: f32,
+    ) -> f32 {
+        // As of a tone.
+        let greatest_squared = 2.0 * acceleration_squared;
+        let [long, short] = self.velocity_squares;
+        // One at which friction may hold the screw is left out; one that the short kernel places too far off stays there.
+        let turns_freely = greatest_squared * square(inertance) > square(MAY_HOLD * coulomb);
+        let is_moved = greatest_squared * square(self.reach_s) > 4.0 * short;
+        let part = inertance_error * coulomb / (variance * CORRELATION_BOXES);
+        let places = 4.0 * if is_moved { long } else { short } * square(part) / box_squared;
+        if turns_freely && places.is_finite() { places } else { 0.0 }
+    }
+
     /// Of the inertance, which still holds the structure's mass \[kg\].
     pub fn inertance(&self, found: &Found, spread: &Spread, motion: &Motion) -> Budget {
         let mass = self.structure_mass_kg;
@@ -295,10 +320,12 @@ impl Systematic {
         let stretch = motion.stretch_per_compliance(found.value);
         let bent = mass * stretch * self.compliance_u95_m_per_n;
         let follows = magnitude(1.0 - stretch * self.compliance_m_per_n);
-        let flanks = motion.apart() * mass;
+        let flanks = motion.apart * mass;
         let of_tone = square(found.value) * motion.amplitude_by_counts(self.count_m, spread.kernel);
         let error_squared = square(found.error);
-        let of_tone = together(of_tone, spread.places * error_squared);
+        // Where nothing is known of it, nothing is added.
+        let placed = if spread.places > 0.0 { spread.places * error_squared } else { 0.0 };
+        let of_tone = together(of_tone, placed);
         self.common(found, spread, greater(spread.pattern * error_squared, of_tone))
             .and(Source::Lead, found.value * self.lead)
             .and(Source::Timebase, 2.0 * found.value * self.timebase)
@@ -354,5 +381,20 @@ impl Systematic {
 
 /// Variance of the sum of what the same counts make, of these variances.
 fn together(one: f32, other: f32) -> f32 {
-    one + other + 2.0 * sqrt(one * other)
+    one + other + 2.0 * sqrt(one) * sqrt(other)
+}
+
+/// Part of a structure's mass that a gap leaves out of its motion at most, half of it ahead of the screw while the force pushes one way and
+/// half behind while it pushes the other: 0 where flanks do not part, and 5 % where the gap is infinite, as it is not known, or nothing
+/// of the motion. `frequency_squared` is the motion's, weighted by the squared acceleration, whose mean square is given too.
+pub fn apart(gap_m: f32, frequency_squared: f32, acceleration_squared: f32) -> f32 {
+    if gap_m == 0.0 {
+        return 0.0;
+    }
+    let known = gap_m.is_finite() && frequency_squared > 0.0 && acceleration_squared > 0.0;
+    if known && acceleration_squared.is_finite() {
+        lesser(1.0, GAP * gap_m * frequency_squared / sqrt(acceleration_squared))
+    } else {
+        STRUCTURE_MODEL_U95
+    }
 }

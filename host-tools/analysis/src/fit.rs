@@ -239,19 +239,36 @@ impl Products {
             solution.error_square =
                 solution.error_square.max((greatest_n / f64::from(NORMAL_COVERAGE)).powi(2) * self.updates);
         } else {
-            self.weigh_steps(&mut solution, inertance_kg, settings);
+            self.weigh_steps(&mut solution, regressors, settings);
         }
         self.correct_for_steps(&mut solution, inertance_kg, settings)?;
         Ok(solution)
     }
 
     /// What part the encoder's steps have in what scatters.
-    fn weigh_steps<const N: usize>(&self, solution: &mut Solution<N>, inertance_kg: f64, settings: &Settings) {
+    fn weigh_steps<const N: usize>(&self, solution: &mut Solution<N>, regressors: [usize; N], settings: &Settings) {
+        let of =
+            |wanted: usize| regressors.iter().position(|place| *place == wanted).map_or(0.0, |at| solution.values[at]);
+        let (inertance_kg, coulomb_n) = (of(ACCELERATION), of(SIGN));
         let steps_square = self.steps_square(settings);
         let share = (inertance_kg.powi(2) * steps_square / solution.residual_square).min(1.0);
-        let rate_square = (self.mean_square(ACCELERATION) - steps_square).max(0.0) / self.mean_square(VELOCITY);
+        let acceleration_square = (self.mean_square(ACCELERATION) - steps_square).max(0.0);
+        let rate_square = acceleration_square / self.mean_square(VELOCITY);
+        let box_square = self.box_s(settings).powi(2);
+        let inertance_error = solution
+            .inverse
+            .first()
+            .and_then(|row| row.first())
+            .map_or(0.0, |inverse| (inverse * solution.error_square).max(0.0).sqrt());
+        solution.scatter.places = Systematic::of(settings).places(
+            [inertance_kg as f32, coulomb_n as f32],
+            inertance_error as f32,
+            solution.residual_square as f32,
+            box_square as f32,
+            acceleration_square as f32,
+        );
         solution.scatter.steps_share = [share as f32, (share * settings.oversampling.recip()) as f32];
-        solution.scatter.frequency_squared = (rate_square * self.box_s(settings).powi(2)) as f32;
+        solution.scatter.frequency_squared = (rate_square * box_square) as f32;
     }
 
     /// Gives back what the encoder's steps take; fails where they are most of the acceleration.

@@ -1,6 +1,8 @@
 //! The law and what was found, fitted together at last: sizes and parameters with their intervals.
 
-use inerter_core::{Detail, Found as Estimated, Motion, NORMAL_COVERAGE, Parameters, Scatter, Settings, constants};
+use inerter_core::{
+    Detail, Found as Estimated, Motion, NORMAL_COVERAGE, Parameters, Scatter, Settings, apart, constants,
+};
 
 use super::{
     candidate::Encoder,
@@ -141,7 +143,12 @@ fn corrected(rows: &Rows, settings: &Settings, detail: &Detail, law: &Model, err
     });
     // What breaks the law is in the fit, and steps that repeat are in its errors.
     let friction_in_curvature = [1, 2].map(|i| of_curvature.get(i).copied().unwrap_or_default() as f32);
-    let beside = Beside { motion: Motion { friction_in_curvature, ..Motion::of(detail, 1.0) }, model_u95: [0.0; 4] };
+    let motion = Motion::of(detail, 1.0);
+    let [accelerations, ..] = &rows.base;
+    let square = accelerations.iter().map(|a| a * a).sum::<f64>() / accelerations.len() as f64;
+    let gap_m = detail.contact.gap_m(&detail.backlash);
+    let apart = apart(gap_m, motion.frequency_squared, (square - rows.filter.acceleration_square) as f32);
+    let beside = Beside { motion: Motion { friction_in_curvature, apart, ..motion }, model_u95: [0.0; 4] };
     let scatter = Scatter::white(law.value(0) as f32, law.freedom(0) as f32);
     Some(Judge { settings, beside: &beside, scatter }.four(found))
 }

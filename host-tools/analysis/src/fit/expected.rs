@@ -73,7 +73,7 @@ impl Products {
         solution.values = law;
         solution.scatter.inertance_kg = inertance_kg as f32;
         solution.rest_on(times * self.explained(inertance_kg, force_noise_n, settings));
-        self.weigh_steps(&mut solution, inertance_kg, settings);
+        self.weigh_steps(&mut solution, LAW, settings);
         if self.correct_for_steps(&mut solution, inertance_kg, settings).is_err() {
             let [of_inertance, ..] = &mut solution.steps;
             *of_inertance = f64::INFINITY;

@@ -320,7 +320,7 @@ fn calibration(expected: &Expected, want: &Want) -> f64 {
     let scatter = Scatter::white(value as f32, f32::INFINITY);
     let motion = Motion {
         repeats: 1.0,
-        gap_m: 0.0,
+        apart: 0.0,
         frequency_squared: 0.0,
         low_squared: 0.0,
         acceleration_squared: f32::INFINITY,

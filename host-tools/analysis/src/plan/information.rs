@@ -31,10 +31,12 @@ pub(super) struct Together {
     products: [Products; 2],
     /// Those away from rest.
     away: [Option<Products>; 2],
-    /// Gap that the flanks cross \[m\]; infinite where it is not known.
-    gap_m: f64,
+    /// Part of the structure's mass that its motion across a gap leaves out.
+    apart: f64,
     /// How often each stroke came.
     repeats: f64,
+    /// Reversals, each as often as its stroke has come again.
+    reversals_again: f64,
     /// Part of the strokes that are as long as the one before.
     steady: f64,
     /// Mean squares of the motion's frequency, weighted by the squared acceleration and velocity \[rad^2/s^2\].
@@ -56,7 +58,7 @@ pub(super) struct Told {
 impl Information {
     /// All that was seen in so many seconds of samples.
     pub fn of(seen: Seen, seconds: f64) -> Self {
-        let all = Together { repeats: 1.0, ..Together::of(&seen) }.times(1.0 / seconds);
+        let all = Together { repeats: 1.0, reversals_again: 0.0, ..Together::of(&seen) }.times(1.0 / seconds);
         Self { all, speeds: seen.speeds.map(|speeds| speeds.times(1.0 / seconds).accumulated()) }
     }
 
@@ -70,12 +72,21 @@ impl Together {
     /// All that was seen.
     pub fn of(seen: &Seen) -> Self {
         // The acceleration is among the products.
-        let Motion { repeats, gap_m, frequency_squared, low_squared, friction_in_curvature, steady, .. } =
-            seen.outcome.motion;
+        let Motion {
+            repeats,
+            apart,
+            reversals_again,
+            frequency_squared,
+            low_squared,
+            friction_in_curvature,
+            steady,
+            ..
+        } = seen.outcome.motion;
         Self {
             products: seen.products,
             away: [None; 2],
-            gap_m: gap_m.into(),
+            apart: apart.into(),
+            reversals_again: reversals_again.into(),
             repeats: repeats.into(),
             steady: steady.into(),
             squares: [frequency_squared.into(), low_squared.into()],
@@ -99,6 +110,7 @@ impl Together {
     /// So many times as much of the same.
     pub fn times(mut self, factor: f64) -> Self {
         self.products = self.products.map(|products| products.times(factor));
+        self.reversals_again *= factor;
         self.away = self.away.map(|away| away.map(|products| products.times(factor)));
         self
     }
@@ -119,7 +131,8 @@ impl Together {
         Self {
             products: std::array::from_fn(|bank| self.products[bank].and(&other.products[bank])),
             away: [None; 2],
-            gap_m: self.gap_m.max(other.gap_m),
+            apart: by_length(self.apart, other.apart, 0.0),
+            reversals_again: self.reversals_again + other.reversals_again,
             repeats: by_length(self.repeats, other.repeats, 1.0),
             steady: by_length(self.steady, other.steady, 0.0),
             squares: [mean(0), mean(1)],
@@ -177,13 +190,13 @@ impl Together {
         let [acceleration, _] = self.products[place].mean_squares();
         let motion = Motion {
             repeats: self.repeats as f32,
-            gap_m: self.gap_m as f32,
+            apart: self.apart as f32,
             frequency_squared: self.squares[0] as f32,
             low_squared: self.squares[1] as f32,
             acceleration_squared: (acceleration - self.products[place].steps_square(settings)) as f32,
             readings: self.products[place].readings(settings) as f32,
             steady: self.steady as f32,
-            reversals_again: 0.0,
+            reversals_again: self.reversals_again as f32,
             friction_in_curvature: self.friction_in_curvature.map(|taken| taken as f32),
         };
         let spread = solution.scatter.in_motion(&motion);
