@@ -2,7 +2,8 @@
 
 use crate::backlash::active::BacklashActive;
 use crate::constants::{
-    BOXES_VARIANCE, FAST_BOX_S, LONGEST_SPACING, REST_COUNTS, REST_WINDOW_S, SIGN_KERNEL_S, SLOW_BOX_S, UPDATES_PER_BOX,
+    BOXES_VARIANCE, FAST_BOX_S, LONGEST_SPACING, REST_COUNTS, REST_WINDOW_S, REVERSAL_KERNEL_S, REVERSAL_REACH_S,
+    SIGN_KERNEL_S, SLOW_BOX_S, UPDATES_PER_BOX,
 };
 use crate::gate::BLOCKS;
 use crate::kernel::{MORE_REGRESSORS, Normaliser, REGRESSORS};
@@ -15,11 +16,6 @@ use crate::systematic::Systematic;
 
 /// Encoder travel in one sample at full scale [counts / oversampling]: keeps the comb of the velocity within 64 bits.
 const GREATEST_TRAVEL: f64 = 64e6;
-/// Half width of the triangular kernel that locates a reversal anew once its surroundings are known [s]: 5 ms leaves
-/// a scatter of the inertance at 3.2 Hz of 3 times what the force noise does, 15 ms of 1.8 times, 22 ms of 1.7 times.
-const REVERSAL_KERNEL_S: f64 = 0.015;
-/// How far the zero may lie from where the short kernel saw it [s]: other reversals come as close as twice that.
-const REVERSAL_REACH_S: f64 = 0.002;
 /// Encoder counts across the window under which a weak reversal is grazing.
 const GRAZING_COUNTS: f64 = 4.0;
 
@@ -170,7 +166,7 @@ impl Settings {
         })
     }
 
-    pub(crate) fn signal(&self) -> Signal {
+    fn signal(&self) -> Signal {
         let rate = self.sample_rate_hz;
         let per_metre = self.codes_per_metre();
         let rest_block = rounded(rate * REST_WINDOW_S / BLOCKS as f64).max(1.0);

@@ -1,6 +1,5 @@
 //! What no averaging removes of each parameter: by what the settings state, and by what the motion makes of it.
 
-use crate::active::Signal;
 use crate::budget::{Budget, Source};
 use crate::constants;
 use crate::detail::{Band, Detail};
@@ -257,8 +256,6 @@ impl Systematic {
             0.0 => constants::UNSTATED_STIFFNESS_U95 * stiffness,
             stated => stated,
         };
-        let Signal { reversal_half_width, sign_half_width, reversal_reach, .. } = settings.signal();
-        let velocity = settings.metres_per_count * settings.sample_rate_hz;
         Self {
             gain: settings.force_gain_u95 as f32,
             lead: settings.lead_u95 as f32,
@@ -274,12 +271,12 @@ impl Systematic {
             },
             damping_n_s_per_m: settings.contact_damping_n_s_per_m as f32,
             count_m: settings.metres_per_count as f32,
-            velocity_squares: [reversal_half_width, sign_half_width].map(|samples| {
-                // The mean of so many velocities less that of as many: readings anywhere within a count each.
-                let samples = f64::from(samples);
-                (velocity * velocity / (6.0 * samples * samples * samples)) as f32
+            // The mean of the positions behind less that of those before: readings anywhere within a count each.
+            velocity_squares: [constants::REVERSAL_KERNEL_S, constants::SIGN_KERNEL_S].map(|half_width_s| {
+                let cubed = half_width_s * half_width_s * half_width_s;
+                (settings.metres_per_count * settings.metres_per_count / (6.0 * cubed * settings.sample_rate_hz)) as f32
             }),
-            reach_s: (f64::from(reversal_reach) / settings.sample_rate_hz) as f32,
+            reach_s: constants::REVERSAL_REACH_S as f32,
         }
     }
 
