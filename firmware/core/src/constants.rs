@@ -46,10 +46,10 @@ pub const SIGN_TAPS: [f64; 3] = [1.0, 22.0, 1.0];
 
 /// Half width of the triangular kernel of the sign \[s\]: shorter ones are noisy, longer ones lean on the correction.
 pub const SIGN_KERNEL_S: f64 = 0.005;
-/// Half width of the triangular kernel that locates a reversal anew once its surroundings are known [s]: 5 ms leaves
+/// Half width of the triangular kernel that locates a reversal anew once its surroundings are known \[s\]: 5 ms leaves
 /// a scatter of the inertance at 3.2 Hz of 3 times what the force noise does, 15 ms of 1.8 times, 22 ms of 1.7 times.
 pub const REVERSAL_KERNEL_S: f64 = 0.015;
-/// How far the zero may lie from where the short kernel saw it [s]: other reversals come as close as twice that.
+/// How far the zero may lie from where the short kernel saw it \[s\]: other reversals come as close as twice that.
 pub const REVERSAL_REACH_S: f64 = 0.002;
 /// Window in which standing still is decided \[s\].
 pub const REST_WINDOW_S: f64 = 0.024;
