@@ -30,8 +30,8 @@ pub fn square(value: f32) -> f32 {
     value * value
 }
 
-/// `value` within two units in the last place, by words: a Cortex-M4F converts those itself.
-#[inline]
+/// `value` within two units in the last place, by words: a Cortex-M4F converts those itself. Its many callers have no flash for copies.
+#[inline(never)]
 pub fn single(value: i64) -> f32 {
     // The lower word with a sign, which the upper one makes up for: a small negative value is its lower word alone.
     let lower = value as i32;
