@@ -161,7 +161,6 @@ fn a_slow_tone_of_the_same_clock_breaks_no_law_and_is_within_its_intervals() {
         let part = off.iter().filter(|off| off.abs() < 1.0).count() as f64 / off.len() as f64;
         let rms = (off.iter().map(|off| off * off).sum::<f64>() / off.len() as f64).sqrt();
         let what = format!("{metres_per_count} m: {broken} broken, {part} of {} within, rms {rms}", off.len());
-        println!("{what}");
         assert!(broken == 0 && off.len() > 400 && part > 0.92 && (0.25..0.65).contains(&rms), "{what}");
     }
 }
