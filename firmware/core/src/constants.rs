@@ -10,6 +10,18 @@ pub const WIDEST_INTERVAL: f64 = 0.5;
 pub const EXACT: f64 = 0.25;
 /// Variance of the rounding to a whole number.
 pub const ROUNDING: f64 = 1.0 / 12.0;
+/// Lower quartile, median and upper quartile of the magnitude of normal noise's fourth differences, per its rms: 0.3186, 0.6745 and
+/// 1.1503 times the root of 70.
+pub const QUARTILES: [f64; 3] = [2.666, 5.643, 9.624];
+/// Least noise whose absence can be told from the rounding \[codes, rms\].
+pub const LEAST_NOISE: f64 = 0.7;
+/// Codes that count as piled up lie within half the noise's rms of the extreme, those they are compared with within so many
+/// times as much.
+pub const PILED_WITHIN: i32 = 16;
+/// Codes within which a force stands still.
+pub const STILL_CODES: u32 = 2;
+/// Reversals of the screw that no force leaves without a trace.
+pub const DEAD_REVERSALS: u8 = 6;
 /// Variance of white noise through four boxes, times their length: the cubic B-spline's autocorrelation at 0.
 pub const BOXES_VARIANCE: f64 = 151.0 / 315.0;
 /// Times that a parameter moves by beyond chance between the fit to all and the one away from rest, which it may be wrong by.

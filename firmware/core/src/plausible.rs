@@ -9,6 +9,7 @@
 //!
 //! Samples that fail a gate are left out; where the gate needed a while to see it, the memories begin anew.
 
+use crate::constants::{DEAD_REVERSALS, PILED_WITHIN, STILL_CODES};
 use crate::detail::{Warning, WarningKind};
 use crate::qformat::Term;
 use crate::sign::ONE;
@@ -17,22 +18,13 @@ use crate::sign::ONE;
 pub(crate) const SLIP_COUNTS: f64 = 3.0;
 /// Room for the force that was not sampled, and for its delay.
 pub(crate) const SLIP_FACTOR: f64 = 2.0;
-/// Least noise [codes, rms] whose absence can be told from the rounding.
-pub(crate) const LEAST_NOISE: f32 = 0.7;
-/// Codes that count as piled up lie within half the noise's rms of the extreme, those they are compared with within 16 times
-/// as much.
-const WIDE: i32 = 16;
 /// Piled-up codes that tell something, and the part of the others that they must be.
 const FEWEST: u32 = 64;
 const PILED_PART: u32 = 2;
 /// Every so many samples the force is looked at.
 const LOOK: u8 = 4;
-/// Codes within which a force stands still.
-const STILL: u32 = 2;
 /// Looks after which it does.
 const STILL_LOOKS: u8 = 2;
-/// Reversals of the screw that no force leaves without a trace.
-const REVERSALS: u8 = 6;
 /// Estimates without the same cause until it is told again.
 const QUIET: u8 = 10;
 
@@ -66,7 +58,7 @@ impl Extreme {
             self.greatest = code;
         }
         let below = -above.min(0);
-        if below >= resolution * WIDE {
+        if below >= resolution * PILED_WITHIN {
             return false;
         }
         self.wide = self.wide.saturating_add(1);
@@ -152,7 +144,7 @@ impl Plausible {
             doubt.since_a_while = self.look(force);
         }
         let is_clipped = self.high.room | self.low.room != 0 && self.is_clipped(force);
-        doubt.no_force = is_clipped || self.reversals >= REVERSALS;
+        doubt.no_force = is_clipped || self.reversals >= DEAD_REVERSALS;
         // A force that stands still may be none.
         if bent > self.bend.0
             && self.known == 3
@@ -172,7 +164,7 @@ impl Plausible {
     fn look(&mut self, force: i32) -> bool {
         self.strongest = self.strongest.max(force.unsigned_abs());
         self.still_looks = self.still_looks.saturating_add(1);
-        if force.abs_diff(self.still_at) > STILL {
+        if force.abs_diff(self.still_at) > STILL_CODES {
             (self.still_at, self.still_looks, self.reversals) = (force, 0, 0);
         }
         self.resolution > 0 && self.is_clipped_now(force)
@@ -195,7 +187,7 @@ impl Plausible {
         let resolution = self.resolution;
         if self.high.push(force, resolution) | self.low.push(force.saturating_neg(), resolution) {
             // A force that hardly changes has no extremes.
-            if self.high.greatest.saturating_add(self.low.greatest) > 2 * WIDE * resolution {
+            if self.high.greatest.saturating_add(self.low.greatest) > 2 * PILED_WITHIN * resolution {
                 self.warn(WarningKind::ClippedForce);
                 return true;
             }
@@ -211,7 +203,7 @@ impl Plausible {
         }
         self.sign = sign;
         self.reversals = self.reversals.saturating_add(1);
-        let dead = self.reversals == REVERSALS;
+        let dead = self.reversals == DEAD_REVERSALS;
         if dead {
             self.warn(WarningKind::DeadForce);
         }

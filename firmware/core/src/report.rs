@@ -17,7 +17,6 @@ use crate::line::VELOCITY_BITS;
 use crate::math::{greater, magnitude, single, sqrt, square, term};
 use crate::noise::Noise;
 use crate::output::Published;
-use crate::plausible;
 use crate::qformat::Term;
 use crate::regime::{self, Assessment, Explained};
 use crate::state::State;
@@ -32,10 +31,10 @@ const CLEAR_OF_STEPS: f32 = constants::CLEAR_OF_STEPS as f32;
 /// Of the whole run only: changes are judged by one bank, and a live estimate that turns from one to the other shows them later.
 const AMONG_STEPS: f32 = 500.0;
 const SMOOTHED: f32 = 0.1;
-/// Quartile of the force's fourth differences, per rms of its noise: 0.3186 by normal noise, times the root of 70.
-const QUARTILE: f32 = 2.666;
-/// The same of the median and the upper quartile: 0.6745 and 1.1503 times the root of 70.
-const QUARTILES: [(u32, f32); 3] = [(1, QUARTILE), (2, 5.643), (3, 9.624)];
+/// Quartiles of the force's fourth differences with what they are per rms of its noise; the lower one by itself.
+const QUARTILES: [(u32, f32); 3] =
+    [(1, QUARTILE), (2, constants::QUARTILES[1] as f32), (3, constants::QUARTILES[2] as f32)];
+const QUARTILE: f32 = constants::QUARTILES[0] as f32;
 /// Variance of the steps of the force [codes^2].
 const STEPS: f32 = constants::ROUNDING as f32;
 /// Part of Coulomb friction within which its interval must lie before reversals are placed by it.
@@ -172,7 +171,7 @@ impl Active {
     /// The force's noise [codes, rms] between the samples that are clipped, if any are: they have none.
     pub(crate) fn noise_beside_clipped(&self, noise: &Noise) -> Option<f32> {
         let rms = |(quarters, per_rms)| noise_by(noise, quarters, per_rms);
-        QUARTILES.into_iter().filter_map(rms).find(|rms| *rms >= plausible::LEAST_NOISE)
+        QUARTILES.into_iter().filter_map(rms).find(|rms| *rms >= constants::LEAST_NOISE as f32)
     }
 
     /// What force noise, encoder steps, a skew and a stiffness within their intervals explain of the residual.

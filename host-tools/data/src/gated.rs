@@ -6,23 +6,17 @@
 //! - *Dead force*: the code stands still while the screw goes to and fro. Then it is none wherever it stands still.
 //! - *Slipped counts*: the position bends by as much as where the estimator said so. No sample is lost; the stretch ends there.
 
-use inerter_core::{RawSample, Warning, WarningKind};
+use inerter_core::{
+    RawSample, Warning, WarningKind,
+    constants::{DEAD_REVERSALS, LEAST_NOISE, PILED_WITHIN, QUARTILES, STILL_CODES},
+};
 
 use crate::{run::Run, series::Series};
 
-/// Quarters of the fourth differences that are tried, and what they are of white noise, per its rms.
-const QUARTILES: [(usize, f64); 3] = [(1, 2.666), (2, 5.643), (3, 9.624)];
-/// Least noise whose absence can be told from the rounding \[codes, rms\].
-const LEAST_NOISE: f64 = 0.7;
-/// Codes within half the noise's rms of the extreme have piled up where they are so many, and more than half of those that are
-/// within so many times as much.
+/// Codes near the extreme have piled up where they are so many, and more than half of those they are compared with.
 const FEWEST: usize = 16;
-const WIDE: i64 = 16;
 /// Noise by which a clipped force is left out below the extreme, in rms: of what lies nearer, one side is cut off.
 const CUT_OFF: f64 = 3.0;
-/// Codes within which a force stands still, and reversals of the screw that no force leaves without a trace.
-const STILL: u32 = 2;
-const REVERSALS: usize = 6;
 /// Counts that the screw must go to have reversed.
 const REVERSED_COUNTS: f64 = 4.0;
 /// Time for which no live force stands still in motion \[s\].
@@ -96,15 +90,16 @@ fn clipped(run: &Run) -> Option<Within> {
         .collect();
     let noise = noise(&codes)?;
     let resolution = ((0.5 * noise) as i64).max(1);
+    let wide = i64::from(PILED_WITHIN) * resolution;
     let (greatest, least) = (codes.iter().max()?, codes.iter().min()?);
     // A force that hardly changes has no extremes.
-    if greatest - least <= 2 * WIDE * resolution {
+    if greatest - least <= 2 * wide {
         return None;
     }
     let piled = |below: &dyn Fn(i64) -> i64| {
         let within = |width: i64| codes.iter().filter(|code| below(**code) < width).count();
         let near = within(resolution);
-        near >= FEWEST && 2 * near > within(WIDE * resolution)
+        near >= FEWEST && 2 * near > within(wide)
     };
     let [high, low] = [piled(&|code| greatest - code), piled(&|code| code - least)];
     let below = if high { *greatest as f64 - CUT_OFF * noise } else { f64::INFINITY };
@@ -121,9 +116,9 @@ fn noise(codes: &[i64]) -> Option<f64> {
     let mut differences: Vec<i64> = differences.collect();
     differences.sort_unstable();
     let rms = |(quarters, per_rms): (usize, f64)| {
-        differences.get(differences.len() * quarters / 4).map(|magnitude| *magnitude as f64 / per_rms)
+        differences.get(differences.len() * (quarters + 1) / 4).map(|magnitude| *magnitude as f64 / per_rms)
     };
-    QUARTILES.into_iter().filter_map(rms).find(|rms| *rms >= LEAST_NOISE)
+    QUARTILES.into_iter().enumerate().filter_map(rms).find(|rms| *rms >= LEAST_NOISE)
 }
 
 /// In which samples the force is dead; none where it nowhere is, unless the estimator said so.
@@ -135,10 +130,10 @@ fn dead(run: &Run, is_told: bool) -> Vec<bool> {
     let (mut dead, mut is_dead, mut from) = (vec![false; samples.len()], is_told, 0);
     while let Some(first) = samples.get(from) {
         let rest = samples.get(from..).unwrap_or_default();
-        let still = rest.iter().take_while(|sample| sample.force_code.abs_diff(first.force_code) <= STILL);
+        let still = rest.iter().take_while(|sample| sample.force_code.abs_diff(first.force_code) <= STILL_CODES);
         let length = still.clone().count();
         if length >= longest {
-            is_dead |= reversals(still, reversed) >= REVERSALS;
+            is_dead |= reversals(still, reversed) >= usize::from(DEAD_REVERSALS);
             dead.iter_mut().skip(from).take(length).for_each(|dead| *dead = true);
         }
         from += length.max(1);

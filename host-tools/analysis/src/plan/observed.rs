@@ -2,7 +2,7 @@
 
 use std::{collections::VecDeque, f64::consts::TAU};
 
-use inerter_core::constants::ROUNDING;
+use inerter_core::constants::{QUARTILES, ROUNDING};
 use inerter_core::{BacklashSize, Interval, Parameter, RawSample, Settings};
 use inerter_data::replay::Outcome;
 use inerter_plant::Inerter;
@@ -11,8 +11,6 @@ use super::{error::PlanError, expected::Expected, limits::Limits};
 
 /// Time over which a speed is told \[s\]: half a box.
 const SPEED_S: f64 = 0.008;
-/// Lower quartile of the force's fourth differences, per rms of its white noise (docs/THEORY.md, 6).
-const QUARTILE: f64 = 2.666;
 /// Fourth differences that are kept: when there are more, every second one goes.
 const MOST_DIFFERENCES: usize = 4096;
 /// Shortest and longest motion that is planned by a run \[s\].
@@ -109,7 +107,7 @@ impl Reach {
     fn noise_n(&self) -> f64 {
         let mut differences = self.differences.clone();
         differences.sort_by(f64::total_cmp);
-        let codes = differences.get(differences.len() / 4).map_or(0.0, |quartile| quartile / QUARTILE);
+        let codes = differences.get(differences.len() / 4).map_or(0.0, |quartile| quartile / QUARTILES[0]);
         // Rounding is not what a rehearsal takes for noise.
         (codes * codes - ROUNDING).max(0.0).sqrt() * self.settings.newtons_per_code.abs()
     }
