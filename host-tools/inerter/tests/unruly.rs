@@ -11,7 +11,7 @@ mod terminal;
 #[path = "common/unruly.rs"]
 mod unruly;
 
-use std::{io::Read, path::Path, thread, time::Duration};
+use std::{io::Read, path::Path, sync::Mutex, thread, time::Duration};
 
 use common::{all_are_tried, inerter};
 use inerter_data::settings::Overrides;
@@ -23,6 +23,8 @@ use unruly::{COMMANDS, MANNERS, Manner, Unruly, Visit, prepared};
 
 /// Of all pairs of a command and a manner one in so many is tried here; `cargo xtask chaos unruly` tries them all.
 const ONE_IN: usize = 7;
+/// Visits at the same time.
+const AT_ONCE: usize = 40;
 /// More than any command holds at a device that says all it can \[kB\].
 const MOST_KB: u64 = 64_000;
 
@@ -31,17 +33,21 @@ fn every_command_that_talks_to_a_device_is_tried() {
     all_are_tried(COMMANDS, |help| help.contains("--connect <HOST:PORT>"));
 }
 
-/// Does something with pairs of a command and a device, ten at a time. Each command and each manner is among them.
+/// Does something with pairs of a command and a device, many at a time, as most of them wait. Each command and each manner is among
+/// them.
 fn each(first: usize, act: impl Fn(&Path, &[&str], Manner) + Sync) {
     let pairs: Vec<_> =
         MANNERS.iter().flat_map(|manner| COMMANDS.iter().map(move |command| (*command, *manner))).collect();
     let pairs: Vec<_> = pairs.into_iter().skip(first).step_by(ONE_IN).collect();
+    let pairs = Mutex::new(pairs.into_iter());
+    let next = || pairs.lock().unwrap().next();
     thread::scope(|scope| {
-        for part in pairs.chunks(pairs.len().div_ceil(10)) {
-            let act = &act;
-            scope.spawn(move || {
+        for _ in 0..AT_ONCE {
+            scope.spawn(|| {
                 let folder = prepared();
-                part.iter().for_each(|(command, manner)| act(folder.path(), command, *manner));
+                while let Some((command, manner)) = next() {
+                    act(folder.path(), command, manner);
+                }
             });
         }
     });
