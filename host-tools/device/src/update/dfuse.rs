@@ -87,6 +87,11 @@ impl<'a, Io: DfuIo<Read = usize, Write = usize, Error: Display>> Rom<'a, Io> {
         Self { io, sleep, broken: false }
     }
 
+    /// Whether the firmware that is there is whole: none was erased, or all is written.
+    pub fn is_whole(&self) -> bool {
+        !self.broken
+    }
+
     /// Writes the image, reads it back, and starts it. `progress` hears the pages done of all; what it answers counts
     /// between two pages.
     pub fn program(

@@ -18,6 +18,8 @@ use inerter_wire::Hello;
 
 /// Longest time for a device to come back as another one: Windows takes seconds the first time (s).
 const RETURN_S: u64 = 15;
+/// The same where somebody wants to end (s).
+const SOON_S: u64 = 3;
 /// Time between two looks for it.
 const LOOK: Duration = Duration::from_millis(250);
 /// Attempts to lead a device out of update mode.
@@ -50,25 +52,55 @@ pub fn update<M: Machine>(
 ) -> Result<Back, UpdateError> {
     let device = match machine.running()? {
         Some(running) => {
-            let board = running.hello.board.as_str();
             let _ = tell(UpdateEvent::Found(&running));
-            if board != image.identity.board && !other_board {
-                let image = image.identity.board.clone();
-                return Err(UpdateError::OtherBoard { image, device: board.into() });
-            }
-            if !running.hello.capabilities.contains(inerter_wire::Capabilities::DFU) {
-                let firmware = running.hello.firmware.to_string();
-                return Err(UpdateError::CannotEnter { name: running.name, firmware });
-            }
-            if let Some(kb) = running.hello.capabilities.flash_kb().filter(|kb| *kb < FLASH_KB) {
-                return Err(UpdateError::SmallFlash { kb: kb.into() });
-            }
+            check_running(&running, image, other_board)?;
             let _ = tell(UpdateEvent::Entering);
-            machine.enter_dfu()?;
-            wait_for_dfu(machine, &running.hello.serial, Heeds::Interruptions)?
+            let serial = &running.hello.serial;
+            let mut is_whole = true;
+            let written = machine
+                .enter_dfu()
+                .and_then(|()| wait_for_dfu(machine, serial, Heeds::Interruptions, RETURN_S))
+                .and_then(|device| write(machine, image, device, &mut is_whole, tell));
+            match written {
+                Err(error) if is_whole => return Err(given_up(machine, serial, error)),
+                written => written?,
+            }
         }
-        None => only_one(machine.in_dfu()?, serial)?,
+        None => {
+            let device = only_one(machine.in_dfu()?, serial)?;
+            write(machine, image, device, &mut true, tell)?
+        }
     };
+    let _ = tell(UpdateEvent::Returning);
+    confirm(machine, &image.identity, &device.serial)
+}
+
+/// Fails where a device that runs does not take the image.
+fn check_running(running: &Running, image: &Image, other_board: bool) -> Result<(), UpdateError> {
+    let Running { name, hello } = running;
+    let board = hello.board.as_str();
+    if board != image.identity.board && !other_board {
+        let image = image.identity.board.clone();
+        return Err(UpdateError::OtherBoard { image, device: board.into() });
+    }
+    if !hello.capabilities.contains(inerter_wire::Capabilities::DFU) {
+        return Err(UpdateError::CannotEnter { name: name.clone(), firmware: hello.firmware.to_string() });
+    }
+    match hello.capabilities.flash_kb() {
+        Some(kb) if kb < FLASH_KB => Err(UpdateError::SmallFlash { kb: kb.into() }),
+        _ => Ok(()),
+    }
+}
+
+/// Writes the image to a device in update mode and starts it. `is_whole` says whether the firmware that was there before is whole
+/// where this fails.
+fn write<M: Machine>(
+    machine: &mut M,
+    image: &Image,
+    device: DfuDevice,
+    is_whole: &mut bool,
+    tell: &mut dyn FnMut(UpdateEvent) -> Going,
+) -> Result<DfuDevice, UpdateError> {
     let _ = tell(UpdateEvent::InDfu(&device));
     let io = open(machine, &device, Heeds::Interruptions)?;
     let mut sleep = |time| {
@@ -76,10 +108,35 @@ pub fn update<M: Machine>(
         if machine.check_interrupted().is_ok() { Going::On } else { Going::Stop }
     };
     let mut progress = |stage, done, all| tell(UpdateEvent::Pages(stage, done, all));
-    dfuse::Rom::new(&io, &mut sleep).program(image, &mut progress)?;
-    drop(io);
-    let _ = tell(UpdateEvent::Returning);
-    confirm(machine, &image.identity, &device.serial)
+    let mut rom = dfuse::Rom::new(&io, &mut sleep);
+    let written = rom.program(image, &mut progress);
+    *is_whole = rom.is_whole();
+    written.map(|()| device)
+}
+
+/// Leads a device back that was told to enter update mode, of whose firmware nothing was erased: somebody interrupted that, or the
+/// chip turned out to be another. Gives what to tell.
+fn given_up<M: Machine>(machine: &mut M, serial: &str, error: UpdateError) -> UpdateError {
+    let stays =
+        |reason: UpdateError| UpdateError::StaysInDfu { serial: serial.to_string(), reason: reason.to_string() };
+    match error {
+        UpdateError::Device(DeviceError::Interrupted) => {
+            let device = wait_for_dfu(machine, serial, Heeds::Nothing, SOON_S);
+            match device.and_then(|device| lead_back(machine, &device, SOON_S)) {
+                Ok(()) => error,
+                Err(reason) => stays(reason),
+            }
+        }
+        UpdateError::OtherChip { .. } | UpdateError::SmallFlash { .. } | UpdateError::SingleBank { .. } => {
+            // What is wrong with the chip says more than that it stayed there.
+            let devices = machine.in_dfu().unwrap_or_default();
+            if let Some(device) = devices.iter().find(|device| device.serial == serial) {
+                let _ = lead_back(machine, device, RETURN_S);
+            }
+            error
+        }
+        error => error,
+    }
 }
 
 /// Into update mode and back, without writing anything. `enter` tells the device to go there; else somebody leads it there by
@@ -99,9 +156,9 @@ pub fn visit<M: Machine>(machine: &mut M, running: &Hello, enter: bool) -> Resul
         }
     }
     let heeds = if enter { Heeds::Nothing } else { Heeds::Interruptions };
-    let device = wait_for_dfu(machine, &running.serial, heeds);
+    let device = wait_for_dfu(machine, &running.serial, heeds, RETURN_S);
     let device = if enter { device.map_err(stays)? } else { device? };
-    lead_back(machine, &device).map_err(stays)?;
+    lead_back(machine, &device, RETURN_S).map_err(stays)?;
     match confirm(machine, &Identity::from(running), &device.serial) {
         Err(UpdateError::NotBack { serial, seconds, reason, .. }) => {
             let reason = format!("it did not come back within {seconds} s: {reason}");
@@ -111,19 +168,31 @@ pub fn visit<M: Machine>(machine: &mut M, running: &Hello, enter: bool) -> Resul
     }
 }
 
-/// Lets a device in update mode start its firmware. What fails is tried again while the device is there.
-fn lead_back<M: Machine>(machine: &mut M, device: &DfuDevice) -> Result<(), UpdateError> {
-    let once = |machine: &mut M| {
+/// Lets a device in update mode start its firmware, which takes it no longer than so many seconds. What fails is tried again while
+/// the device is there.
+fn lead_back<M: Machine>(machine: &mut M, device: &DfuDevice, seconds: u64) -> Result<(), UpdateError> {
+    let mut left = Duration::from_secs(seconds);
+    let mut once = |machine: &mut M| {
         let io = open(machine, device, Heeds::Nothing)?;
         let mut sleep = |time| {
             machine.sleep(time);
-            Heeds::Nothing.check(machine).map_or(Going::Stop, |()| Going::On)
+            left = left.saturating_sub(time);
+            // Asked in any case, as below.
+            let _ = machine.check_interrupted();
+            if left.is_zero() { Going::Stop } else { Going::On }
         };
-        dfuse::Rom::new(&io, &mut sleep).start()
+        match dfuse::Rom::new(&io, &mut sleep).start() {
+            Err(_) if left.is_zero() => {
+                let (action, state) = ("starting the firmware".into(), "busy".into());
+                Err(UpdateError::Stuck { action, seconds, state })
+            }
+            result => result,
+        }
     };
     let mut result = once(machine);
     for _ in 1..ATTEMPTS {
-        if result.is_ok() {
+        // The first attempt has waited for a permission, or for the device.
+        if matches!(result, Ok(()) | Err(UpdateError::Permission { .. } | UpdateError::Stuck { .. })) {
             break;
         }
         machine.sleep(LOOK);
@@ -196,13 +265,14 @@ pub fn confirm<M: Machine>(machine: &mut M, written: &Identity, serial: &str) ->
     Err(UpdateError::NotBack { written: written.to_string(), serial: serial.into(), seconds: RETURN_S, reason })
 }
 
-fn looks() -> u64 {
-    RETURN_S * 1000 / LOOK.as_millis() as u64
-}
-
-fn wait_for_dfu<M: Machine>(machine: &mut M, serial: &str, heeds: Heeds) -> Result<DfuDevice, UpdateError> {
+fn wait_for_dfu<M: Machine>(
+    machine: &mut M,
+    serial: &str,
+    heeds: Heeds,
+    seconds: u64,
+) -> Result<DfuDevice, UpdateError> {
     let mut others = Vec::new();
-    for _ in 0..looks() {
+    for _ in 0..seconds * 1000 / LOOK.as_millis() as u64 {
         heeds.check(machine)?;
         machine.sleep(LOOK);
         let devices = machine.in_dfu()?;
@@ -211,7 +281,7 @@ fn wait_for_dfu<M: Machine>(machine: &mut M, serial: &str, heeds: Heeds) -> Resu
         }
         others = devices.into_iter().map(|device| device.serial).collect();
     }
-    Err(UpdateError::DidNotAppear { serial: serial.into(), seconds: RETURN_S, others })
+    Err(UpdateError::DidNotAppear { serial: serial.into(), seconds, others })
 }
 
 fn only_one(devices: Vec<DfuDevice>, serial: Option<&str>) -> Result<DfuDevice, UpdateError> {

@@ -18,6 +18,8 @@ struct FakeMachine {
     chip: Rc<RefCell<Chip>>,
     running: Option<Hello>,
     in_dfu: Vec<String>,
+    /// Which of them was let in.
+    opened: Option<String>,
     /// Looks until what was told to enter update mode is seen there; `None` for never.
     appears_after: Option<u32>,
     entering: Option<u32>,
@@ -49,6 +51,7 @@ fn bench(running: Option<Hello>, in_dfu: &[&str]) -> FakeMachine {
         chip: Chip::new(),
         running,
         in_dfu: in_dfu.iter().map(ToString::to_string).collect(),
+        opened: None,
         appears_after: Some(3),
         entering: None,
         forbidden: 2,
@@ -61,6 +64,15 @@ fn bench(running: Option<Hello>, in_dfu: &[&str]) -> FakeMachine {
 
 fn dfu_device(serial: &str) -> DfuDevice {
     DfuDevice { product: None, serial: serial.into(), vid: 0x0483, pid: 0xDF11 }
+}
+
+impl FakeMachine {
+    /// What started its firmware, or lost its cable, is in update mode no more.
+    fn see_it_leave(&mut self) {
+        if self.chip.borrow().left || self.chip.borrow().transfers_left == 0 {
+            self.in_dfu.retain(|serial| Some(serial) != self.opened.as_ref());
+        }
+    }
 }
 
 impl Machine for FakeMachine {
@@ -83,6 +95,7 @@ impl Machine for FakeMachine {
                 self.in_dfu.extend(self.running.take().map(|hello| hello.serial.to_string()));
             }
         }
+        self.see_it_leave();
         Ok(self.in_dfu.iter().map(|serial| dfu_device(serial)).collect())
     }
 
@@ -96,11 +109,12 @@ impl Machine for FakeMachine {
             return Err(UpdateError::Open { serial: device.serial.clone(), reason: "busy".into() });
         }
         assert!(self.in_dfu.contains(&device.serial));
-        self.in_dfu.retain(|serial| *serial != device.serial);
+        self.opened = Some(device.serial.clone());
         Ok(MockIo::new(&self.chip, LAYOUT))
     }
 
     fn hello(&mut self, serial: &str) -> Result<Back, UpdateError> {
+        self.see_it_leave();
         self.answers_after -= 1;
         if self.answers_after > 0 || !self.chip.borrow().left {
             return Err(DeviceError::Silent { name: "/dev/ttyACM1".into(), seconds: 3.0 }.into());
@@ -306,7 +320,6 @@ fn an_update_whose_cable_was_pulled_is_completed_by_the_same_command() {
     bench.chip.borrow_mut().transfers_left = 60;
     assert!(matches!(failure(&mut bench, None), UpdateError::Lost { .. }));
     bench.chip.borrow_mut().restart();
-    bench.in_dfu.push(SERIAL.into());
     assert_eq!(run(&mut bench, None, &mut Vec::new()).unwrap().identity.firmware, NEW);
 }
 
@@ -325,7 +338,7 @@ fn a_device_that_may_not_be_opened_is_untouched_and_the_user_told_how_to_allow_i
 }
 
 #[test]
-fn ctrl_c_ends_every_wait_of_an_update() {
+fn ctrl_c_ends_every_wait_of_an_update_and_leaves_no_whole_firmware_in_update_mode() {
     type HoldUp = fn(&mut FakeMachine);
     let told = Duration::from_secs(2);
     let waits: [(&str, HoldUp); 4] = [
@@ -339,7 +352,28 @@ fn ctrl_c_ends_every_wait_of_an_update() {
         hold_up(&mut bench);
         bench.interrupted_at = told;
         let error = failure(&mut bench, None);
+        // What stays there after all is told of, and the time that every command has for its end is kept.
         let interrupted = matches!(error, UpdateError::Interrupted | UpdateError::Device(DeviceError::Interrupted));
-        assert!(interrupted && bench.slept < told + Duration::from_secs(1), "{what}: {error}, {:?}", bench.slept);
+        let is_told = interrupted || matches!(error, UpdateError::StaysInDfu { .. });
+        assert!(is_told && bench.slept < told + Duration::from_secs(4), "{what}: {error:?}, {:?}", bench.slept);
     }
+    // Nothing holds it up: interrupted while it goes there, and before the first page is erased.
+    for interrupted_at in [0, 250, 750, 1250] {
+        let mut bench = before_visit();
+        let (flash, sofar) = (bench.chip.borrow().flash.clone(), bench.slept);
+        bench.interrupted_at = sofar + Duration::from_millis(interrupted_at);
+        let error = failure(&mut bench, None);
+        assert!(matches!(error, UpdateError::Device(DeviceError::Interrupted)), "{interrupted_at}: {error:?}");
+        assert!(bench.chip.borrow().left && bench.chip.borrow().flash == flash, "{interrupted_at}");
+    }
+}
+
+/// The running firmware need not know how much flash its chip has.
+#[test]
+fn a_chip_that_turns_out_to_be_another_is_led_back() {
+    let mut bench = before_visit();
+    bench.chip.borrow_mut().told = Some((128, 0));
+    let error = failure(&mut bench, None);
+    assert!(matches!(error, UpdateError::SmallFlash { kb: 128 }), "{error:?}");
+    assert!(bench.chip.borrow().left && bench.chip.borrow().erased.is_empty());
 }
