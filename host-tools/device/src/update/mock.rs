@@ -1,6 +1,6 @@
 //! The ROM in update mode, as AN3156 and USB DFU 1.1 describe it, with what can go wrong.
 
-use std::{cell::RefCell, ops::Range, rc::Rc, time::Duration};
+use std::{cell::RefCell, ops::Range, rc::Rc, sync::LazyLock, time::Duration};
 
 use dfu_core::{DfuIo, DfuProtocol, functional_descriptor::FunctionalDescriptor, memory_layout::MemoryLayout};
 
@@ -27,6 +27,10 @@ enum State {
     UploadIdle = 9,
     Error = 10,
 }
+
+/// An old firmware and settings: made once, as fuzzing asks for thousands of chips.
+static OLD: LazyLock<Vec<u8>> =
+    LazyLock::new(|| (0..SIZE as u32).map(|place| (place.wrapping_mul(0x85EB_CA6B) >> 24) as u8).collect());
 
 enum Job {
     SetAddress(u32),
@@ -73,7 +77,7 @@ impl Chip {
     /// A chip whose flash is full of an old firmware and of settings.
     pub fn new() -> Rc<RefCell<Self>> {
         Rc::new(RefCell::new(Self {
-            flash: (0..SIZE as u32).map(|place| (place.wrapping_mul(0x85EB_CA6B) >> 24) as u8).collect(),
+            flash: OLD.clone(),
             erased: Vec::new(),
             left: false,
             clock: Duration::ZERO,
