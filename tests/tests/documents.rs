@@ -54,7 +54,7 @@ const QUOTES: [Quote; 19] = [
     validation(
         "coverage",
         "{named} cells name the violation as what they rest on: {not} of those that are not covered, and {held} of those that are.",
-        "it stands in {named} of the 186 cells, {held} of which hold",
+        "it stands in {named} of them all, and {held} of these hold",
     ),
     validation("diagnose", "| all | {runs} | {first} | {sized} |", "Over all runs it is {sized} %"),
     validation(
