@@ -5,6 +5,7 @@
 //! is not run again: so a long campaign, which is many seeds, can be ended at any time and goes on where it was.
 
 use crate::{
+    commit::{UNKNOWN, commit},
     process, tree,
     workspace::{Part, Workspace},
 };
@@ -35,16 +36,6 @@ pub struct Options {
 impl Options {
     /// All campaigns at their usual size.
     pub const USUAL: Self = Self { campaign: None, kills: 100, cycles: 5_000, seed: 1, seeds: 1, keep: false };
-}
-
-/// What stands in the place of a commit that is not known.
-const UNKNOWN: &str = "unknown";
-
-/// The commit that is tried, and whether the tree differs from it.
-fn commit() -> String {
-    let mut git = Command::new("git");
-    git.args(["describe", "--always", "--dirty", "--exclude", "*"]).current_dir(tree::root());
-    process::first_line(&mut git).unwrap_or_else(|| UNKNOWN.to_owned())
 }
 
 /// How a campaign ended.

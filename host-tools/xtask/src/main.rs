@@ -10,6 +10,7 @@ mod accuracy;
 mod arrows;
 mod bench;
 mod chaos;
+mod commit;
 mod data;
 mod demo;
 mod files;

@@ -5,7 +5,11 @@
 //! digits in a replay as in a device. `target/soak/progress.tsv` has a line for each look, so that a run that was ended early
 //! shows what it had reached. The twin is left out: it takes many times as long as the time that it simulates.
 
+mod kept;
+
+use self::kept::Kept;
 use crate::{
+    commit::commit,
     firmware::{self, Image},
     monitor_load::{Look, RATE_HZ, Running, SETTLED_S, look, simulated},
     process, setup,
@@ -52,11 +56,14 @@ pub struct Options {
     /// Leave out the image in QEMU
     #[arg(long)]
     pub no_qemu: bool,
+    /// Soak in portions, write each into docs/tables/soak.md, and go on until so many hours stand there
+    #[arg(long, conflicts_with = "no_qemu")]
+    pub keep: bool,
 }
 
 impl Options {
     /// Three minutes of everything.
-    pub const USUAL: Self = Self { hours: 0.05, no_qemu: false };
+    pub const USUAL: Self = Self { hours: 0.05, no_qemu: false, keep: false };
 }
 
 /// A process that is watched.
@@ -100,17 +107,30 @@ pub fn run(options: &Options) -> Result<()> {
     if !cfg!(target_os = "linux") {
         bail!("this reads /proc: it runs on Linux only");
     }
-    let seconds = options.hours * 3600.0;
-    if seconds < 20.0 {
+    if options.hours * 3600.0 < 20.0 {
         bail!("--hours {}: 20 s at least", options.hours);
     }
+    if !options.keep {
+        return portion(options).map(drop);
+    }
+    let mut kept = Kept::read()?;
+    while let Some(hours) = kept.next_h(options.hours) {
+        // Before the table is written, which would count as a difference.
+        let commit = commit();
+        kept.add(&commit, hours, &portion(&Options { hours, ..*options })?)?;
+    }
+    Ok(())
+}
+
+/// One run of everything; gives its figures where all goals are held.
+fn portion(options: &Options) -> Result<Vec<Row>> {
     let image = if options.no_qemu { None } else { Some(image()?) };
     let program = workspace::installed()?;
     let folder = Workspace::read(&tree::root())?.target.join("soak");
     fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
     // Each run begins its own.
     File::create(folder.join(WORDS)).with_context(|| format!("cannot write {WORDS} in {}", folder.display()))?;
-    let rows = soak(&program, image.as_deref(), &folder, seconds)?;
+    let rows = soak(&program, image.as_deref(), &folder, options.hours * 3600.0)?;
     let missed: Vec<&str> = rows
         .iter()
         // What is no number is no figure that holds.
@@ -128,7 +148,7 @@ pub fn run(options: &Options) -> Result<()> {
     if !missed.is_empty() {
         bail!("goals missed: {}; the looks are in {}", missed.join(", "), folder.join("progress.tsv").display());
     }
-    Ok(())
+    Ok(rows)
 }
 
 fn image() -> Result<PathBuf> {

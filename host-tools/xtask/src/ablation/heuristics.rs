@@ -179,7 +179,7 @@ pub const HEURISTICS: &[Heuristic] = &[
     ),
     one(
         "6: a dead force is left out",
-        &[("plausible.rs", "let dead = self.reversals == REVERSALS;", "let dead = false; self.reversals = 0;")],
+        &[("plausible.rs", "let dead = self.reversals == DEAD_REVERSALS;", "let dead = false; self.reversals = 0;")],
     ),
     one(
         "6: a negative inertance is a wrong sign",
