@@ -198,6 +198,13 @@ const STEPS: &[Step] = &[
         run: || accuracy::table("robustness", &accuracy::Options::default()),
     },
     Step {
+        name: "tests, probe",
+        alone: "cargo test -p inerter -p inerter-device, and `cargo test -p inerter --no-default-features --test transcripts`",
+        needed: false,
+        when: When::Full,
+        run: test_probe,
+    },
+    Step {
         name: "fuzzing",
         alone: "cargo xtask fuzz",
         needed: false,
@@ -325,17 +332,16 @@ fn lint_probe() -> Result<()> {
         command.args(["clippy", "--package", "inerter", "--all-targets", "--locked"]).args(features);
         process::run(command.args(["--", "--deny", "warnings"]))?;
     }
-    for (tests, reason) in [
-        (
-            "tests behind the feature `probe`",
-            "linted only: probe-rs takes minutes to compile; `cargo test -p inerter -p inerter-device`",
-        ),
-        (
-            "transcript without the feature `bridges`",
-            "linted only: it needs another build; `cargo test -p inerter --no-default-features --test transcripts`",
-        ),
+    Ok(())
+}
+
+/// The program as it is released, whose library for probes takes minutes to compile, and the smallest one's own transcript.
+fn test_probe() -> Result<()> {
+    for arguments in [
+        &["--package", "inerter", "--package", "inerter-device"][..],
+        &["--package", "inerter", "--no-default-features", "--test", "transcripts"],
     ] {
-        inerter_needs::list(&skipped_list()?, tests, reason).context("the list of skipped tests")?;
+        process::run(process::cargo().args(["test", "--locked", "--no-fail-fast"]).args(arguments))?;
     }
     Ok(())
 }

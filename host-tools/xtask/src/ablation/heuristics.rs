@@ -76,7 +76,8 @@ pub const HEURISTICS: &[Heuristic] = &[
         "3: reversals that may have stuck are left out",
         &[("estimator.rs", "middle.bad |= middle.may_be_held(feedback);", "")],
     ),
-    one(
+    tested(
+        "a_clean_run_is_not_called_broken",
         "3: what lies beside a stop that friction may hold is left out",
         &[("estimator.rs", "line.hold(signal.sign_half_width, &self.feedback);", "")],
     ),
@@ -213,7 +214,8 @@ pub const HEURISTICS: &[Heuristic] = &[
         "8: strokes that come again repeat the encoder's steps in the backlash",
         &[("backlash/report.rs", "let share = (repeats - 1.0) / sums.accepted as f32;", "let share: f32 = 0.0;")],
     ),
-    one(
+    tested(
+        "backlash_of_all_widths_is_found_in_all_motions",
         "8: the same with the sensor, and 8 patterns at most",
         &[(
             "backlash/report.rs",
