@@ -3,7 +3,7 @@
 use crate::align::Line;
 use crate::board::JumperError;
 use crate::check::{Check, Report};
-use crate::recording::Recording;
+use crate::recording::{Recording, SAMPLE_RATE_HZ};
 use crate::tape::Tape;
 use crate::wires::Chain;
 use inerter_core::{Detail, Estimate, Interval, Route, Settings};
@@ -44,7 +44,7 @@ pub fn worn() -> Inerter {
 pub fn settings(skew_s: f64, route: Route) -> Settings {
     let device = truth();
     Settings {
-        sample_rate_hz: 1_000.0,
+        sample_rate_hz: SAMPLE_RATE_HZ,
         metres_per_count: METRES_PER_COUNT,
         oversampling: OVERSAMPLING,
         newtons_per_code: NEWTONS_PER_CONVERSION / OVERSAMPLING,
@@ -99,12 +99,12 @@ pub fn tape(device: Inerter, chain: &Chain) -> Result<Tape, JumperError> {
     Ok(tape)
 }
 
-/// The board's clock against this computer's: samples a second by it, over 1000.
+/// The board's clock against this computer's: samples a second by it, over their rate.
 pub fn timebase(recording: &Recording) -> Check {
     let first = recording.samples.first().map_or(0, |sample| sample.index);
     let pairs = recording.came_s.iter().zip(&recording.samples);
     let line = Line::fit(pairs.map(|(came_s, sample)| (*came_s, f64::from(sample.index.wrapping_sub(first)))));
-    let off = line.slope / 1_000.0 - 1.0;
+    let off = line.slope / SAMPLE_RATE_HZ - 1.0;
     let cause = (off.abs() > TIMEBASE).then(|| {
         format!(
             "the board's clock is {:.1} % too {}: its crystal is another one than the firmware's board has, or does not start",

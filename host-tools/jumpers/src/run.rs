@@ -4,7 +4,7 @@ use crate::align::{ENTRIES, positions};
 use crate::board::{Board, JumperError};
 use crate::check::{Check, Measured, Report};
 use crate::motion;
-use crate::recording::{TAIL_S, record, record_from_rest};
+use crate::recording::{record, record_from_rest};
 use crate::sweep::sweep;
 use crate::tape::Tape;
 use crate::wires::{Chain, Levels, NOT_IN_STEP, SETTLED_TICKS, chain, encoder, sampling};
@@ -21,13 +21,14 @@ const REPLY_S: f64 = 0.1;
 /// Plays, measures and judges; ends with the first check that fails.
 ///
 /// The pins are driven: whoever calls has made sure that no rig is connected. The settings in use are put back at the end,
-/// whatever happened; what is saved is not touched.
+/// whatever happened; what is saved is not touched. Where USB's frames have told how good the board's clock is,
+/// `clock_is_known`: this computer's, to which packets come late, would tell it worse and is not asked.
 ///
 /// # Errors
 /// Where the test could not be done, which says nothing of the board.
-pub fn run(board: &mut impl Board) -> Result<Report, JumperError> {
+pub fn run(board: &mut impl Board, clock_is_known: bool) -> Result<Report, JumperError> {
     let before = settings_in_use(board)?;
-    let outcome = measure(board);
+    let outcome = measure(board, clock_is_known);
     // Wherever it broke off, nothing is driven any longer; a board that is gone lets go by itself.
     let _ = board.request(Command::Play(Play::End));
     let restored = [Command::WriteSettings(before), Command::ResetEstimator]
@@ -70,7 +71,7 @@ fn set_up(board: &mut impl Board, settings: &Settings) -> Result<(), JumperError
     board.listen(REPLY_S)
 }
 
-fn measure(board: &mut impl Board) -> Result<Report, JumperError> {
+fn measure(board: &mut impl Board, clock_is_known: bool) -> Result<Report, JumperError> {
     let mut report = Report::default();
     set_up(board, &motion::settings(0.0, Route::Force))?;
     let Some(chain) = wires(board, &mut report)? else { return Ok(report) };
@@ -78,7 +79,7 @@ fn measure(board: &mut impl Board) -> Result<Report, JumperError> {
     if !burst(board, &mut report)? {
         return Ok(report);
     }
-    if motions(board, &chain, skew_s, &mut report)? {
+    if motions(board, &chain, skew_s, clock_is_known, &mut report)? {
         report.measured = Some(Measured { skew_s, skew_u95_s, noise_lsb: chain.noise_lsb });
     }
     Ok(report)
@@ -86,14 +87,20 @@ fn measure(board: &mut impl Board) -> Result<Report, JumperError> {
 
 /// The motion of a device for its parameters, and of a worn one for its backlash, once for each way to that, which the
 /// settings choose. Whether all is as it is played.
-fn motions(board: &mut impl Board, chain: &Chain, skew_s: f64, report: &mut Report) -> Result<bool, JumperError> {
+fn motions(
+    board: &mut impl Board,
+    chain: &Chain,
+    skew_s: f64,
+    clock_is_known: bool,
+    report: &mut Report,
+) -> Result<bool, JumperError> {
     let mut play = |tape: &Tape, route| {
         set_up(board, &motion::settings(skew_s, route))?;
         record_from_rest(board, tape, SETTLED_TICKS)
     };
     let sound = play(&motion::tape(motion::truth(), chain)?, Route::Force)?;
     let passed = report.take(sampling(&sound))
-        && report.take(motion::timebase(&sound))
+        && (clock_is_known || report.take(motion::timebase(&sound)))
         && motion::parameters(&sound.estimate.unwrap_or_default(), report);
     if !passed {
         return Ok(false);
@@ -145,7 +152,8 @@ fn burst(board: &mut impl Board, report: &mut Report) -> Result<bool, JumperErro
     // Before the burst, where the tape ends; and after it, before the pins were let go.
     let ended = aligned.map_or(0, |aligned| (tape.steps().len() as i64 - aligned.lag) / ENTRIES as i64) - 1;
     let before = positions.get(ended.max(0) as usize).copied().unwrap_or(0.0);
-    let after = positions.iter().rev().nth((1.25 * TAIL_S * 1e3) as usize).copied().unwrap_or(0.0);
+    let last = recording.driven.saturating_sub(1);
+    let after = positions.get(last).copied().unwrap_or(0.0);
     let counted = (after - before).round();
     let played = f64::from(recording.edges);
     let (wanted, lost) = (f64::from(BLOCKS) * 256.0, played - counted);

@@ -39,7 +39,7 @@ impl Lab {
     fn run(&mut self) -> Result<Report, JumperError> {
         let before = self.settings();
         assert!(before.is_some());
-        let outcome = run(self);
+        let outcome = run(self, false);
         assert_eq!(self.settings(), before, "the settings in use");
         for pin in [('A', 4), ('A', 6), ('B', 1), ('B', 2)] {
             assert_eq!(self.link.socket.chip().pin_mode(Pin::new(pin.0, pin.1)), Mode::Analog, "{pin:?} is let go");
