@@ -1,7 +1,9 @@
 //! `inerter selftest`, the program itself, on a board of the twin: it passes on a sound one, and names the cause on others.
 //!
-//! The board hangs on a USB cable; what goes over its serial port goes over TCP to the program, in step with the clock on the
-//! wall. A restart ends the connection, as it takes a port away.
+//! The board hangs on a USB cable; what goes over its serial port goes over TCP to the program. While that is connected the
+//! board's time passes as the wall's, or slower where the computer is slow, but never faster: the program would have less time
+//! than a board leaves it. A restart ends the connection, as it takes a port away. The program has a terminal, and somebody
+//! before it.
 //!
 //! Slow, about a minute each. Skipped where image or program are missing.
 
@@ -9,12 +11,17 @@ mod common;
 
 use inerter_twin::Board;
 use inerter_twin::chip::adc::Quality;
+use inerter_twin::chip::errata::Errata;
+use inerter_twin::chip::jumpers::{Jumpers, Planted};
 use inerter_twin::machine::{Machine, Options, shipping_image};
 use inerter_twin::usb_link::UsbLink;
 use inerter_twin::world::Still;
+use rustix::{fs, pty};
 use serde_json::Value;
+use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::os::fd::OwnedFd;
 use std::path::PathBuf;
 use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -26,8 +33,6 @@ use std::time::{Duration, Instant};
 const STEP_S: f64 = 1e-3;
 /// From power-on until the firmware runs \[s\].
 const START_S: f64 = 0.5;
-/// Being further behind the wall's clock than this is not made up for.
-const BEHIND: Duration = Duration::from_millis(50);
 
 /// The program; nothing where it is not built, after saying so.
 fn program() -> Option<PathBuf> {
@@ -72,8 +77,8 @@ fn serve(mut machine: Machine, listener: &TcpListener, over: &AtomicBool) {
     machine.run_for(START_S).expect("starts");
     let mut link = UsbLink::new(machine);
     let mut client: Option<TcpStream> = None;
-    let mut begun = (Instant::now(), link.socket.time_s());
     while !over.load(Ordering::Relaxed) {
+        let (begun, begun_s) = (Instant::now(), link.socket.time_s());
         client = match client.take() {
             Some(stream) => turn(&mut link, stream),
             None => accept(&mut link, listener),
@@ -81,14 +86,10 @@ fn serve(mut machine: Machine, listener: &TcpListener, over: &AtomicBool) {
         if client.is_none() {
             link.unplug();
             link.socket.run_for(STEP_S).unwrap_or_else(|ended| panic!("{ended}"));
+            continue;
         }
-        let lived = Duration::from_secs_f64(link.socket.time_s() - begun.1);
-        let passed = begun.0.elapsed();
-        match lived.checked_sub(passed) {
-            Some(ahead) => std::thread::sleep(ahead),
-            None if passed > lived + BEHIND => begun = (Instant::now(), link.socket.time_s()),
-            None => {}
-        }
+        let lived = Duration::from_secs_f64(link.socket.time_s() - begun_s);
+        std::thread::sleep(lived.saturating_sub(begun.elapsed()));
     }
 }
 
@@ -124,12 +125,40 @@ fn turn(link: &mut UsbLink<Machine>, mut stream: TcpStream) -> Option<TcpStream>
     Some(stream)
 }
 
+/// A terminal, and somebody before it who answers when he is asked whether the outputs may be driven; in the end, what he saw.
+fn terminal(answer: &'static str) -> (OwnedFd, JoinHandle<String>) {
+    let person = pty::openpt(pty::OpenptFlags::RDWR | pty::OpenptFlags::NOCTTY).expect("a terminal");
+    rustix::io::fcntl_setfd(&person, rustix::io::FdFlags::CLOEXEC).expect("can be");
+    pty::grantpt(&person).and_then(|()| pty::unlockpt(&person)).expect("can be");
+    let name = pty::ptsname(&person, Vec::new()).expect("a name");
+    let flags = fs::OFlags::RDWR | fs::OFlags::NOCTTY | fs::OFlags::CLOEXEC;
+    let terminal = fs::open(name.as_c_str(), flags, fs::Mode::empty()).expect("opens");
+    let seen = std::thread::spawn(move || {
+        let (mut person, mut seen, mut some) = (File::from(person), Vec::new(), [0; 4096]);
+        let mut answered = false;
+        // It fails once no program has the terminal any longer.
+        while let Ok(count) = person.read(&mut some) {
+            seen.extend_from_slice(&some[..count]);
+            if !answered && String::from_utf8_lossy(&seen).contains(QUESTION) {
+                answered = true;
+                writeln!(person, "{answer}").expect("types");
+            }
+        }
+        String::from_utf8_lossy(&seen).into_owned()
+    });
+    (terminal, seen)
+}
+
+/// What the program asks before it drives the outputs.
+const QUESTION: &str = "Drive the board's outputs?";
+
 /// What the program made of a board.
 struct Outcome {
     code: Option<i32>,
     /// The JSON file.
     json: Value,
     page: String,
+    /// What stood on the terminal.
     errors: String,
 }
 
@@ -156,20 +185,29 @@ impl Outcome {
 /// One board at a time: the program waits by the clock on the wall.
 static ALONE: Mutex<()> = Mutex::new(());
 
-fn selftest(name: &str, machine: impl FnOnce(&[u8]) -> Machine + Send + 'static) -> Option<Outcome> {
+/// Runs it with this said of the jumpers: in the command, and by somebody where he is asked.
+fn selftest(
+    name: &str,
+    (jumpers, answer): (&[&str], &'static str),
+    machine: impl FnOnce(&[u8]) -> Machine + Send + 'static,
+) -> Option<Outcome> {
     let (image, program) = (shipping_image()?, program()?);
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name);
     std::fs::create_dir_all(&folder).expect("a folder");
     let served = Served::new(move || machine(&image));
     let page = folder.join("page.html");
+    let (terminal, seen) = terminal(answer);
     let output = Command::new(program)
         .current_dir(&folder)
-        .args(["selftest", "--force", "--json", "--without-jumpers", "--connect", &served.address.to_string(), "-o"])
+        .args(["selftest", "--force", "--json", "--connect", &served.address.to_string(), "-o"])
         .arg(&page)
+        .args(jumpers)
+        .stdin(terminal.try_clone().expect("can be"))
+        .stderr(terminal)
         .output()
         .expect("the program");
-    let errors = String::from_utf8_lossy(&output.stderr).into_owned();
+    let errors = seen.join().expect("the person");
     let text = String::from_utf8(output.stdout).expect("UTF-8");
     println!("{text}{errors}");
     let lines: Vec<Value> = text.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
@@ -180,9 +218,13 @@ fn selftest(name: &str, machine: impl FnOnce(&[u8]) -> Machine + Send + 'static)
     Some(Outcome { code: output.status.code(), json, page, errors })
 }
 
+const WITHOUT: (&[&str], &str) = (&["--without-jumpers"], "no");
+const UNPLUGGED: (&[&str], &str) = (&["--rig-unplugged"], "no");
+
 #[test]
 fn a_sound_board_passes() {
-    let Some(outcome) = selftest("sound", |image| Machine::new(image, Box::new(Still)).expect("the image")) else {
+    let Some(outcome) = selftest("sound", WITHOUT, |image| Machine::new(image, Box::new(Still)).expect("the image"))
+    else {
         return;
     };
     assert_eq!(outcome.names("fail"), [""; 0], "{}", outcome.errors);
@@ -207,7 +249,7 @@ fn a_wrong_clock_is_named() {
         let options = Options { board, ..Options::default() };
         Machine::with(image, options, Box::new(Still)).expect("the image")
     };
-    let Some(outcome) = selftest("clock", machine) else { return };
+    let Some(outcome) = selftest("clock", WITHOUT, machine) else { return };
     assert_eq!(outcome.names("fail"), ["clock_usb"], "{}", outcome.errors);
     assert!(outcome.reason("clock_usb").contains("1.00 % fast: its crystal"), "{}", outcome.reason("clock_usb"));
     assert_eq!(outcome.code, Some(10));
@@ -221,8 +263,79 @@ fn noise_that_is_too_high_is_named() {
         machine.chip_mut().adc.set_quality(Quality { noise_lsb: 6.0, ..Quality::default() });
         machine
     };
-    let Some(outcome) = selftest("noise", machine) else { return };
+    let Some(outcome) = selftest("noise", WITHOUT, machine) else { return };
     assert_eq!(outcome.names("fail"), ["noise_force", "noise_terminal"], "{}", outcome.errors);
     assert!(outcome.reason("noise_force").starts_with("the noise is too high"));
     assert_eq!(outcome.code, Some(10));
+}
+
+/// A board with these wires, and this planted.
+fn wired(jumpers: Jumpers, planted: Planted) -> impl FnOnce(&[u8]) -> Machine + Send {
+    move |image| {
+        // Converters that do not start together disturb each other, which would hide that one is late.
+        let options = Options { errata: Errata { adc_concurrent: false, ..Errata::ALL }, ..Options::default() };
+        let mut machine = Machine::with(image, options, Box::new(Still)).expect("the image");
+        machine.chip_mut().jumpers = Some(jumpers);
+        machine.chip_mut().planted = planted;
+        machine
+    }
+}
+
+#[test]
+fn nothing_is_played_where_a_rig_may_be_connected() {
+    let Some(outcome) = selftest("no", (&[], "no"), wired(Jumpers::RIGHT, Planted::default())) else { return };
+    assert!(outcome.errors.contains(QUESTION));
+    assert_eq!(outcome.names("skipped"), ["dfu", "double_reset", "jumpers"]);
+    assert!(outcome.reason("jumpers").starts_with("a rig may be connected"));
+    assert!(!outcome.names("pass").contains(&"encoder_wires"));
+    assert_eq!(outcome.code, Some(0), "{}", outcome.errors);
+}
+
+/// The outputs are driven as somebody says yes.
+#[test]
+fn a_sound_board_passes_through_jumpers() {
+    let Some(outcome) = selftest("jumpers", (&[], "yes"), wired(Jumpers::RIGHT, Planted::default())) else { return };
+    assert!(outcome.errors.contains(QUESTION));
+    assert_eq!(outcome.names("fail"), [""; 0], "{}", outcome.errors);
+    assert_eq!(outcome.names("skipped"), ["dfu", "double_reset"]);
+    assert_eq!(outcome.code, Some(0), "{}", outcome.errors);
+    assert!(outcome.page.contains("Passed"));
+    let passed = outcome.names("pass");
+    for name in
+        ["encoder_wires", "timing", "fast_edges", "inertance", "backlash_by_the_force", "backlash_by_the_terminal"]
+    {
+        assert!(passed.contains(&name), "{name} of {passed:?}");
+        assert!(outcome.page.contains(outcome.check(name)["found"].as_str().expect("words")), "{name}");
+    }
+    assert_eq!(passed.last(), Some(&"restored"));
+}
+
+/// Nobody is asked where the flag says it. The check that fails is the fault's own, and nothing is played after it.
+fn is_named(name: &str, check: &str, cause: &str, machine: impl FnOnce(&[u8]) -> Machine + Send + 'static) {
+    let Some(outcome) = selftest(name, UNPLUGGED, machine) else { return };
+    assert!(!outcome.errors.contains(QUESTION));
+    assert_eq!(outcome.names("fail"), [check], "{}", outcome.errors);
+    assert!(outcome.reason(check).contains(cause), "{}", outcome.reason(check));
+    assert_eq!(outcome.code, Some(10), "{}", outcome.errors);
+    assert!(outcome.page.contains(cause));
+    assert!(!outcome.names("pass").contains(&"inertance"));
+}
+
+#[test]
+fn encoder_wires_that_are_swapped_are_named() {
+    let Jumpers { a, b, .. } = Jumpers::RIGHT;
+    let jumpers = Jumpers { a: b, b: a, ..Jumpers::RIGHT };
+    is_named("swapped", "encoder_wires", "A and B are swapped", wired(jumpers, Planted::default()));
+}
+
+#[test]
+fn a_wire_that_is_missing_is_named() {
+    let jumpers = Jumpers { terminal: None, ..Jumpers::RIGHT };
+    is_named("missing", "terminal_wire", "PA6 to PA1 is missing", wired(jumpers, Planted::default()));
+}
+
+#[test]
+fn a_converter_that_looks_late_is_named() {
+    let planted = Planted { late: [2 * 168, 0], ..Planted::default() };
+    is_named("late", "timing", "converter looks 2.0 us too late", wired(Jumpers::RIGHT, planted));
 }
