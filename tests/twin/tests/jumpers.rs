@@ -238,3 +238,12 @@ fn the_outputs_are_let_go_and_nonsense_is_refused() {
     let refused = lab.request(Command::Play(Play::Begin { phase_ticks: 0 }));
     assert!(matches!(refused, Err(JumperError::Refused { why: Refusal::NoSamples, .. })), "{refused:?}");
 }
+
+/// Whichever of the outputs' transfers fails, all of them are let go, and the board says why.
+#[test]
+fn outputs_whose_transfers_fail_are_let_go() {
+    for channel in 0..3 {
+        let Some(mut lab) = lab(Board::NUCLEO, |machine| machine.chip_mut().dma2.break_off(channel)) else { return };
+        assert_eq!(lab.run().map(|report| report.checks.len()), Err(JumperError::TransferFailed), "channel {channel}");
+    }
+}

@@ -12,7 +12,7 @@ use inerter_plant::{Excitation, Simulation};
 use inerter_twin::{
     Registers, Width,
     bench::{Bench, Fault, Replay, Rig, Sensor, replay},
-    chip::{adc::Quality, ads131m04::Ads131m04},
+    chip::{adc::Quality, ads131m04::Ads131m04, dma::Dma},
     machine::{Machine, shipping_image},
     serial_link::SerialLink,
     usb_link::{LinkError, UsbLink},
@@ -140,6 +140,28 @@ impl Run {
         };
         assert!((3..9).any(|part| changed(self.samples.len() * part / 9)));
         here
+    }
+
+    /// Sample for sample it is where the undisturbed run was, to a period by which the instants may have moved: 0.084 m/s are
+    /// 34 counts a millisecond.
+    #[track_caller]
+    fn is_where(&self, plain: &Self) {
+        let first = plain.samples.first().expect("samples").index;
+        let apart = self.samples.iter().filter_map(|sample| {
+            let same = plain.samples.get(sample.index.wrapping_sub(first) as usize)?;
+            assert_eq!(same.index, sample.index);
+            Some(same.position_count.wrapping_sub(sample.position_count).abs())
+        });
+        let apart = apart.max().expect("samples");
+        assert!(apart < 36 * 64, "{apart} 64ths of a count apart");
+    }
+
+    /// The source is told to be unreadable, without a restart.
+    #[track_caller]
+    fn is_given_up(&self, channel: usize) {
+        assert!(self.events.contains(&EventKind::Fault(Broken::SourceUnreadable)), "{channel}: {:?}", self.events);
+        let restarted = |event: &EventKind| matches!(event, EventKind::Started | EventKind::ResetBy(_));
+        assert!(!self.events.iter().any(restarted), "{channel}: {:?}", self.events);
     }
 
     fn discontinuities(&self) -> usize {
@@ -344,9 +366,12 @@ fn a_cable_that_comes_off_is_no_measurement() -> Outcome {
     Ok(())
 }
 
-/// Keeps a channel of DMA1 off the bus for so many events, once the machine has run to this time. Half a second later
-/// the three rings must be in step again.
-fn stalled(channel: usize, events: u64, at_s: f64) -> impl FnMut(&mut Machine) {
+/// What is done to a channel at a moment.
+type Disturb = fn(&mut Dma, usize, u64);
+
+/// Disturbs a channel of DMA1 once the machine has run to this time. Half a second later the three rings must be in step
+/// again.
+fn disturbed(channel: usize, at_s: f64, disturb: Disturb) -> impl FnMut(&mut Machine) {
     let mut done = false;
     move |machine: &mut Machine| {
         let now = machine.now();
@@ -356,7 +381,7 @@ fn stalled(channel: usize, events: u64, at_s: f64) -> impl FnMut(&mut Machine) {
         let lefts = [left(0), left(1), left(2)];
         if !done && in_s <= 0.0 {
             done = true;
-            dma.stall(channel, now + events * 2625);
+            disturb(dma, channel, now);
         }
         // The count of an event is fetched before its codes.
         let in_step = (0..3).all(|n| (lefts[n] + 512 - lefts[0]) % 512 <= 1);
@@ -369,9 +394,20 @@ fn rings_that_part_become_a_discontinuity_and_the_counter_stays_right() -> Outco
     let Some(image) = shipping_image() else { return Ok(()) };
     let at_s = MOTION_S + 3.0;
     let plain = short(&image, mid_rig(), 6.0, |_| {})?;
-    // Positions lost; a force conversion not fetched; a terminal conversion, without whose ring no interrupt comes.
-    for (channel, fault) in [(0, Broken::SamplerMisaligned), (1, Broken::SamplerOverrun), (2, Broken::SamplerOverrun)] {
-        let run = short(&image, mid_rig(), 6.0, stalled(channel, 5, at_s))?;
+    // Kept off the bus for five events.
+    let stall: Disturb = |dma, channel, now| dma.stall(channel, now + 5 * 2625);
+    let fail: Disturb = |dma, channel, _| dma.fail(channel);
+    // Positions lost; a force conversion not fetched; a terminal conversion, without whose ring no interrupt comes. A transfer
+    // that fails ends its ring at once.
+    for (channel, disturb, fault) in [
+        (0, stall, Broken::SamplerMisaligned),
+        (1, stall, Broken::SamplerOverrun),
+        (2, stall, Broken::SamplerOverrun),
+        (0, fail, Broken::SamplerMisaligned),
+        (1, fail, Broken::SamplerMisaligned),
+        (2, fail, Broken::SamplerMisaligned),
+    ] {
+        let run = short(&image, mid_rig(), 6.0, disturbed(channel, at_s, disturb))?;
         let here = run.agrees_with_core();
         assert_eq!((run.discontinuities(), here.counters.discontinuities), (1, 1), "channel {channel}");
         // A ring without interrupts is missed after 20 ms.
@@ -380,17 +416,39 @@ fn rings_that_part_become_a_discontinuity_and_the_counter_stays_right() -> Outco
         assert!(named, "channel {channel}: {:?}", run.events);
         let health = run.health.last().expect("health each second");
         assert_eq!((health.discontinuities, health.overruns), (1, 1), "channel {channel}: {health:?}");
-        // Sample for sample where the undisturbed run was: 0.084 m/s are 34 counts a millisecond.
-        let first = plain.samples.first().expect("samples").index;
-        let worst = run.samples.iter().filter_map(|sample| {
-            let same = plain.samples.get(sample.index.wrapping_sub(first) as usize)?;
-            assert_eq!(same.index, sample.index);
-            Some(same.position_count.wrapping_sub(sample.position_count).abs())
-        });
-        let worst = worst.max().expect("samples");
-        assert!(worst < 36 * 64, "channel {channel}: {worst} 64ths of a count apart");
+        run.is_where(&plain);
         let mass = here.last.whole_run.inertance_kg;
         assert!((f64::from(mass.fitted().value) - 299.4906).abs() < 0.1, "{mass:?}");
+    }
+    Ok(())
+}
+
+#[test]
+fn a_transfer_may_fail_at_any_moment() -> Outcome {
+    const TIMES: u32 = 30;
+    let Some(image) = shipping_image() else { return Ok(()) };
+    let plain = short(&image, mid_rig(), 6.0, |_| {})?;
+    for channel in 0..3 {
+        let mut failed = 0;
+        let run = short(&image, mid_rig(), 6.0, |machine| {
+            if failed < TIMES && machine.time_s() > MOTION_S + 1.0 + f64::from(failed) * 0.1 {
+                machine.run_for(f64::from(failed) * 0.08e-3).expect("runs");
+                machine.chip_mut().dma1.fail(channel);
+                failed += 1;
+            }
+        })?;
+        let here = run.agrees_with_core();
+        let lost = here.counters.lost_samples;
+        assert_eq!(run.discontinuities(), TIMES as usize, "channel {channel}");
+        assert!(
+            run.events.contains(&EventKind::Fault(Broken::SamplerMisaligned)),
+            "channel {channel}: {:?}",
+            run.events
+        );
+        assert_eq!(run.health.last().map(|health| health.overruns), Some(TIMES), "channel {channel}");
+        println!("channel {channel}: {lost} samples lost in {TIMES} failures");
+        assert!(lost < u64::from(TIMES) * 10, "channel {channel}: {lost} samples lost");
+        run.is_where(&plain);
     }
     Ok(())
 }
@@ -485,14 +543,7 @@ fn a_converter_that_forgets_is_set_up_again() -> Outcome {
             here.counters
         );
         assert!(run.samples.len() + 70 > plain.samples.len(), "{what}: it goes on");
-        // The instants of the conversions have moved by less than a period; the numbers hold.
-        let first = plain.samples.first().expect("samples").index;
-        let apart = run.samples.iter().filter_map(|sample| {
-            let same = plain.samples.get(sample.index.wrapping_sub(first) as usize)?;
-            Some(same.position_count.wrapping_sub(sample.position_count).abs())
-        });
-        let apart = apart.max().expect("samples");
-        assert!(apart < 36 * 64, "{what}: {apart} 64ths of a count apart");
+        run.is_where(&plain);
         let mass = here.last.whole_run.inertance_kg;
         assert!((f64::from(mass.fitted().value) - 299.4906).abs() < 0.1, "{what}: {mass:?}");
     }
@@ -502,20 +553,43 @@ fn a_converter_that_forgets_is_set_up_again() -> Outcome {
 #[test]
 fn a_bus_whose_transfers_do_not_end_is_told() -> Outcome {
     let Some(image) = shipping_image() else { return Ok(()) };
+    // Longer than the watchdog waits.
+    let stall: Disturb = |dma, channel, now| dma.stall(channel, now + 168_000_000 * 60);
     // Channels of DMA1 that send to the converter and receive from it.
-    for channel in [3, 4] {
-        let mut done = false;
-        // Longer than the watchdog waits.
-        let run = short_digital(&image, mid_rig(), |machine| {
-            if !done && machine.time_s() > MOTION_S + 1.0 {
-                done = true;
-                let now = machine.now();
-                machine.chip_mut().dma1.stall(channel, now + 168_000_000 * 60);
-            }
-        })?;
-        assert!(run.events.contains(&EventKind::Fault(Broken::SourceUnreadable)), "{channel}: {:?}", run.events);
-        let restarted = |event: &EventKind| matches!(event, EventKind::Started | EventKind::ResetBy(_));
-        assert!(!run.events.iter().any(restarted), "{channel}: {:?}", run.events);
+    for (channel, disturb) in [(3, stall), (4, stall), (3, BROKEN), (4, BROKEN)] {
+        let run = short_digital(&image, mid_rig(), once(channel, disturb))?;
+        run.is_given_up(channel);
+    }
+    Ok(())
+}
+
+/// All that follows fails.
+const BROKEN: Disturb = |dma, channel, _| dma.break_off(channel);
+
+/// Disturbs a channel of DMA1 for good, a second after the motion has begun.
+fn once(channel: usize, disturb: Disturb) -> impl FnMut(&mut Machine) {
+    let mut done = false;
+    move |machine| {
+        if !done && machine.time_s() > MOTION_S + 1.0 {
+            done = true;
+            let now = machine.now();
+            disturb(&mut machine.chip_mut().dma1, channel, now);
+        }
+    }
+}
+
+#[test]
+fn rings_whose_transfers_fail_again_and_again_are_given_up_and_it_is_told() -> Outcome {
+    let Some(image) = shipping_image() else { return Ok(()) };
+    for channel in 0..3 {
+        let run = short(&image, mid_rig(), 4.0, once(channel, BROKEN))?;
+        run.is_given_up(channel);
+        // Nothing comes after: the last estimate is of the last sample.
+        assert!(run.events.ends_with(&[EventKind::SourceEnded]), "channel {channel}: {:?}", run.events);
+        let last = run.estimates.last().map(|estimate| estimate.elapsed_samples as usize);
+        assert_eq!(last, Some(run.samples.len()), "channel {channel}");
+        assert_eq!(run.discontinuities(), 0, "channel {channel}");
+        assert!(run.health.last().is_some_and(|health| health.overruns > 0), "channel {channel}");
     }
     Ok(())
 }

@@ -1,7 +1,8 @@
 //! The direct memory access controllers DMA1 and DMA2: eight channels each, circular or once.
 //!
 //! A channel answers one request with one transfer between a peripheral register and memory; the bus does the transfer,
-//! this model says which and counts. Half-way and at the end of a lap it raises its flags.
+//! this model says which and counts. Half-way and at the end of a lap it raises its flags. A transfer that fails disables its
+//! channel, which stays off until the error's flag is cleared.
 //! Not modelled, and refused: memory to memory, priorities (a transfer takes no time here, so none ever waits).
 //!
 //! Sources: RM0440 chapter 12, registers 12.6.1 to 12.6.6; where a register may be written, the notes beside its
@@ -127,11 +128,13 @@ pub struct Dma {
     errata: Errata,
     /// The channel that gets no turn on the bus, and until when.
     stall: Option<(usize, Cycles)>,
+    /// The channel whose transfers fail from now on.
+    broken: Option<usize>,
 }
 
 impl Default for Dma {
     fn default() -> Self {
-        Self { channels: Default::default(), errata: Errata::NONE, stall: None }
+        Self { channels: Default::default(), errata: Errata::NONE, stall: None, broken: None }
     }
 }
 
@@ -170,9 +173,9 @@ impl Dma {
         }))
     }
 
-    /// The channel's transfer was done. Says whether it was the last of a lap.
+    /// The channel's transfer was done. Says whether it was the last of a lap; one that failed counts for nothing.
     pub fn complete(&mut self, channel: usize) -> bool {
-        let Some(it) = self.channels.get_mut(channel) else { return false };
+        let Some(it) = self.channels.get_mut(channel).filter(|it| it.is_enabled()) else { return false };
         it.cndtr = it.cndtr.saturating_sub(1);
         if it.done() == it.lap / 2 {
             it.flags |= flag::HALF;
@@ -187,12 +190,22 @@ impl Dma {
         true
     }
 
-    /// The channel's transfer met a reserved address: the channel stops (12.4.7).
+    /// The channel's transfer met a reserved address, or the bus refused it: the channel stops (12.4.7).
     pub fn fail(&mut self, channel: usize) {
         if let Some(it) = self.channels.get_mut(channel) {
             it.flags |= flag::ERROR;
             it.ccr &= !ccr::EN;
         }
+    }
+
+    /// Lets each transfer of this channel fail.
+    pub fn break_off(&mut self, channel: usize) {
+        self.broken = Some(channel);
+    }
+
+    /// Whether each transfer of this channel fails.
+    pub fn is_broken(&self, channel: usize) -> bool {
+        self.broken == Some(channel)
     }
 
     /// Level of the channel's interrupt line.
@@ -207,7 +220,9 @@ impl Dma {
 
     /// Transfers that the channel must do until its interrupt line rises; none when no number of them raises it.
     pub fn transfers_until_interrupt(&self, channel: usize) -> Option<u32> {
-        self.channels.get(channel).and_then(Channel::until_interrupt)
+        let it = self.channels.get(channel)?;
+        let fails = self.is_broken(channel) && it.ccr & ccr::TEIE != 0 && it.is_enabled();
+        if fails { Some(1) } else { it.until_interrupt() }
     }
 
     /// Keeps one channel off the bus until `end`, as a busier master would: its requests wait.
@@ -263,6 +278,9 @@ impl Registers for Dma {
             if it.is_enabled() && value & ccr::EN != 0 && (it.ccr ^ value) & ccr::FIXED != 0 {
                 return Err(Unknown { what: "DMA_CCR: changed while the channel is enabled" });
             }
+            if value & ccr::EN != 0 && it.flags & flag::ERROR != 0 {
+                return Err(Unknown { what: "DMA_CCR.EN: it cannot be set before the channel's error is cleared" });
+            }
             it.ccr = value;
             return Ok(());
         }
@@ -288,7 +306,7 @@ impl Registers for Dma {
     }
 
     fn reset(&mut self, _: Cycles) {
-        *self = Self { errata: self.errata, ..Self::new() };
+        *self = Self { errata: self.errata, broken: self.broken, ..Self::new() };
     }
 }
 
@@ -433,9 +451,18 @@ mod tests {
     #[test]
     fn an_error_stops_the_channel_and_raises_its_line() {
         let mut dma = ring(4, HALVES | ccr::TEIE);
+        assert_eq!(dma.transfers_until_interrupt(CHANNEL), None);
+        dma.break_off(CHANNEL);
+        assert_eq!(dma.transfers_until_interrupt(CHANNEL), Some(1));
         dma.fail(CHANNEL);
+        assert!(!dma.complete(CHANNEL));
+        assert_eq!(read(&mut dma, CNDTR), 4, "it counts for nothing");
         assert!(dma.irq(CHANNEL) && !dma.is_enabled(CHANNEL));
         assert_eq!(read(&mut dma, ISR), (flag::GLOBAL | flag::ERROR) << 4);
+        assert!(dma.write(CCR, HALVES | ccr::EN, Width::Word, 0).is_err());
+        write(&mut dma, IFCR, flag::ERROR << 4);
+        write(&mut dma, CCR, HALVES | ccr::EN);
+        assert!(dma.is_enabled(CHANNEL));
     }
 
     #[test]

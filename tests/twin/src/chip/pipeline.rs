@@ -351,6 +351,10 @@ impl Chip {
     }
 
     fn transfer(&mut self, channel: usize, transfer: &Transfer, now: Cycles) {
+        if self.dma(channel).is_broken(channel % CHANNELS) {
+            self.dma_mut(channel).fail(channel % CHANNELS);
+            return;
+        }
         let Transfer { peripheral, peripheral_width, memory, memory_width, direction } = *transfer;
         let size = memory_width.bytes() as usize;
         let outcome = match direction {
@@ -615,6 +619,13 @@ mod tests {
         write(&mut chip, 0x4002_0008 + 0x28, 1 << 8 | 1 << 10 | 1 << 7 | 1 << 5 | 1 << 3 | 1, START);
         write(&mut chip, 0x4000_1000, 1, START);
         chip.advance(START + 2 * PERIOD);
+        assert!(chip.dma1.irq(2) && !chip.dma1.is_enabled(2));
+        // One that the bus refuses is another.
+        write(&mut chip, 0x4002_0004, 8 << 8, START);
+        write(&mut chip, 0x4002_0008 + 0x34, TERMINALS, START);
+        write(&mut chip, 0x4002_0008 + 0x28, 1 << 8 | 1 << 10 | 1 << 7 | 1 << 5 | 1 << 3 | 1, START);
+        chip.dma1.break_off(2);
+        chip.advance(START + 4 * PERIOD);
         assert!(chip.dma1.irq(2) && !chip.dma1.is_enabled(2));
     }
 
