@@ -12,7 +12,7 @@
 //! the pins, which need no trigger, wait for a step, so that all three change together. A transfer that fails ends it all
 //! as `End` does, and `End` then says so.
 //!
-//! Sources: RM0440 12.4.6 (errors of the DMA), 22 (DAC; trigger 2 is TIM7_TRGO), 13 table 91 (DMAMUX), 33 (TIM7), 9.4.7 (BSRR).
+//! Sources: RM0440 12.4.7 (errors of the DMA), 22 (DAC; trigger 2 is TIM7_TRGO), 13 table 91 (DMAMUX), 33 (TIM7), 9.4.7 (BSRR).
 
 use crate::boards::clock::{CORE_HZ, CORE_PER_US};
 use crate::rings::ENTRIES_PER_S;

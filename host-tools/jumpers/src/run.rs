@@ -99,8 +99,11 @@ fn motions(
         record_from_rest(board, tape, SETTLED_TICKS)
     };
     let sound = play(&motion::tape(motion::truth(), chain)?, Route::Force)?;
-    let passed = report.take(sampling(&sound))
-        && (clock_is_known || report.take(motion::timebase(&sound)))
+    let sampled = sampling(&sound);
+    if !sampled.passed() {
+        return Ok(report.take(sampled));
+    }
+    let passed = (clock_is_known || report.take(motion::timebase(&sound)))
         && motion::parameters(&sound.estimate.unwrap_or_default(), report);
     if !passed {
         return Ok(false);
