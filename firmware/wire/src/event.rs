@@ -121,6 +121,7 @@ pub fn step(from: u32, to: u32) -> u64 {
 mod tests {
     use super::*;
     use crate::Health;
+    use inerter_core::{Changed, WarningKind};
     extern crate std;
     use std::{vec, vec::Vec};
 
@@ -189,6 +190,40 @@ mod tests {
         ];
         assert_eq!(paired(&records), [alone(7), EstimatorEvent::Reversal(reversal), alone(9), alone(11)]);
         assert_eq!(paired(&[Some(Record::Estimate(estimate(3))), None, None]), [alone(3)]);
+    }
+
+    #[test]
+    fn changes_and_warnings_stand_in_order_between_estimates() {
+        let change = Change { index: 8, parameter: Changed::Inertance, before: 300.0, after: 250.0 };
+        let warning = Warning { index: 10, kind: WarningKind::WrongSign };
+        let event = |index, kind| Some(Record::Event(Event { index, kind }));
+        let records = [
+            Some(Record::Estimate(estimate(7))),
+            event(8, EventKind::Changed(change)),
+            Some(Record::Estimate(estimate(9))),
+            event(10, EventKind::Warned(warning)),
+            event(11, EventKind::SettingsChanged),
+        ];
+        let events = paired(&records);
+        let expected = [alone(7), EstimatorEvent::Changed(change), alone(9), EstimatorEvent::Warned(warning)];
+        assert_eq!(events, expected);
+        assert_eq!(events.iter().map(EstimatorEvent::index).collect::<Vec<_>>(), [7, 8, 9, 10]);
+        let reversal = EstimatorEvent::Reversal(Reversal { index: 11, ..Reversal::default() });
+        assert_eq!(reversal.index(), 11);
+    }
+
+    #[test]
+    fn a_replay_gives_all_that_goes_with_an_estimate() {
+        let law = Law { index: 7, ..Law::default() };
+        let whole = Estimated { law: Some(law), detail: Some(detail(7)), estimate: estimate(7) };
+        assert_eq!(Estimated::from(Published { estimate: estimate(7), law, detail: detail(7) }), whole);
+    }
+
+    #[test]
+    fn steps_of_the_counter_go_over_its_wrap_and_never_back() {
+        assert_eq!([step(5, 5), step(5, 6), step(5, 305), step(u32::MAX, 3)], [0, 1, 300, 4]);
+        let half = 1 << 31;
+        assert_eq!([step(7, 7 + (half - 1)), step(7, 7 + half), step(7, 6)], [u64::from(half - 1), 1, 1]);
     }
 
     #[test]

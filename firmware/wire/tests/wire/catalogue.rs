@@ -3,7 +3,7 @@
 use crate::specification::fields_of;
 use crate::values::{detail, estimate, health};
 use inerter_core::{Detail, Estimate, Machine, Parameters, RawSample, Settings};
-use inerter_wire::catalogue::{FIELDS, Field, Group, fields, find};
+use inerter_wire::catalogue::{FIELDS, Field, Group, fields, find, unit};
 use inerter_wire::{Figure, Health, MAX_FIGURES, Measure, Measured, Quantity, catalogue};
 use std::collections::BTreeSet;
 
@@ -118,6 +118,24 @@ fn values_stand_beside_their_fields() {
         ]
     );
     assert!(catalogue::health(&Health::default()).skip(8).all(|(_, value)| value.is_none()));
+}
+
+/// A rotary machine has the same quantities in the same order, in its own words and units.
+#[test]
+fn machines_differ_in_words_and_units_alone() {
+    let pairs = |group| fields(Machine::Linear, group).zip(fields(Machine::Rotary, group));
+    for group in [Group::Parameter, Group::Estimate, Group::Detail, Group::Signal, Group::Health] {
+        assert_eq!(fields(Machine::Rotary, group).count(), paths(group).len());
+        for (linear, rotary) in pairs(group) {
+            assert_eq!(find(Machine::Rotary, group, linear.path), Some(rotary));
+            assert_eq!(rotary.unit, unit(Machine::Rotary, linear.unit), "{}", linear.path);
+            assert_eq!(linear.unit, unit(Machine::Linear, linear.unit));
+        }
+    }
+    assert_eq!(find(Machine::Rotary, Group::Parameter, "inertance_kg").map(|field| field.path), Some("inertia_kg_m2"));
+    assert_eq!(unit(Machine::Rotary, "Hz"), "Hz");
+    let units: Vec<_> = catalogue::contact_fields(Machine::Rotary).map(|field| field.unit).collect();
+    assert_eq!(units, ["N m/rad", "N m s"]);
 }
 
 /// Each quantity stands at the place of its number, under its own name.

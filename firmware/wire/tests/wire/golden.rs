@@ -10,7 +10,7 @@ use crate::values::{
 };
 use inerter_core::{
     Backlash, BacklashSize, BacklashStatus, Bank, Changed, Contact, Detail, Estimate, Interval, Law, LawStatus, Misfit,
-    Reason, Regime, Route, WarningKind,
+    Parameter, Reason, Regime, Route, Status, WarningKind,
 };
 use inerter_wire::*;
 use std::collections::{BTreeMap, BTreeSet};
@@ -93,6 +93,18 @@ fn zeros_before_the_first_fit_are_nothing() {
     let zeros = format!("02 09{} 03 80 7f 02{} 07 02 01 23 85 05 54 00", " 01".repeat(14), " 01".repeat(24));
     let message = Record::Detail(Detail::default());
     assert_eq!(read_all(&unhex(&zeros)), [Frame::Message { sequence: SEQUENCE, message }]);
+}
+
+/// A value that the motion cannot show travels as it is fitted, and one without spread is a value.
+#[test]
+fn parameters_keep_value_and_half_width() {
+    let parameter = |value, u95, status| Parameter::new(Interval { value, u95 }, status);
+    for sent in [parameter(12.0, 3.0, Status::NotIdentifiable), parameter(12.0, 0.0, Status::Ok)] {
+        let message = Record::Detail(Detail { stiffness_n_per_m: sent, ..Detail::default() });
+        let mut out = [0; MAX_FRAME];
+        let length = encode(&message, SEQUENCE, &mut out).unwrap();
+        assert_eq!(read_all(&out[..length]), [Frame::Message { sequence: SEQUENCE, message }]);
+    }
 }
 
 /// A backlash that is no number is none, whatever the status beside it says.
@@ -474,6 +486,7 @@ fn frames_take_another_number() {
     records().iter().for_each(|(_, record)| passes(record));
     requests().iter().for_each(|(_, request)| passes(request));
     passes(&Record::Samples(longest_samples()));
+    passes(&Raw(vec![7; MAX_PAYLOAD - 2]));
     for nothing in [&[][..], &[1], &[9, 1, 1], &[1; MAX_FRAME], &[255; 4]] {
         assert_eq!(renumber::<Record>(nothing, 0, &mut [0; MAX_FRAME]), None, "{nothing:?}");
     }
@@ -507,6 +520,8 @@ fn long_messages_are_refused() {
         // Two bytes of length precede the content.
         let longest = encode(&Raw(vec![fill; MAX_PAYLOAD - 2]), SEQUENCE, &mut out).unwrap();
         assert!(longest <= MAX_FRAME);
-        assert_eq!(encode(&Raw(vec![fill; MAX_PAYLOAD - 1]), SEQUENCE, &mut out), Err(EncodeError::TooLong));
+        let too_long = Raw(vec![fill; MAX_PAYLOAD - 1]);
+        assert_eq!(encode(&too_long, SEQUENCE, &mut out), Err(EncodeError::TooLong));
+        assert_eq!(encode(&too_long, SEQUENCE, &mut out[..MAX_FRAME]), Err(EncodeError::TooLong));
     }
 }

@@ -2,6 +2,7 @@
 
 mod catalogue;
 mod corruption;
+mod device;
 mod echo;
 mod golden;
 mod reader;

@@ -111,6 +111,13 @@ fn a_start_is_no_loss() {
     let found = read(&mut reader, &bytes);
     assert_eq!(found.len(), 4);
     assert_eq!(found[1], Frame::Restarted);
+    // Another command with the number 0, or the greeting with another number, is one after a loss.
+    for (sequence, command) in [(0_u16, Command::Tare), (9, Command::Hello)] {
+        let mut reader = FrameReader::<Request>::new();
+        let before = sequence.wrapping_sub(3);
+        let found = read(&mut reader, &[request(before, Command::Tare), request(sequence, command)].concat());
+        assert_eq!(found[1], Frame::Lost { frames: 2 }, "{sequence}");
+    }
 }
 
 #[test]
@@ -292,6 +299,10 @@ fn one_byte_more_than_the_longest_is_too_long() {
     longest.insert(MAX_FRAME - 1, 1);
     let (found, _) = read_all(&[longest.clone(), health(1)]);
     assert_eq!(found, [Frame::Corrupt(Corruption::TooLong), healthy(1)]);
+    // Of what is too long a recording keeps as much as the longest frame has before its delimiter.
+    let mut reader = FrameReader::<Record>::new();
+    assert_eq!(reader.read(&mut &longest[..]), Some(Frame::Corrupt(Corruption::TooLong)));
+    assert_eq!(reader.frame_bytes(), &longest[..MAX_FRAME - 1]);
 }
 
 #[test]

@@ -1,0 +1,75 @@
+//! What a device is, can do and says of itself.
+
+use inerter_wire::*;
+use std::collections::BTreeSet;
+
+#[test]
+fn texts_are_cut_at_the_edge_of_a_character() {
+    assert_eq!(Hello::text::<4>("a\u{b5}b").as_str(), "a\u{b5}b");
+    assert_eq!(Hello::text::<4>("abc\u{b5}").as_str(), "abc");
+    assert_eq!(Hello::text::<0>("a").as_str(), "");
+}
+
+#[test]
+fn sets_of_capabilities_hold_what_was_put_in_once_or_twice() {
+    let set = Capabilities::DFU.with(Capabilities::STORE).with(Capabilities::DFU);
+    assert!(set.contains(Capabilities::DFU) && set.contains(Capabilities::STORE));
+    assert!(set.contains(Capabilities::NONE) && !Capabilities::NONE.contains(set));
+    assert!(!Capabilities::DFU.contains(set));
+}
+
+/// Every cause and fault is told in words of its own, and each fault with what to do or what holds meanwhile.
+#[test]
+fn causes_and_faults_are_told_apart() {
+    let causes = [
+        ResetCause::PowerOn,
+        ResetCause::Pin,
+        ResetCause::Software,
+        ResetCause::Watchdog,
+        ResetCause::WindowWatchdog,
+        ResetCause::LowPower,
+        ResetCause::OptionBytes,
+        ResetCause::Panic,
+        ResetCause::Unknown,
+    ]
+    .map(|cause| cause.to_string());
+    assert_eq!(BTreeSet::from(causes.clone()).len(), causes.len());
+    assert!(causes.iter().all(|text| !text.is_empty()), "{causes:?}");
+    let faults = [
+        Fault::SamplerOverrun,
+        Fault::SourceUnreadable,
+        Fault::Store,
+        Fault::SavedSettings,
+        Fault::Watchdog,
+        Fault::NewerSettings,
+        Fault::ForeignSettings,
+        Fault::SamplerMisaligned,
+        Fault::SettingsLeft,
+    ]
+    .map(|fault| fault.to_string());
+    assert_eq!(BTreeSet::from(faults.clone()).len(), faults.len());
+    assert!(faults.iter().all(|text| text.contains([':', ','])), "{faults:?}");
+}
+
+/// The older of the two ends is the one to update.
+#[test]
+fn advice_names_the_older_end() {
+    let advice = |theirs| VersionAdvice { theirs }.to_string();
+    let newer = advice(WIRE_VERSION + 2);
+    assert!(newer.contains("program") && newer.contains(&(WIRE_VERSION + 2).to_string()), "{newer}");
+    let older = advice(WIRE_VERSION - 1);
+    assert!(older.contains("firmware") && older.contains(&WIRE_VERSION.to_string()), "{older}");
+}
+
+/// One edge a step: 64 counts from knot to knot either way, and not a 256th more.
+#[test]
+fn knots_go_as_far_as_one_edge_a_step_and_no_farther() {
+    let by = |advance| Knot { advance, ..Knot::default() }.is_possible();
+    let most = 64 * 256;
+    for (advance, is_possible) in
+        [(0, true), (most, true), (-most, true), (most + 1, false), (-most - 1, false), (i16::MIN, false)]
+    {
+        assert_eq!(by(advance), is_possible, "{advance}");
+    }
+    assert_eq!(2 * u32::from(Knot::MIDDLE), 4096 * 16, "half of 12 bits, in sixteenths");
+}
