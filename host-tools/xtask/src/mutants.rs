@@ -4,6 +4,9 @@
 //! *survivor*. One that only a golden notices is listed apart: a golden says that something has changed, not that it is wrong.
 //! Nothing is left out, so what `#[mutants::skip]` would hide counts.
 //!
+//! The changes are made in a copy of the tree that stays in its place below `target/mutants`, so that core and the packages by
+//! others are compiled once, and only the package and its tests for each change.
+//!
 //! The work goes on file by file: `tests/mutants/PACKAGE.md` has a row for each source file that was tested, with the sum of its
 //! contents. A run takes the files that have no row, or have changed since, and writes the table after each, so it can be
 //! ended at any time. Reasons that a person wrote beside a survivor are kept.
@@ -17,6 +20,7 @@ use std::{
     fmt::Write,
     fs,
     path::{Path, PathBuf},
+    process::Command,
     time::{Duration, Instant},
 };
 
@@ -40,29 +44,59 @@ struct Package {
     name: &'static str,
     /// Folder of its sources, from the root.
     sources: &'static str,
-    /// Part of the names of its goldens.
-    goldens: Option<&'static str>,
-    /// Whether its tests have passed without a change.
-    is_sound: Cell<bool>,
+    /// Parts of the names of its goldens: tests that compare with what is committed.
+    goldens: &'static [&'static str],
+    /// Parts of the names of its slow tests: only what the others miss is tested by them.
+    slow: &'static [&'static str],
+    /// Which passes have succeeded without a change.
+    sound: Cell<[bool; Pass::COUNT]>,
 }
 
 impl Package {
-    const fn new(name: &'static str, sources: &'static str, goldens: Option<&'static str>) -> Self {
-        Self { name, sources, goldens, is_sound: Cell::new(false) }
+    const fn new(
+        name: &'static str,
+        sources: &'static str,
+        goldens: &'static [&'static str],
+        slow: &'static [&'static str],
+    ) -> Self {
+        Self { name, sources, goldens, slow, sound: Cell::new([false; Pass::COUNT]) }
     }
 }
 
 fn packages() -> [Package; 3] {
     [
-        Package::new("core", "firmware/core/src", None),
-        Package::new("wire", "firmware/wire/src", Some("golden")),
-        Package::new("app", "firmware/app/src", None),
+        Package::new("core", "firmware/core/src", &[], &[]),
+        Package::new(
+            "wire",
+            "firmware/wire/src",
+            &["both_ways", "document_is_up_to_date"],
+            &["every_single_byte", "any_damage"],
+        ),
+        Package::new("app", "firmware/app/src", &[], &[]),
     ]
 }
 
-/// Longest time to compile or to test one mutant \[s\]; one that takes longer counts as caught: what the compiler
-/// computes may have no end, too.
-const TIMEOUT_S: &str = "120";
+/// What a pass over the mutants of a file tests them by; each takes those that the one before has missed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Pass {
+    /// All tests but goldens and slow ones.
+    Quick,
+    /// All but goldens.
+    Slow,
+    /// All.
+    Golden,
+}
+
+impl Pass {
+    const COUNT: usize = 3;
+}
+
+/// Longest time that one compiler or one program of tests may use the processor \[s\]. Tests that take more run without end and
+/// count as caught; what the compiler computes without end does not compile, and is left out. Not by the clock on the wall: on
+/// a busy machine everything would be too slow, and so caught.
+const CPU_S: &str = "60";
+/// Longest time to compile or to test one mutant \[s\], for those that wait for ever.
+const WAIT_S: &str = "1200";
 
 /// Share of the mutants that tests are to catch \[%\].
 const GOAL: f64 = 95.0;
@@ -149,7 +183,7 @@ impl Package {
         Ok(files)
     }
 
-    /// Files that were not tested as they are.
+    /// Files that were not tested as they are, short ones first: a run that is ended early has done more of them.
     fn left(&self, record: &Record, files: &BTreeMap<String, String>, only: Option<&str>) -> Result<VecDeque<String>> {
         if let Some(only) = only {
             let known = files.keys().find(|file| file.as_str() == only || file.ends_with(&format!("/{only}")));
@@ -157,7 +191,10 @@ impl Package {
             return Ok([file.clone()].into());
         }
         let is_new = |file: &String, sum: &String| record.files.get(file).is_none_or(|tested| tested.sum != *sum);
-        Ok(files.iter().filter(|(file, sum)| is_new(file, sum)).map(|(file, _)| file.clone()).collect())
+        let mut left: Vec<String> =
+            files.iter().filter(|(file, sum)| is_new(file, sum)).map(|(file, _)| file.clone()).collect();
+        left.sort_by_cached_key(|file| fs::metadata(tree::root().join(file)).map_or(0, |metadata| metadata.len()));
+        Ok(left.into())
     }
 
     /// Tests the mutants of a file.
@@ -167,18 +204,22 @@ impl Package {
         // Before the tests: an edit meanwhile is another source.
         let sum = sum(&fs::read(tree::root().join(file))?);
         fs::create_dir_all(folder.join(self.name))?;
-        let first = self.pass(file, &folder, self.goldens)?;
-        let last = match (self.goldens, first.missed.is_empty()) {
-            (Some(_), false) => self.pass(file, &folder, None)?.missed,
-            _ => first.missed.clone(),
-        };
-        let mut golden = first.missed.clone();
-        for mutant in &last {
-            if let Some(place) = golden.iter().position(|other| other == mutant) {
-                golden.remove(place);
+        copy_tree(&folder.join("tree"))?;
+        let mut caught = Vec::new();
+        let mut golden = Vec::new();
+        let mut missed = None;
+        for (pass, is_needed) in
+            [(Pass::Quick, true), (Pass::Slow, !self.slow.is_empty()), (Pass::Golden, !self.goldens.is_empty())]
+        {
+            if is_needed && missed.as_ref().is_none_or(|missed: &Vec<String>| !missed.is_empty()) {
+                let found = self.pass(pass, file, &folder, missed.as_deref())?;
+                if pass == Pass::Golden { &mut golden } else { &mut caught }.extend(found.caught);
+                missed = Some(found.missed);
             }
         }
-        let tested = Tested { sum, caught: first.caught, golden: golden.len(), survived: last.len() };
+        let places_left_out = |lines: &[String]| lines.iter().map(|line| without_place(line).to_owned()).collect();
+        let survived: Vec<String> = places_left_out(&missed.unwrap_or_default());
+        let tested = Tested { sum, caught: caught.len(), golden: golden.len(), survived: survived.len() };
         println!(
             "{file}: {} caught, {} by a golden only, {} survived, in {:.0} s",
             tested.caught,
@@ -186,46 +227,60 @@ impl Package {
             tested.survived,
             started.elapsed().as_secs_f64()
         );
-        record.take(file, tested, last, golden);
+        record.take(file, tested, survived, places_left_out(&golden));
         Ok(())
     }
 
-    /// Tests them once, with or without the tests whose names hold a word.
-    fn pass(&self, file: &str, folder: &Path, without: Option<&str>) -> Result<Outcomes> {
+    /// Tests the mutants of a file once: all of them, or some.
+    fn pass(&self, pass: Pass, file: &str, folder: &Path, only: Option<&[String]>) -> Result<Outcomes> {
+        let mut sound = self.sound.get();
         let mut command = Tool::Mutants.command()?;
+        command.arg("--in-place");
         command.args(["--package", &format!("inerter-{}", self.name), "--file", file, "--no-shuffle"]);
-        command.args([
-            "--timeout",
-            TIMEOUT_S,
-            "--build-timeout",
-            TIMEOUT_S,
-            "--baseline",
-            if self.is_sound.get() { "skip" } else { "run" },
-        ]);
-        command
-            .args(["--cap-lints", "true", "--no-times", "--output"])
-            .arg(folder.join(self.name))
-            .args(["--", "--locked"]);
-        // Packages by others are compiled once.
-        command.env("CARGO_TARGET_DIR", folder.join("build"));
-        if let Some(word) = without {
-            command.args(["--", "--skip", word]);
-        }
+        command.args(only.unwrap_or_default().iter().flat_map(|mutant| ["--re".to_owned(), exactly(mutant)]));
+        command.args(["--timeout", WAIT_S, "--build-timeout", WAIT_S]);
+        command.args(["--baseline", if sound[pass as usize] { "skip" } else { "run" }, "--cap-lints", "true"]);
+        command.args(["--no-times", "--output"]).arg(folder.join(self.name));
+        command.args(["--", "--locked", "--"]).args(self.left_out(pass).flat_map(|name| ["--skip", name]));
+        let mut command = with_cpu_limit(command);
+        command.current_dir(folder.join("tree")).env("CARGO_TARGET_DIR", folder.join("build"));
         let status = command.status().with_context(|| format!("cannot start `{}`", process::shown(&command)))?;
         // 2: some were missed, 3: some took too long.
         if !matches!(status.code(), Some(0 | 2 | 3)) {
             bail!("`{}` failed ({status})", process::shown(&command));
         }
-        self.is_sound.set(true);
-        Outcomes::read(&folder.join(self.name).join("mutants.out"))
+        let outcomes = Outcomes::read(&folder.join(self.name).join("mutants.out"))?;
+        // Where there is no mutant, no test has run.
+        sound[pass as usize] |= !(outcomes.caught.is_empty() && outcomes.missed.is_empty());
+        self.sound.set(sound);
+        Ok(outcomes)
+    }
+
+    /// Parts of the names of the tests that do not run in this pass.
+    fn left_out(&self, pass: Pass) -> impl Iterator<Item = &'static str> {
+        let (goldens, slow) = match pass {
+            Pass::Quick => (self.goldens, self.slow),
+            Pass::Slow => (self.goldens, &[][..]),
+            Pass::Golden => (&[][..], &[][..]),
+        };
+        goldens.iter().chain(slow).copied()
     }
 }
 
-/// What `cargo-mutants` found.
+/// The same command, each process of which may use the processor for a limited time, where the system can do that.
+fn with_cpu_limit(command: Command) -> Command {
+    if !cfg!(unix) {
+        return command;
+    }
+    let mut limited = Command::new("sh");
+    limited.args(["-c", r#"ulimit -t "$0" && exec "$@""#, CPU_S]).arg(command.get_program()).args(command.get_args());
+    limited
+}
+
+/// What `cargo-mutants` found: lines with file, place and change.
 struct Outcomes {
-    /// Number caught, by a test that failed or ran without end.
-    caught: usize,
-    /// What was changed where nothing failed, without line numbers.
+    /// Caught, by a test that failed or ran without end.
+    caught: Vec<String>,
     missed: Vec<String>,
 }
 
@@ -236,9 +291,50 @@ impl Outcomes {
             let text = fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
             Ok(text.lines().map(str::to_owned).collect())
         };
-        let caught = lines("caught.txt")?.len() + lines("timeout.txt")?.len();
-        Ok(Self { caught, missed: lines("missed.txt")?.iter().map(|line| without_place(line).to_owned()).collect() })
+        // What does not compile is left out. What does not link shows that a compiler was killed within its incremental work.
+        for entry in fs::read_dir(folder.join("log"))? {
+            let path = entry?.path();
+            let is_broken = fs::read_to_string(&path)?.contains("error: linking with");
+            ensure!(!is_broken, "linking failed ({}): delete target/mutants/build and begin anew", path.display());
+        }
+        let caught = [lines("caught.txt")?, lines("timeout.txt")?].concat();
+        Ok(Self { caught, missed: lines("missed.txt")? })
     }
+}
+
+/// A regular expression for this text and no other.
+fn exactly(text: &str) -> String {
+    let escaped = |letter: char| (r"\.+*?()|[]{}^$".contains(letter)).then_some('\\').into_iter().chain([letter]);
+    format!("^{}$", text.chars().flat_map(escaped).collect::<String>())
+}
+
+/// Makes `copy` the tree as it is, ignored files left out. Only what differs is written: to cargo, a file with a new time is new.
+fn copy_tree(copy: &Path) -> Result<()> {
+    let mut command = Command::new("git");
+    command.args(["ls-files", "--cached", "--others", "--exclude-standard", "-z"]).current_dir(tree::root());
+    let listed = process::output(&mut command)?;
+    let files: BTreeSet<&Path> =
+        listed.split_terminator('\0').map(Path::new).filter(|file| tree::root().join(file).is_file()).collect();
+    let mut folders = Vec::from_iter(copy.is_dir().then(|| copy.to_owned()));
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(&folder)? {
+            let path = entry?.path();
+            if path.is_dir() {
+                folders.push(path);
+            } else if path.strip_prefix(copy).is_ok_and(|file| !files.contains(file)) {
+                fs::remove_file(&path)?;
+            }
+        }
+    }
+    for file in files {
+        let bytes = fs::read(tree::root().join(file)).with_context(|| format!("cannot read {}", file.display()))?;
+        let to = copy.join(file);
+        if !fs::read(&to).is_ok_and(|present| present == bytes) {
+            fs::create_dir_all(to.parent().unwrap_or(copy))?;
+            fs::write(&to, bytes).with_context(|| format!("cannot write {}", to.display()))?;
+        }
+    }
+    Ok(())
 }
 
 /// What was changed, without the file and the place in it, which move.
@@ -428,6 +524,11 @@ mod tests {
         let summary = record().summary();
         assert!(summary.contains("16 of 18 mutants are caught (88.9 %"), "{summary}");
         assert!(summary.contains("of 2 survivors 1 have a reason"), "{summary}");
+    }
+
+    #[test]
+    fn a_mutant_is_selected_by_all_of_its_line() {
+        assert_eq!(exactly("a.rs:1: f -> Vec<u8> with [1]"), r"^a\.rs:1: f -> Vec<u8> with \[1\]$");
     }
 
     #[test]
