@@ -188,7 +188,7 @@ const SIGNAL_PATH: &[&str] = &[
 pub fn run() -> Result<()> {
     let root = tree::root();
     let mut workspace = Workspace::read(&root)?;
-    for folder in [Part::Bench.folder(), Part::Fuzz.folder(), Part::Twin.folder(), foreign::folder()] {
+    for folder in [Part::Bench.folder(), Part::Twin.folder(), foreign::folder()] {
         workspace.members.extend(Workspace::read(&folder)?.members);
     }
     let mut faults = arrow_faults(&workspace);

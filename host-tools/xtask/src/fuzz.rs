@@ -112,14 +112,19 @@ pub fn run(options: &Options) -> Result<()> {
     Ok(())
 }
 
+fn folder_of_targets() -> PathBuf {
+    tree::root().join("tests/fuzz")
+}
+
 /// Compiles the targets with counters; gives the folder of the programs. With a target named, build scripts stay without.
 fn build(targets: &[&Target]) -> Result<PathBuf> {
     let host = process::output(process::rustc().args(["--print", "host-tuple"]))?.trim().to_owned();
-    let mut command = Part::Fuzz.cargo();
-    command.args(["build", "--release", "--locked", "--target", &host]);
+    let mut command = Part::Main.cargo();
+    command.args(["build", "--profile", "fuzz", "--locked", "--target", &host]);
+    command.args(["--package", "inerter-fuzz", "--features", "libfuzzer"]);
     command.args(targets.iter().flat_map(|target| ["--bin", target.name]));
     process::run(command.env("CARGO_ENCODED_RUSTFLAGS", FLAGS.join("\x1f")))?;
-    Ok(Workspace::read(&Part::Fuzz.folder())?.target.join(host).join("release"))
+    Ok(Workspace::read(&tree::root())?.target.join(host).join("fuzz"))
 }
 
 /// What a run came to.
@@ -171,7 +176,7 @@ impl Place {
         Self {
             program,
             longest: format!("-max_len={}", target.longest),
-            packed: Part::Fuzz.folder().join("corpus").join(target.name),
+            packed: folder_of_targets().join("corpus").join(target.name),
             corpus: folder.join("corpus"),
             seeds: folder.join("seeds"),
             found: folder.join("found"),
@@ -346,7 +351,7 @@ mod tests {
     #[test]
     fn each_target_is_a_program_with_a_corpus() {
         for target in TARGETS {
-            let folder = Part::Fuzz.folder();
+            let folder = folder_of_targets();
             assert!(folder.join("src/bin").join(target.name).with_extension("rs").is_file(), "{}", target.name);
             let packed = fs::read(folder.join("corpus").join(target.name)).unwrap();
             let inputs = unpack(&packed).unwrap();

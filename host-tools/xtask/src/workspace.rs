@@ -1,4 +1,4 @@
-//! The four workspaces, what `cargo metadata` says of them, and the programs made from them.
+//! The three workspaces, what `cargo metadata` says of them, and the programs made from them.
 
 use crate::{process, tree};
 use anyhow::{Context, Result, bail};
@@ -19,22 +19,19 @@ pub enum Part {
     Main,
     /// The bench against others' recursive least squares.
     Bench,
-    /// What libFuzzer runs.
-    Fuzz,
     /// The twin, whose emulator needs CMake and libclang, and what runs in its Linux guest.
     Twin,
 }
 
 impl Part {
     /// All of them.
-    pub const ALL: [Self; 4] = [Self::Main, Self::Bench, Self::Fuzz, Self::Twin];
+    pub const ALL: [Self; 3] = [Self::Main, Self::Bench, Self::Twin];
 
     /// Its folder.
     pub fn folder(self) -> PathBuf {
         match self {
             Self::Main => tree::root(),
             Self::Bench => tree::root().join("tests/bench"),
-            Self::Fuzz => tree::root().join("tests/fuzz"),
             Self::Twin => tree::root().join("tests/twin"),
         }
     }
@@ -57,7 +54,7 @@ impl Part {
     pub fn features(self) -> &'static [&'static str] {
         match self {
             Self::Main => LEAN,
-            Self::Bench | Self::Fuzz | Self::Twin => &[],
+            Self::Bench | Self::Twin => &[],
         }
     }
 
