@@ -26,8 +26,8 @@ pub const DEAD_REVERSALS: u8 = 6;
 pub const BOXES_VARIANCE: f64 = 151.0 / 315.0;
 /// Times that a parameter moves by beyond chance between the fit to all and the one away from rest, which it may be wrong by.
 pub const MOVED: f64 = 1.4;
-/// Model error of the structure mass: across a backlash its motion does not follow from the force. 0.1 mm takes up to 4.8 %
-/// of it from the inertance (docs/tables/accuracy.md, `worn`).
+/// Model error of the structure mass where the gap is not known: across a backlash its motion does not follow from the force.
+/// 0.1 mm takes up to 4.8 % of it from the inertance (docs/tables/accuracy.md, `worn`).
 pub const STRUCTURE_MODEL_U95: f64 = 0.05;
 /// Uncertainty of a stiffness that is given without one, as a part of it.
 pub const UNSTATED_STIFFNESS_U95: f64 = 0.01;
