@@ -3,8 +3,9 @@
 use anyhow::{Context, Result, bail};
 use std::{
     ffi::OsStr,
+    fs::File,
     io::Read,
-    path::PathBuf,
+    path::{Path, PathBuf},
     process::{Command, Stdio},
     time::{Duration, Instant},
 };
@@ -39,6 +40,13 @@ pub fn run(command: &mut Command) -> Result<()> {
         bail!("`{}` failed ({status})", shown(command));
     }
     Ok(())
+}
+
+/// The same, with all that is said into a file.
+pub fn run_into(command: &mut Command, file: &Path) -> Result<()> {
+    let out = File::create(file).with_context(|| format!("cannot write {}", file.display()))?;
+    let errors = out.try_clone().with_context(|| format!("cannot write {}", file.display()))?;
+    run(command.stdin(Stdio::null()).stdout(out).stderr(errors))
 }
 
 /// Runs to the end and returns what was printed; errors stay on the terminal.

@@ -13,6 +13,7 @@ use std::{
     fs,
     io::ErrorKind,
     path::{Path, PathBuf},
+    thread,
     time::{Duration, Instant},
 };
 
@@ -351,12 +352,27 @@ fn document() -> Result<()> {
 }
 
 /// All tests. What this command makes or installs is required; recordings of real machines are, where their folder is there.
+///
+/// Most of the twin's wait for the clock on the wall: they run beside all others, and more of them at a time.
 fn test() -> Result<()> {
     let (images, list) = (firmware::build_all()?, skipped_list()?);
-    Part::each(|part| {
+    let tests = |part: Part| {
         let mut command = part.all("test");
         command.envs(images.iter().map(|(variable, path)| (variable, path)));
-        process::run(command.arg("--no-fail-fast").env(inerter_needs::REQUIRED, "1").env(inerter_needs::LIST, &list))
+        command.arg("--no-fail-fast").env(inerter_needs::REQUIRED, "1").env(inerter_needs::LIST, &list);
+        command
+    };
+    let said = list.with_file_name("twin-tests.txt");
+    println!("the twin's tests run beside these, and say so at the end; until then in {}", said.display());
+    thread::scope(|scope| {
+        let twin = scope.spawn(|| process::run_into(tests(Part::Twin).env("RUST_TEST_THREADS", "4"), &said));
+        let others = Part::each(|part| if part == Part::Twin { Ok(()) } else { process::run(&mut tests(part)) });
+        let twin = twin.join().unwrap_or_else(|_| bail!("the twin's tests could not be started"));
+        println!("\n{}", fs::read_to_string(&said).with_context(|| format!("cannot read {}", said.display()))?);
+        match (others, twin) {
+            (Err(others), Err(twin)) => bail!("{others:#}; {twin:#}"),
+            (others, twin) => others.and(twin),
+        }
     })
 }
 
