@@ -337,5 +337,11 @@ fn a_wire_that_is_missing_is_named() {
 #[test]
 fn a_converter_that_looks_late_is_named() {
     let planted = Planted { late: [2 * 168, 0], ..Planted::default() };
-    is_named("late", "timing", "converter looks 2.0 us too late", wired(Jumpers::RIGHT, planted));
+    // How late to 0.1 us tells the library's test, in which nobody has to hurry.
+    is_named(
+        "late",
+        "timing",
+        "us too late: force and position do not belong together",
+        wired(Jumpers::RIGHT, planted),
+    );
 }
