@@ -353,7 +353,7 @@ fn document() -> Result<()> {
 
 /// All tests. What this command makes or installs is required; recordings of real machines are, where their folder is there.
 ///
-/// Most of the twin's wait for the clock on the wall: they run beside all others, and more of them at a time.
+/// Most of the twin's wait for the clock on the wall: they run beside all others.
 fn test() -> Result<()> {
     let (images, list) = (firmware::build_all()?, skipped_list()?);
     let tests = |part: Part| {
@@ -365,7 +365,7 @@ fn test() -> Result<()> {
     let said = list.with_file_name("twin-tests.txt");
     println!("the twin's tests run beside these, and say so at the end; until then in {}", said.display());
     thread::scope(|scope| {
-        let twin = scope.spawn(|| process::run_into(tests(Part::Twin).env("RUST_TEST_THREADS", "4"), &said));
+        let twin = scope.spawn(|| process::run_into(&mut tests(Part::Twin), &said));
         let others = Part::each(|part| if part == Part::Twin { Ok(()) } else { process::run(&mut tests(part)) });
         let twin = twin.join().unwrap_or_else(|_| bail!("the twin's tests could not be started"));
         println!("\n{}", fs::read_to_string(&said).with_context(|| format!("cannot read {}", said.display()))?);
