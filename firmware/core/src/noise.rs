@@ -87,7 +87,7 @@ mod tests {
     }
 
     /// Quartile of the fourth differences of normal noise, per its rms.
-    const QUARTILE: f64 = crate::constants::QUARTILES[0];
+    const QUARTILE: f64 = 0.3186 * 8.3666;
 
     /// The rms that is told of a force with noise of `rms` [codes], each five samples disturbed as told by their count.
     fn told(noise: &mut Noise, rms: f64, count: usize, disturbance: impl Fn(usize, usize) -> f64) -> f64 {
