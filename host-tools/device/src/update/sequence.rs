@@ -177,8 +177,7 @@ fn lead_back<M: Machine>(machine: &mut M, device: &DfuDevice, seconds: u64) -> R
         let mut sleep = |time| {
             machine.sleep(time);
             left = left.saturating_sub(time);
-            // Asked in any case, as below.
-            let _ = machine.check_interrupted();
+            let _ = Heeds::Nothing.check(machine);
             if left.is_zero() { Going::Stop } else { Going::On }
         };
         match dfuse::Rom::new(&io, &mut sleep).start() {
