@@ -20,6 +20,8 @@ pub enum Recording {
     LodzSymmetric,
     /// The same at ratio r16.
     LodzAsymmetric,
+    /// A friction damper without any mass behind its backlash, in a load frame.
+    Arts,
 }
 
 impl Recording {
@@ -29,6 +31,7 @@ impl Recording {
             Self::Emps => ("emps/emps.csv", 50e-9),
             Self::LodzSymmetric => ("lodz/sym_r0.csv", 1e-6),
             Self::LodzAsymmetric => ("lodz/asym_r16.csv", 1e-6),
+            Self::Arts => ("arts/1hz_20lb.csv", 1e-6),
         }
     }
 

@@ -1,6 +1,6 @@
 //! Causes that break the law are named and sized, and none where there is none; `cargo xtask diagnose` counts over many more runs.
 
-use inerter_analysis::diagnose::{Encoder, Kind, diagnose, widened};
+use inerter_analysis::diagnose::{Encoder, Kind, assumptions, diagnose, widened};
 use inerter_core::Machine;
 use inerter_data::{replay::replay_all, series::Series, settings::SettingsInputError, words::rounded_text};
 use inerter_tests::{
@@ -86,7 +86,7 @@ fn what_is_too_small_to_be_named_widens_the_interval_by_the_samples() {
         let words = widened(Machine::Linear, &outcome.estimate.whole_run, &judged).unwrap();
         let u95 = f64::from(judged[0].budget.u95());
         let inertance = format!(" Effective inertance: {} kg", rounded_text(u95, u95));
-        assert!(words.contains(&inertance) && words.contains("is too small to be named"), "{words}");
+        assert!(words.contains(&inertance) && words.contains("moved most by what looks like"), "{words}");
         // Where nothing is wrong the intervals grow as far as the run cannot tell that nothing is.
         let Replayed { outcome, judged, .. } = clean.replayed(motion, seed).unwrap();
         for ((budget, judged), wider) in outcome.budgets.whole_run.iter().zip(&judged).zip(&mut wider) {
@@ -112,6 +112,23 @@ fn what_a_motion_cannot_tell_is_named_as_an_assumption() {
         of_inertance.contains(&Kind::LoadDependent) && !of_inertance.contains(&Kind::Direction),
         "{of_inertance:?}"
     );
+}
+
+/// Beside a cause that is named, it is said which parameter the motion does not tell from it.
+#[test]
+fn a_cause_that_was_found_is_no_mere_assumption() {
+    let motion = MOTIONS.iter().find(|motion| motion.name == "random").unwrap();
+    let case = cases().into_iter().find(|case| case.name == "ripple of 10 N").unwrap();
+    let Replayed { causes, judged, .. } = case.replayed(motion, 52).unwrap();
+    assert_eq!(causes.iter().map(|cause| cause.kind).collect::<Vec<_>>(), [Kind::PositionPeriodic]);
+    let words = assumptions(Machine::Linear, &judged, &causes).unwrap();
+    assert_eq!(
+        words.matches("force or friction that repeats with the turns (found in this run)").count(),
+        2,
+        "{words}"
+    );
+    assert_eq!(words.matches("found in this run").count(), 2, "{words}");
+    assert!(!assumptions(Machine::Linear, &judged, &[]).unwrap().contains("found"));
 }
 
 #[test]

@@ -6,9 +6,15 @@ use inerter_analysis::{
     diagnose::{Encoder, Kind, diagnose},
     skew::skew,
 };
-use inerter_core::{Bank, Parameter, Parameters, RawSample, Settings, State, Status};
-use inerter_data::{replay::Outcome, series::Series};
+use inerter_core::{Bank, Estimate, LawStatus, Parameter, Parameters, RawSample, Settings, State, Status};
+use inerter_data::{
+    replay::{Outcome, replay_all},
+    run::Run,
+    series::Series,
+    settings::SettingsInputError,
+};
 use inerter_tests::data::{Recording, replayed};
+use inerter_wire::EstimatorEvent;
 
 /// Published least-squares fit of the EMPS recording: inertance [kg], viscous [N s/m], Coulomb [N], offset [N].
 const EMPS: [f64; 4] = [95.1089, 203.5034, 20.3935, -3.1648];
@@ -115,6 +121,34 @@ fn what_breaks_the_law() {
     assert!(first.kind == Kind::Presliding && (0.5e-3..4e-3).contains(&first.value), "{first:?}");
     let Some(asymmetric) = of(Recording::LodzAsymmetric) else { return };
     assert_eq!(asymmetric.causes, []);
+}
+
+/// The negative control: `m a + c v + fc sgn v + F0` leaves 33 to 63 % of its force, and there is no mass. As recorded, and with the force
+/// turned.
+#[test]
+fn a_friction_damper_has_no_inertance_whatever_its_sign() {
+    let Some(run) = Recording::Arts.run(1) else { return };
+    let run = run.unwrap();
+    for sign in [1.0, -1.0] {
+        let settings = Settings { newtons_per_code: sign * run.settings.newtons_per_code, ..run.settings };
+        let turned = Run { settings, ..run.clone() };
+        let mut said = 0;
+        let outcome = replay_all(&turned, |t_s, event| {
+            if let EstimatorEvent::Estimate(estimated) = event {
+                let Estimate { recent, whole_run, .. } = &estimated.estimate;
+                for parameters in [recent, whole_run] {
+                    let given = parameters.inertance_kg.known();
+                    assert_eq!(given, None, "at {t_s} s, force times {sign}");
+                }
+                said += 1;
+            }
+            Ok::<(), SettingsInputError>(())
+        });
+        let outcome = outcome.unwrap();
+        assert!(said > 40, "{said} estimates");
+        assert_eq!(outcome.law.status, LawStatus::Broken);
+        assert!(outcome.detail.backlash.known().is_none(), "{:?}", outcome.detail.backlash);
+    }
 }
 
 /// 10 minutes of standstill after a run: the encoder flickers by a count, the force rests on `force_code` with noise.

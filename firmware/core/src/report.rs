@@ -222,7 +222,8 @@ impl Active {
         let viscous = Interval { value: fitted.values[1], u95: budgets[1].u95() };
         let moved = spread.moved(&motion);
         let assessment = Assessment::of(&fitted, &away, squares, viscous, &explained, found.contact, moved);
-        let law = regime::law(&fitted, &explained, noise.differences, found.contact);
+        let force = || knowledge.mean_square(UNKNOWNS) * square(scales.force);
+        let law = regime::law(&fitted, &explained, noise.differences, found.contact, force);
         let told = Told { fit: fitted, budgets: assessment.widen(budgets), law };
         Recent { bank, told, assessment, band }
     }
@@ -239,7 +240,8 @@ impl Active {
         let motion = self.motion_of_all(state, found, recent, bank, &knowledge);
         let spread = self.scatter(&fit, scales, &motion).in_motion(&motion);
         let budgets = recent.assessment.widen(self.budgets_of(&fit, &spread, &motion));
-        let law = regime::law(&fit, &explained, noise.differences, found.contact);
+        let force = || knowledge.mean_square(UNKNOWNS) * square(scales.force);
+        let law = regime::law(&fit, &explained, noise.differences, found.contact, force);
         Told { fit, budgets, law }
     }
 
@@ -447,7 +449,7 @@ impl Parameters {
     /// Whether the inertance is negative beyond its interval, whatever its status.
     pub(crate) fn are_backwards(&self) -> bool {
         let Interval { value, u95 } = self.inertance_kg.fitted();
-        value < 0.0 && u95 < -WIDEST_INTERVAL * value
+        value + u95 < 0.0
     }
 
     fn each(&mut self) -> [&mut Parameter; UNKNOWNS] {

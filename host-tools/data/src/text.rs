@@ -115,13 +115,14 @@ pub fn force_text(machine: Machine, force_n: f64) -> String {
     format!("{} {}", amount_text(force_n, 2), catalogue::unit(machine, "N"))
 }
 
-/// Heads the lines of [`row`].
+/// Heads the lines of [`row`]. The residual is in parts of what noise and steps explain: about 1 where the law holds.
 pub fn row_header(machine: Machine) -> String {
     let mut text = format!("{:>9}", "t [s]");
     for field in catalogue::fields(machine, catalogue::Group::Parameter) {
         text += &format!("  {:<24}", format!("{} [{}]", field.label, field.unit));
     }
-    text + &format!("  Backlash [{}]", catalogue::unit(machine, "µm"))
+    let backlash = format!("Backlash [{}]", catalogue::unit(machine, "µm"));
+    text + &format!("  {backlash:<22}  Residual")
 }
 
 /// One line per estimate: the recent memory, and the backlash so far.
@@ -134,7 +135,9 @@ pub fn row(t_s: f64, estimated: &Estimated) -> String {
     text += &format!("  {:<22}", detail.as_ref().map(|detail| backlash_text(&detail.backlash)).unwrap_or_default());
     let rest = Some("at rest").filter(|_| !estimate.moving);
     let remarks: Vec<&str> = rest.into_iter().chain(remarks(estimated)).collect();
-    text += &format!("  {}", remarks.join(", "));
+    let misfit = estimated.law.and_then(|law| law.misfit);
+    let ratio = misfit.map(|Misfit { ratio, .. }| format!("{ratio:.2}")).unwrap_or_default();
+    text += &format!("  {ratio:<8}  {}", remarks.join(", "));
     text.trim_end().into()
 }
 

@@ -114,7 +114,7 @@ fn a_person_sees_it_at_a_glance() {
                 friction: Coulomb's; the device has changed 1 time";
     assert!(text.ends_with(words), "{text}");
     // What is as it should be needs no remark.
-    assert!(row(1.0, &estimated(detail())).ends_with("50.0 ± 2.0              at rest"));
+    assert!(row(1.0, &estimated(detail())).ends_with("50.0 ± 2.0                        at rest"));
     let odd = Detail {
         contact: Contact::Bouncing,
         friction: Friction { regime: Regime::Presliding, ..detail().friction },
@@ -126,7 +126,7 @@ fn a_person_sees_it_at_a_glance() {
     let broken = law(LawStatus::Broken, misfit);
     let odd = Estimated { estimate: moving, law: Some(broken), detail: Some(odd) };
     let row = row(1.0, &odd);
-    assert!(row.ends_with("the flanks bounce, creeps before it slips (presliding), law broken"), "{row}");
+    assert!(row.ends_with("5.25      the flanks bounce, creeps before it slips (presliding), law broken"), "{row}");
     let words = "; law: broken (the residual is 5.2 times what noise and steps explain)";
     assert!(line(Machine::Linear, &odd).ends_with(words), "{}", line(Machine::Linear, &odd));
     let words = "holds (the residual is 5.2 times what noise and steps explain)";

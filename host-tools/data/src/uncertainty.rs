@@ -27,10 +27,10 @@ pub struct BudgetJson {
     pub degrees_of_freedom: Option<f32>,
     /// What it is made of, without what has no part in it.
     pub budget: Vec<PartJson>,
-    /// What is too small to be named and moves it most by what the samples show.
+    /// What moves it most by the samples, named as a cause or too small for that.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub moved_by: Option<&'static str>,
-    /// What this motion does not tell from it: it is right if there is none.
+    /// What this motion does not tell from it: it is right only if there is none.
     pub assumes: Vec<&'static str>,
 }
 

@@ -340,6 +340,24 @@ fn a_run_that_could_not_show_all_names_a_motion_that_would_have() {
     assert!((0.5..4.0).contains(&noise), "{noise}");
 }
 
+/// Both have so little Coulomb friction that it is within its interval: one by a motion that hides it under friction that turns over
+/// the whole stroke, for which a plan by the law would promise what no motion shows.
+#[test]
+fn a_run_that_more_breaks_than_chance_names_no_motion() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    for (device, is_lawful) in [(["--presliding-m", "1e-3"], false), (["--coulomb-n", "0.02"], true)] {
+        let file = format!("{is_lawful}.mcap");
+        let motion = ["--excite", "sine:6Hz:1mm", "--duration", "10", "--force-noise-n", "2"];
+        done(at, &[&["simulate", "-o", &file], &device[..], &motion].concat());
+        let found = last(&done(at, &["replay", &file, "--json", "--set", "stiffness_n_per_m=0"]));
+        let friction = &found["whole_run"]["coulomb_n"];
+        assert!(number(friction, "/value").abs() < number(friction, "/u95"), "{found}");
+        let is_within = number(&found, "/law/ratio") <= number(&found, "/law/limit");
+        assert_eq!((is_within, found.get("advice").is_some()), (is_lawful, is_lawful), "{found}");
+    }
+}
+
 #[test]
 fn a_run_that_shows_all_or_nothing_is_told_so() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! What is too small to be named, and may have moved the parameters all the same.
+//! What may have moved the parameters, also where it is too small to be named.
 //!
 //! Taking a cause in beside the law moves each parameter, by chance alone by as much as its standard error then grows
 //! (Hausman). So much it may have been moved by while the cause was left out. Where the standard error would grow beyond
@@ -15,6 +15,7 @@ use inerter_data::{
 use nalgebra::{DMatrix, DVector};
 
 use super::{
+    cause::Cause,
     columns::{Candidate, Rows},
     kind::Kind,
     search::rows_of,
@@ -43,21 +44,27 @@ const WORTH_A_WORD: f32 = 1.05;
 pub struct Judged {
     /// What its interval is made of.
     pub budget: Budget,
-    /// What may have moved it most, too small to be named.
+    /// What moves it most by the samples, named as a cause or too small for that.
     pub moved_by: Option<Kind>,
     /// What this motion hides in it: the value is right if there is none.
     pub assumes: Vec<Kind>,
 }
 
-/// What a person is told of the causes that a motion does not tell from the parameters; nothing where it tells all.
-pub fn assumptions(machine: Machine, all: &[Judged; 4]) -> Option<String> {
+/// What a person is told of the causes that a motion does not tell from the parameters, those among them that were `found`; nothing
+/// where it tells all.
+pub fn assumptions(machine: Machine, all: &[Judged; 4], found: &[Cause]) -> Option<String> {
+    let is_found = |kind: Kind| found.iter().any(|cause| cause.kind == kind);
     let told = all.iter().enumerate().filter(|(_, one)| one.budget.u95().is_finite() && !one.assumes.is_empty());
     let told = told.map(|(place, one)| {
-        let words: Vec<&str> = one.assumes.iter().map(|kind| kind.words()).collect();
+        let words = one.assumes.iter().map(|kind| match is_found(*kind) {
+            true => format!("{} (found in this run)", kind.words()),
+            false => kind.words().to_string(),
+        });
+        let words: Vec<String> = words.collect();
         format!(" {}: {}.", parameter(machine, place).label, description(machine, &words.join(", ")))
     });
     let told: String = told.collect();
-    let head = "This motion does not tell some causes from a parameter, which is right where there are none.";
+    let head = "This motion does not tell some causes from a parameter, which is right only where there are none.";
     (!told.is_empty()).then(|| format!("{head}{told}"))
 }
 
@@ -73,13 +80,13 @@ pub fn widened(machine: Machine, whole_run: &Parameters, all: &[Judged; 4]) -> O
         let field = parameter(machine, place);
         let [u95, wider] = [u95, wider].map(|u95| rounded_text(u95.into(), u95.into()));
         let why = judged.moved_by.map_or_else(String::new, |kind| {
-            format!(" (what looks like {} is too small to be named)", description(machine, kind.words()))
+            format!(" (moved most by what looks like {})", description(machine, kind.words()))
         });
         Some(format!(" {}: {wider} {}, not {u95}{why}.", field.label, field.unit))
     });
     let told: String = told.collect();
     let head =
-        "The samples cannot rule out causes that are too small to be named. For these, 95 % intervals are wider.";
+        "The samples show more than the law explains, or cannot rule it out. For this, 95 % intervals are wider.";
     (!told.is_empty()).then(|| format!("{head}{told}"))
 }
 

@@ -107,6 +107,11 @@ fn estimate() -> Value {
             "reversal_ratio": number("part of the kink of Coulomb friction that the reversals have shown"),
             "regime": text("unknown, coulomb, presliding or stribeck"),
         }},
+        "law": {"type": "object", "properties": {
+            "status": text("holds, broken or unknown"),
+            "ratio": number("residual over what noise and steps explain, null where that is not known"),
+            "limit": number("ratio that chance alone does not reach"),
+        }},
         "changes": number("changes of the device found since the estimator began"),
     });
     properties.extend(rest.as_object().cloned().unwrap_or_default());

@@ -116,14 +116,14 @@ pub fn run(args: &Args) -> Result<(), Error> {
     progress.done();
     let estimated = outcome.estimated();
     let gated = latest.into_inner().gated();
-    let causes = suspected(&gated, &run.settings, &outcome.published());
+    let found = suspected(&gated, &run.settings, &outcome.published());
     let judged = judged(&gated.series, &run.settings, &outcome);
     let beyond = Peaks::of(&gated.series).beyond(&run.settings, &outcome.counters).map(|words| ("full_scale", words));
-    let advice = advice(&outcome, &run.settings, &reach);
+    let advice = advice(&outcome, &found, &run.settings, &reach);
     // What the estimator had no time to see.
     let unseen = gated.left_out.iter().filter(|kind| !told.contains(kind));
     let unseen = unseen.map(|kind| (Suspect::Samples(*kind).name(), warning_words(run.settings.machine, *kind)));
-    let causes = causes.iter().map(|cause| (cause.kind.name(), cause.sentence(run.settings.machine)));
+    let causes = found.iter().map(|cause| (cause.kind.name(), cause.sentence(run.settings.machine)));
     let causes = unseen.chain(causes).chain(beyond);
     if args.json {
         warnings.extend(causes.map(|(code, text)| WarningJson { code, t_s: rounded_s(outcome.t_s), text }));
@@ -144,7 +144,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     output::lines(text::table(&estimated, &run.settings, run.truth.as_ref()).trim_end())?;
     output::line(text::counts_line(&run.settings, run.duration_s(), &outcome))?;
     widened(run.settings.machine, &outcome.estimate.whole_run, &judged).map_or(Ok(()), output::line)?;
-    assumptions(run.settings.machine, &judged).map_or(Ok(()), output::line)?;
+    assumptions(run.settings.machine, &judged, &found).map_or(Ok(()), output::line)?;
     causes.map(|(_, words)| words).try_for_each(output::line)?;
     Ok(advice.iter().map(|advice| advice.sentence(run.settings.machine)).try_for_each(output::line)?)
 }

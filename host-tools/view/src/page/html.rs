@@ -169,8 +169,11 @@ fn budgets(content: &Content) -> Markup {
     let judged = &content.judged;
     let ContactBudgets { backlash_m, stiffness_n_per_m, damping_n_s_per_m } = content.outcome.budgets.contact;
     let of_backlash = catalogue::find(machine, Group::Detail, "backlash_m").into_iter();
-    let of_contact = of_backlash.chain(catalogue::contact_fields(machine));
-    let rows: Vec<(&Field, Budget)> = fields(machine, Group::Parameter)
+    let of_backlash = of_backlash.map(|field| (field.label, catalogue::unit(machine, "µm"), 1e6));
+    let in_si = |field: &'static Field| (field.label, field.unit, 1.0);
+    let of_contact = of_backlash.chain(catalogue::contact_fields(machine).map(in_si));
+    let rows: Vec<((&str, &str, f32), Budget)> = fields(machine, Group::Parameter)
+        .map(in_si)
         .zip(judged.iter().map(|one| Some(one.budget)))
         .chain(of_contact.zip([backlash_m, stiffness_n_per_m, damping_n_s_per_m]))
         .filter_map(|(field, budget)| Some((field, budget?)))
@@ -178,8 +181,8 @@ fn budgets(content: &Content) -> Markup {
         .collect();
     let has_part = |source: &Source| rows.iter().any(|(_, budget)| parts(budget).any(|(other, _)| other == *source));
     let sources: Vec<Source> = Source::ALL.into_iter().filter(has_part).collect();
-    let part = |budget: &Budget, source: Source| {
-        parts(budget).find(|(other, _)| *other == source).map(|(_, u95)| two_digits(u95)).unwrap_or_default()
+    let part = |budget: &Budget, source: Source, factor: f32| {
+        parts(budget).find(|(other, _)| *other == source).map(|(_, u95)| two_digits(factor * u95)).unwrap_or_default()
     };
     markup! {
         section #budget {
@@ -193,13 +196,13 @@ fn budgets(content: &Content) -> Markup {
                     th.number scope="col" { "on one rig" }
                 } }
                 tbody {
-                    @for (field, budget) in &rows {
+                    @for ((label, unit, factor), budget) in &rows {
                         tr {
-                            th scope="row" { (field.label) }
-                            td { (field.unit) }
-                            @for source in &sources { td.number { (part(budget, *source)) } }
-                            td.number { (two_digits(budget.u95())) }
-                            td.number { (two_digits(budget.same_rig_u95())) }
+                            th scope="row" { (label) }
+                            td { (unit) }
+                            @for source in &sources { td.number { (part(budget, *source, *factor)) } }
+                            td.number { (two_digits(factor * budget.u95())) }
+                            td.number { (two_digits(factor * budget.same_rig_u95())) }
                         }
                     }
                 }
@@ -213,7 +216,7 @@ fn budgets(content: &Content) -> Markup {
             @if let Some(words) = widened(machine, &content.outcome.estimate.whole_run, judged) {
                 p.small { (words) }
             }
-            @if let Some(words) = assumptions(machine, judged) {
+            @if let Some(words) = assumptions(machine, judged, &content.causes) {
                 p.small { (words) }
             }
         }

@@ -184,7 +184,12 @@ pub const HEURISTICS: &[Heuristic] = &[
     ),
     one(
         "6: a negative inertance is a wrong sign",
-        &[("report.rs", "value < 0.0 && u95 < -WIDEST_INTERVAL * value", "value.is_nan() && u95 < 0.0")],
+        &[("report.rs", "value + u95 < 0.0", "value.is_nan() && u95 < 0.0")],
+    ),
+    tested(
+        "what_no_impact_leaves_breaks_the_law_whatever_the_flanks_do",
+        "6: what no impact leaves breaks the law whatever the flanks do",
+        &[("regime.rs", "const BEYOND_IMPACTS: f32 = 0.1 * 0.1;", "const BEYOND_IMPACTS: f32 = 1e9;")],
     ),
     tested(
         "a_wide_gap_is_in_the_interval_of_the_inertance",
