@@ -389,14 +389,15 @@ fn a_wrong_damping_moves_little() {
     }
 }
 
-/// A gap that nothing tells of, as the stiffness is not known, moves no parameter beyond its interval in more than 3 of 8 runs of a motion.
+/// A gap that nothing tells of, as the stiffness is not known, moves a parameter beyond its interval no more often than chance: in at most 3 of 20
+/// runs of a motion.
 #[test]
 fn a_gap_that_is_not_seen_is_within_the_intervals() {
     // A load cell that bears no structure: without a stiffness the structure has an interval of its own.
     let device = Inerter { structure_mass_kg: 0.0, ..worn(10e-6) };
     for motion in MOTIONS.iter().filter(|motion| motion.name != "slow") {
         let mut beyond = [0; 3];
-        for seed in 1..=8 {
+        for seed in 1..=20 {
             let sensors = Sensors { force_noise_n: 1.0, ..instruments(&RIG, seed) };
             let unknown = Settings { stiffness_n_per_m: 0.0, ..stated_true(settings(&device, &sensors)) };
             let active = unknown.validate().unwrap();

@@ -155,6 +155,11 @@ impl Contact {
         !matches!(self, Self::Closed | Self::OneSided)
     }
 
+    /// Whether they are known to part.
+    pub const fn parts(self) -> bool {
+        matches!(self, Self::Backlash | Self::Bouncing)
+    }
+
     /// Gap that the flanks cross, at most \[m\]: 0 where they do not part, infinite where it is not known how far.
     pub fn gap_m(self, backlash: &Backlash) -> f32 {
         match backlash.size {

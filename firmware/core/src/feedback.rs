@@ -17,6 +17,8 @@ pub(crate) struct Feedback {
     pub viscous: Term,
     /// Friction is known well enough to move a reversal by it.
     pub friction_known: bool,
+    /// What it would make the force jump by stands clear of the force's noise.
+    pub jumps_are_clear: bool,
     /// Whether the reversals seen so far look like Coulomb's friction.
     pub coulomb_like: bool,
 }
@@ -29,6 +31,7 @@ impl Feedback {
         weak_force_code: 0,
         viscous: Term { coefficient: 0, shift: 0 },
         friction_known: false,
+        jumps_are_clear: false,
         coulomb_like: false,
     };
 

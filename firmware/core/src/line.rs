@@ -195,15 +195,32 @@ impl DelayLine {
         if self.direction(middle, feedback) != direction {
             return;
         }
-        let [Some(earlier), Some(later)] = [ago + 1, ago].map(|ago| self.unsmoothed(ago, m, direction, feedback))
-        else {
-            return;
+        let zero = match [ago + 1, ago].map(|ago| self.unsmoothed(ago, m, direction, feedback)) {
+            [Some(earlier), Some(later)] => sign::zero(earlier, later, direction, reach),
+            _ => None,
         };
-        let Some(zero) = sign::zero(earlier, later, direction, reach) else { return };
-        for ago in middle - reach - 1..=middle + reach + 1 {
-            let from_zero = (i32::from(middle) - i32::from(ago)) * ONE - zero;
-            self.ago(ago).sign = direction * (2 * from_zero).clamp(-ONE, ONE);
+        let (first, last) = (middle - reach - 1, middle + reach + 1);
+        let least = feedback.weak_force_code as i32;
+        let jumps = |ago: &u8| feedback.jumps_are_clear && self.jump(*ago).wrapping_mul(direction) >= least;
+        let jump = (first..=last).find(jumps);
+        for ago in first..=last {
+            let from_middle = (i32::from(middle) - i32::from(ago)) * ONE;
+            let sign = match (jump, zero) {
+                (Some(jump), _) if ago <= jump => ONE,
+                (Some(_), _) => -ONE,
+                (None, Some(zero)) => (2 * (from_middle - zero)).clamp(-ONE, ONE),
+                (None, None) => return,
+            };
+            self.ago(ago).sign = direction * sign;
         }
+    }
+
+    /// Twice what the force of this sample has changed by beside what it changes by on both sides. Where that is three quarters of what
+    /// friction jumps by, nothing elastic lies between, and each sample has all of its sign: an average of it there would be an error.
+    #[inline(never)]
+    fn jump(&self, ago: u8) -> i32 {
+        let [next, here, before, earlier] = [ago - 1, ago, ago + 1, ago + 2].map(|ago| self.at(ago).force);
+        here.wrapping_sub(before).wrapping_mul(3).wrapping_sub(next.wrapping_sub(earlier))
     }
 
     /// The velocity half a sample after `ago + m` with what the kernel took from it; nothing where a sample is bad or
@@ -254,6 +271,8 @@ mod tests {
         Feedback {
             kink: term(per_impulse / 3.0 * COULOMB_N),
             velocity_per_force: term(per_impulse * CODE_N),
+            weak_force_code: (3.0 * COULOMB_N / CODE_N) as u32,
+            jumps_are_clear: true,
             ..Feedback::NONE
         }
     }
@@ -295,6 +314,32 @@ mod tests {
         // In samples of 1 ms: systematically 2 us at most, and a scatter of a third at most.
         assert!(short.0.abs() < 5e-3 && long.0.abs() < 2e-3, "{short:?} {long:?}");
         assert!(long.1 < 0.015 && long.1 < short.1 / 3.0, "{short:?} {long:?}");
+    }
+
+    /// Whether each sample has all of its sign around a reversal at `zero` on a path that is kept, where the force follows the friction
+    /// within so many samples.
+    fn has_whole_signs(zero: f64, direction: i32, lag: f64) -> bool {
+        let (mut line, mut sign, feedback) = (DelayLine::new(), sign::Sign::new(), known());
+        for n in 0..=65 {
+            let t = f64::from(n) - 40.0 - zero;
+            let position = f64::from(direction) * 0.4 * t * t + zero;
+            let friction = if lag > 0.0 { (t / lag).clamp(-1.0, 1.0) } else { t.signum() } * COULOMB_N;
+            line.push(position.floor() as i32, direction * ((400.0 + t + friction) / CODE_N) as i32, false);
+            line.ago(5).sign = if n < 12 { -direction * ONE } else { sign.push(line.smooth_velocity(0, 5)) };
+            line.relocate(5, 15, 2, &feedback);
+        }
+        // The sample `ago` is the (65 - ago)-th.
+        (20..=30).all(|ago| direction * line.at(ago).sign == if 25.0 - f64::from(ago) > zero { ONE } else { -ONE })
+    }
+
+    #[test]
+    fn a_force_that_jumps_gives_each_sample_all_of_its_sign() {
+        let whole = |lag| {
+            let each = (0..100).flat_map(|n| [(n, 1), (n, -1)]);
+            each.filter(|(n, direction)| has_whole_signs((f64::from(*n) + 0.5) / 100.0 - 0.5, *direction, lag)).count()
+        };
+        let [jumps, follows] = [0.0, 4.0].map(whole);
+        assert!(jumps == 200 && follows < 10, "{jumps} and {follows} of 200");
     }
 
     /// Another reversal under the long kernel, a bad sample or a force against the turn: the short kernel's place stays.

@@ -89,7 +89,7 @@ impl Assessment {
     ) -> Self {
         let ratio = all.variance / explained.variance;
         let beyond = ratio - CHANCE * sqrt(2.0 * explained.scatter / all.freedom());
-        let parts = matches!(contact, Contact::Backlash | Contact::Bouncing);
+        let parts = contact.parts();
         let beside = (beyond > UNEXPLAINED && !parts).then_some(ratio);
         let mut assessment = Self::of_friction(all, away, squares, viscous, beside, scatter);
         // Where flanks are known to part, whatever is not explained may be their impacts.

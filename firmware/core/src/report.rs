@@ -8,7 +8,7 @@ use crate::backlash::report::Found as Backlash;
 use crate::bank::BankState;
 use crate::budget::{Budget, Budgets, Source};
 use crate::constants;
-use crate::detail::{Band, Detail, Friction, Law, LawStatus};
+use crate::detail::{Band, Contact, Detail, Friction, Law, LawStatus};
 use crate::estimate::{Bank, Estimate, Interval, Parameter, Parameters, Status};
 use crate::feedback::Feedback;
 use crate::fit::{Fit, Knowledge, fit};
@@ -39,6 +39,8 @@ const QUARTILE: f32 = constants::QUARTILES[0] as f32;
 const STEPS: f32 = constants::ROUNDING as f32;
 /// Part of Coulomb friction within which its interval must lie before reversals are placed by it.
 const FRICTION_KNOWN: f32 = 0.1;
+/// Variance of the force's noise in what it jumps by in a sample (`line.rs`), times the square of four standard deviations.
+const NOISE_OF_JUMP: f32 = 20.0 * 16.0;
 
 /// The force's noise.
 struct Heard {
@@ -112,7 +114,8 @@ impl Active {
         let (config, bank_state) = self.bank(state, bank);
         let moving = bank_state.idle_samples < config.hold_samples && bank_state.recent.updates() > 0;
         let fitted = self.parameters(&told.fit, &told.budgets);
-        let feedback = if moving { self.feedback(&fitted, state.feedback) } else { state.feedback };
+        let feedback =
+            if moving { self.feedback(&fitted, &noise, found.contact, state.feedback) } else { state.feedback };
         let suspected = state.trial == Trial::Open && told.law.misfit.is_none();
         let published = |told: &Told, fitted: Parameters| {
             let mut parameters = match told.broken_by() {
@@ -297,7 +300,7 @@ impl Active {
     }
 
     /// What the next samples are told: friction's kink at a reversal, the offset, and what a weak force is.
-    fn feedback(&self, parameters: &Parameters, before: Feedback) -> Feedback {
+    fn feedback(&self, parameters: &Parameters, noise: &Heard, contact: Contact, before: Feedback) -> Feedback {
         let Parameters { inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n } = *parameters;
         let codes = |newtons: f32| (newtons / self.signal.newtons_per_code) as i32;
         let mut feedback = before;
@@ -319,7 +322,11 @@ impl Active {
         if let Some(offset) = offset {
             feedback.offset_code = codes(offset.value);
             feedback.friction_known = coulomb.u95 < FRICTION_KNOWN * coulomb.value;
-            feedback.weak_force_code = codes(3.0 * coulomb.value).max(0) as u32;
+            let weak = codes(3.0 * coulomb.value).max(0);
+            feedback.weak_force_code = weak as u32;
+            // Impacts make it jump as well.
+            let is_clear = square(weak as f32) > NOISE_OF_JUMP * noise.variance;
+            feedback.jumps_are_clear = is_clear && !contact.parts();
         }
         feedback
     }

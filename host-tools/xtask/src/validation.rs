@@ -1,9 +1,10 @@
-//! What a reviewer asks of the intervals: recordings of real machines, and the same data through other methods, which are written in Python.
+//! What a reviewer asks of the intervals: recordings of real machines, the same data through other methods, and a plant of its own, both
+//! written in Python.
 
 use crate::{
     accuracy::{self, Options},
     process, python, tree,
-    workspace::Workspace,
+    workspace::{self, Part, Workspace},
 };
 use anyhow::{Context, Result};
 use std::process::Command;
@@ -20,10 +21,15 @@ pub fn run(options: &Options) -> Result<()> {
     std::fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
     let path = folder.to_string_lossy().into_owned();
     // What an earlier run left must not pass for this one's.
-    let _ = std::fs::remove_file(folder.join("rivals.json"));
+    for left in ["rivals.json", "plant.json"] {
+        let _ = std::fs::remove_file(folder.join(left));
+    }
     accuracy::tested("validation", &["--data", &path])?;
     let python = python::environment(&folder.join("python"), IMPORTS, REQUIREMENTS, false)?;
-    process::run(Command::new(python).arg(tree::root().join("tests/python/validation.py")).arg(&folder))?;
+    let scripts = tree::root().join("tests/python");
+    process::run(Command::new(&python).arg(scripts.join("validation.py")).arg(&folder))?;
+    let inerter = workspace::tested(Part::Main, "inerter")?;
+    process::run(Command::new(python).arg(scripts.join("plant.py")).arg(&folder).arg(inerter))?;
     let update = options.update.then_some("--update");
     accuracy::tested("validation", &["--rivals", &path].into_iter().chain(update).collect::<Vec<_>>())
 }

@@ -133,6 +133,7 @@ fn table(folder: &Path, update: bool) -> Result<bool, Error> {
 ",
     );
     text += &methods(folder)?;
+    text += &another_plant(folder)?;
     if let Some(run) = Recording::Emps.run(1) {
         let run = run?;
         text += &prediction(&run)?;
@@ -181,6 +182,34 @@ Value +- half width of the 95 % interval that each method states itself. *off*: 
             let pairs = std::array::from_fn(|i| of("values", i).zip(of("u95", i)));
             row(rival["method"].as_str().unwrap_or("?"), pairs);
         }
+    }
+    Ok(text)
+}
+
+/// What is said of the runs of the plant that is written in Python.
+fn another_plant(folder: &Path) -> Result<String, Error> {
+    let path = folder.join("plant.json");
+    let found = fs::read_to_string(&path).map_err(|error| format!("cannot read {}: {error}", path.display()))?;
+    let rows: Vec<Value> = serde_json::from_str(&found)?;
+    let mut text = String::from(
+        "
+## Another plant
+
+A motion in closed form and the force of the law at the moment of each sample (`tests/python/plant.py`): nothing is integrated, and nothing elastic lies between friction and load cell. It has set no
+constant. Kinds, sizes and draws are its own; half of the runs state a stiffness, so that their flanks are known to be closed. *wrong*: a value lies outside the interval that `inerter replay --json` gives, with a
+word that names the defect, with `assumes` alone, or with none; *device*: silent by the device's own intervals and words. *any word*: warnings or causes.
+
+| kind | runs | wrong: told | assumed | silent | device: silent | called broken | any word |
+|---|--:|--:|--:|--:|--:|--:|--:|
+",
+    );
+    for row in &rows {
+        let cells =
+            ["kind", "runs", "told", "assumed", "silent", "device", "broken", "words"].map(|key| match &row[key] {
+                Value::String(text) => text.clone(),
+                number => number.to_string(),
+            });
+        text += &line(&cells);
     }
     Ok(text)
 }

@@ -26,6 +26,11 @@ const fn tested(
 
 /// In the order of the theory.
 pub const HEURISTICS: &[Heuristic] = &[
+    tested(
+        "a_force_that_jumps_gives_each_sample_all_of_its_sign",
+        "2: where the force jumps with the friction each sample has all of its sign",
+        &[("line.rs", "feedback.jumps_are_clear && self.jump", "false && self.jump")],
+    ),
     one(
         "2: kink and bend taken out of the sign's velocity",
         &[("estimator.rs", "let lost = if feedback.coulomb_like && near {", "let lost = if false && near {")],
