@@ -123,7 +123,26 @@ fn what_breaks_the_law() {
     assert_eq!(asymmetric.causes, []);
 }
 
-/// The negative control: `m a + c v + fc sgn v + F0` leaves 33 to 63 % of its force, and there is no mass. As recorded, and with the force
+/// Part of its force that the law leaves over, over the whole run, and the residual over what noise and steps explain.
+#[test]
+fn what_real_machines_leave_of_their_force() {
+    for (recording, part, ratio) in [
+        (Recording::Emps, 0.03..0.05, 90.0..100.0),
+        (Recording::LodzSymmetric, 0.06..0.08, 85.0..100.0),
+        (Recording::LodzAsymmetric, 0.05..0.07, 33.0..40.0),
+        (Recording::Arts, 0.33..0.65, 1000.0..2000.0),
+    ] {
+        let Some(run) = recording.run(1) else { return };
+        let outcome = replayed(&run.unwrap()).unwrap();
+        let (sums, _) = outcome.sums();
+        let mean_square = sums.sums[14] as f64 / f64::from(sums.updates) * sums.units[4] * sums.units[4];
+        let left = f64::from(outcome.estimate.residual_rms_n) / mean_square.sqrt();
+        let found = f64::from(outcome.law.misfit.unwrap().ratio);
+        assert!(part.contains(&left) && ratio.contains(&found), "{recording:?}: {left}, {found}");
+    }
+}
+
+/// The negative control: `m a + c v + fc sgn v + F0` leaves a third of its force and more, and there is no mass. As recorded, and with the force
 /// turned.
 #[test]
 fn a_friction_damper_has_no_inertance_whatever_its_sign() {

@@ -155,11 +155,6 @@ impl Contact {
         !matches!(self, Self::Closed | Self::OneSided)
     }
 
-    /// Whether they are known to part.
-    pub const fn parts(self) -> bool {
-        matches!(self, Self::Backlash | Self::Bouncing)
-    }
-
     /// Gap that the flanks cross, at most \[m\]: 0 where they do not part, infinite where it is not known how far.
     pub fn gap_m(self, backlash: &Backlash) -> f32 {
         match backlash.size {
@@ -228,13 +223,13 @@ pub struct Misfit {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum LawStatus {
-    /// Not enough seen, or the residual is larger than explained and the flanks may part: their impacts are shorter than
-    /// what the samples resolve.
+    /// Not enough seen, or the residual is larger than explained, up to a tenth of the force, and the flanks may part: their impacts are
+    /// shorter than what the samples resolve.
     #[default]
     Unknown,
     /// Noise and steps explain the residual.
     Holds,
-    /// They do not, and the flanks are closed.
+    /// They do not, and the flanks are closed, or more than a tenth of the force is left over, which impacts do not leave.
     Broken,
 }
 

@@ -199,7 +199,9 @@ impl DelayLine {
             [Some(earlier), Some(later)] => sign::zero(earlier, later, direction, reach),
             _ => None,
         };
-        let (first, last) = (middle - reach - 1, middle + reach + 1);
+        // Beyond a reversal's own samples may be those of another.
+        let near = if zero.is_some() { reach + 1 } else { OWN_SAMPLES.min(reach + 1) };
+        let (first, last) = (middle - near, middle + near);
         let least = feedback.weak_force_code as i32;
         let jumps = |ago: &u8| feedback.jumps_are_clear && self.jump(*ago).wrapping_mul(direction) >= least;
         let jump = (first..=last).find(jumps);
@@ -219,7 +221,11 @@ impl DelayLine {
     /// friction jumps by, nothing elastic lies between, and each sample has all of its sign: an average of it there would be an error.
     #[inline(never)]
     fn jump(&self, ago: u8) -> i32 {
-        let [next, here, before, earlier] = [ago - 1, ago, ago + 1, ago + 2].map(|ago| self.at(ago).force);
+        let around = [ago - 1, ago, ago + 1, ago + 2].map(|ago| self.at(ago));
+        if around.iter().any(|sample| sample.bad) {
+            return 0;
+        }
+        let [next, here, before, earlier] = around.map(|sample| sample.force);
         here.wrapping_sub(before).wrapping_mul(3).wrapping_sub(next.wrapping_sub(earlier))
     }
 
@@ -318,7 +324,7 @@ mod tests {
 
     /// Whether each sample has all of its sign around a reversal at `zero` on a path that is kept, where the force follows the friction
     /// within so many samples.
-    fn has_whole_signs(zero: f64, direction: i32, lag: f64) -> bool {
+    fn has_whole_signs(zero: f64, direction: i32, lag: f64, spoil: impl Fn(i32, &mut DelayLine)) -> bool {
         let (mut line, mut sign, feedback) = (DelayLine::new(), sign::Sign::new(), known());
         for n in 0..=65 {
             let t = f64::from(n) - 40.0 - zero;
@@ -326,6 +332,7 @@ mod tests {
             let friction = if lag > 0.0 { (t / lag).clamp(-1.0, 1.0) } else { t.signum() } * COULOMB_N;
             line.push(position.floor() as i32, direction * ((400.0 + t + friction) / CODE_N) as i32, false);
             line.ago(5).sign = if n < 12 { -direction * ONE } else { sign.push(line.smooth_velocity(0, 5)) };
+            spoil(n, &mut line);
             line.relocate(5, 15, 2, &feedback);
         }
         // The sample `ago` is the (65 - ago)-th.
@@ -334,12 +341,17 @@ mod tests {
 
     #[test]
     fn a_force_that_jumps_gives_each_sample_all_of_its_sign() {
-        let whole = |lag| {
+        let whole = |lag, spoil: fn(i32, &mut DelayLine)| {
             let each = (0..100).flat_map(|n| [(n, 1), (n, -1)]);
-            each.filter(|(n, direction)| has_whole_signs((f64::from(*n) + 0.5) / 100.0 - 0.5, *direction, lag)).count()
+            each.filter(|(n, direction)| has_whole_signs((f64::from(*n) + 0.5) / 100.0 - 0.5, *direction, lag, spoil))
+                .count()
         };
-        let [jumps, follows] = [0.0, 4.0].map(whole);
+        let [jumps, follows] = [0.0, 4.0].map(|lag| whole(lag, |_, _| ()));
         assert!(jumps == 200 && follows < 10, "{jumps} and {follows} of 200");
+        // Under the long kernel, but not at the jump, a bad sample is no matter; there it may be what jumps.
+        let far = whole(0.0, |n, line| line.ago(0).bad = n == 32);
+        let there = whole(0.0, |n, line| line.ago(0).bad = (39..=41).contains(&n));
+        assert!(far == 200 && there < 10, "{far} and {there} of 200");
     }
 
     /// Another reversal under the long kernel, a bad sample or a force against the turn: the short kernel's place stays.

@@ -35,7 +35,7 @@ const CHANCE: f32 = 3.0;
 /// `p` = 1/4, the quartile `q` of a normal magnitude and the density `f` there.
 const QUARTILE_CHANCE: f32 = 12.8;
 /// Observations away from rest under which nothing is said: twice those of a fit, as two residuals are compared.
-const LEAST_OBSERVATIONS: f32 = 16.0;
+pub(crate) const LEAST_OBSERVATIONS: f32 = 16.0;
 /// Least part of the error that counts as alike to a regressor, and its growth with the error's share in friction.
 const ALIKE: (f32, f32) = (0.35, 1.3);
 /// Part of the error by which Stribeck's friction moves twice Coulomb's: 0.15 to 1.6 are seen, 0.06 with presliding.
@@ -89,7 +89,7 @@ impl Assessment {
     ) -> Self {
         let ratio = all.variance / explained.variance;
         let beyond = ratio - CHANCE * sqrt(2.0 * explained.scatter / all.freedom());
-        let parts = contact.parts();
+        let parts = matches!(contact, Contact::Backlash | Contact::Bouncing);
         let beside = (beyond > UNEXPLAINED && !parts).then_some(ratio);
         let mut assessment = Self::of_friction(all, away, squares, viscous, beside, scatter);
         // Where flanks are known to part, whatever is not explained may be their impacts.
@@ -164,7 +164,8 @@ impl Assessment {
 }
 
 /// Whether the law holds, by what noise and steps explain of the residual, the number of differences that the
-/// noise was found from, how the flanks behave, and the force's mean square \[N^2\], which is asked for where they may part.
+/// noise was found from, how the flanks behave, and the mean square of the filtered force with its offset \[N^2\], which is asked for where
+/// they may part.
 pub(crate) fn law(
     fit: &Fit,
     explained: &Explained,
@@ -173,7 +174,7 @@ pub(crate) fn law(
     force_square: impl FnOnce() -> f32,
 ) -> Law {
     let Explained { variance, scatter } = *explained;
-    if !(variance.is_finite() && variance > 0.0) {
+    if !(fit.freedom() > 0.0 && variance.is_finite() && variance > 0.0) {
         return Law::default();
     }
     let chance = sqrt(2.0 * scatter / fit.freedom() + QUARTILE_CHANCE / differences as f32);
@@ -182,8 +183,8 @@ pub(crate) fn law(
     let may_be_impacts = contact.may_part() || !is_known;
     let status = match () {
         () if ratio <= limit => LawStatus::Holds,
-        () if may_be_impacts && fit.variance <= BEYOND_IMPACTS * force_square() => LawStatus::Unknown,
-        () => LawStatus::Broken,
+        () if !may_be_impacts || fit.variance > BEYOND_IMPACTS * force_square() => LawStatus::Broken,
+        () => LawStatus::Unknown,
     };
     if !is_known && status != LawStatus::Broken {
         return Law::default();
@@ -338,7 +339,7 @@ mod tests {
         let explained = Explained { variance: f32::INFINITY, scatter: 1.0 };
         assert_eq!(law(&fit([0.0; 3], 11.0, 600.0), &explained, 0, Contact::Closed, || 1e4), Law::default());
         assert_eq!(
-            law(&Fit::UNKNOWN, &Explained { variance: 1.0, scatter: 1.0 }, 0, Contact::Closed, || 1e4),
+            law(&Fit::UNKNOWN, &Explained { variance: 1.0, scatter: 1.0 }, 10_000, Contact::Closed, || 1e4),
             Law::default()
         );
     }

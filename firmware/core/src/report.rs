@@ -8,7 +8,7 @@ use crate::backlash::report::Found as Backlash;
 use crate::bank::BankState;
 use crate::budget::{Budget, Budgets, Source};
 use crate::constants;
-use crate::detail::{Band, Contact, Detail, Friction, Law, LawStatus};
+use crate::detail::{Band, Detail, Friction, Law, LawStatus};
 use crate::estimate::{Bank, Estimate, Interval, Parameter, Parameters, Status};
 use crate::feedback::Feedback;
 use crate::fit::{Fit, Knowledge, fit};
@@ -114,9 +114,9 @@ impl Active {
         let (config, bank_state) = self.bank(state, bank);
         let moving = bank_state.idle_samples < config.hold_samples && bank_state.recent.updates() > 0;
         let fitted = self.parameters(&told.fit, &told.budgets);
-        let feedback =
-            if moving { self.feedback(&fitted, &noise, found.contact, state.feedback) } else { state.feedback };
-        let suspected = state.trial == Trial::Open && told.law.misfit.is_none();
+        let feedback = if moving { self.feedback(&fitted, &noise, state.feedback) } else { state.feedback };
+        let is_judged = told.law.misfit.is_some() && told.fit.observations >= regime::LEAST_OBSERVATIONS;
+        let suspected = state.trial == Trial::Open && !is_judged;
         let published = |told: &Told, fitted: Parameters| {
             let mut parameters = match told.broken_by() {
                 Some(budgets) => self.parameters(&told.fit, &budgets),
@@ -300,7 +300,7 @@ impl Active {
     }
 
     /// What the next samples are told: friction's kink at a reversal, the offset, and what a weak force is.
-    fn feedback(&self, parameters: &Parameters, noise: &Heard, contact: Contact, before: Feedback) -> Feedback {
+    fn feedback(&self, parameters: &Parameters, noise: &Heard, before: Feedback) -> Feedback {
         let Parameters { inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n } = *parameters;
         let codes = |newtons: f32| (newtons / self.signal.newtons_per_code) as i32;
         let mut feedback = before;
@@ -324,9 +324,7 @@ impl Active {
             feedback.friction_known = coulomb.u95 < FRICTION_KNOWN * coulomb.value;
             let weak = codes(3.0 * coulomb.value).max(0);
             feedback.weak_force_code = weak as u32;
-            // Impacts make it jump as well.
-            let is_clear = square(weak as f32) > NOISE_OF_JUMP * noise.variance;
-            feedback.jumps_are_clear = is_clear && !contact.parts();
+            feedback.jumps_are_clear = square(weak as f32) > NOISE_OF_JUMP * noise.variance;
         }
         feedback
     }

@@ -233,7 +233,6 @@ pub fn law_text(law: &Law) -> String {
     let residual =
         |Misfit { ratio, .. }: Misfit| format!("the residual is {ratio:.1} times what noise and steps explain");
     match (law.status, law.misfit.map(residual)) {
-        (LawStatus::Unknown, Some(residual)) => format!("unknown ({residual}; the flanks may part)"),
         (status, Some(residual)) => format!("{} ({residual})", law_word(status)),
         (status, None) => law_word(status).into(),
     }

@@ -132,7 +132,7 @@ fn a_person_sees_it_at_a_glance() {
     let words = "holds (the residual is 5.2 times what noise and steps explain)";
     assert_eq!(law_text(&law(LawStatus::Holds, misfit)), words);
     assert_eq!(law_text(&Law::default()), "unknown");
-    let words = "unknown (the residual is 5.2 times what noise and steps explain; the flanks may part)";
+    let words = "unknown (the residual is 5.2 times what noise and steps explain)";
     assert_eq!(law_text(&law(LawStatus::Unknown, misfit)), words);
     let below = Backlash { size: BacklashSize::BelowU95(Interval { value: 1e-6, u95: 2e-6 }), ..detail().backlash };
     assert_eq!(backlash_text(&below), "1.0 ± 2.0 (maybe none)");

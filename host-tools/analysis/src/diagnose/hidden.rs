@@ -105,7 +105,7 @@ pub fn judged(series: &Series, settings: &Settings, outcome: &Outcome) -> [Judge
         [noise + steps, noise + f64::from(patterns.next().unwrap_or(1.0)) * steps]
     });
     let half_widths = outcome.budgets.whole_run.map(|budget| f64::from(budget.u95()));
-    let mut reaches = [0.0; 4];
+    let (mut reaches, mut moved_most) = ([0.0; 4], [0.0; 4]);
     for candidate in Candidate::all_for(&rows.span, settings) {
         let Some(moves) = law.with(&rows, candidate) else { continue };
         for (i, one) in all.iter_mut().enumerate() {
@@ -123,11 +123,10 @@ pub fn judged(series: &Series, settings: &Settings, outcome: &Outcome) -> [Judge
                     false if is_moved => reach((moved * moved - (CHANCE * chance).powi(2)).sqrt(), 0.0),
                     false => 0.0,
                 };
-                if reach > reaches[i] {
-                    reaches[i] = reach;
-                    if is_moved {
-                        one.moved_by = Some(candidate.kind);
-                    }
+                reaches[i] = f64::max(reaches[i], reach);
+                if is_moved && reach > moved_most[i] {
+                    moved_most[i] = reach;
+                    one.moved_by = Some(candidate.kind);
                 }
             }
         }

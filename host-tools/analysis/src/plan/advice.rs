@@ -1,13 +1,13 @@
 //! Which motion would have shown what a run could not.
 
-use inerter_core::{Interval, LawStatus, Machine, Misfit, Parameter, Parameters, Settings};
+use inerter_core::{Interval, Machine, Parameter, Parameters, Settings};
 use inerter_data::{
     names::parameter,
     replay::Outcome,
     words::{duration_text, listed},
 };
 
-use crate::diagnose::Cause;
+use crate::diagnose::{is_reversed, is_suspect};
 
 use super::{
     design::{Sketch, sketch},
@@ -32,15 +32,13 @@ pub struct Advice {
 
 /// What to do about what a run could not show; nothing where it showed all, or where more breaks the law than chance: a plan rests on
 /// it, and no motion helps.
-pub fn advice(outcome: &Outcome, found: &[Cause], settings: &Settings, reach: &Reach) -> Option<Advice> {
+pub fn advice(outcome: &Outcome, settings: &Settings, reach: &Reach) -> Option<Advice> {
     let Parameters { inertance_kg, viscous_n_s_per_m, coulomb_n, .. } = &outcome.estimate.whole_run;
     let three = [inertance_kg, viscous_n_s_per_m, coulomb_n];
     let lacks = |parameter: &Parameter| parameter.known().is_none_or(|Interval { value, u95 }| value.abs() < u95);
     let lacking: Vec<usize> =
         three.iter().enumerate().filter(|(_, parameter)| lacks(parameter)).map(|(place, _)| place).collect();
-    let is_lawful = found.is_empty()
-        && outcome.law.status != LawStatus::Broken
-        && outcome.law.misfit.is_none_or(|Misfit { ratio, limit }| ratio <= limit);
+    let is_lawful = !is_suspect(&outcome.law) && !is_reversed(&outcome.published());
     if lacking.is_empty() || !is_lawful {
         return None;
     }

@@ -119,7 +119,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let found = suspected(&gated, &run.settings, &outcome.published());
     let judged = judged(&gated.series, &run.settings, &outcome);
     let beyond = Peaks::of(&gated.series).beyond(&run.settings, &outcome.counters).map(|words| ("full_scale", words));
-    let advice = advice(&outcome, &found, &run.settings, &reach);
+    let advice = advice(&outcome, &run.settings, &reach);
     // What the estimator had no time to see.
     let unseen = gated.left_out.iter().filter(|kind| !told.contains(kind));
     let unseen = unseen.map(|kind| (Suspect::Samples(*kind).name(), warning_words(run.settings.machine, *kind)));
