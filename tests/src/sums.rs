@@ -2,6 +2,7 @@
 
 use crate::linear::Cholesky;
 use inerter_core::{MoreSums, Sums};
+use inerter_data::replay::Outcome;
 
 /// Regressors `a, v, s, 1, F, |v|, dF/dt`, in this order.
 pub const REGRESSORS: usize = 7;
@@ -19,6 +20,13 @@ pub fn matrix(sums: &Sums, more: &MoreSums) -> [[f64; REGRESSORS]; REGRESSORS] {
             products[row * (row + 1) / 2 + column] as f64 * units[row] * units[column]
         })
     })
+}
+
+/// Part of the filtered force, its offset included, that the law leaves over: rms over rms.
+pub fn part_left(outcome: &Outcome) -> f64 {
+    let (sums, more) = outcome.sums();
+    let mean_square = matrix(sums, more)[FORCE][FORCE] / f64::from(sums.updates);
+    f64::from(outcome.estimate.residual_rms_n) / mean_square.sqrt()
 }
 
 /// Coefficients of these regressors in the force; nothing where the motion cannot tell them apart.

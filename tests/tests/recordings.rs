@@ -13,7 +13,10 @@ use inerter_data::{
     series::Series,
     settings::SettingsInputError,
 };
-use inerter_tests::data::{Recording, replayed};
+use inerter_tests::{
+    data::{Recording, replayed},
+    sums::part_left,
+};
 use inerter_wire::EstimatorEvent;
 
 /// Published least-squares fit of the EMPS recording: inertance [kg], viscous [N s/m], Coulomb [N], offset [N].
@@ -123,7 +126,7 @@ fn what_breaks_the_law() {
     assert_eq!(asymmetric.causes, []);
 }
 
-/// Part of its force that the law leaves over, over the whole run, and the residual over what noise and steps explain.
+/// Part of the force that the law leaves over, and the residual over what noise and steps explain.
 #[test]
 fn what_real_machines_leave_of_their_force() {
     for (recording, part, ratio) in [
@@ -134,9 +137,7 @@ fn what_real_machines_leave_of_their_force() {
     ] {
         let Some(run) = recording.run(1) else { return };
         let outcome = replayed(&run.unwrap()).unwrap();
-        let (sums, _) = outcome.sums();
-        let mean_square = sums.sums[14] as f64 / f64::from(sums.updates) * sums.units[4] * sums.units[4];
-        let left = f64::from(outcome.estimate.residual_rms_n) / mean_square.sqrt();
+        let left = part_left(&outcome);
         let found = f64::from(outcome.law.misfit.unwrap().ratio);
         assert!(part.contains(&left) && ratio.contains(&found), "{recording:?}: {left}, {found}");
     }

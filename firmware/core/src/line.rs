@@ -217,8 +217,8 @@ impl DelayLine {
         }
     }
 
-    /// Twice what the force of this sample has changed by beside what it changes by on both sides. Where that is three quarters of what
-    /// friction jumps by, nothing elastic lies between, and each sample has all of its sign: an average of it there would be an error.
+    /// Twice the force's change from the sample before, less its mean change on either side. Three quarters of friction's own jump in it
+    /// mean that nothing elastic lies between friction and load cell: then each sample has all of its sign, and no average of it.
     #[inline(never)]
     fn jump(&self, ago: u8) -> i32 {
         let around = [ago - 1, ago, ago + 1, ago + 2].map(|ago| self.at(ago));
