@@ -97,6 +97,29 @@ fn what_is_too_small_to_be_named_widens_the_interval_by_the_samples() {
     assert!(by_samples >= 5 && by_device <= 3, "{by_device} of 6 by the device, {by_samples} by the samples");
 }
 
+/// Friction of 0.25 % of the load moves viscous friction by 40 N s/m, and the law leaves too little of it to be broken.
+#[test]
+fn what_is_far_beyond_chance_widens_the_interval_also_where_the_law_leaves_little_of_it() {
+    for name in ["random", "multi"] {
+        let motion = MOTIONS.iter().find(|motion| motion.name == name).unwrap();
+        for seed in [47, 48] {
+            let off_and_u95 = |load: f64| {
+                let clean = clean_case(1.0, 1000.0);
+                let case = Case { added: Added { load, ..clean.added }, ..clean };
+                let Replayed { outcome, judged: [_, viscous, ..], .. } = case.replayed(motion, seed).unwrap();
+                let found = outcome.estimate.whole_run.viscous_n_s_per_m.fitted();
+                let off = (f64::from(found.value) - case.device.viscous_n_s_per_m).abs();
+                (off, f64::from(found.u95), f64::from(viscous.budget.u95()), viscous.moved_by)
+            };
+            let (off, by_device, by_samples, moved_by) = off_and_u95(0.0025);
+            assert!(off > by_device && off < by_samples, "{name}: off {off}, {by_device}, {by_samples}");
+            assert_eq!(moved_by, Some(Kind::LoadDependent), "{name}");
+            let (_, by_device, by_samples, _) = off_and_u95(0.0);
+            assert!(by_samples < 2.0 * by_device, "{name}: {by_device}, {by_samples}");
+        }
+    }
+}
+
 #[test]
 fn what_a_motion_cannot_tell_is_named_as_an_assumption() {
     let assumed = |name: &str| {
@@ -154,7 +177,8 @@ fn in_a_tone_inertance_rests_on_the_absence_of_a_spring() {
     let motion = MOTIONS.iter().find(|motion| motion.name == "mid").unwrap();
     let [spring, ..] = others();
     let Replayed { outcome, judged: [inertance, ..], .. } = spring.replayed(motion, 35).unwrap();
-    let wrong = f64::from(outcome.estimate.whole_run.inertance_kg.fitted().value) - spring.device.inertance_kg;
-    assert!(wrong.abs() > 2.0 * f64::from(inertance.budget.u95()), "{wrong}: {inertance:?}");
+    let found = outcome.estimate.whole_run.inertance_kg.fitted();
+    let wrong = f64::from(found.value) - spring.device.inertance_kg;
+    assert!(wrong.abs() > 2.0 * f64::from(found.u95), "{wrong}: {found:?}");
     assert!(inertance.assumes.contains(&Kind::Spring), "{inertance:?}");
 }

@@ -5,7 +5,7 @@
 //! [`TOLD`], an interval that holds that as well would say little where there is no such cause: then the parameter rests
 //! on its absence, as it does where the run does not tell it at all.
 
-use inerter_core::{Budget, Machine, NORMAL_COVERAGE, Parameters, Settings, Source};
+use inerter_core::{Bank, Budget, Machine, NORMAL_COVERAGE, Parameters, Settings, Source};
 use inerter_data::{
     names::{description, parameter},
     replay::Outcome,
@@ -22,8 +22,10 @@ use super::{
     selection::dot,
 };
 
-/// Part of a column's square that the law must leave over, for the run to tell of it.
+/// Part of a column's square that the law must leave over, for the run to tell of it; and for it to tell of what is [`FAR`] beyond
+/// chance.
 const LEAST_LEFT: f64 = 0.05;
+const LITTLE_LEFT: f64 = 0.01;
 /// The least part, where there is no noise.
 const LEAST_KNOWN: f64 = 1e-9;
 /// What a parameter is moved by, and what it would be moved by by chance, as parts of the half width of an interval: of every size of a
@@ -33,6 +35,8 @@ const MOVED: [f64; 2] = [1.6, 1.2];
 pub const TOLD: f64 = 1.6;
 /// Standard deviations beyond which what moves counts although the run does not tell for certain.
 const CHANCE: f64 = 2.0;
+/// The same where the law leaves little of the cause: runs without a fault come to 6.7.
+const FAR: f64 = 7.0;
 /// Standard deviations of a cause's size under which it may not be named.
 const NAMED: f64 = 12.0;
 
@@ -105,6 +109,8 @@ pub fn judged(series: &Series, settings: &Settings, outcome: &Outcome) -> [Judge
         [noise + steps, noise + f64::from(patterns.next().unwrap_or(1.0)) * steps]
     });
     let half_widths = outcome.budgets.whole_run.map(|budget| f64::from(budget.u95()));
+    // What steps do in the slow bank is no white noise, and seems far beyond chance.
+    let is_fast = outcome.estimate.bank == Bank::Fast;
     let (mut reaches, mut moved_most) = ([0.0; 4], [0.0; 4]);
     for candidate in Candidate::all_for(&rows.span, settings) {
         let Some(moves) = law.with(&rows, candidate) else { continue };
@@ -116,12 +122,13 @@ pub fn judged(series: &Series, settings: &Settings, outcome: &Outcome) -> [Judge
             if !is_told && NAMED * chance > half_widths[i] && !one.assumes.contains(&candidate.kind) {
                 one.assumes.push(candidate.kind);
             }
-            if moves.are_told && is_regarded(candidate.kind) {
-                let is_moved = moved.abs() > CHANCE * chance;
-                let reach = match is_told {
-                    true => reach(moved, chance),
-                    false if is_moved => reach((moved * moved - (CHANCE * chance).powi(2)).sqrt(), 0.0),
-                    false => 0.0,
+            if is_regarded(candidate.kind) {
+                let is_far = is_fast && moves.are_told_by_little && moved.abs() > FAR * chance;
+                let is_moved = is_far || moves.are_told && moved.abs() > CHANCE * chance;
+                let reach = match (is_told || is_far, is_moved) {
+                    (true, _) => reach(moved, chance),
+                    (false, true) => reach((moved * moved - (CHANCE * chance).powi(2)).sqrt(), 0.0),
+                    (false, false) => 0.0,
                 };
                 reaches[i] = f64::max(reaches[i], reach);
                 if is_moved && reach > moved_most[i] {
@@ -166,6 +173,8 @@ struct Moves {
     before: Vec<f64>,
     /// The law leaves enough of it.
     are_told: bool,
+    /// It leaves a little of it, which can be of the size that is found.
+    are_told_by_little: bool,
 }
 
 /// The same for one of them.
@@ -205,10 +214,13 @@ impl Law {
         let left: Vec<Vec<f64>> =
             columns.iter().enumerate().map(|(k, all)| less(all, &rows.base, along.column(k).as_slice())).collect();
         let [of_noise, with_force] = rows.noise(candidate.term).map(|mean| mean * rows.force.len() as f64);
-        let are_told = left.iter().zip(&columns).all(|(left, all)| {
-            let told = dot(left, left) - of_noise;
-            told > of_noise && told > LEAST_LEFT * (dot(all, all) - of_noise)
-        });
+        let leaves = |least: f64| {
+            left.iter().zip(&columns).all(|(left, all)| {
+                let told = dot(left, left) - of_noise;
+                told > of_noise && told > least * (dot(all, all) - of_noise)
+            })
+        };
+        let are_told = leaves(LEAST_LEFT);
         let gram = DMatrix::from_fn(width, width, |i, j| dot(&left[i], &left[j]) - if i == j { of_noise } else { 0.0 });
         // Noise may hide all of it: then the run tells no more of it than so much noise would.
         let unknown = || {
@@ -217,12 +229,19 @@ impl Law {
         };
         let inverse = gram.cholesky().map_or_else(unknown, |gram| gram.inverse());
         let sizes = &inverse * DVector::from_fn(width, |k, _| dot(&left[k], &self.residual) - with_force);
-        if are_told && width == 1 && !candidate.can_be(sizes[0], &rows.law) {
+        let can_be = width > 1 || candidate.can_be(sizes[0], &rows.law);
+        if are_told && !can_be {
             return None;
         }
         let squares = (&along * inverse * along.transpose()).diagonal() * self.error_square;
         let before = self.inverse.diagonal().iter().map(|part| part * self.error_square).collect();
-        Some(Moves { moved: &along * sizes, squares, before, are_told })
+        Some(Moves {
+            moved: &along * sizes,
+            squares,
+            before,
+            are_told,
+            are_told_by_little: can_be && leaves(LITTLE_LEFT),
+        })
     }
 }
 
