@@ -66,7 +66,7 @@ const VIOLATIONS: [Violation; 4] = [
     Violation {
         name: "friction that turns over a distance (presliding)",
         unit: "um",
-        range: [0.3, 300.0],
+        range: [0.01, 300.0],
         kind: Kind::Presliding,
         case: |case, um| Case { device: Inerter { presliding_m: um * 1e-6, ..case.device }, ..case },
     },

@@ -3,6 +3,7 @@
 use inerter_analysis::diagnose::{Encoder, Kind, assumptions, diagnose, widened};
 use inerter_core::Machine;
 use inerter_data::{replay::replay_all, series::Series, settings::SettingsInputError, words::rounded_text};
+use inerter_plant::Inerter;
 use inerter_tests::{
     diagnose::{Added, Case, Replayed, cases, clean_case, others},
     grid::MOTIONS,
@@ -117,6 +118,22 @@ fn what_is_far_beyond_chance_widens_the_interval_also_where_the_law_leaves_littl
             let (_, by_device, by_samples, _) = off_and_u95(0.0);
             assert!(by_samples < 2.0 * by_device, "{name}: {by_device}, {by_samples}");
         }
+    }
+}
+
+/// Friction that turns over 0.03 um moves the inertance by more than the device knows of, and shows near rest from 0.1 to 0.3 um on.
+#[test]
+fn friction_that_turns_nearly_at_once_is_what_the_inertance_rests_on() {
+    for name in ["fast", "random", "multi"] {
+        let motion = MOTIONS.iter().find(|motion| motion.name == name).unwrap();
+        let clean = clean_case(1.0, 1000.0);
+        let device = Inerter { presliding_m: 0.03e-6, ..clean.device };
+        let case = Case { device, ..clean };
+        let Replayed { outcome, causes, judged: [inertance, ..] } = case.replayed(motion, 53).unwrap();
+        let found = outcome.estimate.whole_run.inertance_kg.fitted();
+        let off = (f64::from(found.value) - device.inertance_kg).abs();
+        assert!(causes.is_empty() && off > f64::from(found.u95), "{name}: {causes:?}, {off} of {found:?}");
+        assert!(inertance.assumes.contains(&Kind::Presliding), "{name}: {inertance:?}");
     }
 }
 
