@@ -112,8 +112,9 @@ fn a_full_batch_refuses_and_stays() {
         builder.push(&RawSample { index, ..RawSample::default() }).unwrap();
     }
     assert_eq!(builder.push(&RawSample { index: 32, ..RawSample::default() }), Err(Full));
-    assert_eq!(builder.len(), 32);
+    assert_eq!((builder.len(), builder.is_empty()), (32, false));
     let full = builder.take();
+    assert!(!full.is_empty() && Samples::from_slice(&[]).0.is_empty());
     assert_eq!((full.len(), all(&full).len(), full.check()), (32, 32, Ok(())));
     // The next batch stands alone.
     assert!(builder.is_empty());
