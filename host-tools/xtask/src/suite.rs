@@ -1,8 +1,7 @@
 //! Everything that continuous integration asks for, in order, with a summary at the end.
 
 use crate::{
-    accuracy, arrows, chaos, firmware, foreign, fuzz, guest, icount, panics, process, python, setup, size, soak,
-    supply, table,
+    arrows, chaos, firmware, foreign, fuzz, guest, process, python, setup, soak, supply,
     toolchain::Toolchain,
     tree,
     workspace::{Part, Workspace},
@@ -13,6 +12,8 @@ use std::{
     fs,
     io::ErrorKind,
     path::{Path, PathBuf},
+    process::Command,
+    sync::mpsc,
     thread,
     time::{Duration, Instant},
 };
@@ -56,7 +57,17 @@ struct Step {
     /// Without it nothing after it makes sense.
     needed: bool,
     when: When,
-    run: fn() -> Result<()>,
+    run: Run,
+}
+
+/// How a step runs.
+#[derive(Clone, Copy)]
+enum Run {
+    /// Here, while no other of these does.
+    Here(fn() -> Result<()>),
+    /// By its own command, with the least priority, beside what comes after it: tests wait for the clock on the wall and leave
+    /// processors free. What it said is shown at the end.
+    Beside,
 }
 
 const LIBRARIES: &[&str] = &["inerter-core", "inerter-wire", "inerter-app", "ads131m04"];
@@ -70,161 +81,167 @@ const STEPS: &[Step] = &[
         alone: "cargo xtask setup",
         needed: true,
         when: When::Always,
-        run: || setup::ensure(setup::ALL, false),
+        run: Run::Here(|| setup::ensure(setup::ALL, false)),
     },
     Step {
         name: "lock files",
         alone: "cargo metadata --locked",
         needed: true,
         when: When::Always,
-        run: || {
+        run: Run::Here(|| {
             Part::each(|part| {
                 process::output(part.cargo().args(["metadata", "--format-version", "1", "--locked"])).map(drop)
             })
-        },
+        }),
     },
     Step {
         name: "formatting",
         alone: "cargo fmt --all --check",
         needed: false,
         when: When::Always,
-        run: || Part::each(|part| process::run(part.cargo().args(["fmt", "--all", "--check"]))),
+        run: Run::Here(|| Part::each(|part| process::run(part.cargo().args(["fmt", "--all", "--check"])))),
     },
-    Step { name: "arrows", alone: "cargo xtask check-arrows", needed: false, when: When::Always, run: arrows::run },
+    Step {
+        name: "arrows",
+        alone: "cargo xtask check-arrows",
+        needed: false,
+        when: When::Always,
+        run: Run::Here(arrows::run),
+    },
     Step {
         name: "supply",
         alone: "cargo xtask check-supply",
         needed: false,
         when: When::Always,
-        run: || supply::run(&supply::Options::default()),
+        run: Run::Here(|| supply::run(&supply::Options::default())),
     },
     Step {
         name: "lints, host",
         alone: "cargo clippy-lean --all-targets -- -D warnings",
         needed: false,
         when: When::Always,
-        run: lint_host,
+        run: Run::Here(lint_host),
     },
     Step {
         name: "lints, firmware",
         alone: "cargo clippy -p inerter-qemu -p inerter-stm32g474 --target thumbv7em-none-eabihf -- -D warnings",
         needed: false,
         when: When::Always,
-        run: lint_firmware,
+        run: Run::Here(lint_firmware),
     },
     Step {
         name: "lints, probe",
         alone: "cargo clippy -p inerter --all-targets -- -D warnings, and the same with --no-default-features",
         needed: false,
         when: When::NotQuick,
-        run: lint_probe,
+        run: Run::Here(lint_probe),
     },
     Step {
         name: "documentation",
         alone: "RUSTDOCFLAGS='-D warnings' cargo doc-lean --no-deps",
         needed: false,
         when: When::NotQuick,
-        run: document,
+        run: Run::Here(document),
     },
     Step {
         name: "firmware",
         alone: "cargo xtask build-firmware",
         needed: true,
         when: When::Always,
-        run: firmware::run_build,
+        run: Run::Here(firmware::run_build),
     },
     Step {
         name: "tests, compiled",
         alone: "cargo test-lean --no-run",
         needed: true,
         when: When::Always,
-        run: || Part::each(|part| process::run(part.all("test").arg("--no-run"))),
+        run: Run::Here(|| Part::each(|part| process::run(part.all("test").arg("--no-run")))),
     },
     Step {
         name: "Linux guest",
         alone: "cargo xtask guest",
         needed: false,
         when: When::Always,
-        run: || guest::run(&guest::Options::default()),
+        run: Run::Here(|| guest::run(&guest::Options::default())),
     },
-    Step { name: "tests", alone: "cargo test-lean", needed: false, when: When::Always, run: test },
-    Step { name: "Python", alone: "cargo xtask python", needed: false, when: When::Always, run: python::run },
     Step {
         name: "endurance",
         alone: "cargo xtask endurance 20000000",
         needed: false,
         when: When::Always,
-        run: || accuracy::tested("endurance", &["20000000"]),
+        run: Run::Beside,
     },
     Step {
         name: "no panic in the estimator",
         alone: "cargo xtask check-panics",
         needed: false,
         when: When::Always,
-        run: panics::run,
+        run: Run::Beside,
     },
-    Step {
-        name: "table of sizes",
-        alone: "cargo xtask size",
-        needed: false,
-        when: When::Always,
-        run: || size::run(&table::Options::default()),
-    },
+    Step { name: "table of sizes", alone: "cargo xtask size", needed: false, when: When::Always, run: Run::Beside },
     Step {
         name: "table of instructions",
         alone: "cargo xtask icount",
         needed: false,
         when: When::Always,
-        run: || icount::run(&table::Options::default()),
+        run: Run::Beside,
     },
     Step {
         name: "table of accuracy",
         alone: "cargo xtask accuracy",
         needed: false,
         when: When::NotQuick,
-        run: || accuracy::table("accuracy", &accuracy::Options::default()),
+        run: Run::Beside,
     },
     Step {
         name: "table of changes",
         alone: "cargo xtask changes",
         needed: false,
         when: When::NotQuick,
-        run: || accuracy::table("changes", &accuracy::Options::default()),
+        run: Run::Beside,
     },
     Step {
         name: "table of robustness",
         alone: "cargo xtask robustness",
         needed: false,
         when: When::NotQuick,
-        run: || accuracy::table("robustness", &accuracy::Options::default()),
+        run: Run::Beside,
+    },
+    Step { name: "tests", alone: "cargo test-lean", needed: false, when: When::Always, run: Run::Here(test) },
+    Step {
+        name: "Python",
+        alone: "cargo xtask python",
+        needed: false,
+        when: When::Always,
+        run: Run::Here(python::run),
     },
     Step {
         name: "tests, probe",
         alone: "cargo test -p inerter -p inerter-device, and `cargo test -p inerter --no-default-features --test transcripts`",
         needed: false,
         when: When::Full,
-        run: test_probe,
+        run: Run::Here(test_probe),
     },
     Step {
         name: "fuzzing",
         alone: "cargo xtask fuzz",
         needed: false,
         when: When::Full,
-        run: || fuzz::run(&fuzz::Options::USUAL),
+        run: Run::Here(|| fuzz::run(&fuzz::Options::USUAL)),
     },
     Step {
         name: "chaos",
         alone: "cargo xtask chaos",
         needed: false,
         when: When::Full,
-        run: || chaos::run(&chaos::Options::USUAL),
+        run: Run::Here(|| chaos::run(&chaos::Options::USUAL)),
     },
     Step {
         name: "soak",
         alone: "cargo xtask soak",
         needed: false,
         when: When::Full,
-        run: || soak::run(&soak::Options::USUAL),
+        run: Run::Here(|| soak::run(&soak::Options::USUAL)),
     },
 ];
 
@@ -247,30 +264,73 @@ pub fn run(options: &Options) -> Result<()> {
 }
 
 fn run_steps(steps: &[Step], options: &Options) -> Vec<Outcome> {
-    let mut outcomes = Vec::new();
-    let mut stopped = false;
-    for step in steps {
-        let outcome = if stopped {
-            Outcome::Skipped("an earlier step failed")
-        } else if options.quick && step.when != When::Always {
-            Outcome::Skipped("left out by --quick")
-        } else if !options.full && step.when == When::Full {
-            Outcome::Skipped("with --full only")
-        } else {
-            process::heading(step.name);
-            let start = Instant::now();
-            match (step.run)() {
-                Ok(()) => Outcome::Passed(start.elapsed()),
-                Err(error) => {
-                    eprintln!("{}: {error:#}", step.name);
-                    stopped = step.needed || options.fail_fast;
-                    Outcome::Failed(start.elapsed(), format!("{error:#}"))
+    thread::scope(|scope| {
+        let (sender, queue) = mpsc::channel::<(usize, &Step)>();
+        let beside = scope.spawn(move || -> Vec<(usize, Outcome)> {
+            queue.into_iter().map(|(place, step)| (place, outcome(step, || run_beside(step)))).collect()
+        });
+        let mut outcomes = Vec::new();
+        let mut stopped = false;
+        for (place, step) in steps.iter().enumerate() {
+            outcomes.push(match step.run {
+                _ if stopped => Outcome::Skipped("an earlier step failed"),
+                _ if options.quick && step.when != When::Always => Outcome::Skipped("left out by --quick"),
+                _ if !options.full && step.when == When::Full => Outcome::Skipped("with --full only"),
+                Run::Beside => {
+                    // Nobody listens after a panic only, which is passed on below.
+                    let _ = sender.send((place, step));
+                    Outcome::Skipped("did not end")
                 }
+                Run::Here(run) => {
+                    process::heading(step.name);
+                    let outcome = outcome(step, run);
+                    stopped = matches!(outcome, Outcome::Failed(..)) && (step.needed || options.fail_fast);
+                    outcome
+                }
+            });
+        }
+        drop(sender);
+        for (place, outcome) in beside.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)) {
+            if let (Some(step), Some(own)) = (steps.get(place), outcomes.get_mut(place)) {
+                process::heading(step.name);
+                println!("{}", said_beside(step).and_then(|file| Ok(fs::read_to_string(file)?)).unwrap_or_default());
+                *own = outcome;
             }
-        };
-        outcomes.push(outcome);
+        }
+        outcomes
+    })
+}
+
+fn outcome(step: &Step, run: impl FnOnce() -> Result<()>) -> Outcome {
+    let start = Instant::now();
+    match run() {
+        Ok(()) => Outcome::Passed(start.elapsed()),
+        Err(error) => {
+            eprintln!("{}: {error:#}", step.name);
+            Outcome::Failed(start.elapsed(), format!("{error:#}"))
+        }
     }
-    outcomes
+}
+
+/// Runs a step by its own command, which is one of this program's.
+fn run_beside(step: &Step) -> Result<()> {
+    let program = std::env::current_exe().context("where this program lies")?;
+    let mut command = if cfg!(unix) {
+        let mut command = Command::new("nice");
+        command.args(["-n", "19"]).arg(program);
+        command
+    } else {
+        Command::new(program)
+    };
+    let arguments = step.alone.strip_prefix("cargo xtask ").with_context(|| format!("`{}` is not ours", step.alone))?;
+    let file = said_beside(step)?;
+    println!("{} runs beside what comes next; until the end in {}", step.name, file.display());
+    process::run_into(command.args(arguments.split(' ')), &file)
+}
+
+fn said_beside(step: &Step) -> Result<PathBuf> {
+    let name = step.name.replace(' ', "-");
+    Ok(Workspace::read(&tree::root())?.target.join(format!("{name}.txt")))
 }
 
 fn summary(steps: &[Step], outcomes: &[Outcome]) -> String {
@@ -414,7 +474,7 @@ mod tests {
     use super::*;
 
     fn step(name: &'static str, needed: bool, when: When, run: fn() -> Result<()>) -> Step {
-        Step { name, alone: "", needed, when, run }
+        Step { name, alone: "", needed, when, run: Run::Here(run) }
     }
 
     #[test]
@@ -455,6 +515,21 @@ mod tests {
         assert_eq!(text, "2 skipped:\n  lodz (no recordings)\n  sums: emps (no recordings)");
         clear(&list).unwrap();
         assert!(!list.exists());
+    }
+
+    #[test]
+    fn a_step_beside_the_others_counts_as_they_do() {
+        let beside = |alone| Step { name: "a test beside", alone, needed: false, when: When::Always, run: Run::Beside };
+        for (alone, reason) in [("cargo fmt", "not ours"), ("cargo xtask --no-such-option", "failed")] {
+            let steps = [beside(alone), step("two", false, When::Always, || Ok(()))];
+            let outcomes = run_steps(&steps, &Options::default());
+            assert!(matches!(&outcomes[0], Outcome::Failed(_, why) if why.contains(reason)), "{outcomes:?}");
+            assert!(matches!(outcomes[1], Outcome::Passed(_)), "{outcomes:?}");
+        }
+        fs::remove_file(said_beside(&beside("")).unwrap()).unwrap();
+        for step in STEPS.iter().filter(|step| matches!(step.run, Run::Beside)) {
+            assert!(step.alone.starts_with("cargo xtask ") && !step.needed, "{}", step.name);
+        }
     }
 
     #[test]
