@@ -1,6 +1,6 @@
 //! The images: how they are compiled on this machine, and how QEMU's is started.
 
-use crate::{foreign, process, setup, toolchain::Toolchain, tree};
+use crate::{foreign, process, setup, toolchain::Toolchain, tree, workspace::Workspace};
 use anyhow::{Context, Result};
 use serde_json::Value;
 use std::{
@@ -79,6 +79,10 @@ fn compiler() -> Result<Toolchain> {
 /// Builds the image and returns where it lies.
 pub fn build(image: Image) -> Result<PathBuf> {
     let mut command = compiler()?.cargo("build");
+    // Cargo's own lock ends before the image is moved to its own name.
+    let lock = Workspace::read(&tree::root())?.target.join("images.lock");
+    let lock = fs::File::create(&lock).with_context(|| format!("cannot write {}", lock.display()))?;
+    lock.lock().context("the lock of the images")?;
     if image != Image::Qemu {
         command.current_dir(tree::root().join(BOARD_FOLDER));
     }
