@@ -243,9 +243,9 @@ impl Candidate {
         let leads = COUNTS_PER_TURN.iter().map(|counts| counts * settings.metres_per_count.abs());
         let hidden = leads.filter(|lead| span.stroke_m <= LEAST_TURNS * lead).min_by(f64::total_cmp);
         all.extend(hidden.map(|lead_m| Self { kind: Kind::PositionPeriodic, term: Term::Ripple(lead_m) }));
-        // Not sought to be named: what turns over so little shows less than it moves the inertance by.
+        // Neither is sought to be named: friction that turns over so little shows less than it moves the inertance by, and a
+        // position that gives way explains too much of a short run (docs/THEORY.md, 14).
         all.push(Self { kind: Kind::Presliding, term: Term::Turning(AT_ONCE * span.stroke_m) });
-        // It explains too much of a short run (docs/THEORY.md, 14).
         all.push(Self { kind: Kind::Compliance, term: Term::Bent });
         all
     }

@@ -22,8 +22,8 @@ use super::{
     selection::dot,
 };
 
-/// Part of a column's square that the law must leave over, for the run to tell of it; and for it to tell of what is [`FAR`] beyond
-/// chance.
+/// Part of a column's square that the law must leave over, for the run to tell of it; and for it to tell of what is
+/// [`FAR`] beyond chance.
 const LEAST_LEFT: f64 = 0.05;
 const LITTLE_LEFT: f64 = 0.01;
 /// The least part, where there is no noise.
@@ -113,7 +113,7 @@ pub fn judged(series: &Series, settings: &Settings, outcome: &Outcome) -> [Judge
     let is_fast = outcome.estimate.bank == Bank::Fast;
     let (mut reaches, mut moved_most) = ([0.0; 4], [0.0; 4]);
     for candidate in Candidate::all_for(&rows.span, settings) {
-        let Some(moves) = law.with(&rows, candidate) else { continue };
+        let moves = law.with(&rows, candidate);
         for (i, one) in all.iter_mut().enumerate() {
             let Some(Move { moved, grows }) = moves.of(i) else { continue };
             let [own, of_differences] = squares[i];
@@ -122,8 +122,8 @@ pub fn judged(series: &Series, settings: &Settings, outcome: &Outcome) -> [Judge
             if !is_told && NAMED * chance > half_widths[i] && !one.assumes.contains(&candidate.kind) {
                 one.assumes.push(candidate.kind);
             }
-            if is_regarded(candidate.kind) {
-                let is_far = is_fast && moves.are_told_by_little && moved.abs() > FAR * chance;
+            if moves.can_be && is_regarded(candidate.kind) {
+                let is_far = is_fast && moves.are_hardly_told && moved.abs() > FAR * chance;
                 let is_moved = is_far || moves.are_told && moved.abs() > CHANCE * chance;
                 let reach = match (is_told || is_far, is_moved) {
                     (true, _) => reach(moved, chance),
@@ -173,8 +173,10 @@ struct Moves {
     before: Vec<f64>,
     /// The law leaves enough of it.
     are_told: bool,
-    /// It leaves a little of it, which can be of the size that is found.
-    are_told_by_little: bool,
+    /// It leaves a little of it.
+    are_hardly_told: bool,
+    /// Its size can be that which is found, as far as the run tells.
+    can_be: bool,
 }
 
 /// The same for one of them.
@@ -206,8 +208,8 @@ impl Law {
         Some(Self { inverse, residual, error_square })
     }
 
-    /// With a candidate beside it; nothing where it cannot be of the size that is found, or is nothing but the law.
-    fn with(&self, rows: &Rows, candidate: Candidate) -> Option<Moves> {
+    /// With a candidate beside it.
+    fn with(&self, rows: &Rows, candidate: Candidate) -> Moves {
         let columns = rows.columns(candidate.term);
         let (count, width) = (rows.base.len(), columns.len());
         let along = &self.inverse * DMatrix::from_fn(count, width, |i, k| dot(&rows.base[i], &columns[k]));
@@ -220,7 +222,6 @@ impl Law {
                 told > of_noise && told > least * (dot(all, all) - of_noise)
             })
         };
-        let are_told = leaves(LEAST_LEFT);
         let gram = DMatrix::from_fn(width, width, |i, j| dot(&left[i], &left[j]) - if i == j { of_noise } else { 0.0 });
         // Noise may hide all of it: then the run tells no more of it than so much noise would.
         let unknown = || {
@@ -229,19 +230,11 @@ impl Law {
         };
         let inverse = gram.cholesky().map_or_else(unknown, |gram| gram.inverse());
         let sizes = &inverse * DVector::from_fn(width, |k, _| dot(&left[k], &self.residual) - with_force);
-        let can_be = width > 1 || candidate.can_be(sizes[0], &rows.law);
-        if are_told && !can_be {
-            return None;
-        }
         let squares = (&along * inverse * along.transpose()).diagonal() * self.error_square;
         let before = self.inverse.diagonal().iter().map(|part| part * self.error_square).collect();
-        Some(Moves {
-            moved: &along * sizes,
-            squares,
-            before,
-            are_told,
-            are_told_by_little: can_be && leaves(LITTLE_LEFT),
-        })
+        let can_be = width > 1 || candidate.can_be(sizes[0], &rows.law);
+        let [are_told, are_hardly_told] = [LEAST_LEFT, LITTLE_LEFT].map(leaves);
+        Moves { moved: &along * sizes, squares, before, are_told, are_hardly_told, can_be }
     }
 }
 
