@@ -1,18 +1,19 @@
 //! What each part of the estimator buys: a copy of core without it beside core itself, on the same runs.
 //!
 //! The copies lie in target/ablation and are built with a small program of the tests that uses nothing else, so that the firmware's source
-//! has no switch in it and the image not an instruction more.
+//! has no switch in it and the image not an instruction more. [`host`] does the same with what the host makes of a run.
 
 mod heuristics;
+mod host;
 
-use crate::{accuracy::Options, process, tree, workspace::Workspace};
+use crate::{
+    copy::{self, Edit},
+    process, table, tree,
+    workspace::Workspace,
+};
 use anyhow::{Context, Result, bail};
 use heuristics::{HEURISTICS, Heuristic};
-use std::{
-    fs,
-    path::{Path, PathBuf},
-    process::Command,
-};
+use std::{fs, path::Path, process::Command};
 
 /// Part of the interval under which an error is not told from another: three seeds.
 const FLOOR: f64 = 0.1;
@@ -54,8 +55,21 @@ struct Row {
     test: Option<&'static str>,
 }
 
+#[derive(clap::Args, Clone, Copy, Debug)]
+pub struct Options {
+    /// Write the table instead of comparing with it
+    #[arg(long)]
+    update: bool,
+    /// Take parts out of what the host makes of a run, against docs/tables/ablation-host.md
+    #[arg(long)]
+    host: bool,
+}
+
 /// Builds and runs all, then writes or compares the table.
 pub fn run(options: &Options) -> Result<()> {
+    if options.host {
+        return host::run(options.update);
+    }
     let folder = Workspace::read(&tree::root())?.target.join("ablation");
     let whole = measured(&folder, &[])?;
     let mut rows = Vec::new();
@@ -65,31 +79,19 @@ pub fn run(options: &Options) -> Result<()> {
         println!("{}", row.line());
         rows.push(row);
     }
-    settle(&markdown(&rows), options.update)
+    table::settle_text("ablation", "cargo xtask ablation", &markdown(&rows), options.update)
 }
 
 /// What the program says with this core.
-fn measured(folder: &Path, edits: &[(&str, &str, &str)]) -> Result<Vec<Cell>> {
+fn measured(folder: &Path, edits: &[Edit]) -> Result<Vec<Cell>> {
     let root = tree::root();
-    for (from, to) in [("firmware/core", "core"), ("host-tools/plant", "plant")] {
-        copied(&root.join(from), &folder.join(to))?;
-    }
-    for (file, text, instead) in edits {
-        let path = folder.join("core/src").join(file);
-        let source = fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
-        let found = source.matches(text).count();
-        if found != 1 {
-            bail!(
-                "`{text}` stands {found} times in firmware/core/src/{file}; host-tools/xtask/src/ablation/heuristics.rs must follow"
-            );
-        }
-        fs::write(&path, source.replace(text, instead))?;
-    }
-    let program = folder.join("program");
-    fs::create_dir_all(program.join("src"))?;
-    written(&program.join("src/main.rs"), &fs::read_to_string(root.join("tests/src/bin/ablation.rs"))?)?;
-    written(&program.join("Cargo.toml"), PROGRAM)?;
-    written(&folder.join("Cargo.toml"), &workspace(&fs::read_to_string(root.join("Cargo.toml"))?)?)?;
+    copy::tree(&folder.join("tree"), &["firmware/core", "host-tools/plant"])?;
+    copy::edit(&folder.join("tree/firmware/core/src"), edits)?;
+    let program = fs::read(root.join("tests/src/bin/ablation.rs"))?;
+    copy::written(&folder.join("program/src/main.rs"), &program)?;
+    copy::written(&folder.join("program/Cargo.toml"), PROGRAM.as_bytes())?;
+    let manifest = workspace(&fs::read_to_string(root.join("Cargo.toml"))?)?;
+    copy::written(&folder.join("Cargo.toml"), manifest.as_bytes())?;
     fs::copy(root.join("Cargo.lock"), folder.join("Cargo.lock"))?;
     let mut cargo = process::cargo();
     cargo.current_dir(folder).args([
@@ -108,49 +110,15 @@ fn measured(folder: &Path, edits: &[(&str, &str, &str)]) -> Result<Vec<Cell>> {
 
 /// Manifest of the program.
 const PROGRAM: &str = "[package]\nname = \"ablation\"\nversion = \"0.0.0\"\nedition = \"2024\"\npublish = false\n\n\
-                       [dependencies]\ninerter-core = { path = \"../core\" }\ninerter-plant = { path = \"../plant\" }\n";
+                       [dependencies]\ninerter-core = { path = \"../tree/firmware/core\" }\ninerter-plant = { path = \"../tree/host-tools/plant\" }\n";
 
 /// Manifest of a workspace of core, plant and the program, with what they inherit from ours.
 fn workspace(ours: &str) -> Result<String> {
     let (_, inherited) = ours.split_once("[workspace.package]").context("no [workspace.package] in Cargo.toml")?;
-    let inherited = inherited
-        .replace("path = \"firmware/core\"", "path = \"core\"")
-        .replace("path = \"host-tools/plant\"", "path = \"plant\"");
+    let inherited = inherited.replace("path = \"", "path = \"tree/");
     Ok(format!(
-        "[workspace]\nresolver = \"2\"\nmembers = [\"core\", \"plant\", \"program\"]\n\n[workspace.package]{inherited}"
+        "[workspace]\nresolver = \"2\"\nmembers = [\"tree/firmware/core\", \"tree/host-tools/plant\", \"program\"]\n\n[workspace.package]{inherited}"
     ))
-}
-
-/// Copies a crate; files that are the same stay as old as they are, so that cargo does not build them again.
-fn copied(from: &Path, to: &Path) -> Result<()> {
-    fs::create_dir_all(to)?;
-    let mut kept: Vec<PathBuf> = Vec::new();
-    for entry in fs::read_dir(from).with_context(|| format!("cannot read {}", from.display()))? {
-        let path = entry?.path();
-        let Some(name) = path.file_name() else { continue };
-        let other = to.join(name);
-        if path.is_dir() {
-            copied(&path, &other)?;
-        } else if let Ok(text) = fs::read_to_string(&path) {
-            written(&other, &text)?;
-        }
-        kept.push(other);
-    }
-    for entry in fs::read_dir(to)? {
-        let path = entry?.path();
-        if path.is_file() && !kept.contains(&path) {
-            fs::remove_file(path)?;
-        }
-    }
-    Ok(())
-}
-
-/// Writes what is not there already.
-fn written(path: &Path, text: &str) -> Result<()> {
-    if fs::read_to_string(path).is_ok_and(|before| before == text) {
-        return Ok(());
-    }
-    fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
 }
 
 fn cells(output: &str) -> Result<Vec<Cell>> {
@@ -284,26 +252,6 @@ rigs, friction, samples, contacts and changes, three seeds that no other table h
     text
 }
 
-fn settle(text: &str, update: bool) -> Result<()> {
-    let path = tree::root().join("docs/tables/ablation.md");
-    if update {
-        fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
-        println!("ablation: written {}", path.display());
-        return Ok(());
-    }
-    let committed = fs::read_to_string(&path)
-        .with_context(|| format!("cannot read {}; make it by `cargo xtask ablation --update`", path.display()))?;
-    let moved: Vec<&str> = text.lines().filter(|line| !committed.lines().any(|other| other == *line)).collect();
-    if moved.is_empty() {
-        println!("ablation: as in docs/tables/ablation.md");
-        return Ok(());
-    }
-    bail!(
-        "not in docs/tables/ablation.md:\n{}\nWhen the change is meant, run `cargo xtask ablation --update`",
-        moved.join("\n")
-    )
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -343,8 +291,6 @@ mod tests {
     fn the_workspace_holds_core_and_plant() {
         let ours = fs::read_to_string(tree::root().join("Cargo.toml")).unwrap();
         let theirs = workspace(&ours).unwrap();
-        assert!(
-            theirs.contains("path = \"core\"") && theirs.contains("path = \"plant\"") && theirs.contains("heapless")
-        );
+        assert!(theirs.contains("path = \"tree/firmware/core\"") && theirs.contains("heapless"));
     }
 }

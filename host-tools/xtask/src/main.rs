@@ -11,6 +11,7 @@ mod arrows;
 mod bench;
 mod chaos;
 mod commit;
+mod copy;
 mod data;
 mod demo;
 mod files;
@@ -96,8 +97,8 @@ enum Command {
     Skew(accuracy::Options),
     /// How often a realistic defect makes a value wrong without a word, against docs/tables/defects.md
     Defects(accuracy::Options),
-    /// What each part of the estimator buys, against docs/tables/ablation.md
-    Ablation(accuracy::Options),
+    /// What each part of the estimator buys, against docs/tables/ablation.md; or of the host's judgement
+    Ablation(ablation::Options),
     /// Recordings of real machines and other methods beside ours, against docs/tables/validation.md
     Validation(accuracy::Options),
     /// Errors and coverage of the complete model on hidden devices, against docs/tables/identify.md

@@ -11,7 +11,7 @@
 //! contents. A run takes the files that have no row, or have changed since, and writes the table after each, so it can be
 //! ended at any time. Reasons that a person wrote beside a survivor are kept.
 
-use crate::{process, tool::Tool, tree, workspace::Workspace};
+use crate::{copy, process, tool::Tool, tree, workspace::Workspace};
 use anyhow::{Context, Result, bail, ensure};
 use sha2::{Digest, Sha256};
 use std::{
@@ -72,7 +72,12 @@ fn packages() -> [Package; 3] {
             &["both_ways", "document_is_up_to_date"],
             &["every_single_byte", "any_damage"],
         ),
-        Package::new("app", "firmware/app/src", &[], &[]),
+        Package::new(
+            "app",
+            "firmware/app/src",
+            &[],
+            &["power_may_fail_again", "power_failure_anywhere", "any_content_is_survived"],
+        ),
     ]
 }
 
@@ -95,6 +100,8 @@ impl Pass {
 /// count as caught; what the compiler computes without end does not compile, and is left out. Not by the clock on the wall: on
 /// a busy machine everything would be too slow, and so caught.
 const CPU_S: &str = "60";
+/// Most address space of one compiler or one program of tests \[KB\]: some tests that run without end ask for all memory.
+const SPACE_KB: &str = "8000000";
 /// Longest time to compile or to test one mutant \[s\], for those that wait for ever.
 const WAIT_S: &str = "1200";
 
@@ -204,7 +211,7 @@ impl Package {
         // Before the tests: an edit meanwhile is another source.
         let sum = sum(&fs::read(tree::root().join(file))?);
         fs::create_dir_all(folder.join(self.name))?;
-        copy_tree(&folder.join("tree"))?;
+        copy::tree(&folder.join("tree"), &[])?;
         let mut caught = Vec::new();
         let mut golden = Vec::new();
         let mut missed = None;
@@ -242,7 +249,7 @@ impl Package {
         command.args(["--baseline", if sound[pass as usize] { "skip" } else { "run" }, "--cap-lints", "true"]);
         command.args(["--no-times", "--output"]).arg(folder.join(self.name));
         command.args(["--", "--locked", "--"]).args(self.left_out(pass).flat_map(|name| ["--skip", name]));
-        let mut command = with_cpu_limit(command);
+        let mut command = with_limits(command);
         command.current_dir(folder.join("tree")).env("CARGO_TARGET_DIR", folder.join("build"));
         let status = command.status().with_context(|| format!("cannot start `{}`", process::shown(&command)))?;
         // 2: some were missed, 3: some took too long.
@@ -267,13 +274,14 @@ impl Package {
     }
 }
 
-/// The same command, each process of which may use the processor for a limited time, where the system can do that.
-fn with_cpu_limit(command: Command) -> Command {
+/// The same command, each process of which may use the processor for a limited time and so much memory, where the system can do that.
+fn with_limits(command: Command) -> Command {
     if !cfg!(unix) {
         return command;
     }
     let mut limited = Command::new("sh");
-    limited.args(["-c", r#"ulimit -t "$0" && exec "$@""#, CPU_S]).arg(command.get_program()).args(command.get_args());
+    limited.args(["-c", r#"ulimit -t "$0" && ulimit -v "$1" && shift && exec "$@""#, CPU_S, SPACE_KB]);
+    limited.arg(command.get_program()).args(command.get_args());
     limited
 }
 
@@ -306,35 +314,6 @@ impl Outcomes {
 fn exactly(text: &str) -> String {
     let escaped = |letter: char| (r"\.+*?()|[]{}^$".contains(letter)).then_some('\\').into_iter().chain([letter]);
     format!("^{}$", text.chars().flat_map(escaped).collect::<String>())
-}
-
-/// Makes `copy` the tree as it is, ignored files left out. Only what differs is written: to cargo, a file with a new time is new.
-fn copy_tree(copy: &Path) -> Result<()> {
-    let mut command = Command::new("git");
-    command.args(["ls-files", "--cached", "--others", "--exclude-standard", "-z"]).current_dir(tree::root());
-    let listed = process::output(&mut command)?;
-    let files: BTreeSet<&Path> =
-        listed.split_terminator('\0').map(Path::new).filter(|file| tree::root().join(file).is_file()).collect();
-    let mut folders = Vec::from_iter(copy.is_dir().then(|| copy.to_owned()));
-    while let Some(folder) = folders.pop() {
-        for entry in fs::read_dir(&folder)? {
-            let path = entry?.path();
-            if path.is_dir() {
-                folders.push(path);
-            } else if path.strip_prefix(copy).is_ok_and(|file| !files.contains(file)) {
-                fs::remove_file(&path)?;
-            }
-        }
-    }
-    for file in files {
-        let bytes = fs::read(tree::root().join(file)).with_context(|| format!("cannot read {}", file.display()))?;
-        let to = copy.join(file);
-        if !fs::read(&to).is_ok_and(|present| present == bytes) {
-            fs::create_dir_all(to.parent().unwrap_or(copy))?;
-            fs::write(&to, bytes).with_context(|| format!("cannot write {}", to.display()))?;
-        }
-    }
-    Ok(())
 }
 
 /// What was changed, without the file and the place in it, which move.

@@ -175,6 +175,31 @@ fn differences(committed: &[(String, f64)], now: &[Row]) -> Vec<String> {
     faults
 }
 
+/// Writes a table that is nothing but text, or compares it; `command` makes it.
+pub fn settle_text(name: &str, command: &str, text: &str, update: bool) -> Result<()> {
+    let path = tree::root().join(format!("docs/tables/{name}.md"));
+    if update {
+        fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
+        println!("{name}: written {}", path.display());
+        return Ok(());
+    }
+    let committed = fs::read_to_string(&path)
+        .with_context(|| format!("cannot read {}; make it by `{command} --update`", path.display()))?;
+    if committed == text {
+        println!("{name}: as in {}", path.display());
+        return Ok(());
+    }
+    let only_in = |one: &str, other: &str| -> String {
+        one.lines().filter(|line| !other.lines().any(|same| same == *line)).map(|line| format!("\n{line}")).collect()
+    };
+    bail!(
+        "{} differs.\nToday's lines that are not in it:{}\nIts lines that are not today's:{}\nWhen the change is meant, run `{command} --update`",
+        path.display(),
+        only_in(text, &committed),
+        only_in(&committed, text)
+    )
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -2,25 +2,23 @@
 //!
 //! The source itself knows nothing of it. A text that is not found exactly once has moved, and the list must follow.
 
+use crate::copy::Edit;
+
 /// One part of the estimator that could be left out.
 pub struct Heuristic {
     /// What it does, with its section of docs/THEORY.md.
     pub name: &'static str,
     /// File below firmware/core/src, text, and what stands there instead.
-    pub edits: &'static [(&'static str, &'static str, &'static str)],
+    pub edits: &'static [Edit],
     /// The test that fails without it, where the runs of the ablation do not show what it is for.
     pub test: Option<&'static str>,
 }
 
-const fn one(name: &'static str, edits: &'static [(&'static str, &'static str, &'static str)]) -> Heuristic {
+const fn one(name: &'static str, edits: &'static [Edit]) -> Heuristic {
     Heuristic { name, edits, test: None }
 }
 
-const fn tested(
-    test: &'static str,
-    name: &'static str,
-    edits: &'static [(&'static str, &'static str, &'static str)],
-) -> Heuristic {
+const fn tested(test: &'static str, name: &'static str, edits: &'static [Edit]) -> Heuristic {
     Heuristic { name, edits, test: Some(test) }
 }
 

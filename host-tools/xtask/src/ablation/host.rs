@@ -1,0 +1,336 @@
+//! What each part of the host's judgement buys: which cause breaks the law, and what a cause too small to be named does to
+//! the intervals. A copy of the whole tree without one part at a time runs beside the tree itself, on the same runs.
+
+use crate::{
+    copy::{self, Edit},
+    process, table, tree,
+    workspace::Workspace,
+};
+use anyhow::{Context, Result};
+use std::{collections::BTreeMap, path::Path, process::Command};
+
+/// Interval that grows by this factor shows what the part is for: a choice.
+const WIDER: f64 = 1.02;
+/// Runs, or per cent, that differ and say nothing: a choice.
+const BY_CHANCE: f64 = 1.0;
+
+/// One part that could be left out.
+struct Part {
+    /// What it does, in the words of docs/THEORY.md, 14.
+    name: &'static str,
+    edits: &'static [Edit],
+    /// The test that fails without it, where the runs of the ablation do not show what it is for.
+    test: Option<&'static str>,
+}
+
+const fn part(name: &'static str, edits: &'static [Edit]) -> Part {
+    Part { name, edits, test: None }
+}
+
+/// In the order of the theory; files below host-tools/analysis/src/diagnose.
+const PARTS: &[Part] = &[
+    part(
+        "reversals are located anew by what was found",
+        &[("search.rs", "Located::of(aligned, self.law, &known(&self.found))", "Located::of(aligned, self.law, &[])")],
+    ),
+    part(
+        "rows are whitened",
+        &[
+            ("filter.rs", "Sight::White(widest_s) => {", "Sight::White(widest_s) if widest_s < 0.0 => {"),
+            ("filter.rs", "Sight::Box(_) => vec![1.0],", "_ => vec![1.0],"),
+        ],
+    ),
+    part(
+        "a run that leaves too little is looked at otherwise",
+        &[("search.rs", "if worse.is_empty() || is_fit() {", "if worse.is_empty() || is_fit() || true {")],
+    ),
+    part(
+        "what repeats counts as what it is",
+        &[("filter.rs", "1.0 + share * (self.repeats - 1.0)", "1.0 + 0.0 * share")],
+    ),
+    part(
+        "the two parts of the run that say most are left out",
+        &[("selection.rs", "lasting * strength.min(by_scatter)", "lasting.max(1.0) * strength.min(by_scatter)")],
+    ),
+    part(
+        "parts of the run that differ are less evidence",
+        &[("selection.rs", "lasting * strength.min(by_scatter)", "lasting * strength.min(by_scatter.max(strength))")],
+    ),
+    part(
+        "the least of three solutions counts",
+        &[("selection.rs", "const TAKEN: [f64; 3] = [0.0, 1.0, 1.5];", "const TAKEN: [f64; 3] = [0.0, 0.0, 0.0];")],
+    ),
+    part(
+        "a column that is mostly noise is not used",
+        &[("selection.rs", "const LEAST_OVER_NOISE: f64 = 25.0;", "const LEAST_OVER_NOISE: f64 = 0.0;")],
+    ),
+    part(
+        "a size must be that of a machine",
+        &[(
+            "candidate.rs",
+            "let coulomb_n = law.coulomb_n.max(0.0);",
+            "let coulomb_n = law.coulomb_n.max(0.0);\n        if coulomb_n >= 0.0 {\n            return true;\n        }",
+        )],
+    ),
+    part(
+        "what comes close is tried as well",
+        &[
+            ("search.rs", "const CLOSE: f64 = 0.5;", "const CLOSE: f64 = 2.0;"),
+            (
+                "search.rs",
+                "let close: Vec<Found> = close.copied().collect();",
+                "let close: Vec<Found> = close.copied().chain([*first]).take(1).collect();",
+            ),
+        ],
+    ),
+    part("a size more must be worth it", &[("search.rs", "const WORTH: f64 = 8.0;", "const WORTH: f64 = 0.0;")]),
+    part(
+        "each is judged anew beside the others, and held against what could stand in its place",
+        &[("search.rs", "if !self.weigh(&rows) {", "if true {")],
+    ),
+    part(
+        "velocities, distances and shapes are sought beside all others",
+        &[("found.rs", "if term.scale().is_none() {", "if true {")],
+    ),
+    part(
+        "all of Coulomb friction may turn",
+        &[("found.rs", "&[false, true] } else { &[false] }", "&[false] } else { &[false] }")],
+    ),
+    part(
+        "a skew that is left is undone again",
+        &[("search.rs", "const MOST_UNDONE: usize = 6;", "const MOST_UNDONE: usize = 2;")],
+    ),
+    part(
+        "a skew that others explain is none",
+        &[("search.rs", "cause.kind == Kind::Skew && cause.f < LIMIT;", "cause.kind == Kind::Skew && cause.f < 0.0;")],
+    ),
+    part(
+        "where flanks may part, what was found must be most of it, and clear",
+        &[(
+            "search.rs",
+            "filter(|cause| is_most && is_clear(cause))",
+            "filter(|cause| is_most || !is_clear(cause) || true)",
+        )],
+    ),
+    part(
+        "other lengths of a turn are possible",
+        &[("fitted.rs", "if encoder.counts_per_turn.is_some() {", "if true {")],
+    ),
+    part(
+        "what moves a parameter widens its interval",
+        &[("hidden.rs", "const MOVED: [f64; 2] = [1.6, 1.2];", "const MOVED: [f64; 2] = [0.0, 0.0];")],
+    ),
+    part(
+        "so does the part that chance may have",
+        &[("hidden.rs", "const MOVED: [f64; 2] = [1.6, 1.2];", "const MOVED: [f64; 2] = [1.6, 0.0];")],
+    ),
+    part(
+        "a poorly determined cause widens beyond twice its chance",
+        &[(
+            "hidden.rs",
+            "let is_moved = is_far || moves.are_told && moved.abs() > CHANCE * chance;",
+            "let is_moved = is_far || moves.are_told && moved.abs() < 0.0;",
+        )],
+    ),
+    part(
+        "what is far beyond chance widens also where little is left of it",
+        &[("hidden.rs", "const FAR: f64 = 7.0;", "const FAR: f64 = f64::INFINITY;")],
+    ),
+    part(
+        "a poorly determined cause becomes an assumption and widens nothing",
+        &[("hidden.rs", "pub const TOLD: f64 = 1.6;", "pub const TOLD: f64 = 1e9;")],
+    ),
+    part(
+        "friction that turns at once may be assumed",
+        &[(
+            "candidate.rs",
+            "all.push(Self { kind: Kind::Presliding, term: Term::Turning(AT_ONCE * span.stroke_m) });",
+            "",
+        )],
+    ),
+    part(
+        "a position that gives way may be assumed",
+        &[("candidate.rs", "all.push(Self { kind: Kind::Compliance, term: Term::Bent });", "")],
+    ),
+    part(
+        "a skew and what acts at the reversals widen nothing",
+        &[("hidden.rs", "!matches!(kind, Kind::Skew | Kind::Stribeck | Kind::Presliding)", "kind != Kind::Structure")],
+    ),
+    part(
+        "repeated steps count in the part that chance may have",
+        &[(
+            "hidden.rs",
+            "f64::from(patterns.next().unwrap_or(1.0)) * steps",
+            "f64::from(patterns.next().unwrap_or(1.0).min(1.0)) * steps",
+        )],
+    ),
+];
+
+/// What the program counts, by name.
+type Counts = BTreeMap<String, f64>;
+
+/// One column of the table.
+struct Column {
+    /// What is counted, and of how many it is a share [%].
+    name: &'static str,
+    of: Option<&'static str>,
+    /// What is lost where it becomes less, or more.
+    lost: Lost,
+}
+
+/// When a part is missed.
+#[derive(Clone, Copy)]
+enum Lost {
+    Less(&'static str),
+    More(&'static str),
+}
+
+const COLUMNS: [Column; 8] = [
+    Column { name: "first", of: None, lost: Lost::Less("names") },
+    Column { name: "sized", of: None, lost: Lost::Less("sizes") },
+    Column { name: "right", of: Some("corrected"), lost: Lost::Less("honesty") },
+    Column { name: "wrong", of: None, lost: Lost::More("no false names") },
+    Column { name: "outside", of: Some("given"), lost: Lost::More("honesty") },
+    Column { name: "unsaid", of: Some("given"), lost: Lost::More("honesty") },
+    Column { name: "assumed", of: Some("given"), lost: Lost::More("fewer assumptions") },
+    Column { name: WIDTH, of: None, lost: Lost::More("sharpness") },
+];
+/// The one column that is a mean and no count.
+const WIDTH: &str = "width";
+
+impl Column {
+    fn value(&self, counts: &Counts) -> Result<f64> {
+        let count = |name: &str| counts.get(name).copied().with_context(|| format!("the program counts no `{name}`"));
+        match self.of {
+            Some(of) => Ok(100.0 * count(self.name)? / count(of)?.max(1.0)),
+            None => count(self.name),
+        }
+    }
+
+    /// What is lost where it changes so; differences up to [`BY_CHANCE`] and [`WIDER`] say nothing.
+    fn lost(&self, before: f64, after: f64) -> Option<&'static str> {
+        let chance = if self.name == WIDTH { (WIDER - 1.0) * before } else { BY_CHANCE };
+        match self.lost {
+            Lost::Less(what) => (after < before - chance).then_some(what),
+            Lost::More(what) => (after > before + chance).then_some(what),
+        }
+    }
+}
+
+/// Builds and runs all, then writes or compares the table.
+pub fn run(update: bool) -> Result<()> {
+    let folder = Workspace::read(&tree::root())?.target.join("ablation/host");
+    let whole = measured(&folder, &[])?;
+    let mut text = String::from(HEAD);
+    for Part { name, edits, test } in PARTS {
+        let without = measured(&folder, edits).with_context(|| format!("without \"{name}\""))?;
+        let line = line(name, &whole, &without, *test)?;
+        println!("{line}");
+        text += &line;
+        text.push('\n');
+    }
+    table::settle_text("ablation-host", "cargo xtask ablation --host", &text, update)
+}
+
+/// What the program counts with this host.
+fn measured(folder: &Path, edits: &[Edit]) -> Result<Counts> {
+    let tree = folder.join("tree");
+    copy::tree(&tree, &[])?;
+    copy::edit(&tree.join("host-tools/analysis/src/diagnose"), edits)?;
+    let build = folder.join("build");
+    let mut cargo = process::cargo();
+    cargo.current_dir(&tree).env("RUSTFLAGS", "-A warnings").arg("build").arg("--target-dir").arg(&build);
+    process::run(cargo.args(["--quiet", "--package", "inerter-tests", "--bin", "ablation_host"]))?;
+    counts(&process::output(&mut Command::new(build.join("debug/ablation_host")))?)
+}
+
+fn counts(output: &str) -> Result<Counts> {
+    let each = output.lines().map(|line| {
+        let (name, count) = line.split_once('\t').with_context(|| format!("`{line}` is no line of the program"))?;
+        Ok((name.to_owned(), count.parse()?))
+    });
+    each.collect()
+}
+
+fn line(name: &str, whole: &Counts, without: &Counts, test: Option<&str>) -> Result<String> {
+    let (mut cells, mut lost) = (Vec::new(), Vec::new());
+    for column in &COLUMNS {
+        let [before, after] = [column.value(whole)?, column.value(without)?];
+        lost.extend(column.lost(before, after).filter(|what| !lost.contains(what)));
+        cells.push(match column.of {
+            _ if column.name == WIDTH => format!("{:.2}", after / before),
+            Some(_) => format!("{before:.1} to {after:.1}"),
+            None => format!("{before} to {after}"),
+        });
+    }
+    let buys = match test {
+        _ if !lost.is_empty() => lost.join(", "),
+        Some(test) => format!("nothing here; the test `{test}` fails without it"),
+        None => "**nothing here**".into(),
+    };
+    Ok(format!("| {name} | {} | {buys} |", cells.join(" | ")))
+}
+
+const HEAD: &str = "# Ablation of the host's judgement
+
+`cargo xtask ablation --host --update` writes this table: `diagnose` and what `replay` makes of the
+intervals, without one part of them at a time, on the same runs as with it
+(`tests/src/bin/ablation_host.rs`: four motions, a seed that no other table has). A copy of the tree
+is edited and built (`host-tools/xtask/src/ablation/host.rs`).
+
+- *first*: faults that are named before any other cause; *sized*: with a size right to 10 % as well.
+  *right*: of the parameters that are given with the causes included in those runs, those within their
+  intervals [%]. *wrong*: runs whose first cause is none, with or without a fault.
+- *outside*: of the parameters that are given in runs without a word, of a law that is true or nearly
+  so, those outside the samples' intervals [%]; *unsaid*: and not said to rest on what is wrong either.
+  *assumed*: those that are said to rest on anything. *width*: these intervals without the part over
+  those with it, geometric mean.
+- *buys*: what is lost without it. Where that is nothing here, the part is a candidate to be left out,
+  or these runs lack what it is for: slow motion, other rates and rotary machines are not among them.
+
+| without | first | sized | right % | wrong | outside % | unsaid % | assumed % | width | buys |
+|---|--:|--:|--:|--:|--:|--:|--:|--:|---|
+";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+
+    #[test]
+    fn each_text_is_found_once() {
+        let tests: Vec<String> = ["tests/tests", "host-tools/analysis/src/diagnose"]
+            .iter()
+            .flat_map(|folder| fs::read_dir(tree::root().join(folder)).unwrap())
+            .filter_map(|entry| fs::read_to_string(entry.unwrap().path()).ok())
+            .collect();
+        for Part { name, edits, test } in PARTS {
+            for (file, text, instead) in *edits {
+                let source =
+                    fs::read_to_string(tree::root().join("host-tools/analysis/src/diagnose").join(file)).unwrap();
+                assert_eq!(source.matches(text).count(), 1, "{name}: `{text}` in {file}");
+                assert_ne!(text, instead, "{name}");
+            }
+            let is_written = |test: &str| tests.iter().any(|source| source.contains(&format!("fn {test}(")));
+            assert!(test.is_none_or(is_written), "{name}: no test {test:?}");
+        }
+    }
+
+    #[test]
+    fn what_is_lost_is_named_once() {
+        let counted = |first: u32, right: u32, wrong: u32, outside: u32, width: f64| {
+            let text = format!(
+                "first\t{first}\nsized\t30\ncorrected\t90\nright\t{right}\nwrong\t{wrong}\ngiven\t100\n\
+                 outside\t{outside}\nunsaid\t{outside}\nassumed\t50\nwidth\t{width}\n"
+            );
+            counts(&text).unwrap()
+        };
+        let whole = counted(40, 80, 1, 5, 1.2);
+        let told = |without| line("x", &whole, &without, None).unwrap();
+        assert!(told(counted(39, 80, 2, 6, 1.21)).ends_with("| **nothing here** |"));
+        let worse = told(counted(30, 60, 4, 20, 1.5));
+        assert!(worse.ends_with("| names, honesty, no false names, sharpness |"), "{worse}");
+        assert!(worse.contains("| 40 to 30 |") && worse.contains("| 5.0 to 20.0 |") && worse.contains("| 1.25 |"));
+        assert!(line("x", &whole, &Counts::new(), None).is_err() && counts("first 3\n").is_err());
+    }
+}

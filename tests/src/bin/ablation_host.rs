@@ -1,0 +1,174 @@
+//! What the host that this program was built with makes of a set of runs, for `cargo xtask ablation --host`.
+//!
+//! One line a count: its name, a tab, and how many.
+#![forbid(unsafe_code)]
+
+use inerter_analysis::diagnose::{Cause, Kind};
+use inerter_core::{LawStatus, Parameter, Parameters};
+use inerter_tests::{
+    diagnose::{Added, Case, Replayed, cases, clean_case, clean_cases, others, parting},
+    grid::{Error, MOTIONS, Motion, each_seed, three},
+};
+use std::process::ExitCode;
+
+/// No table has this seed.
+const SEED: u64 = 9101;
+/// Motions that tell different things: a tone slow and fast, many tones and noise.
+const NAMES: [&str; 4] = ["mid", "fast", "multi", "random"];
+/// Fastest rate \[Hz\]: what is sampled faster shows no more here.
+const FASTEST_HZ: f64 = 1000.0;
+/// Part by which a size may be wrong.
+const RIGHT: f64 = 0.1;
+/// Backlash whose impacts may look like a cause \[m\].
+const BACKLASHES_M: [f64; 2] = [50e-6, 300e-6];
+/// Friction per force and force once a turn \[N\] that are too small to break the law.
+const LOADS: [f64; 2] = [0.0006, 0.0025];
+const RIPPLES_N: [f64; 2] = [0.2, 0.7];
+
+fn main() -> ExitCode {
+    inerter_tests::exit_code(run().map(|()| true))
+}
+
+/// What the runs come to.
+#[derive(Clone, Copy, Default)]
+struct Counts {
+    /// Faults that are named first, and with the right size.
+    first: u32,
+    sized: u32,
+    /// Parameters of those runs that are given with the causes included, and those within their intervals.
+    corrected: u32,
+    right: u32,
+    /// Runs with a cause first that is none.
+    wrong: u32,
+    /// Parameters that are given in runs without a word, of a law that is true or nearly so; those outside the interval of the
+    /// samples; those of which it is not said either that they rest on what is wrong; and those that rest on anything.
+    given: u32,
+    outside: u32,
+    unsaid: u32,
+    assumed: u32,
+    /// Sum of the logarithms of these intervals over the device's.
+    widths: f64,
+}
+
+impl Counts {
+    fn add(self, other: Self) -> Self {
+        Self {
+            first: self.first + other.first,
+            sized: self.sized + other.sized,
+            corrected: self.corrected + other.corrected,
+            right: self.right + other.right,
+            wrong: self.wrong + other.wrong,
+            given: self.given + other.given,
+            outside: self.outside + other.outside,
+            unsaid: self.unsaid + other.unsaid,
+            assumed: self.assumed + other.assumed,
+            widths: self.widths + other.widths,
+        }
+    }
+
+    fn of_fault(case: &Case, motion: &Motion, seed: u64) -> Result<Self, Error> {
+        let found = case.diagnosed(motion, seed)?;
+        let Some(first) = found.causes.first() else { return Ok(Self::default()) };
+        if Some(first.kind) != case.kind {
+            return Ok(Self { wrong: 1, ..Self::default() });
+        }
+        let is_sized = (first.value - case.size).abs() <= RIGHT * case.size.abs();
+        let mut counts = Self { first: 1, sized: u32::from(is_sized), ..Self::default() };
+        for (off, u95) in found.corrected.iter().flat_map(|parameters| given(case, parameters)).flatten() {
+            counts.corrected += 1;
+            counts.right += u32::from(off <= u95);
+        }
+        Ok(counts)
+    }
+
+    /// A run in which nothing should be named, with what the samples say of its parameters.
+    fn of_law(case: &Case, motion: &Motion, seed: u64) -> Result<Self, Error> {
+        let Replayed { outcome, causes, judged } = case.replayed(motion, seed)?;
+        let is_wrong = causes.first().is_some_and(|cause| Some(cause.kind) != case.kind);
+        let mut counts = Self { wrong: u32::from(is_wrong), ..Self::default() };
+        if !causes.is_empty() || outcome.law.status == LawStatus::Broken {
+            return Ok(counts);
+        }
+        for (own, judged) in given(case, &outcome.estimate.whole_run).into_iter().zip(judged) {
+            let Some((off, u95)) = own else { continue };
+            let wider = f64::from(judged.budget.u95());
+            let is_said = case.kind.is_some_and(|kind| judged.assumes.contains(&kind));
+            counts.given += 1;
+            counts.outside += u32::from(off > wider);
+            counts.unsaid += u32::from(off > wider && !is_said);
+            counts.assumed += u32::from(!judged.assumes.is_empty());
+            counts.widths += (wider / u95).ln();
+        }
+        Ok(counts)
+    }
+
+    /// A run in which flanks part, with the contact's stiffness stated or not; unstated, the device has a mass on the terminal.
+    fn of_flanks(backlash_m: f64, motion: &Motion, seed: u64, with_stiffness: bool) -> Result<Self, Error> {
+        let causes = parting(backlash_m).told(motion, seed, with_stiffness)?;
+        let is_wrong = |cause: &Cause| with_stiffness || cause.kind != Kind::Structure;
+        Ok(Self { wrong: u32::from(causes.iter().any(is_wrong)), ..Self::default() })
+    }
+
+    fn print(&self) {
+        let counts = [
+            ("first", self.first),
+            ("sized", self.sized),
+            ("corrected", self.corrected),
+            ("right", self.right),
+            ("wrong", self.wrong),
+            ("given", self.given),
+            ("outside", self.outside),
+            ("unsaid", self.unsaid),
+            ("assumed", self.assumed),
+        ];
+        counts.iter().for_each(|(name, count)| println!("{name}\t{count}"));
+        println!("width\t{:.4}", f64::exp(self.widths / f64::from(self.given.max(1))));
+    }
+}
+
+/// Distance from the truth and half width of inertance, viscous and Coulomb friction that are given.
+fn given(case: &Case, parameters: &Parameters) -> [Option<(f64, f64)>; 3] {
+    let device = &case.device;
+    let mut truths = [device.inertance_kg, device.viscous_n_s_per_m, device.coulomb_n].into_iter();
+    three(parameters).map(|parameter: Parameter| {
+        let (truth, known) = (truths.next()?, parameter.known()?);
+        Some(((f64::from(known.value) - truth).abs(), f64::from(known.u95)))
+    })
+}
+
+/// Runs of a law that is nearly true.
+fn nearly() -> Vec<Case> {
+    let clean = clean_case(1.0, 1000.0);
+    let with = |kind, added| Case { kind: Some(kind), added, ..clean };
+    let loads = LOADS.map(|load| with(Kind::LoadDependent, Added { load, ..clean.added }));
+    let ripples = RIPPLES_N.map(|ripple_n| with(Kind::PositionPeriodic, Added { ripple_n, ..clean.added }));
+    loads.into_iter().chain(ripples).collect()
+}
+
+fn run() -> Result<(), Error> {
+    let motions: Vec<&Motion> = MOTIONS.iter().filter(|motion| NAMES.contains(&motion.name)).collect();
+    let faults: Vec<Case> = cases().into_iter().chain(others()).collect();
+    // A rotary machine is the same in other units.
+    let clean = clean_cases().into_iter().filter(|case| case.sensors.sample_rate_hz <= FASTEST_HZ && !case.is_rotary);
+    let laws: Vec<Case> = clean.chain(nearly()).collect();
+    let of_motion = |place: u64| -> Result<Counts, Error> {
+        let mut counts = Counts::default();
+        for motion in motions.iter().skip(place as usize - 1).take(1) {
+            for case in &faults {
+                counts = counts.add(Counts::of_fault(case, motion, SEED)?);
+            }
+            for case in &laws {
+                counts = counts.add(Counts::of_law(case, motion, SEED)?);
+            }
+            for backlash_m in BACKLASHES_M {
+                for with_stiffness in [true, false] {
+                    counts = counts.add(Counts::of_flanks(backlash_m, motion, SEED, with_stiffness)?);
+                }
+            }
+        }
+        Ok(counts)
+    };
+    let all = each_seed(motions.len() as u64, of_motion)?.into_iter().fold(Counts::default(), Counts::add);
+    all.print();
+    Ok(())
+}
