@@ -9,7 +9,8 @@
 //!
 //! The work goes on file by file: `tests/mutants/PACKAGE.md` has a row for each source file that was tested, with the sum of its
 //! contents. A run takes the files that have no row, or have changed since, and writes the table after each, so it can be
-//! ended at any time. Reasons that a person wrote beside a survivor are kept.
+//! ended at any time. Reasons that a person wrote beside a survivor are kept. Of a package of which all would take days, `--sample`
+//! tests every Nth mutant, evenly over all files.
 
 use crate::{copy, process, tool::Tool, tree, workspace::Workspace};
 use anyhow::{Context, Result, bail, ensure};
@@ -19,6 +20,7 @@ use std::{
     collections::{BTreeMap, BTreeSet, VecDeque},
     fmt::Write,
     fs,
+    num::NonZeroUsize,
     path::{Path, PathBuf},
     process::Command,
     time::{Duration, Instant},
@@ -34,6 +36,9 @@ pub struct Options {
     /// Test this file alone, changed or not
     #[arg(long, value_name = "FILE", requires = "package")]
     file: Option<String>,
+    /// Test every Nth mutant of the package, whatever file it is in
+    #[arg(long, value_name = "N", requires = "package", conflicts_with = "file")]
+    sample: Option<NonZeroUsize>,
     /// Print what is left to do, and test nothing
     #[arg(long)]
     status: bool,
@@ -110,7 +115,46 @@ const GOAL: f64 = 95.0;
 /// Stands where nobody has written why a survivor may live.
 const NO_REASON: &str = "no reason yet";
 
-/// What became of the mutants of one file.
+/// Which mutants of a package are tested at once.
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum Scope {
+    File(String),
+    /// Every so many of all.
+    Sample(NonZeroUsize),
+}
+
+impl Scope {
+    /// As it stands in the table.
+    fn name(&self) -> String {
+        match self {
+            Self::File(file) => file.clone(),
+            Self::Sample(every) => format!("{SAMPLE}{every}"),
+        }
+    }
+
+    fn arguments(&self) -> Vec<String> {
+        match self {
+            Self::File(file) => vec!["--file".into(), file.clone()],
+            Self::Sample(every) => {
+                vec!["--shard".into(), format!("0/{every}"), "--sharding".into(), "round-robin".into()]
+            }
+        }
+    }
+
+    /// What was changed, without the place in the file, which moves, nor the file where there is but one.
+    fn without_place(&self, line: &str) -> String {
+        let (place, change) = line.split_once(": ").unwrap_or_default();
+        match self {
+            Self::File(_) => change.to_owned(),
+            Self::Sample(_) => format!("{}: {change}", place.split(':').next().unwrap_or_default()),
+        }
+    }
+}
+
+/// Begins the name of a sample in the table.
+const SAMPLE: &str = "one mutant of ";
+
+/// What became of the mutants of one file, or of a sample.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 struct Tested {
     /// Sum of the source when it was tested.
@@ -142,23 +186,27 @@ pub fn run(options: &Options) -> Result<()> {
         let mut record = Record::read(&package.table())?;
         let files = package.files()?;
         record.forget_all_but(&files);
-        let mut left = package.left(&record, &files, options.file.as_deref())?;
+        let mut left = match options.sample {
+            Some(every) => [Scope::Sample(every)].into(),
+            None => package.left(&record, &files, options.file.as_deref())?,
+        };
         println!("{}: {} of {} files to test", package.name, left.len(), files.len());
         if options.status {
             continue;
         }
-        while let Some(file) = left.pop_front() {
+        while let Some(scope) = left.pop_front() {
             if limit.is_some_and(|limit| started.elapsed() > limit) {
-                left.push_front(file);
+                left.push_front(scope);
                 break;
             }
-            package.test(&file, &mut record)?;
+            package.test(&scope, &mut record)?;
             fs::create_dir_all(tree::root().join("tests/mutants"))?;
             fs::write(package.table(), record.markdown(&package))?;
         }
         println!("{}: {}", package.name, record.summary());
-        if options.file.is_none() && left.is_empty() && record.caught_percent() < GOAL {
-            missed.push(format!("{} ({:.1} %)", package.name, record.caught_percent()));
+        let percent = record.caught(options.sample.is_some()).percent();
+        if options.file.is_none() && left.is_empty() && percent < GOAL {
+            missed.push(format!("{} ({percent:.1} %)", package.name));
         }
     }
     if !missed.is_empty() {
@@ -191,25 +239,28 @@ impl Package {
     }
 
     /// Files that were not tested as they are, short ones first: a run that is ended early has done more of them.
-    fn left(&self, record: &Record, files: &BTreeMap<String, String>, only: Option<&str>) -> Result<VecDeque<String>> {
+    fn left(&self, record: &Record, files: &BTreeMap<String, String>, only: Option<&str>) -> Result<VecDeque<Scope>> {
         if let Some(only) = only {
             let known = files.keys().find(|file| file.as_str() == only || file.ends_with(&format!("/{only}")));
             let file = known.with_context(|| format!("there is no {only} in {}", self.sources))?;
-            return Ok([file.clone()].into());
+            return Ok([Scope::File(file.clone())].into());
         }
         let is_new = |file: &String, sum: &String| record.files.get(file).is_none_or(|tested| tested.sum != *sum);
         let mut left: Vec<String> =
             files.iter().filter(|(file, sum)| is_new(file, sum)).map(|(file, _)| file.clone()).collect();
         left.sort_by_cached_key(|file| fs::metadata(tree::root().join(file)).map_or(0, |metadata| metadata.len()));
-        Ok(left.into())
+        Ok(left.into_iter().map(Scope::File).collect())
     }
 
-    /// Tests the mutants of a file.
-    fn test(&self, file: &str, record: &mut Record) -> Result<()> {
+    /// Tests the mutants of a file, or a sample of all.
+    fn test(&self, scope: &Scope, record: &mut Record) -> Result<()> {
         let folder = Workspace::read(&tree::root())?.target.join("mutants");
         let started = Instant::now();
         // Before the tests: an edit meanwhile is another source.
-        let sum = sum(&fs::read(tree::root().join(file))?);
+        let sum = match scope {
+            Scope::File(file) => sum(&fs::read(tree::root().join(file))?),
+            Scope::Sample(_) => sum(self.files()?.into_values().collect::<String>().as_bytes()),
+        };
         fs::create_dir_all(folder.join(self.name))?;
         copy::tree(&folder.join("tree"), &[])?;
         let mut caught = Vec::new();
@@ -219,32 +270,36 @@ impl Package {
             [(Pass::Quick, true), (Pass::Slow, !self.slow.is_empty()), (Pass::Golden, !self.goldens.is_empty())]
         {
             if is_needed && missed.as_ref().is_none_or(|missed: &Vec<String>| !missed.is_empty()) {
-                let found = self.pass(pass, file, &folder, missed.as_deref())?;
+                let found = self.pass(pass, scope, &folder, missed.as_deref())?;
                 if pass == Pass::Golden { &mut golden } else { &mut caught }.extend(found.caught);
                 missed = Some(found.missed);
             }
         }
-        let places_left_out = |lines: &[String]| lines.iter().map(|line| without_place(line).to_owned()).collect();
+        let places_left_out = |lines: &[String]| lines.iter().map(|line| scope.without_place(line)).collect();
         let survived: Vec<String> = places_left_out(&missed.unwrap_or_default());
         let tested = Tested { sum, caught: caught.len(), golden: golden.len(), survived: survived.len() };
         println!(
-            "{file}: {} caught, {} by a golden only, {} survived, in {:.0} s",
+            "{}: {} caught, {} by a golden only, {} survived, in {:.0} s",
+            scope.name(),
             tested.caught,
             tested.golden,
             tested.survived,
             started.elapsed().as_secs_f64()
         );
-        record.take(file, tested, survived, places_left_out(&golden));
+        record.take(&scope.name(), tested, survived, places_left_out(&golden));
         Ok(())
     }
 
-    /// Tests the mutants of a file once: all of them, or some.
-    fn pass(&self, pass: Pass, file: &str, folder: &Path, only: Option<&[String]>) -> Result<Outcomes> {
+    /// Tests these mutants once: all of them, or some.
+    fn pass(&self, pass: Pass, scope: &Scope, folder: &Path, only: Option<&[String]>) -> Result<Outcomes> {
         let mut sound = self.sound.get();
         let mut command = Tool::Mutants.command()?;
         command.arg("--in-place");
-        command.args(["--package", &format!("inerter-{}", self.name), "--file", file, "--no-shuffle"]);
-        command.args(only.unwrap_or_default().iter().flat_map(|mutant| ["--re".to_owned(), exactly(mutant)]));
+        command.args(["--package", &format!("inerter-{}", self.name), "--no-shuffle"]);
+        command.args(match only {
+            None => scope.arguments(),
+            Some(only) => only.iter().flat_map(|mutant| ["--re".to_owned(), exactly(mutant)]).collect(),
+        });
         command.args(["--timeout", WAIT_S, "--build-timeout", WAIT_S]);
         command.args(["--baseline", if sound[pass as usize] { "skip" } else { "run" }, "--cap-lints", "true"]);
         command.args(["--no-times", "--output"]).arg(folder.join(self.name));
@@ -314,11 +369,6 @@ impl Outcomes {
 fn exactly(text: &str) -> String {
     let escaped = |letter: char| (r"\.+*?()|[]{}^$".contains(letter)).then_some('\\').into_iter().chain([letter]);
     format!("^{}$", text.chars().flat_map(escaped).collect::<String>())
-}
-
-/// What was changed, without the file and the place in it, which move.
-fn without_place(line: &str) -> &str {
-    line.split_once(": ").map_or(line, |(_, change)| change)
 }
 
 fn sum(bytes: &[u8]) -> String {
@@ -427,7 +477,8 @@ impl Record {
 
     /// Files that are gone take their rows with them.
     fn forget_all_but(&mut self, files: &BTreeMap<String, String>) {
-        let gone: BTreeSet<String> = self.files.keys().filter(|file| !files.contains_key(*file)).cloned().collect();
+        let is_gone = |name: &&String| !files.contains_key(*name) && !name.starts_with(SAMPLE);
+        let gone: BTreeSet<String> = self.files.keys().filter(is_gone).cloned().collect();
         for file in gone {
             self.files.remove(&file);
             self.survivors.remove(&file);
@@ -435,27 +486,58 @@ impl Record {
         }
     }
 
-    /// Part of all mutants that compile which tests catch \[%\].
-    fn caught_percent(&self) -> f64 {
-        let sum = |of: fn(&Tested) -> usize| self.files.values().map(of).sum::<usize>() as f64;
-        let caught = sum(|tested| tested.caught + tested.golden);
-        let all = caught + sum(|tested| tested.survived);
-        if all > 0.0 { 100.0 * caught / all } else { 100.0 }
+    /// What tests catch in all files, or in samples.
+    fn caught(&self, in_samples: bool) -> Caught {
+        let rows = self.files.iter().filter(|(name, _)| name.starts_with(SAMPLE) == in_samples);
+        rows.fold(Caught::default(), |sum, (_, Tested { caught, golden, survived, .. })| Caught {
+            rows: sum.rows + 1,
+            caught: sum.caught + caught + golden,
+            golden: sum.golden + golden,
+            all: sum.all + caught + golden + survived,
+        })
     }
 
     fn summary(&self) -> String {
-        let sum = |of: fn(&Tested) -> usize| self.files.values().map(of).sum::<usize>();
-        let (caught, golden, survived) =
-            (sum(|tested| tested.caught), sum(|tested| tested.golden), sum(|tested| tested.survived));
+        let (files, samples) = (self.caught(false), self.caught(true));
         let reasons = self.survivors.values().flatten().filter(|(_, reason)| reason != NO_REASON).count();
-        format!(
-            "{} files: {} of {} mutants are caught ({:.1} %, goal {GOAL} %), {golden} of them by a golden only; of {survived} survivors {reasons} have a \
-             reason",
-            self.files.len(),
-            caught + golden,
-            caught + golden + survived,
-            self.caught_percent()
-        )
+        let survivors = files.all + samples.all - files.caught - samples.caught;
+        let mut text = String::new();
+        if files.rows > 0 {
+            text += &format!("{} files: {}, {} of them by a golden only. ", files.rows, files.words(), files.golden);
+        }
+        if samples.rows > 0 {
+            let [low, high] = samples.interval_percent();
+            text +=
+                &format!("A sample: {}; of all it is {low:.1} to {high:.1} % with 95 % confidence. ", samples.words());
+        }
+        format!("{text}Of {survivors} survivors {reasons} have a reason")
+    }
+}
+
+/// Mutants that compile, and those that tests catch.
+#[derive(Clone, Copy, Debug, Default)]
+struct Caught {
+    rows: usize,
+    caught: usize,
+    golden: usize,
+    all: usize,
+}
+
+impl Caught {
+    fn percent(&self) -> f64 {
+        if self.all > 0 { 100.0 * self.caught as f64 / self.all as f64 } else { 100.0 }
+    }
+
+    /// Share of all from which this is a sample \[%\], by Wilson's interval.
+    fn interval_percent(&self) -> [f64; 2] {
+        let (n, share, z) = (self.all as f64, self.percent() / 100.0, 1.96);
+        let middle = share + z * z / (2.0 * n);
+        let half = z * (share * (1.0 - share) / n + z * z / (4.0 * n * n)).sqrt();
+        [middle - half, middle + half].map(|bound| 100.0 * bound / (1.0 + z * z / n))
+    }
+
+    fn words(&self) -> String {
+        format!("{} of {} mutants are caught ({:.1} %, goal {GOAL} %)", self.caught, self.all, self.percent())
     }
 }
 
@@ -502,7 +584,25 @@ mod tests {
     fn the_summary_counts_what_survives() {
         let summary = record().summary();
         assert!(summary.contains("16 of 18 mutants are caught (88.9 %"), "{summary}");
-        assert!(summary.contains("of 2 survivors 1 have a reason"), "{summary}");
+        assert!(summary.contains("Of 2 survivors 1 have a reason"), "{summary}");
+    }
+
+    /// The ends of the interval solve `(0.93 - p)^2 = 1.96^2 p (1 - p)/100`: 0.8625 and 0.9657 by bisection.
+    #[test]
+    fn a_sample_stands_apart_and_tells_of_all() {
+        let mut record = record();
+        let sample = Scope::Sample(NonZeroUsize::new(40).unwrap());
+        assert_eq!(sample.arguments(), ["--shard", "0/40", "--sharding", "round-robin"]);
+        let survived = sample.without_place("firmware/core/src/ldl.rs:3:4: replace < with == in solve");
+        assert_eq!(survived, "firmware/core/src/ldl.rs: replace < with == in solve");
+        let tested = Tested { caught: 93, survived: 7, ..Tested::default() };
+        record.take(&sample.name(), tested, vec![survived; 7], Vec::new());
+        record.forget_all_but(&[].into());
+        let summary = record.summary();
+        assert!(summary.contains("A sample: 93 of 100 mutants are caught (93.0 %"), "{summary}");
+        assert!(summary.contains("86.3 to 96.6 % with 95 %"), "{summary}");
+        assert_eq!((record.caught(true).all, record.caught(false).all), (100, 0));
+        assert_eq!(Record::parse(&record.markdown(&packages()[0])), record);
     }
 
     #[test]
@@ -513,7 +613,8 @@ mod tests {
     #[test]
     fn places_move_and_are_left_out() {
         assert_eq!(
-            without_place("firmware/wire/src/crc.rs:14:17: replace < with == in table"),
+            Scope::File("firmware/wire/src/crc.rs".into())
+                .without_place("firmware/wire/src/crc.rs:14:17: replace < with == in table"),
             "replace < with == in table"
         );
     }
