@@ -35,7 +35,7 @@ const MOVED: [f64; 2] = [1.6, 1.2];
 pub const TOLD: f64 = 1.6;
 /// Standard deviations beyond which what moves counts although the run does not tell for certain.
 const CHANCE: f64 = 2.0;
-/// The same where the law leaves little of the cause: runs without a fault come to 6.7.
+/// The same where the law leaves little of the cause: no run without a fault comes to it (docs/THEORY.md, 17).
 const FAR: f64 = 7.0;
 /// Standard deviations of a cause's size under which it may not be named.
 const NAMED: f64 = 12.0;
