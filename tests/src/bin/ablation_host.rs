@@ -67,14 +67,17 @@ impl Counts {
     }
 
     fn of_fault(case: &Case, motion: &Motion, seed: u64) -> Result<Self, Error> {
-        let found = case.diagnosed(motion, seed)?;
-        let Some(first) = found.causes.first() else { return Ok(Self::default()) };
+        // Without a part of it a search may end in rows that it cannot fit: then nothing is named.
+        let found = case.diagnosed(motion, seed).ok();
+        let Some((first, corrected)) = found.and_then(|found| Some((*found.causes.first()?, found.corrected))) else {
+            return Ok(Self::default());
+        };
         if Some(first.kind) != case.kind {
             return Ok(Self { wrong: 1, ..Self::default() });
         }
         let is_sized = (first.value - case.size).abs() <= RIGHT * case.size.abs();
         let mut counts = Self { first: 1, sized: u32::from(is_sized), ..Self::default() };
-        for (off, u95) in found.corrected.iter().flat_map(|parameters| given(case, parameters)).flatten() {
+        for (off, u95) in corrected.iter().flat_map(|parameters| given(case, parameters)).flatten() {
             counts.corrected += 1;
             counts.right += u32::from(off <= u95);
         }
