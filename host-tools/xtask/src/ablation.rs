@@ -12,7 +12,7 @@ use crate::{
     workspace::Workspace,
 };
 use anyhow::{Context, Result, bail};
-use heuristics::{HEURISTICS, Heuristic};
+use heuristics::{HEURISTICS, Heuristic, buys};
 use std::{fs, path::Path, process::Command};
 
 /// Part of the interval under which an error is not told from another: three seeds.
@@ -203,11 +203,7 @@ impl Row {
         if self.named.1 < self.named.0 {
             all.push("names");
         }
-        match self.test {
-            _ if !all.is_empty() => all.join(", "),
-            Some(test) => format!("nothing here; the test `{test}` fails without it"),
-            None => "**nothing here**".into(),
-        }
+        buys(&all, self.test)
     }
 
     fn line(&self) -> String {
@@ -258,19 +254,7 @@ mod tests {
 
     #[test]
     fn each_text_is_found_once() {
-        let folders =
-            ["tests/tests", "firmware/core/src"].map(|folder| fs::read_dir(tree::root().join(folder)).unwrap());
-        let files = folders.into_iter().flatten().map(|entry| entry.unwrap().path()).filter(|path| path.is_file());
-        let sources: Vec<String> = files.map(|path| fs::read_to_string(path).unwrap()).collect();
-        for Heuristic { name, edits, test } in HEURISTICS {
-            for (file, text, instead) in *edits {
-                let source = fs::read_to_string(tree::root().join("firmware/core/src").join(file)).unwrap();
-                assert_eq!(source.matches(text).count(), 1, "{name}: `{text}` in {file}");
-                assert_ne!(text, instead, "{name}");
-            }
-            let is_written = |test: &str| sources.iter().any(|source| source.contains(&format!("fn {test}(")));
-            assert!(test.is_none_or(is_written), "{name}: no test {test:?}");
-        }
+        heuristics::must_be_found(HEURISTICS, "firmware/core/src", &["tests/tests", "firmware/core/src"]);
     }
 
     #[test]

@@ -1,4 +1,5 @@
-//! What is taken out of the estimator, one at a time: a text of its source and what stands there instead.
+//! What is taken out of the estimator, one at a time: a text of its source and what stands there instead. What the host makes of
+//! a run is taken apart in the same way (`host.rs`).
 //!
 //! The source itself knows nothing of it. A text that is not found exactly once has moved, and the list must follow.
 
@@ -8,18 +9,46 @@ use crate::copy::Edit;
 pub struct Heuristic {
     /// What it does, with its section of docs/THEORY.md.
     pub name: &'static str,
-    /// File below firmware/core/src, text, and what stands there instead.
+    /// Texts of its source and what stands there instead, in files below firmware/core/src, or those that the host's list names.
     pub edits: &'static [Edit],
     /// The test that fails without it, where the runs of the ablation do not show what it is for.
     pub test: Option<&'static str>,
 }
 
-const fn one(name: &'static str, edits: &'static [Edit]) -> Heuristic {
+pub const fn one(name: &'static str, edits: &'static [Edit]) -> Heuristic {
     Heuristic { name, edits, test: None }
 }
 
 const fn tested(test: &'static str, name: &'static str, edits: &'static [Edit]) -> Heuristic {
     Heuristic { name, edits, test: Some(test) }
+}
+
+/// What one buys, by what is lost without it; else by the test that fails.
+pub fn buys(lost: &[&str], test: Option<&str>) -> String {
+    match test {
+        _ if !lost.is_empty() => lost.join(", "),
+        Some(test) => format!("nothing here; the test `{test}` fails without it"),
+        None => "**nothing here**".into(),
+    }
+}
+
+/// Fails where a text does not stand once in its file below `folder`, or a test in none of the files of `tests`.
+#[cfg(test)]
+pub fn must_be_found(heuristics: &[Heuristic], folder: &str, tests: &[&str]) {
+    use std::fs;
+    let root = crate::tree::root();
+    let files = tests.iter().flat_map(|folder| fs::read_dir(root.join(folder)).unwrap());
+    let paths = files.map(|entry| entry.unwrap().path()).filter(|path| path.is_file());
+    let tests: Vec<String> = paths.map(|path| fs::read_to_string(path).unwrap()).collect();
+    for Heuristic { name, edits, test } in heuristics {
+        for (file, text, instead) in *edits {
+            let source = fs::read_to_string(root.join(folder).join(file)).unwrap();
+            assert_eq!(source.matches(text).count(), 1, "{name}: `{text}` in {file}");
+            assert_ne!(text, instead, "{name}");
+        }
+        let is_written = |test: &str| tests.iter().any(|source| source.contains(&format!("fn {test}(")));
+        assert!(test.is_none_or(is_written), "{name}: no test {test:?}");
+    }
 }
 
 /// In the order of the theory.

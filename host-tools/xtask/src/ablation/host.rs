@@ -1,6 +1,7 @@
 //! What each part of the host's judgement buys: which cause breaks the law, and what a cause too small to be named does to
 //! the intervals. A copy of the whole tree without one part at a time runs beside the tree itself, on the same runs.
 
+use super::heuristics::{Heuristic, buys, one};
 use crate::{
     copy::{self, Edit},
     process, table, tree,
@@ -14,57 +15,47 @@ const WIDER: f64 = 1.02;
 /// Runs, or per cent, that differ and say nothing: a choice.
 const BY_CHANCE: f64 = 1.0;
 
-/// One part that could be left out.
-struct Part {
-    /// What it does, in the words of docs/THEORY.md, 14.
-    name: &'static str,
-    edits: &'static [Edit],
-    /// The test that fails without it, where the runs of the ablation do not show what it is for.
-    test: Option<&'static str>,
-}
+/// Where the sources of [`PARTS`] lie.
+const FOLDER: &str = "host-tools/analysis/src/diagnose";
 
-const fn part(name: &'static str, edits: &'static [Edit]) -> Part {
-    Part { name, edits, test: None }
-}
-
-/// In the order of the theory; files below host-tools/analysis/src/diagnose.
-const PARTS: &[Part] = &[
-    part(
+/// In the order of docs/THEORY.md, 14.
+const PARTS: &[Heuristic] = &[
+    one(
         "reversals are located anew by what was found",
         &[("search.rs", "Located::of(aligned, self.law, &known(&self.found))", "Located::of(aligned, self.law, &[])")],
     ),
-    part(
+    one(
         "rows are whitened",
         &[
             ("filter.rs", "Sight::White(widest_s) => {", "Sight::White(widest_s) if widest_s < 0.0 => {"),
             ("filter.rs", "Sight::Box(_) => vec![1.0],", "_ => vec![1.0],"),
         ],
     ),
-    part(
+    one(
         "a run that leaves too little is looked at otherwise",
         &[("search.rs", "if worse.is_empty() || is_fit() {", "if worse.is_empty() || is_fit() || true {")],
     ),
-    part(
+    one(
         "what repeats counts as what it is",
         &[("filter.rs", "1.0 + share * (self.repeats - 1.0)", "1.0 + 0.0 * share")],
     ),
-    part(
+    one(
         "the two parts of the run that say most are left out",
         &[("selection.rs", "lasting * strength.min(by_scatter)", "lasting.max(1.0) * strength.min(by_scatter)")],
     ),
-    part(
+    one(
         "parts of the run that differ are less evidence",
         &[("selection.rs", "lasting * strength.min(by_scatter)", "lasting * strength.min(by_scatter.max(strength))")],
     ),
-    part(
+    one(
         "the least of three solutions counts",
         &[("selection.rs", "const TAKEN: [f64; 3] = [0.0, 1.0, 1.5];", "const TAKEN: [f64; 3] = [0.0, 0.0, 0.0];")],
     ),
-    part(
+    one(
         "a column that is mostly noise is not used",
         &[("selection.rs", "const LEAST_OVER_NOISE: f64 = 25.0;", "const LEAST_OVER_NOISE: f64 = 0.0;")],
     ),
-    part(
+    one(
         "a size must be that of a machine",
         &[(
             "candidate.rs",
@@ -72,7 +63,7 @@ const PARTS: &[Part] = &[
             "let coulomb_n = law.coulomb_n.max(0.0);\n        if coulomb_n >= 0.0 {\n            return true;\n        }",
         )],
     ),
-    part(
+    one(
         "what comes close is tried as well",
         &[
             ("search.rs", "const CLOSE: f64 = 0.5;", "const CLOSE: f64 = 2.0;"),
@@ -83,28 +74,28 @@ const PARTS: &[Part] = &[
             ),
         ],
     ),
-    part("a size more must be worth it", &[("search.rs", "const WORTH: f64 = 8.0;", "const WORTH: f64 = 0.0;")]),
-    part(
+    one("a size more must be worth it", &[("search.rs", "const WORTH: f64 = 8.0;", "const WORTH: f64 = 0.0;")]),
+    one(
         "each is judged anew beside the others, and held against what could stand in its place",
         &[("search.rs", "if !self.weigh(&rows) {", "if true {")],
     ),
-    part(
+    one(
         "velocities, distances and shapes are sought beside all others",
         &[("found.rs", "if term.scale().is_none() {", "if true {")],
     ),
-    part(
+    one(
         "all of Coulomb friction may turn",
         &[("found.rs", "&[false, true] } else { &[false] }", "&[false] } else { &[false] }")],
     ),
-    part(
+    one(
         "a skew that is left is undone again",
         &[("search.rs", "const MOST_UNDONE: usize = 6;", "const MOST_UNDONE: usize = 2;")],
     ),
-    part(
+    one(
         "a skew that others explain is none",
         &[("search.rs", "cause.kind == Kind::Skew && cause.f < LIMIT;", "cause.kind == Kind::Skew && cause.f < 0.0;")],
     ),
-    part(
+    one(
         "where flanks may part, what was found must be most of it, and clear",
         &[(
             "search.rs",
@@ -112,19 +103,19 @@ const PARTS: &[Part] = &[
             "filter(|cause| is_most || !is_clear(cause) || true)",
         )],
     ),
-    part(
+    one(
         "other lengths of a turn are possible",
         &[("fitted.rs", "if encoder.counts_per_turn.is_some() {", "if true {")],
     ),
-    part(
+    one(
         "what moves a parameter widens its interval",
         &[("hidden.rs", "const MOVED: [f64; 2] = [1.6, 1.2];", "const MOVED: [f64; 2] = [0.0, 0.0];")],
     ),
-    part(
+    one(
         "so does the part that chance may have",
         &[("hidden.rs", "const MOVED: [f64; 2] = [1.6, 1.2];", "const MOVED: [f64; 2] = [1.6, 0.0];")],
     ),
-    part(
+    one(
         "a poorly determined cause widens beyond twice its chance",
         &[(
             "hidden.rs",
@@ -132,15 +123,15 @@ const PARTS: &[Part] = &[
             "let is_moved = is_far || moves.are_told && moved.abs() < 0.0;",
         )],
     ),
-    part(
+    one(
         "what is far beyond chance widens also where little is left of it",
         &[("hidden.rs", "const FAR: f64 = 7.0;", "const FAR: f64 = f64::INFINITY;")],
     ),
-    part(
+    one(
         "a poorly determined cause becomes an assumption and widens nothing",
         &[("hidden.rs", "pub const TOLD: f64 = 1.6;", "pub const TOLD: f64 = 1e9;")],
     ),
-    part(
+    one(
         "friction that turns at once may be assumed",
         &[(
             "candidate.rs",
@@ -148,15 +139,15 @@ const PARTS: &[Part] = &[
             "",
         )],
     ),
-    part(
+    one(
         "a position that gives way may be assumed",
         &[("candidate.rs", "all.push(Self { kind: Kind::Compliance, term: Term::Bent });", "")],
     ),
-    part(
+    one(
         "a skew and what acts at the reversals widen nothing",
         &[("hidden.rs", "!matches!(kind, Kind::Skew | Kind::Stribeck | Kind::Presliding)", "kind != Kind::Structure")],
     ),
-    part(
+    one(
         "repeated steps count in the part that chance may have",
         &[(
             "hidden.rs",
@@ -222,7 +213,7 @@ pub fn run(update: bool) -> Result<()> {
     let folder = Workspace::read(&tree::root())?.target.join("ablation/host");
     let whole = measured(&folder, &[])?;
     let mut text = String::from(HEAD);
-    for Part { name, edits, test } in PARTS {
+    for Heuristic { name, edits, test } in PARTS {
         let without = measured(&folder, edits).with_context(|| format!("without \"{name}\""))?;
         let line = line(name, &whole, &without, *test)?;
         println!("{line}");
@@ -236,7 +227,7 @@ pub fn run(update: bool) -> Result<()> {
 fn measured(folder: &Path, edits: &[Edit]) -> Result<Counts> {
     let tree = folder.join("tree");
     copy::tree(&tree, &[])?;
-    copy::edit(&tree.join("host-tools/analysis/src/diagnose"), edits)?;
+    copy::edit(&tree.join(FOLDER), edits)?;
     let build = folder.join("build");
     let mut cargo = process::cargo();
     cargo.current_dir(&tree).env("RUSTFLAGS", "-A warnings").arg("build").arg("--target-dir").arg(&build);
@@ -263,12 +254,7 @@ fn line(name: &str, whole: &Counts, without: &Counts, test: Option<&str>) -> Res
             None => format!("{before} to {after}"),
         });
     }
-    let buys = match test {
-        _ if !lost.is_empty() => lost.join(", "),
-        Some(test) => format!("nothing here; the test `{test}` fails without it"),
-        None => "**nothing here**".into(),
-    };
-    Ok(format!("| {name} | {} | {buys} |", cells.join(" | ")))
+    Ok(format!("| {name} | {} | {} |", cells.join(" | "), buys(&lost, test)))
 }
 
 const HEAD: &str = "# Ablation of the host's judgement
@@ -294,26 +280,11 @@ is edited and built (`host-tools/xtask/src/ablation/host.rs`).
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use std::fs;
+    use super::{super::heuristics::must_be_found, *};
 
     #[test]
     fn each_text_is_found_once() {
-        let tests: Vec<String> = ["tests/tests", "host-tools/analysis/src/diagnose"]
-            .iter()
-            .flat_map(|folder| fs::read_dir(tree::root().join(folder)).unwrap())
-            .filter_map(|entry| fs::read_to_string(entry.unwrap().path()).ok())
-            .collect();
-        for Part { name, edits, test } in PARTS {
-            for (file, text, instead) in *edits {
-                let source =
-                    fs::read_to_string(tree::root().join("host-tools/analysis/src/diagnose").join(file)).unwrap();
-                assert_eq!(source.matches(text).count(), 1, "{name}: `{text}` in {file}");
-                assert_ne!(text, instead, "{name}");
-            }
-            let is_written = |test: &str| tests.iter().any(|source| source.contains(&format!("fn {test}(")));
-            assert!(test.is_none_or(is_written), "{name}: no test {test:?}");
-        }
+        must_be_found(PARTS, FOLDER, &["tests/tests", FOLDER]);
     }
 
     #[test]
