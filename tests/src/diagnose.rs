@@ -194,6 +194,17 @@ pub struct Replayed {
     pub judged: [Judged; 4],
 }
 
+impl Replayed {
+    /// The same of any run.
+    pub fn of(run: &Run) -> Result<Self, Error> {
+        let outcome = replay_all(run, |_, _| Ok::<(), SettingsInputError>(()))?;
+        let gated = Gated::of(run, &[]);
+        let causes = suspected(&gated, &run.settings, &outcome.published());
+        let judged = judged(&gated.series, &run.settings, &outcome);
+        Ok(Self { outcome, causes, judged })
+    }
+}
+
 impl Case {
     /// One run through the estimator and the tests.
     pub fn diagnosed(&self, motion: &Motion, seed: u64) -> Result<Diagnosis, Error> {
@@ -214,11 +225,7 @@ impl Case {
 
     /// One run, the causes that are told of it unasked, and its parameters by the samples.
     pub fn replayed(&self, motion: &Motion, seed: u64) -> Result<Replayed, Error> {
-        let (run, outcome) = self.run(motion, seed, true)?;
-        let gated = Gated::of(&run, &[]);
-        let causes = suspected(&gated, &run.settings, &outcome.published());
-        let judged = judged(&gated.series, &run.settings, &outcome);
-        Ok(Replayed { outcome, causes, judged })
+        Replayed::of(&self.recorded(motion, seed, true)?)
     }
 
     fn run(&self, motion: &Motion, seed: u64, with_stiffness: bool) -> Result<(Run, Outcome), Error> {
