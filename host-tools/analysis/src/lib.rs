@@ -5,7 +5,7 @@
 //! is the estimator's with its kernels, [`compared`] has it beside the force row by row, [`paper`] identifies the paper's device
 //! from its three tests. [`mod@diagnose`] names what breaks the law, [`mod@skew`] finds how late the force is, [`plan`] designs a
 //! motion and predicts what it will tell. [`calibrate`] turns samples at known loads, displacements and rests into settings
-//! with their uncertainty.
+//! with their uncertainty. [`results`] puts all of that together as the program prints it.
 #![forbid(unsafe_code)]
 
 pub mod calibrate;
@@ -18,5 +18,6 @@ pub mod law;
 pub mod paper;
 pub mod plan;
 pub mod response;
+pub mod results;
 mod reversals;
 pub mod skew;

@@ -83,7 +83,7 @@ const LAWS: &[Law] = &[
         .tests_may_use(&["inerter-plant", "inerter-simulate"])
         .never(&[COMMAND_LINE, USB, SCREEN, &["plotters"]]),
     Law::of("inerter-analysis")
-        .may_use(&["inerter-core", "inerter-data", "inerter-plant"])
+        .may_use(&["inerter-core", "inerter-wire", "inerter-data", "inerter-plant"])
         .tests_may_use(&["inerter-simulate"])
         .never(&[COMMAND_LINE, USB, SCREEN, TABLES]),
     Law::of("inerter-device").may_use(&["inerter-core", "inerter-wire"]).never(&[COMMAND_LINE, SCREEN, TABLES]),

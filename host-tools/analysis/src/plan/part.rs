@@ -1,6 +1,7 @@
 //! What a motion is made of: tones that come up from rest together and go down to it.
 
 use inerter_plant::{Excitation, Tone};
+use serde_json::{Value, json};
 
 /// One stretch of a motion.
 #[derive(Clone, Debug, PartialEq)]
@@ -17,6 +18,14 @@ impl Part {
     /// Its motion.
     pub fn motion(&self) -> Excitation {
         Excitation::tones(self.tones.clone()).with_ramp(self.fade_s).lasting(self.duration_s)
+    }
+
+    /// In JSON.
+    pub fn json(&self) -> Value {
+        let tones = self.tones.iter().map(|tone| {
+            json!({ "frequency_hz": tone.frequency_hz, "amplitude_m": tone.amplitude_m, "phase_rad": tone.phase_rad })
+        });
+        json!({ "duration_s": self.duration_s, "fade_s": self.fade_s, "tones": tones.collect::<Vec<_>>() })
     }
 
     /// With so many times the amplitudes.

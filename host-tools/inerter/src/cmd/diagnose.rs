@@ -3,23 +3,14 @@
 use std::path::PathBuf;
 
 use inerter_analysis::{
-    calibrate::refuse_saturated,
-    diagnose::{Cause, Diagnosis, Encoder, Kind, diagnose, is_reversed},
-    fit::FitError,
+    diagnose::Encoder,
+    results::{Diagnosed, diagnosed},
 };
-use inerter_core::{LawStatus, Machine, Parameters, Warning, WarningKind};
+use inerter_core::{LawStatus, Machine, Parameters};
 use inerter_data::{
-    causes::{self, warning_words},
-    gated::Gated,
-    json::{LawJson, ParametersJson, machine_json_line},
-    output,
-    replay::{Outcome, replay_all},
-    run::Run,
-    text::value_text,
-    words::plural,
+    causes::warning_words, json::machine_json_line, output, replay::Outcome, text::value_text, words::plural,
 };
-use inerter_wire::{EstimatorEvent, catalogue};
-use serde::Serialize;
+use inerter_wire::catalogue;
 
 use super::{args::FileSettingsArgs, terminal::note};
 use crate::Error;
@@ -62,171 +53,24 @@ fn counts(text: &str) -> Result<f64, String> {
     }
 }
 
-/// A gate that samples failed, and how often.
-type Gate = (WarningKind, u32);
-
-/// What a run shows, or why no cause could be sought in it.
-type Found = Result<Diagnosis, Unsought>;
-
-/// Why no cause could be sought beside what is wrong with the samples.
-enum Unsought {
-    /// The force pushes the wrong way.
-    Reversed,
-    /// What is left of the run is too little.
-    Unfit(FitError),
-}
-
-impl Unsought {
-    fn words(&self) -> String {
-        match self {
-            Self::Reversed => {
-                "No other cause is sought, and no parameter is given, while the force pushes the wrong way.".into()
-            }
-            Self::Unfit(error) => {
-                format!("No other cause is sought, and no parameter is given, in the samples that are left: {error}.")
-            }
-        }
-    }
-}
-
 pub fn run(args: &Args) -> Result<(), Error> {
     let run = inerter_data::open(&args.file, &args.settings.overrides()?)?;
     run.notes.iter().for_each(note);
-    let (mut told, mut since_s): (Vec<Warning>, _) = (Vec::new(), None);
-    let outcome = replay_all(&run, |t_s, event| -> Result<(), Error> {
-        match event {
-            EstimatorEvent::Warned(warning) => told.push(*warning),
-            EstimatorEvent::Changed(_) => since_s = Some(t_s),
-            EstimatorEvent::Reversal(_) | EstimatorEvent::Estimate(_) => {}
-        }
-        Ok(())
-    })?;
-    let mut gated = Gated::of(&run, &told);
-    let gates = gates(&told, &gated);
-    if let Some(since_s) = since_s {
-        note(format!("the device changed at {since_s:.1} s: only the motion since is looked at"));
-        gated.series.cut_before(since_s);
-    }
-    let published = outcome.published();
     let encoder = Encoder { counts_per_turn: args.counts_per_turn, counts_per_line: args.counts_per_line };
-    let found = match diagnose(&gated.series, &run.settings, &published, encoder) {
-        _ if is_reversed(&published) => Err(Unsought::Reversed),
-        Ok(found) => Ok(found),
-        Err(error) if gates.is_empty() => {
-            refuse_saturated(&outcome, &run)?;
-            return Err(error.into());
-        }
-        Err(error) => Err(Unsought::Unfit(error)),
-    };
-    let corrected = corrected(&outcome, &gated, &found);
+    let diagnosed: Diagnosed = diagnosed::<Error>(&run, encoder)?;
+    if let Some(since_s) = diagnosed.since_s {
+        note(format!("the device changed at {since_s:.1} s: only the motion since is looked at"));
+    }
+    let machine = run.settings.machine;
     if args.json {
-        json(&run, &outcome, &gates, &found, corrected)
-    } else {
-        text(&run, &outcome, &gates, &gated, &found, corrected)
+        return Ok(output::line(machine_json_line(machine, &diagnosed.json(machine)))?);
     }
+    text(machine, &diagnosed)
 }
 
-/// What is wrong with samples, in the order of the list: what the estimator said, and what only the whole run shows.
-fn gates(told: &[Warning], gated: &Gated) -> Vec<Gate> {
-    let times = |kind: WarningKind| {
-        let told = told.iter().filter(|warning| warning.kind == kind).count() as u32;
-        told.max(u32::from(gated.left_out.contains(&kind)))
-    };
-    let all = causes::Cause::ALL.into_iter().filter_map(|cause| match cause {
-        causes::Cause::Samples(kind) => Some((kind, times(kind))),
-        causes::Cause::Law(_) => None,
-    });
-    all.filter(|(_, times)| *times > 0).collect()
-}
-
-/// The parameters with all that was found beside them. Where nothing breaks the law they are its own, without samples that tell
-/// nothing of the device; nothing where these are not known, something else is left over, or the force pushes the wrong way.
-fn corrected(outcome: &Outcome, gated: &Gated, found: &Found) -> Option<Parameters> {
-    let found = found.as_ref().ok().filter(|_| gated.not_found.is_empty())?;
-    if !found.causes.is_empty() {
-        return found.corrected;
-    }
-    if gated.has_no_force() {
-        // The estimator takes samples in until it sees what they are, and some beside those that it then leaves out.
-        return found.corrected.filter(|_| found.is_explained());
-    }
-    let holds = outcome.law.misfit.is_some_and(|misfit| misfit.ratio <= misfit.limit);
-    holds.then_some(outcome.estimate.whole_run)
-}
-
-/// A diagnosis in JSON.
-#[derive(Serialize)]
-struct DiagnosisJson {
-    kind: &'static str,
-    law: LawJson,
-    causes: Vec<CauseJson>,
-    corrected: Option<ParametersJson>,
-}
-
-/// A cause in JSON.
-#[derive(Serialize)]
-pub struct CauseJson {
-    name: &'static str,
-    value: f64,
-    u95: Option<f64>,
-    unit: &'static str,
-    f: Option<f64>,
-    period_m: Option<f64>,
-    rival: Option<&'static str>,
-}
-
-impl CauseJson {
-    /// One that was found.
-    pub fn new(machine: Machine, cause: &Cause) -> Self {
-        Self {
-            name: cause.kind.name(),
-            value: cause.value,
-            u95: Some(cause.u95).filter(|u95| u95.is_finite()),
-            unit: cause.unit(machine),
-            f: Some(cause.f),
-            period_m: cause.period_m,
-            rival: cause.rival.map(Kind::name),
-        }
-    }
-}
-
-fn json(
-    run: &Run,
-    outcome: &Outcome,
-    gates: &[Gate],
-    found: &Found,
-    corrected: Option<Parameters>,
-) -> Result<(), Error> {
-    let machine = run.settings.machine;
-    let gates = gates.iter().map(|(kind, times)| CauseJson {
-        name: causes::Cause::Samples(*kind).name(),
-        value: f64::from(*times),
-        u95: None,
-        unit: "times",
-        f: None,
-        period_m: None,
-        rival: None,
-    });
-    let causes = found.iter().flat_map(|found| &found.causes).map(|cause| CauseJson::new(machine, cause));
-    let line = DiagnosisJson {
-        kind: "diagnosis",
-        law: outcome.law.into(),
-        causes: gates.chain(causes).collect(),
-        corrected: corrected.as_ref().map(ParametersJson::from),
-    };
-    Ok(output::line(machine_json_line(machine, &line))?)
-}
-
-fn text(
-    run: &Run,
-    outcome: &Outcome,
-    gates: &[Gate],
-    gated: &Gated,
-    found: &Found,
-    corrected: Option<Parameters>,
-) -> Result<(), Error> {
-    let machine = run.settings.machine;
-    let causes: &[Cause] = found.as_ref().map_or(&[], |found| &found.causes);
+fn text(machine: Machine, diagnosed: &Diagnosed) -> Result<(), Error> {
+    let Diagnosed { outcome, gates, gated, found, corrected, .. } = diagnosed;
+    let causes = diagnosed.causes();
     output::line(match outcome.law.status {
         LawStatus::Holds if !causes.is_empty() => {
             "The law holds as far as the estimator sees. Near the reversals, or over the whole run, the samples show more:"
@@ -247,12 +91,12 @@ fn text(
     if causes.is_empty() {
         let more = if outcome.law.status == LawStatus::Broken { " that is known here" } else { "" };
         output::line(format!("No cause{more} explains more than noise and steps could."))?;
-        return match &corrected {
+        return match corrected {
             Some(corrected) if gated.has_no_force() => table(machine, outcome, "without these samples", corrected),
             _ => Ok(()),
         };
     }
-    if let Some(corrected) = &corrected {
+    if let Some(corrected) = corrected {
         table(machine, outcome, "with that included", corrected)?;
     } else if !gated.not_found.is_empty() {
         output::line("No parameters are given with that included: which samples were bad is not known.")?;

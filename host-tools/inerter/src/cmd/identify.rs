@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use inerter_analysis::{
     identify::{Found, FoundStatus, Identified, Options, SegmentFit, identify},
-    response::{self, Beside, ModelParameters},
+    response::Beside,
+    results::{IdentifyJson, responses},
 };
 use inerter_core::Machine;
 use inerter_data::{
@@ -12,13 +13,11 @@ use inerter_data::{
     names::description,
     output,
     run::Run,
-    series::Series,
     words::{amount_text, interval_text, rounded_text},
 };
 use inerter_plant::Excitation;
 use inerter_simulate::SimulateError;
 use inerter_wire::catalogue;
-use serde::Serialize;
 
 use super::{
     args::FileSettingsArgs,
@@ -113,7 +112,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let found = found?;
     if args.json {
         let files: Vec<String> = args.files.iter().map(|file| file.display().to_string()).collect();
-        let line = IdentifyJson { kind: "identify", files, identified: &found, responses: responses(&runs, &found) };
+        let line = IdentifyJson::new(files, &runs, &found);
         return Ok(output::line(machine_json_line(machine(&runs), &line))?);
     }
     found.notes.iter().for_each(note);
@@ -124,23 +123,6 @@ pub fn run(args: &Args) -> Result<(), Error> {
         }
     }
     Ok(())
-}
-
-/// An identification in JSON.
-#[derive(Serialize)]
-struct IdentifyJson<'a> {
-    kind: &'static str,
-    files: Vec<String>,
-    #[serde(flatten)]
-    identified: &'a Identified,
-    /// One for each file.
-    responses: Vec<Beside>,
-}
-
-/// What each file shows over frequency, beside the models with the values found.
-fn responses(runs: &[Run], found: &Identified) -> Vec<Beside> {
-    let model = ModelParameters::from(&found.model());
-    runs.iter().map(|run| Beside::of(&response::measured(&Series::of(run)), &model)).collect()
 }
 
 fn response_text(name: &str, machine: Machine, response: &Beside) -> Result<(), Error> {

@@ -30,7 +30,6 @@ use super::{
 use crate::Error;
 use files::FileArgs;
 use result::Planned;
-pub use result::part_json;
 
 /// Length of a motion when nothing is said \[s\].
 const DURATION_S: f64 = 20.0;

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use inerter_analysis::results::{LastJson, warning};
 use inerter_data::{
     json::{EstimateJson, machine_json_line},
     output, text,
@@ -12,7 +13,7 @@ use inerter_wire::EstimatorEvent;
 
 use super::{
     args::{FileSettingsArgs, LinkArgs},
-    replay::{LastJson, tell, warning},
+    replay::tell,
     terminal::{Progress, catch_interrupts, interrupted, note},
 };
 use crate::Error;

@@ -261,7 +261,7 @@ impl Planned {
             },
             "duration_s": self.duration_s,
             "motion": self.given,
-            "parts": self.plan.iter().flat_map(|plan| &plan.parts).map(part_json).collect::<Vec<_>>(),
+            "parts": self.plan.iter().flat_map(|plan| &plan.parts).map(Part::json).collect::<Vec<_>>(),
             "limits": {
                 "stroke_m": finite(stroke_m), "speed_m_per_s": finite(speed_m_per_s), "force_n": finite(force_n),
                 "duration_s": duration_s, "lowest_hz": lowest_hz, "highest_hz": highest_hz,
@@ -279,14 +279,6 @@ impl Planned {
         });
         Ok(output::line(machine_json_line(machine, &line))?)
     }
-}
-
-/// A part of a motion in JSON.
-pub fn part_json(part: &Part) -> Value {
-    let tones = part.tones.iter().map(
-        |tone| json!({ "frequency_hz": tone.frequency_hz, "amplitude_m": tone.amplitude_m, "phase_rad": tone.phase_rad }),
-    );
-    json!({ "duration_s": part.duration_s, "fade_s": part.fade_s, "tones": tones.collect::<Vec<_>>() })
 }
 
 /// What will be told of a parameter, in JSON.

@@ -1,0 +1,188 @@
+//! What breaks the law in a whole run, and the parameters with it included.
+
+use inerter_core::{Machine, Parameters, Warning, WarningKind};
+use inerter_data::{
+    causes,
+    gated::Gated,
+    json::{LawJson, ParametersJson},
+    replay::{Outcome, replay_all},
+    run::Run,
+    settings::SettingsInputError,
+};
+use inerter_wire::EstimatorEvent;
+use serde::Serialize;
+
+use crate::{
+    calibrate::{CalibrateError, refuse_saturated},
+    diagnose::{Cause, Diagnosis, Encoder, Kind, diagnose, is_reversed},
+    fit::FitError,
+};
+
+/// What a run shows.
+#[derive(Clone, Debug)]
+pub struct Diagnosed {
+    /// By the estimator alone.
+    pub outcome: Outcome,
+    /// Gates that samples failed, and how often, in the order of the list.
+    pub gates: Vec<(WarningKind, u32)>,
+    /// The samples without those that tell nothing.
+    pub gated: Gated,
+    /// Causes, or why none could be sought.
+    pub found: Result<Diagnosis, Unsought>,
+    /// The parameters with all of it included, where they are known.
+    pub corrected: Option<Parameters>,
+    /// When the device changed last \[s\]: only the motion since then is looked at.
+    pub since_s: Option<f64>,
+}
+
+/// Why no cause could be sought beside what is wrong with the samples.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Unsought {
+    /// The force pushes the wrong way.
+    Reversed,
+    /// What is left of the run is too little.
+    Unfit(FitError),
+}
+
+impl Unsought {
+    /// For a person.
+    pub fn words(&self) -> String {
+        match self {
+            Self::Reversed => {
+                "No other cause is sought, and no parameter is given, while the force pushes the wrong way.".into()
+            }
+            Self::Unfit(error) => {
+                format!("No other cause is sought, and no parameter is given, in the samples that are left: {error}.")
+            }
+        }
+    }
+}
+
+/// Seeks what breaks the law in a whole run, or since the device changed last.
+pub fn diagnosed<E: From<SettingsInputError> + From<CalibrateError> + From<FitError>>(
+    run: &Run,
+    encoder: Encoder,
+) -> Result<Diagnosed, E> {
+    let (mut told, mut since_s): (Vec<Warning>, _) = (Vec::new(), None);
+    let outcome = replay_all(run, |t_s, event| -> Result<(), E> {
+        match event {
+            EstimatorEvent::Warned(warning) => told.push(*warning),
+            EstimatorEvent::Changed(_) => since_s = Some(t_s),
+            EstimatorEvent::Reversal(_) | EstimatorEvent::Estimate(_) => {}
+        }
+        Ok(())
+    })?;
+    let mut gated = Gated::of(run, &told);
+    let gates = gates(&told, &gated);
+    if let Some(since_s) = since_s {
+        gated.series.cut_before(since_s);
+    }
+    let published = outcome.published();
+    let found = match diagnose(&gated.series, &run.settings, &published, encoder) {
+        _ if is_reversed(&published) => Err(Unsought::Reversed),
+        Ok(found) => Ok(found),
+        Err(error) if gates.is_empty() => {
+            refuse_saturated(&outcome, run)?;
+            return Err(error.into());
+        }
+        Err(error) => Err(Unsought::Unfit(error)),
+    };
+    let corrected = corrected(&outcome, &gated, &found);
+    Ok(Diagnosed { outcome, gates, gated, found, corrected, since_s })
+}
+
+/// What is wrong with samples, in the order of the list: what the estimator said, and what only the whole run shows.
+fn gates(told: &[Warning], gated: &Gated) -> Vec<(WarningKind, u32)> {
+    let times = |kind: WarningKind| {
+        let told = told.iter().filter(|warning| warning.kind == kind).count() as u32;
+        told.max(u32::from(gated.left_out.contains(&kind)))
+    };
+    let all = causes::Cause::ALL.into_iter().filter_map(|cause| match cause {
+        causes::Cause::Samples(kind) => Some((kind, times(kind))),
+        causes::Cause::Law(_) => None,
+    });
+    all.filter(|(_, times)| *times > 0).collect()
+}
+
+/// The parameters with all that was found beside them. Where nothing breaks the law they are its own, without samples that tell
+/// nothing of the device; nothing where these are not known, something else is left over, or the force pushes the wrong way.
+fn corrected(outcome: &Outcome, gated: &Gated, found: &Result<Diagnosis, Unsought>) -> Option<Parameters> {
+    let found = found.as_ref().ok().filter(|_| gated.not_found.is_empty())?;
+    if !found.causes.is_empty() {
+        return found.corrected;
+    }
+    if gated.has_no_force() {
+        // The estimator takes samples in until it sees what they are, and some beside those that it then leaves out.
+        return found.corrected.filter(|_| found.is_explained());
+    }
+    let holds = outcome.law.misfit.is_some_and(|misfit| misfit.ratio <= misfit.limit);
+    holds.then_some(outcome.estimate.whole_run)
+}
+
+impl Diagnosed {
+    /// What breaks the law, in the order of its weight.
+    pub fn causes(&self) -> &[Cause] {
+        self.found.as_ref().map_or(&[], |found| &found.causes)
+    }
+
+    /// For a program.
+    pub fn json(&self, machine: Machine) -> DiagnosisJson {
+        let gates = self.gates.iter().map(|(kind, times)| CauseJson::gate(*kind, *times));
+        let causes = self.causes().iter().map(|cause| CauseJson::new(machine, cause));
+        DiagnosisJson {
+            kind: "diagnosis",
+            law: self.outcome.law.into(),
+            causes: gates.chain(causes).collect(),
+            corrected: self.corrected.as_ref().map(ParametersJson::from),
+        }
+    }
+}
+
+/// A diagnosis in JSON.
+#[derive(Clone, Debug, Serialize)]
+pub struct DiagnosisJson {
+    kind: &'static str,
+    law: LawJson,
+    causes: Vec<CauseJson>,
+    corrected: Option<ParametersJson>,
+}
+
+/// A cause in JSON.
+#[derive(Clone, Debug, Serialize)]
+pub struct CauseJson {
+    name: &'static str,
+    value: f64,
+    u95: Option<f64>,
+    unit: &'static str,
+    f: Option<f64>,
+    period_m: Option<f64>,
+    rival: Option<&'static str>,
+}
+
+impl CauseJson {
+    /// One that was found.
+    pub fn new(machine: Machine, cause: &Cause) -> Self {
+        Self {
+            name: cause.kind.name(),
+            value: cause.value,
+            u95: Some(cause.u95).filter(|u95| u95.is_finite()),
+            unit: cause.unit(machine),
+            f: Some(cause.f),
+            period_m: cause.period_m,
+            rival: cause.rival.map(Kind::name),
+        }
+    }
+
+    /// A gate that samples failed so often.
+    fn gate(kind: WarningKind, times: u32) -> Self {
+        Self {
+            name: causes::Cause::Samples(kind).name(),
+            value: f64::from(times),
+            u95: None,
+            unit: "times",
+            f: None,
+            period_m: None,
+            rival: None,
+        }
+    }
+}

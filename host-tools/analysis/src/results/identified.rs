@@ -1,0 +1,33 @@
+//! The complete model of a device, with what each of its runs shows over frequency.
+
+use inerter_data::{run::Run, series::Series};
+use serde::Serialize;
+
+use crate::{
+    identify::Identified,
+    response::{self, Beside, ModelParameters},
+};
+
+/// An identification in JSON.
+#[derive(Clone, Debug, Serialize)]
+pub struct IdentifyJson<'a> {
+    kind: &'static str,
+    files: Vec<String>,
+    #[serde(flatten)]
+    identified: &'a Identified,
+    /// One for each file.
+    responses: Vec<Beside>,
+}
+
+impl<'a> IdentifyJson<'a> {
+    /// Of these runs, by the names of their files.
+    pub fn new(files: Vec<String>, runs: &[Run], identified: &'a Identified) -> Self {
+        Self { kind: "identify", files, identified, responses: responses(runs, identified) }
+    }
+}
+
+/// What each run shows over frequency, beside the models with the values found.
+pub fn responses(runs: &[Run], found: &Identified) -> Vec<Beside> {
+    let model = ModelParameters::from(&found.model());
+    runs.iter().map(|run| Beside::of(&response::measured(&Series::of(run)), &model)).collect()
+}

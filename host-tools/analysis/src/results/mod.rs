@@ -1,0 +1,9 @@
+//! What a run comes to, as the program prints it and other programs get it: one room, so that all of them say the same.
+
+mod diagnosed;
+mod identified;
+mod replayed;
+
+pub use diagnosed::{CauseJson, Diagnosed, DiagnosisJson, Unsought, diagnosed};
+pub use identified::{IdentifyJson, responses};
+pub use replayed::{AdviceJson, LastJson, Replayed, replayed, warning};

@@ -1,0 +1,175 @@
+//! A whole run through the estimator, with what the samples tell beside it.
+
+use std::cell::RefCell;
+
+use inerter_core::{Machine, RawSample, Settings, WarningKind};
+use inerter_data::{
+    causes::{Cause as Suspect, warning_words},
+    full_scale::Peaks,
+    json::{EstimateJson, WarningJson, rounded_s},
+    names::parameter,
+    replay::{Outcome, replay_samples},
+    settings::SettingsInputError,
+    uncertainty::{BudgetJson, UncertaintyJson},
+};
+use inerter_wire::EstimatorEvent;
+use serde::Serialize;
+use serde_json::{Map, Value, json};
+
+use crate::{
+    diagnose::{Cause, Judged, Latest, judged, suspected},
+    fit::Products,
+    plan::{Advice, Part, Reach, advice, duration_s},
+};
+
+/// What a run came to.
+#[derive(Clone, Debug)]
+pub struct Replayed {
+    settings: Settings,
+    /// By the estimator alone, as the device would have said it.
+    pub outcome: Outcome,
+    /// The parameters of the whole run by what the latest samples tell of a law that is nearly true.
+    pub judged: [Judged; 4],
+    /// What breaks the law in the latest samples.
+    pub causes: Vec<Cause>,
+    /// Which motion would have shown what this one could not.
+    pub advice: Option<Advice>,
+    warnings: Vec<WarningJson>,
+    /// What is wrong with samples that the estimator had no time to see.
+    unseen: Vec<WarningKind>,
+    /// What the settings of full scale do not hold.
+    beyond: Option<String>,
+}
+
+/// Takes samples through the estimator, the first of them at `start_s` \[s\]; `tell` is handed all that it says, and the time of
+/// each \[s\].
+pub fn replayed<E: From<SettingsInputError>>(
+    settings: &Settings,
+    start_s: f64,
+    samples: impl Iterator<Item = Result<RawSample, E>>,
+    mut tell: impl FnMut(f64, &EstimatorEvent) -> Result<(), E>,
+) -> Result<Replayed, E> {
+    let (mut warnings, mut told) = (Vec::new(), Vec::new());
+    let latest = RefCell::new(Latest::new(settings));
+    let mut reach = Reach::new(settings);
+    let samples = samples.inspect(|sample| {
+        if let Ok(sample) = sample {
+            latest.borrow_mut().push(*sample);
+            reach.push(sample);
+        }
+    });
+    let outcome = replay_samples(settings, start_s, samples, |t_s, event| {
+        match event {
+            EstimatorEvent::Changed(_) => latest.borrow_mut().forget(),
+            EstimatorEvent::Warned(warning) => {
+                latest.borrow_mut().warn(*warning);
+                told.push(warning.kind);
+            }
+            EstimatorEvent::Reversal(_) | EstimatorEvent::Estimate(_) => {}
+        }
+        warnings.extend(warning(settings.machine, t_s, event));
+        tell(t_s, event)
+    })?;
+    let gated = latest.into_inner().gated();
+    Ok(Replayed {
+        settings: *settings,
+        causes: suspected(&gated, settings, &outcome.published()),
+        judged: judged(&gated.series, settings, &outcome),
+        advice: advice(&outcome, settings, &reach),
+        beyond: Peaks::of(&gated.series).beyond(settings, &outcome.counters),
+        unseen: gated.left_out.into_iter().filter(|kind| !told.contains(kind)).collect(),
+        warnings,
+        outcome,
+    })
+}
+
+/// What is wrong with the samples, where the event says it.
+pub fn warning(machine: Machine, t_s: f64, event: &EstimatorEvent) -> Option<WarningJson> {
+    match event {
+        EstimatorEvent::Warned(warning) => Some(WarningJson::new(t_s, warning, machine)),
+        _ => None,
+    }
+}
+
+impl Replayed {
+    /// What only the whole run shows to be wrong, each with its code.
+    pub fn remarks(&self) -> impl Iterator<Item = (&'static str, String)> {
+        let machine = self.settings.machine;
+        let unseen =
+            self.unseen.iter().map(move |kind| (Suspect::Samples(*kind).name(), warning_words(machine, *kind)));
+        let causes = self.causes.iter().map(move |cause| (cause.kind.name(), cause.sentence(machine)));
+        unseen.chain(causes).chain(self.beyond.iter().map(|words| ("full_scale", words.clone())))
+    }
+
+    /// The last line of the run.
+    pub fn json(&self) -> LastJson {
+        let Outcome { t_s, counters, .. } = self.outcome;
+        let remarks = self.remarks().map(|(code, text)| WarningJson { code, t_s: rounded_s(t_s), text });
+        LastJson {
+            last: EstimateJson::last(t_s, &self.outcome.estimated(), &self.settings, Some(counters)),
+            uncertainty: Some(self.uncertainty()),
+            warnings: self.warnings.iter().cloned().chain(remarks).collect(),
+            advice: self.advice.as_ref().map(|advice| AdviceJson::new(advice, self.settings.machine)),
+        }
+    }
+
+    /// What the intervals of the whole run are made of.
+    fn uncertainty(&self) -> UncertaintyJson {
+        let (sums, more) = self.outcome.sums();
+        let correlation = Products::of(sums, more).and_then(|products| products.correlation()).ok();
+        let budgets = self.judged.each_ref().map(|Judged { budget, moved_by, assumes }| {
+            let assumes = assumes.iter().map(|kind| kind.name()).collect();
+            BudgetJson::new(budget, moved_by.map(|kind| kind.name()), assumes)
+        });
+        UncertaintyJson::new(budgets, &self.outcome.budgets.contact, correlation)
+    }
+}
+
+/// The last line of a run.
+#[derive(Clone, Debug, Serialize)]
+pub struct LastJson {
+    /// The last estimate.
+    #[serde(flatten)]
+    pub last: EstimateJson,
+    /// Of the whole run, where it was computed here.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub uncertainty: Option<UncertaintyJson>,
+    /// What is wrong with samples or law.
+    pub warnings: Vec<WarningJson>,
+    /// Which motion would have shown what this one could not.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub advice: Option<AdviceJson>,
+}
+
+/// What to do about what a run could not show.
+#[derive(Clone, Debug, Serialize)]
+pub struct AdviceJson {
+    /// Names of what it could not show.
+    lacking: Vec<&'static str>,
+    /// Names of those that the motion would tell clearly better.
+    told: Vec<&'static str>,
+    duration_s: Option<f64>,
+    parts: Vec<Value>,
+    /// What the motion would tell each to, as half widths.
+    predicted: Map<String, Value>,
+    text: String,
+}
+
+impl AdviceJson {
+    fn new(advice: &Advice, machine: Machine) -> Self {
+        let name = |place: &usize| parameter(Machine::Linear, *place).path;
+        let sketch = advice.motion.as_ref().map(|(sketch, _)| sketch);
+        let u95 = |(place, u95): (usize, &f64)| {
+            let known = Some(*u95).filter(|u95| u95.is_finite());
+            (name(&place).to_string(), json!({ "u95": known }))
+        };
+        Self {
+            lacking: advice.lacking.iter().map(name).collect(),
+            told: advice.told.iter().map(name).collect(),
+            duration_s: sketch.map(|sketch| duration_s(&sketch.parts)),
+            parts: sketch.iter().flat_map(|sketch| &sketch.parts).map(Part::json).collect(),
+            predicted: sketch.iter().flat_map(|sketch| sketch.u95.iter().enumerate()).map(u95).collect(),
+            text: advice.sentence(machine),
+        }
+    }
+}
