@@ -311,6 +311,26 @@ fn what_is_beside_a_skew_is_named_too() {
     }
 }
 
+/// In slow motion the encoder's steps are much of the acceleration, and would take from it what is known to a half only.
+#[test]
+fn a_distance_is_right_in_slow_motion() {
+    let case = cases().into_iter().find(|case| case.name == "presliding 50 um").unwrap();
+    for seed in [61, 62] {
+        let found = case.diagnosed(&MOTIONS[0], seed).unwrap().causes;
+        let is_right = |cause: &Cause| cause.kind == Kind::Presliding && (cause.value / case.size - 1.0).abs() < 0.05;
+        assert!(MOTIONS[0].is_slow() && found.first().is_some_and(is_right), "{found:?}");
+    }
+}
+
+/// What is made of the measured force has its noise, which goes along with the force.
+#[test]
+fn noise_of_a_slow_motion_is_no_cause() {
+    for seed in [61, 63] {
+        let found = clean_case(5.0, 1000.0).diagnosed(&MOTIONS[0], seed).unwrap().causes;
+        assert!(MOTIONS[0].is_slow() && found.is_empty(), "{found:?}");
+    }
+}
+
 /// With a size for the part of friction that turns, which is all of it here, the distance would be half as much again.
 #[test]
 fn the_distance_is_right_where_all_of_friction_turns() {

@@ -19,7 +19,7 @@ pub const fn one(name: &'static str, edits: &'static [Edit]) -> Heuristic {
     Heuristic { name, edits, test: None }
 }
 
-const fn tested(test: &'static str, name: &'static str, edits: &'static [Edit]) -> Heuristic {
+pub const fn tested(test: &'static str, name: &'static str, edits: &'static [Edit]) -> Heuristic {
     Heuristic { name, edits, test: Some(test) }
 }
 

@@ -1,7 +1,7 @@
 //! What each part of the host's judgement buys: which cause breaks the law, and what a cause too small to be named does to
 //! the intervals. A copy of the whole tree without one part at a time runs beside the tree itself, on the same runs.
 
-use super::heuristics::{Heuristic, buys, one};
+use super::heuristics::{Heuristic, buys, one, tested};
 use crate::{
     copy::{self, Edit},
     process, table, tree,
@@ -31,7 +31,8 @@ const PARTS: &[Heuristic] = &[
             ("filter.rs", "Sight::Box(_) => vec![1.0],", "_ => vec![1.0],"),
         ],
     ),
-    one(
+    tested(
+        "a_cause_is_named_in_stop_and_go",
         "a run that leaves too little is looked at otherwise",
         &[("search.rs", "if worse.is_empty() || is_fit() {", "if worse.is_empty() || is_fit() || true {")],
     ),
@@ -39,19 +40,18 @@ const PARTS: &[Heuristic] = &[
         "what repeats counts as what it is",
         &[("filter.rs", "1.0 + share * (self.repeats - 1.0)", "1.0 + 0.0 * share")],
     ),
-    one(
-        "the two parts of the run that say most are left out",
-        &[("selection.rs", "lasting * strength.min(by_scatter)", "lasting.max(1.0) * strength.min(by_scatter)")],
-    ),
-    one(
+    tested(
+        "what_wanders_is_no_cause",
         "parts of the run that differ are less evidence",
-        &[("selection.rs", "lasting * strength.min(by_scatter)", "lasting * strength.min(by_scatter.max(strength))")],
+        &[("selection.rs", "strength.min(by_scatter)", "strength.min(by_scatter.max(strength))")],
     ),
-    one(
+    tested(
+        "a_distance_is_right_in_slow_motion",
         "the least of three solutions counts",
         &[("selection.rs", "const TAKEN: [f64; 3] = [0.0, 1.0, 1.5];", "const TAKEN: [f64; 3] = [0.0, 0.0, 0.0];")],
     ),
-    one(
+    tested(
+        "noise_of_a_slow_motion_is_no_cause",
         "a column that is mostly noise is not used",
         &[("selection.rs", "const LEAST_OVER_NOISE: f64 = 25.0;", "const LEAST_OVER_NOISE: f64 = 0.0;")],
     ),
@@ -74,8 +74,13 @@ const PARTS: &[Heuristic] = &[
             ),
         ],
     ),
-    one("a size more must be worth it", &[("search.rs", "const WORTH: f64 = 8.0;", "const WORTH: f64 = 0.0;")]),
-    one(
+    tested(
+        "of_causes_that_explain_alike_the_simplest_is_named",
+        "a size more must be worth it",
+        &[("search.rs", "const WORTH: f64 = 8.0;", "const WORTH: f64 = 0.0;")],
+    ),
+    tested(
+        "nothing_is_named_beside_the_only_cause",
         "each is judged anew beside the others, and held against what could stand in its place",
         &[("search.rs", "if !self.weigh(&rows) {", "if true {")],
     ),
@@ -83,13 +88,15 @@ const PARTS: &[Heuristic] = &[
         "velocities, distances and shapes are sought beside all others",
         &[("found.rs", "if term.scale().is_none() {", "if true {")],
     ),
-    one(
+    tested(
+        "the_distance_is_right_where_all_of_friction_turns",
         "all of Coulomb friction may turn",
         &[("found.rs", "&[false, true] } else { &[false] }", "&[false] } else { &[false] }")],
     ),
-    one(
-        "a skew that is left is undone again",
-        &[("search.rs", "const MOST_UNDONE: usize = 6;", "const MOST_UNDONE: usize = 2;")],
+    tested(
+        "what_is_beside_a_skew_is_named_too",
+        "after a skew is undone the search begins again",
+        &[("search.rs", "const MOST_UNDONE: usize = 6;", "const MOST_UNDONE: usize = 1;")],
     ),
     one(
         "a skew that others explain is none",
@@ -111,11 +118,13 @@ const PARTS: &[Heuristic] = &[
         "what moves a parameter widens its interval",
         &[("hidden.rs", "const MOVED: [f64; 2] = [1.6, 1.2];", "const MOVED: [f64; 2] = [0.0, 0.0];")],
     ),
-    one(
+    tested(
+        "the_point_on_the_frontier_is_where_90_percent_are_held",
         "so does the part that chance may have",
         &[("hidden.rs", "const MOVED: [f64; 2] = [1.6, 1.2];", "const MOVED: [f64; 2] = [1.6, 0.0];")],
     ),
-    one(
+    tested(
+        "what_is_too_small_to_be_named_widens_the_interval_by_the_samples",
         "a poorly determined cause widens beyond twice its chance",
         &[(
             "hidden.rs",
@@ -131,7 +140,8 @@ const PARTS: &[Heuristic] = &[
         "a poorly determined cause becomes an assumption and widens nothing",
         &[("hidden.rs", "pub const TOLD: f64 = 1.6;", "pub const TOLD: f64 = 1e9;")],
     ),
-    one(
+    tested(
+        "friction_that_turns_nearly_at_once_is_what_the_inertance_rests_on",
         "friction that turns at once may be assumed",
         &[(
             "candidate.rs",
@@ -139,7 +149,8 @@ const PARTS: &[Heuristic] = &[
             "",
         )],
     ),
-    one(
+    tested(
+        "in_a_tone_inertance_rests_on_a_position_that_does_not_give_way",
         "a position that gives way may be assumed",
         &[("candidate.rs", "all.push(Self { kind: Kind::Compliance, term: Term::Bent });", "")],
     ),
@@ -284,7 +295,7 @@ mod tests {
 
     #[test]
     fn each_text_is_found_once() {
-        must_be_found(PARTS, FOLDER, &["tests/tests", FOLDER]);
+        must_be_found(PARTS, FOLDER, &["tests/tests", "tests/src/bin"]);
     }
 
     #[test]
