@@ -31,8 +31,6 @@ pub struct Diagnosed {
     pub found: Result<Diagnosis, Unsought>,
     /// The parameters with all of it included, where they are known.
     pub corrected: Option<Parameters>,
-    /// When the device changed last \[s\]: only the motion since then is looked at.
-    pub since_s: Option<f64>,
 }
 
 /// Why no cause could be sought beside what is wrong with the samples.
@@ -58,10 +56,11 @@ impl Unsought {
     }
 }
 
-/// Seeks what breaks the law in a whole run, or since the device changed last.
+/// Seeks what breaks the law in a whole run, or since the device changed last: `changed` is handed that time \[s\] before the search.
 pub fn diagnosed<E: From<SettingsInputError> + From<CalibrateError> + From<FitError>>(
     run: &Run,
     encoder: Encoder,
+    changed: impl FnOnce(f64),
 ) -> Result<Diagnosed, E> {
     let (mut told, mut since_s): (Vec<Warning>, _) = (Vec::new(), None);
     let outcome = replay_all(run, |t_s, event| -> Result<(), E> {
@@ -75,6 +74,7 @@ pub fn diagnosed<E: From<SettingsInputError> + From<CalibrateError> + From<FitEr
     let mut gated = Gated::of(run, &told);
     let gates = gates(&told, &gated);
     if let Some(since_s) = since_s {
+        changed(since_s);
         gated.series.cut_before(since_s);
     }
     let published = outcome.published();
@@ -88,7 +88,7 @@ pub fn diagnosed<E: From<SettingsInputError> + From<CalibrateError> + From<FitEr
         Err(error) => Err(Unsought::Unfit(error)),
     };
     let corrected = corrected(&outcome, &gated, &found);
-    Ok(Diagnosed { outcome, gates, gated, found, corrected, since_s })
+    Ok(Diagnosed { outcome, gates, gated, found, corrected })
 }
 
 /// What is wrong with samples, in the order of the list: what the estimator said, and what only the whole run shows.

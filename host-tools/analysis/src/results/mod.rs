@@ -1,4 +1,4 @@
-//! What a run comes to, as the program prints it and other programs get it: one room, so that all of them say the same.
+//! What a run comes to, as the program prints it and other programs get it.
 
 mod diagnosed;
 mod identified;

@@ -57,10 +57,8 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let run = inerter_data::open(&args.file, &args.settings.overrides()?)?;
     run.notes.iter().for_each(note);
     let encoder = Encoder { counts_per_turn: args.counts_per_turn, counts_per_line: args.counts_per_line };
-    let diagnosed: Diagnosed = diagnosed::<Error>(&run, encoder)?;
-    if let Some(since_s) = diagnosed.since_s {
-        note(format!("the device changed at {since_s:.1} s: only the motion since is looked at"));
-    }
+    let changed = |since_s| note(format!("the device changed at {since_s:.1} s: only the motion since is looked at"));
+    let diagnosed = diagnosed::<Error>(&run, encoder, changed)?;
     let machine = run.settings.machine;
     if args.json {
         return Ok(output::line(machine_json_line(machine, &diagnosed.json(machine)))?);
