@@ -110,6 +110,9 @@ const LAWS: &[Law] = &[
             "inerter-flags",
         ])
         .tests_may_use(&["inerter-needs"]),
+    Law::of("inerter-python")
+        .may_use(&["inerter-core", "inerter-wire", "inerter-data", "inerter-analysis", "inerter-view"])
+        .never(&[COMMAND_LINE, USB, SCREEN]),
     Law::of("inerter-needs"),
     Law::of("inerter-originals"),
     Law::of("xtask").may_use(&["inerter-needs"]),

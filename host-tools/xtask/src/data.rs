@@ -20,6 +20,13 @@ pub struct Options {
     output: Option<PathBuf>,
 }
 
+/// The folder that the tests take recordings from: the one that is named, else the one beside the project where it is there.
+pub fn folder() -> Option<PathBuf> {
+    let named = std::env::var_os(FOLDER).filter(|named| !named.is_empty());
+    let beside = || Some(tree::root().join("../shared/data")).filter(|folder| folder.is_dir());
+    named.map(|named| tree::root().join(named)).or_else(beside)
+}
+
 /// Hands over to the converter and says how the tests find what it wrote.
 pub fn run(options: &Options) -> Result<()> {
     let named = std::env::var_os(FOLDER).filter(|named| !named.is_empty());

@@ -40,6 +40,7 @@ mod tool;
 mod toolchain;
 mod tree;
 mod validation;
+mod wheel;
 mod workspace;
 
 use clap::{Parser, Subcommand};
@@ -125,6 +126,8 @@ enum Command {
     Mutants(mutants::Options),
     /// Run the snippets of docs/PYTHON.md against a fresh recording
     Python,
+    /// Build the Python package as a wheel in target/wheels, and test it against the program
+    Wheel(wheel::Options),
 }
 
 fn main() -> ExitCode {
@@ -164,6 +167,7 @@ fn main() -> ExitCode {
         Command::Fuzz(options) => fuzz::run(&options),
         Command::Mutants(options) => mutants::run(&options),
         Command::Python => python::run(),
+        Command::Wheel(options) => wheel::run(&options),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

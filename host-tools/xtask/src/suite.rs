@@ -3,7 +3,7 @@
 use crate::{
     arrows, chaos, firmware, foreign, fuzz, guest, process, python, setup, soak, supply,
     toolchain::Toolchain,
-    tree,
+    tree, wheel,
     workspace::{Part, Workspace},
 };
 use anyhow::{Context, Result, bail};
@@ -209,6 +209,13 @@ const STEPS: &[Step] = &[
         needed: false,
         when: When::Always,
         run: Run::Here(python::run),
+    },
+    Step {
+        name: "Python package",
+        alone: "cargo xtask wheel --debug",
+        needed: false,
+        when: When::NotQuick,
+        run: Run::Here(|| wheel::run(&wheel::Options { debug: true })),
     },
     Step {
         name: "tests, probe",
@@ -432,7 +439,8 @@ fn test() -> Result<()> {
 }
 
 /// Where each test that could not run leaves its name and the reason.
-fn skipped_list() -> Result<PathBuf> {
+/// Tests that could not run, a line each.
+pub fn skipped_list() -> Result<PathBuf> {
     Ok(Workspace::read(&tree::root())?.target.join("skipped.txt"))
 }
 

@@ -4,8 +4,9 @@
 //! Columns come in any order, other columns are left alone, blank lines and lines that begin with `#` or `%` are skipped.
 //! [`read`] checks every cell, [`timebase`] finds the sample rate and missing samples, and [`to_run`] quantises what a board would
 //! have delivered. [`export`](crate::export) writes such files.
-//! [`motion`] reads and writes what a shaker is told.
+//! [`Table::of_columns`] takes columns that are in memory already. [`motion`] reads and writes what a shaker is told.
 
+mod columns;
 mod dialect;
 mod error;
 mod excerpt;
@@ -15,6 +16,7 @@ mod read;
 mod samples;
 pub mod timebase;
 
+pub use columns::ColumnsError;
 pub use error::CsvError;
 pub use read::{Table, column_names, parse, read};
 pub use samples::to_run;

@@ -1,0 +1,5 @@
+//! Flags with which a module for Python is linked.
+
+fn main() {
+    pyo3_build_config::add_extension_module_link_args();
+}

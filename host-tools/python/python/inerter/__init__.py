@@ -1,0 +1,211 @@
+"""Runs of an instrumented inerter: open them, and get the numbers of the command line, to the bit.
+
+    import inerter
+
+    run = inerter.open("run.mcap")
+    print(inerter.replay(run))
+
+`run.samples` and `run.estimates` are Arrow tables, which pandas, Polars, pyarrow and DuckDB take as they are. Results show
+themselves as tables in a notebook. Everything that fails raises `InerterError` with the code and the help of the command line.
+"""
+
+from __future__ import annotations
+
+import array
+import json
+import os
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, Union
+
+from . import _inerter
+from ._inerter import InerterError, Run, Table, __version__
+from ._results import Diagnosis, Identification, Parameter, Replay, Result
+
+__all__ = [
+    "Diagnosis",
+    "Identification",
+    "InerterError",
+    "Parameter",
+    "Replay",
+    "Result",
+    "Run",
+    "Table",
+    "__version__",
+    "diagnose",
+    "identify",
+    "open",
+    "replay",
+    "report",
+]
+
+Progress = Callable[[float], object]
+"""Hears of the part that is done, from 0 to 1."""
+
+Source = Union[Run, str, "os.PathLike[str]", Mapping[str, Any]]
+"""A run, the file of one, or its columns by name."""
+
+_FORCE = {"force_n": False, "torque_n_m": True}
+_TERMINAL = {False: "terminal_m", True: "terminal_rad"}
+
+
+def open(
+    path: str | os.PathLike[str],
+    *,
+    settings: Mapping[str, float] | None = None,
+    metres_per_count: float | None = None,
+    progress: Progress | None = None,
+) -> Run:
+    """Opens a recording (.mcap) or a CSV file.
+
+    `settings` go over those of the run, by their names on the command line (`inerter replay --help` lists them with their units). A CSV
+    needs `metres_per_count`: the displacement for one encoder count [m], which is the lead over the counts of a revolution; of a rotary
+    machine [rad].
+
+    Raises InerterError where the file or a setting cannot be used.
+    """
+    return _inerter.open(os.fspath(path), _given(settings, metres_per_count), progress)
+
+
+def replay(
+    run: Source,
+    *,
+    settings: Mapping[str, float] | None = None,
+    metres_per_count: float | None = None,
+    progress: Progress | None = None,
+) -> Replay:
+    """Takes a run through the estimator, as the device would have done it: `inerter replay`.
+
+    `run` is one from `open`, a file, or columns by name: `t_s` [s], `encoder_count`, `force_n` [N] and, where it was measured,
+    `terminal_m` [m], each a one-dimensional array of the same length; of a rotary machine `torque_n_m` [N m] and `terminal_rad` [rad].
+    A data frame will do. Settings of a run from `open` are those it was opened with.
+
+    Raises InerterError where the run cannot be used, and KeyboardInterrupt on Ctrl-C.
+    """
+    return Replay(json.loads(_inerter.replay(_run(run, settings, metres_per_count), progress)))
+
+
+def diagnose(
+    run: Source,
+    *,
+    counts_per_turn: float | None = None,
+    counts_per_line: float | None = None,
+    settings: Mapping[str, float] | None = None,
+    metres_per_count: float | None = None,
+    progress: Progress | None = None,
+) -> Diagnosis:
+    """Names what breaks the law of the estimator in a run: `inerter diagnose`.
+
+    `counts_per_turn` are the encoder's counts in a turn of the screw, where they are known; `counts_per_line` those in a period of its
+    lines (4 where nothing is said). The rest as for `replay`.
+
+    Raises InerterError where the run is too short or its motion tells nothing.
+    """
+    whole = _run(run, settings, metres_per_count)
+    return Diagnosis(json.loads(_inerter.diagnose(whole, counts_per_turn, counts_per_line, progress)))
+
+
+def identify(
+    runs: Source | Iterable[Source],
+    *,
+    staged: bool = False,
+    segment_s: float | None = None,
+    free: Iterable[str] = (),
+    profiles: bool = True,
+    settings: Mapping[str, float] | None = None,
+    metres_per_count: float | None = None,
+    progress: Progress | None = None,
+) -> Identification:
+    """Identifies the complete model of one device from one or more runs: `inerter identify`.
+
+    `staged` takes friction from the slowest run and the rest from the next; `segment_s` fits segments of this length [s] by themselves;
+    `free` leaves the structure mass ("mr") or the skew ("tau") to the data; `profiles=False` leaves out what takes longest.
+
+    Raises InerterError where nothing can be identified, and ValueError for what `free` does not know.
+    """
+    unknown = set(free) - {"mr", "tau"}
+    if unknown:
+        raise ValueError(f"free knows 'mr' and 'tau', not {', '.join(sorted(map(repr, unknown)))}")
+    one = isinstance(runs, (Run, str, os.PathLike, Mapping)) or _is_frame(runs)
+    several: Iterable[Any] = [runs] if one else runs  # type: ignore[assignment]
+    whole = [_run(run, settings, metres_per_count) for run in several]
+    line = _inerter.identify(whole, staged, segment_s, "mr" in free, "tau" in free, profiles, progress)
+    return Identification(json.loads(line))
+
+
+def report(
+    run: Source,
+    path: str | os.PathLike[str],
+    *,
+    replace: bool = False,
+    settings: Mapping[str, float] | None = None,
+    metres_per_count: float | None = None,
+    progress: Progress | None = None,
+) -> list[str]:
+    """Writes a page on a run, one HTML file that loads nothing else: `inerter report`. Gives the names of its figures.
+
+    Raises InerterError where the file exists and `replace` is not given, or cannot be written; then nothing is.
+    """
+    return _inerter.report(_run(run, settings, metres_per_count), os.fspath(path), replace, progress)
+
+
+def _given(settings: Mapping[str, float] | None, metres_per_count: float | None) -> dict[str, float]:
+    given = {name: float(value) for name, value in (settings or {}).items()}
+    if metres_per_count is not None:
+        given["metres_per_count"] = float(metres_per_count)
+    return given
+
+
+def _is_frame(run: object) -> bool:
+    return hasattr(run, "columns") and hasattr(run, "__getitem__")
+
+
+def _run(run: Any, settings: Mapping[str, float] | None, metres_per_count: float | None) -> Run:
+    given = _given(settings, metres_per_count)
+    if isinstance(run, Run):
+        if given:
+            raise ValueError("this run has its settings from open(): give them there")
+        return run
+    if isinstance(run, (str, os.PathLike)):
+        return _inerter.open(os.fspath(run), given, None)
+    if isinstance(run, Mapping) or _is_frame(run):
+        return _from_columns(run, given)
+    raise TypeError(f"a run, a file or columns by name are needed, not {type(run).__name__}")
+
+
+def _from_columns(columns: Any, given: dict[str, float]) -> Run:
+    names = [str(name) for name in (columns.keys() if isinstance(columns, Mapping) else columns.columns)]
+    forces = [name for name in _FORCE if name in names]
+    if len(forces) != 1:
+        raise ValueError(f"one of the columns force_n and torque_n_m is needed; there are: {', '.join(names)}")
+    rotary = _FORCE[forces[0]]
+    for name in ("t_s", "encoder_count"):
+        if name not in names:
+            raise ValueError(f"the column {name} is missing; there are: {', '.join(names)}")
+    terminal = _TERMINAL[rotary]
+    return _inerter.from_columns(
+        "columns",
+        rotary,
+        _bytes("t_s", columns["t_s"], "d"),
+        _bytes("encoder_count", columns["encoder_count"], "q"),
+        _bytes(forces[0], columns[forces[0]], "d"),
+        _bytes(terminal, columns[terminal], "d") if terminal in names else b"",
+        given,
+    )
+
+
+def _bytes(name: str, values: Any, kind: str) -> bytes:
+    """The numbers of a column as 64-bit floats ("d") or whole numbers ("q")."""
+    if hasattr(values, "to_numpy"):
+        values = values.to_numpy()
+    if getattr(values, "ndim", 1) != 1:
+        raise ValueError(f"{name} has {values.ndim} dimensions: one is needed")
+    dtype = getattr(values, "dtype", None)
+    if kind == "q" and getattr(dtype, "kind", "i") not in "iu":
+        whole = [int(value) for value in values]
+        if any(value != number for value, number in zip(whole, values)):
+            raise ValueError(f"{name} holds what is no whole number")
+        values = whole
+    elif hasattr(values, "astype"):
+        return bytes(values.astype("<f8" if kind == "d" else "<i8").tobytes())
+    numbers = array.array(kind, values)
+    return numbers.tobytes()

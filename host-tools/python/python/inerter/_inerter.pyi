@@ -1,0 +1,86 @@
+from collections.abc import Callable, Mapping
+from typing import Any, final
+
+__all__ = [
+    "InerterError",
+    "Run",
+    "Table",
+    "__version__",
+    "diagnose",
+    "from_columns",
+    "identify",
+    "open",
+    "replay",
+    "report",
+]
+
+__version__: str
+
+class InerterError(Exception):
+    """Something that cannot be done."""
+
+    code: str | None
+    """Its name, as the command line has it, such as `inerter::csv::column`."""
+    help: str | None
+    """What to do next."""
+
+@final
+class Table:
+    """A table of a run with the Arrow PyCapsule interface, read when it is asked for."""
+
+    @property
+    def column_names(self) -> list[str]: ...
+    @property
+    def units(self) -> dict[str, str]: ...
+    def __len__(self) -> int: ...
+    def __arrow_c_stream__(self, requested_schema: object | None = None) -> Any: ...
+
+@final
+class Run:
+    """A run: settings and samples, with what is known of the device."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def machine(self) -> str: ...
+    @property
+    def settings(self) -> dict[str, float]: ...
+    @property
+    def notes(self) -> list[str]: ...
+    @property
+    def device(self) -> dict[str, str]: ...
+    @property
+    def truth(self) -> dict[str, str]: ...
+    @property
+    def duration_s(self) -> float: ...
+    @property
+    def samples(self) -> Table: ...
+    @property
+    def estimates(self) -> Table: ...
+
+_Told = Callable[[float], object] | None
+
+def open(path: str, settings: Mapping[str, float], told: _Told = None) -> Run: ...
+def from_columns(
+    name: str,
+    rotary: bool,
+    t_s: bytes,
+    encoder_count: bytes,
+    force: bytes,
+    terminal: bytes,
+    settings: Mapping[str, float],
+) -> Run: ...
+def replay(run: Run, told: _Told = None) -> str: ...
+def diagnose(
+    run: Run, counts_per_turn: float | None = None, counts_per_line: float | None = None, told: _Told = None
+) -> str: ...
+def identify(
+    runs: list[Run],
+    staged: bool,
+    segment_s: float | None,
+    free_structure_mass: bool,
+    free_skew: bool,
+    profiles: bool,
+    told: _Told = None,
+) -> str: ...
+def report(run: Run, path: str, replace: bool, told: _Told = None) -> list[str]: ...

@@ -1,0 +1,190 @@
+"""What runs come to: the JSON of the command line, with names and tables for people."""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+_UNITS = {
+    "kg": "kg",
+    "kg_m2": "kg m²",
+    "n_s_per_m": "N s/m",
+    "n_m_s_per_rad": "N m s/rad",
+    "n_per_m": "N/m",
+    "n_m_per_rad": "N m/rad",
+    "n_m": "N m",
+    "n": "N",
+    "m": "m",
+    "rad": "rad",
+    "s": "s",
+}
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of the device with its 95 % interval.
+
+    `value` and `u95`, the half width of the interval, are in `unit`; both are None where the motion cannot identify it. `status` is `ok`,
+    `below_u95` (it may be none), `held` or `not_identifiable`. `same_rig_u95` is the half width for comparing runs on one rig,
+    `assumes` the causes that this motion does not tell from it: it is right only where there are none.
+    """
+
+    name: str
+    value: float | None
+    u95: float | None
+    unit: str
+    status: str
+    same_rig_u95: float | None = None
+    assumes: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        if self.value is None or self.u95 is None:
+            return "not identifiable"
+        if self.u95 == 0.0:
+            return f"{self.value:g} {self.unit}"
+        # Two digits of the interval.
+        decimals = 1 - math.floor(math.log10(self.u95))
+        form = f".{max(decimals, 0)}f" if decimals < 6 else ".2g"
+        return f"{self.value:{form}} ± {self.u95:{form}} {self.unit}"
+
+
+class Result(Mapping[str, Any]):
+    """A result as the command line prints it: the object of its JSON, with what people look for beside it."""
+
+    _title = "Result"
+
+    def __init__(self, line: Mapping[str, Any]) -> None:
+        self._line = line
+
+    def __getitem__(self, key: str) -> Any:
+        return self._line[key]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._line)
+
+    def __len__(self) -> int:
+        return len(self._line)
+
+    @property
+    def parameters(self) -> dict[str, Parameter]:
+        """The parameters by name, each with its unit at the end of it."""
+        return {}
+
+    @property
+    def remarks(self) -> list[str]:
+        """Sentences for a person: what is wrong, and what to do about it."""
+        return []
+
+    def __getattr__(self, name: str) -> Parameter:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        parameters = self.parameters
+        if name in parameters:
+            return parameters[name]
+        known = ", ".join(parameters) or "none"
+        raise AttributeError(f"there is no parameter {name!r} in this result; there are: {known}")
+
+    def __repr__(self) -> str:
+        rows = [f"{name:<28} {parameter}" for name, parameter in self.parameters.items()]
+        return "\n".join([self._title, *rows, *self.remarks])
+
+    def _repr_html_(self) -> str:
+        cells = "".join(
+            f"<tr><th style='text-align:left'>{html.escape(name)}</th><td>{html.escape(str(parameter))}</td>"
+            f"<td>{html.escape(parameter.status)}</td></tr>"
+            for name, parameter in self.parameters.items()
+        )
+        remarks = "".join(f"<p>{html.escape(words)}</p>" for words in self.remarks)
+        return f"<table><caption>{html.escape(self._title)}</caption>{cells}</table>{remarks}"
+
+
+def _law(line: Mapping[str, Any]) -> str:
+    law = line.get("law") or {}
+    words = {"holds": "The law holds.", "broken": "The law is broken."}
+    return words.get(law.get("status", ""), "Whether the law holds is not known.")
+
+
+def _named(of: Mapping[str, Any] | None, budgets: Mapping[str, Any] | None = None) -> dict[str, Parameter]:
+    named = {}
+    for name, found in (of or {}).items():
+        if not isinstance(found, Mapping) or "u95" not in found or "status" not in found:
+            continue
+        budget = (budgets or {}).get(name) or {}
+        named[name] = Parameter(
+            name=name,
+            value=found["value"],
+            u95=budget.get("u95", found["u95"]) if found["value"] is not None else None,
+            unit=_unit(name),
+            status=found["status"],
+            same_rig_u95=budget.get("same_rig_u95"),
+            assumes=tuple(budget.get("assumes", ())),
+        )
+    return named
+
+
+def _unit(name: str) -> str:
+    matching = [suffix for suffix in _UNITS if name.endswith("_" + suffix)]
+    return _UNITS[max(matching, key=len)] if matching else ""
+
+
+class Replay(Result):
+    """What a run came to, over the whole of it: the last line of `inerter replay --json`."""
+
+    _title = "Replay"
+
+    @property
+    def parameters(self) -> dict[str, Parameter]:
+        """Inertance, friction and offset over the whole run, and what of the contact is told.
+
+        `u95` is by the samples: it is wider than the device's own interval where these show more than the law explains.
+        """
+        budgets = self.get("uncertainty")
+        found = _named(self["whole_run"], budgets)
+        rest = {name: value for name, value in self.items() if name not in found}
+        return {**found, **_named(rest, budgets)}
+
+    @property
+    def remarks(self) -> list[str]:
+        """Whether the law holds, what is wrong with samples or law, and which motion would have told more."""
+        advice = self.get("advice")
+        return [_law(self), *(warning["text"] for warning in self["warnings"]), *([advice["text"]] if advice else [])]
+
+
+class Diagnosis(Result):
+    """What breaks the law, the cause of most weight first: the line of `inerter diagnose --json`."""
+
+    _title = "Diagnosis"
+
+    @property
+    def causes(self) -> list[dict[str, Any]]:
+        """Each cause with `name`, `value`, `u95`, `unit` and `f`, the F statistic."""
+        return list(self["causes"])
+
+    @property
+    def parameters(self) -> dict[str, Parameter]:
+        """The parameters with all causes included, where they are known."""
+        return _named(self["corrected"])
+
+    @property
+    def remarks(self) -> list[str]:
+        """Whether the law holds, and the causes."""
+        return [_law(self), *(f"{cause['name']}: {cause['value']:.4g} {cause['unit']}" for cause in self.causes)]
+
+
+class Identification(Result):
+    """The complete model of a device: the line of `inerter identify --json`."""
+
+    _title = "Identification"
+
+    @property
+    def parameters(self) -> dict[str, Parameter]:
+        """All parameters of the model; `status` is `given` for what the settings say."""
+        return _named(self["parameters"])
+
+    @property
+    def remarks(self) -> list[str]:
+        """What a person should know of the fit."""
+        return [str(note) for note in self.get("notes", [])]

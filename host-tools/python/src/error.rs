@@ -1,0 +1,76 @@
+//! What may fail, as one exception with the code and the help of the command line.
+
+use inerter_analysis::{calibrate::CalibrateError, fit::FitError, identify::IdentifyError};
+use inerter_data::{
+    csv::{ColumnsError, CsvError},
+    output::OutputError,
+    settings::SettingsInputError,
+};
+use miette::Diagnostic;
+use pyo3::{create_exception, exceptions::PyException, prelude::*};
+
+create_exception!(
+    inerter,
+    InerterError,
+    PyException,
+    "Something that cannot be done. `code` names it as the command line does, `help` says what to do next."
+);
+
+/// A failure of the libraries, or of Python.
+#[derive(Debug)]
+pub enum Failure {
+    Ours(Box<dyn Diagnostic + Send + Sync>),
+    Python(PyErr),
+    /// Nobody waits for the result any more.
+    Stopped,
+}
+
+macro_rules! ours {
+    ($($error:ty),*) => {$(
+        impl From<$error> for Failure {
+            fn from(error: $error) -> Self {
+                Self::Ours(Box::new(error))
+            }
+        }
+    )*};
+}
+
+ours!(
+    inerter_data::Error,
+    CsvError,
+    ColumnsError,
+    SettingsInputError,
+    OutputError,
+    CalibrateError,
+    FitError,
+    IdentifyError
+);
+
+impl From<PyErr> for Failure {
+    fn from(error: PyErr) -> Self {
+        Self::Python(error)
+    }
+}
+
+impl Failure {
+    /// As an exception.
+    pub fn raised(self, py: Python<'_>) -> PyErr {
+        let error = match self {
+            Self::Ours(error) => error,
+            Self::Python(error) => return error,
+            Self::Stopped => return InerterError::new_err("interrupted"),
+        };
+        let raised = InerterError::new_err(error.to_string());
+        let text = |part: Option<Box<dyn std::fmt::Display + '_>>| part.map(|part| part.to_string());
+        let value = raised.value(py);
+        let described = value
+            .setattr("code", text(error.code()))
+            .and_then(|()| value.setattr("help", text(error.help())))
+            .and_then(|()| match text(error.help()) {
+                // Python shows notes below the message.
+                Some(help) if value.hasattr("add_note")? => value.call_method1("add_note", (help,)).map(drop),
+                _ => Ok(()),
+            });
+        described.err().unwrap_or(raised)
+    }
+}

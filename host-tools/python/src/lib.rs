@@ -1,0 +1,29 @@
+//! The Python package's half in Rust: files in, results out, each as the command line gives it.
+//!
+//! Results are JSON (docs/CLI.md), tables are Arrow. What a user sees is written in Python (`python/inerter`). Work runs in a thread
+//! of its own ([`watch`]), so that other threads of Python go on and Ctrl-C ends it.
+#![forbid(unsafe_code)]
+
+mod error;
+mod results;
+mod run;
+mod table;
+mod watch;
+
+use pyo3::prelude::*;
+
+/// The module `inerter._inerter`.
+#[pymodule]
+fn _inerter(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add("InerterError", module.py().get_type::<error::InerterError>())?;
+    module.add_class::<run::Run>()?;
+    module.add_class::<table::Table>()?;
+    module.add_function(wrap_pyfunction!(run::open, module)?)?;
+    module.add_function(wrap_pyfunction!(run::from_columns, module)?)?;
+    module.add_function(wrap_pyfunction!(results::replay, module)?)?;
+    module.add_function(wrap_pyfunction!(results::diagnose, module)?)?;
+    module.add_function(wrap_pyfunction!(results::identify, module)?)?;
+    module.add_function(wrap_pyfunction!(results::report, module)?)?;
+    Ok(())
+}

@@ -1,0 +1,106 @@
+//! What runs come to, as the JSON of the command line.
+
+use std::{cell::Cell, path::PathBuf};
+
+use inerter_analysis::{
+    diagnose::Encoder,
+    identify::{Options, identify as identified},
+    results::{self, IdentifyJson},
+};
+use inerter_data::{json::machine_json_line, output};
+use inerter_view::page::{Content, html};
+use inerter_wire::EstimatorEvent;
+use pyo3::prelude::*;
+
+use crate::{
+    error::Failure,
+    run::{Run, positive},
+    watch::watch,
+};
+
+/// The last line of `inerter replay --json`.
+#[pyfunction]
+#[pyo3(signature = (run, told = None))]
+pub fn replay(py: Python<'_>, run: &Run, told: Option<&Bound<'_, PyAny>>) -> PyResult<String> {
+    let source = run.source.clone();
+    watch(py, told, move |progress| {
+        let (start_s, duration_s) = (source.start_s, source.duration_s().max(f64::MIN_POSITIVE));
+        let samples = source.samples()?.map(|sample| sample.map_err(Failure::from));
+        let replayed = results::replayed(&source.settings, start_s, samples, |t_s, event| match event {
+            EstimatorEvent::Estimate(_) => progress.set((t_s - start_s) / duration_s),
+            _ => Ok(()),
+        })?;
+        Ok(machine_json_line(source.settings.machine, &replayed.json()))
+    })
+}
+
+/// The line of `inerter diagnose --json`.
+#[pyfunction]
+#[pyo3(signature = (run, counts_per_turn = None, counts_per_line = None, told = None))]
+pub fn diagnose(
+    py: Python<'_>,
+    run: &Run,
+    counts_per_turn: Option<f64>,
+    counts_per_line: Option<f64>,
+    told: Option<&Bound<'_, PyAny>>,
+) -> PyResult<String> {
+    positive("counts_per_turn", counts_per_turn)?;
+    positive("counts_per_line", counts_per_line)?;
+    let run = run.clone();
+    watch(py, told, move |_| {
+        let run = run.whole()?;
+        let found = results::diagnosed::<Failure>(&run, Encoder { counts_per_turn, counts_per_line }, drop)?;
+        Ok(machine_json_line(run.settings.machine, &found.json(run.settings.machine)))
+    })
+}
+
+/// The line of `inerter identify --json`.
+#[pyfunction]
+#[pyo3(signature = (runs, staged, segment_s, free_structure_mass, free_skew, profiles, told = None))]
+#[allow(clippy::too_many_arguments, reason = "the options of the command, by name in Python")]
+pub fn identify(
+    py: Python<'_>,
+    runs: Vec<PyRef<'_, Run>>,
+    staged: bool,
+    segment_s: Option<f64>,
+    free_structure_mass: bool,
+    free_skew: bool,
+    profiles: bool,
+    told: Option<&Bound<'_, PyAny>>,
+) -> PyResult<String> {
+    positive("segment_s", segment_s)?;
+    let options = Options { staged, segment_s, free_structure_mass, free_skew, excite: None, no_profiles: !profiles };
+    let runs: Vec<Run> = runs.iter().map(|run| (**run).clone()).collect();
+    watch(py, told, move |progress| {
+        let files = runs.iter().map(|run| run.source.name.clone()).collect();
+        let runs = runs.iter().map(Run::whole).collect::<Result<Vec<_>, _>>()?;
+        let is_stopped = Cell::new(false);
+        let found = identified(&runs, &options, &mut |part| is_stopped.set(progress.set(part).is_err()))?;
+        let machine = runs.first().map(|run| run.settings.machine).unwrap_or_default();
+        Ok(machine_json_line(machine, &IdentifyJson::new(files, &runs, &found)))
+    })
+}
+
+/// Writes the page of `inerter report`; gives the names of its figures.
+#[pyfunction]
+#[pyo3(signature = (run, path, replace, told = None))]
+pub fn report(
+    py: Python<'_>,
+    run: &Run,
+    path: PathBuf,
+    replace: bool,
+    told: Option<&Bound<'_, PyAny>>,
+) -> PyResult<Vec<&'static str>> {
+    let run = run.clone();
+    watch(py, told, move |progress| {
+        if !replace {
+            output::refuse_existing(&path)?;
+        }
+        let content = Content::of(run.whole()?, |part| drop(progress.set(part)))?;
+        let (page, figures) = html(&content);
+        // Nobody waits for it any more: nothing is written.
+        progress.set(1.0)?;
+        output::write(&path, replace, &page)?;
+        Ok(figures.iter().map(|figure| figure.name).collect())
+    })
+}

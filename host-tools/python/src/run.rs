@@ -1,0 +1,178 @@
+//! Runs: opened, or put together from arrays.
+
+use std::{collections::BTreeMap, path::PathBuf, sync::Arc};
+
+use inerter_core::{Machine, Settings};
+use inerter_data::{
+    Error, csv,
+    export::{EstimateTable, Source},
+    settings::Overrides,
+};
+use pyo3::{exceptions::PyValueError, prelude::*};
+
+use crate::{
+    error::Failure,
+    table::Table,
+    watch::{Progress, watch},
+};
+
+/// Settings that go over those of a run, by name.
+pub type Given = BTreeMap<String, f64>;
+
+/// A run: settings and samples, with what is known of the device.
+#[pyclass(frozen, module = "inerter")]
+#[derive(Clone)]
+pub struct Run {
+    pub source: Source,
+    overrides: Arc<Overrides>,
+    held: Option<Arc<inerter_data::run::Run>>,
+}
+
+fn overrides(given: &Given) -> Result<Overrides, Failure> {
+    let mut overrides = Overrides::default();
+    given.iter().try_for_each(|(name, value)| overrides.set(name, *value, "settings"))?;
+    Ok(overrides)
+}
+
+/// Opens a recording (.mcap) or a CSV file; `told` hears of the part that is read.
+#[pyfunction]
+#[pyo3(signature = (path, settings, told = None))]
+pub fn open(py: Python<'_>, path: PathBuf, settings: Given, told: Option<&Bound<'_, PyAny>>) -> PyResult<Run> {
+    watch(py, told, move |progress| opened(path, &settings, progress))
+}
+
+fn opened(path: PathBuf, settings: &Given, progress: &Progress) -> Result<Run, Failure> {
+    let overrides = overrides(settings)?;
+    if !inerter_data::recording::is_recording(&path)
+        .map_err(|source| csv::CsvError::Read { path: path.clone(), source })?
+    {
+        return Ok(Run::held(csv::to_run(csv::read(&path)?, &overrides)?, overrides));
+    }
+    let length = path.metadata().map_or(1, |metadata| metadata.len()).max(1);
+    // What is not stopped here is stopped at the next look.
+    let source = Source::open(&path, &overrides, |read| drop(progress.set(read as f64 / length as f64)))?;
+    progress.set(1.0)?;
+    Ok(Run { source, overrides: Arc::new(overrides), held: None })
+}
+
+/// A run from columns of equal length, each the bytes of its numbers: 64-bit floats, and for the count 64-bit integers.
+#[pyfunction]
+#[pyo3(signature = (name, rotary, t_s, encoder_count, force, terminal, settings))]
+#[allow(clippy::too_many_arguments, reason = "a column each")]
+pub fn from_columns(
+    py: Python<'_>,
+    name: String,
+    rotary: bool,
+    t_s: &[u8],
+    encoder_count: &[u8],
+    force: &[u8],
+    terminal: &[u8],
+    settings: Given,
+) -> PyResult<Run> {
+    let machine = if rotary { Machine::Rotary } else { Machine::Linear };
+    let made = || -> Result<Run, Failure> {
+        let overrides = overrides(&settings)?;
+        let floats = |bytes: &[u8]| bytes.chunks_exact(8).map(|eight| f64::from_le_bytes(eight_of(eight))).collect();
+        let counts = encoder_count.chunks_exact(8).map(|eight| i64::from_le_bytes(eight_of(eight))).collect();
+        let table = csv::Table::of_columns(name, machine, floats(t_s), counts, floats(force), floats(terminal))?;
+        Ok(Run::held(csv::to_run(table, &overrides)?, overrides))
+    };
+    py.detach(made).map_err(|failure| failure.raised(py))
+}
+
+/// Chunks are of eight bytes.
+fn eight_of(bytes: &[u8]) -> [u8; 8] {
+    bytes.try_into().unwrap_or_default()
+}
+
+#[pymethods]
+impl Run {
+    fn __repr__(&self) -> String {
+        let inerter_core::Settings { sample_rate_hz, .. } = self.source.settings;
+        format!("inerter.Run of {:.1} s at {sample_rate_hz} Hz: {}", self.duration_s(), self.source.name)
+    }
+
+    /// Where it came from.
+    #[getter]
+    fn name(&self) -> &str {
+        &self.source.name
+    }
+
+    /// `linear` or `rotary`.
+    #[getter]
+    fn machine(&self) -> &'static str {
+        match self.source.settings.machine {
+            Machine::Linear => "linear",
+            Machine::Rotary => "rotary",
+        }
+    }
+
+    /// All settings by name, those that were given included.
+    #[getter]
+    fn settings(&self) -> Given {
+        let all = Settings::TABLE.iter().filter_map(|info| Some((info.name, self.source.settings.get(info.name)?)));
+        all.map(|(name, value)| (name.to_string(), value)).collect()
+    }
+
+    /// What was put right or found missing on the way.
+    #[getter]
+    fn notes(&self) -> Vec<String> {
+        self.source.notes.clone()
+    }
+
+    /// The device that recorded it, by name; empty where it is not known.
+    #[getter]
+    fn device(&self) -> BTreeMap<String, String> {
+        self.source.device.clone().unwrap_or_default()
+    }
+
+    /// What is true of a simulated device, by name; empty for a real one.
+    #[getter]
+    fn truth(&self) -> BTreeMap<String, String> {
+        self.source.truth.clone().unwrap_or_default()
+    }
+
+    /// Time from the first sample to the last [s].
+    #[getter]
+    fn duration_s(&self) -> f64 {
+        self.source.duration_s()
+    }
+
+    /// All samples.
+    #[getter]
+    fn samples(&self) -> Table {
+        Table::samples(&self.source)
+    }
+
+    /// What the device published; of a CSV or of arrays what it would have published.
+    #[getter]
+    fn estimates(&self, py: Python<'_>) -> PyResult<Table> {
+        let source = self.source.clone();
+        let table = watch(py, None, move |_| Ok(EstimateTable::collect(&source, &(0.0..f64::INFINITY))?))?;
+        Ok(Table::estimates(table))
+    }
+}
+
+impl Run {
+    fn held(run: inerter_data::run::Run, overrides: Overrides) -> Self {
+        Self { source: Source::held(run.clone()), overrides: Arc::new(overrides), held: Some(Arc::new(run)) }
+    }
+
+    /// With its samples in memory.
+    pub fn whole(&self) -> Result<inerter_data::run::Run, Error> {
+        match &self.held {
+            Some(run) => Ok(run.as_ref().clone()),
+            None => inerter_data::open(self.source.recording().unwrap_or("".as_ref()), &self.overrides),
+        }
+    }
+}
+
+/// Refuses what no option has.
+pub fn positive(name: &str, value: Option<f64>) -> PyResult<()> {
+    match value {
+        Some(value) if !(value.is_finite() && value > 0.0) => {
+            Err(PyValueError::new_err(format!("{name} must be a positive number, not {value}")))
+        }
+        _ => Ok(()),
+    }
+}

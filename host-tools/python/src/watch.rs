@@ -1,0 +1,70 @@
+//! Work that Python waits for: other threads go on, a callback hears of progress, and Ctrl-C ends the wait.
+
+use std::{
+    sync::{
+        Arc,
+        atomic::{AtomicBool, AtomicU64, Ordering},
+        mpsc::{self, RecvTimeoutError},
+    },
+    thread,
+    time::Duration,
+};
+
+use pyo3::prelude::*;
+
+use crate::error::Failure;
+
+/// Between two looks at signals, and two calls of the callback.
+const PAUSE: Duration = Duration::from_millis(50);
+
+/// How far the work is, and whether anybody still waits for it.
+#[derive(Clone, Debug, Default)]
+pub struct Progress {
+    part: Arc<AtomicU64>,
+    is_stopped: Arc<AtomicBool>,
+}
+
+impl Progress {
+    /// So much is done, from 0 to 1. Fails when nobody waits any more.
+    pub fn set(&self, part: f64) -> Result<(), Failure> {
+        self.part.store(part.to_bits(), Ordering::Relaxed);
+        if self.is_stopped.load(Ordering::Relaxed) { Err(Failure::Stopped) } else { Ok(()) }
+    }
+}
+
+/// Does the work in a thread of its own; `told` is called with the part that is done, from 0 to 1, now and then.
+///
+/// Where Ctrl-C or an exception of `told` ends the wait, work that looks at [`Progress::set`] ends as well; other work is left to end
+/// by itself, and what it comes to is dropped.
+pub fn watch<T: Send + 'static>(
+    py: Python<'_>,
+    told: Option<&Bound<'_, PyAny>>,
+    work: impl FnOnce(&Progress) -> Result<T, Failure> + Send + 'static,
+) -> PyResult<T> {
+    let progress = Progress::default();
+    let (sender, done) = mpsc::sync_channel(1);
+    let own = progress.clone();
+    // Nobody is there to hear of it after an interrupt.
+    thread::spawn(move || drop(sender.send(work(&own))));
+    let done = std::sync::Mutex::new(done);
+    let wait = || done.lock().map_or(Err(RecvTimeoutError::Disconnected), |done| done.recv_timeout(PAUSE));
+    let stopped = |error: PyErr| {
+        progress.is_stopped.store(true, Ordering::Relaxed);
+        error
+    };
+    loop {
+        match py.detach(wait) {
+            Ok(result) => return result.map_err(|failure| failure.raised(py)),
+            Err(RecvTimeoutError::Timeout) => {
+                py.check_signals().map_err(stopped)?;
+                if let Some(told) = told {
+                    let part = f64::from_bits(progress.part.load(Ordering::Relaxed));
+                    told.call1((part,)).map_err(stopped)?;
+                }
+            }
+            Err(RecvTimeoutError::Disconnected) => {
+                return Err(pyo3::exceptions::PyRuntimeError::new_err("the work ended without a result"));
+            }
+        }
+    }
+}

@@ -1,0 +1,218 @@
+"""The package against the command line: the same numbers, to the bit, and the same errors.
+
+INERTER is the program; cargo xtask wheel sets it. RECORDINGS may name a folder with recordings of real machines.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import duckdb
+import numpy as np
+import pandas as pd
+import polars as pl
+import pyarrow as pa
+import pytest
+
+import inerter
+
+PROGRAM = os.environ["INERTER"]
+METRES_PER_COUNT = 2.44140625e-6
+
+
+def told(*arguments: object) -> str:
+    """What the command line prints."""
+    done = subprocess.run([PROGRAM, *map(str, arguments)], capture_output=True, text=True, check=True)
+    return done.stdout
+
+
+def line(*arguments: object) -> dict:
+    """The last object that it prints."""
+    return json.loads(told(*arguments, "--json").splitlines()[-1])
+
+
+@pytest.fixture(scope="session")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("runs")
+    told("simulate", "-o", folder / "run.mcap", "--duration", 15, "--excite", "random", "--seed", 3)
+    told("simulate", "-o", folder / "run.csv", "--duration", 15, "--excite", "random", "--seed", 3)
+    told("simulate", "-o", folder / "late.mcap", "--duration", 15, "--excite", "random", "--delay-s", 0.002)
+    told("simulate", "-o", folder / "long.mcap", "--duration", 600, "--excite", "random")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def run(folder: Path) -> inerter.Run:
+    return inerter.open(folder / "run.mcap")
+
+
+def test_a_recording_replays_to_the_same_bits(folder: Path, run: inerter.Run) -> None:
+    assert dict(inerter.replay(run)) == line("replay", folder / "run.mcap")
+    assert dict(inerter.replay(folder / "run.mcap")) == line("replay", folder / "run.mcap")
+
+
+def test_settings_go_over_those_of_the_run(folder: Path) -> None:
+    given = inerter.replay(folder / "run.mcap", settings={"structure_mass_kg": 2.0})
+    assert dict(given) == line("replay", folder / "run.mcap", "--set", "structure_mass_kg=2.0")
+    assert dict(given) != dict(inerter.replay(folder / "run.mcap"))
+
+
+def test_a_csv_and_its_columns_replay_to_the_same_bits(folder: Path) -> None:
+    wanted = line("replay", folder / "run.csv", "--metres-per-count", METRES_PER_COUNT)
+    assert dict(inerter.replay(folder / "run.csv", metres_per_count=METRES_PER_COUNT)) == wanted
+    frame = pd.read_csv(folder / "run.csv", comment="#")
+    columns = {name: frame[name].to_numpy() for name in frame.columns}
+    lists = {name: values.tolist() for name, values in columns.items()}
+    for given in (frame, columns, lists, pl.from_pandas(frame)):
+        assert dict(inerter.replay(given, metres_per_count=METRES_PER_COUNT)) == wanted
+
+
+def test_causes_and_models_are_those_of_the_command_line(folder: Path) -> None:
+    found = inerter.diagnose(folder / "late.mcap", settings={"skew_s": 0.0})
+    assert dict(found) == line("diagnose", folder / "late.mcap", "--set", "skew_s=0")
+    assert found.causes[0]["name"] == "skew" and "skew" in repr(found)
+    identified = inerter.identify([folder / "run.mcap"], profiles=False)
+    assert dict(identified) == line("identify", folder / "run.mcap", "--no-profiles")
+
+
+def test_recordings_of_real_machines_replay_to_the_same_bits() -> None:
+    recordings = os.environ.get("RECORDINGS")
+    if not recordings:
+        pytest.skip("no recordings of real machines")
+    paths = sorted(Path(recordings).rglob("*.csv"))
+    assert paths
+    for path in paths:
+        # Any length of a count will do: it is the same for both.
+        wanted = line("replay", path, "--metres-per-count", 1e-6)
+        assert dict(inerter.replay(path, metres_per_count=1e-6)) == wanted, path
+
+
+def test_samples_are_those_of_the_export(folder: Path, run: inerter.Run) -> None:
+    columns = ",".join(run.samples.column_names)
+    told("export", folder / "run.mcap", "--parquet", folder / "run.parquet", "--columns", columns, "--force")
+    exported = pd.read_parquet(folder / "run.parquet")
+    pandas = pd.DataFrame.from_arrow(run.samples)
+    assert len(run.samples) == len(pandas) == 15_000
+    pd.testing.assert_frame_equal(pandas[exported.columns], exported, check_exact=True, check_dtype=False)
+    arrow = pa.table(run.samples)
+    assert arrow.schema.field("force_n").metadata == {b"unit": b"N"} and run.samples.units["force_n"] == "N"
+    assert pl.DataFrame(run.samples).shape == pandas.shape
+    samples = arrow
+    assert duckdb.sql("select max(force_n) from samples").fetchall() == [(pandas["force_n"].max(),)]
+
+
+def test_estimates_are_those_that_the_device_published(folder: Path, run: inerter.Run) -> None:
+    estimates = pd.DataFrame.from_arrow(run.estimates)
+    lines = [json.loads(text) for text in told("replay", folder / "run.mcap", "--json").splitlines()]
+    published = [told["inertance_kg"]["value"] for told in lines if told["kind"] == "estimate" and "final" not in told]
+    ours = [None if math.isnan(value) else value for value in estimates["inertance_kg"]]
+    wanted = [None if value is None else float(np.float32(value)) for value in published]
+    assert ours[: len(wanted)] == wanted and len(ours) >= len(wanted) > 50
+
+
+def test_a_result_shows_itself(run: inerter.Run) -> None:
+    replay = inerter.replay(run)
+    inertance = replay.inertance_kg
+    assert inertance.unit == "kg" and abs(inertance.value - 299.5) < inertance.u95 and inertance.status == "ok"
+    assert inertance.same_rig_u95 < inertance.u95
+    assert replay.backlash_m.unit == "m" and replay.viscous_n_s_per_m.unit == "N s/m"
+    assert str(replay.backlash_m).endswith("e-06 m") and "±" in str(inertance) and repr(run).startswith("inerter.Run of 15.0 s")
+    assert "inertance_kg" in repr(replay) and "The law holds." in repr(replay)
+    assert "<table>" in replay._repr_html_() and "inertance_kg" in replay._repr_html_()
+    with pytest.raises(AttributeError, match="there is no parameter 'mass'"):
+        replay.mass
+
+
+def test_a_page_is_written_once(folder: Path, run: inerter.Run) -> None:
+    page = folder / "page.html"
+    assert len(inerter.report(run, page)) >= 5
+    assert page.read_text().startswith("<!DOCTYPE html>")
+    with pytest.raises(inerter.InerterError, match="page.html") as raised:
+        inerter.report(run, page)
+    assert raised.value.code == "inerter::output::exists"
+    inerter.report(run, page, replace=True)
+
+
+def test_errors_have_the_code_and_the_help_of_the_command_line(folder: Path) -> None:
+    nowhere = folder / "nowhere.mcap"
+    with pytest.raises(inerter.InerterError) as raised:
+        inerter.open(nowhere)
+    printed = subprocess.run([PROGRAM, "replay", str(nowhere)], capture_output=True, text=True).stderr
+    assert type(raised.value).__module__ == "inerter"
+    assert raised.value.code in printed and raised.value.help.split()[0] in printed
+    for settings, code in (({"mass": 1.0}, "unknown"), ({"memory_s": -1.0}, "value")):
+        with pytest.raises(inerter.InerterError) as raised:
+            inerter.open(folder / "run.mcap", settings=settings)
+        assert raised.value.code == f"inerter::settings::{code}"
+    with pytest.raises(inerter.InerterError) as raised:
+        inerter.open(folder / "run.csv")
+    assert "metres_per_count" in str(raised.value) or "metres_per_count" in raised.value.help.replace("-", "_")
+
+
+def test_columns_that_cannot_be_used_are_named() -> None:
+    time_s = np.arange(5000) / 1000.0
+    good = {"t_s": time_s, "encoder_count": np.arange(5000), "force_n": np.sin(time_s)}
+    given = {"metres_per_count": METRES_PER_COUNT}
+
+    def code(**changed: object) -> str:
+        with pytest.raises(inerter.InerterError) as raised:
+            inerter.replay({**good, **changed}, **given)
+        return raised.value.code
+
+    assert code(force_n=np.sin(time_s)[:-1]) == "inerter::columns::length"
+    assert code(force_n=np.where(time_s > 1, np.nan, 0.0)) == "inerter::columns::number"
+    assert code(t_s=time_s[::-1].copy()) == "inerter::columns::time"
+    assert code(t_s=[], encoder_count=[], force_n=[]) == "inerter::columns::empty"
+    for wrong, words in (
+        ({"force_n": np.zeros((5000, 2))}, "2 dimensions"),
+        ({"encoder_count": good["encoder_count"] + 0.5}, "no whole number"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            inerter.replay({**good, **wrong}, **given)
+    with pytest.raises(ValueError, match="force_n and torque_n_m"):
+        inerter.replay({"t_s": time_s, "encoder_count": good["encoder_count"], "force": good["force_n"]}, **given)
+    with pytest.raises(TypeError, match="not int"):
+        inerter.replay(7)  # type: ignore[arg-type]
+
+
+def test_progress_is_told_and_its_exceptions_end_the_work(folder: Path) -> None:
+    parts: list[float] = []
+    inerter.replay(folder / "long.mcap", progress=parts.append)
+    assert parts and parts == sorted(parts) and 0.0 <= parts[-1] <= 1.0
+
+    def refuse(part: float) -> None:
+        raise RuntimeError("enough")
+
+    with pytest.raises(RuntimeError, match="enough"):
+        inerter.replay(folder / "long.mcap", progress=refuse)
+
+
+def test_other_threads_go_on_meanwhile(folder: Path) -> None:
+    whole = inerter.open(folder / "long.mcap")
+    done = threading.Event()
+    worker = threading.Thread(target=lambda: (inerter.replay(whole), done.set()))
+    worker.start()
+    turns = 0
+    while not done.is_set():
+        turns += 1
+        time.sleep(0.001)
+    worker.join()
+    assert turns > 20
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of Unix")
+def test_ctrl_c_ends_a_replay(folder: Path) -> None:
+    code = f"import inerter; print('begun', flush=True); inerter.replay({str(folder / 'long.mcap')!r})"
+    child = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert child.stdout is not None and child.stdout.readline() == "begun\n"
+    child.send_signal(signal.SIGINT)
+    _, error = child.communicate(timeout=30)
+    assert "KeyboardInterrupt" in error and child.returncode != 0
