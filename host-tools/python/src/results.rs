@@ -1,22 +1,32 @@
 //! What runs come to, as the JSON of the command line.
 
-use std::{cell::Cell, path::PathBuf};
+use std::path::PathBuf;
 
 use inerter_analysis::{
     diagnose::Encoder,
     identify::{Options, identify as identified},
     results::{self, IdentifyJson},
 };
-use inerter_data::{json::machine_json_line, output};
+use inerter_data::{json::machine_json_line, output, words};
 use inerter_view::page::{Content, html};
 use inerter_wire::EstimatorEvent;
 use pyo3::prelude::*;
 
 use crate::{
     error::Failure,
-    run::{Run, positive},
+    run::{Run, at_least},
     watch::watch,
 };
+
+/// Least counts in a turn or a line, and shortest segment \[s\], as on the command line.
+const LEAST_COUNTS: f64 = 4.0;
+const LEAST_SEGMENT_S: f64 = 0.5;
+
+/// A value with its interval, both with the digits that the interval bears, as the command line writes them.
+#[pyfunction]
+pub fn interval_text(value: f64, u95: f64) -> String {
+    words::interval_text(value, u95)
+}
 
 /// The last line of `inerter replay --json`.
 #[pyfunction]
@@ -44,8 +54,8 @@ pub fn diagnose(
     counts_per_line: Option<f64>,
     told: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<String> {
-    positive("counts_per_turn", counts_per_turn)?;
-    positive("counts_per_line", counts_per_line)?;
+    at_least("counts_per_turn", counts_per_turn, LEAST_COUNTS)?;
+    at_least("counts_per_line", counts_per_line, LEAST_COUNTS)?;
     let run = run.clone();
     watch(py, told, move |_| {
         let run = run.whole()?;
@@ -68,14 +78,13 @@ pub fn identify(
     profiles: bool,
     told: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<String> {
-    positive("segment_s", segment_s)?;
+    at_least("segment_s", segment_s, LEAST_SEGMENT_S)?;
     let options = Options { staged, segment_s, free_structure_mass, free_skew, excite: None, no_profiles: !profiles };
     let runs: Vec<Run> = runs.iter().map(|run| (**run).clone()).collect();
     watch(py, told, move |progress| {
         let files = runs.iter().map(|run| run.source.name.clone()).collect();
         let runs = runs.iter().map(Run::whole).collect::<Result<Vec<_>, _>>()?;
-        let is_stopped = Cell::new(false);
-        let found = identified(&runs, &options, &mut |part| is_stopped.set(progress.set(part).is_err()))?;
+        let found = identified(&runs, &options, &mut |part| drop(progress.set(part)))?;
         let machine = runs.first().map(|run| run.settings.machine).unwrap_or_default();
         Ok(machine_json_line(machine, &IdentifyJson::new(files, &runs, &found)))
     })

@@ -43,6 +43,8 @@ pub fn open(py: Python<'_>, path: PathBuf, settings: Given, told: Option<&Bound<
 
 fn opened(path: PathBuf, settings: &Given, progress: &Progress) -> Result<Run, Failure> {
     let overrides = overrides(settings)?;
+    // It is read again later, wherever Python works by then.
+    let path = std::path::absolute(&path).unwrap_or(path);
     if !inerter_data::recording::is_recording(&path)
         .map_err(|source| csv::CsvError::Read { path: path.clone(), source })?
     {
@@ -167,11 +169,11 @@ impl Run {
     }
 }
 
-/// Refuses what no option has.
-pub fn positive(name: &str, value: Option<f64>) -> PyResult<()> {
+/// Refuses what an option cannot be.
+pub fn at_least(name: &str, value: Option<f64>, least: f64) -> PyResult<()> {
     match value {
-        Some(value) if !(value.is_finite() && value > 0.0) => {
-            Err(PyValueError::new_err(format!("{name} must be a positive number, not {value}")))
+        Some(value) if !(value.is_finite() && value >= least) => {
+            Err(PyValueError::new_err(format!("{name} must be a number from {least} on, not {value}")))
         }
         _ => Ok(()),
     }

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use arrow_array::{
-    ArrayRef, BooleanArray, Float64Array, Int64Array, RecordBatch, RecordBatchIterator, RecordBatchReader,
-    ffi_stream::FFI_ArrowArrayStream,
+    ArrayRef, BooleanArray, Float64Array, Int64Array, RecordBatch, RecordBatchIterator, RecordBatchOptions,
+    RecordBatchReader, ffi_stream::FFI_ArrowArrayStream,
 };
 use arrow_schema::{ArrowError, DataType, Field, Schema, SchemaRef};
 use inerter_data::export::{Batch, Column, EstimateTable, Kind, Rows, Source, Values};
@@ -71,6 +71,7 @@ impl Table {
                     columns: columns.clone(),
                     rows,
                     schema: self.schema.clone(),
+                    has_failed: false,
                 };
                 Box::new(batches)
             }
@@ -117,7 +118,9 @@ fn field(name: &str, unit: &str, kind: DataType, nullable: bool) -> Field {
 fn estimates(table: &EstimateTable, schema: &SchemaRef) -> Result<RecordBatch, ArrowError> {
     let columns =
         table.columns.iter().map(|column| -> ArrayRef { Arc::new(Float64Array::from(column.values.clone())) });
-    RecordBatch::try_new(schema.clone(), columns.collect())
+    // A run too short for an estimate has none, and then no columns either.
+    let rows = RecordBatchOptions::new().with_row_count(Some(table.rows()));
+    RecordBatch::try_new_with_options(schema.clone(), columns.collect(), &rows)
 }
 
 /// Samples, read from their file as they are asked for.
@@ -126,17 +129,25 @@ struct Batches {
     columns: Vec<Column>,
     rows: Rows,
     schema: SchemaRef,
+    /// Nothing comes after an error.
+    has_failed: bool,
 }
 
 impl Iterator for Batches {
     type Item = Result<RecordBatch, ArrowError>;
 
     fn next(&mut self) -> Option<Self::Item> {
+        if self.has_failed {
+            return None;
+        }
         let mut batch = Batch::new(&self.columns, BATCH);
         for row in self.rows.by_ref().take(BATCH) {
             match row {
                 Ok((sample, point)) => batch.push(&self.source, &sample, &point),
-                Err(error) => return Some(Err(ArrowError::ExternalError(Box::new(error)))),
+                Err(error) => {
+                    self.has_failed = true;
+                    return Some(Err(ArrowError::ExternalError(Box::new(error))));
+                }
             }
         }
         if batch.rows == 0 {

@@ -10,7 +10,7 @@ use std::{
     time::Duration,
 };
 
-use pyo3::prelude::*;
+use pyo3::{exceptions::PyRuntimeError, prelude::*};
 
 use crate::error::Failure;
 
@@ -34,8 +34,8 @@ impl Progress {
 
 /// Does the work in a thread of its own; `told` is called with the part that is done, from 0 to 1, now and then.
 ///
-/// Where Ctrl-C or an exception of `told` ends the wait, work that looks at [`Progress::set`] ends as well; other work is left to end
-/// by itself, and what it comes to is dropped.
+/// Where Ctrl-C or an exception of `told` ends the wait, work that heeds [`Progress::set`], a replay, ends as well; other work is left to
+/// end by itself, and what it comes to is dropped.
 pub fn watch<T: Send + 'static>(
     py: Python<'_>,
     told: Option<&Bound<'_, PyAny>>,
@@ -45,7 +45,8 @@ pub fn watch<T: Send + 'static>(
     let (sender, done) = mpsc::sync_channel(1);
     let own = progress.clone();
     // Nobody is there to hear of it after an interrupt.
-    thread::spawn(move || drop(sender.send(work(&own))));
+    let begun = thread::Builder::new().name("inerter".into()).spawn(move || drop(sender.send(work(&own))));
+    begun.map_err(|error| PyRuntimeError::new_err(format!("no thread for the work: {error}")))?;
     let done = std::sync::Mutex::new(done);
     let wait = || done.lock().map_or(Err(RecvTimeoutError::Disconnected), |done| done.recv_timeout(PAUSE));
     let stopped = |error: PyErr| {
@@ -54,7 +55,11 @@ pub fn watch<T: Send + 'static>(
     };
     loop {
         match py.detach(wait) {
-            Ok(result) => return result.map_err(|failure| failure.raised(py)),
+            Ok(result) => {
+                let result = result.map_err(|failure| failure.raised(py))?;
+                told.map_or(Ok(()), |told| told.call1((1.0,)).map(drop))?;
+                return Ok(result);
+            }
             Err(RecvTimeoutError::Timeout) => {
                 py.check_signals().map_err(stopped)?;
                 if let Some(told) = told {
@@ -63,7 +68,7 @@ pub fn watch<T: Send + 'static>(
                 }
             }
             Err(RecvTimeoutError::Disconnected) => {
-                return Err(pyo3::exceptions::PyRuntimeError::new_err("the work ended without a result"));
+                return Err(PyRuntimeError::new_err("the work ended by a fault of the package: please report it"));
             }
         }
     }

@@ -439,7 +439,6 @@ fn test() -> Result<()> {
 }
 
 /// Where each test that could not run leaves its name and the reason.
-/// Tests that could not run, a line each.
 pub fn skipped_list() -> Result<PathBuf> {
     Ok(Workspace::read(&tree::root())?.target.join("skipped.txt"))
 }

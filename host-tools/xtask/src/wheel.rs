@@ -27,7 +27,9 @@ pub struct Options {
 pub fn run(options: &Options) -> Result<()> {
     let target = Workspace::read(&tree::root())?.target;
     let python = python::environment(&target.join("wheel/environment"), IMPORTS, REQUIREMENTS, false)?;
-    let wheel = built(&python, &target.join("wheels"), options)?;
+    // The one for the tests stands in nobody's way.
+    let folder = target.join(if options.debug { "wheel/debug" } else { "wheels" });
+    let wheel = built(&python, &folder, options)?;
     let mut pip = Command::new(&python);
     pip.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--force-reinstall", "--no-deps"]);
     process::run(pip.arg(&wheel)).context("the wheel could not be installed")?;
@@ -35,13 +37,15 @@ pub fn run(options: &Options) -> Result<()> {
     let module = |name: &str, arguments: &[&str]| {
         let mut command = Command::new(&python);
         command.current_dir(&package).args(["-m", name]).args(arguments);
+        // Nothing is left in the source tree.
+        command.env("PYTHONDONTWRITEBYTECODE", "1").env("MYPY_CACHE_DIR", target.join("wheel/types"));
         command
     };
     process::run(&mut module("mypy", &["--strict", "python/inerter"])).context("types of the package")?;
     // What the stubs say is what the module has.
     process::run(&mut module("mypy.stubtest", &["inerter"])).context("stubs of the package")?;
     let mut tests = module("pytest", &["-q", "-p", "no:cacheprovider", "tests"]);
-    tests.env("INERTER", workspace::tested(Part::Main, "inerter")?);
+    tests.env("INERTER", workspace::tested(Part::Main, "inerter")?).env("INERTER_CONFIG", "");
     match data::folder() {
         Some(folder) => drop(tests.env("RECORDINGS", folder)),
         None => {

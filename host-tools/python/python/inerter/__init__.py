@@ -6,7 +6,8 @@
     print(inerter.replay(run))
 
 `run.samples` and `run.estimates` are Arrow tables, which pandas, Polars, pyarrow and DuckDB take as they are. Results show
-themselves as tables in a notebook. Everything that fails raises `InerterError` with the code and the help of the command line.
+themselves as tables in a notebook. What a file, a setting or a motion does not allow raises `InerterError` with the code and the help of
+the command line; arguments that cannot be meant raise ValueError or TypeError. What was put right in a run is a warning.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from __future__ import annotations
 import array
 import json
 import os
+import warnings
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Union
 
@@ -59,7 +61,7 @@ def open(
 
     `settings` go over those of the run, by their names on the command line (`inerter replay --help` lists them with their units). A CSV
     needs `metres_per_count`: the displacement for one encoder count [m], which is the lead over the counts of a revolution; of a rotary
-    machine [rad].
+    machine [rad]. `progress` is called with the part of a recording that is read, from 0 to 1.
 
     Raises InerterError where the file or a setting cannot be used.
     """
@@ -109,7 +111,7 @@ def identify(
     *,
     staged: bool = False,
     segment_s: float | None = None,
-    free: Iterable[str] = (),
+    free: str | Iterable[str] = (),
     profiles: bool = True,
     settings: Mapping[str, float] | None = None,
     metres_per_count: float | None = None,
@@ -120,9 +122,13 @@ def identify(
     `staged` takes friction from the slowest run and the rest from the next; `segment_s` fits segments of this length [s] by themselves;
     `free` leaves the structure mass ("mr") or the skew ("tau") to the data; `profiles=False` leaves out what takes longest.
 
+    What moved the terminal must have been measured (`terminal_m`) for the complete model: a stated motion (`--excite`) is for the command
+    line.
+
     Raises InerterError where nothing can be identified, and ValueError for what `free` does not know.
     """
-    unknown = set(free) - {"mr", "tau"}
+    free = {free} if isinstance(free, str) else set(free)
+    unknown = free - {"mr", "tau"}
     if unknown:
         raise ValueError(f"free knows 'mr' and 'tau', not {', '.join(sorted(map(repr, unknown)))}")
     one = isinstance(runs, (Run, str, os.PathLike, Mapping)) or _is_frame(runs)
@@ -166,10 +172,14 @@ def _run(run: Any, settings: Mapping[str, float] | None, metres_per_count: float
             raise ValueError("this run has its settings from open(): give them there")
         return run
     if isinstance(run, (str, os.PathLike)):
-        return _inerter.open(os.fspath(run), given, None)
-    if isinstance(run, Mapping) or _is_frame(run):
-        return _from_columns(run, given)
-    raise TypeError(f"a run, a file or columns by name are needed, not {type(run).__name__}")
+        opened = _inerter.open(os.fspath(run), given, None)
+    elif isinstance(run, Mapping) or _is_frame(run):
+        opened = _from_columns(run, given)
+    else:
+        raise TypeError(f"a run, a file or columns by name are needed, not {type(run).__name__}")
+    for note in opened.notes:
+        warnings.warn(note, stacklevel=3)
+    return opened
 
 
 def _from_columns(columns: Any, given: dict[str, float]) -> Run:
@@ -182,6 +192,9 @@ def _from_columns(columns: Any, given: dict[str, float]) -> Run:
         if name not in names:
             raise ValueError(f"the column {name} is missing; there are: {', '.join(names)}")
     terminal = _TERMINAL[rotary]
+    other = _TERMINAL[not rotary]
+    if other in names:
+        raise ValueError(f"the column {other} does not go with {forces[0]}: {terminal} does")
     return _inerter.from_columns(
         "columns",
         rotary,
@@ -199,13 +212,20 @@ def _bytes(name: str, values: Any, kind: str) -> bytes:
         values = values.to_numpy()
     if getattr(values, "ndim", 1) != 1:
         raise ValueError(f"{name} has {values.ndim} dimensions: one is needed")
-    dtype = getattr(values, "dtype", None)
-    if kind == "q" and getattr(dtype, "kind", "i") not in "iu":
-        whole = [int(value) for value in values]
+    of = getattr(getattr(values, "dtype", None), "kind", "f")
+    if of not in "iuf" or hasattr(values, "mask"):
+        raise ValueError(f"{name} holds what are not numbers, or are missing ones: leave out those rows")
+    if kind == "q" and of not in "iu":
+        try:
+            whole = [int(value) for value in values]
+        except (ValueError, OverflowError, TypeError) as error:
+            raise ValueError(f"{name} holds what is no whole number: {error}") from None
         if any(value != number for value, number in zip(whole, values)):
             raise ValueError(f"{name} holds what is no whole number")
         values = whole
     elif hasattr(values, "astype"):
         return bytes(values.astype("<f8" if kind == "d" else "<i8").tobytes())
-    numbers = array.array(kind, values)
-    return numbers.tobytes()
+    try:
+        return array.array(kind, values).tobytes()
+    except (TypeError, OverflowError) as error:
+        raise ValueError(f"{name} holds what is no number: {error}") from None

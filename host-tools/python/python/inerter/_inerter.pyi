@@ -9,6 +9,7 @@ __all__ = [
     "diagnose",
     "from_columns",
     "identify",
+    "interval_text",
     "open",
     "replay",
     "report",
@@ -70,6 +71,7 @@ def from_columns(
     terminal: bytes,
     settings: Mapping[str, float],
 ) -> Run: ...
+def interval_text(value: float, u95: float) -> str: ...
 def replay(run: Run, told: _Told = None) -> str: ...
 def diagnose(
     run: Run, counts_per_turn: float | None = None, counts_per_line: float | None = None, told: _Told = None

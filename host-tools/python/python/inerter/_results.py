@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import html
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
+
+from . import _inerter
 
 _UNITS = {
     "kg": "kg",
@@ -43,12 +44,8 @@ class Parameter:
     def __str__(self) -> str:
         if self.value is None or self.u95 is None:
             return "not identifiable"
-        if self.u95 == 0.0:
-            return f"{self.value:g} {self.unit}"
-        # Two digits of the interval.
-        decimals = 1 - math.floor(math.log10(self.u95))
-        form = f".{max(decimals, 0)}f" if decimals < 6 else ".2g"
-        return f"{self.value:{form}} ± {self.u95:{form}} {self.unit}"
+        text = _inerter.interval_text(self.value, self.u95)
+        return f"{text} {self.unit}"
 
 
 class Result(Mapping[str, Any]):
@@ -77,6 +74,9 @@ class Result(Mapping[str, Any]):
     def remarks(self) -> list[str]:
         """Sentences for a person: what is wrong, and what to do about it."""
         return []
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self.parameters]
 
     def __getattr__(self, name: str) -> Parameter:
         if name.startswith("_"):
@@ -113,16 +113,25 @@ def _named(of: Mapping[str, Any] | None, budgets: Mapping[str, Any] | None = Non
         if not isinstance(found, Mapping) or "u95" not in found or "status" not in found:
             continue
         budget = (budgets or {}).get(name) or {}
+        u95 = budget.get("u95", found["u95"]) if found["value"] is not None else None
+        # By this interval, which may be wider than the one that the status was found with; of an offset none is a finding, too.
+        below = found["status"] == "ok" and u95 is not None and abs(found["value"]) < u95 and name != "offset_n"
         named[name] = Parameter(
             name=name,
             value=found["value"],
-            u95=budget.get("u95", found["u95"]) if found["value"] is not None else None,
+            u95=u95,
             unit=_unit(name),
-            status=found["status"],
+            status="below_u95" if below else found["status"],
             same_rig_u95=budget.get("same_rig_u95"),
             assumes=tuple(budget.get("assumes", ())),
         )
     return named
+
+
+def _sized(cause: Mapping[str, Any]) -> str:
+    value, u95 = cause["value"], cause["u95"]
+    text = f"{value:g}" if u95 is None else _inerter.interval_text(value, u95)
+    return f"{text} {cause['unit']}"
 
 
 def _unit(name: str) -> str:
@@ -139,7 +148,8 @@ class Replay(Result):
     def parameters(self) -> dict[str, Parameter]:
         """Inertance, friction and offset over the whole run, and what of the contact is told.
 
-        `u95` is by the samples: it is wider than the device's own interval where these show more than the law explains.
+            `u95` is by the samples: it is wider than the device's own interval where these show more than the law explains. `replay["inertance_kg"]`
+        and its like, as in the JSON, are those of the recent motion, with the device's own intervals.
         """
         budgets = self.get("uncertainty")
         found = _named(self["whole_run"], budgets)
@@ -171,7 +181,10 @@ class Diagnosis(Result):
     @property
     def remarks(self) -> list[str]:
         """Whether the law holds, and the causes."""
-        return [_law(self), *(f"{cause['name']}: {cause['value']:.4g} {cause['unit']}" for cause in self.causes)]
+        told = [f"{cause['name']}: {_sized(cause)}" for cause in self.causes]
+        holds = self["law"]["status"] == "holds"
+        law = "The law holds as far as the estimator sees; the samples show more." if told and holds else _law(self)
+        return [law, *told]
 
 
 class Identification(Result):
