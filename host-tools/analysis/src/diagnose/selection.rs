@@ -9,7 +9,7 @@ pub(super) use crate::law::dot;
 pub(super) const SIGN: usize = 2;
 /// Part of a column's square that the law and what has been added must leave over.
 const LEAST_LEFT: f64 = 1e-4;
-/// Parts of a run, whose scatter counts where it is more than that of white noise.
+/// Parts of a run, of which all but two neighbours must agree.
 const PARTS: usize = 40;
 /// What the encoder's steps take from the acceleration, in parts of what white noise of their size would: it is known to a half
 /// (docs/THEORY.md, 6).
@@ -242,8 +242,8 @@ impl<'a> Model<'a> {
         Some(Evidence { strength, sizes: [sizes[0], sizes.get(1).copied().unwrap_or(0.0)] })
     }
 
-    /// A strength, or less by how the parts of the run differ: what is left over scatters between them by more than white noise
-    /// where something else is wrong, or something happened once.
+    /// The part of a strength on which the parts of the run agree: what happened once is no cause, and what is left over scatters
+    /// between the parts by more than white noise where something else is wrong.
     fn agreed(&self, group: &[Vec<f64>], along: &DMatrix<f64>, sizes: &DVector<f64>, strength: f64) -> f64 {
         let width = group.len();
         // What the others leave of the columns, and what these leave of the force.
@@ -255,12 +255,16 @@ impl<'a> Model<'a> {
         }
         let mut after = self.residual.clone();
         own.iter().zip(sizes.iter()).for_each(|(new, size)| add(&mut after, new, -size));
+        let said: Vec<f64> = self.scores(&own, &self.residual).iter().map(|score| score.dot(sizes)).collect();
+        let explained: f64 = said.iter().sum();
+        let most = said.windows(2).map(|pair| pair.iter().sum::<f64>()).fold(0.0, f64::max);
+        let lasting = ((explained - most).max(0.0) / explained * PARTS as f64 / (PARTS - 2) as f64).min(1.0);
         let scatter = self.scatter(&own, &after);
         let left = DMatrix::from_fn(width, width, |k, l| own.get(k).zip(own.get(l)).map_or(0.0, |(a, b)| dot(a, b)));
         let against = &left * sizes;
         let by_scatter = part_of(&scatter, &DMatrix::from_column_slice(width, 1, against.as_slice()))
             .map_or(0.0, |part| part.column(0).dot(&against));
-        strength.min(by_scatter)
+        lasting * strength.min(by_scatter)
     }
 }
 

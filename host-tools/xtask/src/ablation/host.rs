@@ -41,9 +41,14 @@ const PARTS: &[Heuristic] = &[
         &[("filter.rs", "1.0 + share * (self.repeats - 1.0)", "1.0 + 0.0 * share")],
     ),
     tested(
+        "what_breaks_the_law",
+        "the two parts of the run that say most are left out",
+        &[("selection.rs", "lasting * strength.min(by_scatter)", "lasting.max(1.0) * strength.min(by_scatter)")],
+    ),
+    tested(
         "what_wanders_is_no_cause",
         "parts of the run that differ are less evidence",
-        &[("selection.rs", "strength.min(by_scatter)", "strength.min(by_scatter.max(strength))")],
+        &[("selection.rs", "lasting * strength.min(by_scatter)", "lasting * strength.min(by_scatter.max(strength))")],
     ),
     tested(
         "a_distance_is_right_in_slow_motion",
