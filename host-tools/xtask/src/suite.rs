@@ -4,7 +4,7 @@ use crate::{
     arrows, chaos, firmware, foreign, fuzz, guest, process, python, setup, soak, supply,
     toolchain::Toolchain,
     tree, wheel,
-    workspace::{Part, Workspace},
+    workspace::{Part, Workspace, skipped_list},
 };
 use anyhow::{Context, Result, bail};
 use std::{
@@ -436,11 +436,6 @@ fn test() -> Result<()> {
             (others, twin) => others.and(twin),
         }
     })
-}
-
-/// Where each test that could not run leaves its name and the reason.
-pub fn skipped_list() -> Result<PathBuf> {
-    Ok(Workspace::read(&tree::root())?.target.join("skipped.txt"))
 }
 
 /// Forgets what an earlier run skipped.

@@ -1,7 +1,7 @@
 //! The Python package as a wheel, and its tests against the program.
 
 use crate::{
-    data, process, python, suite, tree,
+    data, process, python, tree,
     workspace::{self, Part, Workspace},
 };
 use anyhow::{Context, Result, bail};
@@ -50,7 +50,7 @@ pub fn run(options: &Options) -> Result<()> {
         Some(folder) => drop(tests.env("RECORDINGS", folder)),
         None => {
             let reason = "no recordings of real machines; docs/DATA.md says where they come from";
-            inerter_needs::list(&suite::skipped_list()?, "Python package, recordings", reason)?;
+            inerter_needs::list(&workspace::skipped_list()?, "Python package, recordings", reason)?;
         }
     }
     process::run(&mut tests).context("tests of the package")?;

@@ -68,6 +68,11 @@ impl Part {
     }
 }
 
+/// Where each test that could not run leaves its name and the reason.
+pub fn skipped_list() -> Result<PathBuf> {
+    Ok(Workspace::read(&tree::root())?.target.join("skipped.txt"))
+}
+
 /// One member of a workspace.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Member {
