@@ -145,8 +145,7 @@ const PARTS: &[Heuristic] = &[
         "a poorly determined cause becomes an assumption and widens nothing",
         &[("hidden.rs", "pub const TOLD: f64 = 1.6;", "pub const TOLD: f64 = 1e9;")],
     ),
-    tested(
-        "friction_that_turns_nearly_at_once_is_what_the_inertance_rests_on",
+    one(
         "friction that turns at once may be assumed",
         &[(
             "candidate.rs",
