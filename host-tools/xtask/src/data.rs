@@ -20,19 +20,22 @@ pub struct Options {
     output: Option<PathBuf>,
 }
 
-/// The folder that the tests take recordings from: the one that is named, else the one beside the project where it is there.
-pub fn folder() -> Option<PathBuf> {
+/// The folder that the variable names.
+fn named() -> Option<PathBuf> {
     let named = std::env::var_os(FOLDER).filter(|named| !named.is_empty());
-    let beside = || Some(tree::root().join("../shared/data")).filter(|folder| folder.is_dir());
-    named.map(|named| tree::root().join(named)).or_else(beside)
+    named.map(|named| tree::root().join(named))
+}
+
+/// The folder that the tests take recordings from: the one that is named, else the one beside the project if it exists.
+pub fn folder() -> Option<PathBuf> {
+    named().or_else(|| Some(tree::root().join("../shared/data")).filter(|folder| folder.is_dir()))
 }
 
 /// Hands over to the converter and says how the tests find what it wrote.
 pub fn run(options: &Options) -> Result<()> {
-    let named = std::env::var_os(FOLDER).filter(|named| !named.is_empty());
-    let folder = match (&options.output, named) {
+    let folder = match (&options.output, named()) {
         (Some(folder), _) => absolute(folder)?,
-        (None, Some(named)) => tree::root().join(named),
+        (None, Some(named)) => named,
         (None, None) => Workspace::read(&tree::root())?.target.join("data"),
     };
     // The converter is started from the root.

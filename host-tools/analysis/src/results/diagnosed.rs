@@ -161,7 +161,7 @@ pub struct CauseJson {
 
 impl CauseJson {
     /// One that was found.
-    pub fn new(machine: Machine, cause: &Cause) -> Self {
+    fn new(machine: Machine, cause: &Cause) -> Self {
         Self {
             name: cause.kind.name(),
             value: cause.value,
