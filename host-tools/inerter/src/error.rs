@@ -15,7 +15,6 @@ use inerter_data::{
     output::OutputError,
     recording::RecordingError,
     settings::SettingsInputError,
-    wants::WantError,
     words::{plural, printable, shortened_to},
 };
 use inerter_device::{DeviceError, flash::FlashError, image::ImageError, update::UpdateError};
@@ -92,10 +91,6 @@ pub enum Error {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Plan(#[from] PlanError),
-    /// What is wanted of a motion is not written as it must be.
-    #[error(transparent)]
-    #[diagnostic(transparent)]
-    Want(#[from] WantError),
     /// A file is no firmware for the board.
     #[error(transparent)]
     #[diagnostic(transparent)]

@@ -85,10 +85,11 @@ pub fn code(error: &Error) -> u8 {
             IdentifyError::Fit(error) => fit(error),
             IdentifyError::Settings(_) => SETTINGS,
         },
-        Error::Want(_) => SETTINGS,
         Error::Plan(error) => match error {
             PlanError::Unstated { .. } => USAGE,
             PlanError::Device(_)
+            | PlanError::Motion(_)
+            | PlanError::Wants(_)
             | PlanError::Settings(_)
             | PlanError::Limit { .. }
             | PlanError::Conflict { .. }
@@ -189,7 +190,6 @@ fn device(error: &DeviceError) -> u8 {
 fn simulate(error: &SimulateError) -> u8 {
     match error {
         SimulateError::Setup { .. }
-        | SimulateError::Preset { .. }
         | SimulateError::Rate { .. }
         | SimulateError::Change { .. }
         | SimulateError::Hand { .. } => SETTINGS,

@@ -10,6 +10,13 @@ pub enum PlantError {
         /// The name that was given.
         name: String,
     },
+    /// No device has this name.
+    UnknownPreset {
+        /// The name that was given.
+        name: String,
+        /// Those that there are.
+        known: &'static [&'static str],
+    },
     /// The value is NaN or infinite.
     NotFinite {
         /// The field's name.
@@ -66,6 +73,9 @@ impl fmt::Display for PlantError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::UnknownField { name } => write!(f, "{name}: no field of the simulation has this name"),
+            Self::UnknownPreset { name, known } => {
+                write!(f, "there is no preset `{name}`; the presets are: {}", known.join(", "))
+            }
             Self::NotFinite { field } => write!(f, "{field}: the value is not a finite number"),
             Self::OutOfRange { field, value, min, max } => {
                 write!(f, "{field}: {value} is outside {min} to {max}")

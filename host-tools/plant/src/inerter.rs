@@ -6,7 +6,7 @@
 //! for the control of machines with friction", Automatica 30 (1994), sections 2.1 (Stribeck, with a Gaussian) and 2.2
 //! (Dahl).
 
-use std::f64::consts::PI;
+use std::{collections::BTreeMap, f64::consts::PI};
 
 use crate::PlantError;
 use crate::table::field_table;
@@ -106,15 +106,20 @@ impl Inerter {
     }
 
     /// The preset of this name, one of [`PRESETS`](Self::PRESETS).
-    pub fn preset(name: &str) -> Option<Self> {
+    pub fn preset(name: &str) -> Result<Self, PlantError> {
         match name {
-            "paper" => Some(Self::paper()),
-            "worn" => Some(Self::worn()),
-            "preloaded" => Some(Self::preloaded()),
-            "presliding" => Some(Self::presliding()),
-            "stribeck" => Some(Self::stribeck()),
-            _ => None,
+            "paper" => Ok(Self::paper()),
+            "worn" => Ok(Self::worn()),
+            "preloaded" => Ok(Self::preloaded()),
+            "presliding" => Ok(Self::presliding()),
+            "stribeck" => Ok(Self::stribeck()),
+            _ => Err(PlantError::UnknownPreset { name: name.into(), known: Self::PRESETS }),
         }
+    }
+
+    /// Sets several fields by name.
+    pub fn set_all(&mut self, values: &BTreeMap<String, f64>) -> Result<(), PlantError> {
+        values.iter().try_for_each(|(name, value)| self.set(name, *value))
     }
 
     /// Names that [`preset`](Self::preset) knows.
@@ -267,7 +272,7 @@ mod tests {
         assert_eq!(defaults, Inerter::paper().values());
         assert_eq!(Inerter::paper().validate(), Ok(()));
         for name in Inerter::PRESETS {
-            assert_eq!(Inerter::preset(name).map(|device| device.validate()), Some(Ok(())), "{name}");
+            assert_eq!(Inerter::preset(name).and_then(|device| device.validate()), Ok(()), "{name}");
         }
     }
 

@@ -13,13 +13,8 @@ pub enum SimulateError {
     #[diagnostic(code(inerter::simulate::setup), help("`inerter simulate --help` lists every parameter and motion"))]
     Setup { source: PlantError },
 
-    /// No such preset.
-    #[error("there is no preset `{name}`")]
-    #[diagnostic(code(inerter::simulate::preset), help("the presets are: {known}"))]
-    Preset { name: String, known: String },
-
     /// The settings say another rate than the instruments sample at.
-    #[error("the setting sample_rate_hz = {set_hz} contradicts --sample-rate-hz {rate_hz}")]
+    #[error("the setting sample_rate_hz = {set_hz} contradicts the {rate_hz} Hz of the simulated instruments")]
     #[diagnostic(
         code(inerter::simulate::rate),
         help("leave one of them out: the settings' rate is that of the simulated instruments")

@@ -1,14 +1,18 @@
-//! A simulated run as a file. The same seeds give the same bytes.
+//! A simulated run as a file, or in memory. The same seeds give the same bytes.
 
-use std::path::Path;
+use std::{
+    ffi::OsStr,
+    path::{Path, PathBuf},
+};
 
 use inerter_data::{
     Error,
     export::{self, Format, Selection, Source},
-    output::{OutputError, Pending},
+    output::{self, OutputError, Pending},
     recording::{End, Recorder, TRUTH_METADATA},
     replay::{Outcome, Replay},
     run::Run,
+    settings,
 };
 use inerter_wire::{
     Capabilities, ClockSource, Estimated, EstimatorEvent, Event, EventKind, Health, Hello, MAX_FRAME, Record, Samples,
@@ -19,6 +23,30 @@ use crate::{
     error::SimulateError,
     setup::{Setup, raw},
 };
+
+/// Writes a recording (.mcap), or a CSV (.csv) with its settings beside it, whose file it names; otherwise as [`write_recording`].
+pub fn write(
+    setup: &Setup,
+    path: &Path,
+    replace: bool,
+    progress: impl FnMut(f64) -> Result<(), Error>,
+) -> Result<Option<PathBuf>, SimulateError> {
+    match path.extension().and_then(OsStr::to_str).map(str::to_lowercase).as_deref() {
+        Some("csv") => {
+            if !replace {
+                output::refuse_existing(&settings::beside(path))?;
+            }
+            write_csv(setup, path, replace, progress)?;
+            Ok(Some(settings::write_beside(&setup.settings, path, replace)?))
+        }
+        // A device such as /dev/full takes anything.
+        ending if ending == Some("mcap") || (!path.is_file() && path.exists()) => {
+            write_recording(setup, path, replace, progress)?;
+            Ok(None)
+        }
+        _ => Err(SimulateError::Format { path: path.display().to_string() }),
+    }
+}
 
 /// Writes a recording as a device would have sent it; `progress` is handed the time \[s\] now and then, and may end the work.
 /// The file is there when it is complete; only `replace` lets it take the place of another one.
@@ -72,13 +100,8 @@ pub fn write_recording(
     Ok(outcome)
 }
 
-/// Writes a CSV, with `terminal_m` where the settings say that there is a sensor; otherwise as [`write_recording`].
-pub fn write_csv(
-    setup: &Setup,
-    path: &Path,
-    replace: bool,
-    mut progress: impl FnMut(f64) -> Result<(), Error>,
-) -> Result<(), SimulateError> {
+/// The run in memory; `progress` as for [`write_recording`].
+pub fn held(setup: &Setup, mut progress: impl FnMut(f64) -> Result<(), Error>) -> Result<Run, SimulateError> {
     let (mut samples, mut start_s) = (Vec::new(), None);
     for sample in setup.samples()? {
         start_s.get_or_insert(sample.t_s);
@@ -87,13 +110,24 @@ pub fn write_csv(
             progress(sample.t_s)?;
         }
     }
-    let run = Run {
+    Ok(Run {
         name: "the simulation".into(),
         settings: setup.settings,
         samples,
         start_s: start_s.unwrap_or(0.0),
+        truth: Some(setup.truth()),
         ..Run::default()
-    };
+    })
+}
+
+/// Writes a CSV, with `terminal_m` where the settings say that there is a sensor; otherwise as [`write_recording`].
+fn write_csv(
+    setup: &Setup,
+    path: &Path,
+    replace: bool,
+    mut progress: impl FnMut(f64) -> Result<(), Error>,
+) -> Result<(), SimulateError> {
+    let run = held(setup, &mut progress)?;
     let end_s = run.start_s + run.samples.len() as f64 / setup.settings.sample_rate_hz;
     let targets = [(Format::Csv, path.into())];
     export::export(&Source::held(run), &Selection::default(), &targets, replace, None, &mut |_| progress(end_s))?;

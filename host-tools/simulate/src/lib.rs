@@ -1,6 +1,6 @@
 //! The simulated inerter as a file or as a live device.
 //!
-//! [`Setup`] puts device, motion, instruments and settings together; [`mod@file`] writes a recording or a CSV,
+//! [`Setup`] puts device, motion, instruments and settings together, of what a person says ([`Described`]); [`mod@file`] writes a recording or a CSV,
 //! [`VirtualDevice`] runs the firmware's app on this machine behind a pseudo-terminal or a TCP port, [`Qemu`] runs the
 //! firmware image itself. [`share`] lets several hosts use one link, of a virtual device or of any other.
 #![forbid(unsafe_code)]
@@ -9,6 +9,7 @@
 use critical_section as _;
 
 mod clock;
+mod described;
 mod device;
 mod error;
 pub mod file;
@@ -18,6 +19,7 @@ mod qemu;
 mod setup;
 pub mod share;
 
+pub use described::{Described, Motion};
 pub use device::{Endpoint, VirtualDevice};
 pub use error::SimulateError;
 pub use operator::Operator;

@@ -1,6 +1,6 @@
 //! Why no motion can be planned, always with what to do.
 
-use inerter_data::settings::SettingsInputError;
+use inerter_data::{settings::SettingsInputError, wants::WantError};
 use inerter_plant::PlantError;
 use miette::Diagnostic;
 
@@ -12,6 +12,16 @@ pub enum PlanError {
     #[error("the expected device cannot be simulated: {0}")]
     #[diagnostic(code(inerter::plan::device), help("`inerter plan --help` lists every parameter of the device"))]
     Device(#[from] PlantError),
+
+    /// The motion that is given cannot be.
+    #[error("the motion cannot be used: {0}")]
+    #[diagnostic(code(inerter::plan::motion), help("`inerter simulate --help` lists every motion"))]
+    Motion(PlantError),
+
+    /// What is wanted cannot be read.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Wants(#[from] WantError),
 
     /// The settings cannot be.
     #[error(transparent)]

@@ -3,11 +3,13 @@
 //! Tones and multisines are made as large as the limits allow (`candidates`) and shown to the estimator itself, on the simulated
 //! device that is expected. Their sums of regressors add up, so shares of the time are sought that together tell most (`search`):
 //! D-optimal, or the narrowest intervals beside what is wanted. What the whole motion will tell is then predicted ([`predict()`]).
+//! [`Asked`] is all of this at once, for a program.
 //!
 //! Glossary: a *part* is one tone or multisine with its own lead-in and lead-out; a *motion* is its parts in a row; a *want* is the
 //! half width of a 95 % interval; a *rehearsal* is a simulated run of the motion.
 
 mod advice;
+mod asked;
 mod candidates;
 mod design;
 mod error;
@@ -17,12 +19,14 @@ mod limits;
 mod observed;
 mod part;
 mod peaks;
+mod planned;
 mod predict;
 mod search;
 mod speeds;
 mod words;
 
 pub use advice::{Advice, advice};
+pub use asked::Asked;
 pub use design::{Criterion, Plan, Sketch, design, sketch};
 pub use error::PlanError;
 pub use expected::Expected;
@@ -30,6 +34,7 @@ pub use limits::Limits;
 pub use observed::{Reach, observed, with_contact};
 pub use part::{Part, duration_s, in_a_row};
 pub use peaks::Peaks;
+pub use planned::Planned;
 pub use predict::{Predicted, Prediction, REHEARSALS, predict};
 pub use words::{interval_of, limits_text, part_text, peaks_text, source_words};
 

@@ -67,7 +67,7 @@ impl Source {
         })
     }
 
-    /// Samples that are in memory already; nothing is known of a device.
+    /// Samples that are in memory already; of the device nothing is known but what is true of a simulated one.
     pub fn held(run: Run) -> Self {
         let mut extent = Extent::default();
         run.samples.iter().for_each(|sample| extent.take(sample));
@@ -77,11 +77,27 @@ impl Source {
             start_s: run.start_s,
             notes: run.notes,
             device: None,
-            truth: None,
+            truth: run.truth,
             extent,
             markers: Vec::new(),
             first_ns: 0,
             samples: Origin::Held(Arc::new(run.samples)),
+        }
+    }
+
+    /// The run with its samples in memory; `overrides` are those that it was opened with.
+    pub fn whole(&self, overrides: &Overrides) -> Result<Run, Error> {
+        match &self.samples {
+            Origin::Recording(path) => crate::open(path, overrides),
+            Origin::Held(samples) => Ok(Run {
+                name: self.name.clone(),
+                settings: self.settings,
+                samples: samples.to_vec(),
+                start_s: self.start_s,
+                notes: self.notes.clone(),
+                truth: self.truth.clone(),
+                ..Run::default()
+            }),
         }
     }
 

@@ -1,38 +1,21 @@
 //! Flags for the parameters of a device, and of its instruments where they are simulated too.
 
+use std::collections::BTreeMap;
+
 use clap::{ArgMatches, Command, FromArgMatches};
 use inerter_plant::{Inerter, Sensors};
-use inerter_simulate::{SimulateError, bench_sensors};
-
-/// The preset of this name.
-pub fn preset(name: &str) -> Result<Inerter, SimulateError> {
-    Inerter::preset(name).ok_or_else(|| SimulateError::Preset { name: name.into(), known: Inerter::PRESETS.join(", ") })
-}
+use inerter_simulate::bench_sensors;
 
 /// One flag per parameter of the device, and of the instruments where they are simulated too, from the plant's own tables.
 pub struct PlantArgs<const SIMULATED: bool> {
-    given: Vec<(&'static str, f64)>,
+    /// What was given, by name.
+    pub given: BTreeMap<String, f64>,
 }
 
 /// Of a device and its instruments.
 pub type SimulatedArgs = PlantArgs<true>;
 /// Of a device that is expected.
 pub type ExpectedArgs = PlantArgs<false>;
-
-impl<const SIMULATED: bool> PlantArgs<SIMULATED> {
-    /// What was given for this parameter.
-    pub fn get(&self, name: &str) -> Option<f64> {
-        self.given.iter().find(|(given, _)| *given == name).map(|(_, value)| *value)
-    }
-
-    /// Puts what was given over a device and its instruments.
-    pub fn put(&self, device: &mut Inerter, sensors: &mut Sensors) -> Result<(), SimulateError> {
-        self.given.iter().try_for_each(|(name, value)| {
-            let is_of_device = Inerter::TABLE.iter().any(|field| field.name == *name);
-            Ok(if is_of_device { device.set(name, *value) } else { sensors.set(name, *value) }?)
-        })
-    }
-}
 
 impl<const SIMULATED: bool> PlantArgs<SIMULATED> {
     fn fields() -> impl Iterator<Item = (&'static str, &'static inerter_plant::FieldInfo)> {
@@ -72,7 +55,7 @@ impl<const SIMULATED: bool> clap::Args for PlantArgs<SIMULATED> {
 
 impl<const SIMULATED: bool> FromArgMatches for PlantArgs<SIMULATED> {
     fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
-        let value = |name: &'static str| matches.get_one::<f64>(name).map(|value| (name, *value));
+        let value = |name: &str| matches.get_one::<f64>(name).map(|value| (name.to_string(), *value));
         Ok(Self { given: Self::fields().filter_map(|(_, field)| value(field.name)).collect() })
     }
 

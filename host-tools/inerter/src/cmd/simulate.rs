@@ -1,34 +1,30 @@
 //! `inerter simulate`: an inerter in a rig, without either.
 
 use std::{
-    ffi::OsStr,
+    collections::BTreeMap,
     path::{Path, PathBuf},
     time::Duration,
 };
 
 use inerter_data::{
-    csv::motion::{self, Displacements},
     json::json_line,
-    output, settings,
+    output,
     words::{duration_text, plural},
 };
 use inerter_device::{DEFAULT_BAUD, Device, Target};
-use inerter_plant::{Excitation, Inerter, Sensors};
+use inerter_plant::Inerter;
 use inerter_simulate::{
-    Endpoint, Operator, Qemu, START_TIME, Setup, SimulateError, VirtualDevice, bench_sensors, file, find_image,
+    Described, Endpoint, Motion, Operator, Qemu, START_TIME, Setup, SimulateError, VirtualDevice, file, find_image,
 };
 use miette::Diagnostic;
 use serde_json::json;
 
 use super::{
     args::{SettingsArgs, note_exposed},
-    plant::{SimulatedArgs, preset},
+    plant::SimulatedArgs,
     terminal::{self, Progress},
 };
 use crate::{Error, monitor::address::check_exposed};
-
-/// Duration of a file when neither --duration nor the motion says one \[s\].
-const FILE_S: f64 = 20.0;
 
 /// Simulate an inerter in a rig, as a file or as a live device.
 ///
@@ -114,56 +110,29 @@ fn speed(text: &str) -> Result<f64, String> {
 }
 
 fn setup(args: &Args) -> Result<Setup, Error> {
-    let mut parameters = preset(&args.preset)?;
-    let mut sensors = Sensors { seed: args.seed, ..bench_sensors() };
-    let given = |name: &str| args.plant.get(name).is_some();
-    args.plant.put(&mut parameters, &mut sensors)?;
-    let overrides = args.settings.overrides()?;
-    if let Some(set_hz) = overrides.get("sample_rate_hz") {
-        let rate_hz = sensors.sample_rate_hz;
-        if given("sample_rate_hz") && set_hz != rate_hz {
-            return Err(SimulateError::Rate { set_hz, rate_hz }.into());
-        }
-        sensors.sample_rate_hz = set_hz;
-    }
-    if !given("newtons_per_code") {
-        // A converter that is so much coarser: the sum's scale stays, and so does its range.
-        sensors.newtons_per_code *= sensors.oversampling;
-    }
-    for (name, limit) in
-        [("force_min_code", &mut sensors.force_min_code), ("force_max_code", &mut sensors.force_max_code)]
-    {
-        if !given(name) {
-            *limit = (*limit / sensors.oversampling).trunc();
-        }
-    }
-    let (excite, excitation) = match &args.motion {
-        None => (args.excite.clone(), Excitation::parse(&args.excite, args.seed)),
-        Some(path) => {
-            let Displacements { period_s, terminal_m } = motion::read(path)?;
-            (format!("points of {}", path.display()), Excitation::table(period_s, &terminal_m))
-        }
+    let described = Described {
+        preset: args.preset.clone(),
+        given: args.plant.given.clone(),
+        motion: match &args.motion {
+            Some(path) => Motion::File(path.clone()),
+            None => Motion::Named(args.excite.clone()),
+        },
+        seed: args.seed,
+        duration_s: args.duration.map(|duration| duration.as_secs_f64()),
+        load_n: args.load,
+        change: args.change_at.map(|at_s| changed(&args.change).map(|values| (at_s, values))).transpose()?,
+        overrides: args.settings.overrides()?,
     };
-    let excitation = excitation.map_err(SimulateError::from)?;
-    let duration_s = args.duration.map(|duration| duration.as_secs_f64());
-    let duration_s = match (&args.output, duration_s) {
-        (Some(_), None) => {
-            let own = excitation.duration_s();
-            Some(if own.is_finite() { own } else { FILE_S })
-        }
-        (_, given) => given,
+    Ok(if args.output.is_some() { described.ending() } else { described.setup() }?)
+}
+
+/// Parameters of the device after a change, each as NAME=VALUE.
+fn changed(texts: &[String]) -> Result<BTreeMap<String, f64>, SimulateError> {
+    let one = |text: &String| {
+        let (name, value) = text.split_once('=')?;
+        Some((name.trim().to_string(), value.trim().parse().ok()?))
     };
-    let setup = Setup::moved(parameters, sensors, excite, excitation, duration_s, &overrides)?;
-    let setup = Setup { load_n: args.load, ..setup };
-    let Some(at_s) = args.change_at else { return Ok(setup) };
-    let mut after = parameters;
-    for text in &args.change {
-        let wrong = || SimulateError::Change { text: text.clone() };
-        let (name, value) = text.split_once('=').ok_or_else(wrong)?;
-        let value = value.trim().parse().map_err(|_| wrong())?;
-        after.set(name.trim(), value).map_err(SimulateError::from)?;
-    }
-    Ok(setup.changing(at_s, after)?)
+    texts.iter().map(|text| one(text).ok_or_else(|| SimulateError::Change { text: text.clone() })).collect()
 }
 
 pub fn run(args: &Args) -> Result<(), Error> {
@@ -180,35 +149,15 @@ pub fn run(args: &Args) -> Result<(), Error> {
 }
 
 fn to_file(args: &Args, setup: &Setup, path: &Path) -> Result<(), Error> {
-    let duration_s = setup.duration_s.unwrap_or(FILE_S);
+    let duration_s = setup.duration_s.unwrap_or_default();
     let mut progress = Progress::new("simulating", (duration_s * 1e3) as u64);
     terminal::catch_interrupts();
     let advance = |t_s: f64| {
         progress.set((t_s * 1e3) as u64);
         if terminal::interrupted() { Err(inerter_data::Error::Interrupted) } else { Ok(()) }
     };
-    let ending = path.extension().and_then(OsStr::to_str).map(str::to_lowercase);
     let file = path.display();
-    let next = match ending.as_deref() {
-        Some("csv") => {
-            if !args.force {
-                output::refuse_existing(&settings::beside(path))?;
-            }
-            file::write_csv(setup, path, args.force, advance)?;
-            let toml = settings::write_beside(&setup.settings, path, args.force)?;
-            format!("inerter replay {file} --settings {}", toml.display())
-        }
-        // A device such as /dev/full takes anything.
-        Some("mcap") => {
-            file::write_recording(setup, path, args.force, advance)?;
-            format!("inerter replay {file}")
-        }
-        _ if !path.is_file() && path.exists() => {
-            file::write_recording(setup, path, args.force, advance)?;
-            String::new()
-        }
-        _ => return Err(SimulateError::Format { path: file.to_string() }.into()),
-    };
+    let settings = file::write(setup, path, args.force, advance)?;
     progress.done();
     let samples = (duration_s * setup.settings.sample_rate_hz).ceil() as u64;
     if args.json {
@@ -223,7 +172,11 @@ fn to_file(args: &Args, setup: &Setup, path: &Path) -> Result<(), Error> {
         plural(samples, "sample"),
         setup.settings.sample_rate_hz
     ));
-    terminal::say(format!("look at it with: {next}"));
+    // Nothing can be read back from a device such as /dev/null.
+    if path.is_file() {
+        let settings = settings.map_or(String::new(), |toml| format!(" --settings {}", toml.display()));
+        terminal::say(format!("look at it with: inerter replay {file}{settings}"));
+    }
     Ok(())
 }
 

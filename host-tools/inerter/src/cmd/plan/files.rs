@@ -2,16 +2,16 @@
 
 use std::path::{Path, PathBuf};
 
-use inerter_analysis::plan::{Expected, PlanError};
+use inerter_analysis::plan::{PlanError, Planned};
 use inerter_data::{
-    csv::motion::{self, Point},
+    csv::motion,
     names::unit,
     output::{self, OutputError},
     wav,
     words::three_digits,
 };
 
-use super::{result::Planned, written::Written};
+use super::written::Written;
 use crate::Error;
 
 /// Rates of a file \[Hz\].
@@ -72,9 +72,9 @@ impl FileArgs {
     }
 
     /// Writes what was asked for.
-    pub fn write(&self, planned: &Planned, expected: &Expected) -> Result<Vec<Written>, Error> {
-        let machine = expected.settings.machine;
-        let rate_hz = self.rate_hz.unwrap_or(expected.settings.sample_rate_hz);
+    pub fn write(&self, planned: &Planned) -> Result<Vec<Written>, Error> {
+        let settings = &planned.expected().settings;
+        let (machine, rate_hz) = (settings.machine, self.rate_hz.unwrap_or(settings.sample_rate_hz));
         let mut written = Vec::new();
         let mut add = |format, path: &Path, full_scale_m| {
             written.push(Written { format, file: path.display().to_string(), rate_hz, full_scale_m });
@@ -83,7 +83,7 @@ impl FileArgs {
             self.check_rate(rate_hz)?;
         }
         if let Some(path) = &self.output {
-            motion::write(path, self.force, machine, &planned.comments(machine), points(planned, rate_hz))?;
+            motion::write(path, self.force, machine, &planned.comments(), planned.points(rate_hz))?;
             add("csv", path, None);
         }
         if let Some(path) = &self.wav {
@@ -96,9 +96,9 @@ impl FileArgs {
             let comment = format!(
                 "displacement of the terminal; full scale (8388607) is {full_scale_m:?} {metres}, the peak {} {metres}; {}",
                 three_digits(peak_m),
-                planned.comments(machine).join("; ")
+                planned.comments().join("; ")
             );
-            let values = points(planned, rate_hz).map(|point| point.terminal_m);
+            let values = planned.points(rate_hz).map(|point| point.terminal_m);
             wav::write(path, self.force, rate_hz as u32, full_scale_m, &comment, values)?;
             add("wav", path, Some(full_scale_m));
         }
@@ -108,14 +108,4 @@ impl FileArgs {
 
 fn full_scale(value: f64, wanted: &'static str) -> PlanError {
     PlanError::Limit { name: "--full-scale-m", value, wanted, help: "leave it out: full scale is then the stroke" }
-}
-
-/// The points of a motion at this rate, from rest to rest.
-fn points(planned: &Planned, rate_hz: f64) -> impl Iterator<Item = Point> {
-    let count = (planned.duration_s() * rate_hz).ceil() as u64;
-    (0..=count).map(move |k| {
-        let t_s = k as f64 / rate_hz;
-        let at = planned.motion().at(t_s);
-        Point { t_s, terminal_m: at.x_m, velocity_m_per_s: at.v_m_per_s, acceleration_m_per_s2: at.a_m_per_s2 }
-    })
 }

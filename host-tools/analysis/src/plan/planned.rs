@@ -1,16 +1,12 @@
 //! What was planned, for a person and for a program.
 
-use inerter_analysis::plan::{
-    Criterion, Expected, Limits, Part, Peaks, Plan, Predicted, Prediction, interval_of, limits_text, part_text,
-    peaks_text, source_words,
-};
 use inerter_core::{Backlash, Machine, Source};
 use inerter_data::{
-    json::{BacklashJson, machine_json_line},
+    csv::motion::Point,
+    json::BacklashJson,
     names::{description, parameter, unit},
-    output,
     text::backlash_text,
-    uncertainty::{PartJson, source_word},
+    uncertainty::{PartJson, parts, source_word},
     wants::Want,
     words::{duration_text, plural, rounded_text, three_digits},
 };
@@ -18,16 +14,26 @@ use inerter_plant::{Excitation, Inerter};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
-use super::written::Written;
-use crate::Error;
+use super::{
+    design::{Criterion, Plan},
+    error::PlanError,
+    expected::Expected,
+    limits::Limits,
+    part::Part,
+    peaks::Peaks,
+    predict::{Predicted, Prediction},
+    words::{interval_of, limits_text, part_text, peaks_text, source_words},
+};
 
 /// Scatter over that which the interval stands for from which on a person is told.
 const SCATTERS: f64 = 1.3;
 /// Part of the rehearsals with a broken law from which on a person is told.
 const BREAKS: f64 = 0.1;
 
-/// A motion and what it will tell.
+/// A motion and what it will tell of the device that is expected.
+#[derive(Clone, Debug)]
 pub struct Planned {
+    expected: Expected,
     plan: Option<Plan>,
     /// What the motion is called where it was given.
     given: Option<String>,
@@ -41,8 +47,9 @@ pub struct Planned {
 
 impl Planned {
     /// One that was designed.
-    pub fn of(plan: Plan) -> Self {
+    pub(super) fn of(expected: Expected, plan: Plan) -> Self {
         Self {
+            expected,
             motion: plan.motion(),
             duration_s: plan.duration_s(),
             prediction: plan.prediction.clone(),
@@ -54,7 +61,8 @@ impl Planned {
     }
 
     /// One that was given.
-    pub fn given(
+    pub(super) fn given(
+        expected: Expected,
         text: &str,
         motion: Excitation,
         duration_s: f64,
@@ -62,12 +70,26 @@ impl Planned {
         limits: Limits,
         stated: Limits,
     ) -> Self {
-        Self { plan: None, given: Some(text.into()), motion, duration_s, prediction, limits, stated }
+        Self { expected, plan: None, given: Some(text.into()), motion, duration_s, prediction, limits, stated }
     }
 
-    /// The motion.
-    pub fn motion(&self) -> &Excitation {
-        &self.motion
+    /// The device that is expected.
+    pub fn expected(&self) -> &Expected {
+        &self.expected
+    }
+
+    fn machine(&self) -> Machine {
+        self.expected.settings.machine
+    }
+
+    /// The points of the motion at this rate, from rest to rest.
+    pub fn points(&self, rate_hz: f64) -> impl Iterator<Item = Point> {
+        let count = (self.duration_s * rate_hz).ceil() as u64;
+        (0..=count).map(move |k| {
+            let t_s = k as f64 / rate_hz;
+            let at = self.motion.at(t_s);
+            Point { t_s, terminal_m: at.x_m, velocity_m_per_s: at.v_m_per_s, acceleration_m_per_s2: at.a_m_per_s2 }
+        })
     }
 
     /// Its length \[s\].
@@ -86,30 +108,56 @@ impl Planned {
         if stroke_m.is_finite() { stroke_m.max(self.peaks().stroke_m) } else { self.peaks().stroke_m }
     }
 
-    /// What is wanted and will not be had; nothing where all will.
-    pub fn missed(&self) -> Option<Vec<Want>> {
+    /// What is wanted and will not be had, and why; nothing where all will.
+    pub fn missed(&self) -> Option<PlanError> {
         let wants = self.plan.iter().flat_map(|plan| &plan.wants);
         let missed: Vec<Want> = wants.copied().filter(|want| self.reached(want) > want.u95).collect();
-        (!missed.is_empty()).then_some(missed)
+        let first = self.most(missed.first()?).unwrap_or(Source::Noise);
+        let all: Vec<String> = missed.iter().map(|want| self.missed_text(want)).collect();
+        Some(PlanError::Missed {
+            what: format!("not within reach: {}", all.join("; ")),
+            help: format!("most of it is {}", source_words(self.machine(), first)),
+        })
+    }
+
+    /// What of what is wanted cannot be had.
+    fn missed_text(&self, want: &Want) -> String {
+        let reached = self.reached(want);
+        let wanted = interval_of(self.machine(), want.place, want.u95);
+        let symbol = parameter(self.machine(), want.place).symbol;
+        match self.enough_s(want) {
+            _ if !reached.is_finite() => format!("{wanted}: no value at all"),
+            Some(seconds) => format!(
+                "{wanted}: ± {} is the best within {}, about {} would do",
+                rounded_text(reached, reached),
+                duration_text(self.duration_s),
+                duration_text(seconds)
+            ),
+            None => {
+                let floor = self.floor(want);
+                let floor = rounded_text(floor, floor);
+                format!("{wanted}: no time is enough, as what does not average out is ± {floor} of {symbol}")
+            }
+        }
     }
 
     /// The interval that will be had of what is wanted.
-    pub fn reached(&self, want: &Want) -> f64 {
+    fn reached(&self, want: &Want) -> f64 {
         self.plan.as_ref().map_or(f64::INFINITY, |plan| plan.reached(want))
     }
 
     /// What no time takes away of it.
-    pub fn floor(&self, want: &Want) -> f64 {
+    fn floor(&self, want: &Want) -> f64 {
         self.plan.as_ref().map_or(f64::INFINITY, |plan| plan.floor(want))
     }
 
     /// How long the motion would have to last for it \[s\].
-    pub fn enough_s(&self, want: &Want) -> Option<f64> {
+    fn enough_s(&self, want: &Want) -> Option<f64> {
         self.plan.as_ref().and_then(|plan| plan.enough_s(want))
     }
 
     /// The source that its interval comes from most; where no time is enough, of what does not average out.
-    pub fn most(&self, want: &Want) -> Option<Source> {
+    fn most(&self, want: &Want) -> Option<Source> {
         let predicted = self.prediction.parameters.get(want.place)?;
         if self.enough_s(want).is_some() {
             return Some(predicted.most());
@@ -119,8 +167,8 @@ impl Planned {
     }
 
     /// What a person should know beside the numbers.
-    pub fn remarks(&self, expected: &Expected) -> Vec<String> {
-        let machine = expected.settings.machine;
+    pub fn remarks(&self) -> Vec<String> {
+        let (expected, machine) = (&self.expected, self.machine());
         let Prediction { parameters, peaks, broken, .. } = &self.prediction;
         let mut remarks = Vec::new();
         if self.given.is_some() && self.limits.room(peaks) < 1.0 {
@@ -156,55 +204,57 @@ impl Planned {
     }
 
     /// What stands above the points of a file.
-    pub fn comments(&self, machine: Machine) -> Vec<String> {
-        let mut comments = vec![format!("inerter plan {}: {}", env!("CARGO_PKG_VERSION"), self.heading(machine))];
-        comments.extend(self.lines(machine));
+    pub fn comments(&self) -> Vec<String> {
+        let mut comments = vec![format!("inerter plan {}: {}", env!("CARGO_PKG_VERSION"), self.heading())];
+        comments.extend(self.lines());
         comments
     }
 
-    fn heading(&self, machine: Machine) -> String {
+    fn heading(&self) -> String {
         let time = duration_text(self.duration_s);
         let why = match (&self.given, self.plan.as_ref().map(|plan| plan.criterion)) {
             (Some(text), _) => return format!("motion `{text}` of {time}"),
             (None, Some(Criterion::Wanted)) => "as short as what is wanted allows",
             (None, _) => "D-optimal for mt, cf and fc",
         };
-        format!("motion of {time} within {}, {why}", limits_text(machine, &self.limits))
+        format!("motion of {time} within {}, {why}", limits_text(self.machine(), &self.limits))
     }
 
-    fn lines(&self, machine: Machine) -> Vec<String> {
+    fn lines(&self) -> Vec<String> {
         let parts = self.plan.iter().flat_map(|plan| &plan.parts);
         let line = |part: &Part| {
             let fade = three_digits(part.fade_s);
-            format!("{:>8} of {}, up and down in {fade} s", duration_text(part.duration_s), part_text(machine, part))
+            format!(
+                "{:>8} of {}, up and down in {fade} s",
+                duration_text(part.duration_s),
+                part_text(self.machine(), part)
+            )
         };
         parts.map(line).collect()
     }
 
     /// For a person.
-    pub fn text(&self, expected: &Expected, written: &[Written]) -> Result<(), Error> {
-        let machine = expected.settings.machine;
-        output::line(self.heading(machine))?;
-        for line in self.lines(machine) {
-            output::line(format!("  {}", line))?;
-        }
-        output::line(format!("it takes {} of the rig", peaks_text(machine, &self.peaks())))?;
-        output::line("")?;
-        output::line(format!(
+    pub fn text(&self) -> Vec<String> {
+        let (expected, machine) = (&self.expected, self.machine());
+        let mut text = vec![self.heading()];
+        text.extend(self.lines().into_iter().map(|line| format!("  {line}")));
+        text.push(format!("it takes {} of the rig", peaks_text(machine, &self.peaks())));
+        text.push(String::new());
+        text.push(format!(
             "{:<20} {:<6} {:<10} {:<10} {:<10} {:<10} {}",
             "", "", "expected", "U95", "same rig", "scatter", "most of it is"
-        ))?;
+        ));
         for (place, predicted) in self.prediction.parameters.iter().enumerate() {
-            output::line(row(machine, place, predicted))?;
+            text.push(row(machine, place, predicted));
         }
         let backlash = expected.device.backlash_m * 1e6;
-        output::line(format!(
+        text.push(format!(
             "{:<20} {:<6} {:<10} {}",
             parameter_label(machine),
             unit(machine, "µm"),
             three_digits(backlash),
             backlash_words(&self.prediction.backlash)
-        ))?;
+        ));
         for want in self.plan.iter().flat_map(|plan| &plan.wants) {
             let reached = self.reached(want);
             let verdict = match (reached <= want.u95, reached.is_finite()) {
@@ -212,17 +262,14 @@ impl Planned {
                 (false, true) => format!("not reached, ± {}", rounded_text(reached, reached)),
                 (false, false) => "not reached, no value".into(),
             };
-            output::line(format!("wanted: {}: {verdict}", interval_of(machine, want.place, want.u95)))?;
+            text.push(format!("wanted: {}: {verdict}", interval_of(machine, want.place, want.u95)));
         }
-        for file in written {
-            output::line(file.text(machine))?;
-        }
-        Ok(())
+        text
     }
 
-    /// For a program.
-    pub fn json(&self, expected: &Expected, written: &[Written]) -> Result<(), Error> {
-        let machine = expected.settings.machine;
+    /// For a program, by the names of a linear machine; `files` are those that it was written to.
+    pub fn json<F: Serialize>(&self, files: &[F]) -> Value {
+        let expected = &self.expected;
         let finite = |value: f64| Some(value).filter(|value| value.is_finite());
         let Limits { stroke_m, speed_m_per_s, force_n, duration_s, lowest_hz, highest_hz, .. } = self.stated;
         let Prediction { parameters, backlash, band_hz, bank, broken, .. } = &self.prediction;
@@ -252,7 +299,7 @@ impl Planned {
             .map(|(field, value)| (field.name.to_string(), value.into()))
             .collect();
         let Peaks { stroke_m: peak_m, speed_m_per_s: peak_m_per_s, force_n: peak_n, .. } = self.peaks();
-        let line = json!({
+        json!({
             "kind": "plan",
             "criterion": match (&self.given, self.plan.as_ref().map(|plan| plan.criterion)) {
                 (Some(_), _) => "given",
@@ -275,9 +322,8 @@ impl Planned {
             "band_hz": band_hz,
             "broken": broken,
             "wants": wants,
-            "files": written,
-        });
-        Ok(output::line(machine_json_line(machine, &line))?)
+            "files": files,
+        })
     }
 }
 
@@ -312,7 +358,7 @@ impl PredictedJson {
                 (true, _) => "ok",
             },
             most: predicted.is_given().then(|| source_word(predicted.most())),
-            budget: inerter_data::uncertainty::parts(&predicted.budget)
+            budget: parts(&predicted.budget)
                 .map(|(source, u95)| PartJson { source: source_word(source), u95 })
                 .collect(),
         }

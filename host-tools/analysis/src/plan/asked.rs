@@ -1,0 +1,168 @@
+//! What is asked of a plan, and the device and the limits that follow.
+
+use std::collections::BTreeMap;
+
+use inerter_core::Settings;
+use inerter_data::{
+    Error,
+    export::Source,
+    replay::replay_samples,
+    settings::{Overrides, validate},
+    wants,
+};
+use inerter_plant::{Excitation, Inerter};
+use inerter_wire::EstimatorEvent;
+
+use super::{
+    design::design,
+    error::PlanError,
+    expected::Expected,
+    limits::Limits,
+    observed::{Reach, observed, with_contact},
+    planned::Planned,
+    predict::predict,
+};
+
+/// Length of a motion when nothing is said \[s\].
+const DURATION_S: f64 = 20.0;
+/// What to do where nothing says what to expect.
+const EXPECTED: &str = "state inertance, viscous and Coulomb friction and the force's noise roughly, or give a recording of an earlier run; \
+    `--preset paper` is the paper's device";
+
+/// What is asked of a plan; what is left out follows from the run, or has its usual value.
+#[derive(Clone, Debug, Default)]
+pub struct Asked {
+    /// A run whose device is expected, and whose limits are kept to.
+    pub run: Option<Source>,
+    /// Device to begin with where there is no run, one of [`Inerter::PRESETS`].
+    pub preset: Option<String>,
+    /// Parameters of the expected device, over those of run or preset.
+    pub given: BTreeMap<String, f64>,
+    /// White noise of the force in one sample, rms \[N\].
+    pub force_noise_n: Option<f64>,
+    /// Settings of the rig; a run has been opened with them.
+    pub overrides: Overrides,
+    /// Half widths of intervals that are wanted, such as `fc to 0.3 N, mt to 0.1 %`; empty for the most of the time.
+    pub wants: String,
+    /// A motion whose intervals are predicted, and its seed; none to design one.
+    pub motion: Option<(String, u64)>,
+    /// Displacement of the terminal to either side of its middle \[m\].
+    pub stroke_m: Option<f64>,
+    /// Its speed \[m/s\].
+    pub speed_m_per_s: Option<f64>,
+    /// Force on the load cell \[N\].
+    pub force_n: Option<f64>,
+    /// Length of the motion \[s\].
+    pub duration_s: Option<f64>,
+    /// Lowest frequency \[Hz\].
+    pub lowest_hz: Option<f64>,
+    /// Highest frequency \[Hz\].
+    pub highest_hz: Option<f64>,
+    /// Time in which a part comes up from rest, and goes down to it \[s\].
+    pub fade_s: Option<f64>,
+}
+
+impl Asked {
+    /// The motion and what it will tell, with the device that was expected; `progress` is handed the part that is done.
+    pub fn planned<E: From<PlanError> + From<Error>>(&self, progress: impl FnMut(f64)) -> Result<Planned, E> {
+        let (expected, known) = match &self.run {
+            Some(run) => self.by_run::<E>(run)?,
+            None => (self.stated()?, Limits::default()),
+        };
+        let limits = self.limits(known);
+        let [mt, cf, fc, offset] = expected.law();
+        let values = [mt - expected.settings.structure_mass_kg, cf, fc, offset];
+        let wants = match self.wants.as_str() {
+            "" => Vec::new(),
+            wanted => wants::parse(wanted, expected.settings.machine, values).map_err(PlanError::from)?,
+        };
+        Ok(match &self.motion {
+            Some((text, seed)) => self.given_motion(expected, limits, text, *seed)?,
+            None => Planned::of(expected, design(&expected, limits, &wants, progress)?),
+        })
+    }
+
+    /// The device that is stated, on the rig that the settings state.
+    fn stated(&self) -> Result<Expected, PlanError> {
+        let mut device = match &self.preset {
+            Some(name) => Inerter::preset(name)?,
+            None => {
+                let flags = [
+                    ("inertance_kg", "--inertance-kg"),
+                    ("viscous_n_s_per_m", "--viscous-n-s-per-m"),
+                    ("coulomb_n", "--coulomb-n"),
+                ];
+                if let Some((_, missing)) = flags.into_iter().find(|(name, _)| !self.given.contains_key(*name)) {
+                    return Err(PlanError::Unstated { missing, help: EXPECTED });
+                }
+                Inerter { structure_mass_kg: 0.0, ..Inerter::paper() }
+            }
+        };
+        device.set_all(&self.given)?;
+        let overrides = &self.overrides;
+        let mut settings = Settings::default();
+        overrides.apply(&mut settings)?;
+        // What is set of the device's surroundings and not said by a flag is what is expected; the other way round it is known.
+        let is_stated = |name: &str| self.preset.is_some() || self.given.contains_key(name);
+        if !self.given.contains_key("structure_mass_kg") && overrides.get("structure_mass_kg").is_some() {
+            device.structure_mass_kg = settings.structure_mass_kg;
+        }
+        let set = |name: &str| overrides.get(name).filter(|value| !self.given.contains_key(name) && *value > 0.0);
+        let stiffness = set("stiffness_n_per_m").or(is_stated("stiffness_n_per_m").then_some(device.stiffness_n_per_m));
+        let damping = overrides
+            .get("contact_damping_n_s_per_m")
+            .filter(|_| !self.given.contains_key("contact_damping_n_s_per_m"));
+        device = with_contact(device, stiffness, Some(damping.unwrap_or(device.contact_damping_n_s_per_m)));
+        if overrides.get("structure_mass_kg").is_none() {
+            settings.structure_mass_kg = device.structure_mass_kg;
+        }
+        if let Some(stiffness) = stiffness.filter(|_| overrides.get("stiffness_n_per_m").is_none()) {
+            settings.stiffness_n_per_m = stiffness;
+        }
+        if stiffness.is_some() && damping.is_none() {
+            settings.contact_damping_n_s_per_m = device.contact_damping_n_s_per_m;
+        }
+        validate(&settings)?;
+        let missing = PlanError::Unstated { missing: "--force-noise-n", help: EXPECTED };
+        let force_noise_n = self.force_noise_n.ok_or(missing)?;
+        Ok(Expected { device, settings, force_noise_n })
+    }
+
+    /// What an earlier run makes one expect, and the limits that it kept to.
+    fn by_run<E: From<PlanError> + From<Error>>(&self, run: &Source) -> Result<(Expected, Limits), E> {
+        let mut reach = Reach::new(&run.settings);
+        let samples = run.samples()?.inspect(|sample| sample.iter().for_each(|sample| reach.push(sample)));
+        let outcome = replay_samples(&run.settings, run.start_s, samples, |_, _: &EstimatorEvent| Ok::<_, Error>(()))?;
+        let (mut expected, limits) = observed(&outcome, &run.settings, &reach)?;
+        expected.device.set_all(&self.given).map_err(PlanError::from)?;
+        expected.force_noise_n = self.force_noise_n.unwrap_or(expected.force_noise_n);
+        Ok((expected, limits))
+    }
+
+    /// The limits that are given, over those that are known.
+    fn limits(&self, known: Limits) -> Limits {
+        Limits {
+            stroke_m: self.stroke_m.unwrap_or(known.stroke_m),
+            speed_m_per_s: self.speed_m_per_s.unwrap_or(known.speed_m_per_s),
+            force_n: self.force_n.unwrap_or(known.force_n),
+            duration_s: self.duration_s.unwrap_or(if self.run.is_some() { known.duration_s } else { DURATION_S }),
+            lowest_hz: self.lowest_hz.unwrap_or(known.lowest_hz),
+            highest_hz: self.highest_hz.unwrap_or(known.highest_hz),
+            fade_s: self.fade_s.unwrap_or(known.fade_s),
+            ..known
+        }
+    }
+
+    /// What a motion that is given will tell.
+    fn given_motion(&self, expected: Expected, limits: Limits, text: &str, seed: u64) -> Result<Planned, PlanError> {
+        let motion = Excitation::parse(text, seed).map_err(PlanError::Motion)?;
+        let own_s = Some(motion.duration_s()).filter(|own_s| own_s.is_finite());
+        let duration_s = self.duration_s.or(own_s).unwrap_or(DURATION_S);
+        // The stroke need not be stated where nothing is made to fit it.
+        let stroke_m = if limits.stroke_m.is_finite() { limits.stroke_m } else { 1e3 };
+        let checked = Limits { stroke_m, duration_s, ..limits }.checked(&expected)?;
+        let motion = motion.lasting(duration_s);
+        let prediction = predict(&expected, &motion, duration_s)?;
+        Ok(Planned::given(expected, text, motion, duration_s, prediction, checked, limits))
+    }
+}
