@@ -1,11 +1,12 @@
 //! What may fail, as one exception with the code and the help of the command line.
 
-use inerter_analysis::{calibrate::CalibrateError, fit::FitError, identify::IdentifyError};
+use inerter_analysis::{calibrate::CalibrateError, fit::FitError, identify::IdentifyError, plan::PlanError};
 use inerter_data::{
     csv::{ColumnsError, CsvError},
     output::OutputError,
     settings::SettingsInputError,
 };
+use inerter_simulate::SimulateError;
 use miette::Diagnostic;
 use pyo3::{create_exception, exceptions::PyException, prelude::*};
 
@@ -43,7 +44,9 @@ ours!(
     OutputError,
     CalibrateError,
     FitError,
-    IdentifyError
+    IdentifyError,
+    PlanError,
+    SimulateError
 );
 
 impl From<PyErr> for Failure {

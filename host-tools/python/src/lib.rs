@@ -7,6 +7,7 @@
 mod error;
 mod results;
 mod run;
+mod simulate;
 mod table;
 mod watch;
 
@@ -25,6 +26,8 @@ fn _inerter(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(results::replay, module)?)?;
     module.add_function(wrap_pyfunction!(results::diagnose, module)?)?;
     module.add_function(wrap_pyfunction!(results::identify, module)?)?;
+    module.add_function(wrap_pyfunction!(results::plan, module)?)?;
     module.add_function(wrap_pyfunction!(results::report, module)?)?;
+    module.add_function(wrap_pyfunction!(simulate::simulate, module)?)?;
     Ok(())
 }

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use inerter_analysis::{
     diagnose::Encoder,
     identify::{Options, identify as identified},
+    plan::Asked,
     results::{self, IdentifyJson},
 };
 use inerter_data::{json::machine_json_line, output, words};
@@ -14,7 +15,8 @@ use pyo3::prelude::*;
 
 use crate::{
     error::Failure,
-    run::{Run, at_least},
+    run::{Given, Run, at_least, overrides},
+    table::Table,
     watch::watch,
 };
 
@@ -87,6 +89,50 @@ pub fn identify(
         let found = identified(&runs, &options, &mut |part| drop(progress.set(part)))?;
         let machine = runs.first().map(|run| run.settings.machine).unwrap_or_default();
         Ok(machine_json_line(machine, &IdentifyJson::new(files, &runs, &found)))
+    })
+}
+
+/// The line of `inerter plan --json` without its files, and the points of the motion: time [s], and displacement [m].
+#[pyfunction]
+#[pyo3(signature = (run, preset, given, force_noise_n, settings, wants, motion, limits, told = None))]
+#[allow(clippy::too_many_arguments, reason = "the options of the command, by name in Python")]
+pub fn plan(
+    py: Python<'_>,
+    run: Option<PyRef<'_, Run>>,
+    preset: Option<String>,
+    given: Given,
+    force_noise_n: Option<f64>,
+    settings: Given,
+    wants: String,
+    motion: Option<(String, u64)>,
+    limits: Given,
+    told: Option<&Bound<'_, PyAny>>,
+) -> PyResult<(String, Vec<String>, Option<String>, Table)> {
+    let run = run.map(|run| run.source.clone());
+    watch(py, told, move |progress| {
+        let overrides = overrides(&settings)?;
+        let limit = |name: &str| limits.get(name).copied();
+        let asked = Asked {
+            run,
+            preset,
+            given,
+            force_noise_n,
+            overrides,
+            wants,
+            motion,
+            stroke_m: limit("stroke_m"),
+            speed_m_per_s: limit("speed_m_per_s"),
+            force_n: limit("force_n"),
+            duration_s: limit("duration_s"),
+            lowest_hz: limit("lowest_hz"),
+            highest_hz: limit("highest_hz"),
+            fade_s: limit("fade_s"),
+        };
+        let planned = asked.planned::<Failure>(|part| drop(progress.set(part)))?;
+        let machine = planned.expected().settings.machine;
+        let line = machine_json_line(machine, &planned.json::<()>(&[]));
+        let missed = planned.missed().map(|missed| missed.to_string());
+        Ok((line, planned.remarks(), missed, Table::motion(&planned)))
     })
 }
 

@@ -25,10 +25,10 @@ pub type Given = BTreeMap<String, f64>;
 pub struct Run {
     pub source: Source,
     overrides: Arc<Overrides>,
-    held: Option<Arc<inerter_data::run::Run>>,
 }
 
-fn overrides(given: &Given) -> Result<Overrides, Failure> {
+/// Settings by name, as an error calls them.
+pub fn overrides(given: &Given) -> Result<Overrides, Failure> {
     let mut overrides = Overrides::default();
     given.iter().try_for_each(|(name, value)| overrides.set(name, *value, "settings"))?;
     Ok(overrides)
@@ -38,11 +38,11 @@ fn overrides(given: &Given) -> Result<Overrides, Failure> {
 #[pyfunction]
 #[pyo3(signature = (path, settings, told = None))]
 pub fn open(py: Python<'_>, path: PathBuf, settings: Given, told: Option<&Bound<'_, PyAny>>) -> PyResult<Run> {
-    watch(py, told, move |progress| opened(path, &settings, progress))
+    watch(py, told, move |progress| opened(path, overrides(&settings)?, progress))
 }
 
-fn opened(path: PathBuf, settings: &Given, progress: &Progress) -> Result<Run, Failure> {
-    let overrides = overrides(settings)?;
+/// The run of a file, with settings that go over its own.
+pub fn opened(path: PathBuf, overrides: Overrides, progress: &Progress) -> Result<Run, Failure> {
     // It is read again later, wherever Python works by then.
     let path = std::path::absolute(&path).unwrap_or(path);
     if !inerter_data::recording::is_recording(&path)
@@ -54,7 +54,7 @@ fn opened(path: PathBuf, settings: &Given, progress: &Progress) -> Result<Run, F
     // What is not stopped here is stopped at the next look.
     let source = Source::open(&path, &overrides, |read| drop(progress.set(read as f64 / length as f64)))?;
     progress.set(1.0)?;
-    Ok(Run { source, overrides: Arc::new(overrides), held: None })
+    Ok(Run { source, overrides: Arc::new(overrides) })
 }
 
 /// A run from columns of equal length, each the bytes of its numbers: 64-bit floats, and for the count 64-bit integers.
@@ -74,12 +74,16 @@ pub fn from_columns(
     let machine = if rotary { Machine::Rotary } else { Machine::Linear };
     let made = || -> Result<Run, Failure> {
         let overrides = overrides(&settings)?;
-        let floats = |bytes: &[u8]| bytes.chunks_exact(8).map(|eight| f64::from_le_bytes(eight_of(eight))).collect();
         let counts = encoder_count.chunks_exact(8).map(|eight| i64::from_le_bytes(eight_of(eight))).collect();
         let table = csv::Table::of_columns(name, machine, floats(t_s), counts, floats(force), floats(terminal))?;
         Ok(Run::held(csv::to_run(table, &overrides)?, overrides))
     };
     py.detach(made).map_err(|failure| failure.raised(py))
+}
+
+/// Numbers of a column.
+pub fn floats(bytes: &[u8]) -> Vec<f64> {
+    bytes.chunks_exact(8).map(|eight| f64::from_le_bytes(eight_of(eight))).collect()
 }
 
 /// Chunks are of eight bytes.
@@ -156,16 +160,14 @@ impl Run {
 }
 
 impl Run {
-    fn held(run: inerter_data::run::Run, overrides: Overrides) -> Self {
-        Self { source: Source::held(run.clone()), overrides: Arc::new(overrides), held: Some(Arc::new(run)) }
+    /// One whose samples are in memory.
+    pub fn held(run: inerter_data::run::Run, overrides: Overrides) -> Self {
+        Self { source: Source::held(run), overrides: Arc::new(overrides) }
     }
 
     /// With its samples in memory.
     pub fn whole(&self) -> Result<inerter_data::run::Run, Error> {
-        match &self.held {
-            Some(run) => Ok(run.as_ref().clone()),
-            None => inerter_data::open(self.source.recording().unwrap_or("".as_ref()), &self.overrides),
-        }
+        self.source.whole(&self.overrides)
     }
 }
 

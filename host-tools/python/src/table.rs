@@ -7,8 +7,20 @@ use arrow_array::{
     RecordBatchReader, ffi_stream::FFI_ArrowArrayStream,
 };
 use arrow_schema::{ArrowError, DataType, Field, Schema, SchemaRef};
-use inerter_data::export::{Batch, Column, EstimateTable, Kind, Rows, Source, Values};
-use pyo3::{prelude::*, types::PyCapsule};
+use inerter_analysis::plan::Planned;
+use inerter_core::Settings;
+use inerter_data::{
+    csv::column_names,
+    export::{Batch, Column, EstimateTable, Kind, Rows, Source, Values},
+    names::unit,
+};
+use pyo3::{
+    exceptions::{PyKeyError, PyValueError},
+    prelude::*,
+    types::{PyCapsule, PyList},
+};
+
+use crate::error::Failure;
 
 /// Rows that are handed over together.
 const BATCH: usize = 1 << 16;
@@ -24,7 +36,8 @@ pub struct Table {
 
 enum Of {
     Samples(Box<Source>, Vec<Column>),
-    Estimates(EstimateTable),
+    /// Columns that are known already, as many as the schema says, of this many rows.
+    Known(Vec<ArrayRef>, usize),
 }
 
 #[pymethods]
@@ -45,8 +58,26 @@ impl Table {
     fn __len__(&self) -> usize {
         match &self.of {
             Of::Samples(source, _) => source.extent.samples as usize,
-            Of::Estimates(table) => table.rows(),
+            Of::Known(_, rows) => *rows,
         }
+    }
+
+    /// The values of a column, as a list.
+    fn __getitem__<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyList>> {
+        let Ok(place) = self.schema.index_of(name) else { return Err(PyKeyError::new_err(name.to_string())) };
+        let list = PyList::empty(py);
+        for batch in self.reader().map_err(|failure| failure.raised(py))? {
+            let batch = batch.map_err(|error| PyValueError::new_err(error.to_string()))?;
+            let column = batch.column(place);
+            if let Some(values) = column.as_any().downcast_ref::<Float64Array>() {
+                values.iter().try_for_each(|value| list.append(value))?;
+            } else if let Some(values) = column.as_any().downcast_ref::<Int64Array>() {
+                values.iter().try_for_each(|value| list.append(value))?;
+            } else if let Some(values) = column.as_any().downcast_ref::<BooleanArray>() {
+                values.iter().try_for_each(|value| list.append(value))?;
+            }
+        }
+        Ok(list)
     }
 
     fn __repr__(&self) -> String {
@@ -62,10 +93,17 @@ impl Table {
     ) -> PyResult<Bound<'py, PyCapsule>> {
         // The interface lets a producer give what it has.
         drop(requested_schema);
-        let reader: Box<dyn RecordBatchReader + Send> = match &self.of {
+        let reader = self.reader().map_err(|failure| failure.raised(py))?;
+        PyCapsule::new_with_value(py, FFI_ArrowArrayStream::new(reader), c"arrow_array_stream")
+    }
+}
+
+impl Table {
+    /// Its rows, batch after batch.
+    fn reader(&self) -> Result<Box<dyn RecordBatchReader + Send>, Failure> {
+        Ok(match &self.of {
             Of::Samples(source, columns) => {
-                let rows =
-                    source.rows(0.0..f64::INFINITY).map_err(|error| crate::error::Failure::from(error).raised(py))?;
+                let rows = source.rows(0.0..f64::INFINITY)?;
                 let batches = Batches {
                     source: source.as_ref().clone(),
                     columns: columns.clone(),
@@ -75,16 +113,15 @@ impl Table {
                 };
                 Box::new(batches)
             }
-            Of::Estimates(table) => {
-                let batch = estimates(table, &self.schema);
+            Of::Known(columns, rows) => {
+                // A run too short for an estimate has none, and then no columns either.
+                let rows = RecordBatchOptions::new().with_row_count(Some(*rows));
+                let batch = RecordBatch::try_new_with_options(self.schema.clone(), columns.clone(), &rows);
                 Box::new(RecordBatchIterator::new([batch], self.schema.clone()))
             }
-        };
-        PyCapsule::new_with_value(py, FFI_ArrowArrayStream::new(reader), c"arrow_array_stream")
+        })
     }
-}
 
-impl Table {
     /// All samples of a run.
     pub fn samples(source: &Source) -> Self {
         let machine = source.settings.machine;
@@ -104,23 +141,36 @@ impl Table {
 
     /// What the device published, or would have published.
     pub fn estimates(table: EstimateTable) -> Self {
-        let fields = table.columns.iter().map(|column| field(&column.name, column.unit, DataType::Float64, true));
-        let schema = Arc::new(Schema::new(fields.collect::<Vec<_>>()));
-        Self { of: Of::Estimates(table), schema }
+        let rows = table.rows();
+        let columns = table.columns.into_iter().map(|column| -> (Field, ArrayRef) {
+            let of = field(&column.name, column.unit, DataType::Float64, true);
+            (of, Arc::new(Float64Array::from(column.values)))
+        });
+        Self::known(rows, columns)
+    }
+
+    /// The points of a motion that was planned, at the setting `sample_rate_hz`: what moves the terminal.
+    pub fn motion(planned: &Planned) -> Self {
+        let Settings { machine, sample_rate_hz, .. } = planned.expected().settings;
+        let (t_s, terminal): (Vec<f64>, Vec<f64>) =
+            planned.points(sample_rate_hz).map(|point| (point.t_s, point.terminal_m)).unzip();
+        let (rows, terminal_unit) = (t_s.len(), unit(machine, "m"));
+        let columns = [("t_s", "s", t_s), (column_names(machine).1, terminal_unit, terminal)];
+        let columns = columns.into_iter().map(|(name, unit, values)| -> (Field, ArrayRef) {
+            (field(name, unit, DataType::Float64, false), Arc::new(Float64Array::from(values)))
+        });
+        Self::known(rows, columns)
+    }
+
+    fn known(rows: usize, columns: impl Iterator<Item = (Field, ArrayRef)>) -> Self {
+        let (fields, columns): (Vec<Field>, Vec<ArrayRef>) = columns.unzip();
+        Self { of: Of::Known(columns, rows), schema: Arc::new(Schema::new(fields)) }
     }
 }
 
 fn field(name: &str, unit: &str, kind: DataType, nullable: bool) -> Field {
     Field::new(name, kind, nullable)
         .with_metadata(std::collections::HashMap::from([("unit".to_string(), unit.to_string())]))
-}
-
-fn estimates(table: &EstimateTable, schema: &SchemaRef) -> Result<RecordBatch, ArrowError> {
-    let columns =
-        table.columns.iter().map(|column| -> ArrayRef { Arc::new(Float64Array::from(column.values.clone())) });
-    // A run too short for an estimate has none, and then no columns either.
-    let rows = RecordBatchOptions::new().with_row_count(Some(table.rows()));
-    RecordBatch::try_new_with_options(schema.clone(), columns.collect(), &rows)
 }
 
 /// Samples, read from their file as they are asked for.

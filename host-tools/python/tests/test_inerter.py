@@ -95,6 +95,94 @@ def test_recordings_of_real_machines_replay_to_the_same_bits() -> None:
         assert dict(inerter.replay(path, metres_per_count=1e-6)) == wanted, path
 
 
+def test_a_simulated_run_is_that_of_the_command_line(folder: Path, tmp_path: Path) -> None:
+    held = inerter.simulate("random", duration_s=15, seed=3)
+    assert dict(inerter.replay(held)) == line("replay", folder / "run.mcap")
+    assert held.truth == inerter.open(folder / "run.mcap").truth and held.truth["inertance_kg"] == "299.4906"
+    given = {"inertance_kg": 150.0, "oversampling": 4.0}
+    flags = ["--inertance-kg", 150, "--oversampling", 4, "--load", 3, "--set", "memory_s=10", "--excite", "mid@12s"]
+    changed = ["--change-at", 6, "--change", "coulomb_n=50", "--preset", "worn"]
+    options = {"preset": "worn", "load_n": 3.0, "change": (6.0, {"coulomb_n": 50}), "settings": {"memory_s": 10}}
+    for name in ("run.mcap", "run.csv"):
+        told("simulate", "-o", tmp_path / f"told-{name}", *flags, *changed)
+        written = inerter.simulate("mid@12s", path=tmp_path / name, **options, **given)
+        assert (tmp_path / name).read_bytes() == (tmp_path / f"told-{name}").read_bytes()
+        assert written.duration_s > 11.9 and written.settings["memory_s"] == 10.0
+        with pytest.raises(inerter.InerterError, match=name):
+            inerter.simulate("mid@12s", path=tmp_path / name)
+
+
+def test_a_motion_may_be_points(tmp_path: Path) -> None:
+    time_s = np.arange(4001) / 1000.0
+    points = {"t_s": time_s, "terminal_m": 0.005 * np.sin(2 * np.pi * 2.0 * time_s) * np.sin(np.pi * time_s / 4.0) ** 2}
+    points["terminal_m"][-1] = 0.0
+    held = inerter.simulate(points)
+    assert abs(held.duration_s - 4.0) < 0.01
+    pd.DataFrame(points).to_csv(tmp_path / "motion.csv", index=False, float_format="%.17g")
+    read = inerter.simulate(str(tmp_path / "motion.csv"))
+    assert pa.table(held.samples).to_pandas().equals(pa.table(read.samples).to_pandas())
+    for given in (pd.DataFrame(points), pl.DataFrame(points), pa.table(points)):
+        assert pa.table(inerter.simulate(given).samples).equals(pa.table(held.samples))
+    for wrong, words in (
+        ({"t_s": time_s**2}, "one distance"),
+        ({"t_s": time_s[:-1]}, "4000 values"),
+        ({"terminal_m": np.zeros((4001, 2))}, "2 dimensions"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            inerter.simulate({**points, **wrong})
+    with pytest.raises(ValueError, match="terminal_m of the motion is missing"):
+        inerter.simulate({"t_s": time_s})
+
+
+def test_a_plan_is_that_of_the_command_line(folder: Path) -> None:
+    rig = {"force_noise_n": 1.0, "stroke_m": 0.01, "speed_m_per_s": 0.1, "duration_s": 6.0}
+    flags = [part for name, value in rig.items() if name != "duration_s" for part in ("--" + name.replace("_", "-"), value)]
+    device = ["plan", "--preset", "paper", "--inertance-kg", 250, *flags, "--duration", 6]
+    planned = inerter.plan(preset="paper", inertance_kg=250.0, **rig)
+    assert dict(planned) == line(*device) and planned.missed is None
+    assert planned.inertance_kg.value == 250.0 and planned.inertance_kg.u95 > planned.inertance_kg.same_rig_u95 > 0
+    points = pa.table(planned.motion).to_pandas()
+    assert list(points.columns) == ["t_s", "terminal_m"] and planned.motion["t_s"] == list(points["t_s"])
+    assert 0.005 < points["terminal_m"].abs().max() <= 0.01
+    assert abs(inerter.simulate(planned.motion).duration_s - 6.0) < 0.1
+    wanted = inerter.plan(preset="paper", want=["mt to 0.01 kg"], **rig)
+    assert wanted.missed is not None and wanted.missed in repr(wanted)
+    given = inerter.plan(preset="paper", motion="mid@10s", **rig)
+    assert dict(given) == line("plan", "--preset", "paper", *flags, "--duration", 6, "--excite", "mid@10s")
+    assert dict(inerter.plan(folder / "run.mcap", stroke_m=0.01, duration_s=6)) == line(
+        "plan", folder / "run.mcap", "--stroke-m", 0.01, "--duration", 6
+    )
+    for wrong, code in (
+        ({"preset": None}, "inerter::plan::unstated"),
+        ({"stroke_m": -1.0}, "inerter::plan::limit"),
+        ({"want": "mass to 3 kg"}, "inerter::want"),
+        ({"motion": "wobble"}, "inerter::plan::motion"),
+        ({"preset": "broken"}, "inerter::plan::device"),
+    ):
+        with pytest.raises(inerter.InerterError) as raised:
+            inerter.plan(**{"preset": "paper", **rig, **wrong})
+        assert raised.value.code.startswith(code), wrong
+
+
+def test_what_cannot_be_simulated_is_told(tmp_path: Path) -> None:
+    for wrong, code in (
+        ({"motion": "wobble"}, "setup"),
+        ({"preset": "broken"}, "setup"),
+        ({"mass": 3.0}, "setup"),
+        ({"inertance_kg": -1.0}, "setup"),
+        ({"change": (1.0, {"mass": 3.0})}, "setup"),
+        ({"sample_rate_hz": 2000.0, "settings": {"sample_rate_hz": 1000.0}}, "rate"),
+        ({"path": tmp_path / "run.wav"}, "format"),
+    ):
+        with pytest.raises(inerter.InerterError) as raised:
+            inerter.simulate(**wrong)
+        assert raised.value.code == f"inerter::simulate::{code}", wrong
+    for wrong, error in (({"seed": -1}, ValueError), ({"motion": 7}, TypeError), ({"duration_s": "long"}, ValueError)):
+        with pytest.raises(error):
+            inerter.simulate(**wrong)
+    assert not list(tmp_path.iterdir())
+
+
 def test_samples_are_those_of_the_export(folder: Path, run: inerter.Run) -> None:
     columns = ",".join(run.samples.column_names)
     told("export", folder / "run.mcap", "--parquet", folder / "run.parquet", "--columns", columns, "--force")
@@ -107,6 +195,11 @@ def test_samples_are_those_of_the_export(folder: Path, run: inerter.Run) -> None
     assert pl.DataFrame(run.samples).shape == pandas.shape
     samples = run.samples
     assert duckdb.sql("select max(force_n) from samples").fetchall() == [(pandas["force_n"].max(),)]
+    assert samples["encoder_count"] == list(pandas["encoder_count"])
+    with pytest.raises(KeyError, match="force"):
+        samples["force"]
+    # What a run holds replays as it does, but for the scale of the force, which arrays have in newtons.
+    assert inerter.replay(arrow, metres_per_count=METRES_PER_COUNT).inertance_kg.status == "ok"
 
 
 def test_estimates_are_those_that_the_device_published(folder: Path, run: inerter.Run) -> None:

@@ -111,7 +111,14 @@ const LAWS: &[Law] = &[
         ])
         .tests_may_use(&["inerter-needs"]),
     Law::of("inerter-python")
-        .may_use(&["inerter-core", "inerter-wire", "inerter-data", "inerter-analysis", "inerter-view"])
+        .may_use(&[
+            "inerter-core",
+            "inerter-wire",
+            "inerter-data",
+            "inerter-analysis",
+            "inerter-simulate",
+            "inerter-view",
+        ])
         .never(&[COMMAND_LINE, USB, SCREEN]),
     Law::of("inerter-needs"),
     Law::of("inerter-originals"),

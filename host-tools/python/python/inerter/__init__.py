@@ -21,13 +21,14 @@ from typing import Any, Union
 
 from . import _inerter
 from ._inerter import InerterError, Run, Table, __version__
-from ._results import Diagnosis, Identification, Parameter, Replay, Result
+from ._results import Diagnosis, Identification, Parameter, Plan, Replay, Result
 
 __all__ = [
     "Diagnosis",
     "Identification",
     "InerterError",
     "Parameter",
+    "Plan",
     "Replay",
     "Result",
     "Run",
@@ -36,8 +37,10 @@ __all__ = [
     "diagnose",
     "identify",
     "open",
+    "plan",
     "replay",
     "report",
+    "simulate",
 ]
 
 Progress = Callable[[float], object]
@@ -79,7 +82,7 @@ def replay(
 
     `run` is one from `open`, a file, or columns by name: `t_s` [s], `encoder_count`, `force_n` [N] and, where it was measured,
     `terminal_m` [m], each a one-dimensional array of the same length; of a rotary machine `torque_n_m` [N m] and `terminal_rad` [rad].
-    A data frame will do. Settings of a run from `open` are those it was opened with.
+    A data frame or an Arrow table will do. Settings of a run from `open` are those it was opened with.
 
     Raises InerterError where the run cannot be used, and KeyboardInterrupt on Ctrl-C.
     """
@@ -131,7 +134,7 @@ def identify(
     unknown = free - {"mr", "tau"}
     if unknown:
         raise ValueError(f"free knows 'mr' and 'tau', not {', '.join(sorted(map(repr, unknown)))}")
-    one = isinstance(runs, (Run, str, os.PathLike, Mapping)) or _is_frame(runs)
+    one = isinstance(runs, (Run, str, os.PathLike)) or _names(runs) is not None
     several: Iterable[Any] = [runs] if one else runs  # type: ignore[assignment]
     whole = [_run(run, settings, metres_per_count) for run in several]
     line = _inerter.identify(whole, staged, segment_s, "mr" in free, "tau" in free, profiles, progress)
@@ -154,6 +157,140 @@ def report(
     return _inerter.report(_run(run, settings, metres_per_count), os.fspath(path), replace, progress)
 
 
+def plan(
+    run: Source | None = None,
+    *,
+    want: str | Iterable[str] = (),
+    motion: str | None = None,
+    seed: int = 1,
+    preset: str | None = None,
+    force_noise_n: float | None = None,
+    stroke_m: float | None = None,
+    speed_m_per_s: float | None = None,
+    force_n: float | None = None,
+    duration_s: float | None = None,
+    lowest_hz: float | None = None,
+    highest_hz: float | None = None,
+    fade_s: float | None = None,
+    settings: Mapping[str, float] | None = None,
+    metres_per_count: float | None = None,
+    progress: Progress | None = None,
+    **parameters: float,
+) -> Plan:
+    """Designs the motion that tells most of a device, and predicts what it will tell: `inerter plan`.
+
+    The device that is expected is that of an earlier `run`, or a `preset` ("paper", ..), or `inertance_kg`, `viscous_n_s_per_m` and
+    `coulomb_n`; `parameters` go over it, and without a run `force_noise_n` is needed, the noise of the force [N]. What the rig can do:
+    `stroke_m` to either side [m], `speed_m_per_s`, `force_n`, `duration_s`, `lowest_hz`, `highest_hz`, `fade_s` [s].
+    `want="fc to 0.3 N, mt to 0.1 %"` makes it as short as that allows; `motion` predicts one of yours instead, as in `simulate`.
+
+    Raises InerterError where nothing can be planned. What is wanted and cannot be had is told by `missed`.
+    """
+    given_settings = _given(settings, metres_per_count)
+    earlier = None if run is None else _run(run, settings, metres_per_count)
+    limits = {
+        "stroke_m": stroke_m,
+        "speed_m_per_s": speed_m_per_s,
+        "force_n": force_n,
+        "duration_s": duration_s,
+        "lowest_hz": lowest_hz,
+        "highest_hz": highest_hz,
+        "fade_s": fade_s,
+    }
+    line, remarks, missed, points = _inerter.plan(
+        earlier,
+        preset,
+        _given(parameters, None),
+        None if force_noise_n is None else float(force_noise_n),
+        given_settings,
+        want if isinstance(want, str) else ", ".join(want),
+        None if motion is None else (motion, _seed(seed)),
+        {name: float(value) for name, value in limits.items() if value is not None},
+        progress,
+    )
+    return Plan(json.loads(line), remarks, missed, points)
+
+
+def simulate(
+    motion: str | os.PathLike[str] | Mapping[str, Any] = "random",
+    *,
+    path: str | os.PathLike[str] | None = None,
+    replace: bool = False,
+    preset: str = "paper",
+    seed: int = 1,
+    duration_s: float | None = None,
+    load_n: float = 0.0,
+    change: tuple[float, Mapping[str, float]] | None = None,
+    settings: Mapping[str, float] | None = None,
+    progress: Progress | None = None,
+    **parameters: float,
+) -> Run:
+    """Simulates an inerter in a rig: `inerter simulate`. Its truth is in `run.truth`.
+
+    `motion` is a name as for `--excite` ("random", "mid@20s", "sine:3.2Hz:4.16mm", ..), the path of a CSV with the columns `t_s` and
+    `terminal_m` (a path object, or a text that ends in .csv), or these two columns, such as `plan(..).motion`: times [s] at one distance and displacements [m], which
+    end where they begin. The run lasts `duration_s` [s], else as long as its motion, else 20 s.
+
+    `preset` is the device to begin with; `parameters` go over it and over its instruments by their names, such as `inertance_kg=150`
+    or `force_noise_n=5` (`inerter simulate --help` lists them with their units). `change=(10.0, {"inertance_kg": 150.0})` changes the
+    device after 10 s. `load_n` is a force on the load cell beside the motion [N]. `settings` go over those of a perfect calibration.
+
+    With `path` it is written as a recording (.mcap) or a CSV (.csv, its settings beside it) and opened from there; `replace` lets it take
+    the place of another file. Without it is in memory.
+
+    Raises InerterError where device, motion or settings cannot be, or the file cannot be written.
+    """
+    name, file, points = _motion(motion)
+    given = {parameter: float(value) for parameter, value in parameters.items()}
+    later = None if change is None else (float(change[0]), _given(change[1], None))
+    return _inerter.simulate(
+        name,
+        file,
+        points,
+        preset,
+        given,
+        _seed(seed),
+        None if duration_s is None else float(duration_s),
+        float(load_n),
+        later,
+        _given(settings, None),
+        None if path is None else os.fspath(path),
+        replace,
+        progress,
+    )
+
+
+def _seed(seed: int) -> int:
+    if not 0 <= seed < 2**64:
+        raise ValueError(f"seed must be a whole number from 0 to 2**64 - 1, not {seed}")
+    return seed
+
+
+def _motion(motion: Any) -> tuple[str | None, str | None, tuple[float, bytes] | None]:
+    """A motion by its name, its file, or its points with their distance in time [s]."""
+    if isinstance(motion, str) and not motion.endswith(".csv"):
+        return motion, None, None
+    if isinstance(motion, (str, os.PathLike)):
+        return None, os.fspath(motion), None
+    names = _names(motion)
+    if names is None:
+        raise TypeError(f"a motion by name, a file or columns by name are needed, not {type(motion).__name__}")
+    for name in ("t_s", "terminal_m"):
+        if name not in names:
+            raise ValueError(f"the column {name} of the motion is missing")
+    times = array.array("d", _bytes("t_s", motion["t_s"], "d"))
+    terminal = _bytes("terminal_m", motion["terminal_m"], "d")
+    if len(times) * 8 != len(terminal):
+        raise ValueError(f"t_s has {len(times)} values and terminal_m {len(terminal) // 8}: they must be as many")
+    if len(times) < 2:
+        raise ValueError("a motion needs two points at least")
+    period_s = (times[-1] - times[0]) / (len(times) - 1)
+    uneven = max(abs(later - earlier - period_s) for earlier, later in zip(times, times[1:]))
+    if not uneven <= 1e-3 * period_s:
+        raise ValueError("t_s of the motion must rise by one distance")
+    return None, None, (period_s, terminal)
+
+
 def _given(settings: Mapping[str, float] | None, metres_per_count: float | None) -> dict[str, float]:
     given = {name: float(value) for name, value in (settings or {}).items()}
     if metres_per_count is not None:
@@ -161,8 +298,13 @@ def _given(settings: Mapping[str, float] | None, metres_per_count: float | None)
     return given
 
 
-def _is_frame(run: object) -> bool:
-    return hasattr(run, "columns") and hasattr(run, "__getitem__")
+def _names(columns: Any) -> list[str] | None:
+    """Names of the columns of a mapping, a data frame or an Arrow table; None of anything else."""
+    if isinstance(columns, Mapping):
+        return [str(name) for name in columns]
+    names = getattr(columns, "column_names", None)
+    names = getattr(columns, "columns", None) if names is None else names
+    return None if names is None or not hasattr(columns, "__getitem__") else [str(name) for name in names]
 
 
 def _run(run: Any, settings: Mapping[str, float] | None, metres_per_count: float | None) -> Run:
@@ -173,8 +315,8 @@ def _run(run: Any, settings: Mapping[str, float] | None, metres_per_count: float
         return run
     if isinstance(run, (str, os.PathLike)):
         opened = _inerter.open(os.fspath(run), given, None)
-    elif isinstance(run, Mapping) or _is_frame(run):
-        opened = _from_columns(run, given)
+    elif (names := _names(run)) is not None:
+        opened = _from_columns(run, names, given)
     else:
         raise TypeError(f"a run, a file or columns by name are needed, not {type(run).__name__}")
     for note in opened.notes:
@@ -182,8 +324,7 @@ def _run(run: Any, settings: Mapping[str, float] | None, metres_per_count: float
     return opened
 
 
-def _from_columns(columns: Any, given: dict[str, float]) -> Run:
-    names = [str(name) for name in (columns.keys() if isinstance(columns, Mapping) else columns.columns)]
+def _from_columns(columns: Any, names: list[str], given: dict[str, float]) -> Run:
     forces = [name for name in _FORCE if name in names]
     if len(forces) != 1:
         raise ValueError(f"one of the columns force_n and torque_n_m is needed; there are: {', '.join(names)}")

@@ -11,8 +11,10 @@ __all__ = [
     "identify",
     "interval_text",
     "open",
+    "plan",
     "replay",
     "report",
+    "simulate",
 ]
 
 __version__: str
@@ -34,6 +36,8 @@ class Table:
     @property
     def units(self) -> dict[str, str]: ...
     def __len__(self) -> int: ...
+    def __getitem__(self, name: str) -> list[Any]:
+        """The values of a column, for those who use none of these libraries. Raises KeyError for what is none."""
     def __arrow_c_stream__(self, requested_schema: object | None = None) -> Any: ...
 
 @final
@@ -85,4 +89,30 @@ def identify(
     profiles: bool,
     told: _Told = None,
 ) -> str: ...
+def plan(
+    run: Run | None,
+    preset: str | None,
+    given: Mapping[str, float],
+    force_noise_n: float | None,
+    settings: Mapping[str, float],
+    wants: str,
+    motion: tuple[str, int] | None,
+    limits: Mapping[str, float],
+    told: _Told = None,
+) -> tuple[str, list[str], str | None, Table]: ...
 def report(run: Run, path: str, replace: bool, told: _Told = None) -> list[str]: ...
+def simulate(
+    name: str | None,
+    file: str | None,
+    points: tuple[float, bytes] | None,
+    preset: str,
+    given: Mapping[str, float],
+    seed: int,
+    duration_s: float | None,
+    load_n: float,
+    change: tuple[float, Mapping[str, float]] | None,
+    settings: Mapping[str, float],
+    path: str | None,
+    replace: bool,
+    told: _Told = None,
+) -> Run: ...

@@ -201,3 +201,35 @@ class Identification(Result):
     def remarks(self) -> list[str]:
         """What a person should know of the fit."""
         return [str(note) for note in self.get("notes", [])]
+
+
+class Plan(Result):
+    """A motion and what it will tell: the line of `inerter plan --json`, without its files."""
+
+    _title = "Plan"
+
+    def __init__(self, line: Mapping[str, Any], remarks: list[str], missed: str | None, motion: _inerter.Table) -> None:
+        super().__init__(line)
+        self._remarks = remarks
+        self._missed = missed
+        self._motion = motion
+
+    @property
+    def parameters(self) -> dict[str, Parameter]:
+        """What will be told of each parameter: the expected value, with the interval that it will have."""
+        return _named(self["predicted"], self["predicted"])
+
+    @property
+    def motion(self) -> _inerter.Table:
+        """The points of the motion, `t_s` and `terminal_m`, for a shaker or for `simulate`."""
+        return self._motion
+
+    @property
+    def missed(self) -> str | None:
+        """What is wanted and cannot be had; None where all can."""
+        return self._missed
+
+    @property
+    def remarks(self) -> list[str]:
+        """How long it is, what cannot be had, and what a person should know beside."""
+        return [f"It takes {self['duration_s']:.4g} s.", *([self._missed] if self._missed else []), *self._remarks]
