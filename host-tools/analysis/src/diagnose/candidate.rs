@@ -20,8 +20,6 @@ const COUNTS_PER_LINE: f64 = 4.0;
 const FALLS: [f64; 7] = [0.03, 0.06, 0.12, 0.25, 0.5, 1.0, 2.0];
 /// Distances over which friction turns, in parts of the motion's stroke.
 const TURNS: [f64; 8] = [0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1];
-/// Distance over which friction nearly turns at once, likewise.
-const AT_ONCE: f64 = 2e-5;
 /// Friction per force beyond which a screw locks itself.
 const MOST_LOAD: f64 = 0.5;
 /// Friction at rest beyond that in motion, in parts of it.
@@ -243,9 +241,7 @@ impl Candidate {
         let leads = COUNTS_PER_TURN.iter().map(|counts| counts * settings.metres_per_count.abs());
         let hidden = leads.filter(|lead| span.stroke_m <= LEAST_TURNS * lead).min_by(f64::total_cmp);
         all.extend(hidden.map(|lead_m| Self { kind: Kind::PositionPeriodic, term: Term::Ripple(lead_m) }));
-        // Neither is sought to be named: friction that turns over so little shows less than it moves the inertance by, and a
-        // position that gives way explains too much of a short run (docs/THEORY.md, 14).
-        all.push(Self { kind: Kind::Presliding, term: Term::Turning(AT_ONCE * span.stroke_m) });
+        // Not sought to be named: it explains too much of a short run (docs/THEORY.md, 14).
         all.push(Self { kind: Kind::Compliance, term: Term::Bent });
         all
     }

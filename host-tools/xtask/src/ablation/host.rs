@@ -145,14 +145,6 @@ const PARTS: &[Heuristic] = &[
         "a poorly determined cause becomes an assumption and widens nothing",
         &[("hidden.rs", "pub const TOLD: f64 = 1.6;", "pub const TOLD: f64 = 1e9;")],
     ),
-    one(
-        "friction that turns at once may be assumed",
-        &[(
-            "candidate.rs",
-            "all.push(Self { kind: Kind::Presliding, term: Term::Turning(AT_ONCE * span.stroke_m) });",
-            "",
-        )],
-    ),
     tested(
         "in_a_tone_inertance_rests_on_a_position_that_does_not_give_way",
         "a position that gives way may be assumed",
