@@ -168,7 +168,7 @@ fn the_settings_rate_is_that_of_the_simulated_instruments() {
     let both = ["simulate", "-o", "both.mcap", "--sample-rate-hz", "4000", "--set"];
     done(folder.path(), &[&both[..], &["sample_rate_hz=4000", "--duration", "1"]].concat());
     let words = fails(folder.path(), &[&both[..], &["sample_rate_hz=1000"]].concat(), 4);
-    assert!(words.contains("sample_rate_hz = 1000 contradicts --sample-rate-hz 4000"), "{words}");
+    assert!(words.contains("sample_rate_hz = 1000 contradicts the 4000 Hz of the simulated instruments"), "{words}");
     assert!(words.contains("leave one of them out"), "{words}");
 }
 
