@@ -6,7 +6,9 @@ use inerter_data::{
     output::OutputError,
     settings::SettingsInputError,
 };
+use inerter_device::DeviceError;
 use inerter_simulate::SimulateError;
+use inerter_view::page::PageError;
 use miette::Diagnostic;
 use pyo3::{create_exception, exceptions::PyException, prelude::*};
 
@@ -42,10 +44,12 @@ ours!(
     ColumnsError,
     SettingsInputError,
     OutputError,
+    DeviceError,
     CalibrateError,
     FitError,
     IdentifyError,
     PlanError,
+    PageError,
     SimulateError
 );
 

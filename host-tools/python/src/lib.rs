@@ -4,6 +4,7 @@
 //! of its own (`watch`), so that other threads of Python go on and Ctrl-C ends it.
 #![forbid(unsafe_code)]
 
+mod device;
 mod error;
 mod results;
 mod run;
@@ -18,8 +19,10 @@ use pyo3::prelude::*;
 fn _inerter(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add("InerterError", module.py().get_type::<error::InerterError>())?;
+    module.add_class::<device::Device>()?;
     module.add_class::<run::Run>()?;
     module.add_class::<table::Table>()?;
+    module.add_function(wrap_pyfunction!(device::connect, module)?)?;
     module.add_function(wrap_pyfunction!(run::open, module)?)?;
     module.add_function(wrap_pyfunction!(run::from_columns, module)?)?;
     module.add_function(wrap_pyfunction!(results::interval_text, module)?)?;
@@ -27,6 +30,7 @@ fn _inerter(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(results::diagnose, module)?)?;
     module.add_function(wrap_pyfunction!(results::identify, module)?)?;
     module.add_function(wrap_pyfunction!(results::plan, module)?)?;
+    module.add_function(wrap_pyfunction!(results::plot, module)?)?;
     module.add_function(wrap_pyfunction!(results::report, module)?)?;
     module.add_function(wrap_pyfunction!(simulate::simulate, module)?)?;
     Ok(())

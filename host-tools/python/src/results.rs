@@ -9,9 +9,12 @@ use inerter_analysis::{
     results::{self, IdentifyJson},
 };
 use inerter_data::{json::machine_json_line, output, words};
-use inerter_view::page::{Content, html};
+use inerter_view::{
+    figure::{render_png, svg},
+    page::{Content, Kind, figure, html},
+};
 use inerter_wire::EstimatorEvent;
-use pyo3::prelude::*;
+use pyo3::{exceptions::PyValueError, prelude::*};
 
 use crate::{
     error::Failure,
@@ -133,6 +136,33 @@ pub fn plan(
         let line = machine_json_line(machine, &planned.json::<()>(&[]));
         let missed = planned.missed().map(|missed| missed.to_string());
         Ok((line, planned.remarks(), missed, Table::motion(&planned)))
+    })
+}
+
+/// A figure of `inerter plot` as an SVG document, with its caption; `path` is a PNG that is written as well.
+#[pyfunction]
+#[pyo3(signature = (run, name, path, replace, told = None))]
+pub fn plot(
+    py: Python<'_>,
+    run: &Run,
+    name: &str,
+    path: Option<PathBuf>,
+    replace: bool,
+    told: Option<&Bound<'_, PyAny>>,
+) -> PyResult<(String, String)> {
+    let Some(kind) = Kind::ALL.into_iter().find(|kind| kind.name() == name) else {
+        let known = Kind::ALL.map(Kind::name).join(", ");
+        return Err(PyValueError::new_err(format!("there is no figure '{name}'; there are: {known}")));
+    };
+    let run = run.clone();
+    watch(py, told, move |progress| {
+        path.iter().filter(|_| !replace).try_for_each(|path| output::refuse_existing(path))?;
+        let content = Content::of(run.whole()?, |part| drop(progress.set(part)))?;
+        let drawn = figure(&content, kind)?;
+        // Nobody waits for it any more: nothing is written.
+        progress.set(1.0)?;
+        path.iter().try_for_each(|path| render_png(&drawn, path, replace))?;
+        Ok((svg(&drawn), drawn.caption))
     })
 }
 

@@ -43,16 +43,19 @@ pub fn open(py: Python<'_>, path: PathBuf, settings: Given, told: Option<&Bound<
 
 /// The run of a file, with settings that go over its own.
 pub fn opened(path: PathBuf, overrides: Overrides, progress: &Progress) -> Result<Run, Failure> {
-    // It is read again later, wherever Python works by then.
+    // It is read again later, wherever Python works by then; its name is the one that was given.
+    let name = path.display().to_string();
     let path = std::path::absolute(&path).unwrap_or(path);
     if !inerter_data::recording::is_recording(&path)
         .map_err(|source| csv::CsvError::Read { path: path.clone(), source })?
     {
-        return Ok(Run::held(csv::to_run(csv::read(&path)?, &overrides)?, overrides));
+        let run = inerter_data::run::Run { name, ..csv::to_run(csv::read(&path)?, &overrides)? };
+        return Ok(Run::held(run, overrides));
     }
     let length = path.metadata().map_or(1, |metadata| metadata.len()).max(1);
     // What is not stopped here is stopped at the next look.
-    let source = Source::open(&path, &overrides, |read| drop(progress.set(read as f64 / length as f64)))?;
+    let mut source = Source::open(&path, &overrides, |read| drop(progress.set(read as f64 / length as f64)))?;
+    source.name = name;
     progress.set(1.0)?;
     Ok(Run { source, overrides: Arc::new(overrides) })
 }

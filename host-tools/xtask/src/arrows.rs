@@ -116,10 +116,11 @@ const LAWS: &[Law] = &[
             "inerter-wire",
             "inerter-data",
             "inerter-analysis",
+            "inerter-device",
             "inerter-simulate",
             "inerter-view",
         ])
-        .never(&[COMMAND_LINE, USB, SCREEN]),
+        .never(&[COMMAND_LINE, SCREEN]),
     Law::of("inerter-needs"),
     Law::of("inerter-originals"),
     Law::of("xtask").may_use(&["inerter-needs"]),

@@ -88,7 +88,7 @@ impl Source {
     /// The run with its samples in memory; `overrides` are those that it was opened with.
     pub fn whole(&self, overrides: &Overrides) -> Result<Run, Error> {
         match &self.samples {
-            Origin::Recording(path) => crate::open(path, overrides),
+            Origin::Recording(path) => Ok(Run { name: self.name.clone(), ..crate::open(path, overrides)? }),
             Origin::Held(samples) => Ok(Run {
                 name: self.name.clone(),
                 settings: self.settings,

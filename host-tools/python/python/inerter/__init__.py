@@ -21,10 +21,14 @@ from typing import Any, Union
 
 from . import _inerter
 from ._inerter import InerterError, Run, Table, __version__
-from ._results import Diagnosis, Identification, Parameter, Plan, Replay, Result
+from ._device import Device
+from ._results import Diagnosis, Estimate, Figure, Identification, Parameter, Plan, Replay, Result
 
 __all__ = [
+    "Device",
     "Diagnosis",
+    "Estimate",
+    "Figure",
     "Identification",
     "InerterError",
     "Parameter",
@@ -34,10 +38,12 @@ __all__ = [
     "Run",
     "Table",
     "__version__",
+    "connect",
     "diagnose",
     "identify",
     "open",
     "plan",
+    "plot",
     "replay",
     "report",
     "simulate",
@@ -86,7 +92,8 @@ def replay(
 
     Raises InerterError where the run cannot be used, and KeyboardInterrupt on Ctrl-C.
     """
-    return Replay(json.loads(_inerter.replay(_run(run, settings, metres_per_count), progress)))
+    whole = _run(run, settings, metres_per_count)
+    return Replay(json.loads(_inerter.replay(whole, progress)), whole)
 
 
 def diagnose(
@@ -106,7 +113,7 @@ def diagnose(
     Raises InerterError where the run is too short or its motion tells nothing.
     """
     whole = _run(run, settings, metres_per_count)
-    return Diagnosis(json.loads(_inerter.diagnose(whole, counts_per_turn, counts_per_line, progress)))
+    return Diagnosis(json.loads(_inerter.diagnose(whole, counts_per_turn, counts_per_line, progress)), whole)
 
 
 def identify(
@@ -138,7 +145,29 @@ def identify(
     several: Iterable[Any] = [runs] if one else runs  # type: ignore[assignment]
     whole = [_run(run, settings, metres_per_count) for run in several]
     line = _inerter.identify(whole, staged, segment_s, "mr" in free, "tau" in free, profiles, progress)
-    return Identification(json.loads(line))
+    return Identification(json.loads(line), whole[0] if whole else None)
+
+
+def plot(
+    run: Source,
+    figure: str,
+    *,
+    png: str | os.PathLike[str] | None = None,
+    replace: bool = False,
+    settings: Mapping[str, float] | None = None,
+    metres_per_count: float | None = None,
+    progress: Progress | None = None,
+) -> Figure:
+    """Draws one figure of a run: `inerter plot`.
+
+    `figure` is "force", "residual", "loop", "parameters", "backlash" or "bode". Its `svg` is for print and pages, a notebook draws it;
+    `png` is a file that is written as well.
+
+    Raises InerterError where the run does not show it or the file cannot be written, and ValueError for a figure that there is not.
+    """
+    whole = _run(run, settings, metres_per_count)
+    path = None if png is None else os.fspath(png)
+    return Figure(figure, *_inerter.plot(whole, figure, path, replace, progress))
 
 
 def report(
@@ -209,6 +238,30 @@ def plan(
         progress,
     )
     return Plan(json.loads(line), remarks, missed, points)
+
+
+def connect(
+    *,
+    port: str | None = None,
+    address: str | None = None,
+    serial: str | None = None,
+    baud: int | None = None,
+    wait_s: float = 10.0,
+) -> Device:
+    """Connects to a device: the only one that is plugged in, or the one at a serial `port`, at a TCP `address` ("127.0.0.1:7878", such as a
+    simulated one) or with a `serial` number.
+
+        with inerter.connect() as device:
+            for estimate in device:
+                print(estimate)
+
+    A device that goes away is waited for `wait_s` [s]. `baud` is for real UARTs.
+
+    Raises InerterError where it cannot be reached.
+    """
+    if sum(given is not None for given in (port, address, serial)) > 1:
+        raise ValueError("give one of port, address and serial")
+    return Device(_inerter.connect(port, address, serial, baud, float(wait_s)))
 
 
 def simulate(

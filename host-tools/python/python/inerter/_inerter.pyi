@@ -2,16 +2,19 @@ from collections.abc import Callable, Mapping
 from typing import Any, final
 
 __all__ = [
+    "Device",
     "InerterError",
     "Run",
     "Table",
     "__version__",
+    "connect",
     "diagnose",
     "from_columns",
     "identify",
     "interval_text",
     "open",
     "plan",
+    "plot",
     "replay",
     "report",
     "simulate",
@@ -26,6 +29,20 @@ class InerterError(Exception):
     """Its name, as the command line has it, such as `inerter::csv::column`."""
     help: str | None
     """What to do next."""
+
+@final
+class Device:
+    """A conversation with one device."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def identity(self) -> dict[str, str]: ...
+    @property
+    def settings(self) -> dict[str, float]: ...
+    def next_estimate(self) -> str | None: ...
+    def record(self, path: str, duration_s: float, replace: bool) -> None: ...
+    def close(self) -> None: ...
 
 @final
 class Table:
@@ -65,6 +82,9 @@ class Run:
 
 _Told = Callable[[float], object] | None
 
+def connect(
+    port: str | None, address: str | None, serial: str | None, baud: int | None, wait_s: float
+) -> Device: ...
 def open(path: str, settings: Mapping[str, float], told: _Told = None) -> Run: ...
 def from_columns(
     name: str,
@@ -100,6 +120,7 @@ def plan(
     limits: Mapping[str, float],
     told: _Told = None,
 ) -> tuple[str, list[str], str | None, Table]: ...
+def plot(run: Run, name: str, path: str | None, replace: bool, told: _Told = None) -> tuple[str, str]: ...
 def report(run: Run, path: str, replace: bool, told: _Told = None) -> list[str]: ...
 def simulate(
     name: str | None,

@@ -48,13 +48,42 @@ class Parameter:
         return f"{text} {self.unit}"
 
 
+@dataclass(frozen=True)
+class Figure:
+    """A figure of a run: `svg` is the document, `caption` says what it shows. A notebook draws it."""
+
+    name: str
+    svg: str
+    caption: str
+
+    def _repr_svg_(self) -> str:
+        return self.svg
+
+    def __repr__(self) -> str:
+        return f"inerter.Figure {self.name}: {self.caption}"
+
+
 class Result(Mapping[str, Any]):
     """A result as the command line prints it: the object of its JSON, with what people look for beside it."""
 
     _title = "Result"
+    _shows = ""
+    """Name of the figure that belongs to it."""
 
-    def __init__(self, line: Mapping[str, Any]) -> None:
+    def __init__(self, line: Mapping[str, Any], run: _inerter.Run | None = None) -> None:
         self._line = line
+        self._run = run
+        self._figure: Figure | None = None
+
+    @property
+    def figure(self) -> Figure | None:
+        """The figure that belongs to it, drawn when it is first asked for; None where there is none."""
+        if self._figure is None and self._run is not None and self._shows:
+            try:
+                self._figure = Figure(self._shows, *_inerter.plot(self._run, self._shows, None, False))
+            except _inerter.InerterError:
+                self._run = None
+        return self._figure
 
     def __getitem__(self, key: str) -> Any:
         return self._line[key]
@@ -98,7 +127,9 @@ class Result(Mapping[str, Any]):
             for name, parameter in self.parameters.items()
         )
         remarks = "".join(f"<p>{html.escape(words)}</p>" for words in self.remarks)
-        return f"<table><caption>{html.escape(self._title)}</caption>{cells}</table>{remarks}"
+        figure = self.figure
+        drawn = f"<figure>{figure.svg}<figcaption>{html.escape(figure.caption)}</figcaption></figure>" if figure else ""
+        return f"<table><caption>{html.escape(self._title)}</caption>{cells}</table>{remarks}{drawn}"
 
 
 def _law(line: Mapping[str, Any]) -> str:
@@ -143,6 +174,7 @@ class Replay(Result):
     """What a run came to, over the whole of it: the last line of `inerter replay --json`."""
 
     _title = "Replay"
+    _shows = "parameters"
 
     @property
     def parameters(self) -> dict[str, Parameter]:
@@ -163,10 +195,28 @@ class Replay(Result):
         return [_law(self), *(warning["text"] for warning in self["warnings"]), *([advice["text"]] if advice else [])]
 
 
+class Estimate(Result):
+    """An estimate of a device: a line of `inerter monitor --json`. Its parameters are those over the whole run."""
+
+    _title = "Estimate"
+
+    @property
+    def parameters(self) -> dict[str, Parameter]:
+        """Inertance, friction and offset over the whole run so far, and what of backlash and contact is told."""
+        found = _named(self["whole_run"])
+        return {**found, **_named({name: value for name, value in self.items() if name not in found})}
+
+    @property
+    def remarks(self) -> list[str]:
+        """Whether the law holds."""
+        return [_law(self)] if "law" in self else []
+
+
 class Diagnosis(Result):
     """What breaks the law, the cause of most weight first: the line of `inerter diagnose --json`."""
 
     _title = "Diagnosis"
+    _shows = "residual"
 
     @property
     def causes(self) -> list[dict[str, Any]]:
@@ -191,6 +241,7 @@ class Identification(Result):
     """The complete model of a device: the line of `inerter identify --json`."""
 
     _title = "Identification"
+    _shows = "force"
 
     @property
     def parameters(self) -> dict[str, Parameter]:

@@ -1,0 +1,77 @@
+"""A connected device."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from types import TracebackType
+
+from . import _inerter
+from ._results import Estimate
+
+
+class Device:
+    """A conversation with one device: its estimates as they come, and recordings.
+
+    It is made by `inerter.connect()`, and closed at the end of `with`. Iterating it waits for the next estimate, about ten a second, and
+    ends when a simulated device has no more samples. What it says meanwhile waits in the system; who does not read for long loses some.
+    """
+
+    def __init__(self, device: _inerter.Device) -> None:
+        self._device = device
+
+    @property
+    def name(self) -> str:
+        """Its port or address."""
+        return self._device.name
+
+    @property
+    def identity(self) -> dict[str, str]:
+        """Its `board`, `serial` number, `firmware` and `git` commit."""
+        return self._device.identity
+
+    @property
+    def settings(self) -> dict[str, float]:
+        """The settings in use, by name."""
+        return self._device.settings
+
+    def record(
+        self, path: str | os.PathLike[str], *, duration_s: float | None = None, replace: bool = False
+    ) -> _inerter.Run:
+        """Records everything that the device sends, and opens it: `inerter record`.
+
+        Ends after `duration_s` [s], or when a simulated device has no more samples. At Ctrl-C, or when the device stays away, the file
+        holds what came until then.
+
+        Raises InerterError where the file exists and `replace` is not given, or the device goes away, and KeyboardInterrupt on Ctrl-C.
+        """
+        if duration_s is not None and not duration_s > 0:
+            raise ValueError(f"duration_s must be more than 0, not {duration_s}")
+        self._device.record(os.fspath(path), float("inf") if duration_s is None else float(duration_s), replace)
+        return _inerter.open(os.fspath(path), {}, None)
+
+    def close(self) -> None:
+        """Ends the conversation; another program can then control the device."""
+        self._device.close()
+
+    def __iter__(self) -> Iterator[Estimate]:
+        return self
+
+    def __next__(self) -> Estimate:
+        line = self._device.next_estimate()
+        if line is None:
+            raise StopIteration
+        return Estimate(json.loads(line))
+
+    def __enter__(self) -> Device:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        identity = self.identity
+        return f"inerter.Device {identity.get('board', '')} {identity.get('serial', '')} at {self.name}"

@@ -1,0 +1,233 @@
+//! A connected device: its estimates as they come, and recordings.
+
+use std::{
+    collections::{BTreeMap, VecDeque},
+    path::PathBuf,
+    sync::{Mutex, PoisonError},
+    time::{Duration, Instant},
+};
+
+use inerter_core::Settings;
+use inerter_data::{
+    json::{EstimateJson, machine_json_line},
+    recording::{End, Recorder},
+    text,
+};
+use inerter_device::{
+    DEFAULT_BAUD, Received, Target,
+    live::{LinkEvent, Live},
+};
+use inerter_wire::{EstimatorEvent, Event, EventKind, Frame, Hello, Pairing, Record, Streams};
+use pyo3::{exceptions::PyValueError, prelude::*};
+
+use crate::{error::Failure, run::Given, watch::watch};
+
+/// A conversation with one device; closed when it is left.
+#[pyclass(frozen, module = "inerter")]
+pub struct Device {
+    name: String,
+    identity: BTreeMap<String, String>,
+    conversation: Mutex<Option<Conversation>>,
+}
+
+/// What goes to and fro.
+struct Conversation {
+    live: Live,
+    settings: Settings,
+    pairing: Pairing,
+    /// Estimates that nobody has asked for yet.
+    waiting: VecDeque<String>,
+    /// The device has no more samples.
+    has_ended: bool,
+}
+
+/// What one look at the link gave.
+enum Look {
+    Estimate(String),
+    /// Nothing for the moment.
+    Nothing,
+    End,
+}
+
+/// Connects to a device: by its port, its TCP address or its serial number, or to the only one that is plugged in.
+#[pyfunction]
+#[pyo3(signature = (port, address, serial, baud, wait_s))]
+pub fn connect(
+    py: Python<'_>,
+    port: Option<String>,
+    address: Option<String>,
+    serial: Option<String>,
+    baud: Option<u32>,
+    wait_s: f64,
+) -> PyResult<Device> {
+    let wait = Duration::try_from_secs_f64(wait_s)
+        .map_err(|_| PyValueError::new_err(format!("wait_s must be a number from 0 on, not {wait_s}")))?;
+    let target = match (port, address) {
+        (Some(port), _) => Target::Port { port, baud: baud.unwrap_or(DEFAULT_BAUD) },
+        (None, Some(address)) => Target::Tcp { address },
+        (None, None) => Target::Usb { serial },
+    };
+    watch(py, None, move |_| {
+        let live = Live::connect(target, Streams::ALL, wait)?;
+        let device = live.device();
+        let hello = device.map(|device| device.hello().clone());
+        let identity = hello.into_iter().flat_map(|hello| {
+            let Hello { board, serial, firmware, git, .. } = &hello;
+            let texts = [("board", board.as_str()), ("serial", serial), ("firmware", firmware), ("git", git)];
+            texts.map(|(name, text)| (name.to_string(), text.to_string()))
+        });
+        Ok(Device {
+            name: device.map(|device| device.name().to_string()).unwrap_or_default(),
+            identity: identity.collect(),
+            conversation: Mutex::new(Some(Conversation {
+                settings: device.map(|device| *device.settings()).unwrap_or_default(),
+                live,
+                pairing: Pairing::new(),
+                waiting: VecDeque::new(),
+                has_ended: false,
+            })),
+        })
+    })
+}
+
+#[pymethods]
+impl Device {
+    /// Its port or address.
+    #[getter]
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Board, serial number and firmware.
+    #[getter]
+    fn identity(&self) -> BTreeMap<String, String> {
+        self.identity.clone()
+    }
+
+    /// The settings in use, by name.
+    #[getter]
+    fn settings(&self, py: Python<'_>) -> PyResult<Given> {
+        let settings = py.detach(|| self.with(|conversation| Ok(conversation.settings)));
+        let settings = settings.map_err(|failure| failure.raised(py))?;
+        let all = Settings::TABLE.iter().zip(settings.values());
+        Ok(all.map(|(info, value)| (info.name.to_string(), value)).collect())
+    }
+
+    /// The next estimate, as a line of `inerter monitor --json`; none once the device has no more samples.
+    fn next_estimate(&self, py: Python<'_>) -> PyResult<Option<String>> {
+        loop {
+            let look = py.detach(|| self.with(|conversation| conversation.look(|_| Ok(()))));
+            match look.map_err(|failure| failure.raised(py))? {
+                Look::Estimate(line) => return Ok(Some(line)),
+                Look::End => return Ok(None),
+                Look::Nothing => py.check_signals()?,
+            }
+        }
+    }
+
+    /// Records until the device has no more samples, for so long \[s\], or until Ctrl-C; what came by then is in the file.
+    fn record(&self, py: Python<'_>, path: PathBuf, duration_s: f64, replace: bool) -> PyResult<()> {
+        let duration = Duration::try_from_secs_f64(duration_s).unwrap_or(Duration::MAX);
+        let begin = || {
+            self.with(|conversation| {
+                let mut recorder = Recorder::create(&path, replace)?;
+                if let Some(device) = conversation.live.device() {
+                    recorder.describe(device.hello(), device.settings())?;
+                }
+                // What came before is not in the file.
+                conversation.waiting.clear();
+                Ok(recorder)
+            })
+        };
+        let mut recorder = py.detach(begin).map_err(|failure| failure.raised(py))?;
+        let started = Instant::now();
+        let mut take = |conversation: &mut Conversation| {
+            let now_ns = conversation.live.now_ns();
+            let look = conversation.look(|received| match received {
+                Some(received) => Ok(recorder.frame(received.time_ns, &received.bytes)?),
+                None => Ok(recorder.quiet(now_ns)?),
+            })?;
+            conversation.waiting.clear();
+            Ok(look)
+        };
+        let ended = loop {
+            if started.elapsed() >= duration {
+                break Ok(());
+            }
+            match py.detach(|| self.with(&mut take)) {
+                Ok(Look::End) => break Ok(()),
+                Ok(Look::Estimate(_) | Look::Nothing) => {}
+                Err(failure) => break Err(failure.raised(py)),
+            }
+            if let Err(interrupt) = py.check_signals() {
+                break Err(interrupt);
+            }
+        };
+        let reason = ended.as_ref().err().map_or_else(|| "finished".to_string(), ToString::to_string);
+        let lost_frames = self.with(|conversation| Ok(conversation.live.lost_frames())).unwrap_or(0);
+        let closed = py.detach(|| recorder.close(&End { reason, lost_frames }));
+        ended?;
+        closed.map_err(|error| Failure::from(error).raised(py))
+    }
+
+    /// Ends the conversation.
+    fn close(&self, py: Python<'_>) {
+        // Dropped without the lock on Python: it may wait for the port.
+        py.detach(|| drop(self.conversation.lock().unwrap_or_else(PoisonError::into_inner).take()));
+    }
+}
+
+impl Device {
+    fn with<T>(&self, ask: impl FnOnce(&mut Conversation) -> Result<T, Failure>) -> Result<T, Failure> {
+        let mut conversation = self.conversation.lock().unwrap_or_else(PoisonError::into_inner);
+        let open = conversation.as_mut();
+        ask(open.ok_or_else(|| Failure::Python(PyValueError::new_err("the device is closed")))?)
+    }
+}
+
+impl Conversation {
+    /// Looks at the link once; `heard` gets each frame as received, or nothing where there was none.
+    fn look(&mut self, heard: impl FnOnce(Option<&Received>) -> Result<(), Failure>) -> Result<Look, Failure> {
+        if let Some(line) = self.waiting.pop_front() {
+            return Ok(Look::Estimate(line));
+        }
+        match self.live.next()? {
+            LinkEvent::Received(received) => {
+                if !received.bytes.is_empty() {
+                    heard(Some(&received))?;
+                }
+                if let Frame::Message { message, .. } = &received.frame {
+                    self.take(message);
+                }
+            }
+            // The last raw samples may come after the event.
+            LinkEvent::Quiet if self.has_ended => return Ok(Look::End),
+            LinkEvent::Quiet => {
+                heard(None)?;
+                let late = self.pairing.flush();
+                late.iter().for_each(|event| self.keep(event));
+            }
+            LinkEvent::Away { .. } | LinkEvent::Back => {}
+        }
+        Ok(self.waiting.pop_front().map_or(Look::Nothing, Look::Estimate))
+    }
+
+    fn take(&mut self, message: &Record) {
+        for event in self.pairing.take(message) {
+            self.keep(&event);
+        }
+        match message {
+            Record::Event(Event { kind: EventKind::SourceEnded, .. }) => self.has_ended = true,
+            Record::Settings(values) => self.settings = values.read(&self.settings).settings,
+            _ => {}
+        }
+    }
+
+    fn keep(&mut self, event: &EstimatorEvent) {
+        if let EstimatorEvent::Estimate(estimated) = event {
+            let t_s = text::elapsed_s(&estimated.estimate, self.settings.sample_rate_hz);
+            let line = EstimateJson::live(t_s, estimated, &self.settings);
+            self.waiting.push_back(machine_json_line(self.settings.machine, &line));
+        }
+    }
+}
