@@ -20,7 +20,11 @@ use inerter_device::{
 use inerter_wire::{EstimatorEvent, Event, EventKind, Frame, Hello, Pairing, Record, Streams};
 use pyo3::{exceptions::PyValueError, prelude::*};
 
-use crate::{error::Failure, run::Given, watch::watch};
+use crate::{
+    error::Failure,
+    run::{Given, by_name},
+    watch::watch,
+};
 
 /// A conversation with one device; closed when it is left.
 #[pyclass(frozen, module = "inerter")]
@@ -107,10 +111,8 @@ impl Device {
     /// The settings in use, by name.
     #[getter]
     fn settings(&self, py: Python<'_>) -> PyResult<Given> {
-        let settings = py.detach(|| self.with(|conversation| Ok(conversation.settings)));
-        let settings = settings.map_err(|failure| failure.raised(py))?;
-        let all = Settings::TABLE.iter().zip(settings.values());
-        Ok(all.map(|(info, value)| (info.name.to_string(), value)).collect())
+        let settings = py.detach(|| self.with(|conversation| Ok(by_name(&conversation.settings))));
+        settings.map_err(|failure| failure.raised(py))
     }
 
     /// The next estimate, as a line of `inerter monitor --json`; none once the device has no more samples.

@@ -119,8 +119,7 @@ impl Run {
     /// All settings by name, those that were given included.
     #[getter]
     fn settings(&self) -> Given {
-        let all = Settings::TABLE.iter().filter_map(|info| Some((info.name, self.source.settings.get(info.name)?)));
-        all.map(|(name, value)| (name.to_string(), value)).collect()
+        by_name(&self.source.settings)
     }
 
     /// What was put right or found missing on the way.
@@ -172,6 +171,11 @@ impl Run {
     pub fn whole(&self) -> Result<inerter_data::run::Run, Error> {
         self.source.whole(&self.overrides)
     }
+}
+
+/// All settings by name.
+pub fn by_name(settings: &Settings) -> Given {
+    Settings::TABLE.iter().zip(settings.values()).map(|(info, value)| (info.name.to_string(), value)).collect()
 }
 
 /// Refuses what an option cannot be.

@@ -1,6 +1,7 @@
 //! The simulated inerter as a file or as a live device.
 //!
-//! [`Setup`] puts device, motion, instruments and settings together, of what a person says ([`Described`]); [`mod@file`] writes a recording or a CSV,
+//! [`Described`] is what a person says of a run; [`Setup`] is the device, motion, instruments and settings that follow.
+//! [`mod@file`] writes a recording or a CSV,
 //! [`VirtualDevice`] runs the firmware's app on this machine behind a pseudo-terminal or a TCP port, [`Qemu`] runs the
 //! firmware image itself. [`share`] lets several hosts use one link, of a virtual device or of any other.
 #![forbid(unsafe_code)]

@@ -23,8 +23,6 @@ use super::{
     predict::predict,
 };
 
-/// Length of a motion when nothing is said \[s\].
-const DURATION_S: f64 = 20.0;
 /// What to do where nothing says what to expect.
 const EXPECTED: &str = "state inertance, viscous and Coulomb friction and the force's noise roughly, or give a recording of an earlier run; \
     `--preset paper` is the paper's device";
@@ -42,7 +40,7 @@ pub struct Asked {
     pub force_noise_n: Option<f64>,
     /// Settings of the rig; a run has been opened with them.
     pub overrides: Overrides,
-    /// Half widths of intervals that are wanted, such as `fc to 0.3 N, mt to 0.1 %`; empty for the most of the time.
+    /// Half widths of intervals that are wanted, such as `fc to 0.3 N, mt to 0.1 %`. Where empty, the motion fills the duration.
     pub wants: String,
     /// A motion whose intervals are predicted, and its seed; none to design one.
     pub motion: Option<(String, u64)>,
@@ -145,7 +143,7 @@ impl Asked {
             stroke_m: self.stroke_m.unwrap_or(known.stroke_m),
             speed_m_per_s: self.speed_m_per_s.unwrap_or(known.speed_m_per_s),
             force_n: self.force_n.unwrap_or(known.force_n),
-            duration_s: self.duration_s.unwrap_or(if self.run.is_some() { known.duration_s } else { DURATION_S }),
+            duration_s: self.duration_s.unwrap_or(known.duration_s),
             lowest_hz: self.lowest_hz.unwrap_or(known.lowest_hz),
             highest_hz: self.highest_hz.unwrap_or(known.highest_hz),
             fade_s: self.fade_s.unwrap_or(known.fade_s),
@@ -157,7 +155,7 @@ impl Asked {
     fn given_motion(&self, expected: Expected, limits: Limits, text: &str, seed: u64) -> Result<Planned, PlanError> {
         let motion = Excitation::parse(text, seed).map_err(PlanError::Motion)?;
         let own_s = Some(motion.duration_s()).filter(|own_s| own_s.is_finite());
-        let duration_s = self.duration_s.or(own_s).unwrap_or(DURATION_S);
+        let duration_s = self.duration_s.or(own_s).unwrap_or(Limits::default().duration_s);
         // The stroke need not be stated where nothing is made to fit it.
         let stroke_m = if limits.stroke_m.is_finite() { limits.stroke_m } else { 1e3 };
         let checked = Limits { stroke_m, duration_s, ..limits }.checked(&expected)?;

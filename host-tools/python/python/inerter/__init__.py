@@ -229,7 +229,7 @@ def plan(
     line, remarks, missed, points = _inerter.plan(
         earlier,
         preset,
-        _given(parameters, None),
+        _given(parameters),
         None if force_noise_n is None else float(force_noise_n),
         given_settings,
         want if isinstance(want, str) else ", ".join(want),
@@ -294,19 +294,18 @@ def simulate(
     Raises InerterError where device, motion or settings cannot be, or the file cannot be written.
     """
     name, file, points = _motion(motion)
-    given = {parameter: float(value) for parameter, value in parameters.items()}
-    later = None if change is None else (float(change[0]), _given(change[1], None))
+    later = None if change is None else (float(change[0]), _given(change[1]))
     return _inerter.simulate(
         name,
         file,
         points,
         preset,
-        given,
+        _given(parameters),
         _seed(seed),
         None if duration_s is None else float(duration_s),
         float(load_n),
         later,
-        _given(settings, None),
+        _given(settings),
         None if path is None else os.fspath(path),
         replace,
         progress,
@@ -344,7 +343,7 @@ def _motion(motion: Any) -> tuple[str | None, str | None, tuple[float, bytes] | 
     return None, None, (period_s, terminal)
 
 
-def _given(settings: Mapping[str, float] | None, metres_per_count: float | None) -> dict[str, float]:
+def _given(settings: Mapping[str, float] | None, metres_per_count: float | None = None) -> dict[str, float]:
     given = {name: float(value) for name, value in (settings or {}).items()}
     if metres_per_count is not None:
         given["metres_per_count"] = float(metres_per_count)
