@@ -69,41 +69,46 @@ pub fn line(cells: &[String]) -> String {
     format!("| {} |\n", cells.join(" | "))
 }
 
-/// A row: its name, by section and leading cells, and the other cells with the heads of their columns.
-type Row = (String, Vec<(String, String)>);
+/// A row: its name, by section and leading cells, which of the rows of this name it is, and the other cells with the heads of their columns,
+/// which may be alike as well.
+type Row = ((String, usize), Vec<(String, String)>);
 
 /// Cells of the second document that are not those of the first within the tolerance.
 pub fn differences(committed: &str, now: &str, keys: usize) -> Vec<String> {
     let (committed, now) = (rows(committed, keys), rows(now, keys));
     let mut differences = Vec::new();
-    for (name, cells) in &now {
-        let Some((_, before)) = committed.iter().find(|(other, _)| other == name) else {
+    for (key, cells) in &now {
+        let (name, _) = key;
+        let Some((_, before)) = committed.iter().find(|(other, _)| other == key) else {
             differences.push(format!("{name}: not in the table"));
             continue;
         };
         let find = |column: &str| before.iter().find(|(other, _)| other == column).map_or("", |(_, cell)| cell);
-        for (column, cell) in cells {
+        for (place, (column, cell)) in cells.iter().enumerate() {
             // A mean is as uncertain as its scatter says.
             let beside = match column.strip_suffix("bias") {
                 Some(of) => find(&format!("{of}sigma")).parse().unwrap_or(0.0),
                 None => 0.0,
             };
-            let before = find(column);
+            let before = before.get(place).filter(|(other, _)| other == column).map_or("", |(_, cell)| cell);
             if !same(before, cell, beside) {
                 differences.push(format!("{name}: {column} {cell}, the table says {before}"));
             }
         }
     }
-    for (name, _) in &committed {
-        if !now.iter().any(|(other, _)| other == name) {
-            differences.push(format!("{name}: in the table, no longer measured"));
+    for (key, cells) in &committed {
+        let (name, _) = key;
+        match now.iter().find(|(other, _)| other == key) {
+            Some((_, now)) if now.len() >= cells.len() => {}
+            Some(_) => differences.push(format!("{name}: has columns in the table that are no longer measured")),
+            None => differences.push(format!("{name}: in the table, no longer measured")),
         }
     }
     differences
 }
 
 fn rows(markdown: &str, keys: usize) -> Vec<Row> {
-    let (mut section, mut head, mut rows) = ("", Vec::new(), Vec::new());
+    let (mut section, mut head, mut rows) = ("", Vec::new(), Vec::<Row>::new());
     for line in markdown.lines() {
         if let Some(title) = line.strip_prefix("## ").or_else(|| line.strip_prefix("### ")) {
             (section, head) = (title, Vec::new());
@@ -121,7 +126,8 @@ fn rows(markdown: &str, keys: usize) -> Vec<Row> {
                 .filter(|name| !name.is_empty())
                 .chain(cells.iter().take(keys).map(String::as_str));
             let name = name.collect::<Vec<_>>().join(", ");
-            rows.push((name, head.iter().cloned().zip(cells).skip(keys).collect()));
+            let before = rows.iter().filter(|((other, _), _)| *other == name).count();
+            rows.push(((name, before), head.iter().cloned().zip(cells).skip(keys).collect()));
         }
     }
     rows
@@ -162,5 +168,33 @@ mod tests {
         assert_eq!(differences(TABLE, &TABLE.replace("1.50", "1.60"), 1), ["one, x: b 1.60, the table says 1.50"]);
         assert_eq!(differences(TABLE, &TABLE.replace("no", "yes"), 1), ["one, y: c yes, the table says no"]);
         assert_eq!(differences(TABLE, &TABLE.replace("| y |", "| z |"), 1).len(), 2);
+    }
+
+    #[test]
+    fn columns_and_rows_of_one_name_are_told_apart() {
+        let table = "| a | b | % | c | % |\n|---|---|---|---|---|\n| x | 1 | 90 | 2 | 95 |\n| x | 3 | 91 | 4 | 96 |\n";
+        assert!(differences(table, table, 1).is_empty());
+        for (cell, other) in [("90", "80"), ("95", "85"), ("91", "81"), ("96", "86"), ("4 |", "8 |")] {
+            assert_eq!(differences(table, &table.replace(cell, other), 1).len(), 1, "{cell}");
+        }
+        assert_eq!(differences(table, &table.replace("| 4 | 96 |", "|"), 1).len(), 1);
+        assert_eq!(differences(table, &table.replace("| x | 3 | 91 | 4 | 96 |\n", ""), 1).len(), 1);
+    }
+
+    #[test]
+    fn each_committed_table_agrees_with_itself() {
+        let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../docs/tables");
+        let mut tables = 0;
+        for entry in std::fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.extension().is_some_and(|extension| extension == "md") {
+                let text = std::fs::read_to_string(&path).unwrap();
+                for keys in 1..=3 {
+                    assert_eq!(differences(&text, &text, keys), [""; 0], "{}", path.display());
+                }
+                tables += 1;
+            }
+        }
+        assert!(tables > 15, "{tables}");
     }
 }
