@@ -1,13 +1,14 @@
 //! What breaks the law in a whole run, and the parameters with it included.
 
-use inerter_core::{Machine, Parameters, Warning, WarningKind};
+use inerter_core::{LawStatus, Machine, Parameters, Warning, WarningKind};
 use inerter_data::{
-    causes,
+    causes::{self, warning_words},
     gated::Gated,
     json::{LawJson, ParametersJson},
     replay::{Outcome, replay_all},
     run::Run,
     settings::SettingsInputError,
+    words::plural,
 };
 use inerter_wire::EstimatorEvent;
 use serde::Serialize;
@@ -123,6 +124,35 @@ impl Diagnosed {
     /// What breaks the law, in the order of its weight.
     pub fn causes(&self) -> &[Cause] {
         self.found.as_ref().map_or(&[], |found| &found.causes)
+    }
+
+    /// For a person: whether the law holds, what breaks it and what to do about it, a line each.
+    pub fn words(&self, machine: Machine) -> Vec<String> {
+        let causes = self.causes();
+        let law = match self.outcome.law.status {
+            LawStatus::Holds if !causes.is_empty() => {
+                "The law holds as far as the estimator sees. Near the reversals, or over the whole run, the samples show more:"
+            }
+            LawStatus::Holds => "The law holds: force noise and encoder steps explain what it leaves over.",
+            LawStatus::Broken => "The law is broken: it leaves more over than force noise and encoder steps explain.",
+            LawStatus::Unknown => "Whether the law holds is not known: too little was seen, or the flanks may part.",
+        };
+        let mut words = vec![law.to_string()];
+        words.extend(self.gates.iter().map(|(kind, times)| {
+            format!("- {}: {}", plural(u64::from(*times), "time"), warning_words(machine, *kind))
+        }));
+        words.extend(causes.iter().map(|cause| format!("- {}", cause.sentence(machine))));
+        match &self.found {
+            Err(unsought) => words.push(unsought.words()),
+            Ok(_) if causes.is_empty() => {
+                let more = if self.outcome.law.status == LawStatus::Broken { " that is known here" } else { "" };
+                words.push(format!("No cause{more} explains more than noise and steps could."));
+            }
+            Ok(_) if self.corrected.is_none() && !self.gated.not_found.is_empty() => words
+                .push("No parameters are given with that included: which samples were bad is not known.".to_string()),
+            Ok(_) => {}
+        }
+        words
     }
 
     /// For a program.

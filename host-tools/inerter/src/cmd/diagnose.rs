@@ -6,10 +6,8 @@ use inerter_analysis::{
     diagnose::Encoder,
     results::{Diagnosed, diagnosed},
 };
-use inerter_core::{LawStatus, Machine, Parameters};
-use inerter_data::{
-    causes::warning_words, json::machine_json_line, output, replay::Outcome, text::value_text, words::plural,
-};
+use inerter_core::{Machine, Parameters};
+use inerter_data::{json::machine_json_line, output, replay::Outcome, text::value_text};
 use inerter_wire::catalogue;
 
 use super::{args::FileSettingsArgs, terminal::note};
@@ -67,39 +65,15 @@ pub fn run(args: &Args) -> Result<(), Error> {
 }
 
 fn text(machine: Machine, diagnosed: &Diagnosed) -> Result<(), Error> {
-    let Diagnosed { outcome, gates, gated, found, corrected, .. } = diagnosed;
-    let causes = diagnosed.causes();
-    output::line(match outcome.law.status {
-        LawStatus::Holds if !causes.is_empty() => {
-            "The law holds as far as the estimator sees. Near the reversals, or over the whole run, the samples show more:"
+    let Diagnosed { outcome, gated, found, corrected, .. } = diagnosed;
+    diagnosed.words(machine).into_iter().try_for_each(output::line)?;
+    match corrected {
+        Some(corrected) if !diagnosed.causes().is_empty() => table(machine, outcome, "with that included", corrected),
+        Some(corrected) if found.is_ok() && gated.has_no_force() => {
+            table(machine, outcome, "without these samples", corrected)
         }
-        LawStatus::Holds => "The law holds: force noise and encoder steps explain what it leaves over.",
-        LawStatus::Broken => "The law is broken: it leaves more over than force noise and encoder steps explain.",
-        LawStatus::Unknown => "Whether the law holds is not known: too little was seen, or the flanks may part.",
-    })?;
-    for (kind, times) in gates {
-        output::line(format!("- {}: {}", plural(u64::from(*times), "time"), warning_words(machine, *kind)))?;
+        _ => Ok(()),
     }
-    for cause in causes {
-        output::line(format!("- {}", cause.sentence(machine)))?;
-    }
-    if let Err(unsought) = found {
-        return Ok(output::line(unsought.words())?);
-    }
-    if causes.is_empty() {
-        let more = if outcome.law.status == LawStatus::Broken { " that is known here" } else { "" };
-        output::line(format!("No cause{more} explains more than noise and steps could."))?;
-        return match corrected {
-            Some(corrected) if gated.has_no_force() => table(machine, outcome, "without these samples", corrected),
-            _ => Ok(()),
-        };
-    }
-    if let Some(corrected) = corrected {
-        table(machine, outcome, "with that included", corrected)?;
-    } else if !gated.not_found.is_empty() {
-        output::line("No parameters are given with that included: which samples were bad is not known.")?;
-    }
-    Ok(())
 }
 
 /// The parameters of the whole run by the estimator, and what they are otherwise.
