@@ -14,7 +14,7 @@ const fn validation(table: &'static str, stands: &'static str, quoted: &'static 
     Quote { document: "VALIDATION", table, stands, quoted }
 }
 
-const QUOTES: [Quote; 19] = [
+const QUOTES: [Quote; 22] = [
     validation(
         "coverage",
         "{right} of {all} cells are right. In {wide} more than 95 % are covered beyond chance.",
@@ -56,6 +56,22 @@ const QUOTES: [Quote; 19] = [
         "{named} cells name the violation as what they rest on: {not} of those that are not covered, and {held} of those that are.",
         "it stands in {named} of them all, and {held} of these hold",
     ),
+    validation(
+        "merge",
+        "Held: {mt} % of {} intervals of mt, {cf} % of {} of cf, {fc} % of {} of fc.",
+        "Held are {mt} % of the intervals of `mt`, {cf} % of `cf` and {fc} % of `fc`",
+    ),
+    validation(
+        "merge",
+        "Of {groups} groups of more than one run whose devices are the same 0 are said to differ.",
+        "No device that stays the same is said to differ, of {groups} groups",
+    ),
+    Quote {
+        document: "THEORY",
+        table: "merge",
+        stands: "cf, {least} % of {all} of fc. Of {groups} groups of more than one run whose devices are the same 0 are said to differ.",
+        quoted: "{least} % of {all} intervals and more hold each parameter, 93 to 100 % in each group where the device varies, and none of {groups} groups",
+    },
     validation("diagnose", "| all | {runs} | {first} | {sized} |", "Over all runs it is {sized} %"),
     validation(
         "diagnose",

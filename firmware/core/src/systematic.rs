@@ -93,7 +93,8 @@ pub struct Scatter {
 }
 
 /// What is known of a run beside the sums that a fit rests on.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Motion {
     /// How often each stroke has come, sample by sample: 1 where none came again.
     pub repeats: f32,

@@ -26,6 +26,8 @@ const ONE: usize = 3;
 const FORCE: usize = 4;
 const SPEED: usize = 5;
 const FORCE_RATE: usize = 6;
+/// The law's regressors.
+const LAW: [usize; 4] = [ACCELERATION, VELOCITY, SIGN, ONE];
 
 /// Updates that count as one independent observation.
 const UPDATES_PER_OBSERVATION: f64 = CORRELATION_BOXES * UPDATES_PER_BOX as f64;
@@ -72,6 +74,20 @@ pub struct Products {
     bank: Bank,
     /// What one unit of each regressor is in SI: each was rounded to whole units.
     units: [f64; COUNT],
+}
+
+/// What the fit to all sums makes of errors in a part of them.
+pub(crate) struct Weights {
+    inverse: [[f64; 4]; 4],
+}
+
+impl Weights {
+    /// What an error of each parameter in the fit to a part makes of the error of each in the fit to all: the part's share of the squares.
+    pub fn influence(&self, part: &Products) -> [[f64; 4]; 4] {
+        std::array::from_fn(|i| {
+            std::array::from_fn(|j| (0..4).map(|k| self.inverse[i][k] * part.sums[LAW[k]][LAW[j]]).sum())
+        })
+    }
 }
 
 /// Least squares of the force on some of the regressors.
@@ -121,24 +137,37 @@ impl Products {
         if (sums.index, sums.bank, sums.updates) != (more.index, more.bank, more.updates) {
             return Err(FitError::Torn);
         }
-        let units: [f64; COUNT] = std::array::from_fn(|place| match place.checked_sub(SPEED) {
-            Some(place) => more.units[place],
-            None => sums.units[place],
-        });
-        let mut products = sums.sums.iter().chain(&more.sums);
+        let Sums { sums: first, units, updates, bank, .. } = sums;
+        Ok(Self::summed(*bank, [units.as_slice(), &more.units], first.iter().chain(&more.sums), f64::from(*updates)))
+    }
+
+    /// Of the exact sums of several runs, one of which has these; `sums` are in the order of [`Sums`] and [`MoreSums`].
+    pub(crate) fn merged((of_one, more_of_one): &(Sums, MoreSums), sums: &[i128], updates: u64) -> Self {
+        Self::summed(of_one.bank, [&of_one.units, &more_of_one.units], sums.iter(), updates as f64)
+    }
+
+    /// Of exact sums in these units, the lower triangle by rows.
+    fn summed<'a>(
+        bank: Bank,
+        [units, more_units]: [&[f64]; 2],
+        mut sums: impl Iterator<Item = &'a i128>,
+        updates: f64,
+    ) -> Self {
+        let mut all = units.iter().chain(more_units);
+        let units: [f64; COUNT] = std::array::from_fn(|_| all.next().copied().unwrap_or_default());
         let mut matrix = [[0.0; COUNT]; COUNT];
         for row in 0..COUNT {
             for column in 0..=row {
-                let sum = products.next().map_or(0.0, |sum| *sum as f64) * units[row] * units[column];
+                let sum = sums.next().map_or(0.0, |sum| *sum as f64) * units[row] * units[column];
                 matrix[row][column] = sum;
                 matrix[column][row] = sum;
             }
         }
-        Ok(Self { sums: matrix, updates: f64::from(sums.updates), bank: sums.bank, units })
+        Self { sums: matrix, updates, bank, units }
     }
 
-    /// Sums of both together: of two runs of one device.
-    pub fn and(mut self, other: &Self) -> Self {
+    /// Sums of both together, of one run.
+    pub(crate) fn and(mut self, other: &Self) -> Self {
         for (row, others) in self.sums.iter_mut().zip(&other.sums) {
             row.iter_mut().zip(others).for_each(|(sum, other)| *sum += other);
         }
@@ -150,7 +179,6 @@ impl Products {
     /// What the law fitted to other sums leaves unexplained of the force here: root mean square \[N\], and the part of the
     /// force's mean square that it explains.
     pub fn judging(&self, fitted: &Self) -> Result<(f64, f64), FitError> {
-        const LAW: [usize; 4] = [ACCELERATION, VELOCITY, SIGN, ONE];
         let values = fitted.solve(LAW)?.values;
         let mut square = self.sums[FORCE][FORCE];
         for (row, a) in LAW.into_iter().zip(values) {
@@ -161,9 +189,14 @@ impl Products {
         Ok(((left / self.updates).sqrt(), 1.0 - left / self.sums[FORCE][FORCE]))
     }
 
+    /// What this fit makes of errors in a part of the sums.
+    pub(crate) fn weights(&self) -> Result<Weights, FitError> {
+        Ok(Weights { inverse: self.solve(LAW)?.inverse })
+    }
+
     /// How the errors of inertance, viscous and Coulomb friction and offset hang together.
     pub fn correlation(&self) -> Result<[[f64; 4]; 4], FitError> {
-        let inverse = self.solve([ACCELERATION, VELOCITY, SIGN, ONE])?.inverse;
+        let inverse = self.solve(LAW)?.inverse;
         Ok(std::array::from_fn(|row| {
             std::array::from_fn(|column| inverse[row][column] / (inverse[row][row] * inverse[column][column]).sqrt())
         }))
@@ -243,6 +276,12 @@ impl Products {
         }
         self.correct_for_steps(&mut solution, inertance_kg, settings)?;
         Ok(solution)
+    }
+
+    /// Part of what scatters in the law's fit that the encoder's steps explain; none where there is no fit.
+    pub(crate) fn steps_share(&self, settings: &Settings) -> f32 {
+        let [share, _] = self.fitted(LAW, settings).map_or([0.0; 2], |solution| solution.scatter.steps_share);
+        share
     }
 
     /// What part the encoder's steps have in what scatters.
@@ -413,7 +452,7 @@ pub fn directions(
     beside: &Beside,
     offset_n: Option<f64>,
 ) -> Result<Directions, FitError> {
-    let plain = products.fitted([ACCELERATION, VELOCITY, SIGN, ONE], settings)?;
+    let plain = products.fitted(LAW, settings)?;
     let full = products.fitted([ACCELERATION, VELOCITY, SIGN, ONE, SPEED], settings)?;
     let judge = |scatter| Judge { settings, beside, scatter };
     let (alike, by_direction) = (judge(plain.scatter), judge(full.scatter));
@@ -422,11 +461,10 @@ pub fn directions(
         let found = full.combined([0.0, 0.0, 1.0, side, 0.0]);
         by_direction.coulomb(&Found { value: found.value - (side * offset_n) as f32, ..found })
     };
-    let each = [ACCELERATION, VELOCITY, SIGN, ONE];
     Ok(Directions {
-        symmetric: alike.four(each.map(|place| plain.combined(unit_of(place)))),
+        symmetric: alike.four(LAW.map(|place| plain.combined(unit_of(place)))),
         symmetric_residual_rms_n: plain.residual_square.sqrt(),
-        inertance_kg: by_direction.four(each.map(|place| full.combined(unit_of(place)))).inertance_kg,
+        inertance_kg: by_direction.four(LAW.map(|place| full.combined(unit_of(place)))).inertance_kg,
         viscous_n_s_per_m: [viscous(1.0), viscous(-1.0)],
         coulomb_n: coulomb(0.0, 0.0),
         difference_n: by_direction.offset(&full.combined([0.0, 0.0, 0.0, 2.0, 0.0])),

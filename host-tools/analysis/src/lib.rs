@@ -1,6 +1,6 @@
 //! What runs of an instrumented inerter say of the device.
 //!
-//! [`fit`] fits again what the estimator has summed: friction by direction. [`contact`] takes stiffness and damping from
+//! [`fit`] fits again what the estimator has summed: friction by direction; [`merge`] does so for several runs together. [`contact`] takes stiffness and damping from
 //! a terminal displacement sensor. [`mod@identify`] fits the complete model, [`response`] measures F/x over frequency, [`law`]
 //! is the estimator's with its kernels, [`compared`] has it beside the force row by row, [`paper`] identifies the paper's device
 //! from its three tests. [`mod@diagnose`] names what breaks the law, [`mod@skew`] finds how late the force is, [`plan`] designs a
@@ -15,6 +15,7 @@ pub mod diagnose;
 pub mod fit;
 pub mod identify;
 pub mod law;
+pub mod merge;
 pub mod paper;
 pub mod plan;
 pub mod response;

@@ -6,8 +6,8 @@
 use std::path::PathBuf;
 
 use inerter_analysis::{
-    calibrate::CalibrateError, contact::ContactError, fit::FitError, identify::IdentifyError, plan::PlanError,
-    skew::SkewError,
+    calibrate::CalibrateError, contact::ContactError, fit::FitError, identify::IdentifyError, merge::MergeError,
+    plan::PlanError, skew::SkewError,
 };
 use inerter_data::{
     backup::BackupError,
@@ -59,6 +59,10 @@ pub enum Error {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Fit(#[from] FitError),
+    /// Runs do not belong together.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Merge(#[from] MergeError),
     /// A motion shows no skew.
     #[error(transparent)]
     #[diagnostic(transparent)]

@@ -58,6 +58,7 @@ pub fn code(error: &Error) -> u8 {
         Error::Backup(_) => SETTINGS,
         Error::Contact(_) => NOT_SHOWN,
         Error::Fit(error) => fit(error),
+        Error::Merge(_) => SETTINGS,
         Error::Skew(error) => skew(error),
         Error::Page(PageError::NotShown { .. }) => NOT_SHOWN,
         Error::Page(PageError::Format { .. }) => USAGE,

@@ -224,6 +224,31 @@ fn a_fit_tells_the_directions_apart_and_needs_the_offset_for_it() {
 }
 
 #[test]
+fn runs_are_fitted_together_in_any_order_where_their_settings_are_the_same() {
+    let folder = tempfile::tempdir().unwrap();
+    for (seed, friction) in [("1", "50"), ("2", "50"), ("3", "56")] {
+        let options = ["--duration", "8", "--seed", seed, "--coulomb-n", friction, "--excite", "random"];
+        done(folder.path(), &[&["simulate", "-o", &format!("{seed}.mcap")], &options[..]].concat());
+    }
+    let line = |files: &[&str]| done(folder.path(), &[&["fit", "--json"], files].concat());
+    let all = line(&["1.mcap", "2.mcap", "3.mcap"]);
+    assert_eq!(all, line(&["3.mcap", "1.mcap", "2.mcap", "1.mcap"]));
+    let fit = last(&all);
+    assert_eq!(fit.get("files").unwrap(), &serde_json::json!(["1.mcap", "2.mcap", "3.mcap"]));
+    assert_eq!(fit.get("differs").unwrap(), &serde_json::json!(["coulomb_n"]));
+    let apart = fit.pointer("/apart/coulomb_n").unwrap().as_f64().unwrap();
+    assert!((2.0..5.0).contains(&apart) && fit.get("file").is_none(), "{fit}");
+    let words = done(folder.path(), &["fit", "1.mcap", "2.mcap", "3.mcap"]);
+    let told = words.lines().last().unwrap();
+    assert!(words.contains("\n3 runs together\n") && told.starts_with("Coulomb friction differs from run"), "{words}");
+    done(folder.path(), &["simulate", "-o", "other.mcap", "--duration", "8", "--set", "structure_mass_kg=3"]);
+    let output = run(folder.path(), &["fit", "1.mcap", "other.mcap"]);
+    assert_eq!((output.status.code(), text(&output.stdout)), (Some(4), String::new()));
+    let told = text(&output.stderr);
+    assert!(told.contains("structure_mass_kg is 1.515 in 1.mcap and 3 in other.mcap"), "{told}");
+}
+
+#[test]
 fn a_skew_is_found_from_a_file_and_what_is_printed_takes_it_away() {
     let folder = tempfile::tempdir().unwrap();
     let late = ["--duration", "20", "--excite", "random", "--delay-s", "5e-5", "--set", "skew_s=1e-5"];

@@ -1,6 +1,8 @@
 //! What may fail, as one exception with the code and the help of the command line.
 
-use inerter_analysis::{calibrate::CalibrateError, fit::FitError, identify::IdentifyError, plan::PlanError};
+use inerter_analysis::{
+    calibrate::CalibrateError, fit::FitError, identify::IdentifyError, merge::MergeError, plan::PlanError,
+};
 use inerter_data::{
     csv::{ColumnsError, CsvError},
     output::OutputError,
@@ -48,6 +50,7 @@ ours!(
     CalibrateError,
     FitError,
     IdentifyError,
+    MergeError,
     PlanError,
     PageError,
     SimulateError

@@ -9,6 +9,7 @@ mod error;
 mod results;
 mod run;
 mod simulate;
+mod sums;
 mod table;
 mod watch;
 
@@ -21,6 +22,7 @@ fn _inerter(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("InerterError", module.py().get_type::<error::InerterError>())?;
     module.add_class::<device::Device>()?;
     module.add_class::<run::Run>()?;
+    module.add_class::<sums::Sums>()?;
     module.add_class::<table::Table>()?;
     module.add_function(wrap_pyfunction!(device::connect, module)?)?;
     module.add_function(wrap_pyfunction!(run::open, module)?)?;
@@ -33,5 +35,6 @@ fn _inerter(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(results::plot, module)?)?;
     module.add_function(wrap_pyfunction!(results::report, module)?)?;
     module.add_function(wrap_pyfunction!(simulate::simulate, module)?)?;
+    module.add_function(wrap_pyfunction!(sums::merge, module)?)?;
     Ok(())
 }

@@ -19,6 +19,7 @@ use pyo3::{exceptions::PyValueError, prelude::*};
 use crate::{
     error::Failure,
     run::{Given, Run, at_least, overrides},
+    sums::Sums,
     table::Table,
     watch::watch,
 };
@@ -33,10 +34,10 @@ pub fn interval_text(value: f64, u95: f64) -> String {
     words::interval_text(value, u95)
 }
 
-/// The last line of `inerter replay --json`.
+/// The last line of `inerter replay --json`, and the sums.
 #[pyfunction]
 #[pyo3(signature = (run, told = None))]
-pub fn replay(py: Python<'_>, run: &Run, told: Option<&Bound<'_, PyAny>>) -> PyResult<String> {
+pub fn replay(py: Python<'_>, run: &Run, told: Option<&Bound<'_, PyAny>>) -> PyResult<(String, Sums)> {
     let source = run.source.clone();
     watch(py, told, move |progress| {
         let (start_s, duration_s) = (source.start_s, source.duration_s().max(f64::MIN_POSITIVE));
@@ -45,11 +46,12 @@ pub fn replay(py: Python<'_>, run: &Run, told: Option<&Bound<'_, PyAny>>) -> PyR
             EstimatorEvent::Estimate(_) => progress.set((t_s - start_s) / duration_s),
             _ => Ok(()),
         })?;
-        Ok(machine_json_line(source.settings.machine, &replayed.json()))
+        let sums = Sums::of(&source.name, &source.settings, &replayed.outcome);
+        Ok((machine_json_line(source.settings.machine, &replayed.json()), sums))
     })
 }
 
-/// The line of `inerter diagnose --json`.
+/// The line of `inerter diagnose --json`, and what it says to a person.
 #[pyfunction]
 #[pyo3(signature = (run, counts_per_turn = None, counts_per_line = None, told = None))]
 pub fn diagnose(
@@ -58,14 +60,19 @@ pub fn diagnose(
     counts_per_turn: Option<f64>,
     counts_per_line: Option<f64>,
     told: Option<&Bound<'_, PyAny>>,
-) -> PyResult<String> {
+) -> PyResult<(String, Vec<String>)> {
     at_least("counts_per_turn", counts_per_turn, LEAST_COUNTS)?;
     at_least("counts_per_line", counts_per_line, LEAST_COUNTS)?;
     let run = run.clone();
     watch(py, told, move |_| {
         let run = run.whole()?;
-        let found = results::diagnosed::<Failure>(&run, Encoder { counts_per_turn, counts_per_line }, drop)?;
-        Ok(machine_json_line(run.settings.machine, &found.json(run.settings.machine)))
+        let (machine, mut words) = (run.settings.machine, Vec::new());
+        let changed = |since_s| {
+            words.push(format!("The device changed at {since_s:.1} s: only the motion since is looked at."));
+        };
+        let found = results::diagnosed::<Failure>(&run, Encoder { counts_per_turn, counts_per_line }, changed)?;
+        words.extend(found.words(machine));
+        Ok((machine_json_line(machine, &found.json(machine)), words))
     })
 }
 
@@ -89,7 +96,7 @@ pub fn identify(
     watch(py, told, move |progress| {
         let files = runs.iter().map(|run| run.source.name.clone()).collect();
         let runs = runs.iter().map(Run::whole).collect::<Result<Vec<_>, _>>()?;
-        let found = identified(&runs, &options, &mut |part| drop(progress.set(part)))?;
+        let found = identified(&runs, &options, &mut |part| progress.tell(part))?;
         let machine = runs.first().map(|run| run.settings.machine).unwrap_or_default();
         Ok(machine_json_line(machine, &IdentifyJson::new(files, &runs, &found)))
     })
@@ -131,7 +138,7 @@ pub fn plan(
             highest_hz: limit("highest_hz"),
             fade_s: limit("fade_s"),
         };
-        let planned = asked.planned::<Failure>(|part| drop(progress.set(part)))?;
+        let planned = asked.planned::<Failure>(|part| progress.tell(part))?;
         let machine = planned.expected().settings.machine;
         let line = machine_json_line(machine, &planned.json::<()>(&[]));
         let missed = planned.missed().map(|missed| missed.to_string());
@@ -157,10 +164,10 @@ pub fn plot(
     let run = run.clone();
     watch(py, told, move |progress| {
         path.iter().filter(|_| !replace).try_for_each(|path| output::refuse_existing(path))?;
-        let content = Content::of(run.whole()?, |part| drop(progress.set(part)))?;
+        let content = Content::of(run.whole()?, |part| progress.tell(part))?;
         let drawn = figure(&content, kind)?;
-        // Nobody waits for it any more: nothing is written.
-        progress.set(1.0)?;
+        // Nothing is written where nobody waits for it.
+        progress.tell(1.0);
         path.iter().try_for_each(|path| render_png(&drawn, path, replace))?;
         Ok((svg(&drawn), drawn.caption))
     })
@@ -181,10 +188,10 @@ pub fn report(
         if !replace {
             output::refuse_existing(&path)?;
         }
-        let content = Content::of(run.whole()?, |part| drop(progress.set(part)))?;
+        let content = Content::of(run.whole()?, |part| progress.tell(part))?;
         let (page, figures) = html(&content);
-        // Nobody waits for it any more: nothing is written.
-        progress.set(1.0)?;
+        // Nothing is written where nobody waits for it.
+        progress.tell(1.0);
         output::write(&path, replace, &page)?;
         Ok(figures.iter().map(|figure| figure.name).collect())
     })

@@ -53,8 +53,7 @@ pub fn opened(path: PathBuf, overrides: Overrides, progress: &Progress) -> Resul
         return Ok(Run::held(run, overrides));
     }
     let length = path.metadata().map_or(1, |metadata| metadata.len()).max(1);
-    // What is not stopped here is stopped at the next look.
-    let mut source = Source::open(&path, &overrides, |read| drop(progress.set(read as f64 / length as f64)))?;
+    let mut source = Source::open(&path, &overrides, |read| progress.tell(read as f64 / length as f64))?;
     source.name = name;
     progress.set(1.0)?;
     Ok(Run { source, overrides: Arc::new(overrides) })

@@ -1,6 +1,7 @@
 //! Work that Python waits for: other threads go on, a callback hears of progress, and Ctrl-C ends the wait.
 
 use std::{
+    panic,
     sync::{
         Arc,
         atomic::{AtomicBool, AtomicU64, Ordering},
@@ -30,12 +31,20 @@ impl Progress {
         self.part.store(part.to_bits(), Ordering::Relaxed);
         if self.is_stopped.load(Ordering::Relaxed) { Err(Failure::Stopped) } else { Ok(()) }
     }
+
+    /// The same of work that goes on whatever it is told: when nobody waits any more its thread is unwound from here.
+    pub fn tell(&self, part: f64) {
+        if let Err(stopped) = self.set(part) {
+            // No fault, so without the message of a panic; of the failure nobody hears.
+            panic::resume_unwind(Box::new(stopped));
+        }
+    }
 }
 
 /// Does the work in a thread of its own; `told` is called with the part that is done, from 0 to 1, now and then.
 ///
-/// Where Ctrl-C or an exception of `told` ends the wait, work that heeds [`Progress::set`], a replay, ends as well; other work is left to
-/// end by itself, and what it comes to is dropped.
+/// Where Ctrl-C or an exception of `told` ends the wait, the work ends as soon as it tells of its progress again, and what it has come to
+/// is dropped.
 pub fn watch<T: Send + 'static>(
     py: Python<'_>,
     told: Option<&Bound<'_, PyAny>>,

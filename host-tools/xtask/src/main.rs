@@ -96,6 +96,8 @@ enum Command {
     Plan(accuracy::Options),
     /// How often the interval of a skew holds it, for machines of any size, against docs/tables/skew.md
     Skew(accuracy::Options),
+    /// How often the interval of merged runs holds the device, against docs/tables/merge.md
+    Merge(accuracy::Options),
     /// How often a realistic defect makes a value wrong without a word, against docs/tables/defects.md
     Defects(accuracy::Options),
     /// What each part of the estimator buys, against docs/tables/ablation.md; or of the host's judgement
@@ -152,6 +154,7 @@ fn main() -> ExitCode {
         Command::Diagnose(options) => accuracy::table("diagnose", &options),
         Command::Plan(options) => accuracy::table("plan", &options),
         Command::Skew(options) => accuracy::table("skew", &options),
+        Command::Merge(options) => accuracy::table("merge", &options),
         Command::Defects(options) => accuracy::table("defects", &options),
         Command::Ablation(options) => ablation::run(&options),
         Command::Validation(options) => validation::run(&options),

@@ -3,10 +3,7 @@
 use inerter_core::Settings;
 use inerter_core::constants::{BOXES_VARIANCE, ROUNDING};
 
-use super::{ACCELERATION, FitError, ONE, Products, SIGN, Solution, VELOCITY};
-
-/// The law's regressors.
-const LAW: [usize; 4] = [ACCELERATION, VELOCITY, SIGN, ONE];
+use super::{ACCELERATION, FitError, LAW, Products, Solution, VELOCITY};
 
 impl Products {
     /// So many times the sums.

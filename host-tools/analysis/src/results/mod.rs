@@ -1,9 +1,11 @@
 //! What a run comes to, as the program prints it and other programs get it.
 
 mod diagnosed;
+mod fitted;
 mod identified;
 mod replayed;
 
 pub use diagnosed::{CauseJson, Diagnosed, DiagnosisJson, Unsought, diagnosed};
+pub use fitted::FitJson;
 pub use identified::{IdentifyJson, responses};
 pub use replayed::{AdviceJson, LastJson, Replayed, replayed, warning};

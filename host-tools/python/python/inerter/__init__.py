@@ -20,9 +20,9 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Union
 
 from . import _inerter
-from ._inerter import InerterError, Run, Table, __version__
+from ._inerter import InerterError, Run, Sums, Table, __version__
 from ._device import Device
-from ._results import Diagnosis, Estimate, Figure, Identification, Parameter, Plan, Replay, Result
+from ._results import Diagnosis, Estimate, Figure, Identification, Merged, Parameter, Plan, Replay, Result
 
 __all__ = [
     "Device",
@@ -31,16 +31,19 @@ __all__ = [
     "Figure",
     "Identification",
     "InerterError",
+    "Merged",
     "Parameter",
     "Plan",
     "Replay",
     "Result",
     "Run",
+    "Sums",
     "Table",
     "__version__",
     "connect",
     "diagnose",
     "identify",
+    "merge",
     "open",
     "plan",
     "plot",
@@ -93,7 +96,8 @@ def replay(
     Raises InerterError where the run cannot be used, and KeyboardInterrupt on Ctrl-C.
     """
     whole = _run(run, settings, metres_per_count)
-    return Replay(json.loads(_inerter.replay(whole, progress)), whole)
+    line, sums = _inerter.replay(whole, progress)
+    return Replay(json.loads(line), sums, whole)
 
 
 def diagnose(
@@ -113,7 +117,8 @@ def diagnose(
     Raises InerterError where the run is too short or its motion tells nothing.
     """
     whole = _run(run, settings, metres_per_count)
-    return Diagnosis(json.loads(_inerter.diagnose(whole, counts_per_turn, counts_per_line, progress)), whole)
+    line, words = _inerter.diagnose(whole, counts_per_turn, counts_per_line, progress)
+    return Diagnosis(json.loads(line), words, whole)
 
 
 def identify(
@@ -146,6 +151,25 @@ def identify(
     whole = [_run(run, settings, metres_per_count) for run in several]
     line = _inerter.identify(whole, staged, segment_s, "mr" in free, "tau" in free, profiles, progress)
     return Identification(json.loads(line), whole[0] if whole else None)
+
+
+def merge(runs: Iterable[Sums | Replay | Merged], *, offset_n: float | None = None) -> Merged:
+    """Fits the law to several runs of one device together: `inerter fit`.
+
+    `runs` are results of `replay` or `merge`, or their `sums`. The sums are exact: a thousand runs merged in any order and grouping, on any
+    number of workers, give the same to the bit, and a run that is given twice counts once. So workers replay, and hand on `.sums`, which
+    can be pickled; what comes of merging some of them can be merged with the rest. `offset_n` is the force offset where it is known [N].
+
+    Raises InerterError where there is no run, their settings differ, or their motion tells nothing.
+    """
+    sums = []
+    for run in runs:
+        own = run if isinstance(run, Sums) else getattr(run, "sums", None)
+        if not isinstance(own, Sums):
+            raise TypeError(f"results of replay or their sums are needed, not {type(run).__name__}")
+        sums.append(own)
+    line, remarks, both = _inerter.merge(sums, None if offset_n is None else float(offset_n))
+    return Merged(json.loads(line), remarks, both)
 
 
 def plot(

@@ -5,6 +5,7 @@ __all__ = [
     "Device",
     "InerterError",
     "Run",
+    "Sums",
     "Table",
     "__version__",
     "connect",
@@ -12,6 +13,7 @@ __all__ = [
     "from_columns",
     "identify",
     "interval_text",
+    "merge",
     "open",
     "plan",
     "plot",
@@ -43,6 +45,21 @@ class Device:
     def next_estimate(self) -> str | None: ...
     def record(self, path: str, duration_s: float, replace: bool) -> None: ...
     def close(self) -> None: ...
+
+@final
+class Sums:
+    """Exact sums of one run or of several, which `merge` fits. They can be pickled."""
+
+    @classmethod
+    def from_bytes(cls, bytes: bytes) -> Sums:
+        """What `to_bytes` gave. Raises InerterError where it is not that."""
+    def to_bytes(self) -> bytes:
+        """For a file or another worker: the same for any order and grouping."""
+    @property
+    def names(self) -> list[str]:
+        """Names of the runs, in alphabetical order."""
+    def __len__(self) -> int: ...
+    def __eq__(self, other: object, /) -> bool: ...
 
 @final
 class Table:
@@ -96,10 +113,11 @@ def from_columns(
     settings: Mapping[str, float],
 ) -> Run: ...
 def interval_text(value: float, u95: float) -> str: ...
-def replay(run: Run, told: _Told = None) -> str: ...
+def replay(run: Run, told: _Told = None) -> tuple[str, Sums]: ...
+def merge(sums: list[Sums], offset_n: float | None) -> tuple[str, list[str], Sums]: ...
 def diagnose(
     run: Run, counts_per_turn: float | None = None, counts_per_line: float | None = None, told: _Told = None
-) -> str: ...
+) -> tuple[str, list[str]]: ...
 def identify(
     runs: list[Run],
     staged: bool,

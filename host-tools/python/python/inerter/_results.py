@@ -159,12 +159,6 @@ def _named(of: Mapping[str, Any] | None, budgets: Mapping[str, Any] | None = Non
     return named
 
 
-def _sized(cause: Mapping[str, Any]) -> str:
-    value, u95 = cause["value"], cause["u95"]
-    text = f"{value:g}" if u95 is None else _inerter.interval_text(value, u95)
-    return f"{text} {cause['unit']}"
-
-
 def _unit(name: str) -> str:
     matching = [suffix for suffix in _UNITS if name.endswith("_" + suffix)]
     return _UNITS[max(matching, key=len)] if matching else ""
@@ -175,6 +169,15 @@ class Replay(Result):
 
     _title = "Replay"
     _shows = "parameters"
+
+    def __init__(self, line: Mapping[str, Any], sums: _inerter.Sums, run: _inerter.Run) -> None:
+        super().__init__(line, run)
+        self._sums = sums
+
+    @property
+    def sums(self) -> _inerter.Sums:
+        """The run's exact sums, for `merge`."""
+        return self._sums
 
     @property
     def parameters(self) -> dict[str, Parameter]:
@@ -218,6 +221,10 @@ class Diagnosis(Result):
     _title = "Diagnosis"
     _shows = "residual"
 
+    def __init__(self, line: Mapping[str, Any], words: list[str], run: _inerter.Run) -> None:
+        super().__init__(line, run)
+        self._words = words
+
     @property
     def causes(self) -> list[dict[str, Any]]:
         """Each cause with `name`, `value`, `u95`, `unit` and `f`, the F statistic."""
@@ -230,11 +237,8 @@ class Diagnosis(Result):
 
     @property
     def remarks(self) -> list[str]:
-        """Whether the law holds, and the causes."""
-        told = [f"{cause['name']}: {_sized(cause)}" for cause in self.causes]
-        holds = self["law"]["status"] == "holds"
-        law = "The law holds as far as the estimator sees; the samples show more." if told and holds else _law(self)
-        return [law, *told]
+        """Whether the law holds, what breaks it, and what to do about it."""
+        return list(self._words)
 
 
 class Identification(Result):
@@ -252,6 +256,32 @@ class Identification(Result):
     def remarks(self) -> list[str]:
         """What a person should know of the fit."""
         return [str(note) for note in self.get("notes", [])]
+
+
+class Merged(Result):
+    """What runs say together: the line of `inerter fit --json`."""
+
+    _title = "Fit"
+
+    def __init__(self, line: Mapping[str, Any], remarks: list[str], sums: _inerter.Sums) -> None:
+        super().__init__(line)
+        self._remarks = remarks
+        self._sums = sums
+
+    @property
+    def sums(self) -> _inerter.Sums:
+        """The exact sums of all, for merging them with others."""
+        return self._sums
+
+    @property
+    def parameters(self) -> dict[str, Parameter]:
+        """Inertance, friction and offset, with friction alike in both directions; by direction they are in `["by_direction"]`."""
+        return _named(self["symmetric"])
+
+    @property
+    def remarks(self) -> list[str]:
+        """How many runs there are, whether they differ, and which of them the law does not hold for."""
+        return [f"{self._sums!r}, fitted together.".removeprefix("inerter."), *self._remarks]
 
 
 class Plan(Result):

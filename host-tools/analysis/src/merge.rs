@@ -1,0 +1,512 @@
+//! Several runs of one device together: the law fitted to the sum of their exact sums.
+//!
+//! Sums are integers: those of a thousand runs add up to the same bits whatever the order and the grouping. What an interval needs
+//! beside them is kept for each run, and taken together in one order, that of the sums. A run that is given twice counts once.
+//!
+//! Terms:
+//! - *own*: of the fit to one run alone, as the estimator has it.
+//! - *alike*: of runs whose motions move the screw alike, so that the encoder's steps in them may be the same.
+//!
+//! Source: docs/THEORY.md, "Several runs together".
+
+use std::collections::{BTreeMap, btree_map::Entry};
+
+use inerter_core::{Bank, LawStatus, MoreSums, Motion, NORMAL_COVERAGE, Settings, Sums, constants::CLEAR_OF_STEPS};
+use inerter_data::{
+    names::parameter,
+    replay::Outcome,
+    settings::validate,
+    words::{amount_text, plural},
+};
+use miette::Diagnostic;
+use serde::{Deserialize, Serialize};
+use statrs::distribution::{ChiSquared, ContinuousCDF};
+
+use crate::{
+    calibrate::student,
+    fit::{Beside, Directions, FitError, Products, Weights, directions},
+};
+
+/// Products of the regressors in [`Sums`] and [`MoreSums`] together.
+const PRODUCTS: usize = 28;
+/// Begins the bytes of runs that are put away.
+const MAGIC: &[u8] = b"inerter sums 1\n";
+/// Settings that no sum depends on.
+const FREE: [&str; 3] = ["force_zero_code", "memory_s", "publish_rate_hz"];
+/// Part by which root mean squares of velocity and acceleration of motions that are alike may differ.
+const ALIKE: f64 = 0.01;
+/// Probability under which runs that agree differ so much.
+const UNLIKELY: f64 = 1e-3;
+/// Each by itself.
+const APART: [[f64; 4]; 4] = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
+/// To the last bit of a variance that is not under 1e-9 of the squared range.
+const BISECTIONS: u32 = 80;
+
+/// Why runs cannot be taken together.
+#[derive(Clone, Debug, PartialEq, thiserror::Error, Diagnostic)]
+pub enum MergeError {
+    /// There is none.
+    #[error("there is no run to merge")]
+    #[diagnostic(code(inerter::merge::empty), help("give one run at least"))]
+    Empty,
+    /// They were not measured or replayed alike.
+    #[error("{setting} is {} in {} and {} in {}", values[0], runs[0], values[1], runs[1])]
+    #[diagnostic(
+        code(inerter::merge::settings),
+        help("sums add up where settings are the same: replay the runs with {setting} as it is right for both")
+    )]
+    Settings {
+        /// Name of the setting.
+        setting: &'static str,
+        /// What it is in each of two runs.
+        values: [f64; 2],
+        /// Names of the runs.
+        runs: [String; 2],
+    },
+    /// Bytes that are no sums.
+    #[error("these bytes are no sums of runs, or of another version")]
+    #[diagnostic(code(inerter::merge::bytes), help("replay the runs again with this version"))]
+    Bytes,
+}
+
+/// A parameter by one run alone.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+struct Own {
+    value: f32,
+    /// Variance by what differs from sample to sample, and the part of it that scatters: the rest is of the encoder's steps where strokes
+    /// come again.
+    square: f32,
+    scatter: f32,
+}
+
+/// What one run says.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct Part {
+    name: String,
+    fast: (Sums, MoreSums),
+    slow: (Sums, MoreSums),
+    /// Bank that its estimate comes from.
+    bank: Bank,
+    motion: Motion,
+    model_u95: [f32; 4],
+    /// Of the four parameters.
+    own: [Own; 4],
+    law_is_broken: bool,
+}
+
+impl Part {
+    fn sums(&self, bank: Bank) -> &(Sums, MoreSums) {
+        match bank {
+            Bank::Fast => &self.fast,
+            Bank::Slow => &self.slow,
+        }
+    }
+
+    /// Exact sums of a bank.
+    fn exact(&self, bank: Bank) -> [i128; PRODUCTS] {
+        let (sums, more) = self.sums(bank);
+        let mut all = sums.sums.iter().chain(&more.sums);
+        std::array::from_fn(|_| all.next().copied().unwrap_or_default())
+    }
+
+    /// What no two runs have in common.
+    fn key(&self) -> Key {
+        [self.exact(Bank::Fast), self.exact(Bank::Slow)]
+    }
+}
+
+type Key = [[i128; PRODUCTS]; 2];
+
+/// Runs of one device, each once.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Runs {
+    settings: Settings,
+    parts: BTreeMap<Key, Part>,
+}
+
+/// Runs as they are put away.
+#[derive(Serialize, Deserialize)]
+struct Stored {
+    settings: Settings,
+    parts: Vec<Part>,
+}
+
+/// What runs say together.
+#[derive(Clone, Debug)]
+pub struct Merged {
+    /// The fits to all.
+    pub fit: Directions,
+    /// Bank whose sums were fitted.
+    pub bank: Bank,
+    /// Products summed.
+    pub updates: u64,
+    /// Names of the runs, in alphabetical order.
+    pub names: Vec<String>,
+    /// By how much the own values of inertance, viscous and Coulomb friction and offset differ from run to run beyond their scatter: a standard
+    /// deviation. Nothing of fewer than two runs.
+    pub apart: Option<[f32; 4]>,
+    /// Which of the four differ more than chance would have it.
+    pub differs: [bool; 4],
+    /// Names of the runs that the law does not hold for.
+    pub broken: Vec<String>,
+}
+
+impl Runs {
+    /// One run, as it came out of the estimator with these settings.
+    pub fn of(name: &str, settings: &Settings, outcome: &Outcome) -> Self {
+        let values = outcome.estimate.whole_run;
+        let values = [values.inertance_kg, values.viscous_n_s_per_m, values.coulomb_n, values.offset_n];
+        let budgets = &outcome.budgets.whole_run;
+        let Beside { motion, model_u95 } = Beside::of(outcome);
+        let part = Part {
+            name: name.to_string(),
+            fast: outcome.fast,
+            slow: outcome.slow,
+            bank: outcome.estimate.bank,
+            motion,
+            model_u95,
+            own: std::array::from_fn(|i| Own {
+                value: values[i].fitted().value,
+                square: budgets[i].fit_square(),
+                scatter: budgets[i].standard_error().powi(2),
+            }),
+            law_is_broken: outcome.law.status == LawStatus::Broken,
+        };
+        let mut settings = *settings;
+        let default = Settings::default();
+        for name in FREE {
+            // Both have it, and a default is always valid by itself.
+            let _ = default.get(name).map(|value| settings.set_by_name(name, value));
+        }
+        Self { settings, parts: BTreeMap::from([(part.key(), part)]) }
+    }
+
+    /// These and others together.
+    pub fn and(mut self, others: Self) -> Result<Self, MergeError> {
+        let both = self.settings.values().into_iter().zip(others.settings.values());
+        let different = Settings::TABLE.iter().zip(both).find(|(_, (one, other))| one != other);
+        if let Some((info, (one, other))) = different {
+            let runs = [&self, &others].map(|runs| runs.names().into_iter().next().unwrap_or_default());
+            return Err(MergeError::Settings { setting: info.name, values: [one, other], runs });
+        }
+        for (key, part) in others.parts {
+            match self.parts.entry(key) {
+                // The same whichever came first.
+                Entry::Occupied(mut there) if part.name < there.get().name => drop(there.insert(part)),
+                Entry::Occupied(_) => {}
+                Entry::Vacant(place) => drop(place.insert(part)),
+            }
+        }
+        Ok(self)
+    }
+
+    /// All of these together.
+    pub fn all(runs: impl IntoIterator<Item = Self>) -> Result<Self, MergeError> {
+        let mut runs = runs.into_iter();
+        let first = runs.next().ok_or(MergeError::Empty)?;
+        runs.try_fold(first, Self::and)
+    }
+
+    /// Names of the runs, in alphabetical order.
+    pub fn names(&self) -> Vec<String> {
+        let mut names: Vec<_> = self.parts.values().map(|part| part.name.clone()).collect();
+        names.sort();
+        names
+    }
+
+    /// Settings of the runs; those that no sum depends on are the defaults.
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// For another program of this version.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let stored = Stored { settings: self.settings, parts: self.parts.values().cloned().collect() };
+        // What is in memory can be written to memory.
+        postcard::to_extend(&stored, MAGIC.to_vec()).unwrap_or_default()
+    }
+
+    /// From bytes of [`to_bytes`](Self::to_bytes).
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, MergeError> {
+        let body = bytes.strip_prefix(MAGIC).ok_or(MergeError::Bytes)?;
+        let (Stored { settings, parts }, rest): (Stored, &[u8]) =
+            postcard::take_from_bytes(body).map_err(|_| MergeError::Bytes)?;
+        let are_whole = |(sums, more): &(Sums, MoreSums), bank| {
+            (sums.bank, more.bank) == (bank, bank) && (sums.index, sums.updates) == (more.index, more.updates)
+        };
+        let is_whole = |part: &Part| are_whole(&part.fast, Bank::Fast) && are_whole(&part.slow, Bank::Slow);
+        if !rest.is_empty() || parts.is_empty() || !parts.iter().all(is_whole) || validate(&settings).is_err() {
+            return Err(MergeError::Bytes);
+        }
+        Ok(Self { settings, parts: parts.into_iter().map(|part| (part.key(), part)).collect() })
+    }
+
+    /// The law fitted to all; `offset_n` is the force offset where it is known.
+    pub fn merged(&self, offset_n: Option<f64>) -> Result<Merged, FitError> {
+        let bank = self.bank()?;
+        let (products, updates) = self.products(bank)?;
+        let shares = self.shares(bank, &products)?;
+        let spreads = self.spreads();
+        let model_u95 = std::array::from_fn(|i| {
+            let law: f64 = shares.iter().map(|share| share.moved(i, |j| share.part.model_u95[j])).sum();
+            law.hypot(between(&shares, i, &spreads)).hypot(encoder_again(&shares, i)) as f32
+        });
+        let beside = Beside { motion: self.motion(&shares, &products), model_u95 };
+        let mut broken: Vec<_> =
+            self.parts.values().filter(|part| part.law_is_broken).map(|part| part.name.clone()).collect();
+        broken.sort();
+        Ok(Merged {
+            fit: directions(&products, &self.settings, &beside, offset_n)?,
+            bank,
+            updates,
+            names: self.names(),
+            apart: spreads
+                .iter()
+                .any(Option::is_some)
+                .then(|| spreads.map(|spread| spread.map_or(0.0, |spread| spread.deviation as f32))),
+            differs: spreads.map(|spread| spread.is_some_and(|spread| spread.is_unlikely)),
+            broken,
+        })
+    }
+
+    /// The bank of all estimates; where they differ the fast one if the encoder's steps are little of what it has seen, as on the device.
+    fn bank(&self) -> Result<Bank, FitError> {
+        let is = |bank: Bank| self.parts.values().all(|part| part.bank == bank);
+        if is(Bank::Fast) || is(Bank::Slow) {
+            return Ok(if is(Bank::Fast) { Bank::Fast } else { Bank::Slow });
+        }
+        let (fast, _) = self.products(Bank::Fast)?;
+        let [acceleration, _] = fast.mean_squares();
+        let is_clear = acceleration > CLEAR_OF_STEPS * fast.steps_square(&self.settings);
+        Ok(if is_clear { Bank::Fast } else { Bank::Slow })
+    }
+
+    /// The exact sums of all, and how many products they hold.
+    fn products(&self, bank: Bank) -> Result<(Products, u64), FitError> {
+        let mut all = [0_i128; PRODUCTS];
+        let mut updates = 0_u64;
+        for part in self.parts.values() {
+            // 2^94 is the most of one run.
+            all.iter_mut().zip(part.exact(bank)).for_each(|(all, sum)| *all = all.wrapping_add(sum));
+            updates += u64::from(part.sums(bank).0.updates);
+        }
+        let of_one = self.parts.values().next().ok_or(FitError::TooShort { observations: 0.0 })?.sums(bank);
+        Ok((Products::merged(of_one, &all, updates), updates))
+    }
+
+    /// What part of all each run is.
+    fn shares(&self, bank: Bank, all: &Products) -> Result<Vec<Share<'_>>, FitError> {
+        let weights = all.weights()?;
+        let mut shares = Vec::new();
+        for part in self.parts.values() {
+            let (sums, more) = part.sums(bank);
+            if sums.updates > 0 {
+                shares.push(Share::new(part, Products::of(sums, more)?, &weights, &self.settings));
+            }
+        }
+        if let [one] = shares.as_mut_slice() {
+            // To the last bit.
+            (one.influence, one.correlation) = (APART, APART);
+        }
+        let updates: f64 = shares.iter().map(|share| share.products.updates()).sum();
+        let strokes: f64 = shares.iter().map(|share| share.strokes).sum();
+        let squares = shares.iter().fold([0.0; 2], |all, share| {
+            std::array::from_fn(|i| all[i] + share.mean_squares[i] * share.products.updates())
+        });
+        for share in &mut shares {
+            let own = share.products.updates();
+            share.of_updates = own / updates;
+            share.of_strokes = if strokes > 0.0 { share.strokes / strokes } else { share.of_updates };
+            share.of_squares = std::array::from_fn(|i| {
+                if squares[i] > 0.0 { share.mean_squares[i] * own / squares[i] } else { share.of_updates }
+            });
+        }
+        Ok(shares)
+    }
+
+    /// What is known of all motions beside the sums. Of one run it is that run's.
+    fn motion(&self, shares: &[Share], products: &Products) -> Motion {
+        let sum = |each: &dyn Fn(&Share, &Motion) -> f64| {
+            shares.iter().map(|share| each(share, &share.part.motion)).sum::<f64>() as f32
+        };
+        Motion {
+            repeats: sum(&|of, own| of.of_strokes * f64::from(own.repeats)),
+            apart: shares.iter().fold(0.0, |most, share| share.part.motion.apart.max(most)),
+            frequency_squared: sum(&|of, own| of.of_squares[0] * f64::from(own.frequency_squared)),
+            low_squared: sum(&|of, own| of.of_squares[1] * f64::from(own.low_squared)),
+            acceleration_squared: sum(&|of, own| of.of_updates * f64::from(own.acceleration_squared)),
+            readings: match shares {
+                [one] => one.part.motion.readings,
+                _ => products.readings(&self.settings) as f32,
+            },
+            steady: sum(&|of, own| of.of_updates * f64::from(own.steady)),
+            reversals_again: sum(&|_, own| f64::from(own.reversals_again)),
+            friction_in_curvature: [0, 1]
+                .map(|i| sum(&|of, own| of.of_updates * f64::from(own.friction_in_curvature[i]))),
+        }
+    }
+
+    /// How the own values of the four parameters differ from run to run; nothing where fewer than two runs tell a parameter.
+    fn spreads(&self) -> [Option<Spread>; 4] {
+        std::array::from_fn(|i| {
+            let own: Vec<_> = self
+                .parts
+                .values()
+                .map(|part| part.own[i])
+                .filter(|own| own.value.is_finite() && own.square.is_finite() && own.square > 0.0)
+                .map(|own| (f64::from(own.value), f64::from(own.square)))
+                .collect();
+            Spread::of(&own)
+        })
+    }
+}
+
+/// One run among others.
+struct Share<'a> {
+    part: &'a Part,
+    products: Products,
+    /// What an own error of each parameter makes of the error of each in the fit to all: the identity for one run alone.
+    influence: [[f64; 4]; 4],
+    /// How errors of its own fit hang together; not at all where that is not known.
+    correlation: [[f64; 4]; 4],
+    /// Part of the scatter that the encoder's steps explain.
+    steps_share: f32,
+    /// Mean squares of acceleration and velocity, without the encoder's steps.
+    mean_squares: [f64; 2],
+    /// Strokes of its motion.
+    strokes: f64,
+    /// Its part of the updates, of the strokes, and of the squares of acceleration and velocity.
+    of_updates: f64,
+    of_strokes: f64,
+    of_squares: [f64; 2],
+}
+
+impl<'a> Share<'a> {
+    fn new(part: &'a Part, products: Products, weights: &Weights, settings: &Settings) -> Self {
+        let [acceleration, velocity] = products.mean_squares();
+        let mean_squares = [(acceleration - products.steps_square(settings)).max(0.0), velocity];
+        let duration_s = products.readings(settings) / (settings.sample_rate_hz * settings.oversampling);
+        let strokes = duration_s * f64::from(part.motion.low_squared).sqrt() / std::f64::consts::PI;
+        Self {
+            part,
+            influence: weights.influence(&products),
+            correlation: products.correlation().unwrap_or(APART),
+            steps_share: products.steps_share(settings),
+            products,
+            mean_squares,
+            strokes: if strokes.is_finite() { strokes } else { 0.0 },
+            of_updates: 1.0,
+            of_strokes: 1.0,
+            of_squares: [1.0; 2],
+        }
+    }
+
+    /// How far own errors move a parameter of the fit to all: they hang together as those of the own fit do. What a run cannot tell, whose
+    /// error is not known, has no weight.
+    fn moved(&self, i: usize, own: impl Fn(usize) -> f32) -> f64 {
+        let errors: [f64; 4] = std::array::from_fn(|j| {
+            let error = self.influence[i][j] * f64::from(own(j));
+            if error.is_finite() { error } else { 0.0 }
+        });
+        let with = |j: usize| (0..4).map(|k| errors[k] * self.correlation[j][k]).sum::<f64>();
+        (0..4).map(|j| errors[j] * with(j)).sum::<f64>().max(0.0).sqrt()
+    }
+
+    /// What the encoder's steps make of a parameter of the fit to all, whether they come again in this run or not: half width.
+    fn moved_by_steps(&self, i: usize) -> f64 {
+        self.moved(i, |j| {
+            let Own { square, scatter, .. } = self.part.own[j];
+            NORMAL_COVERAGE * ((square - scatter).max(0.0) + self.steps_share * scatter).sqrt()
+        })
+    }
+
+    /// Whether the screw moves alike.
+    fn is_alike(&self, other: &Self) -> bool {
+        let near = |(a, b): (f64, f64)| (a.sqrt() - b.sqrt()).abs() <= ALIKE * a.max(b).sqrt();
+        self.mean_squares.into_iter().zip(other.mean_squares).all(near)
+    }
+}
+
+/// What the encoder's steps add to a parameter because runs repeat the motion of others, and the steps with it: half width.
+fn encoder_again(shares: &[Share], i: usize) -> f64 {
+    let errors: Vec<f64> = shares.iter().map(|share| share.moved_by_steps(i)).collect();
+    let mut square = 0.0;
+    for (place, (share, error)) in shares.iter().zip(&errors).enumerate() {
+        let before = shares.iter().zip(&errors).take(place);
+        square += before.filter(|(other, _)| share.is_alike(other)).map(|(_, other)| 2.0 * error * other).sum::<f64>();
+    }
+    square.sqrt()
+}
+
+/// What differences from run to run leave undecided of a parameter: half width.
+fn between(shares: &[Share], i: usize, spreads: &[Option<Spread>; 4]) -> f64 {
+    let of = |j: usize| {
+        let spread = spreads[j].as_ref().filter(|spread| spread.deviation > 0.0)?;
+        let influences: f64 = shares.iter().map(|share| share.influence[i][j].powi(2)).sum();
+        Some((student(spread.freedom) * spread.deviation).powi(2) * influences)
+    };
+    (0..4).filter_map(of).sum::<f64>().sqrt()
+}
+
+/// How the own values of one parameter differ.
+#[derive(Clone, Copy, Debug)]
+struct Spread {
+    /// Standard deviation beyond their own scatter.
+    deviation: f64,
+    freedom: usize,
+    is_unlikely: bool,
+}
+
+impl Spread {
+    /// Of values with their variances: Paule and Mandel, J. Res. Natl. Bur. Stand. 87 (1982) 377.
+    fn of(own: &[(f64, f64)]) -> Option<Self> {
+        let freedom = own.len().checked_sub(1).filter(|freedom| *freedom > 0)?;
+        let statistic = |between: f64| {
+            let weight = |square: f64| (square + between).recip();
+            let all: f64 = own.iter().map(|(_, square)| weight(*square)).sum();
+            let mean = own.iter().map(|(value, square)| value * weight(*square)).sum::<f64>() / all;
+            own.iter().map(|(value, square)| weight(*square) * (value - mean).powi(2)).sum::<f64>()
+        };
+        let chance = ChiSquared::new(freedom as f64).ok()?.sf(statistic(0.0));
+        // It falls with the variance between runs, and is too small where that is all of their squared range.
+        let range = |pick: fn(f64, f64) -> f64| own.iter().map(|(value, _)| *value).reduce(pick);
+        let (mut least, mut most) = (0.0, (range(f64::max)? - range(f64::min)?).powi(2));
+        if statistic(0.0) > freedom as f64 {
+            for _ in 0..BISECTIONS {
+                let middle = 0.5 * (least + most);
+                *(if statistic(middle) > freedom as f64 { &mut least } else { &mut most }) = middle;
+            }
+        } else {
+            most = 0.0;
+        }
+        Some(Self { deviation: most.sqrt(), freedom, is_unlikely: chance < UNLIKELY })
+    }
+}
+
+impl Merged {
+    /// What a person should know of it.
+    pub fn remarks(&self, settings: &Settings) -> Vec<String> {
+        let mut remarks = Vec::new();
+        if !self.broken.is_empty() {
+            let runs = plural(self.broken.len() as u64, "run");
+            remarks.push(format!(
+                "the law is broken in {runs} ({}): see with `inerter diagnose` what breaks it, or leave them out",
+                self.broken.join(", ")
+            ));
+        }
+        for (i, apart) in self.apart.iter().flatten().enumerate().filter(|(i, _)| self.differs[*i]) {
+            let name = parameter(settings.machine, i);
+            remarks.push(format!(
+                "{} differs from run to run by more than its scatter, by {} {} rms: its interval is that of the mean",
+                name.label,
+                amount_text(f64::from(*apart), 2),
+                name.unit
+            ));
+        }
+        remarks
+    }
+}
+
+#[cfg(test)]
+#[path = "merge_tests.rs"]
+mod tests;

@@ -1,0 +1,98 @@
+//! The fit to one run or to several together.
+
+use inerter_core::Machine;
+use inerter_data::{
+    json::{ParameterJson, ParametersJson, bank_word},
+    names::parameter,
+};
+use serde::Serialize;
+
+use crate::merge::Merged;
+
+/// A fit in JSON.
+#[derive(Clone, Debug, Serialize)]
+pub struct FitJson {
+    kind: &'static str,
+    /// Of one run.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    file: Option<String>,
+    /// Of several.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    files: Vec<String>,
+    bank: &'static str,
+    updates: u64,
+    symmetric: ParametersJson,
+    symmetric_residual_rms_n: f64,
+    by_direction: DirectionsJson,
+    residual_rms_n: f64,
+    /// By how much the runs differ beyond their scatter, and which parameters by more than chance would have it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    apart: Option<ApartJson>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    differs: Option<Vec<&'static str>>,
+    /// Runs that the law does not hold for.
+    law_broken: Vec<String>,
+}
+
+#[derive(Clone, Debug, Serialize)]
+struct ApartJson {
+    inertance_kg: f32,
+    viscous_n_s_per_m: f32,
+    coulomb_n: f32,
+    offset_n: f32,
+}
+
+#[derive(Clone, Debug, Serialize)]
+struct DirectionsJson {
+    inertance_kg: ParameterJson,
+    viscous_positive_n_s_per_m: ParameterJson,
+    viscous_negative_n_s_per_m: ParameterJson,
+    coulomb_n: ParameterJson,
+    coulomb_positive_n: Option<ParameterJson>,
+    coulomb_negative_n: Option<ParameterJson>,
+    offset_n: Option<f64>,
+    difference_and_twice_offset_n: ParameterJson,
+}
+
+impl FitJson {
+    /// Of a fit with this offset, where it is known.
+    pub fn new(merged: &Merged, offset_n: Option<f64>) -> Self {
+        let Merged { fit, bank, updates, names, apart, differs, broken } = merged;
+        let [viscous_positive, viscous_negative] = fit.viscous_n_s_per_m;
+        let coulomb = fit.coulomb_by_direction_n;
+        let name = |i: usize| parameter(Machine::Linear, i).path;
+        let differing = differs.iter().enumerate().filter(|(_, differs)| **differs).map(|(i, _)| name(i)).collect();
+        let (file, files) = match names.as_slice() {
+            [one] => (Some(one.clone()), Vec::new()),
+            _ => (None, names.clone()),
+        };
+        Self {
+            kind: "fit",
+            file,
+            files,
+            bank: bank_word(*bank),
+            updates: *updates,
+            symmetric: (&fit.symmetric).into(),
+            symmetric_residual_rms_n: fit.symmetric_residual_rms_n,
+            by_direction: DirectionsJson {
+                inertance_kg: fit.inertance_kg.into(),
+                viscous_positive_n_s_per_m: viscous_positive.into(),
+                viscous_negative_n_s_per_m: viscous_negative.into(),
+                coulomb_n: fit.coulomb_n.into(),
+                coulomb_positive_n: coulomb.map(|[positive, _]| positive.into()),
+                coulomb_negative_n: coulomb.map(|[_, negative]| negative.into()),
+                offset_n,
+                difference_and_twice_offset_n: ParameterJson::offset(fit.difference_n),
+            },
+            residual_rms_n: fit.residual_rms_n,
+            apart: apart.map(|[inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n]| ApartJson {
+                inertance_kg,
+                viscous_n_s_per_m,
+                coulomb_n,
+                offset_n,
+            }),
+            differs: apart.is_some().then_some(differing),
+            law_broken: broken.clone(),
+        }
+    }
+}

@@ -1,0 +1,179 @@
+//! `cargo xtask merge`: how often the interval of runs that are merged holds the device, and what more of them tell.
+#![forbid(unsafe_code)]
+
+use inerter_analysis::merge::Runs;
+use inerter_data::{replay::replay_samples, settings::Overrides};
+use inerter_plant::{Inerter, Sensors};
+use inerter_simulate::{Setup, bench_sensors, raw};
+use inerter_tests::{
+    grid::{Error, NAMES, each_seed, three, truth},
+    sheet::{self, significant},
+};
+use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+use rand_distr::{Distribution, StandardNormal};
+use std::{array, process::ExitCode};
+
+/// Groups of runs, each of one device.
+const GROUPS: u64 = 60;
+/// Seeds of the runs; none has set anything.
+const FIRST_SEED: u64 = 0x5EED_0000;
+/// How many runs of a group are merged.
+const SIZES: [usize; 4] = [1, 2, 4, 16];
+/// Length of a run \[s\].
+const DURATION_S: f64 = 10.0;
+/// Groups that must be held at least, of all cases and sizes and each parameter.
+const LEAST_HELD: f64 = 0.93;
+/// Uncertainties of the rig that are stated to be none, as they are.
+const PERFECT: [&str; 5] = ["skew_u95_s", "force_gain_u95", "lead_u95", "timebase_u95", "structure_mass_u95_kg"];
+
+/// What the runs of a group are.
+struct Case {
+    name: &'static str,
+    motions: &'static [&'static str],
+    metres_per_count: f64,
+    /// Standard deviations of inertance and Coulomb friction from run to run, as parts of themselves.
+    varies: [f64; 2],
+}
+
+const FINE: f64 = 2.441_406_25e-6;
+
+const CASES: [Case; 10] = [
+    Case { name: "random", motions: &["random"], metres_per_count: FINE, varies: [0.0; 2] },
+    Case { name: "mid, played again", motions: &["mid"], metres_per_count: FINE, varies: [0.0; 2] },
+    Case { name: "two, played again", motions: &["two"], metres_per_count: FINE, varies: [0.0; 2] },
+    Case { name: "fast, played again", motions: &["fast"], metres_per_count: FINE, varies: [0.0; 2] },
+    Case { name: "several", motions: &["random", "mid", "two", "multi"], metres_per_count: FINE, varies: [0.0; 2] },
+    Case { name: "fast and slow", motions: &["fast", "slow"], metres_per_count: FINE, varies: [0.0; 2] },
+    Case { name: "random, 20 um", motions: &["random"], metres_per_count: 20e-6, varies: [0.0; 2] },
+    Case { name: "mid, played again, 20 um", motions: &["mid"], metres_per_count: 20e-6, varies: [0.0; 2] },
+    Case { name: "random, fc varies by 5 %", motions: &["random"], metres_per_count: FINE, varies: [0.0, 0.05] },
+    Case {
+        name: "several, mt varies by 0.1 %",
+        motions: &["random", "mid", "two", "multi"],
+        metres_per_count: FINE,
+        varies: [0.001, 0.0],
+    },
+];
+
+/// Error and half width of each parameter, where it is told; and whether the runs are said to differ in any.
+struct Told {
+    found: [Option<(f64, f64)>; 3],
+    differ: bool,
+}
+
+/// The runs of one group, of so many of which each is told.
+fn group(case: &Case, seed: u64) -> Result<[Told; SIZES.len()], Error> {
+    let seed = FIRST_SEED + 1000 * seed;
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut overrides = Overrides::default();
+    PERFECT.iter().try_for_each(|name| overrides.set(name, 0.0, "the table"))?;
+    let mut all: Option<Runs> = None;
+    let mut told = Vec::new();
+    let most = SIZES[SIZES.len() - 1];
+    for number in 0..most {
+        let [inertance, coulomb]: [f64; 2] = array::from_fn(|i| {
+            let drawn: f64 = StandardNormal.sample(&mut random);
+            1.0 + case.varies[i] * drawn
+        });
+        let paper = Inerter::paper();
+        let device =
+            Inerter { inertance_kg: paper.inertance_kg * inertance, coulomb_n: paper.coulomb_n * coulomb, ..paper };
+        let seed = seed + number as u64;
+        let sensors = Sensors { seed, metres_per_count: case.metres_per_count, ..bench_sensors() };
+        let motion = case.motions[number % case.motions.len()];
+        let setup = Setup::new(device, sensors, motion, Some(DURATION_S), &overrides)?;
+        let samples = setup.samples()?.map(|sample| Ok(raw(&sample)));
+        let outcome = replay_samples::<Error>(&setup.settings, 0.0, samples, |_, _| Ok(()))?;
+        let run = Runs::of(&format!("{seed}"), &setup.settings, &outcome);
+        let both = match all.take() {
+            None => run,
+            Some(before) => before.and(run)?,
+        };
+        if SIZES.contains(&(number + 1)) {
+            let merged = both.merged(None)?;
+            let parameters = three(&merged.fit.symmetric);
+            let truth = truth(&paper);
+            let found = array::from_fn(|i| {
+                let known = parameters[i].known()?;
+                Some((f64::from(known.value) - truth[i], f64::from(known.u95)))
+            });
+            told.push(Told { found, differ: merged.differs.contains(&true) });
+        }
+        all = Some(both);
+    }
+    told.try_into().map_err(|_| "a size is left out".into())
+}
+
+/// Cells of one parameter in groups of one size, and how many are held of how many.
+fn counted(groups: &[&Told], parameter: usize) -> (String, usize, usize) {
+    let mut found: Vec<(f64, f64)> = groups.iter().filter_map(|told| told.found[parameter]).collect();
+    if found.is_empty() {
+        return ("- | - | - |".into(), 0, 0);
+    }
+    found.sort_by(|(_, a), (_, b)| a.total_cmp(b));
+    let held = found.iter().filter(|(error, u95)| error.abs() <= *u95).count();
+    let square = found.iter().map(|(error, u95)| (error / u95).powi(2)).sum::<f64>() / found.len() as f64;
+    let (_, u95) = found[found.len() / 2];
+    (format!("{} | {held} of {} | {:.2} |", significant(u95), found.len(), square.sqrt()), held, found.len())
+}
+
+fn run() -> Result<bool, Error> {
+    let update = sheet::update_asked("merge")?;
+    let mut text = format!(
+        "# Runs merged
+
+`cargo xtask merge --update` writes this table. Each of {GROUPS} groups is of one device, the paper's, whose runs of {DURATION_S} s are fitted together by
+`inerter fit` and `inerter.merge`, 1 of them, 2, 4 or 16; a motion of its own seed each, or a tone that is played again. The rig is stated to be as perfect
+as it is. *U95*: the median half width; *held*: how many of the intervals hold the device as it is on average, of those that are told; *rms*: of the error
+over the half width; 0.51 is exact. *Differ*: groups whose runs are said to differ by more than their scatter. One run does not show what varies: its
+interval is of the device as it was then, and such rows are not counted below.
+
+| runs | of | mt: U95 kg | held | rms | cf: U95 N s/m | held | rms | fc: U95 N | held | rms | differ |
+|---|---|---|---|---|---|---|---|---|---|---|---|
+"
+    );
+    let (mut held, mut told) = ([0; 3], [0; 3]);
+    let mut differ_alike = (0, 0);
+    for case in &CASES {
+        let groups = each_seed(GROUPS, |seed| group(case, seed))?;
+        for (place, size) in SIZES.into_iter().enumerate() {
+            let those: Vec<&Told> = groups.iter().map(|group| &group[place]).collect();
+            let mut row = format!("| {} | {size} |", case.name);
+            for parameter in 0..NAMES.len() {
+                let (cell, now_held, now_told) = counted(&those, parameter);
+                row += &format!(" {cell}");
+                // One run cannot show what differs from run to run.
+                if size > 1 || case.varies == [0.0; 2] {
+                    held[parameter] += now_held;
+                    told[parameter] += now_told;
+                }
+            }
+            let differ = those.iter().filter(|told| told.differ).count();
+            if case.varies == [0.0; 2] && size > 1 {
+                differ_alike = (differ_alike.0 + differ, differ_alike.1 + those.len());
+            }
+            text += &format!("{row} {differ} |\n");
+        }
+    }
+    let share = |i: usize| 100.0 * held[i] as f64 / told[i] as f64;
+    text += &format!(
+        "
+Held: {:.1} % of {} intervals of mt, {:.1} % of {} of cf, {:.1} % of {} of fc. Of {} groups of more than one run whose devices are the same {} are said to differ.
+",
+        share(0),
+        told[0],
+        share(1),
+        told[1],
+        share(2),
+        told[2],
+        differ_alike.1,
+        differ_alike.0
+    );
+    print!("{text}");
+    let are_held = (0..NAMES.len()).all(|i| held[i] as f64 >= LEAST_HELD * told[i] as f64);
+    Ok(sheet::conclude("merge", &text, 2, update)? && are_held)
+}
+
+fn main() -> ExitCode {
+    inerter_tests::exit_code(run())
+}
