@@ -209,7 +209,7 @@ impl Case {
     /// One run through the estimator and the tests.
     pub fn diagnosed(&self, motion: &Motion, seed: u64) -> Result<Diagnosis, Error> {
         let (run, outcome) = self.run(motion, seed, true)?;
-        Ok(diagnose(&Series::of(&run), &run.settings, &outcome.published(), Encoder::default())?)
+        Ok(diagnose(&Series::of(&run), &run.settings, &outcome.published(), Encoder::default(), &|| {})?)
     }
 
     /// What is told of one run unasked, with the contact's stiffness stated or not.

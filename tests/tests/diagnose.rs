@@ -49,7 +49,7 @@ fn a_turn_that_nobody_gave_widens_what_rests_on_it() {
     let outcome = replay_all(&run, |_, _| Ok::<(), SettingsInputError>(())).unwrap();
     let told = |counts_per_turn| {
         let encoder = Encoder { counts_per_turn, ..Encoder::default() };
-        let found = diagnose(&Series::of(&run), &run.settings, &outcome.published(), encoder).unwrap();
+        let found = diagnose(&Series::of(&run), &run.settings, &outcome.published(), encoder, &|| {}).unwrap();
         let cause = found.causes.first().copied().unwrap();
         assert_eq!(cause.kind, Kind::PositionPeriodic);
         let inertance = found.corrected.unwrap().inertance_kg.fitted();
@@ -115,7 +115,7 @@ fn what_wanders_is_no_cause() {
 /// What `diagnose` finds in a run without being told anything.
 fn diagnosed(run: &Run) -> Diagnosis {
     let outcome = replay_all(run, |_, _| Ok::<(), SettingsInputError>(())).unwrap();
-    diagnose(&Series::of(run), &run.settings, &outcome.published(), Encoder::default()).unwrap()
+    diagnose(&Series::of(run), &run.settings, &outcome.published(), Encoder::default(), &|| {}).unwrap()
 }
 
 /// A force of 0.3 N once a turn is too small to be named and moves the inertance by more than the device can know of.

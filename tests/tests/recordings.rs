@@ -112,7 +112,7 @@ fn what_breaks_the_law() {
     let of = |recording: Recording| {
         let run = recording.run(1)?.unwrap();
         let published = replayed(&run).unwrap().published();
-        Some(diagnose(&Series::of(&run), &run.settings, &published, Encoder::default()).unwrap())
+        Some(diagnose(&Series::of(&run), &run.settings, &published, Encoder::default(), &|| {}).unwrap())
     };
     let Some(emps) = of(Recording::Emps) else { return };
     let first = emps.causes.first().unwrap();

@@ -64,13 +64,14 @@ pub fn diagnose(
     at_least("counts_per_turn", counts_per_turn, LEAST_COUNTS)?;
     at_least("counts_per_line", counts_per_line, LEAST_COUNTS)?;
     let run = run.clone();
-    watch(py, told, move |_| {
+    watch(py, told, move |progress| {
         let run = run.whole()?;
         let (machine, mut words) = (run.settings.machine, Vec::new());
         let changed = |since_s| {
             words.push(format!("The device changed at {since_s:.1} s: only the motion since is looked at."));
         };
-        let found = results::diagnosed::<Failure>(&run, Encoder { counts_per_turn, counts_per_line }, changed)?;
+        let encoder = Encoder { counts_per_turn, counts_per_line };
+        let found = results::diagnosed::<Failure>(&run, encoder, changed, |part| progress.tell(part))?;
         words.extend(found.words(machine));
         Ok((machine_json_line(machine, &found.json(machine)), words))
     })

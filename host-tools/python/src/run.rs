@@ -1,6 +1,10 @@
 //! Runs: opened, or put together from arrays.
 
-use std::{collections::BTreeMap, path::PathBuf, sync::Arc};
+use std::{
+    collections::BTreeMap,
+    path::PathBuf,
+    sync::{Arc, OnceLock},
+};
 
 use inerter_core::{Machine, Settings};
 use inerter_data::{
@@ -25,6 +29,8 @@ pub type Given = BTreeMap<String, f64>;
 pub struct Run {
     pub source: Source,
     overrides: Arc<Overrides>,
+    /// Once they were asked for: of a CSV they are a replay.
+    estimates: Arc<OnceLock<Py<Table>>>,
 }
 
 /// Settings by name, as an error calls them.
@@ -56,7 +62,7 @@ pub fn opened(path: PathBuf, overrides: Overrides, progress: &Progress) -> Resul
     let mut source = Source::open(&path, &overrides, |read| progress.tell(read as f64 / length as f64))?;
     source.name = name;
     progress.set(1.0)?;
-    Ok(Run { source, overrides: Arc::new(overrides) })
+    Ok(Run::of(source, overrides))
 }
 
 /// A run from columns of equal length, each the bytes of its numbers: 64-bit floats, and for the count 64-bit integers.
@@ -153,17 +159,25 @@ impl Run {
 
     /// What the device published; of a CSV or of arrays what it would have published.
     #[getter]
-    fn estimates(&self, py: Python<'_>) -> PyResult<Table> {
+    fn estimates(&self, py: Python<'_>) -> PyResult<Py<Table>> {
+        if let Some(known) = self.estimates.get() {
+            return Ok(known.clone_ref(py));
+        }
         let source = self.source.clone();
         let table = watch(py, None, move |_| Ok(EstimateTable::collect(&source, &(0.0..f64::INFINITY))?))?;
-        Ok(Table::estimates(table))
+        let table = Py::new(py, Table::estimates(table))?;
+        Ok(self.estimates.get_or_init(|| table).clone_ref(py))
     }
 }
 
 impl Run {
     /// One whose samples are in memory.
     pub fn held(run: inerter_data::run::Run, overrides: Overrides) -> Self {
-        Self { source: Source::held(run), overrides: Arc::new(overrides) }
+        Self::of(Source::held(run), overrides)
+    }
+
+    fn of(source: Source, overrides: Overrides) -> Self {
+        Self { source, overrides: Arc::new(overrides), estimates: Arc::default() }
     }
 
     /// With its samples in memory.

@@ -32,7 +32,7 @@ impl Progress {
         if self.is_stopped.load(Ordering::Relaxed) { Err(Failure::Stopped) } else { Ok(()) }
     }
 
-    /// The same of work that goes on whatever it is told: when nobody waits any more its thread is unwound from here.
+    /// The same, for work that cannot be told to stop: when nobody waits any more its thread is unwound from here.
     pub fn tell(&self, part: f64) {
         if let Err(stopped) = self.set(part) {
             // No fault, so without the message of a panic; of the failure nobody hears.

@@ -237,6 +237,7 @@ def test_samples_are_those_of_the_export(folder: Path, run: inerter.Run) -> None
 
 def test_estimates_are_those_that_the_device_published(folder: Path, run: inerter.Run) -> None:
     estimates = pa.table(run.estimates).to_pandas()
+    assert run.estimates is run.estimates
     lines = [json.loads(text) for text in told("replay", folder / "run.mcap", "--json").splitlines()]
     published = [told["inertance_kg"]["value"] for told in lines if told["kind"] == "estimate" and "final" not in told]
     ours = [None if math.isnan(value) else value for value in estimates["inertance_kg"]]
@@ -433,7 +434,7 @@ def test_other_threads_go_on_meanwhile(folder: Path) -> None:
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="threads are counted on Linux")
-@pytest.mark.parametrize("call", ["replay(run", "identify(run", "report(run, page", "plot(run, 'loop'", "simulate(duration_s=9e4"])
+@pytest.mark.parametrize("call", ["replay(run", "diagnose(run", "identify(run", "report(run, page", "plot(run, 'loop'", "simulate(duration_s=9e4"])
 def test_ctrl_c_ends_the_work(folder: Path, tmp_path: Path, call: str) -> None:
     # Work that is not ended would have told of its end, and goes on in a thread of its own.
     code = f"""

@@ -28,6 +28,7 @@ mod panics;
 mod platforms;
 mod process;
 mod python;
+mod rates;
 mod release;
 mod setup;
 mod size;
@@ -96,6 +97,8 @@ enum Command {
     Plan(accuracy::Options),
     /// How often the interval of a skew holds it, for machines of any size, against docs/tables/skew.md
     Skew(accuracy::Options),
+    /// How fast the Python package replays, beside the program and numpy
+    Rates(accuracy::Options),
     /// How often the interval of merged runs holds the device, against docs/tables/merge.md
     Merge(accuracy::Options),
     /// How often a realistic defect makes a value wrong without a word, against docs/tables/defects.md
@@ -154,6 +157,7 @@ fn main() -> ExitCode {
         Command::Diagnose(options) => accuracy::table("diagnose", &options),
         Command::Plan(options) => accuracy::table("plan", &options),
         Command::Skew(options) => accuracy::table("skew", &options),
+        Command::Rates(options) => rates::run(&options),
         Command::Merge(options) => accuracy::table("merge", &options),
         Command::Defects(options) => accuracy::table("defects", &options),
         Command::Ablation(options) => ablation::run(&options),

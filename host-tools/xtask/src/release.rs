@@ -4,6 +4,8 @@
 //! |---|---|
 //! | `inerter-VERSION-TRIPLE` | the program with its default features, without line tables |
 //! | `inerter-VERSION-TRIPLE.cdx.json` | what is linked into it, in the form of CycloneDX |
+//! | `inerter-VERSION-cp310-abi3-PLATFORM.whl` | the Python package |
+//! | `inerter-python-VERSION-TRIPLE.cdx.json` | what is linked into it |
 //! | `inerter-firmware-VERSION-BOARD.elf`, `.hex`, `.dfu` | a board's image, for `inerter`, for STM32CubeProgrammer, for `dfu-util` |
 //! | `inerter-firmware-VERSION.cdx.json` | what is linked into the images |
 //! | `SHA256SUMS` | the sums of them all |
@@ -15,6 +17,7 @@ use crate::{
     images, process,
     tool::Tool,
     tree::{self, FIRMWARE_TARGET},
+    wheel,
     workspace::Workspace,
 };
 use anyhow::{Context, Result, bail};
@@ -62,6 +65,10 @@ pub fn run(options: &Options) -> Result<()> {
     let named = folder.join(format!("inerter-{version}-{host}{}", std::env::consts::EXE_SUFFIX));
     fs::copy(&program, &named).with_context(|| format!("cannot copy {}", program.display()))?;
     keep(format!("inerter-{version}-{host}.cdx.json"), &materials(&workspace, "inerter", &host)?)?;
+    let wheel = wheel::released()?;
+    let name = wheel.file_name().with_context(|| format!("{} has no name", wheel.display()))?;
+    fs::copy(&wheel, folder.join(name)).with_context(|| format!("cannot copy {}", wheel.display()))?;
+    keep(format!("inerter-python-{version}-{host}.cdx.json"), &materials(&workspace, "inerter-python", &host)?)?;
     if !options.program_only {
         for (image, board) in BOARDS {
             let path = firmware::build(image)?;

@@ -58,6 +58,13 @@ pub fn run(options: &Options) -> Result<()> {
     Ok(())
 }
 
+/// The wheel as it is released.
+pub fn released() -> Result<PathBuf> {
+    let target = Workspace::read(&tree::root())?.target;
+    let python = python::environment(&target.join("wheel/environment"), IMPORTS, REQUIREMENTS, false)?;
+    built(&python, &target.join("wheels"), &Options::default())
+}
+
 /// The wheel in a folder that holds nothing else.
 fn built(python: &Path, folder: &Path, options: &Options) -> Result<PathBuf> {
     if folder.is_dir() {

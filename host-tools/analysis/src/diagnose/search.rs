@@ -93,7 +93,7 @@ pub fn suspected(gated: &Gated, settings: &Settings, published: &Published) -> V
     if !is_suspect(&published.law) || is_reversed(published) {
         return Vec::new();
     }
-    let Ok(found) = diagnose(&gated.series, settings, published, Encoder::default()) else { return Vec::new() };
+    let Ok(found) = diagnose(&gated.series, settings, published, Encoder::default(), &|| {}) else { return Vec::new() };
     if published.law.status == LawStatus::Broken {
         return found.causes;
     }
@@ -105,20 +105,21 @@ pub fn suspected(gated: &Gated, settings: &Settings, published: &Published) -> V
 /// Tests a run of which the estimator said this in the end.
 ///
 /// What is found is taken in as it is found; then all of it is fitted together, and each is held against all that could stand in its
-/// place. A skew is undone, whereupon the search goes on.
+/// place. A skew is undone, whereupon the search goes on. `tick` is called before each look at the run.
 pub fn diagnose(
     series: &Series,
     settings: &Settings,
     published: &Published,
     encoder: Encoder,
+    tick: &dyn Fn(),
 ) -> Result<Diagnosis, FitError> {
     let all = Kind::ALL.to_vec();
-    let found = searched(series, settings, published, encoder, &all)?;
+    let found = searched(series, settings, published, encoder, &all, tick)?;
     // What others explain as well, once they were found, was no skew.
     let is_weak = |cause: &Cause| cause.kind == Kind::Skew && cause.f < LIMIT;
     if found.causes.iter().any(is_weak) {
         let others: Vec<Kind> = all.into_iter().filter(|kind| *kind != Kind::Skew).collect();
-        return searched(series, settings, published, encoder, &others);
+        return searched(series, settings, published, encoder, &others, tick);
     }
     Ok(found)
 }
@@ -130,8 +131,10 @@ fn searched(
     published: &Published,
     encoder: Encoder,
     kinds: &[Kind],
+    tick: &dyn Fn(),
 ) -> Result<Diagnosis, FitError> {
     let mut search = Search {
+        tick,
         published,
         encoder,
         kinds,
@@ -192,6 +195,7 @@ fn enough(rows: Rows) -> Result<Rows, FitError> {
 /// The search under way.
 #[derive(Clone)]
 struct Search<'a> {
+    tick: &'a dyn Fn(),
     published: &'a Published,
     encoder: Encoder,
     kinds: &'a [Kind],
@@ -212,6 +216,7 @@ impl Search<'_> {
     /// The rows by what is known so far, looked at as tells most.
     fn rows<'a>(&mut self, aligned: &'a Series) -> Result<Rows<'a>, FitError> {
         loop {
+            (self.tick)();
             let located = Located::of(aligned, self.law, &known(&self.found));
             let repeats = located.repeats(&self.settings);
             let (sight, worse) = match self.sights {

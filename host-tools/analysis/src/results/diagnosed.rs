@@ -1,5 +1,7 @@
 //! What breaks the law in a whole run, and the parameters with it included.
 
+use std::cell::Cell;
+
 use inerter_core::{LawStatus, Machine, Parameters, Warning, WarningKind};
 use inerter_data::{
     causes::{self, warning_words},
@@ -34,6 +36,10 @@ pub struct Diagnosed {
     pub corrected: Option<Parameters>,
 }
 
+/// Part of the work that the replay is, and part of what is left that a look at the run is, about.
+const OF_REPLAY: f64 = 0.15;
+const OF_A_LOOK: f64 = 0.1;
+
 /// Why no cause could be sought beside what is wrong with the samples.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Unsought {
@@ -58,28 +64,38 @@ impl Unsought {
 }
 
 /// Seeks what breaks the law in a whole run, or since the device changed last: `changed` is handed that time \[s\] before the search.
+/// `told` hears of the part that is done, from 0 to 1.
 pub fn diagnosed<E: From<SettingsInputError> + From<CalibrateError> + From<FitError>>(
     run: &Run,
     encoder: Encoder,
     changed: impl FnOnce(f64),
+    told: impl Fn(f64),
 ) -> Result<Diagnosed, E> {
-    let (mut told, mut since_s): (Vec<Warning>, _) = (Vec::new(), None);
+    let (mut warnings, mut since_s): (Vec<Warning>, _) = (Vec::new(), None);
+    let length_s = run.duration_s().max(f64::MIN_POSITIVE);
     let outcome = replay_all(run, |t_s, event| -> Result<(), E> {
         match event {
-            EstimatorEvent::Warned(warning) => told.push(*warning),
+            EstimatorEvent::Warned(warning) => warnings.push(*warning),
             EstimatorEvent::Changed(_) => since_s = Some(t_s),
-            EstimatorEvent::Reversal(_) | EstimatorEvent::Estimate(_) => {}
+            EstimatorEvent::Estimate(_) => told(OF_REPLAY * (t_s - run.start_s) / length_s),
+            EstimatorEvent::Reversal(_) => {}
         }
         Ok(())
     })?;
-    let mut gated = Gated::of(run, &told);
-    let gates = gates(&told, &gated);
+    let mut gated = Gated::of(run, &warnings);
+    let gates = gates(&warnings, &gated);
     if let Some(since_s) = since_s {
         changed(since_s);
         gated.series.cut_before(since_s);
     }
     let published = outcome.published();
-    let found = match diagnose(&gated.series, &run.settings, &published, encoder) {
+    // How long it is depends on what is found.
+    let part = Cell::new(OF_REPLAY);
+    let tick = || {
+        part.set(part.get() + OF_A_LOOK * (1.0 - part.get()));
+        told(part.get());
+    };
+    let found = match diagnose(&gated.series, &run.settings, &published, encoder, &tick) {
         _ if is_reversed(&published) => Err(Unsought::Reversed),
         Ok(found) => Ok(found),
         Err(error) if gates.is_empty() => {

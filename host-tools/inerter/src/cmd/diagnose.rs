@@ -56,7 +56,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     run.notes.iter().for_each(note);
     let encoder = Encoder { counts_per_turn: args.counts_per_turn, counts_per_line: args.counts_per_line };
     let changed = |since_s| note(format!("the device changed at {since_s:.1} s: only the motion since is looked at"));
-    let diagnosed = diagnosed::<Error>(&run, encoder, changed)?;
+    let diagnosed = diagnosed::<Error>(&run, encoder, changed, drop)?;
     let machine = run.settings.machine;
     if args.json {
         return Ok(output::line(machine_json_line(machine, &diagnosed.json(machine)))?);
