@@ -70,7 +70,7 @@ const QUOTES: [Quote; 22] = [
         document: "THEORY",
         table: "merge",
         stands: "cf, {least} % of {all} of fc. Of {groups} groups of more than one run whose devices are the same 0 are said to differ.",
-        quoted: "{least} % of {all} intervals and more hold each parameter, 93 to 100 % in each group where the device varies, and none of {groups} groups",
+        quoted: "at least {least} % of {all} intervals hold each parameter, and none of {groups} groups",
     },
     validation("diagnose", "| all | {runs} | {first} | {sized} |", "Over all runs it is {sized} %"),
     validation(

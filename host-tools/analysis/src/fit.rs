@@ -18,7 +18,7 @@ use inerter_data::replay::Outcome;
 use miette::Diagnostic;
 
 /// Regressors, the force among them.
-const COUNT: usize = 7;
+pub(crate) const COUNT: usize = 7;
 const ACCELERATION: usize = 0;
 const VELOCITY: usize = 1;
 const SIGN: usize = 2;
@@ -141,9 +141,9 @@ impl Products {
         Ok(Self::summed(*bank, [units.as_slice(), &more.units], first.iter().chain(&more.sums), f64::from(*updates)))
     }
 
-    /// Of the exact sums of several runs, one of which has these; `sums` are in the order of [`Sums`] and [`MoreSums`].
-    pub(crate) fn merged((of_one, more_of_one): &(Sums, MoreSums), sums: &[i128], updates: u64) -> Self {
-        Self::summed(of_one.bank, [&of_one.units, &more_of_one.units], sums.iter(), updates as f64)
+    /// Of the exact sums of several runs in these units, in the order of [`Sums`] and [`MoreSums`].
+    pub(crate) fn merged(bank: Bank, units: [f64; COUNT], sums: &[i128], updates: u64) -> Self {
+        Self::summed(bank, [&units, &[]], sums.iter(), updates as f64)
     }
 
     /// Of exact sums in these units, the lower triangle by rows.
@@ -367,9 +367,9 @@ pub(crate) struct Judge<'a> {
 }
 
 impl Judge<'_> {
-    fn parameter(&self, i: usize, found: &Found, value: f32) -> Parameter {
+    fn parameter(&self, i: usize, found: &Found, value: f32, model_u95: f32) -> Parameter {
         let systematic = Systematic::of(self.settings);
-        let Beside { motion, model_u95 } = self.beside;
+        let motion = &self.beside.motion;
         let spread = self.scatter.in_motion(motion);
         let budget = match i {
             ACCELERATION => systematic.inertance(found, &spread, motion),
@@ -377,7 +377,6 @@ impl Judge<'_> {
             SIGN => systematic.coulomb(found, &spread, motion),
             _ => systematic.offset(found, &spread),
         };
-        let model_u95 = model_u95.get(i).copied().unwrap_or_default();
         Parameter::new(Interval { value, u95: budget.and(Source::Model, model_u95).u95() }, Status::Ok)
     }
 
@@ -385,7 +384,7 @@ impl Judge<'_> {
     pub fn four(&self, [inertance, viscous, coulomb, offset]: [Found; 4]) -> Parameters {
         let screw_kg = inertance.value - self.settings.structure_mass_kg as f32;
         Parameters {
-            inertance_kg: self.parameter(ACCELERATION, &inertance, screw_kg),
+            inertance_kg: self.parameter(ACCELERATION, &inertance, screw_kg, self.beside.model_u95[ACCELERATION]),
             viscous_n_s_per_m: self.viscous(&viscous),
             coulomb_n: self.coulomb(&coulomb),
             offset_n: self.offset(&offset),
@@ -393,15 +392,15 @@ impl Judge<'_> {
     }
 
     fn viscous(&self, found: &Found) -> Parameter {
-        self.parameter(VELOCITY, found, found.value)
+        self.parameter(VELOCITY, found, found.value, self.beside.model_u95[VELOCITY])
     }
 
     fn coulomb(&self, found: &Found) -> Parameter {
-        self.parameter(SIGN, found, found.value)
+        self.parameter(SIGN, found, found.value, self.beside.model_u95[SIGN])
     }
 
     fn offset(&self, found: &Found) -> Parameter {
-        self.parameter(ONE, found, found.value)
+        self.parameter(ONE, found, found.value, self.beside.model_u95[ONE])
     }
 }
 
@@ -459,15 +458,19 @@ pub fn directions(
     let viscous = |side: f64| by_direction.viscous(&full.combined([0.0, 1.0, 0.0, 0.0, side]));
     let coulomb = |side: f64, offset_n: f64| {
         let found = full.combined([0.0, 0.0, 1.0, side, 0.0]);
-        by_direction.coulomb(&Found { value: found.value - (side * offset_n) as f32, ..found })
+        let found = Found { value: found.value - (side * offset_n) as f32, ..found };
+        let [_, _, model_u95, of_offset] = beside.model_u95;
+        by_direction.parameter(SIGN, &found, found.value, model_u95.hypot(side as f32 * of_offset))
     };
+    // Twice the offset.
+    let difference = full.combined([0.0, 0.0, 0.0, 2.0, 0.0]);
     Ok(Directions {
         symmetric: alike.four(LAW.map(|place| plain.combined(unit_of(place)))),
         symmetric_residual_rms_n: plain.residual_square.sqrt(),
         inertance_kg: by_direction.four(LAW.map(|place| full.combined(unit_of(place)))).inertance_kg,
         viscous_n_s_per_m: [viscous(1.0), viscous(-1.0)],
         coulomb_n: coulomb(0.0, 0.0),
-        difference_n: by_direction.offset(&full.combined([0.0, 0.0, 0.0, 2.0, 0.0])),
+        difference_n: by_direction.parameter(ONE, &difference, difference.value, 2.0 * beside.model_u95[ONE]),
         coulomb_by_direction_n: offset_n.map(|offset_n| [coulomb(1.0, offset_n), coulomb(-1.0, offset_n)]),
         residual_rms_n: full.residual_square.sqrt(),
     })

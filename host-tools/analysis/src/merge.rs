@@ -14,8 +14,7 @@ use std::collections::{BTreeMap, btree_map::Entry};
 use inerter_core::{Bank, LawStatus, MoreSums, Motion, NORMAL_COVERAGE, Settings, Sums, constants::CLEAR_OF_STEPS};
 use inerter_data::{
     names::parameter,
-    replay::Outcome,
-    settings::validate,
+    replay::{Outcome, Replay},
     words::{amount_text, plural},
 };
 use miette::Diagnostic;
@@ -24,22 +23,22 @@ use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 use crate::{
     calibrate::student,
-    fit::{Beside, Directions, FitError, Products, Weights, directions},
+    fit::{Beside, COUNT, Directions, FitError, Products, Weights, directions},
 };
 
 /// Products of the regressors in [`Sums`] and [`MoreSums`] together.
-const PRODUCTS: usize = 28;
-/// Begins the bytes of runs that are put away.
-const MAGIC: &[u8] = b"inerter sums 1\n";
-/// Settings that no sum depends on.
-const FREE: [&str; 3] = ["force_zero_code", "memory_s", "publish_rate_hz"];
+const PRODUCTS: usize = COUNT * (COUNT + 1) / 2;
+/// Begins the bytes of runs that are put away: another version has another estimator.
+const MAGIC: &[u8] = concat!("inerter sums ", env!("CARGO_PKG_VERSION"), "\n").as_bytes();
+/// Settings of which runs may have values of their own: the tare, and what is of the terminal's sensor.
+const FREE: [&str; 3] = ["force_zero_code", "metres_per_terminal_code", "terminal_sensor"];
 /// Part by which root mean squares of velocity and acceleration of motions that are alike may differ.
 const ALIKE: f64 = 0.01;
 /// Probability under which runs that agree differ so much.
 const UNLIKELY: f64 = 1e-3;
 /// Each by itself.
 const APART: [[f64; 4]; 4] = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
-/// To the last bit of a variance that is not under 1e-9 of the squared range.
+/// They leave 1e-24 of the squared range.
 const BISECTIONS: u32 = 80;
 
 /// Why runs cannot be taken together.
@@ -50,16 +49,14 @@ pub enum MergeError {
     #[diagnostic(code(inerter::merge::empty), help("give one run at least"))]
     Empty,
     /// They were not measured or replayed alike.
-    #[error("{setting} is {} in {} and {} in {}", values[0], runs[0], values[1], runs[1])]
+    #[error("the settings of {} and {} differ: {}", runs[0], runs[1], differences(settings))]
     #[diagnostic(
         code(inerter::merge::settings),
-        help("sums add up where settings are the same: replay the runs with {setting} as it is right for both")
+        help("sums add up where settings are the same; if this is right for both: {}", alike(settings))
     )]
     Settings {
-        /// Name of the setting.
-        setting: &'static str,
-        /// What it is in each of two runs.
-        values: [f64; 2],
+        /// Names of those that differ, and what each is in two runs.
+        settings: Vec<(&'static str, [f64; 2])>,
         /// Names of the runs.
         runs: [String; 2],
     },
@@ -67,6 +64,19 @@ pub enum MergeError {
     #[error("these bytes are no sums of runs, or of another version")]
     #[diagnostic(code(inerter::merge::bytes), help("replay the runs again with this version"))]
     Bytes,
+}
+
+/// For a person.
+fn differences(settings: &[(&str, [f64; 2])]) -> String {
+    let each = settings.iter().map(|(name, [one, other])| format!("{name} is {one} and {other}"));
+    each.collect::<Vec<_>>().join(", ")
+}
+
+/// What would make them the same: a scale that is large enough for both.
+fn alike(settings: &[(&str, [f64; 2])]) -> String {
+    let greater = |[one, other]: [f64; 2]| if one.abs() < other.abs() { other } else { one };
+    let each = settings.iter().map(|(name, values)| format!("--set {name}={}", greater(*values)));
+    each.collect::<Vec<_>>().join(" ")
 }
 
 /// A parameter by one run alone.
@@ -77,12 +87,15 @@ struct Own {
     /// come again.
     square: f32,
     scatter: f32,
+    /// Variance by all in which two runs on one rig may differ: a skew or a stiffness that is wrong moves each motion's otherwise.
+    unshared: f32,
 }
 
 /// What one run says.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Part {
     name: String,
+    settings: Settings,
     fast: (Sums, MoreSums),
     slow: (Sums, MoreSums),
     /// Bank that its estimate comes from.
@@ -109,26 +122,48 @@ impl Part {
         std::array::from_fn(|_| all.next().copied().unwrap_or_default())
     }
 
-    /// What no two runs have in common.
+    /// What one unit of each regressor of a bank is in SI.
+    fn units(&self, bank: Bank) -> [f64; COUNT] {
+        let (sums, more) = self.sums(bank);
+        let mut all = sums.units.iter().chain(&more.units);
+        std::array::from_fn(|_| all.next().copied().unwrap_or_default())
+    }
+
+    /// What no two runs have in common; of one in which nothing was summed, its name.
     fn key(&self) -> Key {
-        [self.exact(Bank::Fast), self.exact(Bank::Slow)]
+        let is_empty = self.fast.0.updates == 0 && self.slow.0.updates == 0;
+        ([self.exact(Bank::Fast), self.exact(Bank::Slow)], is_empty.then(|| self.name.clone()))
+    }
+
+    /// Whether it is what an estimator with its settings could have given.
+    fn is_sound(&self) -> bool {
+        let Ok(unused) = Replay::new(&self.settings, 0.0) else { return false };
+        [Bank::Fast, Bank::Slow].into_iter().all(|bank| {
+            let ((sums, more), (fresh, more_fresh)) = (self.sums(bank), unused.sums(bank));
+            (sums.bank, more.bank) == (bank, bank)
+                && (sums.index, sums.updates) == (more.index, more.updates)
+                && (sums.units, more.units) == (fresh.units, more_fresh.units)
+        })
+    }
+
+    /// Settings that are not as in another run, and must be.
+    fn differing(&self, other: &Self) -> Vec<(&'static str, [f64; 2])> {
+        let both = self.settings.values().into_iter().zip(other.settings.values());
+        Settings::TABLE
+            .iter()
+            .zip(both)
+            .filter(|(info, (one, other))| one != other && !FREE.contains(&info.name))
+            .map(|(info, (one, other))| (info.name, [one, other]))
+            .collect()
     }
 }
 
-type Key = [[i128; PRODUCTS]; 2];
+type Key = ([[i128; PRODUCTS]; 2], Option<String>);
 
-/// Runs of one device, each once.
+/// Runs of one device, each once, and one at least.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Runs {
-    settings: Settings,
     parts: BTreeMap<Key, Part>,
-}
-
-/// Runs as they are put away.
-#[derive(Serialize, Deserialize)]
-struct Stored {
-    settings: Settings,
-    parts: Vec<Part>,
 }
 
 /// What runs say together.
@@ -143,8 +178,8 @@ pub struct Merged {
     /// Names of the runs, in alphabetical order.
     pub names: Vec<String>,
     /// By how much the own values of inertance, viscous and Coulomb friction and offset differ from run to run beyond their scatter: a standard
-    /// deviation. Nothing of fewer than two runs.
-    pub apart: Option<[f32; 4]>,
+    /// deviation. Nothing where fewer than two runs tell one.
+    pub apart: [Option<f32>; 4],
     /// Which of the four differ more than chance would have it.
     pub differs: [bool; 4],
     /// Names of the runs that the law does not hold for.
@@ -160,6 +195,7 @@ impl Runs {
         let Beside { motion, model_u95 } = Beside::of(outcome);
         let part = Part {
             name: name.to_string(),
+            settings: *settings,
             fast: outcome.fast,
             slow: outcome.slow,
             bank: outcome.estimate.bank,
@@ -169,35 +205,34 @@ impl Runs {
                 value: values[i].fitted().value,
                 square: budgets[i].fit_square(),
                 scatter: budgets[i].standard_error().powi(2),
+                unshared: (budgets[i].same_rig_u95() / NORMAL_COVERAGE).powi(2),
             }),
             law_is_broken: outcome.law.status == LawStatus::Broken,
         };
-        let mut settings = *settings;
-        let default = Settings::default();
-        for name in FREE {
-            // Both have it, and a default is always valid by itself.
-            let _ = default.get(name).map(|value| settings.set_by_name(name, value));
-        }
-        Self { settings, parts: BTreeMap::from([(part.key(), part)]) }
+        Self { parts: BTreeMap::from([(part.key(), part)]) }
     }
 
     /// These and others together.
     pub fn and(mut self, others: Self) -> Result<Self, MergeError> {
-        let both = self.settings.values().into_iter().zip(others.settings.values());
-        let different = Settings::TABLE.iter().zip(both).find(|(_, (one, other))| one != other);
-        if let Some((info, (one, other))) = different {
-            let runs = [&self, &others].map(|runs| runs.names().into_iter().next().unwrap_or_default());
-            return Err(MergeError::Settings { setting: info.name, values: [one, other], runs });
-        }
-        for (key, part) in others.parts {
-            match self.parts.entry(key) {
-                // The same whichever came first.
-                Entry::Occupied(mut there) if part.name < there.get().name => drop(there.insert(part)),
-                Entry::Occupied(_) => {}
-                Entry::Vacant(place) => drop(place.insert(part)),
+        others.parts.into_values().try_for_each(|part| self.take(part))?;
+        Ok(self)
+    }
+
+    /// Takes one run more.
+    fn take(&mut self, part: Part) -> Result<(), MergeError> {
+        if let Some((_, first)) = self.parts.first_key_value() {
+            let settings = first.differing(&part);
+            if !settings.is_empty() {
+                return Err(MergeError::Settings { settings, runs: [first.name.clone(), part.name] });
             }
         }
-        Ok(self)
+        match self.parts.entry(part.key()) {
+            // The same whichever came first.
+            Entry::Occupied(mut there) if stored(&part) < stored(there.get()) => drop(there.insert(part)),
+            Entry::Occupied(_) => {}
+            Entry::Vacant(place) => drop(place.insert(part)),
+        }
+        Ok(())
     }
 
     /// All of these together.
@@ -214,31 +249,26 @@ impl Runs {
         names
     }
 
-    /// Settings of the runs; those that no sum depends on are the defaults.
-    pub fn settings(&self) -> &Settings {
-        &self.settings
+    /// Settings of the runs; of those that may differ, one run's.
+    pub fn settings(&self) -> Settings {
+        self.parts.values().next().map(|part| part.settings).unwrap_or_default()
     }
 
     /// For another program of this version.
     pub fn to_bytes(&self) -> Vec<u8> {
-        let stored = Stored { settings: self.settings, parts: self.parts.values().cloned().collect() };
-        // What is in memory can be written to memory.
-        postcard::to_extend(&stored, MAGIC.to_vec()).unwrap_or_default()
+        [MAGIC, &stored(&self.parts.values().collect::<Vec<_>>())].concat()
     }
 
     /// From bytes of [`to_bytes`](Self::to_bytes).
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, MergeError> {
         let body = bytes.strip_prefix(MAGIC).ok_or(MergeError::Bytes)?;
-        let (Stored { settings, parts }, rest): (Stored, &[u8]) =
-            postcard::take_from_bytes(body).map_err(|_| MergeError::Bytes)?;
-        let are_whole = |(sums, more): &(Sums, MoreSums), bank| {
-            (sums.bank, more.bank) == (bank, bank) && (sums.index, sums.updates) == (more.index, more.updates)
-        };
-        let is_whole = |part: &Part| are_whole(&part.fast, Bank::Fast) && are_whole(&part.slow, Bank::Slow);
-        if !rest.is_empty() || parts.is_empty() || !parts.iter().all(is_whole) || validate(&settings).is_err() {
+        let (parts, rest): (Vec<Part>, &[u8]) = postcard::take_from_bytes(body).map_err(|_| MergeError::Bytes)?;
+        if !rest.is_empty() || parts.is_empty() || !parts.iter().all(Part::is_sound) {
             return Err(MergeError::Bytes);
         }
-        Ok(Self { settings, parts: parts.into_iter().map(|part| (part.key(), part)).collect() })
+        let mut runs = Self { parts: BTreeMap::new() };
+        parts.into_iter().try_for_each(|part| runs.take(part)).map_err(|_| MergeError::Bytes)?;
+        Ok(runs)
     }
 
     /// The law fitted to all; `offset_n` is the force offset where it is known.
@@ -247,23 +277,22 @@ impl Runs {
         let (products, updates) = self.products(bank)?;
         let shares = self.shares(bank, &products)?;
         let spreads = self.spreads();
+        let again = encoder_again(&shares);
         let model_u95 = std::array::from_fn(|i| {
             let law: f64 = shares.iter().map(|share| share.moved(i, |j| share.part.model_u95[j])).sum();
-            law.hypot(between(&shares, i, &spreads)).hypot(encoder_again(&shares, i)) as f32
+            law.hypot(between(&shares, i, &spreads)).hypot(again[i]) as f32
         });
+        let settings = self.settings();
         let beside = Beside { motion: self.motion(&shares, &products), model_u95 };
         let mut broken: Vec<_> =
             self.parts.values().filter(|part| part.law_is_broken).map(|part| part.name.clone()).collect();
         broken.sort();
         Ok(Merged {
-            fit: directions(&products, &self.settings, &beside, offset_n)?,
+            fit: directions(&products, &settings, &beside, offset_n)?,
             bank,
             updates,
             names: self.names(),
-            apart: spreads
-                .iter()
-                .any(Option::is_some)
-                .then(|| spreads.map(|spread| spread.map_or(0.0, |spread| spread.deviation as f32))),
+            apart: spreads.map(|spread| spread.map(|spread| spread.deviation as f32)),
             differs: spreads.map(|spread| spread.is_some_and(|spread| spread.is_unlikely)),
             broken,
         })
@@ -275,33 +304,40 @@ impl Runs {
         if is(Bank::Fast) || is(Bank::Slow) {
             return Ok(if is(Bank::Fast) { Bank::Fast } else { Bank::Slow });
         }
-        let (fast, _) = self.products(Bank::Fast)?;
+        let (settings, (fast, _)) = (self.settings(), self.products(Bank::Fast)?);
         let [acceleration, _] = fast.mean_squares();
-        let is_clear = acceleration > CLEAR_OF_STEPS * fast.steps_square(&self.settings);
+        let is_clear = acceleration > CLEAR_OF_STEPS * fast.steps_square(&settings);
         Ok(if is_clear { Bank::Fast } else { Bank::Slow })
     }
 
     /// The exact sums of all, and how many products they hold.
     fn products(&self, bank: Bank) -> Result<(Products, u64), FitError> {
-        let mut all = [0_i128; PRODUCTS];
-        let mut updates = 0_u64;
+        // A tare moves the force's unit by powers of two: the finest is a whole part of each.
+        let units = self.parts.values().map(|part| part.units(bank));
+        let finest = units.reduce(|finest, units| std::array::from_fn(|i| finest[i].min(units[i])));
+        let finest = finest.ok_or(FitError::TooShort { observations: 0.0 })?;
+        let (mut all, mut updates) = ([0_i128; PRODUCTS], 0_u64);
         for part in self.parts.values() {
-            // 2^94 is the most of one run.
-            all.iter_mut().zip(part.exact(bank)).for_each(|(all, sum)| *all = all.wrapping_add(sum));
+            let units = part.units(bank);
+            let doublings: [u32; COUNT] = std::array::from_fn(|i| (units[i] / finest[i]).log2().round() as u32);
+            let pairs = (0..COUNT).flat_map(|row| (0..=row).map(move |column| (row, column)));
+            for ((all, sum), (row, column)) in all.iter_mut().zip(part.exact(bank)).zip(pairs) {
+                // 2^94 is the most of one run.
+                *all = all.wrapping_add(sum.wrapping_shl(doublings[row] + doublings[column]));
+            }
             updates += u64::from(part.sums(bank).0.updates);
         }
-        let of_one = self.parts.values().next().ok_or(FitError::TooShort { observations: 0.0 })?.sums(bank);
-        Ok((Products::merged(of_one, &all, updates), updates))
+        Ok((Products::merged(bank, finest, &all, updates), updates))
     }
 
     /// What part of all each run is.
     fn shares(&self, bank: Bank, all: &Products) -> Result<Vec<Share<'_>>, FitError> {
-        let weights = all.weights()?;
+        let (weights, settings) = (all.weights()?, self.settings());
         let mut shares = Vec::new();
         for part in self.parts.values() {
             let (sums, more) = part.sums(bank);
             if sums.updates > 0 {
-                shares.push(Share::new(part, Products::of(sums, more)?, &weights, &self.settings));
+                shares.push(Share::new(part, Products::of(sums, more)?, &weights, &settings));
             }
         }
         if let [one] = shares.as_mut_slice() {
@@ -326,18 +362,19 @@ impl Runs {
 
     /// What is known of all motions beside the sums. Of one run it is that run's.
     fn motion(&self, shares: &[Share], products: &Products) -> Motion {
+        let settings = self.settings();
         let sum = |each: &dyn Fn(&Share, &Motion) -> f64| {
             shares.iter().map(|share| each(share, &share.part.motion)).sum::<f64>() as f32
         };
         Motion {
             repeats: sum(&|of, own| of.of_strokes * f64::from(own.repeats)),
-            apart: shares.iter().fold(0.0, |most, share| share.part.motion.apart.max(most)),
+            apart: sum(&|of, own| of.of_squares[0] * f64::from(own.apart)),
             frequency_squared: sum(&|of, own| of.of_squares[0] * f64::from(own.frequency_squared)),
             low_squared: sum(&|of, own| of.of_squares[1] * f64::from(own.low_squared)),
             acceleration_squared: sum(&|of, own| of.of_updates * f64::from(own.acceleration_squared)),
             readings: match shares {
                 [one] => one.part.motion.readings,
-                _ => products.readings(&self.settings) as f32,
+                _ => products.readings(&settings) as f32,
             },
             steady: sum(&|of, own| of.of_updates * f64::from(own.steady)),
             reversals_again: sum(&|_, own| f64::from(own.reversals_again)),
@@ -353,8 +390,8 @@ impl Runs {
                 .parts
                 .values()
                 .map(|part| part.own[i])
-                .filter(|own| own.value.is_finite() && own.square.is_finite() && own.square > 0.0)
-                .map(|own| (f64::from(own.value), f64::from(own.square)))
+                .filter(|own| own.value.is_finite() && own.unshared.is_finite() && own.unshared > 0.0)
+                .map(|own| (f64::from(own.value), f64::from(own.unshared)))
                 .collect();
             Spread::of(&own)
         })
@@ -427,15 +464,21 @@ impl<'a> Share<'a> {
     }
 }
 
-/// What the encoder's steps add to a parameter because runs repeat the motion of others, and the steps with it: half width.
-fn encoder_again(shares: &[Share], i: usize) -> f64 {
-    let errors: Vec<f64> = shares.iter().map(|share| share.moved_by_steps(i)).collect();
-    let mut square = 0.0;
-    for (place, (share, error)) in shares.iter().zip(&errors).enumerate() {
-        let before = shares.iter().zip(&errors).take(place);
-        square += before.filter(|(other, _)| share.is_alike(other)).map(|(_, other)| 2.0 * error * other).sum::<f64>();
+/// What the encoder's steps add to each parameter because runs repeat the motion of others, and the steps with it: half widths.
+fn encoder_again(shares: &[Share]) -> [f64; 4] {
+    let mut ordered: Vec<(&Share, [f64; 4])> =
+        shares.iter().map(|share| (share, std::array::from_fn(|i| share.moved_by_steps(i)))).collect();
+    let acceleration = |share: &Share| share.mean_squares[0];
+    ordered.sort_by(|(one, _), (other, _)| acceleration(one).total_cmp(&acceleration(other)));
+    let mut squares = [0.0; 4];
+    for (place, (share, errors)) in ordered.iter().enumerate() {
+        let most = acceleration(share) / (1.0 - ALIKE).powi(2);
+        let near = ordered.iter().skip(place + 1).take_while(|(other, _)| acceleration(other) <= most);
+        for (_, others) in near.filter(|(other, _)| share.is_alike(other)) {
+            squares.iter_mut().zip(errors.iter().zip(others)).for_each(|(sum, (one, other))| *sum += 2.0 * one * other);
+        }
     }
-    square.sqrt()
+    squares.map(f64::sqrt)
 }
 
 /// What differences from run to run leave undecided of a parameter: half width.
@@ -483,6 +526,12 @@ impl Spread {
     }
 }
 
+/// As it is put away.
+fn stored(value: &impl Serialize) -> Vec<u8> {
+    // What is in memory can be written to memory.
+    postcard::to_extend(value, Vec::new()).unwrap_or_default()
+}
+
 impl Merged {
     /// What a person should know of it.
     pub fn remarks(&self, settings: &Settings) -> Vec<String> {
@@ -494,12 +543,12 @@ impl Merged {
                 self.broken.join(", ")
             ));
         }
-        for (i, apart) in self.apart.iter().flatten().enumerate().filter(|(i, _)| self.differs[*i]) {
+        for (i, apart) in self.apart.iter().enumerate().filter(|(i, _)| self.differs[*i]) {
             let name = parameter(settings.machine, i);
             remarks.push(format!(
                 "{} differs from run to run by more than its scatter, by {} {} rms: its interval is that of the mean",
                 name.label,
-                amount_text(f64::from(*apart), 2),
+                amount_text(f64::from(apart.unwrap_or_default()), 2),
                 name.unit
             ));
         }

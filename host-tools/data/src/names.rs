@@ -10,7 +10,7 @@ use serde_json::ser::{CompactFormatter, Formatter};
 const VERBATIM: [&str; 6] = ["settings", "truth", "expected", "values", "u95", "differences"];
 
 /// Keys whose values are names.
-const HOLD_NAMES: [&str; 4] = ["parameter", "names", "lacking", "told"];
+const HOLD_NAMES: [&str; 5] = ["parameter", "names", "lacking", "told", "differs"];
 
 /// The end of a name in this unit: `n_s_per_m`.
 pub(crate) fn unit_suffix(unit: &str) -> String {

@@ -119,6 +119,10 @@ fn fit_and_identify_of_a_rotary_machine_have_its_names() {
     for text in ["Effective inertia", "kg m²", "Torque offset", "N m s"] {
         assert!(words.contains(text), "{text}\n{words}");
     }
+    simulate(folder, "other.mcap", &[&machine[..], &["--coulomb-n", "60", "--seed", "2"]].concat());
+    let both = last(&done(folder, &["fit", "run.mcap", "other.mcap", "--json"]));
+    assert!(both["apart"]["coulomb_n_m"].as_f64().is_some_and(|apart| (6.0..8.0).contains(&apart)), "{both}");
+    assert_eq!(both["differs"], serde_json::json!(["coulomb_n_m"]));
     let found = last(&done(folder, &["identify", "run.mcap", "--no-profiles", "--json"]));
     let of = |name: &str| found["parameters"][name]["value"].as_f64();
     let inertia = of("inertia_kg_m2").unwrap();

@@ -8,7 +8,7 @@ use pyo3::{
     types::{PyBytes, PyType},
 };
 
-use crate::error::Failure;
+use crate::{error::Failure, watch::watch};
 
 /// Exact sums of one run or of several.
 #[pyclass(frozen, eq, module = "inerter")]
@@ -43,6 +43,13 @@ impl Sums {
         Ok((py.get_type::<Self>().getattr("from_bytes")?, (self.to_bytes(py),)))
     }
 
+    /// Both together, without a fit.
+    fn __add__(&self, py: Python<'_>, other: PyRef<'_, Self>) -> PyResult<Self> {
+        let (ours, others) = (self.runs.clone(), other.runs.clone());
+        let runs = py.detach(|| ours.and(others)).map_err(|error| Failure::from(error).raised(py))?;
+        Ok(Self { runs })
+    }
+
     /// Names of the runs, in alphabetical order.
     #[getter]
     fn names(&self) -> Vec<String> {
@@ -66,11 +73,10 @@ pub fn merge(
     offset_n: Option<f64>,
 ) -> PyResult<(String, Vec<String>, Sums)> {
     let sums: Vec<Runs> = sums.iter().map(|sums| sums.runs.clone()).collect();
-    let merged = || -> Result<_, Failure> {
+    watch(py, None, move |_| {
         let runs = Runs::all(sums)?;
         let merged = runs.merged(offset_n)?;
         let line = machine_json_line(runs.settings().machine, &FitJson::new(&merged, offset_n));
-        Ok((line, merged.remarks(runs.settings()), Sums { runs }))
-    };
-    py.detach(merged).map_err(|failure| failure.raised(py))
+        Ok((line, merged.remarks(&runs.settings()), Sums { runs }))
+    })
 }

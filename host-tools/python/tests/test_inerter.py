@@ -99,6 +99,7 @@ def test_runs_merge_to_the_same_bits_whatever_the_order(folder: Path, tmp_path: 
     parts = [inerter.merge(runs[4:]).sums, inerter.merge([runs[3].sums, runs[4]]), inerter.merge(runs[:4])]
     sent = [pickle.loads(pickle.dumps(part.sums if isinstance(part, inerter.Merged) else part)) for part in parts]
     again = inerter.merge(sent)
+    assert sent[0] + sent[1] + sent[2] == again.sums
     assert dict(again) == wanted and again.sums == merged.sums and again.sums.to_bytes() == merged.sums.to_bytes()
     assert len(merged.sums) == 6 and inerter.Sums.from_bytes(merged.sums.to_bytes()).names == wanted["files"]
     one = inerter.merge([runs[0]], offset_n=0.5)
@@ -106,7 +107,7 @@ def test_runs_merge_to_the_same_bits_whatever_the_order(folder: Path, tmp_path: 
     for wrong, code in (
         (lambda: inerter.merge([]), "inerter::merge::empty"),
         (lambda: inerter.merge([runs[0], inerter.replay(names[1], settings={"skew_s": 1e-4})]), "inerter::merge::settings"),
-        (lambda: inerter.Sums.from_bytes(b"inerter sums 2\n"), "inerter::merge::bytes"),
+        (lambda: inerter.Sums.from_bytes(b"inerter sums 0\n"), "inerter::merge::bytes"),
     ):
         with pytest.raises(inerter.InerterError) as raised:
             wrong()

@@ -36,10 +36,16 @@ pub struct FitJson {
 
 #[derive(Clone, Debug, Serialize)]
 struct ApartJson {
-    inertance_kg: f32,
-    viscous_n_s_per_m: f32,
-    coulomb_n: f32,
-    offset_n: f32,
+    inertance_kg: Option<f32>,
+    viscous_n_s_per_m: Option<f32>,
+    coulomb_n: Option<f32>,
+    offset_n: Option<f32>,
+}
+
+impl ApartJson {
+    fn of([inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n]: [Option<f32>; 4]) -> Self {
+        Self { inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n }
+    }
 }
 
 #[derive(Clone, Debug, Serialize)]
@@ -62,6 +68,7 @@ impl FitJson {
         let coulomb = fit.coulomb_by_direction_n;
         let name = |i: usize| parameter(Machine::Linear, i).path;
         let differing = differs.iter().enumerate().filter(|(_, differs)| **differs).map(|(i, _)| name(i)).collect();
+        let are_several = names.len() > 1;
         let (file, files) = match names.as_slice() {
             [one] => (Some(one.clone()), Vec::new()),
             _ => (None, names.clone()),
@@ -85,13 +92,8 @@ impl FitJson {
                 difference_and_twice_offset_n: ParameterJson::offset(fit.difference_n),
             },
             residual_rms_n: fit.residual_rms_n,
-            apart: apart.map(|[inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n]| ApartJson {
-                inertance_kg,
-                viscous_n_s_per_m,
-                coulomb_n,
-                offset_n,
-            }),
-            differs: apart.is_some().then_some(differing),
+            apart: are_several.then(|| ApartJson::of(*apart)),
+            differs: are_several.then_some(differing),
             law_broken: broken.clone(),
         }
     }

@@ -48,47 +48,51 @@ pub struct Args {
 
 pub fn run(args: &Args) -> Result<(), Error> {
     let overrides = args.settings.overrides()?;
-    let (mut all, mut last) = (None::<Runs>, None);
+    let (mut all, mut first, mut saturated) = (None::<Runs>, None, None);
     for file in &args.files {
         let run = inerter_data::open(file, &overrides)?;
-        run.notes.iter().for_each(note);
-        let outcome = replayed(&run)?;
+        let about = if args.files.len() > 1 { format!("{}: ", file.display()) } else { String::new() };
+        run.notes.iter().for_each(|words| note(format!("{about}{words}")));
+        let outcome = replayed(&run, &about)?;
         let runs = Runs::of(&file.display().to_string(), &run.settings, &outcome);
-        all = Some(match all {
+        let before = all.as_ref().map_or(0, |all| all.names().len());
+        let together = match all.take() {
             None => runs,
-            Some(before) => before.and(runs)?,
-        });
-        last = Some((run, outcome));
+            Some(others) => others.and(runs)?,
+        };
+        if together.names().len() == before {
+            note(format!("{about}this run is there already, and counts once"));
+        }
+        all = Some(together);
+        saturated = saturated.or_else(|| refuse_saturated(&outcome, &run).err());
+        first.get_or_insert((run, outcome));
     }
     // One at least, by the command line.
-    let (Some(runs), Some((run, outcome))) = (all, last) else { return Ok(()) };
+    let (Some(runs), Some((run, outcome))) = (all, first) else { return Ok(()) };
     let merged = match runs.merged(args.offset_n) {
         Ok(merged) => merged,
-        Err(error) => {
-            refuse_saturated(&outcome, &run)?;
-            return Err(error.into());
-        }
+        Err(error) => return Err(saturated.map_or_else(|| error.into(), Error::from)),
     };
     if args.json {
         return Ok(output::line(machine_json_line(run.settings.machine, &FitJson::new(&merged, args.offset_n)))?);
     }
     text(args, &run, &merged.fit)?;
-    match args.files.as_slice() {
+    match merged.names.as_slice() {
         [_] => output::line(text::counts_line(&run.settings, run.duration_s(), &outcome))?,
-        _ => output::line(format!("{} together", plural(merged.names.len() as u64, "run")))?,
+        names => output::line(format!("{} together", plural(names.len() as u64, "run")))?,
     }
     Ok(merged.remarks(&run.settings).into_iter().try_for_each(output::line)?)
 }
 
-/// Takes the run through the estimator and says where its sums began anew.
-pub fn replayed(run: &Run) -> Result<Outcome, Error> {
+/// Takes the run through the estimator and says where its sums began anew; `about` stands before what is said.
+pub fn replayed(run: &Run, about: &str) -> Result<Outcome, Error> {
     replay_all(run, |t_s, event| {
         match event {
             EstimatorEvent::Changed(_) => {
-                note(format!("the device changed at {t_s:.1} s: only the motion since is fitted"));
+                note(format!("{about}the device changed at {t_s:.1} s: only the motion since is fitted"));
             }
             EstimatorEvent::Warned(warning) => {
-                note(format!("at {t_s:.1} s {}", warning_words(run.settings.machine, warning.kind)))
+                note(format!("{about}at {t_s:.1} s {}", warning_words(run.settings.machine, warning.kind)))
             }
             EstimatorEvent::Reversal(_) | EstimatorEvent::Estimate(_) => {}
         }

@@ -158,7 +158,7 @@ def merge(runs: Iterable[Sums | Replay | Merged], *, offset_n: float | None = No
 
     `runs` are results of `replay` or `merge`, or their `sums`. The sums are exact: a thousand runs merged in any order and grouping, on any
     number of workers, give the same to the bit, and a run that is given twice counts once. So workers replay, and hand on `.sums`, which
-    can be pickled; what comes of merging some of them can be merged with the rest. `offset_n` is the force offset where it is known [N].
+    can be pickled and added up (`a + b`, without a fit). `offset_n` is the force offset where it is known [N].
 
     Raises InerterError where there is no run, their settings differ, or their motion tells nothing.
     """

@@ -58,6 +58,9 @@ class Sums:
     @property
     def names(self) -> list[str]:
         """Names of the runs, in alphabetical order."""
+    def __add__(self, value: Sums, /) -> Sums:
+        """Both together, without a fit. Raises InerterError where their settings differ."""
+    def __radd__(self, value: Sums, /) -> Sums: ...
     def __len__(self) -> int: ...
     def __eq__(self, other: object, /) -> bool: ...
 

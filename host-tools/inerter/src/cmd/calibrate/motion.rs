@@ -69,7 +69,7 @@ pub fn run<J: Serialize>(
             Heard::listen(device, args.duration.as_secs_f64(), |done| person.progress("listening", done))?.run
         }
     };
-    let outcome = replayed(&run)?;
+    let outcome = replayed(&run, "")?;
     refuse_saturated(&outcome, &run)?;
     let shown = shown(&run, &outcome)?;
     let mut settings = run.settings;
