@@ -16,6 +16,7 @@ pub mod export;
 pub mod full_scale;
 pub mod gated;
 pub mod json;
+pub mod limits;
 pub mod names;
 mod open;
 pub mod output;

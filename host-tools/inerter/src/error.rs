@@ -12,6 +12,7 @@ use inerter_analysis::{
 use inerter_data::{
     backup::BackupError,
     csv::CsvError,
+    limits::LimitsError,
     output::OutputError,
     recording::RecordingError,
     settings::SettingsInputError,
@@ -59,6 +60,28 @@ pub enum Error {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Fit(#[from] FitError),
+    /// Limits cannot be read.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    LimitsFile(#[from] LimitsError),
+    /// A device is not proven to be within its limits.
+    #[error("{run} is not proven to be within its limits: of {of} {fail} fail and {undecided} are undecided")]
+    #[diagnostic(
+        code(inerter::limits::verdict),
+        help(
+            "what is undecided needs a narrower interval: `inerter plan {run} --want ..` designs a motion that gives it"
+        )
+    )]
+    Limits {
+        /// Name of the run.
+        run: String,
+        /// How many fail.
+        fail: usize,
+        /// How many are undecided.
+        undecided: usize,
+        /// How many there are.
+        of: usize,
+    },
     /// Runs do not belong together.
     #[error(transparent)]
     #[diagnostic(transparent)]

@@ -3,7 +3,7 @@
 use inerter_analysis::{
     calibrate::CalibrateError, fit::FitError, identify::IdentifyError, plan::PlanError, skew::SkewError,
 };
-use inerter_data::recording::RecordingError;
+use inerter_data::{limits::LimitsError, recording::RecordingError};
 use inerter_device::{DeviceError, flash::FlashError, update::UpdateError};
 use inerter_flags::ConfigError;
 use inerter_simulate::SimulateError;
@@ -34,8 +34,8 @@ pub const WIRE_VERSION: u8 = 7;
 pub const OUTPUT: u8 = 8;
 /// The motion cannot show what was asked for.
 pub const NOT_SHOWN: u8 = 9;
-/// The board did not pass its self-test.
-pub const SELF_TEST: u8 = 10;
+/// The board did not pass its self-test, or a device is not proven to be within its limits.
+pub const NOT_PASSED: u8 = 10;
 /// Ctrl-C, as shells count it.
 pub const INTERRUPTED: u8 = 130;
 
@@ -53,12 +53,15 @@ pub fn code(error: &Error) -> u8 {
         Error::Image(_) => INPUT,
         Error::Doctor { .. } => NO_DEVICE,
         Error::SelfTest(SelfTestError::CannotMeasure { .. }) => DEVICE_LOST,
-        Error::SelfTest(SelfTestError::Failed { .. }) => SELF_TEST,
+        Error::SelfTest(SelfTestError::Failed { .. }) => NOT_PASSED,
         Error::SelfTest(SelfTestError::SameName { .. }) | Error::Dialogue(_) | Error::StandardOutput => USAGE,
         Error::Backup(_) => SETTINGS,
         Error::Contact(_) => NOT_SHOWN,
         Error::Fit(error) => fit(error),
         Error::Merge(_) => SETTINGS,
+        Error::LimitsFile(LimitsError::File { .. }) => INPUT,
+        Error::LimitsFile(LimitsError::Form { .. }) => SETTINGS,
+        Error::Limits { .. } => NOT_PASSED,
         Error::Skew(error) => skew(error),
         Error::Page(PageError::NotShown { .. }) => NOT_SHOWN,
         Error::Page(PageError::Format { .. }) => USAGE,

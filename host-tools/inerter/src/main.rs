@@ -44,7 +44,7 @@ Try it without hardware:
 
 Exit codes: 0 done, 1 other failure, 2 wrong command line, 3 input file, 4 settings or parameters,
 5 device or probe not found or not opened, 6 device went away or refused, 7 wire version, 8 output not written, 9 the motion cannot show it,
-10 the board did not pass its self-test, 130 interrupted.";
+10 the board did not pass its self-test, or a device its limits, 130 interrupted.";
 
 #[derive(Subcommand)]
 enum Command {

@@ -530,3 +530,55 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn a_device_is_held_against_limits() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    simulate(folder.path(), &["--excite", "random", "--seed", "4"]);
+    let limits = |text: &str| std::fs::write(path("limits.toml"), text).unwrap();
+    let judged =
+        |more: &[&str]| run(folder.path(), &[&["replay", "run.mcap", "--limits", "limits.toml"], more].concat());
+    limits("[inertance_kg]\nmin = 290\nmax = 310\n[coulomb_n]\nmax = 60\n");
+    let output = judged(&["--junit", "r.xml", "--verdicts", "r.csv"]);
+    assert_eq!((output.status.code(), text(&output.stderr)), (Some(0), String::new()));
+    assert!(text(&output.stdout).contains("pass       Effective inertance: 299.5 ± 1.5 kg, wanted 290 to 310 kg"));
+    let rows = std::fs::read_to_string(path("r.csv")).unwrap();
+    assert!(rows.starts_with("run,parameter,value,u95,min,max,verdict,needed_u95,reason\n"), "{rows}");
+    assert_eq!(rows.lines().filter(|row| row.contains(",pass,")).count(), 2);
+
+    // What is in the way is refused before any work.
+    let output = judged(&["--junit", "r.xml"]);
+    assert_eq!((output.status.code(), text(&output.stdout)), (Some(8), String::new()));
+    limits("[inertance_kg]\nmax = 299.6\n[coulomb_n]\nmax = 45\n[backlash_m]\nmax = 1e-4\n");
+    let output = judged(&["--junit", "r.xml", "--verdicts", "r.csv", "--force", "--json"]);
+    assert_eq!(output.status.code(), Some(10));
+    let told = text(&output.stderr);
+    assert!(told.contains("of 3 1 fail and 1 are undecided"), "{told}");
+    let line = last(&text(&output.stdout));
+    assert_eq!(line.pointer("/limits/verdict").unwrap(), "fail");
+    let parameters = line.pointer("/limits/parameters").unwrap().as_array().unwrap();
+    let of = |name: &str| parameters.iter().find(|one| one["parameter"] == name).unwrap();
+    assert_eq!((&of("inertance_kg")["verdict"], &of("backlash_m")["verdict"]), (&"undecided".into(), &"pass".into()));
+    let needed = of("inertance_kg")["needed_u95"].as_f64().unwrap();
+    assert!((0.05..0.2).contains(&needed), "{needed}");
+    assert_eq!(of("coulomb_n")["u95"], line["uncertainty"]["coulomb_n"]["u95"]);
+    let xml = std::fs::read_to_string(path("r.xml")).unwrap();
+    assert!(
+        xml.contains("tests=\"3\" skipped=\"0\" failures=\"1\" errors=\"1\"")
+            && xml.contains("<failure message=\"Coulomb friction: "),
+        "{xml}"
+    );
+
+    // A law that does not hold proves nothing.
+    let output = judged(&["--set", "skew_s=0.004", "--json"]);
+    let line = last(&text(&output.stdout));
+    assert_eq!((&line["law"]["status"], &line["limits"]["verdict"]), (&"broken".into(), &"undecided".into()), "{line}");
+    assert_eq!(output.status.code(), Some(10));
+
+    limits("[coulomb]\nmax = 1\n");
+    let output = judged(&[]);
+    assert_eq!(output.status.code(), Some(4));
+    assert!(text(&output.stderr).contains("did you mean `coulomb_n`?"), "{}", text(&output.stderr));
+    assert_eq!(run(folder.path(), &["replay", "run.mcap", "--limits", "none.toml"]).status.code(), Some(3));
+}

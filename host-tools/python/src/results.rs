@@ -47,7 +47,7 @@ pub fn replay(py: Python<'_>, run: &Run, told: Option<&Bound<'_, PyAny>>) -> PyR
             _ => Ok(()),
         })?;
         let sums = Sums::of(&source.name, &source.settings, &replayed.outcome);
-        Ok((machine_json_line(source.settings.machine, &replayed.json()), sums))
+        Ok((machine_json_line(source.settings.machine, &replayed.json(None)), sums))
     })
 }
 

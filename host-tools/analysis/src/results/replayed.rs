@@ -2,11 +2,12 @@
 
 use std::cell::RefCell;
 
-use inerter_core::{Machine, RawSample, Settings, WarningKind};
+use inerter_core::{LawStatus, Machine, RawSample, Settings, WarningKind};
 use inerter_data::{
     causes::{Cause as Suspect, warning_words},
     full_scale::Peaks,
     json::{EstimateJson, WarningJson, rounded_s},
+    limits::{self, Limits, Measured, Verdict},
     names::parameter,
     replay::{Outcome, replay_samples},
     settings::SettingsInputError,
@@ -101,8 +102,29 @@ impl Replayed {
         unseen.chain(causes).chain(self.beyond.iter().map(|words| ("full_scale", words.clone())))
     }
 
-    /// The last line of the run.
-    pub fn json(&self) -> LastJson {
+    /// What the whole run says of limits.
+    pub fn within(&self, limits: &Limits) -> Vec<limits::Judged> {
+        let Outcome { estimate, detail, law, .. } = &self.outcome;
+        let values = estimate.whole_run;
+        let values = [values.inertance_kg, values.viscous_n_s_per_m, values.coulomb_n, values.offset_n];
+        let contact =
+            [detail.backlash.known(), detail.stiffness_n_per_m.known(), detail.contact_damping_n_s_per_m.known()];
+        let law_is_broken = law.status == LawStatus::Broken;
+        limits.judge(|place| {
+            let found = match (values.get(place), self.judged.get(place)) {
+                (Some(parameter), Some(judged)) => parameter.value().map(|value| (value, judged.budget.u95())),
+                _ => contact
+                    .get(place.wrapping_sub(values.len()))
+                    .copied()
+                    .flatten()
+                    .map(|found| (found.value, found.u95)),
+            };
+            Measured { found, law_is_broken }
+        })
+    }
+
+    /// The last line of the run; `within` is what it says of limits, where there are any.
+    pub fn json(&self, within: Option<&[limits::Judged]>) -> LastJson {
         let Outcome { t_s, counters, .. } = self.outcome;
         let remarks = self.remarks().map(|(code, text)| WarningJson { code, t_s: rounded_s(t_s), text });
         LastJson {
@@ -110,6 +132,7 @@ impl Replayed {
             uncertainty: Some(self.uncertainty()),
             warnings: self.warnings.iter().cloned().chain(remarks).collect(),
             advice: self.advice.as_ref().map(|advice| AdviceJson::new(advice, self.settings.machine)),
+            limits: within.map(|all| LimitsJson { verdict: limits::verdict(all), parameters: all.to_vec() }),
         }
     }
 
@@ -139,6 +162,16 @@ pub struct LastJson {
     /// Which motion would have shown what this one could not.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub advice: Option<AdviceJson>,
+    /// What it says of limits, where there are any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub limits: Option<LimitsJson>,
+}
+
+/// What a run says of limits.
+#[derive(Clone, Debug, Serialize)]
+pub struct LimitsJson {
+    verdict: Verdict,
+    parameters: Vec<limits::Judged>,
 }
 
 /// What to do about what a run could not show.

@@ -10,7 +10,7 @@ use super::terminal::note;
 
 /// Flags that let a command replace or erase something, on a disk or a device, or name what it writes, what is run or which chip
 /// it is for, or let others in.
-const GRAVE: [&str; 17] = [
+const GRAVE: [&str; 19] = [
     "force",
     "yes",
     "save",
@@ -23,6 +23,8 @@ const GRAVE: [&str; 17] = [
     "mcap",
     "png",
     "wav",
+    "junit",
+    "verdicts",
     "image",
     "qemu",
     "chip",
@@ -69,7 +71,7 @@ mod tests {
         }
         let mut found = std::collections::BTreeSet::new();
         paths(&crate::Cli::command(), &mut found);
-        let read = ["config", "settings", "motion"];
+        let read = ["config", "limits", "settings", "motion"];
         let known = |name: &String| GRAVE.contains(&name.as_str()) || read.contains(&name.as_str());
         let unknown: Vec<_> = found.iter().filter(|name| !known(name)).collect();
         assert!(unknown.is_empty() && found.contains("output"), "{unknown:?} of {found:?}");

@@ -27,6 +27,7 @@ pub mod simulate;
 pub mod update;
 
 mod args;
+mod limits;
 mod lines;
 mod plant;
 mod screen;

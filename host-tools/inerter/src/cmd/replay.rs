@@ -11,6 +11,7 @@ use inerter_data::{
     causes::warning_words,
     export::Source,
     json::{EstimateJson, EventJson, ReversalJson, machine_json_line},
+    limits::Judged,
     output,
     text::{self, change_words},
 };
@@ -18,6 +19,7 @@ use inerter_wire::{EstimatorEvent, EventKind};
 
 use super::{
     args::FileSettingsArgs,
+    limits::LimitsArgs,
     terminal::{Progress, note},
 };
 use crate::Error;
@@ -39,6 +41,9 @@ const ROWS: f64 = 20.0;
 /// device can be blamed for. Where the law leaves more over than chance would, what is found in the last minute is told at the end,
 /// as by `inerter diagnose`. What the motion could not show is told last, with one that would have, as by `inerter plan`. docs/CLI.md
 /// describes them.
+///
+/// With --limits each parameter that the file names passes where its 95 % interval lies within the limits, fails where it lies beyond
+/// one, and is undecided else (ISO 14253-1); the exit code is 10 unless all pass.
 #[derive(clap::Args)]
 #[command(after_long_help = inerter_data::settings::help_table())]
 pub struct Args {
@@ -52,13 +57,17 @@ pub struct Args {
     /// Print a row at most every so many seconds of the run; 0 prints every estimate, without --every about 20 rows
     #[arg(long, value_name = "SECONDS", conflicts_with = "json", value_parser = super::args::seconds, allow_negative_numbers = true)]
     every: Option<std::time::Duration>,
+    #[command(flatten)]
+    limits: LimitsArgs,
 }
 
 pub fn run(args: &Args) -> Result<(), Error> {
+    let checks = args.limits.check()?;
     let mut reading = Progress::through("reading", &args.file);
     let run = Source::open(&args.file, &args.settings.overrides()?, |offset| reading.set(offset))?;
     reading.done();
     run.notes.iter().for_each(note);
+    let limits = args.limits.read(run.settings.machine)?;
     let mut progress = Progress::new("replaying", run.extent.samples);
     let every_s = args.every.map_or(run.duration_s() / ROWS, |every| every.as_secs_f64());
     let half_s = 0.5 / run.settings.publish_rate_hz;
@@ -90,8 +99,14 @@ pub fn run(args: &Args) -> Result<(), Error> {
     )?;
     progress.done();
     let machine = run.settings.machine;
+    let within = limits.map(|limits| replayed.within(&limits));
+    let conclude = || match &within {
+        Some(all) => checks.conclude(&args.file, machine, all),
+        None => Ok(()),
+    };
     if args.json {
-        return Ok(output::line(machine_json_line(machine, &replayed.json()))?);
+        output::line(machine_json_line(machine, &replayed.json(within.as_deref())))?;
+        return conclude();
     }
     if !header {
         output::line("")?;
@@ -102,7 +117,14 @@ pub fn run(args: &Args) -> Result<(), Error> {
     widened(machine, &outcome.estimate.whole_run, judged).map_or(Ok(()), output::line)?;
     assumptions(machine, judged, causes).map_or(Ok(()), output::line)?;
     replayed.remarks().map(|(_, words)| words).try_for_each(output::line)?;
-    Ok(advice.iter().map(|advice| advice.sentence(machine)).try_for_each(output::line)?)
+    advice.iter().map(|advice| advice.sentence(machine)).try_for_each(output::line)?;
+    within.iter().flatten().map(|judged| judged_line(machine, judged)).try_for_each(output::line)?;
+    conclude()
+}
+
+/// A row on a limit.
+fn judged_line(machine: Machine, judged: &Judged) -> String {
+    format!("{:<9}  {}", judged.verdict, judged.words(machine))
 }
 
 /// What is no estimate: every one in JSON; a person sees the changes, and the scatter of the reversals as an interval.

@@ -76,7 +76,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
         let last = EstimateJson::last(injected.t_s, &injected.estimated, &run.settings, None);
         return Ok(output::line(machine_json_line(
             run.settings.machine,
-            &LastJson { last, uncertainty: None, warnings, advice: None },
+            &LastJson { last, uncertainty: None, warnings, advice: None, limits: None },
         ))?);
     }
     output::lines(text::table(&injected.estimated, &run.settings, run.truth.as_ref()).trim_end())?;

@@ -1,0 +1,356 @@
+//! Limits of a device, and what a measurement says of them by ISO 14253-1: not the value decides, but its whole interval.
+//!
+//! A parameter passes where its 95 % interval lies within the limits, and fails where it lies beyond one. Else it is undecided: a
+//! narrower interval would decide.
+
+use std::{fmt, io, path::Path, path::PathBuf};
+
+use inerter_core::Machine;
+use inerter_wire::catalogue::{self, Field, Group};
+use miette::Diagnostic;
+use serde::Serialize;
+use toml::de::{DeTable, DeValue};
+
+use crate::words::{amount_text, interval_text, nearest};
+
+/// What can be limited, by its name for a linear machine.
+pub const NAMES: [&str; 7] = [
+    "inertance_kg",
+    "viscous_n_s_per_m",
+    "coulomb_n",
+    "offset_n",
+    "backlash_m",
+    "stiffness_n_per_m",
+    "contact_damping_n_s_per_m",
+];
+
+/// Why limits cannot be used.
+#[derive(Debug, thiserror::Error, Diagnostic)]
+pub enum LimitsError {
+    /// The file cannot be read.
+    #[error("the limits {path} cannot be read: {source}", path = path.display())]
+    #[diagnostic(
+        code(inerter::limits::file),
+        help("check the name; the file is TOML such as `[coulomb_n]` and below it `max = 60`")
+    )]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// The reason.
+        source: io::Error,
+    },
+    /// What stands in it is not what it should be.
+    #[error("the limits {path}, line {line}: {problem}", path = path.display())]
+    #[diagnostic(code(inerter::limits::form), help("{help}"))]
+    Form {
+        /// The file.
+        path: PathBuf,
+        /// Line of the mistake, from 1.
+        line: usize,
+        /// What is wrong.
+        problem: String,
+        /// What to do.
+        help: String,
+    },
+}
+
+/// Limits of one parameter, in its own unit; one at least.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limit {
+    /// Place in [`NAMES`].
+    pub place: usize,
+    /// Least value that passes.
+    pub min: Option<f64>,
+    /// Greatest value that passes.
+    pub max: Option<f64>,
+}
+
+/// The limits of a kind of device.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Limits {
+    /// Where they stand.
+    pub path: PathBuf,
+    /// Each parameter once, in the alphabetical order of their names.
+    pub all: Vec<Limit>,
+}
+
+/// What a measurement says of a limit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Verdict {
+    /// The interval lies within the limits.
+    Pass,
+    /// It reaches beyond them, or is not known.
+    Undecided,
+    /// It lies beyond them.
+    Fail,
+}
+
+impl fmt::Display for Verdict {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Self::Pass => "pass",
+            Self::Undecided => "undecided",
+            Self::Fail => "FAIL",
+        })
+    }
+}
+
+/// A parameter as it was measured.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Measured {
+    /// Value, and half width of its 95 % interval; nothing where the motion does not tell it.
+    pub found: Option<(f32, f32)>,
+    /// Whether the law that it comes from is broken.
+    pub law_is_broken: bool,
+}
+
+/// A limited parameter with what is said of it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Judged {
+    /// Its name, for a linear machine.
+    pub parameter: &'static str,
+    /// Least value that passes.
+    pub min: Option<f64>,
+    /// Greatest value that passes.
+    pub max: Option<f64>,
+    /// As it was measured; nothing where the motion does not tell it.
+    pub value: Option<f32>,
+    /// Half width of the 95 % interval.
+    pub u95: Option<f32>,
+    /// What that says.
+    pub verdict: Verdict,
+    /// Half width under which it would be decided; nothing where that is of no use.
+    pub needed_u95: Option<f32>,
+    /// Why it is undecided.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reason: Option<&'static str>,
+}
+
+impl Limits {
+    /// Reads a file with a table for each parameter, by its name on this machine: `min`, `max` or both.
+    pub fn read(path: &Path, machine: Machine) -> Result<Self, LimitsError> {
+        let text = std::fs::read_to_string(path).map_err(|source| LimitsError::File { path: path.into(), source })?;
+        let form = |offset: usize, problem: String, help: String| {
+            let line = text.bytes().take(offset).filter(|byte| *byte == b'\n').count() + 1;
+            LimitsError::Form { path: path.into(), line, problem, help }
+        };
+        let example = || "write a table for each parameter: `[coulomb_n]`, and below it `max = 60`".to_string();
+        let table = DeTable::parse(&text)
+            .map_err(|error| form(error.span().map_or(0, |span| span.start), error.message().into(), example()))?;
+        let known: Vec<&str> = NAMES.iter().map(|name| field(machine, name).path).collect();
+        let mut all = Vec::new();
+        for (key, value) in table.get_ref().iter() {
+            let (name, at): (&str, _) = (key.get_ref(), key.span().start);
+            let place = known.iter().position(|known| *known == name).ok_or_else(|| {
+                let near = nearest(name, known.iter().copied());
+                let hint = near.map(|near| format!("; did you mean `{near}`?")).unwrap_or_default();
+                form(
+                    at,
+                    format!("no parameter is called `{name}`{hint}"),
+                    format!("these can be limited: {}", known.join(", ")),
+                )
+            })?;
+            let DeValue::Table(bounds) = value.get_ref() else {
+                return Err(form(at, format!("`{name}` is no table"), example()));
+            };
+            let (mut min, mut max) = (None, None);
+            for (key, value) in bounds.iter() {
+                let (bound, at): (&str, _) = (key.get_ref(), key.span().start);
+                let slot = match bound {
+                    "min" => &mut min,
+                    "max" => &mut max,
+                    _ => return Err(form(at, format!("`{name}` has `min` and `max`, not `{bound}`"), example())),
+                };
+                let shown = text.get(value.span()).unwrap_or_default().trim();
+                let number = match value.get_ref() {
+                    DeValue::Integer(_) | DeValue::Float(_) => shown.replace('_', "").parse().ok(),
+                    _ => None,
+                };
+                let number = number.filter(|number: &f64| number.is_finite());
+                *slot = Some(number.ok_or_else(|| {
+                    form(
+                        at,
+                        format!("{name}, {bound}: `{shown}` is not a number"),
+                        "write one with a point: 0.002 or 2e-3".into(),
+                    )
+                })?);
+            }
+            match (min, max) {
+                (None, None) => return Err(form(at, format!("`{name}` has neither `min` nor `max`"), example())),
+                (Some(min), Some(max)) if min > max => {
+                    return Err(form(at, format!("{name}: min {min} is above max {max}"), "exchange them".into()));
+                }
+                _ => all.push(Limit { place, min, max }),
+            }
+        }
+        if all.is_empty() {
+            return Err(form(0, "it limits nothing".into(), example()));
+        }
+        Ok(Self { path: path.into(), all })
+    }
+
+    /// What is said of each parameter; `measured` gives it by its place in [`NAMES`].
+    pub fn judge(&self, measured: impl Fn(usize) -> Measured) -> Vec<Judged> {
+        self.all.iter().map(|limit| limit.judge(&measured(limit.place))).collect()
+    }
+}
+
+/// What the catalogue says of a parameter on this machine.
+fn field(machine: Machine, name: &str) -> &'static Field {
+    let groups = [Group::Parameter, Group::Detail];
+    groups.into_iter().find_map(|group| catalogue::find(machine, group, name)).unwrap_or(&catalogue::FIELDS[0])
+}
+
+/// The worst of all.
+pub fn verdict(all: &[Judged]) -> Verdict {
+    all.iter().map(|judged| judged.verdict).max().unwrap_or(Verdict::Pass)
+}
+
+impl Limit {
+    fn judge(&self, measured: &Measured) -> Judged {
+        let Self { place, min, max } = *self;
+        let parameter = NAMES.get(place).copied().unwrap_or_default();
+        let found = measured.found.filter(|(value, u95)| value.is_finite() && u95.is_finite());
+        let (value, u95) = (found.map(|(value, _)| value), found.map(|(_, u95)| u95));
+        let undecided = |reason, needed_u95| (Verdict::Undecided, Some(reason), needed_u95);
+        let (verdict, reason, needed_u95) = match found {
+            None => undecided("the motion does not tell it", None),
+            Some(_) if measured.law_is_broken => undecided("the law is broken", None),
+            Some((value, u95)) => {
+                let (value, u95) = (f64::from(value), f64::from(u95));
+                let (above, below) = (min.map(|min| value - min), max.map(|max| max - value));
+                let both = || [above, below].into_iter().flatten();
+                if both().all(|room| room >= u95) {
+                    (Verdict::Pass, None, None)
+                } else if both().any(|room| room < -u95) {
+                    (Verdict::Fail, None, None)
+                } else {
+                    let needed = both().map(f64::abs).fold(f64::INFINITY, f64::min);
+                    undecided("the interval reaches beyond a limit", Some(needed as f32).filter(|needed| *needed > 0.0))
+                }
+            }
+        };
+        Judged { parameter, min, max, value, u95, verdict, needed_u95, reason }
+    }
+}
+
+impl Judged {
+    /// Its name on this machine.
+    pub fn name(&self, machine: Machine) -> &'static str {
+        field(machine, self.parameter).path
+    }
+
+    /// For a person: what was found, its limits, and why it is undecided.
+    pub fn words(&self, machine: Machine) -> String {
+        let Field { label, unit, .. } = field(machine, self.parameter);
+        let found = match (self.value, self.u95) {
+            (Some(value), Some(u95)) => format!("{} {unit}", interval_text(value.into(), u95.into())),
+            _ => "not identifiable".into(),
+        };
+        let number = |number: f64| number.to_string();
+        let limits = match (self.min, self.max) {
+            (Some(min), Some(max)) => format!("{} to {}", number(min), number(max)),
+            (Some(min), None) => format!("at least {}", number(min)),
+            (None, max) => format!("at most {}", max.map(number).unwrap_or_default()),
+        };
+        let reason = self.reason.map(|reason| format!(": {reason}")).unwrap_or_default();
+        let needed =
+            self.needed_u95.map(|u95| format!("; one under {} {unit} would decide", amount_text(u95.into(), 2)));
+        format!("{label}: {found}, wanted {limits} {unit}{reason}{}", needed.unwrap_or_default())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str, machine: Machine) -> Result<Limits, LimitsError> {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), text).unwrap();
+        Limits::read(file.path(), machine)
+    }
+
+    #[test]
+    fn limits_are_read_by_the_names_of_the_machine() {
+        let limits = read("[coulomb_n]\nmax = 6_0\n[inertance_kg]\nmin = 2.9e2\nmax = 310\n", Machine::Linear).unwrap();
+        let all =
+            [Limit { place: 0, min: Some(290.0), max: Some(310.0) }, Limit { place: 2, min: None, max: Some(60.0) }];
+        assert!(limits.all.len() == 2 && all.iter().all(|limit| limits.all.contains(limit)), "{limits:?}");
+        let rotary = "[inertia_kg_m2]\nmin = 1\n[contact_damping_n_m_s]\nmax = 2\n";
+        let rotary = read(rotary, Machine::Rotary).unwrap();
+        assert_eq!(rotary.all.iter().map(|limit| limit.place).max(), Some(6));
+    }
+
+    #[test]
+    fn what_is_wrong_with_limits_is_named_with_its_line() {
+        for (text, line, words) in [
+            ("", 1, "it limits nothing"),
+            (
+                "[coulomb_n]\nmax = 60\n[coulomb]\nmin = 1\n",
+                3,
+                "no parameter is called `coulomb`; did you mean `coulomb_n`?",
+            ),
+            ("[coulomb_n]\nmost = 60\n", 2, "not `most`"),
+            ("[coulomb_n]\nmax = \"60\"\n", 2, "`\"60\"` is not a number"),
+            ("[coulomb_n]\nmax = nan\n", 2, "`nan` is not a number"),
+            ("[coulomb_n]\n", 1, "neither `min` nor `max`"),
+            ("[coulomb_n]\nmin = 2\nmax = 1\n", 1, "min 2 is above max 1"),
+            ("coulomb_n = 60\n", 1, "`coulomb_n` is no table"),
+            ("[inertia_kg_m2]\nmin = 1\n", 1, "no parameter is called `inertia_kg_m2`"),
+            ("[coulomb_n\n", 1, ""),
+        ] {
+            let error = read(text, Machine::Linear).unwrap_err();
+            let told = error.to_string();
+            assert!(told.contains(&format!("line {line}: ")) && told.contains(words), "{text:?}: {told}");
+            assert!(error.help().is_some_and(|help| !help.to_string().is_empty()));
+        }
+        assert!(matches!(Limits::read(Path::new("/nothing"), Machine::Linear), Err(LimitsError::File { .. })));
+    }
+
+    #[test]
+    fn the_interval_decides_and_not_the_value() {
+        let limits = [(Some(290.0), Some(310.0)), (None, Some(310.0)), (Some(290.0), None)];
+        let judged =
+            |(min, max), found, law_is_broken| Limit { place: 0, min, max }.judge(&Measured { found, law_is_broken });
+        for limit in limits {
+            assert_eq!(judged(limit, Some((300.0, 10.0)), false).verdict, Verdict::Pass);
+            assert_eq!(judged(limit, None, false).verdict, Verdict::Undecided);
+            assert_eq!(judged(limit, Some((300.0, f32::INFINITY)), false).verdict, Verdict::Undecided);
+            assert_eq!(judged(limit, Some((300.0, 1.0)), true).verdict, Verdict::Undecided);
+        }
+        let [both, ..] = limits;
+        for (value, u95, verdict, needed) in [
+            (309.0, 2.0, Verdict::Undecided, Some(1.0)),
+            (311.0, 2.0, Verdict::Undecided, Some(1.0)),
+            (313.0, 2.0, Verdict::Fail, None),
+            (287.0, 2.0, Verdict::Fail, None),
+            (310.0, 2.0, Verdict::Undecided, None),
+            (310.0, 0.0, Verdict::Pass, None),
+            (300.0, 40.0, Verdict::Undecided, Some(10.0)),
+        ] {
+            let judged = judged(both, Some((value, u95)), false);
+            assert_eq!((judged.verdict, judged.needed_u95), (verdict, needed), "{value} {u95}");
+        }
+    }
+
+    #[test]
+    fn words_have_values_with_their_digits_and_what_would_decide() {
+        let judged =
+            |found| Limit { place: 2, min: None, max: Some(55.0) }.judge(&Measured { found, law_is_broken: false });
+        for (found, words) in [
+            (Some((50.0, 0.3)), "Coulomb friction: 50.00 ± 0.30 N, wanted at most 55 N"),
+            (
+                Some((54.8, 0.3)),
+                "Coulomb friction: 54.80 ± 0.30 N, wanted at most 55 N: the interval reaches beyond a limit; one under 0.20 N would decide",
+            ),
+            (Some((60.0, 0.3)), "Coulomb friction: 60.00 ± 0.30 N, wanted at most 55 N"),
+            (None, "Coulomb friction: not identifiable, wanted at most 55 N: the motion does not tell it"),
+        ] {
+            assert_eq!(judged(found).words(Machine::Linear), words);
+        }
+        assert_eq!(verdict(&[judged(Some((50.0, 0.3))), judged(None)]), Verdict::Undecided);
+        assert_eq!(verdict(&[judged(Some((60.0, 0.3))), judged(None)]), Verdict::Fail);
+        assert_eq!(verdict(&[judged(Some((50.0, 0.3)))]), Verdict::Pass);
+    }
+}
