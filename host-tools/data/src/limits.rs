@@ -241,6 +241,13 @@ impl Judged {
         field(machine, self.parameter).path
     }
 
+    /// What would decide it, as `inerter plan --want` takes it; nothing where a narrower interval is of no use, or no motion is planned for it.
+    pub fn want(&self, machine: Machine) -> Option<String> {
+        let Field { group, symbol, unit, .. } = field(machine, self.parameter);
+        let u95 = self.needed_u95.filter(|_| *group == Group::Parameter)?;
+        Some(format!("{symbol} to {} {unit}", amount_text(u95.into(), 2)))
+    }
+
     /// For a person: what was found, its limits, and why it is undecided.
     pub fn words(&self, machine: Machine) -> String {
         let Field { label, unit, .. } = field(machine, self.parameter);

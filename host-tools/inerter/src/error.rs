@@ -65,13 +65,8 @@ pub enum Error {
     #[diagnostic(transparent)]
     LimitsFile(#[from] LimitsError),
     /// A device is not proven to be within its limits.
-    #[error("{run} is not proven to be within its limits: of {of} {fail} fail and {undecided} are undecided")]
-    #[diagnostic(
-        code(inerter::limits::verdict),
-        help(
-            "what is undecided needs a narrower interval: `inerter plan {run} --want ..` designs a motion that gives it"
-        )
-    )]
+    #[error("{run} is not proven to be within its limits: {fail} of {of} fail, {undecided} undecided")]
+    #[diagnostic(code(inerter::limits::verdict), help("{}", limits_help(run, wants)))]
     Limits {
         /// Name of the run.
         run: String,
@@ -81,6 +76,8 @@ pub enum Error {
         undecided: usize,
         /// How many there are.
         of: usize,
+        /// What would decide those that a narrower interval decides.
+        wants: String,
     },
     /// Runs do not belong together.
     #[error(transparent)]
@@ -270,4 +267,12 @@ impl Error {
     pub fn is_broken_pipe(&self) -> bool {
         matches!(self, Self::Data(inerter_data::Error::Output(OutputError::Write { source, .. })) if source.kind() == std::io::ErrorKind::BrokenPipe)
     }
+}
+
+/// What to do about a device that is not proven to be within its limits.
+fn limits_help(run: &str, wants: &str) -> String {
+    if wants.is_empty() {
+        return format!("`inerter diagnose {run}` says whether it is the device or the measurement");
+    }
+    format!("a motion that decides, where one can: `inerter plan {run} --want \"{wants}\"`")
 }

@@ -554,7 +554,7 @@ fn a_device_is_held_against_limits() {
     let output = judged(&["--junit", "r.xml", "--verdicts", "r.csv", "--force", "--json"]);
     assert_eq!(output.status.code(), Some(10));
     let told = text(&output.stderr);
-    assert!(told.contains("of 3 1 fail and 1 are undecided"), "{told}");
+    assert!(told.contains("1 of 3 fail, 1 undecided") && told.contains("plan run.mcap --want \"mt to 0.1"), "{told}");
     let line = last(&text(&output.stdout));
     assert_eq!(line.pointer("/limits/verdict").unwrap(), "fail");
     let parameters = line.pointer("/limits/parameters").unwrap().as_array().unwrap();

@@ -58,6 +58,7 @@ impl LimitsArgs {
             fail: count(Verdict::Fail),
             undecided: count(Verdict::Undecided),
             of: all.len(),
+            wants: all.iter().filter_map(|judged| judged.want(machine)).collect::<Vec<_>>().join(", "),
         })
     }
 }
