@@ -22,7 +22,7 @@ from typing import Any, Union
 from . import _inerter
 from ._inerter import InerterError, Run, Sums, Table, __version__
 from ._device import Device
-from ._results import Diagnosis, Estimate, Figure, Identification, Merged, Parameter, Plan, Replay, Result
+from ._results import Diagnosis, Estimate, Figure, Identification, Merged, Parameter, Plan, Replay, Result, Summed
 
 __all__ = [
     "Device",
@@ -153,7 +153,7 @@ def identify(
     return Identification(json.loads(line), whole[0] if whole else None)
 
 
-def merge(runs: Iterable[Sums | Replay | Merged], *, offset_n: float | None = None) -> Merged:
+def merge(runs: Iterable[Sums | Summed], *, offset_n: float | None = None) -> Merged:
     """Fits the law to several runs of one device together: `inerter fit`.
 
     `runs` are results of `replay` or `merge`, or their `sums`. The sums are exact: a thousand runs merged in any order and grouping, on any
@@ -164,10 +164,9 @@ def merge(runs: Iterable[Sums | Replay | Merged], *, offset_n: float | None = No
     """
     sums = []
     for run in runs:
-        own = run if isinstance(run, Sums) else getattr(run, "sums", None)
-        if not isinstance(own, Sums):
+        if not isinstance(run, (Sums, Summed)):
             raise TypeError(f"results of replay or their sums are needed, not {type(run).__name__}")
-        sums.append(own)
+        sums.append(run if isinstance(run, Sums) else run.sums)
     line, remarks, both = _inerter.merge(sums, None if offset_n is None else float(offset_n))
     return Merged(json.loads(line), remarks, both)
 

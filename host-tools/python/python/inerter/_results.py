@@ -164,20 +164,24 @@ def _unit(name: str) -> str:
     return _UNITS[max(matching, key=len)] if matching else ""
 
 
-class Replay(Result):
-    """What a run came to, over the whole of it: the last line of `inerter replay --json`."""
+class Summed(Result):
+    """What came of exact sums."""
 
-    _title = "Replay"
-    _shows = "parameters"
-
-    def __init__(self, line: Mapping[str, Any], sums: _inerter.Sums, run: _inerter.Run) -> None:
+    def __init__(self, line: Mapping[str, Any], sums: _inerter.Sums, run: _inerter.Run | None = None) -> None:
         super().__init__(line, run)
         self._sums = sums
 
     @property
     def sums(self) -> _inerter.Sums:
-        """The run's exact sums, for `merge`."""
+        """The exact sums of the run, or of all runs, for `merge`."""
         return self._sums
+
+
+class Replay(Summed):
+    """What a run came to, over the whole of it: the last line of `inerter replay --json`."""
+
+    _title = "Replay"
+    _shows = "parameters"
 
     @property
     def parameters(self) -> dict[str, Parameter]:
@@ -258,20 +262,14 @@ class Identification(Result):
         return [str(note) for note in self.get("notes", [])]
 
 
-class Merged(Result):
+class Merged(Summed):
     """What runs say together: the line of `inerter fit --json`."""
 
     _title = "Fit"
 
     def __init__(self, line: Mapping[str, Any], remarks: list[str], sums: _inerter.Sums) -> None:
-        super().__init__(line)
+        super().__init__(line, sums)
         self._remarks = remarks
-        self._sums = sums
-
-    @property
-    def sums(self) -> _inerter.Sums:
-        """The exact sums of all, for merging them with others."""
-        return self._sums
 
     @property
     def parameters(self) -> dict[str, Parameter]:
