@@ -141,9 +141,9 @@ impl Products {
         Ok(Self::summed(*bank, [units.as_slice(), &more.units], first.iter().chain(&more.sums), f64::from(*updates)))
     }
 
-    /// Of the exact sums of several runs in these units, in the order of [`Sums`] and [`MoreSums`].
-    pub(crate) fn merged(bank: Bank, units: [f64; COUNT], sums: &[i128], updates: u64) -> Self {
-        Self::summed(bank, [&units, &[]], sums.iter(), updates as f64)
+    /// Of the exact sums of several runs, in the order of [`Sums`] and [`MoreSums`]; in these units, and rounded to the coarser ones.
+    pub(crate) fn merged(bank: Bank, [units, rounded]: [[f64; COUNT]; 2], sums: &[i128], updates: u64) -> Self {
+        Self { units: rounded, ..Self::summed(bank, [&units, &[]], sums.iter(), updates as f64) }
     }
 
     /// Of exact sums in these units, the lower triangle by rows.

@@ -184,6 +184,8 @@ pub struct Merged {
     pub differs: [bool; 4],
     /// Names of the runs that the law does not hold for.
     pub broken: Vec<String>,
+    /// Names of those in which nothing was summed.
+    pub empty: Vec<String>,
 }
 
 impl Runs {
@@ -284,9 +286,12 @@ impl Runs {
         });
         let settings = self.settings();
         let beside = Beside { motion: self.motion(&shares, &products), model_u95 };
-        let mut broken: Vec<_> =
-            self.parts.values().filter(|part| part.law_is_broken).map(|part| part.name.clone()).collect();
-        broken.sort();
+        let named = |which: &dyn Fn(&Part) -> bool| {
+            let mut names: Vec<_> =
+                self.parts.values().filter(|part| which(part)).map(|part| part.name.clone()).collect();
+            names.sort();
+            names
+        };
         Ok(Merged {
             fit: directions(&products, &settings, &beside, offset_n)?,
             bank,
@@ -294,13 +299,16 @@ impl Runs {
             names: self.names(),
             apart: spreads.map(|spread| spread.map(|spread| spread.deviation as f32)),
             differs: spreads.map(|spread| spread.is_some_and(|spread| spread.is_unlikely)),
-            broken,
+            broken: named(&|part| part.law_is_broken),
+            empty: named(&|part| part.sums(bank).0.updates == 0),
         })
     }
 
     /// The bank of all estimates; where they differ the fast one if the encoder's steps are little of what it has seen, as on the device.
     fn bank(&self) -> Result<Bank, FitError> {
-        let is = |bank: Bank| self.parts.values().all(|part| part.bank == bank);
+        // One in which nothing was summed has no say.
+        let told = || self.parts.values().filter(|part| part.sums(part.bank).0.updates > 0);
+        let is = |bank: Bank| told().all(|part| part.bank == bank);
         if is(Bank::Fast) || is(Bank::Slow) {
             return Ok(if is(Bank::Fast) { Bank::Fast } else { Bank::Slow });
         }
@@ -314,7 +322,10 @@ impl Runs {
     fn products(&self, bank: Bank) -> Result<(Products, u64), FitError> {
         // A tare moves the force's unit by powers of two: the finest is a whole part of each.
         let units = self.parts.values().map(|part| part.units(bank));
-        let finest = units.reduce(|finest, units| std::array::from_fn(|i| finest[i].min(units[i])));
+        let finest = units.clone().reduce(|finest, units| std::array::from_fn(|i| finest[i].min(units[i])));
+        // To these some were rounded.
+        let coarsest =
+            units.fold([0.0_f64; COUNT], |coarsest, units| std::array::from_fn(|i| coarsest[i].max(units[i])));
         let finest = finest.ok_or(FitError::TooShort { observations: 0.0 })?;
         let (mut all, mut updates) = ([0_i128; PRODUCTS], 0_u64);
         for part in self.parts.values() {
@@ -327,7 +338,7 @@ impl Runs {
             }
             updates += u64::from(part.sums(bank).0.updates);
         }
-        Ok((Products::merged(bank, finest, &all, updates), updates))
+        Ok((Products::merged(bank, [finest, coarsest], &all, updates), updates))
     }
 
     /// What part of all each run is.
@@ -536,6 +547,10 @@ impl Merged {
     /// What a person should know of it.
     pub fn remarks(&self, settings: &Settings) -> Vec<String> {
         let mut remarks = Vec::new();
+        if !self.empty.is_empty() {
+            let runs = plural(self.empty.len() as u64, "run");
+            remarks.push(format!("nothing was summed in {runs} ({}): too little motion", self.empty.join(", ")));
+        }
         if !self.broken.is_empty() {
             let runs = plural(self.broken.len() as u64, "run");
             remarks.push(format!(

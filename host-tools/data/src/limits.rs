@@ -11,7 +11,10 @@ use miette::Diagnostic;
 use serde::Serialize;
 use toml::de::{DeTable, DeValue};
 
-use crate::words::{amount_text, interval_text, nearest};
+use crate::{
+    settings::text_of,
+    words::{amount_text, interval_text, nearest},
+};
 
 /// What can be limited, by its name for a linear machine.
 pub const NAMES: [&str; 7] = [
@@ -101,8 +104,8 @@ impl fmt::Display for Verdict {
 pub struct Measured {
     /// Value, and half width of its 95 % interval; nothing where the motion does not tell it.
     pub found: Option<(f32, f32)>,
-    /// Whether the law that it comes from is broken.
-    pub law_is_broken: bool,
+    /// Why it proves nothing, whatever it is.
+    pub doubt: Option<&'static str>,
 }
 
 /// A limited parameter with what is said of it.
@@ -130,7 +133,7 @@ pub struct Judged {
 impl Limits {
     /// Reads a file with a table for each parameter, by its name on this machine: `min`, `max` or both.
     pub fn read(path: &Path, machine: Machine) -> Result<Self, LimitsError> {
-        let text = std::fs::read_to_string(path).map_err(|source| LimitsError::File { path: path.into(), source })?;
+        let text = text_of(path).map_err(|source| LimitsError::File { path: path.into(), source })?;
         let form = |offset: usize, problem: String, help: String| {
             let line = text.bytes().take(offset).filter(|byte| *byte == b'\n').count() + 1;
             LimitsError::Form { path: path.into(), line, problem, help }
@@ -202,6 +205,13 @@ fn field(machine: Machine, name: &str) -> &'static Field {
     groups.into_iter().find_map(|group| catalogue::find(machine, group, name)).unwrap_or(&catalogue::FIELDS[0])
 }
 
+/// To two digits, and not above it.
+fn rounded_down(amount: f64) -> String {
+    let digit = 10_f64.powf(amount.log10().floor() - 1.0);
+    // What is two digits already stays.
+    amount_text((amount / digit * (1.0 + 1e-6)).floor() * digit, 2)
+}
+
 /// The worst of all.
 pub fn verdict(all: &[Judged]) -> Verdict {
     all.iter().map(|judged| judged.verdict).max().unwrap_or(Verdict::Pass)
@@ -214,10 +224,13 @@ impl Limit {
         let found = measured.found.filter(|(value, u95)| value.is_finite() && u95.is_finite());
         let (value, u95) = (found.map(|(value, _)| value), found.map(|(_, u95)| u95));
         let undecided = |reason, needed_u95| (Verdict::Undecided, Some(reason), needed_u95);
+        let told = Judged { parameter, min, max, value, u95, verdict: Verdict::Pass, needed_u95: None, reason: None };
         let (verdict, reason, needed_u95) = match found {
             None => undecided("the motion does not tell it", None),
-            Some(_) if measured.law_is_broken => undecided("the law is broken", None),
             Some((value, u95)) => {
+                if let Some(doubt) = measured.doubt {
+                    return Judged { verdict: Verdict::Undecided, reason: Some(doubt), needed_u95: None, ..told };
+                }
                 let (value, u95) = (f64::from(value), f64::from(u95));
                 let (above, below) = (min.map(|min| value - min), max.map(|max| max - value));
                 let both = || [above, below].into_iter().flatten();
@@ -231,7 +244,7 @@ impl Limit {
                 }
             }
         };
-        Judged { parameter, min, max, value, u95, verdict, needed_u95, reason }
+        Judged { verdict, needed_u95, reason, ..told }
     }
 }
 
@@ -245,7 +258,7 @@ impl Judged {
     pub fn want(&self, machine: Machine) -> Option<String> {
         let Field { group, symbol, unit, .. } = field(machine, self.parameter);
         let u95 = self.needed_u95.filter(|_| *group == Group::Parameter)?;
-        Some(format!("{symbol} to {} {unit}", amount_text(u95.into(), 2)))
+        Some(format!("{symbol} to {} {unit}", rounded_down(u95.into())))
     }
 
     /// For a person: what was found, its limits, and why it is undecided.
@@ -262,8 +275,7 @@ impl Judged {
             (None, max) => format!("at most {}", max.map(number).unwrap_or_default()),
         };
         let reason = self.reason.map(|reason| format!(": {reason}")).unwrap_or_default();
-        let needed =
-            self.needed_u95.map(|u95| format!("; one under {} {unit} would decide", amount_text(u95.into(), 2)));
+        let needed = self.needed_u95.map(|u95| format!("; one under {} {unit} would decide", rounded_down(u95.into())));
         format!("{label}: {found}, wanted {limits} {unit}{reason}{}", needed.unwrap_or_default())
     }
 }
@@ -318,13 +330,13 @@ mod tests {
     #[test]
     fn the_interval_decides_and_not_the_value() {
         let limits = [(Some(290.0), Some(310.0)), (None, Some(310.0)), (Some(290.0), None)];
-        let judged =
-            |(min, max), found, law_is_broken| Limit { place: 0, min, max }.judge(&Measured { found, law_is_broken });
+        let judged = |(min, max), found, doubt| Limit { place: 0, min, max }.judge(&Measured { found, doubt });
         for limit in limits {
-            assert_eq!(judged(limit, Some((300.0, 10.0)), false).verdict, Verdict::Pass);
-            assert_eq!(judged(limit, None, false).verdict, Verdict::Undecided);
-            assert_eq!(judged(limit, Some((300.0, f32::INFINITY)), false).verdict, Verdict::Undecided);
-            assert_eq!(judged(limit, Some((300.0, 1.0)), true).verdict, Verdict::Undecided);
+            assert_eq!(judged(limit, Some((300.0, 10.0)), None).verdict, Verdict::Pass);
+            assert_eq!(judged(limit, None, None).verdict, Verdict::Undecided);
+            assert_eq!(judged(limit, Some((300.0, f32::INFINITY)), None).verdict, Verdict::Undecided);
+            let doubted = judged(limit, Some((300.0, 1.0)), Some("the law is broken"));
+            assert_eq!((doubted.verdict, doubted.reason), (Verdict::Undecided, Some("the law is broken")));
         }
         let [both, ..] = limits;
         for (value, u95, verdict, needed) in [
@@ -336,20 +348,23 @@ mod tests {
             (310.0, 0.0, Verdict::Pass, None),
             (300.0, 40.0, Verdict::Undecided, Some(10.0)),
         ] {
-            let judged = judged(both, Some((value, u95)), false);
+            let judged = judged(both, Some((value, u95)), None);
             assert_eq!((judged.verdict, judged.needed_u95), (verdict, needed), "{value} {u95}");
         }
     }
 
     #[test]
     fn words_have_values_with_their_digits_and_what_would_decide() {
-        let judged =
-            |found| Limit { place: 2, min: None, max: Some(55.0) }.judge(&Measured { found, law_is_broken: false });
+        let judged = |found| Limit { place: 2, min: None, max: Some(55.0) }.judge(&Measured { found, doubt: None });
         for (found, words) in [
             (Some((50.0, 0.3)), "Coulomb friction: 50.00 ± 0.30 N, wanted at most 55 N"),
             (
                 Some((54.8, 0.3)),
                 "Coulomb friction: 54.80 ± 0.30 N, wanted at most 55 N: the interval reaches beyond a limit; one under 0.20 N would decide",
+            ),
+            (
+                Some((54.9004, 0.3)),
+                "Coulomb friction: 54.90 ± 0.30 N, wanted at most 55 N: the interval reaches beyond a limit; one under 0.099 N would decide",
             ),
             (Some((60.0, 0.3)), "Coulomb friction: 60.00 ± 0.30 N, wanted at most 55 N"),
             (None, "Coulomb friction: not identifiable, wanted at most 55 N: the motion does not tell it"),

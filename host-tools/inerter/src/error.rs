@@ -272,7 +272,9 @@ impl Error {
 /// What to do about a device that is not proven to be within its limits.
 fn limits_help(run: &str, wants: &str) -> String {
     if wants.is_empty() {
-        return format!("`inerter diagnose {run}` says whether it is the device or the measurement");
+        return format!(
+            "`inerter diagnose {run}` says what breaks the law, `inerter plan {run}` designs a motion that tells more"
+        );
     }
     format!("a motion that decides, where one can: `inerter plan {run} --want \"{wants}\"`")
 }

@@ -570,7 +570,23 @@ fn a_device_is_held_against_limits() {
         "{xml}"
     );
 
-    // A law that does not hold proves nothing.
+    // Whether anybody reads on does not matter.
+    let words = ["replay", "run.mcap", "--limits", "limits.toml", "--verdicts", "p.csv"];
+    let mut child = common::inerter(folder.path(), &words).stderr(std::process::Stdio::null()).spawn().unwrap();
+    drop(child.stdout.take());
+    assert_eq!(child.wait().unwrap().code(), Some(10));
+    assert!(path("p.csv").is_file());
+    for files in [["--junit", "x", "--verdicts", "x"], ["--junit", "run.mcap", "--verdicts", "y"]] {
+        let output = judged(&[&files[..], &["--force"]].concat());
+        assert_eq!(output.status.code(), Some(8), "{files:?}");
+    }
+
+    // A law that does not hold proves nothing, nor does a run in which the device changed.
+    let change = ["--duration", "20", "--excite", "random", "--change-at", "8", "--change", "inertance_kg=150"];
+    done(folder.path(), &[&["simulate", "-o", "changed.mcap"], &change[..]].concat());
+    let output = run(folder.path(), &["replay", "changed.mcap", "--limits", "limits.toml", "--json"]);
+    assert_eq!(output.status.code(), Some(10));
+    assert!(text(&output.stdout).contains("\"reason\":\"the device changed during the run\""));
     let output = judged(&["--set", "skew_s=0.004", "--json"]);
     let line = last(&text(&output.stdout));
     assert_eq!((&line["law"]["status"], &line["limits"]["verdict"]), (&"broken".into(), &"undecided".into()), "{line}");

@@ -32,6 +32,9 @@ pub struct FitJson {
     differs: Option<Vec<&'static str>>,
     /// Runs that the law does not hold for.
     law_broken: Vec<String>,
+    /// Runs that moved too little for a sum.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    nothing_summed: Vec<String>,
 }
 
 #[derive(Clone, Debug, Serialize)]
@@ -63,7 +66,7 @@ struct DirectionsJson {
 impl FitJson {
     /// Of a fit with this offset, where it is known.
     pub fn new(merged: &Merged, offset_n: Option<f64>) -> Self {
-        let Merged { fit, bank, updates, names, apart, differs, broken } = merged;
+        let Merged { fit, bank, updates, names, apart, differs, broken, empty } = merged;
         let [viscous_positive, viscous_negative] = fit.viscous_n_s_per_m;
         let coulomb = fit.coulomb_by_direction_n;
         let name = |i: usize| parameter(Machine::Linear, i).path;
@@ -95,6 +98,7 @@ impl FitJson {
             apart: are_several.then(|| ApartJson::of(*apart)),
             differs: are_several.then_some(differing),
             law_broken: broken.clone(),
+            nothing_summed: empty.clone(),
         }
     }
 }

@@ -18,7 +18,7 @@ use serde::Serialize;
 use serde_json::{Map, Value, json};
 
 use crate::{
-    diagnose::{Cause, Judged, Latest, judged, suspected},
+    diagnose::{Cause, Judged, Latest, is_suspect, judged, suspected},
     fit::Products,
     plan::{Advice, Part, Reach, advice, duration_s},
 };
@@ -109,7 +109,19 @@ impl Replayed {
         let values = [values.inertance_kg, values.viscous_n_s_per_m, values.coulomb_n, values.offset_n];
         let contact =
             [detail.backlash.known(), detail.stiffness_n_per_m.known(), detail.contact_damping_n_s_per_m.known()];
-        let law_is_broken = law.status == LawStatus::Broken;
+        let anyhow = if detail.changes > 0 {
+            Some("the device changed during the run")
+        } else if !(self.warnings.is_empty() && self.unseen.is_empty()) {
+            Some("samples are wrong, as the warnings say")
+        } else {
+            None
+        };
+        // Of a law that nobody can call broken where flanks may part no interval says how far that may reach.
+        let of_law = match law.status {
+            LawStatus::Broken => Some("the law is broken"),
+            _ if is_suspect(law) => Some("the law leaves more over than noise and steps explain"),
+            _ => None,
+        };
         limits.judge(|place| {
             let found = match (values.get(place), self.judged.get(place)) {
                 (Some(parameter), Some(judged)) => parameter.value().map(|value| (value, judged.budget.u95())),
@@ -119,7 +131,8 @@ impl Replayed {
                     .flatten()
                     .map(|found| (found.value, found.u95)),
             };
-            Measured { found, law_is_broken }
+            let is_of_law = place < values.len();
+            Measured { found, doubt: anyhow.or(of_law.filter(|_| is_of_law || law.status == LawStatus::Broken)) }
         })
     }
 

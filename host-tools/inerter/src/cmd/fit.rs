@@ -27,7 +27,7 @@ use crate::Error;
 /// fc+ - fc- + 2 F0 is given. After a change of the device only the motion since is fitted.
 ///
 /// Several runs of one device are fitted together: their sums are added, which gives the same whatever the order, and a run that is
-/// given twice counts once. Their settings must be the same.
+/// given twice counts once. Their settings must be the same, but for the tare and what is of the terminal's sensor.
 ///
 /// With --json one object: {"kind":"fit","symmetric":{..},"by_direction":{..}}. docs/CLI.md describes it.
 #[derive(clap::Args)]

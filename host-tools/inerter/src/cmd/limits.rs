@@ -5,10 +5,12 @@ use std::path::{Path, PathBuf};
 use inerter_core::Machine;
 use inerter_data::{
     limits::{Judged, Limits, LimitsError, Verdict, verdict},
-    output,
+    output::{self, OutputError},
+    words::printable,
 };
 use quick_junit::{NonSuccessKind, Report, TestCase, TestCaseStatus, TestSuite};
 
+use super::terminal::tidy_at_interrupts;
 use crate::Error;
 
 /// What a device is held against.
@@ -24,13 +26,21 @@ pub struct LimitsArgs {
     #[arg(long, value_name = "FILE.csv", requires = "limits", help_heading = "Limits")]
     verdicts: Option<PathBuf>,
     /// Replace these files where they are there
-    #[arg(long, requires = "limits", help_heading = "Limits")]
+    #[arg(long, help_heading = "Limits")]
     force: bool,
 }
 
 impl LimitsArgs {
-    /// Refuses files that are in the way, before any work is done.
-    pub fn check(&self) -> Result<&Self, Error> {
+    /// Refuses files that are in the way, before any work is done; `run` is not to be written over. Ctrl-C leaves none half written.
+    pub fn check(&self, run: &Path) -> Result<&Self, Error> {
+        tidy_at_interrupts();
+        let read = self.limits.as_deref().into_iter().chain([run]);
+        for path in self.junit.iter().chain(&self.verdicts) {
+            let twice = self.junit == self.verdicts;
+            if twice || read.clone().any(|read| read == path) {
+                return Err(OutputError::Exists { path: path.clone() }.into());
+            }
+        }
         let mut files = self.junit.iter().chain(&self.verdicts).filter(|_| !self.force);
         files.try_for_each(|path| output::refuse_existing(path))?;
         Ok(self)
@@ -41,14 +51,19 @@ impl LimitsArgs {
         self.limits.as_deref().map(|path| Limits::read(path, machine)).transpose()
     }
 
-    /// Writes the files, and fails unless all pass.
-    pub fn conclude(&self, run: &Path, machine: Machine, all: &[Judged]) -> Result<(), Error> {
+    /// Writes the files.
+    pub fn write(&self, run: &Path, machine: Machine, all: &[Judged]) -> Result<(), Error> {
         if let Some(path) = &self.junit {
             output::write(path, self.force, junit(run, machine, all))?;
         }
         if let Some(path) = &self.verdicts {
             output::write(path, self.force, csv(run, machine, all))?;
         }
+        Ok(())
+    }
+
+    /// Fails unless all pass.
+    pub fn verdict(&self, run: &Path, machine: Machine, all: &[Judged]) -> Result<(), Error> {
         if verdict(all) == Verdict::Pass {
             return Ok(());
         }
@@ -65,7 +80,9 @@ impl LimitsArgs {
 
 /// As servers of continuous integration read it.
 fn junit(run: &Path, machine: Machine, all: &[Judged]) -> String {
-    let mut suite = TestSuite::new(run.display().to_string());
+    let run = run.display().to_string();
+    let run = printable(&run);
+    let mut suite = TestSuite::new(run.as_ref());
     for judged in all {
         let not = |kind| {
             let mut status = TestCaseStatus::non_success(kind);
@@ -77,7 +94,9 @@ fn junit(run: &Path, machine: Machine, all: &[Judged]) -> String {
             Verdict::Fail => not(NonSuccessKind::Failure),
             Verdict::Undecided => not(NonSuccessKind::Error),
         };
-        suite.add_test_case(TestCase::new(judged.name(machine), status));
+        let mut case = TestCase::new(judged.name(machine), status);
+        case.set_classname(run.as_ref());
+        suite.add_test_case(case);
     }
     let mut report = Report::new("inerter");
     report.add_test_suite(suite);
@@ -94,7 +113,7 @@ fn csv(run: &Path, machine: Machine, all: &[Judged]) -> Vec<u8> {
         ["run", "parameter", "value", "u95", "min", "max", "verdict", "needed_u95", "reason"].map(str::to_string);
     let rows = all.iter().map(|judged| {
         [
-            run.display().to_string(),
+            printable(&run.display().to_string()).into_owned(),
             judged.name(machine).into(),
             number(judged.value),
             number(judged.u95),

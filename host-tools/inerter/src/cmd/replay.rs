@@ -62,7 +62,7 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<(), Error> {
-    let checks = args.limits.check()?;
+    let checks = args.limits.check(&args.file)?;
     let mut reading = Progress::through("reading", &args.file);
     let run = Source::open(&args.file, &args.settings.overrides()?, |offset| reading.set(offset))?;
     reading.done();
@@ -78,48 +78,59 @@ pub fn run(args: &Args) -> Result<(), Error> {
         run.samples()?.map(|sample| sample.map_err(Error::from)),
         |t_s, event| -> Result<(), Error> {
             let EstimatorEvent::Estimate(estimated) = event else {
-                return tell(run.settings.machine, t_s, event, args.json, &mut header);
+                return heard(tell(run.settings.machine, t_s, event, args.json, &mut header), limits.is_some());
             };
             taken += 1;
             progress.set((taken as f64 * run.settings.sample_rate_hz / run.settings.publish_rate_hz) as u64);
-            if args.json {
-                output::line(machine_json_line(
-                    run.settings.machine,
-                    &EstimateJson::live(t_s, estimated, &run.settings),
-                ))?;
+            let machine = run.settings.machine;
+            let said = if args.json {
+                output::line(machine_json_line(machine, &EstimateJson::live(t_s, estimated, &run.settings)))
+                    .map_err(Error::from)
             } else if t_s + half_s >= next_s {
-                head(run.settings.machine, &mut header)?;
-                output::line(text::row(t_s, estimated))?;
                 while every_s > 0.0 && next_s <= t_s + half_s {
                     next_s += every_s;
                 }
-            }
-            Ok(())
+                head(machine, &mut header).and_then(|()| Ok(output::line(text::row(t_s, estimated))?))
+            } else {
+                Ok(())
+            };
+            heard(said, limits.is_some())
         },
     )?;
     progress.done();
     let machine = run.settings.machine;
     let within = limits.map(|limits| replayed.within(&limits));
-    let conclude = || match &within {
-        Some(all) => checks.conclude(&args.file, machine, all),
-        None => Ok(()),
-    };
+    let Some(all) = &within else { return say(args, &run, &replayed, header, None) };
+    checks.write(&args.file, machine, all)?;
+    let said = heard(say(args, &run, &replayed, header, Some(all)), true);
+    checks.verdict(&args.file, machine, all).and(said)
+}
+
+/// What was said; that nobody listens any more is no reason to end where it `goes_on`.
+fn heard(said: Result<(), Error>, goes_on: bool) -> Result<(), Error> {
+    match said {
+        Err(error) if goes_on && error.is_broken_pipe() => Ok(()),
+        said => said,
+    }
+}
+
+/// Says what the whole run came to, and what of it is `within` limits.
+fn say(args: &Args, run: &Source, replayed: &Replayed, header: bool, within: Option<&[Judged]>) -> Result<(), Error> {
+    let machine = run.settings.machine;
     if args.json {
-        output::line(machine_json_line(machine, &replayed.json(within.as_deref())))?;
-        return conclude();
+        return Ok(output::line(machine_json_line(machine, &replayed.json(within)))?);
     }
     if !header {
         output::line("")?;
     }
-    let Replayed { outcome, judged, causes, advice, .. } = &replayed;
+    let Replayed { outcome, judged, causes, advice, .. } = replayed;
     output::lines(text::table(&outcome.estimated(), &run.settings, run.truth.as_ref()).trim_end())?;
     output::line(text::counts_line(&run.settings, run.duration_s(), outcome))?;
     widened(machine, &outcome.estimate.whole_run, judged).map_or(Ok(()), output::line)?;
     assumptions(machine, judged, causes).map_or(Ok(()), output::line)?;
     replayed.remarks().map(|(_, words)| words).try_for_each(output::line)?;
     advice.iter().map(|advice| advice.sentence(machine)).try_for_each(output::line)?;
-    within.iter().flatten().map(|judged| judged_line(machine, judged)).try_for_each(output::line)?;
-    conclude()
+    Ok(within.into_iter().flatten().map(|judged| judged_line(machine, judged)).try_for_each(output::line)?)
 }
 
 /// A row on a limit.
