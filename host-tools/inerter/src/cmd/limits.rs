@@ -16,7 +16,7 @@ use crate::Error;
 /// What a device is held against.
 #[derive(clap::Args)]
 pub struct LimitsArgs {
-    /// Hold the parameters against limits: TOML with a table for each, such as [coulomb_n], and `min` or `max` below it
+    /// Hold the parameters against limits: TOML with a table for each, such as `[coulomb_n]`, and `min` or `max` below it
     #[arg(long, value_name = "FILE.toml", help_heading = "Limits")]
     limits: Option<PathBuf>,
     /// Write what is said of the limits as JUnit XML; what is undecided is an error there
