@@ -43,6 +43,7 @@ pub const WRITERS: &[Writer] = &[
     writer(&["merge", "first.mcap", "second.mcap", "-o", "both.mcap"]),
     writer(&["plot", "run.mcap", "--figure", "force", "-o", "force.svg"]),
     writer(&["plot", "run.mcap", "--figure", "loop", "-o", "loop.png"]),
+    writer(&["replay", "run.mcap", "--limits", "limits.toml", "--junit", "r.xml", "--verdicts", "r.csv"]),
     writer(&["man", "-o", "."]),
     Writer { has_device: true, ..writer(&["settings", "backup", "board.toml"]) },
 ];
@@ -115,6 +116,7 @@ fn prepare(folder: &Path) {
     done(folder, &["simulate", "--duration", "10", "-o", "run.mcap"]);
     done(folder, &["cut", "run.mcap", "--to", "5", "-o", "first.mcap"]);
     done(folder, &["cut", "run.mcap", "--from", "5", "-o", "second.mcap"]);
+    fs::write(folder.join("limits.toml"), "[inertance_kg]\nmin = 100\n").unwrap();
 }
 
 /// Each writer in a folder of its own, with what it writes.
