@@ -246,7 +246,17 @@ impl Runs {
 
     /// Names of the runs, in alphabetical order.
     pub fn names(&self) -> Vec<String> {
-        let mut names: Vec<_> = self.parts.values().map(|part| part.name.clone()).collect();
+        self.named(|_| true)
+    }
+
+    /// How many there are.
+    pub fn count(&self) -> usize {
+        self.parts.len()
+    }
+
+    /// Names of some of them, in alphabetical order.
+    fn named(&self, which: impl Fn(&Part) -> bool) -> Vec<String> {
+        let mut names: Vec<_> = self.parts.values().filter(|part| which(part)).map(|part| part.name.clone()).collect();
         names.sort();
         names
     }
@@ -286,12 +296,6 @@ impl Runs {
         });
         let settings = self.settings();
         let beside = Beside { motion: self.motion(&shares, &products), model_u95 };
-        let named = |which: &dyn Fn(&Part) -> bool| {
-            let mut names: Vec<_> =
-                self.parts.values().filter(|part| which(part)).map(|part| part.name.clone()).collect();
-            names.sort();
-            names
-        };
         Ok(Merged {
             fit: directions(&products, &settings, &beside, offset_n)?,
             bank,
@@ -299,8 +303,8 @@ impl Runs {
             names: self.names(),
             apart: spreads.map(|spread| spread.map(|spread| spread.deviation as f32)),
             differs: spreads.map(|spread| spread.is_some_and(|spread| spread.is_unlikely)),
-            broken: named(&|part| part.law_is_broken),
-            empty: named(&|part| part.sums(bank).0.updates == 0),
+            broken: self.named(|part| part.law_is_broken),
+            empty: self.named(|part| part.sums(bank).0.updates == 0),
         })
     }
 

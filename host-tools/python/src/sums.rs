@@ -57,11 +57,11 @@ impl Sums {
     }
 
     fn __len__(&self) -> usize {
-        self.runs.names().len()
+        self.runs.count()
     }
 
     fn __repr__(&self) -> String {
-        format!("inerter.Sums of {}", inerter_data::words::plural(self.runs.names().len() as u64, "run"))
+        format!("inerter.Sums of {}", inerter_data::words::plural(self.runs.count() as u64, "run"))
     }
 }
 

@@ -109,7 +109,7 @@ impl Replayed {
         let values = [values.inertance_kg, values.viscous_n_s_per_m, values.coulomb_n, values.offset_n];
         let contact =
             [detail.backlash.known(), detail.stiffness_n_per_m.known(), detail.contact_damping_n_s_per_m.known()];
-        let anyhow = if detail.changes > 0 {
+        let of_run = if detail.changes > 0 {
             Some("the device changed during the run")
         } else if !(self.warnings.is_empty() && self.unseen.is_empty()) {
             Some("samples are wrong, as the warnings say")
@@ -132,7 +132,7 @@ impl Replayed {
                     .map(|found| (found.value, found.u95)),
             };
             let is_of_law = place < values.len();
-            Measured { found, doubt: anyhow.or(of_law.filter(|_| is_of_law || law.status == LawStatus::Broken)) }
+            Measured { found, doubt: of_run.or(of_law.filter(|_| is_of_law || law.status == LawStatus::Broken)) }
         })
     }
 

@@ -55,12 +55,12 @@ pub fn run(args: &Args) -> Result<(), Error> {
         run.notes.iter().for_each(|words| note(format!("{about}{words}")));
         let outcome = replayed(&run, &about)?;
         let runs = Runs::of(&file.display().to_string(), &run.settings, &outcome);
-        let before = all.as_ref().map_or(0, |all| all.names().len());
+        let before = all.as_ref().map_or(0, Runs::count);
         let together = match all.take() {
             None => runs,
             Some(others) => others.and(runs)?,
         };
-        if together.names().len() == before {
+        if together.count() == before {
             note(format!("{about}this run is there already, and counts once"));
         }
         all = Some(together);
