@@ -8,8 +8,8 @@ use anyhow::{Context, Result};
 use serde_json::Value;
 use std::{path::Path, time::Duration};
 
-/// The run takes under a second; one that hangs is ended.
-const LIMIT: Duration = Duration::from_secs(120);
+/// A run that hangs is ended. It takes under a second, and a hundred times as long beside the suite's tests, which go first.
+const LIMIT: Duration = Duration::from_secs(1800);
 
 /// Goal per sample at 4 kHz, both banks and both routes of the backlash, in instructions.
 const SAMPLE_GOAL: f64 = 1600.0;
@@ -25,8 +25,6 @@ const SOLVES: f64 = 3.0;
 pub struct Report {
     /// One entry for each sample rate.
     pub rates: Vec<Rate>,
-    /// Room for the stack, in bytes.
-    pub stack_room_bytes: f64,
     /// State of the estimator, in bytes.
     pub state_bytes: f64,
 }
@@ -120,25 +118,20 @@ fn parse(printed: &str) -> Result<Report> {
             publication: number(rate, &["solve"])?,
         })
     });
-    Ok(Report {
-        rates: rates.collect::<Result<_>>()?,
-        stack_room_bytes: number(&value, &["stack_bytes"])?,
-        state_bytes: number(&value, &["state_bytes"])?,
-    })
+    Ok(Report { rates: rates.collect::<Result<_>>()?, state_bytes: number(&value, &["state_bytes"])? })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    const LINE: &str = r#"{"kind":"icount","rates":[{"sample_rate_hz":1000,"step":{"count":9,"min":420,"mean":883,"max":3654},"publish":{"count":1,"min":2395,"mean":12003,"max":12334},"solve":11020,"estimate":{"count":1,"min":1807,"mean":10020,"max":10256},"contact":{"count":9,"min":520,"mean":983,"max":82000},"reversal":51000,"reversals":12}],"state_bytes":11608,"stack_bytes":55120}"#;
+    const LINE: &str = r#"{"kind":"icount","rates":[{"sample_rate_hz":1000,"step":{"count":9,"min":420,"mean":883,"max":3654},"publish":{"count":1,"min":2395,"mean":12003,"max":12334},"solve":11020,"estimate":{"count":1,"min":1807,"mean":10020,"max":10256},"contact":{"count":9,"min":520,"mean":983,"max":82000},"reversal":51000,"reversals":12}],"state_bytes":11608}"#;
 
     #[test]
     fn the_images_line_is_read() {
         let report = parse(&format!("booting\n{LINE}\n")).unwrap();
         assert_eq!(report.rates.len(), 1);
         assert_eq!(report.rates[0].sample, [883.0, 3654.0]);
-        assert_eq!(report.stack_room_bytes, 55120.0);
         let rows = rows(&report);
         assert_eq!(rows[0], table::Row::new("1 kHz, sample: mean", 883.0, "instructions"));
         assert_eq!([rows[2].value, rows[4].value, rows[5].value], [983.0, 51_000.0, 3340.0]);
@@ -147,8 +140,8 @@ mod tests {
     #[test]
     fn what_is_missing_is_named() {
         assert!(parse("nothing").unwrap_err().to_string().contains("no JSON line"));
-        let error = parse(&LINE.replace("stack_bytes", "stack")).unwrap_err();
-        assert!(error.to_string().contains("stack_bytes"));
+        let error = parse(&LINE.replace("state_bytes", "state")).unwrap_err();
+        assert!(error.to_string().contains("state_bytes"));
         assert!(parse(&LINE.replace("3654", "\"many\"")).unwrap_err().to_string().contains("step.max"));
         assert!(parse(&LINE.replace("rates", "r")).unwrap_err().to_string().contains("rates"));
     }

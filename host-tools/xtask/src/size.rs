@@ -60,14 +60,12 @@ pub fn run(options: &table::Options) -> Result<()> {
     rows.extend(self::rows("qemu", &measure(&qemu)?));
     let report = icount::measure(&qemu)?;
     rows.push(table::Row::new("RAM: state of the estimator", report.state_bytes, "bytes"));
-    let stack = report.stack_room_bytes - stack_free(&qemu)?;
-    rows.push(table::Row::new("qemu, RAM: worst stack", stack, "bytes").within(STACK_TOLERANCE));
     let table = table::Table {
         name: "size",
         title: "Size and load of the images",
         about: "The board's image as it ships (`cargo build --release` in firmware/stm32g474) and QEMU's (profile `firmware`): flash is text, \
                 constants and start values; RAM is start values and zeroed variables. The worst stack is what is found \
-                overwritten of the painted stack after the image has served with every stream on, on the twin and in QEMU; \
+                overwritten of the painted stack after the image has served on the twin with every stream on; \
                 the load counts instructions on the twin in the same time, of 168 million cycles a second, and bounds of the cycles \
                 that they take on the chip (docs/ARCHITECTURE.md, The twin). \
                 The estimator's share counts functions of `inerter-core` that were not inlined elsewhere. \
@@ -118,18 +116,8 @@ fn loads(figures: &Value) -> Result<Vec<table::Row>> {
 
 /// What the twin measured while the board's image served with every stream on.
 fn twin(image: &Path) -> Result<Value> {
-    figures(Part::Twin, "figures", Image::Board, image)
-}
-
-/// Stack that the image never used while it served, in bytes.
-fn stack_free(image: &Path) -> Result<f64> {
-    let figures = figures(Part::Main, "stack", Image::Qemu, image)?;
-    figures["stack_free_bytes"].as_f64().with_context(|| format!("no number `stack_free_bytes` in {figures}"))
-}
-
-/// What a program prints that runs an image.
-fn figures(part: Part, program: &str, image: Image, path: &Path) -> Result<Value> {
-    let printed = process::output(Command::new(workspace::tested(part, program)?).env(image.variable(), path))?;
+    let program = workspace::tested(Part::Twin, "figures")?;
+    let printed = process::output(Command::new(program).env(Image::Board.variable(), image))?;
     serde_json::from_str(printed.trim()).with_context(|| format!("no JSON: {printed}"))
 }
 
