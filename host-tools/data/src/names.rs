@@ -32,6 +32,17 @@ pub fn name(machine: Machine, linear: &str) -> Cow<'_, str> {
     format!("{stem}_{suffix}").into()
 }
 
+/// The name of what goes with a field, its unit at the end again: `inertance_u95_kg` for `_u95` of `inertance_kg`.
+pub fn beside(field: &Field, what: &str) -> String {
+    let suffix = format!("_{}", unit_suffix(field.unit));
+    format!("{}{what}{suffix}", stem(field))
+}
+
+/// The name of a field without its unit: `inertance`.
+pub fn stem(field: &Field) -> &'static str {
+    field.path.strip_suffix(&unit_suffix(field.unit)).map_or(field.path, |stem| stem.trim_end_matches('_'))
+}
+
 /// The unit that this machine has in the place of a linear one's.
 pub fn unit(machine: Machine, linear: &'static str) -> &'static str {
     catalogue::unit(machine, linear)

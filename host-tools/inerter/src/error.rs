@@ -21,6 +21,7 @@ use inerter_data::{
 use inerter_device::{DeviceError, flash::FlashError, image::ImageError, update::UpdateError};
 use inerter_flags::ConfigError;
 use inerter_simulate::SimulateError;
+use inerter_store::StoreError;
 use inerter_view::page::PageError;
 use miette::{Diagnostic, LabeledSpan, SourceCode};
 
@@ -52,6 +53,34 @@ pub enum Error {
     #[error("with --csv - standard output holds the samples: --json and --estimates need a file")]
     #[diagnostic(code(inerter::standard_output), help("name a file: --csv run.csv"))]
     StandardOutput,
+    /// A store cannot be used.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Store(#[from] StoreError),
+    /// Some recordings were not added.
+    #[error("{failed} of {of} recordings were not added")]
+    #[diagnostic(
+        code(inerter::store::not_added),
+        help("each one is named above with the reason; the others are in the store")
+    )]
+    NotAdded {
+        /// How many were not.
+        failed: usize,
+        /// Of how many.
+        of: usize,
+    },
+    /// Files of a store are not as they were written.
+    #[error("{files} in the store {url} {} not as {} written", if *files == 1 { "is" } else { "are" }, if *files == 1 { "it was" } else { "they were" }, files = plural(*files as u64, "file"))]
+    #[diagnostic(
+        code(inerter::store::verify),
+        help("remove such a run and add its recording again from a copy; `--tidy` removes what is unfinished")
+    )]
+    StoreDamage {
+        /// The store.
+        url: String,
+        /// How many files.
+        files: usize,
+    },
     /// A simulation cannot be set up.
     #[error(transparent)]
     #[diagnostic(transparent)]
@@ -210,6 +239,11 @@ pub enum DialogueError {
     #[error("erasing settings needs a yes, and this is no terminal to ask at")]
     #[diagnostic(code(inerter::settings::unconfirmed), help("add --yes; nothing was changed"))]
     Unconfirmed,
+
+    /// The same, of runs.
+    #[error("removing runs needs a yes, and this is no terminal to ask at")]
+    #[diagnostic(code(inerter::store::unconfirmed), help("add --yes; nothing was removed"))]
+    UnconfirmedRemoval,
 }
 
 /// Failures of `inerter-data` by way of its own enum.

@@ -7,6 +7,7 @@ use inerter_data::{limits::LimitsError, recording::RecordingError};
 use inerter_device::{DeviceError, flash::FlashError, update::UpdateError};
 use inerter_flags::ConfigError;
 use inerter_simulate::SimulateError;
+use inerter_store::StoreError;
 use inerter_view::page::PageError;
 
 use crate::{
@@ -50,7 +51,8 @@ pub fn code(error: &Error) -> u8 {
             | ConfigError::Value { .. },
         ) => SETTINGS,
         Error::Data(error) => data(error),
-        Error::Image(_) => INPUT,
+        Error::Image(_) | Error::NotAdded { .. } | Error::StoreDamage { .. } => INPUT,
+        Error::Store(error) => store(error),
         Error::Doctor { .. } => NO_DEVICE,
         Error::SelfTest(SelfTestError::CannotMeasure { .. }) => DEVICE_LOST,
         Error::SelfTest(SelfTestError::Failed { .. }) => NOT_PASSED,
@@ -134,6 +136,22 @@ fn data(error: &inerter_data::Error) -> u8 {
         inerter_data::Error::Settings(_) => SETTINGS,
         inerter_data::Error::Output(_) => OUTPUT,
         inerter_data::Error::Interrupted => INTERRUPTED,
+    }
+}
+
+fn store(error: &StoreError) -> u8 {
+    match error {
+        StoreError::Data(error) => data(error),
+        StoreError::Access { action, .. } if ["written", "removed"].contains(action) => OUTPUT,
+        StoreError::Foreign { .. } => OUTPUT,
+        StoreError::Address { .. } | StoreError::Ambiguous { .. } | StoreError::Condition { .. } => USAGE,
+        StoreError::None { .. }
+        | StoreError::Newer { .. }
+        | StoreError::Access { .. }
+        | StoreError::Damaged { .. }
+        | StoreError::NoRun { .. }
+        | StoreError::NoRecording { .. }
+        | StoreError::Changed { .. } => INPUT,
     }
 }
 

@@ -10,6 +10,7 @@ use inerter_data::{
 };
 use inerter_device::DeviceError;
 use inerter_simulate::SimulateError;
+use inerter_store::StoreError;
 use inerter_view::page::PageError;
 use miette::Diagnostic;
 use pyo3::{create_exception, exceptions::PyException, prelude::*};
@@ -53,7 +54,8 @@ ours!(
     MergeError,
     PlanError,
     PageError,
-    SimulateError
+    SimulateError,
+    StoreError
 );
 
 impl From<PyErr> for Failure {

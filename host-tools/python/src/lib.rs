@@ -9,6 +9,7 @@ mod error;
 mod results;
 mod run;
 mod simulate;
+mod store;
 mod sums;
 mod table;
 mod watch;
@@ -22,6 +23,7 @@ fn _inerter(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("InerterError", module.py().get_type::<error::InerterError>())?;
     module.add_class::<device::Device>()?;
     module.add_class::<run::Run>()?;
+    module.add_class::<store::Store>()?;
     module.add_class::<sums::Sums>()?;
     module.add_class::<table::Table>()?;
     module.add_function(wrap_pyfunction!(device::connect, module)?)?;

@@ -90,6 +90,10 @@ const LAWS: &[Law] = &[
     Law::of("inerter-simulate")
         .may_use(&["inerter-core", "inerter-wire", "inerter-app", "inerter-plant", "inerter-data"])
         .never(&[COMMAND_LINE, SCREEN]),
+    Law::of("inerter-store")
+        .may_use(&["inerter-core", "inerter-wire", "inerter-data", "inerter-analysis"])
+        .tests_may_use(&["inerter-plant", "inerter-simulate"])
+        .never(&[COMMAND_LINE, USB, SCREEN]),
     Law::of("inerter-view")
         .may_use(&["inerter-core", "inerter-wire", "inerter-data", "inerter-analysis"])
         .tests_may_use(&["inerter-plant", "inerter-simulate"])
@@ -105,6 +109,7 @@ const LAWS: &[Law] = &[
             "inerter-analysis",
             "inerter-device",
             "inerter-simulate",
+            "inerter-store",
             "inerter-view",
             "inerter-serve",
             "inerter-flags",
@@ -118,6 +123,7 @@ const LAWS: &[Law] = &[
             "inerter-analysis",
             "inerter-device",
             "inerter-simulate",
+            "inerter-store",
             "inerter-view",
         ])
         .never(&[COMMAND_LINE, SCREEN]),

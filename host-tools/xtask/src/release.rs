@@ -2,7 +2,7 @@
 //!
 //! | file | what it is |
 //! |---|---|
-//! | `inerter-VERSION-TRIPLE` | the program with its default features, without line tables |
+//! | `inerter-VERSION-TRIPLE` | the program with all features, without line tables |
 //! | `inerter-VERSION-TRIPLE.cdx.json` | what is linked into it, in the form of CycloneDX |
 //! | `inerter-VERSION-cp310-abi3-PLATFORM.whl` | the Python package |
 //! | `inerter-python-VERSION-TRIPLE.cdx.json` | what is linked into it |
@@ -93,10 +93,10 @@ fn host() -> Result<String> {
     Ok(host.context("`rustc -vV` names no host")?.to_owned())
 }
 
-/// Builds the program as `cargo install` does, but for its line tables, which are four fifths of the file; returns where it lies.
+/// Builds the program with all features and without its line tables, which are four fifths of the file; returns where it lies.
 fn program(workspace: &Workspace) -> Result<PathBuf> {
     let mut command = process::cargo();
-    command.args(["rustc", "--release", "--locked", "--package", "inerter", "--bin", "inerter"]);
+    command.args(["rustc", "--release", "--locked", "--package", "inerter", "--bin", "inerter", "--all-features"]);
     // Told to the last compiler alone, so that nothing below is compiled once more.
     process::run(command.args(["--", "-C", "strip=debuginfo"]))?;
     Ok(workspace.target.join("release").join(format!("inerter{}", std::env::consts::EXE_SUFFIX)))
@@ -106,7 +106,7 @@ fn program(workspace: &Workspace) -> Result<PathBuf> {
 fn materials(workspace: &Workspace, package: &str, target: &str) -> Result<Vec<u8>> {
     let member = workspace.member(package).with_context(|| format!("no package {package}"))?;
     let mut command = Tool::CycloneDx.command()?;
-    command.args(["--quiet", "--format", "json", "--spec-version", "1.5", "--target", target]);
+    command.args(["--quiet", "--format", "json", "--spec-version", "1.5", "--all-features", "--target", target]);
     command.args(["--override-filename", LEFT, "--manifest-path"]).arg(member.folder.join("Cargo.toml"));
     let done = process::run(&mut command);
     let left = |folder: &Path| folder.join(format!("{LEFT}.json"));
@@ -120,6 +120,7 @@ fn materials(workspace: &Workspace, package: &str, target: &str) -> Result<Vec<u
     let linked = linked(&process::output(process::cargo().args([
         "tree",
         "--locked",
+        "--all-features",
         "--package",
         package,
         "--target",

@@ -14,7 +14,8 @@ use std::{
 /// Folder of the package, and below it what its tests need.
 const PACKAGE: &str = "host-tools/python";
 const REQUIREMENTS: &str = "host-tools/python/tests/requirements.txt";
-const IMPORTS: &str = "distributed, duckdb, ipykernel, maturin, mypy, nbclient, numpy, pandas, polars, pyarrow, pytest";
+const IMPORTS: &str =
+    "boto3, distributed, duckdb, ipykernel, maturin, moto, mypy, nbclient, numpy, pandas, polars, pyarrow, pytest";
 
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
 pub struct Options {

@@ -1,14 +1,16 @@
-//! Parquet: the samples in groups of rows, units and settings in the metadata of the file.
+//! Parquet: the samples in groups of rows, units and settings in the metadata of the file; and tables that are held.
 
-use std::{fs::File, sync::Arc};
+use std::{borrow::Cow, fs::File, io::Write, sync::Arc};
 
 use parquet::{
-    basic::{Compression, Encoding, Repetition, Type as Physical},
-    data_type::{BoolType, DataType, DoubleType, Int64Type},
+    basic::{Compression, Encoding, LogicalType, Repetition, Type as Physical},
+    data_type::{BoolType, ByteArray, ByteArrayType, DataType, DoubleType, Int64Type},
     errors::ParquetError,
     file::{
         metadata::KeyValue,
         properties::{WriterProperties, WriterVersion},
+        reader::FileReader,
+        serialized_reader::SerializedFileReader,
         writer::{SerializedColumnWriter, SerializedFileWriter},
     },
     schema::types::{ColumnPath, Type},
@@ -17,6 +19,28 @@ use serde_json::{Map, Value, json};
 
 use super::{Batch, Column, EstimateTable, Kind, Source, Values, about, selection::Sink};
 use crate::output::{OutputError, Pending};
+
+/// A column of a table that is held; what is not known is `None`, and null in the file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct HeldColumn<'a> {
+    /// Name, with the unit at its end where there is one.
+    pub name: Cow<'a, str>,
+    /// Unit; empty for a plain number or a text.
+    pub unit: &'static str,
+    /// Values, as many as in all columns of the table.
+    pub cells: Cells<'a>,
+}
+
+/// Values of a column.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Cells<'a> {
+    /// Numbers.
+    Float(Cow<'a, [Option<f64>]>),
+    /// Whole numbers.
+    Whole(Cow<'a, [Option<i64>]>),
+    /// Texts; where they all are the same they take hardly any room.
+    Text(Vec<Option<Cow<'a, str>>>),
+}
 
 /// A Parquet file that is being written.
 pub(super) struct Parquet {
@@ -55,22 +79,80 @@ impl Sink for Parquet {
 
 /// Writes the table of estimates; what is not known is null.
 pub(super) fn write_estimates(file: &Pending, source: &Source, table: &EstimateTable) -> Result<(), OutputError> {
-    let fields = table.columns.iter().map(|column| (column.name.as_str(), Kind::Float, Repetition::OPTIONAL));
-    let mut writer = writer(file, fields.collect(), metadata(source, about::estimate_units(table)))?;
-    let mut columns = table.columns.iter();
-    let written = group(&mut writer, |writer| {
-        let cells = columns.next().map_or(&[][..], |column| &column.values);
-        let known: Vec<f64> = cells.iter().flatten().copied().collect();
-        let levels: Vec<i16> = cells.iter().map(|cell| i16::from(cell.is_some())).collect();
-        put::<DoubleType>(writer, &known, Some(&levels))
+    let metadata = metadata(source, about::estimate_units(table));
+    let columns: Vec<_> = table.held().collect();
+    write_held(file.open()?, &columns, metadata).map(drop).map_err(|error| failed(&file.name(), error))
+}
+
+/// A table as the bytes of a Parquet file, with the units as metadata; the same columns give the same bytes.
+pub fn table_bytes(columns: &[HeldColumn<'_>]) -> Result<Vec<u8>, OutputError> {
+    let known = columns.iter().filter(|column| !column.unit.is_empty());
+    let units: Map<_, _> = known.map(|column| (column.name.to_string(), json!(column.unit))).collect();
+    let metadata =
+        key_values([("PANDAS_ATTRS", Some(json!({ "units": units }))), ("inerter.units", Some(json!(units)))]);
+    write_held(Vec::new(), columns, metadata).map_err(|error| failed("a table", error))
+}
+
+/// The rows of a Parquet file, each with its values by name; what is null stands there as null.
+///
+/// Numbers that are not finite, which no table of ours holds, come as null too. It fails on what is no Parquet file.
+pub fn table_rows(bytes: Vec<u8>) -> Result<Vec<Map<String, Value>>, std::io::Error> {
+    let reader = SerializedFileReader::new(bytes::Bytes::from(bytes))?;
+    let rows = reader.get_row_iter(None)?.map(|row| {
+        let cells = row?.into_columns().into_iter();
+        Ok(cells.map(|(name, value)| (name, plain(value))).collect())
     });
-    let closed = written.and_then(|()| writer.close().map(drop));
-    closed.map_err(|error| failed(&file.name(), error))
+    rows.collect::<Result<_, ParquetError>>().map_err(std::io::Error::other)
+}
+
+/// The value of a cell.
+fn plain(value: parquet::record::Field) -> Value {
+    use parquet::record::Field;
+    match value {
+        Field::Double(number) => json!(number),
+        Field::Long(number) => json!(number),
+        Field::Bool(flag) => json!(flag),
+        Field::Str(text) => json!(text),
+        // Nothing else is written here.
+        _ => Value::Null,
+    }
+}
+
+fn write_held<W: Write + Send>(to: W, table: &[HeldColumn<'_>], metadata: Vec<KeyValue>) -> Result<W, ParquetError> {
+    let fields = table.iter().map(|column| {
+        let kind = match &column.cells {
+            Cells::Float(_) => Held::Number(Kind::Float),
+            Cells::Whole(_) => Held::Number(Kind::Whole),
+            Cells::Text(_) => Held::Text,
+        };
+        (&*column.name, kind, Repetition::OPTIONAL)
+    });
+    let mut writer = writer_to(to, fields.collect(), metadata)?;
+    let mut columns = table.iter();
+    group(&mut writer, |writer| match columns.next().map(|column| &column.cells) {
+        Some(Cells::Float(values)) => put_known::<DoubleType>(writer, values.iter().copied()),
+        Some(Cells::Whole(values)) => put_known::<Int64Type>(writer, values.iter().copied()),
+        Some(Cells::Text(values)) => {
+            put_known::<ByteArrayType>(writer, values.iter().map(|cell| cell.as_deref().map(ByteArray::from)))
+        }
+        None => Ok(()),
+    })?;
+    writer.into_inner()
+}
+
+/// What is known of a column, and where.
+fn put_known<T: DataType>(
+    writer: &mut SerializedColumnWriter<'_>,
+    cells: impl Iterator<Item = Option<T::T>> + Clone,
+) -> Result<(), ParquetError> {
+    let levels: Vec<i16> = cells.clone().map(|cell| i16::from(cell.is_some())).collect();
+    let known: Vec<T::T> = cells.flatten().collect();
+    put::<T>(writer, &known, Some(&levels))
 }
 
 /// One group of rows; `fill` is handed the columns in order.
-fn group(
-    writer: &mut SerializedFileWriter<File>,
+fn group<W: Write + Send>(
+    writer: &mut SerializedFileWriter<W>,
     mut fill: impl FnMut(&mut SerializedColumnWriter<'_>) -> Result<(), ParquetError>,
 ) -> Result<(), ParquetError> {
     let mut group = writer.next_row_group()?;
@@ -89,12 +171,27 @@ fn put<T: DataType>(
     writer.typed::<T>().write_batch(values, levels, None).map(drop)
 }
 
+/// What a column holds.
+#[derive(Clone, Copy)]
+enum Held {
+    Number(Kind),
+    Text,
+}
+
 fn writer(
     file: &Pending,
     fields: Vec<(&str, Kind, Repetition)>,
     metadata: Vec<KeyValue>,
 ) -> Result<SerializedFileWriter<File>, OutputError> {
-    let failed = |error| failed(&file.name(), error);
+    let fields = fields.into_iter().map(|(name, kind, repetition)| (name, Held::Number(kind), repetition)).collect();
+    writer_to(file.open()?, fields, metadata).map_err(|error| failed(&file.name(), error))
+}
+
+fn writer_to<W: Write + Send>(
+    to: W,
+    fields: Vec<(&str, Held, Repetition)>,
+    metadata: Vec<KeyValue>,
+) -> Result<SerializedFileWriter<W>, ParquetError> {
     // Hardly a number comes twice: a dictionary would be built in vain.
     let mut properties = WriterProperties::builder()
         .set_writer_version(WriterVersion::PARQUET_1_0)
@@ -104,18 +201,24 @@ fn writer(
         .set_key_value_metadata(Some(metadata));
     let mut types = Vec::new();
     for (name, kind, repetition) in fields {
+        let path = ColumnPath::from(name);
         let (physical, encoding) = match kind {
             // Bytes of the same weight side by side pack well.
-            Kind::Float => (Physical::DOUBLE, Encoding::BYTE_STREAM_SPLIT),
-            Kind::Whole => (Physical::INT64, Encoding::DELTA_BINARY_PACKED),
-            Kind::Flag => (Physical::BOOLEAN, Encoding::PLAIN),
+            Held::Number(Kind::Float) => (Physical::DOUBLE, Encoding::BYTE_STREAM_SPLIT),
+            Held::Number(Kind::Whole) => (Physical::INT64, Encoding::DELTA_BINARY_PACKED),
+            Held::Number(Kind::Flag) => (Physical::BOOLEAN, Encoding::PLAIN),
+            Held::Text => {
+                properties = properties.set_column_dictionary_enabled(path.clone(), true);
+                (Physical::BYTE_ARRAY, Encoding::PLAIN)
+            }
         };
-        properties = properties.set_column_encoding(ColumnPath::from(name), encoding);
-        let field = Type::primitive_type_builder(name, physical).with_repetition(repetition).build();
-        types.push(Arc::new(field.map_err(failed)?));
+        properties = properties.set_column_encoding(path, encoding);
+        let logical = matches!(kind, Held::Text).then_some(LogicalType::String);
+        let field = Type::primitive_type_builder(name, physical).with_repetition(repetition).with_logical_type(logical);
+        types.push(Arc::new(field.build()?));
     }
-    let schema = Type::group_type_builder("schema").with_fields(types).build().map_err(failed)?;
-    SerializedFileWriter::new(file.open()?, Arc::new(schema), Arc::new(properties.build())).map_err(failed)
+    let schema = Type::group_type_builder("schema").with_fields(types).build()?;
+    SerializedFileWriter::new(to, Arc::new(schema), Arc::new(properties.build()))
 }
 
 /// Everything that goes with the numbers, each as JSON; pandas puts the first one into `DataFrame.attrs`.
@@ -123,14 +226,18 @@ fn metadata(source: &Source, units: Map<String, Value>) -> Vec<KeyValue> {
     let (settings, device, markers) = (about::settings(source), about::device(source), about::markers(source));
     let attributes = json!({"units": units, "settings": settings, "device": device, "markers": markers});
     let truth = source.truth.as_ref().map(|truth| json!(truth));
-    let entries = [
+    key_values([
         ("PANDAS_ATTRS", Some(attributes)),
         ("inerter.units", Some(json!(units))),
         ("inerter.settings", Some(json!(settings))),
         ("inerter.device", Some(json!(device))),
         ("inerter.markers", Some(json!(markers))),
         ("inerter.truth", truth),
-    ];
+    ])
+}
+
+/// Those that are known.
+fn key_values(entries: impl IntoIterator<Item = (&'static str, Option<Value>)>) -> Vec<KeyValue> {
     let known = entries.into_iter().filter_map(|(name, value)| value.map(|value| (name, value)));
     known.map(|(name, value)| KeyValue::new(name.to_string(), value.to_string())).collect()
 }

@@ -9,10 +9,12 @@ use inerter_wire::{
 };
 
 use super::Source;
+#[cfg(feature = "parquet")]
+use super::{Cells, HeldColumn};
 use crate::{
     error::Error,
     json::{DetailJson, rounded_s},
-    names::{name, unit_suffix},
+    names::{beside, name},
     output::{OutputError, Pending},
     recording::{self, Extent, Item},
     replay::Replay,
@@ -85,12 +87,31 @@ impl EstimateTable {
         Ok(table)
     }
 
+    /// What the columns are, without a row, for the run that came to this.
+    pub fn without_rows(source: &Source, last: &Estimated) -> Self {
+        let mut table = Self::default();
+        table.push(0.0, source, last);
+        table.columns.iter_mut().for_each(|column| column.values.clear());
+        table
+    }
+
+    /// The columns as any table that is held.
+    #[cfg(feature = "parquet")]
+    pub fn held(&self) -> impl Iterator<Item = HeldColumn<'_>> {
+        self.columns.iter().map(|column| HeldColumn {
+            name: (&*column.name).into(),
+            unit: column.unit,
+            cells: Cells::Float((&*column.values).into()),
+        })
+    }
+
     /// Rows of the table.
     pub fn rows(&self) -> usize {
         self.columns.first().map_or(0, |column| column.values.len())
     }
 
-    fn push(&mut self, t_s: f64, source: &Source, estimated: &Estimated) {
+    /// Adds an estimate at the time `t_s` \[s\].
+    pub fn push(&mut self, t_s: f64, source: &Source, estimated: &Estimated) {
         let row = row(rounded_s(t_s), source, estimated);
         if self.columns.is_empty() {
             let column = |(name, unit, _): &Cell| EstimateColumn { name: name.clone(), unit, values: Vec::new() };
@@ -163,10 +184,8 @@ fn row(t_s: f64, source: &Source, estimated: &Estimated) -> Vec<Cell> {
 /// A parameter and its interval: `inertance_kg`, `inertance_u95_kg`.
 fn pair(prefix: &str, field: &'static Field, parameter: &Parameter) -> [Cell; 2] {
     let known = parameter.known();
-    let suffix = format!("_{}", unit_suffix(field.unit));
-    let stem = field.path.strip_suffix(suffix.as_str()).unwrap_or(field.path);
     [
         (format!("{prefix}{}", field.path), field.unit, known.map(|known| known.value.into())),
-        (format!("{prefix}{stem}_u95{suffix}"), field.unit, known.map(|known| known.u95.into())),
+        (format!("{prefix}{}", beside(field, "_u95")), field.unit, known.map(|known| known.u95.into())),
     ]
 }

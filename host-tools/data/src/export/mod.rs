@@ -22,6 +22,8 @@ use std::{
     sync::mpsc,
 };
 
+#[cfg(feature = "parquet")]
+pub use columnar::{Cells, HeldColumn, table_bytes, table_rows};
 pub use columns::{Batch, Cell, Column, Kind, Values};
 pub use estimates::EstimateTable;
 pub use selection::{Format, Selection};

@@ -24,6 +24,7 @@ pub mod selftest;
 pub mod send;
 pub mod settings;
 pub mod simulate;
+pub mod store;
 pub mod update;
 
 mod args;

@@ -142,7 +142,8 @@ fn factory_reset(args: &FactoryResetArgs) -> Result<(), Error> {
     }
     let mut device = args.common.link.device()?;
     let name = format!("{} (serial {}) at {}", device.hello().board, device.hello().serial, device.name());
-    if !args.yes && !confirmed(&name) {
+    let question = format!("Erase all settings and the calibration saved on {name}? [y/N]");
+    if !args.yes && !terminal::is_confirmed(question) {
         say("nothing was changed");
         return Ok(());
     }
@@ -154,14 +155,4 @@ fn factory_reset(args: &FactoryResetArgs) -> Result<(), Error> {
     print_changes(&before, device.settings())?;
     say("the board's defaults are in use; nothing is saved");
     Ok(())
-}
-
-fn confirmed(device: &str) -> bool {
-    let question = format!("Erase all settings and the calibration saved on {device}? [y/N]");
-    // Whoever cannot read the question cannot answer it with yes.
-    if terminal::ask(question).is_err() {
-        return false;
-    }
-    let mut answer = String::new();
-    io::stdin().read_line(&mut answer).is_ok() && ["y", "yes"].contains(&answer.trim().to_lowercase().as_str())
 }

@@ -110,6 +110,16 @@ pub fn ask(question: impl AsRef<str>) -> io::Result<()> {
     write!(io::stderr(), "{} ", printable(question.as_ref())).and_then(|()| io::stderr().flush())
 }
 
+/// Whether the answer is yes.
+pub fn is_confirmed(question: impl AsRef<str>) -> bool {
+    // Whoever cannot read the question cannot answer it with yes.
+    if ask(question).is_err() {
+        return false;
+    }
+    let mut answer = String::new();
+    io::stdin().read_line(&mut answer).is_ok() && ["y", "yes"].contains(&answer.trim().to_lowercase().as_str())
+}
+
 /// Lines that are typed from now on; `None` where nobody can type.
 pub fn typed_lines() -> Option<mpsc::Receiver<String>> {
     if !io::stdin().is_terminal() {

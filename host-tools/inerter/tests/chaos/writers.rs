@@ -9,7 +9,7 @@ use std::{
 };
 
 use crate::{
-    common::{all_are_tried, done, inerter, text},
+    common::{all_are_tried, done, inerter, last, text},
     scenario::each,
 };
 
@@ -29,6 +29,9 @@ const fn writer(command: &'static [&'static str]) -> Writer {
     Writer { command, has_device: false, cost: 1 }
 }
 
+/// Stands for the only run of a store.
+const ONLY_RUN: &str = "RUN";
+
 pub const WRITERS: &[Writer] = &[
     Writer { cost: 20, ..writer(&["reproduce-paper", "-o", "."]) },
     Writer { cost: 5, ..writer(&["report", "run.mcap", "-o", "page.html", "--png", "."]) },
@@ -44,6 +47,7 @@ pub const WRITERS: &[Writer] = &[
     writer(&["plot", "run.mcap", "--figure", "force", "-o", "force.svg"]),
     writer(&["plot", "run.mcap", "--figure", "loop", "-o", "loop.png"]),
     writer(&["replay", "run.mcap", "--limits", "limits.toml", "--junit", "r.xml", "--verdicts", "r.csv"]),
+    writer(&["store", "get", "store", ONLY_RUN, "-o", "got.mcap"]),
     writer(&["man", "-o", "."]),
     Writer { has_device: true, ..writer(&["settings", "backup", "board.toml"]) },
 ];
@@ -61,7 +65,10 @@ impl Writer {
     /// As it is run, with what it is told besides.
     pub fn run(&self, folder: &Path, device: &str, more: &[&str]) -> Command {
         let link: &[&str] = if self.has_device { &["--connect", device] } else { &[] };
-        inerter(folder, &[self.command, link, more].concat())
+        let run = self.command.contains(&ONLY_RUN).then(|| last(&done(folder, &["store", "ls", "store", "--json"])));
+        let run = run.as_ref().and_then(|row| row["run"].as_str()).unwrap_or(ONLY_RUN);
+        let words = [self.command, link, more].concat();
+        inerter(folder, &words.iter().map(|word| if *word == ONLY_RUN { run } else { word }).collect::<Vec<_>>())
     }
 
     /// Lets it end, twice: what it writes must be the same.
@@ -114,6 +121,7 @@ impl Whole {
 /// What the commands read.
 fn prepare(folder: &Path) {
     done(folder, &["simulate", "--duration", "10", "-o", "run.mcap"]);
+    done(folder, &["store", "add", "store", "run.mcap"]);
     done(folder, &["cut", "run.mcap", "--to", "5", "-o", "first.mcap"]);
     done(folder, &["cut", "run.mcap", "--from", "5", "-o", "second.mcap"]);
     fs::write(folder.join("limits.toml"), "[inertance_kg]\nmin = 100\n").unwrap();
@@ -139,6 +147,7 @@ pub fn names(folder: &Path) -> Vec<String> {
 #[test]
 fn every_command_that_writes_files_is_tried() {
     // The recorders have campaigns of their own, and a self-test needs a board that measures itself.
+    // A store is killed in `store.rs`.
     let others: [&[&str]; 3] = [&["record"], &["monitor"], &["selftest"]];
     let tried: Vec<&[&str]> = WRITERS.iter().map(|writer| writer.command).chain(others).collect();
     all_are_tried(&tried, |help| help.contains("  Replace "));

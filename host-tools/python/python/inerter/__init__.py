@@ -22,6 +22,7 @@ from typing import Any, Union
 from . import _inerter
 from ._inerter import InerterError, Run, Sums, Table, __version__
 from ._device import Device
+from ._store import Store
 from ._results import Diagnosis, Estimate, Figure, Identification, Merged, Parameter, Plan, Replay, Result, Summed
 
 __all__ = [
@@ -37,6 +38,7 @@ __all__ = [
     "Replay",
     "Result",
     "Run",
+    "Store",
     "Sums",
     "Table",
     "__version__",

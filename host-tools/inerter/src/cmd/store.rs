@@ -1,0 +1,403 @@
+//! `inerter store`: runs kept in a folder or in S3, with tables that other programs query.
+
+use std::{io, io::IsTerminal, path::PathBuf};
+
+use inerter_data::{
+    json::json_line,
+    output::{self, refuse_existing},
+    words::{interval_text, plural},
+};
+use inerter_store::{Choice, Condition, Row, Store, StoreError};
+use serde_json::{Value, json};
+
+use super::terminal::{self, Progress, say, tidy_at_interrupts};
+use crate::{
+    Error,
+    error::{DialogueError, Shown},
+};
+
+/// Letters of a run's name that a table shows.
+const SHORT: usize = 12;
+
+/// Keep recordings in a store, and find them by what they say.
+///
+/// A store is a folder, or a place in S3-compatible storage: s3://BUCKET/FOLDER, with the credentials of the usual variables
+/// AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_REGION and AWS_ENDPOINT. It holds the recordings as they are, each named by the
+/// SHA-256 of its contents, and tables in Parquet that DuckDB, pandas and Polars read without this program. docs/STORE.md describes it.
+#[derive(clap::Args)]
+pub struct Args {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(clap::Subcommand)]
+enum Command {
+    Add(AddArgs),
+    Ls(LsArgs),
+    Show(ShowArgs),
+    Query(QueryArgs),
+    Get(GetArgs),
+    Verify(VerifyArgs),
+    Remove(RemoveArgs),
+}
+
+/// Add recordings; the first one makes the store.
+///
+/// Each goes through the estimator, and what comes out becomes the tables beside it. The same recording twice is one run, whatever
+/// its file is called. Several processes may add at once. A recording that cannot be used is told, the others are added, and the
+/// exit code is 3.
+#[derive(clap::Args)]
+struct AddArgs {
+    /// Folder, or s3://BUCKET/FOLDER
+    #[arg(value_name = "STORE")]
+    url: String,
+    /// Recordings (.mcap)
+    #[arg(required = true, value_name = "FILE")]
+    files: Vec<PathBuf>,
+    /// Print JSON: one object a recording
+    #[arg(long)]
+    json: bool,
+}
+
+/// Which runs, and how they are printed.
+#[derive(clap::Args)]
+struct ListArgs {
+    /// Runs of this device alone, by its serial number
+    #[arg(long, value_name = "SERIAL")]
+    device: Option<String>,
+    /// Runs recorded on this day (UTC) or later: 2026-01-31, or 2026-01
+    #[arg(long, value_name = "DATE", value_parser = date)]
+    from: Option<String>,
+    /// Runs recorded on this day (UTC) or earlier
+    #[arg(long, value_name = "DATE", value_parser = date)]
+    to: Option<String>,
+    /// Print JSON: one object a run
+    #[arg(long, conflicts_with = "csv")]
+    json: bool,
+    /// Print CSV with all columns
+    #[arg(long)]
+    csv: bool,
+}
+
+/// List the runs of a store.
+///
+/// With --json one object a line with all columns of the table `runs`: {"run":..,"device":..,"date":..,"inertance_kg":..,..}.
+#[derive(clap::Args)]
+struct LsArgs {
+    /// Folder, or s3://BUCKET/FOLDER
+    #[arg(value_name = "STORE")]
+    url: String,
+    #[command(flatten)]
+    list: ListArgs,
+}
+
+/// List the runs that meet conditions, all of them.
+///
+/// A condition is a column of the table `runs`, one of < <= > >= = !=, and a number or a word: "inertance_kg < 300", "law = broken".
+/// What is not known meets no condition. For more than that, query the tables with DuckDB: docs/STORE.md has examples.
+#[derive(clap::Args)]
+struct QueryArgs {
+    /// Folder, or s3://BUCKET/FOLDER
+    #[arg(value_name = "STORE")]
+    url: String,
+    /// What a column must be: "inertance_kg < 300"
+    #[arg(required = true, value_name = "CONDITION")]
+    conditions: Vec<String>,
+    #[command(flatten)]
+    list: ListArgs,
+}
+
+/// Show what a store knows of a run.
+#[derive(clap::Args)]
+struct ShowArgs {
+    /// Folder, or s3://BUCKET/FOLDER
+    #[arg(value_name = "STORE")]
+    url: String,
+    /// The beginning of its name
+    run: String,
+    /// Print JSON: one object with all columns, settings and truth as objects
+    #[arg(long)]
+    json: bool,
+}
+
+/// Write the recording of a run into a file.
+///
+/// It is checked against its name on the way.
+#[derive(clap::Args)]
+struct GetArgs {
+    /// Folder, or s3://BUCKET/FOLDER
+    #[arg(value_name = "STORE")]
+    url: String,
+    /// The beginning of its name
+    run: String,
+    /// File to write (.mcap)
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+    /// Replace a file that exists
+    #[arg(long)]
+    force: bool,
+}
+
+/// Read every file of a store, and tell what is not as it was written.
+///
+/// The exit code is 3 where something is missing, changed or unfinished. `sha256sum` does the same: docs/STORE.md.
+#[derive(clap::Args)]
+struct VerifyArgs {
+    /// Folder, or s3://BUCKET/FOLDER
+    #[arg(value_name = "STORE")]
+    url: String,
+    /// Remove what was left behind when adding or removing broke off; nobody may be adding meanwhile
+    #[arg(long)]
+    tidy: bool,
+    /// Print JSON: one object a file, and one at the end
+    #[arg(long)]
+    json: bool,
+}
+
+/// Remove runs with their recordings.
+#[derive(clap::Args)]
+struct RemoveArgs {
+    /// Folder, or s3://BUCKET/FOLDER
+    #[arg(value_name = "STORE")]
+    url: String,
+    /// The beginnings of their names
+    #[arg(required = true, value_name = "RUN")]
+    runs: Vec<String>,
+    /// Do not ask
+    #[arg(long)]
+    yes: bool,
+}
+
+/// A day, or the beginning of one.
+fn date(text: &str) -> Result<String, String> {
+    let shape = text.bytes().zip(*b"0000-00-00").all(|(letter, form)| match form {
+        b'-' => letter == b'-',
+        _ => letter.is_ascii_digit(),
+    });
+    if shape && [4, 7, 10].contains(&text.len()) { Ok(text.into()) } else { Err("write it as 2026-01-31".into()) }
+}
+
+pub fn run(args: &Args) -> Result<(), Error> {
+    match &args.command {
+        Command::Add(args) => add(args),
+        Command::Ls(args) => list(&args.url, &args.list, &[]),
+        Command::Query(args) => list(&args.url, &args.list, &args.conditions),
+        Command::Show(args) => show(args),
+        Command::Get(args) => get(args),
+        Command::Verify(args) => verify(args),
+        Command::Remove(args) => remove(args),
+    }
+}
+
+/// Shows how far the work is; Ctrl-C ends it.
+fn watched(bar: &mut Progress) -> impl FnMut(f64) -> Result<(), StoreError> + '_ {
+    |part| {
+        bar.set((part * 1000.0) as u64);
+        if terminal::interrupted() { Err(inerter_data::Error::Interrupted.into()) } else { Ok(()) }
+    }
+}
+
+fn add(args: &AddArgs) -> Result<(), Error> {
+    terminal::catch_interrupts();
+    let store = Store::create(&args.url)?;
+    let mut failed = 0;
+    for file in &args.files {
+        let name = file.display().to_string();
+        let mut bar = Progress::new("adding", 1000);
+        let added = store.add(file, &mut watched(&mut bar));
+        bar.done();
+        match added {
+            Ok(added) => {
+                let (run, is_new) = (added.row.name(), added.is_new);
+                if args.json {
+                    output::line(json_line(&json!({"kind": "added", "file": name, "run": run, "new": is_new})))?;
+                } else {
+                    let how = if is_new { "added" } else { "is there already" };
+                    output::line(format!("{name}: {how} as {}", short(&added.row)))?;
+                }
+            }
+            // Of the store, not of the file: the others would meet it too.
+            Err(error)
+                if !matches!(
+                    error,
+                    StoreError::Data(_) | StoreError::NoRecording { .. } | StoreError::Changed { .. }
+                ) =>
+            {
+                return Err(error.into());
+            }
+            Err(StoreError::Data(inerter_data::Error::Interrupted)) => return Err(Error::INTERRUPTED),
+            Err(error) if args.files.len() == 1 => return Err(error.into()),
+            Err(error) => {
+                failed += 1;
+                say(format!("error: {}", Shown(error)));
+            }
+        }
+    }
+    if failed > 0 { Err(Error::NotAdded { failed, of: args.files.len() }) } else { Ok(()) }
+}
+
+fn short(row: &Row) -> &str {
+    row.name().get(..SHORT).unwrap_or_default()
+}
+
+fn list(url: &str, args: &ListArgs, conditions: &[String]) -> Result<(), Error> {
+    let conditions = conditions.iter().map(|text| text.parse()).collect::<Result<Vec<Condition>, _>>()?;
+    let choice = Choice { device: args.device.clone(), from: args.from.clone(), to: args.to.clone(), conditions };
+    let rows = Store::open(url)?.runs(&choice)?;
+    if args.json {
+        return Ok(rows.iter().try_for_each(|row| output::line(json_line(row)))?);
+    }
+    if args.csv {
+        return csv(&rows);
+    }
+    if rows.is_empty() {
+        say("no run is like this");
+        return Ok(());
+    }
+    let cells: Vec<[String; 8]> = rows.iter().map(cells).collect();
+    let head = ["run", "device", "date", "length", "inertance", "viscous", "Coulomb", "law"].map(String::from);
+    let width = |place: usize| {
+        let letters = |row: &[String; 8]| row.get(place).map_or(0, |cell| cell.chars().count());
+        cells.iter().chain([&head]).map(letters).max().unwrap_or(0)
+    };
+    let widths: Vec<usize> = (0..8).map(width).collect();
+    for row in [&head].into_iter().chain(&cells) {
+        let line: Vec<String> = row.iter().zip(&widths).map(|(cell, width)| format!("{cell:<width$}")).collect();
+        output::line(line.join("  ").trim_end())?;
+    }
+    say(plural(rows.len() as u64, "run"));
+    Ok(())
+}
+
+/// What a person sees of a run in a list.
+fn cells(row: &Row) -> [String; 8] {
+    let value = |names: [&str; 2], intervals: [&str; 2], units: [&str; 2]| {
+        let known =
+            (0..2).find_map(|place| Some((row.number(names[place])?, row.number(intervals[place])?, units[place])));
+        known.map_or("-".into(), |(value, u95, unit)| format!("{} {unit}", interval_text(value, u95)))
+    };
+    [
+        short(row).to_string(),
+        row.device().to_string(),
+        row.date().to_string(),
+        row.number("duration_s").map_or("-".into(), |seconds| format!("{seconds:.1} s")),
+        value(["inertance_kg", "inertia_kg_m2"], ["inertance_u95_kg", "inertia_u95_kg_m2"], ["kg", "kg m²"]),
+        value(
+            ["viscous_n_s_per_m", "viscous_n_m_s_per_rad"],
+            ["viscous_u95_n_s_per_m", "viscous_u95_n_m_s_per_rad"],
+            ["N s/m", "N m s/rad"],
+        ),
+        value(["coulomb_n", "coulomb_n_m"], ["coulomb_u95_n", "coulomb_u95_n_m"], ["N", "N m"]),
+        row.text("law").unwrap_or("-").to_string(),
+    ]
+}
+
+/// Columns that hold objects, for programs.
+fn is_object(name: &&str) -> bool {
+    ["settings", "truth"].contains(name)
+}
+
+/// All columns but objects; a rotary machine has others.
+fn csv(rows: &[Row]) -> Result<(), Error> {
+    let mut names: Vec<&str> = Vec::new();
+    for name in rows.iter().flat_map(Row::columns).filter(|name| !is_object(name)) {
+        if !names.contains(&name) {
+            names.push(name);
+        }
+    }
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    let cell = |value: Option<Value>| match value {
+        Some(Value::String(text)) => text,
+        Some(value) => value.to_string(),
+        None => String::new(),
+    };
+    let failed = |error: csv::Error| output::OutputError::write("standard output", io::Error::other(error));
+    writer.write_record(&names).map_err(failed)?;
+    for row in rows {
+        writer.write_record(names.iter().map(|name| cell(row.get(name)))).map_err(failed)?;
+    }
+    let bytes =
+        writer.into_inner().map_err(|error| output::OutputError::write("standard output", error.into_error()))?;
+    Ok(output::lines(String::from_utf8_lossy(&bytes))?)
+}
+
+fn show(args: &ShowArgs) -> Result<(), Error> {
+    let store = Store::open(&args.url)?;
+    let row = store.find(&args.run)?;
+    if args.json {
+        return Ok(output::line(json_line(&row))?);
+    }
+    let name_width = row.columns().map(str::len).max().unwrap_or(0);
+    for name in row.columns().filter(|name| !is_object(name)) {
+        let value = match row.get(name) {
+            None => "-".to_string(),
+            Some(Value::String(text)) => text,
+            Some(value) => value.to_string(),
+        };
+        output::line(format!("{name:<name_width$}  {value}"))?;
+    }
+    output::line(format!("{:<name_width$}  {}", "recording", row.recording()))?;
+    Ok(())
+}
+
+fn get(args: &GetArgs) -> Result<(), Error> {
+    tidy_at_interrupts();
+    if !args.force {
+        refuse_existing(&args.output)?;
+    }
+    let store = Store::open(&args.url)?;
+    let row = store.find(&args.run)?;
+    store.get(&row, &args.output, args.force)?;
+    say(format!("{} written to {}", short(&row), args.output.display()));
+    Ok(())
+}
+
+fn verify(args: &VerifyArgs) -> Result<(), Error> {
+    terminal::catch_interrupts();
+    let store = Store::open(&args.url)?;
+    if args.tidy {
+        let count = store.tidy()?;
+        say(format!("{} removed that was left behind", plural(count as u64, "unfinished run")));
+    }
+    let mut bar = Progress::new("reading", 1000);
+    let damages = store.verify(&mut watched(&mut bar))?;
+    bar.done();
+    let runs = store.runs(&Choice::default()).map_or(0, |rows| rows.len());
+    for damage in &damages {
+        if args.json {
+            let (run, file, problem) = (&damage.run, &damage.file, damage.problem);
+            output::line(json_line(&json!({"kind": "damage", "run": run, "file": file, "problem": problem})))?;
+        } else {
+            output::line(format!("{:<10}  {}", damage.problem, damage.file))?;
+        }
+    }
+    if args.json {
+        output::line(json_line(
+            &json!({"kind": "verified", "store": args.url, "runs": runs, "damages": damages.len()}),
+        ))?;
+    } else if damages.is_empty() {
+        output::line(format!("{}: every file is as it was written", plural(runs as u64, "run")))?;
+    }
+    if damages.is_empty() { Ok(()) } else { Err(Error::StoreDamage { url: args.url.clone(), files: damages.len() }) }
+}
+
+fn remove(args: &RemoveArgs) -> Result<(), Error> {
+    tidy_at_interrupts();
+    let can_ask = io::stdin().is_terminal() && io::stderr().is_terminal();
+    let store = Store::open(&args.url)?;
+    // All of them, before the first one goes.
+    let rows = args.runs.iter().map(|run| store.find(run)).collect::<Result<Vec<_>, _>>()?;
+    if !args.yes && !can_ask {
+        return Err(DialogueError::UnconfirmedRemoval.into());
+    }
+    let question = format!("Remove {} and the recording with each? [y/N]", plural(rows.len() as u64, "run"));
+    if !args.yes && !terminal::is_confirmed(&question) {
+        say("nothing was removed");
+        return Ok(());
+    }
+    for row in &rows {
+        store.remove(row)?;
+        output::line(format!("{} removed", short(row)))?;
+    }
+    Ok(())
+}

@@ -1,0 +1,152 @@
+//! What may go wrong with a store.
+
+use std::{io, path::PathBuf};
+
+use miette::Diagnostic;
+
+use crate::store::VERSION;
+
+/// Why a store cannot be used, or not in this way.
+#[derive(Debug, thiserror::Error, Diagnostic)]
+pub enum StoreError {
+    /// No store is there.
+    #[error("there is no store at {url}")]
+    #[diagnostic(
+        code(inerter::store::none),
+        help("check the address; `inerter store add {url} FILE` makes a store with its first run")
+    )]
+    None {
+        /// The address.
+        url: String,
+    },
+    /// Something else is there.
+    #[error("{url} holds files, but no store")]
+    #[diagnostic(code(inerter::store::foreign), help("name a folder that is empty or not there yet"))]
+    Foreign {
+        /// The address.
+        url: String,
+    },
+    /// A later version has written it.
+    #[error("the store at {url} is of version {version}; this program reads up to version {VERSION}")]
+    #[diagnostic(code(inerter::store::newer), help("install a later inerter; nothing was changed"))]
+    Newer {
+        /// The address.
+        url: String,
+        /// Its version.
+        version: u64,
+    },
+    /// The address is of a kind that this program cannot use.
+    #[error("{url} cannot be used as a store: {problem}")]
+    #[diagnostic(code(inerter::store::address), help("{help}"))]
+    Address {
+        /// The address.
+        url: String,
+        /// What is wrong.
+        problem: String,
+        /// What to do.
+        help: String,
+    },
+    /// A file of the store cannot be read or written.
+    #[error("{file} in the store {url} cannot be {action}: {source}")]
+    #[diagnostic(code(inerter::store::access), help("{}", access_help(source)))]
+    Access {
+        /// The address.
+        url: String,
+        /// Its file, from the root of the store.
+        file: String,
+        /// `read`, `written`, `listed` or `removed`.
+        action: &'static str,
+        /// The reason.
+        source: io::Error,
+    },
+    /// A file in the store is not what it should be.
+    #[error("{file} in the store {url} is damaged: {problem}")]
+    #[diagnostic(code(inerter::store::damaged), help("`inerter store verify {url}` lists all that is damaged"))]
+    Damaged {
+        /// The address.
+        url: String,
+        /// Its file.
+        file: String,
+        /// What is wrong.
+        problem: String,
+    },
+    /// Nothing has this name.
+    #[error("the store {url} has no run {run}")]
+    #[diagnostic(
+        code(inerter::store::no_run),
+        help("`inerter store ls {url}` lists the runs; the beginning of a name is enough")
+    )]
+    NoRun {
+        /// The address.
+        url: String,
+        /// What was asked for.
+        run: String,
+    },
+    /// Several runs begin like this.
+    #[error("{count} runs in the store {url} begin with {run}")]
+    #[diagnostic(code(inerter::store::ambiguous), help("give more of the name"))]
+    Ambiguous {
+        /// The address.
+        url: String,
+        /// What was asked for.
+        run: String,
+        /// How many there are.
+        count: usize,
+    },
+    /// A file that is no recording.
+    #[error("{path} is no recording", path = path.display())]
+    #[diagnostic(
+        code(inerter::store::no_recording),
+        help("a store holds recordings (.mcap): `inerter record` makes one, and `inerter cut` a part of one")
+    )]
+    NoRecording {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A recording was written to meanwhile.
+    #[error("{path} changed while it was added", path = path.display())]
+    #[diagnostic(code(inerter::store::changed), help("add it when its recording has ended; nothing was added"))]
+    Changed {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A condition cannot be read.
+    #[error("`{condition}` is no condition: {problem}")]
+    #[diagnostic(code(inerter::store::condition), help("{help}"))]
+    Condition {
+        /// What was given.
+        condition: String,
+        /// What is wrong.
+        problem: String,
+        /// What to do.
+        help: String,
+    },
+    /// A recording cannot be used.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Data(#[from] inerter_data::Error),
+}
+
+impl From<inerter_data::settings::SettingsInputError> for StoreError {
+    fn from(error: inerter_data::settings::SettingsInputError) -> Self {
+        Self::Data(error.into())
+    }
+}
+
+impl From<inerter_data::output::OutputError> for StoreError {
+    fn from(error: inerter_data::output::OutputError) -> Self {
+        Self::Data(error.into())
+    }
+}
+
+fn access_help(source: &io::Error) -> &'static str {
+    match source.kind() {
+        io::ErrorKind::PermissionDenied => "ask for permission to this folder or bucket, or use another store",
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => "free some space, then do it again",
+        io::ErrorKind::NotFound => "it was there a moment ago: `inerter store verify` says what is missing",
+        io::ErrorKind::TimedOut | io::ErrorKind::ConnectionRefused | io::ErrorKind::ConnectionReset => {
+            "check the address and the network, then do it again: what was done before is kept"
+        }
+        _ => "do it again: what was done before is kept",
+    }
+}

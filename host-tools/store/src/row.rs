@@ -1,0 +1,75 @@
+//! What the table `runs` says of a run.
+
+use serde::Serialize;
+use serde_json::{Map, Value, json};
+
+use crate::place::Place;
+
+/// A run of a store: its columns by name.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Row {
+    pub(crate) place: Place,
+    pub(crate) values: Map<String, Value>,
+}
+
+impl Row {
+    /// SHA-256 of the recording: 64 hexadecimal digits.
+    pub fn name(&self) -> &str {
+        &self.place.run
+    }
+
+    /// Serial number of the device, as the folders have it.
+    pub fn device(&self) -> &str {
+        &self.place.device
+    }
+
+    /// Day on which it was recorded, in UTC: `2026-01-31`. Of a simulation it is 1970-01-01.
+    pub fn date(&self) -> &str {
+        &self.place.date
+    }
+
+    /// Where its recording lies, from the root of the store.
+    pub fn recording(&self) -> String {
+        self.place.recording()
+    }
+
+    /// A column, where it is known; `run`, `device` and `date` are columns too.
+    pub fn get(&self, column: &str) -> Option<Value> {
+        match column {
+            "run" => Some(json!(self.name())),
+            "device" => Some(json!(self.device())),
+            "date" => Some(json!(self.date())),
+            column => self.values.get(column).filter(|value| !value.is_null()).cloned(),
+        }
+    }
+
+    /// A number, where it is known.
+    pub fn number(&self, column: &str) -> Option<f64> {
+        self.values.get(column)?.as_f64()
+    }
+
+    /// A text, where it is known.
+    pub fn text(&self, column: &str) -> Option<&str> {
+        self.values.get(column)?.as_str()
+    }
+
+    /// Names of all columns.
+    pub fn columns(&self) -> impl Iterator<Item = &str> {
+        ["run", "device", "date"]
+            .into_iter()
+            .chain(self.values.keys().map(String::as_str).filter(|name| *name != "run"))
+    }
+}
+
+impl Serialize for Row {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let known = |name| (name, self.get(name).unwrap_or_default());
+        serializer.collect_map(self.columns().map(known).map(|(name, value)| match (name, value) {
+            // Kept as text in the table.
+            ("settings" | "truth", Value::String(text)) => {
+                (name, serde_json::from_str(&text).unwrap_or(Value::String(text)))
+            }
+            other => other,
+        }))
+    }
+}

@@ -1,0 +1,113 @@
+//! Sums of the files of a run, as `sha256sum` writes and checks them.
+
+use std::io::{self, Read};
+
+use sha2::{Digest, Sha256};
+
+/// The SHA-256 of bytes that come one after the other.
+#[derive(Clone, Default)]
+pub(crate) struct Sum(Sha256);
+
+impl Sum {
+    pub(crate) fn of(bytes: &[u8]) -> String {
+        let mut sum = Self::default();
+        sum.take(bytes);
+        sum.hex()
+    }
+
+    pub(crate) fn take(&mut self, bytes: &[u8]) {
+        self.0.update(bytes);
+    }
+
+    pub(crate) fn hex(self) -> String {
+        self.0.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+    }
+}
+
+/// A reader that takes the sum of what goes through it.
+pub(crate) struct Summed<R> {
+    from: R,
+    pub sum: Sum,
+    pub length: u64,
+}
+
+impl<R> Summed<R> {
+    pub(crate) fn new(from: R) -> Self {
+        Self { from, sum: Sum::default(), length: 0 }
+    }
+}
+
+impl<R: Read> Read for Summed<R> {
+    fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
+        let count = self.from.read(into)?;
+        self.sum.take(into.get(..count).unwrap_or_default());
+        self.length += count as u64;
+        Ok(count)
+    }
+}
+
+/// A reader that fails at the end of what does not have this sum.
+pub(crate) struct Expected<'a, R> {
+    from: Summed<R>,
+    sum: &'a str,
+    /// Whether it failed for that.
+    pub is_other: bool,
+}
+
+impl<'a, R> Expected<'a, R> {
+    pub(crate) fn new(from: R, sum: &'a str) -> Self {
+        Self { from: Summed::new(from), sum, is_other: false }
+    }
+}
+
+impl<R: Read> Read for Expected<'_, R> {
+    fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
+        let count = self.from.read(into)?;
+        if count == 0 && !into.is_empty() {
+            self.is_other = self.from.sum.clone().hex() != self.sum;
+            if self.is_other {
+                return Err(io::Error::other("it is not what was summed up before"));
+            }
+        }
+        Ok(count)
+    }
+}
+
+/// Lines of `sha256sum` for these files.
+pub(crate) fn lines(files: &[(String, String)]) -> String {
+    files.iter().map(|(name, sum)| format!("{sum}  {name}\n")).collect()
+}
+
+/// Reads them back: name and sum; a line that is none is left out.
+pub(crate) fn parse(text: &str) -> Vec<(String, String)> {
+    let line = |line: &str| line.split_once("  ").map(|(sum, name)| (name.to_owned(), sum.to_owned()));
+    text.lines().filter_map(line).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// FIPS 180-2, B.1.
+    #[test]
+    fn the_sum_is_that_of_the_standard() {
+        let sum = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
+        assert_eq!(Sum::of(b"abc"), sum);
+        let mut read = Summed::new(&b"abc"[..]);
+        io::copy(&mut read, &mut io::sink()).unwrap();
+        assert_eq!((read.length, read.sum.hex().as_str()), (3, sum));
+    }
+
+    #[test]
+    fn other_bytes_fail_at_their_end() {
+        let sum = Sum::of(b"abc");
+        let read = |bytes: &[u8]| io::copy(&mut Expected::new(bytes, &sum), &mut io::sink()).ok();
+        assert_eq!((read(b"abc"), read(b"abd"), read(b"ab")), (Some(3), None, None));
+    }
+
+    #[test]
+    fn lines_are_read_back() {
+        let files = vec![("runs/a b.parquet".to_owned(), "00".repeat(32)), ("x".to_owned(), "11".repeat(32))];
+        assert_eq!(parse(&lines(&files)), files);
+    }
+}

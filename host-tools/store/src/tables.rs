@@ -1,0 +1,241 @@
+//! The tables of a recording: what our estimator, and nothing else, makes of it.
+
+use std::path::Path;
+
+use inerter_analysis::results::{Replayed, replayed};
+use inerter_core::{LawStatus, Machine, Parameter};
+use inerter_data::{
+    export::{Cells, EstimateTable, HeldColumn, Source, table_bytes},
+    json::{EventJson, ReversalJson, rounded_s},
+    names::{self, name},
+    recording,
+    words::{printable, utc},
+};
+use inerter_wire::{EstimatorEvent, EventKind, catalogue};
+use serde_json::json;
+
+use crate::{
+    error::StoreError,
+    place::{Place, Table},
+    store::VERSION,
+    sums::{Sum, lines},
+};
+
+/// All files of a run but its recording.
+pub(crate) struct Tables {
+    pub place: Place,
+    /// Bytes of each, in the order of [`Table::ALL`].
+    pub bytes: [Vec<u8>; 4],
+}
+
+impl Tables {
+    /// Of a recording with this SHA-256; `progress` is handed the part that is done, from 0 to 1, and may end the work.
+    pub(crate) fn of(
+        path: &Path,
+        run: &str,
+        progress: &mut dyn FnMut(f64) -> Result<(), StoreError>,
+    ) -> Result<Self, StoreError> {
+        let unreadable = |source| recording::RecordingError::Read { path: path.into(), source };
+        if !recording::is_recording(path).map_err(|error| inerter_data::Error::from(unreadable(error)))? {
+            return Err(StoreError::NoRecording { path: path.into() });
+        }
+        let source = Source::open(path, &Default::default(), |_| ())?;
+        let place = Place::of(&source, run.into());
+        let machine = source.settings.machine;
+        let (mut estimates, mut reversals, mut events) =
+            (EstimateTable::default(), Vec::new(), Vec::<(f64, Option<u32>, String, String)>::new());
+        let mut taken = 0_u64;
+        let total = source.extent.samples.max(1) as f64;
+        let samples = source.samples()?.map(|sample| {
+            taken += 1;
+            if taken.is_multiple_of(4096) {
+                progress(taken as f64 / total)?;
+            }
+            sample.map_err(StoreError::from)
+        });
+        let replayed = replayed(&source.settings, source.start_s, samples, |t_s, event| -> Result<(), StoreError> {
+            match event {
+                EstimatorEvent::Estimate(estimated) => estimates.push(t_s, &source, estimated),
+                EstimatorEvent::Reversal(reversal) => reversals.push(ReversalJson::new(Some(t_s), reversal)),
+                EstimatorEvent::Changed(_) | EstimatorEvent::Warned(_) => {
+                    let kind = match event {
+                        EstimatorEvent::Changed(change) => EventKind::Changed(*change),
+                        EstimatorEvent::Warned(warning) => EventKind::Warned(*warning),
+                        _ => return Ok(()),
+                    };
+                    let EventJson { index, code, event, .. } = EventJson::new(None, event.index(), &kind, machine);
+                    events.push((t_s, Some(index), code, event));
+                }
+            }
+            Ok(())
+        })?;
+        let remarks =
+            replayed.remarks().map(|(code, text)| (replayed.outcome.t_s, None, format!("cause.{code}"), text));
+        events.extend(remarks);
+        let markers = source.markers.iter().map(|marker| {
+            let t_s = source.time_s(marker.periods);
+            (t_s, None, "marker".to_owned(), printable(&marker.text).into_owned())
+        });
+        events.extend(markers);
+        events.sort_by(|one, other| one.0.total_cmp(&other.0));
+        if estimates.rows() == 0 {
+            estimates = EstimateTable::without_rows(&source, &replayed.outcome.estimated());
+        }
+        let named = |rows: usize| text("run", vec![Some(run); rows]);
+        let with_run = |rows, columns: Vec<_>| {
+            let columns: Vec<_> = [named(rows)].into_iter().chain(columns).collect();
+            table_bytes(&columns)
+        };
+        let bytes = [
+            with_run(estimates.rows(), estimates.held().collect())?,
+            with_run(reversals.len(), reversal_columns(machine, &reversals))?,
+            with_run(events.len(), event_columns(&events))?,
+            with_run(1, row(&source, &replayed))?,
+        ];
+        Ok(Self { place, bytes })
+    }
+
+    /// The sums of all files of the run, the recording first.
+    pub(crate) fn sums(&self) -> String {
+        let tables = Table::ALL.iter().zip(&self.bytes);
+        let tables = tables.map(|(table, bytes)| (self.place.table(*table), Sum::of(bytes)));
+        let recording = (self.place.recording(), self.place.run.clone());
+        lines(&[recording].into_iter().chain(tables).collect::<Vec<_>>())
+    }
+}
+
+fn float(machine: Machine, linear: &str, unit: &'static str, values: Vec<Option<f64>>) -> HeldColumn<'static> {
+    let values: Vec<_> = values.into_iter().map(|value| value.filter(|value| value.is_finite())).collect();
+    HeldColumn {
+        name: name(machine, linear).into_owned().into(),
+        unit: names::unit(machine, unit),
+        cells: Cells::Float(values.into()),
+    }
+}
+
+fn whole(name: &'static str, values: Vec<Option<i64>>) -> HeldColumn<'static> {
+    HeldColumn { name: name.into(), unit: "", cells: Cells::Whole(values.into()) }
+}
+
+fn text<'a>(name: &'static str, values: Vec<Option<&'a str>>) -> HeldColumn<'a> {
+    let cells = values.into_iter().map(|value| value.map(Into::into)).collect();
+    HeldColumn { name: name.into(), unit: "", cells: Cells::Text(cells) }
+}
+
+fn owned(name: &'static str, value: Option<String>) -> HeldColumn<'static> {
+    HeldColumn { name: name.into(), unit: "", cells: Cells::Text(vec![value.map(Into::into)]) }
+}
+
+fn reversal_columns(machine: Machine, reversals: &[ReversalJson]) -> Vec<HeldColumn<'_>> {
+    let all = |of: fn(&ReversalJson) -> Option<f64>| reversals.iter().map(of).collect();
+    vec![
+        float(machine, "t_s", "s", all(|reversal| reversal.t_s)),
+        whole("index", reversals.iter().map(|reversal| Some(reversal.index.into())).collect()),
+        float(machine, "value_m", "m", all(|reversal| reversal.value_m.map(f64::from))),
+        float(machine, "error_m", "m", all(|reversal| reversal.error_m.map(f64::from))),
+        text("route", reversals.iter().map(|reversal| Some(reversal.route)).collect()),
+        whole("rising", reversals.iter().map(|reversal| Some(reversal.rising.into())).collect()),
+    ]
+}
+
+fn event_columns(events: &[(f64, Option<u32>, String, String)]) -> Vec<HeldColumn<'_>> {
+    vec![
+        float(Machine::Linear, "t_s", "s", events.iter().map(|event| Some(rounded_s(event.0))).collect()),
+        whole("index", events.iter().map(|event| event.1.map(i64::from)).collect()),
+        text("code", events.iter().map(|event| Some(&*event.2)).collect()),
+        text("text", events.iter().map(|event| Some(&*event.3)).collect()),
+    ]
+}
+
+/// What the run came to: one row.
+fn row<'a>(source: &'a Source, replayed: &Replayed) -> Vec<HeldColumn<'a>> {
+    let outcome = &replayed.outcome;
+    let (settings, extent) = (&source.settings, &source.extent);
+    let machine = settings.machine;
+    let device = |key: &str| source.device.as_ref().and_then(|device| device.get(key)).cloned();
+    let count = |value: u64| Some(i64::try_from(value).unwrap_or(i64::MAX));
+    let mut columns = vec![
+        whole("version", vec![Some(VERSION as i64)]),
+        owned("software", Some(concat!("inerter ", env!("CARGO_PKG_VERSION")).into())),
+        owned("recorded_utc", Some(utc(source.first_ns))),
+        owned("firmware", device("firmware")),
+        owned("board", device("board")),
+        owned("machine", Some(if machine == Machine::Linear { "linear" } else { "rotary" }.into())),
+        float(machine, "duration_s", "s", vec![Some(source.duration_s())]),
+        float(machine, "sample_rate_hz", "Hz", vec![Some(settings.sample_rate_hz)]),
+        whole("samples", vec![count(extent.samples)]),
+        whole("lost_samples", vec![count(extent.missing)]),
+        whole("saturated", vec![Some(outcome.counters.saturated.into())]),
+        whole("changes", vec![Some(outcome.detail.changes.into())]),
+        whole("reversals", vec![Some(outcome.detail.backlash.reversals.into())]),
+    ];
+    let parameters = catalogue::parameters(machine, &outcome.estimate.whole_run);
+    for ((field, parameter), judged) in parameters.zip(&replayed.judged) {
+        let budget = &judged.budget;
+        let interval = Some((f64::from(budget.u95()), f64::from(budget.same_rig_u95())));
+        columns.extend(of_parameter(field, &parameter, interval));
+    }
+    let contact = [outcome.detail.stiffness_n_per_m, outcome.detail.contact_damping_n_s_per_m];
+    let backlash = outcome.detail.backlash.known();
+    for (what, value) in [("", backlash.map(|known| known.value)), ("_u95", backlash.map(|known| known.u95))] {
+        columns.push(float(machine, &format!("backlash{what}_m"), "m", vec![value.map(f64::from)]));
+    }
+    for (field, parameter) in catalogue::contact_fields(machine).zip(contact) {
+        columns.extend(of_parameter(field, &parameter, None));
+    }
+    let misfit = outcome.law.misfit;
+    let law = match outcome.law.status {
+        LawStatus::Holds => "holds",
+        LawStatus::Broken => "broken",
+        LawStatus::Unknown => "unknown",
+    };
+    let causes: Vec<&str> = replayed.remarks().map(|(code, _)| code).collect();
+    let by_name: serde_json::Map<_, _> = inerter_core::Settings::TABLE
+        .iter()
+        .zip(settings.values())
+        .map(|(info, value)| (info.name.to_string(), json!(value)))
+        .collect();
+    columns.extend([
+        owned("law", Some(law.into())),
+        float(machine, "law_ratio", "", vec![misfit.map(|misfit| misfit.ratio.into())]),
+        float(machine, "law_limit", "", vec![misfit.map(|misfit| misfit.limit.into())]),
+        float(machine, "residual_rms_n", "N", vec![Some(outcome.estimate.residual_rms_n.into())]),
+        owned("causes", Some(causes.join(" "))),
+        owned("settings", Some(json!(by_name).to_string())),
+        owned("truth", source.truth.as_ref().map(|truth| json!(truth).to_string())),
+    ]);
+    columns
+}
+
+/// Value, intervals and status. Without an `interval` its own is the one, and of the same rig nothing is known.
+fn of_parameter(
+    field: &'static catalogue::Field,
+    parameter: &Parameter,
+    interval: Option<(f64, f64)>,
+) -> Vec<HeldColumn<'static>> {
+    let known = parameter.known();
+    let own = known.map(|known| f64::from(known.u95));
+    let number = |name: String, value: Option<f64>| HeldColumn {
+        name: name.into(),
+        unit: field.unit,
+        cells: Cells::Float(vec![value.filter(|value| value.is_finite())].into()),
+    };
+    let status = match parameter {
+        Parameter::Ok(_) => "ok",
+        Parameter::Held(_) => "held",
+        Parameter::NotIdentifiable(_) => "not_identifiable",
+    };
+    let mut columns = vec![
+        number(field.path.into(), known.map(|known| known.value.into())),
+        number(names::beside(field, "_u95"), known.and(interval.map(|(u95, _)| u95)).or(own)),
+    ];
+    if let Some((_, same_rig)) = interval {
+        columns.push(number(names::beside(field, "_same_rig_u95"), known.map(|_| same_rig)));
+    }
+    columns.push(HeldColumn {
+        name: format!("{}_status", names::stem(field)).into(),
+        unit: "",
+        cells: Cells::Text(vec![Some(status.into())]),
+    });
+    columns
+}
