@@ -257,7 +257,7 @@ fn folder_of(path: &Path) -> &Path {
 }
 
 /// Brings the name of a file onto the disk: without it a power cut may leave data that nothing leads to.
-pub(crate) fn sync_folder(path: &Path) -> io::Result<()> {
+pub fn sync_folder(path: &Path) -> io::Result<()> {
     // Elsewhere folders cannot be opened; one that may not be read cannot be synchronised either.
     if cfg!(unix) { File::open(folder_of(path)).map_or(Ok(()), |folder| synced(folder.sync_all())) } else { Ok(()) }
 }

@@ -136,6 +136,11 @@ impl Overrides {
         self.values.get(Settings::find(name)?).copied().flatten()
     }
 
+    /// The values that were given, by name.
+    pub fn given(&self) -> impl Iterator<Item = (&'static str, f64)> {
+        Settings::TABLE.iter().zip(&self.values).filter_map(|(info, value)| Some((info.name, (*value)?)))
+    }
+
     /// Puts the given values over `settings`.
     pub fn apply(&self, settings: &mut Settings) -> Result<(), SettingsInputError> {
         for (number, value) in self.values.iter().enumerate() {

@@ -69,11 +69,25 @@ pub enum Error {
         /// Of how many.
         of: usize,
     },
+    /// Some runs of a store were not replayed.
+    #[error("{failed} of {of} runs could not be replayed")]
+    #[diagnostic(
+        code(inerter::store::not_replayed),
+        help("the batch has each one with its error; the others are there with their results")
+    )]
+    NotReplayed {
+        /// How many could not.
+        failed: usize,
+        /// Of how many.
+        of: usize,
+    },
     /// Files of a store are not as they were written.
     #[error("{files} in the store {url} {} not as {} written", if *files == 1 { "is" } else { "are" }, if *files == 1 { "it was" } else { "they were" }, files = plural(*files as u64, "file"))]
     #[diagnostic(
         code(inerter::store::verify),
-        help("remove such a run and add its recording again from a copy; `--tidy` removes what is unfinished")
+        help(
+            "`inerter store verify {url} --repair` makes anew what follows from whole recordings; where a recording is damaged, remove the run and add it again from a copy"
+        )
     )]
     StoreDamage {
         /// The store.

@@ -51,7 +51,7 @@ pub fn code(error: &Error) -> u8 {
             | ConfigError::Value { .. },
         ) => SETTINGS,
         Error::Data(error) => data(error),
-        Error::Image(_) | Error::NotAdded { .. } | Error::StoreDamage { .. } => INPUT,
+        Error::Image(_) | Error::NotAdded { .. } | Error::NotReplayed { .. } | Error::StoreDamage { .. } => INPUT,
         Error::Store(error) => store(error),
         Error::Doctor { .. } => NO_DEVICE,
         Error::SelfTest(SelfTestError::CannotMeasure { .. }) => DEVICE_LOST,
@@ -144,7 +144,10 @@ fn store(error: &StoreError) -> u8 {
         StoreError::Data(error) => data(error),
         StoreError::Access { action, .. } if ["written", "removed"].contains(action) => OUTPUT,
         StoreError::Foreign { .. } => OUTPUT,
-        StoreError::Address { .. } | StoreError::Ambiguous { .. } | StoreError::Condition { .. } => USAGE,
+        StoreError::Address { .. }
+        | StoreError::Batch { .. }
+        | StoreError::Ambiguous { .. }
+        | StoreError::Condition { .. } => USAGE,
         StoreError::None { .. }
         | StoreError::Newer { .. }
         | StoreError::Access { .. }

@@ -247,6 +247,7 @@ fn no_file_writes_to_the_terminal_what_it_likes() {
         &["calibrate", "stiffness", &recording],
         &["store", "add", "store", &recording],
         &["store", "ls", "store"],
+        &["store", "ls", "store", "--csv"],
         &["store", "show", "store", WORDS],
         &["store", "query", "store", WORDS],
         &["store", "get", "store", WORDS, "-o", "got.mcap"],

@@ -105,7 +105,18 @@ fn a_recording_twice_is_one_run_and_conditions_choose() {
     assert_eq!(query(&["samples = 6000", "--to", "1970"]), 2);
     assert!(fails(folder, &["store", "query", "s", "inertance < 3"], 2).contains("did you mean inertance_kg?"));
     assert!(fails(folder, &["store", "query", "s", "inertance_kg is 3"], 2).contains("is no condition"));
-    fails(folder, &["store", "ls", "s", "--from", "yesterday"], 2);
+    for day in ["yesterday", "2026-99-99"] {
+        fails(folder, &["store", "ls", "s", "--from", day], 2);
+    }
+    // Not every run has each column.
+    done(folder, &["simulate", "--duration", "6", "--set", "machine=1", "-o", "rotary.mcap"]);
+    done(folder, &["store", "add", "s", "rotary.mcap"]);
+    assert_eq!((query(&["inertia_kg_m2 > 0"]), query(&["inertance_kg > 0"])), (1, 2));
+    assert!(done(folder, &["store", "ls", "s"]).contains("kg m²"));
+    let columns = done(folder, &["store", "ls", "s", "--csv"]);
+    let width: BTreeSet<usize> = columns.lines().map(|line| line.split(',').count()).collect();
+    assert!(columns.contains("inertia_kg_m2") && columns.contains("inertance_kg") && width.len() == 1, "{columns}");
+    assert!(fails(folder, &["store", "query", "s", "nonsense = 1", "--device", "nobody"], 2).contains("such a column"));
 }
 
 #[test]
@@ -120,7 +131,7 @@ fn eight_processes_lose_and_double_nothing() {
     }
     assert_eq!(rows(folder).len(), 2);
     let stored = files(&folder.join("s"));
-    assert_eq!(stored.len(), 13, "{stored:?}");
+    assert_eq!(stored.len(), 15, "{stored:?}");
     done(folder, &["store", "verify", "s"]);
 }
 
@@ -148,24 +159,28 @@ fn a_kill_at_any_moment_leaves_no_half_run() {
         let damages = json_lines(&text(&verified.stdout));
         assert!(damages[..damages.len() - 1].iter().all(|damage| damage["problem"] == "unfinished"), "{damages:?}");
         assert!(there == 1 || damages.len() == 1, "a run that is there is whole: {damages:?}");
-        cut_off += usize::from(there == 1);
+        cut_off += usize::from(damages.len() > 1);
+        if random.below(2) == 0 {
+            done(folder, &["store", "verify", "s", "--repair"]);
+        }
+        let there = rows(folder).len();
         let added = last(&done(folder, &["store", "add", "s", "1.mcap", "--json"]));
         assert_eq!(added["new"], there == 1);
         done(folder, &["store", "verify", "s"]);
         done(folder, &["store", "remove", "s", added["run"].as_str().unwrap(), "--yes"]);
         assert_eq!(rows(folder).len(), 1);
     }
-    assert!(cut_off > 0, "no kill came before the end");
+    assert!(cut_off > 0, "no kill left anything unfinished");
 }
 
 #[test]
-fn verify_finds_a_flipped_byte_in_each_file_and_tidy_what_is_left() {
+fn verify_finds_a_flipped_byte_in_each_file_and_repair_makes_whole_what_it_can() {
     let folder = recordings();
     let folder = folder.path();
     done(folder, &["store", "add", "s", "1.mcap"]);
     let store = folder.join("s");
     let all: Vec<PathBuf> = files(&store).into_iter().filter(|file| file.components().count() > 1).collect();
-    assert_eq!(all.len(), 6, "{all:?}");
+    assert_eq!(all.len(), 7, "{all:?}");
     for file in &all {
         let whole = fs::read(store.join(file)).unwrap();
         let mut flipped = whole.clone();
@@ -174,13 +189,18 @@ fn verify_finds_a_flipped_byte_in_each_file_and_tidy_what_is_left() {
         write(&store.join(file), &flipped);
         let output = run(folder, &["store", "verify", "s", "--json"]);
         assert_eq!(output.status.code(), Some(3), "{file:?}: {}", text(&output.stdout));
-        write(&store.join(file), &whole);
         fs::remove_file(store.join(file)).unwrap();
         let missing = run(folder, &["store", "verify", "s", "--json"]);
         assert_eq!(missing.status.code(), Some(3), "{file:?} is gone: {}", text(&missing.stdout));
-        write(&store.join(file), &whole);
-        done(folder, &["store", "verify", "s"]);
+        // All but the recording follows from it, to the same bytes.
+        let is_recording = file.starts_with("recordings");
+        write(&store.join(file), if is_recording { &whole } else { &flipped });
+        done(folder, &["store", "verify", "s", "--repair"]);
+        assert!(fs::read(store.join(file)).unwrap() == whole, "{file:?}");
     }
+    fs::write(store.join("runs/copy.parquet"), "").unwrap();
+    assert!(text(&run(folder, &["store", "verify", "s"]).stdout).contains("foreign     runs/copy.parquet"));
+    fs::remove_file(store.join("runs/copy.parquet")).unwrap();
     let recording = all.iter().find(|file| file.starts_with("recordings")).unwrap();
     let mut bytes = fs::read(store.join(recording)).unwrap();
     bytes[1000] ^= 1;
@@ -188,10 +208,10 @@ fn verify_finds_a_flipped_byte_in_each_file_and_tidy_what_is_left() {
     let name = recording.file_stem().unwrap().to_str().unwrap();
     assert!(fails(folder, &["store", "get", "s", name, "-o", "back.mcap"], 3).contains("is not what was added"));
     assert!(!folder.join("back.mcap").exists());
-    // Without its row it is no run, and is tidied away.
-    fs::remove_file(store.join(all.iter().find(|file| file.starts_with("runs")).unwrap())).unwrap();
-    assert!(rows(folder).is_empty());
-    done(folder, &["store", "verify", "s", "--tidy"]);
+    // A damaged recording is nobody's to throw away, and does not keep the run from being removed.
+    assert_eq!(run(folder, &["store", "verify", "s", "--repair"]).status.code(), Some(3));
+    assert!(store.join(recording).exists());
+    done(folder, &["store", "remove", "s", name, "--yes"]);
     assert_eq!(files(&store).len(), 1);
 }
 
@@ -236,5 +256,138 @@ fn a_place_that_cannot_be_written_is_told_and_no_run_is_there() {
     assert_eq!(rows(folder).len(), 1);
     fs::remove_file(folder.join("s/events/device=SIM-2")).unwrap();
     done(folder, &["store", "add", "s", "2.mcap"]);
+    done(folder, &["store", "verify", "s"]);
+}
+
+#[test]
+fn shards_do_each_run_once_and_keep_what_a_replay_says() {
+    let folder = recordings();
+    let folder = folder.path();
+    done(folder, &["store", "add", "s", "1.mcap", "2.mcap"]);
+    let replay = |more: &[&str]| {
+        let kept = json_lines(&done(folder, &[&["replay", "--store", "s", "--json"], more].concat()));
+        kept.iter().map(|kept| kept["run"].as_str().unwrap().to_owned()).collect::<Vec<_>>()
+    };
+    let mut parts: Vec<String> = (1..=3).flat_map(|part| replay(&["--shard", &format!("{part}/3")])).collect();
+    parts.sort();
+    let mut names: Vec<String> = rows(folder).iter().map(|row| row["run"].as_str().unwrap().to_owned()).collect();
+    names.sort();
+    assert_eq!(parts, names);
+    // What is there already is not done again, unless that is asked for.
+    assert!(replay(&[]).is_empty());
+    assert_eq!(replay(&["--again"]).len(), 2);
+    let stiff = ["--batch", "stiff", "--set", "stiffness_n_per_m=5e6"];
+    assert_eq!(replay(&stiff).len(), 2);
+    let results: Vec<PathBuf> =
+        files(&folder.join("s")).into_iter().filter(|file| file.starts_with("results")).collect();
+    assert_eq!(results.len(), 4, "{results:?}");
+    for file in &results {
+        let row = last(&fs::read_to_string(folder.join("s").join(file)).unwrap());
+        let is_stiff = file.starts_with("results/stiff");
+        let recording = format!("{}.mcap", row["run"].as_str().unwrap());
+        done(folder, &["store", "get", "s", row["run"].as_str().unwrap(), "-o", &recording, "--force"]);
+        let more: &[&str] = if is_stiff { &stiff[2..] } else { &[] };
+        let expected = last(&done(folder, &[&["replay", &recording, "--json"], more].concat()));
+        assert_eq!(row["result"], expected, "{file:?}");
+        assert_eq!(row["given"].to_string(), if is_stiff { r#"{"stiffness_n_per_m":5000000.0}"# } else { "{}" });
+        assert!(row["error"].is_null());
+    }
+    assert!(fails(folder, &["replay", "--store", "s", "--batch", "../x"], 2).contains("cannot be the name of a batch"));
+    fails(folder, &["replay", "--store", "s", "--shard", "4/3"], 2);
+    // One that fails is a row, and the others are done; with the run go its results.
+    let recording = files(&folder.join("s")).into_iter().find(|file| file.starts_with("recordings")).unwrap();
+    write(&folder.join("s").join(&recording), b"no recording");
+    let words = fails(folder, &["replay", "--store", "s", "--batch", "half"], 3);
+    assert!(words.contains("1 of 2 runs could not be replayed"), "{words}");
+    let half = files(&folder.join("s")).into_iter().filter(|file| file.starts_with("results/half")).count();
+    assert_eq!(half, 2);
+    names.iter().for_each(|name| drop(done(folder, &["store", "remove", "s", name, "--yes"])));
+    assert_eq!(files(&folder.join("s")).len(), 1);
+}
+
+/// Rows from anywhere: each is told, and keeps nobody from the others.
+#[test]
+fn a_damaged_row_is_told_and_the_others_are_listed() {
+    let folder = recordings();
+    let folder = folder.path();
+    done(folder, &["store", "add", "s", "1.mcap", "2.mcap"]);
+    let all = files(&folder.join("s"));
+    let row = folder.join("s").join(all.iter().find(|file| file.starts_with("rows")).unwrap());
+    let name = row.file_stem().unwrap().to_str().unwrap().to_owned();
+    let deep = "[".repeat(1 << 20);
+    let far = "{\"law\":1e999,\"inertance_kg\":\"\u{1b}[2J\\nforged\"}";
+    let mut random = Random(8);
+    let whole = fs::read(&row).unwrap();
+    let mut bad: Vec<Vec<u8>> =
+        [b"".as_slice(), b"[]", deep.as_bytes(), far.as_bytes(), b"\xff\xfe"].map(Into::into).into();
+    bad.extend((0..40).map(|_| {
+        let mut bytes = whole.clone();
+        let place = random.below(bytes.len() as u64) as usize;
+        bytes[place] = random.below(256) as u8;
+        bytes
+    }));
+    for bytes in bad {
+        write(&row, &bytes);
+        for command in
+            [&["store", "ls", "s"][..], &["store", "ls", "s", "--csv"], &["store", "query", "s", "samples > 0"]]
+        {
+            let output = run(folder, command);
+            let said = text(&output.stdout) + &text(&output.stderr);
+            assert!([Some(0), Some(3)].contains(&output.status.code()), "{command:?}: {said}");
+            assert_eq!(common::foreign_words(&said), None);
+            assert!(output.status.code() == Some(0) || said.contains(&format!("{name}.json: changed")), "{said}");
+            assert!(text(&output.stdout).lines().count() >= 2, "the other run: {said}");
+        }
+    }
+    // What is whole is there all the same.
+    write(&row, b"[]");
+    done(folder, &["store", "get", "s", &name, "-o", "back.mcap"]);
+    done(folder, &["store", "verify", "s", "--repair"]);
+    assert_eq!(rows(folder).len(), 2);
+}
+
+/// Pipes and links in the folder are nothing of ours, and reading them might never end.
+#[cfg(unix)]
+#[test]
+fn pipes_and_links_in_a_store_hang_nothing() {
+    let folder = recordings();
+    let folder = folder.path();
+    done(folder, &["store", "add", "s", "1.mcap"]);
+    let all = files(&folder.join("s"));
+    for part in ["runs", "rows", "recordings"] {
+        let file = folder.join("s").join(all.iter().find(|file| file.starts_with(part)).unwrap());
+        let whole = fs::read(&file).unwrap();
+        for odd in ["mkfifo", "ln -s /dev/zero"] {
+            fs::remove_file(&file).unwrap();
+            let words: Vec<&str> = odd.split(' ').collect();
+            assert!(std::process::Command::new(words[0]).args(&words[1..]).arg(&file).status().unwrap().success());
+            for command in [&["store", "ls", "s"][..], &["store", "verify", "s"], &["store", "show", "s", "0"]] {
+                let mut child = inerter(folder, command).spawn().unwrap();
+                let ended = (0..2000).any(|_| {
+                    thread::sleep(Duration::from_millis(5));
+                    child.try_wait().unwrap().is_some()
+                });
+                child.kill().ok();
+                assert!(ended, "{command:?} with {odd} in {part} does not end");
+            }
+            fs::remove_file(&file).unwrap();
+            fs::write(&file, &whole).unwrap();
+        }
+    }
+}
+
+/// What an earlier attempt left, or another version of this program, does not become a part of a run.
+#[test]
+fn leftovers_with_other_bytes_are_written_anew() {
+    let folder = recordings();
+    let folder = folder.path();
+    done(folder, &["store", "add", "s", "1.mcap"]);
+    let store = folder.join("s");
+    let all: Vec<PathBuf> = files(&store).into_iter().filter(|file| file.components().count() > 1).collect();
+    for file in &all {
+        write(&store.join(file), b"left over");
+    }
+    fs::remove_file(store.join(all.iter().find(|file| file.starts_with("runs")).unwrap())).unwrap();
+    assert_eq!(last(&done(folder, &["store", "add", "s", "1.mcap", "--json"]))["new"], true);
     done(folder, &["store", "verify", "s"]);
 }

@@ -6,11 +6,12 @@ use std::{
 };
 
 use inerter_data::json::json_line;
-use inerter_store::{Choice, Row, StoreError};
+use inerter_store::{Choice, Damage, Day, Outcome, StoreError};
 use pyo3::prelude::*;
 
 use crate::{
     error::Failure,
+    run::Given,
     watch::{Progress, watch},
 };
 
@@ -22,7 +23,11 @@ pub struct Store {
 }
 
 /// What is the matter with a file: run, file, problem.
-type Damage = (String, String, &'static str);
+type Damaged = (String, String, &'static str);
+
+fn plain(Damage { run, file, problem }: Damage) -> Damaged {
+    (run, file, problem)
+}
 
 #[pymethods]
 impl Store {
@@ -48,7 +53,7 @@ impl Store {
         })
     }
 
-    /// Each run as JSON.
+    /// Each run as JSON, and what is damaged.
     fn rows(
         &self,
         py: Python<'_>,
@@ -56,22 +61,31 @@ impl Store {
         from: Option<String>,
         to: Option<String>,
         conditions: Vec<String>,
-    ) -> PyResult<Vec<String>> {
+    ) -> PyResult<(Vec<String>, Vec<Damaged>)> {
         self.work(py, move |store| {
             let conditions = conditions.iter().map(|text| text.parse()).collect::<Result<_, StoreError>>()?;
-            let rows = store.runs(&Choice { device, from, to, conditions })?;
-            Ok(rows.iter().map(json_line).collect())
+            let day = |text: Option<String>| text.map(|text| text.parse::<Day>()).transpose();
+            let listed = store.runs(&Choice { device, from: day(from)?, to: day(to)?, conditions })?;
+            Ok((listed.rows.iter().map(json_line).collect(), listed.damages.into_iter().map(plain).collect()))
         })
     }
 
     /// One run as JSON.
     fn row(&self, py: Python<'_>, run: String) -> PyResult<String> {
-        self.work(py, move |store| Ok(json_line(&store.find(&run)?)))
+        self.work(py, move |store| Ok(json_line(&store.row(&store.find(&run)?)?)))
+    }
+
+    /// Its whole name.
+    fn find(&self, py: Python<'_>, run: String) -> PyResult<String> {
+        self.work(py, move |store| Ok(store.find(&run)?.name().to_owned()))
     }
 
     /// Where its recording lies, where that is a file of this computer.
-    fn path(&self, py: Python<'_>, run: String) -> PyResult<Option<PathBuf>> {
-        self.work(py, move |store| Ok(store.find(&run).map(|row| store.file(&row))?))
+    fn path(&self, py: Python<'_>, run: String) -> PyResult<Option<String>> {
+        self.work(py, move |store| {
+            let file = store.file(&store.find(&run)?);
+            Ok(file.map(|file| file.display().to_string()))
+        })
     }
 
     /// Writes its recording into a file.
@@ -79,20 +93,49 @@ impl Store {
         self.work(py, move |store| Ok(store.get(&store.find(&run)?, &path, replace)?))
     }
 
-    #[pyo3(signature = (told = None))]
-    fn verify(&self, py: Python<'_>, told: Option<&Bound<'_, PyAny>>) -> PyResult<Vec<Damage>> {
+    #[pyo3(signature = (repair, told = None))]
+    fn verify(&self, py: Python<'_>, repair: bool, told: Option<&Bound<'_, PyAny>>) -> PyResult<Vec<Damaged>> {
         let (url, opened) = (self.url.clone(), self.opened.clone());
         watch(py, told, move |progress| {
-            let damages = open(&url, &opened)?.verify(&mut told_by(progress))?;
-            Ok(damages.into_iter().map(|damage| (damage.run, damage.file, damage.problem)).collect())
+            let store = open(&url, &opened)?;
+            if repair {
+                store.repair(&mut told_by(progress))?;
+            }
+            Ok(store.verify(&mut told_by(progress))?.damages.into_iter().map(plain).collect())
         })
     }
 
-    fn remove(&self, py: Python<'_>, run: String) -> PyResult<()> {
+    /// Keeps what became of a run: JSON of the command, or code and text of an error.
+    #[allow(clippy::too_many_arguments, reason = "the columns of a batch")]
+    fn keep(
+        &self,
+        py: Python<'_>,
+        batch: String,
+        run: String,
+        kind: String,
+        given: Given,
+        result: Option<String>,
+        error: (String, String),
+    ) -> PyResult<()> {
         self.work(py, move |store| {
-            let row: Row = store.find(&run)?;
-            Ok(store.remove(&row)?)
+            let result = result.map(|text| serde_json::from_str(&text).unwrap_or_default()).ok_or(error);
+            let outcome = Outcome { kind, given: serde_json::json!(given), result };
+            Ok(store.keep(&batch, &store.find(&run)?, &outcome)?)
         })
+    }
+
+    /// Names of the runs that a batch has.
+    fn kept(&self, py: Python<'_>, batch: String) -> PyResult<Vec<String>> {
+        self.work(py, move |store| Ok(store.kept(&batch)?.into_iter().collect()))
+    }
+
+    /// Rows of a batch as JSON.
+    fn results(&self, py: Python<'_>, batch: String) -> PyResult<Vec<String>> {
+        self.work(py, move |store| Ok(store.results(&batch)?.iter().map(json_line).collect()))
+    }
+
+    fn remove(&self, py: Python<'_>, run: String) -> PyResult<()> {
+        self.work(py, move |store| Ok(store.remove(&store.find(&run)?)?))
     }
 }
 

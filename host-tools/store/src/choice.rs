@@ -5,24 +5,60 @@ use std::str::FromStr;
 use inerter_data::words::nearest;
 use serde_json::Value;
 
-use crate::{error::StoreError, place::Place, row::Row};
+use crate::{
+    error::StoreError,
+    place::{Place, as_part},
+    row::Row,
+};
 
 /// Some of the runs; by default all.
 #[derive(Clone, Debug, Default)]
 pub struct Choice {
-    /// Of this device alone.
+    /// Of this device alone, by its serial number.
     pub device: Option<String>,
-    /// From this day on, `2026-01-31`, or `2026-01` for all of a month.
-    pub from: Option<String>,
+    /// From this day on.
+    pub from: Option<Day>,
     /// To this day, which is among them.
-    pub to: Option<String>,
+    pub to: Option<Day>,
     /// What their columns must be, each of it.
     pub conditions: Vec<Condition>,
+}
+
+/// A day, a month or a year in UTC: `2026-01-31`, `2026-01` or `2026`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Day(String);
+
+impl FromStr for Day {
+    type Err = StoreError;
+
+    fn from_str(text: &str) -> Result<Self, StoreError> {
+        let is_number = |part: &str, digits: usize, most: u32| {
+            part.len() == digits
+                && part.bytes().all(|digit| digit.is_ascii_digit())
+                && part.parse().is_ok_and(|number: u32| (1..=most).contains(&number))
+        };
+        let parts: Vec<&str> = text.split('-').collect();
+        let is_day = match parts.as_slice() {
+            [year] => is_number(year, 4, 9999),
+            [year, month] => is_number(year, 4, 9999) && is_number(month, 2, 12),
+            [year, month, day] => is_number(year, 4, 9999) && is_number(month, 2, 12) && is_number(day, 2, 31),
+            _ => false,
+        };
+        match is_day {
+            true => Ok(Self(text.into())),
+            false => Err(StoreError::Condition {
+                condition: text.into(),
+                problem: "it is not a day".into(),
+                help: "write it as 2026-01-31, or 2026-01 for a month".into(),
+            }),
+        }
+    }
 }
 
 /// What a column must be: `inertance_kg < 300`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Condition {
+    text: String,
     column: String,
     relation: Relation,
     value: String,
@@ -39,56 +75,82 @@ enum Relation {
 }
 
 /// How relations are written; of those that begin alike the longer one first.
-const RELATIONS: [(&str, Relation); 6] = [
+const RELATIONS: [(&str, Relation); 7] = [
     ("<=", Relation::AtMost),
     (">=", Relation::AtLeast),
     ("!=", Relation::Unequal),
+    ("==", Relation::Equal),
     ("<", Relation::Less),
     (">", Relation::More),
     ("=", Relation::Equal),
 ];
 
+/// Texts that have an order.
+const TIMES: [&str; 2] = ["date", "recorded_utc"];
+
 impl FromStr for Condition {
     type Err = StoreError;
 
     fn from_str(text: &str) -> Result<Self, StoreError> {
-        let refused = |problem: &str| StoreError::Condition {
-            condition: text.into(),
-            problem: problem.into(),
-            help: "write a column, one of < <= > >= = !=, and a number or a word: \"inertance_kg < 300\"".into(),
-        };
+        let refused = |problem: &str| refused(text, problem, String::new());
         let place = text.find(['<', '>', '=', '!']).ok_or_else(|| refused("it has no relation"))?;
         let (column, rest) = text.split_at(place);
         let known = RELATIONS.iter().find_map(|(sign, relation)| Some((*relation, rest.strip_prefix(sign)?)));
         let (relation, value) = known.ok_or_else(|| refused("it has no relation"))?;
         let (column, value) = (column.trim(), value.trim());
+        let quoted = ['\'', '"'].iter().find_map(|mark| value.strip_prefix(*mark)?.strip_suffix(*mark));
+        if value.starts_with(['<', '>', '=', '!']) && quoted.is_none() {
+            return Err(refused("it has two relations"));
+        }
+        let value = quoted.unwrap_or(value);
         if column.is_empty() || value.is_empty() {
             return Err(refused("a side of it is empty"));
         }
-        let is_order = !matches!(relation, Relation::Equal | Relation::Unequal);
-        if is_order && !value.parse().is_ok_and(f64::is_finite) && column != "date" {
-            return Err(refused("only numbers and dates are less or more"));
-        }
-        Ok(Self { column: column.into(), relation, value: value.into() })
+        Ok(Self { text: text.into(), column: column.into(), relation, value: value.into() })
+    }
+}
+
+fn refused(condition: &str, problem: &str, more: String) -> StoreError {
+    StoreError::Condition {
+        condition: condition.into(),
+        problem: problem.into(),
+        help: format!("{more}write a column, one of < <= > >= = !=, and a number or a word: \"inertance_kg < 300\""),
     }
 }
 
 impl Condition {
-    /// Whether a row is like this. What is not known is not: neither equal nor unequal.
-    fn holds(&self, row: &Row) -> Result<bool, StoreError> {
-        if !row.columns().any(|name| name == self.column) {
-            let nearest = nearest(&self.column, row.columns()).map(|name| format!("did you mean {name}? "));
-            return Err(StoreError::Condition {
-                condition: self.column.clone(),
-                problem: "no run has such a column".into(),
-                help: format!("{}`inerter store show` prints all columns of a run", nearest.unwrap_or_default()),
-            });
+    /// Refuses a column that no run has. Not every run has each: a rotary machine has others.
+    pub(crate) fn check(&self, rows: &[Row]) -> Result<(), StoreError> {
+        if rows.is_empty() || rows.iter().any(|row| row.columns().any(|name| name == self.column)) {
+            return Ok(());
         }
+        let nearest = nearest(&self.column, rows.iter().flat_map(Row::columns));
+        let more = nearest.map(|name| format!("did you mean {name}? ")).unwrap_or_default();
+        Err(refused(&self.text, "no run has such a column", more))
+    }
+
+    /// Whether a row is like this. What is not known is not: neither equal nor unequal.
+    pub(crate) fn holds(&self, row: &Row) -> Result<bool, StoreError> {
         let Some(found) = row.get(&self.column) else { return Ok(false) };
-        let order = match (&found, self.value.parse::<f64>()) {
-            (Value::Number(number), Ok(value)) => number.as_f64().and_then(|number| number.partial_cmp(&value)),
-            (Value::String(text), _) => Some(text.as_str().cmp(self.value.as_str())),
-            _ => None,
+        let is_order = !matches!(self.relation, Relation::Equal | Relation::Unequal);
+        let order = match found {
+            Value::Number(number) => {
+                let value: f64 = self
+                    .value
+                    .parse()
+                    .ok()
+                    .filter(|value: &f64| value.is_finite())
+                    .ok_or_else(|| refused(&self.text, "the column holds numbers", String::new()))?;
+                number.as_f64().and_then(|number| number.partial_cmp(&value))
+            }
+            Value::String(_) if is_order && !TIMES.contains(&self.column.as_str()) => {
+                return Err(refused(&self.text, "of words none is less than the other", String::new()));
+            }
+            Value::String(_) if is_order && self.value.get(..4).is_none_or(|year| year.parse::<u32>().is_err()) => {
+                return Err(refused(&self.text, "the column holds times such as 2026-01-31", String::new()));
+            }
+            Value::String(text) => Some(text.as_str().cmp(self.value.as_str())),
+            _ => return Err(refused(&self.text, "the column holds objects, which DuckDB can query", String::new())),
         };
         Ok(order.is_some_and(|order| match self.relation {
             Relation::Less => order.is_lt(),
@@ -105,13 +167,13 @@ impl Choice {
     /// Whether the place alone can be meant.
     pub(crate) fn may_be(&self, place: &Place) -> bool {
         let date = place.date.as_str();
-        self.device.as_ref().is_none_or(|device| *device == place.device)
-            && self.from.as_ref().is_none_or(|from| date >= from.as_str())
+        self.device.as_ref().is_none_or(|device| as_part(device) == place.device)
+            && self.from.as_ref().is_none_or(|Day(from)| date >= from.as_str())
             // All days of a month begin like it.
-            && self.to.as_ref().is_none_or(|to| date <= to.as_str() || date.starts_with(to.as_str()))
+            && self.to.as_ref().is_none_or(|Day(to)| date <= to.as_str() || date.starts_with(to.as_str()))
     }
 
-    /// Whether a row is meant.
+    /// Whether a row meets all conditions.
     pub(crate) fn is(&self, row: &Row) -> Result<bool, StoreError> {
         self.conditions.iter().try_fold(true, |all, condition| Ok(condition.holds(row)? && all))
     }
@@ -124,10 +186,16 @@ mod tests {
     use super::*;
 
     fn row() -> Row {
-        let values =
-            json!({"run": "00", "inertance_kg": 299.5, "viscous_n_s_per_m": null, "law": "holds", "samples": 20});
+        let values = json!({"run": "00", "inertance_kg": 299.5, "viscous_n_s_per_m": null, "law": "holds", "samples": 20,
+            "settings": {}, "recorded_utc": "2026-03-04T05:06:07.000Z"});
         let place = Place { device: "SIM-1".into(), date: "2026-03-04".into(), run: "00".into() };
         Row { place, values: values.as_object().unwrap().clone() }
+    }
+
+    fn met(text: &str) -> Result<bool, StoreError> {
+        let condition = text.parse::<Condition>()?;
+        condition.check(&[row()])?;
+        condition.holds(&row())
     }
 
     #[test]
@@ -138,33 +206,38 @@ mod tests {
             ("inertance_kg > 299.5", false),
             ("samples >= 20", true),
             ("samples != 20", false),
-            ("samples = 2e1", true),
+            ("samples == 2e1", true),
             ("law = holds", true),
+            ("law = 'holds'", true),
             ("law != broken", true),
             ("device = SIM-2", false),
             ("date > 2026-01-01", true),
+            ("recorded_utc < 2026-03-04T05:00", false),
             ("viscous_n_s_per_m < 1", false),
             ("viscous_n_s_per_m != 1", false),
         ];
         for (text, expected) in cases {
-            assert_eq!(text.parse::<Condition>().unwrap().holds(&row()).unwrap(), expected, "{text}");
+            assert_eq!(met(text).unwrap(), expected, "{text}");
         }
     }
 
     #[test]
     fn what_is_no_condition_is_refused_with_what_to_do() {
-        for text in ["inertance_kg", "< 3", "inertance_kg <", "law < holds", "a ! b", "inertance_kg < NaN"] {
-            assert!(text.parse::<Condition>().is_err(), "{text}");
+        let wrong = ["inertance_kg", "< 3", "inertance_kg <", "law < holds", "a ! b", "inertance_kg < NaN"];
+        let misread =
+            ["inertance_kg => 3", "inertance_kg =< 3", "inertance_kg = abc", "date < yesterday", "settings = 1"];
+        for text in wrong.iter().chain(&misread) {
+            assert!(met(text).is_err(), "{text}");
         }
-        let error = "inertance < 3".parse::<Condition>().unwrap().holds(&row()).unwrap_err();
+        let error = met("inertance < 3").unwrap_err();
         assert!(miette::Diagnostic::help(&error).unwrap().to_string().contains("did you mean inertance_kg?"));
     }
 
     #[test]
     fn days_and_months_bound_a_choice() {
         let may_be = |from: Option<&str>, to: Option<&str>| {
-            let choice = Choice { from: from.map(Into::into), to: to.map(Into::into), ..Choice::default() };
-            choice.may_be(&row().place)
+            let day = |text: &str| text.parse().unwrap();
+            Choice { from: from.map(day), to: to.map(day), ..Choice::default() }.may_be(&row().place)
         };
         assert!(may_be(None, None) && may_be(Some("2026-03-04"), Some("2026-03-04")));
         assert!(may_be(Some("2026-03"), Some("2026-03")) && may_be(None, Some("2026")));
@@ -172,5 +245,8 @@ mod tests {
             !may_be(Some("2026-03-05"), None) && !may_be(None, Some("2026-03-03")) && !may_be(None, Some("2026-02"))
         );
         assert!(!Choice { device: Some("SIM-2".into()), ..Choice::default() }.may_be(&row().place));
+        for text in ["yesterday", "2026-99-99", "2026-1-2", "26", "2026-01-31x", "2026-01-01-01", ""] {
+            assert!(text.parse::<Day>().is_err(), "{text}");
+        }
     }
 }

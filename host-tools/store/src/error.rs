@@ -4,7 +4,7 @@ use std::{io, path::PathBuf};
 
 use miette::Diagnostic;
 
-use crate::store::VERSION;
+use crate::place::VERSION;
 
 /// Why a store cannot be used, or not in this way.
 #[derive(Debug, thiserror::Error, Diagnostic)]
@@ -121,6 +121,13 @@ pub enum StoreError {
         /// What to do.
         help: String,
     },
+    /// The name of a batch is none.
+    #[error("`{name}` cannot be the name of a batch")]
+    #[diagnostic(code(inerter::store::batch), help("use letters, digits, - and _, 80 at most"))]
+    Batch {
+        /// What was given.
+        name: String,
+    },
     /// A recording cannot be used.
     #[error(transparent)]
     #[diagnostic(transparent)]
@@ -141,9 +148,13 @@ impl From<inerter_data::output::OutputError> for StoreError {
 
 fn access_help(source: &io::Error) -> &'static str {
     match source.kind() {
-        io::ErrorKind::PermissionDenied => "ask for permission to this folder or bucket, or use another store",
+        io::ErrorKind::PermissionDenied => {
+            "ask for permission to this folder or bucket, or use another store; S3 takes AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY"
+        }
         io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => "free some space, then do it again",
-        io::ErrorKind::NotFound => "it was there a moment ago: `inerter store verify` says what is missing",
+        io::ErrorKind::NotFound => {
+            "check that the bucket or folder is there; `inerter store verify` says what is missing in a store"
+        }
         io::ErrorKind::TimedOut | io::ErrorKind::ConnectionRefused | io::ErrorKind::ConnectionReset => {
             "check the address and the network, then do it again: what was done before is kept"
         }

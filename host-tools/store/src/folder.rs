@@ -6,7 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use inerter_data::output::{OutputError, Pending};
+use inerter_data::output::{OutputError, Pending, sync_folder};
 
 use crate::files::Files;
 
@@ -24,10 +24,11 @@ impl Folder {
     }
 
     fn path(&self, name: &str) -> PathBuf {
-        name.split('/').fold(self.root.clone(), |path, part| path.join(part))
+        name.split('/').filter(|part| !part.is_empty()).fold(self.root.clone(), |path, part| path.join(part))
     }
 
-    fn walk(&self, folder: &Path, name: &str, names: &mut Vec<String>) -> io::Result<()> {
+    /// Ordinary files below a folder: links and pipes are nothing of ours, and reading one might never end.
+    fn walk(folder: &Path, name: &str, take: &mut dyn FnMut(String, PathBuf) -> io::Result<()>) -> io::Result<()> {
         let entries = match fs::read_dir(folder) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
             entries => entries?,
@@ -35,40 +36,50 @@ impl Folder {
         for entry in entries {
             let entry = entry?;
             let Ok(part) = entry.file_name().into_string() else { continue };
-            // A file that is being written.
-            if part.starts_with('.') {
-                continue;
-            }
             let name = if name.is_empty() { part } else { format!("{name}/{part}") };
-            if entry.file_type()?.is_dir() { self.walk(&entry.path(), &name, names)? } else { names.push(name) }
+            let kind = entry.file_type()?;
+            if kind.is_dir() {
+                Self::walk(&entry.path(), &name, take)?;
+            } else if kind.is_file() {
+                take(name, entry.path())?;
+            }
         }
         Ok(())
     }
 }
 
+/// The last part of a name.
+fn last(name: &str) -> &str {
+    name.rsplit('/').next().unwrap_or(name)
+}
+
+/// A file that is being written, or was.
+fn is_unfinished(name: &str) -> bool {
+    last(name).starts_with('.') && name.ends_with(".part")
+}
+
 impl Files for Folder {
-    fn put(&self, name: &str, from: &mut dyn Read, _length: u64) -> io::Result<()> {
+    fn put(&self, name: &str, from: &mut dyn Read) -> io::Result<()> {
         let path = self.path(name);
-        if path.exists() {
-            return Ok(());
-        }
-        let written = pending(&path).and_then(|pending| {
-            io::copy(from, &mut pending.open().map_err(reason)?)?;
-            pending.commit().map_err(reason)
-        });
-        match written {
-            // Another process was faster, with the same bytes.
-            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => Ok(()),
-            written => {
-                let mut permissions = fs::metadata(written?)?.permissions();
-                permissions.set_readonly(true);
-                fs::set_permissions(&path, permissions)
-            }
-        }
+        let new_folder = path.parent().filter(|folder| !folder.exists());
+        let pending = begun(&path)?;
+        io::copy(from, &mut pending.open().map_err(reason)?)?;
+        pending.commit().map_err(reason)?;
+        // Nobody else's folder is made here, and its own are led to by their names.
+        let folders = new_folder.into_iter().flat_map(Path::ancestors);
+        folders.take_while(|folder| *folder != self.root).try_for_each(sync_folder)?;
+        // Sealed; where there are other permissions than these, removing would need more than them.
+        #[cfg(unix)]
+        fs::set_permissions(&path, std::os::unix::fs::PermissionsExt::from_mode(0o444))?;
+        Ok(())
     }
 
     fn read(&self, name: &str, take: &mut dyn FnMut(&[u8]) -> io::Result<()>) -> io::Result<()> {
-        let mut file = File::open(self.path(name))?;
+        let path = self.path(name);
+        if !fs::symlink_metadata(&path)?.is_file() {
+            return Err(io::Error::other("it is no ordinary file"));
+        }
+        let mut file = File::open(path)?;
         let mut portion = vec![0; PORTION];
         loop {
             match file.read(&mut portion)? {
@@ -80,20 +91,32 @@ impl Files for Folder {
 
     fn list(&self, folder: &str) -> io::Result<Vec<String>> {
         let mut names = Vec::new();
-        self.walk(&self.path(folder), folder.trim_end_matches('/'), &mut names)?;
+        Self::walk(&self.path(folder), folder, &mut |name, _| {
+            if !is_unfinished(&name) {
+                names.push(name);
+            }
+            Ok(())
+        })?;
         names.sort();
         Ok(names)
     }
 
+    fn is_empty(&self) -> io::Result<bool> {
+        match fs::read_dir(&self.root) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(true),
+            entries => {
+                let names = entries?.map(|entry| entry.map(|entry| entry.file_name()));
+                // Another process may be writing the first file.
+                let other = names
+                    .into_iter()
+                    .find(|name| !name.as_ref().is_ok_and(|name| is_unfinished(&name.to_string_lossy())));
+                other.transpose().map(|other| other.is_none())
+            }
+        }
+    }
+
     fn remove(&self, name: &str) -> io::Result<()> {
         let path = self.path(name);
-        // Windows keeps what may not be written.
-        #[cfg(windows)]
-        if let Ok(metadata) = path.metadata() {
-            let mut permissions = metadata.permissions();
-            permissions.set_readonly(false);
-            fs::set_permissions(&path, permissions)?;
-        }
         match fs::remove_file(&path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
             removed => removed,
@@ -106,21 +129,28 @@ impl Files for Folder {
         Ok(())
     }
 
+    fn remove_unfinished(&self) -> io::Result<()> {
+        Self::walk(&self.root, "", &mut |name, path| if is_unfinished(&name) { fs::remove_file(path) } else { Ok(()) })
+    }
+
     fn file(&self, name: &str) -> Option<PathBuf> {
         Some(self.path(name))
     }
 
     fn has(&self, name: &str) -> io::Result<bool> {
-        self.path(name).try_exists()
+        match fs::symlink_metadata(self.path(name)) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(false),
+            metadata => Ok(metadata?.is_file()),
+        }
     }
 }
 
 /// Begins a file; another process may remove the folder, empty as it is, as soon as it is there.
-fn pending(path: &Path) -> io::Result<Pending> {
+fn begun(path: &Path) -> io::Result<Pending> {
     let mut attempts = 0..8;
     loop {
-        path.parent().map_or(Ok(()), fs::create_dir_all)?;
-        match Pending::create(path, false).map_err(reason) {
+        let folder = path.parent().map_or(Ok(()), fs::create_dir_all);
+        match folder.and_then(|()| Pending::create(path, true).map_err(reason)) {
             Err(error) if error.kind() == io::ErrorKind::NotFound && attempts.next().is_some() => {}
             begun => return begun,
         }

@@ -14,6 +14,7 @@ mod error;
 mod files;
 mod folder;
 mod place;
+mod results;
 mod row;
 #[cfg(feature = "s3")]
 mod s3;
@@ -21,10 +22,12 @@ mod store;
 mod sums;
 mod tables;
 
-pub use choice::{Choice, Condition};
+pub use choice::{Choice, Condition, Day};
 pub use error::StoreError;
+pub use place::{Place, VERSION};
+pub use results::{Outcome, Shard};
 pub use row::Row;
-pub use store::{Added, Damage, Store, VERSION};
+pub use store::{Added, Damage, Listed, Local, Store, Verified};
 
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]

@@ -2,76 +2,120 @@
 
 use inerter_data::{export::Source, words::utc};
 
-/// What a store holds of a run beside its recording.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Table {
+/// Version of the layout and of the tables, which later versions read too. A column or a file more is none; one less, or another
+/// meaning, is.
+pub const VERSION: u64 = 1;
+
+/// The file that makes a folder a store.
+pub(crate) const MARK: &str = "inerter-store.json";
+
+/// Folder of what else was made of the runs.
+pub(crate) const RESULTS: &str = "results";
+
+/// Letters of a serial number that are kept.
+const SERIAL: usize = 40;
+
+/// What a store holds of a run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) enum Part {
+    Recording,
     Estimates,
     Reversals,
     Events,
-    Runs,
+    /// Its row as JSON, which this program reads.
+    Row,
+    Sums,
+    /// Its row as a table. With it the run is there.
+    Run,
 }
 
-impl Table {
-    pub(crate) const ALL: [Self; 4] = [Self::Estimates, Self::Reversals, Self::Events, Self::Runs];
+impl Part {
+    /// In the order in which they are written.
+    pub(crate) const ALL: [Self; 7] =
+        [Self::Recording, Self::Estimates, Self::Reversals, Self::Events, Self::Row, Self::Sums, Self::Run];
 
-    /// Its folder.
     pub(crate) const fn folder(self) -> &'static str {
         match self {
+            Self::Recording => "recordings",
             Self::Estimates => "estimates",
             Self::Reversals => "reversals",
             Self::Events => "events",
-            Self::Runs => "runs",
+            Self::Row => "rows",
+            Self::Sums => "sums",
+            Self::Run => "runs",
+        }
+    }
+
+    const fn extension(self) -> &'static str {
+        match self {
+            Self::Recording => "mcap",
+            Self::Row => "json",
+            Self::Sums => "sha256",
+            Self::Estimates | Self::Reversals | Self::Events | Self::Run => "parquet",
         }
     }
 }
 
 /// The place of a run: the same part of the name in each folder of the store.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) struct Place {
-    pub device: String,
-    pub date: String,
+pub struct Place {
+    pub(crate) device: String,
+    pub(crate) date: String,
     /// SHA-256 of the recording.
-    pub run: String,
+    pub(crate) run: String,
 }
 
 impl Place {
     pub(crate) fn of(source: &Source, run: String) -> Self {
-        let serial = source.device.as_ref().and_then(|device| device.get("serial")).map_or("unknown", String::as_str);
         let date = utc(source.first_ns).chars().take("2026-01-01".len()).collect();
-        Self { device: as_part(serial), date, run }
+        Self { device: as_part(serial(source).unwrap_or_default()), date, run }
     }
 
-    /// Reads the place back from the name of a file in one of the folders.
-    pub(crate) fn parse(name: &str) -> Option<Self> {
-        let mut parts = name.split('/').skip(1);
+    /// Reads the place back from the name of a file, which must be the one that this place has.
+    pub(crate) fn parse(name: &str, part: Part) -> Option<Self> {
+        let place = Self::parts(name.strip_prefix(part.folder())?.strip_prefix('/')?)?;
+        (place.file(part) == name).then_some(place)
+    }
+
+    /// The same of a result.
+    pub(crate) fn parse_result(name: &str, batch: &str) -> Option<Self> {
+        let place =
+            Self::parts(name.strip_prefix(RESULTS)?.strip_prefix('/')?.strip_prefix(batch)?.strip_prefix('/')?)?;
+        (place.result(batch) == name).then_some(place)
+    }
+
+    fn parts(name: &str) -> Option<Self> {
+        let mut parts = name.split('/');
         let device = parts.next()?.strip_prefix("device=")?.to_owned();
         let date = parts.next()?.strip_prefix("date=")?.to_owned();
         let run = parts.next()?.split('.').next()?.to_owned();
-        let is_sum = run.len() == 64 && run.bytes().all(|letter| letter.is_ascii_hexdigit());
-        (is_sum && parts.next().is_none()).then_some(Self { device, date, run })
+        let is_sum = run.len() == 64 && run.bytes().all(|letter| matches!(letter, b'0'..=b'9' | b'a'..=b'f'));
+        is_sum.then_some(Self { device, date, run })
     }
 
-    pub(crate) fn table(&self, table: Table) -> String {
-        self.file(table.folder(), "parquet")
+    pub(crate) fn file(&self, part: Part) -> String {
+        format!("{}/device={}/date={}/{}.{}", part.folder(), self.device, self.date, self.run, part.extension())
     }
 
-    pub(crate) fn recording(&self) -> String {
-        self.file("recordings", "mcap")
+    pub(crate) fn result(&self, batch: &str) -> String {
+        format!("{RESULTS}/{batch}/device={}/date={}/{}.json", self.device, self.date, self.run)
     }
 
-    pub(crate) fn sums(&self) -> String {
-        self.file("sums", "sha256")
-    }
-
-    fn file(&self, folder: &str, extension: &str) -> String {
-        format!("{folder}/device={}/date={}/{}.{extension}", self.device, self.date, self.run)
+    /// SHA-256 of the recording: 64 hexadecimal digits.
+    pub fn name(&self) -> &str {
+        &self.run
     }
 }
 
+/// The device's serial number as it says it.
+pub(crate) fn serial(source: &Source) -> Option<&str> {
+    source.device.as_ref()?.get("serial").map(String::as_str)
+}
+
 /// A serial number as a part of a file's name: it comes from outside, and may hold anything.
-fn as_part(serial: &str) -> String {
+pub(crate) fn as_part(serial: &str) -> String {
     let kept = |letter: char| if letter.is_ascii_alphanumeric() || "-_".contains(letter) { letter } else { '_' };
-    let part: String = serial.chars().take(40).map(kept).collect();
+    let part: String = serial.chars().take(SERIAL).map(kept).collect();
     if part.is_empty() { "unknown".into() } else { part }
 }
 
@@ -82,11 +126,14 @@ mod tests {
     #[test]
     fn a_place_is_read_back_from_each_of_its_files() {
         let place = Place { device: "SIM-1".into(), date: "2026-01-02".into(), run: "0a".repeat(32) };
-        for name in [place.recording(), place.sums(), place.table(Table::Runs), place.table(Table::Events)] {
-            assert_eq!(Place::parse(&name), Some(place.clone()), "{name}");
+        for part in Part::ALL {
+            assert_eq!(Place::parse(&place.file(part), part), Some(place.clone()));
+            assert_eq!(Place::parse(&format!("{}.bak", place.file(part)), part), None);
         }
-        for stray in ["runs/device=a/date=b/notes.txt", "runs/readme", "runs/device=a/0a.parquet", ""] {
-            assert_eq!(Place::parse(stray), None, "{stray}");
+        assert_eq!(Place::parse_result(&place.result("gain-2"), "gain-2"), Some(place.clone()));
+        let shouted = place.file(Part::Run).replace("0a", "0A");
+        for stray in ["runs/device=a/date=b/notes.txt", "runs/readme", "runs/device=a/0a.parquet", "", &shouted] {
+            assert_eq!(Place::parse(stray, Part::Run), None, "{stray}");
         }
     }
 

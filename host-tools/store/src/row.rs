@@ -13,12 +13,17 @@ pub struct Row {
 }
 
 impl Row {
-    /// SHA-256 of the recording: 64 hexadecimal digits.
-    pub fn name(&self) -> &str {
-        &self.place.run
+    /// Where it is.
+    pub fn place(&self) -> &Place {
+        &self.place
     }
 
-    /// Serial number of the device, as the folders have it.
+    /// SHA-256 of the recording: 64 hexadecimal digits.
+    pub fn name(&self) -> &str {
+        self.place.name()
+    }
+
+    /// The device, as the folders have it.
     pub fn device(&self) -> &str {
         &self.place.device
     }
@@ -26,11 +31,6 @@ impl Row {
     /// Day on which it was recorded, in UTC: `2026-01-31`. Of a simulation it is 1970-01-01.
     pub fn date(&self) -> &str {
         &self.place.date
-    }
-
-    /// Where its recording lies, from the root of the store.
-    pub fn recording(&self) -> String {
-        self.place.recording()
     }
 
     /// A column, where it is known; `run`, `device` and `date` are columns too.
@@ -55,21 +55,13 @@ impl Row {
 
     /// Names of all columns.
     pub fn columns(&self) -> impl Iterator<Item = &str> {
-        ["run", "device", "date"]
-            .into_iter()
-            .chain(self.values.keys().map(String::as_str).filter(|name| *name != "run"))
+        let own = self.values.keys().map(String::as_str).filter(|name| !["run", "device", "date"].contains(name));
+        ["run", "device", "date"].into_iter().chain(own)
     }
 }
 
 impl Serialize for Row {
     fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let known = |name| (name, self.get(name).unwrap_or_default());
-        serializer.collect_map(self.columns().map(known).map(|(name, value)| match (name, value) {
-            // Kept as text in the table.
-            ("settings" | "truth", Value::String(text)) => {
-                (name, serde_json::from_str(&text).unwrap_or(Value::String(text)))
-            }
-            other => other,
-        }))
+        serializer.collect_map(self.columns().map(|name| (name, self.get(name).unwrap_or_default())))
     }
 }

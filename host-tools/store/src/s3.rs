@@ -21,60 +21,83 @@ use crate::files::Files;
 
 /// Bytes that go at once; S3 wants 5 MiB of each part but the last one.
 const PART: usize = 8 << 20;
-/// A server that is busy is asked again for so long.
+/// A server that is busy is asked again so often, and for so long.
+const RETRIES: usize = 5;
 const PATIENCE: Duration = Duration::from_secs(20);
+
+/// Variables with an address.
+const ENDPOINTS: [&str; 3] = ["AWS_ENDPOINT", "AWS_ENDPOINT_URL", "AWS_ENDPOINT_URL_S3"];
 
 /// Objects below a prefix.
 pub(crate) struct Bucket {
     objects: AmazonS3,
-    prefix: String,
+    prefix: Path,
     runtime: Runtime,
 }
 
 impl Bucket {
     /// `BUCKET` or `BUCKET/FOLDER`.
     pub(crate) fn new(address: &str) -> io::Result<Self> {
-        let (bucket, prefix) = address.split_once('/').unwrap_or((address, ""));
-        let retry = RetryConfig { max_retries: 4, retry_timeout: PATIENCE, ..RetryConfig::default() };
+        let (bucket, folder) = address.split_once('/').unwrap_or((address, ""));
+        if bucket.is_empty() {
+            return Err(io::Error::other("it names no bucket"));
+        }
+        for variable in ENDPOINTS {
+            let host = |address: &str| address.strip_prefix("http").map(|rest| rest.trim_start_matches('s').to_owned());
+            let is_address = |address: &str| {
+                host(address).is_some_and(|rest| {
+                    rest.len() > 3 && rest.starts_with("://") && !rest.contains(char::is_whitespace)
+                })
+            };
+            if std::env::var(variable).is_ok_and(|address| !is_address(&address)) {
+                return Err(io::Error::other(format!("{variable} is no address such as http://localhost:9000")));
+            }
+        }
+        // Letters that would have to be written otherwise lead others elsewhere.
+        let prefix = Path::parse(folder.trim_end_matches('/')).map_err(io::Error::other)?;
+        if Path::from(prefix.as_ref()) != prefix {
+            return Err(io::Error::other("the folder must be of plain letters, digits, -, _, . and /"));
+        }
+        let retry = RetryConfig { max_retries: RETRIES, retry_timeout: PATIENCE, ..RetryConfig::default() };
         let objects = AmazonS3Builder::from_env().with_bucket_name(bucket).with_retry(retry).build();
         Ok(Self {
             objects: objects.map_err(plain)?,
-            prefix: prefix.trim_matches('/').into(),
+            prefix,
             runtime: Builder::new_current_thread().enable_all().build()?,
         })
     }
 
     fn path(&self, name: &str) -> Path {
-        Path::from(if self.prefix.is_empty() { name.to_owned() } else { format!("{}/{name}", self.prefix) })
+        let parts = self.prefix.parts();
+        parts.chain(Path::from(name).parts().map(|part| part.as_ref().to_owned().into())).collect()
     }
 }
 
+/// The next part; a short one is the last.
+fn part(from: &mut dyn Read) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    from.take(PART as u64).read_to_end(&mut bytes)?;
+    Ok(bytes)
+}
+
 impl Files for Bucket {
-    fn put(&self, name: &str, from: &mut dyn Read, length: u64) -> io::Result<()> {
-        if self.has(name)? {
-            return Ok(());
-        }
+    fn put(&self, name: &str, from: &mut dyn Read) -> io::Result<()> {
         let path = self.path(name);
-        let part = |from: &mut dyn Read| {
-            let mut bytes = Vec::new();
-            from.take(PART as u64).read_to_end(&mut bytes)?;
-            io::Result::Ok(bytes)
-        };
+        let first = part(from)?;
         self.runtime.block_on(async {
-            // Read to its very end in any case: that is where a reader may refuse.
-            if length < PART as u64 {
-                let bytes = part(from)?;
-                return self.objects.put(&path, PutPayload::from(bytes)).await.map(drop).map_err(plain);
+            // A short part was read to its very end, which is where a reader may refuse.
+            if first.len() < PART {
+                return self.objects.put(&path, PutPayload::from(first)).await.map(drop).map_err(plain);
             }
             let mut upload = self.objects.put_multipart(&path).await.map_err(plain)?;
             let sent = async {
-                loop {
-                    let bytes = part(from)?;
-                    if bytes.is_empty() {
-                        return io::Result::Ok(());
-                    }
+                let mut bytes = first;
+                while !bytes.is_empty() {
+                    let is_last = bytes.len() < PART;
                     upload.put_part(PutPayload::from(bytes)).await.map_err(plain)?;
+                    bytes = if is_last { Vec::new() } else { part(from)? };
                 }
+                io::Result::Ok(())
             };
             match sent.await {
                 Ok(()) => upload.complete().await.map(drop).map_err(plain),
@@ -99,17 +122,27 @@ impl Files for Bucket {
 
     fn list(&self, folder: &str) -> io::Result<Vec<String>> {
         let under = self.path(folder);
-        let mut names = self.runtime.block_on(async {
-            let objects = self.objects.list(Some(&under)).map_ok(|object| object.location.to_string());
-            objects.try_collect::<Vec<_>>().await.map_err(plain)
+        let objects = self.runtime.block_on(async {
+            self.objects
+                .list(Some(&under))
+                .map_ok(|object| object.location)
+                .try_collect::<Vec<_>>()
+                .await
+                .map_err(plain)
         })?;
-        for name in &mut names {
-            if let Some(short) = name.strip_prefix(&self.prefix) {
-                *name = short.trim_start_matches('/').to_owned();
-            }
-        }
+        let named = |path: &Path| {
+            let parts: Vec<_> = path.prefix_match(&self.prefix)?.map(|part| part.as_ref().to_owned()).collect();
+            Some(parts.join("/"))
+        };
+        let mut names: Vec<String> = objects.iter().filter_map(named).collect();
         names.sort();
         Ok(names)
+    }
+
+    fn is_empty(&self) -> io::Result<bool> {
+        self.runtime
+            .block_on(async { self.objects.list(Some(&self.prefix)).try_next().await.map_err(plain) })
+            .map(|first| first.is_none())
     }
 
     fn remove(&self, name: &str) -> io::Result<()> {
@@ -117,6 +150,11 @@ impl Files for Bucket {
             Err(object_store::Error::NotFound { .. }) => Ok(()),
             removed => removed.map_err(plain),
         }
+    }
+
+    fn remove_unfinished(&self) -> io::Result<()> {
+        // Parts of an upload that never ended are seen by the bucket's owner alone.
+        Ok(())
     }
 
     fn file(&self, _name: &str) -> Option<PathBuf> {

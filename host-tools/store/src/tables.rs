@@ -12,20 +12,18 @@ use inerter_data::{
     words::{printable, utc},
 };
 use inerter_wire::{EstimatorEvent, EventKind, catalogue};
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::{
     error::StoreError,
-    place::{Place, Table},
-    store::VERSION,
+    place::{Part, Place, VERSION, serial},
     sums::{Sum, lines},
 };
 
 /// All files of a run but its recording.
 pub(crate) struct Tables {
     pub place: Place,
-    /// Bytes of each, in the order of [`Table::ALL`].
-    pub bytes: [Vec<u8>; 4],
+    files: Vec<(Part, Vec<u8>)>,
 }
 
 impl Tables {
@@ -86,23 +84,51 @@ impl Tables {
             let columns: Vec<_> = [named(rows)].into_iter().chain(columns).collect();
             table_bytes(&columns)
         };
-        let bytes = [
-            with_run(estimates.rows(), estimates.held().collect())?,
-            with_run(reversals.len(), reversal_columns(machine, &reversals))?,
-            with_run(events.len(), event_columns(&events))?,
-            with_run(1, row(&source, &replayed))?,
+        let row = row(&source, &replayed);
+        let mut files = vec![
+            (Part::Estimates, with_run(estimates.rows(), estimates.held().collect())?),
+            (Part::Reversals, with_run(reversals.len(), reversal_columns(machine, &reversals))?),
+            (Part::Events, with_run(events.len(), event_columns(&events))?),
+            (Part::Row, format!("{}\n", json_of(run, &row)).into_bytes()),
         ];
-        Ok(Self { place, bytes })
+        let table = with_run(1, row)?;
+        let summed = files.iter().map(|(part, bytes)| (place.file(*part), Sum::of(bytes)));
+        let recording = (place.file(Part::Recording), run.to_owned());
+        let of_run = (place.file(Part::Run), Sum::of(&table));
+        let sums = lines(&[recording].into_iter().chain(summed).chain([of_run]).collect::<Vec<_>>());
+        files.extend([(Part::Sums, sums.into_bytes()), (Part::Run, table)]);
+        Ok(Self { place, files })
     }
 
-    /// The sums of all files of the run, the recording first.
-    pub(crate) fn sums(&self) -> String {
-        let tables = Table::ALL.iter().zip(&self.bytes);
-        let tables = tables.map(|(table, bytes)| (self.place.table(*table), Sum::of(bytes)));
-        let recording = (self.place.recording(), self.place.run.clone());
-        lines(&[recording].into_iter().chain(tables).collect::<Vec<_>>())
+    /// What is written before the run is there.
+    pub(crate) fn before_the_run(&self) -> impl Iterator<Item = (Part, &[u8])> {
+        self.files.iter().filter(|(part, _)| *part != Part::Run).map(|(part, bytes)| (*part, bytes.as_slice()))
+    }
+
+    /// A file.
+    pub(crate) fn bytes(&self, part: Part) -> &[u8] {
+        self.files.iter().find(|(one, _)| *one == part).map_or(&[], |(_, bytes)| bytes)
     }
 }
+
+/// A row as JSON; what is an object stands there as one.
+fn json_of(run: &str, row: &[HeldColumn<'_>]) -> Value {
+    let value = |column: &HeldColumn<'_>| match &column.cells {
+        Cells::Float(values) => json!(values.first().copied().flatten()),
+        Cells::Whole(values) => json!(values.first().copied().flatten()),
+        Cells::Text(values) => {
+            let text = values.first().and_then(|value| value.as_deref());
+            text.filter(|_| OBJECTS.contains(&&*column.name))
+                .and_then(|text| serde_json::from_str(text).ok())
+                .unwrap_or_else(|| json!(text))
+        }
+    };
+    let values = row.iter().map(|column| (column.name.to_string(), value(column)));
+    Value::Object([("run".to_owned(), json!(run))].into_iter().chain(values).collect())
+}
+
+/// Columns that hold objects.
+const OBJECTS: [&str; 2] = ["settings", "truth"];
 
 fn float(machine: Machine, linear: &str, unit: &'static str, values: Vec<Option<f64>>) -> HeldColumn<'static> {
     let values: Vec<_> = values.into_iter().map(|value| value.filter(|value| value.is_finite())).collect();
@@ -152,12 +178,16 @@ fn row<'a>(source: &'a Source, replayed: &Replayed) -> Vec<HeldColumn<'a>> {
     let outcome = &replayed.outcome;
     let (settings, extent) = (&source.settings, &source.extent);
     let machine = settings.machine;
-    let device = |key: &str| source.device.as_ref().and_then(|device| device.get(key)).cloned();
+    let device = |key: &str| {
+        let known = source.device.as_ref().and_then(|device| device.get(key));
+        known.map(|text| printable(text).into_owned())
+    };
     let count = |value: u64| Some(i64::try_from(value).unwrap_or(i64::MAX));
     let mut columns = vec![
         whole("version", vec![Some(VERSION as i64)]),
         owned("software", Some(concat!("inerter ", env!("CARGO_PKG_VERSION")).into())),
         owned("recorded_utc", Some(utc(source.first_ns))),
+        owned("serial", serial(source).map(|serial| printable(serial).into_owned())),
         owned("firmware", device("firmware")),
         owned("board", device("board")),
         owned("machine", Some(if machine == Machine::Linear { "linear" } else { "rotary" }.into())),

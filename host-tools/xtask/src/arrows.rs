@@ -90,10 +90,11 @@ const LAWS: &[Law] = &[
     Law::of("inerter-simulate")
         .may_use(&["inerter-core", "inerter-wire", "inerter-app", "inerter-plant", "inerter-data"])
         .never(&[COMMAND_LINE, SCREEN]),
-    Law::of("inerter-store")
-        .may_use(&["inerter-core", "inerter-wire", "inerter-data", "inerter-analysis"])
-        .tests_may_use(&["inerter-plant", "inerter-simulate"])
-        .never(&[COMMAND_LINE, USB, SCREEN]),
+    Law::of("inerter-store").may_use(&["inerter-core", "inerter-wire", "inerter-data", "inerter-analysis"]).never(&[
+        COMMAND_LINE,
+        USB,
+        SCREEN,
+    ]),
     Law::of("inerter-view")
         .may_use(&["inerter-core", "inerter-wire", "inerter-data", "inerter-analysis"])
         .tests_may_use(&["inerter-plant", "inerter-simulate"])

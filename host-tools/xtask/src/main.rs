@@ -99,6 +99,8 @@ enum Command {
     Skew(accuracy::Options),
     /// How fast the Python package replays, beside the program and numpy
     Rates(accuracy::Options),
+    /// Fill a store with simulated runs, replay all of them on Dask, and measure what a run costs; with --update into docs/tables/scale.md
+    Scale(rates::ScaleOptions),
     /// How often the interval of merged runs holds the device, against docs/tables/merge.md
     Merge(accuracy::Options),
     /// How often a realistic defect makes a value wrong without a word, against docs/tables/defects.md
@@ -158,6 +160,7 @@ fn main() -> ExitCode {
         Command::Plan(options) => accuracy::table("plan", &options),
         Command::Skew(options) => accuracy::table("skew", &options),
         Command::Rates(options) => rates::run(&options),
+        Command::Scale(options) => rates::scale(&options),
         Command::Merge(options) => accuracy::table("merge", &options),
         Command::Defects(options) => accuracy::table("defects", &options),
         Command::Ablation(options) => ablation::run(&options),

@@ -1,4 +1,4 @@
-//! How fast the package replays, beside the program and numpy: `docs/tables/rates.md`.
+//! How fast the package replays, beside the program and numpy (`docs/tables/rates.md`), and what many runs cost (`docs/tables/scale.md`).
 
 use crate::{
     accuracy::Options,
@@ -6,7 +6,7 @@ use crate::{
     workspace::{Part, Workspace},
 };
 use anyhow::{Context, Result};
-use std::{fs, process::Command};
+use std::{fs, path::PathBuf, process::Command};
 
 /// What the script imports beside the package.
 const IMPORTS: &str = "numpy, pyarrow";
@@ -14,12 +14,34 @@ const REQUIREMENTS: &str = "tests/python/files-requirements.txt";
 /// Length of the runs.
 const DURATION_S: &str = "600";
 
-/// Measures program and package as they are released, and prints or writes the table.
-pub fn run(options: &Options) -> Result<()> {
+/// Runs of `scale`, where nobody says how many.
+const RUNS: u32 = 10_000;
+/// What its script imports beside the package.
+const CLUSTER: &str = "distributed";
+
+#[derive(clap::Args, Clone, Copy, Debug)]
+pub struct ScaleOptions {
+    /// So many runs
+    #[arg(long, value_name = "N", default_value_t = RUNS, value_parser = clap::value_parser!(u32).range(1..))]
+    runs: u32,
+    /// Write the table instead of printing it
+    #[arg(long)]
+    update: bool,
+}
+
+/// Program and package as they are released.
+struct Released {
+    folder: PathBuf,
+    python: PathBuf,
+    program: PathBuf,
+}
+
+/// Makes them; `folder` is below `target`.
+fn released(folder: &str, imports: &str, requirements: &str) -> Result<Released> {
     let workspace = Workspace::read(&tree::root())?;
-    let folder = workspace.target.join("rates");
+    let folder = workspace.target.join(folder);
     fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
-    let python = python::environment(&folder.join("environment"), IMPORTS, REQUIREMENTS, false)?;
+    let python = python::environment(&folder.join("environment"), imports, requirements, false)?;
     let mut pip = Command::new(&python);
     pip.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--force-reinstall", "--no-deps"]);
     process::run(pip.arg(wheel::released()?)).context("the wheel could not be installed")?;
@@ -29,7 +51,32 @@ pub fn run(options: &Options) -> Result<()> {
         "bridges",
     ]))?;
     let program = workspace.target.join("release").join(format!("inerter{}", std::env::consts::EXE_SUFFIX));
-    let mut paths = Vec::new();
+    Ok(Released { folder, python, program })
+}
+
+/// Prints a table, or writes it.
+fn settle(name: &str, table: String, update: bool) -> Result<()> {
+    print!("{table}");
+    if update {
+        let path = tree::root().join(format!("docs/tables/{name}.md"));
+        fs::write(&path, table).with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    Ok(())
+}
+
+/// What storing and replaying many runs costs, on one worker and on two.
+pub fn scale(options: &ScaleOptions) -> Result<()> {
+    let Released { folder, python, program } = released("scale", CLUSTER, "host-tools/python/tests/requirements.txt")?;
+    let script = tree::root().join("tests/python/scale.py");
+    let (store, runs) = (folder.join(options.runs.to_string()), options.runs.to_string());
+    let table = process::output(Command::new(&python).arg(script).arg(&program).arg(&store).arg(&runs))?;
+    settle("scale", table, options.update)
+}
+
+/// Measures the rates, and prints or writes the table.
+pub fn run(options: &Options) -> Result<()> {
+    let Released { folder, python, program } = released("rates", IMPORTS, REQUIREMENTS)?;
+    let mut paths: Vec<PathBuf> = Vec::new();
     for seed in ["1", "2"] {
         let path = folder.join(format!("{seed}.mcap"));
         let mut simulate = Command::new(&program);
@@ -41,10 +88,5 @@ pub fn run(options: &Options) -> Result<()> {
     }
     let script = tree::root().join("tests/python/rates.py");
     let table = process::output(Command::new(&python).arg(script).arg(&program).args(&paths))?;
-    print!("{table}");
-    if options.update {
-        let path = tree::root().join("docs/tables/rates.md");
-        fs::write(&path, table).with_context(|| format!("cannot write {}", path.display()))?;
-    }
-    Ok(())
+    settle("rates", table, options.update)
 }

@@ -1,6 +1,6 @@
 //! Parquet: the samples in groups of rows, units and settings in the metadata of the file; and tables that are held.
 
-use std::{borrow::Cow, fs::File, io::Write, sync::Arc};
+use std::{fs::File, io::Write, sync::Arc};
 
 use parquet::{
     basic::{Compression, Encoding, LogicalType, Repetition, Type as Physical},
@@ -9,38 +9,14 @@ use parquet::{
     file::{
         metadata::KeyValue,
         properties::{WriterProperties, WriterVersion},
-        reader::FileReader,
-        serialized_reader::SerializedFileReader,
         writer::{SerializedColumnWriter, SerializedFileWriter},
     },
     schema::types::{ColumnPath, Type},
 };
 use serde_json::{Map, Value, json};
 
-use super::{Batch, Column, EstimateTable, Kind, Source, Values, about, selection::Sink};
+use super::{Batch, Cells, Column, EstimateTable, HeldColumn, Kind, Source, Values, about, selection::Sink};
 use crate::output::{OutputError, Pending};
-
-/// A column of a table that is held; what is not known is `None`, and null in the file.
-#[derive(Clone, Debug, PartialEq)]
-pub struct HeldColumn<'a> {
-    /// Name, with the unit at its end where there is one.
-    pub name: Cow<'a, str>,
-    /// Unit; empty for a plain number or a text.
-    pub unit: &'static str,
-    /// Values, as many as in all columns of the table.
-    pub cells: Cells<'a>,
-}
-
-/// Values of a column.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Cells<'a> {
-    /// Numbers.
-    Float(Cow<'a, [Option<f64>]>),
-    /// Whole numbers.
-    Whole(Cow<'a, [Option<i64>]>),
-    /// Texts; where they all are the same they take hardly any room.
-    Text(Vec<Option<Cow<'a, str>>>),
-}
 
 /// A Parquet file that is being written.
 pub(super) struct Parquet {
@@ -91,31 +67,6 @@ pub fn table_bytes(columns: &[HeldColumn<'_>]) -> Result<Vec<u8>, OutputError> {
     let metadata =
         key_values([("PANDAS_ATTRS", Some(json!({ "units": units }))), ("inerter.units", Some(json!(units)))]);
     write_held(Vec::new(), columns, metadata).map_err(|error| failed("a table", error))
-}
-
-/// The rows of a Parquet file, each with its values by name; what is null stands there as null.
-///
-/// Numbers that are not finite, which no table of ours holds, come as null too. It fails on what is no Parquet file.
-pub fn table_rows(bytes: Vec<u8>) -> Result<Vec<Map<String, Value>>, std::io::Error> {
-    let reader = SerializedFileReader::new(bytes::Bytes::from(bytes))?;
-    let rows = reader.get_row_iter(None)?.map(|row| {
-        let cells = row?.into_columns().into_iter();
-        Ok(cells.map(|(name, value)| (name, plain(value))).collect())
-    });
-    rows.collect::<Result<_, ParquetError>>().map_err(std::io::Error::other)
-}
-
-/// The value of a cell.
-fn plain(value: parquet::record::Field) -> Value {
-    use parquet::record::Field;
-    match value {
-        Field::Double(number) => json!(number),
-        Field::Long(number) => json!(number),
-        Field::Bool(flag) => json!(flag),
-        Field::Str(text) => json!(text),
-        // Nothing else is written here.
-        _ => Value::Null,
-    }
 }
 
 fn write_held<W: Write + Send>(to: W, table: &[HeldColumn<'_>], metadata: Vec<KeyValue>) -> Result<W, ParquetError> {

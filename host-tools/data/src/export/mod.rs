@@ -9,6 +9,8 @@ mod about;
 mod columnar;
 mod columns;
 mod estimates;
+#[cfg(feature = "parquet")]
+mod held;
 #[cfg(feature = "matlab")]
 mod mat;
 mod messages;
@@ -23,9 +25,11 @@ use std::{
 };
 
 #[cfg(feature = "parquet")]
-pub use columnar::{Cells, HeldColumn, table_bytes, table_rows};
+pub use columnar::table_bytes;
 pub use columns::{Batch, Cell, Column, Kind, Values};
 pub use estimates::EstimateTable;
+#[cfg(feature = "parquet")]
+pub use held::{Cells, HeldColumn};
 pub use selection::{Format, Selection};
 pub use source::{Rows, Samples, Source};
 

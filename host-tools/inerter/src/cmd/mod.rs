@@ -32,4 +32,5 @@ mod limits;
 mod lines;
 mod plant;
 mod screen;
+mod shard;
 mod terminal;

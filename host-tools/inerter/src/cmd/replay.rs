@@ -1,6 +1,6 @@
 //! `inerter replay`: a recording or CSV through the estimator.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use inerter_analysis::{
     diagnose::{assumptions, widened},
@@ -20,6 +20,7 @@ use inerter_wire::{EstimatorEvent, EventKind};
 use super::{
     args::FileSettingsArgs,
     limits::LimitsArgs,
+    shard::{self, StoreArgs},
     terminal::{Progress, note},
 };
 use crate::Error;
@@ -42,13 +43,18 @@ const ROWS: f64 = 20.0;
 /// as by `inerter diagnose`. What the motion could not show is told last, with one that would have, as by `inerter plan`. docs/CLI.md
 /// describes them.
 ///
+/// With --store the runs of a store are replayed, or with --shard a part of them, and what comes of each is kept there in a batch:
+/// `inerter replay --store runs --shard 3/100` in the third of a hundred jobs. What the batch has is not done again. A run that fails is
+/// kept with its error, and the exit code is 3. docs/STORE.md describes batches.
+///
 /// With --limits each parameter that the file names passes where its 95 % interval lies within the limits, fails where it lies beyond
 /// one, and is undecided else (ISO 14253-1); the exit code is 10 unless all pass.
 #[derive(clap::Args)]
 #[command(after_long_help = inerter_data::settings::help_table())]
 pub struct Args {
     /// Recording (.mcap) or CSV file
-    file: PathBuf,
+    #[arg(required_unless_present = "store", conflicts_with = "store")]
+    file: Option<PathBuf>,
     #[command(flatten)]
     settings: FileSettingsArgs,
     /// Print JSON, one object a line
@@ -59,12 +65,23 @@ pub struct Args {
     every: Option<std::time::Duration>,
     #[command(flatten)]
     limits: LimitsArgs,
+    #[command(flatten)]
+    store: StoreArgs,
 }
 
 pub fn run(args: &Args) -> Result<(), Error> {
-    let checks = args.limits.check(&args.file)?;
-    let mut reading = Progress::through("reading", &args.file);
-    let run = Source::open(&args.file, &args.settings.overrides()?, |offset| reading.set(offset))?;
+    match (&args.file, &args.store.store) {
+        (Some(file), _) => replay(file, args),
+        (None, Some(url)) => shard::run(url, &args.store, &args.settings.overrides()?, args.json),
+        // One of them, by the command line.
+        (None, None) => Ok(()),
+    }
+}
+
+fn replay(file: &Path, args: &Args) -> Result<(), Error> {
+    let checks = args.limits.check(file)?;
+    let mut reading = Progress::through("reading", file);
+    let run = Source::open(file, &args.settings.overrides()?, |offset| reading.set(offset))?;
     reading.done();
     run.notes.iter().for_each(note);
     let limits = args.limits.read(run.settings.machine)?;
@@ -101,9 +118,9 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let machine = run.settings.machine;
     let within = limits.map(|limits| replayed.within(&limits));
     let Some(all) = &within else { return say(args, &run, &replayed, header, None) };
-    checks.write(&args.file, machine, all)?;
+    checks.write(file, machine, all)?;
     let said = heard(say(args, &run, &replayed, header, Some(all)), true);
-    checks.verdict(&args.file, machine, all).and(said)
+    checks.verdict(file, machine, all).and(said)
 }
 
 /// What was said; that nobody listens any more is no reason to end where it `goes_on`.

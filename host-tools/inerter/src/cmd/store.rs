@@ -1,13 +1,17 @@
 //! `inerter store`: runs kept in a folder or in S3, with tables that other programs query.
 
-use std::{io, io::IsTerminal, path::PathBuf};
+use std::{
+    collections::BTreeSet,
+    io::{self, IsTerminal},
+    path::PathBuf,
+};
 
 use inerter_data::{
     json::json_line,
     output::{self, refuse_existing},
-    words::{interval_text, plural},
+    words::{interval_text, plural, printable},
 };
-use inerter_store::{Choice, Condition, Row, Store, StoreError};
+use inerter_store::{Choice, Condition, Damage, Day, Place, Row, Store, StoreError};
 use serde_json::{Value, json};
 
 use super::terminal::{self, Progress, say, tidy_at_interrupts};
@@ -41,7 +45,7 @@ enum Command {
     Remove(RemoveArgs),
 }
 
-/// Add recordings; the first one makes the store.
+/// Add recordings; the first one that can be used makes the store.
 ///
 /// Each goes through the estimator, and what comes out becomes the tables beside it. The same recording twice is one run, whatever
 /// its file is called. Several processes may add at once. A recording that cannot be used is told, the others are added, and the
@@ -66,11 +70,11 @@ struct ListArgs {
     #[arg(long, value_name = "SERIAL")]
     device: Option<String>,
     /// Runs recorded on this day (UTC) or later: 2026-01-31, or 2026-01
-    #[arg(long, value_name = "DATE", value_parser = date)]
-    from: Option<String>,
+    #[arg(long, value_name = "DATE")]
+    from: Option<Day>,
     /// Runs recorded on this day (UTC) or earlier
-    #[arg(long, value_name = "DATE", value_parser = date)]
-    to: Option<String>,
+    #[arg(long, value_name = "DATE")]
+    to: Option<Day>,
     /// Print JSON: one object a run
     #[arg(long, conflicts_with = "csv")]
     json: bool,
@@ -140,21 +144,25 @@ struct GetArgs {
 
 /// Read every file of a store, and tell what is not as it was written.
 ///
-/// The exit code is 3 where something is missing, changed or unfinished. `sha256sum` does the same: docs/STORE.md.
+/// The exit code is 3 where a file is missing, changed, unfinished (of a run that was not added, or not removed, to its end) or
+/// foreign. `sha256sum` does the same without this program: docs/STORE.md.
 #[derive(clap::Args)]
 struct VerifyArgs {
     /// Folder, or s3://BUCKET/FOLDER
     #[arg(value_name = "STORE")]
     url: String,
-    /// Remove what was left behind when adding or removing broke off; nobody may be adding meanwhile
+    /// First make anew what follows from recordings that are whole, and remove what is left of runs without one; nobody may be adding
+    /// or removing meanwhile
     #[arg(long)]
-    tidy: bool,
+    repair: bool,
     /// Print JSON: one object a file, and one at the end
     #[arg(long)]
     json: bool,
 }
 
-/// Remove runs with their recordings.
+/// Remove runs with their recordings and results.
+///
+/// Nobody may be adding the same recording meanwhile.
 #[derive(clap::Args)]
 struct RemoveArgs {
     /// Folder, or s3://BUCKET/FOLDER
@@ -166,15 +174,6 @@ struct RemoveArgs {
     /// Do not ask
     #[arg(long)]
     yes: bool,
-}
-
-/// A day, or the beginning of one.
-fn date(text: &str) -> Result<String, String> {
-    let shape = text.bytes().zip(*b"0000-00-00").all(|(letter, form)| match form {
-        b'-' => letter == b'-',
-        _ => letter.is_ascii_digit(),
-    });
-    if shape && [4, 7, 10].contains(&text.len()) { Ok(text.into()) } else { Err("write it as 2026-01-31".into()) }
 }
 
 pub fn run(args: &Args) -> Result<(), Error> {
@@ -213,7 +212,7 @@ fn add(args: &AddArgs) -> Result<(), Error> {
                     output::line(json_line(&json!({"kind": "added", "file": name, "run": run, "new": is_new})))?;
                 } else {
                     let how = if is_new { "added" } else { "is there already" };
-                    output::line(format!("{name}: {how} as {}", short(&added.row)))?;
+                    output::line(format!("{name}: {how} as {}", short(added.row.place())))?;
                 }
             }
             // Of the store, not of the file: the others would meet it too.
@@ -236,19 +235,30 @@ fn add(args: &AddArgs) -> Result<(), Error> {
     if failed > 0 { Err(Error::NotAdded { failed, of: args.files.len() }) } else { Ok(()) }
 }
 
-fn short(row: &Row) -> &str {
-    row.name().get(..SHORT).unwrap_or_default()
+fn short(place: &Place) -> &str {
+    place.name().get(..SHORT).unwrap_or_default()
 }
 
 fn list(url: &str, args: &ListArgs, conditions: &[String]) -> Result<(), Error> {
     let conditions = conditions.iter().map(|text| text.parse()).collect::<Result<Vec<Condition>, _>>()?;
     let choice = Choice { device: args.device.clone(), from: args.from.clone(), to: args.to.clone(), conditions };
-    let rows = Store::open(url)?.runs(&choice)?;
+    let listed = Store::open(url)?.runs(&choice)?;
+    print(args, &listed.rows)?;
+    told(url, &listed.damages)
+}
+
+/// Names what is damaged, on standard error.
+fn told(url: &str, damages: &[Damage]) -> Result<(), Error> {
+    damages.iter().for_each(|damage| say(format!("error: {}: {}", damage.file, damage.problem)));
+    if damages.is_empty() { Ok(()) } else { Err(Error::StoreDamage { url: url.into(), files: damages.len() }) }
+}
+
+fn print(args: &ListArgs, rows: &[Row]) -> Result<(), Error> {
     if args.json {
         return Ok(rows.iter().try_for_each(|row| output::line(json_line(row)))?);
     }
     if args.csv {
-        return csv(&rows);
+        return csv(rows);
     }
     if rows.is_empty() {
         say("no run is like this");
@@ -277,7 +287,7 @@ fn cells(row: &Row) -> [String; 8] {
         known.map_or("-".into(), |(value, u95, unit)| format!("{} {unit}", interval_text(value, u95)))
     };
     [
-        short(row).to_string(),
+        short(row.place()).to_string(),
         row.device().to_string(),
         row.date().to_string(),
         row.number("duration_s").map_or("-".into(), |seconds| format!("{seconds:.1} s")),
@@ -307,7 +317,7 @@ fn csv(rows: &[Row]) -> Result<(), Error> {
     }
     let mut writer = csv::Writer::from_writer(Vec::new());
     let cell = |value: Option<Value>| match value {
-        Some(Value::String(text)) => text,
+        Some(Value::String(text)) => printable(&text).into_owned(),
         Some(value) => value.to_string(),
         None => String::new(),
     };
@@ -323,7 +333,7 @@ fn csv(rows: &[Row]) -> Result<(), Error> {
 
 fn show(args: &ShowArgs) -> Result<(), Error> {
     let store = Store::open(&args.url)?;
-    let row = store.find(&args.run)?;
+    let row = store.row(&store.find(&args.run)?)?;
     if args.json {
         return Ok(output::line(json_line(&row))?);
     }
@@ -336,8 +346,8 @@ fn show(args: &ShowArgs) -> Result<(), Error> {
         };
         output::line(format!("{name:<name_width$}  {value}"))?;
     }
-    output::line(format!("{:<name_width$}  {}", "recording", row.recording()))?;
-    Ok(())
+    let file = store.file(row.place()).map(|file| file.display().to_string());
+    Ok(file.map_or(Ok(()), |file| output::line(format!("{:<name_width$}  {file}", "recording")))?)
 }
 
 fn get(args: &GetArgs) -> Result<(), Error> {
@@ -346,23 +356,25 @@ fn get(args: &GetArgs) -> Result<(), Error> {
         refuse_existing(&args.output)?;
     }
     let store = Store::open(&args.url)?;
-    let row = store.find(&args.run)?;
-    store.get(&row, &args.output, args.force)?;
-    say(format!("{} written to {}", short(&row), args.output.display()));
+    let place = store.find(&args.run)?;
+    store.get(&place, &args.output, args.force)?;
+    say(format!("{} written to {}", short(&place), args.output.display()));
     Ok(())
 }
 
 fn verify(args: &VerifyArgs) -> Result<(), Error> {
     terminal::catch_interrupts();
     let store = Store::open(&args.url)?;
-    if args.tidy {
-        let count = store.tidy()?;
-        say(format!("{} removed that was left behind", plural(count as u64, "unfinished run")));
+    if args.repair {
+        let mut bar = Progress::new("repairing", 1000);
+        let count = store.repair(&mut watched(&mut bar))?;
+        bar.done();
+        say(format!("{} made whole", plural(count as u64, "run")));
     }
     let mut bar = Progress::new("reading", 1000);
-    let damages = store.verify(&mut watched(&mut bar))?;
+    let verified = store.verify(&mut watched(&mut bar))?;
     bar.done();
-    let runs = store.runs(&Choice::default()).map_or(0, |rows| rows.len());
+    let (runs, damages) = (verified.runs, verified.damages);
     for damage in &damages {
         if args.json {
             let (run, file, problem) = (&damage.run, &damage.file, damage.problem);
@@ -386,18 +398,18 @@ fn remove(args: &RemoveArgs) -> Result<(), Error> {
     let can_ask = io::stdin().is_terminal() && io::stderr().is_terminal();
     let store = Store::open(&args.url)?;
     // All of them, before the first one goes.
-    let rows = args.runs.iter().map(|run| store.find(run)).collect::<Result<Vec<_>, _>>()?;
+    let places = args.runs.iter().map(|run| store.find(run)).collect::<Result<BTreeSet<Place>, _>>()?;
     if !args.yes && !can_ask {
         return Err(DialogueError::UnconfirmedRemoval.into());
     }
-    let question = format!("Remove {} and the recording with each? [y/N]", plural(rows.len() as u64, "run"));
+    let question = format!("Remove {} and the recording with each? [y/N]", plural(places.len() as u64, "run"));
     if !args.yes && !terminal::is_confirmed(&question) {
         say("nothing was removed");
         return Ok(());
     }
-    for row in &rows {
-        store.remove(row)?;
-        output::line(format!("{} removed", short(row)))?;
+    for place in &places {
+        store.remove(place)?;
+        output::line(format!("{} removed", short(place)))?;
     }
     Ok(())
 }

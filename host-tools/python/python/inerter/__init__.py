@@ -19,7 +19,7 @@ import warnings
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Union
 
-from . import _inerter
+from . import _inerter, batch
 from ._inerter import InerterError, Run, Sums, Table, __version__
 from ._device import Device
 from ._store import Store
@@ -42,6 +42,7 @@ __all__ = [
     "Sums",
     "Table",
     "__version__",
+    "batch",
     "connect",
     "diagnose",
     "identify",

@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import os
 import tempfile
-from collections.abc import Callable, Sequence
-from pathlib import Path
+import warnings
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from . import _inerter
@@ -28,7 +28,6 @@ class Store:
 
     def __init__(self, url: str | os.PathLike[str]) -> None:
         self._store = _inerter.Store(os.fspath(url))
-        self._fetched: tempfile.TemporaryDirectory[str] | None = None
 
     @property
     def url(self) -> str:
@@ -50,8 +49,7 @@ class Store:
         It goes through the estimator, and what comes out becomes the tables of the store. `progress` is called with the part that is
         done, from 0 to 1.
 
-        Raises InerterError where it is no recording, cannot be used, or the store cannot be written, and KeyboardInterrupt on Ctrl-C;
-        then there is no such run.
+        Raises InerterError where it is no recording, cannot be used, or the store cannot be written, and KeyboardInterrupt on Ctrl-C.
         """
         return self._store.add(os.fspath(path), progress)[0]
 
@@ -66,43 +64,68 @@ class Store:
 
         Those of `device` alone, by its serial number; those recorded from the day `start` to the day `end` (UTC, `2026-01-31`, or a month
         `2026-01`); and those that meet every condition of `where`: a column, one of < <= > >= = !=, and a number or a word, such
-        as "inertance_kg < 300". Names end in their unit; what is not known is None.
+        as "inertance_kg < 300". Names end in their unit; what is not known is None. A damaged run is a warning.
 
-        Raises InerterError where a condition cannot be read or there is no store.
+        Raises InerterError where a condition or a day cannot be read or there is no store.
         """
-        return [json.loads(row) for row in self._store.rows(device, start, end, list(where))]
+        rows, damages = self._store.rows(device, start, end, list(where))
+        for _, file, problem in damages:
+            warnings.warn(f"{file} in the store {self.url} is {problem}: see verify()", stacklevel=2)
+        return [json.loads(row) for row in rows]
 
     def run(self, name: str) -> dict[str, Any]:
         """The columns of one run. Raises InerterError where there is none, or several begin like this."""
         row: dict[str, Any] = json.loads(self._store.row(name))
         return row
 
-    def open(self, name: str) -> Run:
-        """Opens the recording of a run, as `inerter.open` does. From S3 it is fetched first, and checked against its name."""
+    def open(self, name: str, *, settings: Mapping[str, float] | None = None) -> Run:
+        """Opens the recording of a run, as `inerter.open` does. From S3 it is fetched first, checked against its name, and kept until
+        this process ends.
+        """
         path = self._store.path(name)
         if path is None:
-            if self._fetched is None:
-                self._fetched = tempfile.TemporaryDirectory(prefix="inerter-")
-            path = os.path.join(self._fetched.name, f"{self.run(name)['run']}.mcap")
-            if not Path(path).exists():
-                self._store.get(name, path, False)
-        return _inerter.open(path, {})
+            whole = self._store.find(name)
+            path = os.path.join(_fetched(), f"{whole}.mcap")
+            if not os.path.exists(path):
+                # Another thread may fetch it as well.
+                with tempfile.NamedTemporaryFile(dir=_fetched(), delete=False) as part:
+                    pass
+                self._store.get(whole, part.name, True)
+                os.replace(part.name, path)
+        return _inerter.open(path, dict(settings or {}))
+
+    def results(self, batch: str) -> list[dict[str, Any]]:
+        """What became of each run in a batch (`inerter.batch`, `inerter replay --store`): `run`, `kind`, `software`, `given` (the settings
+        over those of the recording), `result` (what the command prints with --json; None where it failed), `code` and `error` (None
+        where it did not). Of a batch that is not there the list is empty.
+        """
+        return [json.loads(row) for row in self._store.results(batch)]
 
     def get(self, name: str, path: str | os.PathLike[str], *, replace: bool = False) -> None:
         """Writes the recording of a run into a file. Raises InerterError where it is damaged, or the file is there and not to be replaced."""
         self._store.get(name, os.fspath(path), replace)
 
-    def verify(self, *, progress: Callable[[float], object] | None = None) -> list[dict[str, str]]:
-        """Reads every file, and lists what is not as it was written: `run`, `file` and `problem`, which is `missing`, `changed` or `unfinished`."""
-        return [dict(zip(("run", "file", "problem"), damage, strict=True)) for damage in self._store.verify(progress)]
+    def verify(
+        self, *, repair: bool = False, progress: Callable[[float], object] | None = None
+    ) -> list[dict[str, str]]:
+        """Reads every file, and lists what is not as it was written: `run`, `file` and `problem`, which is `missing`, `changed`,
+        `unfinished` or `foreign`. With `repair`, while nobody adds or removes, what follows from whole recordings is made anew first.
+        """
+        damages = self._store.verify(repair, progress)
+        return [dict(zip(("run", "file", "problem"), damage, strict=True)) for damage in damages]
 
     def remove(self, *names: str) -> None:
-        """Removes runs with their recordings. Raises InerterError, before anything is removed, where there is no such run."""
-        for whole in [self.run(name)["run"] for name in _checked(names)]:
+        """Removes runs with their recordings and results. Raises InerterError, before anything is removed, where there is no such run."""
+        for whole in sorted({self._store.find(name) for name in names}):
             self._store.remove(whole)
 
 
-def _checked(names: Sequence[str]) -> Sequence[str]:
-    if not all(names):
-        raise ValueError("the name of a run is empty")
-    return names
+_folder: tempfile.TemporaryDirectory[str] | None = None
+
+
+def _fetched() -> str:
+    """Folder of what was fetched, for as long as this process lasts: runs read their recording when they are asked."""
+    global _folder
+    if _folder is None:
+        _folder = tempfile.TemporaryDirectory(prefix="inerter-")
+    return _folder.name

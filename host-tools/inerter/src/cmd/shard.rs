@@ -1,0 +1,90 @@
+//! Runs of a store through the estimator, all of them or a part: for Slurm and plain shells.
+
+use inerter_analysis::results::replayed;
+use inerter_data::{
+    export::Source,
+    json::{json_line, machine_json},
+    output,
+    settings::Overrides,
+    words::plural,
+};
+use inerter_store::{Outcome, Place, Shard, Store, StoreError};
+use miette::Diagnostic;
+use serde_json::{Map, Value, json};
+
+use super::terminal::{self, Progress, say};
+use crate::Error;
+
+/// Runs of a store instead of a file.
+#[derive(clap::Args)]
+pub struct StoreArgs {
+    /// Replay the runs of this store, and keep what comes of each in its batch
+    #[arg(long, value_name = "STORE", conflicts_with_all = ["limits", "every"], help_heading = "Store")]
+    pub store: Option<String>,
+    /// Replay a part of its runs: 3/100 is the third of a hundred parts, the same for whoever asks
+    #[arg(long, value_name = "N/OF", requires = "store", help_heading = "Store")]
+    shard: Option<Shard>,
+    /// Name of the batch: letters, digits, - and _
+    #[arg(long, value_name = "NAME", default_value = "replay", requires = "store", help_heading = "Store")]
+    batch: String,
+    /// Replay also what the batch has already
+    #[arg(long, requires = "store", help_heading = "Store")]
+    again: bool,
+}
+
+/// Replays the runs that the batch does not have yet. One that fails is kept with its error, and the others are done.
+pub fn run(url: &str, args: &StoreArgs, overrides: &Overrides, as_json: bool) -> Result<(), Error> {
+    terminal::catch_interrupts();
+    let store = Store::open(url)?;
+    let kept = store.kept(&args.batch)?;
+    let is_ours = |place: &Place| args.shard.is_none_or(|shard| shard.has(place));
+    let ours: Vec<Place> = store.places()?.into_iter().filter(is_ours).collect();
+    let todo: Vec<&Place> = ours.iter().filter(|place| args.again || !kept.contains(place.name())).collect();
+    let given: Map<String, Value> = overrides.given().map(|(name, value)| (name.to_string(), json!(value))).collect();
+    let mut bar = Progress::new("replaying", todo.len() as u64);
+    let mut failed = 0;
+    for (number, place) in todo.iter().enumerate() {
+        let result = match last_line(&store, place, overrides) {
+            Ok(line) => Ok(line),
+            Err(error) if terminal::interrupted() || is_of_store(&error) => return Err(error),
+            Err(error) => Err((error.code().map(|code| code.to_string()).unwrap_or_default(), error.to_string())),
+        };
+        let error = result.as_ref().err().map(|(_, text)| text.clone());
+        let outcome = Outcome { kind: "replay".into(), given: Value::Object(given.clone()), result };
+        store.keep(&args.batch, place, &outcome)?;
+        failed += usize::from(error.is_some());
+        if as_json {
+            output::line(json_line(
+                &json!({"kind": "kept", "run": place.name(), "batch": args.batch, "error": error}),
+            ))?;
+        } else if let Some(error) = error {
+            say(format!("error: {}: {error}", place.name()));
+        }
+        bar.set(number as u64 + 1);
+    }
+    bar.done();
+    let before = ours.len() - todo.len();
+    say(format!(
+        "{} replayed, {failed} failed, {before} there already: batch `{}` of {url}",
+        plural(todo.len() as u64, "run"),
+        args.batch
+    ));
+    if failed > 0 { Err(Error::NotReplayed { failed, of: todo.len() }) } else { Ok(()) }
+}
+
+/// What hangs on the store and not on the run is nobody's result.
+fn is_of_store(error: &Error) -> bool {
+    matches!(error, Error::Store(error) if !matches!(error, StoreError::Damaged { .. }))
+}
+
+/// The last line of `replay --json`.
+fn last_line(store: &Store, place: &Place, overrides: &Overrides) -> Result<Value, Error> {
+    let recording = store.local(place)?;
+    let source = Source::open(recording.path(), overrides, |_| ())?;
+    let samples = source.samples()?.map(|sample| sample.map_err(Error::from));
+    let replayed = replayed(&source.settings, source.start_s, samples, |_, _| -> Result<(), Error> {
+        if terminal::interrupted() { Err(Error::INTERRUPTED) } else { Ok(()) }
+    })?;
+    // As it would be printed.
+    Ok(serde_json::from_slice(&machine_json(source.settings.machine, &replayed.json(None))).unwrap_or_default())
+}

@@ -1,0 +1,161 @@
+"""The runs of a store, many at once: by one process after another here, or by the workers of a Dask cluster.
+
+    from dask.distributed import Client
+
+    store = inerter.Store("runs")
+    with Client() as client:
+        inerter.batch.replay(store, client, batch="stiffer", settings={"stiffness_n_per_m": 5e6})
+
+What comes of each run goes back into the store, in the batch of that name: `store.results("stiffer")`. A run that a batch has already is
+not done again, so that a batch that broke off goes on where it was; a worker that dies loses the run that it was at, which another
+one takes. A run that cannot be used is a row with its error. `dask` and `distributed` are optional: `pip install "inerter[dask]"`.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from . import _inerter
+from ._inerter import InerterError
+
+if TYPE_CHECKING:
+    from ._store import Store
+
+__all__ = ["diagnose", "identify", "replay"]
+
+Progress = Callable[[float], object]
+"""Hears of the part of the runs that is done, from 0 to 1."""
+
+
+def replay(
+    store: Store,
+    client: Any = None,
+    *,
+    batch: str = "replay",
+    settings: Mapping[str, float] | None = None,
+    where: Iterable[str] = (),
+    device: str | None = None,
+    start: str | None = None,
+    end: str | None = None,
+    again: bool = False,
+    progress: Progress | None = None,
+) -> list[dict[str, Any]]:
+    """Takes the runs of a store through the estimator: `inerter replay` of each.
+
+    `client` is a Dask `Client`, whose workers must have this package and reach the store; without one the work is done here. `batch` names
+    what comes of it: letters, digits, `-` and `_`. `settings` go over those of each recording. `where`, `device`, `start` and
+    `end` choose runs as `store.runs` does. `again` does what the batch has once more. Gives the rows of the batch, as `store.results` does.
+
+    Raises InerterError where the store cannot be used, and RuntimeError where a worker does not have this version of the package.
+    """
+    return _batch(store, client, "replay", batch, settings, (where, device, start, end), again, progress)
+
+
+def diagnose(
+    store: Store,
+    client: Any = None,
+    *,
+    batch: str = "diagnose",
+    settings: Mapping[str, float] | None = None,
+    where: Iterable[str] = (),
+    device: str | None = None,
+    start: str | None = None,
+    end: str | None = None,
+    again: bool = False,
+    progress: Progress | None = None,
+) -> list[dict[str, Any]]:
+    """Names what breaks the law in each run of a store: `inerter diagnose`. The rest as for `replay`."""
+    return _batch(store, client, "diagnose", batch, settings, (where, device, start, end), again, progress)
+
+
+def identify(
+    store: Store,
+    client: Any = None,
+    *,
+    batch: str = "identify",
+    settings: Mapping[str, float] | None = None,
+    where: Iterable[str] = (),
+    device: str | None = None,
+    start: str | None = None,
+    end: str | None = None,
+    again: bool = False,
+    progress: Progress | None = None,
+) -> list[dict[str, Any]]:
+    """Identifies the complete model of the device from each run of a store by itself: `inerter identify`. The rest as for `replay`."""
+    return _batch(store, client, "identify", batch, settings, (where, device, start, end), again, progress)
+
+
+def _batch(
+    store: Store,
+    client: Any,
+    kind: str,
+    batch: str,
+    settings: Mapping[str, float] | None,
+    choice: tuple[Iterable[str], str | None, str | None, str | None],
+    again: bool,
+    progress: Progress | None,
+) -> list[dict[str, Any]]:
+    where, device, start, end = choice
+    names = [row["run"] for row in store.runs(*where, device=device, start=start, end=end)]
+    kept = set() if again else set(store._store.kept(batch))
+    todo = [name for name in names if name not in kept]
+    # A worker may stand in another folder.
+    url = store.url if "://" in store.url else os.path.abspath(store.url)
+    given = dict(settings or {})
+    work = partial(_work, url=url, kind=kind, batch=batch, given=given)
+    for number, _ in enumerate(map(work, todo) if client is None else _spread(client, work, todo), 1):
+        if progress is not None:
+            progress(number / len(todo))
+    chosen = set(names)
+    return [row for row in store.results(batch) if row["run"] in chosen]
+
+
+def _spread(client: Any, work: Callable[[str], str], names: list[str]) -> Iterator[str]:
+    """The work on a cluster: the names in the order in which they are done."""
+    _check(client)
+    import distributed
+
+    as_completed: Any = distributed.as_completed
+    # What a worker had not done when it died is done by another one.
+    futures = client.map(work, names, pure=False)
+    try:
+        for future in as_completed(futures):
+            yield future.result()
+    finally:
+        # Nobody waits for the rest, where there is one.
+        client.cancel(futures)
+
+
+def _work(name: str, *, url: str, kind: str, batch: str, given: dict[str, float]) -> str:
+    """Does one run, and keeps what comes of it; gives its name."""
+    import inerter
+
+    store = inerter.Store(url)
+    call: Callable[[inerter.Run], Mapping[str, Any]] = getattr(inerter, kind)
+    result: str | None = None
+    error = ("", "")
+    try:
+        result = json.dumps(dict(call(store.open(name, settings=given))))
+    except InerterError as raised:
+        # What hangs on the store and not on the run is nobody's result.
+        if str(raised.code).startswith("inerter::store") and raised.code != "inerter::store::damaged":
+            raise
+        error = (str(raised.code), str(raised))
+    store._store.keep(batch, name, kind, given, result, error)
+    return name
+
+
+def _check(client: Any) -> None:
+    """Says so at once where a worker could do nothing."""
+    help = "install the same wheel on every worker: `pip install inerter-*.whl`"
+    # By built-in functions, as nothing of ours may be there; one that dies meanwhile is no matter.
+    found = client.run(eval, "__import__('inerter').__version__", on_error="return").values()
+    for version in found:
+        if isinstance(version, ImportError):
+            raise RuntimeError(f"a worker of the cluster has no package inerter ({version}): {help}") from version
+        if isinstance(version, str) and version != _inerter.__version__:
+            raise RuntimeError(f"a worker has inerter {version}, here it is {_inerter.__version__}: {help}")

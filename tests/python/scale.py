@@ -1,0 +1,110 @@
+"""What many runs cost: a store is filled with simulated runs, and all of them are replayed by workers of Dask.
+
+    python scale.py PROGRAM FOLDER RUNS
+
+Prints docs/tables/scale.md. The store stays in FOLDER, and is filled further where there are too few.
+"""
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+import inerter
+from distributed import Client, LocalCluster
+
+DURATION_S = 20
+ALONE = 200
+"""Runs that are replayed without store and cluster, to tell what those cost."""
+
+
+def fill(folder, seed):
+    """Simulates a run and adds it; seconds of adding alone."""
+    path = folder / f"{seed}.mcap"
+    inerter.simulate("random", seed=seed, duration_s=DURATION_S, path=path, replace=True)
+    started = time.perf_counter()
+    inerter.Store(folder / "store").add(path)
+    path.unlink()
+    return time.perf_counter() - started
+
+
+def peak_mb():
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def spread(store, workers, batch, runs, kill=False):
+    """Seconds for all runs, and the largest memory of a worker [MB]. With `kill` one of them ends when a third is done."""
+    with LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as cluster, Client(cluster) as client:
+        victim = [next(iter(client.run(os.getpid).values()))] if kill else []
+
+        def told(part):
+            if part > 1 / 3 and victim:
+                os.kill(victim.pop(), signal.SIGKILL)
+
+        started = time.perf_counter()
+        rows = inerter.batch.replay(store, client, batch=batch, progress=told)
+        took = time.perf_counter() - started
+        memory = max(client.run(peak_mb).values())
+    assert len(rows) == runs and all(row["error"] is None for row in rows) and not victim
+    return took, memory
+
+
+def main(program, folder, runs):
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    store = inerter.Store(folder / "store")
+    there = len(store) if (folder / "store").exists() else 0
+    with ProcessPoolExecutor(2) as pool:
+        adding = list(pool.map(fill, [folder] * (runs - there), range(there, runs), chunksize=8))
+    rows = store.runs()
+    assert len(rows) == runs, f"{len(rows)} runs are there, and {runs} are to be measured: begin with another folder"
+    started = time.perf_counter()
+    for row in rows[:ALONE]:
+        inerter.replay(store.open(row["run"]))
+    alone_s = (time.perf_counter() - started) / min(ALONE, runs)
+    stamp = str(int(time.time()))
+    one, memory_of_one = spread(store, 1, f"one-{stamp}", runs)
+    two, memory_of_two = spread(store, 2, f"two-{stamp}", runs)
+    spread(store, 2, f"killed-{stamp}", runs, kill=True)
+    started = time.perf_counter()
+    told = [program, "replay", "--store", str(folder / "store"), "--batch", f"program-{stamp}"]
+    subprocess.run(told, check=True, capture_output=True)
+    by_program = time.perf_counter() - started
+    started = time.perf_counter()
+    store.runs("law = broken")
+    listing = time.perf_counter() - started
+    files = [path for path in (folder / "store").rglob("*") if path.is_file() and "results" not in path.parts]
+    recordings = sum(path.stat().st_size for path in files if path.suffix == ".mcap")
+    tables = sum(path.stat().st_size for path in files) - recordings
+    figures = [
+        ("runs", f"{runs}", ""),
+        ("replay of a run without store and cluster", f"{1e3 * alone_s:.1f}", "ms"),
+        ("one worker, a run", f"{1e3 * one / runs:.1f}", "ms"),
+        ("of it store and cluster (goal: under 20)", f"{1e3 * (one / runs - alone_s):.1f}", "ms"),
+        ("two workers, a run", f"{1e3 * two / runs:.1f}", "ms"),
+        ("two workers over one (goal: at least 1.8)", f"{one / two:.2f}", "times"),
+        ("`inerter replay --store`, a run", f"{1e3 * by_program / runs:.1f}", "ms"),
+        ("adding a run", f"{1e3 * sum(adding) / len(adding):.1f}" if adding else "-", "ms"),
+        ("`store.runs` with a condition, a run", f"{1e3 * listing / runs:.2f}", "ms"),
+        ("largest memory of a worker (goal: under 200)", f"{max(memory_of_one, memory_of_two):.0f}", "MB"),
+        ("recording of a run", f"{recordings / runs / 1e3:.1f}", "KB"),
+        ("tables and sums of a run", f"{tables / runs / 1e3:.1f}", "KB"),
+        ("rows after a worker was killed when a third was done", f"{runs}", "all without an error"),
+    ]
+    print("# What many runs cost\n")
+    print(
+        "`cargo xtask scale --update` writes this table: simulated runs of 20 s at 1 kHz in a store in a folder, replayed by the workers of a\n"
+        "Dask cluster on one machine of two processors, which the scheduler and the client share with them. Ratios mean something, times that machine. *Adding* is by two\n"
+        "processes at once. Memory is the most that a worker's process ever had.\n"
+    )
+    print("| figure | value | unit |\n|---|--:|---|")
+    for name, value, unit in figures:
+        print(f"| {name} | {value} | {unit} |")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], sys.argv[2], int(sys.argv[3]))
