@@ -14,10 +14,12 @@ pub mod fuzz;
 pub mod grid;
 pub mod identified;
 pub mod identify;
+#[path = "../../firmware/core/tests/closed_loop/linear.rs"]
 pub mod linear;
 pub mod nearly;
 pub mod plan;
 pub mod qemu;
+#[path = "../../firmware/core/tests/closed_loop/reference.rs"]
 pub mod reference;
 pub mod robustness;
 pub mod roc;

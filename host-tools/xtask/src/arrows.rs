@@ -63,7 +63,7 @@ const TABLES: &[&str] = &["parquet", "hdf5-pure"];
 /// The law. Nothing may use a program: the images, the host's, `xtask`, `inerter-bench`, `inerter-twin` and the programs of others
 /// stand on no right-hand side; the twin above all, as its emulator is GPL. `inerter-tests` is for `inerter-fuzz` alone.
 const LAWS: &[Law] = &[
-    Law::of("inerter-core"),
+    Law::of("inerter-core").tests_may_use(&["inerter-plant"]),
     Law::of("inerter-wire").may_use(&["inerter-core"]),
     Law::of("inerter-app").may_use(&["inerter-core", "inerter-wire"]),
     Law::of("ads131m04"),

@@ -1,8 +1,8 @@
 //! Whether friction that is not Coulomb's is called so, its intervals cover, and Coulomb's is left alone.
 
+use crate::rig::{MOTIONS, calibrated, raw, three, truth};
 use inerter_core::{LawStatus, Published, Regime, Settings, State, Status};
 use inerter_plant::{Excitation, Inerter, Plant, Sensors, Simulation};
-use inerter_tests::grid::{self, MOTIONS, RIGS, calibrated, raw, three, truth};
 
 /// What is published, and what is said of friction with it.
 struct Said {
@@ -28,7 +28,7 @@ fn run_with(device: Inerter, motion: &str, seed: u64, noise_n: f64, stated: impl
     let active = settings.validate().unwrap();
     let mut state = Box::new(State::new(&active));
     let (mut regimes, mut laws) = (Vec::new(), Vec::new());
-    let duration_s = MOTIONS.iter().find(|known| known.name == motion).unwrap().duration_s;
+    let duration_s = MOTIONS.iter().find(|(name, _)| *name == motion).unwrap().1;
     let plant = Plant::new(device, Excitation::parse(motion, seed).unwrap()).unwrap();
     for sample in Simulation::of(plant, sensors).unwrap().lasting(duration_s) {
         if let Some(Published { detail, law, .. }) = active.step(&mut state, &raw(&sample)).published {
@@ -56,7 +56,7 @@ fn wrong(device: &Inerter, said: &Said) -> Vec<usize> {
 fn coulomb_friction_is_left_alone() {
     let (mut false_alarms, mut all) = (0, 0);
     for device in [Inerter::paper(), Inerter::worn()] {
-        for motion in MOTIONS.map(|motion| motion.name) {
+        for motion in MOTIONS.map(|(name, _)| name) {
             for (noise_n, memory_s) in [(1.0, 100.0), (1.0, 4.0), (5.0, 4.0)] {
                 let said = run(device, motion, 7, memory_s, noise_n);
                 let hidden = motion == "fast" && said.regime == Regime::Unknown;
@@ -76,7 +76,7 @@ fn coulomb_friction_is_left_alone() {
 #[test]
 fn noise_and_steps_explain_the_residual() {
     for noise_n in [0.2, 1.0, 5.0, 20.0] {
-        for motion in MOTIONS.map(|motion| motion.name) {
+        for motion in MOTIONS.map(|(name, _)| name) {
             let said = run(Inerter::paper(), motion, 7, 100.0, noise_n);
             assert!((0.8..1.25).contains(&said.unexplained), "{motion}, {noise_n} N: {}", said.unexplained);
             assert_eq!(said.law, LawStatus::Holds, "{motion}, {noise_n} N");
@@ -113,7 +113,7 @@ fn a_skew_that_is_stated_breaks_no_law() {
 fn a_law_that_holds_is_not_called_broken() {
     let (mut broken, mut all) = (0, 0);
     for device in [Inerter::paper(), Inerter::worn()] {
-        for motion in MOTIONS.map(|motion| motion.name) {
+        for motion in MOTIONS.map(|(name, _)| name) {
             for (noise_n, memory_s, seed) in [(0.2, 2.0, 3), (1.0, 4.0, 11), (5.0, 1.0, 12), (20.0, 20.0, 13)] {
                 let said = run(device, motion, seed, memory_s, noise_n);
                 let of_these = said.laws.iter().filter(|law| **law == LawStatus::Broken).count();
@@ -124,25 +124,6 @@ fn a_law_that_holds_is_not_called_broken() {
         }
     }
     assert!(all > 10_000 && broken < all / 1000, "{broken} of {all}");
-}
-
-/// At 4 kHz some runs begin so: with the seeds of the grid in 4 of 192.
-#[test]
-fn a_reversal_placed_too_early_does_not_break_the_law() {
-    let device = Inerter::paper();
-    for motion in MOTIONS.iter().filter(|motion| ["multi", "random"].contains(&motion.name)) {
-        for seed in [1, 13, 18, 19].into_iter().chain(101..=140) {
-            let last = grid::run(&device, motion, &RIGS[2], seed).unwrap().last;
-            for parameters in [last.recent, last.whole_run] {
-                let found = three(&parameters);
-                let are_right = found.iter().zip(truth(&device)).all(|(found, truth)| {
-                    found.status() == Status::Ok
-                        && (f64::from(found.fitted().value) - truth).abs() < f64::from(found.u95())
-                });
-                assert!(are_right, "{}, {seed}: {found:?}", motion.name);
-            }
-        }
-    }
 }
 
 #[test]
@@ -174,11 +155,27 @@ fn presliding_is_called_so_and_covered() {
 fn stribeck_friction_leaves_no_wrong_coulomb_friction() {
     for mm_per_s in [2.0, 5.0, 10.0] {
         let device = Inerter { stribeck_velocity_m_per_s: mm_per_s * 1e-3, ..Inerter::stribeck() };
-        for motion in MOTIONS.map(|motion| motion.name) {
+        for motion in MOTIONS.map(|(name, _)| name) {
             let said = run(device, motion, 5, 30.0, 1.0);
             assert!(!wrong(&device, &said).contains(&2), "{mm_per_s} mm/s, {motion}: {:?}", said.last.whole_run);
             let must_show = motion == "slow" || (mm_per_s >= 10.0 && ["mid", "random", "two"].contains(&motion));
             assert!(!must_show || said.regime == Regime::Stribeck, "{mm_per_s} mm/s, {motion}: {:?}", said.regime);
         }
+    }
+}
+
+#[test]
+fn simulated_coulomb_friction_turns_at_once() {
+    for motion in ["mid", "fast", "multi", "random", "two"] {
+        let device = Inerter::paper();
+        let sensors = Sensors { force_noise_n: 1.0, seed: 3, ..Sensors::default() };
+        let active = calibrated(&device, &sensors).validate().unwrap();
+        let mut state = State::new(&active);
+        assert_eq!(active.publish(&state).detail.friction.reversal_ratio, None);
+        for sample in Simulation::new(device, Excitation::parse(motion, 3).unwrap(), sensors).unwrap().lasting(20.0) {
+            active.step(&mut state, &raw(&sample));
+        }
+        let ratio = active.publish(&state).detail.friction.reversal_ratio.unwrap();
+        assert!((0.95..1.05).contains(&ratio), "{motion}: {ratio}");
     }
 }

@@ -1,9 +1,9 @@
 //! Samples that no device can be blamed for: each kind is told with its time, nothing is published that they made, and motions
 //! without them are left alone.
 
+use crate::rig::{MOTIONS, calibrated, raw, three, truth};
 use inerter_core::{Estimate, LawStatus, RawSample, Settings, State, Status, Warning, WarningKind};
 use inerter_plant::{Excitation, Inerter, Plant, Sensors, Simulation};
-use inerter_tests::grid::{MOTIONS, calibrated, raw, three, truth};
 
 const RATE_HZ: f64 = 1000.0;
 
@@ -16,7 +16,7 @@ struct Said {
 fn samples(device: Inerter, motion: &str, seed: u64, noise_n: f64) -> (Settings, Vec<RawSample>) {
     let sensors = Sensors { force_noise_n: noise_n, force_offset_n: 3.0, seed, ..Sensors::default() };
     let plant = Plant::new(device, Excitation::parse(motion, seed).unwrap()).unwrap();
-    let duration_s = MOTIONS.iter().find(|known| known.name == motion).unwrap().duration_s;
+    let duration_s = MOTIONS.iter().find(|(name, _)| *name == motion).unwrap().1;
     let samples = Simulation::of(plant, sensors).unwrap().lasting(duration_s).map(|sample| raw(&sample)).collect();
     (calibrated(&device, &sensors), samples)
 }
@@ -49,7 +49,7 @@ fn wrong(device: &Inerter, said: &Said) -> usize {
 #[test]
 fn motions_without_a_fault_are_left_alone() {
     for device in [Inerter::paper(), Inerter::worn(), Inerter::stribeck()] {
-        for motion in MOTIONS.map(|motion| motion.name) {
+        for motion in MOTIONS.map(|(name, _)| name) {
             for noise_n in [0.0, 0.2, 1.0, 20.0] {
                 let (settings, samples) = samples(device, motion, 31, noise_n);
                 let said = run(&settings, &samples);
@@ -61,7 +61,7 @@ fn motions_without_a_fault_are_left_alone() {
 
 #[test]
 fn a_force_of_the_wrong_sign_is_no_inertance() {
-    for motion in MOTIONS.map(|motion| motion.name) {
+    for motion in MOTIONS.map(|(name, _)| name) {
         let (settings, mut samples) = samples(Inerter::paper(), motion, 32, 1.0);
         samples.iter_mut().for_each(|sample| sample.force_code = -sample.force_code);
         let said = run(&settings, &samples);
@@ -98,7 +98,7 @@ fn a_force_that_is_clipped_below_its_rails_is_left_out() {
 
 #[test]
 fn a_force_that_stands_still_is_none() {
-    for motion in MOTIONS.map(|motion| motion.name) {
+    for motion in MOTIONS.map(|(name, _)| name) {
         for from_s in [0.0, 10.0] {
             let (settings, mut samples) = samples(Inerter::paper(), motion, 34, 1.0);
             let from = (from_s * RATE_HZ) as usize;

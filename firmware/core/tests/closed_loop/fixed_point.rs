@@ -1,8 +1,8 @@
 //! The fixed-point estimator against the same algorithm in f64.
 
+use crate::{linear::Cholesky, reference::Pair, rig};
 use inerter_core::Settings;
 use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
-use inerter_tests::{grid, reference::Pair};
 
 fn pair(motion: &str, rate_hz: f64, change: impl Fn(&mut Settings)) -> Pair {
     let device = Inerter::paper();
@@ -14,13 +14,13 @@ fn pair(motion: &str, rate_hz: f64, change: impl Fn(&mut Settings)) -> Pair {
         seed: 3,
         ..Sensors::default()
     };
-    let mut settings = grid::calibrated(&device, &sensors);
+    let mut settings = rig::calibrated(&device, &sensors);
     change(&mut settings);
     let excitation = Excitation::parse(motion, 3).unwrap();
     let duration_s = excitation.duration_s();
     let mut pair = Pair::new(&settings).unwrap();
     for sample in Simulation::new(device, excitation, sensors).unwrap().lasting(duration_s) {
-        pair.step(&grid::raw(&sample));
+        pair.step(&rig::raw(&sample));
     }
     pair
 }
@@ -57,4 +57,33 @@ fn full_scales_far_from_what_comes() {
         settings.full_scale_acceleration_m_per_s2 = 5000.0;
     };
     agrees(&pair("random@60s;mid@60s", 1000.0, far), 10_000);
+}
+
+/// The solver of the reference.
+const MATRIX: [[f64; 3]; 3] = [[4.0, 2.0, 1e-3], [2.0, 3.0, 0.0], [1e-3, 0.0, 1e-6]];
+
+#[test]
+fn solves_what_it_was_made_from() {
+    let wanted = [0.5, -2.0, 300.0];
+    let right = std::array::from_fn(|i| (0..3).map(|k| MATRIX[i][k] * wanted[k]).sum());
+    let found = Cholesky::of(&MATRIX, 1e-12).unwrap().solve(&right);
+    for (found, wanted) in found.iter().zip(wanted) {
+        assert!((found / wanted - 1.0).abs() < 1e-12, "{found} {wanted}");
+    }
+}
+
+#[test]
+fn inverts() {
+    // By the cofactors of the upper left block and the determinant.
+    let determinant = 4.0 * 3.0 * 1e-6 - 2.0 * 2.0 * 1e-6 - 3.0 * 1e-6;
+    let found = Cholesky::of(&MATRIX, 1e-12).unwrap().inverse_diagonal();
+    assert!((found[0] - 3.0 * 1e-6 / determinant).abs() < 1e-12);
+    assert!((found[2] / (8.0 / determinant) - 1.0).abs() < 1e-12);
+}
+
+#[test]
+fn refuses_what_is_not_definite() {
+    assert!(Cholesky::of(&[[1.0, 1.0], [1.0, 1.0]], 1e-12).is_none());
+    assert!(Cholesky::of(&[[0.0, 0.0], [0.0, 1.0]], 1e-12).is_none());
+    assert!(Cholesky::of(&[[f64::NAN, 0.0], [0.0, 1.0]], 1e-12).is_none());
 }

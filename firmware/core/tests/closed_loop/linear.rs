@@ -51,36 +51,3 @@ impl<const N: usize> Cholesky<N> {
         })
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    const MATRIX: [[f64; 3]; 3] = [[4.0, 2.0, 1e-3], [2.0, 3.0, 0.0], [1e-3, 0.0, 1e-6]];
-
-    #[test]
-    fn solves_what_it_was_made_from() {
-        let wanted = [0.5, -2.0, 300.0];
-        let right = std::array::from_fn(|i| (0..3).map(|k| MATRIX[i][k] * wanted[k]).sum());
-        let found = Cholesky::of(&MATRIX, 1e-12).unwrap().solve(&right);
-        for (found, wanted) in found.iter().zip(wanted) {
-            assert!((found / wanted - 1.0).abs() < 1e-12, "{found} {wanted}");
-        }
-    }
-
-    #[test]
-    fn inverts() {
-        // By the cofactors of the upper left block and the determinant.
-        let determinant = 4.0 * 3.0 * 1e-6 - 2.0 * 2.0 * 1e-6 - 3.0 * 1e-6;
-        let found = Cholesky::of(&MATRIX, 1e-12).unwrap().inverse_diagonal();
-        assert!((found[0] - 3.0 * 1e-6 / determinant).abs() < 1e-12);
-        assert!((found[2] / (8.0 / determinant) - 1.0).abs() < 1e-12);
-    }
-
-    #[test]
-    fn refuses_what_is_not_definite() {
-        assert!(Cholesky::of(&[[1.0, 1.0], [1.0, 1.0]], 1e-12).is_none());
-        assert!(Cholesky::of(&[[0.0, 0.0], [0.0, 1.0]], 1e-12).is_none());
-        assert!(Cholesky::of(&[[f64::NAN, 0.0], [0.0, 1.0]], 1e-12).is_none());
-    }
-}

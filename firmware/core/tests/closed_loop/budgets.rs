@@ -1,0 +1,328 @@
+//! What an interval is made of, against the same in f64 (`textbook`), against the plant, and against runs in which a cause is there.
+
+use crate::rig::{self, calibrated, four, instruments, listen, off, shaken, three, truth};
+use crate::textbook::{Kernel, Rows, Scatter, budgets, fit, moved};
+use inerter_core::{
+    Active, Bank, Budget, Interval, LawStatus, NORMAL_COVERAGE, Published, RawSample, Regime, Settings, Source, State,
+};
+use inerter_plant::{Inerter, Sensors};
+
+/// Everything stated, a memory longer than any run here.
+fn stated(device: &Inerter, sensors: &Sensors) -> Settings {
+    Settings {
+        force_gain_u95: 0.004,
+        lead_u95: 0.002,
+        timebase_u95: 0.0007,
+        skew_u95_s: 20e-6,
+        structure_mass_u95_kg: 0.3,
+        stiffness_u95_n_per_m: 0.07 * device.stiffness_n_per_m,
+        memory_s: 1000.0,
+        ..calibrated(device, sensors)
+    }
+}
+
+struct Told {
+    active: Active,
+    state: Box<State>,
+    published: Published,
+    rows: [Rows; 2],
+}
+
+fn told(settings: &Settings, samples: &[RawSample]) -> Told {
+    let active = settings.validate().unwrap();
+    let mut state = Box::new(State::new(&active));
+    let mut rows = [Bank::Fast, Bank::Slow].map(Rows::new);
+    for sample in samples {
+        active.step(&mut state, sample);
+        rows.iter_mut().for_each(|rows| rows.follow(&active, &state));
+    }
+    Told { published: active.publish(&state), active, state, rows }
+}
+
+#[track_caller]
+fn is_near(found: f64, wanted: f64, part: f64, what: &str) {
+    assert!((found - wanted).abs() <= part * wanted.abs(), "{what}: {found} for {wanted}");
+}
+
+const SOURCES: [Source; 8] = [
+    Source::Noise,
+    Source::Encoder,
+    Source::Skew,
+    Source::Gain,
+    Source::Lead,
+    Source::Timebase,
+    Source::Structure,
+    Source::Stiffness,
+];
+
+/// One run, and the bank that tells of it.
+struct Rig {
+    motion: &'static str,
+    device: Inerter,
+    sensors: Sensors,
+    settings: Settings,
+    bank: Bank,
+}
+
+/// Runs whose intervals are made of different things: noise; steps that repeat, or are coarse, or slow; many readings; a gap; a
+/// contact of unknown stiffness.
+fn rigs() -> Vec<Rig> {
+    let usual = instruments(5);
+    let paper = Inerter::paper();
+    let rig = |motion, metres_per_count: f64, device: Inerter| {
+        let sensors = Sensors { metres_per_count, ..usual };
+        Rig { motion, device, sensors, settings: stated(&device, &sensors), bank: Bank::Fast }
+    };
+    let fine = usual.metres_per_count;
+    let board = Sensors { sample_rate_hz: 4000.0, oversampling: 16.0, newtons_per_code: 0.01, ..usual };
+    let light = Inerter { inertance_kg: 20.0, viscous_n_s_per_m: 200.0, coulomb_n: 8.0, ..paper };
+    let random = rig("random@20s", fine, paper);
+    vec![
+        rig("two@20s", fine, paper),
+        rig("mid@10s", 20e-6, paper),
+        rig("fast@15s", 10e-6, paper),
+        rig("random@10s", fine, light),
+        rig("random@10s", fine, Inerter { backlash_m: 50e-6, ..paper }),
+        rig("sine:2Hz:2mm@20s", 40e-6, Inerter { structure_mass_kg: 0.0, ..paper }),
+        rig("slow@60s", fine, paper),
+        Rig { bank: Bank::Slow, ..rig("slow@60s", -8e-6, paper) },
+        Rig { bank: Bank::Slow, ..rig("slow@60s", 20e-6, paper) },
+        Rig { motion: "multi@10s", device: paper, sensors: board, settings: stated(&paper, &board), bank: Bank::Fast },
+        Rig { settings: Settings { stiffness_n_per_m: 0.0, ..random.settings }, ..rig("random@10s", fine, paper) },
+        Rig { settings: Settings { stiffness_u95_n_per_m: 0.0, ..random.settings }, ..rig("slow@30s", fine, paper) },
+        random,
+    ]
+}
+
+impl Rig {
+    fn told(&self) -> Told {
+        told(&self.settings, &shaken(&self.device, self.motion, 60.0, &self.sensors))
+    }
+}
+
+#[test]
+fn every_part_of_every_interval_is_that_of_the_theory() {
+    for rig in rigs() {
+        let Told { active, state, published, rows } = rig.told();
+        let Rig { motion, sensors, settings, bank, .. } = rig;
+        assert_eq!(published.estimate.bank, bank, "{motion} {} m", sensors.metres_per_count);
+        let rows = &rows[bank as usize].rows;
+        let kernel = Kernel::of(&settings, bank);
+        let known = fit(rows, &kernel, settings.oversampling);
+        let motion_of = active.motion(&state);
+        let scatter = Scatter::of(&known, &kernel, &settings, &motion_of);
+        let wanted = budgets(&known, &scatter, &settings, &motion_of);
+        let found = active.budgets(&state).whole_run;
+        let parameters = four(&published.estimate.whole_run);
+        for i in 0..4 {
+            let what = format!("{motion} {} m, parameter {i}", sensors.metres_per_count);
+            let structure = if i == 0 { settings.structure_mass_kg } else { 0.0 };
+            let Interval { value, u95 } = parameters[i].fitted();
+            is_near(f64::from(value) + structure, known.values[i], 2e-4, &what);
+            for source in SOURCES {
+                let square = wanted[i][source as usize];
+                let given = f64::from(found[i].given_u95(source) / NORMAL_COVERAGE);
+                is_near(given, square.sqrt(), 2e-3, &format!("{what}, {source:?}"));
+            }
+            is_near(f64::from(found[i].scatter_freedom()), known.observations - 4.0, 1e-4, &what);
+            assert_eq!(u95, found[i].u95(), "{what}");
+            let squares: f32 = found[i].parts().iter().map(|(_, part)| part * part).sum();
+            is_near(f64::from(squares.sqrt()), f64::from(u95), 1e-5, &what);
+        }
+        // What is known of the motion.
+        is_near(f64::from(motion_of.acceleration_squared), known.acceleration_squared, 1e-3, motion);
+        is_near(f64::from(motion_of.low_squared), known.acceleration_squared / known.velocity_squared, 1e-3, motion);
+        let readings = rows.len() as f64 * kernel.spacing * settings.oversampling;
+        is_near(f64::from(motion_of.readings), readings, 1e-6, motion);
+        is_near(f64::from(published.estimate.residual_rms_n), known.variance.sqrt(), 1e-3, motion);
+        assert_eq!(published.estimate.updates as usize, rows.len());
+    }
+}
+
+/// A memory that has not yet forgotten knows what the whole run knows.
+#[test]
+fn what_is_recent_is_the_whole_run_until_the_memory_is_full() {
+    for rig in rigs() {
+        let Told { active, state, published, .. } = rig.told();
+        let Rig { motion, sensors, .. } = rig;
+        let all = active.budgets(&state);
+        for (i, (recent, whole)) in all.recent.iter().zip(&all.whole_run).enumerate() {
+            let what = format!("{motion} {} m, parameter {i}", sensors.metres_per_count);
+            for source in Source::ALL {
+                let [recent, whole] = [recent, whole].map(|budget| f64::from(budget.given_u95(source)));
+                is_near(recent, whole, 2e-3, &format!("{what}, {source:?}"));
+            }
+        }
+        let Published { estimate, .. } = published;
+        for (recent, whole) in four(&estimate.recent).into_iter().zip(four(&estimate.whole_run)) {
+            is_near(f64::from(recent.fitted().value), f64::from(whole.fitted().value), 2e-4, motion);
+        }
+    }
+}
+
+/// What the parameters move by when the updates near rest are left out, beyond chance; nothing else is of the model here.
+#[test]
+fn what_moves_without_the_updates_near_rest_is_the_models_part() {
+    let mut seen = 0;
+    for seed in 1..13 {
+        for motion in ["random@10s", "two@10s"] {
+            let device = Inerter::paper();
+            let sensors = instruments(seed);
+            let settings = stated(&device, &sensors);
+            let Told { active, state, published, rows } = told(&settings, &shaken(&device, motion, 60.0, &sensors));
+            if published.detail.friction.regime != Regime::Coulomb || published.law.status != LawStatus::Holds {
+                continue;
+            }
+            let rows = &rows[0].rows;
+            let kernel = Kernel::of(&settings, Bank::Fast);
+            let known = fit(rows, &kernel, 1.0);
+            let motion_of = active.motion(&state);
+            let scatter = Scatter::of(&known, &kernel, &settings, &motion_of);
+            let wanted = moved(rows, &known, &scatter, &kernel, 1.0, f64::from(motion_of.repeats));
+            for (budget, wanted) in active.budgets(&state).whole_run.iter().zip(wanted) {
+                let found = f64::from(budget.given_u95(Source::Model));
+                let error = f64::from(budget.standard_error());
+                seen += u32::from(wanted > 0.1 * error);
+                // A difference of what is nearly the same is known to a part of its standard error.
+                let near = (found - wanted).abs() <= 0.02 * wanted + 0.05 * error;
+                assert!(near, "{motion} {seed}: {found} for {wanted}");
+            }
+        }
+    }
+    assert!(seen > 10, "{seen}");
+}
+
+/// Noise of the force through the kernel is what the residual has, and what the law is judged by.
+#[test]
+fn the_residual_is_the_forces_noise_and_the_encoders_steps() {
+    for (rate_hz, noise_n, count_m) in
+        [(1000.0, 1.0, 2e-7), (1000.0, 5.0, 2.44e-6), (1000.0, 0.2, 10e-6), (4000.0, 1.0, 2.44e-6), (500.0, 3.0, 1e-6)]
+    {
+        let sensors =
+            Sensors { sample_rate_hz: rate_hz, force_noise_n: noise_n, metres_per_count: count_m, ..instruments(3) };
+        let device = Inerter::paper();
+        let settings = Settings { memory_s: 1000.0, ..rig::exact(calibrated(&device, &sensors)) };
+        let heard = listen(&settings, &shaken(&device, "random", 20.0, &sensors));
+        let kernel = Kernel::of(&settings, Bank::Fast);
+        let mass = device.inertance_kg + device.structure_mass_kg;
+        let code = sensors.newtons_per_code;
+        let of_noise = (noise_n * noise_n + code * code / 12.0) * (151.0 / 315.0) / (2.0 * kernel.spacing);
+        let of_steps = mass * mass * kernel.steps;
+        let what = format!("{rate_hz} Hz, {noise_n} N, {count_m} m");
+        let residual = f64::from(heard.last.estimate.residual_rms_n);
+        is_near(residual, (of_noise + of_steps).sqrt(), 0.12, &what);
+        let misfit = heard.last.law.misfit.unwrap();
+        assert_eq!(heard.last.law.status, LawStatus::Holds, "{what}");
+        is_near(f64::from(misfit.ratio), 1.0, 0.12, &what);
+        // Of n observations, and of what is left of one difference of the force for each update.
+        let updates = f64::from(heard.last.estimate.updates);
+        let observations = updates / (2.0 * 2.09);
+        let differences = 2048.0 * (1.0 - (1.0 - 1.0 / 2048.0_f64).powf(updates));
+        let share = of_steps / (of_noise + of_steps);
+        let scatter = 1.0 + share * share * (f64::from(heard.state.repeats()) - 1.0);
+        let chance = 2.0 * scatter / (observations - 4.0) + 12.8 / differences;
+        is_near(f64::from(misfit.limit), (1.7 + 3.0 * chance.sqrt()).sqrt(), 0.01, &what);
+    }
+}
+
+/// Values scatter by what is said to scatter: neither less nor much more.
+#[test]
+fn values_scatter_by_their_budget() {
+    for (motion, count_m) in [("random", 2.44e-6), ("random", 20e-6), ("mid", 2.44e-6)] {
+        let (mut squares, mut covered) = ([0.0; 3], [0; 3]);
+        const RUNS: u64 = 32;
+        for seed in 1..=RUNS {
+            let device = Inerter::paper();
+            // Two clocks: nothing repeats itself.
+            let sensors = Sensors { sample_rate_hz: 1000.123, metres_per_count: count_m, ..instruments(seed) };
+            let settings = rig::exact(calibrated(&device, &sensors));
+            let heard = listen(&settings, &shaken(&device, motion, 8.0, &sensors));
+            let found = three(&heard.last.estimate.whole_run);
+            for (i, (parameter, truth)) in found.into_iter().zip(truth(&device)).enumerate() {
+                let ratio = off(parameter, truth);
+                squares[i] += (ratio * f64::from(NORMAL_COVERAGE)).powi(2) / RUNS as f64;
+                covered[i] += u32::from(ratio.abs() <= 1.0);
+            }
+        }
+        for i in 0..3 {
+            let what = format!("{motion}, {count_m} m, {i}: {:.2}, {} of {RUNS}", squares[i].sqrt(), covered[i]);
+            assert!((0.2..1.35).contains(&squares[i].sqrt()) && covered[i] >= 26, "{what}");
+        }
+    }
+}
+
+/// Parameters without the offset, of the same samples under other settings.
+fn values(settings: &Settings, samples: &[RawSample]) -> [f64; 3] {
+    three(&listen(settings, samples).last.estimate.whole_run).map(|found| f64::from(found.fitted().value))
+}
+
+/// A setting that is wrong by its half width moves each parameter by its part of the budget, in all sources that the settings state.
+#[test]
+fn what_a_wrong_setting_does_is_its_part_of_the_budget() {
+    let device = Inerter::paper();
+    // Fine counts: signs stay where they are.
+    let sensors = Sensors { metres_per_count: 1e-7, force_noise_n: 0.2, ..instruments(2) };
+    let samples = shaken(&device, "random", 20.0, &sensors);
+    let right = stated(&device, &sensors);
+    let budgets = |settings: &Settings| {
+        let heard = listen(settings, &samples);
+        let [a, b, c, _]: [Budget; 4] = heard.active.budgets(&heard.state).whole_run;
+        [a, b, c]
+    };
+    let small = Settings { stiffness_u95_n_per_m: 0.03 * device.stiffness_n_per_m, skew_u95_s: 8e-6, ..right };
+    let wrong: [(Source, fn(&mut Settings, f64), [f64; 3]); 6] = [
+        (Source::Gain, |s, sign| s.newtons_per_code *= 1.0 + sign * s.force_gain_u95, [0.02, 0.05, 0.02]),
+        (Source::Lead, |s, sign| s.metres_per_count *= 1.0 + sign * s.lead_u95, [0.03, 0.1, f64::INFINITY]),
+        (
+            Source::Timebase,
+            |s, sign| s.sample_rate_hz *= 1.0 + sign * s.timebase_u95,
+            [0.03, f64::INFINITY, f64::INFINITY],
+        ),
+        (Source::Skew, |s, sign| s.skew_s += sign * s.skew_u95_s, [f64::INFINITY, 0.03, 0.1]),
+        (
+            Source::Structure,
+            |s, sign| s.structure_mass_kg += sign * s.structure_mass_u95_kg,
+            [0.2, f64::INFINITY, f64::INFINITY],
+        ),
+        (
+            Source::Stiffness,
+            |s, sign| s.stiffness_n_per_m += sign * s.stiffness_u95_n_per_m,
+            [0.15, f64::INFINITY, f64::INFINITY],
+        ),
+    ];
+    let parts = budgets(&small);
+    for (source, change, tolerances) in wrong {
+        let [more, less] = [1.0, -1.0].map(|sign| {
+            let mut settings = small;
+            change(&mut settings, sign);
+            values(&settings, &samples)
+        });
+        for i in 0..3 {
+            let moved = 0.5 * (more[i] - less[i]).abs();
+            let given = f64::from(parts[i].given_u95(source));
+            println!("{source:?} {i}: moved {moved}, given {given}");
+            assert!(
+                (moved - given).abs() <= tolerances[i] * given || given == 0.0,
+                "{source:?} {i}: {moved} for {given}"
+            );
+        }
+    }
+}
+
+/// Runs on one rig share gain, lead and clock.
+#[test]
+fn what_a_rig_shares_is_left_out_of_a_difference() {
+    let device = Inerter::paper();
+    let sensors = instruments(2);
+    let samples = shaken(&device, "random", 10.0, &sensors);
+    let of = |settings: &Settings| {
+        let heard = listen(settings, &samples);
+        heard.active.budgets(&heard.state).whole_run.map(|budget| (budget.u95(), budget.same_rig_u95()))
+    };
+    let all = stated(&device, &sensors);
+    let own = Settings { force_gain_u95: 0.0, lead_u95: 0.0, timebase_u95: 0.0, ..all };
+    for ((with, same), (without, _)) in of(&all).into_iter().zip(of(&own)) {
+        is_near(f64::from(same), f64::from(without), 1e-5, "same rig");
+        assert!(with > without);
+    }
+}

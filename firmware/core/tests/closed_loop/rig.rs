@@ -1,0 +1,175 @@
+//! Simulated devices and instruments, the settings that describe them, and what the estimator says of them.
+
+use inerter_core::{
+    Active, Change, Counters, Estimate, Interval, Parameter, Parameters, Published, RawSample, Reversal, Settings,
+    State, Status, Warning,
+};
+use inerter_plant::{Excitation, Inerter, Plant, Sample, Sensors, Simulation};
+
+/// Motions of the grid, and how long each takes to show what it can \[s\].
+pub const MOTIONS: [(&str, f64); 6] =
+    [("slow", 80.0), ("mid", 20.0), ("fast", 20.0), ("multi", 20.0), ("random", 20.0), ("two", 20.0)];
+
+/// Instruments of the usual rig: 1 kHz, 1 N of noise.
+pub fn instruments(seed: u64) -> Sensors {
+    Sensors {
+        force_noise_n: 1.0,
+        force_offset_n: 3.0,
+        encoder_phase_count: (seed as f64 * 0.618) % 1.0,
+        terminal_noise_m: 1e-6,
+        seed,
+        ..Sensors::default()
+    }
+}
+
+/// Settings of a device that was calibrated without error.
+pub fn calibrated(device: &Inerter, sensors: &Sensors) -> Settings {
+    let conversions = sensors.oversampling;
+    let Settings { force_min_code, force_max_code, .. } = Settings::default();
+    Settings {
+        sample_rate_hz: sensors.sample_rate_hz,
+        metres_per_count: sensors.metres_per_count,
+        oversampling: conversions,
+        newtons_per_code: sensors.newtons_per_sample_code(),
+        force_zero_code: sensors.force_zero_code * conversions,
+        force_min_code: (sensors.force_min_code * conversions).max(force_min_code),
+        force_max_code: (sensors.force_max_code * conversions).min(force_max_code),
+        metres_per_terminal_code: sensors.metres_per_terminal_code,
+        structure_mass_kg: device.structure_mass_kg,
+        stiffness_n_per_m: device.stiffness_n_per_m,
+        contact_damping_n_s_per_m: device.contact_damping_n_s_per_m,
+        skew_s: sensors.delay_s,
+        ..Settings::default()
+    }
+}
+
+/// The same settings, which state to know everything exactly.
+pub fn exact(settings: Settings) -> Settings {
+    Settings {
+        force_gain_u95: 0.0,
+        lead_u95: 0.0,
+        timebase_u95: 0.0,
+        skew_u95_s: 0.0,
+        structure_mass_u95_kg: 0.0,
+        // 0 would be taken for 1 %.
+        stiffness_u95_n_per_m: 1e-6 * settings.stiffness_n_per_m,
+        ..settings
+    }
+}
+
+/// The sample as a board hands it over.
+pub fn raw(sample: &Sample) -> RawSample {
+    RawSample {
+        index: sample.index,
+        position_count: sample.position_count,
+        force_code: sample.force_code,
+        terminal_code: sample.terminal_code,
+    }
+}
+
+/// A device shaken for so long.
+pub fn shaken(device: &Inerter, motion: &str, duration_s: f64, sensors: &Sensors) -> Vec<RawSample> {
+    changing(device, Vec::new(), motion, duration_s, sensors)
+}
+
+/// The same, which becomes others at these times \[s\].
+pub fn changing(
+    device: &Inerter,
+    later: Vec<(f64, Inerter)>,
+    motion: &str,
+    duration_s: f64,
+    sensors: &Sensors,
+) -> Vec<RawSample> {
+    let excitation = Excitation::parse(motion, sensors.seed).unwrap();
+    let plant = Plant::changing(*device, later, excitation).unwrap();
+    Simulation::of(plant, *sensors).unwrap().lasting(duration_s).map(|sample| raw(&sample)).collect()
+}
+
+/// All that the estimator has said.
+pub struct Heard {
+    pub active: Active,
+    pub state: Box<State>,
+    pub published: Vec<Published>,
+    pub reversals: Vec<Reversal>,
+    pub warnings: Vec<Warning>,
+    pub changes: Vec<Change>,
+    /// As it stands at the end.
+    pub last: Published,
+}
+
+impl Heard {
+    pub fn counters(&self) -> Counters {
+        self.state.counters()
+    }
+}
+
+/// Shows the samples to an estimator with these settings.
+pub fn listen<'a>(settings: &Settings, samples: impl IntoIterator<Item = &'a RawSample>) -> Heard {
+    let active = settings.validate().unwrap();
+    let state = Box::new(State::new(&active));
+    listen_on(active, state, samples)
+}
+
+/// The same with a state that may have seen something.
+pub fn listen_on<'a>(active: Active, mut state: Box<State>, samples: impl IntoIterator<Item = &'a RawSample>) -> Heard {
+    let (mut published, mut reversals, mut warnings, mut changes) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    for sample in samples {
+        let output = active.step(&mut state, sample);
+        published.extend(output.published);
+        reversals.extend(output.reversal);
+        warnings.extend(output.warning);
+        changes.extend(output.change);
+    }
+    let last = active.publish(&state);
+    published.iter().chain([&last]).for_each(|published| is_sane(&published.estimate));
+    Heard { active, state, published, reversals, warnings, changes, last }
+}
+
+/// A value that is given is a number, and so is its interval.
+pub fn is_sane(estimate: &Estimate) {
+    for parameter in four(&estimate.recent).into_iter().chain(four(&estimate.whole_run)) {
+        assert!(!parameter.fitted().value.is_nan() && !parameter.u95().is_nan(), "{parameter:?}");
+        if let Some(Interval { value, u95 }) = parameter.known() {
+            assert!(value.is_finite() && u95.is_finite() && u95 >= 0.0, "{parameter:?}");
+        }
+    }
+    assert!(!estimate.residual_rms_n.is_nan());
+}
+
+/// In the order of the law.
+pub fn four(parameters: &Parameters) -> [Parameter; 4] {
+    let Parameters { inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n } = *parameters;
+    [inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n]
+}
+
+/// Statuses in the same order.
+pub fn statuses(parameters: &Parameters) -> [Status; 4] {
+    four(parameters).map(|parameter| parameter.status())
+}
+
+/// Inertance, viscous and Coulomb friction.
+pub fn three(parameters: &Parameters) -> [Parameter; 3] {
+    let [inertance, viscous, coulomb, _] = four(parameters);
+    [inertance, viscous, coulomb]
+}
+
+/// What the device truly is, in the same order.
+pub fn truth(device: &Inerter) -> [f64; 3] {
+    [device.inertance_kg, device.viscous_n_s_per_m, device.coulomb_n]
+}
+
+/// Error over the half width of the interval, of what is given.
+pub fn off(parameter: Parameter, truth: f64) -> f64 {
+    let Interval { value, u95 } = parameter.known().unwrap_or_else(|| panic!("{truth} is not identified"));
+    (f64::from(value) - truth) / f64::from(u95)
+}
+
+/// Asserts that each of the three is given, holds the truth, and is as narrow and as wide as this.
+#[track_caller]
+pub fn holds(parameters: &Parameters, device: &Inerter, widths: [std::ops::Range<f64>; 3], what: &str) {
+    for ((parameter, truth), width) in three(parameters).into_iter().zip(truth(device)).zip(widths) {
+        let u95 = f64::from(parameter.u95());
+        assert!(off(parameter, truth).abs() <= 1.0, "{what}: {parameter:?} for {truth}");
+        assert!(width.contains(&u95), "{what}: {u95} of {truth} is not within {width:?}");
+    }
+}
