@@ -1,9 +1,7 @@
 //! Backlash by either route: right where it is given, and refused with the right reason where it cannot be.
 
-use inerter_core::{
-    BacklashSize, Contact, Detail, Interval, RawSample, Reason, Reversal, Route, Settings, State, Status,
-};
-use inerter_plant::{Excitation, Flank, Inerter, Sensors, Simulation};
+use inerter_core::{Contact, Interval, RawSample, Reversal, Route, Settings, State, Status};
+use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
 use inerter_simulate::bench_sensors;
 use inerter_tests::backlash::{Run, cell, goal, instruments, run, sensed_goal, settings};
 use inerter_tests::coverage::{Bench, stated_true};
@@ -13,17 +11,6 @@ const RIG: Instruments = RIGS[0];
 
 fn worn(backlash_m: f64) -> Inerter {
     Inerter { backlash_m, ..Inerter::paper() }
-}
-
-/// What the estimator says of these samples.
-fn listen(settings: &Settings, samples: impl IntoIterator<Item = RawSample>) -> (Detail, Vec<Reversal>) {
-    let active = settings.validate().unwrap();
-    let mut state = Box::new(State::new(&active));
-    let mut reversals = Vec::new();
-    for sample in samples {
-        reversals.extend(active.step(&mut state, &sample).reversal);
-    }
-    (active.publish(&state).detail, reversals)
 }
 
 fn shaken(device: &Inerter, motion: &str, duration_s: f64, sensors: &Sensors) -> Vec<RawSample> {

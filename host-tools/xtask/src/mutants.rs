@@ -10,7 +10,7 @@
 //! The work goes on file by file: `tests/mutants/PACKAGE.md` has a row for each source file that was tested, with the sum of its
 //! contents. A run takes the files that have no row, or have changed since, and writes the table after each, so it can be
 //! ended at any time. Reasons that a person wrote beside a survivor are kept. Of a package of which all would take days, `--sample`
-//! tests every Nth mutant, evenly over all files.
+//! tests every Nth mutant, evenly over all files; `--from` takes another one to begin with, which is another sample.
 
 use crate::{copy, process, tool::Tool, tree, workspace::Workspace};
 use anyhow::{Context, Result, bail, ensure};
@@ -39,6 +39,9 @@ pub struct Options {
     /// Test every Nth mutant of the package, whatever file it is in
     #[arg(long, value_name = "N", requires = "package", conflicts_with = "file")]
     sample: Option<NonZeroUsize>,
+    /// Begin the sample with this mutant, counted from 0: another sample than the one that tests were written by
+    #[arg(long, value_name = "K", requires = "sample", default_value_t = 0)]
+    from: usize,
     /// Print what is left to do, and test nothing
     #[arg(long)]
     status: bool,
@@ -119,8 +122,11 @@ const NO_REASON: &str = "no reason yet";
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Scope {
     File(String),
-    /// Every so many of all.
-    Sample(NonZeroUsize),
+    /// Every so many of all, from one on.
+    Sample {
+        every: NonZeroUsize,
+        from: usize,
+    },
 }
 
 impl Scope {
@@ -128,15 +134,16 @@ impl Scope {
     fn name(&self) -> String {
         match self {
             Self::File(file) => file.clone(),
-            Self::Sample(every) => format!("{SAMPLE}{every}"),
+            Self::Sample { every, from: 0 } => format!("{SAMPLE}{every}"),
+            Self::Sample { every, from } => format!("{SAMPLE}{every} from {from}"),
         }
     }
 
     fn arguments(&self) -> Vec<String> {
         match self {
             Self::File(file) => vec!["--file".into(), file.clone()],
-            Self::Sample(every) => {
-                vec!["--shard".into(), format!("0/{every}"), "--sharding".into(), "round-robin".into()]
+            Self::Sample { every, from } => {
+                vec!["--shard".into(), format!("{from}/{every}"), "--sharding".into(), "round-robin".into()]
             }
         }
     }
@@ -146,7 +153,7 @@ impl Scope {
         let (place, change) = line.split_once(": ").unwrap_or_default();
         match self {
             Self::File(_) => change.to_owned(),
-            Self::Sample(_) => format!("{}: {change}", place.split(':').next().unwrap_or_default()),
+            Self::Sample { .. } => format!("{}: {change}", place.split(':').next().unwrap_or_default()),
         }
     }
 }
@@ -187,7 +194,14 @@ pub fn run(options: &Options) -> Result<()> {
         let files = package.files()?;
         record.forget_all_but(&files);
         let mut left = match options.sample {
-            Some(every) => [Scope::Sample(every)].into(),
+            Some(every) => {
+                ensure!(
+                    options.from < every.get(),
+                    "a sample of one in {every} begins with a mutant from 0 to {}",
+                    every.get() - 1
+                );
+                [Scope::Sample { every, from: options.from }].into()
+            }
             None => package.left(&record, &files, options.file.as_deref())?,
         };
         println!("{}: {} of {} files to test", package.name, left.len(), files.len());
@@ -259,7 +273,7 @@ impl Package {
         // Before the tests: an edit meanwhile is another source.
         let sum = match scope {
             Scope::File(file) => sum(&fs::read(tree::root().join(file))?),
-            Scope::Sample(_) => sum(self.files()?.into_values().collect::<String>().as_bytes()),
+            Scope::Sample { .. } => sum(self.files()?.into_values().collect::<String>().as_bytes()),
         };
         fs::create_dir_all(folder.join(self.name))?;
         copy::tree(&folder.join("tree"), &[])?;
@@ -591,8 +605,12 @@ mod tests {
     #[test]
     fn a_sample_stands_apart_and_tells_of_all() {
         let mut record = record();
-        let sample = Scope::Sample(NonZeroUsize::new(40).unwrap());
+        let every = NonZeroUsize::new(40).unwrap();
+        let sample = Scope::Sample { every, from: 0 };
         assert_eq!(sample.arguments(), ["--shard", "0/40", "--sharding", "round-robin"]);
+        let other = Scope::Sample { every, from: 7 };
+        assert_eq!(other.arguments(), ["--shard", "7/40", "--sharding", "round-robin"]);
+        assert_ne!(other.name(), sample.name());
         let survived = sample.without_place("firmware/core/src/ldl.rs:3:4: replace < with == in solve");
         assert_eq!(survived, "firmware/core/src/ldl.rs: replace < with == in solve");
         let tested = Tested { caught: 93, survived: 7, ..Tested::default() };

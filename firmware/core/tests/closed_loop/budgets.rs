@@ -300,7 +300,6 @@ fn what_a_wrong_setting_does_is_its_part_of_the_budget() {
         for i in 0..3 {
             let moved = 0.5 * (more[i] - less[i]).abs();
             let given = f64::from(parts[i].given_u95(source));
-            println!("{source:?} {i}: moved {moved}, given {given}");
             assert!(
                 (moved - given).abs() <= tolerances[i] * given || given == 0.0,
                 "{source:?} {i}: {moved} for {given}"

@@ -1,5 +1,4 @@
-//! Samples that no device can be blamed for: each kind is told with its time, nothing is published that they made, and motions
-//! without them are left alone.
+//! Samples that no device can be blamed for: each kind is told with its time, and nothing is published that they made.
 
 use crate::rig::{MOTIONS, calibrated, raw, three, truth};
 use inerter_core::{Estimate, LawStatus, RawSample, Settings, State, Status, Warning, WarningKind};
@@ -44,19 +43,6 @@ fn wrong(device: &Inerter, said: &Said) -> usize {
         found.filter(|(parameter, truth)| off(*parameter, *truth)).count()
     };
     of(&said.last.recent) + of(&said.last.whole_run)
-}
-
-#[test]
-fn motions_without_a_fault_are_left_alone() {
-    for device in [Inerter::paper(), Inerter::worn(), Inerter::stribeck()] {
-        for motion in MOTIONS.map(|(name, _)| name) {
-            for noise_n in [0.0, 0.2, 1.0, 20.0] {
-                let (settings, samples) = samples(device, motion, 31, noise_n);
-                let said = run(&settings, &samples);
-                assert_eq!(kinds(&said), [], "{motion}, {noise_n} N");
-            }
-        }
-    }
 }
 
 #[test]

@@ -9,11 +9,17 @@
 mod backlash;
 mod budgets;
 mod changes;
+mod contact;
 mod fixed_point;
 mod gates;
+mod invariance;
+mod limits;
 mod linear;
+mod parts;
 mod reference;
 mod regime;
+mod regressors;
 mod rig;
 mod robust;
+mod settings;
 mod textbook;

@@ -163,13 +163,3 @@ pub fn off(parameter: Parameter, truth: f64) -> f64 {
     let Interval { value, u95 } = parameter.known().unwrap_or_else(|| panic!("{truth} is not identified"));
     (f64::from(value) - truth) / f64::from(u95)
 }
-
-/// Asserts that each of the three is given, holds the truth, and is as narrow and as wide as this.
-#[track_caller]
-pub fn holds(parameters: &Parameters, device: &Inerter, widths: [std::ops::Range<f64>; 3], what: &str) {
-    for ((parameter, truth), width) in three(parameters).into_iter().zip(truth(device)).zip(widths) {
-        let u95 = f64::from(parameter.u95());
-        assert!(off(parameter, truth).abs() <= 1.0, "{what}: {parameter:?} for {truth}");
-        assert!(width.contains(&u95), "{what}: {u95} of {truth} is not within {width:?}");
-    }
-}

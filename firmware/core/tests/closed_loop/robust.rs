@@ -2,8 +2,7 @@
 
 use crate::rig::{self, four, is_sane};
 use inerter_core::{
-    Counters, Estimate, Law, LawStatus, Parameter, Parameters, Published, RawSample, Settings, State, Status, Warning,
-    WarningKind,
+    Counters, Estimate, Law, LawStatus, Parameter, Published, RawSample, Settings, State, Status, Warning, WarningKind,
 };
 use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
 use proptest::prelude::*;

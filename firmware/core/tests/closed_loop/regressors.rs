@@ -1,0 +1,204 @@
+//! What the kernels make of a motion by formula: each regressor of either bank in SI, its band, and the gate.
+
+use crate::textbook::{Kernel, Rows};
+use inerter_core::{Active, Bank, RawSample, Settings, State};
+use std::f64::consts::TAU;
+
+/// Amplitudes \[m\] and frequencies \[Hz\].
+type Tones<'a> = &'a [(f64, f64)];
+
+/// Displacement and its first derivatives.
+fn at(tones: Tones, t_s: f64) -> [f64; 4] {
+    tones.iter().fold([0.0; 4], |sum, &(size, hz)| {
+        let w = TAU * hz;
+        let (sin, cos) = (w * t_s).sin_cos();
+        let each = [sin, w * cos, -w * w * sin, -w * w * w * cos];
+        std::array::from_fn(|i| sum[i] + size * each[i])
+    })
+}
+
+/// What is left of a tone by four boxes of samples, and by the second difference that all others are matched to.
+fn gain(kernel: &Kernel, hz: f64, rate_hz: f64) -> f64 {
+    let (half, samples) = (TAU * hz / 2.0 / rate_hz, kernel.box_s * rate_hz);
+    ((samples * half).sin() / samples / half.sin()).powi(4) * (half.sin() / half).powi(2)
+}
+
+struct Seen {
+    active: Active,
+    state: Box<State>,
+    rows: Vec<[f64; 6]>,
+}
+
+/// A force that is so much of displacement, velocity and acceleration, with an offset.
+fn seen(settings: &Settings, bank: Bank, tones: Tones, duration_s: f64, force: [f64; 4]) -> Seen {
+    let active = settings.validate().unwrap();
+    let mut state = Box::new(State::new(&active));
+    let mut rows = Rows::new(bank);
+    let [k, c, m, offset] = force;
+    for index in 0..(duration_s * settings.sample_rate_hz) as u32 {
+        let t_s = f64::from(index) / settings.sample_rate_hz;
+        let [x, v, a, _] = at(tones, t_s);
+        let position = (0..settings.oversampling as u32).map(|_| (x / settings.metres_per_count).round()).sum::<f64>();
+        let force = (k * x + c * v + m * a + offset) / settings.newtons_per_code + settings.force_zero_code;
+        let sample =
+            RawSample { index, position_count: position as i32, force_code: force.round() as i32, terminal_code: 0 };
+        active.step(&mut state, &sample);
+        rows.follow(&active, &state);
+    }
+    Seen { active, state, rows: rows.rows }
+}
+
+/// Mean product of two regressors.
+fn mean(rows: &[[f64; 6]], a: usize, b: usize) -> f64 {
+    rows.iter().map(|row| row[a] * row[b]).sum::<f64>() / rows.len() as f64
+}
+
+#[track_caller]
+fn is_near(found: f64, wanted: f64, part: f64, what: &str) {
+    assert!((found - wanted).abs() <= part * wanted.abs(), "{what}: {found} for {wanted}");
+}
+
+fn fine() -> Settings {
+    Settings { metres_per_count: 1e-9, newtons_per_code: 1e-4, full_scale_velocity_m_per_s: 0.5, ..Settings::default() }
+}
+
+/// Means over whole periods of a tone, each known by formula.
+#[test]
+fn regressors_of_a_tone_are_those_of_the_formula() {
+    for (sample_rate_hz, oversampling) in [(1000.0, 1.0), (4000.0, 16.0), (500.0, 3.0), (100.0, 1.0)] {
+        for (bank, hz) in [(Bank::Fast, 5.0), (Bank::Fast, 12.5), (Bank::Slow, 1.25), (Bank::Slow, 2.5)] {
+            for (metres_per_count, newtons_per_code) in [(1e-9, 1e-4), (-2e-9, 3e-4), (3e-9, -1e-4)] {
+                let settings = Settings { sample_rate_hz, oversampling, metres_per_count, newtons_per_code, ..fine() };
+                let size = 1e-3;
+                let (spring, damper, mass, offset) = (700.0, 300.0, 100.0, 20.0);
+                // Positions and forces are turned by the settings, once here and once there.
+                let duration_s = 12.0;
+                let seen = seen(&settings, bank, &[(size, hz)], duration_s, [spring, damper, mass, offset]);
+                let kernel = Kernel::of(&settings, bank);
+                let passed = gain(&kernel, hz, sample_rate_hz);
+                let w = TAU * hz;
+                let what = format!("{sample_rate_hz} Hz, {bank:?}, {hz} Hz, {metres_per_count} m");
+                // Half a box between updates, for as long as all is known: what is left divides into whole periods.
+                let every = kernel.spacing / sample_rate_hz;
+                let period = (1..)
+                    .find(|n| {
+                        let turns = f64::from(*n) * every * hz;
+                        (turns - turns.round()).abs() < 1e-6
+                    })
+                    .unwrap();
+                let whole = seen.rows.len() / period as usize * period as usize;
+                let rows = &seen.rows[seen.rows.len() - whole..];
+                // Without noise what the gains are apart by breaks the law, once.
+                assert!(seen.rows.len() as f64 > 0.4 * duration_s / every, "{what}: {}", seen.rows.len());
+                let velocity = size * w * passed;
+                let reactance = spring - mass * w * w;
+                // Corrections leave (w T)^4 / 50 of the gain
+                let part = 3e-4 + (w / sample_rate_hz).powi(4) / 20.0;
+                is_near(mean(rows, 0, 0), (velocity * w).powi(2) / 2.0, part, &format!("{what}: a a"));
+                is_near(mean(rows, 1, 1), velocity.powi(2) / 2.0, part, &format!("{what}: v v"));
+                is_near(mean(rows, 4, 1), damper * velocity.powi(2) / 2.0, 0.01 + part, &format!("{what}: F v"));
+                is_near(mean(rows, 4, 0), -reactance * velocity.powi(2) / 2.0, part, &format!("{what}: F a"));
+                let force = (damper.powi(2) + (reactance / w).powi(2)) * velocity.powi(2) / 2.0;
+                is_near(mean(rows, 4, 4), force + offset * offset, part, &format!("{what}: F F"));
+                is_near(mean(rows, 5, 5), force * w * w, part, &format!("{what}: F' F'"));
+                is_near(mean(rows, 5, 0), damper * (velocity * w).powi(2) / 2.0, 0.01 + part, &format!("{what}: F' a"));
+                is_near(mean(rows, 4, 3), offset, 1e-3, &format!("{what}: F"));
+                assert!(rows.iter().all(|row| row[3] == 1.0), "{what}");
+                // The sign of a sine is 4 / pi of it, and its harmonics are smoothed away.
+                is_near(
+                    mean(rows, 2, 1),
+                    4.0 / std::f64::consts::PI * velocity * passed / 2.0,
+                    0.01 + (w / sample_rate_hz).powi(2) / 10.0,
+                    &format!("{what}: s v"),
+                );
+                let sums = seen.active.sums(&seen.state, bank);
+                assert_eq!((sums.bank, sums.index), (bank, seen.state.last_index()));
+            }
+        }
+    }
+}
+
+/// Harmonic and quadratic mean frequency of two tones, as the kernel passes them.
+#[test]
+fn the_band_is_that_of_the_tones() {
+    for sample_rate_hz in [1000.0, 4000.0] {
+        for tones in [&[(2e-3, 3.0)][..], &[(2e-3, 1.7), (1e-4, 11.0)], &[(1e-3, 4.0), (5e-4, 9.0)]] {
+            let settings = Settings { sample_rate_hz, memory_s: 100.0, ..fine() };
+            let seen = seen(&settings, Bank::Fast, tones, 20.0, [0.0, 50.0, 300.0, 0.0]);
+            let kernel = Kernel::of(&settings, Bank::Fast);
+            let squares = |power: i32| {
+                let each = tones
+                    .iter()
+                    .map(|&(size, hz)| (size * gain(&kernel, hz, sample_rate_hz) * (TAU * hz).powi(power)).powi(2));
+                each.sum::<f64>()
+            };
+            let band = seen.active.publish(&seen.state).detail.band;
+            let [low, high] = [1, 2].map(|power| (squares(power + 1) / squares(power)).sqrt() / TAU);
+            is_near(f64::from(band.low_hz), low, 4e-3, "low");
+            is_near(f64::from(band.high_hz), high, 8e-3, "high");
+            let motion = seen.active.motion(&seen.state);
+            is_near(f64::from(motion.frequency_squared), (TAU * high).powi(2), 0.016, "high squared");
+            is_near(f64::from(motion.low_squared), (TAU * low).powi(2), 8e-3, "low squared");
+        }
+    }
+}
+
+/// Strokes of a tone of the same clock come again and again, and are told so.
+#[test]
+fn strokes_that_come_again_are_counted() {
+    let settings = Settings { metres_per_count: 1e-6, memory_s: 100.0, ..fine() };
+    let motion = |hz: f64| {
+        let seen = seen(&settings, Bank::Fast, &[(1e-3, hz)], 20.0, [0.0, 50.0, 300.0, 0.0]);
+        let strokes = 2.0 * 20.0 * hz;
+        (seen.active.motion(&seen.state), strokes)
+    };
+    let (same, strokes) = motion(4.0);
+    // Up and down are two patterns.
+    is_near(f64::from(same.repeats), strokes / 2.0, 0.03, "repeats");
+    is_near(f64::from(same.reversals_again), strokes * (strokes / 2.0 - 1.0), 0.06, "again");
+    assert!(same.steady > 0.97 && same.steady <= 1.0, "{}", same.steady);
+    let (other, _) = motion(4.0 * 1.000_618);
+    assert!(other.repeats < 0.5 * same.repeats, "{} {}", other.repeats, same.repeats);
+    assert!(other.steady > 0.97);
+    is_near(f64::from(same.readings), 20_000.0, 0.02, "readings");
+}
+
+/// A rest teaches nothing: after it the sums stand where they stood, and the last value is held.
+#[test]
+fn rest_teaches_nothing() {
+    for bank in [Bank::Fast, Bank::Slow] {
+        let settings = Settings { metres_per_count: 1e-6, ..fine() };
+        let active = settings.validate().unwrap();
+        let mut state = Box::new(State::new(&active));
+        let mut updates = Vec::new();
+        let mut held = Vec::new();
+        for index in 0..14_000_u32 {
+            let t_s = f64::from(index.min(8000)) * 1e-3;
+            let [x, v, a, _] = at(&[(3e-3, 2.3), (1e-3, 5.1)], t_s);
+            // A force that a brake holds.
+            let force = if index < 8000 { 80.0 * a + 300.0 * v + 15.0 * v.signum() } else { 5.0 };
+            let position_count = (x / 1e-6).round() as i32 + (index / 7 % 2) as i32;
+            let force_code = (force / 1e-4).round() as i32;
+            let output = active.step(&mut state, &RawSample { index, position_count, force_code, terminal_code: 0 });
+            updates.push(active.sums(&state, bank).updates);
+            held.extend(output.estimate().map(|estimate| (index, estimate)));
+        }
+        // What has been seen leaves the kernel and the delay of the gate.
+        let settled = if bank == Bank::Fast { 8050 } else { 8100 };
+        assert_eq!(updates[settled], updates[13_999], "{bank:?}");
+        assert!(updates[7990] > 0 && updates[settled] - updates[7999] < 10);
+        for (index, estimate) in held.iter().filter(|(index, _)| *index > 1500) {
+            let rests = *index > 9800;
+            assert!(estimate.moving || *index > 8000);
+            assert!(!rests || !estimate.moving);
+            let status = estimate.recent.inertance_kg.status();
+            use inerter_core::Status::{Held, Ok};
+            assert_eq!(
+                (status, estimate.whole_run.inertance_kg.status()),
+                (if estimate.moving { Ok } else { Held }, Ok),
+                "{index}"
+            );
+            assert_eq!(estimate.recent.inertance_kg.ok().is_some(), estimate.moving);
+        }
+    }
+}
