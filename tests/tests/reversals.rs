@@ -5,18 +5,6 @@ use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
 use inerter_tests::data::Recording;
 use inerter_tests::grid::{self, MOTIONS, RIGS, three, truth};
 
-/// Run 30 of the grid begins with 5 ms of creeping: with 50 N of friction and its sign unknown, that one reversal took cf
-/// 1.5 N s/m off over 20 s, five times what the others scatter.
-#[test]
-fn a_screw_that_creeps_before_friction_is_known_teaches_nothing() {
-    let device = Inerter::paper();
-    let random = &MOTIONS[4];
-    let last = grid::run(&device, random, &RIGS[0], 30).unwrap().last.whole_run;
-    let [_, viscous, coulomb] = grid::three(&last).map(|parameter| f64::from(parameter.fitted().value));
-    assert!((viscous - device.viscous_n_s_per_m).abs() < 0.6, "{viscous}");
-    assert!((coulomb - device.coulomb_n).abs() < 0.08, "{coulomb}");
-}
-
 #[test]
 fn a_real_ball_screw_takes_its_time() {
     let Some(run) = Recording::Emps.run(1) else { return };

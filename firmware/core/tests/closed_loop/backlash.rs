@@ -207,6 +207,7 @@ fn bounces_are_those_of_the_plant() {
         assert_eq!(landings > 3 * TURNS / 2, bounces, "{place}");
         assert_eq!(detail.contact == Contact::Bouncing, bounces, "{place}");
         if bounces {
+            assert!(reason(&detail).is_none_or(|reason| reason == Reason::Scattered), "{place}");
             assert!(reversals.len() < TURNS / 10, "{place}");
         } else if inertance_kg >= 100.0 {
             // Lighter ones ring until their flanks are too short.

@@ -308,6 +308,47 @@ fn what_a_wrong_setting_does_is_its_part_of_the_budget() {
     }
 }
 
+/// An exact fit is uncertain by its rounding: half a code, the steps at their greatest, and half a unit of each regressor, were all of
+/// it alike to one regressor.
+#[test]
+fn an_exact_fit_is_uncertain_by_its_rounding() {
+    for (newtons_per_code, force_of_bend, full_scale) in
+        [(0.5, 2, 200.0), (0.002, 7, 200.0), (0.002, -3, 1e6), (2e-4, 100, 1e4)]
+    {
+        let settings = Settings {
+            newtons_per_code,
+            metres_per_count: 1e-6,
+            full_scale_acceleration_m_per_s2: full_scale,
+            full_scale_velocity_m_per_s: full_scale / 100.0,
+            memory_s: 1000.0,
+            ..rig::exact(Settings::default())
+        };
+        let position = |n: i32| {
+            let t_s = f64::from(n) * 1e-3;
+            (4e3 * (20.0 * t_s).sin() + 2e3 * (47.0 * t_s).sin()).round() as i32
+        };
+        let samples: Vec<RawSample> = (0..5000)
+            .map(|n| {
+                let bend = position(n + 1) - 2 * position(n) + position(n - 1);
+                let force_code = 1001 + force_of_bend * bend;
+                RawSample { index: n as u32, position_count: position(n), force_code, terminal_code: 0 }
+            })
+            .collect();
+        let Told { active, state, rows, .. } = told(&settings, &samples);
+        let [Rows { rows, .. }, _] = rows;
+        let kernel = Kernel::of(&settings, Bank::Fast);
+        let known = fit(&rows, &kernel, 1.0);
+        let units = active.sums(&state, Bank::Fast).units;
+        let of_units = units[4] + known.values.iter().zip(units).map(|(value, unit)| value.abs() * unit).sum::<f64>();
+        let steps = known.values[0].abs() * kernel.steps.sqrt();
+        let rounding = 0.5 * newtons_per_code + 3_f64.sqrt() * steps + 0.5 * of_units;
+        for (i, (budget, inverse)) in active.budgets(&state).whole_run.iter().zip(&known.inverse).enumerate() {
+            let wanted = rounding * inverse.sqrt() / f64::from(NORMAL_COVERAGE);
+            is_near(f64::from(budget.standard_error()), wanted, 0.03, &format!("{force_of_bend} in {full_scale}, {i}"));
+        }
+    }
+}
+
 /// Runs on one rig share gain, lead and clock.
 #[test]
 fn what_a_rig_shares_is_left_out_of_a_difference() {

@@ -273,3 +273,82 @@ fn the_better_route_is_told() {
         assert!(both <= by_force && (both == by_force) == (wanted == Route::Force), "{both} {by_force}");
     }
 }
+
+/// A device in the mirror has the same contact, interval by interval.
+#[test]
+fn the_contact_in_the_mirror_is_the_same() {
+    let device = worn(100e-6);
+    let sensors = apart(6);
+    let settings = Settings { terminal_sensor: true, lead_u95: 0.001, ..calibrated(&device, &sensors) };
+    // From somewhere within the gap, pressed on one flank first.
+    let samples = shaken(&device, "hold@1s;mid@12s", 60.0, &sensors);
+    let turned: Vec<RawSample> = samples
+        .iter()
+        .map(|sample| RawSample {
+            position_count: !sample.position_count,
+            force_code: -sample.force_code,
+            terminal_code: -sample.terminal_code,
+            ..*sample
+        })
+        .collect();
+    for settings in [settings, by(Route::Force, &settings), by(Route::Terminal, &settings)] {
+        let [here, there] = [&samples, &turned].map(|samples| told(&settings, samples));
+        assert_eq!(here.reversals.len(), there.reversals.len());
+        for (one, other) in here.reversals.iter().zip(&there.reversals) {
+            assert_eq!((one.index, one.rising), (other.index, !other.rising));
+            assert!((one.value_m - other.value_m).abs() < 0.1e-6, "{one:?} {other:?}");
+        }
+        for (i, (here, there)) in here.budgets.iter().zip(&there.budgets).enumerate() {
+            assert_eq!(here.is_some(), there.is_some());
+            let (Some(here), Some(there)) = (here, there) else { continue };
+            for source in Source::ALL {
+                let [here, there] = [here, there].map(|budget| f64::from(budget.given_u95(source)));
+                assert!((here - there).abs() <= 0.03 * here.max(there), "{i}, {source:?}: {here} {there}");
+            }
+        }
+    }
+}
+
+/// With the sensor a pattern of the encoder's steps counts as often as strokes come again, and a run has eight at most.
+#[test]
+fn patterns_of_steps_are_in_what_the_sensor_tells() {
+    let device = worn(100e-6);
+    let of = |sensors: Sensors, duration_s: f64| {
+        let settings = by(Route::Terminal, &exact(calibrated(&device, &sensors)));
+        let found = told(&settings, &shaken(&device, "mid", duration_s, &sensors));
+        (found.budgets.map(|budget| f64::from(budget.unwrap().given_u95(Source::Encoder))), found)
+    };
+    let (two_clocks, other) = of(apart(6), 16.0);
+    let (one_clock, same) = of(instruments(6), 16.0);
+    assert!(other.repeats < 4.0 && same.repeats > 6.0, "{} {}", other.repeats, same.repeats);
+    let share = (same.repeats - 1.0) / f64::from(same.detail.backlash.reversals);
+    let wanted = (share / (1.0 / 8.0)).sqrt();
+    assert!(wanted > 1.1, "{wanted}");
+    for (one, two) in one_clock.into_iter().zip(two_clocks) {
+        is_near(one / two, wanted, 0.05, "one clock over two");
+    }
+    // A finer count has a part that is finer by as much.
+    let finer = Sensors { metres_per_count: 0.5 * apart(6).metres_per_count, ..apart(6) };
+    for (fine, two) in of(finer, 16.0).0.into_iter().zip(two_clocks) {
+        is_near(fine / two, 0.5, 0.05, "half a count");
+    }
+}
+
+/// A lost sample costs the reversals that are under way, and the force's noise stays what it was.
+#[test]
+fn a_lost_sample_costs_few_reversals() {
+    let device = worn(100e-6);
+    let sensors = apart(6);
+    let samples = shaken(&device, "fast", 14.0, &sensors);
+    for route in [Route::Force, Route::Terminal] {
+        let settings = by(route, &exact(calibrated(&device, &sensors)));
+        let whole = told(&settings, &samples).reversals.len();
+        let lost = (3000..13_000).step_by(1003);
+        let count = lost.clone().count();
+        let less: Vec<RawSample> =
+            samples.iter().filter(|sample| !lost.clone().any(|at| sample.index == at)).copied().collect();
+        assert_eq!(samples.len() - less.len(), count);
+        let fewer = told(&settings, &less).reversals.len();
+        assert!((count / 2..=3 * count).contains(&(whole - fewer)), "{route:?}: {whole} and {fewer}");
+    }
+}

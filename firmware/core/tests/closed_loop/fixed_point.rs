@@ -5,9 +5,14 @@ use inerter_core::Settings;
 use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
 
 fn pair(motion: &str, rate_hz: f64, change: impl Fn(&mut Settings)) -> Pair {
+    pair_of(motion, rate_hz, Sensors::default().metres_per_count, change)
+}
+
+fn pair_of(motion: &str, rate_hz: f64, metres_per_count: f64, change: impl Fn(&mut Settings)) -> Pair {
     let device = Inerter::paper();
     let sensors = Sensors {
         sample_rate_hz: rate_hz,
+        metres_per_count,
         force_noise_n: 1.0,
         force_offset_n: -4.0,
         encoder_phase_count: 0.4,
@@ -57,6 +62,17 @@ fn full_scales_far_from_what_comes() {
         settings.full_scale_acceleration_m_per_s2 = 5000.0;
     };
     agrees(&pair("random@60s;mid@60s", 1000.0, far), 10_000);
+}
+
+/// Where the fast bank is among the encoder's steps, and the slow bank's kernel is longer than the moves.
+#[test]
+fn short_moves_in_coarse_counts() {
+    let coarse = |settings: &mut Settings| settings.memory_s = 6.0;
+    for um in [10.0, 20.0, 30.0] {
+        let pair = pair_of("moves:10mm:100mm/s:3m/s2:10ms@40s;hold@2s;mid@10s", 1000.0, um * 1e-6, coarse);
+        assert!(pair.agrees(), "{um} um: {:?}", pair.greatest);
+        assert!(pair.compared > 500, "{um} um: {} values", pair.compared);
+    }
 }
 
 /// The solver of the reference.

@@ -124,3 +124,24 @@ fn counts_that_slip_are_left_out() {
         assert!((with.value - without.value).abs() < 0.5 * without.u95, "{motion}: {with:?}, {without:?}");
     }
 }
+
+/// A force within one code has no extreme that codes could pile up at, whichever of them is looked at.
+#[test]
+fn a_force_that_hardly_changes_is_not_clipped() {
+    let settings = Settings::default();
+    let updates = [0, 1].map(|phase| {
+        let samples: Vec<RawSample> = (0..20_000_u32)
+            .map(|index| RawSample {
+                index,
+                // One way, faster and slower.
+                position_count: (10.0 * f64::from(index) + 300.0 * (f64::from(index) * 0.013).sin()) as i32,
+                force_code: ((index + phase) % 2) as i32,
+                terminal_code: 0,
+            })
+            .collect();
+        let said = run(&settings, &samples);
+        assert_eq!(kinds(&said), [], "{phase}");
+        said.last.updates
+    });
+    assert!(updates.iter().all(|each| *each > 2000), "{updates:?}");
+}

@@ -183,6 +183,57 @@ fn a_change_that_matters_is_found_and_drift_is_not() {
     assert!((change.after - change.before - 15.0).abs() < 1.0, "{change:?}");
 }
 
+/// Until six blocks have told how blocks scatter, only three times what matters is a change.
+#[test]
+fn a_small_change_waits_until_it_is_known_how_blocks_scatter() {
+    let paper = Inerter::paper();
+    let sensors = Sensors { force_noise_n: 0.3, ..instruments(6) };
+    let settings = calibrated(&paper, &sensors);
+    let found = |part: f64| {
+        let after = Inerter { inertance_kg: (1.0 + part) * paper.inertance_kg, ..paper };
+        let heard = listen(&settings, &changing(&paper, vec![(2.6, after)], "random", 8.0, &sensors));
+        heard.changes.iter().map(|change| (change.parameter, change.index)).collect::<Vec<_>>()
+    };
+    // The memory follows what is not yet told from scatter; later as much is a change.
+    assert_eq!(found(0.045), []);
+    let [(Changed::Inertance, at)] = found(0.12)[..] else { panic!("{:?}", found(0.12)) };
+    assert!((2600..4400).contains(&at), "{at}");
+}
+
+/// Where friction is viscous throughout, what matters of it is three tenths.
+#[test]
+fn a_small_change_of_great_viscous_friction_is_drift() {
+    let paper = Inerter { viscous_n_s_per_m: 4000.0, coulomb_n: 20.0, ..Inerter::paper() };
+    let sensors = Sensors { force_noise_n: 0.3, ..instruments(6) };
+    for (part, found) in [(1.18, &[][..]), (0.82, &[]), (1.45, &[Changed::Viscous]), (0.6, &[Changed::Viscous])] {
+        let after = Inerter { viscous_n_s_per_m: part * paper.viscous_n_s_per_m, ..paper };
+        let heard =
+            listen(&calibrated(&paper, &sensors), &changing(&paper, vec![(12.0, after)], "random", 18.0, &sensors));
+        let kinds: Vec<Changed> = heard.changes.iter().map(|change| change.parameter).collect();
+        assert_eq!(kinds, found, "{part}");
+    }
+}
+
+/// A machine whose offset goes to and fro scatters so, and is no other machine; one that has been steady and does the same, is.
+#[test]
+fn what_a_machine_always_does_is_no_change() {
+    let device = Inerter::paper();
+    let sensors = instruments(6);
+    let settings = Settings { memory_s: 60.0, ..calibrated(&device, &sensors) };
+    let changes = |from_s: f64| {
+        let mut samples = shaken(&device, "random", 40.0, &sensors);
+        for sample in &mut samples {
+            let t_s = f64::from(sample.index) * 1e-3;
+            // Three seconds each way.
+            let swing = if t_s < from_s { 0.0 } else { 17.0 * (std::f64::consts::TAU * (t_s - from_s) / 6.0).sin() };
+            sample.force_code += (swing / sensors.newtons_per_code) as i32;
+        }
+        listen(&settings, &samples).changes.len()
+    };
+    assert_eq!(changes(0.0), 0);
+    assert!(changes(20.0) > 0);
+}
+
 /// In slow motion changes of friction are found.
 #[test]
 fn a_change_of_friction_is_found_in_slow_motion() {

@@ -23,10 +23,19 @@ fn gain(kernel: &Kernel, hz: f64, rate_hz: f64) -> f64 {
     ((samples * half).sin() / samples / half.sin()).powi(4) * (half.sin() / half).powi(2)
 }
 
+/// Updates that divide into whole periods.
+fn updates_in_whole_periods(kernel: &Kernel, hz: f64, rate_hz: f64) -> usize {
+    let is_whole = |n: &usize| {
+        let turns = *n as f64 * kernel.spacing / rate_hz * hz;
+        (turns - turns.round()).abs() < 1e-6
+    };
+    (1..).find(is_whole).unwrap()
+}
+
 struct Seen {
     active: Active,
     state: Box<State>,
-    rows: Vec<[f64; 6]>,
+    rows: Vec<[f64; 7]>,
 }
 
 /// A force that is so much of displacement, velocity and acceleration, with an offset.
@@ -49,7 +58,7 @@ fn seen(settings: &Settings, bank: Bank, tones: Tones, duration_s: f64, force: [
 }
 
 /// Mean product of two regressors.
-fn mean(rows: &[[f64; 6]], a: usize, b: usize) -> f64 {
+fn mean(rows: &[[f64; 7]], a: usize, b: usize) -> f64 {
     rows.iter().map(|row| row[a] * row[b]).sum::<f64>() / rows.len() as f64
 }
 
@@ -80,13 +89,8 @@ fn regressors_of_a_tone_are_those_of_the_formula() {
                 let what = format!("{sample_rate_hz} Hz, {bank:?}, {hz} Hz, {metres_per_count} m");
                 // Half a box between updates, for as long as all is known: what is left divides into whole periods.
                 let every = kernel.spacing / sample_rate_hz;
-                let period = (1..)
-                    .find(|n| {
-                        let turns = f64::from(*n) * every * hz;
-                        (turns - turns.round()).abs() < 1e-6
-                    })
-                    .unwrap();
-                let whole = seen.rows.len() / period as usize * period as usize;
+                let period = updates_in_whole_periods(&kernel, hz, sample_rate_hz);
+                let whole = seen.rows.len() / period * period;
                 let rows = &seen.rows[seen.rows.len() - whole..];
                 // Without noise what the gains are apart by breaks the law, once.
                 assert!(seen.rows.len() as f64 > 0.4 * duration_s / every, "{what}: {}", seen.rows.len());
@@ -113,6 +117,87 @@ fn regressors_of_a_tone_are_those_of_the_formula() {
                 );
                 let sums = seen.active.sums(&seen.state, bank);
                 assert_eq!((sums.bank, sums.index), (bank, seen.state.last_index()));
+            }
+        }
+    }
+}
+
+/// A number with a real and an imaginary part.
+type Phasor = [f64; 2];
+
+fn times([a, b]: Phasor, [c, d]: Phasor) -> Phasor {
+    [a * c - b * d, a * d + b * c]
+}
+
+fn plus([a, b]: Phasor, [c, d]: Phasor) -> Phasor {
+    [a + c, b + d]
+}
+
+/// A load cell that bears a structure across a soft contact and is late: what is left in the force is the screw's, with the structure
+/// as if it moved with the screw.
+#[test]
+fn a_late_force_across_a_soft_contact_is_that_of_the_screw() {
+    // Of the structure's mass, stiffness, the contact's lag and the skew; 0 is a contact that nobody knows.
+    for (structure_mass_kg, own_hz, lag_s, skew_s) in [
+        (0.0, 0.0, 0.0, 0.0047),
+        (0.0, 0.0, 0.0, -0.0012),
+        (0.0, 0.0, 0.0, 0.00049),
+        (30.0, 64.0, 0.0, 0.0),
+        (30.0, 64.0, 0.0015, 0.0),
+        (30.0, 64.0, 0.0015, 0.00045),
+        (30.0, 70.0, 0.0, -0.00045),
+    ] {
+        for (sample_rate_hz, bank, hz) in
+            [(1000.0, Bank::Fast, 12.5), (1000.0, Bank::Slow, 2.5), (100.0, Bank::Fast, 6.25)]
+        {
+            let w = TAU * hz;
+            let (mass, damper, size) = (250.0, 900.0, 3e-4);
+            let stiffness_n_per_m = structure_mass_kg * (TAU * own_hz).powi(2);
+            let screw = [-mass * w * w, damper * w];
+            let bent = if stiffness_n_per_m > 0.0 {
+                // F / (ks + cs s)
+                let down = 1.0 + (lag_s * w).powi(2);
+                times(screw, [1.0 / down / stiffness_n_per_m, -lag_s * w / down / stiffness_n_per_m])
+            } else {
+                [0.0; 2]
+            };
+            let terminal = plus([1.0, 0.0], bent);
+            let cell = plus(screw, terminal.map(|part| -structure_mass_kg * w * w * part));
+            let (sin, cos) = (w * skew_s).sin_cos();
+            let [spring, late] = times(cell, [cos, -sin]);
+            let settings = Settings {
+                sample_rate_hz,
+                skew_s,
+                structure_mass_kg,
+                stiffness_n_per_m,
+                contact_damping_n_s_per_m: lag_s * stiffness_n_per_m,
+                ..fine()
+            };
+            let seen = seen(&settings, bank, &[(size, hz)], 12.0, [spring, late / w, 0.0, 0.0]);
+            let kernel = Kernel::of(&settings, bank);
+            let passed = size * gain(&kernel, hz, sample_rate_hz);
+            let period =
+                (1..).find(|n| (f64::from(*n) * kernel.spacing / sample_rate_hz * hz).fract() < 1e-9).unwrap() as usize;
+            let whole = seen.rows.len() / period * period;
+            let rows = &seen.rows[seen.rows.len() - whole..];
+            let [wanted, against] = [screw[0] - structure_mass_kg * w * w, screw[1]];
+            let what = format!(
+                "{structure_mass_kg} kg, {own_hz} Hz, {lag_s} s, late by {skew_s} s, {hz} at {sample_rate_hz} Hz"
+            );
+            // With the acceleration goes the real part, with the velocity the imaginary one; of the force's rate it is the other way.
+            let product = |i: usize, k: usize, power: i32| 2.0 * mean(rows, i, k) / (passed * passed * w.powi(power));
+            let found = [-product(4, 0, 2), product(4, 1, 1), product(5, 1, 2), product(5, 0, 3)];
+            // The series of the force ends with the fourth derivative, that of its rate with the second.
+            let (rest, size) = (w * settings.skew_parts().1.abs(), wanted.hypot(against));
+            let own = (hz / own_hz.max(60.0)).powi(2);
+            let part = 2e-4 + (w / sample_rate_hz).powi(4) / 20.0;
+            let parts = [
+                part + rest.powi(5) + 0.3 * own * own,
+                part + rest.powi(3) / 3.0 + 2.0 * own * (rest + lag_s * w) + 0.2 * own,
+            ];
+            for (i, (found, wanted)) in found.into_iter().zip([wanted, against, wanted, against]).enumerate() {
+                let part = parts[i / 2];
+                assert!((found - wanted).abs() < part * size, "{what}: {found} for {wanted}, within {part} of {size}");
             }
         }
     }
@@ -200,5 +285,36 @@ fn rest_teaches_nothing() {
             );
             assert_eq!(estimate.recent.inertance_kg.ok().is_some(), estimate.moving);
         }
+    }
+}
+
+/// Every product in the sums is that of two regressors, all over one kernel.
+#[test]
+fn sums_are_the_products_of_the_regressors() {
+    for bank in [Bank::Fast, Bank::Slow] {
+        let settings = Settings { skew_s: 0.0003, ..fine() };
+        let seen = seen(&settings, bank, &[(2e-3, 1.9), (3e-4, 4.7)], 20.0, [500.0, 300.0, 100.0, 20.0]);
+        let (sums, more) = (seen.active.sums(&seen.state, bank), seen.active.more_sums(&seen.state, bank));
+        assert_eq!((sums.index, sums.updates), (more.index, more.updates));
+        assert_eq!((sums.updates as usize, more.bank), (seen.rows.len(), bank));
+        // As the sums have them: speed before the force's rate.
+        let order = [0, 1, 2, 3, 4, 6, 5];
+        let units: Vec<f64> = sums.units.into_iter().chain(more.units).collect();
+        let products: Vec<i128> = sums.sums.into_iter().chain(more.sums).collect();
+        let sum = |a: usize, b: usize| mean(&seen.rows, order[a], order[b]) * seen.rows.len() as f64;
+        let mut place = 0;
+        for row in 0..7 {
+            for column in 0..=row {
+                let found = products[place] as f64 * units[row] * units[column];
+                let size = (sum(row, row) * sum(column, column)).sqrt();
+                assert!((found - sum(row, column)).abs() < 1e-6 * size, "{bank:?}, {row} {column}: {found}");
+                place += 1;
+            }
+        }
+        // |v| is the velocity without its sign, but for the updates across a reversal.
+        let differ = seen.rows.iter().filter(|row| (row[6] - row[1].abs()).abs() > 0.02 * row[1].abs()).count();
+        assert!(seen.rows.iter().all(|row| row[6] > -1e-6) && 3 * differ < 2 * seen.rows.len(), "{bank:?}: {differ}");
+        let (speed, velocity) = (mean(&seen.rows, 6, 6), mean(&seen.rows, 1, 1));
+        assert!(speed > velocity && speed < 1.6 * velocity, "{bank:?}: {speed} {velocity}");
     }
 }

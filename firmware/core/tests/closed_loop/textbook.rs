@@ -4,18 +4,18 @@
 use crate::linear::Cholesky;
 use inerter_core::{Active, Bank, Motion, Settings, Source, State};
 
-/// Regressors `[a, v, s, 1, F, F']` of each update of a bank, in SI.
+/// Regressors `[a, v, s, 1, F, F', |v|]` of each update of a bank, in SI.
 pub struct Rows {
     bank: Bank,
     updates: u32,
     /// Sums of their products with the constant, as last read.
-    column: [i128; 6],
-    pub rows: Vec<[f64; 6]>,
+    column: [i128; 7],
+    pub rows: Vec<[f64; 7]>,
 }
 
 impl Rows {
     pub fn new(bank: Bank) -> Self {
-        Self { bank, updates: 0, column: [0; 6], rows: Vec::new() }
+        Self { bank, updates: 0, column: [0; 7], rows: Vec::new() }
     }
 
     /// Takes what core has taken since the last call: one update at most.
@@ -32,9 +32,10 @@ impl Rows {
         self.updates = sums.updates;
         let more = active.more_sums(state, self.bank);
         let [a, v, s, one, force] = sums.units;
-        let units = [a, v, s, one, force, more.units[1]];
-        // Row 3 of the triangle up to the diagonal, the force with the constant, and the force's rate with it.
-        let column = [sums.sums[6], sums.sums[7], sums.sums[8], sums.sums[9], sums.sums[13], more.sums[9]];
+        let units = [a, v, s, one, force, more.units[1], more.units[0]];
+        // Row 3 of the triangle up to the diagonal; force, its rate and speed with the constant.
+        let column =
+            [sums.sums[6], sums.sums[7], sums.sums[8], sums.sums[9], sums.sums[13], more.sums[9], more.sums[3]];
         let grown = |i: usize| (column[i] - self.column[i]) as f64 * one;
         self.rows.push(std::array::from_fn(|i| grown(i) * units[i]));
         self.column = column;
@@ -66,6 +67,8 @@ impl Kernel {
 pub struct Fit {
     pub values: [f64; 4],
     pub errors: [f64; 4],
+    /// Diagonal of the inverse.
+    pub inverse: [f64; 4],
     pub per_skew: [f64; 4],
     pub steps: [f64; 4],
     /// Variance of the residual \[N^2\].
@@ -80,8 +83,8 @@ pub struct Fit {
 /// Sum of the cubic B-spline's autocorrelation over its value at 0, in boxes.
 const CORRELATION: f64 = 2.09;
 
-pub fn fit<'a>(rows: impl IntoIterator<Item = &'a [f64; 6]>, kernel: &Kernel, oversampling: f64) -> Fit {
-    let (mut matrix, mut count) = ([[0.0; 6]; 6], 0.0);
+pub fn fit<'a>(rows: impl IntoIterator<Item = &'a [f64; 7]>, kernel: &Kernel, oversampling: f64) -> Fit {
+    let (mut matrix, mut count) = ([[0.0; 7]; 7], 0.0);
     for row in rows {
         count += 1.0;
         for (sums, a) in matrix.iter_mut().zip(row) {
@@ -106,6 +109,7 @@ pub fn fit<'a>(rows: impl IntoIterator<Item = &'a [f64; 6]>, kernel: &Kernel, ov
     Fit {
         values: std::array::from_fn(|i| plain[i] + all[i] * 0.5 * (1.0 + 1.0 / oversampling)),
         errors,
+        inverse,
         per_skew,
         steps: all.map(|all| 0.5 * all.abs()),
         variance,
@@ -223,7 +227,7 @@ pub fn budgets(fit: &Fit, scatter: &Scatter, settings: &Settings, motion: &Motio
 
 /// How far the three parameters move beyond chance when updates near rest are left out, as a half width.
 pub fn moved(
-    rows: &[[f64; 6]],
+    rows: &[[f64; 7]],
     all: &Fit,
     scatter: &Scatter,
     kernel: &Kernel,
