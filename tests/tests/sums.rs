@@ -1,6 +1,6 @@
-//! What is read from the sums and the moments beside the four parameters: friction by direction, skew, frequency band.
+//! What is read from the sums beside the four parameters: friction by direction and skew.
 
-use inerter_core::{Active, Band, Bank, MoreSums, RawSample, Settings, State, Sums};
+use inerter_core::{Active, Bank, MoreSums, RawSample, Settings, State, Sums};
 use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
 use inerter_tests::data::Recording;
 use inerter_tests::grid::{calibrated, raw};
@@ -132,29 +132,4 @@ fn the_skew_has_no_offset_of_its_own() {
             assert!(wet.abs() < 0.1, "{motion} at {rate_hz} Hz: off by {wet} us without friction");
         }
     }
-}
-
-fn band(motion: &str, rate_hz: f64) -> Band {
-    let device = Inerter::paper();
-    let sensors = Sensors { sample_rate_hz: rate_hz, force_noise_n: 1.0, seed: 4, ..Sensors::default() };
-    let samples = Simulation::new(device, Excitation::parse(motion, 4).unwrap(), sensors).unwrap();
-    let (active, state) = after(&calibrated(&device, &sensors), samples.lasting(20.0).map(|sample| raw(&sample)));
-    active.publish(&state).detail.band
-}
-
-#[test]
-fn the_band_is_that_of_the_motion() {
-    for rate_hz in [1000.0, 4000.0] {
-        for (motion, hertz) in [("mid", 3.2), ("fast", 15.9)] {
-            let Band { low_hz, high_hz } = band(motion, rate_hz);
-            assert!(low_hz <= high_hz);
-            assert!((f64::from(low_hz) / hertz - 1.0).abs() < 0.02, "{motion}: {low_hz} Hz");
-            assert!((f64::from(high_hz) / hertz - 1.0).abs() < 0.1, "{motion}: {high_hz} Hz");
-        }
-        let Band { low_hz, high_hz } = band("two", rate_hz);
-        assert!((3.0..6.4).contains(&low_hz) && (6.4..8.0).contains(&high_hz), "{low_hz} to {high_hz} Hz");
-        let Band { low_hz, high_hz } = band("random", rate_hz);
-        assert!(8.0 < low_hz && low_hz < high_hz && high_hz < 16.0, "{low_hz} to {high_hz} Hz");
-    }
-    assert_eq!(band("hold", 1000.0), Band::default());
 }

@@ -235,7 +235,8 @@ fn a_heavy_structure_is_no_flank() {
             let plain = settings(&device, &sensors);
             let unknown = Settings { stiffness_n_per_m: 0.0, ..sensing(&plain) };
             let (sensed, _) = listen(&unknown, samples.iter().copied());
-            // What a structure of a fifth and more does to a light device at 15.9 Hz is not in the interval (docs/THEORY.md, Limits).
+            // What a structure of a fifth and more does to a light device at 15.9 Hz is not in the interval
+            // (docs/THEORY.md, Limits).
             let known = sensed.backlash.known().unwrap();
             let error = (f64::from(known.value) - 200e-6).abs();
             let is_limit = motion == "fast" && part > 0.15;

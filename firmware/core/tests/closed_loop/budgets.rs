@@ -1,6 +1,7 @@
-//! What an interval is made of, against the same in f64 (`textbook`), against the plant, and against runs in which a cause is there.
+//! What an interval is made of, against the same in f64 (`textbook`), against the plant, and against runs in which a
+//! cause is there.
 
-use crate::rig::{self, calibrated, four, instruments, listen, off, shaken, three, truth};
+use crate::rig::{self, calibrated, four, instruments, is_near, listen, off, shaken, three, truth};
 use crate::textbook::{Kernel, Rows, Scatter, budgets, fit, moved};
 use inerter_core::{
     Active, Bank, Budget, Interval, LawStatus, NORMAL_COVERAGE, Published, RawSample, Regime, Settings, Source, State,
@@ -39,11 +40,6 @@ fn told(settings: &Settings, samples: &[RawSample]) -> Told {
     Told { published: active.publish(&state), active, state, rows }
 }
 
-#[track_caller]
-fn is_near(found: f64, wanted: f64, part: f64, what: &str) {
-    assert!((found - wanted).abs() <= part * wanted.abs(), "{what}: {found} for {wanted}");
-}
-
 const SOURCES: [Source; 8] = [
     Source::Noise,
     Source::Encoder,
@@ -64,8 +60,8 @@ struct Rig {
     bank: Bank,
 }
 
-/// Runs whose intervals are made of different things: noise; steps that repeat, or are coarse, or slow; many readings; a gap; a
-/// contact of unknown stiffness.
+/// Runs whose intervals are made of different things: noise; steps that repeat, or are coarse, or slow; many readings;
+/// a gap; a contact of unknown stiffness.
 fn rigs() -> Vec<Rig> {
     let usual = instruments(5);
     let paper = Inerter::paper();
@@ -160,7 +156,8 @@ fn what_is_recent_is_the_whole_run_until_the_memory_is_full() {
     }
 }
 
-/// What the parameters move by when the updates near rest are left out, beyond chance; nothing else is of the model here.
+/// What the parameters move by when the updates near rest are left out, beyond chance; nothing else is of the model
+/// here.
 #[test]
 fn what_moves_without_the_updates_near_rest_is_the_models_part() {
     let mut seen = 0;
@@ -256,7 +253,11 @@ fn values(settings: &Settings, samples: &[RawSample]) -> [f64; 3] {
     three(&listen(settings, samples).last.estimate.whole_run).map(|found| f64::from(found.fitted().value))
 }
 
-/// A setting that is wrong by its half width moves each parameter by its part of the budget, in all sources that the settings state.
+/// Makes a setting wrong by its half width, one way or the other.
+type Wrong = fn(&mut Settings, f64);
+
+/// A setting that is wrong by its half width moves each parameter by its part of the budget, in all sources that the
+/// settings state.
 #[test]
 fn what_a_wrong_setting_does_is_its_part_of_the_budget() {
     let device = Inerter::paper();
@@ -270,7 +271,7 @@ fn what_a_wrong_setting_does_is_its_part_of_the_budget() {
         [a, b, c]
     };
     let small = Settings { stiffness_u95_n_per_m: 0.03 * device.stiffness_n_per_m, skew_u95_s: 8e-6, ..right };
-    let wrong: [(Source, fn(&mut Settings, f64), [f64; 3]); 6] = [
+    let wrong: [(Source, Wrong, [f64; 3]); 6] = [
         (Source::Gain, |s, sign| s.newtons_per_code *= 1.0 + sign * s.force_gain_u95, [0.02, 0.05, 0.02]),
         (Source::Lead, |s, sign| s.metres_per_count *= 1.0 + sign * s.lead_u95, [0.03, 0.1, f64::INFINITY]),
         (
@@ -308,8 +309,8 @@ fn what_a_wrong_setting_does_is_its_part_of_the_budget() {
     }
 }
 
-/// An exact fit is uncertain by its rounding: half a code, the steps at their greatest, and half a unit of each regressor, were all of
-/// it alike to one regressor.
+/// An exact fit is uncertain by its rounding: half a code, the steps at their greatest, and half a unit of each
+/// regressor, were all of it alike to one regressor.
 #[test]
 fn an_exact_fit_is_uncertain_by_its_rounding() {
     for (newtons_per_code, force_of_bend, full_scale) in

@@ -1,6 +1,7 @@
-//! Both routes to the backlash by their intervals: what each part stands for, and how far single reversals and whole runs scatter.
+//! Both routes to the backlash by their intervals: what each part stands for, and how far single reversals and whole
+//! runs scatter.
 
-use crate::rig::{calibrated, exact, instruments, listen, shaken};
+use crate::rig::{calibrated, exact, instruments, is_near, listen, shaken};
 use inerter_core::{Budget, Contact, Detail, Interval, NORMAL_COVERAGE, RawSample, Reversal, Route, Settings, Source};
 use inerter_plant::{Inerter, Sensors};
 
@@ -19,11 +20,6 @@ fn by(route: Route, settings: &Settings) -> Settings {
         Route::Force => Settings { terminal_sensor: false, ..*settings },
         Route::Terminal => Settings { terminal_sensor: true, stiffness_n_per_m: 0.0, ..*settings },
     }
-}
-
-#[track_caller]
-fn is_near(found: f64, wanted: f64, part: f64, what: &str) {
-    assert!((found - wanted).abs() <= part * wanted.abs(), "{what}: {found} for {wanted}");
 }
 
 struct Told {
@@ -56,6 +52,9 @@ fn told(settings: &Settings, samples: &[RawSample]) -> Told {
     Told { detail, budgets, values, reversals: heard.reversals, repeats: f64::from(heard.state.repeats()) }
 }
 
+/// Makes a setting wrong by its half width, one way or the other.
+type Wrong = fn(&mut Settings, f64);
+
 /// A stiffness, a force or a count that is wrong by what is stated moves the backlash by its part.
 #[test]
 fn what_a_wrong_setting_does_to_a_backlash_is_its_part() {
@@ -70,7 +69,7 @@ fn what_a_wrong_setting_does_to_a_backlash_is_its_part() {
             lead_u95: 0.01,
             ..by(Route::Force, &exact(calibrated(&device, &sensors)))
         };
-        let wrong: [(Source, fn(&mut Settings, f64)); 3] = [
+        let wrong: [(Source, Wrong); 3] = [
             (Source::Stiffness, |s, sign| s.stiffness_n_per_m += sign * s.stiffness_u95_n_per_m),
             (Source::Gain, |s, sign| s.newtons_per_code *= 1.0 + sign * s.force_gain_u95),
             (Source::Lead, |s, sign| s.metres_per_count *= 1.0 + sign * s.lead_u95),
@@ -92,7 +91,8 @@ fn what_a_wrong_setting_does_to_a_backlash_is_its_part() {
     }
 }
 
-/// The encoder keeps two fifths of a count in it, and where strokes come again their reversals' own noise as far as it repeats.
+/// The encoder keeps two fifths of a count in it, and where strokes come again their reversals' own noise as far as it
+/// repeats.
 #[test]
 fn the_encoders_part_of_a_backlash_is_of_its_count() {
     for count_m in [1e-6, 4e-6, 10e-6] {

@@ -1,7 +1,7 @@
 //! What must not depend on units, on what came before a reset, or on how a number is brought.
 
 use crate::rig::{Heard, calibrated, four, instruments, listen, listen_on, shaken};
-use inerter_core::{Bank, Contact, Interval, Parameter, Parameters, RawSample, Settings, Source, State};
+use inerter_core::{Band, Bank, Contact, Interval, Parameter, Parameters, RawSample, Settings, Source, State};
 use inerter_plant::{Inerter, Sensors};
 
 /// Everything stated, with the terminal's sensor.
@@ -105,7 +105,8 @@ fn scales(heard: &Heard, scaled: &Heard, length: f64, force: f64, part: f64) {
     assert_eq!(heard.reversals.len(), scaled.reversals.len());
 }
 
-/// Lengths and forces in other units, as far as 16 times or a sixteenth, change nothing but the unit; powers of two not a bit.
+/// Lengths and forces in other units, as far as 16 times or a sixteenth, change nothing but the unit; powers of two not
+/// a bit.
 #[test]
 fn results_are_the_same_in_any_unit() {
     for (device, motion) in [
@@ -222,7 +223,7 @@ fn a_fresh_state_says_nothing() {
     assert_eq!(published.estimate.recent, Parameters::default());
     assert_eq!(published.estimate.whole_run, Parameters::default());
     assert_eq!((published.estimate.moving, published.estimate.updates), (false, 0));
-    assert_eq!(published.detail.contact, Contact::Unknown);
+    assert_eq!((published.detail.contact, published.detail.band), (Contact::Unknown, Band::default()));
     assert_eq!(published.law, inerter_core::Law::default());
     assert_eq!(state.repeats(), 1.0);
     assert_eq!(active.sums(&state, Bank::Slow).sums, [0; 15]);

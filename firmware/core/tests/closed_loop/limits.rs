@@ -1,4 +1,5 @@
-//! Where there is no value, and when there begins to be one; what is said of friction and of the law when they are disturbed.
+//! Where there is no value, and when there begins to be one; what is said of friction and of the law when they are
+//! disturbed.
 
 use crate::rig::{calibrated, changing, exact, four, instruments, listen, off, shaken, statuses, three, truth};
 use inerter_core::{Changed, LawStatus, RawSample, Regime, Settings, State, Status};
@@ -127,7 +128,8 @@ fn the_recent_memory_is_as_long_as_it_is_set() {
     }
 }
 
-/// Changes that matter are found with what they are, and less than 2 % of inertance or a tenth of dry friction is drift.
+/// Changes that matter are found with what they are, and less than 2 % of inertance or a tenth of dry friction is
+/// drift.
 #[test]
 fn a_change_that_matters_is_found_and_drift_is_not() {
     let paper = Inerter::paper();
@@ -214,7 +216,8 @@ fn a_small_change_of_great_viscous_friction_is_drift() {
     }
 }
 
-/// A machine whose offset goes to and fro scatters so, and is no other machine; one that has been steady and does the same, is.
+/// A machine whose offset goes to and fro scatters so, and is no other machine; one that has been steady and does the
+/// same, is.
 #[test]
 fn what_a_machine_always_does_is_no_change() {
     let device = Inerter::paper();
@@ -250,7 +253,8 @@ fn a_change_of_friction_is_found_in_slow_motion() {
     assert!((60_000..76_000).contains(&change.index), "{change:?}");
 }
 
-/// A blow before friction is known is forgotten once the law is judged; one that comes later stays, and what it breaks is told.
+/// A blow before friction is known is forgotten once the law is judged; one that comes later stays, and what it breaks
+/// is told.
 #[test]
 fn a_blow_at_the_beginning_is_forgotten_once() {
     let device = Inerter::paper();
@@ -286,7 +290,8 @@ fn a_blow_at_the_beginning_is_forgotten_once() {
     assert!(wide[0] > 2.0 * wide[1], "{wide:?}");
 }
 
-/// Pickup that no law has breaks it, in a motion that hides friction as well: not at once, since the beginning may be why.
+/// Pickup that no law has breaks it, in a motion that hides friction as well: not at once, since the beginning may be
+/// why.
 #[test]
 fn what_goes_on_breaking_the_law_is_told_in_a_tone_too() {
     let device = Inerter::paper();

@@ -1,9 +1,9 @@
 //! The estimator from the regressors on, as a textbook writes it in f64.
 //!
-//! The regressors themselves are integers that core's tests hold to the direct convolution bit by bit. Here they are read
-//! back from the exact sums that core publishes: what a sum grew by in one update is a product of two regressors, and
-//! one of the regressors is the constant. Averages, sums, solution and choice of bank are computed anew, in SI, with
-//! nothing of core's but the settings.
+//! The regressors themselves are integers that core's tests hold to the direct convolution bit by bit. Here they are
+//! read back from the exact sums that core publishes: what a sum grew by in one update is a product of two regressors,
+//! and one of the regressors is the constant. Averages, sums, solution and choice of bank are computed anew, in SI,
+//! with nothing of core's but the settings.
 
 use crate::linear::Cholesky;
 use inerter_core::{Active, Bank, Estimate, Parameters, RawSample, Settings, State, Status};
@@ -129,8 +129,8 @@ impl Pair {
         self.note(&estimate.whole_run, whole);
     }
 
-    /// The solution of the bank that the acceleration's mean square speaks for: in both, where it is neither clear of the steps nor
-    /// among them, where what counts as among them is given.
+    /// The solution of the bank that the acceleration's mean square speaks for: in both, where it is neither clear of
+    /// the steps nor among them, where what counts as among them is given.
     fn chosen(&self, matrix: impl Fn(&Memory) -> (Matrix, f64), among: f64) -> Option<[f64; 4]> {
         let [fast, slow] = [&self.fast, &self.slow].map(|memory| {
             let (matrix, count) = matrix(memory);

@@ -180,8 +180,8 @@ fn simulated_coulomb_friction_turns_at_once() {
     }
 }
 
-/// Run 30 of the grid begins with 5 ms of creeping: with 50 N of friction and its sign unknown, that one reversal took cf
-/// 1.5 N s/m off over 20 s, five times what the others scatter.
+/// Run 30 of the grid begins with 5 ms of creeping: with 50 N of friction and its sign unknown, that one reversal took
+/// cf 1.5 N s/m off over 20 s, five times what the others scatter.
 #[test]
 fn a_screw_that_creeps_before_friction_is_known_teaches_nothing() {
     let device = Inerter::paper();

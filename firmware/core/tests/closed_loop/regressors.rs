@@ -1,5 +1,6 @@
 //! What the kernels make of a motion by formula: each regressor of either bank in SI, its band, and the gate.
 
+use crate::rig::is_near;
 use crate::textbook::{Kernel, Rows};
 use inerter_core::{Active, Bank, RawSample, Settings, State};
 use std::f64::consts::TAU;
@@ -62,11 +63,6 @@ fn mean(rows: &[[f64; 7]], a: usize, b: usize) -> f64 {
     rows.iter().map(|row| row[a] * row[b]).sum::<f64>() / rows.len() as f64
 }
 
-#[track_caller]
-fn is_near(found: f64, wanted: f64, part: f64, what: &str) {
-    assert!((found - wanted).abs() <= part * wanted.abs(), "{what}: {found} for {wanted}");
-}
-
 fn fine() -> Settings {
     Settings { metres_per_count: 1e-9, newtons_per_code: 1e-4, full_scale_velocity_m_per_s: 0.5, ..Settings::default() }
 }
@@ -80,14 +76,12 @@ fn regressors_of_a_tone_are_those_of_the_formula() {
                 let settings = Settings { sample_rate_hz, oversampling, metres_per_count, newtons_per_code, ..fine() };
                 let size = 1e-3;
                 let (spring, damper, mass, offset) = (700.0, 300.0, 100.0, 20.0);
-                // Positions and forces are turned by the settings, once here and once there.
                 let duration_s = 12.0;
                 let seen = seen(&settings, bank, &[(size, hz)], duration_s, [spring, damper, mass, offset]);
                 let kernel = Kernel::of(&settings, bank);
                 let passed = gain(&kernel, hz, sample_rate_hz);
                 let w = TAU * hz;
                 let what = format!("{sample_rate_hz} Hz, {bank:?}, {hz} Hz, {metres_per_count} m");
-                // Half a box between updates, for as long as all is known: what is left divides into whole periods.
                 let every = kernel.spacing / sample_rate_hz;
                 let period = updates_in_whole_periods(&kernel, hz, sample_rate_hz);
                 let whole = seen.rows.len() / period * period;
@@ -96,7 +90,7 @@ fn regressors_of_a_tone_are_those_of_the_formula() {
                 assert!(seen.rows.len() as f64 > 0.4 * duration_s / every, "{what}: {}", seen.rows.len());
                 let velocity = size * w * passed;
                 let reactance = spring - mass * w * w;
-                // Corrections leave (w T)^4 / 50 of the gain
+                // Corrections leave (w T)^4 / 50 of the gain.
                 let part = 3e-4 + (w / sample_rate_hz).powi(4) / 20.0;
                 is_near(mean(rows, 0, 0), (velocity * w).powi(2) / 2.0, part, &format!("{what}: a a"));
                 is_near(mean(rows, 1, 1), velocity.powi(2) / 2.0, part, &format!("{what}: v v"));
@@ -133,8 +127,8 @@ fn plus([a, b]: Phasor, [c, d]: Phasor) -> Phasor {
     [a + c, b + d]
 }
 
-/// A load cell that bears a structure across a soft contact and is late: what is left in the force is the screw's, with the structure
-/// as if it moved with the screw.
+/// A load cell that bears a structure across a soft contact and is late: what is left in the force is the screw's, with
+/// the structure as if it moved with the screw.
 #[test]
 fn a_late_force_across_a_soft_contact_is_that_of_the_screw() {
     // Of the structure's mass, stiffness, the contact's lag and the skew; 0 is a contact that nobody knows.
@@ -176,15 +170,15 @@ fn a_late_force_across_a_soft_contact_is_that_of_the_screw() {
             let seen = seen(&settings, bank, &[(size, hz)], 12.0, [spring, late / w, 0.0, 0.0]);
             let kernel = Kernel::of(&settings, bank);
             let passed = size * gain(&kernel, hz, sample_rate_hz);
-            let period =
-                (1..).find(|n| (f64::from(*n) * kernel.spacing / sample_rate_hz * hz).fract() < 1e-9).unwrap() as usize;
+            let period = updates_in_whole_periods(&kernel, hz, sample_rate_hz);
             let whole = seen.rows.len() / period * period;
             let rows = &seen.rows[seen.rows.len() - whole..];
             let [wanted, against] = [screw[0] - structure_mass_kg * w * w, screw[1]];
             let what = format!(
                 "{structure_mass_kg} kg, {own_hz} Hz, {lag_s} s, late by {skew_s} s, {hz} at {sample_rate_hz} Hz"
             );
-            // With the acceleration goes the real part, with the velocity the imaginary one; of the force's rate it is the other way.
+            // With the acceleration goes the real part, with the velocity the imaginary one; of the force's rate it is
+            // the other way.
             let product = |i: usize, k: usize, power: i32| 2.0 * mean(rows, i, k) / (passed * passed * w.powi(power));
             let found = [-product(4, 0, 2), product(4, 1, 1), product(5, 1, 2), product(5, 0, 3)];
             // The series of the force ends with the fourth derivative, that of its rate with the second.
@@ -260,7 +254,7 @@ fn rest_teaches_nothing() {
         for index in 0..14_000_u32 {
             let t_s = f64::from(index.min(8000)) * 1e-3;
             let [x, v, a, _] = at(&[(3e-3, 2.3), (1e-3, 5.1)], t_s);
-            // A force that a brake holds.
+            // From then on a brake holds it.
             let force = if index < 8000 { 80.0 * a + 300.0 * v + 15.0 * v.signum() } else { 5.0 };
             let position_count = (x / 1e-6).round() as i32 + (index / 7 % 2) as i32;
             let force_code = (force / 1e-4).round() as i32;

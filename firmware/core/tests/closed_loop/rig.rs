@@ -163,3 +163,9 @@ pub fn off(parameter: Parameter, truth: f64) -> f64 {
     let Interval { value, u95 } = parameter.known().unwrap_or_else(|| panic!("{truth} is not identified"));
     (f64::from(value) - truth) / f64::from(u95)
 }
+
+/// Asserts that a number is as wanted within this part of it.
+#[track_caller]
+pub fn is_near(found: f64, wanted: f64, part: f64, what: &str) {
+    assert!((found - wanted).abs() <= part * wanted.abs(), "{what}: {found} for {wanted}");
+}

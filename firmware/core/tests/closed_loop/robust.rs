@@ -1,4 +1,5 @@
-//! What a rig does to a measurement: discontinuities, saturation, wrapping counters, mirrored wiring, any rate, any bytes.
+//! What a rig does to a measurement: discontinuities, saturation, wrapping counters, mirrored wiring, any rate, any
+//! bytes.
 
 use crate::rig::{self, four, is_sane};
 use inerter_core::{

@@ -1,5 +1,5 @@
-//! The report in f64: standard errors, budgets and what breaks the law, from the regressors as core took them, by the formulas of
-//! docs/THEORY.md, 6. Of core it has the regressors, which the exact sums tell, and what the settings say.
+//! The report in f64: standard errors, budgets and what breaks the law, from the regressors as core took them, by the
+//! formulas of docs/THEORY.md, 6. Of core it has the regressors, which the exact sums tell, and what the settings say.
 
 use crate::linear::Cholesky;
 use inerter_core::{Active, Bank, Motion, Settings, Source, State};
