@@ -312,3 +312,15 @@ fn a_backlash_that_grows_on_the_way_grows_in_the_records() {
     let grown = mean(true) - mean(false);
     assert!((grown - 10e-6).abs() < 0.5e-6, "{grown}");
 }
+
+/// Where flanks bounce from the first on, there are too few reversals to trust, and that is why.
+#[test]
+fn flanks_that_bounce_leave_scattered_reversals() {
+    let sensors = instruments(1);
+    let device = Inerter { inertance_kg: 60.0, backlash_m: 5e-6, ..Inerter::paper() };
+    for duration_s in [2.0, 8.0] {
+        let (detail, _) = listen(&settings(&device, &sensors), shaken(&device, "mid", duration_s, &sensors));
+        assert_eq!((detail.contact, reason(&detail)), (Contact::Bouncing, Some(Reason::Scattered)), "{detail:?}");
+        assert!(detail.backlash.reversals < 5, "{detail:?}");
+    }
+}

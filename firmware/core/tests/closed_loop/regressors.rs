@@ -184,9 +184,9 @@ fn a_late_force_across_a_soft_contact_is_that_of_the_screw() {
             // The series of the force ends with the fourth derivative, that of its rate with the second.
             let (rest, size) = (w * settings.skew_parts().1.abs(), wanted.hypot(against));
             let own = (hz / own_hz.max(60.0)).powi(2);
-            let part = 2e-4 + (w / sample_rate_hz).powi(4) / 20.0;
+            let part = 2e-4 + (w / sample_rate_hz).powi(4) / 45.0;
             let parts = [
-                part + rest.powi(5) + 0.3 * own * own,
+                part + rest.powi(5) / 100.0 + 0.3 * own * own,
                 part + rest.powi(3) / 3.0 + 2.0 * own * (rest + lag_s * w) + 0.2 * own,
             ];
             for (i, (found, wanted)) in found.into_iter().zip([wanted, against, wanted, against]).enumerate() {
