@@ -314,7 +314,7 @@ fn what_a_wrong_setting_does_is_its_part_of_the_budget() {
 #[test]
 fn an_exact_fit_is_uncertain_by_its_rounding() {
     for (newtons_per_code, force_of_bend, full_scale) in
-        [(0.5, 2, 200.0), (0.002, 7, 200.0), (0.002, -3, 1e6), (2e-4, 100, 1e4)]
+        [(0.5, 2, 200.0), (0.002, 7, 200.0), (0.002, -3, 1e6), (2e-4, 100, 1e4), (0.002, 1000, 4e5)]
     {
         let settings = Settings {
             newtons_per_code,
