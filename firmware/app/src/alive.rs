@@ -51,3 +51,19 @@ impl Heartbeats {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{Heartbeats, Task};
+
+    #[test]
+    fn each_task_without_which_nothing_is_measured_is_missed() {
+        let needed = [Task::Sampling, Task::Estimating, Task::Telemetry];
+        for missing in [None, Some(Task::Sampling), Some(Task::Estimating), Some(Task::Telemetry)] {
+            let hearts = Heartbeats::new();
+            needed.into_iter().filter(|task| Some(*task) != missing).for_each(|task| hearts.beat(task));
+            assert_eq!(hearts.all_since_last(), missing.is_none(), "{missing:?}");
+            assert!(!hearts.all_since_last(), "each beat counts once");
+        }
+    }
+}

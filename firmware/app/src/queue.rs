@@ -236,10 +236,15 @@ impl<const N: usize> Inner<N> {
 #[cfg(test)]
 mod tests {
     use super::{NotInUse, SampleQueue, Taken};
+    use core::future::Future;
+    use core::sync::atomic::{AtomicBool, Ordering};
+    use core::task::{Context, Waker};
     use embassy_futures::block_on;
     use embassy_futures::poll_once;
     use inerter_core::RawSample;
     use inerter_wire::Source;
+    use std::sync::Arc;
+    use std::task::Wake;
     use std::vec::Vec;
 
     fn samples(indices: core::ops::Range<u32>) -> Vec<RawSample> {
@@ -288,5 +293,32 @@ mod tests {
         assert_eq!(block_on(queue.take(&mut into)), Taken::Samples(1));
         assert_eq!(block_on(queue.take(&mut into)), Taken::Ended);
         assert!(poll_once(queue.take(&mut into)).is_pending());
+    }
+
+    /// Notes that it was woken.
+    #[derive(Default)]
+    struct Bell(AtomicBool);
+
+    impl Wake for Bell {
+        fn wake(self: Arc<Self>) {
+            self.0.store(true, Ordering::Relaxed);
+        }
+    }
+
+    /// Polling it again would find the room too: on the board nobody polls who was not woken.
+    #[test]
+    fn taking_wakes_a_giver_that_waits_for_room_and_nothing_else_does() {
+        let queue = SampleQueue::<4>::new();
+        queue.change_source(Source::Link);
+        let bell = Arc::new(Bell::default());
+        let waker = Waker::from(bell.clone());
+        let more = samples(0..6);
+        let mut giving = core::pin::pin!(queue.give(Source::Link, &more));
+        assert!(giving.as_mut().poll(&mut Context::from_waker(&waker)).is_pending());
+        assert_eq!(queue.take_now(&mut []), 0);
+        assert!(!bell.0.load(Ordering::Relaxed), "there is no more room than before");
+        assert_eq!(queue.take_now(&mut [RawSample::default(); 3]), 3);
+        assert!(bell.0.load(Ordering::Relaxed));
+        assert!(giving.as_mut().poll(&mut Context::from_waker(&waker)).is_ready());
     }
 }

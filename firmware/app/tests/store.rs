@@ -92,6 +92,20 @@ fn what_was_saved_is_loaded() {
     assert_eq!(flash.inner().overwrites, 0);
 }
 
+/// As a task that borrows its store uses it.
+#[test]
+fn a_borrowed_store_does_what_its_own_does() {
+    async fn all(mut store: impl Store) -> [Option<SettingsValues>; 2] {
+        store.save(&settings(2)).await.unwrap();
+        let saved = store.load().await.unwrap();
+        store.erase().await.unwrap();
+        [saved, store.load().await.unwrap()]
+    }
+    let flash = used(1);
+    assert_eq!(block_on(all(&mut store(&flash))), [Some(settings(2)), None]);
+    assert_eq!(load(&flash), Ok(None));
+}
+
 #[test]
 fn one_store_saves_again_and_again() {
     let flash = Flash::blank();

@@ -325,7 +325,13 @@ impl Package {
         if !matches!(status.code(), Some(0 | 2 | 3)) {
             bail!("`{}` failed ({status})", process::shown(&command));
         }
-        let outcomes = Outcomes::read(&folder.join(self.name).join("mutants.out"))?;
+        let mut outcomes = Outcomes::read(&folder.join(self.name).join("mutants.out"))?;
+        if let Some(only) = only {
+            // Fields that are left out are selected by no expression, and so all of them were tried.
+            for lines in [&mut outcomes.caught, &mut outcomes.missed] {
+                lines.retain(|line| only.contains(line));
+            }
+        }
         // Where there is no mutant, no test has run.
         sound[pass as usize] |= !(outcomes.caught.is_empty() && outcomes.missed.is_empty());
         self.sound.set(sound);
