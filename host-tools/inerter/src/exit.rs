@@ -144,7 +144,8 @@ fn store(error: &StoreError) -> u8 {
         StoreError::Data(error) => data(error),
         StoreError::Access { action, .. } if ["written", "removed"].contains(action) => OUTPUT,
         StoreError::Foreign { .. } => OUTPUT,
-        StoreError::Address { .. }
+        StoreError::OtherBatch { .. }
+        | StoreError::Address { .. }
         | StoreError::Batch { .. }
         | StoreError::Ambiguous { .. }
         | StoreError::Condition { .. } => USAGE,

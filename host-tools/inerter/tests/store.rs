@@ -184,11 +184,12 @@ fn verify_finds_a_flipped_byte_in_each_file_and_repair_makes_whole_what_it_can()
     for file in &all {
         let whole = fs::read(store.join(file)).unwrap();
         let mut flipped = whole.clone();
-        let middle = flipped.len() / 2;
-        flipped[middle] ^= 1;
-        write(&store.join(file), &flipped);
-        let output = run(folder, &["store", "verify", "s", "--json"]);
-        assert_eq!(output.status.code(), Some(3), "{file:?}: {}", text(&output.stdout));
+        for place in [0, flipped.len() / 2, flipped.len() - 1] {
+            flipped[place] ^= 1;
+            write(&store.join(file), &flipped);
+            let output = run(folder, &["store", "verify", "s", "--json"]);
+            assert_eq!(output.status.code(), Some(3), "{file:?}, {place}: {}", text(&output.stdout));
+        }
         fs::remove_file(store.join(file)).unwrap();
         let missing = run(folder, &["store", "verify", "s", "--json"]);
         assert_eq!(missing.status.code(), Some(3), "{file:?} is gone: {}", text(&missing.stdout));
@@ -208,9 +209,11 @@ fn verify_finds_a_flipped_byte_in_each_file_and_repair_makes_whole_what_it_can()
     let name = recording.file_stem().unwrap().to_str().unwrap();
     assert!(fails(folder, &["store", "get", "s", name, "-o", "back.mcap"], 3).contains("is not what was added"));
     assert!(!folder.join("back.mcap").exists());
-    // A damaged recording is nobody's to throw away, and does not keep the run from being removed.
+    // A damaged recording is nobody's to throw away, and whoever has a whole one puts it in order.
     assert_eq!(run(folder, &["store", "verify", "s", "--repair"]).status.code(), Some(3));
     assert!(store.join(recording).exists());
+    assert_eq!(last(&done(folder, &["store", "add", "s", "1.mcap", "--json"]))["new"], true);
+    done(folder, &["store", "verify", "s"]);
     done(folder, &["store", "remove", "s", name, "--yes"]);
     assert_eq!(files(&store).len(), 1);
 }
@@ -292,6 +295,7 @@ fn shards_do_each_run_once_and_keep_what_a_replay_says() {
         assert_eq!(row["given"].to_string(), if is_stiff { r#"{"stiffness_n_per_m":5000000.0}"# } else { "{}" });
         assert!(row["error"].is_null());
     }
+    assert!(fails(folder, &["replay", "--store", "s", "--set", "memory_s=5"], 2).contains("was made by"));
     assert!(fails(folder, &["replay", "--store", "s", "--batch", "../x"], 2).contains("cannot be the name of a batch"));
     fails(folder, &["replay", "--store", "s", "--shard", "4/3"], 2);
     // One that fails is a row, and the others are done; with the run go its results.
@@ -361,7 +365,15 @@ fn pipes_and_links_in_a_store_hang_nothing() {
             fs::remove_file(&file).unwrap();
             let words: Vec<&str> = odd.split(' ').collect();
             assert!(std::process::Command::new(words[0]).args(&words[1..]).arg(&file).status().unwrap().success());
-            for command in [&["store", "ls", "s"][..], &["store", "verify", "s"], &["store", "show", "s", "0"]] {
+            let name = all.iter().find(|file| file.starts_with("runs")).unwrap().file_stem().unwrap().to_str().unwrap();
+            for command in [
+                &["store", "ls", "s"][..],
+                &["store", "verify", "s"],
+                &["store", "show", "s", name],
+                &["store", "get", "s", name, "-o", "back.mcap", "--force"],
+                &["store", "verify", "s", "--repair"],
+                &["store", "add", "s", "1.mcap"],
+            ] {
                 let mut child = inerter(folder, command).spawn().unwrap();
                 let ended = (0..2000).any(|_| {
                     thread::sleep(Duration::from_millis(5));
@@ -370,8 +382,8 @@ fn pipes_and_links_in_a_store_hang_nothing() {
                 child.kill().ok();
                 assert!(ended, "{command:?} with {odd} in {part} does not end");
             }
-            fs::remove_file(&file).unwrap();
-            fs::write(&file, &whole).unwrap();
+            // Adding the recording put it in order.
+            assert!(fs::symlink_metadata(&file).unwrap().is_file() && fs::read(&file).unwrap() == whole, "{part}");
         }
     }
 }

@@ -11,7 +11,7 @@ use pyo3::prelude::*;
 
 use crate::{
     error::Failure,
-    run::Given,
+    run::{Given, overrides},
     watch::{Progress, watch},
 };
 
@@ -124,14 +124,17 @@ impl Store {
         })
     }
 
-    /// Names of the runs that a batch has.
-    fn kept(&self, py: Python<'_>, batch: String) -> PyResult<Vec<String>> {
-        self.work(py, move |store| Ok(store.kept(&batch)?.into_iter().collect()))
+    /// Names of the runs that a batch has, made by this with these settings, which must be some.
+    fn kept(&self, py: Python<'_>, batch: String, kind: String, given: Given) -> PyResult<Vec<String>> {
+        self.work(py, move |store| {
+            overrides(&given)?;
+            Ok(store.kept(&batch, &kind, &serde_json::json!(given))?.into_iter().collect())
+        })
     }
 
     /// Rows of a batch as JSON.
     fn results(&self, py: Python<'_>, batch: String) -> PyResult<Vec<String>> {
-        self.work(py, move |store| Ok(store.results(&batch)?.iter().map(json_line).collect()))
+        self.work(py, move |store| Ok(store.results(&batch)?.values().map(json_line).collect()))
     }
 
     fn remove(&self, py: Python<'_>, run: String) -> PyResult<()> {

@@ -61,7 +61,7 @@ def test_identify_goes_back_into_the_store(stored: Path) -> None:
     store = inerter.Store(stored / "store")
     rows = inerter.batch.identify(store, device="SIM-3")
     assert [row["kind"] for row in rows] == ["identify"]
-    assert rows[0]["result"] is not None or rows[0]["error"] is not None
+    assert rows[0]["error"] is None and rows[0]["result"]["kind"] == "identification", rows
 
 
 def die_once(mark: str) -> None:
@@ -101,9 +101,15 @@ def test_a_run_that_fails_is_a_row_with_its_error(stored: Path, tmp_path: Path) 
     recording.write_bytes((stored / "0.mcap").read_bytes())
     assert by_run(inerter.batch.replay(store))[names[0]]["result"] is None
     assert by_run(inerter.batch.replay(store, again=True))[names[0]]["result"]["final"]
-    # Settings that no run can have are the caller's, in each row.
-    refused = inerter.batch.replay(store, batch="wrong", settings={"memory": 1.0})
-    assert {row["code"] for row in refused} == {"inerter::settings::unknown"}
+    # Settings that no run can have are the caller's, before any work.
+    with pytest.raises(inerter.InerterError) as caught:
+        inerter.batch.replay(store, batch="wrong", settings={"memory": 1.0})
+    assert caught.value.code == "inerter::settings::unknown" and store.results("wrong") == []
+    # A batch is of one kind, with the same settings.
+    for call, settings in ((inerter.batch.replay, {"memory_s": 5.0}), (inerter.batch.diagnose, None)):
+        with pytest.raises(inerter.InerterError, match="was made by") as caught:
+            call(store, batch="replay", settings=settings)
+        assert caught.value.code == "inerter::store::other_batch"
     with pytest.raises(inerter.InerterError, match="cannot be the name of a batch"):
         inerter.batch.replay(store, batch="../x")
     with pytest.raises(inerter.InerterError, match="there is no store"):

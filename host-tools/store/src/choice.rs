@@ -103,7 +103,7 @@ impl FromStr for Condition {
             return Err(refused("it has two relations"));
         }
         let value = quoted.unwrap_or(value);
-        if column.is_empty() || value.is_empty() {
+        if column.is_empty() || value.is_empty() && quoted.is_none() {
             return Err(refused("a side of it is empty"));
         }
         Ok(Self { text: text.into(), column: column.into(), relation, value: value.into() })
@@ -149,6 +149,10 @@ impl Condition {
             Value::String(_) if is_order && self.value.get(..4).is_none_or(|year| year.parse::<u32>().is_err()) => {
                 return Err(refused(&self.text, "the column holds times such as 2026-01-31", String::new()));
             }
+            // A day is all of it, and a month all of its days.
+            Value::String(text) if TIMES.contains(&self.column.as_str()) => {
+                Some(text.get(..self.value.len()).unwrap_or(&text).cmp(self.value.as_str()))
+            }
             Value::String(text) => Some(text.as_str().cmp(self.value.as_str())),
             _ => return Err(refused(&self.text, "the column holds objects, which DuckDB can query", String::new())),
         };
@@ -187,7 +191,7 @@ mod tests {
 
     fn row() -> Row {
         let values = json!({"run": "00", "inertance_kg": 299.5, "viscous_n_s_per_m": null, "law": "holds", "samples": 20,
-            "settings": {}, "recorded_utc": "2026-03-04T05:06:07.000Z"});
+            "settings": {}, "causes": "", "recorded_utc": "2026-03-04T05:06:07.000Z"});
         let place = Place { device: "SIM-1".into(), date: "2026-03-04".into(), run: "00".into() };
         Row { place, values: values.as_object().unwrap().clone() }
     }
@@ -212,6 +216,10 @@ mod tests {
             ("law != broken", true),
             ("device = SIM-2", false),
             ("date > 2026-01-01", true),
+            ("date <= 2026-03", true),
+            ("date > 2026-03", false),
+            ("date = 2026", true),
+            ("causes = ''", true),
             ("recorded_utc < 2026-03-04T05:00", false),
             ("viscous_n_s_per_m < 1", false),
             ("viscous_n_s_per_m != 1", false),

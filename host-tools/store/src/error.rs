@@ -128,6 +128,20 @@ pub enum StoreError {
         /// What was given.
         name: String,
     },
+    /// A batch was made in another way.
+    #[error("the batch {name} was made by {kind} with the settings {given}")]
+    #[diagnostic(
+        code(inerter::store::other_batch),
+        help("choose another name for this one, or do all of the batch again")
+    )]
+    OtherBatch {
+        /// The batch.
+        name: String,
+        /// What was done.
+        kind: String,
+        /// With which settings.
+        given: String,
+    },
     /// A recording cannot be used.
     #[error(transparent)]
     #[diagnostic(transparent)]

@@ -61,6 +61,10 @@ fn is_unfinished(name: &str) -> bool {
 impl Files for Folder {
     fn put(&self, name: &str, from: &mut dyn Read) -> io::Result<()> {
         let path = self.path(name);
+        // A pipe or a link there is nothing of ours, and would be written through.
+        if fs::symlink_metadata(&path).is_ok_and(|metadata| !metadata.is_file()) {
+            fs::remove_file(&path)?;
+        }
         let new_folder = path.parent().filter(|folder| !folder.exists());
         let pending = begun(&path)?;
         io::copy(from, &mut pending.open().map_err(reason)?)?;
@@ -76,10 +80,10 @@ impl Files for Folder {
 
     fn read(&self, name: &str, take: &mut dyn FnMut(&[u8]) -> io::Result<()>) -> io::Result<()> {
         let path = self.path(name);
-        if !fs::symlink_metadata(&path)?.is_file() {
+        if !fs::symlink_metadata(&path).map_err(absent)?.is_file() {
             return Err(io::Error::other("it is no ordinary file"));
         }
-        let mut file = File::open(path)?;
+        let mut file = File::open(path).map_err(absent)?;
         let mut portion = vec![0; PORTION];
         loop {
             match file.read(&mut portion)? {
@@ -117,7 +121,7 @@ impl Files for Folder {
 
     fn remove(&self, name: &str) -> io::Result<()> {
         let path = self.path(name);
-        match fs::remove_file(&path) {
+        match fs::remove_file(&path).map_err(absent) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
             removed => removed,
         }?;
@@ -138,11 +142,16 @@ impl Files for Folder {
     }
 
     fn has(&self, name: &str) -> io::Result<bool> {
-        match fs::symlink_metadata(self.path(name)) {
+        match fs::symlink_metadata(self.path(name)).map_err(absent) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(false),
             metadata => Ok(metadata?.is_file()),
         }
     }
+}
+
+/// Below what is no folder there is nothing.
+fn absent(error: io::Error) -> io::Error {
+    if error.kind() == io::ErrorKind::NotADirectory { io::ErrorKind::NotFound.into() } else { error }
 }
 
 /// Begins a file; another process may remove the folder, empty as it is, as soon as it is there.

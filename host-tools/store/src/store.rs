@@ -25,6 +25,9 @@ use crate::{
 /// A run that another process removes while it is added is written anew so often.
 const ATTEMPTS: usize = 4;
 
+/// What is the matter with a file that the system does not let read.
+const UNREADABLE: &str = "unreadable";
+
 /// A store of runs, in a folder or at `s3://BUCKET/FOLDER`.
 pub struct Store {
     url: String,
@@ -65,7 +68,7 @@ pub struct Damage {
     pub run: String,
     /// The file, from the root of the store.
     pub file: String,
-    /// `missing`, `changed`, `unfinished` (of a run that was not added, or not removed, to its end) or `foreign` (nothing of ours).
+    /// `missing`, `changed`, `unreadable`, `unfinished` (of a run that was not added, or not removed, to its end) or `foreign` (nothing of ours).
     pub problem: &'static str,
 }
 
@@ -156,47 +159,56 @@ impl Store {
         let mut before = Summed::new(File::open(recording).map_err(unreadable)?);
         io::copy(&mut before, &mut io::sink()).map_err(unreadable)?;
         let run = before.sum.hex();
-        if let Some(place) = self.places()?.into_iter().find(|place| place.run == run)
+        let known = self.places()?.into_iter().find(|place| place.run == run);
+        if let Some(place) = known
+            && self.sum(&place.file(Part::Recording)).is_ok_and(|sum| sum.is_some_and(|sum| sum == run))
             && let Ok(row) = self.row(&place)
         {
             return Ok(Added { row, is_new: false });
         }
         let tables = Tables::of(recording, &run, progress)?;
+        self.write(recording, &tables, progress)?;
+        Ok(Added { row: self.row(&tables.place)?, is_new: true })
+    }
+
+    /// Writes what is not there yet, or is not what it should be; `progress` is asked until the run is there.
+    fn write(&self, recording: &Path, tables: &Tables, progress: Progress<'_>) -> Result<(), StoreError> {
+        let unreadable = |source| inerter_data::recording::RecordingError::Read { path: recording.into(), source };
         let place = &tables.place;
         if !self.has(MARK)? {
             self.put(MARK, format!("{}\n", json!({ "kind": "inerter-store", "version": VERSION })).as_bytes())?;
         }
         let name = place.file(Part::Recording);
+        // What cannot be read is written.
+        let is_there =
+            |name: &str, sum: &str| self.sum(name).is_ok_and(|found| found.is_some_and(|found| found == sum));
         for _ in 0..ATTEMPTS {
             progress(1.0)?;
-            // What cannot be read is written.
-            let is_there =
-                |name: &str, sum: &str| self.sum(name).is_ok_and(|found| found.is_some_and(|found| found == sum));
-            if !is_there(&name, &run) {
-                let mut from = Expected::new(File::open(recording).map_err(unreadable)?, &run);
+            if !is_there(&name, &place.run) {
+                let file = File::open(recording).map_err(|error| inerter_data::Error::from(unreadable(error)))?;
+                let mut from = Expected::new(file, &place.run);
                 let put = self.files.put(&name, &mut from);
                 if from.is_other {
                     return Err(StoreError::Changed { path: recording.into() });
                 }
                 put.map_err(|error| self.access(&name, "written", error))?;
             }
-            for (part, bytes) in tables.before_the_run() {
-                let name = place.file(part);
+            for (part, bytes) in &tables.files {
+                progress(1.0)?;
+                let name = place.file(*part);
                 if !is_there(&name, &Sum::of(bytes)) {
+                    // The last one is the run's: from there on it is there.
                     self.put(&name, bytes)?;
                 }
             }
-            progress(1.0)?;
-            // From here on it is there.
-            self.put(&place.file(Part::Run), tables.bytes(Part::Run))?;
             // Unless another process removed it meanwhile, or another version added it.
-            let sums =
-                self.has(&place.file(Part::Sums))? && self.bytes(&place.file(Part::Sums))? == tables.bytes(Part::Sums);
-            let is_whole = Part::ALL
+            let sums = place.file(Part::Sums);
+            let is_ours = self.has(&sums)? && self.bytes(&sums)? == tables.bytes(Part::Sums);
+            if Part::ALL
                 .iter()
-                .try_fold(sums, |all, part| Ok::<_, StoreError>(self.has(&place.file(*part))? && all))?;
-            if is_whole {
-                return Ok(Added { row: self.row(place)?, is_new: true });
+                .try_fold(is_ours, |all, part| Ok::<_, StoreError>(self.has(&place.file(*part))? && all))?
+            {
+                return Ok(());
             }
         }
         Err(self.damaged(&name, "another process removes this run, or another version adds it, again and again"))
@@ -209,24 +221,34 @@ impl Store {
         // Which columns there are, all rows together say.
         let are_asked = |place: &Place| !choice.conditions.is_empty() || choice.may_be(place);
         for place in self.places()?.into_iter().filter(are_asked) {
-            match self.row(&place) {
-                Ok(row) => all.push(row),
-                // It was removed meanwhile.
-                Err(_) if !self.has(&place.file(Part::Run))? => {}
-                Err(StoreError::Damaged { .. }) => listed.damages.push(Damage::of(&place, Part::Row, "changed")),
-                Err(StoreError::Access { source, .. }) if source.kind() == io::ErrorKind::NotFound => {
-                    listed.damages.push(Damage::of(&place, Part::Row, "missing"));
+            let problem = match self.row(&place) {
+                Ok(row) => {
+                    all.push(row);
+                    continue;
                 }
+                Err(StoreError::Damaged { .. }) => "changed",
+                Err(StoreError::Access { source, .. }) if source.kind() == io::ErrorKind::NotFound => "missing",
+                Err(_) if self.is_local() => UNREADABLE,
                 Err(error) => return Err(error),
+            };
+            // Unless it was removed meanwhile.
+            if choice.may_be(&place) && self.has_run(&place)? {
+                listed.damages.push(Damage::of(&place, Part::Row, problem));
             }
         }
         choice.conditions.iter().try_for_each(|condition| condition.check(&all))?;
-        for row in all.into_iter().filter(|row| choice.may_be(&row.place)) {
-            if choice.is(&row)? {
-                listed.rows.push(row);
+        let (mut is_understood, mut refused) = (false, None);
+        for row in all {
+            match choice.is(&row) {
+                Ok(is_met) => {
+                    is_understood = true;
+                    listed.rows.extend(Some(row).filter(|row| is_met && choice.may_be(&row.place)));
+                }
+                Err(error) => refused = Some(error),
             }
         }
-        Ok(listed)
+        // A row of its own kind keeps nobody from the others.
+        refused.filter(|_| !is_understood).map_or(Ok(listed), Err)
     }
 
     /// The run whose name begins like this.
@@ -282,7 +304,10 @@ impl Store {
         if let Some(error) = unwritten {
             return Err(inerter_data::output::OutputError::write(pending.name(), error).into());
         }
-        read.map_err(|error| self.access(&name, "read", error))?;
+        read.map_err(|error| match error.kind() {
+            io::ErrorKind::NotFound => self.damaged(&name, "it is missing"),
+            _ => self.access(&name, "read", error),
+        })?;
         if sum.hex() != place.run {
             return Err(self.damaged(&name, "it is not what was added"));
         }
@@ -303,8 +328,8 @@ impl Store {
                 damages.append(&mut own);
             }
         }
-        others.retain(|damage| damage.problem != "unfinished" || whole.iter().all(|place| place.run != damage.run));
-        damages.append(&mut others);
+        others.retain(|(place, _)| place.as_ref().is_none_or(|place| whole.binary_search(place).is_err()));
+        damages.extend(others.into_iter().map(|(_, damage)| damage));
         progress(1.0)?;
         Ok(Verified { runs: whole.len(), damages })
     }
@@ -312,71 +337,85 @@ impl Store {
     /// What is wrong with the files of a run.
     fn verified(&self, place: &Place) -> Result<Vec<Damage>, StoreError> {
         let sums = place.file(Part::Sums);
-        let expected: BTreeMap<String, String> = match self.has(&sums)? {
-            true => parse(&String::from_utf8_lossy(&self.bytes(&sums)?)).into_iter().collect(),
-            false => BTreeMap::new(),
+        let text = match self.files.get(&sums) {
+            Ok(bytes) => Some(String::from_utf8_lossy(&bytes).into_owned()),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => None,
+            Err(_) if self.is_local() => Some(String::new()),
+            Err(error) => return Err(self.access(&sums, "read", error)),
         };
-        let summed = Part::ALL.iter().filter(|part| **part != Part::Sums).map(|part| place.file(*part));
+        let expected: BTreeMap<String, String> = parse(text.as_deref().unwrap_or_default()).into_iter().collect();
+        let summed: Vec<Part> = Part::ALL.into_iter().filter(|part| *part != Part::Sums).collect();
+        let is_complete = summed.iter().all(|part| expected.contains_key(&place.file(*part)))
+            && expected.get(&place.file(Part::Recording)) == Some(&place.run)
+            && text.as_ref().is_some_and(|text| text.lines().count() == summed.len() && text.ends_with('\n'));
         let mut damages = Vec::new();
-        if !self.has(&sums)? {
-            damages.push(Damage::of(place, Part::Sums, "missing"));
-        } else if !expected.keys().cloned().collect::<BTreeSet<_>>().is_superset(&summed.collect()) {
-            damages.push(Damage::of(place, Part::Sums, "changed"));
+        if !is_complete {
+            damages.push(Damage::of(place, Part::Sums, if text.is_none() { "missing" } else { "changed" }));
         }
-        for part in Part::ALL.into_iter().filter(|part| *part != Part::Sums) {
+        for part in summed {
             let name = place.file(part);
             // The recording is named by its own.
             let wanted = if part == Part::Recording { Some(&place.run) } else { expected.get(&name) };
-            match self.sum(&name)? {
-                None => damages.push(Damage::of(place, part, "missing")),
-                Some(sum) if wanted.is_some_and(|wanted| *wanted != sum) => {
+            match self.sum(&name) {
+                Ok(None) => damages.push(Damage::of(place, part, "missing")),
+                Ok(Some(sum)) if wanted.is_some_and(|wanted| *wanted != sum) => {
                     damages.push(Damage::of(place, part, "changed"));
                 }
-                Some(_) => {}
+                Ok(Some(_)) => {}
+                Err(_) if self.is_local() => damages.push(Damage::of(place, part, UNREADABLE)),
+                Err(error) => return Err(error),
             }
         }
         Ok(damages)
     }
 
+    /// Whether its files are of this computer: what cannot be read there is damaged, and nobody's network is at fault.
+    fn is_local(&self) -> bool {
+        self.files.file(MARK).is_some()
+    }
+
     /// Files of what is no run, and of nobody.
-    fn others(&self) -> Result<Vec<Damage>, StoreError> {
+    fn others(&self) -> Result<Vec<(Option<Place>, Damage)>, StoreError> {
         let mut found = Vec::new();
         for file in self.list("")?.into_iter().filter(|file| file != MARK && !file.starts_with(&format!("{RESULTS}/")))
         {
-            let place = Part::ALL.iter().find_map(|part| Some((*part, Place::parse(&file, *part)?)));
-            match place {
+            match Part::ALL.iter().find_map(|part| Some((*part, Place::parse(&file, *part)?))) {
                 Some((Part::Run, _)) => {}
-                Some((_, place)) => found.push(Damage { run: place.run, file, problem: "unfinished" }),
-                None => found.push(Damage { run: String::new(), file, problem: "foreign" }),
+                Some((_, place)) => {
+                    let damage = Damage { run: place.run.clone(), file, problem: "unfinished" };
+                    found.push((Some(place), damage));
+                }
+                None => found.push((None, Damage { run: String::new(), file, problem: "foreign" })),
             }
         }
         Ok(found)
     }
 
     /// Makes anew what follows from recordings that are whole, and removes what is left of others; gives how many runs were made whole.
-    /// A damaged recording stays as it is.
+    /// A damaged recording stays as it is, and so does one that this version cannot use.
     pub fn repair(&self, progress: Progress<'_>) -> Result<usize, StoreError> {
-        let damaged: BTreeSet<String> =
-            self.verify(progress)?.damages.into_iter().map(|damage| damage.run).filter(|run| !run.is_empty()).collect();
-        let mut places: BTreeMap<String, Place> = BTreeMap::new();
-        for file in self.list("")? {
-            places.extend(
-                Part::ALL.iter().find_map(|part| Place::parse(&file, *part)).map(|place| (place.run.clone(), place)),
-            );
-        }
+        let damages = self.verify(progress)?.damages;
+        let place = |damage: &Damage| Part::ALL.iter().find_map(|part| Place::parse(&damage.file, *part));
+        let places: BTreeSet<Place> = damages.iter().filter_map(place).collect();
         let mut whole = 0;
-        for place in damaged.iter().filter_map(|run| places.get(run)) {
-            match self.sum(&place.file(Part::Recording))? {
-                Some(sum) if sum == place.run => {
-                    self.remove_file(&place.file(Part::Run))?;
-                    self.remove_file(&place.file(Part::Row))?;
-                    // In a folder the recording is read where it lies, and found to be there.
+        for place in &places {
+            match self.sum(&place.file(Part::Recording)) {
+                Ok(Some(sum)) if sum == place.run => {
                     let local = self.local(place)?;
-                    whole += usize::from(self.add(local.path(), progress)?.is_new);
+                    match Tables::of(local.path(), &place.run, progress) {
+                        // Each file takes its place when it is whole, so that nothing is lost where this breaks off.
+                        Ok(tables) => self.write(local.path(), &tables, progress)?,
+                        Err(StoreError::Data(inerter_data::Error::Interrupted)) => {
+                            return Err(inerter_data::Error::Interrupted.into());
+                        }
+                        Err(_) => continue,
+                    }
+                    whole += 1;
                 }
-                Some(_) => {}
-                None if self.has(&place.file(Part::Run))? => {}
-                None => self.remove(place)?,
+                Ok(None) if !self.has_run(place)? => self.remove(place)?,
+                Ok(_) => {}
+                Err(_) if self.is_local() => {}
+                Err(error) => return Err(error),
             }
         }
         self.files.remove_unfinished().map_err(|error| self.access("an unfinished file", "removed", error))?;
@@ -386,8 +425,8 @@ impl Store {
     /// Removes a run with its recording and its results; from the beginning on it is no run any more.
     pub fn remove(&self, place: &Place) -> Result<(), StoreError> {
         let results = self.batches()?.into_iter().map(|batch| place.result(&batch));
-        let files = Part::ALL.iter().rev().map(|part| place.file(*part));
-        files.chain(results).try_for_each(|name| self.remove_file(&name))
+        let others = Part::ALL.iter().rev().skip(1).map(|part| place.file(*part));
+        [place.file(Part::Run)].into_iter().chain(results).chain(others).try_for_each(|name| self.remove_file(&name))
     }
 
     /// Keeps what became of a run; where the batch has it already, this takes its place.
@@ -395,18 +434,33 @@ impl Store {
         self.put(&place.result(checked(batch)?), format!("{}\n", outcome.json(place)).as_bytes())
     }
 
-    /// Names of the runs that a batch has.
-    pub fn kept(&self, batch: &str) -> Result<BTreeSet<String>, StoreError> {
-        Ok(self.results_of(batch)?.into_iter().map(|(place, _)| place.run).collect())
+    /// What a batch has, by the names of the runs: `run`, `kind`, `software`, `given`, `code`, `error` and `result`, the last three null
+    /// where they are not. What cannot be read is as if it were not there.
+    pub fn results(&self, batch: &str) -> Result<BTreeMap<String, Map<String, Value>>, StoreError> {
+        let mut rows = BTreeMap::new();
+        for (place, name) in self.results_of(batch)? {
+            match self.files.get(&name) {
+                Ok(bytes) => rows.extend(match serde_json::from_slice(&bytes) {
+                    Ok(Value::Object(values)) => Some((place.run, values)),
+                    _ => None,
+                }),
+                Err(error) if error.kind() == io::ErrorKind::NotFound || self.is_local() => {}
+                Err(error) => return Err(self.access(&name, "read", error)),
+            }
+        }
+        Ok(rows)
     }
 
-    /// The rows of a batch: `run`, `kind`, `software`, `given`, `code`, `error` and `result`, the last three null where they are not.
-    pub fn results(&self, batch: &str) -> Result<Vec<Map<String, Value>>, StoreError> {
-        let read = |(_, name): (Place, String)| match serde_json::from_slice(&self.bytes(&name)?) {
-            Ok(Value::Object(values)) => Ok(values),
-            _ => Err(self.damaged(&name, "it is no JSON object")),
-        };
-        self.results_of(batch)?.into_iter().map(read).collect()
+    /// Names of the runs that a batch has, which must have been made in the same way.
+    pub fn kept(&self, batch: &str, kind: &str, given: &Value) -> Result<BTreeSet<String>, StoreError> {
+        let rows = self.results(batch)?;
+        if let Some(other) =
+            rows.values().find(|row| row.get("kind") != Some(&json!(kind)) || row.get("given") != Some(given))
+        {
+            let word = |name: &str| other.get(name).map(Value::to_string).unwrap_or_default();
+            return Err(StoreError::OtherBatch { name: batch.into(), kind: word("kind"), given: word("given") });
+        }
+        Ok(rows.into_keys().collect())
     }
 
     /// Names of the batches.
@@ -419,6 +473,11 @@ impl Store {
     fn results_of(&self, batch: &str) -> Result<Vec<(Place, String)>, StoreError> {
         let names = self.list(&format!("{RESULTS}/{}", checked(batch)?))?;
         Ok(names.into_iter().filter_map(|name| Some((Place::parse_result(&name, batch)?, name))).collect())
+    }
+
+    /// Whether the run is there.
+    pub fn has_run(&self, place: &Place) -> Result<bool, StoreError> {
+        self.has(&place.file(Part::Run))
     }
 
     /// Places of all runs, in order.

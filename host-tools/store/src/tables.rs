@@ -23,7 +23,8 @@ use crate::{
 /// All files of a run but its recording.
 pub(crate) struct Tables {
     pub place: Place,
-    files: Vec<(Part, Vec<u8>)>,
+    /// In the order in which they are written, the run's last.
+    pub files: Vec<(Part, Vec<u8>)>,
 }
 
 impl Tables {
@@ -98,11 +99,6 @@ impl Tables {
         let sums = lines(&[recording].into_iter().chain(summed).chain([of_run]).collect::<Vec<_>>());
         files.extend([(Part::Sums, sums.into_bytes()), (Part::Run, table)]);
         Ok(Self { place, files })
-    }
-
-    /// What is written before the run is there.
-    pub(crate) fn before_the_run(&self) -> impl Iterator<Item = (Part, &[u8])> {
-        self.files.iter().filter(|(part, _)| *part != Part::Run).map(|(part, bytes)| (*part, bytes.as_slice()))
     }
 
     /// A file.

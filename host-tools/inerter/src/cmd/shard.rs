@@ -36,21 +36,24 @@ pub struct StoreArgs {
 pub fn run(url: &str, args: &StoreArgs, overrides: &Overrides, as_json: bool) -> Result<(), Error> {
     terminal::catch_interrupts();
     let store = Store::open(url)?;
-    let kept = store.kept(&args.batch)?;
     let is_ours = |place: &Place| args.shard.is_none_or(|shard| shard.has(place));
     let ours: Vec<Place> = store.places()?.into_iter().filter(is_ours).collect();
-    let todo: Vec<&Place> = ours.iter().filter(|place| args.again || !kept.contains(place.name())).collect();
     let given: Map<String, Value> = overrides.given().map(|(name, value)| (name.to_string(), json!(value))).collect();
+    let given = Value::Object(given);
+    let kept = if args.again { Default::default() } else { store.kept(&args.batch, "replay", &given)? };
+    let todo: Vec<&Place> = ours.iter().filter(|place| !kept.contains(place.name())).collect();
     let mut bar = Progress::new("replaying", todo.len() as u64);
     let mut failed = 0;
     for (number, place) in todo.iter().enumerate() {
         let result = match last_line(&store, place, overrides) {
             Ok(line) => Ok(line),
             Err(error) if terminal::interrupted() || is_of_store(&error) => return Err(error),
+            // It was removed meanwhile.
+            Err(_) if !store.has_run(place)? => continue,
             Err(error) => Err((error.code().map(|code| code.to_string()).unwrap_or_default(), error.to_string())),
         };
         let error = result.as_ref().err().map(|(_, text)| text.clone());
-        let outcome = Outcome { kind: "replay".into(), given: Value::Object(given.clone()), result };
+        let outcome = Outcome { kind: "replay".into(), given: given.clone(), result };
         store.keep(&args.batch, place, &outcome)?;
         failed += usize::from(error.is_some());
         if as_json {

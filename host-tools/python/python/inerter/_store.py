@@ -88,10 +88,10 @@ class Store:
             path = os.path.join(_fetched(), f"{whole}.mcap")
             if not os.path.exists(path):
                 # Another thread may fetch it as well.
-                with tempfile.NamedTemporaryFile(dir=_fetched(), delete=False) as part:
-                    pass
-                self._store.get(whole, part.name, True)
-                os.replace(part.name, path)
+                with tempfile.TemporaryDirectory(dir=_fetched()) as folder:
+                    part = os.path.join(folder, "run.mcap")
+                    self._store.get(whole, part, False)
+                    os.replace(part, path)
         return _inerter.open(path, dict(settings or {}))
 
     def results(self, batch: str) -> list[dict[str, Any]]:
@@ -109,7 +109,7 @@ class Store:
         self, *, repair: bool = False, progress: Callable[[float], object] | None = None
     ) -> list[dict[str, str]]:
         """Reads every file, and lists what is not as it was written: `run`, `file` and `problem`, which is `missing`, `changed`,
-        `unfinished` or `foreign`. With `repair`, while nobody adds or removes, what follows from whole recordings is made anew first.
+        `unreadable`, `unfinished` or `foreign`. With `repair`, while nobody adds or removes, what follows from whole recordings is made anew first.
         """
         damages = self._store.verify(repair, progress)
         return [dict(zip(("run", "file", "problem"), damage, strict=True)) for damage in damages]

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import json
 import os
+import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -50,7 +51,7 @@ def replay(
     what comes of it: letters, digits, `-` and `_`. `settings` go over those of each recording. `where`, `device`, `start` and
     `end` choose runs as `store.runs` does. `again` does what the batch has once more. Gives the rows of the batch, as `store.results` does.
 
-    Raises InerterError where the store cannot be used, and RuntimeError where a worker does not have this version of the package.
+    Raises InerterError where the store or a setting cannot be used or the batch was made in another way, and RuntimeError where a worker does not have this version of the package.
     """
     return _batch(store, client, "replay", batch, settings, (where, device, start, end), again, progress)
 
@@ -100,34 +101,41 @@ def _batch(
     progress: Progress | None,
 ) -> list[dict[str, Any]]:
     where, device, start, end = choice
+    given = dict(settings or {})
+    kept = set() if again else set(store._store.kept(batch, kind, given))
     names = [row["run"] for row in store.runs(*where, device=device, start=start, end=end)]
-    kept = set() if again else set(store._store.kept(batch))
     todo = [name for name in names if name not in kept]
     # A worker may stand in another folder.
     url = store.url if "://" in store.url else os.path.abspath(store.url)
-    given = dict(settings or {})
     work = partial(_work, url=url, kind=kind, batch=batch, given=given)
-    for number, _ in enumerate(map(work, todo) if client is None else _spread(client, work, todo), 1):
+    done = ((work(name), None) for name in todo) if client is None else _spread(client, work, todo)
+    for number, (name, error) in enumerate(done, 1):
+        if error is not None:
+            store._store.keep(batch, name, kind, given, None, ("inerter::batch::worker_died", error))
         if progress is not None:
             progress(number / len(todo))
     chosen = set(names)
     return [row for row in store.results(batch) if row["run"] in chosen]
 
 
-def _spread(client: Any, work: Callable[[str], str], names: list[str]) -> Iterator[str]:
-    """The work on a cluster: the names in the order in which they are done."""
+def _spread(client: Any, work: Callable[[str], str], names: list[str]) -> Iterator[tuple[str, str | None]]:
+    """The work on a cluster: the names in the order in which they are done, and why one is not."""
     _check(client)
     import distributed
 
     as_completed: Any = distributed.as_completed
     # What a worker had not done when it died is done by another one.
-    futures = client.map(work, names, pure=False)
+    futures = dict(zip(client.map(work, names, pure=False), names, strict=True))
     try:
         for future in as_completed(futures):
-            yield future.result()
+            failure = future.exception()
+            # One that ends each worker that takes it is a run that fails.
+            if failure is not None and not isinstance(failure, distributed.KilledWorker):
+                raise failure
+            yield futures[future], None if failure is None else str(failure)
     finally:
         # Nobody waits for the rest, where there is one.
-        client.cancel(futures)
+        client.cancel(list(futures))
 
 
 def _work(name: str, *, url: str, kind: str, batch: str, given: dict[str, float]) -> str:
@@ -138,14 +146,27 @@ def _work(name: str, *, url: str, kind: str, batch: str, given: dict[str, float]
     call: Callable[[inerter.Run], Mapping[str, Any]] = getattr(inerter, kind)
     result: str | None = None
     error = ("", "")
-    try:
-        result = json.dumps(dict(call(store.open(name, settings=given))))
-    except InerterError as raised:
-        # What hangs on the store and not on the run is nobody's result.
-        if str(raised.code).startswith("inerter::store") and raised.code != "inerter::store::damaged":
-            raise
-        error = (str(raised.code), str(raised))
-    store._store.keep(batch, name, kind, given, result, error)
+    # A worker comes by many runs: what it fetches goes again.
+    with tempfile.TemporaryDirectory(prefix="inerter-") as folder:
+        try:
+            path = store._store.path(name)
+            if path is None:
+                path = os.path.join(folder, "run.mcap")
+                store._store.get(name, path, False)
+        except InerterError as raised:
+            # It was removed meanwhile.
+            if raised.code == "inerter::store::no_run":
+                return name
+            # What hangs on the store or on this computer is nobody's result.
+            if raised.code != "inerter::store::damaged":
+                raise
+            error = (str(raised.code), str(raised))
+        else:
+            try:
+                result = json.dumps(dict(call(_inerter.open(path, given))))
+            except InerterError as raised:
+                error = (str(raised.code), str(raised))
+        store._store.keep(batch, name, kind, given, result, error)
     return name
 
 
