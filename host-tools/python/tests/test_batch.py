@@ -61,7 +61,7 @@ def test_identify_goes_back_into_the_store(stored: Path) -> None:
     store = inerter.Store(stored / "store")
     rows = inerter.batch.identify(store, device="SIM-3")
     assert [row["kind"] for row in rows] == ["identify"]
-    assert rows[0]["error"] is None and rows[0]["result"]["kind"] == "identification", rows
+    assert rows[0]["error"] is None and rows[0]["result"]["kind"] == "identify", rows
 
 
 def die_once(mark: str) -> None:
