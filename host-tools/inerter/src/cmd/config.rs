@@ -10,7 +10,7 @@ use super::terminal::note;
 
 /// Flags that let a command replace or erase something, on a disk or a device, or name what it writes, what is run or which chip
 /// it is for, or let others in.
-const GRAVE: [&str; 19] = [
+const GRAVE: [&str; 22] = [
     "force",
     "yes",
     "save",
@@ -25,6 +25,9 @@ const GRAVE: [&str; 19] = [
     "wav",
     "junit",
     "verdicts",
+    "store",
+    "again",
+    "repair",
     "image",
     "qemu",
     "chip",
@@ -59,6 +62,11 @@ mod tests {
         let refused = apply(&command, &file(false), &typed).unwrap_err().to_string();
         assert!(refused.contains("it may not set `simulate.qemu`"), "{refused}");
         assert!(apply(&command, &file(true), &typed).unwrap().contains(&"--qemu".into()));
+        // Results would go to a store of the file's choice.
+        std::fs::write(&path, "[replay]\nstore = \"s3://others/store\"\n").unwrap();
+        let refused =
+            apply(&command, &file(false), &["inerter", "replay"].map(OsString::from)).unwrap_err().to_string();
+        assert!(refused.contains("it may not set `replay.store`"), "{refused}");
     }
 
     #[test]
