@@ -136,7 +136,8 @@ fn a_terminal_that_takes_nothing_holds_up_neither_a_recording_nor_the_end() {
         // Half a minute of the device.
         common::until("the recording waits", || length() > 700_000);
         kill_process(Pid::from_child(&child), Signal::TERM).unwrap();
-        let status = unruly::ended(&mut child, Duration::from_secs(5));
+        // The 5 s of a machine that has time for it are the campaign's (`cargo xtask chaos lost_terminals`); beside other tests it has less.
+        let status = unruly::ended(&mut child, Duration::from_secs(20));
         assert!(status.is_some(), "{command:?} goes on");
         let info = common::last(&common::done(folder.path(), &["info", "run.mcap", "--json"]));
         assert_eq!((&info["ending"], &info["lost_samples"]), (&"closed".into(), &0.into()), "{command:?}: {info}");
