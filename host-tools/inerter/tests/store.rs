@@ -67,6 +67,13 @@ fn a_run_says_what_a_replay_says_and_comes_back_as_it_was() {
         assert_eq!(row[format!("{parameter}_status")], replayed["whole_run"][&field]["status"]);
     }
     assert_eq!(row["law"], replayed["law"]["status"]);
+    // A friction that may as well be none.
+    done(folder, &["simulate", "--duration", "6", "--viscous-n-s-per-m", "0", "-o", "none.mcap"]);
+    let none = last(&done(folder, &["store", "add", "s", "none.mcap", "--json"]));
+    let none = last(&done(folder, &["store", "show", "s", none["run"].as_str().unwrap(), "--json"]));
+    let replayed = last(&done(folder, &["replay", "none.mcap", "--json"]));
+    assert_eq!(none["viscous_status"], "below_u95");
+    assert_eq!(none["viscous_status"], replayed["whole_run"]["viscous_n_s_per_m"]["status"]);
     assert_eq!(row["settings"]["sample_rate_hz"], 1000.0);
     assert_eq!(
         row["truth"]["inertance_kg"].as_str().map(|text| text.parse().unwrap_or(0.0) > 100.0),
@@ -79,7 +86,7 @@ fn a_run_says_what_a_replay_says_and_comes_back_as_it_was() {
     // The list as CSV has a column for each value, and a line for each run.
     let csv = done(folder, &["store", "ls", "s", "--csv"]);
     let width: BTreeSet<usize> = csv.lines().map(|line| line.split(',').count()).collect();
-    assert_eq!((csv.lines().count(), width.len()), (3, 1), "{csv}");
+    assert_eq!((csv.lines().count(), width.len()), (4, 1), "{csv}");
 }
 
 #[test]

@@ -1,7 +1,11 @@
 //! What may go wrong with a store.
 
-use std::{io, path::PathBuf};
+use std::{
+    io,
+    path::{Path, PathBuf},
+};
 
+use inerter_data::recording::RecordingError;
 use miette::Diagnostic;
 
 use crate::place::VERSION;
@@ -158,6 +162,11 @@ impl From<inerter_data::output::OutputError> for StoreError {
     fn from(error: inerter_data::output::OutputError) -> Self {
         Self::Data(error.into())
     }
+}
+
+/// What it is when this recording cannot be read.
+pub(crate) fn unreadable(path: &Path) -> impl Fn(io::Error) -> StoreError + Copy + '_ {
+    |source| inerter_data::Error::from(RecordingError::Read { path: path.into(), source }).into()
 }
 
 fn access_help(source: &io::Error) -> &'static str {

@@ -69,10 +69,10 @@ impl Files for Folder {
         let pending = begun(&path)?;
         io::copy(from, &mut pending.open().map_err(reason)?)?;
         pending.commit().map_err(reason)?;
-        // Nobody else's folder is made here, and its own are led to by their names.
+        // The names of new folders must be on the disk too, or nothing leads to the file.
         let folders = new_folder.into_iter().flat_map(Path::ancestors);
         folders.take_while(|folder| *folder != self.root).try_for_each(sync_folder)?;
-        // Sealed; where there are other permissions than these, removing would need more than them.
+        // Sealed. Elsewhere a file that may not be written may not be removed either.
         #[cfg(unix)]
         fs::set_permissions(&path, std::os::unix::fs::PermissionsExt::from_mode(0o444))?;
         Ok(())

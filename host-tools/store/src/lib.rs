@@ -26,7 +26,7 @@ pub use choice::{Choice, Condition, Day};
 pub use error::StoreError;
 pub use place::{Place, VERSION};
 pub use results::{Outcome, Shard};
-pub use row::Row;
+pub use row::{OBJECTS, Row};
 pub use store::{Added, Damage, Listed, Local, Store, Verified};
 
 #[cfg(doctest)]

@@ -5,6 +5,9 @@ use serde_json::{Map, Value, json};
 
 use crate::place::Place;
 
+/// Columns that hold objects: in JSON as such, in the table as text.
+pub const OBJECTS: [&str; 2] = ["settings", "truth"];
+
 /// A run of a store: its columns by name.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {

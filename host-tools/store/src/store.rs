@@ -12,7 +12,7 @@ use serde_json::{Map, Value, json};
 
 use crate::{
     choice::Choice,
-    error::StoreError,
+    error::{StoreError, unreadable},
     files::Files,
     folder::Folder,
     place::{MARK, Part, Place, RESULTS, VERSION},
@@ -154,10 +154,8 @@ impl Store {
     /// Adds a recording: the same one twice is one run. `progress` is handed the part that is done and may end the work until the
     /// run is there.
     pub fn add(&self, recording: &Path, progress: Progress<'_>) -> Result<Added, StoreError> {
-        let unreadable = |source| inerter_data::recording::RecordingError::Read { path: recording.into(), source };
-        let unreadable = |source| StoreError::from(inerter_data::Error::from(unreadable(source)));
-        let mut before = Summed::new(File::open(recording).map_err(unreadable)?);
-        io::copy(&mut before, &mut io::sink()).map_err(unreadable)?;
+        let mut before = Summed::new(File::open(recording).map_err(unreadable(recording))?);
+        io::copy(&mut before, &mut io::sink()).map_err(unreadable(recording))?;
         let run = before.sum.hex();
         let known = self.places()?.into_iter().find(|place| place.run == run);
         if let Some(place) = known
@@ -173,7 +171,6 @@ impl Store {
 
     /// Writes what is not there yet, or is not what it should be; `progress` is asked until the run is there.
     fn write(&self, recording: &Path, tables: &Tables, progress: Progress<'_>) -> Result<(), StoreError> {
-        let unreadable = |source| inerter_data::recording::RecordingError::Read { path: recording.into(), source };
         let place = &tables.place;
         if !self.has(MARK)? {
             self.put(MARK, format!("{}\n", json!({ "kind": "inerter-store", "version": VERSION })).as_bytes())?;
@@ -185,7 +182,7 @@ impl Store {
         for _ in 0..ATTEMPTS {
             progress(1.0)?;
             if !is_there(&name, &place.run) {
-                let file = File::open(recording).map_err(|error| inerter_data::Error::from(unreadable(error)))?;
+                let file = File::open(recording).map_err(unreadable(recording))?;
                 let mut from = Expected::new(file, &place.run);
                 let put = self.files.put(&name, &mut from);
                 if from.is_other {

@@ -3,20 +3,22 @@
 use std::path::Path;
 
 use inerter_analysis::results::{Replayed, replayed};
-use inerter_core::{LawStatus, Machine, Parameter};
+use inerter_core::{Machine, Parameter};
 use inerter_data::{
     export::{Cells, EstimateTable, HeldColumn, Source, table_bytes},
-    json::{EventJson, ReversalJson, rounded_s},
+    json::{EventJson, ReversalJson, Shown, rounded_s},
     names::{self, name},
     recording,
+    text::law_word,
     words::{printable, utc},
 };
 use inerter_wire::{EstimatorEvent, EventKind, catalogue};
 use serde_json::{Value, json};
 
 use crate::{
-    error::StoreError,
+    error::{StoreError, unreadable},
     place::{Part, Place, VERSION, serial},
+    row::OBJECTS,
     sums::{Sum, lines},
 };
 
@@ -34,8 +36,7 @@ impl Tables {
         run: &str,
         progress: &mut dyn FnMut(f64) -> Result<(), StoreError>,
     ) -> Result<Self, StoreError> {
-        let unreadable = |source| recording::RecordingError::Read { path: path.into(), source };
-        if !recording::is_recording(path).map_err(|error| inerter_data::Error::from(unreadable(error)))? {
+        if !recording::is_recording(path).map_err(unreadable(path))? {
             return Err(StoreError::NoRecording { path: path.into() });
         }
         let source = Source::open(path, &Default::default(), |_| ())?;
@@ -53,19 +54,20 @@ impl Tables {
             sample.map_err(StoreError::from)
         });
         let replayed = replayed(&source.settings, source.start_s, samples, |t_s, event| -> Result<(), StoreError> {
-            match event {
-                EstimatorEvent::Estimate(estimated) => estimates.push(t_s, &source, estimated),
-                EstimatorEvent::Reversal(reversal) => reversals.push(ReversalJson::new(Some(t_s), reversal)),
-                EstimatorEvent::Changed(_) | EstimatorEvent::Warned(_) => {
-                    let kind = match event {
-                        EstimatorEvent::Changed(change) => EventKind::Changed(*change),
-                        EstimatorEvent::Warned(warning) => EventKind::Warned(*warning),
-                        _ => return Ok(()),
-                    };
-                    let EventJson { index, code, event, .. } = EventJson::new(None, event.index(), &kind, machine);
-                    events.push((t_s, Some(index), code, event));
+            let kind = match event {
+                EstimatorEvent::Estimate(estimated) => {
+                    estimates.push(t_s, &source, estimated);
+                    return Ok(());
                 }
-            }
+                EstimatorEvent::Reversal(reversal) => {
+                    reversals.push(ReversalJson::new(Some(t_s), reversal));
+                    return Ok(());
+                }
+                EstimatorEvent::Changed(change) => EventKind::Changed(*change),
+                EstimatorEvent::Warned(warning) => EventKind::Warned(*warning),
+            };
+            let EventJson { index, code, event, .. } = EventJson::new(None, event.index(), &kind, machine);
+            events.push((t_s, Some(index), code, event));
             Ok(())
         })?;
         let remarks =
@@ -122,9 +124,6 @@ fn json_of(run: &str, row: &[HeldColumn<'_>]) -> Value {
     let values = row.iter().map(|column| (column.name.to_string(), value(column)));
     Value::Object([("run".to_owned(), json!(run))].into_iter().chain(values).collect())
 }
-
-/// Columns that hold objects.
-const OBJECTS: [&str; 2] = ["settings", "truth"];
 
 fn float(machine: Machine, linear: &str, unit: &'static str, values: Vec<Option<f64>>) -> HeldColumn<'static> {
     let values: Vec<_> = values.into_iter().map(|value| value.filter(|value| value.is_finite())).collect();
@@ -210,11 +209,6 @@ fn row<'a>(source: &'a Source, replayed: &Replayed) -> Vec<HeldColumn<'a>> {
         columns.extend(of_parameter(field, &parameter, None));
     }
     let misfit = outcome.law.misfit;
-    let law = match outcome.law.status {
-        LawStatus::Holds => "holds",
-        LawStatus::Broken => "broken",
-        LawStatus::Unknown => "unknown",
-    };
     let causes: Vec<&str> = replayed.remarks().map(|(code, _)| code).collect();
     let by_name: serde_json::Map<_, _> = inerter_core::Settings::TABLE
         .iter()
@@ -222,7 +216,7 @@ fn row<'a>(source: &'a Source, replayed: &Replayed) -> Vec<HeldColumn<'a>> {
         .map(|(info, value)| (info.name.to_string(), json!(value)))
         .collect();
     columns.extend([
-        owned("law", Some(law.into())),
+        owned("law", Some(law_word(outcome.law.status).into())),
         float(machine, "law_ratio", "", vec![misfit.map(|misfit| misfit.ratio.into())]),
         float(machine, "law_limit", "", vec![misfit.map(|misfit| misfit.limit.into())]),
         float(machine, "residual_rms_n", "N", vec![Some(outcome.estimate.residual_rms_n.into())]),
@@ -246,11 +240,6 @@ fn of_parameter(
         unit: field.unit,
         cells: Cells::Float(vec![value.filter(|value| value.is_finite())].into()),
     };
-    let status = match parameter {
-        Parameter::Ok(_) => "ok",
-        Parameter::Held(_) => "held",
-        Parameter::NotIdentifiable(_) => "not_identifiable",
-    };
     let mut columns = vec![
         number(field.path.into(), known.map(|known| known.value.into())),
         number(names::beside(field, "_u95"), known.and(interval.map(|(u95, _)| u95)).or(own)),
@@ -261,7 +250,7 @@ fn of_parameter(
     columns.push(HeldColumn {
         name: format!("{}_status", names::stem(field)).into(),
         unit: "",
-        cells: Cells::Text(vec![Some(status.into())]),
+        cells: Cells::Text(vec![Some(Shown::of(field, parameter).word().into())]),
     });
     columns
 }

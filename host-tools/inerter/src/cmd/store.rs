@@ -11,7 +11,7 @@ use inerter_data::{
     output::{self, refuse_existing},
     words::{interval_text, plural, printable},
 };
-use inerter_store::{Choice, Condition, Damage, Day, Place, Row, Store, StoreError};
+use inerter_store::{Choice, Condition, Damage, Day, OBJECTS, Place, Row, Store, StoreError};
 use serde_json::{Value, json};
 
 use super::terminal::{self, Progress, say, tidy_at_interrupts};
@@ -304,7 +304,7 @@ fn cells(row: &Row) -> [String; 8] {
 
 /// Columns that hold objects, for programs.
 fn is_object(name: &&str) -> bool {
-    ["settings", "truth"].contains(name)
+    OBJECTS.contains(name)
 }
 
 /// All columns but objects; a rotary machine has others.

@@ -146,7 +146,7 @@ def _work(name: str, *, url: str, kind: str, batch: str, given: dict[str, float]
     call: Callable[[inerter.Run], Mapping[str, Any]] = getattr(inerter, kind)
     result: str | None = None
     error = ("", "")
-    # A worker comes by many runs: what it fetches goes again.
+    # A worker does many runs: what it fetches for one is removed after it.
     with tempfile.TemporaryDirectory(prefix="inerter-") as folder:
         try:
             path = store._store.path(name)
