@@ -51,7 +51,7 @@ impl Source {
     ];
 
     /// Whether two runs on one rig share it, so that their difference is free of it.
-    const fn is_shared(self) -> bool {
+    pub const fn is_shared(self) -> bool {
         matches!(self, Self::Gain | Self::Lead | Self::Timebase)
     }
 }

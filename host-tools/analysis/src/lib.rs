@@ -9,6 +9,7 @@
 #![forbid(unsafe_code)]
 
 pub mod calibrate;
+pub mod compare;
 pub mod compared;
 pub mod contact;
 pub mod diagnose;
@@ -22,3 +23,4 @@ pub mod response;
 pub mod results;
 mod reversals;
 pub mod skew;
+pub mod told;

@@ -5,7 +5,7 @@
 
 use std::{fmt, io, path::Path, path::PathBuf};
 
-use inerter_core::Machine;
+use inerter_core::{LawStatus, Machine};
 use inerter_wire::catalogue::{self, Field, Group};
 use miette::Diagnostic;
 use serde::Serialize;
@@ -108,6 +108,48 @@ pub struct Measured {
     pub doubt: Option<&'static str>,
 }
 
+/// Why what a run tells of its parameters proves nothing, if so.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Doubts {
+    of_run: Option<&'static str>,
+    of_law: Option<&'static str>,
+    is_broken: bool,
+}
+
+impl Doubts {
+    /// Parameters of the law come first in [`NAMES`].
+    const OF_LAW: usize = 4;
+
+    /// Of a run in which the device `changed`, `are_wrong` samples were met, and the law came to this state; `is_beyond` says that it
+    /// leaves more over than noise and steps explain.
+    pub fn new(changed: bool, are_wrong: bool, law: LawStatus, is_beyond: bool) -> Self {
+        let of_run = if changed {
+            Some("the device changed during the run")
+        } else if are_wrong {
+            Some("samples are wrong, as the warnings say")
+        } else {
+            None
+        };
+        // Of a law that nobody can call broken where flanks may part no interval says how far that may reach.
+        let of_law = match law {
+            LawStatus::Broken => Some("the law is broken"),
+            _ if is_beyond => Some("the law leaves more over than noise and steps explain"),
+            _ => None,
+        };
+        Self { of_run, of_law, is_broken: law == LawStatus::Broken }
+    }
+
+    /// Of a run of which this is wrong.
+    pub const fn because(of_run: &'static str) -> Self {
+        Self { of_run: Some(of_run), of_law: None, is_broken: false }
+    }
+
+    /// Why nothing is proven of the parameter at this place of [`NAMES`].
+    pub fn of(&self, place: usize) -> Option<&'static str> {
+        self.of_run.or(self.of_law.filter(|_| place < Self::OF_LAW || self.is_broken))
+    }
+}
+
 /// A limited parameter with what is said of it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Judged {
@@ -199,8 +241,8 @@ impl Limits {
     }
 }
 
-/// What the catalogue says of a parameter on this machine.
-fn field(machine: Machine, name: &str) -> &'static Field {
+/// What the catalogue says of a parameter of [`NAMES`] on this machine.
+pub fn field(machine: Machine, name: &str) -> &'static Field {
     let groups = [Group::Parameter, Group::Detail];
     groups.into_iter().find_map(|group| catalogue::find(machine, group, name)).unwrap_or(&catalogue::FIELDS[0])
 }

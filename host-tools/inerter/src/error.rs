@@ -6,8 +6,8 @@
 use std::path::PathBuf;
 
 use inerter_analysis::{
-    calibrate::CalibrateError, contact::ContactError, fit::FitError, identify::IdentifyError, merge::MergeError,
-    plan::PlanError, skew::SkewError,
+    calibrate::CalibrateError, compare::CompareError, contact::ContactError, fit::FitError, identify::IdentifyError,
+    merge::MergeError, plan::PlanError, skew::SkewError,
 };
 use inerter_data::{
     backup::BackupError,
@@ -122,6 +122,24 @@ pub enum Error {
         /// What would decide those that a narrower interval decides.
         wants: String,
     },
+    /// The same of several runs.
+    #[error("{} of {of} runs {} not proven to be within the limits: {fail} beyond a limit, {undecided} undecided", fail + undecided, is_or_are(fail + undecided))]
+    #[diagnostic(
+        code(inerter::limits::verdict),
+        help("`inerter replay FILE --limits ..` says of one run what is wrong, and which motion would decide")
+    )]
+    LimitsOfRuns {
+        /// Runs of which one limit fails at least.
+        fail: usize,
+        /// Runs that are undecided.
+        undecided: usize,
+        /// How many runs there are.
+        of: usize,
+    },
+    /// Runs cannot be compared.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Compare(#[from] CompareError),
     /// Runs do not belong together.
     #[error(transparent)]
     #[diagnostic(transparent)]
@@ -318,6 +336,10 @@ impl Error {
 }
 
 /// What to do about a device that is not proven to be within its limits.
+fn is_or_are(count: usize) -> &'static str {
+    if count == 1 { "is" } else { "are" }
+}
+
 fn limits_help(run: &str, wants: &str) -> String {
     if wants.is_empty() {
         return format!(

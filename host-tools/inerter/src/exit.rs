@@ -1,7 +1,8 @@
 //! Exit codes, a public contract described in `docs/CLI.md`, and which one each failure ends with.
 
 use inerter_analysis::{
-    calibrate::CalibrateError, fit::FitError, identify::IdentifyError, plan::PlanError, skew::SkewError,
+    calibrate::CalibrateError, compare::CompareError, fit::FitError, identify::IdentifyError, plan::PlanError,
+    skew::SkewError,
 };
 use inerter_data::{limits::LimitsError, recording::RecordingError};
 use inerter_device::{DeviceError, flash::FlashError, update::UpdateError};
@@ -63,7 +64,9 @@ pub fn code(error: &Error) -> u8 {
         Error::Merge(_) => SETTINGS,
         Error::LimitsFile(LimitsError::File { .. }) => INPUT,
         Error::LimitsFile(LimitsError::Form { .. }) => SETTINGS,
-        Error::Limits { .. } => NOT_PASSED,
+        Error::Limits { .. } | Error::LimitsOfRuns { .. } => NOT_PASSED,
+        Error::Compare(CompareError::One) => USAGE,
+        Error::Compare(CompareError::Machine { .. }) => SETTINGS,
         Error::Skew(error) => skew(error),
         Error::Page(PageError::NotShown { .. }) => NOT_SHOWN,
         Error::Page(PageError::Format { .. }) => USAGE,

@@ -203,6 +203,7 @@ fn no_file_writes_to_the_terminal_what_it_likes() {
             &["plan", &csv],
             &["identify", &csv],
             &["report", &csv, "-o", "page.html", "--force"],
+            &["compare", &csv, &csv, "-o", "page.html", "--force"],
             &["export", &csv, "--csv", "out.csv", "--force"],
             &["plot", &csv, "--figure", "force", "-o", "force.svg", "--force"],
             &["send", &csv, "--connect", device.name()],
@@ -235,6 +236,7 @@ fn no_file_writes_to_the_terminal_what_it_likes() {
         &["simulate", "--motion", &csv, "-o", "out.mcap"],
         &["identify", &recording, "--no-profiles"],
         &["report", &recording, "-o", "page.html", "--force"],
+        &["compare", &recording, "plain.mcap", "-o", "page.html", "--force"],
         &["export", &recording, "--csv", "out.csv", "--estimates", "--force"],
         &["cut", &recording, "--from", "0.5", "-o", "part.mcap", "--force"],
         &["merge", &recording, "plain.mcap", "-o", "both.mcap", "--force"],
@@ -322,6 +324,7 @@ fn nothing_else_from_outside_writes_to_the_terminal_what_it_likes() {
         &["export", "run.mcap", "--csv", &csv, "--parquet", &parquet, "--mat", &mat, "--mcap", &exported, "--force"],
         &["plot", "run.mcap", "--figure", "force", "-o", &svg],
         &["report", "run.mcap", "-o", &html, "--png", &folder_name],
+        &["compare", "run.mcap", "run.mcap", "-o", &html, "--png", &folder_name, "--force"],
         &["plan", "run.mcap", "-o", &csv, "--wav", &wav, "--force"],
         &["man", "-o", &folder_name],
         &["update", "image.elf", "--dry-run"],
@@ -333,6 +336,7 @@ fn nothing_else_from_outside_writes_to_the_terminal_what_it_likes() {
         &["cut", "metadata.mcap", "-o", "n.mcap"],
         &["merge", "metadata.mcap", "run.mcap", "-o", "o.mcap"],
         &["report", "metadata.mcap", "-o", "page.html"],
+        &["compare", "metadata.mcap", "run.mcap", "-o", "compared.html"],
         &["settings", "diff", "metadata.mcap", "run.mcap"],
     ];
     let said: String = commands.iter().map(|command| check(folder, command)).collect();

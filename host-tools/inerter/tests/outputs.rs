@@ -73,7 +73,7 @@ fn a_link_that_leads_nowhere_and_an_empty_file_are_left_alone() {
     for name in ["out.mcap", "out.csv", "out.settings.toml", "out.svg", "out.html", "out.toml"] {
         symlink("elsewhere", folder.path().join(name)).unwrap();
     }
-    let written: [&[&str]; 10] = [
+    let written: [&[&str]; 11] = [
         &["record", "-o", "out.mcap", link[0], link[1], link[2], link[3]],
         &["monitor", "--plain", "--record", "out.mcap", link[0], link[1], link[2], link[3]],
         &["simulate", "--duration", "1", "-o", "out.mcap"],
@@ -82,6 +82,7 @@ fn a_link_that_leads_nowhere_and_an_empty_file_are_left_alone() {
         &["export", "in.mcap", "--csv", "out.csv"],
         &["plot", "in.mcap", "--figure", "force", "-o", "out.svg"],
         &["report", "in.mcap", "-o", "out.html"],
+        &["compare", "in.mcap", "in.mcap", "-o", "out.html"],
         &["plan", "in.mcap", "-o", "out.csv"],
         &["settings", "backup", "out.toml", link[0], link[1]],
     ];

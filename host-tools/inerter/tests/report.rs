@@ -4,7 +4,7 @@ mod common;
 
 use std::{collections::BTreeSet, fs, path::Path};
 
-use common::{done, fails, last};
+use common::{done, fails, last, run, text};
 use scraper::{Html, Selector};
 
 const SECTIONS: [&str; 11] = [
@@ -107,6 +107,122 @@ fn a_single_figure_goes_where_its_ending_says() {
     assert!(fails(folder, &["plot", "run.mcap", "--figure", "cake", "-o", "x.svg"], 2).contains("residual"));
     assert!(fails(folder, &["plot", "none.mcap", "--figure", "loop", "-o", "x.svg"], 3).contains("none.mcap"));
     assert!(fails(folder, &["report", "run.mcap", "-o", "no/page.html"], 8).contains("make the folder"));
+}
+
+#[test]
+fn runs_are_compared_in_words_in_json_and_on_one_page() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let simulate = |name: &str, more: &[&str]| {
+        done(folder, &[&["simulate", "-o", name, "--duration", "8", "--force-noise-n", "1"], more].concat());
+    };
+    simulate("a<b>.mcap", &["--seed", "1"]);
+    simulate("heavier.mcap", &["--seed", "2", "--inertance-kg", "301"]);
+    simulate("worn.mcap", &["--seed", "3", "--preset", "worn"]);
+    simulate("silent.mcap", &["--seed", "4", "--excite", "hold"]);
+    fs::write(folder.join("limits.toml"), "[inertance_kg]\nmin = 290\nmax = 310\n[backlash_m]\nmax = 2e-5\n").unwrap();
+    let files = ["a<b>.mcap", "heavier.mcap", "worn.mcap", "silent.mcap"];
+    let compare = |more: &[&str]| run(folder, &[&["compare"], &files[..], more].concat());
+    let pages = ["-o", "page.html", "--png", "png", "--rigs", "one"];
+    let output = compare(&[&pages[..], &["--json", "--limits", "limits.toml", "--junit", "r.xml"]].concat());
+    assert_eq!(output.status.code(), Some(10), "{}", text(&output.stderr));
+    assert!(
+        text(&output.stderr)
+            .contains("2 of 4 runs are not proven to be within the limits: 1 beyond a limit, 1 undecided")
+    );
+    let line = last(&text(&output.stdout));
+    assert_eq!(
+        (&line["kind"], &line["rig"], &line["files"]),
+        (&"compare".into(), &"one".into(), &files.as_slice().into())
+    );
+    let of = |name: &str, run: usize| line["parameters"][name][run].clone();
+    // What each run tells is what `replay` says of it.
+    let replayed = last(&done(folder, &["replay", "heavier.mcap", "--json"]));
+    let (heavier, told) = (of("inertance_kg", 1), &replayed["uncertainty"]["inertance_kg"]);
+    assert_eq!(
+        (&heavier["u95"], &heavier["same_rig_u95"], &heavier["value"]),
+        (&told["u95"], &told["same_rig_u95"], &replayed["whole_run"]["inertance_kg"]["value"])
+    );
+    assert_eq!(heavier["verdict"], "differs");
+    let number = |of: &serde_json::Value| of.as_f64().unwrap();
+    let (value, u95) = (number(&heavier["difference"]["value"]), number(&heavier["difference"]["u95"]));
+    assert!((value - 1.5094).abs() < u95 && u95 < 0.1, "{heavier}");
+    assert_eq!(of("inertance_kg", 3)["value"], serde_json::Value::Null);
+    assert_eq!(of("inertance_kg", 3)["verdict"], "undecided");
+    assert_eq!(
+        (&of("backlash_m", 2)["verdict"], &of("coulomb_n", 1)["verdict"]),
+        (&"differs".into(), &"not_shown".into())
+    );
+    let verdicts: Vec<_> = line["limits"].as_array().unwrap().iter().map(|limits| limits["verdict"].clone()).collect();
+    assert_eq!(verdicts, ["pass", "pass", "fail", "undecided"]);
+    let xml = fs::read_to_string(folder.join("r.xml")).unwrap();
+    assert_eq!(xml.matches("<testsuite ").count(), 4, "{xml}");
+
+    let page = checked(&folder.join("page.html"));
+    let figures = ["intervals", "loops", "over-time", "bode"];
+    let expected = ["runs", "parameters", "limits", "settings", "method"].into_iter().chain(figures);
+    assert!(expected.clone().all(|section| sections(&page).contains(section)), "{:?}", sections(&page));
+    assert_eq!((count(&page, "figure > svg"), count(&page, "#limits")), (4, 1), "an id is there once");
+    for name in figures {
+        assert!(fs::read(folder.join("png").join(format!("{name}.png"))).unwrap().starts_with(b"\x89PNG"), "{name}");
+    }
+    assert!(count(&page, "#parameters td.differs") >= 2 && count(&page, "#runs tbody tr") == 4);
+
+    // Without a word on the rig the boards tell: each simulated device has a serial number of its own.
+    let output = compare(&[]);
+    let words = text(&output.stdout);
+    assert!(
+        words.contains("of several rigs (the serial number of the board of a<b>.mcap and heavier.mcap differs)"),
+        "{words}"
+    );
+    assert!(words.contains("+1.5 ± 2.2   no difference shown"), "{words}");
+
+    assert!(fails(folder, &["compare", "worn.mcap"], 2).contains("2 values required"));
+    simulate("rotary.mcap", &["--preset", "paper", "--set", "machine=1"]);
+    let refused = fails(folder, &["compare", "worn.mcap", "rotary.mcap"], 4);
+    assert!(refused.contains("worn.mcap is of a linear machine and rotary.mcap of a rotary one"), "{refused}");
+    assert!(fails(folder, &["compare", "worn.mcap", "none.mcap"], 3).contains("none.mcap"));
+    let before = fs::read(folder.join("page.html")).unwrap();
+    assert_eq!(compare(&["-o", "page.html"]).status.code(), Some(8));
+    assert_eq!(
+        compare(&["-o", "worn.mcap", "--junit", "worn.mcap", "--force", "--limits", "limits.toml"]).status.code(),
+        Some(8)
+    );
+    assert_eq!(before, fs::read(folder.join("page.html")).unwrap());
+}
+
+/// The verdict is that of `replay`, whatever says it.
+#[test]
+fn a_page_says_what_a_replay_says_of_limits() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    // Longer than the latest samples that are searched.
+    let simulate = ["simulate", "-o", "run.mcap", "--duration", "80", "--force-noise-n", "1", "--seed", "5"];
+    done(folder, &simulate);
+    fs::write(
+        folder.join("limits.toml"),
+        "[inertance_kg]\nmax = 299.6\n[coulomb_n]\nmax = 45\n[backlash_m]\nmax = 1e-4\n",
+    )
+    .unwrap();
+    let limits = ["--limits", "limits.toml", "--json"];
+    let of = |words: &[&str]| {
+        let output = run(folder, &[words, &limits[..]].concat());
+        assert_eq!(output.status.code(), Some(10), "{words:?}");
+        last(&text(&output.stdout))["limits"].clone()
+    };
+    let replayed = of(&["replay", "run.mcap"]);
+    assert_eq!(of(&["report", "run.mcap", "-o", "page.html"]), replayed);
+    done(folder, &["store", "add", "store", "run.mcap"]);
+    assert_eq!(of(&["store", "ls", "store"]), replayed);
+    let compared = of(&["compare", "run.mcap", "run.mcap"]);
+    assert_eq!(compared, serde_json::json!([replayed, replayed]));
+    let page = checked(&folder.join("page.html"));
+    let words: String = page.select(&Selector::parse("#limits").unwrap()).flat_map(|limits| limits.text()).collect();
+    for said in ["Limits: fail", "Coulomb frictionN4550.0", "inerter plan run.mcap --want \"mt to 0.1"] {
+        assert!(words.contains(said), "{said}: {words}");
+    }
+    done(folder, &["report", "run.mcap", "-o", "plain.html"]);
+    assert_eq!(count(&checked(&folder.join("plain.html")), "#limits"), 0);
 }
 
 #[test]

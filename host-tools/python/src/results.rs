@@ -190,7 +190,7 @@ pub fn report(
             output::refuse_existing(&path)?;
         }
         let content = Content::of(run.whole()?, |part| progress.tell(part))?;
-        let (page, figures) = html(&content);
+        let (page, figures) = html(&content, &[]);
         // Nothing is written where nobody waits for it.
         progress.tell(1.0);
         output::write(&path, replace, &page)?;

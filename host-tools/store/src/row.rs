@@ -1,5 +1,11 @@
 //! What the table `runs` says of a run.
 
+use inerter_core::{LawStatus, Machine};
+use inerter_data::{
+    limits::{Doubts, Judged, Limits, Measured, NAMES, field},
+    names::beside,
+    text::law_word,
+};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
@@ -54,6 +60,33 @@ impl Row {
     /// A text, where it is known.
     pub fn text(&self, column: &str) -> Option<&str> {
         self.values.get(column)?.as_str()
+    }
+
+    /// Kind of its machine.
+    pub fn machine(&self) -> Machine {
+        if self.text("machine") == Some("rotary") { Machine::Rotary } else { Machine::Linear }
+    }
+
+    /// What it says of limits: the same as a replay of its recording with its own settings.
+    pub fn within(&self, limits: &Limits) -> Vec<Judged> {
+        let doubts = self.doubts();
+        limits.judge(|place| {
+            let field = field(self.machine(), NAMES.get(place).copied().unwrap_or_default());
+            let (value, u95) = (self.number(field.path), self.number(&beside(field, "_u95")));
+            Measured { found: value.zip(u95).map(|(value, u95)| (value as f32, u95 as f32)), doubt: doubts.of(place) }
+        })
+    }
+
+    /// Why what it says proves nothing, if so.
+    fn doubts(&self) -> Doubts {
+        let Some(wrong) = self.number("wrong_samples") else {
+            return Doubts::because("it was added by a version that did not count wrong samples");
+        };
+        let law =
+            [LawStatus::Holds, LawStatus::Broken].into_iter().find(|law| self.text("law") == Some(law_word(*law)));
+        let is_beyond = self.number("law_ratio") > self.number("law_limit");
+        let changed = self.number("changes").is_some_and(|changes| changes > 0.0);
+        Doubts::new(changed, wrong > 0.0, law.unwrap_or(LawStatus::Unknown), is_beyond)
     }
 
     /// Names of all columns.

@@ -191,6 +191,7 @@ fn row<'a>(source: &'a Source, replayed: &Replayed) -> Vec<HeldColumn<'a>> {
         whole("samples", vec![count(extent.samples)]),
         whole("lost_samples", vec![count(extent.missing)]),
         whole("saturated", vec![Some(outcome.counters.saturated.into())]),
+        whole("wrong_samples", vec![count(replayed.wrong_samples() as u64)]),
         whole("changes", vec![Some(outcome.detail.changes.into())]),
         whole("reversals", vec![Some(outcome.detail.backlash.reversals.into())]),
     ];

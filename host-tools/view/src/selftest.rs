@@ -4,46 +4,30 @@ use inerter_data::{
     selftest::{Check, SelfTest, Verdict},
     words::{plural, utc},
 };
-use maud::{DOCTYPE, Markup, PreEscaped, html as markup};
+use maud::{Markup, html as markup};
 
-use crate::page::page_css;
+use crate::frame::framed;
 
 /// The whole page.
 pub fn html(test: &SelfTest) -> String {
     let hello = &test.hello;
     let failed = test.failed();
-    markup! {
-        (DOCTYPE)
-        html lang="en" {
-            head {
-                meta charset="utf-8";
-                meta name="viewport" content="width=device-width, initial-scale=1";
-                meta name="generator" content=(concat!("inerter ", env!("CARGO_PKG_VERSION")));
-                title { "Inerter: self-test of " (hello.serial) }
-                style { (PreEscaped(page_css())) }
-            }
-            body {
-                header {
-                    p.kind { "Instrumented inerter: self-test of a board" }
-                    h1 { (hello.board) ", serial " (hello.serial) }
-                    p.meta { (utc(test.begun_ns)) " · " (hello.firmware) ", commit " (hello.git) " · at " (test.port) }
-                }
-                main {
-                    section #result {
-                        h2 { "Result" }
-                        p {
-                            @if failed.is_empty() { span.ok { "Passed" } } @else { span.none { "Failed" } }
-                            ": " (plural(test.count(Verdict::Pass) as u64, "check")) " passed, "
-                            (failed.len()) " failed, " (test.count(Verdict::Skipped)) " skipped."
-                        }
-                    }
-                    (checks(&test.checks))
-                    (figures(test))
-                }
+    let meta = markup! { (utc(test.begun_ns)) " · " (hello.firmware) ", commit " (hello.git) " · at " (test.port) };
+    let main = markup! {
+        section #result {
+            h2 { "Result" }
+            p {
+                @if failed.is_empty() { span.ok { "Passed" } } @else { span.none { "Failed" } }
+                ": " (plural(test.count(Verdict::Pass) as u64, "check")) " passed, "
+                (failed.len()) " failed, " (test.count(Verdict::Skipped)) " skipped."
             }
         }
-    }
-    .into_string()
+        (checks(&test.checks))
+        (figures(test))
+    };
+    let title = format!("self-test of {}", hello.serial);
+    let heading = format!("{}, serial {}", hello.board, hello.serial);
+    framed(&title, "self-test of a board", &heading, &meta, &main)
 }
 
 fn checks(checks: &[Check]) -> Markup {

@@ -1,11 +1,13 @@
 //! What a run comes to, as the program prints it and other programs get it.
 
+mod beside;
 mod diagnosed;
 mod fitted;
 mod identified;
 mod replayed;
 
+pub use beside::CompareJson;
 pub use diagnosed::{CauseJson, Diagnosed, DiagnosisJson, Unsought, diagnosed};
 pub use fitted::FitJson;
 pub use identified::{IdentifyJson, responses};
-pub use replayed::{AdviceJson, LastJson, Replayed, replayed, warning};
+pub use replayed::{AdviceJson, LastJson, LimitsJson, Replayed, replayed, warning};

@@ -2,12 +2,12 @@
 
 use std::cell::RefCell;
 
-use inerter_core::{LawStatus, Machine, RawSample, Settings, WarningKind};
+use inerter_core::{Machine, RawSample, Settings, WarningKind};
 use inerter_data::{
     causes::{Cause as Suspect, warning_words},
     full_scale::Peaks,
     json::{EstimateJson, WarningJson, rounded_s},
-    limits::{self, Limits, Measured, Verdict},
+    limits::{self, Verdict},
     names::parameter,
     replay::{Outcome, replay_samples},
     settings::SettingsInputError,
@@ -18,9 +18,10 @@ use serde::Serialize;
 use serde_json::{Map, Value, json};
 
 use crate::{
-    diagnose::{Cause, Judged, Latest, is_suspect, judged, suspected},
+    diagnose::{Cause, Judged, Latest, judged, suspected},
     fit::Products,
     plan::{Advice, Part, Reach, advice, duration_s},
+    told::Told,
 };
 
 /// What a run came to.
@@ -102,38 +103,14 @@ impl Replayed {
         unseen.chain(causes).chain(self.beyond.iter().map(|words| ("full_scale", words.clone())))
     }
 
-    /// What the whole run says of limits.
-    pub fn within(&self, limits: &Limits) -> Vec<limits::Judged> {
-        let Outcome { estimate, detail, law, .. } = &self.outcome;
-        let values = estimate.whole_run;
-        let values = [values.inertance_kg, values.viscous_n_s_per_m, values.coulomb_n, values.offset_n];
-        let contact =
-            [detail.backlash.known(), detail.stiffness_n_per_m.known(), detail.contact_damping_n_s_per_m.known()];
-        let of_run = if detail.changes > 0 {
-            Some("the device changed during the run")
-        } else if !(self.warnings.is_empty() && self.unseen.is_empty()) {
-            Some("samples are wrong, as the warnings say")
-        } else {
-            None
-        };
-        // Of a law that nobody can call broken where flanks may part no interval says how far that may reach.
-        let of_law = match law.status {
-            LawStatus::Broken => Some("the law is broken"),
-            _ if is_suspect(law) => Some("the law leaves more over than noise and steps explain"),
-            _ => None,
-        };
-        limits.judge(|place| {
-            let found = match (values.get(place), self.judged.get(place)) {
-                (Some(parameter), Some(judged)) => parameter.value().map(|value| (value, judged.budget.u95())),
-                _ => contact
-                    .get(place.wrapping_sub(values.len()))
-                    .copied()
-                    .flatten()
-                    .map(|found| (found.value, found.u95)),
-            };
-            let is_of_law = place < values.len();
-            Measured { found, doubt: of_run.or(of_law.filter(|_| is_of_law || law.status == LawStatus::Broken)) }
-        })
+    /// What the whole run tells of each parameter.
+    pub fn told(&self) -> Told {
+        Told::new(&self.outcome, &self.judged, self.wrong_samples() > 0)
+    }
+
+    /// How often samples were wrong: each time that the estimator said so, and each kind that only the whole run shows.
+    pub fn wrong_samples(&self) -> usize {
+        self.warnings.len() + self.unseen.len()
     }
 
     /// The last line of the run; `within` is what it says of limits, where there are any.
@@ -145,7 +122,7 @@ impl Replayed {
             uncertainty: Some(self.uncertainty()),
             warnings: self.warnings.iter().cloned().chain(remarks).collect(),
             advice: self.advice.as_ref().map(|advice| AdviceJson::new(advice, self.settings.machine)),
-            limits: within.map(|all| LimitsJson { verdict: limits::verdict(all), parameters: all.to_vec() }),
+            limits: within.map(LimitsJson::new),
         }
     }
 
@@ -185,6 +162,13 @@ pub struct LastJson {
 pub struct LimitsJson {
     verdict: Verdict,
     parameters: Vec<limits::Judged>,
+}
+
+impl LimitsJson {
+    /// Of all limits.
+    pub fn new(all: &[limits::Judged]) -> Self {
+        Self { verdict: limits::verdict(all), parameters: all.to_vec() }
+    }
 }
 
 /// What to do about what a run could not show.

@@ -25,23 +25,31 @@ pub struct LimitsArgs {
     /// Write it as CSV
     #[arg(long, value_name = "FILE.csv", requires = "limits", help_heading = "Limits")]
     verdicts: Option<PathBuf>,
-    /// Replace these files where they are there
-    #[arg(long, help_heading = "Limits")]
-    force: bool,
+}
+
+/// A run and what is said of its limits.
+pub struct Held<'a> {
+    /// Its name.
+    pub run: String,
+    /// Kind of its machine.
+    pub machine: Machine,
+    /// A word on each limit.
+    pub judged: &'a [Judged],
 }
 
 impl LimitsArgs {
-    /// Refuses files that are in the way, before any work is done; `run` is not to be written over. Ctrl-C leaves none half written.
-    pub fn check(&self, run: &Path) -> Result<&Self, Error> {
+    /// Refuses files that are in the way, before any work is done; what is `read` is not to be written over. Ctrl-C leaves none half
+    /// written.
+    pub fn check(&self, read: &[&Path], force: bool) -> Result<&Self, Error> {
         tidy_at_interrupts();
-        let read = self.limits.as_deref().into_iter().chain([run]);
+        let read = read.iter().copied().chain(self.limits.as_deref());
         for path in self.junit.iter().chain(&self.verdicts) {
             let twice = self.junit == self.verdicts;
             if twice || read.clone().any(|read| read == path) {
                 return Err(OutputError::Exists { path: path.clone() }.into());
             }
         }
-        let mut files = self.junit.iter().chain(&self.verdicts).filter(|_| !self.force);
+        let mut files = self.junit.iter().chain(&self.verdicts).filter(|_| !force);
         files.try_for_each(|path| output::refuse_existing(path))?;
         Ok(self)
     }
@@ -52,41 +60,59 @@ impl LimitsArgs {
     }
 
     /// Writes the files.
-    pub fn write(&self, run: &Path, machine: Machine, all: &[Judged]) -> Result<(), Error> {
+    pub fn write(&self, force: bool, runs: &[Held]) -> Result<(), Error> {
         if let Some(path) = &self.junit {
-            output::write(path, self.force, junit(run, machine, all))?;
+            output::write(path, force, junit(runs))?;
         }
         if let Some(path) = &self.verdicts {
-            output::write(path, self.force, csv(run, machine, all))?;
+            output::write(path, force, csv(runs))?;
         }
         Ok(())
     }
+}
 
-    /// Fails unless all pass.
-    pub fn verdict(&self, run: &Path, machine: Machine, all: &[Judged]) -> Result<(), Error> {
-        if verdict(all) == Verdict::Pass {
-            return Ok(());
-        }
-        let count = |wanted: Verdict| all.iter().filter(|judged| judged.verdict == wanted).count();
-        Err(Error::Limits {
-            run: run.display().to_string(),
-            fail: count(Verdict::Fail),
-            undecided: count(Verdict::Undecided),
-            of: all.len(),
-            wants: all.iter().filter_map(|judged| judged.want(machine)).collect::<Vec<_>>().join(", "),
-        })
+/// Fails unless all of all runs pass.
+pub fn prove(runs: &[Held]) -> Result<(), Error> {
+    let count = |held: &Held, wanted: Verdict| held.judged.iter().filter(|judged| judged.verdict == wanted).count();
+    let unproven: Vec<&Held> = runs.iter().filter(|held| verdict(held.judged) != Verdict::Pass).collect();
+    match unproven.as_slice() {
+        [] => Ok(()),
+        [held] if runs.len() == 1 => Err(Error::Limits {
+            run: held.run.clone(),
+            fail: count(held, Verdict::Fail),
+            undecided: count(held, Verdict::Undecided),
+            of: held.judged.len(),
+            wants: held.judged.iter().filter_map(|judged| judged.want(held.machine)).collect::<Vec<_>>().join(", "),
+        }),
+        _ => Err(Error::LimitsOfRuns {
+            fail: unproven.iter().filter(|held| verdict(held.judged) == Verdict::Fail).count(),
+            undecided: unproven.iter().filter(|held| verdict(held.judged) == Verdict::Undecided).count(),
+            of: runs.len(),
+        }),
     }
 }
 
+/// A line on a limit.
+pub fn judged_line(machine: Machine, judged: &Judged) -> String {
+    format!("{:<9}  {}", judged.verdict, judged.words(machine))
+}
+
 /// As servers of continuous integration read it.
-fn junit(run: &Path, machine: Machine, all: &[Judged]) -> String {
-    let run = run.display().to_string();
-    let run = printable(&run);
+fn junit(runs: &[Held]) -> String {
+    let mut report = Report::new("inerter");
+    report.add_test_suites(runs.iter().map(suite));
+    // It is written to memory.
+    report.to_string().unwrap_or_default()
+}
+
+/// A case for each limit of a run.
+fn suite(held: &Held) -> TestSuite {
+    let run = printable(&held.run);
     let mut suite = TestSuite::new(run.as_ref());
-    for judged in all {
+    for judged in held.judged {
         let not = |kind| {
             let mut status = TestCaseStatus::non_success(kind);
-            status.set_message(judged.words(machine));
+            status.set_message(judged.words(held.machine));
             status
         };
         let status = match judged.verdict {
@@ -94,27 +120,25 @@ fn junit(run: &Path, machine: Machine, all: &[Judged]) -> String {
             Verdict::Fail => not(NonSuccessKind::Failure),
             Verdict::Undecided => not(NonSuccessKind::Error),
         };
-        let mut case = TestCase::new(judged.name(machine), status);
+        let mut case = TestCase::new(judged.name(held.machine), status);
         case.set_classname(run.as_ref());
         suite.add_test_case(case);
     }
-    let mut report = Report::new("inerter");
-    report.add_test_suite(suite);
-    // It is written to memory.
-    report.to_string().unwrap_or_default()
+    suite
 }
 
-/// A row for each parameter.
-fn csv(run: &Path, machine: Machine, all: &[Judged]) -> Vec<u8> {
+/// A row for each parameter of each run.
+fn csv(runs: &[Held]) -> Vec<u8> {
     let mut table = csv::Writer::from_writer(Vec::new());
     let limit = |number: Option<f64>| number.map(|number| number.to_string()).unwrap_or_default();
     let number = |number: Option<f32>| number.map(|number| number.to_string()).unwrap_or_default();
     let head =
         ["run", "parameter", "value", "u95", "min", "max", "verdict", "needed_u95", "reason"].map(str::to_string);
-    let rows = all.iter().map(|judged| {
+    let all = runs.iter().flat_map(|held| held.judged.iter().map(move |judged| (held, judged)));
+    let rows = all.map(|(held, judged)| {
         [
-            printable(&run.display().to_string()).into_owned(),
-            judged.name(machine).into(),
+            printable(&held.run).into_owned(),
+            judged.name(held.machine).into(),
             number(judged.value),
             number(judged.u95),
             limit(judged.min),

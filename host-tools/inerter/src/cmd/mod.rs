@@ -1,6 +1,7 @@
 //! The commands, one file each with its manual, and what they share.
 
 pub mod calibrate;
+pub mod compare;
 pub mod completions;
 pub mod config;
 pub mod cut;

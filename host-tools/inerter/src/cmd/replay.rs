@@ -19,7 +19,7 @@ use inerter_wire::{EstimatorEvent, EventKind};
 
 use super::{
     args::FileSettingsArgs,
-    limits::LimitsArgs,
+    limits::{Held, LimitsArgs, judged_line, prove},
     shard::{self, StoreArgs},
     terminal::{Progress, note},
 };
@@ -65,6 +65,9 @@ pub struct Args {
     every: Option<std::time::Duration>,
     #[command(flatten)]
     limits: LimitsArgs,
+    /// Replace these files where they are there
+    #[arg(long, help_heading = "Limits")]
+    force: bool,
     #[command(flatten)]
     store: StoreArgs,
 }
@@ -79,7 +82,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
 }
 
 fn replay(file: &Path, args: &Args) -> Result<(), Error> {
-    let checks = args.limits.check(file)?;
+    let checks = args.limits.check(&[file], args.force)?;
     let mut reading = Progress::through("reading", file);
     let run = Source::open(file, &args.settings.overrides()?, |offset| reading.set(offset))?;
     reading.done();
@@ -116,11 +119,12 @@ fn replay(file: &Path, args: &Args) -> Result<(), Error> {
     )?;
     progress.done();
     let machine = run.settings.machine;
-    let within = limits.map(|limits| replayed.within(&limits));
-    let Some(all) = &within else { return say(args, &run, &replayed, header, None) };
-    checks.write(file, machine, all)?;
-    let said = heard(say(args, &run, &replayed, header, Some(all)), true);
-    checks.verdict(file, machine, all).and(said)
+    let within = limits.map(|limits| replayed.told().within(&limits));
+    let Some(judged) = &within else { return say(args, &run, &replayed, header, None) };
+    let held = [Held { run: file.display().to_string(), machine, judged }];
+    checks.write(args.force, &held)?;
+    let said = heard(say(args, &run, &replayed, header, Some(judged)), true);
+    prove(&held).and(said)
 }
 
 /// What was said; that nobody listens any more is no reason to end where it `goes_on`.
@@ -148,11 +152,6 @@ fn say(args: &Args, run: &Source, replayed: &Replayed, header: bool, within: Opt
     replayed.remarks().map(|(_, words)| words).try_for_each(output::line)?;
     advice.iter().map(|advice| advice.sentence(machine)).try_for_each(output::line)?;
     Ok(within.into_iter().flatten().map(|judged| judged_line(machine, judged)).try_for_each(output::line)?)
-}
-
-/// A row on a limit.
-fn judged_line(machine: Machine, judged: &Judged) -> String {
-    format!("{:<9}  {}", judged.verdict, judged.words(machine))
 }
 
 /// What is no estimate: every one in JSON; a person sees the changes, and the scatter of the reversals as an interval.

@@ -5,18 +5,19 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use inerter_analysis::results::LimitsJson;
 use inerter_data::{
-    json::json_line,
+    json::machine_json_line,
     output::{self, OutputError},
 };
 use inerter_view::{
     figure::render_png,
     page::{Content, html},
 };
-use serde_json::json;
 
 use super::{
     args::FileSettingsArgs,
+    limits::{Held, LimitsArgs, judged_line, prove},
     terminal::{self, Progress, note},
 };
 use crate::Error;
@@ -27,8 +28,11 @@ use crate::Error;
 /// force against the law, what is left over, the force-displacement loop, parameters over time, backlash by reversal, and
 /// the measured frequency response beside the ideal and the complete model. What this run cannot show is said in words.
 ///
+/// With --limits the page says pass, fail or undecided of each parameter that the file names, as `inerter replay` does, and the exit
+/// code is 10 unless all pass.
+///
 /// --png writes the figures as PNG files besides, for slides and papers; `inerter plot` writes a single one.
-/// With --json one object: {"kind":"report","file":..,"source":..,"figures":[..],"png":[..]}. docs/CLI.md describes it.
+/// With --json one object: {"kind":"report","file":..,"source":..,"figures":[..],"png":[..]}, and "limits" where there are any. docs/CLI.md describes it.
 #[derive(clap::Args)]
 #[command(after_long_help = inerter_data::settings::help_table())]
 pub struct Args {
@@ -45,18 +49,36 @@ pub struct Args {
     force: bool,
     #[command(flatten)]
     settings: FileSettingsArgs,
+    #[command(flatten)]
+    limits: LimitsArgs,
     /// Print JSON
     #[arg(long)]
     json: bool,
+}
+
+/// What was written, in JSON.
+#[derive(serde::Serialize)]
+struct ReportJson {
+    kind: &'static str,
+    file: String,
+    source: String,
+    figures: Vec<&'static str>,
+    png: Vec<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    limits: Option<LimitsJson>,
 }
 
 pub fn run(args: &Args) -> Result<(), Error> {
     if !args.force {
         output::refuse_existing(&args.output)?;
     }
-    terminal::tidy_at_interrupts();
+    args.limits.check(&[&args.file, &args.output], args.force)?;
     let content = content(&args.file, &args.settings)?;
-    let (page, figures) = html(&content);
+    let machine = content.run.settings.machine;
+    let limits = args.limits.read(machine)?;
+    let within = limits.map(|limits| content.replayed.told().within(&limits));
+    let judged = within.as_deref().unwrap_or_default();
+    let (page, figures) = html(&content, judged);
     let mut images = Vec::new();
     if let Some(folder) = &args.png {
         make_folder(folder)?;
@@ -70,17 +92,29 @@ pub fn run(args: &Args) -> Result<(), Error> {
         progress.done();
     }
     output::write(&args.output, args.force, &page)?;
+    let held = [Held { run: args.file.display().to_string(), machine, judged }];
+    args.limits.write(args.force, &held)?;
     let file = args.output.display();
     if args.json {
         let names: Vec<&str> = figures.iter().map(|figure| figure.name).collect();
-        let line = json!({ "kind": "report", "file": file.to_string(), "source": args.file.display().to_string(), "figures": names, "png": images });
-        return Ok(output::line(json_line(&line))?);
+        let limits = within.as_deref().map(LimitsJson::new);
+        let line = ReportJson {
+            kind: "report",
+            file: file.to_string(),
+            source: args.file.display().to_string(),
+            figures: names,
+            png: images,
+            limits,
+        };
+        output::line(machine_json_line(machine, &line))?;
+        return prove(&held);
     }
     terminal::say(format!("{file}: {} figures; open it in a browser, and print it from there", figures.len()));
     if let Some(folder) = &args.png {
         terminal::say(format!("{}: {} PNG files", folder.display(), images.len()));
     }
-    Ok(())
+    judged.iter().try_for_each(|judged| output::line(judged_line(machine, judged)))?;
+    prove(&held)
 }
 
 /// Reads a file and takes it through the estimator, with a bar.

@@ -6,15 +6,21 @@ use std::{
     path::PathBuf,
 };
 
+use inerter_analysis::results::LimitsJson;
+use inerter_core::Machine;
 use inerter_data::{
-    json::json_line,
+    json::{json_line, machine_json},
+    limits::{Judged, verdict},
     output::{self, refuse_existing},
     words::{interval_text, plural, printable},
 };
 use inerter_store::{Choice, Condition, Damage, Day, OBJECTS, Place, Row, Store, StoreError};
 use serde_json::{Value, json};
 
-use super::terminal::{self, Progress, say, tidy_at_interrupts};
+use super::{
+    limits::{Held, LimitsArgs, prove},
+    terminal::{self, Progress, say, tidy_at_interrupts},
+};
 use crate::{
     Error,
     error::{DialogueError, Shown},
@@ -81,11 +87,17 @@ struct ListArgs {
     /// Print CSV with all columns
     #[arg(long)]
     csv: bool,
+    #[command(flatten)]
+    limits: LimitsArgs,
+    /// Replace these files where they are there
+    #[arg(long, help_heading = "Limits")]
+    force: bool,
 }
 
 /// List the runs of a store.
 ///
 /// With --json one object a line with all columns of the table `runs`: {"run":..,"device":..,"date":..,"inertance_kg":..,..}.
+/// With --limits each run is held against limits, as by `inerter replay`, and the exit code is 10 unless all pass.
 #[derive(clap::Args)]
 struct LsArgs {
     /// Folder, or s3://BUCKET/FOLDER
@@ -99,6 +111,7 @@ struct LsArgs {
 ///
 /// A condition is a column of the table `runs`, one of < <= > >= = !=, and a number or a word: "inertance_kg < 300", "law = broken".
 /// What is not known meets no condition. For more than that, query the tables with DuckDB: docs/STORE.md has examples.
+/// With --limits those runs are held against limits, and the exit code is 10 unless all pass.
 #[derive(clap::Args)]
 struct QueryArgs {
     /// Folder, or s3://BUCKET/FOLDER
@@ -241,10 +254,35 @@ fn short(place: &Place) -> &str {
 
 fn list(url: &str, args: &ListArgs, conditions: &[String]) -> Result<(), Error> {
     let conditions = conditions.iter().map(|text| text.parse()).collect::<Result<Vec<Condition>, _>>()?;
+    args.limits.check(&[], args.force)?;
     let choice = Choice { device: args.device.clone(), from: args.from.clone(), to: args.to.clone(), conditions };
     let listed = Store::open(url)?.runs(&choice)?;
-    print(args, &listed.rows)?;
-    told(url, &listed.damages)
+    let within = within(args, &listed.rows)?;
+    print(args, &listed.rows, within.as_deref())?;
+    told(url, &listed.damages)?;
+    prove(&held(&listed.rows, within.as_deref()))
+}
+
+/// What each run says of limits, where there are any; the files on them are written.
+fn within(args: &ListArgs, rows: &[Row]) -> Result<Option<Vec<Vec<Judged>>>, Error> {
+    let of = |machine: Machine| match rows.iter().any(|row| row.machine() == machine) {
+        true => args.limits.read(machine),
+        false => Ok(None),
+    };
+    let (linear, rotary) = (of(Machine::Linear)?, of(Machine::Rotary)?);
+    let judged = |row: &Row| {
+        let limits = if row.machine() == Machine::Linear { &linear } else { &rotary };
+        Some(row.within(limits.as_ref()?))
+    };
+    // Of no run, or without limits, there is none.
+    let within = rows.iter().map(judged).collect::<Option<Vec<_>>>();
+    args.limits.write(args.force, &held(rows, within.as_deref()))?;
+    Ok(within)
+}
+
+fn held<'a>(rows: &[Row], within: Option<&'a [Vec<Judged>]>) -> Vec<Held<'a>> {
+    let of = |(row, judged): (&Row, &'a Vec<Judged>)| Held { run: row.name().into(), machine: row.machine(), judged };
+    rows.iter().zip(within.unwrap_or_default()).map(of).collect()
 }
 
 /// Names what is damaged, on standard error.
@@ -253,25 +291,41 @@ fn told(url: &str, damages: &[Damage]) -> Result<(), Error> {
     if damages.is_empty() { Ok(()) } else { Err(Error::StoreDamage { url: url.into(), files: damages.len() }) }
 }
 
-fn print(args: &ListArgs, rows: &[Row]) -> Result<(), Error> {
+fn print(args: &ListArgs, rows: &[Row], within: Option<&[Vec<Judged>]>) -> Result<(), Error> {
+    let judged = |number: usize| within.and_then(|all| all.get(number));
     if args.json {
-        return Ok(rows.iter().try_for_each(|row| output::line(json_line(row)))?);
+        let mut lines = rows.iter().enumerate().map(|(number, row)| {
+            let mut line = json!(row);
+            if let (Some(judged), Some(columns)) = (judged(number), line.as_object_mut()) {
+                let limits = machine_json(row.machine(), &LimitsJson::new(judged));
+                columns.insert("limits".into(), serde_json::from_slice(&limits).unwrap_or_default());
+            }
+            json_line(&line)
+        });
+        return Ok(lines.try_for_each(output::line)?);
     }
     if args.csv {
-        return csv(rows);
+        return csv(rows, within);
     }
     if rows.is_empty() {
         say("no run is like this");
         return Ok(());
     }
-    let cells: Vec<[String; 8]> = rows.iter().map(cells).collect();
-    let head = ["run", "device", "date", "length", "inertance", "viscous", "Coulomb", "law"].map(String::from);
+    let mut head: Vec<String> =
+        ["run", "device", "date", "length", "inertance", "viscous", "Coulomb", "law"].map(String::from).into();
+    head.extend(within.map(|_| "limits".to_string()));
+    let mut table = vec![head];
+    table.extend(rows.iter().enumerate().map(|(number, row)| {
+        let verdict = judged(number).map(|judged| verdict(judged).to_string());
+        cells(row).into_iter().chain(verdict).collect()
+    }));
+    let columns = table.first().map_or(0, Vec::len);
     let width = |place: usize| {
-        let letters = |row: &[String; 8]| row.get(place).map_or(0, |cell| cell.chars().count());
-        cells.iter().chain([&head]).map(letters).max().unwrap_or(0)
+        let letters = |row: &Vec<String>| row.get(place).map_or(0, |cell| cell.chars().count());
+        table.iter().map(letters).max().unwrap_or(0)
     };
-    let widths: Vec<usize> = (0..8).map(width).collect();
-    for row in [&head].into_iter().chain(&cells) {
+    let widths: Vec<usize> = (0..columns).map(width).collect();
+    for row in &table {
         let line: Vec<String> = row.iter().zip(&widths).map(|(cell, width)| format!("{cell:<width$}")).collect();
         output::line(line.join("  ").trim_end())?;
     }
@@ -307,8 +361,8 @@ fn is_object(name: &&str) -> bool {
     OBJECTS.contains(name)
 }
 
-/// All columns but objects; a rotary machine has others.
-fn csv(rows: &[Row]) -> Result<(), Error> {
+/// All columns but objects, and the verdict where there are limits; a rotary machine has others.
+fn csv(rows: &[Row], within: Option<&[Vec<Judged>]>) -> Result<(), Error> {
     let mut names: Vec<&str> = Vec::new();
     for name in rows.iter().flat_map(Row::columns).filter(|name| !is_object(name)) {
         if !names.contains(&name) {
@@ -322,9 +376,12 @@ fn csv(rows: &[Row]) -> Result<(), Error> {
         None => String::new(),
     };
     let failed = |error: csv::Error| output::OutputError::write("standard output", io::Error::other(error));
-    writer.write_record(&names).map_err(failed)?;
-    for row in rows {
-        writer.write_record(names.iter().map(|name| cell(row.get(name)))).map_err(failed)?;
+    let head = names.iter().copied().chain(within.map(|_| "limits"));
+    writer.write_record(head).map_err(failed)?;
+    for (number, row) in rows.iter().enumerate() {
+        let judged = within.and_then(|all| all.get(number));
+        let verdict = judged.map(|judged| verdict(judged).to_string().to_lowercase());
+        writer.write_record(names.iter().map(|name| cell(row.get(name))).chain(verdict)).map_err(failed)?;
     }
     let bytes =
         writer.into_inner().map_err(|error| output::OutputError::write("standard output", error.into_error()))?;

@@ -41,6 +41,7 @@ const OFFLINE: &[&[&str]] = &[
     &["cut", "sent.mcap", "-o", "c.mcap", "--force"],
     &["merge", "sent.mcap", "sent.mcap", "-o", "m.mcap", "--force"],
     &["report", "sent.mcap", "-o", "r.html", "--force"],
+    &["compare", "sent.mcap", "sent.mcap", "-o", "c.html", "--force"],
     &["plot", "sent.mcap", "--figure", "force", "-o", "f.svg", "--force"],
     &["man", "-o", ".", "--force"],
     &["completions", "bash"],

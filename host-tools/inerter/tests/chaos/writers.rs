@@ -35,6 +35,7 @@ const ONLY_RUN: &str = "RUN";
 pub const WRITERS: &[Writer] = &[
     Writer { cost: 20, ..writer(&["reproduce-paper", "-o", "."]) },
     Writer { cost: 5, ..writer(&["report", "run.mcap", "-o", "page.html", "--png", "."]) },
+    Writer { cost: 5, ..writer(&["compare", "run.mcap", "first.mcap", "-o", "beside.html", "--png", "."]) },
     Writer { cost: 2, ..writer(&["plan", "run.mcap", "-o", "plan.csv", "--wav", "plan.wav"]) },
     writer(&["simulate", "--duration", "20", "-o", "sim.mcap"]),
     writer(&["simulate", "--duration", "20", "-o", "sim.csv"]),

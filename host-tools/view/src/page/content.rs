@@ -3,18 +3,12 @@
 use inerter_analysis::compared::Row;
 use inerter_analysis::law::{Kernels, Law};
 use inerter_analysis::{
-    diagnose::{Cause, Judged, judged, suspected},
     fit::{Beside, Products, directions},
     response::{self, ModelParameters, Response},
+    results::{Replayed, replayed},
 };
 use inerter_core::{Change, Detail, Estimate, Reversal, Settings, Warning};
-use inerter_data::{
-    gated::Gated,
-    replay::{Outcome, replay_all},
-    run::Run,
-    series::Series,
-    settings::SettingsInputError,
-};
+use inerter_data::{replay::Outcome, run::Run, series::Series, settings::SettingsInputError};
 use inerter_wire::{Estimated, EstimatorEvent};
 
 /// Rows of the law in a box: over the whole run, and in the stretch that is shown close.
@@ -41,20 +35,16 @@ pub struct Content {
     pub run: Run,
     /// From its first sample to its last \[s\].
     pub duration_s: f64,
-    /// What the estimator came to.
-    pub outcome: Outcome,
+    /// What it came to.
+    pub replayed: Replayed,
     /// What it said on the way.
     pub moments: Vec<Moment>,
     /// Accepted reversals with their times \[s\].
     pub reversals: Vec<(f64, Reversal)>,
     /// Changes of the device with their times \[s\].
     pub changes: Vec<(f64, Change)>,
-    /// What was wrong with samples, and when \[s\].
+    /// What the estimator said to be wrong with samples, and when \[s\].
     pub warnings: Vec<(f64, Warning)>,
-    /// What breaks the law, where more is left over than chance leaves.
-    pub causes: Vec<Cause>,
-    /// The parameters of the whole run with what the samples tell of a law that is nearly true.
-    pub judged: [Judged; 4],
     /// The law that is drawn: the fit to all motion since the last change.
     pub law: Law,
     /// Force and law over the whole run, or since the last change.
@@ -74,9 +64,9 @@ impl Content {
     pub fn of(mut run: Run, mut progress: impl FnMut(f64)) -> Result<Self, SettingsInputError> {
         let (mut moments, mut reversals) = (Vec::new(), Vec::new());
         let (mut changes, mut warnings) = (Vec::new(), Vec::new());
-        let duration_s = run.duration_s();
-        let start_s = run.start_s;
-        let outcome = replay_all(&run, |t_s, event| -> Result<(), SettingsInputError> {
+        let (settings, start_s, duration_s) = (run.settings, run.start_s, run.duration_s());
+        let samples = run.samples.iter().copied().map(Ok::<_, SettingsInputError>);
+        let replayed = replayed(&settings, start_s, samples, |t_s, event| {
             match *event {
                 EstimatorEvent::Reversal(reversal) => reversals.push((t_s, reversal)),
                 EstimatorEvent::Changed(change) => changes.push((t_s, change)),
@@ -88,44 +78,33 @@ impl Content {
             }
             Ok(())
         })?;
-        let settings = run.settings;
         let mut series = Series::of(&run);
-        let told: Vec<Warning> = warnings.iter().map(|(_, warning)| *warning).collect();
-        let mut gated = Gated::of(&run, &told);
-        // What the estimator had no time to see.
-        let unseen = gated.left_out.iter().filter(|kind| told.iter().all(|warning| warning.kind != **kind));
-        let index = run.samples.last().map_or(0, |sample| sample.index);
-        warnings.extend(unseen.map(|kind| (start_s + duration_s, Warning { index, kind: *kind })));
         run.samples = Vec::new();
         // Before the last change it was another device.
         let since_s = changes.last().map_or(start_s, |(t_s, _)| *t_s);
         series.cut_before(since_s);
-        gated.series.cut_before(since_s);
-        let causes = suspected(&gated, &settings, &outcome.published());
-        let judged = judged(&gated.series, &settings, &outcome);
-        let law = drawn_law(&outcome, &settings);
+        let outcome = &replayed.outcome;
+        let law = drawn_law(outcome, &settings);
         let kernels = Kernels::new(outcome.estimate.bank, series.period_s);
         let all = (f64::NEG_INFINITY, f64::INFINITY);
         let rows = kernels.rows(&series, &settings, &law, all, ROWS);
         progress(0.7);
         let end_s = start_s + duration_s;
-        let (middle_s, half_s) = ((since_s + end_s) / 2.0, close_s(&outcome, end_s - since_s) / 2.0);
+        let (middle_s, half_s) = ((since_s + end_s) / 2.0, close_s(outcome, end_s - since_s) / 2.0);
         let window = (middle_s - half_s, middle_s + half_s);
         let close = kernels.rows(&series, &settings, &law, window, CLOSE_ROWS);
         let response = response::measured(&series);
         let equivalent_viscous = response::equivalent_viscous(&series, law.coulomb_n);
-        let model = model(&outcome, &settings, &law);
+        let model = model(outcome, &settings, &law);
         progress(1.0);
         Ok(Self {
             run,
             duration_s,
-            outcome,
+            replayed,
             moments,
             reversals,
             changes,
             warnings,
-            causes,
-            judged,
             law,
             rows,
             close,

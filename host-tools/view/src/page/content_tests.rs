@@ -16,7 +16,7 @@ fn the_law_leaves_no_more_than_the_estimator_does() {
     for (excite, duration_s) in [("mid", 10.0), ("fast", 10.0), ("random", 10.0)] {
         let content = content(excite, duration_s);
         let (rms_n, explained) = content.residual().unwrap();
-        let estimator_n = f64::from(content.outcome.estimate.residual_rms_n);
+        let estimator_n = f64::from(content.replayed.outcome.estimate.residual_rms_n);
         println!("{excite}: {rms_n} {estimator_n} {explained}");
         assert!(rms_n < 1.6 * estimator_n && rms_n > 0.4 * estimator_n, "{excite}: {rms_n} against {estimator_n}");
         assert!(explained > 0.999 && explained < 1.0, "{excite}: {explained}");

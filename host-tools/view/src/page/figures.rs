@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use inerter_core::{Interval, Machine, Parameter};
+use inerter_core::{Interval, Machine};
 use inerter_data::{
     names::description,
     text::{backlash_text, force_text, value_text},
@@ -11,7 +11,7 @@ use inerter_data::{
 use inerter_wire::catalogue::{self, Group};
 
 use super::{
-    Content, PageError,
+    Content, Moment, PageError,
     bode::bode,
     layout::{LOW_PX, Made, TALL_PX},
 };
@@ -254,30 +254,44 @@ fn hysteresis(content: &Content) -> Made {
     Ok((caption.into(), vec![panel]))
 }
 
+/// A parameter by its number over a run: time, value and half width of the interval, not a number where it is not known.
+pub(crate) fn over_run(content: &Content, number: usize) -> Vec<(f64, f64, f64)> {
+    let machine = content.run.settings.machine;
+    let of = |moment: &Moment| catalogue::parameters(machine, &moment.estimate.recent).nth(number);
+    let known = content.moments.iter().filter_map(|moment| Some((moment.t_s, of(moment)?.1.known())));
+    known
+        .map(|(t_s, known)| {
+            known.map_or((t_s, f64::NAN, f64::NAN), |known| (t_s, known.value.into(), known.u95.into()))
+        })
+        .collect()
+}
+
+/// From where to where values lie once they have settled, with room for their intervals.
+pub(crate) fn settled(points: &[(f64, f64, f64)]) -> (f64, f64) {
+    let known = || points.iter().filter(|point| point.1.is_finite() && point.2.is_finite());
+    let middle = |mut values: Vec<f64>, part: f64| {
+        values.sort_by(f64::total_cmp);
+        values.get((values.len().saturating_sub(1) as f64 * part).round() as usize).copied().unwrap_or(0.0)
+    };
+    let values = || known().map(|point| point.1).collect::<Vec<_>>();
+    let u95 = middle(known().map(|point| point.2).collect(), 0.5);
+    (middle(values(), 0.03) - 2.2 * u95, middle(values(), 0.97) + 2.2 * u95)
+}
+
 fn parameters(content: &Content) -> Made {
     let mut panels = Vec::new();
     let machine = content.run.settings.machine;
     let linear = catalogue::fields(Machine::Linear, Group::Parameter);
     for (number, (linear, field)) in linear.zip(catalogue::fields(machine, Group::Parameter)).enumerate() {
-        let of = |parameters: &inerter_core::Parameters| -> Option<Parameter> {
-            catalogue::parameters(machine, parameters).nth(number).map(|(_, parameter)| parameter)
-        };
-        let points: Vec<(f64, f64, f64)> = content
-            .moments
-            .iter()
-            .filter_map(|moment| Some((moment.t_s, of(&moment.estimate.recent)?)))
-            .map(|(t_s, parameter)| match parameter.known() {
-                None => (t_s, f64::NAN, f64::NAN),
-                Some(Interval { value, u95 }) => (t_s, value.into(), u95.into()),
-            })
-            .collect();
+        let points = over_run(content, number);
         // The offset is not worth a panel of its own.
         let known = points.iter().filter(|point| point.1.is_finite() && point.2.is_finite()).count();
         if known < 2 || field.symbol == "F0" {
             continue;
         }
         let truth = truth_line(content, linear.path, 1.0);
-        let whole = of(&content.outcome.estimate.whole_run).map(|parameter| value_text(&parameter)).unwrap_or_default();
+        let whole = catalogue::parameters(machine, &content.replayed.outcome.estimate.whole_run).nth(number);
+        let whole = whole.map(|(_, parameter)| value_text(&parameter)).unwrap_or_default();
         let label = format!("{} [{}]", field.symbol, field.unit);
         let title = format!("{}, whole run {whole} {}", field.label, field.unit);
         panels.push(over_time(content, label, title, &points, Colour::Blue, truth));
@@ -294,7 +308,7 @@ fn parameters(content: &Content) -> Made {
     if widths.iter().filter(|point| point.1.is_finite()).count() > 1 {
         let text = format!(
             "Backlash so far, {} {}",
-            backlash_text(&content.outcome.detail.backlash),
+            backlash_text(&content.replayed.outcome.detail.backlash),
             catalogue::unit(content.run.settings.machine, "µm")
         );
         let truth = truth_line(content, "backlash_m", 1e6);
@@ -340,14 +354,7 @@ fn over_time(
     colour: Colour,
     truth: Vec<(f64, f64)>,
 ) -> Panel {
-    let known = || points.iter().filter(|point| point.1.is_finite() && point.2.is_finite());
-    let middle = |mut values: Vec<f64>, part: f64| {
-        values.sort_by(f64::total_cmp);
-        values.get((values.len().saturating_sub(1) as f64 * part).round() as usize).copied().unwrap_or(0.0)
-    };
-    let values = || known().map(|point| point.1).collect::<Vec<_>>();
-    let u95 = middle(known().map(|point| point.2).collect(), 0.5);
-    let (low, high) = (middle(values(), 0.03) - 2.2 * u95, middle(values(), 0.97) + 2.2 * u95);
+    let (low, high) = settled(points);
     let start = content.run.start_s;
     let band = points.iter().map(|(t_s, value, u95)| (*t_s, value - u95, value + u95)).collect();
     let mut layers = vec![
@@ -371,7 +378,7 @@ fn over_time(
 }
 
 fn backlash(content: &Content) -> Made {
-    let estimate = &content.outcome.detail.backlash;
+    let estimate = &content.replayed.outcome.detail.backlash;
     if content.reversals.len() < 2 {
         return Err(format!(
             "{} of the flanks accepted ({})",

@@ -5,6 +5,7 @@ use inerter_core::{Budget, ContactBudgets, LawStatus, Machine, Regime, Settings,
 use inerter_data::{
     causes,
     json::{Shown, bank_word},
+    limits,
     names::description,
     text::{self, value_text},
     uncertainty::{parts, source_word},
@@ -14,77 +15,48 @@ use inerter_wire::{
     Hello, WIRE_VERSION,
     catalogue::{self, Field, Group, fields},
 };
-use maud::{DOCTYPE, Markup, PreEscaped, html as markup};
+use maud::{Markup, PreEscaped, html as markup};
 
-use super::{Content, Kind, PageError, figures};
-use crate::figure::{Colour, Figure, css, svg_for_page};
+use super::{Content, Kind, PageError, figures, limits::within_limits};
+use crate::{
+    figure::{Figure, svg_for_page},
+    frame::framed,
+};
 
-/// Look of a page, for both schemes and paper. Colours come from the figures' own table.
-pub fn page_css() -> String {
-    let variables = |of: fn(Colour) -> [u8; 3]| {
-        Colour::ALL.map(|colour| format!("{}:{};", colour.variable(), css(of(colour)))).concat()
-    };
-    let (light, dark) = (variables(Colour::rgb), variables(Colour::dark_rgb));
-    format!(
-        ":root{{{light}color-scheme:light dark}}\
-         @media (prefers-color-scheme:dark){{:root{{{dark}}}}}\
-         @media print{{:root{{{light}color-scheme:light}}}}\
-         {}",
-        include_str!("page.css")
-    )
-}
-
-/// The whole page.
-pub fn html(content: &Content) -> (String, Vec<Figure>) {
+/// The whole page, and its figures; `within` is what is said of limits.
+pub fn html(content: &Content, within: &[limits::Judged]) -> (String, Vec<Figure>) {
+    let machine = content.run.settings.machine;
     let all: Vec<(Kind, Result<Figure, PageError>)> =
         Kind::ALL.into_iter().map(|kind| (kind, figures::figure(content, kind))).collect();
-    let page = markup! {
-        (DOCTYPE)
-        html lang="en" {
-            head {
-                meta charset="utf-8";
-                meta name="viewport" content="width=device-width, initial-scale=1";
-                meta name="generator" content=(concat!("inerter ", env!("CARGO_PKG_VERSION")));
-                title { "Inerter: " (file_name(content)) }
-                style { (PreEscaped(page_css())) }
-            }
-            body {
-                (header(content))
-                main {
-                    (results(content))
-                    (notes(content))
-                    (budgets(content))
-                    @for (kind, figure) in &all { (section(content.run.settings.machine, *kind, figure)) }
-                    (conditions(content))
-                    (settings(&content.run.settings))
-                    (versions(content.run.hello.as_ref()))
-                    (method(content.run.settings.machine))
-                }
-            }
-        }
+    let name = file_name(&content.run.name);
+    let main = markup! {
+        (results(content))
+        @if !within.is_empty() { (within_limits(machine, &content.run.name, within)) }
+        (notes(content))
+        (budgets(content))
+        @for (kind, figure) in &all { (section(machine, *kind, figure)) }
+        (conditions(content))
+        (settings(&content.run.settings))
+        (versions(content.run.hello.as_ref()))
+        (method(machine))
     };
-    (page.into_string(), all.into_iter().filter_map(|(_, figure)| figure.ok()).collect())
+    let page = framed(&name, "report of a run", &name, &meta(content), &main);
+    (page, all.into_iter().filter_map(|(_, figure)| figure.ok()).collect())
 }
 
-fn file_name(content: &Content) -> String {
-    let path = std::path::Path::new(&content.run.name);
-    path.file_name().map_or_else(|| content.run.name.clone(), |name| name.to_string_lossy().into_owned())
+/// The last part of a file's name.
+pub(crate) fn file_name(name: &str) -> String {
+    std::path::Path::new(name).file_name().map_or_else(|| name.into(), |name| name.to_string_lossy().into_owned())
 }
 
-fn header(content: &Content) -> Markup {
+fn meta(content: &Content) -> Markup {
     let device = content.run.hello.as_ref().map(|hello| format!("{}, serial {}", hello.board, hello.serial));
     markup! {
-        header {
-            p.kind { "Instrumented inerter: report of a run" }
-            h1 { (file_name(content)) }
-            p.meta {
-                (device.unwrap_or_else(|| "device not recorded".into())) " · "
-                (duration_text(content.duration_s)) " at " (content.run.settings.sample_rate_hz) " Hz"
-                @if let Some(truth) = &content.run.truth {
-                    " · simulated"
-                    @if let Some(excite) = truth.get("excite") { ", motion " code { (excite) } }
-                }
-            }
+        (device.unwrap_or_else(|| "device not recorded".into())) " · "
+        (duration_text(content.duration_s)) " at " (content.run.settings.sample_rate_hz) " Hz"
+        @if let Some(truth) = &content.run.truth {
+            " · simulated"
+            @if let Some(excite) = truth.get("excite") { ", motion " code { (excite) } }
         }
     }
 }
@@ -106,14 +78,14 @@ fn digits(value: f64) -> String {
 }
 
 fn results(content: &Content) -> Markup {
-    let estimate = &content.outcome.estimate;
+    let estimate = &content.replayed.outcome.estimate;
     let simulated = content.run.truth.is_some();
     let truth = |name: &str, factor: f64| {
         let first = content.first_truth(name).map(|value| digits(value * factor)).unwrap_or_default();
         let later = content.later_truth(name).map(|(_, value)| format!(", then {}", digits(value * factor)));
         first + &later.unwrap_or_default()
     };
-    let law = content.outcome.law.status;
+    let law = content.replayed.outcome.law.status;
     let machine = content.run.settings.machine;
     let pairs = catalogue::parameters(machine, &estimate.recent)
         .zip(catalogue::parameters(machine, &estimate.whole_run))
@@ -144,7 +116,7 @@ fn results(content: &Content) -> Markup {
                             td class=(class) { (word) }
                         }
                     }
-                    @for (label, unit, value, name, factor) in text::rows(&content.outcome.detail, &content.run.settings) {
+                    @for (label, unit, value, name, factor) in text::rows(&content.replayed.outcome.detail, &content.run.settings) {
                         tr {
                             th scope="row" { (label) }
                             td { (unit) }
@@ -166,8 +138,8 @@ fn results(content: &Content) -> Markup {
 /// What the intervals of the whole run are made of.
 fn budgets(content: &Content) -> Markup {
     let machine = content.run.settings.machine;
-    let judged = &content.judged;
-    let ContactBudgets { backlash_m, stiffness_n_per_m, damping_n_s_per_m } = content.outcome.budgets.contact;
+    let judged = &content.replayed.judged;
+    let ContactBudgets { backlash_m, stiffness_n_per_m, damping_n_s_per_m } = content.replayed.outcome.budgets.contact;
     let of_backlash = catalogue::find(machine, Group::Detail, "backlash_m").into_iter();
     let of_backlash = of_backlash.map(|field| (field.label, catalogue::unit(machine, "µm"), 1e6));
     let in_si = |field: &'static Field| (field.label, field.unit, 1.0);
@@ -213,10 +185,10 @@ fn budgets(content: &Content) -> Markup {
                 "show of it; the device does not see all of that, so its own interval may be narrower. "
                 "Two runs on one rig may be compared by the last column, which leaves out what they share: gain, lead and timebase."
             }
-            @if let Some(words) = widened(machine, &content.outcome.estimate.whole_run, judged) {
+            @if let Some(words) = widened(machine, &content.replayed.outcome.estimate.whole_run, judged) {
                 p.small { (words) }
             }
-            @if let Some(words) = assumptions(machine, judged, &content.causes) {
+            @if let Some(words) = assumptions(machine, judged, &content.replayed.causes) {
                 p.small { (words) }
             }
         }
@@ -232,14 +204,18 @@ fn notes(content: &Content) -> Markup {
         .changes
         .iter()
         .map(|(t_s, change)| format!("At {t_s:.2} s {}.", text::change_words(content.run.settings.machine, change)));
-    let warnings = content.warnings.iter().map(|(t_s, warning)| {
-        format!("At {t_s:.2} s {}.", causes::warning_words(content.run.settings.machine, warning.kind))
+    let machine = content.run.settings.machine;
+    let warnings = content
+        .warnings
+        .iter()
+        .map(|(t_s, warning)| format!("At {t_s:.2} s {}.", causes::warning_words(machine, warning.kind)));
+    let is_of_law = |code: &str| content.replayed.causes.iter().any(|cause| cause.kind.name() == code);
+    let remarks = content.replayed.remarks().map(|(code, words)| match is_of_law(code) {
+        true => format!("The law does not hold: {words}."),
+        false => format!("Over the whole run {words}."),
     });
-    let causes = content.causes.iter().map(|cause| {
-        let sentence = cause.sentence(content.run.settings.machine);
-        format!("The law does not hold: {sentence}.")
-    });
-    let friction = match content.outcome.detail.friction.regime {
+    let advice = content.replayed.advice.iter().map(|advice| advice.sentence(machine));
+    let friction = match content.replayed.outcome.detail.friction.regime {
         Regime::Presliding | Regime::Stribeck => {
             Some("Friction near rest does not follow the law; the intervals are wider for it.".to_string())
         }
@@ -256,9 +232,10 @@ fn notes(content: &Content) -> Markup {
         .cloned()
         .chain(changes)
         .chain(warnings)
-        .chain(causes)
+        .chain(remarks)
         .chain(friction)
         .chain(contact)
+        .chain(advice)
         .collect();
     markup! {
         section #notes {
@@ -289,7 +266,7 @@ fn section(machine: Machine, kind: Kind, figure: &Result<Figure, PageError>) -> 
 }
 
 fn conditions(content: &Content) -> Markup {
-    let (detail, counters) = (&content.outcome.detail, &content.outcome.counters);
+    let (detail, counters) = (&content.replayed.outcome.detail, &content.replayed.outcome.counters);
     let band =
         (detail.band.low_hz > 0.0).then(|| format!("{:.3} to {:.3} Hz", detail.band.low_hz, detail.band.high_hz));
     let reversal = detail
@@ -318,9 +295,9 @@ fn conditions(content: &Content) -> Markup {
         ("Friction", format!("{}{reversal}", text::regime_words(detail.friction.regime))),
         ("Changes of the device", detail.changes.to_string()),
         ("Left over by the law", residual),
-        ("Law", text::law_text(&content.outcome.law)),
-        ("Kernel bank", bank_word(content.outcome.estimate.bank).into()),
-        ("Updates", content.outcome.estimate.updates.to_string()),
+        ("Law", text::law_text(&content.replayed.outcome.law)),
+        ("Kernel bank", bank_word(content.replayed.outcome.estimate.bank).into()),
+        ("Updates", content.replayed.outcome.estimate.updates.to_string()),
         ("Reversals for the backlash", detail.backlash.reversals.to_string()),
     ];
     markup! {

@@ -2,8 +2,8 @@
 
 use crate::figure::Panel;
 
-pub(super) const TALL_PX: u32 = 280;
-pub(super) const LOW_PX: u32 = 190;
+pub(crate) const TALL_PX: u32 = 280;
+pub(crate) const LOW_PX: u32 = 190;
 
 /// Caption and panels, or why there are none.
 pub(super) type Made = Result<(String, Vec<Panel>), String>;

@@ -8,9 +8,14 @@ mod error;
 mod figures;
 mod html;
 mod layout;
+mod limits;
 
 pub use bode::degrees;
 pub use content::{Content, Moment};
 pub use error::PageError;
 pub use figures::{Kind, figure};
-pub use html::{html, page_css};
+pub(crate) use figures::{over_run, settled};
+pub(crate) use html::file_name;
+pub use html::html;
+pub(crate) use layout::{LOW_PX, TALL_PX};
+pub(crate) use limits::{limits_table, shown};

@@ -1,50 +1,35 @@
 //! The page of the reproduction.
 
 use inerter_data::words::interval_text;
-use maud::{DOCTYPE, Markup, PreEscaped, html as markup};
+use maud::{Markup, PreEscaped, html as markup};
 
 use crate::{
     figure::{Figure, svg_for_page},
-    page::page_css,
+    frame::framed,
 };
 use inerter_analysis::paper::{Recovered, Reproduction};
 
 /// The whole page.
 pub fn html(paper: &Reproduction, figures: &[Figure]) -> String {
-    markup! {
-        (DOCTYPE)
-        html lang="en" {
-            head {
-                meta charset="utf-8";
-                meta name="viewport" content="width=device-width, initial-scale=1";
-                meta name="generator" content=(concat!("inerter ", env!("CARGO_PKG_VERSION")));
-                title { "Inerter: the paper reproduced" }
-                style { (PreEscaped(page_css())) }
-            }
-            body {
-                header {
-                    p.kind { "Instrumented inerter: a published experiment, simulated" }
-                    h1 { "Two-terminal manipulation of masses, section 4" }
-                    p.meta { "After Li, Liang and Wang, " i { "Two-terminal manipulation of masses: application to vibration suppression of vehicle suspensions, Part I" } }
-                }
-                main {
-                    (parameters(paper))
-                    (band(paper))
-                    @for figure in figures {
-                        section id=(figure.name) {
-                            h2 { (figure.title) }
-                            figure {
-                                (PreEscaped(svg_for_page(figure)))
-                                figcaption { (figure.caption) }
-                            }
-                        }
-                    }
-                    (rig())
+    let meta = markup! {
+        "After Li, Liang and Wang, " i { "Two-terminal manipulation of masses: application to vibration suppression of vehicle suspensions, Part I" }
+    };
+    let main = markup! {
+        (parameters(paper))
+        (band(paper))
+        @for figure in figures {
+            section id=(figure.name) {
+                h2 { (figure.title) }
+                figure {
+                    (PreEscaped(svg_for_page(figure)))
+                    figcaption { (figure.caption) }
                 }
             }
         }
-    }
-    .into_string()
+        (rig())
+    };
+    let heading = "Two-terminal manipulation of masses, section 4";
+    framed("the paper reproduced", "a published experiment, simulated", heading, &meta, &main)
 }
 
 /// Value and interval in the unit shown.

@@ -1,0 +1,300 @@
+//! Runs side by side: what differs between them by more than their intervals.
+//!
+//! The first run is what the others are held against. On one rig the errors of force gain, lead and clock are the same in all runs:
+//! of a difference they take only their part in proportion. All other parts of the two intervals count as independent.
+//!
+//! Source: docs/THEORY.md, "Runs compared".
+
+use inerter_core::{Budget, Machine, NORMAL_COVERAGE, Settings, Source};
+use inerter_data::{
+    limits::{self, NAMES},
+    words::interval_text,
+};
+use inerter_wire::{
+    Hello,
+    catalogue::{self, Field},
+};
+use miette::Diagnostic;
+use serde::Serialize;
+use statrs::distribution::{ContinuousCDF, StudentsT};
+
+use crate::told::{Quantity, Told};
+
+/// Chance that anything is said to differ in a comparison in which nothing does.
+const FALSE_ALARM: f64 = 0.05;
+/// Degrees of freedom above which Student's distribution is the normal one.
+const MOST_FREEDOM: f64 = 1e4;
+
+/// Why runs cannot be compared.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error, Diagnostic)]
+pub enum CompareError {
+    /// One is no comparison.
+    #[error("one run is no comparison")]
+    #[diagnostic(code(inerter::compare::one), help("give two runs at least; the others are compared with the first"))]
+    One,
+    /// They are of different kinds.
+    #[error("{} is of a linear machine and {} of a rotary one", runs[0], runs[1])]
+    #[diagnostic(
+        code(inerter::compare::machine),
+        help("compare runs of one kind; the setting `machine` says which kind a run is of")
+    )]
+    Machine {
+        /// Names of a linear and of a rotary run.
+        runs: [String; 2],
+    },
+}
+
+/// A run that is compared.
+#[derive(Clone, Debug)]
+pub struct Side {
+    /// Its name.
+    pub name: String,
+    /// Settings that it was taken with.
+    pub settings: Settings,
+    /// Device that recorded it, where that is known.
+    pub hello: Option<Hello>,
+    /// What it tells.
+    pub told: Told,
+}
+
+/// Whether runs share the errors of force gain, lead and clock.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Rig {
+    /// They do.
+    One,
+    /// They do not, for this reason.
+    Several(String),
+}
+
+impl Rig {
+    /// By what the runs say of themselves: another board, or other scales of encoder or force, are another rig. The force's scale of a run
+    /// without a device is a matter of its file, and says nothing.
+    pub fn of(sides: &[Side]) -> Self {
+        let Some((first, others)) = sides.split_first() else { return Self::One };
+        let differing = others.iter().find_map(|other| Some((other, differing(first, other)?)));
+        match differing {
+            Some((other, what)) => Self::Several(format!("{what} of {} and {} differs", first.name, other.name)),
+            None => Self::One,
+        }
+    }
+
+    /// For a person: which intervals these are.
+    pub fn words(&self) -> String {
+        match self {
+            Self::One => {
+                "Intervals are those for comparing runs on one rig: without the errors of force gain, lead and clock, which the runs share."
+                    .into()
+            }
+            Self::Several(reason) => format!("Intervals are whole: the runs are of several rigs ({reason})."),
+        }
+    }
+}
+
+/// What shows that these are not of one rig.
+fn differing(one: &Side, other: &Side) -> Option<&'static str> {
+    let differs = |of: fn(&Settings) -> f64| of(&one.settings).abs() != of(&other.settings).abs();
+    if differs(|settings| settings.metres_per_count) {
+        return Some("the encoder's scale (metres_per_count)");
+    }
+    let (a, b) = (one.hello.as_ref()?, other.hello.as_ref()?);
+    if a.serial != b.serial {
+        return Some("the serial number of the board");
+    }
+    differs(|settings| settings.newtons_per_code).then_some("the force's scale (newtons_per_code)")
+}
+
+/// What is said of a difference.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// There is one: chance makes none this large.
+    Differs,
+    /// Chance alone could make it.
+    NotShown,
+    /// One of the runs does not tell the parameter, or proves nothing.
+    Undecided,
+}
+
+/// A parameter of a run beside others.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Compared {
+    /// What the run tells.
+    pub found: Option<Quantity>,
+    /// Why it proves nothing, if so.
+    pub doubt: Option<&'static str>,
+    /// Against the first run; nothing for that one itself, and where one of them does not tell it.
+    pub difference: Option<Difference>,
+    /// What is said of it; nothing for the first run.
+    pub verdict: Option<Verdict>,
+}
+
+/// A run's value less the first one's.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Difference {
+    /// The difference.
+    pub value: f64,
+    /// Half width of its 95 % interval.
+    pub u95: f64,
+    /// Chance of one at least this large where there is none.
+    pub p: f64,
+}
+
+/// A parameter of all runs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Row {
+    /// Its place in [`NAMES`].
+    pub place: usize,
+    /// Each run, in order.
+    pub runs: Vec<Compared>,
+}
+
+impl Row {
+    /// What the catalogue says of it.
+    pub fn field(&self, machine: Machine) -> &'static Field {
+        limits::field(machine, NAMES[self.place])
+    }
+
+    /// The unit that a person sees, and how many of it make one in SI.
+    pub fn shown_unit(&self, machine: Machine) -> (&'static str, f64) {
+        match NAMES[self.place] {
+            "backlash_m" => (catalogue::unit(machine, "µm"), 1e6),
+            _ => (self.field(machine).unit, 1.0),
+        }
+    }
+}
+
+impl Compared {
+    /// For a person: value and interval of the run, the one that matters on this rig, in the unit of which `factor` make one in SI.
+    pub fn value_text(&self, rig: &Rig, factor: f64) -> String {
+        self.found.map_or("not identifiable".into(), |Quantity { value, budget }| {
+            interval_text(factor * f64::from(value), factor * f64::from(u95(&budget, rig)))
+        })
+    }
+
+    /// For a person: the difference in that unit, and what is said of it; nothing for the first run.
+    pub fn difference_text(&self, factor: f64) -> Option<(String, &'static str)> {
+        let difference = self.difference.map_or("-".into(), |Difference { value, u95, .. }| {
+            signed(&interval_text(factor * value, factor * u95), value)
+        });
+        let said = match self.verdict? {
+            Verdict::Differs => "differs",
+            Verdict::NotShown => "no difference shown",
+            Verdict::Undecided => "undecided",
+        };
+        Some((difference, said))
+    }
+}
+
+impl Compared {
+    /// Why nothing is said of the difference from the first run, of which `first` is doubted.
+    pub fn reason(&self, first: Option<&'static str>) -> Option<String> {
+        if self.verdict != Some(Verdict::Undecided) {
+            return None;
+        }
+        match (self.doubt, first) {
+            (Some(doubt), _) => Some(doubt.into()),
+            (None, Some(doubt)) => Some(format!("of the first run, {doubt}")),
+            (None, None) => Some("one of the two motions does not tell it".into()),
+        }
+    }
+}
+
+fn signed(text: &str, value: f64) -> String {
+    if value > 0.0 { format!("+{text}") } else { text.into() }
+}
+
+/// Half width of an interval: whole, or for comparing runs on one rig.
+pub fn u95(budget: &Budget, rig: &Rig) -> f32 {
+    match rig {
+        Rig::One => budget.same_rig_u95(),
+        Rig::Several(_) => budget.u95(),
+    }
+}
+
+/// Compares runs with the first one: the parameters that any of them tells.
+pub fn compare(sides: &[Side], rig: &Rig) -> Result<Vec<Row>, CompareError> {
+    let [first, others @ ..] = sides else { return Err(CompareError::One) };
+    if others.is_empty() {
+        return Err(CompareError::One);
+    }
+    let of = |machine: Machine| sides.iter().find(|side| side.settings.machine == machine);
+    if let (Some(linear), Some(rotary)) = (of(Machine::Linear), of(Machine::Rotary)) {
+        return Err(CompareError::Machine { runs: [linear.name.clone(), rotary.name.clone()] });
+    }
+    let row = |place: usize| {
+        let runs = sides.iter().enumerate().map(|(number, side)| {
+            let difference = first.told.found(place).zip(side.told.found(place)).filter(|_| number > 0);
+            Compared {
+                found: side.told.found(place),
+                doubt: side.told.doubt(place),
+                difference: difference.map(|(first, other)| Difference::of(&first, &other, rig)),
+                verdict: None,
+            }
+        });
+        Row { place, runs: runs.collect() }
+    };
+    let is_told = |row: &Row| row.runs.iter().any(|run| run.found.is_some());
+    let mut rows: Vec<Row> = (0..NAMES.len()).map(row).filter(is_told).collect();
+    judge(&mut rows);
+    Ok(rows)
+}
+
+/// Says of each difference whether there is one. The more are looked at, the more unlikely each must be (Holm 1979), so that the chance
+/// of any false alarm is as stated.
+fn judge(rows: &mut [Row]) {
+    let mut proven: Vec<&mut Compared> = Vec::new();
+    for row in rows {
+        let Some((first, others)) = row.runs.split_first_mut() else { continue };
+        for other in others {
+            let is_proven = other.difference.is_some() && first.doubt.or(other.doubt).is_none();
+            other.verdict = Some(if is_proven { Verdict::NotShown } else { Verdict::Undecided });
+            if is_proven {
+                proven.push(other);
+            }
+        }
+    }
+    let p = |compared: &Compared| compared.difference.map_or(1.0, |difference| difference.p);
+    proven.sort_by(|one, other| p(one).total_cmp(&p(other)));
+    let count = proven.len();
+    for (number, compared) in proven.into_iter().enumerate() {
+        if p(compared) > FALSE_ALARM / (count - number) as f64 {
+            break;
+        }
+        compared.verdict = Some(Verdict::Differs);
+    }
+}
+
+impl Difference {
+    /// Of two runs.
+    fn of(first: &Quantity, other: &Quantity, rig: &Rig) -> Self {
+        let value = f64::from(other.value) - f64::from(first.value);
+        let part = |of: &Quantity, source| f64::from(of.budget.given_u95(source) / NORMAL_COVERAGE);
+        let squares = Source::ALL.map(|source| {
+            let (one, two) = (part(first, source), part(other, source));
+            match rig {
+                // What is shared is in proportion to the value, and has its sign.
+                Rig::One if source.is_shared() => {
+                    (two.copysign(other.value.into()) - one.copysign(first.value.into())).powi(2)
+                }
+                _ => one.powi(2) + two.powi(2),
+            }
+        });
+        let square: f64 = squares.iter().sum();
+        // Welch and Satterthwaite: only what scatters has degrees of freedom.
+        let scatters = [first, other]
+            .map(|of| f64::from(of.budget.standard_error()).powi(4) / f64::from(of.budget.scatter_freedom()));
+        let freedom = (square.powi(2) / scatters.iter().sum::<f64>()).clamp(1.0, MOST_FREEDOM);
+        // NaN where nothing is uncertain.
+        let freedom = if freedom.is_finite() { freedom } else { MOST_FREEDOM };
+        let standard = square.sqrt();
+        let (factor, p) = StudentsT::new(0.0, 1.0, freedom).map_or((f64::INFINITY, 1.0), |student| {
+            let p = if value == 0.0 { 1.0 } else { 2.0 * student.sf(value.abs() / standard) };
+            (student.inverse_cdf(0.975), p)
+        });
+        Self { value, u95: factor * standard, p }
+    }
+}
+
+#[cfg(test)]
+#[path = "compare_tests.rs"]
+mod tests;

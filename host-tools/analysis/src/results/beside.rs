@@ -1,0 +1,89 @@
+//! Runs beside each other, and what differs between them.
+
+use inerter_data::limits::{Judged, NAMES};
+use serde::{Serialize, Serializer};
+
+use super::replayed::LimitsJson;
+use crate::compare::{Compared, Difference, Rig, Row, Side, Verdict};
+
+/// A comparison in JSON.
+#[derive(Clone, Debug, Serialize)]
+pub struct CompareJson {
+    kind: &'static str,
+    files: Vec<String>,
+    rig: &'static str,
+    rig_reason: Option<String>,
+    /// By name a list of all runs, in their order.
+    #[serde(serialize_with = "by_name")]
+    parameters: Vec<(&'static str, Vec<RunJson>)>,
+    /// What each run says of limits, where there are any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    limits: Option<Vec<LimitsJson>>,
+}
+
+impl CompareJson {
+    /// Of these runs; `within` has what each says of limits.
+    pub fn new(sides: &[Side], rig: &Rig, rows: &[Row], within: Option<&[Vec<Judged>]>) -> Self {
+        let of_row = |row: &Row| {
+            (NAMES.get(row.place).copied().unwrap_or_default(), row.runs.iter().map(RunJson::from).collect())
+        };
+        let (rig, rig_reason) = match rig {
+            Rig::One => ("one", None),
+            Rig::Several(reason) => ("several", Some(reason.clone())),
+        };
+        Self {
+            kind: "compare",
+            files: sides.iter().map(|side| side.name.clone()).collect(),
+            rig,
+            rig_reason,
+            parameters: rows.iter().map(of_row).collect(),
+            limits: within.map(|all| all.iter().map(|judged| LimitsJson::new(judged)).collect()),
+        }
+    }
+}
+
+/// A parameter of a run beside others.
+#[derive(Clone, Debug, Serialize)]
+struct RunJson {
+    value: Option<f32>,
+    u95: Option<f32>,
+    same_rig_u95: Option<f32>,
+    /// Why it proves nothing.
+    reason: Option<&'static str>,
+    /// From the first run, which has none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    difference: Option<DifferenceJson>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    verdict: Option<Verdict>,
+}
+
+#[derive(Clone, Debug, Serialize)]
+struct DifferenceJson {
+    value: f64,
+    u95: Option<f64>,
+    p: f64,
+}
+
+impl From<&Compared> for RunJson {
+    fn from(compared: &Compared) -> Self {
+        let budget = compared.found.map(|found| found.budget);
+        let finite = |u95: f32| Some(u95).filter(|u95| u95.is_finite());
+        let difference = |Difference { value, u95, p }: Difference| DifferenceJson {
+            value,
+            u95: Some(u95).filter(|u95| u95.is_finite()),
+            p,
+        };
+        Self {
+            value: compared.found.map(|found| found.value),
+            u95: budget.and_then(|budget| finite(budget.u95())),
+            same_rig_u95: budget.and_then(|budget| finite(budget.same_rig_u95())),
+            reason: compared.doubt,
+            difference: compared.difference.map(difference),
+            verdict: compared.verdict,
+        }
+    }
+}
+
+fn by_name<S: Serializer>(rows: &[(&'static str, Vec<RunJson>)], serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_map(rows.iter().map(|(name, runs)| (name, runs)))
+}

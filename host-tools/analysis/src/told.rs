@@ -1,0 +1,64 @@
+//! What a run tells of each parameter, to be held against limits or against another run.
+
+use inerter_core::Budget;
+use inerter_data::{
+    limits::{self, Doubts, Limits, Measured, NAMES},
+    replay::Outcome,
+};
+
+use crate::diagnose::{Judged, is_suspect};
+
+/// A parameter by a whole run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Quantity {
+    /// Its value.
+    pub value: f32,
+    /// What its interval is made of.
+    pub budget: Budget,
+}
+
+/// What a run tells of each parameter of [`NAMES`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Told {
+    found: [Option<Quantity>; NAMES.len()],
+    doubts: Doubts,
+}
+
+impl Told {
+    /// Of a run that came to this; `are_wrong` says that samples were.
+    pub fn new(outcome: &Outcome, judged: &[Judged; 4], are_wrong: bool) -> Self {
+        let Outcome { estimate, detail, budgets, law, .. } = outcome;
+        let values = estimate.whole_run;
+        let of_law = [values.inertance_kg, values.viscous_n_s_per_m, values.coulomb_n, values.offset_n];
+        let contact = budgets.contact;
+        let of_contact = [
+            (detail.backlash.known().map(|known| known.value), contact.backlash_m),
+            (detail.stiffness_n_per_m.value(), contact.stiffness_n_per_m),
+            (detail.contact_damping_n_s_per_m.value(), contact.damping_n_s_per_m),
+        ];
+        let of_law = of_law.iter().zip(judged).map(|(found, judged)| (found.value(), Some(judged.budget)));
+        let mut all = of_law.chain(of_contact).map(|(value, budget)| Some(Quantity { value: value?, budget: budget? }));
+        Self {
+            found: std::array::from_fn(|_| all.next().flatten()),
+            doubts: Doubts::new(detail.changes > 0, are_wrong, law.status, is_suspect(law)),
+        }
+    }
+
+    /// The parameter at this place of [`NAMES`], where the motion tells it.
+    pub fn found(&self, place: usize) -> Option<Quantity> {
+        self.found.get(place).copied().flatten()
+    }
+
+    /// Why it proves nothing, if so.
+    pub fn doubt(&self, place: usize) -> Option<&'static str> {
+        self.doubts.of(place)
+    }
+
+    /// What the run says of limits.
+    pub fn within(&self, limits: &Limits) -> Vec<limits::Judged> {
+        limits.judge(|place| Measured {
+            found: self.found(place).map(|Quantity { value, budget }| (value, budget.u95())),
+            doubt: self.doubt(place),
+        })
+    }
+}

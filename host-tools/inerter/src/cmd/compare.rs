@@ -1,0 +1,179 @@
+//! `inerter compare`: runs side by side, and what differs between them.
+
+use std::path::{Path, PathBuf};
+
+use inerter_analysis::{
+    compare::{CompareError, Rig, Row, Side, compare},
+    results::CompareJson,
+};
+use inerter_core::Machine;
+use inerter_data::{json::machine_json_line, limits::Judged, output};
+use inerter_view::{
+    compared::{Comparison, html},
+    figure::render_png,
+    page::Content,
+};
+
+use super::{
+    args::FileSettingsArgs,
+    limits::{Held, LimitsArgs, judged_line, prove},
+    report::{content, make_folder},
+    terminal,
+};
+use crate::Error;
+
+/// Compare runs: parameters side by side, which differences are significant, and one page with the figures laid over each other.
+///
+/// The first run is what the others are held against. On one rig runs share the errors of force gain, lead and clock, so these do not
+/// count in a difference. Runs of another board, or with another scale of encoder or force, are taken to be of another rig and are
+/// compared by their whole intervals; --rigs overrules that. A difference is said to be one where chance makes none as large; the more differences are looked at, the
+/// more unlikely each must be (Holm's method).
+/// Nothing is said of a run whose law is broken, in which the device changed, or with wrong samples.
+///
+/// With --limits each run is held against limits as well, and the exit code is 10 unless all pass.
+/// With --json one object: {"kind":"compare","files":[..],"rig":"one","parameters":{"inertance_kg":[{"value":..,"u95":..,
+/// "same_rig_u95":..},{..,"difference":{"value":..,"u95":..,"p":..},"verdict":"differs"}],..}}. docs/CLI.md describes it.
+#[derive(clap::Args)]
+#[command(after_long_help = inerter_data::settings::help_table())]
+pub struct Args {
+    /// Recordings (.mcap) or CSV files, two at least; the others are compared with the first
+    #[arg(required = true, num_args = 2.., value_name = "FILE")]
+    files: Vec<PathBuf>,
+    /// Page to write
+    #[arg(short, long, value_name = "FILE.html")]
+    output: Option<PathBuf>,
+    /// Write the figures as PNG files into this folder, which is made when it is not there
+    #[arg(long, value_name = "DIR")]
+    png: Option<PathBuf>,
+    /// Replace files that exist
+    #[arg(long)]
+    force: bool,
+    /// Whether the runs share a rig and its calibration; by default what the files show
+    #[arg(long, value_name = "HOW_MANY")]
+    rigs: Option<Rigs>,
+    #[command(flatten)]
+    settings: FileSettingsArgs,
+    #[command(flatten)]
+    limits: LimitsArgs,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// How many rigs the runs are of.
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Rigs {
+    One,
+    Several,
+}
+
+pub fn run(args: &Args) -> Result<(), Error> {
+    if let Some(page) = args.output.as_deref().filter(|_| !args.force) {
+        output::refuse_existing(page)?;
+    }
+    let files: Vec<&Path> = args.files.iter().chain(&args.output).map(PathBuf::as_path).collect();
+    args.limits.check(&files, args.force)?;
+    let runs = args.files.iter().map(|file| content(file, &args.settings)).collect::<Result<Vec<_>, _>>()?;
+    let sides: Vec<Side> = args.files.iter().zip(&runs).map(|(file, run)| side(file, run)).collect();
+    let rig = match args.rigs {
+        Some(Rigs::One) => Rig::One,
+        Some(Rigs::Several) => Rig::Several("as --rigs says".into()),
+        None => Rig::of(&sides),
+    };
+    let rows = compare(&sides, &rig)?;
+    let machine = sides.first().ok_or(CompareError::One)?.settings.machine;
+    let limits = args.limits.read(machine)?;
+    let within = limits.map(|limits| sides.iter().map(|side| side.told.within(&limits)).collect::<Vec<_>>());
+    let comparison = Comparison { runs, sides, rig, rows, within: within.clone().unwrap_or_default() };
+    write(args, &comparison)?;
+    let held: Vec<Held> = comparison
+        .sides
+        .iter()
+        .zip(&comparison.within)
+        .map(|(side, judged)| Held { run: side.name.clone(), machine, judged })
+        .collect();
+    args.limits.write(args.force, &held)?;
+    if args.json {
+        let line = CompareJson::new(&comparison.sides, &comparison.rig, &comparison.rows, within.as_deref());
+        output::line(machine_json_line(machine, &line))?;
+    } else {
+        tell(&comparison, machine)?;
+    }
+    prove(&held)
+}
+
+/// A run to be compared.
+fn side(file: &Path, content: &Content) -> Side {
+    Side {
+        name: file.display().to_string(),
+        settings: content.run.settings,
+        hello: content.run.hello.clone(),
+        told: content.replayed.told(),
+    }
+}
+
+/// Writes page and figures, where they are asked for.
+fn write(args: &Args, comparison: &Comparison) -> Result<(), Error> {
+    if args.output.is_none() && args.png.is_none() {
+        return Ok(());
+    }
+    let (page, figures) = html(comparison);
+    if let Some(folder) = &args.png {
+        make_folder(folder)?;
+        for figure in &figures {
+            render_png(figure, &folder.join(format!("{}.png", figure.name)), args.force)?;
+        }
+        terminal::say(format!("{}: {} PNG files", folder.display(), figures.len()));
+    }
+    if let Some(path) = &args.output {
+        output::write(path, args.force, &page)?;
+        terminal::say(format!("{}: open it in a browser, and print it from there", path.display()));
+    }
+    Ok(())
+}
+
+/// What a person sees: each parameter with all runs below each other.
+fn tell(comparison: &Comparison, machine: Machine) -> Result<(), Error> {
+    for row in &comparison.rows {
+        let field = row.field(machine);
+        let (unit, factor) = row.shown_unit(machine);
+        output::line(format!("{} [{unit}]", field.label))?;
+        lines(comparison, row, factor).iter().try_for_each(|line| output::line(format!("  {line}")))?;
+    }
+    output::line("")?;
+    output::line(comparison.rig.words())?;
+    for (side, judged) in comparison.sides.iter().zip(&comparison.within) {
+        output::line("")?;
+        output::line(format!("{}:", side.name))?;
+        judged.iter().try_for_each(|judged: &Judged| output::line(judged_line(machine, judged)))?;
+    }
+    Ok(())
+}
+
+/// A line for each run, its columns below each other.
+fn lines(comparison: &Comparison, row: &Row, factor: f64) -> Vec<String> {
+    let first = row.runs.first().and_then(|run| run.doubt);
+    let cells: Vec<[String; 4]> = comparison
+        .sides
+        .iter()
+        .zip(&row.runs)
+        .map(|(side, run)| {
+            let (difference, said) = run.difference_text(factor).unwrap_or_default();
+            let reason = if run.verdict.is_none() { run.doubt.map(str::to_string) } else { run.reason(first) };
+            let said = [said.to_string()].into_iter().chain(reason).filter(|word| !word.is_empty());
+            [
+                side.name.clone(),
+                run.value_text(&comparison.rig, factor),
+                difference,
+                said.collect::<Vec<_>>().join(": "),
+            ]
+        })
+        .collect();
+    let width = |place: usize| cells.iter().map(|row| row[place].chars().count()).max().unwrap_or(0);
+    let widths = [width(0), width(1), width(2)];
+    let line = |[name, value, difference, said]: &[String; 4]| {
+        let [of_name, of_value, of_difference] = widths;
+        format!("{name:<of_name$}   {value:<of_value$}   {difference:<of_difference$}   {said}").trim_end().to_string()
+    };
+    cells.iter().map(line).collect()
+}

@@ -1,0 +1,222 @@
+//! The figures of all runs laid over each other.
+
+use std::f64::consts::PI;
+
+use inerter_analysis::{compare::u95, response::Input};
+use inerter_core::Machine;
+use inerter_data::names::{description, parameter};
+
+use super::comparison::Comparison;
+use crate::{
+    figure::{Axis, Colour, Figure, Layer, Panel, Shape, Stroke},
+    page::{Content, LOW_PX, TALL_PX, degrees, file_name, over_run, settled},
+};
+
+/// A run's colour; there are no more that all kinds of colour vision tell apart.
+const COLOURS: [Colour; 5] = [Colour::Blue, Colour::Vermilion, Colour::Green, Colour::Purple, Colour::Orange];
+
+/// All figures that the runs show.
+pub(super) fn figures(comparison: &Comparison) -> Vec<Figure> {
+    let machine = comparison.sides.first().map_or(Machine::Linear, |side| side.settings.machine);
+    let all = [intervals(comparison), hysteresis(comparison), over_time(comparison), bode(comparison)];
+    let shown = all.into_iter().filter(|figure| !figure.panels.is_empty());
+    let mut figures: Vec<Figure> = shown.collect();
+    for figure in &mut figures {
+        figure.title = description(machine, &figure.title);
+        figure.caption = description(machine, &figure.caption);
+        for axis in figure.panels.iter_mut().flat_map(|panel| [&mut panel.x, &mut panel.y]) {
+            axis.label = description(machine, &axis.label);
+        }
+    }
+    figures
+}
+
+/// The runs that are laid over each other, each with its name and colour.
+fn laid(comparison: &Comparison) -> impl Iterator<Item = (&Content, String, Colour)> {
+    let named = comparison.runs.iter().enumerate().zip(COLOURS);
+    named.map(|((number, content), colour)| (content, name(number, content), colour))
+}
+
+/// A run's name in a legend.
+fn name(number: usize, content: &Content) -> String {
+    format!("{} {}", number + 1, file_name(&content.run.name))
+}
+
+/// What the captions say where there are more runs than colours.
+fn left_out(comparison: &Comparison) -> String {
+    match comparison.runs.len() {
+        count if count > COLOURS.len() => format!(" Only the first {} of {count} runs are drawn.", COLOURS.len()),
+        _ => String::new(),
+    }
+}
+
+/// Each parameter of each run with its interval.
+fn intervals(comparison: &Comparison) -> Figure {
+    let count = comparison.runs.len() as f64;
+    let machine = comparison.sides.first().map_or(Machine::Linear, |side| side.settings.machine);
+    let mut panels: Vec<Panel> = Vec::new();
+    for row in &comparison.rows {
+        let field = row.field(machine);
+        let (unit, factor) = row.shown_unit(machine);
+        let symbol = if field.symbol.is_empty() { field.label } else { field.symbol };
+        let mut layers = Vec::new();
+        for (number, (content, run)) in comparison.runs.iter().zip(&row.runs).enumerate() {
+            let Some(found) = run.found else { continue };
+            let (value, u95) =
+                (factor * f64::from(found.value), factor * f64::from(u95(&found.budget, &comparison.rig)));
+            let points = Shape::Points(vec![(number as f64 + 1.0, value, value - u95, value + u95)]);
+            let colour = COLOURS[number % COLOURS.len()];
+            let is_named = panels.is_empty() && comparison.runs.len() <= COLOURS.len();
+            layers.push(Layer { label: is_named.then(|| name(number, content)), colour, shape: points });
+        }
+        panels.push(Panel {
+            x: Axis::new("Run").within(0.0, count + 1.0),
+            y: Axis::new(format!("{symbol} [{unit}]")),
+            height_px: LOW_PX - 20,
+            layers,
+        });
+    }
+    Figure {
+        name: "intervals",
+        title: "Parameters by run".into(),
+        caption:
+            "Each parameter with the 95 % interval that the comparison rests on. The runs are numbered as in the table."
+                .into(),
+        panels,
+    }
+}
+
+/// Force over displacement, each about the middle of its stroke.
+fn hysteresis(comparison: &Comparison) -> Figure {
+    let layers = laid(comparison).filter_map(|(content, name, colour)| {
+        let known = || content.close.iter().filter(|row| row.position_m.is_finite() && row.force_n.is_finite());
+        let (low, high) = known().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), row| {
+            (low.min(row.position_m), high.max(row.position_m))
+        });
+        let middle_m = (low + high) / 2.0;
+        let points = content.close.iter().map(|row| ((row.position_m - middle_m) * 1e3, row.force_n)).collect();
+        (known().count() > 2).then(|| Layer::new(name, colour, Shape::Line(points, Stroke::Solid)))
+    });
+    let layers: Vec<Layer> = layers.collect();
+    let panel = Panel {
+        x: Axis::new("Displacement of the screw about its middle [mm]"),
+        y: Axis::new("Force [N]"),
+        height_px: 360,
+        layers,
+    };
+    Figure {
+        name: "loops",
+        title: "Force over displacement".into(),
+        caption: format!(
+            "Measured force over the displacement of the screw, in the middle of each run. Inertance leans a loop down to the right, friction \
+             opens it.{}",
+            left_out(comparison)
+        ),
+        panels: [panel].into_iter().filter(|panel| !panel.layers.is_empty()).collect(),
+    }
+}
+
+/// The first three parameters over time; the offset is not worth a panel.
+fn over_time(comparison: &Comparison) -> Figure {
+    let mut panels = Vec::new();
+    let machine = comparison.sides.first().map_or(Machine::Linear, |side| side.settings.machine);
+    let duration_s = laid(comparison).map(|(content, ..)| content.duration_s).fold(1e-3, f64::max);
+    for number in 0..3 {
+        let field = parameter(machine, number);
+        let (mut layers, mut range) = (Vec::new(), (f64::INFINITY, f64::NEG_INFINITY));
+        for (content, name, colour) in laid(comparison) {
+            let points = over_run(content, number);
+            if points.iter().filter(|point| point.1.is_finite() && point.2.is_finite()).count() < 2 {
+                continue;
+            }
+            let (low, high) = settled(&points);
+            range = (range.0.min(low), range.1.max(high));
+            let since = |t_s: f64| t_s - content.run.start_s;
+            let band = points.iter().map(|(t_s, value, u95)| (since(*t_s), value - u95, value + u95)).collect();
+            let line = points.iter().map(|(t_s, value, _)| (since(*t_s), *value)).collect();
+            layers.push(Layer::unnamed(colour, Shape::Band(band)));
+            let label = panels.is_empty().then_some(name);
+            layers.push(Layer { label, colour, shape: Shape::Line(line, Stroke::Solid) });
+        }
+        if !layers.is_empty() {
+            let room = 0.02 * (range.1 - range.0).max(1e-9);
+            panels.push(Panel {
+                x: Axis::new("Time since the first sample [s]").within(0.0, duration_s),
+                y: Axis::new(format!("{} [{}]", field.symbol, field.unit)).within(range.0 - room, range.1 + room),
+                height_px: LOW_PX,
+                layers,
+            });
+        }
+    }
+    Figure {
+        name: "over-time",
+        title: "Parameters over time".into(),
+        caption: format!(
+            "Live estimates with their whole 95 % intervals, those of the device. Where a line breaks off, the motion did not show the \
+             parameter.{}",
+            left_out(comparison)
+        ),
+        panels,
+    }
+}
+
+/// The measured frequency responses.
+fn bode(comparison: &Comparison) -> Figure {
+    let seen: Vec<_> = laid(comparison).filter(|(content, ..)| !content.response.points.is_empty()).collect();
+    let layers = |show: &dyn Fn(f64, f64, f64) -> f64, named: bool| -> Vec<Layer> {
+        let layer = |(content, name, colour): &(&Content, String, Colour)| {
+            let points = content.response.points.iter().map(|point| {
+                let value = show(point.frequency_hz, point.response.norm(), degrees(point.response));
+                (point.frequency_hz, value)
+            });
+            let points: Vec<_> = points.collect();
+            let shape = match points.as_slice() {
+                // A line needs two.
+                [(x, y)] => Shape::Points(vec![(*x, *y, *y, *y)]),
+                _ => Shape::Line(points, Stroke::Solid),
+            };
+            Layer { label: named.then(|| name.clone()), colour: *colour, shape }
+        };
+        seen.iter().map(layer).collect()
+    };
+    let panels = match seen.is_empty() {
+        true => Vec::new(),
+        false => vec![
+            Panel {
+                x: Axis::log("Frequency [Hz]"),
+                y: Axis::log("|F / x| [kN/m]"),
+                height_px: TALL_PX,
+                layers: layers(&|_, magnitude, _| magnitude / 1e3, true),
+            },
+            Panel {
+                x: Axis::log("Frequency [Hz]"),
+                y: Axis::new("|F / x| / w² [kg]"),
+                height_px: LOW_PX,
+                layers: layers(&|frequency_hz, magnitude, _| magnitude / (2.0 * PI * frequency_hz).powi(2), false),
+            },
+            Panel {
+                x: Axis::log("Frequency [Hz]"),
+                y: Axis::new("Phase of F / x [°]"),
+                height_px: LOW_PX,
+                layers: layers(&|_, _, phase| phase, false),
+            },
+        ],
+    };
+    let of = |input: Input| seen.iter().any(|(content, ..)| content.response.input == input);
+    let over = match (of(Input::Terminal), of(Input::Screw)) {
+        (true, true) => {
+            "the terminal where a run has its sensor, of the screw in the others: do not compare these above the contact's resonance"
+        }
+        (true, false) => "the terminal",
+        _ => "the screw",
+    };
+    Figure {
+        name: "bode",
+        title: "Frequency response".into(),
+        caption: format!(
+            "Measured force over the displacement of {over}. In the middle the same over w², which is the mass that one would feel.{}",
+            left_out(comparison)
+        ),
+        panels,
+    }
+}

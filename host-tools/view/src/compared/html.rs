@@ -1,0 +1,207 @@
+//! The page of runs beside each other.
+
+use inerter_analysis::compare::{Rig, Row, Verdict};
+use inerter_core::{Machine, Settings};
+use inerter_data::{
+    limits::verdict,
+    text::law_text,
+    words::{duration_text, plural, utc},
+};
+use maud::{Markup, PreEscaped, html as markup};
+
+use super::{comparison::Comparison, figures::figures};
+use crate::{
+    figure::{Figure, svg_for_page},
+    frame::framed,
+    page::{Content, file_name, limits_table, shown},
+};
+
+/// The whole page, and its figures.
+pub fn html(comparison: &Comparison) -> (String, Vec<Figure>) {
+    let figures = figures(comparison);
+    let machine = comparison.sides.first().map_or(Machine::Linear, |side| side.settings.machine);
+    let main = markup! {
+        (runs(comparison))
+        (parameters(comparison, machine))
+        @if !comparison.within.is_empty() { (limits(comparison, machine)) }
+        @for figure in &figures {
+            section id=(figure.name) {
+                h2 { (figure.title) }
+                figure {
+                    (PreEscaped(svg_for_page(figure)))
+                    figcaption { (figure.caption) }
+                }
+            }
+        }
+        (settings(comparison))
+        (method(&comparison.rig))
+    };
+    let count = plural(comparison.runs.len() as u64, "run");
+    let heading = match comparison.runs.as_slice() {
+        [first, second] => format!("{} and {}", file_name(&first.run.name), file_name(&second.run.name)),
+        _ => count.clone(),
+    };
+    let meta = markup! {
+        (count) ", compared with the first · "
+        @match &comparison.rig {
+            Rig::One => "on one rig",
+            Rig::Several(reason) => { "on several rigs: " (reason) }
+        }
+    };
+    (framed(&heading, "runs compared", &heading, &meta, &main), figures)
+}
+
+/// Which runs these are.
+fn runs(comparison: &Comparison) -> Markup {
+    let device = |content: &Content| {
+        let hello = content.run.hello.as_ref();
+        hello.map_or("not recorded".into(), |hello| format!("{}, serial {}", hello.board, hello.serial))
+    };
+    markup! {
+        section #runs {
+            h2 { "Runs" }
+            table {
+                thead { tr {
+                    th scope="col" { "Run" }
+                    th scope="col" { "Length" }
+                    th scope="col" { "Recorded" }
+                    th scope="col" { "Device" }
+                    th scope="col" { "Law" }
+                    @if !comparison.within.is_empty() { th scope="col" { "Limits" } }
+                } }
+                tbody {
+                    @for (number, content) in comparison.runs.iter().enumerate() {
+                        tr {
+                            th scope="row" { (number + 1) " " (content.run.name) }
+                            td { (duration_text(content.duration_s)) }
+                            td { (content.run.recorded_ns.map_or("not known".into(), utc)) }
+                            td { (device(content)) }
+                            td { (law_text(&content.replayed.outcome.law)) }
+                            @if let Some(within) = comparison.within.get(number) {
+                                @let (word, class) = shown(verdict(within));
+                                td class=(class) { (word) }
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Each parameter of each run, and what differs.
+fn parameters(comparison: &Comparison, machine: Machine) -> Markup {
+    markup! {
+        section #parameters {
+            h2 { "What differs" }
+            table {
+                thead { tr {
+                    th scope="col" { "Parameter" }
+                    th scope="col" { "Unit" }
+                    th scope="col" { "Run" }
+                    th.number scope="col" { "Value" }
+                    th.number scope="col" { "Less the first" }
+                    th scope="col" { "Verdict" }
+                } }
+                tbody { @for row in &comparison.rows { (of_parameter(comparison, machine, row)) } }
+            }
+            p.small { (comparison.rig.words()) }
+        }
+    }
+}
+
+fn of_parameter(comparison: &Comparison, machine: Machine, row: &Row) -> Markup {
+    let field = row.field(machine);
+    let (unit, factor) = row.shown_unit(machine);
+    let first_doubt = row.runs.first().and_then(|run| run.doubt);
+    markup! {
+        @for (number, run) in row.runs.iter().enumerate() {
+            @let class = match run.verdict { Some(Verdict::Differs) => "differs", Some(Verdict::Undecided) => "held", _ => "" };
+            tr {
+                th scope="row" {
+                    @if number == 0 { (field.label) @if !field.symbol.is_empty() { " " i { (field.symbol) } } }
+                }
+                td { @if number == 0 { (unit) } }
+                td { (number + 1) }
+                td.number { (run.value_text(&comparison.rig, factor)) }
+                @if let Some((difference, said)) = run.difference_text(factor) {
+                    td.number { (difference) }
+                    td class=(class) { (said) @if let Some(reason) = run.reason(first_doubt) { ": " (reason) } }
+                } @else {
+                    td {}
+                    td { @if let Some(doubt) = run.doubt { (doubt) } }
+                }
+            }
+        }
+    }
+}
+
+/// What each run says of limits.
+fn limits(comparison: &Comparison, machine: Machine) -> Markup {
+    markup! {
+        section #limits {
+            h2 { "Limits" }
+            @for (number, (content, within)) in comparison.runs.iter().zip(&comparison.within).enumerate() {
+                @let (word, class) = shown(verdict(within));
+                h3 { (number + 1) " " (file_name(&content.run.name)) ": " span class=(class) { (word) } }
+                (limits_table(machine, &content.run.name, within))
+            }
+        }
+    }
+}
+
+/// Settings that the runs do not have alike.
+fn settings(comparison: &Comparison) -> Markup {
+    let values: Vec<_> = comparison.sides.iter().map(|side| side.settings.values()).collect();
+    let differing = Settings::described().enumerate().filter(|(place, _)| {
+        let mut of_runs = values.iter().filter_map(|values| values.get(*place));
+        let first = of_runs.next();
+        of_runs.any(|value| Some(value) != first)
+    });
+    let rows: Vec<_> = differing
+        .map(|(place, (info, text))| {
+            let of_runs: Vec<f64> = values.iter().filter_map(|values| values.get(place).copied()).collect();
+            (info.name, text.unit, of_runs)
+        })
+        .collect();
+    markup! {
+        section #settings {
+            h2 { "Settings that differ" }
+            @if rows.is_empty() {
+                p { "The runs have the same settings." }
+            } @else {
+                table {
+                    thead { tr {
+                        th scope="col" { "Setting" } th scope="col" { "Unit" }
+                        @for number in 1..=values.len() { th.number scope="col" { "Run " (number) } }
+                    } }
+                    tbody {
+                        @for (name, unit, of_runs) in &rows {
+                            tr {
+                                th scope="row" { code { (name) } }
+                                td { (unit) }
+                                @for value in of_runs { td.number { (format!("{value:?}")) } }
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn method(rig: &Rig) -> Markup {
+    markup! {
+        section #method {
+            h2 { "How it was compared" }
+            p {
+                "The half width of a difference's 95 % interval is " i { "U" } " = " i { "k" } " √(" i { "u" } "1² + " i { "u" } "2²), after JCGM 100"
+                @if *rig == Rig::One {
+                    ". On one rig the errors of force gain, lead and clock are the same in both runs and enter with their difference alone"
+                }
+                ". A difference is said to be one where chance makes none as large; the more differences are looked at, the more unlikely each "
+                "must be (Holm's method), so that a page on which nothing differs says otherwise once in 20."
+            }
+        }
+    }
+}

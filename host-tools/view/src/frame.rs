@@ -1,0 +1,45 @@
+//! What all pages have: one file, nothing to load, light and dark, and on paper.
+
+use maud::{DOCTYPE, Markup, PreEscaped, html as markup};
+
+use crate::figure::{Colour, css};
+
+/// Look of a page, for both schemes and paper. Colours come from the figures' own table.
+pub fn page_css() -> String {
+    let variables = |of: fn(Colour) -> [u8; 3]| {
+        Colour::ALL.map(|colour| format!("{}:{};", colour.variable(), css(of(colour)))).concat()
+    };
+    let (light, dark) = (variables(Colour::rgb), variables(Colour::dark_rgb));
+    format!(
+        ":root{{{light}color-scheme:light dark}}\
+         @media (prefers-color-scheme:dark){{:root{{{dark}}}}}\
+         @media print{{:root{{{light}color-scheme:light}}}}\
+         {}",
+        include_str!("frame.css")
+    )
+}
+
+/// A page with this title, of this kind, with a heading, a line below it, and its sections.
+pub(crate) fn framed(title: &str, kind: &str, heading: &str, meta: &Markup, main: &Markup) -> String {
+    markup! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width, initial-scale=1";
+                meta name="generator" content=(concat!("inerter ", env!("CARGO_PKG_VERSION")));
+                title { "Inerter: " (title) }
+                style { (PreEscaped(page_css())) }
+            }
+            body {
+                header {
+                    p.kind { "Instrumented inerter: " (kind) }
+                    h1 { (heading) }
+                    p.meta { (meta) }
+                }
+                main { (main) }
+            }
+        }
+    }
+    .into_string()
+}
