@@ -7,6 +7,7 @@
 
 use inerter_core::{Budget, Machine, NORMAL_COVERAGE, Settings, Source};
 use inerter_data::{
+    calibration::Calibration,
     limits::{self, NAMES},
     words::interval_text,
 };
@@ -53,6 +54,8 @@ pub struct Side {
     pub settings: Settings,
     /// Device that recorded it, where that is known.
     pub hello: Option<Hello>,
+    /// What is known of the calibration of its rig.
+    pub calibration: Option<Calibration>,
     /// What it tells.
     pub told: Told,
 }
@@ -67,8 +70,8 @@ pub enum Rig {
 }
 
 impl Rig {
-    /// By what the runs say of themselves: another board, or other scales of encoder or force, are another rig. The force's scale of a run
-    /// without a device is a matter of its file, and says nothing.
+    /// By what the runs say of themselves: another board, another calibration, or another scale of encoder or force is another rig.
+    /// The force's scale of a run without a device is a matter of its file, and says nothing.
     pub fn of(sides: &[Side]) -> Self {
         let Some((first, others)) = sides.split_first() else { return Self::One };
         let differing = others.iter().find_map(|other| Some((other, differing(first, other)?)));
@@ -95,6 +98,9 @@ fn differing(one: &Side, other: &Side) -> Option<&'static str> {
     let differs = |of: fn(&Settings) -> f64| of(&one.settings).abs() != of(&other.settings).abs();
     if differs(|settings| settings.metres_per_count) {
         return Some("the encoder's scale (metres_per_count)");
+    }
+    if one.calibration.as_ref().zip(other.calibration.as_ref()).is_some_and(|(one, other)| one != other) {
+        return Some("the calibration");
     }
     let (a, b) = (one.hello.as_ref()?, other.hello.as_ref()?);
     if a.serial != b.serial {

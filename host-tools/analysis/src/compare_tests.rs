@@ -14,7 +14,7 @@ fn side(name: &str, motion: &str, seed: u64, device: Inerter) -> Side {
     let setup = Setup::new(device, sensors, motion, Some(8.0), &Overrides::default()).unwrap();
     let samples = setup.samples().unwrap().map(|sample| Ok::<_, SettingsInputError>(raw(&sample)));
     let replayed = replayed(&setup.settings, 0.0, samples, |_, _| Ok(())).unwrap();
-    Side { name: name.into(), settings: setup.settings, hello: None, told: replayed.told() }
+    Side { name: name.into(), settings: setup.settings, hello: None, calibration: None, told: replayed.told() }
 }
 
 fn place(name: &str) -> usize {
@@ -130,6 +130,11 @@ fn a_rig_is_known_by_its_scales_and_its_board() {
     assert!(!of(&|other| other.settings.metres_per_count *= 2.0));
     assert!(of(&|other| other.settings.metres_per_count *= -1.0), "turned round");
     assert!(of(&|other| other.settings.newtons_per_code *= 2.0), "a matter of the file");
+    let calibrated = |day: &str| Calibration::of_texts(&[("date".to_string(), day.to_string())].into()).ok();
+    assert!(of(&|other| other.calibration = calibrated("2026-01-31")), "of one nothing is known");
+    let (old, new) = (calibrated("2025-01-31"), calibrated("2026-01-31"));
+    let sides = [old, new].map(|calibration| Side { calibration, ..one.clone() });
+    assert_eq!(Rig::of(&sides), Rig::Several("the calibration of a and a differs".into()));
 }
 
 /// A difference by hand.

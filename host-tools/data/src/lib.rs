@@ -9,6 +9,7 @@
 #![forbid(unsafe_code)]
 
 pub mod backup;
+pub mod calibration;
 pub mod causes;
 pub mod csv;
 mod error;

@@ -5,6 +5,8 @@ use std::collections::BTreeMap;
 use inerter_core::{RawSample, Settings};
 use inerter_wire::{Hello, step};
 
+use crate::calibration::Calibration;
+
 /// Settings and raw samples of one run, with what the user should know about them.
 #[derive(Clone, Debug, Default)]
 pub struct Run {
@@ -22,6 +24,8 @@ pub struct Run {
     pub notes: Vec<String>,
     /// The device that recorded it, when known.
     pub hello: Option<Hello>,
+    /// What is known of the calibration of its rig.
+    pub calibration: Option<Calibration>,
     /// What is true of a simulated device, by name.
     pub truth: Option<BTreeMap<String, String>>,
 }

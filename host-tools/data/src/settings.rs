@@ -14,6 +14,7 @@ use miette::Diagnostic;
 use toml::de::{DeTable, DeValue};
 
 use crate::{
+    calibration::{self, Calibration},
     output::{self, OutputError},
     words::{nearest, printable},
 };
@@ -69,6 +70,20 @@ pub enum SettingsInputError {
         /// What is wrong with them.
         source: SettingsError,
     },
+    /// The table on the calibration is not one.
+    #[error("{origin}: [calibration]: {problem}")]
+    #[diagnostic(
+        code(inerter::settings::calibration),
+        help(
+            "write for example `date = 2026-01-31`, `certificate = \"K-2031\"` and `expires = 2027-01-31` below [calibration]"
+        )
+    )]
+    Calibration {
+        /// Where it was given.
+        origin: String,
+        /// What is wrong.
+        problem: String,
+    },
     /// The file cannot be read.
     #[error("the settings file {path} cannot be read: {source}", path = path.display())]
     #[diagnostic(
@@ -98,11 +113,12 @@ pub enum SettingsInputError {
 #[derive(Clone, Debug)]
 pub struct Overrides {
     values: [Option<f64>; Settings::COUNT],
+    calibration: Option<Calibration>,
 }
 
 impl Default for Overrides {
     fn default() -> Self {
-        Self { values: [None; Settings::COUNT] }
+        Self { values: [None; Settings::COUNT], calibration: None }
     }
 }
 
@@ -134,6 +150,11 @@ impl Overrides {
     /// The value that was given for this setting, if any.
     pub fn get(&self, name: &str) -> Option<f64> {
         self.values.get(Settings::find(name)?).copied().flatten()
+    }
+
+    /// What the file says of the rig's calibration, if it does.
+    pub fn calibration(&self) -> Option<&Calibration> {
+        self.calibration.as_ref()
     }
 
     /// The values that were given, by name.
@@ -184,6 +205,11 @@ impl Overrides {
         for (key, value) in table.get_ref().iter() {
             let origin = format!("{}, line {}", path.display(), line_at(key.span().start));
             let name: &str = key.get_ref();
+            if let (calibration::TABLE, DeValue::Table(table)) = (name, value.get_ref()) {
+                let read = Calibration::of_table(table);
+                self.calibration = Some(read.map_err(|problem| SettingsInputError::Calibration { origin, problem })?);
+                continue;
+            }
             let shown = text.get(value.span()).unwrap_or_default().trim();
             let not_a_number =
                 || SettingsInputError::Number { origin: origin.clone(), name: name.into(), text: shown.into() };

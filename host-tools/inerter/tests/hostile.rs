@@ -291,7 +291,8 @@ fn nothing_else_from_outside_writes_to_the_terminal_what_it_likes() {
     // Metadata as no recorder of ours writes them.
     let run = inerter_data::open(&folder.join("run.mcap"), &Overrides::default()).unwrap();
     let mut recorder = Recorder::create(&folder.join("metadata.mcap"), false).unwrap();
-    for metadata in ["inerter.hello", "inerter.settings", "inerter.truth", "inerter.end", WORDS] {
+    for metadata in ["inerter.hello", "inerter.settings", "inerter.calibration", "inerter.truth", "inerter.end", WORDS]
+    {
         let keys = ["wire_version", "board", "serial", "firmware", "memory_s", "reason", WORDS];
         let map = keys.into_iter().map(|key| (key.to_string(), WORDS.to_string())).collect();
         recorder.metadata(metadata, map).unwrap();

@@ -13,7 +13,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use common::{done, estimate_of, fails, inerter, json_lines, last, text};
+use common::{done, estimate_of, fails, inerter, json_lines, last, run, text};
 use inerter_data::settings::Overrides;
 use inerter_plant::{Inerter, Sensors};
 use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
@@ -68,6 +68,54 @@ fn what_a_live_device_says_a_replay_of_its_recording_says_too() {
         let page = std::fs::read_to_string(folder.path().join("page.html")).unwrap();
         assert_eq!(page.contains(">Recorded</th><td>20"), dated, "{file}");
     }
+}
+
+/// Which calibration a recording rests on is known wherever it goes, and when it is out of date.
+#[test]
+fn a_recording_carries_the_calibration_of_its_rig() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let device = VirtualDevice::start(&setup("random"), &any_port(), 10.0).unwrap();
+    let write = |expires: &str| {
+        let text =
+            format!("memory_s = 10\n[calibration]\ndate = 2020-01-31\ncertificate = \"K\\u001b[2J-<7>\"\n{expires}");
+        std::fs::write(at.join("rig.toml"), text).unwrap();
+    };
+    let record =
+        ["record", "--connect", device.name(), "-o", "run.mcap", "--duration", "1", "--force", "--calibration"];
+    let record = |file: &str| run(at, &[&record[..], &[file]].concat());
+    let page = || {
+        done(at, &["report", "cut.mcap", "-o", "page.html", "--force"]);
+        std::fs::read_to_string(at.join("page.html")).unwrap()
+    };
+    write("");
+    assert_eq!(record("rig.toml").status.code(), Some(0));
+    done(at, &["cut", "run.mcap", "--to", "0.9", "-o", "cut.mcap"]);
+    let known = serde_json::json!({"certificate": "K\u{1b}[2J-<7>", "date": "2020-01-31"});
+    assert_eq!(last(&done(at, &["info", "cut.mcap", "--json"]))["calibration"], known);
+    let valid = page();
+    assert!(valid.contains("2020-01-31, K\\u001b[2J-&lt;7&gt;") && !valid.contains("was valid until"), "{valid}");
+
+    write("expires = 2021-01-31\n");
+    let output = record("rig.toml");
+    assert!(text(&output.stderr).contains("was valid until 2021-01-31, and the run was recorded on 20"), "{output:?}");
+    done(at, &["cut", "run.mcap", "--to", "0.9", "-o", "cut.mcap", "--force"]);
+    assert!(page().contains("was valid until 2021-01-31"));
+    done(at, &["store", "add", "store", "cut.mcap"]);
+    let row = last(&done(at, &["store", "ls", "store", "--json"]));
+    assert_eq!((&row["calibration_date"], &row["calibration_expires"]), (&"2020-01-31".into(), &"2021-01-31".into()));
+    // What the command line says wins.
+    std::fs::write(at.join("new.toml"), "[calibration]\ndate = 2026-02-01\n").unwrap();
+    let output = run(at, &["replay", "cut.mcap", "--settings", "new.toml"]);
+    assert!(output.status.success() && !text(&output.stderr).contains("was valid until"), "{output:?}");
+
+    std::fs::write(at.join("none.toml"), "memory_s = 10\n").unwrap();
+    let kept = std::fs::read(at.join("run.mcap")).unwrap();
+    for (file, words) in [("none.toml", "[calibration]: there is no such table"), ("gone.toml", "cannot be read")] {
+        let output = record(file);
+        assert!(!output.status.success() && text(&output.stderr).contains(words), "{output:?}");
+    }
+    assert_eq!(std::fs::read(at.join("run.mcap")).unwrap(), kept);
 }
 
 #[test]

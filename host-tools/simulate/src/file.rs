@@ -64,6 +64,7 @@ pub fn write_recording(
         time_ns: 0,
     };
     stream.recorder.describe(&hello(setup), &setup.settings)?;
+    setup.calibration.iter().try_for_each(|calibration| stream.recorder.calibrated(calibration))?;
     stream.recorder.metadata(TRUTH_METADATA, setup.truth())?;
     stream.send(&Record::Event(Event { index: 0, kind: EventKind::Started }))?;
     stream.send(&Record::Hello(hello(setup)))?;
@@ -115,6 +116,7 @@ pub fn held(setup: &Setup, mut progress: impl FnMut(f64) -> Result<(), Error>) -
         settings: setup.settings,
         samples,
         start_s: start_s.unwrap_or(0.0),
+        calibration: setup.calibration.clone(),
         truth: Some(setup.truth()),
         ..Run::default()
     })

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use inerter_core::{RawSample, Settings};
 use inerter_data::{
+    calibration::Calibration,
     full_scale::Peaks,
     settings::{Overrides, SettingsInputError, validate},
 };
@@ -36,6 +37,8 @@ pub struct Setup {
     pub duration_s: Option<f64>,
     /// Settings of the estimator, as known from calibration: scales, structure mass, contact and skew are the true ones.
     pub settings: Settings,
+    /// When and how the rig was calibrated, as was given.
+    pub calibration: Option<Calibration>,
 }
 
 impl Setup {
@@ -68,7 +71,18 @@ impl Setup {
         overrides.apply(&mut settings)?;
         validate(&settings)?;
         let duration_s = duration_s.or(own);
-        let setup = Self { parameters, sensors, excite, excitation, later: None, load_n: 0.0, duration_s, settings };
+        let calibration = overrides.calibration().cloned();
+        let setup = Self {
+            parameters,
+            sensors,
+            excite,
+            excitation,
+            later: None,
+            load_n: 0.0,
+            duration_s,
+            settings,
+            calibration,
+        };
         // Built once for its checks.
         setup.simulation()?;
         Ok(setup)

@@ -5,6 +5,7 @@ use std::path::Path;
 use inerter_analysis::results::{Replayed, replayed};
 use inerter_core::{Machine, Parameter};
 use inerter_data::{
+    calibration::Calibration,
     export::{Cells, EstimateTable, HeldColumn, Source, table_bytes},
     json::{EventJson, ReversalJson, Shown, rounded_s},
     names::{self, name},
@@ -177,6 +178,7 @@ fn row<'a>(source: &'a Source, replayed: &Replayed) -> Vec<HeldColumn<'a>> {
         let known = source.device.as_ref().and_then(|device| device.get(key));
         known.map(|text| printable(text).into_owned())
     };
+    let calibration = source.calibration.as_ref();
     let count = |value: u64| Some(i64::try_from(value).unwrap_or(i64::MAX));
     let mut columns = vec![
         whole("version", vec![Some(VERSION as i64)]),
@@ -185,6 +187,9 @@ fn row<'a>(source: &'a Source, replayed: &Replayed) -> Vec<HeldColumn<'a>> {
         owned("serial", serial(source).map(|serial| printable(serial).into_owned())),
         owned("firmware", device("firmware")),
         owned("board", device("board")),
+        owned("calibration_date", calibration.map(|calibration| calibration.date.to_string())),
+        owned("calibration_certificate", calibration.and_then(Calibration::certificate_text)),
+        owned("calibration_expires", calibration.and_then(|calibration| Some(calibration.expires?.to_string()))),
         owned("machine", Some(if machine == Machine::Linear { "linear" } else { "rotary" }.into())),
         float(machine, "duration_s", "s", vec![Some(source.duration_s())]),
         float(machine, "sample_rate_hz", "Hz", vec![Some(settings.sample_rate_hz)]),

@@ -68,7 +68,10 @@ pub fn to_run(mut table: Table, overrides: &Overrides) -> Result<Run, Error> {
     if samples.len() < 2 {
         return Err(CsvError::TooFew { file, samples: samples.len() }.into());
     }
-    let mut run = Run { name: file, settings, samples, start_s, notes, ..Run::default() };
+    let calibration = overrides.calibration().cloned();
+    let trouble = calibration.as_ref().and_then(|calibration| calibration.trouble(None));
+    notes.extend(trouble.map(|trouble| format!("{file}: {trouble}")));
+    let mut run = Run { name: file, settings, samples, start_s, notes, calibration, ..Run::default() };
     Peaks::of(&Series::of(&run)).hold(&mut run.settings, overrides)?;
     Ok(run)
 }

@@ -183,6 +183,7 @@ fn metadata(source: &Source, units: Map<String, Value>) -> Vec<KeyValue> {
         ("inerter.settings", Some(json!(settings))),
         ("inerter.device", Some(json!(device))),
         ("inerter.markers", Some(json!(markers))),
+        ("inerter.calibration", source.calibration.as_ref().map(|calibration| json!(calibration.texts()))),
         ("inerter.truth", truth),
     ])
 }

@@ -5,6 +5,7 @@ use std::{collections::BTreeMap, ops::Range, path::Path, path::PathBuf, sync::Ar
 use inerter_core::{RawSample, Settings};
 
 use crate::{
+    calibration::Calibration,
     csv::{self, CsvError},
     error::Error,
     recording::{self, Extent, HELLO_METADATA, Marker, SampleReader, TRUTH_METADATA},
@@ -26,6 +27,8 @@ pub struct Source {
     pub notes: Vec<String>,
     /// The device, when known.
     pub device: Option<BTreeMap<String, String>>,
+    /// What is known of the calibration of its rig.
+    pub calibration: Option<Calibration>,
     /// What is true of a simulated device.
     pub truth: Option<BTreeMap<String, String>>,
     /// How much there is.
@@ -52,6 +55,8 @@ impl Source {
         }
         let mut summary = recording::summary_watched(path, progress)?;
         let settings = recording::usable_settings(path, &summary, overrides)?;
+        let (calibration, trouble) = recording::calibration(path, &summary, overrides);
+        summary.notes.extend(trouble);
         let metadata = &mut summary.contents.metadata;
         Ok(Self {
             name: path.display().to_string(),
@@ -59,6 +64,7 @@ impl Source {
             start_s: 0.0,
             device: metadata.remove(HELLO_METADATA),
             truth: metadata.remove(TRUTH_METADATA),
+            calibration,
             notes: summary.notes,
             extent: summary.extent,
             markers: summary.markers,
@@ -77,6 +83,7 @@ impl Source {
             start_s: run.start_s,
             notes: run.notes,
             device: None,
+            calibration: run.calibration,
             truth: run.truth,
             extent,
             markers: Vec::new(),
@@ -95,6 +102,7 @@ impl Source {
                 samples: samples.to_vec(),
                 start_s: self.start_s,
                 notes: self.notes.clone(),
+                calibration: self.calibration.clone(),
                 truth: self.truth.clone(),
                 ..Run::default()
             }),

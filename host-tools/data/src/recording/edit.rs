@@ -10,7 +10,8 @@ use inerter_core::Settings;
 use inerter_wire::{DELIMITER, Frame, Record, Samples};
 
 use super::{
-    END_METADATA, Ending, HELLO_METADATA, RecordingError, SETTINGS_METADATA, Summary, TRUTH_METADATA,
+    CALIBRATION_METADATA, END_METADATA, Ending, HELLO_METADATA, RecordingError, SETTINGS_METADATA, Summary,
+    TRUTH_METADATA,
     messages::{Framing, Message, Messages},
     samples::{Extent, summary},
     write::{End, Recorder},
@@ -176,7 +177,7 @@ fn batch(frame: &Frame<Record>) -> Option<&Samples> {
 /// A recording with what is known of `like`.
 fn begin(to: &Pending, like: &Summary) -> Result<Recorder, Error> {
     let mut recorder = Recorder::fill(to)?;
-    for name in [HELLO_METADATA, SETTINGS_METADATA, TRUTH_METADATA] {
+    for name in [HELLO_METADATA, SETTINGS_METADATA, CALIBRATION_METADATA, TRUTH_METADATA] {
         if let Some(metadata) = like.contents.metadata.get(name) {
             recorder.metadata(name, metadata.clone())?;
         }

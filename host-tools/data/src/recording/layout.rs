@@ -12,6 +12,8 @@ pub const RAW_ENCODING: &str = "inerter";
 pub const HELLO_METADATA: &str = "inerter.hello";
 /// Name of the metadata that holds the settings.
 pub const SETTINGS_METADATA: &str = "inerter.settings";
+/// Name of the metadata that holds what is known of the rig's calibration.
+pub const CALIBRATION_METADATA: &str = "inerter.calibration";
 /// Name of the metadata that says how the recording ended.
 pub const END_METADATA: &str = "inerter.end";
 /// Name of the metadata that holds what is true of a simulated device.

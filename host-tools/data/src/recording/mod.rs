@@ -5,6 +5,7 @@
 //! | frames, each with its delimiter, as received; log time = host time \[ns\] | channel `raw`, message encoding `inerter` |
 //! | the device's Hello | metadata `inerter.hello` |
 //! | its settings, by name | metadata `inerter.settings` |
+//! | when and how its rig was calibrated | metadata `inerter.calibration` |
 //! | what is true of a simulated device | metadata `inerter.truth` |
 //! | how and why the recording ended | metadata `inerter.end`; missing when the writer was killed |
 //! | what somebody wrote down on the way | channel `marker`, JSON |
@@ -30,11 +31,11 @@ mod write;
 pub use edit::{Cut, Merged, cut, merge};
 pub use error::RecordingError;
 pub use layout::{
-    END_METADATA, Ending, HELLO_METADATA, MARKER_TOPIC, RAW_ENCODING, RAW_TOPIC, SETTINGS_METADATA, TRUTH_METADATA,
-    is_recording,
+    CALIBRATION_METADATA, END_METADATA, Ending, HELLO_METADATA, MARKER_TOPIC, RAW_ENCODING, RAW_TOPIC,
+    SETTINGS_METADATA, TRUTH_METADATA, is_recording,
 };
 pub use read::{Contents, Incoming, Item, read};
 pub use samples::{
-    Extent, Marker, SampleReader, Summary, read_run, samples, summary, summary_watched, usable_settings,
+    Extent, Marker, SampleReader, Summary, calibration, read_run, samples, summary, summary_watched, usable_settings,
 };
 pub use write::{End, Recorder};

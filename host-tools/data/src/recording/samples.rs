@@ -13,17 +13,18 @@ use inerter_wire::{
 };
 
 use super::{
-    END_METADATA, RecordingError, SETTINGS_METADATA, TRUTH_METADATA,
+    CALIBRATION_METADATA, END_METADATA, RecordingError, SETTINGS_METADATA, TRUTH_METADATA,
     layout::Ending,
     messages::{Framing, Message, Messages},
     read::{Contents, Incoming, Item, read},
 };
 use crate::{
+    calibration::Calibration,
     error::Error,
     run::Run,
     settings::Overrides,
     text::{event_words, is_trouble, settings_note},
-    words::plural,
+    words::{plural, printable},
 };
 
 /// What a recording holds.
@@ -246,9 +247,30 @@ pub fn read_run(path: &Path, overrides: &Overrides) -> Result<Run, Error> {
     let summary = summary_with(path, |sample| samples.push(sample), |_| ())?;
     let settings = usable_settings(path, &summary, overrides)?;
     let truth = summary.contents.metadata.get(TRUTH_METADATA).cloned();
-    let recorded_ns = summary.contents.span_ns.map(|(first, _)| first).filter(|first| *first >= LEAST_DATE_NS);
-    let Summary { notes, hello, .. } = summary;
-    Ok(Run { name: path.display().to_string(), settings, samples, start_s: 0.0, recorded_ns, notes, hello, truth })
+    let (calibration, trouble) = calibration(path, &summary, overrides);
+    let recorded_ns = summary.recorded_ns();
+    let Summary { mut notes, hello, .. } = summary;
+    notes.extend(trouble);
+    let name = path.display().to_string();
+    Ok(Run { name, settings, samples, start_s: 0.0, recorded_ns, notes, hello, calibration, truth })
+}
+
+/// What is known of the calibration, what the `overrides` say or else the recording, and what is wrong with it.
+pub fn calibration(path: &Path, summary: &Summary, overrides: &Overrides) -> (Option<Calibration>, Option<String>) {
+    let recorded = || summary.contents.metadata.get(CALIBRATION_METADATA).map(Calibration::of_texts);
+    let (calibration, trouble) = match overrides.calibration().cloned().map(Ok).or_else(recorded) {
+        None => (None, None),
+        Some(Ok(calibration)) => (Some(calibration.clone()), calibration.trouble(summary.recorded_ns())),
+        Some(Err(problem)) => (None, Some(format!("what it says of its calibration cannot be read: {problem}"))),
+    };
+    (calibration, trouble.map(|trouble| format!("{}: {}", path.display(), printable(&trouble))))
+}
+
+impl Summary {
+    /// Host time of the first frame \[ns since 1970\]; nothing where no clock was there, as in a simulation.
+    pub fn recorded_ns(&self) -> Option<u64> {
+        self.contents.span_ns.map(|(first, _)| first).filter(|first| *first >= LEAST_DATE_NS)
+    }
 }
 
 /// Earlier than any recording \[ns since 1970\]: the beginning of 2000. The time of a simulation begins at 0.

@@ -7,13 +7,14 @@ use inerter_wire::{Hello, WIRE_VERSION};
 use mcap::{McapError, WriteOptions, records::MessageHeader, write::Metadata};
 
 use super::{
-    END_METADATA, HELLO_METADATA, RAW_ENCODING, RAW_TOPIC, SETTINGS_METADATA,
+    CALIBRATION_METADATA, END_METADATA, HELLO_METADATA, RAW_ENCODING, RAW_TOPIC, SETTINGS_METADATA,
     decode::{Channel, Decoder},
     messages::MarkerJson,
     schemas::schema,
     sink::{Safe, Sink},
 };
 use crate::{
+    calibration::Calibration,
     output::{self, OutputError, Pending},
     words::duration_text,
 };
@@ -104,6 +105,11 @@ impl Recorder {
         self.metadata(SETTINGS_METADATA, settings)?;
         self.decode_by(settings_in_use)?;
         self.flush()
+    }
+
+    /// Writes down when and how the rig was calibrated.
+    pub fn calibrated(&mut self, calibration: &Calibration) -> Result<(), OutputError> {
+        self.metadata(CALIBRATION_METADATA, calibration.texts())
     }
 
     /// From now on the frames are also written decoded, by these settings and by those that the stream brings.

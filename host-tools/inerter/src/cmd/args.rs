@@ -6,6 +6,7 @@ use std::{
 };
 
 use inerter_data::{
+    calibration::Calibration,
     output::{self, OutputError},
     settings::{Overrides, SettingsInputError},
     text::settings_note,
@@ -137,6 +138,28 @@ impl OutputArgs {
     /// Its name for a person.
     pub fn display(&self) -> std::path::Display<'_> {
         self.output.display()
+    }
+}
+
+/// When and how the rig of a recording was calibrated.
+#[derive(clap::Args)]
+pub struct CalibrationArgs {
+    /// Write down when and how the rig was calibrated: the table `[calibration]` of this settings file, with `date`, and `certificate` and
+    /// `expires` where they are known
+    #[arg(long, value_name = "FILE.toml")]
+    calibration: Option<PathBuf>,
+}
+
+impl CalibrationArgs {
+    /// What the file says, where there is one.
+    pub fn read(&self) -> Result<Option<Calibration>, SettingsInputError> {
+        let Some(path) = &self.calibration else { return Ok(None) };
+        let read = Overrides::from_inputs(Some(path), &[])?;
+        let none = || SettingsInputError::Calibration {
+            origin: path.display().to_string(),
+            problem: "there is no such table".into(),
+        };
+        read.calibration().cloned().map(Some).ok_or_else(none)
     }
 }
 

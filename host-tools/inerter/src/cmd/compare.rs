@@ -25,7 +25,7 @@ use crate::Error;
 /// Compare runs: parameters side by side, which differences are significant, and one page with the figures laid over each other.
 ///
 /// The first run is what the others are held against. On one rig runs share the errors of force gain, lead and clock, so these do not
-/// count in a difference. Runs of another board, or with another scale of encoder or force, are taken to be of another rig and are
+/// count in a difference. Runs of another board or calibration, or with another scale of encoder or force, are taken to be of another rig and are
 /// compared by their whole intervals; --rigs overrules that. A difference is said to be one where chance makes none as large; the more differences are looked at, the
 /// more unlikely each must be (Holm's method).
 /// Nothing is said of a run whose law is broken, in which the device changed, or with wrong samples.
@@ -108,6 +108,7 @@ fn side(file: &Path, content: &Content) -> Side {
         name: file.display().to_string(),
         settings: content.run.settings,
         hello: content.run.hello.clone(),
+        calibration: content.run.calibration.clone(),
         told: content.replayed.told(),
     }
 }

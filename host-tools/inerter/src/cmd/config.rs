@@ -79,7 +79,7 @@ mod tests {
         }
         let mut found = std::collections::BTreeSet::new();
         paths(&crate::Cli::command(), &mut found);
-        let read = ["config", "limits", "settings", "motion"];
+        let read = ["config", "calibration", "limits", "settings", "motion"];
         let known = |name: &String| GRAVE.contains(&name.as_str()) || read.contains(&name.as_str());
         let unknown: Vec<_> = found.iter().filter(|name| !known(name)).collect();
         assert!(unknown.is_empty() && found.contains("output"), "{unknown:?} of {found:?}");

@@ -7,13 +7,14 @@ use std::{
 
 use inerter_core::Settings;
 use inerter_data::{
+    calibration::Calibration,
     csv,
     json::rounded_s,
     json::{EstimateJson, json_line, machine_json_line},
     output,
     recording::{self, Ending, Summary, TRUTH_METADATA},
     text,
-    words::{duration_text, plural, utc},
+    words::{duration_text, plural, printable, utc},
 };
 use inerter_wire::Estimated;
 use serde::Serialize;
@@ -100,6 +101,7 @@ struct RecordingJson<'a> {
     markers: Vec<MarkerJson<'a>>,
     device: Option<&'a BTreeMap<String, String>>,
     settings: Option<Map<String, Value>>,
+    calibration: Option<&'a BTreeMap<String, String>>,
     truth: Option<Map<String, Value>>,
     estimate: Option<EstimateJson>,
 }
@@ -150,6 +152,7 @@ fn recording_json<'a>(file: &Path, summary: &'a Summary, settings: &Settings) ->
         markers: summary.markers.iter().map(marker).collect(),
         device: contents.metadata.get(recording::HELLO_METADATA),
         settings: known_settings,
+        calibration: contents.metadata.get(recording::CALIBRATION_METADATA),
         truth,
         estimate: summary.estimated.as_ref().map(live),
     }
@@ -185,6 +188,10 @@ fn text(file: &Path, summary: &Summary, settings: &Settings) -> Result<(), Error
         let mut changed = changed(settings);
         row("settings", changed.next().unwrap_or_else(|| "all as by default".into()))?;
         changed.try_for_each(|setting| row("", setting))?;
+    }
+    if let Some(texts) = contents.metadata.get(recording::CALIBRATION_METADATA) {
+        let words = Calibration::of_texts(texts).map(|calibration| calibration.words());
+        row("calibrated", words.unwrap_or_else(|problem| format!("cannot be read: {}", printable(&problem))))?;
     }
     if let Some(truth) = contents.metadata.get(TRUTH_METADATA) {
         row("simulated", truth.get("excite").map(|motion| format!("motion {motion}")).unwrap_or_default())?;

@@ -12,7 +12,7 @@ use inerter_wire::Streams;
 use serde_json::json;
 
 use super::{
-    args::{LinkArgs, TimeArgs, note_exposed},
+    args::{CalibrationArgs, LinkArgs, TimeArgs, note_exposed},
     lines::{Json, Lines, Printer},
     screen,
     terminal::{self, say},
@@ -54,6 +54,8 @@ pub struct Args {
     /// Record everything that the device sends meanwhile, with the markers
     #[arg(long, value_name = "FILE.mcap")]
     record: Option<PathBuf>,
+    #[command(flatten)]
+    calibration: CalibrationArgs,
     /// Replace the recording when it exists
     #[arg(long, requires = "record")]
     force: bool,
@@ -80,6 +82,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
         output::refuse_existing(file)?;
     }
     let has_screen = !args.json && !args.plain && io::stdout().is_terminal() && io::stdin().is_terminal();
+    let calibration = args.calibration.read()?;
     terminal::catch_interrupts();
     let live = args.link.live(args.streams(), args.time.wait)?;
     let recording = args.record.as_ref().map(|file| file.display().to_string());
@@ -87,7 +90,9 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let views = views(args, &mut hub, recording.clone())?;
     // Last of all that may fail: a file that --force replaces is not lost to a mistake.
     if let Some(file) = &args.record {
-        hub.record(Recorder::create(file, args.force)?);
+        let mut recorder = Recorder::create(file, args.force)?;
+        calibration.iter().try_for_each(|calibration| recorder.calibrated(calibration))?;
+        hub.record(recorder);
     }
     for (view, address) in &views {
         if args.json {

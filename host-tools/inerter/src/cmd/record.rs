@@ -15,7 +15,7 @@ use inerter_wire::{EventKind, Frame, Record, Streams};
 use serde_json::json;
 
 use super::{
-    args::{LinkArgs, OutputArgs, TimeArgs},
+    args::{CalibrationArgs, LinkArgs, OutputArgs, TimeArgs},
     terminal::{self, Progress, Told, note},
 };
 use crate::Error;
@@ -39,6 +39,8 @@ pub struct Args {
     link: LinkArgs,
     #[command(flatten)]
     time: TimeArgs,
+    #[command(flatten)]
+    calibration: CalibrationArgs,
     /// Stop when the device has no more samples, as at the end of a simulated motion
     #[arg(long)]
     until_end: bool,
@@ -49,12 +51,17 @@ pub struct Args {
 
 pub fn run(args: &Args) -> Result<(), Error> {
     let path = args.output.path()?;
+    let calibration = args.calibration.read()?;
     terminal::catch_interrupts();
     let mut live = args.link.live(Streams::ALL, args.time.wait)?;
     let mut recorder = Recorder::create(path, args.output.force)?;
     if let Some(device) = live.device() {
         recorder.describe(device.hello(), device.settings())?;
         begin(args, device)?;
+    }
+    if let Some(calibration) = &calibration {
+        calibration.trouble(Some(live.now_ns())).iter().for_each(note);
+        recorder.calibrated(calibration)?;
     }
     let progress = Told::new(match args.time.duration {
         Some(duration) => Progress::new("recording", duration.as_millis() as u64),

@@ -48,6 +48,8 @@ pub const WRITERS: &[Writer] = &[
     writer(&["plot", "run.mcap", "--figure", "force", "-o", "force.svg"]),
     writer(&["plot", "run.mcap", "--figure", "loop", "-o", "loop.png"]),
     writer(&["replay", "run.mcap", "--limits", "limits.toml", "--junit", "r.xml", "--verdicts", "r.csv"]),
+    writer(&["store", "ls", "store", "--limits", "limits.toml", "--junit", "s.xml", "--verdicts", "s.csv"]),
+    writer(&["store", "query", "store", "duration_s > 1", "--limits", "limits.toml", "--verdicts", "q.csv"]),
     writer(&["store", "get", "store", ONLY_RUN, "-o", "got.mcap"]),
     writer(&["man", "-o", "."]),
     Writer { has_device: true, ..writer(&["settings", "backup", "board.toml"]) },

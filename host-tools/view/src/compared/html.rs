@@ -13,7 +13,7 @@ use super::{comparison::Comparison, figures::figures};
 use crate::{
     figure::{Figure, svg_for_page},
     frame::framed,
-    page::{Content, file_name, limits_table, shown},
+    page::{Content, calibration_text, file_name, limits_table, shown},
 };
 
 /// The whole page, and its figures.
@@ -33,6 +33,7 @@ pub fn html(comparison: &Comparison) -> (String, Vec<Figure>) {
                 }
             }
         }
+        (notes(comparison))
         (settings(comparison))
         (method(&comparison.rig))
     };
@@ -66,6 +67,7 @@ fn runs(comparison: &Comparison) -> Markup {
                     th scope="col" { "Length" }
                     th scope="col" { "Recorded" }
                     th scope="col" { "Device" }
+                    th scope="col" { "Calibration" }
                     th scope="col" { "Law" }
                     @if !comparison.within.is_empty() { th scope="col" { "Limits" } }
                 } }
@@ -76,6 +78,7 @@ fn runs(comparison: &Comparison) -> Markup {
                             td { (duration_text(content.duration_s)) }
                             td { (content.run.recorded_ns.map_or("not known".into(), utc)) }
                             td { (device(content)) }
+                            td { (calibration_text(&content.run)) }
                             td { (law_text(&content.replayed.outcome.law)) }
                             @if let Some(within) = comparison.within.get(number) {
                                 @let (word, class) = shown(verdict(within));
@@ -145,6 +148,19 @@ fn limits(comparison: &Comparison, machine: Machine) -> Markup {
                 @let (word, class) = shown(verdict(within));
                 h3 { (number + 1) " " (file_name(&content.run.name)) ": " span class=(class) { (word) } }
                 (limits_table(machine, &content.run.name, within))
+            }
+        }
+    }
+}
+
+/// What was put right or found missing in each run.
+fn notes(comparison: &Comparison) -> Markup {
+    let notes: Vec<&String> = comparison.runs.iter().flat_map(|content| &content.run.notes).collect();
+    markup! {
+        @if !notes.is_empty() {
+            section #notes {
+                h2 { "Notes" }
+                ul { @for note in notes { li { (note) } } }
             }
         }
     }

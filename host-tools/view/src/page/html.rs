@@ -3,10 +3,12 @@
 use inerter_analysis::diagnose::{assumptions, widened};
 use inerter_core::{Budget, ContactBudgets, LawStatus, Machine, Regime, Settings, Source};
 use inerter_data::{
+    calibration::Calibration,
     causes,
     json::{Shown, bank_word},
     limits,
     names::description,
+    run::Run,
     text::{self, value_text},
     uncertainty::{parts, source_word},
     words::{duration_text, plural, rounded_text, utc},
@@ -296,6 +298,7 @@ fn conditions(content: &Content) -> Markup {
         ("Changes of the device", detail.changes.to_string()),
         ("Left over by the law", residual),
         ("Law", text::law_text(&content.replayed.outcome.law)),
+        ("Calibration of the rig", calibration_text(&content.run)),
         ("Kernel bank", bank_word(content.replayed.outcome.estimate.bank).into()),
         ("Updates", content.replayed.outcome.estimate.updates.to_string()),
         ("Reversals for the backlash", detail.backlash.reversals.to_string()),
@@ -306,6 +309,11 @@ fn conditions(content: &Content) -> Markup {
             (pairs(&recorded.into_iter().chain(rows).collect::<Vec<_>>()))
         }
     }
+}
+
+/// When and how the rig was calibrated, where that is known.
+pub(crate) fn calibration_text(run: &Run) -> String {
+    run.calibration.as_ref().map_or_else(|| "not stated".into(), Calibration::words)
 }
 
 fn pairs(rows: &[(&str, String)]) -> Markup {

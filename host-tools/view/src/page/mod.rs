@@ -15,7 +15,7 @@ pub use content::{Content, Moment};
 pub use error::PageError;
 pub use figures::{Kind, figure};
 pub(crate) use figures::{over_run, settled};
-pub(crate) use html::file_name;
 pub use html::html;
+pub(crate) use html::{calibration_text, file_name};
 pub(crate) use layout::{LOW_PX, TALL_PX};
 pub(crate) use limits::{limits_table, shown};
