@@ -1,7 +1,7 @@
 //! Runs side by side: what differs between them by more than their intervals.
 //!
-//! The first run is what the others are held against. On one rig the errors of force gain, lead and clock are the same in all runs:
-//! of a difference they take only their part in proportion. All other parts of the two intervals count as independent.
+//! The first run is what the others are held against. Runs on one rig have the same errors of force gain, lead and clock: of a
+//! difference these take only their part in proportion. All other parts of the two intervals count as independent.
 //!
 //! Source: docs/THEORY.md, "Runs compared".
 
@@ -60,36 +60,36 @@ pub struct Side {
     pub told: Told,
 }
 
-/// Whether runs share the errors of force gain, lead and clock.
+/// Whether a run shares the errors of force gain, lead and clock with the first one.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Rig {
-    /// They do.
-    One,
-    /// They do not, for this reason.
-    Several(String),
+    /// It does.
+    Same,
+    /// It is taken to, for want of a word on it.
+    Assumed,
+    /// It does not, for this reason.
+    Other(String),
 }
 
 impl Rig {
     /// By what the runs say of themselves: another board, another calibration, or another scale of encoder or force is another rig.
     /// The force's scale of a run without a device is a matter of its file, and says nothing.
-    pub fn of(sides: &[Side]) -> Self {
-        let Some((first, others)) = sides.split_first() else { return Self::One };
-        let differing = others.iter().find_map(|other| Some((other, differing(first, other)?)));
-        match differing {
-            Some((other, what)) => Self::Several(format!("{what} of {} and {} differs", first.name, other.name)),
-            None => Self::One,
+    pub fn of(first: &Side, other: &Side) -> Self {
+        match differing(first, other) {
+            Some(what) => Self::Other(format!("{what} differs")),
+            None if first.hello.is_some() && other.hello.is_some() => Self::Same,
+            None => Self::Assumed,
         }
     }
 
-    /// For a person: which intervals these are.
-    pub fn words(&self) -> String {
-        match self {
-            Self::One => {
-                "Intervals are those for comparing runs on one rig: without the errors of force gain, lead and clock, which the runs share."
-                    .into()
-            }
-            Self::Several(reason) => format!("Intervals are whole: the runs are of several rigs ({reason})."),
-        }
+    /// Whether the two share a rig as far as anybody knows.
+    pub fn is_shared(&self) -> bool {
+        !matches!(self, Self::Other(_))
+    }
+
+    /// Half width of an interval that matters here: for comparing runs on one rig, or the whole.
+    pub fn u95(&self, budget: &Budget) -> f32 {
+        if self.is_shared() { budget.same_rig_u95() } else { budget.u95() }
     }
 }
 
@@ -102,11 +102,36 @@ fn differing(one: &Side, other: &Side) -> Option<&'static str> {
     if one.calibration.as_ref().zip(other.calibration.as_ref()).is_some_and(|(one, other)| one != other) {
         return Some("the calibration");
     }
+    let stated = |settings: &Settings| [settings.force_gain_u95, settings.lead_u95, settings.timebase_u95];
+    if stated(&one.settings) != stated(&other.settings) {
+        return Some("what is stated of the calibration (force_gain_u95, lead_u95 or timebase_u95)");
+    }
     let (a, b) = (one.hello.as_ref()?, other.hello.as_ref()?);
     if a.serial != b.serial {
         return Some("the serial number of the board");
     }
     differs(|settings| settings.newtons_per_code).then_some("the force's scale (newtons_per_code)")
+}
+
+/// What errors of a rig do to a parameter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Shared {
+    /// They are in proportion to something that is positive in both runs: inertance with structure, stiffness, damping.
+    Positive,
+    /// They are in proportion to the value and have its sign.
+    Signed,
+    /// They depend on the motion, or on how it was measured.
+    Nothing,
+}
+
+impl Shared {
+    fn of(place: usize, source: Source) -> Self {
+        match (NAMES.get(place).copied().unwrap_or_default(), source) {
+            ("inertance_kg", _) | ("stiffness_n_per_m" | "contact_damping_n_s_per_m", Source::Gain) => Self::Positive,
+            ("viscous_n_s_per_m" | "coulomb_n" | "offset_n", _) => Self::Signed,
+            _ => Self::Nothing,
+        }
+    }
 }
 
 /// What is said of a difference.
@@ -170,10 +195,10 @@ impl Row {
 }
 
 impl Compared {
-    /// For a person: value and interval of the run, the one that matters on this rig, in the unit of which `factor` make one in SI.
+    /// For a person: value and interval of the run, the one that matters for this rig, in the unit of which `factor` make one in SI.
     pub fn value_text(&self, rig: &Rig, factor: f64) -> String {
         self.found.map_or("not identifiable".into(), |Quantity { value, budget }| {
-            interval_text(factor * f64::from(value), factor * f64::from(u95(&budget, rig)))
+            interval_text(factor * f64::from(value), factor * f64::from(rig.u95(&budget)))
         })
     }
 
@@ -189,9 +214,7 @@ impl Compared {
         };
         Some((difference, said))
     }
-}
 
-impl Compared {
     /// Why nothing is said of the difference from the first run, of which `first` is doubted.
     pub fn reason(&self, first: Option<&'static str>) -> Option<String> {
         if self.verdict != Some(Verdict::Undecided) {
@@ -209,16 +232,8 @@ fn signed(text: &str, value: f64) -> String {
     if value > 0.0 { format!("+{text}") } else { text.into() }
 }
 
-/// Half width of an interval: whole, or for comparing runs on one rig.
-pub fn u95(budget: &Budget, rig: &Rig) -> f32 {
-    match rig {
-        Rig::One => budget.same_rig_u95(),
-        Rig::Several(_) => budget.u95(),
-    }
-}
-
-/// Compares runs with the first one: the parameters that any of them tells.
-pub fn compare(sides: &[Side], rig: &Rig) -> Result<Vec<Row>, CompareError> {
+/// Compares runs with the first one: the parameters that any of them tells. `rigs` says of each run whether it shares that one's rig.
+pub fn compare(sides: &[Side], rigs: &[Rig]) -> Result<Vec<Row>, CompareError> {
     let [first, others @ ..] = sides else { return Err(CompareError::One) };
     if others.is_empty() {
         return Err(CompareError::One);
@@ -228,12 +243,12 @@ pub fn compare(sides: &[Side], rig: &Rig) -> Result<Vec<Row>, CompareError> {
         return Err(CompareError::Machine { runs: [linear.name.clone(), rotary.name.clone()] });
     }
     let row = |place: usize| {
-        let runs = sides.iter().enumerate().map(|(number, side)| {
+        let runs = sides.iter().zip(rigs).enumerate().map(|(number, (side, rig))| {
             let difference = first.told.found(place).zip(side.told.found(place)).filter(|_| number > 0);
             Compared {
                 found: side.told.found(place),
                 doubt: side.told.doubt(place),
-                difference: difference.map(|(first, other)| Difference::of(&first, &other, rig)),
+                difference: difference.map(|(first, other)| Difference::of(place, &first, &other, rig)),
                 verdict: None,
             }
         });
@@ -271,21 +286,30 @@ fn judge(rows: &mut [Row]) {
 }
 
 impl Difference {
-    /// Of two runs.
-    fn of(first: &Quantity, other: &Quantity, rig: &Rig) -> Self {
+    /// Nothing is known of it.
+    const fn unknown(value: f64) -> Self {
+        Self { value, u95: f64::INFINITY, p: 1.0 }
+    }
+
+    /// Of two runs, of the parameter at this place.
+    fn of(place: usize, first: &Quantity, other: &Quantity, rig: &Rig) -> Self {
         let value = f64::from(other.value) - f64::from(first.value);
         let part = |of: &Quantity, source| f64::from(of.budget.given_u95(source) / NORMAL_COVERAGE);
         let squares = Source::ALL.map(|source| {
             let (one, two) = (part(first, source), part(other, source));
-            match rig {
-                // What is shared is in proportion to the value, and has its sign.
-                Rig::One if source.is_shared() => {
+            let is_shared = rig.is_shared() && source.is_shared();
+            match Shared::of(place, source) {
+                Shared::Positive if is_shared => (two - one).powi(2),
+                Shared::Signed if is_shared => {
                     (two.copysign(other.value.into()) - one.copysign(first.value.into())).powi(2)
                 }
                 _ => one.powi(2) + two.powi(2),
             }
         });
         let square: f64 = squares.iter().sum();
+        if !(square.is_finite() && value.is_finite()) {
+            return Self::unknown(value);
+        }
         // Welch and Satterthwaite: only what scatters has degrees of freedom.
         let scatters = [first, other]
             .map(|of| f64::from(of.budget.standard_error()).powi(4) / f64::from(of.budget.scatter_freedom()));
@@ -293,11 +317,9 @@ impl Difference {
         // NaN where nothing is uncertain.
         let freedom = if freedom.is_finite() { freedom } else { MOST_FREEDOM };
         let standard = square.sqrt();
-        let (factor, p) = StudentsT::new(0.0, 1.0, freedom).map_or((f64::INFINITY, 1.0), |student| {
-            let p = if value == 0.0 { 1.0 } else { 2.0 * student.sf(value.abs() / standard) };
-            (student.inverse_cdf(0.975), p)
-        });
-        Self { value, u95: factor * standard, p }
+        let Ok(student) = StudentsT::new(0.0, 1.0, freedom) else { return Self::unknown(value) };
+        let p = if value == 0.0 { 1.0 } else { 2.0 * student.sf(value.abs() / standard) };
+        Self { value, u95: student.inverse_cdf(0.975) * standard, p }
     }
 }
 

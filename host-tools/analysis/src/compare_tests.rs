@@ -21,6 +21,15 @@ fn place(name: &str) -> usize {
     NAMES.iter().position(|known| *known == name).unwrap()
 }
 
+/// Compares runs that share a rig, or do not.
+fn compared_on(sides: &[Side], rig: Rig) -> Result<Vec<Row>, CompareError> {
+    compare(sides, &vec![rig; sides.len()])
+}
+
+fn other_rig() -> Rig {
+    Rig::Other("as it is".into())
+}
+
 fn row<'a>(rows: &'a [Row], name: &str) -> &'a Row {
     rows.iter().find(|row| row.place == place(name)).unwrap()
 }
@@ -30,7 +39,7 @@ fn a_difference_on_one_rig_is_seen_that_whole_intervals_hide() {
     // 0.2 % more inertance, where the force is known to 0.5 %.
     let heavier = Inerter { inertance_kg: 300.09, ..Inerter::paper() };
     let sides = [side("a", "random", 1, Inerter::paper()), side("b", "random", 2, heavier)];
-    let one = compare(&sides, &Rig::of(&sides)).unwrap();
+    let one = compared_on(&sides, Rig::of(&sides[0], &sides[1])).unwrap();
     let inertance = row(&one, "inertance_kg");
     assert_eq!((inertance.runs[0].difference, inertance.runs[0].verdict), (None, None));
     let difference = inertance.runs[1].difference.unwrap();
@@ -40,7 +49,7 @@ fn a_difference_on_one_rig_is_seen_that_whole_intervals_hide() {
     for name in ["viscous_n_s_per_m", "coulomb_n", "offset_n"] {
         assert_eq!(row(&one, name).runs[1].verdict, Some(Verdict::NotShown), "{name}");
     }
-    let several = compare(&sides, &Rig::Several("as it is".into())).unwrap();
+    let several = compared_on(&sides, other_rig()).unwrap();
     let inertance = &row(&several, "inertance_kg").runs[1];
     assert_eq!(inertance.verdict, Some(Verdict::NotShown));
     assert!(inertance.difference.unwrap().u95 > 20.0 * difference.u95, "{inertance:?}");
@@ -66,7 +75,7 @@ fn the_interval_of_a_difference_holds_the_truth() {
     let (mut all, mut beyond, mut squares) = (0, Vec::new(), Vec::new());
     for one in &first {
         for other in &other {
-            let rows = compare(&[one.clone(), other.clone()], &Rig::One).unwrap();
+            let rows = compared_on(&[one.clone(), other.clone()], Rig::Same).unwrap();
             for (name, truth) in truth {
                 let Some(difference) = row(&rows, name).runs[1].difference else { continue };
                 all += 1;
@@ -95,7 +104,7 @@ fn nothing_is_said_of_what_proves_nothing() {
         side("b", "hold", 1, Inerter::paper()),
         side("c", "random", 2, broken),
     ];
-    let rows = compare(&sides, &Rig::One).unwrap();
+    let rows = compared_on(&sides, Rig::Same).unwrap();
     let inertance = row(&rows, "inertance_kg");
     assert_eq!(inertance.runs[1].difference, None);
     assert_eq!(inertance.runs[1].verdict, Some(Verdict::Undecided));
@@ -109,12 +118,12 @@ fn nothing_is_said_of_what_proves_nothing() {
 #[test]
 fn what_belongs_to_no_comparison_is_refused() {
     let linear = side("a", "random", 1, Inerter::paper());
-    assert_eq!(compare(std::slice::from_ref(&linear), &Rig::One), Err(CompareError::One));
-    assert_eq!(compare(&[], &Rig::One), Err(CompareError::One));
+    assert_eq!(compared_on(std::slice::from_ref(&linear), Rig::Same), Err(CompareError::One));
+    assert_eq!(compared_on(&[], Rig::Same), Err(CompareError::One));
     let mut rotary = linear.clone();
     rotary.settings.machine = Machine::Rotary;
     rotary.name = "b".into();
-    let error = compare(&[rotary, linear], &Rig::One).unwrap_err();
+    let error = compared_on(&[rotary, linear], Rig::Same).unwrap_err();
     assert_eq!(error, CompareError::Machine { runs: ["a".into(), "b".into()] });
 }
 
@@ -124,7 +133,7 @@ fn a_rig_is_known_by_its_scales_and_its_board() {
     let of = |change: &dyn Fn(&mut Side)| {
         let mut other = one.clone();
         change(&mut other);
-        Rig::of(&[one.clone(), other]) == Rig::One
+        Rig::of(&one, &other).is_shared()
     };
     assert!(of(&|_| ()));
     assert!(!of(&|other| other.settings.metres_per_count *= 2.0));
@@ -133,8 +142,11 @@ fn a_rig_is_known_by_its_scales_and_its_board() {
     let calibrated = |day: &str| Calibration::of_texts(&[("date".to_string(), day.to_string())].into()).ok();
     assert!(of(&|other| other.calibration = calibrated("2026-01-31")), "of one nothing is known");
     let (old, new) = (calibrated("2025-01-31"), calibrated("2026-01-31"));
-    let sides = [old, new].map(|calibration| Side { calibration, ..one.clone() });
-    assert_eq!(Rig::of(&sides), Rig::Several("the calibration of a and a differs".into()));
+    let [old, new] = [old, new].map(|calibration| Side { calibration, ..one.clone() });
+    assert_eq!(Rig::of(&old, &new), Rig::Other("the calibration differs".into()));
+    assert!(!of(&|other| other.settings.lead_u95 *= 2.0), "stated otherwise");
+    // Nothing is known where no device is.
+    assert_eq!(Rig::of(&one, &one), Rig::Assumed);
 }
 
 /// A difference by hand.
@@ -162,27 +174,39 @@ fn the_more_are_looked_at_the_more_unlikely_each_must_be() {
 
 #[test]
 fn what_is_shared_cancels_and_what_is_not_adds_up() {
+    let place = place("viscous_n_s_per_m");
     let quantity = |value, budget: Budget| Quantity { value, budget };
     let of = |noise: f32| Budget::of_scatter(noise, 1e9);
     let (one, two) = (quantity(100.0, of(0.3).and(Source::Gain, 1.0)), quantity(200.0, of(0.4).and(Source::Gain, 2.0)));
     let near = |one: f64, two: f64| (one / two - 1.0).abs() < 3e-4;
     // In proportion to the difference alone: 1 of 100.
-    let on_one = Difference::of(&one, &two, &Rig::One);
+    let on_one = Difference::of(place, &one, &two, &Rig::Same);
     assert!(near(on_one.u95, (0.5 * 1.959964_f64).hypot(1.0)), "{on_one:?}");
-    let on_two = Difference::of(&one, &two, &Rig::Several(String::new()));
+    let on_two = Difference::of(place, &one, &two, &other_rig());
     assert!(near(on_two.u95, (0.5 * 1.959964_f64).hypot(5.0_f64.sqrt())), "{on_two:?}");
     // Of one sign each: an error of the gain moves them apart.
     let turned = quantity(-200.0, two.budget);
-    assert!(near(Difference::of(&one, &turned, &Rig::One).u95, (0.5 * 1.959964_f64).hypot(3.0)));
+    assert!(near(Difference::of(place, &one, &turned, &Rig::Same).u95, (0.5 * 1.959964_f64).hypot(3.0)));
     // Student's distribution by the degrees of freedom of both: 4 each, alike, are 8, of which a table has 2.306.
     let few = quantity(0.0, Budget::of_scatter(1.0, 4.0));
     let other = quantity(2.306 * 2.0_f32.sqrt(), few.budget);
-    let few = Difference::of(&few, &other, &Rig::One);
+    let few = Difference::of(place, &few, &other, &Rig::Same);
     assert!(near(few.u95, 2.306 * 2.0_f64.sqrt()) && (few.p - 0.05).abs() < 1e-4, "{few:?}");
     // Without any uncertainty what differs does, and what does not is equal.
-    let exact = Difference::of(&quantity(1.0, of(0.0)), &quantity(1.0, of(0.0)), &Rig::One);
+    let exact = Difference::of(place, &quantity(1.0, of(0.0)), &quantity(1.0, of(0.0)), &Rig::Same);
     assert_eq!((exact.u95, exact.p), (0.0, 1.0));
-    assert_eq!(Difference::of(&quantity(1.0, of(0.0)), &quantity(2.0, of(0.0)), &Rig::One).p, 0.0);
-    let unknown = Difference::of(&one, &quantity(1.0, Budget::UNKNOWN), &Rig::One);
+    assert_eq!(Difference::of(place, &quantity(1.0, of(0.0)), &quantity(2.0, of(0.0)), &Rig::Same).p, 0.0);
+    // The inertance of the whole is positive, whatever is left of it without the structure; the contact's backlash shares nothing.
+    let near_none = quantity(-1.0, one.budget);
+    let inertance = Difference::of(0, &one, &near_none, &Rig::Same);
+    assert!(near(inertance.u95, 0.3 * 2.0_f64.sqrt() * 1.959964), "{inertance:?}");
+    let backlash = Difference::of(4, &one, &two, &Rig::Same);
+    assert!(near(backlash.u95, on_two.u95), "{backlash:?}");
+    let stiffness = |source| {
+        let [one, two] = [one, two].map(|one| quantity(one.value, of(0.0).and(source, one.value / 100.0)));
+        Difference::of(5, &one, &two, &Rig::Same).u95
+    };
+    assert!(near(stiffness(Source::Gain), 1.0) && near(stiffness(Source::Lead), 5.0_f64.sqrt()));
+    let unknown = Difference::of(place, &one, &quantity(1.0, Budget::UNKNOWN), &Rig::Same);
     assert_eq!((unknown.u95, unknown.p), (f64::INFINITY, 1.0));
 }

@@ -8,6 +8,7 @@ use std::{
 };
 
 use chrono::NaiveDate;
+use serde_json::json;
 use toml::de::{DeTable, DeValue};
 
 use crate::words::{printable, shortened_to, utc};
@@ -72,6 +73,15 @@ impl Calibration {
         let certificate = self.certificate.clone().map(|text| ("certificate".to_string(), text));
         let expires = self.expires.map(|day| ("expires".to_string(), day.to_string()));
         [("date".to_string(), self.date.to_string())].into_iter().chain(certificate).chain(expires).collect()
+    }
+
+    /// As a table of a settings file.
+    pub(crate) fn to_toml(&self) -> String {
+        // A text of JSON is one of TOML, but for DEL.
+        let line = |(name, text): (String, String)| {
+            format!("{name} = {}\n", json!(text).to_string().replace('\u{7f}', "\\u007f"))
+        };
+        format!("\n[{TABLE}]\n{}", self.texts().into_iter().map(line).collect::<String>())
     }
 
     /// The certificate as it may be shown.

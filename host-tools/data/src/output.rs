@@ -32,6 +32,13 @@ pub enum OutputError {
         /// The file.
         path: PathBuf,
     },
+    /// The file is one that the same command reads or writes.
+    #[error("{path} is another file of this command, and would be written over", path = path.display())]
+    #[diagnostic(code(inerter::output::input), help("choose another name"))]
+    Input {
+        /// The file.
+        path: PathBuf,
+    },
     /// Writing failed part of the way.
     #[error("{name} cannot be written{}: {source}", progress(written))]
     #[diagnostic(code(inerter::output::write), help("{}", write_help(source, written)))]
@@ -282,6 +289,22 @@ fn plain(error: io::Error) -> io::Error {
 pub fn refuse_existing(path: &Path) -> Result<(), OutputError> {
     let is_there = path.symlink_metadata().is_ok() && !is_special(path);
     if is_there { Err(OutputError::Exists { path: path.into() }) } else { Ok(()) }
+}
+
+/// Refuses to write a file that is read, by whatever path.
+pub fn refuse_inputs<'a>(written: &[&Path], read: impl IntoIterator<Item = &'a Path>) -> Result<(), OutputError> {
+    // Of what is not there yet the folder is.
+    let place = |path: &Path| {
+        let beside = || Some(folder_of(path).canonicalize().ok()?.join(path.file_name()?));
+        path.canonicalize().ok().or_else(beside).unwrap_or_else(|| path.into())
+    };
+    let is_one = |one: &Path, other: &Path| place(one) == place(other);
+    for read in read {
+        if let Some(path) = written.iter().find(|path| is_one(path, read) && !is_special(path)) {
+            return Err(OutputError::Input { path: path.to_path_buf() });
+        }
+    }
+    Ok(())
 }
 
 /// Writes one line to standard output, [`printable`].

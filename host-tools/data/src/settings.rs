@@ -54,7 +54,7 @@ pub enum SettingsInputError {
         /// What was given.
         text: String,
     },
-    /// The value cannot be.
+    /// The value is invalid.
     #[error("{origin}: {source}")]
     #[diagnostic(code(inerter::settings::value), help("{}", value_help(source)))]
     Value {
@@ -244,9 +244,15 @@ pub fn beside(csv: &Path) -> PathBuf {
 }
 
 /// Writes the settings beside a CSV. Gives the name. Only `replace` lets it take the place of a file.
-pub fn write_beside(settings: &Settings, csv: &Path, replace: bool) -> Result<PathBuf, OutputError> {
+pub fn write_beside(
+    settings: &Settings,
+    calibration: Option<&Calibration>,
+    csv: &Path,
+    replace: bool,
+) -> Result<PathBuf, OutputError> {
     let path = beside(csv);
-    let text = format!("# Settings of {}\n{}", printable(&csv.display().to_string()), to_toml(settings));
+    let calibration = calibration.map(Calibration::to_toml).unwrap_or_default();
+    let text = format!("# Settings of {}\n{}{calibration}", printable(&csv.display().to_string()), to_toml(settings));
     output::write(&path, replace, text)?;
     Ok(path)
 }
@@ -387,7 +393,7 @@ mod tests {
     fn settings_beside_a_csv_read_back_whatever_its_name() {
         let folder = tempfile::tempdir().unwrap();
         let settings = Settings { memory_s: 7.0, ..Settings::default() };
-        let path = write_beside(&settings, &folder.path().join("a\u{1b}[2J\nmemory_s = 9\r.csv"), false).unwrap();
+        let path = write_beside(&settings, None, &folder.path().join("a\u{1b}[2J\nmemory_s = 9\r.csv"), false).unwrap();
         let mut read = Settings::default();
         Overrides::from_inputs(Some(&path), &[]).unwrap().apply(&mut read).unwrap();
         assert_eq!(read, settings);

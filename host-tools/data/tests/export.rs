@@ -178,7 +178,7 @@ fn a_csv_gives_the_estimates_that_its_recording_has() {
     let csv = folder.path().join("run.csv");
     let targets = [(Format::Csv, csv.clone())];
     export(&recording, &Selection::default(), &targets, true, None, &mut |_| Ok(())).unwrap();
-    let toml = inerter_data::settings::write_beside(&recording.settings, &csv, false).unwrap();
+    let toml = inerter_data::settings::write_beside(&recording.settings, None, &csv, false).unwrap();
     let again = Source::open(&csv, &Overrides::from_inputs(Some(&toml), &[]).unwrap(), |_| ()).unwrap();
     let range_s = 0.0..f64::INFINITY;
     let (mut device, replayed) =

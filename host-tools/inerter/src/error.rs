@@ -126,7 +126,7 @@ pub enum Error {
     #[error("{} of {of} runs {} not proven to be within the limits: {fail} beyond a limit, {undecided} undecided", fail + undecided, is_or_are(fail + undecided))]
     #[diagnostic(
         code(inerter::limits::verdict),
-        help("`inerter replay FILE --limits ..` says of one run what is wrong, and which motion would decide")
+        help("{}", runs_help(*are_files))
     )]
     LimitsOfRuns {
         /// Runs of which one limit fails at least.
@@ -135,7 +135,13 @@ pub enum Error {
         undecided: usize,
         /// How many runs there are.
         of: usize,
+        /// Whether they are files, or runs of a store.
+        are_files: bool,
     },
+    /// Nothing is held against limits.
+    #[error("no run is like this: nothing was held against the limits")]
+    #[diagnostic(code(inerter::limits::nothing), help("`inerter store ls STORE` lists the runs that there are"))]
+    NothingHeld,
     /// Runs cannot be compared.
     #[error(transparent)]
     #[diagnostic(transparent)]
@@ -335,11 +341,22 @@ impl Error {
     }
 }
 
-/// What to do about a device that is not proven to be within its limits.
 fn is_or_are(count: usize) -> &'static str {
     if count == 1 { "is" } else { "are" }
 }
 
+/// What to do about runs that are not proven to be within limits.
+fn runs_help(are_files: bool) -> &'static str {
+    match are_files {
+        true => "`inerter replay FILE --limits ..` says of one run what is wrong, and which motion would decide",
+        false => {
+            "`inerter store get STORE RUN -o run.mcap`, then `inerter replay run.mcap --limits ..` says what is wrong, and which \
+             motion would decide"
+        }
+    }
+}
+
+/// What to do about a device that is not proven to be within its limits.
 fn limits_help(run: &str, wants: &str) -> String {
     if wants.is_empty() {
         return format!(

@@ -64,7 +64,7 @@ pub fn code(error: &Error) -> u8 {
         Error::Merge(_) => SETTINGS,
         Error::LimitsFile(LimitsError::File { .. }) => INPUT,
         Error::LimitsFile(LimitsError::Form { .. }) => SETTINGS,
-        Error::Limits { .. } | Error::LimitsOfRuns { .. } => NOT_PASSED,
+        Error::Limits { .. } | Error::LimitsOfRuns { .. } | Error::NothingHeld => NOT_PASSED,
         Error::Compare(CompareError::One) => USAGE,
         Error::Compare(CompareError::Machine { .. }) => SETTINGS,
         Error::Skew(error) => skew(error),

@@ -287,7 +287,7 @@ fn a_force_that_wanders_is_refused_and_hands_do_what_standard_input_says() {
     let mut notes = BufReader::new(child.stderr.take().unwrap());
     let mut note = String::new();
     notes.read_line(&mut note).unwrap();
-    assert!(note.contains("`lift 3` is nothing that hands can do; write `load NEWTONS`"), "{note}");
+    assert!(note.contains("unknown bench command `lift 3`; write `load NEWTONS`"), "{note}");
     assert!((zero() + 3500.0).abs() < 60.0);
     child.kill().unwrap();
     child.wait().unwrap();

@@ -93,6 +93,14 @@ fn a_recording_carries_the_calibration_of_its_rig() {
     done(at, &["cut", "run.mcap", "--to", "0.9", "-o", "cut.mcap"]);
     let known = serde_json::json!({"certificate": "K\u{1b}[2J-<7>", "date": "2020-01-31"});
     assert_eq!(last(&done(at, &["info", "cut.mcap", "--json"]))["calibration"], known);
+    done(at, &["export", "cut.mcap", "--csv", "cut.csv", "--mcap", "samples.mcap"]);
+    let settings = std::fs::read_to_string(at.join("cut.settings.toml")).unwrap();
+    assert!(
+        settings.ends_with("[calibration]\ncertificate = \"K\\u001b[2J-<7>\"\ndate = \"2020-01-31\"\n"),
+        "{settings}"
+    );
+    let replayed = run(at, &["replay", "cut.csv", "--settings", "cut.settings.toml"]);
+    assert!(replayed.status.success(), "{}", text(&replayed.stderr));
     let valid = page();
     assert!(valid.contains("2020-01-31, K\\u001b[2J-&lt;7&gt;") && !valid.contains("was valid until"), "{valid}");
 

@@ -131,10 +131,9 @@ fn runs_are_compared_in_words_in_json_and_on_one_page() {
             .contains("2 of 4 runs are not proven to be within the limits: 1 beyond a limit, 1 undecided")
     );
     let line = last(&text(&output.stdout));
-    assert_eq!(
-        (&line["kind"], &line["rig"], &line["files"]),
-        (&"compare".into(), &"one".into(), &files.as_slice().into())
-    );
+    let same = serde_json::json!({"rig": "same", "reason": null});
+    assert_eq!((&line["kind"], &line["files"]), (&"compare".into(), &files.as_slice().into()));
+    assert_eq!(line["rigs"], serde_json::json!([same, same, same, same]));
     let of = |name: &str, run: usize| line["parameters"][name][run].clone();
     // What each run tells is what `replay` says of it.
     let replayed = last(&done(folder, &["replay", "heavier.mcap", "--json"]));
@@ -171,10 +170,8 @@ fn runs_are_compared_in_words_in_json_and_on_one_page() {
     // Without a word on the rig the boards tell: each simulated device has a serial number of its own.
     let output = compare(&[]);
     let words = text(&output.stdout);
-    assert!(
-        words.contains("of several rigs (the serial number of the board of a<b>.mcap and heavier.mcap differs)"),
-        "{words}"
-    );
+    let other = "heavier.mcap is of another rig than a<b>.mcap (the serial number of the board differs): its intervals are whole.";
+    assert!(words.contains(other), "{words}");
     assert!(words.contains("+1.5 ± 2.2   no difference shown"), "{words}");
 
     assert!(fails(folder, &["compare", "worn.mcap"], 2).contains("2 values required"));
@@ -184,14 +181,72 @@ fn runs_are_compared_in_words_in_json_and_on_one_page() {
     assert!(fails(folder, &["compare", "worn.mcap", "none.mcap"], 3).contains("none.mcap"));
     let before = fs::read(folder.join("page.html")).unwrap();
     assert_eq!(compare(&["-o", "page.html"]).status.code(), Some(8));
-    assert_eq!(
-        compare(&["-o", "worn.mcap", "--junit", "worn.mcap", "--force", "--limits", "limits.toml"]).status.code(),
-        Some(8)
+    let recording = fs::read(folder.join("worn.mcap")).unwrap();
+    let written = [["-o", "worn.mcap"], ["-o", "./worn.mcap"], ["-o", "limits.toml"], ["--junit", "worn.mcap"]];
+    for words in written {
+        let output = compare(&[&words[..], &["--limits", "limits.toml", "--force"]].concat());
+        assert_eq!(output.status.code(), Some(8), "{words:?}");
+        assert!(text(&output.stderr).contains("is another file of this command"), "{}", text(&output.stderr));
+    }
+    assert!(
+        fails(folder, &["report", "worn.mcap", "-o", "./worn.mcap", "--force"], 8)
+            .contains("is another file of this command")
     );
+    assert_eq!(recording, fs::read(folder.join("worn.mcap")).unwrap());
     assert_eq!(before, fs::read(folder.join("page.html")).unwrap());
 }
 
-/// The verdict is that of `replay`, whatever says it.
+/// Whether anybody reads on does not matter to the exit code.
+#[test]
+fn a_verdict_needs_no_reader() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    done(folder, &["simulate", "-o", "run.mcap", "--duration", "5"]);
+    done(folder, &["store", "add", "store", "run.mcap"]);
+    fs::write(folder.join("limits.toml"), "[inertance_kg]\nmax = 1\n").unwrap();
+    for command in [
+        &["report", "run.mcap", "-o", "page.html"][..],
+        &["report", "run.mcap", "-o", "other.html", "--json"],
+        &["compare", "run.mcap", "run.mcap"],
+        &["compare", "run.mcap", "run.mcap", "--json"],
+        &["store", "ls", "store"],
+        &["store", "ls", "store", "--json"],
+    ] {
+        let mut child = common::inerter(folder, &[command, &["--limits", "limits.toml"]].concat())
+            .stderr(std::process::Stdio::null())
+            .spawn()
+            .unwrap();
+        drop(child.stdout.take());
+        assert_eq!(child.wait().unwrap().code(), Some(10), "{command:?}");
+    }
+}
+
+/// A rotary machine has its own names and units wherever it is compared and judged.
+#[test]
+fn a_rotary_machine_is_compared_by_its_own_names() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    for (name, seed) in [("a.mcap", "1"), ("b.mcap", "2")] {
+        done(folder, &["simulate", "-o", name, "--duration", "8", "--seed", seed, "--set", "machine=1"]);
+    }
+    fs::write(folder.join("limits.toml"), "[inertia_kg_m2]\nmax = 200\n[backlash_rad]\nmax = 1\n").unwrap();
+    let words = ["compare", "a.mcap", "b.mcap", "--rigs", "one", "--limits", "limits.toml"];
+    let output = run(folder, &words);
+    let told = text(&output.stdout);
+    assert_eq!(output.status.code(), Some(10), "{told}");
+    assert!(told.contains("Effective inertia [kg m²]") && told.contains("Backlash [µrad]"), "{told}");
+    assert!(told.contains("FAIL       Effective inertia: 299"), "{told}");
+    let line = last(&text(&run(folder, &[&words[..], &["--json", "-o", "page.html"]].concat()).stdout));
+    let keys: Vec<&String> = line["parameters"].as_object().unwrap().keys().collect();
+    assert_eq!(keys, ["inertia_kg_m2", "viscous_n_m_s", "coulomb_n_m", "offset_n_m", "backlash_rad"]);
+    assert_eq!(line["limits"][0]["parameters"][1]["parameter"], "inertia_kg_m2");
+    let page = fs::read_to_string(folder.join("page.html")).unwrap();
+    assert!(page.contains("Torque [N m]") && !page.contains("Force [N]") && !page.contains("inertance"), "{page}");
+    let reported = run(folder, &["report", "a.mcap", "-o", "a.html", "--json", "--limits", "limits.toml"]);
+    assert_eq!(last(&text(&reported.stdout))["limits"], line["limits"][0]);
+}
+
+/// The verdict is that of `replay`, where samples are wrong in the last minute or nowhere.
 #[test]
 fn a_page_says_what_a_replay_says_of_limits() {
     let folder = tempfile::tempdir().unwrap();
@@ -216,6 +271,24 @@ fn a_page_says_what_a_replay_says_of_limits() {
     assert_eq!(of(&["store", "ls", "store"]), replayed);
     let compared = of(&["compare", "run.mcap", "run.mcap"]);
     assert_eq!(compared, serde_json::json!([replayed, replayed]));
+    // A law that is broken, a device that changed, samples that are wrong.
+    let change = ["--change-at", "4", "--change", "inertance_kg=150"];
+    let clipped = ["--set", "force_max_code=200000", "--set", "force_min_code=-200000"];
+    for (name, more) in
+        [("broken", &["--delay-s", "0.004", "--set", "skew_s=0"][..]), ("changed", &change), ("wrong", &clipped)]
+    {
+        let file = format!("{name}.mcap");
+        done(folder, &[&["simulate", "-o", &file, "--duration", "10", "--excite", "random"], more].concat());
+        let limits = ["--limits", "limits.toml", "--json"];
+        let of = |words: &[&str]| last(&text(&run(folder, &[words, &limits[..]].concat()).stdout))["limits"].clone();
+        let replayed = of(&["replay", &file]);
+        assert_eq!(of(&["report", &file, "-o", &format!("{name}.html")]), replayed, "{name}");
+        assert_eq!(of(&["compare", &file, "run.mcap"])[0], replayed, "{name}");
+        let store = format!("store-{name}");
+        done(folder, &["store", "add", &store, &file]);
+        assert_eq!(of(&["store", "ls", &store]), replayed, "{name}");
+        println!("{name}: {replayed}");
+    }
     let page = checked(&folder.join("page.html"));
     let words: String = page.select(&Selector::parse("#limits").unwrap()).flat_map(|limits| limits.text()).collect();
     for said in ["Limits: fail", "Coulomb frictionN4550.0", "inerter plan run.mcap --want \"mt to 0.1"] {

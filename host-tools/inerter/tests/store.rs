@@ -410,3 +410,41 @@ fn leftovers_with_other_bytes_are_written_anew() {
     assert_eq!(last(&done(folder, &["store", "add", "s", "1.mcap", "--json"]))["new"], true);
     done(folder, &["store", "verify", "s"]);
 }
+
+/// What was judged is said, and that nothing was is no success.
+#[test]
+fn a_store_is_held_against_limits() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    std::fs::write(folder.join("limits.toml"), "[inertance_kg]\nmax = 310\n").unwrap();
+    for (name, more) in [("linear.mcap", &[][..]), ("rotary.mcap", &["--set", "machine=1"])] {
+        done(folder, &[&["simulate", "-o", name, "--duration", "5", "--seed", "7"], more].concat());
+    }
+    done(folder, &["store", "add", "store", "linear.mcap"]);
+    assert!(done(folder, &["store", "ls", "store", "--limits", "limits.toml"]).contains("  pass"));
+    let none = ["store", "query", "store", "machine = rotary", "--limits", "limits.toml"];
+    assert!(fails(folder, &none, 10).contains("nothing was held against the limits"));
+    assert!(!done(folder, &["store", "query", "store", "machine = rotary", "--csv"]).contains("limits"));
+    done(folder, &["store", "add", "store", "rotary.mcap"]);
+    assert!(
+        fails(folder, &["store", "ls", "store", "--limits", "limits.toml"], 4)
+            .contains("did you mean `inertia_kg_m2`?")
+    );
+    done(folder, &["store", "query", "store", "machine = linear", "--limits", "limits.toml"]);
+    std::fs::write(folder.join("wrong.toml"), "[coulomb]\nmax = 1\n").unwrap();
+    assert!(
+        fails(folder, &["store", "query", "store", "samples < 1", "--limits", "wrong.toml"], 4).contains("`coulomb_n`")
+    );
+    // Of a run that an earlier version added not all is known that a verdict needs.
+    let golden = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../python/tests/golden-store/store");
+    let golden = golden.to_str().unwrap();
+    let output =
+        run(folder, &["store", "query", golden, "machine = linear", "--limits", "limits.toml", "--verdicts", "v.csv"]);
+    assert_eq!(output.status.code(), Some(10));
+    let rows = std::fs::read_to_string(folder.join("v.csv")).unwrap();
+    assert_eq!(
+        rows.matches(",undecided,,it was added by a version that did not count wrong samples").count(),
+        2,
+        "{rows}"
+    );
+}

@@ -1,10 +1,12 @@
 //! What may fail, as one exception with the code and the help of the command line.
 
 use inerter_analysis::{
-    calibrate::CalibrateError, fit::FitError, identify::IdentifyError, merge::MergeError, plan::PlanError,
+    calibrate::CalibrateError, compare::CompareError, fit::FitError, identify::IdentifyError, merge::MergeError,
+    plan::PlanError,
 };
 use inerter_data::{
     csv::{ColumnsError, CsvError},
+    limits::LimitsError,
     output::OutputError,
     settings::SettingsInputError,
 };
@@ -49,8 +51,10 @@ ours!(
     OutputError,
     DeviceError,
     CalibrateError,
+    CompareError,
     FitError,
     IdentifyError,
+    LimitsError,
     MergeError,
     PlanError,
     PageError,

@@ -31,6 +31,7 @@ fn _inerter(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(run::from_columns, module)?)?;
     module.add_function(wrap_pyfunction!(results::interval_text, module)?)?;
     module.add_function(wrap_pyfunction!(results::replay, module)?)?;
+    module.add_function(wrap_pyfunction!(results::compare, module)?)?;
     module.add_function(wrap_pyfunction!(results::diagnose, module)?)?;
     module.add_function(wrap_pyfunction!(results::identify, module)?)?;
     module.add_function(wrap_pyfunction!(results::plan, module)?)?;

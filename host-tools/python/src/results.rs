@@ -1,15 +1,22 @@
 //! What runs come to, as the JSON of the command line.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use inerter_analysis::{
+    compare::Rig,
     diagnose::Encoder,
     identify::{Options, identify as identified},
     plan::Asked,
     results::{self, IdentifyJson},
 };
-use inerter_data::{json::machine_json_line, output, words};
+use inerter_core::Machine;
+use inerter_data::{
+    json::machine_json_line,
+    limits::{Limits, LimitsError},
+    output, words,
+};
 use inerter_view::{
+    compared::{self, Comparison},
     figure::{render_png, svg},
     page::{Content, Kind, figure, html},
 };
@@ -36,10 +43,16 @@ pub fn interval_text(value: f64, u95: f64) -> String {
 
 /// The last line of `inerter replay --json`, and the sums.
 #[pyfunction]
-#[pyo3(signature = (run, told = None))]
-pub fn replay(py: Python<'_>, run: &Run, told: Option<&Bound<'_, PyAny>>) -> PyResult<(String, Sums)> {
+#[pyo3(signature = (run, limits, told = None))]
+pub fn replay(
+    py: Python<'_>,
+    run: &Run,
+    limits: Option<PathBuf>,
+    told: Option<&Bound<'_, PyAny>>,
+) -> PyResult<(String, Sums)> {
     let source = run.source.clone();
     watch(py, told, move |progress| {
+        let limits = read(limits.as_deref(), source.settings.machine)?;
         let (start_s, duration_s) = (source.start_s, source.duration_s().max(f64::MIN_POSITIVE));
         let samples = source.samples()?.map(|sample| sample.map_err(Failure::from));
         let replayed = results::replayed(&source.settings, start_s, samples, |t_s, event| match event {
@@ -47,7 +60,47 @@ pub fn replay(py: Python<'_>, run: &Run, told: Option<&Bound<'_, PyAny>>) -> PyR
             _ => Ok(()),
         })?;
         let sums = Sums::of(&source.name, &source.settings, &replayed.outcome);
-        Ok((machine_json_line(source.settings.machine, &replayed.json(None)), sums))
+        let within = limits.map(|limits| replayed.told().within(&limits));
+        Ok((machine_json_line(source.settings.machine, &replayed.json(within.as_deref())), sums))
+    })
+}
+
+/// The limits of a file, where there is one.
+fn read(limits: Option<&Path>, machine: Machine) -> Result<Option<Limits>, LimitsError> {
+    limits.map(|path| Limits::read(path, machine)).transpose()
+}
+
+/// The line of `inerter compare --json`, and which intervals these are; the runs have these names. `path` is a page that is written.
+#[pyfunction]
+#[pyo3(signature = (runs, is_one_rig, path, replace, limits, told = None))]
+pub fn compare(
+    py: Python<'_>,
+    runs: Vec<(Option<String>, PyRef<'_, Run>)>,
+    is_one_rig: Option<bool>,
+    path: Option<PathBuf>,
+    replace: bool,
+    limits: Option<PathBuf>,
+    told: Option<&Bound<'_, PyAny>>,
+) -> PyResult<(String, Vec<String>)> {
+    let runs: Vec<(Option<String>, Run)> = runs.into_iter().map(|(name, run)| (name, (*run).clone())).collect();
+    watch(py, told, move |progress| {
+        path.iter().filter(|_| !replace).try_for_each(|path| output::refuse_existing(path))?;
+        let count = runs.len() as f64;
+        let contents = runs.into_iter().enumerate().map(|(number, (name, run))| -> Result<Content, Failure> {
+            let mut whole = run.whole()?;
+            whole.name = name.unwrap_or(whole.name);
+            Ok(Content::of(whole, |part| progress.tell((number as f64 + part) / count))?)
+        });
+        let rig = is_one_rig.map(|is_one| if is_one { Rig::Same } else { Rig::Other("as was said".into()) });
+        let mut comparison = Comparison::of(contents, rig)?;
+        let machine = comparison.machine();
+        if let Some(limits) = read(limits.as_deref(), machine)? {
+            comparison = comparison.within(&limits);
+        }
+        // Nothing is written where nobody waits for it.
+        progress.tell(1.0);
+        path.iter().try_for_each(|path| output::write(path, replace, compared::html(&comparison).0))?;
+        Ok((machine_json_line(machine, &comparison.json()), comparison.words()))
     })
 }
 
@@ -176,12 +229,13 @@ pub fn plot(
 
 /// Writes the page of `inerter report`; gives the names of its figures.
 #[pyfunction]
-#[pyo3(signature = (run, path, replace, told = None))]
+#[pyo3(signature = (run, path, replace, limits, told = None))]
 pub fn report(
     py: Python<'_>,
     run: &Run,
     path: PathBuf,
     replace: bool,
+    limits: Option<PathBuf>,
     told: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Vec<&'static str>> {
     let run = run.clone();
@@ -190,7 +244,9 @@ pub fn report(
             output::refuse_existing(&path)?;
         }
         let content = Content::of(run.whole()?, |part| progress.tell(part))?;
-        let (page, figures) = html(&content, &[]);
+        let limits = read(limits.as_deref(), content.run.settings.machine)?;
+        let within = limits.map(|limits| content.told().within(&limits)).unwrap_or_default();
+        let (page, figures) = html(&content, &within);
         // Nothing is written where nobody waits for it.
         progress.tell(1.0);
         output::write(&path, replace, &page)?;

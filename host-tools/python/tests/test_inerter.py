@@ -318,6 +318,48 @@ def test_a_page_is_written_once(folder: Path, run: inerter.Run) -> None:
     inerter.report(run, page, replace=True)
 
 
+def test_runs_are_compared_as_by_the_command_line(folder: Path, tmp_path: Path) -> None:
+    files = [folder / "run.mcap", folder / "late.mcap", folder / "run.csv"]
+    limits = tmp_path / "limits.toml"
+    limits.write_text("[inertance_kg]\nmin = 299.6\n")
+    settings = folder / "run.settings.toml"
+    undecided = subprocess.run(
+        [PROGRAM, "compare", *files[:2], "--rigs", "one", "--limits", limits, "--json", "-o", tmp_path / "told.html"],
+        capture_output=True,
+        text=True,
+    )
+    assert undecided.returncode == 10, undecided.stderr
+    result = inerter.compare(files[:2], rigs="one", limits=limits, path=tmp_path / "page.html")
+    assert dict(result) == json.loads(undecided.stdout)
+    assert (tmp_path / "page.html").read_bytes() == (tmp_path / "told.html").read_bytes()
+    by_name = {one.name: one for one in result.differences}
+    assert by_name["inertance_kg"].run == str(files[1]) and by_name["inertance_kg"].unit == "kg"
+    assert f"{files[1]}: " in repr(result) and "not_shown" in repr(result)
+    assert "on one rig" in repr(result) and "<table>" in result._repr_html_()
+    # The same drive, so nothing differs; a CSV has no board.
+    opened = inerter.open(files[2], settings=_settings(settings))
+    same = inerter.compare({"recorded <1>": files[0], "as CSV": opened})
+    assert same["files"] == ["recorded <1>", "as CSV"] and [one["rig"] for one in same["rigs"]] == ["same", "assumed"]
+    assert [one.verdict for one in same.differences] == ["not_shown"] * len(same.differences)
+    assert "recorded &lt;1&gt;" in same._repr_html_()
+    assert inerter.replay(files[0], limits=limits)["limits"] == json.loads(undecided.stdout)["limits"][0]
+    with pytest.raises(inerter.InerterError, match="one run is no comparison"):
+        inerter.compare(files[:1])
+    with pytest.raises(inerter.InerterError, match="exists already"):
+        inerter.compare(files[:2], path=tmp_path / "page.html")
+    with pytest.raises(ValueError, match="'one' and 'several', not 'two'"):
+        inerter.compare(files[:2], rigs="two")
+    with pytest.raises(inerter.InerterError, match="no parameter is called") as refused:
+        limits.write_text("[coulomb]\nmax = 1\n")
+        inerter.report(files[0], tmp_path / "other.html", limits=limits)
+    assert refused.value.code == "inerter::limits::form" and not (tmp_path / "other.html").exists()
+
+
+def _settings(path: Path) -> dict[str, float]:
+    lines = [text.split(" = ") for text in path.read_text().splitlines() if " = " in text and not text.startswith("#")]
+    return {name: float(value) for name, value in lines}
+
+
 def test_errors_have_the_code_and_the_help_of_the_command_line(folder: Path) -> None:
     nowhere = folder / "nowhere.mcap"
     with pytest.raises(inerter.InerterError) as raised:
@@ -435,7 +477,7 @@ def test_other_threads_go_on_meanwhile(folder: Path) -> None:
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="threads are counted on Linux")
-@pytest.mark.parametrize("call", ["replay(run", "diagnose(run", "identify(run", "report(run, page", "plot(run, 'loop'", "simulate(duration_s=9e4"])
+@pytest.mark.parametrize("call", ["replay(run", "diagnose(run", "identify(run", "report(run, page", "compare([run, run]", "plot(run, 'loop'", "simulate(duration_s=9e4"])
 def test_ctrl_c_ends_the_work(folder: Path, tmp_path: Path, call: str) -> None:
     # Work that is not ended would have told of its end, and goes on in a thread of its own.
     code = f"""

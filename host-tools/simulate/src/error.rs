@@ -39,8 +39,8 @@ pub enum SimulateError {
     #[diagnostic(code(inerter::simulate::format), help("end the name with .mcap for a recording or with .csv"))]
     Format { path: String },
 
-    /// Hands cannot do this.
-    #[error("`{line}` is nothing that hands can do")]
+    /// There is no such command.
+    #[error("unknown bench command `{line}`")]
     #[diagnostic(
         code(inerter::simulate::hand),
         help(

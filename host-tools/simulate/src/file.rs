@@ -37,7 +37,7 @@ pub fn write(
                 output::refuse_existing(&settings::beside(path))?;
             }
             write_csv(setup, path, replace, progress)?;
-            Ok(Some(settings::write_beside(&setup.settings, path, replace)?))
+            Ok(Some(settings::write_beside(&setup.settings, setup.calibration.as_ref(), path, replace)?))
         }
         // A device such as /dev/full takes anything.
         ending if ending == Some("mcap") || (!path.is_file() && path.exists()) => {

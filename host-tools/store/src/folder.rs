@@ -170,6 +170,6 @@ fn begun(path: &Path) -> io::Result<Pending> {
 fn reason(error: OutputError) -> io::Error {
     match error {
         OutputError::Create { source, .. } | OutputError::Write { source, .. } => source,
-        OutputError::Exists { .. } => io::ErrorKind::AlreadyExists.into(),
+        OutputError::Exists { .. } | OutputError::Input { .. } => io::ErrorKind::AlreadyExists.into(),
     }
 }

@@ -84,7 +84,8 @@ impl Row {
         };
         let law =
             [LawStatus::Holds, LawStatus::Broken].into_iter().find(|law| self.text("law") == Some(law_word(*law)));
-        let is_beyond = self.number("law_ratio") > self.number("law_limit");
+        let misfit = self.number("law_ratio").zip(self.number("law_limit"));
+        let is_beyond = misfit.is_some_and(|(ratio, limit)| ratio > limit);
         let changed = self.number("changes").is_some_and(|changes| changes > 0.0);
         Doubts::new(changed, wrong > 0.0, law.unwrap_or(LawStatus::Unknown), is_beyond)
     }

@@ -86,7 +86,7 @@ impl<'a> Loader<'a> {
             }
             self.machine.run_for(f64::from(answer[1]) * 1e-3).map_err(|ended| UsbError::Stopped(ended.to_string()))?;
         }
-        panic!("it does not get done");
+        panic!("the update timed out");
     }
 
     fn command(&mut self, command: u8, address: u32) -> Result<(), UsbError> {

@@ -1,12 +1,12 @@
 //! What a run comes to, as the program prints it and other programs get it.
 
-mod beside;
+mod compared;
 mod diagnosed;
 mod fitted;
 mod identified;
 mod replayed;
 
-pub use beside::CompareJson;
+pub use compared::CompareJson;
 pub use diagnosed::{CauseJson, Diagnosed, DiagnosisJson, Unsought, diagnosed};
 pub use fitted::FitJson;
 pub use identified::{IdentifyJson, responses};

@@ -94,7 +94,7 @@ pub fn warning(machine: Machine, t_s: f64, event: &EstimatorEvent) -> Option<War
 }
 
 impl Replayed {
-    /// What only the whole run shows to be wrong, each with its code.
+    /// What only the last minute as a whole shows to be wrong, each with its code.
     pub fn remarks(&self) -> impl Iterator<Item = (&'static str, String)> {
         let machine = self.settings.machine;
         let unseen =
@@ -108,7 +108,7 @@ impl Replayed {
         Told::new(&self.outcome, &self.judged, self.wrong_samples() > 0)
     }
 
-    /// How often samples were wrong: each time that the estimator said so, and each kind that only the whole run shows.
+    /// How often samples were wrong: each time that the estimator said so, and each kind that only the last minute as a whole shows.
     pub fn wrong_samples(&self) -> usize {
         self.warnings.len() + self.unseen.len()
     }

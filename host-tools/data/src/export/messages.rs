@@ -46,6 +46,10 @@ impl Mcap {
         let metadata = about::settings(source).into_iter().map(|(name, value)| (name, value.to_string())).collect();
         let settings = Metadata { name: crate::recording::SETTINGS_METADATA.into(), metadata };
         writer.write_metadata(&settings).map_err(failed)?;
+        if let Some(calibration) = &source.calibration {
+            let name = crate::recording::CALIBRATION_METADATA.into();
+            writer.write_metadata(&Metadata { name, metadata: calibration.texts() }).map_err(failed)?;
+        }
         Ok(Self {
             name: file.name(),
             machine,

@@ -56,6 +56,7 @@ pub fn cut(
     let rate_hz = summary.settings.ok_or(RecordingError::NoSettings { file: file.clone() })?.sample_rate_hz;
     let pending = Pending::create(to, replace)?;
     let mut recorder = begin(&pending, &summary)?;
+    calibrated(&mut recorder, &[&summary])?;
     let about = [("file", file.clone()), ("from_s", range_s.start.to_string()), ("to_s", range_s.end.to_string())];
     recorder.metadata("inerter.cut", map(about))?;
     let (mut messages, mut framing) = (Messages::open(path)?, Framing::default());
@@ -126,6 +127,8 @@ pub fn merge(
     };
     let pending = Pending::create(to, replace)?;
     let mut recorder = begin(&pending, first)?;
+    let summaries: Vec<&Summary> = inputs.iter().map(|(_, summary)| summary).collect();
+    calibrated(&mut recorder, &summaries)?;
     let names = inputs
         .iter()
         .enumerate()
@@ -177,7 +180,7 @@ fn batch(frame: &Frame<Record>) -> Option<&Samples> {
 /// A recording with what is known of `like`.
 fn begin(to: &Pending, like: &Summary) -> Result<Recorder, Error> {
     let mut recorder = Recorder::fill(to)?;
-    for name in [HELLO_METADATA, SETTINGS_METADATA, CALIBRATION_METADATA, TRUTH_METADATA] {
+    for name in [HELLO_METADATA, SETTINGS_METADATA, TRUTH_METADATA] {
         if let Some(metadata) = like.contents.metadata.get(name) {
             recorder.metadata(name, metadata.clone())?;
         }
@@ -187,6 +190,17 @@ fn begin(to: &Pending, like: &Summary) -> Result<Recorder, Error> {
     }
     recorder.flush()?;
     Ok(recorder)
+}
+
+/// The calibration that all have. Of runs by several, or by one that not all know, none is said.
+fn calibrated(recorder: &mut Recorder, like: &[&Summary]) -> Result<(), Error> {
+    let mut all = like.iter().map(|summary| summary.contents.metadata.get(CALIBRATION_METADATA));
+    match all.next().flatten() {
+        Some(first) if all.all(|other| other == Some(first)) => {
+            Ok(recorder.metadata(CALIBRATION_METADATA, first.clone())?)
+        }
+        _ => Ok(()),
+    }
 }
 
 fn map<const N: usize>(pairs: [(&str, String); N]) -> BTreeMap<String, String> {

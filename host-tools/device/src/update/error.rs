@@ -91,8 +91,8 @@ pub enum UpdateError {
     #[diagnostic(code(inerter::update::refused), help("{}", refused_help(*protected)))]
     Refused { action: String, status: String, protected: bool },
 
-    /// The ROM does not get done.
-    #[error("the chip does not get done with {action} within {seconds} s (state: {state})")]
+    /// The ROM takes too long.
+    #[error("the chip timed out while {action}: {seconds} s, state {state}")]
     #[diagnostic(code(inerter::update::stuck), help("reset it and run the same command again; {BY_HAND}"))]
     Stuck { action: String, seconds: u64, state: String },
 

@@ -141,26 +141,17 @@ impl OutputArgs {
     }
 }
 
-/// When and how the rig of a recording was calibrated.
-#[derive(clap::Args)]
-pub struct CalibrationArgs {
-    /// Write down when and how the rig was calibrated: the table `[calibration]` of this settings file, with `date`, and `certificate` and
-    /// `expires` where they are known
-    #[arg(long, value_name = "FILE.toml")]
-    calibration: Option<PathBuf>,
-}
-
-impl CalibrationArgs {
-    /// What the file says, where there is one.
-    pub fn read(&self) -> Result<Option<Calibration>, SettingsInputError> {
-        let Some(path) = &self.calibration else { return Ok(None) };
-        let read = Overrides::from_inputs(Some(path), &[])?;
-        let none = || SettingsInputError::Calibration {
-            origin: path.display().to_string(),
-            problem: "there is no such table".into(),
-        };
-        read.calibration().cloned().map(Some).ok_or_else(none)
-    }
+/// What a settings file says of the calibration of a rig that is about to be recorded; that it has expired is told.
+pub fn calibration(file: Option<&Path>) -> Result<Option<Calibration>, SettingsInputError> {
+    let Some(path) = file else { return Ok(None) };
+    let read = Overrides::from_inputs(Some(path), &[])?;
+    let none = || SettingsInputError::Calibration {
+        origin: path.display().to_string(),
+        problem: "there is no such table".into(),
+    };
+    let calibration = read.calibration().cloned().ok_or_else(none)?;
+    calibration.trouble(Some(Clock::new().now_ns())).iter().for_each(note);
+    Ok(Some(calibration))
 }
 
 /// A part of a file.

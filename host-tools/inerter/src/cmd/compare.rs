@@ -2,27 +2,23 @@
 
 use std::path::{Path, PathBuf};
 
-use inerter_analysis::{
-    compare::{CompareError, Rig, Row, Side, compare},
-    results::CompareJson,
-};
+use inerter_analysis::compare::{Rig, Row};
 use inerter_core::Machine;
 use inerter_data::{json::machine_json_line, limits::Judged, output};
 use inerter_view::{
     compared::{Comparison, html},
     figure::render_png,
-    page::Content,
 };
 
 use super::{
     args::FileSettingsArgs,
-    limits::{Held, LimitsArgs, judged_line, prove},
+    limits::{Held, LimitsArgs, heard, judged_line, prove},
     report::{content, make_folder},
     terminal,
 };
 use crate::Error;
 
-/// Compare runs: parameters side by side, which differences are significant, and one page with the figures laid over each other.
+/// Compare runs side by side: which differences are significant, and one page with all figures overlaid.
 ///
 /// The first run is what the others are held against. On one rig runs share the errors of force gain, lead and clock, so these do not
 /// count in a difference. Runs of another board or calibration, or with another scale of encoder or force, are taken to be of another rig and are
@@ -31,7 +27,7 @@ use crate::Error;
 /// Nothing is said of a run whose law is broken, in which the device changed, or with wrong samples.
 ///
 /// With --limits each run is held against limits as well, and the exit code is 10 unless all pass.
-/// With --json one object: {"kind":"compare","files":[..],"rig":"one","parameters":{"inertance_kg":[{"value":..,"u95":..,
+/// With --json one object: {"kind":"compare","files":[..],"rigs":[{"rig":"same"},..],"parameters":{"inertance_kg":[{"value":..,"u95":..,
 /// "same_rig_u95":..},{..,"difference":{"value":..,"u95":..,"p":..},"verdict":"differs"}],..}}. docs/CLI.md describes it.
 #[derive(clap::Args)]
 #[command(after_long_help = inerter_data::settings::help_table())]
@@ -68,49 +64,32 @@ enum Rigs {
 }
 
 pub fn run(args: &Args) -> Result<(), Error> {
-    if let Some(page) = args.output.as_deref().filter(|_| !args.force) {
-        output::refuse_existing(page)?;
+    let settings = args.settings.settings.settings.as_deref();
+    let read: Vec<&Path> = args.files.iter().map(PathBuf::as_path).chain(settings).collect();
+    args.limits.check(&read, &args.output.as_deref().into_iter().collect::<Vec<_>>(), args.force)?;
+    let rig = args.rigs.map(|rigs| match rigs {
+        Rigs::One => Rig::Same,
+        Rigs::Several => Rig::Other("as --rigs says".into()),
+    });
+    let runs = args.files.iter().map(|file| content(file, &args.settings));
+    let mut comparison = Comparison::of(runs, rig)?;
+    let machine = comparison.machine();
+    if let Some(limits) = args.limits.read(machine)? {
+        comparison = comparison.within(&limits);
     }
-    let files: Vec<&Path> = args.files.iter().chain(&args.output).map(PathBuf::as_path).collect();
-    args.limits.check(&files, args.force)?;
-    let runs = args.files.iter().map(|file| content(file, &args.settings)).collect::<Result<Vec<_>, _>>()?;
-    let sides: Vec<Side> = args.files.iter().zip(&runs).map(|(file, run)| side(file, run)).collect();
-    let rig = match args.rigs {
-        Some(Rigs::One) => Rig::One,
-        Some(Rigs::Several) => Rig::Several("as --rigs says".into()),
-        None => Rig::of(&sides),
-    };
-    let rows = compare(&sides, &rig)?;
-    let machine = sides.first().ok_or(CompareError::One)?.settings.machine;
-    let limits = args.limits.read(machine)?;
-    let within = limits.map(|limits| sides.iter().map(|side| side.told.within(&limits)).collect::<Vec<_>>());
-    let comparison = Comparison { runs, sides, rig, rows, within: within.clone().unwrap_or_default() };
     write(args, &comparison)?;
     let held: Vec<Held> = comparison
         .sides
         .iter()
         .zip(&comparison.within)
-        .map(|(side, judged)| Held { run: side.name.clone(), machine, judged })
+        .map(|(side, judged)| Held { run: side.name.clone(), is_file: true, machine, judged })
         .collect();
     args.limits.write(args.force, &held)?;
-    if args.json {
-        let line = CompareJson::new(&comparison.sides, &comparison.rig, &comparison.rows, within.as_deref());
-        output::line(machine_json_line(machine, &line))?;
-    } else {
-        tell(&comparison, machine)?;
-    }
-    prove(&held)
-}
-
-/// A run to be compared.
-fn side(file: &Path, content: &Content) -> Side {
-    Side {
-        name: file.display().to_string(),
-        settings: content.run.settings,
-        hello: content.run.hello.clone(),
-        calibration: content.run.calibration.clone(),
-        told: content.replayed.told(),
-    }
+    let said = match args.json {
+        true => output::line(machine_json_line(machine, &comparison.json())).map_err(Error::from),
+        false => tell(&comparison, machine),
+    };
+    prove(&held).and(heard(said, true))
 }
 
 /// Writes page and figures, where they are asked for.
@@ -142,11 +121,15 @@ fn tell(comparison: &Comparison, machine: Machine) -> Result<(), Error> {
         lines(comparison, row, factor).iter().try_for_each(|line| output::line(format!("  {line}")))?;
     }
     output::line("")?;
-    output::line(comparison.rig.words())?;
+    comparison.words().iter().try_for_each(output::line)?;
     for (side, judged) in comparison.sides.iter().zip(&comparison.within) {
         output::line("")?;
         output::line(format!("{}:", side.name))?;
         judged.iter().try_for_each(|judged: &Judged| output::line(judged_line(machine, judged)))?;
+        let wants: Vec<String> = judged.iter().filter_map(|judged| judged.want(machine)).collect();
+        if !wants.is_empty() {
+            output::line(format!("to decide: inerter plan {} --want \"{}\"", side.name, wants.join(", ")))?;
+        }
     }
     Ok(())
 }
@@ -158,13 +141,14 @@ fn lines(comparison: &Comparison, row: &Row, factor: f64) -> Vec<String> {
         .sides
         .iter()
         .zip(&row.runs)
-        .map(|(side, run)| {
+        .enumerate()
+        .map(|(number, (side, run))| {
             let (difference, said) = run.difference_text(factor).unwrap_or_default();
             let reason = if run.verdict.is_none() { run.doubt.map(str::to_string) } else { run.reason(first) };
             let said = [said.to_string()].into_iter().chain(reason).filter(|word| !word.is_empty());
             [
                 side.name.clone(),
-                run.value_text(&comparison.rig, factor),
+                run.value_text(comparison.shown_rig(number), factor),
                 difference,
                 said.collect::<Vec<_>>().join(": "),
             ]

@@ -140,7 +140,9 @@ pub fn run(args: &Args) -> Result<(), Error> {
     }
     let exported = export::export(&source, &selection, &targets, args.force, table.as_ref(), &mut progress)?;
     bar.done();
-    let toml = csv.map(|csv| settings::write_beside(&source.settings, csv, args.force)).transpose()?;
+    let toml = csv
+        .map(|csv| settings::write_beside(&source.settings, source.calibration.as_ref(), csv, args.force))
+        .transpose()?;
     if args.json {
         let outputs: Vec<_> =
             exported.files.iter().map(|(format, file)| json!({"format": word(*format), "file": file})).collect();

@@ -14,7 +14,7 @@ use inerter_data::{
     output,
     recording::{self, Ending, Summary, TRUTH_METADATA},
     text,
-    words::{duration_text, plural, printable, utc},
+    words::{duration_text, plural, utc},
 };
 use inerter_wire::Estimated;
 use serde::Serialize;
@@ -32,7 +32,7 @@ use crate::Error;
 /// long the recording.
 ///
 /// With --json one object: {"kind":"recording","file":..,"ending":"closed"|"cut_off"|"damaged","duration_s":..,
-/// "samples":..,"discontinuities":..,"frames":..,"lost_frames":..,"damaged_frames":..,"device":{..},"settings":{..},"truth":{..},
+/// "samples":..,"discontinuities":..,"frames":..,"lost_frames":..,"damaged_frames":..,"device":{..},"settings":{..},"calibration":{..},"truth":{..},
 /// "estimate":{..}}, or {"kind":"csv","file":..,"sample_rate_hz":..,"samples":..,"discontinuities":..}.
 #[derive(clap::Args)]
 pub struct Args {
@@ -57,14 +57,16 @@ pub fn run(args: &Args) -> Result<(), Error> {
     bar.done();
     let mut settings = summary.settings.unwrap_or_default();
     overrides.apply(&mut settings)?;
+    let (calibration, trouble) = recording::calibration(&args.file, &summary, &overrides);
+    trouble.iter().for_each(note);
     if args.json {
         return Ok(output::line(machine_json_line(
             settings.machine,
-            &recording_json(&args.file, &summary, &settings),
+            &recording_json(&args.file, &summary, &settings, calibration.as_ref()),
         ))?);
     }
     summary.notes.iter().for_each(note);
-    text(&args.file, &summary, &settings)
+    text(&args.file, &summary, &settings, calibration.as_ref())
 }
 
 /// Time from the first sample to the last \[s\].
@@ -101,7 +103,7 @@ struct RecordingJson<'a> {
     markers: Vec<MarkerJson<'a>>,
     device: Option<&'a BTreeMap<String, String>>,
     settings: Option<Map<String, Value>>,
-    calibration: Option<&'a BTreeMap<String, String>>,
+    calibration: Option<BTreeMap<String, String>>,
     truth: Option<Map<String, Value>>,
     estimate: Option<EstimateJson>,
 }
@@ -114,7 +116,12 @@ struct MarkerJson<'a> {
     text: &'a str,
 }
 
-fn recording_json<'a>(file: &Path, summary: &'a Summary, settings: &Settings) -> RecordingJson<'a> {
+fn recording_json<'a>(
+    file: &Path,
+    summary: &'a Summary,
+    settings: &Settings,
+    calibration: Option<&Calibration>,
+) -> RecordingJson<'a> {
     let contents = &summary.contents;
     let known_settings = summary.settings.map(|_| {
         let values = Settings::TABLE.iter().zip(settings.values());
@@ -152,13 +159,13 @@ fn recording_json<'a>(file: &Path, summary: &'a Summary, settings: &Settings) ->
         markers: summary.markers.iter().map(marker).collect(),
         device: contents.metadata.get(recording::HELLO_METADATA),
         settings: known_settings,
-        calibration: contents.metadata.get(recording::CALIBRATION_METADATA),
+        calibration: calibration.map(Calibration::texts),
         truth,
         estimate: summary.estimated.as_ref().map(live),
     }
 }
 
-fn text(file: &Path, summary: &Summary, settings: &Settings) -> Result<(), Error> {
+fn text(file: &Path, summary: &Summary, settings: &Settings, calibration: Option<&Calibration>) -> Result<(), Error> {
     let contents = &summary.contents;
     let counts = &contents.counts;
     let row = |label: &str, value: String| output::line(format!("{label:<12} {value}").trim_end());
@@ -189,9 +196,8 @@ fn text(file: &Path, summary: &Summary, settings: &Settings) -> Result<(), Error
         row("settings", changed.next().unwrap_or_else(|| "all as by default".into()))?;
         changed.try_for_each(|setting| row("", setting))?;
     }
-    if let Some(texts) = contents.metadata.get(recording::CALIBRATION_METADATA) {
-        let words = Calibration::of_texts(texts).map(|calibration| calibration.words());
-        row("calibrated", words.unwrap_or_else(|problem| format!("cannot be read: {}", printable(&problem))))?;
+    if let Some(calibration) = calibration {
+        row("calibrated", calibration.words())?;
     }
     if let Some(truth) = contents.metadata.get(TRUTH_METADATA) {
         row("simulated", truth.get("excite").map(|motion| format!("motion {motion}")).unwrap_or_default())?;

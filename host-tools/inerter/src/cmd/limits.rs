@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use inerter_core::Machine;
 use inerter_data::{
     limits::{Judged, Limits, LimitsError, Verdict, verdict},
-    output::{self, OutputError},
+    output,
     words::printable,
 };
 use quick_junit::{NonSuccessKind, Report, TestCase, TestCaseStatus, TestSuite};
@@ -29,8 +29,10 @@ pub struct LimitsArgs {
 
 /// A run and what is said of its limits.
 pub struct Held<'a> {
-    /// Its name.
+    /// Its name: a file, or that in a store.
     pub run: String,
+    /// Whether it is a file.
+    pub is_file: bool,
     /// Kind of its machine.
     pub machine: Machine,
     /// A word on each limit.
@@ -38,20 +40,24 @@ pub struct Held<'a> {
 }
 
 impl LimitsArgs {
-    /// Refuses files that are in the way, before any work is done; what is `read` is not to be written over. Ctrl-C leaves none half
-    /// written.
-    pub fn check(&self, read: &[&Path], force: bool) -> Result<&Self, Error> {
+    /// Refuses files that are in the way, before any work is done: those of the command that are `written`, and these. What is `read` is
+    /// never written over. Ctrl-C leaves none half written.
+    pub fn check(&self, read: &[&Path], written: &[&Path], force: bool) -> Result<&Self, Error> {
         tidy_at_interrupts();
-        let read = read.iter().copied().chain(self.limits.as_deref());
-        for path in self.junit.iter().chain(&self.verdicts) {
-            let twice = self.junit == self.verdicts;
-            if twice || read.clone().any(|read| read == path) {
-                return Err(OutputError::Exists { path: path.clone() }.into());
-            }
+        let own = self.junit.iter().chain(&self.verdicts).map(PathBuf::as_path);
+        let all: Vec<&Path> = written.iter().copied().chain(own).collect();
+        output::refuse_inputs(&all, read.iter().copied().chain(self.limits.as_deref()))?;
+        for (number, path) in all.iter().enumerate() {
+            output::refuse_inputs(&[*path], all.iter().skip(number + 1).copied())?;
         }
-        let mut files = self.junit.iter().chain(&self.verdicts).filter(|_| !force);
-        files.try_for_each(|path| output::refuse_existing(path))?;
+        let mut files = all.into_iter().filter(|_| !force);
+        files.try_for_each(output::refuse_existing)?;
         Ok(self)
+    }
+
+    /// Whether there are any.
+    pub const fn are_given(&self) -> bool {
+        self.limits.is_some()
     }
 
     /// The limits, where there are any.
@@ -77,7 +83,7 @@ pub fn prove(runs: &[Held]) -> Result<(), Error> {
     let unproven: Vec<&Held> = runs.iter().filter(|held| verdict(held.judged) != Verdict::Pass).collect();
     match unproven.as_slice() {
         [] => Ok(()),
-        [held] if runs.len() == 1 => Err(Error::Limits {
+        [held] if runs.len() == 1 && held.is_file => Err(Error::Limits {
             run: held.run.clone(),
             fail: count(held, Verdict::Fail),
             undecided: count(held, Verdict::Undecided),
@@ -88,7 +94,16 @@ pub fn prove(runs: &[Held]) -> Result<(), Error> {
             fail: unproven.iter().filter(|held| verdict(held.judged) == Verdict::Fail).count(),
             undecided: unproven.iter().filter(|held| verdict(held.judged) == Verdict::Undecided).count(),
             of: runs.len(),
+            are_files: unproven.iter().all(|held| held.is_file),
         }),
+    }
+}
+
+/// What was said; that nobody listens any more is no reason to end where it `goes_on`.
+pub fn heard(said: Result<(), Error>, goes_on: bool) -> Result<(), Error> {
+    match said {
+        Err(error) if goes_on && error.is_broken_pipe() => Ok(()),
+        said => said,
     }
 }
 

@@ -12,7 +12,7 @@ use inerter_wire::Streams;
 use serde_json::json;
 
 use super::{
-    args::{CalibrationArgs, LinkArgs, TimeArgs, note_exposed},
+    args::{LinkArgs, TimeArgs, calibration, note_exposed},
     lines::{Json, Lines, Printer},
     screen,
     terminal::{self, say},
@@ -54,8 +54,10 @@ pub struct Args {
     /// Record everything that the device sends meanwhile, with the markers
     #[arg(long, value_name = "FILE.mcap")]
     record: Option<PathBuf>,
-    #[command(flatten)]
-    calibration: CalibrationArgs,
+    /// Write down when and how the rig was calibrated: the table `[calibration]` of this settings file, with `date`, and `certificate` and
+    /// `expires` where they are known
+    #[arg(long, value_name = "FILE.toml", requires = "record")]
+    calibration: Option<PathBuf>,
     /// Replace the recording when it exists
     #[arg(long, requires = "record")]
     force: bool,
@@ -82,7 +84,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
         output::refuse_existing(file)?;
     }
     let has_screen = !args.json && !args.plain && io::stdout().is_terminal() && io::stdin().is_terminal();
-    let calibration = args.calibration.read()?;
+    let calibration = calibration(args.calibration.as_deref())?;
     terminal::catch_interrupts();
     let live = args.link.live(args.streams(), args.time.wait)?;
     let recording = args.record.as_ref().map(|file| file.display().to_string());

@@ -1,6 +1,9 @@
 //! `inerter record`: everything a device sends, into a file.
 
-use std::time::{Duration, Instant};
+use std::{
+    path::PathBuf,
+    time::{Duration, Instant},
+};
 
 use inerter_core::Machine;
 use inerter_data::{
@@ -15,7 +18,7 @@ use inerter_wire::{EventKind, Frame, Record, Streams};
 use serde_json::json;
 
 use super::{
-    args::{CalibrationArgs, LinkArgs, OutputArgs, TimeArgs},
+    args::{LinkArgs, OutputArgs, TimeArgs, calibration},
     terminal::{self, Progress, Told, note},
 };
 use crate::Error;
@@ -39,8 +42,10 @@ pub struct Args {
     link: LinkArgs,
     #[command(flatten)]
     time: TimeArgs,
-    #[command(flatten)]
-    calibration: CalibrationArgs,
+    /// Write down when and how the rig was calibrated: the table `[calibration]` of this settings file, with `date`, and `certificate` and
+    /// `expires` where they are known
+    #[arg(long, value_name = "FILE.toml")]
+    calibration: Option<PathBuf>,
     /// Stop when the device has no more samples, as at the end of a simulated motion
     #[arg(long)]
     until_end: bool,
@@ -51,7 +56,7 @@ pub struct Args {
 
 pub fn run(args: &Args) -> Result<(), Error> {
     let path = args.output.path()?;
-    let calibration = args.calibration.read()?;
+    let calibration = calibration(args.calibration.as_deref())?;
     terminal::catch_interrupts();
     let mut live = args.link.live(Streams::ALL, args.time.wait)?;
     let mut recorder = Recorder::create(path, args.output.force)?;
@@ -60,7 +65,6 @@ pub fn run(args: &Args) -> Result<(), Error> {
         begin(args, device)?;
     }
     if let Some(calibration) = &calibration {
-        calibration.trouble(Some(live.now_ns())).iter().for_each(note);
         recorder.calibrated(calibration)?;
     }
     let progress = Told::new(match args.time.duration {

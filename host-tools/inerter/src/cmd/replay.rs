@@ -19,7 +19,7 @@ use inerter_wire::{EstimatorEvent, EventKind};
 
 use super::{
     args::FileSettingsArgs,
-    limits::{Held, LimitsArgs, judged_line, prove},
+    limits::{Held, LimitsArgs, heard, judged_line, prove},
     shard::{self, StoreArgs},
     terminal::{Progress, note},
 };
@@ -65,7 +65,7 @@ pub struct Args {
     every: Option<std::time::Duration>,
     #[command(flatten)]
     limits: LimitsArgs,
-    /// Replace these files where they are there
+    /// Replace the files of --junit and --verdicts where they are there
     #[arg(long, help_heading = "Limits")]
     force: bool,
     #[command(flatten)]
@@ -82,7 +82,9 @@ pub fn run(args: &Args) -> Result<(), Error> {
 }
 
 fn replay(file: &Path, args: &Args) -> Result<(), Error> {
-    let checks = args.limits.check(&[file], args.force)?;
+    let settings = args.settings.settings.settings.as_deref();
+    let read: Vec<&Path> = [file].into_iter().chain(settings).collect();
+    let checks = args.limits.check(&read, &[], args.force)?;
     let mut reading = Progress::through("reading", file);
     let run = Source::open(file, &args.settings.overrides()?, |offset| reading.set(offset))?;
     reading.done();
@@ -121,18 +123,10 @@ fn replay(file: &Path, args: &Args) -> Result<(), Error> {
     let machine = run.settings.machine;
     let within = limits.map(|limits| replayed.told().within(&limits));
     let Some(judged) = &within else { return say(args, &run, &replayed, header, None) };
-    let held = [Held { run: file.display().to_string(), machine, judged }];
+    let held = [Held { run: file.display().to_string(), is_file: true, machine, judged }];
     checks.write(args.force, &held)?;
     let said = heard(say(args, &run, &replayed, header, Some(judged)), true);
     prove(&held).and(said)
-}
-
-/// What was said; that nobody listens any more is no reason to end where it `goes_on`.
-fn heard(said: Result<(), Error>, goes_on: bool) -> Result<(), Error> {
-    match said {
-        Err(error) if goes_on && error.is_broken_pipe() => Ok(()),
-        said => said,
-    }
 }
 
 /// Says what the whole run came to, and what of it is `within` limits.

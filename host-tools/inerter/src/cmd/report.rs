@@ -17,7 +17,7 @@ use inerter_view::{
 
 use super::{
     args::FileSettingsArgs,
-    limits::{Held, LimitsArgs, judged_line, prove},
+    limits::{Held, LimitsArgs, heard, judged_line, prove},
     terminal::{self, Progress, note},
 };
 use crate::Error;
@@ -69,14 +69,13 @@ struct ReportJson {
 }
 
 pub fn run(args: &Args) -> Result<(), Error> {
-    if !args.force {
-        output::refuse_existing(&args.output)?;
-    }
-    args.limits.check(&[&args.file, &args.output], args.force)?;
+    let settings = args.settings.settings.settings.as_deref();
+    let read: Vec<&Path> = [args.file.as_path()].into_iter().chain(settings).collect();
+    args.limits.check(&read, &[&args.output], args.force)?;
     let content = content(&args.file, &args.settings)?;
     let machine = content.run.settings.machine;
     let limits = args.limits.read(machine)?;
-    let within = limits.map(|limits| content.replayed.told().within(&limits));
+    let within = limits.map(|limits| content.told().within(&limits));
     let judged = within.as_deref().unwrap_or_default();
     let (page, figures) = html(&content, judged);
     let mut images = Vec::new();
@@ -92,7 +91,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
         progress.done();
     }
     output::write(&args.output, args.force, &page)?;
-    let held = [Held { run: args.file.display().to_string(), machine, judged }];
+    let held = [Held { run: args.file.display().to_string(), is_file: true, machine, judged }];
     args.limits.write(args.force, &held)?;
     let file = args.output.display();
     if args.json {
@@ -106,15 +105,15 @@ pub fn run(args: &Args) -> Result<(), Error> {
             png: images,
             limits,
         };
-        output::line(machine_json_line(machine, &line))?;
-        return prove(&held);
+        let said = output::line(machine_json_line(machine, &line)).map_err(Error::from);
+        return prove(&held).and(heard(said, true));
     }
     terminal::say(format!("{file}: {} figures; open it in a browser, and print it from there", figures.len()));
     if let Some(folder) = &args.png {
         terminal::say(format!("{}: {} PNG files", folder.display(), images.len()));
     }
-    judged.iter().try_for_each(|judged| output::line(judged_line(machine, judged)))?;
-    prove(&held)
+    let said = judged.iter().try_for_each(|judged| output::line(judged_line(machine, judged)));
+    prove(&held).and(heard(said.map_err(Error::from), true))
 }
 
 /// Reads a file and takes it through the estimator, with a bar.

@@ -10,7 +10,7 @@ use inerter_analysis::results::LimitsJson;
 use inerter_core::Machine;
 use inerter_data::{
     json::{json_line, machine_json},
-    limits::{Judged, verdict},
+    limits::{Judged, Verdict, verdict},
     output::{self, refuse_existing},
     words::{interval_text, plural, printable},
 };
@@ -18,7 +18,7 @@ use inerter_store::{Choice, Condition, Damage, Day, OBJECTS, Place, Row, Store, 
 use serde_json::{Value, json};
 
 use super::{
-    limits::{Held, LimitsArgs, prove},
+    limits::{Held, LimitsArgs, heard, judged_line, prove},
     terminal::{self, Progress, say, tidy_at_interrupts},
 };
 use crate::{
@@ -89,7 +89,7 @@ struct ListArgs {
     csv: bool,
     #[command(flatten)]
     limits: LimitsArgs,
-    /// Replace these files where they are there
+    /// Replace the files of --junit and --verdicts where they are there
     #[arg(long, help_heading = "Limits")]
     force: bool,
 }
@@ -254,34 +254,48 @@ fn short(place: &Place) -> &str {
 
 fn list(url: &str, args: &ListArgs, conditions: &[String]) -> Result<(), Error> {
     let conditions = conditions.iter().map(|text| text.parse()).collect::<Result<Vec<Condition>, _>>()?;
-    args.limits.check(&[], args.force)?;
+    args.limits.check(&[], &[], args.force)?;
     let choice = Choice { device: args.device.clone(), from: args.from.clone(), to: args.to.clone(), conditions };
     let listed = Store::open(url)?.runs(&choice)?;
     let within = within(args, &listed.rows)?;
-    print(args, &listed.rows, within.as_deref())?;
+    let said = heard(print(args, &listed.rows, within.as_deref()), true);
     told(url, &listed.damages)?;
-    prove(&held(&listed.rows, within.as_deref()))
+    if within.is_some() && listed.rows.is_empty() {
+        return Err(Error::NothingHeld);
+    }
+    prove(&held(&listed.rows, within.as_deref())).and(said)
 }
 
 /// What each run says of limits, where there are any; the files on them are written.
 fn within(args: &ListArgs, rows: &[Row]) -> Result<Option<Vec<Vec<Judged>>>, Error> {
+    if !args.limits.are_given() {
+        return Ok(None);
+    }
     let of = |machine: Machine| match rows.iter().any(|row| row.machine() == machine) {
         true => args.limits.read(machine),
         false => Ok(None),
     };
     let (linear, rotary) = (of(Machine::Linear)?, of(Machine::Rotary)?);
+    if rows.is_empty() {
+        // A mistake in the file is told all the same.
+        args.limits.read(Machine::Linear).or_else(|error| args.limits.read(Machine::Rotary).map_err(|_| error))?;
+    }
     let judged = |row: &Row| {
         let limits = if row.machine() == Machine::Linear { &linear } else { &rotary };
-        Some(row.within(limits.as_ref()?))
+        limits.as_ref().map_or_else(Vec::new, |limits| row.within(limits))
     };
-    // Of no run, or without limits, there is none.
-    let within = rows.iter().map(judged).collect::<Option<Vec<_>>>();
-    args.limits.write(args.force, &held(rows, within.as_deref()))?;
-    Ok(within)
+    let within: Vec<Vec<Judged>> = rows.iter().map(judged).collect();
+    args.limits.write(args.force, &held(rows, Some(&within)))?;
+    Ok(Some(within))
 }
 
 fn held<'a>(rows: &[Row], within: Option<&'a [Vec<Judged>]>) -> Vec<Held<'a>> {
-    let of = |(row, judged): (&Row, &'a Vec<Judged>)| Held { run: row.name().into(), machine: row.machine(), judged };
+    let of = |(row, judged): (&Row, &'a Vec<Judged>)| Held {
+        run: row.name().into(),
+        is_file: false,
+        machine: row.machine(),
+        judged,
+    };
     rows.iter().zip(within.unwrap_or_default()).map(of).collect()
 }
 
@@ -329,6 +343,11 @@ fn print(args: &ListArgs, rows: &[Row], within: Option<&[Vec<Judged>]>) -> Resul
         let line: Vec<String> = row.iter().zip(&widths).map(|(cell, width)| format!("{cell:<width$}")).collect();
         output::line(line.join("  ").trim_end())?;
     }
+    for (row, judged) in rows.iter().zip(within.unwrap_or_default()) {
+        let unproven = judged.iter().filter(|judged| judged.verdict != Verdict::Pass);
+        let said = |judged: &Judged| format!("{}  {}", short(row.place()), judged_line(row.machine(), judged));
+        unproven.map(said).try_for_each(output::line)?;
+    }
     say(plural(rows.len() as u64, "run"));
     Ok(())
 }
@@ -347,9 +366,9 @@ fn cells(row: &Row) -> [String; 8] {
         row.number("duration_s").map_or("-".into(), |seconds| format!("{seconds:.1} s")),
         value(["inertance_kg", "inertia_kg_m2"], ["inertance_u95_kg", "inertia_u95_kg_m2"], ["kg", "kg m²"]),
         value(
-            ["viscous_n_s_per_m", "viscous_n_m_s_per_rad"],
-            ["viscous_u95_n_s_per_m", "viscous_u95_n_m_s_per_rad"],
-            ["N s/m", "N m s/rad"],
+            ["viscous_n_s_per_m", "viscous_n_m_s"],
+            ["viscous_u95_n_s_per_m", "viscous_u95_n_m_s"],
+            ["N s/m", "N m s"],
         ),
         value(["coulomb_n", "coulomb_n_m"], ["coulomb_u95_n", "coulomb_u95_n_m"], ["N", "N m"]),
         row.text("law").unwrap_or("-").to_string(),

@@ -23,11 +23,13 @@ from . import _inerter, batch
 from ._inerter import InerterError, Run, Sums, Table, __version__
 from ._device import Device
 from ._store import Store
-from ._results import Diagnosis, Estimate, Figure, Identification, Merged, Parameter, Plan, Replay, Result, Summed
+from ._results import Comparison, Diagnosis, Difference, Estimate, Figure, Identification, Merged, Parameter, Plan, Replay, Result, Summed
 
 __all__ = [
+    "Comparison",
     "Device",
     "Diagnosis",
+    "Difference",
     "Estimate",
     "Figure",
     "Identification",
@@ -43,6 +45,7 @@ __all__ = [
     "Table",
     "__version__",
     "batch",
+    "compare",
     "connect",
     "diagnose",
     "identify",
@@ -86,6 +89,7 @@ def open(
 def replay(
     run: Source,
     *,
+    limits: str | os.PathLike[str] | None = None,
     settings: Mapping[str, float] | None = None,
     metres_per_count: float | None = None,
     progress: Progress | None = None,
@@ -96,11 +100,41 @@ def replay(
     `terminal_m` [m], each a one-dimensional array of the same length; of a rotary machine `torque_n_m` [N m] and `terminal_rad` [rad].
     A data frame or an Arrow table will do. Settings of a run from `open` are those it was opened with.
 
+    `limits` is a file as for `inerter replay --limits`; what is said of it is `["limits"]`.
+
     Raises InerterError where the run cannot be used, and KeyboardInterrupt on Ctrl-C.
     """
     whole = _run(run, settings, metres_per_count)
-    line, sums = _inerter.replay(whole, progress)
+    line, sums = _inerter.replay(whole, _path(limits), progress)
     return Replay(json.loads(line), sums, whole)
+
+
+def compare(
+    runs: Iterable[Source] | Mapping[str, Source],
+    *,
+    rigs: str | None = None,
+    path: str | os.PathLike[str] | None = None,
+    replace: bool = False,
+    limits: str | os.PathLike[str] | None = None,
+    settings: Mapping[str, float] | None = None,
+    metres_per_count: float | None = None,
+    progress: Progress | None = None,
+) -> Comparison:
+    """Compares runs with the first one: `inerter compare`. A mapping gives them names.
+
+    `rigs` is "one" where they share a rig and its calibration, so that the errors of force gain, lead and clock do not count, or
+    "several"; without it the runs decide. `path` is a page that is written, `limits` a file as for `inerter replay --limits`.
+
+    Raises InerterError where there is one run only, they are of different kinds of machine, or the page cannot be written, and ValueError
+    for what `rigs` does not know.
+    """
+    if rigs not in (None, "one", "several"):
+        raise ValueError(f"rigs knows 'one' and 'several', not {rigs!r}")
+    named: Iterable[tuple[str | None, Source]] = runs.items() if isinstance(runs, Mapping) else ((None, run) for run in runs)
+    whole = [(name, _run(run, settings, metres_per_count)) for name, run in named]
+    is_one_rig = None if rigs is None else rigs == "one"
+    line, words = _inerter.compare(whole, is_one_rig, _path(path), replace, _path(limits), progress)
+    return Comparison(json.loads(line), words)
 
 
 def diagnose(
@@ -201,15 +235,18 @@ def report(
     path: str | os.PathLike[str],
     *,
     replace: bool = False,
+    limits: str | os.PathLike[str] | None = None,
     settings: Mapping[str, float] | None = None,
     metres_per_count: float | None = None,
     progress: Progress | None = None,
 ) -> list[str]:
     """Writes a page on a run, one HTML file that loads nothing else: `inerter report`. Gives the names of its figures.
 
+    With `limits`, a file as for `inerter replay --limits`, the page says what passes.
+
     Raises InerterError where the file exists and `replace` is not given, or cannot be written; then nothing is.
     """
-    return _inerter.report(_run(run, settings, metres_per_count), os.fspath(path), replace, progress)
+    return _inerter.report(_run(run, settings, metres_per_count), os.fspath(path), replace, _path(limits), progress)
 
 
 def plan(
@@ -374,6 +411,10 @@ def _given(settings: Mapping[str, float] | None, metres_per_count: float | None 
     if metres_per_count is not None:
         given["metres_per_count"] = float(metres_per_count)
     return given
+
+
+def _path(path: str | os.PathLike[str] | None) -> str | None:
+    return None if path is None else os.fspath(path)
 
 
 def _names(columns: Any) -> list[str] | None:

@@ -9,6 +9,7 @@ __all__ = [
     "Sums",
     "Table",
     "__version__",
+    "compare",
     "connect",
     "diagnose",
     "from_columns",
@@ -146,7 +147,7 @@ def from_columns(
     settings: Mapping[str, float],
 ) -> Run: ...
 def interval_text(value: float, u95: float) -> str: ...
-def replay(run: Run, told: _Told = None) -> tuple[str, Sums]: ...
+def replay(run: Run, limits: str | None, told: _Told = None) -> tuple[str, Sums]: ...
 def merge(sums: list[Sums], offset_n: float | None) -> tuple[str, list[str], Sums]: ...
 def diagnose(
     run: Run, counts_per_turn: float | None = None, counts_per_line: float | None = None, told: _Told = None
@@ -172,7 +173,15 @@ def plan(
     told: _Told = None,
 ) -> tuple[str, list[str], str | None, Table]: ...
 def plot(run: Run, name: str, path: str | None, replace: bool, told: _Told = None) -> tuple[str, str]: ...
-def report(run: Run, path: str, replace: bool, told: _Told = None) -> list[str]: ...
+def report(run: Run, path: str, replace: bool, limits: str | None, told: _Told = None) -> list[str]: ...
+def compare(
+    runs: list[tuple[str | None, Run]],
+    is_one_rig: bool | None,
+    path: str | None,
+    replace: bool,
+    limits: str | None,
+    told: _Told = None,
+) -> tuple[str, list[str]]: ...
 def simulate(
     name: str | None,
     file: str | None,

@@ -13,7 +13,7 @@ _UNITS = {
     "kg": "kg",
     "kg_m2": "kg m²",
     "n_s_per_m": "N s/m",
-    "n_m_s_per_rad": "N m s/rad",
+    "n_m_s": "N m s",
     "n_per_m": "N/m",
     "n_m_per_rad": "N m/rad",
     "n_m": "N m",
@@ -280,6 +280,68 @@ class Merged(Summed):
     def remarks(self) -> list[str]:
         """How many runs there are, whether they differ, and which of them the law does not hold for."""
         return [f"{self._sums!r}, fitted together.".removeprefix("inerter."), *self._remarks]
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A parameter of a run less that of the first one.
+
+    `value` and `u95`, the half width of the 95 % interval, are in `unit`, and `p` is the chance of a difference at least this large where
+    there is none; all three are None where one of the two motions does not tell the parameter. `verdict` is `differs`, `not_shown` or
+    `undecided`, with the `reason` if the run proves nothing.
+    """
+
+    name: str
+    run: str
+    value: float | None
+    u95: float | None
+    unit: str
+    p: float | None
+    verdict: str
+    reason: str | None = None
+
+    def __str__(self) -> str:
+        if self.value is None or self.u95 is None:
+            return "not identifiable"
+        return f"{_inerter.interval_text(self.value, self.u95)} {self.unit}"
+
+
+class Comparison(Result):
+    """Runs beside the first one: the line of `inerter compare --json`. `["parameters"]` has a list of all runs for each."""
+
+    _title = "Comparison"
+
+    def __init__(self, line: Mapping[str, Any], words: list[str]) -> None:
+        super().__init__(line)
+        self._words = words
+
+    @property
+    def differences(self) -> list[Difference]:
+        """How each run but the first differs from it, parameter by parameter."""
+        found = []
+        for name, runs in self["parameters"].items():
+            for run, told in zip(self["files"][1:], runs[1:]):
+                of = told["difference"] or {"value": None, "u95": None, "p": None}
+                found.append(Difference(name, run, of["value"], of["u95"], _unit(name), of["p"], told["verdict"], told["reason"]))
+        return found
+
+    @property
+    def remarks(self) -> list[str]:
+        """Which intervals these are."""
+        return self._words
+
+    def __repr__(self) -> str:
+        rows = [f"{one.name:<28} {one.run}: {one}, {one.verdict}" for one in self.differences]
+        return "\n".join([f"{self._title} with {self['files'][0]}", *rows, *self.remarks])
+
+    def _repr_html_(self) -> str:
+        cells = "".join(
+            "<tr>" + "".join(f"<td>{html.escape(text)}</td>" for text in (one.name, one.run, str(one), one.verdict)) + "</tr>"
+            for one in self.differences
+        )
+        words = "".join(f"<p>{html.escape(one)}</p>" for one in self._words)
+        title = html.escape(f"{self._title} with {self['files'][0]}")
+        return f"<table><caption>{title}</caption>{cells}</table>{words}"
 
 
 class Plan(Result):

@@ -1,21 +1,105 @@
 //! What the page holds.
 
-use inerter_analysis::compare::{Rig, Row, Side};
-use inerter_data::limits::Judged;
+use inerter_analysis::{
+    compare::{CompareError, Rig, Row, Side, compare},
+    results::CompareJson,
+};
+use inerter_core::Machine;
+use inerter_data::limits::{Judged, Limits};
 
 use crate::page::Content;
+
+/// Runs that are drawn: there are no more colours that all kinds of colour vision tell apart.
+pub const DRAWN: usize = 5;
 
 /// Runs beside each other.
 #[derive(Clone, Debug)]
 pub struct Comparison {
-    /// The runs, the first being what the others are held against.
+    /// The runs, the first being what the others are held against; of those that are not drawn only what tables show.
     pub runs: Vec<Content>,
     /// The same, as they were compared.
     pub sides: Vec<Side>,
-    /// Whether they share a rig.
-    pub rig: Rig,
+    /// Whether each shares the first one's rig.
+    pub rigs: Vec<Rig>,
     /// Parameters that any of them tells.
     pub rows: Vec<Row>,
     /// What each run says of limits; empty where there are none.
     pub within: Vec<Vec<Judged>>,
+}
+
+impl Comparison {
+    /// Of runs as they are read; `rig` is that of all but the first, without it what they say of themselves decides.
+    pub fn of<E: From<CompareError>>(
+        runs: impl Iterator<Item = Result<Content, E>>,
+        rig: Option<Rig>,
+    ) -> Result<Self, E> {
+        let light = |(number, content): (usize, Result<Content, E>)| {
+            content.map(|content| if number < DRAWN { content } else { content.light() })
+        };
+        let runs = runs.enumerate().map(light).collect::<Result<Vec<_>, _>>()?;
+        let sides: Vec<Side> = runs.iter().map(side).collect();
+        let of = |other: &Side| rig.clone().unwrap_or_else(|| Rig::of(&sides[0], other));
+        let others = sides.iter().skip(1).map(of);
+        let rigs: Vec<Rig> = sides.first().map(|_| Rig::Same).into_iter().chain(others).collect();
+        let rows = compare(&sides, &rigs)?;
+        Ok(Self { runs, sides, rigs, rows, within: Vec::new() })
+    }
+
+    /// The same, held against limits.
+    #[must_use]
+    pub fn within(self, limits: &Limits) -> Self {
+        Self { within: self.sides.iter().map(|side| side.told.within(limits)).collect(), ..self }
+    }
+
+    /// Kind of machine of all runs.
+    pub fn machine(&self) -> Machine {
+        self.sides.first().map_or(Machine::Linear, |side| side.settings.machine)
+    }
+
+    /// The rig by which the intervals of a run are shown: the first one's are whole where no other shares its rig.
+    pub fn shown_rig(&self, number: usize) -> &Rig {
+        let others = || self.rigs.iter().skip(1);
+        let is_alone = number == 0 && !others().any(Rig::is_shared);
+        let rig = if is_alone { self.rigs.get(1) } else { self.rigs.get(number) };
+        rig.unwrap_or(&Rig::Same)
+    }
+
+    /// For a person: which intervals these are.
+    pub fn words(&self) -> Vec<String> {
+        let first = self.sides.first().map_or("", |side| side.name.as_str());
+        let named = || self.sides.iter().zip(&self.rigs).skip(1);
+        let shared = named().any(|(_, rig)| rig.is_shared()).then(|| {
+            "Intervals are those for comparing runs on one rig: without the errors of force gain, lead and clock, which the runs share."
+                .to_string()
+        });
+        let of_each = named().filter_map(|(side, rig)| match rig {
+            Rig::Same => None,
+            Rig::Assumed => Some(format!(
+                "Nothing shows whether {} is of the rig of {first}. It is taken to be; say `--rigs several` where it is not.",
+                side.name
+            )),
+            Rig::Other(reason) => {
+                Some(format!("{} is of another rig than {first} ({reason}): its intervals are whole.", side.name))
+            }
+        });
+        let verdict = "An interval is that of one difference; a verdict allows for how many there are.".to_string();
+        shared.into_iter().chain(of_each).chain([verdict]).collect()
+    }
+
+    /// For a program.
+    pub fn json(&self) -> CompareJson {
+        let within = Some(self.within.as_slice()).filter(|within| !within.is_empty());
+        CompareJson::new(&self.sides, &self.rigs, &self.rows, within)
+    }
+}
+
+/// A run to be compared.
+fn side(content: &Content) -> Side {
+    Side {
+        name: content.run.name.clone(),
+        settings: content.run.settings,
+        hello: content.run.hello.clone(),
+        calibration: content.run.calibration.clone(),
+        told: content.told(),
+    }
 }

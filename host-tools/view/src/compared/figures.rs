@@ -2,22 +2,21 @@
 
 use std::f64::consts::PI;
 
-use inerter_analysis::{compare::u95, response::Input};
-use inerter_core::Machine;
+use inerter_analysis::response::{Input, Point};
 use inerter_data::names::{description, parameter};
 
-use super::comparison::Comparison;
+use super::comparison::{Comparison, DRAWN};
 use crate::{
     figure::{Axis, Colour, Figure, Layer, Panel, Shape, Stroke},
-    page::{Content, LOW_PX, TALL_PX, degrees, file_name, over_run, settled},
+    page::{Content, LOW_PX, MOST_TIMES, TALL_PX, degrees, file_name, measured, over_run, settled},
 };
 
-/// A run's colour; there are no more that all kinds of colour vision tell apart.
-const COLOURS: [Colour; 5] = [Colour::Blue, Colour::Vermilion, Colour::Green, Colour::Purple, Colour::Orange];
+/// A run's colour.
+const COLOURS: [Colour; DRAWN] = [Colour::Blue, Colour::Vermilion, Colour::Green, Colour::Purple, Colour::Orange];
 
 /// All figures that the runs show.
 pub(super) fn figures(comparison: &Comparison) -> Vec<Figure> {
-    let machine = comparison.sides.first().map_or(Machine::Linear, |side| side.settings.machine);
+    let machine = comparison.machine();
     let all = [intervals(comparison), hysteresis(comparison), over_time(comparison), bode(comparison)];
     let shown = all.into_iter().filter(|figure| !figure.panels.is_empty());
     let mut figures: Vec<Figure> = shown.collect();
@@ -45,7 +44,7 @@ fn name(number: usize, content: &Content) -> String {
 /// What the captions say where there are more runs than colours.
 fn left_out(comparison: &Comparison) -> String {
     match comparison.runs.len() {
-        count if count > COLOURS.len() => format!(" Only the first {} of {count} runs are drawn.", COLOURS.len()),
+        count if count > DRAWN => format!(" Only the first {DRAWN} of {count} runs are drawn."),
         _ => String::new(),
     }
 }
@@ -53,7 +52,7 @@ fn left_out(comparison: &Comparison) -> String {
 /// Each parameter of each run with its interval.
 fn intervals(comparison: &Comparison) -> Figure {
     let count = comparison.runs.len() as f64;
-    let machine = comparison.sides.first().map_or(Machine::Linear, |side| side.settings.machine);
+    let machine = comparison.machine();
     let mut panels: Vec<Panel> = Vec::new();
     for row in &comparison.rows {
         let field = row.field(machine);
@@ -63,10 +62,10 @@ fn intervals(comparison: &Comparison) -> Figure {
         for (number, (content, run)) in comparison.runs.iter().zip(&row.runs).enumerate() {
             let Some(found) = run.found else { continue };
             let (value, u95) =
-                (factor * f64::from(found.value), factor * f64::from(u95(&found.budget, &comparison.rig)));
+                (factor * f64::from(found.value), factor * f64::from(comparison.shown_rig(number).u95(&found.budget)));
             let points = Shape::Points(vec![(number as f64 + 1.0, value, value - u95, value + u95)]);
-            let colour = COLOURS[number % COLOURS.len()];
-            let is_named = panels.is_empty() && comparison.runs.len() <= COLOURS.len();
+            let colour = COLOURS[number % DRAWN];
+            let is_named = panels.is_empty() && comparison.runs.len() <= DRAWN;
             layers.push(Layer { label: is_named.then(|| name(number, content)), colour, shape: points });
         }
         panels.push(Panel {
@@ -119,7 +118,7 @@ fn hysteresis(comparison: &Comparison) -> Figure {
 /// The first three parameters over time; the offset is not worth a panel.
 fn over_time(comparison: &Comparison) -> Figure {
     let mut panels = Vec::new();
-    let machine = comparison.sides.first().map_or(Machine::Linear, |side| side.settings.machine);
+    let machine = comparison.machine();
     let duration_s = laid(comparison).map(|(content, ..)| content.duration_s).fold(1e-3, f64::max);
     for number in 0..3 {
         let field = parameter(machine, number);
@@ -163,43 +162,28 @@ fn over_time(comparison: &Comparison) -> Figure {
 /// The measured frequency responses.
 fn bode(comparison: &Comparison) -> Figure {
     let seen: Vec<_> = laid(comparison).filter(|(content, ..)| !content.response.points.is_empty()).collect();
-    let layers = |show: &dyn Fn(f64, f64, f64) -> f64, named: bool| -> Vec<Layer> {
-        let layer = |(content, name, colour): &(&Content, String, Colour)| {
-            let points = content.response.points.iter().map(|point| {
-                let value = show(point.frequency_hz, point.response.norm(), degrees(point.response));
-                (point.frequency_hz, value)
-            });
-            let points: Vec<_> = points.collect();
-            let shape = match points.as_slice() {
-                // A line needs two.
-                [(x, y)] => Shape::Points(vec![(*x, *y, *y, *y)]),
-                _ => Shape::Line(points, Stroke::Solid),
-            };
-            Layer { label: named.then(|| name.clone()), colour: *colour, shape }
+    let layers = |show: &dyn Fn(&Point) -> f64, half: &dyn Fn(f64, &Point) -> f64, named: bool| -> Vec<Layer> {
+        let of = |(content, name, colour): &(&Content, String, Colour)| {
+            measured(&content.response, named.then_some(name.as_str()), (*colour, Stroke::Solid), show, half)
         };
-        seen.iter().map(layer).collect()
+        seen.iter().flat_map(of).collect()
     };
+    let relative = |value: f64, point: &Point| value * point.error;
+    let apparent = |point: &Point| point.response.norm() / (2.0 * PI * point.frequency_hz).powi(2);
+    let of_all = || seen.iter().flat_map(|(content, ..)| content.response.points.iter().map(apparent));
+    let inertance_kg = seen.iter().map(|(content, ..)| content.model.inertance_kg.abs()).fold(1e-9, f64::max);
+    let most_kg = of_all().map(|kg| 1.1 * kg).fold(1.25 * inertance_kg, f64::max).min(MOST_TIMES * inertance_kg);
+    let panel = |y: Axis, height_px, layers| Panel { x: Axis::log("Frequency [Hz]"), y, height_px, layers };
     let panels = match seen.is_empty() {
         true => Vec::new(),
         false => vec![
-            Panel {
-                x: Axis::log("Frequency [Hz]"),
-                y: Axis::log("|F / x| [kN/m]"),
-                height_px: TALL_PX,
-                layers: layers(&|_, magnitude, _| magnitude / 1e3, true),
-            },
-            Panel {
-                x: Axis::log("Frequency [Hz]"),
-                y: Axis::new("|F / x| / w² [kg]"),
-                height_px: LOW_PX,
-                layers: layers(&|frequency_hz, magnitude, _| magnitude / (2.0 * PI * frequency_hz).powi(2), false),
-            },
-            Panel {
-                x: Axis::log("Frequency [Hz]"),
-                y: Axis::new("Phase of F / x [°]"),
-                height_px: LOW_PX,
-                layers: layers(&|_, _, phase| phase, false),
-            },
+            panel(Axis::log("|F / x| [kN/m]"), TALL_PX, layers(&|point| point.response.norm() / 1e3, &relative, true)),
+            panel(Axis::new("|F / x| / w² [kg]").within(0.0, most_kg), LOW_PX, layers(&apparent, &relative, false)),
+            panel(
+                Axis::new("Phase of F / x [°]"),
+                LOW_PX,
+                layers(&|point| degrees(point.response), &|_, point| point.phase_error_rad() * 180.0 / PI, false),
+            ),
         ],
     };
     let of = |input: Input| seen.iter().any(|(content, ..)| content.response.input == input);
@@ -214,7 +198,7 @@ fn bode(comparison: &Comparison) -> Figure {
         name: "bode",
         title: "Frequency response".into(),
         caption: format!(
-            "Measured force over the displacement of {over}. In the middle the same over w², which is the mass that one would feel.{}",
+            "Measured force over the displacement of {over}. In the middle the same over w², which is the mass that one would feel. Intervals are of 95 %.{}",
             left_out(comparison)
         ),
         panels,

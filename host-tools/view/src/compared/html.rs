@@ -1,6 +1,6 @@
 //! The page of runs beside each other.
 
-use inerter_analysis::compare::{Rig, Row, Verdict};
+use inerter_analysis::compare::{Row, Verdict};
 use inerter_core::{Machine, Settings};
 use inerter_data::{
     limits::verdict,
@@ -13,13 +13,13 @@ use super::{comparison::Comparison, figures::figures};
 use crate::{
     figure::{Figure, svg_for_page},
     frame::framed,
-    page::{Content, calibration_text, file_name, limits_table, shown},
+    page::{Content, calibration_text, file_name, limits_table, notes_of, shown},
 };
 
 /// The whole page, and its figures.
 pub fn html(comparison: &Comparison) -> (String, Vec<Figure>) {
     let figures = figures(comparison);
-    let machine = comparison.sides.first().map_or(Machine::Linear, |side| side.settings.machine);
+    let machine = comparison.machine();
     let main = markup! {
         (runs(comparison))
         (parameters(comparison, machine))
@@ -35,20 +35,14 @@ pub fn html(comparison: &Comparison) -> (String, Vec<Figure>) {
         }
         (notes(comparison))
         (settings(comparison))
-        (method(&comparison.rig))
+        (method())
     };
     let count = plural(comparison.runs.len() as u64, "run");
     let heading = match comparison.runs.as_slice() {
         [first, second] => format!("{} and {}", file_name(&first.run.name), file_name(&second.run.name)),
         _ => count.clone(),
     };
-    let meta = markup! {
-        (count) ", compared with the first · "
-        @match &comparison.rig {
-            Rig::One => "on one rig",
-            Rig::Several(reason) => { "on several rigs: " (reason) }
-        }
-    };
+    let meta = markup! { (count) ", compared with the first" };
     (framed(&heading, "runs compared", &heading, &meta, &main), figures)
 }
 
@@ -108,7 +102,7 @@ fn parameters(comparison: &Comparison, machine: Machine) -> Markup {
                 } }
                 tbody { @for row in &comparison.rows { (of_parameter(comparison, machine, row)) } }
             }
-            p.small { (comparison.rig.words()) }
+            @for words in comparison.words() { p.small { (words) } }
         }
     }
 }
@@ -126,7 +120,7 @@ fn of_parameter(comparison: &Comparison, machine: Machine, row: &Row) -> Markup 
                 }
                 td { @if number == 0 { (unit) } }
                 td { (number + 1) }
-                td.number { (run.value_text(&comparison.rig, factor)) }
+                td.number { (run.value_text(comparison.shown_rig(number), factor)) }
                 @if let Some((difference, said)) = run.difference_text(factor) {
                     td.number { (difference) }
                     td class=(class) { (said) @if let Some(reason) = run.reason(first_doubt) { ": " (reason) } }
@@ -153,14 +147,17 @@ fn limits(comparison: &Comparison, machine: Machine) -> Markup {
     }
 }
 
-/// What was put right or found missing in each run.
+/// What a person should know of each run.
 fn notes(comparison: &Comparison) -> Markup {
-    let notes: Vec<&String> = comparison.runs.iter().flat_map(|content| &content.run.notes).collect();
+    let of_run = |(number, content): (usize, &Content)| {
+        notes_of(content).into_iter().map(move |note| (number + 1, note)).collect::<Vec<_>>()
+    };
+    let notes: Vec<(usize, String)> = comparison.runs.iter().enumerate().flat_map(of_run).collect();
     markup! {
         @if !notes.is_empty() {
             section #notes {
                 h2 { "Notes" }
-                ul { @for note in notes { li { (note) } } }
+                ul { @for (number, note) in &notes { li { "Run " (number) ": " (note) } } }
             }
         }
     }
@@ -206,16 +203,14 @@ fn settings(comparison: &Comparison) -> Markup {
     }
 }
 
-fn method(rig: &Rig) -> Markup {
+fn method() -> Markup {
     markup! {
         section #method {
             h2 { "How it was compared" }
             p {
-                "The half width of a difference's 95 % interval is " i { "U" } " = " i { "k" } " √(" i { "u" } "1² + " i { "u" } "2²), after JCGM 100"
-                @if *rig == Rig::One {
-                    ". On one rig the errors of force gain, lead and clock are the same in both runs and enter with their difference alone"
-                }
-                ". A difference is said to be one where chance makes none as large; the more differences are looked at, the more unlikely each "
+                "The half width of a difference's 95 % interval is " i { "U" } " = " i { "k" } " √(" i { "u" } "1² + " i { "u" } "2²), after JCGM 100. "
+                "On one rig the errors of force gain, lead and clock are the same in both runs and enter with their difference alone. "
+                "A difference is said to be one where chance makes none as large; the more differences are looked at, the more unlikely each "
                 "must be (Holm's method), so that a page on which nothing differs says otherwise once in 20."
             }
         }

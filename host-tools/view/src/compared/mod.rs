@@ -4,5 +4,5 @@ mod comparison;
 mod figures;
 mod html;
 
-pub use comparison::Comparison;
+pub use comparison::{Comparison, DRAWN};
 pub use html::html;

@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use inerter_analysis::response::{self, Complex, Input, Method, ModelParameters, ideal, model};
+use inerter_analysis::response::{self, Complex, Input, Method, ModelParameters, Response, ideal, model};
 use inerter_data::words::{amount_text, plural};
 
 use super::{
@@ -14,6 +14,9 @@ use inerter_wire::catalogue;
 
 /// Points with intervals of their own above which there is a band.
 const MOST_POINTS: usize = 60;
+/// Times the inertance up to which an apparent one is drawn: where friction or the resonance carries the force, it has no end.
+pub(crate) const MOST_TIMES: f64 = 3.0;
+
 /// Phase in degrees, from -90 to 270: that of an inertance, 180, lies in the middle.
 pub fn degrees(response: Complex<f64>) -> f64 {
     let degrees = response.arg() * 180.0 / PI;
@@ -31,6 +34,28 @@ fn broken_where_points_miss(points: &[(f64, f64, f64, f64)]) -> Vec<(f64, f64, f
         .zip(breaks)
         .flat_map(|(point, breaks)| breaks.then_some(nothing).into_iter().chain([*point]))
         .collect()
+}
+
+/// What was measured, with its intervals: points where there are few, else a line in a band.
+pub(crate) fn measured(
+    response: &Response,
+    name: Option<&str>,
+    (colour, stroke): (Colour, Stroke),
+    show: &dyn Fn(&response::Point) -> f64,
+    half: &dyn Fn(f64, &response::Point) -> f64,
+) -> Vec<Layer> {
+    let all = response.points.iter().map(|point| {
+        let value = show(point);
+        (point.frequency_hz, value, value - half(value, point), value + half(value, point))
+    });
+    let layer = |shape| Layer { label: name.map(str::to_string), colour, shape };
+    if response.points.len() <= MOST_POINTS {
+        return vec![layer(Shape::Points(all.collect()))];
+    }
+    let points = broken_where_points_miss(&all.collect::<Vec<_>>());
+    let band = points.iter().map(|point| (point.0, point.2, point.3)).collect();
+    let line = points.iter().map(|point| (point.0, point.1)).collect();
+    vec![Layer::unnamed(colour, Shape::Band(band)), layer(Shape::Line(line, stroke))]
 }
 
 /// Measured, ideal and complete response.
@@ -63,20 +88,8 @@ pub(super) fn bode(content: &Content) -> Made {
     let with_friction = |f: f64| model(&rubbing, response.input, f);
     let perfect = |f: f64| ideal(content.model.inertance_kg, f);
     let measured = |show: &dyn Fn(f64, Complex<f64>) -> f64, half: &dyn Fn(f64, &response::Point) -> f64| {
-        let all = response.points.iter().map(|point| {
-            let value = show(point.frequency_hz, point.response);
-            (point.frequency_hz, value, value - half(value, point), value + half(value, point))
-        });
-        if response.points.len() <= MOST_POINTS {
-            return vec![Layer::new("measured", Colour::Blue, Shape::Points(all.collect()))];
-        }
-        let points = broken_where_points_miss(&all.collect::<Vec<_>>());
-        let band = points.iter().map(|point| (point.0, point.2, point.3)).collect();
-        let line = points.iter().map(|point| (point.0, point.1)).collect();
-        vec![
-            Layer::unnamed(Colour::Blue, Shape::Band(band)),
-            Layer::new("measured", Colour::Blue, Shape::Line(line, Stroke::Wide)),
-        ]
+        let show = |point: &response::Point| show(point.frequency_hz, point.response);
+        measured(response, Some("measured"), (Colour::Blue, Stroke::Wide), &show, half)
     };
     let has_friction = content.equivalent_viscous.is_some() && content.law.coulomb_n.abs() > 0.0;
     let models = |show: &dyn Fn(f64, Complex<f64>) -> f64| {
@@ -107,8 +120,7 @@ pub(super) fn bode(content: &Content) -> Made {
     let kilograms = |frequency_hz: f64, response: Complex<f64>| response.norm() / (2.0 * PI * frequency_hz).powi(2);
     let phase = |_: f64, response: Complex<f64>| degrees(response);
     let apparent = response.points.iter().map(|point| kilograms(point.frequency_hz, point.response));
-    // Where friction or the resonance carries the force, the apparent inertance has no end.
-    let most = apparent.fold(1.25, |most, kg| f64::max(most, 1.1 * kg / content.model.inertance_kg)).min(3.0);
+    let most = apparent.fold(1.25, |most, kg| f64::max(most, 1.1 * kg / content.model.inertance_kg)).min(MOST_TIMES);
     let most_kg = most * content.model.inertance_kg.abs().max(1e-3);
     let panels = vec![
         panel(Axis::log(format!("|F / {over}| [kN/m]")), TALL_PX - 20, &kilonewtons, &relative),

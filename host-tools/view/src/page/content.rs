@@ -1,14 +1,15 @@
 //! What the page of a run holds.
 
-use inerter_analysis::compared::Row;
 use inerter_analysis::law::{Kernels, Law};
+use inerter_analysis::rows::Row;
 use inerter_analysis::{
     fit::{Beside, Products, directions},
     response::{self, ModelParameters, Response},
     results::{Replayed, replayed},
+    told::Told,
 };
-use inerter_core::{Change, Detail, Estimate, Reversal, Settings, Warning};
-use inerter_data::{replay::Outcome, run::Run, series::Series, settings::SettingsInputError};
+use inerter_core::{Change, Detail, Estimate, Reversal, Settings, Warning, WarningKind};
+use inerter_data::{gated::Gated, replay::Outcome, run::Run, series::Series, settings::SettingsInputError};
 use inerter_wire::{Estimated, EstimatorEvent};
 
 /// Rows of the law in a box: over the whole run, and in the stretch that is shown close.
@@ -45,6 +46,8 @@ pub struct Content {
     pub changes: Vec<(f64, Change)>,
     /// What the estimator said to be wrong with samples, and when \[s\].
     pub warnings: Vec<(f64, Warning)>,
+    /// What only the whole run shows to be wrong with samples.
+    pub unseen: Vec<WarningKind>,
     /// The law that is drawn: the fit to all motion since the last change.
     pub law: Law,
     /// Force and law over the whole run, or since the last change.
@@ -78,6 +81,10 @@ impl Content {
             }
             Ok(())
         })?;
+        // The whole run shows more than its last minute, and what the estimator had no time to see.
+        let told: Vec<Warning> = warnings.iter().map(|(_, warning)| *warning).collect();
+        let unseen = Gated::of(&run, &told).left_out;
+        let unseen = unseen.into_iter().filter(|kind| told.iter().all(|warning| warning.kind != *kind)).collect();
         let mut series = Series::of(&run);
         run.samples = Vec::new();
         // Before the last change it was another device.
@@ -105,6 +112,7 @@ impl Content {
             reversals,
             changes,
             warnings,
+            unseen,
             law,
             rows,
             close,
@@ -112,6 +120,20 @@ impl Content {
             model,
             equivalent_viscous,
         })
+    }
+
+    /// What it tells of each parameter: as [`Replayed::told`], and by all samples whether any are wrong.
+    pub fn told(&self) -> Told {
+        let are_wrong = self.replayed.wrong_samples() > 0 || !self.unseen.is_empty();
+        Told::new(&self.replayed.outcome, &self.replayed.judged, are_wrong)
+    }
+
+    /// The same without what figures are drawn of.
+    #[must_use]
+    pub fn light(self) -> Self {
+        let response = Response { points: Vec::new(), ..self.response };
+        let (moments, reversals, rows, close) = Default::default();
+        Self { moments, reversals, rows, close, response, ..self }
     }
 
     /// Root mean square of what the law leaves over in all rows \[N\], and the part of the force's variance that it explains.

@@ -16,7 +16,7 @@ use super::{
     layout::{LOW_PX, Made, TALL_PX},
 };
 use crate::figure::{Axis, Colour, Figure, Layer, Panel, Shape, Stroke};
-use inerter_analysis::compared::Row;
+use inerter_analysis::rows::Row;
 
 /// Which figure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

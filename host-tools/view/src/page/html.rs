@@ -183,7 +183,7 @@ fn budgets(content: &Content) -> Markup {
             }
             p.small {
                 "Parts of the 95 % interval of the whole run; their squares add up to its square. Noise is the scatter of this run. Gain, lead, timebase, "
-                "skew, structure and stiffness are as uncertain as the settings say. Model is how far the law may be wrong, by what the samples of this run "
+                "skew, structure and stiffness are as uncertain as the settings say. Model is how far the law may be wrong, by what the samples of the last minute "
                 "show of it; the device does not see all of that, so its own interval may be narrower. "
                 "Two runs on one rig may be compared by the last column, which leaves out what they share: gain, lead and timebase."
             }
@@ -201,21 +201,24 @@ fn two_digits(u95: f32) -> String {
     rounded_text(u95.into(), u95.into())
 }
 
-fn notes(content: &Content) -> Markup {
-    let changes = content
-        .changes
-        .iter()
-        .map(|(t_s, change)| format!("At {t_s:.2} s {}.", text::change_words(content.run.settings.machine, change)));
+/// What a person should know of a run.
+pub(crate) fn notes_of(content: &Content) -> Vec<String> {
     let machine = content.run.settings.machine;
+    let changes =
+        content.changes.iter().map(|(t_s, change)| format!("At {t_s:.2} s {}.", text::change_words(machine, change)));
     let warnings = content
         .warnings
         .iter()
         .map(|(t_s, warning)| format!("At {t_s:.2} s {}.", causes::warning_words(machine, warning.kind)));
+    let unseen =
+        content.unseen.iter().map(|kind| format!("Over the whole run {}.", causes::warning_words(machine, *kind)));
+    let is_told = |code: &str| content.unseen.iter().any(|kind| causes::Cause::Samples(*kind).name() == code);
     let is_of_law = |code: &str| content.replayed.causes.iter().any(|cause| cause.kind.name() == code);
-    let remarks = content.replayed.remarks().map(|(code, words)| match is_of_law(code) {
-        true => format!("The law does not hold: {words}."),
-        false => format!("Over the whole run {words}."),
-    });
+    let remarks =
+        content.replayed.remarks().filter(|(code, _)| !is_told(code)).map(|(code, words)| match is_of_law(code) {
+            true => format!("The law does not hold: {words}."),
+            false => format!("In the last minute {words}."),
+        });
     let advice = content.replayed.advice.iter().map(|advice| advice.sentence(machine));
     let friction = match content.replayed.outcome.detail.friction.regime {
         Regime::Presliding | Regime::Stribeck => {
@@ -225,20 +228,22 @@ fn notes(content: &Content) -> Markup {
     };
     let contact = (content.run.settings.stiffness_n_per_m == 0.0 && !content.run.settings.terminal_sensor).then(|| {
         let why = "The contact stiffness is not set: without it the force alone shows no backlash";
-        format!("{} (setting stiffness_n_per_m).", description(content.run.settings.machine, why))
+        format!("{} (setting stiffness_n_per_m).", description(machine, why))
     });
-    let all: Vec<String> = content
-        .run
-        .notes
-        .iter()
-        .cloned()
+    let of_run = content.run.notes.iter().cloned();
+    of_run
         .chain(changes)
         .chain(warnings)
+        .chain(unseen)
         .chain(remarks)
         .chain(friction)
         .chain(contact)
         .chain(advice)
-        .collect();
+        .collect()
+}
+
+fn notes(content: &Content) -> Markup {
+    let all = notes_of(content);
     markup! {
         section #notes {
             h2 { "Notes" }

@@ -11,11 +11,12 @@ mod layout;
 mod limits;
 
 pub use bode::degrees;
+pub(crate) use bode::{MOST_TIMES, measured};
 pub use content::{Content, Moment};
 pub use error::PageError;
 pub use figures::{Kind, figure};
 pub(crate) use figures::{over_run, settled};
 pub use html::html;
-pub(crate) use html::{calibration_text, file_name};
+pub(crate) use html::{calibration_text, file_name, notes_of};
 pub(crate) use layout::{LOW_PX, TALL_PX};
 pub(crate) use limits::{limits_table, shown};

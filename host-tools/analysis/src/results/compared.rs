@@ -11,8 +11,8 @@ use crate::compare::{Compared, Difference, Rig, Row, Side, Verdict};
 pub struct CompareJson {
     kind: &'static str,
     files: Vec<String>,
-    rig: &'static str,
-    rig_reason: Option<String>,
+    /// Of each run.
+    rigs: Vec<RigJson>,
     /// By name a list of all runs, in their order.
     #[serde(serialize_with = "by_name")]
     parameters: Vec<(&'static str, Vec<RunJson>)>,
@@ -23,21 +23,33 @@ pub struct CompareJson {
 
 impl CompareJson {
     /// Of these runs; `within` has what each says of limits.
-    pub fn new(sides: &[Side], rig: &Rig, rows: &[Row], within: Option<&[Vec<Judged>]>) -> Self {
+    pub fn new(sides: &[Side], rigs: &[Rig], rows: &[Row], within: Option<&[Vec<Judged>]>) -> Self {
         let of_row = |row: &Row| {
             (NAMES.get(row.place).copied().unwrap_or_default(), row.runs.iter().map(RunJson::from).collect())
-        };
-        let (rig, rig_reason) = match rig {
-            Rig::One => ("one", None),
-            Rig::Several(reason) => ("several", Some(reason.clone())),
         };
         Self {
             kind: "compare",
             files: sides.iter().map(|side| side.name.clone()).collect(),
-            rig,
-            rig_reason,
+            rigs: rigs.iter().map(RigJson::from).collect(),
             parameters: rows.iter().map(of_row).collect(),
             limits: within.map(|all| all.iter().map(|judged| LimitsJson::new(judged)).collect()),
+        }
+    }
+}
+
+/// Whether a run shares the first one's rig.
+#[derive(Clone, Debug, Serialize)]
+struct RigJson {
+    rig: &'static str,
+    reason: Option<String>,
+}
+
+impl From<&Rig> for RigJson {
+    fn from(rig: &Rig) -> Self {
+        match rig {
+            Rig::Same => Self { rig: "same", reason: None },
+            Rig::Assumed => Self { rig: "assumed", reason: None },
+            Rig::Other(reason) => Self { rig: "other", reason: Some(reason.clone()) },
         }
     }
 }
@@ -50,9 +62,9 @@ struct RunJson {
     same_rig_u95: Option<f32>,
     /// Why it proves nothing.
     reason: Option<&'static str>,
-    /// From the first run, which has none.
+    /// From the first run, which has none; null where one of the two does not tell it.
     #[serde(skip_serializing_if = "Option::is_none")]
-    difference: Option<DifferenceJson>,
+    difference: Option<Option<DifferenceJson>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     verdict: Option<Verdict>,
 }
@@ -78,7 +90,7 @@ impl From<&Compared> for RunJson {
             u95: budget.and_then(|budget| finite(budget.u95())),
             same_rig_u95: budget.and_then(|budget| finite(budget.same_rig_u95())),
             reason: compared.doubt,
-            difference: compared.difference.map(difference),
+            difference: compared.verdict.map(|_| compared.difference.map(difference)),
             verdict: compared.verdict,
         }
     }
