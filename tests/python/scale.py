@@ -20,6 +20,10 @@ from distributed import Client, LocalCluster
 DURATION_S = 20
 ALONE = 200
 """Runs that are replayed without store and cluster, to tell what those cost."""
+MILLION = 1_000_000
+DEVICES = 10_000
+PRICES = {"GB a month": 0.023, "processor an hour": 0.05, "1000 writes": 0.005, "1000 reads": 0.0004}
+"""Round list prices of large clouds [US dollars]; put in yours."""
 
 
 def fill(folder, seed):
@@ -64,7 +68,7 @@ def main(program, folder, runs):
     assert len(rows) == runs, f"{len(rows)} runs are there, and {runs} are to be measured: begin with another folder"
     started = time.perf_counter()
     for row in rows[:ALONE]:
-        inerter.replay(store.open(row["run"]))
+        inerter.replay(store.open(row))
     alone_s = (time.perf_counter() - started) / min(ALONE, runs)
     stamp = str(int(time.time()))
     one, memory_of_one = spread(store, 1, f"one-{stamp}", runs)
@@ -104,6 +108,28 @@ def main(program, folder, runs):
     print("| figure | value | unit |\n|---|--:|---|")
     for name, value, unit in figures:
         print(f"| {name} | {value} | {unit} |")
+    gigabytes = MILLION * (recordings + tables) / runs / 1e9
+    objects = MILLION * len(files) / runs
+    replays_h = MILLION * by_program / runs / 3600
+    adding_h = MILLION * sum(adding) / max(len(adding), 1) / 3600
+    on_paper = [
+        ("storage", f"{gigabytes:.0f} GB in {objects / 1e6:.0f} million objects", gigabytes * PRICES["GB a month"], "a month"),
+        ("adding all of them", f"{adding_h:.0f} processor hours", adding_h * PRICES["processor an hour"], ""),
+        ("writing them to S3", f"{objects / 1e6:.0f} million writes", objects / 1e3 * PRICES["1000 writes"], ""),
+        ("replaying all of them", f"{replays_h:.0f} processor hours", replays_h * PRICES["processor an hour"], ""),
+        ("reading them from S3 and writing results", f"{MILLION / 1e6:.0f} million of each", MILLION / 1e3 * (PRICES["1000 reads"] + PRICES["1000 writes"]), ""),
+        ("a look at the row of every run", f"{MILLION * listing / runs / 60:.0f} minutes by one process", MILLION / 1e3 * PRICES["1000 reads"], "in S3"),
+    ]
+    print(f"\n## A million runs of {DURATION_S} s of {DEVICES // 1000} thousand devices, on paper\n")
+    print(
+        f"From the figures above, {MILLION // DEVICES} runs of each device, in proportion: nobody has stored a million. Prices are round ones of large\n"
+        "clouds in US dollars, and stand in the script: "
+        + ", ".join(f"{price} {name}" for name, price in PRICES.items())
+        + ".\n"
+    )
+    print("| what | how much | US dollars | |\n|---|---|--:|---|")
+    for what, amount, price, unit in on_paper:
+        print(f"| {what} | {amount} | {price:.0f} | {unit} |")
 
 
 if __name__ == "__main__":

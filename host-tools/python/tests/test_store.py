@@ -74,6 +74,22 @@ def url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
     return f"s3://lab/{tmp_path.name}/store"
 
 
+def test_a_row_stands_for_its_run(tmp_path: Path) -> None:
+    recording = tmp_path / "run.mcap"
+    inerter.simulate(duration_s=2, path=recording)
+    store = inerter.Store(tmp_path / "store")
+    name = store.add(recording)
+    (row,) = store.runs()
+    assert store.run(row) == store.run(name) == store.run(name[:9]) == row
+    store.get(row, tmp_path / "got.mcap")
+    assert (tmp_path / "got.mcap").read_bytes() == recording.read_bytes()
+    assert dict(inerter.replay(store.open(row))) == dict(inerter.replay(store.open(name)))
+    for stray in (dict(row, date="1970-01-02"), dict(row, device=".."), dict(row, run="0" * 64)):
+        with pytest.raises(inerter.InerterError) as refused:
+            store.open(stray)
+        assert refused.value.code == "inerter::store::no_run"
+
+
 def test_runs_go_in_are_found_and_come_back(folder: Path, url: str, tmp_path: Path) -> None:
     store = inerter.Store(url)
     with pytest.raises(inerter.InerterError, match="there is no store") as caught:

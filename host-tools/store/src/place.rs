@@ -77,6 +77,17 @@ impl Place {
         (place.file(part) == name).then_some(place)
     }
 
+    /// The same of a key.
+    pub(crate) fn parse_key(key: &str) -> Option<Self> {
+        let place = Self::parts(key)?;
+        (place.key() == key).then_some(place)
+    }
+
+    /// The part of the name that is the same everywhere: with it a run is found without a look at all others.
+    pub fn key(&self) -> String {
+        format!("device={}/date={}/{}", self.device, self.date, self.run)
+    }
+
     /// The same of a result.
     pub(crate) fn parse_result(name: &str, batch: &str) -> Option<Self> {
         let place =
@@ -94,11 +105,11 @@ impl Place {
     }
 
     pub(crate) fn file(&self, part: Part) -> String {
-        format!("{}/device={}/date={}/{}.{}", part.folder(), self.device, self.date, self.run, part.extension())
+        format!("{}/{}.{}", part.folder(), self.key(), part.extension())
     }
 
     pub(crate) fn result(&self, batch: &str) -> String {
-        format!("{RESULTS}/{batch}/device={}/date={}/{}.json", self.device, self.date, self.run)
+        format!("{RESULTS}/{batch}/{}.json", self.key())
     }
 
     /// SHA-256 of the recording: 64 hexadecimal digits.
@@ -131,6 +142,12 @@ mod tests {
             assert_eq!(Place::parse(&format!("{}.bak", place.file(part)), part), None);
         }
         assert_eq!(Place::parse_result(&place.result("gain-2"), "gain-2"), Some(place.clone()));
+        assert_eq!(Place::parse_key(&place.key()), Some(place.clone()));
+        for stray in
+            [place.name(), "device=a/date=b/0a", &format!("{}.parquet", place.key()), &format!("x/{}", place.key())]
+        {
+            assert_eq!(Place::parse_key(stray), None, "{stray}");
+        }
         let shouted = place.file(Part::Run).replace("0a", "0A");
         for stray in ["runs/device=a/date=b/notes.txt", "runs/readme", "runs/device=a/0a.parquet", "", &shouted] {
             assert_eq!(Place::parse(stray, Part::Run), None, "{stray}");

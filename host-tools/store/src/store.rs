@@ -19,7 +19,7 @@ use crate::{
     results::{Outcome, checked},
     row::Row,
     sums::{Expected, Sum, Summed, parse},
-    tables::Tables,
+    tables::{Tables, opened},
 };
 
 /// A run that another process removes while it is added is written anew so often.
@@ -157,14 +157,15 @@ impl Store {
         let mut before = Summed::new(File::open(recording).map_err(unreadable(recording))?);
         io::copy(&mut before, &mut io::sink()).map_err(unreadable(recording))?;
         let run = before.sum.hex();
-        let known = self.places()?.into_iter().find(|place| place.run == run);
-        if let Some(place) = known
-            && self.sum(&place.file(Part::Recording)).is_ok_and(|sum| sum.is_some_and(|sum| sum == run))
+        let source = opened(recording)?;
+        let place = Place::of(&source, run);
+        if self.has_run(&place)?
+            && self.sum(&place.file(Part::Recording)).is_ok_and(|sum| sum.is_some_and(|sum| sum == place.run))
             && let Ok(row) = self.row(&place)
         {
             return Ok(Added { row, is_new: false });
         }
-        let tables = Tables::of(recording, &run, progress)?;
+        let tables = Tables::of(&source, place, progress)?;
         self.write(recording, &tables, progress)?;
         Ok(Added { row: self.row(&tables.place)?, is_new: true })
     }
@@ -248,8 +249,12 @@ impl Store {
         refused.filter(|_| !is_understood).map_or(Ok(listed), Err)
     }
 
-    /// The run whose name begins like this.
+    /// The run whose name begins like this, for which all are looked through; or the one with this [`Place::key`], which is there or not.
     pub fn find(&self, beginning: &str) -> Result<Place, StoreError> {
+        if let Some(place) = Place::parse_key(beginning) {
+            let none = || StoreError::NoRun { url: self.url.clone(), run: beginning.into() };
+            return if self.has_run(&place)? { Ok(place) } else { Err(none()) };
+        }
         let run = beginning.to_lowercase();
         let found = self.places()?.into_iter().filter(|place| place.run.starts_with(&run) && !run.is_empty());
         match <[Place; 1]>::try_from(found.collect::<Vec<_>>()) {
@@ -399,7 +404,11 @@ impl Store {
             match self.sum(&place.file(Part::Recording)) {
                 Ok(Some(sum)) if sum == place.run => {
                     let local = self.local(place)?;
-                    match Tables::of(local.path(), &place.run, progress) {
+                    let tables = opened(local.path()).and_then(|source| {
+                        let place = Place::of(&source, place.run.clone());
+                        Tables::of(&source, place, progress)
+                    });
+                    match tables {
                         // Each file takes its place when it is whole, so that nothing is lost where this breaks off.
                         Ok(tables) => self.write(local.path(), &tables, progress)?,
                         Err(StoreError::Data(inerter_data::Error::Interrupted)) => {

@@ -23,6 +23,14 @@ use crate::{
     sums::{Sum, lines},
 };
 
+/// Opens what must be a recording.
+pub(crate) fn opened(path: &Path) -> Result<Source, StoreError> {
+    if !recording::is_recording(path).map_err(unreadable(path))? {
+        return Err(StoreError::NoRecording { path: path.into() });
+    }
+    Ok(Source::open(path, &Default::default(), |_| ())?)
+}
+
 /// All files of a run but its recording.
 pub(crate) struct Tables {
     pub place: Place,
@@ -31,17 +39,13 @@ pub(crate) struct Tables {
 }
 
 impl Tables {
-    /// Of a recording with this SHA-256; `progress` is handed the part that is done, from 0 to 1, and may end the work.
+    /// Of a recording at its place; `progress` is handed the part that is done, from 0 to 1, and may end the work.
     pub(crate) fn of(
-        path: &Path,
-        run: &str,
+        source: &Source,
+        place: Place,
         progress: &mut dyn FnMut(f64) -> Result<(), StoreError>,
     ) -> Result<Self, StoreError> {
-        if !recording::is_recording(path).map_err(unreadable(path))? {
-            return Err(StoreError::NoRecording { path: path.into() });
-        }
-        let source = Source::open(path, &Default::default(), |_| ())?;
-        let place = Place::of(&source, run.into());
+        let run = place.name();
         let machine = source.settings.machine;
         let (mut estimates, mut reversals, mut events) =
             (EstimateTable::default(), Vec::new(), Vec::<(f64, Option<u32>, String, String)>::new());
@@ -57,7 +61,7 @@ impl Tables {
         let replayed = replayed(&source.settings, source.start_s, samples, |t_s, event| -> Result<(), StoreError> {
             let kind = match event {
                 EstimatorEvent::Estimate(estimated) => {
-                    estimates.push(t_s, &source, estimated);
+                    estimates.push(t_s, source, estimated);
                     return Ok(());
                 }
                 EstimatorEvent::Reversal(reversal) => {
@@ -81,14 +85,14 @@ impl Tables {
         events.extend(markers);
         events.sort_by(|one, other| one.0.total_cmp(&other.0));
         if estimates.rows() == 0 {
-            estimates = EstimateTable::without_rows(&source, &replayed.outcome.estimated());
+            estimates = EstimateTable::without_rows(source, &replayed.outcome.estimated());
         }
         let named = |rows: usize| text("run", vec![Some(run); rows]);
         let with_run = |rows, columns: Vec<_>| {
             let columns: Vec<_> = [named(rows)].into_iter().chain(columns).collect();
             table_bytes(&columns)
         };
-        let row = row(&source, &replayed);
+        let row = row(source, &replayed);
         let mut files = vec![
             (Part::Estimates, with_run(estimates.rows(), estimates.held().collect())?),
             (Part::Reversals, with_run(reversals.len(), reversal_columns(machine, &reversals))?),

@@ -13,6 +13,11 @@ from . import _inerter
 from ._inerter import Run
 
 
+def key(run: str | Mapping[str, Any]) -> str:
+    """What the store finds a run by: a name or its beginning; of a row of `Store.runs` its place, for which no other run is looked at."""
+    return run if isinstance(run, str) else f"device={run['device']}/date={run['date']}/{run['run']}"
+
+
 class Store:
     """A store of runs in a folder or in S3-compatible storage: `inerter store`.
 
@@ -22,7 +27,7 @@ class Store:
 
     `url` is a folder, or `s3://BUCKET/FOLDER` with the credentials of the usual variables: AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY,
     AWS_REGION, AWS_ENDPOINT. The first `add` makes the store; before that all else raises InerterError. A run is named by the SHA-256 of
-    its recording, and everywhere the beginning of a name is enough. pandas, Polars and DuckDB read the tables of a store without
+    its recording, and everywhere the beginning of a name is enough; a row of `runs` finds it faster in a large store. pandas, Polars and DuckDB read the tables of a store without
     this package: docs/STORE.md.
     """
 
@@ -73,24 +78,23 @@ class Store:
             warnings.warn(f"{file} in the store {self.url} is {problem}: see verify()", stacklevel=2)
         return [json.loads(row) for row in rows]
 
-    def run(self, name: str) -> dict[str, Any]:
+    def run(self, run: str | Mapping[str, Any]) -> dict[str, Any]:
         """The columns of one run. Raises InerterError where there is none, or several begin like this."""
-        row: dict[str, Any] = json.loads(self._store.row(name))
+        row: dict[str, Any] = json.loads(self._store.row(key(run)))
         return row
 
-    def open(self, name: str, *, settings: Mapping[str, float] | None = None) -> Run:
-        """Opens the recording of a run, as `inerter.open` does. From S3 it is fetched first, checked against its name, and kept until
+    def open(self, run: str | Mapping[str, Any], *, settings: Mapping[str, float] | None = None) -> Run:
+        """Opens the recording of a run, by its name or its row of `runs`, as `inerter.open` does. From S3 it is fetched first, checked against its name, and kept until
         this process ends.
         """
-        path = self._store.path(name)
+        path = self._store.path(key(run))
         if path is None:
-            whole = self._store.find(name)
-            path = os.path.join(_fetched(), f"{whole}.mcap")
+            path = os.path.join(_fetched(), f"{self._store.find(key(run))}.mcap")
             if not os.path.exists(path):
                 # Another thread may fetch it as well.
                 with tempfile.TemporaryDirectory(dir=_fetched()) as folder:
                     part = os.path.join(folder, "run.mcap")
-                    self._store.get(whole, part, False)
+                    self._store.get(key(run), part, False)
                     os.replace(part, path)
         return _inerter.open(path, dict(settings or {}))
 
@@ -101,9 +105,9 @@ class Store:
         """
         return [json.loads(row) for row in self._store.results(batch)]
 
-    def get(self, name: str, path: str | os.PathLike[str], *, replace: bool = False) -> None:
+    def get(self, run: str | Mapping[str, Any], path: str | os.PathLike[str], *, replace: bool = False) -> None:
         """Writes the recording of a run into a file. Raises InerterError where it is damaged, or the file is there and not to be replaced."""
-        self._store.get(name, os.fspath(path), replace)
+        self._store.get(key(run), os.fspath(path), replace)
 
     def verify(
         self, *, repair: bool = False, progress: Callable[[float], object] | None = None

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 from . import _inerter
 from ._inerter import InerterError
+from ._store import key as _key
 
 if TYPE_CHECKING:
     from ._store import Store
@@ -103,29 +104,29 @@ def _batch(
     where, device, start, end = choice
     given = dict(settings or {})
     kept = set() if again else set(store._store.kept(batch, kind, given))
-    names = [row["run"] for row in store.runs(*where, device=device, start=start, end=end)]
-    todo = [name for name in names if name not in kept]
+    # By their keys they are found without a look at all others.
+    keys = {row["run"]: _key(row) for row in store.runs(*where, device=device, start=start, end=end)}
+    todo = [key for name, key in keys.items() if name not in kept]
     # A worker may stand in another folder.
     url = store.url if "://" in store.url else os.path.abspath(store.url)
     work = partial(_work, url=url, kind=kind, batch=batch, given=given)
-    done = ((work(name), None) for name in todo) if client is None else _spread(client, work, todo)
-    for number, (name, error) in enumerate(done, 1):
+    done = ((work(key), None) for key in todo) if client is None else _spread(client, work, todo)
+    for number, (key, error) in enumerate(done, 1):
         if error is not None:
-            store._store.keep(batch, name, kind, given, None, ("inerter::batch::worker_died", error))
+            store._store.keep(batch, key, kind, given, None, ("inerter::batch::worker_died", error))
         if progress is not None:
             progress(number / len(todo))
-    chosen = set(names)
-    return [row for row in store.results(batch) if row["run"] in chosen]
+    return [row for row in store.results(batch) if row["run"] in keys]
 
 
-def _spread(client: Any, work: Callable[[str], str], names: list[str]) -> Iterator[tuple[str, str | None]]:
-    """The work on a cluster: the names in the order in which they are done, and why one is not."""
+def _spread(client: Any, work: Callable[[str], str], keys: list[str]) -> Iterator[tuple[str, str | None]]:
+    """The work on a cluster: the keys in the order in which they are done, and why one is not."""
     _check(client)
     import distributed
 
     as_completed: Any = distributed.as_completed
     # What a worker had not done when it died is done by another one.
-    futures = dict(zip(client.map(work, names, pure=False), names, strict=True))
+    futures = dict(zip(client.map(work, keys, pure=False), keys, strict=True))
     try:
         for future in as_completed(futures):
             failure = future.exception()
@@ -138,8 +139,8 @@ def _spread(client: Any, work: Callable[[str], str], names: list[str]) -> Iterat
         client.cancel(list(futures))
 
 
-def _work(name: str, *, url: str, kind: str, batch: str, given: dict[str, float]) -> str:
-    """Does one run, and keeps what comes of it; gives its name."""
+def _work(key: str, *, url: str, kind: str, batch: str, given: dict[str, float]) -> str:
+    """Does one run, and keeps what comes of it; gives its key."""
     import inerter
 
     store = inerter.Store(url)
@@ -149,14 +150,14 @@ def _work(name: str, *, url: str, kind: str, batch: str, given: dict[str, float]
     # A worker does many runs: what it fetches for one is removed after it.
     with tempfile.TemporaryDirectory(prefix="inerter-") as folder:
         try:
-            path = store._store.path(name)
+            path = store._store.path(key)
             if path is None:
                 path = os.path.join(folder, "run.mcap")
-                store._store.get(name, path, False)
+                store._store.get(key, path, False)
         except InerterError as raised:
             # It was removed meanwhile.
             if raised.code == "inerter::store::no_run":
-                return name
+                return key
             # What hangs on the store or on this computer is nobody's result.
             if raised.code != "inerter::store::damaged":
                 raise
@@ -166,8 +167,8 @@ def _work(name: str, *, url: str, kind: str, batch: str, given: dict[str, float]
                 result = json.dumps(dict(call(_inerter.open(path, given))))
             except InerterError as raised:
                 error = (str(raised.code), str(raised))
-        store._store.keep(batch, name, kind, given, result, error)
-    return name
+        store._store.keep(batch, key, kind, given, result, error)
+    return key
 
 
 def _check(client: Any) -> None:
