@@ -128,12 +128,15 @@ def _spread(client: Any, work: Callable[[str], str], keys: list[str]) -> Iterato
     # What a worker had not done when it died is done by another one.
     futures = dict(zip(client.map(work, keys, pure=False), keys, strict=True))
     try:
-        for future in as_completed(futures):
+        for future in as_completed(list(futures)):
             failure = future.exception()
+            # What is done is in the store: a worker that dies later takes nothing of it along.
+            key = futures.pop(future)
+            future.release()
             # One that ends each worker that takes it is a run that fails.
             if failure is not None and not isinstance(failure, distributed.KilledWorker):
                 raise failure
-            yield futures[future], None if failure is None else str(failure)
+            yield key, None if failure is None else str(failure)
     finally:
         # Nobody waits for the rest, where there is one.
         client.cancel(list(futures))
