@@ -1,7 +1,8 @@
 //! Runs side by side: what differs between them by more than their intervals.
 //!
-//! The first run is what the others are held against. Runs on one rig have the same errors of force gain, lead and clock: of a
-//! difference these take only their part in proportion. All other parts of the two intervals count as independent.
+//! The first run is what the others are held against. Runs on one rig have the same errors of force gain, lead and
+//! clock: of a difference these take only their part in proportion. All other parts of the two intervals count as
+//! independent.
 //!
 //! Source: docs/THEORY.md, "Runs compared".
 
@@ -72,8 +73,8 @@ pub enum Rig {
 }
 
 impl Rig {
-    /// By what the runs say of themselves: another board, another calibration, or another scale of encoder or force is another rig.
-    /// The force's scale of a run without a device is a matter of its file, and says nothing.
+    /// By what the runs say of themselves: another board, another calibration, or another scale of encoder or force is
+    /// another rig. The force's scale of a run without a device is a matter of its file, and says nothing.
     pub fn of(first: &Side, other: &Side) -> Self {
         match differing(first, other) {
             Some(what) => Self::Other(format!("{what} differs")),
@@ -195,7 +196,8 @@ impl Row {
 }
 
 impl Compared {
-    /// For a person: value and interval of the run, the one that matters for this rig, in the unit of which `factor` make one in SI.
+    /// For a person: value and interval of the run, the one that matters for this rig, in the unit of which `factor`
+    /// make one in SI.
     pub fn value_text(&self, rig: &Rig, factor: f64) -> String {
         self.found.map_or("not identifiable".into(), |Quantity { value, budget }| {
             interval_text(factor * f64::from(value), factor * f64::from(rig.u95(&budget)))
@@ -232,7 +234,8 @@ fn signed(text: &str, value: f64) -> String {
     if value > 0.0 { format!("+{text}") } else { text.into() }
 }
 
-/// Compares runs with the first one: the parameters that any of them tells. `rigs` says of each run whether it shares that one's rig.
+/// Compares runs with the first one: the parameters that any of them tells. `rigs` says of each run whether it shares
+/// that one's rig.
 pub fn compare(sides: &[Side], rigs: &[Rig]) -> Result<Vec<Row>, CompareError> {
     let [first, others @ ..] = sides else { return Err(CompareError::One) };
     if others.is_empty() {
@@ -260,8 +263,8 @@ pub fn compare(sides: &[Side], rigs: &[Rig]) -> Result<Vec<Row>, CompareError> {
     Ok(rows)
 }
 
-/// Says of each difference whether there is one. The more are looked at, the more unlikely each must be (Holm 1979), so that the chance
-/// of any false alarm is as stated.
+/// Says of each difference whether there is one. The more are looked at, the more unlikely each must be (Holm 1979), so
+/// that the chance of any false alarm is as stated.
 fn judge(rows: &mut [Row]) {
     let mut proven: Vec<&mut Compared> = Vec::new();
     for row in rows {

@@ -55,8 +55,8 @@ fn a_difference_on_one_rig_is_seen_that_whole_intervals_hide() {
     assert!(inertance.difference.unwrap().u95 > 20.0 * difference.u95, "{inertance:?}");
 }
 
-/// Of the 36 pairs of six runs of each of two devices, each parameter: at most one difference in 20 is beyond its interval, and of the
-/// inertance they are no wider than they must be.
+/// Of the 36 pairs of six runs of each of two devices, each parameter: at most one difference in 20 is beyond its
+/// interval, and of the inertance they are no wider than they must be.
 #[test]
 fn the_interval_of_a_difference_holds_the_truth() {
     let lighter = Inerter { inertance_kg: 250.0, viscous_n_s_per_m: 80.0, coulomb_n: 20.0, ..Inerter::paper() };
@@ -196,7 +196,8 @@ fn what_is_shared_cancels_and_what_is_not_adds_up() {
     let exact = Difference::of(place, &quantity(1.0, of(0.0)), &quantity(1.0, of(0.0)), &Rig::Same);
     assert_eq!((exact.u95, exact.p), (0.0, 1.0));
     assert_eq!(Difference::of(place, &quantity(1.0, of(0.0)), &quantity(2.0, of(0.0)), &Rig::Same).p, 0.0);
-    // The inertance of the whole is positive, whatever is left of it without the structure; the contact's backlash shares nothing.
+    // The inertance of the whole is positive, whatever is left of it without the structure; the contact's backlash
+    // shares nothing.
     let near_none = quantity(-1.0, one.budget);
     let inertance = Difference::of(0, &one, &near_none, &Rig::Same);
     assert!(near(inertance.u95, 0.3 * 2.0_f64.sqrt() * 1.959964), "{inertance:?}");

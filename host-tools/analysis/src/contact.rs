@@ -1,5 +1,5 @@
-//! Stiffness and damping of the contact as settings: measured once with a terminal displacement sensor, they let the force
-//! alone find the backlash from then on.
+//! Stiffness and damping of the contact as settings: measured once with a terminal displacement sensor, they let the
+//! force alone find the backlash from then on.
 
 use inerter_core::constants::UNSTATED_STIFFNESS_U95;
 use inerter_core::{BacklashSize, Detail, Interval, Parameter, Reason, Route, Settings};
@@ -64,8 +64,8 @@ impl ContactLaw {
         Ok(Self { stiffness, damping })
     }
 
-    /// Whether it says more than the stiffness in use: there is none, it lies outside of the interval, or the interval is
-    /// the smaller one.
+    /// Whether it says more than the stiffness in use: there is none, it lies outside of the interval, or the interval
+    /// is the smaller one.
     pub fn is_better_than(&self, settings: &Settings) -> bool {
         let Settings { stiffness_n_per_m: used, stiffness_u95_n_per_m: used_u95, .. } = *settings;
         // As it would be stored: what has been adopted is not adopted again.
@@ -75,7 +75,8 @@ impl ContactLaw {
         used <= 0.0 || (found - used).abs() > u95 || u95 < used_u95
     }
 
-    /// The settings with what was found, to the digits that the intervals bear. A damping that was not shown stays as it is.
+    /// The settings with what was found, to the digits that the intervals bear. A damping that was not shown stays as
+    /// it is.
     pub fn adopted_by(&self, settings: &Settings) -> Settings {
         let Interval { value, u95 } = self.stiffness.fitted();
         let (stiffness_n_per_m, stiffness_u95_n_per_m) = (borne(u95, value), borne(u95, u95));

@@ -1,8 +1,8 @@
 //! Fits to the whole run's exact sums: friction by direction.
 //!
-//! Regressors: acceleration `a`, velocity `v`, its sign `s`, one, force `F`, speed `|v|`, force rate `F'`, all of one kernel.
-//! `F = mt a + cf v + dc |v| + fc s + o`, `cf+- = cf +- dc` and `fc+- = fc +- (o - F0)`. An offset `F0` that is not known
-//! cannot be told from a difference of `fc+` and `fc-`: both are a constant force.
+//! Regressors: acceleration `a`, velocity `v`, its sign `s`, one, force `F`, speed `|v|`, force rate `F'`, all of one
+//! kernel. `F = mt a + cf v + dc |v| + fc s + o`, `cf+- = cf +- dc` and `fc+- = fc +- (o - F0)`. An offset `F0` that is
+//! not known cannot be told from a difference of `fc+` and `fc-`: both are a constant force.
 //!
 //! Uncertainty as in core (docs/THEORY.md 6), whose budgets these are.
 //! f64 throughout; sums of a day keep 1e-9 of their value.
@@ -31,7 +31,8 @@ const LAW: [usize; 4] = [ACCELERATION, VELOCITY, SIGN, ONE];
 
 /// Updates that count as one independent observation.
 const UPDATES_PER_OBSERVATION: f64 = CORRELATION_BOXES * UPDATES_PER_BOX as f64;
-/// Independent observations under which nothing is said: more than on the device, as up to seven unknowns are fitted at once.
+/// Independent observations under which nothing is said: more than on the device, as up to seven unknowns are fitted at
+/// once.
 const LEAST_OBSERVATIONS: f64 = 20.0;
 /// Part of what the others leave of the acceleration that may be the encoder's steps.
 const MOST_STEPS: f64 = 0.5;
@@ -82,7 +83,8 @@ pub(crate) struct Weights {
 }
 
 impl Weights {
-    /// What an error of each parameter in the fit to a part makes of the error of each in the fit to all: the part's share of the squares.
+    /// What an error of each parameter in the fit to a part makes of the error of each in the fit to all: the part's
+    /// share of the squares.
     pub fn influence(&self, part: &Products) -> [[f64; 4]; 4] {
         std::array::from_fn(|i| {
             std::array::from_fn(|j| (0..4).map(|k| self.inverse[i][k] * part.sums[LAW[k]][LAW[j]]).sum())
@@ -141,7 +143,8 @@ impl Products {
         Ok(Self::summed(*bank, [units.as_slice(), &more.units], first.iter().chain(&more.sums), f64::from(*updates)))
     }
 
-    /// Of the exact sums of several runs, in the order of [`Sums`] and [`MoreSums`]; in these units, and rounded to the coarser ones.
+    /// Of the exact sums of several runs, in the order of [`Sums`] and [`MoreSums`]; in these units, and rounded to the
+    /// coarser ones.
     pub(crate) fn merged(bank: Bank, [units, rounded]: [[f64; COUNT]; 2], sums: &[i128], updates: u64) -> Self {
         Self { units: rounded, ..Self::summed(bank, [&units, &[]], sums.iter(), updates as f64) }
     }
@@ -176,8 +179,8 @@ impl Products {
         self
     }
 
-    /// What the law fitted to other sums leaves unexplained of the force here: root mean square \[N\], and the part of the
-    /// force's mean square that it explains.
+    /// What the law fitted to other sums leaves unexplained of the force here: root mean square \[N\], and the part of
+    /// the force's mean square that it explains.
     pub fn judging(&self, fitted: &Self) -> Result<(f64, f64), FitError> {
         let values = fitted.solve(LAW)?.values;
         let mut square = self.sums[FORCE][FORCE];
@@ -254,9 +257,9 @@ impl Products {
         Ok(solution)
     }
 
-    /// The same by instruments that round, the acceleration first. As in core: the encoder's steps weaken the acceleration; and where
-    /// less is left over than rounding leaves of itself, the roundings follow the motion or stand still, and no averaging
-    /// removes them.
+    /// The same by instruments that round, the acceleration first. As in core: the encoder's steps weaken the
+    /// acceleration; and where less is left over than rounding leaves of itself, the roundings follow the motion or
+    /// stand still, and no averaging removes them.
     fn fitted<const N: usize>(&self, regressors: [usize; N], settings: &Settings) -> Result<Solution<N>, FitError> {
         let mut solution = self.solve(regressors)?;
         let [inertance_kg, ..] = solution.values.as_slice() else { return Ok(solution) };

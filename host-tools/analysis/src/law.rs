@@ -48,7 +48,8 @@ pub(crate) struct Measured {
 }
 
 impl Measured {
-    /// Force that acts on the screw \[N\]: without what the structure takes more of than it would if it moved with the screw.
+    /// Force that acts on the screw \[N\]: without what the structure takes more of than it would if it moved with the
+    /// screw.
     pub(crate) fn on_screw_n(&self, settings: &Settings) -> f64 {
         self.force_n - settings.structure_mass_kg * self.stretch
     }

@@ -1,7 +1,8 @@
 //! Several runs of one device together: the law fitted to the sum of their exact sums.
 //!
-//! Sums are integers: those of a thousand runs add up to the same bits whatever the order and the grouping. What an interval needs
-//! beside them is kept for each run, and taken together in one order, that of the sums. A run that is given twice counts once.
+//! Sums are integers: those of a thousand runs add up to the same bits whatever the order and the grouping. What an
+//! interval needs beside them is kept for each run, and taken together in one order, that of the sums. A run that is
+//! given twice counts once.
 //!
 //! Terms:
 //! - *own*: of the fit to one run alone, as the estimator has it.
@@ -83,11 +84,12 @@ fn alike(settings: &[(&str, [f64; 2])]) -> String {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 struct Own {
     value: f32,
-    /// Variance by what differs from sample to sample, and the part of it that scatters: the rest is of the encoder's steps where strokes
-    /// come again.
+    /// Variance by what differs from sample to sample, and the part of it that scatters: the rest is of the encoder's
+    /// steps where strokes come again.
     square: f32,
     scatter: f32,
-    /// Variance by all in which two runs on one rig may differ: a skew or a stiffness that is wrong moves each motion's otherwise.
+    /// Variance by all in which two runs on one rig may differ: a skew or a stiffness that is wrong moves each motion's
+    /// otherwise.
     unshared: f32,
 }
 
@@ -177,8 +179,8 @@ pub struct Merged {
     pub updates: u64,
     /// Names of the runs, in alphabetical order.
     pub names: Vec<String>,
-    /// By how much the own values of inertance, viscous and Coulomb friction and offset differ from run to run beyond their scatter: a standard
-    /// deviation. Nothing where fewer than two runs tell one.
+    /// By how much the own values of inertance, viscous and Coulomb friction and offset differ from run to run beyond
+    /// their scatter: a standard deviation. Nothing where fewer than two runs tell one.
     pub apart: [Option<f32>; 4],
     /// Which of the four differ more than chance would have it.
     pub differs: [bool; 4],
@@ -308,7 +310,8 @@ impl Runs {
         })
     }
 
-    /// The bank of all estimates; where they differ the fast one if the encoder's steps are little of what it has seen, as on the device.
+    /// The bank of all estimates; where they differ the fast one if the encoder's steps are little of what it has seen,
+    /// as on the device.
     fn bank(&self) -> Result<Bank, FitError> {
         // One in which nothing was summed has no say.
         let told = || self.parts.values().filter(|part| part.sums(part.bank).0.updates > 0);
@@ -398,7 +401,8 @@ impl Runs {
         }
     }
 
-    /// How the own values of the four parameters differ from run to run; nothing where fewer than two runs tell a parameter.
+    /// How the own values of the four parameters differ from run to run; nothing where fewer than two runs tell a
+    /// parameter.
     fn spreads(&self) -> [Option<Spread>; 4] {
         std::array::from_fn(|i| {
             let own: Vec<_> = self
@@ -417,7 +421,8 @@ impl Runs {
 struct Share<'a> {
     part: &'a Part,
     products: Products,
-    /// What an own error of each parameter makes of the error of each in the fit to all: the identity for one run alone.
+    /// What an own error of each parameter makes of the error of each in the fit to all: the identity for one run
+    /// alone.
     influence: [[f64; 4]; 4],
     /// How errors of its own fit hang together; not at all where that is not known.
     correlation: [[f64; 4]; 4],
@@ -453,8 +458,8 @@ impl<'a> Share<'a> {
         }
     }
 
-    /// How far own errors move a parameter of the fit to all: they hang together as those of the own fit do. What a run cannot tell, whose
-    /// error is not known, has no weight.
+    /// How far own errors move a parameter of the fit to all: they hang together as those of the own fit do. What a run
+    /// cannot tell, whose error is not known, has no weight.
     fn moved(&self, i: usize, own: impl Fn(usize) -> f32) -> f64 {
         let errors: [f64; 4] = std::array::from_fn(|j| {
             let error = self.influence[i][j] * f64::from(own(j));
@@ -464,7 +469,8 @@ impl<'a> Share<'a> {
         (0..4).map(|j| errors[j] * with(j)).sum::<f64>().max(0.0).sqrt()
     }
 
-    /// What the encoder's steps make of a parameter of the fit to all, whether they come again in this run or not: half width.
+    /// What the encoder's steps make of a parameter of the fit to all, whether they come again in this run or not: half
+    /// width.
     fn moved_by_steps(&self, i: usize) -> f64 {
         self.moved(i, |j| {
             let Own { square, scatter, .. } = self.part.own[j];
@@ -479,7 +485,8 @@ impl<'a> Share<'a> {
     }
 }
 
-/// What the encoder's steps add to each parameter because runs repeat the motion of others, and the steps with it: half widths.
+/// What the encoder's steps add to each parameter because runs repeat the motion of others, and the steps with it: half
+/// widths.
 fn encoder_again(shares: &[Share]) -> [f64; 4] {
     let mut ordered: Vec<(&Share, [f64; 4])> =
         shares.iter().map(|share| (share, std::array::from_fn(|i| share.moved_by_steps(i)))).collect();

@@ -1,12 +1,13 @@
 //! The paper's device identified blindly from its three tests.
 //!
-//! Li, Liang and Wang, "Two-terminal manipulation of masses ... Part I", section 4: three tones, 0.053 Hz for the friction,
+//! Li, Liang and Wang, "Two-terminal manipulation of masses ... Part I", section 4: three tones, 0.053 Hz for the
+//! friction,
 //! 3.2 Hz for the rest, 15.9 Hz to validate. Here as there the lower terminal is moved and the load cell hangs on the upper one; the
-//! terminal's displacement is measured as well, and in place of tuning by eye stands [`mod@identify`] with its intervals.
-//! Blind: of the device only the structure mass is told, which the paper has weighed.
+//! terminal's displacement is measured as well, and in place of tuning by eye stands [`mod@identify`] with its
+//! intervals. Blind: of the device only the structure mass is told, which the paper has weighed.
 //!
-//! What is not the paper's: its Coulomb friction did not survive in the text at hand, 50 N is our choice; noise, encoder and sample
-//! rate are those of our bench.
+//! What is not the paper's: its Coulomb friction did not survive in the text at hand, 50 N is our choice; noise,
+//! encoder and sample rate are those of our bench.
 
 use std::f64::consts::TAU;
 
@@ -138,8 +139,8 @@ pub struct Reproduction {
     pub resonance: (f64, f64),
 }
 
-/// Identifies the device from the recordings of the three tests, in the order of [`PLANS`]; `progress` is handed the part that is
-/// done, from 0 to 1.
+/// Identifies the device from the recordings of the three tests, in the order of [`PLANS`]; `progress` is handed the
+/// part that is done, from 0 to 1.
 pub fn reproduce(runs: [Run; 3], mut progress: impl FnMut(f64)) -> Result<Reproduction, IdentifyError> {
     let device = Inerter::paper();
     let mut tests = Vec::new();
@@ -200,7 +201,8 @@ fn calculated(test: &Test, identified: &Inerter) -> Result<Vec<(f64, f64, f64)>,
         .collect())
 }
 
-/// The complete model fitted to the three tests, stage by stage as in the paper, in place of what the instrument alone says.
+/// The complete model fitted to the three tests, stage by stage as in the paper, in place of what the instrument alone
+/// says.
 fn identified(tests: &[Test], by_estimator: Vec<Recovered>) -> Result<Vec<Recovered>, IdentifyError> {
     let runs: Vec<Run> = tests.iter().map(|test| test.run.clone()).collect();
     let found = identify(&runs, &Options { staged: true, ..Options::default() }, &mut |_| ())?;

@@ -1,9 +1,9 @@
 //! Where a screw reverses between the samples, and how it moves around there.
 //!
-//! A kernel of 5 ms finds the reversals. Each is then located anew, as on the device (docs/THEORY.md, 2): around a reversal the
-//! measured force, less what the law takes, is what accelerates the inertance. Integrated twice from the place that is tried, it
-//! must leave no velocity in the positions of 15 ms on either side. With counts of 2.4 um this places a reversal of 2 m/s^2 within
-//! 15 us rms.
+//! A kernel of 5 ms finds the reversals. Each is then located anew, as on the device (docs/THEORY.md, 2): around a
+//! reversal the measured force, less what the law takes, is what accelerates the inertance. Integrated twice from the
+//! place that is tried, it must leave no velocity in the positions of 15 ms on either side. With counts of 2.4 um this
+//! places a reversal of 2 m/s^2 within 15 us rms.
 
 use inerter_core::constants::{ROUNDING, SIGN_KERNEL_S};
 use inerter_data::series::Stretch;
@@ -248,8 +248,8 @@ struct Surroundings<'a> {
 }
 
 impl Surroundings<'_> {
-    /// Time, position and motion of the reversal into this direction that the kernel saw here; nothing where it cannot be one of
-    /// a free screw.
+    /// Time, position and motion of the reversal into this direction that the kernel saw here; nothing where it cannot
+    /// be one of a free screw.
     fn located(&self, seen: f64, sign: f64, half_width: usize) -> Option<(f64, f64, Way)> {
         if self.law.inertance_kg.is_nan() || self.law.inertance_kg <= 0.0 {
             return None;
@@ -329,8 +329,8 @@ impl Surroundings<'_> {
         nodes
     }
 
-    /// Position at the reversal and velocity \[m/s\] that the positions have beyond the motion that is given: a straight
-    /// line through what that leaves over.
+    /// Position at the reversal and velocity \[m/s\] that the positions have beyond the motion that is given: a
+    /// straight line through what that leaves over.
     fn line_through(&self, at: f64, sign: f64, way: &Way, first: usize, last: usize) -> (f64, f64) {
         let samples = self.stretch.position_m.get(first..=last).unwrap_or_default();
         let [mut count, mut sum_t, mut sum_tt, mut sum_x, mut sum_tx] = [0.0; 5];
@@ -380,8 +380,8 @@ fn crossings(velocities: &[f64]) -> Vec<(f64, f64)> {
     crossings
 }
 
-/// Velocities halfway between the samples \[m/s\] by a triangular kernel, from which what Coulomb friction makes of it is taken;
-/// NaN where there are too few samples around.
+/// Velocities halfway between the samples \[m/s\] by a triangular kernel, from which what Coulomb friction makes of it
+/// is taken; NaN where there are too few samples around.
 fn velocities(stretch: &Stretch, period_s: f64, law: &Law) -> Vec<f64> {
     let m = (SIGN_KERNEL_S / period_s).round().max(1.0) as usize;
     let triangle = convolved(&vec![1.0; m], &vec![1.0; m]);

@@ -4,8 +4,8 @@ const LAW: Law = Law { inertance_kg: 300.0, viscous_n_s_per_m: 30.0, coulomb_n: 
 const PERIOD_S: f64 = 1e-3;
 const COUNT_M: f64 = 2.44e-6;
 
-/// A screw that turns at these times \[samples\] in 200, the first time upwards, under a force that changes by so much in a second,
-/// with positions in whole counts.
+/// A screw that turns at these times \[samples\] in 200, the first time upwards, under a force that changes by so much
+/// in a second, with positions in whole counts.
 fn stretch(at: f64, force_n: f64, rate_n_per_s: f64, phase: f64) -> Stretch {
     let samples = (0..200).map(|n| {
         let t = (f64::from(n) - at) * PERIOD_S;

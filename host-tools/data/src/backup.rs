@@ -94,8 +94,8 @@ pub fn text(hello: &Hello, settings: &Settings) -> String {
     text + "\n" + &to_toml(settings)
 }
 
-/// A text for a comment of TOML, which may hold no control characters: where it would not be read back as it is, as a JSON
-/// string.
+/// A text for a comment of TOML, which may hold no control characters: where it would not be read back as it is, as a
+/// JSON string.
 fn commented(value: &str) -> Cow<'_, str> {
     let plain = !value.is_empty() && value.trim() == value && !value.starts_with('"') && printable(value) == value;
     if plain { value.into() } else { printable(&json!(value).to_string()).into_owned().into() }
@@ -121,8 +121,9 @@ pub struct Kept {
     pub others: usize,
 }
 
-/// Writes a backup beside those that are there: `NAME.toml`, or `NAME.2.toml` and so on where that is taken. One that holds the
-/// same already is as good. No file is replaced: it may be the only one with settings that a device has lost since.
+/// Writes a backup beside those that are there: `NAME.toml`, or `NAME.2.toml` and so on where that is taken. One that
+/// holds the same already is as good. No file is replaced: it may be the only one with settings that a device has lost
+/// since.
 pub fn write_beside(path: &Path, hello: &Hello, settings: &Settings) -> Result<Kept, OutputError> {
     let text = text(hello, settings);
     let mut others = 0;

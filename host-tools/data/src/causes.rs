@@ -1,5 +1,5 @@
-//! What may be wrong with a run: with its samples, by the estimator, or with the law, by a diagnosis. One list of names for
-//! programs, and words for people.
+//! What may be wrong with a run: with its samples, by the estimator, or with the law, by a diagnosis. One list of names
+//! for programs, and words for people.
 
 use inerter_core::{Machine, WarningKind};
 

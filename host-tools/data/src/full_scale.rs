@@ -1,4 +1,5 @@
-//! How fast a motion is, and whether the settings of full scale hold it: axes turn at tens of rad/s, inerters move at tenths of m/s.
+//! How fast a motion is, and whether the settings of full scale hold it: axes turn at tens of rad/s, inerters move at
+//! tenths of m/s.
 
 use inerter_core::{Counters, Machine, Settings};
 
@@ -39,8 +40,8 @@ impl Peaks {
         peaks
     }
 
-    /// Raises the settings of full scale that nobody has given to what holds these, in powers of two, as far as the other settings
-    /// allow: a count that leaps is no motion, and what is beyond is left out.
+    /// Raises the settings of full scale that nobody has given to what holds these, in powers of two, as far as the
+    /// other settings allow: a count that leaps is no motion, and what is beyond is left out.
     pub fn hold(&self, settings: &mut Settings, given: &Overrides) -> Result<(), SettingsInputError> {
         for (name, peak) in self.named() {
             let is_held = settings.get(name).is_none_or(|scale| ROOM * peak <= scale);

@@ -1,7 +1,7 @@
 //! A run without the samples that tell nothing of the device, as the estimator's gates leave them out.
 //!
-//! The estimator sees a sample once, and says with which one it knew. Here the whole run is at hand, so that the same is found from
-//! its first sample on, by the same rules:
+//! The estimator sees a sample once, and says with which one it knew. Here the whole run is at hand, so that the same
+//! is found from its first sample on, by the same rules:
 //! - *Clipped force*: codes pile up at an extreme below the rails. What lies so near that noise is cut off on one side goes too.
 //! - *Dead force*: the code stands still while the screw goes to and fro. Then it is none wherever it stands still.
 //! - *Slipped counts*: the position bends by as much as where the estimator said so. No sample is lost; the stretch ends there.
@@ -158,7 +158,8 @@ fn reversals<'a>(samples: impl Iterator<Item = &'a RawSample>, far: i32) -> usiz
     times
 }
 
-/// Samples before which the counts slipped, in order: wherever the position bends by as much as in one of which the estimator said so.
+/// Samples before which the counts slipped, in order: wherever the position bends by as much as in one of which the
+/// estimator said so.
 fn jumps(run: &Run, told: &[Warning]) -> Vec<usize> {
     let bend = |three: &[RawSample]| match three {
         [a, b, c] => {

@@ -1,7 +1,7 @@
 //! Estimates, events and health as JSON, for programs.
 //!
-//! The JSON is a public contract, written down in `docs/CLI.md`: one object a line, keys and units as below, never a NaN
-//! or an infinity. What is not known is `null`.
+//! The JSON is a public contract, written down in `docs/CLI.md`: one object a line, keys and units as below, never a
+//! NaN or an infinity. What is not known is `null`.
 
 use inerter_core::{
     Backlash, BacklashSize, Band, Bank, Contact, Counters, Detail, Interval, Law, Machine, Parameter, Parameters,

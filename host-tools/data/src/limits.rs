@@ -1,7 +1,8 @@
-//! Limits of a device, and what a measurement says of them by ISO 14253-1: not the value decides, but its whole interval.
+//! Limits of a device, and what a measurement says of them by ISO 14253-1: not the value decides, but its whole
+//! interval.
 //!
-//! A parameter passes where its 95 % interval lies within the limits, and fails where it lies beyond one. Else it is undecided: a
-//! narrower interval would decide.
+//! A parameter passes where its 95 % interval lies within the limits, and fails where it lies beyond one. Else it is
+//! undecided: a narrower interval would decide.
 
 use std::{fmt, io, path::Path, path::PathBuf};
 
@@ -120,8 +121,8 @@ impl Doubts {
     /// Parameters of the law come first in [`NAMES`].
     const OF_LAW: usize = 4;
 
-    /// Of a run in which the device `changed`, `are_wrong` samples were met, and the law came to this state; `is_beyond` says that it
-    /// leaves more over than noise and steps explain.
+    /// Of a run in which the device `changed`, `are_wrong` samples were met, and the law came to this state;
+    /// `is_beyond` says that it leaves more over than noise and steps explain.
     pub fn new(changed: bool, are_wrong: bool, law: LawStatus, is_beyond: bool) -> Self {
         let of_run = if changed {
             Some("the device changed during the run")
@@ -296,7 +297,8 @@ impl Judged {
         field(machine, self.parameter).path
     }
 
-    /// What would decide it, as `inerter plan --want` takes it; nothing where a narrower interval is of no use, or no motion is planned for it.
+    /// What would decide it, as `inerter plan --want` takes it; nothing where a narrower interval is of no use, or no
+    /// motion is planned for it.
     pub fn want(&self, machine: Machine) -> Option<String> {
         let Field { group, symbol, unit, .. } = field(machine, self.parameter);
         let u95 = self.needed_u95.filter(|_| *group == Group::Parameter)?;

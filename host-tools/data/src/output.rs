@@ -125,8 +125,8 @@ fn write_help(source: &io::Error, written: &str) -> String {
     }
 }
 
-/// Creates a file that has its name from the beginning. Only `replace` lets it take the place of one that is there; a pipe
-/// or a device is written as it is.
+/// Creates a file that has its name from the beginning. Only `replace` lets it take the place of one that is there; a
+/// pipe or a device is written as it is.
 pub fn create(path: &Path, replace: bool) -> Result<File, OutputError> {
     let mut options = OpenOptions::new();
     options.write(true);

@@ -40,8 +40,8 @@ pub fn backlash_text(backlash: &Backlash) -> String {
     }
 }
 
-/// A table of all parameters: recent memory, whole run, and, of a simulated device, the truth; below it a line on how the
-/// device behaves.
+/// A table of all parameters: recent memory, whole run, and, of a simulated device, the truth; below it a line on how
+/// the device behaves.
 pub fn table(estimated: &Estimated, settings: &Settings, truth: Option<&BTreeMap<String, String>>) -> String {
     let Estimated { estimate, detail, .. } = estimated;
     let machine = settings.machine;

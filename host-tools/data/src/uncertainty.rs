@@ -65,7 +65,8 @@ pub struct UncertaintyJson {
     pub stiffness_n_per_m: Option<BudgetJson>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub contact_damping_n_s_per_m: Option<BudgetJson>,
-    /// How the errors of the first four hang together, in this order: 1 where one follows the other; `null` where the motion does not tell.
+    /// How the errors of the first four hang together, in this order: 1 where one follows the other; `null` where the
+    /// motion does not tell.
     pub correlation: Option<[[f64; 4]; 4]>,
 }
 

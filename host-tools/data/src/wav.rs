@@ -1,7 +1,7 @@
 //! A motion as a sound file: what many shaker controllers take for a waveform.
 //!
-//! RIFF WAVE, one channel, 24 bits. Full scale (2^23 - 1) is a displacement that the file's comment names, as the format has no
-//! unit: `LIST` `INFO` `ICMT`, behind the samples, where programs that do not know it pass it over.
+//! RIFF WAVE, one channel, 24 bits. Full scale (2^23 - 1) is a displacement that the file's comment names, as the
+//! format has no unit: `LIST` `INFO` `ICMT`, behind the samples, where programs that do not know it pass it over.
 
 use std::{io::Cursor, path::Path};
 
@@ -14,8 +14,8 @@ const FULL_SCALE: f64 = ((1 << 23) - 1) as f64;
 /// Bytes of a chunk's name and length.
 const HEAD: usize = 8;
 
-/// Writes values whole or not at all; `full_scale` of them is full scale, and what is beyond is held to it. Only `replace` lets it take the
-/// place of a file.
+/// Writes values whole or not at all; `full_scale` of them is full scale, and what is beyond is held to it. Only
+/// `replace` lets it take the place of a file.
 pub fn write(
     path: &Path,
     replace: bool,

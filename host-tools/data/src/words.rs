@@ -4,8 +4,8 @@ use std::borrow::Cow;
 
 use chrono::{DateTime, SecondsFormat};
 
-/// One line of text that a terminal shows as it is, whoever wrote it: characters that control, that turn the writing direction
-/// or that nobody sees stand as the escapes of JSON, so JSON stays what it was.
+/// One line of text that a terminal shows as it is, whoever wrote it: characters that control, that turn the writing
+/// direction or that nobody sees stand as the escapes of JSON, so JSON stays what it was.
 pub fn printable(text: &str) -> Cow<'_, str> {
     if !text.contains(is_unprintable) {
         return text.into();
@@ -41,7 +41,8 @@ pub fn shortened_to(letters: usize, text: &str) -> Cow<'_, str> {
     }
 }
 
-/// What Unicode gives no shape of its own: controls, formats (zero width, writing direction, tags), separators, private use.
+/// What Unicode gives no shape of its own: controls, formats (zero width, writing direction, tags), separators, private
+/// use.
 fn is_unprintable(letter: char) -> bool {
     if letter.is_ascii() {
         return letter.is_control();
@@ -101,7 +102,8 @@ pub fn listed(words: &[String]) -> String {
     }
 }
 
-/// A number with so many decimals, and with as many more as its first two digits need: machines of 2e-4 kg m² have forces of
+/// A number with so many decimals, and with as many more as its first two digits need: machines of 2e-4 kg m² have
+/// forces of
 /// 0.03 N m.
 pub fn amount_text(value: f64, decimals: usize) -> String {
     if value == 0.0 || !value.is_finite() {

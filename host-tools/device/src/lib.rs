@@ -1,7 +1,8 @@
 //! Connected devices: finding them, opening the link, talking to them, giving them other firmware.
 //!
-//! [`Device`] is a conversation with one device, [`live::Live`] one that survives a pulled plug, [`inject`] sends samples through
-//! a device's own estimator. A firmware [`image`] reaches a board by [`mod@update`] over USB or by [`flash`] through a debug probe.
+//! [`Device`] is a conversation with one device, [`live::Live`] one that survives a pulled plug, [`inject`] sends
+//! samples through a device's own estimator. A firmware [`image`] reaches a board by [`mod@update`] over USB or by
+//! [`flash`] through a debug probe.
 #![forbid(unsafe_code)]
 
 pub mod board;

@@ -43,8 +43,8 @@ pub enum Target {
 }
 
 impl Target {
-    /// Where a device with this serial number is found again, whatever port it then gets: over USB by that number, also where it
-    /// was given by its port.
+    /// Where a device with this serial number is found again, whatever port it then gets: over USB by that number, also
+    /// where it was given by its port.
     pub fn known(self, serial: &str) -> Self {
         match self {
             Self::Usb { serial: None } => Self::Usb { serial: Some(serial.to_string()) },

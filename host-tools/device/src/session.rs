@@ -127,8 +127,8 @@ impl Device {
         Ok(device)
     }
 
-    /// Connects to a device that is just starting, for up to `patience`, and gives it these settings; `alive` fails when
-    /// waiting is of no use any more, and an interruption ends it.
+    /// Connects to a device that is just starting, for up to `patience`, and gives it these settings; `alive` fails
+    /// when waiting is of no use any more, and an interruption ends it.
     pub fn connect_starting<E: From<DeviceError>>(
         target: &Target,
         patience: Duration,

@@ -33,8 +33,8 @@ const FILE: &str = "inerter.toml";
 /// What a file that was only found may not set, as it may be anybody's.
 #[derive(Clone, Copy, Debug)]
 pub struct Rules<'a> {
-    /// Long names of flags that let a command replace or erase something, on a disk or a device, or name what it writes, what is run or
-    /// which chip it is for, or let others in.
+    /// Long names of flags that let a command replace or erase something, on a disk or a device, or name what it
+    /// writes, what is run or which chip it is for, or let others in.
     pub grave: &'a [&'a str],
     /// Whether `HOST:PORT` is of this machine; asked of each flag whose value has that name.
     pub is_here: fn(&str) -> bool,
@@ -80,8 +80,8 @@ pub struct Applied {
 ///
 /// # Errors
 ///
-/// [`ConfigError`] where the file cannot be read, is no TOML, names what there is not or what may not be set, or gives a value that
-/// the flag does not take; also where it is for another command than the one that was typed.
+/// [`ConfigError`] where the file cannot be read, is no TOML, names what there is not or what may not be set, or gives
+/// a value that the flag does not take; also where it is for another command than the one that was typed.
 pub fn apply(command: &Command, file: &FlagsFile, typed: &[OsString], rules: &Rules) -> Result<Applied, ConfigError> {
     let path = &file.path;
     let text = text_of(path).map_err(|source| ConfigError::File { path: path.into(), source })?;

@@ -1,4 +1,5 @@
-//! The program `inerter`: one file per command in `cmd`, the views of a live device in `monitor`, dialogues in `calibrate`.
+//! The program `inerter`: one file per command in `cmd`, the views of a live device in `monitor`, dialogues in
+//! `calibrate`.
 //!
 //! What a command does stands in the libraries beside this crate; this one asks, shows, and decides the exit code.
 #![forbid(unsafe_code)]
@@ -143,8 +144,8 @@ fn parse() -> Result<Cli, ConfigError> {
     Ok(Cli::try_parse_from(&words).unwrap_or_else(|error| refuse(&words, error)))
 }
 
-/// Prints clap's error, or the help that was asked for, and ends. Clap repeats the words, and a file name may hold anything, so
-/// they are made printable and parsed once more.
+/// Prints clap's error, or the help that was asked for, and ends. Clap repeats the words, and a file name may hold
+/// anything, so they are made printable and parsed once more.
 fn refuse(words: &[OsString], error: clap::Error) -> ! {
     let shown: Vec<String> = words.iter().map(|word| printable(&word.to_string_lossy()).into_owned()).collect();
     Cli::try_parse_from(shown).err().unwrap_or(error).exit()

@@ -54,7 +54,8 @@ fn where_nothing_is_wrong_nothing_is_named() {
     assert_eq!(given["causes"], serde_json::json!([]));
 }
 
-/// Friction that falls within 2 mm/s shows within milliseconds of each reversal, where the estimator's longer kernels see nothing.
+/// Friction that falls within 2 mm/s shows within milliseconds of each reversal, where the estimator's longer kernels
+/// see nothing.
 #[test]
 fn samples_show_more_than_the_estimator_sees() {
     let folder = tempfile::tempdir().unwrap();
@@ -174,7 +175,8 @@ fn a_force_that_is_turned_round_has_the_wrong_sign_in_any_motion() {
     }
 }
 
-/// Clipped at its 85th percentile, as often as not in `fast`, and at 60 % of its greatest, where the estimator sees too little of it in `mid`.
+/// Clipped at its 85th percentile, as often as not in `fast`, and at 60 % of its greatest, where the estimator sees too
+/// little of it in `mid`.
 #[test]
 fn a_clipped_force_is_named_first_and_leaves_no_wrong_parameters() {
     let folder = tempfile::tempdir().unwrap();

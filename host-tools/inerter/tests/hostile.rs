@@ -20,7 +20,8 @@ use inerter_plant::Inerter;
 use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
 use inerter_wire::{Event, EventKind, Hello, Record};
 
-/// Writes the clipboard, forges a line, turns the writing direction, colours by one character, and hides a name in a name.
+/// Writes the clipboard, forges a line, turns the writing direction, colours by one character, and hides a name in a
+/// name.
 const WORDS: &str = "\u{1b}]52;c;aGk=\u{7}\nforged\u{202e}\u{9b}31m\u{200b}\u{e0041}";
 
 fn hostile(record: &Record) -> Vec<Vec<u8>> {

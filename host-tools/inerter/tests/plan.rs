@@ -340,8 +340,8 @@ fn a_run_that_could_not_show_all_names_a_motion_that_would_have() {
     assert!((0.5..4.0).contains(&noise), "{noise}");
 }
 
-/// In both runs Coulomb friction is smaller than its interval. In one it turns over the whole stroke, and a plan by the law would promise
-/// what no motion shows.
+/// In both runs Coulomb friction is smaller than its interval. In one it turns over the whole stroke, and a plan by the
+/// law would promise what no motion shows.
 #[test]
 fn a_run_whose_residual_is_beyond_its_limit_names_no_motion() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,7 +1,7 @@
 //! The power of the computer fails: what was never brought onto the disk is gone.
 //!
-//! A library that is preloaded into the program (`common/kept.c`) keeps each file as it is when the program synchronises it, and
-//! each folder's names likewise. What a power cut leaves is the last of these.
+//! A library that is preloaded into the program (`common/kept.c`) keeps each file as it is when the program
+//! synchronises it, and each folder's names likewise. What a power cut leaves is the last of these.
 #![cfg(target_os = "linux")]
 
 mod common;

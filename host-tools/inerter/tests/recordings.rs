@@ -1,4 +1,5 @@
-//! Every command that reads a file, over every recording that is committed, whole and cut off: what each ends with and says.
+//! Every command that reads a file, over every recording that is committed, whole and cut off: what each ends with and
+//! says.
 //!
 //! `tests/recordings/output.txt` holds exit code, number of lines and first words; `UPDATE_RECORDINGS=1 cargo test-lean
 //! --test recordings` writes it anew. Figures are not in it: they have tests of their own.

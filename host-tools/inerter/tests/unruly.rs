@@ -33,8 +33,8 @@ fn every_command_that_talks_to_a_device_is_tried() {
     all_are_tried(COMMANDS, |help| help.contains("--connect <HOST:PORT>"));
 }
 
-/// Does something with pairs of a command and a device, many at a time, as most of them wait. Each command and each manner is among
-/// them.
+/// Does something with pairs of a command and a device, many at a time, as most of them wait. Each command and each
+/// manner is among them.
 fn each(first: usize, act: impl Fn(&Path, &[&str], Manner) + Sync) {
     let pairs: Vec<_> =
         MANNERS.iter().flat_map(|manner| COMMANDS.iter().map(move |command| (*command, *manner))).collect();
@@ -136,7 +136,8 @@ fn a_terminal_that_takes_nothing_holds_up_neither_a_recording_nor_the_end() {
         // Half a minute of the device.
         common::until("the recording waits", || length() > 700_000);
         kill_process(Pid::from_child(&child), Signal::TERM).unwrap();
-        // The 5 s of a machine that has time for it are the campaign's (`cargo xtask chaos lost_terminals`); beside other tests it has less.
+        // The 5 s of a machine that has time for it are the campaign's (`cargo xtask chaos lost_terminals`); beside
+        // other tests it has less.
         let status = unruly::ended(&mut child, Duration::from_secs(20));
         assert!(status.is_some(), "{command:?} goes on");
         let info = common::last(&common::done(folder.path(), &["info", "run.mcap", "--json"]));
@@ -172,7 +173,8 @@ fn a_self_test_backs_settings_up_before_it_begins_and_replaces_no_backup() {
 #[test]
 fn no_request_waits_for_ever() {
     each(3, |folder, command, manner| {
-        // These go on at a device that speaks, the wizard because somebody answers it; how they end is the other test's.
+        // These go on at a device that speaks, the wizard because somebody answers it; how they end is the other
+        // test's.
         let says_nothing =
             matches!(manner, Manner::Silent | Manner::Samples | Manner::Introduced | Manner::Mute | Manner::Empty);
         if (["monitor", "record"].contains(&command[0]) || command == ["calibrate"]) && !says_nothing {

@@ -12,8 +12,8 @@
 //! - *phase*: from the sampling clock's event to a change of the outputs. Moving it shows when the converters look.
 //! - *check*: what was expected, what was found, and where it differs the cause.
 //!
-//! [`run`] does it all over a [`Board`]; nothing here knows a port or a screen, and time comes from the board's keeper, so the
-//! same code runs against a device and against an emulated one.
+//! [`run`] does it all over a [`Board`]; nothing here knows a port or a screen, and time comes from the board's keeper,
+//! so the same code runs against a device and against an emulated one.
 
 #![forbid(unsafe_code)]
 

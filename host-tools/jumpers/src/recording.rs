@@ -18,8 +18,8 @@ const AHEAD: u16 = 96;
 const MOST_PLAYED: u32 = 4;
 /// Times that a board may say in a row that it has no room, after which it never will have any.
 const MOST_REFUSED: u32 = 100;
-/// Times that samples are listened for where fewer come than should: in all less than the second after which a board that
-/// hears nothing lets go.
+/// Times that samples are listened for where fewer come than should: in all less than the second after which a board
+/// that hears nothing lets go.
 const MOST_LISTENS: u32 = 12;
 /// Shortest of these, in samples: they come in batches.
 const LEAST_LISTEN: usize = 10;
@@ -144,9 +144,9 @@ fn played(
     playing.end(board)
 }
 
-/// Plays a tape that begins at rest, to an estimator that knows nothing before that rest: the inputs float until the outputs
-/// are driven, which would be a force and a displacement of no device. With them the terminal's stiffness came out a 16th of
-/// what it is, and gave no backlash.
+/// Plays a tape that begins at rest, to an estimator that knows nothing before that rest: the inputs float until the
+/// outputs are driven, which would be a force and a displacement of no device. With them the terminal's stiffness came
+/// out a 16th of what it is, and gave no backlash.
 pub fn record_from_rest(board: &mut impl Board, tape: &Tape, phase_ticks: u16) -> Result<Recording, JumperError> {
     in_time(board, |board| played_from_rest(board, tape, phase_ticks))
 }
@@ -229,8 +229,8 @@ impl Playing {
         self.wait(board, TAIL_S)
     }
 
-    /// Listens until the samples have gone on by so much: what is waited for goes by the board's clock, and how long it takes
-    /// to come is this computer's affair. Where none come it ends nevertheless.
+    /// Listens until the samples have gone on by so much: what is waited for goes by the board's clock, and how long it
+    /// takes to come is this computer's affair. Where none come it ends nevertheless.
     fn wait(&mut self, board: &mut impl Board, for_s: f64) -> Result<(), JumperError> {
         self.take(board);
         let wanted = self.recording.samples.len() + (for_s * SAMPLE_RATE_HZ) as usize;

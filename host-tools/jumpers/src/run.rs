@@ -20,9 +20,9 @@ const REPLY_S: f64 = 0.1;
 
 /// Plays, measures and judges; ends with the first check that fails.
 ///
-/// The pins are driven: whoever calls has made sure that no rig is connected. The settings in use are put back at the end,
-/// whatever happened; what is saved is not touched. `clock_is_known` says that USB's frames have told how good the board's
-/// clock is. This computer's clock is not asked then: packets come to it late, so that it tells less.
+/// The pins are driven: whoever calls has made sure that no rig is connected. The settings in use are put back at the
+/// end, whatever happened; what is saved is not touched. `clock_is_known` says that USB's frames have told how good the
+/// board's clock is. This computer's clock is not asked then: packets come to it late, so that it tells less.
 ///
 /// # Errors
 /// Where the test could not be done, which says nothing of the board.

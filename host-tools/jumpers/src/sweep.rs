@@ -1,8 +1,8 @@
-//! When the converters look: voltages change at one phase after another, and what a converter makes of a change tells how
-//! long before its look it came.
+//! When the converters look: voltages change at one phase after another, and what a converter makes of a change tells
+//! how long before its look it came.
 //!
-//! A converter that looks `u` after a change sees `1 - exp(-u / tau)` of it. Over all phases that gives the settling time
-//! `tau` and the moment of the look apart from each other, each relative to the count's latch.
+//! A converter that looks `u` after a change sees `1 - exp(-u / tau)` of it. Over all phases that gives the settling
+//! time `tau` and the moment of the look apart from each other, each relative to the count's latch.
 
 use crate::align::{Aligned, Sums};
 use crate::board::{Board, JumperError};
@@ -139,7 +139,8 @@ impl Look {
     }
 }
 
-/// Plays the tape at each phase and judges; gives the force's skew and its uncertainty, or nothing where a check fails \[s\].
+/// Plays the tape at each phase and judges; gives the force's skew and its uncertainty, or nothing where a check fails
+/// \[s\].
 pub fn sweep(board: &mut impl Board, report: &mut Report) -> Result<Option<(f64, f64)>, JumperError> {
     let tape = tape();
     let mut found = [Vec::new(), Vec::new()];

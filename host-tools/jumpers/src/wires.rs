@@ -94,7 +94,8 @@ pub fn encoder(tape: &Tape, recording: &Recording) -> (Check, Option<Aligned>) {
         let mut sorted = positions.clone();
         sorted.sort_by(f64::total_cmp);
         let base = sorted[sorted.len() / 2];
-        // Only one line moves: it goes back and forth by a count, upwards first where A stands high, as its pull-up has it.
+        // Only one line moves: it goes back and forth by a count, upwards first where A stands high, as its pull-up has
+        // it.
         let mean = positions.iter().map(|count| count - base).filter(|count| count.abs() < 1.5).sum::<f64>();
         let cause = match mean / 10.0 {
             1.0.. => "the wire to A (PB1 to PA15) is missing",

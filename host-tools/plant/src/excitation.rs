@@ -1,9 +1,9 @@
 //! The rig's motion of terminal 1, in closed form at any time.
 //!
-//! A motion is a row of segments. Within each the displacement is `w(t) (u(t) - u(0))`: `u` a sum of tones, a chirp or moves,
-//! `w` a window that leads in from rest and out to rest with three continuous derivatives. So the device starts, and
-//! passes from segment to segment, without a blow. Before the start and after the end the terminal rests at zero.
-//! A motion that is given point by point leads in and out by itself.
+//! A motion is a row of segments. Within each the displacement is `w(t) (u(t) - u(0))`: `u` a sum of tones, a chirp or
+//! moves, `w` a window that leads in from rest and out to rest with three continuous derivatives. So the device starts,
+//! and passes from segment to segment, without a blow. Before the start and after the end the terminal rests at zero. A
+//! motion that is given point by point leads in and out by itself.
 
 mod moves;
 pub(crate) mod nodes;
@@ -313,7 +313,8 @@ impl Excitation {
         Self::single(Shape::Moves(moves), f64::INFINITY)
     }
 
-    /// The curve through displacements \[m\] that lie so far apart in time \[s\], as a shaker is given them; it ends with the last.
+    /// The curve through displacements \[m\] that lie so far apart in time \[s\], as a shaker is given them; it ends
+    /// with the last.
     ///
     /// The terminal rests before and after, so the last displacement must be the first.
     pub fn table(period_s: f64, displacements_m: &[f64]) -> Result<Self, PlantError> {
@@ -400,8 +401,8 @@ impl Excitation {
         }
     }
 
-    /// Longest step over which a quintic follows the motion within 1e-11 of it \[s\]: a tenth of a radian of the highest
-    /// frequency, a hundredth of the shortest lead-in; from point to point where those are given.
+    /// Longest step over which a quintic follows the motion within 1e-11 of it \[s\]: a tenth of a radian of the
+    /// highest frequency, a hundredth of the shortest lead-in; from point to point where those are given.
     pub(crate) fn longest_step_s(&self) -> f64 {
         let longest_s = |segment: &Segment| match &segment.shape {
             Shape::Table(table) => table.period_s(),

@@ -1,10 +1,9 @@
 //! What the device is: inertance, friction, contact and structure mass.
 //!
-//! Everything is referred to the terminal, in SI units.
-//! Source: Li, Liang and Wang, "Two-terminal manipulation of masses ... Part I", sections 2.2, 3 and 4.3. Friction beyond
-//! Coulomb's: Armstrong-Helouvry, Dupont and Canudas de Wit, "A survey of models, analysis tools and compensation methods
-//! for the control of machines with friction", Automatica 30 (1994), sections 2.1 (Stribeck, with a Gaussian) and 2.2
-//! (Dahl).
+//! Everything is referred to the terminal, in SI units. Source: Li, Liang and Wang, "Two-terminal manipulation of
+//! masses ... Part I", sections 2.2, 3 and 4.3. Friction beyond Coulomb's: Armstrong-Helouvry, Dupont and Canudas de
+//! Wit, "A survey of models, analysis tools and compensation methods for the control of machines with friction",
+//! Automatica 30 (1994), sections 2.1 (Stribeck, with a Gaussian) and 2.2 (Dahl).
 
 use std::{collections::BTreeMap, f64::consts::PI};
 

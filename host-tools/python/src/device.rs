@@ -127,7 +127,8 @@ impl Device {
         }
     }
 
-    /// Records until the device has no more samples, for so long \[s\], or until Ctrl-C; what came by then is in the file.
+    /// Records until the device has no more samples, for so long \[s\], or until Ctrl-C; what came by then is in the
+    /// file.
     fn record(&self, py: Python<'_>, path: PathBuf, duration_s: f64, replace: bool) -> PyResult<()> {
         let duration = Duration::try_from_secs_f64(duration_s).unwrap_or(Duration::MAX);
         let begin = || {

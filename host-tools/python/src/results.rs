@@ -70,7 +70,8 @@ fn read(limits: Option<&Path>, machine: Machine) -> Result<Option<Limits>, Limit
     limits.map(|path| Limits::read(path, machine)).transpose()
 }
 
-/// The line of `inerter compare --json`, and which intervals these are; the runs have these names. `path` is a page that is written.
+/// The line of `inerter compare --json`, and which intervals these are; the runs have these names. `path` is a page
+/// that is written.
 #[pyfunction]
 #[pyo3(signature = (runs, is_one_rig, path, replace, limits, told = None))]
 pub fn compare(

@@ -27,7 +27,8 @@ const BATCH: usize = 1 << 16;
 
 /// A table of a run, read when it is asked for.
 ///
-/// It has the Arrow PyCapsule interface: `pandas.DataFrame.from_arrow`, `polars.DataFrame`, `pyarrow.table` and DuckDB take it.
+/// It has the Arrow PyCapsule interface: `pandas.DataFrame.from_arrow`, `polars.DataFrame`, `pyarrow.table` and DuckDB
+/// take it.
 #[pyclass(frozen, module = "inerter")]
 pub struct Table {
     of: Of,

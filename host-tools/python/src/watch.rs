@@ -43,8 +43,8 @@ impl Progress {
 
 /// Does the work in a thread of its own; `told` is called with the part that is done, from 0 to 1, now and then.
 ///
-/// Where Ctrl-C or an exception of `told` ends the wait, the work ends as soon as it tells of its progress again, and what it has come to
-/// is dropped.
+/// Where Ctrl-C or an exception of `told` ends the wait, the work ends as soon as it tells of its progress again, and
+/// what it has come to is dropped.
 pub fn watch<T: Send + 'static>(
     py: Python<'_>,
     told: Option<&Bound<'_, PyAny>>,

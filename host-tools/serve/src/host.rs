@@ -2,8 +2,8 @@
 
 use std::net::{IpAddr, SocketAddr};
 
-/// `HOST:PORT`, as in a Host header, when it names this machine, written anew from what it means; the port may differ where it
-/// is forwarded, or be missing.
+/// `HOST:PORT`, as in a Host header, when it names this machine, written anew from what it means; the port may differ
+/// where it is forwarded, or be missing.
 pub fn loopback(host: &str) -> Option<String> {
     if let Ok(address) = host.parse::<SocketAddr>() {
         // Without a scope, which has no place in a header.

@@ -1,9 +1,9 @@
 //! HTTP for the page and for Foxglove, in a thread of its own, with limits: whoever can connect may be anybody.
 //!
-//! A connection ends [`REQUEST_TIME`] after it began, whatever came; a WebSocket stays as long as its other end takes what
-//! is sent, each message within [`SEND_TIME`]. Of [`MOST`] connections the oldest that is no WebSocket makes room for a
-//! new one. Where few files may be open there are fewer connections, so that the device can be opened again whatever
-//! others do.
+//! A connection ends [`REQUEST_TIME`] after it began, whatever came; a WebSocket stays as long as its other end takes
+//! what is sent, each message within [`SEND_TIME`]. Of [`MOST`] connections the oldest that is no WebSocket makes room
+//! for a new one. Where few files may be open there are fewer connections, so that the device can be opened again
+//! whatever others do.
 
 use std::{collections::VecDeque, io, net::SocketAddr, sync::Arc, thread::JoinHandle, time::Duration};
 
@@ -162,7 +162,8 @@ pub fn local_host(headers: &HeaderMap) -> Option<String> {
     loopback(single(headers, header::HOST).ok()??)
 }
 
-/// Lets through only requests that name this machine and come from no page of elsewhere, and says to browsers what the answer may not do.
+/// Lets through only requests that name this machine and come from no page of elsewhere, and says to browsers what the
+/// answer may not do.
 pub fn guarded(router: Router) -> Router {
     router.layer(middleware::from_fn(guard))
 }

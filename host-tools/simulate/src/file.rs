@@ -24,7 +24,8 @@ use crate::{
     setup::{Setup, raw},
 };
 
-/// Writes a recording (.mcap), or a CSV (.csv) with its settings beside it, whose file it names; otherwise as [`write_recording`].
+/// Writes a recording (.mcap), or a CSV (.csv) with its settings beside it, whose file it names; otherwise as
+/// [`write_recording`].
 pub fn write(
     setup: &Setup,
     path: &Path,
@@ -48,8 +49,8 @@ pub fn write(
     }
 }
 
-/// Writes a recording as a device would have sent it; `progress` is handed the time \[s\] now and then, and may end the work.
-/// The file is there when it is complete; only `replace` lets it take the place of another one.
+/// Writes a recording as a device would have sent it; `progress` is handed the time \[s\] now and then, and may end the
+/// work. The file is there when it is complete; only `replace` lets it take the place of another one.
 pub fn write_recording(
     setup: &Setup,
     path: &Path,

@@ -1,7 +1,7 @@
 //! The firmware image in QEMU, fed by the plant through an ordinary file.
 //!
-//! QEMU itself serves the device's USART on the TCP port or pseudo-terminal. The image starts as a board that was never set
-//! up: whoever boots it writes the settings that fit the simulated device before others come.
+//! QEMU itself serves the device's USART on the TCP port or pseudo-terminal. The image starts as a board that was never
+//! set up: whoever boots it writes the settings that fit the simulated device before others come.
 
 use std::{
     fs::File,

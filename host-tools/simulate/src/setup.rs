@@ -35,7 +35,8 @@ pub struct Setup {
     pub load_n: f64,
     /// Duration \[s\]; `None` without end.
     pub duration_s: Option<f64>,
-    /// Settings of the estimator, as known from calibration: scales, structure mass, contact and skew are the true ones.
+    /// Settings of the estimator, as known from calibration: scales, structure mass, contact and skew are the true
+    /// ones.
     pub settings: Settings,
     /// When and how the rig was calibrated, as was given.
     pub calibration: Option<Calibration>,

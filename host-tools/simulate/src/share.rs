@@ -5,11 +5,11 @@
 //! - *controller*: the reader that spoke first. Its requests go to the device; when it leaves, the oldest other reader
 //!   that has spoken takes its place.
 //!
-//! What the device says goes to every reader, in frames that are numbered anew for each. `Hello`, `ReadSettings` and `Streams`
-//! are answered here, so that each reader learns what it needs and gets the streams that it chose; any other request is
-//! refused as [`Refusal::Busy`] but from the controller. A reader alone holds the device's link up when it reads slowly, as
-//! a host at a cable does; among several, frames that one does not take are left out for it, which it learns from
-//! their numbers. So no reader holds up another, and none takes more than 1 MiB.
+//! What the device says goes to every reader, in frames that are numbered anew for each. `Hello`, `ReadSettings` and
+//! `Streams` are answered here, so that each reader learns what it needs and gets the streams that it chose; any other
+//! request is refused as [`Refusal::Busy`] but from the controller. A reader alone holds the device's link up when it
+//! reads slowly, as a host at a cable does; among several, frames that one does not take are left out for it, which it
+//! learns from their numbers. So no reader holds up another, and none takes more than 1 MiB.
 
 use std::{
     collections::VecDeque,
@@ -23,8 +23,8 @@ use inerter_wire::{
     SequenceCounter, SettingsValues, Streams, encode_record, encode_request, renumber,
 };
 
-/// Readers at a time. A further one takes the place of the oldest that has not spoken, else it is turned away by closing its
-/// connection.
+/// Readers at a time. A further one takes the place of the oldest that has not spoken, else it is turned away by
+/// closing its connection.
 pub const MOST_READERS: usize = 16;
 /// Bytes that wait for a reader among several: ten seconds at 4 kHz and more.
 const MOST_WAITING: usize = 1 << 20;

@@ -10,7 +10,8 @@ const SMALL: usize = 16 << 20;
 
 /// A place for files: each whole or not there, under a name with `/`.
 pub(crate) trait Files: Send + Sync {
-    /// Writes a file, in place of one that is there. Nobody sees a part of it, and what cannot be read to its end is not written.
+    /// Writes a file, in place of one that is there. Nobody sees a part of it, and what cannot be read to its end is
+    /// not written.
     fn put(&self, name: &str, from: &mut dyn Read) -> io::Result<()>;
     /// Hands over the bytes of a file from the first to the last.
     fn read(&self, name: &str, take: &mut dyn FnMut(&[u8]) -> io::Result<()>) -> io::Result<()>;

@@ -2,8 +2,8 @@
 
 use inerter_data::{export::Source, words::utc};
 
-/// Version of the layout and of the tables, which later versions read too. A column or a file more is none; one less, or another
-/// meaning, is.
+/// Version of the layout and of the tables, which later versions read too. A column or a file more is none; one less,
+/// or another meaning, is.
 pub const VERSION: u64 = 1;
 
 /// The file that makes a folder a store.

@@ -1,7 +1,7 @@
 //! A store in S3-compatible storage.
 //!
-//! Credentials, region and address come from the usual variables: `AWS_ACCESS_KEY_ID`, `AWS_SECRET_ACCESS_KEY`, `AWS_REGION`,
-//! `AWS_ENDPOINT`, and `AWS_ALLOW_HTTP` for a server without TLS.
+//! Credentials, region and address come from the usual variables: `AWS_ACCESS_KEY_ID`, `AWS_SECRET_ACCESS_KEY`,
+//! `AWS_REGION`, `AWS_ENDPOINT`, and `AWS_ALLOW_HTTP` for a server without TLS.
 
 use std::{
     io::{self, Read},

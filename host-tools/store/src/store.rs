@@ -68,7 +68,8 @@ pub struct Damage {
     pub run: String,
     /// The file, from the root of the store.
     pub file: String,
-    /// `missing`, `changed`, `unreadable`, `unfinished` (of a run that was not added, or not removed, to its end) or `foreign` (nothing of ours).
+    /// `missing`, `changed`, `unreadable`, `unfinished` (of a run that was not added, or not removed, to its end) or
+    /// `foreign` (nothing of ours).
     pub problem: &'static str,
 }
 
@@ -151,8 +152,8 @@ impl Store {
         }
     }
 
-    /// Adds a recording: the same one twice is one run. `progress` is handed the part that is done and may end the work until the
-    /// run is there.
+    /// Adds a recording: the same one twice is one run. `progress` is handed the part that is done and may end the work
+    /// until the run is there.
     pub fn add(&self, recording: &Path, progress: Progress<'_>) -> Result<Added, StoreError> {
         let mut before = Summed::new(File::open(recording).map_err(unreadable(recording))?);
         io::copy(&mut before, &mut io::sink()).map_err(unreadable(recording))?;
@@ -249,7 +250,8 @@ impl Store {
         refused.filter(|_| !is_understood).map_or(Ok(listed), Err)
     }
 
-    /// The run whose name begins like this, for which all are looked through; or the one with this [`Place::key`], which is there or not.
+    /// The run whose name begins like this, for which all are looked through; or the one with this [`Place::key`],
+    /// which is there or not.
     pub fn find(&self, beginning: &str) -> Result<Place, StoreError> {
         if let Some(place) = Place::parse_key(beginning) {
             let none = || StoreError::NoRun { url: self.url.clone(), run: beginning.into() };
@@ -278,7 +280,8 @@ impl Store {
         self.files.file(&place.file(Part::Recording))
     }
 
-    /// The recording of a run as a file of this computer: the store's own, or one that is fetched and goes when it is dropped.
+    /// The recording of a run as a file of this computer: the store's own, or one that is fetched and goes when it is
+    /// dropped.
     pub fn local(&self, place: &Place) -> Result<Local, StoreError> {
         if let Some(file) = self.file(place) {
             return Ok(Local { file, _fetched: None });
@@ -393,8 +396,8 @@ impl Store {
         Ok(found)
     }
 
-    /// Makes anew what follows from recordings that are whole, and removes what is left of others; gives how many runs were made whole.
-    /// A damaged recording stays as it is, and so does one that this version cannot use.
+    /// Makes anew what follows from recordings that are whole, and removes what is left of others; gives how many runs
+    /// were made whole. A damaged recording stays as it is, and so does one that this version cannot use.
     pub fn repair(&self, progress: Progress<'_>) -> Result<usize, StoreError> {
         let damages = self.verify(progress)?.damages;
         let place = |damage: &Damage| Part::ALL.iter().find_map(|part| Place::parse(&damage.file, *part));
@@ -440,8 +443,8 @@ impl Store {
         self.put(&place.result(checked(batch)?), format!("{}\n", outcome.json(place)).as_bytes())
     }
 
-    /// What a batch has, by the names of the runs: `run`, `kind`, `software`, `given`, `code`, `error` and `result`, the last three null
-    /// where they are not. What cannot be read is as if it were not there.
+    /// What a batch has, by the names of the runs: `run`, `kind`, `software`, `given`, `code`, `error` and `result`,
+    /// the last three null where they are not. What cannot be read is as if it were not there.
     pub fn results(&self, batch: &str) -> Result<BTreeMap<String, Map<String, Value>>, StoreError> {
         let mut rows = BTreeMap::new();
         for (place, name) in self.results_of(batch)? {

@@ -1,6 +1,7 @@
 //! Figures and pages of runs of an instrumented inerter.
 //!
-//! [`selftest`] shows a board's self-test. [`figure`] draws as SVG and PNG, [`page`] makes a run into one page, [`compared`] several, [`paper`] shows the paper's experiment done again.
+//! [`selftest`] shows a board's self-test. [`figure`] draws as SVG and PNG, [`page`] makes a run into one page,
+//! [`compared`] several, [`paper`] shows the paper's experiment done again.
 #![forbid(unsafe_code)]
 
 pub mod compared;

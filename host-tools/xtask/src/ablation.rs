@@ -1,7 +1,8 @@
 //! What each part of the estimator buys: a copy of core without it beside core itself, on the same runs.
 //!
-//! The copies lie in target/ablation and are built with a small program of the tests that uses nothing else, so that the firmware's source
-//! has no switch in it and the image not an instruction more. [`host`] does the same with what the host makes of a run.
+//! The copies lie in target/ablation and are built with a small program of the tests that uses nothing else, so that
+//! the firmware's source has no switch in it and the image not an instruction more. [`host`] does the same with what
+//! the host makes of a run.
 
 mod heuristics;
 mod host;

@@ -1,7 +1,7 @@
 //! Who may use whom, and what the house forbids in source.
 //!
-//! Arrow: a dependency of one workspace member on another. The table below is the whole law; a member that is not in
-//! it is refused, so a new crate states its place first. Within a crate no module may import itself, over whatever others
+//! Arrow: a dependency of one workspace member on another. The table below is the whole law; a member that is not in it
+//! is refused, so a new crate states its place first. Within a crate no module may import itself, over whatever others
 //! ([`imports`]).
 
 use crate::{
@@ -22,7 +22,8 @@ struct Law {
     may_use: &'static [&'static str],
     /// Members that only its tests may use besides.
     tests_may_use: &'static [&'static str],
-    /// Packages that must not be among its dependencies and theirs, with its default features; `dfu-*` is all that begin so.
+    /// Packages that must not be among its dependencies and theirs, with its default features; `dfu-*` is all that
+    /// begin so.
     never: &'static [&'static [&'static str]],
     /// Whether each of its root files must say `#![forbid(unsafe_code)]`.
     forbid_unsafe: bool,
@@ -60,8 +61,9 @@ const SCREEN: &[&str] = &["ratatui", "crossterm", "axum", "indicatif"];
 /// What writes Parquet and MATLAB files.
 const TABLES: &[&str] = &["parquet", "hdf5-pure"];
 
-/// The law. Nothing may use a program: the images, the host's, `xtask`, `inerter-bench`, `inerter-twin` and the programs of others
-/// stand on no right-hand side; the twin above all, as its emulator is GPL. `inerter-tests` is for `inerter-fuzz` alone.
+/// The law. Nothing may use a program: the images, the host's, `xtask`, `inerter-bench`, `inerter-twin` and the
+/// programs of others stand on no right-hand side; the twin above all, as its emulator is GPL. `inerter-tests` is for
+/// `inerter-fuzz` alone.
 const LAWS: &[Law] = &[
     Law::of("inerter-core").tests_may_use(&["inerter-plant"]),
     Law::of("inerter-wire").may_use(&["inerter-core"]),

@@ -1,8 +1,9 @@
 //! Campaigns for what must never happen: kills, full disks, hostile devices, slow readers, a clock that is set.
 //!
-//! Each campaign is a test of `host-tools/inerter/tests/chaos` that runs only when it is asked for. It leaves one line with its
-//! figures; a table stands at the end. With `--keep` each line also goes into `docs/tables/chaos.md`, and what stands there
-//! is not run again: so a long campaign, which is many seeds, can be ended at any time and goes on where it was.
+//! Each campaign is a test of `host-tools/inerter/tests/chaos` that runs only when it is asked for. It leaves one line
+//! with its figures; a table stands at the end. With `--keep` each line also goes into `docs/tables/chaos.md`, and what
+//! stands there is not run again: so a long campaign, which is many seeds, can be ended at any time and goes on where
+//! it was.
 
 use crate::{
     commit::{UNKNOWN, commit},

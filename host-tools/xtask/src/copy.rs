@@ -7,8 +7,8 @@ use std::{collections::BTreeSet, fs, path::Path, process::Command};
 /// One change of a source: file, text that stands in it once, and what stands there instead.
 pub type Edit = (&'static str, &'static str, &'static str);
 
-/// Makes `copy` what the tree has below these folders, or all of it where none is named; ignored files are left out. Only what
-/// differs is written: to cargo, a file with a new time is new.
+/// Makes `copy` what the tree has below these folders, or all of it where none is named; ignored files are left out.
+/// Only what differs is written: to cargo, a file with a new time is new.
 pub fn tree(copy: &Path, below: &[&str]) -> Result<()> {
     let mut command = Command::new("git");
     command.args(["ls-files", "--cached", "--others", "--exclude-standard", "-z", "--"]).args(below);

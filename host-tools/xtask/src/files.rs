@@ -143,7 +143,8 @@ fn peak(id: u32) -> Option<f64> {
 /// Time that a process has worked so far, where the system says so \[s\].
 fn processor_s(id: u32) -> Option<f64> {
     let stat = fs::read_to_string(format!("/proc/{id}/stat")).ok()?;
-    // The name, in brackets, may hold blanks: user and system time are the 12th and 13th field after it, in ticks of 10 ms.
+    // The name, in brackets, may hold blanks: user and system time are the 12th and 13th field after it, in ticks of 10
+    // ms.
     let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
     let ticks = |place: usize| fields.get(place)?.parse::<f64>().ok();
     Some((ticks(11)? + ticks(12)?) / 100.0)

@@ -27,7 +27,8 @@ pub enum Image {
 }
 
 impl Image {
-    /// Everything that the tests run. The one that ships comes last: cargo gives its name to the others of the board too.
+    /// Everything that the tests run. The one that ships comes last: cargo gives its name to the others of the board
+    /// too.
     pub const ALL: [Self; 4] = [Self::Qemu, Self::Weact, Self::Hang, Self::Board];
 
     /// The variable through which tests learn where the image lies.
@@ -134,7 +135,8 @@ pub fn run(image: &Path, arguments: &[&str], limit: Duration) -> Result<String> 
         semihosting.push_str(argument);
     }
     let mut command = Command::new(setup::QEMU);
-    // 64 ns an instruction, so that SysTick, at 168 MHz, tells instructions apart; no real time passes while the image sleeps.
+    // 64 ns an instruction, so that SysTick, at 168 MHz, tells instructions apart; no real time passes while the image
+    // sleeps.
     command.args(["-machine", "netduinoplus2", "-display", "none", "-monitor", "none", "-serial", "null"]);
     command.args(["-icount", "shift=6,sleep=off", "-semihosting-config", &semihosting, "-kernel"]).arg(image);
     process::output_within(&mut command, limit)

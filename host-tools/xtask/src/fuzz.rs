@@ -116,7 +116,8 @@ fn folder_of_targets() -> PathBuf {
     tree::root().join("tests/fuzz")
 }
 
-/// Compiles the targets with counters; gives the folder of the programs. With a target named, build scripts stay without.
+/// Compiles the targets with counters; gives the folder of the programs. With a target named, build scripts stay
+/// without.
 fn build(targets: &[&Target]) -> Result<PathBuf> {
     let host = process::output(process::rustc().args(["--print", "host-tuple"]))?.trim().to_owned();
     let mut command = Part::Main.cargo();
@@ -191,7 +192,8 @@ impl Place {
         command
     }
 
-    /// Fuzzes from the committed corpus, what earlier runs found, and the seeds where these are wanted or there is no corpus.
+    /// Fuzzes from the committed corpus, what earlier runs found, and the seeds where these are wanted or there is no
+    /// corpus.
     fn fuzz(&self, options: &Options) -> Result<Session> {
         let Options { seconds, seed, keep: with_seeds, .. } = *options;
         for folder in [&self.corpus, &self.seeds, &self.merged] {

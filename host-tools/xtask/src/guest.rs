@@ -1,6 +1,7 @@
 //! The boot image of the Linux guest in which a real kernel meets the board's USB.
 //!
-//! Debian's kernel and busybox, unpacked and not installed, and our own programs as the tests have them, with this machine's C library:
+//! Debian's kernel and busybox, unpacked and not installed, and our own programs as the tests have them, with this
+//! machine's C library:
 //!
 //! ```text
 //! target/guest/vmlinux      the kernel, decompressed: QEMU starts it in a third of the time
@@ -11,8 +12,8 @@
 //! target/guest/packages     which packages the first two and the updater come from
 //! ```
 //!
-//! The packages are fetched once, with the machine's own `apt-get download`, which needs no root. Debian's kernel packages carry
-//! their version in their name and old ones vanish, so the name is asked for, not known.
+//! The packages are fetched once, with the machine's own `apt-get download`, which needs no root. Debian's kernel
+//! packages carry their version in their name and old ones vanish, so the name is asked for, not known.
 
 use crate::{
     process, setup, tree,
@@ -152,7 +153,8 @@ fn fetch(folder: &Path) -> Result<()> {
     Ok(())
 }
 
-/// The package behind the name that always means the newest kernel. Where the machine has no list of packages yet, it is fetched.
+/// The package behind the name that always means the newest kernel. Where the machine has no list of packages yet, it
+/// is fetched.
 fn kernel_package() -> Result<String> {
     let ask = || process::output(Command::new("apt-cache").args(["depends", KERNEL]));
     if let Some(name) = depends(&ask().unwrap_or_default()) {
@@ -183,7 +185,8 @@ fn depends(printed: &str) -> Option<String> {
 
 // ---- the kernel
 
-/// The kernel inside a bzImage (Linux, Documentation/arch/x86/boot.rst, fields setup_sects, payload_offset, payload_length).
+/// The kernel inside a bzImage (Linux, Documentation/arch/x86/boot.rst, fields setup_sects, payload_offset,
+/// payload_length).
 fn decompressed_kernel(image: &[u8]) -> Result<Vec<u8>> {
     let kernel = decompressed(payload(image).context("not an x86 kernel image")?)?;
     ensure!(kernel.starts_with(b"\x7fELF"), "what is in the kernel image is no ELF file");
@@ -203,7 +206,8 @@ fn payload(image: &[u8]) -> Option<&[u8]> {
     image.get(start..start + number(0x24C)?)
 }
 
-/// Unpacks what Linux's build packs kernels and modules with. In a kernel the unpacked length stands behind the packed bytes.
+/// Unpacks what Linux's build packs kernels and modules with. In a kernel the unpacked length stands behind the packed
+/// bytes.
 fn decompressed(packed: &[u8]) -> Result<Vec<u8>> {
     let without_length = &packed[..packed.len().saturating_sub(4)];
     match packed {
@@ -372,8 +376,8 @@ fn programs(folder: &Path) -> Result<Archive> {
     Ok(archive)
 }
 
-/// The libraries in what `ldd` prints: `libm.so.6 => /lib/x86_64-linux-gnu/libm.so.6 (0x0000)`, or a path alone; the kernel's own
-/// has none.
+/// The libraries in what `ldd` prints: `libm.so.6 => /lib/x86_64-linux-gnu/libm.so.6 (0x0000)`, or a path alone; the
+/// kernel's own has none.
 fn libraries(printed: &str) -> Result<Vec<&str>> {
     let mut paths = Vec::new();
     for line in printed.lines() {

@@ -1,14 +1,16 @@
 //! Instructions that the estimator costs on the Cortex-M4F, counted by QEMU.
 //!
-//! QEMU's `-icount` ties virtual time to executed instructions, so SysTick counts instructions and repeats exactly; cycles of the
-//! real core are not modelled (flash wait states, dual issue), so the figures guard against growth and are no timing.
+//! QEMU's `-icount` ties virtual time to executed instructions, so SysTick counts instructions and repeats exactly;
+//! cycles of the real core are not modelled (flash wait states, dual issue), so the figures guard against growth and
+//! are no timing.
 
 use crate::{firmware, table};
 use anyhow::{Context, Result};
 use serde_json::Value;
 use std::{path::Path, time::Duration};
 
-/// A run that hangs is ended. It takes under a second, and a hundred times as long beside the suite's tests, which go first.
+/// A run that hangs is ended. It takes under a second, and a hundred times as long beside the suite's tests, which go
+/// first.
 const LIMIT: Duration = Duration::from_secs(1800);
 
 /// Goal per sample at 4 kHz, both banks and both routes of the backlash, in instructions.

@@ -1,11 +1,11 @@
 //! Which module of a crate imports which, and the circles among them.
 //!
 //! *Module*: here a file; modules inside of a file count as that file. *Import*: any path to something that another file
-//! defines, be it in `use`, in code, in the arguments of a macro or of an attribute. A path is followed through re-exports to
-//! the file with the definition; where none is found, as a macro made it, the module that the path names counts.
-//! What a type calls of itself, as `self.f()` or `Self::f()`, is an import of the file whose `impl` of that type has `f`; a call
-//! on any other value is none, as its type is not known here.
-//! `mod x;` alone imports nothing, nor does `use a::b;` where `b` is a module: the paths through it do.
+//! defines, be it in `use`, in code, in the arguments of a macro or of an attribute. A path is followed through
+//! re-exports to the file with the definition; where none is found, as a macro made it, the module that the path names
+//! counts. What a type calls of itself, as `self.f()` or `Self::f()`, is an import of the file whose `impl` of that
+//! type has `f`; a call on any other value is none, as its type is not known here. `mod x;` alone imports nothing, nor
+//! does `use a::b;` where `b` is a module: the paths through it do.
 
 use crate::source;
 use anyhow::{Context, Result, bail};
@@ -532,8 +532,8 @@ fn is_double_colon(tokens: &[TokenTree]) -> bool {
     matches!(tokens, [TokenTree::Punct(first), TokenTree::Punct(second)] if first.as_char() == ':' && second.as_char() == ':')
 }
 
-/// Whether what comes behind these tokens is no path of this crate: behind one dot a field or method, behind `::` a name of
-/// another crate or of a type.
+/// Whether what comes behind these tokens is no path of this crate: behind one dot a field or method, behind `::` a
+/// name of another crate or of a type.
 fn is_member(before: &[TokenTree]) -> bool {
     let dot = |token: &TokenTree| matches!(token, TokenTree::Punct(punct) if punct.as_char() == '.');
     match before {

@@ -69,7 +69,8 @@ enum Command {
     BuildFirmware,
     /// Make the boot image of the Linux guest in which a real kernel meets the board's USB
     Guest(guest::Options),
-    /// Fail when a crate uses one it must not, when modules import each other in a circle, and on what the house forbids in source
+    /// Fail when a crate uses one it must not, when modules import each other in a circle, and on what the house
+    /// forbids in source
     CheckArrows,
     /// Fail when the shipping image could panic inside the estimator or allocate
     CheckPanics,
@@ -89,7 +90,8 @@ enum Command {
     Changes(accuracy::Options),
     /// Errors and coverage under what goes wrong in real rigs, against docs/tables/robustness.md
     Robustness(accuracy::Options),
-    /// How sharp the intervals are where everything stated is true, and how often they hold, against docs/tables/coverage.md
+    /// How sharp the intervals are where everything stated is true, and how often they hold, against
+    /// docs/tables/coverage.md
     Coverage(accuracy::Options),
     /// How often the cause that breaks the law is named and sized right, against docs/tables/diagnose.md
     Diagnose(accuracy::Options),
@@ -99,7 +101,8 @@ enum Command {
     Skew(accuracy::Options),
     /// How fast the Python package replays, beside the program and numpy
     Rates(accuracy::Options),
-    /// Fill a store with simulated runs, replay all of them on Dask, and measure what a run costs; with --update into docs/tables/scale.md
+    /// Fill a store with simulated runs, replay all of them on Dask, and measure what a run costs; with --update into
+    /// docs/tables/scale.md
     Scale(rates::ScaleOptions),
     /// How often the interval of merged runs holds the device, against docs/tables/merge.md
     Merge(accuracy::Options),
@@ -121,7 +124,8 @@ enum Command {
     MonitorLoad(monitor_load::Options),
     /// What must never happen: kills, full disks, hostile devices, slow readers, a clock that is set
     Chaos(chaos::Options),
-    /// The virtual device at 4 kHz with recordings, page and bridges, and the image in QEMU, for hours: nothing lost, nothing grows
+    /// The virtual device at 4 kHz with recordings, page and bridges, and the image in QEMU, for hours: nothing lost,
+    /// nothing grows
     Soak(soak::Options),
     /// Time and errors beside other recursive least squares, into docs/tables/bench.md
     Bench(bench::Options),

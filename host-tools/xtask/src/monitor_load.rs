@@ -1,7 +1,7 @@
 //! What the monitor costs while it shows and records 4 kHz: processor, memory, and whether anything was lost.
 //!
-//! A virtual device runs in real time, `inerter monitor --record` draws on a pseudo-terminal of `script` (util-linux), and
-//! `/proc` tells what it used. The figures are this machine's, with whatever else it is doing.
+//! A virtual device runs in real time, `inerter monitor --record` draws on a pseudo-terminal of `script` (util-linux),
+//! and `/proc` tells what it used. The figures are this machine's, with whatever else it is doing.
 
 use crate::{
     process, table, tree,

@@ -1,16 +1,18 @@
 //! Mutation testing: which faults in core, wire and app their own tests would miss.
 //!
-//! `cargo-mutants` changes the source in one place at a time and runs the package's tests. A change that no test notices is a
+//! `cargo-mutants` changes the source in one place at a time and runs the package's tests. A change that no test
+//! notices is a
 //! *survivor*. One that only a golden notices is listed apart: a golden says that something has changed, not that it is wrong.
 //! Nothing is left out, so what `#[mutants::skip]` would hide counts.
 //!
-//! The changes are made in a copy of the tree that stays in its place below `target/mutants`, so that core and the packages by
-//! others are compiled once, and only the package and its tests for each change.
+//! The changes are made in a copy of the tree that stays in its place below `target/mutants`, so that core and the
+//! packages by others are compiled once, and only the package and its tests for each change.
 //!
-//! The work goes on file by file: `tests/mutants/PACKAGE.md` has a row for each source file that was tested, with the sum of its
-//! contents. A run takes the files that have no row, or have changed since, and writes the table after each, so it can be
-//! ended at any time. Reasons that a person wrote beside a survivor are kept. Of a package of which all would take days, `--sample`
-//! tests every Nth mutant, evenly over all files; `--from` takes another one to begin with, which is another sample.
+//! The work goes on file by file: `tests/mutants/PACKAGE.md` has a row for each source file that was tested, with the
+//! sum of its contents. A run takes the files that have no row, or have changed since, and writes the table after each,
+//! so it can be ended at any time. Reasons that a person wrote beside a survivor are kept. Of a package of which all
+//! would take days, `--sample` tests every Nth mutant, evenly over all files; `--from` takes another one to begin with,
+//! which is another sample.
 
 use crate::{copy, process, tool::Tool, tree, workspace::Workspace};
 use anyhow::{Context, Result, bail, ensure};
@@ -104,11 +106,12 @@ impl Pass {
     const COUNT: usize = 3;
 }
 
-/// Longest time that one compiler or one program of tests may use the processor \[s\]. Tests that take more run without end and
-/// count as caught; what the compiler computes without end does not compile, and is left out. Not by the clock on the wall: on
-/// a busy machine everything would be too slow, and so caught.
+/// Longest time that one compiler or one program of tests may use the processor \[s\]. Tests that take more run without
+/// end and count as caught; what the compiler computes without end does not compile, and is left out. Not by the clock
+/// on the wall: on a busy machine everything would be too slow, and so caught.
 const CPU_S: &str = "60";
-/// Most address space of one compiler or one program of tests \[KB\]: some tests that run without end ask for all memory.
+/// Most address space of one compiler or one program of tests \[KB\]: some tests that run without end ask for all
+/// memory.
 const SPACE_KB: &str = "8000000";
 /// Longest time to compile or to test one mutant \[s\], for those that wait for ever.
 const WAIT_S: &str = "1200";
@@ -349,7 +352,8 @@ impl Package {
     }
 }
 
-/// The same command, each process of which may use the processor for a limited time and so much memory, where the system can do that.
+/// The same command, each process of which may use the processor for a limited time and so much memory, where the
+/// system can do that.
 fn with_limits(command: Command) -> Command {
     if !cfg!(unix) {
         return command;
@@ -374,7 +378,8 @@ impl Outcomes {
             let text = fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
             Ok(text.lines().map(str::to_owned).collect())
         };
-        // What does not compile is left out. What does not link shows that a compiler was killed within its incremental work.
+        // What does not compile is left out. What does not link shows that a compiler was killed within its incremental
+        // work.
         for entry in fs::read_dir(folder.join("log"))? {
             let path = entry?.path();
             let is_broken = fs::read_to_string(&path)?.contains("error: linking with");

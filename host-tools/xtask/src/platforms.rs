@@ -1,4 +1,5 @@
-//! Whether the program compiles for the other systems that its users have. Compiled, not run: there is no such machine here.
+//! Whether the program compiles for the other systems that its users have. Compiled, not run: there is no such machine
+//! here.
 
 use crate::{process, setup};
 use anyhow::{Result, bail};

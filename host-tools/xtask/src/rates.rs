@@ -1,4 +1,5 @@
-//! How fast the package replays, beside the program and numpy (`docs/tables/rates.md`), and what many runs cost (`docs/tables/scale.md`).
+//! How fast the package replays, beside the program and numpy (`docs/tables/rates.md`), and what many runs cost
+//! (`docs/tables/scale.md`).
 
 use crate::{
     accuracy::Options,

@@ -93,7 +93,8 @@ fn host() -> Result<String> {
     Ok(host.context("`rustc -vV` names no host")?.to_owned())
 }
 
-/// Builds the program with all features and without its line tables, which are four fifths of the file; returns where it lies.
+/// Builds the program with all features and without its line tables, which are four fifths of the file; returns where
+/// it lies.
 fn program(workspace: &Workspace) -> Result<PathBuf> {
     let mut command = process::cargo();
     command.args(["rustc", "--release", "--locked", "--package", "inerter", "--bin", "inerter", "--all-features"]);
@@ -145,8 +146,8 @@ fn linked(printed: &str) -> BTreeSet<(String, String)> {
     words.filter_map(|mut words| Some((words.next()?.into(), words.next()?.strip_prefix('v')?.into()))).collect()
 }
 
-/// The tool takes the lock file's word, which knows more packages than are linked: those are taken out. One that is missing
-/// is a fault.
+/// The tool takes the lock file's word, which knows more packages than are linked: those are taken out. One that is
+/// missing is a fault.
 fn narrowed(text: &str, package: &str, linked: &BTreeSet<(String, String)>) -> Result<Value> {
     let mut bill: Value = serde_json::from_str(text).context("the bill of materials is no JSON")?;
     let is_linked = |value: &Value| {

@@ -1,10 +1,11 @@
 //! What a fresh machine needs, found or installed.
 //!
-//! Everything is printed before it is installed, and installed only by the machine's own means: rustup, cargo, pip, apt-get.
-//! Where that is not possible the exact command to type is printed and the set-up fails.
+//! Everything is printed before it is installed, and installed only by the machine's own means: rustup, cargo, pip,
+//! apt-get. Where that is not possible the exact command to type is printed and the set-up fails.
 //!
-//! The firmware's compiler is the first of: this Rust with the target that rustup adds; this Rust with `rust-src`, which
-//! compiles the core library itself; Debian's `rustc-web` with `rust-web-src` and `lld`, where there is no rustup.
+//! The firmware's compiler is the first of: this Rust with the target that rustup adds; this Rust with `rust-src`,
+//! which compiles the core library itself; Debian's `rustc-web` with `rust-web-src` and `lld`, where there is no
+//! rustup.
 
 use crate::{process, tool::Tool, toolchain::Toolchain, tree::FIRMWARE_TARGET};
 use anyhow::{Context, Result, bail};

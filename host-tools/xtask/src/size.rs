@@ -39,7 +39,8 @@ const CYCLES_GOAL: f64 = 35.0;
 /// The load depends on the motion's noise a little.
 const LOAD_TOLERANCE: f64 = 0.05;
 
-/// Goals for the image that ships, in bytes; RAM counts CCM SRAM. Of the chip's two flash banks the image has the first, 256 KB.
+/// Goals for the image that ships, in bytes; RAM counts CCM SRAM. Of the chip's two flash banks the image has the
+/// first, 256 KB.
 const FLASH_GOAL: f64 = 192.0 * 1024.0;
 const RAM_GOAL: f64 = 56.0 * 1024.0;
 

@@ -1,9 +1,10 @@
-//! The live programs for hours: a virtual device at 4 kHz with two recordings, the page and all bridges, and the image in QEMU
-//! with a recording of its own.
+//! The live programs for hours: a virtual device at 4 kHz with two recordings, the page and all bridges, and the image
+//! in QEMU with a recording of its own.
 //!
-//! Nothing may be lost, no process may grow, samples and the host's clock must agree, and what was recorded must give the same
-//! digits in a replay as in a device. `target/soak/progress.tsv` has a line for each look, so that a run that was ended early
-//! shows what it had reached. The twin is left out: it takes many times as long as the time that it simulates.
+//! Nothing may be lost, no process may grow, samples and the host's clock must agree, and what was recorded must give
+//! the same digits in a replay as in a device. `target/soak/progress.tsv` has a line for each look, so that a run that
+//! was ended early shows what it had reached. The twin is left out: it takes many times as long as the time that it
+//! simulates.
 
 mod kept;
 
@@ -38,7 +39,8 @@ use std::{
 const QEMU_RATE_HZ: f64 = 1000.0;
 /// How much a process may grow after the first minute \[%\].
 const GROWTH: f64 = 5.0;
-/// How far samples and the host's clock may be apart at the end \[s\]: batches and a busy machine make a recording begin and end late.
+/// How far samples and the host's clock may be apart at the end \[s\]: batches and a busy machine make a recording
+/// begin and end late.
 const APART_S: f64 = 0.25;
 /// The same for each second: both count the same oscillator \[s/s\].
 const DRIFT: f64 = 20e-6;
@@ -372,8 +374,8 @@ fn has_ended(name: &str, child: &mut Child) -> Result<bool> {
     }
 }
 
-/// What a process held, and how much it has grown since the first minute: the most in the second half of that time against the
-/// most in the first one, as a search for causes takes much every few seconds and gives it back.
+/// What a process held, and how much it has grown since the first minute: the most in the second half of that time
+/// against the most in the first one, as a search for causes takes much every few seconds and gives it back.
 fn memory(watched: &Watched) -> Vec<Row> {
     let looks = &watched.looks;
     let last_s = looks.last().map_or(0.0, |look| look.at_s);

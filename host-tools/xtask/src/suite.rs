@@ -65,8 +65,8 @@ struct Step {
 enum Run {
     /// Here, while no other of these does.
     Here(fn() -> Result<()>),
-    /// By its own command, with the least priority, beside what comes after it: tests wait for the clock on the wall and leave
-    /// processors free. What it said is shown at the end.
+    /// By its own command, with the least priority, beside what comes after it: tests wait for the clock on the wall
+    /// and leave processors free. What it said is shown at the end.
     Beside,
 }
 
@@ -398,7 +398,8 @@ fn lint_probe() -> Result<()> {
     Ok(())
 }
 
-/// The program as it is released, whose library for probes takes minutes to compile, and the smallest one's own transcript.
+/// The program as it is released, whose library for probes takes minutes to compile, and the smallest one's own
+/// transcript.
 fn test_probe() -> Result<()> {
     for arguments in [
         &["--package", "inerter", "--package", "inerter-device"][..],
@@ -413,7 +414,8 @@ fn document() -> Result<()> {
     Part::each(|part| process::run(part.all("doc").arg("--no-deps").env("RUSTDOCFLAGS", "-D warnings")))
 }
 
-/// All tests. What this command makes or installs is required; recordings of real machines are, where their folder is there.
+/// All tests. What this command makes or installs is required; recordings of real machines are, where their folder is
+/// there.
 ///
 /// Most of the twin's wait for the clock on the wall: they run beside all others.
 fn test() -> Result<()> {

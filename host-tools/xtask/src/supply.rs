@@ -1,7 +1,7 @@
 //! What is linked, against deny.toml: licences, packages that must not come in, where packages come from, duplicates.
 //!
-//! Nothing is asked over the network but what the lock files name and this machine lacks. Advisories need a list that changes
-//! every day, so they are an option, which `.github/workflows/advisories.yml` uses.
+//! Nothing is asked over the network but what the lock files name and this machine lacks. Advisories need a list that
+//! changes every day, so they are an option, which `.github/workflows/advisories.yml` uses.
 
 use crate::{foreign, process, tool::Tool, tree, workspace::Part};
 use anyhow::{Result, bail};

@@ -1,7 +1,7 @@
 //! Committed tables of figures, and whether today's figures are still theirs.
 //!
-//! A table is a Markdown file under `docs/tables` whose rows read `| name | value | unit | goal |`. The limits are two-sided: a figure
-//! that becomes much better is suspect too, since it may have stopped being measured.
+//! A table is a Markdown file under `docs/tables` whose rows read `| name | value | unit | goal |`. The limits are
+//! two-sided: a figure that becomes much better is suspect too, since it may have stopped being measured.
 
 use crate::tree;
 use anyhow::{Context, Result, bail};

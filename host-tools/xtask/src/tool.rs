@@ -93,8 +93,8 @@ impl Tool {
         Err(reason)
     }
 
-    /// Installs the pinned version below `target/tools`: a compiled one by the sum of its file, where there is one for this
-    /// machine, else from its sources.
+    /// Installs the pinned version below `target/tools`: a compiled one by the sum of its file, where there is one for
+    /// this machine, else from its sources.
     pub fn install(self) -> Result<()> {
         let folder = folder()?;
         if self == Self::Deny && cfg!(all(target_os = "linux", target_arch = "x86_64")) {

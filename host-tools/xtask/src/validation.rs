@@ -1,5 +1,5 @@
-//! What a reviewer asks of the intervals: recordings of real machines, the same data through other methods, and a plant of its own, both
-//! written in Python.
+//! What a reviewer asks of the intervals: recordings of real machines, the same data through other methods, and a plant
+//! of its own, both written in Python.
 
 use crate::{
     accuracy::{self, Options},

@@ -159,8 +159,8 @@ fn text<'a>(value: &'a Value, field: &str) -> Result<&'a str> {
     value[field].as_str().with_context(|| format!("`cargo metadata`: no text `{field}`"))
 }
 
-/// A program of a workspace, as its integration tests have it. All tests are built at once: for each other choice of packages
-/// cargo would turn other features of the libraries on, and compile them once more.
+/// A program of a workspace, as its integration tests have it. All tests are built at once: for each other choice of
+/// packages cargo would turn other features of the libraries on, and compile them once more.
 pub fn tested(part: Part, name: &str) -> Result<PathBuf> {
     process::run(part.all("test").args(["--quiet", "--no-run"]))?;
     program(name, "debug")

@@ -1,9 +1,9 @@
 //! Scale of the force by known loads.
 //!
-//! The code against the load is a line; its inverse slope is `newtons_per_code`, its value at no load `force_zero_code`.
-//! `force_gain_u95` is the root of the sum of the squares of: the slope's scatter (Student), the greatest distance from the
-//! line, half of the hysteresis, the return to zero, the readings' own intervals (all in parts of the greatest load), and
-//! what is not known of the loads themselves: masses and gravity.
+//! The code against the load is a line; its inverse slope is `newtons_per_code`, its value at no load
+//! `force_zero_code`. `force_gain_u95` is the root of the sum of the squares of: the slope's scatter (Student), the
+//! greatest distance from the line, half of the hysteresis, the return to zero, the readings' own intervals (all in
+//! parts of the greatest load), and what is not known of the loads themselves: masses and gravity.
 
 use inerter_core::Settings;
 use inerter_data::names::unit;

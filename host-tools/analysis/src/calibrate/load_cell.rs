@@ -1,8 +1,8 @@
 //! Diagnosis of the force channel, with the device at rest.
 //!
-//! The spectrum of a window (Hann) tells white noise, mains and drift apart. White noise is taken from the spectrum's median,
-//! which neither lines nor drift move: `sigma^2 = median / ln 2 * rate / 2`. A line's amplitude is what its band holds above
-//! that floor.
+//! The spectrum of a window (Hann) tells white noise, mains and drift apart. White noise is taken from the spectrum's
+//! median, which neither lines nor drift move: `sigma^2 = median / ln 2 * rate / 2`. A line's amplitude is what its
+//! band holds above that floor.
 
 use inerter_core::Settings;
 use inerter_data::{names::unit, run::Run, words::amount_text};

@@ -4,7 +4,8 @@ use inerter_simulate::{Setup, bench_sensors, raw};
 
 use super::*;
 
-/// An amplifier on a converter of 12 bits, as in docs/HARDWARE.md: 262080 codes of 0.00957 N, noise of 0.05 % of the range.
+/// An amplifier on a converter of 12 bits, as in docs/HARDWARE.md: 262080 codes of 0.00957 N, noise of 0.05 % of the
+/// range.
 fn sensors() -> Sensors {
     Sensors {
         newtons_per_code: 0.01,

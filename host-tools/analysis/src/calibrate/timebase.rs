@@ -1,8 +1,8 @@
 //! The device's sample clock against the host's.
 //!
-//! Samples are numbered by the device's clock and arrive by the host's, always late, never early. Time is cut into twelve
-//! stretches; the earliest arrival of each is the least late one, and a line through these gives the rate. The host's own
-//! clock is not better than what it is told to be, and no claim goes below that.
+//! Samples are numbered by the device's clock and arrive by the host's, always late, never early. Time is cut into
+//! twelve stretches; the earliest arrival of each is the least late one, and a line through these gives the rate. The
+//! host's own clock is not better than what it is told to be, and no claim goes below that.
 
 use inerter_core::Settings;
 

@@ -95,7 +95,8 @@ pub(super) enum Term {
     Relaxing(f64),
     /// A position that is too far by the force.
     Bent,
-    /// `F'' - t0 F'''`: what a mass on the terminal takes more than on the screw, as the contact gives way with this time \[s\].
+    /// `F'' - t0 F'''`: what a mass on the terminal takes more than on the screw, as the contact gives way with this
+    /// time \[s\].
     Structure(f64),
     /// What a force of this size at most \[N\] is told wrong by, of unit size at most.
     Told(Shape, f64),
@@ -117,8 +118,8 @@ pub(super) enum Shape {
 }
 
 impl Term {
-    /// What it adds to dry friction and offset at a moment, of unit size; `time` is that of the run, -0.5 to 0.5, `turned` what has
-    /// turned at the last reversal. A skew and an error of the encoder are no force.
+    /// What it adds to dry friction and offset at a moment, of unit size; `time` is that of the run, -0.5 to 0.5,
+    /// `turned` what has turned at the last reversal. A skew and an error of the encoder are no force.
     pub fn at(self, moment: &Moment, law: &Law, time: f64, turned: f64) -> [f64; 2] {
         let Moment { sign, velocity, gone_m, force_n, position_m, .. } = *moment;
         let turns = |lead_m: f64| (TAU * position_m / lead_m).sin_cos();
@@ -233,7 +234,8 @@ impl Candidate {
         }
     }
 
-    /// Everything that is tried in this run, and a force once a turn where the screw makes too small a part of one for that.
+    /// Everything that is tried in this run, and a force once a turn where the screw makes too small a part of one for
+    /// that.
     pub fn all_for(span: &Span, settings: &Settings) -> Vec<Self> {
         let mut all = Self::all(span, settings, Encoder::default());
         // The budget has a part for it.

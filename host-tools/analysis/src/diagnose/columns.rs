@@ -387,8 +387,8 @@ fn turned(reversals: &[Reversal], term: Term) -> Vec<f64> {
     turned
 }
 
-/// Where the screw stands, or turns so gently that friction of this size at rest \[N\] may hold it, or at a moment that is not
-/// known: left out, as by the device.
+/// Where the screw stands, or turns so gently that friction of this size at rest \[N\] may hold it, or at a moment that
+/// is not known: left out, as by the device.
 fn still(
     stretch: &Stretch,
     turns: &Turns,
@@ -430,8 +430,8 @@ fn still(
     still
 }
 
-/// Where the screw goes a whole number of counts in each sample for a box, 1 or more: there the encoder's error stands still as at
-/// rest, and is no noise. In faster motion than the slow bank's no velocity lasts so long.
+/// Where the screw goes a whole number of counts in each sample for a box, 1 or more: there the encoder's error stands
+/// still as at rest, and is no noise. In faster motion than the slow bank's no velocity lasts so long.
 fn keep_step(stretch: &Stretch, box_samples: usize, count_m: f64, still: &mut [bool]) {
     for (at, seen) in stretch.position_m.windows(box_samples + 1).enumerate() {
         let Some((first, last)) = seen.first().zip(seen.last()) else { continue };

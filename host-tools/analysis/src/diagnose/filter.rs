@@ -1,8 +1,9 @@
 //! What rows are made with: kernels, and what makes their noise white.
 //!
-//! The residual is the force's noise, white, and the encoder's steps, whose acceleration grows with the square of the frequency:
-//! `S = s_F^2 + r (mt w^2)^2 q^2 / 12`, `r` times as often as the motion repeats them. Short boxes keep what friction does near
-//! a reversal and in fast motion; a filter of `1 / sqrt(S)` behind them weighs each frequency by what it can tell.
+//! The residual is the force's noise, white, and the encoder's steps, whose acceleration grows with the square of the
+//! frequency: `S = s_F^2 + r (mt w^2)^2 q^2 / 12`, `r` times as often as the motion repeats them. Short boxes keep what
+//! friction does near a reversal and in fast motion; a filter of `1 / sqrt(S)` behind them weighs each frequency by
+//! what it can tell.
 
 use std::f64::consts::{PI, TAU};
 
@@ -16,7 +17,8 @@ use crate::law::{Kernels, Law};
 
 /// Box of the rows in which causes are sought \[s\].
 const BOX_S: f64 = 0.004;
-/// Least half width of the whitening \[s\], and what it is of a period of the frequency at which noise and steps are alike.
+/// Least half width of the whitening \[s\], and what it is of a period of the frequency at which noise and steps are
+/// alike.
 const NARROWEST_S: f64 = 0.02;
 const PERIODS: f64 = 0.5;
 /// Frequencies over which the whitening is integrated.

@@ -16,8 +16,8 @@ use crate::fit::{Beside, Judge};
 
 /// What friction at the reversals makes of a skew \[s\], at most (docs/THEORY.md, 14).
 const SKEW_MODEL_U95_S: f64 = 13e-6;
-/// What another length of a turn may leave over beyond the one that leaves least, in squares of noise, to be possible: it is less
-/// likely by a factor of 150.
+/// What another length of a turn may leave over beyond the one that leaves least, in squares of noise, to be possible:
+/// it is less likely by a factor of 150.
 const POSSIBLE: f64 = 10.0;
 /// Part by which a velocity or distance is moved to see what that does.
 const STEP: f64 = 0.02;

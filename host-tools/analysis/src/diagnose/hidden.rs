@@ -1,9 +1,9 @@
 //! What may have moved the parameters, also where it is too small to be named.
 //!
 //! Taking a cause in beside the law moves each parameter, by chance alone by as much as its standard error then grows
-//! (Hausman). So much it may have been moved by while the cause was left out. Where the standard error would grow beyond
-//! [`TOLD`], an interval that holds that as well would say little where there is no such cause: then the parameter rests
-//! on its absence, as it does where the run does not tell it at all.
+//! (Hausman). So much it may have been moved by while the cause was left out. Where the standard error would grow
+//! beyond [`TOLD`], an interval that holds that as well would say little where there is no such cause: then the
+//! parameter rests on its absence, as it does where the run does not tell it at all.
 
 use inerter_core::{Bank, Budget, Machine, NORMAL_COVERAGE, Parameters, Settings, Source};
 use inerter_data::{
@@ -28,8 +28,8 @@ const LEAST_LEFT: f64 = 0.05;
 const LITTLE_LEFT: f64 = 0.01;
 /// The least part, where there is no noise.
 const LEAST_KNOWN: f64 = 1e-9;
-/// What a parameter is moved by, and what it would be moved by by chance, as parts of the half width of an interval: of every size of a
-/// cause that the law leaves out, 90 % of such intervals hold the truth (docs/THEORY.md, 14).
+/// What a parameter is moved by, and what it would be moved by by chance, as parts of the half width of an interval: of
+/// every size of a cause that the law leaves out, 90 % of such intervals hold the truth (docs/THEORY.md, 14).
 const MOVED: [f64; 2] = [1.6, 1.2];
 /// Growth of the standard error up to which the run tells of a cause for certain.
 pub const TOLD: f64 = 1.6;
@@ -54,8 +54,8 @@ pub struct Judged {
     pub assumes: Vec<Kind>,
 }
 
-/// What a person is told of the causes that a motion does not tell from the parameters, those among them that were `found`; nothing
-/// where it tells all.
+/// What a person is told of the causes that a motion does not tell from the parameters, those among them that were
+/// `found`; nothing where it tells all.
 pub fn assumptions(machine: Machine, all: &[Judged; 4], found: &[Cause]) -> Option<String> {
     let is_found = |kind: Kind| found.iter().any(|cause| cause.kind == kind);
     let told = all.iter().enumerate().filter(|(_, one)| one.budget.u95().is_finite() && !one.assumes.is_empty());
@@ -72,7 +72,8 @@ pub fn assumptions(machine: Machine, all: &[Judged; 4], found: &[Cause]) -> Opti
     (!told.is_empty()).then(|| format!("{head}{told}"))
 }
 
-/// What a person is told of the intervals that the samples make wider than the device has them; nothing where they make none.
+/// What a person is told of the intervals that the samples make wider than the device has them; nothing where they make
+/// none.
 pub fn widened(machine: Machine, whole_run: &Parameters, all: &[Judged; 4]) -> Option<String> {
     let Parameters { inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n } = whole_run;
     let own = [inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n].into_iter();
@@ -94,14 +95,15 @@ pub fn widened(machine: Machine, whole_run: &Parameters, all: &[Judged; 4]) -> O
     (!told.is_empty()).then(|| format!("{head}{told}"))
 }
 
-/// The parameters of the whole run with what the samples tell of a law that is nearly true; of a run too short for that, as the
-/// estimator has them.
+/// The parameters of the whole run with what the samples tell of a law that is nearly true; of a run too short for
+/// that, as the estimator has them.
 pub fn judged(series: &Series, settings: &Settings, outcome: &Outcome) -> [Judged; 4] {
     let mut all = outcome.budgets.whole_run.map(|budget| Judged { budget, moved_by: None, assumes: Vec::new() });
     let aligned = series.aligned(settings);
     let Ok(rows) = rows_of(&aligned, settings, &outcome.published()) else { return all };
     let Some(law) = Law::of(&rows) else { return all };
-    // By the estimator's own scatter, which knows what the rows do not: the spectrum of steps, and how often they repeat.
+    // By the estimator's own scatter, which knows what the rows do not: the spectrum of steps, and how often they
+    // repeat.
     let mut patterns = outcome.motion.pattern_in_differences(outcome.estimate.bank.box_s() as f32).into_iter();
     let squares = outcome.budgets.whole_run.map(|budget| {
         let part = |source| (f64::from(budget.given_u95(source)) / f64::from(NORMAL_COVERAGE)).powi(2);
@@ -144,8 +146,8 @@ pub fn judged(series: &Series, settings: &Settings, outcome: &Outcome) -> [Judge
     all
 }
 
-/// Half width of what a cause that was left out may have moved a parameter by, where taking it in moves it by so much, and by
-/// `chance` (a standard deviation) without any such cause.
+/// Half width of what a cause that was left out may have moved a parameter by, where taking it in moves it by so much,
+/// and by `chance` (a standard deviation) without any such cause.
 pub fn reach(moved: f64, chance: f64) -> f64 {
     let [times, at_least] = MOVED;
     (times * moved).hypot(at_least * chance)

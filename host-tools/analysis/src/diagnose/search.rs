@@ -27,19 +27,21 @@ const MOST_CLOSE: usize = 3;
 const WORTH: f64 = 8.0;
 /// Part of a cause's evidence that another has which explains as much.
 const RIVAL: f64 = 0.9;
-/// Rounds in which reversals are located and sizes fitted, at most, and part of a size by which the last one may change it.
+/// Rounds in which reversals are located and sizes fitted, at most, and part of a size by which the last one may change
+/// it.
 const ROUNDS: usize = 6;
 const ALIKE: f64 = 0.01;
 /// Times that a skew is undone at most; what may be left of it \[s\], also as a part of it.
 const MOST_UNDONE: usize = 6;
 const UNDONE_S: f64 = 2e-6;
 const UNDONE: f64 = 0.02;
-/// Part of the law's residual beyond noise and steps that may be left with a cause, in squares, for it to be most of what breaks it.
+/// Part of the law's residual beyond noise and steps that may be left with a cause, in squares, for it to be most of
+/// what breaks it.
 const MOST_LEFT: f64 = 0.25;
 /// F statistic from which on a cause is told unasked where flanks may part.
 const LIMIT_PARTING: f64 = 1000.0;
-/// Part of the rows that rests must leave, and part of the acceleration that the encoder's steps may be, else the run is looked at
-/// through other kernels.
+/// Part of the rows that rests must leave, and part of the acceleration that the encoder's steps may be, else the run
+/// is looked at through other kernels.
 const LEAST_KEPT: f64 = 0.4;
 const MOST_STEPS: f64 = 0.15;
 
@@ -86,9 +88,10 @@ pub fn is_reversed(published: &Published) -> bool {
     inertance.value + inertance.u95 < 0.0
 }
 
-/// What a person should be told of a run who has not asked for it: nothing where the law holds, and all where it is broken. Where
-/// flanks may part, their impacts can look like a cause; then what was found must be most of what is left over, each of it clear,
-/// and no mass on the terminal as well. Nothing is told either where too little of the run can be looked at.
+/// What a person should be told of a run who has not asked for it: nothing where the law holds, and all where it is
+/// broken. Where flanks may part, their impacts can look like a cause; then what was found must be most of what is left
+/// over, each of it clear, and no mass on the terminal as well. Nothing is told either where too little of the run can
+/// be looked at.
 pub fn suspected(gated: &Gated, settings: &Settings, published: &Published) -> Vec<Cause> {
     if !is_suspect(&published.law) || is_reversed(published) {
         return Vec::new();
@@ -104,8 +107,8 @@ pub fn suspected(gated: &Gated, settings: &Settings, published: &Published) -> V
 
 /// Tests a run of which the estimator said this in the end.
 ///
-/// What is found is taken in as it is found; then all of it is fitted together, and each is held against all that could stand in its
-/// place. A skew is undone, whereupon the search goes on. `tick` is called before each look at the run.
+/// What is found is taken in as it is found; then all of it is fitted together, and each is held against all that could
+/// stand in its place. A skew is undone, whereupon the search goes on. `tick` is called before each look at the run.
 pub fn diagnose(
     series: &Series,
     settings: &Settings,
@@ -233,8 +236,8 @@ impl Search<'_> {
         }
     }
 
-    /// Fits what was found, in rows of which the reversals are located by it; the weakest is dropped where the motion cannot tell
-    /// all of it apart.
+    /// Fits what was found, in rows of which the reversals are located by it; the weakest is dropped where the motion
+    /// cannot tell all of it apart.
     fn settle<'a>(&mut self, rows: &'a Rows<'a>) -> Result<Model<'a>, FitError> {
         loop {
             if let Some(model) = model(rows, &self.found) {
@@ -291,8 +294,8 @@ impl Search<'_> {
         self.polish(aligned)
     }
 
-    /// With one cause more, by which the reversals are located; and what that leaves over, in squares of noise, with what its sizes
-    /// are worth.
+    /// With one cause more, by which the reversals are located; and what that leaves over, in squares of noise, with
+    /// what its sizes are worth.
     fn tried(&self, aligned: &Series, one: Found, square: f64) -> Option<(f64, Self)> {
         let mut with = self.clone();
         with.found.push(one);
@@ -362,8 +365,8 @@ impl Search<'_> {
         Ok(())
     }
 
-    /// Each by what it explains beside the others: what is too weak is dropped, what another explains better is replaced. Whether
-    /// anything was.
+    /// Each by what it explains beside the others: what is too weak is dropped, what another explains better is
+    /// replaced. Whether anything was.
     fn weigh(&mut self, rows: &Rows) -> bool {
         let columns = self.columns(rows);
         let mut weighed: Vec<Found> = Vec::new();

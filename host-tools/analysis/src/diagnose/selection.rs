@@ -1,4 +1,5 @@
-//! Least squares of the force on the law and what was found beside it, and how much a group of columns would explain of the rest.
+//! Least squares of the force on the law and what was found beside it, and how much a group of columns would explain of
+//! the rest.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -11,8 +12,8 @@ pub(super) const SIGN: usize = 2;
 const LEAST_LEFT: f64 = 1e-4;
 /// Parts of a run, of which all but two neighbours must agree.
 const PARTS: usize = 40;
-/// What the encoder's steps take from the acceleration, in parts of what white noise of their size would: it is known to a half
-/// (docs/THEORY.md, 6).
+/// What the encoder's steps take from the acceleration, in parts of what white noise of their size would: it is known
+/// to a half (docs/THEORY.md, 6).
 const TAKEN: [f64; 3] = [0.0, 1.0, 1.5];
 /// Part of what the others leave of the acceleration that they may be.
 const MOST_TAKEN: f64 = 0.5;
@@ -167,8 +168,8 @@ impl<'a> Model<'a> {
         self.left() / self.freedom(0).max(1.0) * self.rows.filter.inflation()
     }
 
-    /// Covariance of the coefficients: by the noise of an observation, of which the part that repeats counts as what it is, or by how
-    /// the parts of the run differ, whichever makes the sum of so many coefficients less certain.
+    /// Covariance of the coefficients: by the noise of an observation, of which the part that repeats counts as what it
+    /// is, or by how the parts of the run differ, whichever makes the sum of so many coefficients less certain.
     pub fn covariance(&self) -> Option<Covariance> {
         let unit = scales(&self.gram);
         let inverse = scaled(&self.gram, &unit).cholesky()?.inverse();
@@ -177,7 +178,8 @@ impl<'a> Model<'a> {
         Some(Covariance { by_noise: inverse * self.square(), by_scatter: scatter })
     }
 
-    /// How the parts of the run differ in what these columns say of a residual: the sum of the squares of their products.
+    /// How the parts of the run differ in what these columns say of a residual: the sum of the squares of their
+    /// products.
     fn scatter(&self, columns: &[Vec<f64>], residual: &[f64]) -> DMatrix<f64> {
         let scores = self.scores(columns, residual);
         let all = scores
@@ -199,8 +201,9 @@ impl<'a> Model<'a> {
         (0..PARTS).map(of_part).collect()
     }
 
-    /// What a group of one or two columns would explain; `noise_square` is the mean square of noise in each of its columns.
-    /// Nothing where too little of it is left over, or where its size cannot be beside what is then Coulomb's friction \[N\].
+    /// What a group of one or two columns would explain; `noise_square` is the mean square of noise in each of its
+    /// columns. Nothing where too little of it is left over, or where its size cannot be beside what is then Coulomb's
+    /// friction \[N\].
     pub fn evidence(
         &self,
         group: &[Vec<f64>],
@@ -242,8 +245,8 @@ impl<'a> Model<'a> {
         Some(Evidence { strength, sizes: [sizes[0], sizes.get(1).copied().unwrap_or(0.0)] })
     }
 
-    /// The part of a strength on which the parts of the run agree: what happened once is no cause, and what is left over scatters
-    /// between the parts by more than white noise where something else is wrong.
+    /// The part of a strength on which the parts of the run agree: what happened once is no cause, and what is left
+    /// over scatters between the parts by more than white noise where something else is wrong.
     fn agreed(&self, group: &[Vec<f64>], along: &DMatrix<f64>, sizes: &DVector<f64>, strength: f64) -> f64 {
         let width = group.len();
         // What the others leave of the columns, and what these leave of the force.

@@ -56,8 +56,8 @@ impl Products {
         Ok(left / self.explained(inertance_kg, force_noise_n, settings))
     }
 
-    /// What the law `[mt, cf, fc, F0]` can be told by where this is what is true, and so many times the mean square is left over that
-    /// force noise and the encoder's steps explain; nothing of the inertance where the steps swallow it.
+    /// What the law `[mt, cf, fc, F0]` can be told by where this is what is true, and so many times the mean square is
+    /// left over that force noise and the encoder's steps explain; nothing of the inertance where the steps swallow it.
     pub(crate) fn expected(
         &self,
         law: [f64; 4],

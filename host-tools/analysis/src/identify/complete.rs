@@ -1,8 +1,8 @@
 //! The complete model fitted to encoder and force together, driven by the terminal's displacement.
 //!
 //! Least squares by Levenberg and Marquardt of both residuals, made white ([`super::spectrum`]). Derivatives by central
-//! differences of simulations, which are smooth in the parameters; offset, structure mass and zero of the encoder need none.
-//! What is known beforehand (structure mass, skew) enters as one more observation each.
+//! differences of simulations, which are smooth in the parameters; offset, structure mass and zero of the encoder need
+//! none. What is known beforehand (structure mass, skew) enters as one more observation each.
 
 use std::thread;
 
@@ -275,8 +275,8 @@ fn highest_hz(prepared: &Prepared, device: &Parameters) -> f64 {
     least.min(0.45 / prepared.period_s)
 }
 
-/// Caution of the first round: how often the terminal's noise it reckons with. It hardly looks at the device's resonance,
-/// where a stiffness that is a percent off would hide all else.
+/// Caution of the first round: how often the terminal's noise it reckons with. It hardly looks at the device's
+/// resonance, where a stiffness that is a percent off would hide all else.
 const CAUTION: f64 = 30.0;
 /// Most rounds of weighing and fitting.
 const MOST_ROUNDS: usize = 6;
@@ -329,9 +329,9 @@ impl State {
 
 /// Stretches with the weights that follow from a device.
 ///
-/// With `jumps` the force's jumps, where the flanks meet, are those of single samples. They are taken as they stand: with
-/// them free to move, the sum of squares would be a staircase; as means, it is smooth but sees each jump only to a sample.
-/// The samples beside a jump are left out, as a microsecond decides on which side they are.
+/// With `jumps` the force's jumps, where the flanks meet, are those of single samples. They are taken as they stand:
+/// with them free to move, the sum of squares would be a staircase; as means, it is smooth but sees each jump only to a
+/// sample. The samples beside a jump are left out, as a microsecond decides on which side they are.
 fn weigh<'a>(stretches: &'a [Prepared], state: &State, caution: f64, jumps: bool) -> Vec<Weighed<'a>> {
     let device = &state.parameters;
     let weigh = |(prepared, zero): (&'a Prepared, &f64)| {

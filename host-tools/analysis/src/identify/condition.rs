@@ -1,8 +1,9 @@
 //! What the samples are worth: the terminal's motion smoothed, and the white noise of each channel.
 //!
-//! The terminal drives the simulation, so its noise must go and its motion must stay: all beyond the highest frequency that
-//! stands clear of the noise, and beyond the device's resonance, is taken out, in the frequency domain, without a delay and
-//! without droop below; derivatives come with it. White noise is what the sixth difference leaves of the smooth rest.
+//! The terminal drives the simulation, so its noise must go and its motion must stay: all beyond the highest frequency
+//! that stands clear of the noise, and beyond the device's resonance, is taken out, in the frequency domain, without a
+//! delay and without droop below; derivatives come with it. White noise is what the sixth difference leaves of the
+//! smooth rest.
 
 use std::f64::consts::{PI, TAU};
 
@@ -61,7 +62,8 @@ impl Smooth {
         Self { nodes: (0..count).map(node).collect(), noise: 0.0, band_hz: excitation.highest_hz() }
     }
 
-    /// The same with noise on it, like what is left of the sensor's and so many times as large; each number has its own.
+    /// The same with noise on it, like what is left of the sensor's and so many times as large; each number has its
+    /// own.
     pub fn disturbed(&self, period_s: f64, times: f64, number: u64) -> Vec<Node> {
         let count = self.nodes.len();
         let amplitude = 2.0 * times * self.noise / (count.max(1) as f64).sqrt();
@@ -96,8 +98,8 @@ fn uniform(place: u64, stream: u64) -> f64 {
     ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
 }
 
-/// Root mean square of the white part of one sample: sixth differences leave nothing of motion well below the sample rate,
-/// and their median nothing of blows.
+/// Root mean square of the white part of one sample: sixth differences leave nothing of motion well below the sample
+/// rate, and their median nothing of blows.
 pub fn white_noise(samples: &[f64]) -> f64 {
     /// Median of the magnitude of a normal deviate.
     const MEDIAN: f64 = 0.6745;
@@ -125,7 +127,8 @@ fn band_hz(samples: &[f64], period_s: f64, noise: f64) -> f64 {
     let bin_hz = 1.0 / (count as f64 * period_s);
     let half = (AROUND_HZ / bin_hz).round().max(2.0) as usize;
     let transform = FftPlanner::new().plan_fft_forward(count);
-    // The square of Hann's window, whose tails are under the noise of a sensor of a ten-thousandth, passes 35/128 of the power.
+    // The square of Hann's window, whose tails are under the noise of a sensor of a ten-thousandth, passes 35/128 of
+    // the power.
     let floor = 35.0 / 128.0 * noise * noise * count as f64;
     let mut highest = half;
     for start in (0..=samples.len() - count.min(samples.len())).step_by((count / 2).max(1)) {

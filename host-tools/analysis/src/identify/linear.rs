@@ -1,7 +1,7 @@
 //! The law of the estimator fitted again from its exact sums: by segment, by direction, and on a part held back.
 //!
-//! Sums of a segment are those at its end less those at its beginning, in integers; so the segments add up to the run to the
-//! last bit, whatever their number.
+//! Sums of a segment are those at its end less those at its beginning, in integers; so the segments add up to the run
+//! to the last bit, whatever their number.
 
 use inerter_core::{Bank, MoreSums, Sums};
 use inerter_data::{

@@ -128,8 +128,8 @@ pub fn identify(runs: &[Run], options: &Options, progress: &mut dyn FnMut(f64)) 
 
 /// What the load cell would read, one number per sample of all stretches in a row.
 ///
-/// Simulated from the terminal's displacement where there is one and the stiffness is known; else by the law on the encoder's
-/// displacement.
+/// Simulated from the terminal's displacement where there is one and the stiffness is known; else by the law on the
+/// encoder's displacement.
 pub fn predicted(parameters: &Parameters, series: &Series) -> Vec<f64> {
     let mut force = Vec::with_capacity(series.len());
     for stretch in &series.stretches {
@@ -234,7 +234,8 @@ fn prepared(
     Ok(stretches)
 }
 
-/// What the settings know of the structure mass beforehand: value and standard deviation \[kg\]; `None` where they say nothing.
+/// What the settings know of the structure mass beforehand: value and standard deviation \[kg\]; `None` where they say
+/// nothing.
 pub fn known_structure_mass_kg(settings: &Settings) -> Option<(f64, f64)> {
     let mass = settings.structure_mass_kg;
     let deviation = settings.structure_mass_u95_kg.hypot(STRUCTURE_MODEL_U95 * mass) / 2.0;
@@ -323,8 +324,8 @@ fn scanned(stretches: &[Prepared], start: &Parameters) -> Parameters {
     devices.min_by(|a, b| left(a).total_cmp(&left(b))).unwrap_or(*start)
 }
 
-/// The best of fits that begin with another contact damping, where something is left over: impacts make a valley of false
-/// minima along it.
+/// The best of fits that begin with another contact damping, where something is left over: impacts make a valley of
+/// false minima along it.
 fn elsewhere(stretches: &[Prepared], task: &Task, fitted: Fitted, tick: &mut dyn FnMut()) -> Fitted {
     if over_noise(&fitted) < SUSPICIOUS || fitted.state.parameters.backlash_m <= 0.0 {
         return fitted;

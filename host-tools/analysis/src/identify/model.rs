@@ -1,9 +1,10 @@
 //! The complete model: what screw and load cell do when the terminal moves in a known way.
 //!
-//! `x1` is the quintic through displacement, velocity and acceleration at the ends of each cell; within a mode of stick,
-//! slip and contact the device is linear, and `x2` is the Taylor series that solves it for that quintic, of a cell short
-//! enough that the series is exact to 1e-9. A change of mode is the root of a polynomial, found to the last bits, so the
-//! force is a smooth function of the parameters. Only a change that comes and goes within one cell is passed over.
+//! `x1` is the quintic through displacement, velocity and acceleration at the ends of each cell; within a mode of
+//! stick, slip and contact the device is linear, and `x2` is the Taylor series that solves it for that quintic, of a
+//! cell short enough that the series is exact to 1e-9. A change of mode is the root of a polynomial, found to the last
+//! bits, so the force is a smooth function of the parameters. Only a change that comes and goes within one cell is
+//! passed over.
 //!
 //! Source: docs/THEORY.md, *The device*.
 
@@ -69,9 +70,9 @@ pub struct Response {
     pub position_m: Vec<f64>,
     /// Force of the contact as a channel late by the skew samples it \[N\].
     pub force_n: Vec<f64>,
-    /// The force's mean, without the skew, from one sample before to one after: where the flanks meet, the force jumps, and a sample is
-    /// on either side of the jump; the mean is not, and so a smooth function of the parameters. [`simpson`] makes the same of
-    /// samples.
+    /// The force's mean, without the skew, from one sample before to one after: where the flanks meet, the force jumps,
+    /// and a sample is on either side of the jump; the mean is not, and so a smooth function of the parameters.
+    /// [`simpson`] makes the same of samples.
     pub mean_n: Vec<f64>,
 }
 
@@ -204,7 +205,8 @@ impl<'a> Screw<'a> {
         self.direction = if force_n.abs() > self.device.coulomb_n { sign(force_n) } else { 0.0 };
     }
 
-    /// Passes a cell; gives the impulse of the contact \[N s\], and its force after `at_s`, where that lies in the cell.
+    /// Passes a cell; gives the impulse of the contact \[N s\], and its force after `at_s`, where that lies in the
+    /// cell.
     fn pass(&mut self, cell: &[f64; 6], cell_s: f64, mut at_s: f64) -> (f64, Option<f64>) {
         let (mut x1, mut h) = (*cell, cell_s);
         let (mut impulse, mut force) = (0.0, None);

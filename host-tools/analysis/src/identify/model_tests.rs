@@ -3,7 +3,8 @@ use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
 use super::*;
 use crate::identify::Parameters;
 
-/// The plant locates every change of mode; the simulation for fits passes over what comes and goes within a millisecond.
+/// The plant locates every change of mode; the simulation for fits passes over what comes and goes within a
+/// millisecond.
 #[test]
 fn it_does_what_the_plant_does() {
     for backlash_m in [0.0, 1e-4] {

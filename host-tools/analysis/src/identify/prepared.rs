@@ -1,5 +1,5 @@
-//! Stretches made ready for the complete model: the terminal's motion smoothed, the noise of each channel, the state at the
-//! beginning.
+//! Stretches made ready for the complete model: the terminal's motion smoothed, the noise of each channel, the state at
+//! the beginning.
 
 use inerter_core::Settings;
 use inerter_data::series::Stretch;

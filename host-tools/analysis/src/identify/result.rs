@@ -81,7 +81,8 @@ pub struct Found {
     pub value: Option<f64>,
     /// Half width of the 95 % interval.
     pub u95: Option<f64>,
-    /// Ends of the 95 % interval by the profile of the likelihood, where it was taken: the parameter is weakly determined.
+    /// Ends of the 95 % interval by the profile of the likelihood, where it was taken: the parameter is weakly
+    /// determined.
     pub profile: Option<[f64; 2]>,
     /// Whether it can be used.
     pub status: FoundStatus,
@@ -224,8 +225,8 @@ pub struct Identified {
     pub model: Model,
     /// The parameters.
     pub parameters: FoundParameters,
-    /// Where the complete fit began: what the estimator and the settings say, the stiffness scanned for where neither knows
-    /// it. `None` of the linear model, whose fit begins nowhere.
+    /// Where the complete fit began: what the estimator and the settings say, the stiffness scanned for where neither
+    /// knows it. `None` of the linear model, whose fit begins nowhere.
     pub start: Option<Parameters>,
     /// Offsets of all files \[N\].
     pub offsets_n: Vec<Option<f64>>,

@@ -1,10 +1,10 @@
 //! Residuals of encoder and force, made white: each frequency weighted by what its noise is worth.
 //!
-//! Noise of one sample: encoder and force are white by themselves; what is left of the terminal's noise moves both, by the
-//! device's response, which is far above either near its resonance. So the covariance of encoder and force at a frequency is
-//! `diag(encoder^2, force^2) + T`, `T` the covariance of what simulations with such noise on the terminal differ by
-//! ([`super::complete`]): friction and impacts make another response than the linear one. A wrong weight costs efficiency,
-//! not truth: what the whitened residual really scatters is measured ([`Whitening::power`]).
+//! Noise of one sample: encoder and force are white by themselves; what is left of the terminal's noise moves both, by
+//! the device's response, which is far above either near its resonance. So the covariance of encoder and force at a
+//! frequency is `diag(encoder^2, force^2) + T`, `T` the covariance of what simulations with such noise on the terminal
+//! differ by ([`super::complete`]): friction and impacts make another response than the linear one. A wrong weight
+//! costs efficiency, not truth: what the whitened residual really scatters is measured ([`Whitening::power`]).
 
 use std::{f64::consts::PI, sync::Arc};
 
@@ -39,8 +39,9 @@ pub struct Whitening {
 const SMEARED: usize = 8;
 
 impl Whitening {
-    /// For stretches of `count` samples, the first `skipped` of which do not count, up to `highest_hz`. `left_out` are samples
-    /// of the force that do not count; `disturbed` what the terminal's noise makes of encoder and force, time and again.
+    /// For stretches of `count` samples, the first `skipped` of which do not count, up to `highest_hz`. `left_out` are
+    /// samples of the force that do not count; `disturbed` what the terminal's noise makes of encoder and force, time
+    /// and again.
     pub fn new(
         count: usize,
         period_s: f64,

@@ -1,12 +1,13 @@
 //! How far the complete model's parameters can be trusted.
 //!
-//! `U95 = sqrt((r^2 (3 se + model))^2 + pattern^2 + sum B^2)`, `r` the residual over what the noise explains where that is
-//! above 1. `se` is the greater of two: from `inv(J'J) (J' P J) inv(J'J)`, `P` what the whitened residual really scatters around
-//! each frequency, so that a coloured residual widens the interval; and what the parameters scatter when noise like the
-//! terminal's own is laid on its motion, since impacts make that noise large in some moments and the frequencies dependent.
-//! `B` is what a wrong force gain, a wrong lead and a wrong clock make of the parameters: the response of the fit to that
-//! change of the data. A periodic motion repeats the encoder's steps and no averaging removes them: *pattern* is twice what
-//! the parameters scatter when the steps are those of an encoder elsewhere in its count.
+//! `U95 = sqrt((r^2 (3 se + model))^2 + pattern^2 + sum B^2)`, `r` the residual over what the noise explains where that
+//! is above 1. `se` is the greater of two: from `inv(J'J) (J' P J) inv(J'J)`, `P` what the whitened residual really
+//! scatters around each frequency, so that a coloured residual widens the interval; and what the parameters scatter
+//! when noise like the terminal's own is laid on its motion, since impacts make that noise large in some moments and
+//! the frequencies dependent. `B` is what a wrong force gain, a wrong lead and a wrong clock make of the parameters:
+//! the response of the fit to that change of the data. A periodic motion repeats the encoder's steps and no averaging
+//! removes them: *pattern* is twice what the parameters scatter when the steps are those of an encoder elsewhere in its
+//! count.
 
 use inerter_core::Settings;
 use inerter_core::constants::COVERAGE;
@@ -31,11 +32,11 @@ const MOST_PROFILES: usize = 3;
 
 /// Backlash from which the flanks are taken to part \[m\].
 const LEAST_BACKLASH_M: f64 = 1e-6;
-/// Factor on the standard error where flanks part and meet: what the terminal's noise makes there is not proportional to it
-/// (docs/tables/identify.md).
+/// Factor on the standard error where flanks part and meet: what the terminal's noise makes there is not proportional
+/// to it (docs/tables/identify.md).
 const IMPACTS: f64 = 2.0;
-/// Frequency of the motion over the device's own, below which the contact's stretch is that of friction alone: it changes
-/// only where the screw turns round, and the encoder's steps are no noise there.
+/// Frequency of the motion over the device's own, below which the contact's stretch is that of friction alone: it
+/// changes only where the screw turns round, and the encoder's steps are no noise there.
 const SLOWEST: f64 = 0.02;
 
 /// Errors of one fit.
@@ -253,8 +254,8 @@ impl Errors {
         weak.into_iter().map(|(name, _)| name).take(MOST_PROFILES).collect()
     }
 
-    /// Ends of the interval where the sum of squares, all other parameters fitted anew, has grown as it should at the end of
-    /// a parabola's. The systematic part is added.
+    /// Ends of the interval where the sum of squares, all other parameters fitted anew, has grown as it should at the
+    /// end of a parabola's. The systematic part is added.
     pub fn profile(&self, name: Name, fitted: &Fitted, stretches: &[Prepared], task: &Task) -> Option<[f64; 2]> {
         let place = self.place(name)?;
         let value = name.of(&fitted.state.parameters);
@@ -284,8 +285,8 @@ impl Errors {
     }
 }
 
-/// What no averaging removes, measured on simulated devices (docs/tables/identify.md): impacts that fall between samples, a
-/// terminal's motion that is not quite smooth.
+/// What no averaging removes, measured on simulated devices (docs/tables/identify.md): impacts that fall between
+/// samples, a terminal's motion that is not quite smooth.
 fn model_u95(name: Name, fitted: &Fitted) -> f64 {
     let p = &fitted.state.parameters;
     match name {

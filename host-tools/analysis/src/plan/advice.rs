@@ -30,8 +30,8 @@ pub struct Advice {
     pub told: Vec<usize>,
 }
 
-/// What to do about what a run could not show; nothing where it showed all, or where more breaks the law than chance: a plan rests on
-/// it, and no motion helps.
+/// What to do about what a run could not show; nothing where it showed all, or where more breaks the law than chance: a
+/// plan rests on it, and no motion helps.
 pub fn advice(outcome: &Outcome, settings: &Settings, reach: &Reach) -> Option<Advice> {
     let Parameters { inertance_kg, viscous_n_s_per_m, coulomb_n, .. } = &outcome.estimate.whole_run;
     let three = [inertance_kg, viscous_n_s_per_m, coulomb_n];

@@ -40,7 +40,8 @@ pub struct Asked {
     pub force_noise_n: Option<f64>,
     /// Settings of the rig; a run has been opened with them.
     pub overrides: Overrides,
-    /// Half widths of intervals that are wanted, such as `fc to 0.3 N, mt to 0.1 %`. Where empty, the motion fills the duration.
+    /// Half widths of intervals that are wanted, such as `fc to 0.3 N, mt to 0.1 %`. Where empty, the motion fills the
+    /// duration.
     pub wants: String,
     /// A motion whose intervals are predicted, and its seed; none to design one.
     pub motion: Option<(String, u64)>,
@@ -100,7 +101,8 @@ impl Asked {
         let overrides = &self.overrides;
         let mut settings = Settings::default();
         overrides.apply(&mut settings)?;
-        // What is set of the device's surroundings and not said by a flag is what is expected; the other way round it is known.
+        // What is set of the device's surroundings and not said by a flag is what is expected; the other way round it
+        // is known.
         let is_stated = |name: &str| self.preset.is_some() || self.given.contains_key(name);
         if !self.given.contains_key("structure_mass_kg") && overrides.get("structure_mass_kg").is_some() {
             device.structure_mass_kg = settings.structure_mass_kg;

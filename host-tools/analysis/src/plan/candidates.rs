@@ -1,4 +1,5 @@
-//! Motions of which a plan chooses: tones and multisines, each as large as the limits allow, and what each tells in a second.
+//! Motions of which a plan chooses: tones and multisines, each as large as the limits allow, and what each tells in a
+//! second.
 
 use std::f64::consts::TAU;
 
@@ -12,7 +13,8 @@ use super::{
     peaks::Peaks,
 };
 
-/// Part of a sample by which a period misses whole samples: strokes that never come again average the encoder's steps out.
+/// Part of a sample by which a period misses whole samples: strokes that never come again average the encoder's steps
+/// out.
 const GOLDEN: f64 = 0.618_033_988_749_895;
 /// Amplitudes of a tone beside the greatest one.
 const LOWER: [f64; 1] = [0.4];
@@ -51,7 +53,8 @@ pub(super) struct Candidate {
     pub peaks: Peaks,
 }
 
-/// Lead-in and lead-out of a motion \[s\]: at least a quarter of the lowest tone's period, or they would be faster than the motion.
+/// Lead-in and lead-out of a motion \[s\]: at least a quarter of the lowest tone's period, or they would be faster than
+/// the motion.
 pub(super) fn fade_s(tones: &[Tone], limits: &Limits) -> f64 {
     limits.fade_s.max(0.25 / lowest_hz(tones))
 }
@@ -105,8 +108,8 @@ fn incommensurate(frequency_hz: f64, rate_hz: f64) -> f64 {
     rate_hz / ((rate_hz / frequency_hz).floor() + GOLDEN)
 }
 
-/// Tones of equal velocity at these frequencies, with the phases that leave the least peak of displacement and velocity, of 1 m/s in the
-/// sum's velocity; zero at the start.
+/// Tones of equal velocity at these frequencies, with the phases that leave the least peak of displacement and
+/// velocity, of 1 m/s in the sum's velocity; zero at the start.
 fn multisine(frequencies: impl Iterator<Item = f64>) -> Vec<Tone> {
     let frequencies: Vec<f64> = frequencies.collect();
     let velocity = (frequencies.len() as f64).sqrt().recip();

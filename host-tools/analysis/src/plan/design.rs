@@ -33,8 +33,8 @@ const TRIMS: usize = 4;
 const CLEAR: f64 = 0.995;
 /// Weight of the determinant beside the widest interval over what is wanted: it decides where that is alike.
 const TIE: f64 = 1e-3;
-/// Rehearsed interval over that of the theory from which on the motion is not what the theory took it for, and 95 % of the scatter
-/// over the interval.
+/// Rehearsed interval over that of the theory from which on the motion is not what the theory took it for, and 95 % of
+/// the scatter over the interval.
 const ASTRAY: f64 = 2.0;
 const SCATTERS: f64 = 1.2;
 
@@ -75,7 +75,8 @@ impl Plan {
         duration_s(&self.parts)
     }
 
-    /// The interval that will be had of what is wanted, or the scatter where it is wider; infinite where there will be none.
+    /// The interval that will be had of what is wanted, or the scatter where it is wider; infinite where there will be
+    /// none.
     pub fn reached(&self, want: &Want) -> f64 {
         self.of(want).map_or(f64::INFINITY, Predicted::half_width)
     }
@@ -122,7 +123,8 @@ struct Search<'a> {
     found: &'a [Candidate],
 }
 
-/// One way to seek it: by which criterion, for which bank where it is not left open, and up to which part of the highest frequency.
+/// One way to seek it: by which criterion, for which bank where it is not left open, and up to which part of the
+/// highest frequency.
 #[derive(Clone, Copy)]
 struct Way {
     criterion: Criterion,
@@ -183,8 +185,8 @@ impl Search<'_> {
         least(SHORTEST_S, self.limits.duration_s, is_enough)
     }
 
-    /// The parts that last so long each \[s\], the one with the largest force first: from it the estimator learns friction soonest.
-    /// Each by itself is within the limits, lead-in and lead-out included.
+    /// The parts that last so long each \[s\], the one with the largest force first: from it the estimator learns
+    /// friction soonest. Each by itself is within the limits, lead-in and lead-out included.
     fn parts(&self, lasting: &[f64]) -> Result<Vec<Part>, PlanError> {
         let mut chosen: Vec<(&Candidate, f64)> =
             self.found.iter().zip(lasting).filter(|(_, time)| **time > 0.0).map(|(one, time)| (one, *time)).collect();
@@ -223,7 +225,8 @@ impl Search<'_> {
         Ok(Some((Plan { parts, prediction, criterion: way.criterion, wants, limits, chance }, told)))
     }
 
-    /// The better one of a plan and of what this way leads to, and whether rehearsals show something else there than the theory.
+    /// The better one of a plan and of what this way leads to, and whether rehearsals show something else there than
+    /// the theory.
     fn sought(
         &self,
         mut best: Option<Plan>,
@@ -279,8 +282,8 @@ impl Search<'_> {
     }
 }
 
-/// Designs the motion of an expected device within the limits: D-optimal over the whole duration, or, where something is
-/// wanted, the shortest one that reaches it. `progress` is handed the part that is done.
+/// Designs the motion of an expected device within the limits: D-optimal over the whole duration, or, where something
+/// is wanted, the shortest one that reaches it. `progress` is handed the part that is done.
 pub fn design(
     expected: &Expected,
     limits: Limits,

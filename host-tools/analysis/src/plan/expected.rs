@@ -48,7 +48,8 @@ pub(super) struct Seen {
 }
 
 impl Expected {
-    /// Inertance with the structure \[kg\], viscous friction \[N s/m\], Coulomb friction and offset \[N\]: what the law holds.
+    /// Inertance with the structure \[kg\], viscous friction \[N s/m\], Coulomb friction and offset \[N\]: what the law
+    /// holds.
     pub fn law(&self) -> [f64; 4] {
         let Inerter { inertance_kg, viscous_n_s_per_m, coulomb_n, constant_force_n, .. } = self.device;
         [inertance_kg + self.settings.structure_mass_kg, viscous_n_s_per_m, coulomb_n, 0.0 - constant_force_n]

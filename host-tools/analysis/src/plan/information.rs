@@ -50,8 +50,8 @@ pub(super) struct Together {
 pub(super) struct Told {
     /// Of the four parameters.
     pub budgets: [Budget; 4],
-    /// Logarithm of the determinant of the covariance of inertance, viscous and Coulomb friction, without what no motion can change:
-    /// gain, lead and timebase.
+    /// Logarithm of the determinant of the covariance of inertance, viscous and Coulomb friction, without what no
+    /// motion can change: gain, lead and timebase.
     pub log_det: f64,
 }
 
@@ -148,8 +148,8 @@ impl Together {
         products.beyond_explained(inertance_kg, expected.force_noise_n, &expected.settings).ok()
     }
 
-    /// What they tell of the expected device; nothing where they leave a direction open. Where it is not certain which bank the
-    /// estimator will take, the one that tells less counts.
+    /// What they tell of the expected device; nothing where they leave a direction open. Where it is not certain which
+    /// bank the estimator will take, the one that tells less counts.
     pub fn told(&self, expected: &Expected) -> Option<Told> {
         let fast = || self.told_by(Bank::Fast, expected, 1.0);
         let slow = || self.told_by(Bank::Slow, expected, 1.0);
@@ -225,8 +225,8 @@ impl Together {
     }
 }
 
-/// What inertance, viscous and Coulomb friction will move by between the fits to all and away from rest, by chance alone, as the half width that
-/// the estimator makes of it.
+/// What inertance, viscous and Coulomb friction will move by between the fits to all and away from rest, by chance
+/// alone, as the half width that the estimator makes of it.
 fn moved_by_chance(all: &Solution<4>, away: &Solution<4>, coulomb: &Found, budget: &Budget) -> [f32; 3] {
     let scatter = f64::from(budget.fit_square()) / f64::from(coulomb.error).powi(2);
     let per_square = MOVED.powi(2) * BEYOND_CHANCE * scatter;

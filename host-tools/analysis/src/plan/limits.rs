@@ -40,8 +40,8 @@ pub struct Limits {
 }
 
 impl Default for Limits {
-    /// None but those of time and frequency: 20 s, four periods of the lowest frequency, the highest one that the grid of
-    /// motions holds (docs/tables/accuracy.md).
+    /// None but those of time and frequency: 20 s, four periods of the lowest frequency, the highest one that the grid
+    /// of motions holds (docs/tables/accuracy.md).
     fn default() -> Self {
         Self {
             stroke_m: f64::INFINITY,

@@ -15,7 +15,8 @@ const SPEED_S: f64 = 0.008;
 const MOST_DIFFERENCES: usize = 4096;
 /// Shortest and longest motion that is planned by a run \[s\].
 const DURATION_S: (f64, f64) = (5.0, 60.0);
-/// Own frequency of a contact whose stiffness is not known \[Hz\], and its damping ratio: hard enough to have no part in the motion.
+/// Own frequency of a contact whose stiffness is not known \[Hz\], and its damping ratio: hard enough to have no part
+/// in the motion.
 const RIGID: (f64, f64) = (100.0, 0.5);
 /// Times that frequency from which on a contact is taken for such a one.
 const HARDEST: f64 = 2.0;
@@ -166,8 +167,8 @@ pub fn observed(outcome: &Outcome, settings: &Settings, reach: &Reach) -> Result
     Ok((Expected { device, settings: *settings, force_noise_n }, reach.limits(offset_n, seconds)))
 }
 
-/// With a contact of this stiffness \[N/m\] and damping \[N s/m\]. Where the stiffness is not known, or so great that it only
-/// makes the simulation slow, with one that is hard enough to have no part in the motion.
+/// With a contact of this stiffness \[N/m\] and damping \[N s/m\]. Where the stiffness is not known, or so great that
+/// it only makes the simulation slow, with one that is hard enough to have no part in the motion.
 pub fn with_contact(device: Inerter, stiffness_n_per_m: Option<f64>, damping_n_s_per_m: Option<f64>) -> Inerter {
     let (own_hz, ratio) = RIGID;
     let rate = TAU * own_hz;

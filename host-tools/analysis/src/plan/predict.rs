@@ -1,9 +1,11 @@
-//! What a motion will tell of the expected device: the estimator's theory on its sums, and rehearsals for what has no formula.
+//! What a motion will tell of the expected device: the estimator's theory on its sums, and rehearsals for what has no
+//! formula.
 //!
-//! A rehearsal is a simulated run of the whole motion with the rig's noise through the estimator itself. Its sums are what the
-//! theory is applied to: `u_a`, the encoder's part and all that the settings state follow from them (docs/THEORY.md, 6). Rehearsals
-//! tell what has no formula: by how much the residual exceeds what noise and steps explain, what is added for a law that may not hold, how far
-//! values scatter where steps repeat or reversals are misplaced, and whether a value is given at all.
+//! A rehearsal is a simulated run of the whole motion with the rig's noise through the estimator itself. Its sums are
+//! what the theory is applied to: `u_a`, the encoder's part and all that the settings state follow from them
+//! (docs/THEORY.md, 6). Rehearsals tell what has no formula: by how much the residual exceeds what noise and steps
+//! explain, what is added for a law that may not hold, how far values scatter where steps repeat or reversals are
+//! misplaced, and whether a value is given at all.
 
 use std::thread;
 

@@ -1,10 +1,10 @@
 //! How long each motion should last, so that in a row they tell most.
 //!
-//! Motions one after the other add their information. From the best one alone the best exchange of time between two motions is
-//! made as long as there is one (Fedorov), the times growing smaller; one that would be too short for its lead-in and lead-out is
-//! left out, and so each more pays for its own. What is scored is what the estimator would state of the sum: the optimum is that
-//! of its intervals, not of a textbook's.
-//! Source: Atkinson, Donev and Tobias, Optimum Experimental Designs, with SAS, 9 to 12.
+//! Motions one after the other add their information. From the best one alone the best exchange of time between two
+//! motions is made as long as there is one (Fedorov), the times growing smaller; one that would be too short for its
+//! lead-in and lead-out is left out, and so each more pays for its own. What is scored is what the estimator would
+//! state of the sum: the optimum is that of its intervals, not of a textbook's. Source: Atkinson, Donev and Tobias,
+//! Optimum Experimental Designs, with SAS, 9 to 12.
 
 use super::information::{Information, Together};
 
@@ -32,7 +32,8 @@ pub(super) struct Choice<'a> {
 /// Chosen times of each motion \[s\], and their score.
 type Times = (Vec<f64>, f64);
 
-/// How long each should last so that together they fill this time with the least score; nothing where no motion has a score.
+/// How long each should last so that together they fill this time with the least score; nothing where no motion has a
+/// score.
 pub(super) fn times(choices: &[Choice<'_>], seconds: f64, score: impl Fn(&Together) -> f64) -> Option<Times> {
     let alone = (0..choices.len()).filter_map(|place| {
         let mut times = vec![0.0; choices.len()];

@@ -1,8 +1,8 @@
 //! Sums of the regressors by the speed that they were seen at, from which those away from rest follow for any motion.
 //!
-//! The estimator fits the law to all updates and to those that are faster than half of the root of the mean square; what the
-//! parameters move by between the two widens the intervals (docs/THEORY.md, 6). Which updates those are depends on all parts of a motion,
-//! so each part keeps its sums in half octaves of speed.
+//! The estimator fits the law to all updates and to those that are faster than half of the root of the mean square;
+//! what the parameters move by between the two widens the intervals (docs/THEORY.md, 6). Which updates those are
+//! depends on all parts of a motion, so each part keeps its sums in half octaves of speed.
 
 use crate::fit::Products;
 
@@ -50,7 +50,8 @@ impl Speeds {
         self
     }
 
-    /// Sums of the updates above a speed, of one that lies between two half octaves in proportion; nothing where none is kept.
+    /// Sums of the updates above a speed, of one that lies between two half octaves in proportion; nothing where none
+    /// is kept.
     pub fn above(&self, speed: f64) -> Option<Products> {
         let below = place(speed);
         let (slower, faster) = (self.by_speed.get(below)?, self.by_speed.get(below + 1)?);

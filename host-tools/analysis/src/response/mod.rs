@@ -1,15 +1,16 @@
 //! Frequency response force over displacement: measured, ideal, and that of the complete linear model.
 //!
-//! Glossary: `x1` displacement of the terminal, `x2` of the screw; `s = 2 pi i f`. Responses are in N/m, force over displacement.
+//! Glossary: `x1` displacement of the terminal, `x2` of the screw; `s = 2 pi i f`. Responses are in N/m, force over
+//! displacement.
 //! - *ideal*: `mt s^2`, an inertance and nothing else.
 //! - *complete*: `(mt s^2 + cf s)(cs s + ks) / (mt s^2 + (cs + cf) s + ks)`, with friction that is viscous and no backlash.
 //! - *measured*: the cross spectrum over the spectrum of the displacement (`H1`), averaged over overlapping pieces after Welch;
 //!   for steady tones the ratio of the two lines, piece by piece.
 //! - *coherence*: the part of the force's power that the displacement explains linearly.
 //!
-//! Sources: Bendat and Piersol, Random Data, 4th ed., 9.2 (errors of `H1` and of the coherence); P. D. Welch, "The use of
-//! fast Fourier transform for the estimation of power spectra", 1967; for [`equivalent_viscous`] Roberts and Spanos, Random
-//! Vibration and Statistical Linearization, 1990.
+//! Sources: Bendat and Piersol, Random Data, 4th ed., 9.2 (errors of `H1` and of the coherence); P. D. Welch, "The use
+//! of fast Fourier transform for the estimation of power spectra", 1967; for [`equivalent_viscous`] Roberts and Spanos,
+//! Random Vibration and Statistical Linearization, 1990.
 
 mod beside;
 mod model;

@@ -61,7 +61,8 @@ pub struct Agreement {
 }
 
 impl Agreement {
-    /// Complete over ideal at one frequency, as seen from the terminals: the structure mass and the delay are the rig's.
+    /// Complete over ideal at one frequency, as seen from the terminals: the structure mass and the delay are the
+    /// rig's.
     pub fn at(parameters: &ModelParameters, frequency_hz: f64) -> Self {
         let device = ModelParameters { structure_mass_kg: 0.0, skew_s: 0.0, ..*parameters };
         let ratio = model(&device, Input::Terminal, frequency_hz) / ideal(device.inertance_kg, frequency_hz);

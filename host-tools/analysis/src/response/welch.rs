@@ -16,7 +16,8 @@ const PIECES: usize = 6;
 const FINEST_HZ: f64 = 0.05;
 /// Bins left out at the bottom, where a trend would be seen.
 const LEAST_BIN: usize = 3;
-/// Part of the strongest bin's velocity power under which a bin holds no motion of the rig's, but what friction and impacts make of it.
+/// Part of the strongest bin's velocity power under which a bin holds no motion of the rig's, but what friction and
+/// impacts make of it.
 const LEAST_MOTION: f64 = 3e-3;
 /// Part of the sample rate above which nothing is said.
 const HIGHEST: f64 = 0.4;

@@ -63,8 +63,8 @@ impl Unsought {
     }
 }
 
-/// Seeks what breaks the law in a whole run, or since the device changed last: `changed` is handed that time \[s\] before the search.
-/// `told` hears of the part that is done, from 0 to 1.
+/// Seeks what breaks the law in a whole run, or since the device changed last: `changed` is handed that time \[s\]
+/// before the search. `told` hears of the part that is done, from 0 to 1.
 pub fn diagnosed<E: From<SettingsInputError> + From<CalibrateError> + From<FitError>>(
     run: &Run,
     encoder: Encoder,
@@ -121,8 +121,9 @@ fn gates(told: &[Warning], gated: &Gated) -> Vec<(WarningKind, u32)> {
     all.filter(|(_, times)| *times > 0).collect()
 }
 
-/// The parameters with all that was found beside them. Where nothing breaks the law they are its own, without samples that tell
-/// nothing of the device; nothing where these are not known, something else is left over, or the force pushes the wrong way.
+/// The parameters with all that was found beside them. Where nothing breaks the law they are its own, without samples
+/// that tell nothing of the device; nothing where these are not known, something else is left over, or the force pushes
+/// the wrong way.
 fn corrected(outcome: &Outcome, gated: &Gated, found: &Result<Diagnosis, Unsought>) -> Option<Parameters> {
     let found = found.as_ref().ok().filter(|_| gated.not_found.is_empty())?;
     if !found.causes.is_empty() {

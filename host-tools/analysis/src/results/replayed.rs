@@ -43,8 +43,8 @@ pub struct Replayed {
     beyond: Option<String>,
 }
 
-/// Takes samples through the estimator, the first of them at `start_s` \[s\]; `tell` is handed all that it says, and the time of
-/// each \[s\].
+/// Takes samples through the estimator, the first of them at `start_s` \[s\]; `tell` is handed all that it says, and
+/// the time of each \[s\].
 pub fn replayed<E: From<SettingsInputError>>(
     settings: &Settings,
     start_s: f64,
@@ -108,7 +108,8 @@ impl Replayed {
         Told::new(&self.outcome, &self.judged, self.wrong_samples() > 0)
     }
 
-    /// How often samples were wrong: each time that the estimator said so, and each kind that only the last minute as a whole shows.
+    /// How often samples were wrong: each time that the estimator said so, and each kind that only the last minute as a
+    /// whole shows.
     pub fn wrong_samples(&self) -> usize {
         self.warnings.len() + self.unseen.len()
     }

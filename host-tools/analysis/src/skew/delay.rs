@@ -1,8 +1,8 @@
 //! The delay of the force at which the law leaves least over, of all that a setting can undo.
 //!
-//! Rows stay where they are, and the force comes from so many samples later: what the law leaves over is a smooth function of
-//! the delay, and neither its size nor noise in the force's rate shift its minimum. Signs are placed by the position alone, as
-//! a force that is late can place none; friction may turn at another moment.
+//! Rows stay where they are, and the force comes from so many samples later: what the law leaves over is a smooth
+//! function of the delay, and neither its size nor noise in the force's rate shift its minimum. Signs are placed by the
+//! position alone, as a force that is late can place none; friction may turn at another moment.
 
 use inerter_core::{Bank, Settings};
 use inerter_data::series::Series;
@@ -17,8 +17,8 @@ use crate::law::Law;
 /// Greatest delay that is looked for \[s\]: what the setting `skew_s` holds.
 pub const MOST_S: f64 = 0.005;
 
-/// The delay at which it is least \[s\], within the range; nothing where no delay gives a positive inertance, or the motion cannot
-/// tell inertance and friction apart. What skew the settings undo does not matter.
+/// The delay at which it is least \[s\], within the range; nothing where no delay gives a positive inertance, or the
+/// motion cannot tell inertance and friction apart. What skew the settings undo does not matter.
 pub(super) fn delay_s(series: &Series, settings: &Settings, bank: Bank) -> Option<f64> {
     let as_measured = Settings { skew_s: 0.0, ..*settings };
     let most = (MOST_S / series.period_s) as isize;

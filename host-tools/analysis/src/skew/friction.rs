@@ -5,8 +5,9 @@ use super::{
     squares::Squares,
 };
 
-/// F statistic from which on friction is taken in. Of some twenty that are tried none reaches the first by chance, but friction
-/// of another shape may, which the interval of what acts at the reversals holds, and that of the others does not.
+/// F statistic from which on friction is taken in. Of some twenty that are tried none reaches the first by chance, but
+/// friction of another shape may, which the interval of what acts at the reversals holds, and that of the others does
+/// not.
 const LIMIT_AT_REVERSALS: f64 = 30.0;
 const LIMIT: f64 = 150.0;
 /// Part of a column's square that the others must leave over, for the run to tell of it.
@@ -97,8 +98,8 @@ pub(super) fn taken(rows: &Rows, columns: &[Vec<f64>]) -> Option<Vec<Friction>> 
     }
 }
 
-/// How far what was not taken in may have moved the coefficient at a place, as the half width of an interval: the most that any
-/// moves it by beyond chance. `again` is the square of what a residual that repeats makes more of chance.
+/// How far what was not taken in may have moved the coefficient at a place, as the half width of an interval: the most
+/// that any moves it by beyond chance. `again` is the square of what a residual that repeats makes more of chance.
 pub(super) fn reach(rows: &Rows, squares: &Squares, place: usize, taken: &[Friction], again: f64) -> f64 {
     let error_square = squares.square() * rows.per_observation;
     let of = |friction: Friction| {

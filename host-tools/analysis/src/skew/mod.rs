@@ -1,8 +1,8 @@
 //! The skew of a run: how late the force is behind the position, with what is known of it.
 //!
-//! Whole samples are found by what the law leaves over (`delay`), the rest by the coefficient of the force's rate beside the law
-//! and all friction that is not the law's (`round`), again and again until nothing is left: then neither the error of the
-//! series by which it is undone nor noise in that rate matter.
+//! Whole samples are found by what the law leaves over (`delay`), the rest by the coefficient of the force's rate
+//! beside the law and all friction that is not the law's (`round`), again and again until nothing is left: then neither
+//! the error of the series by which it is undone nor noise in that rate matter.
 
 mod delay;
 mod friction;
@@ -28,12 +28,14 @@ use self::{
 };
 use crate::fit::FitError;
 
-/// Part of the square of the force's rate that all else must leave over, for a delay to be told from viscous friction: a tone of
+/// Part of the square of the force's rate that all else must leave over, for a delay to be told from viscous friction:
+/// a tone of
 /// 15.9 Hz leaves 0.0004, two tones that are a tenth apart 0.005, a random motion 0.06 and more.
 const LEAST_LEFT: f64 = 0.002;
 /// Part of that which may be noise of the force.
 const MOST_NOISE: f64 = 0.5;
-/// Widest interval, in radians of the force's own frequency: beyond it a tenth of the inertance's force could be friction.
+/// Widest interval, in radians of the force's own frequency: beyond it a tenth of the inertance's force could be
+/// friction.
 const WIDEST_RAD: f64 = 0.1;
 /// Part of the interval that may be left to undo, and rounds until it is.
 const SETTLED: f64 = 0.02;
@@ -147,7 +149,8 @@ pub struct Skew {
 }
 
 impl Skew {
-    /// Whether it says more than the skew in use: a delay is left beyond its interval, or the interval is the smaller one.
+    /// Whether it says more than the skew in use: a delay is left beyond its interval, or the interval is the smaller
+    /// one.
     pub fn is_better_than(&self, settings: &Settings) -> bool {
         self.left_s.abs() > self.u95_s || self.u95_s < settings.skew_u95_s
     }

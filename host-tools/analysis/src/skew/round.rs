@@ -21,8 +21,8 @@ use crate::{
     law::{LEAST_OBSERVATIONS, Law},
 };
 
-/// Part of what neither noise and steps nor friction explain that may be alike to the force's rate: 0.17 is seen with impacts of a
-/// worn screw.
+/// Part of what neither noise and steps nor friction explain that may be alike to the force's rate: 0.17 is seen with
+/// impacts of a worn screw.
 const ALIKE: f64 = 0.2;
 /// Part of a sample period by which signs and kernels may be off, and the skew by them: 2 us at 500 Hz.
 const SAMPLING: f64 = 1e-3;
@@ -82,13 +82,14 @@ impl Round {
 
         let count = rows.force.len() as f64;
         let (inertance_kg, residual_square) = (squares.values[0], squares.square());
-        // Square of what all else leaves over of the force's rate, of which a cubic B-spline passes 2/3 of noise in its box's rate,
-        // where it passes 151/315 of the noise itself.
+        // Square of what all else leaves over of the force's rate, of which a cubic B-spline passes 2/3 of noise in its
+        // box's rate, where it passes 151/315 of the noise itself.
         let alone = squares.inverse[(place, place)].recip();
         let box_s = rows.box_s();
         let noise = count * residual_square * (2.0 / 3.0) / constants::BOXES_VARIANCE / box_s.powi(2) / alone;
 
-        // What the steps take of the inertance, as noise in a regressor does, is given back by half, or by what sums keep of it.
+        // What the steps take of the inertance, as noise in a regressor does, is given back by half, or by what sums
+        // keep of it.
         let kept = settings.oversampling.recip();
         let steps_square = settings.metres_per_count.powi(2) / 12.0 * (8.0 / 3.0) * series.period_s / box_s.powi(5);
         let taken_of = |i: usize| squares.inverse[(i, 0)] * steps_square * count;

@@ -61,8 +61,8 @@ pub(super) struct Rows<'a> {
 }
 
 impl<'a> Rows<'a> {
-    /// Of all samples in motion of an aligned series, with signs placed by this law, and so many samples on either side of each row's
-    /// kernel.
+    /// Of all samples in motion of an aligned series, with signs placed by this law, and so many samples on either side
+    /// of each row's kernel.
     pub fn of(series: &'a Series, settings: &Settings, bank: Bank, law: Law, margin: usize) -> Self {
         let period_s = series.period_s;
         let kernels = Kernels::new(bank, period_s);
@@ -130,7 +130,8 @@ impl<'a> Rows<'a> {
             .collect()
     }
 
-    /// What friction that turns at another moment than the velocity adds, `s'`; nothing where hardly a row has a reversal under it.
+    /// What friction that turns at another moment than the velocity adds, `s'`; nothing where hardly a row has a
+    /// reversal under it.
     pub fn turn(&self) -> Option<Vec<f64>> {
         let column = self.through(|piece| piece.signs.clone(), |kernels| &kernels.rate);
         let square = dot(&column, &column) * self.box_s().powi(2);

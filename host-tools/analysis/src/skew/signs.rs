@@ -5,7 +5,8 @@ use inerter_data::series::Stretch;
 
 use crate::law::{Law, around, convolved};
 
-/// Mean sign of the velocity over a sample's own period, by a straight line through velocities half a sample before and after.
+/// Mean sign of the velocity over a sample's own period, by a straight line through velocities half a sample before and
+/// after.
 pub(super) fn sign((before, after): (f64, f64)) -> f64 {
     match (before.is_nan(), after.is_nan()) {
         (true, true) => 0.0,
@@ -16,9 +17,10 @@ pub(super) fn sign((before, after): (f64, f64)) -> f64 {
     }
 }
 
-/// Velocities half a sample before and after each \[m/s\] through the estimator's short kernel, with what it takes from them given
-/// back: what Coulomb friction makes of it at a reversal, and what a changing force bends (docs/THEORY.md, 2); nothing of both
-/// without an inertance. The force is that of an aligned series. NaN where there are too few samples around.
+/// Velocities half a sample before and after each \[m/s\] through the estimator's short kernel, with what it takes from
+/// them given back: what Coulomb friction makes of it at a reversal, and what a changing force bends (docs/THEORY.md,
+/// 2); nothing of both without an inertance. The force is that of an aligned series. NaN where there are too few
+/// samples around.
 pub(super) fn velocities(piece: &Stretch, period_s: f64, law: &Law, settings: &Settings) -> Vec<(f64, f64)> {
     let m = (SIGN_KERNEL_S / period_s).round().max(1.0) as usize;
     let triangle = convolved(&vec![1.0; m], &vec![1.0; m]);

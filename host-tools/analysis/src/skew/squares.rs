@@ -61,8 +61,8 @@ impl Squares {
 }
 
 impl More {
-    /// What it moves the coefficient at this place by, and the square of what chance alone would, per mean square of the residual of
-    /// an independent row.
+    /// What it moves the coefficient at this place by, and the square of what chance alone would, per mean square of
+    /// the residual of an independent row.
     pub fn moves(&self, place: usize) -> (f64, f64) {
         (-self.along[place] * self.size, self.along[place] * self.along[place] / self.square)
     }

@@ -39,8 +39,8 @@ pub enum ColumnsError {
 }
 
 impl Table {
-    /// A table of these columns: time \[s\], encoder count, force \[N\] or torque \[N m\], and displacement of the terminal \[m\] or
-    /// \[rad\], which is empty where it was not measured. `name` is that of the run in messages.
+    /// A table of these columns: time \[s\], encoder count, force \[N\] or torque \[N m\], and displacement of the
+    /// terminal \[m\] or \[rad\], which is empty where it was not measured. `name` is that of the run in messages.
     pub fn of_columns(
         name: String,
         machine: Machine,

@@ -1,7 +1,8 @@
 //! A motion as a CSV: what a shaker is told, and the plant.
 //!
-//! Columns `t_s,terminal_m,velocity_m_per_s,acceleration_m_per_s2`, of a rotary machine `t_s,terminal_rad,velocity_rad_per_s,
-//! acceleration_rad_per_s2`; comments above them say what it is. Only time and displacement are read back.
+//! Columns `t_s,terminal_m,velocity_m_per_s,acceleration_m_per_s2`, of a rotary machine
+//! `t_s,terminal_rad,velocity_rad_per_s, acceleration_rad_per_s2`; comments above them say what it is. Only time and
+//! displacement are read back.
 
 use std::path::Path;
 
@@ -44,7 +45,8 @@ pub struct Displacements {
     pub terminal_m: Vec<f64>,
 }
 
-/// Writes a motion whole or not at all, with lines of comment above it. Only `replace` lets it take the place of a file.
+/// Writes a motion whole or not at all, with lines of comment above it. Only `replace` lets it take the place of a
+/// file.
 pub fn write(
     path: &Path,
     replace: bool,

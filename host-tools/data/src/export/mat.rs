@@ -1,6 +1,7 @@
 //! MATLAB v7.3: column vectors, and structs with settings, units, device and estimates.
 //!
-//! The layout wants each column whole, one after the other: the samples are read once for each, so that none is ever held.
+//! The layout wants each column whole, one after the other: the samples are read once for each, so that none is ever
+//! held.
 
 use std::{
     io::BufWriter,

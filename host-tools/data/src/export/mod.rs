@@ -1,7 +1,7 @@
 //! Samples and estimates for other tools: CSV, Parquet, MATLAB and MCAP, in bounded memory.
 //!
-//! A [`Source`] is gone through once to learn its extent, then once for all of CSV, Parquet and MCAP together, where one
-//! thread reads and another writes, and once for each column of a MATLAB file, whose layout wants whole columns.
+//! A [`Source`] is gone through once to learn its extent, then once for all of CSV, Parquet and MCAP together, where
+//! one thread reads and another writes, and once for each column of a MATLAB file, whose layout wants whole columns.
 //! Files take their names when they are complete ([`output::Pending`](crate::output::Pending)).
 
 mod about;
@@ -55,8 +55,8 @@ pub struct Exported {
 
 /// Writes the selection into all of the files.
 ///
-/// `progress` is handed the part that is done, from 0 to 1, and may end the work. Nothing replaces a file before all of it
-/// is there, and nothing at all unless `replace` says so.
+/// `progress` is handed the part that is done, from 0 to 1, and may end the work. Nothing replaces a file before all of
+/// it is there, and nothing at all unless `replace` says so.
 pub fn export(
     source: &Source,
     selection: &Selection,

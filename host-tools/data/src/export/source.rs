@@ -47,8 +47,8 @@ enum Origin {
 }
 
 impl Source {
-    /// Opens a recording or a CSV, told apart by how they begin, and goes through it once; `progress` is handed the bytes of
-    /// a recording read so far.
+    /// Opens a recording or a CSV, told apart by how they begin, and goes through it once; `progress` is handed the
+    /// bytes of a recording read so far.
     pub fn open(path: &Path, overrides: &Overrides, progress: impl FnMut(u64)) -> Result<Self, Error> {
         if !recording::is_recording(path).map_err(|source| CsvError::Read { path: path.into(), source })? {
             return Ok(Self::held(csv::to_run(csv::read(path)?, overrides)?));

@@ -13,8 +13,8 @@ use crate::{
 
 /// Time that one message of `motion` is the mean of \[s\]: force and motion of a shaker can be seen, at little size.
 const MOTION_S: f64 = 0.05;
-/// Least time between two messages of `estimate` \[s\], of which each takes the room of two hundred samples, and of `reversal`. The
-/// frames hold every one.
+/// Least time between two messages of `estimate` \[s\], of which each takes the room of two hundred samples, and of
+/// `reversal`. The frames hold every one.
 const ESTIMATE_S: f64 = 1.0;
 const REVERSAL_S: f64 = 0.1;
 

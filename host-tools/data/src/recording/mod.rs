@@ -13,8 +13,8 @@
 //!
 //! The frames are the truth: readers here leave the decoded channels alone.
 //!
-//! Chunks are written whole, uncompressed, so that a file which is cut off anywhere reads up to the cut, within a chunk too.
-//! Of a live device they are written and synchronised twice a second: a power cut costs a second at most.
+//! Chunks are written whole, uncompressed, so that a file which is cut off anywhere reads up to the cut, within a chunk
+//! too. Of a live device they are written and synchronised twice a second: a power cut costs a second at most.
 
 mod decode;
 mod edit;

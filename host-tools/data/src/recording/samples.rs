@@ -77,8 +77,8 @@ impl Extent {
         self.indices = Some((first, sample.index));
     }
 
-    /// Sample periods from the first sample to the one with this counter, seen from the latest one: what the device says
-    /// of a sample may come before it or after.
+    /// Sample periods from the first sample to the one with this counter, seen from the latest one: what the device
+    /// says of a sample may come before it or after.
     pub fn periods_of(&self, index: u32) -> Option<i64> {
         let (_, last) = self.indices?;
         // Wraps on purpose: the nearer of the two directions.

@@ -1,6 +1,7 @@
 //! JSON schemas of the decoded channels: what PlotJuggler and Foxglove show beside the numbers.
 //!
-//! Types are plain (`number`, never a list of types), as Foxglove wants them; a number that is not known is `null` all the same.
+//! Types are plain (`number`, never a list of types), as Foxglove wants them; a number that is not known is `null` all
+//! the same.
 
 use inerter_core::Machine;
 use inerter_wire::catalogue::{self, Field, Group};

@@ -1,4 +1,5 @@
-//! The file of a recording, filled by a thread of its own: a disk that takes its time holds up nobody who reads a device.
+//! The file of a recording, filled by a thread of its own: a disk that takes its time holds up nobody who reads a
+//! device.
 
 use std::{
     fs::File,

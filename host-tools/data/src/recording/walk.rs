@@ -1,9 +1,9 @@
 //! The records of an MCAP file one after the other, those in chunks too, whatever state the file is in.
 //!
 //! A file is a magic number and records: operation code (u8), length (u64), content. A chunk's content is a header and
-//! records again. Nothing is read ahead of what is needed and no length is believed beyond [`LONGEST_RECORD`], so that a
-//! file which is cut off or damaged gives all that lies before. (The `mcap` crate's own linear reader, 0.26, panics on a
-//! record that is longer than its chunk.)
+//! records again. Nothing is read ahead of what is needed and no length is believed beyond [`LONGEST_RECORD`], so that
+//! a file which is cut off or damaged gives all that lies before. (The `mcap` crate's own linear reader, 0.26, panics
+//! on a record that is longer than its chunk.)
 
 use std::io::{self, Read};
 

@@ -1,7 +1,7 @@
 //! What raw figures and samples of a board mean.
 //!
-//! Each judgement takes what the board told, and gives its checks in a fixed order. A figure that is missing fails its check,
-//! unless there is a plain reason for it.
+//! Each judgement takes what the board told, and gives its checks in a fixed order. A figure that is missing fails its
+//! check, unless there is a plain reason for it.
 
 use inerter_core::RawSample;
 use inerter_wire::{ClockSource, Hello, Measured, Quantity, ResetCause};
@@ -34,7 +34,8 @@ const FREE_STACK: f64 = 0.25;
 const CRYSTAL_PPM: f64 = 600.0;
 /// What the chip's own oscillator may be off by besides (DS12288, table 43).
 const INTERNAL_PPM: f64 = 20_000.0;
-/// Noise of one conversion, rms: 66 dB of signal to noise are 0.7 codes (DS12288, table 67), an amplifier may double it.
+/// Noise of one conversion, rms: 66 dB of signal to noise are 0.7 codes (DS12288, table 67), an amplifier may double
+/// it.
 const NOISE_CODES: f64 = 2.0;
 /// A converter that converts is never quieter (codes).
 const LEAST_NOISE_CODES: f64 = 0.05;
@@ -100,8 +101,8 @@ pub fn chip(measured: &Measured, hello: &Hello) -> Vec<Check> {
     vec![device, flash, agree, options, stack]
 }
 
-/// By how much the time since the start must fall short of what it would be without a start (s): it comes in whole seconds,
-/// and late.
+/// By how much the time since the start must fall short of what it would be without a start (s): it comes in whole
+/// seconds, and late.
 const YOUNGER_S: f64 = 2.0;
 
 /// What a board shows of its start, after it was told to restart.
@@ -115,7 +116,8 @@ pub struct Start {
     pub uptime_s: Option<(u32, f64)>,
 }
 
-/// How a start must have come about: as the device tells, or else a start by its time since then, and by the chip's own flags.
+/// How a start must have come about: as the device tells, or else a start by its time since then, and by the chip's own
+/// flags.
 pub fn restart(name: &'static str, label: &'static str, expected: ResetCause, start: &Start) -> Check {
     let Start { told, flags, uptime_s } = *start;
     let wanted = match expected {
@@ -252,7 +254,8 @@ const fn predicted(quantity: Quantity, name: &'static str, label: &'static str, 
 const MOST_PER_INSTRUCTION: f64 = 4.5;
 /// Part of the twin's instructions that must be taken: motion and streams differ.
 const LEAST_PER_INSTRUCTION: f64 = 0.4;
-/// Times over which cycles are counted (us): a board measures for a second, and its counts are right for less than 25 s.
+/// Times over which cycles are counted (us): a board measures for a second, and its counts are right for less than 25
+/// s.
 const WORK_US: std::ops::RangeInclusive<u32> = 100_000..=20_000_000;
 /// What any task may take besides (cycles/s).
 const SPARE: f64 = 1e6;
@@ -311,7 +314,8 @@ impl Input {
     }
 }
 
-/// Noise floor of an input at rest, in codes of one conversion, and whether the first sample after a start is like the others.
+/// Noise floor of an input at rest, in codes of one conversion, and whether the first sample after a start is like the
+/// others.
 ///
 /// By the differences of neighbours, which a slow drift does not enter. An input at its rail shows no noise.
 pub fn noise(input: Input, samples: &[RawSample], sample_rate_hz: f64) -> Vec<Check> {

@@ -3,8 +3,8 @@
 //! - *check*: one thing that the board must show, with the range it must lie in.
 //! - *verdict*: [`Verdict::Pass`], [`Verdict::Fail`] with the likely cause, or [`Verdict::Skipped`] with the reason.
 //!
-//! [`judge`] judges raw figures and samples, without a device. Numbers from a device may be anything: what is missing or makes no sense
-//! fails, and never passes.
+//! [`judge`] judges raw figures and samples, without a device. Numbers from a device may be anything: what is missing
+//! or makes no sense fails, and never passes.
 
 pub mod judge;
 

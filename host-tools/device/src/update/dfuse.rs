@@ -4,10 +4,9 @@
 //!   address pointer + (n - 2) x transfer size, and n = 0 carries a command.
 //! - A command or block is carried out when the host asks for the status after it; the answer says how long to wait.
 //!
-//! The first page holds the vectors. It is erased before all others and written after them, and the vectors by a transfer
-//! of their own last of all, so that no half of an image ever runs, wherever power is lost. The same order begins anew
-//! after whatever broke it off.
-//! Sources: USB DFU 1.1; UM0424 (DfuSe); AN3156 (the protocol of the ROM).
+//! The first page holds the vectors. It is erased before all others and written after them, and the vectors by a
+//! transfer of their own last of all, so that no half of an image ever runs, wherever power is lost. The same order
+//! begins anew after whatever broke it off. Sources: USB DFU 1.1; UM0424 (DfuSe); AN3156 (the protocol of the ROM).
 //!
 //! [`FunctionalDescriptor::transfer_size`]: dfu_core::functional_descriptor::FunctionalDescriptor::transfer_size
 
@@ -43,8 +42,8 @@ const ABORT: u8 = 6;
 /// Commands in block 0 (AN3156, 5).
 const SET_ADDRESS: u8 = 0x21;
 const ERASE: u8 = 0x41;
-/// Bytes without which nothing runs: initial stack and reset vector, one double word, which is programmed whole or not at
-/// all (RM0440 3.3.7).
+/// Bytes without which nothing runs: initial stack and reset vector, one double word, which is programmed whole or not
+/// at all (RM0440 3.3.7).
 const VECTORS: usize = 8;
 /// Number of the block that goes to the address pointer itself.
 const FIRST_BLOCK: u16 = 2;

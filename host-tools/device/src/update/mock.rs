@@ -55,7 +55,8 @@ pub struct Chip {
     pub transfers_left: usize,
     /// Double words until power fails.
     pub words_left: usize,
-    /// What system memory says of the size of flash (KB), and the option bytes; nothing where the ROM does not read there.
+    /// What system memory says of the size of flash (KB), and the option bytes; nothing where the ROM does not read
+    /// there.
     pub told: Option<(u16, u32)>,
     /// Where flash is write-protected.
     pub protected: Range<u32>,

@@ -1,8 +1,8 @@
 //! Firmware updates over USB: the chip's own ROM takes the image, no probe is needed.
 //!
-//! The device restarts into its ROM on [`Command::EnterDfu`](inerter_wire::Command::EnterDfu), the ROM erases and writes
-//! the pages of the image ([`dfuse`]), starts it, and the device is asked what it runs now. Settings lie in pages of
-//! their own and are kept. Whatever breaks it off, the same command begins anew and completes it.
+//! The device restarts into its ROM on [`Command::EnterDfu`](inerter_wire::Command::EnterDfu), the ROM erases and
+//! writes the pages of the image ([`dfuse`]), starts it, and the device is asked what it runs now. Settings lie in
+//! pages of their own and are kept. Whatever breaks it off, the same command begins anew and completes it.
 
 pub mod dfuse;
 mod error;

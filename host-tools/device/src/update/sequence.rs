@@ -92,8 +92,8 @@ fn check_running(running: &Running, image: &Image, other_board: bool) -> Result<
     }
 }
 
-/// Writes the image to a device in update mode and starts it. `is_whole` says whether the firmware that was there before is whole
-/// where this fails.
+/// Writes the image to a device in update mode and starts it. `is_whole` says whether the firmware that was there
+/// before is whole where this fails.
 fn write<M: Machine>(
     machine: &mut M,
     image: &Image,
@@ -114,8 +114,8 @@ fn write<M: Machine>(
     written.map(|()| device)
 }
 
-/// Leads a device back that was told to enter update mode, of whose firmware nothing was erased: somebody interrupted that, or the
-/// chip turned out to be another. Gives what to tell.
+/// Leads a device back that was told to enter update mode, of whose firmware nothing was erased: somebody interrupted
+/// that, or the chip turned out to be another. Gives what to tell.
 fn given_up<M: Machine>(machine: &mut M, serial: &str, error: UpdateError) -> UpdateError {
     let stays =
         |reason: UpdateError| UpdateError::StaysInDfu { serial: serial.to_string(), reason: reason.to_string() };
@@ -139,11 +139,11 @@ fn given_up<M: Machine>(machine: &mut M, serial: &str, error: UpdateError) -> Up
     }
 }
 
-/// Into update mode and back, without writing anything. `enter` tells the device to go there; else somebody leads it there by
-/// hand, and it is waited for.
+/// Into update mode and back, without writing anything. `enter` tells the device to go there; else somebody leads it
+/// there by hand, and it is waited for.
 ///
-/// An interruption ends the wait for somebody's hand. It does not end anything else before the device was told to leave, or
-/// it would stay there.
+/// An interruption ends the wait for somebody's hand. It does not end anything else before the device was told to
+/// leave, or it would stay there.
 pub fn visit<M: Machine>(machine: &mut M, running: &Hello, enter: bool) -> Result<Back, UpdateError> {
     let stays =
         |error: UpdateError| UpdateError::StaysInDfu { serial: running.serial.to_string(), reason: error.to_string() };
@@ -168,8 +168,8 @@ pub fn visit<M: Machine>(machine: &mut M, running: &Hello, enter: bool) -> Resul
     }
 }
 
-/// Lets a device in update mode start its firmware, which takes it no longer than so many seconds. What fails is tried again while
-/// the device is there.
+/// Lets a device in update mode start its firmware, which takes it no longer than so many seconds. What fails is tried
+/// again while the device is there.
 fn lead_back<M: Machine>(machine: &mut M, device: &DfuDevice, seconds: u64) -> Result<(), UpdateError> {
     let mut left = Duration::from_secs(seconds);
     let mut once = |machine: &mut M| {

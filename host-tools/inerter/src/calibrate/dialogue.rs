@@ -10,10 +10,12 @@ pub trait Dialogue {
     /// Asks for a line; an empty one gives `default`.
     fn ask(&mut self, question: &str, default: &str) -> Result<String, Error>;
 
-    /// So much of what `label` says is done, from 0 to 1; fails with [`Error::INTERRUPTED`] when the person wants to stop.
+    /// So much of what `label` says is done, from 0 to 1; fails with [`Error::INTERRUPTED`] when the person wants to
+    /// stop.
     fn progress(&mut self, label: &'static str, fraction: f64) -> Result<(), Error>;
 
-    /// Asks until one of the choices is named: a word or its first letter. Gives its place; the first one is the default.
+    /// Asks until one of the choices is named: a word or its first letter. Gives its place; the first one is the
+    /// default.
     fn choose(&mut self, question: &str, choices: &[&str]) -> Result<usize, Error> {
         let default = choices.first().copied().unwrap_or_default();
         loop {

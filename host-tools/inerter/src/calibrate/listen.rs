@@ -22,8 +22,8 @@ pub struct Heard {
     pub arrivals: Vec<Arrival>,
 }
 
-/// Hands on a device's raw samples with their times until `take` has enough; nothing but samples is streamed meanwhile, and
-/// nothing at all afterwards.
+/// Hands on a device's raw samples with their times until `take` has enough; nothing but samples is streamed meanwhile,
+/// and nothing at all afterwards.
 pub fn each_batch(
     device: &mut Device,
     mut take: impl FnMut(u64, Vec<RawSample>) -> Result<bool, Error>,

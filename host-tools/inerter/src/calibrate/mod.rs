@@ -1,7 +1,8 @@
 //! Calibration at a device, in a dialogue with a person.
 //!
-//! [`steps`] takes the samples from a device while it talks to a person through a [`Dialogue`]; [`wizard`] goes through all of them.
-//! Nothing is written on the device before the end. What the samples say is [`inerter_analysis::calibrate`].
+//! [`steps`] takes the samples from a device while it talks to a person through a [`Dialogue`]; [`wizard`] goes through
+//! all of them. Nothing is written on the device before the end. What the samples say is
+//! [`inerter_analysis::calibrate`].
 
 pub mod dialogue;
 mod listen;

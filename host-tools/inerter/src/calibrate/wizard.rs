@@ -1,7 +1,7 @@
 //! All steps one after the other, for a person at the rig.
 //!
-//! Each shows what it has found and asks whether to take it, to repeat it, or to go on without. Under the settings that were
-//! accepted so far the next step is evaluated, here; the device itself stays as it is until the last question.
+//! Each shows what it has found and asks whether to take it, to repeat it, or to go on without. Under the settings that
+//! were accepted so far the next step is evaluated, here; the device itself stays as it is until the last question.
 
 use std::{f64::consts::TAU, path::PathBuf};
 

@@ -8,8 +8,8 @@ use inerter_serve::loopback;
 
 use super::terminal::note;
 
-/// Flags that let a command replace or erase something, on a disk or a device, or name what it writes, what is run or which chip
-/// it is for, or let others in.
+/// Flags that let a command replace or erase something, on a disk or a device, or name what it writes, what is run or
+/// which chip it is for, or let others in.
 const GRAVE: [&str; 22] = [
     "force",
     "yes",

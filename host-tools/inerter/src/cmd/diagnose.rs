@@ -15,17 +15,21 @@ use crate::Error;
 
 /// Name what breaks the law of the estimator in a recording or a CSV file.
 ///
-/// The law is F = mt a + cf v + fc sgn(v) + F0. Where force noise and encoder steps do not explain what it leaves over, a cause is
-/// sought: friction that grows with the load, that repeats with the turns of the screw, falls with the speed, turns over a distance or
-/// changes with time or with the square of the velocity, a skew between force and position, an encoder error, friction by direction, a
-/// spring, a position that gives way, a force that is not measured in proportion, a mass on the terminal that moves otherwise than the
-/// screw. Each is added to the law, the one that explains most first, as long as it explains more than noise and steps ever do. The
-/// parameters are given again with all of them included. Samples that no device can be blamed for are named as well: lost counts, a clipped or dead force, a wrong sign.
+/// The law is F = mt a + cf v + fc sgn(v) + F0. Where force noise and encoder steps do not explain what it leaves over,
+/// a cause is sought: friction that grows with the load, that repeats with the turns of the screw, falls with the
+/// speed, turns over a distance or changes with time or with the square of the velocity, a skew between force and
+/// position, an encoder error, friction by direction, a spring, a position that gives way, a force that is not measured
+/// in proportion, a mass on the terminal that moves otherwise than the screw. Each is added to the law, the one that
+/// explains most first, as long as it explains more than noise and steps ever do. The parameters are given again with
+/// all of them included. Samples that no device can be blamed for are named as well: lost counts, a clipped or dead
+/// force, a wrong sign.
 ///
-/// What repeats with the turns of the screw is sought at the usual counts per turn, and intervals hold all that are possible;
+/// What repeats with the turns of the screw is sought at the usual counts per turn, and intervals hold all that are
+/// possible;
 /// --counts-per-turn says what they are.
 ///
-/// With --json one object: {"kind":"diagnosis","law":{..},"causes":[{"name":..}],"corrected":{..}}. docs/CLI.md describes it.
+/// With --json one object: {"kind":"diagnosis","law":{..},"causes":[{"name":..}],"corrected":{..}}. docs/CLI.md
+/// describes it.
 #[derive(clap::Args)]
 #[command(after_long_help = inerter_data::settings::help_table())]
 pub struct Args {

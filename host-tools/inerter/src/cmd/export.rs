@@ -23,11 +23,12 @@ use crate::Error;
 /// Several formats may be written at once. Memory stays small however long the recording.
 ///
 /// CSV: t_s, encoder_count, force_n and, when it was measured, terminal_m. The settings go into a TOML file beside it
-/// (run.csv, run.settings.toml): with them a replay of the CSV gives the same result as a replay of the recording. `--csv -`
-/// writes to standard output, without the settings.
+/// (run.csv, run.settings.toml): with them a replay of the CSV gives the same result as a replay of the recording.
+/// `--csv -` writes to standard output, without the settings.
 ///
 /// Parquet, MATLAB: also position_m; units, settings and device go with them (metadata of the Parquet file and
-/// DataFrame.attrs in pandas; the variables `settings`, `units`, `device` in MATLAB). A .mat is version 7.3, which is HDF5.
+/// DataFrame.attrs in pandas; the variables `settings`, `units`, `device` in MATLAB). A .mat is version 7.3, which is
+/// HDF5.
 ///
 /// MCAP: every sample as JSON for PlotJuggler and Foxglove, some 100 bytes each.
 #[derive(clap::Args)]
@@ -49,8 +50,8 @@ pub struct Args {
     mcap: Option<PathBuf>,
     #[command(flatten)]
     range: RangeArgs,
-    /// Columns instead of the usual ones, separated by commas: t_s, encoder_count, position_m, force_n, terminal_m, index,
-    /// saturated
+    /// Columns instead of the usual ones, separated by commas: t_s, encoder_count, position_m, force_n, terminal_m,
+    /// index, saturated
     #[arg(long, value_name = "NAMES", value_delimiter = ',', value_parser = column)]
     columns: Option<Vec<Column>>,
     /// Also write the device's estimates with their intervals: beside a CSV or Parquet file (run.estimates.csv), as the

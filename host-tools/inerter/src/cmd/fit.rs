@@ -21,13 +21,14 @@ use crate::Error;
 
 /// Fit recordings or CSV files again, with friction that may differ by direction.
 ///
-/// Each run goes through the estimator, whose exact sums are fitted twice: with friction alike in both directions, and with
-/// one viscous and one Coulomb friction for each. Positive is where the encoder counts up (down, when metres_per_count is
-/// negative). A constant force cannot be told from a Coulomb friction that differs by direction: without --offset-n only
-/// fc+ - fc- + 2 F0 is given. After a change of the device only the motion since is fitted.
+/// Each run goes through the estimator, whose exact sums are fitted twice: with friction alike in both directions, and
+/// with one viscous and one Coulomb friction for each. Positive is where the encoder counts up (down, when
+/// metres_per_count is negative). A constant force cannot be told from a Coulomb friction that differs by direction:
+/// without --offset-n only fc+ - fc- + 2 F0 is given. After a change of the device only the motion since is fitted.
 ///
-/// Several runs of one device are fitted together: their sums are added, which gives the same whatever the order, and a run that is
-/// given twice counts once. Their settings must be the same, but for the tare and what is of the terminal's sensor.
+/// Several runs of one device are fitted together: their sums are added, which gives the same whatever the order, and a
+/// run that is given twice counts once. Their settings must be the same, but for the tare and what is of the terminal's
+/// sensor.
 ///
 /// With --json one object: {"kind":"fit","symmetric":{..},"by_direction":{..}}. docs/CLI.md describes it.
 #[derive(clap::Args)]

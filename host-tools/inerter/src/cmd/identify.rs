@@ -27,17 +27,18 @@ use crate::Error;
 
 /// Identify the complete model of a device from recordings or CSV files.
 ///
-/// With the terminal's displacement (a sensor, or --excite) inertance, viscous and Coulomb friction, contact stiffness and
-/// damping, backlash, structure mass, force offset and skew are fitted by simulation to encoder and force together. Each gets
-/// a 95 % interval, or the reason why this motion cannot show it. Without it the law of the estimator is fitted: inertance,
-/// friction and offset. In either case the law is also fitted to each segment by itself.
+/// With the terminal's displacement (a sensor, or --excite) inertance, viscous and Coulomb friction, contact stiffness
+/// and damping, backlash, structure mass, force offset and skew are fitted by simulation to encoder and force together.
+/// Each gets a 95 % interval, or the reason why this motion cannot show it. Without it the law of the estimator is
+/// fitted: inertance, friction and offset. In either case the law is also fitted to each segment by itself.
 ///
-/// The structure mass is taken as the settings say, within structure_mass_u95_kg and 5 %, and the skew within skew_u95_s;
+/// The structure mass is taken as the settings say, within structure_mass_u95_kg and 5 %, and the skew within
+/// skew_u95_s;
 /// --free mr, --free tau leave them to the data. Several files are one device, each with its own force offset. The last 30 %
 /// of each file are explained by a fit of the first 70 %: what is left unexplained there is the validation.
 ///
-/// The frequency response force over displacement (H1 or steady tones, with coherence and interval) is measured as well, and
-/// stands beside that of the ideal inertance and of the complete model with what was found.
+/// The frequency response force over displacement (H1 or steady tones, with coherence and interval) is measured as
+/// well, and stands beside that of the ideal inertance and of the complete model with what was found.
 ///
 /// --staged goes about it as Li, Liang and Wang did: the slowest file gives the Coulomb friction, the next ones the rest,
 /// the fastest of three or more validates.

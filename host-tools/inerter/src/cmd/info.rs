@@ -28,8 +28,8 @@ use crate::Error;
 
 /// Show what a recording or a CSV file holds.
 ///
-/// Device, settings (with them the calibration), duration, losses, markers, and how it ended. Needs little memory, however
-/// long the recording.
+/// Device, settings (with them the calibration), duration, losses, markers, and how it ended. Needs little memory,
+/// however long the recording.
 ///
 /// With --json one object: {"kind":"recording","file":..,"ending":"closed"|"cut_off"|"damaged","duration_s":..,
 /// "samples":..,"discontinuities":..,"frames":..,"lost_frames":..,"damaged_frames":..,"device":{..},"settings":{..},"calibration":{..},"truth":{..},

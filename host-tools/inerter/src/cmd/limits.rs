@@ -16,7 +16,8 @@ use crate::Error;
 /// What a device is held against.
 #[derive(clap::Args)]
 pub struct LimitsArgs {
-    /// Hold the parameters against limits: TOML with a table for each, such as `[coulomb_n]`, and `min` or `max` below it
+    /// Hold the parameters against limits: TOML with a table for each, such as `[coulomb_n]`, and `min` or `max` below
+    /// it
     #[arg(long, value_name = "FILE.toml", help_heading = "Limits")]
     limits: Option<PathBuf>,
     /// Write what is said of the limits as JUnit XML; what is undecided is an error there
@@ -40,8 +41,8 @@ pub struct Held<'a> {
 }
 
 impl LimitsArgs {
-    /// Refuses files that are in the way, before any work is done: those of the command that are `written`, and these. What is `read` is
-    /// never written over. Ctrl-C leaves none half written.
+    /// Refuses files that are in the way, before any work is done: those of the command that are `written`, and these.
+    /// What is `read` is never written over. Ctrl-C leaves none half written.
     pub fn check(&self, read: &[&Path], written: &[&Path], force: bool) -> Result<&Self, Error> {
         tidy_at_interrupts();
         let own = self.junit.iter().chain(&self.verdicts).map(PathBuf::as_path);

@@ -33,8 +33,8 @@ use crate::{
 /// What may wait for whoever reads standard output: minutes of a device.
 const WAITING: usize = 4096;
 
-/// Prints in a thread of its own: whoever takes his time to read holds up neither the device nor the recording. What does not
-/// fit is left out and counted.
+/// Prints in a thread of its own: whoever takes his time to read holds up neither the device nor the recording. What
+/// does not fit is left out and counted.
 pub struct Printer {
     items: Option<SyncSender<Item>>,
     left_out: Arc<AtomicU64>,

@@ -20,8 +20,8 @@ use crate::Error;
 /// The earliest comes first, whatever the order in which they are given. Frames, markers and times stay as they were
 /// received. Between two recordings samples are missing, unless the device's sample counter simply goes on.
 ///
-/// Settings that differ, another device, and recordings that were made at the same time are refused. Recordings that were cut
-/// off may be given. The inputs are never changed.
+/// Settings that differ, another device, and recordings that were made at the same time are refused. Recordings that
+/// were cut off may be given. The inputs are never changed.
 #[derive(clap::Args)]
 pub struct Args {
     /// Recordings (.mcap), two or more

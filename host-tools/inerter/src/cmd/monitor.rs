@@ -33,12 +33,12 @@ const SHARE: &str = "127.0.0.1:7878";
 /// Show what a device measures, live.
 ///
 /// In a terminal: signals, parameters with 95 % intervals over time, losses, health, events; `?` lists the keys.
-/// Otherwise, or with --plain, one line per estimate is printed. With --json one object a line:
-/// {"kind":"device",..} at the beginning and after each reconnection, {"kind":"estimate",..} as `inerter replay --json`
-/// prints it, {"kind":"reversal",..} for each reversal of the flanks, {"kind":"health",..} once a second,
-/// {"kind":"event","code":..,"event":..}, with a code like cause.skew for what breaks the law, {"kind":"link","lost_frames":..} when frames were lost,
-/// {"kind":"link","left_out_lines":..} when lines were not read in time,
-/// {"kind":"marker","text":..}, {"kind":"view","view":..,"address":..} for each of --web, --teleplot, --plotjuggler, --foxglove, --share.
+/// Otherwise, or with --plain, one line per estimate is printed. With --json one object a line: {"kind":"device",..} at
+/// the beginning and after each reconnection, {"kind":"estimate",..} as `inerter replay --json` prints it,
+/// {"kind":"reversal",..} for each reversal of the flanks, {"kind":"health",..} once a second,
+/// {"kind":"event","code":..,"event":..}, with a code like cause.skew for what breaks the law,
+/// {"kind":"link","lost_frames":..} when frames were lost, {"kind":"link","left_out_lines":..} when lines were not read
+/// in time, {"kind":"marker","text":..}, {"kind":"view","view":..,"address":..} for each of --web, --teleplot, --plotjuggler, --foxglove, --share.
 #[derive(clap::Args)]
 pub struct Args {
     #[command(flatten)]
@@ -54,8 +54,8 @@ pub struct Args {
     /// Record everything that the device sends meanwhile, with the markers
     #[arg(long, value_name = "FILE.mcap")]
     record: Option<PathBuf>,
-    /// Write down when and how the rig was calibrated: the table `[calibration]` of this settings file, with `date`, and `certificate` and
-    /// `expires` where they are known
+    /// Write down when and how the rig was calibrated: the table `[calibration]` of this settings file, with `date`,
+    /// and `certificate` and `expires` where they are known
     #[arg(long, value_name = "FILE.toml", requires = "record")]
     calibration: Option<PathBuf>,
     /// Replace the recording when it exists

@@ -18,24 +18,28 @@ use files::FileArgs;
 
 /// Design the motion that tells most of a device within a rig's limits, and predict what it will tell.
 ///
-/// State roughly what you expect of the device (or give a recording of an earlier run, or --preset), the force's noise, and what the
-/// rig can do: --stroke-m to either side, --speed-m-per-s, --force-n, --duration. The motion is made of tones and multisines
-/// in a row, each as large as the limits allow on the simulated device, with a smooth lead-in and lead-out. Without --want it fills the
-/// duration and is D-optimal; with --want "fc to 0.3 N, mt to 0.1 %" it is as short as what is wanted allows.
+/// State roughly what you expect of the device (or give a recording of an earlier run, or --preset), the force's noise,
+/// and what the rig can do: --stroke-m to either side, --speed-m-per-s, --force-n, --duration. The motion is made of
+/// tones and multisines in a row, each as large as the limits allow on the simulated device, with a smooth lead-in and
+/// lead-out. Without --want it fills the duration and is D-optimal; with --want "fc to 0.3 N, mt to 0.1 %" it is as
+/// short as what is wanted allows.
 ///
-/// For each parameter it prints the U95 that will be stated, the same without what two runs on one rig share, the scatter from run to run, and
-/// what the interval comes from most. --excite predicts a motion of yours instead. -o writes the motion as a CSV, --wav as a sound file
-/// for a shaker controller; `inerter simulate --motion FILE.csv` tries it out. What is wanted and cannot be had ends with code 9, after
-/// the best that can be is told and written.
+/// For each parameter it prints the U95 that will be stated, the same without what two runs on one rig share, the
+/// scatter from run to run, and what the interval comes from most. --excite predicts a motion of yours instead. -o
+/// writes the motion as a CSV, --wav as a sound file for a shaker controller; `inerter simulate --motion FILE.csv`
+/// tries it out. What is wanted and cannot be had ends with code 9, after the best that can be is told and written.
 ///
-/// The settings are those of the rig (scales, rate, what is uncertain of them): --settings, --set, as elsewhere; structure mass and stiffness are those
-/// of the expected device. With --json one object: {"kind":"plan","parts":[..],"predicted":{..},"wants":[..]}. docs/CLI.md describes it.
+/// The settings are those of the rig (scales, rate, what is uncertain of them): --settings, --set, as elsewhere;
+/// structure mass and stiffness are those of the expected device. With --json one object:
+/// {"kind":"plan","parts":[..],"predicted":{..},"wants":[..]}. docs/CLI.md describes it.
 #[derive(clap::Args)]
 #[command(after_long_help = inerter_data::settings::help_table())]
 pub struct Args {
-    /// Recording (.mcap) or CSV file of an earlier run: what it tells is expected, and the limits it kept to hold where none are given
+    /// Recording (.mcap) or CSV file of an earlier run: what it tells is expected, and the limits it kept to hold where
+    /// none are given
     file: Option<PathBuf>,
-    /// What is wanted: parameters (mt, cf, fc, F0) and the half widths of their 95 % intervals, e.g. "fc to 0.3 N, mt to 0.1 %"
+    /// What is wanted: parameters (mt, cf, fc, F0) and the half widths of their 95 % intervals, e.g. "fc to 0.3 N, mt
+    /// to 0.1 %"
     #[arg(long, value_name = "WANTS", conflicts_with = "excite")]
     want: Vec<String>,
     /// Travel of the terminal to either side of its middle
@@ -56,7 +60,8 @@ pub struct Args {
     /// Highest frequency [default: 16]
     #[arg(long, value_name = "Hz", allow_negative_numbers = true, help_heading = "Limits")]
     highest_hz: Option<f64>,
-    /// Time in which each part comes up from rest, and goes down to it [default: 0.5, or a quarter of the lowest period]
+    /// Time in which each part comes up from rest, and goes down to it [default: 0.5, or a quarter of the lowest
+    /// period]
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, help_heading = "Limits")]
     fade_s: Option<f64>,
     /// White noise of the force in one sample, rms

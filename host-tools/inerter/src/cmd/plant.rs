@@ -6,7 +6,8 @@ use clap::{ArgMatches, Command, FromArgMatches};
 use inerter_plant::{Inerter, Sensors};
 use inerter_simulate::bench_sensors;
 
-/// One flag per parameter of the device, and of the instruments where they are simulated too, from the plant's own tables.
+/// One flag per parameter of the device, and of the instruments where they are simulated too, from the plant's own
+/// tables.
 pub struct PlantArgs<const SIMULATED: bool> {
     /// What was given, by name.
     pub given: BTreeMap<String, f64>,

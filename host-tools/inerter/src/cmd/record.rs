@@ -28,9 +28,8 @@ const REPORT: Duration = Duration::from_secs(1);
 
 /// Record everything that a device sends.
 ///
-/// The MCAP file holds every frame exactly as received.
-/// On a terminal each line that is typed becomes a marker with the time at which it was finished; an empty line is a numbered
-/// one. `inerter info` lists them.
+/// The MCAP file holds every frame exactly as received. On a terminal each line that is typed becomes a marker with the
+/// time at which it was finished; an empty line is a numbered one. `inerter info` lists them.
 ///
 /// Ends after --duration or at Ctrl-C. A device that goes away is waited for (--wait); when it does not come back, the
 /// recording is closed with what there is. A file that was cut off, even by a power failure, reads up to the cut.
@@ -42,8 +41,8 @@ pub struct Args {
     link: LinkArgs,
     #[command(flatten)]
     time: TimeArgs,
-    /// Write down when and how the rig was calibrated: the table `[calibration]` of this settings file, with `date`, and `certificate` and
-    /// `expires` where they are known
+    /// Write down when and how the rig was calibrated: the table `[calibration]` of this settings file, with `date`,
+    /// and `certificate` and `expires` where they are known
     #[arg(long, value_name = "FILE.toml")]
     calibration: Option<PathBuf>,
     /// Stop when the device has no more samples, as at the end of a simulated motion

@@ -30,25 +30,26 @@ const ROWS: f64 = 20.0;
 
 /// Run the estimator over a recording or a CSV file.
 ///
-/// The result is what the device itself would have said, to the bit.
-/// FILE is a recording (.mcap) or a CSV with the columns t_s, encoder_count, force_n and, optionally, terminal_m, in any
-/// order, with a header; of a rotary machine torque_n_m and terminal_rad. The sample rate comes from t_s; the estimator assumes nothing about missing samples. A CSV needs
+/// The result is what the device itself would have said, to the bit. FILE is a recording (.mcap) or a CSV with the
+/// columns t_s, encoder_count, force_n and, optionally, terminal_m, in any order, with a header; of a rotary machine
+/// torque_n_m and terminal_rad. The sample rate comes from t_s; the estimator assumes nothing about missing samples. A
+/// CSV needs
 /// --metres-per-count. Settings: those of the recording (for a CSV the defaults below), then --settings, then --set,
 /// then --metres-per-count; later ones win.
 ///
 /// With --json one object a line: {"kind":"estimate","t_s":..,"whole_run":{..},"inertance_kg":{"value":..,"u95":..,
-/// "status":"ok"},..,"backlash_m":{..},..}, the last with "final":true; {"kind":"reversal",..} for each reversal of the flanks
-/// and {"kind":"event","code":"changed",..} for each change of the device, "warned.clipped_force" and its like for samples that no
-/// device can be blamed for. Where the law leaves more over than chance would, what is found in the last minute is told at the end,
-/// as by `inerter diagnose`. What the motion could not show is told last, with one that would have, as by `inerter plan`. docs/CLI.md
-/// describes them.
+/// "status":"ok"},..,"backlash_m":{..},..}, the last with "final":true; {"kind":"reversal",..} for each reversal of the
+/// flanks and {"kind":"event","code":"changed",..} for each change of the device, "warned.clipped_force" and its like
+/// for samples that no device can be blamed for. Where the law leaves more over than chance would, what is found in the
+/// last minute is told at the end, as by `inerter diagnose`. What the motion could not show is told last, with one that
+/// would have, as by `inerter plan`. docs/CLI.md describes them.
 ///
-/// With --store the runs of a store are replayed, or with --shard a part of them, and what comes of each is kept there in a batch:
-/// `inerter replay --store runs --shard 3/100` in the third of a hundred jobs. What the batch has is not done again. A run that fails is
-/// kept with its error, and the exit code is 3. docs/STORE.md describes batches.
+/// With --store the runs of a store are replayed, or with --shard a part of them, and what comes of each is kept there
+/// in a batch: `inerter replay --store runs --shard 3/100` in the third of a hundred jobs. What the batch has is not
+/// done again. A run that fails is kept with its error, and the exit code is 3. docs/STORE.md describes batches.
 ///
-/// With --limits each parameter that the file names passes where its 95 % interval lies within the limits, fails where it lies beyond
-/// one, and is undecided else (ISO 14253-1); the exit code is 10 unless all pass.
+/// With --limits each parameter that the file names passes where its 95 % interval lies within the limits, fails where
+/// it lies beyond one, and is undecided else (ISO 14253-1); the exit code is 10 unless all pass.
 #[derive(clap::Args)]
 #[command(after_long_help = inerter_data::settings::help_table())]
 pub struct Args {

@@ -25,9 +25,9 @@ const SEED: u64 = 2011;
 
 /// Simulate the paper's device and rig, identify it blindly, and draw the paper's figures 8, 9, 10 and 11.
 ///
-/// The three tests (0.053 Hz 15.1 mm, 3.2 Hz 4.16 mm, 15.9 Hz 0.806 mm) are simulated with noise; what the instrument says of the
-/// device is put beside the published values, and the band in which the ideal mass model holds is computed. The folder gets a page
-/// (reproduction.html) and each figure as SVG and PNG. The same seeds give the same figures.
+/// The three tests (0.053 Hz 15.1 mm, 3.2 Hz 4.16 mm, 15.9 Hz 0.806 mm) are simulated with noise; what the instrument
+/// says of the device is put beside the published values, and the band in which the ideal mass model holds is computed.
+/// The folder gets a page (reproduction.html) and each figure as SVG and PNG. The same seeds give the same figures.
 ///
 /// The paper's Coulomb friction did not survive in the text at hand: 50 N is our choice.
 ///
@@ -71,7 +71,8 @@ pub fn run(args: &Args) -> Result<(), Error> {
     Ok(())
 }
 
-/// One test as the rig records it, with settings that know the instruments and the weighed structure mass, and nothing else.
+/// One test as the rig records it, with settings that know the instruments and the weighed structure mass, and nothing
+/// else.
 fn recorded(plan: &Plan, seed: u64) -> Result<Run, Error> {
     let sensors = Sensors { terminal_noise_m: TERMINAL_NOISE_M, seed, ..bench_sensors() };
     let mut blind = Overrides::default();

@@ -1,5 +1,5 @@
-//! `inerter monitor` in a terminal: keys in, pictures out. What comes from the device is taken in by a thread of its own, so that a slow
-//! terminal never holds up the device.
+//! `inerter monitor` in a terminal: keys in, pictures out. What comes from the device is taken in by a thread of its
+//! own, so that a slow terminal never holds up the device.
 
 use std::{
     io,

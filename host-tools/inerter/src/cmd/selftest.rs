@@ -57,15 +57,17 @@ const HEALTH: Duration = Duration::from_secs(2);
 
 /// Prove a board: chip, clocks, supply, noise, flash, watchdog, restart, update mode, and write it all down.
 ///
-/// Most of it needs no wires. With four jumpers between the board's outputs and inputs (docs/HARDWARE.md) it also plays a
-/// simulated inerter to itself and measures it, with nothing else connected: --rig-unplugged says so, or the answer to a question.
-/// The board's settings are backed up to a file first and put back at the end, also after Ctrl-C and after an
-/// error. The board restarts three times; over its own USB connector it also goes into update mode and back, without being
-/// written to. Each line is a check with what was found and what was expected; where one fails, with its likely cause.
+/// Most of it needs no wires. With four jumpers between the board's outputs and inputs (docs/HARDWARE.md) it also plays
+/// a simulated inerter to itself and measures it, with nothing else connected: --rig-unplugged says so, or the answer
+/// to a question. The board's settings are backed up to a file first and put back at the end, also after Ctrl-C and
+/// after an error. The board restarts three times; over its own USB connector it also goes into update mode and back,
+/// without being written to. Each line is a check with what was found and what was expected; where one fails, with its
+/// likely cause.
 ///
 /// -o writes the same as a page, and beside it a JSON file and the backup: made to be sent on. Without it the backup is
-/// selftest.settings.toml in the current folder. An earlier backup is never replaced: the next one is named .settings.2.toml.
-/// With --json one object a check and one at the end: docs/CLI.md describes them. Exit code 10 when a check fails.
+/// selftest.settings.toml in the current folder. An earlier backup is never replaced: the next one is named
+/// .settings.2.toml. With --json one object a check and one at the end: docs/CLI.md describes them. Exit code 10 when a
+/// check fails.
 #[derive(clap::Args)]
 pub struct Args {
     /// Page to write; beside it a file .json with the same, and a backup of the settings (.settings.toml)

@@ -28,10 +28,11 @@ use crate::{Error, monitor::address::check_exposed};
 
 /// Simulate an inerter in a rig, as a file or as a live device.
 ///
-/// With -o a recording (.mcap) or CSV (.csv) is written as fast as possible. With --tcp or --pty a live device runs until
-/// Ctrl-C: the firmware's own code on this machine, or, with --qemu, the firmware image in QEMU. Connect to it with
-/// monitor, record or send. With --bench lines of standard input hang loads on and turn the screw, to try calibrate without
-/// a rig: begin with --excite hold. The device's settings are those of a perfect calibration; --set changes them.
+/// With -o a recording (.mcap) or CSV (.csv) is written as fast as possible. With --tcp or --pty a live device runs
+/// until Ctrl-C: the firmware's own code on this machine, or, with --qemu, the firmware image in QEMU. Connect to it
+/// with monitor, record or send. With --bench lines of standard input hang loads on and turn the screw, to try
+/// calibrate without a rig: begin with --excite hold. The device's settings are those of a perfect calibration; --set
+/// changes them.
 ///
 /// Motions for --excite: slow, mid, fast (the paper's tests), multi, random, two; sine:3.2Hz:4.16mm,
 /// tones:0.8Hz:8mm,6.4Hz:0.8mm, multi:0.5-15Hz:20mm/s, random:0.5-15Hz:20mm/s, chirp:0.1-20Hz:5mm/s:60s,
@@ -70,14 +71,15 @@ pub struct Args {
     /// Begin the motion only when a host connects with monitor or record
     #[arg(long, conflicts_with_all = ["output", "qemu"])]
     wait: bool,
-    /// Do by hand what standard input says, a line each: load NEWTONS, mass KG, move METRES, turn REVOLUTIONS, shake MOTION
+    /// Do by hand what standard input says, a line each: load NEWTONS, mass KG, move METRES, turn REVOLUTIONS, shake
+    /// MOTION
     #[arg(long, conflicts_with_all = ["output", "wait", "change_at"])]
     bench: bool,
     /// Force on the load cell beside the motion, such as a weight's
     #[arg(long, value_name = "NEWTONS", default_value_t = 0.0, allow_negative_numbers = true)]
     load: f64,
-    /// Device to begin with: paper, worn (0.1 mm of backlash), preloaded (three times the friction), presliding (friction
-    /// turns over 50 um) or stribeck (friction is 1.3 times as great at rest)
+    /// Device to begin with: paper, worn (0.1 mm of backlash), preloaded (three times the friction), presliding
+    /// (friction turns over 50 um) or stribeck (friction is 1.3 times as great at rest)
     #[arg(long, value_name = "NAME", default_value = "paper")]
     preset: String,
     /// Motion of the terminal

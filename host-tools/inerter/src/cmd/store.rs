@@ -31,9 +31,10 @@ const SHORT: usize = 12;
 
 /// Keep recordings in a store, and find them by what they say.
 ///
-/// A store is a folder, or a place in S3-compatible storage: s3://BUCKET/FOLDER, with the credentials of the usual variables
-/// AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_REGION and AWS_ENDPOINT. It holds the recordings as they are, each named by the
-/// SHA-256 of its contents, and tables in Parquet that DuckDB, pandas and Polars read without this program. docs/STORE.md describes it.
+/// A store is a folder, or a place in S3-compatible storage: s3://BUCKET/FOLDER, with the credentials of the usual
+/// variables AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_REGION and AWS_ENDPOINT. It holds the recordings as they
+/// are, each named by the SHA-256 of its contents, and tables in Parquet that DuckDB, pandas and Polars read without
+/// this program. docs/STORE.md describes it.
 #[derive(clap::Args)]
 pub struct Args {
     #[command(subcommand)]
@@ -53,9 +54,9 @@ enum Command {
 
 /// Add recordings; the first one that can be used makes the store.
 ///
-/// Each goes through the estimator, and what comes out becomes the tables beside it. The same recording twice is one run, whatever
-/// its file is called. Several processes may add at once. A recording that cannot be used is told, the others are added, and the
-/// exit code is 3.
+/// Each goes through the estimator, and what comes out becomes the tables beside it. The same recording twice is one
+/// run, whatever its file is called. Several processes may add at once. A recording that cannot be used is told, the
+/// others are added, and the exit code is 3.
 #[derive(clap::Args)]
 struct AddArgs {
     /// Folder, or s3://BUCKET/FOLDER
@@ -96,8 +97,9 @@ struct ListArgs {
 
 /// List the runs of a store.
 ///
-/// With --json one object a line with all columns of the table `runs`: {"run":..,"device":..,"date":..,"inertance_kg":..,..}.
-/// With --limits each run is held against limits, as by `inerter replay`, and the exit code is 10 unless all pass.
+/// With --json one object a line with all columns of the table `runs`:
+/// {"run":..,"device":..,"date":..,"inertance_kg":..,..}. With --limits each run is held against limits, as by `inerter
+/// replay`, and the exit code is 10 unless all pass.
 #[derive(clap::Args)]
 struct LsArgs {
     /// Folder, or s3://BUCKET/FOLDER
@@ -109,9 +111,10 @@ struct LsArgs {
 
 /// List the runs that meet conditions, all of them.
 ///
-/// A condition is a column of the table `runs`, one of < <= > >= = !=, and a number or a word: "inertance_kg < 300", "law = broken".
-/// What is not known meets no condition. For more than that, query the tables with DuckDB: docs/STORE.md has examples.
-/// With --limits those runs are held against limits, and the exit code is 10 unless all pass.
+/// A condition is a column of the table `runs`, one of < <= > >= = !=, and a number or a word: "inertance_kg < 300",
+/// "law = broken". What is not known meets no condition. For more than that, query the tables with DuckDB:
+/// docs/STORE.md has examples. With --limits those runs are held against limits, and the exit code is 10 unless all
+/// pass.
 #[derive(clap::Args)]
 struct QueryArgs {
     /// Folder, or s3://BUCKET/FOLDER
@@ -157,15 +160,15 @@ struct GetArgs {
 
 /// Read every file of a store, and tell what is not as it was written.
 ///
-/// The exit code is 3 where a file is missing, changed, unfinished (of a run that was not added, or not removed, to its end) or
-/// foreign. `sha256sum` does the same without this program: docs/STORE.md.
+/// The exit code is 3 where a file is missing, changed, unfinished (of a run that was not added, or not removed, to its
+/// end) or foreign. `sha256sum` does the same without this program: docs/STORE.md.
 #[derive(clap::Args)]
 struct VerifyArgs {
     /// Folder, or s3://BUCKET/FOLDER
     #[arg(value_name = "STORE")]
     url: String,
-    /// First make anew what follows from recordings that are whole, and remove what is left of runs without one; nobody may be adding
-    /// or removing meanwhile
+    /// First make anew what follows from recordings that are whole, and remove what is left of runs without one; nobody
+    /// may be adding or removing meanwhile
     #[arg(long)]
     repair: bool,
     /// Print JSON: one object a file, and one at the end

@@ -51,8 +51,8 @@ pub fn tidy_at_interrupts() {
     ctrlc::set_handler(|| end()).ok();
 }
 
-/// From now on Ctrl-C ends the work in good order; a second one ends the program at once, and so does work that does not look
-/// whether it is interrupted.
+/// From now on Ctrl-C ends the work in good order; a second one ends the program at once, and so does work that does
+/// not look whether it is interrupted.
 pub fn catch_interrupts() {
     let handler = || {
         if INTERRUPTED.swap(true, Ordering::Relaxed) {
@@ -69,8 +69,8 @@ pub fn catch_interrupts() {
     ctrlc::set_handler(handler).ok();
 }
 
-/// What is left to do is to tell a person, and a terminal may take nothing: where the work was interrupted, the program ends in
-/// a moment whatever becomes of that.
+/// What is left to do is to tell a person, and a terminal may take nothing: where the work was interrupted, the program
+/// ends in a moment whatever becomes of that.
 pub fn last_words() {
     if interrupted() {
         std::thread::spawn(|| {
@@ -235,8 +235,8 @@ impl Progress {
     }
 }
 
-/// A [`Progress`] that is shown by a thread of its own: a terminal that takes nothing holds up nobody. Words that it does not
-/// take are left out.
+/// A [`Progress`] that is shown by a thread of its own: a terminal that takes nothing holds up nobody. Words that it
+/// does not take are left out.
 pub struct Told {
     words: Option<mpsc::SyncSender<Word>>,
     thread: Option<std::thread::JoinHandle<()>>,

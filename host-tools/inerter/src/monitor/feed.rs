@@ -94,7 +94,8 @@ pub enum Item {
     },
     /// Frames lost on the way so far.
     LostFrames(u64),
-    /// Frames left out so far because they hold what this program does not know: the firmware is newer. Told with the health.
+    /// Frames left out so far because they hold what this program does not know: the firmware is newer. Told with the
+    /// health.
     UnknownFrames(u64),
     /// The device has not done what was asked for.
     Refused {

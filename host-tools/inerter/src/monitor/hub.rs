@@ -207,8 +207,8 @@ impl Hub {
     }
 }
 
-/// Sent without waiting for the reply, whose number it gives: samples go on meanwhile. A link that breaks here is met by the
-/// next read.
+/// Sent without waiting for the reply, whose number it gives: samples go on meanwhile. A link that breaks here is met
+/// by the next read.
 fn reset(device: &mut Device) -> Result<Option<u16>, DeviceError> {
     match device.send(Command::ResetEstimator) {
         Err(error) if !error.may_come_back() => Err(error),

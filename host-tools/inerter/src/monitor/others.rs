@@ -1,6 +1,7 @@
 //! Views in other programs: the page in a browser, Teleplot, PlotJuggler and Foxglove.
 //!
-//! The options are always there. A program that was built without the feature `bridges` refuses them ([`Wanted::check`]).
+//! The options are always there. A program that was built without the feature `bridges` refuses them
+//! ([`Wanted::check`]).
 
 use super::{
     MonitorError,

@@ -1,4 +1,5 @@
-//! Signals over any time in bounded memory: rings of least and greatest values, each ring four times as coarse as the one before.
+//! Signals over any time in bounded memory: rings of least and greatest values, each ring four times as coarse as the
+//! one before.
 //!
 //! A window is drawn from the coarsest ring that is still finer than the columns: what is read does not grow with the
 //! window, and no peak is lost.

@@ -49,8 +49,8 @@ fn has_no_handler(command: &[&str]) -> bool {
     ["settings", "doctor"].contains(&command[0])
 }
 
-/// Each pair twice: a signal comes, and the device goes. The command then ends, with a code of ours, little memory, and no word
-/// of the device's that a terminal would obey.
+/// Each pair twice: a signal comes, and the device goes. The command then ends, with a code of ours, little memory, and
+/// no word of the device's that a terminal would obey.
 #[test]
 #[ignore = "cargo xtask chaos"]
 fn unruly() {
@@ -69,7 +69,8 @@ fn unruly() {
             again.lock().unwrap().push(*visit);
         }
     });
-    // A machine that has much other work may keep a program from its time: what happens once more, with nothing beside it, counts.
+    // A machine that has much other work may keep a program from its time: what happens once more, with nothing beside
+    // it, counts.
     let again = again.into_inner().unwrap();
     let faults: Vec<String> = again.iter().filter_map(|visit| meet(&scenario, *visit, &seen).err()).collect();
     assert!(faults.is_empty(), "{} faults:\n{}", faults.len(), faults.join("\n"));

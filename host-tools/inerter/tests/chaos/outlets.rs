@@ -210,7 +210,8 @@ fn parts_are_left(folder: &Path) -> bool {
     std::fs::read_dir(folder).unwrap().any(|entry| entry.unwrap().path().extension().is_some_and(|end| end == "part"))
 }
 
-/// Readers that take a few bytes a second, or none: the recording loses nothing, others lose nothing, memory stays small.
+/// Readers that take a few bytes a second, or none: the recording loses nothing, others lose nothing, memory stays
+/// small.
 #[test]
 #[ignore = "cargo xtask chaos"]
 fn slow_readers() {

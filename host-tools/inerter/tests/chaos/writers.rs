@@ -101,8 +101,8 @@ impl Whole {
         self.files.keys().for_each(|name| fs::write(folder.join(name), EARLIER).unwrap());
     }
 
-    /// Each of the files is whole, or what was there before. `parts`: unfinished files may lie there. Gives how many are whole,
-    /// and removes everything.
+    /// Each of the files is whole, or what was there before. `parts`: unfinished files may lie there. Gives how many
+    /// are whole, and removes everything.
     pub fn check(&self, folder: &Path, before: &[String], was_there: bool, parts: bool, what: &str) -> usize {
         let mut whole = 0;
         let mut seen = 0;

@@ -13,7 +13,8 @@ use inerter_wire::{Crc32, Frame, FrameReader, MAX_FRAME, Record, encode_record};
 /// Makes of one record the payloads that the other firmware sends instead.
 pub type Change = fn(&Record) -> Vec<Vec<u8>>;
 
-/// Stands before a device at this address; gives the address at which the other firmware is met, one host after another.
+/// Stands before a device at this address; gives the address at which the other firmware is met, one host after
+/// another.
 pub fn before(device: &str, change: Change) -> String {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap().to_string();

@@ -61,8 +61,8 @@ pub fn estimate_of(value: &Value) -> Value {
     object.into()
 }
 
-/// The words, where they hold a letter that nobody else may write to a terminal: one of control, an invisible one, or one that
-/// turns the writing direction. Each line ends as a line.
+/// The words, where they hold a letter that nobody else may write to a terminal: one of control, an invisible one, or
+/// one that turns the writing direction. Each line ends as a line.
 pub fn foreign_words(words: &str) -> Option<String> {
     let is_foreign = |letter: char| {
         (letter.is_control() && letter != '\n')
@@ -102,8 +102,8 @@ pub fn until(what: &str, mut is_so: impl FnMut() -> bool) {
     }
 }
 
-/// Every command of the program by its own help, such as `settings get`, that `belongs` by its help; each of them must be
-/// among those tried.
+/// Every command of the program by its own help, such as `settings get`, that `belongs` by its help; each of them must
+/// be among those tried.
 pub fn all_are_tried(tried: &[&[&str]], belongs: impl Fn(&str) -> bool) {
     let mut waiting = vec![String::new()];
     let mut missing = Vec::new();

@@ -23,7 +23,8 @@ pub fn terminal() -> (OwnedFd, OwnedFd) {
     (master, terminal)
 }
 
-/// The terminal of such a person, and what has been shown there so far. He goes with the last program that has the terminal.
+/// The terminal of such a person, and what has been shown there so far. He goes with the last program that has the
+/// terminal.
 pub fn patient() -> (OwnedFd, Arc<Mutex<Vec<u8>>>) {
     let (person, terminal) = terminal();
     let (reader, shown) = (person.try_clone().unwrap(), Arc::new(Mutex::new(Vec::new())));

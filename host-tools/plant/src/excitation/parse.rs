@@ -35,13 +35,14 @@ fn wrong<T>(part: &str, problem: impl Into<String>, example: &'static str) -> Re
 }
 
 impl Excitation {
-    /// Understands a preset's name, a motion such as `sine:3.2Hz:4.16mm`, or a sequence such as `mid@20s;hold@5s;random`.
+    /// Understands a preset's name, a motion such as `sine:3.2Hz:4.16mm`, or a sequence such as
+    /// `mid@20s;hold@5s;random`.
     ///
     /// Motions: `sine:F:A`, `tones:F:A,F:A,...`, `multi:LOW-HIGHHz:V`, `random:LOW-HIGHHz:V`, `chirp:LOW-HIGHHz:V:T`,
-    /// `moves:STROKE:V:ACCELERATION:REST`, `hold`. Frequencies in Hz, amplitudes in m, mm, um, rad or deg, rms velocities in
-    /// m/s, mm/s, um/s, rad/s or rpm, accelerations in m/s2 or rad/s2, times in s, ms or min.
-    /// A sequence is separated by `;` or `+`; each of its parts but the last needs a duration `@T` (a chirp has one).
-    /// `seed` is as for [`preset`](Self::preset); each part of a sequence draws its own tones from it.
+    /// `moves:STROKE:V:ACCELERATION:REST`, `hold`. Frequencies in Hz, amplitudes in m, mm, um, rad or deg, rms
+    /// velocities in m/s, mm/s, um/s, rad/s or rpm, accelerations in m/s2 or rad/s2, times in s, ms or min. A sequence
+    /// is separated by `;` or `+`; each of its parts but the last needs a duration `@T` (a chirp has one). `seed` is as
+    /// for [`preset`](Self::preset); each part of a sequence draws its own tones from it.
     pub fn parse(text: &str, seed: u64) -> Result<Self, PlantError> {
         excitation(text, seed)
     }

@@ -1,7 +1,7 @@
 //! A motion that is given point by point, and a smooth curve through the points.
 //!
-//! A cubic spline that is at rest at both ends: displacement, velocity and acceleration are continuous, as what comes out of
-//! a shaker is. Before the first point and after the last one the terminal rests.
+//! A cubic spline that is at rest at both ends: displacement, velocity and acceleration are continuous, as what comes
+//! out of a shaker is. Before the first point and after the last one the terminal rests.
 
 use std::sync::Arc;
 

@@ -36,7 +36,8 @@ fn extremes(points: &[(f64, f64)]) -> impl Iterator<Item = (f64, f64)> + use<> {
     pair.into_iter().flatten()
 }
 
-/// A line in pixels without the points that stay in the cell of the one before, nor those in the middle of a straight run.
+/// A line in pixels without the points that stay in the cell of the one before, nor those in the middle of a straight
+/// run.
 pub fn pixels(points: impl Iterator<Item = (i32, i32)>, cell: i32) -> Vec<(i32, i32)> {
     let mut kept: Vec<(i32, i32)> = Vec::new();
     let mut last = None;

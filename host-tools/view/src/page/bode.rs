@@ -14,7 +14,8 @@ use inerter_wire::catalogue;
 
 /// Points with intervals of their own above which there is a band.
 const MOST_POINTS: usize = 60;
-/// Times the inertance up to which an apparent one is drawn: where friction or the resonance carries the force, it has no end.
+/// Times the inertance up to which an apparent one is drawn: where friction or the resonance carries the force, it has
+/// no end.
 pub(crate) const MOST_TIMES: f64 = 3.0;
 
 /// Phase in degrees, from -90 to 270: that of an inertance, 180, lies in the middle.

@@ -136,7 +136,8 @@ impl Content {
         Self { moments, reversals, rows, close, response, ..self }
     }
 
-    /// Root mean square of what the law leaves over in all rows \[N\], and the part of the force's variance that it explains.
+    /// Root mean square of what the law leaves over in all rows \[N\], and the part of the force's variance that it
+    /// explains.
     pub fn residual(&self) -> Option<(f64, f64)> {
         let moving: Vec<&Row> =
             self.rows.iter().filter(|row| row.law_n.is_finite() && row.force_n.is_finite()).collect();
@@ -164,7 +165,8 @@ impl Content {
     }
 }
 
-/// The fit to all motion since the last change: its values belong together, also those that no interval holds for by itself.
+/// The fit to all motion since the last change: its values belong together, also those that no interval holds for by
+/// itself.
 fn drawn_law(outcome: &Outcome, settings: &Settings) -> Law {
     let (sums, more) = outcome.sums();
     let fitted =

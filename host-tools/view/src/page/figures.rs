@@ -254,7 +254,8 @@ fn hysteresis(content: &Content) -> Made {
     Ok((caption.into(), vec![panel]))
 }
 
-/// A parameter by its number over a run: time, value and half width of the interval, not a number where it is not known.
+/// A parameter by its number over a run: time, value and half width of the interval, not a number where it is not
+/// known.
 pub(crate) fn over_run(content: &Content, number: usize) -> Vec<(f64, f64, f64)> {
     let machine = content.run.settings.machine;
     let of = |moment: &Moment| catalogue::parameters(machine, &moment.estimate.recent).nth(number);

@@ -1,6 +1,7 @@
 //! A run as a page that can be handed on: one HTML file with figures, tables and words, and the same figures as files.
 //!
-//! [`Content::of`] takes a run through the estimator and keeps what the page holds; `figures` draws it, [`html`] writes it.
+//! [`Content::of`] takes a run through the estimator and keeps what the page holds; `figures` draws it, [`html`] writes
+//! it.
 
 mod bode;
 mod content;

@@ -1,5 +1,5 @@
-//! What is taken out of the estimator, one at a time: a text of its source and what stands there instead. What the host makes of
-//! a run is taken apart in the same way (`host.rs`).
+//! What is taken out of the estimator, one at a time: a text of its source and what stands there instead. What the host
+//! makes of a run is taken apart in the same way (`host.rs`).
 //!
 //! The source itself knows nothing of it. A text that is not found exactly once has moved, and the list must follow.
 
@@ -9,7 +9,8 @@ use crate::copy::Edit;
 pub struct Heuristic {
     /// What it does, with its section of docs/THEORY.md.
     pub name: &'static str,
-    /// Texts of its source and what stands there instead, in files below firmware/core/src, or those that the host's list names.
+    /// Texts of its source and what stands there instead, in files below firmware/core/src, or those that the host's
+    /// list names.
     pub edits: &'static [Edit],
     /// The test that fails without it, where the runs of the ablation do not show what it is for.
     pub test: Option<&'static str>,

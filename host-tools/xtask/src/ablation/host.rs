@@ -1,5 +1,5 @@
-//! What each part of the host's judgement buys: which cause breaks the law, and what a cause too small to be named does to
-//! the intervals. A copy of the whole tree without one part at a time runs beside the tree itself, on the same runs.
+//! What each part of the host's judgement buys: which cause breaks the law, and what a cause too small to be named does
+//! to the intervals. A copy of the whole tree without one part at a time runs beside the tree itself, on the same runs.
 
 use super::heuristics::{Heuristic, buys, one, tested};
 use crate::{

@@ -10,8 +10,9 @@ use crate::Error;
 
 /// Check that a positive force accelerates to the positive side.
 ///
-/// Move the terminal to and fro by some millimetres, several times a second, while it listens. A negative inertance says that
-/// force and position point against each other; then the sign of one scale is turned: of newtons_per_code, or with
+/// Move the terminal to and fro by some millimetres, several times a second, while it listens. A negative inertance
+/// says that force and position point against each other; then the sign of one scale is turned: of newtons_per_code, or
+/// with
 /// --trust force of metres_per_count. --write saves it. FILE is a recording (.mcap) or CSV of such a motion. With --json one
 /// object: {"kind":"calibration","step":"direction","measured":{"inertance_kg":..},"values":{..},..}.
 #[derive(clap::Args)]

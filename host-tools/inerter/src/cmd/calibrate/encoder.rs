@@ -15,9 +15,10 @@ use crate::{
 /// Find counts per revolution, metres per count and the direction of the encoder.
 ///
 /// --revolutions 10: turn the screw by hand from a mark to the same mark, in the positive direction; the counts must be near
-/// those of an encoder that is sold, or of --lines. --displacement 0 --displacement 0.010 --displacement 0: move along a dial
-/// gauge or gauge blocks, positive in the positive direction; come back to the first one. Without a gauge --lead takes the
-/// data sheet's lead, and the turn its direction. For each the command asks and waits for Enter, a script answers with a line.
+/// those of an encoder that is sold, or of --lines. --displacement 0 --displacement 0.010 --displacement 0: move along
+/// a dial gauge or gauge blocks, positive in the positive direction; come back to the first one. Without a gauge --lead
+/// takes the data sheet's lead, and the turn its direction. For each the command asks and waits for Enter, a script
+/// answers with a line.
 ///
 /// --write saves metres_per_count, negative where the encoder counts down in the positive direction, and lead_u95. With --json
 /// at last one object: {"kind":"calibration","step":"encoder","values":{"metres_per_count":..},"measured":{..},..}.

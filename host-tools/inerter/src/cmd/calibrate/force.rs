@@ -21,13 +21,14 @@ use crate::{
 ///
 /// Give the loads in the order in which they will be put on, for example --mass 0 --mass 5 --mass 10 --mass 5 --mass 0
 /// --mass -5 --mass -10 --mass 0. Up and down shows hysteresis, both signs show whether pushing and pulling agree, the last
-/// 0 the return to zero. For each load the command asks, waits for Enter and until the force is at rest for --duration. A
-/// script answers each prompt with a line; with --json prompts are objects {"kind":"prompt",..} on standard output.
+/// 0 the return to zero. For each load the command asks, waits for Enter and until the force is at rest for --duration.
+/// A script answers each prompt with a line; with --json prompts are objects {"kind":"prompt",..} on standard output.
 ///
 /// --write saves newtons_per_code, force_zero_code and force_gain_u95, which holds scatter, nonlinearity, hysteresis, return
-/// to zero and what is not known of the loads. Refused are loads that do not lie on a line (the one that fits worst is named),
-/// and a code that moves the same way for both directions. Loads that were recorded: --mass 5=five.mcap, all of them.
-/// With --json at last one object: {"kind":"calibration","step":"force","values":{"newtons_per_code":..},"u95":{..},..}.
+/// to zero and what is not known of the loads. Refused are loads that do not lie on a line (the one that fits worst is
+/// named), and a code that moves the same way for both directions. Loads that were recorded: --mass 5=five.mcap, all of
+/// them. With --json at last one object:
+/// {"kind":"calibration","step":"force","values":{"newtons_per_code":..},"u95":{..},..}.
 #[derive(clap::Args)]
 pub struct Args {
     /// A mass that hangs on the cell; negative in the other direction; FILE is a recording of it

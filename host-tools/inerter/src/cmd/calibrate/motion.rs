@@ -55,7 +55,8 @@ struct ShownJson<'a, J> {
     written: bool,
 }
 
-/// Takes a motion through the estimator, tells what it shows, and keeps that on the device where it is wanted and better.
+/// Takes a motion through the estimator, tells what it shows, and keeps that on the device where it is wanted and
+/// better.
 pub fn run<J: Serialize>(
     args: &MotionArgs,
     shown: impl FnOnce(&Run, &Outcome) -> Result<Shown<J>, Error>,

@@ -10,11 +10,11 @@ use crate::{
 
 /// Compare the device's sample clock with this computer's clock.
 ///
-/// The longer, the better, and on a computer that does nothing else: how far arrivals scatter over that time is told, as a
-/// part of the uncertainty. This computer's clock is the limit: its crystal is good to 50 ppm; where NTP or PTP has held it
-/// for hours --host-clock-ppm 1 may be true. The rate is not corrected: timebase_u95 becomes the deviation and its
-/// uncertainty, never less than this computer's. --write saves it where it says more than the one in use. Inertance is
-/// uncertain by twice as much. With --json one object:
+/// The longer, the better, and on a computer that does nothing else: how far arrivals scatter over that time is told,
+/// as a part of the uncertainty. This computer's clock is the limit: its crystal is good to 50 ppm; where NTP or PTP
+/// has held it for hours --host-clock-ppm 1 may be true. The rate is not corrected: timebase_u95 becomes the deviation
+/// and its uncertainty, never less than this computer's. --write saves it where it says more than the one in use.
+/// Inertance is uncertain by twice as much. With --json one object:
 /// {"kind":"calibration","step":"timebase","measured":{"deviation_ppm":..},"values":{"timebase_u95":..},..}.
 #[derive(clap::Args)]
 pub struct Args {

@@ -75,8 +75,8 @@ pub fn may_drive() -> Result<bool, Error> {
     Ok(matches!(answer.to_lowercase().as_str(), "y" | "yes"))
 }
 
-/// Plays and judges; the board's clock too, where USB has not told it. An error is the link's; what else goes wrong is a check that
-/// failed, and nothing is measured then.
+/// Plays and judges; the board's clock too, where USB has not told it. An error is the link's; what else goes wrong is
+/// a check that failed, and nothing is measured then.
 pub fn play(device: &mut Device, clock_is_known: bool) -> Result<(Vec<Check>, Option<Measured>), DeviceError> {
     let mut wired = Wired { device, heard: Vec::new(), failed: None };
     let outcome = run(&mut wired, clock_is_known);

@@ -44,9 +44,9 @@ pub struct BackupArgs {
 
 /// Put the settings of a backup in use again.
 ///
-/// Prints what changes; all of it, or nothing when the device refuses one. Settings that the file does not name stay. A file
-/// of another device is refused unless --force: a calibration belongs to its board, cell and screw. With --json one object with
-/// all settings: {"kind":"settings","serial":..,"settings":{..}}.
+/// Prints what changes; all of it, or nothing when the device refuses one. Settings that the file does not name stay. A
+/// file of another device is refused unless --force: a calibration belongs to its board, cell and screw. With --json
+/// one object with all settings: {"kind":"settings","serial":..,"settings":{..}}.
 #[derive(clap::Args)]
 pub struct RestoreArgs {
     /// File from `settings backup`
@@ -64,8 +64,9 @@ pub struct RestoreArgs {
 
 /// Show the settings that differ between two files, or a file and a device.
 ///
-/// Each is a TOML file, a recording (.mcap), or the word `device`. Settings that only one of them holds differ. Exit code 0,
-/// different or not. With --json one object: {"kind":"settings_diff","a":..,"b":..,"differences":{"skew_s":{"a":..,"b":..}}}.
+/// Each is a TOML file, a recording (.mcap), or the word `device`. Settings that only one of them holds differ. Exit
+/// code 0, different or not. With --json one object:
+/// {"kind":"settings_diff","a":..,"b":..,"differences":{"skew_s":{"a":..,"b":..}}}.
 #[derive(clap::Args)]
 pub struct DiffArgs {
     /// FILE.toml, FILE.mcap or `device`

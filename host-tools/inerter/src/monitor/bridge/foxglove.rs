@@ -1,7 +1,8 @@
 //! Foxglove: a WebSocket server with a JSON channel, and its schema, for each kind of thing.
 //!
-//! Who may connect: programs that are no browser, and pages of this machine, of Foxglove itself or named by `--foxglove-origin`.
-//! Nothing that comes from there but subscriptions is obeyed. Source: the specification of `foxglove/ws-protocol`, version 1.
+//! Who may connect: programs that are no browser, and pages of this machine, of Foxglove itself or named by
+//! `--foxglove-origin`. Nothing that comes from there but subscriptions is obeyed. Source: the specification of
+//! `foxglove/ws-protocol`, version 1.
 
 use std::{
     collections::HashMap,
@@ -44,7 +45,8 @@ const MOST_FROM_CLIENT: usize = 1 << 16;
 const MOST_SUBSCRIPTIONS: usize = 64;
 /// Names of version 1 of the protocol, of newer and of older programs.
 const PROTOCOLS: [&str; 2] = ["foxglove.sdk.v1", "foxglove.websocket.v1"];
-/// Pages that may connect beside those of this machine: Foxglove's own, and its programs for the desktop, which are files.
+/// Pages that may connect beside those of this machine: Foxglove's own, and its programs for the desktop, which are
+/// files.
 const ORIGINS: [&str; 2] = ["https://app.foxglove.dev", "file://"];
 /// Opcode of a message.
 const MESSAGE_DATA: u8 = 1;
