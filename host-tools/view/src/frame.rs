@@ -2,7 +2,7 @@
 
 use maud::{DOCTYPE, Markup, PreEscaped, html as markup};
 
-use crate::figure::{Colour, css};
+use crate::figure::{Colour, Figure, css, svg_for_page};
 
 /// Look of a page, for both schemes and paper. Colours come from the figures' own table.
 pub fn page_css() -> String {
@@ -42,4 +42,24 @@ pub(crate) fn framed(title: &str, kind: &str, heading: &str, meta: &Markup, main
         }
     }
     .into_string()
+}
+
+/// A section with a figure, below its title.
+pub(crate) fn figure_section(figure: &Figure) -> Markup {
+    markup! {
+        section id=(figure.name) {
+            h2 { (figure.title) }
+            (drawn(figure))
+        }
+    }
+}
+
+/// A figure with its caption.
+pub(crate) fn drawn(figure: &Figure) -> Markup {
+    markup! {
+        figure {
+            (PreEscaped(svg_for_page(figure)))
+            figcaption { (figure.caption) }
+        }
+    }
 }

@@ -20,12 +20,11 @@ use crate::Error;
 
 /// Compare runs side by side: which differences are significant, and one page with all figures overlaid.
 ///
-/// The first run is what the others are held against. On one rig runs share the errors of force gain, lead and clock,
-/// so these do not count in a difference. Runs of another board or calibration, or with another scale of encoder or
-/// force, are taken to be of another rig and are compared by their whole intervals; --rigs overrules that. A difference
-/// is said to be one where chance makes none as large; the more differences are looked at, the more unlikely each must
-/// be (Holm's method). Nothing is said of a run whose law is broken, in which the device changed, or with wrong
-/// samples.
+/// All other runs are compared with the first one. Runs on one rig share the errors of force gain, lead and clock, so
+/// these do not count in a difference. Runs of another board or calibration, or with another scale of encoder or force,
+/// count as measured on another rig and are compared by their whole intervals; --rigs overrules that. A difference is
+/// significant where chance alone would hardly make one as large; the more differences are tested, the stricter each
+/// test (Holm's method). A run whose law is broken, in which the device changed, or with wrong samples stays undecided.
 ///
 /// With --limits each run is held against limits as well, and the exit code is 10 unless all pass. With --json one
 /// object:

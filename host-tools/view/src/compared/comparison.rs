@@ -75,14 +75,14 @@ impl Comparison {
         let of_each = named().filter_map(|(side, rig)| match rig {
             Rig::Same => None,
             Rig::Assumed => Some(format!(
-                "Nothing shows whether {} is of the rig of {first}. It is taken to be; say `--rigs several` where it is not.",
+                "The files do not show whether {} was measured on the rig of {first}; this assumes that it was. Use `--rigs several` if not.",
                 side.name
             )),
             Rig::Other(reason) => {
                 Some(format!("{} is of another rig than {first} ({reason}): its intervals are whole.", side.name))
             }
         });
-        let verdict = "An interval is that of one difference; a verdict allows for how many there are.".to_string();
+        let verdict = "Each interval is for one difference; the verdicts allow for how many are tested.".to_string();
         shared.into_iter().chain(of_each).chain([verdict]).collect()
     }
 

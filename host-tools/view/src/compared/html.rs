@@ -7,13 +7,13 @@ use inerter_data::{
     text::law_text,
     words::{duration_text, plural, utc},
 };
-use maud::{Markup, PreEscaped, html as markup};
+use maud::{Markup, html as markup};
 
 use super::{comparison::Comparison, figures::figures};
 use crate::{
-    figure::{Figure, svg_for_page},
-    frame::framed,
-    page::{Content, calibration_text, file_name, limits_table, notes_of, shown},
+    figure::Figure,
+    frame::{figure_section, framed},
+    page::{Content, calibration_text, device_text, file_name, limits_table, notes_of, shown},
 };
 
 /// The whole page, and its figures.
@@ -24,15 +24,7 @@ pub fn html(comparison: &Comparison) -> (String, Vec<Figure>) {
         (runs(comparison))
         (parameters(comparison, machine))
         @if !comparison.within.is_empty() { (limits(comparison, machine)) }
-        @for figure in &figures {
-            section id=(figure.name) {
-                h2 { (figure.title) }
-                figure {
-                    (PreEscaped(svg_for_page(figure)))
-                    figcaption { (figure.caption) }
-                }
-            }
-        }
+        @for figure in &figures { (figure_section(figure)) }
         (notes(comparison))
         (settings(comparison))
         (method())
@@ -48,10 +40,6 @@ pub fn html(comparison: &Comparison) -> (String, Vec<Figure>) {
 
 /// Which runs these are.
 fn runs(comparison: &Comparison) -> Markup {
-    let device = |content: &Content| {
-        let hello = content.run.hello.as_ref();
-        hello.map_or("not recorded".into(), |hello| format!("{}, serial {}", hello.board, hello.serial))
-    };
     markup! {
         section #runs {
             h2 { "Runs" }
@@ -71,7 +59,7 @@ fn runs(comparison: &Comparison) -> Markup {
                             th scope="row" { (number + 1) " " (content.run.name) }
                             td { (duration_text(content.duration_s)) }
                             td { (content.run.recorded_ns.map_or("not known".into(), utc)) }
-                            td { (device(content)) }
+                            td { (device_text(&content.run).unwrap_or_else(|| "not recorded".into())) }
                             td { (calibration_text(&content.run)) }
                             td { (law_text(&content.replayed.outcome.law)) }
                             @if let Some(within) = comparison.within.get(number) {
@@ -210,8 +198,8 @@ fn method() -> Markup {
             p {
                 "The half width of a difference's 95 % interval is " i { "U" } " = " i { "k" } " √(" i { "u" } "1² + " i { "u" } "2²), after JCGM 100. "
                 "On one rig the errors of force gain, lead and clock are the same in both runs and enter with their difference alone. "
-                "A difference is said to be one where chance makes none as large; the more differences are looked at, the more unlikely each "
-                "must be (Holm's method), so that a page on which nothing differs says otherwise once in 20."
+                "A difference is significant where chance alone would hardly make one as large. The more differences are tested, the "
+                "stricter each test (Holm's method): where nothing differs, one page in 20 says otherwise."
             }
         }
     }

@@ -17,12 +17,12 @@ use inerter_wire::{
     Hello, WIRE_VERSION,
     catalogue::{self, Field, Group, fields},
 };
-use maud::{Markup, PreEscaped, html as markup};
+use maud::{Markup, html as markup};
 
 use super::{Content, Kind, PageError, figures, limits::within_limits};
 use crate::{
-    figure::{Figure, svg_for_page},
-    frame::framed,
+    figure::Figure,
+    frame::{drawn, framed},
 };
 
 /// The whole page, and its figures; `within` is what is said of limits.
@@ -52,9 +52,8 @@ pub(crate) fn file_name(name: &str) -> String {
 }
 
 fn meta(content: &Content) -> Markup {
-    let device = content.run.hello.as_ref().map(|hello| format!("{}, serial {}", hello.board, hello.serial));
     markup! {
-        (device.unwrap_or_else(|| "device not recorded".into())) " · "
+        (device_text(&content.run).unwrap_or_else(|| "device not recorded".into())) " · "
         (duration_text(content.duration_s)) " at " (content.run.settings.sample_rate_hz) " Hz"
         @if let Some(truth) = &content.run.truth {
             " · simulated"
@@ -261,10 +260,7 @@ fn section(machine: Machine, kind: Kind, figure: &Result<Figure, PageError>) -> 
         section id=(kind.name()) {
             h2 { (description(machine, kind.heading())) }
             @match figure {
-                Ok(figure) => figure {
-                    (PreEscaped(svg_for_page(figure)))
-                    figcaption { (figure.caption) }
-                },
+                Ok(figure) => { (drawn(figure)) },
                 Err(PageError::NotShown { reason, .. }) => p.absent { "Not shown: " (reason) "." },
                 Err(PageError::Format { .. }) => {},
             }
@@ -314,6 +310,11 @@ fn conditions(content: &Content) -> Markup {
             (pairs(&recorded.into_iter().chain(rows).collect::<Vec<_>>()))
         }
     }
+}
+
+/// The device that recorded a run, where that is known.
+pub(crate) fn device_text(run: &Run) -> Option<String> {
+    run.hello.as_ref().map(|hello| format!("{}, serial {}", hello.board, hello.serial))
 }
 
 /// When and how the rig was calibrated, where that is known.

@@ -34,7 +34,7 @@ pub(crate) fn limits_table(machine: Machine, run: &str, all: &[Judged]) -> Marku
         (table(machine, all))
         p.small {
             "By ISO 14253-1: a parameter passes where its whole 95 % interval lies within the limits, fails where it lies beyond one, and is "
-            "undecided otherwise. It is the interval by the samples, which may be wider than the device's own."
+            "undecided otherwise. The interval is that of `inerter replay`, which may be wider than the device's own."
             @if !wants.is_empty() {
                 " This designs a motion that would decide: "
                 code { "inerter plan " (run) " --want \"" (wants.join(", ")) "\"" }

@@ -18,6 +18,6 @@ pub use error::PageError;
 pub use figures::{Kind, figure};
 pub(crate) use figures::{over_run, settled};
 pub use html::html;
-pub(crate) use html::{calibration_text, file_name, notes_of};
+pub(crate) use html::{calibration_text, device_text, file_name, notes_of};
 pub(crate) use layout::{LOW_PX, TALL_PX};
 pub(crate) use limits::{limits_table, shown};

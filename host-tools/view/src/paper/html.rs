@@ -1,11 +1,11 @@
 //! The page of the reproduction.
 
 use inerter_data::words::interval_text;
-use maud::{Markup, PreEscaped, html as markup};
+use maud::{Markup, html as markup};
 
 use crate::{
-    figure::{Figure, svg_for_page},
-    frame::framed,
+    figure::Figure,
+    frame::{figure_section, framed},
 };
 use inerter_analysis::paper::{Recovered, Reproduction};
 
@@ -17,15 +17,7 @@ pub fn html(paper: &Reproduction, figures: &[Figure]) -> String {
     let main = markup! {
         (parameters(paper))
         (band(paper))
-        @for figure in figures {
-            section id=(figure.name) {
-                h2 { (figure.title) }
-                figure {
-                    (PreEscaped(svg_for_page(figure)))
-                    figcaption { (figure.caption) }
-                }
-            }
-        }
+        @for figure in figures { (figure_section(figure)) }
         (rig())
     };
     let heading = "Two-terminal manipulation of masses, section 4";
